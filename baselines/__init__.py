@@ -1,0 +1,1 @@
+"""Other methods behind the interface of fieldcalib. They import fieldcalib, never the reverse."""

@@ -1,0 +1,1 @@
+"""Tools that make and convert data. They import fieldcalib, never the reverse."""

@@ -1,0 +1,125 @@
+"""The radial lens: where a pixel of the ideal pinhole image lands in the real, distorted one.
+
+Coordinates are isotropic offsets from the principal point in pixels, ``s = f (X/Z, Y/Z)``, and the coefficients are
+normalised to the corner of the image: with ``q = |s|^2 / rho^2``, rho being half the image's diagonal,
+
+    distorted = s (1 + a1 q + a2 q^2),         a1 = k1 (rho / f)^2,    a2 = k2 (rho / f)^4.
+
+So a1 + a2 is the relative displacement at the corner whatever the zoom, and the lens is a warp of the image alone: it
+does not change when f does. k1 and k2 are OpenCV's.
+"""
+
+import numpy as np
+
+from fieldcalib._types import Array, BoolArray
+
+
+def corner_coefficients(k: Array, f: Array | float, rho: float) -> Array:
+    """Corner-normalised (a1, a2) of OpenCV's (k1, k2), at focal length f and half diagonal rho (both pixels)."""
+    q = np.square(rho / np.asarray(f))
+    return np.stack([k[..., 0] * q, k[..., 1] * q * q], axis=-1)
+
+
+def opencv_coefficients(a: Array, f: Array | float, rho: float) -> Array:
+    """OpenCV's (k1, k2) of corner-normalised (a1, a2): the inverse of `corner_coefficients`."""
+    return corner_coefficients(a, rho * rho / np.asarray(f), rho)
+
+
+def distort(s: Array, a: Array, rho: float) -> Array:
+    """Distorted offset of an ideal one.
+
+    Parameters
+    ----------
+    s : (..., 2) array
+        Offsets from the principal point in pixels.
+    a : (..., 2) array
+        Corner-normalised coefficients, broadcast against the leading axes of `s`.
+    rho : float
+        Half the image's diagonal in pixels.
+
+    Returns
+    -------
+    (..., 2) array
+
+    Examples
+    --------
+    >>> distort(np.array([300.0, 400.0]), np.array([0.03, 0.0]), rho=500.0)  # 3 % at the corner
+    array([309., 412.])
+    """
+    q = np.sum(np.square(s), axis=-1) / rho**2
+    return np.asarray(s * (1.0 + q * (a[..., 0] + q * a[..., 1]))[..., None])
+
+
+def distort_jacobian(s: Array, a: Array, rho: float) -> tuple[Array, Array]:
+    """Derivatives of `distort` with respect to the offset and to the coefficients.
+
+    Returns
+    -------
+    dd_ds : (..., 2, 2) array
+        ``gain I + 2 gain'(q) s s^T / rho^2`` with ``gain = 1 + a1 q + a2 q^2``; symmetric.
+    dd_da : (..., 2, 2) array
+        Columns ``q s`` and ``q^2 s``.
+    """
+    q = np.sum(np.square(s), axis=-1) / rho**2
+    a1, a2 = a[..., 0], a[..., 1]
+    gain = 1.0 + q * (a1 + q * a2)
+    slope = 2.0 * (a1 + 2.0 * a2 * q) / rho**2
+    dd_ds = slope[..., None, None] * s[..., :, None] * s[..., None, :]
+    dd_ds[..., 0, 0] += gain
+    dd_ds[..., 1, 1] += gain
+    dd_da = np.stack([q[..., None] * s, np.square(q)[..., None] * s], axis=-1)
+    return dd_ds, dd_da
+
+
+def is_monotone(q: Array, a: Array) -> BoolArray:
+    """Whether the lens still spreads outwards at relative squared radius q: ``1 + 3 a1 q + 5 a2 q^2 > 0``.
+
+    Beyond the first radius where it does not, distinct points of the scene fold onto one pixel. For ``a2 = 0`` and
+    for barrel lenses in practice, failing at q means that q lies beyond that radius.
+    """
+    inside = 1.0 + q * (3.0 * a[..., 0] + 5.0 * a[..., 1] * q) > 0.0
+    # a slope that turned negative on the way out may be positive again at q: its minimum over (0, q) decides
+    with np.errstate(divide="ignore", invalid="ignore"):
+        q_min = -0.3 * a[..., 0] / a[..., 1]
+    dips = (a[..., 1] > 0.0) & (q_min > 0.0) & (q_min < q) & (1.0 - 0.45 * np.square(a[..., 0]) / a[..., 1] <= 0.0)
+    return np.asarray(inside & ~dips)
+
+
+def undistort(d: Array, a: Array, rho: float) -> Array:
+    """Ideal offset of a distorted one: Newton's method on the radius.
+
+    Parameters
+    ----------
+    d : (..., 2) array
+        Distorted offsets from the principal point in pixels.
+    a : (..., 2) array
+        Corner-normalised coefficients.
+    rho : float
+        Half the image's diagonal in pixels.
+
+    Returns
+    -------
+    (..., 2) array
+        NaN where no radius on the monotone part of the lens is displaced to `d`.
+
+    Examples
+    --------
+    >>> undistort(np.array([309.0, 412.0]), np.array([0.03, 0.0]), rho=500.0).round(9)
+    array([300., 400.])
+    """
+    a1, a2 = a[..., 0], a[..., 1]
+    target = np.sqrt(np.sum(np.square(d), axis=-1)) / rho
+    radius = np.broadcast_to(target, np.broadcast_shapes(target.shape, a1.shape)).copy()
+    for _ in range(20):
+        q = np.square(radius)
+        value = radius * (1.0 + q * (a1 + q * a2)) - target
+        slope = 1.0 + q * (3.0 * a1 + 5.0 * a2 * q)
+        # a barrel's slope can vanish outside the image; half-way back in keeps the iteration on the monotone part
+        step = np.where(slope > 0.05, value / np.where(slope > 0.05, slope, 1.0), 0.5 * radius)
+        radius -= step
+        if np.max(np.abs(step), initial=0.0) < 1e-15:
+            break
+    q = np.square(radius)
+    gain = 1.0 + q * (a1 + q * a2)
+    found = (np.abs(radius * gain - target) <= 1e-9 * (1.0 + target)) & is_monotone(q, a)
+    return np.asarray(d * np.where(found, 1.0 / np.where(found, gain, 1.0), np.nan)[..., None])

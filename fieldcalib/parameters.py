@@ -1,0 +1,144 @@
+"""The parameter vector theta of a camera, and the camera distributions: weak priors over it, and where starts come from.
+
+    theta = (pan, tilt, roll, log f, x, y, z, a1, a2, cx, cy, log aspect)
+
+Angles in radians, f the focal length along rows in pixels, (x, y, z) the camera centre in metres, a1 and a2 the lens
+normalised to the image's corner (`fieldcalib.distortion`), (cx, cy) the principal point in pixels, aspect fy / fx.
+What is not estimated stays in theta at its known value.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from types import MappingProxyType
+from typing import TypeAlias
+
+import numpy as np
+
+from fieldcalib._types import Array
+from fieldcalib.camera import Camera
+from fieldcalib.distortion import opencv_coefficients
+from fieldcalib.rotation import rotation_from_angles
+
+PARAMETERS = ("pan", "tilt", "roll", "log f", "x", "y", "z", "a1", "a2", "cx", "cy", "log aspect")
+ANGLES = slice(0, 3)
+LOG_F = 3
+CENTER = slice(4, 7)
+LENS = slice(7, 9)
+PRINCIPAL_POINT = slice(9, 11)
+LOG_ASPECT = 11
+
+# Spread of what the camera distributions say nothing about.
+LENS_SIGMA = (0.03, 0.02)  # a1, a2: broadcast lenses bend the corner by a few percent
+PRINCIPAL_POINT_SIGMA = 0.02  # of the image's width: measured broadcast cameras are up to 67 px off at 1920
+LOG_ASPECT_SIGMA = 0.005  # square pixels, up to the resampling of a broadcast chain
+
+
+def theta_from_camera(camera: Camera) -> Array:
+    """The parameter vector of a camera, (12,)."""
+    fx, fy = camera.K[0, 0], camera.K[1, 1]
+    return np.array(
+        [
+            *camera.angles,
+            np.log(fx),
+            *camera.C,
+            *camera.corner_distortion,
+            *camera.principal_point,
+            np.log(fy / fx),
+        ]
+    )
+
+
+def camera_from_theta(theta: Array, image_size: tuple[int, int]) -> Camera:
+    """The camera of a parameter vector, the inverse of `theta_from_camera` up to full turns of the angles."""
+    fx = np.exp(theta[LOG_F])
+    (cx, cy), fy = theta[PRINCIPAL_POINT], fx * np.exp(theta[LOG_ASPECT])
+    K = np.array([[fx, 0.0, cx], [0.0, fy, cy], [0.0, 0.0, 1.0]])
+    k = opencv_coefficients(theta[LENS], fx, np.hypot(*image_size) / 2.0)
+    return Camera(K, rotation_from_angles(theta[ANGLES]), theta[CENTER], image_size, k)
+
+
+def focal_length_from_fov(fov: Array | float, width: float) -> Array:
+    """Focal length in pixels of a horizontal field of view in radians: ``f = w / (2 tan(fov / 2))``."""
+    return np.asarray(0.5 * width / np.tan(0.5 * np.asarray(fov)))
+
+
+@dataclass(frozen=True)
+class GaussianPrior:
+    """Independent normal distributions over theta: ``z = (theta - mean) / sigma``.
+
+    `mean` and `sigma` are (..., 12) arrays; leading axes are one prior for each start or frame.
+    """
+
+    mean: Array
+    sigma: Array
+
+
+@dataclass(frozen=True)
+class CameraDistribution:
+    """Uniform ranges of a camera's parameters: where cameras of one kind stand and look.
+
+    Angles and the horizontal field of view in degrees, positions in metres, each as (low, high). The paper (section
+    "Initialization", appendix "Camera Distribution") turns a range (a, b) into a normal distribution whose 95 %
+    interval is the range: mean (a + b) / 2 and sigma (b - a) / (2 x 1.96).
+    """
+
+    name: str
+    pan: tuple[float, float]
+    tilt: tuple[float, float]
+    roll: tuple[float, float]
+    fov: tuple[float, float]
+    x: tuple[float, float]
+    y: tuple[float, float]
+    z: tuple[float, float]
+
+    def sample(self, count: int, rng: np.random.Generator, image_size: tuple[int, int]) -> Array:
+        """Draw `count` parameter vectors (count, 12) uniformly from the ranges: no lens, centred principal point."""
+        ranges = np.array([self.pan, self.tilt, self.roll, self.fov, self.x, self.y, self.z])
+        values = rng.uniform(ranges[:, 0], ranges[:, 1], size=(count, 7))
+        theta = np.zeros((count, len(PARAMETERS)))
+        theta[:, ANGLES] = np.radians(values[:, :3])
+        theta[:, LOG_F] = np.log(focal_length_from_fov(np.radians(values[:, 3]), image_size[0]))
+        theta[:, CENTER] = values[:, 4:]
+        theta[:, PRINCIPAL_POINT] = np.asarray(image_size) / 2.0
+        return theta
+
+    def prior(self, image_size: tuple[int, int]) -> GaussianPrior:
+        """The distribution as independent normals over theta.
+
+        The field of view's range becomes one of log f, so that wide and narrow lenses weigh alike.
+        """
+        log_f = np.log(focal_length_from_fov(np.radians(self.fov), image_size[0]))[::-1]
+        low, high = np.array(
+            [*np.radians([self.pan, self.tilt, self.roll]), log_f, self.x, self.y, self.z],
+        ).T
+        mean, sigma = np.zeros(len(PARAMETERS)), np.empty(len(PARAMETERS))
+        mean[:7], sigma[:7] = (low + high) / 2.0, (high - low) / (2.0 * 1.96)
+        mean[PRINCIPAL_POINT] = np.asarray(image_size) / 2.0
+        sigma[LENS] = LENS_SIGMA
+        sigma[PRINCIPAL_POINT] = PRINCIPAL_POINT_SIGMA * image_size[0]
+        sigma[LOG_ASPECT] = LOG_ASPECT_SIGMA
+        return GaussianPrior(mean, sigma)
+
+
+def _main(name: str, x: tuple[float, float]) -> CameraDistribution:
+    return CameraDistribution(name, (-45, 45), (45, 90), (-10, 10), (8.2, 90), x, (40, 110), (-40, -5))
+
+
+def _behind(name: str, pan: tuple[float, float], x: tuple[float, float]) -> CameraDistribution:
+    return CameraDistribution(name, pan, (11.25, 90), (-5.6, 5.6), (8.2, 90), x, (-20, 20), (-35, -1))
+
+
+MAIN_CENTER = _main("main center", (-16.5, 16.5))
+MAIN_LEFT = _main("main left", (-36 - 16.5, -36 + 16.5))
+MAIN_RIGHT = _main("main right", (36 - 16.5, 36 + 16.5))
+MAIN_TRIBUNE = _main("main tribune", (-36, 36))
+BEHIND_LEFT_GOAL = _behind("behind left goal", (45, 135), (-95, -52.5))
+BEHIND_RIGHT_GOAL = _behind("behind right goal", (-135, -45), (52.5, 95))
+
+DISTRIBUTIONS: Mapping[str, CameraDistribution] = MappingProxyType(
+    {d.name: d for d in (MAIN_CENTER, MAIN_LEFT, MAIN_RIGHT, MAIN_TRIBUNE, BEHIND_LEFT_GOAL, BEHIND_RIGHT_GOAL)}
+)
+
+Prior: TypeAlias = str | CameraDistribution | GaussianPrior | None

@@ -1,0 +1,109 @@
+"""Pan, tilt and roll of a camera, and the rotation matrix that they make.
+
+World: x right along the touchline, y towards the main camera, z down. Camera: x right, y down, z forward.
+With ordinary active rotation matrices
+
+    R = (Rz(pan) Rx(tilt) Rz(roll)).T,        Xc = R (X - C).
+
+Tilt 0 looks straight down, 90 degrees at the horizon; pan > 0 looks right. All angles are radians.
+"""
+
+import numpy as np
+
+from fieldcalib._types import Array
+
+
+def rotation_from_angles(angles: Array) -> Array:
+    """World-to-camera rotation of (pan, tilt, roll).
+
+    Parameters
+    ----------
+    angles : (..., 3) array
+        Pan, tilt, roll in radians.
+
+    Returns
+    -------
+    (..., 3, 3) array
+        ``R = (Rz(pan) Rx(tilt) Rz(roll)).T``.
+
+    Examples
+    --------
+    >>> rotation_from_angles(np.array([0.0, np.pi / 2, 0.0])).round(12) + 0.0  # level, towards the far side
+    array([[ 1.,  0.,  0.],
+           [ 0.,  0.,  1.],
+           [ 0., -1.,  0.]])
+    """
+    c, s = np.cos(angles), np.sin(angles)
+    c_pan, c_tilt, c_roll = c[..., 0], c[..., 1], c[..., 2]
+    s_pan, s_tilt, s_roll = s[..., 0], s[..., 1], s[..., 2]
+    R = np.empty((*angles.shape[:-1], 3, 3))
+    R[..., 0, 0] = c_pan * c_roll - s_pan * c_tilt * s_roll
+    R[..., 0, 1] = s_pan * c_roll + c_pan * c_tilt * s_roll
+    R[..., 0, 2] = s_tilt * s_roll
+    R[..., 1, 0] = -c_pan * s_roll - s_pan * c_tilt * c_roll
+    R[..., 1, 1] = -s_pan * s_roll + c_pan * c_tilt * c_roll
+    R[..., 1, 2] = s_tilt * c_roll
+    R[..., 2, 0] = s_pan * s_tilt
+    R[..., 2, 1] = -c_pan * s_tilt
+    R[..., 2, 2] = c_tilt
+    return R
+
+
+def angles_from_rotation(R: Array) -> Array:
+    """Pan, tilt and roll of a world-to-camera rotation; of the two solutions the one with the smaller roll.
+
+    Camera operators keep the horizon level, hence the choice (paper, appendix "Homography Decomposition", step 5).
+    Where the camera looks straight down or up, pan and roll turn about one axis: roll is then 0.
+
+    Parameters
+    ----------
+    R : (..., 3, 3) array
+
+    Returns
+    -------
+    (..., 3) array
+        Pan and roll in (-pi, pi], tilt in [-pi, pi].
+
+    Examples
+    --------
+    >>> angles = np.array([0.4, 1.3, -0.02])
+    >>> bool(np.allclose(angles_from_rotation(rotation_from_angles(angles)), angles))
+    True
+    """
+    sin_tilt = np.hypot(R[..., 0, 2], R[..., 1, 2])
+    vertical = sin_tilt < 1e-12
+    # the roll that goes with sin(tilt) > 0; the other solution turns pan and roll by pi and tilt to -tilt
+    roll = np.arctan2(R[..., 0, 2], R[..., 1, 2])
+    sign = np.where(np.abs(roll) <= np.pi / 2, 1.0, -1.0)
+    pan = np.arctan2(sign * R[..., 2, 0], -sign * R[..., 2, 1])
+    roll = np.arctan2(sign * R[..., 0, 2], sign * R[..., 1, 2])
+    tilt = np.arctan2(sign * sin_tilt, R[..., 2, 2])
+    pan = np.where(vertical, np.arctan2(R[..., 0, 1], R[..., 0, 0]), pan)
+    roll = np.where(vertical, 0.0, roll)
+    return np.stack([pan, tilt, roll], axis=-1)
+
+
+def rotation_axes(angles: Array, R: Array) -> Array:
+    """Axes, in the camera frame, about which the scene turns as pan, tilt and roll grow.
+
+    ``dXc/dangle_i = -axes[i] x Xc``: pan turns about the world's vertical, roll about the optical axis, tilt about the
+    horizontal between them.
+
+    Parameters
+    ----------
+    angles : (..., 3) array
+        Pan, tilt, roll in radians.
+    R : (..., 3, 3) array
+        Their rotation matrix.
+
+    Returns
+    -------
+    (..., 3, 3) array
+        One unit axis a row.
+    """
+    axes = np.zeros_like(R)
+    axes[..., 0, :] = R[..., :, 2]
+    axes[..., 1, 0] = np.cos(angles[..., 2])
+    axes[..., 1, 1] = -np.sin(angles[..., 2])
+    axes[..., 2, 2] = 1.0
+    return axes

@@ -1,0 +1,272 @@
+"""Labelled pixels: checks of what users give, the split of the centre circle, and many frames packed into arrays.
+
+One frame is a mapping of labels to (N, 2) pixels. `pack` turns many frames into padded arrays (T, N, ...) with a weight
+that is 0 where there is only padding, one set of rows for each kind of segment.
+"""
+
+from __future__ import annotations
+
+import difflib
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import TypeAlias
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from fieldcalib._types import Array, IntArray
+from fieldcalib.field import Arc, Line, ObjectSegments, Point, PointCloud, Segment
+
+ImageSegments: TypeAlias = Mapping[str, ArrayLike]
+Pixels: TypeAlias = dict[str, Array]
+
+
+@dataclass(frozen=True)
+class Rows:
+    """Observed pixels on segments of one kind, T frames padded to N pixels each."""
+
+    xy: Array
+    """Pixels, (T, N, 2)."""
+    weight: Array
+    """(T, N); 0 where there is only padding."""
+    label: IntArray
+    """Index into `Observations.labels`, (T, N); -1 where there is only padding."""
+    geometry: Array
+    """World vectors of the segment, (T, N, G, 3): X | start, direction | centre, radius u, radius v | samples."""
+
+    def __bool__(self) -> bool:
+        return self.xy.shape[1] > 0
+
+    def take(self, index: IntArray) -> Rows:
+        """The rows of frames `index`, in that order, repeated where `index` repeats."""
+        return Rows(self.xy[index], self.weight[index], self.label[index], self.geometry[index])
+
+
+@dataclass(frozen=True)
+class Observations:
+    """The labelled pixels of T frames against one calibration object."""
+
+    labels: tuple[str, ...]
+    image_size: tuple[int, int]
+    lines: Rows
+    arcs: Rows
+    curves: Rows
+    """Ordered point clouds."""
+    points: Rows
+    clouds: Rows
+    """Unordered point clouds."""
+
+    def __len__(self) -> int:
+        return len(self.lines.xy)
+
+    def take(self, index: IntArray) -> Observations:
+        """The observations of frames `index`, in that order, repeated where `index` repeats."""
+        kinds = {kind: getattr(self, kind).take(index) for kind in ("lines", "arcs", "curves", "points", "clouds")}
+        return replace(self, **kinds)
+
+    @cached_property
+    def weight(self) -> Array:
+        """Weight of every residual, (T, M), ordered as lines, arcs, curves, points' x, y, clouds' x, y."""
+        return self._by_residual("weight")
+
+    @cached_property
+    def label(self) -> IntArray:
+        """Label index of every residual, (T, M); -1 where there is only padding."""
+        return np.asarray(self._by_residual("label"), dtype=np.intp)
+
+    def _by_residual(self, name: str) -> Array:
+        order = (self.lines, self.arcs, self.curves, self.points, self.points, self.clouds, self.clouds)
+        return np.concatenate([getattr(rows, name) for rows in order], axis=-1)
+
+
+def check_segments(
+    object_segments: ObjectSegments, image_segments: ImageSegments, image_size: tuple[int, int]
+) -> Pixels:
+    """The labelled pixels of one frame as float arrays, or a ValueError that says what is wrong with them.
+
+    Parameters
+    ----------
+    object_segments : mapping of str to segment
+        The calibration object.
+    image_segments : mapping of str to (N, 2) array_like
+        Pixels (x, y) of each visible segment. A segment without pixels counts as not given.
+    image_size : (int, int)
+        Width and height in pixels.
+
+    Returns
+    -------
+    dict of str to (N, 2) array
+        Labels stripped of surrounding blanks.
+
+    Raises
+    ------
+    ValueError
+        An unknown label (the nearest known one is named), a wrong shape, a number that is not finite, coordinates that
+        look normalised to 0..1, or pixels that only fit the image if width and height are swapped.
+
+    Examples
+    --------
+    >>> from fieldcalib import soccer
+    >>> check_segments(soccer(), {"Midle line": [(480, 100), (480, 400)]}, (960, 540))
+    Traceback (most recent call last):
+        ...
+    ValueError: unknown label 'Midle line'; did you mean 'Middle line'?
+    """
+    pixels: Pixels = {}
+    for raw_label, values in image_segments.items():
+        label = raw_label.strip()
+        if label not in object_segments and raw_label not in object_segments:
+            raise ValueError(f"unknown label {raw_label!r}; {_nearest(label, object_segments)}")
+        if label not in object_segments:
+            label = raw_label
+        xy = np.asarray(values, dtype=float)
+        if xy.size == 0:
+            continue
+        if xy.ndim != 2 or xy.shape[1] != 2:
+            raise ValueError(f"{label!r}: expected pixels of shape (N, 2), got {xy.shape}")
+        if not np.all(np.isfinite(xy)):
+            first = int(np.flatnonzero(~np.isfinite(xy).all(axis=1))[0])
+            raise ValueError(f"{label!r}: pixel {first} is not finite: {xy[first].tolist()}; leave it out")
+        if label in pixels:
+            raise ValueError(f"{label!r} is given twice, with and without surrounding blanks")
+        pixels[label] = xy
+    if pixels:
+        _check_scale(np.concatenate(list(pixels.values())), image_size)
+    return pixels
+
+
+def _nearest(label: str, object_segments: ObjectSegments) -> str:
+    close = difflib.get_close_matches(label, list(object_segments), n=1, cutoff=0.5)
+    return f"did you mean {close[0]!r}?" if close else f"known labels: {', '.join(sorted(object_segments))}"
+
+
+def _check_scale(xy: Array, image_size: tuple[int, int]) -> None:
+    width, height = image_size
+    if min(image_size) > 16 and len(xy) > 1 and np.max(np.abs(xy)) <= 2.0:
+        raise ValueError(
+            f"pixels expected for an image of {width} x {height}, got coordinates between {xy.min():.3g} and "
+            f"{xy.max():.3g}, which look normalised; multiply x by (width - 1) and y by (height - 1)"
+        )
+    # annotations may lie somewhat outside the image, so "inside" is generous
+    inside = np.mean(np.all(np.abs(xy / image_size - 0.5) <= 0.75, axis=1))
+    inside_swapped = np.mean(np.all(np.abs(xy / image_size[::-1] - 0.5) <= 0.75, axis=1))
+    if inside < 0.8 and inside_swapped > 0.95:
+        raise ValueError(
+            f"image_size = {image_size} leaves {100 * (1 - inside):.0f} % of the pixels far outside, swapped it would "
+            f"hold them: give it as (width, height)"
+        )
+
+
+def split_centre_circle(pixels: Pixels, image_size: tuple[int, int]) -> Pixels:
+    """Assign the centre circle's pixels to its left and right half (paper, section "Modeling the Soccer Field").
+
+    Pixels left of the middle line go to "Circle central left", the others to "Circle central right". Where the middle
+    line is not given, or is too flat to have a left side, the half depends on which side of the image the whole circle
+    lies: the right half of the field is in view where the circle is left of the image's centre, and then it is the
+    circle's right half that is seen.
+
+    Parameters
+    ----------
+    pixels : dict of str to (N, 2) array
+        One frame, as `check_segments` returns it.
+    image_size : (int, int)
+        Width and height in pixels.
+
+    Returns
+    -------
+    dict of str to (N, 2) array
+        The frame without "Circle central" and with the halves that have pixels.
+
+    Examples
+    --------
+    >>> frame = {"Middle line": np.array([[500.0, 100], [500, 400]]), "Circle central": np.array([[450.0, 250]])}
+    >>> list(split_centre_circle(frame, (960, 540)))
+    ['Middle line', 'Circle central left']
+    """
+    if "Circle central" not in pixels:
+        return dict(pixels)
+    split = {label: xy for label, xy in pixels.items() if label != "Circle central"}
+    circle = pixels["Circle central"]
+    left = _left_of_middle_line(circle, pixels.get("Middle line"))
+    if left is None:
+        left = np.full(len(circle), circle[:, 0].mean() > image_size[0] / 2.0)
+    for label, half in (("Circle central left", circle[left]), ("Circle central right", circle[~left])):
+        if len(half):
+            split[label] = np.concatenate([split[label], half]) if label in split else half
+    return split
+
+
+def _left_of_middle_line(xy: Array, middle_line: Array | None) -> Array | None:
+    if middle_line is None or len(middle_line) < 2:
+        return None
+    top, bottom = middle_line[middle_line[:, 1].argmin()], middle_line[middle_line[:, 1].argmax()]
+    down = bottom - top
+    if down[1] <= np.abs(down[0]):  # flatter than 45 degrees: seen from behind a goal
+        return None
+    offset = xy - top
+    return np.asarray(down[0] * offset[:, 1] - down[1] * offset[:, 0] > 0.0)
+
+
+def pack(object_segments: ObjectSegments, frames: Sequence[Pixels], image_size: tuple[int, int]) -> Observations:
+    """Pack checked frames into padded arrays.
+
+    The pixels of a segment share a weight of 1, so that each segment counts alike however many pixels it has (paper,
+    equation 2). Measured on annotated frames this is more accurate than pixels that count alike. Labels are numbered in the order of `object_segments`, so that frames packed together or one
+    by one are numbered alike.
+    """
+    labels = tuple(object_segments)
+    number = {label: index for index, label in enumerate(labels)}
+    used = {label for frame in frames for label in frame}
+    entries: dict[str, tuple[Array, str]] = {}
+    for label in used:
+        kind, geometry = _geometry(object_segments[label])
+        entries[label] = (geometry, kind)
+    samples = {
+        kind: max((len(g) for g, k in entries.values() if k == kind), default=1) for kind in ("curves", "clouds")
+    }
+
+    kinds: dict[str, Rows] = {}
+    for kind, depth in (
+        ("lines", 2),
+        ("arcs", 3),
+        ("curves", samples["curves"]),
+        ("points", 1),
+        ("clouds", samples["clouds"]),
+    ):
+        members = [[(label, xy) for label, xy in frame.items() if entries[label][1] == kind] for frame in frames]
+        count = max((sum(len(xy) for _, xy in member) for member in members), default=0)
+        shape = (len(frames), count)
+        rows = Rows(
+            np.zeros((*shape, 2)), np.zeros(shape), np.full(shape, -1, dtype=np.intp), np.zeros((*shape, depth, 3))
+        )
+        rows.geometry[..., 1:2, 0] = 1.0  # padding needs a direction, so that it stays finite
+        for t, member in enumerate(members):
+            n = 0
+            for label, xy in member:
+                here = slice(n, n + len(xy))
+                geometry = entries[label][0]
+                rows.xy[t, here] = xy
+                rows.weight[t, here] = 1.0 / len(xy)
+                rows.label[t, here] = number[label]
+                rows.geometry[t, here, : len(geometry)] = geometry
+                rows.geometry[t, here, len(geometry) :] = geometry[-1]
+                n += len(xy)
+        kinds[kind] = rows
+    return Observations(labels, image_size, **kinds)
+
+
+def _geometry(segment: Segment) -> tuple[str, Array]:
+    match segment:
+        case Line(start, end):
+            return "lines", np.array([start, np.subtract(end, start)])
+        case Arc():
+            return "arcs", np.array(
+                [segment.center, np.multiply(segment.radius, segment.u), np.multiply(segment.radius, segment.v)]
+            )
+        case Point(X):
+            return "points", np.array([X])
+        case PointCloud(ordered=True):
+            return "curves", segment.X
+        case PointCloud():
+            return "clouds", segment.X

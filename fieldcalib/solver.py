@@ -1,0 +1,173 @@
+"""The two solvers of the robust least squares problem: SciPy's for one frame, a batched Levenberg-Marquardt for many.
+
+Both minimise, over the free parameters,
+
+    cost(theta) = 1/2 sum_i w_i rho(r_i(theta)^2) / noise^2 + 1/2 sum_k ((theta_k - mean_k) / sigma_k)^2.
+
+The robust loss acts on the data alone, never on the prior.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from fieldcalib._types import Array, BoolArray, IntArray
+from fieldcalib.losses import RobustLoss
+from fieldcalib.parameters import ANGLES, CENTER, LOG_F, PARAMETERS, GaussianPrior
+from fieldcalib.residuals import segment_residuals_with_jacobian
+from fieldcalib.segments import Observations
+
+# The longest step in one iteration: beyond it the linearisation says nothing about a camera.
+LARGEST_STEP = np.full(len(PARAMETERS), np.inf)
+LARGEST_STEP[ANGLES] = 0.4  # radians
+LARGEST_STEP[LOG_F] = 0.7  # a factor of two
+LARGEST_STEP[CENTER] = 40.0  # metres
+
+# Fields of view from 0.3 to 170 degrees: outside, a fit collapses to a point or to a plane and ends in overflow.
+LOG_F_RANGE = (np.log(0.04), np.log(200.0))  # of f / width
+
+
+@dataclass(frozen=True)
+class Problem:
+    """B calibration problems that share a loss, a noise and the set of free parameters."""
+
+    observations: Observations
+    free: BoolArray
+    """Which of the 12 parameters are estimated."""
+    loss: RobustLoss
+    noise: float = 1.0
+    """Standard deviation of the pixels: what a residual weighs against the prior."""
+    prior: GaussianPrior | None = None
+
+    def take(self, index: IntArray) -> Problem:
+        """The problems `index`, in that order, repeated where `index` repeats."""
+        prior = self.prior
+        if prior is not None and prior.mean.ndim > 1:
+            prior = GaussianPrior(prior.mean[index], prior.sigma[index])
+        return replace(self, observations=self.observations.take(index), prior=prior)
+
+    def prior_residuals(self, theta: Array) -> Array:
+        """z-scores of the free parameters, (B, P); (B, 0) without a prior."""
+        if self.prior is None:
+            return np.zeros((len(theta), 0))
+        return np.asarray(((theta - self.prior.mean) / self.prior.sigma)[:, self.free])
+
+    def cost(self, theta: Array) -> Array:
+        """Cost of each problem, (B,)."""
+        return self.linearized(theta)[0]
+
+    def linearized(self, theta: Array) -> tuple[Array, Array, Array]:
+        """Cost (B,), its gradient (B, P), and the Gauss-Newton approximation of its Hessian (B, P, P).
+
+        Where the cost is not finite it is infinity, and the other two mean nothing.
+        """
+        r, J = segment_residuals_with_jacobian(theta, self.observations, self.free)
+        squared = np.square(r)
+        rho, slope, bend = self.loss.evaluate(squared)
+        weight = self.observations.weight / self.noise**2
+        z = self.prior_residuals(theta)
+        cost = 0.5 * (np.sum(weight * rho, axis=1) + np.sum(np.square(z), axis=1))
+        # Triggs' second-order correction, kept positive: it halves the iterations under a Cauchy loss
+        curvature = weight * np.maximum(slope + 2.0 * bend * squared, 0.1 * slope)
+        JT = np.swapaxes(J, 1, 2)
+        gradient = (JT @ (weight * slope * r)[..., None])[..., 0]
+        hessian = (JT * curvature[:, None]) @ J
+        if self.prior is not None:
+            inverse_sigma = np.broadcast_to(1.0 / self.prior.sigma, theta.shape)[:, self.free]
+            gradient += z * inverse_sigma
+            diagonal = np.arange(hessian.shape[1])
+            hessian[:, diagonal, diagonal] += np.square(inverse_sigma)
+        log_f = theta[:, LOG_F] - np.log(self.observations.image_size[0])
+        sane = np.isfinite(cost) & (log_f > LOG_F_RANGE[0]) & (log_f < LOG_F_RANGE[1])
+        return np.where(sane, cost, np.inf), gradient, hessian
+
+
+@dataclass(frozen=True)
+class Solution:
+    """Where a solver ended, for B problems."""
+
+    theta: Array
+    """(B, 12)."""
+    cost: Array
+    """(B,)."""
+    converged: BoolArray
+    """(B,); False where the iterations were used up."""
+    iterations: IntArray
+    """(B,); evaluations of residuals and Jacobian after the first."""
+
+
+def solve_batch(problem: Problem, theta: Array, *, max_iterations: int, tolerance: float) -> Solution:
+    """Levenberg-Marquardt on B problems at once, each with its own damping; finished problems leave the batch.
+
+    The damping follows Nielsen's rule: it falls by up to nine as the linear model predicts the cost well, and grows at
+    a doubling rate while steps fail. It is relative to the diagonal of the Hessian (Marquardt), so that radians, metres
+    and log f need no scaling.
+
+    Parameters
+    ----------
+    problem : Problem
+        B problems.
+    theta : (B, 12) array
+        Starts; parameters that are not free keep these values.
+    max_iterations : int
+        Evaluations allowed after the first.
+    tolerance : float
+        A problem is done when a step lowers its cost, or is predicted to lower it, by less than this share.
+
+    Returns
+    -------
+    Solution
+
+    References
+    ----------
+    Madsen, Nielsen, Tingleff: Methods for Non-Linear Least Squares Problems, 2nd edition, 2004, section 3.2.
+    """
+    solution = Solution(
+        theta.copy(), np.empty(len(theta)), np.zeros(len(theta), dtype=bool), np.zeros(len(theta), dtype=np.intp)
+    )
+    free = np.flatnonzero(problem.free)
+    diagonal = np.arange(len(free))
+    cost, gradient, hessian = problem.linearized(theta)
+    solution.cost[:] = cost
+    index = np.arange(len(theta))  # of the problems still in the batch
+    running = np.isfinite(cost)
+    damping, growth = np.full(len(theta), 1e-2), np.full(len(theta), 2.0)
+
+    for _ in range(max_iterations):
+        if np.count_nonzero(running) < 0.8 * len(index):
+            kept = np.flatnonzero(running)
+            index, problem, theta = index[kept], problem.take(kept), theta[kept]
+            cost, gradient, hessian = cost[kept], gradient[kept], hessian[kept]
+            damping, growth, running = damping[kept], growth[kept], running[kept]
+        if not len(index):
+            break
+        scale = damping[:, None] * (hessian[:, diagonal, diagonal] + 1e-12)
+        damped = hessian.copy()
+        damped[:, diagonal, diagonal] += scale
+        step = -np.linalg.solve(damped, gradient[..., None])[..., 0]
+        step /= np.maximum(np.max(np.abs(step) / LARGEST_STEP[free], axis=1), 1.0)[:, None]
+        trial = theta.copy()
+        trial[:, free] += step
+        trial_cost, trial_gradient, trial_hessian = problem.linearized(trial)
+
+        predicted = 0.5 * np.sum(step * (scale * step - gradient), axis=1)
+        better = running & (trial_cost < cost)
+        small = np.maximum(cost - np.where(better, trial_cost, cost), predicted) <= tolerance * cost
+        stuck = ~better & ((damping > 1e10) | (predicted <= 1e-14 * cost))
+        done = running & (small | stuck)
+        gain = (cost - trial_cost) / np.maximum(predicted, 1e-300)
+        shrink = np.maximum(1.0 / 9.0, 1.0 - (2.0 * np.clip(gain, 0.0, 1.0) - 1.0) ** 3)
+        damping = np.where(better, np.maximum(damping * shrink, 1e-12), damping * growth)
+        growth = np.where(better, 2.0, 2.0 * growth)
+
+        theta = np.where(better[:, None], trial, theta)
+        cost = np.where(better, trial_cost, cost)
+        gradient = np.where(better[:, None], trial_gradient, gradient)
+        hessian = np.where(better[:, None, None], trial_hessian, hessian)
+        solution.theta[index], solution.cost[index] = theta, cost
+        solution.iterations[index[running]] += 1
+        solution.converged[index[done]] = True
+        running &= ~done
+    return solution
