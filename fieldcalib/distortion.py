@@ -74,15 +74,14 @@ def distort_jacobian(s: Array, a: Array, rho: float) -> tuple[Array, Array]:
 def is_monotone(q: Array, a: Array) -> BoolArray:
     """Whether the lens still spreads outwards at relative squared radius q: ``1 + 3 a1 q + 5 a2 q^2 > 0``.
 
-    Beyond the first radius where it does not, distinct points of the scene fold onto one pixel. For ``a2 = 0`` and
-    for barrel lenses in practice, failing at q means that q lies beyond that radius.
+    Beyond the first radius where it does not, distinct points of the scene fold onto one pixel; the answer is then no
+    for good, even where the slope turns positive again.
     """
-    inside = 1.0 + q * (3.0 * a[..., 0] + 5.0 * a[..., 1] * q) > 0.0
-    # a slope that turned negative on the way out may be positive again at q: its minimum over (0, q) decides
-    with np.errstate(divide="ignore", invalid="ignore"):
-        q_min = -0.3 * a[..., 0] / a[..., 1]
-    dips = (a[..., 1] > 0.0) & (q_min > 0.0) & (q_min < q) & (1.0 - 0.45 * np.square(a[..., 0]) / a[..., 1] <= 0.0)
-    return np.asarray(inside & ~dips)
+    a1, a2 = a[..., 0], a[..., 1]
+    at_q = 1.0 + q * (3.0 * a1 + 5.0 * a2 * q) > 0.0
+    # a slope that turned negative on the way out may be positive again at q: look at its minimum, q = -0.3 a1 / a2
+    on_the_way = (a1 < 0.0) & (a2 > 0.0) & (-0.3 * a1 < a2 * q) & (a2 <= 0.45 * np.square(a1))
+    return np.asarray(at_q & ~on_the_way)
 
 
 def undistort(d: Array, a: Array, rho: float) -> Array:

@@ -12,17 +12,17 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 from types import MappingProxyType
-from typing import TypeAlias
 
 import numpy as np
 
-from fieldcalib._types import Array
+from fieldcalib._types import Array, IntArray
 from fieldcalib.camera import Camera
 from fieldcalib.distortion import opencv_coefficients
 from fieldcalib.rotation import rotation_from_angles
 
 PARAMETERS = ("pan", "tilt", "roll", "log f", "x", "y", "z", "a1", "a2", "cx", "cy", "log aspect")
 ANGLES = slice(0, 3)
+PAN, TILT, ROLL = 0, 1, 2
 LOG_F = 3
 CENTER = slice(4, 7)
 LENS = slice(7, 9)
@@ -73,6 +73,10 @@ class GaussianPrior:
 
     mean: Array
     sigma: Array
+
+    def take(self, index: IntArray) -> GaussianPrior:
+        """The priors `index` of several."""
+        return GaussianPrior(self.mean[index], self.sigma[index])
 
 
 @dataclass(frozen=True)
@@ -140,5 +144,3 @@ BEHIND_RIGHT_GOAL = _behind("behind right goal", (-135, -45), (52.5, 95))
 DISTRIBUTIONS: Mapping[str, CameraDistribution] = MappingProxyType(
     {d.name: d for d in (MAIN_CENTER, MAIN_LEFT, MAIN_RIGHT, MAIN_TRIBUNE, BEHIND_LEFT_GOAL, BEHIND_RIGHT_GOAL)}
 )
-
-Prior: TypeAlias = str | CameraDistribution | GaussianPrior | None

@@ -76,6 +76,11 @@ def segment_residuals_with_jacobian(theta: Array, observations: Observations, fr
     return feet.r, _jacobian(view, feet, free)
 
 
+def foot_inverse_depths(theta: Array, observations: Observations) -> Array:
+    """1 / depth of every residual's foot point, (B, M): negative where the camera would have to look backwards."""
+    return _feet(View(theta, observations.image_size), observations).inverse_depth
+
+
 class View:
     """What the residuals need of B parameter vectors, computed once for all rows.
 

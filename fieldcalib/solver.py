@@ -16,7 +16,7 @@ import numpy as np
 from fieldcalib._types import Array, BoolArray, IntArray
 from fieldcalib.losses import RobustLoss
 from fieldcalib.parameters import ANGLES, CENTER, LOG_F, PARAMETERS, GaussianPrior
-from fieldcalib.residuals import segment_residuals_with_jacobian
+from fieldcalib.residuals import segment_residuals, segment_residuals_with_jacobian
 from fieldcalib.segments import Observations
 
 # The longest step in one iteration: beyond it the linearisation says nothing about a camera.
@@ -40,12 +40,11 @@ class Problem:
     noise: float = 1.0
     """Standard deviation of the pixels: what a residual weighs against the prior."""
     prior: GaussianPrior | None = None
+    """One for each problem, (B, 12); None for none."""
 
     def take(self, index: IntArray) -> Problem:
         """The problems `index`, in that order, repeated where `index` repeats."""
-        prior = self.prior
-        if prior is not None and prior.mean.ndim > 1:
-            prior = GaussianPrior(prior.mean[index], prior.sigma[index])
+        prior = None if self.prior is None else self.prior.take(index)
         return replace(self, observations=self.observations.take(index), prior=prior)
 
     def prior_residuals(self, theta: Array) -> Array:
@@ -75,7 +74,7 @@ class Problem:
         gradient = (JT @ (weight * slope * r)[..., None])[..., 0]
         hessian = (JT * curvature[:, None]) @ J
         if self.prior is not None:
-            inverse_sigma = np.broadcast_to(1.0 / self.prior.sigma, theta.shape)[:, self.free]
+            inverse_sigma = 1.0 / self.prior.sigma[:, self.free]
             gradient += z * inverse_sigma
             diagonal = np.arange(hessian.shape[1])
             hessian[:, diagonal, diagonal] += np.square(inverse_sigma)
@@ -171,3 +170,65 @@ def solve_batch(problem: Problem, theta: Array, *, max_iterations: int, toleranc
         solution.converged[index[done]] = True
         running &= ~done
     return solution
+
+
+def solve_one(problem: Problem, theta: Array, *, max_iterations: int, tolerance: float) -> Solution:
+    """SciPy's trust region reflective solver on one problem: the same cost as `solve_batch`, and the same arguments.
+
+    Parameters
+    ----------
+    problem : Problem
+        B = 1 problem.
+    theta : (1, 12) array
+    max_iterations : int
+    tolerance : float
+
+    Returns
+    -------
+    Solution
+    """
+    from scipy.optimize import least_squares  # a slow import
+
+    weight = problem.observations.weight[0] / problem.noise**2
+    free = problem.free
+
+    def full(x: Array) -> Array:
+        moved = theta.copy()
+        moved[0, free] = x
+        return moved
+
+    def residuals(x: Array) -> Array:
+        moved = full(x)
+        r = segment_residuals(moved, problem.observations)[0]
+        return np.concatenate([r, problem.prior_residuals(moved)[0]])
+
+    def jacobian(x: Array) -> Array:
+        _, J = segment_residuals_with_jacobian(full(x), problem.observations, free)
+        if problem.prior is None:
+            return J[0]
+        return np.concatenate([J[0], np.diag(1.0 / problem.prior.sigma[0, free])])
+
+    def rho(squared: Array) -> Array:
+        values = np.zeros((3, len(squared)))
+        values[:, : len(weight)] = weight * problem.loss.evaluate(squared[: len(weight)])
+        values[0, len(weight) :], values[1, len(weight) :] = squared[len(weight) :], 1.0
+        return values
+
+    bounds = np.full((2, len(free)), [[-np.inf], [np.inf]])
+    bounds[:, LOG_F] = np.log(problem.observations.image_size[0]) + LOG_F_RANGE
+    with np.errstate(all="ignore"):
+        found = least_squares(
+            residuals,
+            theta[0, free],
+            jacobian,
+            bounds=bounds[:, free],
+            x_scale="jac",
+            loss=rho,
+            ftol=tolerance,
+            xtol=1e-15,
+            gtol=1e-15,
+            max_nfev=max_iterations,
+        )
+    return Solution(
+        full(found.x), np.array([found.cost]), np.array([found.status > 0]), np.array([found.nfev - 1], dtype=np.intp)
+    )

@@ -1,50 +1,188 @@
-"""Starting cameras: from where a camera distribution stands, pointed at the labels; and from lines by the DLT."""
+"""Starting cameras: one from each camera distribution, pointed at the labels, and one from lines by the DLT.
+
+The solver runs from all of them and keeps the best (`argmin` in the paper, section "Multiple Initialization").
+"""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from dataclasses import dataclass
+
 import numpy as np
 
-from fieldcalib._types import Array
-from fieldcalib.parameters import ANGLES, CENTER, LOG_F, CameraDistribution
+from fieldcalib._types import Array, BoolArray, IntArray
+from fieldcalib.homography import decompose_homography
+from fieldcalib.parameters import (
+    ANGLES,
+    CENTER,
+    LOG_F,
+    PAN,
+    PRINCIPAL_POINT,
+    ROLL,
+    TILT,
+    CameraDistribution,
+    GaussianPrior,
+)
+from fieldcalib.projective import fit_lines, homogenize, homography_from_lines
+from fieldcalib.rotation import angles_from_rotation, rotation_from_angles
 from fieldcalib.segments import Observations
-from fieldcalib.rotation import rotation_from_angles
-from fieldcalib.parameters import PRINCIPAL_POINT, GaussianPrior
+
+FIELD_SCALE = 40.0  # metres: brings the field's coordinates to about unit size for the DLT
+ON_GROUND = 1e-9  # metres
 
 
-def pointed(observations: Observations, prior: GaussianPrior) -> Array:
-    """Cameras at the prior's mean position, turned and zoomed so that the middles of the labelled segments come to lie near the labelled pixels."""
+@dataclass(frozen=True)
+class Starts:
+    """n starting cameras for T frames."""
+
+    theta: Array
+    """(n, 12)."""
+    frame: IntArray
+    """Frame of each start, (n,), ascending."""
+    prior: GaussianPrior
+    """Prior of the distribution that each start belongs to, means and sigmas (n, 12)."""
+
+
+def starting_cameras(observations: Observations, distributions: Sequence[CameraDistribution], known: Array) -> Starts:
+    """Starts of every frame: from each distribution, and by the DLT where four ground lines or more allow it.
+
+    A known position makes for a single start.
+
+    Parameters
+    ----------
+    observations : Observations
+        T frames, each with at least one pixel.
+    distributions : sequence of CameraDistribution
+        Where the camera may stand. A start that comes from elsewhere belongs to the
+        one that it is nearest to, by z-score.
+    known : (12,) array
+        Parameters that the user gave; NaN where nothing is known.
+    """
+    T = len(observations)
+    priors = [distribution.prior(observations.image_size) for distribution in distributions]
+    mean = np.stack([prior.mean for prior in priors])
+    sigma = np.stack([prior.sigma for prior in priors])
+
+    theta, frame, member = [], [], []
+    if np.isnan(known[CENTER]).any():
+        for i, prior in enumerate(priors):
+            theta.append(pointed_camera(observations, prior, known))
+            frame.append(np.arange(T))
+            member.append(np.full(T, i))
+        by_lines, found = camera_from_lines(observations, known)
+        theta.append(by_lines[found])
+        frame.append(np.flatnonzero(found))
+    else:
+        theta.append(pointed_camera(observations, priors[0], known))
+        frame.append(np.arange(T))
+    z = (theta[-1][:, None, :7] - mean[:, :7]) / sigma[:, :7]
+    member.append(np.argmin(np.sum(np.square(z), axis=-1), axis=-1))
+
+    order = np.argsort(np.concatenate(frame), kind="stable")
+    nearest = np.concatenate(member)[order]
+    return Starts(
+        np.concatenate(theta)[order], np.concatenate(frame)[order], GaussianPrior(mean[nearest], sigma[nearest])
+    )
+
+
+def pointed_camera(observations: Observations, prior: GaussianPrior, known: Array) -> Array:
+    """Cameras at the mean position of a prior, turned and zoomed so that they see what is labelled, (T, 12).
+
+    The middles of the labelled segments, short segments first, should come to lie where their pixels are: their centroid
+    gives pan and tilt, their spread the focal length, within the prior's 95 %. Roll is zero.
+    """
+    X, xy, weight = _segment_middles(observations)
+    theta = np.broadcast_to(np.where(np.isnan(known), prior.mean, known), (len(X), len(prior.mean))).copy()
+    if np.isnan(known[PAN]):
+        theta[:, ROLL] = 0.0 if np.isnan(known[ROLL]) else known[ROLL]
+        target = np.sum(weight * X, axis=1) - theta[:, CENTER]
+        theta[:, PAN] = np.arctan2(target[:, 0], -target[:, 1])
+        theta[:, TILT] = np.arctan2(np.hypot(target[:, 0], target[:, 1]), target[:, 2])
+    if np.isnan(known[LOG_F]):
+        Xc = (X - theta[:, None, CENTER]) @ np.swapaxes(rotation_from_angles(theta[:, ANGLES]), 1, 2)
+        x = Xc[..., :2] / np.maximum(Xc[..., 2:], 1.0)
+        log_f = np.log((_spread(xy, weight) + 1.0) / (_spread(x, weight) + 1e-3))
+        margin = 1.96 * prior.sigma[LOG_F]
+        theta[:, LOG_F] = np.clip(log_f, prior.mean[LOG_F] - margin, prior.mean[LOG_F] + margin)
+    if np.isnan(known[PAN]):
+        # the target shall not appear in the middle of the image but where the pixels are
+        offset = np.sum(weight * xy, axis=1) - theta[:, PRINCIPAL_POINT]
+        angle = np.arctan(offset / np.exp(theta[:, LOG_F, None]))
+        theta[:, PAN] -= angle[:, 0] / np.maximum(np.sin(theta[:, TILT]), 0.3)
+        theta[:, TILT] += angle[:, 1]
+    return theta
+
+
+def _segment_middles(observations: Observations) -> tuple[Array, Array, Array]:
+    """Middle of each pixel's segment (T, N, 3), the pixel (T, N, 2), and its weight (T, N, 1), summing to 1 a frame.
+
+    Of a long segment only a part is in view, and nobody knows which: weights fall with the square of the length.
+    """
     X, xy, weight = [], [], []
-    for rows in (observations.lines, observations.arcs):
+    for rows in (observations.lines, observations.arcs, observations.curves, observations.points, observations.clouds):
         if not rows:
             continue
         if rows is observations.lines:
-            X.append(rows.geometry[:, :, 0] + 0.5 * rows.geometry[:, :, 1])
-            size = np.linalg.norm(rows.geometry[:, :, 1], axis=-1)
+            start, direction = rows.geometry[:, :, 0], rows.geometry[:, :, 1]
+            middle, length = start + 0.5 * direction, np.linalg.norm(direction, axis=-1)
+        elif rows is observations.arcs:
+            middle, length = rows.geometry[:, :, 0], 2.0 * np.linalg.norm(rows.geometry[:, :, 1], axis=-1)
         else:
-            X.append(rows.geometry[:, :, 0])
-            size = 2 * np.linalg.norm(rows.geometry[:, :, 1], axis=-1)
+            middle, length = rows.geometry.mean(axis=2), np.linalg.norm(np.ptp(rows.geometry, axis=2), axis=-1)
+        X.append(middle)
         xy.append(rows.xy)
-        weight.append(rows.weight / (size + 5.0) ** 2)
-    X, xy, w = np.concatenate(X, 1), np.concatenate(xy, 1), np.concatenate(weight, 1)
-    w /= w.sum(1, keepdims=True)
-    T = len(w)
-    C = prior.mean[CENTER]
-    target = np.sum(w[..., None] * X, 1)
-    pixel = np.sum(w[..., None] * xy, 1)
-    d = target - C
-    theta = np.tile(prior.mean, (T, 1))
-    pan = np.arctan2(d[:, 0], -d[:, 1])
-    tilt = np.arctan2(np.hypot(d[:, 0], d[:, 1]), d[:, 2])
-    theta[:, 0], theta[:, 1], theta[:, 2] = pan, tilt, 0
-    Xc = (X - C) @ np.swapaxes(rotation_from_angles(theta[:, ANGLES]), 1, 2)
-    x = Xc[..., :2] / np.maximum(Xc[..., 2:], 1.0)
-    spread = np.sqrt(np.sum(w * np.sum(np.square(x), -1), 1))
-    spread_px = np.sqrt(np.sum(w * np.sum(np.square(xy - pixel[:, None]), -1), 1))
-    lo, hi = prior.mean[LOG_F] - 1.96 * prior.sigma[LOG_F], prior.mean[LOG_F] + 1.96 * prior.sigma[LOG_F]
-    logf = np.clip(np.log((spread_px + 1) / (spread + 1e-3)), lo, hi)
-    theta[:, LOG_F] = logf
-    f = np.exp(logf)
-    off = pixel - prior.mean[PRINCIPAL_POINT]
-    theta[:, 0] -= np.arctan(off[:, 0] / f) / np.maximum(np.sin(theta[:, 1]), 0.3)
-    theta[:, 1] += np.arctan(off[:, 1] / f)
-    return theta
+        weight.append(rows.weight / np.square(length + 5.0))  # 5 m: short segments do not outweigh each other
+    w = np.concatenate(weight, axis=1)
+    w /= np.sum(w, axis=1, keepdims=True)
+    return np.concatenate(X, axis=1), np.concatenate(xy, axis=1), w[..., None]
+
+
+def _spread(x: Array, weight: Array) -> Array:
+    """Weighted standard deviation of points (T, N, D) around their centroids, (T,)."""
+    centred = x - np.sum(weight * x, axis=1, keepdims=True)
+    return np.asarray(np.sqrt(np.sum(weight * np.square(centred), axis=(1, 2))))
+
+
+def camera_from_lines(observations: Observations, known: Array) -> tuple[Array, BoolArray]:
+    """Cameras from the homography of the ground's lines by the DLT, (T, 12), and which frames have one, (T,).
+
+    Lines are fitted to the pixels of each segment and weigh as much as they are long in the image. Both planes are
+    normalised. The homography is decomposed with the known principal point, else the image's centre.
+    """
+    T, rows = len(observations), observations.lines
+    width, height = observations.image_size
+    theta = np.broadcast_to(np.where(np.isnan(known), 0.0, known), (T, len(known))).copy()
+    centre = np.where(np.isnan(known[PRINCIPAL_POINT]), (width / 2.0, height / 2.0), known[PRINCIPAL_POINT])
+    theta[:, PRINCIPAL_POINT] = centre
+    ground = np.all(np.abs(rows.geometry[..., 2]) < ON_GROUND, axis=-1) & (rows.weight > 0.0)
+    labels = np.unique(rows.label[ground])
+    if len(labels) < 4:
+        return theta, np.zeros(T, dtype=bool)
+
+    member = (rows.label[:, None] == labels[:, None]) & ground[:, None]  # (T, L, N)
+    rho = np.hypot(width, height) / 2.0
+    xy = ((rows.xy - centre) / rho)[:, None]
+    image_lines = fit_lines(xy, member.astype(float))
+    visible = np.where(member[..., None], xy, np.nan)
+    length = np.zeros(member.shape[:2])
+    seen = member.any(axis=-1)
+    length[seen] = np.linalg.norm(np.nanmax(visible[seen], axis=1) - np.nanmin(visible[seen], axis=1), axis=-1)
+
+    first = np.argmax(rows.label.ravel() == labels[:, None], axis=1)  # any row of each label knows its segment
+    start, direction = np.moveaxis(rows.geometry.reshape(-1, 2, 3)[first] / FIELD_SCALE, 1, 0)
+    field_lines = np.cross(homogenize(start[:, :2]), homogenize(start[:, :2] + direction[:, :2]))
+    H = homography_from_lines(np.broadcast_to(field_lines, image_lines.shape), image_lines, length)
+    H = H @ np.diag([1.0 / FIELD_SCALE, 1.0 / FIELD_SCALE, 1.0])
+
+    # a point of the ground in view: where the pixels' centroid lies on the field
+    pixel = np.sum(ground[..., None] * rows.xy, axis=1) / np.maximum(np.sum(ground, axis=1), 1)[:, None]
+    with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
+        seen_at = np.linalg.solve(H + 1e-12 * np.eye(3), homogenize((pixel - centre) / rho)[..., None])[..., 0]
+        f, R, C = decompose_homography(H, np.zeros(2), seen_at[:, :2] / seen_at[:, 2:])
+    found = (np.sum(length > 0.0, axis=1) >= 4) & np.isfinite(f) & np.isfinite(C).all(axis=1) & (f > 0.0)
+    theta[found, LOG_F] = np.log(f[found] * rho)
+    theta[found, ANGLES] = angles_from_rotation(R[found])
+    theta[found, CENTER] = C[found]
+    given = ~np.isnan(known)
+    theta[:, given] = known[given]
+    return theta, found

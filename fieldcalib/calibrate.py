@@ -1,0 +1,309 @@
+"""From labelled pixels to a camera: the whole flow.
+
+    checked pixels -> starting cameras -> wide loss, all starts -> the best plausible one -> narrow loss -> verdict
+
+One frame is finished by SciPy's `least_squares`, many frames by the batched Levenberg-Marquardt; both minimise the same
+cost.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import replace
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from fieldcalib._types import Array, BoolArray, IntArray
+from fieldcalib.field import Field, Line, ObjectSegments
+from fieldcalib.losses import LossName, RobustLoss
+from fieldcalib.ndc import ndc_loss
+from fieldcalib.options import DEFAULT_CRITERIA, DEFAULT_FLAGS, Criteria, Options, Prior, checked_options
+from fieldcalib.parameters import GaussianPrior, camera_from_theta
+from fieldcalib.residuals import segment_residuals
+from fieldcalib.result import Calibration, Status
+from fieldcalib.segments import ImageSegments, Pixels, check_segments, pack
+from fieldcalib.solver import Problem, Solution, solve_batch, solve_one
+from fieldcalib.starts import starting_cameras
+from fieldcalib.verify import constraints, degeneracy, implausibilities, weakest_directions
+
+CHUNK = 64  # frames solved together: their arrays still fit the processor's cache
+WIDE_ITERATIONS = 40
+WIDE_TOLERANCE = 1e-3  # the narrow stage does the rest
+OPEN_DIRECTION = 1e-3  # information by the data, relative to the prior's, below which a direction counts as open
+
+
+class Solver(Protocol):
+    """`solve_one` or `solve_batch`."""
+
+    def __call__(self, problem: Problem, theta: Array, *, max_iterations: int, tolerance: float) -> Solution:
+        """Solve B problems from the starts theta (B, 12)."""
+
+
+def calibrate_from_segments(
+    object_segments: ObjectSegments,
+    image_segments: ImageSegments,
+    image_size: tuple[int, int],
+    camera_matrix: ArrayLike | None = None,
+    dist_coeffs: ArrayLike | None = None,
+    rvec: ArrayLike | None = None,
+    tvec: ArrayLike | None = None,
+    *,
+    flags: int = DEFAULT_FLAGS,
+    criteria: Criteria = DEFAULT_CRITERIA,
+    prior: Prior = "all",
+    loss: LossName | RobustLoss = "cauchy",
+    tau: float | None = None,
+) -> Calibration:
+    """Calibrate a camera from labelled pixels of one frame.
+
+    Minimises ``1/2 sum_i w_i rho(r_i^2) / noise^2 + 1/2 sum_k z_k^2`` over the camera, r_i being the signed distance of
+    a pixel to the image of its segment, w_i one over the number of pixels of the segment, rho a robust loss and z_k the
+    z-scores of the camera under a weak prior.
+
+    Parameters
+    ----------
+    object_segments : mapping of str to segment
+        The calibration object, e.g. `soccer()`; metres.
+    image_segments : mapping of str to (N, 2) array_like
+        Pixels (x, y) on each visible segment.
+    image_size : (int, int)
+        Width and height in pixels.
+    camera_matrix : (3, 3) array_like, optional
+        Start or known value of K, with `CALIB_USE_INTRINSIC_GUESS` or `CALIB_FIX_FOCAL_LENGTH`.
+    dist_coeffs : (2..14,) array_like, optional
+        Known lens (k1, k2, 0, ...) at the focal length of `camera_matrix`. If the focal length changes, the lens bends
+        the image as before: k1 f^-2 is kept.
+    rvec, tvec : (3,) array_like, optional
+        Start of the pose, with `CALIB_USE_EXTRINSIC_GUESS` or `CALIB_FIX_POSITION`.
+    flags : int
+        `CalibrationFlags`; equal in value to cv2's. They replace the default: fixed aspect ratio, principal point and
+        lens.
+    criteria : (int, int, float)
+        cv2's (type, max_count, eps) of the final stage; eps is the relative decrease of the cost.
+    prior : str, CameraDistribution, an iterable of them, or None
+        Where the camera may stand: weak prior, and where starts come from. "all" tries the main stand's centre, left
+        and right and both goals; a name like "main center" says that the kind of camera is known. None starts
+        everywhere and solves without a prior.
+    loss : {"cauchy", "soft_l1", "huber", "linear"} or RobustLoss
+        Robust loss of the final stage.
+    tau : float, optional
+        Reject if the loss in NDC is above; the paper's is 0.019. The camera is given all the same.
+
+    Returns
+    -------
+    Calibration
+        Unpacks to ``rms, K, dist, rvec, tvec``. Data that cannot be calibrated is no error: see `status` and `message`.
+
+    Raises
+    ------
+    ValueError
+        Arguments that cannot be right: unknown labels, pixels that are not finite or look normalised, a swapped image
+        size, flags without the values that they need.
+
+    References
+    ----------
+    Theiner, Ewerth: TVCalib, WACV 2023, sections "Segment Reprojection Loss" and "Gradient-based Iterative
+    Optimization".
+
+    Examples
+    --------
+    >>> from fieldcalib import Camera, soccer
+    >>> truth = Camera.from_angles(-0.3, 1.35, 0.0, 1600.0, (0.0, 68.0, -17.0), (960, 540))
+    >>> labels = ("Side line left", "Big rect. left main", "Big rect. left top", "Goal left crossbar")
+    >>> pixels = {label: truth.project(soccer()[label].sample(7.0)) for label in labels}
+    >>> calibration = calibrate_from_segments(soccer(), pixels, (960, 540))
+    >>> calibration.accepted, round(calibration.camera.focal_length), calibration.camera.C.round(0) + 0.0
+    (True, 1600, array([  0.,  68., -17.]))
+    """
+    options = checked_options(
+        image_size,
+        camera_matrix,
+        dist_coeffs,
+        rvec,
+        tvec,
+        flags=flags,
+        criteria=criteria,
+        prior=prior,
+        loss=loss,
+        tau=tau,
+    )
+    frame = check_segments(object_segments, image_segments, options.image_size)
+    if not frame:
+        return _empty_calibration()
+    (calibration,) = _calibrate(object_segments, [frame], options, solve_one)
+    return calibration
+
+
+def calibrate_batch(
+    object_segments: ObjectSegments,
+    frames: Sequence[ImageSegments],
+    image_size: tuple[int, int],
+    camera_matrix: ArrayLike | None = None,
+    dist_coeffs: ArrayLike | None = None,
+    *,
+    flags: int = DEFAULT_FLAGS,
+    criteria: Criteria = DEFAULT_CRITERIA,
+    prior: Prior = "all",
+    loss: LossName | RobustLoss = "cauchy",
+    tau: float | None = None,
+) -> list[Calibration]:
+    """Calibrate many independent frames at once: the same as `calibrate_from_segments` on each, much faster.
+
+    Parameters
+    ----------
+    object_segments : mapping of str to segment
+        The calibration object.
+    frames : sequence of mappings of str to (N, 2) array_like
+        Pixels of each frame.
+    image_size : (int, int)
+        Width and height of every frame, pixels.
+    camera_matrix, dist_coeffs, flags, criteria, prior, loss, tau
+        As in `calibrate_from_segments`, for all frames alike.
+
+    Returns
+    -------
+    list of Calibration
+        In the order of `frames`.
+
+    Raises
+    ------
+    ValueError
+        As `calibrate_from_segments`; the message begins with the index of the frame.
+
+    Examples
+    --------
+    >>> from fieldcalib import soccer
+    >>> [str(calibration.status) for calibration in calibrate_batch(soccer(), [{}, {}], (960, 540))]
+    ['too few segments', 'too few segments']
+    """
+    options = checked_options(
+        image_size,
+        camera_matrix,
+        dist_coeffs,
+        None,
+        None,
+        flags=flags,
+        criteria=criteria,
+        prior=prior,
+        loss=loss,
+        tau=tau,
+    )
+    checked: list[Pixels] = []
+    for index, frame in enumerate(frames):
+        try:
+            checked.append(check_segments(object_segments, frame, options.image_size))
+        except ValueError as error:
+            raise ValueError(f"frame {index}: {error}") from None
+    calibrations = [_empty_calibration()] * len(checked)
+    for chunk in _chunks(object_segments, checked):
+        found = _calibrate(object_segments, [checked[t] for t in chunk], options, solve_batch)
+        for t, calibration in zip(chunk, found, strict=True):
+            calibrations[t] = calibration
+    return calibrations
+
+
+def _empty_calibration() -> Calibration:
+    message = "no labelled pixels: nothing to calibrate from"
+    return Calibration(None, Status.TOO_FEW_SEGMENTS, message, float("nan"), float("nan"), {})
+
+
+def _chunks(object_segments: ObjectSegments, frames: Sequence[Pixels]) -> Iterator[IntArray]:
+    """Indices of the frames that have pixels, frames with like numbers of pixels together: less padding."""
+
+    def counts(frame: Pixels) -> tuple[int, int]:
+        lines = sum(len(xy) for label, xy in frame.items() if isinstance(object_segments[label], Line))
+        return lines, sum(len(xy) for xy in frame.values()) - lines
+
+    lines, others = np.array([counts(frame) for frame in frames], dtype=np.intp).reshape(-1, 2).T
+    order = np.lexsort((lines, others // 4))
+    order = order[lines[order] + others[order] > 0]
+    for begin in range(0, len(order), CHUNK):
+        yield order[begin : begin + CHUNK]
+
+
+def _calibrate(
+    object_segments: ObjectSegments, frames: list[Pixels], options: Options, solve: Solver
+) -> list[Calibration]:
+    """Calibrate frames that have pixels; `solve` brings them to the final optimum."""
+    observations = pack(object_segments, frames, options.image_size)
+    starts = starting_cameras(observations, options.distributions, options.known)
+    wide = Problem(observations.take(starts.frame), options.free, options.wide_loss, options.noise, starts.prior)
+    solve_starts = solve if len(starts.theta) == 1 else solve_batch
+    trials = solve_starts(wide, starts.theta, max_iterations=WIDE_ITERATIONS, tolerance=WIDE_TOLERANCE)
+    wrong = implausibilities(trials.theta, wide.observations, on_field=isinstance(object_segments, Field))
+    best = _best_starts(starts.frame, trials.cost, ~np.any(list(wrong.values()), axis=0))
+
+    prior = starts.prior.take(best)
+    narrow = Problem(observations, options.free, options.loss, options.noise, prior if options.use_prior else None)
+    solution = solve(narrow, trials.theta[best], max_iterations=options.max_iterations, tolerance=options.tolerance)
+    return _judge(object_segments, frames, narrow, solution, prior, options)
+
+
+def _best_starts(frame: IntArray, cost: Array, plausible: BoolArray) -> IntArray:
+    """For each frame the start of lowest cost, plausible ones first."""
+    order = np.lexsort((cost, ~plausible, frame))
+    _, first = np.unique(frame[order], return_index=True)
+    return np.asarray(order[first])
+
+
+def _judge(
+    object_segments: ObjectSegments,
+    frames: list[Pixels],
+    problem: Problem,
+    solution: Solution,
+    prior: GaussianPrior,
+    options: Options,
+) -> list[Calibration]:
+    """Cameras, errors and verdicts of solved frames."""
+    theta, observations = solution.theta, problem.observations
+    r = segment_residuals(theta, observations)
+    losses = ndc_loss(theta, object_segments, frames, options.image_size)
+    wrong = implausibilities(theta, observations, on_field=isinstance(object_segments, Field))
+    information = replace(problem, prior=None).linearized(theta)[2]
+    weakest = weakest_directions(information, prior.sigma[:, options.free], options.free)
+
+    calibrations = []
+    for t, frame in enumerate(frames):
+        errors, rms = _errors(r[t], observations.label[t], observations.weight[t], observations.labels, frame)
+        reasons = [reason for reason, mask in wrong.items() if mask[t]]
+        status, message = Status.ACCEPTED, f"rms {rms:.2f} px over {len(frame)} segments"
+        equations, unknowns = constraints(object_segments, frame), int(np.sum(options.free))
+        known_degeneracy = degeneracy(object_segments, frame)
+        share, names = weakest[t]
+        if options.tau is not None and losses[t] > options.tau:
+            status, message = Status.REJECTED, f"the loss in NDC, {losses[t]:.4f}, is above tau = {options.tau:g}"
+        elif equations < unknowns:
+            status = Status.TOO_FEW_SEGMENTS
+            message = (
+                f"{len(frame)} segments give {equations} equations for {unknowns} unknowns, the prior fills in the rest: "
+                f"label more segments, or fix what is known with flags"
+            )
+        elif known_degeneracy is not None:
+            status, message = Status.DEGENERATE, known_degeneracy
+        elif reasons:
+            status, message = Status.IMPLAUSIBLE, f"the best camera is none that could be: {'; '.join(reasons)}"
+        elif share < OPEN_DIRECTION:
+            status = Status.DEGENERATE
+            message = f"the labels leave a combination of {names} open: label a segment elsewhere in the image"
+        elif not solution.converged[t]:
+            status = Status.NOT_CONVERGED
+            message = (
+                f"no minimum after {solution.iterations[t]} iterations: allow more by criteria, or check the labels"
+            )
+        camera = camera_from_theta(theta[t], options.image_size)
+        calibrations.append(Calibration(camera, status, message, rms, float(losses[t]), errors))
+    return calibrations
+
+
+def _errors(
+    r: Array, label: IntArray, weight: Array, labels: tuple[str, ...], frame: Pixels
+) -> tuple[dict[str, float], float]:
+    """Root mean square distance of each segment and of all pixels; the weights of a segment's pixels add up to 1."""
+    mean_square = np.bincount(label[label >= 0], (weight * np.square(r))[label >= 0], minlength=len(labels))
+    number = {name: index for index, name in enumerate(labels)}
+    squares = {name: float(mean_square[number[name]]) for name in frame}
+    pixels = sum(len(xy) for xy in frame.values())
+    rms = np.sqrt(sum(squares[name] * len(xy) for name, xy in frame.items()) / pixels)
+    return {name: float(np.sqrt(square)) for name, square in squares.items()}, float(rms)

@@ -1,0 +1,249 @@
+"""What the user may ask for, in OpenCV's terms, and its translation for the solver.
+
+`CalibrationFlags` share name and value with cv2's where cv2 has them; `criteria` is cv2's (type, max_count, eps).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+from enum import IntFlag
+from typing import TypeAlias
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from fieldcalib._types import Array, BoolArray
+from fieldcalib.camera import Camera, checked_image_size, radial_coefficients
+from fieldcalib.losses import LossName, RobustLoss
+from fieldcalib.parameters import (
+    ANGLES,
+    BEHIND_LEFT_GOAL,
+    BEHIND_RIGHT_GOAL,
+    CENTER,
+    DISTRIBUTIONS,
+    LENS,
+    LOG_ASPECT,
+    LOG_F,
+    MAIN_CENTER,
+    MAIN_LEFT,
+    MAIN_RIGHT,
+    PARAMETERS,
+    PRINCIPAL_POINT,
+    ROLL,
+    CameraDistribution,
+    theta_from_camera,
+)
+
+Prior: TypeAlias = str | CameraDistribution | Iterable[str | CameraDistribution] | None
+Criteria: TypeAlias = tuple[int, int, float]
+
+# Where a broadcast camera may stand when nobody says: tried one by one, the best is kept.
+ALL_STANDS = (MAIN_CENTER, MAIN_LEFT, MAIN_RIGHT, BEHIND_LEFT_GOAL, BEHIND_RIGHT_GOAL)
+
+COUNT, EPS = 1, 2  # cv2.TERM_CRITERIA_COUNT and _EPS
+DEFAULT_CRITERIA: Criteria = (COUNT + EPS, 50, 1e-9)
+
+# Pixels are those of an image of this size; other images scale them with the diagonal, so that a frame and its enlarged
+# copy have the same camera.
+REFERENCE_SIZE = (960, 540)
+NOISE = 1.0  # px: what annotators and networks miss a line by
+WIDE_SCALE = 20.0  # px: from a far start a narrow loss has no gradient
+NARROW_SCALE = 6.0  # px: measured on annotated frames; 3 loses the lines that a lens bends, 12 follows wrong labels
+
+
+class CalibrationFlags(IntFlag):
+    """What is known and what is estimated.
+
+    As in cv2, flags replace the default: without `CALIB_FIX_ASPECT_RATIO`, say, the aspect ratio is estimated, under its
+    prior. By default aspect ratio, principal point and lens are fixed.
+    """
+
+    CALIB_USE_INTRINSIC_GUESS = 1
+    """Start from the focal length of `camera_matrix`, and take principal point, aspect ratio and lens from there."""
+    CALIB_FIX_ASPECT_RATIO = 2
+    """Keep fy / fx: 1, or that of `camera_matrix`."""
+    CALIB_FIX_PRINCIPAL_POINT = 4
+    """Keep the principal point: the image's centre (w / 2, h / 2), or that of `camera_matrix`."""
+    CALIB_FIX_FOCAL_LENGTH = 16
+    """Keep the focal length of `camera_matrix`."""
+    CALIB_FIX_K1 = 32
+    """Keep the first radial coefficient: 0, or that of `dist_coeffs`."""
+    CALIB_FIX_K2 = 64
+    """Keep the second radial coefficient."""
+    CALIB_USE_EXTRINSIC_GUESS = 1 << 22
+    """Start from `rvec` and `tvec`."""
+    CALIB_FIX_POSITION = 1 << 28
+    """Keep the camera centre of `rvec` and `tvec`: a tripod that was measured."""
+    CALIB_FIX_ROLL = 1 << 29
+    """Keep the roll of `rvec`, or 0."""
+
+
+DEFAULT_FLAGS = (
+    CalibrationFlags.CALIB_FIX_ASPECT_RATIO
+    | CalibrationFlags.CALIB_FIX_PRINCIPAL_POINT
+    | CalibrationFlags.CALIB_FIX_K1
+    | CalibrationFlags.CALIB_FIX_K2
+)
+
+
+@dataclass(frozen=True)
+class Options:
+    """The arguments of `calibrate_from_segments`, checked and translated."""
+
+    image_size: tuple[int, int]
+    known: Array
+    """(12,) parameters that the user gave or that have a default; NaN where nothing is known."""
+    free: BoolArray
+    """(12,) which parameters are estimated."""
+    distributions: tuple[CameraDistribution, ...]
+    use_prior: bool
+    loss: RobustLoss
+    max_iterations: int
+    tolerance: float
+    tau: float | None
+
+    @property
+    def wide_loss(self) -> RobustLoss:
+        """The loss of the first stage."""
+        return RobustLoss("cauchy", WIDE_SCALE * pixel_unit(self.image_size))
+
+    @property
+    def noise(self) -> float:
+        """Standard deviation of the observed pixels."""
+        return NOISE * pixel_unit(self.image_size)
+
+
+def pixel_unit(image_size: tuple[int, int]) -> float:
+    """Pixels of an image of this size for one pixel of the reference size."""
+    return float(np.hypot(*image_size) / np.hypot(*REFERENCE_SIZE))
+
+
+def checked_options(
+    image_size: tuple[int, int],
+    camera_matrix: ArrayLike | None,
+    dist_coeffs: ArrayLike | None,
+    rvec: ArrayLike | None,
+    tvec: ArrayLike | None,
+    *,
+    flags: int,
+    criteria: Criteria,
+    prior: Prior,
+    loss: LossName | RobustLoss,
+    tau: float | None,
+) -> Options:
+    """Check the arguments against each other and translate them; ValueError says what does not fit and how to mend it."""
+    image_size = checked_image_size(image_size)
+    flags = _checked_flags(flags)
+    known = _known_parameters(image_size, camera_matrix, dist_coeffs, rvec, tvec, flags)
+    max_iterations, tolerance = _checked_criteria(criteria)
+    distributions = ALL_STANDS if prior is None else checked_prior(prior)
+    if tau is not None and not tau > 0.0:
+        raise ValueError(f"tau must be a positive loss in NDC (the paper's is 0.019) or None, got {tau}")
+    if not isinstance(loss, RobustLoss):
+        loss = RobustLoss(loss, NARROW_SCALE * pixel_unit(image_size))
+    free, use_prior = _free_parameters(flags), prior is not None
+    return Options(image_size, known, free, distributions, use_prior, loss, max_iterations, tolerance, tau)
+
+
+def checked_prior(
+    prior: str | CameraDistribution | Iterable[str | CameraDistribution],
+) -> tuple[CameraDistribution, ...]:
+    """Camera distributions by name or by themselves, one or several; ValueError names the known ones."""
+    members = (prior,) if isinstance(prior, str | CameraDistribution) else tuple(prior)
+    found: list[CameraDistribution] = []
+    for member in members:
+        if isinstance(member, CameraDistribution):
+            found.append(member)
+        elif member == "all":
+            found.extend(ALL_STANDS)
+        elif member in DISTRIBUTIONS:
+            found.append(DISTRIBUTIONS[member])
+        else:
+            raise ValueError(
+                f"unknown camera distribution {member!r}: expected 'all', {', '.join(map(repr, DISTRIBUTIONS))}, or a "
+                f"CameraDistribution of your own"
+            )
+    if not found:
+        raise ValueError("prior names no camera distribution; None solves without a prior")
+    return tuple(found)
+
+
+def _checked_flags(flags: int) -> CalibrationFlags:
+    supported = sum(CalibrationFlags)
+    if flags & ~supported:
+        raise ValueError(
+            f"flags {flags & ~supported:#x} are not supported: expected a combination of "
+            f"{', '.join(str(flag.name) for flag in CalibrationFlags)}"
+        )
+    return CalibrationFlags(flags)
+
+
+def _checked_criteria(criteria: Criteria) -> tuple[int, float]:
+    try:
+        kind, max_count, eps = criteria
+    except (TypeError, ValueError):
+        raise ValueError(f"criteria must be cv2's (type, max_count, eps), got {criteria!r}") from None
+    if not (0 < kind <= COUNT + EPS) or (kind & COUNT and max_count < 1) or (kind & EPS and not eps > 0.0):
+        raise ValueError(
+            f"criteria must be (type, max_count, eps) with type TERM_CRITERIA_COUNT (1), _EPS (2) or their sum, "
+            f"max_count >= 1 and eps > 0, got {criteria!r}"
+        )
+    # without a count the iterations are bounded all the same, without an eps only rounding ends them
+    return (int(max_count) if kind & COUNT else 1000), (float(eps) if kind & EPS else 1e-15)
+
+
+def _known_parameters(
+    image_size: tuple[int, int],
+    camera_matrix: ArrayLike | None,
+    dist_coeffs: ArrayLike | None,
+    rvec: ArrayLike | None,
+    tvec: ArrayLike | None,
+    flags: CalibrationFlags,
+) -> Array:
+    F = CalibrationFlags
+    wants_intrinsics = bool(flags & (F.CALIB_USE_INTRINSIC_GUESS | F.CALIB_FIX_FOCAL_LENGTH))
+    wants_extrinsics = bool(flags & (F.CALIB_USE_EXTRINSIC_GUESS | F.CALIB_FIX_POSITION))
+    if wants_intrinsics != (camera_matrix is not None):
+        raise ValueError(
+            "camera_matrix and the flags CALIB_USE_INTRINSIC_GUESS or CALIB_FIX_FOCAL_LENGTH go together: "
+            + ("camera_matrix is missing" if wants_intrinsics else "without one of them camera_matrix would be ignored")
+        )
+    if dist_coeffs is not None and camera_matrix is None:
+        raise ValueError("dist_coeffs belong to a focal length: give camera_matrix with them")
+    if (rvec is None) != (tvec is None) or wants_extrinsics != (rvec is not None):
+        raise ValueError(
+            "rvec, tvec and the flags CALIB_USE_EXTRINSIC_GUESS or CALIB_FIX_POSITION go together: "
+            + ("rvec and tvec are missing" if wants_extrinsics else "give both, with one of these flags")
+        )
+    known = np.full(len(PARAMETERS), np.nan)
+    known[PRINCIPAL_POINT] = np.array(image_size) / 2.0
+    known[LENS] = known[LOG_ASPECT] = 0.0
+    if flags & F.CALIB_FIX_ROLL:
+        known[ROLL] = 0.0
+    if camera_matrix is not None:
+        lens = radial_coefficients(dist_coeffs)
+        theta = theta_from_camera(Camera(camera_matrix, np.eye(3), np.zeros(3), image_size, lens))
+        intrinsics = [LOG_F, *range(LENS.start, len(PARAMETERS))]
+        known[intrinsics] = theta[intrinsics]
+    if rvec is not None and tvec is not None:
+        theta = theta_from_camera(Camera.from_opencv(rvec, tvec, np.eye(3), None, image_size))
+        known[ANGLES], known[CENTER] = theta[ANGLES], theta[CENTER]
+    return known
+
+
+def _free_parameters(flags: CalibrationFlags) -> BoolArray:
+    F = CalibrationFlags
+    free = np.ones(len(PARAMETERS), dtype=bool)
+    for flag, parameters in (
+        (F.CALIB_FIX_ASPECT_RATIO, LOG_ASPECT),
+        (F.CALIB_FIX_PRINCIPAL_POINT, PRINCIPAL_POINT),
+        (F.CALIB_FIX_FOCAL_LENGTH, LOG_F),
+        (F.CALIB_FIX_K1, LENS.start),
+        (F.CALIB_FIX_K2, LENS.start + 1),
+        (F.CALIB_FIX_POSITION, CENTER),
+        (F.CALIB_FIX_ROLL, ROLL),
+    ):
+        if flags & flag:
+            free[parameters] = False
+    return free

@@ -1,0 +1,72 @@
+"""What a calibration returns: the camera, how well it fits, and whether it is to be believed."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from enum import StrEnum
+
+from fieldcalib._types import Array
+from fieldcalib.camera import Camera
+
+
+class Status(StrEnum):
+    """Verdict on a calibration. The best camera is given whatever the status says."""
+
+    ACCEPTED = "accepted"
+    REJECTED = "rejected by tau"
+    """The loss in NDC is above the threshold that the user set."""
+    TOO_FEW_SEGMENTS = "too few segments"
+    """The labels give fewer equations than there are unknowns; the rest comes from the prior."""
+    DEGENERATE = "degenerate"
+    """Enough equations, but they leave a direction of the parameters open."""
+    NOT_CONVERGED = "not converged"
+    IMPLAUSIBLE = "implausible"
+    """The best fit is no camera that could stand there."""
+
+
+@dataclass(frozen=True)
+class Calibration:
+    """Result of a calibration. Unpacks to the five values of `cv2.calibrateCamera` for one view.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from fieldcalib import Camera, calibrate_from_segments, soccer
+    >>> truth = Camera.from_angles(0.2, 1.35, 0.01, 1400.0, (1.0, 65.0, -16.0), (960, 540))
+    >>> labels = ("Side line top", "Side line right", "Big rect. right main", "Big rect. right top")
+    >>> pixels = {label: truth.project(soccer()[label].sample(9.0)) for label in labels}
+    >>> rms, K, dist, rvec, tvec = calibrate_from_segments(soccer(), pixels, (960, 540), prior=None)
+    >>> round(K[0, 0], 3)
+    1400.0
+    """
+
+    camera: Camera | None
+    """None only for a frame without any pixel."""
+    status: Status
+    message: str
+    """The status in a sentence: why, and what would help."""
+    rms: float
+    """Root mean square distance of the pixels to their segments, pixels."""
+    loss_ndc: float
+    """The paper's segment reprojection loss, which tau is compared with (`fieldcalib.ndc`, "tvcalib")."""
+    per_segment_errors: Mapping[str, float]
+    """Root mean square distance in pixels for each label, in the order of the input."""
+
+    @property
+    def accepted(self) -> bool:
+        """Whether nothing speaks against the camera."""
+        return self.status is Status.ACCEPTED
+
+    def __iter__(self) -> Iterator[float | Array]:
+        """``rms, K (3, 3), dist (1, 5), rvec (3, 1), tvec (3, 1)``, as `cv2.calibrateCamera` returns them.
+
+        Raises
+        ------
+        ValueError
+            If there is no camera.
+        """
+        if self.camera is None:
+            raise ValueError(f"there is no camera to unpack: {self.message}")
+        rvec, tvec, K, dist = self.camera.to_opencv()
+        yield from (self.rms, K, dist, rvec, tvec)

@@ -1,0 +1,112 @@
+"""Is a camera to be believed? Plausibility, what the labels determine, and the reasons in words."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from fieldcalib._types import Array, BoolArray
+from fieldcalib.field import Arc, Line, ObjectSegments, Point, Segment
+from fieldcalib.parameters import ANGLES, CENTER, LOG_F, PARAMETERS
+from fieldcalib.residuals import foot_inverse_depths
+from fieldcalib.rotation import angles_from_rotation, rotation_from_angles
+from fieldcalib.segments import Observations, Pixels
+
+FARTHEST_CAMERA = 300.0  # metres from the field's centre: stands end before
+LARGEST_ROLL = np.radians(45.0)
+FIELD_OF_VIEW = np.radians((0.5, 150.0))
+IN_FRONT = 0.9  # share of the segments' weight whose visible part must lie in front of the camera
+
+
+def implausibilities(theta: Array, observations: Observations, *, on_field: bool) -> dict[str, BoolArray]:
+    """What is wrong with each of B cameras: reason -> mask (B,).
+
+    On a field the camera must stand above the ground, not too far away, and hold the horizon roughly level; of any
+    object it must have a field of view between 0.5 and 150 degrees and see the labelled segments in front of it.
+    """
+    width = observations.image_size[0]
+    fov = 2.0 * np.arctan(0.5 * width / np.exp(theta[:, LOG_F]))
+    in_front = np.sum(observations.weight * (foot_inverse_depths(theta, observations) > 0.0), axis=1)
+    reasons = {
+        "its field of view is below 0.5 degrees": fov < FIELD_OF_VIEW[0],
+        "its field of view is above 150 degrees": fov > FIELD_OF_VIEW[1],
+        "labelled segments lie behind it": in_front < IN_FRONT * np.sum(observations.weight, axis=1),
+    }
+    if on_field:
+        C = theta[:, CENTER]
+        roll = angles_from_rotation(rotation_from_angles(theta[:, ANGLES]))[:, 2]
+        reasons["it stands below the ground"] = C[:, 2] > 0.0
+        reasons["it stands more than 300 m away"] = np.linalg.norm(C, axis=1) > FARTHEST_CAMERA
+        reasons["it is rolled by more than 45 degrees"] = np.abs(roll) > LARGEST_ROLL
+    return reasons
+
+
+def constraints(object_segments: ObjectSegments, frame: Pixels) -> int:
+    """How many equations the labels of a frame give at best.
+
+    A point gives two, a line two (one for a single pixel), a circle or a cloud one for each pixel up to the five of a
+    conic. A pinhole on a tripod somewhere has seven unknowns.
+    """
+    return sum(_constraints(object_segments[label], len(np.unique(xy, axis=0))) for label, xy in frame.items())
+
+
+def _constraints(segment: Segment, pixels: int) -> int:
+    match segment:
+        case Point():
+            return 2
+        case Line():
+            return min(pixels, 2)
+        case _:
+            return min(pixels, 5)
+
+
+def degeneracy(object_segments: ObjectSegments, frame: Pixels) -> str | None:
+    """Why lines alone cannot determine a camera, if so: all parallel, or all through one point."""
+    segments = [object_segments[label] for label in frame]
+    if not segments or not all(isinstance(segment, Line) for segment in segments):
+        return _only_one_circle(segments)
+    lines = [segment for segment in segments if isinstance(segment, Line)]
+    directions = np.array([np.subtract(line.end, line.start) for line in lines])
+    directions /= np.linalg.norm(directions, axis=1, keepdims=True)
+    if np.linalg.matrix_rank(directions, tol=1e-6) == 1:
+        return "all labelled lines are parallel: one line across them would help"
+    # X is on every line where (I - d d^T)(X - start) = 0
+    offsets = [np.eye(3) - np.outer(d, d) for d in directions]
+    A = np.concatenate(offsets)
+    b = np.concatenate([offset @ line.start for offset, line in zip(offsets, lines, strict=True)])
+    X, *_ = np.linalg.lstsq(A, b, rcond=None)
+    if np.abs(A @ X - b).max() < 1e-6:
+        return "all labelled lines meet in one point: one line that misses it would help"
+    return None
+
+
+def _only_one_circle(segments: list[Segment]) -> str | None:
+    centres = {segment.center for segment in segments if isinstance(segment, Arc)}
+    if len(centres) == 1 and all(isinstance(segment, Arc) for segment in segments):
+        return "only one circle is labelled, and it looks alike from all sides: any line would help"
+    return None
+
+
+def weakest_directions(information: Array, sigma: Array, free: BoolArray) -> list[tuple[float, str]]:
+    """For each of B problems the direction of the parameters about which the labels say least.
+
+    Parameters
+    ----------
+    information : (B, P, P) array
+        Inverse covariance of the free parameters by the labels alone.
+    sigma : (B, P) array
+        Standard deviations of the prior: the scale on which a parameter counts as determined.
+    free : (12,) bool array
+        Which parameters are free.
+
+    Returns
+    -------
+    list of (float, str)
+        The smallest eigenvalue of the information in units of the prior's: below 1 the prior says more than the labels.
+        And the parameters that make up its eigenvector, as "log f, y".
+    """
+    names = np.array(PARAMETERS)[free]
+    values, vectors = np.linalg.eigh(information * sigma[:, :, None] * sigma[:, None, :])
+    return [
+        (float(value), ", ".join(names[np.abs(vector) > 0.4]))
+        for value, vector in zip(values[:, 0], vectors[:, :, 0], strict=True)
+    ]
