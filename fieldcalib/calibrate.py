@@ -15,20 +15,22 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import ArrayLike
 
-from fieldcalib._types import Array, BoolArray, IntArray
+from fieldcalib._types import Array, IntArray
 from fieldcalib.field import Field, Line, ObjectSegments
 from fieldcalib.losses import LossName, RobustLoss
 from fieldcalib.ndc import ndc_loss
 from fieldcalib.options import DEFAULT_CRITERIA, DEFAULT_FLAGS, Criteria, Options, Prior, checked_options
 from fieldcalib.parameters import GaussianPrior, camera_from_theta
-from fieldcalib.residuals import segment_residuals
+from fieldcalib.residuals import foot_points
 from fieldcalib.result import Calibration, Status
-from fieldcalib.segments import ImageSegments, Pixels, check_segments, pack
+from fieldcalib.segments import ImageSegments, Observations, Pixels, check_segments, pack
 from fieldcalib.solver import Problem, Solution, solve_batch, solve_one
-from fieldcalib.starts import starting_cameras
+from fieldcalib.starts import Starts, starting_cameras
 from fieldcalib.verify import constraints, degeneracy, implausibilities, weakest_directions
 
 CHUNK = 64  # frames solved together: their arrays still fit the processor's cache
+FIRST_ITERATIONS = 10  # for every start
+PROMISING = 3  # starts of a frame that go on
 WIDE_ITERATIONS = 40
 WIDE_TOLERANCE = 1e-3  # the narrow stage does the rest
 OPEN_DIRECTION = 1e-3  # information by the data, relative to the prior's, below which a direction counts as open
@@ -229,23 +231,33 @@ def _calibrate(
     """Calibrate frames that have pixels; `solve` brings them to the final optimum."""
     observations = pack(object_segments, frames, options.image_size)
     starts = starting_cameras(observations, options.distributions, options.known)
-    wide = Problem(observations.take(starts.frame), options.free, options.wide_loss, options.noise, starts.prior)
-    solve_starts = solve if len(starts.theta) == 1 else solve_batch
-    trials = solve_starts(wide, starts.theta, max_iterations=WIDE_ITERATIONS, tolerance=WIDE_TOLERANCE)
-    wrong = implausibilities(trials.theta, wide.observations, on_field=isinstance(object_segments, Field))
-    best = _best_starts(starts.frame, trials.cost, ~np.any(list(wrong.values()), axis=0))
-
-    prior = starts.prior.take(best)
+    theta, prior = _best_starts(starts, observations, options, solve, on_field=isinstance(object_segments, Field))
     narrow = Problem(observations, options.free, options.loss, options.noise, prior if options.use_prior else None)
-    solution = solve(narrow, trials.theta[best], max_iterations=options.max_iterations, tolerance=options.tolerance)
+    solution = solve(narrow, theta, max_iterations=options.max_iterations, tolerance=options.tolerance)
     return _judge(object_segments, frames, narrow, solution, prior, options)
 
 
-def _best_starts(frame: IntArray, cost: Array, plausible: BoolArray) -> IntArray:
-    """For each frame the start of lowest cost, plausible ones first."""
-    order = np.lexsort((cost, ~plausible, frame))
-    _, first = np.unique(frame[order], return_index=True)
-    return np.asarray(order[first])
+def _best_starts(
+    starts: Starts, observations: Observations, options: Options, solve: Solver, *, on_field: bool
+) -> tuple[Array, GaussianPrior]:
+    """For each frame the camera (12,) under the wide loss that the narrow one starts from, and its prior.
+
+    All starts get a few iterations, the most promising ones of each frame then run to the end. Plausible cameras go
+    before others, cheap ones before dear ones.
+    """
+    theta, frame, prior = starts.theta, starts.frame, starts.prior
+    stages = ((PROMISING, FIRST_ITERATIONS), (1, WIDE_ITERATIONS))
+    for kept, max_iterations in stages if len(theta) > len(observations) else stages[1:]:
+        wide = Problem(observations.take(frame), options.free, options.wide_loss, options.noise, prior)
+        solve_all = solve if len(theta) == 1 else solve_batch
+        trials = solve_all(wide, theta, max_iterations=max_iterations, tolerance=WIDE_TOLERANCE)
+        depths = foot_points(trials.theta, wide.observations).inverse_depth
+        wrong = implausibilities(trials.theta, depths, wide.observations, on_field=on_field)
+        order = np.lexsort((trials.cost, np.any(list(wrong.values()), axis=0), frame))
+        rank = np.arange(len(order)) - np.searchsorted(frame, frame)  # within its frame: frames are ascending
+        best = order[rank < kept]
+        theta, frame, prior = trials.theta[best], frame[best], prior.take(best)
+    return theta, prior
 
 
 def _judge(
@@ -258,15 +270,15 @@ def _judge(
 ) -> list[Calibration]:
     """Cameras, errors and verdicts of solved frames."""
     theta, observations = solution.theta, problem.observations
-    r = segment_residuals(theta, observations)
+    feet = foot_points(theta, observations)
     losses = ndc_loss(theta, object_segments, frames, options.image_size)
-    wrong = implausibilities(theta, observations, on_field=isinstance(object_segments, Field))
+    wrong = implausibilities(theta, feet.inverse_depth, observations, on_field=isinstance(object_segments, Field))
     information = replace(problem, prior=None).linearized(theta)[2]
     weakest = weakest_directions(information, prior.sigma[:, options.free], options.free)
 
     calibrations = []
     for t, frame in enumerate(frames):
-        errors, rms = _errors(r[t], observations.label[t], observations.weight[t], observations.labels, frame)
+        errors, rms = _errors(feet.r[t], observations.label[t], observations.weight[t], observations.labels, frame)
         reasons = [reason for reason, mask in wrong.items() if mask[t]]
         status, message = Status.ACCEPTED, f"rms {rms:.2f} px over {len(frame)} segments"
         equations, unknowns = constraints(object_segments, frame), int(np.sum(options.free))
@@ -289,9 +301,7 @@ def _judge(
             message = f"the labels leave a combination of {names} open: label a segment elsewhere in the image"
         elif not solution.converged[t]:
             status = Status.NOT_CONVERGED
-            message = (
-                f"no minimum after {solution.iterations[t]} iterations: allow more by criteria, or check the labels"
-            )
+            message = f"no minimum in {solution.iterations[t]} iterations: allow more (criteria) or check the labels"
         camera = camera_from_theta(theta[t], options.image_size)
         calibrations.append(Calibration(camera, status, message, rms, float(losses[t]), errors))
     return calibrations

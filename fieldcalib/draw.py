@@ -5,7 +5,7 @@ Images are OpenCV's: uint8, (height, width, 3), blue, green, red. Every function
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from typing import Any, TypeAlias
 from zlib import crc32
@@ -16,8 +16,7 @@ from numpy.typing import NDArray
 from fieldcalib._types import Array, BoolArray, IntArray
 from fieldcalib.camera import Camera, checked_image_size
 from fieldcalib.distortion import undistort
-from fieldcalib.field import Arc, Field, Line, ObjectSegments, Point, PointCloud, Segment
-from fieldcalib.projective import homogenize
+from fieldcalib.field import GOAL_AREA_DEPTH, Arc, Field, Line, ObjectSegments, Point, PointCloud, Segment
 from fieldcalib.segments import ImageSegments
 
 Image: TypeAlias = NDArray[np.uint8]
@@ -32,12 +31,15 @@ PALETTE: tuple[Colour, ...] = (
     (50, 225, 255),  # yellow
     (245, 245, 40),  # cyan
     (255, 180, 60),  # sky
-    (255, 80, 60),  # blue
-    (255, 90, 170),  # violet
+    (255, 90, 60),  # blue
+    (255, 90, 160),  # violet
     (210, 90, 255),  # pink
     (150, 180, 255),  # peach
     (255, 190, 215),  # lavender
+    (110, 30, 190),  # wine
+    (200, 255, 190),  # mint
 )
+PALETTE_SALT = 961  # with it, neighbouring labels of a soccer field have different colours
 DARK: Colour = (24, 24, 24)
 
 SAMPLE_SPACING = 0.1  # m: a chord of 9.15 m circles is 0.14 mm from the arc, less than 0.1 px in any broadcast frame
@@ -157,7 +159,7 @@ def label_colour(label: str) -> Colour:
     >>> label_colour("Goal left post left ") == label_colour("Goal left post left")
     True
     """
-    return PALETTE[crc32(label.strip().encode()) % len(PALETTE)]
+    return PALETTE[crc32(label.strip().encode(), PALETTE_SALT) % len(PALETTE)]
 
 
 def draw_minimap(camera: Camera, field: Field, *, size: tuple[int, int] = (336, 228)) -> Image:
@@ -183,31 +185,25 @@ def draw_minimap(camera: Camera, field: Field, *, size: tuple[int, int] = (336, 
     >>> draw_minimap(camera, soccer(), size=(240, 160)).shape
     (160, 240, 3)
     """
-    import cv2
-
     width, height = checked_image_size(size)
-    margin = 7.0  # m
-    scale = min(width / (field.length + 2.0 * margin), height / (field.width + 2.0 * margin))
-    centre = (np.array([width, height]) - 1.0) / 2.0
+    scale = min(width / (field.length + 2.0 * MAP_MARGIN), height / (field.width + 2.0 * MAP_MARGIN))
     ground = _Ground.from_above((width, height), scale)
     picture = _grass(ground, field)
     _mix(picture, WHITE, 0.9 * _painted(ground, field, line_width=1.3 / scale))
 
-    factor = 3  # per axis and pixel, for smooth edges
-    fine = _Ground.from_above((width * factor, height * factor), scale * factor)
-    X = np.stack([*fine.xy, np.zeros_like(fine.xy[0])], axis=-1)
-    xy = camera.project(X)
-    seen = np.all((xy >= -0.5) & (xy <= np.array(camera.image_size) - 0.5), axis=-1).astype(np.uint8)
-    seen = seen.reshape(height * factor, width * factor)
-    rim = cv2.morphologyEx(seen, cv2.MORPH_GRADIENT, np.ones((factor + 1, factor + 1), np.uint8))
-    seen_share, rim_share = (
-        np.asarray(cv2.resize(mask.astype(np.float32), (width, height), interpolation=cv2.INTER_AREA)).ravel()
-        for mask in (seen, rim)
-    )
-    picture *= (0.62 + 0.38 * seen_share)[:, None]
-    _mix(picture, (90, 225, 255), 0.22 * seen_share)
-    _mix(picture, (90, 225, 255), 0.9 * rim_share)
-    result = _to_uint8(picture.reshape(height, width, 3))
+    X = np.stack([*ground.xy, np.zeros((height, width))], axis=-1)
+    centre = (np.array(camera.image_size) - 1.0) / 2.0
+    inside = np.min(centre + 0.5 - np.abs(camera.project(X) - centre), axis=-1)  # to the image's border, < 0 outside
+    inside = np.maximum(inside, -centre[0])  # far outside, below the camera, it changes too fast to tell a border
+    with np.errstate(divide="ignore", invalid="ignore"):
+        inside /= np.hypot(*np.gradient(inside))  # pixels of the map
+    seen = np.clip(np.nan_to_num(inside + 0.5, nan=0.0), 0.0, 1.0).astype(np.float32)
+    rim = np.clip(np.nan_to_num(1.2 - np.abs(inside), nan=0.0), 0.0, 1.0).astype(np.float32)
+    picture *= 0.62 + 0.38 * seen
+    _mix(picture, SPOTLIGHT, 0.22 * seen)
+    _mix(picture, SPOTLIGHT, 0.9 * rim)
+    result = _to_uint8(picture)
+    centre = (np.array([width, height]) - 1.0) / 2.0
     _mark_camera(result, centre + scale * camera.C[:2], centre)
     return result
 
@@ -246,13 +242,12 @@ def render_field(
     ground = _Ground.of_rays(camera, ray)
     picture = _grass(ground, field)
     _mix(picture, WHITE, 0.92 * _painted(ground, field, line_width))
-    picture = picture.reshape(height, width, 3)
     _add_stands(picture, camera, ray, field, rng)
     _add_goals(picture, camera, field, line_width)
-    v, u = np.mgrid[-1.0 : 1.0 : height * 1j, -1.0 : 1.0 : width * 1j].astype(np.float32)
-    picture *= (1.0 - 0.13 * (u * u + v * v))[..., None]  # the lens darkens the corners
+    across, down = (np.square(np.linspace(-1.0, 1.0, count, dtype=np.float32)) for count in (width, height))
+    picture *= 1.0 - 0.13 * (across + down[:, None])  # the lens darkens the corners
     if rng is not None:
-        picture += 2.0 * rng.standard_normal((height, width, 1), dtype=np.float32)
+        picture += 2.0 * rng.standard_normal((height, width), dtype=np.float32)
     return _to_uint8(picture)
 
 
@@ -271,8 +266,10 @@ def _image_curves(camera: Camera, segment: Segment) -> Iterator[Array]:
     drawable = (camera.depth(X) >= NEAR_PLANE) & np.all(np.abs(xy) < 1e6, axis=-1)
     size = np.array(camera.image_size)
     near = drawable & np.all(np.abs(xy - size / 2.0) <= size, axis=-1)
-    near[1:-1] |= near[:-2] | near[2:]  # also the first point outside, so that curves reach the border
-    shown = np.flatnonzero(near & drawable)
+    shown = near.copy()  # and the first points outside, so that curves reach the border
+    shown[1:] |= near[:-1]
+    shown[:-1] |= near[1:]
+    shown = np.flatnonzero(shown & drawable)
     for run in np.split(xy[shown], np.flatnonzero(np.diff(shown) > 1) + 1):
         # in two halves: a closed curve has no chord that it could be simplified against
         middle = len(run) // 2
@@ -314,31 +311,32 @@ def _dot(picture: Image, xy: Array, radius: float, colour: Colour) -> None:
 
 
 def _write_names(picture: Image, pixels: dict[str, Array], radius: float) -> None:
-    """Each label beside its first pixel: at the first place around it that is inside and free of other names."""
+    """Each label beside its first pixel: at the first place around it that is inside and free of dots and names."""
     import cv2
 
-    height, width = picture.shape[:2]
+    size = np.array(picture.shape[1::-1])
     font, scale = cv2.FONT_HERSHEY_SIMPLEX, 0.1 * radius
-    taken = np.empty((0, 4))
+    dots = np.concatenate([np.empty((0, 2)), *pixels.values()])
+    taken = np.concatenate([dots - radius, dots + radius], axis=1)
     for label, xy in pixels.items():
-        inside = np.all((xy >= 0.0) & (xy < (width, height)), axis=-1)
+        inside = np.all((xy >= 0.0) & (xy < size), axis=-1)
         if not inside.any():
             continue
         x, y = xy[inside][0]
-        (w, h), base = cv2.getTextSize(label, font, scale, 1)
-        gap, step = 2.0 * radius, h + base + 2.0
-        places = [
-            (left, y + h / 2.0 + rows * step) for rows in (0, -1, 1, -2, 2, -3, 3) for left in (x + gap, x - gap - w)
-        ]
-        boxes = np.array([(left, bottom - h, left + w, bottom + base) for left, bottom in places])
-        fits = np.all((boxes[:, :2] >= 0.0) & (boxes[:, 2:] <= (width, height)), axis=1)
-        apart = (boxes[:, None, :2] >= taken[None, :, 2:]) | (boxes[:, None, 2:] <= taken[None, :, :2])
-        fits &= np.all(np.any(apart, axis=-1), axis=1)
-        best = int(np.argmax(fits))
+        (width, height), below = cv2.getTextSize(label, font, scale, 1)
+        beside = (x + 2.0 * radius, x - 2.0 * radius - width)
+        rows = y + height * (0.5 + 1.6 * np.array([0, -1, 1, -2, 2, -3, 3]))
+        corners = np.stack(np.meshgrid(beside, rows), axis=-1).reshape(-1, 2)
+        boxes = np.column_stack([corners[:, 0], corners[:, 1] - height, corners[:, 0] + width, corners[:, 1] + below])
+        fits = np.all((boxes[:, :2] >= 0.0) & (boxes[:, 2:] <= size), axis=1)
+        apart = (boxes[:, None, :2] >= taken[:, 2:]) | (boxes[:, None, 2:] <= taken[:, :2])
+        best = int(np.argmax(fits & np.all(np.any(apart, axis=-1), axis=1)))
         taken = np.concatenate([taken, boxes[best : best + 1]])
-        corner = (round(places[best][0]), round(places[best][1]))
-        cv2.putText(picture, label, corner, font, scale, DARK, 3, cv2.LINE_AA)
-        cv2.putText(picture, label, corner, font, scale, (255, 255, 255), 1, cv2.LINE_AA)
+        left, bottom = np.rint(corners[best]).astype(int).tolist()
+        for dx, dy in ((-1, 0), (1, 0), (0, -1), (0, 1)):  # an outline; thicker strokes would be wider text in OpenCV 5
+            cv2.putText(picture, label, (left + dx, bottom + dy), font, scale, DARK, 1, cv2.LINE_AA)
+        light = [(channel + 255) // 2 for channel in label_colour(label)]
+        cv2.putText(picture, label, (left, bottom), font, scale, light, 1, cv2.LINE_AA)
 
 
 def _mark_camera(picture: Image, position: Array, centre: Array) -> None:
@@ -363,22 +361,27 @@ def _mark_camera(picture: Image, position: Array, centre: Array) -> None:
         cv2.fillConvexPoly(picture, _fixed_point(corners), colour, cv2.LINE_AA, SHIFT)
 
 
-# The ground and what is painted on it. Pixels are flattened: (N,) for scalars, (2, N) for points of the ground.
+# The ground and what is painted on it. Vectors and colours come first, one plane a component: (2, ...) or (3, ...).
 
 WHITE: Colour = (242, 248, 244)
 LIGHT_GRASS: Colour = (60, 141, 80)
 DARK_GRASS: Colour = (50, 123, 66)
 TRACK: Colour = (52, 74, 56)
-MOWN_STRIPES = 20  # along the length of the field, as UEFA's pitch manuals show them: two in a penalty area's depth
+SPOTLIGHT: Colour = (90, 225, 255)
+MAP_MARGIN = 7.0  # m around the field
 RUN_OFF = 3.0  # m of grass around the field
+STRIPE = GOAL_AREA_DEPTH  # mown along the lines of the goal area, and so along those of the penalty area
+SPOT_RADIUS = 0.11  # m: penalty and centre marks
 BOARDS = (6.5, 0.95)  # m behind the lines, and their height
 BOARD_COLOURS = np.array([(104, 58, 32), (46, 42, 126), (84, 80, 74), (110, 96, 30)], np.float32)
-SPOT_RADIUS = 0.11  # m: penalty and centre marks
+STAND: Colour = (58, 48, 44)
+SEAT = (0.45, 0.75)  # m along a row, and from row to row
+CROWD = (64, 512)  # rows and seats, repeated all around
 
 
 @dataclass(frozen=True)
 class _Ground:
-    """The ground under every pixel, in metres, and how far it moves from one pixel to the next."""
+    """The ground under pixels, in metres, and how far it moves from one pixel to the next; each (2, ...)."""
 
     xy: Float32
     along_row: Float32
@@ -386,79 +389,75 @@ class _Ground:
 
     @classmethod
     def of_rays(cls, camera: Camera, ray: Float32) -> _Ground:
+        C = camera.C.astype(np.float32)
         with np.errstate(divide="ignore", invalid="ignore"):
-            scale = np.float32(-camera.C[2]) / ray[..., 2]
+            scale = -C[2] / ray[2]
             scale[~(scale > 0.0)] = np.nan  # above the horizon
-            xy = np.stack([np.float32(camera.C[i]) + scale * ray[..., i] for i in (0, 1)])
+            xy = C[:2, None, None] + scale * ray[:2]
             along_column, along_row = np.gradient(xy, axis=(1, 2))
-        return cls(*(v.reshape(2, -1) for v in (xy, along_row, along_column)))
+        return cls(xy, along_row, along_column)
 
     @classmethod
     def from_above(cls, size: tuple[int, int], scale: float) -> _Ground:
-        """Looking straight down at the centre mark with `scale` pixels a metre."""
+        """Looking straight down at the middle of the field with `scale` pixels a metre."""
         width, height = size
         v, u = np.indices((height, width), dtype=np.float32)
-        xy = np.stack([u - (width - 1) / 2.0, v - (height - 1) / 2.0]).reshape(2, -1) / np.float32(scale)
-        step = np.full_like(xy[0], 1.0 / scale)
-        return cls(xy, np.stack([step, 0.0 * step]), np.stack([0.0 * step, step]))
+        xy = np.stack([u - (width - 1) / 2.0, v - (height - 1) / 2.0]) / scale
+        step, zero = np.full_like(u, 1.0 / scale), np.zeros_like(u)
+        return cls(xy.astype(np.float32), np.stack([step, zero]), np.stack([zero, step]))
 
     def __getitem__(self, index: IntArray | BoolArray) -> _Ground:
         return _Ground(self.xy[:, index], self.along_row[:, index], self.along_column[:, index])
 
     def pixel_size(self, normal: Any) -> Float32:
-        """Metres from one pixel to the next along the direction `normal` (2,) or (2, N) of the ground."""
-        nx, ny = normal
-        u = nx * self.along_row[0] + ny * self.along_row[1]
-        v = nx * self.along_column[0] + ny * self.along_column[1]
-        return np.asarray(np.hypot(u, v) + np.float32(1e-9))
+        """Metres from one pixel to the next along the direction `normal` (2,) or (2, ...) of the ground."""
+        x, y = (np.asarray(n, np.float32) for n in normal)
+        u = x * self.along_row[0] + y * self.along_row[1]
+        v = x * self.along_column[0] + y * self.along_column[1]
+        return np.asarray(np.sqrt(u * u + v * v) + 1e-9, np.float32)
 
     @property
     def reach(self) -> Float32:
         """The largest `pixel_size` in any direction, or a little more."""
-        return np.sqrt(np.sum(np.square(self.along_row) + np.square(self.along_column), axis=0))
+        return np.asarray(np.sqrt(np.sum(np.square(self.along_row) + np.square(self.along_column), axis=0)))
 
 
 def _band(distance: Float32, half_width: float, pixel_size: Float32) -> Float32:
-    """Share of a pixel within `half_width` of a line, itself at `distance` from the pixel's centre; all in metres."""
-    high = np.minimum((distance + half_width) / pixel_size, np.float32(0.5))
-    low = np.maximum((distance - half_width) / pixel_size, np.float32(-0.5))
-    return np.maximum(high - low, np.float32(0.0))
+    """Share of a pixel within `half_width` of a line at `distance` from the pixel's centre; all in metres."""
+    high = np.minimum((distance + half_width) / pixel_size, 0.5)
+    low = np.maximum((distance - half_width) / pixel_size, -0.5)
+    return np.asarray(np.maximum(high - low, 0.0), np.float32)
 
 
 def _painted(ground: _Ground, field: Field, line_width: float) -> Float32:
     """Share of every pixel that is covered by a marking on the ground."""
-    x, y = np.abs(ground.xy)
-    on_field = np.flatnonzero((x < field.length / 2.0 + 1.0) & (y < field.width / 2.0 + 1.0))
+    on_field = (np.abs(ground.xy[0]) < field.length / 2.0 + 1.0) & (np.abs(ground.xy[1]) < field.width / 2.0 + 1.0)
     patch = ground[on_field]
-    reach = patch.reach + np.float32(line_width / 2.0)
-    cover = np.zeros(len(on_field), np.float32)
-    for start, end in _ground_lines(field):
-        length = float(np.hypot(*(end - start)))
-        direction = (end - start) / length
-        normal = np.array([-direction[1], direction[0]], np.float32)
-        across = normal[0] * (patch.xy[0] - start[0]) + normal[1] * (patch.xy[1] - start[1])
-        near = np.flatnonzero(np.abs(across) < reach)
+    reach, half = patch.reach, line_width / 2.0
+    cover = np.zeros_like(reach)
+    on_ground = [segment for segment in field.markings.values() if _on_ground(segment)]
+    for start, end in _straight_pieces(on_ground):
+        length = np.hypot(*(end - start))
+        along = (end - start) / length
+        across = np.array([-along[1], along[0]])
+        distance = across[0] * patch.xy[0] + (across[1] * patch.xy[1] - across @ start)
+        near = np.flatnonzero(np.abs(distance) < reach + half)
         here = patch[near]
-        along = direction[0] * (here.xy[0] - start[0]) + direction[1] * (here.xy[1] - start[1]) - length / 2.0
-        share = _band(across[near], line_width / 2.0, here.pixel_size(normal))
-        share *= _band(along, (length + line_width) / 2.0, here.pixel_size(direction))
+        share = _band(distance[near], half, here.pixel_size(across))
+        share *= _band(along @ here.xy - along @ (start + end) / 2.0, length / 2.0 + half, here.pixel_size(along))
         cover[near] = np.maximum(cover[near], share)
-    for arc in _ground_arcs(field):
+    rings = [(segment, half) for segment in on_ground if isinstance(segment, Arc)]
+    rings += [(Arc(point.X, 1e-3), SPOT_RADIUS) for name, point in field.points.items() if name.endswith("_MARK")]
+    for arc, half in rings:
         offset = patch.xy - np.array(arc.center[:2], np.float32)[:, None]
-        radius = np.sqrt(np.sum(np.square(offset), axis=0))
-        near = np.flatnonzero(np.abs(radius - arc.radius) < reach)
-        here, offset, radius = patch[near], offset[:, near], radius[near]
-        share = _band(radius - np.float32(arc.radius), line_width / 2.0, here.pixel_size(offset / radius))
+        distance = np.hypot(*offset) - arc.radius
+        near = np.flatnonzero(np.abs(distance) < reach + half)
+        offset, distance = offset[:, near], distance[near]
         phi = np.arctan2(np.array(arc.v[:2]) @ offset, np.array(arc.u[:2]) @ offset)
-        share[np.mod(phi - arc.start, 2.0 * np.pi) > arc.stop - arc.start] = 0.0
+        within = np.mod(phi - min(arc.start, arc.stop), 2.0 * np.pi) <= abs(arc.stop - arc.start)
+        share = within * _band(distance, half, patch[near].pixel_size(offset / (distance + arc.radius + 1e-6)))
         cover[near] = np.maximum(cover[near], share)
-    for spot in _spots(field):
-        offset = patch.xy - spot[:, None]
-        radius = np.sqrt(np.sum(np.square(offset), axis=0))
-        near = np.flatnonzero(radius < SPOT_RADIUS + reach)
-        size = patch[near].pixel_size(offset[:, near] / (radius[near] + 1e-6))
-        cover[near] = np.maximum(cover[near], np.clip((SPOT_RADIUS - radius[near]) / size + 0.5, 0.0, 1.0))
-    whole = np.zeros(ground.xy.shape[1], np.float32)
+    whole = np.zeros(on_field.shape, np.float32)
     whole[on_field] = cover
     return whole
 
@@ -467,38 +466,27 @@ def _on_ground(segment: Segment) -> bool:
     return not np.any(segment.sample()[:, 2])
 
 
-def _ground_lines(field: Field) -> Iterator[tuple[Float32, Float32]]:
-    """End points of the straight pieces that are painted on the ground."""
-    for segment in field.markings.values():
-        if not isinstance(segment, Arc) and _on_ground(segment):
-            X = np.array([segment.start, segment.end]) if isinstance(segment, Line) else segment.sample()
+def _straight_pieces(segments: Iterable[Segment]) -> Iterator[tuple[Float32, Float32]]:
+    """End points on the ground of lines, and of each two neighbours in a cloud that is a curve."""
+    for segment in segments:
+        if isinstance(segment, Line) or (isinstance(segment, PointCloud) and segment.ordered):
+            X = np.array([segment.start, segment.end]) if isinstance(segment, Line) else _smooth_curve(segment.X)
             yield from zip(X[:-1, :2].astype(np.float32), X[1:, :2].astype(np.float32), strict=True)
 
 
-def _ground_arcs(field: Field) -> Iterator[Arc]:
-    for segment in field.markings.values():
-        if isinstance(segment, Arc) and _on_ground(segment):
-            yield segment
-
-
-def _spots(field: Field) -> Iterator[Float32]:
-    for name, point in field.points.items():
-        if name.endswith("_MARK"):
-            yield np.array(point.X[:2], np.float32)
-
-
 def _grass(ground: _Ground, field: Field) -> Float32:
-    """Colours (N, 3) of a mown field with its run-off, and of the track around it."""
-    stripe = field.length / MOWN_STRIPES
-    phase = ground.xy[0] / np.float32(stripe)
-    edge = np.abs(phase - np.rint(phase)) * np.float32(stripe) / ground.pixel_size((1.0, 0.0))
-    light = np.where(np.floor(phase) % 2.0 == 0.0, 1.0, -1.0) * np.minimum(edge, 0.5) + 0.5
-    picture = np.empty((ground.xy.shape[1], 3), np.float32)
-    picture[:] = DARK_GRASS
-    _mix(picture, LIGHT_GRASS, np.nan_to_num(light.astype(np.float32)))
-    for i, half in ((0, field.length / 2.0), (1, field.width / 2.0)):
-        size = ground.pixel_size((1.0 - i, float(i)))
-        _mix(picture, TRACK, np.clip(np.nan_to_num((np.abs(ground.xy[i]) - half - RUN_OFF) / size, nan=1.0), 0.0, 1.0))
+    """Colours (3, ...) of a mown field with its run-off, and of the track around it."""
+    x, y = np.abs(ground.xy)
+    pixel_x, pixel_y = ground.pixel_size((1.0, 0.0)), ground.pixel_size((0.0, 1.0))
+    stripe = (x - field.length / 2.0) / STRIPE
+    from_edge = np.abs(stripe - np.rint(stripe)) * STRIPE / pixel_x
+    light = 0.5 + (1.0 - 2.0 * np.mod(np.floor(stripe), 2.0)) * np.minimum(from_edge, 0.5)
+    outside_x = (x - field.length / 2.0 - RUN_OFF) / pixel_x
+    outside_y = (y - field.width / 2.0 - RUN_OFF) / pixel_y
+    picture = np.zeros((3, *x.shape), np.float32)
+    _mix(picture, DARK_GRASS, np.ones_like(x))
+    _mix(picture, LIGHT_GRASS, light)
+    _mix(picture, TRACK, np.clip(np.maximum(outside_x, outside_y) + 0.5, 0.0, 1.0))
     return picture
 
 
@@ -506,13 +494,16 @@ def _grass(ground: _Ground, field: Field) -> Float32:
 
 
 def _rays(camera: Camera) -> Float32:
-    """The world direction in which every pixel looks, (height, width, 3); NaN where no ray reaches a pixel."""
+    """The world direction in which every pixel looks, (3, height, width); NaN where no ray reaches a pixel."""
     width, height = camera.image_size
-    v, u = np.indices((height, width), dtype=float)
-    x = (np.stack([u, v], axis=-1) - camera.K[:2, 2]) / camera.K[[0, 1], [0, 1]]
+    x = (np.arange(width)[None, :] - camera.K[0, 2]) / camera.K[0, 0]
+    y = (np.arange(height)[:, None] - camera.K[1, 2]) / camera.K[1, 1]
     if np.any(camera.k):
-        x = undistort(x, camera.k, rho=1.0)
-    return np.asarray(homogenize(x) @ camera.R, dtype=np.float32)
+        xy = undistort(np.stack(np.broadcast_arrays(x, y), axis=-1), camera.k, rho=1.0)
+        x, y = xy[..., 0], xy[..., 1]
+    right, down, forward = camera.R.astype(np.float32)
+    x, y = x.astype(np.float32), y.astype(np.float32)
+    return np.stack([x * right[i] + (y * down[i] + forward[i]) for i in range(3)])
 
 
 def _add_stands(picture: Float32, camera: Camera, ray: Float32, field: Field, rng: np.random.Generator | None) -> None:
@@ -522,28 +513,37 @@ def _add_stands(picture: Float32, camera: Camera, ray: Float32, field: Field, rn
     C = camera.C.astype(np.float32)
     behind, board_height = BOARDS
     with np.errstate(divide="ignore", invalid="ignore"):
-        scales = [
-            (np.copysign(np.float32(half + behind), ray[..., i]) - C[i]) / ray[..., i]
+        to_end, to_side = (
+            ((half + behind) * np.sign(ray[i]) - C[i]) / ray[i]
             for i, half in ((0, field.length / 2.0), (1, field.width / 2.0))
-        ]
-        at_end = scales[0] < scales[1]  # behind a goal line, otherwise behind a touchline
-        scale = np.maximum(np.where(at_end, scales[0], scales[1]), 0.0)
-        place = np.where(at_end, C[1] + scale * ray[..., 1], C[0] + scale * ray[..., 0])
-        above = -C[2] - scale * ray[..., 2]  # the height at which the ray meets the boards or the stand behind them
-        size = np.hypot(*np.gradient(above)) + np.float32(1e-9)
-
+        )
+        at_end = to_end < to_side  # behind a goal line, otherwise behind a touchline
+        scale = np.maximum(np.where(at_end, to_end, to_side), 0.0)
+        above = -C[2] - scale * ray[2]  # the height at which the ray meets the boards or the stand behind them
+        place = np.where(at_end, C[1] + scale * ray[1], C[0] + scale * ray[0])
+        dy, dx = np.gradient(above)
+        visible = above / np.sqrt(dx * dx + dy * dy) + 0.5
+    visible = np.clip(np.nan_to_num(visible, nan=1.0), 0.0, 1.0)
     height = np.clip(np.nan_to_num(above, nan=60.0), 0.0, 60.0)
-    stands = np.array((50, 42, 38), np.float32) * (0.35 + 0.65 * np.exp(-height / 9.0))[..., None]
-    stands *= (1.0 + 0.12 * np.sin(height * 2.0 * np.pi / 1.6))[..., None]  # rows of seats
+    place = np.nan_to_num(place)
+
+    panel = (np.floor(place / 9.0) % len(BOARD_COLOURS)).astype(np.intp)
+    light = 0.75 + 0.25 * np.minimum(height / board_height, 1.0)
+    boards = BOARD_COLOURS.T[:, panel] * light
+    stands = np.array(STAND, np.float32)[:, None, None] * (0.3 + 0.7 * np.exp(height / -12.0))
     if rng is not None:
-        crowd = cv2.GaussianBlur(rng.standard_normal(picture.shape, dtype=np.float32), (0, 0), 1.2)
-        stands *= 1.0 + 1.1 * crowd
-    panel = np.nan_to_num(place / 9.0).astype(int) % len(BOARD_COLOURS)
-    boards = BOARD_COLOURS[panel] * (0.75 + 0.25 * np.minimum(height / board_height, 1.0))[..., None]
-    stands = np.where((above < board_height)[..., None], boards, stands)
-    background = cv2.GaussianBlur(stands, (0, 0), 0.7)  # no jagged edges between boards
-    visible = np.clip(np.nan_to_num(above / size, nan=1.0, posinf=1.0, neginf=0.0) + 0.5, 0.0, 1.0)
-    _mix(picture, background, visible)
+        seat, row = np.mod(place / SEAT[0], CROWD[1]), np.mod(height / SEAT[1], CROWD[0])
+        stands *= np.moveaxis(cv2.remap(_crowd(rng), seat, row, cv2.INTER_LINEAR, borderMode=cv2.BORDER_WRAP), -1, 0)
+    background = np.where(height < board_height, boards, stands)
+    for plane, top in zip(picture, background, strict=True):
+        top = cv2.GaussianBlur(top, (0, 0), 0.7)  # no jagged edges between boards
+        plane += visible * (top - plane)
+
+
+def _crowd(rng: np.random.Generator) -> Float32:
+    """How light each seat is, (rows, seats, 3)."""
+    light = rng.lognormal(-0.1, 0.4, size=(*CROWD, 1))
+    return np.asarray(light * rng.normal(1.0, 0.15, size=(*CROWD, 3)), dtype=np.float32)
 
 
 def _add_goals(picture: Float32, camera: Camera, field: Field, width: float) -> None:
@@ -551,7 +551,6 @@ def _add_goals(picture: Float32, camera: Camera, field: Field, width: float) -> 
     raised = [s for s in field.markings.values() if not _on_ground(s)]
     crossbars = [s for s in raised if isinstance(s, Line) and s.start[2] == s.end[2]]
     nets = [curve for bar in crossbars for strand in _net(bar) for curve in _image_curves(camera, strand)]
-    _mix(picture, WHITE, 0.8 * _coverage(camera.image_size, nets, filled=False))
     bars = []
     for segment in raised:
         X = segment.sample(spacing=0.25)
@@ -559,37 +558,35 @@ def _add_goals(picture: Float32, camera: Camera, field: Field, width: float) -> 
         if len(X) < 2:
             continue
         across = np.cross(np.gradient(X, axis=0), X - camera.C)
-        across *= 0.5 * width / np.linalg.norm(across, axis=1, keepdims=True)
+        across *= 0.5 * width / np.maximum(np.linalg.norm(across, axis=1, keepdims=True), 1e-9)
         outline = camera.project(np.concatenate([X - across, (X + across)[::-1]]))
         if np.all(np.abs(outline) < 1e6):
             bars.append(outline)
-    _mix(picture, WHITE, _coverage(camera.image_size, bars, filled=True))
+    for shapes, filled, opacity in ((nets, False, 0.8), (bars, True, 1.0)):
+        if shapes:
+            _mix(picture, WHITE, opacity * _coverage(camera.image_size, shapes, filled=filled))
 
 
-def _net(crossbar: Line) -> Iterator[Segment]:
-    """Strands of a net that hangs from a crossbar: back 1 m at the top and 2 m on the ground."""
+def _net(crossbar: Line) -> Iterator[Line]:
+    """Strands of a net that hangs from a crossbar: 1 m deep at the top and 2 m on the ground."""
     start, end = np.array(crossbar.start), np.array(crossbar.end)
     back = np.cross(end - start, (0.0, 0.0, 1.0))
-    back *= np.sign(back @ start) / np.linalg.norm(back)  # away from the middle of the field
+    back *= np.copysign(1.0, back @ start) / np.linalg.norm(back)  # away from the middle of the field
     down = np.array([0.0, 0.0, -start[2]])
-    profile = np.array([0.0 * back, 1.0 * back, 2.0 * back + down])
 
-    def point(X: Array) -> tuple[float, float, float]:
-        return (float(X[0]), float(X[1]), float(X[2]))
+    def line(a: Array, b: Array) -> Line:
+        return Line((a[0], a[1], a[2]), (b[0], b[1], b[2]))
 
-    for share in np.linspace(0.0, 1.0, 31):
-        foot = start + share * (end - start)
-        for a, b in zip(profile[:-1], profile[1:], strict=True):
-            yield Line(point(foot + a), point(foot + b))
-    for a, b, count in ((profile[0], profile[1], 5), (profile[1], profile[2], 11)):
-        for share in np.linspace(0.0, 1.0, count):
-            across = a + share * (b - a)
-            yield Line(point(start + across), point(end + across))
+    for post in np.linspace(start, end, 31):
+        yield line(post, post + back)
+        yield line(post + back, post + down + 2.0 * back)
+    for X in np.concatenate([np.linspace(0.0 * back, back, 5), np.linspace(back, 2.0 * back + down, 11)]):
+        yield line(start + X, end + X)
     for post in (start, end):
         for share in np.linspace(0.1, 1.0, 10):
-            yield Line(point(post + share * down), point(post + share * down + (1.0 + share) * back))
-        for share in np.linspace(0.2, 0.8, 4):
-            yield Line(point(post + share * profile[1]), point(post + share * 2.0 * back + down))
+            yield line(post + share * down, post + share * down + (1.0 + share) * back)
+        for share in np.linspace(0.25, 0.75, 3):
+            yield line(post + share * back, post + share * 2.0 * back + down)
 
 
 def _coverage(image_size: tuple[int, int], curves: list[Array], *, filled: bool) -> Float32:
@@ -598,24 +595,24 @@ def _coverage(image_size: tuple[int, int], curves: list[Array], *, filled: bool)
 
     factor = 4
     mask = np.zeros((image_size[1] * factor, image_size[0] * factor), np.uint8)
-    points = [_fixed_point((curve + 0.5) * factor - 0.5) for curve in curves]
-    if filled:
-        cv2.fillPoly(mask, points, 255, cv2.LINE_8, SHIFT)
-    else:
-        cv2.polylines(mask, points, False, 255, 1, cv2.LINE_8, SHIFT)
+    for curve in curves:
+        points = _fixed_point((curve + 0.5) * factor - 0.5)
+        if filled:  # one by one: together, they would leave a hole where they overlap
+            cv2.fillPoly(mask, [points], 255, cv2.LINE_8, SHIFT)
+        else:
+            cv2.polylines(mask, [points], False, 255, 1, cv2.LINE_8, SHIFT)
     return np.asarray(cv2.resize(mask, image_size, interpolation=cv2.INTER_AREA), dtype=np.float32) / 255.0
 
 
-def _mix(picture: Float32, colour: Colour | Float32, share: Float32) -> None:
-    """Let `colour` cover a share of every pixel, in place."""
-    covered = share > 0.0
-    alpha = share[covered][:, None]
-    top = colour[covered] if isinstance(colour, np.ndarray) else np.array(colour, np.float32)
-    picture[covered] += alpha * (top - picture[covered])
+def _mix(picture: Float32, colour: Colour, share: Float32) -> None:
+    """Let `colour` cover a share of every pixel, in place; where the share is NaN, as above the horizon, all of it."""
+    share = np.nan_to_num(share, nan=1.0)
+    for plane, value in zip(picture, colour, strict=True):
+        plane += share * (np.float32(value) - plane)
 
 
-def _to_uint8(picture: Float32) -> Image:
-    return np.asarray(np.clip(np.rint(picture), 0.0, 255.0), dtype=np.uint8)
+def _to_uint8(planes: Float32) -> Image:
+    return np.stack([np.clip(plane + 0.5, 0.0, 255.0).astype(np.uint8) for plane in planes], axis=-1)
 
 
 def _checked_copy(image: Image, image_size: tuple[int, int] | None) -> Image:

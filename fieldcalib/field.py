@@ -273,7 +273,7 @@ def _centre_circle() -> dict[str, Segment]:
 
 
 def _named_points(x_goal: float, y_side: float) -> dict[str, Segment]:
-    """SoccerNet's field points: T and B are far and near (top and bottom for goals), L and R as the camera sees them."""
+    """SoccerNet's field points: T and B are far and near (top and bottom for goals), L and R as in the image."""
     points: dict[str, tuple[float, float, float]] = {
         "CENTER_MARK": (0.0, 0.0, 0.0),
         "T_TOUCH_AND_HALFWAY_LINES_INTERSECTION": (0.0, -y_side, 0.0),

@@ -4,9 +4,9 @@
 all circle pixels, an absent kind counting 0. Its self-verification threshold tau belongs to this one. "eq3" is the
 printed equation 3: the mean over segments of the mean distance of their pixels.
 
-Distances are Euclidean in these coordinates, so that horizontal and vertical pixels weigh differently. Circles are point
-clouds of 128 samples, as in the paper (section "Hyperparameters"); the centre circle should be split into halves first
-(`fieldcalib.segments.split_centre_circle`). A known lens is taken out of the observed pixels.
+Distances are Euclidean in these coordinates, so that horizontal and vertical pixels weigh differently. Circles are
+point clouds of 128 samples (paper, section "Hyperparameters"), the centre circle is split into its halves
+(`fieldcalib.segments.split_centre_circle`), and a known lens is taken out of the observed pixels.
 """
 
 from __future__ import annotations
@@ -95,11 +95,10 @@ def _cloud(segment: Segment) -> PointCloud:
 
 def _line_distances(view: View, pinhole: View, rows: Rows, half_size: Array) -> Array:
     """NDC distance (T, N) of undistorted pixels to infinite lines."""
-    ax, ay, az = pinhole.points(rows.geometry[:, :, 0])
-    dx, dy, dz = pinhole.directions(rows.geometry[:, :, 1])
+    (ax, ay, az), (dx, dy, dz) = pinhole.points(rows.geometry[:, :, 0]), pinhole.directions(rows.geometry[:, :, 1])
     lx, ly, lz = ay * dz - az * dy, az * dx - ax * dz, ax * dy - ay * dx
     px, py = view.ideal_offset(view.observed_offset(rows.xy))
-    return np.abs(lx * px + ly * py + lz) / (np.hypot(lx * half_size[0], ly * half_size[1]) + 1e-300)
+    return np.asarray(np.abs(lx * px + ly * py + lz) / (np.hypot(lx * half_size[0], ly * half_size[1]) + 1e-300))
 
 
 def _cloud_distances(view: View, pinhole: View, rows: Rows, half_size: Array) -> Array:

@@ -41,6 +41,7 @@ Criteria: TypeAlias = tuple[int, int, float]
 # Where a broadcast camera may stand when nobody says: tried one by one, the best is kept.
 ALL_STANDS = (MAIN_CENTER, MAIN_LEFT, MAIN_RIGHT, BEHIND_LEFT_GOAL, BEHIND_RIGHT_GOAL)
 
+ALL = "all"
 COUNT, EPS = 1, 2  # cv2.TERM_CRITERIA_COUNT and _EPS
 DEFAULT_CRITERIA: Criteria = (COUNT + EPS, 50, 1e-9)
 
@@ -55,8 +56,8 @@ NARROW_SCALE = 6.0  # px: measured on annotated frames; 3 loses the lines that a
 class CalibrationFlags(IntFlag):
     """What is known and what is estimated.
 
-    As in cv2, flags replace the default: without `CALIB_FIX_ASPECT_RATIO`, say, the aspect ratio is estimated, under its
-    prior. By default aspect ratio, principal point and lens are fixed.
+    As in cv2, flags replace the default: without `CALIB_FIX_ASPECT_RATIO`, say, the aspect ratio is estimated, under
+    its prior. By default aspect ratio, principal point and lens are fixed.
     """
 
     CALIB_USE_INTRINSIC_GUESS = 1
@@ -132,7 +133,7 @@ def checked_options(
     loss: LossName | RobustLoss,
     tau: float | None,
 ) -> Options:
-    """Check the arguments against each other and translate them; ValueError says what does not fit and how to mend it."""
+    """Check the arguments against each other and translate them; a ValueError says what does not fit."""
     image_size = checked_image_size(image_size)
     flags = _checked_flags(flags)
     known = _known_parameters(image_size, camera_matrix, dist_coeffs, rvec, tvec, flags)
@@ -155,7 +156,7 @@ def checked_prior(
     for member in members:
         if isinstance(member, CameraDistribution):
             found.append(member)
-        elif member == "all":
+        elif member == ALL:
             found.extend(ALL_STANDS)
         elif member in DISTRIBUTIONS:
             found.append(DISTRIBUTIONS[member])

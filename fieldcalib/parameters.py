@@ -1,4 +1,4 @@
-"""The parameter vector theta of a camera, and the camera distributions: weak priors over it, and where starts come from.
+"""The parameter vector theta of a camera, and the camera distributions: its weak priors and the source of starts.
 
     theta = (pan, tilt, roll, log f, x, y, z, a1, a2, cx, cy, log aspect)
 

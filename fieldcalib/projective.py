@@ -80,18 +80,18 @@ def homography_from_lines(lines: Array, lines_image: Array, weights: Array) -> A
     True
     """
     # l x (H^T l') = [l]x sum_i l'_i h_i with h_i the rows of H
-    l = lines / np.linalg.norm(lines, axis=-1, keepdims=True)
-    m = lines_image / np.linalg.norm(lines_image, axis=-1, keepdims=True)
-    zero = np.zeros_like(l[..., 0])
+    line = lines / np.linalg.norm(lines, axis=-1, keepdims=True)
+    image = lines_image / np.linalg.norm(lines_image, axis=-1, keepdims=True)
+    zero = np.zeros_like(line[..., 0])
     cross = np.stack(
         [
-            np.stack([zero, -l[..., 2], l[..., 1]], axis=-1),
-            np.stack([l[..., 2], zero, -l[..., 0]], axis=-1),
-            np.stack([-l[..., 1], l[..., 0], zero], axis=-1),
+            np.stack([zero, -line[..., 2], line[..., 1]], axis=-1),
+            np.stack([line[..., 2], zero, -line[..., 0]], axis=-1),
+            np.stack([-line[..., 1], line[..., 0], zero], axis=-1),
         ],
         axis=-2,
     )
-    rows = m[..., None, :, None] * cross[..., :, None, :] * weights[..., None, None, None]
+    rows = image[..., None, :, None] * cross[..., :, None, :] * weights[..., None, None, None]
     A = rows.reshape(*rows.shape[:-4], -1, 9)
     # the eigenvector of A^T A is cheaper than the SVD of A in a batch, and exact enough for a start
     _, vectors = np.linalg.eigh(np.swapaxes(A, -1, -2) @ A)

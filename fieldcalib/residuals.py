@@ -17,7 +17,6 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import TypeAlias
 
 import numpy as np
 
@@ -27,9 +26,10 @@ from fieldcalib.parameters import ANGLES, CENTER, LENS, LOG_ASPECT, LOG_F, PRINC
 from fieldcalib.rotation import rotation_axes, rotation_from_angles
 from fieldcalib.segments import Observations, Rows
 
-# Vectors as separate components, each (B, N): contiguous, which halves the time of everything below.
-Vector2: TypeAlias = tuple[Array, Array]
-Vector3: TypeAlias = tuple[Array, Array, Array]
+# Inside this module components come first: a plane vector of every row is (2, B, N), one in space (3, B, N). Then
+# ``x, y = s`` unpacks it, and contiguous components halve the time.
+
+TINY = 1e-300  # keeps degenerate lengths from dividing by zero
 
 
 def segment_residuals(theta: Array, observations: Observations) -> Array:
@@ -46,8 +46,19 @@ def segment_residuals(theta: Array, observations: Observations) -> Array:
     -------
     (B, M) array
         Residuals in pixels, in the order of `Observations.weight`. Padding has values too: they weigh 0.
+
+    Examples
+    --------
+    >>> from fieldcalib import Camera, soccer
+    >>> from fieldcalib.parameters import theta_from_camera
+    >>> from fieldcalib.segments import pack
+    >>> camera = Camera.from_angles(0.0, 1.3, 0.0, 1500.0, (0.0, 60.0, -15.0), (960, 540))
+    >>> level = camera.project(soccer()["Side line top"].sample(50.0)) + (7.0, 2.0)  # sliding along it costs nothing
+    >>> observations = pack(soccer(), [{"Side line top": level}], (960, 540))
+    >>> abs(segment_residuals(theta_from_camera(camera)[None], observations)).round(6)
+    array([[2., 2., 2., 2.]])
     """
-    return _feet(View(theta, observations.image_size), observations).r
+    return foot_points(theta, observations).r
 
 
 def segment_residuals_with_jacobian(theta: Array, observations: Observations, free: BoolArray) -> tuple[Array, Array]:
@@ -76,9 +87,23 @@ def segment_residuals_with_jacobian(theta: Array, observations: Observations, fr
     return feet.r, _jacobian(view, feet, free)
 
 
-def foot_inverse_depths(theta: Array, observations: Observations) -> Array:
-    """1 / depth of every residual's foot point, (B, M): negative where the camera would have to look backwards."""
-    return _feet(View(theta, observations.image_size), observations).inverse_depth
+@dataclass(frozen=True)
+class Feet:
+    """Foot points of B x M residuals."""
+
+    r: Array
+    """Signed distance of the observed pixel, (B, M)."""
+    s: Array
+    """Ideal offset of the foot point's image from the principal point, pixels, (2, B, M)."""
+    inverse_depth: Array
+    """0 at infinity, negative behind the camera, (B, M)."""
+    normal: Array
+    """Unit normal of the segment's real image at the foot point, (2, B, M)."""
+
+
+def foot_points(theta: Array, observations: Observations) -> Feet:
+    """The foot points that `segment_residuals` measures from."""
+    return _feet(View(theta, observations.image_size), observations)
 
 
 class View:
@@ -99,62 +124,46 @@ class View:
         self._scaled_R = self.R.copy()
         self._scaled_R[:, :2] *= self.f[:, :, None]
 
-    def directions(self, d: Array) -> Vector3:
-        """World directions (B, N, 3) in scaled camera coordinates."""
-        h = self._scaled_R @ np.swapaxes(d, 1, 2)
-        return h[:, 0], h[:, 1], h[:, 2]
+    def directions(self, d: Array) -> Array:
+        """World directions (B, N, 3) in scaled camera coordinates, (3, B, N)."""
+        return np.ascontiguousarray(np.swapaxes(self._scaled_R @ np.swapaxes(d, 1, 2), 0, 1))
 
-    def points(self, X: Array) -> Vector3:
-        """World points (B, N, 3) in scaled camera coordinates."""
+    def points(self, X: Array) -> Array:
+        """World points (B, N, 3) in scaled camera coordinates, (3, B, N)."""
         return self.directions(X - self.theta[:, None, CENTER])
 
-    def observed_offset(self, xy: Array) -> Vector2:
-        """Observed pixels (B, N, 2) as real offsets from the principal point."""
-        cx, cy = np.split(self.theta[:, PRINCIPAL_POINT], 2, axis=1)
-        return xy[..., 0] - cx, xy[..., 1] - cy
+    def observed_offset(self, xy: Array) -> Array:
+        """Observed pixels (B, N, 2) as real offsets from the principal point, (2, B, N)."""
+        return _components(xy - self.theta[:, None, PRINCIPAL_POINT])
 
-    def ideal_offset(self, d: Vector2) -> Vector2:
-        """Real offsets as ideal ones; unchanged where no ray of the lens reaches them."""
+    def ideal_offset(self, d: Array) -> Array:
+        """Real offsets (2, B, N) as ideal ones; unchanged where no ray of the lens reaches them."""
         if not self.bent:
             return d
         isotropic = np.stack([d[0], d[1] / self.aspect], axis=-1)
         s = undistort(isotropic, self.lens, self.rho)
-        s = np.where(np.isfinite(s), s, isotropic)
-        return s[..., 0], s[..., 1]
+        return _components(np.where(np.isfinite(s), s, isotropic))
 
-    def real_offset(self, s: Vector2) -> Vector2:
-        """Ideal offsets as real ones: the lens, then the pixels' aspect."""
+    def real_offset(self, s: Array) -> Array:
+        """Ideal offsets (2, B, N) as real ones: the lens, then the pixels' aspect."""
         if not self.bent:
             return s
-        d = distort(np.stack(s, axis=-1), self.lens, self.rho)
-        return d[..., 0], d[..., 1] * self.aspect
+        d = _components(distort(np.stack([*s], axis=-1), self.lens, self.rho))
+        d[1] *= self.aspect
+        return d
 
-    def offset_jacobian(self, s: Vector2) -> tuple[Vector2, Vector2]:
-        """Rows of the derivative of `real_offset` with respect to s."""
-        dd_ds, _ = distort_jacobian(np.stack(s, axis=-1), self.lens, self.rho)
+    def offset_jacobian(self, s: Array) -> Array:
+        """Derivative of `real_offset` with respect to s, (2, 2, B, N)."""
+        dd_ds, _ = distort_jacobian(np.stack([*s], axis=-1), self.lens, self.rho)
         dd_ds[..., 1, :] *= self.aspect[..., None]
-        return (dd_ds[..., 0, 0], dd_ds[..., 0, 1]), (dd_ds[..., 1, 0], dd_ds[..., 1, 1])
+        return np.moveaxis(dd_ds, (-2, -1), (0, 1))
 
-    def images(self, s: Vector2, *steps: Vector2) -> tuple[Vector2, ...]:
-        """Images in the real plane of small steps at ideal offsets s: the derivative of `real_offset` applied."""
+    def images(self, s: Array, *steps: Array) -> tuple[Array, ...]:
+        """Images of small steps (2, B, N) at ideal offsets s: the derivative of `real_offset` applied to them."""
         if not self.bent:
             return steps
-        row_x, row_y = self.offset_jacobian(s)
-        return tuple((_dot(row_x, step), _dot(row_y, step)) for step in steps)
-
-
-@dataclass(frozen=True)
-class Feet:
-    """Foot points of B x M residuals; every array is (B, M)."""
-
-    r: Array
-    """Signed distance of the observed pixel."""
-    s: Vector2
-    """Ideal offset of the foot point's image from the principal point, pixels."""
-    inverse_depth: Array
-    """0 at infinity, negative behind the camera."""
-    normal: Vector2
-    """Unit normal of the segment's real image at the foot point."""
+        dd_ds = self.offset_jacobian(s)
+        return tuple(dd_ds[:, 0] * step[0] + dd_ds[:, 1] * step[1] for step in steps)
 
 
 def _feet(view: View, observations: Observations) -> Feet:
@@ -171,47 +180,35 @@ def _feet(view: View, observations: Observations) -> Feet:
     if observations.clouds:
         X, _ = _nearest_sample(view, observations.clouds)
         found.extend(_point_feet(view, observations.clouds, X))
-
-    def joined(arrays: list[Array]) -> Array:
-        return arrays[0] if len(arrays) == 1 else np.concatenate(arrays, axis=1)
-
-    return Feet(
-        joined([feet.r for feet in found]),
-        (joined([feet.s[0] for feet in found]), joined([feet.s[1] for feet in found])),
-        joined([feet.inverse_depth for feet in found]),
-        (joined([feet.normal[0] for feet in found]), joined([feet.normal[1] for feet in found])),
-    )
+    if len(found) == 1:
+        return found[0]
+    names = ("r", "s", "inverse_depth", "normal")
+    return Feet(*(np.concatenate([getattr(feet, name) for feet in found], axis=-1) for name in names))
 
 
 def _line_feet(view: View, rows: Rows) -> Feet:
     """Foot points on infinite lines, in closed form; with a lens, refined along the line's curved image."""
-    ax, ay, az = view.points(rows.geometry[:, :, 0])
-    dx, dy, dz = view.directions(rows.geometry[:, :, 1])
-    lx, ly = ay * dz - az * dy, az * dx - ax * dz  # the image line is A x D: right even with an end behind the camera
-    lz = ax * dy - ay * dx
-    scale = 1.0 / (np.sqrt(lx * lx + ly * ly) + 1e-300)
-    nx, ny = lx * scale, ly * scale
+    A, D = view.points(rows.geometry[:, :, 0]), view.directions(rows.geometry[:, :, 1])
+    line = _cross(A, D)  # the image line: right even with an end behind the camera
+    scale = 1.0 / (np.sqrt(_dot(line[:2], line[:2])) + TINY)
+    normal = n = line[:2] * scale
     d = view.observed_offset(rows.xy)
-    px, py = view.ideal_offset(d)
-    r = nx * px + ny * py + lz * scale
-    s = px - r * nx, py - r * ny
-    along = nx * py - ny * px  # the foot point's coordinate on the image line
-    normal = nx, ny
+    p = view.ideal_offset(d)
+    r = _dot(n, p) + line[2] * scale
+    s = p - r * n
+    along = n[0] * p[1] - n[1] * p[0]  # the foot point's coordinate on the image line
     if view.bent:
-        tangent = -ny, nx
-        # steps contract by distance x curvature, 1e-2 at 50 px and a strong lens; clipped where the lens folds back
+        tangent = np.stack([-n[1], n[0]])
+        # steps contract by distance x curvature, 1e-2 at 50 px and a strong lens; bounded where the lens folds back
         for _ in range(6):
             (T,) = view.images(s, tangent)
-            bx, by = view.real_offset(s)
-            step = _dot((d[0] - bx, d[1] - by), T) / (_dot(T, T) + 1e-300)
+            step = _dot(d - view.real_offset(s), T) / (_dot(T, T) + TINY)
             step = np.clip(step, -view.rho, view.rho)
-            s = s[0] - step * ny, s[1] + step * nx
-            along = along + step
+            s, along = s + step * tangent, along + step
         (T,) = view.images(s, tangent)
-        bx, by = view.real_offset(s)
         normal = _left_normal(T)
-        r = _dot(normal, (d[0] - bx, d[1] - by))
-    inverse_depth = (along * dz - (nx * dy - ny * dx)) * scale
+        r = _dot(normal, d - view.real_offset(s))
+    inverse_depth = (along * D[2] - n[0] * D[1] + n[1] * D[0]) * scale
     return Feet(r, s, inverse_depth, normal)
 
 
@@ -221,23 +218,20 @@ def _arc_feet(view: View, rows: Rows) -> Feet:
     The search starts at the angle under which the pixel's ray meets the circle's plane. The angle is kept as the unit
     vector (c, s), which a step turns without trigonometry.
     """
-    ax, ay, az = A = view.points(rows.geometry[:, :, 0])
-    ux, uy, uz = U = view.directions(rows.geometry[:, :, 1])
-    vx, vy, vz = V = view.directions(rows.geometry[:, :, 2])
+    A = view.points(rows.geometry[:, :, 0])
+    U, V = view.directions(rows.geometry[:, :, 1]), view.directions(rows.geometry[:, :, 2])
     d = view.observed_offset(rows.xy)
-    px, py = view.ideal_offset(d)
+    p = view.ideal_offset(d)
     # [U V A] (c, s, 1) ~ (p, 1) by Cramer's rule; the depth is not needed, so the horizon does no harm
-    p = px, py, np.ones_like(px)
     VA, AU = _cross(V, A), _cross(A, U)
-    side = np.sign(_dot3(U, VA))
-    c, s = _unit((side * _dot3(VA, p), side * _dot3(AU, p)))
+    side = np.sign(_dot(U[:2], VA[:2]) + U[2] * VA[2])
+    c, s = _unit(np.stack([side * (_dot(VA[:2], p) + VA[2]), side * (_dot(AU[:2], p) + AU[2])]))
 
     search = Search(view, d, rows.weight)
     for _ in search.iterations:
-        rx, ry, rz = c * ux + s * vx, c * uy + s * vy, c * uz + s * vz
-        tangent = c * vx - s * ux, c * vy - s * uy, c * vz - s * uz
-        step = search.step((ax + rx, ay + ry, az + rz), tangent, (-rx, -ry, -rz), largest=0.5)
-        c, s = _unit((c - step * s, s + step * c))
+        radius = c * U + s * V
+        step = search.step(A + radius, c * V - s * U, -radius, largest=0.5)
+        c, s = _unit(np.stack([c - step * s, s + step * c]))
     return search.feet
 
 
@@ -249,27 +243,24 @@ def _sampled_curve_feet(view: View, rows: Rows) -> Feet:
         view.points(np.take_along_axis(rows.geometry, (middle + i)[..., None, None], axis=2)[:, :, 0])
         for i in (-1, 0, 1)
     )
-    slope = tuple((b - a) / 2.0 for a, b in zip(before, after, strict=True))
-    bend = tuple(a - 2.0 * m + b for a, m, b in zip(before, at, after, strict=True))
+    slope, bend = (after - before) / 2.0, after - 2.0 * at + before
     t = (nearest - middle).astype(float)
     search = Search(view, view.observed_offset(rows.xy), rows.weight)
     for _ in search.iterations:
-        point = tuple(h + t * (dh + 0.5 * t * ddh) for h, dh, ddh in zip(at, slope, bend, strict=True))
-        tangent = tuple(dh + t * ddh for dh, ddh in zip(slope, bend, strict=True))
-        t = t + search.step(point, tangent, bend, largest=1.0)
+        t = t + search.step(at + t * (slope + 0.5 * t * bend), slope + t * bend, bend, largest=1.0)
     return search.feet
 
 
 class Search:
     """Newton's method for the points of parametrised curves whose real images are nearest to observed pixels.
 
-    A curve hands `step` its point and the first two derivatives in scaled camera coordinates and moves its parameter by
-    what comes back, until `iterations` ends; `feet` are then the last points seen.
+    A curve hands `step` its point and its first two derivatives in scaled camera coordinates, and moves its parameter
+    by what comes back, until `iterations` ends; `feet` are then the last points seen.
     """
 
     feet: Feet
 
-    def __init__(self, view: View, observed: Vector2, weight: Array) -> None:
+    def __init__(self, view: View, observed: Array, weight: Array) -> None:
         self.view = view
         self.observed = observed
         self.seen = weight > 0.0
@@ -277,116 +268,107 @@ class Search:
 
     @property
     def iterations(self) -> Iterator[int]:
-        """At most ten, fewer when the largest step was so small that the next one would not change a digit."""
+        """At most ten; fewer when the largest step was so small that the next one would not change a digit."""
         for iteration in range(10):
-            if self.moved < 1e-7:  # convergence is quadratic
+            if self.moved < 1e-4:  # convergence is quadratic
                 return
             yield iteration
 
-    def step(self, point: Vector3, tangent: Vector3, bend: Vector3, largest: float) -> Array:
-        """Change of the curve's parameter towards the foot point, at most `largest`."""
-        hx, hy, hz = point
-        dhx, dhy, dhz = tangent
-        ddhx, ddhy, ddhz = bend
-        inverse_depth = 1.0 / _away_from_zero(hz)
-        s = sx, sy = hx * inverse_depth, hy * inverse_depth
-        ds = dsx, dsy = (dhx - sx * dhz) * inverse_depth, (dhy - sy * dhz) * inverse_depth
-        dds = (
-            (ddhx - sx * ddhz - 2.0 * dsx * dhz) * inverse_depth,
-            (ddhy - sy * ddhz - 2.0 * dsy * dhz) * inverse_depth,
-        )
+    def step(self, point: Array, tangent: Array, bend: Array, largest: float) -> Array:
+        """Change of the curve's parameter (B, N) towards the foot point, at most `largest`."""
+        inverse_depth = 1.0 / _away_from_zero(point[2])
+        s = point[:2] * inverse_depth
+        ds = (tangent[:2] - s * tangent[2]) * inverse_depth
+        dds = (bend[:2] - s * bend[2] - 2.0 * ds * tangent[2]) * inverse_depth
         T, dT = self.view.images(s, ds, dds)
-        bx, by = self.view.real_offset(s)
-        offset = self.observed[0] - bx, self.observed[1] - by
-        TT = _dot(T, T) + 1e-300
-        convex = TT - _dot(offset, dT)
-        # the full second derivative where it is convex, else Gauss-Newton's: never towards a maximum
-        step = np.clip(_dot(offset, T) / np.where(convex > 0.2 * TT, convex, TT), -largest, largest)
+        offset = self.observed - self.view.real_offset(s)
+        TT = _dot(T, T) + TINY
+        # the second derivative of half the squared distance, kept positive: never towards a maximum
+        step = _dot(offset, T) / np.maximum(TT - _dot(offset, dT), 0.1 * TT)
+        step = np.minimum(np.maximum(step, -largest), largest)  # np.clip is slower on small arrays
         normal = _left_normal(T)
         self.feet = Feet(_dot(normal, offset), s, inverse_depth, normal)
-        self.moved = float(np.max(np.abs(step) * self.seen, initial=0.0))
-        return np.asarray(step)
+        self.moved = float((np.abs(step) * self.seen).max())
+        return step
 
 
 def _point_feet(view: View, rows: Rows, X: Array) -> tuple[Feet, Feet]:
     """The x and the y residuals of pixels against the world points X (B, N, 3)."""
-    hx, hy, hz = view.points(X)
-    inverse_depth = 1.0 / _away_from_zero(hz)
-    s = hx * inverse_depth, hy * inverse_depth
-    dx, dy = view.observed_offset(rows.xy)
-    bx, by = view.real_offset(s)
-    zero, one = np.zeros_like(hx), np.ones_like(hx)
-    return Feet(dx - bx, s, inverse_depth, (one, zero)), Feet(dy - by, s, inverse_depth, (zero, one))
+    h = view.points(X)
+    inverse_depth = 1.0 / _away_from_zero(h[2])
+    s = h[:2] * inverse_depth
+    dx, dy = view.observed_offset(rows.xy) - view.real_offset(s)
+    zero, one = np.zeros_like(dx), np.ones_like(dx)
+    x, y = np.stack([one, zero]), np.stack([zero, one])
+    return Feet(dx, s, inverse_depth, x), Feet(dy, s, inverse_depth, y)
 
 
 def _nearest_sample(view: View, rows: Rows) -> tuple[Array, IntArray]:
     """The sample (B, N, 3) of each row's cloud whose image is nearest to the pixel, and its index (B, N)."""
     B, N, S, _ = rows.geometry.shape
-    hx, hy, hz = view.points(rows.geometry.reshape(B, N * S, 3))
-    depth = _away_from_zero(hz)
-    bx, by = view.real_offset((hx / depth, hy / depth))
-    dx, dy = view.observed_offset(rows.xy)
-    distance = np.square(bx.reshape(B, N, S) - dx[..., None]) + np.square(by.reshape(B, N, S) - dy[..., None])
-    distance[depth.reshape(B, N, S) < 0.0] += 1e12  # behind the camera only if nothing is in front
+    h = view.points(rows.geometry.reshape(B, N * S, 3))
+    image = view.real_offset(h[:2] / _away_from_zero(h[2])).reshape(2, B, N, S)
+    distance = np.sum(np.square(image - view.observed_offset(rows.xy)[..., None]), axis=0)
+    distance[h[2].reshape(B, N, S) < 0.0] += 1e12  # behind the camera only if nothing is in front
     nearest = np.argmin(distance, axis=-1)
     return np.take_along_axis(rows.geometry, nearest[..., None, None], axis=2)[:, :, 0], nearest
 
 
 def _jacobian(view: View, feet: Feet, free: BoolArray) -> Array:
     """(B, M, P) derivatives of the residuals at their foot points, see `segment_residuals_with_jacobian`."""
-    nx, ny = dr_dsx, dr_dsy = feet.normal
-    sx, sy = feet.s
+    n = dr_ds = feet.normal  # but for the sign, which the products below carry
+    s = feet.s
     if view.bent:
-        row_x, row_y = view.offset_jacobian(feet.s)
-        dr_dsx, dr_dsy = nx * row_x[0] + ny * row_y[0], nx * row_x[1] + ny * row_y[1]
-    gx, gy, gz = view.f * dr_dsx, view.f * dr_dsy, -(sx * dr_dsx + sy * dr_dsy)
+        dd_ds = view.offset_jacobian(s)
+        dr_ds = n[0] * dd_ds[0] + n[1] * dd_ds[1]
+    g = np.stack([view.f * dr_ds[0], view.f * dr_ds[1], -_dot(s, dr_ds)], axis=1)  # (B, 3, M): n dpi/dXc
 
-    J = np.empty((len(nx), int(np.sum(free)), nx.shape[1]))  # each column contiguous
-    column = iter(np.swapaxes(J, 0, 1))
+    J = np.empty((len(g), int(np.sum(free)), g.shape[2]))  # each column contiguous
+    ends = np.cumsum(free)  # of every parameter's column
     if np.any(free[ANGLES]):
-        xc, yc = sx / view.f, sy / view.f
-        mx, my, mz = yc * gz - gy, gx - xc * gz, xc * gy - yc * gx  # Xc x g
-        axes = rotation_axes(view.theta[:, ANGLES], view.R)[..., None]
-        for angle in np.flatnonzero(free[ANGLES]):
-            next(column)[:] = axes[:, angle, 0] * mx + axes[:, angle, 1] * my + axes[:, angle, 2] * mz
+        (xc, yc), (gx, gy, gz) = s / view.f, np.swapaxes(g, 0, 1)
+        moment = np.stack([yc * gz - gy, gx - xc * gz, xc * gy - yc * gx], axis=1)  # Xc x g
+        axes = rotation_axes(view.theta[:, ANGLES], view.R)
+        J[:, : ends[ANGLES.stop - 1]] = axes[:, free[ANGLES]] @ moment
     if free[LOG_F]:
-        next(column)[:] = gz
+        J[:, ends[LOG_F] - 1] = g[:, 2]
     if np.any(free[CENTER]):
-        wx, wy, wz = feet.inverse_depth * gx, feet.inverse_depth * gy, feet.inverse_depth * gz
-        for axis in np.flatnonzero(free[CENTER]):
-            r = view.R[:, :, axis, None]
-            next(column)[:] = r[:, 0] * wx + r[:, 1] * wy + r[:, 2] * wz
+        R_T = np.swapaxes(view.R, 1, 2)[:, free[CENTER]]
+        J[:, ends[LOG_F] : ends[CENTER.stop - 1]] = R_T @ (feet.inverse_depth[:, None] * g)
     if np.any(free[LENS]):
-        _, dd_da = distort_jacobian(np.stack(feet.s, axis=-1), view.lens, view.rho)
-        for k in np.flatnonzero(free[LENS]):
-            next(column)[:] = -(nx * dd_da[..., 0, k] + ny * view.aspect * dd_da[..., 1, k])
+        _, dd_da = distort_jacobian(np.stack([*s], axis=-1), view.lens, view.rho)
+        dr_da = -(n[0][..., None] * dd_da[..., 0, :] + (n[1] * view.aspect)[..., None] * dd_da[..., 1, :])
+        J[:, ends[CENTER.stop - 1] : ends[LENS.stop - 1]] = np.swapaxes(dr_da[..., free[LENS]], 1, 2)
     for axis in np.flatnonzero(free[PRINCIPAL_POINT]):
-        next(column)[:] = -feet.normal[axis]
+        J[:, ends[PRINCIPAL_POINT.start + axis] - 1] = -n[axis]
     if free[LOG_ASPECT]:
-        next(column)[:] = -ny * view.real_offset(feet.s)[1]
+        J[:, -1] = -n[1] * view.real_offset(s)[1]
     return np.swapaxes(J, 1, 2)
 
 
-def _dot(a: Vector2, b: Vector2) -> Array:
-    return a[0] * b[0] + a[1] * b[1]
+def _components(x: Array) -> Array:
+    """(B, N, 2) to (2, B, N)."""
+    return np.ascontiguousarray(np.moveaxis(x, -1, 0))
 
 
-def _dot3(a: Vector3, b: Vector3) -> Array:
-    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
+def _dot(a: Array, b: Array) -> Array:
+    """Inner products of plane vectors."""
+    return np.asarray(a[0] * b[0] + a[1] * b[1])
 
 
-def _cross(a: Vector3, b: Vector3) -> Vector3:
-    return a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]
+def _cross(a: Array, b: Array) -> Array:
+    """Cross products of vectors in space."""
+    return np.stack([a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]])
 
 
-def _unit(a: Vector2) -> Vector2:
-    scale = 1.0 / (np.sqrt(_dot(a, a)) + 1e-300)
-    return a[0] * scale, a[1] * scale
+def _unit(a: Array) -> Array:
+    """Plane vectors scaled to length 1."""
+    return np.asarray(a * (1.0 / (np.sqrt(_dot(a, a)) + TINY)))
 
 
-def _left_normal(T: Vector2) -> Vector2:
+def _left_normal(T: Array) -> Array:
     """Unit vectors a quarter turn from the tangents T: for a line's tangent (-ny, nx) its normal (nx, ny)."""
-    return _unit((T[1], -T[0]))
+    return _unit(np.stack([T[1], -T[0]]))
 
 
 def _away_from_zero(depth: Array) -> Array:

@@ -10,13 +10,14 @@ The robust loss acts on the data alone, never on the prior.
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import lru_cache
 
 import numpy as np
 
 from fieldcalib._types import Array, BoolArray, IntArray
 from fieldcalib.losses import RobustLoss
 from fieldcalib.parameters import ANGLES, CENTER, LOG_F, PARAMETERS, GaussianPrior
-from fieldcalib.residuals import segment_residuals, segment_residuals_with_jacobian
+from fieldcalib.residuals import segment_residuals_with_jacobian
 from fieldcalib.segments import Observations
 
 # The longest step in one iteration: beyond it the linearisation says nothing about a camera.
@@ -78,9 +79,14 @@ class Problem:
             gradient += z * inverse_sigma
             diagonal = np.arange(hessian.shape[1])
             hessian[:, diagonal, diagonal] += np.square(inverse_sigma)
-        log_f = theta[:, LOG_F] - np.log(self.observations.image_size[0])
-        sane = np.isfinite(cost) & (log_f > LOG_F_RANGE[0]) & (log_f < LOG_F_RANGE[1])
-        return np.where(sane, cost, np.inf), gradient, hessian
+        possible = np.isfinite(cost) & in_range(theta, self.observations.image_size)
+        return np.where(possible, cost, np.inf), gradient, hessian
+
+
+def in_range(theta: Array, image_size: tuple[int, int]) -> BoolArray:
+    """Whether the focal lengths are those of a camera, (B,): a fit that collapses is stopped before it overflows."""
+    log_f = theta[:, LOG_F] - np.log(image_size[0])
+    return np.asarray((log_f > LOG_F_RANGE[0]) & (log_f < LOG_F_RANGE[1]))
 
 
 @dataclass(frozen=True)
@@ -197,16 +203,15 @@ def solve_one(problem: Problem, theta: Array, *, max_iterations: int, tolerance:
         moved[0, free] = x
         return moved
 
-    def residuals(x: Array) -> Array:
-        moved = full(x)
-        r = segment_residuals(moved, problem.observations)[0]
-        return np.concatenate([r, problem.prior_residuals(moved)[0]])
-
-    def jacobian(x: Array) -> Array:
-        _, J = segment_residuals_with_jacobian(full(x), problem.observations, free)
-        if problem.prior is None:
-            return J[0]
-        return np.concatenate([J[0], np.diag(1.0 / problem.prior.sigma[0, free])])
+    @lru_cache(maxsize=1)  # SciPy asks for the residuals at a point, then for the Jacobian there
+    def linearized(x: bytes) -> tuple[Array, Array]:
+        moved = full(np.frombuffer(x))
+        r, J = segment_residuals_with_jacobian(moved, problem.observations, free)
+        r, J = np.concatenate([r[0], problem.prior_residuals(moved)[0]]), J[0]
+        if problem.prior is not None:
+            J = np.concatenate([J, np.diag(1.0 / problem.prior.sigma[0, free])])
+        # SciPy takes a shorter step where residuals are not finite
+        return r if in_range(moved, problem.observations.image_size)[0] else np.full_like(r, np.inf), J
 
     def rho(squared: Array) -> Array:
         values = np.zeros((3, len(squared)))
@@ -214,14 +219,11 @@ def solve_one(problem: Problem, theta: Array, *, max_iterations: int, tolerance:
         values[0, len(weight) :], values[1, len(weight) :] = squared[len(weight) :], 1.0
         return values
 
-    bounds = np.full((2, len(free)), [[-np.inf], [np.inf]])
-    bounds[:, LOG_F] = np.log(problem.observations.image_size[0]) + LOG_F_RANGE
     with np.errstate(all="ignore"):
         found = least_squares(
-            residuals,
+            lambda x: linearized(x.tobytes())[0],
             theta[0, free],
-            jacobian,
-            bounds=bounds[:, free],
+            lambda x: linearized(x.tobytes())[1],
             x_scale="jac",
             loss=rho,
             ftol=tolerance,

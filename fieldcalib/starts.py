@@ -88,8 +88,8 @@ def starting_cameras(observations: Observations, distributions: Sequence[CameraD
 def pointed_camera(observations: Observations, prior: GaussianPrior, known: Array) -> Array:
     """Cameras at the mean position of a prior, turned and zoomed so that they see what is labelled, (T, 12).
 
-    The middles of the labelled segments, short segments first, should come to lie where their pixels are: their centroid
-    gives pan and tilt, their spread the focal length, within the prior's 95 %. Roll is zero.
+    The middles of the labelled segments, short segments first, should come to lie where their pixels are: their
+    centroid gives pan and tilt, their spread the focal length, within the prior's 95 %. Roll is zero.
     """
     X, xy, weight = _segment_middles(observations)
     theta = np.broadcast_to(np.where(np.isnan(known), prior.mean, known), (len(X), len(prior.mean))).copy()

@@ -7,7 +7,6 @@ import numpy as np
 from fieldcalib._types import Array, BoolArray
 from fieldcalib.field import Arc, Line, ObjectSegments, Point, Segment
 from fieldcalib.parameters import ANGLES, CENTER, LOG_F, PARAMETERS
-from fieldcalib.residuals import foot_inverse_depths
 from fieldcalib.rotation import angles_from_rotation, rotation_from_angles
 from fieldcalib.segments import Observations, Pixels
 
@@ -17,15 +16,18 @@ FIELD_OF_VIEW = np.radians((0.5, 150.0))
 IN_FRONT = 0.9  # share of the segments' weight whose visible part must lie in front of the camera
 
 
-def implausibilities(theta: Array, observations: Observations, *, on_field: bool) -> dict[str, BoolArray]:
+def implausibilities(
+    theta: Array, inverse_depth: Array, observations: Observations, *, on_field: bool
+) -> dict[str, BoolArray]:
     """What is wrong with each of B cameras: reason -> mask (B,).
 
     On a field the camera must stand above the ground, not too far away, and hold the horizon roughly level; of any
-    object it must have a field of view between 0.5 and 150 degrees and see the labelled segments in front of it.
+    object it must have a field of view between 0.5 and 150 degrees and see the labelled segments in front of it, where
+    the inverse depths (B, M) of their foot points are positive.
     """
     width = observations.image_size[0]
     fov = 2.0 * np.arctan(0.5 * width / np.exp(theta[:, LOG_F]))
-    in_front = np.sum(observations.weight * (foot_inverse_depths(theta, observations) > 0.0), axis=1)
+    in_front = np.sum(observations.weight * (inverse_depth > 0.0), axis=1)
     reasons = {
         "its field of view is below 0.5 degrees": fov < FIELD_OF_VIEW[0],
         "its field of view is above 150 degrees": fov > FIELD_OF_VIEW[1],
@@ -46,17 +48,17 @@ def constraints(object_segments: ObjectSegments, frame: Pixels) -> int:
     A point gives two, a line two (one for a single pixel), a circle or a cloud one for each pixel up to the five of a
     conic. A pinhole on a tripod somewhere has seven unknowns.
     """
-    return sum(_constraints(object_segments[label], len(np.unique(xy, axis=0))) for label, xy in frame.items())
+    return sum(_constraints(object_segments[label], xy) for label, xy in frame.items())
 
 
-def _constraints(segment: Segment, pixels: int) -> int:
+def _constraints(segment: Segment, xy: Array) -> int:
     match segment:
         case Point():
             return 2
         case Line():
-            return min(pixels, 2)
+            return 1 if np.all(xy == xy[0]) else 2
         case _:
-            return min(pixels, 5)
+            return min(len(xy), 5)
 
 
 def degeneracy(object_segments: ObjectSegments, frame: Pixels) -> str | None:
