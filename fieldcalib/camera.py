@@ -46,8 +46,8 @@ class Camera:
 
     >>> camera = Camera.from_angles(0.0, np.radians(75), 0.0, 1500.0, C=(0, 56, -15), image_size=(960, 540))
     >>> camera.project([0.0, 0.0, 0.0]).round(1)
-    array([480. , 269.2])
-    >>> camera.image_to_field([480.0, 269.2]).round(1) + 0.0
+    array([480. , 269.9])
+    >>> camera.image_to_field([480.0, 269.9]).round(1) + 0.0
     array([0., 0., 0.])
     """
 

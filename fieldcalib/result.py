@@ -37,7 +37,7 @@ class Calibration:
     >>> labels = ("Side line top", "Side line right", "Big rect. right main", "Big rect. right top")
     >>> pixels = {label: truth.project(soccer()[label].sample(9.0)) for label in labels}
     >>> rms, K, dist, rvec, tvec = calibrate_from_segments(soccer(), pixels, (960, 540), prior=None)
-    >>> round(K[0, 0], 3)
+    >>> round(float(K[0, 0]), 3)
     1400.0
     """
 

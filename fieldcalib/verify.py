@@ -1,12 +1,16 @@
-"""Is a camera to be believed? Plausibility, what the labels determine, and the reasons in words."""
+"""Is a camera to be believed? Plausibility, what the labels determine, tau, and the verdict in words."""
 
 from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
 
 from fieldcalib._types import Array, BoolArray
 from fieldcalib.field import Arc, Line, ObjectSegments, Point, Segment
 from fieldcalib.parameters import ANGLES, CENTER, LOG_F, PARAMETERS
+from fieldcalib.result import Status
 from fieldcalib.rotation import angles_from_rotation, rotation_from_angles
 from fieldcalib.segments import Observations, Pixels
 
@@ -14,6 +18,52 @@ FARTHEST_CAMERA = 300.0  # metres from the field's centre: stands end before
 LARGEST_ROLL = np.radians(45.0)
 FIELD_OF_VIEW = np.radians((0.5, 150.0))
 IN_FRONT = 0.9  # share of the segments' weight whose visible part must lie in front of the camera
+OPEN_DIRECTION = 1e-3  # information from the labels, in units of the prior's, below which a direction counts as open
+
+
+@dataclass(frozen=True)
+class Evidence:
+    """What the verdict on one frame's camera rests on."""
+
+    rms: float
+    loss_ndc: float
+    unknowns: int
+    """Free parameters."""
+    implausible: Sequence[str]
+    """What is wrong with the camera, see `implausibilities`."""
+    weakest: tuple[float, str]
+    """What the labels determine least, see `weakest_directions`."""
+    converged: bool
+
+
+def verdict(
+    object_segments: ObjectSegments, frame: Pixels, evidence: Evidence, tau: float | None
+) -> tuple[Status, str]:
+    """Status of one frame's calibration, and why, and what would help.
+
+    Of several complaints the first counts: rejected by tau, too few segments, degenerate, implausible, not converged.
+    """
+    if tau is not None and evidence.loss_ndc > tau:
+        return Status.REJECTED, f"the loss in NDC, {evidence.loss_ndc:.4f}, is above tau = {tau:g}"
+    equations = constraints(object_segments, frame)
+    if equations < evidence.unknowns:
+        return Status.TOO_FEW_SEGMENTS, (
+            f"{len(frame)} segments give {equations} equations for {evidence.unknowns} unknowns: "
+            f"label more segments, or fix what is known with flags"
+        )
+    reason = degeneracy(object_segments, frame)
+    if reason is not None:
+        return Status.DEGENERATE, reason
+    if evidence.implausible:
+        return Status.IMPLAUSIBLE, f"the best fit is no camera that could be: {'; '.join(evidence.implausible)}"
+    information, parameters = evidence.weakest
+    if information < OPEN_DIRECTION:
+        return Status.DEGENERATE, (
+            f"the labels leave a combination of {parameters} open: label a segment elsewhere in the image"
+        )
+    if not evidence.converged:
+        return Status.NOT_CONVERGED, "the iterations ended before a minimum: allow more, or check the labels"
+    return Status.ACCEPTED, f"rms {evidence.rms:.2f} px over {len(frame)} segments"
 
 
 def implausibilities(
