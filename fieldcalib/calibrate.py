@@ -30,7 +30,7 @@ from fieldcalib.verify import Evidence, implausibilities, verdict, weakest_direc
 
 CHUNK = 64  # frames solved together: their arrays still fit the processor's cache
 FIRST_ITERATIONS = 10  # for every start
-PROMISING = 3  # starts of a frame that go on
+PROMISING = 4  # starts of a frame that go on
 WIDE_ITERATIONS = 40
 WIDE_TOLERANCE = 1e-3  # the narrow stage does the rest
 

@@ -39,7 +39,7 @@ PALETTE: tuple[Colour, ...] = (
     (110, 30, 190),  # wine
     (200, 255, 190),  # mint
 )
-PALETTE_SALT = 961  # with it, neighbouring labels of a soccer field have different colours
+PALETTE_SALT = 1952  # with it, neighbouring labels of a soccer field have different colours
 DARK: Colour = (24, 24, 24)
 
 SAMPLE_SPACING = 0.1  # m: a chord of 9.15 m circles is 0.14 mm from the arc, less than 0.1 px in any broadcast frame
@@ -270,22 +270,20 @@ def _image_curves(camera: Camera, segment: Segment) -> Iterator[Array]:
     shown[1:] |= near[:-1]
     shown[:-1] |= near[1:]
     shown = np.flatnonzero(shown & drawable)
-    for run in np.split(xy[shown], np.flatnonzero(np.diff(shown) > 1) + 1):
-        # in two halves: a closed curve has no chord that it could be simplified against
-        middle = len(run) // 2
-        halves = [
-            cv2.approxPolyDP(half.astype(np.float32)[:, None], 0.1, False).reshape(-1, 2)
-            for half in (run[: middle + 1], run[middle:])
-            if len(half)
-        ]
-        if halves:
-            yield np.concatenate(halves)
+    for run in np.split(xy[shown].astype(np.float32), np.flatnonzero(np.diff(shown) > 1) + 1):
+        if not len(run):
+            continue
+        # a closed curve has no chord that it could be simplified against: in two halves
+        middle = len(run) // 2 if np.max(np.abs(run[0] - run[-1])) < 1.0 else 0
+        halves = (run[: middle + 1], run[middle:])
+        simple = [cv2.approxPolyDP(half[:, None], 0.1, False).reshape(-1, 2) for half in halves]
+        yield np.concatenate([simple[0][:-1], simple[1]])
 
 
 def _smooth_curve(X: Array) -> Array:
     """Points of an ordered cloud's curve: the parabola through each three neighbours, blended from one to the next."""
     middle = np.clip(np.arange(len(X)), 1, len(X) - 2)
-    t = np.linspace(0.0, 1.0, 9)[:, None, None]
+    t = np.linspace(0.0, 1.0, 9)[:-1, None, None]
 
     def parabola(index: IntArray, s: Array) -> Array:
         m = middle[index]
@@ -295,7 +293,7 @@ def _smooth_curve(X: Array) -> Array:
 
     start = np.arange(len(X) - 1)
     pieces = (1.0 - t) * parabola(start, t) + t * parabola(start + 1, t - 1.0)
-    return np.asarray(pieces.swapaxes(0, 1).reshape(-1, 3))
+    return np.concatenate([pieces.swapaxes(0, 1).reshape(-1, 3), X[-1:]])
 
 
 def _fixed_point(xy: Array) -> NDArray[np.int32]:

@@ -28,6 +28,7 @@ from fieldcalib.parameters import (
     MAIN_CENTER,
     MAIN_LEFT,
     MAIN_RIGHT,
+    OPPOSITE_TRIBUNE,
     PARAMETERS,
     PRINCIPAL_POINT,
     ROLL,
@@ -39,7 +40,7 @@ Prior: TypeAlias = str | CameraDistribution | Iterable[str | CameraDistribution]
 Criteria: TypeAlias = tuple[int, int, float]
 
 # Where a broadcast camera may stand when nobody says: tried one by one, the best is kept.
-ALL_STANDS = (MAIN_CENTER, MAIN_LEFT, MAIN_RIGHT, BEHIND_LEFT_GOAL, BEHIND_RIGHT_GOAL)
+ALL_STANDS = (MAIN_CENTER, MAIN_LEFT, MAIN_RIGHT, OPPOSITE_TRIBUNE, BEHIND_LEFT_GOAL, BEHIND_RIGHT_GOAL)
 
 ALL = "all"
 COUNT, EPS = 1, 2  # cv2.TERM_CRITERIA_COUNT and _EPS

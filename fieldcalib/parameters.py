@@ -74,6 +74,13 @@ class GaussianPrior:
     mean: Array
     sigma: Array
 
+    def z_scores(self, theta: Array) -> Array:
+        """``(theta - mean) / sigma``; pan and roll differ by less than half a turn."""
+        difference = theta - self.mean
+        turns = difference[..., [PAN, ROLL]]
+        difference[..., [PAN, ROLL]] = turns - 2.0 * np.pi * np.round(turns / (2.0 * np.pi))
+        return np.asarray(difference / self.sigma)
+
     def take(self, index: IntArray) -> GaussianPrior:
         """The priors `index` of several."""
         return GaussianPrior(self.mean[index], self.sigma[index])
@@ -138,9 +145,23 @@ MAIN_CENTER = _main("main center", (-16.5, 16.5))
 MAIN_LEFT = _main("main left", (-36 - 16.5, -36 + 16.5))
 MAIN_RIGHT = _main("main right", (36 - 16.5, 36 + 16.5))
 MAIN_TRIBUNE = _main("main tribune", (-36, 36))
+OPPOSITE_TRIBUNE = CameraDistribution(
+    "opposite tribune", (135, 225), (45, 90), (-10, 10), (8.2, 90), (-36, 36), (-110, -40), (-40, -5)
+)
 BEHIND_LEFT_GOAL = _behind("behind left goal", (45, 135), (-95, -52.5))
 BEHIND_RIGHT_GOAL = _behind("behind right goal", (-135, -45), (52.5, 95))
 
 DISTRIBUTIONS: Mapping[str, CameraDistribution] = MappingProxyType(
-    {d.name: d for d in (MAIN_CENTER, MAIN_LEFT, MAIN_RIGHT, MAIN_TRIBUNE, BEHIND_LEFT_GOAL, BEHIND_RIGHT_GOAL)}
+    {
+        d.name: d
+        for d in (
+            MAIN_CENTER,
+            MAIN_LEFT,
+            MAIN_RIGHT,
+            MAIN_TRIBUNE,
+            OPPOSITE_TRIBUNE,
+            BEHIND_LEFT_GOAL,
+            BEHIND_RIGHT_GOAL,
+        )
+    }
 )

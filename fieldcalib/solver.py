@@ -52,7 +52,7 @@ class Problem:
         """z-scores of the free parameters, (B, P); (B, 0) without a prior."""
         if self.prior is None:
             return np.zeros((len(theta), 0))
-        return np.asarray(((theta - self.prior.mean) / self.prior.sigma)[:, self.free])
+        return self.prior.z_scores(theta)[:, self.free]
 
     def cost(self, theta: Array) -> Array:
         """Cost of each problem, (B,)."""

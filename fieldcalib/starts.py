@@ -29,6 +29,7 @@ from fieldcalib.segments import Observations
 
 FIELD_SCALE = 40.0  # metres: brings the field's coordinates to about unit size for the DLT
 ON_GROUND = 1e-9  # metres
+PART_IN_VIEW = 1.5  # segments reach beyond the image, so their middles lie further apart than their pixels
 
 
 @dataclass(frozen=True)
@@ -75,7 +76,7 @@ def starting_cameras(observations: Observations, distributions: Sequence[CameraD
     else:
         theta.append(pointed_camera(observations, priors[0], known))
         frame.append(np.arange(T))
-    z = (theta[-1][:, None, :7] - mean[:, :7]) / sigma[:, :7]
+    z = GaussianPrior(mean, sigma).z_scores(theta[-1][:, None])[..., :7]
     member.append(np.argmin(np.sum(np.square(z), axis=-1), axis=-1))
 
     order = np.argsort(np.concatenate(frame), kind="stable")
@@ -101,7 +102,7 @@ def pointed_camera(observations: Observations, prior: GaussianPrior, known: Arra
     if np.isnan(known[LOG_F]):
         Xc = (X - theta[:, None, CENTER]) @ np.swapaxes(rotation_from_angles(theta[:, ANGLES]), 1, 2)
         x = Xc[..., :2] / np.maximum(Xc[..., 2:], 1.0)
-        log_f = np.log((_spread(xy, weight) + 1.0) / (_spread(x, weight) + 1e-3))
+        log_f = np.log(PART_IN_VIEW * (_spread(xy, weight) + 1.0) / (_spread(x, weight) + 1e-3))
         margin = 1.96 * prior.sigma[LOG_F]
         theta[:, LOG_F] = np.clip(log_f, prior.mean[LOG_F] - margin, prior.mean[LOG_F] + margin)
     if np.isnan(known[PAN]):
