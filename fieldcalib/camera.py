@@ -95,7 +95,7 @@ class Camera:
 
         The principal point defaults to (width / 2, height / 2), SoccerNet's.
         """
-        cx, cy = np.asarray(image_size) / 2.0 if principal_point is None else np.asarray(principal_point, dtype=float)
+        cx, cy = np.divide(checked_image_size(image_size), 2.0) if principal_point is None else np.asarray(principal_point, dtype=float)
         K = np.array([[focal_length, 0.0, cx], [0.0, focal_length, cy], [0.0, 0.0, 1.0]])
         return cls(K, rotation_from_angles(np.array([pan, tilt, roll], dtype=float)), C, image_size, k)
 
@@ -115,19 +115,19 @@ class Camera:
         ValueError
             If a coefficient other than k1 and k2 is not zero: this camera has no tangential or higher terms.
         """
-        import cv2
+        from scipy.spatial.transform import Rotation
 
-        R, _ = cv2.Rodrigues(np.array(rvec, dtype=float).reshape(3, 1))
+        R = Rotation.from_rotvec(np.array(rvec, dtype=float).reshape(3)).as_matrix()
         C = -R.T @ np.array(tvec, dtype=float).reshape(3)
         return cls(camera_matrix, R, C, image_size, radial_coefficients(dist_coeffs))
 
     def to_opencv(self) -> tuple[Array, Array, Array, Array]:
         """OpenCV's (rvec (3, 1), tvec (3, 1), K (3, 3), dist (1, 5)), as `cv2.projectPoints` takes them."""
-        import cv2
+        from scipy.spatial.transform import Rotation  # a slow import; cv2.Rodrigues loses digits near half a turn
 
-        rvec, _ = cv2.Rodrigues(np.array(self.R))
+        rvec = Rotation.from_matrix(self.R).as_rotvec().reshape(3, 1)
         tvec = -(self.R @ self.C).reshape(3, 1)
-        return np.asarray(rvec, dtype=float), tvec, self.K.copy(), np.array([[*self.k, 0.0, 0.0, 0.0]])
+        return rvec, tvec, self.K.copy(), np.array([[*self.k, 0.0, 0.0, 0.0]])
 
     @property
     def focal_length(self) -> float:
@@ -255,8 +255,8 @@ class Camera:
 
 def checked_image_size(image_size: Any) -> tuple[int, int]:
     """(width, height) as two positive integers, or a ValueError that says what came instead."""
-    size = tuple(np.asarray(image_size).tolist()) if np.ndim(image_size) == 1 else ()
-    if len(size) != 2 or not all(float(v).is_integer() and v > 0 for v in size):
+    size = np.asarray(image_size)
+    if size.shape != (2,) or size.dtype.kind not in "iuf" or np.any(size != size.round()) or np.any(size <= 0):
         raise ValueError(f"image_size must be (width, height) in whole pixels, got {image_size!r}")
     return int(size[0]), int(size[1])
 

@@ -27,6 +27,8 @@ IMAGE_SIZE = (960, 540)
 PIXELS_PER_CIRCLE = 9
 SHORTEST_SEGMENT = 15.0  # px: what shows less in the image is not labelled
 HALVES = ("Circle central left", "Circle central right")  # annotators label the centre circle as a whole
+BACKGROUND = (30, 27, 25)  # of the overview
+COLUMNS = 3
 
 
 @dataclass(frozen=True)
@@ -241,20 +243,16 @@ def _tile(picture: Image, name: str, truth: Camera, error: CameraErrors) -> Imag
     return tile
 
 
-BACKGROUND = (30, 27, 25)
-
-
-def _contact_sheet(tiles: Sequence[Image], columns: int = 3) -> Image:
+def _contact_sheet(tiles: Sequence[Image]) -> Image:
     """All tiles in rows, under a title."""
     import cv2
 
     gap, top = 14, 76
     height, width, _ = tiles[0].shape
-    columns = min(columns, len(tiles))
-    rows = -(-len(tiles) // columns)
-    sheet = np.full((top + rows * (height + gap), gap + columns * (width + gap), 3), BACKGROUND, np.uint8)
+    rows = -(-len(tiles) // COLUMNS)
+    sheet = np.full((top + rows * (height + gap), gap + COLUMNS * (width + gap), 3), BACKGROUND, np.uint8)
     for index, tile in enumerate(tiles):
-        y, x = top + (index // columns) * (height + gap), gap + (index % columns) * (width + gap)
+        y, x = top + (index // COLUMNS) * (height + gap), gap + (index % COLUMNS) * (width + gap)
         sheet[y : y + height, x : x + width] = tile
     font, white, grey = cv2.FONT_HERSHEY_SIMPLEX, (245, 245, 245), (170, 170, 170)
     cv2.putText(sheet, "fieldcalib: one pan, every frame on its own", (gap, 34), font, 0.8, white, 1, cv2.LINE_AA)

@@ -109,12 +109,13 @@ def undistort(d: Array, a: Array, rho: float) -> Array:
     a1, a2 = a[..., 0], a[..., 1]
     target = np.sqrt(np.sum(np.square(d), axis=-1)) / rho
     radius = np.broadcast_to(target, np.broadcast_shapes(target.shape, a1.shape)).copy()
-    for _ in range(20):
+    for _ in range(40):
         q = np.square(radius)
         value = radius * (1.0 + q * (a1 + q * a2)) - target
         slope = 1.0 + q * (3.0 * a1 + 5.0 * a2 * q)
-        # a barrel's slope can vanish outside the image; half-way back in keeps the iteration on the monotone part
-        step = np.where(slope > 0.05, value / np.where(slope > 0.05, slope, 1.0), 0.5 * radius)
+        # where a barrel folds back, half-way in leads to the monotone part again
+        newton = np.clip(value / np.where(slope > 0.0, slope, 1.0), -0.5 * radius, 0.5 * radius)
+        step = np.where(slope > 0.0, newton, 0.5 * radius)
         radius -= step
         if np.max(np.abs(step), initial=0.0) < 1e-15:
             break

@@ -211,7 +211,7 @@ def draw_minimap(camera: Camera, field: Field, *, size: tuple[int, int] = (336, 
 def render_field(
     camera: Camera, field: Field, *, line_width: float = 0.12, rng: np.random.Generator | None = None
 ) -> Image:
-    """A synthetic broadcast picture of an empty stadium: mown grass, painted lines, goals, boards and stands.
+    """A synthetic broadcast picture: mown grass, painted lines, goals with nets, boards and stands.
 
     The markings have their true width and perspective, lens included: each pixel is traced to the ground, and is as
     white as the share of it that a marking covers.
@@ -223,7 +223,7 @@ def render_field(
     line_width : float
         Of lines, posts and crossbars in metres; the laws of the game allow up to 0.12.
     rng : numpy.random.Generator, optional
-        Adds a crowd and film grain.
+        Puts a crowd on the stands and grain on the picture; without it, both are left out.
 
     Returns
     -------

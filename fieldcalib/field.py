@@ -161,7 +161,7 @@ class Field(Mapping[str, Segment]):
     segments: Mapping[str, Segment] = field(repr=False)
 
     def __getitem__(self, label: str) -> Segment:
-        return self.segments[label.strip()]
+        return self.segments[label.strip() if isinstance(label, str) else label]
 
     def __iter__(self) -> Iterator[str]:
         return iter(self.segments)

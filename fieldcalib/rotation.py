@@ -71,15 +71,14 @@ def angles_from_rotation(R: Array) -> Array:
     True
     """
     sin_tilt = np.hypot(R[..., 0, 2], R[..., 1, 2])
-    vertical = sin_tilt < 1e-12
     # the roll that goes with sin(tilt) > 0; the other solution turns pan and roll by pi and tilt to -tilt
     roll = np.arctan2(R[..., 0, 2], R[..., 1, 2])
     sign = np.where(np.abs(roll) <= np.pi / 2, 1.0, -1.0)
-    pan = np.arctan2(sign * R[..., 2, 0], -sign * R[..., 2, 1])
-    roll = np.arctan2(sign * R[..., 0, 2], sign * R[..., 1, 2])
+    roll = np.where(sin_tilt < 1e-12, 0.0, np.arctan2(sign * R[..., 0, 2], sign * R[..., 1, 2]))
     tilt = np.arctan2(sign * sin_tilt, R[..., 2, 2])
-    pan = np.where(vertical, np.arctan2(R[..., 0, 1], R[..., 0, 0]), pan)
-    roll = np.where(vertical, 0.0, roll)
+    # with the roll taken out the first row is (cos pan, sin pan, 0): well defined even straight down
+    c, s = np.cos(roll), np.sin(roll)
+    pan = np.arctan2(c * R[..., 0, 1] - s * R[..., 1, 1], c * R[..., 0, 0] - s * R[..., 1, 0])
     return np.stack([pan, tilt, roll], axis=-1)
 
 

@@ -123,7 +123,10 @@ def check_segments(
             raise ValueError(f"unknown label {raw_label!r}; {_nearest(label, object_segments)}")
         if label not in object_segments:
             label = raw_label
-        xy = np.asarray(values, dtype=float)
+        try:
+            xy = np.asarray(values, dtype=float)
+        except (TypeError, ValueError):
+            raise ValueError(f"{label!r}: expected pixels of shape (N, 2), got {values!r}") from None
         if xy.size == 0:
             continue
         if xy.ndim != 2 or xy.shape[1] != 2:

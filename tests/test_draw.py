@@ -1,0 +1,379 @@
+"""What is drawn lies where the markings are, to fractions of a pixel, and nothing lies elsewhere."""
+
+import numpy as np
+import pytest
+from scipy.spatial import cKDTree
+
+from fieldcalib.camera import Camera
+from fieldcalib.draw import PALETTE, draw_field, draw_minimap, draw_segments, label_colour, render_field
+from fieldcalib.field import Arc, Line, Point, PointCloud, soccer
+
+FIELD = soccer()
+SIZE = (960, 540)
+RED = (0, 0, 255)
+FAINT = 25  # of 255: what smooth edges may reach
+
+
+def black():
+    return np.zeros((SIZE[1], SIZE[0], 3), np.uint8)
+
+
+def camera(pan, tilt, f, C, roll=0.0, k=(0.0, 0.0)):
+    return Camera.from_angles(np.radians(pan), np.radians(tilt), np.radians(roll), f, C, SIZE, k=k)
+
+
+BROADCAST = camera(-20, 78, 1800, (0, 70, -18))
+CAMERAS = {
+    "broadcast": BROADCAST,
+    "wide, rolled": camera(10, 74, 800, (5, 60, -20), roll=5),
+    "barrel lens": camera(25, 76, 900, (0, 66, -16), k=(-0.25, 0.03)),
+    "cushion lens": camera(-25, 76, 900, (0, 66, -16), roll=-2, k=(0.3, 0.0)),
+    "behind the goal": camera(90, 75, 700, (-80, 5, -15)),
+    "on the field": camera(-60, 80, 500, (-30, 10, -1.7)),
+    "on the centre mark, looking down": camera(30, 25, 300, (0, 0, -6)),
+}
+any_camera = pytest.mark.parametrize("camera", CAMERAS.values(), ids=CAMERAS)
+
+
+def true_pixels(camera, X):
+    """Pixels in the image of world points in front of the camera: the textbook's projection, step by step."""
+    Xc = (X - camera.C) @ camera.R.T
+    Xc = Xc[Xc[:, 2] > 0.01]
+    x = Xc[:, :2] / Xc[:, 2:]
+    r2 = np.sum(x**2, axis=1, keepdims=True)
+    x = np.where(r2 < 4.0, x * (1.0 + camera.k[0] * r2 + camera.k[1] * r2**2), np.inf)
+    xy = x * camera.focal_length + camera.principal_point
+    return xy[np.all((xy > -3.0) & (xy < np.array(SIZE) + 2.0), axis=1)]
+
+
+def farthest(mask, xy):
+    """Largest distance of the pixels of a mask from the nearest of the points xy."""
+    rows, columns = np.nonzero(mask)
+    return cKDTree(xy).query(np.column_stack([columns, rows]))[0].max(initial=0.0)
+
+
+def inside(xy, margin=0.0):
+    return np.all((xy >= margin) & (xy <= np.array(SIZE) - 1.0 - margin), axis=1)
+
+
+# draw_field
+
+
+@any_camera
+@pytest.mark.parametrize(("thickness", "reach"), [(1, 1.5), (2, 2.8)])  # OpenCV's smooth lines are wide
+def test_markings_are_drawn_where_they_are_and_nowhere_else(camera, thickness, reach):
+    drawn = draw_field(black(), camera, FIELD, colour=RED, thickness=thickness)[..., 2]
+    truth = true_pixels(camera, np.concatenate([s.sample(0.004) for s in FIELD.markings.values()]))
+    assert drawn.max() > 200
+    assert farthest(drawn > FAINT, truth) < reach
+    assert farthest(drawn > 0, truth) < reach + 0.6
+    pixel = np.rint(truth[inside(truth)]).astype(int)
+    assert np.all(drawn[pixel[:, 1], pixel[:, 0]] > 0)
+
+
+def test_the_check_of_drawings_would_notice_a_shift():
+    drawn = draw_field(black(), BROADCAST, FIELD, colour=RED, thickness=1)[..., 2]
+    truth = true_pixels(BROADCAST, np.concatenate([s.sample(0.004) for s in FIELD.markings.values()]))
+    assert farthest(drawn > FAINT, truth + np.array([0.0, 1.0])) > 1.8
+
+
+def test_a_line_that_passes_below_the_camera_is_cut_off_behind_it():
+    # half of the line is behind the camera, where projecting without care would mirror it into the upper image
+    low = camera(0, 85, 600, (0.5, 0.0, -1.5))
+    drawn = draw_field(black(), low, {"Middle line": FIELD["Middle line"]}, colour=RED, thickness=1)[..., 2]
+    rows, columns = np.nonzero(drawn)
+    start, end = np.array(FIELD["Middle line"].start), np.array(FIELD["Middle line"].end)
+    P = low.K @ low.R @ np.column_stack([np.eye(3), -low.C])
+    line = np.cross(P @ [*start, 1.0], P @ [*end, 1.0])
+    distance = np.abs(np.column_stack([columns, rows, np.ones(len(rows))]) @ line) / np.hypot(*line[:2])
+    top = low.project(start)[1]
+    assert distance.max() < 1.5
+    assert rows.min() >= top - 2.0
+    assert rows.max() == SIZE[1] - 1  # down to the border
+    assert len(np.unique(rows)) == SIZE[1] - rows.min()  # without a gap
+
+
+def test_lines_are_drawn_at_fractions_of_a_pixel():
+    overhead = camera(0, 0, 1000, (0, 0, -100))  # 10 px a metre
+    for y in np.linspace(-3.0, -2.9, 7):
+        drawn = draw_field(black(), overhead, {"line": Line((-30, y, 0), (30, y, 0))}, colour=RED, thickness=1)
+        column = drawn[:, 480, 2].astype(float)
+        assert column @ np.arange(SIZE[1]) / column.sum() == pytest.approx(overhead.project([0, y, 0])[1], abs=0.15)
+
+
+def test_the_border_cuts_markings_without_bending_them():
+    large = Camera.from_angles(
+        *BROADCAST.angles, BROADCAST.focal_length, BROADCAST.C, (1160, 740), BROADCAST.principal_point + 100.0
+    )
+    whole = draw_field(np.zeros((740, 1160, 3), np.uint8), large, FIELD, colour=RED)[100:640, 100:1060, 2]
+    cut = draw_field(black(), BROADCAST, FIELD, colour=RED)[..., 2]
+    difference = np.abs(whole.astype(int) - cut)
+    assert cut[:, [0, -1]].max() == 255
+    assert difference.max() < 128  # of 255: a third of a pixel, from OpenCV's own clipping
+    assert difference.mean() < 0.05
+
+
+def test_points_are_left_out():
+    assert not draw_field(black(), BROADCAST, FIELD.points).any()
+
+
+def test_unordered_clouds_are_dots():
+    X = np.array([[-30.0, 0, 0], [-25, 5, 0], [-20, -4, -1]])
+    drawn = draw_field(black(), BROADCAST, {"cloud": PointCloud(X)}, colour=RED, thickness=3)[..., 2]
+    assert farthest(drawn > FAINT, BROADCAST.project(X)) < 4.5
+    assert np.all(drawn[tuple(np.rint(BROADCAST.project(X)).astype(int).T[::-1])] == 255)
+
+
+def test_ordered_clouds_are_smooth_curves():
+    circle = Arc((-30, 0, 0), 9.15)
+    cloud = PointCloud(circle.sample(2.0), ordered=True)
+    drawn = draw_field(black(), BROADCAST, {"curve": cloud}, colour=RED, thickness=1)[..., 2]
+    truth = true_pixels(BROADCAST, circle.sample(0.004))
+    assert farthest(drawn > FAINT, truth) < 1.5
+    pixel = np.rint(truth[inside(truth)]).astype(int)
+    assert np.mean(drawn[pixel[:, 1], pixel[:, 0]] > 0) > 0.98
+
+
+def test_nothing_in_view_draws_nothing():
+    away = camera(180, 78, 1800, (0, 70, -18))
+    assert not draw_field(black(), away, FIELD).any()
+
+
+# draw_segments
+
+
+def test_dots_have_the_colour_of_their_label():
+    pixels = {"Middle line": [(100.0, 50.0), (120.0, 400.0)], "Circle left": [(500.0, 300.0)]}
+    picture = draw_segments(black(), pixels, names=False)
+    for label, xy in pixels.items():
+        for x, y in np.array(xy, int):
+            assert tuple(picture[y, x]) == label_colour(label)
+    assert farthest(picture.any(axis=-1), [(100, 50), (120, 400), (500, 300)]) < 6.5
+
+
+def test_a_colour_does_not_depend_on_other_labels():
+    alone = draw_segments(black(), {"Circle left": [(500, 300)]}, names=False)
+    together = draw_segments(black(), {"A": [(10, 10)], "Circle left": [(500, 300)], "B": [(90, 9)]}, names=False)
+    assert np.array_equal(alone[290:310, 490:510], together[290:310, 490:510])
+    assert label_colour("Goal left post left ") == label_colour("Goal left post left")
+
+
+@pytest.mark.parametrize("side", ["left", "right"])
+@pytest.mark.parametrize(
+    "labels",
+    [
+        ("Goal {} crossbar", "Goal {} post left", "Goal {} post right", "Side line {}"),
+        ("Big rect. {} top", "Big rect. {} bottom", "Big rect. {} main", "Circle {}"),
+        ("Small rect. {} top", "Small rect. {} bottom", "Small rect. {} main", "Side line {}"),
+    ],
+)
+def test_neighbours_have_different_colours(labels, side):
+    assert len({label_colour(label.format(side)) for label in labels}) == len(labels)
+
+
+def test_colours_stand_out_from_grass_and_lines():
+    for colour in PALETTE:
+        assert np.linalg.norm(np.subtract(colour, (55, 130, 72))) > 100
+        assert np.linalg.norm(np.subtract(colour, (242, 248, 244))) > 50
+
+
+def test_names_are_written_beside_dots_not_on_them():
+    pixels = {"Middle line": [(300, 200)], "Side line top": [(310, 205)], "Circle central": [(470, 200)]}
+    with_names, without = draw_segments(black(), pixels), draw_segments(black(), pixels, names=False)
+    assert np.any(with_names != without)
+    for x, y in ((300, 200), (310, 205), (470, 200)):
+        assert np.array_equal(with_names[y - 2 : y + 3, x - 2 : x + 3], without[y - 2 : y + 3, x - 2 : x + 3])
+
+
+@pytest.mark.parametrize("xy", [[], [(-1e9, 3.0)], [(np.nan, 3.0)], [(2000.0, 50.0)], np.empty((0, 2))])
+def test_pixels_outside_the_image_are_not_drawn(xy):
+    assert not draw_segments(black(), {"Middle line": xy}).any()
+
+
+def test_wrong_shape_of_pixels():
+    with pytest.raises(ValueError, match=r"'Middle line': expected pixels of shape \(N, 2\), got \(2, 3\)"):
+        draw_segments(black(), {"Middle line": np.zeros((2, 3))})
+
+
+# all that draw on an image
+
+
+def draw_both(image):
+    return draw_field(image, BROADCAST, FIELD), draw_segments(image, {"Middle line": [(100, 50)]})
+
+
+def test_the_input_image_is_not_changed():
+    image = np.full((SIZE[1], SIZE[0], 3), 90, np.uint8)
+    for picture in draw_both(image):
+        assert picture.dtype == np.uint8
+        assert picture.shape == image.shape
+        assert not np.shares_memory(picture, image)
+        assert np.any(picture != 90)
+    assert np.all(image == 90)
+
+
+def test_views_and_read_only_images_are_fine():
+    image = np.random.default_rng(0).integers(0, 255, (SIZE[1], SIZE[0], 3)).astype(np.uint8)
+    view = image[:, :, ::-1]
+    view.flags.writeable = False
+    for from_view, from_copy in zip(draw_both(view), draw_both(view.copy()), strict=True):
+        assert np.array_equal(from_view, from_copy)
+
+
+@pytest.mark.parametrize(
+    ("image", "message"),
+    [
+        (np.zeros((540, 960, 3)), r"must be uint8, got float64; for values in 0\.\.1 pass \(255 \* image\)"),
+        (np.zeros((540, 960), np.uint8), r"\(height, width, 3\).*got shape \(540, 960\); cv2\.cvtColor"),
+        (np.zeros((540, 960, 4), np.uint8), r"got shape \(540, 960, 4\)"),
+    ],
+)
+def test_wrong_images(image, message):
+    with pytest.raises(ValueError, match=message):
+        draw_field(image, BROADCAST, FIELD)
+    with pytest.raises(ValueError, match=message):
+        draw_segments(image, {})
+
+
+def test_an_image_of_another_size_than_the_camera():
+    with pytest.raises(ValueError, match=r"960 x 540, got 480 x 270; pass camera\.scaled\(\(480, 270\)\)"):
+        draw_field(np.zeros((270, 480, 3), np.uint8), BROADCAST, FIELD)
+
+
+# draw_minimap
+
+
+def map_pixel(x, y, size):
+    """Where draw_minimap of a 105 x 68 m field puts a ground point: centred, 7 m around the field."""
+    scale = min(size[0] / 119.0, size[1] / 82.0)
+    return round((size[1] - 1) / 2 + scale * y), round((size[0] - 1) / 2 + scale * x)
+
+
+@pytest.mark.parametrize("size", [(336, 228), (200, 200)])
+@pytest.mark.parametrize("name", ["broadcast", "wide, rolled", "barrel lens", "on the field"])
+def test_the_map_lights_what_the_camera_sees(name, size):
+    seen, unseen = CAMERAS[name], camera(180, 78, 1800, (0, 70, -18))
+    lit = draw_minimap(seen, FIELD, size=size).sum(axis=-1) > draw_minimap(unseen, FIELD, size=size).sum(axis=-1)
+    rng = np.random.default_rng(0)
+    X = np.column_stack([rng.uniform((-45, -28), (45, 26), (2000, 2)), np.zeros(2000)])
+    X = X[np.linalg.norm(X - seen.C * (1, 1, 0), axis=1) > 6.0]  # not under the camera's own mark
+    around = 1.5 * np.array([(0, 0, 0), (1, 1, 0), (-1, 1, 0), (1, -1, 0), (-1, -1, 0)])
+    visible = inside(np.nan_to_num(seen.project(X[:, None] + around).reshape(-1, 2), nan=1e9)).reshape(-1, 5)
+    clearly_in, clearly_out = visible.all(axis=1), ~visible.any(axis=1)
+    assert clearly_in.sum() > 20
+    assert clearly_out.sum() > 20
+    found = np.array([lit[map_pixel(x, y, size)] for x, y, _ in X])
+    assert np.all(found[clearly_in])
+    assert not np.any(found[clearly_out])
+
+
+def test_the_map_shows_a_camera_on_it_and_the_way_to_one_beyond():
+    on_it = draw_minimap(camera(0, 70, 800, (20, 10, -15)), FIELD)
+    assert on_it[map_pixel(20, 10, (336, 228))].min() == 255
+    for C, edge in (((0, 200, -15), np.s_[-20:]), ((0, -200, -15), np.s_[:20])):
+        beyond = draw_minimap(camera(0, 70, 800, C), FIELD)
+        white = np.all(beyond == 255, axis=-1)
+        assert white[edge].sum() > 20
+        assert white.sum() == white[edge].sum()
+
+
+def test_wrong_size_of_the_map():
+    with pytest.raises(ValueError, match="image_size must be"):
+        draw_minimap(BROADCAST, FIELD, size=(100, 0))
+
+
+# render_field
+
+
+def whiteness(camera, **options):
+    """How far each pixel is from grass (0) to paint (1), in red, where they differ most, without the vignette."""
+    width, height = camera.image_size
+    v, u = np.mgrid[-1.0 : 1.0 : height * 1j, -1.0 : 1.0 : width * 1j]
+    red = render_field(camera, FIELD, **options)[..., 2] / (1.0 - 0.13 * (u**2 + v**2))
+    return (red - 73.0) / (244.0 - 73.0)  # grass is 66 or 80
+
+
+@pytest.mark.parametrize("name", ["broadcast", "wide, rolled", "barrel lens", "cushion lens"])
+def test_rendered_lines_lie_where_the_camera_sees_them(name):
+    white = whiteness(CAMERAS[name], line_width=1.0)  # wide enough to be white in the distance too
+    painted = [s for s in FIELD.markings.values() if not np.any(s.sample()[:, 2])]
+    X = np.concatenate([s.sample(0.5) for s in painted])
+    xy = CAMERAS[name].project(X)
+    xy = np.rint(xy[inside(np.nan_to_num(xy, nan=-1.0))]).astype(int)
+    assert len(xy) > 100
+    assert np.mean(white[xy[:, 1], xy[:, 0]] > 0.5) > 0.99
+
+    rng = np.random.default_rng(0)
+    X = np.column_stack([rng.uniform((-52, -33), (52, 33), (3000, 2)), np.zeros(3000)])
+    samples = np.concatenate([s.sample(0.3) for s in FIELD.markings.values()])
+    spots = np.array([point.X for point in FIELD.points.values()])
+    distance = np.min(np.linalg.norm(X[:, None, :2] - np.concatenate([samples, spots])[None, :, :2], axis=2), axis=1)
+    beside = X[(distance > 3.0) & (np.abs(X[:, 0]) < 40.0)]  # the goals stand in front of what is behind them
+    xy = CAMERAS[name].project(beside)
+    xy = np.rint(xy[inside(np.nan_to_num(xy, nan=-1.0))]).astype(int)
+    assert len(xy) > 100
+    assert np.mean(white[xy[:, 1], xy[:, 0]] < 0.1) > 0.99
+
+
+@pytest.mark.parametrize("line_width", [0.05, 0.12, 0.3])
+def test_rendered_lines_have_their_width(line_width):
+    """Across a line, each pixel is as white as the share of it that is painted, be the line wider than it or not."""
+    principal_point = (160.3, 120.0)  # the middle line is not in the middle of a pixel
+    overhead = Camera.from_angles(
+        0.0, 0.0, 0.0, 800.0, (0.0, 22.0, -80.0), (320, 240), principal_point
+    )  # 10 px a metre
+    columns = np.arange(140, 182)
+    profile = whiteness(overhead, line_width=line_width)[60:180, columns].mean(axis=0)
+    grass = np.median(profile)
+    edges = 160.3 + np.array([-5.0, 5.0]) * line_width
+    covered = np.clip(edges[1], columns - 0.5, columns + 0.5) - np.clip(edges[0], columns - 0.5, columns + 0.5)
+    np.testing.assert_allclose((profile - grass) / (0.92 * (1.0 - grass)), covered, atol=0.03)
+
+
+def test_rendered_posts_have_their_width():
+    in_front = camera(90, 88, 1000, (30, 0, -1.5))  # 22.5 m from the goal: 44 px a metre
+    red = render_field(in_front, FIELD)[..., 2].astype(float)
+    for y in (-3.66, 3.66):
+        x, row = in_front.project([52.5, y, -1.2])
+        profile = red[round(row), round(x) - 20 : round(x) + 21]
+        above = profile > 200
+        assert above.sum() == pytest.approx(0.12 * 1000 / 22.5, abs=1.5)
+        assert np.mean(np.flatnonzero(above)) + round(x) - 20 == pytest.approx(x, abs=0.7)
+
+
+def test_the_sky_is_no_field():
+    up = camera(0, 120, 800, (0, 60, -15))
+    picture = render_field(up, FIELD)
+    assert picture.max() < 100
+
+
+@any_camera
+def test_rendering_is_reproducible_and_complete(camera):
+    plain, again = render_field(camera, FIELD), render_field(camera, FIELD)
+    assert plain.shape == (SIZE[1], SIZE[0], 3)
+    assert plain.dtype == np.uint8
+    assert np.array_equal(plain, again)
+    assert np.all(plain.any(axis=-1))  # no pixel was left out
+    grain = [render_field(camera, FIELD, rng=np.random.default_rng(seed)) for seed in (1, 1, 2)]
+    assert np.array_equal(grain[0], grain[1])
+    assert np.any(grain[0] != grain[2])
+
+
+def test_other_objects_can_be_rendered():
+    """A field with a raised bar above the middle, a curve and a backward arc has all that a soccer field has not."""
+    curve = PointCloud([(-20, 10, 0), (-10, 12, 0), (0, 10, 0)], ordered=True)
+    segments = {
+        "bar": Line((-2, 0, -3), (2, 0, -3)),
+        "curve": curve,
+        "arc": Arc((10, 5, 0), 5.0, np.pi, 0.0),
+        "dots": PointCloud([(5, 5, 0)]),
+        "spot": Point((0, 0, 0)),
+    }
+    field = type(FIELD)(60.0, 40.0, segments)
+    view = camera(0, 70, 700, (0, 45, -18))
+    red = render_field(view, field, line_width=0.5)[..., 2]
+    for X in ((-10, 12, 0), (10, 10, 0), (0, 0, -3)):
+        x, y = np.rint(view.project(X)).astype(int)
+        assert red[y, x] > 200
+    x, y = np.rint(view.project((10, 0, 0))).astype(int)  # the other half of the circle
+    assert red[y, x] < 100

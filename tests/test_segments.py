@@ -1,0 +1,361 @@
+"""Labelled pixels: what is refused, how the centre circle is split, how frames are packed."""
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from strategies import generators
+
+from fieldcalib.field import Arc, Line, Point, PointCloud, soccer
+from fieldcalib.segments import check_segments, pack, split_centre_circle
+
+SIZE = (960, 540)
+FIELD = soccer()
+LINE = [(480.0, 100.0), (480.0, 400.0)]
+
+KINDS = ("lines", "arcs", "curves", "points", "clouds")
+OBJECT = {
+    "post": Line((1.0, 2.0, 0.0), (1.0, 2.0, -2.44)),
+    "dot": Point((4.0, 5.0, 6.0)),
+    "arc": Arc((0.0, 1.0, 0.0), 9.15, u=(0.0, 1.0, 0.0), v=(0.0, 0.0, -1.0)),
+    "long curve": PointCloud(np.arange(15.0).reshape(5, 3) ** 2, ordered=True),
+    "short curve": PointCloud(np.arange(9.0).reshape(3, 3), ordered=True),
+    "side": Line((0.0, 0.0, 0.0), (3.0, 0.0, 0.0)),
+    "cloud": PointCloud(np.arange(12.0).reshape(4, 3)),
+    "pair": PointCloud([(7.0, 7.0, 7.0), (8.0, 8.0, 8.0)]),
+    "other dot": Point((0.0, 0.0, -1.0)),
+}
+KIND_OF = {
+    "post": "lines",
+    "side": "lines",
+    "arc": "arcs",
+    "long curve": "curves",
+    "short curve": "curves",
+    "dot": "points",
+    "other dot": "points",
+    "cloud": "clouds",
+    "pair": "clouds",
+}
+
+
+def check(frame, image_size=SIZE):
+    return check_segments(FIELD, frame, image_size)
+
+
+# --- what comes in ---
+
+
+def test_good_pixels_come_back_as_float_arrays_by_stripped_label():
+    pixels = check({"Middle line": [(480, 100), (480, 400)], "Goal left post left ": np.array([[1.5, 2.5]])})
+    assert set(pixels) == {"Middle line", "Goal left post left"}
+    assert pixels["Middle line"].dtype == float
+    np.testing.assert_array_equal(pixels["Middle line"], LINE)
+    np.testing.assert_array_equal(pixels["Goal left post left"], [[1.5, 2.5]])
+
+
+def test_segments_without_pixels_count_as_not_given():
+    assert set(check({"Middle line": LINE, "Side line top": [], "Circle left": np.zeros((0, 2))})) == {"Middle line"}
+    assert check({}) == {}
+
+
+def test_blanks_that_belong_to_a_label_are_kept():
+    object_segments = {"post ": OBJECT["post"], "side": OBJECT["side"]}
+    assert set(check_segments(object_segments, {"post ": LINE, " side": LINE}, SIZE)) == {"post ", "side"}
+
+
+@pytest.mark.parametrize(
+    ("label", "nearest"),
+    [
+        ("Midle line", "Middle line"),
+        ("middle line", "Middle line"),
+        ("Big rect left top", "Big rect. left top"),
+        ("Circle center", "Circle central"),
+        ("Goal left post left_", "Goal left post left"),
+    ],
+)
+def test_an_unknown_label_names_the_nearest_known_one(label, nearest):
+    with pytest.raises(ValueError, match=f"^unknown label '{label}'; did you mean '{nearest}'\\?$"):
+        check({label: LINE})
+
+
+def test_a_label_unlike_any_other_gets_the_list_of_known_ones():
+    with pytest.raises(ValueError, match=r"unknown label 'xyz'; known labels: .*Circle central.*Side line top"):
+        check({"xyz": LINE})
+
+
+def test_normalised_coordinates_are_refused_with_how_to_mend_them():
+    with pytest.raises(
+        ValueError, match=r"image of 960 x 540, got coordinates between 0\.1 and 1\.02, .* normalised; mul"
+    ):
+        check({"Middle line": [(0.5, 0.1), (0.52, 0.9)], "Side line top": [(-0.0 + 0.3, 0.1), (1.02, 0.2)]})
+
+
+def test_pixels_in_the_corner_of_the_image_are_not_taken_for_normalised_ones():
+    check({"Middle line": [(0.5, 0.1), (3.5, 0.9)]})
+    check({"CENTER_MARK": [(1.0, 1.0)]})  # one pixel proves nothing
+
+
+@given(st.integers(0, 5), st.sampled_from([np.nan, np.inf, -np.inf]), st.integers(0, 1))
+def test_a_number_that_is_not_finite_is_named_by_label_and_index(index, number, axis):
+    xy = np.full((6, 2), 100.0)
+    xy[index, axis] = xy[5, 1] = number
+    with pytest.raises(
+        ValueError, match=rf"^'Side line top': pixel {index} is not finite: .*(nan|inf).*; leave it out"
+    ):
+        check({"Middle line": LINE, "Side line top": xy})
+
+
+def test_swapped_image_size_is_recognised():
+    frame = {"Side line top": [(x, 100.0 + 0.1 * x) for x in range(0, 960, 60)]}
+    check(frame, (960, 540))
+    with pytest.raises(ValueError, match=r"image_size = \(540, 960\) leaves \d+ % .* give it as \(width, height\)"):
+        check(frame, (540, 960))
+
+
+def test_annotations_somewhat_outside_the_image_are_accepted():
+    check({"Middle line": [(480.0, -100.0), (480.0, 640.0)], "Side line top": [(-200.0, 80.0), (1150.0, 90.0)]})
+
+
+@pytest.mark.parametrize(
+    ("values", "shape"),
+    [
+        ([480.0, 100.0], r"\(2,\)"),
+        ([(480.0, 100.0, 1.0)], r"\(1, 3\)"),
+        (np.zeros((4, 1, 2)), r"\(4, 1, 2\)"),
+        (480.0, r"\(\)"),
+    ],
+)
+def test_wrong_shapes_are_refused_by_label(values, shape):
+    with pytest.raises(ValueError, match=rf"^'Middle line': expected pixels of shape \(N, 2\), got {shape}$"):
+        check({"Middle line": values})
+
+
+@pytest.mark.parametrize(
+    "values", [[(480.0, 100.0), (480.0,)], [{"x": 0.5, "y": 0.1}, {"x": 0.5, "y": 0.9}], [("a", "b")]], ids=str
+)
+def test_what_is_no_array_of_numbers_is_refused_by_label(values):
+    """Ragged lists, and the dictionaries of SoccerNet's annotation files."""
+    with pytest.raises(ValueError, match=r"'Middle line'.*\(N, 2\)"):
+        check({"Middle line": values})
+
+
+def test_one_label_given_twice_with_and_without_a_blank_is_refused():
+    with pytest.raises(ValueError, match="'Goal left post left' is given twice, with and without surrounding blanks"):
+        check({"Goal left post left": LINE, "Goal left post left ": LINE})
+
+
+def test_the_input_is_left_alone():
+    xy = np.array(LINE)
+    frame = {"Middle line": xy, "Goal left post left ": [(1.0, 2.0)]}
+    check(frame)
+    assert list(frame) == ["Middle line", "Goal left post left "]
+    np.testing.assert_array_equal(xy, LINE)
+
+
+# --- the centre circle ---
+
+LEFT, RIGHT = "Circle central left", "Circle central right"
+
+
+def rows_of(*arrays):
+    """All pixels in an order that does not depend on how they were split."""
+    xy = np.concatenate([np.asarray(a).reshape(-1, 2) for a in arrays])
+    return xy[np.lexsort(xy.T)]
+
+
+def circle_beside_a_line(rng, lean):
+    """Pixels within 200 px of a middle line that leans by `lean` px per row, and whether each is left of it."""
+    x_top = rng.uniform(300.0, 600.0)
+    y = np.sort(rng.uniform(0.0, 540.0, size=rng.integers(2, 5)))
+    y[-1] += 10.0
+    line = np.column_stack([x_top + lean * y, y])
+    offset = rng.uniform(1.0, 200.0, size=20) * rng.choice([-1.0, 1.0], size=20)
+    rows = rng.uniform(100.0, 400.0, size=20)
+    return rng.permutation(line), np.column_stack([x_top + lean * rows + offset, rows]), offset < 0.0
+
+
+@given(st.floats(-0.95, 0.95), generators())
+def test_circle_is_split_by_the_middle_line_whatever_its_slant(lean, rng):
+    line, circle, left = circle_beside_a_line(rng, lean)
+    split = split_centre_circle({"Circle central": circle, "Middle line": line}, SIZE)
+    np.testing.assert_array_equal(split.get(LEFT, np.empty((0, 2))), circle[left])
+    np.testing.assert_array_equal(split.get(RIGHT, np.empty((0, 2))), circle[~left])
+    assert "Circle central" not in split
+
+
+@given(
+    generators(),
+    st.sampled_from(["slanted", "flat", "single", "none"]),
+    st.booleans(),
+    st.integers(1, 12),
+)
+def test_splitting_conserves_every_pixel_and_the_other_labels(rng, middle, halves_given, count):
+    frame = {"Side line top": rng.uniform(0, 500, size=(3, 2)), "Circle central": rng.uniform(0, 500, size=(count, 2))}
+    if middle != "none":
+        line = {"slanted": [(400, 50), (500, 450)], "flat": [(50, 200), (900, 260)], "single": [(400, 50)]}[middle]
+        frame["Middle line"] = np.array(line, dtype=float)
+    if halves_given:
+        frame |= {LEFT: rng.uniform(0, 500, size=(2, 2)), RIGHT: rng.uniform(0, 500, size=(4, 2))}
+    before = {label: xy.copy() for label, xy in frame.items()}
+    split = split_centre_circle(frame, SIZE)
+    halves = [split[label] for label in (LEFT, RIGHT) if label in split]
+    given_halves = [before[label] for label in (LEFT, RIGHT) if label in before]
+    np.testing.assert_array_equal(rows_of(*halves), rows_of(before["Circle central"], *given_halves))
+    assert set(split) - {LEFT, RIGHT} == set(before) - {LEFT, RIGHT, "Circle central"}
+    assert all(len(xy) for xy in split.values())
+    assert list(frame) == list(before)  # the input is left alone
+    for label, xy in frame.items():
+        np.testing.assert_array_equal(xy, before[label])
+
+
+@pytest.mark.parametrize(("x", "half"), [(200.0, RIGHT), (700.0, LEFT)])
+@pytest.mark.parametrize(
+    "middle_line",
+    [None, [(480.0, 300.0)], [(0.0, 300.0), (960.0, 250.0)], [(480.0, 300.0), (480.0, 300.0)]],
+    ids=["absent", "one pixel", "flat, from behind a goal", "no length"],
+)
+def test_without_a_middle_line_the_half_is_that_towards_the_middle_of_the_image(middle_line, x, half):
+    frame = {"Circle central": x + np.array([[-20.0, 200.0], [0.0, 210.0], [20.0, 230.0]])}
+    frame |= {} if middle_line is None else {"Middle line": np.array(middle_line)}
+    split = split_centre_circle(frame, SIZE)
+    np.testing.assert_array_equal(split[half], frame["Circle central"])
+    assert not {LEFT, RIGHT, "Circle central"} & set(split) - {half}
+
+
+def test_a_frame_without_the_circle_comes_back_as_a_copy():
+    frame = {"Middle line": np.array(LINE)}
+    split = split_centre_circle(frame, SIZE)
+    assert split == frame
+    assert split is not frame
+
+
+# --- packing ---
+
+
+def random_frame(rng, labels=tuple(OBJECT)):
+    """One to eight pixels on a random choice of segments, perhaps none, in random order."""
+    chosen = rng.permutation([label for label in labels if rng.random() < 0.6])
+    return {str(label): rng.uniform(0.0, 500.0, size=(rng.integers(1, 9), 2)) for label in chosen}
+
+
+def random_frames():
+    return st.builds(lambda rng, count: [random_frame(rng) for _ in range(count)], generators(), st.integers(1, 4))
+
+
+def rows_by_kind(observations):
+    return {kind: getattr(observations, kind) for kind in KINDS}
+
+
+@given(random_frames())
+def test_every_pixel_is_packed_under_its_label_and_kind(frames):
+    packed = pack(OBJECT, frames, SIZE)
+    assert len(packed) == len(frames)
+    assert packed.labels == tuple(OBJECT)
+    assert packed.image_size == SIZE
+    for kind, rows in rows_by_kind(packed).items():
+        for t, frame in enumerate(frames):
+            found = {packed.labels[i] for i in rows.label[t] if i >= 0}
+            assert found == {label for label in frame if KIND_OF[label] == kind}
+            for label in found:
+                np.testing.assert_array_equal(rows.xy[t, rows.label[t] == packed.labels.index(label)], frame[label])
+
+
+@given(random_frames())
+def test_weights_of_a_segment_sum_to_one_and_padding_has_none(frames):
+    for rows in rows_by_kind(pack(OBJECT, frames, SIZE)).values():
+        np.testing.assert_array_equal(rows.weight > 0.0, rows.label >= 0)
+        np.testing.assert_array_equal(rows.weight[rows.label < 0], 0.0)
+        for t in range(len(frames)):
+            for label in set(rows.label[t][rows.label[t] >= 0]):
+                weight = rows.weight[t][rows.label[t] == label]
+                assert weight.sum() == pytest.approx(1.0)
+                assert np.ptp(weight) == 0.0
+
+
+@given(random_frames())
+def test_padding_stands_at_the_end_and_is_no_longer_than_the_fullest_frame_asks(frames):
+    for kind, rows in rows_by_kind(pack(OBJECT, frames, SIZE)).items():
+        counts = [sum(len(xy) for label, xy in frame.items() if KIND_OF[label] == kind) for frame in frames]
+        assert rows.xy.shape == (len(frames), max(counts), 2)
+        assert bool(rows) == (max(counts) > 0)
+        for t, count in enumerate(counts):
+            assert np.all(rows.label[t, :count] >= 0)
+            assert np.all(rows.label[t, count:] == -1)
+
+
+@given(random_frames())
+def test_padding_has_finite_geometry_with_a_direction(frames):
+    packed = pack(OBJECT, frames, SIZE)
+    for rows in rows_by_kind(packed).values():
+        assert np.all(np.isfinite(rows.geometry))
+    for rows in (packed.lines, packed.arcs):
+        assert np.all(np.linalg.norm(rows.geometry[:, :, 1], axis=-1) > 0.0)
+
+
+@given(random_frames())
+def test_packing_a_batch_equals_packing_frame_by_frame_up_to_padding(frames):
+    packed = rows_by_kind(pack(OBJECT, frames, SIZE))
+    for t, frame in enumerate(frames):
+        for kind, one in rows_by_kind(pack(OBJECT, [frame], SIZE)).items():
+            n = one.xy.shape[1]
+            for name in ("xy", "weight", "label"):
+                np.testing.assert_array_equal(getattr(packed[kind], name)[t, :n], getattr(one, name)[0])
+            depth = one.geometry.shape[2]
+            geometry = packed[kind].geometry[t, :n]
+            np.testing.assert_array_equal(geometry[:, :depth], one.geometry[0])
+            # in company of a longer curve a curve repeats its last point
+            np.testing.assert_array_equal(
+                geometry[:, depth:], np.repeat(geometry[:, depth - 1 : depth], geometry.shape[1] - depth, axis=1)
+            )
+
+
+def test_geometry_by_hand():
+    packed = pack(OBJECT, [{label: np.array([[1.0, 2.0]]) for label in OBJECT}], SIZE)
+
+    def geometry(label):
+        rows = getattr(packed, KIND_OF[label])
+        return rows.geometry[0, list(rows.label[0]).index(packed.labels.index(label))]
+
+    np.testing.assert_array_equal(geometry("post"), [(1.0, 2.0, 0.0), (0.0, 0.0, -2.44)])
+    np.testing.assert_array_equal(geometry("side"), [(0.0, 0.0, 0.0), (3.0, 0.0, 0.0)])
+    np.testing.assert_array_equal(geometry("arc"), [(0.0, 1.0, 0.0), (0.0, 9.15, 0.0), (0.0, 0.0, -9.15)])
+    np.testing.assert_array_equal(geometry("dot"), [(4.0, 5.0, 6.0)])
+    np.testing.assert_array_equal(geometry("long curve"), OBJECT["long curve"].X)
+    np.testing.assert_array_equal(geometry("short curve"), OBJECT["short curve"].X[[0, 1, 2, 2, 2]])
+    np.testing.assert_array_equal(geometry("pair"), OBJECT["pair"].X[[0, 1, 1, 1]])
+
+
+@given(random_frames(), st.lists(st.integers(0, 10), max_size=6))
+def test_take_picks_frames_in_order_and_repeats_them(frames, index):
+    index = np.array([i % len(frames) for i in index], dtype=np.intp)
+    packed = pack(OBJECT, frames, SIZE)
+    taken = packed.take(index)
+    assert len(taken) == len(index)
+    assert (taken.labels, taken.image_size) == (packed.labels, packed.image_size)
+    for kind, rows in rows_by_kind(taken).items():
+        for name in ("xy", "weight", "label", "geometry"):
+            np.testing.assert_array_equal(getattr(rows, name), getattr(getattr(packed, kind), name)[index])
+    np.testing.assert_array_equal(taken.weight, packed.weight[index])
+
+
+@given(random_frames())
+def test_points_and_unordered_clouds_have_two_residuals_a_pixel(frames):
+    packed = pack(OBJECT, frames, SIZE)
+    order = [packed.lines, packed.arcs, packed.curves, packed.points, packed.points, packed.clouds, packed.clouds]
+    np.testing.assert_array_equal(packed.weight, np.concatenate([rows.weight for rows in order], axis=1))
+    np.testing.assert_array_equal(packed.label, np.concatenate([rows.label for rows in order], axis=1))
+    assert packed.label.dtype == np.intp
+
+
+def test_frames_without_any_pixel_pack_to_nothing():
+    packed = pack(OBJECT, [{}, {}], SIZE)
+    assert len(packed) == 2
+    assert packed.weight.shape == (2, 0)
+    assert not any(rows_by_kind(packed).values())
+
+
+def test_the_whole_field_can_be_packed():
+    rng = np.random.default_rng(0)
+    packed = pack(FIELD, [{label: rng.uniform(0, 500, size=(2, 2)) for label in FIELD}], SIZE)
+    counts = {kind: rows.xy.shape[1] for kind, rows in rows_by_kind(packed).items()}
+    assert counts == {"lines": 2 * 23, "arcs": 2 * 5, "curves": 0, "points": 2 * 39, "clouds": 0}
