@@ -95,7 +95,8 @@ class Camera:
 
         The principal point defaults to (width / 2, height / 2), SoccerNet's.
         """
-        cx, cy = np.divide(checked_image_size(image_size), 2.0) if principal_point is None else np.asarray(principal_point, dtype=float)
+        centre = np.divide(checked_image_size(image_size), 2.0)
+        cx, cy = centre if principal_point is None else np.asarray(principal_point, dtype=float)
         K = np.array([[focal_length, 0.0, cx], [0.0, focal_length, cy], [0.0, 0.0, 1.0]])
         return cls(K, rotation_from_angles(np.array([pan, tilt, roll], dtype=float)), C, image_size, k)
 

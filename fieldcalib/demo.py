@@ -6,7 +6,6 @@ It needs no data: the cameras are made up, the frames are rendered, the labels a
 from __future__ import annotations
 
 import json
-import os
 from collections.abc import Sequence
 from dataclasses import astuple, dataclass
 from pathlib import Path
@@ -16,10 +15,11 @@ import numpy as np
 from fieldcalib._types import Array, BoolArray
 from fieldcalib.calibrate import calibrate_batch
 from fieldcalib.camera import Camera
-from fieldcalib.draw import Image, draw_field, draw_minimap, draw_segments, render_field
+from fieldcalib.draw import draw_field, draw_minimap, draw_segments
 from fieldcalib.field import Arc, Field, soccer
-from fieldcalib.io.files import write_text
+from fieldcalib.io.files import write_bytes, write_text
 from fieldcalib.io.soccernet import camera_to_record, format_annotation
+from fieldcalib.render import Image, render_field
 from fieldcalib.result import Calibration
 from fieldcalib.segments import Pixels
 
@@ -262,12 +262,7 @@ def _contact_sheet(tiles: Sequence[Image]) -> Image:
 
 
 def _write_image(path: Path, image: Image) -> None:
-    """Write a PNG by way of a temporary file beside it: whole or not at all."""
+    """Write a PNG, whole or not at all."""
     import cv2
 
-    temporary = path.with_name(f".{path.name}.{os.getpid()}")
-    try:
-        temporary.write_bytes(cv2.imencode(".png", image)[1].tobytes())
-        os.replace(temporary, path)
-    finally:
-        temporary.unlink(missing_ok=True)
+    write_bytes(path, cv2.imencode(".png", image)[1].tobytes())

@@ -213,10 +213,15 @@ def _known_parameters(
         )
     if dist_coeffs is not None and camera_matrix is None:
         raise ValueError("dist_coeffs belong to a focal length: give camera_matrix with them")
-    if (rvec is None) != (tvec is None) or wants_extrinsics != (rvec is not None):
+    given = (rvec is not None) + (tvec is not None)
+    if given == 1 or wants_extrinsics != (given == 2):
+        problem = {
+            0: "rvec and tvec are missing",
+            1: "give both rvec and tvec",
+            2: "without a flag they would be ignored",
+        }
         raise ValueError(
-            "rvec, tvec and the flags CALIB_USE_EXTRINSIC_GUESS or CALIB_FIX_POSITION go together: "
-            + ("rvec and tvec are missing" if wants_extrinsics else "give both, with one of these flags")
+            "rvec, tvec and the flags CALIB_USE_EXTRINSIC_GUESS or CALIB_FIX_POSITION go together: " + problem[given]
         )
     known = np.full(len(PARAMETERS), np.nan)
     known[PRINCIPAL_POINT] = np.array(image_size) / 2.0

@@ -270,7 +270,7 @@ class Search:
     def iterations(self) -> Iterator[int]:
         """At most ten; fewer when the largest step was so small that the next one would not change a digit."""
         for iteration in range(10):
-            if self.moved < 1e-5:  # convergence is quadratic
+            if self.moved < 1e-6:  # convergence is quadratic
                 return
             yield iteration
 

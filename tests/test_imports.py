@@ -34,6 +34,7 @@ FLOORS = {
     "calibrate": 5,
     # leaves, and the public face that names what they and the floors offer
     "metrics": 6,
+    "render": 6,
     "draw": 6,
     "io": 6,
     "demo": 6,

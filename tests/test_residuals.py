@@ -2,12 +2,12 @@
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import assume, given
 from strategies import broadcast_theta, generators, thetas
 from synthetic import observe
 
 from fieldcalib.camera import Camera
-from fieldcalib.field import Arc, Line, Point, PointCloud, soccer
+from fieldcalib.field import Arc, Line, PointCloud, soccer
 from fieldcalib.parameters import (
     CENTER,
     DISTRIBUTIONS,
@@ -76,7 +76,9 @@ def _room(xy, curve):
     """Radius of the smallest circle that touches the curve at each of its points xy and meets it elsewhere."""
     nearest = np.nanargmin(np.linalg.norm(xy[:, None] - curve, axis=2), axis=1)
     tangent = curve[(nearest + 1) % len(curve)] - curve[nearest - 1]
-    normal = np.stack([-tangent[:, 1], tangent[:, 0]], axis=1) / (np.linalg.norm(tangent, axis=1, keepdims=True) + 1e-12)
+    normal = np.stack([-tangent[:, 1], tangent[:, 0]], axis=1) / (
+        np.linalg.norm(tangent, axis=1, keepdims=True) + 1e-12
+    )
     chord = curve - curve[nearest][:, None]
     across = np.abs(np.einsum("nk,nmk->nm", normal, chord))
     radius = np.sum(np.square(chord), axis=2) / (2.0 * across + 1e-12)
@@ -125,7 +127,7 @@ def test_jacobian_of_some_parameters_is_a_part_of_the_whole(free):
     mask = np.isin(np.arange(len(PARAMETERS)), free)
     r, part = segment_residuals_with_jacobian(theta, observations, mask)
     _, whole = segment_residuals_with_jacobian(theta, observations, EVERYTHING)
-    np.testing.assert_array_equal(part, whole[:, :, free])
+    np.testing.assert_allclose(part, whole[:, :, free], rtol=1e-12, atol=1e-11)
     np.testing.assert_array_equal(r, segment_residuals(theta, observations))
 
 
@@ -142,7 +144,8 @@ def test_pixels_on_their_segments_have_no_residual(drawn):
 def test_residual_is_the_distance_to_the_nearest_point_of_the_image_of_the_segment(drawn, rng):
     theta, image_size = drawn
     camera = camera_from_theta(theta, image_size)
-    frame = displaced({**FIELD.markings}, camera, rng, distance=5.0)
+    frame = displaced(FIELD.markings, camera, rng, distance=5.0)
+    assume(frame)
     observations = pack(FIELD, [frame], image_size)
     r = segment_residuals(theta[None], observations)[0]
     for index, label in enumerate(observations.labels):
@@ -173,7 +176,7 @@ def behind_the_goal_line():
 def test_end_points_behind_the_camera_do_not_hurt():
     camera = behind_the_goal_line()
     theta = theta_from_camera(camera)[None]
-    labels = ("Side line top", "Side line bottom", "Big rect. left top", "Big rect. left bottom")
+    labels = ("Side line top", "Side line bottom")
     frame = {}
     for label in labels:
         segment = FIELD[label]
@@ -210,7 +213,9 @@ def test_a_foot_point_at_infinity_has_a_residual_and_a_jacobian():
 @given(drawn=thetas(lens=False), rng=generators())
 def test_sliding_along_a_line_changes_nothing(drawn, rng):
     theta, image_size = drawn
-    frame = observe({label: s for label, s in FIELD.items() if isinstance(s, Line)}, camera_from_theta(theta, image_size))
+    lines = {label: segment for label, segment in FIELD.items() if isinstance(segment, Line)}
+    frame = observe(lines, camera_from_theta(theta, image_size))
+    assume(frame)
     offset = rng.normal(size=2)
     slid = {label: xy + offset + rng.normal() * (xy[-1] - xy[0]) for label, xy in frame.items()}
     moved = {label: xy + offset for label, xy in frame.items()}
@@ -222,6 +227,7 @@ def test_sliding_along_a_line_changes_nothing(drawn, rng):
 def test_enlarging_the_image_enlarges_the_residuals(drawn, rng):
     theta, (width, height) = drawn
     frame = displaced(FIELD.markings, camera_from_theta(theta, (width, height)), rng, 5.0)
+    assume(frame)
     r = segment_residuals(theta[None], pack(FIELD, [frame], (width, height)))
     larger = theta.copy()
     larger[LOG_F] += np.log(2.0)
@@ -235,6 +241,7 @@ def test_enlarging_the_image_enlarges_the_residuals(drawn, rng):
 def test_a_lens_of_zero_is_no_lens(drawn, rng):
     theta, image_size = drawn
     frame = displaced(ALL_KINDS, camera_from_theta(theta, image_size), rng, 10.0)
+    assume(frame)
     observations = pack(ALL_KINDS, [frame], image_size)
     nearly = theta.copy()
     nearly[LENS.start] = 1e-13  # takes the way through the lens
@@ -292,7 +299,7 @@ def test_a_camera_in_the_plane_of_a_circle_stops_nothing():
 
 
 def test_aspect_stretches_the_rows_alone():
-    theta, observations = random_problem("main center", False, range(2))
+    theta, _ = random_problem("main center", False, range(2))
     theta[:, LOG_ASPECT] = 0.1
     camera = camera_from_theta(theta[0], (960, 540))
     assert np.isclose(camera.K[1, 1], np.exp(0.1) * camera.K[0, 0])

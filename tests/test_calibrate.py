@@ -1,0 +1,394 @@
+"""The whole flow: from labelled pixels to a camera."""
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from strategies import seeds
+from synthetic import frames_of_broadcasts, observe, whole_circle_markings
+
+from fieldcalib import (
+    Arc,
+    Camera,
+    CameraDistribution,
+    Line,
+    Point,
+    PointCloud,
+    Status,
+    calibrate_batch,
+    calibrate_from_segments,
+    soccer,
+)
+from fieldcalib.io.soccernet import parse_annotation
+from fieldcalib.options import DEFAULT_FLAGS, CalibrationFlags
+from fieldcalib.parameters import camera_from_theta
+
+FIELD, SIZE = soccer(), (960, 540)
+MARKINGS = whole_circle_markings(FIELD)
+CAMERA = Camera.from_angles(-0.35, 1.36, 0.01, 1700.0, (1.5, 68.0, -17.0), SIZE)
+FRAME = observe(MARKINGS, CAMERA)
+F = CalibrationFlags
+
+
+def relative_error(camera, truth):
+    """The largest of the relative errors of focal length and position and of the rotation."""
+    return max(
+        abs(camera.focal_length / truth.focal_length - 1.0),
+        np.linalg.norm(camera.C - truth.C) / np.linalg.norm(truth.C),
+        np.linalg.norm(camera.R - truth.R),
+    )
+
+
+def test_frames_without_noise_give_back_their_cameras():
+    """Five or more segments, from every distribution, no prior in the final solve: 99 % to 1e-6."""
+    frames, thetas = frames_of_broadcasts(100, seed=11)
+    errors = []
+    for frame, theta in zip(frames, thetas, strict=True):
+        camera = calibrate_from_segments(FIELD, frame, SIZE, prior=None).camera
+        errors.append(relative_error(camera, camera_from_theta(theta, SIZE)))
+    assert np.mean(np.array(errors) < 1e-6) >= 0.99, sorted(errors)[-3:]
+
+
+def test_a_batch_of_them_too():
+    frames, thetas = frames_of_broadcasts(600, seed=12)
+    found = calibrate_batch(FIELD, frames, SIZE, prior=None)
+    errors = [relative_error(c.camera, camera_from_theta(t, SIZE)) for c, t in zip(found, thetas, strict=True)]
+    assert np.mean(np.array(errors) < 1e-6) >= 0.99, sorted(errors)[-8:]
+
+
+def test_one_frame_and_a_batch_agree():
+    frames, _ = frames_of_broadcasts(40, seed=13, noise=1.0, names=("main center", "main left"))
+    for together, frame in zip(calibrate_batch(FIELD, frames, SIZE), frames, strict=True):
+        alone = calibrate_from_segments(FIELD, frame, SIZE)
+        assert alone.status is together.status
+        assert alone.rms == pytest.approx(together.rms, rel=1e-3)
+        assert relative_error(alone.camera, together.camera) < 1e-3
+        assert alone.loss_ndc == pytest.approx(together.loss_ndc, rel=1e-2)
+        assert list(alone.per_segment_errors) == list(frame)
+
+
+def test_twice_is_the_same():
+    frames, _ = frames_of_broadcasts(5, seed=14, noise=1.0)
+    first, second = (calibrate_batch(FIELD, frames, SIZE) for _ in range(2))
+    assert [c.camera for c in first] == [c.camera for c in second]
+    assert calibrate_from_segments(FIELD, frames[0], SIZE) == calibrate_from_segments(FIELD, frames[0], SIZE)
+
+
+@settings(max_examples=15)
+@given(seed=seeds)
+def test_the_order_of_labels_and_pixels_does_not_matter(seed):
+    rng = np.random.default_rng(seed)
+    frame = observe(MARKINGS, CAMERA, rng, noise=1.0)
+    shuffled = {label: rng.permutation(frame[label]) for label in rng.permutation(list(frame))}
+    one, other = calibrate_batch(FIELD, [frame, shuffled], SIZE)
+    assert relative_error(one.camera, other.camera) < 1e-5
+
+
+@settings(max_examples=15)
+@given(seed=seeds, factor=st.sampled_from([2, 3]))
+def test_an_enlarged_frame_has_the_same_camera(seed, factor):
+    frame = observe(MARKINGS, CAMERA, np.random.default_rng(seed), noise=1.0)
+    enlarged = {label: factor * xy for label, xy in frame.items()}
+    size = (factor * SIZE[0], factor * SIZE[1])
+    small, large = (calibrate_from_segments(FIELD, f, s) for f, s in ((frame, SIZE), (enlarged, size)))
+    assert relative_error(large.camera, small.camera.scaled(size)) < 1e-5
+    assert large.rms == pytest.approx(factor * small.rms, rel=1e-4)
+
+
+@settings(max_examples=15)
+@given(seed=seeds)
+def test_a_mirrored_frame_has_the_mirrored_camera(seed):
+    """Left and right exchanged, in the image and in the labels."""
+    frame = observe(MARKINGS, CAMERA, np.random.default_rng(seed), noise=1.0)
+    swap = str.maketrans({"<": "right", ">": "left"})
+    mirrored = {}
+    for label, xy in frame.items():
+        name = label.replace("left", "<").replace("right", ">").translate(swap)
+        mirrored[name] = (SIZE[0] - xy[:, 0])[:, None] * (1.0, 0.0) + xy * (0.0, 1.0)
+    one, other = calibrate_batch(FIELD, [frame, mirrored], SIZE)
+    assert other.camera.focal_length == pytest.approx(one.camera.focal_length, rel=1e-4)
+    np.testing.assert_allclose(other.camera.C, one.camera.C * (-1.0, 1.0, 1.0), atol=0.01)
+
+
+def test_noise_moves_the_camera_little():
+    errors = []
+    for seed in range(20):
+        frame = observe(MARKINGS, CAMERA, np.random.default_rng(seed), noise=1.0)
+        errors.append(calibrate_from_segments(FIELD, frame, SIZE).camera.focal_length / CAMERA.focal_length - 1.0)
+    assert np.median(np.abs(errors)) < 0.01
+
+
+def test_a_wrong_label_among_many_hardly_moves_the_camera():
+    frame = observe(MARKINGS, CAMERA, np.random.default_rng(0), noise=0.5)
+    wrong = {**frame, "Small rect. left top": frame["Big rect. left top"]}
+    found = calibrate_from_segments(FIELD, wrong, SIZE)
+    assert relative_error(found.camera, CAMERA) < 0.03
+    assert max(found.per_segment_errors, key=found.per_segment_errors.get) == "Small rect. left top"
+
+
+# --- what comes back ---
+
+
+def test_unpacks_to_what_opencv_returns_for_one_view():
+    import cv2
+
+    calibration = calibrate_from_segments(FIELD, FRAME, SIZE)
+    rms, K, dist, rvec, tvec = calibration
+    assert (K.shape, dist.shape, rvec.shape, tvec.shape) == ((3, 3), (1, 5), (3, 1), (3, 1))
+    assert rms == calibration.rms
+    X = np.array([(0.0, 0.0, 0.0), (-30.0, -10.0, -1.0)])
+    xy, _ = cv2.projectPoints(X, rvec, tvec, K, dist)
+    np.testing.assert_allclose(xy[:, 0], calibration.camera.project(X), atol=1e-6)
+
+
+def test_errors_are_those_of_the_pixels():
+    shifted = {**FRAME, "Side line top": FRAME["Side line top"] + (0.0, 2.0)}
+    found = calibrate_from_segments(FIELD, shifted, SIZE)
+    X = FIELD["Side line top"].sample(0.01)
+    gaps = [np.nanmin(np.linalg.norm(found.camera.project(X) - xy, axis=1)) for xy in shifted["Side line top"]]
+    assert found.per_segment_errors["Side line top"] == pytest.approx(np.sqrt(np.mean(np.square(gaps))), abs=0.01)
+    counts = [len(xy) for xy in shifted.values()]
+    mean_square = np.average(np.square(list(found.per_segment_errors.values())), weights=counts)
+    assert found.rms == pytest.approx(np.sqrt(mean_square))
+
+
+@pytest.mark.parametrize(
+    ("frame", "status", "message"),
+    [
+        ({}, Status.TOO_FEW_SEGMENTS, "no labelled pixels"),
+        ({"Middle line": []}, Status.TOO_FEW_SEGMENTS, "no labelled pixels"),
+        ({"Middle line": [(480, 100), (490, 400)]}, Status.TOO_FEW_SEGMENTS, "give 2 equations for 7 unknowns"),
+        ({"Side line top": [(5, 100), (900, 90)]}, Status.TOO_FEW_SEGMENTS, "label more segments"),
+    ],
+)
+def test_too_few_labels(frame, status, message):
+    found = calibrate_from_segments(FIELD, frame, SIZE)
+    assert found.status is status
+    assert message in found.message
+    assert not found.accepted
+    assert (found.camera is None) == (not any(len(xy) for xy in frame.values()))
+
+
+def test_nothing_to_unpack_is_an_error_that_says_why():
+    with pytest.raises(ValueError, match="no camera to unpack: no labelled pixels"):
+        list(calibrate_from_segments(FIELD, {}, SIZE))
+
+
+def seen_by_a_wide_camera(labels):
+    camera = Camera.from_angles(0.1, 1.2, 0.0, 520.0, (0.0, 70.0, -30.0), SIZE)
+    frame = observe({label: FIELD[label] for label in labels}, camera, per_curve=12)
+    assert set(frame) == set(labels)
+    return frame
+
+
+@pytest.mark.parametrize(
+    ("labels", "message"),
+    [
+        (("Side line top", "Big rect. left top", "Big rect. left bottom", "Small rect. left top"), "parallel"),
+        (("Circle central", "Circle central left", "Circle central right"), "only one circle"),
+    ],
+)
+def test_degenerate_labels_are_named(labels, message):
+    found = calibrate_from_segments(FIELD, seen_by_a_wide_camera(labels), SIZE)
+    assert found.status is Status.DEGENERATE
+    assert message in found.message
+    assert found.camera is not None
+
+
+def test_lines_through_one_point_are_degenerate():
+    corner = Point((0.0, 0.0, 0.0)).X
+    star = {f"ray {i}": Line(corner, (10.0 * np.cos(a), 10.0 * np.sin(a), 0.0)) for i, a in enumerate((0, 1, 2, 2.5))}
+    camera = Camera.from_angles(0.0, 1.3, 0.0, 1500.0, (0.0, 60.0, -15.0), SIZE)
+    found = calibrate_from_segments(star, observe(star, camera), SIZE, prior="main center")
+    assert found.status is Status.DEGENERATE
+    assert "meet in one point" in found.message
+
+
+def test_tau_rejects_and_still_gives_the_camera():
+    frame = observe(MARKINGS, CAMERA, np.random.default_rng(1), noise=4.0)
+    found = calibrate_from_segments(FIELD, frame, SIZE)
+    assert found.accepted
+    low, high = (calibrate_from_segments(FIELD, frame, SIZE, tau=t * found.loss_ndc) for t in (0.99, 1.01))
+    assert low.status is Status.REJECTED
+    assert "above tau" in low.message
+    assert high.accepted
+    assert low.camera == high.camera == found.camera
+
+
+def test_labels_of_no_camera_are_implausible_or_worse():
+    rng = np.random.default_rng(3)
+    frame = {label: rng.uniform((0, 0), SIZE, size=(3, 2)) for label in FRAME}
+    found = calibrate_from_segments(FIELD, frame, SIZE, tau=0.019)
+    assert found.status is Status.REJECTED
+    assert calibrate_from_segments(FIELD, frame, SIZE).camera is not None
+
+
+def test_a_camera_below_the_ground_is_implausible():
+    below = Camera.from_angles(-0.35, 1.9, 0.01, 1400.0, (1.5, 68.0, 17.0), SIZE)
+    frame = observe(MARKINGS, below)
+    rms, K, dist, rvec, tvec = 0.0, below.K, None, *below.to_opencv()[:2]
+    guess = F.CALIB_USE_INTRINSIC_GUESS | F.CALIB_USE_EXTRINSIC_GUESS
+    found = calibrate_from_segments(FIELD, frame, SIZE, K, dist, rvec, tvec, flags=DEFAULT_FLAGS | guess, prior=None)
+    assert found.status is Status.IMPLAUSIBLE
+    assert "below the ground" in found.message
+    assert found.rms == pytest.approx(rms, abs=1e-6)
+
+
+def test_iterations_that_do_not_suffice_are_said_so():
+    frame = observe(MARKINGS, CAMERA, np.random.default_rng(4), noise=3.0)
+    found = calibrate_from_segments(FIELD, frame, SIZE, criteria=(1, 1, 0.0))
+    assert found.status is Status.NOT_CONVERGED
+    assert found.camera is not None
+
+
+@pytest.mark.parametrize(
+    ("frame", "message"),
+    [
+        ({"Midle line": [(1, 2)]}, "did you mean 'Middle line'"),
+        ({"Middle line": [(0.5, 0.1), (0.5, 0.9)]}, "normalised"),
+        ({"Middle line": [(480, np.nan)]}, "'Middle line': pixel 0 is not finite"),
+    ],
+)
+def test_what_cannot_be_right_is_an_error(frame, message):
+    with pytest.raises(ValueError, match=message):
+        calibrate_from_segments(FIELD, frame, SIZE)
+    with pytest.raises(ValueError, match=f"frame 1: .*{message}"):
+        calibrate_batch(FIELD, [FRAME, frame], SIZE)
+
+
+# --- what is known, and from where ---
+
+
+def test_a_guess_is_enough_to_start_from():
+    rvec, tvec, K, _ = CAMERA.to_opencv()
+    guess = F.CALIB_USE_INTRINSIC_GUESS | F.CALIB_USE_EXTRINSIC_GUESS
+    near = K * [[1.02, 1.0, 1.0], [1.0, 1.02, 1.0], [1.0, 1.0, 1.0]]
+    found = calibrate_from_segments(
+        FIELD, FRAME, SIZE, near, None, rvec + 0.01, tvec + 0.5, flags=DEFAULT_FLAGS | guess, prior=None
+    )
+    assert relative_error(found.camera, CAMERA) < 1e-6
+
+
+def test_what_is_fixed_stays():
+    frame = observe(MARKINGS, CAMERA, np.random.default_rng(5), noise=1.0)
+    rvec, tvec, K, _ = CAMERA.to_opencv()
+    focal = calibrate_from_segments(FIELD, frame, SIZE, K, flags=DEFAULT_FLAGS | F.CALIB_FIX_FOCAL_LENGTH)
+    assert focal.camera.focal_length == pytest.approx(1700.0, rel=1e-12)
+    place = calibrate_from_segments(
+        FIELD, frame, SIZE, None, None, rvec, tvec, flags=DEFAULT_FLAGS | F.CALIB_FIX_POSITION
+    )
+    np.testing.assert_allclose(place.camera.C, CAMERA.C, atol=1e-9)
+    assert place.accepted
+    level = calibrate_from_segments(FIELD, frame, SIZE, flags=DEFAULT_FLAGS | F.CALIB_FIX_ROLL)
+    assert level.camera.angles[2] == pytest.approx(0.0, abs=1e-12)
+    for found in (focal, place, level):
+        assert relative_error(found.camera, CAMERA) < 0.05
+
+
+def test_what_is_freed_is_found():
+    K = np.array([[1700.0, 0.0, 495.0], [0.0, 1700.0, 262.0], [0.0, 0.0, 1.0]])
+    wide = Camera.from_angles(-0.6, 1.3, 0.01, 620.0, (1.5, 48.0, -22.0), SIZE, (495.0, 262.0))  # posts in view
+    lens = Camera(wide.K, wide.R, wide.C, SIZE, (0.06, 0.0))
+    for truth, freed in ((wide, F.CALIB_FIX_PRINCIPAL_POINT), (lens, F.CALIB_FIX_PRINCIPAL_POINT | F.CALIB_FIX_K1)):
+        frame = observe(MARKINGS, truth, per_line=6, per_curve=20)
+        found = calibrate_from_segments(FIELD, frame, SIZE, flags=DEFAULT_FLAGS & ~freed, prior=None)
+        assert relative_error(found.camera, truth) < 1e-5
+        np.testing.assert_allclose(found.camera.principal_point, K[:2, 2], atol=1e-2)
+        np.testing.assert_allclose(found.camera.k, truth.k, atol=1e-5)
+
+
+def test_a_plane_cannot_tell_the_principal_point():
+    frame = observe({label: s for label, s in MARKINGS.items() if "Goal" not in label}, CAMERA)
+    found = calibrate_from_segments(FIELD, frame, SIZE, flags=DEFAULT_FLAGS & ~F.CALIB_FIX_PRINCIPAL_POINT, prior=None)
+    assert found.status is Status.DEGENERATE  # eight numbers of a homography, nine of a camera
+    assert "open" in found.message
+    assert found.rms < 1e-3
+
+
+def test_a_known_lens_is_used():
+    lens = Camera(CAMERA.K, CAMERA.R, CAMERA.C, SIZE, (0.35, 0.0))
+    frame = observe(MARKINGS, lens)
+    flags = DEFAULT_FLAGS | F.CALIB_FIX_FOCAL_LENGTH
+    with_lens = calibrate_from_segments(FIELD, frame, SIZE, CAMERA.K, [0.35, 0.0], flags=flags, prior=None)
+    without = calibrate_from_segments(FIELD, frame, SIZE, CAMERA.K, flags=flags, prior=None)
+    assert relative_error(with_lens.camera, lens) < 1e-6
+    np.testing.assert_allclose(with_lens.camera.k, (0.35, 0.0), atol=1e-9)
+    assert without.rms > 0.5
+
+
+def test_the_kind_of_camera_can_be_named():
+    behind = Camera.from_angles(np.radians(80), np.radians(72), 0.0, 800.0, (-75.0, -4.0, -14.0), SIZE)
+    frame = observe(MARKINGS, behind)
+    known = calibrate_from_segments(FIELD, frame, SIZE, prior="behind left goal")
+    assert relative_error(known.camera, behind) < 0.02
+    assert relative_error(calibrate_from_segments(FIELD, frame, SIZE, prior=None).camera, behind) < 1e-6
+
+
+def test_labels_turned_by_half_a_turn_are_a_camera_on_the_opposite_stand():
+    turned = {FIELD.symmetric[label]: xy for label, xy in FRAME.items()}
+    found = calibrate_from_segments(FIELD, turned, SIZE, prior=None)
+    np.testing.assert_allclose(found.camera.C, CAMERA.C * (-1.0, -1.0, 1.0), atol=1e-4)
+
+
+def test_other_sizes_of_field():
+    field = soccer(100.0, 64.0)
+    frame = observe(whole_circle_markings(field), CAMERA)
+    assert relative_error(calibrate_from_segments(field, frame, SIZE, prior=None).camera, CAMERA) < 1e-6
+
+
+# --- objects that are no field ---
+
+
+def test_a_table_can_be_calibrated_against():
+    """A round table 1.2 m wide with a tray, a pole and a scratch: lines, a circle, points, clouds, in metres."""
+    s = np.linspace(0.0, 1.0, 40)
+    table = {
+        "edge": Arc((0.0, 0.0, -0.75), 0.6),
+        "tray front": Line((-0.25, 0.15, -0.75), (0.25, 0.15, -0.75)),
+        "tray left": Line((-0.25, 0.15, -0.75), (-0.25, -0.2, -0.75)),
+        "pole": Line((0.3, -0.1, -0.75), (0.3, -0.1, -1.6)),
+        "screw": Point((0.1, -0.05, -0.75)),
+        "scratch": PointCloud(np.stack([0.5 * s - 0.3, 0.3 * s**2 - 0.4, 0.0 * s - 0.75], axis=1), ordered=True),
+        "crumbs": PointCloud([(-0.1, 0.0, -0.75), (-0.15, 0.05, -0.75), (0.0, 0.3, -0.75)]),
+    }
+    camera = Camera.from_angles(0.2, 1.15, 0.03, 1200.0, (-0.5, 2.2, -1.9), (1280, 720))
+    frame = observe({label: table[label] for label in ("edge", "tray front", "tray left", "pole")}, camera)
+    frame |= {label: camera.project(table[label].sample()) for label in ("screw", "scratch", "crumbs")}
+    room = CameraDistribution("in the room", (-40, 40), (45, 90), (-10, 10), (30, 90), (-2, 2), (1, 4), (-2.5, -1))
+    found = calibrate_from_segments(table, frame, (1280, 720), prior=room)
+    assert found.accepted, found.message
+    assert relative_error(found.camera, camera) < 1e-2
+    rvec, tvec, K, _ = found.camera.to_opencv()
+    guess = F.CALIB_USE_INTRINSIC_GUESS | F.CALIB_USE_EXTRINSIC_GUESS
+    exact = calibrate_from_segments(
+        table, frame, (1280, 720), K, None, rvec, tvec, flags=DEFAULT_FLAGS | guess, prior=None
+    )
+    assert relative_error(exact.camera, camera) < 1e-6
+
+
+def test_field_points_can_be_labelled_by_name():
+    names = [name for name, xy in ((n, CAMERA.project(p.X)) for n, p in FIELD.points.items()) if 0 < xy[0] < 960]
+    points = {name: CAMERA.project(FIELD[name].X)[None] for name in names}
+    inside = {name: xy for name, xy in points.items() if 0 < xy[0, 1] < 540}
+    assert len(inside) >= 6
+    assert relative_error(calibrate_from_segments(FIELD, inside, SIZE, prior=None).camera, CAMERA) < 1e-6
+
+
+# --- real annotations ---
+
+
+@pytest.mark.parametrize(
+    ("folder", "size", "median_rms", "below_tau"),
+    [("sncalib-test-center", (960, 540), 1.6, 0.94), ("wc14-test", (1280, 720), 1.9, 0.99)],
+)
+def test_real_annotations(shared_data, folder, size, median_rms, below_tau):
+    files = sorted(f for f in (shared_data / folder).glob("*.json") if f.stem.isdigit())
+    frames = [parse_annotation(f.read_text(), size) for f in files]
+    found = calibrate_batch(FIELD, frames, size)
+    assert all(c.camera is not None for c in found)
+    assert np.median([c.rms for c in found]) < median_rms
+    assert np.mean([c.loss_ndc < 0.019 for c in found]) > below_tau
+    assert np.mean([c.accepted for c in found]) > 0.98
+    # the main stand's camera stands above ground near the middle line's extension, wherever it looks
+    C = np.array([c.camera.C for c in found])
+    assert np.mean((np.abs(C[:, 0]) < 20.0) & (C[:, 1] > 30.0) & (C[:, 2] < -3.0)) > 0.95

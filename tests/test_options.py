@@ -1,0 +1,140 @@
+"""Flags, criteria, priors and what they do not allow."""
+
+import cv2
+import numpy as np
+import pytest
+
+from fieldcalib.options import (
+    ALL_STANDS,
+    DEFAULT_CRITERIA,
+    DEFAULT_FLAGS,
+    CalibrationFlags,
+    checked_options,
+    checked_prior,
+    pixel_unit,
+)
+from fieldcalib.parameters import LENS, LOG_ASPECT, LOG_F, MAIN_LEFT, PRINCIPAL_POINT, CameraDistribution
+
+F = CalibrationFlags
+K = np.array([[1500.0, 0.0, 470.0], [0.0, 1530.0, 280.0], [0.0, 0.0, 1.0]])
+RVEC, TVEC = np.array([1.3, 0.1, 0.0]), np.array([1.0, -2.0, 60.0])
+
+
+def options(**changes):
+    arguments = {"image_size": (960, 540), "camera_matrix": None, "dist_coeffs": None, "rvec": None, "tvec": None}
+    arguments |= {"flags": DEFAULT_FLAGS, "criteria": DEFAULT_CRITERIA, "prior": "all", "loss": "cauchy", "tau": None}
+    return checked_options(**(arguments | changes))
+
+
+def test_flags_have_the_values_of_opencv_where_opencv_has_them():
+    shared = [flag for flag in F if hasattr(cv2, flag.name)]
+    assert {flag.name: flag.value for flag in shared} == {flag.name: getattr(cv2, flag.name) for flag in shared}
+    assert len(shared) == len(F) - 2
+
+
+def test_our_own_flags_use_bits_that_opencv_does_not():
+    taken = [value for name, value in vars(cv2).items() if name.startswith("CALIB_") and isinstance(value, int)]
+    for flag in (F.CALIB_FIX_POSITION, F.CALIB_FIX_ROLL):
+        assert not any(flag & value for value in taken)
+        assert flag < 2**31  # an int in C
+
+
+def test_by_default_the_pinhole_with_square_pixels_is_free():
+    assert options().free.tolist() == [True] * 7 + [False] * 5
+
+
+@pytest.mark.parametrize(
+    ("left_out", "freed"),
+    [
+        (F.CALIB_FIX_ASPECT_RATIO, [LOG_ASPECT]),
+        (F.CALIB_FIX_PRINCIPAL_POINT, [9, 10]),
+        (F.CALIB_FIX_K1, [7]),
+        (F.CALIB_FIX_K2, [8]),
+    ],
+)
+def test_a_flag_left_out_frees_its_parameter(left_out, freed):
+    changed = options(flags=DEFAULT_FLAGS & ~left_out).free != options().free
+    assert np.flatnonzero(changed).tolist() == freed
+
+
+def test_a_camera_matrix_gives_what_it_knows():
+    found = options(
+        camera_matrix=K, dist_coeffs=[0.1, 0.0, 0.0, 0.0], flags=DEFAULT_FLAGS | F.CALIB_USE_INTRINSIC_GUESS
+    )
+    assert found.known[LOG_F] == pytest.approx(np.log(1500.0))
+    np.testing.assert_allclose(found.known[PRINCIPAL_POINT], (470.0, 280.0))
+    assert found.known[LOG_ASPECT] == pytest.approx(np.log(1.02))
+    corner = np.hypot(960, 540) / 2.0 / 1500.0
+    np.testing.assert_allclose(found.known[LENS], (0.1 * corner**2, 0.0))
+    assert found.free[LOG_F]
+    assert not options(camera_matrix=K, flags=DEFAULT_FLAGS | F.CALIB_FIX_FOCAL_LENGTH).free[LOG_F]
+
+
+def test_a_pose_gives_angles_and_centre():
+    import fieldcalib
+
+    found = options(rvec=RVEC, tvec=TVEC, flags=DEFAULT_FLAGS | F.CALIB_USE_EXTRINSIC_GUESS)
+    camera = fieldcalib.Camera.from_opencv(RVEC, TVEC, K, None, (960, 540))
+    np.testing.assert_allclose(found.known[[0, 1, 2, 4, 5, 6]], [*camera.angles, *camera.C])
+    assert np.isnan(found.known[LOG_F])
+
+
+def test_without_a_guess_only_what_has_a_default_is_known():
+    known = options().known
+    assert np.isnan(known[:7]).all()
+    np.testing.assert_allclose(known[7:], (0.0, 0.0, 480.0, 270.0, 0.0))
+    assert options(flags=DEFAULT_FLAGS | F.CALIB_FIX_ROLL).known[2] == 0.0
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        ({"camera_matrix": K}, "camera_matrix would be ignored"),
+        ({"flags": F.CALIB_FIX_FOCAL_LENGTH}, "camera_matrix is missing"),
+        ({"dist_coeffs": [0.1, 0.0]}, "give camera_matrix with them"),
+        ({"rvec": RVEC, "tvec": TVEC}, "without a flag they would be ignored"),
+        ({"rvec": RVEC, "flags": F.CALIB_USE_EXTRINSIC_GUESS}, "give both rvec and tvec"),
+        ({"flags": F.CALIB_FIX_POSITION}, "rvec and tvec are missing"),
+        ({"flags": cv2.CALIB_RATIONAL_MODEL}, "not supported: expected a combination of CALIB_USE_INTRINSIC_GUESS"),
+        (
+            {"camera_matrix": K, "dist_coeffs": [0, 0, 0.1, 0], "flags": F.CALIB_USE_INTRINSIC_GUESS},
+            "only the radial coefficients k1 and k2",
+        ),
+        ({"camera_matrix": np.eye(2), "flags": F.CALIB_USE_INTRINSIC_GUESS}, "K must be a finite array"),
+        ({"criteria": (3, 0, 1e-9)}, "max_count >= 1"),
+        ({"criteria": (0, 10, 1e-9)}, "criteria must be"),
+        ({"criteria": 30}, "criteria must be cv2's"),
+        ({"prior": "main centre"}, "unknown camera distribution 'main centre': expected 'all', 'main center'"),
+        ({"prior": []}, "names no camera distribution"),
+        ({"loss": "tukey"}, "loss must be one of linear, soft_l1, huber, cauchy"),
+        ({"tau": 0.0}, "tau must be a positive loss"),
+        ({"image_size": (960,)}, "image_size must be"),
+    ],
+)
+def test_arguments_that_do_not_fit_are_refused(changes, message):
+    with pytest.raises(ValueError, match=message):
+        options(**changes)
+
+
+def test_criteria_as_in_opencv():
+    assert (options(criteria=(1, 7, 0.0)).max_iterations, options(criteria=(2, 0, 1e-4)).tolerance) == (7, 1e-4)
+    both = cv2.TERM_CRITERIA_COUNT + cv2.TERM_CRITERIA_EPS
+    assert options(criteria=(both, 30, 1e-6)).max_iterations == 30
+
+
+def test_priors_by_name_by_themselves_and_several():
+    mine = CameraDistribution("mine", (0, 1), (80, 85), (-1, 1), (10, 20), (0, 1), (60, 61), (-12, -11))
+    assert checked_prior("main left") == (MAIN_LEFT,)
+    assert checked_prior(mine) == (mine,)
+    assert checked_prior(["main left", mine]) == (MAIN_LEFT, mine)
+    assert checked_prior("all") == ALL_STANDS
+    assert options(prior=None).distributions == ALL_STANDS
+    assert not options(prior=None).use_prior
+
+
+def test_scales_in_pixels_grow_with_the_image():
+    assert pixel_unit((960, 540)) == 1.0
+    assert pixel_unit((1920, 1080)) == 2.0
+    assert options(image_size=(1920, 1080)).loss.scale == 2.0 * options().loss.scale
+    assert options(image_size=(1920, 1080)).wide_loss.scale == 2.0 * options().wide_loss.scale
+    assert options(image_size=(1920, 1080)).noise == 2.0 * options().noise
