@@ -21,7 +21,7 @@ from fieldcalib.losses import LossName, RobustLoss
 from fieldcalib.ndc import ndc_loss
 from fieldcalib.options import DEFAULT_CRITERIA, DEFAULT_FLAGS, Criteria, Options, Prior, checked_options
 from fieldcalib.parameters import GaussianPrior, camera_from_theta
-from fieldcalib.residuals import foot_points
+from fieldcalib.residuals import foot_points, segment_residuals
 from fieldcalib.result import Calibration, Status
 from fieldcalib.segments import ImageSegments, Observations, Pixels, check_segments, pack
 from fieldcalib.solver import Problem, Solution, solve_batch, solve_one
@@ -242,9 +242,11 @@ def _best_starts(
     """For each frame the camera (12,) under the wide loss that the narrow one starts from, and its prior.
 
     All starts get a few iterations, the most promising ones of each frame then run to the end. Plausible cameras go
-    before others, cheap ones before dear ones.
+    before others, cheap ones before dear ones. A single start that is close already is left as it is.
     """
     theta, frame, prior = starts.theta, starts.frame, starts.prior
+    if len(theta) == 1 and _fits_most(theta, observations, options.loss.scale):
+        return theta, prior
     stages = ((PROMISING, FIRST_ITERATIONS), (1, WIDE_ITERATIONS))
     for kept, max_iterations in stages if len(theta) > len(observations) else stages[1:]:
         wide = Problem(observations.take(frame), options.free, options.wide_loss, options.noise, prior)
@@ -257,6 +259,12 @@ def _best_starts(
         best = order[rank < kept]
         theta, frame, prior = trials.theta[best], frame[best], prior.take(best)
     return theta, prior
+
+
+def _fits_most(theta: Array, observations: Observations, scale: float) -> bool:
+    """Whether one camera has more than half of its frame's pixels within the scale of the narrow loss already."""
+    r = segment_residuals(theta, observations)[observations.weight > 0.0]
+    return bool(np.median(np.abs(r)) < scale)
 
 
 def _judge(

@@ -19,12 +19,11 @@ from fieldcalib.field import soccer
 from fieldcalib.io.files import write_text
 from fieldcalib.io.soccernet import (
     AnnotationFile,
-    BrokenFileError,
     camera_to_record,
     find_annotations,
     parse_annotation,
 )
-from fieldcalib.options import ALL, checked_prior
+from fieldcalib.options import ALL
 from fieldcalib.parameters import DISTRIBUTIONS
 from fieldcalib.result import Calibration, Status
 from fieldcalib.segments import Pixels, check_segments
@@ -38,7 +37,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     options = _parser().parse_args(arguments)
     try:
         return int(options.run(options))
-    except (BrokenFileError, FileNotFoundError, NotADirectoryError, FileExistsError, ValueError) as error:
+    except (OSError, ValueError) as error:
         print(f"fieldcalib: {error}", file=sys.stderr)
         return 2
 
@@ -66,6 +65,7 @@ def _parser() -> argparse.ArgumentParser:
     calibrate.add_argument(
         "--prior",
         default=ALL,
+        choices=[ALL, *DISTRIBUTIONS, "none"],
         metavar="NAME",
         help=f"where the camera stands: {', '.join([ALL, *DISTRIBUTIONS])}, or none to solve without a prior (all)",
     )
@@ -109,18 +109,19 @@ def _calibrate(options: argparse.Namespace) -> int:
 
     began = time.perf_counter()
     field = soccer(options.field_length, options.field_width)
-    prior = None if options.prior == "none" else checked_prior(options.prior)
+    prior = None if options.prior == "none" else options.prior
     files = find_annotations(options.input)
     frames: dict[str, Pixels] = {}
     broken: dict[str, str] = {}
     for file in files:
         try:
-            frames[file.id] = check_segments(field, _read(file, options.size), options.size)
+            frames[file.id] = check_segments(field, parse_annotation(file.read(), options.size), options.size)
         except ValueError as error:
-            print(f"fieldcalib: {file.name}: {error}", file=sys.stderr)
+            print(f"fieldcalib: {file.path}: {error}", file=sys.stderr)
             if options.strict:
                 return 1
             broken[file.id] = str(error)
+    options.out.mkdir(parents=True, exist_ok=True)
 
     calibrations: dict[str, Calibration] = {}
     calibrating = time.perf_counter()
@@ -133,7 +134,6 @@ def _calibrate(options: argparse.Namespace) -> int:
             progress.update(len(part))
     seconds = time.perf_counter() - calibrating
 
-    options.out.mkdir(parents=True, exist_ok=True)
     written = _write_cameras(options.out, files, calibrations)
     lines = [_line(file.id, calibrations.get(file.id), broken.get(file.id)) for file in files]
     write_text(options.out / "cameras.jsonl", "".join(json.dumps(line) + "\n" for line in lines))
@@ -161,10 +161,6 @@ def _calibrate(options: argparse.Namespace) -> int:
     )
     print(f"{written} cameras of {len(files)} frames in {options.out}: {statuses}")
     return 1 if broken else 0
-
-
-def _read(file: AnnotationFile, image_size: tuple[int, int]) -> Pixels:
-    return parse_annotation(file.read(), image_size)
 
 
 def _write_cameras(out: Path, files: list[AnnotationFile], calibrations: dict[str, Calibration]) -> int:

@@ -62,10 +62,10 @@ def ndc_loss(
     >>> ndc_loss(theta_from_camera(camera)[None], soccer(), [{"Side line top": moved}], (960, 540)).round(3)
     array([0.01])
     """
-    line_of = {label: segment for label, segment in object_segments.items() if isinstance(segment, Line)}
-    clouds = {label: _cloud(segment) for label, segment in object_segments.items() if label not in line_of}
     split = [split_centre_circle(frame, image_size) for frame in frames]
-    observations = pack({**line_of, **clouds}, split, image_size)
+    seen = {label: object_segments[label] for frame in split for label in frame}
+    samples = {label: s if isinstance(s, Line) else _cloud(s) for label, s in seen.items()}
+    observations = pack(samples, split, image_size)
 
     view = View(theta, image_size)
     straight = theta.copy()

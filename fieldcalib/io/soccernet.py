@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import json
 import zipfile
+import zlib
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -23,7 +24,7 @@ from fieldcalib.segments import Pixels
 # Labels by which annotators say that they do not know.
 UNKNOWN_LABELS = frozenset({"Line unknown", "Goal unknown"})
 TRAILING_BLANK = frozenset({"Goal left post left"})  # written "Goal left post left " in SoccerNet
-NOT_FRAMES = ("match_info", "per_match_info", "camera_", "summary")
+NOT_FRAMES = ("match_info", "per_match_info", "camera_", "summary", ".")
 
 RADIAL, TANGENTIAL, THIN_PRISM = "radial_distortion", "tangential_distortion", "thin_prism_distortion"
 
@@ -36,13 +37,12 @@ class BrokenFileError(ValueError):
 class AnnotationFile:
     """One frame's annotation, in a folder or in a zip."""
 
-    id: str
-    """File name without ending: the frame's."""
-    name: str
-    """Where it is, for messages."""
-    path: Path
-    member: str | None = None
-    """Name inside the zip `path`."""
+    path: Path | zipfile.Path
+
+    @property
+    def id(self) -> str:
+        """File name without ending: the frame's."""
+        return self.path.stem
 
     def read(self) -> bytes:
         """The content.
@@ -53,11 +53,8 @@ class AnnotationFile:
             If it cannot be read.
         """
         try:
-            if self.member is None:
-                return self.path.read_bytes()
-            with zipfile.ZipFile(self.path) as archive:
-                return archive.read(self.member)
-        except (OSError, zipfile.BadZipFile) as error:
+            return self.path.read_bytes()
+        except (OSError, EOFError, RuntimeError, zipfile.BadZipFile, zlib.error) as error:  # encrypted: RuntimeError
             raise BrokenFileError(f"cannot be read: {error}") from error
 
 
@@ -83,7 +80,7 @@ def find_annotations(inputs: Iterable[Path]) -> list[AnnotationFile]:
     for file in found:
         if file.id in seen:
             raise BrokenFileError(
-                f"{file.name} and {seen[file.id].name} are the same frame {file.id}: rename one of them"
+                f"{file.path} and {seen[file.id].path} are the same frame {file.id}: rename one of them"
             )
         seen[file.id] = file
     return found
@@ -91,24 +88,26 @@ def find_annotations(inputs: Iterable[Path]) -> list[AnnotationFile]:
 
 def _annotations_in(path: Path) -> Iterator[AnnotationFile]:
     if path.is_dir():
-        for file in sorted(path.glob("*.json")):
-            if not file.name.startswith(NOT_FRAMES):
-                yield AnnotationFile(file.stem, str(file), file)
+        for file in sorted(path.iterdir()):
+            if _is_frame(file.name):
+                yield AnnotationFile(file)
     elif not path.is_file():
         raise FileNotFoundError(f"{path} does not exist: expected a folder, a zip or a .json file")
-    elif path.suffix == ".zip":
+    elif path.suffix.lower() == ".zip":
         try:
-            with zipfile.ZipFile(path) as archive:
-                members = sorted(archive.namelist())
-        except zipfile.BadZipFile as error:
+            archive = zipfile.ZipFile(path)  # left open, to be read from
+        except (OSError, zipfile.BadZipFile) as error:
             raise BrokenFileError(f"{path}: {error}") from error
-        for member in members:
-            file = Path(member)
-            hidden = any(part.startswith((".", "__MACOSX")) for part in file.parts)
-            if file.suffix == ".json" and not hidden and not file.name.startswith(NOT_FRAMES):
-                yield AnnotationFile(file.stem, f"{path}:{member}", path, member)
+        for name in sorted(archive.namelist()):
+            member = zipfile.Path(archive, name)
+            if _is_frame(member.name) and "__MACOSX/" not in name:
+                yield AnnotationFile(member)
     else:
-        yield AnnotationFile(path.stem, str(path), path)
+        yield AnnotationFile(path)
+
+
+def _is_frame(name: str) -> bool:
+    return name.endswith(".json") and not name.startswith(NOT_FRAMES)
 
 
 def parse_annotation(content: bytes | str, image_size: tuple[int, int]) -> Pixels:
@@ -129,7 +128,8 @@ def parse_annotation(content: bytes | str, image_size: tuple[int, int]) -> Pixel
     Raises
     ------
     BrokenFileError
-        If it is no JSON, no mapping of labels to points, or holds numbers that cannot be normalised coordinates.
+        If it is no JSON, no mapping of labels to points, gives a label twice, or holds numbers that cannot be
+        normalised coordinates.
 
     Examples
     --------
@@ -146,17 +146,20 @@ def parse_annotation(content: bytes | str, image_size: tuple[int, int]) -> Pixel
     pixels: Pixels = {}
     scale = np.array(image_size) - 1.0
     for label, points in record.items():
-        if label.strip() in UNKNOWN_LABELS or not points:
+        name = label.strip()
+        if name in UNKNOWN_LABELS or not points:
             continue
+        if name in pixels:
+            raise BrokenFileError(f"{name!r} is given twice, with and without surrounding blanks")
         try:
-            xy = np.array([[point["x"], point["y"]] for point in points], dtype=float)
-        except (TypeError, KeyError, ValueError):
+            xy = np.array([(float(point["x"]), float(point["y"])) for point in points])
+        except (TypeError, KeyError, ValueError, OverflowError):
             raise BrokenFileError(f'{label!r}: expected a list of points {{"x": ..., "y": ...}}') from None
         if not np.all(np.isfinite(xy)):
             raise BrokenFileError(f"{label!r}: a coordinate is not finite")
         if np.max(np.abs(xy)) > 10.0:
             raise BrokenFileError(f"{label!r}: coordinates up to {np.max(np.abs(xy)):.6g} are not normalised to 0..1")
-        pixels[label.strip()] = xy * scale
+        pixels[name] = xy * scale
     return pixels
 
 
@@ -212,21 +215,22 @@ def camera_from_record(record: Mapping[str, Any], image_size: tuple[int, int] | 
     Raises
     ------
     BrokenFileError
-        If a key is missing, a value is no number, or a lens coefficient other than the first two radial ones is not 0.
+        If a key is missing, the values are no camera's, or a lens coefficient other than the first two radial ones is
+        not 0.
     """
     try:
         angles = np.radians([float(record[f"{name}_degrees"]) for name in ("pan", "tilt", "roll")])
         cx, cy = (float(v) for v in record["principal_point"])
         fx, fy = float(record["x_focal_length"]), float(record["y_focal_length"])
-        C = np.array(record["position_meters"], dtype=float)
-        radial, others = np.array(record[RADIAL], dtype=float), [*record[TANGENTIAL], *record[THIN_PRISM]]
+        k1, k2, *others = (float(v) for v in record[RADIAL])
+        others += [float(v) for name in (TANGENTIAL, THIN_PRISM) for v in record[name]]
+        size = (round(2.0 * cx), round(2.0 * cy)) if image_size is None else image_size
+        K = np.array([[fx, 0.0, cx], [0.0, fy, cy], [0.0, 0.0, 1.0]])
+        camera = Camera(K, rotation_from_angles(angles), record["position_meters"], size, (k1, k2))
     except KeyError as error:
         raise BrokenFileError(f"a camera needs the key {error}") from None
-    except (TypeError, ValueError) as error:
-        raise BrokenFileError(f"a camera's value is no number: {error}") from None
-    if np.any(radial[2:]) or np.any(others):
+    except (TypeError, ValueError, OverflowError) as error:
+        raise BrokenFileError(f"is no camera: {error}") from None
+    if any(others):
         raise BrokenFileError("only the radial coefficients k1 and k2 are modelled; this camera has others")
-    if image_size is None:
-        image_size = (round(2.0 * cx), round(2.0 * cy))
-    K = np.array([[fx, 0.0, cx], [0.0, fy, cy], [0.0, 0.0, 1.0]])
-    return Camera(K, rotation_from_angles(angles), C, image_size, radial[:2])
+    return camera

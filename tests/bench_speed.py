@@ -1,0 +1,100 @@
+"""Speed and memory of the calibration: `pytest tests/bench_speed.py`. Not part of the default run.
+
+Frames are synthetic, or SoccerNet's annotations where they lie beside the checkout.
+"""
+
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+from synthetic import frames_of_broadcasts
+
+from fieldcalib import calibrate_batch, calibrate_from_segments, soccer
+from fieldcalib.io.soccernet import parse_annotation
+from fieldcalib.options import DEFAULT_FLAGS, CalibrationFlags
+
+FIELD, SIZE = soccer(), (960, 540)
+
+
+@pytest.fixture(scope="module")
+def frames():
+    return frames_of_broadcasts(500, seed=0, noise=1.0, names=("main center",))[0]
+
+
+@pytest.fixture(scope="module")
+def annotated(shared_data):
+    files = sorted(f for f in (shared_data / "sncalib-test-center").glob("*.json") if f.stem.isdigit())
+    return [parse_annotation(f.read_text(), SIZE) for f in files]
+
+
+def seconds_a_frame(benchmark, count):
+    """Put the time of one frame beside the time of the run."""
+    benchmark.extra_info["milliseconds_a_frame"] = round(1e3 * benchmark.stats.stats.median / count, 3)
+
+
+@pytest.mark.parametrize("count", [1, 10, 100, 1000, 5000])
+def test_batch(benchmark, frames, count):
+    many = [frames[t % len(frames)] for t in range(count)]
+    benchmark.pedantic(calibrate_batch, (FIELD, many, SIZE), rounds=1 if count > 500 else 5, warmup_rounds=1)
+    seconds_a_frame(benchmark, count)
+
+
+def test_annotated_batch_with_all_starts(benchmark, annotated):
+    benchmark.pedantic(calibrate_batch, (FIELD, annotated, SIZE), rounds=5, warmup_rounds=1)
+    seconds_a_frame(benchmark, len(annotated))
+    assert benchmark.extra_info["milliseconds_a_frame"] <= 4.0
+
+
+def test_one_cold_frame(benchmark, frames):
+    calls = iter(frames)
+    benchmark.pedantic(
+        lambda frame: calibrate_from_segments(FIELD, frame, SIZE),
+        setup=lambda: ((next(calls),), {}),
+        rounds=100,
+        warmup_rounds=3,
+    )
+    assert benchmark.stats.stats.median <= 0.030
+
+
+@pytest.mark.parametrize("pixels", [5.0, 20.0])
+def test_one_frame_from_a_given_start(benchmark, frames, pixels):
+    """A start whose image is off by some pixels, as the camera of an earlier frame would be."""
+    flags = DEFAULT_FLAGS | CalibrationFlags.CALIB_USE_INTRINSIC_GUESS | CalibrationFlags.CALIB_USE_EXTRINSIC_GUESS
+    rng = np.random.default_rng(0)
+    starts = []
+    for frame in frames[:110]:
+        _, K, dist, rvec, tvec = calibrate_from_segments(FIELD, frame, SIZE)
+        turn = rng.normal(size=3)
+        turn *= pixels / K[0, 0] / np.linalg.norm(turn)
+        starts.append((frame, K, dist, rvec + turn[:, None], tvec))
+    calls = iter(starts)
+    benchmark.pedantic(
+        lambda frame, K, dist, rvec, tvec: calibrate_from_segments(
+            FIELD, frame, SIZE, K, dist, rvec, tvec, flags=flags
+        ),
+        setup=lambda: (next(calls), {}),
+        rounds=100,
+        warmup_rounds=3,
+    )
+    if pixels <= 5.0:
+        assert benchmark.stats.stats.median <= 0.008
+
+
+def test_memory_of_5000_frames(benchmark):
+    """Peak memory of a fresh process that calibrates 5000 frames, in MiB."""
+    script = (
+        "import resource, sys; sys.path.insert(0, 'tests')\n"
+        "from bench_speed import FIELD, SIZE, calibrate_batch, frames_of_broadcasts\n"
+        "frames = frames_of_broadcasts(200, seed=0, noise=1.0)[0]\n"
+        "calibrate_batch(FIELD, 25 * frames, SIZE)\n"
+        "print(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss // 1024)\n"
+    )
+
+    def peak():
+        run = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=True)
+        return int(run.stdout)
+
+    peak_mib = benchmark.pedantic(peak, rounds=1)
+    benchmark.extra_info["peak_mib"] = peak_mib
+    assert peak_mib < 1024
