@@ -29,9 +29,9 @@ from fieldcalib.starts import Starts, starting_cameras
 from fieldcalib.verify import Evidence, implausibilities, verdict, weakest_directions
 
 CHUNK = 64  # frames solved together: their arrays still fit the processor's cache
-FIRST_ITERATIONS = 10  # for every start
-PROMISING = 4  # starts of a frame that go on
-WIDE_ITERATIONS = 40
+FIRST_ITERATIONS = 8  # for every start
+PROMISING = 3  # starts of a frame that go on
+WIDE_ITERATIONS = 30
 WIDE_TOLERANCE = 1e-3  # the narrow stage does the rest
 
 
