@@ -2,10 +2,10 @@
 
     python -m data_tools.score_soccernet CAMERAS ANNOTATIONS --size 960x540
 
-CAMERAS holds camera_<id>.json for images of that size, ANNOTATIONS <id>.json. AC@t is the share of segments all of whose
-annotated points lie within t pixels of the projected segment, TP / (TP + FP + FN) a frame, the better of the labels and
-their 180-degree mirror, averaged over the frames that have a camera; CR is the share of frames that have one. The package
-samples lines every 0.9 m and takes about a quarter of a second a frame.
+CAMERAS holds camera_<id>.json for images of that size, ANNOTATIONS <id>.json. AC@t is the share of segments all of
+whose annotated points lie within t pixels of the projected segment, TP / (TP + FP + FN) a frame, the better of the labels
+and their 180-degree mirror, averaged over the frames that have a camera; CR is the share of frames that have one. Lines
+are sampled every 0.9 m. The package takes about a third of a second a frame.
 """
 
 import argparse
@@ -33,7 +33,7 @@ def frame_accuracy(annotation: Path, cameras: Path, size: tuple[int, int]) -> li
     for labels in (annotated, soccernet.mirror_labels(annotated)):
         confusions = [soccernet.evaluate_camera_prediction(projected, labels, t)[0] for t in THRESHOLDS]
         accuracies.append([float(confusion[0, 0] / max(confusion.sum(), 1.0)) for confusion in confusions])
-    return np.max(accuracies, axis=0).tolist()
+    return [float(best) for best in np.max(accuracies, axis=0)]
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
