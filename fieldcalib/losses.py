@@ -30,7 +30,7 @@ class RobustLoss:
     def __post_init__(self) -> None:
         if self.name not in get_args(LossName):
             raise ValueError(f"loss must be one of {', '.join(get_args(LossName))}, got {self.name!r}")
-        if not self.scale > 0.0:
+        if not 0.0 < self.scale < np.inf:
             raise ValueError(f"the scale of a loss must be a positive number of pixels, got {self.scale}")
 
     def evaluate(self, squared: Array) -> tuple[Array, Array, Array]:

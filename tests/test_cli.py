@@ -1,0 +1,401 @@
+"""The command line, on synthetic annotations: what it writes, prints and returns."""
+
+import json
+import subprocess
+import sys
+import zipfile
+from functools import partial
+
+import numpy as np
+import pytest
+from synthetic import frames_of_broadcasts, observe, whole_circle_markings
+
+import fieldcalib
+import fieldcalib.demo
+from fieldcalib.cli import main
+from fieldcalib.field import soccer
+from fieldcalib.io.soccernet import camera_from_record, format_annotation
+from fieldcalib.parameters import DISTRIBUTIONS, camera_from_theta
+
+SIZE = (960, 540)
+NAMES = ("c", "a", "d", "b")  # not in the order of the files
+GOOD = ("a", "b", "c", "d")
+CAMERA_KEYS = ["K", "dist", "R", "C", "angles_degrees", "rms_px", "segment_errors_px", "loss_ndc"]
+LINE_KEYS = ["id", "status", "message"]
+
+
+def run(*arguments):
+    """Exit code of the command line."""
+    try:
+        return main([str(argument) for argument in arguments])
+    except SystemExit as error:  # argparse ends so
+        return error.code
+
+
+def calibrate(out, *inputs, options=()):
+    return run("calibrate", *inputs, "--size", "960x540", "--out", out, *options)
+
+
+def lines_of(out):
+    def no_constant(name):
+        raise AssertionError(f"{name} is no JSON")
+
+    text = (out / "cameras.jsonl").read_text()
+    assert text.endswith("\n")
+    return [json.loads(line, parse_constant=no_constant) for line in text.splitlines()]
+
+
+def summary_of(out):
+    return json.loads((out / "summary.json").read_text())
+
+
+def cameras_in(out):
+    return {path.stem.removeprefix("camera_"): path.read_bytes() for path in out.glob("camera_*.json")}
+
+
+@pytest.fixture(scope="module")
+def truth():
+    """Frames and their true cameras by name."""
+    frames, thetas = frames_of_broadcasts(4, seed=0, noise=0.5, names=("main center",))
+    cameras = [camera_from_theta(theta, SIZE) for theta in thetas]
+    return {name: (frame, camera) for name, frame, camera in zip(NAMES, frames, cameras, strict=True)}
+
+
+@pytest.fixture(scope="module")
+def folder(truth, tmp_path_factory):
+    """Annotations of the four frames, and what else lies beside annotations."""
+    path = tmp_path_factory.mktemp("annotations")
+    for name, (frame, _) in truth.items():
+        (path / f"{name}.json").write_text(format_annotation(frame, SIZE))
+    (path / "match_info.json").write_text("{}")
+    (path / "a.jpg").write_bytes(b"")
+    return path
+
+
+@pytest.fixture(scope="module")
+def result(folder, tmp_path_factory):
+    """The output of a plain run."""
+    out = tmp_path_factory.mktemp("result") / "new" / "folder"
+    assert calibrate(out, folder) == 0
+    return out
+
+
+# --- what is written ---
+
+
+def test_files(result):
+    expected = {f"camera_{name}.json" for name in GOOD} | {"cameras.jsonl", "summary.json"}
+    assert {path.name for path in result.iterdir()} == expected
+
+
+def test_camera_files_are_soccernets_and_right(result, truth):
+    for name, (_, true_camera) in truth.items():
+        camera = camera_from_record(json.loads((result / f"camera_{name}.json").read_text()))
+        assert camera.image_size == SIZE
+        assert np.linalg.norm(camera.C - true_camera.C) < 4.0
+        pixel = np.array([480.0, 400.0])
+        np.testing.assert_allclose(camera.project(true_camera.image_to_field(pixel)), pixel, atol=8.0)
+
+
+def test_one_line_a_frame_in_the_order_of_the_input(result):
+    lines = lines_of(result)
+    assert [line["id"] for line in lines] == list(GOOD)
+    for line in lines:
+        assert list(line) == LINE_KEYS + CAMERA_KEYS
+        assert line["status"] == "accepted"
+
+
+def test_a_line_holds_the_camera_of_the_file(result, truth):
+    for line in lines_of(result):
+        camera = camera_from_record(json.loads((result / f"camera_{line['id']}.json").read_text()))
+        np.testing.assert_allclose(line["K"], camera.K)
+        np.testing.assert_allclose(line["R"], camera.R, atol=1e-12)
+        np.testing.assert_allclose(line["C"], camera.C)
+        assert line["dist"] == [0.0] * 5
+        angles = np.degrees(camera.angles)
+        np.testing.assert_allclose([line["angles_degrees"][name] for name in ("pan", "tilt", "roll")], angles)
+        assert list(line["segment_errors_px"]) == list(truth[line["id"]][0])
+        assert 0.0 < line["rms_px"] < 2.0
+        assert 0.0 < line["loss_ndc"] < 0.019
+
+
+def test_summary(result, folder):
+    summary = summary_of(result)
+    assert list(summary) == [
+        "frames",
+        "cameras",
+        "completeness",
+        "status",
+        "seconds",
+        "milliseconds_per_frame",
+        "options",
+        "version",
+    ]
+    assert summary["frames"] == summary["cameras"] == 4
+    assert summary["completeness"] == 100.0
+    assert summary["status"] == {"accepted": 4}
+    assert 0.0 < summary["seconds"]["calibration"] < summary["seconds"]["total"]
+    assert summary["milliseconds_per_frame"] == pytest.approx(250.0 * summary["seconds"]["calibration"])
+    assert summary["version"] == fieldcalib.__version__
+    assert summary["options"] == {
+        "input": [str(folder)],
+        "size": [960, 540],
+        "field_length": 105.0,
+        "field_width": 68.0,
+        "prior": "all",
+        "tau": None,
+        "lens": "none",
+    }
+
+
+def test_off_a_terminal_only_one_line_is_printed(folder, tmp_path, capsys):
+    assert calibrate(tmp_path, folder / "a.json") == 0
+    printed = capsys.readouterr()
+    assert printed.err == ""
+    assert printed.out == f"1 cameras of 1 frames in {tmp_path}: 1 accepted\n"
+
+
+def test_the_same_again_gives_the_same_files(folder, result, tmp_path):
+    """Even where the results lie among the annotations."""
+    for path in folder.glob("?.json"):
+        (tmp_path / path.name).write_bytes(path.read_bytes())
+    for _ in range(2):
+        assert calibrate(tmp_path, tmp_path) == 0
+        assert cameras_in(tmp_path) == cameras_in(result)
+        assert (tmp_path / "cameras.jsonl").read_bytes() == (result / "cameras.jsonl").read_bytes()
+
+
+def test_a_zip_and_single_files(folder, result, tmp_path):
+    with zipfile.ZipFile(tmp_path / "test.zip", "w") as archive:
+        for path in folder.glob("[ab].json"):
+            archive.write(path, f"test/{path.name}")
+    assert calibrate(tmp_path / "out", folder / "d.json", tmp_path / "test.zip", folder / "c.json") == 0
+    assert [line["id"] for line in lines_of(tmp_path / "out")] == ["d", "a", "b", "c"]
+    found = {line["id"]: line for line in lines_of(tmp_path / "out")}
+    for line in lines_of(result):
+        np.testing.assert_allclose(found[line["id"]]["K"], line["K"], rtol=1e-6)
+        np.testing.assert_allclose(found[line["id"]]["C"], line["C"], atol=1e-4)
+
+
+# --- frames without a camera ---
+
+BROKEN = {
+    "cut": ('{"Middle line": [{"x"', "is no JSON"),
+    "pixels": ('{"Middle line": [{"x": 480, "y": 20}]}', "'Middle line': coordinates up to 480 are not normalised"),
+    "typo": ('{"Midle line": [{"x": 0.5, "y": 0.2}]}', "did you mean 'Middle line'?"),
+}
+
+
+@pytest.fixture
+def mixed(folder, tmp_path):
+    """Two good frames, an empty one, one with too little, and three broken files."""
+    path = tmp_path / "mixed"
+    path.mkdir()
+    for name in "ab":
+        (path / f"{name}.json").write_bytes((folder / f"{name}.json").read_bytes())
+    (path / "empty.json").write_text("{}")
+    (path / "lone.json").write_text('{"Middle line": [{"x": 0.5, "y": 0.2}, {"x": 0.5, "y": 0.8}]}')
+    for name, (content, _) in BROKEN.items():
+        (path / f"{name}.json").write_text(content)
+    return path
+
+
+def test_broken_files_are_named_and_the_others_calibrated(mixed, result, tmp_path, capsys):
+    assert calibrate(tmp_path / "out", mixed) == 1
+    errors = capsys.readouterr().err.splitlines()
+    assert len(errors) == len(BROKEN)
+    for error, (name, (_, message)) in zip(errors, BROKEN.items(), strict=True):
+        assert error.startswith(f"fieldcalib: {mixed / name}.json: ")
+        assert message in error
+    lines = {line["id"]: line for line in lines_of(tmp_path / "out")}
+    assert list(lines) == ["a", "b", "cut", "empty", "lone", "pixels", "typo"]
+    for name, (_, message) in BROKEN.items():
+        assert list(lines[name]) == LINE_KEYS
+        assert lines[name]["status"] == "broken file"
+        assert message in lines[name]["message"]
+    assert list(lines["empty"]) == LINE_KEYS
+    assert (lines["empty"]["status"], lines["lone"]["status"]) == ("too few segments", "too few segments")
+    assert list(lines["lone"]) == LINE_KEYS + CAMERA_KEYS  # the best camera is given whatever the status
+    assert sorted(cameras_in(tmp_path / "out")) == ["a", "b", "lone"]
+    summary = summary_of(tmp_path / "out")
+    assert summary["frames"] == 7
+    assert summary["cameras"] == 3
+    assert summary["completeness"] == pytest.approx(300.0 / 7.0)
+    assert summary["status"] == {"accepted": 2, "broken file": 3, "too few segments": 2}
+
+
+def test_strict_stops_at_the_first_broken_file(mixed, tmp_path, capsys):
+    assert calibrate(tmp_path / "out", mixed, options=["--strict"]) == 1
+    printed = capsys.readouterr()
+    assert printed.out == ""
+    (error,) = printed.err.splitlines()
+    assert error.startswith(f"fieldcalib: {mixed / 'cut.json'}: is no JSON")
+    assert not (tmp_path / "out").exists()
+
+
+def test_strict_does_not_mind_empty_frames(tmp_path):
+    (tmp_path / "empty.json").write_text("{}")
+    assert calibrate(tmp_path / "out", tmp_path, options=["--strict"]) == 0
+    assert summary_of(tmp_path / "out")["status"] == {"too few segments": 1}
+
+
+def test_nothing_but_broken_files(tmp_path):
+    (tmp_path / "cut.json").write_text("{")
+    assert calibrate(tmp_path / "out", tmp_path) == 1
+    summary = summary_of(tmp_path / "out")
+    assert (summary["frames"], summary["cameras"], summary["completeness"]) == (1, 0, 0.0)
+
+
+def test_a_frame_that_broke_since_loses_its_camera(folder, tmp_path):
+    (tmp_path / "a.json").write_bytes((folder / "a.json").read_bytes())
+    assert calibrate(tmp_path / "out", tmp_path) == 0
+    assert list(cameras_in(tmp_path / "out")) == ["a"]
+    (tmp_path / "a.json").write_text("{")
+    assert calibrate(tmp_path / "out", tmp_path) == 1
+    assert cameras_in(tmp_path / "out") == {}
+
+
+# --- options ---
+
+
+def test_tau_withholds_cameras_and_removes_those_of_an_earlier_run(folder, result, tmp_path):
+    assert calibrate(tmp_path, folder) == 0
+    (tmp_path / "camera_other.json").write_text("not of this run")
+    losses = {line["id"]: line["loss_ndc"] for line in lines_of(result)}
+    tau = float(np.median(list(losses.values())))
+    assert calibrate(tmp_path, folder, options=["--tau", tau]) == 0
+    kept = {name for name, loss in losses.items() if loss <= tau}
+    assert 0 < len(kept) < 4
+    assert set(cameras_in(tmp_path)) == kept | {"other"}
+    assert {line["id"] for line in lines_of(tmp_path) if line["status"] == "rejected by tau"} == set(GOOD) - kept
+    assert summary_of(tmp_path)["cameras"] == len(kept)
+    assert summary_of(tmp_path)["options"]["tau"] == tau
+
+
+def test_the_prior_matters(folder, result, tmp_path):
+    found = {"all": cameras_in(result)}
+    for prior in ("main center", "none", "opposite tribune"):
+        assert calibrate(tmp_path / prior, folder, options=["--prior", prior]) == 0
+        assert summary_of(tmp_path / prior)["options"]["prior"] == prior
+        found[prior] = cameras_in(tmp_path / prior)
+    assert found["none"] != found["all"]
+    assert found["opposite tribune"] != found["all"]
+
+
+def test_main_center_finds_the_true_cameras(folder, truth, tmp_path):
+    assert calibrate(tmp_path, folder, options=["--prior", "main center"]) == 0
+    for line in lines_of(tmp_path):
+        assert np.linalg.norm(truth[line["id"]][1].C - line["C"]) < 4.0
+
+
+def test_the_size_of_the_field(truth, tmp_path):
+    """Annotations of a field of 90 x 60 m fit it better than they fit the default."""
+    markings = whole_circle_markings(soccer(90.0, 60.0))
+    for name, (_, camera) in truth.items():
+        (tmp_path / f"{name}.json").write_text(format_annotation(observe(markings, camera), SIZE))
+    size = ["--field-length", 90, "--field-width", 60]
+    for out, options in (("default", []), ("true", size), ("length", size[:2]), ("width", size[2:])):
+        assert calibrate(tmp_path / out, tmp_path, options=options) == 0
+    rms = {out: [line["rms_px"] for line in lines_of(tmp_path / out)] for out in ("default", "true", "length", "width")}
+    assert max(rms["true"]) < 0.1
+    assert all(min(np.mean(rms[out]) for out in ("default", "length", "width")) > 5.0 * value for value in rms["true"])
+    assert summary_of(tmp_path / "true")["options"]["field_length"] == 90.0
+    assert summary_of(tmp_path / "true")["options"]["field_width"] == 60.0
+
+
+def test_the_size_of_the_images(folder, result, tmp_path):
+    """Annotations are relative: in larger images focal lengths are longer, everything else stays."""
+    assert run("calibrate", folder, "--size", "1920X1080", "--out", tmp_path) == 0
+    for small, large in zip(lines_of(result), lines_of(tmp_path), strict=True):
+        assert large["K"][0][0] == pytest.approx(2.0 * small["K"][0][0], rel=5e-3)
+        assert large["K"][0][2] == 960.0
+        np.testing.assert_allclose(large["C"], small["C"], atol=0.5)
+
+
+# --- wrong usage ---
+
+
+@pytest.mark.parametrize("size", ["960", "960x", "960x540x3", "960,540", "axb", "0x540", "960x-540", "960.0x540"])
+def test_wrong_sizes(folder, tmp_path, capsys, size):
+    assert run("calibrate", folder, "--size", size, "--out", tmp_path) == 2
+    assert "argument --size: expected " in capsys.readouterr().err
+
+
+def test_an_unknown_prior(folder, tmp_path, capsys):
+    assert calibrate(tmp_path / "out", folder, options=["--prior", "main centre"]) == 2
+    message = capsys.readouterr().err
+    assert "main centre" in message
+    for name in (*DISTRIBUTIONS, "all", "none"):
+        assert name in message
+    assert not (tmp_path / "out").exists()
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        (["--field-length", "40"], "no room for its penalty areas"),
+        (["--field-width", "10"], "no room for its penalty areas"),
+        (["--field-length", "long"], "argument --field-length: invalid float value"),
+        (["--tau", "0"], "tau must be a positive loss"),
+        (["--tau", "low"], "argument --tau: invalid float value"),
+        (["--lens", "fisheye"], "argument --lens: invalid choice"),
+    ],
+)
+def test_wrong_options(folder, tmp_path, capsys, options, message):
+    assert calibrate(tmp_path / "out", folder, options=options) == 2
+    printed = capsys.readouterr()
+    assert message in printed.err
+    assert printed.out == ""
+
+
+def test_wrong_inputs(tmp_path, capsys):
+    (tmp_path / "none.zip").write_bytes(b"no zip")
+    for path, message in (
+        (tmp_path / "missing", "does not exist"),
+        (tmp_path, "holds no annotation"),
+        (tmp_path / "none.zip", "not a zip file"),
+    ):
+        assert calibrate(tmp_path / "out", path) == 2
+        error = capsys.readouterr().err
+        assert error.startswith(f"fieldcalib: {path}")
+        assert message in error
+
+
+def test_an_output_folder_that_cannot_be(folder, tmp_path, capsys):
+    (tmp_path / "file").write_text("in the way")
+    for out in (tmp_path / "file", tmp_path / "file" / "below"):
+        assert calibrate(out, folder / "a.json") == 2
+        assert capsys.readouterr().err.startswith("fieldcalib: [Errno ")
+    assert (tmp_path / "file").read_text() == "in the way"
+
+
+@pytest.mark.parametrize("arguments", [[], ["calibrate"], ["calibrate", "x"], ["demo"], ["guess"]])
+def test_missing_arguments(capsys, arguments):
+    assert run(*arguments) == 2
+    assert "usage: fieldcalib" in capsys.readouterr().err
+
+
+def test_help(capsys):
+    assert run("calibrate", "--help") == 0
+    printed = capsys.readouterr().out
+    for word in ("--size", "--prior", "main center", "--tau", "0.019", "cameras.jsonl"):
+        assert word in printed
+
+
+# --- the other command, and the module itself ---
+
+
+def test_demo(tmp_path, monkeypatch, capsys):
+    monkeypatch.setattr(fieldcalib.demo, "run_demo", partial(fieldcalib.demo.run_demo, count=1))
+    assert run("demo", "--out", tmp_path / "new") == 0
+    written = {str(path.relative_to(tmp_path / "new")) for path in tmp_path.rglob("*") if path.is_file()}
+    assert written == {"annotations/00.json", "frame_00.png", "overview.png", "true_cameras.json"}
+    printed = capsys.readouterr()
+    assert printed.err == ""
+    assert "overview.png shows them all" in printed.out
+
+
+def test_it_runs_as_a_module():
+    command = [sys.executable, "-W", "error", "-m", "fieldcalib.cli", "--version"]
+    done = subprocess.run(command, capture_output=True, text=True, check=True)
+    assert (done.stdout, done.stderr) == (f"fieldcalib {fieldcalib.__version__}\n", "")
