@@ -26,7 +26,7 @@ from fieldcalib.result import Calibration, Status
 from fieldcalib.segments import ImageSegments, Observations, Pixels, check_segments, pack
 from fieldcalib.solver import Problem, Solution, solve_batch, solve_one
 from fieldcalib.starts import Starts, starting_cameras
-from fieldcalib.verify import Evidence, implausibilities, verdict, weakest_directions
+from fieldcalib.verify import Evidence, implausibilities, misfits, verdict, weakest_directions
 
 CHUNK = 64  # frames solved together: their arrays still fit the processor's cache
 FIRST_ITERATIONS = 8  # for every start
@@ -280,6 +280,8 @@ def _judge(
     feet = foot_points(theta, observations)
     losses = ndc_loss(theta, object_segments, frames, options.image_size)
     wrong = implausibilities(theta, feet.inverse_depth, observations, on_field=isinstance(object_segments, Field))
+    far = options.wide_loss.scale
+    wrong[f"most labelled pixels lie more than {far:.0f} px from it"] = misfits(feet.r, observations, far)
     information = replace(problem, prior=None).linearized(theta)[2]
     weakest = weakest_directions(information, prior.sigma[:, options.free], options.free)
 

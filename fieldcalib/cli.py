@@ -17,12 +17,7 @@ import fieldcalib
 from fieldcalib.calibrate import calibrate_batch
 from fieldcalib.field import soccer
 from fieldcalib.io.files import write_text
-from fieldcalib.io.soccernet import (
-    AnnotationFile,
-    camera_to_record,
-    find_annotations,
-    parse_annotation,
-)
+from fieldcalib.io.soccernet import AnnotationFile, camera_to_record, find_annotations, parse_annotation
 from fieldcalib.options import ALL
 from fieldcalib.parameters import DISTRIBUTIONS
 from fieldcalib.result import Calibration, Status

@@ -92,6 +92,15 @@ def implausibilities(
     return reasons
 
 
+def misfits(r: Array, observations: Observations, far: float) -> BoolArray:
+    """Whether more than half of the segments' weight lies further than `far` pixels from each of B cameras, (B,).
+
+    A robust loss always has a minimum; below half, the labels agree on no camera.
+    """
+    missed = np.sum(observations.weight * (np.abs(r) > far), axis=1)
+    return np.asarray(missed > 0.5 * np.sum(observations.weight, axis=1))
+
+
 def constraints(object_segments: ObjectSegments, frame: Pixels) -> int:
     """How many equations the labels of a frame give at best.
 

@@ -215,12 +215,14 @@ def test_tau_rejects_and_still_gives_the_camera():
     assert low.camera == high.camera == found.camera
 
 
-def test_labels_of_no_camera_are_implausible_or_worse():
+def test_pixels_of_no_camera_are_never_accepted():
     rng = np.random.default_rng(3)
-    frame = {label: rng.uniform((0, 0), SIZE, size=(3, 2)) for label in FRAME}
-    found = calibrate_from_segments(FIELD, frame, SIZE, tau=0.019)
-    assert found.status is Status.REJECTED
-    assert calibrate_from_segments(FIELD, frame, SIZE).camera is not None
+    frames = [{label: rng.uniform((0, 0), SIZE, size=(3, 2)) for label in FRAME} for _ in range(20)]
+    found = calibrate_batch(FIELD, frames, SIZE)
+    assert not any(calibration.accepted for calibration in found)
+    assert all(calibration.camera is not None for calibration in found)
+    assert any("most labelled pixels lie more than 20 px from it" in calibration.message for calibration in found)
+    assert all(c.status is Status.REJECTED for c in calibrate_batch(FIELD, frames, SIZE, tau=0.019))
 
 
 def test_a_camera_below_the_ground_is_implausible():
