@@ -29,7 +29,7 @@ from fieldcalib.starts import Starts, starting_cameras
 from fieldcalib.verify import Evidence, implausibilities, misfits, verdict, weakest_directions
 
 CHUNK = 64  # frames solved together: their arrays still fit the processor's cache
-FIRST_ITERATIONS = 8  # for every start
+FIRST_ITERATIONS = 6  # for every start
 PROMISING = 3  # starts of a frame that go on
 WIDE_ITERATIONS = 30
 WIDE_TOLERANCE = 1e-3  # the narrow stage does the rest
@@ -245,7 +245,7 @@ def _best_starts(
     before others, cheap ones before dear ones. A single start that is close already is left as it is.
     """
     theta, frame, prior = starts.theta, starts.frame, starts.prior
-    if len(theta) == 1 and _fits_most(theta, observations, options.loss.scale):
+    if len(theta) == 1 and _fits_most(theta, observations, options.wide_loss.scale):
         return theta, prior
     stages = ((PROMISING, FIRST_ITERATIONS), (1, WIDE_ITERATIONS))
     for kept, max_iterations in stages if len(theta) > len(observations) else stages[1:]:
@@ -262,7 +262,10 @@ def _best_starts(
 
 
 def _fits_most(theta: Array, observations: Observations, scale: float) -> bool:
-    """Whether one camera has more than half of its frame's pixels within the scale of the narrow loss already."""
+    """Whether one camera has more than half of its frame's pixels within `scale` already.
+
+    On annotated frames the narrow loss alone then found the optimum that the wide one leads to, in all of 2400 trials.
+    """
     r = segment_residuals(theta, observations)[observations.weight > 0.0]
     return bool(np.median(np.abs(r)) < scale)
 

@@ -1,6 +1,6 @@
 """Robust losses, as in `scipy.optimize.least_squares`: ``cost = 1/2 sum C^2 rho(r^2 / C^2)`` with scale C in pixels.
 
-Near zero every loss is r^2; far out linear losses grow like |r| and "cauchy" like log |r|.
+Near zero every loss is r^2; far out "soft_l1" and "huber" grow like |r| and "cauchy" like log |r|.
 """
 
 from dataclasses import dataclass
@@ -19,7 +19,7 @@ class RobustLoss:
 
     Examples
     --------
-    >>> rho, slope, _ = RobustLoss("cauchy", scale=3.0).evaluate(np.array([0.0, 9.0]))
+    >>> _, slope = RobustLoss("cauchy", scale=3.0).evaluate(np.array([0.0, 9.0]))
     >>> slope  # a residual of one scale weighs half
     array([1. , 0.5])
     """
@@ -33,22 +33,18 @@ class RobustLoss:
         if not 0.0 < self.scale < np.inf:
             raise ValueError(f"the scale of a loss must be a positive number of pixels, got {self.scale}")
 
-    def evaluate(self, squared: Array) -> tuple[Array, Array, Array]:
-        """``C^2 rho(r^2 / C^2)`` of squared residuals, and its first two derivatives by r^2.
-
-        The second is zero where the loss is linear in r^2.
-        """
+    def evaluate(self, squared: Array) -> tuple[Array, Array]:
+        """``C^2 rho(r^2 / C^2)`` of squared residuals, and its derivative by r^2: what a residual weighs."""
         C2 = self.scale**2
         z = squared / C2
-        if self.name == "linear":
-            return squared, np.ones_like(z), np.zeros_like(z)
-        if self.name == "cauchy":
-            slope = 1.0 / (1.0 + z)
-            return C2 * np.log1p(z), slope, -np.square(slope) / C2
-        if self.name == "soft_l1":
-            root = np.sqrt(1.0 + z)
-            return C2 * 2.0 * (root - 1.0), 1.0 / root, -0.5 / (root * (1.0 + z) * C2)
-        inside = z <= 1.0
-        root = np.sqrt(np.where(inside, 1.0, z))
-        value = np.where(inside, z, 2.0 * root - 1.0)
-        return C2 * value, 1.0 / root, np.where(inside, 0.0, -0.5 / (root**3 * C2))
+        match self.name:
+            case "linear":
+                return squared, np.ones_like(z)
+            case "cauchy":
+                return C2 * np.log1p(z), 1.0 / (1.0 + z)
+            case "soft_l1":
+                root = np.sqrt(1.0 + z)
+                return C2 * 2.0 * (root - 1.0), 1.0 / root
+            case "huber":
+                root = np.sqrt(np.maximum(z, 1.0))
+                return C2 * np.where(z <= 1.0, z, 2.0 * root - 1.0), 1.0 / root

@@ -17,7 +17,6 @@ import numpy as np
 
 from fieldcalib._types import Array, BoolArray
 from fieldcalib.field import Arc, Line, ObjectSegments, PointCloud, Segment
-from fieldcalib.parameters import LENS, LOG_ASPECT
 from fieldcalib.residuals import View
 from fieldcalib.segments import Pixels, Rows, pack, split_centre_circle
 
@@ -68,13 +67,9 @@ def ndc_loss(
     observations = pack(samples, split, image_size)
 
     view = View(theta, image_size)
-    straight = theta.copy()
-    straight[:, LENS] = 0.0
-    straight[:, LOG_ASPECT] = 0.0
-    pinhole = View(straight, image_size)
     half_size = np.array(image_size) / 2.0
-    lines = _line_distances(view, pinhole, observations.lines, half_size)
-    circles = _cloud_distances(view, pinhole, observations.clouds, half_size)
+    lines = _line_distances(view, observations.lines, half_size)
+    circles = _cloud_distances(view, observations.clouds, half_size)
     weights = observations.lines.weight, observations.clouds.weight
     if kind == "eq3":  # the pixels of a segment share a weight of 1
         segments = np.sum(weights[0], axis=1) + np.sum(weights[1], axis=1)
@@ -93,20 +88,20 @@ def _cloud(segment: Segment) -> PointCloud:
     return PointCloud(tuple(map(tuple, X.tolist())))
 
 
-def _line_distances(view: View, pinhole: View, rows: Rows, half_size: Array) -> Array:
+def _line_distances(view: View, rows: Rows, half_size: Array) -> Array:
     """NDC distance (T, N) of undistorted pixels to infinite lines."""
-    (ax, ay, az), (dx, dy, dz) = pinhole.points(rows.geometry[:, :, 0]), pinhole.directions(rows.geometry[:, :, 1])
+    (ax, ay, az), (dx, dy, dz) = view.points(rows.geometry[:, :, 0]), view.directions(rows.geometry[:, :, 1])
     lx, ly, lz = ay * dz - az * dy, az * dx - ax * dz, ax * dy - ay * dx
     px, py = view.ideal_offset(view.observed_offset(rows.xy))
     return np.asarray(np.abs(lx * px + ly * py + lz) / (np.hypot(lx * half_size[0], ly * half_size[1]) + 1e-300))
 
 
-def _cloud_distances(view: View, pinhole: View, rows: Rows, half_size: Array) -> Array:
+def _cloud_distances(view: View, rows: Rows, half_size: Array) -> Array:
     """NDC distance (T, N) of undistorted pixels to the nearest sample of their clouds."""
     T, N, S, _ = rows.geometry.shape
     if N == 0:
         return np.zeros((T, 0))
-    hx, hy, hz = (h.reshape(T, N, S) for h in pinhole.points(rows.geometry.reshape(T, N * S, 3)))
+    hx, hy, hz = (h.reshape(T, N, S) for h in view.points(rows.geometry.reshape(T, N * S, 3)))
     px, py = view.ideal_offset(view.observed_offset(rows.xy))
     x, y = (hx / hz - px[..., None]) / half_size[0], (hy / hz - py[..., None]) / half_size[1]
     return np.asarray(np.sqrt(np.min(np.square(x) + np.square(y), axis=-1)))

@@ -4,7 +4,9 @@ Both minimise, over the free parameters,
 
     cost(theta) = 1/2 sum_i w_i rho(r_i(theta)^2) / noise^2 + 1/2 sum_k ((theta_k - mean_k) / sigma_k)^2.
 
-The robust loss acts on the data alone, never on the prior.
+The robust loss acts on the data alone, never on the prior. Steps are those of reweighted least squares: the quadratic
+with weights rho' lies above the loss, so they do not overshoot. Triggs' second-order correction, SciPy's own way, does
+where residuals reach the scale of the loss, and took two and a half times as many iterations.
 """
 
 from __future__ import annotations
@@ -64,16 +66,13 @@ class Problem:
         Where the cost is not finite it is infinity, and the other two mean nothing.
         """
         r, J = segment_residuals_with_jacobian(theta, self.observations, self.free)
-        squared = np.square(r)
-        rho, slope, bend = self.loss.evaluate(squared)
+        rho, slope = self.loss.evaluate(np.square(r))
         weight = self.observations.weight / self.noise**2
         z = self.prior_residuals(theta)
         cost = 0.5 * (np.sum(weight * rho, axis=1) + np.sum(np.square(z), axis=1))
-        # Triggs' second-order correction, kept positive: it halves the iterations under a Cauchy loss
-        curvature = weight * np.maximum(slope + 2.0 * bend * squared, 0.1 * slope)
-        JT = np.swapaxes(J, 1, 2)
-        gradient = (JT @ (weight * slope * r)[..., None])[..., 0]
-        hessian = (JT * curvature[:, None]) @ J
+        JT = np.swapaxes(J, 1, 2) * (weight * slope)[:, None]
+        gradient = (JT @ r[..., None])[..., 0]
+        hessian = JT @ J
         if self.prior is not None:
             inverse_sigma = 1.0 / self.prior.sigma[:, self.free]
             gradient += z * inverse_sigma
@@ -214,8 +213,8 @@ def solve_one(problem: Problem, theta: Array, *, max_iterations: int, tolerance:
         return r if in_range(moved, problem.observations.image_size)[0] else np.full_like(r, np.inf), J
 
     def rho(squared: Array) -> Array:
-        values = np.zeros((3, len(squared)))
-        values[:, : len(weight)] = weight * problem.loss.evaluate(squared[: len(weight)])
+        values = np.zeros((3, len(squared)))  # the last row, rho'', stays zero: no correction of second order
+        values[:2, : len(weight)] = weight * problem.loss.evaluate(squared[: len(weight)])
         values[0, len(weight) :], values[1, len(weight) :] = squared[len(weight) :], 1.0
         return values
 

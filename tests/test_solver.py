@@ -46,7 +46,10 @@ def test_both_solvers_find_the_same_optimum_on_200_frames(name, prior):
     starts = solve_batch(wide, starts, max_iterations=40, tolerance=1e-3).theta
     batch = solve_batch(problem, starts, max_iterations=2000, tolerance=1e-12)
     assert batch.converged.all()
-    for t in range(count):
+    # without a prior a frame may run away to infinite focal length, and then has no optimum
+    kept = np.flatnonzero(batch.theta[:, LOG_F] - np.log(SIZE[0]) < LOG_F_RANGE[1] - 0.1)
+    assert len(kept) == count if prior else len(kept) >= 0.99 * count
+    for t in kept:
         one = solve_one(problem.take(np.array([t])), starts[t : t + 1], max_iterations=2000, tolerance=1e-12)
         assert one.converged[0]
         assert one.cost[0] == pytest.approx(batch.cost[t], rel=1e-6)
