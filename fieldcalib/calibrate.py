@@ -245,11 +245,14 @@ def _best_starts(
     before others, cheap ones before dear ones. A single start that is close already is left as it is.
     """
     theta, frame, prior = starts.theta, starts.frame, starts.prior
+    several = len(theta) > len(observations)
     if len(theta) == 1 and _fits_most(theta, observations, options.wide_loss.scale):
         return theta, prior
     stages = ((PROMISING, FIRST_ITERATIONS), (1, WIDE_ITERATIONS))
-    for kept, max_iterations in stages if len(theta) > len(observations) else stages[1:]:
-        wide = Problem(observations.take(frame), options.free, options.wide_loss, options.noise, prior)
+    for kept, max_iterations in stages if several else stages[1:]:
+        wide = Problem(observations.take(frame), options.free, options.wide_loss, options.noise)
+        if several or options.use_prior:  # starts from the stands need the prior to come home
+            wide = replace(wide, prior=prior)
         solve_all = solve if len(theta) == 1 else solve_batch
         trials = solve_all(wide, theta, max_iterations=max_iterations, tolerance=WIDE_TOLERANCE)
         depths = foot_points(trials.theta, wide.observations).inverse_depth

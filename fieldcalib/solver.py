@@ -178,15 +178,18 @@ def solve_batch(problem: Problem, theta: Array, *, max_iterations: int, toleranc
 
 
 def solve_one(problem: Problem, theta: Array, *, max_iterations: int, tolerance: float) -> Solution:
-    """SciPy's trust region reflective solver on one problem: the same cost as `solve_batch`, and the same arguments.
+    """SciPy's trust region reflective solver on one problem: the same cost and the same arguments as `solve_batch`.
 
     Parameters
     ----------
     problem : Problem
         B = 1 problem.
     theta : (1, 12) array
+        Start.
     max_iterations : int
+        Evaluations allowed.
     tolerance : float
+        Done when a step lowers the cost by less than this share.
 
     Returns
     -------
@@ -194,6 +197,9 @@ def solve_one(problem: Problem, theta: Array, *, max_iterations: int, tolerance:
     """
     from scipy.optimize import least_squares  # a slow import
 
+    start_cost = problem.cost(theta)
+    if not np.isfinite(start_cost[0]):
+        return Solution(theta.copy(), start_cost, np.array([False]), np.array([0]))
     weight = problem.observations.weight[0] / problem.noise**2
     free = problem.free
 

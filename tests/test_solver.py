@@ -156,3 +156,7 @@ def test_a_start_without_a_cost_is_given_back():
     assert not solution.converged[0]
     np.testing.assert_array_equal(solution.theta[0], starts[0])
     assert solution.converged[1]
+    one = solve_one(problem.take(np.array([0])), starts[:1], max_iterations=50, tolerance=1e-9)
+    assert np.isinf(one.cost[0])
+    assert not one.converged[0]
+    np.testing.assert_array_equal(one.theta[0], starts[0])
