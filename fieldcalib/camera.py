@@ -244,6 +244,9 @@ class Camera:
 
     __hash__ = None  # type: ignore[assignment]  # arrays do not hash
 
+    def __reduce__(self) -> tuple[type[Camera], tuple[object, ...]]:
+        return Camera, (self.K, self.R, self.C, self.image_size, self.k)  # copies are read-only too
+
     def __repr__(self) -> str:
         pan, tilt, roll = np.degrees(self.angles)
         x, y, z = self.C

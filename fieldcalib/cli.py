@@ -55,8 +55,8 @@ def _parser() -> argparse.ArgumentParser:
     )
     calibrate.add_argument("--size", required=True, type=_size, metavar="WxH", help="size of the images, e.g. 960x540")
     calibrate.add_argument("--out", required=True, type=Path, metavar="DIR", help="where the results go")
-    calibrate.add_argument("--field-length", type=float, default=105.0, metavar="M", help="touchline in metres (105)")
-    calibrate.add_argument("--field-width", type=float, default=68.0, metavar="M", help="goal line in metres (68)")
+    calibrate.add_argument("--field-length", type=_positive, default=105.0, metavar="M", help="touchline in metres (105)")
+    calibrate.add_argument("--field-width", type=_positive, default=68.0, metavar="M", help="goal line in metres (68)")
     calibrate.add_argument(
         "--prior",
         default=ALL,
@@ -65,7 +65,7 @@ def _parser() -> argparse.ArgumentParser:
         help=f"where the camera stands: {', '.join([ALL, *DISTRIBUTIONS])}, or none to solve without a prior (all)",
     )
     calibrate.add_argument(
-        "--tau", type=float, metavar="T", help="reject frames whose NDC loss is above; the paper's is 0.019 (off)"
+        "--tau", type=_positive, metavar="T", help="reject frames whose NDC loss is above; the paper's is 0.019 (off)"
     )
     calibrate.add_argument("--lens", choices=["none"], default="none", help="lens model (none)")
     calibrate.add_argument("--strict", action="store_true", help="stop at the first broken file, write nothing")
@@ -80,6 +80,16 @@ def _parser() -> argparse.ArgumentParser:
     demo.add_argument("--out", required=True, type=Path, metavar="DIR", help="where the pictures go")
     demo.set_defaults(run=_demo)
     return parser
+
+
+def _positive(text: str) -> float:
+    try:
+        value = float(text)
+    except ValueError:
+        value = np.nan
+    if not 0.0 < value < np.inf:
+        raise argparse.ArgumentTypeError(f"expected a positive number, got {text!r}")
+    return value
 
 
 def _size(text: str) -> tuple[int, int]:

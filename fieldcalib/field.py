@@ -7,6 +7,8 @@ World: origin at the centre mark, x right along the touchline as the main camera
 z down, so that a crossbar is at z = -2.44.
 """
 
+from __future__ import annotations
+
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
@@ -160,6 +162,12 @@ class Field(Mapping[str, Segment]):
     width: float
     segments: Mapping[str, Segment] = field(repr=False)
 
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "segments", MappingProxyType(dict(self.segments)))
+
+    def __reduce__(self) -> tuple[type[Field], tuple[float, float, dict[str, Segment]]]:
+        return Field, (self.length, self.width, dict(self.segments))  # a read-only view cannot be pickled
+
     def __getitem__(self, label: str) -> Segment:
         return self.segments[label.strip() if isinstance(label, str) else label]
 
@@ -227,7 +235,7 @@ def soccer(length: float = 105.0, width: float = 68.0) -> Field:
         segments.update(_half(side, sign, x_goal))
     segments.update(_centre_circle())
     segments.update(_named_points(x_goal, y_side))
-    return Field(float(length), float(width), MappingProxyType(segments))
+    return Field(float(length), float(width), segments)
 
 
 def _outline(x_goal: float, y_side: float) -> dict[str, Segment]:

@@ -2,6 +2,7 @@
 
 import copy
 import dataclasses
+import pickle
 
 import cv2
 import numpy as np
@@ -442,3 +443,12 @@ def test_image_size_comes_back_as_two_plain_integers():
         checked = checked_image_size(size)
         assert checked == (1920, 1080)
         assert all(type(v) is int for v in checked)
+
+
+@pytest.mark.parametrize("copied", [copy.deepcopy, lambda camera: pickle.loads(pickle.dumps(camera))])
+def test_copies_are_equal_and_read_only(copied):
+    camera = Camera.from_angles(0.1, 1.3, 0.0, 1500.0, (0.0, 60.0, -15.0), (960, 540), k=(0.1, 0.0))
+    other = copied(camera)
+    assert other == camera
+    with pytest.raises(ValueError, match="read-only"):
+        other.K[0, 0] = 1.0

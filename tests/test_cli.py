@@ -335,9 +335,9 @@ def test_an_unknown_prior(folder, tmp_path, capsys):
     [
         (["--field-length", "40"], "no room for its penalty areas"),
         (["--field-width", "10"], "no room for its penalty areas"),
-        (["--field-length", "long"], "argument --field-length: invalid float value"),
-        (["--tau", "0"], "tau must be a positive loss"),
-        (["--tau", "low"], "argument --tau: invalid float value"),
+        (["--field-length", "long"], "argument --field-length: expected a positive number, got 'long'"),
+        (["--tau", "0"], "argument --tau: expected a positive number, got '0'"),
+        (["--tau", "low"], "argument --tau: expected a positive number, got 'low'"),
         (["--lens", "fisheye"], "argument --lens: invalid choice"),
     ],
 )

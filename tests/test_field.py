@@ -1,5 +1,7 @@
 """The football field against numbers written down from the Laws of the Game, and the checks of every segment type."""
 
+import pickle
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -272,3 +274,12 @@ def test_segments_are_values():
     assert PointCloud(np.eye(3)) == PointCloud(((1, 0, 0), (0, 1, 0), (0, 0, 1)))
     with pytest.raises(AttributeError):
         Point((0, 0, 0)).X = (1, 0, 0)
+
+
+def test_a_field_can_be_sent_to_another_process():
+    field = soccer(100.0, 64.0)
+    other = pickle.loads(pickle.dumps(field))
+    assert other == field
+    assert dict(other.symmetric) == dict(field.symmetric)
+    with pytest.raises(TypeError):
+        other.segments["new"] = field["Middle line"]
