@@ -55,7 +55,9 @@ def _parser() -> argparse.ArgumentParser:
     )
     calibrate.add_argument("--size", required=True, type=_size, metavar="WxH", help="size of the images, e.g. 960x540")
     calibrate.add_argument("--out", required=True, type=Path, metavar="DIR", help="where the results go")
-    calibrate.add_argument("--field-length", type=_positive, default=105.0, metavar="M", help="touchline in metres (105)")
+    calibrate.add_argument(
+        "--field-length", type=_positive, default=105.0, metavar="M", help="touchline in metres (105)"
+    )
     calibrate.add_argument("--field-width", type=_positive, default=68.0, metavar="M", help="goal line in metres (68)")
     calibrate.add_argument(
         "--prior",
