@@ -17,13 +17,14 @@ from fieldcalib.calibrate import calibrate_batch, calibrate_from_segments
 from fieldcalib.camera import Camera
 from fieldcalib.field import Arc, Field, Line, Point, PointCloud, soccer
 from fieldcalib.losses import RobustLoss
-from fieldcalib.options import CalibrationFlags
+from fieldcalib.options import DEFAULT_FLAGS, CalibrationFlags
 from fieldcalib.parameters import DISTRIBUTIONS, CameraDistribution
 from fieldcalib.result import Calibration, Status
 
 __version__ = "0.1.0"
 
 __all__ = [
+    "DEFAULT_FLAGS",
     "DISTRIBUTIONS",
     "Arc",
     "Calibration",

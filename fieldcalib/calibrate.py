@@ -8,7 +8,7 @@ cost.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 from typing import Protocol
 
@@ -26,7 +26,7 @@ from fieldcalib.result import Calibration, Status
 from fieldcalib.segments import ImageSegments, Observations, Pixels, check_segments, pack
 from fieldcalib.solver import Problem, Solution, solve_batch, solve_one
 from fieldcalib.starts import Starts, starting_cameras
-from fieldcalib.verify import Evidence, implausibilities, misfits, verdict, weakest_directions
+from fieldcalib.verify import Evidence, implausibilities, verdict, weakest_directions
 
 CHUNK = 64  # frames solved together: their arrays still fit the processor's cache
 FIRST_ITERATIONS = 6  # for every start
@@ -85,8 +85,8 @@ def calibrate_from_segments(
         cv2's (type, max_count, eps) of the final stage; eps is the relative decrease of the cost.
     prior : str, CameraDistribution, an iterable of them, or None
         Where the camera may stand: weak prior, and where starts come from. "all" tries the main stand's centre, left
-        and right and both goals; a name like "main center" says that the kind of camera is known. None starts
-        everywhere and solves without a prior.
+        and right, the opposite stand and behind both goals; a name like "main center" says that the kind of camera is
+        known. None starts everywhere and solves without a prior.
     loss : {"cauchy", "soft_l1", "huber", "linear"} or RobustLoss
         Robust loss of the final stage.
     tau : float, optional
@@ -191,6 +191,8 @@ def calibrate_batch(
         loss=loss,
         tau=tau,
     )
+    if isinstance(frames, Mapping):
+        raise ValueError("expected a sequence of frames, got one mapping: calibrate_from_segments takes a single frame")
     checked: list[Pixels] = []
     for index, frame in enumerate(frames):
         try:
@@ -255,8 +257,9 @@ def _best_starts(
             wide = replace(wide, prior=prior)
         solve_all = solve if len(theta) == 1 else solve_batch
         trials = solve_all(wide, theta, max_iterations=max_iterations, tolerance=WIDE_TOLERANCE)
-        depths = foot_points(trials.theta, wide.observations).inverse_depth
-        wrong = implausibilities(trials.theta, depths, wide.observations, on_field=on_field)
+        feet = foot_points(trials.theta, wide.observations)
+        far = options.wide_loss.scale
+        wrong = implausibilities(trials.theta, feet, wide.observations, far=far, on_field=on_field)
         order = np.lexsort((trials.cost, np.any(list(wrong.values()), axis=0), frame))
         rank = np.arange(len(order)) - np.searchsorted(frame, frame)  # within its frame: frames are ascending
         best = order[rank < kept]
@@ -285,9 +288,8 @@ def _judge(
     theta, observations = solution.theta, problem.observations
     feet = foot_points(theta, observations)
     losses = ndc_loss(theta, object_segments, frames, options.image_size)
-    wrong = implausibilities(theta, feet.inverse_depth, observations, on_field=isinstance(object_segments, Field))
-    far = options.wide_loss.scale
-    wrong[f"most labelled pixels lie more than {far:.0f} px from it"] = misfits(feet.r, observations, far)
+    far, on_field = options.wide_loss.scale, isinstance(object_segments, Field)
+    wrong = implausibilities(theta, feet, observations, far=far, on_field=on_field)
     information = replace(problem, prior=None).linearized(theta)[2]
     weakest = weakest_directions(information, prior.sigma[:, options.free], options.free)
 
@@ -297,6 +299,8 @@ def _judge(
         evidence = Evidence(
             rms=rms,
             loss_ndc=float(losses[t]),
+            errors=errors,
+            far=far,
             unknowns=int(np.sum(options.free)),
             implausible=[reason for reason, mask in wrong.items() if mask[t]],
             weakest=weakest[t],

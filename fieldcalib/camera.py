@@ -178,7 +178,7 @@ class Camera:
 
     def depth(self, X: ArrayLike) -> Array:
         """Depth of world points (..., 3) along the optical axis, metres; negative behind the camera."""
-        return np.asarray((np.asarray(X, dtype=float) - self.C) @ self.R[2])
+        return np.asarray((_vectors(X, 3, "world points") - self.C) @ self.R[2])
 
     def project(self, X: ArrayLike) -> Array:
         """Pixels of world points, lens included.
@@ -194,7 +194,7 @@ class Camera:
             NaN for points that have no image: behind the camera or in its plane (depth <= 0), or so far out that the
             lens folds back (`fieldcalib.distortion.is_monotone`). Points outside the image are given.
         """
-        Xc = (np.asarray(X, dtype=float) - self.C) @ self.R.T
+        Xc = (_vectors(X, 3, "world points") - self.C) @ self.R.T
         visible = Xc[..., 2] > 0.0
         x = dehomogenize(np.where(visible[..., None], Xc, 1.0))
         if np.any(self.k):
@@ -204,7 +204,7 @@ class Camera:
         xy = x * self.K[[0, 1], [0, 1]] + self.K[:2, 2]
         return np.where(visible[..., None], xy, np.nan)
 
-    def image_to_field(self, xy: ArrayLike, z: float = 0.0) -> Array:
+    def image_to_field(self, xy: ArrayLike, *, z: float = 0.0) -> Array:
         """World points of pixels on the horizontal plane at height `z` (metres, down), lens included.
 
         Parameters
@@ -220,7 +220,7 @@ class Camera:
             NaN where the pixel's ray does not meet the plane in front of the camera (above the horizon), or where no
             ray of the lens reaches the pixel.
         """
-        x = (np.asarray(xy, dtype=float) - self.K[:2, 2]) / self.K[[0, 1], [0, 1]]
+        x = (_vectors(xy, 2, "pixels") - self.K[:2, 2]) / self.K[[0, 1], [0, 1]]
         if np.any(self.k):
             x = undistort(x, self.k, rho=1.0)
         ray = homogenize(x) @ self.R
@@ -257,11 +257,21 @@ class Camera:
         )
 
 
+def _vectors(values: ArrayLike, size: int, what: str) -> Array:
+    """Points with `size` coordinates as a float array (..., size), or a ValueError."""
+    array = np.asarray(values, dtype=float)
+    if array.ndim == 0 or array.shape[-1] != size:
+        raise ValueError(f"expected {what} of shape (..., {size}), got shape {array.shape}")
+    return array
+
+
 def checked_image_size(image_size: Any) -> tuple[int, int]:
     """(width, height) as two positive integers, or a ValueError that says what came instead."""
     size = np.asarray(image_size)
     if size.shape != (2,) or size.dtype.kind not in "iuf" or np.any(size != size.round()) or np.any(size <= 0):
-        raise ValueError(f"image_size must be (width, height) in whole pixels, got {image_size!r}")
+        came = image_size if size.size <= 4 else f"an array of shape {size.shape}"
+        hint = "; of an image array it is image.shape[1::-1]" if size.size >= 3 else ""
+        raise ValueError(f"image_size must be (width, height) in whole pixels, got {came!r}{hint}")
     return int(size[0]), int(size[1])
 
 

@@ -9,7 +9,7 @@ z down, so that a crossbar is at z = -2.44.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
 from types import MappingProxyType
@@ -42,6 +42,9 @@ class Point:
 
     X: tuple[float, float, float]
 
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "X", _vector(self.X, "a Point"))
+
     def sample(self, spacing: float = 1.0) -> Array:
         """The point itself, as a (1, 3) array."""
         return np.array([self.X])
@@ -61,7 +64,9 @@ class Line:
     end: tuple[float, float, float]
 
     def __post_init__(self) -> None:
-        if not np.linalg.norm(np.subtract(self.end, self.start)) > 0.0:
+        object.__setattr__(self, "start", _vector(self.start, "the start of a Line"))
+        object.__setattr__(self, "end", _vector(self.end, "the end of a Line"))
+        if self.start == self.end:
             raise ValueError(f"a Line needs two different end points, got start = end = {self.start}")
 
     def sample(self, spacing: float = 1.0) -> Array:
@@ -92,6 +97,9 @@ class Arc:
     v: tuple[float, float, float] = (0.0, 1.0, 0.0)
 
     def __post_init__(self) -> None:
+        object.__setattr__(self, "center", _vector(self.center, "the centre of an Arc"))
+        object.__setattr__(self, "u", _vector(self.u, "the axis u of an Arc"))
+        object.__setattr__(self, "v", _vector(self.v, "the axis v of an Arc"))
         axes = np.array([self.u, self.v])
         if not np.allclose(axes @ axes.T, np.eye(2), atol=1e-9):
             raise ValueError(f"an Arc needs orthogonal unit vectors u and v, got u = {self.u}, v = {self.v}")
@@ -136,6 +144,15 @@ class PointCloud:
     def sample(self, spacing: float = 1.0) -> Array:
         """The points themselves, (N, 3)."""
         return self.X
+
+
+def _vector(values: Iterable[float], what: str) -> tuple[float, float, float]:
+    """Three finite numbers, or a ValueError that names what they are."""
+    array = np.asarray(values, dtype=float)
+    if array.shape != (3,) or not np.all(np.isfinite(array)):
+        raise ValueError(f"{what} needs three finite coordinates in metres, got {values!r}")
+    x, y, z = array.tolist()
+    return x, y, z
 
 
 Segment: TypeAlias = Point | Line | Arc | PointCloud

@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from enum import StrEnum
+from typing import Any
 
-from fieldcalib._types import Array
 from fieldcalib.camera import Camera
 
 
@@ -58,7 +58,7 @@ class Calibration:
         """Whether nothing speaks against the camera."""
         return self.status is Status.ACCEPTED
 
-    def __iter__(self) -> Iterator[float | Array]:
+    def __iter__(self) -> Iterator[Any]:
         """``rms, K (3, 3), dist (1, 5), rvec (3, 1), tvec (3, 1)``, as `cv2.calibrateCamera` returns them.
 
         Raises

@@ -116,9 +116,16 @@ def check_segments(
         ...
     ValueError: unknown label 'Midle line'; did you mean 'Middle line'?
     """
+    if not isinstance(image_segments, Mapping):
+        came = type(image_segments).__name__
+        raise ValueError(
+            f"expected a mapping of labels to (N, 2) pixels, got {came}; many frames go to calibrate_batch"
+        )
+    if not isinstance(object_segments, Mapping):
+        raise ValueError(f"expected a field, as soccer(), or a mapping of names to segments, got {object_segments!r}")
     pixels: Pixels = {}
     for raw_label, values in image_segments.items():
-        label = raw_label.strip()
+        label = raw_label.strip() if isinstance(raw_label, str) else raw_label
         if label not in object_segments and raw_label not in object_segments:
             raise ValueError(f"unknown label {raw_label!r}; {_nearest(label, object_segments)}")
         if label not in object_segments:
@@ -130,7 +137,8 @@ def check_segments(
         if xy.size == 0:
             continue
         if xy.ndim != 2 or xy.shape[1] != 2:
-            raise ValueError(f"{label!r}: expected pixels of shape (N, 2), got {xy.shape}")
+            hint = "; reshape(-1, 2) makes them so" if xy.shape[-1] == 2 else ""
+            raise ValueError(f"{label!r}: expected pixels of shape (N, 2), got {xy.shape}{hint}")
         if not np.all(np.isfinite(xy)):
             first = int(np.flatnonzero(~np.isfinite(xy).all(axis=1))[0])
             raise ValueError(f"{label!r}: pixel {first} is not finite: {xy[first].tolist()}; leave it out")
@@ -143,8 +151,12 @@ def check_segments(
 
 
 def _nearest(label: str, object_segments: ObjectSegments) -> str:
-    close = difflib.get_close_matches(label, list(object_segments), n=1, cutoff=0.5)
-    return f"did you mean {close[0]!r}?" if close else f"known labels: {', '.join(sorted(object_segments))}"
+    known = [str(name) for name in object_segments]
+    close = difflib.get_close_matches(str(label), known, n=1, cutoff=0.5)
+    if close:
+        return f"did you mean {close[0]!r}?"
+    rest = f" and {len(known) - 10} more" if len(known) > 10 else ""
+    return f"known labels: {', '.join(known[:10])}{rest}"
 
 
 def _check_scale(xy: Array, image_size: tuple[int, int]) -> None:
@@ -161,6 +173,11 @@ def _check_scale(xy: Array, image_size: tuple[int, int]) -> None:
         raise ValueError(
             f"image_size = {image_size} leaves {100 * (1 - inside):.0f} % of the pixels far outside, swapped it would "
             f"hold them: give it as (width, height)"
+        )
+    if len(xy) >= 4 and inside < 0.5:
+        raise ValueError(
+            f"{100 * (1 - inside):.0f} % of the pixels lie far outside an image of {width} x {height}, coordinates go up "
+            f"to {xy.max():.0f}: is image_size right?"
         )
 
 

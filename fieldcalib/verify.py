@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -10,6 +10,7 @@ import numpy as np
 from fieldcalib._types import Array, BoolArray
 from fieldcalib.field import Arc, Line, ObjectSegments, Point, Segment
 from fieldcalib.parameters import ANGLES, CENTER, LOG_F, PARAMETERS
+from fieldcalib.residuals import Feet
 from fieldcalib.result import Status
 from fieldcalib.rotation import angles_from_rotation, rotation_from_angles
 from fieldcalib.segments import Observations, Pixels
@@ -17,7 +18,9 @@ from fieldcalib.segments import Observations, Pixels
 FARTHEST_CAMERA = 300.0  # metres from the field's centre: stands end before
 LARGEST_ROLL = np.radians(45.0)
 FIELD_OF_VIEW = np.radians((0.5, 150.0))
-IN_FRONT = 0.9  # share of the segments' weight whose visible part must lie in front of the camera
+BEHIND = 0.1  # share of the fitting segments' weight that may lie behind the camera
+AGREEING = 2.0 / 3.0  # share of the labelled segments that must fit: a robust loss always has some minimum
+READABLE = {"log f": "focal length", "log aspect": "aspect ratio", "a1": "k1", "a2": "k2"}
 OPEN_DIRECTION = 1e-3  # information from the labels, in units of the prior's, below which a direction counts as open
 
 
@@ -27,6 +30,10 @@ class Evidence:
 
     rms: float
     loss_ndc: float
+    errors: Mapping[str, float]
+    """Root mean square distance of each segment, pixels."""
+    far: float
+    """Pixels beyond which a segment counts as missed."""
     unknowns: int
     """Free parameters."""
     implausible: Sequence[str]
@@ -48,7 +55,7 @@ def verdict(
     equations = constraints(object_segments, frame)
     if equations < evidence.unknowns:
         return Status.TOO_FEW_SEGMENTS, (
-            f"{len(frame)} segments give {equations} equations for {evidence.unknowns} unknowns: "
+            f"{_segments(len(frame))} give {equations} equations for {evidence.unknowns} unknowns: "
             f"label more segments, or fix what is known with flags"
         )
     reason = degeneracy(object_segments, frame)
@@ -56,32 +63,45 @@ def verdict(
         return Status.DEGENERATE, reason
     if evidence.implausible:
         return Status.IMPLAUSIBLE, f"the best fit is no camera that could be: {'; '.join(evidence.implausible)}"
+    missed = [label for label in frame if evidence.errors[label] > evidence.far]
+    agreeing = {label: xy for label, xy in frame.items() if label not in missed}
+    fits = f"{len(agreeing)} of {_segments(len(frame))} agree"
+    if len(agreeing) < AGREEING * len(frame) or constraints(object_segments, agreeing) < evidence.unknowns:
+        return Status.IMPLAUSIBLE, f"only {fits} with the best fit: check the labels, the field's and the image's size"
     information, parameters = evidence.weakest
     if information < OPEN_DIRECTION:
         return Status.DEGENERATE, (
-            f"the labels leave a combination of {parameters} open: label a segment elsewhere in the image"
+            f"the labels leave {parameters} open: label a segment elsewhere in the image, or fix what is known by flags"
         )
     if not evidence.converged:
         return Status.NOT_CONVERGED, "the iterations ended before a minimum: allow more, or check the labels"
-    return Status.ACCEPTED, f"rms {evidence.rms:.2f} px over {len(frame)} segments"
+    if missed:
+        worst = max(missed, key=lambda label: evidence.errors[label])
+        return Status.ACCEPTED, f"{fits}; {worst!r} lies {evidence.errors[worst]:.0f} px off, check its label"
+    return Status.ACCEPTED, f"rms {evidence.rms:.2f} px over {_segments(len(frame))}"
+
+
+def _segments(count: int) -> str:
+    return f"{count} segment" if count == 1 else f"{count} segments"
 
 
 def implausibilities(
-    theta: Array, inverse_depth: Array, observations: Observations, *, on_field: bool
+    theta: Array, feet: Feet, observations: Observations, *, far: float, on_field: bool
 ) -> dict[str, BoolArray]:
     """What is wrong with each of B cameras: reason -> mask (B,).
 
     On a field the camera must stand above the ground, not too far away, and hold the horizon roughly level; of any
-    object it must have a field of view between 0.5 and 150 degrees and see the labelled segments in front of it, where
-    the inverse depths (B, M) of their foot points are positive.
+    object it must have a field of view between 0.5 and 150 degrees and see in front of it what it sees: pixels within
+    `far` pixels of their segments. Pixels further off, of a wrong label perhaps, do not speak against a camera.
     """
     width = observations.image_size[0]
     fov = 2.0 * np.arctan(0.5 * width / np.exp(theta[:, LOG_F]))
-    in_front = np.sum(observations.weight * (inverse_depth > 0.0), axis=1)
+    near = observations.weight * (np.abs(feet.r) <= far)
+    behind = np.sum(near * (feet.inverse_depth < 0.0), axis=1)
     reasons = {
         "its field of view is below 0.5 degrees": fov < FIELD_OF_VIEW[0],
         "its field of view is above 150 degrees": fov > FIELD_OF_VIEW[1],
-        "labelled segments lie behind it": in_front < IN_FRONT * np.sum(observations.weight, axis=1),
+        "labelled segments lie behind it": behind > BEHIND * np.sum(near, axis=1),
     }
     if on_field:
         C = theta[:, CENTER]
@@ -90,15 +110,6 @@ def implausibilities(
         reasons["it stands more than 300 m away"] = np.linalg.norm(C, axis=1) > FARTHEST_CAMERA
         reasons["it is rolled by more than 45 degrees"] = np.abs(roll) > LARGEST_ROLL
     return reasons
-
-
-def misfits(r: Array, observations: Observations, far: float) -> BoolArray:
-    """Whether more than half of the segments' weight lies further than `far` pixels from each of B cameras, (B,).
-
-    A robust loss always has a minimum; below half, the labels agree on no camera.
-    """
-    missed = np.sum(observations.weight * (np.abs(r) > far), axis=1)
-    return np.asarray(missed > 0.5 * np.sum(observations.weight, axis=1))
 
 
 def constraints(object_segments: ObjectSegments, frame: Pixels) -> int:
@@ -163,11 +174,11 @@ def weakest_directions(information: Array, sigma: Array, free: BoolArray) -> lis
     -------
     list of (float, str)
         The smallest eigenvalue of the information in units of the prior's: below 1 the prior says more than the labels.
-        And the parameters that make up its eigenvector, as "log f, y".
+        And what makes up its eigenvector, as "focal length with y".
     """
-    names = np.array(PARAMETERS)[free]
+    names = np.array([READABLE.get(name, name) for name in PARAMETERS])[free]
     values, vectors = np.linalg.eigh(information * sigma[:, :, None] * sigma[:, None, :])
     return [
-        (float(value), ", ".join(names[np.abs(vector) > 0.4]))
+        (float(value), " with ".join(names[np.abs(vector) > 0.4]))
         for value, vector in zip(values[:, 0], vectors[:, :, 0], strict=True)
     ]

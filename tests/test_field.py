@@ -257,7 +257,7 @@ def test_samples_of_points_are_the_points():
         (lambda: Arc((0, 0, 0), 0.0), "positive radius, got 0.0"),
         (lambda: Arc((0, 0, 0), -9.15), "positive radius, got -9.15"),
         (lambda: Arc((0, 0, 0), 9.15, u=(1, 0, 0), v=(1, 0, 0)), "orthogonal unit vectors"),
-        (lambda: Arc((0, 0, 0), 9.15, u=(2, 0, 0)), r"orthogonal unit vectors u and v, got u = \(2, 0, 0\)"),
+        (lambda: Arc((0, 0, 0), 9.15, u=(2, 0, 0)), r"orthogonal unit vectors u and v, got u = \(2.0, 0.0, 0.0\)"),
         (lambda: PointCloud([(0.0, 0.0)]), r"\(N, 3\) array with at least one point, got shape \(1, 2\)"),
         (lambda: PointCloud(np.zeros((0, 3))), r"at least one point, got shape \(0, 3\)"),
         (lambda: PointCloud([(0, 0, 0), (1, 0, 0)], ordered=True), r"at least three points .*got shape \(2, 3\)"),

@@ -39,6 +39,7 @@ FLOORS = {
     "io": 6,
     "demo": 6,
     "cli": 6,
+    "__main__": 6,
     FACE: 6,
 }
 FORBIDDEN = ("baselines", "data_tools", "tests")  # they import the package, never the reverse

@@ -78,8 +78,20 @@ def test_an_unknown_label_names_the_nearest_known_one(label, nearest):
         check({label: LINE})
 
 
+def test_what_is_no_mapping_is_refused():
+    with pytest.raises(ValueError, match="expected a mapping of labels to \\(N, 2\\) pixels, got list"):
+        check([LINE])
+    with pytest.raises(ValueError, match="expected a field, as soccer\\(\\), or a mapping"):
+        check_segments(soccer, {"Middle line": LINE}, (960, 540))
+
+
+def test_pixels_of_a_larger_image_are_refused():
+    with pytest.raises(ValueError, match=r"% of the pixels lie far outside an image of 960 x 540, .* up to 1900"):
+        check({"Side line top": [(1500.0, 100.0), (1900.0, 120.0)], "Middle line": [(1600.0, 80.0), (1400.0, 1000.0)]})
+
+
 def test_a_label_unlike_any_other_gets_the_list_of_known_ones():
-    with pytest.raises(ValueError, match=r"unknown label 'xyz'; known labels: .*Circle central.*Side line top"):
+    with pytest.raises(ValueError, match=r"unknown label 'xyz'; known labels: Side line top.* and 57 more"):
         check({"xyz": LINE})
 
 
@@ -119,9 +131,9 @@ def test_annotations_somewhat_outside_the_image_are_accepted():
 @pytest.mark.parametrize(
     ("values", "shape"),
     [
-        ([480.0, 100.0], r"\(2,\)"),
+        ([480.0, 100.0], r"\(2,\); reshape\(-1, 2\) makes them so"),
         ([(480.0, 100.0, 1.0)], r"\(1, 3\)"),
-        (np.zeros((4, 1, 2)), r"\(4, 1, 2\)"),
+        (np.zeros((4, 1, 2)), r"\(4, 1, 2\); reshape\(-1, 2\) makes them so"),
         (480.0, r"\(\)"),
     ],
 )
