@@ -13,22 +13,27 @@ import json
 from collections.abc import Sequence
 from concurrent.futures import ProcessPoolExecutor
 from functools import partial
+from importlib.util import find_spec
 from pathlib import Path
 
 import numpy as np
 
+from fieldcalib.cli import image_size
+from fieldcalib.io.soccernet import BrokenFileError, find_annotations
+
 THRESHOLDS = (5, 10, 20)  # px
 
 
-def frame_accuracy(annotation: Path, cameras: Path, size: tuple[int, int]) -> list[float] | None:
-    """AC at each threshold for one frame, 0..1; None without a camera."""
+def frame_accuracy(frame: tuple[str, bytes], cameras: Path, size: tuple[int, int]) -> list[float] | None:
+    """AC at each threshold for one frame, given its id and its annotation, 0..1; None without a camera."""
     from SoccerNet.Evaluation import utils_calibration as soccernet
 
-    camera = cameras / f"camera_{annotation.stem}.json"
+    id, annotation = frame
+    camera = cameras / f"camera_{id}.json"
     if not camera.exists():
         return None
     projected = soccernet.get_polylines(json.loads(camera.read_text()), *size, sampling_factor=0.9)
-    annotated = soccernet.scale_points(json.loads(annotation.read_text()), *size)
+    annotated = soccernet.scale_points(json.loads(annotation), *size)
     accuracies = []
     for labels in (annotated, soccernet.mirror_labels(annotated)):
         confusions = [soccernet.evaluate_camera_prediction(projected, labels, t)[0] for t in THRESHOLDS]
@@ -40,15 +45,21 @@ def main(arguments: Sequence[str] | None = None) -> int:
     """Print one line of JSON: frames, CR and AC@5, @10, @20 in percent."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("cameras", type=Path, help="folder of camera_<id>.json")
-    parser.add_argument("annotations", type=Path, help="folder of <id>.json")
-    parser.add_argument("--size", required=True, metavar="WxH", help="size of the images, e.g. 960x540")
+    parser.add_argument("annotations", type=Path, help="folder or zip of <id>.json")
+    parser.add_argument(
+        "--size", required=True, type=image_size, metavar="WxH", help="size of the images, e.g. 960x540"
+    )
     options = parser.parse_args(arguments)
-    width, height = (int(v) for v in options.size.split("x"))
-    files = sorted(f for f in options.annotations.glob("*.json") if f.stem.isdigit())
-    if not files:
-        parser.error(f"{options.annotations} holds no annotation: expected files named <id>.json")
+    if find_spec("SoccerNet") is None:
+        parser.error("needs the SoccerNet package: pip install 'fieldcalib[soccernet]'")
+    if not options.cameras.is_dir():
+        parser.error(f"{options.cameras} is no folder of cameras")
+    try:
+        files = [(file.id, file.read()) for file in find_annotations([options.annotations])]
+    except (FileNotFoundError, BrokenFileError) as error:
+        parser.error(str(error))
     with ProcessPoolExecutor() as pool:
-        score = partial(frame_accuracy, cameras=options.cameras, size=(width, height))
+        score = partial(frame_accuracy, cameras=options.cameras, size=options.size)
         rows = [row for row in pool.map(score, files, chunksize=8) if row is not None]
     result = {"frames": len(files), "CR": 100.0 * len(rows) / len(files)}
     for threshold, accuracy in zip(THRESHOLDS, np.mean(rows, axis=0) if rows else np.zeros(3), strict=True):

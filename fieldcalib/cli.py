@@ -32,6 +32,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
     options = _parser().parse_args(arguments)
     try:
         return int(options.run(options))
+    except KeyboardInterrupt:
+        print("fieldcalib: interrupted, nothing more is written", file=sys.stderr)
+        return 130
     except (OSError, ValueError) as error:
         print(f"fieldcalib: {error}", file=sys.stderr)
         return 2
@@ -53,7 +56,7 @@ def _parser() -> argparse.ArgumentParser:
     calibrate.add_argument(
         "input", nargs="+", type=Path, metavar="INPUT", help="a folder, a zip of one, or single files"
     )
-    calibrate.add_argument("--size", required=True, type=_size, metavar="WxH", help="size of the images, e.g. 960x540")
+    calibrate.add_argument("--size", required=True, type=image_size, metavar="WxH", help="of the images, e.g. 960x540")
     calibrate.add_argument("--out", required=True, type=Path, metavar="DIR", help="where the results go")
     calibrate.add_argument(
         "--field-length", type=_positive, default=105.0, metavar="M", help="touchline in metres (105)"
@@ -94,7 +97,8 @@ def _positive(text: str) -> float:
     return value
 
 
-def _size(text: str) -> tuple[int, int]:
+def image_size(text: str) -> tuple[int, int]:
+    """(width, height) of "WIDTHxHEIGHT", for argparse."""
     try:
         width, height = (int(v) for v in text.lower().split("x"))
     except ValueError:

@@ -137,7 +137,7 @@ def check_segments(
         if xy.size == 0:
             continue
         if xy.ndim != 2 or xy.shape[1] != 2:
-            hint = "; reshape(-1, 2) makes them so" if xy.shape[-1] == 2 else ""
+            hint = "; reshape(-1, 2) makes them so" if xy.shape[-1:] == (2,) else ""
             raise ValueError(f"{label!r}: expected pixels of shape (N, 2), got {xy.shape}{hint}")
         if not np.all(np.isfinite(xy)):
             first = int(np.flatnonzero(~np.isfinite(xy).all(axis=1))[0])
@@ -175,9 +175,9 @@ def _check_scale(xy: Array, image_size: tuple[int, int]) -> None:
             f"hold them: give it as (width, height)"
         )
     if len(xy) >= 4 and inside < 0.5:
+        share = f"{100 * (1 - inside):.0f} % of the pixels"
         raise ValueError(
-            f"{100 * (1 - inside):.0f} % of the pixels lie far outside an image of {width} x {height}, coordinates go up "
-            f"to {xy.max():.0f}: is image_size right?"
+            f"{share} lie far outside an image of {width} x {height}, up to {xy.max():.0f}: is image_size right?"
         )
 
 
