@@ -46,9 +46,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("cameras", type=Path, help="folder of camera_<id>.json")
     parser.add_argument("annotations", type=Path, help="folder or zip of <id>.json")
-    parser.add_argument(
-        "--size", required=True, type=image_size, metavar="WxH", help="size of the images, e.g. 960x540"
-    )
+    parser.add_argument("--size", required=True, type=image_size, metavar="WxH", help="of the images, e.g. 960x540")
     options = parser.parse_args(arguments)
     if find_spec("SoccerNet") is None:
         parser.error("needs the SoccerNet package: pip install 'fieldcalib[soccernet]'")
