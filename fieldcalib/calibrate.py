@@ -19,7 +19,7 @@ from fieldcalib._types import Array, IntArray
 from fieldcalib.field import Field, Line, ObjectSegments
 from fieldcalib.losses import LossName, RobustLoss
 from fieldcalib.ndc import ndc_loss
-from fieldcalib.options import DEFAULT_CRITERIA, DEFAULT_FLAGS, Criteria, Options, Prior, checked_options
+from fieldcalib.options import ALL, DEFAULT_CRITERIA, DEFAULT_FLAGS, Criteria, Options, Prior, checked_options
 from fieldcalib.parameters import GaussianPrior, camera_from_theta
 from fieldcalib.residuals import foot_points, segment_residuals
 from fieldcalib.result import Calibration, Status
@@ -29,6 +29,7 @@ from fieldcalib.starts import Starts, starting_cameras
 from fieldcalib.verify import Evidence, implausibilities, verdict, weakest_directions
 
 CHUNK = 64  # frames solved together: their arrays still fit the processor's cache
+CHUNK_PIXELS = 8192  # of them together, padding included: bounds the memory of densely labelled frames
 FIRST_ITERATIONS = 6  # for every start
 PROMISING = 3  # starts of a frame that go on
 WIDE_ITERATIONS = 30
@@ -131,6 +132,7 @@ def calibrate_from_segments(
         tau=tau,
     )
     frame = check_segments(object_segments, image_segments, options.image_size)
+    _check_prior(object_segments, prior)
     if not frame:
         return _empty_calibration()
     (calibration,) = _calibrate(object_segments, [frame], options, solve_one)
@@ -199,12 +201,22 @@ def calibrate_batch(
             checked.append(check_segments(object_segments, frame, options.image_size))
         except ValueError as error:
             raise ValueError(f"frame {index}: {error}") from None
-    calibrations = [_empty_calibration()] * len(checked)
+    _check_prior(object_segments, prior)
+    calibrations = [_empty_calibration() for _ in checked]
     for chunk in _chunks(object_segments, checked):
         found = _calibrate(object_segments, [checked[t] for t in chunk], options, solve_batch)
         for t, calibration in zip(chunk, found, strict=True):
             calibrations[t] = calibration
     return calibrations
+
+
+def _check_prior(object_segments: ObjectSegments, prior: Prior) -> None:
+    """An object that is no field stands in no stadium: the default prior would be nonsense for it."""
+    if prior == ALL and not isinstance(object_segments, Field):
+        raise ValueError(
+            "the object is no Field: say where its camera may stand by prior, a CameraDistribution or the name of one, "
+            "or None with rvec and tvec as a start"
+        )
 
 
 def _empty_calibration() -> Calibration:
@@ -222,8 +234,14 @@ def _chunks(object_segments: ObjectSegments, frames: Sequence[Pixels]) -> Iterat
     lines, others = np.array([counts(frame) for frame in frames], dtype=np.intp).reshape(-1, 2).T
     order = np.lexsort((lines, others // 4))
     order = order[lines[order] + others[order] > 0]
-    for begin in range(0, len(order), CHUNK):
-        yield order[begin : begin + CHUNK]
+    total = (lines + others)[order]
+    begin = 0
+    while begin < len(order):
+        ahead = total[begin : begin + CHUNK]
+        padded = np.maximum.accumulate(ahead) * np.arange(1, len(ahead) + 1)
+        size = max(1, int(np.searchsorted(padded, CHUNK_PIXELS, side="right")))
+        yield order[begin : begin + size]
+        begin += size
 
 
 def _calibrate(

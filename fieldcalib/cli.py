@@ -15,11 +15,12 @@ import numpy as np
 
 import fieldcalib
 from fieldcalib.calibrate import calibrate_batch
-from fieldcalib.field import soccer
+from fieldcalib.field import Field, soccer
 from fieldcalib.io.files import write_text
 from fieldcalib.io.soccernet import AnnotationFile, camera_to_record, find_annotations, parse_annotation
+from fieldcalib.ndc import ndc_loss
 from fieldcalib.options import ALL
-from fieldcalib.parameters import DISTRIBUTIONS
+from fieldcalib.parameters import DISTRIBUTIONS, theta_from_camera
 from fieldcalib.result import Calibration, Status
 from fieldcalib.segments import Pixels, check_segments
 
@@ -135,6 +136,7 @@ def _calibrate(options: argparse.Namespace) -> int:
     options.out.mkdir(parents=True, exist_ok=True)
 
     calibrations: dict[str, Calibration] = {}
+    eq3: dict[str, float] = {}
     calibrating = time.perf_counter()
     ids = list(frames)
     with tqdm(total=len(ids), unit="frame", disable=None) as progress:  # None: only on a terminal
@@ -142,11 +144,12 @@ def _calibrate(options: argparse.Namespace) -> int:
             part = ids[begin : begin + AT_ONCE]
             found = calibrate_batch(field, [frames[id] for id in part], options.size, prior=prior, tau=options.tau)
             calibrations.update(zip(part, found, strict=True))
+            eq3.update(_eq3_losses(field, frames, dict(zip(part, found, strict=True)), options.size))
             progress.update(len(part))
     seconds = time.perf_counter() - calibrating
 
     written = _write_cameras(options.out, files, calibrations)
-    lines = [_line(file.id, calibrations.get(file.id), broken.get(file.id)) for file in files]
+    lines = [_line(file.id, calibrations.get(file.id), eq3.get(file.id), broken.get(file.id)) for file in files]
     write_text(options.out / "cameras.jsonl", "".join(json.dumps(line) + "\n" for line in lines))
     summary = {
         "frames": len(files),
@@ -188,7 +191,19 @@ def _write_cameras(out: Path, files: list[AnnotationFile], calibrations: dict[st
     return written
 
 
-def _line(id: str, calibration: Calibration | None, broken: str | None) -> dict[str, Any]:
+def _eq3_losses(
+    field: Field, frames: dict[str, Pixels], calibrations: dict[str, Calibration], image_size: tuple[int, int]
+) -> dict[str, float]:
+    """The loss that the paper prints, for the frames that have a camera."""
+    cameras = {id: calibration.camera for id, calibration in calibrations.items() if calibration.camera is not None}
+    if not cameras:
+        return {}
+    theta = np.array([theta_from_camera(camera) for camera in cameras.values()])
+    losses = ndc_loss(theta, field, [frames[id] for id in cameras], image_size, kind="eq3")
+    return dict(zip(cameras, losses.tolist(), strict=True))
+
+
+def _line(id: str, calibration: Calibration | None, eq3: float | None, broken: str | None) -> dict[str, Any]:
     """One frame's line of cameras.jsonl."""
     if calibration is None:
         return {"id": id, "status": BROKEN, "message": broken}
@@ -205,6 +220,7 @@ def _line(id: str, calibration: Calibration | None, broken: str | None) -> dict[
             "rms_px": calibration.rms,
             "segment_errors_px": dict(calibration.per_segment_errors),
             "loss_ndc": calibration.loss_ndc,
+            "loss_ndc_eq3": eq3,
         }
     return line
 

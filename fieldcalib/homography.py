@@ -49,7 +49,7 @@ def decompose_homography(H: Array, principal_point: Array, reference: Array) -> 
         front = np.sign(z[..., 0] * reference[..., 0] + z[..., 1] * reference[..., 1] + z[..., 2])
         lengths = np.linalg.norm(M[..., :2], axis=-2)
         M *= (front / np.sqrt(lengths[..., 0] * lengths[..., 1]))[..., None, None]
-    valid = np.isfinite(f) & np.isfinite(M).all(axis=(-1, -2))
+    valid = np.isfinite(f) & (front != 0.0) & np.isfinite(M).all(axis=(-1, -2))
     M = np.where(valid[..., None, None], M, np.eye(3))
     r1, r2 = (M[..., i] / np.linalg.norm(M[..., i], axis=-1, keepdims=True) for i in (0, 1))
     U, _, Vh = np.linalg.svd(np.stack([r1, r2, np.cross(r1, r2)], axis=-1))

@@ -1,22 +1,24 @@
 """The paper's two losses, in normalised device coordinates: both axes of the image run from -1 to 1.
 
 "tvcalib" is what the paper's public code computes: the mean distance over all line pixels plus the mean distance over
-all circle pixels, an absent kind counting 0. Its self-verification threshold tau belongs to this one. "eq3" is the
-printed equation 3: the mean over segments of the mean distance of their pixels.
+all circle pixels, an absent kind counting 0; points and clouds count with the circles. The self-verification threshold
+tau belongs to this one. "eq3" is the printed equation 3: the mean over segments of the mean distance of their pixels.
 
 Distances are Euclidean in these coordinates, so that horizontal and vertical pixels weigh differently. Circles are
 point clouds of 128 samples (paper, section "Hyperparameters"), the centre circle is split into its halves
-(`fieldcalib.segments.split_centre_circle`), and a known lens is taken out of the observed pixels.
+(`fieldcalib.segments.split_centre_circle`), and a known lens is taken out of the observed pixels. The paper has the
+main stand in mind: from the opposite one the halves change sides, and from behind a goal the circle stays whole.
 """
 
 from __future__ import annotations
 
-from typing import Literal, TypeAlias
+from typing import Literal, TypeAlias, get_args
 
 import numpy as np
 
 from fieldcalib._types import Array, BoolArray
 from fieldcalib.field import Arc, Line, ObjectSegments, PointCloud, Segment
+from fieldcalib.parameters import PAN
 from fieldcalib.residuals import View
 from fieldcalib.segments import Pixels, Rows, pack, split_centre_circle
 
@@ -61,7 +63,9 @@ def ndc_loss(
     >>> ndc_loss(theta_from_camera(camera)[None], soccer(), [{"Side line top": moved}], (960, 540)).round(3)
     array([0.01])
     """
-    split = [split_centre_circle(frame, image_size) for frame in frames]
+    if kind not in get_args(NdcLoss):
+        raise ValueError(f"kind must be one of {', '.join(get_args(NdcLoss))}, got {kind!r}")
+    split = [_halves(frame, image_size, pan) for frame, pan in zip(frames, theta[:, PAN], strict=True)]
     seen = {label: object_segments[label] for frame in split for label in frame}
     samples = {label: s if isinstance(s, Line) else _cloud(s) for label, s in seen.items()}
     observations = pack(samples, split, image_size)
@@ -76,6 +80,17 @@ def ndc_loss(
         total = np.sum(lines * weights[0], axis=1) + np.sum(circles * weights[1], axis=1)
         return np.asarray(total / np.maximum(segments, 1.0))
     return _mean(lines, weights[0] > 0.0) + _mean(circles, weights[1] > 0.0)
+
+
+def _halves(frame: Pixels, image_size: tuple[int, int], pan: float) -> Pixels:
+    """The frame with its centre circle split as a camera of this pan sees it."""
+    if "Circle central" not in frame or np.abs(np.cos(pan)) < 0.5:
+        return frame
+    split = split_centre_circle(frame, image_size)
+    if np.cos(pan) > 0.0:
+        return split
+    swapped = {"Circle central left": "Circle central right", "Circle central right": "Circle central left"}
+    return {swapped.get(label, label): xy for label, xy in split.items()}
 
 
 def _cloud(segment: Segment) -> PointCloud:
@@ -103,6 +118,7 @@ def _cloud_distances(view: View, rows: Rows, half_size: Array) -> Array:
         return np.zeros((T, 0))
     hx, hy, hz = (h.reshape(T, N, S) for h in view.points(rows.geometry.reshape(T, N * S, 3)))
     px, py = view.ideal_offset(view.observed_offset(rows.xy))
+    hz = np.where(np.abs(hz) < 1e-9, 1e-9, hz)  # a sample in the camera's plane
     x, y = (hx / hz - px[..., None]) / half_size[0], (hy / hz - py[..., None]) / half_size[1]
     return np.asarray(np.sqrt(np.min(np.square(x) + np.square(y), axis=-1)))
 

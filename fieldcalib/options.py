@@ -70,9 +70,9 @@ class CalibrationFlags(IntFlag):
     CALIB_FIX_FOCAL_LENGTH = 16
     """Keep the focal length of `camera_matrix`."""
     CALIB_FIX_K1 = 32
-    """Keep the first radial coefficient: 0, or that of `dist_coeffs`."""
+    """Keep what the first radial coefficient does to the image: nothing, or as `dist_coeffs` at `camera_matrix`."""
     CALIB_FIX_K2 = 64
-    """Keep the second radial coefficient."""
+    """Keep what the second radial coefficient does to the image."""
     CALIB_USE_EXTRINSIC_GUESS = 1 << 22
     """Start from `rvec` and `tvec`."""
     CALIB_FIX_POSITION = 1 << 28
@@ -192,7 +192,7 @@ def _checked_criteria(criteria: Criteria) -> tuple[int, float]:
             f"max_count >= 1 and eps > 0, got {criteria!r}"
         )
     # without a count the iterations are bounded all the same, without an eps only rounding ends them
-    return (int(max_count) if kind & COUNT else 1000), (float(eps) if kind & EPS else 1e-15)
+    return (int(max_count) if kind & COUNT else 1000), (max(float(eps), 1e-15) if kind & EPS else 1e-15)
 
 
 def _known_parameters(

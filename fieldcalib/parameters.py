@@ -93,6 +93,17 @@ class CameraDistribution:
     Angles and the horizontal field of view in degrees, positions in metres, each as (low, high). The paper (section
     "Initialization", appendix "Camera Distribution") turns a range (a, b) into a normal distribution whose 95 %
     interval is the range: mean (a + b) / 2 and sigma (b - a) / (2 x 1.96).
+
+    Raises
+    ------
+    ValueError
+        If a range is not (low, high) with low < high, or fields of view are not between 0 and 180 degrees.
+
+    Examples
+    --------
+    >>> tower = CameraDistribution("tower", (-60, 60), (40, 80), (-2, 2), (20, 60), (-1, 1), (44, 46), (-9, -7))
+    >>> tower.prior((960, 540)).mean[4:7]
+    array([ 0., 45., -8.])
     """
 
     name: str
@@ -103,6 +114,16 @@ class CameraDistribution:
     x: tuple[float, float]
     y: tuple[float, float]
     z: tuple[float, float]
+
+    def __post_init__(self) -> None:
+        for name in ("pan", "tilt", "roll", "fov", "x", "y", "z"):
+            low, high = getattr(self, name)
+            if not (np.isfinite(low) and np.isfinite(high) and low < high):
+                raise ValueError(
+                    f"{self.name!r}: {name} must be (low, high) with low < high, got {(low, high)}; flags fix a value"
+                )
+        if not 0.0 < self.fov[0] < self.fov[1] < 180.0:
+            raise ValueError(f"{self.name!r}: fov must lie between 0 and 180 degrees, got {self.fov}")
 
     def sample(self, count: int, rng: np.random.Generator, image_size: tuple[int, int]) -> Array:
         """Draw `count` parameter vectors (count, 12) uniformly from the ranges: no lens, centred principal point."""

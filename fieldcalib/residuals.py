@@ -227,7 +227,7 @@ def _arc_feet(view: View, rows: Rows) -> Feet:
     p = view.ideal_offset(d)
     # [U V A] (c, s, 1) ~ (p, 1) by Cramer's rule; the depth is not needed, so the horizon does no harm
     VA, AU = _cross(V, A), _cross(A, U)
-    side = np.sign(_dot(U[:2], VA[:2]) + U[2] * VA[2])
+    side = np.where(_dot(U[:2], VA[:2]) + U[2] * VA[2] < 0.0, -1.0, 1.0)
     c, s = _unit(side * np.array([_dot(VA[:2], p) + VA[2], _dot(AU[:2], p) + AU[2]]))
 
     search = Search(view, d, rows.weight)
@@ -241,7 +241,10 @@ def _arc_feet(view: View, rows: Rows) -> Feet:
 def _sampled_curve_feet(view: View, rows: Rows) -> Feet:
     """Foot points on ordered clouds: on the parabola through the nearest sample and its two neighbours."""
     _, nearest = _nearest_sample(view, rows)
-    middle = np.clip(nearest, 1, rows.geometry.shape[2] - 2)
+    # padding repeats the last sample: no parabola may reach into it
+    own = np.any(rows.geometry != rows.geometry[:, :, -1:], axis=-1)
+    last = rows.geometry.shape[2] - np.argmax(own[..., ::-1], axis=-1)
+    middle = np.clip(nearest, 1, np.maximum(last - 1, 1))
     before, at, after = (
         view.points(np.take_along_axis(rows.geometry, (middle + i)[..., None, None], axis=2)[:, :, 0])
         for i in (-1, 0, 1)
@@ -287,7 +290,7 @@ class Search:
         # the second derivative of half the squared distance, kept positive: never towards a maximum
         step = _dot(offset, T) / np.maximum(TT - _dot(offset, dT), 0.1 * TT)
         step = np.minimum(np.maximum(step, -largest), largest)  # np.clip is slower on small arrays
-        self.moved = float((np.abs(step) * self.seen).max())
+        self.moved = float((np.abs(step) * self.seen).max(initial=0.0))
         self.last = offset, T, s, inverse_depth
         return step
 
@@ -323,12 +326,12 @@ def _nearest_sample(view: View, rows: Rows) -> tuple[Array, IntArray]:
 
 def _jacobian(view: View, feet: Feet, free: BoolArray) -> Array:
     """(B, M, P) derivatives of the residuals at their foot points, see `segment_residuals_with_jacobian`."""
-    n = dr_ds = feet.normal  # but for the sign, which the products below carry
+    n = n_ds = feet.normal  # n dpi/ds: the derivative of -r, the signs below see to it
     s = feet.s
     if view.bent:
         dd_ds = view.offset_jacobian(s)
-        dr_ds = n[0] * dd_ds[0] + n[1] * dd_ds[1]
-    g = np.array([view.f * dr_ds[0], view.f * dr_ds[1], -_dot(s, dr_ds)])  # n dpi/dXc
+        n_ds = n[0] * dd_ds[0] + n[1] * dd_ds[1]
+    g = np.array([view.f * n_ds[0], view.f * n_ds[1], -_dot(s, n_ds)])  # n dpi/dXc
 
     column = {int(index): column for column, index in enumerate(np.flatnonzero(free))}  # of each free parameter
     angles, centre, lens, point = (

@@ -21,6 +21,9 @@ from fieldcalib.field import Arc, Line, ObjectSegments, Point, PointCloud, Segme
 ImageSegments: TypeAlias = Mapping[str, ArrayLike]
 Pixels: TypeAlias = dict[str, Array]
 
+LEVEL = 0.05  # slope of a middle line, seen from behind a goal, below which it has no left side
+FARTHEST_PIXEL = 10.0  # image sizes from the centre: beyond, a number is a mistake
+
 # Kinds of rows, and how many vectors describe a segment of each kind at least.
 LEAST_DEPTH = {"lines": 2, "arcs": 3, "curves": 3, "points": 1, "clouds": 1}
 
@@ -142,6 +145,11 @@ def check_segments(
         if not np.all(np.isfinite(xy)):
             first = int(np.flatnonzero(~np.isfinite(xy).all(axis=1))[0])
             raise ValueError(f"{label!r}: pixel {first} is not finite: {xy[first].tolist()}; leave it out")
+        far = np.any(np.abs(xy / image_size - 0.5) > FARTHEST_PIXEL, axis=1)
+        if np.any(far):
+            first = int(np.flatnonzero(far)[0])
+            at = tuple(xy[first].tolist())
+            raise ValueError(f"{label!r}: pixel {first} at {at} is far outside the image of {image_size}; leave it out")
         if label in pixels:
             raise ValueError(f"{label!r} is given twice, with and without surrounding blanks")
         pixels[label] = xy
@@ -169,12 +177,12 @@ def _check_scale(xy: Array, image_size: tuple[int, int]) -> None:
     # annotations may lie somewhat outside the image, so "inside" is generous
     inside = np.mean(np.all(np.abs(xy / image_size - 0.5) <= 0.75, axis=1))
     inside_swapped = np.mean(np.all(np.abs(xy / image_size[::-1] - 0.5) <= 0.75, axis=1))
-    if len(xy) >= 4 and inside < 0.8 and inside_swapped > 0.95:  # a few stray pixels prove nothing
+    if len(xy) >= 8 and inside < 0.8 and inside_swapped > 0.95:  # a few stray pixels prove nothing
         raise ValueError(
             f"image_size = {image_size} leaves {100 * (1 - inside):.0f} % of the pixels far outside, swapped it would "
             f"hold them: give it as (width, height)"
         )
-    if len(xy) >= 4 and inside < 0.5:
+    if len(xy) >= 8 and inside < 0.5:
         share = f"{100 * (1 - inside):.0f} % of the pixels"
         raise ValueError(
             f"{share} lie far outside an image of {width} x {height}, up to {xy.max():.0f}: is image_size right?"
@@ -184,10 +192,10 @@ def _check_scale(xy: Array, image_size: tuple[int, int]) -> None:
 def split_centre_circle(pixels: Pixels, image_size: tuple[int, int]) -> Pixels:
     """Assign the centre circle's pixels to its left and right half (paper, section "Modeling the Soccer Field").
 
-    Pixels left of the middle line go to "Circle central left", the others to "Circle central right". Where the middle
-    line is not given, or is too flat to have a left side, the half depends on which side of the image the whole circle
-    lies: the right half of the field is in view where the circle is left of the image's centre, and then it is the
-    circle's right half that is seen.
+    Pixels left of the middle line go to "Circle central left", the others to "Circle central right". (The paper's
+    public code compares x with the mean x of the line's two ends.) Where the middle line is not given, or is level, the
+    half depends on which side of the image the whole circle lies: the right half of the field is in view where the
+    circle is left of the image's centre, and then it is the circle's right half that is seen.
 
     Parameters
     ----------
@@ -225,7 +233,7 @@ def _left_of_middle_line(xy: Array, middle_line: Array | None) -> BoolArray | No
         return None
     top, bottom = middle_line[middle_line[:, 1].argmin()], middle_line[middle_line[:, 1].argmax()]
     down = bottom - top
-    if down[1] <= np.abs(down[0]):  # flatter than 45 degrees: seen from behind a goal
+    if down[1] <= LEVEL * np.abs(down[0]):
         return None
     offset = xy - top
     return np.asarray(down[0] * offset[:, 1] - down[1] * offset[:, 0] > 0.0)

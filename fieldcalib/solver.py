@@ -41,7 +41,7 @@ class Problem:
     """Which of the 12 parameters are estimated."""
     loss: RobustLoss
     noise: float = 1.0
-    """Standard deviation of the pixels: what a residual weighs against the prior."""
+    """Standard deviation, in pixels, of a segment of weight 1: what the labels weigh against the prior."""
     prior: GaussianPrior | None = None
     """One for each problem, (B, 12); None for none."""
 
@@ -97,7 +97,7 @@ class Solution:
     cost: Array
     """(B,)."""
     converged: BoolArray
-    """(B,); False where the iterations were used up."""
+    """(B,); False where the iterations were used up, or the start had no finite cost."""
     iterations: IntArray
     """(B,); evaluations of residuals and Jacobian after the first."""
 
@@ -137,6 +137,7 @@ def solve_batch(problem: Problem, theta: Array, *, max_iterations: int, toleranc
     solution.cost[:] = cost
     index = np.arange(len(theta))  # of the problems still in the batch
     running = np.isfinite(cost)
+    cost = np.where(running, cost, 0.0)  # an infinite start is given back as it is
     damping, growth = np.full(len(theta), 1e-2), np.full(len(theta), 2.0)
 
     for _ in range(max_iterations):
@@ -156,21 +157,22 @@ def solve_batch(problem: Problem, theta: Array, *, max_iterations: int, toleranc
         trial[:, free] += step
         trial_cost, trial_gradient, trial_hessian = problem.linearized(trial)
 
-        predicted = 0.5 * np.sum(step * (scale * step - gradient), axis=1)
+        predicted = -np.sum(step * (gradient + 0.5 * (hessian @ step[..., None])[..., 0]), axis=1)
         better = running & (trial_cost < cost)
         small = np.maximum(cost - np.where(better, trial_cost, cost), predicted) <= tolerance * cost
         stuck = ~better & ((damping > 1e10) | (predicted <= 1e-14 * cost))
         done = running & (small | stuck)
         gain = (cost - trial_cost) / np.maximum(predicted, 1e-300)
         shrink = np.maximum(1.0 / 9.0, 1.0 - (2.0 * np.clip(gain, 0.0, 1.0) - 1.0) ** 3)
-        damping = np.where(better, np.maximum(damping * shrink, 1e-12), damping * growth)
-        growth = np.where(better, 2.0, 2.0 * growth)
+        failed = running & ~better  # what is finished keeps its damping
+        damping = np.where(better, np.maximum(damping * shrink, 1e-12), np.where(failed, damping * growth, damping))
+        growth = np.where(better, 2.0, np.where(failed, 2.0 * growth, growth))
 
         theta = np.where(better[:, None], trial, theta)
         cost = np.where(better, trial_cost, cost)
         gradient = np.where(better[:, None], trial_gradient, gradient)
         hessian = np.where(better[:, None, None], trial_hessian, hessian)
-        solution.theta[index], solution.cost[index] = theta, cost
+        solution.theta[index[running]], solution.cost[index[running]] = theta[running], cost[running]
         solution.iterations[index[running]] += 1
         solution.converged[index[done]] = True
         running &= ~done
@@ -187,7 +189,7 @@ def solve_one(problem: Problem, theta: Array, *, max_iterations: int, tolerance:
     theta : (1, 12) array
         Start.
     max_iterations : int
-        Evaluations allowed.
+        Evaluations allowed after the first.
     tolerance : float
         Done when a step lowers the cost by less than this share.
 
@@ -234,7 +236,7 @@ def solve_one(problem: Problem, theta: Array, *, max_iterations: int, tolerance:
             ftol=tolerance,
             xtol=1e-15,
             gtol=1e-15,
-            max_nfev=max_iterations,
+            max_nfev=max_iterations + 1,  # the start counts here
         )
     return Solution(
         full(found.x), np.array([found.cost]), np.array([found.status > 0]), np.array([found.nfev - 1], dtype=np.intp)

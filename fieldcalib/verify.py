@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from fieldcalib._types import Array, BoolArray
-from fieldcalib.field import Arc, Line, ObjectSegments, Point, Segment
+from fieldcalib.field import Arc, Line, ObjectSegments, Point, PointCloud, Segment
 from fieldcalib.parameters import ANGLES, CENTER, LOG_F, PARAMETERS
 from fieldcalib.residuals import Feet
 from fieldcalib.result import Status
@@ -50,7 +50,7 @@ def verdict(
 
     Of several complaints the first counts: rejected by tau, too few segments, degenerate, implausible, not converged.
     """
-    if tau is not None and evidence.loss_ndc > tau:
+    if tau is not None and not evidence.loss_ndc <= tau:
         return Status.REJECTED, f"the loss in NDC, {evidence.loss_ndc:.4f}, is above tau = {tau:g}"
     equations = constraints(object_segments, frame)
     if equations < evidence.unknowns:
@@ -58,9 +58,11 @@ def verdict(
             f"{_segments(len(frame))} give {equations} equations for {evidence.unknowns} unknowns: "
             f"label more segments, or fix what is known with flags"
         )
-    reason = degeneracy(object_segments, frame)
-    if reason is not None:
-        return Status.DEGENERATE, reason
+    information, parameters = evidence.weakest
+    if information < OPEN_DIRECTION:
+        return Status.DEGENERATE, degeneracy(object_segments, frame) or (
+            f"the labels leave {parameters} open: label a segment elsewhere in the image, or fix what is known by flags"
+        )
     if evidence.implausible:
         return Status.IMPLAUSIBLE, f"the best fit is no camera that could be: {'; '.join(evidence.implausible)}"
     missed = [label for label in frame if evidence.errors[label] > evidence.far]
@@ -68,11 +70,6 @@ def verdict(
     fits = f"{len(agreeing)} of {_segments(len(frame))} agree"
     if len(agreeing) < AGREEING * len(frame) or constraints(object_segments, agreeing) < evidence.unknowns:
         return Status.IMPLAUSIBLE, f"only {fits} with the best fit: check the labels, the field's and the image's size"
-    information, parameters = evidence.weakest
-    if information < OPEN_DIRECTION:
-        return Status.DEGENERATE, (
-            f"the labels leave {parameters} open: label a segment elsewhere in the image, or fix what is known by flags"
-        )
     if not evidence.converged:
         return Status.NOT_CONVERGED, "the iterations ended before a minimum: allow more, or check the labels"
     if missed:
@@ -115,20 +112,23 @@ def implausibilities(
 def constraints(object_segments: ObjectSegments, frame: Pixels) -> int:
     """How many equations the labels of a frame give at best.
 
-    A point gives two, a line two (one for a single pixel), a circle or a cloud one for each pixel up to the five of a
-    conic. A pinhole on a tripod somewhere has seven unknowns.
+    A point gives two, a line two (one for a single pixel), a circle one for each pixel up to the five of a conic, an
+    ordered cloud one and an unordered one two for each pixel. A pinhole somewhere has seven unknowns.
     """
     return sum(_constraints(object_segments[label], xy) for label, xy in frame.items())
 
 
 def _constraints(segment: Segment, xy: Array) -> int:
+    count = len({tuple(pixel) for pixel in xy.tolist()})
     match segment:
         case Point():
             return 2
         case Line():
-            return 1 if np.all(xy == xy[0]) else 2
-        case _:
-            return min(len(xy), 5)
+            return min(count, 2)
+        case Arc():
+            return min(count, 5)
+        case PointCloud():
+            return count if segment.ordered else 2 * count
 
 
 def degeneracy(object_segments: ObjectSegments, frame: Pixels) -> str | None:
@@ -164,7 +164,7 @@ def weakest_directions(information: Array, sigma: Array, free: BoolArray) -> lis
     Parameters
     ----------
     information : (B, P, P) array
-        Inverse covariance of the free parameters by the labels alone.
+        Inverse covariance of the free parameters by the labels alone, each segment counting as one pixel's.
     sigma : (B, P) array
         Standard deviations of the prior: the scale on which a parameter counts as determined.
     free : (12,) bool array
@@ -179,6 +179,6 @@ def weakest_directions(information: Array, sigma: Array, free: BoolArray) -> lis
     names = np.array([READABLE.get(name, name) for name in PARAMETERS])[free]
     values, vectors = np.linalg.eigh(information * sigma[:, :, None] * sigma[:, None, :])
     return [
-        (float(value), " with ".join(names[np.abs(vector) > 0.4]))
+        (float(value), " with ".join(names[np.abs(vector) > 0.5 * np.abs(vector).max()]))
         for value, vector in zip(values[:, 0], vectors[:, :, 0], strict=True)
     ]

@@ -5,6 +5,7 @@ Frames are synthetic, or SoccerNet's annotations where they lie beside the check
 
 import subprocess
 import sys
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -95,7 +96,7 @@ def test_one_frame_from_a_given_start(benchmark, frames, pixels):
 def test_memory_of_5000_frames(benchmark, say):
     """Peak memory of a fresh process that calibrates 5000 frames, in MiB."""
     script = (
-        "import resource, sys; sys.path.insert(0, 'tests')\n"
+        f"import resource, sys; sys.path[:0] = [{str(Path(__file__).parent)!r}]\n"
         "from bench_speed import FIELD, SIZE, calibrate_batch, frames_of_broadcasts\n"
         "frames = frames_of_broadcasts(200, seed=0, noise=1.0)[0]\n"
         "calibrate_batch(FIELD, 25 * frames, SIZE)\n"

@@ -126,6 +126,32 @@ def test_a_wrong_label_among_many_hardly_moves_the_camera():
     assert max(found.per_segment_errors, key=found.per_segment_errors.get) == "Small rect. left top"
 
 
+def test_a_camera_below_the_ground_does_not_win():
+    """Seen from below, a plane without posts looks the same: the start below must lose although it fits as well."""
+    flat = {label: xy for label, xy in FRAME.items() if "Goal" not in label}
+    found = calibrate_from_segments(FIELD, flat, SIZE, prior=None)
+    assert found.accepted
+    assert found.camera.C[2] < 0.0
+
+
+def test_densely_labelled_frames_are_solved_a_few_at_a_time():
+    from fieldcalib.calibrate import CHUNK, CHUNK_PIXELS, _chunks
+
+    frames = [{"Middle line": np.zeros((count, 2))} for count in [0, 3, 100, 5000, 20000, *[30] * 200]]
+    chunks = list(_chunks(FIELD, frames))
+    assert sorted(np.concatenate(chunks).tolist()) == list(range(1, len(frames)))
+    for chunk in chunks:
+        assert len(chunk) <= CHUNK
+        largest = max(len(frames[t]["Middle line"]) for t in chunk)
+        assert len(chunk) == 1 or len(chunk) * largest <= CHUNK_PIXELS
+
+
+def test_an_object_that_is_no_field_needs_to_say_where_its_camera_stands():
+    line = {"edge": Line((0.0, 0.0, 0.0), (1.0, 0.0, 0.0))}
+    with pytest.raises(ValueError, match="the object is no Field: say where its camera may stand by prior"):
+        calibrate_from_segments(line, {"edge": [(1, 2), (300, 4)]}, SIZE)
+
+
 # --- what comes back ---
 
 

@@ -27,7 +27,7 @@ def definition(theta, frame, image_size, kind):
     """Section "Segment Reprojection Loss", equations 2 and 3, with the pixels of both axes scaled to [-1, 1]."""
     camera = camera_from_theta(theta, image_size)
     lines, circles, segments = [], [], []
-    for label, pixels in split_in_halves(frame, image_size).items():
+    for label, pixels in split_in_halves(frame, image_size, camera).items():
         segment = FIELD[label]
         distances = []
         for pixel in pixels:
@@ -90,21 +90,25 @@ def circle_samples(arc):
         yield [arc.center[j] + arc.radius * (cos(phi) * arc.u[j] + sin(phi) * arc.v[j]) for j in range(3)]
 
 
-def split_in_halves(frame, image_size):
-    """Section "Modeling the Soccer Field": pixels left of the middle line belong to the left half."""
-    if "Circle central" not in frame:
+def split_in_halves(frame, image_size, camera):
+    """Section "Modeling the Soccer Field": pixels left of the middle line belong to the left half.
+
+    The paper has the main stand in mind. From the opposite one left is right, from behind a goal there are no halves.
+    """
+    facing = cos(camera.angles[0])
+    if "Circle central" not in frame or abs(facing) < 0.5:
         return frame
     halves = {"Circle central left": [], "Circle central right": []}
     circle = frame["Circle central"]
     ends = sorted(frame.get("Middle line", []), key=lambda pixel: pixel[1])
-    steep = len(ends) > 1 and ends[-1][1] - ends[0][1] > abs(ends[-1][0] - ends[0][0])
+    steep = len(ends) > 1 and ends[-1][1] - ends[0][1] > 0.05 * abs(ends[-1][0] - ends[0][0])
     for x, y in circle:
         if steep:
             (x0, y0), (x1, y1) = ends[0], ends[-1]
             left = x < x0 + (y - y0) * (x1 - x0) / (y1 - y0)
         else:  # the circle right of the image's centre: the left half of the field is in view
             left = mean([pixel[0] for pixel in circle]) > image_size[0] / 2.0
-        halves["Circle central left" if left else "Circle central right"].append((x, y))
+        halves["Circle central left" if left == (facing > 0.0) else "Circle central right"].append((x, y))
     return {label: xy for label, xy in {**frame, **halves}.items() if label != "Circle central" and len(xy)}
 
 

@@ -24,9 +24,10 @@ from fieldcalib.segments import pack
 
 FIELD = soccer()
 CIRCLE = FIELD["Circle central"]
-CLOUD = {"moved circle": PointCloud(CIRCLE.sample(0.05) + (6.0, 3.0, 0.0), ordered=True)}
 ALL_KINDS = {
     **FIELD,
+    "moved circle": PointCloud(CIRCLE.sample(0.05) + (6.0, 3.0, 0.0), ordered=True),
+    "balls": PointCloud([(-30.0, -10.0, -0.1), (-10.0, 5.0, -0.1), (0.0, 0.0, -0.1), (20.0, -5.0, -0.1)]),
     "tilted hoop": Arc((-20.0, 5.0, -2.0), 3.0, u=(1.0, 0.0, 0.0), v=(0.0, 0.6, -0.8)),
 }
 EVERYTHING = np.ones(len(PARAMETERS), dtype=bool)
@@ -67,6 +68,10 @@ def displaced(object_segments, camera, rng, distance):
             if room.min() < 2.0:  # px: seen from its edge, with two sides that are one
                 continue
             limit = np.minimum(0.3 * room, distance)
+        elif isinstance(segment, PointCloud):
+            limit = (
+                np.minimum(0.3 * _room(xy, camera.project(segment.X)), distance) if segment.ordered else limit / 10.0
+            )
         angle = rng.uniform(0.0, 2.0 * np.pi, size=len(xy))
         frame[label] = xy + limit[:, None] * np.stack([np.cos(angle), np.sin(angle)], axis=1)
     return frame
@@ -306,3 +311,28 @@ def test_aspect_stretches_the_rows_alone():
     frame = observe(FIELD.markings, camera)
     r = segment_residuals(theta[:1], pack(FIELD, [frame], (960, 540)))
     np.testing.assert_allclose(r, 0.0, atol=1e-6)
+
+
+def test_a_short_ordered_cloud_is_the_same_beside_a_longer_one():
+    s = np.linspace(0.0, 1.0, 5)[:, None]
+    short = PointCloud(np.concatenate([20.0 * s, 8.0 * s**2, 0.0 * s], axis=1), ordered=True)
+    clouds = {"short": short, "long": PointCloud(CIRCLE.sample(0.5), ordered=True)}
+    camera = Camera.from_angles(0.1, 1.3, 0.0, 900.0, (0.0, 60.0, -15.0), (960, 540))
+    theta = theta_from_camera(camera)[None]
+    past_the_end = camera.project([[21.0, 9.0, 0.0], [20.5, 8.1, 0.0], [10.0, 2.5, 0.0]])
+    alone = pack(clouds, [{"short": past_the_end}], (960, 540))
+    beside = pack(clouds, [{"short": past_the_end, "long": camera.project(CIRCLE.sample(5.0))}], (960, 540))
+    r, J = segment_residuals_with_jacobian(theta, alone, EVERYTHING)
+    r_beside, J_beside = segment_residuals_with_jacobian(theta, beside, EVERYTHING)
+    np.testing.assert_allclose(r_beside[:, :3], r, atol=1e-9)
+    np.testing.assert_allclose(J_beside[:, :3], J, atol=1e-6)
+
+
+def test_the_distance_to_a_circle_does_not_jump_in_its_plane():
+    def distances(height):
+        camera = Camera.from_angles(0.0, np.pi / 2, 0.0, 900.0, (0.0, 30.0, -height), (960, 540))
+        frame = {"Circle central": np.array([[480.0, 280.0], [450.0, 300.0]])}
+        return np.abs(segment_residuals(theta_from_camera(camera)[None], pack(FIELD, [frame], (960, 540))))
+
+    np.testing.assert_allclose(distances(0.0), distances(1e-6), atol=0.1)
+    assert distances(0.0).min() > 5.0

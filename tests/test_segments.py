@@ -86,8 +86,22 @@ def test_what_is_no_mapping_is_refused():
 
 
 def test_pixels_of_a_larger_image_are_refused():
+    xs = np.linspace(1500.0, 1900.0, 8)
     with pytest.raises(ValueError, match=r"% of the pixels lie far outside an image of 960 x 540, up to 1900"):
-        check({"Side line top": [(1500.0, 100.0), (1900.0, 120.0)], "Middle line": [(1600.0, 80.0), (1400.0, 1000.0)]})
+        check({"Side line top": np.stack([xs, 0.1 * xs], axis=1)})
+
+
+def test_a_pixel_that_can_be_none_is_named():
+    with pytest.raises(ValueError, match=r"'Middle line': pixel 1 at \(480.0, 1e\+160\) is far outside the image"):
+        check({"Middle line": [(480.0, 100.0), (480.0, 1e160)]})
+
+
+def test_the_side_of_a_slanted_middle_line_counts():
+    line = np.array([(100.0, 200.0), (800.0, 300.0)])
+    circle = np.array([(450.0, 260.0), (450.0, 240.0)])  # below and above it
+    split = split_centre_circle({"Middle line": line, "Circle central": circle}, SIZE)
+    np.testing.assert_array_equal(split[LEFT], circle[:1])
+    np.testing.assert_array_equal(split[RIGHT], circle[1:])
 
 
 def test_a_label_unlike_any_other_gets_the_list_of_known_ones():
@@ -223,7 +237,7 @@ def test_splitting_conserves_every_pixel_and_the_other_labels(rng, middle, halve
 @pytest.mark.parametrize(("x", "half"), [(200.0, RIGHT), (700.0, LEFT)])
 @pytest.mark.parametrize(
     "middle_line",
-    [None, [(480.0, 300.0)], [(0.0, 300.0), (960.0, 250.0)], [(480.0, 300.0), (480.0, 300.0)]],
+    [None, [(480.0, 300.0)], [(0.0, 300.0), (960.0, 280.0)], [(480.0, 300.0), (480.0, 300.0)]],
     ids=["absent", "one pixel", "flat, from behind a goal", "no length"],
 )
 def test_without_a_middle_line_the_half_is_that_towards_the_middle_of_the_image(middle_line, x, half):

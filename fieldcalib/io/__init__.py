@@ -1,1 +1,1 @@
-"""Files of others, one module a format. Foreign conventions end here."""
+"""Files: foreign formats, one module each, where foreign conventions end; and writing whole or not at all."""
