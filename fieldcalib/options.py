@@ -44,7 +44,7 @@ ALL_STANDS = (MAIN_CENTER, MAIN_LEFT, MAIN_RIGHT, OPPOSITE_TRIBUNE, BEHIND_LEFT_
 
 ALL = "all"
 COUNT, EPS = 1, 2  # cv2.TERM_CRITERIA_COUNT and _EPS
-DEFAULT_CRITERIA: Criteria = (COUNT + EPS, 50, 1e-9)
+DEFAULT_CRITERIA: Criteria = (COUNT + EPS, 50, 1e-8)
 
 # Pixels are those of an image of this size; other images scale them with the diagonal, so that a frame and its enlarged
 # copy have the same camera.

@@ -199,9 +199,6 @@ def solve_one(problem: Problem, theta: Array, *, max_iterations: int, tolerance:
     """
     from scipy.optimize import least_squares  # a slow import
 
-    start_cost = problem.cost(theta)
-    if not np.isfinite(start_cost[0]):
-        return Solution(theta.copy(), start_cost, np.array([False]), np.array([0]))
     weight = problem.observations.weight[0] / problem.noise**2
     free = problem.free
 
@@ -226,10 +223,13 @@ def solve_one(problem: Problem, theta: Array, *, max_iterations: int, tolerance:
         values[0, len(weight) :], values[1, len(weight) :] = squared[len(weight) :], 1.0
         return values
 
+    start = theta[0, free]
+    if not np.all(np.isfinite(linearized(start.tobytes())[0])):
+        return Solution(theta.copy(), np.array([np.inf]), np.array([False]), np.array([0], dtype=np.intp))
     with np.errstate(all="ignore"):
         found = least_squares(
             lambda x: linearized(x.tobytes())[0],
-            theta[0, free],
+            start,
             lambda x: linearized(x.tobytes())[1],
             x_scale="jac",
             loss=rho,
