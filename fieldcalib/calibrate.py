@@ -288,7 +288,8 @@ def _best_starts(
 def _fits_most(theta: Array, observations: Observations, scale: float) -> bool:
     """Whether one camera has more than half of its frame's pixels within `scale` already.
 
-    On annotated frames the narrow loss alone then found the optimum that the wide one leads to, in all of 2400 trials.
+    On annotated frames the narrow loss alone then leads where the wide one does: 4 of 2465 trials with starts up to
+    50 px off ended elsewhere, two of them lower.
     """
     r = segment_residuals(theta, observations)[observations.weight > 0.0]
     return bool(np.median(np.abs(r)) < scale)

@@ -243,8 +243,8 @@ def pack(object_segments: ObjectSegments, frames: Sequence[Pixels], image_size: 
     """Pack checked frames into padded arrays.
 
     The pixels of a segment share a weight of 1, so that each segment counts alike however many pixels it has (paper,
-    equation 2). On annotated frames this is more accurate than pixels that count alike: 84.7 against 83.4 % of segments
-    within 5 px on SoccerNet's.
+    equation 2). On annotated frames this is more accurate than pixels that count alike: 85.6 against 84.2 % of segments
+    within 5 px on SoccerNet's, 84.0 against 82.0 % on WC14's.
 
     Labels are numbered in the order of `object_segments`, so that frames packed together or one by one are numbered
     alike.

@@ -6,7 +6,7 @@ Both minimise, over the free parameters,
 
 The robust loss acts on the data alone, never on the prior. Steps are those of reweighted least squares: the quadratic
 with weights rho' lies above the loss, so they do not overshoot. Triggs' second-order correction, SciPy's own way, does
-where residuals reach the scale of the loss, and took two and a half times as many iterations.
+where residuals reach the scale of the loss: on annotated frames it took 10 iterations of the wide loss for 4 of these.
 """
 
 from __future__ import annotations
@@ -55,10 +55,6 @@ class Problem:
         if self.prior is None:
             return np.zeros((len(theta), 0))
         return self.prior.z_scores(theta)[:, self.free]
-
-    def cost(self, theta: Array) -> Array:
-        """Cost of each problem, (B,)."""
-        return self.linearized(theta)[0]
 
     def linearized(self, theta: Array) -> tuple[Array, Array, Array]:
         """Cost (B,), its gradient (B, P), and the Gauss-Newton approximation of its Hessian (B, P, P).

@@ -19,9 +19,13 @@ from fieldcalib import (
     calibrate_from_segments,
     soccer,
 )
+from fieldcalib.calibrate import _best_starts
 from fieldcalib.io.soccernet import parse_annotation
-from fieldcalib.options import DEFAULT_FLAGS, CalibrationFlags
-from fieldcalib.parameters import camera_from_theta
+from fieldcalib.options import DEFAULT_FLAGS, CalibrationFlags, checked_options
+from fieldcalib.parameters import MAIN_CENTER, GaussianPrior, camera_from_theta, theta_from_camera
+from fieldcalib.segments import pack
+from fieldcalib.solver import Problem, solve_batch
+from fieldcalib.starts import Starts
 
 FIELD, SIZE = soccer(), (960, 540)
 MARKINGS = whole_circle_markings(FIELD)
@@ -132,6 +136,27 @@ def test_a_camera_below_the_ground_does_not_win():
     found = calibrate_from_segments(FIELD, flat, SIZE, prior=None)
     assert found.accepted
     assert found.camera.C[2] < 0.0
+
+
+def test_a_plausible_start_goes_before_a_cheaper_one_below_the_ground():
+    """Lines on a plane have the same image for the camera mirrored in it, which would look at them from behind."""
+    theta = theta_from_camera(CAMERA)
+    below = Camera(CAMERA.K, CAMERA.R @ np.diag([-1.0, -1.0, 1.0]), CAMERA.C * (1.0, 1.0, -1.0), SIZE)
+    flat = {label: xy for label, xy in FRAME.items() if "Goal" not in label and "Circle" not in label}
+    observations = pack(FIELD, [flat], SIZE)
+    pair = np.array([theta, theta_from_camera(below)])
+    sigma = np.tile(MAIN_CENTER.prior(SIZE).sigma, (2, 1))
+    prior = GaussianPrior(pair - np.array([[0.5], [0.0]]) * sigma, sigma)  # the one below is cheaper by its prior
+    options = checked_options(
+        SIZE, None, None, None, None, flags=DEFAULT_FLAGS, criteria=(3, 50, 1e-9), prior="all", loss="cauchy", tau=None
+    )
+
+    starts = Starts(pair, np.array([0, 0]), prior)
+    costs = Problem(observations.take(starts.frame), options.free, options.wide_loss, options.noise, prior)
+    above, cheaper = costs.linearized(pair)[0]
+    assert cheaper < above
+    (best,), _ = _best_starts(starts, observations, options, solve_batch, on_field=True)
+    np.testing.assert_allclose(best[4:7], CAMERA.C, atol=10.0)
 
 
 def test_densely_labelled_frames_are_solved_a_few_at_a_time():

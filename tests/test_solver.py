@@ -17,6 +17,10 @@ PINHOLE = np.arange(len(PARAMETERS)) < CENTER.stop
 MAIN = ("main center", "main left", "main right", "main tribune")
 
 
+def cost(problem, theta):
+    return problem.linearized(theta)[0]
+
+
 def prior_for(count, names=MAIN):
     priors = [DISTRIBUTIONS[names[t % len(names)]].prior(SIZE) for t in range(count)]
     return GaussianPrior(np.stack([p.mean for p in priors]), np.stack([p.sigma for p in priors]))
@@ -58,9 +62,9 @@ def test_both_solvers_find_the_same_optimum_on_200_frames(name, prior):
 def test_reported_cost_is_the_cost_of_the_reported_camera():
     problem, starts = random_problem(10, RobustLoss("cauchy", 6.0), seed=1)
     solution = solve_batch(problem, starts, max_iterations=50, tolerance=1e-9)
-    np.testing.assert_allclose(solution.cost, problem.cost(solution.theta), rtol=1e-12)
+    np.testing.assert_allclose(solution.cost, cost(problem, solution.theta), rtol=1e-12)
     one = solve_one(problem.take(np.array([3])), starts[3:4], max_iterations=50, tolerance=1e-9)
-    np.testing.assert_allclose(one.cost, problem.take(np.array([3])).cost(one.theta), rtol=1e-12)
+    np.testing.assert_allclose(one.cost, cost(problem.take(np.array([3])), one.theta), rtol=1e-12)
 
 
 def test_cost_falls_and_the_gradient_vanishes():
@@ -81,7 +85,7 @@ def test_gradient_is_the_derivative_of_the_cost():
     steps = np.array([1e-6] * 4 + [1e-4] * 3)
     for column, step in enumerate(steps):
         move = step * np.eye(len(PARAMETERS))[column]
-        numeric = (problem.cost(starts + move) - problem.cost(starts - move)) / (2.0 * step)
+        numeric = (cost(problem, starts + move) - cost(problem, starts - move)) / (2.0 * step)
         np.testing.assert_allclose(gradient[:, column], numeric, rtol=1e-4, atol=1e-3 * np.abs(numeric).max())
 
 
