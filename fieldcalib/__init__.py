@@ -14,8 +14,11 @@ camera, z down. Pixels: (x, y), the first pixel's centre at (0, 0); image sizes 
 """
 
 from fieldcalib.calibrate import calibrate_batch, calibrate_from_segments
+from fieldcalib.calibrate_homography import calibrate_from_homography
+from fieldcalib.calibrate_points import calibrate_from_points
 from fieldcalib.camera import Camera
 from fieldcalib.field import Arc, Field, Line, Point, PointCloud, soccer
+from fieldcalib.homography import ALIGNMENTS, Alignment, Decomposition, camera_from_homography
 from fieldcalib.losses import RobustLoss
 from fieldcalib.options import DEFAULT_FLAGS, CalibrationFlags
 from fieldcalib.parameters import DISTRIBUTIONS, CameraDistribution
@@ -24,13 +27,16 @@ from fieldcalib.result import Calibration, Status
 __version__ = "0.1.0"
 
 __all__ = [
+    "ALIGNMENTS",
     "DEFAULT_FLAGS",
     "DISTRIBUTIONS",
+    "Alignment",
     "Arc",
     "Calibration",
     "CalibrationFlags",
     "Camera",
     "CameraDistribution",
+    "Decomposition",
     "Field",
     "Line",
     "Point",
@@ -38,6 +44,9 @@ __all__ = [
     "RobustLoss",
     "Status",
     "calibrate_batch",
+    "calibrate_from_homography",
+    "calibrate_from_points",
     "calibrate_from_segments",
+    "camera_from_homography",
     "soccer",
 ]

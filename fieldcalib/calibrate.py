@@ -26,7 +26,7 @@ from fieldcalib.result import Calibration, Status
 from fieldcalib.segments import ImageSegments, Observations, Pixels, check_segments, pack
 from fieldcalib.solver import Problem, Solution, solve_batch, solve_one
 from fieldcalib.starts import Starts, starting_cameras
-from fieldcalib.verify import Evidence, implausibilities, verdict, weakest_directions
+from fieldcalib.verify import Evidence, implausibilities, segment_errors, verdict, weakest_directions
 
 CHUNK = 64  # frames solved together: their arrays still fit the processor's cache
 CHUNK_PIXELS = 8192  # of them together, padding included: bounds the memory of densely labelled frames
@@ -34,6 +34,7 @@ FIRST_ITERATIONS = 6  # for every start
 PROMISING = 3  # starts of a frame that go on
 WIDE_ITERATIONS = 30
 WIDE_TOLERANCE = 1e-3  # the narrow stage does the rest
+NO_PIXELS = "no labelled pixels: nothing to calibrate from"
 
 
 class Solver(Protocol):
@@ -134,7 +135,7 @@ def calibrate_from_segments(
     frame = check_segments(object_segments, image_segments, options.image_size)
     _check_prior(object_segments, prior)
     if not frame:
-        return _empty_calibration()
+        return Calibration.without_camera(Status.TOO_FEW_SEGMENTS, NO_PIXELS)
     (calibration,) = _calibrate(object_segments, [frame], options, solve_one)
     return calibration
 
@@ -202,7 +203,7 @@ def calibrate_batch(
         except ValueError as error:
             raise ValueError(f"frame {index}: {error}") from None
     _check_prior(object_segments, prior)
-    calibrations = [_empty_calibration() for _ in checked]
+    calibrations = [Calibration.without_camera(Status.TOO_FEW_SEGMENTS, NO_PIXELS) for _ in checked]
     for chunk in _chunks(object_segments, checked):
         found = _calibrate(object_segments, [checked[t] for t in chunk], options, solve_batch)
         for t, calibration in zip(chunk, found, strict=True):
@@ -217,11 +218,6 @@ def _check_prior(object_segments: ObjectSegments, prior: Prior) -> None:
             "the object is no Field: say where its camera may stand by prior, a CameraDistribution or the name of one, "
             "or None with rvec and tvec as a start"
         )
-
-
-def _empty_calibration() -> Calibration:
-    message = "no labelled pixels: nothing to calibrate from"
-    return Calibration(None, Status.TOO_FEW_SEGMENTS, message, float("nan"), float("nan"), {})
 
 
 def _chunks(object_segments: ObjectSegments, frames: Sequence[Pixels]) -> Iterator[IntArray]:
@@ -313,8 +309,7 @@ def _judge(
     weakest = weakest_directions(information, prior.sigma[:, options.free], options.free)
 
     calibrations = []
-    for t, frame in enumerate(frames):
-        errors, rms = _errors(feet.r[t], observations.label[t], observations.weight[t], observations.labels, frame)
+    for t, (frame, (errors, rms)) in enumerate(zip(frames, segment_errors(feet.r, observations, frames), strict=True)):
         evidence = Evidence(
             rms=rms,
             loss_ndc=float(losses[t]),
@@ -329,15 +324,3 @@ def _judge(
         camera = camera_from_theta(theta[t], options.image_size)
         calibrations.append(Calibration(camera, status, message, rms, evidence.loss_ndc, errors))
     return calibrations
-
-
-def _errors(
-    r: Array, label: IntArray, weight: Array, labels: tuple[str, ...], frame: Pixels
-) -> tuple[dict[str, float], float]:
-    """Root mean square distance of each segment and of all pixels; the weights of a segment's pixels add up to 1."""
-    mean_square = np.bincount(label[label >= 0], (weight * np.square(r))[label >= 0], minlength=len(labels))
-    number = {name: index for index, name in enumerate(labels)}
-    squares = {name: float(mean_square[number[name]]) for name in frame}
-    pixels = sum(len(xy) for xy in frame.values())
-    rms = np.sqrt(sum(squares[name] * len(xy) for name, xy in frame.items()) / pixels)
-    return {name: float(np.sqrt(square)) for name, square in squares.items()}, float(rms)

@@ -1,17 +1,35 @@
-"""From the homography of the ground plane to a camera with square pixels and a known principal point."""
+"""From the homography of the ground plane to a camera with square pixels and a known principal point.
+
+A homography maps field points (x, y, 1) in metres to pixels. `ALIGNMENTS` translates those that others publish.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from types import MappingProxyType
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from fieldcalib._types import Array
+from fieldcalib.camera import Camera, checked_image_size
+from fieldcalib.field import Point, soccer
+from fieldcalib.projective import dehomogenize, homogenize
+
+YARD = 0.9144  # metres
+GROUND_POINTS: Mapping[str, Point] = MappingProxyType(
+    {name: point for name, point in soccer().points.items() if point.X[2] == 0.0}
+)
+LEAST_POINTS = 3  # that cv2.solvePnPRefineLM takes
 
 
 def decompose_homography(H: Array, principal_point: Array, reference: Array) -> tuple[Array, Array, Array]:
     """Focal length, rotation and centre of the camera whose ground-plane homography is H.
 
     With ``[h1 h2 h3] = diag(1, 1, f) T H``, T moving the principal point to the origin, h1 and h2 must be orthogonal
-    and equally long: two equations linear in 1 / f^2, solved by least squares. Then
-    ``[r1 r2 t] = K^-1 H / sqrt(|K^-1 h1| |K^-1 h2|)``, the rotation is the one nearest to ``[r1 r2 r1 x r2]`` and
-    ``C = -R^T t`` (paper, appendix "Homography Decomposition", steps 1 to 3; Hartley & Zisserman, algorithm 8.2).
+    and equally long: two equations linear in 1 / f^2, solved by least squares (paper, appendix "Homography
+    Decomposition", step 1; Hartley & Zisserman, algorithm 8.2). `pose_from_homography` gives the rest.
 
     Parameters
     ----------
@@ -28,10 +46,10 @@ def decompose_homography(H: Array, principal_point: Array, reference: Array) -> 
         NaN where no real focal length meets the constraints.
     R : (..., 3, 3) array
     C : (..., 3) array
+        NaN with f.
 
     Examples
     --------
-    >>> from fieldcalib.camera import Camera
     >>> camera = Camera.from_angles(0.3, 1.3, 0.01, 1800.0, (2.0, 70.0, -18.0), (960, 540))
     >>> f, R, C = decompose_homography(-camera.homography, camera.principal_point, np.zeros(2))
     >>> bool(np.isclose(f, 1800.0)), C.round(6)
@@ -46,18 +64,237 @@ def decompose_homography(H: Array, principal_point: Array, reference: Array) -> 
     with np.errstate(divide="ignore", invalid="ignore"):
         f = np.sqrt(-np.sum(a * a, axis=-1) / np.sum(a * b, axis=-1))
         M[..., :2, :] /= f[..., None, None]
+    R, C = pose_from_homography(M, reference)
+    return np.where(np.isnan(C[..., 0]), np.nan, f), R, C
+
+
+def pose_from_homography(M: Array, reference: Array) -> tuple[Array, Array]:
+    """Rotation and centre of a camera with known intrinsics K, from ``M = K^-1 H``.
+
+    ``[r1 r2 t] = M / sqrt(|m1| |m2|)``, the rotation is the one nearest to ``[r1 r2 r1 x r2]`` and ``C = -R^T t``
+    (paper, appendix "Homography Decomposition", steps 2 and 3, with the sign and the scale that its formula lacks).
+
+    Parameters
+    ----------
+    M : (..., 3, 3) array
+        Maps field points (x, y, 1) to the plane at depth 1 before the camera; scale and sign do not matter.
+    reference : (..., 2) array
+        A field point that the camera sees.
+
+    Returns
+    -------
+    R : (..., 3, 3) array
+    C : (..., 3) array
+        NaN, and R the identity, where M is not finite or singular in a way that no camera is.
+
+    Examples
+    --------
+    >>> camera = Camera.from_angles(0.3, 1.3, 0.01, 1800.0, (2.0, 70.0, -18.0), (960, 540))
+    >>> _, C = pose_from_homography(-np.linalg.inv(camera.K) @ camera.homography, np.zeros(2))
+    >>> C.round(6)
+    array([  2.,  70., -18.])
+    """
+    with np.errstate(divide="ignore", invalid="ignore"):
+        z = M[..., 2, :]
         front = np.sign(z[..., 0] * reference[..., 0] + z[..., 1] * reference[..., 1] + z[..., 2])
         lengths = np.linalg.norm(M[..., :2], axis=-2)
-        M *= (front / np.sqrt(lengths[..., 0] * lengths[..., 1]))[..., None, None]
-    valid = np.isfinite(f) & (front != 0.0) & np.isfinite(M).all(axis=(-1, -2))
+        M = M * (front / np.sqrt(lengths[..., 0] * lengths[..., 1]))[..., None, None]
+    valid = (front != 0.0) & np.isfinite(M).all(axis=(-1, -2))
     M = np.where(valid[..., None, None], M, np.eye(3))
     r1, r2 = (M[..., i] / np.linalg.norm(M[..., i], axis=-1, keepdims=True) for i in (0, 1))
     U, _, Vh = np.linalg.svd(np.stack([r1, r2, np.cross(r1, r2)], axis=-1))
     R = U @ Vh
     C = -(np.swapaxes(R, -1, -2) @ M[..., 2:])[..., 0]
-    return np.where(valid, f, np.nan), R, C
+    return R, np.where(valid[..., None], C, np.nan)
 
 
 def _difference(row: Array) -> Array:
     """First entry squared minus second entry squared."""
     return np.asarray(np.square(row[..., 0]) - np.square(row[..., 1]))
+
+
+@dataclass(frozen=True)
+class Decomposition:
+    """The camera of a homography, or why there is none."""
+
+    camera: Camera | None
+    """The refined camera; None if the paper's rule rejects the homography."""
+    initial: Camera | None
+    """The closed form, steps 1 to 3; None where the homography has no real focal length."""
+    points: Mapping[str, Point]
+    """The correspondences that the refinement uses: field points, and"""
+    pixels: dict[str, Array]
+    """their images under the homography, (1, 2) each."""
+    message: str
+    """What was done, or why it was not."""
+
+
+def camera_from_homography(
+    H: ArrayLike,
+    image_size: tuple[int, int],
+    *,
+    points: Mapping[str, Point] = GROUND_POINTS,
+    zeta: float = 100.0,
+    tolerance: float = 0.1,
+    principal_point: ArrayLike | None = None,
+) -> Decomposition:
+    """Camera from a homography in the paper's five steps.
+
+    (1) to (3) are `decompose_homography`. (4) Field points whose image under H lies in the image, enlarged on each
+    side, and whose projection by that camera is near to it, are the correspondences ``X, H X`` from which
+    `cv2.solvePnPRefineLM` refines R and t, K staying as it is. With fewer than three of them the homography is
+    rejected: no camera is near enough to it. (5) The angles, with the smaller roll, are `Camera.angles`.
+
+    Parameters
+    ----------
+    H : (3, 3) array_like
+        Maps field points (x, y, 1) in metres to pixels; scale and sign do not matter.
+    image_size : (int, int)
+        Width and height in pixels.
+    points : mapping of str to Point
+        Points on the ground; by default those of `soccer()`.
+    zeta : float
+        Pixels between a point's image under H and its projection, from which on it is not used.
+    tolerance : float
+        How far outside the image a point may lie, in widths and heights.
+    principal_point : (2,) array_like, optional
+        In pixels; by default the image's centre.
+
+    Returns
+    -------
+    Decomposition
+
+    Raises
+    ------
+    ValueError
+        If H is no finite 3 x 3 matrix, zeta is not positive, or tolerance is negative.
+
+    References
+    ----------
+    Theiner, Ewerth: TVCalib, WACV 2023, appendix "Homography Decomposition: From Homography to Camera Parameters".
+
+    Examples
+    --------
+    >>> truth = Camera.from_angles(0.3, 1.3, 0.01, 1800.0, (2.0, 70.0, -18.0), (960, 540))
+    >>> camera_from_homography(truth.homography, (960, 540)).camera
+    Camera(f=1800.0 px, pan=17.19°, tilt=74.48°, roll=0.57°, C=(2.00, 70.00, -18.00) m, k=(0, 0), image_size=960x540)
+    """
+    H = _checked_homography(H)
+    image_size = checked_image_size(image_size)
+    if not (zeta > 0.0 and tolerance >= 0.0):
+        raise ValueError(f"zeta must be positive and tolerance at least 0, got {zeta} and {tolerance}")
+    size = np.array(image_size)
+    centre = size / 2.0 if principal_point is None else np.asarray(principal_point, dtype=float)
+    X = np.array([point.X for point in points.values()])
+    with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
+        xy = dehomogenize(homogenize(X[:, :2]) @ H.T)
+        distance = np.linalg.norm(xy - size / 2.0, axis=1)
+    in_view = X[np.argmin(np.where(np.isfinite(distance), distance, np.inf))]
+    f, R, C = decompose_homography(H, centre, in_view[:2])
+    if not np.isfinite(f):
+        return Decomposition(None, None, {}, {}, "no real focal length fits the homography: it is no camera's")
+    K = np.array([[f, 0.0, centre[0]], [0.0, f, centre[1]], [0.0, 0.0, 1.0]])
+    initial = Camera(K, R, C, image_size)
+    with np.errstate(invalid="ignore"):
+        in_image = np.all(np.abs(xy / size - 0.5) <= 0.5 + tolerance, axis=1)
+        near = np.linalg.norm(initial.project(X) - xy, axis=1) < zeta  # false behind the camera
+    used = np.flatnonzero(in_image & near)
+    names = [list(points)[index] for index in used]
+    refined = _refined_pose(initial, X[used], xy[used]) if len(used) >= LEAST_POINTS else None
+    if refined is not None:
+        message = f"refined with {len(used)} points"
+    elif len(used) >= LEAST_POINTS:
+        message = "the refinement diverged"
+    else:
+        message = (
+            f"of {in_image.sum()} field points in the image the camera of the homography has {len(used)} within "
+            f"{zeta:g} px, {LEAST_POINTS} are needed; H must map metres on the field to pixels"
+        )
+    pixels = {name: xy[[index]] for name, index in zip(names, used, strict=True)}
+    return Decomposition(refined, initial, {name: points[name] for name in names}, pixels, message)
+
+
+def _checked_homography(H: ArrayLike) -> Array:
+    array = np.asarray(H, dtype=float)
+    if array.shape != (3, 3) or not np.all(np.isfinite(array)):
+        raise ValueError(f"expected a homography as a finite array of shape (3, 3), got {np.asarray(H)!r}")
+    return array
+
+
+def _refined_pose(camera: Camera, X: Array, xy: Array) -> Camera | None:
+    """The camera with R and t refined by OpenCV, or None where that diverges."""
+    import cv2  # a slow import
+
+    rvec, tvec, K, dist = camera.to_opencv()  # OpenCV changes the pose in place: it is ours alone
+    new_rvec, new_tvec = cv2.solvePnPRefineLM(X, xy, K, dist, rvec, tvec)
+    if not (np.all(np.isfinite(new_rvec)) and np.all(np.isfinite(new_tvec))):
+        return None
+    return Camera.from_opencv(new_rvec, new_tvec, K, dist, camera.image_size)
+
+
+@dataclass(frozen=True, eq=False)
+class Alignment:
+    """Where others place the field and the image, and the translation of their homographies, (..., 3, 3).
+
+    Theirs map the image to the field, ``x_field = H x_image``; ours map field points (x, y, 1) in metres, origin at the
+    centre mark, y towards the main camera, to pixels of `image_size`.
+
+    Examples
+    --------
+    >>> theirs = np.diag([0.1, 0.1, 1.0])  # ten pixels a yard: the whole field, looked at from above
+    >>> ours = ALIGNMENTS["wc14"].to_fieldcalib(theirs)
+    >>> dehomogenize(ours @ [0.0, 0.0, 1.0]).round(9)  # the centre mark
+    array([575., 370.])
+    """
+
+    field: Array
+    """Their field coordinates -> ours, (3, 3)."""
+    image: Array
+    """Their image coordinates -> pixels of `image_size`, (3, 3)."""
+    template: tuple[float, float]
+    """Length and width of their field in metres."""
+    image_size: tuple[int, int] = (1280, 720)
+
+    def to_fieldcalib(self, H: ArrayLike) -> Array:
+        """Their homographies as ours: ``(field H image^-1)^-1``."""
+        return np.asarray(self.image @ np.linalg.inv(_homographies(H)) @ np.linalg.inv(self.field))
+
+    def from_fieldcalib(self, H: ArrayLike) -> Array:
+        """Our homographies as theirs, the inverse of `to_fieldcalib` up to scale."""
+        return np.asarray(np.linalg.inv(self.field) @ np.linalg.inv(_homographies(H)) @ self.image)
+
+
+def _homographies(H: ArrayLike) -> Array:
+    array = np.asarray(H, dtype=float)
+    if array.shape[-2:] != (3, 3):
+        raise ValueError(f"expected homographies of shape (..., 3, 3), got {array.shape}")
+    return array
+
+
+def _centred(length: float, width: float, x: float, y: float) -> Array:
+    """Origin from a corner to the centre of a field of length x width, axes scaled by x and y."""
+    return np.array([[x, 0.0, -x * length / 2.0], [0.0, y, -y * width / 2.0], [0.0, 0.0, 1.0]])
+
+
+_YARDS = (115.0, 74.0)
+_WC14_TEMPLATE = (115.0 * YARD, 74.0 * YARD)
+_PIXELS = np.eye(3)
+
+# Paper, appendix "Note on the World Reference Axis System".
+ALIGNMENTS: Mapping[str, Alignment] = MappingProxyType(
+    {
+        # Homayounfar et al. 2017: yards from the far left corner, x right, y towards the camera.
+        "wc14": Alignment(_centred(*_YARDS, YARD, YARD), _PIXELS, _WC14_TEMPLATE),
+        # Chen & Little 2019: metres from the near left corner, y away from the camera. (The paper's equation names the
+        # matrix of WC14 on its right side; Chen's is meant. Their own code has a field of 115 x 74 yards, so that the
+        # paper's 105 x 68 m puts its centre 8 cm and 17 cm off.)
+        "chen": Alignment(_centred(105.0, 68.0, 1.0, -1.0), _PIXELS, (105.0, 68.0)),
+        # Jiang et al. 2020: field and image from -0.5 to 0.5, y as in WC14. (The paper's text swaps the two factors:
+        # the left one is the template in yards, the right one takes the pixels to -0.5..0.5.)
+        "jiang": Alignment(
+            np.diag([*_WC14_TEMPLATE, 1.0]),
+            np.array([[1280.0, 0.0, 640.0], [0.0, 720.0, 360.0], [0.0, 0.0, 1.0]]),
+            _WC14_TEMPLATE,
+        ),
+    }
+)

@@ -67,7 +67,7 @@ def ndc_loss(
         raise ValueError(f"kind must be one of {', '.join(get_args(NdcLoss))}, got {kind!r}")
     split = [_halves(frame, image_size, pan) for frame, pan in zip(frames, theta[:, PAN], strict=True)]
     seen = {label: object_segments[label] for frame in split for label in frame}
-    samples = {label: s if isinstance(s, Line) else _cloud(s) for label, s in seen.items()}
+    samples = {label: s if isinstance(s, Line) else cloud(s) for label, s in seen.items()}
     observations = pack(samples, split, image_size)
 
     view = View(theta, image_size)
@@ -93,8 +93,16 @@ def _halves(frame: Pixels, image_size: tuple[int, int], pan: float) -> Pixels:
     return {swapped.get(label, label): xy for label, xy in split.items()}
 
 
-def _cloud(segment: Segment) -> PointCloud:
-    """The samples that a segment other than a line is compared with."""
+def cloud(segment: Segment) -> PointCloud:
+    """The samples that the paper compares a segment with if it is no line: of an arc 128, both ends included.
+
+    Examples
+    --------
+    >>> from fieldcalib import soccer
+    >>> cloud(soccer()["Circle left"]).X[[0, -1]].round(2)  # on the edge of the penalty area
+    array([[-36.  ,  -7.31,   0.  ],
+           [-36.  ,   7.31,   0.  ]])
+    """
     if isinstance(segment, Arc):
         phi = np.linspace(segment.start, segment.stop, CLOUD_SAMPLES)[:, None]
         X = segment.center + segment.radius * (np.cos(phi) * segment.u + np.sin(phi) * segment.v)

@@ -42,7 +42,7 @@ class Calibration:
     """
 
     camera: Camera | None
-    """None only for a frame without any pixel."""
+    """None where there is nothing to calibrate from, or a closed form finds none."""
     status: Status
     message: str
     """The status in a sentence: why, and what would help."""
@@ -52,6 +52,11 @@ class Calibration:
     """The paper's segment reprojection loss, which tau is compared with (`fieldcalib.ndc`, "tvcalib")."""
     per_segment_errors: Mapping[str, float]
     """Root mean square distance in pixels for each label, in the order of the input."""
+
+    @classmethod
+    def without_camera(cls, status: Status, message: str) -> Calibration:
+        """What is returned where there is no camera to give."""
+        return cls(None, status, message, float("nan"), float("nan"), {})
 
     @property
     def accepted(self) -> bool:

@@ -25,7 +25,7 @@ from fieldcalib.parameters import (
 )
 from fieldcalib.projective import fit_lines, homogenize, homography_from_lines
 from fieldcalib.rotation import angles_from_rotation, rotation_from_angles
-from fieldcalib.segments import Observations
+from fieldcalib.segments import Observations, Rows
 
 FIELD_SCALE = 40.0  # metres: brings the field's coordinates to about unit size for the DLT
 ON_GROUND = 1e-9  # metres
@@ -147,43 +147,77 @@ def _spread(x: Array, weight: Array) -> Array:
 def camera_from_lines(observations: Observations, known: Array) -> tuple[Array, BoolArray]:
     """Cameras from the homography of the ground's lines by the DLT, (T, 12), and which frames have one, (T,).
 
-    Lines are fitted to the pixels of each segment and weigh as much as they are long in the image. Both planes are
-    normalised. The homography is decomposed with the known principal point, else the image's centre.
+    The homography is decomposed with the known principal point, else the image's centre.
     """
     T, rows = len(observations), observations.lines
-    width, height = observations.image_size
     theta = np.broadcast_to(np.where(np.isnan(known), 0.0, known), (T, len(known))).copy()
-    centre = np.where(np.isnan(known[PRINCIPAL_POINT]), (width / 2.0, height / 2.0), known[PRINCIPAL_POINT])
-    theta[:, PRINCIPAL_POINT] = centre
-    ground = np.all(np.abs(rows.geometry[..., 2]) < ON_GROUND, axis=-1) & (rows.weight > 0.0)
-    labels = np.unique(rows.label[ground])
-    if len(labels) < 4:
-        return theta, np.zeros(T, dtype=bool)
-
-    member = (rows.label[:, None] == labels[:, None]) & ground[:, None]  # (T, L, N)
-    rho = np.hypot(width, height) / 2.0
-    xy = ((rows.xy - centre) / rho)[:, None]
-    image_lines = fit_lines(xy, member.astype(float))
-    visible = np.where(member[..., None], xy, np.nan)
-    length = np.zeros(member.shape[:2])
-    seen = member.any(axis=-1)
-    length[seen] = np.linalg.norm(np.nanmax(visible[seen], axis=1) - np.nanmin(visible[seen], axis=1), axis=-1)
-
-    first = np.argmax(rows.label.ravel() == labels[:, None], axis=1)  # any row of each label knows its segment
-    start, direction = np.moveaxis(rows.geometry.reshape(-1, 2, 3)[first] / FIELD_SCALE, 1, 0)
-    field_lines = np.cross(homogenize(start[:, :2]), homogenize(start[:, :2] + direction[:, :2]))
-    H = homography_from_lines(np.broadcast_to(field_lines, image_lines.shape), image_lines, length)
-    H = H @ np.diag([1.0 / FIELD_SCALE, 1.0 / FIELD_SCALE, 1.0])
-
+    image_centre = np.array(observations.image_size) / 2.0
+    principal_point = np.where(np.isnan(known[PRINCIPAL_POINT]), image_centre, known[PRINCIPAL_POINT])
+    theta[:, PRINCIPAL_POINT] = principal_point
+    H, found = ground_homographies(observations, principal_point)
+    if not found.any():
+        return theta, found
     # a point of the ground in view: where the pixels' centroid lies on the field
-    pixel = np.sum(ground[..., None] * rows.xy, axis=1) / np.maximum(np.sum(ground, axis=1), 1)[:, None]
+    on_ground = _ground_rows(rows)
+    pixel = np.sum(on_ground[..., None] * rows.xy, axis=1) / np.maximum(np.sum(on_ground, axis=1), 1)[:, None]
     with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
-        seen_at = np.linalg.solve(H + 1e-12 * np.eye(3), homogenize((pixel - centre) / rho)[..., None])[..., 0]
-        f, R, C = decompose_homography(H, np.zeros(2), seen_at[:, :2] / seen_at[:, 2:])
-    found = (np.sum(length > 0.0, axis=1) >= 4) & np.isfinite(f) & np.isfinite(C).all(axis=1) & (f > 0.0)
-    theta[found, LOG_F] = np.log(f[found] * rho)
+        seen_at = np.linalg.solve(H + 1e-12 * np.eye(3), homogenize(pixel)[..., None])[..., 0]
+        f, R, C = decompose_homography(H, principal_point, seen_at[:, :2] / seen_at[:, 2:])
+    found &= np.isfinite(f) & np.isfinite(C).all(axis=1) & (f > 0.0)
+    theta[found, LOG_F] = np.log(f[found])
     theta[found, ANGLES] = angles_from_rotation(R[found])
     theta[found, CENTER] = C[found]
     given = ~np.isnan(known)
     theta[:, given] = known[given]
     return theta, found
+
+
+def ground_homographies(observations: Observations, principal_point: Array) -> tuple[Array, BoolArray]:
+    """Homographies of the ground from its lines, by the DLT.
+
+    Lines are fitted to the pixels of each segment and weigh as much as they are long in the image.
+
+    Parameters
+    ----------
+    observations : Observations
+        T frames.
+    principal_point : (2,) array
+        Around it the image is normalised, in pixels.
+
+    Returns
+    -------
+    H : (T, 3, 3) array
+        Maps field points (x, y, 1) in metres to pixels, up to scale and sign; NaN where there is none.
+    found : (T,) bool array
+        Which frames have one: those with four lines on the ground that are longer than a point.
+    """
+    T, rows = len(observations), observations.lines
+    on_ground = _ground_rows(rows)
+    labels = np.unique(rows.label[on_ground])
+    if len(labels) < 4:
+        return np.full((T, 3, 3), np.nan), np.zeros(T, dtype=bool)
+
+    member = (rows.label[:, None] == labels[:, None]) & on_ground[:, None]  # (T, L, N)
+    image_lines = fit_lines(rows.xy[:, None], member.astype(float))
+    rho = np.hypot(*observations.image_size) / 2.0
+    visible = np.where(member[..., None], rows.xy[:, None] / rho, np.nan)
+    length = np.zeros(member.shape[:2])
+    seen = member.any(axis=-1)
+    length[seen] = np.linalg.norm(np.nanmax(visible[seen], axis=1) - np.nanmin(visible[seen], axis=1), axis=-1)
+
+    first = np.argmax(rows.label.ravel() == labels[:, None], axis=1)  # any row of each label knows its segment
+    start, direction = np.moveaxis(rows.geometry.reshape(-1, 2, 3)[first], 1, 0)
+    field_lines = np.cross(homogenize(start[:, :2]), homogenize(start[:, :2] + direction[:, :2]))
+    to_unit_field = np.diag([1.0 / FIELD_SCALE, 1.0 / FIELD_SCALE, 1.0])
+    cx, cy = principal_point
+    to_unit_image = np.array([[1.0 / rho, 0.0, -cx / rho], [0.0, 1.0 / rho, -cy / rho], [0.0, 0.0, 1.0]])
+    H = homography_from_lines(
+        np.broadcast_to(field_lines, image_lines.shape), image_lines, length, to_unit_field, to_unit_image
+    )
+    found = np.sum(length > 0.0, axis=1) >= 4
+    return np.where(found[:, None, None], H, np.nan), found
+
+
+def _ground_rows(rows: Rows) -> BoolArray:
+    """Which rows (T, N) are pixels of lines on the ground."""
+    return np.asarray(np.all(np.abs(rows.geometry[..., 2]) < ON_GROUND, axis=-1) & (rows.weight > 0.0))

@@ -43,6 +43,33 @@ class Evidence:
     converged: bool
 
 
+def segment_errors(
+    r: Array, observations: Observations, frames: Sequence[Pixels]
+) -> list[tuple[dict[str, float], float]]:
+    """Root mean square distance of each segment, and of all pixels together, for each frame; pixels.
+
+    Parameters
+    ----------
+    r : (B, M) array
+        Residuals of the observations.
+    observations : Observations
+        B frames packed.
+    frames : sequence of B dicts of str to (N, 2) array
+        What was packed; the errors are in the order of its labels.
+    """
+    found = []
+    number = {name: index for index, name in enumerate(observations.labels)}
+    for squares, label, weight, frame in zip(
+        np.square(r), observations.label, observations.weight, frames, strict=True
+    ):
+        seen = label >= 0  # the weights of a segment's pixels add up to 1
+        mean_square = np.bincount(label[seen], (weight * squares)[seen], minlength=len(number))
+        total = sum(mean_square[number[name]] * len(xy) for name, xy in frame.items())
+        rms = np.sqrt(total / max(sum(map(len, frame.values())), 1))
+        found.append(({name: float(np.sqrt(mean_square[number[name]])) for name in frame}, float(rms)))
+    return found
+
+
 def verdict(
     object_segments: ObjectSegments, frame: Pixels, evidence: Evidence, tau: float | None
 ) -> tuple[Status, str]:

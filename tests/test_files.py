@@ -1,12 +1,60 @@
-"""A file is written whole or not at all."""
+"""Files of frames are found in folders and zips; a file is written whole or not at all."""
 
 import os
+import re
 import stat
+import zipfile
 
 import pytest
 
 from fieldcalib.io import files
-from fieldcalib.io.files import write_bytes, write_text
+from fieldcalib.io.files import BrokenFileError, find_files, parse_json_object, write_bytes, write_text
+
+# --- finding and reading ---
+
+
+def names_found(*inputs, **options):
+    return [file.id for file in find_files(inputs, "mask", **({"prefix": "mask_", "suffix": ".png"} | options))]
+
+
+def test_prefix_and_suffix_make_the_name(tmp_path):
+    for name in ("mask_2.png", "mask_1.b.png", "2.png", "mask_2.jpg", "old_mask_3.png", "mask_draft.png"):
+        (tmp_path / name).write_bytes(b"")
+    assert names_found(tmp_path) == ["1.b", "2", "draft"]
+    assert names_found(tmp_path, others=re.compile("mask_d")) == ["1.b", "2"]
+    assert names_found(tmp_path, prefix="") == ["2", "mask_1.b", "mask_2", "mask_draft", "old_mask_3"]
+    # a single file is taken whatever it is called
+    assert names_found(tmp_path / "mask_2.jpg", tmp_path / "old_mask_3.png") == ["2", "old_mask_3"]
+
+
+def test_hidden_files_and_those_of_macos_are_left_out(tmp_path):
+    with zipfile.ZipFile(tmp_path / "a.zip", "w") as archive:
+        for name in ("a/1.png", "a/.2.png", "__MACOSX/a/1.png", "__MACOSX/a/3.png"):
+            archive.writestr(name, name)
+    (file,) = find_files([tmp_path / "a.zip"], "mask", suffix=".png")
+    assert (file.id, file.read()) == ("1", b"a/1.png")
+
+
+def test_messages_say_what_is_looked_for(tmp_path):
+    with pytest.raises(FileNotFoundError, match=r"holds no mask: expected files named mask_<id>\.png"):
+        names_found(tmp_path)
+    with pytest.raises(FileNotFoundError, match=r"missing does not exist: expected a folder, a zip or a \.png file"):
+        names_found(tmp_path / "missing")
+    (tmp_path / "mask_1.png").write_bytes(b"")
+    with pytest.raises(BrokenFileError, match=r"are the same frame 1: rename one of them"):
+        names_found(tmp_path, tmp_path / "mask_1.png")
+
+
+@pytest.mark.parametrize(
+    ("content", "message"),
+    [("{", "is no JSON: "), (b"\xff", "is no JSON: 'utf-8' codec"), ("3", "expected a JSON object of masks, got int")],
+)
+def test_what_is_no_json_object(content, message):
+    with pytest.raises(BrokenFileError, match=message):
+        parse_json_object(content, "masks")
+
+
+# --- writing ---
 
 both = pytest.mark.parametrize(("write", "content"), [(write_text, "new"), (write_bytes, b"new")])
 

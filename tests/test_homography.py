@@ -1,4 +1,4 @@
-"""A camera from the homography of its ground plane."""
+"""A camera from the homography of its ground plane, and the homographies of others."""
 
 import numpy as np
 import pytest
@@ -7,7 +7,16 @@ from hypothesis import strategies as st
 from strategies import cameras, generators, visible_field_points
 
 from fieldcalib.camera import Camera
-from fieldcalib.homography import decompose_homography
+from fieldcalib.field import Line, soccer
+from fieldcalib.homography import (
+    ALIGNMENTS,
+    GROUND_POINTS,
+    camera_from_homography,
+    decompose_homography,
+    pose_from_homography,
+)
+from fieldcalib.io.soccernet import parse_annotation
+from fieldcalib.projective import dehomogenize, homogenize
 
 signed_scales = st.builds(
     lambda exponent, sign: sign * 10.0**exponent, st.floats(-6.0, 6.0), st.sampled_from([-1.0, 1.0])
@@ -108,3 +117,218 @@ def test_the_homography_is_not_changed():
     before = H.copy()
     decompose_homography(H, np.array([480.0, 270.0]), np.zeros(2))
     np.testing.assert_array_equal(H, before)
+
+
+@given(camera=cameras(lens=False), scale=signed_scales, rng=generators())
+def test_known_intrinsics_need_no_square_pixels(camera, scale, rng):
+    K = camera.K * [[1.3], [1.0], [1.0]]
+    camera = Camera(K, camera.R, camera.C, camera.image_size)
+    reference = a_point_in_view(camera, rng)
+    R, C = pose_from_homography(scale * np.linalg.inv(K) @ camera.homography, reference)
+    np.testing.assert_allclose(R, camera.R, atol=1e-8)
+    np.testing.assert_allclose(C, camera.C, rtol=1e-7, atol=1e-6)
+
+
+# the paper's five steps
+
+SIZE = (960, 540)
+BROADCAST = Camera.from_angles(-0.35, 1.36, 0.01, 1700.0, (1.5, 68.0, -17.0), SIZE)
+
+
+def points_in_view(camera, tolerance):
+    """Names of the ground points that a camera sees in its enlarged image."""
+    xy = camera.project([point.X for point in GROUND_POINTS.values()])
+    low, high = np.multiply(camera.image_size, -tolerance), np.multiply(camera.image_size, 1.0 + tolerance)
+    return {
+        name for name, inside in zip(GROUND_POINTS, np.all((xy >= low) & (xy <= high), axis=1), strict=True) if inside
+    }
+
+
+@given(camera=cameras(lens=False), scale=signed_scales, rng=generators())
+def test_the_five_steps_give_a_camera_back(camera, scale, rng):
+    camera = moved_principal_point(camera, rng)
+    assume(len(points_in_view(camera, 0.1)) >= 3)
+    found = camera_from_homography(scale * camera.homography, camera.image_size, principal_point=camera.principal_point)
+    assert set(found.points) == points_in_view(camera, 0.1)
+    for decomposed in (found.initial, found.camera):
+        assert decomposed.image_size == camera.image_size
+        np.testing.assert_array_equal(decomposed.principal_point, camera.principal_point)
+        assert decomposed.focal_length == pytest.approx(camera.focal_length, rel=1e-6)
+        np.testing.assert_allclose(decomposed.R, camera.R, atol=1e-6)
+        np.testing.assert_allclose(decomposed.C, camera.C, rtol=1e-5, atol=1e-4)
+
+
+@given(rng=generators())
+def test_refinement_brings_the_camera_nearer_to_the_homography(rng):
+    H = BROADCAST.homography * (1.0 + 0.01 * rng.normal(size=(3, 3)))
+    found = camera_from_homography(H, SIZE)
+    assume(found.camera is not None)
+    X = np.array([point.X for point in found.points.values()])
+    xy = np.concatenate(list(found.pixels.values()))
+    np.testing.assert_allclose(xy, dehomogenize(homogenize(X[:, :2]) @ H.T))
+    before, after = (np.sqrt(np.mean((c.project(X) - xy) ** 2)) for c in (found.initial, found.camera))
+    assert after <= before * (1.0 + 1e-9)
+    np.testing.assert_array_equal(found.camera.K, found.initial.K)
+
+
+def test_refinement_is_worth_it():
+    """With a homography that is no camera's, the closed form is pixels off, and the pose alone makes good for some."""
+    H = BROADCAST.homography * (1.0 + 0.003 * np.random.default_rng(5).normal(size=(3, 3)))
+    found = camera_from_homography(H, SIZE)
+    X, xy = np.array([p.X for p in found.points.values()]), np.concatenate(list(found.pixels.values()))
+    before, after = (np.sqrt(np.mean((c.project(X) - xy) ** 2)) for c in (found.initial, found.camera))
+    assert after < 0.5 * before
+
+
+@pytest.mark.parametrize("tolerance", [0.0, 0.1, 0.5])
+def test_tolerance_enlarges_the_image_on_each_side(tolerance):
+    found = camera_from_homography(BROADCAST.homography, SIZE, tolerance=tolerance)
+    assert set(found.points) == points_in_view(BROADCAST, tolerance)
+    assert (
+        len(points_in_view(BROADCAST, 0.0)) < len(points_in_view(BROADCAST, 0.1)) < len(points_in_view(BROADCAST, 0.5))
+    )
+
+
+def test_zeta_leaves_out_what_the_camera_misses():
+    H = BROADCAST.homography * (1.0 + 0.01 * np.random.default_rng(3).normal(size=(3, 3)))
+    wide = camera_from_homography(H, SIZE, zeta=1e6)
+    X, xy = np.array([p.X for p in wide.points.values()]), np.concatenate(list(wide.pixels.values()))
+    distance = np.linalg.norm(wide.initial.project(X) - xy, axis=1)
+    zeta = float(np.median(distance)) + 1e-6
+    narrow = camera_from_homography(H, SIZE, zeta=zeta)
+    assert list(narrow.points) == [name for name, d in zip(wide.points, distance, strict=True) if d < zeta]
+    assert 3 <= len(narrow.points) < len(wide.points)
+
+
+def test_points_behind_the_camera_are_no_correspondences():
+    """From low above the centre mark half of the field is behind, and H maps some of it into the image."""
+    camera = Camera.from_angles(0.0, np.radians(80.0), 0.0, 300.0, (0.0, 5.0, -8.0), SIZE)
+    behind = [name for name, point in GROUND_POINTS.items() if camera.depth(point.X) < 0.0]
+    assert behind
+    found = camera_from_homography(camera.homography, SIZE, tolerance=2.0, zeta=1e6)
+    assert not set(behind) & set(found.points)
+    np.testing.assert_allclose(found.camera.C, camera.C, atol=1e-4)
+
+
+def test_fewer_than_three_points_are_rejected():
+    """A long lens on the middle of the right half: the homography is perfect, but no point is in view."""
+    camera = Camera.from_angles(0.2, 1.36, 0.0, 12000.0, (1.5, 68.0, -17.0), SIZE)
+    assert len(points_in_view(camera, 0.1)) < 3
+    found = camera_from_homography(camera.homography, SIZE)
+    assert found.camera is None
+    assert found.initial.focal_length == pytest.approx(12000.0)
+    assert "3 are needed" in found.message
+
+
+def test_without_a_real_focal_length_there_is_no_camera():
+    found = camera_from_homography(without_focal_length(), SIZE, principal_point=(0.0, 0.0))
+    assert found.camera is None
+    assert found.initial is None
+    assert "no real focal length" in found.message
+
+
+@pytest.mark.parametrize("H", [np.eye(4), np.full((3, 3), np.nan), np.ones(9)])
+def test_what_is_no_homography(H):
+    with pytest.raises(ValueError, match=r"finite array of shape \(3, 3\)"):
+        camera_from_homography(H, SIZE)
+
+
+@pytest.mark.parametrize("options", [{"zeta": 0.0}, {"zeta": -1.0}, {"tolerance": -0.1}])
+def test_options_that_cannot_be(options):
+    with pytest.raises(ValueError, match="zeta must be positive and tolerance at least 0"):
+        camera_from_homography(BROADCAST.homography, SIZE, **options)
+
+
+# the homographies of others
+
+YARD = 0.9144
+# where they put the corners, the centre mark and the penalty spots, far left corner first, then clockwise as the main
+# camera sees the field; and the length and width of their field in metres
+LANDMARKS = {
+    "wc14": (
+        [(0, 0), (115, 0), (115, 74), (0, 74), (57.5, 37), (11 / YARD, 37), (115 - 11 / YARD, 37)],
+        (115 * YARD, 74 * YARD),
+    ),
+    "chen": ([(0, 68), (105, 68), (105, 0), (0, 0), (52.5, 34), (11, 34), (94, 34)], (105.0, 68.0)),
+    "jiang": (
+        [
+            (-0.5, -0.5),
+            (0.5, -0.5),
+            (0.5, 0.5),
+            (-0.5, 0.5),
+            (0, 0),
+            (11 / 115 / YARD - 0.5, 0),
+            (0.5 - 11 / 115 / YARD, 0),
+        ],
+        (115 * YARD, 74 * YARD),
+    ),
+}
+NAMES = (
+    "TL_PITCH_CORNER",
+    "TR_PITCH_CORNER",
+    "BR_PITCH_CORNER",
+    "BL_PITCH_CORNER",
+    "CENTER_MARK",
+    "L_PENALTY_MARK",
+    "R_PENALTY_MARK",
+)
+any_alignment = pytest.mark.parametrize("name", ALIGNMENTS)
+
+
+@any_alignment
+@given(camera=cameras(lens=False))
+def test_landmarks(name, camera):
+    """Their homography of a camera takes its pixels to where they have the landmarks, and ours takes them from ours."""
+    alignment, (theirs, template) = ALIGNMENTS[name], LANDMARKS[name]
+    assert alignment.template == pytest.approx(template)
+    assert alignment.image_size == (1280, 720)
+    camera = camera.scaled((1280, 720))
+    ours = np.array([soccer(*template)[landmark].X[:2] for landmark in NAMES])
+    pixels = homogenize(ours) @ camera.homography.T
+    image = pixels if name != "jiang" else pixels @ np.array([[1 / 1280, 0, 0], [0, 1 / 720, 0], [-0.5, -0.5, 1.0]])
+    found = image @ alignment.from_fieldcalib(camera.homography).T
+    np.testing.assert_allclose(dehomogenize(found), theirs, atol=1e-6)
+    back = alignment.to_fieldcalib(alignment.from_fieldcalib(camera.homography))
+    np.testing.assert_allclose(dehomogenize(homogenize(ours) @ back.T), dehomogenize(pixels), rtol=1e-6, atol=1e-5)
+
+
+@any_alignment
+@given(rng=generators())
+def test_alignments_come_back_in_batches(name, rng):
+    alignment = ALIGNMENTS[name]
+    H = np.eye(3) + rng.uniform(-0.3, 0.3, size=(2, 4, 3, 3))
+    there = alignment.from_fieldcalib(H)
+    assert there.shape == H.shape
+    np.testing.assert_allclose(there[1, 2], alignment.from_fieldcalib(H[1, 2]), rtol=1e-9)
+    back = alignment.to_fieldcalib(there)
+    np.testing.assert_allclose(back, H, rtol=1e-7, atol=1e-8)
+
+
+def test_jiang_is_wc14_in_other_units():
+    """The paper's way: the template in yards on the left, the inverse of the image's normalisation on the right."""
+    H = np.eye(3) + np.random.default_rng(0).uniform(-0.3, 0.3, size=(3, 3))
+    template = np.array([[115.0, 0, 57.5], [0, 74.0, 37.0], [0, 0, 1]])
+    image = np.array([[1280.0, 0, 640.0], [0, 720.0, 360.0], [0, 0, 1]])
+    as_wc14 = ALIGNMENTS["wc14"].to_fieldcalib(template @ H @ np.linalg.inv(image))
+    np.testing.assert_allclose(ALIGNMENTS["jiang"].to_fieldcalib(H), as_wc14, rtol=1e-9)
+
+
+def test_alignments_want_matrices():
+    with pytest.raises(ValueError, match=r"expected homographies of shape \(..., 3, 3\), got \(3,\)"):
+        ALIGNMENTS["wc14"].to_fieldcalib(np.ones(3))
+
+
+def test_annotated_lines_of_wc14_lie_where_the_homographies_put_them(shared_data):
+    """A wrong direction, unit or origin would be metres off."""
+    field, size, distances = soccer(), (1280, 720), []
+    for path in sorted((shared_data / "wc14-test").glob("*.homographyMatrix"))[:30]:
+        H = ALIGNMENTS["wc14"].to_fieldcalib(np.loadtxt(path))
+        for label, xy in parse_annotation(path.with_suffix(".json").read_bytes(), size).items():
+            segment = field[label]
+            if isinstance(segment, Line) and segment.start[2] == segment.end[2] == 0.0:
+                on_field = dehomogenize(homogenize(xy) @ np.linalg.inv(H).T)
+                start, end = np.array(segment.start[:2]), np.array(segment.end[:2])
+                normal = np.array([-(end - start)[1], (end - start)[0]]) / np.linalg.norm(end - start)
+                distances.extend(np.abs((on_field - start) @ normal))
+    assert len(distances) > 300
+    assert np.median(distances) < 0.3  # metres

@@ -1,4 +1,4 @@
-"""Homogeneous points and lines; total least squares lines; homographies from lines."""
+"""Homogeneous points and lines; total least squares lines; homographies and projections by the DLT."""
 
 import numpy as np
 import pytest
@@ -6,7 +6,15 @@ from hypothesis import given
 from hypothesis import strategies as st
 from strategies import angle, generators
 
-from fieldcalib.projective import dehomogenize, fit_lines, homogenize, homography_from_lines
+from fieldcalib.projective import (
+    dehomogenize,
+    fit_lines,
+    homogenize,
+    homography_from_lines,
+    homography_from_points,
+    normalizing_transform,
+    projection_from_points,
+)
 
 
 def same_side(lines, reference):
@@ -142,3 +150,103 @@ def test_a_wrong_line_of_positive_weight_does_count():
     lines_image[4] = [1.0, 1.0, 0.6]
     found = up_to_scale(homography_from_lines(lines, lines_image, np.ones(5)))
     assert np.max(np.abs(found - up_to_scale(np.eye(3)))) > 1e-3
+
+
+@given(generators())
+def test_normalised_lines_give_the_homography_of_the_planes_as_they_are(rng):
+    """A field in metres and an image in pixels: without normalisation the focal terms drown."""
+    H, six = homographies(rng, ()), SIX_LINES + rng.uniform(-0.2, 0.2, size=(6, 3))
+    field, image = np.diag([40.0, 40.0, 1.0]), np.array([[500.0, 0.0, 480.0], [0.0, 500.0, 270.0], [0.0, 0.0, 1.0]])
+    expected = image @ H @ np.linalg.inv(field)
+    lines, lines_image = six @ np.linalg.inv(field), six @ np.linalg.inv(image @ H)
+    found = homography_from_lines(lines, lines_image, np.ones(6), np.linalg.inv(field), np.linalg.inv(image))
+    np.testing.assert_allclose(up_to_scale(found), up_to_scale(expected), atol=1e-9)
+
+
+@pytest.mark.parametrize("dimensions", [2, 3])
+@given(generators())
+def test_normalised_points_are_centred_and_of_unit_size(dimensions, rng):
+    x = rng.uniform(-3.0, 3.0, size=(4, 9, dimensions)) * 10.0 ** rng.uniform(-3, 5) + rng.uniform(-1e3, 1e3)
+    weights = rng.uniform(0.1, 1.0, size=(4, 9))
+    weights[:, :3] = 0.0
+    T = normalizing_transform(x, weights)
+    normalised = dehomogenize(homogenize(x) @ np.swapaxes(T, -1, -2))
+    np.testing.assert_allclose(np.einsum("tn,tnd->td", weights, normalised), 0.0, atol=1e-6)
+    size = np.sum(weights * np.linalg.norm(normalised, axis=-1), axis=-1) / np.sum(weights, axis=-1)
+    np.testing.assert_allclose(size, np.sqrt(dimensions), rtol=1e-6)
+    similarity = T[:, :dimensions, :dimensions]
+    np.testing.assert_array_equal(similarity, similarity[:, :1, :1] * np.eye(dimensions))  # no shear, no turn
+
+
+@pytest.mark.parametrize("weight", [0.0, 1.0])
+def test_coinciding_points_are_normalised_without_dividing_by_zero(weight):
+    assert np.all(np.isfinite(normalizing_transform(np.full((3, 2), 7.0), np.full(3, weight))))
+
+
+FIELD_TO_PIXELS = np.array([[16.0, -4.0, 480.0], [1.0, 6.0, 250.0], [0.002, -0.008, 1.0]])
+
+
+def field_and_pixels(rng, shape, count):
+    """Random points of a field in metres, and their pixels under homographies near FIELD_TO_PIXELS."""
+    H = FIELD_TO_PIXELS * (1.0 + rng.uniform(-0.1, 0.1, size=(*shape, 3, 3)))
+    x = rng.uniform((-50.0, -34.0), (50.0, 34.0), size=(*shape, count, 2))
+    return H, x, dehomogenize(homogenize(x) @ np.swapaxes(H, -1, -2))
+
+
+def farthest(H, x, x_image):
+    """The largest distance between the images of points and where they should be."""
+    return np.max(np.linalg.norm(dehomogenize(homogenize(x) @ np.swapaxes(H, -1, -2)) - x_image, axis=-1))
+
+
+@pytest.mark.parametrize("shape", [(), (1,), (3, 1, 2)])
+@given(generators())
+def test_homography_from_exact_points_is_exact_in_batches(shape, rng):
+    _, x, pixels = field_and_pixels(rng, shape, 12)
+    found = homography_from_points(x, pixels, np.ones((*shape, 12)))
+    assert found.shape == (*shape, 3, 3)
+    assert farthest(found, x, pixels) < 1e-5
+
+
+@given(generators())
+def test_four_points_are_enough(rng):
+    corners = np.array([[-50.0, -30.0], [50.0, -30.0], [50.0, 30.0], [-50.0, 30.0]]) + rng.uniform(-10, 10, size=(4, 2))
+    pixels = dehomogenize(homogenize(corners) @ FIELD_TO_PIXELS.T)
+    found = homography_from_points(corners, pixels, np.ones(4))
+    np.testing.assert_allclose(found / found[2, 2], FIELD_TO_PIXELS, rtol=1e-5, atol=1e-6)
+
+
+@given(generators())
+def test_points_of_weight_zero_are_left_out(rng):
+    _, x, pixels = field_and_pixels(rng, (4,), 12)
+    moved, weights = pixels.copy(), np.ones((4, 12))
+    for frame in range(4):  # other outliers in every frame
+        wrong = rng.choice(12, 3, replace=False)
+        moved[frame, wrong] += 300.0
+        weights[frame, wrong] = 0.0
+    assert farthest(homography_from_points(x, moved, weights), x, pixels) < 1e-4
+    assert farthest(homography_from_points(x, moved, np.ones((4, 12))), x, pixels) > 10.0
+
+
+@given(generators())
+def test_homography_does_not_depend_on_the_units(rng):
+    """What the normalisation is for: with noise the plain DLT in other units is another homography."""
+    _, x, pixels = field_and_pixels(rng, (), 12)
+    pixels += rng.normal(size=pixels.shape)
+    mean, scale = rng.uniform(-1e4, 1e4, size=2), 10.0 ** rng.uniform(-3, 3)
+    found, moved = (homography_from_points(y, pixels, np.ones(12)) for y in (x, scale * x + mean))
+    there = np.array([[scale, 0.0, mean[0]], [0.0, scale, mean[1]], [0.0, 0.0, 1.0]])
+    np.testing.assert_allclose(
+        dehomogenize(homogenize(x) @ (moved @ there).T), dehomogenize(homogenize(x) @ found.T), atol=1e-4
+    )
+
+
+@pytest.mark.parametrize("shape", [(), (2, 3)])
+@given(generators())
+def test_projection_from_exact_points_is_exact_in_batches(shape, rng):
+    P = np.array([[1000.0, 50, 480, 3e4], [-20, 1000, 270, -5e3], [0.05, -0.02, 1.0, 60.0]])
+    X = rng.uniform(-20.0, 20.0, size=(*shape, 9, 3)) + (100.0, -300.0, 0.0)
+    P = P * (1.0 + rng.uniform(-0.1, 0.1, size=(*shape, 3, 4)))
+    pixels = dehomogenize(homogenize(X) @ np.swapaxes(P, -1, -2))
+    found = projection_from_points(X, pixels, np.ones((*shape, 9)))
+    assert found.shape == (*shape, 3, 4)
+    assert farthest(found, X, pixels) < 1e-4 * np.ptp(pixels)

@@ -9,17 +9,25 @@ import pytest
 from hypothesis import assume, given
 from hypothesis import strategies as st
 from strategies import IMAGE_SIZES, cameras, generators, in_image, visible_field_points
+from test_rational import rational_cameras
 
 from fieldcalib.camera import Camera
 from fieldcalib.field import soccer
 from fieldcalib.io.soccernet import (
+    DISTRIBUTIONS_OF_TYPE,
     BrokenFileError,
     camera_from_record,
     camera_to_record,
+    camera_types,
     find_annotations,
+    find_cameras,
     format_annotation,
+    format_camera_types,
     parse_annotation,
+    parse_camera,
+    rational_camera_from_record,
 )
+from fieldcalib.parameters import DISTRIBUTIONS
 
 FIELD = soccer()
 SIZE = (960, 540)
@@ -68,6 +76,15 @@ def test_no_other_label_has():
 def test_unknown_lines_are_left_out(label):
     content = {label: [{"x": 0.5, "y": 0.5}], "Middle line": [{"x": 0.1, "y": 0.2, "confidence": 0.9}]}
     assert list(parse_annotation(json.dumps(content), SIZE)) == ["Middle line"]
+
+
+def test_unknown_lines_are_kept_for_evaluation():
+    labels = ["Goal unknown", "Line unknown", "Middle line"]
+    content = json.dumps({label: [{"x": 0.5, "y": 1.0}] for label in labels} | {"Side line top": []})
+    pixels = parse_annotation(content, SIZE, unknown=True)
+    assert list(pixels) == labels
+    np.testing.assert_array_equal(pixels["Line unknown"], [(479.5, 539.0)])
+    assert list(parse_annotation(format_annotation(pixels, SIZE), SIZE, unknown=True)) == labels
 
 
 @pytest.mark.parametrize("points", [[], None])
@@ -135,7 +152,15 @@ def test_broken_annotations(content, message):
 # --- where annotations are found ---
 
 CONTENT = json.dumps({"Middle line": [{"x": 0.5, "y": 0.0}, {"x": 0.5, "y": 1.0}]})
-OTHERS = ("match_info.json", "match_info_cam_gt.json", "per_match_info.json", "camera_00001.json", "summary.json")
+OTHERS = (
+    "match_info.json",
+    "match_info_cam_gt.json",
+    "test_match_info_cam_gt.json",
+    "per_match_info.json",
+    "camera_00001.json",
+    "summary.json",
+    "per_sample_output.json",
+)
 
 
 def fill(folder, *names):
@@ -163,7 +188,8 @@ def test_a_folder_in_the_order_of_names(tmp_path):
 
 
 def test_what_else_lies_in_a_folder_is_no_frame(tmp_path):
-    folder = fill(tmp_path, "00001.json", "00001.jpg", "cameras.jsonl", "._00001.json", ".hidden.json", *OTHERS)
+    files = ("00001.json", "00001.jpg", "00001.homographyMatrix", "cameras.jsonl", "._00001.json", ".hidden.json")
+    folder = fill(tmp_path, *files, *OTHERS)
     fill(tmp_path / "deeper", "00002.json")
     assert ids(folder) == ["00001"]
 
@@ -246,6 +272,23 @@ def test_a_file_that_vanished_and_a_folder_that_looks_like_a_file(tmp_path):
     for file in files:
         with pytest.raises(BrokenFileError, match="cannot be read: "):
             file.read()
+
+
+def test_cameras_of_folders_and_zips(tmp_path):
+    names = ("camera_00002.json", "camera_00001.json", "camera_left.json", "00001.json", ".camera_3.json", "a.json")
+    folder, archive = fill(tmp_path / "folder", *names), make_zip(tmp_path / "a.zip", *(f"out/{n}" for n in names))
+    for path in (folder, archive):
+        assert [file.id for file in find_cameras(path)] == ["00001", "00002", "left"]
+        assert find_cameras(path)[0].read() == CONTENT.encode()
+    assert [file.id for file in find_cameras(folder / "camera_00002.json")] == ["00002"]
+
+
+def test_paths_without_cameras(tmp_path):
+    folder = fill(tmp_path / "folder", "00001.json")
+    with pytest.raises(FileNotFoundError, match=r"folder holds no camera: expected files named camera_<id>\.json"):
+        find_cameras(folder)
+    with pytest.raises(FileNotFoundError, match=r"missing does not exist: expected a folder, a zip or a \.json file"):
+        find_cameras(tmp_path / "missing")
 
 
 # --- cameras ---
@@ -369,3 +412,110 @@ def test_missing_keys_are_named(key):
 def test_values_that_are_no_cameras(key, value):
     with pytest.raises(BrokenFileError, match=r"is no camera: ."):
         camera_from_record(record(**{key: value}))
+
+
+# --- cameras of others ---
+
+
+@given(camera=rational_cameras(), rng=generators())
+def test_any_lens_comes_back(camera, rng):
+    found = parse_camera(json.dumps(camera_to_record(camera)), camera.image_size)
+    assert found.image_size == camera.image_size
+    np.testing.assert_array_equal(found.K, camera.K)
+    np.testing.assert_array_equal(found.dist, camera.dist)
+    np.testing.assert_array_equal(found.C, camera.C)
+    np.testing.assert_allclose(found.R, camera.R, atol=1e-12)
+
+
+def test_coefficients_stand_where_soccernet_has_them():
+    # 6 radial, 2 tangential, 4 thin prism -> OpenCV's k1 k2 p1 p2 k3 k4 k5 k6 s1 s2 s3 s4
+    other = record(
+        radial_distortion=[1, 2, 3, 4, 5, 6], tangential_distortion=[7, 8], thin_prism_distortion=[9, 10, 11, 12]
+    )
+    assert rational_camera_from_record(other).dist.tolist() == [1, 2, 7, 8, 3, 4, 5, 6, 9, 10, 11, 12]
+
+
+@pytest.mark.parametrize(
+    ("key", "value"),
+    [
+        ("x_focal_length", -1e-9),
+        ("y_focal_length", 0.0),
+        ("tilt_degrees", 1e9),
+        ("position_meters", [1e12, 0.0, 5.0]),
+        ("radial_distortion", [-1e6, 1e9, 0.0, 1.0, 2.0, 3.0]),
+    ],
+)
+def test_absurd_cameras_are_read_for_evaluation(key, value):
+    camera = rational_camera_from_record(record(**{key: value}))
+    assert not np.isinf(camera.project([(0.0, 0.0, 0.0), (30.0, 20.0, -2.44)])).any()
+
+
+@pytest.mark.parametrize("principal_point", [[-5.0, 270.0], [1e-9, 270.0]])
+def test_an_absurd_principal_point_needs_the_size(principal_point):
+    other = record(principal_point=principal_point)
+    assert rational_camera_from_record(other, SIZE).image_size == SIZE
+    with pytest.raises(BrokenFileError, match="is no camera: image_size must be"):
+        rational_camera_from_record(other)
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        ({"pan_degrees": float("inf")}, "is no camera: R must be a finite array"),
+        ({"x_focal_length": "wide"}, "is no camera: could not convert string to float"),
+        ({"radial_distortion": [0.1, 0.2]}, "is no camera: radial_distortion must have 6 coefficients, got 2"),
+        ({"thin_prism_distortion": [0.0] * 5}, "is no camera: thin_prism_distortion must have 4 coefficients, got 5"),
+        ({"tangential_distortion": [0.0, float("nan")]}, "is no camera: dist must be a finite array"),
+    ],
+)
+def test_records_without_numbers(changes, message):
+    with pytest.raises(BrokenFileError, match=message):
+        rational_camera_from_record(record(**changes))
+
+
+@pytest.mark.parametrize(
+    ("content", "message"),
+    [
+        ("{", "is no JSON: "),
+        ("[1, 2]", "expected a JSON object of camera parameters, got list"),
+        ("{}", "a camera needs the key 'pan_degrees'"),
+    ],
+)
+def test_broken_camera_files(content, message):
+    with pytest.raises(BrokenFileError, match=message):
+        parse_camera(content)
+
+
+# --- camera types ---
+
+
+def test_types_come_back():
+    types = {"00001": "Main camera center", "00007": "Spider camera", "a.b": "Main behind the goal"}
+    assert camera_types(format_camera_types(types)) == types
+    assert camera_types('{"00001.jpg": {"camera": "Public", "match": "a - b", "league": "c", "half": 1}}') == {
+        "00001": "Public"
+    }
+
+
+def test_types_have_distributions():
+    assert DISTRIBUTIONS_OF_TYPE["Main camera center"] == ("main center",)
+    assert DISTRIBUTIONS_OF_TYPE["Main camera left"] == ("main left",)
+    assert DISTRIBUTIONS_OF_TYPE["Main camera right"] == ("main right",)
+    assert set(DISTRIBUTIONS_OF_TYPE["Main behind the goal"]) == {"behind left goal", "behind right goal"}
+    assert all(name in DISTRIBUTIONS for names in DISTRIBUTIONS_OF_TYPE.values() for name in names)
+    assert DISTRIBUTIONS_OF_TYPE.get("Spider camera") is None
+
+
+@pytest.mark.parametrize(
+    ("content", "message"),
+    [
+        ("[]", "expected a JSON object of images, got list"),
+        ("", "is no JSON: "),
+        ('{"00001.jpg": "Main camera center"}', '\'00001.jpg\': expected an object with "camera": "<type>"'),
+        ('{"00001.jpg": {"league": "a"}}', "'00001.jpg': expected an object with \"camera\""),
+        ('{"00001.jpg": {"camera": null}}', "'00001.jpg': expected an object with \"camera\""),
+    ],
+)
+def test_broken_camera_types(content, message):
+    with pytest.raises(BrokenFileError, match=message):
+        camera_types(content)

@@ -19,8 +19,9 @@ from fieldcalib.parameters import (
     PRINCIPAL_POINT,
     camera_from_theta,
 )
+from fieldcalib.projective import dehomogenize, homogenize
 from fieldcalib.segments import pack
-from fieldcalib.starts import camera_from_lines, pointed_camera, starting_cameras
+from fieldcalib.starts import camera_from_lines, ground_homographies, pointed_camera, starting_cameras
 
 FIELD, SIZE = soccer(), (960, 540)
 GROUND = {
@@ -62,6 +63,25 @@ def test_dlt_needs_four_lines_on_the_ground():
     posts = observe({label: s for label, s in FIELD.markings.items() if label not in GROUND}, camera)
     _, found = camera_from_lines(pack(FIELD, [seen, four, {**three, **posts}], SIZE), nothing_known())
     assert found.tolist() == [True, True, False]
+
+
+def test_ground_homographies_map_metres_to_pixels():
+    camera = Camera.from_angles(-0.4, 1.35, 0.0, 1200.0, (0.0, 65.0, -15.0), SIZE)
+    seen = observe(GROUND, camera)
+    few = {label: seen[label] for label in list(seen)[:3]}
+    posts = observe({label: s for label, s in FIELD.markings.items() if label not in GROUND}, camera)
+    H, found = ground_homographies(pack(FIELD, [seen, few, {**seen, **posts}], SIZE), np.array([470.0, 280.0]))
+    assert found.tolist() == [True, False, True]
+    assert np.all(np.isnan(H[1]))
+    X = camera.image_to_field([(100.0, 500.0), (480.0, 270.0), (900.0, 400.0)])
+    for t in (0, 2):
+        np.testing.assert_allclose(dehomogenize(homogenize(X[:, :2]) @ H[t].T), camera.project(X), atol=1e-4)
+
+
+def test_no_ground_lines_no_homographies():
+    H, found = ground_homographies(pack(FIELD, [{"Circle central": np.array([[480.0, 270.0]])}], SIZE), np.zeros(2))
+    assert H.shape == (1, 3, 3)
+    assert not found.any()
 
 
 @pytest.mark.parametrize("name", DISTRIBUTIONS)

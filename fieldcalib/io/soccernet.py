@@ -1,4 +1,4 @@
-"""SoccerNet's files: line annotations, normalised, and cameras.
+"""SoccerNet's files: line annotations, normalised, cameras, and which camera filmed which image.
 
 An annotation maps labels to points ``{"x": ..., "y": ...}`` in 0..1; SoccerNet's evaluation multiplies them by
 (width - 1) and (height - 1), and so does this module. Its cameras have the package's own axes and angles, in degrees.
@@ -7,58 +7,48 @@ An annotation maps labels to points ``{"x": ..., "y": ...}`` in 0..1; SoccerNet'
 from __future__ import annotations
 
 import json
+import re
 import zipfile
-import zlib
-from collections.abc import Iterable, Iterator, Mapping
-from dataclasses import dataclass
-from pathlib import Path
+from collections.abc import Iterable, Mapping
+from pathlib import Path, PurePosixPath
+from types import MappingProxyType
 from typing import Any
 
 import numpy as np
 
 from fieldcalib._types import Array
 from fieldcalib.camera import Camera
-from fieldcalib.rotation import rotation_from_angles
+from fieldcalib.io.files import BrokenFileError as BrokenFileError  # re-exported: every reader here raises it
+from fieldcalib.io.files import FrameFile, find_files, parse_json_object
+from fieldcalib.parameters import BEHIND_LEFT_GOAL, BEHIND_RIGHT_GOAL, MAIN_CENTER, MAIN_LEFT, MAIN_RIGHT
+from fieldcalib.rational import RationalCamera
+from fieldcalib.rotation import angles_from_rotation, rotation_from_angles
 from fieldcalib.segments import Pixels
 
 # Labels by which annotators say that they do not know.
 UNKNOWN_LABELS = frozenset({"Line unknown", "Goal unknown"})
 TRAILING_BLANK = frozenset({"Goal left post left"})  # written "Goal left post left " in SoccerNet
-NOT_FRAMES = ("match_info", "per_match_info", "camera_", "summary", ".")
+# What lies beside annotations: match_info_cam_gt.json, test_match_info_cam_gt.json, results of this package and others.
+NOT_FRAMES = re.compile(r".*match_info|camera_|summary|per_sample_output|\.")
 
-RADIAL, TANGENTIAL, THIN_PRISM = "radial_distortion", "tangential_distortion", "thin_prism_distortion"
+CAMERA_TYPES = "match_info_cam_gt.json"
+# SoccerNet's camera types -> the camera distributions that describe them, by name. The types do not say behind which
+# goal a camera stands. Types that are not here (close-ups, "Spider camera", ...) have no distribution.
+DISTRIBUTIONS_OF_TYPE: Mapping[str, tuple[str, ...]] = MappingProxyType(
+    {
+        "Main camera center": (MAIN_CENTER.name,),
+        "Main camera left": (MAIN_LEFT.name,),
+        "Main camera right": (MAIN_RIGHT.name,),
+        "Main behind the goal": (BEHIND_LEFT_GOAL.name, BEHIND_RIGHT_GOAL.name),
+    }
+)
 
-
-class BrokenFileError(ValueError):
-    """A file that does not hold what its format promises; the message says what is wrong with it."""
-
-
-@dataclass(frozen=True)
-class AnnotationFile:
-    """One frame's annotation, in a folder or in a zip."""
-
-    path: Path | zipfile.Path
-
-    @property
-    def id(self) -> str:
-        """File name without ending: the frame's."""
-        return self.path.stem
-
-    def read(self) -> bytes:
-        """The content.
-
-        Raises
-        ------
-        BrokenFileError
-            If it cannot be read.
-        """
-        try:
-            return self.path.read_bytes()
-        except (OSError, EOFError, RuntimeError, zipfile.BadZipFile, zlib.error) as error:  # encrypted: RuntimeError
-            raise BrokenFileError(f"cannot be read: {error}") from error
+LENS = (("radial_distortion", 6), ("tangential_distortion", 2), ("thin_prism_distortion", 4))  # keys and lengths
+# Where those twelve stand in OpenCV's order: k1 k2 p1 p2 k3 k4 k5 k6 s1 s2 s3 s4.
+OPENCV_ORDER = [0, 1, 6, 7, 2, 3, 4, 5, 8, 9, 10, 11]
 
 
-def find_annotations(inputs: Iterable[Path]) -> list[AnnotationFile]:
+def find_annotations(inputs: Iterable[Path]) -> list[FrameFile]:
     """Annotation files of folders, zips and single files, in the order of their names.
 
     Every ``<id>.json`` is a frame, except for match_info files, cameras and summaries.
@@ -70,47 +60,23 @@ def find_annotations(inputs: Iterable[Path]) -> list[AnnotationFile]:
     BrokenFileError
         If a zip is none, or two files would be the same frame.
     """
-    found: list[AnnotationFile] = []
-    for path in inputs:
-        members = list(_annotations_in(path))
-        if not members:
-            raise FileNotFoundError(f"{path} holds no annotation: expected files named <id>.json")
-        found.extend(members)
-    seen: dict[str, AnnotationFile] = {}
-    for file in found:
-        if file.id in seen:
-            raise BrokenFileError(
-                f"{file.path} and {seen[file.id].path} are the same frame {file.id}: rename one of them"
-            )
-        seen[file.id] = file
-    return found
+    return find_files(inputs, "annotation", suffix=".json", others=NOT_FRAMES)
 
 
-def _annotations_in(path: Path) -> Iterator[AnnotationFile]:
-    if path.is_dir():
-        for file in sorted(path.iterdir()):
-            if _is_frame(file.name):
-                yield AnnotationFile(file)
-    elif not path.is_file():
-        raise FileNotFoundError(f"{path} does not exist: expected a folder, a zip or a .json file")
-    elif path.suffix.lower() == ".zip":
-        try:
-            archive = zipfile.ZipFile(path)  # left open, to be read from
-        except (OSError, zipfile.BadZipFile) as error:
-            raise BrokenFileError(f"{path}: {error}") from error
-        for name in sorted(archive.namelist()):
-            member = zipfile.Path(archive, name)
-            if _is_frame(member.name) and "__MACOSX/" not in name:
-                yield AnnotationFile(member)
-    else:
-        yield AnnotationFile(path)
+def find_cameras(path: Path) -> list[FrameFile]:
+    """Camera files ``camera_<id>.json`` of a folder or a zip, in the order of their names.
+
+    Raises
+    ------
+    FileNotFoundError
+        If the path does not exist or holds no camera.
+    BrokenFileError
+        If a zip is none, or two files would be the same frame.
+    """
+    return find_files([path], "camera", prefix="camera_", suffix=".json")
 
 
-def _is_frame(name: str) -> bool:
-    return name.endswith(".json") and not name.startswith(NOT_FRAMES)
-
-
-def parse_annotation(content: bytes | str, image_size: tuple[int, int]) -> Pixels:
+def parse_annotation(content: bytes | str, image_size: tuple[int, int], *, unknown: bool = False) -> Pixels:
     """Labelled pixels of an annotation.
 
     Parameters
@@ -119,11 +85,14 @@ def parse_annotation(content: bytes | str, image_size: tuple[int, int]) -> Pixel
         The file's JSON.
     image_size : (int, int)
         Width and height in pixels.
+    unknown : bool
+        Whether to keep "Line unknown" and "Goal unknown": nothing can be calibrated from them, but SoccerNet's
+        evaluation counts them as segments that a camera misses.
 
     Returns
     -------
     dict of str to (N, 2) array
-        Labels without trailing blanks; "Line unknown", "Goal unknown" and labels without points are left out.
+        Labels without trailing blanks; labels without points are left out.
 
     Raises
     ------
@@ -137,17 +106,12 @@ def parse_annotation(content: bytes | str, image_size: tuple[int, int]) -> Pixel
     {'Middle line': array([[480.,   0.],
            [480., 540.]])}
     """
-    try:
-        record = json.loads(content)
-    except (ValueError, RecursionError) as error:
-        raise BrokenFileError(f"is no JSON: {error}") from error
-    if not isinstance(record, dict):
-        raise BrokenFileError(f"expected a JSON object of labels, got {type(record).__name__}")
+    record = parse_json_object(content, "labels")
     pixels: Pixels = {}
     scale = np.array(image_size) - 1.0
     for label, points in record.items():
         name = label.strip()
-        if name in UNKNOWN_LABELS or not points:
+        if not points or (name in UNKNOWN_LABELS and not unknown):
             continue
         if name in pixels:
             raise BrokenFileError(f"{name!r} is given twice, with and without surrounding blanks")
@@ -175,7 +139,7 @@ def format_annotation(pixels: Mapping[str, Array], image_size: tuple[int, int]) 
     return json.dumps(record)
 
 
-def camera_to_record(camera: Camera) -> dict[str, Any]:
+def camera_to_record(camera: Camera | RationalCamera) -> dict[str, Any]:
     """A camera as SoccerNet writes it: angles in degrees, position in metres, focal lengths in pixels.
 
     It belongs to images of the camera's size: SoccerNet's evaluation does not rescale.
@@ -187,7 +151,11 @@ def camera_to_record(camera: Camera) -> dict[str, Any]:
     >>> round(record["tilt_degrees"], 9), record["position_meters"]
     (80.0, [0.0, 60.0, -15.0])
     """
-    pan, tilt, roll = np.degrees(camera.angles).tolist()
+    camera = RationalCamera.from_camera(camera)
+    pan, tilt, roll = np.degrees(angles_from_rotation(camera.R)).tolist()
+    coefficients = np.empty(len(OPENCV_ORDER))
+    coefficients[OPENCV_ORDER] = camera.dist
+    ends = np.cumsum([count for _, count in LENS])
     return {
         "pan_degrees": pan,
         "tilt_degrees": tilt,
@@ -195,15 +163,13 @@ def camera_to_record(camera: Camera) -> dict[str, Any]:
         "position_meters": camera.C.tolist(),
         "x_focal_length": float(camera.K[0, 0]),
         "y_focal_length": float(camera.K[1, 1]),
-        "principal_point": camera.principal_point.tolist(),
-        RADIAL: [*camera.k.tolist(), 0.0, 0.0, 0.0, 0.0],
-        TANGENTIAL: [0.0, 0.0],
-        THIN_PRISM: [0.0, 0.0, 0.0, 0.0],
+        "principal_point": camera.K[:2, 2].tolist(),
+        **{key: coefficients[end - count : end].tolist() for (key, count), end in zip(LENS, ends, strict=True)},
     }
 
 
-def camera_from_record(record: Mapping[str, Any], image_size: tuple[int, int] | None = None) -> Camera:
-    """A camera from SoccerNet's record.
+def rational_camera_from_record(record: Mapping[str, Any], image_size: tuple[int, int] | None = None) -> RationalCamera:
+    """A camera from SoccerNet's record, whatever its numbers: to be evaluated as it is.
 
     Parameters
     ----------
@@ -215,22 +181,121 @@ def camera_from_record(record: Mapping[str, Any], image_size: tuple[int, int] | 
     Raises
     ------
     BrokenFileError
-        If a key is missing, the values are no camera's, or a lens coefficient other than the first two radial ones is
-        not 0.
+        If a key is missing or the values are no finite numbers.
+
+    Examples
+    --------
+    >>> camera = Camera.from_angles(0.0, np.radians(80.0), 0.0, 1500.0, (0.0, 60.0, -15.0), (960, 540))
+    >>> record = camera_to_record(camera) | {"x_focal_length": -3.0, "tangential_distortion": [0.1, 0.2]}
+    >>> rational_camera_from_record(record).dist[2:4]
+    array([0.1, 0.2])
     """
     try:
         angles = np.radians([float(record[f"{name}_degrees"]) for name in ("pan", "tilt", "roll")])
         cx, cy = (float(v) for v in record["principal_point"])
         fx, fy = float(record["x_focal_length"]), float(record["y_focal_length"])
-        k1, k2, *others = (float(v) for v in record[RADIAL])
-        others += [float(v) for name in (TANGENTIAL, THIN_PRISM) for v in record[name]]
+        coefficients = [float(v) for key, count in LENS for v in _numbers(record, key, count)]
         size = (round(2.0 * cx), round(2.0 * cy)) if image_size is None else image_size
         K = np.array([[fx, 0.0, cx], [0.0, fy, cy], [0.0, 0.0, 1.0]])
-        camera = Camera(K, rotation_from_angles(angles), record["position_meters"], size, (k1, k2))
+        with np.errstate(invalid="ignore"):  # infinite angles
+            R = rotation_from_angles(angles)
+        return RationalCamera(K, R, record["position_meters"], np.take(coefficients, OPENCV_ORDER), size)
     except KeyError as error:
         raise BrokenFileError(f"a camera needs the key {error}") from None
     except (TypeError, ValueError, OverflowError) as error:
         raise BrokenFileError(f"is no camera: {error}") from None
-    if any(others):
+
+
+def _numbers(record: Mapping[str, Any], key: str, count: int) -> Any:
+    values = record[key]
+    if len(values) != count:
+        raise ValueError(f"{key} must have {count} coefficients, got {len(values)}")
+    return values
+
+
+def camera_from_record(record: Mapping[str, Any], image_size: tuple[int, int] | None = None) -> Camera:
+    """A camera of this package from SoccerNet's record; as `rational_camera_from_record`, but stricter.
+
+    Raises
+    ------
+    BrokenFileError
+        If a key is missing, the values are no camera's, or a lens coefficient other than the first two radial ones is
+        not 0.
+    """
+    camera = rational_camera_from_record(record, image_size)
+    if np.any(camera.dist[2:]):
         raise BrokenFileError("only the radial coefficients k1 and k2 are modelled; this camera has others")
-    return camera
+    try:
+        return Camera(camera.K, camera.R, camera.C, camera.image_size, camera.dist[:2])
+    except ValueError as error:
+        raise BrokenFileError(f"is no camera: {error}") from None
+
+
+def parse_camera(content: bytes | str, image_size: tuple[int, int] | None = None) -> RationalCamera:
+    """The camera of a camera file, see `rational_camera_from_record`.
+
+    Raises
+    ------
+    BrokenFileError
+        If it is no JSON object or no camera.
+    """
+    return rational_camera_from_record(parse_json_object(content, "camera parameters"), image_size)
+
+
+def camera_types(content: bytes | str) -> dict[str, str]:
+    """Camera types of a ``match_info_cam_gt.json``: which camera filmed which image.
+
+    `DISTRIBUTIONS_OF_TYPE` has the camera distributions of a type.
+
+    Returns
+    -------
+    dict of str to str
+        Id of the frame -> type, as "Main camera center".
+
+    Raises
+    ------
+    BrokenFileError
+        If it is no JSON object of images with their camera.
+
+    Examples
+    --------
+    >>> types = camera_types('{"00001.jpg": {"camera": "Main behind the goal", "league": "a league"}}')
+    >>> types, DISTRIBUTIONS_OF_TYPE.get(types["00001"])
+    ({'00001': 'Main behind the goal'}, ('behind left goal', 'behind right goal'))
+    """
+    types = {}
+    for image, info in parse_json_object(content, "images").items():
+        if not (isinstance(info, dict) and isinstance(info.get("camera"), str)):
+            raise BrokenFileError(f'{image!r}: expected an object with "camera": "<type>"')
+        types[PurePosixPath(image).stem] = info["camera"]
+    return types
+
+
+def read_camera_types(inputs: Iterable[Path]) -> dict[str, str]:
+    """Camera types of the ``match_info_cam_gt.json`` that lie in folders and zips, see `camera_types`.
+
+    Raises
+    ------
+    FileNotFoundError
+        If there is none.
+    BrokenFileError
+        If one is broken; the message begins with its path.
+    """
+    types: dict[str, str] = {}
+    found = False
+    for path in inputs:
+        member = (zipfile.Path(path) if zipfile.is_zipfile(path) else path) / CAMERA_TYPES
+        if member.is_file():
+            found = True
+            try:
+                types |= camera_types(member.read_bytes())
+            except BrokenFileError as error:
+                raise BrokenFileError(f"{member}: {error}") from None
+    if not found:
+        raise FileNotFoundError(f"no {CAMERA_TYPES} lies beside the annotations: nothing says which camera filmed what")
+    return types
+
+
+def format_camera_types(types: Mapping[str, str]) -> str:
+    """The JSON of a ``match_info_cam_gt.json``: the inverse of `camera_types`."""
+    return json.dumps({f"{id}.jpg": {"camera": name} for id, name in types.items()})
