@@ -1,0 +1,42 @@
+"""Argument types and arguments that several commands share."""
+
+import argparse
+from pathlib import Path
+
+import numpy as np
+
+
+def positive(text: str) -> float:
+    """A positive number, for argparse."""
+    try:
+        value = float(text)
+    except ValueError:
+        value = np.nan
+    if not 0.0 < value < np.inf:
+        raise argparse.ArgumentTypeError(f"expected a positive number, got {text!r}")
+    return value
+
+
+def image_size(text: str) -> tuple[int, int]:
+    """(width, height) of "WIDTHxHEIGHT", for argparse."""
+    try:
+        width, height = (int(v) for v in text.lower().split("x"))
+    except ValueError:
+        raise argparse.ArgumentTypeError(f"expected WIDTHxHEIGHT, as 960x540, got {text!r}") from None
+    if min(width, height) < 1:
+        raise argparse.ArgumentTypeError(f"expected positive numbers, got {text!r}")
+    return width, height
+
+
+def add_input_and_output(parser: argparse.ArgumentParser) -> None:
+    """INPUT, --size, --out and --strict of everything that calibrates annotated frames."""
+    parser.add_argument("input", nargs="+", type=Path, metavar="INPUT", help="a folder, a zip of one, or single files")
+    parser.add_argument("--size", required=True, type=image_size, metavar="WxH", help="of the images, e.g. 960x540")
+    parser.add_argument("--out", required=True, type=Path, metavar="DIR", help="where the results go")
+    parser.add_argument("--strict", action="store_true", help="stop at the first broken file, write nothing")
+
+
+def add_field_size(parser: argparse.ArgumentParser) -> None:
+    """--field-length and --field-width."""
+    parser.add_argument("--field-length", type=positive, default=105.0, metavar="M", help="touchline in metres (105)")
+    parser.add_argument("--field-width", type=positive, default=68.0, metavar="M", help="goal line in metres (68)")

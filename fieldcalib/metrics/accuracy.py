@@ -1,0 +1,346 @@
+"""AC@t, precision, recall and reprojection errors of segments, as SoccerNet's evaluation defines them.
+
+A segment is right (a true positive) if all its annotated points lie within t pixels of its projection; annotated and
+projected, but further away, it is a false positive, as is one that is projected and not annotated; annotated and not
+projected it is a false negative. ``AC@t = TP / (TP + FP + FN)`` for each frame. A frame is scored with its labels and
+with those of the field turned by 180 degrees, and the better of the two counts.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+from typing import NamedTuple
+
+import numpy as np
+
+from fieldcalib._types import Array, BoolArray, IntArray
+from fieldcalib.camera import checked_image_size
+from fieldcalib.field import Field, Segment, soccer
+from fieldcalib.io.soccernet import UNKNOWN_LABELS
+from fieldcalib.metrics.polylines import Polylines, distances_to_polylines, project_segments, sample_segments
+from fieldcalib.metrics.views import Prediction, checked_prediction, is_homography
+from fieldcalib.segments import ImageSegments
+
+THRESHOLDS = (5.0, 10.0, 20.0)  # px
+CHUNK = 64  # frames projected together
+HALVES = frozenset({"Circle central left", "Circle central right"})  # of a circle that is evaluated as one
+# How many points a segment that is projected but not annotated counts for in the table by points.
+LINE_POINTS, CIRCLE_POINTS = 2, 9
+TP, FP, FN = 0, 1, 2
+
+
+@dataclass(frozen=True)
+class Confusion:
+    """Counts of true positives, false positives and false negatives, and the ratios that they make.
+
+    Examples
+    --------
+    >>> Confusion(6, 1, 1).accuracy, round(Confusion(6, 1, 1).precision, 3)
+    (0.75, 0.857)
+    """
+
+    tp: int
+    fp: int
+    fn: int
+
+    @property
+    def accuracy(self) -> float:
+        """``TP / (TP + FP + FN)``; NaN without any."""
+        return _ratio(self.tp, self.tp + self.fp + self.fn)
+
+    @property
+    def precision(self) -> float:
+        """``TP / (TP + FP)``; NaN where nothing was projected."""
+        return _ratio(self.tp, self.tp + self.fp)
+
+    @property
+    def recall(self) -> float:
+        """``TP / (TP + FN)``; NaN where nothing was right and nothing missed."""
+        return _ratio(self.tp, self.tp + self.fn)
+
+
+def _ratio(part: int, whole: int) -> float:
+    return part / whole if whole else float("nan")
+
+
+@dataclass(frozen=True)
+class SegmentEvaluation:
+    """How well the segments of F frames are reprojected, at T thresholds. Ratios are 0..1."""
+
+    thresholds: tuple[float, ...]
+    """Pixels."""
+    labels: tuple[str, ...]
+    """Of the segments that are evaluated, and those by which annotators say that they do not know."""
+    found: BoolArray
+    """Which frames have a prediction, (F,)."""
+    mirrored: BoolArray
+    """Whether a frame counts with the labels of the other side, (F, T). Ties do, as in SoccerNet's evaluation."""
+    segments: IntArray
+    """Segments that are TP, FP, FN, (F, T, L, 3): each 0 or 1."""
+    points: IntArray
+    """The same for annotated points, (F, T, L, 3), which SoccerNet's table of classes counts. A segment that is not
+    annotated counts for two points, a circle for nine."""
+    errors: tuple[tuple[Mapping[str, Array], Mapping[str, Array]], ...]
+    """Distances (n,) of each label's annotated points to its projection, in pixels, for each frame: with the labels as
+    they are and with the other side's. Labels that are not projected have none."""
+
+    @property
+    def completeness(self) -> float:
+        """CR: share of the frames that have a prediction; NaN without frames."""
+        return _ratio(int(self.found.sum()), len(self.found))
+
+    @property
+    def frame_accuracy(self) -> Array:
+        """AC of each frame at each threshold, (F, T); NaN without a prediction."""
+        return np.where(self.found[:, None], _accuracy(self.segments), np.nan)
+
+    @property
+    def accuracy(self) -> Array:
+        """AC at each threshold, (T,): the mean over the frames that have a prediction, NaN without any."""
+        return self._mean(self.frame_accuracy)
+
+    @property
+    def precision(self) -> Array:
+        """Mean over the frames in which something is projected, (T,)."""
+        counts = self.segments.sum(axis=2)
+        return self._mean(_share(counts[..., TP], counts[..., TP] + counts[..., FP]))
+
+    @property
+    def recall(self) -> Array:
+        """Mean over the frames in which something was right or missed, (T,)."""
+        counts = self.segments.sum(axis=2)
+        return self._mean(_share(counts[..., TP], counts[..., TP] + counts[..., FN]))
+
+    def _mean(self, values: Array) -> Array:
+        counted = np.isfinite(values) & self.found[:, None]
+        count = counted.sum(axis=0)
+        total = np.sum(np.where(counted, values, 0.0), axis=0)
+        return np.where(count > 0, total / np.maximum(count, 1), np.nan)
+
+    def per_label(self, threshold: float) -> dict[str, Confusion]:
+        """Confusion of each label over all frames, counted in segments; labels that never occur are left out."""
+        return self._per_label(self.segments, threshold)
+
+    def per_label_points(self, threshold: float) -> dict[str, Confusion]:
+        """The same counted in points: SoccerNet's table of classes."""
+        return self._per_label(self.points, threshold)
+
+    def _per_label(self, counts: IntArray, threshold: float) -> dict[str, Confusion]:
+        total = counts[:, self._index(threshold)].sum(axis=0)
+        return {label: Confusion(*row.tolist()) for label, row in zip(self.labels, total, strict=True) if row.any()}
+
+    def segment_errors(self, threshold: float) -> dict[str, Array]:
+        """Distances of all annotated points to their reprojected segments, pixels, by label.
+
+        Each frame with the labels that counted at this threshold.
+        """
+        mirrored = self.mirrored[:, self._index(threshold)]
+        by_label: dict[str, list[Array]] = {}
+        for sides, mirror in zip(self.errors, mirrored.tolist(), strict=True):
+            for label, distances in sides[mirror].items():
+                by_label.setdefault(label, []).append(distances)
+        return {label: np.concatenate(by_label[label]) for label in self.labels if label in by_label}
+
+    def _index(self, threshold: float) -> int:
+        if threshold not in self.thresholds:
+            raise ValueError(f"threshold must be one of {self.thresholds}, got {threshold}")
+        return self.thresholds.index(threshold)
+
+
+def _share(part: IntArray, whole: IntArray) -> Array:
+    return np.where(whole > 0, part / np.maximum(whole, 1), np.nan)
+
+
+def evaluate_segments(
+    predictions: Sequence[Prediction | None],
+    annotations: Sequence[ImageSegments],
+    image_size: tuple[int, int],
+    *,
+    thresholds: Sequence[float] = THRESHOLDS,
+    planar: bool = False,
+    field: Field | None = None,
+) -> SegmentEvaluation:
+    """Compare predictions with annotated segments, as SoccerNet's evaluation does.
+
+    Parameters
+    ----------
+    predictions : sequence of F cameras or homographies, or None
+        A camera must be of the annotated image's size: it is not rescaled. A homography maps field points (x, y, 1) in
+        metres to pixels.
+    annotations : sequence of F mappings of str to (n, 2) array_like
+        Annotated pixels of each frame, as `fieldcalib.io.soccernet.parse_annotation` with ``unknown=True`` reads them:
+        labels by which annotators say that they do not know count as missed.
+    image_size : (int, int)
+        Width and height in pixels.
+    thresholds : sequence of float
+        Pixels.
+    planar : bool
+        Whether to leave out what stands above the ground, goals in particular, as the paper does for homographies.
+    field : Field, optional
+        Which field is projected; a soccer field of 105 x 68 m by default, SoccerNet's.
+
+    Returns
+    -------
+    SegmentEvaluation
+
+    Raises
+    ------
+    ValueError
+        If predictions and annotations are not equally many, a prediction is neither a camera nor a homography, a label
+        is not known or given twice, pixels are not finite or not of shape (n, 2), a threshold is not positive, or a
+        homography shall be evaluated on segments above the ground.
+
+    References
+    ----------
+    The SoccerNet package, `SoccerNet.Evaluation.utils_calibration`; paper, section "Metrics".
+
+    Examples
+    --------
+    >>> from fieldcalib import Camera
+    >>> camera = Camera.from_angles(0.0, 1.3, 0.0, 1500.0, (0.0, 60.0, -15.0), (960, 540))
+    >>> labels = ("Middle line", "Side line top", "Circle central")  # all that this camera sees
+    >>> lines = {label: camera.project(soccer()[label].sample(9.0)) for label in labels}
+    >>> lines = {label: xy[np.all((xy > 0) & (xy < (950, 530)), axis=1)] for label, xy in lines.items()}
+    >>> shifted = {label: xy + 7.0 for label, xy in lines.items()}
+    >>> evaluation = evaluate_segments([camera, camera, None], [lines, shifted, lines], (960, 540))
+    >>> evaluation.accuracy, round(evaluation.completeness, 3)
+    (array([0.5, 1. , 1. ]), 0.667)
+    """
+    field = soccer() if field is None else field
+    if len(predictions) != len(annotations):
+        raise ValueError(
+            f"expected as many predictions as annotations, got {len(predictions)} and {len(annotations)}: "
+            f"give None for a frame without a camera"
+        )
+    size, limits = checked_image_size(image_size), tuple(float(t) for t in thresholds)
+    if not limits or not all(t > 0.0 for t in limits):
+        raise ValueError(f"thresholds must be positive pixels, at least one, got {limits}")
+    given = {f: checked_prediction(prediction) for f, prediction in enumerate(predictions) if prediction is not None}
+    if not planar and any(is_homography(prediction) for prediction in given.values()):
+        raise ValueError("homographies map the ground alone: evaluate them with planar=True")
+    classes = _Classes.of(field, planar)
+    annotated = [_annotated_points(frame, field, classes, f) for f, frame in enumerate(annotations)]
+
+    F, T, L = len(predictions), len(limits), len(classes.labels)
+    found, mirrored = np.isin(np.arange(F), list(given)), np.zeros((F, T), dtype=bool)
+    segments, points = np.zeros((2, F, T, L, 3), dtype=np.intp)
+    errors: list[tuple[Mapping[str, Array], Mapping[str, Array]]] = [({}, {})] * F
+    samples = sample_segments(classes.segments)
+    for begin in range(0, len(given), CHUNK):
+        chunk = list(given)[begin : begin + CHUNK]
+        polylines = project_segments([given[f] for f in chunk], samples, size)
+        xy, label = (np.concatenate(parts) for parts in zip(*(annotated[f] for f in chunk), strict=True))
+        frame = np.repeat(np.arange(len(chunk)), [len(annotated[f][0]) for f in chunk])
+        straight, turned = (
+            _compare(xy, frame, names, polylines, classes, limits) for names in (label, classes.turned[label])
+        )
+        better = _accuracy(straight.segments) > _accuracy(turned.segments)
+        mirrored[chunk] = ~better
+        segments[chunk] = np.where(better[:, :, None, None], straight.segments, turned.segments)
+        points[chunk] = np.where(better[:, :, None, None], straight.points, turned.points)
+        for f, *sides in zip(chunk, straight.errors, turned.errors, strict=True):
+            errors[f] = (sides[0], sides[1])
+    return SegmentEvaluation(limits, classes.labels, found, mirrored, segments, points, tuple(errors))
+
+
+@dataclass(frozen=True)
+class _Classes:
+    """The labels of an evaluation."""
+
+    segments: Mapping[str, Segment]
+    """What is projected."""
+    labels: tuple[str, ...]
+    """Those of the segments, then those by which annotators say that they do not know."""
+    turned: IntArray
+    """Label of the same segment seen from the other side, (L,)."""
+    extra: IntArray
+    """Points that a segment counts for which is projected but not annotated, (L,)."""
+
+    @classmethod
+    def of(cls, field: Field, planar: bool) -> _Classes:
+        segments = {label: s for label, s in field.markings.items() if label not in HALVES}
+        unknown = set(UNKNOWN_LABELS)
+        if planar:
+            segments = {label: s for label, s in segments.items() if not np.any(s.sample()[:, 2])}
+            unknown.remove("Goal unknown")
+        labels = (*segments, *sorted(unknown))
+        turned = [labels.index(field.symmetric.get(label, label)) for label in labels]
+        extra = [CIRCLE_POINTS if label.startswith("Circle") else LINE_POINTS for label in labels]
+        return cls(segments, labels, np.array(turned), np.array(extra))
+
+
+def _annotated_points(frame: ImageSegments, field: Field, classes: _Classes, index: int) -> tuple[Array, IntArray]:
+    """Pixels (n, 2) of a frame and the indices of their labels (n,), label by label."""
+    if not isinstance(frame, Mapping):
+        raise ValueError(f"frame {index}: expected a mapping of labels to (n, 2) pixels, got {type(frame).__name__}")
+    points: dict[int, Array] = {}
+    for given, pixels in frame.items():
+        label = given.strip()
+        if label in HALVES or label not in {*field.markings, *UNKNOWN_LABELS}:
+            raise ValueError(
+                f"frame {index}: {given!r} is no segment that is evaluated; expected SoccerNet's labels, the centre "
+                f"circle whole"
+            )
+        try:
+            xy = np.asarray(pixels, dtype=float)
+        except (TypeError, ValueError):
+            xy = np.full(2, np.nan)
+        if xy.size and (xy.ndim != 2 or xy.shape[1] != 2 or not np.all(np.isfinite(xy))):
+            raise ValueError(f"frame {index}: {given!r}: expected finite pixels of shape (n, 2), got {pixels!r}")
+        if label not in classes.labels:
+            continue  # it stands above the ground
+        if (number := classes.labels.index(label)) in points:
+            raise ValueError(f"frame {index}: {label!r} is given twice, with and without surrounding blanks")
+        points[number] = xy.reshape(-1, 2)
+    counts = [len(xy) for xy in points.values()]
+    return np.concatenate([np.zeros((0, 2)), *points.values()]), np.repeat(np.array([*points], dtype=np.intp), counts)
+
+
+class _Comparison(NamedTuple):
+    """F frames under one labelling."""
+
+    segments: IntArray
+    """TP, FP and FN of each frame and label at each threshold, (F, T, L, 3), counted in segments."""
+    points: IntArray
+    """And in points."""
+    errors: list[dict[str, Array]]
+    """Distances of the points of each label that is projected, for each frame."""
+
+
+def _compare(
+    xy: Array, frame: IntArray, label: IntArray, polylines: Polylines, classes: _Classes, thresholds: Sequence[float]
+) -> _Comparison:
+    F, L = len(polylines.count), len(classes.labels)
+    projected = np.zeros((F, L), dtype=bool)
+    projected[:, : len(classes.segments)] = polylines.count > 0
+    compared = projected[frame, label]
+    distance = np.full(len(xy), np.nan)
+    index = frame[compared] * len(classes.segments) + label[compared]
+    distance[compared] = distances_to_polylines(xy[compared], polylines, index)
+
+    where = frame * L + label
+    total = np.bincount(where, minlength=F * L).reshape(F, 1, L)
+    near = np.stack(  # NaN is never near
+        [np.bincount(where[distance < t], minlength=F * L).reshape(F, L) for t in thresholds], axis=1
+    )
+    annotated, seen = total > 0, projected[:, None]
+    both = annotated & seen
+    right = both & (near == total)
+    segments = np.broadcast_arrays(right, seen & ~right, annotated & ~seen)
+    points = np.broadcast_arrays(
+        near, np.where(both, total - near, np.where(seen, classes.extra, 0)), np.where(seen, 0, total)
+    )
+    errors: list[dict[str, Array]] = [{} for _ in range(F)]
+    edges = np.flatnonzero(np.diff(where, prepend=-1, append=-1))
+    for begin, end in pairwise(edges.tolist()):
+        if compared[begin]:
+            errors[frame[begin]][classes.labels[label[begin]]] = distance[begin:end]
+    return _Comparison(np.stack(segments, axis=-1).astype(np.intp), np.stack(points, axis=-1), errors)
+
+
+def _accuracy(segments: IntArray) -> Array:
+    """AC (F, T) of counts (F, T, L, 3)."""
+    counts = segments.sum(axis=2)
+    return np.asarray(counts[..., TP] / np.maximum(counts.sum(axis=-1), 1))

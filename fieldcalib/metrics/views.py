@@ -1,0 +1,114 @@
+"""What is evaluated: cameras, with any lens, and homographies of the ground."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import TypeAlias
+
+import numpy as np
+
+from fieldcalib._types import Array, BoolArray
+from fieldcalib.camera import Camera
+from fieldcalib.projective import dehomogenize, homogenize
+from fieldcalib.rational import RationalCamera, distort_rational
+
+Prediction: TypeAlias = Camera | RationalCamera | Array
+"""A camera, or the (3, 3) homography that maps field points (x, y, 1) in metres to pixels."""
+
+NEAREST = 1e-3  # metres of depth up to which SoccerNet's evaluation sees nothing
+
+
+def checked_prediction(prediction: object) -> Prediction:
+    """A camera as it is, a homography as a float array, or a ValueError that says what came instead."""
+    if isinstance(prediction, Camera | RationalCamera):
+        return prediction
+    try:
+        H = np.asarray(prediction, dtype=float)
+    except (TypeError, ValueError):
+        H = np.zeros(0)
+    if H.shape != (3, 3) or not np.all(np.isfinite(H)):
+        came = f"an array of shape {H.shape}" if isinstance(prediction, np.ndarray) else type(prediction).__name__
+        raise ValueError(
+            f"expected a Camera, a RationalCamera or a homography as a finite array of shape (3, 3), got {came}; "
+            f"of a Calibration give its camera"
+        )
+    return H
+
+
+def is_homography(prediction: Prediction) -> bool:
+    """Whether a prediction maps the ground alone."""
+    return not isinstance(prediction, Camera | RationalCamera)
+
+
+def project(prediction: Prediction, X: Array) -> Array:
+    """Pixels (..., 2) of world points (..., 3); NaN where there is no image.
+
+    A homography maps the ground, whatever the height of the points. Which of its field points lie beyond the horizon
+    cannot be told, since its sign is arbitrary: all are mapped.
+    """
+    if isinstance(prediction, Camera | RationalCamera):
+        return prediction.project(X)
+    with np.errstate(all="ignore"):
+        return dehomogenize(homogenize(X[..., :2]) @ prediction.T)
+
+
+def image_to_field(prediction: Prediction, xy: Array) -> Array:
+    """Field points (..., 2) in metres of pixels (..., 2); NaN above the horizon of a camera."""
+    if isinstance(prediction, Camera | RationalCamera):
+        return prediction.image_to_field(xy)[..., :2]
+    with np.errstate(all="ignore"):
+        return dehomogenize(homogenize(xy) @ inverse_up_to_scale(prediction).T)
+
+
+def homography_of(prediction: Prediction) -> Array:
+    """The (3, 3) homography from the field to the image, a camera's lens left out."""
+    return prediction.homography if isinstance(prediction, Camera | RationalCamera) else prediction
+
+
+def inverse_up_to_scale(H: Array) -> Array:
+    """The adjugate ``det(H) H^-1``: of a singular homography too, which maps everything to one point or to none."""
+    return np.asarray(np.cross(H[[1, 2, 0]], H[[2, 0, 1]]).T)
+
+
+def project_as_soccernet(predictions: Sequence[Prediction], X: Array) -> tuple[Array, BoolArray]:
+    """Pixels of world points as SoccerNet's evaluation computes them, for many predictions at once.
+
+    A camera sees what is more than a millimetre in front of it, however far its lens bends it, and rounds: distorted
+    normalised coordinates, and all that follows, have single precision. A homography sees every point.
+
+    Parameters
+    ----------
+    predictions : sequence of F predictions
+    X : (M, 3) array
+        World points; on the ground if there are homographies.
+
+    Returns
+    -------
+    xy : (F, M, 2) array
+        Arbitrary where not visible.
+    visible : (F, M) bool array
+    """
+    xy, visible = np.zeros((len(predictions), len(X), 2)), np.ones((len(predictions), len(X)), dtype=bool)
+    maps = [f for f, prediction in enumerate(predictions) if is_homography(prediction)]
+    with np.errstate(all="ignore"):  # absurd cameras overflow
+        if maps:
+            H = np.stack([homography_of(predictions[f]) for f in maps])
+            xy[maps] = dehomogenize(homogenize(X[:, :2]) @ np.swapaxes(H, 1, 2))
+        cameras = [RationalCamera.from_camera(p) for p in predictions if isinstance(p, Camera | RationalCamera)]
+        if cameras:
+            index = [f for f in range(len(predictions)) if f not in maps]
+            xy[index], visible[index] = _project_cameras(cameras, X)
+    return xy, visible
+
+
+def _project_cameras(cameras: list[RationalCamera], X: Array) -> tuple[Array, BoolArray]:
+    K, R = np.stack([camera.K for camera in cameras]), np.stack([camera.R for camera in cameras])
+    C, dist = np.stack([camera.C for camera in cameras]), np.stack([camera.dist for camera in cameras])
+    Xc = np.moveaxis((X - C[:, None]) @ np.swapaxes(R, 1, 2), -1, 0)
+    visible = Xc[2] > NEAREST
+    depth = np.where(visible, Xc[2], 1.0)
+    x = np.stack([Xc[0] / depth, Xc[1] / depth], axis=-1)
+    if np.any(dist):
+        x = distort_rational(x, dist[:, None])
+    f, c = K[:, [0, 1], [0, 1]].astype(np.float32), K[:, :2, 2].astype(np.float32)
+    return np.asarray(x.astype(np.float32) * f[:, None] + c[:, None], dtype=float), np.asarray(visible)
