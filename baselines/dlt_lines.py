@@ -1,0 +1,131 @@
+"""The homography of the ground from its lines by the DLT, and the camera that it is decomposed into.
+
+What the paper compares itself with as "DLT lines": only lines on the ground count, each as the line fitted to its
+pixels; circles, posts and crossbars are left out.
+
+    python -m baselines.dlt_lines INPUT --size 960x540 --out DIR
+
+writes what `fieldcalib calibrate` writes, and for every frame that has a homography ``<id>.homographyMatrix``, in the
+format of WC14: from pixels of the image at 1280x720 to the field in yards.
+"""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Sequence
+
+import numpy as np
+
+from fieldcalib._types import Array, BoolArray
+from fieldcalib.calibrate_homography import judged_camera
+from fieldcalib.cli import run_command
+from fieldcalib.commands.arguments import add_field_size, add_input_and_output
+from fieldcalib.commands.folder import calibrate_folder
+from fieldcalib.field import Field, soccer
+from fieldcalib.homography import camera_from_homography
+from fieldcalib.io.files import write_text
+from fieldcalib.io.wc14 import format_homography
+from fieldcalib.result import Calibration, Status
+from fieldcalib.segments import Pixels, pack
+from fieldcalib.starts import ground_homographies
+
+SINGULAR = 1e12  # condition number; of real cameras, between metres and pixels, about 1e6
+
+
+def homographies(field: Field, frames: Sequence[Pixels], image_size: tuple[int, int]) -> tuple[Array, BoolArray]:
+    """Homographies of the ground from the labelled lines of T frames.
+
+    Parameters
+    ----------
+    field : Field
+        The field.
+    frames : sequence of T dicts of str to (N, 2) array
+        Pixels by label, as `check_segments` returns them.
+    image_size : (int, int)
+        Width and height in pixels.
+
+    Returns
+    -------
+    H : (T, 3, 3) array
+        Maps field points (x, y, 1) in metres to pixels, up to scale and sign; NaN where there is none.
+    found : (T,) bool array
+        Which frames have one: those with four lines on the ground that determine it.
+
+    Examples
+    --------
+    >>> from fieldcalib import Camera, soccer
+    >>> camera = Camera.from_angles(-0.4, 1.35, 0.0, 1200.0, (0.0, 65.0, -15.0), (960, 540))
+    >>> labels = ("Side line top", "Side line left", "Big rect. left main", "Big rect. left top")
+    >>> frame = {label: camera.project(soccer()[label].sample(9.0)) for label in labels}
+    >>> H, found = homographies(soccer(), [frame, {}], (960, 540))
+    >>> found
+    array([ True, False])
+    >>> bool(np.allclose(H[0] / H[0, 2, 2], camera.homography / camera.homography[2, 2]))
+    True
+    """
+    if not len(frames):
+        return np.empty((0, 3, 3)), np.empty(0, dtype=bool)
+    H, found = ground_homographies(pack(field, frames, image_size), np.array(image_size) / 2.0)
+    # lines of which all but one meet in a point leave H open, and the DLT finds one that maps the plane to a line
+    found[found] = np.linalg.cond(H[found]) < SINGULAR
+    return np.where(found[:, None, None], H, np.nan), found
+
+
+def calibrate(field: Field, frames: Sequence[Pixels], image_size: tuple[int, int]) -> list[Calibration]:
+    """The closed-form camera of each frame's homography, without refinement.
+
+    Steps (1) to (3) of the paper's appendix "Homography Decomposition".
+
+    Parameters
+    ----------
+    field, frames, image_size
+        As in `homographies`.
+
+    Returns
+    -------
+    list of Calibration
+        Without a camera where there is no homography, or one without a real focal length.
+    """
+    calibrations = []
+    for frame, H, found in zip(frames, *homographies(field, frames, image_size), strict=True):
+        if not found:
+            message = "a homography needs four lines on the ground, no three of them through one point"
+            calibrations.append(Calibration.without_camera(Status.TOO_FEW_SEGMENTS, message))
+            continue
+        decomposition = camera_from_homography(H, image_size)
+        if decomposition.initial is None:
+            calibrations.append(Calibration.without_camera(Status.IMPLAUSIBLE, decomposition.message))
+            continue
+        message = "closed form, not refined"
+        calibrations.append(judged_camera(decomposition.initial, field, frame, message, on_field=True))
+    return calibrations
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """The command line; returns the exit code."""
+    parser = argparse.ArgumentParser(prog="python -m baselines.dlt_lines", description=__doc__.splitlines()[0])
+    add_input_and_output(parser)
+    add_field_size(parser)
+    parser.set_defaults(run=_run)
+    return run_command(parser.parse_args(arguments))
+
+
+def _run(options: argparse.Namespace) -> int:
+    field = soccer(options.field_length, options.field_width)
+
+    def method(frames: dict[str, Pixels]) -> list[Calibration]:
+        options.out.mkdir(parents=True, exist_ok=True)
+        members = list(frames.values())
+        for id, H, found in zip(frames, *homographies(field, members, options.size), strict=True):
+            path = options.out / f"{id}.homographyMatrix"
+            if found:
+                write_text(path, format_homography(H, image_size=options.size))
+            else:
+                path.unlink(missing_ok=True)  # an earlier run's
+        return calibrate(field, members, options.size)
+
+    return calibrate_folder(options, field, method)
+
+
+if __name__ == "__main__":
+    raise SystemExit(main())

@@ -1,0 +1,137 @@
+"""Homography decomposition: the paper's baseline "HDecomp", for homographies from anywhere.
+
+    python -m baselines.hdecomp INPUT --size 960x540 --out DIR
+    python -m baselines.hdecomp INPUT --homographies --size 1280x720 --out DIR
+
+decompose the homographies that DLT lines finds in the annotations of INPUT, or INPUT's own: ``<id>.homographyMatrix``.
+They write what `fieldcalib calibrate` writes.
+"""
+
+from __future__ import annotations
+
+import argparse
+import sys
+import time
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import get_args
+
+from baselines import dlt_lines
+from fieldcalib._types import Array
+from fieldcalib.calibrate_homography import judged_decomposition
+from fieldcalib.cli import run_command
+from fieldcalib.commands.arguments import add_field_size, add_input_and_output, positive
+from fieldcalib.commands.folder import broken_line, calibrate_folder, calibration_line, write_folder
+from fieldcalib.field import soccer
+from fieldcalib.homography import camera_from_homography
+from fieldcalib.io.wc14 import AlignmentName, find_homographies, parse_homography
+from fieldcalib.result import Calibration, Status
+from fieldcalib.segments import Pixels
+
+
+def calibrate(
+    homographies: Sequence[Array | None], image_size: tuple[int, int], *, zeta: float = 100.0, tolerance: float = 0.1
+) -> list[Calibration]:
+    """Decompose homographies into cameras, as the paper does: what it rejects has no camera here.
+
+    Parameters
+    ----------
+    homographies : sequence of (3, 3) arrays or None
+        Each maps field points (x, y, 1) in metres to pixels; None where there is none.
+    image_size : (int, int)
+        Width and height in pixels.
+    zeta, tolerance : float
+        As in `camera_from_homography`.
+
+    Returns
+    -------
+    list of Calibration
+        In the order of `homographies`.
+
+    Examples
+    --------
+    >>> from fieldcalib import Camera
+    >>> truth = Camera.from_angles(0.3, 1.3, 0.01, 1800.0, (2.0, 70.0, -18.0), (960, 540))
+    >>> [str(calibration.status) for calibration in calibrate([truth.homography, None], (960, 540))]
+    ['accepted', 'too few segments']
+    """
+    calibrations = []
+    for H in homographies:
+        if H is None:
+            calibrations.append(Calibration.without_camera(Status.TOO_FEW_SEGMENTS, "there is no homography"))
+            continue
+        decomposition = camera_from_homography(H, image_size, zeta=zeta, tolerance=tolerance)
+        calibration = judged_decomposition(decomposition)
+        calibrations.append(calibration if decomposition.camera else replace(calibration, camera=None))
+    return calibrations
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """The command line; returns the exit code."""
+    parser = argparse.ArgumentParser(prog="python -m baselines.hdecomp", description=__doc__.splitlines()[0])
+    add_input_and_output(parser)
+    add_field_size(parser)
+    parser.add_argument("--homographies", action="store_true", help="decompose INPUT's <id>.homographyMatrix files")
+    parser.add_argument(
+        "--alignment",
+        choices=get_args(AlignmentName),
+        default="wc14",
+        help="whose axes those files have (wc14: pixels to yards)",
+    )
+    parser.add_argument(
+        "--zeta", type=positive, default=100.0, metavar="PX", help="largest distance of a field point that counts (100)"
+    )
+    parser.add_argument(
+        "--tolerance",
+        type=float,
+        default=0.1,
+        metavar="SHARE",
+        help="how far outside the image field points count, in widths and heights (0.1)",
+    )
+    parser.set_defaults(run=_run)
+    return run_command(parser.parse_args(arguments))
+
+
+def _run(options: argparse.Namespace) -> int:
+    if options.homographies:
+        return _decompose_files(options)
+    field = soccer(options.field_length, options.field_width)
+
+    def method(frames: dict[str, Pixels]) -> list[Calibration]:
+        H, found = dlt_lines.homographies(field, list(frames.values()), options.size)
+        members = [H[t] if found[t] else None for t in range(len(H))]
+        return calibrate(members, options.size, zeta=options.zeta, tolerance=options.tolerance)
+
+    return calibrate_folder(options, field, method)
+
+
+def _decompose_files(options: argparse.Namespace) -> int:
+    began = time.perf_counter()
+    files = [file for path in options.input for file in find_homographies(path)]
+    homographies: dict[str, Array] = {}
+    broken: dict[str, str] = {}
+    for file in files:
+        try:
+            homographies[file.id] = parse_homography(file.read(), options.alignment, image_size=options.size)
+        except ValueError as error:
+            print(f"fieldcalib: {file.path}: {error}", file=sys.stderr)
+            broken[file.id] = str(error)
+            if options.strict:
+                return 1
+    decomposing = time.perf_counter()
+    members = list(homographies.values())
+    found = calibrate(members, options.size, zeta=options.zeta, tolerance=options.tolerance)
+    seconds = {"calibration": time.perf_counter() - decomposing, "total": time.perf_counter() - began}
+    calibrations = dict(zip(homographies, found, strict=True))
+    lines = [
+        broken_line(file.id, broken[file.id])
+        if file.id in broken
+        else calibration_line(file.id, calibrations[file.id], None)
+        for file in files
+    ]
+    write_folder(options.out, lines, calibrations, seconds, options)
+    return 1 if broken else 0
+
+
+if __name__ == "__main__":
+    raise SystemExit(main())

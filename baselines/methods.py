@@ -1,0 +1,162 @@
+"""All methods that a data set allows, run once each: what the tables compare."""
+
+from __future__ import annotations
+
+import sys
+import time
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from functools import partial
+from pathlib import Path
+from typing import Literal, TypeAlias
+
+import numpy as np
+
+from baselines import dlt_lines, hdecomp, tvcalib
+from baselines.published import ANNOTATED, CHEN, DLT, FAR, OURS, TVCALIB, DatasetName
+from baselines.published import hdecomp as decomposed
+from fieldcalib._types import Array
+from fieldcalib.calibrate import calibrate_batch
+from fieldcalib.commands.evaluate import read_ground_truth
+from fieldcalib.field import Field
+from fieldcalib.io.soccernet import CAMERA_TYPES, UNKNOWN_LABELS, find_annotations, parse_annotation, read_camera_types
+from fieldcalib.io.wc14 import AlignmentName, find_homographies, parse_homography
+from fieldcalib.metrics import Prediction
+from fieldcalib.result import Calibration
+from fieldcalib.segments import Pixels, check_segments
+
+Segments: TypeAlias = Literal["GT", "pred", "-"]
+Homographies: TypeAlias = Sequence[Array | None]
+
+MAIN_CAMERA = "Main camera center"
+ZETA, FAR_ZETA = 100.0, 1000.0  # px
+
+
+@dataclass(frozen=True)
+class Dataset:
+    """The frames of a data set, in the order of their ids."""
+
+    name: DatasetName
+    size: tuple[int, int]
+    annotations: Mapping[str, Pixels]
+    """What is scored against, labels included by which annotators say that they do not know."""
+    predicted: Mapping[str, Pixels] | None
+    """Segments that a network found, if there are any."""
+    homographies: Mapping[str, Homographies]
+    """From the field to the image, by who made them."""
+    types: Mapping[str, str] | None
+    """The camera's type of every image in the folder, where that is known."""
+
+    @property
+    def frames(self) -> list[Pixels]:
+        """Annotated pixels that a camera can be calibrated from."""
+        return [{k: xy for k, xy in frame.items() if k not in UNKNOWN_LABELS} for frame in self.annotations.values()]
+
+
+def read_dataset(
+    name: DatasetName,
+    path: Path,
+    size: tuple[int, int],
+    *,
+    predicted: Path | None = None,
+    others: Mapping[str, Path] | None = None,
+) -> Dataset:
+    """Read a folder of annotations, homographies beside them included.
+
+    Where ``match_info_cam_gt.json`` knows the cameras' types, only frames of the main camera in the centre count, as in
+    the paper.
+
+    Parameters
+    ----------
+    name : str
+        Which data set it is.
+    path : Path
+        Folder of ``<id>.json``.
+    size : (int, int)
+        Width and height of its images in pixels.
+    predicted : Path, optional
+        Folder of ``<id>.json`` with segments that a network found.
+    others : mapping of str to Path, optional
+        Folders of other systems' ``<id>.homographyMatrix``, by method.
+
+    Raises
+    ------
+    ValueError
+        If a file is broken: a table of the rest would be another one.
+    """
+    broken: list[str] = []
+    types = read_camera_types([path]) if (path / CAMERA_TYPES).is_file() else None
+    truth = read_ground_truth(path, size, broken, camera_type=MAIN_CAMERA if types else None)
+    if broken:
+        raise ValueError(f"broken files: {'; '.join(broken)}")
+    ids = list(truth.annotations)
+    homographies: dict[str, Homographies] = {}
+    if truth.homographies:
+        homographies[ANNOTATED] = [truth.homographies.get(id) for id in ids]
+    for method, folder in (others or {}).items():
+        alignment: AlignmentName = "chen" if method == CHEN else "jiang"
+        found = {file.id: parse_homography(file.read(), alignment) for file in find_homographies(folder)}
+        homographies[method] = [found.get(id) for id in ids]
+    segments = None
+    if predicted is not None:
+        parsed = {file.id: parse_annotation(file.read(), size) for file in find_annotations([predicted])}
+        segments = {id: parsed.get(id, {}) for id in ids}
+    return Dataset(name, size, truth.annotations, segments, homographies, types)
+
+
+@dataclass(frozen=True)
+class Run:
+    """What a method made of the frames of a data set."""
+
+    predictions: list[Prediction | None]
+    losses: Array | None = None
+    """Loss in NDC of each frame, which tau is compared with; NaN without a camera. None: the method has none."""
+    milliseconds: float | None = None
+    """A frame, if it was measured."""
+
+    def at(self, tau: float | None) -> list[Prediction | None]:
+        """The predictions whose loss is not above tau."""
+        if tau is None:
+            return self.predictions
+        assert self.losses is not None
+        return [p if loss <= tau else None for p, loss in zip(self.predictions, self.losses, strict=True)]
+
+
+Runs: TypeAlias = Mapping[tuple[str, Segments], Run]
+"""By method and by what found the segments."""
+
+
+def run_methods(dataset: Dataset, field: Field, steps: int) -> Runs:
+    """Run everything that the data set allows; `steps` are those of TVCalib's optimiser."""
+    runs: dict[tuple[str, Segments], Run] = {}
+    for method, homographies in dataset.homographies.items():
+        runs[method, "-"] = Run(list(homographies))
+        runs[decomposed(method), "-"] = _decompose(homographies, dataset, ZETA)
+        runs[decomposed(method) + FAR, "-"] = _decompose(homographies, dataset, FAR_ZETA)
+    inputs: dict[Segments, list[Pixels]] = {"GT": dataset.frames}
+    if dataset.predicted is not None:
+        inputs["pred"] = list(dataset.predicted.values())
+    for segments, raw in inputs.items():
+        frames = [check_segments(field, frame, dataset.size) for frame in raw]
+        ours = partial(calibrate_batch, field, frames, dataset.size)
+        theirs = partial(tvcalib.calibrate, field, frames, dataset.size, steps=steps)
+        runs[OURS, segments] = _timed(f"{dataset.name}: {OURS}", len(frames), ours)
+        runs[TVCALIB, segments] = _timed(f"{dataset.name}: {TVCALIB}", len(frames), theirs)
+        H, found = dlt_lines.homographies(field, frames, dataset.size)
+        by_lines = [H[t] if found[t] else None for t in range(len(H))]
+        runs[DLT, segments] = Run(list(by_lines))
+        runs[decomposed(DLT), segments] = _decompose(by_lines, dataset, ZETA)
+        runs[decomposed(DLT) + FAR, segments] = _decompose(by_lines, dataset, FAR_ZETA)
+    return runs
+
+
+def _decompose(homographies: Homographies, dataset: Dataset, zeta: float) -> Run:
+    return Run([c.camera for c in hdecomp.calibrate(homographies, dataset.size, zeta=zeta)])
+
+
+def _timed(what: str, count: int, calibrate: Callable[[], list[Calibration]]) -> Run:
+    print(f"{what}, {count} frames", file=sys.stderr)
+    began = time.perf_counter()
+    calibrations = calibrate()
+    milliseconds = 1e3 * (time.perf_counter() - began) / max(count, 1)
+    return Run([c.camera for c in calibrations], np.array([c.loss_ndc for c in calibrations]), milliseconds)

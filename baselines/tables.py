@@ -1,0 +1,288 @@
+"""The paper's tables, measured on the data at hand, with the published numbers beside them.
+
+    python -m baselines.tables --sncalib DIR --wc14 DIR [--markdown | --json] [--figures DIR]
+
+SN-Calib-test-center is scored at 960x540, WC14-test at 1280x720. CS is the variant that made the paper's tables
+(`fieldcalib.metrics.compound_score`). What the data does not allow is listed with the reason.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import sys
+from collections import Counter
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from baselines import tvcalib
+from baselines.methods import Dataset, Runs, Segments, read_dataset, run_methods
+from baselines.published import (
+    ANNOTATED,
+    CHEN,
+    CHEN_WIDER,
+    DATASETS,
+    DLT,
+    JIANG,
+    LENS,
+    OURS,
+    ROWS,
+    SN_TEST,
+    SN_TEST_CENTER,
+    TAU,
+    DatasetName,
+    Evaluated,
+    Published,
+)
+from fieldcalib.cli import run_command
+from fieldcalib.field import Field, soccer
+from fieldcalib.metrics import compound_score, evaluate_segments, iou_part
+
+SIZES: dict[DatasetName, tuple[int, int]] = {"SN-Calib-test-center": (960, 540), "WC14-test": (1280, 720)}
+SHARES: dict[DatasetName, float] = {"SN-Calib-test-center": SN_TEST_CENTER / SN_TEST, "WC14-test": 1.0}
+TITLES: dict[Evaluated, str] = {"camera": "cameras", "homography": "homographies, segments on the ground only"}
+COLUMNS = ("AC@5", "AC@10", "AC@20", "CR", "CS", "IoU_part mean", "median")
+
+
+@dataclass(frozen=True)
+class Measured:
+    """One row, in percent, or the reason why there is none."""
+
+    dataset: DatasetName
+    evaluated: Evaluated
+    method: str
+    segments: Segments
+    tau: float | None
+    values: tuple[float, ...] | None
+    """In the order of COLUMNS; IoU only for homographies where there are annotated ones."""
+    published: tuple[float, ...] | None
+    milliseconds: float | None
+    """A frame."""
+    reason: str | None
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """The command line; returns the exit code."""
+    parser = argparse.ArgumentParser(
+        prog="python -m baselines.tables", description="Measure the paper's tables on the data at hand."
+    )
+    parser.add_argument("--sncalib", type=Path, metavar="DIR", help="SoccerNet-Calibration test annotations")
+    parser.add_argument("--wc14", type=Path, metavar="DIR", help="WC14 test annotations and homographies")
+    parser.add_argument("--sncalib-pred", type=Path, metavar="DIR", help="segments that a network found in SN-Calib")
+    parser.add_argument("--wc14-pred", type=Path, metavar="DIR", help="segments that a network found in WC14")
+    parser.add_argument("--chen", type=Path, metavar="DIR", help="Chen's homographies of WC14, <id>.homographyMatrix")
+    parser.add_argument("--jiang", type=Path, metavar="DIR", help="Jiang's homographies of WC14")
+    parser.add_argument(
+        "--steps", type=int, default=tvcalib.STEPS, help=f"of TVCalib's optimiser ({tvcalib.STEPS}, the paper's)"
+    )
+    form = parser.add_mutually_exclusive_group()
+    form.add_argument("--markdown", action="store_true", help="print Markdown")
+    form.add_argument("--json", action="store_true", help="print JSON")
+    parser.add_argument("--figures", type=Path, metavar="DIR", help="draw the paper's two figures there (matplotlib)")
+    parser.set_defaults(run=_run)
+    options = parser.parse_args(arguments)
+    if options.sncalib is None and options.wc14 is None:
+        parser.error("give --sncalib, --wc14 or both: there is nothing to measure otherwise")
+    return run_command(options)
+
+
+def _run(options: argparse.Namespace) -> int:
+    if options.figures is not None:
+        from baselines import figures  # needs the extra `figures`: say so before hours of work, not after
+    field = soccer()
+    datasets: list[Dataset] = []
+    if options.sncalib is not None:
+        datasets.append(_read("SN-Calib-test-center", options.sncalib, options.sncalib_pred, {}))
+    if options.wc14 is not None:
+        others = {m: path for m, path in ((CHEN, options.chen), (JIANG, options.jiang)) if path is not None}
+        datasets.append(_read("WC14-test", options.wc14, options.wc14_pred, others))
+    runs = {dataset.name: run_methods(dataset, field, options.steps) for dataset in datasets}
+    rows = [row for dataset in datasets for row in measure(dataset, runs[dataset.name], field)]
+    statistics = [dataset_statistics(dataset) for dataset in datasets]
+    if options.json:
+        print(json.dumps({"datasets": statistics, "rows": [as_record(row) for row in rows]}, indent=2))
+    else:
+        print(as_text(statistics, rows, markdown=options.markdown))
+    if options.figures is not None:
+        for path in figures.draw(options.figures, datasets, runs):
+            print(f"fieldcalib: {path}", file=sys.stderr)
+    return 0
+
+
+def _read(name: DatasetName, path: Path, predicted: Path | None, others: Mapping[str, Path]) -> Dataset:
+    return read_dataset(name, path, SIZES[name], predicted=predicted, others=others)
+
+
+def measure(dataset: Dataset, runs: Runs, field: Field) -> list[Measured]:
+    """All rows of a data set: ours, the published ones, and what the paper does not have."""
+    rows: list[Measured] = []
+    published = [row for row in ROWS if row.dataset == dataset.name]
+    for evaluated in TITLES:
+        wanted: dict[tuple[str, Segments, float | None], Published | None] = {
+            (OURS, segments, tau): None for (method, segments) in runs if method == OURS for tau in (TAU, None)
+        }
+        wanted |= {(r.method, r.segments, r.tau): r for r in published if r.evaluated == evaluated}
+        extra = [key for key in runs if evaluated == "homography" or key[0] not in (DLT, ANNOTATED, CHEN, JIANG)]
+        wanted |= {(*key, None): None for key in extra if (*key, None) not in wanted}
+        rows += [_measure(key, row, evaluated, dataset, runs, field) for key, row in wanted.items()]
+    return rows
+
+
+def _measure(
+    key: tuple[str, Segments, float | None],
+    published: Published | None,
+    evaluated: Evaluated,
+    dataset: Dataset,
+    runs: Runs,
+    field: Field,
+) -> Measured:
+    method, segments, tau = key
+    theirs = None
+    if published is not None:
+        row = published
+        theirs = (row.ac5, row.ac10, row.ac20, row.cr, row.cs, *(row.iou_part or ()))
+    run = runs.get((method, segments))
+    if run is None:
+        reason = _reason(method, segments, dataset)
+        return Measured(dataset.name, evaluated, method, segments, tau, None, theirs, None, reason)
+    predictions = run.at(tau)
+    evaluation = evaluate_segments(
+        predictions,
+        list(dataset.annotations.values()),
+        dataset.size,
+        planar=evaluated == "homography",
+        field=field,
+    )
+    cr, ac = evaluation.completeness, evaluation.accuracy
+    values = [*ac, cr, compound_score(ac, cr, "tables", share=SHARES[dataset.name])]
+    if evaluated == "homography" and ANNOTATED in dataset.homographies:
+        pairs = zip(predictions, dataset.homographies[ANNOTATED], strict=True)
+        ious = [iou_part(p, H, dataset.size, field=field) for p, H in pairs if p is not None and H is not None]
+        values += [float(np.mean(ious)), float(np.median(ious))] if ious else []
+    percent = tuple(100.0 * float(value) for value in values)
+    return Measured(dataset.name, evaluated, method, segments, tau, percent, theirs, run.milliseconds, None)
+
+
+def _reason(method: str, segments: Segments, dataset: Dataset) -> str:
+    """Why a row cannot be measured."""
+    if method.endswith(LENS):
+        return "the lens is not estimated yet"
+    name = "--sncalib-pred" if dataset.name == "SN-Calib-test-center" else "--wc14-pred"
+    for network, option in ((CHEN_WIDER, None), (CHEN, "--chen"), (JIANG, "--jiang")):
+        if network in method:
+            if segments == "-" and option:
+                return f"needs their homographies: {option} DIR"
+            return "needs their network, run on these segments"
+    if segments == "pred":
+        return f"needs segments that a network found: {name} DIR"
+    return "needs annotated homographies beside the annotations"
+
+
+def dataset_statistics(dataset: Dataset) -> dict[str, Any]:
+    """A row of the paper's table of data sets, and how much is annotated."""
+    width, height = dataset.size
+    frames = list(dataset.annotations.values())
+    segments = [len(frame) for frame in frames]
+    record: dict[str, Any] = {
+        "dataset": dataset.name,
+        "images": len(frames),
+        "size": f"{width}x{height}",
+        "segments_per_image": float(np.mean(segments)),
+        "pixels_per_segment": sum(len(xy) for frame in frames for xy in frame.values()) / max(sum(segments), 1),
+        "camera_types_percent": None,
+    }
+    if dataset.types is not None:
+        count = Counter(dataset.types.values())
+        record["camera_types_percent"] = {name: 100.0 * n / len(dataset.types) for name, n in count.most_common()}
+    return record
+
+
+def as_record(row: Measured) -> dict[str, Any]:
+    """A row for JSON, which has no NaN."""
+    record = asdict(row)
+    for name in ("values", "published"):
+        values = record[name]
+        record[name] = values and {
+            column: value if np.isfinite(value) else None for column, value in zip(COLUMNS, values, strict=False)
+        }
+    return record
+
+
+# --- for people ---
+
+
+def as_text(statistics: Sequence[Mapping[str, Any]], rows: Sequence[Measured], *, markdown: bool) -> str:
+    """All tables, aligned or in Markdown."""
+    parts = [_heading("Data sets", markdown), _table(*_statistics_table(statistics), markdown=markdown)]
+    for dataset in dict.fromkeys(row.dataset for row in rows):
+        for evaluated, title in TITLES.items():
+            width, height = SIZES[dataset]
+            parts.append(_heading(f"{dataset}, {width}x{height}: {title}", markdown))
+            parts.append("Measured, in brackets published; percent.")
+            members = [row for row in rows if (row.dataset, row.evaluated) == (dataset, evaluated)]
+            parts.append(_table(*_results_table(members), markdown=markdown))
+            missing = [row for row in members if row.values is None]
+            if missing:
+                parts.append("Not measured:")
+                parts.append("\n".join(f"- {_name(row)} ({row.segments}): {row.reason}" for row in missing))
+    return "\n\n".join(parts)
+
+
+def _heading(text: str, markdown: bool) -> str:
+    return f"### {text}" if markdown else f"{text}\n{'=' * len(text)}"
+
+
+def _statistics_table(statistics: Sequence[Mapping[str, Any]]) -> tuple[list[str], list[list[str]]]:
+    header = ["data set", "images", "size", "segments an image", "pixels a segment", "camera types"]
+    rows = []
+    for s in statistics:
+        types = s["camera_types_percent"]
+        named = "no match_info_cam_gt.json" if types is None else ", ".join(f"{k} {v:.1f} %" for k, v in types.items())
+        means = [f"{s['segments_per_image']:.1f}", f"{s['pixels_per_segment']:.1f}"]
+        rows.append([s["dataset"], str(s["images"]), s["size"], *means, named])
+    for name, (images, resolution, shares) in DATASETS.items():
+        center, left, right, other = shares
+        types = f"main center {center} %, left {left} %, right {right} %, other {other} %"
+        rows.append([f"{name} (published)", str(images), resolution, "", "", types])
+    return header, rows
+
+
+def _results_table(rows: Sequence[Measured]) -> tuple[list[str], list[list[str]]]:
+    columns = max(len(row.values or row.published or ()) for row in rows)
+    header = ["method", "segments", *COLUMNS[:columns], "ms a frame"]
+    body = []
+    for row in rows:
+        cells = [_cell(row.values, row.published, index) for index in range(columns)]
+        milliseconds = "" if row.milliseconds is None else f"{row.milliseconds:.1f}"
+        body.append([_name(row), row.segments, *cells, milliseconds])
+    return header, body
+
+
+def _cell(values: tuple[float, ...] | None, published: tuple[float, ...] | None, column: int) -> str:
+    """Measured and, in brackets, published."""
+    parts = []
+    for numbers, form in ((values, "{:.1f}"), (published, "({:.1f})")):
+        if numbers is not None and column < len(numbers) and np.isfinite(numbers[column]):
+            parts.append(form.format(numbers[column]))
+    return " ".join(parts)
+
+
+def _name(row: Measured) -> str:
+    return row.method if row.tau is None else f"{row.method} (tau {row.tau:g})"
+
+
+def _table(header: list[str], rows: list[list[str]], *, markdown: bool) -> str:
+    widths = [max(len(cell) for cell in column) for column in zip(header, *rows, strict=True)]
+    lines = [header, ["-" * width for width in widths], *rows]
+    padded = [[cell.ljust(width) for cell, width in zip(line, widths, strict=True)] for line in lines]
+    if markdown:
+        return "\n".join(f"| {' | '.join(line)} |" for line in padded)
+    return "\n".join("  ".join(line).rstrip() for line in padded)
+
+
+if __name__ == "__main__":
+    raise SystemExit(main())

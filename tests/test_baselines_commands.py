@@ -1,0 +1,217 @@
+"""The baselines' command lines, on synthetic annotations: what they write, and that others can read it."""
+
+import json
+
+import numpy as np
+import pytest
+from synthetic import frames_of_broadcasts
+
+from baselines import dlt_lines, hdecomp, tvcalib
+from fieldcalib.cli import main as fieldcalib_main
+from fieldcalib.io.soccernet import camera_from_record, format_annotation, format_camera_types
+from fieldcalib.io.wc14 import find_homographies, format_homography, parse_homography
+from fieldcalib.parameters import camera_from_theta
+
+SIZE = (960, 540)
+NAMES = ("a", "b", "c")
+COMMANDS = {
+    "dlt_lines": (dlt_lines.main, ()),
+    "hdecomp": (hdecomp.main, ()),
+    "tvcalib": (tvcalib.main, ("--steps", "30")),
+}
+
+
+def run(main, *arguments):
+    try:
+        return main([str(argument) for argument in arguments])
+    except SystemExit as error:  # argparse ends so
+        return error.code
+
+
+def pixels_of(camera, X):
+    return camera.project(np.append(X, np.zeros((len(X), 1)), axis=1))
+
+
+@pytest.fixture(scope="module")
+def truth():
+    frames, thetas = frames_of_broadcasts(3, seed=3, noise=0.0, least_segments=7, names=("main center",))
+    cameras = [camera_from_theta(theta, SIZE) for theta in thetas]
+    return {name: (frame, camera) for name, frame, camera in zip(NAMES, frames, cameras, strict=True)}
+
+
+@pytest.fixture(scope="module")
+def folder(truth, tmp_path_factory):
+    path = tmp_path_factory.mktemp("annotations")
+    for name, (frame, _) in truth.items():
+        (path / f"{name}.json").write_text(format_annotation(frame, SIZE))
+    (path / "circle.json").write_text('{"Circle central": [{"x": 0.5, "y": 0.5}, {"x": 0.6, "y": 0.5}]}')
+    return path
+
+
+@pytest.mark.parametrize("name", COMMANDS)
+def test_files_are_those_of_fieldcalib_calibrate(name, folder, tmp_path, capsys):
+    main, options = COMMANDS[name]
+    assert run(main, folder, "--size", "960x540", "--out", tmp_path / name, *options) == 0
+    assert run(fieldcalib_main, "calibrate", folder, "--size", "960x540", "--out", tmp_path / "ours") == 0
+    lines, ours = (
+        [json.loads(line) for line in (tmp_path / run / "cameras.jsonl").read_text().splitlines()]
+        for run in (name, "ours")
+    )
+    assert [line["id"] for line in lines] == [line["id"] for line in ours] == ["a", "b", "c", "circle"]
+    assert set(lines[0]) == set(ours[0])
+    summaries = [json.loads((tmp_path / run / "summary.json").read_text()) for run in (name, "ours")]
+    assert set(summaries[0]) == set(summaries[1])
+    written = {path.stem for path in (tmp_path / name).glob("camera_*.json")}
+    assert written == {f"camera_{line['id']}" for line in lines if "K" in line}
+    assert {"camera_a", "camera_b", "camera_c"} <= written
+    assert f"{len(written)} cameras of 4 frames" in capsys.readouterr().out
+
+
+@pytest.mark.parametrize("name", ["dlt_lines", "hdecomp"])
+def test_noise_free_lines_give_the_camera(name, truth, folder, tmp_path):
+    assert run(COMMANDS[name][0], folder, "--size", "960x540", "--out", tmp_path) == 0
+    for id, (_, camera) in truth.items():
+        found = camera_from_record(json.loads((tmp_path / f"camera_{id}.json").read_text()))
+        assert found.focal_length == pytest.approx(camera.focal_length, rel=1e-4)
+        np.testing.assert_allclose(found.C, camera.C, atol=1e-2)
+    assert not (tmp_path / "camera_circle.json").exists()
+
+
+def test_homographies_are_written_in_wc14s_format_and_read_back(truth, folder, tmp_path):
+    matrices, cameras = tmp_path / "matrices", tmp_path / "cameras"
+    assert run(dlt_lines.main, folder, "--size", "960x540", "--out", matrices) == 0
+    files = {file.id: file for file in find_homographies(matrices)}
+    assert set(files) == set(truth)
+    X = np.array([[0.0, 0.0], [10.0, -30.0], [-20.0, 5.0]])
+    for id, (_, camera) in truth.items():
+        for size in (SIZE, (1280, 720)):
+            H = parse_homography(files[id].read(), image_size=size)
+            mapped = np.append(X, np.ones((3, 1)), axis=1) @ H.T
+            expected = pixels_of(camera, X) * np.divide(size, SIZE)
+            np.testing.assert_allclose(mapped[:, :2] / mapped[:, 2:], expected, atol=1e-3)
+    assert run(hdecomp.main, matrices, "--homographies", "--size", "960x540", "--out", cameras) == 0
+    for id, (_, camera) in truth.items():
+        found = camera_from_record(json.loads((cameras / f"camera_{id}.json").read_text()))
+        np.testing.assert_allclose(found.C, camera.C, atol=1e-2)
+
+
+def test_homographies_of_an_earlier_run_are_removed(folder, tmp_path):
+    (tmp_path / "circle.homographyMatrix").write_text("old")
+    assert run(dlt_lines.main, folder, "--size", "960x540", "--out", tmp_path) == 0
+    assert not (tmp_path / "circle.homographyMatrix").exists()
+
+
+@pytest.mark.parametrize("alignment", ["chen", "jiang"])
+def test_homographies_of_others(alignment, truth, tmp_path):
+    matrices = tmp_path / "matrices"
+    matrices.mkdir()
+    for id, (_, camera) in truth.items():
+        (matrices / f"{id}.homographyMatrix").write_text(
+            format_homography(camera.homography, alignment, image_size=SIZE)
+        )
+    options = ("--homographies", "--alignment", alignment, "--size", "960x540", "--out", tmp_path)
+    assert run(hdecomp.main, matrices, *options) == 0
+    for id, (_, camera) in truth.items():
+        found = camera_from_record(json.loads((tmp_path / f"camera_{id}.json").read_text()))
+        np.testing.assert_allclose(found.C, camera.C, atol=1e-3)
+
+
+def test_broken_homographies_are_named(truth, tmp_path, capsys):
+    matrices = tmp_path / "matrices"
+    matrices.mkdir()
+    (matrices / "a.homographyMatrix").write_text(format_homography(truth["a"][1].homography, image_size=SIZE))
+    (matrices / "b.homographyMatrix").write_text("1 2 3")
+    arguments = (matrices, "--homographies", "--size", "960x540", "--out", tmp_path)
+    assert run(hdecomp.main, *arguments) == 1
+    assert "b.homographyMatrix" in capsys.readouterr().err
+    lines = [json.loads(line) for line in (tmp_path / "cameras.jsonl").read_text().splitlines()]
+    assert [line["status"] for line in lines] == ["accepted", "broken file"]
+    strict = tmp_path / "strict"
+    assert run(hdecomp.main, *arguments[:-1], strict, "--strict") == 1
+    assert not strict.exists()
+
+
+@pytest.mark.parametrize("options", [("--zeta", "0"), ("--zeta", "x"), ("--tolerance", "-0.1"), ("--alignment", "sha")])
+def test_wrong_options(options, folder, tmp_path):
+    assert run(hdecomp.main, folder, "--size", "960x540", "--out", tmp_path, *options) == 2
+
+
+def test_zeta_decides_what_is_rejected(truth, tmp_path):
+    """A homography that no camera has: squeezed along the rows, its decomposition is pixels off."""
+    matrices = tmp_path / "matrices"
+    matrices.mkdir()
+    squeezed = np.diag([0.7, 1.0, 1.0]) @ truth["a"][1].homography
+    (matrices / "a.homographyMatrix").write_text(format_homography(squeezed, image_size=SIZE))
+    found = {}
+    for zeta in ("1", "1000"):
+        out = tmp_path / zeta
+        assert run(hdecomp.main, matrices, "--homographies", "--zeta", zeta, "--size", "960x540", "--out", out) == 0
+        found[zeta] = (out / "camera_a.json").exists()
+    assert found == {"1": False, "1000": True}
+
+
+def test_tau_rejects(folder, tmp_path):
+    arguments = (folder, "--size", "960x540", "--out", tmp_path, "--steps", "30", "--tau", "1e-9")
+    assert run(tvcalib.main, *arguments) == 0
+    assert not list(tmp_path.glob("camera_*.json"))
+    statuses = {json.loads(line)["status"] for line in (tmp_path / "cameras.jsonl").read_text().splitlines()}
+    assert statuses == {"rejected by tau"}
+
+
+# --- cameras of known type ---
+
+TYPES = {
+    "left": "Main camera left",
+    "right": "Main camera right",
+    "goal": "Main behind the goal",
+    "other": "Spider camera",
+}
+STANDS = {"left": "main left", "right": "main right", "goal": "behind right goal", "other": "main center"}
+
+
+@pytest.fixture(scope="module")
+def stacked(tmp_path_factory):
+    """A folder of frames whose cameras' types are known, and the true cameras."""
+    path = tmp_path_factory.mktemp("stacked")
+    cameras = {}
+    for seed, (name, stand) in enumerate(STANDS.items()):
+        (frame,), (theta,) = frames_of_broadcasts(1, seed=seed, noise=0.3, least_segments=6, names=(stand,))
+        (path / f"{name}.json").write_text(format_annotation(frame, SIZE))
+        cameras[name] = camera_from_theta(theta, SIZE)
+    (path / "match_info_cam_gt.json").write_text(format_camera_types(TYPES))
+    return path, cameras
+
+
+def test_calibrate_uses_known_types(stacked, tmp_path):
+    path, cameras = stacked
+    assert run(fieldcalib_main, "calibrate", path, "--size", "960x540", "--prior", "stacked", "--out", tmp_path) == 0
+    for name, camera in cameras.items():
+        found = camera_from_record(json.loads((tmp_path / f"camera_{name}.json").read_text()))
+        assert np.linalg.norm(found.C - camera.C) < 0.1 * np.linalg.norm(camera.C)
+
+
+def test_tvcalib_starts_from_known_types(stacked, tmp_path):
+    path, _ = stacked
+    found = {}
+    for starts in ("center", "stacked", "argmin"):
+        out = tmp_path / starts
+        options = ("--steps", "20", "--starts", starts)
+        assert run(tvcalib.main, path, "--size", "960x540", "--out", out, *options) == 0
+        lines = [json.loads(line) for line in (out / "cameras.jsonl").read_text().splitlines()]
+        found[starts] = {line["id"]: (line["C"][0], line["loss_ndc"]) for line in lines}
+    # in 20 steps a camera does not come far from where it starts
+    assert found["stacked"]["left"][0] < -20.0 < found["center"]["left"][0]
+    assert found["stacked"]["right"][0] > 20.0 > found["center"]["right"][0]
+    assert found["stacked"]["other"] == found["center"]["other"]
+    for name in TYPES:
+        assert found["argmin"][name][1] <= min(found["center"][name][1], found["stacked"][name][1]) + 1e-12
+
+
+@pytest.mark.parametrize("command", ["calibrate", "tvcalib"])
+def test_known_types_must_be_known(command, folder, tmp_path, capsys):
+    arguments = (folder, "--size", "960x540", "--out", tmp_path)
+    if command == "calibrate":
+        assert run(fieldcalib_main, "calibrate", *arguments, "--prior", "stacked") == 2
+    else:
+        assert run(tvcalib.main, *arguments, "--starts", "stacked") == 2
+    assert "match_info_cam_gt.json" in capsys.readouterr().err

@@ -1,0 +1,95 @@
+"""The paper's baselines from homographies: DLT lines, and homography decomposition."""
+
+import numpy as np
+import pytest
+from synthetic import observe, whole_circle_markings
+from test_homography import without_focal_length
+
+from baselines import dlt_lines, hdecomp
+from fieldcalib import ALIGNMENTS, Camera, Status, soccer
+from fieldcalib.io.soccernet import parse_annotation
+from fieldcalib.projective import dehomogenize, homogenize
+from fieldcalib.segments import check_segments
+
+FIELD, SIZE = soccer(), (960, 540)
+CAMERA = Camera.from_angles(-0.4, 1.35, 0.01, 1200.0, (0.0, 65.0, -15.0), SIZE)
+FRAME = observe(whole_circle_markings(FIELD), CAMERA)
+CIRCLES = {label: xy for label, xy in FRAME.items() if label.startswith("Circle")}
+
+
+def test_dlt_lines_without_noise_is_the_cameras_homography():
+    H, found = dlt_lines.homographies(FIELD, [FRAME, CIRCLES, FRAME], SIZE)
+    assert found.tolist() == [True, False, True]
+    X = CAMERA.image_to_field([(100.0, 500.0), (480.0, 270.0), (900.0, 400.0)])
+    for t in (0, 2):
+        np.testing.assert_allclose(dehomogenize(homogenize(X[:, :2]) @ H[t].T), CAMERA.project(X), atol=1e-4)
+
+
+def test_only_lines_on_the_ground_count():
+    spoilt = {label: xy + (100.0 if "Circle" in label or "Goal" in label else 0.0) for label, xy in FRAME.items()}
+    assert any("Goal" in label for label in spoilt)
+    H, _ = dlt_lines.homographies(FIELD, [FRAME, spoilt], SIZE)
+    np.testing.assert_allclose(H[1], H[0], rtol=1e-6)
+
+
+def test_no_frames():
+    H, found = dlt_lines.homographies(FIELD, [], SIZE)
+    assert (H.shape, found.shape) == ((0, 3, 3), (0,))
+    assert dlt_lines.calibrate(FIELD, [], SIZE) == hdecomp.calibrate([], SIZE) == []
+
+
+def test_closed_form_cameras():
+    found, none = dlt_lines.calibrate(FIELD, [FRAME, CIRCLES], SIZE)
+    assert found.accepted
+    assert found.camera.focal_length == pytest.approx(1200.0, rel=1e-4)
+    np.testing.assert_allclose(found.camera.C, CAMERA.C, atol=0.01)
+    assert list(found.per_segment_errors) == list(FRAME)
+    assert found.rms < 0.05
+    assert (none.camera, none.status) == (None, Status.TOO_FEW_SEGMENTS)
+
+
+def test_errors_are_those_of_the_labels():
+    shifted = {**FRAME, "Circle left": FRAME["Circle left"] + (0.0, 40.0)}
+    (found,) = dlt_lines.calibrate(FIELD, [shifted], SIZE)
+    errors = found.per_segment_errors
+    assert 10.0 < errors["Circle left"] <= 40.0
+    assert max(error for label, error in errors.items() if label != "Circle left") < 0.05
+    share = len(shifted["Circle left"]) / sum(len(xy) for xy in shifted.values())
+    assert found.rms == pytest.approx(errors["Circle left"] * np.sqrt(share), rel=1e-3)
+
+
+def test_hdecomp_withholds_what_the_paper_rejects():
+    nowhere = Camera.from_angles(0.2, 1.36, 0.0, 12000.0, (1.5, 68.0, -17.0), SIZE).homography
+    T = np.array([[1.0, 0, 480], [0, 1, 270], [0, 0, 1]])
+    calibrations = hdecomp.calibrate([CAMERA.homography, None, nowhere, T @ without_focal_length()], SIZE)
+    assert [calibration.camera is None for calibration in calibrations] == [False, True, True, True]
+    assert [calibration.status for calibration in calibrations] == [
+        Status.ACCEPTED,
+        Status.TOO_FEW_SEGMENTS,
+        Status.IMPLAUSIBLE,
+        Status.IMPLAUSIBLE,
+    ]
+    np.testing.assert_allclose(calibrations[0].camera.C, CAMERA.C, atol=1e-4)
+
+
+def test_zeta_and_tolerance_reach_the_decomposition():
+    H = CAMERA.homography * (1.0 + 0.01 * np.random.default_rng(3).normal(size=(3, 3)))
+    counts = [
+        len(hdecomp.calibrate([H], SIZE, **options)[0].per_segment_errors)
+        for options in ({}, {"tolerance": 0.0}, {"zeta": 0.01})
+    ]
+    assert counts[0] > counts[1] > counts[2]
+
+
+def test_wc14(shared_data):
+    """Refinement makes good for most of what the closed form is off; annotated homographies all have a camera."""
+    size, paths = (1280, 720), sorted((shared_data / "wc14-test").glob("*.homographyMatrix"))[:40]
+    frames = [
+        check_segments(FIELD, parse_annotation(path.with_suffix(".json").read_bytes(), size), size) for path in paths
+    ]
+    annotated = hdecomp.calibrate([ALIGNMENTS["wc14"].to_fieldcalib(np.loadtxt(path)) for path in paths], size)
+    assert all(calibration.camera is not None for calibration in annotated)
+    assert np.median([calibration.rms for calibration in annotated]) < 10.0
+    H, found = dlt_lines.homographies(FIELD, frames, size)
+    refined = hdecomp.calibrate([h if ok else None for h, ok in zip(H, found, strict=True)], size)
+    assert np.mean([calibration.camera is not None for calibration in refined]) > 0.7

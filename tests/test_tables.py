@@ -1,0 +1,175 @@
+"""The paper's tables: the published numbers, and measured ones on synthetic frames."""
+
+import json
+
+import numpy as np
+import pytest
+from synthetic import frames_of_broadcasts
+
+from baselines import tables
+from baselines.methods import read_dataset
+from baselines.published import ANNOTATED, CHEN, DLT, JIANG, OURS, ROWS, TAU, TVCALIB, hdecomp
+from fieldcalib.io.soccernet import format_annotation, format_camera_types
+from fieldcalib.io.wc14 import format_homography
+from fieldcalib.metrics import compound_score
+from fieldcalib.parameters import camera_from_theta
+
+COUNT = 5
+STEPS = ("--steps", "20")
+
+
+@pytest.mark.parametrize("row", ROWS, ids=lambda row: f"{row.dataset} {row.evaluated} {row.method} {row.segments}")
+def test_published_scores_follow_from_published_accuracies(row):
+    """Guards against misprints: CS is a function of the other numbers, rounded to 0.1."""
+    if np.isnan(row.cs):
+        pytest.skip("the paper prints no CS for this row")
+    accuracies, share = np.array([row.ac5, row.ac10, row.ac20]) / 100.0, tables.SHARES[row.dataset]
+    assert 100.0 * compound_score(accuracies, row.cr / 100.0, "tables", share=share) == pytest.approx(row.cs, abs=0.11)
+
+
+def test_published_rows_are_told_apart():
+    keys = [(row.dataset, row.evaluated, row.method, row.segments, row.tau) for row in ROWS]
+    assert len(set(keys)) == len(keys) == 45
+
+
+def write_frames(path, size, *, homographies):
+    frames, thetas = frames_of_broadcasts(COUNT, seed=5, noise=0.5, names=("main center",), image_size=size)
+    for index, (frame, theta) in enumerate(zip(frames, thetas, strict=True)):
+        (path / f"{index}.json").write_text(format_annotation(frame, size))
+        if homographies:
+            H = camera_from_theta(theta, size).homography
+            (path / f"{index}.homographyMatrix").write_text(format_homography(H, image_size=size))
+            for alignment in ("chen", "jiang"):
+                (path / alignment).mkdir(exist_ok=True)
+                text = format_homography(H, alignment, image_size=size)
+                (path / alignment / f"{index}.homographyMatrix").write_text(text)
+    return path
+
+
+@pytest.fixture(scope="module")
+def sncalib(tmp_path_factory):
+    return write_frames(tmp_path_factory.mktemp("sncalib"), (960, 540), homographies=False)
+
+
+@pytest.fixture(scope="module")
+def wc14(tmp_path_factory):
+    return write_frames(tmp_path_factory.mktemp("wc14"), (1280, 720), homographies=True)
+
+
+def run(capsys, *arguments):
+    assert tables.main([str(argument) for argument in arguments]) == 0
+    return capsys.readouterr().out
+
+
+def rows_of(text):
+    return {
+        (row["dataset"], row["evaluated"], row["method"], row["segments"], row["tau"]): row
+        for row in json.loads(text)["rows"]
+    }
+
+
+@pytest.fixture(scope="module")
+def everything(sncalib, wc14):
+    """Rows of a run on all that the tables can use."""
+    arguments = ["--sncalib", sncalib, "--sncalib-pred", sncalib, "--wc14", wc14, "--wc14-pred", wc14]
+    arguments += ["--chen", wc14 / "chen", "--jiang", wc14 / "jiang", *STEPS, "--json"]
+    with pytest.MonkeyPatch.context() as patch:
+        printed = []
+        patch.setattr("builtins.print", lambda *text, **_: printed.extend(text))
+        assert tables.main([str(argument) for argument in arguments]) == 0
+    return rows_of("".join(text for text in printed if text.startswith("{")))
+
+
+def test_every_published_row_is_there_with_its_numbers(everything):
+    for row in ROWS:
+        record = everything[row.dataset, row.evaluated, row.method, row.segments, row.tau]
+        assert record["published"]["AC@5"] == row.ac5
+        assert record["published"]["CR"] == row.cr
+        assert (record["values"] is None) == (record["reason"] is not None)
+
+
+def test_perfect_homographies_score_perfectly(everything):
+    for method in (ANNOTATED, CHEN, JIANG, hdecomp(ANNOTATED), hdecomp(CHEN), hdecomp(JIANG)):
+        values = everything["WC14-test", "homography", method, "-", None]["values"]
+        assert values["CR"] == 100.0
+        assert values["AC@20"] > 90.0  # stubs of lines at the border are not annotated
+        assert values["IoU_part mean"] == pytest.approx(100.0, abs=0.1)
+
+
+def test_what_can_be_measured_is(everything):
+    measured = {key[2:] for key, row in everything.items() if row["values"] is not None}
+    for method in (OURS, TVCALIB):
+        assert {(method, segments, tau) for segments in ("GT", "pred") for tau in (TAU, None)} <= measured
+    assert {(DLT, "GT", None), (hdecomp(DLT), "pred", None), (hdecomp(DLT) + ", zeta = 1000", "GT", None)} <= measured
+    ours = everything["WC14-test", "camera", OURS, "GT", None]
+    assert ours["values"]["AC@20"] > 90.0
+    assert ours["milliseconds"] > 0.0
+
+
+def test_predicted_segments_score_as_what_they_are(everything):
+    """Here they are the annotations themselves."""
+    gt, pred = (
+        everything["SN-Calib-test-center", "camera", OURS, segments, None]["values"] for segments in ("GT", "pred")
+    )
+    assert gt == pred
+
+
+def test_rows_that_cannot_be_measured_say_why(sncalib, capsys):
+    text = run(capsys, "--sncalib", sncalib, *STEPS)
+    assert "TVCalib (pred): needs segments that a network found: --sncalib-pred DIR" in text
+    assert "needs their network" in text
+    assert "WC14-test" not in text.split("SN-Calib-test-center, 960x540")[1]
+    rows = rows_of(run(capsys, "--sncalib", sncalib, *STEPS, "--json"))
+    unmeasured = [row for row in rows.values() if row["values"] is None]
+    assert unmeasured
+    assert all(row["reason"] for row in unmeasured)
+
+
+def test_text_and_markdown(wc14, capsys):
+    plain = run(capsys, "--wc14", wc14, *STEPS)
+    markdown = run(capsys, "--wc14", wc14, *STEPS, "--markdown")
+    assert "\n### WC14-test, 1280x720: cameras\n" in markdown
+    (row,) = [line for line in markdown.splitlines() if line.startswith("| HDecomp + annotated H  ")][:1]
+    assert "(48.1)" in row
+    assert "(90.9)" in row
+    assert "(48.1)" in plain
+    for block in markdown.split("\n\n"):
+        if block.startswith("|"):
+            assert len({line.count("|") for line in block.splitlines()}) == 1
+
+
+def test_only_the_main_camera_counts_where_types_are_known(sncalib, tmp_path):
+    for path in sncalib.glob("*.json"):
+        (tmp_path / path.name).write_bytes(path.read_bytes())
+    types = {str(index): "Main camera center" for index in range(COUNT)} | {"1": "Main camera left"}
+    (tmp_path / "match_info_cam_gt.json").write_text(format_camera_types(types))
+    dataset = read_dataset("SN-Calib-test-center", tmp_path, (960, 540))
+    assert list(dataset.annotations) == ["0", "2", "3", "4"]
+    statistics = tables.dataset_statistics(dataset)
+    assert statistics["images"] == 4
+    assert statistics["camera_types_percent"] == {"Main camera center": 80.0, "Main camera left": 20.0}
+
+
+def test_broken_files_stop_it(sncalib, tmp_path, capsys):
+    for path in sncalib.glob("*.json"):
+        (tmp_path / path.name).write_bytes(path.read_bytes())
+    (tmp_path / "2.json").write_text("no JSON")
+    assert tables.main(["--sncalib", str(tmp_path)]) == 2
+    assert "2.json" in capsys.readouterr().err
+
+
+def test_something_must_be_given(capsys):
+    with pytest.raises(SystemExit):
+        tables.main([])
+    assert "--sncalib" in capsys.readouterr().err
+
+
+def test_figures(sncalib, wc14, tmp_path, capsys):
+    pytest.importorskip("matplotlib", reason="needs the extra 'figures'")
+    import cv2
+
+    run(capsys, "--sncalib", sncalib, "--wc14", wc14, *STEPS, "--figures", tmp_path / "new")
+    for name in ("loss_per_frame", "accuracy_against_completeness"):
+        image = cv2.imread(str(tmp_path / "new" / f"{name}.png"))
+        assert image.shape[0] > 400
+        assert image.std() > 5.0
