@@ -127,7 +127,8 @@ def measure(dataset: Dataset, runs: Runs, field: Field) -> list[Measured]:
         }
         wanted |= {(r.method, r.segments, r.tau): r for r in published if r.evaluated == evaluated}
         extra = [key for key in runs if evaluated == "homography" or key[0] not in (DLT, ANNOTATED, CHEN, JIANG)]
-        wanted |= {(*key, None): None for key in extra if (*key, None) not in wanted}
+        taus = {key: (TAU, None) if runs[key].losses is not None else (None,) for key in extra}
+        wanted |= {(*key, tau): None for key in extra for tau in taus[key] if (*key, tau) not in wanted}
         rows += [_measure(key, row, evaluated, dataset, runs, field) for key, row in wanted.items()]
     return rows
 

@@ -1,4 +1,4 @@
-"""Speed and memory of the calibration: `pytest tests/bench_speed.py`. Not part of the default run.
+"""Speed and memory of the calibration and of its evaluation: `pytest tests/bench_speed.py`. Not in the default run.
 
 Frames are synthetic, or SoccerNet's annotations where they lie beside the checkout.
 """
@@ -13,7 +13,9 @@ from synthetic import frames_of_broadcasts
 
 from fieldcalib import calibrate_batch, calibrate_from_segments, soccer
 from fieldcalib.io.soccernet import parse_annotation
+from fieldcalib.metrics import evaluate_segments
 from fieldcalib.options import DEFAULT_FLAGS, CalibrationFlags
+from fieldcalib.parameters import camera_from_theta
 
 FIELD, SIZE = soccer(), (960, 540)
 
@@ -91,6 +93,15 @@ def test_one_frame_from_a_given_start(benchmark, frames, pixels):
     )
     if pixels <= 5.0:
         assert benchmark.stats.stats.median <= 0.008
+
+
+def test_evaluation_of_728_frames(benchmark, say):
+    """As many as the half of SN-Calib-test-center; SoccerNet's evaluation takes about 0.3 s a frame."""
+    frames, thetas = frames_of_broadcasts(364, seed=0, noise=3.0, names=("main center",))
+    cameras = [camera_from_theta(theta, SIZE) for theta in thetas]
+    benchmark.pedantic(evaluate_segments, (2 * cameras, 2 * frames, SIZE), rounds=3, warmup_rounds=1)
+    say(f"{milliseconds_a_frame(benchmark, 728):.2f} ms a frame")
+    assert benchmark.stats.stats.median <= 5.0
 
 
 def test_memory_of_5000_frames(benchmark, say):

@@ -361,7 +361,9 @@ def test_wrong_inputs(tmp_path, capsys):
         assert message in error
 
 
-def test_an_output_folder_that_cannot_be(folder, tmp_path, capsys):
+def test_an_output_folder_that_cannot_be(folder, tmp_path, monkeypatch, capsys):
+    """It is known before the work, not after it."""
+    monkeypatch.setattr("fieldcalib.commands.calibrate.calibrate_batch", lambda *_, **__: pytest.fail("has worked"))
     (tmp_path / "file").write_text("in the way")
     for out in (tmp_path / "file", tmp_path / "file" / "below"):
         assert calibrate(out, folder / "a.json") == 2

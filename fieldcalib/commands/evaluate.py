@@ -15,16 +15,18 @@ import numpy as np
 
 from fieldcalib._types import Array
 from fieldcalib.commands.arguments import image_size, positive
-from fieldcalib.io.files import BrokenFileError, FrameFile, find_files
+from fieldcalib.field import soccer
+from fieldcalib.io.files import BrokenFileError, FrameFile
 from fieldcalib.io.soccernet import (
-    camera_types,
+    CAMERA_TYPES,
     find_annotations,
     find_cameras,
     parse_annotation,
     parse_camera,
+    read_camera_types,
 )
 from fieldcalib.io.tvcalib import parse_per_sample_output
-from fieldcalib.io.wc14 import find_homographies, parse_homography
+from fieldcalib.io.wc14 import HOMOGRAPHY, IMAGE_SIZE, find_homographies, parse_homography
 from fieldcalib.metrics import (
     THRESHOLDS,
     Confusion,
@@ -36,13 +38,12 @@ from fieldcalib.metrics import (
     iou_whole,
     projection_error,
 )
+from fieldcalib.metrics.accuracy import check_annotation
 from fieldcalib.rational import RationalCamera
 from fieldcalib.segments import Pixels
 
-CAMERA_TYPES = "match_info_cam_gt.json"
-HOMOGRAPHY = ".homographyMatrix"
-WC14_SIZE = (1280, 720)
 PERCENT = 100.0
+OFF_CENTRE = 0.1  # of the image's size: a principal point further off belongs to an image of another size
 
 
 def add_parser(commands: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
@@ -105,7 +106,8 @@ def _report(options: argparse.Namespace, broken: list[str]) -> dict[str, Any]:
         raise ValueError(f"{options.predictions} holds no prediction that can be evaluated")
     size = options.size or _common_size(predictions)
     truth = read_ground_truth(options.ground_truth, size, broken, camera_type=options.camera_type)
-    others = {p.image_size for p in predictions.values() if isinstance(p, RationalCamera)} - {size}
+    others = {_natural_size(p) for p in predictions.values() if isinstance(p, RationalCamera)}
+    others = {other for other in others if np.any(np.abs(np.subtract(other, size)) > OFF_CENTRE * np.array(size))}
     if others:
         sizes = ", ".join(f"{width}x{height}" for width, height in sorted(others))
         print(
@@ -120,6 +122,12 @@ def _report(options: argparse.Namespace, broken: list[str]) -> dict[str, Any]:
         )
     planar = options.planar or any(not isinstance(p, RationalCamera) for p in predictions.values())
     return evaluate(predictions, truth, size, thresholds=options.thresholds, planar=planar)
+
+
+def _natural_size(camera: RationalCamera) -> tuple[int, int]:
+    """The image whose centre is the principal point, as SoccerNet has it."""
+    width, height = np.round(2.0 * camera.K[:2, 2]).astype(int).tolist()
+    return width, height
 
 
 def _some(frames: Mapping[str, Any]) -> str:
@@ -149,7 +157,7 @@ def read_predictions(
         return _read_tvcalib(path, homographies=homographies)
     if not homographies and path.suffix != HOMOGRAPHY:
         try:
-            return _read(find_cameras(path), parse_camera, broken)
+            return _read(find_cameras(path), lambda content: parse_camera(content, size), broken)
         except FileNotFoundError:
             if not path.exists():
                 raise
@@ -162,7 +170,7 @@ def read_predictions(
             f"{path} holds no prediction: expected camera_<id>.json, <id>{HOMOGRAPHY}, or TVCalib's "
             f"per_sample_output.json itself"
         ) from None
-    return _read(files, lambda content: _scaled_from_wc14(parse_homography(content), size), broken)
+    return _read(files, lambda content: parse_homography(content, image_size=size or IMAGE_SIZE), broken)
 
 
 def _read_tvcalib(path: Path, *, homographies: bool) -> dict[str, Prediction]:
@@ -178,39 +186,23 @@ def _read_tvcalib(path: Path, *, homographies: bool) -> dict[str, Prediction]:
     return dict(maps if homographies or not cameras else cameras)
 
 
-def _scaled_from_wc14(H: Array, size: tuple[int, int] | None) -> Array:
-    width, height = WC14_SIZE if size is None else size
-    return np.asarray(np.diag([width / WC14_SIZE[0], height / WC14_SIZE[1], 1.0]) @ H)
-
-
 def read_ground_truth(
     path: Path, size: tuple[int, int], broken: list[str], *, camera_type: str | None = None
 ) -> GroundTruth:
     """Annotations of a folder or a zip, and homographies that lie beside them."""
     files = find_annotations([path])
     if camera_type is not None:
-        types = _read_camera_types(path)
+        types = read_camera_types([path])
         files = [file for file in files if types.get(file.id) == camera_type]
         if not files:
             raise ValueError(f"no frame is of type {camera_type!r}; there are {', '.join(sorted(set(types.values())))}")
-    annotations = _read(files, lambda content: parse_annotation(content, size, unknown=True), broken)
+    field = soccer()
+    annotations = _read(
+        files, lambda content: check_annotation(parse_annotation(content, size, unknown=True), field), broken
+    )
     ids = {file.id for file in files}
     found = [file for file in _beside(path, find_homographies) if file.id in ids]
-    return GroundTruth(
-        annotations, _read(found, lambda content: _scaled_from_wc14(parse_homography(content), size), broken)
-    )
-
-
-def _read_camera_types(path: Path) -> dict[str, str]:
-    types: dict[str, str] = {}
-    for file in _beside(path, lambda path: find_files([path], "camera types", suffix=CAMERA_TYPES)):
-        try:
-            types |= camera_types(file.read())
-        except BrokenFileError as error:
-            raise BrokenFileError(f"{file.path}: {error}") from None
-    if not types:
-        raise FileNotFoundError(f"{path} has no {CAMERA_TYPES}, which would say the type of each frame's camera")
-    return types
+    return GroundTruth(annotations, _read(found, lambda content: parse_homography(content, image_size=size), broken))
 
 
 def _beside(path: Path, find: Callable[[Path], list[FrameFile]]) -> list[FrameFile]:
@@ -233,7 +225,7 @@ def _read(files: Sequence[FrameFile], parse: Callable[[bytes], Any], broken: lis
 
 
 def _common_size(predictions: Mapping[str, Prediction]) -> tuple[int, int]:
-    sizes = {p.image_size if isinstance(p, RationalCamera) else WC14_SIZE for p in predictions.values()}
+    sizes = {p.image_size if isinstance(p, RationalCamera) else IMAGE_SIZE for p in predictions.values()}
     if len(sizes) != 1:
         raise ValueError("the cameras are for images of several sizes: say by --size which one the annotations have")
     return sizes.pop()

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import json
 import re
-import zipfile
 from collections.abc import Iterable, Mapping
 from pathlib import Path, PurePosixPath
 from types import MappingProxyType
@@ -283,16 +282,23 @@ def read_camera_types(inputs: Iterable[Path]) -> dict[str, str]:
     """
     types: dict[str, str] = {}
     found = False
-    for path in inputs:
-        member = (zipfile.Path(path) if zipfile.is_zipfile(path) else path) / CAMERA_TYPES
-        if member.is_file():
+    paths = list(inputs)
+    for path in paths:
+        try:
+            files = find_files([path], "camera types", suffix=CAMERA_TYPES)
+        except FileNotFoundError:
+            continue
+        for file in files:
+            if file.path == path:  # a single annotation
+                continue
             found = True
             try:
-                types |= camera_types(member.read_bytes())
+                types |= camera_types(file.read())
             except BrokenFileError as error:
-                raise BrokenFileError(f"{member}: {error}") from None
+                raise BrokenFileError(f"{file.path}: {error}") from None
     if not found:
-        raise FileNotFoundError(f"no {CAMERA_TYPES} lies beside the annotations: nothing says which camera filmed what")
+        names = ", ".join(map(str, paths))
+        raise FileNotFoundError(f"{names} has no {CAMERA_TYPES}, which would say the type of each frame's camera")
     return types
 
 

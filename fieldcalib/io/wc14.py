@@ -21,6 +21,7 @@ from fieldcalib.io.files import BrokenFileError, FrameFile, find_files
 
 AlignmentName: TypeAlias = Literal["wc14", "chen", "jiang"]
 
+HOMOGRAPHY = ".homographyMatrix"
 IMAGE_SIZE = (1280, 720)  # of the data set's images, which the files are for
 # Condition number beyond which less than four digits are left of an inverse; those of the data set are below 1e6.
 SINGULAR = 1e12
@@ -36,7 +37,7 @@ def find_homographies(path: Path) -> list[FrameFile]:
     BrokenFileError
         If a zip is none, or two files would be the same frame.
     """
-    return find_files([path], "homography", suffix=".homographyMatrix")
+    return find_files([path], "homography", suffix=HOMOGRAPHY)
 
 
 def parse_homography(

@@ -8,7 +8,7 @@ with those of the field turned by 180 degrees, and the better of the two counts.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 from typing import NamedTuple
@@ -21,7 +21,7 @@ from fieldcalib.field import Field, Segment, soccer
 from fieldcalib.io.soccernet import UNKNOWN_LABELS
 from fieldcalib.metrics.polylines import Polylines, distances_to_polylines, project_segments, sample_segments
 from fieldcalib.metrics.views import Prediction, checked_prediction, is_homography
-from fieldcalib.segments import ImageSegments
+from fieldcalib.segments import ImageSegments, Pixels
 
 THRESHOLDS = (5.0, 10.0, 20.0)  # px
 CHUNK = 64  # frames projected together
@@ -114,7 +114,7 @@ class SegmentEvaluation:
         return self._mean(_share(counts[..., TP], counts[..., TP] + counts[..., FN]))
 
     def _mean(self, values: Array) -> Array:
-        counted = np.isfinite(values) & self.found[:, None]
+        counted = np.isfinite(values)
         count = counted.sum(axis=0)
         total = np.sum(np.where(counted, values, 0.0), axis=0)
         return np.where(count > 0, total / np.maximum(count, 1), np.nan)
@@ -221,7 +221,7 @@ def evaluate_segments(
     if not planar and any(is_homography(prediction) for prediction in given.values()):
         raise ValueError("homographies map the ground alone: evaluate them with planar=True")
     classes = _Classes.of(field, planar)
-    annotated = [_annotated_points(frame, field, classes, f) for f, frame in enumerate(annotations)]
+    annotated = [_annotated_points(frame, classes) for frame in _checked(annotations, field)]
 
     F, T, L = len(predictions), len(limits), len(classes.labels)
     found, mirrored = np.isin(np.arange(F), list(given)), np.zeros((F, T), dtype=bool)
@@ -271,29 +271,53 @@ class _Classes:
         return cls(segments, labels, np.array(turned), np.array(extra))
 
 
-def _annotated_points(frame: ImageSegments, field: Field, classes: _Classes, index: int) -> tuple[Array, IntArray]:
-    """Pixels (n, 2) of a frame and the indices of their labels (n,), label by label."""
-    if not isinstance(frame, Mapping):
-        raise ValueError(f"frame {index}: expected a mapping of labels to (n, 2) pixels, got {type(frame).__name__}")
-    points: dict[int, Array] = {}
-    for given, pixels in frame.items():
+def check_annotation(annotation: ImageSegments, field: Field) -> Pixels:
+    """The annotated pixels of one frame as float arrays, or a ValueError that says what is wrong with them.
+
+    Unlike `fieldcalib.segments.check_segments`, it takes what can be evaluated, not what can be calibrated: labels by
+    which annotators say that they do not know, the centre circle whole, and pixels wherever they are.
+
+    Examples
+    --------
+    >>> check_annotation({"Middle line ": [(480, 100), (480, 400)], "Line unknown": []}, soccer())
+    {'Middle line': array([[480., 100.],
+           [480., 400.]])}
+    """
+    if not isinstance(annotation, Mapping):
+        raise ValueError(f"expected a mapping of labels to (n, 2) pixels, got {type(annotation).__name__}")
+    known = {*field.markings, *UNKNOWN_LABELS} - HALVES
+    pixels: Pixels = {}
+    for given, values in annotation.items():
         label = given.strip()
-        if label in HALVES or label not in {*field.markings, *UNKNOWN_LABELS}:
+        if label not in known:
             raise ValueError(
-                f"frame {index}: {given!r} is no segment that is evaluated; expected SoccerNet's labels, the centre "
-                f"circle whole"
+                f"{given!r} is no segment that is evaluated; expected SoccerNet's labels, the centre circle whole"
             )
         try:
-            xy = np.asarray(pixels, dtype=float)
+            xy = np.asarray(values, dtype=float)
         except (TypeError, ValueError):
             xy = np.full(2, np.nan)
-        if xy.size and (xy.ndim != 2 or xy.shape[1] != 2 or not np.all(np.isfinite(xy))):
-            raise ValueError(f"frame {index}: {given!r}: expected finite pixels of shape (n, 2), got {pixels!r}")
-        if label not in classes.labels:
-            continue  # it stands above the ground
-        if (number := classes.labels.index(label)) in points:
-            raise ValueError(f"frame {index}: {label!r} is given twice, with and without surrounding blanks")
-        points[number] = xy.reshape(-1, 2)
+        if xy.size == 0:
+            continue
+        if xy.ndim != 2 or xy.shape[1] != 2 or not np.all(np.isfinite(xy)):
+            raise ValueError(f"{given!r}: expected finite pixels of shape (n, 2), got {values!r}")
+        if label in pixels:
+            raise ValueError(f"{label!r} is given twice, with and without surrounding blanks")
+        pixels[label] = xy
+    return pixels
+
+
+def _checked(annotations: Sequence[ImageSegments], field: Field) -> Iterator[Pixels]:
+    for f, annotation in enumerate(annotations):
+        try:
+            yield check_annotation(annotation, field)
+        except ValueError as error:
+            raise ValueError(f"frame {f}: {error}") from None
+
+
+def _annotated_points(pixels: Pixels, classes: _Classes) -> tuple[Array, IntArray]:
+    """Pixels (n, 2) of a frame and the indices of their labels (n,), label by label; without what is not evaluated."""
+    points = {classes.labels.index(label): xy for label, xy in pixels.items() if label in classes.labels}
     counts = [len(xy) for xy in points.values()]
     return np.concatenate([np.zeros((0, 2)), *points.values()]), np.repeat(np.array([*points], dtype=np.intp), counts)
 
