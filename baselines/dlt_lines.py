@@ -22,14 +22,13 @@ from fieldcalib.cli import run_command
 from fieldcalib.commands.arguments import add_field_size, add_input_and_output
 from fieldcalib.commands.folder import calibrate_folder
 from fieldcalib.field import Field, soccer
-from fieldcalib.homography import camera_from_homography
+from fieldcalib.homography import NO_FOCAL_LENGTH, closed_form
 from fieldcalib.io.files import write_text
 from fieldcalib.io.wc14 import format_homography
+from fieldcalib.projective import SINGULAR
 from fieldcalib.result import Calibration, Status
 from fieldcalib.segments import Pixels, pack
 from fieldcalib.starts import ground_homographies
-
-SINGULAR = 1e12  # condition number; of real cameras, between metres and pixels, about 1e6
 
 
 def homographies(field: Field, frames: Sequence[Pixels], image_size: tuple[int, int]) -> tuple[Array, BoolArray]:
@@ -71,13 +70,17 @@ def homographies(field: Field, frames: Sequence[Pixels], image_size: tuple[int, 
     return np.where(found[:, None, None], H, np.nan), found
 
 
-def calibrate(field: Field, frames: Sequence[Pixels], image_size: tuple[int, int]) -> list[Calibration]:
+def calibrate(
+    homographies: Sequence[Array | None], field: Field, frames: Sequence[Pixels], image_size: tuple[int, int]
+) -> list[Calibration]:
     """The closed-form camera of each frame's homography, without refinement.
 
     Steps (1) to (3) of the paper's appendix "Homography Decomposition".
 
     Parameters
     ----------
+    homographies : sequence of (3, 3) arrays or None
+        Those that `homographies` has found, None where it has none.
     field, frames, image_size
         As in `homographies`.
 
@@ -87,17 +90,16 @@ def calibrate(field: Field, frames: Sequence[Pixels], image_size: tuple[int, int
         Without a camera where there is no homography, or one without a real focal length.
     """
     calibrations = []
-    for frame, H, found in zip(frames, *homographies(field, frames, image_size), strict=True):
-        if not found:
+    for frame, H in zip(frames, homographies, strict=True):
+        if H is None:
             message = "a homography needs four lines on the ground, no three of them through one point"
             calibrations.append(Calibration.without_camera(Status.TOO_FEW_SEGMENTS, message))
             continue
-        decomposition = camera_from_homography(H, image_size)
-        if decomposition.initial is None:
-            calibrations.append(Calibration.without_camera(Status.IMPLAUSIBLE, decomposition.message))
+        camera = closed_form(H, image_size)
+        if camera is None:
+            calibrations.append(Calibration.without_camera(Status.IMPLAUSIBLE, NO_FOCAL_LENGTH))
             continue
-        message = "closed form, not refined"
-        calibrations.append(judged_camera(decomposition.initial, field, frame, message, on_field=True))
+        calibrations.append(judged_camera(camera, field, frame, "closed form, not refined", on_field=True))
     return calibrations
 
 
@@ -116,13 +118,15 @@ def _run(options: argparse.Namespace) -> int:
     def method(frames: dict[str, Pixels]) -> list[Calibration]:
         options.out.mkdir(parents=True, exist_ok=True)
         members = list(frames.values())
-        for id, H, found in zip(frames, *homographies(field, members, options.size), strict=True):
+        H, found = homographies(field, members, options.size)
+        by_lines = [H[t] if found[t] else None for t in range(len(H))]
+        for id, matrix in zip(frames, by_lines, strict=True):
             path = options.out / f"{id}.homographyMatrix"
-            if found:
-                write_text(path, format_homography(H, image_size=options.size))
-            else:
+            if matrix is None:
                 path.unlink(missing_ok=True)  # an earlier run's
-        return calibrate(field, members, options.size)
+            else:
+                write_text(path, format_homography(matrix, image_size=options.size))
+        return calibrate(by_lines, field, members, options.size)
 
     return calibrate_folder(options, field, method)
 

@@ -18,7 +18,7 @@ from typing import get_args
 
 from baselines import dlt_lines
 from fieldcalib._types import Array
-from fieldcalib.calibrate_homography import judged_decomposition
+from fieldcalib.calibrate_homography import judged_camera, judged_decomposition
 from fieldcalib.cli import run_command
 from fieldcalib.commands.arguments import add_field_size, add_input_and_output, positive
 from fieldcalib.commands.folder import broken_line, calibrate_folder, calibration_line, write_folder
@@ -95,19 +95,25 @@ def main(arguments: Sequence[str] | None = None) -> int:
 def _run(options: argparse.Namespace) -> int:
     if options.homographies:
         return _decompose_files(options)
+    if options.alignment != "wc14":
+        raise ValueError("--alignment says whose axes homography files have: give --homographies with it")
     field = soccer(options.field_length, options.field_width)
 
     def method(frames: dict[str, Pixels]) -> list[Calibration]:
         H, found = dlt_lines.homographies(field, list(frames.values()), options.size)
-        members = [H[t] if found[t] else None for t in range(len(H))]
-        return calibrate(members, options.size, zeta=options.zeta, tolerance=options.tolerance)
+        by_lines = [H[t] if found[t] else None for t in range(len(H))]
+        calibrations = calibrate(by_lines, options.size, zeta=options.zeta, tolerance=options.tolerance)
+        return [  # what is annotated says more about a camera than the points of its homography
+            judged_camera(c.camera, field, frame, c.message, on_field=True) if c.camera else c
+            for c, frame in zip(calibrations, frames.values(), strict=True)
+        ]
 
     return calibrate_folder(options, field, method)
 
 
 def _decompose_files(options: argparse.Namespace) -> int:
     began = time.perf_counter()
-    files = [file for path in options.input for file in find_homographies(path)]
+    files = find_homographies(options.input)
     homographies: dict[str, Array] = {}
     broken: dict[str, str] = {}
     for file in files:

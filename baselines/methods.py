@@ -17,8 +17,8 @@ from baselines.published import ANNOTATED, CHEN, DLT, FAR, OURS, TVCALIB, Datase
 from baselines.published import hdecomp as decomposed
 from fieldcalib._types import Array
 from fieldcalib.calibrate import calibrate_batch
-from fieldcalib.commands.evaluate import read_ground_truth
-from fieldcalib.field import Field
+from fieldcalib.commands.predictions import read_files, read_ground_truth
+from fieldcalib.field import Field, soccer
 from fieldcalib.io.soccernet import CAMERA_TYPES, UNKNOWN_LABELS, find_annotations, parse_annotation, read_camera_types
 from fieldcalib.io.wc14 import AlignmentName, find_homographies, parse_homography
 from fieldcalib.metrics import Prediction
@@ -87,20 +87,24 @@ def read_dataset(
     broken: list[str] = []
     types = read_camera_types([path]) if (path / CAMERA_TYPES).is_file() else None
     truth = read_ground_truth(path, size, broken, camera_type=MAIN_CAMERA if types else None)
-    if broken:
-        raise ValueError(f"broken files: {'; '.join(broken)}")
     ids = list(truth.annotations)
     homographies: dict[str, Homographies] = {}
     if truth.homographies:
         homographies[ANNOTATED] = [truth.homographies.get(id) for id in ids]
     for method, folder in (others or {}).items():
         alignment: AlignmentName = "chen" if method == CHEN else "jiang"
-        found = {file.id: parse_homography(file.read(), alignment) for file in find_homographies(folder)}
+        parse = partial(parse_homography, alignment=alignment, image_size=size)
+        found = read_files(find_homographies([folder]), parse, broken)
         homographies[method] = [found.get(id) for id in ids]
     segments = None
     if predicted is not None:
-        parsed = {file.id: parse_annotation(file.read(), size) for file in find_annotations([predicted])}
+        files = find_annotations([predicted])
+        parsed = read_files(
+            files, lambda content: check_segments(soccer(), parse_annotation(content, size), size), broken
+        )
         segments = {id: parsed.get(id, {}) for id in ids}
+    if broken:
+        raise ValueError(f"broken files: {'; '.join(broken)}")
     return Dataset(name, size, truth.annotations, segments, homographies, types)
 
 

@@ -30,6 +30,7 @@ import numpy as np
 from baselines.adamw import minimise
 from fieldcalib._types import Array, BoolArray, IntArray
 from fieldcalib.calibrate import NO_PIXELS
+from fieldcalib.calibrate_homography import judged_camera
 from fieldcalib.cli import run_command
 from fieldcalib.commands.arguments import add_field_size, add_input_and_output, positive
 from fieldcalib.commands.folder import by_prior, calibrate_folder
@@ -51,11 +52,9 @@ from fieldcalib.parameters import (
     focal_length_from_fov,
 )
 from fieldcalib.projective import homogenize
-from fieldcalib.residuals import segment_residuals
 from fieldcalib.result import Calibration, Status
 from fieldcalib.rotation import rotation_axes, rotation_from_angles
-from fieldcalib.segments import Pixels, pack, split_centre_circle
-from fieldcalib.verify import segment_errors
+from fieldcalib.segments import Pixels, split_centre_circle
 
 FOV = LOG_F  # phi is ordered as theta, with the field of view in the place of the focal length
 STEPS = 2000
@@ -175,15 +174,15 @@ def _results(
     losses: Array,
     tau: float | None,
 ) -> list[Calibration]:
-    """Cameras, errors and the verdict by tau, the only one that the method knows."""
-    observations = pack(field, frames, image_size)
-    errors = segment_errors(segment_residuals(thetas, observations), observations, frames)
+    """Cameras, errors and verdicts; tau, where it is given, is the method's own."""
     results = []
-    for theta, loss, (by_label, rms) in zip(thetas, losses.tolist(), errors, strict=True):
-        status, message = Status.ACCEPTED, f"the loss in NDC is {loss:.4f}"
+    for frame, theta, loss in zip(frames, thetas, losses.tolist(), strict=True):
+        camera = camera_from_theta(theta, image_size)
+        message = f"the loss in NDC is {loss:.4f}"
+        result = replace(judged_camera(camera, field, frame, message, on_field=True), loss_ndc=loss)
         if tau is not None and not loss <= tau:
-            status, message = Status.REJECTED, f"{message}, above tau = {tau:g}"
-        results.append(Calibration(camera_from_theta(theta, image_size), status, message, rms, loss, by_label))
+            result = replace(result, status=Status.REJECTED, message=f"{message}, above tau = {tau:g}")
+        results.append(result)
     return results
 
 

@@ -13,6 +13,9 @@ World: metres, origin at the centre mark, x right along the touchline as the mai
 camera, z down. Pixels: (x, y), the first pixel's centre at (0, 0); image sizes are (width, height).
 """
 
+from importlib import import_module
+from types import ModuleType
+
 from fieldcalib.calibrate import calibrate_batch, calibrate_from_segments
 from fieldcalib.calibrate_homography import calibrate_from_homography
 from fieldcalib.calibrate_points import calibrate_from_points
@@ -23,6 +26,14 @@ from fieldcalib.losses import RobustLoss
 from fieldcalib.options import DEFAULT_FLAGS, CalibrationFlags
 from fieldcalib.parameters import DISTRIBUTIONS, CameraDistribution
 from fieldcalib.result import Calibration, Status
+
+
+def __getattr__(name: str) -> ModuleType:
+    """Subpackages that are imported when they are used: `fieldcalib.draw`, `fieldcalib.io`, `fieldcalib.metrics`."""
+    if name in ("draw", "io", "metrics"):
+        return import_module(f"fieldcalib.{name}")
+    raise AttributeError(f"module 'fieldcalib' has no attribute {name!r}")
+
 
 __version__ = "0.1.0"
 

@@ -13,7 +13,7 @@ from fieldcalib.parameters import theta_from_camera
 from fieldcalib.residuals import foot_points
 from fieldcalib.result import Calibration, Status
 from fieldcalib.segments import Pixels, pack
-from fieldcalib.verify import implausibilities, segment_errors
+from fieldcalib.verify import disagreement, implausibilities, segment_errors
 
 NAN = float("nan")
 
@@ -55,7 +55,7 @@ def calibrate_from_homography(
     Raises
     ------
     ValueError
-        If H is no finite 3 x 3 matrix, zeta is not positive, or tolerance is negative.
+        If H is no finite 3 x 3 matrix, zeta is not positive, tolerance is negative, or the principal point is none.
 
     References
     ----------
@@ -107,7 +107,7 @@ def judged_camera(
     Returns
     -------
     Calibration
-        Accepted, or implausible.
+        Accepted, or implausible: no camera that could be, or one that most of the labels disagree with.
     """
     if not frame:
         return Calibration(camera, Status.ACCEPTED, message, NAN, NAN, {})
@@ -120,8 +120,9 @@ def judged_camera(
     far = WIDE_SCALE * pixel_unit(size)
     wrong = implausibilities(theta, feet, observations, far=far, on_field=on_field)
     reasons = [reason for reason, mask in wrong.items() if mask[0]]
+    missed = [label for label in frame if errors[label] > far]
+    complaint = disagreement(object_segments, frame, missed, unknowns=0)  # the camera comes from elsewhere
     if reasons:
-        return Calibration(
-            camera, Status.IMPLAUSIBLE, f"no camera that could be: {'; '.join(reasons)}", rms, loss, errors
-        )
-    return Calibration(camera, Status.ACCEPTED, message, rms, loss, errors)
+        complaint = f"no camera that could be: {'; '.join(reasons)}"
+    status = Status.IMPLAUSIBLE if complaint else Status.ACCEPTED
+    return Calibration(camera, status, complaint or message, rms, loss, errors)

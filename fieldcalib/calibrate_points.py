@@ -103,18 +103,15 @@ def calibrate_from_points(
     X, xy = _checked_points(object_points, 3, "object_points"), _checked_points(image_points, 2, "image_points")
     if len(X) != len(xy):
         raise ValueError(f"object_points and image_points must be of one length, got {len(X)} and {len(xy)}")
-    members = prior if prior is None or isinstance(prior, str | CameraDistribution) else tuple(prior)
+    members = _checked_members(prior)
     common: _Common = {"criteria": criteria, "loss": loss, "tau": tau}
     options = checked_options(image_size, camera_matrix, dist_coeffs, rvec, tvec, flags=flags, prior=members, **common)
     points = Points(X, xy, camera_matrix, dist_coeffs, rvec, tvec, flags)
     if members is None:
-        calibration = _calibrate_without_prior(points, options, common)
-    else:
-        if members == ALL:
-            _check_extent(X)
-        calibration = _calibrate_on_field(points, options, members, common)
-    # what is called a segment there is a point here
-    return replace(calibration, message=calibration.message.replace("segment", "point"))
+        return _calibrate_without_prior(points, options, common)
+    if members == ALL:
+        _check_extent(X)
+    return _calibrate_on_field(points, options, members, common)
 
 
 class _Common(TypedDict):
@@ -159,6 +156,19 @@ def _checked_points(values: ArrayLike, size: int, name: str) -> Array:
         first = int(np.flatnonzero(~np.isfinite(array).all(axis=1))[0])
         raise ValueError(f"{name}: point {first} is not finite: {array[first].tolist()}; leave it out")
     return array
+
+
+def _checked_members(prior: Prior) -> str | CameraDistribution | tuple[str | CameraDistribution, ...] | None:
+    """The prior, an iterable as a tuple: it is gone through more than once."""
+    if prior is None or isinstance(prior, str | CameraDistribution):
+        return prior
+    try:
+        return tuple(prior)
+    except TypeError:
+        raise ValueError(
+            f"prior must be the name of a camera distribution, a CameraDistribution, an iterable of them, or None, "
+            f"got {prior!r}"
+        ) from None
 
 
 def _check_extent(X: Array) -> None:
@@ -226,13 +236,13 @@ def _calibrate_without_prior(points: Points, options: Options, common: _Common) 
     else:
         if len(points.X) < LEAST_ON_PLANE:
             message = (
-                f"{len(points.X)} segments: without a prior or a pose {LEAST_ON_PLANE} on a plane or {LEAST_IN_SPACE} "
-                f"in space are needed"
+                f"without a prior or a pose {LEAST_ON_PLANE} points on a plane or {LEAST_IN_SPACE} in space are "
+                f"needed, got {len(points.X)}"
             )
             return Calibration.without_camera(Status.TOO_FEW_SEGMENTS, message)
         start = _start(points, options)
         if start is None:
-            message = "no camera sees the segments so: on one line they tell nothing, one that misses it would help"
+            message = "no camera sees the points so: on one line they tell nothing, one that misses it would help"
             return Calibration.without_camera(Status.DEGENERATE, message)
         pose, points = start, points.started(start)
 

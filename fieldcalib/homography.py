@@ -15,13 +15,14 @@ from numpy.typing import ArrayLike
 from fieldcalib._types import Array
 from fieldcalib.camera import Camera, checked_image_size
 from fieldcalib.field import Point, soccer
-from fieldcalib.projective import dehomogenize, homogenize
+from fieldcalib.projective import dehomogenize, finite_homography, homogenize
 
 YARD = 0.9144  # metres
 GROUND_POINTS: Mapping[str, Point] = MappingProxyType(
     {name: point for name, point in soccer().points.items() if point.X[2] == 0.0}
 )
 LEAST_POINTS = 3  # that cv2.solvePnPRefineLM takes
+NO_FOCAL_LENGTH = "no real focal length fits the homography: it is no camera's"
 
 
 def decompose_homography(H: Array, principal_point: Array, reference: Array) -> tuple[Array, Array, Array]:
@@ -140,7 +141,7 @@ def camera_from_homography(
 ) -> Decomposition:
     """Camera from a homography in the paper's five steps.
 
-    (1) to (3) are `decompose_homography`. (4) Field points whose image under H lies in the image, enlarged on each
+    (1) to (3) are `closed_form`. (4) Field points whose image under H lies in the image, enlarged on each
     side, and whose projection by that camera is near to it, are the correspondences ``X, H X`` from which
     `cv2.solvePnPRefineLM` refines R and t, K staying as it is. With fewer than three of them the homography is
     rejected: no camera is near enough to it. (5) The angles, with the smaller roll, are `Camera.angles`.
@@ -167,7 +168,8 @@ def camera_from_homography(
     Raises
     ------
     ValueError
-        If H is no finite 3 x 3 matrix, zeta is not positive, or tolerance is negative.
+        If H is no finite 3 x 3 matrix, there are no points or one is off the ground, zeta is not positive, tolerance is
+        negative, or the principal point is none.
 
     References
     ----------
@@ -179,23 +181,15 @@ def camera_from_homography(
     >>> camera_from_homography(truth.homography, (960, 540)).camera
     Camera(f=1800.0 px, pan=17.19°, tilt=74.48°, roll=0.57°, C=(2.00, 70.00, -18.00) m, k=(0, 0), image_size=960x540)
     """
-    H = _checked_homography(H)
-    image_size = checked_image_size(image_size)
     if not (zeta > 0.0 and tolerance >= 0.0):
         raise ValueError(f"zeta must be positive and tolerance at least 0, got {zeta} and {tolerance}")
-    size = np.array(image_size)
-    centre = size / 2.0 if principal_point is None else np.asarray(principal_point, dtype=float)
-    X = np.array([point.X for point in points.values()])
+    X = _ground_points(points)
+    initial = closed_form(H, image_size, principal_point=principal_point)
+    if initial is None:
+        return Decomposition(None, None, {}, {}, NO_FOCAL_LENGTH)
+    size = np.array(initial.image_size)
     with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
-        xy = dehomogenize(homogenize(X[:, :2]) @ H.T)
-        distance = np.linalg.norm(xy - size / 2.0, axis=1)
-    in_view = X[np.argmin(np.where(np.isfinite(distance), distance, np.inf))]
-    f, R, C = decompose_homography(H, centre, in_view[:2])
-    if not np.isfinite(f):
-        return Decomposition(None, None, {}, {}, "no real focal length fits the homography: it is no camera's")
-    K = np.array([[f, 0.0, centre[0]], [0.0, f, centre[1]], [0.0, 0.0, 1.0]])
-    initial = Camera(K, R, C, image_size)
-    with np.errstate(invalid="ignore"):
+        xy = dehomogenize(homogenize(X[:, :2]) @ finite_homography(H).T)
         in_image = np.all(np.abs(xy / size - 0.5) <= 0.5 + tolerance, axis=1)
         near = np.linalg.norm(initial.project(X) - xy, axis=1) < zeta  # false behind the camera
     used = np.flatnonzero(in_image & near)
@@ -214,11 +208,54 @@ def camera_from_homography(
     return Decomposition(refined, initial, {name: points[name] for name in names}, pixels, message)
 
 
-def _checked_homography(H: ArrayLike) -> Array:
-    array = np.asarray(H, dtype=float)
-    if array.shape != (3, 3) or not np.all(np.isfinite(array)):
-        raise ValueError(f"expected a homography as a finite array of shape (3, 3), got {np.asarray(H)!r}")
-    return array
+def closed_form(
+    H: ArrayLike, image_size: tuple[int, int], *, principal_point: ArrayLike | None = None
+) -> Camera | None:
+    """Steps (1) to (3) of `camera_from_homography`: the camera above the ground, or None.
+
+    H and -H are of two cameras mirrored at the ground, and a field is seen from above: that settles the sign, also
+    where the camera stands above the field and has half of it behind.
+
+    Parameters
+    ----------
+    H, image_size, principal_point
+        As in `camera_from_homography`.
+
+    Returns
+    -------
+    Camera or None
+        None where the homography has no real focal length.
+
+    Examples
+    --------
+    >>> truth = Camera.from_angles(0.3, 1.3, 0.01, 1800.0, (2.0, 70.0, -18.0), (960, 540))
+    >>> closed_form(-truth.homography, (960, 540)).C.round(6)
+    array([  2.,  70., -18.])
+    """
+    H = finite_homography(H)
+    H = H / (np.abs(H).max() or 1.0)  # its entries are squared twice
+    image_size = checked_image_size(image_size)
+    centre = np.asarray(np.divide(image_size, 2.0) if principal_point is None else principal_point, dtype=float)
+    if centre.shape != (2,) or not np.all(np.isfinite(centre)):
+        raise ValueError(f"principal_point must be two finite numbers, x and y in pixels, got {principal_point!r}")
+    corners = np.array([(0.0, 0.0), (1.0, 0.0), (0.0, 1.0)])
+    off_focal_plane = corners[np.argmax(np.abs(homogenize(corners) @ H[2]))]  # any, whatever its side
+    f, R, C = decompose_homography(H, centre, off_focal_plane)
+    if not np.isfinite(f):
+        return None
+    if C[2] > 0.0:
+        R, C = R * (-1.0, -1.0, 1.0), C * (1.0, 1.0, -1.0)
+    return Camera([[f, 0.0, centre[0]], [0.0, f, centre[1]], [0.0, 0.0, 1.0]], R, C, image_size)
+
+
+def _ground_points(points: Mapping[str, Point]) -> Array:
+    """World coordinates of points that must lie on the ground, (N, 3)."""
+    if not points:
+        raise ValueError("points must be a mapping of names to points on the ground, got none")
+    for name, point in points.items():
+        if point.X[2] != 0.0:
+            raise ValueError(f"points must lie on the ground, z = 0, got {name!r} at {point.X}: leave it out")
+    return np.array([point.X for point in points.values()])
 
 
 def _refined_pose(camera: Camera, X: Array, xy: Array) -> Camera | None:
@@ -257,18 +294,11 @@ class Alignment:
 
     def to_fieldcalib(self, H: ArrayLike) -> Array:
         """Their homographies as ours: ``(field H image^-1)^-1``."""
-        return np.asarray(self.image @ np.linalg.inv(_homographies(H)) @ np.linalg.inv(self.field))
+        return np.asarray(self.image @ np.linalg.inv(finite_homography(H, batch=True)) @ np.linalg.inv(self.field))
 
     def from_fieldcalib(self, H: ArrayLike) -> Array:
         """Our homographies as theirs, the inverse of `to_fieldcalib` up to scale."""
-        return np.asarray(np.linalg.inv(self.field) @ np.linalg.inv(_homographies(H)) @ self.image)
-
-
-def _homographies(H: ArrayLike) -> Array:
-    array = np.asarray(H, dtype=float)
-    if array.shape[-2:] != (3, 3):
-        raise ValueError(f"expected homographies of shape (..., 3, 3), got {array.shape}")
-    return array
+        return np.asarray(np.linalg.inv(self.field) @ np.linalg.inv(finite_homography(H, batch=True)) @ self.image)
 
 
 def _centred(length: float, width: float, x: float, y: float) -> Array:

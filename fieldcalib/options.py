@@ -153,7 +153,7 @@ def checked_prior(
     prior: str | CameraDistribution | Iterable[str | CameraDistribution],
 ) -> tuple[CameraDistribution, ...]:
     """Camera distributions by name or by themselves, one or several; ValueError names the known ones."""
-    members = (prior,) if isinstance(prior, str | CameraDistribution) else tuple(prior)
+    members = tuple(prior) if isinstance(prior, Iterable) and not isinstance(prior, str) else (prior,)
     found: list[CameraDistribution] = []
     for member in members:
         if isinstance(member, CameraDistribution):

@@ -5,10 +5,39 @@ A line l and the points x on it satisfy ``l . x = 0``. A homography H maps point
 """
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from fieldcalib._types import Array
 
 TINY = 1e-300  # keeps sums of zero weights from dividing by zero
+# Condition number of a homography beyond which less than four digits are left of its inverse; of cameras, between
+# metres and pixels, about 1e6.
+SINGULAR = 1e12
+
+
+def finite_homography(H: ArrayLike, *, batch: bool = False) -> Array:
+    """A homography as a float array (3, 3), with `batch` any number of them, (..., 3, 3).
+
+    Raises
+    ------
+    ValueError
+        If it is of another shape, or has a number that is not finite.
+
+    Examples
+    --------
+    >>> finite_homography([[1, 0, 5], [0, 1, 0], [0, 0, 1]])[0]
+    array([1., 0., 5.])
+    """
+    try:
+        array = np.asarray(H, dtype=float)
+    except (TypeError, ValueError):
+        raise ValueError("expected a homography, three rows of three numbers") from None
+    if array.shape[-2:] != (3, 3) or not (batch or array.ndim == 2):
+        shape = "(..., 3, 3)" if batch else "(3, 3)"
+        raise ValueError(f"expected a homography, three rows of three numbers: shape {shape}, got {array.shape}")
+    if not np.all(np.isfinite(array)):
+        raise ValueError("a number of the homography is not finite")
+    return array
 
 
 def homogenize(x: Array) -> Array:

@@ -18,6 +18,7 @@ from fieldcalib.solver import LOG_F_RANGE
 LEAST_ON_PLANE, LEAST_IN_SPACE = 4, 6  # points that the DLT needs
 FLAT = 1e-6  # of the extent: what is thinner is a line, or a plane
 DRAWS = 200  # subsets: of six points with a third of gross errors among all, one draw in twelve has none
+SCORED, FINALISTS = 1000, 5  # points that all draws are tried on; the best draws are tried on all points
 FARTHEST = 1e6  # px: what an image behind the camera counts as
 
 
@@ -51,9 +52,9 @@ class Cameras:
         cost = np.sum(loss.evaluate(self.squared_errors(X, u))[0], axis=-1)
         return np.where(np.isfinite(cost), cost, np.inf)
 
-    def cheapest(self, X: Array, u: Array, loss: RobustLoss) -> Cameras:
-        """The best of them alone, n = 1."""
-        best = [int(np.argmin(self.costs(X, u, loss)))]
+    def cheapest(self, X: Array, u: Array, loss: RobustLoss, count: int) -> Cameras:
+        """The `count` best of them, the best first."""
+        best = np.argsort(self.costs(X, u, loss), kind="stable")[:count]
         return Cameras(self.f[best], self.R[best], self.C[best])
 
 
@@ -93,7 +94,7 @@ def resect(X: Array, u: Array, loss: RobustLoss, width: float, focal_length: flo
     if len(X) < LEAST_ON_PLANE:
         return None
     origin = X.mean(axis=0)
-    _, extent, axes = np.linalg.svd(X - origin)
+    _, extent, axes = np.linalg.svd(X - origin, full_matrices=False)
     if extent[1] <= FLAT * extent[0]:
         return None
     axes = axes.T * (1.0, 1.0, np.linalg.det(axes))  # a rotation; the last axis is the normal of the plane
@@ -111,11 +112,14 @@ def resect(X: Array, u: Array, loss: RobustLoss, width: float, focal_length: flo
 
     rng = np.random.default_rng(0)  # the same points give the same camera
     all_points = np.arange(len(X))[None]
-    subsets = np.argsort(rng.random((DRAWS, len(X))), axis=1)[:, : LEAST_IN_SPACE if in_space else LEAST_ON_PLANE]
+    count = min(len(X), SCORED)
+    drawn = np.argsort(rng.random((DRAWS, count)), axis=1)[:, : LEAST_IN_SPACE if in_space else LEAST_ON_PLANE]
+    scored = np.sort(rng.choice(len(X), count, replace=False))
+    subsets = scored[drawn]
     for f in (focal_length, width):
         found = cameras(all_points, f).joined(cameras(subsets, f))
         if np.isfinite(found.f).any():
-            best = found.cheapest(x, u, loss)
+            best = found.cheapest(x[scored], u[scored], loss, FINALISTS).cheapest(x, u, loss, 1)
             return Cameras(best.f, best.R @ axes.T, origin + best.C @ axes.T)
     return None
 

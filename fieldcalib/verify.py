@@ -77,36 +77,53 @@ def verdict(
 
     Of several complaints the first counts: rejected by tau, too few segments, degenerate, implausible, not converged.
     """
+    noun = _noun(object_segments, frame)
+    labelled = f"{len(frame)} {noun}" if len(frame) == 1 else f"{len(frame)} {noun}s"
     if tau is not None and not evidence.loss_ndc <= tau:
         return Status.REJECTED, f"the loss in NDC, {evidence.loss_ndc:.4f}, is above tau = {tau:g}"
     equations = constraints(object_segments, frame)
     if equations < evidence.unknowns:
         return Status.TOO_FEW_SEGMENTS, (
-            f"{_segments(len(frame))} give {equations} equations for {evidence.unknowns} unknowns: "
-            f"label more segments, or fix what is known with flags"
+            f"{labelled} give {equations} equations for {evidence.unknowns} unknowns: "
+            f"label more {noun}s, or fix what is known with flags"
         )
     information, parameters = evidence.weakest
     if information < OPEN_DIRECTION:
         return Status.DEGENERATE, degeneracy(object_segments, frame) or (
-            f"the labels leave {parameters} open: label a segment elsewhere in the image, or fix what is known by flags"
+            f"the labels leave {parameters} open: label a {noun} elsewhere in the image, or fix what is known by flags"
         )
     if evidence.implausible:
         return Status.IMPLAUSIBLE, f"the best fit is no camera that could be: {'; '.join(evidence.implausible)}"
     missed = [label for label in frame if evidence.errors[label] > evidence.far]
-    agreeing = {label: xy for label, xy in frame.items() if label not in missed}
-    fits = f"{len(agreeing)} of {_segments(len(frame))} agree"
-    if len(agreeing) < AGREEING * len(frame) or constraints(object_segments, agreeing) < evidence.unknowns:
-        return Status.IMPLAUSIBLE, f"only {fits} with the best fit: check the labels, the field's and the image's size"
+    complaint = disagreement(object_segments, frame, missed, evidence.unknowns)
+    if complaint:
+        return Status.IMPLAUSIBLE, complaint
     if not evidence.converged:
         return Status.NOT_CONVERGED, "the iterations ended before a minimum: allow more, or check the labels"
     if missed:
         worst = max(missed, key=lambda label: evidence.errors[label])
+        fits = f"{len(frame) - len(missed)} of {labelled} agree"
         return Status.ACCEPTED, f"{fits}; {worst!r} lies {evidence.errors[worst]:.0f} px off, check its label"
-    return Status.ACCEPTED, f"rms {evidence.rms:.2f} px over {_segments(len(frame))}"
+    return Status.ACCEPTED, f"rms {evidence.rms:.2f} px over {labelled}"
 
 
-def _segments(count: int) -> str:
-    return f"{count} segment" if count == 1 else f"{count} segments"
+def disagreement(object_segments: ObjectSegments, frame: Pixels, missed: Sequence[str], unknowns: int) -> str | None:
+    """Why a camera that misses some of a frame's labels is not to be believed, if so.
+
+    Two thirds of the labels must agree with it, and those must give as many equations as there are unknowns.
+    """
+    agreeing = {label: xy for label, xy in frame.items() if label not in missed}
+    if len(agreeing) >= AGREEING * len(frame) and constraints(object_segments, agreeing) >= unknowns:
+        return None
+    return (
+        f"only {len(agreeing)} of {len(frame)} {_noun(object_segments, frame)}s agree with the best fit: check the "
+        f"labels, the field's and the image's size"
+    )
+
+
+def _noun(object_segments: ObjectSegments, frame: Pixels) -> str:
+    """What the labels of a frame are, for messages."""
+    return "point" if all(isinstance(object_segments[label], Point) for label in frame) else "segment"
 
 
 def implausibilities(
@@ -122,10 +139,12 @@ def implausibilities(
     fov = 2.0 * np.arctan(0.5 * width / np.exp(theta[:, LOG_F]))
     near = observations.weight * (np.abs(feet.r) <= far)
     behind = np.sum(near * (feet.inverse_depth < 0.0), axis=1)
+    others = (observations.lines, observations.arcs, observations.curves, observations.clouds)
+    noun = "segments" if any(others) else "points"
     reasons = {
         "its field of view is below 0.5 degrees": fov < FIELD_OF_VIEW[0],
         "its field of view is above 150 degrees": fov > FIELD_OF_VIEW[1],
-        "labelled segments lie behind it": behind > BEHIND * np.sum(near, axis=1),
+        f"labelled {noun} lie behind it": behind > BEHIND * np.sum(near, axis=1),
     }
     if on_field:
         C = theta[:, CENTER]

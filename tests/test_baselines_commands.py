@@ -80,7 +80,7 @@ def test_noise_free_lines_give_the_camera(name, truth, folder, tmp_path):
 def test_homographies_are_written_in_wc14s_format_and_read_back(truth, folder, tmp_path):
     matrices, cameras = tmp_path / "matrices", tmp_path / "cameras"
     assert run(dlt_lines.main, folder, "--size", "960x540", "--out", matrices) == 0
-    files = {file.id: file for file in find_homographies(matrices)}
+    files = {file.id: file for file in find_homographies([matrices])}
     assert set(files) == set(truth)
     X = np.array([[0.0, 0.0], [10.0, -30.0], [-20.0, 5.0]])
     for id, (_, camera) in truth.items():
@@ -129,6 +129,30 @@ def test_broken_homographies_are_named(truth, tmp_path, capsys):
     strict = tmp_path / "strict"
     assert run(hdecomp.main, *arguments[:-1], strict, "--strict") == 1
     assert not strict.exists()
+
+
+def test_a_frame_in_two_folders_is_noticed(truth, tmp_path, capsys):
+    for folder in ("one", "two"):
+        (tmp_path / folder).mkdir()
+        text = format_homography(truth["a"][1].homography, image_size=SIZE)
+        (tmp_path / folder / "a.homographyMatrix").write_text(text)
+    arguments = ("--homographies", "--size", "960x540", "--out", tmp_path / "out")
+    assert run(hdecomp.main, tmp_path / "one", tmp_path / "two", *arguments) != 0
+    assert "are the same frame a" in capsys.readouterr().err
+    assert not (tmp_path / "out" / "cameras.jsonl").exists()
+
+
+def test_homographies_are_computed_once(folder, tmp_path, monkeypatch):
+    calls = []
+
+    def counted(*arguments):
+        calls.append(arguments)
+        return homographies(*arguments)
+
+    homographies = dlt_lines.homographies
+    monkeypatch.setattr(dlt_lines, "homographies", counted)
+    assert run(dlt_lines.main, folder, "--size", "960x540", "--out", tmp_path) == 0
+    assert len(calls) == 1
 
 
 @pytest.mark.parametrize("options", [("--zeta", "0"), ("--zeta", "x"), ("--tolerance", "-0.1"), ("--alignment", "sha")])

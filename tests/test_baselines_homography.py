@@ -6,7 +6,7 @@ from synthetic import observe, whole_circle_markings
 from test_homography import without_focal_length
 
 from baselines import dlt_lines, hdecomp
-from fieldcalib import ALIGNMENTS, Camera, Status, soccer
+from fieldcalib import ALIGNMENTS, Camera, Line, Status, soccer
 from fieldcalib.io.soccernet import parse_annotation
 from fieldcalib.projective import dehomogenize, homogenize
 from fieldcalib.segments import check_segments
@@ -32,14 +32,34 @@ def test_only_lines_on_the_ground_count():
     np.testing.assert_allclose(H[1], H[0], rtol=1e-6)
 
 
+def test_lines_of_which_all_but_one_meet_in_a_point_leave_the_homography_open():
+    """With noise the three do not meet in the image, and only a map of the plane to a line fits."""
+    ends = [(30.0, 0.0), (20.0, 20.0), (-20.0, 20.0)]
+    lines = {f"through the centre {i}": Line((-x, -y, 0.0), (x, y, 0.0)) for i, (x, y) in enumerate(ends)}
+    lines["beside"] = Line((-30.0, -15.0, 0.0), (30.0, -15.0, 0.0))
+    more = {**lines, "beside too": Line((-15.0, -15.0, 0.0), (-15.0, 30.0, 0.0))}
+    rng = np.random.default_rng(0)
+    for segments in (lines, more):
+        frames = [observe(segments, CAMERA, rng, noise=5.0) for _ in range(100)]
+        assert {len(frame) for frame in frames} == {len(segments)}
+        H, found = dlt_lines.homographies(more, frames, SIZE)
+        assert found.mean() < 0.3 if segments is lines else found.all()  # rounding hides some
+        np.testing.assert_array_equal(np.isnan(H).all(axis=(1, 2)), ~found)
+
+
+def closed_forms(frames):
+    H, found = dlt_lines.homographies(FIELD, frames, SIZE)
+    return dlt_lines.calibrate([h if ok else None for h, ok in zip(H, found, strict=True)], FIELD, frames, SIZE)
+
+
 def test_no_frames():
     H, found = dlt_lines.homographies(FIELD, [], SIZE)
     assert (H.shape, found.shape) == ((0, 3, 3), (0,))
-    assert dlt_lines.calibrate(FIELD, [], SIZE) == hdecomp.calibrate([], SIZE) == []
+    assert closed_forms([]) == hdecomp.calibrate([], SIZE) == []
 
 
 def test_closed_form_cameras():
-    found, none = dlt_lines.calibrate(FIELD, [FRAME, CIRCLES], SIZE)
+    found, none = closed_forms([FRAME, CIRCLES])
     assert found.accepted
     assert found.camera.focal_length == pytest.approx(1200.0, rel=1e-4)
     np.testing.assert_allclose(found.camera.C, CAMERA.C, atol=0.01)
@@ -48,14 +68,28 @@ def test_closed_form_cameras():
     assert (none.camera, none.status) == (None, Status.TOO_FEW_SEGMENTS)
 
 
+def test_closed_form_cameras_are_those_of_a_stadium():
+    rolled = Camera.from_angles(-0.4, 1.35, np.radians(60.0), 1200.0, CAMERA.C, SIZE)
+    (found,) = closed_forms([observe(whole_circle_markings(FIELD), rolled)])
+    assert found.status is Status.IMPLAUSIBLE
+    assert "rolled by more than 45 degrees" in found.message
+
+
 def test_errors_are_those_of_the_labels():
     shifted = {**FRAME, "Circle left": FRAME["Circle left"] + (0.0, 40.0)}
-    (found,) = dlt_lines.calibrate(FIELD, [shifted], SIZE)
+    (found,) = closed_forms([shifted])
     errors = found.per_segment_errors
     assert 10.0 < errors["Circle left"] <= 40.0
     assert max(error for label, error in errors.items() if label != "Circle left") < 0.05
     share = len(shifted["Circle left"]) / sum(len(xy) for xy in shifted.values())
     assert found.rms == pytest.approx(errors["Circle left"] * np.sqrt(share), rel=1e-3)
+
+
+def test_a_homography_of_no_camera_has_no_closed_form():
+    T = np.array([[1.0, 0, 480], [0, 1, 270], [0, 0, 1]])
+    (found,) = dlt_lines.calibrate([T @ without_focal_length()], FIELD, [FRAME], SIZE)
+    assert (found.camera, found.status) == (None, Status.IMPLAUSIBLE)
+    assert "no real focal length" in found.message
 
 
 def test_hdecomp_withholds_what_the_paper_rejects():

@@ -1,9 +1,13 @@
 """From points, and from the homography of the ground, to a calibration."""
 
+import time
+import tracemalloc
+
 import cv2
 import numpy as np
 import pytest
 from hypothesis import assume, given, settings
+from hypothesis import strategies as st
 from strategies import cameras, generators, in_image, seeds
 from test_homography import points_in_view, without_focal_length
 
@@ -16,12 +20,14 @@ from fieldcalib import (
     calibrate_from_points,
     soccer,
 )
+from fieldcalib.calibrate_points import Points, _start
 from fieldcalib.losses import RobustLoss
-from fieldcalib.options import CalibrationFlags
+from fieldcalib.options import DEFAULT_CRITERIA, CalibrationFlags, checked_options
 from fieldcalib.parameters import DISTRIBUTIONS, camera_from_theta
 from fieldcalib.projective import dehomogenize, homogenize
 from fieldcalib.resection import resect
 from fieldcalib.rotation import rotation_from_angles
+from fieldcalib.solver import LOG_F_RANGE
 
 SIZE = (960, 540)
 FIELD_POINTS = np.array([point.X for point in soccer().points.values()])
@@ -363,12 +369,48 @@ def test_mistakes_raise(arguments, message):
         calibrate_from_points(*arguments)
 
 
-def test_an_unknown_prior_raises():
-    with pytest.raises(ValueError, match="unknown camera distribution 'nowhere'"):
-        calibrate_from_points(X4, XY4, SIZE, prior="nowhere")
+@pytest.mark.parametrize(
+    ("prior", "message"),
+    [
+        ("nowhere", "unknown camera distribution 'nowhere'"),
+        (3, "prior must be the name of a camera distribution, .* or None, got 3"),
+    ],
+)
+def test_an_unknown_prior_raises(prior, message):
+    with pytest.raises(ValueError, match=message):
+        calibrate_from_points(X4, XY4, SIZE, prior=prior)
 
 
 # the start
+
+
+def started(X, xy, K, dist):
+    """What `_start` makes of points, with K given, focal length included, and everything else open."""
+    flags = DEFAULT_FLAGS | F.CALIB_FIX_FOCAL_LENGTH
+    common = {"criteria": DEFAULT_CRITERIA, "prior": None, "loss": "cauchy", "tau": None}
+    options = checked_options(SIZE, K, dist, None, None, flags=flags, **common)
+    return _start(Points(X, xy, K, dist, None, None, flags), options)
+
+
+@given(rng=generators(), aspect=st.sampled_from([0.8, 1.0, 1.25]), k1=st.sampled_from([-0.2, 0.0, 0.2]))
+@settings(max_examples=20)
+def test_what_is_known_is_taken_out_before_the_dlt(rng, aspect, k1):
+    """Lens, aspect ratio and principal point: the DLT of what is left is exact."""
+    X, camera, distance = any_object(rng, planar=False, count=12)
+    assume(np.linalg.svd(X - X.mean(axis=0))[1][2] > 0.7)
+    K = camera.K * [[1.0], [aspect], [1.0]]
+    K[:2, 2] += rng.uniform(-40, 40, size=2)
+    camera = Camera(K, camera.R, camera.C, SIZE, (k1, 0.0))
+    start = started(X, camera.project(X), K, (k1, 0.0))
+    np.testing.assert_allclose(start.K, K, rtol=1e-9)
+    assert relative_error(start, camera, distance) < 1e-5
+
+
+def test_a_known_focal_length_decides_the_distance():
+    """Seen head-on a plane has a camera at any distance, each with its focal length."""
+    X = np.array([[-1.0, -1, 0], [1, -1, 0], [1, 1, 0], [-1, 1, 0], [0.5, 0, 0]])
+    camera = Camera(np.array([[2500.0, 0, 480], [0, 2500.0, 270], [0, 0, 1]]), np.eye(3), (0.1, 0.2, -20.0), SIZE)
+    assert relative_error(started(X, camera.project(X), camera.K, None), camera) < 1e-5
 
 
 @given(rng=generators())
@@ -382,6 +424,54 @@ def test_resection_finds_the_camera_among_gross_errors(rng):
     assert found.f[0] == pytest.approx(camera.focal_length, rel=0.05)
     np.testing.assert_allclose(found.R[0], camera.R, atol=0.05)
     np.testing.assert_allclose(found.C[0], camera.C, atol=0.1 * distance)
+
+
+@given(rng=generators())
+@settings(max_examples=20)
+def test_of_points_that_look_orthographic_the_focal_length_is_possible_still(rng):
+    """From 1e5 times as far away, with a lens as long."""
+    planar = bool(rng.integers(2))
+    X, camera, _ = any_object(rng, planar=planar, count=12)
+    centroid = X.mean(axis=0)
+    K = camera.K * [[1e5, 0.0, 1.0], [0.0, 1e5, 1.0], [0.0, 0.0, 1.0]]
+    far = Camera(K, camera.R, centroid + 1e5 * (camera.C - centroid), SIZE)
+    found = resect(X, far.project(X) - far.principal_point, RobustLoss("cauchy", 20.0), 960.0)
+    low, high = LOG_F_RANGE
+    assert low < np.log(found.f[0] / 960.0) < high
+
+
+@given(rng=generators())
+@settings(max_examples=20)
+def test_resection_has_most_points_in_front(rng):
+    """Behind a camera its homography maps points into the image too, but it does not see them."""
+    camera = Camera.from_angles(0.0, 1.3, 0.0, 900.0, (0.0, 0.0, -5.0), SIZE)
+    x = rng.uniform(-1.0, 1.0, size=20)
+    y = np.concatenate([rng.uniform(-80.0, -40.0, size=6), rng.uniform(5.0, 10.0, size=14)])
+    X = np.column_stack([x * np.abs(y) / 2.0, y, np.zeros(20)])
+    assert np.sum(camera.depth(X) > 0.0) == 6 < np.sum(camera.depth(X) < 0.0)
+    assert camera.depth(X.mean(axis=0)) > 0.0
+    u = dehomogenize(homogenize(X[:, :2]) @ camera.homography.T) - camera.principal_point
+    found = resect(X, u, RobustLoss("cauchy", 20.0), 960.0)
+    assert np.sum((X - found.C[0]) @ found.R[0][2] > 0.0) >= 14
+
+
+@pytest.mark.parametrize("planar", [True, False])
+def test_many_points_cost_little(planar):
+    X, camera, distance = any_object(np.random.default_rng(0), planar=planar, count=5000)
+    u = camera.project(X) - camera.principal_point
+    u[::3] += (200.0, -100.0)
+    tracemalloc.start()
+    try:
+        began = time.perf_counter()
+        found = resect(X, u, RobustLoss("cauchy", 20.0), 960.0)
+        seconds = time.perf_counter() - began
+        _, peak = tracemalloc.get_traced_memory()
+    finally:
+        tracemalloc.stop()
+    assert seconds < 1.0
+    assert peak < 100 * 2**20
+    assert found.f[0] == pytest.approx(camera.focal_length, rel=1e-6)
+    np.testing.assert_allclose(found.C[0], camera.C, atol=1e-5 * distance)
 
 
 # homographies
@@ -424,8 +514,25 @@ def test_a_rejected_homography_has_the_closed_form():
     assert calibration.message.startswith("not refined: of ")
 
 
-def test_a_camera_below_the_ground_is_implausible():
+def test_a_field_seen_from_below_is_implausible():
+    """The camera above the ground of that homography has the field behind it."""
     camera = Camera.from_angles(0.3, np.pi - 1.3, 0.0, 900.0, (2.0, 70.0, 18.0), SIZE)
     calibration = calibrate_from_homography(camera.homography, SIZE)
     assert calibration.status is Status.IMPLAUSIBLE
-    assert "below the ground" in calibration.message
+    assert "the camera of the homography has 0 within" in calibration.message
+    np.testing.assert_allclose(calibration.camera.C, camera.C * (1, 1, -1), rtol=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("camera", "complaint"),
+    [
+        (Camera.from_angles(-0.35, 1.36, np.radians(60.0), 1500.0, (1.5, 68.0, -17.0), SIZE), "rolled by more than 45"),
+        (Camera.from_angles(0.0, 1.36, 0.0, 9000.0, (0.0, 380.0, -80.0), SIZE), "more than 300 m away"),
+    ],
+)
+def test_a_homography_is_of_a_field(camera, complaint):
+    """What no camera of a stadium is, an object of another kind could have been seen by."""
+    calibration = calibrate_from_homography(camera.homography, SIZE)
+    assert calibration.status is Status.IMPLAUSIBLE
+    assert complaint in calibration.message
+    assert relative_error(calibration.camera, camera) < 1e-4

@@ -190,6 +190,47 @@ def test_tvcalibs_output(frames, truth, cameras, tmp_path, capsys):
     assert not report_of(capsys, path, truth)[0]["planar"]
 
 
+def test_tvcalibs_homographies_know_the_size_of_their_images_or_need_one(frames, truth, tmp_path, capsys):
+    planar, _ = report_of(capsys, write_cameras(tmp_path / "cameras", frames[1]), truth, "--planar")
+    large = {name: frames[1][name].scaled((1920, 1080)).homography for name in NAMES}
+    path = tmp_path / "per_sample_output.json"
+    path.write_text(
+        format_per_sample_output(TVCalibRecord(n, homography=H, image_size=(1920, 1080)) for n, H in large.items())
+    )
+    report, _ = report_of(capsys, path, truth, "--size", "960x540")
+    assert report["AC"] == pytest.approx(planar["AC"])
+    assert report_of(capsys, path, truth)[0]["size"] == [1920, 1080]
+    path.write_text(format_per_sample_output(TVCalibRecord(n, homography=H) for n, H in large.items()))
+    assert run(path, truth) == 2
+    assert "--size" in capsys.readouterr().err
+
+
+def test_broken_lines_of_tvcalibs_output_are_named_and_the_others_scored(frames, truth, tmp_path, capsys):
+    path = tmp_path / "per_sample_output.json"
+    text = format_per_sample_output(TVCalibRecord(name, frames[1][name]) for name in NAMES)
+    path.write_text(text.replace('"b.jpg"', "7"))
+    report, error = report_of(capsys, path, truth, code=1)
+    assert report["cameras"] == 3
+    assert f"{path}: line 2: " in error
+
+
+def test_a_principal_point_between_pixels_is_that_of_an_image_of_even_size(frames, truth, tmp_path, capsys):
+    camera = frames[1]["a"]
+    K = camera.K - np.array([[0.0, 0.0, 0.5], [0.0, 0.0, 0.5], [0.0, 0.0, 0.0]])
+    path = write_cameras(tmp_path / "cameras", {"a": Camera(K, camera.R, camera.C, SIZE)})
+    assert report_of(capsys, path, truth)[0]["size"] == [960, 540]
+
+
+@pytest.mark.parametrize("point", [1e300, -5.0, 0.0])
+def test_absurd_principal_points_say_nothing_about_the_size(point, truth, cameras, frames, capsys):
+    record = json.loads((cameras / "camera_a.json").read_text())
+    (cameras / "camera_a.json").write_text(json.dumps({**record, "principal_point": [point, 270.0]}))
+    report, error = report_of(capsys, cameras, truth, "--size", "960x540")
+    assert (report["cameras"], error) == (3, "")
+    assert run(cameras, truth) == 2
+    assert "--size" in capsys.readouterr().err
+
+
 def test_homographies(frames, truth, tmp_path, capsys):
     """They are those of 1280 x 720 images, whatever the size at which they are scored."""
     large = {name: camera.scaled(WC14) for name, camera in frames[1].items()}
@@ -284,6 +325,9 @@ def test_camera_type(frames, truth, cameras, tmp_path, capsys):
     for path in (truth, tmp_path / "truth.zip"):
         report, _ = report_of(capsys, cameras, path, *center)
         assert (report["frames"], report["cameras"]) == (2, 1)
+        accuracies = np.array(list(report["AC"].values())) / 100.0
+        expected = compound_score(accuracies, 0.5, "tables", share=0.5)  # two of the four annotated frames
+        assert report["CS"]["tables"] == pytest.approx(100.0 * expected)
         assert report["against_homographies"]["frames"] == 1  # b is of another type
     assert run(cameras, truth, "--camera-type", "main") == 2
     error = capsys.readouterr().err

@@ -7,11 +7,12 @@ from hypothesis import strategies as st
 from strategies import cameras, generators, visible_field_points
 
 from fieldcalib.camera import Camera
-from fieldcalib.field import Line, soccer
+from fieldcalib.field import Line, Point, soccer
 from fieldcalib.homography import (
     ALIGNMENTS,
     GROUND_POINTS,
     camera_from_homography,
+    closed_form,
     decompose_homography,
     pose_from_homography,
 )
@@ -129,6 +130,18 @@ def test_known_intrinsics_need_no_square_pixels(camera, scale, rng):
     np.testing.assert_allclose(C, camera.C, rtol=1e-7, atol=1e-6)
 
 
+@given(camera=cameras(lens=False), rng=generators(), noise=st.floats(0.1, 0.4))
+def test_the_scale_is_that_of_both_axes(camera, rng, noise):
+    """The written formula, where the columns are not equally long: ``C = -R^T m3 / sqrt(|m1| |m2|)``."""
+    M = np.linalg.inv(camera.K) @ camera.homography * (1.0 + noise * rng.normal(size=(3, 3)))
+    m1, m2, m3 = M.T
+    reference = a_point_in_view(camera, rng)
+    front = np.sign(M[2] @ (*reference, 1.0))
+    R, C = pose_from_homography(M, reference)
+    lengths = np.linalg.norm(m1) * np.linalg.norm(m2)
+    np.testing.assert_allclose(C, -R.T @ (front * m3) / np.sqrt(lengths), rtol=1e-9, atol=1e-9)
+
+
 # the paper's five steps
 
 SIZE = (960, 540)
@@ -156,6 +169,34 @@ def test_the_five_steps_give_a_camera_back(camera, scale, rng):
         assert decomposed.focal_length == pytest.approx(camera.focal_length, rel=1e-6)
         np.testing.assert_allclose(decomposed.R, camera.R, atol=1e-6)
         np.testing.assert_allclose(decomposed.C, camera.C, rtol=1e-5, atol=1e-4)
+
+
+@given(rng=generators(), scale=signed_scales)
+def test_cameras_anywhere_above_the_field_come_back(rng, scale):
+    """A point of the field near the image's centre, as H maps it, may lie behind such a camera."""
+    C = (*rng.uniform((-52.5, -34.0), (52.5, 34.0)), rng.uniform(-60.0, -5.0))
+    tilt = rng.uniform(0.15, 1.4)  # from straight above or along the ground the focal length cannot be told
+    camera = Camera.from_angles(rng.uniform(-3.1, 3.1), tilt, rng.uniform(-0.5, 0.5), rng.uniform(300, 2000), C, SIZE)
+    found = closed_form(scale * camera.homography, SIZE)
+    assert_same_camera(found.focal_length, found.R, found.C, camera)
+    initial = camera_from_homography(scale * camera.homography, SIZE).initial
+    np.testing.assert_array_equal(initial.C, found.C)
+
+
+def test_the_centre_mark_may_lie_in_the_focal_plane():
+    camera = Camera.from_angles(np.pi, np.radians(45.0), 0.0, 900.0, (0.0, 10.0, -10.0), SIZE)
+    H = camera.homography
+    assert H[2, 2] == pytest.approx(0.0, abs=1e-12)
+    H = np.array([*H[:2], [*H[2, :2], 0.0]])
+    found = closed_form(H, SIZE)
+    assert_same_camera(found.focal_length, found.R, found.C, camera)
+
+
+@pytest.mark.parametrize("scale", [1e-200, -1e-150, 1e150, -1e200])
+def test_the_scale_does_not_matter_however_far_from_one(scale):
+    found = camera_from_homography(scale * BROADCAST.homography, SIZE)
+    assert_same_camera(found.initial.focal_length, found.initial.R, found.initial.C, BROADCAST)
+    assert set(found.points) == points_in_view(BROADCAST, 0.1)
 
 
 @given(rng=generators())
@@ -227,10 +268,33 @@ def test_without_a_real_focal_length_there_is_no_camera():
     assert "no real focal length" in found.message
 
 
-@pytest.mark.parametrize("H", [np.eye(4), np.full((3, 3), np.nan), np.ones(9)])
+@pytest.mark.parametrize("H", [np.eye(4), np.full((3, 3), np.nan), np.ones(9), np.ones((2, 3, 3))])
 def test_what_is_no_homography(H):
-    with pytest.raises(ValueError, match=r"finite array of shape \(3, 3\)"):
-        camera_from_homography(H, SIZE)
+    for decompose in (camera_from_homography, closed_form):
+        with pytest.raises(ValueError, match=r"expected a homography, three rows|not finite"):
+            decompose(H, SIZE)
+
+
+def test_no_homography_of_zeros_is_a_cameras():
+    assert camera_from_homography(np.zeros((3, 3)), SIZE).initial is None
+
+
+@pytest.mark.parametrize("principal_point", [480.0, (480.0,), (480.0, 270.0, 1.0), (np.nan, 270.0), (480.0, np.inf)])
+def test_principal_points_that_cannot_be(principal_point):
+    with pytest.raises(ValueError, match="principal_point must be two finite numbers"):
+        camera_from_homography(BROADCAST.homography, SIZE, principal_point=principal_point)
+
+
+@pytest.mark.parametrize(
+    ("points", "message"),
+    [
+        ({}, "points on the ground, got none"),
+        ({**GROUND_POINTS, "top": Point((1.0, 2.0, -2.44))}, r"got 'top' at \(1.0, 2.0, -2.44\): leave it out"),
+    ],
+)
+def test_points_that_cannot_be(points, message):
+    with pytest.raises(ValueError, match=message):
+        camera_from_homography(BROADCAST.homography, SIZE, points=points)
 
 
 @pytest.mark.parametrize("options", [{"zeta": 0.0}, {"zeta": -1.0}, {"tolerance": -0.1}])
@@ -314,8 +378,10 @@ def test_jiang_is_wc14_in_other_units():
 
 
 def test_alignments_want_matrices():
-    with pytest.raises(ValueError, match=r"expected homographies of shape \(..., 3, 3\), got \(3,\)"):
+    with pytest.raises(ValueError, match=r"expected a homography, .* shape \(..., 3, 3\), got \(3,\)"):
         ALIGNMENTS["wc14"].to_fieldcalib(np.ones(3))
+    with pytest.raises(ValueError, match="not finite"):
+        ALIGNMENTS["wc14"].from_fieldcalib(np.full((2, 3, 3), np.nan))
 
 
 def test_annotated_lines_of_wc14_lie_where_the_homographies_put_them(shared_data):

@@ -568,9 +568,9 @@ FRAME = {"Middle line": [(480.0, 200.0), (480.0, 300.0)]}
         ([np.eye(4)], [FRAME], {"planar": True}, r"expected a Camera, .* got an array of shape \(4, 4\)"),
         ([np.full((3, 3), np.inf)], [FRAME], {"planar": True}, "expected a Camera, .* as a finite array"),
         (["camera"], [FRAME], {}, "expected a Camera, .* got str"),
-        ([CAMERA], [FRAME], {"thresholds": ()}, "thresholds must be positive pixels, at least one"),
-        ([CAMERA], [FRAME], {"thresholds": (5.0, -1.0)}, "thresholds must be positive"),
-        ([CAMERA], [FRAME], {"thresholds": (np.nan,)}, "thresholds must be positive"),
+        ([CAMERA], [FRAME], {"thresholds": ()}, "thresholds must be a sequence of positive pixels"),
+        ([CAMERA], [FRAME], {"thresholds": (5.0, -1.0)}, "thresholds must be a sequence of positive"),
+        ([CAMERA], [FRAME], {"thresholds": (np.nan,)}, "thresholds must be a sequence of positive"),
     ],
 )
 def test_wrong_input(predictions, annotations, options, message):

@@ -142,6 +142,24 @@ def test_iou_part_of_equal_cameras_is_1(camera):
     assert iou_part(RationalCamera.from_camera(camera), camera, camera.image_size) == pytest.approx(1.0, abs=RASTER)
 
 
+@settings(max_examples=10)
+@given(x=st.floats(-50, 50), y=st.floats(-30, 30), pan=st.floats(-3.1, 3.1), tilt=st.floats(0.6, 1.5))
+def test_a_homography_does_not_see_what_is_behind_its_camera(x, y, pan, tilt):
+    """From above the field, half of it lies behind: the sign of the homography is settled by the camera's height."""
+    camera = Camera.from_angles(pan, tilt, 0.0, 500.0, (x, y, -12.0), SIZE)
+    for sign in (-1.0, 1.0):
+        assert iou_part(sign * camera.homography, camera, SIZE) == pytest.approx(1.0, abs=1e-3)
+        error = projection_error(sign * camera.homography, camera, SIZE)
+        assert error.unseen == 0.0 or np.isnan(error.unseen)
+
+
+def test_cameras_for_images_of_another_size_are_refused():
+    camera = Camera.from_angles(0.1, 1.3, 0.0, 1500.0, (0.0, 60.0, -15.0), (1920, 1080))
+    for function in (iou_part, iou_whole, projection_error):
+        with pytest.raises(ValueError, match=r"for images of 1920x1080, evaluated are images of 960x540: .*scaled"):
+            function(camera, camera, SIZE)
+
+
 @pytest.mark.parametrize("k1", [-0.25, 0.25])
 def test_iou_part_sees_the_lens(k1):
     """Against the exact outline of what a camera with a lens sees; the other lens would change it by 0.1."""

@@ -70,7 +70,7 @@ def test_the_printed_formula():
     assert compound_score((0.2, 0.4, 0.6), 0.9) == pytest.approx(expected)
     assert compound_score((0.2, 0.4, 0.6), 0.9, "printed", share=0.5) == pytest.approx(expected)
     assert compound_score((1.0, 1.0, 1.0), 0.0) == 0.0
-    assert np.isnan(compound_score((np.nan, np.nan, np.nan), 0.0))
+    assert compound_score((np.nan, np.nan, np.nan), 0.0) == 0.0
 
 
 @pytest.mark.parametrize(
@@ -80,6 +80,7 @@ def test_the_printed_formula():
         (([65.3, 84.2, 92.6], 1.0), r"expected ratios in 0..1, .*; divide percentages by 100"),
         (([0.6, 0.8, 0.9], 100.0), "divide percentages by 100"),
         (([0.6, 0.8, 0.9], -0.1), "expected ratios in 0..1"),
+        (([0.6, np.nan, 0.9], 0.5), "expected ratios in 0..1"),
         (([0.6, 0.8, 0.9], 1.0, "paper"), "kind must be one of printed, tables, got 'paper'"),
     ],
 )

@@ -8,6 +8,7 @@ from strategies import angle, generators
 
 from fieldcalib.projective import (
     dehomogenize,
+    finite_homography,
     fit_lines,
     homogenize,
     homography_from_lines,
@@ -39,6 +40,34 @@ def test_dehomogenize_undoes_homogenize_whatever_the_scale(rng):
     x = rng.normal(size=(3, 4, 2))
     assert homogenize(x).shape == (3, 4, 3)
     np.testing.assert_allclose(dehomogenize(-7.0 * homogenize(x)), x, rtol=1e-14)
+
+
+@pytest.mark.parametrize("batch", [False, True])
+@pytest.mark.parametrize(
+    ("H", "message"),
+    [
+        (np.eye(4), r"three rows of three numbers: shape .*, got \(4, 4\)"),
+        (np.ones(9), r"got \(9,\)"),
+        (3.0, r"got \(\)"),
+        ([], r"got \(0,\)"),
+        ([[1, 0, 0], [0, 1], [0, 0, 1]], "three rows of three numbers"),
+        ("homography", "three rows of three numbers"),
+        (np.diag([1.0, np.nan, 1.0]), "not finite"),
+        ([[1, 0, None], [0, 1, 0], [0, 0, 1]], "not finite"),
+        (np.full((3, 3), np.inf), "not finite"),
+    ],
+)
+def test_what_is_no_homography(H, message, batch):
+    with pytest.raises(ValueError, match=message):
+        finite_homography(H, batch=batch)
+
+
+def test_a_batch_of_homographies_is_one_only_where_it_is_asked_for():
+    H = np.ones((2, 5, 3, 3), dtype=int)
+    assert finite_homography(H, batch=True).dtype == float
+    assert finite_homography(H, batch=True).shape == H.shape
+    with pytest.raises(ValueError, match=r"shape \(3, 3\), got \(2, 5, 3, 3\)"):
+        finite_homography(H)
 
 
 @given(angle(np.pi), generators())

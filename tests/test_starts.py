@@ -78,6 +78,36 @@ def test_ground_homographies_map_metres_to_pixels():
         np.testing.assert_allclose(dehomogenize(homogenize(X[:, :2]) @ H[t].T), camera.project(X), atol=1e-4)
 
 
+CAMERA = Camera.from_angles(-0.4, 1.35, 0.0, 1200.0, (0.0, 65.0, -15.0), SIZE)
+
+
+def test_a_short_line_counts_little():
+    """Its direction is noise; weighing as much as a long one it would spoil the homography."""
+    frame = observe(GROUND, CAMERA)
+    rng, label, errors = np.random.default_rng(0), "Small rect. left main", []
+    start, end = frame[label][0], frame[label][-1]
+    X = CAMERA.image_to_field([(100.0, 500.0), (480.0, 270.0), (900.0, 400.0)])
+    for _ in range(20):
+        short = start + np.outer([0.4, 0.5, 0.6], end - start) / np.linalg.norm(end - start) * 12.0
+        noisy = {**frame, label: short + rng.normal(size=short.shape)}
+        H, _ = ground_homographies(pack(FIELD, [noisy], SIZE), np.array(SIZE) / 2.0)
+        errors.append(np.abs(dehomogenize(homogenize(X[:, :2]) @ H[0].T) - CAMERA.project(X)).max())
+    assert np.median(errors) < 0.2  # pixels
+
+
+@pytest.mark.parametrize("shift", [(150.0, 0.0), (0.0, 90.0), (-80.0, 60.0)])
+def test_the_image_is_normalised_around_the_principal_point(shift):
+    """Moved together, pixels and principal point have the same homography, moved too."""
+    frame = observe(GROUND, CAMERA, np.random.default_rng(0), noise=2.0)
+    moved = {label: xy + shift for label, xy in frame.items()}
+    centre = np.array(SIZE) / 2.0
+    H, _ = ground_homographies(pack(FIELD, [frame], SIZE), centre)
+    H_moved, _ = ground_homographies(pack(FIELD, [moved], SIZE), centre + shift)
+    X = CAMERA.image_to_field([(100.0, 500.0), (480.0, 270.0), (900.0, 400.0)])[:, :2]
+    expected = dehomogenize(homogenize(X) @ H[0].T) + shift
+    np.testing.assert_allclose(dehomogenize(homogenize(X) @ H_moved[0].T), expected, rtol=0, atol=1e-5)
+
+
 def test_no_ground_lines_no_homographies():
     H, found = ground_homographies(pack(FIELD, [{"Circle central": np.array([[480.0, 270.0]])}], SIZE), np.zeros(2))
     assert H.shape == (1, 3, 3)

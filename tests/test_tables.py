@@ -7,8 +7,10 @@ import pytest
 from synthetic import frames_of_broadcasts
 
 from baselines import tables
-from baselines.methods import read_dataset
-from baselines.published import ANNOTATED, CHEN, DLT, JIANG, OURS, ROWS, TAU, TVCALIB, hdecomp
+from baselines.methods import read_dataset, run_methods
+from baselines.published import ANNOTATED, CHEN, DLT, FAR, JIANG, OURS, ROWS, TAU, TVCALIB, hdecomp
+from fieldcalib.camera import Camera
+from fieldcalib.field import soccer
 from fieldcalib.io.soccernet import format_annotation, format_camera_types
 from fieldcalib.io.wc14 import format_homography
 from fieldcalib.metrics import compound_score
@@ -106,6 +108,12 @@ def test_what_can_be_measured_is(everything):
     assert ours["milliseconds"] > 0.0
 
 
+def test_scores_of_sncalib_count_completeness_as_the_tables_do(everything):
+    row = everything["SN-Calib-test-center", "camera", OURS, "GT", None]["values"]
+    accuracies = np.array([row["AC@5"], row["AC@10"], row["AC@20"]]) / 100.0
+    assert row["CS"] == pytest.approx(100.0 * compound_score(accuracies, 1.0, "tables", share=1454 / 2719))
+
+
 def test_predicted_segments_score_as_what_they_are(everything):
     """Here they are the annotations themselves."""
     gt, pred = (
@@ -173,3 +181,14 @@ def test_figures(sncalib, wc14, tmp_path, capsys):
         image = cv2.imread(str(tmp_path / "new" / f"{name}.png"))
         assert image.shape[0] > 400
         assert image.std() > 5.0
+
+
+def test_zeta_100_rejects_what_zeta_1000_takes(tmp_path):
+    """An image cut out far from the principal point: the decomposition, which has it in the middle, is 200 px off."""
+    camera = Camera.from_angles(-0.3, 1.35, 0.0, 1600.0, (0.0, 68.0, -17.0), (1280, 720))
+    shifted = np.array([[1.0, 0.0, 900.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]]) @ camera.homography
+    (tmp_path / "0.json").write_text('{"Middle line": [{"x": 0.1, "y": 0.2}, {"x": 0.2, "y": 0.3}]}')
+    (tmp_path / "0.homographyMatrix").write_text(format_homography(shifted))
+    runs = run_methods(read_dataset("WC14-test", tmp_path, (1280, 720)), soccer(), steps=3)
+    assert runs[hdecomp(ANNOTATED), "-"].predictions == [None]
+    assert runs[hdecomp(ANNOTATED) + FAR, "-"].predictions != [None]

@@ -44,6 +44,8 @@ class TVCalibRecord:
         Loss in normalised device coordinates: what tau is compared with, and its parts.
     time_s : float, optional
         Seconds that the image took.
+    image_size : (int, int), optional
+        Width and height in pixels that the file gives.
     """
 
     id: str
@@ -53,18 +55,26 @@ class TVCalibRecord:
     loss_ndc_lines: float | None = None
     loss_ndc_circles: float | None = None
     time_s: float | None = None
+    image_size: tuple[int, int] | None = None
 
 
-def parse_per_sample_output(content: bytes | str) -> list[TVCalibRecord]:
+def parse_per_sample_output(content: bytes | str, *, broken: list[str] | None = None) -> list[TVCalibRecord]:
     """The records of a ``per_sample_output.json``, in its order.
 
     The size of an image is ``image_width`` x ``image_height`` or, without these, twice the principal point. Cameras are
-    `RationalCamera`. Numbers that are null or not finite are None.
+    `RationalCamera`. Numbers and homographies that are null or not finite are None.
+
+    Parameters
+    ----------
+    content : bytes or str
+        The file's text.
+    broken : list of str, optional
+        Takes what is wrong with lines that hold no record; without it the first one raises.
 
     Raises
     ------
     BrokenFileError
-        If a line holds no record; the message begins with its number.
+        If it is no text, or a line holds no record; the message begins with its number.
 
     Examples
     --------
@@ -84,7 +94,10 @@ def parse_per_sample_output(content: bytes | str) -> list[TVCalibRecord]:
         try:
             records.append(_record_of(parse_json_object(line, "a record")))
         except BrokenFileError as error:
-            raise BrokenFileError(f"line {number}: {error}") from None
+            message = f"line {number}: {error}"
+            if broken is None:
+                raise BrokenFileError(message) from None
+            broken.append(message)
     return records
 
 
@@ -99,24 +112,28 @@ def _record_of(line: Mapping[str, Any]) -> TVCalibRecord:
     if not (isinstance(name, str) and name):
         raise BrokenFileError(f'expected "image_ids": "<id>.jpg", got {reprlib.repr(name)}')
     homography = _array(line, "homography", ndim=2)
+    if homography is not None and not np.all(np.isfinite(homography)):
+        homography = None
+    width, height = _number(line, "image_width"), _number(line, "image_height")
+    size = None if width is None or height is None else (round(width), round(height))
     return TVCalibRecord(
         PurePosixPath(name).stem,
-        _camera(line),
+        _camera(line, size),
         None if homography is None else np.asarray(np.linalg.inv(checked_homography(homography))),
-        *(_number(line, key) for key in NUMBERS),
+        loss_ndc_total=_number(line, "loss_ndc_total"),
+        loss_ndc_lines=_number(line, "loss_ndc_lines"),
+        loss_ndc_circles=_number(line, "loss_ndc_circles"),
+        time_s=_number(line, "time_s"),
+        image_size=size,
     )
 
 
-def _camera(line: Mapping[str, Any]) -> RationalCamera | None:
+def _camera(line: Mapping[str, Any], image_size: tuple[int, int] | None) -> RationalCamera | None:
     """The camera of a record; None where its angles are null or not there: a failure, or a homography alone."""
     if _number(line, "pan_degrees") is None:
         return None
     values = {key: _array(line, key, ndim) for keys, ndim in ((SCALARS, 0), (VECTORS, 1)) for key in keys}
-    width, height = _number(line, "image_width"), _number(line, "image_height")
-    return rational_camera_from_record(
-        {key: value for key, value in values.items() if value is not None},
-        None if width is None or height is None else (round(width), round(height)),
-    )
+    return rational_camera_from_record({k: value for k, value in values.items() if value is not None}, image_size)
 
 
 def _number(line: Mapping[str, Any], key: str) -> float | None:
@@ -142,10 +159,12 @@ def _array(line: Mapping[str, Any], key: str, ndim: int) -> Array | None:
 def _line_of(record: TVCalibRecord) -> dict[str, Any]:
     line: dict[str, Any] = {"image_ids": f"{record.id}.jpg"}
     if record.camera is not None:
-        width, height = record.camera.image_size
+        width, _ = record.camera.image_size
         aov = 2.0 * np.arctan2(0.5 * width, record.camera.K[0, 0])  # f = w / (2 tan(aov / 2)), f < 0 included
         line |= camera_to_record(record.camera)
         line |= {"aov_radian": float(aov), "aov_degrees": float(np.degrees(aov))}
-        line |= {"image_width": width, "image_height": height}
+    size = record.image_size or (record.camera and record.camera.image_size)
+    if size:
+        line |= {"image_width": size[0], "image_height": size[1]}
     line["homography"] = None if record.homography is None else np.linalg.inv(record.homography).tolist()
     return line | {key: getattr(record, key) for key in NUMBERS}

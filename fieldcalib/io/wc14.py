@@ -9,8 +9,9 @@ width. Files of Chen's and of Jiang's systems have other axes, see `fieldcalib.h
 from __future__ import annotations
 
 import io
+from collections.abc import Iterable
 from pathlib import Path
-from typing import Any, Literal, TypeAlias
+from typing import Literal, TypeAlias
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -18,26 +19,25 @@ from numpy.typing import ArrayLike
 from fieldcalib._types import Array
 from fieldcalib.homography import ALIGNMENTS, Alignment
 from fieldcalib.io.files import BrokenFileError, FrameFile, find_files
+from fieldcalib.projective import SINGULAR, finite_homography
 
 AlignmentName: TypeAlias = Literal["wc14", "chen", "jiang"]
 
 HOMOGRAPHY = ".homographyMatrix"
 IMAGE_SIZE = (1280, 720)  # of the data set's images, which the files are for
-# Condition number beyond which less than four digits are left of an inverse; those of the data set are below 1e6.
-SINGULAR = 1e12
 
 
-def find_homographies(path: Path) -> list[FrameFile]:
-    """Files ``<id>.homographyMatrix`` of a folder or a zip, in the order of their names.
+def find_homographies(inputs: Iterable[Path]) -> list[FrameFile]:
+    """Files ``<id>.homographyMatrix`` of folders, zips and single files, in the order of their names.
 
     Raises
     ------
     FileNotFoundError
-        If the path does not exist or holds no such file.
+        If an input does not exist or holds no such file.
     BrokenFileError
         If a zip is none, or two files would be the same frame.
     """
-    return find_files([path], "homography", suffix=HOMOGRAPHY)
+    return find_files(inputs, "homography", suffix=HOMOGRAPHY)
 
 
 def parse_homography(
@@ -97,7 +97,7 @@ def _resize(old: tuple[int, int], new: tuple[int, int]) -> Array:
     return np.diag([new[0] / old[0], new[1] / old[1], 1.0])
 
 
-def checked_homography(values: Any) -> Array:
+def checked_homography(values: ArrayLike) -> Array:
     """An invertible matrix (3, 3) of finite numbers.
 
     Raises
@@ -105,12 +105,10 @@ def checked_homography(values: Any) -> Array:
     BrokenFileError
         If it is none.
     """
-    shape = np.shape(values) if len({np.shape(row) for row in values}) == 1 else None
-    if shape != (3, 3):
-        raise BrokenFileError("expected a homography, three rows of three numbers")
-    H = np.array(values, dtype=float)
-    if not np.all(np.isfinite(H)):
-        raise BrokenFileError("a number of the homography is not finite")
+    try:
+        H = finite_homography(values)
+    except ValueError as error:
+        raise BrokenFileError(str(error)) from None
     if np.linalg.cond(H) > SINGULAR:
         raise BrokenFileError("the homography is singular: it maps the image to a line or a point")
     return H

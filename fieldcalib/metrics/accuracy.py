@@ -65,7 +65,7 @@ def _ratio(part: int, whole: int) -> float:
     return part / whole if whole else float("nan")
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class SegmentEvaluation:
     """How well the segments of F frames are reprojected, at T thresholds. Ratios are 0..1."""
 
@@ -77,6 +77,8 @@ class SegmentEvaluation:
     """Which frames have a prediction, (F,)."""
     mirrored: BoolArray
     """Whether a frame counts with the labels of the other side, (F, T). Ties do, as in SoccerNet's evaluation."""
+    nearer_mirrored: BoolArray
+    """Whether the labels of the other side are nearer, (F,): by the median distance of all annotated points."""
     segments: IntArray
     """Segments that are TP, FP, FN, (F, T, L, 3): each 0 or 1."""
     points: IntArray
@@ -131,12 +133,17 @@ class SegmentEvaluation:
         total = counts[:, self._index(threshold)].sum(axis=0)
         return {label: Confusion(*row.tolist()) for label, row in zip(self.labels, total, strict=True) if row.any()}
 
-    def segment_errors(self, threshold: float) -> dict[str, Array]:
+    def __repr__(self) -> str:
+        accuracy = ", ".join(f"AC@{t:g}={100.0 * a:.2f}" for t, a in zip(self.thresholds, self.accuracy, strict=True))
+        return f"SegmentEvaluation({accuracy}, CR={100.0 * self.completeness:.2f} over {len(self.found)} frames)"
+
+    def segment_errors(self, threshold: float | None = None) -> dict[str, Array]:
         """Distances of all annotated points to their reprojected segments, pixels, by label.
 
-        Each frame with the labels that counted at this threshold.
+        Each frame with the labels that are nearer (`nearer_mirrored`); with a threshold, as in SoccerNet's evaluation,
+        with those that counted at it, which is the wrong side's where nothing is right.
         """
-        mirrored = self.mirrored[:, self._index(threshold)]
+        mirrored = self.nearer_mirrored if threshold is None else self.mirrored[:, self._index(threshold)]
         by_label: dict[str, list[Array]] = {}
         for sides, mirror in zip(self.errors, mirrored.tolist(), strict=True):
             for label, distances in sides[mirror].items():
@@ -214,17 +221,20 @@ def evaluate_segments(
             f"expected as many predictions as annotations, got {len(predictions)} and {len(annotations)}: "
             f"give None for a frame without a camera"
         )
-    size, limits = checked_image_size(image_size), tuple(float(t) for t in thresholds)
-    if not limits or not all(t > 0.0 for t in limits):
-        raise ValueError(f"thresholds must be positive pixels, at least one, got {limits}")
-    given = {f: checked_prediction(prediction) for f, prediction in enumerate(predictions) if prediction is not None}
+    size = checked_image_size(image_size)
+    limits = np.asarray(thresholds)
+    if limits.ndim != 1 or not limits.size or limits.dtype.kind not in "iuf" or not np.all(limits > 0.0):
+        raise ValueError(f"thresholds must be a sequence of positive pixels, at least one, got {thresholds!r}")
+    limits = limits.astype(float)
+    given = {f: checked_prediction(p, size) for f, p in enumerate(predictions) if p is not None}
     if not planar and any(is_homography(prediction) for prediction in given.values()):
         raise ValueError("homographies map the ground alone: evaluate them with planar=True")
     classes = _Classes.of(field, planar)
     annotated = [_annotated_points(frame, classes) for frame in _checked(annotations, field)]
 
     F, T, L = len(predictions), len(limits), len(classes.labels)
-    found, mirrored = np.isin(np.arange(F), list(given)), np.zeros((F, T), dtype=bool)
+    found = np.isin(np.arange(F), list(given))
+    mirrored, nearer_mirrored = np.zeros((F, T), dtype=bool), np.zeros(F, dtype=bool)
     segments, points = np.zeros((2, F, T, L, 3), dtype=np.intp)
     errors: list[tuple[Mapping[str, Array], Mapping[str, Array]]] = [({}, {})] * F
     samples = sample_segments(classes.segments)
@@ -234,15 +244,17 @@ def evaluate_segments(
         xy, label = (np.concatenate(parts) for parts in zip(*(annotated[f] for f in chunk), strict=True))
         frame = np.repeat(np.arange(len(chunk)), [len(annotated[f][0]) for f in chunk])
         straight, turned = (
-            _compare(xy, frame, names, polylines, classes, limits) for names in (label, classes.turned[label])
+            _compare(xy, frame, names, polylines, classes, limits.tolist()) for names in (label, classes.turned[label])
         )
         better = _accuracy(straight.segments) > _accuracy(turned.segments)
-        mirrored[chunk] = ~better
+        mirrored[chunk], nearer_mirrored[chunk] = ~better, turned.median < straight.median
         segments[chunk] = np.where(better[:, :, None, None], straight.segments, turned.segments)
         points[chunk] = np.where(better[:, :, None, None], straight.points, turned.points)
         for f, *sides in zip(chunk, straight.errors, turned.errors, strict=True):
             errors[f] = (sides[0], sides[1])
-    return SegmentEvaluation(limits, classes.labels, found, mirrored, segments, points, tuple(errors))
+    return SegmentEvaluation(
+        tuple(limits.tolist()), classes.labels, found, mirrored, nearer_mirrored, segments, points, tuple(errors)
+    )
 
 
 @dataclass(frozen=True)
@@ -288,7 +300,7 @@ def check_annotation(annotation: ImageSegments, field: Field) -> Pixels:
     known = {*field.markings, *UNKNOWN_LABELS} - HALVES
     pixels: Pixels = {}
     for given, values in annotation.items():
-        label = given.strip()
+        label = given.strip() if isinstance(given, str) else given
         if label not in known:
             raise ValueError(
                 f"{given!r} is no segment that is evaluated; expected SoccerNet's labels, the centre circle whole"
@@ -331,6 +343,8 @@ class _Comparison(NamedTuple):
     """And in points."""
     errors: list[dict[str, Array]]
     """Distances of the points of each label that is projected, for each frame."""
+    median: Array
+    """Median distance of all annotated points, (F,); those of labels that are not projected are infinitely far."""
 
 
 def _compare(
@@ -361,7 +375,9 @@ def _compare(
     for begin, end in pairwise(edges.tolist()):
         if compared[begin]:
             errors[frame[begin]][classes.labels[label[begin]]] = distance[begin:end]
-    return _Comparison(np.stack(segments, axis=-1).astype(np.intp), np.stack(points, axis=-1), errors)
+    by_frame = np.split(np.where(compared, distance, np.inf), np.searchsorted(frame, np.arange(1, F)))
+    median = np.array([np.median(distances) if len(distances) else np.inf for distances in by_frame])
+    return _Comparison(np.stack(segments, axis=-1).astype(np.intp), np.stack(points, axis=-1), errors, median)
 
 
 def _accuracy(segments: IntArray) -> Array:

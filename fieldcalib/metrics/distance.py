@@ -50,7 +50,7 @@ def projection_error(
     Raises
     ------
     ValueError
-        If one of the two is neither a camera nor a homography, or `image_size` is none.
+        If one of the two is neither a camera of this size nor a homography, or `image_size` is none.
 
     Examples
     --------
@@ -63,7 +63,7 @@ def projection_error(
     width, height = checked_image_size(image_size)
     step = width / PIXELS_ACROSS
     xy = np.stack(np.meshgrid(np.arange(step / 2, width, step), np.arange(step / 2, height, step)), axis=-1) - 0.5
-    X_true, X = (image_to_field(checked_prediction(view), xy) for view in (truth, prediction))
+    X_true, X = (image_to_field(checked_prediction(view, (width, height)), xy) for view in (truth, prediction))
     counted = np.all(np.abs(X_true) <= (field.length / 2.0, field.width / 2.0), axis=-1)  # false for NaN
     with np.errstate(over="ignore"):  # absurd predictions lie out of range
         distance = np.linalg.norm(X[counted] - X_true[counted], axis=-1)

@@ -13,7 +13,6 @@ import numpy as np
 from fieldcalib._types import Array, BoolArray
 from fieldcalib.camera import checked_image_size
 from fieldcalib.field import Field, soccer
-from fieldcalib.io.wc14 import SINGULAR
 from fieldcalib.metrics.views import (
     Prediction,
     checked_prediction,
@@ -22,6 +21,7 @@ from fieldcalib.metrics.views import (
     inverse_up_to_scale,
     project,
 )
+from fieldcalib.projective import SINGULAR
 from fieldcalib.rational import RationalCamera
 
 IouWhole: TypeAlias = Literal["template", "image"]
@@ -53,7 +53,7 @@ def iou_part(
     Raises
     ------
     ValueError
-        If one of the two is neither a camera nor a homography, or `image_size` is none.
+        If one of the two is neither a camera of this size nor a homography, or `image_size` is none.
 
     Examples
     --------
@@ -69,7 +69,7 @@ def iou_part(
     )
     X = np.stack([*np.meshgrid(x, y), np.zeros((len(y), len(x)))], axis=-1).reshape(-1, 3)
     size = checked_image_size(image_size)
-    return _iou(*(_sees(checked_prediction(view), X, size) for view in (prediction, truth)))
+    return _iou(*(_sees(checked_prediction(view, size), X, size) for view in (prediction, truth)))
 
 
 def iou_whole(
@@ -106,7 +106,7 @@ def iou_whole(
     Raises
     ------
     ValueError
-        If one of the two is neither a camera nor a homography, or `kind` or `image_size` is none.
+        If one of the two is neither a camera of this size nor a homography, or `kind` or `image_size` is none.
 
     Examples
     --------
@@ -119,7 +119,7 @@ def iou_whole(
         raise ValueError(f"kind must be one of {', '.join(get_args(IouWhole))}, got {kind!r}")
     field = soccer() if field is None else field
     width, height = checked_image_size(image_size)
-    H_true, H_pred = (homography_of(checked_prediction(view)) for view in (truth, prediction))
+    H_true, H_pred = (homography_of(checked_prediction(view, (width, height))) for view in (truth, prediction))
     with np.errstate(all="ignore"):  # absurd cameras overflow
         if kind == "template":
             back, unit = inverse_up_to_scale(H_true) @ H_pred, np.diag([field.length, field.width, 1.0])

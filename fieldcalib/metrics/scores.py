@@ -55,7 +55,10 @@ def compound_score(
     values = np.asarray(accuracies, dtype=float)
     if values.shape != (3,):
         raise ValueError(f"expected AC@5, AC@10 and AC@20, got an array of shape {values.shape}")
-    if np.any((given := np.array([*values, completeness, share])) < 0.0) or np.any(given > 1.0):
+    if completeness == 0.0:
+        return 0.0  # whatever the accuracy of nothing is
+    given = np.array([*values, completeness, share])
+    if not np.all((given >= 0.0) & (given <= 1.0)):
         raise ValueError(f"expected ratios in 0..1, got {given.tolist()}; divide percentages by 100")
     if kind == "tables":
         values, completeness = values[::-1], completeness * share

@@ -18,8 +18,17 @@ Prediction: TypeAlias = Camera | RationalCamera | Array
 NEAREST = 1e-3  # metres of depth up to which SoccerNet's evaluation sees nothing
 
 
-def checked_prediction(prediction: object) -> Prediction:
-    """A camera as it is, a homography as a float array, or a ValueError that says what came instead."""
+def checked_prediction(prediction: object, image_size: tuple[int, int]) -> Prediction:
+    """A camera as it is, a homography as a float array, or a ValueError that says what came instead.
+
+    A `Camera` must be for images of this size. The size of a `RationalCamera` may be a guess, and is not looked at.
+    """
+    if isinstance(prediction, Camera) and prediction.image_size != image_size:
+        (w, h), (width, height) = prediction.image_size, image_size
+        raise ValueError(
+            f"the camera is for images of {w}x{h}, evaluated are images of {width}x{height}: "
+            f"Camera.scaled makes it fit, and annotations can be read at its size"
+        )
     if isinstance(prediction, Camera | RationalCamera):
         return prediction
     try:
@@ -43,21 +52,32 @@ def is_homography(prediction: Prediction) -> bool:
 def project(prediction: Prediction, X: Array) -> Array:
     """Pixels (..., 2) of world points (..., 3); NaN where there is no image.
 
-    A homography maps the ground, whatever the height of the points. Which of its field points lie beyond the horizon
-    cannot be told, since its sign is arbitrary: all are mapped.
+    A homography maps the ground, whatever the height of the points. That a field is seen from above settles its sign,
+    ``det K R [e1 e2 -C] = -fx fy z > 0``, and with it what lies beyond its horizon.
     """
     if isinstance(prediction, Camera | RationalCamera):
         return prediction.project(X)
     with np.errstate(all="ignore"):
-        return dehomogenize(homogenize(X[..., :2]) @ prediction.T)
+        return _in_front(homogenize(X[..., :2]) @ (_sign(prediction) * prediction).T)
 
 
 def image_to_field(prediction: Prediction, xy: Array) -> Array:
-    """Field points (..., 2) in metres of pixels (..., 2); NaN above the horizon of a camera."""
+    """Field points (..., 2) in metres of pixels (..., 2); NaN above the horizon."""
     if isinstance(prediction, Camera | RationalCamera):
         return prediction.image_to_field(xy)[..., :2]
     with np.errstate(all="ignore"):
-        return dehomogenize(homogenize(xy) @ inverse_up_to_scale(prediction).T)
+        # of a positive determinant, the adjugate has the sign of the inverse
+        return _in_front(homogenize(xy) @ inverse_up_to_scale(_sign(prediction) * prediction).T)
+
+
+def _sign(H: Array) -> float:
+    """Which of the two signs of a homography belongs to a camera above the ground."""
+    return float(np.sign(np.linalg.det(H)))
+
+
+def _in_front(x: Array) -> Array:
+    """Plane points of homogeneous ones; NaN where the last coordinate is not positive."""
+    return np.where(x[..., 2:] > 0.0, dehomogenize(x), np.nan)
 
 
 def homography_of(prediction: Prediction) -> Array:
