@@ -38,7 +38,7 @@ def _losses(folder: Path, datasets: Sequence[Dataset], runs: Mapping[DatasetName
     figure, axes = plt.subplots(1, len(datasets), figsize=(5.5 * len(datasets), 4), squeeze=False, layout="constrained")
     for axis, dataset in zip(axes[0], datasets, strict=True):
         for (method, segments), run in runs[dataset.name].items():
-            if run.losses is not None:
+            if run.losses is not None and method in COLORS:
                 share = np.linspace(0.0, 100.0, len(run.losses))
                 style = STYLES[0] if segments == "GT" else STYLES[1]
                 axis.plot(share, np.sort(run.losses), style, color=COLORS[method], label=f"{method}, {segments}")
@@ -55,7 +55,7 @@ def _accuracy_against_completeness(folder: Path, datasets: Sequence[Dataset], ru
     figure, axes = plt.subplots(1, len(datasets), figsize=(5.5 * len(datasets), 4), squeeze=False, layout="constrained")
     for axis, dataset in zip(axes[0], datasets, strict=True):
         for (method, segments), run in runs[dataset.name].items():
-            if run.losses is None or segments != "GT":
+            if run.losses is None or method not in COLORS or segments != "GT":
                 continue
             evaluation = evaluate_segments(run.predictions, list(dataset.annotations.values()), dataset.size)
             order = np.argsort(run.losses)

@@ -13,7 +13,7 @@ from typing import Literal, TypeAlias
 import numpy as np
 
 from baselines import dlt_lines, hdecomp, tvcalib
-from baselines.published import ANNOTATED, CHEN, DLT, FAR, OURS, TVCALIB, DatasetName
+from baselines.published import ANNOTATED, CHEN, DLT, FAR, OURS, OURS_PINHOLE, TVCALIB, DatasetName
 from baselines.published import hdecomp as decomposed
 from fieldcalib._types import Array
 from fieldcalib.calibrate import calibrate_batch
@@ -22,6 +22,7 @@ from fieldcalib.field import Field, soccer
 from fieldcalib.io.soccernet import CAMERA_TYPES, UNKNOWN_LABELS, find_annotations, parse_annotation, read_camera_types
 from fieldcalib.io.wc14 import AlignmentName, find_homographies, parse_homography
 from fieldcalib.metrics import Prediction
+from fieldcalib.options import PINHOLE_FLAGS
 from fieldcalib.result import Calibration
 from fieldcalib.segments import Pixels, check_segments
 
@@ -143,8 +144,10 @@ def run_methods(dataset: Dataset, field: Field, steps: int) -> Runs:
     for segments, raw in inputs.items():
         frames = [check_segments(field, frame, dataset.size) for frame in raw]
         ours = partial(calibrate_batch, field, frames, dataset.size)
+        pinhole = partial(ours, flags=PINHOLE_FLAGS)
         theirs = partial(tvcalib.calibrate, field, frames, dataset.size, steps=steps)
         runs[OURS, segments] = _timed(f"{dataset.name}: {OURS}", len(frames), ours)
+        runs[OURS_PINHOLE, segments] = _timed(f"{dataset.name}: {OURS_PINHOLE}", len(frames), pinhole)
         runs[TVCALIB, segments] = _timed(f"{dataset.name}: {TVCALIB}", len(frames), theirs)
         H, found = dlt_lines.homographies(field, frames, dataset.size)
         by_lines = [H[t] if found[t] else None for t in range(len(H))]

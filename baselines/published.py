@@ -13,6 +13,7 @@ DatasetName: TypeAlias = Literal["SN-Calib-test-center", "WC14-test"]
 Evaluated: TypeAlias = Literal["camera", "homography"]
 
 OURS = "fieldcalib"
+OURS_PINHOLE = "fieldcalib, pinhole"
 TVCALIB = "TVCalib"
 DLT = "DLT lines"
 ANNOTATED = "annotated H"

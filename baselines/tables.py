@@ -31,6 +31,7 @@ from baselines.published import (
     JIANG,
     LENS,
     OURS,
+    OURS_PINHOLE,
     ROWS,
     SN_TEST,
     SN_TEST_CENTER,
@@ -130,7 +131,10 @@ def measure(dataset: Dataset, runs: Runs, field: Field) -> list[Measured]:
     published = [row for row in ROWS if row.dataset == dataset.name]
     for evaluated in TITLES:
         wanted: dict[tuple[str, Segments, float | None], Published | None] = {
-            (OURS, segments, tau): None for (method, segments) in runs if method == OURS for tau in (TAU, None)
+            (method, segments, tau): None
+            for (method, segments) in runs
+            if method in (OURS, OURS_PINHOLE)
+            for tau in (TAU, None)
         }
         wanted |= {(r.method, r.segments, r.tau): r for r in published if r.evaluated == evaluated}
         extra = [key for key in runs if evaluated == "homography" or key[0] not in (DLT, ANNOTATED, CHEN, JIANG)]
@@ -178,7 +182,7 @@ def _measure(
 def _reason(method: str, segments: Segments, dataset: Dataset) -> str:
     """Why a row cannot be measured."""
     if method.endswith(LENS):
-        return "the lens is not estimated yet"
+        return "the lens of TVCalib's own optimiser is not part of this project; fieldcalib's row has one"
     name = "--sncalib-pred" if dataset.name == "SN-Calib-test-center" else "--wc14-pred"
     for network, option in ((CHEN_WIDER, None), (CHEN, "--chen"), (JIANG, "--jiang")):
         if network in method:

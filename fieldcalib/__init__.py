@@ -23,7 +23,7 @@ from fieldcalib.camera import Camera
 from fieldcalib.field import Arc, Field, Line, Point, PointCloud, soccer
 from fieldcalib.homography import ALIGNMENTS, Alignment, Decomposition, camera_from_homography
 from fieldcalib.losses import RobustLoss
-from fieldcalib.options import DEFAULT_FLAGS, CalibrationFlags
+from fieldcalib.options import DEFAULT_FLAGS, PINHOLE_FLAGS, CalibrationFlags
 from fieldcalib.parameters import DISTRIBUTIONS, CameraDistribution
 from fieldcalib.result import Calibration, Status
 
@@ -41,6 +41,7 @@ __all__ = [
     "ALIGNMENTS",
     "DEFAULT_FLAGS",
     "DISTRIBUTIONS",
+    "PINHOLE_FLAGS",
     "Alignment",
     "Arc",
     "Calibration",

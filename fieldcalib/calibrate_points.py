@@ -11,13 +11,13 @@ from numpy.typing import ArrayLike
 from fieldcalib._types import Array
 from fieldcalib.calibrate import calibrate_from_segments
 from fieldcalib.camera import Camera
-from fieldcalib.distortion import undistort
+from fieldcalib.distortion import lens_coefficients, undistort
 from fieldcalib.field import Field, Point
 from fieldcalib.losses import LossName, RobustLoss
 from fieldcalib.options import (
     ALL,
     DEFAULT_CRITERIA,
-    DEFAULT_FLAGS,
+    PINHOLE_FLAGS,
     CalibrationFlags,
     Criteria,
     Options,
@@ -52,7 +52,7 @@ def calibrate_from_points(
     rvec: ArrayLike | None = None,
     tvec: ArrayLike | None = None,
     *,
-    flags: int = DEFAULT_FLAGS,
+    flags: int = PINHOLE_FLAGS,
     criteria: Criteria = DEFAULT_CRITERIA,
     prior: Prior = ALL,
     loss: LossName | RobustLoss = "cauchy",
@@ -73,8 +73,10 @@ def calibrate_from_points(
         Their pixels.
     image_size : (int, int)
         Width and height in pixels.
-    camera_matrix, dist_coeffs, rvec, tvec, flags, criteria, loss, tau
+    camera_matrix, dist_coeffs, rvec, tvec, criteria, loss, tau
         As in `calibrate_from_segments`.
+    flags : int
+        As in `calibrate_from_segments`, but the lens is fixed too by default: few points do not tell it.
     prior : str, CameraDistribution, an iterable of them, or None
         As in `calibrate_from_segments`; None for any object that is no soccer field. Four points on a plane or six in
         space are then needed, unless `rvec` and `tvec` give the start.
@@ -267,7 +269,7 @@ def _start(points: Points, options: Options) -> Camera | None:
     known, size = options.known, options.image_size
     d = points.xy - known[PRINCIPAL_POINT]
     d[:, 1] /= np.exp(known[LOG_ASPECT])
-    u = undistort(d, known[LENS], np.hypot(*size) / 2.0)
+    u = undistort(d, lens_coefficients(known[LENS]), np.hypot(*size) / 2.0)
     seen = np.isfinite(u).all(axis=1)  # no ray of the known lens reaches the others
     found = resect(points.X[seen], u[seen], options.wide_loss, size[0], float(np.exp(known[LOG_F])))
     if found is None:

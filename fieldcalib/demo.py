@@ -15,10 +15,12 @@ import numpy as np
 from fieldcalib._types import Array, BoolArray
 from fieldcalib.calibrate import calibrate_batch
 from fieldcalib.camera import Camera
+from fieldcalib.distortion import opencv_coefficients
 from fieldcalib.draw import draw_field, draw_minimap, draw_segments
 from fieldcalib.field import Arc, Field, soccer
 from fieldcalib.io.files import write_bytes, write_text
 from fieldcalib.io.soccernet import camera_to_record, format_annotation
+from fieldcalib.parameters import LENS_MEAN
 from fieldcalib.render import Image, render_field
 from fieldcalib.result import Calibration
 from fieldcalib.segments import Pixels
@@ -104,7 +106,7 @@ def run_demo(out: Path, *, count: int = 12, noise: float = 1.0, seed: int = 0) -
 
 
 def pan_over_field(count: int) -> list[Camera]:
-    """A broadcast camera on the main stand that follows the play from the left goal to the right one.
+    """A broadcast camera on the main stand, with the usual lens, that follows the play from goal to goal.
 
     Examples
     --------
@@ -117,7 +119,8 @@ def pan_over_field(count: int) -> list[Camera]:
         x, y, z = np.array([38.0 * s, -2.0 + 2.0 * np.cos(3.0 * s), 0.0]) - C  # from the camera to where it looks
         pan, tilt = np.arctan2(x, -y), np.arctan2(np.hypot(x, y), z)
         roll, f = np.radians(0.4) * np.sin(4.0 * s), 1000.0 + 420.0 * s * s + 60.0 * np.sin(5.0 * s)
-        cameras.append(Camera.from_angles(pan, tilt, roll, f, C, IMAGE_SIZE))
+        k = opencv_coefficients(np.array(LENS_MEAN), f, np.hypot(*IMAGE_SIZE) / 2.0)
+        cameras.append(Camera.from_angles(pan, tilt, roll, f, C, IMAGE_SIZE, k=k))
     return cameras
 
 

@@ -7,6 +7,11 @@ normalised to the corner of the image: with ``q = |s|^2 / rho^2``, rho being hal
 
 So a1 + a2 is the relative displacement at the corner whatever the zoom, and the lens is a warp of the image alone: it
 does not change when f does. k1 and k2 are OpenCV's.
+
+A lens whose slope ``1 + 3 a1 q + 5 a2 q^2`` turns negative folds the scene back into the image: lines that lie far
+outside appear in it, in every program that projects them. With ``a2 >= 9/20 a1^2`` for a barrel (a1 < 0) and
+``a2 >= 0`` for a cushion it never does, however far out. What is estimated is therefore (a1, b2),
+``a2 = b2 + FOLD min(a1, 0)^2`` with b2 >= 0: at a1 = -1 % the term moves the corner of an image by 0.005 %.
 """
 
 import numpy as np
@@ -23,6 +28,25 @@ def corner_coefficients(k: Array, f: Array | float, rho: float) -> Array:
 def opencv_coefficients(a: Array, f: Array | float, rho: float) -> Array:
     """OpenCV's (k1, k2) of corner-normalised (a1, a2): the inverse of `corner_coefficients`."""
     return corner_coefficients(a, rho * rho / np.asarray(f), rho)
+
+
+FOLD = 0.46  # a little above 9/20
+
+
+def lens_coefficients(b: Array) -> Array:
+    """Corner-normalised (a1, a2) of the estimated (a1, b2), (..., 2): the lens that does not fold where b2 >= 0.
+
+    Examples
+    --------
+    >>> lens_coefficients(np.array([-0.1, 0.0]))
+    array([-0.1   ,  0.0046])
+    """
+    return np.stack([b[..., 0], b[..., 1] + FOLD * np.square(np.minimum(b[..., 0], 0.0))], axis=-1)
+
+
+def lens_parameters(a: Array) -> Array:
+    """The estimated (a1, b2) of corner-normalised (a1, a2): the inverse of `lens_coefficients`."""
+    return np.stack([a[..., 0], a[..., 1] - FOLD * np.square(np.minimum(a[..., 0], 0.0))], axis=-1)
 
 
 def distort(s: Array, a: Array, rho: float) -> Array:

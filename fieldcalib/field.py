@@ -206,15 +206,43 @@ class Field(Mapping[str, Segment]):
 
     @cached_property
     def symmetric(self) -> Mapping[str, str]:
-        """Label -> label of the same segment seen from the other side: the 180-degree turn about the centre mark."""
+        """Label -> label of the same segment seen from the other side: the 180-degree turn about the centre mark.
+
+        Segments of `with_segments` that have no counterpart are left out.
+        """
 
         def key(segment: Segment, turn: float) -> tuple[object, ...]:
             X = segment.sample(spacing=0.05) * (turn, turn, 1.0)
             box = np.concatenate([X.min(axis=0), X.max(axis=0)]).round(2) + 0.0  # + 0.0: no negative zeros
             return (type(segment), *box.tolist())
 
-        found = {key(segment, turn=1.0): name for name, segment in self.segments.items()}
-        return MappingProxyType({name: found[key(s, turn=-1.0)] for name, s in self.segments.items()})
+        found: dict[tuple[object, ...], str] = {}
+        for name, segment in self.segments.items():
+            found.setdefault(key(segment, turn=1.0), name)  # the field's own name, should another one be added to it
+        turned = {name: key(segment, turn=-1.0) for name, segment in self.segments.items()}
+        return MappingProxyType({name: found[other] for name, other in turned.items() if other in found})
+
+    def with_segments(self, extra: Mapping[str, Segment]) -> Field:
+        """The field with more segments: points of one's own, say, that are still points of a field.
+
+        A plain dict of both is no `Field`, and cannot be calibrated with the default prior.
+
+        Raises
+        ------
+        ValueError
+            If the field has one of the names already.
+
+        Examples
+        --------
+        >>> field = soccer().with_segments({"corner flag": Point((-52.5, -34.0, -1.5))})
+        >>> field.length, field["corner flag"]
+        (105.0, Point(X=(-52.5, -34.0, -1.5)))
+        """
+        names = {name.strip(): segment for name, segment in extra.items()}
+        taken = sorted(names.keys() & self.segments.keys())
+        if taken:
+            raise ValueError(f"the field has a segment {taken[0]!r} already: give yours another name")
+        return Field(self.length, self.width, {**self.segments, **names})
 
 
 def soccer(length: float = 105.0, width: float = 68.0) -> Field:

@@ -59,7 +59,7 @@ class CalibrationFlags(IntFlag):
     """What is known and what is estimated.
 
     As in cv2, flags replace the default: without `CALIB_FIX_ASPECT_RATIO`, say, the aspect ratio is estimated, under
-    its prior. By default aspect ratio, principal point and lens are fixed.
+    its prior. By default aspect ratio, principal point and the second lens coefficient are fixed.
     """
 
     CALIB_USE_INTRINSIC_GUESS = 1
@@ -73,7 +73,8 @@ class CalibrationFlags(IntFlag):
     CALIB_FIX_K1 = 32
     """Keep what the first radial coefficient does to the image: nothing, or as `dist_coeffs` at `camera_matrix`."""
     CALIB_FIX_K2 = 64
-    """Keep what the second radial coefficient does to the image."""
+    """Keep what the second radial coefficient does to the image: nothing, up to what keeps a barrel from folding back
+    (`fieldcalib.distortion`), or as `dist_coeffs` at `camera_matrix`."""
     CALIB_USE_EXTRINSIC_GUESS = 1 << 22
     """Start from `rvec` and `tvec`."""
     CALIB_FIX_POSITION = 1 << 28
@@ -83,11 +84,9 @@ class CalibrationFlags(IntFlag):
 
 
 DEFAULT_FLAGS = (
-    CalibrationFlags.CALIB_FIX_ASPECT_RATIO
-    | CalibrationFlags.CALIB_FIX_PRINCIPAL_POINT
-    | CalibrationFlags.CALIB_FIX_K1
-    | CalibrationFlags.CALIB_FIX_K2
+    CalibrationFlags.CALIB_FIX_ASPECT_RATIO | CalibrationFlags.CALIB_FIX_PRINCIPAL_POINT | CalibrationFlags.CALIB_FIX_K2
 )
+PINHOLE_FLAGS = DEFAULT_FLAGS | CalibrationFlags.CALIB_FIX_K1  # no lens
 
 
 @dataclass(frozen=True)

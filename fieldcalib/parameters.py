@@ -1,10 +1,10 @@
 """The parameter vector theta of a camera, and the camera distributions: its weak priors and the source of starts.
 
-    theta = (pan, tilt, roll, log f, x, y, z, a1, a2, cx, cy, log aspect)
+    theta = (pan, tilt, roll, log f, x, y, z, a1, b2, cx, cy, log aspect)
 
-Angles in radians, f the focal length along rows in pixels, (x, y, z) the camera centre in metres, a1 and a2 the lens
-normalised to the image's corner (`fieldcalib.distortion`), (cx, cy) the principal point in pixels, aspect fy / fx.
-What is not estimated stays in theta at its known value.
+Angles in radians, f the focal length along rows in pixels, (x, y, z) the camera centre in metres, a1 and b2 the lens
+normalised to the image's corner so that it does not fold (`fieldcalib.distortion.lens_coefficients`), (cx, cy) the
+principal point in pixels, aspect fy / fx. What is not estimated stays in theta at its known value.
 """
 
 from __future__ import annotations
@@ -17,10 +17,10 @@ import numpy as np
 
 from fieldcalib._types import Array, IntArray
 from fieldcalib.camera import Camera
-from fieldcalib.distortion import opencv_coefficients
+from fieldcalib.distortion import lens_coefficients, lens_parameters, opencv_coefficients
 from fieldcalib.rotation import rotation_from_angles
 
-PARAMETERS = ("pan", "tilt", "roll", "log f", "x", "y", "z", "a1", "a2", "cx", "cy", "log aspect")
+PARAMETERS = ("pan", "tilt", "roll", "log f", "x", "y", "z", "a1", "b2", "cx", "cy", "log aspect")
 ANGLES = slice(0, 3)
 PAN, TILT, ROLL = 0, 1, 2
 LOG_F = 3
@@ -29,8 +29,10 @@ LENS = slice(7, 9)
 PRINCIPAL_POINT = slice(9, 11)
 LOG_ASPECT = 11
 
-# Spread of what the camera distributions say nothing about.
-LENS_SIGMA = (0.03, 0.02)  # a1, a2: broadcast lenses bend the corner by a few percent
+# What the camera distributions say nothing about. Broadcast lenses bend the corner outwards: a1 has its median at 2.8 %
+# on annotated frames, 95 % of them are below 5.5 %.
+LENS_MEAN = (0.025, 0.0)  # a1, b2
+LENS_SIGMA = (0.02, 0.005)
 PRINCIPAL_POINT_SIGMA = 0.02  # of the image's width: measured broadcast cameras are up to 67 px off at 1920
 LOG_ASPECT_SIGMA = 0.005  # square pixels, up to the resampling of a broadcast chain
 
@@ -43,7 +45,7 @@ def theta_from_camera(camera: Camera) -> Array:
             *camera.angles,
             np.log(fx),
             *camera.C,
-            *camera.corner_distortion,
+            *lens_parameters(camera.corner_distortion),
             *camera.principal_point,
             np.log(fy / fx),
         ]
@@ -55,7 +57,7 @@ def camera_from_theta(theta: Array, image_size: tuple[int, int]) -> Camera:
     fx = np.exp(theta[LOG_F])
     (cx, cy), fy = theta[PRINCIPAL_POINT], fx * np.exp(theta[LOG_ASPECT])
     K = np.array([[fx, 0.0, cx], [0.0, fy, cy], [0.0, 0.0, 1.0]])
-    k = opencv_coefficients(theta[LENS], fx, np.hypot(*image_size) / 2.0)
+    k = opencv_coefficients(lens_coefficients(theta[LENS]), fx, np.hypot(*image_size) / 2.0)
     return Camera(K, rotation_from_angles(theta[ANGLES]), theta[CENTER], image_size, k)
 
 
@@ -148,7 +150,7 @@ class CameraDistribution:
         mean, sigma = np.zeros(len(PARAMETERS)), np.empty(len(PARAMETERS))
         mean[:7], sigma[:7] = (low + high) / 2.0, (high - low) / (2.0 * 1.96)
         mean[PRINCIPAL_POINT] = np.asarray(image_size) / 2.0
-        sigma[LENS] = LENS_SIGMA
+        mean[LENS], sigma[LENS] = LENS_MEAN, LENS_SIGMA
         sigma[PRINCIPAL_POINT] = PRINCIPAL_POINT_SIGMA * image_size[0]
         sigma[LOG_ASPECT] = LOG_ASPECT_SIGMA
         return GaussianPrior(mean, sigma)

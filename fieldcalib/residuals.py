@@ -21,7 +21,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from fieldcalib._types import Array, BoolArray, IntArray
-from fieldcalib.distortion import distort, distort_jacobian, undistort
+from fieldcalib.distortion import FOLD, distort, distort_jacobian, lens_coefficients, undistort
 from fieldcalib.parameters import ANGLES, CENTER, LENS, LOG_ASPECT, LOG_F, PRINCIPAL_POINT
 from fieldcalib.rotation import rotation_axes, rotation_from_angles
 from fieldcalib.segments import Observations, Rows
@@ -120,7 +120,7 @@ class View:
         self.f = np.exp(theta[:, LOG_F, None])
         self.rho = float(np.hypot(*image_size) / 2.0)
         self.aspect = np.exp(theta[:, LOG_ASPECT, None])
-        self.lens = theta[:, None, LENS]
+        self.lens = lens_coefficients(theta[:, None, LENS])
         # without lens and aspect the real offset is the ideal one, and half of the work falls away
         self.bent = bool(np.any(theta[:, BENDING]))
         self._scaled_R = self.R.copy()
@@ -351,6 +351,8 @@ def _jacobian(view: View, feet: Feet, free: BoolArray) -> Array:
         J[:, column[centre[0]] : column[centre[-1]] + 1] = R_T @ np.swapaxes(feet.inverse_depth * g, 0, 1)
     if lens:
         _, dd_da = distort_jacobian(np.stack([*s], axis=-1), view.lens, view.rho)
+        # a2 = b2 + FOLD min(a1, 0)^2
+        dd_da[..., 0] += 2.0 * FOLD * np.minimum(view.lens[..., :1], 0.0) * dd_da[..., 1]
         for index in lens:
             dx, dy = np.moveaxis(dd_da[..., index - LENS.start], -1, 0)
             J[:, column[index]] = -(n[0] * dx + n[1] * view.aspect * dy)

@@ -18,7 +18,7 @@ import numpy as np
 
 from fieldcalib._types import Array, BoolArray, IntArray
 from fieldcalib.losses import RobustLoss
-from fieldcalib.parameters import ANGLES, CENTER, LOG_F, PARAMETERS, GaussianPrior
+from fieldcalib.parameters import ANGLES, CENTER, LENS, LOG_F, PARAMETERS, GaussianPrior
 from fieldcalib.residuals import segment_residuals_with_jacobian
 from fieldcalib.segments import Observations
 
@@ -27,6 +27,9 @@ LARGEST_STEP = np.full(len(PARAMETERS), np.inf)
 LARGEST_STEP[ANGLES] = 0.4  # radians
 LARGEST_STEP[LOG_F] = 0.7  # a factor of two
 LARGEST_STEP[CENTER] = 40.0  # metres
+
+LEAST = np.full(len(PARAMETERS), -np.inf)
+LEAST[LENS.start + 1] = 0.0  # b2: below, the lens folds back (`fieldcalib.distortion`)
 
 # Fields of view from 0.3 to 170 degrees: outside, a fit collapses to a point or to a plane and ends in overflow.
 LOG_F_RANGE = (np.log(0.04), np.log(200.0))  # of f / width
@@ -129,6 +132,8 @@ def solve_batch(problem: Problem, theta: Array, *, max_iterations: int, toleranc
     )
     free = np.flatnonzero(problem.free)
     diagonal = np.arange(len(free))
+    theta = theta.copy()
+    theta[:, free] = np.maximum(theta[:, free], LEAST[free])
     cost, gradient, hessian = problem.linearized(theta)
     solution.cost[:] = cost
     index = np.arange(len(theta))  # of the problems still in the batch
@@ -147,8 +152,15 @@ def solve_batch(problem: Problem, theta: Array, *, max_iterations: int, toleranc
         scale = damping[:, None] * (hessian[:, diagonal, diagonal] + 1e-12)
         damped = hessian.copy()
         damped[:, diagonal, diagonal] += scale
-        step = -np.linalg.solve(damped, gradient[..., None])[..., 0]
+        # what is at its least value and would fall stays there: out of the linear system with it
+        held = (theta[:, free] <= LEAST[free]) & (gradient > 0.0)
+        downhill = np.where(held, 0.0, -gradient)
+        if np.any(held):
+            damped = np.where(held[:, :, None] | held[:, None, :], 0.0, damped)
+            damped[:, diagonal, diagonal] += held
+        step = np.linalg.solve(damped, downhill[..., None])[..., 0]
         step /= np.maximum(np.max(np.abs(step) / LARGEST_STEP[free], axis=1), 1.0)[:, None]
+        step = np.maximum(theta[:, free] + step, LEAST[free]) - theta[:, free]
         trial = theta.copy()
         trial[:, free] += step
         trial_cost, trial_gradient, trial_hessian = problem.linearized(trial)
@@ -219,7 +231,7 @@ def solve_one(problem: Problem, theta: Array, *, max_iterations: int, tolerance:
         values[0, len(weight) :], values[1, len(weight) :] = squared[len(weight) :], 1.0
         return values
 
-    start = theta[0, free]
+    start, least = np.maximum(theta[0, free], LEAST[free]), LEAST[free]
     if not np.all(np.isfinite(linearized(start.tobytes())[0])):
         return Solution(theta.copy(), np.array([np.inf]), np.array([False]), np.array([0], dtype=np.intp))
     with np.errstate(all="ignore"):
@@ -227,6 +239,7 @@ def solve_one(problem: Problem, theta: Array, *, max_iterations: int, tolerance:
             lambda x: linearized(x.tobytes())[0],
             start,
             lambda x: linearized(x.tobytes())[1],
+            bounds=(least, np.inf),
             x_scale="jac",
             loss=rho,
             ftol=tolerance,

@@ -20,7 +20,7 @@ LARGEST_ROLL = np.radians(45.0)
 FIELD_OF_VIEW = np.radians((0.5, 150.0))
 BEHIND = 0.1  # share of the fitting segments' weight that may lie behind the camera
 AGREEING = 2.0 / 3.0  # share of the labelled segments that must fit: a robust loss always has some minimum
-READABLE = {"log f": "focal length", "log aspect": "aspect ratio", "a1": "k1", "a2": "k2"}
+READABLE = {"log f": "focal length", "log aspect": "aspect ratio", "a1": "k1", "b2": "k2"}
 OPEN_DIRECTION = 1e-3  # information from the labels, in units of the prior's, below which a direction counts as open
 
 
@@ -41,6 +41,8 @@ class Evidence:
     weakest: tuple[float, str]
     """What the labels determine least, see `weakest_directions`."""
     converged: bool
+    lens_is_prior: bool = False
+    """Whether the lens comes from the prior, since the labels say little about it."""
 
 
 def segment_errors(
@@ -59,14 +61,11 @@ def segment_errors(
     """
     found = []
     number = {name: index for index, name in enumerate(observations.labels)}
-    for squares, label, weight, frame in zip(
-        np.square(r), observations.label, observations.weight, frames, strict=True
-    ):
-        seen = label >= 0  # the weights of a segment's pixels add up to 1
-        mean_square = np.bincount(label[seen], (weight * squares)[seen], minlength=len(number))
-        total = sum(mean_square[number[name]] * len(xy) for name, xy in frame.items())
-        rms = np.sqrt(total / max(sum(map(len, frame.values())), 1))
-        found.append(({name: float(np.sqrt(mean_square[number[name]])) for name in frame}, float(rms)))
+    for squares, label, frame in zip(np.square(r), observations.label, frames, strict=True):
+        seen = label >= 0
+        total = np.bincount(label[seen], squares[seen], minlength=len(number))
+        rms = np.sqrt(np.sum(total) / max(sum(map(len, frame.values())), 1))
+        found.append(({name: float(np.sqrt(total[number[name]] / len(xy))) for name, xy in frame.items()}, float(rms)))
     return found
 
 
@@ -104,7 +103,8 @@ def verdict(
         worst = max(missed, key=lambda label: evidence.errors[label])
         fits = f"{len(frame) - len(missed)} of {labelled} agree"
         return Status.ACCEPTED, f"{fits}; {worst!r} lies {evidence.errors[worst]:.0f} px off, check its label"
-    return Status.ACCEPTED, f"rms {evidence.rms:.2f} px over {labelled}"
+    lens = "; the labels say little about the lens" if evidence.lens_is_prior else ""
+    return Status.ACCEPTED, f"rms {evidence.rms:.2f} px over {labelled}{lens}"
 
 
 def disagreement(object_segments: ObjectSegments, frame: Pixels, missed: Sequence[str], unknowns: int) -> str | None:

@@ -20,9 +20,10 @@ from fieldcalib import (
     soccer,
 )
 from fieldcalib.calibrate import _best_starts
+from fieldcalib.distortion import is_monotone, lens_coefficients, opencv_coefficients
 from fieldcalib.io.soccernet import parse_annotation
-from fieldcalib.options import DEFAULT_FLAGS, CalibrationFlags, checked_options
-from fieldcalib.parameters import MAIN_CENTER, GaussianPrior, camera_from_theta, theta_from_camera
+from fieldcalib.options import DEFAULT_FLAGS, PINHOLE_FLAGS, CalibrationFlags, checked_options
+from fieldcalib.parameters import LENS_MEAN, MAIN_CENTER, GaussianPrior, camera_from_theta, theta_from_camera
 from fieldcalib.segments import pack
 from fieldcalib.solver import Problem, solve_batch
 from fieldcalib.starts import Starts
@@ -30,6 +31,7 @@ from fieldcalib.starts import Starts
 FIELD, SIZE = soccer(), (960, 540)
 MARKINGS = whole_circle_markings(FIELD)
 CAMERA = Camera.from_angles(-0.35, 1.36, 0.01, 1700.0, (1.5, 68.0, -17.0), SIZE)
+LITTLE_OF_THE_LENS = ("Side line top", "Side line left", "Big rect. left top", "Circle left")
 FRAME = observe(MARKINGS, CAMERA)
 F = CalibrationFlags
 
@@ -118,7 +120,8 @@ def test_noise_moves_the_camera_little():
     errors = []
     for seed in range(20):
         frame = observe(MARKINGS, CAMERA, np.random.default_rng(seed), noise=1.0)
-        errors.append(calibrate_from_segments(FIELD, frame, SIZE).camera.focal_length / CAMERA.focal_length - 1.0)
+        found = calibrate_from_segments(FIELD, frame, SIZE, flags=PINHOLE_FLAGS)
+        errors.append(found.camera.focal_length / CAMERA.focal_length - 1.0)
     assert np.median(np.abs(errors)) < 0.01
 
 
@@ -361,7 +364,7 @@ def test_a_plane_cannot_tell_the_principal_point():
 def test_a_known_lens_is_used():
     lens = Camera(CAMERA.K, CAMERA.R, CAMERA.C, SIZE, (0.35, 0.0))
     frame = observe(MARKINGS, lens)
-    flags = DEFAULT_FLAGS | F.CALIB_FIX_FOCAL_LENGTH
+    flags = PINHOLE_FLAGS | F.CALIB_FIX_FOCAL_LENGTH
     with_lens = calibrate_from_segments(FIELD, frame, SIZE, CAMERA.K, [0.35, 0.0], flags=flags, prior=None)
     without = calibrate_from_segments(FIELD, frame, SIZE, CAMERA.K, flags=flags, prior=None)
     assert relative_error(with_lens.camera, lens) < 1e-6
@@ -445,3 +448,86 @@ def test_real_annotations(shared_data, folder, size, median_rms, below_tau):
     # the main stand's camera stands above ground near the middle line's extension, wherever it looks
     C = np.array([c.camera.C for c in found])
     assert np.mean((np.abs(C[:, 0]) < 20.0) & (C[:, 1] > 30.0) & (C[:, 2] < -3.0)) > 0.95
+
+
+# --- the lens ---
+
+
+def with_lens(camera, a1):
+    """The same camera with a lens that moves the corner by a1."""
+    k = opencv_coefficients(lens_coefficients(np.array([a1, 0.0])), camera.focal_length, camera.half_diagonal)
+    return Camera(camera.K, camera.R, camera.C, camera.image_size, k)
+
+
+@pytest.mark.parametrize("a1", [-0.04, 0.0, 0.03, 0.06])
+def test_the_lens_is_found_by_default(a1):
+    truth = with_lens(CAMERA, a1)
+    found = calibrate_from_segments(FIELD, observe(MARKINGS, truth), SIZE, prior=None).camera
+    assert relative_error(found, truth) < 1e-6
+    assert found.corner_distortion[0] == pytest.approx(a1, abs=1e-6)
+
+
+@pytest.mark.parametrize("flags", [DEFAULT_FLAGS, DEFAULT_FLAGS & ~CalibrationFlags.CALIB_FIX_K2])
+def test_no_lens_folds_whatever_the_frame(flags):
+    frames, _ = frames_of_broadcasts(40, seed=11, noise=2.0, least_segments=4)
+    for calibration in calibrate_batch(FIELD, frames, SIZE, flags=flags):
+        assert is_monotone(np.array(1e6), calibration.camera.corner_distortion)
+        assert abs(calibration.camera.corner_distortion).max() < 0.3
+
+
+def test_a_second_coefficient_is_found_if_asked_for():
+    a = np.array([0.02, 0.015])
+    k = opencv_coefficients(a, CAMERA.focal_length, CAMERA.half_diagonal)
+    truth = Camera(CAMERA.K, CAMERA.R, CAMERA.C, SIZE, k)
+    frame = observe(MARKINGS, truth, per_line=9, per_curve=20)
+    flags = DEFAULT_FLAGS & ~CalibrationFlags.CALIB_FIX_K2
+    found = calibrate_from_segments(FIELD, frame, SIZE, flags=flags, prior=None).camera
+    np.testing.assert_allclose(found.corner_distortion, a, atol=1e-5)
+
+
+def test_frames_that_do_not_tell_the_lens_say_so_and_stay_near_the_prior():
+    middle = {label: xy for label, xy in observe(MARKINGS, CAMERA).items() if label in LITTLE_OF_THE_LENS}
+    few = calibrate_from_segments(FIELD, middle, SIZE)
+    assert "the labels say little about the lens" in few.message
+    assert few.camera.corner_distortion[0] == pytest.approx(LENS_MEAN[0], abs=0.02)
+    many = calibrate_from_segments(FIELD, observe(MARKINGS, CAMERA, per_line=9), SIZE)
+    assert "lens" not in many.message
+
+
+def test_a_lens_that_is_given_is_the_prior():
+    """With few labels the camera keeps the lens that the user knows, not that of most broadcasts."""
+    truth = with_lens(CAMERA, -0.1)
+    frame = {label: xy for label, xy in observe(MARKINGS, truth).items() if label in LITTLE_OF_THE_LENS}
+    flags = DEFAULT_FLAGS | CalibrationFlags.CALIB_USE_INTRINSIC_GUESS
+    found = calibrate_from_segments(FIELD, frame, SIZE, truth.K, truth.k, flags=flags).camera
+    assert found.corner_distortion[0] == pytest.approx(-0.1, abs=0.01)
+
+
+# --- weights ---
+
+
+def test_weights_say_what_counts():
+    rng = np.random.default_rng(0)
+    frame = observe(MARKINGS, CAMERA, rng, noise=0.5)
+    wrong = {**frame, "Circle left": frame["Circle left"] + (12.0, 0.0)}
+    trusted, doubted = (
+        calibrate_from_segments(FIELD, wrong, SIZE, flags=PINHOLE_FLAGS, loss="linear", weights={"Circle left": w})
+        for w in (1.0, 0.01)
+    )
+    assert relative_error(doubted.camera, CAMERA) < 0.3 * relative_error(trusted.camera, CAMERA)
+    assert doubted.per_segment_errors["Circle left"] > 5.0  # errors are not weighted
+    without = calibrate_from_segments(FIELD, {k: xy for k, xy in wrong.items() if k != "Circle left"}, SIZE)
+    zero = calibrate_from_segments(FIELD, wrong, SIZE, weights={"Circle left": 0.0})
+    assert zero.camera == without.camera
+
+
+def test_weights_of_a_batch_are_those_of_its_frames():
+    frames, _ = frames_of_broadcasts(3, seed=2, noise=0.5, names=("main center",))
+    weights = [{label: 0.2 + 0.3 * (i % 3) for i, label in enumerate(frame)} for frame in frames]
+    alone = [calibrate_from_segments(FIELD, f, SIZE, weights=w) for f, w in zip(frames, weights, strict=True)]
+    for one, many in zip(alone, calibrate_batch(FIELD, frames, SIZE, weights=weights), strict=True):
+        np.testing.assert_allclose(many.camera.C, one.camera.C, atol=1e-2)
+    with pytest.raises(ValueError, match="expected weights for each of 3 frames, got 2"):
+        calibrate_batch(FIELD, frames, SIZE, weights=weights[:2])
+    with pytest.raises(ValueError, match=r"^frame 1: "):
+        calibrate_batch(FIELD, frames, SIZE, weights=[{}, {"Middle lin": 1.0}, {}])

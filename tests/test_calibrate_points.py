@@ -12,7 +12,7 @@ from strategies import cameras, generators, in_image, seeds
 from test_homography import points_in_view, without_focal_length
 
 from fieldcalib import (
-    DEFAULT_FLAGS,
+    PINHOLE_FLAGS,
     Camera,
     CameraDistribution,
     Status,
@@ -143,10 +143,10 @@ def test_gross_errors_under_the_prior_call_for_the_dlt():
 
 
 def test_a_lens_is_estimated_if_asked_for():
-    camera = Camera.from_angles(-0.35, 1.36, 0.01, 900.0, (1.5, 68.0, -17.0), SIZE, k=(-0.2, 0.0))
+    camera = Camera.from_angles(-0.35, 1.36, 0.01, 900.0, (1.5, 68.0, -17.0), SIZE, k=(0.2, 0.0))
     X, xy = seen(camera)
-    calibration = calibrate_from_points(X, xy, SIZE, flags=DEFAULT_FLAGS & ~F.CALIB_FIX_K1, prior=None)
-    assert calibration.camera.k[0] == pytest.approx(-0.2, abs=1e-6)
+    calibration = calibrate_from_points(X, xy, SIZE, flags=PINHOLE_FLAGS & ~F.CALIB_FIX_K1, prior=None)
+    assert calibration.camera.k[0] == pytest.approx(0.2, abs=1e-6)
     assert relative_error(calibration.camera, camera) < 1e-6
 
 
@@ -226,7 +226,7 @@ def test_a_board_seen_head_on():
     assert calibration.status is Status.DEGENERATE
     assert calibration.rms < 1.0
     known = calibrate_from_points(
-        X, camera.project(X), SIZE, camera.K, flags=DEFAULT_FLAGS | F.CALIB_FIX_FOCAL_LENGTH, prior=None
+        X, camera.project(X), SIZE, camera.K, flags=PINHOLE_FLAGS | F.CALIB_FIX_FOCAL_LENGTH, prior=None
     )
     assert known.accepted
     assert relative_error(known.camera, camera) < 1e-6
@@ -254,7 +254,7 @@ def test_known_intrinsics(seed):
     camera = Camera(K, camera.R, camera.C, SIZE, (-0.15, 0.01))
     xy = camera.project(X)
     xy[:3] += (150.0, -90.0)
-    flags = DEFAULT_FLAGS | F.CALIB_FIX_FOCAL_LENGTH
+    flags = PINHOLE_FLAGS | F.CALIB_FIX_FOCAL_LENGTH
     calibration = calibrate_from_points(X, xy, SIZE, K, (-0.15, 0.01), flags=flags, prior=None)
     np.testing.assert_allclose(calibration.camera.K, K)
     np.testing.assert_allclose(calibration.camera.k, camera.k, atol=1e-9)
@@ -264,7 +264,7 @@ def test_known_intrinsics(seed):
 def test_a_given_pose_is_the_start():
     X, xy = seen(CAMERA)
     rvec, tvec, K, _ = Camera.from_angles(-0.33, 1.34, 0.0, 1400.0, (2.0, 66.0, -16.0), SIZE).to_opencv()
-    flags = DEFAULT_FLAGS | F.CALIB_USE_INTRINSIC_GUESS | F.CALIB_USE_EXTRINSIC_GUESS
+    flags = PINHOLE_FLAGS | F.CALIB_USE_INTRINSIC_GUESS | F.CALIB_USE_EXTRINSIC_GUESS
     calibration = calibrate_from_points(X, xy, SIZE, K, None, rvec, tvec, flags=flags, prior=None)
     assert relative_error(calibration.camera, CAMERA) < 1e-6
 
@@ -273,7 +273,7 @@ def test_a_given_pose_is_the_start():
 def test_a_known_position_is_kept(prior):
     X, xy = seen(CAMERA)
     rvec, tvec, _, _ = CAMERA.to_opencv()
-    flags = DEFAULT_FLAGS | F.CALIB_FIX_POSITION
+    flags = PINHOLE_FLAGS | F.CALIB_FIX_POSITION
     calibration = calibrate_from_points(X, xy + 1.0, SIZE, None, None, rvec, tvec, flags=flags, prior=prior)
     np.testing.assert_allclose(calibration.camera.C, CAMERA.C, atol=1e-6)
     assert calibration.accepted
@@ -283,7 +283,7 @@ def test_a_roll_that_is_fixed_is_about_the_axes_of_the_object():
     camera = Camera.from_angles(-0.35, 1.36, 0.0, 1500.0, (1.5, 68.0, -17.0), SIZE)
     X, xy = seen(camera)
     noisy = xy + np.random.default_rng(0).normal(size=xy.shape)
-    calibration = calibrate_from_points(X, noisy, SIZE, flags=DEFAULT_FLAGS | F.CALIB_FIX_ROLL, prior=None)
+    calibration = calibrate_from_points(X, noisy, SIZE, flags=PINHOLE_FLAGS | F.CALIB_FIX_ROLL, prior=None)
     assert calibration.camera.angles[2] == pytest.approx(0.0, abs=1e-9)
     assert relative_error(calibration.camera, camera) < 0.05
 
@@ -314,7 +314,7 @@ def test_few_points_are_said_to_be_few(count):
     for calibration in (alone, with_prior):
         assert "segment" not in calibration.message
     rvec, tvec, K, _ = CAMERA.to_opencv()
-    flags = DEFAULT_FLAGS | F.CALIB_USE_INTRINSIC_GUESS | F.CALIB_USE_EXTRINSIC_GUESS
+    flags = PINHOLE_FLAGS | F.CALIB_USE_INTRINSIC_GUESS | F.CALIB_USE_EXTRINSIC_GUESS
     started = calibrate_from_points(X, xy, SIZE, K, None, rvec, tvec, flags=flags, prior=None)
     assert started.status is Status.TOO_FEW_SEGMENTS
     assert (started.camera is None) == (count == 0)
@@ -386,7 +386,7 @@ def test_an_unknown_prior_raises(prior, message):
 
 def started(X, xy, K, dist):
     """What `_start` makes of points, with K given, focal length included, and everything else open."""
-    flags = DEFAULT_FLAGS | F.CALIB_FIX_FOCAL_LENGTH
+    flags = PINHOLE_FLAGS | F.CALIB_FIX_FOCAL_LENGTH
     common = {"criteria": DEFAULT_CRITERIA, "prior": None, "loss": "cauchy", "tau": None}
     options = checked_options(SIZE, K, dist, None, None, flags=flags, **common)
     return _start(Points(X, xy, K, dist, None, None, flags), options)

@@ -12,6 +12,8 @@ from fieldcalib.distortion import (
     distort,
     distort_jacobian,
     is_monotone,
+    lens_coefficients,
+    lens_parameters,
     opencv_coefficients,
     undistort,
 )
@@ -236,3 +238,27 @@ def test_is_monotone_of_a_batch():
     q = np.array([0.4, 1.5, 1.5])
     a = np.array([[-1.0, 0.4], [-1.0, 0.4], [-1.0, 0.6]])
     np.testing.assert_array_equal(is_monotone(q, a), [True, False, True])
+
+
+# --- lenses that do not fold ---
+
+
+@given(a1=st.floats(-0.6, 0.6), b2=st.floats(0.0, 0.3), q=st.floats(0.0, 1e4))
+def test_estimated_lenses_never_fold(a1, b2, q):
+    a = lens_coefficients(np.array([a1, b2]))
+    assert is_monotone(np.array(q), a)
+    np.testing.assert_allclose(lens_parameters(a), (a1, b2), atol=1e-15)
+
+
+@given(a1=st.floats(-0.6, -0.01))
+def test_a_little_less_and_a_barrel_folds(a1):
+    a = np.array([a1, 0.44 * a1**2])
+    radii = np.linspace(0.0, 3.0 / np.sqrt(-a1), 2000)
+    assert not np.all(is_monotone(np.square(radii), a))
+    assert lens_parameters(a)[1] < 0.0
+
+
+def test_the_guard_does_not_move_the_image_of_a_weak_barrel():
+    corner = np.array([480.0, 270.0])
+    with_guard = distort(corner, lens_coefficients(np.array([-0.01, 0.0])), np.hypot(480, 270))
+    np.testing.assert_allclose(with_guard, 0.99 * corner, atol=0.03)

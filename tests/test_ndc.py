@@ -10,7 +10,7 @@ from strategies import broadcast_theta, generators, seeds, thetas
 from synthetic import observe, whole_circle_markings
 
 from fieldcalib.camera import Camera
-from fieldcalib.distortion import undistort
+from fieldcalib.distortion import lens_coefficients, undistort
 from fieldcalib.field import Arc, Line, soccer
 from fieldcalib.ndc import ndc_loss
 from fieldcalib.parameters import LENS, LOG_ASPECT, LOG_F, PRINCIPAL_POINT, camera_from_theta, theta_from_camera
@@ -234,7 +234,7 @@ def test_a_known_lens_is_taken_out(drawn, kind, rng):
     straight = theta.copy()
     straight[LENS] = 0.0
     c, rho = theta[PRINCIPAL_POINT], np.hypot(*image_size) / 2.0
-    straightened = {label: c + undistort(xy - c, theta[LENS], rho) for label, xy in frame.items()}
+    straightened = {label: c + undistort(xy - c, lens_coefficients(theta[LENS]), rho) for label, xy in frame.items()}
     expected = loss_of(straight, straightened, image_size, kind)
     assert loss_of(theta, frame, image_size, kind) == pytest.approx(expected, rel=1e-9)
 

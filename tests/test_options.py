@@ -8,6 +8,7 @@ from fieldcalib.options import (
     ALL_STANDS,
     DEFAULT_CRITERIA,
     DEFAULT_FLAGS,
+    PINHOLE_FLAGS,
     CalibrationFlags,
     checked_options,
     checked_prior,
@@ -39,8 +40,9 @@ def test_our_own_flags_use_bits_that_opencv_does_not():
         assert flag < 2**31  # an int in C
 
 
-def test_by_default_the_pinhole_with_square_pixels_is_free():
-    assert options().free.tolist() == [True] * 7 + [False] * 5
+def test_by_default_square_pixels_and_one_lens_coefficient_are_free():
+    assert options(flags=PINHOLE_FLAGS).free.tolist() == [True] * 7 + [False] * 5
+    assert options().free.tolist() == [True] * 8 + [False] * 4
 
 
 @pytest.mark.parametrize(
@@ -53,7 +55,7 @@ def test_by_default_the_pinhole_with_square_pixels_is_free():
     ],
 )
 def test_a_flag_left_out_frees_its_parameter(left_out, freed):
-    changed = options(flags=DEFAULT_FLAGS & ~left_out).free != options().free
+    changed = options(flags=PINHOLE_FLAGS & ~left_out).free != options(flags=PINHOLE_FLAGS).free
     assert np.flatnonzero(changed).tolist() == freed
 
 

@@ -7,6 +7,7 @@ from hypothesis import strategies as st
 from strategies import anywhere, generators, thetas, visible_field_points
 
 from fieldcalib.camera import Camera
+from fieldcalib.distortion import lens_coefficients
 from fieldcalib.parameters import (
     ANGLES,
     CENTER,
@@ -80,7 +81,8 @@ def test_theta_and_camera_project_alike(drawn, rng):
     x, y, z = ((X - theta[CENTER]) @ camera.R.T).T
     f, rho = np.exp(theta[LOG_F]), np.hypot(*image_size) / 2.0
     q = f**2 * (x**2 + y**2) / z**2 / rho**2  # 1 at the corner
-    gain = 1.0 + theta[LENS][0] * q + theta[LENS][1] * q**2
+    a1, a2 = lens_coefficients(theta[LENS])
+    gain = 1.0 + a1 * q + a2 * q**2
     ideal = f * np.column_stack([x / z, np.exp(theta[LOG_ASPECT]) * y / z])
     np.testing.assert_allclose(camera.project(X), gain[:, None] * ideal + theta[PRINCIPAL_POINT], atol=1e-8)
 
@@ -103,7 +105,7 @@ def test_every_entry_of_theta_is_where_its_name_says():
         "y": 56.0,
         "z": -15.0,
         "a1": 0.1 * q,
-        "a2": 0.02 * q * q,
+        "b2": 0.02 * q * q,
         "cx": 950.0,
         "cy": 530.0,
         "log aspect": np.log(1.02),
@@ -114,7 +116,7 @@ def test_every_entry_of_theta_is_where_its_name_says():
     assert {name: PARAMETERS[index] for name, index in where.items()} == {
         "ANGLES": ("pan", "tilt", "roll"),
         "CENTER": ("x", "y", "z"),
-        "LENS": ("a1", "a2"),
+        "LENS": ("a1", "b2"),
         "PRINCIPAL_POINT": ("cx", "cy"),
     }
     assert (PARAMETERS[LOG_F], PARAMETERS[LOG_ASPECT]) == ("log f", "log aspect")
@@ -158,13 +160,13 @@ def test_prior_of_what_the_distributions_do_not_say(distribution):
     prior = distribution.prior(SIZE)
     assert prior.mean.shape == prior.sigma.shape == (len(PARAMETERS),)
     np.testing.assert_array_equal(prior.mean[PRINCIPAL_POINT], [640.0, 360.0])
-    np.testing.assert_array_equal(prior.mean[LENS], 0.0)
+    np.testing.assert_array_equal(prior.mean[LENS], (0.025, 0.0))
     assert prior.mean[LOG_ASPECT] == 0.0
     assert np.all(prior.sigma > 0.0)
     # measured broadcast cameras: 67 px off at 1920 wide, 5.5 % at the corner; neither may lie beyond two sigma
     wide = distribution.prior((1920, 1080))
     assert np.all(67.0 / wide.sigma[PRINCIPAL_POINT] < 2.0)
-    assert 0.055 / wide.sigma[LENS][0] < 2.0
+    assert abs(0.055 - wide.mean[LENS][0]) / wide.sigma[LENS][0] < 2.0
 
 
 @every_distribution

@@ -1,5 +1,7 @@
 """Labelled pixels: what is refused, how the centre circle is split, how frames are packed."""
 
+import re
+
 import numpy as np
 import pytest
 from hypothesis import given
@@ -7,7 +9,7 @@ from hypothesis import strategies as st
 from strategies import generators
 
 from fieldcalib.field import Arc, Line, Point, PointCloud, soccer
-from fieldcalib.segments import check_segments, pack, split_centre_circle
+from fieldcalib.segments import check_segments, check_weights, pack, split_centre_circle
 
 SIZE = (960, 540)
 FIELD = soccer()
@@ -385,3 +387,111 @@ def test_the_whole_field_can_be_packed():
     packed = pack(FIELD, [{label: rng.uniform(0, 500, size=(2, 2)) for label in FIELD}], SIZE)
     counts = {kind: rows.xy.shape[1] for kind, rows in rows_by_kind(packed).items()}
     assert counts == {"lines": 2 * 23, "arcs": 2 * 5, "curves": 0, "points": 2 * 39, "clouds": 0}
+
+
+# --- weights ---
+
+WEIGHTED = {"Middle line": np.array(LINE), "CENTER_MARK": np.array([(480.0, 250.0)])}
+
+
+def shares_of(weights, frame=WEIGHTED):
+    return check_weights(FIELD, frame, weights)[1]
+
+
+def test_without_weights_nothing_changes():
+    assert check_weights(FIELD, WEIGHTED, None) == (WEIGHTED, None)
+
+
+def test_a_number_is_shared_by_the_pixels_and_what_has_none_weighs_one():
+    shares = shares_of({"Middle line ": 3.0, "Circle left": 7.0})
+    assert {label: share.tolist() for label, share in shares.items()} == {
+        "Middle line": [1.5, 1.5],
+        "CENTER_MARK": [1.0],
+    }
+
+
+def test_each_pixel_may_have_its_own_weight():
+    shares = shares_of({"Middle line": [1.0, 3.0], "CENTER_MARK": [0.5]})
+    assert {label: share.tolist() for label, share in shares.items()} == {
+        "Middle line": [0.5, 1.5],
+        "CENTER_MARK": [0.5],
+    }
+
+
+def test_pixels_of_weight_zero_are_left_out_and_the_others_weigh_what_they_did():
+    pixels, shares = check_weights(FIELD, WEIGHTED, {"Middle line": [0.0, 1.0], "CENTER_MARK": 0.0})
+    assert {label: xy.tolist() for label, xy in pixels.items()} == {"Middle line": [[480.0, 400.0]]}
+    assert {label: share.tolist() for label, share in shares.items()} == {"Middle line": [0.5]}
+    assert list(WEIGHTED) == ["Middle line", "CENTER_MARK"]  # the input is left alone
+
+
+@pytest.mark.parametrize(
+    ("weights", "message"),
+    [
+        ([1.0], "expected a mapping of labels to weights, got list"),
+        ({"Midle line": 1.0}, "unknown label 'Midle line'; did you mean 'Middle line'?"),
+        ({"Middle line": "a"}, "'Middle line': expected a weight, or one for each pixel, got 'a'"),
+        ({"Middle line": None}, "'Middle line': a weight must be finite and not negative, got nan"),
+        ({"Middle line": -1.0}, "'Middle line': a weight must be finite and not negative, got -1.0"),
+        ({"Middle line": [1.0, np.inf]}, "'Middle line': a weight must be finite and not negative, got inf"),
+        ({"Circle left": np.nan}, "'Circle left': a weight must be finite and not negative, got nan"),
+        ({"Middle line": [1.0] * 3}, "'Middle line': expected one weight or 2, one for each pixel, got shape (3,)"),
+        (
+            {"Middle line": [[1.0, 1.0]]},
+            "'Middle line': expected one weight or 2, one for each pixel, got shape (1, 2)",
+        ),
+        ({"Circle left": [1.0]}, "'Circle left': expected one weight or 0, one for each pixel, got shape (1,)"),
+        ({"Middle line": 1.0, "Middle line ": 1.0}, "'Middle line' has two weights, with and without surrounding"),
+        ({"Middle line": 0.0, "CENTER_MARK": 0.0}, "every label has the weight 0: nothing is left to calibrate from"),
+    ],
+)
+def test_weights_that_cannot_be_are_refused(weights, message):
+    with pytest.raises(ValueError, match=f"^{re.escape(message)}"):
+        shares_of(weights)
+
+
+def test_a_frame_without_pixels_has_no_weights_to_be_wrong():
+    assert check_weights(FIELD, {}, {"Middle line": 0.0}) == ({}, {})
+
+
+@given(random_frames(), generators())
+def test_weights_are_packed_beside_their_pixels(frames, rng):
+    given_weights = [{label: rng.uniform(0.1, 5.0, size=len(xy)) for label, xy in frame.items()} for frame in frames]
+    checked = [check_weights(OBJECT, *pair) for pair in zip(frames, given_weights, strict=True)]
+    packed = pack(OBJECT, frames, SIZE, [shares for _, shares in checked])
+    plain = pack(OBJECT, frames, SIZE)
+    for kind, rows in rows_by_kind(packed).items():
+        without = getattr(plain, kind)
+        for name in ("xy", "label", "geometry"):
+            np.testing.assert_array_equal(getattr(rows, name), getattr(without, name))
+        for t, weights in enumerate(given_weights):
+            for label, weight in weights.items():
+                if KIND_OF[label] == kind:
+                    mine = rows.label[t] == packed.labels.index(label)
+                    np.testing.assert_allclose(rows.weight[t, mine], weight * without.weight[t, mine], rtol=1e-12)
+        np.testing.assert_array_equal(rows.weight[rows.label < 0], 0.0)
+
+
+def test_frames_with_and_without_weights_are_packed_together():
+    packed = pack(FIELD, [WEIGHTED, WEIGHTED], SIZE, [shares_of({"Middle line": 4.0}), None])
+    np.testing.assert_array_equal(packed.lines.weight, [[2.0, 2.0], [0.5, 0.5]])
+
+
+# --- points of one's own ---
+
+
+def test_a_field_with_more_segments_is_a_field():
+    mine = {"my point": Point((1.0, 2.0, 0.0)), "second mark": Point((0.0, 0.0, 0.0))}
+    field = FIELD.with_segments(mine)
+    assert (field.length, field.width) == (FIELD.length, FIELD.width)
+    assert dict(field) == {**FIELD, **mine}
+    assert "my point" not in FIELD
+    assert set(check_segments(field, {"my point": [(3.0, 400.0)]}, SIZE)) == {"my point"}
+    # a point without a counterpart has none, and the field's own names stay what they were
+    assert dict(field.symmetric) == {**FIELD.symmetric, "second mark": "CENTER_MARK"}
+
+
+@pytest.mark.parametrize("name", ["CENTER_MARK", " CENTER_MARK"])
+def test_a_name_of_the_field_cannot_be_given_twice(name):
+    with pytest.raises(ValueError, match="the field has a segment 'CENTER_MARK' already: give yours another name"):
+        FIELD.with_segments({name: Point((1.0, 2.0, 0.0))})

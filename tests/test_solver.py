@@ -4,11 +4,23 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from synthetic import frames_of_broadcasts
+from synthetic import frames_of_broadcasts, observe, whole_circle_markings
 
+from fieldcalib.camera import Camera
 from fieldcalib.field import soccer
 from fieldcalib.losses import RobustLoss
-from fieldcalib.parameters import ANGLES, CENTER, DISTRIBUTIONS, LOG_F, MAIN_TRIBUNE, PARAMETERS, GaussianPrior
+from fieldcalib.parameters import (
+    ANGLES,
+    CENTER,
+    DISTRIBUTIONS,
+    LENS,
+    LOG_F,
+    MAIN_TRIBUNE,
+    PARAMETERS,
+    GaussianPrior,
+    camera_from_theta,
+    theta_from_camera,
+)
 from fieldcalib.segments import pack
 from fieldcalib.solver import LOG_F_RANGE, Problem, solve_batch, solve_one
 
@@ -164,3 +176,30 @@ def test_a_start_without_a_cost_is_given_back():
     assert np.isinf(one.cost[0])
     assert not one.converged[0]
     np.testing.assert_array_equal(one.theta[0], starts[0])
+
+
+# --- the bound that keeps a lens from folding ---
+
+
+@pytest.mark.parametrize("solve", [solve_one, solve_batch])
+@pytest.mark.parametrize("b2", [-0.01, 0.01])
+def test_the_second_lens_coefficient_does_not_fall_below_what_folds(solve, b2):
+    """Frames whose true lens folds end at the bound, at the least cost there; others at the truth."""
+    truth = theta_from_camera(Camera.from_angles(-0.3, 1.35, 0.0, 900.0, (0.0, 68.0, -17.0), (960, 540)))
+    truth[LENS] = (0.03, b2)
+    frame = observe(whole_circle_markings(soccer()), camera_from_theta(truth, (960, 540)), per_line=9, per_curve=20)
+    observations = pack(soccer(), [frame], (960, 540))
+    free = np.ones(12, dtype=bool)
+    free[9:] = False
+    problem = Problem(observations, free, RobustLoss("cauchy", 6.0))
+    start = truth.copy()
+    start[LENS] = (0.02, 0.005)
+    solution = solve(problem, start[None], max_iterations=100, tolerance=1e-12)
+    if b2 > 0.0:
+        np.testing.assert_allclose(solution.theta[0, LENS], truth[LENS], atol=1e-6)
+        return
+    assert 0.0 <= solution.theta[0, LENS][1] < 1e-6
+    held = solve_batch(
+        replace(problem, free=free & (np.arange(12) != 8)), solution.theta, max_iterations=100, tolerance=1e-12
+    )
+    assert solution.cost[0] == pytest.approx(held.cost[0], rel=1e-6)

@@ -9,11 +9,16 @@ from fieldcalib.commands.arguments import add_field_size, add_input_and_output, 
 from fieldcalib.commands.folder import by_prior, calibrate_folder
 from fieldcalib.field import soccer
 from fieldcalib.io.soccernet import CAMERA_TYPES, DISTRIBUTIONS_OF_TYPE, read_camera_types
-from fieldcalib.options import ALL, Prior
+from fieldcalib.options import ALL, DEFAULT_FLAGS, PINHOLE_FLAGS, CalibrationFlags, Prior
 from fieldcalib.parameters import DISTRIBUTIONS
 from fieldcalib.result import Calibration
 from fieldcalib.segments import Pixels
 
+LENSES = {
+    "none": PINHOLE_FLAGS,
+    "k1": DEFAULT_FLAGS,
+    "k1k2": DEFAULT_FLAGS & ~CalibrationFlags.CALIB_FIX_K2,
+}
 STACKED = "stacked"  # the paper's name for the case that the kind of camera is known frame by frame
 
 
@@ -38,7 +43,7 @@ def add_parser(commands: argparse._SubParsersAction[argparse.ArgumentParser]) ->
     parser.add_argument(
         "--tau", type=positive, metavar="T", help="reject frames whose NDC loss is above; the paper's is 0.019 (off)"
     )
-    parser.add_argument("--lens", choices=["none"], default="none", help="lens model (none)")
+    parser.add_argument("--lens", choices=LENSES, default="k1", help="radial lens: none, one or two coefficients (k1)")
     parser.set_defaults(run=run)
 
 
@@ -53,7 +58,7 @@ def run(options: argparse.Namespace) -> int:
         return None if options.prior == "none" else str(options.prior)
 
     def calibrate_part(frames: list[Pixels], prior: Prior) -> list[Calibration]:
-        return calibrate_batch(field, frames, options.size, prior=prior, tau=options.tau)
+        return calibrate_batch(field, frames, options.size, flags=LENSES[options.lens], prior=prior, tau=options.tau)
 
     def method(frames: dict[str, Pixels]) -> list[Calibration]:
         return by_prior(frames, prior_of, calibrate_part)

@@ -1,0 +1,84 @@
+"""How well cameras predict what they were not fitted to: leave one segment out, calibrate on the rest, measure it.
+
+    python -m data_tools.leave_one_out ANNOTATIONS --size 960x540
+
+Every annotated segment of every frame is left out once, from frames that keep at least `--least` segments. Printed are
+the median and the 90 % quantile of its root mean square distance in pixels, for each lens model.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+
+from fieldcalib._types import Array
+from fieldcalib.calibrate import calibrate_batch
+from fieldcalib.commands.arguments import image_size
+from fieldcalib.commands.calibrate import LENSES
+from fieldcalib.commands.folder import read_frames
+from fieldcalib.field import Field, soccer
+from fieldcalib.parameters import theta_from_camera
+from fieldcalib.residuals import segment_residuals
+from fieldcalib.segments import Pixels, pack
+from fieldcalib.verify import segment_errors
+
+LEAST = 5  # segments that a calibration keeps
+
+
+def left_out_errors(
+    field: Field, frames: Sequence[Pixels], size: tuple[int, int], *, lens: str = "k1", least: int = LEAST
+) -> Array:
+    """Root mean square distances of segments to the cameras of their frames' other segments, pixels.
+
+    Parameters
+    ----------
+    field : Field
+    frames : sequence of dicts of str to (N, 2) array
+        Pixels by label, as `check_segments` returns them.
+    size : (int, int)
+        Width and height in pixels.
+    lens : {"none", "k1", "k1k2"}
+        Which lens is estimated.
+    least : int
+        Segments that must be left.
+
+    Returns
+    -------
+    (n,) array
+        One for each segment that was left out, frame by frame.
+    """
+    parts = [(frame, label) for frame in frames if len(frame) > least for label in frame]
+    if not parts:
+        return np.zeros(0)
+    rest = [{other: xy for other, xy in frame.items() if other != label} for frame, label in parts]
+    found = calibrate_batch(field, rest, size, flags=LENSES[lens])
+    cameras = [calibration.camera for calibration in found]
+    alone = [{label: frame[label]} for frame, label in parts]
+    theta = np.array([theta_from_camera(camera) for camera in cameras if camera is not None])
+    observations = pack(field, alone, size)
+    return np.array([rms for _, rms in segment_errors(segment_residuals(theta, observations), observations, alone)])
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Print one line of JSON for each lens model."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("annotations", type=Path, help="folder or zip of <id>.json")
+    parser.add_argument("--size", required=True, type=image_size, metavar="WxH", help="of the images, e.g. 960x540")
+    parser.add_argument("--least", type=int, default=LEAST, help=f"segments that must be left ({LEAST})")
+    options = parser.parse_args(arguments)
+    field = soccer()
+    frames = list(read_frames([options.annotations], field, options.size).pixels.values())
+    for lens in LENSES:
+        errors = left_out_errors(field, frames, options.size, lens=lens, least=options.least)
+        result = {"lens": lens, "segments": len(errors)}
+        median, most = np.quantile(errors, (0.5, 0.9)).round(3).tolist() if len(errors) else (None, None)
+        print(json.dumps({**result, "median_px": median, "90_percent_px": most}))
+    return 0
+
+
+if __name__ == "__main__":
+    raise SystemExit(main())

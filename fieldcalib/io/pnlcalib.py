@@ -1,0 +1,226 @@
+"""Detections of PnLCalib's networks: keypoints of the field and ends of its lines, with confidences.
+
+A file is a JSON object of ``kp``, keypoint id -> x, y, p, and ``lines``, line id -> x_1, y_1, p_1, x_2, y_2, p_2.
+Positions are normalised by the image's width and height, not by one less, and lie on a grid of 2 px at 1280 x 720.
+
+Not every keypoint was detected. Those that the network misses are put where two detected lines meet, and get the
+confidence 1, which no peak of a heat map reaches: on 93 frames of WC14 the next one is 0.81. They repeat what the lines
+say, from ends that are rarely precise enough (median error 5.1 px, against 2.3 px of detected ones), and are left out.
+All of the points without paint (58 to 73) are among them.
+
+The error of detected points falls with the confidence p about as 1 / p (4.5 px below 0.3, 1.8 px above 0.7), so they
+weigh p^2. On those frames, against annotations, that reaches 93.0 / 97.2 / 97.6 % of segments within 5 / 10 / 20 px;
+weights of 1 reach 89.3 / 97.0 / 97.1, and p^2 with the computed points 86.2 / 95.6 / 97.4. The first figure flatters:
+the weights were compared there. Chosen on half of the frames they reach 91.9 / 97.1 / 97.6 on the other half.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from types import MappingProxyType
+from typing import Any
+
+import numpy as np
+
+from fieldcalib._types import Array
+from fieldcalib.field import (
+    CIRCLE_RADIUS,
+    PENALTY_AREA_DEPTH,
+    PENALTY_AREA_WIDTH,
+    PENALTY_MARK_DISTANCE,
+    Field,
+    Point,
+)
+from fieldcalib.io.files import BrokenFileError, parse_json_object
+from fieldcalib.segments import Pixels
+
+COMPUTED = 1.0  # confidence of a point that was not detected
+KEYPOINTS = 57  # that have paint or stand on the field
+WITHOUT_PAINT = 73  # the last of the others
+
+# Points that are named like SoccerNet's, by id.
+NAMED_KEYPOINTS = MappingProxyType(
+    {
+        1: "TL_PITCH_CORNER",
+        2: "T_TOUCH_AND_HALFWAY_LINES_INTERSECTION",
+        3: "TR_PITCH_CORNER",
+        4: "L_PENALTY_AREA_TL_CORNER",
+        5: "L_PENALTY_AREA_TR_CORNER",
+        6: "R_PENALTY_AREA_TL_CORNER",
+        7: "R_PENALTY_AREA_TR_CORNER",
+        8: "L_GOAL_AREA_TL_CORNER",
+        9: "L_GOAL_AREA_TR_CORNER",
+        10: "R_GOAL_AREA_TL_CORNER",
+        11: "R_GOAL_AREA_TR_CORNER",
+        12: "L_GOAL_TR_POST",
+        13: "L_GOAL_BR_POST",
+        14: "R_GOAL_BL_POST",
+        15: "R_GOAL_TL_POST",
+        16: "L_GOAL_TL_POST",
+        17: "L_GOAL_BL_POST",
+        18: "R_GOAL_BR_POST",
+        19: "R_GOAL_TR_POST",
+        20: "L_GOAL_AREA_BL_CORNER",
+        21: "L_GOAL_AREA_BR_CORNER",
+        22: "R_GOAL_AREA_BL_CORNER",
+        23: "R_GOAL_AREA_BR_CORNER",
+        24: "L_PENALTY_AREA_BL_CORNER",
+        25: "L_PENALTY_AREA_BR_CORNER",
+        26: "R_PENALTY_AREA_BL_CORNER",
+        27: "R_PENALTY_AREA_BR_CORNER",
+        28: "BL_PITCH_CORNER",
+        29: "B_TOUCH_AND_HALFWAY_LINES_INTERSECTION",
+        30: "BR_PITCH_CORNER",
+        31: "TL_16M_LINE_AND_PENALTY_ARC_INTERSECTION",
+        32: "T_HALFWAY_LINE_AND_CENTER_CIRCLE_INTERSECTION",
+        33: "TR_16M_LINE_AND_PENALTY_ARC_INTERSECTION",
+        34: "BL_16M_LINE_AND_PENALTY_ARC_INTERSECTION",
+        35: "B_HALFWAY_LINE_AND_CENTER_CIRCLE_INTERSECTION",
+        36: "BR_16M_LINE_AND_PENALTY_ARC_INTERSECTION",
+        45: "L_PENALTY_MARK",
+        51: "CENTER_MARK",
+        57: "R_PENALTY_MARK",
+    }
+)
+
+LINES = MappingProxyType(
+    {
+        1: "Big rect. left bottom",
+        2: "Big rect. left main",
+        3: "Big rect. left top",
+        4: "Big rect. right bottom",
+        5: "Big rect. right main",
+        6: "Big rect. right top",
+        7: "Goal left crossbar",
+        8: "Goal left post left",
+        9: "Goal left post right",
+        10: "Goal right crossbar",
+        11: "Goal right post left",
+        12: "Goal right post right",
+        13: "Middle line",
+        14: "Side line bottom",
+        15: "Side line left",
+        16: "Side line right",
+        17: "Side line top",
+        18: "Small rect. left bottom",
+        19: "Small rect. left main",
+        20: "Small rect. left top",
+        21: "Small rect. right bottom",
+        22: "Small rect. right main",
+        23: "Small rect. right top",
+    }
+)
+
+
+@dataclass(frozen=True)
+class Detections:
+    """What the networks found in one frame: arguments of `calibrate_from_segments`."""
+
+    image_segments: Pixels
+    """Pixels of lines (2, 2) and of keypoints (1, 2) by label."""
+    weights: dict[str, float]
+    """Of the keypoints. Lines weigh 1."""
+
+
+def parse_detections(content: bytes | str, image_size: tuple[int, int]) -> Detections:
+    """Detected keypoints and lines of one frame, with weights; to be calibrated against `keypoint_field`.
+
+    Parameters
+    ----------
+    content : bytes or str
+        The file's JSON.
+    image_size : (int, int)
+        Width and height in pixels.
+
+    Raises
+    ------
+    BrokenFileError
+        If it is no JSON, lacks keypoints or lines, has an id that is none, coordinates that are not normalised, or
+        confidences that are not in 0..1.
+
+    Examples
+    --------
+    >>> found = parse_detections('{"kp": {"51": {"x": 0.5, "y": 0.5, "p": 0.5}}, "lines": {}}', (1280, 720))
+    >>> found.image_segments, found.weights
+    ({'CENTER_MARK': array([[640., 360.]])}, {'CENTER_MARK': 0.25})
+    """
+    record = parse_json_object(content, "keypoints and lines")
+    found = Detections({}, {})
+    for id, point in _members(record, "kp", WITHOUT_PAINT):
+        xy, p = _detected(point, ("x", "y", "p"), f"keypoint {id}", image_size)
+        if p != COMPUTED and id <= KEYPOINTS:
+            found.image_segments[keypoint_name(id)] = xy[None]
+            found.weights[keypoint_name(id)] = p**2
+    for id, ends in _members(record, "lines", len(LINES)):
+        pixels = [_detected(ends, (f"x_{i}", f"y_{i}", f"p_{i}"), f"line {id}", image_size)[0] for i in (1, 2)]
+        found.image_segments[LINES[id]] = np.array(pixels)
+    return found
+
+
+def _members(record: dict[str, Any], key: str, last: int) -> list[tuple[int, Any]]:
+    """What the record has under a key, by id from 1 to `last`."""
+    members = record.get(key)
+    if not isinstance(members, dict):
+        raise BrokenFileError(f"expected an object {key!r} of detections by id, got {members!r}")
+    wrong = [id for id in members if not (id.isdecimal() and 1 <= int(id) <= last)]
+    if wrong:
+        raise BrokenFileError(f"{key!r}: expected ids from 1 to {last}, got {wrong[0]!r}")
+    return [(int(id), member) for id, member in members.items()]
+
+
+def _detected(record: Any, keys: tuple[str, str, str], what: str, image_size: tuple[int, int]) -> tuple[Array, float]:
+    """A detected pixel (2,) and its confidence."""
+    try:
+        x, y, p = (float(record[key]) for key in keys)
+    except (TypeError, KeyError, ValueError, OverflowError):
+        raise BrokenFileError(f"{what}: expected numbers {', '.join(keys)}, got {record!r}") from None
+    if not (abs(x) <= 10.0 and abs(y) <= 10.0):  # nor NaN
+        raise BrokenFileError(f"{what}: coordinates {x:.6g}, {y:.6g} are not normalised to 0..1")
+    if not 0.0 <= p <= 1.0:
+        raise BrokenFileError(f"{what}: a confidence must lie in 0..1, got {p:.6g}")
+    return np.array([x, y]) * image_size, p
+
+
+def keypoint_name(id: int) -> str:
+    """The label of a keypoint: SoccerNet's name where it has one, else "keypoint 37"."""
+    return NAMED_KEYPOINTS.get(id, f"keypoint {id}")
+
+
+def keypoint_field(field: Field) -> Field:
+    """A field with the keypoints that have no name in SoccerNet: points of circles where a tangent, an axis or a
+    diagonal touches or meets them, and points of the large areas' main lines.
+
+    Examples
+    --------
+    >>> from fieldcalib import soccer
+    >>> np.round(keypoint_field(soccer())["keypoint 38"].X, 2)
+    array([-8.81, -2.46,  0.  ])
+    """
+    half_length, half_width = field.length / 2.0, field.width / 2.0
+    area, mark = half_length - PENALTY_AREA_DEPTH, half_length - PENALTY_MARK_DISTANCE
+    # seen from the corners of the large area, and from where the middle line meets the touchlines
+    arc_x, arc_y = _tangent_point(mark - area, PENALTY_AREA_WIDTH / 2.0)
+    circle_x, circle_y = _tangent_point(0.0, half_width)
+    diagonal = CIRCLE_RADIUS / np.sqrt(2.0)
+    found: dict[int, tuple[float, float]] = {
+        46: (-area, 0.0),
+        47: (-mark + CIRCLE_RADIUS, 0.0),
+        50: (-CIRCLE_RADIUS, 0.0),
+        52: (9.0, 0.0),  # sic: the networks were trained with it there, 0.15 m inside the circle
+        55: (mark - CIRCLE_RADIUS, 0.0),
+        56: (area, 0.0),
+    }
+    for sign, ids in ((-1.0, (37, 38, 39, 40, 48, 49)), (1.0, (41, 42, 43, 44, 53, 54))):
+        xs = (-mark + arc_x, -circle_x, circle_x, mark - arc_x, -diagonal, diagonal)
+        ys = (arc_y, circle_y, circle_y, arc_y, diagonal, diagonal)
+        found |= {id: (x, sign * y) for id, x, y in zip(ids, xs, ys, strict=True)}
+    return field.with_segments({keypoint_name(id): Point((x, y, 0.0)) for id, (x, y) in found.items()})
+
+
+def _tangent_point(x: float, y: float) -> tuple[float, float]:
+    """Where the tangent from (x, y) touches a circle of the field about the origin, on the side of positive x.
+
+    With d the distance of (x, y), the point lies at the angle acos(radius / d) from the direction to it.
+    """
+    angle = np.arctan2(y, x) - np.arccos(CIRCLE_RADIUS / np.hypot(x, y))
+    return float(CIRCLE_RADIUS * np.cos(angle)), float(CIRCLE_RADIUS * np.sin(angle))
