@@ -20,7 +20,7 @@ from fieldcalib.field import Field, Line, ObjectSegments
 from fieldcalib.losses import LossName, RobustLoss
 from fieldcalib.ndc import ndc_loss
 from fieldcalib.options import ALL, DEFAULT_CRITERIA, DEFAULT_FLAGS, Criteria, Options, Prior, checked_options
-from fieldcalib.parameters import LENS, PARAMETERS, GaussianPrior, camera_from_theta
+from fieldcalib.parameters import LENS, GaussianPrior, camera_from_theta
 from fieldcalib.residuals import foot_points, segment_residuals
 from fieldcalib.result import Calibration, Status
 from fieldcalib.segments import (
@@ -33,7 +33,7 @@ from fieldcalib.segments import (
     check_weights,
     pack,
 )
-from fieldcalib.solver import Problem, Solution, solve_batch, solve_one
+from fieldcalib.solver import IS_LENS, Problem, Solution, solve_batch, solve_one
 from fieldcalib.starts import Starts, starting_cameras
 from fieldcalib.verify import Evidence, implausibilities, segment_errors, verdict, weakest_directions
 
@@ -46,8 +46,6 @@ WIDE_TOLERANCE = 1e-3  # the narrow stage does the rest
 NO_PIXELS = "no labelled pixels: nothing to calibrate from"
 
 
-IS_LENS = np.zeros(len(PARAMETERS), dtype=bool)
-IS_LENS[LENS] = True
 LITTLE = 0.5  # of the prior's variance: if more of it is left, the labels say little about the lens
 
 
