@@ -33,6 +33,7 @@ FLOORS = {
     "resection": 4,
     "ndc": 5,
     "verify": 5,
+    "uncertainty": 5,
     "calibrate": 5,
     "calibrate_homography": 5,
     "calibrate_points": 5,
