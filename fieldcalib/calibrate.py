@@ -35,6 +35,7 @@ from fieldcalib.segments import (
 )
 from fieldcalib.solver import IS_LENS, Problem, Solution, solve_batch, solve_one
 from fieldcalib.starts import Starts, starting_cameras
+from fieldcalib.uncertainty import Solved
 from fieldcalib.verify import Evidence, implausibilities, segment_errors, verdict, weakest_directions
 
 CHUNK = 64  # frames solved together: their arrays still fit the processor's cache
@@ -369,6 +370,7 @@ def _judge(
     kept = known_by_labels[options.free]
     weakest = weakest_directions(information[:, kept][:, :, kept], prior.sigma[:, known_by_labels], known_by_labels)
 
+    solved = Solved(problem, theta, prior.sigma)
     calibrations = []
     for t, (frame, (errors, rms)) in enumerate(zip(frames, segment_errors(feet.r, observations, frames), strict=True)):
         evidence = Evidence(
@@ -384,7 +386,7 @@ def _judge(
         )
         status, message = verdict(object_segments, frame, evidence, options.tau)
         camera = camera_from_theta(theta[t], options.image_size)
-        calibrations.append(Calibration(camera, status, message, rms, evidence.loss_ndc, errors))
+        calibrations.append(Calibration(camera, status, message, rms, evidence.loss_ndc, errors, solved.of_frame(t)))
     return calibrations
 
 

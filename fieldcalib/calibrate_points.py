@@ -33,10 +33,13 @@ from fieldcalib.parameters import (
     PRINCIPAL_POINT,
     CameraDistribution,
     camera_from_theta,
+    theta_from_camera,
 )
 from fieldcalib.resection import LEAST_IN_SPACE, LEAST_ON_PLANE, resect
 from fieldcalib.result import Calibration, Status
 from fieldcalib.rotation import angles_from_rotation, rotation_from_angles
+from fieldcalib.segments import Pixels, pack
+from fieldcalib.uncertainty import Solved
 
 LEVEL = rotation_from_angles(np.array([0.0, np.pi / 2.0, 0.0]))  # towards the far side, horizontally
 SOLVED_SIZE = 30.0  # metres: root mean square distance from the centroid, about that of the part of a field in view
@@ -185,8 +188,7 @@ def _check_extent(X: Array) -> None:
 
 def _calibrate(points: Points, options: Options, prior: Prior, common: _Common, *, on_field: bool) -> Calibration:
     """The calibration from each point as a segment."""
-    segments = {f"point {i}": Point((x, y, z)) for i, (x, y, z) in enumerate(points.X.tolist())}
-    pixels = {name: xy[None] for name, xy in zip(segments, points.xy, strict=True)}
+    segments, pixels = _as_segments(points)
     return calibrate_from_segments(
         Field(2.0 * LARGEST_FIELD[0], 2.0 * LARGEST_FIELD[1], segments) if on_field else segments,
         pixels,
@@ -255,13 +257,31 @@ def _calibrate_without_prior(points: Points, options: Options, common: _Common) 
     turn = np.eye(3) if points.flags & CalibrationFlags.CALIB_FIX_ROLL else LEVEL.T @ pose.R
     moved = Camera(np.eye(3), pose.R @ turn.T, scale * turn @ (pose.C - origin), options.image_size)
     rvec, tvec, _, _ = moved.to_opencv()
-    points = replace(points, X=scale * (points.X - origin) @ turn.T, rvec=rvec, tvec=tvec)
+    given, points = points, replace(points, X=scale * (points.X - origin) @ turn.T, rvec=rvec, tvec=tvec)
     found = _calibrate(points, options, None, common, on_field=False)
     if found.camera is None:
         return found
     camera = found.camera
     C = origin + camera.C @ turn / scale
-    return replace(found, camera=Camera(camera.K, camera.R @ turn, C, camera.image_size, camera.k))
+    camera = Camera(camera.K, camera.R @ turn, C, camera.image_size, camera.k)
+    return replace(found, camera=camera, solved=_moved_back(found.solved, camera, given, scale))
+
+
+def _moved_back(solved: Solved | None, camera: Camera, points: Points, scale: float) -> Solved | None:
+    """What was solved, among the given points and not among those that were moved for the solver."""
+    if solved is None:
+        return None
+    segments, pixels = _as_segments(points)
+    problem = replace(solved.problem, observations=pack(segments, [pixels], camera.image_size))
+    unit = solved.unit.copy()
+    unit[:, CENTER] = unit[:, CENTER].max() / scale  # in any direction
+    return Solved(problem, theta_from_camera(camera)[None], unit)
+
+
+def _as_segments(points: Points) -> tuple[dict[str, Point], Pixels]:
+    """Each point as a segment of its own, and its pixel."""
+    segments = {f"point {i}": Point((x, y, z)) for i, (x, y, z) in enumerate(points.X.tolist())}
+    return segments, {name: xy[None] for name, xy in zip(segments, points.xy, strict=True)}
 
 
 def _start(points: Points, options: Options) -> Camera | None:

@@ -3,11 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from enum import StrEnum
+from functools import cached_property
 from typing import Any
 
+from numpy.typing import ArrayLike
+
+from fieldcalib._types import Array
 from fieldcalib.camera import Camera
+from fieldcalib.uncertainty import Direction, GroundError, Solved, Uncertainty
 
 
 class Status(StrEnum):
@@ -52,6 +57,8 @@ class Calibration:
     """The paper's segment reprojection loss, which tau is compared with (`fieldcalib.ndc`, "tvcalib")."""
     per_segment_errors: Mapping[str, float]
     """Root mean square distance in pixels for each label, in the order of the input."""
+    solved: Solved | None = field(default=None, compare=False, repr=False)
+    """What `uncertainty` is computed from; None where there is no camera, or it came from a closed form."""
 
     @classmethod
     def without_camera(cls, status: Status, message: str) -> Calibration:
@@ -62,6 +69,38 @@ class Calibration:
     def accepted(self) -> bool:
         """Whether nothing speaks against the camera."""
         return self.status is Status.ACCEPTED
+
+    @cached_property
+    def uncertainty(self) -> Uncertainty:
+        """How far the camera may be off; computed when it is first asked for.
+
+        Raises
+        ------
+        ValueError
+            If the camera was not fitted to labelled pixels.
+        """
+        if self.solved is None:
+            raise ValueError(f"expected a calibration from labelled pixels, this one knows no errors: {self.message}")
+        return self.solved.uncertainty
+
+    @property
+    def covariance(self) -> Array:
+        """Covariance (12, 12) of the parameters, see `fieldcalib.uncertainty.Uncertainty.covariance`."""
+        return self.uncertainty.covariance
+
+    @property
+    def std_deviations(self) -> tuple[Array, Array]:
+        """Standard deviations of the intrinsics (18, 1) and extrinsics (6, 1), as cv2.calibrateCameraExtended's."""
+        return self.uncertainty.std_deviations_intrinsics, self.uncertainty.std_deviations_extrinsics
+
+    @property
+    def observability(self) -> tuple[Direction, ...]:
+        """What the labels determine and what came from the prior, least determined first."""
+        return self.uncertainty.observability
+
+    def field_uncertainty(self, xy: ArrayLike) -> GroundError:
+        """Errors in metres of the ground points seen at pixels (..., 2)."""
+        return self.uncertainty.at_image(xy)
 
     def __iter__(self) -> Iterator[Any]:
         """``rms, K (3, 3), dist (1, 5), rvec (3, 1), tvec (3, 1)``, as `cv2.calibrateCamera` returns them.

@@ -14,14 +14,13 @@ from fieldcalib.residuals import Feet
 from fieldcalib.result import Status
 from fieldcalib.rotation import angles_from_rotation, rotation_from_angles
 from fieldcalib.segments import Observations, Pixels
+from fieldcalib.uncertainty import OPEN_DIRECTION, READABLE
 
 FARTHEST_CAMERA = 300.0  # metres from the field's centre: stands end before
 LARGEST_ROLL = np.radians(45.0)
 FIELD_OF_VIEW = np.radians((0.5, 150.0))
 BEHIND = 0.1  # share of the fitting segments' weight that may lie behind the camera
 AGREEING = 2.0 / 3.0  # share of the labelled segments that must fit: a robust loss always has some minimum
-READABLE = {"log f": "focal length", "log aspect": "aspect ratio", "a1": "k1", "b2": "k2"}
-OPEN_DIRECTION = 1e-3  # information from the labels, in units of the prior's, below which a direction counts as open
 
 
 @dataclass(frozen=True)

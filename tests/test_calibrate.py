@@ -540,3 +540,38 @@ def test_a_strong_barrel_is_found_although_broadcasts_have_none():
     for found in (calibrate_from_segments(FIELD, frame, SIZE), *calibrate_batch(FIELD, [frame], SIZE)):
         assert found.camera.corner_distortion[0] == pytest.approx(-0.2, abs=1e-3)
         assert relative_error(found.camera, wide) < 2e-3
+
+
+# --- uncertainty ---
+
+
+def test_a_calibration_knows_how_far_it_may_be_off():
+    frame = observe(MARKINGS, CAMERA, np.random.default_rng(3), noise=1.0)
+    one = calibrate_from_segments(FIELD, frame, SIZE)
+    (many,) = calibrate_batch(FIELD, [frame], SIZE)
+    intrinsics, extrinsics = one.std_deviations
+    assert (intrinsics.shape, extrinsics.shape) == ((18, 1), (6, 1))
+    assert 0.0 < intrinsics[0, 0] < 0.05 * CAMERA.focal_length
+    assert abs(one.camera.focal_length - CAMERA.focal_length) < 4.0 * intrinsics[0, 0]
+    np.testing.assert_allclose(many.std_deviations[0], intrinsics, rtol=1e-2, atol=1e-9)
+    assert one.covariance.shape == (12, 12)
+    error = one.field_uncertainty([[480.0, 300.0], [480.0, -2000.0]])
+    assert 0.0 < error.rms[0] < 1.0
+    assert np.isnan(error.rms[1])  # above the horizon
+    assert len(one.observability) == 8
+    assert one == calibrate_from_segments(FIELD, frame, SIZE)  # whatever has been asked of them
+
+
+def test_more_noise_makes_less_certain():
+    noisy = [
+        calibrate_from_segments(FIELD, observe(MARKINGS, CAMERA, np.random.default_rng(1), noise=noise), SIZE)
+        for noise in (0.3, 3.0)
+    ]
+    sharp, blurred = (float(c.field_uncertainty([480.0, 300.0]).rms) for c in noisy)
+    assert blurred > 2.0 * sharp
+
+
+def test_cameras_that_were_not_fitted_know_no_errors():
+    (empty,) = calibrate_batch(FIELD, [{}], SIZE)
+    with pytest.raises(ValueError, match="expected a calibration from labelled pixels"):
+        _ = empty.uncertainty
