@@ -21,7 +21,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from fieldcalib._types import Array, BoolArray, IntArray
-from fieldcalib.distortion import FOLD, distort, distort_jacobian, lens_coefficients, undistort
+from fieldcalib.distortion import FOLD, lens_coefficients, undistort
 from fieldcalib.parameters import ANGLES, CENTER, LENS, LOG_ASPECT, LOG_F, PRINCIPAL_POINT
 from fieldcalib.rotation import rotation_axes, rotation_from_angles
 from fieldcalib.segments import Observations, Rows
@@ -147,26 +147,51 @@ class View:
         s = undistort(isotropic, self.lens, self.rho)
         return _components(np.where(np.isfinite(s), s, isotropic))
 
+    def nearly_ideal_offset(self, d: Array) -> Array:
+        """The same by three fixed-point steps: good enough where a search for foot points begins."""
+        if not self.bent:
+            return d
+        isotropic = np.array([d[0], d[1] / self.aspect])
+        s = isotropic
+        for _ in range(3):
+            gain, _ = self._gain(s)
+            s = isotropic / np.maximum(gain, 0.5)
+        return s
+
+    def _gain(self, s: Array) -> tuple[Array, Array]:
+        """``1 + a1 q + a2 q^2`` at ideal offsets (2, B, N), and ``2 / rho^2`` times its derivative by q."""
+        a1, a2 = self.lens[..., 0], self.lens[..., 1]
+        q = _dot(s, s) / self.rho**2
+        return 1.0 + q * (a1 + q * a2), 2.0 * (a1 + 2.0 * a2 * q) / self.rho**2
+
     def real_offset(self, s: Array) -> Array:
         """Ideal offsets (2, B, N) as real ones: the lens, then the pixels' aspect."""
         if not self.bent:
             return s
-        d = _components(distort(np.stack([*s], axis=-1), self.lens, self.rho))
-        d[1] *= self.aspect
-        return d
-
-    def offset_jacobian(self, s: Array) -> Array:
-        """Derivative of `real_offset` with respect to s, (2, 2, B, N)."""
-        dd_ds, _ = distort_jacobian(np.stack([*s], axis=-1), self.lens, self.rho)
-        dd_ds[..., 1, :] *= self.aspect[..., None]
-        return np.moveaxis(dd_ds, (-2, -1), (0, 1))
+        gain, _ = self._gain(s)
+        return np.array([gain * s[0], self.aspect * gain * s[1]])
 
     def images(self, s: Array, *steps: Array) -> tuple[Array, ...]:
-        """Images of small steps (2, B, N) at ideal offsets s: the derivative of `real_offset` applied to them."""
+        """Real offsets of ideal ones s, and images of small steps there, (2, B, N) each.
+
+        The derivative of `real_offset`, ``dd/ds = diag(1, aspect) (gain I + slope s s^T)``, applied to the steps.
+        """
         if not self.bent:
-            return steps
-        dd_ds = self.offset_jacobian(s)
-        return tuple(dd_ds[:, 0] * step[0] + dd_ds[:, 1] * step[1] for step in steps)
+            return s, *steps
+        gain, slope = self._gain(s)
+        found = [np.array([gain * s[0], self.aspect * gain * s[1]])]
+        for step in steps:
+            bend = slope * _dot(s, step)
+            found.append(np.array([gain * step[0] + bend * s[0], self.aspect * (gain * step[1] + bend * s[1])]))
+        return tuple(found)
+
+    def pulled_back(self, s: Array, n: Array) -> Array:
+        """Real normals n (2, B, N) as derivatives by ideal offsets: ``n dd/ds``, the transpose of `images`."""
+        if not self.bent:
+            return n
+        gain, slope = self._gain(s)
+        m = np.array([n[0], self.aspect * n[1]])
+        return np.asarray(gain * m + slope * _dot(s, m) * s)
 
 
 def _feet(view: View, observations: Observations) -> Feet:
@@ -196,7 +221,7 @@ def _line_feet(view: View, rows: Rows) -> Feet:
     scale = 1.0 / (np.sqrt(_dot(line[:2], line[:2])) + TINY)
     normal = n = line[:2] * scale
     d = view.observed_offset(rows.xy)
-    p = view.ideal_offset(d)
+    p = view.nearly_ideal_offset(d)
     r = _dot(n, p) + line[2] * scale
     s = p - r * n
     along = n[0] * p[1] - n[1] * p[0]  # the foot point's coordinate on the image line
@@ -204,13 +229,15 @@ def _line_feet(view: View, rows: Rows) -> Feet:
         tangent = np.array([-n[1], n[0]])
         # steps contract by distance x curvature, 1e-2 at 50 px and a strong lens; bounded where the lens folds back
         for _ in range(6):
-            (T,) = view.images(s, tangent)
-            step = _dot(d - view.real_offset(s), T) / (_dot(T, T) + TINY)
-            step = np.clip(step, -view.rho, view.rho)
+            real, T = view.images(s, tangent)
+            step = _dot(d - real, T) / (_dot(T, T) + TINY)
+            step = np.minimum(np.maximum(step, -view.rho), view.rho)
             s, along = s + step * tangent, along + step
-        (T,) = view.images(s, tangent)
+            if (np.abs(step) * (rows.weight > 0.0)).max(initial=0.0) < 1e-7:
+                break
+        real, T = view.images(s, tangent)
         normal = _left_normal(T)
-        r = _dot(normal, d - view.real_offset(s))
+        r = _dot(normal, d - real)
     inverse_depth = (along * D[2] - n[0] * D[1] + n[1] * D[0]) * scale
     return Feet(r, s, inverse_depth, normal)
 
@@ -224,7 +251,7 @@ def _arc_feet(view: View, rows: Rows) -> Feet:
     A = view.points(rows.geometry[:, :, 0])
     U, V = view.directions(rows.geometry[:, :, 1]), view.directions(rows.geometry[:, :, 2])
     d = view.observed_offset(rows.xy)
-    p = view.ideal_offset(d)
+    p = view.nearly_ideal_offset(d)
     # [U V A] (c, s, 1) ~ (p, 1) by Cramer's rule; the depth is not needed, so the horizon does no harm
     VA, AU = _cross(V, A), _cross(A, U)
     side = np.where(_dot(U[:2], VA[:2]) + U[2] * VA[2] < 0.0, -1.0, 1.0)
@@ -284,8 +311,8 @@ class Search:
         s = point[:2] * inverse_depth
         ds = (tangent[:2] - s * tangent[2]) * inverse_depth
         dds = (bend[:2] - s * bend[2] - 2.0 * ds * tangent[2]) * inverse_depth
-        T, dT = self.view.images(s, ds, dds)
-        offset = self.observed - self.view.real_offset(s)
+        real, T, dT = self.view.images(s, ds, dds)
+        offset = self.observed - real
         TT = _dot(T, T) + TINY
         # the second derivative of half the squared distance, kept positive: never towards a maximum
         step = _dot(offset, T) / np.maximum(TT - _dot(offset, dT), 0.1 * TT)
@@ -326,11 +353,8 @@ def _nearest_sample(view: View, rows: Rows) -> tuple[Array, IntArray]:
 
 def _jacobian(view: View, feet: Feet, free: BoolArray) -> Array:
     """(B, M, P) derivatives of the residuals at their foot points, see `segment_residuals_with_jacobian`."""
-    n = n_ds = feet.normal  # n dpi/ds: the derivative of -r, the signs below see to it
-    s = feet.s
-    if view.bent:
-        dd_ds = view.offset_jacobian(s)
-        n_ds = n[0] * dd_ds[0] + n[1] * dd_ds[1]
+    n, s = feet.normal, feet.s
+    n_ds = view.pulled_back(s, n)  # n dpi/ds: the derivative of -r, the signs below see to it
     g = np.array([view.f * n_ds[0], view.f * n_ds[1], -_dot(s, n_ds)])  # n dpi/dXc
 
     column = {int(index): column for column, index in enumerate(np.flatnonzero(free))}  # of each free parameter
@@ -350,12 +374,12 @@ def _jacobian(view: View, feet: Feet, free: BoolArray) -> Array:
         R_T = np.swapaxes(view.R, 1, 2)[:, [index - CENTER.start for index in centre]]
         J[:, column[centre[0]] : column[centre[-1]] + 1] = R_T @ np.swapaxes(feet.inverse_depth * g, 0, 1)
     if lens:
-        _, dd_da = distort_jacobian(np.stack([*s], axis=-1), view.lens, view.rho)
-        # a2 = b2 + FOLD min(a1, 0)^2
-        dd_da[..., 0] += 2.0 * FOLD * np.minimum(view.lens[..., :1], 0.0) * dd_da[..., 1]
+        q = _dot(s, s) / view.rho**2
+        by_gain = -(n[0] * s[0] + view.aspect * n[1] * s[1])
+        # gain = 1 + a1 q + a2 q^2 with a2 = b2 + FOLD min(a1, 0)^2
+        dgain = (q * (1.0 + 2.0 * FOLD * np.minimum(view.lens[..., 0], 0.0) * q), q * q)
         for index in lens:
-            dx, dy = np.moveaxis(dd_da[..., index - LENS.start], -1, 0)
-            J[:, column[index]] = -(n[0] * dx + n[1] * view.aspect * dy)
+            J[:, column[index]] = by_gain * dgain[index - LENS.start]
     for index in point:
         J[:, column[index]] = -n[index - PRINCIPAL_POINT.start]
     if LOG_ASPECT in column:

@@ -14,7 +14,7 @@ from synthetic import frames_of_broadcasts
 from fieldcalib import calibrate_batch, calibrate_from_segments, soccer
 from fieldcalib.io.soccernet import parse_annotation
 from fieldcalib.metrics import evaluate_segments
-from fieldcalib.options import DEFAULT_FLAGS, CalibrationFlags
+from fieldcalib.options import PINHOLE_FLAGS, CalibrationFlags
 from fieldcalib.parameters import camera_from_theta
 
 FIELD, SIZE = soccer(), (960, 540)
@@ -74,11 +74,11 @@ def test_one_cold_frame(benchmark, frames):
 @pytest.mark.parametrize("pixels", [5.0, 20.0])
 def test_one_frame_from_a_given_start(benchmark, frames, pixels):
     """A start whose image is off by some pixels, as the camera of an earlier frame would be."""
-    flags = DEFAULT_FLAGS | CalibrationFlags.CALIB_USE_INTRINSIC_GUESS | CalibrationFlags.CALIB_USE_EXTRINSIC_GUESS
+    flags = PINHOLE_FLAGS | CalibrationFlags.CALIB_USE_INTRINSIC_GUESS | CalibrationFlags.CALIB_USE_EXTRINSIC_GUESS
     rng = np.random.default_rng(0)
     starts = []
     for frame in frames[:110]:
-        _, K, dist, rvec, tvec = calibrate_from_segments(FIELD, frame, SIZE)
+        _, K, dist, rvec, tvec = calibrate_from_segments(FIELD, frame, SIZE, flags=PINHOLE_FLAGS)
         turn = rng.normal(size=3)
         turn *= pixels / K[0, 0] / np.linalg.norm(turn)
         starts.append((frame, K, dist, rvec + turn[:, None], tvec))
