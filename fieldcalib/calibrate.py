@@ -1,6 +1,7 @@
 """From labelled pixels to a camera: the whole flow.
 
-    checked pixels -> starting cameras -> wide loss, all starts -> the best plausible one -> narrow loss -> verdict
+    checked pixels -> starting cameras -> wide loss, all starts -> the best plausible one -> narrow loss
+                   -> labels that lie -> verdict
 
 One frame is finished by SciPy's `least_squares`, many frames by the batched Levenberg-Marquardt; both minimise the same
 cost.
@@ -10,6 +11,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
+from functools import partial
 from typing import Protocol
 
 import numpy as np
@@ -17,6 +19,7 @@ from numpy.typing import ArrayLike
 
 from fieldcalib._types import Array, BoolArray, IntArray
 from fieldcalib.field import Field, Line, ObjectSegments
+from fieldcalib.labels import Resolution, resolve_labels
 from fieldcalib.losses import LossName, RobustLoss
 from fieldcalib.ndc import ndc_loss
 from fieldcalib.options import ALL, DEFAULT_CRITERIA, DEFAULT_FLAGS, Criteria, Options, Prior, checked_options
@@ -276,15 +279,26 @@ def _calibrate(
 ) -> list[Calibration]:
     """Calibrate frames that have pixels; `solve` brings them to the final optimum."""
     observations = pack(object_segments, frames, options.image_size, shares)
+    theta, prior = _start(object_segments, observations, options, solve)
+    narrow = Problem(observations, options.free, options.loss, options.noise, prior if options.use_prior else None)
+    finish = partial(solve, max_iterations=options.max_iterations, tolerance=options.tolerance)
+    search = partial(_start, object_segments, options=options, solve=solve_batch)
+    far, solution = options.wide_loss.scale, finish(narrow, theta)
+    resolved = resolve_labels(object_segments, frames, shares, narrow, solution, prior, far, search, finish)
+    return _judge(object_segments, frames, observations, resolved, options)
+
+
+def _start(
+    object_segments: ObjectSegments, observations: Observations, options: Options, solve: Solver
+) -> tuple[Array, GaussianPrior]:
+    """For each frame the camera (12,) that the narrow loss starts from, and its prior."""
     starts = starting_cameras(observations, options.distributions, options.known)
-    # the search goes without a lens: a quarter of the time, and it finds the same
+    # the search goes without a lens: it is quicker, and finds the same
     search = replace(options, free=options.free & ~IS_LENS)
     theta, prior = _best_starts(starts, observations, search, solve, on_field=isinstance(object_segments, Field))
     if np.any(options.free & IS_LENS):
         theta, prior = _bent(theta, prior, observations, options, solve)
-    narrow = Problem(observations, options.free, options.loss, options.noise, prior if options.use_prior else None)
-    solution = solve(narrow, theta, max_iterations=options.max_iterations, tolerance=options.tolerance)
-    return _judge(object_segments, frames, narrow, solution, prior, options)
+    return theta, prior
 
 
 def _best_starts(
@@ -353,26 +367,30 @@ def _fits_most(theta: Array, observations: Observations, scale: float) -> BoolAr
 def _judge(
     object_segments: ObjectSegments,
     frames: list[Pixels],
-    problem: Problem,
-    solution: Solution,
-    prior: GaussianPrior,
+    observations: Observations,
+    resolved: Resolution,
     options: Options,
 ) -> list[Calibration]:
-    """Cameras, errors and verdicts of solved frames."""
-    theta, observations = solution.theta, problem.observations
-    feet = foot_points(theta, observations)
-    losses = ndc_loss(theta, object_segments, frames, options.image_size)
+    """Cameras, errors and verdicts of solved frames.
+
+    Segments have the errors of the labels that were given; the verdict is on the labels that were solved with.
+    """
+    theta, problem, prior = resolved.solution.theta, resolved.problem, resolved.prior
+    feet = foot_points(theta, problem.observations)
+    losses = ndc_loss(theta, object_segments, resolved.frames, options.image_size)
     far, on_field = options.wide_loss.scale, isinstance(object_segments, Field)
-    wrong = implausibilities(theta, feet, observations, far=far, on_field=on_field)
+    wrong = implausibilities(theta, feet, problem.observations, far=far, on_field=on_field)
     information = replace(problem, prior=None).linearized(theta)[2]
     lens_is_prior = _lens_is_prior(information, prior.sigma, options)
     known_by_labels = options.free & ~(IS_LENS & options.use_prior)  # the prior of the lens is good enough
     kept = known_by_labels[options.free]
     weakest = weakest_directions(information[:, kept][:, :, kept], prior.sigma[:, known_by_labels], known_by_labels)
+    fitted = segment_errors(feet.r, problem.observations, resolved.frames)
+    given = segment_errors(segment_residuals(theta, observations), observations, frames)
 
     solved = Solved(problem, theta, prior.sigma)
     calibrations = []
-    for t, (frame, (errors, rms)) in enumerate(zip(frames, segment_errors(feet.r, observations, frames), strict=True)):
+    for t, (frame, (errors, rms)) in enumerate(zip(resolved.frames, fitted, strict=True)):
         evidence = Evidence(
             rms=rms,
             loss_ndc=float(losses[t]),
@@ -382,11 +400,16 @@ def _judge(
             lens_is_prior=bool(lens_is_prior[t]),
             implausible=[reason for reason, mask in wrong.items() if mask[t]],
             weakest=weakest[t],
-            converged=bool(solution.converged[t]),
+            converged=bool(resolved.solution.converged[t]),
         )
         status, message = verdict(object_segments, frame, evidence, options.tau)
-        camera = camera_from_theta(theta[t], options.image_size)
-        calibrations.append(Calibration(camera, status, message, rms, evidence.loss_ndc, errors, solved.of_frame(t)))
+        message = "; ".join([message, *map(str, resolved.suspects[t])])
+        camera, (by_label, _) = camera_from_theta(theta[t], options.image_size), given[t]
+        calibrations.append(
+            Calibration(
+                camera, status, message, rms, evidence.loss_ndc, by_label, resolved.suspects[t], solved.of_frame(t)
+            )
+        )
     return calibrations
 
 

@@ -31,6 +31,30 @@ class Status(StrEnum):
 
 
 @dataclass(frozen=True)
+class SuspectLabel:
+    """A label that the rest of its frame contradicts.
+
+    Examples
+    --------
+    >>> str(SuspectLabel("Goal left post left", "Goal left post right", 61.3))
+    "'Goal left post left' lies 61 px off: 'Goal left post right' fits"
+    """
+
+    label: str
+    """As given."""
+    fits: str | None
+    """The label whose segment is where the pixels are; None if there is none."""
+    error_px: float
+    """Root mean square distance of the pixels to the (infinite) segment of the given label: small if that runs through
+    the pixels, but the segment itself is elsewhere."""
+
+    def __str__(self) -> str:
+        """For messages."""
+        fits = "no other label fits" if self.fits is None else f"{self.fits!r} fits"
+        return f"{self.label!r} lies {self.error_px:.0f} px off: {fits}"
+
+
+@dataclass(frozen=True)
 class Calibration:
     """Result of a calibration. Unpacks to the five values of `cv2.calibrateCamera` for one view.
 
@@ -52,11 +76,13 @@ class Calibration:
     message: str
     """The status in a sentence: why, and what would help."""
     rms: float
-    """Root mean square distance of the pixels to their segments, pixels."""
+    """Root mean square distance of the pixels to the segments that they were fitted to, pixels."""
     loss_ndc: float
     """The paper's segment reprojection loss, which tau is compared with (`fieldcalib.ndc`, "tvcalib")."""
     per_segment_errors: Mapping[str, float]
-    """Root mean square distance in pixels for each label, in the order of the input."""
+    """Root mean square distance in pixels for each label as it was given, in the order of the input."""
+    suspect_labels: tuple[SuspectLabel, ...] = ()
+    """Labels that the rest of the frame contradicts: they were replaced by the ones that fit, or left out."""
     solved: Solved | None = field(default=None, compare=False, repr=False)
     """What `uncertainty` is computed from; None where there is no camera, or it came from a closed form."""
 

@@ -575,3 +575,36 @@ def test_cameras_that_were_not_fitted_know_no_errors():
     (empty,) = calibrate_batch(FIELD, [{}], SIZE)
     with pytest.raises(ValueError, match="expected a calibration from labelled pixels"):
         _ = empty.uncertainty
+
+
+# --- labels that lie ---
+
+BOX = Camera.from_angles(-0.62, 1.36, 0.01, 1500.0, (1.5, 68.0, -17.0), SIZE)
+
+
+@pytest.mark.parametrize(
+    ("true", "given"),
+    [
+        ("Big rect. left top", "Big rect. right bottom"),
+        ("Small rect. left main", "Small rect. right main"),
+        ("Circle left", "Circle right"),
+        ("Goal left post left", "Goal right post left"),
+    ],
+)
+def test_a_label_that_lies_is_named_and_does_no_harm(true, given):
+    frame = observe(MARKINGS, BOX, np.random.default_rng(5), noise=0.5)
+    assert len(frame) >= 8
+    lying = {given if label == true else label: xy for label, xy in frame.items()}
+    clean = calibrate_from_segments(FIELD, frame, SIZE)
+    for found in (calibrate_from_segments(FIELD, lying, SIZE), *calibrate_batch(FIELD, [lying], SIZE)):
+        assert [(suspect.label, suspect.fits) for suspect in found.suspect_labels] == [(given, true)]
+        assert found.accepted
+        assert f"{given!r} lies" in found.message
+        assert list(found.per_segment_errors) == list(lying)  # as given
+        assert relative_error(found.camera, clean.camera) < 1e-3
+    assert clean.suspect_labels == ()
+
+
+def test_clean_frames_are_not_accused():
+    frames, _ = frames_of_broadcasts(60, seed=9, noise=1.0, least_segments=5)
+    assert [c.suspect_labels for c in calibrate_batch(FIELD, frames, SIZE)] == [()] * 60

@@ -20,7 +20,18 @@ from fieldcalib.parameters import DISTRIBUTIONS, camera_from_theta
 SIZE = (960, 540)
 NAMES = ("c", "a", "d", "b")  # not in the order of the files
 GOOD = ("a", "b", "c", "d")
-CAMERA_KEYS = ["K", "dist", "R", "C", "angles_degrees", "rms_px", "segment_errors_px", "loss_ndc", "loss_ndc_eq3"]
+CAMERA_KEYS = [
+    "K",
+    "dist",
+    "R",
+    "C",
+    "angles_degrees",
+    "rms_px",
+    "segment_errors_px",
+    "suspect_labels",
+    "loss_ndc",
+    "loss_ndc_eq3",
+]
 LINE_KEYS = ["id", "status", "message"]
 
 

@@ -8,7 +8,7 @@ import sys
 import time
 from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any, TypeAlias, TypeVar
 
@@ -182,6 +182,7 @@ def calibration_line(id: str, calibration: Calibration, eq3: float | None) -> di
             "angles_degrees": angles,
             "rms_px": calibration.rms,
             "segment_errors_px": dict(calibration.per_segment_errors),
+            "suspect_labels": [asdict(suspect) for suspect in calibration.suspect_labels],
             "loss_ndc": calibration.loss_ndc,
             "loss_ndc_eq3": eq3,
         }
