@@ -124,7 +124,9 @@ def pan_over_field(count: int) -> list[Camera]:
     return cameras
 
 
-def observe(camera: Camera, field: Field, rng: np.random.Generator, noise: float) -> Pixels:
+def observe(
+    camera: Camera, field: Field, rng: np.random.Generator, noise: float, pixels_per_line: tuple[int, int] = (2, 3)
+) -> Pixels:
     """What an annotator would label: a few pixels on every visible marking, with normal noise, inside the image.
 
     Parameters
@@ -134,11 +136,13 @@ def observe(camera: Camera, field: Field, rng: np.random.Generator, noise: float
     rng : numpy.random.Generator
     noise : float
         Standard deviation in pixels along x and along y.
+    pixels_per_line : (int, int)
+        At least and at most so many, the ends of what is visible among them.
 
     Returns
     -------
     dict of str to (N, 2) array
-        Two or three pixels a line, nine a circle. The halves of the centre circle are not labelled, the whole is.
+        Nine pixels a circle. The halves of the centre circle are not labelled, the whole is.
 
     Examples
     --------
@@ -157,7 +161,7 @@ def observe(camera: Camera, field: Field, rng: np.random.Generator, noise: float
         if isinstance(segment, Arc):
             share = (np.arange(PIXELS_PER_CIRCLE) + 0.5) / PIXELS_PER_CIRCLE  # a circle has no ends
         else:
-            share = np.linspace(0.0, 1.0, rng.integers(2, 4))
+            share = np.linspace(0.0, 1.0, rng.integers(*pixels_per_line, endpoint=True))
         chosen = xy[np.rint(share * (len(xy) - 1)).astype(int)]
         labelled = chosen + rng.normal(0.0, noise, size=chosen.shape)
         pixels[label] = labelled[_inside(labelled, 0.0, camera.image_size)]

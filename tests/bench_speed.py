@@ -57,7 +57,7 @@ def test_annotated_batch_with_all_starts(benchmark, annotated, say):
     benchmark.pedantic(calibrate_batch, (FIELD, annotated, SIZE), rounds=5, warmup_rounds=1)
     taken = milliseconds_a_frame(benchmark, len(annotated))
     say(f"{taken:.2f} ms a frame")
-    assert taken <= 4.0
+    assert taken <= 6.0
 
 
 def test_one_cold_frame(benchmark, frames):
@@ -92,7 +92,7 @@ def test_one_frame_from_a_given_start(benchmark, frames, pixels):
         warmup_rounds=3,
     )
     if pixels <= 5.0:
-        assert benchmark.stats.stats.median <= 0.008
+        assert benchmark.stats.stats.median <= 0.010
 
 
 def test_evaluation_of_728_frames(benchmark, say):
