@@ -21,6 +21,7 @@ from fieldcalib._types import Array, BoolArray, IntArray
 from fieldcalib.field import Field, Line, ObjectSegments
 from fieldcalib.labels import Resolution, resolve_labels
 from fieldcalib.losses import LossName, RobustLoss
+from fieldcalib.mirror import on_main_side, other_side
 from fieldcalib.ndc import ndc_loss
 from fieldcalib.options import ALL, DEFAULT_CRITERIA, DEFAULT_FLAGS, Criteria, Options, Prior, checked_options
 from fieldcalib.parameters import LENS, GaussianPrior, camera_from_theta
@@ -47,6 +48,7 @@ FIRST_ITERATIONS = 6  # for every start
 PROMISING = 3  # starts of a frame that go on
 WIDE_ITERATIONS = 30
 WIDE_TOLERANCE = 1e-3  # the narrow stage does the rest
+OTHER_SIDE_FITS = "the camera across the field, turned by 180 degrees, fits as well"
 NO_PIXELS = "no labelled pixels: nothing to calibrate from"
 
 
@@ -298,7 +300,7 @@ def _start(
     theta, prior = _best_starts(starts, observations, search, solve, on_field=isinstance(object_segments, Field))
     if np.any(options.free & IS_LENS):
         theta, prior = _bent(theta, prior, observations, options, solve)
-    return theta, prior
+    return on_main_side(object_segments, observations, theta, prior, options)
 
 
 def _best_starts(
@@ -388,6 +390,7 @@ def _judge(
     fitted = segment_errors(feet.r, problem.observations, resolved.frames)
     given = segment_errors(segment_residuals(theta, observations), observations, frames)
 
+    other = other_side(object_segments, problem.observations, theta, options)
     solved = Solved(problem, theta, prior.sigma)
     calibrations = []
     for t, (frame, (errors, rms)) in enumerate(zip(resolved.frames, fitted, strict=True)):
@@ -403,11 +406,20 @@ def _judge(
             converged=bool(resolved.solution.converged[t]),
         )
         status, message = verdict(object_segments, frame, evidence, options.tau)
-        message = "; ".join([message, *map(str, resolved.suspects[t])])
-        camera, (by_label, _) = camera_from_theta(theta[t], options.image_size), given[t]
+        alternatives = (camera_from_theta(other.theta[t], options.image_size),) if other.fits[t] else ()
+        message = "; ".join([message, *map(str, resolved.suspects[t]), *[OTHER_SIDE_FITS] * len(alternatives)])
         calibrations.append(
             Calibration(
-                camera, status, message, rms, evidence.loss_ndc, by_label, resolved.suspects[t], solved.of_frame(t)
+                camera_from_theta(theta[t], options.image_size),
+                status,
+                message,
+                rms,
+                evidence.loss_ndc,
+                given[t][0],
+                resolved.suspects[t],
+                alternatives,
+                object_segments if isinstance(object_segments, Field) else None,
+                solved.of_frame(t),
             )
         )
     return calibrations

@@ -222,6 +222,24 @@ class Field(Mapping[str, Segment]):
         turned = {name: key(segment, turn=-1.0) for name, segment in self.segments.items()}
         return MappingProxyType({name: found[other] for name, other in turned.items() if other in found})
 
+    @cached_property
+    def self_symmetric(self) -> frozenset[str]:
+        """Labels whose segments, as whole lines and circles, that turn maps onto themselves.
+
+        Examples
+        --------
+        >>> sorted(soccer().self_symmetric)[:3]
+        ['CENTER_MARK', 'Circle central', 'Circle central left']
+        """
+
+        def is_same(segment: Segment, other: Segment) -> bool:
+            if isinstance(segment, Arc) and isinstance(other, Arc):
+                return segment.center == other.center and segment.radius == other.radius
+            return segment == other
+
+        pairs = self.symmetric.items()
+        return frozenset(label for label, other in pairs if is_same(self.segments[label], self.segments[other]))
+
     def with_segments(self, extra: Mapping[str, Segment]) -> Field:
         """The field with more segments: points of one's own, say, that are still points of a field.
 

@@ -61,6 +61,22 @@ def camera_from_theta(theta: Array, image_size: tuple[int, int]) -> Camera:
     return Camera(K, rotation_from_angles(theta[ANGLES]), theta[CENTER], image_size, k)
 
 
+def turned_around(theta: Array) -> Array:
+    """The cameras (..., 12) that see the field turned by 180 degrees about its centre mark as these ones see it.
+
+    Examples
+    --------
+    >>> camera = Camera.from_angles(0.2, 1.3, 0.0, 1500.0, (5.0, 60.0, -15.0), (960, 540))
+    >>> opposite = camera_from_theta(turned_around(theta_from_camera(camera)), (960, 540))
+    >>> np.allclose(opposite.project([-20.0, 10.0, -1.0]), camera.project([20.0, -10.0, -1.0]))
+    True
+    """
+    turned = np.array(theta)
+    turned[..., PAN] += np.pi
+    turned[..., CENTER] *= (-1.0, -1.0, 1.0)
+    return turned
+
+
 def focal_length_from_fov(fov: Array | float, width: float) -> Array:
     """Focal length in pixels of a horizontal field of view in radians: ``f = w / (2 tan(fov / 2))``."""
     return np.asarray(0.5 * width / np.tan(0.5 * np.asarray(fov)))

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass
+from dataclasses import field as attribute
 from enum import StrEnum
 from functools import cached_property
 from typing import Any
@@ -12,6 +13,8 @@ from numpy.typing import ArrayLike
 
 from fieldcalib._types import Array
 from fieldcalib.camera import Camera
+from fieldcalib.confidence import evidence, probability_right
+from fieldcalib.field import Field
 from fieldcalib.uncertainty import Direction, GroundError, Solved, Uncertainty
 
 
@@ -83,7 +86,11 @@ class Calibration:
     """Root mean square distance in pixels for each label as it was given, in the order of the input."""
     suspect_labels: tuple[SuspectLabel, ...] = ()
     """Labels that the rest of the frame contradicts: they were replaced by the ones that fit, or left out."""
-    solved: Solved | None = field(default=None, compare=False, repr=False)
+    alternatives: tuple[Camera, ...] = ()
+    """Cameras that fit the labels as well: the one on the other side, turned by 180 degrees about the centre mark."""
+    field: Field | None = attribute(default=None, compare=False, repr=False)
+    """What was calibrated against; None if that was no `Field`."""
+    solved: Solved | None = attribute(default=None, compare=False, repr=False)
     """What `uncertainty` is computed from; None where there is no camera, or it came from a closed form."""
 
     @classmethod
@@ -127,6 +134,38 @@ class Calibration:
     def field_uncertainty(self, xy: ArrayLike) -> GroundError:
         """Errors in metres of the ground points seen at pixels (..., 2)."""
         return self.uncertainty.at_image(xy)
+
+    def probability(self, metres: float = 1.0) -> float:
+        """Probability that the camera is right: no point of the field in view is off by more than some metres.
+
+        Fitted on synthetic frames of a field of the given size, see `fieldcalib.confidence`. NaN where no part of the
+        field is in view.
+
+        Raises
+        ------
+        ValueError
+            If the camera was not fitted to labelled pixels of a `Field`, or `metres` is not positive.
+
+        Examples
+        --------
+        >>> from fieldcalib import Camera, calibrate_from_segments, soccer
+        >>> truth = Camera.from_angles(0.2, 1.35, 0.01, 1400.0, (1.0, 65.0, -16.0), (960, 540))
+        >>> labels = ("Side line top", "Side line right", "Big rect. right main", "Circle right")
+        >>> pixels = {label: truth.project(soccer()[label].sample(9.0)) for label in labels}
+        >>> calibration = calibrate_from_segments(soccer(), pixels, (960, 540))
+        >>> calibration.probability(0.1) < 0.5 < calibration.probability(2.0)
+        True
+        """
+        if not metres > 0.0:
+            raise ValueError(f"metres must be positive, got {metres}")
+        if self.field is None:
+            raise ValueError("expected a calibration of a Field: how much of another object is in view is not known")
+        return probability_right(self._evidence, metres) / (1 + len(self.alternatives))
+
+    @cached_property
+    def _evidence(self) -> Array:
+        assert self.field is not None
+        return evidence(self.uncertainty, self.field)
 
     def __iter__(self) -> Iterator[Any]:
         """``rms, K (3, 3), dist (1, 5), rvec (3, 1), tvec (3, 1)``, as `cv2.calibrateCamera` returns them.

@@ -1,0 +1,220 @@
+"""The probability that a camera is right: where its coefficients come from, and whether it keeps its word.
+
+    python -m data_tools.probability fit [--frames N]
+    python -m data_tools.probability measured CAMERAS
+    python -m data_tools.probability annotated ANNOTATIONS --size WxH
+
+`fit` calibrates random synthetic frames and prints the coefficients of `fieldcalib.confidence`: logistic regression on
+whether the largest error in view is below 0.5 m and below 1 m. It ends with the reliability on as many other frames.
+
+`measured` takes the cameras of `data_tools.measured_cameras`, with random parts of their labels. `annotated` takes as
+true the camera of all labels of a frame, where these are many and fit, and judges cameras from four to six of them.
+Both print the reliability: of the frames with a probability between p and q, which share is right.
+
+`annotated` also orders frames, by tau's loss and by the probability, and prints the area under the risk-coverage curve:
+the mean risk of the surest share of the frames, over all shares. Risk is the share of cameras off by more than 1 m, or
+1 - AC@t of the frames with all their labels. And it prints AC and CS against CR as either threshold varies.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+from collections.abc import Sequence
+from itertools import pairwise
+from pathlib import Path
+
+import numpy as np
+
+from data_tools.measured_cameras import SIZE, observed, read_camera
+from data_tools.random_frames import random_frame
+from fieldcalib._types import Array
+from fieldcalib.calibrate import calibrate_batch
+from fieldcalib.camera import Camera
+from fieldcalib.commands.arguments import image_size
+from fieldcalib.commands.folder import read_frames
+from fieldcalib.confidence import GRID, evidence
+from fieldcalib.field import Field, soccer
+from fieldcalib.metrics import compound_score, evaluate_segments
+from fieldcalib.options import pixel_unit
+from fieldcalib.result import Calibration
+from fieldcalib.segments import Pixels
+
+METRES = (0.5, 1.0)
+BINS = (0.0, 0.05, 0.2, 0.4, 0.6, 0.8, 0.95, 1.0)
+FINER = 4  # the true largest error is looked for on a grid finer than the one of `fieldcalib.confidence`
+RIDGE = 1e-3  # keeps the regression from infinite coefficients; too small to matter
+FEW_LABELS = (4, 6)  # that cameras are judged with
+MANY_LABELS, WELL_FITTED = 8, 2.0  # labels, px at 960 x 540: of frames whose camera is taken as true
+COVERAGES = (100, 98, 95, 90, 80)
+
+
+def largest_true_error(camera: Camera, truth: Camera, field: Field) -> float:
+    """How far a camera takes a point of the field for off, at most, over what is in view; metres."""
+    width, height = truth.image_size
+    x, y = (np.linspace(0.0, side - 1.0, FINER * count) for side, count in zip((width, height), GRID, strict=True))
+    xy = np.stack(np.meshgrid(x, y), axis=-1).reshape(-1, 2)
+    X = truth.image_to_field(xy)
+    on_field = np.all(np.abs(X[:, :2]) <= (field.length / 2.0, field.width / 2.0), axis=1)
+    if not np.any(on_field):
+        return float("nan")
+    off = np.linalg.norm(camera.image_to_field(xy[on_field]) - X[on_field], axis=1)
+    return float(np.max(np.nan_to_num(off, nan=np.inf)))
+
+
+def judged(
+    field: Field, frames: Sequence[Pixels], truths: Sequence[Camera], size: tuple[int, int]
+) -> tuple[list[Calibration], Array]:
+    """Calibrations, and their largest true errors (n,), of the frames whose camera sees the field."""
+    found = calibrate_batch(field, frames, size)
+    errors = np.array([largest_true_error(c.uncertainty.camera, t, field) for c, t in zip(found, truths, strict=True)])
+    seen = np.flatnonzero(~np.isnan([c.probability() for c in found]) & ~np.isnan(errors))
+    return [found[i] for i in seen], errors[seen]
+
+
+def fitted(features: Array, errors: Array) -> Array:
+    """Coefficients (5,) that make the log odds of errors (n,) from features (n, 5): see `fieldcalib.confidence`."""
+    from scipy.optimize import minimize
+
+    A = np.concatenate([features - [0.0, np.log(metres), 0.0, 0.0, 0.0] for metres in METRES])
+    right = np.concatenate([errors < metres for metres in METRES])
+    known = np.isfinite(A).all(axis=1)  # what is infinitely uncertain has probability 0, whatever the coefficients
+    A, right = A[known], right[known]
+
+    def loss(b: Array) -> tuple[float, Array]:
+        odds = A @ b
+        p = 1.0 / (1.0 + np.exp(-odds))
+        minus_log_likelihood = np.sum(np.logaddexp(0.0, odds) - right * odds)
+        return float(minus_log_likelihood + RIDGE * b @ b), A.T @ (p - right) + 2.0 * RIDGE * b
+
+    return np.asarray(minimize(loss, np.zeros(A.shape[1]), jac=True, method="BFGS").x)
+
+
+def reliability(found: Sequence[Calibration], errors: Array, metres: float) -> dict[str, object]:
+    """For each bin of probabilities: how many frames, their mean probability, and the share of them that is right."""
+    p, right = np.array([c.probability(metres) for c in found]), errors < metres
+    rows = []
+    for low, high in pairwise(BINS):
+        inside = (p >= low) & ((p < high) | (high == BINS[-1]))
+        if np.any(inside):
+            shares = (round(float(np.mean(values[inside])), 3) for values in (p, right))
+            rows.append([int(np.sum(inside)), *shares])
+    brier = {"brier": round(float(np.mean((p - right) ** 2)), 3), "of_constant": round(float(np.var(right)), 3)}
+    return {"metres": metres, "frames_probability_right": rows, **brier}
+
+
+def risk_coverage_area(score: Array, risk: Array) -> float:
+    """Mean risk of the frames with the highest scores, over all shares of them.
+
+    Examples
+    --------
+    >>> risk_coverage_area(np.array([3.0, 2.0, 1.0]), np.array([0.0, 0.0, 0.6])).round(3)
+    0.067
+    """
+    ordered = risk[np.argsort(-score, kind="stable")]
+    return float(np.mean(np.cumsum(ordered) / np.arange(1, len(ordered) + 1)))
+
+
+def fit(options: argparse.Namespace) -> None:
+    """Print coefficients, and their reliability on other frames."""
+    rng, field = np.random.default_rng(options.seed), soccer()
+    parts = []
+    for _ in range(2):
+        frames = [random_frame(field, rng) for _ in range(options.frames)]
+        parts.append(judged(field, [f.pixels for f in frames], [f.camera for f in frames], frames[0].camera.image_size))
+    found, errors = parts[0]
+    coefficients = fitted(np.array([evidence(c.uncertainty, field) for c in found]), errors)
+    print(json.dumps({"frames": len(found), "coefficients": coefficients.round(2).tolist()}))
+    _print_reliability(*parts[1])
+
+
+def measured(options: argparse.Namespace) -> None:
+    """Print the reliability on measured cameras, of frames with random parts of what they see."""
+    field, rng = soccer(), np.random.default_rng(options.seed)
+    cameras = [read_camera(path) for path in sorted(options.cameras.glob("*.npz"))]
+    if not cameras:
+        raise SystemExit(f"{options.cameras} holds no <name>.npz")
+    pairs = observed(cameras, field, options.noise, options.repeats, options.seed)
+    parts = [_part(frame, int(rng.integers(1, len(frame), endpoint=True)), rng) for _, frame in pairs]
+    _print_reliability(*judged(field, parts, [truth for truth, _ in pairs], SIZE))
+
+
+def annotated(options: argparse.Namespace) -> None:
+    """Print reliability, areas under risk-coverage curves and these curves for annotated frames."""
+    field, rng, size = soccer(), np.random.default_rng(options.seed), options.size
+    frames = list(read_frames([options.annotations], field, size).pixels.values())
+    found = calibrate_batch(field, frames, size)
+    parts, truths = [], []
+    for _ in range(options.repeats):
+        for frame, whole in zip(frames, found, strict=True):
+            well = whole.accepted and not whole.suspect_labels and whole.rms < WELL_FITTED * pixel_unit(size)
+            if len(frame) >= MANY_LABELS and well and whole.camera is not None:
+                parts.append(_part(frame, int(rng.integers(*FEW_LABELS, endpoint=True)), rng))
+                truths.append(whole.camera)
+    few, errors = judged(field, parts, truths, size)
+    _print_reliability(few, errors)
+    _print_areas("few labels", few, {"more than 1 m off": (errors > 1.0).astype(float)})
+
+    evaluation = evaluate_segments([c.camera for c in found], frames, size)
+    accuracies = evaluation.frame_accuracy
+    risks = {f"1 - AC@{t:g}": 1.0 - ac for t, ac in zip(evaluation.thresholds, accuracies.T, strict=True)}
+    _print_areas("all labels", found, risks)
+    for name, score in _scores(found).items():
+        for coverage in COVERAGES:
+            kept = np.argsort(-score, kind="stable")[: round(0.01 * coverage * len(score))]
+            cr, ac = len(kept) / len(score), accuracies[kept].mean(axis=0)
+            row = {"by": name, "CR": coverage, "threshold": round(abs(float(score[kept[-1]])), 4)}
+            percent = {"AC": (100.0 * ac).round(2).tolist(), "CS": round(100.0 * compound_score(ac, cr), 2)}
+            print(json.dumps({**row, **percent}))
+
+
+def _part(frame: Pixels, count: int, rng: np.random.Generator) -> Pixels:
+    labels = list(frame)
+    chosen = set(rng.choice(len(labels), min(count, len(labels)), replace=False).tolist())
+    return {label: frame[label] for index, label in enumerate(labels) if index in chosen}
+
+
+def _scores(found: Sequence[Calibration]) -> dict[str, Array]:
+    """What orders frames, the surest first."""
+    return {
+        "tau": -np.array([c.loss_ndc for c in found]),
+        "probability": np.nan_to_num([c.probability() for c in found], nan=0.0),
+    }
+
+
+def _print_reliability(found: Sequence[Calibration], errors: Array) -> None:
+    for metres in METRES:
+        print(json.dumps(reliability(found, errors, metres)))
+
+
+def _print_areas(frames: str, found: Sequence[Calibration], risks: dict[str, Array]) -> None:
+    for name, risk in risks.items():
+        areas = {by: round(risk_coverage_area(score, risk), 4) for by, score in _scores(found).items()}
+        print(json.dumps({"frames": frames, "risk": name, "mean": round(float(np.mean(risk)), 4), "area": areas}))
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Print lines of JSON."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--seed", type=int, default=0)
+    commands = parser.add_subparsers(required=True)
+    for run, repeats in ((fit, None), (measured, 100), (annotated, 2)):
+        command = commands.add_parser(run.__name__, help=run.__doc__)
+        command.set_defaults(run=run)
+        if repeats is not None:
+            command.add_argument("--repeats", type=int, default=repeats, help=f"of each camera or frame ({repeats})")
+        if run is fit:
+            command.add_argument("--frames", type=int, default=6000, help="to fit to, and as many others (6000)")
+        elif run is measured:
+            command.add_argument("cameras", type=Path, help="folder of <name>.npz")
+            command.add_argument("--noise", type=float, default=2.0, help="pixels at 1920x1080 (2)")
+        else:
+            command.add_argument("annotations", type=Path, help="folder or zip of <id>.json")
+            command.add_argument("--size", required=True, type=image_size, metavar="WxH", help="of the images")
+    options = parser.parse_args(arguments)
+    options.run(options)
+    return 0
+
+
+if __name__ == "__main__":
+    raise SystemExit(main())

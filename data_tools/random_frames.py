@@ -1,0 +1,137 @@
+"""Random frames whose cameras are known: labelled pixels as people and networks leave them, wrong labels included.
+
+Cameras come from all stands of `fieldcalib.parameters`, most of them from the centre of the main one, with the lenses
+and the principal points of broadcasts. Some visible markings are left out, pixels are noisy, and the pixels of a
+segment share a part of their noise.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from fieldcalib.camera import Camera
+from fieldcalib.demo import HALVES, SHORTEST_SEGMENT
+from fieldcalib.field import Arc, Field
+from fieldcalib.options import ALL_STANDS
+from fieldcalib.parameters import LENS, LENS_MEAN, PRINCIPAL_POINT, ROLL, CameraDistribution, camera_from_theta
+from fieldcalib.segments import Pixels
+from fieldcalib.uncertainty import SHARED_NOISE
+
+MAIN_CENTER_SHARE = 0.4  # of the cameras; the other stands share the rest
+ROLL_SIGMA = np.radians(1.0)
+LENS_SPREAD, STRONGEST_LENS = 0.018, 0.1  # of a1, about its mean on annotated frames
+PRINCIPAL_POINT_SPREAD = (0.010, 0.015)  # of the width, along x and y: measured cameras are up to 0.035 off
+NOISE_SPREAD = 0.5  # of log sigma about 1 px at 960 x 540: annotators, careful and not
+KEPT = (0.4, 1.0)  # share of the visible markings that is labelled
+PIXELS_PER_LINE, PIXELS_PER_CIRCLE = (2, 5), (4, 9)
+LEAST_SEGMENTS = 3
+# shares of the frames with so many wrong labels, as a share of their labels; 3 to 4 % of real ones are wrong in all
+WRONG_RATES, WRONG_SHARES = (0.0, 0.035, 0.1), (0.5, 0.3, 0.2)
+CONFUSED = (
+    ("left", "right"),
+    ("top", "bottom"),
+    ("Big", "Small"),
+    ("top", "main"),
+    ("bottom", "main"),
+    ("left", "central"),
+    ("right", "central"),
+)
+SIZE = (960, 540)
+
+
+@dataclass(frozen=True)
+class RandomFrame:
+    """A frame of a known camera."""
+
+    camera: Camera
+    pixels: Pixels
+    wrong: Mapping[str, str]
+    """Labels that lie, as they are in `pixels`, with those that they should be."""
+
+
+def random_frame(field: Field, rng: np.random.Generator) -> RandomFrame:
+    """A frame of 960 x 540 pixels with three segments or more.
+
+    Examples
+    --------
+    >>> from fieldcalib.field import soccer
+    >>> frame = random_frame(soccer(), np.random.default_rng(0))
+    >>> len(frame.pixels) >= 3, frame.wrong
+    (True, {})
+    """
+    while True:
+        camera = random_camera(rng)
+        noise = float(np.exp(rng.normal(0.0, NOISE_SPREAD)))
+        pixels = observed(camera, field, rng, noise, float(rng.uniform(*KEPT)))
+        if len(pixels) >= LEAST_SEGMENTS:
+            break
+    count = rng.binomial(len(pixels), rng.choice(WRONG_RATES, p=WRONG_SHARES))
+    return RandomFrame(camera, *mislabelled(pixels, field, int(count), rng))
+
+
+def random_camera(rng: np.random.Generator) -> Camera:
+    """A camera on one of the stands, with a lens and a principal point as broadcasts have them."""
+    first, *others = ALL_STANDS
+    stand: CameraDistribution = first if rng.random() < MAIN_CENTER_SHARE else others[rng.integers(len(others))]
+    (theta,) = stand.sample(1, rng, SIZE)
+    theta[ROLL] = rng.normal(0.0, ROLL_SIGMA)
+    theta[LENS.start] = np.clip(rng.normal(LENS_MEAN[0], LENS_SPREAD), -STRONGEST_LENS, STRONGEST_LENS)
+    theta[PRINCIPAL_POINT] += rng.normal(size=2) * PRINCIPAL_POINT_SPREAD * SIZE[0]
+    return camera_from_theta(theta, SIZE)
+
+
+def observed(camera: Camera, field: Field, rng: np.random.Generator, noise: float, kept: float) -> Pixels:
+    """Labelled pixels of a share of what is in view, with normal noise of which a segment's pixels share a part."""
+    pixels: Pixels = {}
+    largest = np.array(camera.image_size) - 1.0
+    for label, segment in field.markings.items():
+        xy = camera.project(segment.sample(spacing=0.1))
+        xy = xy[np.all((xy >= 0.0) & (xy <= largest), axis=1)]  # false for NaN
+        if label in HALVES or not len(xy) or np.max(np.ptp(xy, axis=0)) < SHORTEST_SEGMENT or rng.random() > kept:
+            continue
+        count = rng.integers(*(PIXELS_PER_CIRCLE if isinstance(segment, Arc) else PIXELS_PER_LINE), endpoint=True)
+        chosen = xy[np.rint(np.linspace(0.0, len(xy) - 1.0, count)).astype(int)]
+        own, shared = rng.normal(size=chosen.shape), rng.normal(size=2)
+        pixels[label] = chosen + noise * (np.sqrt(1.0 - SHARED_NOISE) * own + np.sqrt(SHARED_NOISE) * shared)
+    return pixels
+
+
+def mislabelled(pixels: Pixels, field: Field, count: int, rng: np.random.Generator) -> tuple[Pixels, dict[str, str]]:
+    """The pixels with `count` labels, where possible, replaced by those of the other side or of a neighbour.
+
+    Returns
+    -------
+    pixels : dict of str to (N, 2) array
+        In the order that they were given.
+    wrong : dict of str to str
+        New label -> right one.
+    """
+    wrong: dict[str, str] = {}
+    for label in rng.permutation(list(pixels)).tolist():
+        free = [other for other in confused_labels(label, field) if other not in pixels and other not in wrong]
+        if len(wrong) < count and free:
+            wrong[free[rng.integers(len(free))]] = label
+    lies = {label: lie for lie, label in wrong.items()}
+    return {lies.get(label, label): xy for label, xy in pixels.items()}, wrong
+
+
+def confused_labels(label: str, field: Field) -> list[str]:
+    """Labels of markings that this one is taken for: the other side's, and the neighbours.
+
+    Examples
+    --------
+    >>> from fieldcalib.field import soccer
+    >>> confused_labels("Circle left", soccer())
+    ['Circle central', 'Circle right']
+    >>> confused_labels("Side line top", soccer())
+    ['Side line bottom']
+    """
+    others = {field.symmetric.get(label, label)}
+    for a, b in CONFUSED:
+        others |= {label.replace(a, b), label.replace(b, a)}
+        head, _, tail = label.rpartition(" ")
+        others |= {f"{head} {tail.replace(a, b)}", f"{head} {tail.replace(b, a)}"}  # the post, not the goal
+    return sorted(other for other in others if other != label and other in field.markings)
