@@ -18,6 +18,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from fieldcalib._types import Array, BoolArray, IntArray
+from fieldcalib.ends import drawn_to_ends
 from fieldcalib.field import Field, Line, ObjectSegments
 from fieldcalib.labels import Resolution, resolve_labels
 from fieldcalib.losses import LossName, RobustLoss
@@ -287,6 +288,8 @@ def _calibrate(
     search = partial(_start, object_segments, options=options, solve=solve_batch)
     far, solution = options.wide_loss.scale, finish(narrow, theta)
     resolved = resolve_labels(object_segments, frames, shares, narrow, solution, prior, far, search, finish)
+    solution = drawn_to_ends(object_segments, resolved.problem, resolved.solution, far, finish)
+    resolved = replace(resolved, solution=solution)
     return _judge(object_segments, frames, observations, resolved, options)
 
 
@@ -337,8 +340,8 @@ def _bent(
 ) -> tuple[Array, GaussianPrior]:
     """Pinholes (B, 12) with the lens that is most likely, and priors around it.
 
-    A lens that the user gave is the most likely one. Where a pinhole is far off, the wide loss goes on with a free
-    lens.
+    A lens that the user gave is the most likely one. Where a pinhole is far off, the wide loss goes on with that lens:
+    a free one would bend itself around labels that lie.
     """
     lens = options.known[LENS]
     if np.any(lens):
@@ -350,7 +353,8 @@ def _bent(
     theta[:, free] = prior.mean[:, free]
     poor = np.flatnonzero(~_fits_most(theta, observations, options.loss.scale))
     if len(poor):
-        wide = Problem(observations.take(poor), options.free, options.wide_loss, options.noise, prior.take(poor))
+        fixed = options.free & ~IS_LENS
+        wide = Problem(observations.take(poor), fixed, options.wide_loss, options.noise, prior.take(poor))
         theta[poor] = solve(wide, theta[poor], max_iterations=WIDE_ITERATIONS, tolerance=WIDE_TOLERANCE).theta
     return theta, prior
 

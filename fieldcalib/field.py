@@ -52,7 +52,8 @@ class Point:
 
 @dataclass(frozen=True)
 class Line:
-    """A straight segment from `start` to `end`. Pixels are measured against the infinite line through both.
+    """A straight segment from `start` to `end`. Pixels are measured against the infinite line through both, and those
+    past an end once more against that end (`fieldcalib.ends`).
 
     Examples
     --------

@@ -26,24 +26,22 @@ import numpy as np
 
 from fieldcalib._types import Array, BoolArray, IntArray
 from fieldcalib.field import Field, ObjectSegments, Point
-from fieldcalib.parameters import ANGLES, CENTER, LOG_F, GaussianPrior
-from fieldcalib.residuals import Feet, foot_points
+from fieldcalib.parameters import GaussianPrior
+from fieldcalib.residuals import Feet, foot_points, world_points
 from fieldcalib.result import SuspectLabel
-from fieldcalib.rotation import rotation_from_angles
 from fieldcalib.segments import LEAST_DEPTH, Observations, Pixels, Shares, pack
-from fieldcalib.solver import IS_LENS, Problem, Solution, solve_batch
+from fieldcalib.solver import IS_LENS, Finish, Problem, Solution, solve_batch
 from fieldcalib.verify import disagreement, implausibilities, segment_errors
 
 WRONG = 0.035  # share of labels that are wrong: 3 to 4 % of SoccerNet's test annotations
 LOG_ODDS = float(np.log((1.0 - WRONG) / WRONG))
 CERTAIN = float(np.log(20.0))  # of 20 accusations 19 shall be right
 REACH = 1.0  # metres that annotators draw beyond the end of a segment
-TURNS = 2  # of solving without the labels that lie and asking again which ones do
+TURNS = 3  # of solving without the labels that lie and asking again which ones do
 ITERATIONS, TOLERANCE = 20, 1e-4  # of these solutions: they are compared, the last one is solved to the end
 PIXELS = 8  # of a segment, compared with all other labels: densely labelled ones bring no more
 
 Search: TypeAlias = Callable[[Observations], tuple[Array, GaussianPrior]]
-Finish: TypeAlias = Callable[[Problem, Array], Solution]
 
 
 @dataclass(frozen=True)
@@ -142,10 +140,7 @@ def resolve_labels(
     prior = GaussianPrior(mean, sigma)
     problem = replace(problem, observations=observations, prior=problem.prior and prior)
     again = finish(problem.take(index), start)
-    merged = {name: getattr(solution, name).copy() for name in ("theta", "cost", "converged", "iterations")}
-    for name, values in merged.items():
-        values[index] = getattr(again, name)
-    return Resolution(believed, problem, Solution(**merged), prior, suspects)
+    return Resolution(believed, problem, solution.replaced(index, again), prior, suspects)
 
 
 def renamed(frame: Pixels, suspects: Sequence[SuspectLabel]) -> Pixels:
@@ -278,12 +273,14 @@ def _joined(*found: _Explanations) -> _Explanations:
 
 def _refined(prices: _Prices, frame: Pixels, problem: Problem, theta: Array, lies: BoolArray) -> _Explanations:
     """Explanations of one frame by K cameras that are solved without the labels `lies` (K, L), then without theirs."""
-    for _ in range(TURNS):
-        believed = replace(problem, observations=_without(problem.observations, lies))
+    for turn in range(TURNS):
+        # the lens comes second: it would bend itself around what lies
+        free = problem.free & ~IS_LENS if turn == 0 else problem.free
+        believed = replace(problem, observations=_without(problem.observations, lies), free=free)
         theta = solve_batch(believed, theta, max_iterations=ITERATIONS, tolerance=TOLERANCE).theta
         found = _explain(prices, frame, problem, believed.observations, theta)
         kept = np.flatnonzero(np.isfinite(found.cost))
-        if not len(kept) or np.array_equal(found.lies, lies):
+        if not len(kept) or (turn > 0 and np.array_equal(found.lies, lies)):
             break
         problem, theta, lies = problem.take(kept), theta[kept], found.lies[kept]
     return found
@@ -349,10 +346,7 @@ def _share_on_segment(object_segments: ObjectSegments, theta: Array, feet: Feet,
     for index in np.unique(label[label >= 0]):
         X = object_segments[observations.labels[index]].sample()
         low[index], high[index] = X.min(axis=0) - REACH, X.max(axis=0) + REACH
-    with np.errstate(divide="ignore", invalid="ignore"):
-        s = np.moveaxis(feet.s, 0, -1) / np.exp(theta[:, None, LOG_F, None])
-        Xc = np.concatenate([s, np.ones_like(s[..., :1])], axis=-1) / feet.inverse_depth[..., None]
-        X = theta[:, None, CENTER] + Xc @ rotation_from_angles(theta[:, ANGLES])
+    X = world_points(theta, feet)
     on_segment = np.all((low[label] <= X) & (high[label] >= X), axis=-1) & (feet.inverse_depth > 0.0)
     count = _by_label(on_segment.astype(float), observations, weigh=False)
     with np.errstate(invalid="ignore"):

@@ -108,6 +108,19 @@ def foot_points(theta: Array, observations: Observations) -> Feet:
     return _feet(View(theta, observations.image_size), observations)
 
 
+def end_points(theta: Array, ends: Rows, image_size: tuple[int, int]) -> Feet:
+    """The ends of segments that `Observations.ends` are measured from."""
+    return _end_feet(View(theta, image_size), ends)
+
+
+def world_points(theta: Array, feet: Feet) -> Array:
+    """Foot points in the world, (B, M, 3): not finite where they are at infinity."""
+    with np.errstate(divide="ignore", invalid="ignore"):
+        s = np.moveaxis(feet.s, 0, -1) / np.exp(theta[:, None, LOG_F, None])
+        Xc = np.concatenate([s, np.ones_like(s[..., :1])], axis=-1) / feet.inverse_depth[..., None]
+        return np.asarray(theta[:, None, CENTER] + Xc @ rotation_from_angles(theta[:, ANGLES]))
+
+
 class View:
     """What the residuals need of B parameter vectors, computed once for all rows.
 
@@ -208,6 +221,8 @@ def _feet(view: View, observations: Observations) -> Feet:
     if observations.clouds:
         X, _ = _nearest_sample(view, observations.clouds)
         found.extend(_point_feet(view, observations.clouds, X))
+    if observations.ends:
+        found.append(_end_feet(view, observations.ends))
     if len(found) == 1:
         return found[0]
     names = ("r", "s", "inverse_depth", "normal")
@@ -338,6 +353,13 @@ def _point_feet(view: View, rows: Rows, X: Array) -> tuple[Feet, Feet]:
     zero, one = np.zeros_like(dx), np.ones_like(dx)
     x, y = np.array([one, zero]), np.array([zero, one])
     return Feet(dx, s, inverse_depth, x), Feet(dy, s, inverse_depth, y)
+
+
+def _end_feet(view: View, rows: Rows) -> Feet:
+    """The residuals of pixels against ends of segments, along the image directions of the rows."""
+    along = _components(rows.geometry[:, :, 1, :2])
+    x, y = _point_feet(view, rows, rows.geometry[:, :, 0])
+    return Feet(along[0] * x.r + along[1] * y.r, x.s, x.inverse_depth, along)
 
 
 def _nearest_sample(view: View, rows: Rows) -> tuple[Array, IntArray]:

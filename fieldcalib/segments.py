@@ -27,7 +27,7 @@ LEVEL = 0.05  # slope of a middle line, seen from behind a goal, below which it 
 FARTHEST_PIXEL = 10.0  # image sizes from the centre: beyond, a number is a mistake
 
 # Kinds of rows, and how many vectors describe a segment of each kind at least.
-LEAST_DEPTH = {"lines": 2, "arcs": 3, "curves": 3, "points": 1, "clouds": 1}
+LEAST_DEPTH = {"lines": 2, "arcs": 3, "curves": 3, "points": 1, "clouds": 1, "ends": 2}
 
 
 @dataclass(frozen=True)
@@ -41,7 +41,10 @@ class Rows:
     label: IntArray
     """Index into `Observations.labels`, (T, N); -1 where there is only padding."""
     geometry: Array
-    """World vectors of the segment, (T, N, G, 3): X | start, direction | centre, radius u, radius v | samples."""
+    """World vectors of the segment, (T, N, G, 3): X | start, direction | centre, radius u, radius v | samples.
+
+    Of an end its X, and in the first two components of the second vector the direction in the image that is measured.
+    """
 
     def __bool__(self) -> bool:
         return bool(self.xy.shape[1] > 0)
@@ -49,6 +52,11 @@ class Rows:
     def take(self, index: IntArray) -> Rows:
         """The rows of frames `index`, in that order, repeated where `index` repeats."""
         return Rows(self.xy[index], self.weight[index], self.label[index], self.geometry[index])
+
+    def choose(self, rows: IntArray) -> Rows:
+        """Of each frame its own rows (T, N')."""
+        frame = np.arange(len(rows))[:, None]
+        return Rows(self.xy[frame, rows], self.weight[frame, rows], self.label[frame, rows], self.geometry[frame, rows])
 
 
 @dataclass(frozen=True)
@@ -64,6 +72,8 @@ class Observations:
     points: Rows
     clouds: Rows
     """Unordered point clouds."""
+    ends: Rows
+    """Pixels past the end of their segment, and that end: see `fieldcalib.ends`. They have no label."""
 
     def __len__(self) -> int:
         return len(self.lines.xy)
@@ -75,7 +85,7 @@ class Observations:
 
     @cached_property
     def weight(self) -> Array:
-        """Weight of every residual, (T, M), ordered as lines, arcs, curves, points' x, y, clouds' x, y."""
+        """Weight of every residual, (T, M), ordered as lines, arcs, curves, points' x, y, clouds' x, y, ends."""
         return self._by_residual("weight")
 
     @cached_property
@@ -84,7 +94,7 @@ class Observations:
         return np.asarray(self._by_residual("label"), dtype=np.intp)
 
     def _by_residual(self, name: str) -> Array:
-        order = (self.lines, self.arcs, self.curves, self.points, self.points, self.clouds, self.clouds)
+        order = (self.lines, self.arcs, self.curves, self.points, self.points, self.clouds, self.clouds, self.ends)
         return np.concatenate([getattr(rows, name) for rows in order], axis=-1)
 
 

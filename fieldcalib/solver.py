@@ -12,8 +12,10 @@ where residuals reach the scale of the loss: on annotated frames it took 10 iter
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from collections.abc import Callable
+from dataclasses import dataclass, fields, replace
 from functools import lru_cache
+from typing import TypeAlias
 
 import numpy as np
 
@@ -112,6 +114,17 @@ class Solution:
     """(B,); False where the iterations were used up, or the start had no finite cost."""
     iterations: IntArray
     """(B,); evaluations of residuals and Jacobian after the first."""
+
+    def replaced(self, index: IntArray, other: Solution) -> Solution:
+        """With `other` in place of the problems `index`."""
+        merged = {field.name: getattr(self, field.name).copy() for field in fields(self)}
+        for name, values in merged.items():
+            values[index] = getattr(other, name)
+        return Solution(**merged)
+
+
+# One of the solvers with its limits set: problems and their starts (B, 12) to solutions.
+Finish: TypeAlias = Callable[[Problem, Array], Solution]
 
 
 def solve_batch(problem: Problem, theta: Array, *, max_iterations: int, tolerance: float) -> Solution:

@@ -34,6 +34,7 @@ FLOORS = {
     "result": 5,
     "verify": 5,
     "labels": 5,
+    "ends": 5,
     "mirror": 5,
     "uncertainty": 5,
     "confidence": 5,
