@@ -19,8 +19,8 @@ from fieldcalib._types import Array
 from fieldcalib.field import Field
 from fieldcalib.uncertainty import Uncertainty
 
-# b0 to b4, fitted to 12,000 synthetic frames and to nothing else: `python -m data_tools.probability fit`.
-COEFFICIENTS = (2.4, -2.9, -0.89, -0.5, -0.29)
+# b0 to b4, fitted to 6,000 synthetic frames and to nothing else: `python -m data_tools.probability fit`.
+COEFFICIENTS = (3.92, -2.45, -0.85, -0.92, -0.33)
 GRID = (17, 10)  # points along the image's width and height where errors are looked at
 LARGEST_SCORE = 5.0  # z-scores beyond say no more
 

@@ -24,6 +24,8 @@ class Status(StrEnum):
     ACCEPTED = "accepted"
     REJECTED = "rejected by tau"
     """The loss in NDC is above the threshold that the user set."""
+    IMPROBABLE = "probably wrong"
+    """The probability that the camera is right is below the one that the user asked for."""
     TOO_FEW_SEGMENTS = "too few segments"
     """The labels give fewer equations than there are unknowns; the rest comes from the prior."""
     DEGENERATE = "degenerate"
@@ -139,7 +141,8 @@ class Calibration:
         """Probability that the camera is right: no point of the field in view is off by more than some metres.
 
         Fitted on synthetic frames of a field of the given size, see `fieldcalib.confidence`. NaN where no part of the
-        field is in view.
+        field is in view, 0 where the verdict is that no camera could stand there: of 22 such ones on synthetic frames
+        none was right.
 
         Raises
         ------
@@ -160,6 +163,8 @@ class Calibration:
             raise ValueError(f"metres must be positive, got {metres}")
         if self.field is None:
             raise ValueError("expected a calibration of a Field: how much of another object is in view is not known")
+        if self.status is Status.IMPLAUSIBLE:
+            return 0.0
         return probability_right(self._evidence, metres) / (1 + len(self.alternatives))
 
     @cached_property

@@ -31,6 +31,10 @@ CAMERA_KEYS = [
     "suspect_labels",
     "loss_ndc",
     "loss_ndc_eq3",
+    "alternatives",
+    "standard_deviations",
+    "probability_right_0.5m",
+    "probability_right_1m",
 ]
 LINE_KEYS = ["id", "status", "message"]
 
@@ -128,6 +132,7 @@ def test_a_line_holds_the_camera_of_the_file(result, truth):
         assert list(line["segment_errors_px"]) == list(truth[line["id"]][0])
         assert 0.0 < line["rms_px"] < 2.0
         assert 0.0 < line["loss_ndc"] < 0.019
+        assert line["alternatives"] == []
 
 
 def test_summary(result, folder):
@@ -155,6 +160,7 @@ def test_summary(result, folder):
         "field_width": 68.0,
         "prior": "all",
         "tau": None,
+        "least_probability": None,
         "lens": "k1",
     }
 
@@ -283,6 +289,38 @@ def test_tau_withholds_cameras_and_removes_those_of_an_earlier_run(folder, resul
     assert summary_of(tmp_path)["options"]["tau"] == tau
 
 
+def test_improbable_cameras_are_withheld_on_request(folder, result, tmp_path):
+    probabilities = {line["id"]: line["probability_right_1m"] for line in lines_of(result)}
+    least = float(np.median(list(probabilities.values())))
+    assert calibrate(tmp_path, folder, options=["--least-probability", least]) == 0
+    kept = {name for name, p in probabilities.items() if p >= least}
+    assert 0 < len(kept) < 4
+    assert set(cameras_in(tmp_path)) == kept
+    improbable = [line for line in lines_of(tmp_path) if line["status"] == "probably wrong"]
+    assert {line["id"] for line in improbable} == set(GOOD) - kept
+    assert all(f"{probabilities[line['id']]:.2f}" in line["message"] for line in improbable)
+
+
+def test_a_frame_says_how_sure_it_is(result, truth):
+    for line in lines_of(result):
+        camera, sigma = truth[line["id"]][1], line["standard_deviations"]
+        assert np.all(np.abs(camera.C - line["C"]) < 5.0 * np.array(sigma["C"]))
+        assert abs(camera.focal_length - line["K"][0][0]) < 5.0 * sigma["focal_length_px"]
+        assert 0.0 <= line["probability_right_0.5m"] <= line["probability_right_1m"] <= 1.0
+
+
+def test_the_other_side_is_written_where_it_fits(tmp_path):
+    camera = fieldcalib.Camera.from_angles(0.0, 1.35, 0.0, 900.0, (0.0, 65.0, -16.0), SIZE)
+    frame = {label: camera.project(soccer()[label].sample(1.0)) for label in ("Middle line", "Circle central")}
+    inside = {label: xy[np.all((xy >= 0.0) & (xy < SIZE), axis=1)] for label, xy in frame.items()}
+    (tmp_path / "a.json").write_text(format_annotation(inside, SIZE))
+    assert calibrate(tmp_path / "out", tmp_path) == 0
+    (line,) = lines_of(tmp_path / "out")
+    (other,) = line["alternatives"]
+    np.testing.assert_allclose(np.multiply(other["C"], (-1.0, -1.0, 1.0)), line["C"])
+    assert line["probability_right_1m"] <= 0.5
+
+
 def test_the_prior_matters(folder, result, tmp_path):
     found = {"all": cameras_in(result)}
     for prior in ("main center", "none", "opposite tribune"):
@@ -349,6 +387,7 @@ def test_an_unknown_prior(folder, tmp_path, capsys):
         (["--field-length", "long"], "argument --field-length: expected a positive number, got 'long'"),
         (["--tau", "0"], "argument --tau: expected a positive number, got '0'"),
         (["--tau", "low"], "argument --tau: expected a positive number, got 'low'"),
+        (["--least-probability", "90"], "argument --least-probability: expected a number from 0 to 1, got '90'"),
         (["--lens", "fisheye"], "argument --lens: invalid choice"),
     ],
 )

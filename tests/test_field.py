@@ -185,6 +185,12 @@ def test_symmetric_by_hand(label, other):
     assert FIELD.symmetric[label] == other
 
 
+def test_self_symmetric_are_the_middle_line_and_what_lies_about_the_centre_mark():
+    markings = {label for label in FIELD.self_symmetric if label in FIELD.markings}
+    assert markings == {"Middle line", "Circle central", "Circle central left", "Circle central right"}
+    assert "CENTER_MARK" in FIELD.self_symmetric
+
+
 def test_labels_are_found_with_and_without_surrounding_blanks():
     assert FIELD["Goal left post left "] == FIELD["Goal left post left"]
     assert "Goal left post left " in FIELD

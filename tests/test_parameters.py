@@ -20,6 +20,7 @@ from fieldcalib.parameters import (
     camera_from_theta,
     focal_length_from_fov,
     theta_from_camera,
+    turned_around,
 )
 
 # Ranges in degrees and metres: table 9 in the list of traps of the project's reference results.
@@ -219,3 +220,14 @@ def test_sampled_cameras_are_cameras(distribution, rng):
     camera = camera_from_theta(theta, SIZE)
     assume(abs(np.sin(theta[1])) > 1e-6)
     assert_same_camera(theta_from_camera(camera), theta)
+
+
+@given(thetas(lens=True), generators())
+def test_turned_around_sees_the_turned_field_alike(drawn, rng):
+    theta, image_size = drawn
+    turned = turned_around(theta)
+    X = rng.uniform((-60.0, -40.0, -3.0), (60.0, 40.0, 0.0), size=(20, 3))
+    here, there = (camera_from_theta(t, image_size) for t in (theta, turned))
+    np.testing.assert_allclose(there.project(X * (-1.0, -1.0, 1.0)), here.project(X), rtol=1e-6, atol=1e-6)
+    back = camera_from_theta(turned_around(turned), image_size)
+    np.testing.assert_allclose(back.project(X), here.project(X), rtol=1e-6, atol=1e-6)

@@ -17,6 +17,17 @@ def positive(text: str) -> float:
     return value
 
 
+def probability(text: str) -> float:
+    """A number from 0 to 1, for argparse."""
+    try:
+        value = float(text)
+    except ValueError:
+        value = np.nan
+    if not 0.0 <= value <= 1.0:
+        raise argparse.ArgumentTypeError(f"expected a number from 0 to 1, got {text!r}")
+    return value
+
+
 def image_size(text: str) -> tuple[int, int]:
     """(width, height) of "WIDTHxHEIGHT", for argparse."""
     try:

@@ -15,13 +15,15 @@ from typing import Any, TypeAlias, TypeVar
 import numpy as np
 
 import fieldcalib
+from fieldcalib.camera import Camera
 from fieldcalib.field import Field
 from fieldcalib.io.files import write_text
 from fieldcalib.io.soccernet import camera_to_record, find_annotations, parse_annotation
 from fieldcalib.ndc import ndc_loss
-from fieldcalib.parameters import theta_from_camera
+from fieldcalib.parameters import ANGLES, CENTER, LOG_F, theta_from_camera
 from fieldcalib.result import Calibration, Status
 from fieldcalib.segments import Pixels, check_segments
+from fieldcalib.uncertainty import Uncertainty
 
 Method: TypeAlias = Callable[[dict[str, Pixels]], Sequence[Calibration]]
 
@@ -29,6 +31,9 @@ P = TypeVar("P")  # a prior, in whatever form
 
 BROKEN = "broken file"
 AT_ONCE = 256  # frames between two steps of the progress bar
+WITHHELD = (Status.REJECTED, Status.IMPROBABLE)  # cameras that the user did not want
+ANGLE_NAMES = ("pan", "tilt", "roll")
+METRES = (0.5, 1.0)  # that the probabilities in cameras.jsonl are about
 
 
 @dataclass(frozen=True)
@@ -120,7 +125,7 @@ def write_folder(
     for line in lines:
         path = out / f"camera_{line['id']}.json"
         calibration = calibrations.get(line["id"])
-        if calibration is None or calibration.camera is None or calibration.status is Status.REJECTED:
+        if calibration is None or calibration.camera is None or calibration.status in WITHHELD:
             path.unlink(missing_ok=True)
         else:
             write_text(path, json.dumps(camera_to_record(calibration.camera), indent=2) + "\n")
@@ -173,17 +178,42 @@ def calibration_line(id: str, calibration: Calibration, eq3: float | None) -> di
     line: dict[str, Any] = {"id": id, "status": str(calibration.status), "message": calibration.message}
     camera = calibration.camera
     if camera is not None:
-        angles = dict(zip(("pan", "tilt", "roll"), np.degrees(camera.angles).tolist(), strict=True))
+        line |= _camera_keys(camera)
         line |= {
-            "K": camera.K.tolist(),
-            "dist": [*camera.k.tolist(), 0.0, 0.0, 0.0],
-            "R": camera.R.tolist(),
-            "C": camera.C.tolist(),
-            "angles_degrees": angles,
             "rms_px": calibration.rms,
             "segment_errors_px": dict(calibration.per_segment_errors),
             "suspect_labels": [asdict(suspect) for suspect in calibration.suspect_labels],
             "loss_ndc": calibration.loss_ndc,
             "loss_ndc_eq3": eq3,
+            "alternatives": [_camera_keys(other) for other in calibration.alternatives],
         }
+    if calibration.solved is not None:
+        line["standard_deviations"] = _standard_deviations(calibration.uncertainty)
+    if calibration.solved is not None and calibration.field is not None:
+        line |= {f"probability_right_{metres:g}m": _number(calibration.probability(metres)) for metres in METRES}
     return line
+
+
+def _camera_keys(camera: Camera) -> dict[str, Any]:
+    return {
+        "K": camera.K.tolist(),
+        "dist": [*camera.k.tolist(), 0.0, 0.0, 0.0],
+        "R": camera.R.tolist(),
+        "C": camera.C.tolist(),
+        "angles_degrees": dict(zip(ANGLE_NAMES, np.degrees(camera.angles).tolist(), strict=True)),
+    }
+
+
+def _standard_deviations(uncertainty: Uncertainty) -> dict[str, Any]:
+    sigma = np.sqrt(np.diagonal(uncertainty.covariance))
+    degrees = map(_number, np.degrees(sigma[ANGLES]))
+    return {
+        "focal_length_px": _number(uncertainty.camera.focal_length * sigma[LOG_F]),
+        "C": [_number(metres) for metres in sigma[CENTER]],
+        "angles_degrees": dict(zip(ANGLE_NAMES, degrees, strict=True)),
+    }
+
+
+def _number(value: float) -> float | None:
+    """For JSON, which knows neither infinity nor NaN."""
+    return float(value) if np.isfinite(value) else None

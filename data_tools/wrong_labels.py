@@ -1,0 +1,109 @@
+"""How well labels that lie are found: real annotations with labels replaced by those of the other side or a neighbour.
+
+    python -m data_tools.wrong_labels ANNOTATIONS --size WxH [--wrong N] [--seed N]
+
+Frames that are certain to be well labelled have seven segments or more, fit to 2 px (at 960x540) and are accused of
+nothing. In each of them N labels are replaced at random (`data_tools.random_frames`). Printed as one line of JSON:
+
+* recall, of the replaced labels the share that is accused; precision, of the accused ones the share that was replaced;
+  named, of the replaced labels that are accused the share whose right name is given;
+* the camera against the one of the right labels: median and 90 % of the largest distance between their images of the
+  labelled segments, and the share of frames below 3 px (at 960x540);
+* how many of all frames are accused as they are.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+
+from data_tools.random_frames import mislabelled
+from fieldcalib.calibrate import calibrate_batch
+from fieldcalib.camera import Camera
+from fieldcalib.commands.arguments import image_size
+from fieldcalib.commands.folder import read_frames
+from fieldcalib.field import Field, soccer
+from fieldcalib.options import pixel_unit
+from fieldcalib.segments import Pixels
+
+LEAST_SEGMENTS, WELL_FITTED = 7, 2.0  # labels, px at 960 x 540
+SAME_CAMERA = 3.0  # px at 960 x 540
+
+
+def distance(camera: Camera, other: Camera, field: Field, frame: Pixels) -> float:
+    """The farthest that two cameras see a point of a frame's segments apart, pixels, over what both have in view."""
+    size = np.array(camera.image_size)
+    farthest = 0.0
+    for label in frame:
+        X = field[label].sample()
+        a, b = camera.project(X), other.project(X)
+        inside = np.all((a >= 0.0) & (a < size), axis=1)  # false for NaN
+        if np.any(inside):
+            farthest = max(farthest, float(np.max(np.nan_to_num(np.linalg.norm(a - b, axis=1)[inside], nan=np.inf))))
+    return farthest
+
+
+def measure(
+    field: Field, frames: Sequence[Pixels], size: tuple[int, int], count: int, rng: np.random.Generator
+) -> dict[str, object]:
+    """What the module says, of annotated frames with `count` wrong labels each."""
+    unit = pixel_unit(size)
+    clean = calibrate_batch(field, frames, size)
+    certain = [
+        (frame, calibration.camera)
+        for frame, calibration in zip(frames, clean, strict=True)
+        if len(frame) >= LEAST_SEGMENTS
+        and calibration.accepted
+        and not calibration.suspect_labels
+        and calibration.rms < WELL_FITTED * unit
+        and calibration.camera is not None
+    ]
+    if not certain:
+        raise SystemExit(f"none of {len(frames)} frames has {LEAST_SEGMENTS} segments that fit to {WELL_FITTED:g} px")
+    changed = [mislabelled(frame, field, count, rng) for frame, _ in certain]
+    found = calibrate_batch(field, [pixels for pixels, _ in changed], size)
+    replaced = accused = hit = named = 0
+    distances = []
+    for (frame, right), (_, wrong), calibration in zip(certain, changed, found, strict=True):
+        suspects = {suspect.label: suspect.fits for suspect in calibration.suspect_labels}
+        replaced, accused = replaced + len(wrong), accused + len(suspects)
+        hit += len(wrong.keys() & suspects.keys())
+        named += sum(suspects.get(label) == true for label, true in wrong.items())
+        distances.append(distance(right, calibration.camera, field, frame) if calibration.camera else np.inf)
+    near, d = SAME_CAMERA * unit, np.array(distances)
+    return {
+        "frames": len(certain),
+        "replaced": replaced,
+        "recall": _percent(hit, replaced),
+        "precision": _percent(hit, accused),
+        "named": _percent(named, hit),
+        "camera_px": np.quantile(d, (0.5, 0.9)).round(2).tolist(),
+        "camera_same": _percent(int(np.sum(d < near)), len(d)),
+        "accused_as_they_are": [sum(bool(c.suspect_labels) for c in clean), len(clean)],
+    }
+
+
+def _percent(part: int, whole: int) -> float:
+    return round(100.0 * part / max(whole, 1), 1)
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Print a line of JSON."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("annotations", type=Path, help="folder or zip of <id>.json")
+    parser.add_argument("--size", required=True, type=image_size, metavar="WxH", help="of the images")
+    parser.add_argument("--wrong", type=int, default=1, metavar="N", help="labels replaced in each frame (1)")
+    parser.add_argument("--seed", type=int, default=0)
+    options = parser.parse_args(arguments)
+    field, rng = soccer(), np.random.default_rng(options.seed)
+    frames = list(read_frames([options.annotations], field, options.size).pixels.values())
+    print(json.dumps({"wrong": options.wrong, **measure(field, frames, options.size, options.wrong, rng)}))
+    return 0
+
+
+if __name__ == "__main__":
+    raise SystemExit(main())
