@@ -288,9 +288,9 @@ def _calibrate(
     search = partial(_start, object_segments, options=options, solve=solve_batch)
     far, solution = options.wide_loss.scale, finish(narrow, theta)
     resolved = resolve_labels(object_segments, frames, shares, narrow, solution, prior, far, search, finish)
-    solution = drawn_to_ends(object_segments, resolved.problem, resolved.solution, far, finish)
+    drawn, solution = drawn_to_ends(object_segments, resolved.problem, resolved.solution, far, finish)
     resolved = replace(resolved, solution=solution)
-    return _judge(object_segments, frames, observations, resolved, options)
+    return _judge(object_segments, frames, observations, resolved, drawn, options)
 
 
 def _start(
@@ -375,9 +375,10 @@ def _judge(
     frames: list[Pixels],
     observations: Observations,
     resolved: Resolution,
+    drawn: Problem,
     options: Options,
 ) -> list[Calibration]:
-    """Cameras, errors and verdicts of solved frames.
+    """Cameras, errors and verdicts of solved frames; `drawn` is the problem with the ends of the segments.
 
     Segments have the errors of the labels that were given; the verdict is on the labels that were solved with.
     """
@@ -395,7 +396,7 @@ def _judge(
     given = segment_errors(segment_residuals(theta, observations), observations, frames)
 
     other = other_side(object_segments, problem.observations, theta, options)
-    solved = Solved(problem, theta, prior.sigma)
+    solved = Solved(drawn, theta, prior.sigma)
     calibrations = []
     for t, (frame, (errors, rms)) in enumerate(zip(resolved.frames, fitted, strict=True)):
         evidence = Evidence(

@@ -27,7 +27,7 @@ WEIGHT = 0.5  # of a pixel past an end, in units of what it weighs across: annot
 
 def drawn_to_ends(
     object_segments: ObjectSegments, problem: Problem, solution: Solution, far: float, finish: Finish
-) -> Solution:
+) -> tuple[Problem, Solution]:
     """Solve again with what the ends of the segments say; frames whose pixels keep within them stay as they are.
 
     What lies more than `far` pixels past an end has another fault than a careless end, and is left alone.
@@ -35,9 +35,10 @@ def drawn_to_ends(
     ends = pixels_past_ends(object_segments, problem.observations, solution.theta, far)
     affected = np.flatnonzero(np.any(ends.weight > 0.0, axis=1))
     if not len(affected):
-        return solution
-    with_ends = replace(problem, observations=replace(problem.observations, ends=ends)).take(affected)
-    return solution.replaced(affected, finish(with_ends, solution.theta[affected]))
+        return problem, solution
+    with_ends = replace(problem, observations=replace(problem.observations, ends=ends))
+    drawn = finish(with_ends.take(affected), solution.theta[affected])
+    return with_ends, solution.replaced(affected, drawn)
 
 
 def pixels_past_ends(object_segments: ObjectSegments, observations: Observations, theta: Array, far: float) -> Rows:
@@ -54,13 +55,13 @@ def pixels_past_ends(object_segments: ObjectSegments, observations: Observations
     rows = Rows(
         np.concatenate([lines.xy, arcs.xy], axis=1),
         WEIGHT * observations.weight[:, :count] * past,
-        np.full(past.shape, -1, dtype=np.intp),
+        np.concatenate([lines.label, arcs.label], axis=1),
         np.stack([np.concatenate([end_of_line, end_of_arc], axis=1), tangent], axis=2),
     )
     end = end_points(theta, rows, observations.image_size)
     rows.weight[(end.inverse_depth <= 0.0) | (np.abs(end.r) > far)] = 0.0
     seen = rows.weight > 0.0
-    rows.geometry[~seen] = 1.0  # finite, as padding must be
+    rows.label[~seen], rows.geometry[~seen] = -1, 1.0  # padding is finite
     return rows.choose(np.argsort(~seen, axis=1, kind="stable")[:, : int(np.max(np.sum(seen, axis=1)))])
 
 

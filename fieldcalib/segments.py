@@ -73,7 +73,7 @@ class Observations:
     clouds: Rows
     """Unordered point clouds."""
     ends: Rows
-    """Pixels past the end of their segment, and that end: see `fieldcalib.ends`. They have no label."""
+    """Pixels past the end of their segment, and that end: see `fieldcalib.ends`."""
 
     def __len__(self) -> int:
         return len(self.lines.xy)

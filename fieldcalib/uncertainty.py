@@ -413,12 +413,13 @@ class Noise:
 
     def __init__(self, observations: Observations) -> None:
         label, lines = observations.label, observations.lines
+        across = lines.xy.shape[1] + observations.arcs.xy.shape[1] + observations.curves.xy.shape[1]
+        pixels = label.shape[1] - observations.ends.xy.shape[1]
         self.segment = (label[..., None] == np.unique(label[label >= 0])).astype(float)  # (B, M, segments)
-        count = (self.segment @ np.sum(self.segment, axis=1)[..., None])[..., 0]
-        # points have two residuals a pixel, one along each axis: as independent as two segments
-        first_axis = lines.xy.shape[1] + observations.arcs.xy.shape[1] + observations.curves.xy.shape[1]
-        self.segment[:, first_axis:] = 0.0
-        count[:, first_axis:] /= 2.0
+        count = (self.segment @ np.sum(self.segment[:, :pixels], axis=1)[..., None])[..., 0]
+        # points have two residuals a pixel, one along each axis: as independent as two segments; so are those at ends
+        self.segment[:, across:] = 0.0
+        count[:, across:pixels] /= 2.0
         self.shared = SHARED_NOISE * np.sum(self.segment, axis=-1)
         # a weight is one over a variance; a pixel of N has an Nth of it
         self.relative_sigma = 1.0 / np.sqrt(np.where(label >= 0, observations.weight * count, 1.0))

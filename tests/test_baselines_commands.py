@@ -48,6 +48,9 @@ def folder(truth, tmp_path_factory):
     return path
 
 
+KNOWN_BY_OUR_SOLVER = {"standard_deviations", "probability_right_0.5m", "probability_right_1m"}
+
+
 @pytest.mark.parametrize("name", COMMANDS)
 def test_files_are_those_of_fieldcalib_calibrate(name, folder, tmp_path, capsys):
     main, options = COMMANDS[name]
@@ -58,7 +61,7 @@ def test_files_are_those_of_fieldcalib_calibrate(name, folder, tmp_path, capsys)
         for run in (name, "ours")
     )
     assert [line["id"] for line in lines] == [line["id"] for line in ours] == ["a", "b", "c", "circle"]
-    assert set(lines[0]) == set(ours[0])
+    assert set(lines[0]) == set(ours[0]) - KNOWN_BY_OUR_SOLVER
     summaries = [json.loads((tmp_path / run / "summary.json").read_text()) for run in (name, "ours")]
     assert set(summaries[0]) == set(summaries[1])
     written = {path.stem for path in (tmp_path / name).glob("camera_*.json")}
