@@ -31,7 +31,7 @@ from fieldcalib._types import Array
 from fieldcalib.calibrate import calibrate_batch
 from fieldcalib.field import Field, soccer
 from fieldcalib.options import DEFAULT_FLAGS, Prior
-from fieldcalib.parameters import CENTER
+from fieldcalib.parameters import CENTER, GaussianPrior
 from fieldcalib.residuals import segment_residuals_with_jacobian
 from fieldcalib.result import Calibration, Status
 from fieldcalib.segments import LEAST_DEPTH, ImageSegments, Observations
@@ -97,9 +97,9 @@ class FieldSize:
 
 def _in_words(name: str, metres: float, deviation: float, share: float) -> str:
     if share < SILENT:
-        return f"{name}: the labels say nothing, {metres:.1f} m is the prior's"
+        return f"{name}: the labels say nothing, {metres:.1f} ± {deviation:.1f} m is from the prior"
     origin = "from the labels" if share >= 0.5 else f"mostly from the prior ({100.0 * share:.0f} % from the labels)"
-    return f"{name} {metres:.2f} ± {deviation:.2f} m, {origin}"
+    return f"{name}: {metres:.2f} ± {deviation:.2f} m {origin}"
 
 
 def estimate_field_size(
@@ -156,10 +156,10 @@ def estimate_field_size(
     ...     frames.append({label: xy[((xy > 0.0) & (xy < (959, 539))).all(axis=1)] for label, xy in seen.items()})
     >>> found = estimate_field_size(soccer(), frames, (960, 540))
     >>> round(found.length, 1), round(found.width, 1), found.from_labels.round(2)
-    (101.0, 66.6, array([0.98, 0.99]))
+    (101.0, 66.6, array([0.98, 0.98]))
     >>> middle = {label: frames[1][label] for label in ("Middle line", "Circle central", "Side line top")}
-    >>> print(estimate_field_size(soccer(), [middle], (960, 540)))
-    length: the labels say nothing, 105.0 m is the prior's; width: ...
+    >>> print(str(estimate_field_size(soccer(), [middle], (960, 540))).split("; ")[0])
+    length: the labels say nothing, 105.0 ± 2.6 m is from the prior
     """
     mean = size = _checked_size(field)
 
@@ -209,30 +209,45 @@ def _motion(field: Field) -> Array:
 
 @dataclass(frozen=True)
 class _Part:
-    """Solved frames that are packed together."""
+    """Frames that are packed and solved together."""
 
     problem: Problem
     """B problems."""
     theta: Array
     """(B, 12)."""
 
+    @classmethod
+    def near(cls, problem: Problem, theta: Array) -> _Part:
+        """The solution that is nearest to theta."""
+        solution = solve_batch(problem, theta, max_iterations=ITERATIONS, tolerance=TOLERANCE)
+        return cls(problem, solution.theta)
+
     def resized(self, motion: Array, step: Array) -> _Part:
-        """The frames on a pitch that is larger by `step`, solved again."""
-        problem = replace(self.problem, observations=_resized(self.problem.observations, motion, step))
-        again = solve_batch(problem, self.theta, max_iterations=ITERATIONS, tolerance=TOLERANCE)
-        return _Part(problem, again.theta)
+        """The same frames on a pitch that is larger by `step`."""
+        observations = _resized(self.problem.observations, motion, step)
+        return _Part.near(replace(self.problem, observations=observations), self.theta)
 
 
 def _parts(calibrations: Sequence[Calibration], *statuses: Status) -> list[_Part]:
-    """The frames that have one of the statuses, as they were solved together."""
+    """The frames that have one of the statuses, with one prior of the camera's place for all of them.
+
+    What one frame learns from it about the length is little, but frames of one pitch may have one camera: its prior is
+    no news in the second one.
+    """
     together: dict[int, list[Solved]] = {}
     for calibration in calibrations:
         if calibration.status in statuses and calibration.solved is not None:
             together.setdefault(id(calibration.solved.problem), []).append(calibration.solved)
+    count = sum(map(len, together.values()))
     parts = []
     for members in together.values():
         frames = np.array([solved.frame for solved in members])
-        parts.append(_Part(members[0].problem.take(frames), members[0].theta[frames]))
+        problem, theta = members[0].problem.take(frames), members[0].theta[frames]
+        if problem.prior is not None:
+            sigma = problem.prior.sigma.copy()
+            sigma[:, CENTER] *= np.sqrt(count)
+            problem = replace(problem, prior=GaussianPrior(problem.prior.mean, sigma))
+        parts.append(_Part.near(problem, theta))
     return parts
 
 
