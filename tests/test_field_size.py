@@ -4,14 +4,14 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import assume, given, settings
 from strategies import generators, thetas
 from synthetic import observe, whole_circle_markings
 
 from fieldcalib.calibrate import calibrate_from_segments
 from fieldcalib.camera import Camera
 from fieldcalib.field import Point, soccer
-from fieldcalib.field_size import ALL_MATCHES, SIGMA, _linearized, _motion, _Part, estimate_field_size
+from fieldcalib.field_size import ALL_MATCHES, SIGMA, SILENT, _linearized, _motion, _Part, estimate_field_size
 from fieldcalib.losses import RobustLoss
 from fieldcalib.options import PINHOLE_FLAGS
 from fieldcalib.parameters import DISTRIBUTIONS, LENS, camera_from_theta
@@ -65,8 +65,7 @@ def test_derivative_by_the_size_is_that_of_central_differences(drawn, rng):
         xy = camera.project(point.sample())
         if np.all((xy > 0.0) & (xy < image_size)):
             frame[name] = xy + rng.normal(size=(1, 2))
-    if not frame:
-        return
+    assume(frame)
 
     def packed(size):
         return pack(soccer(*size), [frame], image_size)
@@ -84,8 +83,7 @@ def test_derivative_by_the_size_is_that_of_central_differences(drawn, rng):
 def test_moved_rows_are_those_of_the_larger_pitch(drawn, rng):
     theta, image_size = drawn
     frame = observe(soccer().markings, camera_from_theta(theta, image_size), rng, 3.0)
-    if not frame:
-        return
+    assume(frame)
     change = rng.uniform(-8.0, 8.0, size=2)
     problem = Problem(pack(soccer(), [frame], image_size), np.arange(12) < 7, RobustLoss("cauchy", 6.0))
     moved = _Part(problem, theta[None]).resized(_motion(soccer()), change)
@@ -121,9 +119,8 @@ def test_calibrations_are_on_the_field_that_was_found():
     np.testing.assert_allclose(calibration.camera.C, again.camera.C, atol=1e-3)
     fixed = calibrate_from_segments(soccer(), frame, SIZE)
     assert calibration.rms < 0.3 * fixed.rms
-    assert np.linalg.norm(calibration.camera.C - (2.0, 68.0, -17.0)) < np.linalg.norm(
-        fixed.camera.C - (2.0, 68.0, -17.0)
-    )
+    off, fixed_off = (np.linalg.norm(one.camera.C - (2.0, 68.0, -17.0)) for one in (calibration, fixed))
+    assert off < fixed_off
 
 
 def test_the_middle_says_nothing_about_the_length():
@@ -135,7 +132,8 @@ def test_the_middle_says_nothing_about_the_length():
     assert found.std_deviations[0] == pytest.approx(SIGMA[0])
     np.testing.assert_allclose(found.interval()[:, 0], (100.0, 110.0), atol=1e-3)
     assert str(found).startswith("length: the labels say nothing, 105.0 ± 2.6 m is from the prior; width: ")
-    assert found.from_labels[1] > 0.1
+    assert found.from_labels[1] > SILENT
+    assert "m mostly from the prior (10 % from the labels)" in str(found)
     assert found.width < 68.0
 
 
@@ -152,32 +150,6 @@ def test_many_frames_of_one_half_say_no_more_about_the_length_than_one():
     assert "m from the labels" in str(many)
 
 
-def mirrored(frame):
-    """A frame seen in a mirror: left is right, and the left post of the left goal the right one of the right goal."""
-
-    def middle(segment, sign):
-        return tuple((segment.sample().mean(axis=0) * (sign, 1.0, 1.0)).round(6) + 0.0)
-
-    field = whole_circle_markings(soccer())
-    name = {(type(segment), middle(segment, 1.0)): label for label, segment in field.items()}
-    return {
-        name[type(field[label]), middle(field[label], -1.0)]: (SIZE[0] - xy[:, 0], xy[:, 1])
-        for label, xy in frame.items()
-    }
-
-
-@settings(max_examples=6)
-@given(generators())
-def test_a_mirror_changes_nothing(rng):
-    _, (frame,) = pitch_and_frames(rng, 1, 0.5)
-    image = {label: np.column_stack(xy) for label, xy in mirrored(frame).items()}
-    assert set(image) != set(frame) or all("left" not in label and "right" not in label for label in frame)
-    one, other = (estimate_field_size(soccer(), [seen], SIZE) for seen in (frame, image))
-    np.testing.assert_allclose(size_of(other), size_of(one), atol=0.01)
-    np.testing.assert_allclose(other.covariance, one.covariance, atol=0.02)
-    np.testing.assert_allclose(other.from_labels, one.from_labels, atol=0.005)
-
-
 def test_more_frames_narrow_it():
     rng = np.random.default_rng(4)
     frames = panned(soccer(102.0, 70.0), np.linspace(-0.7, 0.7, 16), rng, noise=1.0, k1=0.05)
@@ -189,7 +161,7 @@ def test_more_frames_narrow_it():
     np.testing.assert_allclose(size_of(found[2]), (102.0, 70.0), atol=0.3)
 
 
-@pytest.mark.parametrize(("count", "pitches"), [(1, 70), (10, 15)])
+@pytest.mark.parametrize(("count", "pitches"), [(1, 40), (10, 8)])
 def test_intervals_hold_the_truth(count, pitches):
     rng = np.random.default_rng(5)
     holds, errors = [], []
@@ -246,7 +218,7 @@ def test_the_law_limits_the_estimate():
 def test_without_a_camera_there_is_the_prior(frames):
     found = estimate_field_size(soccer(103.0, 66.0), frames, SIZE)
     assert (found.length, found.width) == (103.0, 66.0)
-    np.testing.assert_array_equal(found.from_labels, 0.0)
+    np.testing.assert_allclose(found.from_labels, 0.0, atol=1e-12)
     np.testing.assert_allclose(found.covariance, np.diag(SIGMA**2))
     np.testing.assert_allclose(found.interval(), ((98.0, 60.5), (108.0, 71.5)), atol=1e-3)
     assert len(found.calibrations) == len(frames)
