@@ -66,7 +66,7 @@ class FieldSize:
     dof: Array
     """Degrees of freedom of Student's t, (2,)."""
     calibrations: tuple[Calibration, ...]
-    """Of the frames, on that pitch."""
+    """Of the frames, on that pitch; they take its size as known."""
 
     @property
     def length(self) -> float:
@@ -345,4 +345,5 @@ def _uncertainty(parts: Sequence[_Part], motion: Array) -> tuple[Array, Array, A
     known = np.sum(np.square(np.diagonal(data, axis1=1, axis2=2)) / np.concatenate(dofs)[:, None], axis=0)
     squared = np.square(np.diagonal(covariance))
     dof = squared / np.maximum(known, squared / NORMAL)
-    return covariance, 1.0 - np.diagonal(inverse) / SIGMA**2, dof
+    share = np.maximum(1.0 - np.diagonal(inverse) / SIGMA**2, 0.0)  # below 0 by rounding
+    return covariance, share, dof

@@ -224,6 +224,16 @@ def test_without_a_camera_there_is_the_prior(frames):
     assert len(found.calibrations) == len(frames)
 
 
+def test_frames_that_are_not_accepted_do_not_move_the_prior():
+    """Labels at random places, to which a larger or smaller pitch would fit a little better."""
+    rng = np.random.default_rng(0)
+    frame = {label: rng.uniform((0.0, 0.0), SIZE, size=(3, 2)) for label in panned(soccer(), PANS[:1])[0]}
+    found = estimate_field_size(soccer(), [frame], SIZE)
+    assert not found.calibrations[0].accepted
+    assert (found.length, found.width) == (105.0, 68.0)
+    np.testing.assert_allclose(found.covariance, np.diag(SIGMA**2))
+
+
 @pytest.mark.parametrize(
     ("field", "message"),
     [
