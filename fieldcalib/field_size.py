@@ -14,8 +14,8 @@ by Gauss-Newton steps on s from which the cameras are eliminated: with H_t the H
 
     L_t = (-H_st H_tt^-1, I),        step = -(sum_t L_t H_t[:, s] + P)^-1 (sum_t L_t g_t + P (s - mean)).
 
-The cameras are solved again after each step. Where the steps end the frames are calibrated from the beginning, as
-labels that seemed to lie may fit a pitch of another size; and so on until the size stays.
+After each step the frames are calibrated from the beginning, as labels that seemed to lie may fit a pitch of another
+size; and so on until the size stays.
 
 The covariance is the sandwich of `fieldcalib.uncertainty` with two parameters more.
 """
@@ -34,22 +34,20 @@ from fieldcalib.options import DEFAULT_FLAGS, Prior
 from fieldcalib.parameters import CENTER, GaussianPrior
 from fieldcalib.residuals import segment_residuals_with_jacobian
 from fieldcalib.result import Calibration, Status
-from fieldcalib.segments import LEAST_DEPTH, ImageSegments, Observations
-from fieldcalib.solver import Problem, solve_batch
-from fieldcalib.uncertainty import Noise, Solved, region_radius, uncertainties
+from fieldcalib.segments import ImageSegments
+from fieldcalib.uncertainty import Noise, Solved, uncertainties
 
 # Laws of the Game, law 1, metres: (length, width) from and to.
 ALL_MATCHES = np.array([[90.0, 45.0], [120.0, 90.0]])
 INTERNATIONAL_MATCHES = np.array([[100.0, 64.0], [110.0, 75.0]])
-SIGMA = np.diff(INTERNATIONAL_MATCHES, axis=0)[0] / (2.0 * 1.96)  # a range is a 95 % interval, as for cameras
+DEVIATIONS = 1.96  # to either side: what holds 95 % of a normal distribution
+SIGMA = np.diff(INTERNATIONAL_MATCHES, axis=0)[0] / (2.0 * DEVIATIONS)  # a range is a 95 % interval, as for cameras
 
 STILL = 1e-3  # metres: a size that moves by less stays
-STEPS, ROUNDS = 20, 5  # between two calibrations, and of calibrations after the first
-ITERATIONS, TOLERANCE = 20, 1e-8  # of the cameras after a step
+STEPS = 10
 # Share below which the labels count as silent: a frame of one half has 2 % of the length, since the prior knows roughly
 # where the camera stands.
 SILENT = 0.05
-NORMAL = 1e9  # degrees of freedom of Student's t where it is the normal distribution
 
 
 @dataclass(frozen=True, eq=False)
@@ -63,8 +61,6 @@ class FieldSize:
     from_labels: Array
     """Share of the estimate that comes from the labels, the rest being the prior's, (2,): ``information / (1 +
     information)``, with the information of the labels in units of the prior's."""
-    dof: Array
-    """Degrees of freedom of Student's t, (2,)."""
     calibrations: tuple[Calibration, ...]
     """Of the frames, on that pitch; they take its size as known."""
 
@@ -83,10 +79,10 @@ class FieldSize:
         """Standard deviations, (2,) metres: the prior's where the labels say nothing."""
         return np.asarray(np.sqrt(np.diagonal(self.covariance)))
 
-    def interval(self, level: float = 0.95) -> Array:
-        """From and to, (2, 2) metres: each column holds the truth with a probability. Law 1 cuts it off."""
-        half = np.array([region_radius(1, dof, level) for dof in self.dof]) * self.std_deviations
-        size = np.array([self.length, self.width])
+    @property
+    def interval(self) -> Array:
+        """From and to, (2, 2) metres: each column holds the truth with a probability of 95 %. Law 1 cuts it off."""
+        size, half = np.array([self.length, self.width]), DEVIATIONS * self.std_deviations
         return np.asarray(np.clip([size - half, size + half], *ALL_MATCHES))
 
     def __str__(self) -> str:
@@ -167,10 +163,10 @@ def estimate_field_size(
         return calibrate_batch(soccer(*size.tolist()), frames, image_size, flags=flags, prior=prior, tau=tau)
 
     calibrations, motion = calibrated(size), _motion(field)
-    for _ in range(ROUNDS):
+    for _ in range(STEPS):
         # where none is accepted, the size may be why
         parts = _parts(calibrations, Status.ACCEPTED) or _parts(calibrations, Status.NOT_CONVERGED, Status.IMPLAUSIBLE)
-        moved = _most_likely(parts, motion, size, mean)
+        moved = _moved(size, parts, motion, mean)
         if np.max(np.abs(moved - size)) < STILL:
             break
         size = moved
@@ -207,28 +203,7 @@ def _motion(field: Field) -> Array:
     return np.stack([middles(longer), middles(wider)], axis=-1) - middles(field)[..., None]
 
 
-@dataclass(frozen=True)
-class _Part:
-    """Frames that are packed and solved together."""
-
-    problem: Problem
-    """B problems."""
-    theta: Array
-    """(B, 12)."""
-
-    @classmethod
-    def near(cls, problem: Problem, theta: Array) -> _Part:
-        """The solution that is nearest to theta."""
-        solution = solve_batch(problem, theta, max_iterations=ITERATIONS, tolerance=TOLERANCE)
-        return cls(problem, solution.theta)
-
-    def resized(self, motion: Array, step: Array) -> _Part:
-        """The same frames on a pitch that is larger by `step`."""
-        observations = _resized(self.problem.observations, motion, step)
-        return _Part.near(replace(self.problem, observations=observations), self.theta)
-
-
-def _parts(calibrations: Sequence[Calibration], *statuses: Status) -> list[_Part]:
+def _parts(calibrations: Sequence[Calibration], *statuses: Status) -> list[Solved]:
     """The frames that have one of the statuses, with one prior of the camera's place for all of them.
 
     What one frame learns from it about the length is little, but frames of one pitch may have one camera: its prior is
@@ -241,25 +216,14 @@ def _parts(calibrations: Sequence[Calibration], *statuses: Status) -> list[_Part
     count = sum(map(len, together.values()))
     parts = []
     for members in together.values():
-        frames = np.array([solved.frame for solved in members])
-        problem, theta = members[0].problem.take(frames), members[0].theta[frames]
+        frames, one = np.array([solved.frame for solved in members]), members[0]
+        problem = one.problem.take(frames)
         if problem.prior is not None:
             sigma = problem.prior.sigma.copy()
             sigma[:, CENTER] *= np.sqrt(count)
             problem = replace(problem, prior=GaussianPrior(problem.prior.mean, sigma))
-        parts.append(_Part.near(problem, theta))
+        parts.append(Solved(problem, one.theta[frames], one.unit[frames]))
     return parts
-
-
-def _resized(observations: Observations, motion: Array, step: Array) -> Observations:
-    """Observations of a pitch that is larger by `step`: the first vector of each segment is where it is."""
-    kinds = {}
-    for kind in LEAST_DEPTH:
-        rows = getattr(observations, kind)
-        geometry = rows.geometry.copy()
-        geometry[:, :, 0] += motion[rows.label] @ step
-        kinds[kind] = replace(rows, geometry=geometry)
-    return replace(observations, **kinds)
 
 
 @dataclass(frozen=True)
@@ -278,7 +242,7 @@ class _Linearized:
     """What the cameras' prior adds to it, (B, Q, Q)."""
 
 
-def _linearized(part: _Part, motion: Array) -> _Linearized:
+def _linearized(part: Solved, motion: Array) -> _Linearized:
     problem, theta = part.problem, part.theta
     r, J = segment_residuals_with_jacobian(theta, problem.observations, problem.free)
     P = J.shape[2]
@@ -303,47 +267,30 @@ def _eliminated(hessian: Array) -> tuple[Array, Array]:
     return L, L @ hessian[:, :, P:]
 
 
-def _most_likely(parts: Sequence[_Part], motion: Array, size: Array, mean: Array) -> Array:
-    """The size (2,) from which the parts, solved for `size`, move no further."""
-    for _ in range(STEPS):
-        gradient, hessian = (size - mean) / SIGMA**2, np.diag(SIGMA**-2)
-        for part in parts:
-            linear = _linearized(part, motion)
-            L, complement = _eliminated(linear.data + linear.prior)
-            gradient = gradient + np.einsum("bsq,bq->s", L, linear.gradient)
-            hessian = hessian + np.sum(complement, axis=0)
-        moved = np.clip(size - np.linalg.solve(hessian, gradient), *ALL_MATCHES)
-        step, size = moved - size, moved
-        if np.max(np.abs(step)) < STILL:
-            break
-        parts = [part.resized(motion, step) for part in parts]
-    return size
-
-
-def _uncertainty(parts: Sequence[_Part], motion: Array) -> tuple[Array, Array, Array]:
-    """Covariance (2, 2), shares from the labels (2,) and degrees of freedom (2,) of the most likely size."""
-    curvature, pulls = np.diag(SIGMA**-2), np.diag(SIGMA**-2)  # A and what is between the A^-1
-    from_noise, dofs = [np.zeros((0, 2, 2))], [np.zeros(0)]
+def _moved(size: Array, parts: Sequence[Solved], motion: Array, mean: Array) -> Array:
+    """The size (2,) after a step, within law 1."""
+    gradient, hessian = (size - mean) / SIGMA**2, np.diag(SIGMA**-2)
     for part in parts:
-        problem = part.problem
-        unit = np.ones_like(part.theta) if problem.prior is None else problem.prior.sigma
-        found = uncertainties(problem, part.theta, unit)
+        linear = _linearized(part, motion)
+        L, complement = _eliminated(linear.data + linear.prior)
+        gradient = gradient + np.einsum("bsq,bq->s", L, linear.gradient)
+        hessian = hessian + np.sum(complement, axis=0)
+    return np.asarray(np.clip(size - np.linalg.solve(hessian, gradient), *ALL_MATCHES))
+
+
+def _uncertainty(parts: Sequence[Solved], motion: Array) -> tuple[Array, Array]:
+    """Covariance (2, 2) and shares from the labels (2,) of the most likely size."""
+    curvature, pulls = np.diag(SIGMA**-2), np.diag(SIGMA**-2)  # A and what is between the A^-1
+    for part in parts:
+        found = uncertainties(part.problem, part.theta, part.unit)
         linear = _linearized(part, motion)
         kappa, sigma = np.array([(one.curvature, one.bent_sigma) for one in found]).T[..., None, None]
         L, complement = _eliminated(kappa * linear.data + linear.prior)
-        LT = np.swapaxes(L, 1, 2)
-        noise = Noise(problem.observations)
+        noise = Noise(part.problem.observations)
         pull = linear.weight * noise.relative_sigma
-        from_noise.append(L @ (sigma**2 * noise.covariance(linear.J, pull, pull)) @ LT)
-        dofs.append(np.array([one.dof for one in found]))
+        between = sigma**2 * noise.covariance(linear.J, pull, pull) + linear.prior
         curvature = curvature + np.sum(complement, axis=0)
-        pulls = pulls + np.sum(L @ linear.prior @ LT, axis=0)
+        pulls = pulls + np.sum(L @ between @ np.swapaxes(L, 1, 2), axis=0)
     inverse = np.linalg.inv(curvature)
-    data = inverse @ np.concatenate(from_noise) @ inverse
-    covariance = inverse @ pulls @ inverse + np.sum(data, axis=0)
-    # Satterthwaite: a sum of variances, of which each frame's is known with its own degrees of freedom
-    known = np.sum(np.square(np.diagonal(data, axis1=1, axis2=2)) / np.concatenate(dofs)[:, None], axis=0)
-    squared = np.square(np.diagonal(covariance))
-    dof = squared / np.maximum(known, squared / NORMAL)
     share = np.maximum(1.0 - np.diagonal(inverse) / SIGMA**2, 0.0)  # below 0 by rounding
-    return covariance, share, dof
+    return inverse @ pulls @ inverse, share

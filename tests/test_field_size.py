@@ -11,13 +11,14 @@ from synthetic import observe, whole_circle_markings
 from fieldcalib.calibrate import calibrate_from_segments
 from fieldcalib.camera import Camera
 from fieldcalib.field import Point, soccer
-from fieldcalib.field_size import ALL_MATCHES, SIGMA, SILENT, _linearized, _motion, _Part, estimate_field_size
+from fieldcalib.field_size import ALL_MATCHES, SIGMA, SILENT, _linearized, _motion, _uncertainty, estimate_field_size
 from fieldcalib.losses import RobustLoss
 from fieldcalib.options import PINHOLE_FLAGS
 from fieldcalib.parameters import DISTRIBUTIONS, LENS, camera_from_theta
 from fieldcalib.residuals import segment_residuals
 from fieldcalib.segments import pack
 from fieldcalib.solver import Problem
+from fieldcalib.uncertainty import Noise, Solved
 
 SIZE = (960, 540)
 MEAN = np.array([105.0, 68.0])
@@ -71,7 +72,7 @@ def test_derivative_by_the_size_is_that_of_central_differences(drawn, rng):
         return pack(soccer(*size), [frame], image_size)
 
     free = np.ones(12, dtype=bool)
-    part = _Part(Problem(packed(size), free, RobustLoss("cauchy", 6.0)), theta[None])
+    part = Solved(Problem(packed(size), free, RobustLoss("cauchy", 6.0)), theta[None], np.ones((1, 12)))
     J = _linearized(part, _motion(pitch)).J[0, :, -2:]
     for k, change in enumerate(step * np.eye(2)):
         ahead, behind = (segment_residuals(theta[None], packed(size + sign * change))[0] for sign in (1.0, -1.0))
@@ -79,17 +80,29 @@ def test_derivative_by_the_size_is_that_of_central_differences(drawn, rng):
         np.testing.assert_allclose(J[:, k], expected, atol=1e-5 * max(1.0, np.abs(expected).max()))
 
 
-@given(thetas(lens=None), generators())
-def test_moved_rows_are_those_of_the_larger_pitch(drawn, rng):
-    theta, image_size = drawn
-    frame = observe(soccer().markings, camera_from_theta(theta, image_size), rng, 3.0)
-    assume(frame)
-    change = rng.uniform(-8.0, 8.0, size=2)
-    problem = Problem(pack(soccer(), [frame], image_size), np.arange(12) < 7, RobustLoss("cauchy", 6.0))
-    moved = _Part(problem, theta[None]).resized(_motion(soccer()), change)
-    expected = segment_residuals(moved.theta, pack(soccer(*(MEAN + change)), [frame], image_size))
-    found = segment_residuals(moved.theta, moved.problem.observations)
-    np.testing.assert_allclose(found, expected, atol=1e-6 * max(1.0, np.abs(expected).max()))
+def test_the_covariance_is_the_sandwich_of_a_camera_and_the_size_together():
+    """Without the size it would be the camera's own."""
+    rng = np.random.default_rng(3)
+    (frame,) = panned(soccer(), PANS[:1], rng, noise=3.0)
+    solved = calibrate_from_segments(soccer(), frame, SIZE).solved
+    linear, noise, known = (
+        _linearized(solved, _motion(soccer())),
+        Noise(solved.problem.observations),
+        solved.uncertainty,
+    )
+    prior, P = linear.prior[0], solved.problem.free.sum()
+    prior[P:, P:] = np.diag(SIGMA**-2)
+    noise = Noise(solved.problem.observations)
+    pull = linear.weight * noise.relative_sigma
+    A = known.curvature * linear.data[0] + prior
+    V = known.bent_sigma**2 * noise.covariance(linear.J, pull, pull)[0] + prior
+    together = np.linalg.solve(A, np.linalg.solve(A, V).T)
+    covariance, share = _uncertainty([solved], _motion(soccer()))
+    np.testing.assert_allclose(covariance, together[P:, P:], rtol=1e-6)
+    np.testing.assert_allclose(share, 1.0 - np.diagonal(np.linalg.inv(A))[P:] / SIGMA**2, rtol=1e-6)
+    A, V = A[:P, :P], V[:P, :P]
+    free = np.ix_(solved.problem.free, solved.problem.free)
+    np.testing.assert_allclose(np.linalg.solve(A, np.linalg.solve(A, V).T), known.covariance[free], rtol=1e-3)
 
 
 # what the labels determine
@@ -130,7 +143,7 @@ def test_the_middle_says_nothing_about_the_length():
     assert found.length == pytest.approx(105.0, abs=1e-9)
     assert found.from_labels[0] == pytest.approx(0.0, abs=1e-9)
     assert found.std_deviations[0] == pytest.approx(SIGMA[0])
-    np.testing.assert_allclose(found.interval()[:, 0], (100.0, 110.0), atol=1e-3)
+    np.testing.assert_allclose(found.interval[:, 0], (100.0, 110.0), atol=1e-3)
     assert str(found).startswith("length: the labels say nothing, 105.0 ± 2.6 m is from the prior; width: ")
     assert found.from_labels[1] > SILENT
     assert "m mostly from the prior (10 % from the labels)" in str(found)
@@ -168,7 +181,7 @@ def test_intervals_hold_the_truth(count, pitches):
     for _ in range(pitches):
         truth, frames = pitch_and_frames(rng, count, 1.0)
         found = estimate_field_size(soccer(), frames, SIZE)
-        low, high = found.interval()
+        low, high = found.interval
         holds.append((low <= truth) & (truth <= high))
         errors.append((size_of(found) - truth) / found.std_deviations)
     assert 0.90 <= np.mean(holds) <= 1.0
@@ -208,7 +221,7 @@ def test_the_law_limits_the_estimate():
     found = estimate_field_size(soccer(), panned(soccer(88.0, 60.0)), SIZE)
     assert found.length == 90.0
     assert found.width == pytest.approx(60.0, abs=1.0)
-    assert found.interval()[0, 0] == 90.0
+    assert found.interval[0, 0] == 90.0
 
 
 # no estimate, no field
@@ -220,7 +233,7 @@ def test_without_a_camera_there_is_the_prior(frames):
     assert (found.length, found.width) == (103.0, 66.0)
     np.testing.assert_allclose(found.from_labels, 0.0, atol=1e-12)
     np.testing.assert_allclose(found.covariance, np.diag(SIGMA**2))
-    np.testing.assert_allclose(found.interval(), ((98.0, 60.5), (108.0, 71.5)), atol=1e-3)
+    np.testing.assert_allclose(found.interval, ((98.0, 60.5), (108.0, 71.5)), atol=1e-3)
     assert len(found.calibrations) == len(frames)
 
 
