@@ -15,7 +15,8 @@ by Gauss-Newton steps on s from which the cameras are eliminated: with H_t the H
     L_t = (-H_st H_tt^-1, I),        step = -(sum_t L_t H_t[:, s] + P)^-1 (sum_t L_t g_t + P (s - mean)).
 
 After each step the frames are calibrated from the beginning, as labels that seemed to lie may fit a pitch of another
-size; and so on until the size stays.
+size; and so on until the size stays. (Of several frames, the priors in g and H are weaker than those that the cameras
+were calibrated with, see `_parts`: as g is not 0 then, the steps still lead to the minimum, to first order.)
 
 The covariance is the sandwich of `fieldcalib.uncertainty` with two parameters more.
 """
