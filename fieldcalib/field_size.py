@@ -16,7 +16,8 @@ by Gauss-Newton steps on s from which the cameras are eliminated: with H_t the H
 
 After each step the frames are calibrated from the beginning, as labels that seemed to lie may fit a pitch of another
 size; and so on until the size stays. (Of several frames, the priors in g and H are weaker than those that the cameras
-were calibrated with, see `_parts`: as g is not 0 then, the steps still lead to the minimum, to first order.)
+were calibrated with, see `_parts`: as g is not 0 then, the steps still lead to the minimum, to first order. The same
+holds for pixels past the end of a segment: they tell the cameras where it is, `fieldcalib.ends`, but not the size.)
 
 The covariance is the sandwich of `fieldcalib.uncertainty` with two parameters more.
 """

@@ -36,7 +36,7 @@ CAMERA_KEYS = [
     "probability_right_0.5m",
     "probability_right_1m",
 ]
-SIZE_KEYS = ["field_length", "field_width", "field_std_deviations", "field_from_labels"]
+SIZE_KEYS = ["field_length", "field_width", "field_standard_deviations", "field_from_labels"]
 LINE_KEYS = ["id", "status", "message"]
 
 
@@ -378,7 +378,7 @@ def test_one_size_of_the_field_for_all_frames(small_pitch, tmp_path, capsys):
         assert list(line) == LINE_KEYS + (CAMERA_KEYS if "K" in line else []) + SIZE_KEYS
         assert {key: line[key] for key in SIZE_KEYS} == {key: lines[0][key] for key in SIZE_KEYS}
     (length, width), *_ = sizes_in(tmp_path / "free")
-    deviations = np.array(lines[0]["field_std_deviations"])
+    deviations = np.array(lines[0]["field_standard_deviations"])
     assert np.all(np.abs((length - 101.0, width - 65.0)) < 3.0 * deviations)
     assert np.all(deviations < 0.5)
     assert min(lines[0]["field_from_labels"]) > 0.95

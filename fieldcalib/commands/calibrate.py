@@ -106,7 +106,7 @@ def _of_field_size(found: FieldSize) -> dict[str, Any]:
     return {
         "field_length": found.length,
         "field_width": found.width,
-        "field_std_deviations": found.std_deviations.tolist(),
+        "field_standard_deviations": found.std_deviations.tolist(),
         "field_from_labels": found.from_labels.tolist(),
     }
 
