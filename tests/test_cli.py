@@ -410,6 +410,12 @@ def test_a_size_of_the_field_for_each_frame(small_pitch, tmp_path, capsys):
         assert lines_of(tmp_path / id) == [lines_of(tmp_path / "all")[ids.index(id)]]
 
 
+def test_cameras_on_a_free_field_are_doubted_too(small_pitch, tmp_path):
+    options = ["--free-field-size", "shared", "--least-probability", 1]
+    assert calibrate(tmp_path, small_pitch, options=options) == 0
+    assert cameras_in(tmp_path) == {}
+
+
 def test_the_size_of_the_field_is_sought_near_the_given_one(small_pitch, tmp_path):
     known = ["--field-length", 99, "--field-width", 67]
     assert calibrate(tmp_path, small_pitch / "empty.json", options=["--free-field-size", "each", *known]) == 0
