@@ -1,9 +1,10 @@
 """How well cameras predict what they were not fitted to: leave one segment out, calibrate on the rest, measure it.
 
-    python -m data_tools.leave_one_out ANNOTATIONS --size 960x540
+    python -m data_tools.leave_one_out ANNOTATIONS --size 960x540 [--free-field-size]
 
 Every annotated segment of every frame is left out once, from frames that keep at least `--least` segments. Printed are
-the median and the 90 % quantile of its root mean square distance in pixels, for each lens model.
+the median and the 90 % quantile of its root mean square distance in pixels, for each lens model. The pitch is of 105 x
+68 m, or with `--free-field-size` of the size that the other segments of the frame tell.
 """
 
 from __future__ import annotations
@@ -21,6 +22,7 @@ from fieldcalib.commands.arguments import image_size
 from fieldcalib.commands.calibrate import LENSES
 from fieldcalib.commands.folder import read_frames
 from fieldcalib.field import Field, soccer
+from fieldcalib.field_size import estimate_field_size
 from fieldcalib.parameters import theta_from_camera
 from fieldcalib.residuals import segment_residuals
 from fieldcalib.segments import Pixels, pack
@@ -30,7 +32,13 @@ LEAST = 5  # segments that a calibration keeps
 
 
 def left_out_errors(
-    field: Field, frames: Sequence[Pixels], size: tuple[int, int], *, lens: str = "k1", least: int = LEAST
+    field: Field,
+    frames: Sequence[Pixels],
+    size: tuple[int, int],
+    *,
+    lens: str = "k1",
+    least: int = LEAST,
+    free_field_size: bool = False,
 ) -> Array:
     """Root mean square distances of segments to the cameras of their frames' other segments, pixels.
 
@@ -45,6 +53,8 @@ def left_out_errors(
         Which lens is estimated.
     least : int
         Segments that must be left.
+    free_field_size : bool
+        Whether length and width of the field are estimated too, in each frame from the segments that are left.
 
     Returns
     -------
@@ -55,12 +65,21 @@ def left_out_errors(
     if not parts:
         return np.zeros(0)
     rest = [{other: xy for other, xy in frame.items() if other != label} for frame, label in parts]
-    found = calibrate_batch(field, rest, size, flags=LENSES[lens])
-    cameras = [calibration.camera for calibration in found]
-    alone = [{label: frame[label]} for frame, label in parts]
-    theta = np.array([theta_from_camera(camera) for camera in cameras if camera is not None])
-    observations = pack(field, alone, size)
-    return np.array([rms for _, rms in segment_errors(segment_residuals(theta, observations), observations, alone)])
+    flags = LENSES[lens]
+    if free_field_size:
+        found = [estimate_field_size(field, [frame], size, flags=flags).calibrations[0] for frame in rest]
+    else:
+        found = calibrate_batch(field, rest, size, flags=flags)
+    errors = []
+    for calibration, (frame, label) in zip(found, parts, strict=True):
+        assert calibration.camera is not None  # with labels there is one, whatever its status
+        assert calibration.field is not None
+        alone = {label: frame[label]}
+        observations = pack(calibration.field, [alone], size)
+        r = segment_residuals(theta_from_camera(calibration.camera)[None], observations)
+        ((_, rms),) = segment_errors(r, observations, [alone])
+        errors.append(rms)
+    return np.array(errors)
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -68,12 +87,15 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("annotations", type=Path, help="folder or zip of <id>.json")
     parser.add_argument("--size", required=True, type=image_size, metavar="WxH", help="of the images, e.g. 960x540")
+    parser.add_argument("--free-field-size", action="store_true", help="estimate length and width of the pitch too")
     parser.add_argument("--least", type=int, default=LEAST, help=f"segments that must be left ({LEAST})")
     options = parser.parse_args(arguments)
     field = soccer()
     frames = list(read_frames([options.annotations], field, options.size).pixels.values())
     for lens in LENSES:
-        errors = left_out_errors(field, frames, options.size, lens=lens, least=options.least)
+        errors = left_out_errors(
+            field, frames, options.size, lens=lens, least=options.least, free_field_size=options.free_field_size
+        )
         result = {"lens": lens, "segments": len(errors)}
         median, most = np.quantile(errors, (0.5, 0.9)).round(3).tolist() if len(errors) else (None, None)
         print(json.dumps({**result, "median_px": median, "90_percent_px": most}))

@@ -21,6 +21,7 @@ from fieldcalib.calibrate_homography import calibrate_from_homography
 from fieldcalib.calibrate_points import calibrate_from_points
 from fieldcalib.camera import Camera
 from fieldcalib.field import Arc, Field, Line, Point, PointCloud, soccer
+from fieldcalib.field_size import FieldSize, estimate_field_size
 from fieldcalib.homography import ALIGNMENTS, Alignment, Decomposition, camera_from_homography
 from fieldcalib.losses import RobustLoss
 from fieldcalib.options import DEFAULT_FLAGS, PINHOLE_FLAGS, CalibrationFlags
@@ -50,6 +51,7 @@ __all__ = [
     "CameraDistribution",
     "Decomposition",
     "Field",
+    "FieldSize",
     "Line",
     "Point",
     "PointCloud",
@@ -60,5 +62,6 @@ __all__ = [
     "calibrate_from_points",
     "calibrate_from_segments",
     "camera_from_homography",
+    "estimate_field_size",
     "soccer",
 ]

@@ -140,6 +140,8 @@ class Uncertainty:
     """Standard deviation of the labelled pixels, pixels."""
     bent_sigma: float
     """That of ``psi / rms rho'``: sigma as the robust loss lets it through."""
+    curvature: float
+    """kappa: by it the loss bends less than the Gauss-Newton Hessian of the data says."""
     dof: float
     """Degrees of freedom that sigma rests on."""
     unit: Array
@@ -370,6 +372,7 @@ def uncertainties(problem: Problem, theta: Array, unit: Array) -> list[Uncertain
                 problem=problem.take(np.array([t])),
                 sigma=float(sigma[t]),
                 bent_sigma=float(np.sqrt(variance[t])),
+                curvature=float(kappa[t]),
                 dof=float(dof[t]),
                 unit=units[t],
                 determined=determined[t],

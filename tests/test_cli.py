@@ -36,6 +36,7 @@ CAMERA_KEYS = [
     "probability_right_0.5m",
     "probability_right_1m",
 ]
+SIZE_KEYS = ["field_length", "field_width", "field_standard_deviations", "field_from_labels"]
 LINE_KEYS = ["id", "status", "message"]
 
 
@@ -158,6 +159,7 @@ def test_summary(result, folder):
         "size": [960, 540],
         "field_length": 105.0,
         "field_width": 68.0,
+        "free_field_size": None,
         "prior": "all",
         "tau": None,
         "least_probability": None,
@@ -352,6 +354,74 @@ def test_the_size_of_the_field(truth, tmp_path):
     assert summary_of(tmp_path / "true")["options"]["field_width"] == 60.0
 
 
+@pytest.fixture
+def small_pitch(truth, tmp_path):
+    """Annotations of the four cameras on a field of 101 x 65 m, and a frame without any."""
+    path, rng = tmp_path / "small", np.random.default_rng(0)
+    path.mkdir()
+    markings = whole_circle_markings(soccer(101.0, 65.0))
+    for name, (_, camera) in truth.items():
+        (path / f"{name}.json").write_text(format_annotation(observe(markings, camera, rng, 0.5), SIZE))
+    (path / "empty.json").write_text("{}")
+    return path
+
+
+def sizes_in(out):
+    return np.array([(line["field_length"], line["field_width"]) for line in lines_of(out)])
+
+
+def test_one_size_of_the_field_for_all_frames(small_pitch, tmp_path, capsys):
+    assert calibrate(tmp_path / "free", small_pitch, options=["--free-field-size", "shared"]) == 0
+    printed = capsys.readouterr().out.splitlines()
+    lines = lines_of(tmp_path / "free")
+    for line in lines:
+        assert list(line) == LINE_KEYS + (CAMERA_KEYS if "K" in line else []) + SIZE_KEYS
+        assert {key: line[key] for key in SIZE_KEYS} == {key: lines[0][key] for key in SIZE_KEYS}
+    (length, width), *_ = sizes_in(tmp_path / "free")
+    deviations = np.array(lines[0]["field_standard_deviations"])
+    assert np.all(np.abs((length - 101.0, width - 65.0)) < 3.0 * deviations)
+    assert np.all(deviations < 0.5)
+    assert min(lines[0]["field_from_labels"]) > 0.95
+    assert printed[0].startswith(f"length: {length:.2f} ± {deviations[0]:.2f} m from the labels; width: {width:.2f} ± ")
+    assert printed[1].startswith("4 cameras of 5 frames")
+    assert summary_of(tmp_path / "free")["options"]["free_field_size"] == "shared"
+    # from there on it is as if the size had been known
+    known = ["--field-length", length, "--field-width", width]
+    for out, options in (("known", known), ("default", [])):
+        assert calibrate(tmp_path / out, small_pitch, options=options) == 0
+    assert cameras_in(tmp_path / "free") == cameras_in(tmp_path / "known")
+    for key in ("rms_px", "loss_ndc", "loss_ndc_eq3"):
+        free, known, default = (
+            [line[key] for line in lines_of(tmp_path / out) if key in line] for out in ("free", "known", "default")
+        )
+        assert free == known
+        assert np.mean(free) < 0.8 * np.mean(default)
+
+
+def test_a_size_of_the_field_for_each_frame(small_pitch, tmp_path, capsys):
+    assert calibrate(tmp_path / "all", small_pitch, options=["--free-field-size", "each"]) == 0
+    assert capsys.readouterr().out.startswith("4 cameras of 5 frames")
+    sizes = sizes_in(tmp_path / "all")
+    assert len(set(map(tuple, sizes))) == 5
+    ids = [line["id"] for line in lines_of(tmp_path / "all")]
+    np.testing.assert_array_equal(sizes[ids.index("empty")], (105.0, 68.0))
+    for id in ("a", "d"):
+        assert calibrate(tmp_path / id, small_pitch / f"{id}.json", options=["--free-field-size", "shared"]) == 0
+        assert lines_of(tmp_path / id) == [lines_of(tmp_path / "all")[ids.index(id)]]
+
+
+def test_cameras_on_a_free_field_are_doubted_too(small_pitch, tmp_path):
+    options = ["--free-field-size", "shared", "--least-probability", 1]
+    assert calibrate(tmp_path, small_pitch, options=options) == 0
+    assert cameras_in(tmp_path) == {}
+
+
+def test_the_size_of_the_field_is_sought_near_the_given_one(small_pitch, tmp_path):
+    known = ["--field-length", 99, "--field-width", 67]
+    assert calibrate(tmp_path, small_pitch / "empty.json", options=["--free-field-size", "each", *known]) == 0
+    np.testing.assert_array_equal(sizes_in(tmp_path), [(99.0, 67.0)])
+
+
 def test_the_size_of_the_images(folder, result, tmp_path):
     """Annotations are relative: in larger images focal lengths are longer, everything else stays."""
     assert run("calibrate", folder, "--size", "1920X1080", "--out", tmp_path) == 0
@@ -389,6 +459,9 @@ def test_an_unknown_prior(folder, tmp_path, capsys):
         (["--tau", "low"], "argument --tau: expected a positive number, got 'low'"),
         (["--least-probability", "90"], "argument --least-probability: expected a number from 0 to 1, got '90'"),
         (["--lens", "fisheye"], "argument --lens: invalid choice"),
+        (["--free-field-size", "both"], "argument --free-field-size: invalid choice"),
+        (["--free-field-size", "shared", "--field-length", "85"], "90 to 120 x 45 to 90 m (law 1)"),
+        (["--free-field-size", "shared", "--prior", "stacked"], "--prior stacked goes with --free-field-size each"),
     ],
 )
 def test_wrong_options(folder, tmp_path, capsys, options, message):

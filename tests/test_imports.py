@@ -41,6 +41,7 @@ FLOORS = {
     "calibrate": 5,
     "calibrate_homography": 5,
     "calibrate_points": 5,
+    "field_size": 5,
     # leaves, and the public face that names what they and the floors offer
     "metrics": 6,
     "render": 6,

@@ -28,6 +28,13 @@ def test_frames_with_few_segments_are_left_alone():
     assert len(left_out_errors(soccer(), [frame], SIZE, least=4)) == 5
 
 
+def test_a_free_field_size_fits_a_small_pitch_better():
+    frame = observe(whole_circle_markings(soccer(100.0, 65.0)), BENT)
+    fixed, free = (left_out_errors(soccer(), [frame], SIZE, free_field_size=free) for free in (False, True))
+    assert len(free) == len(fixed) == len(frame)
+    assert np.median(free) < 0.5 * np.median(fixed)
+
+
 def test_the_command(tmp_path, capsys):
     frames, _ = frames_of_broadcasts(2, seed=1, noise=0.5, least_segments=7, names=("main center",))
     frames.append(observe(whole_circle_markings(soccer()), BENT, np.random.default_rng(0), noise=0.5))

@@ -3,12 +3,16 @@
 from __future__ import annotations
 
 import argparse
+import sys
+from collections.abc import Sequence
 from dataclasses import replace
+from typing import Any
 
 from fieldcalib.calibrate import calibrate_batch
 from fieldcalib.commands.arguments import add_field_size, add_input_and_output, positive, probability
-from fieldcalib.commands.folder import by_prior, calibrate_folder
+from fieldcalib.commands.folder import AT_ONCE, by_prior, calibrate_folder
 from fieldcalib.field import soccer
+from fieldcalib.field_size import FieldSize, estimate_field_size
 from fieldcalib.io.soccernet import CAMERA_TYPES, DISTRIBUTIONS_OF_TYPE, read_camera_types
 from fieldcalib.options import ALL, DEFAULT_FLAGS, PINHOLE_FLAGS, CalibrationFlags, Prior
 from fieldcalib.parameters import DISTRIBUTIONS
@@ -21,6 +25,8 @@ LENSES = {
     "k1k2": DEFAULT_FLAGS & ~CalibrationFlags.CALIB_FIX_K2,
 }
 STACKED = "stacked"  # the paper's name for the case that the kind of camera is known frame by frame
+SHARED = "shared"
+SEE_ONE_PITCH = {"each": 1, SHARED: sys.maxsize}  # frames at once
 
 
 def add_parser(commands: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
@@ -33,6 +39,12 @@ def add_parser(commands: argparse._SubParsersAction[argparse.ArgumentParser]) ->
     )
     add_input_and_output(parser)
     add_field_size(parser)
+    parser.add_argument(
+        "--free-field-size",
+        choices=SEE_ONE_PITCH,
+        help="estimate length and width too, near --field-length and --field-width; each: frame by frame; shared: of "
+        "the one pitch that all frames show (off)",
+    )
     parser.add_argument(
         "--prior",
         default=ALL,
@@ -56,6 +68,8 @@ def add_parser(commands: argparse._SubParsersAction[argparse.ArgumentParser]) ->
 
 def run(options: argparse.Namespace) -> int:
     """Calibrate; returns the exit code."""
+    if options.free_field_size == SHARED and options.prior == STACKED:
+        raise ValueError(f"--prior {STACKED} goes with --free-field-size each: {SHARED} has one prior for all frames")
     field = soccer(options.field_length, options.field_width)
     types = read_camera_types(options.input) if options.prior == STACKED else {}
 
@@ -64,15 +78,37 @@ def run(options: argparse.Namespace) -> int:
             return DISTRIBUTIONS_OF_TYPE.get(types.get(id, ""), ALL)
         return None if options.prior == "none" else str(options.prior)
 
+    how = {"flags": LENSES[options.lens], "tau": options.tau}
+    details: dict[str, dict[str, Any]] = {}
+
     def calibrate_part(frames: list[Pixels], prior: Prior) -> list[Calibration]:
-        flags = LENSES[options.lens]
-        found = calibrate_batch(field, frames, options.size, flags=flags, prior=prior, tau=options.tau)
+        return calibrate_batch(field, frames, options.size, prior=prior, **how)
+
+    def on_free_field(frames: dict[str, Pixels]) -> Sequence[Calibration]:
+        (prior,) = {prior_of(id) for id in frames}
+        found = estimate_field_size(field, list(frames.values()), options.size, prior=prior, **how)
+        details.update(dict.fromkeys(frames, _of_field_size(found)))
+        if options.free_field_size == SHARED:
+            print(found)
+        return found.calibrations
+
+    def method(frames: dict[str, Pixels]) -> Sequence[Calibration]:
+        free = options.free_field_size is not None
+        found = on_free_field(frames) if free else by_prior(frames, prior_of, calibrate_part)
         return found if options.least_probability is None else [_doubted(c, options.least_probability) for c in found]
 
-    def method(frames: dict[str, Pixels]) -> list[Calibration]:
-        return by_prior(frames, prior_of, calibrate_part)
+    at_once = SEE_ONE_PITCH.get(options.free_field_size, AT_ONCE)
+    return calibrate_folder(options, field, method, at_once=at_once, details=details)
 
-    return calibrate_folder(options, field, method)
+
+def _of_field_size(found: FieldSize) -> dict[str, Any]:
+    """What the lines of frames say about their pitch."""
+    return {
+        "field_length": found.length,
+        "field_width": found.width,
+        "field_standard_deviations": found.std_deviations.tolist(),
+        "field_from_labels": found.from_labels.tolist(),
+    }
 
 
 def _doubted(calibration: Calibration, least: float) -> Calibration:

@@ -10,13 +10,14 @@ from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
+from types import MappingProxyType
 from typing import Any, TypeAlias, TypeVar
 
 import numpy as np
 
 import fieldcalib
 from fieldcalib.camera import Camera
-from fieldcalib.field import Field
+from fieldcalib.field import Field, soccer
 from fieldcalib.io.files import write_text
 from fieldcalib.io.soccernet import camera_to_record, find_annotations, parse_annotation
 from fieldcalib.ndc import ndc_loss
@@ -62,10 +63,18 @@ def read_frames(inputs: Sequence[Path], field: Field, image_size: tuple[int, int
     return Frames(tuple(file.id for file in files), pixels, broken)
 
 
-def calibrate_folder(options: argparse.Namespace, field: Field, method: Method, *, at_once: int = AT_ONCE) -> int:
+def calibrate_folder(
+    options: argparse.Namespace,
+    field: Field,
+    method: Method,
+    *,
+    at_once: int = AT_ONCE,
+    details: Mapping[str, Mapping[str, Any]] = MappingProxyType({}),
+) -> int:
     """Read ``options.input``, calibrate by `method`, write to ``options.out``; returns the exit code.
 
-    `method` gets at most `at_once` frames, by id, and gives their calibrations in this order.
+    `method` gets at most `at_once` frames, by id, and gives their calibrations in this order. It may fill `details`:
+    more keys of the frames' lines in cameras.jsonl, by id.
     """
     from tqdm import tqdm
 
@@ -85,7 +94,7 @@ def calibrate_folder(options: argparse.Namespace, field: Field, method: Method, 
     seconds = {"calibration": time.perf_counter() - calibrating, "total": time.perf_counter() - began}
     eq3 = _eq3_losses(field, frames.pixels, calibrations, options.size)
     lines = [
-        calibration_line(id, calibrations[id], eq3.get(id))
+        calibration_line(id, calibrations[id], eq3.get(id)) | dict(details.get(id, {}))
         if id in calibrations
         else broken_line(id, frames.broken[id])
         for id in frames.ids
@@ -156,15 +165,20 @@ def _recorded(options: argparse.Namespace) -> dict[str, Any]:
 def _eq3_losses(
     field: Field, frames: Mapping[str, Pixels], calibrations: Mapping[str, Calibration], image_size: tuple[int, int]
 ) -> dict[str, float]:
-    """The loss that the paper prints, for the frames that have a camera."""
-    cameras = {id: calibration.camera for id, calibration in calibrations.items() if calibration.camera is not None}
+    """The loss that the paper prints, for the frames that have a camera, each on the field that it was found on."""
+    cameras_on: dict[tuple[float, float], dict[str, Camera]] = {}
+    for id, calibration in calibrations.items():
+        if calibration.camera is not None:
+            pitch = calibration.field or field
+            cameras_on.setdefault((pitch.length, pitch.width), {})[id] = calibration.camera
     losses: dict[str, float] = {}
-    ids = list(cameras)
-    for begin in range(0, len(ids), AT_ONCE):
-        part = ids[begin : begin + AT_ONCE]
-        theta = np.array([theta_from_camera(cameras[id]) for id in part])
-        values = ndc_loss(theta, field, [frames[id] for id in part], image_size, kind="eq3")
-        losses.update(zip(part, values.tolist(), strict=True))
+    for size, cameras in cameras_on.items():
+        ids = list(cameras)
+        for begin in range(0, len(ids), AT_ONCE):
+            part = ids[begin : begin + AT_ONCE]
+            theta = np.array([theta_from_camera(cameras[id]) for id in part])
+            values = ndc_loss(theta, soccer(*size), [frames[id] for id in part], image_size, kind="eq3")
+            losses.update(zip(part, values.tolist(), strict=True))
     return losses
 
 

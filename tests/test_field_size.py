@@ -1,0 +1,267 @@
+"""The size of the pitch: derivatives, recovery, what the labels do not say, coverage of the truth."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hypothesis import assume, given, settings
+from strategies import generators, thetas
+from synthetic import observe, whole_circle_markings
+
+from fieldcalib.calibrate import calibrate_from_segments
+from fieldcalib.camera import Camera
+from fieldcalib.field import Point, soccer
+from fieldcalib.field_size import ALL_MATCHES, SIGMA, SILENT, _linearized, _motion, _uncertainty, estimate_field_size
+from fieldcalib.losses import RobustLoss
+from fieldcalib.options import PINHOLE_FLAGS
+from fieldcalib.parameters import DISTRIBUTIONS, LENS, camera_from_theta
+from fieldcalib.residuals import segment_residuals
+from fieldcalib.segments import pack
+from fieldcalib.solver import Problem
+from fieldcalib.uncertainty import Noise, Solved
+
+SIZE = (960, 540)
+MEAN = np.array([105.0, 68.0])
+MIDDLE = ("Middle line", "Circle central", "Side line top")
+PANS = (-0.6, -0.2, 0.2, 0.6)
+
+
+def panned(pitch, pans=PANS, rng=None, noise=0.0, k1=0.0):
+    """Frames of a camera on the main stand that sees a lot of a pitch at every pan."""
+    frames = []
+    for pan in pans:
+        camera = Camera.from_angles(pan, 1.35, 0.01, 900.0, (2.0, 68.0, -17.0), SIZE, k=(k1, 0.0))
+        frames.append(observe(whole_circle_markings(pitch), camera, rng, noise))
+    return frames
+
+
+def pitch_and_frames(rng, count, noise):
+    """A pitch from the prior and what random cameras on the main stand, with lenses, see of it."""
+    truth = np.clip(MEAN + SIGMA * rng.normal(size=2), *ALL_MATCHES)
+    markings, frames = whole_circle_markings(soccer(*truth)), []
+    while len(frames) < count:
+        theta = DISTRIBUTIONS["main center"].sample(1, rng, SIZE)[0]
+        theta[LENS.start] = rng.normal(0.025, 0.02)
+        frame = observe(markings, camera_from_theta(theta, SIZE), rng, noise)
+        if len(frame) >= 5:
+            frames.append(frame)
+    return truth, frames
+
+
+def size_of(found):
+    return np.array([found.length, found.width])
+
+
+# derivatives
+
+
+@given(thetas(lens=None), generators())
+def test_derivative_by_the_size_is_that_of_central_differences(drawn, rng):
+    """Lines, circles and points, pixels beside them."""
+    theta, image_size = drawn
+    size, step = rng.uniform((95.0, 55.0), (115.0, 80.0)), 1e-4
+    pitch, camera = soccer(*size), camera_from_theta(theta, image_size)
+    frame = observe(pitch.markings, camera, rng, 3.0)
+    for name, point in pitch.points.items():
+        xy = camera.project(point.sample())
+        if np.all((xy > 0.0) & (xy < image_size)):
+            frame[name] = xy + rng.normal(size=(1, 2))
+    assume(frame)
+
+    def packed(size):
+        return pack(soccer(*size), [frame], image_size)
+
+    free = np.ones(12, dtype=bool)
+    part = Solved(Problem(packed(size), free, RobustLoss("cauchy", 6.0)), theta[None], np.ones((1, 12)))
+    J = _linearized(part, _motion(pitch)).J[0, :, -2:]
+    for k, change in enumerate(step * np.eye(2)):
+        ahead, behind = (segment_residuals(theta[None], packed(size + sign * change))[0] for sign in (1.0, -1.0))
+        expected = (ahead - behind) / (2.0 * step)
+        np.testing.assert_allclose(J[:, k], expected, atol=1e-5 * max(1.0, np.abs(expected).max()))
+
+
+def test_the_covariance_is_the_sandwich_of_a_camera_and_the_size_together():
+    """Without the size it would be the camera's own."""
+    rng = np.random.default_rng(3)
+    (frame,) = panned(soccer(), PANS[:1], rng, noise=3.0)
+    solved = calibrate_from_segments(soccer(), frame, SIZE).solved
+    linear, noise, known = (
+        _linearized(solved, _motion(soccer())),
+        Noise(solved.problem.observations),
+        solved.uncertainty,
+    )
+    prior, P = linear.prior[0], solved.problem.free.sum()
+    prior[P:, P:] = np.diag(SIGMA**-2)
+    noise = Noise(solved.problem.observations)
+    pull = linear.weight * noise.relative_sigma
+    A = known.curvature * linear.data[0] + prior
+    V = known.bent_sigma**2 * noise.covariance(linear.J, pull, pull)[0] + prior
+    together = np.linalg.solve(A, np.linalg.solve(A, V).T)
+    covariance, share = _uncertainty([solved], _motion(soccer()))
+    np.testing.assert_allclose(covariance, together[P:, P:], rtol=1e-6)
+    np.testing.assert_allclose(share, 1.0 - np.diagonal(np.linalg.inv(A))[P:] / SIGMA**2, rtol=1e-6)
+    A, V = A[:P, :P], V[:P, :P]
+    free = np.ix_(solved.problem.free, solved.problem.free)
+    np.testing.assert_allclose(np.linalg.solve(A, np.linalg.solve(A, V).T), known.covariance[free], rtol=1e-3)
+
+
+# what the labels determine
+
+
+@settings(max_examples=8)
+@given(generators())
+def test_without_noise_only_the_prior_keeps_the_estimate_from_the_truth(rng):
+    """It goes the share of the way from the prior's mean to the truth that comes from the labels."""
+    truth = rng.uniform((97.0, 60.0), (113.0, 76.0))
+    frames = panned(soccer(*truth))
+    found = estimate_field_size(soccer(), frames, SIZE, flags=PINHOLE_FLAGS, prior=None)
+    assert np.all(found.from_labels > 0.97)
+    np.testing.assert_allclose(size_of(found), truth, atol=0.3)
+    way = MEAN + found.from_labels * (truth - MEAN)
+    np.testing.assert_allclose(size_of(found), way, atol=0.012 * np.abs(truth - MEAN).max() + 2e-3)
+    assert all(calibration.accepted for calibration in found.calibrations)
+    assert max(calibration.rms for calibration in found.calibrations) < 0.4
+
+
+def test_calibrations_are_on_the_field_that_was_found():
+    (frame,) = panned(soccer(100.0, 65.0), PANS[:1])
+    found = estimate_field_size(soccer(), [frame], SIZE)
+    (calibration,) = found.calibrations
+    again = calibrate_from_segments(soccer(found.length, found.width), frame, SIZE)
+    assert dict(found.field) == dict(soccer(found.length, found.width))
+    np.testing.assert_allclose(calibration.camera.C, again.camera.C, atol=1e-3)
+    fixed = calibrate_from_segments(soccer(), frame, SIZE)
+    assert calibration.rms < 0.3 * fixed.rms
+    off, fixed_off = (np.linalg.norm(one.camera.C - (2.0, 68.0, -17.0)) for one in (calibration, fixed))
+    assert off < fixed_off
+
+
+def test_the_middle_says_nothing_about_the_length():
+    frame = {label: xy for label, xy in panned(soccer(110.0, 64.0), (0.05,))[0].items() if label in MIDDLE}
+    assert len(frame) == 3
+    found = estimate_field_size(soccer(), [frame], SIZE, flags=PINHOLE_FLAGS)
+    assert found.length == pytest.approx(105.0, abs=1e-9)
+    assert found.from_labels[0] == pytest.approx(0.0, abs=1e-9)
+    assert found.std_deviations[0] == pytest.approx(SIGMA[0])
+    np.testing.assert_allclose(found.interval[:, 0], (100.0, 110.0), atol=1e-3)
+    assert str(found).startswith("length: the labels say nothing, 105.0 ± 2.6 m is from the prior; width: ")
+    assert found.from_labels[1] > SILENT
+    assert "m mostly from the prior (10 % from the labels)" in str(found)
+    assert found.width < 68.0
+
+
+def test_many_frames_of_one_half_say_no_more_about_the_length_than_one():
+    """What they have in common is the prior of where the camera stands; the width they do tell."""
+    rng = np.random.default_rng(2)
+    frames = panned(soccer(100.0, 65.0), (0.5, 0.55, 0.6, 0.65) * 5, rng, noise=0.5)
+    half = [{label: xy for label, xy in frame.items() if "right" in label or "Side" in label} for frame in frames]
+    one, many = (estimate_field_size(soccer(), part, SIZE) for part in (half[:1], half))
+    assert all(found.from_labels[0] < 0.05 and found.std_deviations[0] > 2.4 for found in (one, many))
+    assert many.width == pytest.approx(65.0, abs=0.3)
+    assert many.std_deviations[1] < 0.5 * one.std_deviations[1]
+    assert "width: " in str(many)
+    assert "m from the labels" in str(many)
+
+
+def test_more_frames_narrow_it():
+    rng = np.random.default_rng(4)
+    frames = panned(soccer(102.0, 70.0), np.linspace(-0.7, 0.7, 16), rng, noise=1.0, k1=0.05)
+    found = [estimate_field_size(soccer(), frames[8 - n : 8 + n], SIZE) for n in (1, 3, 8)]
+    deviations = np.array([one.std_deviations for one in found])
+    assert np.all(np.diff(deviations, axis=0) < 0.0)
+    assert np.all(deviations[2] < 0.5 * deviations[0])
+    assert np.all(np.diff([one.from_labels for one in found], axis=0) > 0.0)
+    np.testing.assert_allclose(size_of(found[2]), (102.0, 70.0), atol=0.3)
+
+
+@pytest.mark.parametrize(("count", "pitches"), [(1, 40), (10, 8)])
+def test_intervals_hold_the_truth(count, pitches):
+    rng = np.random.default_rng(5)
+    holds, errors = [], []
+    for _ in range(pitches):
+        truth, frames = pitch_and_frames(rng, count, 1.0)
+        found = estimate_field_size(soccer(), frames, SIZE)
+        low, high = found.interval
+        holds.append((low <= truth) & (truth <= high))
+        errors.append((size_of(found) - truth) / found.std_deviations)
+    assert 0.90 <= np.mean(holds) <= 1.0
+    assert 0.75 <= np.sqrt(np.mean(np.square(errors))) <= 1.25  # too wide intervals would hold everything
+
+
+# pitches that are far from what was expected
+
+
+def frames_of(truth, seed, index):
+    """One frame of many labels of a pitch."""
+    rng, markings, found = np.random.default_rng(seed), whole_circle_markings(soccer(*truth)), []
+    while len(found) <= index:
+        frame = observe(
+            markings, camera_from_theta(DISTRIBUTIONS["main center"].sample(1, rng, SIZE)[0], SIZE), rng, 0.5
+        )
+        if len(frame) >= 7:
+            found.append(frame)
+    return found[index]
+
+
+def test_labels_that_seemed_to_lie_fit_the_pitch_that_was_found():
+    frame = frames_of((94.0, 58.0), 2, 18)
+    assert calibrate_from_segments(soccer(), frame, SIZE).suspect_labels
+    found = estimate_field_size(soccer(), [frame], SIZE)
+    assert not found.calibrations[0].suspect_labels
+    np.testing.assert_allclose(size_of(found), (94.0, 58.0), atol=1.0)
+
+
+def test_a_frame_that_no_camera_explains_on_the_expected_pitch():
+    found = estimate_field_size(soccer(), [frames_of((94.0, 58.0), 2, 25)], SIZE)
+    np.testing.assert_allclose(size_of(found), (94.0, 58.0), atol=1.0)
+    assert found.calibrations[0].accepted
+
+
+def test_the_law_limits_the_estimate():
+    found = estimate_field_size(soccer(), panned(soccer(88.0, 60.0)), SIZE)
+    assert found.length == 90.0
+    assert found.width == pytest.approx(60.0, abs=1.0)
+    assert found.interval[0, 0] == 90.0
+
+
+# no estimate, no field
+
+
+@pytest.mark.parametrize("frames", [[], [{}], [{"Middle line": [(480.0, 100.0), (470.0, 500.0)]}]])
+def test_without_a_camera_there_is_the_prior(frames):
+    found = estimate_field_size(soccer(103.0, 66.0), frames, SIZE)
+    assert (found.length, found.width) == (103.0, 66.0)
+    np.testing.assert_allclose(found.from_labels, 0.0, atol=1e-12)
+    np.testing.assert_allclose(found.covariance, np.diag(SIGMA**2))
+    np.testing.assert_allclose(found.interval, ((98.0, 60.5), (108.0, 71.5)), atol=1e-3)
+    assert len(found.calibrations) == len(frames)
+
+
+def test_frames_that_are_not_accepted_do_not_move_the_prior():
+    """Labels at random places, to which a larger or smaller pitch would fit a little better."""
+    rng = np.random.default_rng(0)
+    frame = {label: rng.uniform((0.0, 0.0), SIZE, size=(3, 2)) for label in panned(soccer(), PANS[:1])[0]}
+    found = estimate_field_size(soccer(), [frame], SIZE)
+    assert not found.calibrations[0].accepted
+    assert (found.length, found.width) == (105.0, 68.0)
+    np.testing.assert_allclose(found.covariance, np.diag(SIGMA**2))
+
+
+@pytest.mark.parametrize(
+    ("field", "message"),
+    [
+        (soccer(85.0, 60.0), r"90 to 120 x 45 to 90 m \(law 1\).*got 85 x 60"),
+        (soccer(100.0, 91.0), "got 100 x 91"),
+        (soccer().with_segments({"corner flag": Point((-52.5, -34.0, -1.5))}), "how other segments move is not known"),
+        (dict(soccer()), "expected a field as soccer"),
+        (replace(soccer(), length=100.0), "expected a field as soccer"),
+    ],
+)
+def test_what_is_no_pitch_is_refused(field, message):
+    with pytest.raises(ValueError, match=message):
+        estimate_field_size(field, [], SIZE)
+
+
+def test_frames_are_checked():
+    with pytest.raises(ValueError, match="frame 1: unknown label 'Midle line'; did you mean 'Middle line'"):
+        estimate_field_size(soccer(), [{}, {"Midle line": [(480.0, 100.0)]}], SIZE)
