@@ -220,6 +220,7 @@ def _parts(calibrations: Sequence[Calibration], *statuses: Status) -> list[Solve
     for members in together.values():
         frames, one = np.array([solved.frame for solved in members]), members[0]
         problem = one.problem.take(frames)
+        problem = replace(problem, observations=problem.observations.without_ends)
         if problem.prior is not None:
             sigma = problem.prior.sigma.copy()
             sigma[:, CENTER] *= np.sqrt(count)

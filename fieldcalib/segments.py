@@ -83,6 +83,11 @@ class Observations:
         kinds = {kind: getattr(self, kind).take(index) for kind in LEAST_DEPTH}
         return replace(self, **kinds)
 
+    @property
+    def without_ends(self) -> Observations:
+        """The labelled pixels alone."""
+        return replace(self, ends=self.ends.choose(np.empty((len(self), 0), dtype=np.intp)))
+
     @cached_property
     def weight(self) -> Array:
         """Weight of every residual, (T, M), ordered as lines, arcs, curves, points' x, y, clouds' x, y, ends."""
