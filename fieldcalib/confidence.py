@@ -20,7 +20,7 @@ from fieldcalib.field import Field
 from fieldcalib.uncertainty import Uncertainty
 
 # b0 to b4, fitted to 6,000 synthetic frames and to nothing else: `python -m data_tools.probability fit`.
-COEFFICIENTS = (3.92, -2.45, -0.85, -0.92, -0.33)
+COEFFICIENTS = (2.99, -2.66, -0.76, -0.76, -0.37)
 GRID = (17, 10)  # points along the image's width and height where errors are looked at
 LARGEST_SCORE = 5.0  # z-scores beyond say no more
 
