@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from fieldcalib._types import Array, BoolArray, IntArray
-from fieldcalib.ends import drawn_to_ends
+from fieldcalib.ends import with_ends
 from fieldcalib.field import Field, Line, ObjectSegments
 from fieldcalib.labels import Resolution, resolve_labels
 from fieldcalib.losses import LossName, RobustLoss
@@ -284,11 +284,12 @@ def _calibrate(
     observations = pack(object_segments, frames, options.image_size, shares)
     theta, prior = _start(object_segments, observations, options, solve)
     narrow = Problem(observations, options.free, options.loss, options.noise, prior if options.use_prior else None)
-    finish = partial(solve, max_iterations=options.max_iterations, tolerance=options.tolerance)
+    approach = partial(solve, max_iterations=options.max_iterations, tolerance=WIDE_TOLERANCE)
     search = partial(_start, object_segments, options=options, solve=solve_batch)
-    far, solution = options.wide_loss.scale, finish(narrow, theta)
-    resolved = resolve_labels(object_segments, frames, shares, narrow, solution, prior, far, search, finish)
-    drawn, solution = drawn_to_ends(object_segments, resolved.problem, resolved.solution, far, finish)
+    far, solution = options.wide_loss.scale, approach(narrow, theta)
+    resolved = resolve_labels(object_segments, frames, shares, narrow, solution, prior, far, search, approach)
+    drawn = with_ends(object_segments, resolved.problem, resolved.solution.theta, far)
+    solution = solve(drawn, resolved.solution.theta, max_iterations=options.max_iterations, tolerance=options.tolerance)
     resolved = replace(resolved, solution=solution)
     return _judge(object_segments, frames, observations, resolved, drawn, options)
 

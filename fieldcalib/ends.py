@@ -20,25 +20,18 @@ from fieldcalib._types import Array, BoolArray
 from fieldcalib.field import Arc, ObjectSegments
 from fieldcalib.residuals import end_points, foot_points, world_points
 from fieldcalib.segments import Observations, Rows
-from fieldcalib.solver import Finish, Problem, Solution
+from fieldcalib.solver import Problem
 
 WEIGHT = 0.5  # of a pixel past an end, in units of what it weighs across: annotators place ends with less care
 
 
-def drawn_to_ends(
-    object_segments: ObjectSegments, problem: Problem, solution: Solution, far: float, finish: Finish
-) -> tuple[Problem, Solution]:
-    """Solve again with what the ends of the segments say; frames whose pixels keep within them stay as they are.
+def with_ends(object_segments: ObjectSegments, problem: Problem, theta: Array, far: float) -> Problem:
+    """The problems with what the ends of the segments say, as cameras (B, 12) near their solutions see it.
 
     What lies more than `far` pixels past an end has another fault than a careless end, and is left alone.
     """
-    ends = pixels_past_ends(object_segments, problem.observations, solution.theta, far)
-    affected = np.flatnonzero(np.any(ends.weight > 0.0, axis=1))
-    if not len(affected):
-        return problem, solution
-    with_ends = replace(problem, observations=replace(problem.observations, ends=ends))
-    drawn = finish(with_ends.take(affected), solution.theta[affected])
-    return with_ends, solution.replaced(affected, drawn)
+    ends = pixels_past_ends(object_segments, problem.observations, theta, far)
+    return replace(problem, observations=replace(problem.observations, ends=ends))
 
 
 def pixels_past_ends(object_segments: ObjectSegments, observations: Observations, theta: Array, far: float) -> Rows:
