@@ -18,6 +18,7 @@ import numpy as np
 
 from fieldcalib._types import Array
 from fieldcalib.calibrate import calibrate_batch
+from fieldcalib.cli import run_command
 from fieldcalib.commands.arguments import image_size
 from fieldcalib.commands.calibrate import LENSES
 from fieldcalib.commands.folder import read_frames
@@ -89,7 +90,12 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument("--size", required=True, type=image_size, metavar="WxH", help="of the images, e.g. 960x540")
     parser.add_argument("--free-field-size", action="store_true", help="estimate length and width of the pitch too")
     parser.add_argument("--least", type=int, default=LEAST, help=f"segments that must be left ({LEAST})")
-    options = parser.parse_args(arguments)
+    parser.set_defaults(run=run)
+    return run_command(parser.parse_args(arguments))
+
+
+def run(options: argparse.Namespace) -> int:
+    """Measure and print; returns the exit code."""
     field = soccer()
     frames = list(read_frames([options.annotations], field, options.size).pixels.values())
     for lens in LENSES:

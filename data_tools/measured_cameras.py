@@ -21,7 +21,8 @@ import numpy as np
 from fieldcalib._types import Array
 from fieldcalib.calibrate import calibrate_batch
 from fieldcalib.camera import Camera
-from fieldcalib.commands.arguments import positive
+from fieldcalib.cli import run_command
+from fieldcalib.commands.arguments import count, positive
 from fieldcalib.commands.calibrate import LENSES
 from fieldcalib.demo import observe
 from fieldcalib.field import Field, soccer
@@ -80,11 +81,16 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("cameras", type=Path, help="folder of <name>.npz")
     parser.add_argument("--noise", type=positive, default=1.0, help="pixels (1)")
-    parser.add_argument("--repeats", type=int, default=20, help="draws of the noise (20)")
-    options = parser.parse_args(arguments)
+    parser.add_argument("--repeats", type=count, default=20, help="draws of the noise (20)")
+    parser.set_defaults(run=run)
+    return run_command(parser.parse_args(arguments))
+
+
+def run(options: argparse.Namespace) -> int:
+    """Measure and print; returns the exit code."""
     files = sorted(options.cameras.glob("*.npz"))
     if not files:
-        parser.error(f"{options.cameras} holds no <name>.npz")
+        raise FileNotFoundError(f"{options.cameras} holds no <name>.npz")
     field = soccer()
     pairs = observed([read_camera(path) for path in files], field, options.noise, options.repeats)
     for model, flags in MODELS.items():

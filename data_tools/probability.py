@@ -31,7 +31,8 @@ from data_tools.random_frames import random_frame
 from fieldcalib._types import Array
 from fieldcalib.calibrate import calibrate_batch
 from fieldcalib.camera import Camera
-from fieldcalib.commands.arguments import image_size
+from fieldcalib.cli import run_command
+from fieldcalib.commands.arguments import count, image_size
 from fieldcalib.commands.folder import read_frames
 from fieldcalib.confidence import GRID, evidence
 from fieldcalib.field import Field, soccer
@@ -108,14 +109,14 @@ def risk_coverage_area(score: Array, risk: Array) -> float:
 
     Examples
     --------
-    >>> risk_coverage_area(np.array([3.0, 2.0, 1.0]), np.array([0.0, 0.0, 0.6])).round(3)
+    >>> round(risk_coverage_area(np.array([3.0, 2.0, 1.0]), np.array([0.0, 0.0, 0.6])), 3)
     0.067
     """
     ordered = risk[np.argsort(-score, kind="stable")]
     return float(np.mean(np.cumsum(ordered) / np.arange(1, len(ordered) + 1)))
 
 
-def fit(options: argparse.Namespace) -> None:
+def fit(options: argparse.Namespace) -> int:
     """Print coefficients, and their reliability on other frames."""
     rng, field = np.random.default_rng(options.seed), soccer()
     parts = []
@@ -126,20 +127,22 @@ def fit(options: argparse.Namespace) -> None:
     coefficients = fitted(np.array([evidence(c.uncertainty, field) for c in found]), errors)
     print(json.dumps({"frames": len(found), "coefficients": coefficients.round(2).tolist()}))
     _print_reliability(*parts[1])
+    return 0
 
 
-def measured(options: argparse.Namespace) -> None:
+def measured(options: argparse.Namespace) -> int:
     """Print the reliability on measured cameras, of frames with random parts of what they see."""
     field, rng = soccer(), np.random.default_rng(options.seed)
     cameras = [read_camera(path) for path in sorted(options.cameras.glob("*.npz"))]
     if not cameras:
-        raise SystemExit(f"{options.cameras} holds no <name>.npz")
+        raise FileNotFoundError(f"{options.cameras} holds no <name>.npz")
     pairs = observed(cameras, field, options.noise, options.repeats, options.seed)
     parts = [_part(frame, int(rng.integers(1, len(frame), endpoint=True)), rng) for _, frame in pairs]
     _print_reliability(*judged(field, parts, [truth for truth, _ in pairs], SIZE))
+    return 0
 
 
-def annotated(options: argparse.Namespace) -> None:
+def annotated(options: argparse.Namespace) -> int:
     """Print reliability, areas under risk-coverage curves and these curves for annotated frames."""
     field, rng, size = soccer(), np.random.default_rng(options.seed), options.size
     frames = list(read_frames([options.annotations], field, size).pixels.values())
@@ -166,6 +169,7 @@ def annotated(options: argparse.Namespace) -> None:
             row = {"by": name, "CR": coverage, "threshold": round(abs(float(score[kept[-1]])), 4)}
             percent = {"AC": (100.0 * ac).round(2).tolist(), "CS": round(100.0 * compound_score(ac, cr), 2)}
             print(json.dumps({**row, **percent}))
+    return 0
 
 
 def _part(frame: Pixels, count: int, rng: np.random.Generator) -> Pixels:
@@ -202,18 +206,16 @@ def main(arguments: Sequence[str] | None = None) -> int:
         command = commands.add_parser(run.__name__, help=run.__doc__)
         command.set_defaults(run=run)
         if repeats is not None:
-            command.add_argument("--repeats", type=int, default=repeats, help=f"of each camera or frame ({repeats})")
+            command.add_argument("--repeats", type=count, default=repeats, help=f"of each camera or frame ({repeats})")
         if run is fit:
-            command.add_argument("--frames", type=int, default=6000, help="to fit to, and as many others (6000)")
+            command.add_argument("--frames", type=count, default=6000, help="to fit to, and as many others (6000)")
         elif run is measured:
             command.add_argument("cameras", type=Path, help="folder of <name>.npz")
             command.add_argument("--noise", type=float, default=2.0, help="pixels at 1920x1080 (2)")
         else:
             command.add_argument("annotations", type=Path, help="folder or zip of <id>.json")
             command.add_argument("--size", required=True, type=image_size, metavar="WxH", help="of the images")
-    options = parser.parse_args(arguments)
-    options.run(options)
-    return 0
+    return run_command(parser.parse_args(arguments))
 
 
 if __name__ == "__main__":

@@ -24,6 +24,7 @@ import numpy as np
 from data_tools.random_frames import mislabelled
 from fieldcalib.calibrate import calibrate_batch
 from fieldcalib.camera import Camera
+from fieldcalib.cli import run_command
 from fieldcalib.commands.arguments import image_size
 from fieldcalib.commands.folder import read_frames
 from fieldcalib.field import Field, soccer
@@ -63,7 +64,7 @@ def measure(
         and calibration.camera is not None
     ]
     if not certain:
-        raise SystemExit(f"none of {len(frames)} frames has {LEAST_SEGMENTS} segments that fit to {WELL_FITTED:g} px")
+        raise ValueError(f"none of {len(frames)} frames has {LEAST_SEGMENTS} segments that fit to {WELL_FITTED:g} px")
     changed = [mislabelled(frame, field, count, rng) for frame, _ in certain]
     found = calibrate_batch(field, [pixels for pixels, _ in changed], size)
     replaced = accused = hit = named = 0
@@ -96,9 +97,14 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("annotations", type=Path, help="folder or zip of <id>.json")
     parser.add_argument("--size", required=True, type=image_size, metavar="WxH", help="of the images")
-    parser.add_argument("--wrong", type=int, default=1, metavar="N", help="labels replaced in each frame (1)")
+    parser.add_argument("--wrong", type=int, choices=(1, 2, 3), default=1, help="labels replaced in each frame (1)")
     parser.add_argument("--seed", type=int, default=0)
-    options = parser.parse_args(arguments)
+    parser.set_defaults(run=run)
+    return run_command(parser.parse_args(arguments))
+
+
+def run(options: argparse.Namespace) -> int:
+    """Measure and print; returns the exit code."""
     field, rng = soccer(), np.random.default_rng(options.seed)
     frames = list(read_frames([options.annotations], field, options.size).pixels.values())
     print(json.dumps({"wrong": options.wrong, **measure(field, frames, options.size, options.wrong, rng)}))

@@ -188,6 +188,8 @@ def draw_minimap(camera: Camera, field: Field, *, size: tuple[int, int] = (336, 
     >>> draw_minimap(camera, soccer(), size=(240, 160)).shape
     (160, 240, 3)
     """
+    if not isinstance(field, Field):
+        raise ValueError(f"a map needs a Field, whose length and width are known, got {type(field).__name__}")
     width, height = checked_image_size(size)
     scale = min(width / (field.length + 2.0 * MAP_MARGIN), height / (field.width + 2.0 * MAP_MARGIN))
     above = 100.0  # m: any height gives the same map
@@ -274,6 +276,8 @@ def _mark_camera(picture: Image, position: Array, centre: Array) -> None:
 
 def _checked_copy(image: Image, image_size: tuple[int, int] | None) -> Image:
     """A contiguous copy that OpenCV can draw on, or a ValueError that says what is wrong with the image."""
+    if image is None:
+        raise ValueError("image is None: cv2.imread returns it for a file that is not there or cannot be read")
     array = np.asarray(image)
     if array.dtype != np.uint8:
         raise ValueError(

@@ -163,8 +163,8 @@ def checked_prior(
             found.append(DISTRIBUTIONS[member])
         else:
             raise ValueError(
-                f"unknown camera distribution {member!r}: expected 'all', {', '.join(map(repr, DISTRIBUTIONS))}, or a "
-                f"CameraDistribution of your own"
+                f"unknown camera distribution {member!r}: expected 'all', {', '.join(map(repr, DISTRIBUTIONS))}, a "
+                f"CameraDistribution of your own, or None for no prior"
             )
     if not found:
         raise ValueError("prior names no camera distribution; None solves without a prior")

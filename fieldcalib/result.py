@@ -17,6 +17,8 @@ from fieldcalib.confidence import evidence, probability_right
 from fieldcalib.field import Field
 from fieldcalib.uncertainty import Direction, GroundError, Solved, Uncertainty
 
+BESIDE = 5.0  # px: pixels that are nearer to a line lie on it
+
 
 class Status(StrEnum):
     """Verdict on a calibration. The best camera is given whatever the status says."""
@@ -50,13 +52,14 @@ class SuspectLabel:
     fits: str | None
     """The label whose segment is where the pixels are; None if there is none."""
     error_px: float
-    """Root mean square distance of the pixels to the (infinite) segment of the given label: small if that runs through
-    the pixels, but the segment itself is elsewhere."""
+    """Root mean square distance of the pixels to the (infinite) line or circle of the given label: small if that runs
+    through the pixels, but the segment itself is elsewhere on it."""
 
     def __str__(self) -> str:
         """For messages."""
         fits = "no other label fits" if self.fits is None else f"{self.fits!r} fits"
-        return f"{self.label!r} lies {self.error_px:.0f} px off: {fits}"
+        where = f"lies {self.error_px:.0f} px off" if self.error_px > BESIDE else "ends elsewhere on the same line"
+        return f"{self.label!r} {where}: {fits}"
 
 
 @dataclass(frozen=True)
@@ -141,13 +144,13 @@ class Calibration:
         """Probability that the camera is right: no point of the field in view is off by more than some metres.
 
         Fitted on synthetic frames of a field of the given size, see `fieldcalib.confidence`. NaN where no part of the
-        field is in view, 0 where the verdict is that no camera could stand there: of 22 such ones on synthetic frames
-        none was right.
+        field is in view, 0 where there is no camera, or the verdict is that none could stand there: of 22 such ones on
+        synthetic frames none was right.
 
         Raises
         ------
         ValueError
-            If the camera was not fitted to labelled pixels of a `Field`, or `metres` is not positive.
+            If the object is no `Field`, or `metres` is not positive.
 
         Examples
         --------
@@ -161,6 +164,8 @@ class Calibration:
         """
         if not metres > 0.0:
             raise ValueError(f"metres must be positive, got {metres}")
+        if self.solved is None:
+            return 0.0
         if self.field is None:
             raise ValueError("expected a calibration of a Field: how much of another object is in view is not known")
         if self.status is Status.IMPLAUSIBLE:

@@ -80,7 +80,7 @@ class Direction:
 
 @dataclass(frozen=True)
 class GroundError:
-    """Errors of points on the ground, metres."""
+    """Errors of points on the ground: `rms` in metres, `ellipse` of the region that holds the true point."""
 
     covariance: Array
     """Of (x, y), (..., 2, 2); NaN where there is no ground point, infinite where the labels leave it open."""

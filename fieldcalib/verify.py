@@ -82,7 +82,7 @@ def verdict(
     equations = constraints(object_segments, frame)
     if equations < evidence.unknowns:
         return Status.TOO_FEW_SEGMENTS, (
-            f"{labelled} give {equations} equations for {evidence.unknowns} unknowns: "
+            f"{labelled}: {equations} equations for {evidence.unknowns} unknowns; "
             f"label more {noun}s, or fix what is known with flags"
         )
     information, parameters = evidence.weakest

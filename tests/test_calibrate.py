@@ -211,7 +211,7 @@ def test_errors_are_those_of_the_pixels():
     [
         ({}, Status.TOO_FEW_SEGMENTS, "no labelled pixels"),
         ({"Middle line": []}, Status.TOO_FEW_SEGMENTS, "no labelled pixels"),
-        ({"Middle line": [(480, 100), (490, 400)]}, Status.TOO_FEW_SEGMENTS, "give 2 equations for 7 unknowns"),
+        ({"Middle line": [(480, 100), (490, 400)]}, Status.TOO_FEW_SEGMENTS, "1 segment: 2 equations for 7 unknowns"),
         ({"Side line top": [(5, 100), (900, 90)]}, Status.TOO_FEW_SEGMENTS, "label more segments"),
     ],
 )

@@ -7,8 +7,12 @@ README = (Path(__file__).parents[1] / "README.md").read_text(encoding="utf-8")
 
 
 def test_the_example_runs_and_prints_what_is_written_beside_it(capsys):
-    (code,) = re.findall(r"```python\n(.*?)```", README, flags=re.DOTALL)
-    exec(compile(code, "README.md", "exec"), {})
+    code, questions = re.findall(r"```python\n(.*?)```", README, flags=re.DOTALL)
+    names = {}
+    exec(compile(code, "README.md", "exec"), names)
+    for question in questions.splitlines():
+        eval(question.split("  #")[0], names)
+    assert round(names["calibration"].probability(), 2) == float(re.findall(r"# (0\.\d+): that no point", questions)[0])
     printed = capsys.readouterr().out.splitlines()
     (promised,) = re.findall(r"# (accepted rms .*)", code)
     assert printed[0] == promised
