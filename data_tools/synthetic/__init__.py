@@ -1,0 +1,11 @@
+"""Endless labelled frames of synthetic games, to train a network that segments the markings of a field.
+
+python -m data_tools.synthetic --sheet OUT.png      a contact sheet
+python -m data_tools.synthetic --cache DIR          frames for data_tools.train
+python -m data_tools.synthetic --bench              frames a second
+"""
+
+from data_tools.synthetic.frames import SIZE, SyntheticFrame, frame
+from data_tools.synthetic.masks import CLASSES, Mask, mirrored_values
+
+__all__ = ["CLASSES", "SIZE", "Mask", "SyntheticFrame", "frame", "mirrored_values"]

@@ -1,0 +1,65 @@
+"""Show synthetic frames, keep them in a folder, or measure how fast they are made."""
+
+from __future__ import annotations
+
+import argparse
+import json
+import time
+from collections.abc import Sequence
+from multiprocessing import get_context
+from pathlib import Path
+
+import cv2
+import numpy as np
+
+from data_tools.synthetic import CLASSES, frame
+from data_tools.synthetic.cache import write_cache
+from fieldcalib.draw import label_colour
+from fieldcalib.io.files import write_bytes
+from fieldcalib.render import Image
+
+COLUMNS, ROWS = 4, 8
+BENCH_FRAMES = 200
+
+
+def contact_sheet(first_seed: int) -> Image:
+    """32 frames, every other row the masks of the one above."""
+    rows = []
+    palette = np.array([(0, 0, 0), *map(label_colour, CLASSES)], np.uint8)
+    for start in range(first_seed, first_seed + COLUMNS * ROWS, COLUMNS):
+        frames = [frame(seed) for seed in range(start, start + COLUMNS)]
+        rows += [np.hstack([f.image for f in frames]), np.hstack([palette[f.mask] for f in frames])]
+    return np.vstack(rows)
+
+
+def frames_per_second(processes: int) -> float:
+    """Speed of that many processes together, without the time that they need to start."""
+    with get_context("spawn").Pool(processes, initializer=cv2.setNumThreads, initargs=(1,)) as pool:
+        pool.map(frame, range(processes * 4), chunksize=1)
+        start = time.perf_counter()
+        pool.map(frame, range(BENCH_FRAMES), chunksize=4)
+        return BENCH_FRAMES / (time.perf_counter() - start)
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Do what is asked for; the bench prints a line of JSON."""
+    parser = argparse.ArgumentParser(prog="python -m data_tools.synthetic", description=__doc__)
+    parser.add_argument("--sheet", type=Path, metavar="OUT.png", help="write frames and masks as one picture")
+    parser.add_argument("--cache", type=Path, metavar="DIR", help="write frames and masks for data_tools.train")
+    parser.add_argument("--count", type=int, default=10000, help="frames of the cache (10000)")
+    parser.add_argument("--seed", type=int, default=0, help="first frame of the sheet and of the cache (0)")
+    parser.add_argument("--bench", action="store_true", help="measure frames a second")
+    parser.add_argument("--processes", type=int, default=2, help="of the cache and of the bench (2)")
+    options = parser.parse_args(arguments)
+    if options.sheet:
+        write_bytes(options.sheet, cv2.imencode(".png", contact_sheet(options.seed))[1].tobytes())
+    if options.cache:
+        write_cache(options.cache, range(options.seed, options.seed + options.count), options.processes)
+    if options.bench:
+        speed = frames_per_second(options.processes)
+        print(json.dumps({"processes": options.processes, "frames_per_second": round(speed, 1)}))
+    return 0
+
+
+if __name__ == "__main__":
+    raise SystemExit(main())

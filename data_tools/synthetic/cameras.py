@@ -1,0 +1,146 @@
+"""Where synthetic cameras stand and look, and on which side the labels are.
+
+An image cannot tell the left of a field from its right: turned by 180 degrees about its centre mark, the field looks
+the same from the opposite stand. So the labels follow the camera. It is turned to the main side, y > 0, unless it
+stands behind a goal line: |x| beyond half the length and |y| within half the width plus `BEHIND_MARGIN`. Then it is
+turned to stand behind the left goal.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from fieldcalib.camera import Camera
+from fieldcalib.field import GOAL_HEIGHT, Field, soccer
+from fieldcalib.parameters import (
+    BEHIND_LEFT_GOAL,
+    LENS,
+    LENS_MEAN,
+    LOG_ASPECT,
+    MAIN_CENTER,
+    MAIN_LEFT,
+    MAIN_RIGHT,
+    MAIN_TRIBUNE,
+    PAN,
+    PRINCIPAL_POINT,
+    ROLL,
+    TILT,
+    CameraDistribution,
+    camera_from_theta,
+)
+
+BEHIND_MARGIN = 5.0  # m on both sides of the goal line
+
+# Broadcasts, the paper's stands, and all that may lie around them. Opposite stands and those behind the right goal are
+# left out: turned, they are these.
+BROADCAST = CameraDistribution("broadcast", (-45, 45), (60, 88), (-3, 3), (12, 60), (-20, 20), (50, 110), (-35, -8))
+AROUND_MAIN = CameraDistribution("around main", (-70, 70), (30, 90), (-5, 5), (8, 100), (-75, 75), (42, 130), (-60, -3))
+AROUND_GOAL = CameraDistribution(
+    "around goal", (30, 150), (20, 90), (-5, 5), (8, 100), (-120, -58), (-50, 50), (-50, -1)
+)
+STANDS = {
+    BROADCAST: 0.5,
+    MAIN_CENTER: 0.1,
+    MAIN_LEFT: 0.08,
+    MAIN_RIGHT: 0.08,
+    MAIN_TRIBUNE: 0.05,
+    AROUND_MAIN: 0.08,
+    BEHIND_LEFT_GOAL: 0.07,
+    AROUND_GOAL: 0.04,
+}
+AIMED_SHARE = 0.75  # of the cameras look at a point of the field, the others wherever their distribution says
+ROLL_SIGMA, LEVEL_SHARE = np.radians(0.7), 0.85
+LENS_SPREAD, STRONG_LENS_SHARE, STRONGEST_LENS = 0.018, 0.15, 0.1  # of a1, see `fieldcalib.distortion`
+PRINCIPAL_POINT_SPREAD = (0.010, 0.015)  # of the width: measured cameras are up to 0.035 off
+SQUEEZED_SHARE, SQUEEZE = 0.08, 4.0 / 3.0  # fy / fx of 4:3 pictures stretched to 16:9
+STANDARD_SHARE, LAW_SHARE = 0.5, 0.15  # 105 x 68 m; anything that the law allows; the rest is international
+LEAST_MARKINGS, LEAST_EXTENT = 2, 0.04  # in view, and how much of the image's width each spans
+LEAST_FIELD = 0.2  # of the image
+
+
+def random_field(rng: np.random.Generator) -> Field:
+    """A field within law 1: 90 to 120 m by 45 to 90 m, or 100 to 110 by 64 to 75 for international matches."""
+    kind = rng.random()
+    if kind < STANDARD_SHARE:
+        return soccer()
+    if kind < STANDARD_SHARE + LAW_SHARE:
+        return soccer(rng.uniform(90.0, 120.0), rng.uniform(45.0, 90.0))
+    return soccer(rng.uniform(100.0, 110.0), rng.uniform(64.0, 75.0))
+
+
+def random_camera(field: Field, size: tuple[int, int], rng: np.random.Generator) -> Camera:
+    """A camera on its canonical side, outside the field, that sees enough of it and at least two markings.
+
+    Examples
+    --------
+    >>> camera = random_camera(soccer(), (512, 288), np.random.default_rng(0))
+    >>> camera == on_canonical_side(camera, soccer())
+    True
+    """
+    shares = np.array(list(STANDS.values()))
+    while True:
+        stand = list(STANDS)[rng.choice(len(STANDS), p=shares / shares.sum())]
+        camera = on_canonical_side(_drawn(stand, field, size, rng), field)
+        if _is_outside(camera, field) and _shows_field(camera, field) and _shows_markings(camera, field):
+            return camera
+
+
+def on_canonical_side(camera: Camera, field: Field) -> Camera:
+    """The camera, turned by 180 degrees about the field's centre if it is not on the side that the labels follow.
+
+    Examples
+    --------
+    >>> opposite = Camera.from_angles(np.pi, 1.3, 0.0, 900.0, C=(10, -60, -15), image_size=(512, 288))
+    >>> on_canonical_side(opposite, soccer()).C
+    array([-10.,  60., -15.])
+    """
+    if camera.C[0] > 0.0 if is_behind_goal(camera, field) else camera.C[1] < 0.0:
+        turn = np.array([-1.0, -1.0, 1.0])
+        return Camera(camera.K, camera.R * turn, camera.C * turn, camera.image_size, camera.k)
+    return camera
+
+
+def is_behind_goal(camera: Camera, field: Field) -> bool:
+    """Whether the camera stands behind a goal line."""
+    x, y, _ = np.abs(camera.C)
+    return bool(x > field.length / 2.0 and y <= field.width / 2.0 + BEHIND_MARGIN)
+
+
+def _drawn(stand: CameraDistribution, field: Field, size: tuple[int, int], rng: np.random.Generator) -> Camera:
+    """A camera of a distribution, with a lens, a principal point and, now and then, squeezed pixels."""
+    (theta,) = stand.sample(1, rng, size)
+    if rng.random() < AIMED_SHARE:
+        target = np.array([field.length, field.width]) * rng.uniform(-0.5, 0.5, size=2)
+        (x, y), z = target - theta[4:6], -theta[6]
+        theta[PAN], theta[TILT] = np.arctan2(x, -y), np.arctan2(np.hypot(x, y), z)
+    if rng.random() < LEVEL_SHARE:
+        theta[ROLL] = rng.normal(0.0, ROLL_SIGMA)
+    a1 = rng.uniform(-1.0, 1.0) * STRONGEST_LENS if rng.random() < STRONG_LENS_SHARE else rng.normal(0.0, LENS_SPREAD)
+    theta[LENS.start] = np.clip(LENS_MEAN[0] + a1, -STRONGEST_LENS, STRONGEST_LENS)
+    theta[PRINCIPAL_POINT] += rng.normal(size=2) * PRINCIPAL_POINT_SPREAD * size[0]
+    if rng.random() < SQUEEZED_SHARE:
+        theta[LOG_ASPECT] = np.log(SQUEEZE)
+    return camera_from_theta(theta, size)
+
+
+def _is_outside(camera: Camera, field: Field) -> bool:
+    """Whether the camera stands beside the field or, as those on cables do, well above the goals."""
+    x, y, z = np.abs(camera.C)
+    return bool(x > field.length / 2.0 + 1.0 or y > field.width / 2.0 + 1.0 or z > 3.0 * GOAL_HEIGHT)
+
+
+def _shows_field(camera: Camera, field: Field) -> bool:
+    x, y = (np.linspace(0.0, length - 1.0, 12) for length in camera.image_size)
+    X = camera.image_to_field(np.stack(np.meshgrid(x, y), axis=-1))[..., :2]
+    on_field = np.all(np.abs(X) < np.array([field.length, field.width]) / 2.0, axis=-1)  # false above the horizon
+    return bool(on_field.mean() > LEAST_FIELD)
+
+
+def _shows_markings(camera: Camera, field: Field) -> bool:
+    width, height = camera.image_size
+    count = 0
+    for segment in field.markings.values():
+        xy = camera.project(segment.sample(spacing=2.0))
+        xy = xy[np.all((xy >= 0.0) & (xy <= (width - 1.0, height - 1.0)), axis=1)]  # false for NaN
+        count += len(xy) > 1 and bool(np.max(np.ptp(xy, axis=0)) > LEAST_EXTENT * width)
+    return count >= LEAST_MARKINGS

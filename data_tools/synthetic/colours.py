@@ -1,0 +1,70 @@
+"""Colours and noise that synthetic frames draw from."""
+
+from __future__ import annotations
+
+import colorsys
+from functools import lru_cache
+
+import cv2
+import numpy as np
+
+from fieldcalib.render import Colour, Float32
+
+Range = tuple[float, float]
+NOISE_SIZE = 512  # px: side of the noise tile
+OCTAVES = 7  # its coarsest spots are 64 px wide
+
+
+def random_colour(
+    rng: np.random.Generator, hue: Range = (0.0, 360.0), saturation: Range = (0.0, 1.0), value: Range = (0.0, 1.0)
+) -> Colour:
+    """Blue, green, red of a colour with uniform hue (degrees), saturation and value."""
+    h, s, v = rng.uniform(*hue) / 360.0, rng.uniform(*saturation), rng.uniform(*value)
+    red, green, blue = colorsys.hsv_to_rgb(h % 1.0, s, v)
+    return round(255.0 * blue), round(255.0 * green), round(255.0 * red)
+
+
+def vivid_colour(rng: np.random.Generator) -> Colour:
+    """What kits, boards and seats are made of: white, black or something bright."""
+    kind = rng.random()
+    if kind < 0.22:
+        return random_colour(rng, saturation=(0.0, 0.08), value=(0.85, 1.0))
+    if kind < 0.35:
+        return random_colour(rng, saturation=(0.0, 0.3), value=(0.05, 0.25))
+    return random_colour(rng, saturation=(0.5, 1.0), value=(0.35, 1.0))
+
+
+@lru_cache(maxsize=1)
+def noise_tile() -> Float32:
+    """Noise of all scales with mean 0 and standard deviation 1 that repeats seamlessly, (512, 512)."""
+    rng = np.random.default_rng(0)
+    tile = np.zeros((NOISE_SIZE, NOISE_SIZE), np.float32)
+    for octave in range(OCTAVES):
+        side = NOISE_SIZE >> octave
+        spots = np.pad(rng.standard_normal((side, side), dtype=np.float32), 2, mode="wrap")
+        grown = cv2.resize(spots, None, fx=1 << octave, fy=1 << octave, interpolation=cv2.INTER_CUBIC)
+        rim = 2 << octave
+        tile += grown[rim : rim + NOISE_SIZE, rim : rim + NOISE_SIZE]
+    return np.asarray((tile - tile.mean()) / tile.std(), np.float32)
+
+
+def noise_at(x: Float32, y: Float32, scale: float, rng: np.random.Generator) -> Float32:
+    """The noise tile, shifted at random, at coordinates in metres of which `scale` make one of its pixels."""
+    dx, dy = rng.uniform(0.0, NOISE_SIZE), rng.uniform(0.0, NOISE_SIZE)
+    return wrapped(noise_tile(), x / scale + dx, y / scale + dy)
+
+
+def wrapped(texture: Float32, u: Float32, v: Float32) -> Float32:
+    """A texture that repeats in both directions at pixels (u, v); anything where they are not finite."""
+    rows, columns = texture.shape[:2]
+    u, v = _remainder(u, columns), _remainder(v, rows)
+    return np.asarray(cv2.remap(texture, u, v, cv2.INTER_LINEAR, borderMode=cv2.BORDER_WRAP))
+
+
+def _remainder(values: Float32, period: int) -> Float32:
+    """Like ``np.mod``, which takes three times as long; 0 for what is not finite."""
+    turns = values / period
+    with np.errstate(invalid="ignore"):
+        turns -= np.floor(turns)
+    turns *= period
+    return np.asarray(np.nan_to_num(turns, copy=False), np.float32)

@@ -1,0 +1,77 @@
+"""Labelled frames, endless: one for each seed."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from data_tools.synthetic.cameras import is_behind_goal, random_camera, random_field
+from data_tools.synthetic.ground import random_ground, random_light
+from data_tools.synthetic.masks import Mask, markings_mask
+from data_tools.synthetic.objects import add_objects
+from data_tools.synthetic.pictures import add_graphics, degraded, random_picture
+from data_tools.synthetic.surroundings import add_surroundings
+from fieldcalib.camera import Camera
+from fieldcalib.field import Field
+from fieldcalib.render import Ground, Image, rays, to_uint8
+
+SIZE = (512, 288)
+EMPTY_SHARE = 0.05  # of the frames show no field
+
+
+@dataclass(frozen=True)
+class SyntheticFrame:
+    """A picture with the class of every pixel."""
+
+    image: Image
+    """(height, width, 3), blue, green, red."""
+    mask: Mask
+    """(height, width): 0 for the background, 1 + index in `CLASSES` for markings.
+
+    Markings behind people and nets are marked, as if these were glass: they hide a few pixels of a curve that goes on
+    on both sides, and a network that is to bridge such gaps must be told so. What graphics, boards or spectators in the
+    foreground hide is background: there is nothing to see, often up to the image's border.
+    """
+    camera: Camera | None
+    """None where there is no field."""
+    field: Field
+
+    @property
+    def behind_goal(self) -> bool:
+        """Whether the camera stands behind the left goal, not on the main side."""
+        return self.camera is not None and is_behind_goal(self.camera, self.field)
+
+
+def frame(seed: int, size: tuple[int, int] = SIZE) -> SyntheticFrame:
+    """A frame of a random game, the same for the same seed.
+
+    Parameters
+    ----------
+    seed : int
+    size : (int, int)
+        Width and height in pixels. Noise, blur and what is written on the picture are made for sizes near the default.
+
+    Examples
+    --------
+    >>> made = frame(1)
+    >>> made.image.shape, made.mask.shape, bool(made.mask.any())
+    ((288, 512, 3), (288, 512), True)
+    """
+    rng = np.random.default_rng(seed)
+    field = random_field(rng)
+    if rng.random() < EMPTY_SHARE:
+        image = random_picture(size, rng)
+        add_graphics(image, rng)
+        return SyntheticFrame(degraded(image, rng), np.zeros(size[::-1], np.uint8), None, field)
+    camera = random_camera(field, size, rng)
+    ray = rays(camera)
+    ground = Ground.of_rays(camera, ray)
+    light = random_light(ground, field, rng)
+    picture = random_ground(ground, field, rng) * light
+    hidden = add_surroundings(picture, camera, ray, field, rng)
+    image = to_uint8(picture)
+    add_objects(image, light, camera, field, rng)
+    hidden |= add_graphics(image, rng)
+    mask = np.where(hidden, np.uint8(0), markings_mask(camera, field))
+    return SyntheticFrame(degraded(image, rng), mask, camera, field)
