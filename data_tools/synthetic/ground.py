@@ -26,9 +26,9 @@ def random_ground(ground: Ground, field: Field, rng: np.random.Generator) -> Flo
     """Grass with its markings, and what lies around, in plain light; (3, height, width)."""
     picture = _grass(ground, field, rng)
     _surround(picture, ground, field, rng)
-    opacity = rng.uniform(0.55, 1.0)
+    (x, y), opacity = ground.xy, np.full_like(ground.xy[0], rng.uniform(0.55, 1.0))
     if rng.random() < 0.5:  # worn or wet paint
-        opacity *= np.clip(0.9 + 0.15 * noise_at(*ground.xy, rng.uniform(0.05, 0.5), rng), 0.3, 1.0)
+        opacity *= np.clip(0.9 + 0.15 * noise_at(x, y, rng.uniform(0.05, 0.5), rng), 0.3, 1.0)
     paint = random_colour(rng, hue=(20.0, 140.0), saturation=(0.0, 0.08), value=(0.82, 1.0))
     line_width = rng.uniform(*LINE_WIDTH)
     # one field with all that is painted, wide enough for what is beside the real one
@@ -45,15 +45,15 @@ def random_light(ground: Ground, field: Field, rng: np.random.Generator) -> Floa
         angle = 0.5 * np.pi if rng.random() < 0.4 else rng.uniform(0.0, 2.0 * np.pi)
         across = x * math.cos(angle) + y * math.sin(angle)
         reach = 0.5 * (field.length * abs(math.cos(angle)) + field.width * abs(math.sin(angle)))
-        edge, soft = rng.uniform(-0.9, 0.9) * reach, rng.uniform(0.1, 1.5)
+        edge = rng.uniform(-0.9, 0.9) * reach
         if rng.random() < 0.3:  # a roof with corners
             across += rng.uniform(2.0, 12.0) * _square_wave(y, rng.uniform(10.0, 40.0), 1.0)
-        soft = np.maximum(soft, ground.reach)
+        soft = np.maximum(rng.uniform(0.1, 1.5), ground.reach)
         sunny = np.clip((across - edge) / soft + 0.5, 0.0, 1.0)
         if rng.random() < 0.25:
             sunny *= np.clip((edge + rng.uniform(5.0, 30.0) - across) / soft + 0.5, 0.0, 1.0)
         dark = rng.uniform(0.25, 0.75)
-        light *= dark + 1.0 - dark * np.nan_to_num(sunny, nan=1.0)
+        light *= dark + (1.0 - dark) * np.nan_to_num(sunny, nan=1.0)
     else:  # clouds or floodlights
         light += rng.uniform(0.0, 0.12) * noise_at(x, y, rng.uniform(0.6, 3.0), rng)
     shade = 1.0 - light
@@ -147,12 +147,12 @@ def _unlabelled(field: Field, rng: np.random.Generator) -> dict[str, Segment]:
     """Markings without a label: corner arcs, and what may be painted around a field."""
     half_x, half_y = field.length / 2.0, field.width / 2.0
     segments: dict[str, Segment] = {}
-    for x, y, start in ((-1, -1, 0.0), (1, -1, 0.5), (1, 1, 1.0), (-1, 1, 1.5)):
-        corner = (x * half_x, y * half_y, 0.0)
-        segments[f"corner {x} {y}"] = Arc(corner, CORNER_RADIUS, start * np.pi, (start + 0.5) * np.pi)
+    corners = [(-half_x, -half_y), (half_x, -half_y), (half_x, half_y), (-half_x, half_y)]
+    for index, (x, y) in enumerate(corners):
+        segments[f"corner {index}"] = Arc((x, y, 0.0), CORNER_RADIUS, 0.5 * index * np.pi, 0.5 * (index + 1) * np.pi)
     if rng.random() < 0.4:
         near, length, beyond = TECHNICAL_AREA
-        side = rng.choice((-1.0, 1.0))
+        side = float(rng.choice((-1.0, 1.0)))
         for sign in (-1.0, 1.0):
             x, y = sign * near, side * (half_y + beyond)
             for index, dash in enumerate(np.arange(0.0, length, 2.0)):
@@ -160,8 +160,8 @@ def _unlabelled(field: Field, rng: np.random.Generator) -> dict[str, Segment]:
             for x_end in (x, x + sign * length):
                 segments[f"end {sign} {x_end}"] = Line((x_end, y, 0.0), (x_end, y + side * 4.0, 0.0))
     if rng.random() < 0.12:  # another field beside this one, or a line around it
-        x, y = half_x + rng.uniform(2.0, 8.0), half_y + rng.uniform(2.0, 8.0)
-        corners = [(-x, -y, 0.0), (x, -y, 0.0), (x, y, 0.0), (-x, y, 0.0)]
+        wider = 1.0 + rng.uniform(0.04, 0.2)
         for index in np.flatnonzero(rng.random(4) < 0.6).tolist():
-            segments[f"around {index}"] = Line(corners[index], corners[(index + 1) % 4])
+            start, end = ((wider * x, wider * y, 0.0) for x, y in (corners[index], corners[(index + 1) % 4]))
+            segments[f"around {index}"] = Line(start, end)
     return segments

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from itertools import pairwise
 
 import cv2
 import numpy as np
@@ -74,7 +75,7 @@ def _mix_curves(
     drawn = []
     for curve in curves:
         ends = np.asarray(curve)
-        X = np.concatenate([np.linspace(a, b, 5) for a, b in zip(ends[:-1], ends[1:], strict=True)])
+        X = np.concatenate([np.linspace(a, b, 5) for a, b in pairwise(ends)])
         xy, near = camera.project(X), camera.depth(X) > NEAR_PLANE
         if np.all(near) and np.all(np.abs(xy) < FARTHEST):
             drawn.append(xy)
@@ -126,7 +127,7 @@ def _kit(rng: np.random.Generator) -> tuple[Colour, Colour, Colour]:
 
 
 def _suns(rng: np.random.Generator) -> list[tuple[Array, float]]:
-    """How shadows fall: metres of ground (x, y) for a metre of height, and darkness: one of the sun or four of lamps."""
+    """How shadows fall, metres of ground (x, y) for a metre of height, and how dark: the sun's, those of four lamps."""
     angle, length = rng.uniform(0.0, 2.0 * np.pi), rng.uniform(0.3, 2.5)
     towards = np.array([np.cos(angle), np.sin(angle)])
     kind = rng.random()

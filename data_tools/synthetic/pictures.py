@@ -46,25 +46,25 @@ def add_graphics(image: Image, rng: np.random.Generator) -> BoolArray:
 def degraded(image: Image, rng: np.random.Generator) -> Image:
     """The image after lens, motion, sharpening, grading, noise and compression; nothing moves by more than a pixel."""
     height, width = image.shape[:2]
+    picture = image.astype(np.float32)
     if rng.random() < 0.3:  # an old or thin signal, scaled up
         factor = rng.uniform(0.4, 0.85)
-        small = cv2.resize(image, None, fx=factor, fy=factor, interpolation=cv2.INTER_AREA)
-        image = cv2.resize(small, (width, height), interpolation=cv2.INTER_LINEAR)
+        small = cv2.resize(picture, None, fx=factor, fy=factor, interpolation=cv2.INTER_AREA)
+        cv2.resize(small, (width, height), dst=picture, interpolation=cv2.INTER_LINEAR)
     if rng.random() < 0.25:
-        image = _motion(image, rng)
+        cv2.filter2D(picture, -1, _motion(width, rng), dst=picture)
     if rng.random() < 0.4:
-        image = cv2.GaussianBlur(image, (0, 0), rng.uniform(0.3, 1.0))
-    picture = image.astype(np.float32)
+        cv2.GaussianBlur(picture, (0, 0), rng.uniform(0.3, 1.0), dst=picture)
     if rng.random() < 0.4:  # broadcasters sharpen: bright lines get dark rims
         picture += rng.uniform(0.2, 1.0) * (picture - cv2.GaussianBlur(picture, (0, 0), rng.uniform(0.7, 1.5)))
     picture = _graded(picture, rng)
     if rng.random() < 0.6:
         picture += rng.uniform(0.5, 6.0) * _grain(picture.shape, rng)
-    image = np.clip(picture + 0.5, 0.0, 255.0).astype(np.uint8)
+    result: Image = np.clip(picture + 0.5, 0.0, 255.0).astype(np.uint8)
     if rng.random() < 0.7:
-        quality = int(rng.uniform(25.0, 95.0))
-        image = cv2.imdecode(cv2.imencode(".jpg", image, [cv2.IMWRITE_JPEG_QUALITY, quality])[1], cv2.IMREAD_COLOR)
-    return image
+        compressed = cv2.imencode(".jpg", result, [cv2.IMWRITE_JPEG_QUALITY, int(rng.uniform(25.0, 95.0))])[1]
+        return np.asarray(cv2.imdecode(compressed, cv2.IMREAD_COLOR), np.uint8)
+    return result
 
 
 def random_picture(size: tuple[int, int], rng: np.random.Generator) -> Image:
@@ -73,8 +73,9 @@ def random_picture(size: tuple[int, int], rng: np.random.Generator) -> Image:
     corners = np.array([[vivid_colour(rng) for _ in range(2)] for _ in range(2)], np.float32)
     if rng.random() < 0.4:
         corners[:] = random_colour(rng, (70.0, 130.0), (0.4, 0.9), (0.25, 0.7))
-    picture = cv2.resize(corners, size, interpolation=cv2.INTER_LINEAR)
-    tile = cv2.resize(noise_tile(), None, fx=(zoom := rng.uniform(1.0, 4.0)), fy=zoom)
+    picture = np.asarray(cv2.resize(corners, size, interpolation=cv2.INTER_LINEAR), np.float32)
+    zoom = rng.uniform(1.0, 4.0)
+    tile = np.asarray(cv2.resize(noise_tile(), None, fx=zoom, fy=zoom), np.float32)
     picture += rng.uniform(0.0, 40.0) * tile[:height, :width, None]
     if rng.random() < 0.4:  # a crowd, out of focus or not
         seats = (int(rng.integers(20, 120)), int(rng.integers(12, 70)))
@@ -97,7 +98,7 @@ def random_picture(size: tuple[int, int], rng: np.random.Generator) -> Image:
         cv2.ellipse(image, (x, height), (width // 6, height // 2), 0.0, 0.0, 360.0, vivid_colour(rng), cv2.FILLED)
         cv2.ellipse(image, (x, y), (width // 14, height // 6), 0.0, 0.0, 360.0, (110, 145, 200), cv2.FILLED)
     if rng.random() < 0.6:
-        image = cv2.GaussianBlur(image, (0, 0), rng.uniform(0.5, 4.0))
+        cv2.GaussianBlur(image, (0, 0), rng.uniform(0.5, 4.0), dst=image)
     return image
 
 
@@ -126,24 +127,23 @@ def _word(rng: np.random.Generator) -> str:
     return "".join(rng.choice(list(string.ascii_uppercase + string.digits + ":- "), size=rng.integers(2, 9)))
 
 
-def _motion(image: Image, rng: np.random.Generator) -> Image:
-    """The camera pans while the shutter is open."""
-    length, angle = rng.uniform(1.0, 6.0) * image.shape[1] / 512.0, rng.normal(0.0, 0.3)
-    side = 2 * int(np.ceil(length / 2.0)) + 1
-    kernel = np.zeros((side, side), np.float32)
-    middle, reach = side // 2, length / 2.0 * np.array([np.cos(angle), np.sin(angle)])
-    for s in np.linspace(-1.0, 1.0, 4 * side):
-        x, y = np.rint(middle + s * reach).astype(int)
+def _motion(width: int, rng: np.random.Generator) -> Float32:
+    """The kernel of a camera that pans while its shutter is open, for images of this width."""
+    length, angle = rng.uniform(1.0, 6.0) * width / 512.0, rng.normal(0.0, 0.3)
+    middle = int(np.ceil(length / 2.0))
+    kernel = np.zeros((2 * middle + 1, 2 * middle + 1), np.float32)
+    for s in np.linspace(-0.5, 0.5, 8 * middle + 4):
+        x, y = np.rint(middle + s * length * np.array([np.cos(angle), np.sin(angle)])).astype(int)
         kernel[y, x] += 1.0
-    return np.asarray(cv2.filter2D(image, -1, kernel / kernel.sum()), np.uint8)
+    return np.asarray(kernel / kernel.sum())
 
 
 def _graded(picture: Float32, rng: np.random.Generator) -> Float32:
     """Exposure, contrast, colour and dark corners as cameras and operators set them."""
     height, width = picture.shape[:2]
     grey = (picture @ GREY)[..., None]
-    picture = grey + rng.uniform(0.5, 1.35) * (picture - grey)
-    balance = np.exp(rng.normal(0.0, 0.06, size=3)) * rng.uniform(0.8, 1.4)
+    picture = np.asarray(grey + rng.uniform(0.5, 1.35) * (picture - grey), np.float32)
+    balance = np.exp(rng.normal(0.0, 0.06, size=3)) * rng.uniform(0.9, 1.6)
     picture *= balance.astype(np.float32)
     picture += rng.uniform(-15.0, 35.0) if rng.random() < 0.4 else 0.0  # haze, or black that is too black
     if rng.random() < 0.5:
@@ -151,9 +151,9 @@ def _graded(picture: Float32, rng: np.random.Generator) -> Float32:
         picture *= (1.0 - rng.uniform(0.0, 0.2) * (across + down[:, None]))[..., None]
     if rng.random() < 0.5:
         gamma = rng.uniform(0.7, 1.4)
-        table = 255.0 * (np.arange(256) / 255.0) ** gamma
-        picture = cv2.LUT(np.clip(picture, 0.0, 255.0).astype(np.uint8), table.astype(np.float32))
-    return np.asarray(picture, np.float32)
+        table = 255.0 * np.linspace(0.0, 1.0, 256, dtype=np.float32) ** gamma
+        return np.asarray(cv2.LUT(np.clip(picture, 0.0, 255.0).astype(np.uint8), table), np.float32)
+    return picture
 
 
 def _grain(shape: tuple[int, ...], rng: np.random.Generator) -> Float32:

@@ -101,21 +101,17 @@ def _foreground(
         scale = -C[2] / ray[2]
         across = math.copysign(1.0, at) * (C[axis] + scale * ray[axis] - at)
         along = C[1 - axis] + scale * ray[1 - axis]
-    hidden = np.zeros(across.shape, bool)
     floor = (scale > 0.0) & (across > rng.uniform(0.0, 6.0))
     if rng.random() < 0.5:
         rows = np.clip(STAND_HEIGHT * 0.9 - across, 0.0, STAND_HEIGHT - 1.0) * STAND_SCALE
         _cover(picture, wrapped(stand, along * STAND_SCALE, rows) * rng.uniform(0.3, 1.0), floor)
     profile = _profile(rng)
     top = profile[np.mod(np.nan_to_num(wall.along) + 0.5 * len(profile), len(profile)).astype(np.intp)]
-    hidden |= wall.met & (wall.height < top)
-    colour = np.array(random_colour(rng, saturation=(0.0, 0.5), value=(0.05, 0.95)), np.float32)
-    texture = np.empty((*hidden.shape, 3), np.float32)
-    texture[:] = colour * (0.8 + 0.4 * rng.random())
+    hidden = wall.met & (wall.height < top)
     panel = np.mod(np.floor(np.nan_to_num(wall.along) / rng.uniform(3.0, 12.0)), 2.0)
-    texture *= (1.0 - rng.uniform(0.0, 0.6) * panel)[..., None]
-    _cover(picture, texture, hidden)
-    return hidden | floor
+    colour = np.array(random_colour(rng, saturation=(0.0, 0.5), value=(0.05, 0.95)), np.float32)
+    _cover(picture, (1.0 - rng.uniform(0.0, 0.6) * panel)[..., None] * colour, hidden)
+    return np.asarray(hidden | floor)
 
 
 def _profile(rng: np.random.Generator) -> Float32:
@@ -148,8 +144,7 @@ def _stand(rng: np.random.Generator) -> Float32:
     rows, columns = round(STAND_HEIGHT * STAND_SCALE), round(STAND_LENGTH * STAND_SCALE)
     face = np.empty((rows, columns, 3), np.uint8)
     palette = np.array([vivid_colour(rng) for _ in range(3)], np.uint8)
-    seats = palette[0]
-    face[:] = seats
+    face[:] = palette[0]  # empty seats
     crowded = rng.random(size=(1, 16)) < rng.choice((0.0, 0.5, 0.95), p=(0.15, 0.25, 0.6))
     crowded = np.repeat(np.repeat(crowded, columns // 16, axis=1), rows, axis=0)
     _letters(face, palette[1], rng)
@@ -164,14 +159,14 @@ def _stand(rng: np.random.Generator) -> Float32:
     pale = rng.uniform(0.0, 0.8)
     colour += pale * (colour.mean(axis=-1, keepdims=True) - colour)
     if rng.random() < 0.6:
-        colour = cv2.GaussianBlur(colour, (0, 0), rng.uniform(0.5, 1.5))
+        cv2.GaussianBlur(colour, (0, 0), rng.uniform(0.5, 1.5), dst=colour)
     _fittings(colour, rng)
     colour *= rng.uniform(0.12, 0.4) if rng.random() < 0.4 else rng.uniform(0.4, 1.0)  # many stands lie in the dark
     roof = int(rng.uniform(0.0, 0.65) * rows)
     colour[:roof] = random_colour(rng, (180.0, 260.0), (0.0, 0.4), (0.02, 0.9))
     if rng.random() < 0.5:  # lamps or a screen below the roof
-        for x in rng.integers(0, columns, size=rng.integers(1, 20)):
-            cv2.circle(colour, (int(x), max(roof - 3, 0)), 2, (255, 255, 250), cv2.FILLED)
+        for x in rng.integers(0, columns, size=rng.integers(1, 20)).tolist():
+            cv2.circle(colour, (x, max(roof - 3, 0)), 2, (255, 255, 250), cv2.FILLED)
     return np.clip(colour, 0.0, 255.0)
 
 
@@ -187,15 +182,15 @@ def _fittings(face: Float32, rng: np.random.Generator) -> None:
     """Aisles, rails, tiers and banners: most of them straight, some of them white, none of them markings."""
     rows, columns = face.shape[:2]
     aisle = random_colour(rng, saturation=(0.0, 0.2), value=(0.3, 1.0))
-    for x in np.arange(rng.integers(20), columns, rng.integers(40, 90)):
-        cv2.line(face, (int(x), 0), (int(x + rng.integers(-8, 9)), rows), aisle, int(rng.integers(1, 4)))
+    for x in range(int(rng.integers(20)), columns, int(rng.integers(40, 90))):
+        cv2.line(face, (x, 0), (x + int(rng.integers(-8, 9)), rows), aisle, int(rng.integers(1, 4)))
     for _ in range(rng.integers(1, 5)):
         y = int(rng.integers(0, rows))
         cv2.line(face, (0, y), (columns, y), vivid_colour(rng), int(rng.integers(1, 6)))
     for _ in range(rng.integers(0, 14)):  # banners and doors
-        x, y = int(rng.integers(0, columns)), int(rng.integers(rows // 2, rows))
-        corner = (x + int(rng.integers(4, 60)), y + int(rng.integers(3, 14)))
-        cv2.rectangle(face, (x, y), corner, vivid_colour(rng), cv2.FILLED)
+        left, top = int(rng.integers(0, columns)), int(rng.integers(rows // 2, rows))
+        corner = (left + int(rng.integers(4, 60)), top + int(rng.integers(3, 14)))
+        cv2.rectangle(face, (left, top), corner, vivid_colour(rng), cv2.FILLED)
     if rng.random() < 0.3:  # a fence or a wall at the foot
         face[-int(rng.integers(2, 14)) :] = vivid_colour(rng)
 

@@ -1,0 +1,78 @@
+"""Real frames with hand-labelled field points, as images with masks: pixels of up to 32 points, each with an index.
+
+The layout is that of the pitch keypoints from Roboflow's Universe: ``<clip>_<frame>_png_jpg.rf.<hash>.jpg``, squashed
+from 16:9 to a square, beside a ``.txt`` with one line ``0 cx cy w h  x0 y0 v0  x1 y1 v1 ...``, normalised, v = 2 for
+points that are visible. The field is 105 x 68 m; a JSON next to the folder gives each index its metres, from the far
+left corner.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from fieldcalib._types import Array
+from fieldcalib.calibrate_points import calibrate_from_points
+from fieldcalib.camera import Camera
+from fieldcalib.field import soccer
+from fieldcalib.options import DEFAULT_FLAGS
+
+POINTS_FILE = "keypoints_105x68.json"
+MISPLACED = (4, 5, 16, 28, 29, 30, 31)  # labelled where the frame ends or elsewhere, too often to be used
+VISIBLE = 2
+SIZE = (960, 540)  # px of the picture that was squashed, or any other of its shape
+LEAST_POINTS = 6  # a camera with a lens, and one point that may be wrong
+LARGEST_MEDIAN = 2.0  # px of `SIZE`: above it the field is of another size, or labels are wrong
+
+
+@dataclass(frozen=True)
+class LabelledFrame:
+    """A picture and the camera that its labelled points give."""
+
+    image: Path
+    camera: Camera
+    """Of an image of `SIZE`; the field is that of `soccer()`."""
+
+    @property
+    def clip(self) -> str:
+        """What its name says before the number of the frame."""
+        return clip_of(self.image)
+
+
+def clip_of(image: Path) -> str:
+    """The clip that a frame was taken from.
+
+    Examples
+    --------
+    >>> clip_of(Path("08fd33_4_12_png_jpg.rf.7069.jpg"))
+    '08fd33_4'
+    """
+    return image.name.split("_png_jpg")[0].split("_jpg")[0].rpartition("_")[0]
+
+
+def labelled_frames(folder: Path) -> Iterator[LabelledFrame]:
+    """The frames of a folder whose points agree on a camera, in the order of their names."""
+    places = json.loads((folder.parent / POINTS_FILE).read_text())
+    half = np.array([soccer().length, soccer().width]) / 2.0
+    X = np.array([[*(np.array(places[str(index)]) - half), 0.0] for index in range(len(places))])
+    for image in sorted(folder.glob("*.jpg")):
+        camera = _camera(X, image.with_suffix(".txt"))
+        if camera is not None:
+            yield LabelledFrame(image, camera)
+
+
+def _camera(X: Array, labels: Path) -> Camera | None:
+    """The camera of a file of labels, from those points that can be trusted; the robust fit passes over a wrong one."""
+    line = np.array(labels.read_text().split(), dtype=float)
+    points = line[5:].reshape(-1, 3)
+    use = points[:, 2] == VISIBLE
+    use[list(MISPLACED)] = False
+    if use.sum() < LEAST_POINTS:
+        return None
+    found = calibrate_from_points(X[use], points[use, :2] * SIZE, SIZE, flags=DEFAULT_FLAGS)
+    errors = list(found.per_segment_errors.values())
+    return found.camera if found.accepted and np.median(errors) < LARGEST_MEDIAN else None

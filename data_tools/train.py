@@ -1,0 +1,202 @@
+"""Train the network that finds the markings of a field, on synthetic frames and on real ones with labelled points.
+
+    python -m data_tools.synthetic --cache FRAMES --count 20000
+    python -m data_tools.train OUT --cache FRAMES --labelled KEYPOINTS/train --held-out KEYPOINTS/valid
+
+OUT receives model.onnx with model.json (`data_tools.onnx_model`), checkpoint.pt to go on from, and log.jsonl: every
+ten minutes, and at the end, the loss and the intersection over union on synthetic frames that are never trained on.
+"""
+
+from __future__ import annotations
+
+import argparse
+import io
+import json
+import math
+import time
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import cv2
+import numpy as np
+import torch
+from torch import Tensor, nn
+from torch.nn.functional import cross_entropy
+from torch.optim.swa_utils import AveragedModel, get_ema_multi_avg_fn
+from torch.utils.data import DataLoader
+
+from data_tools.labelled import clip_of, labelled_frames
+from data_tools.network import MarkingsNet
+from data_tools.onnx_model import write_model
+from data_tools.synthetic import CLASSES, SIZE, Mask, frame
+from data_tools.training_data import Batches, normalised, stacked, whole
+from fieldcalib._types import Array
+from fieldcalib.io.files import write_bytes
+from fieldcalib.render import Image
+
+LEARNING_RATE, WARM_UP, WEIGHT_DECAY = 2e-3, 200, 1e-2
+AVERAGED = 0.999  # of the weights that are exported; what they were a thousand steps ago counts a third
+BACKGROUND_WEIGHT = 0.25  # 96 % of the pixels are background
+REPORT_MINUTES = 10.0
+VALIDATION_SEEDS = range(1_000_000_000, 1_000_000_100)
+Samples = Sequence[tuple[Image, Mask]]
+
+
+@dataclass
+class Training:
+    """A network on its way, with all that is needed to go on: the only thing here that changes."""
+
+    network: MarkingsNet
+    averaged: AveragedModel
+    optimizer: torch.optim.Optimizer
+    device: torch.device
+    step: int = 0
+
+    @classmethod
+    def begin(cls, seed: int, device: torch.device) -> Training:
+        """Random weights, the same for the same seed."""
+        torch.manual_seed(seed)
+        network = MarkingsNet(1 + len(CLASSES)).to(device)
+        averaged = AveragedModel(network, multi_avg_fn=get_ema_multi_avg_fn(AVERAGED), use_buffers=True)
+        optimizer = torch.optim.AdamW(network.parameters(), LEARNING_RATE, weight_decay=WEIGHT_DECAY)
+        return cls(network, averaged, optimizer, device)
+
+    def save(self, path: Path) -> None:
+        """Write everything, whole or not at all."""
+        buffer = io.BytesIO()
+        parts = {name: getattr(self, name).state_dict() for name in ("network", "averaged", "optimizer")}
+        torch.save({**parts, "step": self.step}, buffer)
+        write_bytes(path, buffer.getvalue())
+
+    def load(self, path: Path) -> None:
+        """Go on from what `save` wrote."""
+        state = torch.load(path, map_location=self.device, weights_only=True)
+        for name in ("network", "averaged", "optimizer"):
+            getattr(self, name).load_state_dict(state[name])
+        self.step = state["step"]
+
+    def advance(self, images: Tensor, classes: Tensor, steps: int) -> float:
+        """One step of `steps` on a batch; the loss before it."""
+        for group in self.optimizer.param_groups:
+            group["lr"] = learning_rate(self.step, steps)
+        self.network.train()
+        loss = _loss(self.network, images.to(self.device), classes.to(self.device))
+        self.optimizer.zero_grad()
+        loss.backward()
+        self.optimizer.step()
+        self.averaged.update_parameters(self.network)
+        self.step += 1
+        return float(loss.detach())
+
+
+def learning_rate(step: int, steps: int) -> float:
+    """A short warm-up, then half a cosine down to nothing.
+
+    Examples
+    --------
+    >>> learning_rate(0, 1000) < learning_rate(WARM_UP, 1000) > learning_rate(999, 1000)
+    True
+    """
+    return LEARNING_RATE * min(1.0, (step + 1) / WARM_UP) * 0.5 * (1.0 + math.cos(math.pi * step / steps))
+
+
+def _loss(network: nn.Module, images: Tensor, classes: Tensor) -> Tensor:
+    """Cross-entropy over pixels, the many of the background weighing less each."""
+    with torch.autocast(images.device.type, torch.bfloat16):  # half the time, where the processor has it
+        logits = network(normalised(images).contiguous(memory_format=torch.channels_last))
+    weight = torch.ones(1 + len(CLASSES), device=images.device)
+    weight[0] = BACKGROUND_WEIGHT
+    by_pixel = logits.float().permute(0, 2, 3, 1).reshape(-1, 1 + len(CLASSES))
+    return cross_entropy(by_pixel, classes.reshape(-1), weight)
+
+
+def intersection_over_union(network: nn.Module, samples: Samples, device: torch.device) -> Array:
+    """Of the pixels of every class in `CLASSES`, (26,); NaN for those that no mask holds."""
+    count = 1 + len(CLASSES)
+    confusion = np.zeros((count, count))
+    network.eval()
+    with torch.inference_mode():
+        for sample in samples:
+            images, classes = stacked([sample])
+            found = network(normalised(images.to(device))).argmax(1).cpu()
+            pairs = count * classes.numpy().ravel() + found.numpy().ravel()
+            confusion += np.bincount(pairs, minlength=count * count).reshape(count, count)
+    both = np.diag(confusion)
+    either = confusion.sum(axis=0) + confusion.sum(axis=1) - both
+    return np.where(confusion.sum(axis=1) > 0.0, both / np.maximum(either, 1.0), np.nan)[1:]
+
+
+def train(
+    training: Training, batches: Batches, out: Path, validation: dict[str, Samples], options: argparse.Namespace
+) -> None:
+    """Train until `options.steps` or `options.minutes` are over, reporting into `out`."""
+    start = reported = time.monotonic()
+    losses: list[float] = []
+    steps: Iterable[int] = range(training.step, options.steps)
+    loader = DataLoader(batches, batch_size=None, sampler=steps, num_workers=options.workers)
+    for images, classes in loader:
+        losses.append(training.advance(images, classes, options.steps))
+        now = time.monotonic()
+        if now - start > 60.0 * options.minutes:
+            break
+        if now - reported > 60.0 * REPORT_MINUTES:
+            _report(training, out, validation, losses)
+            reported, losses = now, []
+    _report(training, out, validation, losses)
+
+
+def _report(training: Training, out: Path, validation: dict[str, Samples], losses: Sequence[float]) -> None:
+    """Keep a checkpoint and the model, and add a line to the log."""
+    training.save(out / "checkpoint.pt")
+    network = training.averaged.module
+    row: dict[str, object] = {"step": training.step, "loss": round(float(np.mean(losses)), 4) if losses else None}
+    for name, samples in validation.items():
+        values = intersection_over_union(network, samples, training.device)
+        row[f"iou_{name}"] = round(float(np.nanmean(values)), 4)
+        shown = {label: round(float(v), 3) for label, v in zip(CLASSES, values, strict=True) if np.isfinite(v)}
+        row[f"iou_{name}_classes"] = shown
+    write_model(network.cpu().eval(), out / "model.onnx", CLASSES, SIZE)
+    network.to(training.device)
+    with (out / "log.jsonl").open("a") as log:
+        print(json.dumps(row), file=log)
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Train a model."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("out", type=Path, help="folder of the model, the checkpoint and the log")
+    parser.add_argument("--cache", type=Path, metavar="DIR", help="frames of data_tools.synthetic --cache")
+    parser.add_argument("--labelled", type=Path, metavar="DIR", help="real frames, see data_tools.labelled")
+    parser.add_argument("--held-out", type=Path, metavar="DIR", help="real frames whose clips are only measured")
+    parser.add_argument(
+        "--steps", type=int, default=40000, help="at the end of which the rate of learning is 0 (40000)"
+    )
+    parser.add_argument("--minutes", type=float, default=math.inf, help="after which to stop, to be resumed")
+    parser.add_argument("--batch", type=int, default=16, help="frames of a step (16)")
+    parser.add_argument("--workers", type=int, default=1, help="processes that prepare batches (1)")
+    parser.add_argument("--threads", type=int, default=1, help="of the network on a CPU (1)")
+    parser.add_argument("--seed", type=int, default=0)
+    parser.add_argument("--resume", action="store_true", help="go on from the checkpoint in OUT")
+    options = parser.parse_args(arguments)
+    torch.set_num_threads(options.threads)
+    cv2.setNumThreads(1)
+    options.out.mkdir(parents=True, exist_ok=True)
+
+    training = Training.begin(options.seed, torch.device("cuda" if torch.cuda.is_available() else "cpu"))
+    if options.resume:
+        training.load(options.out / "checkpoint.pt")
+    made = [frame(seed) for seed in VALIDATION_SEEDS]
+    validation: dict[str, Samples] = {"synthetic": [(one.image, one.mask) for one in made]}
+    clips: set[str] = set()
+    if options.held_out:
+        clips = {clip_of(path) for path in options.held_out.glob("*.jpg")}
+        validation["held_out"] = [whole(one) for one in labelled_frames(options.held_out)]
+    labelled = [one for one in labelled_frames(options.labelled) if one.clip not in clips] if options.labelled else []
+    cached = sorted(options.cache.glob("*.jpg")) if options.cache else []
+    train(training, Batches(options.seed, options.batch, cached, labelled), options.out, validation, options)
+    return 0
+
+
+if __name__ == "__main__":
+    raise SystemExit(main())

@@ -1,0 +1,107 @@
+"""Batches to train on: synthetic frames, made as needed or read from a cache, and real ones with labelled points.
+
+A batch is a function of the seed and of its number alone: an interrupted training goes on as if it had not been.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import cv2
+import numpy as np
+import torch
+from torch import Tensor
+from torch.utils.data import Dataset
+
+from data_tools.labelled import LabelledFrame
+from data_tools.network import STRIDE
+from data_tools.onnx_model import MEAN, STD
+from data_tools.synthetic import SIZE, Mask, frame, mirrored_values
+from data_tools.synthetic.cache import read_frame
+from data_tools.synthetic.masks import markings_mask
+from data_tools.synthetic.pictures import degraded
+from fieldcalib.camera import Camera
+from fieldcalib.field import soccer
+from fieldcalib.render import Image
+
+LABELLED_SHARE = 1.0 / 8.0
+SMALLEST_WINDOW = 0.6  # of a real frame's width and height
+GAIN, GAIN_OF_CHANNEL = 0.12, 0.04  # standard deviations of the logarithm
+MIRROR = {behind_goal: mirrored_values(behind_goal=behind_goal) for behind_goal in (False, True)}
+
+
+@dataclass(frozen=True)
+class Batches(Dataset[tuple[Tensor, Tensor]]):
+    """Batch number `step`, for any step: images (N, 3, H, W) uint8, RGB, and classes (N, H / 2, W / 2) int64."""
+
+    seed: int
+    size: int
+    cached: Sequence[Path] = ()
+    """Images of a cache, see `data_tools.synthetic.cache`; without any, frames are made."""
+    labelled: Sequence[LabelledFrame] = ()
+
+    def __getitem__(self, step: int) -> tuple[Tensor, Tensor]:
+        rng = np.random.default_rng((self.seed, step))
+        return stacked([self._sample(rng) for _ in range(self.size)])
+
+    def _sample(self, rng: np.random.Generator) -> tuple[Image, Mask]:
+        if self.labelled and rng.random() < LABELLED_SHARE:
+            image, mask = window(self.labelled[int(rng.integers(len(self.labelled)))], rng)
+            behind_goal = False
+        elif self.cached:
+            image, mask, behind_goal = read_frame(self.cached[int(rng.integers(len(self.cached)))])
+        else:
+            made = frame(int(rng.integers(1 << 62)))
+            image, mask, behind_goal = made.image, made.mask, made.behind_goal
+        if rng.random() < 0.5:
+            image, mask = mirrored(image, mask, behind_goal=behind_goal)
+        gain = np.exp(rng.normal(0.0, GAIN) + rng.normal(0.0, GAIN_OF_CHANNEL, size=3))
+        return np.clip(image * gain.astype(np.float32), 0.0, 255.0).astype(np.uint8), mask
+
+
+def mirrored(image: Image, mask: Mask, *, behind_goal: bool) -> tuple[Image, Mask]:
+    """Image and mask, left to right; left becomes right, or far near where the camera stands behind the goal."""
+    return np.ascontiguousarray(image[:, ::-1]), MIRROR[behind_goal][mask[:, ::-1]]
+
+
+def window(labelled: LabelledFrame, rng: np.random.Generator) -> tuple[Image, Mask]:
+    """A random window of a real frame, with blur, noise and compression as synthetic frames have them."""
+    share = rng.uniform(SMALLEST_WINDOW, 1.0)
+    corner = rng.uniform(0.0, 1.0 - share, size=2)
+    return cut(labelled, share, (corner[0], corner[1]), rng)
+
+
+def whole(labelled: LabelledFrame) -> tuple[Image, Mask]:
+    """A real frame and its mask as they are."""
+    return cut(labelled, 1.0, (0.0, 0.0), None)
+
+
+def cut(
+    labelled: LabelledFrame, share: float, corner: tuple[float, float], rng: np.random.Generator | None
+) -> tuple[Image, Mask]:
+    """A window of a frame; its size and corner are shares of the frame's width and height."""
+    picture = np.asarray(cv2.imread(str(labelled.image), cv2.IMREAD_COLOR), np.uint8)
+    pixels = np.array(picture.shape[1::-1])
+    (x, y), (w, h) = np.rint(corner * pixels).astype(int), np.rint(share * pixels).astype(int)
+    image = np.asarray(cv2.resize(picture[y : y + h, x : x + w], SIZE, interpolation=cv2.INTER_AREA), np.uint8)
+    camera = labelled.camera.scaled((int(pixels[0]), int(pixels[1])))
+    moved = Camera(camera.K - [[0, 0, x], [0, 0, y], [0, 0, 0]], camera.R, camera.C, (int(w), int(h)), camera.k)
+    mask = markings_mask(moved.scaled(SIZE), soccer())
+    return image if rng is None else degraded(image, rng), mask
+
+
+def stacked(samples: Sequence[tuple[Image, Mask]]) -> tuple[Tensor, Tensor]:
+    """Images and masks as a batch; of the pixels that become one, that of a marking counts."""
+    images = np.stack([image[..., ::-1].transpose(2, 0, 1) for image, _ in samples])
+    masks = np.stack([mask for _, mask in samples])
+    count, height, width = masks.shape
+    blocks = masks.reshape(count, height // STRIDE, STRIDE, width // STRIDE, STRIDE)
+    return torch.from_numpy(images), torch.from_numpy(blocks.max(axis=(2, 4)).astype(np.int64))
+
+
+def normalised(images: Tensor) -> Tensor:
+    """What the network takes, float32, of images (N, 3, H, W) uint8, RGB."""
+    mean, std = (torch.tensor(values, device=images.device).view(3, 1, 1) for values in (MEAN, STD))
+    return (images.float() / 255.0 - mean) / std
