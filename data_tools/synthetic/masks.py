@@ -30,11 +30,11 @@ def markings_mask(camera: Camera, field: Field) -> Mask:
     """
     width, height = camera.image_size
     mask = np.zeros((height, width), np.uint8)
-    thickness = max(1, round(THICKNESS * width))
     for value, label in enumerate(CLASSES, start=1):
         curves = [fixed_point(curve) for curve in image_curves(camera, field[label])]
-        cv2.polylines(mask, curves, False, value, thickness, cv2.LINE_8, SHIFT)
-    return mask
+        cv2.polylines(mask, curves, False, value, 1, cv2.LINE_8, SHIFT)
+    side = max(1, round(THICKNESS * width))  # OpenCV's own thick lines are wider than they are said to be
+    return np.asarray(cv2.dilate(mask, np.ones((side, side), np.uint8)), np.uint8)
 
 
 def mirrored_values(*, behind_goal: bool) -> Mask:

@@ -1,0 +1,64 @@
+"""Turn a published segmentation checkpoint into ONNX: DeepLabV3 with ResNet-101 on SoccerNet's classes, 455 x 256.
+
+    python -m data_tools.export_onnx CHECKPOINT.pt --out MODEL.onnx
+
+A checkpoint is a state dict with torchvision's names, or holds one as "model"; a prefix "module." is passed over, and
+so is the auxiliary classifier, which only helps in training.
+"""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+
+import torch
+from torch import Tensor
+
+from data_tools.deeplab import DeepLabV3
+from data_tools.onnx_model import write_model
+from data_tools.synthetic import CLASSES
+
+SIZE = (455, 256)
+# The classes of SoccerNet's calibration: those that are annotated, and two for what nobody could tell. In order, class
+# 0 is the background.
+SOCCERNET_CLASSES = tuple(sorted((*CLASSES, "Goal unknown", "Line unknown")))
+AUXILIARY = "aux_classifier."
+
+
+def network_of(checkpoint: Mapping[str, object]) -> DeepLabV3:
+    """The network with the weights of a checkpoint, in evaluation mode.
+
+    Raises
+    ------
+    ValueError
+        If the weights are not those of this network.
+    """
+    state = checkpoint.get("model", checkpoint)
+    if not isinstance(state, Mapping):
+        raise ValueError(f'expected a state dict as "model", got {type(state).__name__}')
+    weights: dict[str, Tensor] = {name.removeprefix("module."): value for name, value in state.items()}
+    weights = {name: value for name, value in weights.items() if not name.startswith(AUXILIARY)}
+    network = DeepLabV3(1 + len(SOCCERNET_CLASSES))
+    try:
+        network.load_state_dict(weights)
+    except RuntimeError as error:
+        raise ValueError(
+            f"the checkpoint is no DeepLabV3 with ResNet-101 and {1 + len(SOCCERNET_CLASSES)} classes: {error}"
+        ) from error
+    return network.eval()
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Write MODEL.onnx and MODEL.json."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("checkpoint", type=Path)
+    parser.add_argument("--out", type=Path, required=True, metavar="MODEL.onnx")
+    options = parser.parse_args(arguments)
+    checkpoint = torch.load(options.checkpoint, map_location="cpu", weights_only=True)
+    write_model(network_of(checkpoint), options.out, SOCCERNET_CLASSES, SIZE)
+    return 0
+
+
+if __name__ == "__main__":
+    raise SystemExit(main())

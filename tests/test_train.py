@@ -1,0 +1,160 @@
+"""data_tools.train: it learns, goes on as if it had not been interrupted, and what it writes runs elsewhere."""
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from data_tools.labelled import clip_of, labelled_frames
+from data_tools.synthetic import CLASSES, frame
+from data_tools.synthetic.cache import write_cache
+
+torch = pytest.importorskip("torch", reason="needs torch, the extra `train`")
+pytest.importorskip("onnx", reason="needs onnx, the extra `train`")
+
+from data_tools.network import MarkingsNet  # noqa: E402
+from data_tools.train import Training, intersection_over_union, learning_rate, main  # noqa: E402
+from data_tools.training_data import Batches, mirrored, normalised, stacked, whole, window  # noqa: E402
+
+STEPS = 4
+CPU = torch.device("cpu")
+
+
+def advanced(training, batches, until):
+    return [training.advance(*batches[step], STEPS) for step in range(training.step, until)]
+
+
+def test_the_network_is_small():
+    assert 0.3e6 < sum(p.numel() for p in MarkingsNet(27).parameters()) < 1.5e6
+
+
+def test_steps_lower_the_loss():
+    training, batch = Training.begin(0, CPU), Batches(0, 2)[0]
+    losses = [training.advance(*batch, 1000) for _ in range(6)]
+    assert losses[-1] < losses[0]
+
+
+def test_an_interrupted_training_goes_on_as_if_it_had_not_been(tmp_path):
+    batches = Batches(3, 2)
+    straight = Training.begin(0, CPU)
+    losses = advanced(straight, batches, STEPS)
+
+    first = Training.begin(0, CPU)
+    advanced(first, batches, 2)
+    first.save(tmp_path / "checkpoint.pt")
+    second = Training.begin(1, CPU)
+    second.load(tmp_path / "checkpoint.pt")
+    assert advanced(second, batches, STEPS) == losses[2:]
+    for name in ("network", "averaged"):
+        expected, found = (getattr(training, name).state_dict() for training in (straight, second))
+        assert all(torch.equal(expected[key], found[key]) for key in expected)
+
+
+def test_the_rate_of_learning_rises_and_falls():
+    rates = [learning_rate(step, 1000) for step in range(1000)]
+    assert np.argmax(rates) == pytest.approx(200, abs=40)
+    assert rates[-1] < 1e-3 * max(rates)
+
+
+def test_the_command(tmp_path, monkeypatch):
+    seeds = range(1_000_000_000, 1_000_000_002)
+    monkeypatch.setattr("data_tools.train.VALIDATION_SEEDS", seeds)
+    write_cache(tmp_path / "frames", range(2), processes=1)
+    out = tmp_path / "out"
+    common = [str(out), "--cache", str(tmp_path / "frames"), "--batch", "2", "--workers", "0", "--minutes", "0"]
+    assert main(common) == 0
+    assert main([*common, "--resume"]) == 0
+    rows = [json.loads(line) for line in (out / "log.jsonl").read_text().splitlines()]
+    assert [row["step"] for row in rows] == [1, 2]
+    assert all(0.0 <= row["iou_synthetic"] <= 1.0 for row in rows)
+
+    about = json.loads((out / "model.json").read_text())
+    assert about["classes"] == ["background", *CLASSES]
+    assert about["input_size"] == [512, 288]
+    assert about["channels"] == "RGB"
+
+    import onnxruntime
+
+    session = onnxruntime.InferenceSession(out / "model.onnx", providers=["CPUExecutionProvider"])
+    images, _ = stacked([(frame(seed).image, frame(seed).mask) for seed in seeds])
+    pixels = images.numpy().astype(np.float32).transpose(0, 2, 3, 1) / 255.0
+    image = ((pixels - about["mean"]) / about["std"]).transpose(0, 3, 1, 2).astype(np.float32)
+    (logits,) = session.run(["logits"], {"image": image})
+    assert logits.shape == (2, 27, 144, 256)
+    training = Training.begin(0, CPU)
+    training.load(out / "checkpoint.pt")
+    with torch.inference_mode():
+        expected = training.averaged.module.eval()(normalised(images)).numpy()
+    assert np.abs(logits - expected).max() < 1e-4 * max(1.0, np.abs(expected).max())
+
+
+# data
+
+
+def test_batches_are_functions_of_their_number():
+    images, classes = Batches(0, 2)[5]
+    assert images.shape == (2, 3, 288, 512)
+    assert images.dtype == torch.uint8
+    assert classes.shape == (2, 144, 256)
+    assert torch.equal(Batches(0, 2)[5][0], images)
+    assert not torch.equal(Batches(0, 2)[6][0], images)
+    assert not torch.equal(Batches(1, 2)[5][0], images)
+
+
+def test_markings_count_where_pixels_become_one():
+    mask = np.zeros((4, 6), np.uint8)
+    mask[1, 2], mask[3, 5] = 7, 3
+    _, (classes,) = stacked([(np.zeros((4, 6, 3), np.uint8), mask)])
+    assert classes.tolist() == [[0, 7, 0], [0, 0, 3]]
+
+
+def test_images_are_rgb():
+    image = np.zeros((2, 2, 3), np.uint8)
+    image[..., 0] = 255  # blue
+    images, _ = stacked([(image, np.zeros((2, 2), np.uint8))])
+    assert images[0, :, 0, 0].tolist() == [0, 0, 255]
+
+
+@pytest.mark.parametrize(
+    ("behind_goal", "other"), [(False, "Goal right post right"), (True, "Goal left post right")], ids=["main", "goal"]
+)
+def test_mirroring_swaps_labels(behind_goal, other):
+    mask = np.zeros((2, 3), np.uint8)
+    mask[0, 0] = 1 + CLASSES.index("Goal left post left")
+    image = np.arange(18, dtype=np.uint8).reshape(2, 3, 3)
+    picture, swapped = mirrored(image, mask, behind_goal=behind_goal)
+    assert np.array_equal(picture[:, 0], image[:, 2])
+    assert CLASSES[swapped[0, 2] - 1] == other
+    assert np.count_nonzero(swapped) == 1
+
+
+def test_the_measure_is_one_for_a_perfect_network():
+    made = frame(1)
+
+    def knowing(images):
+        _, classes = stacked([(made.image, made.mask)])
+        return torch.nn.functional.one_hot(classes, 27).permute(0, 3, 1, 2)
+
+    knowing.eval = lambda: None
+    values = intersection_over_union(knowing, [(made.image, made.mask)], CPU)
+    assert np.nanmin(values) == 1.0
+    assert np.isfinite(values).sum() == len(np.unique(made.mask)) - 1
+
+
+# real frames
+
+
+def test_clips():
+    assert clip_of(Path("folder/video_1_120_png_jpg.rf.ab.jpg")) == "video_1"
+    assert clip_of(Path("folder/worldcup2_10_jpg.rf.ab.jpg")) == "worldcup2"
+
+
+def test_real_frames_have_cameras_that_their_points_agree_on(shared_data):
+    frames = list(labelled_frames(shared_data / "pitch-keypoints" / "valid"))
+    assert len(frames) > 40
+    image, mask = whole(frames[0])
+    assert image.shape == (288, 512, 3)
+    assert len(np.unique(mask)) > 3
+    image, mask = window(frames[0], np.random.default_rng(0))
+    assert image.shape == (288, 512, 3)
