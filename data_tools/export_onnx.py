@@ -46,7 +46,8 @@ def network_of(checkpoint: Mapping[str, object]) -> DeepLabV3:
         raise ValueError(
             f"the checkpoint is no DeepLabV3 with ResNet-101 and {1 + len(SOCCERNET_CLASSES)} classes: {error}"
         ) from error
-    return network.eval()
+    network.eval()
+    return network
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
