@@ -69,7 +69,7 @@ def frame(seed: int, size: tuple[int, int] = SIZE) -> SyntheticFrame:
     ground = Ground.of_rays(camera, ray)
     light = random_light(ground, field, rng)
     picture = random_ground(ground, field, rng) * light
-    hidden = add_surroundings(picture, camera, ray, field, rng)
+    hidden = add_surroundings(picture, camera, ray, ground, field, rng)
     image = to_uint8(picture)
     add_objects(image, light, camera, field, rng)
     hidden |= add_graphics(image, rng)
