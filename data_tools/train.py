@@ -23,7 +23,7 @@ import numpy as np
 import torch
 from torch import Tensor, nn
 from torch.nn.functional import cross_entropy
-from torch.optim.swa_utils import AveragedModel, get_ema_multi_avg_fn
+from torch.optim.swa_utils import AveragedModel
 from torch.utils.data import DataLoader
 
 from data_tools.labelled import clip_of, labelled_frames
@@ -36,7 +36,7 @@ from fieldcalib.io.files import write_bytes
 from fieldcalib.render import Image
 
 LEARNING_RATE, WARM_UP, WEIGHT_DECAY = 2e-3, 200, 1e-2
-AVERAGED = 0.999  # of the weights that are exported; what they were a thousand steps ago counts a third
+AVERAGED = 0.999  # what is kept, each step, of the weights that are exported: they are those of the last thousand steps
 BACKGROUND_WEIGHT = 0.25  # 96 % of the pixels are background
 REPORT_MINUTES = 10.0
 VALIDATION_SEEDS = range(1_000_000_000, 1_000_000_100)
@@ -58,7 +58,7 @@ class Training:
         """Random weights, the same for the same seed."""
         torch.manual_seed(seed)
         network = MarkingsNet(1 + len(CLASSES)).to(device)
-        averaged = AveragedModel(network, multi_avg_fn=get_ema_multi_avg_fn(AVERAGED), use_buffers=True)
+        averaged = AveragedModel(network, multi_avg_fn=_average, use_buffers=True)
         optimizer = torch.optim.AdamW(network.parameters(), LEARNING_RATE, weight_decay=WEIGHT_DECAY)
         return cls(network, averaged, optimizer, device)
 
@@ -99,6 +99,16 @@ def learning_rate(step: int, steps: int) -> float:
     True
     """
     return LEARNING_RATE * min(1.0, (step + 1) / WARM_UP) * 0.5 * (1.0 + math.cos(math.pi * step / steps))
+
+
+def _average(averaged: Sequence[Tensor], current: Sequence[Tensor], count: Tensor | int) -> None:
+    """Move averages towards the current weights, in place; at first faster, so that the random ones are forgotten."""
+    share = max(1.0 - AVERAGED, 9.0 / (10.0 + int(count)))
+    for mean, value in zip(averaged, current, strict=True):
+        if mean.is_floating_point():
+            mean.lerp_(value, share)
+        else:  # how many batches were seen
+            mean.copy_(value)
 
 
 def _loss(network: nn.Module, images: Tensor, classes: Tensor) -> Tensor:
