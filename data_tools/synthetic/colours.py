@@ -11,6 +11,7 @@ import numpy as np
 from fieldcalib.render import Colour, Float32
 
 Range = tuple[float, float]
+GREY = np.full(3, 1.0 / 3.0, np.float32)  # a colour times this is how light it is
 NOISE_SIZE = 512  # px: side of the noise tile
 OCTAVES = 7  # its coarsest spots are 64 px wide
 

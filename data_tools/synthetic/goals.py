@@ -25,6 +25,9 @@ def add_goal(
     back = np.sign(middle[0]) * np.array([1.0, 0.0, 0.0])
     up, side = np.array([0.0, 0.0, -GOAL_HEIGHT]), np.array([0.0, GOAL_WIDTH / 2.0, 0.0])
     frame = middle + np.array([-side, -side + up, side + up, side])
+    xy = camera.project(frame)
+    if np.any(np.max(xy, axis=0) < 0.0) or np.any(np.min(xy, axis=0) > camera.image_size):
+        return
     below, above = depth[0] * back, depth[1] * back
     strands: list[Sequence[Array]] = []
     for s in np.linspace(-1.0, 1.0, 25):

@@ -31,10 +31,19 @@ def random_ground(ground: Ground, field: Field, rng: np.random.Generator) -> Flo
         opacity *= np.clip(0.9 + 0.15 * noise_at(x, y, rng.uniform(0.05, 0.5), rng), 0.3, 1.0)
     paint = random_colour(rng, hue=(20.0, 140.0), saturation=(0.0, 0.08), value=(0.82, 1.0))
     line_width = rng.uniform(*LINE_WIDTH)
-    # one field with all that is painted, wide enough for what is beside the real one
-    everything = Field(field.length + 30.0, field.width + 30.0, {**field.segments, **_unlabelled(field, rng)})
+    segments = {**field.segments, **_unlabelled(field, rng)}
+    low, high = np.nanmin(ground.xy, axis=(1, 2)) - 1.0, np.nanmax(ground.xy, axis=(1, 2)) + 1.0
+    in_view = {name: segment for name, segment in segments.items() if _reaches(segment, low, high)}
+    # a field that is wide enough for what is beside the real one
+    everything = Field(field.length + 30.0, field.width + 30.0, in_view)
     mix(picture, paint, opacity * painted(ground, everything, line_width))
     return picture
+
+
+def _reaches(segment: Segment, low: Float32, high: Float32) -> bool:
+    """Whether a segment may lie in a rectangle of the ground; painting those that do not takes long."""
+    X = segment.sample(spacing=1.0)[:, :2]
+    return bool(np.all(X.max(axis=0) >= low) and np.all(X.min(axis=0) <= high))
 
 
 def random_light(ground: Ground, field: Field, rng: np.random.Generator) -> Float32:

@@ -7,12 +7,11 @@ import string
 import cv2
 import numpy as np
 
-from data_tools.synthetic.colours import noise_tile, random_colour, vivid_colour
+from data_tools.synthetic.colours import GREY, noise_tile, random_colour, vivid_colour
 from fieldcalib._types import BoolArray
 from fieldcalib.render import Float32, Image
 
 FONT = cv2.FONT_HERSHEY_DUPLEX
-GREY = np.full(3, 1.0 / 3.0, np.float32)
 
 
 def add_graphics(image: Image, rng: np.random.Generator) -> BoolArray:

@@ -100,6 +100,8 @@ def _add_floor(picture: Float32, past: Float32, along: Float32, stand: Float32, 
 def _add_near_wall(picture: Float32, wall: Wall, rng: np.random.Generator) -> BoolArray:
     """The backs of boards and dugouts between the camera and the field."""
     profile = _profile(rng)
+    if not profile.any():
+        return np.zeros(wall.met.shape, bool)
     along = np.nan_to_num(wall.along)
     top = profile[np.mod(along + 0.5 * len(profile), len(profile)).astype(np.intp)]
     shown = wall.met & (wall.height < top)

@@ -7,7 +7,7 @@ import string
 import cv2
 import numpy as np
 
-from data_tools.synthetic.colours import random_colour, vivid_colour
+from data_tools.synthetic.colours import GREY, random_colour, vivid_colour
 from fieldcalib.render import Colour, Float32, Image
 
 LENGTH = 128.0  # m that a texture covers before it repeats
@@ -47,9 +47,9 @@ def stand_texture(rng: np.random.Generator) -> Float32:
     people = cv2.resize(dressed, (columns, rows), interpolation=cv2.INTER_NEAREST)
     face[crowded] = people[crowded]
     colour = face.astype(np.float32)
-    colour *= rng.uniform(0.6, 1.4, size=(rows, columns, 1)).astype(np.float32)
+    colour *= 0.6 + 0.8 * rng.random((rows, columns, 1), dtype=np.float32)
     pale = rng.uniform(0.0, 0.8)
-    colour += pale * (colour.mean(axis=-1, keepdims=True) - colour)
+    colour += pale * ((colour @ GREY)[..., None] - colour)
     if rng.random() < 0.6:
         cv2.GaussianBlur(colour, (0, 0), rng.uniform(0.5, 1.5), dst=colour)
     _fittings(colour, rng)
