@@ -29,15 +29,17 @@ from torch.utils.data import DataLoader
 from data_tools.labelled import clip_of, labelled_frames
 from data_tools.network import MarkingsNet
 from data_tools.onnx_model import write_model
-from data_tools.synthetic import CLASSES, SIZE, Mask, frame
+from data_tools.synthetic import CLASSES, Mask, frame
 from data_tools.training_data import Batches, normalised, stacked, whole
 from fieldcalib._types import Array
+from fieldcalib.commands.arguments import image_size
 from fieldcalib.io.files import write_bytes
 from fieldcalib.render import Image
 
 LEARNING_RATE, WARM_UP, WEIGHT_DECAY = 2e-3, 200, 1e-2
 AVERAGED = 0.999  # what is kept, each step, of the weights that are exported: they are those of the last thousand steps
-BACKGROUND_WEIGHT = 0.25  # 96 % of the pixels are background
+BACKGROUND_WEIGHT = 0.1  # 96 % of the pixels are background
+BACKGROUND_SAMPLED = 0.25  # of its pixels, at random, for the sake of time
 REPORT_MINUTES = 10.0
 VALIDATION_SEEDS = range(1_000_000_000, 1_000_000_100)
 Samples = Sequence[tuple[Image, Mask]]
@@ -81,7 +83,8 @@ class Training:
         for group in self.optimizer.param_groups:
             group["lr"] = learning_rate(self.step, steps)
         self.network.train()
-        loss = _loss(self.network, images.to(self.device), classes.to(self.device))
+        chosen = sampled_pixels(classes, self.step)
+        loss = _loss(self.network, images.to(self.device), classes.to(self.device), chosen.to(self.device))
         self.optimizer.zero_grad()
         loss.backward()
         self.optimizer.step()
@@ -111,24 +114,30 @@ def _average(averaged: Sequence[Tensor], current: Sequence[Tensor], count: Tenso
             mean.copy_(value)
 
 
-def _loss(network: nn.Module, images: Tensor, classes: Tensor) -> Tensor:
-    """Cross-entropy over pixels, the many of the background weighing less each."""
+def sampled_pixels(classes: Tensor, seed: int) -> Tensor:
+    """Which pixels of a batch the loss looks at: those of markings, and some of the background; flat indices."""
+    chance = torch.rand(classes.shape, generator=torch.Generator().manual_seed(seed))
+    return ((classes > 0) | (chance < BACKGROUND_SAMPLED)).flatten().nonzero()[:, 0]
+
+
+def _loss(network: nn.Module, images: Tensor, classes: Tensor, chosen: Tensor) -> Tensor:
+    """Cross-entropy over the chosen pixels, the many of the background weighing less each."""
     with torch.autocast(images.device.type, torch.bfloat16):  # half the time, where the processor has it
         logits = network(normalised(images).contiguous(memory_format=torch.channels_last))
     weight = torch.ones(1 + len(CLASSES), device=images.device)
-    weight[0] = BACKGROUND_WEIGHT
-    by_pixel = logits.float().permute(0, 2, 3, 1).reshape(-1, 1 + len(CLASSES))
-    return cross_entropy(by_pixel, classes.reshape(-1), weight)
+    weight[0] = BACKGROUND_WEIGHT / BACKGROUND_SAMPLED
+    by_pixel = logits.permute(0, 2, 3, 1).reshape(-1, 1 + len(CLASSES))
+    return cross_entropy(by_pixel[chosen].float(), classes.flatten()[chosen], weight)
 
 
-def intersection_over_union(network: nn.Module, samples: Samples, device: torch.device) -> Array:
+def intersection_over_union(network: nn.Module, samples: Samples, size: tuple[int, int], device: torch.device) -> Array:
     """Of the pixels of every class in `CLASSES`, (26,); NaN for those that no mask holds."""
     count = 1 + len(CLASSES)
     confusion = np.zeros((count, count))
     network.eval()
     with torch.inference_mode():
         for sample in samples:
-            images, classes = stacked([sample])
+            images, classes = stacked([sample], size)
             found = network(normalised(images.to(device))).argmax(1).cpu()
             pairs = count * classes.numpy().ravel() + found.numpy().ravel()
             confusion += np.bincount(pairs, minlength=count * count).reshape(count, count)
@@ -151,22 +160,24 @@ def train(
         if now - start > 60.0 * options.minutes:
             break
         if now - reported > 60.0 * REPORT_MINUTES:
-            _report(training, out, validation, losses)
+            _report(training, out, validation, losses, options.size)
             reported, losses = now, []
-    _report(training, out, validation, losses)
+    _report(training, out, validation, losses, options.size)
 
 
-def _report(training: Training, out: Path, validation: dict[str, Samples], losses: Sequence[float]) -> None:
+def _report(
+    training: Training, out: Path, validation: dict[str, Samples], losses: Sequence[float], size: tuple[int, int]
+) -> None:
     """Keep a checkpoint and the model, and add a line to the log."""
     training.save(out / "checkpoint.pt")
     network = training.averaged.module
     row: dict[str, object] = {"step": training.step, "loss": round(float(np.mean(losses)), 4) if losses else None}
     for name, samples in validation.items():
-        values = intersection_over_union(network, samples, training.device)
+        values = intersection_over_union(network, samples, size, training.device)
         row[f"iou_{name}"] = round(float(np.nanmean(values)), 4)
         shown = {label: round(float(v), 3) for label, v in zip(CLASSES, values, strict=True) if np.isfinite(v)}
         row[f"iou_{name}_classes"] = shown
-    write_model(network.cpu().eval(), out / "model.onnx", CLASSES, SIZE)
+    write_model(network.cpu().eval(), out / "model.onnx", CLASSES, size)
     network.to(training.device)
     with (out / "log.jsonl").open("a") as log:
         print(json.dumps(row), file=log)
@@ -183,6 +194,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
         "--steps", type=int, default=40000, help="at the end of which the rate of learning is 0 (40000)"
     )
     parser.add_argument("--minutes", type=float, default=math.inf, help="after which to stop, to be resumed")
+    parser.add_argument(
+        "--size", type=image_size, default=(384, 224), metavar="WxH", help="of the input, multiples of 32 (384x224)"
+    )
     parser.add_argument("--batch", type=int, default=16, help="frames of a step (16)")
     parser.add_argument("--workers", type=int, default=1, help="processes that prepare batches (1)")
     parser.add_argument("--threads", type=int, default=1, help="of the network on a CPU (1)")
@@ -204,7 +218,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
         validation["held_out"] = [whole(one) for one in labelled_frames(options.held_out)]
     labelled = [one for one in labelled_frames(options.labelled) if one.clip not in clips] if options.labelled else []
     cached = sorted(options.cache.glob("*.jpg")) if options.cache else []
-    train(training, Batches(options.seed, options.batch, cached, labelled), options.out, validation, options)
+    batches = Batches(options.seed, options.batch, options.size, cached, labelled)
+    train(training, batches, options.out, validation, options)
     return 0
 
 

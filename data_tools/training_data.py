@@ -26,7 +26,8 @@ from fieldcalib.camera import Camera
 from fieldcalib.field import soccer
 from fieldcalib.render import Image
 
-LABELLED_SHARE = 1.0 / 8.0
+LABELLED_SHARE = 1.0 / 3.0
+FINER = 4  # masks are looked at on a grid so much finer than that of the classes
 SMALLEST_WINDOW = 0.6  # of a real frame's width and height
 GAIN, GAIN_OF_CHANNEL = 0.12, 0.04  # standard deviations of the logarithm
 MIRROR = {behind_goal: mirrored_values(behind_goal=behind_goal) for behind_goal in (False, True)}
@@ -37,14 +38,17 @@ class Batches(Dataset[tuple[Tensor, Tensor]]):
     """Batch number `step`, for any step: images (N, 3, H, W) uint8, RGB, and classes (N, H / 2, W / 2) int64."""
 
     seed: int
-    size: int
+    count: int
+    """Of the images in a batch."""
+    size: tuple[int, int]
+    """Width and height of the images; multiples of 32."""
     cached: Sequence[Path] = ()
     """Images of a cache, see `data_tools.synthetic.cache`; without any, frames are made."""
     labelled: Sequence[LabelledFrame] = ()
 
     def __getitem__(self, step: int) -> tuple[Tensor, Tensor]:
         rng = np.random.default_rng((self.seed, step))
-        return stacked([self._sample(rng) for _ in range(self.size)])
+        return stacked([self._sample(rng) for _ in range(self.count)], self.size)
 
     def _sample(self, rng: np.random.Generator) -> tuple[Image, Mask]:
         if self.labelled and rng.random() < LABELLED_SHARE:
@@ -92,12 +96,14 @@ def cut(
     return image if rng is None else degraded(image, rng), mask
 
 
-def stacked(samples: Sequence[tuple[Image, Mask]]) -> tuple[Tensor, Tensor]:
-    """Images and masks as a batch; of the pixels that become one, that of a marking counts."""
-    images = np.stack([image[..., ::-1].transpose(2, 0, 1) for image, _ in samples])
-    masks = np.stack([mask for _, mask in samples])
-    count, height, width = masks.shape
-    blocks = masks.reshape(count, height // STRIDE, STRIDE, width // STRIDE, STRIDE)
+def stacked(samples: Sequence[tuple[Image, Mask]], size: tuple[int, int]) -> tuple[Tensor, Tensor]:
+    """Images and masks as a batch, images (width, height); of the pixels that become one, that of a marking counts."""
+    width, height = size[0] // STRIDE, size[1] // STRIDE
+    finer = (FINER * width, FINER * height)
+    images = np.stack([cv2.resize(image, size, interpolation=cv2.INTER_AREA) for image, _ in samples])
+    images = np.ascontiguousarray(images[..., ::-1].transpose(0, 3, 1, 2))
+    masks = np.stack([cv2.resize(mask, finer, interpolation=cv2.INTER_NEAREST) for _, mask in samples])
+    blocks = masks.reshape(len(masks), height, FINER, width, FINER)
     return torch.from_numpy(images), torch.from_numpy(blocks.max(axis=(2, 4)).astype(np.int64))
 
 

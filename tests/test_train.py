@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from data_tools.labelled import clip_of, labelled_frames
-from data_tools.synthetic import CLASSES, frame
+from data_tools.synthetic import CLASSES, SIZE, frame
 from data_tools.synthetic.cache import write_cache
 
 torch = pytest.importorskip("torch", reason="needs torch, the extra `train`")
@@ -18,6 +18,7 @@ from data_tools.train import Training, intersection_over_union, learning_rate, m
 from data_tools.training_data import Batches, mirrored, normalised, stacked, whole, window  # noqa: E402
 
 STEPS = 4
+SMALL = (160, 96)
 CPU = torch.device("cpu")
 
 
@@ -30,13 +31,13 @@ def test_the_network_is_small():
 
 
 def test_steps_lower_the_loss():
-    training, batch = Training.begin(0, CPU), Batches(0, 2)[0]
+    training, batch = Training.begin(0, CPU), Batches(0, 2, SMALL)[0]
     losses = [training.advance(*batch, 1000) for _ in range(6)]
     assert losses[-1] < losses[0]
 
 
 def test_an_interrupted_training_goes_on_as_if_it_had_not_been(tmp_path):
-    batches = Batches(3, 2)
+    batches = Batches(3, 2, SMALL)
     straight = Training.begin(0, CPU)
     losses = advanced(straight, batches, STEPS)
 
@@ -62,7 +63,19 @@ def test_the_command(tmp_path, monkeypatch):
     monkeypatch.setattr("data_tools.train.VALIDATION_SEEDS", seeds)
     write_cache(tmp_path / "frames", range(2), processes=1)
     out = tmp_path / "out"
-    common = [str(out), "--cache", str(tmp_path / "frames"), "--batch", "2", "--workers", "0", "--minutes", "0"]
+    common = [
+        str(out),
+        "--cache",
+        str(tmp_path / "frames"),
+        "--batch",
+        "2",
+        "--size",
+        "160x96",
+        "--workers",
+        "0",
+        "--minutes",
+        "0",
+    ]
     assert main(common) == 0
     assert main([*common, "--resume"]) == 0
     rows = [json.loads(line) for line in (out / "log.jsonl").read_text().splitlines()]
@@ -71,13 +84,13 @@ def test_the_command(tmp_path, monkeypatch):
 
     about = json.loads((out / "model.json").read_text())
     assert about["classes"] == ["background", *CLASSES]
-    assert about["input_size"] == [512, 288]
+    assert about["input_size"] == [160, 96]
     assert about["channels"] == "RGB"
 
     import onnxruntime
 
     session = onnxruntime.InferenceSession(out / "model.onnx", providers=["CPUExecutionProvider"])
-    images, _ = stacked([(frame(seed).image, frame(seed).mask) for seed in seeds])
+    images, _ = stacked([(frame(seed).image, frame(seed).mask) for seed in seeds], SMALL)
     pixels = images.numpy().astype(np.float32).transpose(0, 2, 3, 1) / 255.0
     image = ((pixels - about["mean"]) / about["std"]).transpose(0, 3, 1, 2).astype(np.float32)
     (logits,) = session.run(["logits"], {"image": image})
@@ -93,26 +106,26 @@ def test_the_command(tmp_path, monkeypatch):
 
 
 def test_batches_are_functions_of_their_number():
-    images, classes = Batches(0, 2)[5]
-    assert images.shape == (2, 3, 288, 512)
+    images, classes = Batches(0, 2, SMALL)[5]
+    assert images.shape == (2, 3, 96, 160)
     assert images.dtype == torch.uint8
-    assert classes.shape == (2, 144, 256)
-    assert torch.equal(Batches(0, 2)[5][0], images)
-    assert not torch.equal(Batches(0, 2)[6][0], images)
-    assert not torch.equal(Batches(1, 2)[5][0], images)
+    assert classes.shape == (2, 48, 80)
+    assert torch.equal(Batches(0, 2, SMALL)[5][0], images)
+    assert not torch.equal(Batches(0, 2, SMALL)[6][0], images)
+    assert not torch.equal(Batches(1, 2, SMALL)[5][0], images)
 
 
 def test_markings_count_where_pixels_become_one():
     mask = np.zeros((4, 6), np.uint8)
     mask[1, 2], mask[3, 5] = 7, 3
-    _, (classes,) = stacked([(np.zeros((4, 6, 3), np.uint8), mask)])
+    _, (classes,) = stacked([(np.zeros((4, 6, 3), np.uint8), mask)], (6, 4))
     assert classes.tolist() == [[0, 7, 0], [0, 0, 3]]
 
 
 def test_images_are_rgb():
     image = np.zeros((2, 2, 3), np.uint8)
     image[..., 0] = 255  # blue
-    images, _ = stacked([(image, np.zeros((2, 2), np.uint8))])
+    images, _ = stacked([(image, np.zeros((2, 2), np.uint8))], (2, 2))
     assert images[0, :, 0, 0].tolist() == [0, 0, 255]
 
 
@@ -133,11 +146,11 @@ def test_the_measure_is_one_for_a_perfect_network():
     made = frame(1)
 
     def knowing(images):
-        _, classes = stacked([(made.image, made.mask)])
+        _, classes = stacked([(made.image, made.mask)], SIZE)
         return torch.nn.functional.one_hot(classes, 27).permute(0, 3, 1, 2)
 
     knowing.eval = lambda: None
-    values = intersection_over_union(knowing, [(made.image, made.mask)], CPU)
+    values = intersection_over_union(knowing, [(made.image, made.mask)], SIZE, CPU)
     assert np.nanmin(values) == 1.0
     assert np.isfinite(values).sum() == len(np.unique(made.mask)) - 1
 
