@@ -33,8 +33,8 @@ from data_tools.synthetic import CLASSES, Mask, frame
 from data_tools.training_data import Batches, normalised, stacked, whole
 from fieldcalib._types import Array
 from fieldcalib.commands.arguments import image_size
+from fieldcalib.image import Image
 from fieldcalib.io.files import write_bytes
-from fieldcalib.render import Image
 
 LEARNING_RATE, WARM_UP, WEIGHT_DECAY = 2e-3, 200, 1e-2
 AVERAGED = 0.999  # what is kept, each step, of the weights that are exported: they are those of the last thousand steps

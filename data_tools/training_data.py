@@ -24,7 +24,7 @@ from data_tools.synthetic.masks import markings_mask
 from data_tools.synthetic.pictures import degraded
 from fieldcalib.camera import Camera
 from fieldcalib.field import soccer
-from fieldcalib.render import Image
+from fieldcalib.image import Image
 
 LABELLED_SHARE = 1.0 / 3.0
 FINER = 4  # masks are looked at on a grid so much finer than that of the classes

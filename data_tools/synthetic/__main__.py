@@ -15,8 +15,8 @@ import numpy as np
 from data_tools.synthetic import CLASSES, frame
 from data_tools.synthetic.cache import write_cache
 from fieldcalib.draw import label_colour
+from fieldcalib.image import Image
 from fieldcalib.io.files import write_bytes
-from fieldcalib.render import Image
 
 COLUMNS, ROWS = 4, 8
 BENCH_FRAMES = 200

@@ -8,7 +8,8 @@ from functools import lru_cache
 import cv2
 import numpy as np
 
-from fieldcalib.render import Colour, Float32
+from fieldcalib._types import Float32
+from fieldcalib.render import Colour
 
 Range = tuple[float, float]
 GREY = np.full(3, 1.0 / 3.0, np.float32)  # a colour times this is how light it is

@@ -14,7 +14,8 @@ from data_tools.synthetic.pictures import add_graphics, degraded, random_picture
 from data_tools.synthetic.surroundings import add_surroundings
 from fieldcalib.camera import Camera
 from fieldcalib.field import Field
-from fieldcalib.render import Ground, Image, rays, to_uint8
+from fieldcalib.image import Image
+from fieldcalib.render import Ground, rays, to_uint8
 
 SIZE = (512, 288)
 EMPTY_SHARE = 0.05  # of the frames show no field

@@ -11,7 +11,8 @@ import numpy as np
 from fieldcalib._types import Array
 from fieldcalib.camera import Camera
 from fieldcalib.field import GOAL_HEIGHT, GOAL_WIDTH
-from fieldcalib.render import NEAR_PLANE, SHIFT, Colour, Image, fixed_point
+from fieldcalib.image import Image
+from fieldcalib.render import NEAR_PLANE, SHIFT, Colour, fixed_point
 
 POST_WIDTH = 0.12  # m, law 1
 FINER = 4  # px across which a pixel's share of a thin bar is counted

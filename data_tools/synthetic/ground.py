@@ -10,8 +10,9 @@ import math
 import numpy as np
 
 from data_tools.synthetic.colours import noise_at, random_colour
+from fieldcalib._types import Float32
 from fieldcalib.field import CIRCLE_RADIUS, GOAL_AREA_DEPTH, GOAL_WIDTH, Arc, Field, Line, Segment
-from fieldcalib.render import Float32, Ground, mix, painted
+from fieldcalib.render import Ground, mix, painted
 
 LINE_WIDTH = (0.08, 0.12)  # m; the law allows up to 12 cm
 RUN_OFF = (1.5, 9.0)  # m of grass around the field

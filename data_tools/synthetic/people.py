@@ -9,10 +9,11 @@ import cv2
 import numpy as np
 
 from data_tools.synthetic.colours import vivid_colour
-from fieldcalib._types import Array
+from fieldcalib._types import Array, Float32
 from fieldcalib.camera import Camera
 from fieldcalib.field import Field
-from fieldcalib.render import SHIFT, Colour, Float32, Image, fixed_point
+from fieldcalib.image import Image
+from fieldcalib.render import SHIFT, Colour, fixed_point
 
 # A person facing along +x, as joints (forward, sideways, up) in shares of the height.
 HEAD, NECK, HIP = (0.0, 0.0, 0.93), (0.0, 0.0, 0.83), (0.0, 0.0, 0.5)

@@ -8,8 +8,8 @@ import cv2
 import numpy as np
 
 from data_tools.synthetic.colours import GREY, noise_tile, random_colour, vivid_colour
-from fieldcalib._types import BoolArray
-from fieldcalib.render import Float32, Image
+from fieldcalib._types import BoolArray, Float32
+from fieldcalib.image import Image
 
 FONT = cv2.FONT_HERSHEY_DUPLEX
 

@@ -13,10 +13,10 @@ import numpy as np
 
 from data_tools.synthetic.colours import random_colour, wrapped
 from data_tools.synthetic.textures import BOARD_SCALE, STAND_HEIGHT, STAND_SCALE, boards_texture, stand_texture
-from fieldcalib._types import BoolArray
+from fieldcalib._types import BoolArray, Float32
 from fieldcalib.camera import Camera
 from fieldcalib.field import Field
-from fieldcalib.render import Float32, Ground
+from fieldcalib.render import Ground
 
 BOARDS_AWAY = (2.5, 9.0)  # m behind the lines
 BOARD_HEIGHT = (0.7, 1.2)  # m

@@ -8,7 +8,9 @@ import cv2
 import numpy as np
 
 from data_tools.synthetic.colours import GREY, random_colour, vivid_colour
-from fieldcalib.render import Colour, Float32, Image
+from fieldcalib._types import Float32
+from fieldcalib.image import Image
+from fieldcalib.render import Colour
 
 LENGTH = 128.0  # m that a texture covers before it repeats
 STAND_HEIGHT = 40.0  # m

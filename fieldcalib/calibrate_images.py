@@ -1,0 +1,96 @@
+"""From images to cameras: labelled pixels by a network, a calibration, and its refinement on the image."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+from fieldcalib.calibrate import calibrate_batch
+from fieldcalib.field import ObjectSegments
+from fieldcalib.image import Image
+from fieldcalib.localize import Network, localize
+from fieldcalib.options import ALL, DEFAULT_FLAGS, Prior
+from fieldcalib.profiles import Markings
+from fieldcalib.refine import agreement, refine_on_image
+from fieldcalib.result import Calibration, Status
+
+LEAST_AGREEMENT = 0.1  # of an image with a camera; right cameras had 0.27 and more, even on frames 256 pixels wide
+
+
+def calibrate_from_images(
+    object_segments: ObjectSegments,
+    images: Sequence[Image],
+    network: Network,
+    *,
+    flags: int = DEFAULT_FLAGS,
+    prior: Prior = ALL,
+) -> list[Calibration]:
+    """Calibrate a camera for each of several images.
+
+    Parameters
+    ----------
+    object_segments : mapping of str to segment
+        The calibration object that the network was trained for, e.g. `soccer()`.
+    images : sequence of (height, width, 3) uint8 arrays
+        Blue, green, red; of any sizes. All are in memory at once: give a long video in parts.
+    network : Network
+        Finds the markings, e.g. `SegmentationNetwork.load()`.
+    flags, prior
+        As in `calibrate_from_segments`, for all images alike.
+
+    Returns
+    -------
+    list of Calibration
+        One an image. An image that cannot be calibrated is no error: see `status` and `message`. A camera is "probably
+        wrong" if the image shows no lines where it has the markings.
+
+    Raises
+    ------
+    ValueError
+        As `localize` and `calibrate_from_segments`.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from fieldcalib import soccer
+    >>> class Blind:
+    ...     classes = ("background", "Middle line")
+    ...     def __call__(self, images):
+    ...         return np.zeros((len(images), 2, 90, 160), np.float32)
+    >>> (calibration,) = calibrate_from_images(soccer(), [np.zeros((540, 960, 3), np.uint8)], Blind())
+    >>> str(calibration.status), calibration.message
+    ('too few segments', 'no labelled pixels: nothing to calibrate from')
+    """
+    found = localize(object_segments, images, network)
+    by_size: dict[tuple[int, int], list[int]] = {}
+    for index, image in enumerate(images):
+        by_size.setdefault((image.shape[1], image.shape[0]), []).append(index)
+    calibrations: dict[int, Calibration] = {}
+    for size, members in by_size.items():
+        parts = [found[index] for index in members]
+        first = calibrate_batch(
+            object_segments,
+            [part.pixels for part in parts],
+            size,
+            flags=flags,
+            prior=prior,
+            weights=[part.weights for part in parts],
+        )
+        for index, part, calibration in zip(members, parts, first, strict=True):
+            image = images[index]
+            refined = refine_on_image(
+                object_segments, image, calibration, part.pixels, weights=part.weights, flags=flags, prior=prior
+            )
+            calibrations[index] = _doubted(object_segments, image, refined) if refined is calibration else refined
+    return [calibrations[index] for index in range(len(images))]
+
+
+def _doubted(object_segments: ObjectSegments, image: Image, calibration: Calibration) -> Calibration:
+    """The calibration, with the verdict that it is probably wrong where its image says so."""
+    if calibration.camera is None or not calibration.accepted:
+        return calibration
+    share = agreement(image, calibration.camera, Markings.of(object_segments))
+    if share >= LEAST_AGREEMENT:
+        return calibration
+    message = f"the image shows lines at {100.0 * share:.0f} % of the markings in view; {calibration.message}"
+    return replace(calibration, status=Status.IMPROBABLE, message=message)
