@@ -30,8 +30,8 @@ from fieldcalib.result import Calibration, Status
 
 
 def __getattr__(name: str) -> ModuleType:
-    """Subpackages that are imported when they are used: `fieldcalib.draw`, `fieldcalib.io`, `fieldcalib.metrics`."""
-    if name in ("draw", "io", "metrics"):
+    """What is imported when it is used: `fieldcalib.draw`, `fieldcalib.io`, `fieldcalib.localize`, `fieldcalib.metrics`."""
+    if name in ("draw", "io", "localize", "metrics"):
         return import_module(f"fieldcalib.{name}")
     raise AttributeError(f"module 'fieldcalib' has no attribute {name!r}")
 

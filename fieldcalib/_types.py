@@ -1,4 +1,4 @@
-"""The array type that every signature uses: float64 unless said otherwise, the last axis is the vector."""
+"""The array types of the signatures: float64 unless said otherwise, the last axis is the vector."""
 
 from typing import Any, TypeAlias
 
@@ -6,6 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 Array: TypeAlias = NDArray[np.float64]
+Float32: TypeAlias = NDArray[np.float32]
 BoolArray: TypeAlias = NDArray[np.bool_]
 IntArray: TypeAlias = NDArray[np.intp]
 AnyArray: TypeAlias = NDArray[Any]

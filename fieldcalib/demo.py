@@ -18,10 +18,11 @@ from fieldcalib.camera import Camera
 from fieldcalib.distortion import opencv_coefficients
 from fieldcalib.draw import draw_field, draw_minimap, draw_segments
 from fieldcalib.field import Arc, Field, soccer
+from fieldcalib.image import Image
 from fieldcalib.io.files import write_bytes, write_text
 from fieldcalib.io.soccernet import camera_to_record, format_annotation
 from fieldcalib.parameters import LENS_MEAN
-from fieldcalib.render import Image, render_field
+from fieldcalib.render import render_field
 from fieldcalib.result import Calibration
 from fieldcalib.segments import Pixels
 

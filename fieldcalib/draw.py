@@ -12,12 +12,12 @@ import numpy as np
 from fieldcalib._types import Array
 from fieldcalib.camera import Camera, checked_image_size
 from fieldcalib.field import Field, ObjectSegments, PointCloud
+from fieldcalib.image import Image, checked_image
 from fieldcalib.render import (
     SHIFT,
     WHITE,
     Colour,
     Ground,
-    Image,
     fixed_point,
     grass,
     image_curves,
@@ -95,7 +95,7 @@ def draw_field(
     """
     import cv2
 
-    picture = _checked_copy(image, camera.image_size)
+    picture = np.array(checked_image(image, camera.image_size), order="C")
     for segment in object_segments.values():
         if isinstance(segment, PointCloud) and not segment.ordered:
             for xy in camera.project(segment.X):
@@ -138,7 +138,7 @@ def draw_segments(image: Image, image_segments: ImageSegments, *, radius: float 
     >>> tuple(picture[100, 480].tolist()) == label_colour("Middle line")
     True
     """
-    picture = _checked_copy(image, None)
+    picture = np.array(checked_image(image), order="C")
     pixels = {}
     for label, values in image_segments.items():
         xy = np.asarray(values, dtype=float)
@@ -272,26 +272,3 @@ def _mark_camera(picture: Image, position: Array, centre: Array) -> None:
             [tip + size * heading, tip - 0.7 * size * (heading - side), tip - 0.7 * size * (heading + side)]
         )
         cv2.fillConvexPoly(picture, fixed_point(corners), colour, cv2.LINE_AA, SHIFT)
-
-
-def _checked_copy(image: Image, image_size: tuple[int, int] | None) -> Image:
-    """A contiguous copy that OpenCV can draw on, or a ValueError that says what is wrong with the image."""
-    if image is None:
-        raise ValueError("image is None: cv2.imread returns it for a file that is not there or cannot be read")
-    array = np.asarray(image)
-    if array.dtype != np.uint8:
-        raise ValueError(
-            f"image must be uint8, got {array.dtype}; for values in 0..1 pass (255 * image).round().astype(np.uint8)"
-        )
-    if array.ndim != 3 or array.shape[2] != 3:
-        raise ValueError(
-            f"image must be (height, width, 3) in blue, green, red, got shape {array.shape}; "
-            f"cv2.cvtColor(image, cv2.COLOR_GRAY2BGR) or cv2.COLOR_BGRA2BGR makes it so"
-        )
-    if image_size is not None and array.shape[1::-1] != image_size:
-        width, height = array.shape[1::-1]
-        raise ValueError(
-            f"image must have the camera's size, {image_size[0]} x {image_size[1]}, got {width} x {height}; "
-            f"pass camera.scaled(({width}, {height})) or resize the image"
-        )
-    return np.array(array, order="C")

@@ -13,14 +13,13 @@ from typing import Any, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-from fieldcalib._types import Array, BoolArray, IntArray
+from fieldcalib._types import Array, BoolArray, Float32, IntArray
 from fieldcalib.camera import Camera
 from fieldcalib.distortion import undistort
 from fieldcalib.field import GOAL_AREA_DEPTH, Arc, Field, Line, Point, PointCloud, Segment
+from fieldcalib.image import Image
 
-Image: TypeAlias = NDArray[np.uint8]
 Colour: TypeAlias = tuple[int, int, int]
-Float32: TypeAlias = NDArray[np.float32]
 
 WHITE: Colour = (242, 248, 244)
 LIGHT_GRASS: Colour = (60, 141, 80)

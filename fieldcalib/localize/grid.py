@@ -1,0 +1,60 @@
+"""What a network says on a grid over the image, and where the grid's pixels lie in the image."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from fieldcalib._types import Array, Float32
+from fieldcalib.field import ObjectSegments
+from fieldcalib.segments import Pixels
+
+BACKGROUND = "background"  # the class of what is no marking; there may be several
+
+
+@dataclass(frozen=True)
+class Localization:
+    """Labelled pixels of one image, as `calibrate_from_segments` takes them.
+
+    Examples
+    --------
+    >>> from fieldcalib import calibrate_from_segments, soccer
+    >>> found = Localization({"Middle line": np.array([[480.0, 100.0]])}, {"Middle line": np.array([0.9])})
+    >>> str(calibrate_from_segments(soccer(), found.pixels, (960, 540), weights=found.weights).status)
+    'too few segments'
+    """
+
+    pixels: Pixels
+    """Label -> (N, 2) pixels."""
+    weights: dict[str, Array]
+    """Label -> (N,) what each pixel counts."""
+
+
+def image_from_grid(xy: Array, grid_size: tuple[int, int], image_size: tuple[int, int]) -> Array:
+    """Pixels of an image at points (..., 2) of a grid that covers it.
+
+    Pixel centres are at whole numbers in both, so that both begin at (-1/2, -1/2): the map of cv2.resize.
+
+    Examples
+    --------
+    >>> image_from_grid(np.array([[0.0, 0.0], [319.0, 179.0]]), (320, 180), (1920, 1080))
+    array([[   2.5,    2.5],
+           [1916.5, 1076.5]])
+    """
+    return np.asarray((xy + 0.5) * np.divide(image_size, grid_size) - 0.5)
+
+
+def check_classes(probability: Float32, classes: Sequence[str], object_segments: ObjectSegments) -> None:
+    """Raise a ValueError unless there is a map for each class, and each class is a segment or the background."""
+    if probability.ndim != 3 or len(probability) != len(classes):
+        raise ValueError(
+            f"expected probabilities of shape ({len(classes)}, height, width), one map a class, got {probability.shape}"
+        )
+    unknown = [name for name in classes if name != BACKGROUND and name not in object_segments]
+    if unknown:
+        raise ValueError(
+            f"the network's class {unknown[0]!r} is no segment of the object: give the object that the network was "
+            f"trained for, or call the class {BACKGROUND!r} to leave it out"
+        )

@@ -1,0 +1,232 @@
+"""A segmentation network in ONNX: images to class probabilities.
+
+Beside ``model.onnx`` lies ``model.json``, which says what the network expects and what its outputs mean:
+
+    {"classes": ["background", "Side line top", ...], "input_size": [width, height],
+     "mean": [0.485, 0.456, 0.406], "std": [0.229, 0.224, 0.225], "channels": "RGB"}
+
+Its one input is (N, 3, height, width) float32: images squeezed to that size, their channels in that order, values in
+0..1 with `mean` subtracted and divided by `std`. Its first output is (N, K, h, w): logits of the K classes on a grid
+over the image, each pixel of which stands for an equal part of the image.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from importlib.resources import as_file, files
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from fieldcalib._types import Float32
+from fieldcalib.camera import checked_image_size
+from fieldcalib.image import Image, checked_image
+from fieldcalib.io.files import BrokenFileError, parse_json_object
+
+CPU = "CPUExecutionProvider"
+SHIPPED = files("fieldcalib") / "models" / "soccer.onnx"
+
+
+@dataclass(frozen=True)
+class NetworkDescription:
+    """What the JSON beside a network says."""
+
+    classes: tuple[str, ...]
+    input_size: tuple[int, int]
+    """Width and height."""
+    mean: tuple[float, ...]
+    """Of the channels, in the network's order, values in 0..1; as `std`."""
+    std: tuple[float, ...]
+    channels: str
+    """"RGB" or "BGR"."""
+
+    @classmethod
+    def parse(cls, content: bytes | str) -> NetworkDescription:
+        """The description in a JSON file.
+
+        Raises
+        ------
+        BrokenFileError
+            If it is no JSON object, or a key is missing or has another kind of value.
+
+        Examples
+        --------
+        >>> NetworkDescription.parse('{"classes": ["background"]}')
+        Traceback (most recent call last):
+            ...
+        fieldcalib.io.files.BrokenFileError: lacks the key 'channels'
+        """
+        record = parse_json_object(content, "a network's classes, input_size, mean, std and channels")
+        try:
+            classes, channels = record["classes"], record["channels"]
+            if not (isinstance(classes, list) and classes and all(isinstance(name, str) for name in classes)):
+                raise BrokenFileError(f"classes: expected a list of names, got {classes!r}")
+            if channels not in ("RGB", "BGR"):
+                raise BrokenFileError(f'channels: expected "RGB" or "BGR", got {channels!r}')
+            size, mean, std = checked_image_size(record["input_size"]), _triple(record, "mean"), _triple(record, "std")
+        except KeyError as error:
+            raise BrokenFileError(f"lacks the key {error}") from None
+        except ValueError as error:
+            raise BrokenFileError(str(error)) from None
+        if min(std) <= 0.0:
+            raise BrokenFileError(f"std: expected positive numbers, got {record['std']!r}")
+        return cls(tuple(name.strip() for name in classes), size, mean, std, channels)
+
+
+def _triple(record: dict[str, Any], key: str) -> tuple[float, ...]:
+    try:
+        values = tuple(float(value) for value in record[key])
+    except (TypeError, ValueError):
+        values = ()
+    if len(values) != 3 or not np.all(np.isfinite(values)):
+        raise BrokenFileError(f"{key}: expected three numbers, one a channel, got {record[key]!r}")
+    return values
+
+
+@dataclass(frozen=True)
+class SegmentationNetwork:
+    """A segmentation network, ready to run."""
+
+    description: NetworkDescription
+    session: Any
+    """onnxruntime's InferenceSession."""
+
+    @classmethod
+    def load(cls, model: Path | str | None = None, *, provider: str = CPU, threads: int = 2) -> SegmentationNetwork:
+        """Load a network.
+
+        Parameters
+        ----------
+        model : Path or str, optional
+            The ONNX file, with its JSON beside it; by default the network that comes with the package.
+        provider : str
+            What computes, by onnxruntime's name: "CPUExecutionProvider", "CUDAExecutionProvider", ...
+        threads : int
+            Of the processor, at most.
+
+        Raises
+        ------
+        FileNotFoundError
+            If the ONNX file or its JSON is not there.
+        BrokenFileError
+            If they cannot be read, or contradict each other.
+        ValueError
+            If the provider is not there or does not start: another one is never taken instead.
+
+        Examples
+        --------
+        >>> SegmentationNetwork.load("no.onnx")
+        Traceback (most recent call last):
+            ...
+        FileNotFoundError: no.onnx does not exist: expected a network in ONNX
+        """
+        if model is None:
+            if not SHIPPED.is_file():
+                raise FileNotFoundError(
+                    f"fieldcalib comes without a network ({SHIPPED} is missing): give one of your own"
+                )
+            with as_file(SHIPPED) as path:
+                return cls.load(path, provider=provider, threads=threads)
+        path = Path(model)
+        if not path.is_file():
+            raise FileNotFoundError(f"{path} does not exist: expected a network in ONNX")
+        beside = path.with_suffix(".json")
+        if not beside.is_file():
+            raise FileNotFoundError(f"{beside} does not exist: it should say what {path.name} expects and returns")
+        try:
+            description = NetworkDescription.parse(beside.read_bytes())
+        except BrokenFileError as error:
+            raise BrokenFileError(f"{beside}: {error}") from None
+        session = _session(path, provider, threads)
+        _check_input(session, path, description.input_size)
+        return cls(description, session)
+
+    @property
+    def classes(self) -> tuple[str, ...]:
+        """What each of the probability maps stands for."""
+        return self.description.classes
+
+    def __call__(self, images: Sequence[Image]) -> Float32:
+        """Class probabilities of N images, of any sizes: (N, K, h, w), summing to 1 over the K classes.
+
+        Raises
+        ------
+        ValueError
+            If an image is none, or the network does not give one map a class.
+        """
+        batch = self._prepared(images)
+        (node,) = self.session.get_inputs()
+        step = node.shape[0] if isinstance(node.shape[0], int) else len(batch)
+        logits = [self.session.run(None, {node.name: batch[i : i + step]})[0] for i in range(0, len(batch), step)]
+        return softmax(self._checked(np.concatenate(logits)))
+
+    def _prepared(self, images: Sequence[Image]) -> Float32:
+        """The network's input, (N, 3, height, width)."""
+        import cv2
+
+        width, height = self.description.input_size
+        order = slice(None, None, -1) if self.description.channels == "RGB" else slice(None)
+        batch = np.empty((len(images), 3, height, width), np.float32)
+        for planes, image in zip(batch, map(checked_image, images), strict=True):
+            shrinks = image.shape[0] >= height and image.shape[1] >= width
+            how = cv2.INTER_AREA if shrinks else cv2.INTER_LINEAR
+            planes[:] = np.moveaxis(cv2.resize(image, (width, height), interpolation=how), -1, 0)[order]
+        mean, std = (np.reshape(v, (3, 1, 1)).astype(np.float32) for v in (self.description.mean, self.description.std))
+        batch *= 1.0 / (255.0 * std)
+        batch -= mean / std
+        return batch
+
+    def _checked(self, logits: Any) -> Float32:
+        if logits.ndim != 4 or logits.shape[1] != len(self.classes):
+            raise ValueError(
+                f"the network's JSON names {len(self.classes)} classes, so its output should be "
+                f"(N, {len(self.classes)}, h, w), got {logits.shape}"
+            )
+        return np.asarray(logits, dtype=np.float32)
+
+
+def softmax(logits: Float32) -> Float32:
+    """Probabilities (N, K, h, w) of logits over the K classes.
+
+    Examples
+    --------
+    >>> softmax(np.log(np.array([1.0, 3.0], np.float32)).reshape(1, 2, 1, 1)).ravel().round(3)
+    array([0.25, 0.75], dtype=float32)
+    """
+    p = np.exp(logits - np.max(logits, axis=1, keepdims=True))
+    p /= np.sum(p, axis=1, keepdims=True)
+    return np.asarray(p)
+
+
+def _session(path: Path, provider: str, threads: int) -> Any:
+    """An InferenceSession on that provider, or an error: onnxruntime would quietly take the processor instead."""
+    import onnxruntime
+
+    available = onnxruntime.get_available_providers()
+    if provider not in available:
+        raise ValueError(
+            f"onnxruntime has no {provider!r} here, only {', '.join(available)}; onnxruntime-gpu has CUDA's"
+        )
+    options = onnxruntime.SessionOptions()
+    options.intra_op_num_threads = threads
+    options.log_severity_level = 3  # errors
+    try:
+        session = onnxruntime.InferenceSession(str(path), options, providers=[provider])
+    except Exception as error:  # onnxruntime's errors have no class in common
+        raise BrokenFileError(f"{path}: onnxruntime cannot load it: {error}") from error
+    if provider not in session.get_providers():
+        raise ValueError(f"{provider!r} does not start: are its driver and libraries installed?")
+    return session
+
+
+def _check_input(session: Any, path: Path, size: tuple[int, int]) -> None:
+    """Raise a BrokenFileError unless the network takes float32 images of that size, one or any number at once."""
+    came = [(node.shape, node.type) for node in session.get_inputs()]
+    shape = (1, 3, size[1], size[0])
+    match came:
+        case [([_, _, _, _] as given, "tensor(float)")]:
+            if all(n == m for n, m in zip(given, shape, strict=True) if isinstance(n, int)):
+                return
+    raise BrokenFileError(f"{path}: expected one float32 input of shape (N, 3, {size[1]}, {size[0]}), got {came}")

@@ -1,0 +1,130 @@
+"""Curves along which and across which pixels are measured: a straight line and an ellipse."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Protocol, Self
+
+import numpy as np
+
+from fieldcalib._types import Array
+
+TINY = 1e-9  # keeps the centre of an ellipse from dividing by zero
+
+
+class Ruler(Protocol):
+    """Coordinates along and across a curve."""
+
+    def measure(self, xy: Array) -> tuple[Array, Array]:
+        """Coordinates of pixels (n, 2): along the curve, (n,), and across it, (n,); px."""
+
+    def place(self, s: Array, d: Array) -> Array:
+        """Pixels (n, 2) of coordinates: the inverse of `measure`."""
+
+
+@dataclass(frozen=True)
+class StraightRuler:
+    """A straight line.
+
+    Examples
+    --------
+    >>> xy = np.array([[0.0, 2.0], [4.0, 2.1], [8.0, 2.0]])
+    >>> s, d = StraightRuler.fit(xy, np.ones(3)).measure(xy)
+    >>> np.abs(d).round(3)
+    array([0.033, 0.067, 0.033])
+    """
+
+    origin: Array
+    """A point of it, (2,)."""
+    direction: Array
+    """Unit vector, (2,)."""
+
+    @classmethod
+    def fit(cls, xy: Array, weight: Array) -> Self:
+        """The line of least squared distances from weighted pixels (n, 2)."""
+        origin = weight @ xy / np.sum(weight)
+        offset = xy - origin
+        _, axes = np.linalg.eigh((weight * offset.T) @ offset)
+        return cls(origin, axes[:, 1])
+
+    def measure(self, xy: Array) -> tuple[Array, Array]:
+        """See `Ruler`."""
+        x, y = self.direction
+        offset = xy - self.origin
+        return offset @ (x, y), offset @ (-y, x)
+
+    def place(self, s: Array, d: Array) -> Array:
+        """See `Ruler`."""
+        x, y = self.direction
+        return np.asarray(self.origin + np.outer(s, (x, y)) + np.outer(d, (-y, x)))
+
+
+@dataclass(frozen=True)
+class EllipseRuler:
+    """An ellipse: the points x with ``|A (x - centre)| = 1``. Across it is away from the centre.
+
+    Examples
+    --------
+    >>> phi = np.linspace(0.0, 3.0, 9)
+    >>> xy = np.column_stack([7.0 + 20.0 * np.cos(phi), 5.0 + 10.0 * np.sin(phi)])
+    >>> ruler = EllipseRuler.fit(xy, np.ones(9))
+    >>> ruler.centre.round(6)
+    array([7., 5.])
+    >>> bool(np.allclose(ruler.place(*ruler.measure(xy + 1.0)), xy + 1.0))
+    True
+    """
+
+    centre: Array
+    """(2,)."""
+    A: Array
+    """(2, 2)."""
+    start: float
+    """Angle, on the circle that A makes of the ellipse, from which lengths are counted, both ways."""
+
+    @classmethod
+    def fit(cls, xy: Array, weight: Array) -> Self:
+        """The ellipse of least squared algebraic distances from weighted pixels (n, 2).
+
+        Raises
+        ------
+        numpy.linalg.LinAlgError
+            If the pixels lie on a straight line, or are fewer than five.
+
+        References
+        ----------
+        Halir, Flusser: Numerically stable direct least squares fitting of ellipses, WSCG 1998.
+        """
+        mean = weight @ xy / np.sum(weight)
+        scale = np.sqrt(weight @ np.sum(np.square(xy - mean), axis=1) / np.sum(weight))
+        x, y = (xy - mean).T / scale
+        D1, D2 = np.stack([x * x, x * y, y * y]), np.stack([x, y, np.ones_like(x)])
+        S1, S2, S3 = (weight * D1) @ D1.T, (weight * D1) @ D2.T, (weight * D2) @ D2.T
+        T = -np.linalg.solve(S3, S2.T)
+        M = (S1 + S2 @ T)[[2, 1, 0]] * [[0.5], [-1.0], [0.5]]
+        conics = np.real(np.linalg.eig(M)[1])
+        a, b, c = conics[:, np.argmax(4.0 * conics[0] * conics[2] - np.square(conics[1]))]  # one is an ellipse
+        d, e, f = T @ (a, b, c)
+        Q = np.array([[a, b / 2.0], [b / 2.0, c]])
+        centre = -0.5 * np.linalg.solve(Q, (d, e))
+        A = np.linalg.cholesky(Q / -(f + 0.5 * centre @ (d, e))).T / scale
+        centre = mean + scale * centre
+        x, y = A @ (weight @ (xy - centre))
+        return cls(centre, A, float(np.arctan2(y, x)))  # opposite to what is not seen of it
+
+    @property
+    def radius(self) -> float:
+        """Geometric mean of the half axes, px."""
+        return float(1.0 / np.sqrt(np.linalg.det(self.A)))
+
+    def measure(self, xy: Array) -> tuple[Array, Array]:
+        """See `Ruler`."""
+        offset = xy - self.centre
+        x, y = self.A @ offset.T
+        phi = np.mod(np.arctan2(y, x) - self.start + np.pi, 2.0 * np.pi) - np.pi
+        return self.radius * phi, np.linalg.norm(offset, axis=1) * (1.0 - 1.0 / np.maximum(np.hypot(x, y), TINY))
+
+    def place(self, s: Array, d: Array) -> Array:
+        """See `Ruler`."""
+        phi = s / self.radius + self.start
+        spoke = np.linalg.solve(self.A, np.stack([np.cos(phi), np.sin(phi)])).T
+        return np.asarray(self.centre + spoke * (1.0 + d / np.linalg.norm(spoke, axis=1))[:, None])

@@ -1,0 +1,90 @@
+"""The paper's point selection: a few pixels of the skeleton of every class mask."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from fieldcalib._types import Array, Float32, IntArray
+from fieldcalib.field import Arc, ObjectSegments
+from fieldcalib.localize.grid import BACKGROUND, Localization, check_classes, image_from_grid
+from fieldcalib.segments import split_centre_circle
+
+POINTS_PER_LINE, POINTS_PER_CIRCLE = 4, 8
+LEAST_PIXELS = 4  # of a mask: less is noise
+
+
+def skeleton_points(
+    probability: Float32, classes: Sequence[str], object_segments: ObjectSegments, image_size: tuple[int, int]
+) -> Localization:
+    """Four pixels of every line and eight of every circle that a network sees, whole pixels of its grid.
+
+    Every pixel goes to its most probable class, each class's mask is thinned. Of a line the two ends are taken, and
+    what is nearest to even steps between them; of a circle pixels that are far from each other. The centre circle is
+    split by the middle line. All weigh alike. `ridge_points` takes the same arguments and is more accurate.
+
+    Parameters
+    ----------
+    probability : (K, h, w) float32 array
+        Probability of each class on a grid over the image.
+    classes : sequence of K str
+        Segments of the object, or "background".
+    object_segments : mapping of str to segment
+        The calibration object; says which classes are arcs.
+    image_size : (int, int)
+        Width and height of the image in pixels.
+
+    Raises
+    ------
+    ValueError
+        If there is not one map a class, or a class is no segment.
+
+    References
+    ----------
+    Theiner, Ewerth: TVCalib, WACV 2023, section "Segment Localization & Point Selection".
+
+    Examples
+    --------
+    >>> from fieldcalib import soccer
+    >>> middle_line = np.zeros((90, 160), np.float32)
+    >>> middle_line[5:80, 70:73] = 1.0
+    >>> maps = np.stack([1.0 - middle_line, middle_line])
+    >>> skeleton_points(maps, ("background", "Middle line"), soccer(), (1600, 900)).pixels["Middle line"][:, 0]
+    array([714.5, 714.5, 714.5, 714.5])
+    """
+    from skimage.morphology import skeletonize
+
+    check_classes(probability, classes, object_segments)
+    height, width = probability.shape[1:]
+    likeliest = np.argmax(probability, axis=0)
+    pixels: dict[str, Array] = {}
+    for k in np.unique(likeliest):
+        label, mask = classes[k], likeliest == k
+        if label == BACKGROUND or np.sum(mask) < LEAST_PIXELS:
+            continue
+        xy = np.argwhere(skeletonize(mask))[:, ::-1].astype(float)  # type: ignore[no-untyped-call]
+        chosen = _spread(xy) if isinstance(object_segments[label], Arc) else _from_end_to_end(xy)
+        pixels[label] = image_from_grid(xy[chosen], (width, height), image_size)
+    pixels = split_centre_circle(pixels, image_size)
+    return Localization(pixels, {label: np.ones(len(xy)) for label, xy in pixels.items()})
+
+
+def _from_end_to_end(xy: Array) -> IntArray:
+    """Pixels of a line at even steps along its main direction, both ends among them."""
+    offset = xy - xy.mean(axis=0)
+    _, axes = np.linalg.eigh(offset.T @ offset)
+    along = offset @ axes[:, 1]
+    steps = np.linspace(along.min(), along.max(), POINTS_PER_LINE)
+    return np.unique(np.argmin(np.abs(along - steps[:, None]), axis=1))
+
+
+def _spread(xy: Array) -> IntArray:
+    """The pixel that is farthest from the middle, then again and again the one farthest from all that were taken."""
+    distance = np.linalg.norm(xy - xy.mean(axis=0), axis=1)
+    chosen = [int(np.argmax(distance))]
+    distance = np.linalg.norm(xy - xy[chosen[0]], axis=1)
+    while len(chosen) < min(POINTS_PER_CIRCLE, len(xy)):
+        chosen.append(int(np.argmax(distance)))
+        distance = np.minimum(distance, np.linalg.norm(xy - xy[chosen[-1]], axis=1))
+    return np.array(chosen)

@@ -1,0 +1,64 @@
+"""What a segmentation network would say of a known camera's image: blurred bands along the markings, and its faults."""
+
+import cv2
+import numpy as np
+from synthetic import whole_circle_markings
+
+from fieldcalib.field import soccer
+from fieldcalib.localize import BACKGROUND
+from fieldcalib.render import fixed_point, image_curves
+
+FIELD = soccer()
+LABELS = tuple(whole_circle_markings(FIELD))
+CLASSES = (BACKGROUND, *LABELS)
+GRID = (320, 180)
+BAND = 2.5  # px of the grid: width of what annotations are drawn with
+OVERSAMPLED = 4
+MOST_LOGIT = 6.0
+
+
+def band_maps(camera, grid=GRID):
+    """How much of each pixel of a grid lies on the band along each marking: (K, h, w), nothing for the background."""
+    size = np.multiply(grid, OVERSAMPLED)
+    maps = np.zeros((len(CLASSES), grid[1], grid[0]), np.float32)
+    for band, label in zip(maps[1:], LABELS, strict=True):
+        curves = [(xy + 0.5) * size / camera.image_size - 0.5 for xy in image_curves(camera, FIELD[label])]
+        if curves:
+            fine = np.zeros(size[::-1], np.uint8)
+            thickness = round(BAND * OVERSAMPLED)
+            cv2.polylines(fine, [fixed_point(curve) for curve in curves], False, 255, thickness, cv2.LINE_8, 4)
+            share = cv2.resize(fine, grid, interpolation=cv2.INTER_AREA) / np.float32(255)
+            band[:] = cv2.GaussianBlur(share, (0, 0), 0.6)
+    return maps
+
+
+def probabilities(maps, rng=None, noise=0.0):
+    """Class probabilities (K, h, w) of band maps, with noise in the logits that neighbouring pixels share."""
+    edge = 1.0 / (1.0 + np.exp(MOST_LOGIT))
+    share = np.clip(maps, edge, 1.0 - edge)
+    logits = np.log(share / (1.0 - share))
+    logits[0] = 0.0
+    if noise:
+        for plane in logits:
+            wave = cv2.GaussianBlur(rng.standard_normal(plane.shape, dtype=np.float32), (0, 0), 1.0)
+            plane += noise * wave / wave.std()
+    p = np.exp(logits - logits.max(axis=0))
+    return p / p.sum(axis=0)
+
+
+class KnownCameras:
+    """A network that sees what the given cameras see, one after the other."""
+
+    classes = CLASSES
+
+    def __init__(self, cameras, grid=GRID):
+        self.maps = [probabilities(band_maps(camera, grid)) if camera else self.nothing(grid) for camera in cameras]
+
+    def nothing(self, grid):
+        maps = np.zeros((len(CLASSES), grid[1], grid[0]), np.float32)
+        maps[0] = 1.0
+        return maps
+
+    def __call__(self, images):
+        first, self.maps = self.maps[: len(images)], self.maps[len(images) :]
+        return np.stack(first)
