@@ -30,8 +30,8 @@ from fieldcalib.result import Calibration, Status
 
 
 def __getattr__(name: str) -> ModuleType:
-    """What is imported when it is used: `fieldcalib.draw`, `fieldcalib.io`, `fieldcalib.localize`, `fieldcalib.metrics`."""
-    if name in ("draw", "io", "localize", "metrics"):
+    """What is imported when it is used: `fieldcalib.draw`, `.io`, `.localize`, `.metrics`, `.refine`."""
+    if name in ("draw", "io", "localize", "metrics", "refine"):
         return import_module(f"fieldcalib.{name}")
     raise AttributeError(f"module 'fieldcalib' has no attribute {name!r}")
 

@@ -48,6 +48,8 @@ FLOORS = {
     "render": 6,
     "draw": 6,
     "localize": 6,
+    "profiles": 6,
+    "refine": 6,
     "io": 6,
     "demo": 6,
     "commands": 6,
