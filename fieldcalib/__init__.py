@@ -18,20 +18,23 @@ from types import ModuleType
 
 from fieldcalib.calibrate import calibrate_batch, calibrate_from_segments
 from fieldcalib.calibrate_homography import calibrate_from_homography
+from fieldcalib.calibrate_images import calibrate_from_images
 from fieldcalib.calibrate_points import calibrate_from_points
 from fieldcalib.camera import Camera
 from fieldcalib.field import Arc, Field, Line, Point, PointCloud, soccer
 from fieldcalib.field_size import FieldSize, estimate_field_size
 from fieldcalib.homography import ALIGNMENTS, Alignment, Decomposition, camera_from_homography
+from fieldcalib.localize import SegmentationNetwork
 from fieldcalib.losses import RobustLoss
 from fieldcalib.options import DEFAULT_FLAGS, PINHOLE_FLAGS, CalibrationFlags
 from fieldcalib.parameters import DISTRIBUTIONS, CameraDistribution
+from fieldcalib.refine import refine_on_image
 from fieldcalib.result import Calibration, Status
 
 
 def __getattr__(name: str) -> ModuleType:
-    """What is imported when it is used: `fieldcalib.draw`, `.io`, `.localize`, `.metrics`, `.refine`."""
-    if name in ("draw", "io", "localize", "metrics", "refine"):
+    """Subpackages that are imported when they are used: `fieldcalib.draw`, `fieldcalib.io`, `fieldcalib.metrics`."""
+    if name in ("draw", "io", "metrics"):
         return import_module(f"fieldcalib.{name}")
     raise AttributeError(f"module 'fieldcalib' has no attribute {name!r}")
 
@@ -56,12 +59,15 @@ __all__ = [
     "Point",
     "PointCloud",
     "RobustLoss",
+    "SegmentationNetwork",
     "Status",
     "calibrate_batch",
     "calibrate_from_homography",
+    "calibrate_from_images",
     "calibrate_from_points",
     "calibrate_from_segments",
     "camera_from_homography",
     "estimate_field_size",
+    "refine_on_image",
     "soccer",
 ]

@@ -1,4 +1,4 @@
-"""The command line: `fieldcalib calibrate`, `fieldcalib evaluate` and `fieldcalib demo`."""
+"""The command line: `fieldcalib run`, `localize`, `calibrate`, `evaluate` and `demo`."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 import fieldcalib
-from fieldcalib.commands import calibrate, evaluate
+from fieldcalib.commands import calibrate, evaluate, localize, run
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -40,6 +40,8 @@ def _parser() -> argparse.ArgumentParser:
     )
     parser.add_argument("--version", action="version", version=f"fieldcalib {fieldcalib.__version__}")
     commands = parser.add_subparsers(required=True, metavar="COMMAND")
+    run.add_parser(commands)
+    localize.add_parser(commands)
     calibrate.add_parser(commands)
     evaluate.add_parser(commands)
 

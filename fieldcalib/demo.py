@@ -16,10 +16,11 @@ from fieldcalib._types import Array, BoolArray
 from fieldcalib.calibrate import calibrate_batch
 from fieldcalib.camera import Camera
 from fieldcalib.distortion import opencv_coefficients
-from fieldcalib.draw import draw_field, draw_minimap, draw_segments
+from fieldcalib.draw import add_minimap, draw_field, draw_segments
 from fieldcalib.field import Arc, Field, soccer
 from fieldcalib.image import Image
-from fieldcalib.io.files import write_bytes, write_text
+from fieldcalib.io.files import write_text
+from fieldcalib.io.images import write_image
 from fieldcalib.io.soccernet import camera_to_record, format_annotation
 from fieldcalib.parameters import LENS_MEAN
 from fieldcalib.render import render_field
@@ -96,10 +97,10 @@ def run_demo(out: Path, *, count: int = 12, noise: float = 1.0, seed: int = 0) -
     tiles = []
     for name, truth, frame, found, error in zip(names, truths, frames, calibrations, errors, strict=True):
         rendered = render_field(truth, field, rng=np.random.default_rng(seed))  # the same crowd in every frame
-        _write_image(out / f"frame_{name}.png", _picture(rendered, field, frame, found, names=True))
+        write_image(out / f"frame_{name}.png", _picture(rendered, field, frame, found, names=True))
         write_text(annotations / f"{name}.json", format_annotation(frame, IMAGE_SIZE) + "\n")
         tiles.append(_tile(_picture(rendered, field, frame, found, names=False), name, truth, error))
-    _write_image(out / "overview.png", _contact_sheet(tiles))
+    write_image(out / "overview.png", _contact_sheet(tiles))
     records = {name: camera_to_record(truth) for name, truth in zip(names, truths, strict=True)}
     write_text(out / "true_cameras.json", json.dumps(records, indent=1) + "\n")
     print(f"\nPictures, annotations and the true cameras are in {out}; overview.png shows them all.")
@@ -229,13 +230,9 @@ def _picture(rendered: Image, field: Field, frame: Pixels, found: Calibration, *
     camera = found.camera
     if camera is None:
         return draw_segments(rendered, frame, names=names)
-    picture = draw_segments(draw_field(rendered, camera, field, thickness=1), frame, names=names)
-    minimap = draw_minimap(camera, field, size=(224, 152))
-    height, width, _ = minimap.shape
-    left = picture.shape[1] - width - 12
-    picture[10 : 14 + height, left - 2 : left + width + 2] = (200, 200, 200)
-    picture[12 : 12 + height, left : left + width] = minimap
-    return picture
+    return add_minimap(
+        draw_segments(draw_field(rendered, camera, field, thickness=1), frame, names=names), camera, field
+    )
 
 
 def _tile(picture: Image, name: str, truth: Camera, error: CameraErrors) -> Image:
@@ -267,10 +264,3 @@ def _contact_sheet(tiles: Sequence[Image]) -> Image:
     legend = "dots: labelled pixels    magenta: the markings as calibrated from them    inset: what the camera sees"
     cv2.putText(sheet, legend, (gap, 60), font, 0.45, grey, 1, cv2.LINE_AA)
     return sheet
-
-
-def _write_image(path: Path, image: Image) -> None:
-    """Write a PNG, whole or not at all."""
-    import cv2
-
-    write_bytes(path, cv2.imencode(".png", image)[1].tobytes())

@@ -26,6 +26,7 @@ from fieldcalib.render import (
     rays,
     to_uint8,
 )
+from fieldcalib.result import Calibration
 from fieldcalib.segments import ImageSegments
 
 MAGENTA: Colour = (220, 40, 255)
@@ -215,6 +216,70 @@ def draw_minimap(camera: Camera, field: Field, *, size: tuple[int, int] = (336, 
     return result
 
 
+def draw_calibration(image: Image, calibration: Calibration, field: Field) -> Image:
+    """Draw what a calibration says onto a copy of its image: the markings, and the view from above in a corner.
+
+    Where it was not accepted nothing is drawn but its status: a wrong overlay is worse than none.
+
+    Parameters
+    ----------
+    image : (height, width, 3) uint8 array
+        In OpenCV's order: blue, green, red. It is not changed.
+    calibration : Calibration
+        Of this image.
+    field : Field
+
+    Returns
+    -------
+    (height, width, 3) uint8 array
+
+    Raises
+    ------
+    ValueError
+        As `draw_field`.
+
+    Examples
+    --------
+    >>> from fieldcalib import Status, soccer
+    >>> image = np.zeros((540, 960, 3), np.uint8)
+    >>> nothing = Calibration.without_camera(Status.TOO_FEW_SEGMENTS, "no labelled pixels")
+    >>> bool(draw_calibration(image, nothing, soccer())[:450].any())  # below is the status
+    False
+    """
+    picture = np.array(checked_image(image), order="C")
+    height = picture.shape[0]
+    if calibration.camera is None or not calibration.accepted:
+        scale = height / 900.0
+        place = (round(20.0 * scale), height - round(20.0 * scale))
+        _write(picture, f"no camera: {calibration.status}", place, scale, (255, 255, 255))
+        return picture
+    picture = draw_field(picture, calibration.camera, field, thickness=max(1, round(height / 540.0)))
+    return add_minimap(picture, calibration.camera, field)
+
+
+def add_minimap(image: Image, camera: Camera, field: Field) -> Image:
+    """A copy of an image with `draw_minimap` in its upper right corner; without it where there is no room.
+
+    Examples
+    --------
+    >>> from fieldcalib import soccer
+    >>> camera = Camera.from_angles(0.0, np.radians(75), 0.0, 1500.0, C=(0, 56, -15), image_size=(960, 540))
+    >>> picture = add_minimap(np.zeros((540, 960, 3), np.uint8), camera, soccer())
+    >>> bool(picture[100, 900].any()), bool(picture[300].any())
+    (True, False)
+    """
+    picture = np.array(checked_image(image), order="C")
+    unit = picture.shape[1] / 960.0
+    width, height = min(round(224.0 * unit), 336), min(round(152.0 * unit), 228)  # larger ones take long
+    gap, rim = round(12.0 * unit), 2
+    left, bottom = picture.shape[1] - width - gap, gap + height
+    if gap < rim or bottom + gap > picture.shape[0]:
+        return picture
+    picture[gap - rim : bottom + rim, left - rim : left + width + rim] = (200, 200, 200)
+    picture[gap:bottom, left : left + width] = draw_minimap(camera, field, size=(width, height))
+    return picture
+
+
 def _dot(picture: Image, xy: Array, radius: float, colour: Colour) -> None:
     import cv2
 
@@ -246,10 +311,18 @@ def _write_names(picture: Image, pixels: dict[str, Array], radius: float) -> Non
         best = int(np.argmax(fits & np.all(np.any(apart, axis=-1), axis=1)))
         taken = np.concatenate([taken, boxes[best : best + 1]])
         left, bottom = np.rint(corners[best]).astype(int).tolist()
-        for dx, dy in ((-1, 0), (1, 0), (0, -1), (0, 1)):  # an outline; thicker strokes would be wider text in OpenCV 5
-            cv2.putText(picture, label, (left + dx, bottom + dy), font, scale, DARK, 1, cv2.LINE_AA)
-        light = [(channel + 255) // 2 for channel in label_colour(label)]
-        cv2.putText(picture, label, (left, bottom), font, scale, light, 1, cv2.LINE_AA)
+        blue, green, red = ((channel + 255) // 2 for channel in label_colour(label))
+        _write(picture, label, (left, bottom), scale, (blue, green, red))
+
+
+def _write(picture: Image, text: str, place: tuple[int, int], scale: float, colour: Colour) -> None:
+    """Text with a dark outline, from its lower left corner."""
+    import cv2
+
+    x, y = place
+    outline = ((-1, 0, DARK), (1, 0, DARK), (0, -1, DARK), (0, 1, DARK))  # thicker strokes would be wider in OpenCV 5
+    for dx, dy, shade in (*outline, (0, 0, colour)):
+        cv2.putText(picture, text, (x + dx, y + dy), cv2.FONT_HERSHEY_SIMPLEX, scale, shade, 1, cv2.LINE_AA)
 
 
 def _mark_camera(picture: Image, position: Array, centre: Array) -> None:

@@ -27,7 +27,7 @@ LEAST_SHARE = 0.5  # of the profiles: those of right cameras were 53 to 93 % on 
 GUESS = CalibrationFlags.CALIB_USE_INTRINSIC_GUESS | CalibrationFlags.CALIB_USE_EXTRINSIC_GUESS
 
 
-def refine(
+def refine_on_image(
     object_segments: ObjectSegments,
     image: Image,
     calibration: Calibration,
@@ -76,7 +76,7 @@ def refine(
     >>> labels = ("Side line top", "Side line right", "Big rect. right main", "Circle right")
     >>> pixels = {label: truth.project(soccer()[label].sample(9.0)) + (5.0, 2.0) for label in labels}
     >>> found = calibrate_from_segments(soccer(), pixels, (960, 540))
-    >>> refined = refine(soccer(), render_field(truth, soccer()), found)
+    >>> refined = refine_on_image(soccer(), render_field(truth, soccer()), found)
     >>> mark = (41.5, 0.0, 0.0)
     >>> [round(float(np.linalg.norm(c.camera.project(mark) - truth.project(mark)))) for c in (found, refined)]
     [4, 0]

@@ -15,6 +15,7 @@ from fieldcalib.camera import Camera
 from fieldcalib.demo import IMAGE_SIZE, CameraErrors, camera_errors, observe, pan_over_field, run_demo
 from fieldcalib.field import Arc, soccer
 from fieldcalib.io import files
+from fieldcalib.io.images import write_image
 from fieldcalib.io.soccernet import camera_from_record, parse_annotation
 
 FIELD = soccer()
@@ -90,7 +91,7 @@ def test_a_picture_is_written_whole_or_not_at_all(tmp_path, monkeypatch):
 
     monkeypatch.setattr(files.os, "replace", fail)
     with pytest.raises(OSError, match="disk full"):
-        demo._write_image(tmp_path / "a.png", np.zeros((4, 4, 3), np.uint8))
+        write_image(tmp_path / "a.png", np.zeros((4, 4, 3), np.uint8))
     assert list(tmp_path.iterdir()) == []
 
 

@@ -47,6 +47,7 @@ FLOORS = {
     "metrics": 6,
     "render": 6,
     "draw": 6,
+    "calibrate_images": 6,
     "localize": 6,
     "profiles": 6,
     "refine": 6,

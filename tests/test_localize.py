@@ -367,6 +367,11 @@ def test_a_provider_that_is_not_there(tmp_path):
         SegmentationNetwork.load(write_network(tmp_path), provider="NoExecutionProvider")
 
 
+def test_threads(tmp_path):
+    with pytest.raises(ValueError, match="threads must be at least 1, got 0"):
+        SegmentationNetwork.load(write_network(tmp_path), threads=0)
+
+
 @pytest.mark.filterwarnings("ignore:Specified provider")
 def test_a_provider_that_does_not_start_is_not_replaced(tmp_path, monkeypatch):
     path = write_network(tmp_path)

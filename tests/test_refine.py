@@ -12,7 +12,7 @@ from fieldcalib.camera import Camera
 from fieldcalib.field import Line, Point, PointCloud, soccer
 from fieldcalib.parameters import CENTER, LOG_F, camera_from_theta, theta_from_camera
 from fieldcalib.profiles import Markings, find_lines, profiles_along
-from fieldcalib.refine import line_share, refine
+from fieldcalib.refine import line_share, refine_on_image
 from fieldcalib.render import render_field
 from fieldcalib.result import Calibration, Status
 
@@ -60,14 +60,14 @@ def distance(estimated, truth):
     return np.sqrt(np.nanmean(np.sum(np.square(estimated.project(X[visible]) - xy[visible]), axis=1)))
 
 
-# --- refine ---
+# --- refine_on_image ---
 
 
 @any_view
 @pytest.mark.parametrize("px", [5.0, 8.0])
 def test_a_moved_camera_is_brought_back(truth, px):
     start = replace(calibrated(truth), camera=moved(truth, px, seed=1))
-    refined = refine(FIELD, picture(truth), start)
+    refined = refine_on_image(FIELD, picture(truth), start)
     assert distance(start.camera, truth) == pytest.approx(px, rel=0.05)
     assert refined.accepted
     assert distance(refined.camera, truth) < 0.7
@@ -76,12 +76,12 @@ def test_a_moved_camera_is_brought_back(truth, px):
 def test_in_full_hd_twice_as_many_pixels():
     truth = VIEWS["penalty area"].scaled((1920, 1080))
     start = replace(calibrated(truth), camera=moved(truth, 15.0, seed=2))
-    assert distance(refine(FIELD, picture(truth), start).camera, truth) < 0.7
+    assert distance(refine_on_image(FIELD, picture(truth), start).camera, truth) < 0.7
 
 
 @any_view
 def test_a_right_camera_stays_right(truth):
-    refined = refine(FIELD, picture(truth), replace(calibrated(truth), camera=truth))
+    refined = refine_on_image(FIELD, picture(truth), replace(calibrated(truth), camera=truth))
     assert distance(refined.camera, truth) < 0.5
 
 
@@ -91,7 +91,7 @@ def test_segments_that_nobody_labelled_are_used():
     rng = np.random.default_rng(0)
     pixels = {label: xy for label, xy in observe(FIELD, truth, rng, noise=1.5).items() if label in labels}
     start = calibrate_from_segments(FIELD, pixels, SIZE)
-    refined = refine(FIELD, picture(truth), start)
+    refined = refine_on_image(FIELD, picture(truth), start)
     assert {"Small rect. right main", "Side line right"} <= set(refined.per_segment_errors)
     assert distance(refined.camera, truth) < 0.5 * distance(start.camera, truth)
 
@@ -102,7 +102,7 @@ def test_labelled_pixels_serve_where_there_is_no_line():
     image = render_field(truth, replace(FIELD, segments=lines), rng=np.random.default_rng(0))
     pixels = observe(whole_circle_markings(FIELD), truth)
     pixels = {"Side line right ": pixels["Side line right"], "Circle right": pixels["Circle right"] + 40.0}
-    refined = refine(FIELD, image, calibrated(truth), pixels, weights={"Side line right ": [1.0, 1.0, 0.5]})
+    refined = refine_on_image(FIELD, image, calibrated(truth), pixels, weights={"Side line right ": [1.0, 1.0, 0.5]})
     assert "Side line right" in refined.per_segment_errors
     assert refined.per_segment_errors["Circle right"] < 1.0  # the line in the image counts, not the label
 
@@ -111,7 +111,7 @@ def test_a_grey_picture_will_do():
     truth = VIEWS["penalty area"]
     grey = np.repeat(picture(truth).mean(axis=2, keepdims=True).astype(np.uint8), 3, axis=2)
     start = replace(calibrated(truth), camera=moved(truth, 6.0, seed=3))
-    assert distance(refine(FIELD, grey, start).camera, truth) < 0.7
+    assert distance(refine_on_image(FIELD, grey, start).camera, truth) < 0.7
 
 
 @pytest.mark.parametrize(
@@ -125,39 +125,39 @@ def test_a_grey_picture_will_do():
 )
 def test_pictures_without_lines_leave_the_camera_alone(image):
     start = calibrated(VIEWS["penalty area"])
-    assert refine(FIELD, image, start) is start
+    assert refine_on_image(FIELD, image, start) is start
 
 
 def test_a_camera_that_is_elsewhere_is_left_alone():
     truth = VIEWS["penalty area"]
     start = replace(calibrated(truth), camera=VIEWS["midfield"])
-    assert refine(FIELD, picture(truth), start) is start
+    assert refine_on_image(FIELD, picture(truth), start) is start
 
 
 def test_without_a_camera_there_is_nothing_to_refine():
     start = Calibration.without_camera(Status.TOO_FEW_SEGMENTS, "nothing")
-    assert refine(FIELD, np.zeros((540, 960, 3), np.uint8), start) is start
+    assert refine_on_image(FIELD, np.zeros((540, 960, 3), np.uint8), start) is start
 
 
 def test_an_object_without_markings():
     truth = VIEWS["penalty area"]
     points = {name: point for name, point in FIELD.items() if isinstance(point, Point)}
     start = calibrated(truth)
-    assert refine(points, picture(truth), start, prior=None) is start
+    assert refine_on_image(points, picture(truth), start, prior=None) is start
 
 
 def test_the_same_picture_gives_the_same_camera():
     truth = VIEWS["penalty area"]
     start, image = replace(calibrated(truth), camera=moved(truth, 6.0)), picture(truth)
-    assert refine(FIELD, image, start).camera == refine(FIELD, image, start).camera
+    assert refine_on_image(FIELD, image, start).camera == refine_on_image(FIELD, image, start).camera
 
 
 def test_images_are_checked():
     start = calibrated(VIEWS["penalty area"])
     with pytest.raises(ValueError, match="image must have the camera's size, 960 x 540, got 640 x 360"):
-        refine(FIELD, np.zeros((360, 640, 3), np.uint8), start)
+        refine_on_image(FIELD, np.zeros((360, 640, 3), np.uint8), start)
     with pytest.raises(ValueError, match="image must be uint8, got float64"):
-        refine(FIELD, np.zeros((540, 960, 3)), start)
+        refine_on_image(FIELD, np.zeros((540, 960, 3)), start)
 
 
 def test_line_share():

@@ -7,18 +7,20 @@ import json
 import sys
 import time
 from collections import Counter
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import asdict, dataclass
+from dataclasses import field as attribute
 from pathlib import Path
 from types import MappingProxyType
-from typing import Any, TypeAlias, TypeVar
+from typing import Any, BinaryIO, TypeAlias, TypeVar
 
 import numpy as np
 
 import fieldcalib
 from fieldcalib.camera import Camera
 from fieldcalib.field import Field, soccer
-from fieldcalib.io.files import write_text
+from fieldcalib.io.files import whole_file, write_text
 from fieldcalib.io.soccernet import camera_to_record, find_annotations, parse_annotation
 from fieldcalib.ndc import ndc_loss
 from fieldcalib.parameters import ANGLES, CENTER, LOG_F, theta_from_camera
@@ -125,35 +127,63 @@ def write_folder(
     seconds: Mapping[str, float],
     options: argparse.Namespace,
 ) -> None:
-    """Write cameras, cameras.jsonl and summary.json, and say how many cameras there are.
+    """Write cameras, cameras.jsonl and summary.json, and say how many cameras there are."""
+    with result_folder(out) as results:
+        for line in lines:
+            results.add(line, calibrations.get(line["id"]))
+    results.summarize(seconds, options)
 
-    An earlier run's camera of a frame that has none now is removed.
-    """
+
+@contextmanager
+def result_folder(out: Path) -> Iterator[Results]:
+    """A folder for cameras, frame by frame; its cameras.jsonl is there when all went well."""
     out.mkdir(parents=True, exist_ok=True)
-    written = 0
-    for line in lines:
-        path = out / f"camera_{line['id']}.json"
-        calibration = calibrations.get(line["id"])
+    with whole_file(out / "cameras.jsonl") as lines:
+        yield Results(out, lines)
+
+
+@dataclass
+class Results:
+    """What is written of frames, and counted."""
+
+    out: Path
+    lines: BinaryIO
+    """cameras.jsonl."""
+    statuses: Counter[str] = attribute(default_factory=Counter)
+    cameras: int = 0
+    calibrations: int = 0
+
+    def add(self, line: Mapping[str, Any], calibration: Calibration | None) -> None:
+        """Write the line of the next frame, and its camera.
+
+        An earlier run's camera of a frame that has none now is removed.
+        """
+        path = self.out / f"camera_{line['id']}.json"
         if calibration is None or calibration.camera is None or calibration.status in WITHHELD:
             path.unlink(missing_ok=True)
         else:
             write_text(path, json.dumps(camera_to_record(calibration.camera), indent=2) + "\n")
-            written += 1
-    write_text(out / "cameras.jsonl", "".join(json.dumps(line) + "\n" for line in lines))
-    statuses = Counter(line["status"] for line in lines)
-    summary = {
-        "frames": len(lines),
-        "cameras": written,
-        "completeness": 100.0 * written / len(lines),
-        "status": dict(statuses),
-        "seconds": dict(seconds),
-        "milliseconds_per_frame": 1e3 * seconds["calibration"] / max(len(calibrations), 1),
-        "options": _recorded(options),
-        "version": fieldcalib.__version__,
-    }
-    write_text(out / "summary.json", json.dumps(summary, indent=2) + "\n")
-    counts = ", ".join(f"{count} {status}" for status, count in statuses.most_common())
-    print(f"{written} cameras of {len(lines)} frames in {out}: {counts}")
+            self.cameras += 1
+        self.lines.write((json.dumps(line) + "\n").encode())
+        self.statuses[line["status"]] += 1
+        self.calibrations += calibration is not None
+
+    def summarize(self, seconds: Mapping[str, float], options: argparse.Namespace) -> None:
+        """Write summary.json, and say how many cameras there are."""
+        frames = self.statuses.total()
+        summary = {
+            "frames": frames,
+            "cameras": self.cameras,
+            "completeness": 100.0 * self.cameras / frames,
+            "status": dict(self.statuses),
+            "seconds": dict(seconds),
+            "milliseconds_per_frame": 1e3 * seconds["calibration"] / max(self.calibrations, 1),
+            "options": _recorded(options),
+            "version": fieldcalib.__version__,
+        }
+        write_text(self.out / "summary.json", json.dumps(summary, indent=2) + "\n")
+        counts = ", ".join(f"{count} {status}" for status, count in self.statuses.most_common())
+        print(f"{self.cameras} cameras of {frames} frames in {self.out}: {counts}")
 
 
 def _recorded(options: argparse.Namespace) -> dict[str, Any]:

@@ -9,9 +9,10 @@ import tempfile
 import zipfile
 import zlib
 from collections.abc import Iterable, Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, BinaryIO
 
 HIDDEN = re.compile(r"\.")
 
@@ -42,7 +43,12 @@ class FrameFile:
 
 
 def find_files(
-    inputs: Iterable[Path], what: str, *, prefix: str = "", suffix: str, others: re.Pattern[str] = HIDDEN
+    inputs: Iterable[Path],
+    what: str,
+    *,
+    prefix: str = "",
+    suffix: str | tuple[str, ...],
+    others: re.Pattern[str] = HIDDEN,
 ) -> list[FrameFile]:
     """Files named ``<prefix><id><suffix>`` in folders and zips, and single files, in the order of their names.
 
@@ -52,8 +58,10 @@ def find_files(
         Folders, zips, and single files, which are taken whatever they are called.
     what : str
         What each file holds, for messages.
-    prefix, suffix : str
-        Around the id of the frame; of a single file the id is the name without ending and prefix.
+    prefix : str
+    suffix : str or tuple of str
+        Around the id of the frame; of a single file the id is the name without ending and prefix. One of several
+        suffixes will do, in upper or lower case.
     others : re.Pattern
         Matches the beginning of the names of files that are something else.
 
@@ -65,13 +73,17 @@ def find_files(
         If a zip is none, or two files would be the same frame.
     """
 
+    suffixes = (suffix,) if isinstance(suffix, str) else suffix
+    endings = tuple(ending.lower() for ending in suffixes)
+
     def is_wanted(name: str) -> bool:
-        return name.startswith(prefix) and name.endswith(suffix) and not others.match(name)
+        return name.startswith(prefix) and name.lower().endswith(endings) and not others.match(name)
 
     found: dict[str, FrameFile] = {}
     for path in inputs:
         if not path.exists():
-            raise FileNotFoundError(f"{path} does not exist: expected a folder, a zip or a {suffix} file")
+            one_of = " or ".join(suffixes)
+            raise FileNotFoundError(f"{path} does not exist: expected a folder, a zip or a {one_of} file")
         count = len(found)
         for member in _members(path):
             if member is not path and not is_wanted(member.name):
@@ -83,7 +95,8 @@ def find_files(
                 )
             found[file.id] = file
         if len(found) == count:
-            raise FileNotFoundError(f"{path} holds no {what}: expected files named {prefix}<id>{suffix}")
+            names = " or ".join(f"{prefix}<id>{ending}" for ending in suffixes)
+            raise FileNotFoundError(f"{path} holds no {what}: expected files named {names}")
     return list(found.values())
 
 
@@ -123,21 +136,26 @@ def parse_json_object(content: bytes | str, what: str) -> dict[str, Any]:
     return value
 
 
-def write_bytes(path: Path, data: bytes) -> None:
-    """Write a file by way of a temporary one beside it: a reader sees the old file or the new one, never half.
+@contextmanager
+def whole_file(path: Path) -> Iterator[BinaryIO]:
+    """A file to be written, by way of a temporary one beside it: a reader sees the old file or the new one, never half.
 
     Examples
     --------
     >>> import tempfile
     >>> with tempfile.TemporaryDirectory() as folder:
-    ...     write_bytes(Path(folder) / "a.bin", b"whole")
-    ...     (Path(folder) / "a.bin").read_bytes()
+    ...     path = Path(folder) / "a.bin"
+    ...     with whole_file(path) as file:
+    ...         _ = file.write(b"whole")
+    ...         path.exists()
+    ...     path.read_bytes()
+    False
     b'whole'
     """
     handle, temporary = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name}.")
     try:
         with os.fdopen(handle, "wb") as file:
-            file.write(data)
+            yield file
         umask = os.umask(0)  # the mode that open() would have given; mkstemp's is private
         os.umask(umask)
         os.chmod(temporary, 0o666 & ~umask)
@@ -147,6 +165,12 @@ def write_bytes(path: Path, data: bytes) -> None:
         raise
 
 
+def write_bytes(path: Path, data: bytes) -> None:
+    """Write a file, whole or not at all, see `whole_file`."""
+    with whole_file(path) as file:
+        file.write(data)
+
+
 def write_text(path: Path, text: str) -> None:
-    """Write a text file in UTF-8, with its line ends as they are, as `write_bytes` does."""
+    """Write a text file in UTF-8, with its line ends as they are, whole or not at all."""
     write_bytes(path, text.encode())

@@ -113,7 +113,7 @@ class SegmentationNetwork:
         BrokenFileError
             If they cannot be read, or contradict each other.
         ValueError
-            If the provider is not there or does not start: another one is never taken instead.
+            If the provider is not there or does not start (another one is never taken instead), or without threads.
 
         Examples
         --------
@@ -204,6 +204,8 @@ def _session(path: Path, provider: str, threads: int) -> Any:
     """An InferenceSession on that provider, or an error: onnxruntime would quietly take the processor instead."""
     import onnxruntime
 
+    if threads < 1:
+        raise ValueError(f"threads must be at least 1, got {threads}")
     available = onnxruntime.get_available_providers()
     if provider not in available:
         raise ValueError(

@@ -1,0 +1,78 @@
+"""From images to cameras: labelled pixels by a network, a calibration, and its refinement on the image."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from fieldcalib.calibrate import calibrate_batch
+from fieldcalib.field import ObjectSegments
+from fieldcalib.image import Image
+from fieldcalib.localize import Network, localize
+from fieldcalib.options import ALL, DEFAULT_FLAGS, Prior
+from fieldcalib.refine import refine_on_image
+from fieldcalib.result import Calibration
+
+
+def calibrate_from_images(
+    object_segments: ObjectSegments,
+    images: Sequence[Image],
+    network: Network,
+    *,
+    flags: int = DEFAULT_FLAGS,
+    prior: Prior = ALL,
+) -> list[Calibration]:
+    """Calibrate a camera for each of several images.
+
+    Parameters
+    ----------
+    object_segments : mapping of str to segment
+        The calibration object that the network was trained for, e.g. `soccer()`.
+    images : sequence of (height, width, 3) uint8 arrays
+        Blue, green, red; of any sizes. All are in memory at once: give a long video in parts.
+    network : Network
+        Finds the markings, e.g. `SegmentationNetwork.load()`.
+    flags, prior
+        As in `calibrate_from_segments`, for all images alike.
+
+    Returns
+    -------
+    list of Calibration
+        One an image. An image that cannot be calibrated is no error: see `status` and `message`.
+
+    Raises
+    ------
+    ValueError
+        As `localize` and `calibrate_from_segments`.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from fieldcalib import soccer
+    >>> class Blind:
+    ...     classes = ("background", "Middle line")
+    ...     def __call__(self, images):
+    ...         return np.zeros((len(images), 2, 90, 160), np.float32)
+    >>> (calibration,) = calibrate_from_images(soccer(), [np.zeros((540, 960, 3), np.uint8)], Blind())
+    >>> str(calibration.status), calibration.message
+    ('too few segments', 'no labelled pixels: nothing to calibrate from')
+    """
+    found = localize(object_segments, images, network)
+    by_size: dict[tuple[int, int], list[int]] = {}
+    for index, image in enumerate(images):
+        by_size.setdefault((image.shape[1], image.shape[0]), []).append(index)
+    calibrations: dict[int, Calibration] = {}
+    for size, members in by_size.items():
+        parts = [found[index] for index in members]
+        first = calibrate_batch(
+            object_segments,
+            [part.pixels for part in parts],
+            size,
+            flags=flags,
+            prior=prior,
+            weights=[part.weights for part in parts],
+        )
+        for index, part, calibration in zip(members, parts, first, strict=True):
+            calibrations[index] = refine_on_image(
+                object_segments, images[index], calibration, part.pixels, weights=part.weights, flags=flags, prior=prior
+            )
+    return [calibrations[index] for index in range(len(images))]

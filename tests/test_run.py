@@ -1,0 +1,315 @@
+"""From images and videos to cameras on the command line, with a network that knows the cameras."""
+
+import json
+import zipfile
+
+import cv2
+import numpy as np
+import pytest
+from networks import FIELD, KnownCameras
+from views import camera
+
+from fieldcalib.calibrate_images import calibrate_from_images
+from fieldcalib.cli import main
+from fieldcalib.commands import frames as frames_of_commands
+from fieldcalib.commands.frames import AT_ONCE, Frame, opened
+from fieldcalib.demo import camera_errors
+from fieldcalib.draw import draw_calibration
+from fieldcalib.io.files import BrokenFileError
+from fieldcalib.io.images import VideoReader, VideoWriter, find_images, parse_image
+from fieldcalib.io.soccernet import camera_from_record
+from fieldcalib.render import render_field
+
+SIZE = (960, 540)
+TRUTHS = [camera(pan, 78, 1400, (0, 68, -17), k=(0.06, 0.0)) for pan in (24, -22)]
+
+
+def picture(truth):
+    return render_field(truth, FIELD, rng=np.random.default_rng(0))
+
+
+def encoded(image, suffix=".png"):
+    return cv2.imencode(suffix, image)[1].tobytes()
+
+
+def run(*arguments):
+    try:
+        return main([str(argument) for argument in arguments])
+    except SystemExit as error:  # argparse ends so
+        return error.code
+
+
+def lines_of(out):
+    return [json.loads(line) for line in (out / "cameras.jsonl").read_text().splitlines()]
+
+
+@pytest.fixture
+def know(monkeypatch):
+    """Let the commands use a network that knows the cameras of the images to come."""
+
+    def install(cameras):
+        network = KnownCameras(cameras)
+        for command in ("run", "localize"):
+            monkeypatch.setattr(f"fieldcalib.commands.{command}.load_network", lambda options: network)
+        return network
+
+    return install
+
+
+# --- from Python ---
+
+
+def test_images_of_several_sizes_become_cameras():
+    truths = [TRUTHS[0], TRUTHS[1].scaled((1280, 720))]
+    found = calibrate_from_images(FIELD, [picture(truth) for truth in truths], KnownCameras(truths))
+    for truth, calibration in zip(truths, found, strict=True):
+        assert calibration.accepted
+        assert camera_errors(calibration.camera, truth, FIELD).reprojection < 1.5
+
+
+def test_a_picture_that_is_not_calibrated_is_not_drawn_on():
+    image = np.zeros((540, 960, 3), np.uint8)
+    (calibration,) = calibrate_from_images(FIELD, [image], KnownCameras([None]))
+    assert str(calibration.status) == "too few segments"
+    drawn = draw_calibration(image, calibration, FIELD)
+    assert not drawn[:500].any()
+    assert drawn[500:].any()
+
+
+# --- images ---
+
+
+def test_a_folder_of_images(know, tmp_path, capsys):
+    good = encoded(picture(TRUTHS[0]), ".jpg")
+    folder, out = tmp_path / "in", tmp_path / "out"
+    folder.mkdir()
+    (folder / "a.jpg").write_bytes(good)
+    (folder / "b.png").write_bytes(encoded(np.zeros((540, 960, 3), np.uint8)))
+    (folder / "c.jpg").write_bytes(good[: len(good) // 2])
+    (folder / "d.PNG").write_bytes(encoded(picture(TRUTHS[1])))
+    (folder / "overlay_a.jpg").write_bytes(b"of an earlier run")
+    (folder / "notes.txt").write_bytes(b"")
+    know([TRUTHS[0], None, TRUTHS[1]])
+    assert run("run", folder, "--out", out) == 1
+    output = capsys.readouterr()
+    assert "c.jpg: is cut off: the end of the JPEG is missing" in output.err
+    assert output.out.startswith("2 cameras of 4 frames")
+    lines = lines_of(out)
+    assert [line["id"] for line in lines] == ["a", "b", "c", "d"]
+    assert [line["status"] for line in lines] == ["accepted", "too few segments", "broken file", "accepted"]
+    assert {path.name for path in out.iterdir()} == {
+        *("camera_a.json", "camera_d.json", "cameras.jsonl", "summary.json"),
+        *("overlay_a.jpg", "overlay_b.jpg", "overlay_d.jpg"),
+    }
+    for id, truth in (("a", TRUTHS[0]), ("d", TRUTHS[1])):
+        estimated = camera_from_record(json.loads((out / f"camera_{id}.json").read_text()))
+        assert camera_errors(estimated, truth, FIELD).reprojection < 1.5
+    summary = json.loads((out / "summary.json").read_text())
+    assert summary["frames"] == 4
+    assert summary["options"]["input"] == [str(folder)]
+    overlay = parse_image((out / "overlay_a.jpg").read_bytes())
+    assert np.mean(overlay[:, :, 1] < 0.6 * overlay[:, :, 2].astype(float)) > 0.005  # magenta
+
+
+def test_a_zip_and_a_single_image(know, tmp_path):
+    content = encoded(picture(TRUTHS[0]))
+    with zipfile.ZipFile(tmp_path / "in.zip", "w") as archive:
+        archive.writestr("frames/7.png", content)
+    (tmp_path / "8.png").write_bytes(content)
+    know([TRUTHS[0], TRUTHS[0]])
+    assert run("run", tmp_path / "in.zip", tmp_path / "8.png", "--out", tmp_path / "out") == 0
+    assert [line["id"] for line in lines_of(tmp_path / "out")] == ["7", "8"]
+
+
+@pytest.mark.parametrize(
+    "convert",
+    [
+        lambda image: image.astype(np.uint16) * 257,
+        lambda image: cv2.cvtColor(image, cv2.COLOR_BGR2GRAY),
+        lambda image: cv2.cvtColor(image, cv2.COLOR_BGR2BGRA),
+    ],
+    ids=["16 bits", "grey", "with alpha"],
+)
+def test_kinds_of_images(know, tmp_path, convert):
+    (tmp_path / "a.png").write_bytes(encoded(convert(picture(TRUTHS[0]))))
+    know([TRUTHS[0]])
+    assert run("run", tmp_path / "a.png", "--out", tmp_path) == 0
+    (line,) = lines_of(tmp_path)
+    assert line["status"] == "accepted"
+
+
+@pytest.mark.parametrize("size", [(1, 1), (7, 300), (2000, 3), (90, 160)])
+def test_odd_images_have_a_verdict(know, tmp_path, size):
+    (tmp_path / "a.png").write_bytes(encoded(np.full((*size, 3), 90, np.uint8)))
+    know([TRUTHS[0]])
+    assert run("run", tmp_path / "a.png", "--out", tmp_path) == 0
+    (line,) = lines_of(tmp_path)
+    assert line["status"] != "broken file"
+
+
+def test_a_jpeg_with_a_thumbnail_is_not_cut_off():
+    content = encoded(picture(TRUTHS[0]), ".jpg")
+    thumbnail = encoded(np.zeros((16, 16, 3), np.uint8), ".jpg")
+    exif = b"\xff\xe1" + (len(thumbnail) + 2).to_bytes(2, "big") + thumbnail
+    assert parse_image(content[:2] + exif + content[2:]).shape == (540, 960, 3)
+    with pytest.raises(BrokenFileError, match="is cut off"):
+        parse_image((content[:2] + exif + content[2:])[:-1000])
+
+
+@pytest.mark.parametrize("content", [b"", b"\xff\xd8\xff\xd9", b"BM" + bytes(60), b"\x89PNG\r\n\x1a\n" + bytes(30)])
+def test_what_is_no_image(content):
+    with pytest.raises(BrokenFileError, match="is no image that OpenCV can read"):
+        parse_image(content)
+
+
+def test_upper_case_names_are_found(tmp_path):
+    (tmp_path / "1.JPG").write_bytes(b"")
+    assert [file.id for file in find_images([tmp_path])] == ["1"]
+
+
+# --- videos ---
+
+
+def write_video(path, images, fps=25.0):
+    with VideoWriter(path, fps) as video:
+        for image in images:
+            video.write(image)
+
+
+def test_a_video(know, tmp_path):
+    truths = [camera(pan, 78, 1400, (0, 68, -17), k=(0.06, 0.0)) for pan in (22, 23)]
+    write_video(tmp_path / "match.mp4", [picture(truth) for truth in truths], fps=50.0)
+    know(truths)
+    out = tmp_path / "out"
+    assert run("run", tmp_path / "match.mp4", "--out", out) == 0
+    lines = lines_of(out)
+    assert [line["id"] for line in lines] == ["000000", "000001"]
+    for line, truth in zip(lines, truths, strict=True):
+        assert line["status"] == "accepted"
+        np.testing.assert_allclose(line["angles_degrees"]["pan"], np.degrees(truth.angles[0]), atol=0.1)
+    assert {path.name for path in out.iterdir()} == {
+        *("camera_000000.json", "camera_000001.json", "cameras.jsonl", "summary.json", "overlay.mp4")
+    }
+    with VideoReader(out / "overlay.mp4") as overlay:
+        assert overlay.frames_per_second == 50.0
+        assert [image.shape for image in overlay] == [(540, 960, 3)] * 2
+
+
+def test_a_portrait_video_has_verdicts(know, tmp_path):
+    write_video(tmp_path / "phone.mp4", [np.full((640, 360, 3), 80, np.uint8)] * 3)
+    know([None] * 3)
+    assert run("run", tmp_path / "phone.mp4", "--out", tmp_path / "out") == 0
+    assert [line["status"] for line in lines_of(tmp_path / "out")] == ["too few segments"] * 3
+
+
+def test_only_a_few_images_are_in_memory(know, tmp_path, monkeypatch):
+    write_video(tmp_path / "long.mp4", [np.zeros((36, 64, 3), np.uint8)] * (3 * AT_ONCE + 1))
+    network = know([None] * (3 * AT_ONCE + 1))
+    read, seen, ahead = [], [], []
+
+    class Watched(VideoReader):
+        def __iter__(self):
+            for image in super().__iter__():
+                read.append(image)
+                yield image
+
+    class Watching:
+        classes = network.classes
+
+        def __call__(self, images):
+            ahead.append(len(read) - len(seen))
+            seen.extend(images)
+            return network(images)
+
+    monkeypatch.setattr(frames_of_commands, "VideoReader", Watched)
+    monkeypatch.setattr("fieldcalib.commands.run.load_network", lambda options: Watching())
+    assert run("run", tmp_path / "long.mp4", "--out", tmp_path / "out") == 0
+    assert ahead == [AT_ONCE] * 3 + [1]
+    assert len(lines_of(tmp_path / "out")) == 3 * AT_ONCE + 1
+
+
+def test_an_interrupted_video_leaves_nothing_half(know, tmp_path, monkeypatch, capsys):
+    write_video(tmp_path / "a.mp4", [np.zeros((36, 64, 3), np.uint8)] * (AT_ONCE + 1))
+    know([None] * (AT_ONCE + 1))
+    calls = []
+
+    def interrupt(*arguments):
+        calls.append(arguments)
+        if len(calls) > 3:
+            raise KeyboardInterrupt
+        return arguments[0]
+
+    monkeypatch.setattr("fieldcalib.commands.run.draw_calibration", interrupt)
+    assert run("run", tmp_path / "a.mp4", "--out", tmp_path / "out") == 130
+    assert list((tmp_path / "out").iterdir()) == []
+
+
+def test_a_broken_video_is_one_line(know, tmp_path, capfd):
+    (tmp_path / "a.mp4").write_bytes(b"no video")
+    know([])
+    assert run("run", tmp_path / "a.mp4", "--out", tmp_path / "out") == 2
+    assert "a.mp4: is no video that OpenCV can read" in capfd.readouterr().err
+    assert not (tmp_path / "out").exists()
+
+
+# --- localize ---
+
+
+def test_localized_images_can_be_calibrated(know, tmp_path, capsys):
+    for name, truth in zip("ab", TRUTHS, strict=True):
+        (tmp_path / f"{name}.png").write_bytes(encoded(picture(truth)))
+    know(TRUTHS)
+    assert run("localize", tmp_path, "--out", tmp_path / "labels") == 0
+    assert "segments a frame in 2 frames" in capsys.readouterr().out
+    assert run("calibrate", tmp_path / "labels", "--size", "960x540", "--out", tmp_path / "cameras") == 0
+    for name, truth in zip("ab", TRUTHS, strict=True):
+        estimated = camera_from_record(json.loads((tmp_path / "cameras" / f"camera_{name}.json").read_text()))
+        assert camera_errors(estimated, truth, FIELD).reprojection < 6.0
+
+
+def test_broken_images_are_named_by_localize(know, tmp_path, capsys):
+    (tmp_path / "a.png").write_bytes(b"no image")
+    (tmp_path / "b.png").write_bytes(encoded(np.zeros((54, 96, 3), np.uint8)))
+    know([None])
+    assert run("localize", tmp_path, "--out", tmp_path / "out") == 1
+    assert "a.png: is no image that OpenCV can read" in capsys.readouterr().err
+    assert {path.name: path.read_text() for path in (tmp_path / "out").iterdir()} == {"b.json": "{}\n"}
+
+
+# --- wrong usage ---
+
+
+def test_what_cannot_be_run(know, tmp_path, capsys):
+    know([])
+    (tmp_path / "empty").mkdir()
+    for command, inputs, complaint in (
+        ("run", ["missing"], "missing does not exist"),
+        ("run", ["missing.mp4"], "missing.mp4 does not exist: expected a video"),
+        ("run", ["empty"], "empty holds no image: expected files named <id>.jpg or "),
+        ("run", ["a.mp4", "empty"], "expected one video, or images and folders of them, got a video and more"),
+        ("localize", ["a.mp4"], "expected images: fieldcalib run takes videos"),
+    ):
+        assert run(command, *[tmp_path / name for name in inputs], "--out", tmp_path / "out") == 2
+        error = capsys.readouterr().err
+        assert complaint in error
+        assert len(error.splitlines()) == 1
+
+
+def test_networks_that_are_not_there(tmp_path, capsys):
+    (tmp_path / "a.png").write_bytes(encoded(np.zeros((54, 96, 3), np.uint8)))
+    for command in ("run", "localize"):
+        assert run(command, tmp_path / "a.png", "--out", tmp_path / "out", "--model", tmp_path / "none.onnx") == 2
+        assert "none.onnx does not exist: expected a network in ONNX" in capsys.readouterr().err
+
+
+def test_frames_are_read_when_they_are_asked_for(tmp_path):
+    (tmp_path / "a.png").write_bytes(encoded(np.zeros((54, 96, 3), np.uint8)))
+    (tmp_path / "b.png").write_bytes(b"")
+    with opened([tmp_path]) as source:
+        assert source.count == 2
+        assert source.frames_per_second is None
+        (tmp_path / "a.png").unlink()
+        first, second = source.frames
+    assert first == Frame("a", None, first.problem)
+    assert "cannot be read" in first.problem
+    assert second.problem == "is no image that OpenCV can read"
