@@ -1,4 +1,4 @@
-"""Speed and memory of the calibration and of its evaluation: `pytest tests/bench_speed.py`. Not in the default run.
+"""Speed and memory of all that runs frame by frame: `pytest tests/bench_speed.py`. Not in the default run.
 
 Frames are synthetic, or SoccerNet's annotations where they lie beside the checkout.
 """
@@ -9,13 +9,17 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from networks import CLASSES, band_maps, probabilities
 from synthetic import frames_of_broadcasts
+from views import BROADCAST
 
-from fieldcalib import calibrate_batch, calibrate_from_segments, soccer
+from fieldcalib import calibrate_batch, calibrate_from_segments, refine_on_image, soccer
 from fieldcalib.io.soccernet import parse_annotation
+from fieldcalib.localize import ridge_points
 from fieldcalib.metrics import evaluate_segments
 from fieldcalib.options import PINHOLE_FLAGS, CalibrationFlags
 from fieldcalib.parameters import camera_from_theta
+from fieldcalib.render import render_field
 
 FIELD, SIZE = soccer(), (960, 540)
 
@@ -93,6 +97,22 @@ def test_one_frame_from_a_given_start(benchmark, frames, pixels):
     )
     if pixels <= 5.0:
         assert benchmark.stats.stats.median <= 0.012
+
+
+def test_points_on_ridges(benchmark):
+    """26 classes at 256x144."""
+    maps = probabilities(band_maps(BROADCAST, (256, 144)), np.random.default_rng(0), noise=0.5)
+    benchmark.pedantic(ridge_points, (maps, CLASSES, FIELD, SIZE), rounds=50, warmup_rounds=3)
+    assert benchmark.stats.stats.median <= 0.005
+
+
+def test_refinement_in_full_hd(benchmark):
+    truth = BROADCAST.scaled((1920, 1080))
+    image = render_field(truth, FIELD, rng=np.random.default_rng(0))
+    found = ridge_points(probabilities(band_maps(truth)), CLASSES, FIELD, truth.image_size)
+    start = calibrate_from_segments(FIELD, found.pixels, truth.image_size, weights=found.weights)
+    benchmark.pedantic(refine_on_image, (FIELD, image, start), rounds=20, warmup_rounds=2)
+    assert benchmark.stats.stats.median <= 0.060
 
 
 def test_evaluation_of_728_frames(benchmark, say):

@@ -12,7 +12,7 @@ from fieldcalib.camera import Camera
 from fieldcalib.field import Line, Point, PointCloud, soccer
 from fieldcalib.parameters import CENTER, LOG_F, camera_from_theta, theta_from_camera
 from fieldcalib.profiles import Markings, find_lines, profiles_along
-from fieldcalib.refine import line_share, refine_on_image
+from fieldcalib.refine import agreement, refine_on_image
 from fieldcalib.render import render_field
 from fieldcalib.result import Calibration, Status
 
@@ -160,13 +160,13 @@ def test_images_are_checked():
         refine_on_image(FIELD, np.zeros((540, 960, 3)), start)
 
 
-def test_line_share():
+def test_agreement():
     truth = VIEWS["penalty area"]
     image = picture(truth)
-    assert line_share(image, truth, MARKINGS) > 0.75
-    assert line_share(image, moved(truth, 8.0), MARKINGS) < 0.3
+    assert agreement(image, truth, MARKINGS) > 0.75
+    assert agreement(image, moved(truth, 8.0), MARKINGS) < 0.3
     looking_up = Camera.from_angles(0.0, 2.5, 0.0, 1000.0, (0.0, 60.0, -15.0), SIZE)
-    assert line_share(image, looking_up, MARKINGS) == 0.0
+    assert agreement(image, looking_up, MARKINGS) == 0.0
 
 
 # --- profiles ---
