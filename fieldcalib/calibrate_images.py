@@ -3,14 +3,18 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 from fieldcalib.calibrate import calibrate_batch
 from fieldcalib.field import ObjectSegments
 from fieldcalib.image import Image
 from fieldcalib.localize import Network, localize
 from fieldcalib.options import ALL, DEFAULT_FLAGS, Prior
-from fieldcalib.refine import refine_on_image
-from fieldcalib.result import Calibration
+from fieldcalib.profiles import Markings
+from fieldcalib.refine import agreement, refine_on_image
+from fieldcalib.result import Calibration, Status
+
+LEAST_AGREEMENT = 0.1  # of an image with a camera; right cameras had 0.27 and more, even on frames 256 pixels wide
 
 
 def calibrate_from_images(
@@ -37,7 +41,8 @@ def calibrate_from_images(
     Returns
     -------
     list of Calibration
-        One an image. An image that cannot be calibrated is no error: see `status` and `message`.
+        One an image. An image that cannot be calibrated is no error: see `status` and `message`. A camera is "probably
+        wrong" if the image shows no lines where it has the markings.
 
     Raises
     ------
@@ -72,7 +77,20 @@ def calibrate_from_images(
             weights=[part.weights for part in parts],
         )
         for index, part, calibration in zip(members, parts, first, strict=True):
-            calibrations[index] = refine_on_image(
-                object_segments, images[index], calibration, part.pixels, weights=part.weights, flags=flags, prior=prior
+            image = images[index]
+            refined = refine_on_image(
+                object_segments, image, calibration, part.pixels, weights=part.weights, flags=flags, prior=prior
             )
+            calibrations[index] = _doubted(object_segments, image, refined) if refined is calibration else refined
     return [calibrations[index] for index in range(len(images))]
+
+
+def _doubted(object_segments: ObjectSegments, image: Image, calibration: Calibration) -> Calibration:
+    """The calibration, with the verdict that it is probably wrong where its image says so."""
+    if calibration.camera is None or not calibration.accepted:
+        return calibration
+    share = agreement(image, calibration.camera, Markings.of(object_segments))
+    if share >= LEAST_AGREEMENT:
+        return calibration
+    message = f"the image shows lines at {100.0 * share:.0f} % of the markings in view; {calibration.message}"
+    return replace(calibration, status=Status.IMPROBABLE, message=message)

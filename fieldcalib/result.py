@@ -27,7 +27,8 @@ class Status(StrEnum):
     REJECTED = "rejected by tau"
     """The loss in NDC is above the threshold that the user set."""
     IMPROBABLE = "probably wrong"
-    """The probability that the camera is right is below the one that the user asked for."""
+    """The probability that the camera is right is below the one that the user asked for, or its image shows no lines
+    where it has the markings."""
     TOO_FEW_SEGMENTS = "too few segments"
     """The labels give fewer equations than there are unknowns; the rest comes from the prior."""
     DEGENERATE = "degenerate"

@@ -1,6 +1,7 @@
 """From class probabilities to labelled pixels: where they lie, what they lead to, and what a network file may be."""
 
 import json
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -11,8 +12,8 @@ from fieldcalib.calibrate import calibrate_batch, calibrate_from_segments
 from fieldcalib.demo import camera_errors
 from fieldcalib.io.files import BrokenFileError
 from fieldcalib.localize import SegmentationNetwork, localize, ridge_points, skeleton_points
+from fieldcalib.localize.description import NetworkDescription
 from fieldcalib.localize.grid import image_from_grid
-from fieldcalib.localize.network import NetworkDescription
 from fieldcalib.parameters import theta_from_camera
 from fieldcalib.residuals import segment_residuals
 from fieldcalib.segments import pack
@@ -246,8 +247,12 @@ def test_description():
     [
         ({"classes": []}, "classes: expected a list of names"),
         ({"classes": "background"}, "classes: expected a list of names"),
+        (
+            {"classes": ["background", "background", "Middle line", "Middle line"]},
+            "classes: 'Middle line' is there twice",
+        ),
         ({"channels": "rgb"}, 'channels: expected "RGB" or "BGR", got \'rgb\''),
-        ({"input_size": [64]}, "image_size must be"),
+        ({"input_size": [64]}, r"input_size: expected \[width, height\] in whole pixels, got \[64\]"),
         ({"mean": [0.5]}, "mean: expected three numbers"),
         ({"std": [0.5, None, 1.0]}, "std: expected three numbers"),
         ({"std": [0.5, 0.0, 1.0]}, "std: expected positive numbers"),
@@ -330,6 +335,19 @@ def test_images_are_checked(tmp_path):
 def test_an_output_without_a_map_for_each_class(tmp_path):
     network = SegmentationNetwork.load(write_network(tmp_path, outputs=2))
     with pytest.raises(ValueError, match=r"names 3 classes.*\(N, 3, h, w\), got \(1, 2, 18, 32\)"):
+        network([np.zeros((36, 64, 3), np.uint8)])
+
+
+def test_a_network_that_fails():
+    class Session:
+        def get_inputs(self):
+            return [SimpleNamespace(name="image", shape=["N", 3, 36, 64])]
+
+        def run(self, outputs, inputs):
+            raise RuntimeError("out of memory")
+
+    network = SegmentationNetwork(NetworkDescription.parse(json.dumps(DESCRIPTION)), Session())
+    with pytest.raises(ValueError, match=r"the network fails on input of shape \(1, 3, 36, 64\): out of memory"):
         network([np.zeros((36, 64, 3), np.uint8)])
 
 

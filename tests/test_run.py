@@ -1,6 +1,7 @@
 """From images and videos to cameras on the command line, with a network that knows the cameras."""
 
 import json
+import re
 import zipfile
 
 import cv2
@@ -74,6 +75,13 @@ def test_a_picture_that_is_not_calibrated_is_not_drawn_on():
     drawn = draw_calibration(image, calibration, FIELD)
     assert not drawn[:500].any()
     assert drawn[500:].any()
+
+
+def test_a_network_that_lies_is_found_out():
+    (calibration,) = calibrate_from_images(FIELD, [picture(TRUTHS[1])], KnownCameras([TRUTHS[0]]))
+    assert str(calibration.status) == "probably wrong"
+    assert re.match(r"the image shows lines at \d % of the markings in view; rms", calibration.message)
+    assert camera_errors(calibration.camera, TRUTHS[0], FIELD).reprojection < 10.0  # given all the same
 
 
 # --- images ---

@@ -1,13 +1,8 @@
 """A segmentation network in ONNX: images to class probabilities.
 
-Beside ``model.onnx`` lies ``model.json``, which says what the network expects and what its outputs mean:
-
-    {"classes": ["background", "Side line top", ...], "input_size": [width, height],
-     "mean": [0.485, 0.456, 0.406], "std": [0.229, 0.224, 0.225], "channels": "RGB"}
-
-Its one input is (N, 3, height, width) float32: images squeezed to that size, their channels in that order, values in
-0..1 with `mean` subtracted and divided by `std`. Its first output is (N, K, h, w): logits of the K classes on a grid
-over the image, each pixel of which stands for an equal part of the image.
+Its one input is (N, 3, height, width) float32: images squeezed to that size, channels in the order that its JSON says
+(`fieldcalib.localize.description`), values in 0..1 with `mean` subtracted and divided by `std`. Its first output is
+(N, K, h, w): logits of the K classes on a grid over the image, each pixel of which stands for an equal part of it.
 """
 
 from __future__ import annotations
@@ -21,68 +16,12 @@ from typing import Any
 import numpy as np
 
 from fieldcalib._types import Float32
-from fieldcalib.camera import checked_image_size
 from fieldcalib.image import Image, checked_image
-from fieldcalib.io.files import BrokenFileError, parse_json_object
+from fieldcalib.io.files import BrokenFileError
+from fieldcalib.localize.description import NetworkDescription
 
 CPU = "CPUExecutionProvider"
 SHIPPED = files("fieldcalib") / "models" / "soccer.onnx"
-
-
-@dataclass(frozen=True)
-class NetworkDescription:
-    """What the JSON beside a network says."""
-
-    classes: tuple[str, ...]
-    input_size: tuple[int, int]
-    """Width and height."""
-    mean: tuple[float, ...]
-    """Of the channels, in the network's order, values in 0..1; as `std`."""
-    std: tuple[float, ...]
-    channels: str
-    """"RGB" or "BGR"."""
-
-    @classmethod
-    def parse(cls, content: bytes | str) -> NetworkDescription:
-        """The description in a JSON file.
-
-        Raises
-        ------
-        BrokenFileError
-            If it is no JSON object, or a key is missing or has another kind of value.
-
-        Examples
-        --------
-        >>> NetworkDescription.parse('{"classes": ["background"]}')
-        Traceback (most recent call last):
-            ...
-        fieldcalib.io.files.BrokenFileError: lacks the key 'channels'
-        """
-        record = parse_json_object(content, "a network's classes, input_size, mean, std and channels")
-        try:
-            classes, channels = record["classes"], record["channels"]
-            if not (isinstance(classes, list) and classes and all(isinstance(name, str) for name in classes)):
-                raise BrokenFileError(f"classes: expected a list of names, got {classes!r}")
-            if channels not in ("RGB", "BGR"):
-                raise BrokenFileError(f'channels: expected "RGB" or "BGR", got {channels!r}')
-            size, mean, std = checked_image_size(record["input_size"]), _triple(record, "mean"), _triple(record, "std")
-        except KeyError as error:
-            raise BrokenFileError(f"lacks the key {error}") from None
-        except ValueError as error:
-            raise BrokenFileError(str(error)) from None
-        if min(std) <= 0.0:
-            raise BrokenFileError(f"std: expected positive numbers, got {record['std']!r}")
-        return cls(tuple(name.strip() for name in classes), size, mean, std, channels)
-
-
-def _triple(record: dict[str, Any], key: str) -> tuple[float, ...]:
-    try:
-        values = tuple(float(value) for value in record[key])
-    except (TypeError, ValueError):
-        values = ()
-    if len(values) != 3 or not np.all(np.isfinite(values)):
-        raise BrokenFileError(f"{key}: expected three numbers, one a channel, got {record[key]!r}")
-    return values
 
 
 @dataclass(frozen=True)
@@ -154,12 +93,15 @@ class SegmentationNetwork:
         Raises
         ------
         ValueError
-            If an image is none, or the network does not give one map a class.
+            If an image is none, or the network fails or does not give one map a class.
         """
         batch = self._prepared(images)
         (node,) = self.session.get_inputs()
         step = node.shape[0] if isinstance(node.shape[0], int) else len(batch)
-        logits = [self.session.run(None, {node.name: batch[i : i + step]})[0] for i in range(0, len(batch), step)]
+        try:
+            logits = [self.session.run(None, {node.name: batch[i : i + step]})[0] for i in range(0, len(batch), step)]
+        except Exception as error:  # onnxruntime's errors have no class in common
+            raise ValueError(f"the network fails on input of shape {batch.shape}: {error}") from error
         return softmax(self._checked(np.concatenate(logits)))
 
     def _prepared(self, images: Sequence[Image]) -> Float32:
@@ -216,7 +158,7 @@ def _session(path: Path, provider: str, threads: int) -> Any:
     options.log_severity_level = 3  # errors
     try:
         session = onnxruntime.InferenceSession(str(path), options, providers=[provider])
-    except Exception as error:  # onnxruntime's errors have no class in common
+    except Exception as error:  # as above
         raise BrokenFileError(f"{path}: onnxruntime cannot load it: {error}") from error
     if provider not in session.get_providers():
         raise ValueError(f"{provider!r} does not start: are its driver and libraries installed?")
