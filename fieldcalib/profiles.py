@@ -127,11 +127,12 @@ def profiles_along(camera: Camera, markings: Markings) -> Profiles:
 
     X, along, on_ground = markings.X[place], markings.along[place], markings.on_ground[place]
     towards = camera.project(X + 0.1 * along) - camera.project(X - 0.1 * along)
-    normal = np.column_stack([-towards[:, 1], towards[:, 0]]) / np.linalg.norm(towards, axis=1, keepdims=True)
     across = np.where(on_ground[:, None], np.cross(along, (0.0, 0.0, 1.0)), np.cross(along, X - camera.C))
-    across *= 0.5 * LINE_WIDTH / np.linalg.norm(across, axis=1, keepdims=True)
+    with np.errstate(divide="ignore", invalid="ignore"):  # where a line points at the camera
+        normal = np.column_stack([-towards[:, 1], towards[:, 0]]) / np.linalg.norm(towards, axis=1, keepdims=True)
+        across *= 0.5 * LINE_WIDTH / np.linalg.norm(across, axis=1, keepdims=True)
     width = np.abs(np.sum((camera.project(X + across) - camera.project(X - across)) * normal, axis=1))
-    good = np.isfinite(width) & np.all(np.isfinite(normal), axis=1)  # false where a line points at the camera
+    good = np.isfinite(width) & np.all(np.isfinite(normal), axis=1)
     place, normal, width, on_ground = place[good], normal[good], width[good], on_ground[good]
     member, xy = markings.member[place], xy[place]
     distance = np.linalg.norm(xy[:, None] - xy, axis=-1)

@@ -13,11 +13,12 @@ from typing import Any, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-from fieldcalib._types import Array, BoolArray, Float32, IntArray
+from fieldcalib._types import Array, BoolArray, IntArray
+from fieldcalib._types import Float32 as Float32  # re-exported
 from fieldcalib.camera import Camera
 from fieldcalib.distortion import undistort
 from fieldcalib.field import GOAL_AREA_DEPTH, Arc, Field, Line, Point, PointCloud, Segment
-from fieldcalib.image import Image
+from fieldcalib.image import Image as Image  # re-exported: it is what the pictures here are
 
 Colour: TypeAlias = tuple[int, int, int]
 

@@ -186,6 +186,16 @@ def test_markings_of_any_object():
     assert found.on_ground[found.member == 1].all()
 
 
+def test_a_line_that_points_at_the_camera_has_no_profiles():
+    overhead = Camera.from_angles(0.0, 0.0, 0.0, 300.0, (1.0, 0.0, -10.0), SIZE)
+    curve = PointCloud(
+        [(1.0, 0.0, 0.0), (1.0, 0.0, -1.0), (1.0, 0.0, -2.0), (3.0, 0.0, -2.0), (6.0, 0.0, -2.0)], ordered=True
+    )
+    profiles = profiles_along(overhead, Markings.of({"gallows": curve}))
+    assert np.all(np.isfinite(profiles.normal))
+    assert profiles.xy[:, 0].min() > overhead.principal_point[0]
+
+
 @any_view
 def test_profiles_cross_their_markings_at_the_width_of_the_paint(truth):
     profiles = profiles_along(truth, MARKINGS)
