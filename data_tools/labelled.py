@@ -56,23 +56,31 @@ def clip_of(image: Path) -> str:
 
 def labelled_frames(folder: Path) -> Iterator[LabelledFrame]:
     """The frames of a folder whose points agree on a camera, in the order of their names."""
-    places = json.loads((folder.parent / POINTS_FILE).read_text())
-    half = np.array([soccer().length, soccer().width]) / 2.0
-    X = np.array([[*(np.array(places[str(index)]) - half), 0.0] for index in range(len(places))])
     for image in sorted(folder.glob("*.jpg")):
-        camera = _camera(X, image.with_suffix(".txt"))
+        camera = _camera(*labelled_points(image))
         if camera is not None:
             yield LabelledFrame(image, camera)
 
 
-def _camera(X: Array, labels: Path) -> Camera | None:
-    """The camera of a file of labels, from those points that can be trusted; the robust fit passes over a wrong one."""
-    line = np.array(labels.read_text().split(), dtype=float)
+def labelled_points(image: Path) -> tuple[Array, Array]:
+    """Field points X (N, 3), and where an image shows them: (N, 2), as shares of its width and height.
+
+    Those that are visible and can be trusted.
+    """
+    places = json.loads((image.parent.parent / POINTS_FILE).read_text())
+    half = np.array([soccer().length, soccer().width]) / 2.0
+    X = np.array([[*(np.array(places[str(index)]) - half), 0.0] for index in range(len(places))])
+    line = np.array(image.with_suffix(".txt").read_text().split(), dtype=float)
     points = line[5:].reshape(-1, 3)
     use = points[:, 2] == VISIBLE
     use[list(MISPLACED)] = False
-    if use.sum() < LEAST_POINTS:
+    return X[use], points[use, :2]
+
+
+def _camera(X: Array, shares: Array) -> Camera | None:
+    """The camera that labelled points give; the robust fit passes over a wrong one."""
+    if len(X) < LEAST_POINTS:
         return None
-    found = calibrate_from_points(X[use], points[use, :2] * SIZE, SIZE, flags=DEFAULT_FLAGS)
+    found = calibrate_from_points(X, shares * SIZE, SIZE, flags=DEFAULT_FLAGS)
     errors = list(found.per_segment_errors.values())
     return found.camera if found.accepted and np.median(errors) < LARGEST_MEDIAN else None

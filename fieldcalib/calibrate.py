@@ -77,6 +77,7 @@ def calibrate_from_segments(
     prior: Prior = "all",
     loss: LossName | RobustLoss = "cauchy",
     tau: float | None = None,
+    trust_labels: bool = False,
     weights: Weights | None = None,
 ) -> Calibration:
     """Calibrate a camera from labelled pixels of one frame.
@@ -113,6 +114,8 @@ def calibrate_from_segments(
         Robust loss of the final stage.
     tau : float, optional
         Reject if the loss in NDC is above; the paper's is 0.019. The camera is given all the same.
+    trust_labels : bool
+        Take every label for right: quicker, where pixels were found for known segments, as lines in an image are.
     weights : mapping of str to float or (N,) array_like, optional
         What labels, or each of their pixels, count against others; 1 where nothing is said. 0 leaves a pixel out.
 
@@ -159,7 +162,7 @@ def calibrate_from_segments(
     frame, shares = check_weights(object_segments, frame, weights)
     if not frame:
         return Calibration.without_camera(Status.TOO_FEW_SEGMENTS, NO_PIXELS)
-    (calibration,) = _calibrate(object_segments, [frame], [shares], options, solve_one)
+    (calibration,) = _calibrate(object_segments, [frame], [shares], options, solve_one, trust_labels=trust_labels)
     return calibration
 
 
@@ -279,6 +282,8 @@ def _calibrate(
     shares: list[Shares | None],
     options: Options,
     solve: Solver,
+    *,
+    trust_labels: bool = False,
 ) -> list[Calibration]:
     """Calibrate frames that have pixels; `solve` brings them to the final optimum."""
     observations = pack(object_segments, frames, options.image_size, shares)
@@ -287,7 +292,9 @@ def _calibrate(
     approach = partial(solve, max_iterations=options.max_iterations, tolerance=WIDE_TOLERANCE)
     search = partial(_start, object_segments, options=options, solve=solve_batch)
     far, solution = options.wide_loss.scale, approach(narrow, theta)
-    resolved = resolve_labels(object_segments, frames, shares, narrow, solution, prior, far, search, approach)
+    resolved = Resolution(frames, narrow, solution, prior, [()] * len(frames))
+    if not trust_labels:
+        resolved = resolve_labels(object_segments, frames, shares, narrow, solution, prior, far, search, approach)
     drawn = with_ends(object_segments, resolved.problem, resolved.solution.theta, far)
     solution = solve(drawn, resolved.solution.theta, max_iterations=options.max_iterations, tolerance=options.tolerance)
     resolved = replace(resolved, solution=solution)

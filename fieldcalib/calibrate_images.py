@@ -14,6 +14,7 @@ from fieldcalib.profiles import Markings
 from fieldcalib.refine import agreement, refine_on_image
 from fieldcalib.result import Calibration, Status
 
+LEAST_PROBABILITY = 0.02  # that the camera is right to 1 m: what a network sees where there is no field has less
 LEAST_AGREEMENT = 0.1  # of an image with a camera; right cameras had 0.27 and more, even on frames 256 pixels wide
 
 
@@ -24,6 +25,7 @@ def calibrate_from_images(
     *,
     flags: int = DEFAULT_FLAGS,
     prior: Prior = ALL,
+    refine: bool = True,
 ) -> list[Calibration]:
     """Calibrate a camera for each of several images.
 
@@ -37,6 +39,8 @@ def calibrate_from_images(
         Finds the markings, e.g. `SegmentationNetwork.load()`.
     flags, prior
         As in `calibrate_from_segments`, for all images alike.
+    refine : bool
+        Whether white lines are looked for in the images (`refine_on_image`): nearer to the truth, at twice the time.
 
     Returns
     -------
@@ -77,20 +81,26 @@ def calibrate_from_images(
             weights=[part.weights for part in parts],
         )
         for index, part, calibration in zip(members, parts, first, strict=True):
-            image = images[index]
-            refined = refine_on_image(
-                object_segments, image, calibration, part.pixels, weights=part.weights, flags=flags, prior=prior
-            )
-            calibrations[index] = _doubted(object_segments, image, refined) if refined is calibration else refined
+            image, refined = images[index], calibration
+            if refine:
+                refined = refine_on_image(
+                    object_segments, image, calibration, part.pixels, weights=part.weights, flags=flags, prior=prior
+                )
+            calibrations[index] = _doubted(object_segments, image, refined)
     return [calibrations[index] for index in range(len(images))]
 
 
 def _doubted(object_segments: ObjectSegments, image: Image, calibration: Calibration) -> Calibration:
-    """The calibration, with the verdict that it is probably wrong where its image says so."""
+    """The calibration, with the verdict that it is probably wrong where its image or its probability says so."""
     if calibration.camera is None or not calibration.accepted:
         return calibration
     share = agreement(image, calibration.camera, Markings.of(object_segments))
-    if share >= LEAST_AGREEMENT:
+    probability = calibration.probability() if calibration.field is not None else 1.0
+    if share >= LEAST_AGREEMENT and probability >= LEAST_PROBABILITY:
         return calibration
-    message = f"the image shows lines at {100.0 * share:.0f} % of the markings in view; {calibration.message}"
-    return replace(calibration, status=Status.IMPROBABLE, message=message)
+    doubt = (
+        f"the image shows lines at {100.0 * share:.0f} % of the markings in view"
+        if share < LEAST_AGREEMENT
+        else f"right to 1 m with a probability of {probability:.2f}"
+    )
+    return replace(calibration, status=Status.IMPROBABLE, message=f"{doubt}; {calibration.message}")

@@ -144,4 +144,5 @@ def _calibrated(
         prior=prior,
         loss=RobustLoss("cauchy", LOSS_SCALE * pixel_unit(start.image_size)),
         weights={**weights, **weight_of_lines},
+        trust_labels=True,
     )

@@ -97,6 +97,16 @@ def add_network(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--threads", type=int, default=2, metavar="N", help="of the processor, for the network (2)")
 
 
+def add_refinement(parser: argparse.ArgumentParser) -> None:
+    """--no-refinement."""
+    parser.add_argument(
+        "--no-refinement",
+        dest="refine",
+        action="store_false",
+        help="do not look for the white lines in the image: quicker, and less exact",
+    )
+
+
 def load_network(options: argparse.Namespace) -> SegmentationNetwork:
     """The network that the options ask for."""
     return SegmentationNetwork.load(options.model, provider=options.provider, threads=options.threads)

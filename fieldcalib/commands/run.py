@@ -13,7 +13,7 @@ from fieldcalib.calibrate_images import calibrate_from_images
 from fieldcalib.commands.arguments import add_field_size
 from fieldcalib.commands.calibrate import LENSES
 from fieldcalib.commands.folder import broken_line, calibration_line, result_folder
-from fieldcalib.commands.frames import AT_ONCE, add_network, in_parts, load_network, opened
+from fieldcalib.commands.frames import AT_ONCE, add_network, add_refinement, in_parts, load_network, opened
 from fieldcalib.draw import draw_calibration
 from fieldcalib.field import soccer
 from fieldcalib.image import Image
@@ -47,6 +47,7 @@ def add_parser(commands: argparse._SubParsersAction[argparse.ArgumentParser]) ->
         help=f"where the camera stands: {', '.join([ALL, *DISTRIBUTIONS])}; none: solve without a prior (all)",
     )
     parser.add_argument("--lens", choices=LENSES, default="k1", help="radial lens: none, one or two coefficients (k1)")
+    add_refinement(parser)
     parser.set_defaults(run=run)
 
 
@@ -56,7 +57,8 @@ def run(options: argparse.Namespace) -> int:
 
     began = time.perf_counter()
     field, network = soccer(options.field_length, options.field_width), load_network(options)
-    flags, prior = LENSES[options.lens], None if options.prior == "none" else options.prior
+    prior = None if options.prior == "none" else options.prior
+    how = {"flags": LENSES[options.lens], "prior": prior, "refine": options.refine}
     calibrating, broken = 0.0, False
     with (
         opened(options.input) as source,
@@ -67,7 +69,7 @@ def run(options: argparse.Namespace) -> int:
         for part in in_parts(source.frames, AT_ONCE):
             images = [frame.image for frame in part if frame.image is not None]
             start = time.perf_counter()
-            calibrations = iter(calibrate_from_images(field, images, network, flags=flags, prior=prior))
+            calibrations = iter(calibrate_from_images(field, images, network, **how))
             calibrating += time.perf_counter() - start
             for frame in part:
                 if frame.image is None:

@@ -31,7 +31,7 @@ CAP = 1.5  # px at either end of a segment: the end of a band is round, or runs 
 SLICE = 2.5  # px: shortest slice; neighbouring pixels of a network err alike
 LEAST_SLICES, MOST_SLICES, MOST_ARC_SLICES = 2, 12, 20
 LEAST_SHARE = 0.3  # of a usual slice's mass
-PIXELS_PER_SEGMENT = 6.0  # so many points, all of them sure, weigh as much as a segment without a weight
+PIXELS_PER_SEGMENT = 20.0  # so many points, all of them sure, weigh as much as a segment without a weight
 
 
 def ridge_points(

@@ -1,0 +1,168 @@
+"""How right the cameras are that images alone give, where something is known of the true ones.
+
+    python -m data_tools.score_images keypoints FOLDER [--unlike TRAIN]
+    python -m data_tools.score_images homographies IMAGES ANNOTATIONS
+    python -m data_tools.score_images clip VIDEO CAMERAS.npz
+    python -m data_tools.score_images nonsense [--frames N]
+
+each with [--model FILE] [--no-refinement], and each prints a line of JSON.
+
+`keypoints`: frames with hand-labelled field points (`data_tools.labelled`), those with four points or more that can be
+trusted; with `--unlike` only frames of clips that are not in TRAIN. Of each frame the median distance of its points to
+their projections, in pixels of 1920x1080.
+
+`homographies`: IMAGES are ``<id>.png`` squashed from 1280x720, ANNOTATIONS ``<id>.homographyMatrix`` and ``<id>.json``,
+as of the World Cup 2014. IoU_part against the homographies, AC against the annotated segments.
+
+`clip`: a video of one camera that stands still: K is known of its first frames, R and t of the first one. Errors of
+focal length (percent) and position (metres): of the medians over these frames.
+
+`nonsense`: pictures without a field (`data_tools.nonsense`), and how many get a camera that is accepted.
+
+A frame is lost where no camera is accepted.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+from collections.abc import Iterable, Iterator, Sequence
+from itertools import islice
+from pathlib import Path
+
+import cv2
+import numpy as np
+
+from data_tools.labelled import clip_of, labelled_points
+from data_tools.measured_cameras import read_camera
+from data_tools.nonsense import nonsense
+from fieldcalib._types import Array
+from fieldcalib.calibrate_images import calibrate_from_images
+from fieldcalib.cli import run_command
+from fieldcalib.commands.arguments import count
+from fieldcalib.commands.frames import AT_ONCE, add_network, add_refinement, in_parts, load_network
+from fieldcalib.field import soccer
+from fieldcalib.image import Image
+from fieldcalib.io.images import VideoReader, parse_image
+from fieldcalib.io.soccernet import parse_annotation
+from fieldcalib.io.wc14 import parse_homography
+from fieldcalib.metrics import evaluate_segments, iou_part
+from fieldcalib.result import Calibration
+
+SIZE = (1280, 720)  # that squashed images are stretched to
+REPORTED_WIDTH = 1920.0
+LEAST_POINTS = 4
+
+
+def calibrated(images: Iterable[Image], options: argparse.Namespace) -> Iterator[Calibration]:
+    """The camera of each image, a few images at a time."""
+    field, network = soccer(), load_network(options)
+    for part in in_parts(images, AT_ONCE):
+        yield from calibrate_from_images(field, part, network, refine=options.refine)
+
+
+def stretched(path: Path) -> Image:
+    """A squashed image in its own shape."""
+    return np.asarray(cv2.resize(parse_image(path.read_bytes()), SIZE, interpolation=cv2.INTER_CUBIC), np.uint8)
+
+
+def keypoints(options: argparse.Namespace) -> int:
+    """Score frames with labelled points."""
+    seen = {clip_of(path) for path in options.unlike.glob("*.jpg")} if options.unlike else set()
+    frames: dict[Path, tuple[Array, Array]] = {}
+    for path in sorted(options.folder.glob("*.jpg")):
+        X, xy = labelled_points(path)
+        if len(X) >= LEAST_POINTS and clip_of(path) not in seen:
+            frames[path] = X, xy * SIZE
+    errors = []
+    for calibration, (X, xy) in zip(calibrated(map(stretched, frames), options), frames.values(), strict=True):
+        if calibration.accepted and calibration.camera is not None:
+            off = np.linalg.norm(calibration.camera.project(X) - xy, axis=1) * REPORTED_WIDTH / SIZE[0]
+            errors.append(float(np.median(np.nan_to_num(off, nan=np.inf))))
+    result = {"frames": len(frames), "lost": len(frames) - len(errors)}
+    print(json.dumps({**result, **_quantiles("px", errors, (0.5, 0.95, 1.0))}))
+    return 0
+
+
+def homographies(options: argparse.Namespace) -> int:
+    """Score frames with homographies and annotated segments."""
+    paths = sorted(options.images.glob("*.png"))
+    found = list(calibrated(map(stretched, paths), options))
+    truths = [parse_homography((options.annotations / f"{path.stem}.homographyMatrix").read_text()) for path in paths]
+    both = zip(found, truths, strict=True)
+    iou = [100.0 * iou_part(c.camera, H, SIZE) for c, H in both if c.accepted and c.camera is not None]
+    segments = [parse_annotation((options.annotations / f"{path.stem}.json").read_bytes(), SIZE) for path in paths]
+    evaluation = evaluate_segments([c.camera if c.accepted else None for c in found], segments, SIZE)
+    accuracy = {
+        f"AC@{t:g}": round(100.0 * float(a), 1) for t, a in zip(evaluation.thresholds, evaluation.accuracy, strict=True)
+    }
+    result = {"frames": len(paths), "lost": len(paths) - len(iou)}
+    shown = {"IoU_part_mean": round(float(np.mean(iou)), 1), "IoU_part_median": round(float(np.median(iou)), 1)}
+    print(json.dumps({**result, **(shown if iou else {}), **accuracy}))
+    return 0
+
+
+def clip(options: argparse.Namespace) -> int:
+    """Score a video of a measured camera."""
+    truth = read_camera(options.cameras)
+    with np.load(options.cameras) as arrays:
+        f = arrays["K"][:, 0, 0]
+    with VideoReader(options.video) as video:
+        found = list(calibrated(islice(video, len(f)), options))
+    cameras = [(c.camera, f[index]) for index, c in enumerate(found) if c.accepted and c.camera is not None]
+    off = [100.0 * (camera.focal_length / true - 1.0) for camera, true in cameras]
+    C = np.median([camera.C for camera, _ in cameras], axis=0) if cameras else np.full(3, np.nan)
+    result = {"frames": len(found), "lost": len(found) - len(cameras)}
+    shown = {
+        "focal_length_percent": round(float(np.median(off)), 2) if off else None,
+        "position_m": round(float(np.linalg.norm(C - truth.C)), 2) if off else None,
+    }
+    print(json.dumps({**result, **shown}))
+    return 0
+
+
+def no_field(options: argparse.Namespace) -> int:
+    """Count the cameras of pictures that show no field."""
+    images = (nonsense(seed) for seed in range(options.seed, options.seed + options.frames))
+    accepted = [c.probability() for c in calibrated(images, options) if c.accepted]
+    print(
+        json.dumps(
+            {"frames": options.frames, "accepted": len(accepted), "probabilities": np.round(accepted, 2).tolist()}
+        )
+    )
+    return 0
+
+
+def _quantiles(unit: str, values: Sequence[float], levels: Sequence[float]) -> dict[str, float]:
+    if not values:
+        return {}
+    found = np.quantile(values, levels)
+    return {f"{100.0 * level:g}_percent_{unit}": round(float(v), 2) for level, v in zip(levels, found, strict=True)}
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Print a line of JSON."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    commands = parser.add_subparsers(required=True, metavar="COMMAND")
+    for name, run in {"keypoints": keypoints, "homographies": homographies, "clip": clip, "nonsense": no_field}.items():
+        command = commands.add_parser(name, help=run.__doc__)
+        command.set_defaults(run=run)
+        add_network(command)
+        add_refinement(command)
+        if name == "keypoints":
+            command.add_argument("folder", type=Path, help="<name>.jpg and <name>.txt")
+            command.add_argument("--unlike", type=Path, metavar="TRAIN", help="leave out the clips of this folder")
+        elif name == "homographies":
+            command.add_argument("images", type=Path, help="<id>.png")
+            command.add_argument("annotations", type=Path, help="<id>.homographyMatrix and <id>.json")
+        elif name == "clip":
+            command.add_argument("video", type=Path)
+            command.add_argument("cameras", type=Path, help="<name>.npz")
+        else:
+            command.add_argument("--frames", type=count, default=500, help="(500)")
+            command.add_argument("--seed", type=int, default=0)
+    return run_command(parser.parse_args(arguments))
+
+
+if __name__ == "__main__":
+    raise SystemExit(main())
