@@ -180,7 +180,7 @@ def find_lines(image: Image, profiles: Profiles, reach: float) -> Array:
     deviation = np.median(np.abs(contrast - np.median(contrast, axis=1, keepdims=True)), axis=1)
     least = np.where(profiles.on_ground, LEAST_CONTRAST, LEAST_CONTRAST_RAISED)
     seen = allowed[row, best] & (peak >= np.maximum(before, after)) & (bend > 0.0)
-    seen &= (peak > np.maximum(least, LEAST_SIGNAL * deviation)) & (gate > width)
+    seen &= (peak > np.maximum(least, LEAST_SIGNAL * deviation)) & (profiles.room > width)
     vertex = 0.5 * (after - before) / np.where(bend > 0.0, bend, 1.0)
     found = np.where(seen, offset[row, best] + vertex * spacing, np.nan)
     return np.where(_agree(found, profiles.member, SAME_LINE * unit), found, np.nan)

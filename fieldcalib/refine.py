@@ -22,7 +22,7 @@ REACHES = (12.0, 4.0)  # px from the markings, the first and the second time
 OFF_LINE = 2.0  # px from the line at which a marking no longer agrees with it
 LOSS_SCALE = 2.0  # px: what was found is right to less, or is no line
 PROFILES_PER_SEGMENT = 5.0  # so many weigh as much as a segment without a weight
-LEAST_AGREEMENT = 0.4  # on broadcast frames 0.38 to 0.9 of cameras within 2 px, below 0.27 of 90 % of wrong ones
+LEAST_AGREEMENT = 0.35  # on broadcast frames 0.36 to 0.9 of cameras within 3 px, below 0.38 of 95 % of wrong ones
 
 GUESS = CalibrationFlags.CALIB_USE_INTRINSIC_GUESS | CalibrationFlags.CALIB_USE_EXTRINSIC_GUESS
 

@@ -219,6 +219,16 @@ def test_lines_are_found_to_a_fraction_of_a_pixel(truth):
     assert np.sqrt(np.mean(np.square(offset[found]))) < 0.25
 
 
+def test_a_line_wider_than_the_search_is_found():
+    truth = camera(0, 80, 5000, (0, 50, -12))
+    profiles = profiles_along(truth, MARKINGS)
+    middle = profiles.member == MARKINGS.labels.index("Middle line")
+    assert profiles.width[middle].min() > 7.0
+    offset = find_lines(render_field(truth, FIELD), profiles, 4.0)[middle]
+    assert np.mean(np.isfinite(offset)) > 0.7
+    assert np.nanmax(np.abs(offset)) < 1.0
+
+
 def test_a_shifted_line_is_found_where_it_is():
     truth = VIEWS["midfield"]
     image = np.roll(render_field(truth, FIELD), 6, axis=1)

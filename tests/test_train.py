@@ -94,7 +94,7 @@ def test_the_command(tmp_path, monkeypatch):
     pixels = images.numpy().astype(np.float32).transpose(0, 2, 3, 1) / 255.0
     image = ((pixels - about["mean"]) / about["std"]).transpose(0, 3, 1, 2).astype(np.float32)
     (logits,) = session.run(["logits"], {"image": image})
-    assert logits.shape == (2, 27, 144, 256)
+    assert logits.shape == (2, 27, 48, 80)
     training = Training.begin(0, CPU)
     training.load(out / "checkpoint.pt")
     with torch.inference_mode():
