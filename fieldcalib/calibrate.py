@@ -178,6 +178,7 @@ def calibrate_batch(
     prior: Prior = "all",
     loss: LossName | RobustLoss = "cauchy",
     tau: float | None = None,
+    trust_labels: bool = False,
     weights: Sequence[Weights] | None = None,
 ) -> list[Calibration]:
     """Calibrate many independent frames at once: the same as `calibrate_from_segments` on each, much faster.
@@ -190,7 +191,7 @@ def calibrate_batch(
         Pixels of each frame.
     image_size : (int, int)
         Width and height of every frame, pixels.
-    camera_matrix, dist_coeffs, flags, criteria, prior, loss, tau
+    camera_matrix, dist_coeffs, flags, criteria, prior, loss, tau, trust_labels
         As in `calibrate_from_segments`, for all frames alike.
     weights : sequence of mappings, optional
         As in `calibrate_from_segments`, for each frame.
@@ -241,7 +242,7 @@ def calibrate_batch(
     calibrations = [Calibration.without_camera(Status.TOO_FEW_SEGMENTS, NO_PIXELS) for _ in checked]
     for chunk in _chunks(object_segments, checked):
         members, their_shares = [checked[t] for t in chunk], [shares[t] for t in chunk]
-        found = _calibrate(object_segments, members, their_shares, options, solve_batch)
+        found = _calibrate(object_segments, members, their_shares, options, solve_batch, trust_labels=trust_labels)
         for t, calibration in zip(chunk, found, strict=True):
             calibrations[t] = calibration
     return calibrations

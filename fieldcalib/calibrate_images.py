@@ -14,7 +14,8 @@ from fieldcalib.profiles import Markings
 from fieldcalib.refine import agreement, refine_on_image
 from fieldcalib.result import Calibration, Status
 
-LEAST_PROBABILITY = 0.02  # that the camera is right to 1 m: what a network sees where there is no field has less
+LEAST_PROBABILITY = 0.5  # that the camera is right everywhere in view, else it is more probably wrong,
+METRES, METRES_REFINED = 3.0, 1.0  # to this much
 LEAST_AGREEMENT = 0.2  # of an image with a camera; right cameras had 0.34 and more, even on frames 256 pixels wide
 
 
@@ -79,6 +80,7 @@ def calibrate_from_images(
             flags=flags,
             prior=prior,
             weights=[part.weights for part in parts],
+            trust_labels=True,
         )
         for index, part, calibration in zip(members, parts, first, strict=True):
             image, refined = images[index], calibration
@@ -86,21 +88,22 @@ def calibrate_from_images(
                 refined = refine_on_image(
                     object_segments, image, calibration, part.pixels, weights=part.weights, flags=flags, prior=prior
                 )
-            calibrations[index] = _doubted(object_segments, image, refined)
+            metres = METRES if refined is calibration else METRES_REFINED
+            calibrations[index] = _doubted(object_segments, image, refined, metres)
     return [calibrations[index] for index in range(len(images))]
 
 
-def _doubted(object_segments: ObjectSegments, image: Image, calibration: Calibration) -> Calibration:
+def _doubted(object_segments: ObjectSegments, image: Image, calibration: Calibration, metres: float) -> Calibration:
     """The calibration, with the verdict that it is probably wrong where its image or its probability says so."""
     if calibration.camera is None or not calibration.accepted:
         return calibration
     share = agreement(image, calibration.camera, Markings.of(object_segments))
-    probability = calibration.probability() if calibration.field is not None else 1.0
+    probability = calibration.probability(metres) if calibration.field is not None else 1.0
     if share >= LEAST_AGREEMENT and probability >= LEAST_PROBABILITY:
         return calibration
     doubt = (
         f"the image shows lines at {100.0 * share:.0f} % of the markings in view"
         if share < LEAST_AGREEMENT
-        else f"right to 1 m with a probability of {probability:.2f}"
+        else f"right to {metres:g} m with a probability of {probability:.2f}"
     )
     return replace(calibration, status=Status.IMPROBABLE, message=f"{doubt}; {calibration.message}")
