@@ -15,7 +15,8 @@ their projections, in pixels of 1920x1080.
 as of the World Cup 2014. IoU_part against the homographies, AC against the annotated segments.
 
 `clip`: a video of one camera that stands still: K is known of its first frames, R and t of the first one. Errors of
-focal length (percent) and position (metres): of the medians over these frames.
+focal length (percent) and position (metres), of the medians over these frames, each with the standard deviation that a
+frame expects.
 
 `nonsense`: pictures without a field (`data_tools.nonsense`), and how many get a camera that is accepted.
 
@@ -47,6 +48,7 @@ from fieldcalib.io.images import VideoReader, parse_image
 from fieldcalib.io.soccernet import parse_annotation
 from fieldcalib.io.wc14 import parse_homography
 from fieldcalib.metrics import evaluate_segments, iou_part
+from fieldcalib.parameters import CENTER, LOG_F
 from fieldcalib.result import Calibration
 
 SIZE = (1280, 720)  # that squashed images are stretched to
@@ -109,15 +111,18 @@ def clip(options: argparse.Namespace) -> int:
         f = arrays["K"][:, 0, 0]
     with VideoReader(options.video) as video:
         found = list(calibrated(islice(video, len(f)), options))
-    cameras = [(c.camera, f[index]) for index, c in enumerate(found) if c.accepted and c.camera is not None]
-    off = [100.0 * (camera.focal_length / true - 1.0) for camera, true in cameras]
-    C = np.median([camera.C for camera, _ in cameras], axis=0) if cameras else np.full(3, np.nan)
-    result = {"frames": len(found), "lost": len(found) - len(cameras)}
-    shown = {
-        "focal_length_percent": round(float(np.median(off)), 2) if off else None,
-        "position_m": round(float(np.linalg.norm(C - truth.C)), 2) if off else None,
-    }
-    print(json.dumps({**result, **shown}))
+    accepted = [(c, true) for c, true in zip(found, f, strict=True) if c.accepted]
+    result: dict[str, object] = {"frames": len(found), "lost": len(found) - len(accepted)}
+    if accepted:
+        cameras = [c.uncertainty.camera for c, _ in accepted]
+        sigma = np.median([np.sqrt(np.diagonal(c.covariance)) for c, _ in accepted], axis=0)
+        off = [camera.focal_length / true - 1.0 for camera, (_, true) in zip(cameras, accepted, strict=True)]
+        C = np.median([camera.C for camera in cameras], axis=0)
+        result |= {
+            "focal_length_percent": [round(100.0 * float(v), 2) for v in (np.median(off), sigma[LOG_F])],
+            "position_m": [round(float(np.linalg.norm(v)), 2) for v in (C - truth.C, sigma[CENTER])],
+        }
+    print(json.dumps(result))
     return 0
 
 

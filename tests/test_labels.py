@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 from synthetic import observe, whole_circle_markings
 
+from fieldcalib.calibrate import calibrate_batch
 from fieldcalib.camera import Camera
 from fieldcalib.field import soccer
 from fieldcalib.labels import SuspectLabel, renamed, resolve_labels
@@ -134,3 +135,10 @@ def test_renamed_joins_what_belongs_to_one_segment():
 
 def test_suspects_in_words():
     assert str(SuspectLabel("Circle left", None, 31.4)) == "'Circle left' lies 31 px off: no other label fits"
+
+
+def test_trusted_labels_are_not_doubted():
+    frame = relabelled(clean(LEFT), {"Goal left post left": "Goal right post left"})
+    doubted, trusted = (calibrate_batch(FIELD, [frame], SIZE, trust_labels=trust)[0] for trust in (False, True))
+    assert [suspect.label for suspect in doubted.suspect_labels] == ["Goal right post left"]
+    assert trusted.suspect_labels == ()

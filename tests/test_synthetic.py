@@ -166,3 +166,9 @@ def test_the_contact_sheet(tmp_path, monkeypatch):
     monkeypatch.setattr("data_tools.synthetic.__main__.ROWS", 1)
     assert main(["--sheet", str(tmp_path / "sheet.png")]) == 0
     assert (tmp_path / "sheet.png").stat().st_size > 10000
+
+
+def test_frames_may_be_larger_than_those_of_training():
+    for seed in range(40):
+        made = frame(seed, (1280, 720))
+        assert made.image.shape == (720, 1280, 3)

@@ -7,7 +7,7 @@ import string
 import cv2
 import numpy as np
 
-from data_tools.synthetic.colours import GREY, noise_tile, random_colour, vivid_colour
+from data_tools.synthetic.colours import GREY, NOISE_SIZE, noise_tile, random_colour, vivid_colour
 from fieldcalib._types import BoolArray, Float32
 from fieldcalib.image import Image
 
@@ -73,7 +73,7 @@ def random_picture(size: tuple[int, int], rng: np.random.Generator) -> Image:
     if rng.random() < 0.4:
         corners[:] = random_colour(rng, (70.0, 130.0), (0.4, 0.9), (0.25, 0.7))
     picture = np.asarray(cv2.resize(corners, size, interpolation=cv2.INTER_LINEAR), np.float32)
-    zoom = rng.uniform(1.0, 4.0)
+    zoom = rng.uniform(1.0, 4.0) * max(1.0, width / NOISE_SIZE)
     tile = np.asarray(cv2.resize(noise_tile(), None, fx=zoom, fy=zoom), np.float32)
     picture += rng.uniform(0.0, 40.0) * tile[:height, :width, None]
     if rng.random() < 0.4:  # a crowd, out of focus or not

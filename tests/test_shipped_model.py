@@ -1,0 +1,53 @@
+"""The network that comes with the package, on frames that it was not trained on."""
+
+import json
+
+import numpy as np
+import pytest
+
+from data_tools import score_images
+from data_tools.nonsense import nonsense
+from data_tools.synthetic import CLASSES, frame
+from fieldcalib.calibrate_images import calibrate_from_images
+from fieldcalib.field import soccer
+from fieldcalib.localize import BACKGROUND, SegmentationNetwork
+from fieldcalib.localize.network import SHIPPED
+
+CLEAR = (5005, 5025, 5035)  # seeds of synthetic frames with many markings in view
+MEGABYTE = 1 << 20
+
+
+@pytest.fixture(scope="module")
+def network():
+    return SegmentationNetwork.load()
+
+
+def test_it_is_small_and_knows_all_segments(network):
+    assert len(SHIPPED.read_bytes()) < 10 * MEGABYTE
+    assert network.classes == (BACKGROUND, *CLASSES)
+
+
+@pytest.mark.parametrize("seed", CLEAR)
+def test_synthetic_frames_get_their_cameras(network, seed):
+    made = frame(seed, (1280, 720))
+    (calibration,) = calibrate_from_images(soccer(), [made.image], network)
+    assert calibration.accepted
+    X = np.concatenate([segment.sample(2.0) for segment in made.field.markings.values()])
+    seen, found = made.camera.project(X), calibration.camera.project(X)
+    inside = np.all((seen >= 0.0) & (seen < (1280, 720)), axis=1)
+    assert np.median(np.linalg.norm(found - seen, axis=1)[inside]) < 8.0  # the field's size is not known
+
+
+@pytest.mark.parametrize("seed", range(14))
+def test_no_field_no_camera(network, seed):
+    (calibration,) = calibrate_from_images(soccer(), [nonsense(seed)], network)
+    assert not calibration.accepted
+
+
+def test_real_frames_agree_with_their_labelled_points(network, shared_data, capsys):
+    assert score_images.main(["keypoints", str(shared_data / "pitch-keypoints" / "valid")]) == 0
+    row = json.loads(capsys.readouterr().out)
+    assert row["lost"] <= 4
+    assert row["50_percent_px"] < 5.0
+    assert row["95_percent_px"] < 10.0
+    assert row["100_percent_px"] < 50.0
