@@ -30,12 +30,12 @@ def test_it_is_small_and_knows_all_segments(network):
 @pytest.mark.parametrize("seed", CLEAR)
 def test_synthetic_frames_get_their_cameras(network, seed):
     made = frame(seed, (1280, 720))
-    (calibration,) = calibrate_from_images(soccer(), [made.image], network)
+    (calibration,) = calibrate_from_images(made.field, [made.image], network)
     assert calibration.accepted
     X = np.concatenate([segment.sample(2.0) for segment in made.field.markings.values()])
     seen, found = made.camera.project(X), calibration.camera.project(X)
     inside = np.all((seen >= 0.0) & (seen < (1280, 720)), axis=1)
-    assert np.median(np.linalg.norm(found - seen, axis=1)[inside]) < 8.0  # the field's size is not known
+    assert np.median(np.linalg.norm(found - seen, axis=1)[inside]) < 2.0
 
 
 @pytest.mark.parametrize("seed", range(14))
