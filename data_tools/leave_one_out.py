@@ -19,8 +19,7 @@ import numpy as np
 from fieldcalib._types import Array
 from fieldcalib.calibrate import calibrate_batch
 from fieldcalib.cli import run_command
-from fieldcalib.commands.arguments import image_size
-from fieldcalib.commands.calibrate import LENSES
+from fieldcalib.commands.arguments import LENSES, image_size
 from fieldcalib.commands.folder import read_frames
 from fieldcalib.field import Field, soccer
 from fieldcalib.field_size import estimate_field_size

@@ -22,8 +22,7 @@ from fieldcalib._types import Array
 from fieldcalib.calibrate import calibrate_batch
 from fieldcalib.camera import Camera
 from fieldcalib.cli import run_command
-from fieldcalib.commands.arguments import count, positive
-from fieldcalib.commands.calibrate import LENSES
+from fieldcalib.commands.arguments import LENSES, count, positive
 from fieldcalib.demo import observe
 from fieldcalib.field import Field, soccer
 from fieldcalib.options import CalibrationFlags

@@ -1,6 +1,7 @@
 """Pictures that show no field of play, for which no camera must be invented: seeded and endless.
 
-Textures, grass without lines, crowds, and drawings of other lines: boards, street grids, courts of other shapes.
+Textures, grass without lines, crowds, and drawings of other lines: boards, street grids, courts of other shapes. They
+are not those of `data_tools.synthetic`, on which networks are trained.
 """
 
 from __future__ import annotations

@@ -1,7 +1,7 @@
 """From labelled pixels to a camera: the whole flow.
 
     checked pixels -> starting cameras -> wide loss, all starts -> the best plausible one -> narrow loss
-                   -> labels that lie -> verdict
+                   -> labels that lie -> ends of segments -> verdict
 
 One frame is finished by SciPy's `least_squares`, many frames by the batched Levenberg-Marquardt; both minimise the same
 cost.
@@ -49,11 +49,9 @@ FIRST_ITERATIONS = 6  # for every start
 PROMISING = 3  # starts of a frame that go on
 WIDE_ITERATIONS = 30
 WIDE_TOLERANCE = 1e-3  # the narrow stage does the rest
+LITTLE = 0.5  # of the prior's variance: if more of it is left, the labels say little about the lens
 OTHER_SIDE_FITS = "the camera across the field, turned by 180 degrees, fits as well"
 NO_PIXELS = "no labelled pixels: nothing to calibrate from"
-
-
-LITTLE = 0.5  # of the prior's variance: if more of it is left, the labels say little about the lens
 
 
 class Solver(Protocol):
@@ -402,7 +400,9 @@ def _judge(
     kept = known_by_labels[options.free]
     weakest = weakest_directions(information[:, kept][:, :, kept], prior.sigma[:, known_by_labels], known_by_labels)
     fitted = segment_errors(feet.r, problem.observations, resolved.frames)
-    given = segment_errors(segment_residuals(theta, observations), observations, frames)
+    given = fitted
+    if resolved.frames is not frames:
+        given = segment_errors(segment_residuals(theta, observations), observations, frames)
 
     other = other_side(object_segments, problem.observations, theta, options)
     solved = Solved(drawn, theta, prior.sigma)

@@ -73,7 +73,7 @@ def calibrate_from_images(
     calibrations: dict[int, Calibration] = {}
     for size, members in by_size.items():
         parts = [found[index] for index in members]
-        first = calibrate_batch(
+        from_labels = calibrate_batch(
             object_segments,
             [part.pixels for part in parts],
             size,
@@ -82,28 +82,27 @@ def calibrate_from_images(
             weights=[part.weights for part in parts],
             trust_labels=True,
         )
-        for index, part, calibration in zip(members, parts, first, strict=True):
-            image, refined = images[index], calibration
+        for index, part, first in zip(members, parts, from_labels, strict=True):
+            image, calibration = images[index], first
             if refine:
-                refined = refine_on_image(
-                    object_segments, image, calibration, part.pixels, weights=part.weights, flags=flags, prior=prior
+                calibration = refine_on_image(
+                    object_segments, image, first, part.pixels, weights=part.weights, flags=flags, prior=prior
                 )
-            metres = METRES if refined is calibration else METRES_REFINED
-            calibrations[index] = _doubted(object_segments, image, refined, metres)
+            is_refined = calibration is not first
+            if not is_refined:  # otherwise its image agrees with it
+                calibration = _looked_at(object_segments, image, calibration)
+            if calibration.accepted and calibration.field is not None:
+                calibration = calibration.doubted(LEAST_PROBABILITY, METRES_REFINED if is_refined else METRES)
+            calibrations[index] = calibration
     return [calibrations[index] for index in range(len(images))]
 
 
-def _doubted(object_segments: ObjectSegments, image: Image, calibration: Calibration, metres: float) -> Calibration:
-    """The calibration, with the verdict that it is probably wrong where its image or its probability says so."""
+def _looked_at(object_segments: ObjectSegments, image: Image, calibration: Calibration) -> Calibration:
+    """The calibration, with the verdict that it is probably wrong if its image shows no lines where it has markings."""
     if calibration.camera is None or not calibration.accepted:
         return calibration
     share = agreement(image, calibration.camera, Markings.of(object_segments))
-    probability = calibration.probability(metres) if calibration.field is not None else 1.0
-    if share >= LEAST_AGREEMENT and probability >= LEAST_PROBABILITY:
+    if share >= LEAST_AGREEMENT:
         return calibration
-    doubt = (
-        f"the image shows lines at {100.0 * share:.0f} % of the markings in view"
-        if share < LEAST_AGREEMENT
-        else f"right to {metres:g} m with a probability of {probability:.2f}"
-    )
+    doubt = f"the image shows lines at {100.0 * share:.0f} % of the markings in view"
     return replace(calibration, status=Status.IMPROBABLE, message=f"{doubt}; {calibration.message}")

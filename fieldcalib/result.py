@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from dataclasses import field as attribute
 from enum import StrEnum
 from functools import cached_property
@@ -172,6 +172,30 @@ class Calibration:
         if self.status is Status.IMPLAUSIBLE:
             return 0.0
         return probability_right(self._evidence, metres) / (1 + len(self.alternatives))
+
+    def doubted(self, least: float, metres: float = 1.0) -> Calibration:
+        """The same, with the verdict that it is probably wrong if its `probability` is below `least`.
+
+        What has no camera with an uncertainty, or was rejected already, stays as it is.
+
+        Raises
+        ------
+        ValueError
+            As `probability`.
+
+        Examples
+        --------
+        >>> nothing = Calibration.without_camera(Status.TOO_FEW_SEGMENTS, "no labelled pixels")
+        >>> nothing.doubted(0.5) is nothing
+        True
+        """
+        if self.solved is None or self.status is Status.REJECTED:
+            return self
+        probability = self.probability(metres)
+        if probability >= least:
+            return self
+        doubt = f"right to {metres:g} m with a probability of {probability:.2f}, below {least:g}"
+        return replace(self, status=Status.IMPROBABLE, message=f"{doubt}; {self.message}")
 
     @cached_property
     def _evidence(self) -> Array:

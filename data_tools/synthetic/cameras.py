@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from data_tools.random_frames import LENS_SPREAD, PRINCIPAL_POINT_SPREAD, STRONGEST_LENS
 from fieldcalib.camera import Camera
 from fieldcalib.field import GOAL_HEIGHT, Field, soccer
 from fieldcalib.parameters import (
@@ -50,8 +51,7 @@ STANDS = {
 }
 AIMED_SHARE = 0.75  # of the cameras look at a point of the field, the others wherever their distribution says
 ROLL_SIGMA, LEVEL_SHARE = np.radians(0.7), 0.85
-LENS_SPREAD, STRONG_LENS_SHARE, STRONGEST_LENS = 0.018, 0.15, 0.1  # of a1, see `fieldcalib.distortion`
-PRINCIPAL_POINT_SPREAD = (0.010, 0.015)  # of the width: measured cameras are up to 0.035 off
+STRONG_LENS_SHARE = 0.15  # of the lenses are anything up to the strongest
 SQUEEZED_SHARE, SQUEEZE = 0.08, 4.0 / 3.0  # fy / fx of 4:3 pictures stretched to 16:9
 STANDARD_SHARE, LAW_SHARE = 0.5, 0.15  # 105 x 68 m; anything that the law allows; the rest is international
 LEAST_MARKINGS, LEAST_EXTENT = 2, 0.04  # in view, and how much of the image's width each spans

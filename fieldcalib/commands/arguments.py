@@ -5,6 +5,16 @@ from pathlib import Path
 
 import numpy as np
 
+from fieldcalib.options import ALL, DEFAULT_FLAGS, PINHOLE_FLAGS, CalibrationFlags, Prior
+from fieldcalib.parameters import DISTRIBUTIONS
+
+LENSES = {
+    "none": PINHOLE_FLAGS,
+    "k1": DEFAULT_FLAGS,
+    "k1k2": DEFAULT_FLAGS & ~CalibrationFlags.CALIB_FIX_K2,
+}
+NO_PRIOR = "none"
+
 
 def positive(text: str) -> float:
     """A positive number, for argparse."""
@@ -52,6 +62,24 @@ def add_input_and_output(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--size", required=True, type=image_size, metavar="WxH", help="of the images, e.g. 960x540")
     parser.add_argument("--out", required=True, type=Path, metavar="DIR", help="where the results go")
     parser.add_argument("--strict", action="store_true", help="stop at the first broken file, write nothing")
+
+
+def add_camera(parser: argparse.ArgumentParser, **more_priors: str) -> None:
+    """--prior, with more choices and what each of them means, and --lens."""
+    meanings = [", ".join([ALL, *DISTRIBUTIONS]), *(f"{name}: {meaning}" for name, meaning in more_priors.items())]
+    parser.add_argument(
+        "--prior",
+        default=ALL,
+        choices=[ALL, *DISTRIBUTIONS, *more_priors, NO_PRIOR],
+        metavar="NAME",
+        help=f"where the camera stands: {'; '.join(meanings)}; {NO_PRIOR}: solve without a prior ({ALL})",
+    )
+    parser.add_argument("--lens", choices=LENSES, default="k1", help="radial lens: none, one or two coefficients (k1)")
+
+
+def prior_of(options: argparse.Namespace) -> Prior:
+    """What --prior asks for."""
+    return None if options.prior == NO_PRIOR else str(options.prior)
 
 
 def add_field_size(parser: argparse.ArgumentParser) -> None:

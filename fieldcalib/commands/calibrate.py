@@ -5,25 +5,26 @@ from __future__ import annotations
 import argparse
 import sys
 from collections.abc import Sequence
-from dataclasses import replace
 from typing import Any
 
 from fieldcalib.calibrate import calibrate_batch
-from fieldcalib.commands.arguments import add_field_size, add_input_and_output, positive, probability
+from fieldcalib.commands.arguments import (
+    LENSES,
+    add_camera,
+    add_field_size,
+    add_input_and_output,
+    positive,
+    prior_of,
+    probability,
+)
 from fieldcalib.commands.folder import AT_ONCE, by_prior, calibrate_folder
 from fieldcalib.field import soccer
 from fieldcalib.field_size import FieldSize, estimate_field_size
 from fieldcalib.io.soccernet import CAMERA_TYPES, DISTRIBUTIONS_OF_TYPE, read_camera_types
-from fieldcalib.options import ALL, DEFAULT_FLAGS, PINHOLE_FLAGS, CalibrationFlags, Prior
-from fieldcalib.parameters import DISTRIBUTIONS
-from fieldcalib.result import Calibration, Status
+from fieldcalib.options import ALL, Prior
+from fieldcalib.result import Calibration
 from fieldcalib.segments import Pixels
 
-LENSES = {
-    "none": PINHOLE_FLAGS,
-    "k1": DEFAULT_FLAGS,
-    "k1k2": DEFAULT_FLAGS & ~CalibrationFlags.CALIB_FIX_K2,
-}
 STACKED = "stacked"  # the paper's name for the case that the kind of camera is known frame by frame
 SHARED = "shared"
 SEE_ONE_PITCH = {"each": 1, SHARED: sys.maxsize}  # frames at once
@@ -45,14 +46,7 @@ def add_parser(commands: argparse._SubParsersAction[argparse.ArgumentParser]) ->
         help="estimate length and width too, near --field-length and --field-width; each: frame by frame; shared: of "
         "the one pitch that all frames show (off)",
     )
-    parser.add_argument(
-        "--prior",
-        default=ALL,
-        choices=[ALL, *DISTRIBUTIONS, STACKED, "none"],
-        metavar="NAME",
-        help=f"where the camera stands: {', '.join([ALL, *DISTRIBUTIONS])}; {STACKED}: as {CAMERA_TYPES} in INPUT says "
-        f"of each frame; none: solve without a prior (all)",
-    )
+    add_camera(parser, **{STACKED: f"as {CAMERA_TYPES} in INPUT says of each frame"})
     parser.add_argument(
         "--tau", type=positive, metavar="T", help="reject frames whose NDC loss is above; the paper's is 0.019 (off)"
     )
@@ -62,7 +56,6 @@ def add_parser(commands: argparse._SubParsersAction[argparse.ArgumentParser]) ->
         metavar="P",
         help="reject cameras that are less probably right to 1 m everywhere in view (off)",
     )
-    parser.add_argument("--lens", choices=LENSES, default="k1", help="radial lens: none, one or two coefficients (k1)")
     parser.set_defaults(run=run)
 
 
@@ -73,10 +66,10 @@ def run(options: argparse.Namespace) -> int:
     field = soccer(options.field_length, options.field_width)
     types = read_camera_types(options.input) if options.prior == STACKED else {}
 
-    def prior_of(id: str) -> Prior:
+    def prior_of_frame(id: str) -> Prior:
         if options.prior == STACKED:
             return DISTRIBUTIONS_OF_TYPE.get(types.get(id, ""), ALL)
-        return None if options.prior == "none" else str(options.prior)
+        return prior_of(options)
 
     how = {"flags": LENSES[options.lens], "tau": options.tau}
     details: dict[str, dict[str, Any]] = {}
@@ -85,7 +78,7 @@ def run(options: argparse.Namespace) -> int:
         return calibrate_batch(field, frames, options.size, prior=prior, **how)
 
     def on_free_field(frames: dict[str, Pixels]) -> Sequence[Calibration]:
-        (prior,) = {prior_of(id) for id in frames}
+        (prior,) = {prior_of_frame(id) for id in frames}
         found = estimate_field_size(field, list(frames.values()), options.size, prior=prior, **how)
         details.update(dict.fromkeys(frames, _of_field_size(found)))
         if options.free_field_size == SHARED:
@@ -94,8 +87,9 @@ def run(options: argparse.Namespace) -> int:
 
     def method(frames: dict[str, Pixels]) -> Sequence[Calibration]:
         free = options.free_field_size is not None
-        found = on_free_field(frames) if free else by_prior(frames, prior_of, calibrate_part)
-        return found if options.least_probability is None else [_doubted(c, options.least_probability) for c in found]
+        found = on_free_field(frames) if free else by_prior(frames, prior_of_frame, calibrate_part)
+        least = options.least_probability
+        return found if least is None else [calibration.doubted(least) for calibration in found]
 
     at_once = SEE_ONE_PITCH.get(options.free_field_size, AT_ONCE)
     return calibrate_folder(options, field, method, at_once=at_once, details=details)
@@ -109,11 +103,3 @@ def _of_field_size(found: FieldSize) -> dict[str, Any]:
         "field_standard_deviations": found.std_deviations.tolist(),
         "field_from_labels": found.from_labels.tolist(),
     }
-
-
-def _doubted(calibration: Calibration, least: float) -> Calibration:
-    """The calibration, with the verdict that it is probably wrong where it is."""
-    if calibration.solved is None or calibration.status is Status.REJECTED or calibration.probability() >= least:
-        return calibration
-    message = f"right to 1 m with a probability of {calibration.probability():.2f}, below {least:g}"
-    return replace(calibration, status=Status.IMPROBABLE, message=f"{message}; {calibration.message}")

@@ -10,16 +10,13 @@ from pathlib import Path
 from typing import TypeAlias
 
 from fieldcalib.calibrate_images import calibrate_from_images
-from fieldcalib.commands.arguments import add_field_size
-from fieldcalib.commands.calibrate import LENSES
+from fieldcalib.commands.arguments import LENSES, add_camera, add_field_size, prior_of
 from fieldcalib.commands.folder import broken_line, calibration_line, result_folder
 from fieldcalib.commands.frames import AT_ONCE, add_network, add_refinement, in_parts, load_network, opened
 from fieldcalib.draw import draw_calibration
 from fieldcalib.field import soccer
 from fieldcalib.image import Image
 from fieldcalib.io.images import OVERLAY, VideoWriter, write_image
-from fieldcalib.options import ALL
-from fieldcalib.parameters import DISTRIBUTIONS
 
 Write: TypeAlias = Callable[[str, Image], None]
 
@@ -39,14 +36,7 @@ def add_parser(commands: argparse._SubParsersAction[argparse.ArgumentParser]) ->
     parser.add_argument("--out", required=True, type=Path, metavar="DIR", help="where the results go")
     add_network(parser)
     add_field_size(parser)
-    parser.add_argument(
-        "--prior",
-        default=ALL,
-        choices=[ALL, *DISTRIBUTIONS, "none"],
-        metavar="NAME",
-        help=f"where the camera stands: {', '.join([ALL, *DISTRIBUTIONS])}; none: solve without a prior (all)",
-    )
-    parser.add_argument("--lens", choices=LENSES, default="k1", help="radial lens: none, one or two coefficients (k1)")
+    add_camera(parser)
     add_refinement(parser)
     parser.set_defaults(run=run)
 
@@ -57,8 +47,7 @@ def run(options: argparse.Namespace) -> int:
 
     began = time.perf_counter()
     field, network = soccer(options.field_length, options.field_width), load_network(options)
-    prior = None if options.prior == "none" else options.prior
-    how = {"flags": LENSES[options.lens], "prior": prior, "refine": options.refine}
+    how = {"flags": LENSES[options.lens], "prior": prior_of(options), "refine": options.refine}
     calibrating, broken = 0.0, False
     with (
         opened(options.input) as source,
