@@ -4,11 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
+from functools import partial
 
 from fieldcalib.calibrate import calibrate_batch
 from fieldcalib.field import ObjectSegments
+from fieldcalib.hypotheses import calibrate_from_consensus
 from fieldcalib.image import Image
-from fieldcalib.localize import Network, localize
+from fieldcalib.localize import Localization, Network, localize
 from fieldcalib.options import ALL, DEFAULT_FLAGS, Prior
 from fieldcalib.profiles import Markings
 from fieldcalib.refine import agreement, refine_on_image
@@ -83,26 +85,41 @@ def calibrate_from_images(
             trust_labels=True,
         )
         for index, part, first in zip(members, parts, from_labels, strict=True):
-            image, calibration = images[index], first
-            if refine:
-                calibration = refine_on_image(
-                    object_segments, image, first, part.pixels, weights=part.weights, flags=flags, prior=prior
+            look = partial(_looked_at, object_segments, images[index], part, flags=flags, prior=prior, refine=refine)
+            calibration = look(first)
+            if not calibration.accepted:
+                some = calibrate_from_consensus(
+                    object_segments, images[index], part.pixels, part.weights, flags=flags, prior=prior
                 )
-            is_refined = calibration is not first
-            if not is_refined:  # otherwise its image agrees with it
-                calibration = _looked_at(object_segments, image, calibration)
-            if calibration.accepted and calibration.field is not None:
-                calibration = calibration.doubted(LEAST_PROBABILITY, METRES_REFINED if is_refined else METRES)
+                other = look(some) if some is not None else calibration
+                calibration = other if other.accepted else calibration
             calibrations[index] = calibration
     return [calibrations[index] for index in range(len(images))]
 
 
-def _looked_at(object_segments: ObjectSegments, image: Image, calibration: Calibration) -> Calibration:
-    """The calibration, with the verdict that it is probably wrong if its image shows no lines where it has markings."""
-    if calibration.camera is None or not calibration.accepted:
-        return calibration
-    share = agreement(image, calibration.camera, Markings.of(object_segments))
-    if share >= LEAST_AGREEMENT:
-        return calibration
-    doubt = f"the image shows lines at {100.0 * share:.0f} % of the markings in view"
-    return replace(calibration, status=Status.IMPROBABLE, message=f"{doubt}; {calibration.message}")
+def _looked_at(
+    object_segments: ObjectSegments,
+    image: Image,
+    found: Localization,
+    calibration: Calibration,
+    *,
+    flags: int,
+    prior: Prior,
+    refine: bool,
+) -> Calibration:
+    """The calibration refined, and probably wrong where its image or its probability says so."""
+    refined = calibration
+    if refine:
+        refined = refine_on_image(
+            object_segments, image, calibration, found.pixels, weights=found.weights, flags=flags, prior=prior
+        )
+    if refined.camera is None or not refined.accepted:
+        return refined
+    if refined is calibration:  # otherwise the image agrees with it
+        share = agreement(image, refined.camera, Markings.of(object_segments))
+        if share < LEAST_AGREEMENT:
+            doubt = f"the image shows lines at {100.0 * share:.0f} % of the markings in view"
+            return replace(refined, status=Status.IMPROBABLE, message=f"{doubt}; {refined.message}")
+    if refined.field is None:
+        return refined
+    return refined.doubted(LEAST_PROBABILITY, METRES if refined is calibration else METRES_REFINED)

@@ -19,7 +19,6 @@ from fieldcalib.segments import ImageSegments, Pixels, Weights, check_segments
 
 # Pixels are those of a 960 x 540 image; larger ones have more.
 REACHES = (12.0, 4.0)  # px from the markings, the first and the second time
-OFF_LINE = 2.0  # px from the line at which a marking no longer agrees with it
 LOSS_SCALE = 2.0  # px: what was found is right to less, or is no line
 PROFILES_PER_SEGMENT = 5.0  # so many weigh as much as a segment without a weight
 LEAST_AGREEMENT = 0.35  # on broadcast frames 0.36 to 0.9 of cameras within 3 px, below 0.38 of 95 % of wrong ones
@@ -99,14 +98,14 @@ def refine_on_image(
     return refined if agreement(image, camera, markings) >= least else calibration
 
 
-def agreement(image: Image, camera: Camera, markings: Markings) -> float:
+def agreement(image: Image, camera: Camera, markings: Markings, reach: float = REACHES[-1]) -> float:
     """How well an image agrees with a camera, from 0 to 1: how near to its lines the projected markings are.
 
-    The mean over profiles across the markings in view; one that shows no line, or shows it 2 px away in an image of
-    960x540, counts 0.
+    The mean over profiles across the markings in view; one that shows no line, or shows it half of `reach` away (2 px
+    in an image of 960x540), counts 0.
     """
-    offset = find_lines(image, profiles_along(camera, markings), REACHES[-1])
-    share = np.maximum(1.0 - np.abs(offset) / (OFF_LINE * pixel_unit(camera.image_size)), 0.0)
+    offset = find_lines(image, profiles_along(camera, markings), reach)
+    share = np.maximum(1.0 - np.abs(offset) / (0.5 * reach * pixel_unit(camera.image_size)), 0.0)
     return float(np.mean(np.nan_to_num(share))) if len(share) else 0.0
 
 

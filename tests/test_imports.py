@@ -51,6 +51,7 @@ FLOORS = {
     "localize": 6,
     "profiles": 6,
     "refine": 6,
+    "hypotheses": 6,
     "io": 6,
     "demo": 6,
     "commands": 6,

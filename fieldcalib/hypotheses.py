@@ -1,0 +1,93 @@
+"""Cameras from a few segments each, for an image whose segments do not fit together.
+
+Hypothesise and verify, with the image as the judge: a network that takes a mowing pattern for a penalty area does so
+for several of its lines, and these agree with one another, though not with the white lines.
+"""
+
+from __future__ import annotations
+
+from itertools import combinations
+
+import numpy as np
+
+from fieldcalib._types import Array
+from fieldcalib.calibrate import calibrate_batch, calibrate_from_segments
+from fieldcalib.calibrate_homography import judged_camera
+from fieldcalib.field import Field, ObjectSegments
+from fieldcalib.image import Image
+from fieldcalib.options import Prior, pixel_unit
+from fieldcalib.profiles import Markings
+from fieldcalib.refine import REACHES, agreement
+from fieldcalib.result import Calibration
+from fieldcalib.segments import Pixels
+
+HEAVIEST = 6  # segments, by the weight of their pixels
+OF_EACH = 3  # of them in a hypothesis: 20 hypotheses
+
+
+def calibrate_from_consensus(
+    object_segments: ObjectSegments,
+    image: Image,
+    pixels: Pixels,
+    weights: dict[str, Array],
+    *,
+    flags: int,
+    prior: Prior,
+) -> Calibration | None:
+    """Calibrate from those labelled pixels that agree with the lines in the image.
+
+    A camera is calibrated from every three of the heaviest segments; of the one that the image agrees with most, the
+    segments within 12 px (in an image of 960x540) are kept and calibrated from.
+
+    Parameters
+    ----------
+    object_segments : mapping of str to segment
+        The calibration object.
+    image : (height, width, 3) uint8 array
+        Blue, green, red.
+    pixels : dict of str to (N, 2) array
+        As `localize` finds them.
+    weights : dict of str to (N,) array
+        What each pixel counts.
+    flags, prior
+        As in `calibrate_from_segments`.
+
+    Returns
+    -------
+    Calibration or None
+        None where there are too few segments to choose from.
+
+    References
+    ----------
+    Fischler, Bolles: Random Sample Consensus, Communications of the ACM 24 (1981).
+    """
+    heaviest = sorted(pixels, key=lambda label: -float(np.sum(weights[label])))[:HEAVIEST]
+    if len(heaviest) <= OF_EACH:
+        return None
+    size = image.shape[1], image.shape[0]
+    hypotheses = calibrate_batch(
+        object_segments,
+        [{label: pixels[label] for label in chosen} for chosen in combinations(heaviest, OF_EACH)],
+        size,
+        flags=flags,
+        prior=prior,
+        weights=[{label: weights[label] for label in chosen} for chosen in combinations(heaviest, OF_EACH)],
+        trust_labels=True,
+    )
+    markings, reach = Markings.of(object_segments), max(REACHES)
+    cameras = [calibration.camera for calibration in hypotheses if calibration.camera is not None]
+    best = max(cameras, key=lambda camera: agreement(image, camera, markings, reach), default=None)
+    if best is None:
+        return None
+    on_field = isinstance(object_segments, Field)
+    errors = judged_camera(best, object_segments, pixels, "", on_field=on_field).per_segment_errors
+    near = [label for label, error in errors.items() if error < reach * pixel_unit(size)]
+    return calibrate_from_segments(
+        object_segments,
+        {label: pixels[label] for label in near},
+        size,
+        flags=flags,
+        prior=prior,
+        weights={label: weights[label] for label in near},
+        trust_labels=True,
+    )

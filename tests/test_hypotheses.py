@@ -1,0 +1,60 @@
+"""Cameras of images in which some of the labelled segments are something else."""
+
+import numpy as np
+import pytest
+from synthetic import observe, whole_circle_markings
+from views import camera
+
+from fieldcalib.calibrate import calibrate_from_segments
+from fieldcalib.demo import camera_errors
+from fieldcalib.field import soccer
+from fieldcalib.hypotheses import calibrate_from_consensus
+from fieldcalib.options import ALL, DEFAULT_FLAGS
+from fieldcalib.render import render_field
+
+FIELD = soccer()
+TRUTH = camera(3, 75, 1000, (-2, 66, -16), k=(0.03, 0.0))
+SEEN = ("Circle central", "Middle line", "Side line top", "Side line bottom")
+MISTAKEN = ("Big rect. right main", "Big rect. right top", "Circle right")  # a mowing pattern, say
+
+
+def labelled(mistaken_camera):
+    """Right pixels of what is seen, with those of penalty areas where another camera would have them."""
+    right, wrong = (observe(whole_circle_markings(FIELD), one) for one in (TRUTH, mistaken_camera))
+    pixels = {label: right[label] for label in SEEN} | {label: wrong[label] for label in MISTAKEN if label in wrong}
+    return pixels, {label: np.full(len(xy), 1.0 / len(xy)) for label, xy in pixels.items()}
+
+
+def consensus(pixels, weights, image=None):
+    image = render_field(TRUTH, FIELD) if image is None else image
+    return calibrate_from_consensus(FIELD, image, pixels, weights, flags=DEFAULT_FLAGS, prior=ALL)
+
+
+@pytest.mark.parametrize("pan", [12, 20])
+def test_segments_that_are_something_else_are_left_out(pan):
+    pixels, weights = labelled(camera(pan, 75, 1000, (-2, 66, -16)))
+    misled = calibrate_from_segments(FIELD, pixels, TRUTH.image_size, weights=weights, trust_labels=True)
+    found = consensus(pixels, weights)
+    assert camera_errors(misled.camera, TRUTH, FIELD).reprojection > 100.0
+    assert camera_errors(found.camera, TRUTH, FIELD).reprojection < 8.0
+    assert found.accepted
+    assert set(found.per_segment_errors) == set(SEEN)
+
+
+def test_segments_that_are_right_are_all_kept():
+    pixels, weights = labelled(TRUTH)
+    found = consensus(pixels, weights)
+    assert set(found.per_segment_errors) == set(pixels)
+    assert camera_errors(found.camera, TRUTH, FIELD).reprojection < 4.0
+
+
+def test_three_segments_leave_no_choice():
+    pixels, weights = labelled(TRUTH)
+    three = SEEN[:3]
+    assert consensus({label: pixels[label] for label in three}, {label: weights[label] for label in three}) is None
+
+
+def test_an_image_without_lines_says_nothing_and_does_no_harm():
+    pixels, weights = labelled(TRUTH)
+    found = consensus(pixels, weights, np.zeros((540, 960, 3), np.uint8))
+    assert camera_errors(found.camera, TRUTH, FIELD).reprojection < 20.0
