@@ -273,8 +273,8 @@ def _check_scale(xy: Array, image_size: tuple[int, int]) -> None:
             f"{xy.max():.3g}, which look normalised; multiply x by (width - 1) and y by (height - 1)"
         )
     # annotations may lie somewhat outside the image, so "inside" is generous
-    inside = np.mean(np.all(np.abs(xy / image_size - 0.5) <= 0.75, axis=1))
-    inside_swapped = np.mean(np.all(np.abs(xy / image_size[::-1] - 0.5) <= 0.75, axis=1))
+    inside = np.mean(np.all(np.abs((xy + 0.5) / image_size - 0.5) <= 0.75, axis=1))
+    inside_swapped = np.mean(np.all(np.abs((xy + 0.5) / image_size[::-1] - 0.5) <= 0.75, axis=1))
     if len(xy) >= 8 and inside < 0.8 and inside_swapped > 0.95:  # a few stray pixels prove nothing
         raise ValueError(
             f"image_size = {image_size} leaves {100 * (1 - inside):.0f} % of the pixels far outside, swapped it would "
