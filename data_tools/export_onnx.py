@@ -18,11 +18,13 @@ from torch import Tensor
 from data_tools.deeplab import DeepLabV3
 from data_tools.onnx_model import write_model
 from data_tools.synthetic import CLASSES
+from fieldcalib.localize import BACKGROUND
 
 SIZE = (455, 256)
-# The classes of SoccerNet's calibration: those that are annotated, and two for what nobody could tell. In order, class
-# 0 is the background.
-SOCCERNET_CLASSES = tuple(sorted((*CLASSES, "Goal unknown", "Line unknown")))
+# The classes of SoccerNet's calibration from 1 on, in order: those that are annotated, and two for what nobody could
+# tell, which are no segments of the field.
+UNKNOWN = ("Goal unknown", "Line unknown")
+SOCCERNET_CLASSES = tuple(sorted((*CLASSES, *UNKNOWN)))
 AUXILIARY = "aux_classifier."
 
 
@@ -57,7 +59,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument("--out", type=Path, required=True, metavar="MODEL.onnx")
     options = parser.parse_args(arguments)
     checkpoint = torch.load(options.checkpoint, map_location="cpu", weights_only=True)
-    write_model(network_of(checkpoint), options.out, SOCCERNET_CLASSES, SIZE)
+    names = [BACKGROUND if name in UNKNOWN else name for name in SOCCERNET_CLASSES]
+    write_model(network_of(checkpoint), options.out, names, SIZE)
     return 0
 
 

@@ -16,11 +16,11 @@ import torch
 from torch import nn
 
 from fieldcalib.io.files import write_bytes, write_text
+from fieldcalib.localize import BACKGROUND
 
 CHANNELS = "RGB"
 MEAN = (0.485, 0.456, 0.406)  # of ImageNet, as everybody does
 STD = (0.229, 0.224, 0.225)
-BACKGROUND = "background"
 OPSET = 17
 
 
@@ -33,7 +33,7 @@ def write_model(network: nn.Module, path: Path, classes: Sequence[str], size: tu
         In evaluation mode; maps images to logits.
     path : Path
     classes : sequence of str
-        Without the background, which is class 0.
+        From class 1 on; class 0 is the background.
     size : (int, int)
         Width and height of the input in pixels.
     """

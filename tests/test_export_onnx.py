@@ -10,6 +10,8 @@ pytest.importorskip("onnx", reason="needs onnx, the extra `train`")
 
 from data_tools import deeplab  # noqa: E402
 from data_tools.export_onnx import SOCCERNET_CLASSES, main, network_of  # noqa: E402
+from fieldcalib.field import soccer  # noqa: E402
+from fieldcalib.localize import SegmentationNetwork, localize, ridge_points, skeleton_points  # noqa: E402
 
 
 @pytest.fixture
@@ -60,7 +62,8 @@ def test_what_is_written_gives_what_the_checkpoint_gives(tmp_path, shallow, pref
     assert main([str(tmp_path / "checkpoint.pt"), "--out", str(tmp_path / "model.onnx")]) == 0
 
     about = json.loads((tmp_path / "model.json").read_text())
-    assert about["classes"] == ["background", *SOCCERNET_CLASSES]
+    assert len(about["classes"]) == 29
+    assert about["classes"][15:19] == ["Goal right post right", "background", "background", "Middle line"]
     assert about["input_size"] == [455, 256]
     session = onnxruntime.InferenceSession(tmp_path / "model.onnx", providers=["CPUExecutionProvider"])
     image = np.random.default_rng(0).normal(size=(2, 3, 256, 455)).astype(np.float32)
@@ -70,6 +73,16 @@ def test_what_is_written_gives_what_the_checkpoint_gives(tmp_path, shallow, pref
     assert logits.shape == (2, 29, 256, 455)
     assert np.ptp(expected) > 0.05
     assert np.abs(logits - expected).max() < 1e-4 * np.abs(expected).max()
+
+
+def test_what_is_written_can_be_run(tmp_path, shallow):
+    torch.save(random_network().state_dict(), tmp_path / "checkpoint.pt")
+    main([str(tmp_path / "checkpoint.pt"), "--out", str(tmp_path / "model.onnx")])
+    image = np.random.default_rng(0).integers(0, 256, size=(540, 960, 3), dtype=np.uint8)
+    network = SegmentationNetwork.load(tmp_path / "model.onnx")
+    for select in (ridge_points, skeleton_points):
+        (found,) = localize(soccer(), [image], network, select=select)
+        assert set(found.pixels) <= set(soccer())
 
 
 def test_other_networks_are_refused(shallow):
