@@ -88,11 +88,10 @@ def calibrate_from_images(
             look = partial(_looked_at, object_segments, images[index], part, flags=flags, prior=prior, refine=refine)
             calibration = look(first)
             if not calibration.accepted:
-                some = calibrate_from_consensus(
+                others = calibrate_from_consensus(
                     object_segments, images[index], part.pixels, part.weights, flags=flags, prior=prior
                 )
-                other = look(some) if some is not None else calibration
-                calibration = other if other.accepted else calibration
+                calibration = next((other for other in map(look, others) if other.accepted), calibration)
             calibrations[index] = calibration
     return [calibrations[index] for index in range(len(images))]
 

@@ -6,6 +6,7 @@ for several of its lines, and these agree with one another, though not with the 
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from itertools import combinations
 
 import numpy as np
@@ -23,6 +24,7 @@ from fieldcalib.segments import Pixels
 
 HEAVIEST = 6  # segments, by the weight of their pixels
 OF_EACH = 3  # of them in a hypothesis: 20 hypotheses
+LOOKED_AT = 3  # of these
 
 
 def calibrate_from_consensus(
@@ -33,11 +35,11 @@ def calibrate_from_consensus(
     *,
     flags: int,
     prior: Prior,
-) -> Calibration | None:
-    """Calibrate from those labelled pixels that agree with the lines in the image.
+) -> Iterator[Calibration]:
+    """Calibrate from those labelled pixels that agree with the lines in the image; several answers, the best first.
 
-    A camera is calibrated from every three of the heaviest segments; of the one that the image agrees with most, the
-    segments within 12 px (in an image of 960x540) are kept and calibrated from.
+    A camera is calibrated from every three of the heaviest segments. For each of the few that the image agrees with
+    most, the segments within 12 px (in an image of 960x540) are kept and calibrated from.
 
     Parameters
     ----------
@@ -52,10 +54,10 @@ def calibrate_from_consensus(
     flags, prior
         As in `calibrate_from_segments`.
 
-    Returns
-    -------
-    Calibration or None
-        None where there are too few segments to choose from.
+    Yields
+    ------
+    Calibration
+        None at all where there are too few segments to choose from.
 
     References
     ----------
@@ -63,31 +65,32 @@ def calibrate_from_consensus(
     """
     heaviest = sorted(pixels, key=lambda label: -float(np.sum(weights[label])))[:HEAVIEST]
     if len(heaviest) <= OF_EACH:
-        return None
+        return
     size = image.shape[1], image.shape[0]
+    reach = max(REACHES)
+    chosen = list(combinations(heaviest, OF_EACH))
     hypotheses = calibrate_batch(
         object_segments,
-        [{label: pixels[label] for label in chosen} for chosen in combinations(heaviest, OF_EACH)],
+        [{label: pixels[label] for label in labels} for labels in chosen],
         size,
         flags=flags,
         prior=prior,
-        weights=[{label: weights[label] for label in chosen} for chosen in combinations(heaviest, OF_EACH)],
+        weights=[{label: weights[label] for label in labels} for labels in chosen],
         trust_labels=True,
     )
-    markings, reach = Markings.of(object_segments), max(REACHES)
+    markings = Markings.of(object_segments)
     cameras = [calibration.camera for calibration in hypotheses if calibration.camera is not None]
-    best = max(cameras, key=lambda camera: agreement(image, camera, markings, reach), default=None)
-    if best is None:
-        return None
+    share = [agreement(image, camera, markings, reach) for camera in cameras]
     on_field = isinstance(object_segments, Field)
-    errors = judged_camera(best, object_segments, pixels, "", on_field=on_field).per_segment_errors
-    near = [label for label, error in errors.items() if error < reach * pixel_unit(size)]
-    return calibrate_from_segments(
-        object_segments,
-        {label: pixels[label] for label in near},
-        size,
-        flags=flags,
-        prior=prior,
-        weights={label: weights[label] for label in near},
-        trust_labels=True,
-    )
+    for index in np.argsort(share)[::-1][:LOOKED_AT]:
+        errors = judged_camera(cameras[index], object_segments, pixels, "", on_field=on_field).per_segment_errors
+        near = [label for label, error in errors.items() if error < reach * pixel_unit(size)]
+        yield calibrate_from_segments(
+            object_segments,
+            {label: pixels[label] for label in near},
+            size,
+            flags=flags,
+            prior=prior,
+            weights={label: weights[label] for label in near},
+            trust_labels=True,
+        )
