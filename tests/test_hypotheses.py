@@ -54,7 +54,6 @@ def test_three_segments_leave_no_choice():
     assert consensus({label: pixels[label] for label in three}, {label: weights[label] for label in three}) == []
 
 
-def test_an_image_without_lines_says_nothing_and_does_no_harm():
+def test_without_lines_in_the_image_there_are_answers_all_the_same():
     pixels, weights = labelled(TRUTH)
-    for found in consensus(pixels, weights, np.zeros((540, 960, 3), np.uint8)):
-        assert camera_errors(found.camera, TRUTH, FIELD).reprojection < 20.0
+    assert len(consensus(pixels, weights, np.zeros((540, 960, 3), np.uint8))) == 3
