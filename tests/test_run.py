@@ -7,7 +7,7 @@ import zipfile
 import cv2
 import numpy as np
 import pytest
-from networks import FIELD, KnownCameras
+from networks import FIELD, KnownCameras, band_maps, probabilities
 from views import camera
 
 from fieldcalib.calibrate_images import calibrate_from_images
@@ -82,6 +82,19 @@ def test_a_network_that_lies_is_found_out():
     assert str(calibration.status) == "probably wrong"
     assert re.match(r"the image shows lines at \d % of the markings in view; rms", calibration.message)
     assert camera_errors(calibration.camera, TRUTHS[0], FIELD).reprojection < 10.0  # given all the same
+
+
+def test_a_network_that_mistakes_other_lines_for_penalty_areas_is_corrected():
+    truth, elsewhere = (camera(pan, 75, 1000, (-2, 66, -16)) for pan in (3, 12))
+    network = KnownCameras([truth])
+    maps, mistaken = band_maps(truth), band_maps(elsewhere)
+    for index, label in enumerate(network.classes):
+        if label.startswith(("Big rect.", "Small rect.", "Circle right")):
+            maps[index] = mistaken[index]
+    network.maps = [probabilities(maps)]
+    (calibration,) = calibrate_from_images(FIELD, [picture(truth)], network)
+    assert calibration.accepted
+    assert camera_errors(calibration.camera, truth, FIELD).reprojection < 1.5
 
 
 # --- images ---
