@@ -6,14 +6,15 @@ for several of its lines, and these agree with one another, though not with the 
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterable
 from itertools import combinations
 
 import numpy as np
 
 from fieldcalib._types import Array
-from fieldcalib.calibrate import calibrate_batch, calibrate_from_segments
+from fieldcalib.calibrate import calibrate_batch
 from fieldcalib.calibrate_homography import judged_camera
+from fieldcalib.camera import Camera
 from fieldcalib.field import Field, ObjectSegments
 from fieldcalib.image import Image
 from fieldcalib.options import Prior, pixel_unit
@@ -22,8 +23,8 @@ from fieldcalib.refine import REACHES, agreement
 from fieldcalib.result import Calibration
 from fieldcalib.segments import Pixels
 
-HEAVIEST = 6  # segments, by the weight of their pixels
-OF_EACH = 3  # of them in a hypothesis: 20 hypotheses
+HEAVIEST = 5  # segments, by the weight of their pixels
+OF_EACH = 3  # of them in a hypothesis: 10 hypotheses
 LOOKED_AT = 3  # of these
 
 
@@ -35,7 +36,7 @@ def calibrate_from_consensus(
     *,
     flags: int,
     prior: Prior,
-) -> Iterator[Calibration]:
+) -> list[Calibration]:
     """Calibrate from those labelled pixels that agree with the lines in the image; several answers, the best first.
 
     A camera is calibrated from every three of the heaviest segments. For each of the few that the image agrees with
@@ -54,10 +55,10 @@ def calibrate_from_consensus(
     flags, prior
         As in `calibrate_from_segments`.
 
-    Yields
-    ------
-    Calibration
-        None at all where there are too few segments to choose from.
+    Returns
+    -------
+    list of Calibration
+        Empty where there are too few segments to choose from.
 
     References
     ----------
@@ -65,32 +66,29 @@ def calibrate_from_consensus(
     """
     heaviest = sorted(pixels, key=lambda label: -float(np.sum(weights[label])))[:HEAVIEST]
     if len(heaviest) <= OF_EACH:
-        return
+        return []
     size = image.shape[1], image.shape[0]
-    reach = max(REACHES)
-    chosen = list(combinations(heaviest, OF_EACH))
-    hypotheses = calibrate_batch(
-        object_segments,
-        [{label: pixels[label] for label in labels} for labels in chosen],
-        size,
-        flags=flags,
-        prior=prior,
-        weights=[{label: weights[label] for label in labels} for labels in chosen],
-        trust_labels=True,
-    )
-    markings = Markings.of(object_segments)
-    cameras = [calibration.camera for calibration in hypotheses if calibration.camera is not None]
-    share = [agreement(image, camera, markings, reach) for camera in cameras]
-    on_field = isinstance(object_segments, Field)
-    for index in np.argsort(share)[::-1][:LOOKED_AT]:
-        errors = judged_camera(cameras[index], object_segments, pixels, "", on_field=on_field).per_segment_errors
-        near = [label for label, error in errors.items() if error < reach * pixel_unit(size)]
-        yield calibrate_from_segments(
+    markings, reach = Markings.of(object_segments), max(REACHES)
+
+    def calibrated(chosen: Iterable[Iterable[str]]) -> list[Calibration]:
+        some = [tuple(labels) for labels in chosen]
+        return calibrate_batch(
             object_segments,
-            {label: pixels[label] for label in near},
+            [{label: pixels[label] for label in labels} for labels in some],
             size,
             flags=flags,
             prior=prior,
-            weights={label: weights[label] for label in near},
+            weights=[{label: weights[label] for label in labels} for labels in some],
             trust_labels=True,
         )
+
+    def near(camera: Camera) -> tuple[str, ...]:
+        on_field = isinstance(object_segments, Field)
+        errors = judged_camera(camera, object_segments, pixels, "", on_field=on_field).per_segment_errors
+        return tuple(label for label, error in errors.items() if error < reach * pixel_unit(size))
+
+    hypotheses = [hypothesis.camera for hypothesis in calibrated(combinations(heaviest, OF_EACH))]
+    cameras = [camera for camera in hypotheses if camera is not None]
+    share = [agreement(image, camera, markings, reach) for camera in cameras]
+    best = [cameras[index] for index in np.argsort(share)[::-1][:LOOKED_AT]]
+    return calibrated(dict.fromkeys(near(camera) for camera in best))
