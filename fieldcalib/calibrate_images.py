@@ -88,9 +88,7 @@ def calibrate_from_images(
             look = partial(_looked_at, object_segments, images[index], part, flags=flags, prior=prior, refine=refine)
             calibration = look(first)
             if not calibration.accepted:
-                others = calibrate_from_consensus(
-                    object_segments, images[index], part.pixels, part.weights, flags=flags, prior=prior
-                )
+                others = calibrate_from_consensus(object_segments, images[index], part, flags=flags, prior=prior)
                 calibration = next((other for other in map(look, others) if other.accepted), calibration)
             calibrations[index] = calibration
     return [calibrations[index] for index in range(len(images))]

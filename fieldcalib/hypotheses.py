@@ -11,17 +11,16 @@ from itertools import combinations
 
 import numpy as np
 
-from fieldcalib._types import Array
 from fieldcalib.calibrate import calibrate_batch
 from fieldcalib.calibrate_homography import judged_camera
 from fieldcalib.camera import Camera
 from fieldcalib.field import Field, ObjectSegments
 from fieldcalib.image import Image
+from fieldcalib.localize import Localization
 from fieldcalib.options import Prior, pixel_unit
 from fieldcalib.profiles import Markings
 from fieldcalib.refine import REACHES, agreement
 from fieldcalib.result import Calibration
-from fieldcalib.segments import Pixels
 
 HEAVIEST = 5  # segments, by the weight of their pixels
 OF_EACH = 3  # of them in a hypothesis: 10 hypotheses
@@ -31,8 +30,7 @@ LOOKED_AT = 3  # of these
 def calibrate_from_consensus(
     object_segments: ObjectSegments,
     image: Image,
-    pixels: Pixels,
-    weights: dict[str, Array],
+    found: Localization,
     *,
     flags: int,
     prior: Prior,
@@ -48,10 +46,8 @@ def calibrate_from_consensus(
         The calibration object.
     image : (height, width, 3) uint8 array
         Blue, green, red.
-    pixels : dict of str to (N, 2) array
-        As `localize` finds them.
-    weights : dict of str to (N,) array
-        What each pixel counts.
+    found : Localization
+        Labelled pixels of the image.
     flags, prior
         As in `calibrate_from_segments`.
 
@@ -64,7 +60,7 @@ def calibrate_from_consensus(
     ----------
     Fischler, Bolles: Random Sample Consensus, Communications of the ACM 24 (1981).
     """
-    heaviest = sorted(pixels, key=lambda label: -float(np.sum(weights[label])))[:HEAVIEST]
+    heaviest = sorted(found.pixels, key=lambda label: -float(np.sum(found.weights[label])))[:HEAVIEST]
     if len(heaviest) <= OF_EACH:
         return []
     size = image.shape[1], image.shape[0]
@@ -74,17 +70,17 @@ def calibrate_from_consensus(
         some = [tuple(labels) for labels in chosen]
         return calibrate_batch(
             object_segments,
-            [{label: pixels[label] for label in labels} for labels in some],
+            [{label: found.pixels[label] for label in labels} for labels in some],
             size,
             flags=flags,
             prior=prior,
-            weights=[{label: weights[label] for label in labels} for labels in some],
+            weights=[{label: found.weights[label] for label in labels} for labels in some],
             trust_labels=True,
         )
 
     def near(camera: Camera) -> tuple[str, ...]:
         on_field = isinstance(object_segments, Field)
-        errors = judged_camera(camera, object_segments, pixels, "", on_field=on_field).per_segment_errors
+        errors = judged_camera(camera, object_segments, found.pixels, "", on_field=on_field).per_segment_errors
         return tuple(label for label, error in errors.items() if error < reach * pixel_unit(size))
 
     hypotheses = [hypothesis.camera for hypothesis in calibrated(combinations(heaviest, OF_EACH))]

@@ -9,6 +9,7 @@ from fieldcalib.calibrate import calibrate_from_segments
 from fieldcalib.demo import camera_errors
 from fieldcalib.field import soccer
 from fieldcalib.hypotheses import calibrate_from_consensus
+from fieldcalib.localize import Localization
 from fieldcalib.options import ALL, DEFAULT_FLAGS
 from fieldcalib.render import render_field
 
@@ -22,19 +23,19 @@ def labelled(mistaken_camera):
     """Right pixels of what is seen, with those of penalty areas where another camera would have them."""
     right, wrong = (observe(whole_circle_markings(FIELD), one) for one in (TRUTH, mistaken_camera))
     pixels = {label: right[label] for label in SEEN} | {label: wrong[label] for label in MISTAKEN if label in wrong}
-    return pixels, {label: np.full(len(xy), 1.0 / len(xy)) for label, xy in pixels.items()}
+    return Localization(pixels, {label: np.full(len(xy), 1.0 / len(xy)) for label, xy in pixels.items()})
 
 
-def consensus(pixels, weights, image=None):
+def consensus(found, image=None):
     image = render_field(TRUTH, FIELD) if image is None else image
-    return calibrate_from_consensus(FIELD, image, pixels, weights, flags=DEFAULT_FLAGS, prior=ALL)
+    return calibrate_from_consensus(FIELD, image, found, flags=DEFAULT_FLAGS, prior=ALL)
 
 
 @pytest.mark.parametrize("pan", [12, 20])
 def test_segments_that_are_something_else_are_left_out(pan):
-    pixels, weights = labelled(camera(pan, 75, 1000, (-2, 66, -16)))
-    misled = calibrate_from_segments(FIELD, pixels, TRUTH.image_size, weights=weights, trust_labels=True)
-    found = consensus(pixels, weights)[0]
+    labels = labelled(camera(pan, 75, 1000, (-2, 66, -16)))
+    misled = calibrate_from_segments(FIELD, labels.pixels, TRUTH.image_size, weights=labels.weights, trust_labels=True)
+    found = consensus(labels)[0]
     assert camera_errors(misled.camera, TRUTH, FIELD).reprojection > 100.0
     assert camera_errors(found.camera, TRUTH, FIELD).reprojection < 8.0
     assert found.accepted
@@ -42,18 +43,18 @@ def test_segments_that_are_something_else_are_left_out(pan):
 
 
 def test_segments_that_are_right_are_all_kept():
-    pixels, weights = labelled(TRUTH)
-    found = consensus(pixels, weights)[0]
-    assert set(found.per_segment_errors) == set(pixels)
+    labels = labelled(TRUTH)
+    found = consensus(labels)[0]
+    assert set(found.per_segment_errors) == set(labels.pixels)
     assert camera_errors(found.camera, TRUTH, FIELD).reprojection < 4.0
 
 
 def test_three_segments_leave_no_choice():
-    pixels, weights = labelled(TRUTH)
-    three = SEEN[:3]
-    assert consensus({label: pixels[label] for label in three}, {label: weights[label] for label in three}) == []
+    labels = labelled(TRUTH)
+    three = Localization(*({label: part[label] for label in SEEN[:3]} for part in (labels.pixels, labels.weights)))
+    assert consensus(three) == []
 
 
 def test_without_lines_in_the_image_there_are_answers_all_the_same():
-    pixels, weights = labelled(TRUTH)
-    assert 1 <= len(consensus(pixels, weights, np.zeros((540, 960, 3), np.uint8))) <= 3
+    labels = labelled(TRUTH)
+    assert 1 <= len(consensus(labels, np.zeros((540, 960, 3), np.uint8))) <= 3
