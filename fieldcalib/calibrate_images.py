@@ -6,19 +6,28 @@ from collections.abc import Sequence
 from dataclasses import replace
 from functools import partial
 
+import numpy as np
+
 from fieldcalib.calibrate import calibrate_batch
+from fieldcalib.camera import Camera
 from fieldcalib.field import ObjectSegments
-from fieldcalib.hypotheses import calibrate_from_consensus
+from fieldcalib.hypotheses import calibrate_from_consensus, near_labels
 from fieldcalib.image import Image
 from fieldcalib.localize import Localization, Network, localize
 from fieldcalib.options import ALL, DEFAULT_FLAGS, Prior
 from fieldcalib.profiles import Markings
-from fieldcalib.refine import agreement, refine_on_image
+from fieldcalib.refine import REACHES, agreement, refine_on_image
 from fieldcalib.result import Calibration, Status
 
+FAINT = 0.5  # of the weight of a segment that is labelled by hand
+LEAST_SEGMENTS = 3  # are enough for a camera; where there are fewer, faint ones must do
+# How far an image agrees with a camera (`agreement`), and what share of the labels' weight the camera explains. Of
+# refined cameras on broadcast frames, 1 in 80 is wrong where the image agrees so far that it is sure, else 1 in 5.
+SURE_AGREEMENT, LEAST_EXPLAINED_SURE = 0.45, 0.5
+LEAST_AGREEMENT_REFINED, LEAST_EXPLAINED = 0.35, 0.75
+LEAST_AGREEMENT = 0.2  # of cameras that are not refined
 LEAST_PROBABILITY = 0.5  # that the camera is right everywhere in view, else it is more probably wrong,
-METRES, METRES_REFINED = 3.0, 1.0  # to this much
-LEAST_AGREEMENT = 0.2  # of an image with a camera; right cameras had 0.34 and more, even on frames 256 pixels wide
+METRES, METRES_UNSURE = 3.0, 1.0  # to this much
 
 
 def calibrate_from_images(
@@ -49,7 +58,8 @@ def calibrate_from_images(
     -------
     list of Calibration
         One an image. An image that cannot be calibrated is no error: see `status` and `message`. A camera is "probably
-        wrong" if the image shows no lines where it has the markings.
+        wrong" if the image shows no lines where it has the markings. Before an image is given up, cameras are tried
+        that come from some of its segments only (`calibrate_from_consensus`).
 
     Raises
     ------
@@ -68,7 +78,7 @@ def calibrate_from_images(
     >>> str(calibration.status), calibration.message
     ('too few segments', 'no labelled pixels: nothing to calibrate from')
     """
-    found = localize(object_segments, images, network)
+    found = [_without_faint(part) for part in localize(object_segments, images, network)]
     by_size: dict[tuple[int, int], list[int]] = {}
     for index, image in enumerate(images):
         by_size.setdefault((image.shape[1], image.shape[0]), []).append(index)
@@ -86,12 +96,20 @@ def calibrate_from_images(
         )
         for index, part, first in zip(members, parts, from_labels, strict=True):
             look = partial(_looked_at, object_segments, images[index], part, flags=flags, prior=prior, refine=refine)
-            calibration = look(first)
-            if not calibration.accepted:
+            calibrations[index], is_sure = look(first)
+            if not is_sure:
                 others = calibrate_from_consensus(object_segments, images[index], part, flags=flags, prior=prior)
-                calibration = next((other for other in map(look, others) if other.accepted), calibration)
-            calibrations[index] = calibration
+                looks = [calibrations[index], *(calibration for calibration, _ in map(look, others))]
+                calibrations[index] = _most_agreeing(object_segments, images[index], looks)
     return [calibrations[index] for index in range(len(images))]
+
+
+def _without_faint(found: Localization) -> Localization:
+    """Without what the network hardly saw: mostly it is nothing, and refinement finds the rest."""
+    labels = [label for label, weight in found.weights.items() if np.sum(weight) >= FAINT]
+    if len(labels) < LEAST_SEGMENTS:
+        return found
+    return Localization({k: found.pixels[k] for k in labels}, {k: found.weights[k] for k in labels})
 
 
 def _looked_at(
@@ -103,20 +121,41 @@ def _looked_at(
     flags: int,
     prior: Prior,
     refine: bool,
-) -> Calibration:
-    """The calibration refined, and probably wrong where its image or its probability says so."""
-    refined = calibration
+) -> tuple[Calibration, bool]:
+    """The calibration refined, probably wrong where its image or its probability says so; and whether that is sure."""
     if refine:
-        refined = refine_on_image(
+        calibration = refine_on_image(
             object_segments, image, calibration, found.pixels, weights=found.weights, flags=flags, prior=prior
         )
-    if refined.camera is None or not refined.accepted:
-        return refined
-    if refined is calibration:  # otherwise the image agrees with it
-        share = agreement(image, refined.camera, Markings.of(object_segments))
-        if share < LEAST_AGREEMENT:
-            doubt = f"the image shows lines at {100.0 * share:.0f} % of the markings in view"
-            return replace(refined, status=Status.IMPROBABLE, message=f"{doubt}; {refined.message}")
-    if refined.field is None:
-        return refined
-    return refined.doubted(LEAST_PROBABILITY, METRES if refined is calibration else METRES_REFINED)
+    if calibration.camera is None or not calibration.accepted:
+        return calibration, False
+    share = agreement(image, calibration.camera, Markings.of(object_segments))
+    explained = _explained(object_segments, calibration.camera, found)
+    is_sure = refine and share >= SURE_AGREEMENT and explained >= LEAST_EXPLAINED_SURE
+    doubt = ""
+    if share < (LEAST_AGREEMENT_REFINED if refine else LEAST_AGREEMENT):
+        doubt = f"the image shows lines at {100.0 * share:.0f} % of the markings in view"
+    elif explained < LEAST_EXPLAINED and not is_sure:
+        doubt = f"{100.0 * explained:.0f} % of what the network found lies where the camera has it"
+    if doubt:
+        return replace(calibration, status=Status.IMPROBABLE, message=f"{doubt}; {calibration.message}"), False
+    if calibration.field is not None:
+        calibration = calibration.doubted(LEAST_PROBABILITY, METRES if is_sure or not refine else METRES_UNSURE)
+    return calibration, calibration.accepted and (is_sure or not refine)
+
+
+def _explained(object_segments: ObjectSegments, camera: Camera, found: Localization) -> float:
+    """Share of the weight of labelled pixels that segments near their image under the camera have."""
+    weight = {label: float(np.sum(values)) for label, values in found.weights.items()}
+    near = near_labels(object_segments, camera, found)
+    return sum(weight[label] for label in near) / max(sum(weight.values()), 1e-9)
+
+
+def _most_agreeing(object_segments: ObjectSegments, image: Image, calibrations: Sequence[Calibration]) -> Calibration:
+    """That which the image agrees with most of those that are accepted; the first if none is."""
+    markings = Markings.of(object_segments)
+    share = [
+        agreement(image, one.camera, markings, max(REACHES)) if one.accepted and one.camera is not None else 0.0
+        for one in calibrations
+    ]
+    return calibrations[int(np.argmax(share))]

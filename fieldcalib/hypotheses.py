@@ -24,7 +24,7 @@ from fieldcalib.result import Calibration
 
 HEAVIEST = 5  # segments, by the weight of their pixels
 OF_EACH = 3  # of them in a hypothesis: 10 hypotheses
-LOOKED_AT = 3  # of these
+LOOKED_AT = 2  # of these
 
 
 def calibrate_from_consensus(
@@ -64,7 +64,7 @@ def calibrate_from_consensus(
     if len(heaviest) <= OF_EACH:
         return []
     size = image.shape[1], image.shape[0]
-    markings, reach = Markings.of(object_segments), max(REACHES)
+    markings = Markings.of(object_segments)
 
     def calibrated(chosen: Iterable[Iterable[str]]) -> list[Calibration]:
         some = [tuple(labels) for labels in chosen]
@@ -78,13 +78,15 @@ def calibrate_from_consensus(
             trust_labels=True,
         )
 
-    def near(camera: Camera) -> tuple[str, ...]:
-        on_field = isinstance(object_segments, Field)
-        errors = judged_camera(camera, object_segments, found.pixels, "", on_field=on_field).per_segment_errors
-        return tuple(label for label, error in errors.items() if error < reach * pixel_unit(size))
-
     hypotheses = [hypothesis.camera for hypothesis in calibrated(combinations(heaviest, OF_EACH))]
     cameras = [camera for camera in hypotheses if camera is not None]
-    share = [agreement(image, camera, markings, reach) for camera in cameras]
+    share = [agreement(image, camera, markings, max(REACHES)) for camera in cameras]
     best = [cameras[index] for index in np.argsort(share)[::-1][:LOOKED_AT]]
-    return calibrated(dict.fromkeys(near(camera) for camera in best))
+    return calibrated(dict.fromkeys(near_labels(object_segments, camera, found) for camera in best))
+
+
+def near_labels(object_segments: ObjectSegments, camera: Camera, found: Localization) -> tuple[str, ...]:
+    """Labels whose pixels lie within 12 px (in an image of 960x540) of their segments, root mean square."""
+    on_field = isinstance(object_segments, Field)
+    errors = judged_camera(camera, object_segments, found.pixels, "", on_field=on_field).per_segment_errors
+    return tuple(label for label, px in errors.items() if px < max(REACHES) * pixel_unit(camera.image_size))

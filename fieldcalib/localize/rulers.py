@@ -88,7 +88,7 @@ class EllipseRuler:
         Raises
         ------
         numpy.linalg.LinAlgError
-            If the pixels lie on a straight line, or are fewer than five.
+            If the pixels lie on a straight line or in one place, or are fewer than five.
 
         References
         ----------
@@ -96,6 +96,8 @@ class EllipseRuler:
         """
         mean = weight @ xy / np.sum(weight)
         scale = np.sqrt(weight @ np.sum(np.square(xy - mean), axis=1) / np.sum(weight))
+        if not scale > 0.0:
+            raise np.linalg.LinAlgError("all pixels are in one place")
         x, y = (xy - mean).T / scale
         D1, D2 = np.stack([x * x, x * y, y * y]), np.stack([x, y, np.ones_like(x)])
         S1, S2, S3 = (weight * D1) @ D1.T, (weight * D1) @ D2.T, (weight * D2) @ D2.T
