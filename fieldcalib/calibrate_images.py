@@ -19,7 +19,7 @@ from fieldcalib.profiles import Markings
 from fieldcalib.refine import REACHES, agreement, refine_on_image
 from fieldcalib.result import Calibration, Status
 
-FAINT = 0.5  # of the weight of a segment that is labelled by hand
+FAINT = 0.5  # of the weight of a segment that is labelled by hand: left to the refinement
 LEAST_SEGMENTS = 3  # are enough for a camera; where there are fewer, faint ones must do
 # How far an image agrees with a camera (`agreement`), and what share of the labels' weight the camera explains. Of
 # refined cameras on broadcast frames, 1 in 80 is wrong where the image agrees so far that it is sure, else 1 in 5.
@@ -27,7 +27,7 @@ SURE_AGREEMENT, LEAST_EXPLAINED_SURE = 0.45, 0.5
 LEAST_AGREEMENT_REFINED, LEAST_EXPLAINED = 0.35, 0.75
 LEAST_AGREEMENT = 0.2  # of cameras that are not refined
 LEAST_PROBABILITY = 0.5  # that the camera is right everywhere in view, else it is more probably wrong,
-METRES, METRES_UNSURE = 3.0, 1.0  # to this much
+METRES, METRES_REFINED = 3.0, 1.0  # to this much
 
 
 def calibrate_from_images(
@@ -78,7 +78,9 @@ def calibrate_from_images(
     >>> str(calibration.status), calibration.message
     ('too few segments', 'no labelled pixels: nothing to calibrate from')
     """
-    found = [_without_faint(part) for part in localize(object_segments, images, network)]
+    found = localize(object_segments, images, network)
+    if refine:
+        found = [_without_faint(part) for part in found]
     by_size: dict[tuple[int, int], list[int]] = {}
     for index, image in enumerate(images):
         by_size.setdefault((image.shape[1], image.shape[0]), []).append(index)
@@ -140,7 +142,7 @@ def _looked_at(
     if doubt:
         return replace(calibration, status=Status.IMPROBABLE, message=f"{doubt}; {calibration.message}"), False
     if calibration.field is not None:
-        calibration = calibration.doubted(LEAST_PROBABILITY, METRES if is_sure or not refine else METRES_UNSURE)
+        calibration = calibration.doubted(LEAST_PROBABILITY, METRES_REFINED if refine else METRES)
     return calibration, calibration.accepted and (is_sure or not refine)
 
 

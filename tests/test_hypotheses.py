@@ -8,7 +8,7 @@ from views import camera
 from fieldcalib.calibrate import calibrate_from_segments
 from fieldcalib.demo import camera_errors
 from fieldcalib.field import soccer
-from fieldcalib.hypotheses import calibrate_from_consensus
+from fieldcalib.hypotheses import calibrate_from_consensus, near_labels
 from fieldcalib.localize import Localization
 from fieldcalib.options import ALL, DEFAULT_FLAGS
 from fieldcalib.render import render_field
@@ -58,3 +58,13 @@ def test_three_segments_leave_no_choice():
 def test_without_lines_in_the_image_there_are_answers_all_the_same():
     labels = labelled(TRUTH)
     assert 1 <= len(consensus(labels, np.zeros((540, 960, 3), np.uint8))) <= 3
+
+
+def test_near_labels_are_those_that_a_camera_explains():
+    elsewhere = camera(12, 75, 1000, (-2, 66, -16))
+    labels = labelled(elsewhere)
+    near = set(near_labels(FIELD, TRUTH, labels))
+    assert near >= set(SEEN)
+    assert not near & {"Big rect. right main", "Circle right"}
+    assert not set(near_labels(FIELD, elsewhere, labels)) & {"Circle central", "Middle line"}
+    assert set(near_labels(FIELD, TRUTH, labelled(TRUTH))) == set(labels.pixels)
