@@ -19,13 +19,13 @@ from fieldcalib.profiles import Markings
 from fieldcalib.refine import REACHES, agreement, refine_on_image
 from fieldcalib.result import Calibration, Status
 
-FAINT = 0.5  # of the weight of a segment that is labelled by hand: left to the refinement
+FAINT = 0.7  # of the weight of a segment that is labelled by hand
 LEAST_SEGMENTS = 3  # are enough for a camera; where there are fewer, faint ones must do
 # How far an image agrees with a camera (`agreement`), and what share of the labels' weight the camera explains. Of
 # refined cameras on broadcast frames, 1 in 80 is wrong where the image agrees so far that it is sure, else 1 in 5.
 SURE_AGREEMENT, LEAST_EXPLAINED_SURE = 0.45, 0.5
-LEAST_AGREEMENT_REFINED, LEAST_EXPLAINED = 0.35, 0.75
-LEAST_AGREEMENT = 0.2  # of cameras that are not refined
+LEAST_AGREEMENT, LEAST_EXPLAINED = 0.2, 0.75
+LEAST_AGREEMENT_CHOSEN = 0.35  # where of several cameras the image chose one, it is bound to agree somewhat
 LEAST_PROBABILITY = 0.5  # that the camera is right everywhere in view, else it is more probably wrong,
 METRES, METRES_REFINED = 3.0, 1.0  # to this much
 
@@ -78,9 +78,7 @@ def calibrate_from_images(
     >>> str(calibration.status), calibration.message
     ('too few segments', 'no labelled pixels: nothing to calibrate from')
     """
-    found = localize(object_segments, images, network)
-    if refine:
-        found = [_without_faint(part) for part in found]
+    found = [_without_faint(part) for part in localize(object_segments, images, network)]
     by_size: dict[tuple[int, int], list[int]] = {}
     for index, image in enumerate(images):
         by_size.setdefault((image.shape[1], image.shape[0]), []).append(index)
@@ -98,10 +96,11 @@ def calibrate_from_images(
         )
         for index, part, first in zip(members, parts, from_labels, strict=True):
             look = partial(_looked_at, object_segments, images[index], part, flags=flags, prior=prior, refine=refine)
-            calibrations[index], is_sure = look(first)
+            calibrations[index], is_sure = look(first, least_agreement=LEAST_AGREEMENT)
             if not is_sure:
                 others = calibrate_from_consensus(object_segments, images[index], part, flags=flags, prior=prior)
-                looks = [calibrations[index], *(calibration for calibration, _ in map(look, others))]
+                least = LEAST_AGREEMENT_CHOSEN if refine else LEAST_AGREEMENT
+                looks = [calibrations[index], *(look(other, least_agreement=least)[0] for other in others)]
                 calibrations[index] = _most_agreeing(object_segments, images[index], looks)
     return [calibrations[index] for index in range(len(images))]
 
@@ -123,6 +122,7 @@ def _looked_at(
     flags: int,
     prior: Prior,
     refine: bool,
+    least_agreement: float,
 ) -> tuple[Calibration, bool]:
     """The calibration refined, probably wrong where its image or its probability says so; and whether that is sure."""
     if refine:
@@ -135,7 +135,7 @@ def _looked_at(
     explained = _explained(object_segments, calibration.camera, found)
     is_sure = refine and share >= SURE_AGREEMENT and explained >= LEAST_EXPLAINED_SURE
     doubt = ""
-    if share < (LEAST_AGREEMENT_REFINED if refine else LEAST_AGREEMENT):
+    if share < least_agreement:
         doubt = f"the image shows lines at {100.0 * share:.0f} % of the markings in view"
     elif explained < LEAST_EXPLAINED and not is_sure:
         doubt = f"{100.0 * explained:.0f} % of what the network found lies where the camera has it"

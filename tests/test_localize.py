@@ -236,6 +236,13 @@ DESCRIPTION = {
 }
 
 
+def test_an_image_alone_is_no_list_of_images():
+    with pytest.raises(
+        ValueError, match=r"expected a list of images, got one array of shape \(9, 16, 3\): give \[image\]"
+    ):
+        localize(FIELD, np.zeros((9, 16, 3), np.uint8), KnownCameras([None]))
+
+
 def test_description():
     found = NetworkDescription.parse(json.dumps(DESCRIPTION))
     assert found.classes == ("background", "Middle line", "Side line top")

@@ -35,7 +35,7 @@ def find_images(inputs: Iterable[Path]) -> list[FrameFile]:
     BrokenFileError
         If a zip is none, or two files would be the same frame.
     """
-    return find_files(inputs, "image", suffix=(*IMAGES, *(suffix.upper() for suffix in IMAGES)), others=NOT_FRAMES)
+    return find_files(inputs, "image", suffix=IMAGES, others=NOT_FRAMES)
 
 
 def is_video(path: Path) -> bool:

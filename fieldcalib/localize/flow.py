@@ -5,6 +5,8 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from typing import Protocol, TypeAlias
 
+import numpy as np
+
 from fieldcalib._types import Float32
 from fieldcalib.field import ObjectSegments
 from fieldcalib.image import Image
@@ -53,7 +55,7 @@ def localize(
     Raises
     ------
     ValueError
-        If an image is none, or a class of the network is no segment of the object.
+        If an image is none, or is not in a list, or a class of the network is no segment of the object.
 
     Examples
     --------
@@ -66,6 +68,8 @@ def localize(
     >>> localize(soccer(), [np.zeros((540, 960, 3), np.uint8)], Blind())
     [Localization(pixels={}, weights={})]
     """
+    if isinstance(images, np.ndarray):
+        raise ValueError(f"expected a list of images, got one array of shape {images.shape}: give [image]")
     if not images:
         return []
     return [
