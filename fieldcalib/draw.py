@@ -219,7 +219,8 @@ def draw_minimap(camera: Camera, field: Field, *, size: tuple[int, int] = (336, 
 def draw_calibration(image: Image, calibration: Calibration, field: Field) -> Image:
     """Draw what a calibration says onto a copy of its image: the markings, and the view from above in a corner.
 
-    Where it was not accepted nothing is drawn but its status: a wrong overlay is worse than none.
+    Where it was not accepted nothing is drawn, and its status and the reason are written: a wrong overlay is worse than
+    none.
 
     Parameters
     ----------
@@ -251,7 +252,8 @@ def draw_calibration(image: Image, calibration: Calibration, field: Field) -> Im
     if calibration.camera is None or not calibration.accepted:
         scale = height / 900.0
         place = (round(20.0 * scale), height - round(20.0 * scale))
-        _write(picture, f"no camera: {calibration.status}", place, scale, (255, 255, 255))
+        reason = calibration.message.partition(";")[0]
+        _write(picture, f"no camera: {calibration.status}, {reason}", place, scale, (255, 255, 255))
         return picture
     picture = draw_field(picture, calibration.camera, field, thickness=max(1, round(height / 540.0)))
     return add_minimap(picture, calibration.camera, field)
