@@ -8,10 +8,9 @@ from functools import partial
 
 import numpy as np
 
-from fieldcalib.calibrate import calibrate_batch
 from fieldcalib.camera import Camera
 from fieldcalib.field import ObjectSegments
-from fieldcalib.hypotheses import calibrate_from_consensus, near_labels
+from fieldcalib.hypotheses import calibrate_from_consensus, calibrate_localized, near_labels
 from fieldcalib.image import Image
 from fieldcalib.localize import Localization, Network, localize
 from fieldcalib.options import ALL, DEFAULT_FLAGS, Prior
@@ -82,39 +81,33 @@ def calibrate_from_images(
     by_size: dict[tuple[int, int], list[int]] = {}
     for index, image in enumerate(images):
         by_size.setdefault((image.shape[1], image.shape[0]), []).append(index)
+    markings = Markings.of(object_segments)
     calibrations: dict[int, Calibration] = {}
     for size, members in by_size.items():
         parts = [found[index] for index in members]
-        from_labels = calibrate_batch(
-            object_segments,
-            [part.pixels for part in parts],
-            size,
-            flags=flags,
-            prior=prior,
-            weights=[part.weights for part in parts],
-            trust_labels=True,
-        )
+        from_labels = calibrate_localized(object_segments, parts, size, flags=flags, prior=prior)
         for index, part, first in zip(members, parts, from_labels, strict=True):
-            look = partial(_looked_at, object_segments, images[index], part, flags=flags, prior=prior, refine=refine)
+            look = partial(
+                _looked_at, object_segments, markings, images[index], part, flags=flags, prior=prior, refine=refine
+            )
             calibrations[index], is_sure = look(first, least_agreement=LEAST_AGREEMENT)
             if not is_sure:
                 others = calibrate_from_consensus(object_segments, images[index], part, flags=flags, prior=prior)
                 least = LEAST_AGREEMENT_CHOSEN if refine else LEAST_AGREEMENT
                 looks = [calibrations[index], *(look(other, least_agreement=least)[0] for other in others)]
-                calibrations[index] = _most_agreeing(object_segments, images[index], looks)
+                calibrations[index] = _most_agreeing(markings, images[index], looks)
     return [calibrations[index] for index in range(len(images))]
 
 
 def _without_faint(found: Localization) -> Localization:
     """Without what the network hardly saw: mostly it is nothing, and refinement finds the rest."""
-    labels = [label for label, weight in found.weights.items() if np.sum(weight) >= FAINT]
-    if len(labels) < LEAST_SEGMENTS:
-        return found
-    return Localization({k: found.pixels[k] for k in labels}, {k: found.weights[k] for k in labels})
+    labels = [label for label, weight in found.weight.items() if weight >= FAINT]
+    return found.only(labels) if len(labels) >= LEAST_SEGMENTS else found
 
 
 def _looked_at(
     object_segments: ObjectSegments,
+    markings: Markings,
     image: Image,
     found: Localization,
     calibration: Calibration,
@@ -131,7 +124,7 @@ def _looked_at(
         )
     if calibration.camera is None or not calibration.accepted:
         return calibration, False
-    share = agreement(image, calibration.camera, Markings.of(object_segments))
+    share = agreement(image, calibration.camera, markings)
     explained = _explained(object_segments, calibration.camera, found)
     is_sure = refine and share >= SURE_AGREEMENT and explained >= LEAST_EXPLAINED_SURE
     doubt = ""
@@ -148,14 +141,13 @@ def _looked_at(
 
 def _explained(object_segments: ObjectSegments, camera: Camera, found: Localization) -> float:
     """Share of the weight of labelled pixels that segments near their image under the camera have."""
-    weight = {label: float(np.sum(values)) for label, values in found.weights.items()}
+    weight = found.weight
     near = near_labels(object_segments, camera, found)
     return sum(weight[label] for label in near) / max(sum(weight.values()), 1e-9)
 
 
-def _most_agreeing(object_segments: ObjectSegments, image: Image, calibrations: Sequence[Calibration]) -> Calibration:
+def _most_agreeing(markings: Markings, image: Image, calibrations: Sequence[Calibration]) -> Calibration:
     """That which the image agrees with most of those that are accepted; the first if none is."""
-    markings = Markings.of(object_segments)
     share = [
         agreement(image, one.camera, markings, max(REACHES)) if one.accepted and one.camera is not None else 0.0
         for one in calibrations

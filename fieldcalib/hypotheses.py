@@ -6,7 +6,7 @@ for several of its lines, and these agree with one another, though not with the 
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from itertools import combinations
 
 import numpy as np
@@ -60,29 +60,37 @@ def calibrate_from_consensus(
     ----------
     Fischler, Bolles: Random Sample Consensus, Communications of the ACM 24 (1981).
     """
-    heaviest = sorted(found.pixels, key=lambda label: -float(np.sum(found.weights[label])))[:HEAVIEST]
+    weight = found.weight
+    heaviest = sorted(weight, key=lambda label: -weight[label])[:HEAVIEST]
     if len(heaviest) <= OF_EACH:
         return []
     size = image.shape[1], image.shape[0]
     markings = Markings.of(object_segments)
 
     def calibrated(chosen: Iterable[Iterable[str]]) -> list[Calibration]:
-        some = [tuple(labels) for labels in chosen]
-        return calibrate_batch(
-            object_segments,
-            [{label: found.pixels[label] for label in labels} for labels in some],
-            size,
-            flags=flags,
-            prior=prior,
-            weights=[{label: found.weights[label] for label in labels} for labels in some],
-            trust_labels=True,
-        )
+        parts = [found.only(labels) for labels in chosen]
+        return calibrate_localized(object_segments, parts, size, flags=flags, prior=prior)
 
     hypotheses = [hypothesis.camera for hypothesis in calibrated(combinations(heaviest, OF_EACH))]
     cameras = [camera for camera in hypotheses if camera is not None]
     share = [agreement(image, camera, markings, max(REACHES)) for camera in cameras]
     best = [cameras[index] for index in np.argsort(share)[::-1][:LOOKED_AT]]
     return calibrated(dict.fromkeys(near_labels(object_segments, camera, found) for camera in best))
+
+
+def calibrate_localized(
+    object_segments: ObjectSegments, parts: Sequence[Localization], size: tuple[int, int], *, flags: int, prior: Prior
+) -> list[Calibration]:
+    """The cameras of the labelled pixels of several images of one size: `calibrate_batch`, which trusts the labels."""
+    return calibrate_batch(
+        object_segments,
+        [part.pixels for part in parts],
+        size,
+        flags=flags,
+        prior=prior,
+        weights=[part.weights for part in parts],
+        trust_labels=True,
+    )
 
 
 def near_labels(object_segments: ObjectSegments, camera: Camera, found: Localization) -> tuple[str, ...]:

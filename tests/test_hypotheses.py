@@ -50,9 +50,7 @@ def test_segments_that_are_right_are_all_kept():
 
 
 def test_three_segments_leave_no_choice():
-    labels = labelled(TRUTH)
-    three = Localization(*({label: part[label] for label in SEEN[:3]} for part in (labels.pixels, labels.weights)))
-    assert consensus(three) == []
+    assert consensus(labelled(TRUTH).only(SEEN[:3])) == []
 
 
 def test_without_lines_in_the_image_there_are_answers_all_the_same():

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -30,6 +30,16 @@ class Localization:
     """Label -> (N, 2) pixels."""
     weights: dict[str, Array]
     """Label -> (N,) what each pixel counts."""
+
+    @property
+    def weight(self) -> dict[str, float]:
+        """Label -> what all its pixels count together."""
+        return {label: float(np.sum(values)) for label, values in self.weights.items()}
+
+    def only(self, labels: Iterable[str]) -> Localization:
+        """The same with some of its labels."""
+        kept = tuple(labels)
+        return Localization({k: self.pixels[k] for k in kept}, {k: self.weights[k] for k in kept})
 
 
 def image_from_grid(xy: Array, grid_size: tuple[int, int], image_size: tuple[int, int]) -> Array:
