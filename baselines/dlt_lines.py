@@ -17,18 +17,20 @@ from collections.abc import Sequence
 import numpy as np
 
 from fieldcalib._types import Array, BoolArray
-from fieldcalib.calibrate_homography import judged_camera
-from fieldcalib.cli import run_command
-from fieldcalib.commands.arguments import add_field_size, add_input_and_output
-from fieldcalib.commands.folder import calibrate_folder
-from fieldcalib.field import Field, soccer
-from fieldcalib.homography import NO_FOCAL_LENGTH, closed_form
+from fieldcalib.assess.result import Calibration, Status
+from fieldcalib.calibrate.decomposition import NO_FOCAL_LENGTH, closed_form
+from fieldcalib.calibrate.from_homography import judged_camera
+from fieldcalib.calibrate.initial_cameras import ground_homographies
+from fieldcalib.cli.arguments import add_field_size, add_input_and_output
+from fieldcalib.cli.folder import calibrate_folder
+from fieldcalib.cli.main import run_command
+from fieldcalib.fields.field import Field
+from fieldcalib.fields.soccer import soccer
+from fieldcalib.geometry.projective import SINGULAR
 from fieldcalib.io.files import write_text
 from fieldcalib.io.wc14 import format_homography
-from fieldcalib.projective import SINGULAR
-from fieldcalib.result import Calibration, Status
-from fieldcalib.segments import Pixels, pack
-from fieldcalib.starts import ground_homographies
+from fieldcalib.problem.labelled_pixels import Pixels
+from fieldcalib.problem.observations import pack
 
 
 def homographies(field: Field, frames: Sequence[Pixels], image_size: tuple[int, int]) -> tuple[Array, BoolArray]:

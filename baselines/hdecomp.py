@@ -18,15 +18,15 @@ from typing import get_args
 
 from baselines import dlt_lines
 from fieldcalib._types import Array
-from fieldcalib.calibrate_homography import judged_camera, judged_decomposition
-from fieldcalib.cli import run_command
-from fieldcalib.commands.arguments import add_field_size, add_input_and_output, positive
-from fieldcalib.commands.folder import broken_line, calibrate_folder, calibration_line, write_folder
-from fieldcalib.field import soccer
-from fieldcalib.homography import camera_from_homography
+from fieldcalib.assess.result import Calibration, Status
+from fieldcalib.calibrate.decomposition import camera_from_homography
+from fieldcalib.calibrate.from_homography import judged_camera, judged_decomposition
+from fieldcalib.cli.arguments import add_field_size, add_input_and_output, positive
+from fieldcalib.cli.folder import broken_line, calibrate_folder, calibration_line, write_folder
+from fieldcalib.cli.main import run_command
+from fieldcalib.fields.soccer import soccer
 from fieldcalib.io.wc14 import AlignmentName, find_homographies, parse_homography
-from fieldcalib.result import Calibration, Status
-from fieldcalib.segments import Pixels
+from fieldcalib.problem.labelled_pixels import Pixels
 
 
 def calibrate(

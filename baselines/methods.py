@@ -16,15 +16,16 @@ from baselines import dlt_lines, hdecomp, tvcalib
 from baselines.published import ANNOTATED, CHEN, DLT, FAR, OURS, OURS_PINHOLE, TVCALIB, DatasetName
 from baselines.published import hdecomp as decomposed
 from fieldcalib._types import Array
-from fieldcalib.calibrate import calibrate_batch
-from fieldcalib.commands.predictions import read_files, read_ground_truth
-from fieldcalib.field import Field, soccer
+from fieldcalib.assess.result import Calibration
+from fieldcalib.calibrate.from_segments import calibrate_batch
+from fieldcalib.calibrate.options import PINHOLE_FLAGS
+from fieldcalib.cli.predictions import read_files, read_ground_truth
+from fieldcalib.fields.field import Field
+from fieldcalib.fields.soccer import soccer
 from fieldcalib.io.soccernet import CAMERA_TYPES, UNKNOWN_LABELS, find_annotations, parse_annotation, read_camera_types
 from fieldcalib.io.wc14 import AlignmentName, find_homographies, parse_homography
 from fieldcalib.metrics import Prediction
-from fieldcalib.options import PINHOLE_FLAGS
-from fieldcalib.result import Calibration
-from fieldcalib.segments import Pixels, check_segments
+from fieldcalib.problem.labelled_pixels import Pixels, check_segments
 
 Segments: TypeAlias = Literal["GT", "pred", "-"]
 Homographies: TypeAlias = Sequence[Array | None]

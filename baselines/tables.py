@@ -40,8 +40,9 @@ from baselines.published import (
     Evaluated,
     Published,
 )
-from fieldcalib.cli import run_command
-from fieldcalib.field import Field, soccer
+from fieldcalib.cli.main import run_command
+from fieldcalib.fields.field import Field
+from fieldcalib.fields.soccer import soccer
 from fieldcalib.metrics import compound_score, evaluate_segments, iou_part
 
 SIZES: dict[DatasetName, tuple[int, int]] = {"SN-Calib-test-center": (960, 540), "WC14-test": (1280, 720)}

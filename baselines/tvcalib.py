@@ -29,32 +29,21 @@ import numpy as np
 
 from baselines.adamw import minimise
 from fieldcalib._types import Array, BoolArray, IntArray
-from fieldcalib.calibrate import NO_PIXELS
-from fieldcalib.calibrate_homography import judged_camera
-from fieldcalib.cli import run_command
-from fieldcalib.commands.arguments import add_field_size, add_input_and_output, positive
-from fieldcalib.commands.folder import by_prior, calibrate_folder
-from fieldcalib.field import Line, ObjectSegments, Segment, soccer
+from fieldcalib.assess.ndc import cloud
+from fieldcalib.assess.result import Calibration, Status
+from fieldcalib.calibrate.from_homography import judged_camera
+from fieldcalib.calibrate.from_segments import NO_PIXELS
+from fieldcalib.cli.arguments import add_field_size, add_input_and_output, positive
+from fieldcalib.cli.folder import by_prior, calibrate_folder
+from fieldcalib.cli.main import run_command
+from fieldcalib.fields.segments import Line, ObjectSegments, Segment
+from fieldcalib.fields.soccer import soccer
+from fieldcalib.fields.stands import MAIN_CENTER, MAIN_LEFT, MAIN_RIGHT, CameraDistribution, focal_length_from_fov
+from fieldcalib.geometry.projective import homogenize
+from fieldcalib.geometry.rotation import rotation_axes, rotation_from_angles
 from fieldcalib.io.soccernet import CAMERA_TYPES, DISTRIBUTIONS_OF_TYPE, read_camera_types
-from fieldcalib.ndc import cloud
-from fieldcalib.parameters import (
-    ANGLES,
-    CENTER,
-    LOG_F,
-    MAIN_CENTER,
-    MAIN_LEFT,
-    MAIN_RIGHT,
-    PARAMETERS,
-    PRINCIPAL_POINT,
-    ROLL,
-    CameraDistribution,
-    camera_from_theta,
-    focal_length_from_fov,
-)
-from fieldcalib.projective import homogenize
-from fieldcalib.result import Calibration, Status
-from fieldcalib.rotation import rotation_axes, rotation_from_angles
-from fieldcalib.segments import Pixels, split_centre_circle
+from fieldcalib.problem.labelled_pixels import Pixels, split_centre_circle
+from fieldcalib.problem.parameters import ANGLES, CENTER, LOG_F, PARAMETERS, PRINCIPAL_POINT, ROLL, camera_from_theta
 
 FOV = LOG_F  # phi is ordered as theta, with the field of view in the place of the focal length
 STEPS = 2000
@@ -285,8 +274,8 @@ def loss_with_gradient(phi: Array, tensors: Tensors) -> tuple[Array, Array]:
     """The loss of T frames and its derivative by their cameras.
 
     The loss is the mean distance of the pixels on lines to their infinite lines plus the mean distance of the pixels on
-    circles to the nearest samples; an absent kind counts 0 (`fieldcalib.ndc`, "tvcalib"). With ``M = diag(f) R`` and
-    ``P = M [I | -C]``, f = (fx, fy, 1),
+    circles to the nearest samples; an absent kind counts 0 (`fieldcalib.assess.ndc`, "tvcalib"). With ``M = diag(f) R``
+    and ``P = M [I | -C]``, f = (fx, fy, 1),
 
         dM = dP_123 - dP_4 C^T,    dC = -M^T dP_4,    dR = diag(f) dM,    dangle = -axis . sum_j R_j x dR_j,
 

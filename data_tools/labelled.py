@@ -16,10 +16,10 @@ from pathlib import Path
 import numpy as np
 
 from fieldcalib._types import Array
-from fieldcalib.calibrate_points import calibrate_from_points
-from fieldcalib.camera import Camera
-from fieldcalib.field import soccer
-from fieldcalib.options import DEFAULT_FLAGS
+from fieldcalib.calibrate.from_points import calibrate_from_points
+from fieldcalib.calibrate.options import DEFAULT_FLAGS
+from fieldcalib.fields.soccer import soccer
+from fieldcalib.geometry.camera import Camera
 
 POINTS_FILE = "keypoints_105x68.json"
 MISPLACED = (4, 5, 16, 28, 29, 30, 31)  # labelled where the frame ends or elsewhere, too often to be used

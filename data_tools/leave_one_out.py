@@ -17,16 +17,18 @@ from pathlib import Path
 import numpy as np
 
 from fieldcalib._types import Array
-from fieldcalib.calibrate import calibrate_batch
-from fieldcalib.cli import run_command
-from fieldcalib.commands.arguments import LENSES, image_size
-from fieldcalib.commands.folder import read_frames
-from fieldcalib.field import Field, soccer
-from fieldcalib.field_size import estimate_field_size
-from fieldcalib.parameters import theta_from_camera
-from fieldcalib.residuals import segment_residuals
-from fieldcalib.segments import Pixels, pack
-from fieldcalib.verify import segment_errors
+from fieldcalib.assess.verdict import segment_errors
+from fieldcalib.calibrate.field_size import estimate_field_size
+from fieldcalib.calibrate.from_segments import calibrate_batch
+from fieldcalib.cli.arguments import LENSES, image_size
+from fieldcalib.cli.folder import read_frames
+from fieldcalib.cli.main import run_command
+from fieldcalib.fields.field import Field
+from fieldcalib.fields.soccer import soccer
+from fieldcalib.problem.labelled_pixels import Pixels
+from fieldcalib.problem.observations import pack
+from fieldcalib.problem.parameters import theta_from_camera
+from fieldcalib.problem.residuals import segment_residuals
 
 LEAST = 5  # segments that a calibration keeps
 

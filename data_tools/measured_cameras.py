@@ -19,15 +19,16 @@ from pathlib import Path
 import numpy as np
 
 from fieldcalib._types import Array
-from fieldcalib.calibrate import calibrate_batch
-from fieldcalib.camera import Camera
-from fieldcalib.cli import run_command
-from fieldcalib.commands.arguments import LENSES, count, positive
-from fieldcalib.demo import observe
-from fieldcalib.field import Field, soccer
-from fieldcalib.options import CalibrationFlags
-from fieldcalib.parameters import CENTER, LOG_F, theta_from_camera
-from fieldcalib.result import Calibration
+from fieldcalib.assess.result import Calibration
+from fieldcalib.calibrate.from_segments import calibrate_batch
+from fieldcalib.calibrate.options import CalibrationFlags
+from fieldcalib.cli.arguments import LENSES, count, positive
+from fieldcalib.cli.demo import observe
+from fieldcalib.cli.main import run_command
+from fieldcalib.fields.field import Field
+from fieldcalib.fields.soccer import soccer
+from fieldcalib.geometry.camera import Camera
+from fieldcalib.problem.parameters import CENTER, LOG_F, theta_from_camera
 
 SIZE = (1920, 1080)
 FROM_Z_UP = np.diag([1.0, -1.0, -1.0])  # their world's axes in ours; its own inverse

@@ -4,8 +4,9 @@
     python -m data_tools.probability measured CAMERAS
     python -m data_tools.probability annotated ANNOTATIONS --size WxH
 
-`fit` calibrates random synthetic frames and prints the coefficients of `fieldcalib.confidence`: logistic regression on
-whether the largest error in view is below 0.5 m and below 1 m. It ends with the reliability on as many other frames.
+`fit` calibrates random synthetic frames and prints the coefficients of `fieldcalib.assess.probability`: logistic
+regression on whether the largest error in view is below 0.5 m and below 1 m. It ends with the reliability on as many
+other frames.
 
 `measured` takes the cameras of `data_tools.measured_cameras`, with random parts of their labels. `annotated` takes as
 true the camera of all labels of a frame, where these are many and fit, and judges cameras from four to six of them.
@@ -29,21 +30,22 @@ import numpy as np
 from data_tools.measured_cameras import SIZE, observed, read_camera
 from data_tools.random_frames import random_frame
 from fieldcalib._types import Array
-from fieldcalib.calibrate import calibrate_batch
-from fieldcalib.camera import Camera
-from fieldcalib.cli import run_command
-from fieldcalib.commands.arguments import count, image_size
-from fieldcalib.commands.folder import read_frames
-from fieldcalib.confidence import GRID, evidence
-from fieldcalib.field import Field, soccer
+from fieldcalib.assess.probability import GRID, evidence
+from fieldcalib.assess.result import Calibration
+from fieldcalib.calibrate.from_segments import calibrate_batch
+from fieldcalib.calibrate.options import pixel_unit
+from fieldcalib.cli.arguments import count, image_size
+from fieldcalib.cli.folder import read_frames
+from fieldcalib.cli.main import run_command
+from fieldcalib.fields.field import Field
+from fieldcalib.fields.soccer import soccer
+from fieldcalib.geometry.camera import Camera
 from fieldcalib.metrics import compound_score, evaluate_segments
-from fieldcalib.options import pixel_unit
-from fieldcalib.result import Calibration
-from fieldcalib.segments import Pixels
+from fieldcalib.problem.labelled_pixels import Pixels
 
 METRES = (0.5, 1.0)
 BINS = (0.0, 0.05, 0.2, 0.4, 0.6, 0.8, 0.95, 1.0)
-FINER = 4  # the true largest error is looked for on a grid finer than the one of `fieldcalib.confidence`
+FINER = 4  # the true largest error is looked for on a grid finer than the one of `fieldcalib.assess.probability`
 RIDGE = 1e-3  # keeps the regression from infinite coefficients; too small to matter
 FEW_LABELS = (4, 6)  # that cameras are judged with
 MANY_LABELS, WELL_FITTED = 8, 2.0  # labels, px at 960 x 540: of frames whose camera is taken as true
@@ -74,7 +76,7 @@ def judged(
 
 
 def fitted(features: Array, errors: Array) -> Array:
-    """Coefficients (5,) that make the log odds of errors (n,) from features (n, 5): see `fieldcalib.confidence`."""
+    """Coefficients (5,) of `fieldcalib.assess.probability` from features (n, 5) and errors (n,): log odds."""
     from scipy.optimize import minimize
 
     A = np.concatenate([features - [0.0, np.log(metres), 0.0, 0.0, 0.0] for metres in METRES])

@@ -1,7 +1,7 @@
 """Random frames whose cameras are known: labelled pixels as people and networks leave them, wrong labels included.
 
-Cameras come from all stands of `fieldcalib.parameters`, most of them from the centre of the main one, with the lenses
-and the principal points of broadcasts. Some visible markings are left out, pixels are noisy, and the pixels of a
+Cameras come from all stands of `fieldcalib.fields.stands`, most of them from the centre of the main one, with the
+lenses and the principal points of broadcasts. Some visible markings are left out, pixels are noisy, and the pixels of a
 segment share a part of their noise.
 """
 
@@ -12,13 +12,14 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from fieldcalib.camera import Camera
-from fieldcalib.demo import HALVES, SHORTEST_SEGMENT
-from fieldcalib.field import Arc, Field
-from fieldcalib.options import ALL_STANDS
-from fieldcalib.parameters import LENS, LENS_MEAN, PRINCIPAL_POINT, ROLL, CameraDistribution, camera_from_theta
-from fieldcalib.segments import Pixels
-from fieldcalib.uncertainty import SHARED_NOISE
+from fieldcalib.assess.uncertainty import SHARED_NOISE
+from fieldcalib.cli.demo import HALVES, SHORTEST_SEGMENT
+from fieldcalib.fields.field import Field
+from fieldcalib.fields.segments import Arc
+from fieldcalib.fields.stands import ALL_STANDS, CameraDistribution
+from fieldcalib.geometry.camera import Camera
+from fieldcalib.problem.labelled_pixels import Pixels
+from fieldcalib.problem.parameters import LENS, LENS_MEAN, PRINCIPAL_POINT, ROLL, camera_from_theta, sample_theta
 
 MAIN_CENTER_SHARE = 0.4  # of the cameras; the other stands share the rest
 ROLL_SIGMA = np.radians(1.0)
@@ -57,7 +58,7 @@ def random_frame(field: Field, rng: np.random.Generator) -> RandomFrame:
 
     Examples
     --------
-    >>> from fieldcalib.field import soccer
+    >>> from fieldcalib.fields.soccer import soccer
     >>> frame = random_frame(soccer(), np.random.default_rng(0))
     >>> len(frame.pixels) >= 3, frame.wrong
     (True, {})
@@ -76,7 +77,7 @@ def random_camera(rng: np.random.Generator) -> Camera:
     """A camera on one of the stands, with a lens and a principal point as broadcasts have them."""
     first, *others = ALL_STANDS
     stand: CameraDistribution = first if rng.random() < MAIN_CENTER_SHARE else others[rng.integers(len(others))]
-    (theta,) = stand.sample(1, rng, SIZE)
+    (theta,) = sample_theta(stand, 1, rng, SIZE)
     theta[ROLL] = rng.normal(0.0, ROLL_SIGMA)
     theta[LENS.start] = np.clip(rng.normal(LENS_MEAN[0], LENS_SPREAD), -STRONGEST_LENS, STRONGEST_LENS)
     theta[PRINCIPAL_POINT] += rng.normal(size=2) * PRINCIPAL_POINT_SPREAD * SIZE[0]
@@ -123,7 +124,7 @@ def confused_labels(label: str, field: Field) -> list[str]:
 
     Examples
     --------
-    >>> from fieldcalib.field import soccer
+    >>> from fieldcalib.fields.soccer import soccer
     >>> confused_labels("Circle left", soccer())
     ['Circle central', 'Circle right']
     >>> confused_labels("Side line top", soccer())

@@ -38,18 +38,18 @@ from data_tools.labelled import clip_of, labelled_points
 from data_tools.measured_cameras import read_camera
 from data_tools.nonsense import nonsense
 from fieldcalib._types import Array
-from fieldcalib.calibrate_images import calibrate_from_images
-from fieldcalib.cli import run_command
-from fieldcalib.commands.arguments import count
-from fieldcalib.commands.frames import AT_ONCE, add_network, add_refinement, in_parts, load_network
-from fieldcalib.field import soccer
-from fieldcalib.image import Image
+from fieldcalib.assess.result import Calibration
+from fieldcalib.cli.arguments import count
+from fieldcalib.cli.frames import AT_ONCE, add_network, add_refinement, in_parts, load_network
+from fieldcalib.cli.main import run_command
+from fieldcalib.fields.soccer import soccer
+from fieldcalib.images.from_images import calibrate_from_images
+from fieldcalib.io.image import Image
 from fieldcalib.io.images import VideoReader, parse_image
 from fieldcalib.io.soccernet import parse_annotation
 from fieldcalib.io.wc14 import parse_homography
 from fieldcalib.metrics import evaluate_segments, iou_part
-from fieldcalib.parameters import CENTER, LOG_F
-from fieldcalib.result import Calibration
+from fieldcalib.problem.parameters import CENTER, LOG_F
 
 SIZE = (1280, 720)  # that squashed images are stretched to
 REPORTED_WIDTH = 1920.0

@@ -18,7 +18,7 @@ from pathlib import Path
 
 import numpy as np
 
-from fieldcalib.commands.arguments import image_size
+from fieldcalib.cli.arguments import image_size
 from fieldcalib.io.soccernet import BrokenFileError, find_annotations
 
 THRESHOLDS = (5, 10, 20)  # px

@@ -32,9 +32,9 @@ from data_tools.onnx_model import write_model
 from data_tools.synthetic import CLASSES, Mask, frame
 from data_tools.training_data import Batches, normalised, stacked, whole
 from fieldcalib._types import Array
-from fieldcalib.commands.arguments import image_size
-from fieldcalib.image import Image
+from fieldcalib.cli.arguments import image_size
 from fieldcalib.io.files import write_bytes
+from fieldcalib.io.image import Image
 
 LEARNING_RATE, WARM_UP, WEIGHT_DECAY = 2e-3, 200, 1e-2
 AVERAGED = 0.999  # what is kept, each step, of the weights that are exported: they are those of the last thousand steps

@@ -22,9 +22,9 @@ from data_tools.synthetic import SIZE, Mask, frame, mirrored_values
 from data_tools.synthetic.cache import read_frame
 from data_tools.synthetic.masks import markings_mask
 from data_tools.synthetic.pictures import degraded
-from fieldcalib.camera import Camera
-from fieldcalib.field import soccer
-from fieldcalib.image import Image
+from fieldcalib.fields.soccer import soccer
+from fieldcalib.geometry.camera import Camera
+from fieldcalib.io.image import Image
 
 LABELLED_SHARE = 1.0 / 3.0
 FINER = 4  # masks are looked at on a grid so much finer than that of the classes

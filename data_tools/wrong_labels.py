@@ -22,14 +22,15 @@ from pathlib import Path
 import numpy as np
 
 from data_tools.random_frames import mislabelled
-from fieldcalib.calibrate import calibrate_batch
-from fieldcalib.camera import Camera
-from fieldcalib.cli import run_command
-from fieldcalib.commands.arguments import image_size
-from fieldcalib.commands.folder import read_frames
-from fieldcalib.field import Field, soccer
-from fieldcalib.options import pixel_unit
-from fieldcalib.segments import Pixels
+from fieldcalib.calibrate.from_segments import calibrate_batch
+from fieldcalib.calibrate.options import pixel_unit
+from fieldcalib.cli.arguments import image_size
+from fieldcalib.cli.folder import read_frames
+from fieldcalib.cli.main import run_command
+from fieldcalib.fields.field import Field
+from fieldcalib.fields.soccer import soccer
+from fieldcalib.geometry.camera import Camera
+from fieldcalib.problem.labelled_pixels import Pixels
 
 LEAST_SEGMENTS, WELL_FITTED = 7, 2.0  # labels, px at 960 x 540
 SAME_CAMERA = 3.0  # px at 960 x 540

@@ -13,61 +13,9 @@ World: metres, origin at the centre mark, x right along the touchline as the mai
 camera, z down. Pixels: (x, y), the first pixel's centre at (0, 0); image sizes are (width, height).
 """
 
-from importlib import import_module
-from types import ModuleType
-
-from fieldcalib.calibrate import calibrate_batch, calibrate_from_segments
-from fieldcalib.calibrate_homography import calibrate_from_homography
-from fieldcalib.calibrate_images import calibrate_from_images
-from fieldcalib.calibrate_points import calibrate_from_points
-from fieldcalib.camera import Camera
-from fieldcalib.field import Arc, Field, Line, Point, PointCloud, soccer
-from fieldcalib.field_size import FieldSize, estimate_field_size
-from fieldcalib.homography import ALIGNMENTS, Alignment, Decomposition, camera_from_homography
-from fieldcalib.localize import SegmentationNetwork
-from fieldcalib.losses import RobustLoss
-from fieldcalib.options import DEFAULT_FLAGS, PINHOLE_FLAGS, CalibrationFlags
-from fieldcalib.parameters import DISTRIBUTIONS, CameraDistribution
-from fieldcalib.refine import refine_on_image
-from fieldcalib.result import Calibration, Status
-
-
-def __getattr__(name: str) -> ModuleType:
-    """Subpackages that are imported when they are used: `fieldcalib.draw`, `fieldcalib.io`, `fieldcalib.metrics`."""
-    if name in ("draw", "io", "metrics"):
-        return import_module(f"fieldcalib.{name}")
-    raise AttributeError(f"module 'fieldcalib' has no attribute {name!r}")
-
+import lazy_loader
 
 __version__ = "0.1.0"
 
-__all__ = [
-    "ALIGNMENTS",
-    "DEFAULT_FLAGS",
-    "DISTRIBUTIONS",
-    "PINHOLE_FLAGS",
-    "Alignment",
-    "Arc",
-    "Calibration",
-    "CalibrationFlags",
-    "Camera",
-    "CameraDistribution",
-    "Decomposition",
-    "Field",
-    "FieldSize",
-    "Line",
-    "Point",
-    "PointCloud",
-    "RobustLoss",
-    "SegmentationNetwork",
-    "Status",
-    "calibrate_batch",
-    "calibrate_from_homography",
-    "calibrate_from_images",
-    "calibrate_from_points",
-    "calibrate_from_segments",
-    "camera_from_homography",
-    "estimate_field_size",
-    "refine_on_image",
-    "soccer",
-]
+# What there is stands in __init__.pyi, where editors and type checkers find it; it is imported when it is used.
+__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

@@ -2,6 +2,6 @@
 
 import sys
 
-from fieldcalib.cli import main
+from fieldcalib.cli.main import main
 
 sys.exit(main())

@@ -14,12 +14,12 @@ from synthetic import frames_of_broadcasts
 from views import BROADCAST
 
 from fieldcalib import calibrate_batch, calibrate_from_segments, refine_on_image, soccer
+from fieldcalib.calibrate.options import PINHOLE_FLAGS, CalibrationFlags
+from fieldcalib.draw.scene import render_field
 from fieldcalib.io.soccernet import parse_annotation
 from fieldcalib.localize import ridge_points
 from fieldcalib.metrics import evaluate_segments
-from fieldcalib.options import PINHOLE_FLAGS, CalibrationFlags
-from fieldcalib.parameters import camera_from_theta
-from fieldcalib.render import render_field
+from fieldcalib.problem.parameters import camera_from_theta
 
 FIELD, SIZE = soccer(), (960, 540)
 

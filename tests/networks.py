@@ -4,9 +4,9 @@ import cv2
 import numpy as np
 from synthetic import whole_circle_markings
 
-from fieldcalib.field import soccer
+from fieldcalib.draw.scene import fixed_point, image_curves
+from fieldcalib.fields.soccer import soccer
 from fieldcalib.localize import BACKGROUND
-from fieldcalib.render import fixed_point, image_curves
 
 FIELD = soccer()
 LABELS = tuple(whole_circle_markings(FIELD))

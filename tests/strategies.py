@@ -3,8 +3,9 @@
 import numpy as np
 from hypothesis import strategies as st
 
-from fieldcalib.camera import Camera
-from fieldcalib.parameters import DISTRIBUTIONS, LENS, LOG_ASPECT, PRINCIPAL_POINT, camera_from_theta
+from fieldcalib.fields.stands import DISTRIBUTIONS
+from fieldcalib.geometry.camera import Camera
+from fieldcalib.problem.parameters import LENS, LOG_ASPECT, PRINCIPAL_POINT, camera_from_theta, sample_theta
 
 IMAGE_SIZES = ((960, 540), (1280, 720), (1920, 1080))
 
@@ -57,7 +58,7 @@ def broadcast_theta(name, image_size, lens, seed):
     """Parameters of a camera of the named distribution that has at least 10 of 400 random field points in view."""
     rng = np.random.default_rng(seed)
     for _ in range(1000):
-        theta = DISTRIBUTIONS[name].sample(1, rng, image_size)[0]
+        theta = sample_theta(DISTRIBUTIONS[name], 1, rng, image_size)[0]
         if lens:
             # the corner moves by -8 % to 17 %, inside the monotone part of the lens
             theta[LENS] = rng.uniform((-0.06, -0.02), (0.15, 0.02))

@@ -2,8 +2,10 @@
 
 import numpy as np
 
-from fieldcalib.field import Line, soccer
-from fieldcalib.parameters import DISTRIBUTIONS, camera_from_theta
+from fieldcalib.fields.segments import Line
+from fieldcalib.fields.soccer import soccer
+from fieldcalib.fields.stands import DISTRIBUTIONS
+from fieldcalib.problem.parameters import camera_from_theta, sample_theta
 
 LENGTH_IN_VIEW = 10.0  # px: shorter lines have no direction
 
@@ -36,7 +38,7 @@ def frames_of_broadcasts(count, seed, noise=0.0, least_segments=5, names=tuple(D
     rng, markings = np.random.default_rng(seed), whole_circle_markings(soccer())
     frames, thetas = [], []
     while len(frames) < count:
-        theta = DISTRIBUTIONS[names[len(frames) % len(names)]].sample(1, rng, image_size)[0]
+        theta = sample_theta(DISTRIBUTIONS[names[len(frames) % len(names)]], 1, rng, image_size)[0]
         frame = observe(markings, camera_from_theta(theta, image_size), rng, noise)
         if len(frame) >= least_segments:
             frames.append(frame)

@@ -7,10 +7,10 @@ import pytest
 from synthetic import frames_of_broadcasts
 
 from baselines import dlt_lines, hdecomp, tvcalib
-from fieldcalib.cli import main as fieldcalib_main
+from fieldcalib.cli.main import main as fieldcalib_main
 from fieldcalib.io.soccernet import camera_from_record, format_annotation, format_camera_types
 from fieldcalib.io.wc14 import find_homographies, format_homography, parse_homography
-from fieldcalib.parameters import camera_from_theta
+from fieldcalib.problem.parameters import camera_from_theta
 
 SIZE = (960, 540)
 NAMES = ("a", "b", "c")

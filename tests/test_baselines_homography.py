@@ -7,9 +7,9 @@ from test_homography import without_focal_length
 
 from baselines import dlt_lines, hdecomp
 from fieldcalib import ALIGNMENTS, Camera, Line, Status, soccer
+from fieldcalib.geometry.projective import dehomogenize, homogenize
 from fieldcalib.io.soccernet import parse_annotation
-from fieldcalib.projective import dehomogenize, homogenize
-from fieldcalib.segments import check_segments
+from fieldcalib.problem.labelled_pixels import check_segments
 
 FIELD, SIZE = soccer(), (960, 540)
 CAMERA = Camera.from_angles(-0.4, 1.35, 0.01, 1200.0, (0.0, 65.0, -15.0), SIZE)

@@ -11,12 +11,13 @@ from synthetic import frames_of_broadcasts, observe, whole_circle_markings
 
 from baselines.adamw import minimise, one_cycle
 from baselines.tvcalib import CHUNK, DISTRIBUTIONS, FOV, calibrate, loss_with_gradient, pack_tensors, theta_from_phi
-from fieldcalib.field import Point, PointCloud, soccer
+from fieldcalib.assess.ndc import ndc_loss
+from fieldcalib.assess.result import Status
+from fieldcalib.fields.segments import Point, PointCloud
+from fieldcalib.fields.soccer import soccer
 from fieldcalib.io.soccernet import parse_annotation
-from fieldcalib.ndc import ndc_loss
-from fieldcalib.parameters import ANGLES, CENTER, LOG_F, PAN, camera_from_theta, theta_from_camera
-from fieldcalib.result import Status
-from fieldcalib.segments import check_segments
+from fieldcalib.problem.labelled_pixels import check_segments
+from fieldcalib.problem.parameters import ANGLES, CENTER, LOG_F, PAN, camera_from_theta, theta_from_camera
 
 FIELD = soccer()
 MARKINGS = whole_circle_markings(FIELD)

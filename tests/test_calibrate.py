@@ -19,14 +19,15 @@ from fieldcalib import (
     calibrate_from_segments,
     soccer,
 )
-from fieldcalib.calibrate import _best_starts
-from fieldcalib.distortion import is_monotone, lens_coefficients, opencv_coefficients
+from fieldcalib.calibrate.from_segments import _best_starts
+from fieldcalib.calibrate.initial_cameras import Starts
+from fieldcalib.calibrate.options import DEFAULT_FLAGS, PINHOLE_FLAGS, CalibrationFlags, checked_options
+from fieldcalib.fields.stands import MAIN_CENTER
+from fieldcalib.geometry.lens import is_monotone, lens_coefficients, opencv_coefficients
 from fieldcalib.io.soccernet import parse_annotation
-from fieldcalib.options import DEFAULT_FLAGS, PINHOLE_FLAGS, CalibrationFlags, checked_options
-from fieldcalib.parameters import LENS_MEAN, MAIN_CENTER, GaussianPrior, camera_from_theta, theta_from_camera
-from fieldcalib.segments import pack
-from fieldcalib.solver import Problem, solve_batch
-from fieldcalib.starts import Starts
+from fieldcalib.problem.observations import pack
+from fieldcalib.problem.parameters import LENS_MEAN, GaussianPrior, camera_from_theta, gaussian_prior, theta_from_camera
+from fieldcalib.problem.solver import Problem, solve_batch
 
 FIELD, SIZE = soccer(), (960, 540)
 MARKINGS = whole_circle_markings(FIELD)
@@ -148,7 +149,7 @@ def test_a_plausible_start_goes_before_a_cheaper_one_below_the_ground():
     flat = {label: xy for label, xy in FRAME.items() if "Goal" not in label and "Circle" not in label}
     observations = pack(FIELD, [flat], SIZE)
     pair = np.array([theta, theta_from_camera(below)])
-    sigma = np.tile(MAIN_CENTER.prior(SIZE).sigma, (2, 1))
+    sigma = np.tile(gaussian_prior(MAIN_CENTER, SIZE).sigma, (2, 1))
     prior = GaussianPrior(pair - np.array([[0.5], [0.0]]) * sigma, sigma)  # the one below is cheaper by its prior
     options = checked_options(
         SIZE, None, None, None, None, flags=DEFAULT_FLAGS, criteria=(3, 50, 1e-9), prior="all", loss="cauchy", tau=None
@@ -163,7 +164,7 @@ def test_a_plausible_start_goes_before_a_cheaper_one_below_the_ground():
 
 
 def test_densely_labelled_frames_are_solved_a_few_at_a_time():
-    from fieldcalib.calibrate import CHUNK, CHUNK_PIXELS, _chunks
+    from fieldcalib.calibrate.from_segments import CHUNK, CHUNK_PIXELS, _chunks
 
     frames = [{"Middle line": np.zeros((count, 2))} for count in [0, 3, 100, 5000, 20000, *[30] * 200]]
     chunks = list(_chunks(FIELD, frames))

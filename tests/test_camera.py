@@ -11,8 +11,8 @@ from hypothesis import assume, given
 from hypothesis import strategies as st
 from strategies import anywhere, cameras, generators, in_image, visible_field_points
 
-from fieldcalib.camera import Camera, checked_image_size, radial_coefficients
-from fieldcalib.projective import dehomogenize, homogenize
+from fieldcalib.geometry.camera import Camera, checked_image_size, radial_coefficients
+from fieldcalib.geometry.projective import dehomogenize, homogenize
 
 SIZE = (1920, 1080)
 CENTRE = np.array([960.0, 540.0])

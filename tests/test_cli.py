@@ -11,11 +11,12 @@ import pytest
 from synthetic import frames_of_broadcasts, observe, whole_circle_markings
 
 import fieldcalib
-import fieldcalib.demo
-from fieldcalib.cli import main
-from fieldcalib.field import soccer
+import fieldcalib.cli.demo
+from fieldcalib.cli.main import main
+from fieldcalib.fields.soccer import soccer
+from fieldcalib.fields.stands import DISTRIBUTIONS
 from fieldcalib.io.soccernet import camera_from_record, format_annotation
-from fieldcalib.parameters import DISTRIBUTIONS, camera_from_theta
+from fieldcalib.problem.parameters import camera_from_theta
 
 SIZE = (960, 540)
 NAMES = ("c", "a", "d", "b")  # not in the order of the files
@@ -486,7 +487,7 @@ def test_wrong_inputs(tmp_path, capsys):
 
 def test_an_output_folder_that_cannot_be(folder, tmp_path, monkeypatch, capsys):
     """It is known before the work, not after it."""
-    monkeypatch.setattr("fieldcalib.commands.calibrate.calibrate_batch", lambda *_, **__: pytest.fail("has worked"))
+    monkeypatch.setattr("fieldcalib.cli.calibrate.calibrate_batch", lambda *_, **__: pytest.fail("has worked"))
     (tmp_path / "file").write_text("in the way")
     for out in (tmp_path / "file", tmp_path / "file" / "below"):
         assert calibrate(out, folder / "a.json") == 2
@@ -511,7 +512,7 @@ def test_help(capsys):
 
 
 def test_demo(tmp_path, monkeypatch, capsys):
-    monkeypatch.setattr(fieldcalib.demo, "run_demo", partial(fieldcalib.demo.run_demo, count=1))
+    monkeypatch.setattr(fieldcalib.cli.demo, "run_demo", partial(fieldcalib.cli.demo.run_demo, count=1))
     assert run("demo", "--out", tmp_path / "new") == 0
     written = {str(path.relative_to(tmp_path / "new")) for path in tmp_path.rglob("*") if path.is_file()}
     assert written == {"annotations/00.json", "frame_00.png", "overview.png", "true_cameras.json"}
@@ -521,6 +522,6 @@ def test_demo(tmp_path, monkeypatch, capsys):
 
 
 def test_it_runs_as_a_module():
-    command = [sys.executable, "-m", "fieldcalib.cli", "--version"]
+    command = [sys.executable, "-m", "fieldcalib.cli.main", "--version"]
     done = subprocess.run(command, capture_output=True, text=True, check=True)
     assert (done.stdout, done.stderr) == (f"fieldcalib {fieldcalib.__version__}\n", "")

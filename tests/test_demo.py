@@ -10,10 +10,11 @@ import numpy as np
 import pytest
 
 from fieldcalib import demo
-from fieldcalib.calibrate import calibrate_batch
-from fieldcalib.camera import Camera
-from fieldcalib.demo import IMAGE_SIZE, CameraErrors, camera_errors, observe, pan_over_field, run_demo
-from fieldcalib.field import Arc, soccer
+from fieldcalib.calibrate.from_segments import calibrate_batch
+from fieldcalib.cli.demo import IMAGE_SIZE, CameraErrors, camera_errors, observe, pan_over_field, run_demo
+from fieldcalib.fields.segments import Arc
+from fieldcalib.fields.soccer import soccer
+from fieldcalib.geometry.camera import Camera
 from fieldcalib.io import files
 from fieldcalib.io.images import write_image
 from fieldcalib.io.soccernet import camera_from_record, parse_annotation

@@ -5,9 +5,10 @@ import pytest
 from scipy.spatial import cKDTree
 from views import BROADCAST, CAMERAS, SIZE, any_camera, camera, inside
 
-from fieldcalib.camera import Camera
-from fieldcalib.draw import PALETTE, draw_field, draw_minimap, draw_segments, label_colour
-from fieldcalib.field import Arc, Line, PointCloud, soccer
+from fieldcalib.draw.overlays import PALETTE, draw_field, draw_minimap, draw_segments, label_colour
+from fieldcalib.fields.segments import Arc, Line, PointCloud
+from fieldcalib.fields.soccer import soccer
+from fieldcalib.geometry.camera import Camera
 
 FIELD = soccer()
 RED = (0, 0, 255)

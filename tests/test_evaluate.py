@@ -8,14 +8,14 @@ import pytest
 from synthetic import frames_of_broadcasts, observe, whole_circle_markings
 
 from fieldcalib import soccer
-from fieldcalib.camera import Camera
-from fieldcalib.cli import main
-from fieldcalib.commands.evaluate import GroundTruth, evaluate, table
+from fieldcalib.cli.evaluate import GroundTruth, evaluate, table
+from fieldcalib.cli.main import main
+from fieldcalib.geometry.camera import Camera
 from fieldcalib.io.soccernet import camera_to_record, format_annotation, format_camera_types
 from fieldcalib.io.tvcalib import TVCalibRecord, format_per_sample_output
 from fieldcalib.io.wc14 import format_homography
 from fieldcalib.metrics import compound_score, evaluate_segments, iou_part, iou_whole, projection_error
-from fieldcalib.parameters import camera_from_theta
+from fieldcalib.problem.parameters import camera_from_theta
 
 SIZE, WC14 = (960, 540), (1280, 720)
 MARKINGS = whole_circle_markings(soccer())

@@ -10,7 +10,7 @@ pytest.importorskip("onnx", reason="needs onnx, the extra `train`")
 
 from data_tools import deeplab  # noqa: E402
 from data_tools.export_onnx import SOCCERNET_CLASSES, main, network_of  # noqa: E402
-from fieldcalib.field import soccer  # noqa: E402
+from fieldcalib.fields.soccer import soccer  # noqa: E402
 from fieldcalib.localize import SegmentationNetwork, localize, ridge_points, skeleton_points  # noqa: E402
 
 

@@ -7,7 +7,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from fieldcalib.field import Arc, Field, Line, Point, PointCloud, soccer
+from fieldcalib.fields.field import Field
+from fieldcalib.fields.segments import Arc, Line, Point, PointCloud
+from fieldcalib.fields.soccer import soccer
 
 FIELD = soccer()
 

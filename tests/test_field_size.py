@@ -8,17 +8,27 @@ from hypothesis import assume, given, settings
 from strategies import generators, thetas
 from synthetic import observe, whole_circle_markings
 
-from fieldcalib.calibrate import calibrate_from_segments
-from fieldcalib.camera import Camera
-from fieldcalib.field import Point, soccer
-from fieldcalib.field_size import ALL_MATCHES, SIGMA, SILENT, _linearized, _motion, _uncertainty, estimate_field_size
-from fieldcalib.losses import RobustLoss
-from fieldcalib.options import PINHOLE_FLAGS
-from fieldcalib.parameters import DISTRIBUTIONS, LENS, camera_from_theta
-from fieldcalib.residuals import segment_residuals
-from fieldcalib.segments import pack
-from fieldcalib.solver import Problem
-from fieldcalib.uncertainty import Noise, Solved
+from fieldcalib.assess.uncertainty import Noise, Solved
+from fieldcalib.calibrate.field_size import (
+    ALL_MATCHES,
+    SIGMA,
+    SILENT,
+    _linearized,
+    _motion,
+    _uncertainty,
+    estimate_field_size,
+)
+from fieldcalib.calibrate.from_segments import calibrate_from_segments
+from fieldcalib.calibrate.options import PINHOLE_FLAGS
+from fieldcalib.fields.segments import Point
+from fieldcalib.fields.soccer import soccer
+from fieldcalib.fields.stands import DISTRIBUTIONS
+from fieldcalib.geometry.camera import Camera
+from fieldcalib.problem.losses import RobustLoss
+from fieldcalib.problem.observations import pack
+from fieldcalib.problem.parameters import LENS, camera_from_theta, sample_theta
+from fieldcalib.problem.residuals import segment_residuals
+from fieldcalib.problem.solver import Problem
 
 SIZE = (960, 540)
 MEAN = np.array([105.0, 68.0])
@@ -40,7 +50,7 @@ def pitch_and_frames(rng, count, noise):
     truth = np.clip(MEAN + SIGMA * rng.normal(size=2), *ALL_MATCHES)
     markings, frames = whole_circle_markings(soccer(*truth)), []
     while len(frames) < count:
-        theta = DISTRIBUTIONS["main center"].sample(1, rng, SIZE)[0]
+        theta = sample_theta(DISTRIBUTIONS["main center"], 1, rng, SIZE)[0]
         theta[LENS.start] = rng.normal(0.025, 0.02)
         frame = observe(markings, camera_from_theta(theta, SIZE), rng, noise)
         if len(frame) >= 5:
@@ -196,7 +206,7 @@ def frames_of(truth, seed, index):
     rng, markings, found = np.random.default_rng(seed), whole_circle_markings(soccer(*truth)), []
     while len(found) <= index:
         frame = observe(
-            markings, camera_from_theta(DISTRIBUTIONS["main center"].sample(1, rng, SIZE)[0], SIZE), rng, 0.5
+            markings, camera_from_theta(sample_theta(DISTRIBUTIONS["main center"], 1, rng, SIZE)[0], SIZE), rng, 0.5
         )
         if len(frame) >= 7:
             found.append(frame)

@@ -6,8 +6,8 @@ import numpy as np
 from synthetic import frames_of_broadcasts, observe, whole_circle_markings
 
 from data_tools.leave_one_out import left_out_errors, main
-from fieldcalib.camera import Camera
-from fieldcalib.field import soccer
+from fieldcalib.fields.soccer import soccer
+from fieldcalib.geometry.camera import Camera
 from fieldcalib.io.soccernet import format_annotation
 
 SIZE = (960, 540)

@@ -8,15 +8,15 @@ import pytest
 from networks import CLASSES, FIELD, GRID, KnownCameras, band_maps, probabilities
 from views import camera
 
-from fieldcalib.calibrate import calibrate_batch, calibrate_from_segments
-from fieldcalib.demo import camera_errors
+from fieldcalib.calibrate.from_segments import calibrate_batch, calibrate_from_segments
+from fieldcalib.cli.demo import camera_errors
 from fieldcalib.io.files import BrokenFileError
 from fieldcalib.localize import SegmentationNetwork, localize, ridge_points, skeleton_points
 from fieldcalib.localize.description import NetworkDescription
 from fieldcalib.localize.grid import image_from_grid
-from fieldcalib.parameters import theta_from_camera
-from fieldcalib.residuals import segment_residuals
-from fieldcalib.segments import pack
+from fieldcalib.problem.observations import pack
+from fieldcalib.problem.parameters import theta_from_camera
+from fieldcalib.problem.residuals import segment_residuals
 
 HD = (1920, 1080)
 VIEWS = {

@@ -6,7 +6,7 @@ from hypothesis import assume, given
 from hypothesis import strategies as st
 from scipy.optimize import least_squares
 
-from fieldcalib.losses import RobustLoss
+from fieldcalib.problem.losses import RobustLoss
 
 NAMES = ("linear", "soft_l1", "huber", "cauchy")
 every_loss = pytest.mark.parametrize("name", NAMES)

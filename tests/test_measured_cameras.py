@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from data_tools import measured_cameras
-from fieldcalib.camera import Camera
-from fieldcalib.distortion import opencv_coefficients
-from fieldcalib.field import soccer
+from fieldcalib.fields.soccer import soccer
+from fieldcalib.geometry.camera import Camera
+from fieldcalib.geometry.lens import opencv_coefficients
 
 C = np.array([1.0, 66.0, -16.0])
 

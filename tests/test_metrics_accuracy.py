@@ -12,7 +12,9 @@ from strategies import cameras, seeds
 from synthetic import frames_of_broadcasts, observe, whole_circle_markings
 
 from fieldcalib import calibrate_batch, soccer
-from fieldcalib.camera import Camera
+from fieldcalib.geometry.camera import Camera
+from fieldcalib.geometry.rational import RationalCamera
+from fieldcalib.geometry.rotation import rotation_from_angles
 from fieldcalib.io.soccernet import (
     UNKNOWN_LABELS,
     camera_to_record,
@@ -22,9 +24,7 @@ from fieldcalib.io.soccernet import (
 )
 from fieldcalib.metrics import THRESHOLDS, Confusion, accuracy, evaluate_segments
 from fieldcalib.metrics.polylines import sample_segments
-from fieldcalib.parameters import camera_from_theta
-from fieldcalib.rational import RationalCamera
-from fieldcalib.rotation import rotation_from_angles
+from fieldcalib.problem.parameters import camera_from_theta
 
 SIZE = (960, 540)
 FIELD = soccer()

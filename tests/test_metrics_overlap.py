@@ -7,11 +7,12 @@ from hypothesis import strategies as st
 from strategies import broadcast_theta, cameras, seeds
 
 from fieldcalib import soccer
-from fieldcalib.camera import Camera
+from fieldcalib.fields.stands import DISTRIBUTIONS
+from fieldcalib.geometry.camera import Camera
+from fieldcalib.geometry.projective import dehomogenize, homogenize
+from fieldcalib.geometry.rational import RationalCamera
 from fieldcalib.metrics import iou_part, iou_whole, projection_error
-from fieldcalib.parameters import DISTRIBUTIONS, camera_from_theta
-from fieldcalib.projective import dehomogenize, homogenize
-from fieldcalib.rational import RationalCamera
+from fieldcalib.problem.parameters import camera_from_theta
 
 SIZE = (960, 540)
 FIELD = [(-52.5, -34.0), (52.5, -34.0), (52.5, 34.0), (-52.5, 34.0)]

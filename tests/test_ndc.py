@@ -9,11 +9,12 @@ from hypothesis import strategies as st
 from strategies import broadcast_theta, generators, seeds, thetas
 from synthetic import observe, whole_circle_markings
 
-from fieldcalib.camera import Camera
-from fieldcalib.distortion import lens_coefficients, undistort
-from fieldcalib.field import Arc, Line, soccer
-from fieldcalib.ndc import ndc_loss
-from fieldcalib.parameters import LENS, LOG_ASPECT, LOG_F, PRINCIPAL_POINT, camera_from_theta, theta_from_camera
+from fieldcalib.assess.ndc import ndc_loss
+from fieldcalib.fields.segments import Arc, Line
+from fieldcalib.fields.soccer import soccer
+from fieldcalib.geometry.camera import Camera
+from fieldcalib.geometry.lens import lens_coefficients, undistort
+from fieldcalib.problem.parameters import LENS, LOG_ASPECT, LOG_F, PRINCIPAL_POINT, camera_from_theta, theta_from_camera
 
 FIELD = soccer()
 MARKINGS = whole_circle_markings(FIELD)

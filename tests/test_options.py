@@ -4,8 +4,7 @@ import cv2
 import numpy as np
 import pytest
 
-from fieldcalib.options import (
-    ALL_STANDS,
+from fieldcalib.calibrate.options import (
     DEFAULT_CRITERIA,
     DEFAULT_FLAGS,
     PINHOLE_FLAGS,
@@ -14,7 +13,8 @@ from fieldcalib.options import (
     checked_prior,
     pixel_unit,
 )
-from fieldcalib.parameters import LENS, LOG_ASPECT, LOG_F, MAIN_LEFT, PRINCIPAL_POINT, CameraDistribution
+from fieldcalib.fields.stands import ALL_STANDS, MAIN_LEFT, CameraDistribution
+from fieldcalib.problem.parameters import LENS, LOG_ASPECT, LOG_F, PRINCIPAL_POINT
 
 F = CalibrationFlags
 K = np.array([[1500.0, 0.0, 470.0], [0.0, 1530.0, 280.0], [0.0, 0.0, 1.0]])

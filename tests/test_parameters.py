@@ -6,19 +6,20 @@ from hypothesis import assume, given
 from hypothesis import strategies as st
 from strategies import anywhere, generators, thetas, visible_field_points
 
-from fieldcalib.camera import Camera
-from fieldcalib.distortion import lens_coefficients
-from fieldcalib.parameters import (
+from fieldcalib.fields.stands import DISTRIBUTIONS, focal_length_from_fov
+from fieldcalib.geometry.camera import Camera
+from fieldcalib.geometry.lens import lens_coefficients
+from fieldcalib.problem.parameters import (
     ANGLES,
     CENTER,
-    DISTRIBUTIONS,
     LENS,
     LOG_ASPECT,
     LOG_F,
     PARAMETERS,
     PRINCIPAL_POINT,
     camera_from_theta,
-    focal_length_from_fov,
+    gaussian_prior,
+    sample_theta,
     theta_from_camera,
     turned_around,
 )
@@ -147,7 +148,7 @@ def test_the_distributions_are_those_of_the_table():
 
 @every_distribution
 def test_prior_has_the_range_as_its_95_percent_interval(distribution):
-    prior = distribution.prior(SIZE)
+    prior = gaussian_prior(distribution, SIZE)
     for name, (low, high) in named_ranges(distribution).items():
         i = PARAMETERS.index(name)
         assert low < high
@@ -158,21 +159,21 @@ def test_prior_has_the_range_as_its_95_percent_interval(distribution):
 
 @every_distribution
 def test_prior_of_what_the_distributions_do_not_say(distribution):
-    prior = distribution.prior(SIZE)
+    prior = gaussian_prior(distribution, SIZE)
     assert prior.mean.shape == prior.sigma.shape == (len(PARAMETERS),)
     np.testing.assert_array_equal(prior.mean[PRINCIPAL_POINT], [640.0, 360.0])
     np.testing.assert_array_equal(prior.mean[LENS], (0.025, 0.0))
     assert prior.mean[LOG_ASPECT] == 0.0
     assert np.all(prior.sigma > 0.0)
     # measured broadcast cameras: 67 px off at 1920 wide, 5.5 % at the corner; neither may lie beyond two sigma
-    wide = distribution.prior((1920, 1080))
+    wide = gaussian_prior(distribution, (1920, 1080))
     assert np.all(67.0 / wide.sigma[PRINCIPAL_POINT] < 2.0)
     assert abs(0.055 - wide.mean[LENS][0]) / wide.sigma[LENS][0] < 2.0
 
 
 @every_distribution
 def test_prior_scales_with_the_image(distribution):
-    small, large = distribution.prior(SIZE), distribution.prior((2 * SIZE[0], 2 * SIZE[1]))
+    small, large = gaussian_prior(distribution, SIZE), gaussian_prior(distribution, (2 * SIZE[0], 2 * SIZE[1]))
     np.testing.assert_allclose(large.mean[LOG_F] - small.mean[LOG_F], np.log(2.0))
     np.testing.assert_allclose(large.mean[PRINCIPAL_POINT], 2.0 * small.mean[PRINCIPAL_POINT])
     np.testing.assert_allclose(large.sigma[PRINCIPAL_POINT], 2.0 * small.sigma[PRINCIPAL_POINT])
@@ -183,7 +184,7 @@ def test_prior_scales_with_the_image(distribution):
 
 @every_distribution
 def test_samples_fill_the_ranges_and_never_leave_them(distribution):
-    theta = distribution.sample(2000, np.random.default_rng(0), SIZE)
+    theta = sample_theta(distribution, 2000, np.random.default_rng(0), SIZE)
     assert theta.shape == (2000, len(PARAMETERS))
     for name, (low, high) in named_ranges(distribution).items():
         values = theta[:, PARAMETERS.index(name)]
@@ -201,7 +202,7 @@ def test_samples_fill_the_ranges_and_never_leave_them(distribution):
 
 @every_distribution
 def test_the_mean_camera_looks_towards_the_field_from_above_the_ground(distribution):
-    mean = distribution.prior(SIZE).mean
+    mean = gaussian_prior(distribution, SIZE).mean
     camera = camera_from_theta(mean, SIZE)
     assert camera.C[2] < 0.0
     assert camera.depth([0.0, 0.0, 0.0]) > 0.0
@@ -216,7 +217,7 @@ def test_samples_depend_on_the_generator_alone():
 @every_distribution
 @given(generators())
 def test_sampled_cameras_are_cameras(distribution, rng):
-    theta = distribution.sample(1, rng, SIZE)[0]
+    theta = sample_theta(distribution, 1, rng, SIZE)[0]
     camera = camera_from_theta(theta, SIZE)
     assume(abs(np.sin(theta[1])) > 1e-6)
     assert_same_camera(theta_from_camera(camera), theta)

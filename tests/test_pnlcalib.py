@@ -5,10 +5,11 @@ import json
 import numpy as np
 import pytest
 
-from fieldcalib.field import CIRCLE_RADIUS, Point, soccer
+from fieldcalib.fields.segments import Point
+from fieldcalib.fields.soccer import CIRCLE_RADIUS, soccer
 from fieldcalib.io.files import BrokenFileError
 from fieldcalib.io.pnlcalib import KEYPOINTS, LINES, keypoint_field, keypoint_name, parse_detections
-from fieldcalib.segments import check_segments, check_weights
+from fieldcalib.problem.labelled_pixels import check_segments, check_weights
 
 SIZE = (1280, 720)
 POINT = {"x": 0.25, "y": 0.5, "p": 0.6}

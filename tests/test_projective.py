@@ -6,7 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from strategies import angle, generators
 
-from fieldcalib.projective import (
+from fieldcalib.geometry.projective import (
     dehomogenize,
     finite_homography,
     fit_lines,

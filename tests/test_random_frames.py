@@ -9,8 +9,8 @@ from strategies import generators
 
 from data_tools import wrong_labels
 from data_tools.random_frames import SIZE, confused_labels, mislabelled, random_frame
-from fieldcalib.demo import observe, pan_over_field
-from fieldcalib.field import soccer
+from fieldcalib.cli.demo import observe, pan_over_field
+from fieldcalib.fields.soccer import soccer
 from fieldcalib.io.soccernet import format_annotation
 
 FIELD = soccer()

@@ -8,15 +8,15 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 from strategies import IMAGE_SIZES, any_angles, anywhere, cameras, generators, visible_field_points
 
-from fieldcalib.io.soccernet import camera_to_record
-from fieldcalib.rational import (
+from fieldcalib.geometry.rational import (
     COEFFICIENTS,
     RationalCamera,
     distort_rational,
     distort_rational_jacobian,
     undistort_rational,
 )
-from fieldcalib.rotation import rotation_from_angles
+from fieldcalib.geometry.rotation import rotation_from_angles
+from fieldcalib.io.soccernet import camera_to_record
 
 
 def rational_cameras():

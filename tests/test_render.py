@@ -4,9 +4,11 @@ import numpy as np
 import pytest
 from views import CAMERAS, SIZE, any_camera, camera, inside
 
-from fieldcalib.camera import Camera
-from fieldcalib.field import Arc, Field, Line, Point, PointCloud, soccer
-from fieldcalib.render import render_field
+from fieldcalib.draw.scene import render_field
+from fieldcalib.fields.field import Field
+from fieldcalib.fields.segments import Arc, Line, Point, PointCloud
+from fieldcalib.fields.soccer import soccer
+from fieldcalib.geometry.camera import Camera
 
 FIELD = soccer()
 

@@ -6,11 +6,13 @@ from hypothesis import assume, given
 from strategies import broadcast_theta, generators, thetas
 from synthetic import observe
 
-from fieldcalib.camera import Camera
-from fieldcalib.field import Arc, Line, PointCloud, soccer
-from fieldcalib.parameters import (
+from fieldcalib.fields.segments import Arc, Line, PointCloud
+from fieldcalib.fields.soccer import soccer
+from fieldcalib.fields.stands import DISTRIBUTIONS
+from fieldcalib.geometry.camera import Camera
+from fieldcalib.problem.observations import pack
+from fieldcalib.problem.parameters import (
     CENTER,
-    DISTRIBUTIONS,
     LENS,
     LOG_ASPECT,
     LOG_F,
@@ -19,8 +21,7 @@ from fieldcalib.parameters import (
     camera_from_theta,
     theta_from_camera,
 )
-from fieldcalib.residuals import foot_points, segment_residuals, segment_residuals_with_jacobian
-from fieldcalib.segments import pack
+from fieldcalib.problem.residuals import foot_points, segment_residuals, segment_residuals_with_jacobian
 
 FIELD = soccer()
 CIRCLE = FIELD["Circle central"]

@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 from strategies import any_angles, generators, operated_angles
 
-from fieldcalib.rotation import angles_from_rotation, rotation_axes, rotation_from_angles
+from fieldcalib.geometry.rotation import angles_from_rotation, rotation_axes, rotation_from_angles
 
 
 def soccernet_rotation(pan, tilt, roll):

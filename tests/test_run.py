@@ -10,16 +10,16 @@ import pytest
 from networks import FIELD, KnownCameras, band_maps, probabilities
 from views import camera
 
-from fieldcalib.calibrate_images import calibrate_from_images
-from fieldcalib.cli import main
-from fieldcalib.commands import frames as frames_of_commands
-from fieldcalib.commands.frames import AT_ONCE, Frame, opened
-from fieldcalib.demo import camera_errors
-from fieldcalib.draw import draw_calibration
+from fieldcalib.cli import frames as frames_of_commands
+from fieldcalib.cli.demo import camera_errors
+from fieldcalib.cli.frames import AT_ONCE, Frame, opened
+from fieldcalib.cli.main import main
+from fieldcalib.draw.overlays import draw_calibration
+from fieldcalib.draw.scene import render_field
+from fieldcalib.images.from_images import calibrate_from_images
 from fieldcalib.io.files import BrokenFileError
 from fieldcalib.io.images import VideoReader, VideoWriter, find_images, parse_image
 from fieldcalib.io.soccernet import camera_from_record
-from fieldcalib.render import render_field
 
 SIZE = (960, 540)
 TRUTHS = [camera(pan, 78, 1400, (0, 68, -17), k=(0.06, 0.0)) for pan in (24, -22)]
@@ -51,7 +51,7 @@ def know(monkeypatch):
     def install(cameras):
         network = KnownCameras(cameras)
         for command in ("run", "localize"):
-            monkeypatch.setattr(f"fieldcalib.commands.{command}.load_network", lambda options: network)
+            monkeypatch.setattr(f"fieldcalib.cli.{command}.load_network", lambda options: network)
         return network
 
     return install
@@ -243,7 +243,7 @@ def test_only_a_few_images_are_in_memory(know, tmp_path, monkeypatch):
             return network(images)
 
     monkeypatch.setattr(frames_of_commands, "VideoReader", Watched)
-    monkeypatch.setattr("fieldcalib.commands.run.load_network", lambda options: Watching())
+    monkeypatch.setattr("fieldcalib.cli.run.load_network", lambda options: Watching())
     assert run("run", tmp_path / "long.mp4", "--out", tmp_path / "out") == 0
     assert ahead == [AT_ONCE] * 3 + [1]
     assert len(lines_of(tmp_path / "out")) == 3 * AT_ONCE + 1
@@ -260,7 +260,7 @@ def test_an_interrupted_video_leaves_nothing_half(know, tmp_path, monkeypatch, c
             raise KeyboardInterrupt
         return arguments[0]
 
-    monkeypatch.setattr("fieldcalib.commands.run.draw_calibration", interrupt)
+    monkeypatch.setattr("fieldcalib.cli.run.draw_calibration", interrupt)
     assert run("run", tmp_path / "a.mp4", "--out", tmp_path / "out") == 130
     assert list((tmp_path / "out").iterdir()) == []
 

@@ -8,8 +8,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 from strategies import generators
 
-from fieldcalib.field import Arc, Line, Point, PointCloud, soccer
-from fieldcalib.segments import check_segments, check_weights, pack, split_centre_circle
+from fieldcalib.fields.segments import Arc, Line, Point, PointCloud
+from fieldcalib.fields.soccer import soccer
+from fieldcalib.problem.labelled_pixels import check_segments, check_weights, split_centre_circle
+from fieldcalib.problem.observations import pack
 
 SIZE = (960, 540)
 FIELD = soccer()

@@ -11,8 +11,9 @@ from hypothesis import strategies as st
 from strategies import IMAGE_SIZES, cameras, generators, in_image, visible_field_points
 from test_rational import rational_cameras
 
-from fieldcalib.camera import Camera
-from fieldcalib.field import soccer
+from fieldcalib.fields.soccer import soccer
+from fieldcalib.fields.stands import DISTRIBUTIONS
+from fieldcalib.geometry.camera import Camera
 from fieldcalib.io.soccernet import (
     DISTRIBUTIONS_OF_TYPE,
     BrokenFileError,
@@ -27,7 +28,6 @@ from fieldcalib.io.soccernet import (
     parse_camera,
     rational_camera_from_record,
 )
-from fieldcalib.parameters import DISTRIBUTIONS
 
 FIELD = soccer()
 SIZE = (960, 540)

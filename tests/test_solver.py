@@ -6,23 +6,23 @@ import numpy as np
 import pytest
 from synthetic import frames_of_broadcasts, observe, whole_circle_markings
 
-from fieldcalib.camera import Camera
-from fieldcalib.field import soccer
-from fieldcalib.losses import RobustLoss
-from fieldcalib.parameters import (
+from fieldcalib.fields.soccer import soccer
+from fieldcalib.fields.stands import DISTRIBUTIONS, MAIN_TRIBUNE
+from fieldcalib.geometry.camera import Camera
+from fieldcalib.problem.losses import RobustLoss
+from fieldcalib.problem.observations import pack
+from fieldcalib.problem.parameters import (
     ANGLES,
     CENTER,
-    DISTRIBUTIONS,
     LENS,
     LOG_F,
-    MAIN_TRIBUNE,
     PARAMETERS,
     GaussianPrior,
     camera_from_theta,
+    gaussian_prior,
     theta_from_camera,
 )
-from fieldcalib.segments import pack
-from fieldcalib.solver import LOG_F_RANGE, Problem, solve_batch, solve_one
+from fieldcalib.problem.solver import LOG_F_RANGE, Problem, solve_batch, solve_one
 
 FIELD, SIZE = soccer(), (960, 540)
 PINHOLE = np.arange(len(PARAMETERS)) < CENTER.stop
@@ -34,7 +34,7 @@ def cost(problem, theta):
 
 
 def prior_for(count, names=MAIN):
-    priors = [DISTRIBUTIONS[names[t % len(names)]].prior(SIZE) for t in range(count)]
+    priors = [gaussian_prior(DISTRIBUTIONS[names[t % len(names)]], SIZE) for t in range(count)]
     return GaussianPrior(np.stack([p.mean for p in priors]), np.stack([p.sigma for p in priors]))
 
 
@@ -141,7 +141,7 @@ def test_iterations_that_are_used_up_are_said_so(solve):
 @pytest.mark.parametrize("solve", [solve_batch, solve_one])
 def test_a_strong_prior_wins_and_pan_has_no_seam(solve):
     problem, _ = random_problem(1, RobustLoss("cauchy", 6.0), seed=9)
-    mean, sigma = MAIN_TRIBUNE.prior(SIZE).mean, np.full(len(PARAMETERS), 1e-6)
+    mean, sigma = gaussian_prior(MAIN_TRIBUNE, SIZE).mean, np.full(len(PARAMETERS), 1e-6)
     mean[ANGLES] = (np.pi - 0.01, 1.3, 0.0)
     problem = Problem(problem.observations, PINHOLE, problem.loss, 1.0, GaussianPrior(mean[None], sigma[None]))
     start = mean[None] + 0.02 * np.eye(len(PARAMETERS))[0]  # beyond half a turn
@@ -156,7 +156,7 @@ def test_a_fit_that_would_collapse_stays_a_camera():
     """One line cannot hold the focal length: without a prior nothing keeps it from running away."""
     frame = {"Middle line": np.array([[480.0, 100.0], [485.0, 250.0], [520.0, 400.0]])}
     problem = Problem(pack(FIELD, [frame], SIZE), PINHOLE, RobustLoss("linear", 1.0))
-    start = MAIN_TRIBUNE.prior(SIZE).mean[None]
+    start = gaussian_prior(MAIN_TRIBUNE, SIZE).mean[None]
     for solve in (solve_batch, solve_one):
         solution = solve(problem, start, max_iterations=300, tolerance=1e-12)
         log_f = solution.theta[0, LOG_F] - np.log(SIZE[0])

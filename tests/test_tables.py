@@ -9,12 +9,12 @@ from synthetic import frames_of_broadcasts
 from baselines import tables
 from baselines.methods import read_dataset, run_methods
 from baselines.published import ANNOTATED, CHEN, DLT, FAR, JIANG, OURS, ROWS, TAU, TVCALIB, hdecomp
-from fieldcalib.camera import Camera
-from fieldcalib.field import soccer
+from fieldcalib.fields.soccer import soccer
+from fieldcalib.geometry.camera import Camera
 from fieldcalib.io.soccernet import format_annotation, format_camera_types
 from fieldcalib.io.wc14 import format_homography
 from fieldcalib.metrics import compound_score
-from fieldcalib.parameters import camera_from_theta
+from fieldcalib.problem.parameters import camera_from_theta
 
 COUNT = 5
 STEPS = ("--steps", "20")

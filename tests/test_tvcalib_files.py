@@ -10,12 +10,12 @@ from hypothesis import strategies as st
 from strategies import cameras, generators, visible_field_points
 from test_rational import rational_cameras
 
-from fieldcalib.camera import Camera
+from fieldcalib.geometry.camera import Camera
+from fieldcalib.geometry.projective import dehomogenize, homogenize
+from fieldcalib.geometry.rational import RationalCamera
 from fieldcalib.io.files import BrokenFileError
 from fieldcalib.io.soccernet import camera_to_record
 from fieldcalib.io.tvcalib import TVCalibRecord, format_per_sample_output, parse_per_sample_output
-from fieldcalib.projective import dehomogenize, homogenize
-from fieldcalib.rational import RationalCamera
 
 NUMBERS = ("loss_ndc_total", "loss_ndc_lines", "loss_ndc_circles", "time_s")
 CAMERA = Camera.from_angles(0.2, 1.3, 0.01, 1500.0, (2.0, 60.0, -15.0), (960, 540), k=(0.1, -0.02))

@@ -6,23 +6,25 @@ import numpy as np
 import pytest
 from synthetic import frames_of_broadcasts, observe, whole_circle_markings
 
-from fieldcalib.camera import Camera
-from fieldcalib.field import Line, soccer
-from fieldcalib.losses import RobustLoss
-from fieldcalib.parameters import (
+from fieldcalib.assess.uncertainty import OPEN_DIRECTION, GroundError, region_radius, uncertainties
+from fieldcalib.fields.segments import Line
+from fieldcalib.fields.soccer import soccer
+from fieldcalib.fields.stands import DISTRIBUTIONS
+from fieldcalib.geometry.camera import Camera
+from fieldcalib.problem.losses import RobustLoss
+from fieldcalib.problem.observations import pack
+from fieldcalib.problem.parameters import (
     ANGLES,
     CENTER,
-    DISTRIBUTIONS,
     LENS,
     LOG_F,
     PARAMETERS,
     GaussianPrior,
     camera_from_theta,
+    gaussian_prior,
     theta_from_camera,
 )
-from fieldcalib.segments import pack
-from fieldcalib.solver import Problem, solve_batch
-from fieldcalib.uncertainty import OPEN_DIRECTION, GroundError, region_radius, uncertainties
+from fieldcalib.problem.solver import Problem, solve_batch
 
 FIELD, SIZE = soccer(), (960, 540)
 PINHOLE = np.arange(len(PARAMETERS)) < CENTER.stop
@@ -35,7 +37,7 @@ FRAME = observe(whole_circle_markings(FIELD), camera_from_theta(THETA, SIZE))
 
 
 def prior_for(names):
-    priors = [DISTRIBUTIONS[name].prior(SIZE) for name in names]
+    priors = [gaussian_prior(DISTRIBUTIONS[name], SIZE) for name in names]
     return GaussianPrior(np.stack([p.mean for p in priors]), np.stack([p.sigma for p in priors]))
 
 
@@ -297,7 +299,7 @@ def test_what_the_labels_leave_open_is_infinite():
 
     with_prior = uncertainty_of(frame, level, free, prior=True, field=field)
     np.testing.assert_array_equal(np.isinf(np.diag(with_prior.covariance_by_labels)), np.arange(12) == 4)
-    sigma = DISTRIBUTIONS["main center"].prior(SIZE).sigma
+    sigma = gaussian_prior(DISTRIBUTIONS["main center"], SIZE).sigma
     assert np.sqrt(with_prior.covariance[4, 4]) == pytest.approx(sigma[4], rel=1e-3)  # all that is known
     assert with_prior.observability[0].parameters == "x"
     assert with_prior.observability[0].information < OPEN_DIRECTION
@@ -310,7 +312,7 @@ def test_the_prior_narrows_what_the_labels_leave_wide():
     labels = ("Big rect. left main", "Big rect. left top", "Side line top")
     found = uncertainty_of({label: FRAME[label] for label in labels}, free=PINHOLE)
     variance, by_labels = np.diag(found.covariance)[PINHOLE], np.diag(found.covariance_by_labels)[PINHOLE]
-    sigma = DISTRIBUTIONS["main center"].prior(SIZE).sigma[PINHOLE]
+    sigma = gaussian_prior(DISTRIBUTIONS["main center"], SIZE).sigma[PINHOLE]
     assert np.all(variance < 1.01 * sigma**2)
     wide = by_labels > sigma**2
     assert np.any(wide)

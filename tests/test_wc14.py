@@ -7,12 +7,13 @@ import pytest
 from hypothesis import given
 from strategies import cameras, generators, visible_field_points
 
-from fieldcalib.field import Line, soccer
-from fieldcalib.homography import ALIGNMENTS
+from fieldcalib.fields.segments import Line
+from fieldcalib.fields.soccer import soccer
+from fieldcalib.geometry.homography import ALIGNMENTS
+from fieldcalib.geometry.projective import dehomogenize, homogenize
 from fieldcalib.io.files import BrokenFileError
 from fieldcalib.io.soccernet import parse_annotation
 from fieldcalib.io.wc14 import find_homographies, format_homography, parse_homography
-from fieldcalib.projective import dehomogenize, homogenize
 
 SIZE = (1280, 720)
 any_alignment = pytest.mark.parametrize("alignment", ALIGNMENTS)

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from fieldcalib.camera import Camera
+from fieldcalib.geometry.camera import Camera
 
 SIZE = (960, 540)
 

@@ -14,9 +14,9 @@ import numpy as np
 
 from data_tools.synthetic import CLASSES, frame
 from data_tools.synthetic.cache import write_cache
-from fieldcalib.draw import label_colour
-from fieldcalib.image import Image
+from fieldcalib.draw.overlays import label_colour
 from fieldcalib.io.files import write_bytes
+from fieldcalib.io.image import Image
 
 COLUMNS, ROWS = 4, 8
 BENCH_FRAMES = 200

@@ -15,8 +15,8 @@ import numpy as np
 
 from data_tools.synthetic.frames import frame
 from data_tools.synthetic.masks import Mask
-from fieldcalib.image import Image
 from fieldcalib.io.files import write_bytes
+from fieldcalib.io.image import Image
 
 QUALITY = 95  # of the JPEG; what a broadcast chain does to the image has been done
 

@@ -11,23 +11,27 @@ from __future__ import annotations
 import numpy as np
 
 from data_tools.random_frames import LENS_SPREAD, PRINCIPAL_POINT_SPREAD, STRONGEST_LENS
-from fieldcalib.camera import Camera
-from fieldcalib.field import GOAL_HEIGHT, Field, soccer
-from fieldcalib.parameters import (
+from fieldcalib.fields.field import Field
+from fieldcalib.fields.soccer import GOAL_HEIGHT, soccer
+from fieldcalib.fields.stands import (
     BEHIND_LEFT_GOAL,
-    LENS,
-    LENS_MEAN,
-    LOG_ASPECT,
     MAIN_CENTER,
     MAIN_LEFT,
     MAIN_RIGHT,
     MAIN_TRIBUNE,
+    CameraDistribution,
+)
+from fieldcalib.geometry.camera import Camera
+from fieldcalib.problem.parameters import (
+    LENS,
+    LENS_MEAN,
+    LOG_ASPECT,
     PAN,
     PRINCIPAL_POINT,
     ROLL,
     TILT,
-    CameraDistribution,
     camera_from_theta,
+    sample_theta,
 )
 
 BEHIND_MARGIN = 5.0  # m on both sides of the goal line
@@ -108,7 +112,7 @@ def is_behind_goal(camera: Camera, field: Field) -> bool:
 
 def _drawn(stand: CameraDistribution, field: Field, size: tuple[int, int], rng: np.random.Generator) -> Camera:
     """A camera of a distribution, with a lens, a principal point and, now and then, squeezed pixels."""
-    (theta,) = stand.sample(1, rng, size)
+    (theta,) = sample_theta(stand, 1, rng, size)
     if rng.random() < AIMED_SHARE:
         target = np.array([field.length, field.width]) * rng.uniform(-0.5, 0.5, size=2)
         (x, y), z = target - theta[4:6], -theta[6]

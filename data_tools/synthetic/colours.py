@@ -9,7 +9,7 @@ import cv2
 import numpy as np
 
 from fieldcalib._types import Float32
-from fieldcalib.render import Colour
+from fieldcalib.draw.scene import Colour
 
 Range = tuple[float, float]
 GREY = np.full(3, 1.0 / 3.0, np.float32)  # a colour times this is how light it is

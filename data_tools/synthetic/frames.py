@@ -12,10 +12,10 @@ from data_tools.synthetic.masks import Mask, markings_mask
 from data_tools.synthetic.objects import add_objects
 from data_tools.synthetic.pictures import add_graphics, degraded, random_picture
 from data_tools.synthetic.surroundings import add_surroundings
-from fieldcalib.camera import Camera
-from fieldcalib.field import Field
-from fieldcalib.image import Image
-from fieldcalib.render import Ground, rays, to_uint8
+from fieldcalib.draw.scene import Ground, rays, to_uint8
+from fieldcalib.fields.field import Field
+from fieldcalib.geometry.camera import Camera
+from fieldcalib.io.image import Image
 
 SIZE = (512, 288)
 EMPTY_SHARE = 0.05  # of the frames show no field

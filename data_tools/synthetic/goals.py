@@ -9,10 +9,10 @@ import cv2
 import numpy as np
 
 from fieldcalib._types import Array
-from fieldcalib.camera import Camera
-from fieldcalib.field import GOAL_HEIGHT, GOAL_WIDTH
-from fieldcalib.image import Image
-from fieldcalib.render import NEAR_PLANE, SHIFT, Colour, fixed_point
+from fieldcalib.draw.scene import NEAR_PLANE, SHIFT, Colour, fixed_point
+from fieldcalib.fields.soccer import GOAL_HEIGHT, GOAL_WIDTH
+from fieldcalib.geometry.camera import Camera
+from fieldcalib.io.image import Image
 
 POST_WIDTH = 0.12  # m, law 1
 FINER = 4  # px across which a pixel's share of a thin bar is counted

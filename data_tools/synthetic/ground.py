@@ -1,6 +1,6 @@
 """The ground of a synthetic frame: mown and worn grass, what is painted on it, what lies around, light and shadow.
 
-Pictures are (3, height, width) planes, blue, green, red, as in `fieldcalib.render`.
+Pictures are (3, height, width) planes, blue, green, red, as in `fieldcalib.draw.scene`.
 """
 
 from __future__ import annotations
@@ -11,8 +11,10 @@ import numpy as np
 
 from data_tools.synthetic.colours import noise_at, random_colour
 from fieldcalib._types import Float32
-from fieldcalib.field import CIRCLE_RADIUS, GOAL_AREA_DEPTH, GOAL_WIDTH, Arc, Field, Line, Segment
-from fieldcalib.render import Ground, mix, painted
+from fieldcalib.draw.scene import Ground, mix, painted
+from fieldcalib.fields.field import Field
+from fieldcalib.fields.segments import Arc, Line, Segment
+from fieldcalib.fields.soccer import CIRCLE_RADIUS, GOAL_AREA_DEPTH, GOAL_WIDTH
 
 LINE_WIDTH = (0.08, 0.12)  # m; the law allows up to 12 cm
 RUN_OFF = (1.5, 9.0)  # m of grass around the field

@@ -6,10 +6,11 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from fieldcalib.camera import Camera
-from fieldcalib.demo import HALVES
-from fieldcalib.field import Field, soccer
-from fieldcalib.render import SHIFT, fixed_point, image_curves
+from fieldcalib.cli.demo import HALVES
+from fieldcalib.draw.scene import SHIFT, fixed_point, image_curves
+from fieldcalib.fields.field import Field
+from fieldcalib.fields.soccer import soccer
+from fieldcalib.geometry.camera import Camera
 
 CLASSES = tuple(sorted(label for label in soccer().markings if label not in HALVES))
 """The 26 segments that SoccerNet annotates, in its order; a mask holds 0 for the background and 1 + index."""

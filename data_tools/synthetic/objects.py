@@ -10,9 +10,9 @@ from data_tools.synthetic.colours import random_colour
 from data_tools.synthetic.goals import add_goal
 from data_tools.synthetic.people import add_person, random_kit, random_positions, random_suns
 from fieldcalib._types import Array, Float32
-from fieldcalib.camera import Camera
-from fieldcalib.field import Field
-from fieldcalib.image import Image
+from fieldcalib.fields.field import Field
+from fieldcalib.geometry.camera import Camera
+from fieldcalib.io.image import Image
 
 TEAM_SHARES = (0.42, 0.42, 0.03, 0.03, 0.1)  # of the people: two teams, two keepers, the referees
 

@@ -10,10 +10,10 @@ import numpy as np
 
 from data_tools.synthetic.colours import vivid_colour
 from fieldcalib._types import Array, Float32
-from fieldcalib.camera import Camera
-from fieldcalib.field import Field
-from fieldcalib.image import Image
-from fieldcalib.render import SHIFT, Colour, fixed_point
+from fieldcalib.draw.scene import SHIFT, Colour, fixed_point
+from fieldcalib.fields.field import Field
+from fieldcalib.geometry.camera import Camera
+from fieldcalib.io.image import Image
 
 # A person facing along +x, as joints (forward, sideways, up) in shares of the height.
 HEAD, NECK, HIP = (0.0, 0.0, 0.93), (0.0, 0.0, 0.83), (0.0, 0.0, 0.5)

@@ -14,9 +14,9 @@ import numpy as np
 from data_tools.synthetic.colours import random_colour, wrapped
 from data_tools.synthetic.textures import BOARD_SCALE, STAND_HEIGHT, STAND_SCALE, boards_texture, stand_texture
 from fieldcalib._types import BoolArray, Float32
-from fieldcalib.camera import Camera
-from fieldcalib.field import Field
-from fieldcalib.render import Ground
+from fieldcalib.draw.scene import Ground
+from fieldcalib.fields.field import Field
+from fieldcalib.geometry.camera import Camera
 
 BOARDS_AWAY = (2.5, 9.0)  # m behind the lines
 BOARD_HEIGHT = (0.7, 1.2)  # m

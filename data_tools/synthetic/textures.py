@@ -9,8 +9,8 @@ import numpy as np
 
 from data_tools.synthetic.colours import GREY, random_colour, vivid_colour
 from fieldcalib._types import Float32
-from fieldcalib.image import Image
-from fieldcalib.render import Colour
+from fieldcalib.draw.scene import Colour
+from fieldcalib.io.image import Image
 
 LENGTH = 128.0  # m that a texture covers before it repeats
 STAND_HEIGHT = 40.0  # m

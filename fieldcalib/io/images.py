@@ -15,8 +15,8 @@ from typing import Any, Self
 
 import numpy as np
 
-from fieldcalib.image import Image
 from fieldcalib.io.files import BrokenFileError, FrameFile, find_files, write_bytes
+from fieldcalib.io.image import Image
 
 IMAGES = (".jpg", ".jpeg", ".png", ".bmp", ".tif", ".tiff", ".webp")
 VIDEOS = (".mp4", ".m4v", ".mov", ".mkv", ".avi", ".webm", ".ts", ".mpg", ".mpeg")

@@ -23,16 +23,11 @@ from typing import Any
 import numpy as np
 
 from fieldcalib._types import Array
-from fieldcalib.field import (
-    CIRCLE_RADIUS,
-    PENALTY_AREA_DEPTH,
-    PENALTY_AREA_WIDTH,
-    PENALTY_MARK_DISTANCE,
-    Field,
-    Point,
-)
+from fieldcalib.fields.field import Field
+from fieldcalib.fields.segments import Point
+from fieldcalib.fields.soccer import CIRCLE_RADIUS, PENALTY_AREA_DEPTH, PENALTY_AREA_WIDTH, PENALTY_MARK_DISTANCE
 from fieldcalib.io.files import BrokenFileError, parse_json_object
-from fieldcalib.segments import Pixels
+from fieldcalib.problem.labelled_pixels import Pixels
 
 COMPUTED = 1.0  # confidence of a point that was not detected
 KEYPOINTS = 57  # that have paint or stand on the field

@@ -16,13 +16,13 @@ from typing import Any
 import numpy as np
 
 from fieldcalib._types import Array
-from fieldcalib.camera import Camera
+from fieldcalib.fields.stands import BEHIND_LEFT_GOAL, BEHIND_RIGHT_GOAL, MAIN_CENTER, MAIN_LEFT, MAIN_RIGHT
+from fieldcalib.geometry.camera import Camera
+from fieldcalib.geometry.rational import RationalCamera
+from fieldcalib.geometry.rotation import angles_from_rotation, rotation_from_angles
 from fieldcalib.io.files import BrokenFileError as BrokenFileError  # re-exported: every reader here raises it
 from fieldcalib.io.files import FrameFile, find_files, parse_json_object
-from fieldcalib.parameters import BEHIND_LEFT_GOAL, BEHIND_RIGHT_GOAL, MAIN_CENTER, MAIN_LEFT, MAIN_RIGHT
-from fieldcalib.rational import RationalCamera
-from fieldcalib.rotation import angles_from_rotation, rotation_from_angles
-from fieldcalib.segments import Pixels
+from fieldcalib.problem.labelled_pixels import Pixels
 
 # Labels by which annotators say that they do not know.
 UNKNOWN_LABELS = frozenset({"Line unknown", "Goal unknown"})

@@ -17,11 +17,11 @@ from typing import Any
 import numpy as np
 
 from fieldcalib._types import Array
-from fieldcalib.camera import Camera
+from fieldcalib.geometry.camera import Camera
+from fieldcalib.geometry.rational import RationalCamera
 from fieldcalib.io.files import BrokenFileError, parse_json_object
 from fieldcalib.io.soccernet import LENS, camera_to_record, rational_camera_from_record
 from fieldcalib.io.wc14 import checked_homography
-from fieldcalib.rational import RationalCamera
 
 SCALARS = ("pan_degrees", "tilt_degrees", "roll_degrees", "x_focal_length", "y_focal_length")
 VECTORS = ("position_meters", "principal_point", *(key for key, _ in LENS))

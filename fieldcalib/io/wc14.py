@@ -3,7 +3,7 @@
 The World Cup 2014 data set has one for each frame: it maps pixels of the 1280 x 720 image to the field in yards, origin
 at the far left corner, y towards the camera. Its template measures 115 x 74 yards (105.16 x 67.67 m), as the paper has
 it; KpSFR takes 114.83 x 74.37 yards (105.00 x 68.00 m) for the same files, 0.16 m less in length and 0.34 m more in
-width. Files of Chen's and of Jiang's systems have other axes, see `fieldcalib.homography.ALIGNMENTS`.
+width. Files of Chen's and of Jiang's systems have other axes, see `fieldcalib.geometry.homography.ALIGNMENTS`.
 """
 
 from __future__ import annotations
@@ -17,9 +17,9 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from fieldcalib._types import Array
-from fieldcalib.homography import ALIGNMENTS, Alignment
+from fieldcalib.geometry.homography import ALIGNMENTS, Alignment
+from fieldcalib.geometry.projective import SINGULAR, finite_homography
 from fieldcalib.io.files import BrokenFileError, FrameFile, find_files
-from fieldcalib.projective import SINGULAR, finite_homography
 
 AlignmentName: TypeAlias = Literal["wc14", "chen", "jiang"]
 

@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from fieldcalib.camera import checked_image_size
+from fieldcalib.geometry.camera import checked_image_size
 from fieldcalib.io.files import BrokenFileError, parse_json_object
 from fieldcalib.localize.grid import BACKGROUND
 

@@ -8,8 +8,8 @@ from typing import Protocol, TypeAlias
 import numpy as np
 
 from fieldcalib._types import Float32
-from fieldcalib.field import ObjectSegments
-from fieldcalib.image import Image
+from fieldcalib.fields.segments import ObjectSegments
+from fieldcalib.io.image import Image
 from fieldcalib.localize.grid import Localization
 from fieldcalib.localize.ridges import ridge_points
 

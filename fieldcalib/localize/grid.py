@@ -8,8 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from fieldcalib._types import Array, Float32
-from fieldcalib.field import ObjectSegments
-from fieldcalib.segments import Pixels
+from fieldcalib.fields.segments import ObjectSegments
+from fieldcalib.problem.labelled_pixels import Pixels
 
 BACKGROUND = "background"  # the class of what is no marking; there may be several
 

@@ -16,8 +16,8 @@ from typing import Any
 import numpy as np
 
 from fieldcalib._types import Float32
-from fieldcalib.image import Image, checked_image
 from fieldcalib.io.files import BrokenFileError
+from fieldcalib.io.image import Image, checked_image
 from fieldcalib.localize.description import NetworkDescription
 
 CPU = "CPUExecutionProvider"

@@ -13,7 +13,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from fieldcalib._types import Array, BoolArray, Float32, IntArray
-from fieldcalib.field import Arc, ObjectSegments, Segment
+from fieldcalib.fields.segments import Arc, ObjectSegments, Segment
 from fieldcalib.localize.grid import BACKGROUND, Localization, check_classes, image_from_grid
 from fieldcalib.localize.rulers import EllipseRuler, Ruler, StraightRuler
 

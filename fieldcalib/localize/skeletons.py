@@ -7,9 +7,9 @@ from collections.abc import Sequence
 import numpy as np
 
 from fieldcalib._types import Array, Float32, IntArray
-from fieldcalib.field import Arc, ObjectSegments
+from fieldcalib.fields.segments import Arc, ObjectSegments
 from fieldcalib.localize.grid import BACKGROUND, Localization, check_classes, image_from_grid
-from fieldcalib.segments import split_centre_circle
+from fieldcalib.problem.labelled_pixels import split_centre_circle
 
 POINTS_PER_LINE, POINTS_PER_CIRCLE = 4, 8
 LEAST_PIXELS = 4  # of a mask: less is noise

@@ -16,12 +16,14 @@ from typing import NamedTuple
 import numpy as np
 
 from fieldcalib._types import Array, BoolArray, IntArray
-from fieldcalib.camera import checked_image_size
-from fieldcalib.field import Field, Segment, soccer
+from fieldcalib.fields.field import Field
+from fieldcalib.fields.segments import Segment
+from fieldcalib.fields.soccer import soccer
+from fieldcalib.geometry.camera import checked_image_size
 from fieldcalib.io.soccernet import UNKNOWN_LABELS
 from fieldcalib.metrics.polylines import Polylines, distances_to_polylines, project_segments, sample_segments
 from fieldcalib.metrics.views import Prediction, checked_prediction, is_homography
-from fieldcalib.segments import ImageSegments, Pixels
+from fieldcalib.problem.labelled_pixels import ImageSegments, Pixels
 
 THRESHOLDS = (5.0, 10.0, 20.0)  # px
 CHUNK = 64  # frames projected together
@@ -286,8 +288,9 @@ class _Classes:
 def check_annotation(annotation: ImageSegments, field: Field) -> Pixels:
     """The annotated pixels of one frame as float arrays, or a ValueError that says what is wrong with them.
 
-    Unlike `fieldcalib.segments.check_segments`, it takes what can be evaluated, not what can be calibrated: labels by
-    which annotators say that they do not know, the centre circle whole, and pixels wherever they are.
+    Unlike `fieldcalib.problem.labelled_pixels.check_segments`, it takes what can be evaluated, not what can be
+    calibrated: labels by which annotators say that they do not know, the centre circle whole, and pixels wherever they
+    are.
 
     Examples
     --------

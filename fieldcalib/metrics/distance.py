@@ -6,8 +6,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from fieldcalib.camera import checked_image_size
-from fieldcalib.field import Field, soccer
+from fieldcalib.fields.field import Field
+from fieldcalib.fields.soccer import soccer
+from fieldcalib.geometry.camera import checked_image_size
 from fieldcalib.metrics.views import Prediction, checked_prediction, image_to_field
 
 PIXELS_ACROSS = 64  # of the grid of compared pixels

@@ -11,8 +11,11 @@ from typing import Literal, TypeAlias, get_args
 import numpy as np
 
 from fieldcalib._types import Array, BoolArray
-from fieldcalib.camera import checked_image_size
-from fieldcalib.field import Field, soccer
+from fieldcalib.fields.field import Field
+from fieldcalib.fields.soccer import soccer
+from fieldcalib.geometry.camera import checked_image_size
+from fieldcalib.geometry.projective import SINGULAR
+from fieldcalib.geometry.rational import RationalCamera
 from fieldcalib.metrics.views import (
     Prediction,
     checked_prediction,
@@ -21,8 +24,6 @@ from fieldcalib.metrics.views import (
     inverse_up_to_scale,
     project,
 )
-from fieldcalib.projective import SINGULAR
-from fieldcalib.rational import RationalCamera
 
 IouWhole: TypeAlias = Literal["template", "image"]
 

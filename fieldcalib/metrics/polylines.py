@@ -13,7 +13,7 @@ from typing import NamedTuple
 import numpy as np
 
 from fieldcalib._types import Array, BoolArray, IntArray
-from fieldcalib.field import Arc, Line, Segment
+from fieldcalib.fields.segments import Arc, Line, Segment
 from fieldcalib.metrics.views import Prediction, project_as_soccernet
 
 LINE_SPACING = 0.9  # metres, of SoccerNet's evaluation

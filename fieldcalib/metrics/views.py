@@ -8,9 +8,9 @@ from typing import TypeAlias
 import numpy as np
 
 from fieldcalib._types import Array, BoolArray
-from fieldcalib.camera import Camera
-from fieldcalib.projective import dehomogenize, homogenize
-from fieldcalib.rational import RationalCamera, distort_rational
+from fieldcalib.geometry.camera import Camera
+from fieldcalib.geometry.projective import dehomogenize, homogenize
+from fieldcalib.geometry.rational import RationalCamera, distort_rational
 
 Prediction: TypeAlias = Camera | RationalCamera | Array
 """A camera, or the (3, 3) homography that maps field points (x, y, 1) in metres to pixels."""

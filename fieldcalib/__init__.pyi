@@ -1,0 +1,34 @@
+from . import draw as draw
+from . import io as io
+from . import localize as localize
+from . import metrics as metrics
+from .assess.result import Calibration as Calibration
+from .assess.result import Status as Status
+from .calibrate.decomposition import Decomposition as Decomposition
+from .calibrate.decomposition import camera_from_homography as camera_from_homography
+from .calibrate.field_size import FieldSize as FieldSize
+from .calibrate.field_size import estimate_field_size as estimate_field_size
+from .calibrate.from_homography import calibrate_from_homography as calibrate_from_homography
+from .calibrate.from_points import calibrate_from_points as calibrate_from_points
+from .calibrate.from_segments import calibrate_batch as calibrate_batch
+from .calibrate.from_segments import calibrate_from_segments as calibrate_from_segments
+from .calibrate.options import DEFAULT_FLAGS as DEFAULT_FLAGS
+from .calibrate.options import PINHOLE_FLAGS as PINHOLE_FLAGS
+from .calibrate.options import CalibrationFlags as CalibrationFlags
+from .fields.field import Field as Field
+from .fields.segments import Arc as Arc
+from .fields.segments import Line as Line
+from .fields.segments import Point as Point
+from .fields.segments import PointCloud as PointCloud
+from .fields.soccer import soccer as soccer
+from .fields.stands import DISTRIBUTIONS as DISTRIBUTIONS
+from .fields.stands import CameraDistribution as CameraDistribution
+from .geometry.camera import Camera as Camera
+from .geometry.homography import ALIGNMENTS as ALIGNMENTS
+from .geometry.homography import Alignment as Alignment
+from .images.from_images import calibrate_from_images as calibrate_from_images
+from .images.refinement import refine_on_image as refine_on_image
+from .localize.network import SegmentationNetwork as SegmentationNetwork
+from .problem.losses import RobustLoss as RobustLoss
+
+__version__: str

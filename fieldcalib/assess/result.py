@@ -1,0 +1,216 @@
+"""What a calibration returns: the camera, how well it fits, and whether it is to be believed."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, replace
+from dataclasses import field as attribute
+from enum import StrEnum
+from functools import cached_property
+from typing import Any
+
+from numpy.typing import ArrayLike
+
+from fieldcalib._types import Array
+from fieldcalib.assess.probability import evidence, probability_right
+from fieldcalib.assess.uncertainty import Direction, GroundError, Solved, Uncertainty
+from fieldcalib.fields.field import Field
+from fieldcalib.geometry.camera import Camera
+
+BESIDE = 5.0  # px: pixels that are nearer to a line lie on it
+
+
+class Status(StrEnum):
+    """Verdict on a calibration. The best camera is given whatever the status says."""
+
+    ACCEPTED = "accepted"
+    REJECTED = "rejected by tau"
+    """The loss in NDC is above the threshold that the user set."""
+    IMPROBABLE = "probably wrong"
+    """The probability that the camera is right is below the one that the user asked for, or its image shows no lines
+    where it has the markings."""
+    TOO_FEW_SEGMENTS = "too few segments"
+    """The labels give fewer equations than there are unknowns; the rest comes from the prior."""
+    DEGENERATE = "degenerate"
+    """Enough equations, but they leave a direction of the parameters open."""
+    NOT_CONVERGED = "not converged"
+    IMPLAUSIBLE = "implausible"
+    """The best fit is no camera that could stand there."""
+
+
+@dataclass(frozen=True)
+class SuspectLabel:
+    """A label that the rest of its frame contradicts.
+
+    Examples
+    --------
+    >>> str(SuspectLabel("Goal left post left", "Goal left post right", 61.3))
+    "'Goal left post left' lies 61 px off: 'Goal left post right' fits"
+    """
+
+    label: str
+    """As given."""
+    fits: str | None
+    """The label whose segment is where the pixels are; None if there is none."""
+    error_px: float
+    """Root mean square distance of the pixels to the (infinite) line or circle of the given label: small if that runs
+    through the pixels, but the segment itself is elsewhere on it."""
+
+    def __str__(self) -> str:
+        """For messages."""
+        fits = "no other label fits" if self.fits is None else f"{self.fits!r} fits"
+        where = f"lies {self.error_px:.0f} px off" if self.error_px > BESIDE else "ends elsewhere on the same line"
+        return f"{self.label!r} {where}: {fits}"
+
+
+@dataclass(frozen=True)
+class Calibration:
+    """Result of a calibration. Unpacks to the five values of `cv2.calibrateCamera` for one view.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from fieldcalib import Camera, calibrate_from_segments, soccer
+    >>> truth = Camera.from_angles(0.2, 1.35, 0.01, 1400.0, (1.0, 65.0, -16.0), (960, 540))
+    >>> labels = ("Side line top", "Side line right", "Big rect. right main", "Big rect. right top")
+    >>> pixels = {label: truth.project(soccer()[label].sample(9.0)) for label in labels}
+    >>> rms, K, dist, rvec, tvec = calibrate_from_segments(soccer(), pixels, (960, 540), prior=None)
+    >>> round(float(K[0, 0]), 3)
+    1400.0
+    """
+
+    camera: Camera | None
+    """None where there is nothing to calibrate from, or a closed form finds none."""
+    status: Status
+    message: str
+    """The status in a sentence: why, and what would help."""
+    rms: float
+    """Root mean square distance of the pixels to the segments that they were fitted to, pixels."""
+    loss_ndc: float
+    """The paper's segment reprojection loss, which tau is compared with (`fieldcalib.assess.ndc`, "tvcalib")."""
+    per_segment_errors: Mapping[str, float]
+    """Root mean square distance in pixels for each label as it was given, in the order of the input."""
+    suspect_labels: tuple[SuspectLabel, ...] = ()
+    """Labels that the rest of the frame contradicts: they were replaced by the ones that fit, or left out."""
+    alternatives: tuple[Camera, ...] = ()
+    """Cameras that fit the labels as well: the one on the other side, turned by 180 degrees about the centre mark."""
+    field: Field | None = attribute(default=None, compare=False, repr=False)
+    """What was calibrated against; None if that was no `Field`."""
+    solved: Solved | None = attribute(default=None, compare=False, repr=False)
+    """What `uncertainty` is computed from; None where there is no camera, or it came from a closed form."""
+
+    @classmethod
+    def without_camera(cls, status: Status, message: str) -> Calibration:
+        """What is returned where there is no camera to give."""
+        return cls(None, status, message, float("nan"), float("nan"), {})
+
+    @property
+    def accepted(self) -> bool:
+        """Whether nothing speaks against the camera."""
+        return self.status is Status.ACCEPTED
+
+    @cached_property
+    def uncertainty(self) -> Uncertainty:
+        """How far the camera may be off; computed when it is first asked for.
+
+        Raises
+        ------
+        ValueError
+            If the camera was not fitted to labelled pixels.
+        """
+        if self.solved is None:
+            raise ValueError(f"expected a calibration from labelled pixels, this one knows no errors: {self.message}")
+        return self.solved.uncertainty
+
+    @property
+    def covariance(self) -> Array:
+        """Covariance (12, 12) of the parameters, see `fieldcalib.assess.uncertainty.Uncertainty.covariance`."""
+        return self.uncertainty.covariance
+
+    @property
+    def std_deviations(self) -> tuple[Array, Array]:
+        """Standard deviations of the intrinsics (18, 1) and extrinsics (6, 1), as cv2.calibrateCameraExtended's."""
+        return self.uncertainty.std_deviations_intrinsics, self.uncertainty.std_deviations_extrinsics
+
+    @property
+    def observability(self) -> tuple[Direction, ...]:
+        """What the labels determine and what came from the prior, least determined first."""
+        return self.uncertainty.observability
+
+    def field_uncertainty(self, xy: ArrayLike) -> GroundError:
+        """Errors in metres of the ground points seen at pixels (..., 2)."""
+        return self.uncertainty.at_image(xy)
+
+    def probability(self, metres: float = 1.0) -> float:
+        """Probability that the camera is right: no point of the field in view is off by more than some metres.
+
+        Fitted on synthetic frames of a field of the given size, see `fieldcalib.assess.probability`. NaN where no part
+        of the field is in view, 0 where there is no camera, or the verdict is that none could stand there: of 22 such
+        ones on synthetic frames none was right.
+
+        Raises
+        ------
+        ValueError
+            If the object is no `Field`, or `metres` is not positive.
+
+        Examples
+        --------
+        >>> from fieldcalib import Camera, calibrate_from_segments, soccer
+        >>> truth = Camera.from_angles(0.2, 1.35, 0.01, 1400.0, (1.0, 65.0, -16.0), (960, 540))
+        >>> labels = ("Side line top", "Side line right", "Big rect. right main", "Circle right")
+        >>> pixels = {label: truth.project(soccer()[label].sample(9.0)) for label in labels}
+        >>> calibration = calibrate_from_segments(soccer(), pixels, (960, 540))
+        >>> calibration.probability(0.1) < 0.5 < calibration.probability(2.0)
+        True
+        """
+        if not metres > 0.0:
+            raise ValueError(f"metres must be positive, got {metres}")
+        if self.solved is None:
+            return 0.0
+        if self.field is None:
+            raise ValueError("expected a calibration of a Field: how much of another object is in view is not known")
+        if self.status is Status.IMPLAUSIBLE:
+            return 0.0
+        return probability_right(self._evidence, metres) / (1 + len(self.alternatives))
+
+    def doubted(self, least: float, metres: float = 1.0) -> Calibration:
+        """The same, with the verdict that it is probably wrong if its `probability` is below `least`.
+
+        What has no camera with an uncertainty, or was rejected already, stays as it is.
+
+        Raises
+        ------
+        ValueError
+            As `probability`.
+
+        Examples
+        --------
+        >>> nothing = Calibration.without_camera(Status.TOO_FEW_SEGMENTS, "no labelled pixels")
+        >>> nothing.doubted(0.5) is nothing
+        True
+        """
+        if self.solved is None or self.status is Status.REJECTED:
+            return self
+        probability = self.probability(metres)
+        if probability >= least:
+            return self
+        doubt = f"right to {metres:g} m with a probability of {probability:.2f}, below {least:g}"
+        return replace(self, status=Status.IMPROBABLE, message=f"{doubt}; {self.message}")
+
+    @cached_property
+    def _evidence(self) -> Array:
+        assert self.field is not None
+        return evidence(self.uncertainty, self.field)
+
+    def __iter__(self) -> Iterator[Any]:
+        """``rms, K (3, 3), dist (1, 5), rvec (3, 1), tvec (3, 1)``, as `cv2.calibrateCamera` returns them.
+
+        Raises
+        ------
+        ValueError
+            If there is no camera.
+        """
+        if self.camera is None:
+            raise ValueError(f"there is no camera to unpack: {self.message}")
+        rvec, tvec, K, dist = self.camera.to_opencv()
+        yield from (self.rms, K, dist, rvec, tvec)

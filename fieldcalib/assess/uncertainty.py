@@ -1,0 +1,524 @@
+"""How far a calibration may be off: covariance, metres on the field, and what the labels determine.
+
+The solver minimises ``1/2 sum w_i rho(r_i^2) / noise^2 + 1/2 sum z_k^2``, in which each segment counts alike. Its
+weights are no inverse variances, so the inverse of its Hessian is no covariance. To first order the estimate is off by
+
+    A^-1 (sum_i w_i / noise^2 psi(e_i) J_i + P (mean - theta)),        A = kappa H + P,
+
+e being the noise of the pixels, ``psi(r) = r rho'``, H the Gauss-Newton Hessian of the data, P the prior's precision
+and kappa the mean of psi' by that of rho', which H has in its stead. With noise of standard deviation sigma and
+correlation c, and cameras that come from the prior, the covariance of that is the sandwich
+
+    A^-1 (sigma^2 sum_ij c_ij v_i v_j J_i J_j^T + P) A^-1,        v_i = w_i rho'_i / noise^2.
+
+Segments are independent, c is 0 between them; pixels of one segment share a small part of their noise.
+
+Sigma comes from the residuals of the frame, divided by the redundancy that the fit leaves them, and is moderated by the
+noise of other frames: few labels tell little about their own noise. Regions are then those of Student and Fisher.
+
+References: Huber, Ronchetti: Robust Statistics, 2nd edition, 2009, section 7.6 (the sandwich). Smyth: Linear Models and
+Empirical Bayes Methods, 2004, section 3 (moderated variances).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from fieldcalib._types import Array, IntArray
+from fieldcalib.geometry.camera import Camera
+from fieldcalib.geometry.lens import FOLD, distort, distort_jacobian
+from fieldcalib.geometry.rotation import rotation_axes
+from fieldcalib.problem.losses import RobustLoss
+from fieldcalib.problem.observations import Observations
+from fieldcalib.problem.parameters import (
+    ANGLES,
+    CENTER,
+    LENS,
+    LOG_ASPECT,
+    LOG_F,
+    PARAMETERS,
+    PRINCIPAL_POINT,
+    GaussianPrior,
+    camera_from_theta,
+    theta_from_camera,
+)
+from fieldcalib.problem.residuals import segment_residuals_with_jacobian
+from fieldcalib.problem.solver import Problem
+
+READABLE = {"log f": "focal length", "log aspect": "aspect ratio", "a1": "k1", "b2": "k2"}
+OPEN_DIRECTION = 1e-3  # information from the labels, in units of the prior's, below which a direction counts as open
+INTRINSICS, EXTRINSICS = 18, 6  # lengths of cv2.calibrateCameraExtended's standard deviations
+# Equations that the noise of other frames counts for. Smyth's fit gives 6 on 399 frames of SoccerNet, whose pixels have
+# a median sigma of 1.3 px at 960 x 540, and 11 on 93 of WC14 (0.7): fewer, as other annotators may be unlike both.
+OTHER_FRAMES = 5.0
+# Share of a pixel's variance that its whole segment has in common: annotators keep to one side of a line. Segments left
+# out of SoccerNet's and WC14's frames lie as far off as it makes expected (median), and 91 % of them in 95 % intervals;
+# with 0 it is 88 %. 3 to 4 % have wrong labels.
+SHARED_NOISE = 0.15
+NODES, NOISE_STEPS = 21, 4  # of the quadrature over the noise, and of the search for its size
+TOUCHED = 1e-6  # share of a derivative along an open direction that is more than rounding
+
+
+@dataclass(frozen=True)
+class Direction:
+    """A direction of the parameters, and how much the labels say about it."""
+
+    information: float
+    """Of the labels, in units of the prior's: below 1 the prior says more than they do."""
+    parameters: str
+    """What makes it up, as "focal length with y"."""
+
+    @property
+    def share(self) -> float:
+        """Share of the estimate along this direction that comes from the labels, the rest being the prior's."""
+        return self.information / (1.0 + self.information)
+
+
+@dataclass(frozen=True)
+class GroundError:
+    """Errors of points on the ground: `rms` in metres, `ellipse` of the region that holds the true point."""
+
+    covariance: Array
+    """Of (x, y), (..., 2, 2); NaN where there is no ground point, infinite where the labels leave it open."""
+    dof: float
+    """Degrees of freedom of Student's t."""
+
+    @property
+    def rms(self) -> Array:
+        """Root mean square distance to the true point, (...,) metres."""
+        return np.asarray(np.sqrt(np.trace(self.covariance, axis1=-2, axis2=-1)))
+
+    def ellipse(self, level: float = 0.95) -> tuple[Array, Array]:
+        """The ellipse that holds the true point with a probability.
+
+        Returns
+        -------
+        half_axes : (..., 2) array
+            Metres, the longer one first; NaN where the covariance is not finite.
+        angle : (...,) array
+            Of the longer axis, radians from x towards y.
+        """
+        known = np.asarray(np.isfinite(self.covariance).all(axis=(-2, -1)))
+        values, vectors = np.linalg.eigh(np.where(known[..., None, None], self.covariance, np.eye(2)))
+        half_axes = region_radius(2, self.dof, level) * np.sqrt(np.maximum(values[..., ::-1], 0.0))
+        angle = np.arctan2(vectors[..., 1, 1], vectors[..., 0, 1])
+        return np.where(known[..., None], half_axes, np.nan), np.where(known, angle, np.nan)
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Uncertainty:
+    """How far a calibration may be off.
+
+    Examples
+    --------
+    >>> from fieldcalib import Camera, soccer
+    >>> from fieldcalib.problem.losses import RobustLoss
+    >>> from fieldcalib.fields.stands import MAIN_CENTER
+    >>> from fieldcalib.problem.parameters import gaussian_prior, theta_from_camera
+    >>> from fieldcalib.problem.observations import pack
+    >>> camera = Camera.from_angles(-0.3, 1.35, 0.0, 1600.0, (0.0, 68.0, -17.0), (960, 540))
+    >>> labels = ("Side line left", "Side line top", "Big rect. left main", "Big rect. left top", "Circle left")
+    >>> frame = {label: camera.project(soccer()[label].sample(7.0)) for label in labels}
+    >>> pinhole = np.arange(12) < 7
+    >>> problem = Problem(pack(soccer(), [frame], (960, 540)), pinhole, RobustLoss("cauchy", 6.0))
+    >>> unit = gaussian_prior(MAIN_CENTER, (960, 540)).sigma[None]
+    >>> (uncertainty,) = uncertainties(problem, theta_from_camera(camera)[None], unit)
+    >>> uncertainty.std_deviations_intrinsics[:4, 0].round()
+    array([15., 15.,  0.,  0.])
+    >>> round(float(uncertainty.at_field((-40.0, 0.0, 0.0)).rms), 2)  # metres
+    0.04
+    """
+
+    theta: Array
+    """The estimate, (12,)."""
+    problem: Problem
+    """What was solved, this frame alone. What is not free in it counts as known."""
+    sigma: float
+    """Standard deviation of the labelled pixels, pixels."""
+    bent_sigma: float
+    """That of ``psi / rms rho'``: sigma as the robust loss lets it through."""
+    curvature: float
+    """kappa: by it the loss bends less than the Gauss-Newton Hessian of the data says."""
+    dof: float
+    """Degrees of freedom that sigma rests on."""
+    unit: Array
+    """(12,) standard deviations on which a parameter counts as determined, 0 for what is not free."""
+    determined: Array
+    """Covariance of what is determined, (12, 12): 0 along open directions."""
+    open: Array
+    """Directions (12, k) that nothing determines, neither labels nor prior."""
+    determined_by_labels: Array
+    """As `determined`, without the prior."""
+    open_to_labels: Array
+    """As `open`, without the prior."""
+    observability: tuple[Direction, ...]
+    """Directions of the free parameters, what the labels determine least first."""
+
+    @cached_property
+    def camera(self) -> Camera:
+        """The estimated camera."""
+        return camera_from_theta(self.theta, self.problem.observations.image_size)
+
+    @property
+    def covariance(self) -> Array:
+        """Covariance (12, 12) of theta, in the order of `fieldcalib.problem.parameters.PARAMETERS`; 0 for what was
+        fixed.
+
+        Where nothing determines a parameter its variance is infinite and its covariances are NaN.
+        """
+        return _propagated(np.eye(len(PARAMETERS)), self.determined, self.open, self.unit)
+
+    @property
+    def covariance_by_labels(self) -> Array:
+        """As `covariance`, of an estimate from these labels without a prior: infinite what they leave open.
+
+        It may be the smaller one: the solver trusts labels less, and its prior more, than good labels deserve.
+        """
+        return _propagated(np.eye(len(PARAMETERS)), self.determined_by_labels, self.open_to_labels, self.unit)
+
+    @property
+    def std_deviations_intrinsics(self) -> Array:
+        """(18, 1) as cv2's: fx, fy, cx, cy, k1, k2, and 0 for the coefficients that this camera does not have."""
+        camera, q = self.camera, self.camera.half_diagonal / self.camera.focal_length
+        fx, fy = camera.K[0, 0], camera.K[1, 1]
+        J = np.zeros((INTRINSICS, len(PARAMETERS)))
+        J[[0, 1], LOG_F] = fx, fy
+        J[1, LOG_ASPECT] = fy
+        J[[2, 3], [PRINCIPAL_POINT.start, PRINCIPAL_POINT.start + 1]] = 1.0
+        J[[4, 5], LOG_F] = 2.0 * camera.k[0], 4.0 * camera.k[1]  # k1 = a1 (f / rho)^2, k2 = a2 (f / rho)^4
+        J[4:6, LENS] = np.array([[q**-2], [q**-4]]) * _lens_jacobian(self.theta)
+        return self._standard_deviations(J)
+
+    @property
+    def std_deviations_extrinsics(self) -> Array:
+        """(6, 1) as cv2's: rvec, then tvec."""
+        rvec, tvec, _, _ = self.camera.to_opencv()
+        axes = rotation_axes(self.theta[ANGLES], self.camera.R)
+        J = np.zeros((EXTRINSICS, len(PARAMETERS)))
+        # angles turn the scene by -axis, on the left of R: the inverse left Jacobian of SO(3) makes it one of rvec
+        J[:3, ANGLES] = -_inverse_left_jacobian(rvec[:, 0]) @ axes.T
+        J[3:, ANGLES] = -np.cross(axes, tvec[:, 0]).T
+        J[3:, CENTER] = -self.camera.R
+        return self._standard_deviations(J)
+
+    def radius(self, dimensions: int = 1, level: float = 0.95) -> float:
+        """How many standard deviations hold the truth with a probability, see `region_radius`."""
+        return region_radius(dimensions, self.dof, level)
+
+    def distance(self, camera: Camera) -> float:
+        """How far another camera is from the estimate, in standard deviations: Rao's score.
+
+        ``sqrt(g^T V^-1 g)`` with g the gradient of the cost at that camera and V the covariance of it if that camera
+        were the true one. ``radius(number of free parameters)`` bounds the cameras that agree with the frame. Unlike
+        the ellipsoid of `covariance`, this region follows the curved valley of cameras that see nearly the same.
+        """
+        theta, problem = theta_from_camera(camera)[None], self.problem
+        _, gradient, _ = problem.linearized(theta)
+        r, J = segment_residuals_with_jacobian(theta, problem.observations, problem.free)
+        _, slope = problem.loss.evaluate(np.square(r))
+        noise = Noise(problem.observations)
+        pull = problem.observations.weight / problem.noise**2 * slope * noise.relative_sigma
+        V = self.bent_sigma**2 * noise.covariance(J, pull, pull)[0]
+        if problem.prior is not None:
+            V += np.diag(1.0 / np.square(_prior_sigma(problem, problem.prior, theta)[0]))
+        scale = 1.0 / np.sqrt(np.diagonal(V))
+        g = scale * gradient[0]
+        return float(np.sqrt(g @ np.linalg.lstsq(scale[:, None] * V * scale, g, rcond=None)[0]))
+
+    def at_image(self, xy: ArrayLike) -> GroundError:
+        """Errors of the ground points that are seen at pixels (..., 2)."""
+        return self._of_ground(self.camera.image_to_field(xy))
+
+    def at_field(self, X: ArrayLike) -> GroundError:
+        """Errors of ground points (..., 3), z = 0: of where the camera, given their true pixels, takes them to be.
+
+        Raises
+        ------
+        ValueError
+            If a point is not on the ground.
+        """
+        X = np.asarray(X, dtype=float)
+        if X.shape[-1:] != (3,) or np.any(X[..., 2] != 0.0):
+            raise ValueError(f"expected ground points of shape (..., 3) with z = 0, got {X.tolist()}; append a zero")
+        seen = np.isfinite(self.camera.project(X)).all(axis=-1, keepdims=True)
+        return self._of_ground(np.where(seen, X, np.nan))
+
+    def __str__(self) -> str:
+        """What the labels determine and what came from the prior, in words."""
+        has_prior = self.problem.prior is not None
+        groups: dict[str, list[str]] = {}
+        for direction in self.observability:
+            what = direction.parameters
+            if direction.information >= (1.0 if has_prior else OPEN_DIRECTION):
+                origin = "from the labels"
+            elif has_prior:
+                origin, what = "mostly from the prior", f"{what} ({100.0 * direction.share:.0f} % from the labels)"
+            else:
+                origin = "open"
+            groups.setdefault(origin, []).append(what)
+        return "; ".join(f"{origin}: {', '.join(names)}" for origin, names in groups.items())
+
+    def _standard_deviations(self, J: Array) -> Array:
+        """Standard deviations (m, 1) of quantities whose derivatives by theta are J (m, 12)."""
+        variances = np.diagonal(_propagated(J, self.determined, self.open, self.unit))
+        return np.asarray(np.sqrt(np.maximum(variances, 0.0)))[:, None]
+
+    def _of_ground(self, X: Array) -> GroundError:
+        """Errors at ground points (..., 3).
+
+        A pixel is kept, ``pi(X, theta) = xy``, hence ``dX/dtheta = -(dpi/dX)^-1 dpi/dtheta``.
+        """
+        known = np.asarray(np.isfinite(X).all(axis=-1))
+        ahead = self.camera.C + self.camera.R[2]  # stands in for points that do not exist
+        dxy_dX, dxy_dtheta = _image_jacobians(self.theta, self.camera, np.where(known[..., None], X, ahead))
+        dxy_dX[~known, :, :2] = np.eye(2)
+        dX_dtheta = -np.asarray(np.linalg.solve(dxy_dX[..., :2], dxy_dtheta))
+        covariance = _propagated(dX_dtheta, self.determined, self.open, self.unit)
+        return GroundError(np.where(known[..., None, None], covariance, np.nan), self.dof)
+
+
+@dataclass(frozen=True, eq=False)
+class Solved:
+    """Solved problems, of which `uncertainty` looks at one when it is asked."""
+
+    problem: Problem
+    """B problems."""
+    theta: Array
+    """(B, 12)."""
+    unit: Array
+    """(B, 12) standard deviations on which a parameter counts as determined."""
+    frame: int = 0
+
+    def of_frame(self, frame: int) -> Solved:
+        """The same problems, and another frame of them."""
+        return replace(self, frame=frame)
+
+    @property
+    def uncertainty(self) -> Uncertainty:
+        """How far the camera of the frame may be off."""
+        one = np.array([self.frame])
+        (found,) = uncertainties(self.problem.take(one), self.theta[one], self.unit[one])
+        return found
+
+
+def uncertainties(problem: Problem, theta: Array, unit: Array) -> list[Uncertainty]:
+    """The uncertainty of each of B estimates.
+
+    Parameters
+    ----------
+    problem : Problem
+        What was solved. Its prior, if any, is what cameras are taken to come from.
+    theta : (B, 12) array
+        Its solutions.
+    unit : (B, 12) array
+        Standard deviations on which a parameter counts as determined; those of the prior, where there is one.
+
+    Returns
+    -------
+    list of B Uncertainty
+    """
+    free, observations = np.flatnonzero(problem.free), problem.observations
+    r, J = segment_residuals_with_jacobian(theta, observations, problem.free)
+    _, slope = problem.loss.evaluate(np.square(r))
+    noise = Noise(observations)
+    weight = observations.weight / problem.noise**2 * slope
+    pull = weight * noise.relative_sigma  # of noise of one sigma on the estimate
+    square = np.square(slope / noise.relative_sigma) * (observations.weight > 0.0)  # what a pixel counts for sigma
+
+    # in units of the prior and along the information's own directions, prior and information are diagonal
+    scale = unit[:, free] if problem.prior is None else _prior_sigma(problem, problem.prior, theta)
+    J *= scale[:, None]
+    information, V = np.linalg.eigh(_gram(J, weight))
+    information = np.maximum(information, 0.0)
+    J = J @ V
+    has_prior = problem.prior is not None
+    squares = _gram(J, square)
+    spread, crossed = (noise.covariance(J, factor, pull) for factor in (pull, square * noise.relative_sigma))
+    is_open = information < OPEN_DIRECTION
+    lost = is_open & (not has_prior)
+
+    # with D the squares and G = J A^-1 J^T W the response of the fit to the pixels: trace of (1 - G)^T D (1 - G)
+    gain = 1.0 / np.where(lost, np.inf, information + has_prior)
+    response = np.einsum("bii,bi->b", crossed, gain)
+    redundancy = (
+        np.sum(square * np.square(noise.relative_sigma), axis=1)
+        - 2.0 * response
+        + np.einsum("bij,bi,bij,bj->b", squares, gain, spread, gain)
+    )
+    dof = OTHER_FRAMES + np.maximum(redundancy, 0.0)
+    variance = (OTHER_FRAMES * problem.noise**2 + np.sum(square * np.square(r), axis=1)) / dof
+    sigma, kappa = _noise_and_curvature(problem.loss, variance)
+    information_left = kappa[:, None] * information
+    gain = 1.0 / np.where(lost, np.inf, information_left + has_prior)
+    gain_by_labels = 1.0 / np.where(is_open, np.inf, information_left)
+
+    data = variance[:, None, None] * spread
+    identity = np.eye(len(free))
+    theta_of = scale[:, :, None] * V  # of coordinates along the directions
+    determined = _whole(theta_of * gain[:, None], data + has_prior * identity, free)
+    determined_by_labels = _whole(theta_of * gain_by_labels[:, None], data, free)
+    names = np.array([READABLE.get(name, name) for name in PARAMETERS])[free]
+    units = np.zeros_like(theta)
+    units[:, free] = scale
+    found = []
+    for t in range(len(theta)):
+        open_to_labels = np.zeros((len(PARAMETERS), np.count_nonzero(is_open[t])))
+        open_to_labels[free] = theta_of[t][:, is_open[t]]
+        found.append(
+            Uncertainty(
+                theta=theta[t],
+                problem=problem.take(np.array([t])),
+                sigma=float(sigma[t]),
+                bent_sigma=float(np.sqrt(variance[t])),
+                curvature=float(kappa[t]),
+                dof=float(dof[t]),
+                unit=units[t],
+                determined=determined[t],
+                open=open_to_labels[:, :0] if has_prior else open_to_labels,
+                determined_by_labels=determined_by_labels[t],
+                open_to_labels=open_to_labels,
+                observability=tuple(
+                    Direction(float(value), " with ".join(names[np.abs(vector) > 0.5 * np.abs(vector).max()]))
+                    for value, vector in zip(information[t], V[t].T, strict=True)
+                ),
+            )
+        )
+    return found
+
+
+def region_radius(dimensions: int, dof: float, level: float) -> float:
+    """How many standard deviations (Mahalanobis) hold an error of so many dimensions with a probability.
+
+    ``sqrt(d F)`` with F the quantile of Fisher's distribution with d and `dof` degrees of freedom; for one dimension
+    Student's t, two-sided.
+
+    Examples
+    --------
+    >>> round(region_radius(1, 1e9, 0.95), 2), round(region_radius(1, 5.0, 0.95), 2)
+    (1.96, 2.57)
+    """
+    from scipy.special import fdtri  # a slow import
+
+    if not 0.0 < level < 1.0:
+        raise ValueError(f"level must be a probability between 0 and 1, got {level}")
+    return float(np.sqrt(dimensions * fdtri(dimensions, dof, level)))
+
+
+def _gram(J: Array, weight: Array) -> Array:
+    """``J^T diag(weight) J``, (B, P, P)."""
+    return (np.swapaxes(J, 1, 2) * weight[:, None]) @ J
+
+
+class Noise:
+    """The noise of B frames' pixels, relative to that of a pixel of weight 1: its size, and what segments share."""
+
+    def __init__(self, observations: Observations) -> None:
+        label, lines = observations.label, observations.lines
+        across = lines.xy.shape[1] + observations.arcs.xy.shape[1] + observations.curves.xy.shape[1]
+        pixels = label.shape[1] - observations.ends.xy.shape[1]
+        self.segment = (label[..., None] == np.unique(label[label >= 0])).astype(float)  # (B, M, segments)
+        count = (self.segment @ np.sum(self.segment[:, :pixels], axis=1)[..., None])[..., 0]
+        # points have two residuals a pixel, one along each axis: as independent as two segments; so are those at ends
+        self.segment[:, across:] = 0.0
+        count[:, across:pixels] /= 2.0
+        self.shared = SHARED_NOISE * np.sum(self.segment, axis=-1)
+        # a weight is one over a variance; a pixel of N has an Nth of it
+        self.relative_sigma = 1.0 / np.sqrt(np.where(label >= 0, observations.weight * count, 1.0))
+
+    def covariance(self, J: Array, left: Array, right: Array) -> Array:
+        """``J^T diag(left) C diag(right) J``, (B, P, P), C being the correlation of the noise."""
+        JT = np.swapaxes(J, 1, 2)
+        left_sum, right_sum = ((JT * factor[:, None]) @ self.segment for factor in (left, right))
+        own = _gram(J, left * right * (1.0 - self.shared))
+        return np.asarray(own + SHARED_NOISE * left_sum @ np.swapaxes(right_sum, 1, 2))
+
+
+def _prior_sigma(problem: Problem, prior: GaussianPrior, theta: Array) -> Array:
+    """Standard deviations (B, P) of the normal prior that pulls as the problem's does: heavy tails pull less."""
+    _, slope = problem.prior_costs(np.square(problem.prior_residuals(theta)))
+    return np.asarray(prior.sigma[:, problem.free] / np.sqrt(slope))
+
+
+def _whole(map_: Array, inner: Array, free: IntArray) -> Array:
+    """``map inner map^T`` of the free parameters, among zeros for the others: (B, 12, 12)."""
+    whole = np.zeros((len(map_), len(PARAMETERS), len(PARAMETERS)))
+    whole[:, free[:, None], free] = map_ @ inner @ np.swapaxes(map_, 1, 2)
+    return whole
+
+
+def _noise_and_curvature(loss: RobustLoss, variance: Array) -> tuple[Array, Array]:
+    """Standard deviation of normal noise whose ``E psi^2 / E rho'^2`` is `variance`, and ``E psi' / E rho'``, (B,).
+
+    The mean over the noise, not over a frame's own residuals: few of them are smaller than the noise was.
+    """
+    nodes, weights = np.polynomial.hermite_e.hermegauss(NODES)
+    weights = weights / np.sum(weights)
+    sigma = np.sqrt(variance)
+    largest = np.maximum(sigma, loss.scale)  # residuals beyond the bend of the loss do not tell how large the noise is
+    for _ in range(NOISE_STEPS):
+        squared = np.square(sigma[:, None] * nodes)
+        _, slope = loss.evaluate(squared)
+        wider = np.sqrt(variance * (np.square(slope) @ weights) / (np.square(nodes * slope) @ weights))
+        sigma = np.minimum(wider, largest)
+    _, slope = loss.evaluate(np.square(sigma[:, None] * nodes))
+    # by parts: E psi'(r) = E r psi(r) / sigma^2 for normal r
+    return sigma, ((np.square(nodes) * slope) @ weights) / (slope @ weights)
+
+
+def _propagated(J: Array, determined: Array, open_directions: Array, unit: Array) -> Array:
+    """Covariance (..., m, m) of quantities with derivatives J (..., m, 12): infinite, NaN aside, where it is open."""
+    covariance = J @ determined @ np.swapaxes(J, -2, -1)
+    if not open_directions.shape[1]:
+        return np.asarray(covariance)
+    along = np.linalg.norm(J @ open_directions, axis=-1)
+    touched = along > TOUCHED * np.linalg.norm(J * unit, axis=-1)
+    covariance = np.where(touched[..., :, None] | touched[..., None, :], np.nan, covariance)
+    diagonal = np.arange(J.shape[-2])
+    covariance[..., diagonal, diagonal] = np.where(touched, np.inf, covariance[..., diagonal, diagonal])
+    return covariance
+
+
+def _image_jacobians(theta: Array, camera: Camera, X: Array) -> tuple[Array, Array]:
+    """Derivatives of the pixels of world points (..., 3) by the points (..., 2, 3) and by theta (..., 2, 12)."""
+    Xc = (X - camera.C) @ camera.R.T
+    f, aspect = camera.focal_length, camera.K[1, 1] / camera.focal_length
+    s = f * Xc[..., :2] / Xc[..., 2:]
+    dd_ds, dd_da = distort_jacobian(s, camera.corner_distortion, camera.half_diagonal)
+    pixels = np.array([1.0, aspect])[:, None]
+    dd_ds, dd_db = pixels * dd_ds, pixels * dd_da @ _lens_jacobian(theta)
+    ds_dXc = np.zeros((*s.shape, 3))
+    ds_dXc[..., [0, 1], [0, 1]] = (f / Xc[..., 2])[..., None]
+    ds_dXc[..., 2] = -s / Xc[..., 2:]
+    dxy_dXc = dd_ds @ ds_dXc
+    dxy_dX = dxy_dXc @ camera.R
+    dXc_dangles = -np.cross(rotation_axes(theta[ANGLES], camera.R), Xc[..., None, :])  # one angle a row
+    dxy_dtheta = np.zeros((*s.shape, len(PARAMETERS)))
+    dxy_dtheta[..., ANGLES] = dxy_dXc @ np.swapaxes(dXc_dangles, -2, -1)
+    dxy_dtheta[..., LOG_F] = (dd_ds @ s[..., None])[..., 0]
+    dxy_dtheta[..., CENTER] = -dxy_dX
+    dxy_dtheta[..., LENS] = dd_db
+    dxy_dtheta[..., PRINCIPAL_POINT] = np.eye(2)
+    dxy_dtheta[..., 1, LOG_ASPECT] = aspect * distort(s, camera.corner_distortion, camera.half_diagonal)[..., 1]
+    return dxy_dX, dxy_dtheta
+
+
+def _lens_jacobian(theta: Array) -> Array:
+    """Derivative (2, 2) of the lens (a1, a2) by its parameters (a1, b2), see `fieldcalib.geometry.lens`."""
+    return np.array([[1.0, 0.0], [2.0 * FOLD * min(theta[LENS.start], 0.0), 1.0]])
+
+
+def _inverse_left_jacobian(rvec: Array) -> Array:
+    """Derivative (3, 3) of a rotation vector by a small rotation applied after it.
+
+    ``I - [v] / 2 + (1 / |v|^2 - cot(|v| / 2) / (2 |v|)) [v]^2``. Source: Sola, Deray, Atchuthan: A micro Lie theory,
+    2018, equation (146).
+    """
+    angle = float(np.linalg.norm(rvec))
+    bend = 1.0 / 12.0 if angle < 1e-4 else 1.0 / angle**2 - 0.5 / (angle * np.tan(0.5 * angle))
+    x, y, z = rvec
+    cross = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
+    return np.asarray(np.eye(3) - 0.5 * cross + bend * cross @ cross)

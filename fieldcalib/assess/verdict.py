@@ -1,0 +1,230 @@
+"""Is a camera to be believed? Plausibility, what the labels determine, tau, and the verdict in words."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from fieldcalib._types import Array, BoolArray
+from fieldcalib.assess.result import Status
+from fieldcalib.assess.uncertainty import OPEN_DIRECTION, READABLE
+from fieldcalib.fields.segments import Arc, Line, ObjectSegments, Point, PointCloud, Segment
+from fieldcalib.geometry.rotation import angles_from_rotation, rotation_from_angles
+from fieldcalib.problem.labelled_pixels import Pixels
+from fieldcalib.problem.observations import Observations
+from fieldcalib.problem.parameters import ANGLES, CENTER, LOG_F, PARAMETERS
+from fieldcalib.problem.residuals import Feet
+
+FARTHEST_CAMERA = 300.0  # metres from the field's centre: stands end before
+LARGEST_ROLL = np.radians(45.0)
+FIELD_OF_VIEW = np.radians((0.5, 150.0))
+BEHIND = 0.1  # share of the fitting segments' weight that may lie behind the camera
+AGREEING = 2.0 / 3.0  # share of the labelled segments that must fit: a robust loss always has some minimum
+
+
+@dataclass(frozen=True)
+class Evidence:
+    """What the verdict on one frame's camera rests on."""
+
+    rms: float
+    loss_ndc: float
+    errors: Mapping[str, float]
+    """Root mean square distance of each segment, pixels."""
+    far: float
+    """Pixels beyond which a segment counts as missed."""
+    unknowns: int
+    """Free parameters."""
+    implausible: Sequence[str]
+    """What is wrong with the camera, see `implausibilities`."""
+    weakest: tuple[float, str]
+    """What the labels determine least, see `weakest_directions`."""
+    converged: bool
+    lens_is_prior: bool = False
+    """Whether the lens comes from the prior, since the labels say little about it."""
+
+
+def segment_errors(
+    r: Array, observations: Observations, frames: Sequence[Pixels]
+) -> list[tuple[dict[str, float], float]]:
+    """Root mean square distance of each segment, and of all pixels together, for each frame; pixels.
+
+    Parameters
+    ----------
+    r : (B, M) array
+        Residuals of the observations.
+    observations : Observations
+        B frames packed.
+    frames : sequence of B dicts of str to (N, 2) array
+        What was packed; the errors are in the order of its labels.
+    """
+    found = []
+    number = {name: index for index, name in enumerate(observations.labels)}
+    for squares, label, frame in zip(np.square(r), observations.label, frames, strict=True):
+        seen = label >= 0
+        total = np.bincount(label[seen], squares[seen], minlength=len(number))
+        rms = np.sqrt(np.sum(total) / max(sum(map(len, frame.values())), 1))
+        found.append(({name: float(np.sqrt(total[number[name]] / len(xy))) for name, xy in frame.items()}, float(rms)))
+    return found
+
+
+def verdict(
+    object_segments: ObjectSegments, frame: Pixels, evidence: Evidence, tau: float | None
+) -> tuple[Status, str]:
+    """Status of one frame's calibration, and why, and what would help.
+
+    Of several complaints the first counts: rejected by tau, too few segments, degenerate, implausible, not converged.
+    """
+    noun = _noun(object_segments, frame)
+    labelled = f"{len(frame)} {noun}" if len(frame) == 1 else f"{len(frame)} {noun}s"
+    if tau is not None and not evidence.loss_ndc <= tau:
+        return Status.REJECTED, f"the loss in NDC, {evidence.loss_ndc:.4f}, is above tau = {tau:g}"
+    equations = constraints(object_segments, frame)
+    if equations < evidence.unknowns:
+        return Status.TOO_FEW_SEGMENTS, (
+            f"{labelled}: {equations} equations for {evidence.unknowns} unknowns; "
+            f"label more {noun}s, or fix what is known with flags"
+        )
+    information, parameters = evidence.weakest
+    if information < OPEN_DIRECTION:
+        return Status.DEGENERATE, degeneracy(object_segments, frame) or (
+            f"the labels leave {parameters} open: label a {noun} elsewhere in the image, or fix what is known by flags"
+        )
+    if evidence.implausible:
+        return Status.IMPLAUSIBLE, f"the best fit is no camera that could be: {'; '.join(evidence.implausible)}"
+    missed = [label for label in frame if evidence.errors[label] > evidence.far]
+    complaint = disagreement(object_segments, frame, missed, evidence.unknowns)
+    if complaint:
+        return Status.IMPLAUSIBLE, complaint
+    if not evidence.converged:
+        return Status.NOT_CONVERGED, "the iterations ended before a minimum: allow more, or check the labels"
+    if missed:
+        worst = max(missed, key=lambda label: evidence.errors[label])
+        fits = f"{len(frame) - len(missed)} of {labelled} agree"
+        return Status.ACCEPTED, f"{fits}; {worst!r} lies {evidence.errors[worst]:.0f} px off, check its label"
+    lens = "; the labels say little about the lens" if evidence.lens_is_prior else ""
+    return Status.ACCEPTED, f"rms {evidence.rms:.2f} px over {labelled}{lens}"
+
+
+def disagreement(object_segments: ObjectSegments, frame: Pixels, missed: Sequence[str], unknowns: int) -> str | None:
+    """Why a camera that misses some of a frame's labels is not to be believed, if so.
+
+    Two thirds of the labels must agree with it, and those must give as many equations as there are unknowns.
+    """
+    agreeing = {label: xy for label, xy in frame.items() if label not in missed}
+    if len(agreeing) >= AGREEING * len(frame) and constraints(object_segments, agreeing) >= unknowns:
+        return None
+    return (
+        f"only {len(agreeing)} of {len(frame)} {_noun(object_segments, frame)}s agree with the best fit: check the "
+        f"labels, the field's and the image's size"
+    )
+
+
+def _noun(object_segments: ObjectSegments, frame: Pixels) -> str:
+    """What the labels of a frame are, for messages."""
+    return "point" if all(isinstance(object_segments[label], Point) for label in frame) else "segment"
+
+
+def implausibilities(
+    theta: Array, feet: Feet, observations: Observations, *, far: float, on_field: bool
+) -> dict[str, BoolArray]:
+    """What is wrong with each of B cameras: reason -> mask (B,).
+
+    On a field the camera must stand above the ground, not too far away, and hold the horizon roughly level; of any
+    object it must have a field of view between 0.5 and 150 degrees and see in front of it what it sees: pixels within
+    `far` pixels of their segments. Pixels further off, of a wrong label perhaps, do not speak against a camera.
+    """
+    width = observations.image_size[0]
+    fov = 2.0 * np.arctan(0.5 * width / np.exp(theta[:, LOG_F]))
+    near = observations.weight * (np.abs(feet.r) <= far)
+    behind = np.sum(near * (feet.inverse_depth < 0.0), axis=1)
+    others = (observations.lines, observations.arcs, observations.curves, observations.clouds)
+    noun = "segments" if any(others) else "points"
+    reasons = {
+        "its field of view is below 0.5 degrees": fov < FIELD_OF_VIEW[0],
+        "its field of view is above 150 degrees": fov > FIELD_OF_VIEW[1],
+        f"labelled {noun} lie behind it": behind > BEHIND * np.sum(near, axis=1),
+    }
+    if on_field:
+        C = theta[:, CENTER]
+        roll = angles_from_rotation(rotation_from_angles(theta[:, ANGLES]))[:, 2]
+        reasons["it stands below the ground"] = C[:, 2] > 0.0
+        reasons["it stands more than 300 m away"] = np.linalg.norm(C, axis=1) > FARTHEST_CAMERA
+        reasons["it is rolled by more than 45 degrees"] = np.abs(roll) > LARGEST_ROLL
+    return reasons
+
+
+def constraints(object_segments: ObjectSegments, frame: Pixels) -> int:
+    """How many equations the labels of a frame give at best.
+
+    A point gives two, a line two (one for a single pixel), a circle one for each pixel up to the five of a conic, an
+    ordered cloud one and an unordered one two for each pixel. A pinhole somewhere has seven unknowns.
+    """
+    return sum(_constraints(object_segments[label], xy) for label, xy in frame.items())
+
+
+def _constraints(segment: Segment, xy: Array) -> int:
+    count = len({tuple(pixel) for pixel in xy.tolist()})
+    match segment:
+        case Point():
+            return 2
+        case Line():
+            return min(count, 2)
+        case Arc():
+            return min(count, 5)
+        case PointCloud():
+            return count if segment.ordered else 2 * count
+
+
+def degeneracy(object_segments: ObjectSegments, frame: Pixels) -> str | None:
+    """Why lines alone cannot determine a camera, if so: all parallel, or all through one point."""
+    segments = [object_segments[label] for label in frame]
+    if not segments or not all(isinstance(segment, Line) for segment in segments):
+        return _only_one_circle(segments)
+    lines = [segment for segment in segments if isinstance(segment, Line)]
+    directions = np.array([np.subtract(line.end, line.start) for line in lines])
+    directions /= np.linalg.norm(directions, axis=1, keepdims=True)
+    if np.linalg.matrix_rank(directions, tol=1e-6) == 1:
+        return "all labelled lines are parallel: one line across them would help"
+    # X is on every line where (I - d d^T)(X - start) = 0
+    offsets = [np.eye(3) - np.outer(d, d) for d in directions]
+    A = np.concatenate(offsets)
+    b = np.concatenate([offset @ line.start for offset, line in zip(offsets, lines, strict=True)])
+    X, *_ = np.linalg.lstsq(A, b, rcond=None)
+    if np.abs(A @ X - b).max() < 1e-6:
+        return "all labelled lines meet in one point: one line that misses it would help"
+    return None
+
+
+def _only_one_circle(segments: list[Segment]) -> str | None:
+    centres = {segment.center for segment in segments if isinstance(segment, Arc)}
+    if len(centres) == 1 and all(isinstance(segment, Arc) for segment in segments):
+        return "only one circle is labelled, and it looks alike from all sides: any line would help"
+    return None
+
+
+def weakest_directions(information: Array, sigma: Array, free: BoolArray) -> list[tuple[float, str]]:
+    """For each of B problems the direction of the parameters about which the labels say least.
+
+    Parameters
+    ----------
+    information : (B, P, P) array
+        Inverse covariance of the free parameters by the labels alone, each segment counting as one pixel's.
+    sigma : (B, P) array
+        Standard deviations of the prior: the scale on which a parameter counts as determined.
+    free : (12,) bool array
+        Which parameters are free.
+
+    Returns
+    -------
+    list of (float, str)
+        The smallest eigenvalue of the information in units of the prior's: below 1 the prior says more than the labels.
+        And what makes up its eigenvector, as "focal length with y".
+    """
+    names = np.array([READABLE.get(name, name) for name in PARAMETERS])[free]
+    values, vectors = np.linalg.eigh(information * sigma[:, :, None] * sigma[:, None, :])
+    return [
+        (float(value), " with ".join(names[np.abs(vector) > 0.5 * np.abs(vector).max()]))
+        for value, vector in zip(values[:, 0], vectors[:, :, 0], strict=True)
+    ]

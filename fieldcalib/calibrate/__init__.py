@@ -1,0 +1,1 @@
+"""From labelled pixels, points or homographies to cameras."""

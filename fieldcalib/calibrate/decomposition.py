@@ -1,0 +1,178 @@
+"""From the homography of the ground to a camera, by decomposition and refinement on field points."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from types import MappingProxyType
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from fieldcalib._types import Array
+from fieldcalib.fields.segments import Point
+from fieldcalib.fields.soccer import soccer
+from fieldcalib.geometry.camera import Camera, checked_image_size
+from fieldcalib.geometry.homography import decompose_homography
+from fieldcalib.geometry.projective import dehomogenize, finite_homography, homogenize
+
+GROUND_POINTS: Mapping[str, Point] = MappingProxyType(
+    {name: point for name, point in soccer().points.items() if point.X[2] == 0.0}
+)
+LEAST_POINTS = 3  # that cv2.solvePnPRefineLM takes
+NO_FOCAL_LENGTH = "no real focal length fits the homography: it is no camera's"
+
+
+@dataclass(frozen=True)
+class Decomposition:
+    """The camera of a homography, or why there is none."""
+
+    camera: Camera | None
+    """The refined camera; None if the paper's rule rejects the homography."""
+    initial: Camera | None
+    """The closed form, steps 1 to 3; None where the homography has no real focal length."""
+    points: Mapping[str, Point]
+    """The correspondences that the refinement uses: field points, and"""
+    pixels: dict[str, Array]
+    """their images under the homography, (1, 2) each."""
+    message: str
+    """What was done, or why it was not."""
+
+
+def camera_from_homography(
+    H: ArrayLike,
+    image_size: tuple[int, int],
+    *,
+    points: Mapping[str, Point] = GROUND_POINTS,
+    zeta: float = 100.0,
+    tolerance: float = 0.1,
+    principal_point: ArrayLike | None = None,
+) -> Decomposition:
+    """Camera from a homography in the paper's five steps.
+
+    (1) to (3) are `closed_form`. (4) Field points whose image under H lies in the image, enlarged on each
+    side, and whose projection by that camera is near to it, are the correspondences ``X, H X`` from which
+    `cv2.solvePnPRefineLM` refines R and t, K staying as it is. With fewer than three of them the homography is
+    rejected: no camera is near enough to it. (5) The angles, with the smaller roll, are `Camera.angles`.
+
+    Parameters
+    ----------
+    H : (3, 3) array_like
+        Maps field points (x, y, 1) in metres to pixels; scale and sign do not matter.
+    image_size : (int, int)
+        Width and height in pixels.
+    points : mapping of str to Point
+        Points on the ground; by default those of `soccer()`.
+    zeta : float
+        Pixels between a point's image under H and its projection, from which on it is not used.
+    tolerance : float
+        How far outside the image a point may lie, in widths and heights.
+    principal_point : (2,) array_like, optional
+        In pixels; by default the image's centre.
+
+    Returns
+    -------
+    Decomposition
+
+    Raises
+    ------
+    ValueError
+        If H is no finite 3 x 3 matrix, there are no points or one is off the ground, zeta is not positive, tolerance is
+        negative, or the principal point is none.
+
+    References
+    ----------
+    Theiner, Ewerth: TVCalib, WACV 2023, appendix "Homography Decomposition: From Homography to Camera Parameters".
+
+    Examples
+    --------
+    >>> truth = Camera.from_angles(0.3, 1.3, 0.01, 1800.0, (2.0, 70.0, -18.0), (960, 540))
+    >>> camera_from_homography(truth.homography, (960, 540)).camera
+    Camera(f=1800.0 px, pan=17.19°, tilt=74.48°, roll=0.57°, C=(2.00, 70.00, -18.00) m, k=(0, 0), image_size=960x540)
+    """
+    if not (zeta > 0.0 and tolerance >= 0.0):
+        raise ValueError(f"zeta must be positive and tolerance at least 0, got {zeta} and {tolerance}")
+    X = _ground_points(points)
+    initial = closed_form(H, image_size, principal_point=principal_point)
+    if initial is None:
+        return Decomposition(None, None, {}, {}, NO_FOCAL_LENGTH)
+    size = np.array(initial.image_size)
+    with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
+        xy = dehomogenize(homogenize(X[:, :2]) @ finite_homography(H).T)
+        in_image = np.all(np.abs(xy / size - 0.5) <= 0.5 + tolerance, axis=1)
+        near = np.linalg.norm(initial.project(X) - xy, axis=1) < zeta  # false behind the camera
+    used = np.flatnonzero(in_image & near)
+    names = [list(points)[index] for index in used]
+    refined = _refined_pose(initial, X[used], xy[used]) if len(used) >= LEAST_POINTS else None
+    if refined is not None:
+        message = f"refined with {len(used)} points"
+    elif len(used) >= LEAST_POINTS:
+        message = "the refinement diverged"
+    else:
+        message = (
+            f"of {in_image.sum()} field points in the image the camera of the homography has {len(used)} within "
+            f"{zeta:g} px, {LEAST_POINTS} are needed; H must map metres on the field to pixels"
+        )
+    pixels = {name: xy[[index]] for name, index in zip(names, used, strict=True)}
+    return Decomposition(refined, initial, {name: points[name] for name in names}, pixels, message)
+
+
+def closed_form(
+    H: ArrayLike, image_size: tuple[int, int], *, principal_point: ArrayLike | None = None
+) -> Camera | None:
+    """Steps (1) to (3) of `camera_from_homography`: the camera above the ground, or None.
+
+    H and -H are of two cameras mirrored at the ground, and a field is seen from above: that settles the sign, also
+    where the camera stands above the field and has half of it behind.
+
+    Parameters
+    ----------
+    H, image_size, principal_point
+        As in `camera_from_homography`.
+
+    Returns
+    -------
+    Camera or None
+        None where the homography has no real focal length.
+
+    Examples
+    --------
+    >>> truth = Camera.from_angles(0.3, 1.3, 0.01, 1800.0, (2.0, 70.0, -18.0), (960, 540))
+    >>> closed_form(-truth.homography, (960, 540)).C.round(6)
+    array([  2.,  70., -18.])
+    """
+    H = finite_homography(H)
+    H = H / (np.abs(H).max() or 1.0)  # its entries are squared twice
+    image_size = checked_image_size(image_size)
+    centre = np.asarray(np.divide(image_size, 2.0) if principal_point is None else principal_point, dtype=float)
+    if centre.shape != (2,) or not np.all(np.isfinite(centre)):
+        raise ValueError(f"principal_point must be two finite numbers, x and y in pixels, got {principal_point!r}")
+    corners = np.array([(0.0, 0.0), (1.0, 0.0), (0.0, 1.0)])
+    off_focal_plane = corners[np.argmax(np.abs(homogenize(corners) @ H[2]))]  # any, whatever its side
+    f, R, C = decompose_homography(H, centre, off_focal_plane)
+    if not np.isfinite(f):
+        return None
+    if C[2] > 0.0:
+        R, C = R * (-1.0, -1.0, 1.0), C * (1.0, 1.0, -1.0)
+    return Camera([[f, 0.0, centre[0]], [0.0, f, centre[1]], [0.0, 0.0, 1.0]], R, C, image_size)
+
+
+def _ground_points(points: Mapping[str, Point]) -> Array:
+    """World coordinates of points that must lie on the ground, (N, 3)."""
+    if not points:
+        raise ValueError("points must be a mapping of names to points on the ground, got none")
+    for name, point in points.items():
+        if point.X[2] != 0.0:
+            raise ValueError(f"points must lie on the ground, z = 0, got {name!r} at {point.X}: leave it out")
+    return np.array([point.X for point in points.values()])
+
+
+def _refined_pose(camera: Camera, X: Array, xy: Array) -> Camera | None:
+    """The camera with R and t refined by OpenCV, or None where that diverges."""
+    import cv2  # a slow import
+
+    rvec, tvec, K, dist = camera.to_opencv()  # OpenCV changes the pose in place: it is ours alone
+    new_rvec, new_tvec = cv2.solvePnPRefineLM(X, xy, K, dist, rvec, tvec)
+    if not (np.all(np.isfinite(new_rvec)) and np.all(np.isfinite(new_tvec))):
+        return None
+    return Camera.from_opencv(new_rvec, new_tvec, K, dist, camera.image_size)

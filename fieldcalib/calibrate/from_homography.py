@@ -1,0 +1,129 @@
+"""A calibration from the homography of the ground, and the judgement of a camera that comes from elsewhere."""
+
+from __future__ import annotations
+
+from numpy.typing import ArrayLike
+
+from fieldcalib.assess.ndc import ndc_loss
+from fieldcalib.assess.result import Calibration, Status
+from fieldcalib.assess.verdict import disagreement, implausibilities, segment_errors
+from fieldcalib.calibrate.decomposition import Decomposition, camera_from_homography
+from fieldcalib.calibrate.options import WIDE_SCALE, pixel_unit
+from fieldcalib.fields.segments import ObjectSegments
+from fieldcalib.geometry.camera import Camera
+from fieldcalib.problem.labelled_pixels import Pixels
+from fieldcalib.problem.observations import pack
+from fieldcalib.problem.parameters import theta_from_camera
+from fieldcalib.problem.residuals import foot_points
+
+NAN = float("nan")
+
+
+def calibrate_from_homography(
+    H: ArrayLike,
+    image_size: tuple[int, int],
+    *,
+    zeta: float = 100.0,
+    tolerance: float = 0.1,
+    principal_point: ArrayLike | None = None,
+) -> Calibration:
+    """Calibrate a camera from the homography of the ground, by decomposition (`camera_from_homography`).
+
+    Square pixels, no lens. The camera is the closed form with R and t refined to the field points that the homography
+    puts into the image. A homography has eight degrees of freedom and such a camera seven: `rms` and
+    `per_segment_errors` say how far the two are apart, in pixels at those points.
+
+    Parameters
+    ----------
+    H : (3, 3) array_like
+        Maps field points (x, y, 1) in metres, origin at the centre mark, y towards the main camera, to pixels. Scale
+        and sign do not matter. `ALIGNMENTS` translates the homographies of others.
+    image_size : (int, int)
+        Width and height in pixels.
+    zeta : float
+        Pixels between a point's image under H and its projection, from which on it is not used.
+    tolerance : float
+        How far outside the image a point may lie, in widths and heights.
+    principal_point : (2,) array_like, optional
+        In pixels; by default the image's centre.
+
+    Returns
+    -------
+    Calibration
+        "implausible" without a camera where the homography has no real focal length, and with the unrefined one where
+        fewer than three points are near enough: the paper rejects those.
+
+    Raises
+    ------
+    ValueError
+        If H is no finite 3 x 3 matrix, zeta is not positive, tolerance is negative, or the principal point is none.
+
+    References
+    ----------
+    Theiner, Ewerth: TVCalib, WACV 2023, appendix "Homography Decomposition: From Homography to Camera Parameters".
+
+    Examples
+    --------
+    >>> truth = Camera.from_angles(0.3, 1.3, 0.01, 1800.0, (2.0, 70.0, -18.0), (960, 540))
+    >>> calibration = calibrate_from_homography(truth.homography, (960, 540))
+    >>> str(calibration.status), round(calibration.camera.focal_length, 3)
+    ('accepted', 1800.0)
+    """
+    found = camera_from_homography(H, image_size, zeta=zeta, tolerance=tolerance, principal_point=principal_point)
+    return judged_decomposition(found)
+
+
+def judged_decomposition(found: Decomposition) -> Calibration:
+    """The calibration of a decomposed homography, see `calibrate_from_homography`."""
+    camera = found.camera or found.initial
+    if camera is None:
+        return Calibration.without_camera(Status.IMPLAUSIBLE, found.message)
+    calibration = judged_camera(camera, found.points, found.pixels, found.message, on_field=True)
+    if found.camera is not None:
+        return calibration
+    message = f"not refined: {found.message}"
+    return Calibration(
+        camera, Status.IMPLAUSIBLE, message, calibration.rms, calibration.loss_ndc, calibration.per_segment_errors
+    )
+
+
+def judged_camera(
+    camera: Camera, object_segments: ObjectSegments, frame: Pixels, message: str, *, on_field: bool
+) -> Calibration:
+    """Calibration of a camera that no solver of this package has found: its errors, and whether it could be.
+
+    Parameters
+    ----------
+    camera : Camera
+        From a closed form, say.
+    object_segments : mapping of str to segment
+        The calibration object.
+    frame : dict of str to (N, 2) array
+        Pixels by label, as `check_segments` returns them; without any, the errors are NaN.
+    message : str
+        What to say of a camera that could be.
+    on_field : bool
+        Whether the object is a field, where a camera stands above the ground, see `implausibilities`.
+
+    Returns
+    -------
+    Calibration
+        Accepted, or implausible: no camera that could be, or one that most of the labels disagree with.
+    """
+    if not frame:
+        return Calibration(camera, Status.ACCEPTED, message, NAN, NAN, {})
+    size = camera.image_size
+    theta = theta_from_camera(camera)[None]
+    observations = pack(object_segments, [frame], size)
+    feet = foot_points(theta, observations)
+    ((errors, rms),) = segment_errors(feet.r, observations, [frame])
+    loss = float(ndc_loss(theta, object_segments, [frame], size)[0])
+    far = WIDE_SCALE * pixel_unit(size)
+    wrong = implausibilities(theta, feet, observations, far=far, on_field=on_field)
+    reasons = [reason for reason, mask in wrong.items() if mask[0]]
+    missed = [label for label in frame if errors[label] > far]
+    complaint = disagreement(object_segments, frame, missed, unknowns=0)  # the camera comes from elsewhere
+    if reasons:
+        complaint = f"no camera that could be: {'; '.join(reasons)}"
+    status = Status.IMPLAUSIBLE if complaint else Status.ACCEPTED
+    return Calibration(camera, status, complaint or message, rms, loss, errors)

@@ -1,0 +1,224 @@
+"""Starting cameras: one from each camera distribution, pointed at the labels, and one from lines by the DLT.
+
+The solver runs from all of them and keeps the best (`argmin` in the paper, section "Multiple Initialization").
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from fieldcalib._types import Array, BoolArray, IntArray
+from fieldcalib.fields.stands import CameraDistribution
+from fieldcalib.geometry.homography import decompose_homography
+from fieldcalib.geometry.projective import fit_lines, homogenize, homography_from_lines
+from fieldcalib.geometry.rotation import angles_from_rotation, rotation_from_angles
+from fieldcalib.problem.observations import Observations, Rows
+from fieldcalib.problem.parameters import (
+    ANGLES,
+    CENTER,
+    LOG_F,
+    PAN,
+    PRINCIPAL_POINT,
+    ROLL,
+    TILT,
+    GaussianPrior,
+    gaussian_prior,
+)
+
+FIELD_SCALE = 40.0  # metres: brings the field's coordinates to about unit size for the DLT
+ON_GROUND = 1e-9  # metres
+PART_IN_VIEW = 1.5  # segments reach beyond the image, so their middles lie further apart than their pixels
+
+
+@dataclass(frozen=True)
+class Starts:
+    """n starting cameras for T frames."""
+
+    theta: Array
+    """(n, 12)."""
+    frame: IntArray
+    """Frame of each start, (n,), ascending."""
+    prior: GaussianPrior
+    """Prior of the distribution that each start belongs to, means and sigmas (n, 12)."""
+
+
+def starting_cameras(observations: Observations, distributions: Sequence[CameraDistribution], known: Array) -> Starts:
+    """Starts of every frame: from each distribution, and by the DLT where four ground lines or more allow it.
+
+    A known position makes for a single start.
+
+    Parameters
+    ----------
+    observations : Observations
+        T frames, each with at least one pixel.
+    distributions : sequence of CameraDistribution
+        Where the camera may stand. A start that comes from elsewhere belongs to the
+        one that it is nearest to, by z-score.
+    known : (12,) array
+        Parameters that the user gave; NaN where nothing is known.
+    """
+    T = len(observations)
+    priors = [gaussian_prior(distribution, observations.image_size) for distribution in distributions]
+    mean = np.stack([prior.mean for prior in priors])
+    sigma = np.stack([prior.sigma for prior in priors])
+
+    theta, frame, member = [], [], []
+    if np.isnan(known[CENTER]).any():
+        for i, prior in enumerate(priors):
+            theta.append(pointed_camera(observations, prior, known))
+            frame.append(np.arange(T))
+            member.append(np.full(T, i))
+        by_lines, found = camera_from_lines(observations, known)
+        theta.append(by_lines[found])
+        frame.append(np.flatnonzero(found))
+    else:
+        theta.append(pointed_camera(observations, priors[0], known))
+        frame.append(np.arange(T))
+    z = GaussianPrior(mean, sigma).z_scores(theta[-1][:, None])[..., :7]
+    member.append(np.argmin(np.sum(np.square(z), axis=-1), axis=-1))
+
+    order = np.argsort(np.concatenate(frame), kind="stable")
+    nearest = np.concatenate(member)[order]
+    return Starts(
+        np.concatenate(theta)[order], np.concatenate(frame)[order], GaussianPrior(mean[nearest], sigma[nearest])
+    )
+
+
+def pointed_camera(observations: Observations, prior: GaussianPrior, known: Array) -> Array:
+    """Cameras at the mean position of a prior, turned and zoomed so that they see what is labelled, (T, 12).
+
+    The middles of the labelled segments, short segments first, should come to lie where their pixels are: their
+    centroid gives pan and tilt, their spread the focal length, within the prior's 95 %. Roll is zero.
+    """
+    X, xy, weight = _segment_middles(observations)
+    theta = np.broadcast_to(np.where(np.isnan(known), prior.mean, known), (len(X), len(prior.mean))).copy()
+    if np.isnan(known[PAN]):
+        theta[:, ROLL] = 0.0 if np.isnan(known[ROLL]) else known[ROLL]
+        target = np.sum(weight * X, axis=1) - theta[:, CENTER]
+        theta[:, PAN] = np.arctan2(target[:, 0], -target[:, 1])
+        theta[:, TILT] = np.arctan2(np.hypot(target[:, 0], target[:, 1]), target[:, 2])
+    if np.isnan(known[LOG_F]):
+        Xc = (X - theta[:, None, CENTER]) @ np.swapaxes(rotation_from_angles(theta[:, ANGLES]), 1, 2)
+        x = Xc[..., :2] / np.maximum(Xc[..., 2:], 1.0)
+        log_f = np.log(PART_IN_VIEW * (_spread(xy, weight) + 1.0) / (_spread(x, weight) + 1e-3))
+        margin = 1.96 * prior.sigma[LOG_F]
+        theta[:, LOG_F] = np.clip(log_f, prior.mean[LOG_F] - margin, prior.mean[LOG_F] + margin)
+    if np.isnan(known[PAN]):
+        # the target shall not appear in the middle of the image but where the pixels are
+        offset = np.sum(weight * xy, axis=1) - theta[:, PRINCIPAL_POINT]
+        angle = np.arctan(offset / np.exp(theta[:, LOG_F, None]))
+        theta[:, PAN] -= angle[:, 0] / np.maximum(np.sin(theta[:, TILT]), 0.3)
+        theta[:, TILT] += angle[:, 1]
+    return theta
+
+
+def _segment_middles(observations: Observations) -> tuple[Array, Array, Array]:
+    """Middle of each pixel's segment (T, N, 3), the pixel (T, N, 2), and its weight (T, N, 1), summing to 1 a frame.
+
+    Of a long segment only a part is in view, and nobody knows which: weights fall with the square of the length.
+    """
+    X, xy, weight = [], [], []
+    for rows in (observations.lines, observations.arcs, observations.curves, observations.points, observations.clouds):
+        if not rows:
+            continue
+        if rows is observations.lines:
+            start, direction = rows.geometry[:, :, 0], rows.geometry[:, :, 1]
+            middle, length = start + 0.5 * direction, np.linalg.norm(direction, axis=-1)
+        elif rows is observations.arcs:
+            middle, length = rows.geometry[:, :, 0], 2.0 * np.linalg.norm(rows.geometry[:, :, 1], axis=-1)
+        else:
+            middle, length = rows.geometry.mean(axis=2), np.linalg.norm(np.ptp(rows.geometry, axis=2), axis=-1)
+        X.append(middle)
+        xy.append(rows.xy)
+        weight.append(rows.weight / np.square(length + 5.0))  # 5 m: short segments do not outweigh each other
+    w = np.concatenate(weight, axis=1)
+    w /= np.sum(w, axis=1, keepdims=True)
+    return np.concatenate(X, axis=1), np.concatenate(xy, axis=1), w[..., None]
+
+
+def _spread(x: Array, weight: Array) -> Array:
+    """Weighted standard deviation of points (T, N, D) around their centroids, (T,)."""
+    centred = x - np.sum(weight * x, axis=1, keepdims=True)
+    return np.asarray(np.sqrt(np.sum(weight * np.square(centred), axis=(1, 2))))
+
+
+def camera_from_lines(observations: Observations, known: Array) -> tuple[Array, BoolArray]:
+    """Cameras from the homography of the ground's lines by the DLT, (T, 12), and which frames have one, (T,).
+
+    The homography is decomposed with the known principal point, else the image's centre.
+    """
+    T, rows = len(observations), observations.lines
+    theta = np.broadcast_to(np.where(np.isnan(known), 0.0, known), (T, len(known))).copy()
+    image_centre = np.array(observations.image_size) / 2.0
+    principal_point = np.where(np.isnan(known[PRINCIPAL_POINT]), image_centre, known[PRINCIPAL_POINT])
+    theta[:, PRINCIPAL_POINT] = principal_point
+    H, found = ground_homographies(observations, principal_point)
+    if not found.any():
+        return theta, found
+    # a point of the ground in view: where the pixels' centroid lies on the field
+    on_ground = _ground_rows(rows)
+    pixel = np.sum(on_ground[..., None] * rows.xy, axis=1) / np.maximum(np.sum(on_ground, axis=1), 1)[:, None]
+    with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
+        seen_at = np.linalg.solve(H + 1e-12 * np.eye(3), homogenize(pixel)[..., None])[..., 0]
+        f, R, C = decompose_homography(H, principal_point, seen_at[:, :2] / seen_at[:, 2:])
+    found &= np.isfinite(f) & np.isfinite(C).all(axis=1) & (f > 0.0)
+    theta[found, LOG_F] = np.log(f[found])
+    theta[found, ANGLES] = angles_from_rotation(R[found])
+    theta[found, CENTER] = C[found]
+    given = ~np.isnan(known)
+    theta[:, given] = known[given]
+    return theta, found
+
+
+def ground_homographies(observations: Observations, principal_point: Array) -> tuple[Array, BoolArray]:
+    """Homographies of the ground from its lines, by the DLT.
+
+    Lines are fitted to the pixels of each segment and weigh as much as they are long in the image.
+
+    Parameters
+    ----------
+    observations : Observations
+        T frames.
+    principal_point : (2,) array
+        Around it the image is normalised, in pixels.
+
+    Returns
+    -------
+    H : (T, 3, 3) array
+        Maps field points (x, y, 1) in metres to pixels, up to scale and sign; NaN where there is none.
+    found : (T,) bool array
+        Which frames have one: those with four lines on the ground that are longer than a point.
+    """
+    T, rows = len(observations), observations.lines
+    on_ground = _ground_rows(rows)
+    labels = np.unique(rows.label[on_ground])
+    if len(labels) < 4:
+        return np.full((T, 3, 3), np.nan), np.zeros(T, dtype=bool)
+
+    member = (rows.label[:, None] == labels[:, None]) & on_ground[:, None]  # (T, L, N)
+    image_lines = fit_lines(rows.xy[:, None], member.astype(float))
+    rho = np.hypot(*observations.image_size) / 2.0
+    visible = np.where(member[..., None], rows.xy[:, None] / rho, np.nan)
+    length = np.zeros(member.shape[:2])
+    seen = member.any(axis=-1)
+    length[seen] = np.linalg.norm(np.nanmax(visible[seen], axis=1) - np.nanmin(visible[seen], axis=1), axis=-1)
+
+    first = np.argmax(rows.label.ravel() == labels[:, None], axis=1)  # any row of each label knows its segment
+    start, direction = np.moveaxis(rows.geometry.reshape(-1, 2, 3)[first], 1, 0)
+    field_lines = np.cross(homogenize(start[:, :2]), homogenize(start[:, :2] + direction[:, :2]))
+    to_unit_field = np.diag([1.0 / FIELD_SCALE, 1.0 / FIELD_SCALE, 1.0])
+    cx, cy = principal_point
+    to_unit_image = np.array([[1.0 / rho, 0.0, -cx / rho], [0.0, 1.0 / rho, -cy / rho], [0.0, 0.0, 1.0]])
+    H = homography_from_lines(
+        np.broadcast_to(field_lines, image_lines.shape), image_lines, length, to_unit_field, to_unit_image
+    )
+    found = np.sum(length > 0.0, axis=1) >= 4
+    return np.where(found[:, None, None], H, np.nan), found
+
+
+def _ground_rows(rows: Rows) -> BoolArray:
+    """Which rows (T, N) are pixels of lines on the ground."""
+    return np.asarray(np.all(np.abs(rows.geometry[..., 2]) < ON_GROUND, axis=-1) & (rows.weight > 0.0))

@@ -1,0 +1,88 @@
+"""Argument types and arguments that several commands share."""
+
+import argparse
+from pathlib import Path
+
+import numpy as np
+
+from fieldcalib.calibrate.options import ALL, DEFAULT_FLAGS, PINHOLE_FLAGS, CalibrationFlags, Prior
+from fieldcalib.fields.stands import DISTRIBUTIONS
+
+LENSES = {
+    "none": PINHOLE_FLAGS,
+    "k1": DEFAULT_FLAGS,
+    "k1k2": DEFAULT_FLAGS & ~CalibrationFlags.CALIB_FIX_K2,
+}
+NO_PRIOR = "none"
+
+
+def positive(text: str) -> float:
+    """A positive number, for argparse."""
+    try:
+        value = float(text)
+    except ValueError:
+        value = np.nan
+    if not 0.0 < value < np.inf:
+        raise argparse.ArgumentTypeError(f"expected a positive number, got {text!r}")
+    return value
+
+
+def count(text: str) -> int:
+    """A whole number from 1, for argparse."""
+    if not (text.isdecimal() and int(text) >= 1):
+        raise argparse.ArgumentTypeError(f"expected a whole number from 1, got {text!r}")
+    return int(text)
+
+
+def probability(text: str) -> float:
+    """A number from 0 to 1, for argparse."""
+    try:
+        value = float(text)
+    except ValueError:
+        value = np.nan
+    if not 0.0 <= value <= 1.0:
+        raise argparse.ArgumentTypeError(f"expected a number from 0 to 1, got {text!r}")
+    return value
+
+
+def image_size(text: str) -> tuple[int, int]:
+    """(width, height) of "WIDTHxHEIGHT", for argparse."""
+    try:
+        width, height = (int(v) for v in text.lower().split("x"))
+    except ValueError:
+        raise argparse.ArgumentTypeError(f"expected WIDTHxHEIGHT, as 960x540, got {text!r}") from None
+    if min(width, height) < 1:
+        raise argparse.ArgumentTypeError(f"expected positive numbers, got {text!r}")
+    return width, height
+
+
+def add_input_and_output(parser: argparse.ArgumentParser) -> None:
+    """INPUT, --size, --out and --strict of everything that calibrates annotated frames."""
+    parser.add_argument("input", nargs="+", type=Path, metavar="INPUT", help="a folder, a zip of one, or single files")
+    parser.add_argument("--size", required=True, type=image_size, metavar="WxH", help="of the images, e.g. 960x540")
+    parser.add_argument("--out", required=True, type=Path, metavar="DIR", help="where the results go")
+    parser.add_argument("--strict", action="store_true", help="stop at the first broken file, write nothing")
+
+
+def add_camera(parser: argparse.ArgumentParser, **more_priors: str) -> None:
+    """--prior, with more choices and what each of them means, and --lens."""
+    meanings = [", ".join([ALL, *DISTRIBUTIONS]), *(f"{name}: {meaning}" for name, meaning in more_priors.items())]
+    parser.add_argument(
+        "--prior",
+        default=ALL,
+        choices=[ALL, *DISTRIBUTIONS, *more_priors, NO_PRIOR],
+        metavar="NAME",
+        help=f"where the camera stands: {'; '.join(meanings)}; {NO_PRIOR}: solve without a prior ({ALL})",
+    )
+    parser.add_argument("--lens", choices=LENSES, default="k1", help="radial lens: none, one or two coefficients (k1)")
+
+
+def prior_of(options: argparse.Namespace) -> Prior:
+    """What --prior asks for."""
+    return None if options.prior == NO_PRIOR else str(options.prior)
+
+
+def add_field_size(parser: argparse.ArgumentParser) -> None:
+    """--field-length and --field-width."""
+    parser.add_argument("--field-length", type=positive, default=105.0, metavar="M", help="touchline in metres (105)")
+    parser.add_argument("--field-width", type=positive, default=68.0, metavar="M", help="goal line in metres (68)")

@@ -1,0 +1,237 @@
+"""`fieldcalib evaluate`: anybody's cameras or homographies against annotations."""
+
+from __future__ import annotations
+
+import argparse
+import json
+import sys
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from fieldcalib._types import Array
+from fieldcalib.cli.arguments import image_size, positive
+from fieldcalib.cli.predictions import GroundTruth, read_ground_truth, read_predictions
+from fieldcalib.io.soccernet import CAMERA_TYPES
+from fieldcalib.metrics import (
+    THRESHOLDS,
+    Confusion,
+    Prediction,
+    SegmentEvaluation,
+    compound_score,
+    evaluate_segments,
+    iou_part,
+    iou_whole,
+    projection_error,
+)
+from fieldcalib.metrics.scores import CompoundScore
+from fieldcalib.metrics.views import is_homography
+
+PERCENT = 100.0
+
+
+def add_parser(commands: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
+    """Add the command to the command line."""
+    parser = commands.add_parser(
+        "evaluate",
+        help="score cameras or homographies against annotations",
+        description="Score cameras (camera_<id>.json in SoccerNet's format, or TVCalib's per_sample_output.json) or "
+        "homographies (<id>.homographyMatrix, 1280x720 image to field in yards as in WC14) against annotated segments "
+        "(<id>.json), as SoccerNet's evaluation does. Where the ground truth has homographies too, what is seen of the "
+        "field is compared with them. Pixels are those of --size: at a smaller one every prediction looks better.",
+    )
+    parser.add_argument("predictions", type=Path, metavar="PREDICTIONS", help="a folder, a zip or a file")
+    parser.add_argument("ground_truth", type=Path, metavar="GROUND_TRUTH", help="a folder or a zip of annotations")
+    parser.add_argument(
+        "--size",
+        type=image_size,
+        metavar="WxH",
+        help="at which it is scored: cameras must be for it, homographies are scaled to it; by default that of the "
+        "cameras, 1280x720 for homographies",
+    )
+    parser.add_argument(
+        "--thresholds",
+        type=_thresholds,
+        default=THRESHOLDS,
+        metavar="PX,PX,...",
+        help="of AC in pixels (5,10,20)",
+    )
+    parser.add_argument(
+        "--planar", action="store_true", help="segments on the ground alone; homographies have no others"
+    )
+    parser.add_argument(
+        "--homographies", action="store_true", help="score the homographies of PREDICTIONS, not the cameras"
+    )
+    parser.add_argument(
+        "--camera-type", metavar="NAME", help=f"only frames that {CAMERA_TYPES} calls so, e.g. 'Main camera center'"
+    )
+    parser.add_argument("--json", action="store_true", help="print JSON")
+    parser.set_defaults(run=run)
+
+
+def _thresholds(text: str) -> tuple[float, ...]:
+    return tuple(sorted({positive(part) for part in text.split(",")}))
+
+
+def run(options: argparse.Namespace) -> int:
+    """Evaluate and print; returns the exit code."""
+    broken: list[str] = []
+    try:
+        report = _report(options, broken)
+    finally:  # broken files may be why there is nothing to evaluate
+        for message in broken:
+            print(f"fieldcalib: {message}", file=sys.stderr)
+    print(json.dumps(report, indent=2, allow_nan=False) if options.json else table(report))
+    return 1 if broken else 0
+
+
+def _report(options: argparse.Namespace, broken: list[str]) -> dict[str, Any]:
+    predictions = read_predictions(options.predictions, broken, size=options.size, homographies=options.homographies)
+    width, height = predictions.size
+    truth = read_ground_truth(options.ground_truth, predictions.size, broken, camera_type=options.camera_type)
+    if predictions.of_other_sizes:
+        sizes = ", ".join(f"{w}x{h}" for w, h in predictions.of_other_sizes)
+        print(
+            f"fieldcalib: cameras for images of {sizes} are scored at {width}x{height} as they are: SoccerNet's "
+            f"evaluation does not rescale",
+            file=sys.stderr,
+        )
+    by_frame = predictions.by_frame
+    if not set(by_frame) & set(truth.annotations):
+        raise ValueError(
+            f"{options.predictions} has {_some(by_frame)}, {options.ground_truth} has {_some(truth.annotations)}: "
+            f"no frame in common, do the ids agree?"
+        )
+    planar = options.planar or any(is_homography(prediction) for prediction in by_frame.values())
+    return evaluate(by_frame, truth, predictions.size, thresholds=options.thresholds, planar=planar)
+
+
+def _some(frames: Mapping[str, Any]) -> str:
+    """The first ids, for messages."""
+    names = ", ".join(list(frames)[:3]) or "none"
+    return f"the frames {names}" + (f" and {len(frames) - 3} more" if len(frames) > 3 else "")
+
+
+def evaluate(
+    predictions: Mapping[str, Prediction],
+    truth: GroundTruth,
+    size: tuple[int, int],
+    *,
+    thresholds: Sequence[float] = THRESHOLDS,
+    planar: bool = False,
+) -> dict[str, Any]:
+    """All metrics that the ground truth allows, as JSON: ratios in percent, the rest with its unit in the name."""
+    ids = list(truth.annotations)
+    evaluation = evaluate_segments(
+        [predictions.get(id) for id in ids],
+        list(truth.annotations.values()),
+        size,
+        thresholds=thresholds,
+        planar=planar,
+    )
+    names = [f"{t:g}" for t in evaluation.thresholds]
+    report: dict[str, Any] = {
+        "frames": len(ids),
+        "cameras": int(evaluation.found.sum()),
+        "size": list(size),
+        "planar": planar,
+        "CR": _percent(evaluation.completeness),
+        "AC": _percents(names, evaluation.accuracy),
+        "precision": _percents(names, evaluation.precision),
+        "recall": _percents(names, evaluation.recall),
+    }
+    if evaluation.thresholds == THRESHOLDS:
+        report["CS"] = {kind: _compound_score(evaluation, kind, truth.share) for kind in ("printed", "tables")}
+    report["segments"] = _per_segment(evaluation)
+    compared = {id: (predictions[id], H) for id, H in truth.homographies.items() if id in predictions}
+    if compared:
+        report["against_homographies"] = _against_homographies(list(compared.values()), size)
+    return report
+
+
+def _compound_score(evaluation: SegmentEvaluation, kind: CompoundScore, share: float) -> float | None:
+    if not np.any(evaluation.found):
+        return None
+    return _percent(compound_score(evaluation.accuracy, evaluation.completeness, kind, share=share))
+
+
+def _percents(names: Sequence[str], values: Array) -> dict[str, float | None]:
+    return {name: _percent(value) for name, value in zip(names, values.tolist(), strict=True)}
+
+
+def _percent(value: float) -> float | None:
+    """A ratio in percent; None where it is undefined, since JSON has no NaN."""
+    return None if np.isnan(value) else PERCENT * value
+
+
+def _per_segment(evaluation: SegmentEvaluation) -> dict[str, dict[str, Any]]:
+    """AC of each label at each threshold over all frames, and its reprojection error in pixels.
+
+    None where a label does not occur: which side's labels count may change with the threshold.
+    """
+    by_threshold = {f"{t:g}": evaluation.per_label(t) for t in evaluation.thresholds}
+    errors = evaluation.segment_errors()
+    rows: dict[str, dict[str, Any]] = {}
+    for label in evaluation.labels:
+        found = {t: confusions.get(label, Confusion(0, 0, 0)) for t, confusions in by_threshold.items()}
+        if not any(label in confusions for confusions in by_threshold.values()):
+            continue
+        rows[label] = {
+            "AC": {t: _percent(confusion.accuracy) for t, confusion in found.items()},
+            "precision": {t: _percent(confusion.precision) for t, confusion in found.items()},
+            "recall": {t: _percent(confusion.recall) for t, confusion in found.items()},
+        }
+        if label in errors:
+            rows[label] |= {
+                "points": len(errors[label]),
+                "median_px": float(np.median(errors[label])),
+                "rms_px": float(np.sqrt(np.mean(np.square(errors[label])))),
+            }
+    return rows
+
+
+def _against_homographies(pairs: Sequence[tuple[Prediction, Array]], size: tuple[int, int]) -> dict[str, Any]:
+    """What is seen of the field, and where: means and medians over the frames."""
+    part = [PERCENT * iou_part(prediction, H, size) for prediction, H in pairs]
+    whole = [PERCENT * iou_whole(prediction, H, size) for prediction, H in pairs]
+    whole_image = [PERCENT * iou_whole(prediction, H, size, kind="image") for prediction, H in pairs]
+    errors = [projection_error(prediction, H, size) for prediction, H in pairs]
+    metres = [error.mean for error in errors if np.isfinite(error.mean)]
+    unseen = [PERCENT * error.unseen for error in errors if np.isfinite(error.unseen)]
+    values = {"IoU_part": part, "IoU_whole": whole, "IoU_whole_image": whole_image, "projection_error_m": metres}
+    values["field_unseen"] = unseen
+    return {"frames": len(pairs)} | {
+        name: {"mean": float(np.mean(v)), "median": float(np.median(v))} for name, v in values.items() if v
+    }
+
+
+def table(report: Mapping[str, Any]) -> str:
+    """A report for people."""
+    thresholds = list(report["AC"])
+    width, height = report["size"]
+    lines = [
+        f"{report['frames']} frames at {width}x{height}, {report['cameras']} with a prediction"
+        + (", segments on the ground only" if report["planar"] else ""),
+        "",
+        f"{'':26s}" + "".join(f"{'@' + t:>8s}" for t in thresholds) + "  px",
+    ]
+    for name in ("AC", "precision", "recall"):
+        lines.append(f"{name:26s}" + "".join(_cell(report[name][t]) for t in thresholds))
+    lines.append(f"{'CR':26s}{_cell(report['CR'])}")
+    if "CS" in report:
+        lines.append(f"{'CS as printed':26s}{_cell(report['CS']['printed'])}")
+        lines.append(f"{'CS, weights reversed':26s}{_cell(report['CS']['tables'])}")
+    for name, values in report.get("against_homographies", {}).items():
+        if name != "frames":
+            lines.append(f"{name:26s}{values['mean']:8.2f} mean, {values['median']:.2f} median")
+    lines += ["", f"{'AC by segment':26s}" + "".join(f"{'@' + t:>8s}" for t in thresholds) + "  median px  rms px"]
+    for label, row in report["segments"].items():
+        errors = f"{row['median_px']:11.2f}{row['rms_px']:8.1f}" if "points" in row else ""
+        lines.append(f"{label:26s}" + "".join(_cell(row["AC"][t]) for t in thresholds) + errors)
+    return "\n".join(lines)
+
+
+def _cell(value: float | None) -> str:
+    return f"{'-':>8s}" if value is None else f"{value:8.2f}"

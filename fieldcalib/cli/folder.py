@@ -1,0 +1,264 @@
+"""From a folder of annotated frames to a folder of cameras, whatever calibrates them."""
+
+from __future__ import annotations
+
+import argparse
+import json
+import sys
+import time
+from collections import Counter
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from dataclasses import asdict, dataclass
+from dataclasses import field as attribute
+from pathlib import Path
+from types import MappingProxyType
+from typing import Any, BinaryIO, TypeAlias, TypeVar
+
+import numpy as np
+
+import fieldcalib
+from fieldcalib.assess.ndc import ndc_loss
+from fieldcalib.assess.result import Calibration, Status
+from fieldcalib.assess.uncertainty import Uncertainty
+from fieldcalib.fields.field import Field
+from fieldcalib.fields.soccer import soccer
+from fieldcalib.geometry.camera import Camera
+from fieldcalib.io.files import whole_file, write_text
+from fieldcalib.io.soccernet import camera_to_record, find_annotations, parse_annotation
+from fieldcalib.problem.labelled_pixels import Pixels, check_segments
+from fieldcalib.problem.parameters import ANGLES, CENTER, LOG_F, theta_from_camera
+
+Method: TypeAlias = Callable[[dict[str, Pixels]], Sequence[Calibration]]
+
+P = TypeVar("P")  # a prior, in whatever form
+
+BROKEN = "broken file"
+AT_ONCE = 256  # frames between two steps of the progress bar
+WITHHELD = (Status.REJECTED, Status.IMPROBABLE)  # cameras that the user did not want
+ANGLE_NAMES = ("pan", "tilt", "roll")
+METRES = (0.5, 1.0)  # that the probabilities in cameras.jsonl are about
+
+
+@dataclass(frozen=True)
+class Frames:
+    """What was read, by frame id in the order of the input."""
+
+    ids: tuple[str, ...]
+    pixels: Mapping[str, Pixels]
+    broken: Mapping[str, str]
+    """What is wrong with the files that could not be read."""
+
+
+def read_frames(inputs: Sequence[Path], field: Field, image_size: tuple[int, int], *, strict: bool = False) -> Frames:
+    """Read and check annotations; broken files are named on stderr, and with `strict` the first one ends it."""
+    files = find_annotations(inputs)
+    pixels: dict[str, Pixels] = {}
+    broken: dict[str, str] = {}
+    for file in files:
+        try:
+            pixels[file.id] = check_segments(field, parse_annotation(file.read(), image_size), image_size)
+        except ValueError as error:
+            print(f"fieldcalib: {file.path}: {error}", file=sys.stderr)
+            broken[file.id] = str(error)
+            if strict:
+                break
+    return Frames(tuple(file.id for file in files), pixels, broken)
+
+
+def calibrate_folder(
+    options: argparse.Namespace,
+    field: Field,
+    method: Method,
+    *,
+    at_once: int = AT_ONCE,
+    details: Mapping[str, Mapping[str, Any]] = MappingProxyType({}),
+) -> int:
+    """Read ``options.input``, calibrate by `method`, write to ``options.out``; returns the exit code.
+
+    `method` gets at most `at_once` frames, by id, and gives their calibrations in this order. It may fill `details`:
+    more keys of the frames' lines in cameras.jsonl, by id.
+    """
+    from tqdm import tqdm
+
+    began = time.perf_counter()
+    frames = read_frames(options.input, field, options.size, strict=options.strict)
+    if options.strict and frames.broken:
+        return 1
+    options.out.mkdir(parents=True, exist_ok=True)  # what cannot be written is known before the work, not after it
+    calibrations: dict[str, Calibration] = {}
+    calibrating = time.perf_counter()
+    ids = list(frames.pixels)
+    with tqdm(total=len(ids), unit="frame", disable=None) as progress:  # None: only on a terminal
+        for begin in range(0, len(ids), at_once):
+            part = ids[begin : begin + at_once]
+            calibrations.update(zip(part, method({id: frames.pixels[id] for id in part}), strict=True))
+            progress.update(len(part))
+    seconds = {"calibration": time.perf_counter() - calibrating, "total": time.perf_counter() - began}
+    eq3 = _eq3_losses(field, frames.pixels, calibrations, options.size)
+    lines = [
+        calibration_line(id, calibrations[id], eq3.get(id)) | dict(details.get(id, {}))
+        if id in calibrations
+        else broken_line(id, frames.broken[id])
+        for id in frames.ids
+    ]
+    write_folder(options.out, lines, calibrations, seconds, options)
+    return 1 if frames.broken else 0
+
+
+def by_prior(
+    frames: Mapping[str, Pixels],
+    prior_of: Callable[[str], P],
+    calibrate: Callable[[list[Pixels], P], Sequence[Calibration]],
+) -> list[Calibration]:
+    """Calibrate frames, by id, together with those of the same prior; in the order of `frames`."""
+    ids_of: dict[P, list[str]] = {}
+    for id in frames:
+        ids_of.setdefault(prior_of(id), []).append(id)
+    found: dict[str, Calibration] = {}
+    for prior, ids in ids_of.items():
+        found.update(zip(ids, calibrate([frames[id] for id in ids], prior), strict=True))
+    return [found[id] for id in frames]
+
+
+def write_folder(
+    out: Path,
+    lines: Sequence[Mapping[str, Any]],
+    calibrations: Mapping[str, Calibration],
+    seconds: Mapping[str, float],
+    options: argparse.Namespace,
+) -> None:
+    """Write cameras, cameras.jsonl and summary.json, and say how many cameras there are."""
+    with result_folder(out) as results:
+        for line in lines:
+            results.add(line, calibrations.get(line["id"]))
+    results.summarize(seconds, options)
+
+
+@contextmanager
+def result_folder(out: Path) -> Iterator[Results]:
+    """A folder for cameras, frame by frame; its cameras.jsonl is there when all went well."""
+    out.mkdir(parents=True, exist_ok=True)
+    with whole_file(out / "cameras.jsonl") as lines:
+        yield Results(out, lines)
+
+
+@dataclass
+class Results:
+    """What is written of frames, and counted."""
+
+    out: Path
+    lines: BinaryIO
+    """cameras.jsonl."""
+    statuses: Counter[str] = attribute(default_factory=Counter)
+    cameras: int = 0
+    calibrations: int = 0
+
+    def add(self, line: Mapping[str, Any], calibration: Calibration | None) -> None:
+        """Write the line of the next frame, and its camera.
+
+        An earlier run's camera of a frame that has none now is removed.
+        """
+        path = self.out / f"camera_{line['id']}.json"
+        if calibration is None or calibration.camera is None or calibration.status in WITHHELD:
+            path.unlink(missing_ok=True)
+        else:
+            write_text(path, json.dumps(camera_to_record(calibration.camera), indent=2) + "\n")
+            self.cameras += 1
+        self.lines.write((json.dumps(line) + "\n").encode())
+        self.statuses[line["status"]] += 1
+        self.calibrations += calibration is not None
+
+    def summarize(self, seconds: Mapping[str, float], options: argparse.Namespace) -> None:
+        """Write summary.json, and say how many cameras there are."""
+        frames = self.statuses.total()
+        summary = {
+            "frames": frames,
+            "cameras": self.cameras,
+            "completeness": 100.0 * self.cameras / frames,
+            "status": dict(self.statuses),
+            "seconds": dict(seconds),
+            "milliseconds_per_frame": 1e3 * seconds["calibration"] / max(self.calibrations, 1),
+            "options": _recorded(options),
+            "version": fieldcalib.__version__,
+        }
+        write_text(self.out / "summary.json", json.dumps(summary, indent=2) + "\n")
+        counts = ", ".join(f"{count} {status}" for status, count in self.statuses.most_common())
+        print(f"{self.cameras} cameras of {frames} frames in {self.out}: {counts}")
+
+
+def _recorded(options: argparse.Namespace) -> dict[str, Any]:
+    """The options of a run as JSON, without where its results go."""
+    unnamed = {"run", "out", "strict"}
+    return json.loads(json.dumps({k: v for k, v in vars(options).items() if k not in unnamed}, default=str))  # type: ignore[no-any-return]
+
+
+def _eq3_losses(
+    field: Field, frames: Mapping[str, Pixels], calibrations: Mapping[str, Calibration], image_size: tuple[int, int]
+) -> dict[str, float]:
+    """The loss that the paper prints, for the frames that have a camera, each on the field that it was found on."""
+    cameras_on: dict[tuple[float, float], dict[str, Camera]] = {}
+    for id, calibration in calibrations.items():
+        if calibration.camera is not None:
+            pitch = calibration.field or field
+            cameras_on.setdefault((pitch.length, pitch.width), {})[id] = calibration.camera
+    losses: dict[str, float] = {}
+    for size, cameras in cameras_on.items():
+        ids = list(cameras)
+        for begin in range(0, len(ids), AT_ONCE):
+            part = ids[begin : begin + AT_ONCE]
+            theta = np.array([theta_from_camera(cameras[id]) for id in part])
+            values = ndc_loss(theta, soccer(*size), [frames[id] for id in part], image_size, kind="eq3")
+            losses.update(zip(part, values.tolist(), strict=True))
+    return losses
+
+
+def broken_line(id: str, message: str) -> dict[str, Any]:
+    """The line of cameras.jsonl of a file that could not be read."""
+    return {"id": id, "status": BROKEN, "message": message}
+
+
+def calibration_line(id: str, calibration: Calibration, eq3: float | None) -> dict[str, Any]:
+    """One frame's line of cameras.jsonl."""
+    line: dict[str, Any] = {"id": id, "status": str(calibration.status), "message": calibration.message}
+    camera = calibration.camera
+    if camera is not None:
+        line |= _camera_keys(camera)
+        line |= {
+            "rms_px": calibration.rms,
+            "segment_errors_px": dict(calibration.per_segment_errors),
+            "suspect_labels": [asdict(suspect) for suspect in calibration.suspect_labels],
+            "loss_ndc": calibration.loss_ndc,
+            "loss_ndc_eq3": eq3,
+            "alternatives": [_camera_keys(other) for other in calibration.alternatives],
+        }
+    if calibration.solved is not None:
+        line["standard_deviations"] = _standard_deviations(calibration.uncertainty)
+    if calibration.solved is not None and calibration.field is not None:
+        line |= {f"probability_right_{metres:g}m": _number(calibration.probability(metres)) for metres in METRES}
+    return line
+
+
+def _camera_keys(camera: Camera) -> dict[str, Any]:
+    return {
+        "K": camera.K.tolist(),
+        "dist": [*camera.k.tolist(), 0.0, 0.0, 0.0],
+        "R": camera.R.tolist(),
+        "C": camera.C.tolist(),
+        "angles_degrees": dict(zip(ANGLE_NAMES, np.degrees(camera.angles).tolist(), strict=True)),
+    }
+
+
+def _standard_deviations(uncertainty: Uncertainty) -> dict[str, Any]:
+    sigma = np.sqrt(np.diagonal(uncertainty.covariance))
+    degrees = map(_number, np.degrees(sigma[ANGLES]))
+    return {
+        "focal_length_px": _number(uncertainty.camera.focal_length * sigma[LOG_F]),
+        "C": [_number(metres) for metres in sigma[CENTER]],
+        "angles_degrees": dict(zip(ANGLE_NAMES, degrees, strict=True)),
+    }
+
+
+def _number(value: float) -> float | None:
+    """For JSON, which knows neither infinity nor NaN."""
+    return float(value) if np.isfinite(value) else None

@@ -1,0 +1,195 @@
+"""What `fieldcalib evaluate` compares: anybody's cameras or homographies, and what is known of the frames."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TypeVar
+
+import numpy as np
+
+from fieldcalib._types import Array
+from fieldcalib.fields.soccer import soccer
+from fieldcalib.geometry.rational import RationalCamera
+from fieldcalib.io.files import BrokenFileError, FrameFile
+from fieldcalib.io.soccernet import (
+    find_annotations,
+    find_cameras,
+    parse_annotation,
+    parse_camera,
+    read_camera_types,
+)
+from fieldcalib.io.tvcalib import TVCalibRecord, parse_per_sample_output
+from fieldcalib.io.wc14 import HOMOGRAPHY, IMAGE_SIZE, find_homographies, parse_homography
+from fieldcalib.metrics import Prediction
+from fieldcalib.metrics.accuracy import check_annotation
+from fieldcalib.problem.labelled_pixels import Pixels
+
+OFF_CENTRE = 0.1  # of the image's size: a principal point further off belongs to an image of another size
+LARGEST_SIZE = 100_000  # px: beyond, a principal point says nothing about an image
+SEVERAL_SIZES = "the predictions are for images of several sizes: say by --size which one the annotations have"
+
+Parsed = TypeVar("Parsed")
+
+
+@dataclass(frozen=True)
+class Predictions:
+    """Cameras or homographies by frame."""
+
+    by_frame: Mapping[str, Prediction]
+    size: tuple[int, int]
+    """Of the images that they are scored on."""
+
+    @property
+    def of_other_sizes(self) -> list[tuple[int, int]]:
+        """Sizes of the images that some of the cameras are made for, if those are others."""
+        made_for = {natural_size(p) for p in self.by_frame.values() if isinstance(p, RationalCamera)}
+        size = np.array(self.size)
+        return sorted(s for s in made_for if s and np.any(np.abs(s - size) > OFF_CENTRE * size))
+
+
+def natural_size(camera: RationalCamera) -> tuple[int, int] | None:
+    """The image whose centre is the principal point, to the next even number: a camera file has no other size."""
+    centre = camera.K[:2, 2]
+    if not np.all((centre > 0.0) & (centre < LARGEST_SIZE)):
+        return None
+    width, height = (2.0 * np.floor(centre + 0.5)).astype(int).tolist()
+    return width, height
+
+
+def read_predictions(
+    path: Path, broken: list[str], *, size: tuple[int, int] | None = None, homographies: bool = False
+) -> Predictions:
+    """Cameras of a folder, a zip or a TVCalib output by frame, or homographies if asked for or if there are no cameras.
+
+    Cameras are taken as they are, homographies are scaled to `size` where it is known which images they are for. What
+    is wrong with files that cannot be read is added to `broken`; their frames have no prediction.
+
+    Raises
+    ------
+    ValueError
+        If there is no prediction, or no size is given and they do not agree on one.
+    """
+    if path.suffix in (".json", ".jsonl") and path.is_file() and not path.name.startswith("camera_"):
+        found, own_size = _read_tvcalib(path, broken, size, homographies=homographies)
+    else:
+        found, own_size = _read_files(path, broken, size, homographies=homographies)
+    if not found:
+        raise ValueError(f"{path} holds no prediction that can be evaluated")
+    if size is None and own_size is None:
+        raise ValueError(SEVERAL_SIZES)
+    return Predictions(found, size or own_size or IMAGE_SIZE)
+
+
+def _read_files(
+    path: Path, broken: list[str], size: tuple[int, int] | None, *, homographies: bool
+) -> tuple[dict[str, Prediction], tuple[int, int] | None]:
+    """Predictions of camera_<id>.json or <id>.homographyMatrix, and the size of their images."""
+    if not homographies and path.suffix != HOMOGRAPHY:
+        try:
+            cameras = read_files(find_cameras(path), lambda content: parse_camera(content, size or IMAGE_SIZE), broken)
+            return dict(cameras), _only({natural_size(camera) for camera in cameras.values()})
+        except FileNotFoundError:
+            if not path.exists():
+                raise
+    try:
+        files = find_homographies([path])
+    except FileNotFoundError:
+        if homographies or not path.exists():
+            raise
+        raise FileNotFoundError(
+            f"{path} holds no prediction: expected camera_<id>.json, <id>{HOMOGRAPHY}, or TVCalib's "
+            f"per_sample_output.json itself"
+        ) from None
+    new_size = size or IMAGE_SIZE
+    maps = read_files(files, lambda content: parse_homography(content, image_size=new_size), broken)
+    return dict(maps), new_size
+
+
+def _read_tvcalib(
+    path: Path, broken: list[str], size: tuple[int, int] | None, *, homographies: bool
+) -> tuple[dict[str, Prediction], tuple[int, int] | None]:
+    """Predictions of a per_sample_output.json, and the size of their images."""
+    lines: list[str] = []
+    try:
+        records = parse_per_sample_output(path.read_bytes(), broken=lines)
+    except BrokenFileError as error:
+        raise BrokenFileError(f"{path}: {error}") from None
+    broken += [f"{path}: {line}" for line in lines]
+    twice = [id for id, count in Counter(record.id for record in records).items() if count > 1]
+    if twice:
+        raise BrokenFileError(f"{path}: frame {twice[0]} has several records")
+    cameras = {r.id: RationalCamera.from_camera(r.camera) for r in records if r.camera is not None}
+    if cameras and not homographies:
+        return dict(cameras), _only({natural_size(camera) for camera in cameras.values()})
+    maps = [record for record in records if record.homography is not None]
+    return {r.id: _scaled(r, size) for r in maps}, _only({r.image_size for r in maps})
+
+
+def _scaled(record: TVCalibRecord, size: tuple[int, int] | None) -> Array:
+    """The homography of a record for images of another size, where its own is known."""
+    assert record.homography is not None
+    if size is None or record.image_size is None:
+        return record.homography
+    return np.asarray(np.diag([*np.divide(size, record.image_size), 1.0]) @ record.homography)
+
+
+def _only(sizes: set[tuple[int, int] | None]) -> tuple[int, int] | None:
+    """The size that all agree on, if they do."""
+    return sizes.pop() if len(sizes) == 1 else None
+
+
+@dataclass(frozen=True)
+class GroundTruth:
+    """What is known of the frames of a data set."""
+
+    annotations: Mapping[str, Pixels]
+    homographies: Mapping[str, Array]
+    """From the field to the image, of the frames that have one."""
+    share: float = 1.0
+    """Of the data set that these frames are, broken ones counted."""
+
+
+def read_ground_truth(
+    path: Path, size: tuple[int, int], broken: list[str], *, camera_type: str | None = None
+) -> GroundTruth:
+    """Annotations of a folder or a zip, and homographies that lie beside them.
+
+    With `camera_type`, only frames that were filmed by such a camera, as match_info_cam_gt.json says.
+    """
+    files, share = find_annotations([path]), 1.0
+    if camera_type is not None:
+        types = read_camera_types([path])
+        chosen = [file for file in files if types.get(file.id) == camera_type]
+        if not chosen:
+            raise ValueError(f"no frame is of type {camera_type!r}; there are {', '.join(sorted(set(types.values())))}")
+        files, share = chosen, len(chosen) / len(files)
+    field = soccer()
+    annotations = read_files(
+        files, lambda content: check_annotation(parse_annotation(content, size, unknown=True), field), broken
+    )
+    ids = {file.id for file in files}
+    found = [file for file in _beside(path) if file.id in ids]
+    homographies = read_files(found, lambda content: parse_homography(content, image_size=size), broken)
+    return GroundTruth(annotations, homographies, share)
+
+
+def _beside(path: Path) -> list[FrameFile]:
+    """Homographies beside annotations in a folder or a zip; none where it is a single annotation."""
+    try:
+        return [file for file in find_homographies([path]) if file.path != path]
+    except FileNotFoundError:
+        return []
+
+
+def read_files(files: Sequence[FrameFile], parse: Callable[[bytes], Parsed], broken: list[str]) -> dict[str, Parsed]:
+    """Parsed content of files by frame; messages about broken ones go to `broken`."""
+    found: dict[str, Parsed] = {}
+    for file in files:
+        try:
+            found[file.id] = parse(file.read())
+        except ValueError as error:
+            broken.append(f"{file.path}: {error}")
+    return found

@@ -1,0 +1,83 @@
+"""`fieldcalib run`: images or a video to cameras and overlays."""
+
+from __future__ import annotations
+
+import argparse
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import TypeAlias
+
+from fieldcalib.cli.arguments import LENSES, add_camera, add_field_size, prior_of
+from fieldcalib.cli.folder import broken_line, calibration_line, result_folder
+from fieldcalib.cli.frames import AT_ONCE, add_network, add_refinement, in_parts, load_network, opened
+from fieldcalib.draw.overlays import draw_calibration
+from fieldcalib.fields.soccer import soccer
+from fieldcalib.images.from_images import calibrate_from_images
+from fieldcalib.io.image import Image
+from fieldcalib.io.images import OVERLAY, VideoWriter, write_image
+
+Write: TypeAlias = Callable[[str, Image], None]
+
+
+def add_parser(commands: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
+    """Add the command to the command line."""
+    parser = commands.add_parser(
+        "run",
+        help="calibrate images or a video",
+        description="Find the markings in images or in a video, calibrate a camera for every frame and refine it on "
+        "its image. Writes camera_<id>.json in SoccerNet's format, cameras.jsonl with one line a frame, summary.json, "
+        "and overlays: overlay_<id>.jpg of images, overlay.mp4 of a video, whose ids are numbers of frames.",
+    )
+    parser.add_argument(
+        "input", nargs="+", type=Path, metavar="INPUT", help="images, a folder or a zip of them, or one video"
+    )
+    parser.add_argument("--out", required=True, type=Path, metavar="DIR", help="where the results go")
+    add_network(parser)
+    add_field_size(parser)
+    add_camera(parser)
+    add_refinement(parser)
+    parser.set_defaults(run=run)
+
+
+def run(options: argparse.Namespace) -> int:
+    """Calibrate; returns the exit code."""
+    from tqdm import tqdm
+
+    began = time.perf_counter()
+    field, network = soccer(options.field_length, options.field_width), load_network(options)
+    how = {"flags": LENSES[options.lens], "prior": prior_of(options), "refine": options.refine}
+    calibrating, broken = 0.0, False
+    with (
+        opened(options.input) as source,
+        result_folder(options.out) as results,
+        overlays(options.out, source.frames_per_second) as write_overlay,
+        tqdm(total=source.count, unit="frame", disable=None) as progress,
+    ):
+        for part in in_parts(source.frames, AT_ONCE):
+            images = [frame.image for frame in part if frame.image is not None]
+            start = time.perf_counter()
+            calibrations = iter(calibrate_from_images(field, images, network, **how))
+            calibrating += time.perf_counter() - start
+            for frame in part:
+                if frame.image is None:
+                    results.add(broken_line(frame.id, frame.problem), None)
+                    broken = True
+                    continue
+                calibration = next(calibrations)
+                results.add(calibration_line(frame.id, calibration, None), calibration)
+                write_overlay(frame.id, draw_calibration(frame.image, calibration, field))
+            progress.update(len(part))
+    results.summarize({"calibration": calibrating, "total": time.perf_counter() - began}, options)
+    return 1 if broken else 0
+
+
+@contextmanager
+def overlays(out: Path, frames_per_second: float | None) -> Iterator[Write]:
+    """Writes pictures by the ids of their frames: of a video, into one, otherwise each on its own."""
+    if frames_per_second is None:
+        yield lambda id, picture: write_image(out / f"{OVERLAY}{id}.jpg", picture)
+        return
+    with VideoWriter(out / "overlay.mp4", frames_per_second) as video:
+        yield lambda id, picture: video.write(picture)

@@ -1,0 +1,350 @@
+"""Pictures: markings and labelled pixels drawn onto an image, and the field from above.
+
+Images are OpenCV's: uint8, (height, width, 3), blue, green, red. Every function returns a new image.
+"""
+
+from __future__ import annotations
+
+from zlib import crc32
+
+import numpy as np
+
+from fieldcalib._types import Array
+from fieldcalib.assess.result import Calibration
+from fieldcalib.draw.scene import (
+    SHIFT,
+    WHITE,
+    Colour,
+    Ground,
+    fixed_point,
+    grass,
+    image_curves,
+    mix,
+    painted,
+    rays,
+    to_uint8,
+)
+from fieldcalib.fields.field import Field
+from fieldcalib.fields.segments import ObjectSegments, PointCloud
+from fieldcalib.geometry.camera import Camera, checked_image_size
+from fieldcalib.io.image import Image, checked_image
+from fieldcalib.problem.labelled_pixels import ImageSegments
+
+MAGENTA: Colour = (220, 40, 255)
+# Far from the green of grass and the white of lines, and far from each other.
+PALETTE: tuple[Colour, ...] = (
+    (64, 64, 255),  # red
+    (30, 150, 255),  # orange
+    (50, 225, 255),  # yellow
+    (245, 245, 40),  # cyan
+    (255, 180, 60),  # sky
+    (255, 90, 60),  # blue
+    (255, 90, 160),  # violet
+    (210, 90, 255),  # pink
+    (150, 180, 255),  # peach
+    (255, 190, 215),  # lavender
+    (110, 30, 190),  # wine
+    (200, 255, 190),  # mint
+)
+PALETTE_SALT = 1952  # with it, neighbouring labels of a soccer field have different colours
+DARK: Colour = (24, 24, 24)
+SPOTLIGHT: Colour = (90, 225, 255)
+MAP_MARGIN = 7.0  # m around the field
+
+
+def draw_field(
+    image: Image,
+    camera: Camera,
+    object_segments: ObjectSegments,
+    *,
+    colour: Colour = MAGENTA,
+    thickness: int = 2,
+) -> Image:
+    """Draw the projected markings onto a copy of an image, lens included.
+
+    Lines, arcs and ordered point clouds become anti-aliased curves, unordered clouds become dots; points are left out.
+    What lies behind the camera, or so far out that the lens folds back, has no image and is not drawn.
+
+    Parameters
+    ----------
+    image : (height, width, 3) uint8 array
+        In OpenCV's order: blue, green, red. It is not changed.
+    camera : Camera
+        A camera of that image size.
+    object_segments : mapping of str to segment
+        The calibration object, e.g. a `Field`.
+    colour : (int, int, int)
+        Blue, green, red.
+    thickness : int
+        Pixels.
+
+    Returns
+    -------
+    (height, width, 3) uint8 array
+
+    Raises
+    ------
+    ValueError
+        If the image is not uint8, has no three channels, or is not of the camera's size.
+
+    Examples
+    --------
+    >>> from fieldcalib.fields.soccer import soccer
+    >>> camera = Camera.from_angles(0.0, np.radians(75), 0.0, 1500.0, C=(0, 56, -15), image_size=(960, 540))
+    >>> picture = draw_field(np.zeros((540, 960, 3), np.uint8), camera, soccer(), colour=(0, 255, 255))
+    >>> picture[269, 480].tolist()  # the centre mark, on the middle line
+    [0, 255, 255]
+    """
+    import cv2
+
+    picture = np.array(checked_image(image, camera.image_size), order="C")
+    for segment in object_segments.values():
+        if isinstance(segment, PointCloud) and not segment.ordered:
+            for xy in camera.project(segment.X):
+                _dot(picture, xy, float(thickness), colour)
+        else:
+            curves = [fixed_point(curve) for curve in image_curves(camera, segment)]
+            cv2.polylines(picture, curves, False, colour, thickness, cv2.LINE_AA, SHIFT)
+    return picture
+
+
+def draw_segments(image: Image, image_segments: ImageSegments, *, radius: float = 4.0, names: bool = True) -> Image:
+    """Draw labelled pixels onto a copy of an image: dots with a dark rim, one colour a label, and the label's name.
+
+    A label has the same colour in every image, whatever other labels there are.
+
+    Parameters
+    ----------
+    image : (height, width, 3) uint8 array
+        In OpenCV's order: blue, green, red. It is not changed.
+    image_segments : mapping of str to (N, 2) array_like
+        Pixels (x, y) of each visible segment.
+    radius : float
+        Of the dots, in pixels; the names grow with it.
+    names : bool
+        Whether to write each label beside its first pixel.
+
+    Returns
+    -------
+    (height, width, 3) uint8 array
+
+    Raises
+    ------
+    ValueError
+        If the image is not uint8 or has no three channels, or pixels are not of shape (N, 2).
+
+    Examples
+    --------
+    >>> grass = np.full((540, 960, 3), (60, 130, 70), np.uint8)
+    >>> picture = draw_segments(grass, {"Middle line": [(480, 100), (490, 400)]})
+    >>> tuple(picture[100, 480].tolist()) == label_colour("Middle line")
+    True
+    """
+    picture = np.array(checked_image(image), order="C")
+    pixels = {}
+    for label, values in image_segments.items():
+        xy = np.asarray(values, dtype=float)
+        if xy.size and (xy.ndim != 2 or xy.shape[1] != 2):
+            raise ValueError(f"{label!r}: expected pixels of shape (N, 2), got {xy.shape}")
+        pixels[label.strip()] = xy.reshape(-1, 2)
+    for label, xy in pixels.items():
+        for pixel in xy:
+            _dot(picture, pixel, radius + max(1.0, 0.3 * radius), DARK)
+            _dot(picture, pixel, radius, label_colour(label))
+    if names:
+        _write_names(picture, pixels, radius)
+    return picture
+
+
+def label_colour(label: str) -> Colour:
+    """The colour (blue, green, red) in which a label is drawn: a function of its name alone.
+
+    Examples
+    --------
+    >>> label_colour("Goal left post left ") == label_colour("Goal left post left")
+    True
+    """
+    return PALETTE[crc32(label.strip().encode(), PALETTE_SALT) % len(PALETTE)]
+
+
+def draw_minimap(camera: Camera, field: Field, *, size: tuple[int, int] = (336, 228)) -> Image:
+    """The field from above, with the ground that the camera sees and where the camera stands.
+
+    A camera outside the map is shown by an arrow at the border that points towards it.
+
+    Parameters
+    ----------
+    camera : Camera
+    field : Field
+    size : (int, int)
+        Width and height of the map in pixels; the field is centred in it.
+
+    Returns
+    -------
+    (height, width, 3) uint8 array
+
+    Examples
+    --------
+    >>> from fieldcalib.fields.soccer import soccer
+    >>> camera = Camera.from_angles(0.0, np.radians(75), 0.0, 1500.0, C=(0, 56, -15), image_size=(960, 540))
+    >>> draw_minimap(camera, soccer(), size=(240, 160)).shape
+    (160, 240, 3)
+    """
+    if not isinstance(field, Field):
+        raise ValueError(f"a map needs a Field, whose length and width are known, got {type(field).__name__}")
+    width, height = checked_image_size(size)
+    scale = min(width / (field.length + 2.0 * MAP_MARGIN), height / (field.width + 2.0 * MAP_MARGIN))
+    above = 100.0  # m: any height gives the same map
+    middle = ((width - 1) / 2.0, (height - 1) / 2.0)
+    overhead = Camera.from_angles(0.0, 0.0, 0.0, scale * above, (0.0, 0.0, -above), (width, height), middle)
+    ground = Ground.of_rays(overhead, rays(overhead))
+    picture = grass(ground, field)
+    mix(picture, WHITE, 0.9 * painted(ground, field, line_width=1.3 / scale))
+
+    X = np.stack([*ground.xy, np.zeros((height, width))], axis=-1)
+    centre = (np.array(camera.image_size) - 1.0) / 2.0
+    inside = np.min(centre + 0.5 - np.abs(camera.project(X) - centre), axis=-1)  # to the image's border, < 0 outside
+    inside = np.maximum(inside, -centre[0])  # far outside, below the camera, it changes too fast to tell a border
+    with np.errstate(divide="ignore", invalid="ignore"):
+        inside /= np.hypot(*np.gradient(inside))  # pixels of the map
+    seen = np.clip(np.nan_to_num(inside + 0.5, nan=0.0), 0.0, 1.0).astype(np.float32)
+    rim = np.clip(np.nan_to_num(1.2 - np.abs(inside), nan=0.0), 0.0, 1.0).astype(np.float32)
+    picture *= 0.62 + 0.38 * seen
+    mix(picture, SPOTLIGHT, 0.22 * seen)
+    mix(picture, SPOTLIGHT, 0.9 * rim)
+    result = to_uint8(picture)
+    _mark_camera(result, overhead.project(camera.C * (1.0, 1.0, 0.0)), overhead.principal_point)
+    return result
+
+
+def draw_calibration(image: Image, calibration: Calibration, field: Field) -> Image:
+    """Draw what a calibration says onto a copy of its image: the markings, and the view from above in a corner.
+
+    Where it was not accepted nothing is drawn, and its status and the reason are written: a wrong overlay is worse than
+    none.
+
+    Parameters
+    ----------
+    image : (height, width, 3) uint8 array
+        In OpenCV's order: blue, green, red. It is not changed.
+    calibration : Calibration
+        Of this image.
+    field : Field
+
+    Returns
+    -------
+    (height, width, 3) uint8 array
+
+    Raises
+    ------
+    ValueError
+        As `draw_field`.
+
+    Examples
+    --------
+    >>> from fieldcalib import Status, soccer
+    >>> image = np.zeros((540, 960, 3), np.uint8)
+    >>> nothing = Calibration.without_camera(Status.TOO_FEW_SEGMENTS, "no labelled pixels")
+    >>> bool(draw_calibration(image, nothing, soccer())[:450].any())  # below is the status
+    False
+    """
+    picture = np.array(checked_image(image), order="C")
+    height = picture.shape[0]
+    if calibration.camera is None or not calibration.accepted:
+        scale = height / 900.0
+        place = (round(20.0 * scale), height - round(20.0 * scale))
+        reason = calibration.message.partition(";")[0]
+        _write(picture, f"no camera: {calibration.status}, {reason}", place, scale, (255, 255, 255))
+        return picture
+    picture = draw_field(picture, calibration.camera, field, thickness=max(1, round(height / 540.0)))
+    return add_minimap(picture, calibration.camera, field)
+
+
+def add_minimap(image: Image, camera: Camera, field: Field) -> Image:
+    """A copy of an image with `draw_minimap` in its upper right corner; without it where there is no room.
+
+    Examples
+    --------
+    >>> from fieldcalib import soccer
+    >>> camera = Camera.from_angles(0.0, np.radians(75), 0.0, 1500.0, C=(0, 56, -15), image_size=(960, 540))
+    >>> picture = add_minimap(np.zeros((540, 960, 3), np.uint8), camera, soccer())
+    >>> bool(picture[100, 900].any()), bool(picture[300].any())
+    (True, False)
+    """
+    picture = np.array(checked_image(image), order="C")
+    unit = picture.shape[1] / 960.0
+    width, height = min(round(224.0 * unit), 336), min(round(152.0 * unit), 228)  # larger ones take long
+    gap, rim = round(12.0 * unit), 2
+    left, bottom = picture.shape[1] - width - gap, gap + height
+    if gap < rim or bottom + gap > picture.shape[0]:
+        return picture
+    picture[gap - rim : bottom + rim, left - rim : left + width + rim] = (200, 200, 200)
+    picture[gap:bottom, left : left + width] = draw_minimap(camera, field, size=(width, height))
+    return picture
+
+
+def _dot(picture: Image, xy: Array, radius: float, colour: Colour) -> None:
+    import cv2
+
+    if np.all(np.abs(xy) < 1e6):  # neither NaN nor beyond OpenCV's integers
+        x, y = fixed_point(xy).tolist()
+        cv2.circle(picture, (x, y), round(radius * (1 << SHIFT)), colour, cv2.FILLED, cv2.LINE_AA, SHIFT)
+
+
+def _write_names(picture: Image, pixels: dict[str, Array], radius: float) -> None:
+    """Each label beside its first pixel: at the first place around it that is inside and free of dots and names."""
+    import cv2
+
+    size = np.array(picture.shape[1::-1])
+    font, scale = cv2.FONT_HERSHEY_SIMPLEX, 0.1 * radius
+    dots = np.concatenate([np.empty((0, 2)), *pixels.values()])
+    taken = np.concatenate([dots - radius, dots + radius], axis=1)
+    for label, xy in pixels.items():
+        inside = np.all((xy >= 0.0) & (xy < size), axis=-1)
+        if not inside.any():
+            continue
+        x, y = xy[inside][0]
+        (width, height), below = cv2.getTextSize(label, font, scale, 1)
+        beside = (x + 2.0 * radius, x - 2.0 * radius - width)
+        rows = y + height * (0.5 + 1.6 * np.array([0, -1, 1, -2, 2, -3, 3]))
+        corners = np.stack(np.meshgrid(beside, rows), axis=-1).reshape(-1, 2)
+        boxes = np.column_stack([corners[:, 0], corners[:, 1] - height, corners[:, 0] + width, corners[:, 1] + below])
+        fits = np.all((boxes[:, :2] >= 0.0) & (boxes[:, 2:] <= size), axis=1)
+        apart = (boxes[:, None, :2] >= taken[:, 2:]) | (boxes[:, None, 2:] <= taken[:, :2])
+        best = int(np.argmax(fits & np.all(np.any(apart, axis=-1), axis=1)))
+        taken = np.concatenate([taken, boxes[best : best + 1]])
+        left, bottom = np.rint(corners[best]).astype(int).tolist()
+        blue, green, red = ((channel + 255) // 2 for channel in label_colour(label))
+        _write(picture, label, (left, bottom), scale, (blue, green, red))
+
+
+def _write(picture: Image, text: str, place: tuple[int, int], scale: float, colour: Colour) -> None:
+    """Text with a dark outline, from its lower left corner."""
+    import cv2
+
+    x, y = place
+    outline = ((-1, 0, DARK), (1, 0, DARK), (0, -1, DARK), (0, 1, DARK))  # thicker strokes would be wider in OpenCV 5
+    for dx, dy, shade in (*outline, (0, 0, colour)):
+        cv2.putText(picture, text, (x + dx, y + dy), cv2.FONT_HERSHEY_SIMPLEX, scale, shade, 1, cv2.LINE_AA)
+
+
+def _mark_camera(picture: Image, position: Array, centre: Array) -> None:
+    """A dot where the camera stands or, if that is outside, an arrow at the border towards it."""
+    import cv2
+
+    inset = 9.0  # px
+    towards = position - centre
+    room = centre - inset
+    beyond = float(np.max(np.abs(towards) / room))
+    if beyond <= 1.0:
+        _dot(picture, position, 5.0, DARK)
+        _dot(picture, position, 3.5, (255, 255, 255))
+        return
+    tip = centre + towards / beyond
+    heading = towards / np.linalg.norm(towards)
+    side = np.array([-heading[1], heading[0]])
+    for size, colour in ((9.0, DARK), (6.0, (255, 255, 255))):
+        corners = np.array(
+            [tip + size * heading, tip - 0.7 * size * (heading - side), tip - 0.7 * size * (heading + side)]
+        )
+        cv2.fillConvexPoly(picture, fixed_point(corners), colour, cv2.LINE_AA, SHIFT)

@@ -1,0 +1,366 @@
+"""A synthetic broadcast frame: the field as a camera sees it, every pixel traced to the ground.
+
+Images are OpenCV's: uint8, (height, width, 3), blue, green, red. `fieldcalib.draw` builds on the pieces below
+`render_field`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass
+from typing import Any, TypeAlias
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fieldcalib._types import Array, BoolArray, IntArray
+from fieldcalib._types import Float32 as Float32  # re-exported
+from fieldcalib.fields.field import Field
+from fieldcalib.fields.segments import Arc, Line, Point, PointCloud, Segment
+from fieldcalib.fields.soccer import GOAL_AREA_DEPTH
+from fieldcalib.geometry.camera import Camera
+from fieldcalib.geometry.lens import undistort
+from fieldcalib.io.image import Image as Image  # re-exported: it is what the pictures here are
+
+Colour: TypeAlias = tuple[int, int, int]
+
+WHITE: Colour = (242, 248, 244)
+LIGHT_GRASS: Colour = (60, 141, 80)
+DARK_GRASS: Colour = (50, 123, 66)
+TRACK: Colour = (52, 74, 56)
+RUN_OFF = 3.0  # m of grass around the field
+STRIPE = GOAL_AREA_DEPTH  # mown along the lines of the goal area, and so along those of the penalty area
+SPOT_RADIUS = 0.11  # m: penalty and centre marks
+BOARDS = (6.5, 0.95)  # m behind the lines, and their height
+BOARD_COLOURS = np.array([(104, 58, 32), (46, 42, 126), (84, 80, 74), (110, 96, 30)], np.float32)
+STAND: Colour = (58, 48, 44)
+SEAT = (0.45, 0.75)  # m along a row, and from row to row
+CROWD = (64, 512)  # rows and seats, repeated all around
+
+SAMPLE_SPACING = 0.1  # m: a chord of 9.15 m circles is 0.14 mm from the arc, less than 0.1 px in any broadcast frame
+NEAR_PLANE = 0.1  # m in front of the camera; what is nearer is never within the image's angle of view
+SHIFT = 4  # fractional bits of the coordinates that OpenCV draws with: 1/16 px
+
+
+def render_field(
+    camera: Camera, field: Field, *, line_width: float = 0.12, rng: np.random.Generator | None = None
+) -> Image:
+    """A synthetic broadcast picture: mown grass, painted lines, goals with nets, boards and stands.
+
+    The markings have their true width and perspective, lens included: each pixel is traced to the ground, and is as
+    white as the share of it that a marking covers.
+
+    Parameters
+    ----------
+    camera : Camera
+    field : Field
+    line_width : float
+        Of lines, posts and crossbars in metres; the laws of the game allow up to 0.12.
+    rng : numpy.random.Generator, optional
+        Puts a crowd on the stands and grain on the picture; without it, both are left out.
+
+    Returns
+    -------
+    (height, width, 3) uint8 array
+
+    Examples
+    --------
+    >>> from fieldcalib.fields.soccer import soccer
+    >>> camera = Camera.from_angles(0.0, np.radians(75), 0.0, 1500.0, C=(0, 56, -15), image_size=(960, 540))
+    >>> picture = render_field(camera, soccer())
+    >>> picture.shape, bool(picture[269, 480].min() > picture[260, 440].max())  # the centre mark, and grass
+    ((540, 960, 3), True)
+    """
+    width, height = camera.image_size
+    ray = rays(camera)
+    ground = Ground.of_rays(camera, ray)
+    picture = grass(ground, field)
+    mix(picture, WHITE, 0.92 * painted(ground, field, line_width))
+    _add_stands(picture, camera, ray, field, rng)
+    _add_goals(picture, camera, field, line_width)
+    across, down = (np.square(np.linspace(-1.0, 1.0, count, dtype=np.float32)) for count in (width, height))
+    picture *= 1.0 - 0.13 * (across + down[:, None])  # the lens darkens the corners
+    if rng is not None:
+        picture += 2.0 * rng.standard_normal((height, width), dtype=np.float32)
+    return to_uint8(picture)
+
+
+# The ground and what is painted on it. Vectors and colours come first, one plane a component: (2, ...) or (3, ...).
+
+
+def rays(camera: Camera) -> Float32:
+    """The world direction in which every pixel looks, (3, height, width); NaN where no ray reaches a pixel."""
+    width, height = camera.image_size
+    x = (np.arange(width)[None, :] - camera.K[0, 2]) / camera.K[0, 0]
+    y = (np.arange(height)[:, None] - camera.K[1, 2]) / camera.K[1, 1]
+    if np.any(camera.k):
+        xy = undistort(np.stack(np.broadcast_arrays(x, y), axis=-1), camera.k, rho=1.0)
+        x, y = xy[..., 0], xy[..., 1]
+    right, down, forward = camera.R.astype(np.float32)
+    x, y = x.astype(np.float32), y.astype(np.float32)
+    return np.stack([x * right[i] + (y * down[i] + forward[i]) for i in range(3)])
+
+
+@dataclass(frozen=True)
+class Ground:
+    """The ground under pixels, in metres, and how far it moves from one pixel to the next; each (2, ...)."""
+
+    xy: Float32
+    along_row: Float32
+    along_column: Float32
+
+    @classmethod
+    def of_rays(cls, camera: Camera, ray: Float32) -> Ground:
+        """Where the rays of a camera's pixels meet the ground; NaN for those above the horizon."""
+        C = camera.C.astype(np.float32)
+        with np.errstate(divide="ignore", invalid="ignore"):
+            scale = -C[2] / ray[2]
+            scale[~(scale > 0.0)] = np.nan
+            xy = C[:2, None, None] + scale * ray[:2]
+            along_column, along_row = np.gradient(xy, axis=(1, 2))
+        return cls(xy, along_row, along_column)
+
+    def __getitem__(self, index: IntArray | BoolArray) -> Ground:
+        return Ground(self.xy[:, index], self.along_row[:, index], self.along_column[:, index])
+
+    def pixel_size(self, normal: Any) -> Float32:
+        """Metres from one pixel to the next along the direction `normal` (2,) or (2, ...) of the ground."""
+        x, y = (np.asarray(n, np.float32) for n in normal)
+        u = x * self.along_row[0] + y * self.along_row[1]
+        v = x * self.along_column[0] + y * self.along_column[1]
+        return np.asarray(np.sqrt(u * u + v * v) + 1e-9, np.float32)
+
+    @property
+    def reach(self) -> Float32:
+        """The largest `pixel_size` in any direction, or a little more."""
+        return np.asarray(np.sqrt(np.sum(np.square(self.along_row) + np.square(self.along_column), axis=0)))
+
+
+def _band(distance: Float32, half_width: float, pixel_size: Float32) -> Float32:
+    """Share of a pixel within `half_width` of a line at `distance` from the pixel's centre; all in metres."""
+    high = np.minimum((distance + half_width) / pixel_size, 0.5)
+    low = np.maximum((distance - half_width) / pixel_size, -0.5)
+    return np.asarray(np.maximum(high - low, 0.0), np.float32)
+
+
+def painted(ground: Ground, field: Field, line_width: float) -> Float32:
+    """Share of every pixel that is covered by a marking on the ground."""
+    on_field = (np.abs(ground.xy[0]) < field.length / 2.0 + 1.0) & (np.abs(ground.xy[1]) < field.width / 2.0 + 1.0)
+    patch = ground[on_field]
+    reach, half = patch.reach, line_width / 2.0
+    cover = np.zeros_like(reach)
+    on_ground = [segment for segment in field.markings.values() if _on_ground(segment)]
+    for start, end in _straight_pieces(on_ground):
+        length = np.hypot(*(end - start))
+        along = (end - start) / length
+        across = np.array([-along[1], along[0]])
+        distance = across[0] * patch.xy[0] + (across[1] * patch.xy[1] - across @ start)
+        near = np.flatnonzero(np.abs(distance) < reach + half)
+        here = patch[near]
+        share = _band(distance[near], half, here.pixel_size(across))
+        share *= _band(along @ here.xy - along @ (start + end) / 2.0, length / 2.0 + half, here.pixel_size(along))
+        cover[near] = np.maximum(cover[near], share)
+    rings = [(segment, half) for segment in on_ground if isinstance(segment, Arc)]
+    rings += [(Arc(point.X, 1e-3), SPOT_RADIUS) for name, point in field.points.items() if name.endswith("_MARK")]
+    for arc, half in rings:
+        offset = patch.xy - np.array(arc.center[:2], np.float32)[:, None]
+        distance = np.hypot(*offset) - arc.radius
+        near = np.flatnonzero(np.abs(distance) < reach + half)
+        offset, distance = offset[:, near], distance[near]
+        phi = np.arctan2(np.array(arc.v[:2]) @ offset, np.array(arc.u[:2]) @ offset)
+        within = np.mod(phi - min(arc.start, arc.stop), 2.0 * np.pi) <= abs(arc.stop - arc.start)
+        share = within * _band(distance, half, patch[near].pixel_size(offset / (distance + arc.radius + 1e-6)))
+        cover[near] = np.maximum(cover[near], share)
+    whole = np.zeros(on_field.shape, np.float32)
+    whole[on_field] = cover
+    return whole
+
+
+def _on_ground(segment: Segment) -> bool:
+    return not np.any(segment.sample()[:, 2])
+
+
+def _straight_pieces(segments: Iterable[Segment]) -> Iterator[tuple[Float32, Float32]]:
+    """End points on the ground of lines, and of each two neighbours in a cloud that is a curve."""
+    for segment in segments:
+        if isinstance(segment, Line) or (isinstance(segment, PointCloud) and segment.ordered):
+            X = np.array([segment.start, segment.end]) if isinstance(segment, Line) else _smooth_curve(segment.X)
+            yield from zip(X[:-1, :2].astype(np.float32), X[1:, :2].astype(np.float32), strict=True)
+
+
+def grass(ground: Ground, field: Field) -> Float32:
+    """Colours (3, ...) of a mown field with its run-off, and of the track around it."""
+    x, y = np.abs(ground.xy)
+    pixel_x, pixel_y = ground.pixel_size((1.0, 0.0)), ground.pixel_size((0.0, 1.0))
+    stripe = (x - field.length / 2.0) / STRIPE
+    from_edge = np.abs(stripe - np.rint(stripe)) * STRIPE / pixel_x
+    light = 0.5 + (1.0 - 2.0 * np.mod(np.floor(stripe), 2.0)) * np.minimum(from_edge, 0.5)
+    outside_x = (x - field.length / 2.0 - RUN_OFF) / pixel_x
+    outside_y = (y - field.width / 2.0 - RUN_OFF) / pixel_y
+    picture = np.full((3, *x.shape), np.reshape(DARK_GRASS, (3, 1, 1)), np.float32)
+    mix(picture, LIGHT_GRASS, light)
+    mix(picture, TRACK, np.clip(np.maximum(outside_x, outside_y) + 0.5, 0.0, 1.0))
+    return picture
+
+
+def mix(picture: Float32, colour: Colour, share: Float32) -> None:
+    """Let `colour` cover a share of every pixel, in place; where the share is NaN, as above the horizon, all of it."""
+    share = np.nan_to_num(share, nan=1.0)
+    for plane, value in zip(picture, colour, strict=True):
+        plane += share * (np.float32(value) - plane)
+
+
+def to_uint8(planes: Float32) -> Image:
+    """Colours (3, height, width) as an image."""
+    return np.stack([np.clip(plane + 0.5, 0.0, 255.0).astype(np.uint8) for plane in planes], axis=-1)
+
+
+# What stands on the ground
+
+
+def _add_stands(picture: Float32, camera: Camera, ray: Float32, field: Field, rng: np.random.Generator | None) -> None:
+    """Advertising boards around the field and dark stands above them."""
+    import cv2
+
+    C = camera.C.astype(np.float32)
+    behind, board_height = BOARDS
+    with np.errstate(divide="ignore", invalid="ignore"):
+        to_end, to_side = (
+            ((half + behind) * np.sign(ray[i]) - C[i]) / ray[i]
+            for i, half in ((0, field.length / 2.0), (1, field.width / 2.0))
+        )
+        at_end = to_end < to_side  # behind a goal line, otherwise behind a touchline
+        scale = np.maximum(np.where(at_end, to_end, to_side), 0.0)
+        above = -C[2] - scale * ray[2]  # the height at which the ray meets the boards or the stand behind them
+        place = np.where(at_end, C[1] + scale * ray[1], C[0] + scale * ray[0])
+        dy, dx = np.gradient(above)
+        visible = above / np.sqrt(dx * dx + dy * dy) + 0.5
+    visible = np.clip(np.nan_to_num(visible, nan=1.0), 0.0, 1.0)
+    height = np.clip(np.nan_to_num(above, nan=60.0), 0.0, 60.0)
+    place = np.nan_to_num(place)
+
+    panel = (np.floor(place / 9.0) % len(BOARD_COLOURS)).astype(np.intp)
+    light = 0.75 + 0.25 * np.minimum(height / board_height, 1.0)
+    boards = BOARD_COLOURS.T[:, panel] * light
+    stands = np.array(STAND, np.float32)[:, None, None] * (0.3 + 0.7 * np.exp(height / -12.0))
+    if rng is not None:
+        seat, row = np.mod(place / SEAT[0], CROWD[1]), np.mod(height / SEAT[1], CROWD[0])
+        stands *= np.moveaxis(cv2.remap(_crowd(rng), seat, row, cv2.INTER_LINEAR, borderMode=cv2.BORDER_WRAP), -1, 0)
+    background = np.where(height < board_height, boards, stands)
+    for plane, top in zip(picture, background, strict=True):
+        top = cv2.GaussianBlur(top, (0, 0), 0.7)  # no jagged edges between boards
+        plane += visible * (top - plane)
+
+
+def _crowd(rng: np.random.Generator) -> Float32:
+    """How light each seat is, (rows, seats, 3)."""
+    light = rng.lognormal(-0.1, 0.4, size=(*CROWD, 1))
+    return np.asarray(light * rng.normal(1.0, 0.15, size=(*CROWD, 3)), dtype=np.float32)
+
+
+def _add_goals(picture: Float32, camera: Camera, field: Field, width: float) -> None:
+    """Everything above the ground as round white bars, with a net behind what looks like a crossbar."""
+    raised = [s for s in field.markings.values() if not _on_ground(s)]
+    crossbars = [s for s in raised if isinstance(s, Line) and s.start[2] == s.end[2]]
+    nets = [curve for bar in crossbars for strand in _net(bar) for curve in image_curves(camera, strand)]
+    bars = []
+    for segment in raised:
+        X = segment.sample(spacing=0.25)
+        X = X[camera.depth(X) > NEAR_PLANE]
+        if len(X) < 2:
+            continue
+        across = np.cross(np.gradient(X, axis=0), X - camera.C)
+        across *= 0.5 * width / np.maximum(np.linalg.norm(across, axis=1, keepdims=True), 1e-9)
+        outline = camera.project(np.concatenate([X - across, (X + across)[::-1]]))
+        if np.all(np.abs(outline) < 1e6):
+            bars.append(outline)
+    for shapes, filled, opacity in ((nets, False, 0.8), (bars, True, 1.0)):
+        if shapes:
+            mix(picture, WHITE, opacity * _coverage(camera.image_size, shapes, filled=filled))
+
+
+def _net(crossbar: Line) -> Iterator[Line]:
+    """Strands of a net that hangs from a crossbar: 1 m deep at the top and 2 m on the ground."""
+    start, end = np.array(crossbar.start), np.array(crossbar.end)
+    back = np.cross(end - start, (0.0, 0.0, 1.0))
+    back *= np.copysign(1.0, back @ start) / np.linalg.norm(back)  # away from the middle of the field
+    down = np.array([0.0, 0.0, -start[2]])
+
+    def line(a: Array, b: Array) -> Line:
+        return Line((a[0], a[1], a[2]), (b[0], b[1], b[2]))
+
+    for post in np.linspace(start, end, 31):
+        yield line(post, post + back)
+        yield line(post + back, post + down + 2.0 * back)
+    for X in np.concatenate([np.linspace(0.0 * back, back, 5), np.linspace(back, 2.0 * back + down, 11)]):
+        yield line(start + X, end + X)
+    for post in (start, end):
+        for share in np.linspace(0.1, 1.0, 10):
+            yield line(post + share * down, post + share * down + (1.0 + share) * back)
+        for share in np.linspace(0.25, 0.75, 3):
+            yield line(post + share * back, post + share * 2.0 * back + down)
+
+
+def _coverage(image_size: tuple[int, int], curves: list[Array], *, filled: bool) -> Float32:
+    """Share of every pixel inside closed curves, or under hair lines along open ones."""
+    import cv2
+
+    factor = 4
+    mask = np.zeros((image_size[1] * factor, image_size[0] * factor), np.uint8)
+    for curve in curves:
+        points = fixed_point((curve + 0.5) * factor - 0.5)
+        if filled:  # one by one: together, they would leave a hole where they overlap
+            cv2.fillPoly(mask, [points], 255, cv2.LINE_8, SHIFT)
+        else:
+            cv2.polylines(mask, [points], False, 255, 1, cv2.LINE_8, SHIFT)
+    return np.asarray(cv2.resize(mask, image_size, interpolation=cv2.INTER_AREA), dtype=np.float32) / 255.0
+
+
+# Curves in the image
+
+
+def image_curves(camera: Camera, segment: Segment) -> Iterator[Array]:
+    """The visible parts of a projected segment as polylines (N, 2), within 0.1 px of the curve."""
+    import cv2
+
+    if isinstance(segment, Point):
+        return
+    X = _smooth_curve(segment.X) if isinstance(segment, PointCloud) else segment.sample(SAMPLE_SPACING)
+    xy = camera.project(X)
+    # OpenCV's coordinates are 32-bit integers; points next to the camera's plane, or bent by the lens, exceed them
+    drawable = (camera.depth(X) >= NEAR_PLANE) & np.all(np.abs(xy) < 1e6, axis=-1)
+    size = np.array(camera.image_size)
+    near = drawable & np.all(np.abs(xy - size / 2.0) <= size, axis=-1)
+    shown = near.copy()  # and the first points outside, so that curves reach the border
+    shown[1:] |= near[:-1]
+    shown[:-1] |= near[1:]
+    shown = np.flatnonzero(shown & drawable)
+    for run in np.split(xy[shown].astype(np.float32), np.flatnonzero(np.diff(shown) > 1) + 1):
+        if not len(run):
+            continue
+        # a closed curve has no chord that it could be simplified against: in two halves
+        middle = len(run) // 2 if np.max(np.abs(run[0] - run[-1])) < 1.0 else 0
+        halves = (run[: middle + 1], run[middle:])
+        simple = [cv2.approxPolyDP(half[:, None], 0.1, False).reshape(-1, 2) for half in halves]
+        yield np.concatenate([simple[0][:-1], simple[1]])
+
+
+def _smooth_curve(X: Array) -> Array:
+    """Points of an ordered cloud's curve: the parabola through each three neighbours, blended from one to the next."""
+    middle = np.clip(np.arange(len(X)), 1, len(X) - 2)
+    t = np.linspace(0.0, 1.0, 9)[:-1, None, None]
+
+    def parabola(index: IntArray, s: Array) -> Array:
+        m = middle[index]
+        s = s + (index - m)[:, None]
+        before, at, after = X[m - 1], X[m], X[m + 1]
+        return np.asarray(at + s * (after - before) / 2.0 + s * s * (after - 2.0 * at + before) / 2.0)
+
+    start = np.arange(len(X) - 1)
+    pieces = (1.0 - t) * parabola(start, t) + t * parabola(start + 1, t - 1.0)
+    return np.concatenate([pieces.swapaxes(0, 1).reshape(-1, 3), X[-1:]])
+
+
+def fixed_point(xy: Array) -> NDArray[np.int32]:
+    """Pixels in the units in which OpenCV draws."""
+    return np.asarray(np.rint(xy * (1 << SHIFT)), dtype=np.int32)

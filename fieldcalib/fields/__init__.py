@@ -1,0 +1,1 @@
+"""Calibration objects: segments, fields with their sizes and symmetry, and where their cameras stand."""

@@ -1,0 +1,130 @@
+"""The football field, built from its dimensions."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from fieldcalib.fields.field import Field
+from fieldcalib.fields.segments import Arc, Line, Point, Segment
+
+# Laws of the Game, law 1, in metres.
+PENALTY_AREA_DEPTH = 16.5
+PENALTY_AREA_WIDTH = 40.32
+GOAL_AREA_DEPTH = 5.5
+GOAL_AREA_WIDTH = 18.32
+PENALTY_MARK_DISTANCE = 11.0
+CIRCLE_RADIUS = 9.15  # centre circle and penalty arcs
+GOAL_WIDTH = 7.32
+GOAL_HEIGHT = 2.44
+
+
+def soccer(length: float = 105.0, width: float = 68.0) -> Field:
+    """A football field with goals: 23 straight segments, three circles, two halves of one, and 39 named points.
+
+    Labels and point names are SoccerNet's. "left" and "right" are the goals as the main camera sees them, "top" is the
+    far side and "bottom" the near one; the posts of a goal are left and right as seen facing it from the field. The
+    halves of the centre circle are "Circle central left" and "Circle central right" (paper, section "Modeling the
+    Soccer Field").
+
+    Parameters
+    ----------
+    length, width : float
+        Size of the field in metres: touchline and goal line. The law allows 90 to 120 and 45 to 90.
+
+    Raises
+    ------
+    ValueError
+        If the two penalty areas or the centre circle do not fit into the field.
+
+    Examples
+    --------
+    >>> soccer()["Side line top"]
+    Line(start=(-52.5, -34.0, 0.0), end=(52.5, -34.0, 0.0))
+    """
+    if not (length > 2.0 * (PENALTY_AREA_DEPTH + CIRCLE_RADIUS) and width > PENALTY_AREA_WIDTH):
+        raise ValueError(
+            f"a soccer field of {length} x {width} m has no room for its penalty areas and its centre circle: "
+            f"expected metres, length about 105 and width about 68"
+        )
+    x_goal, y_side = length / 2.0, width / 2.0
+    segments: dict[str, Segment] = {}
+    segments.update(_outline(x_goal, y_side))
+    for side, sign in (("left", -1.0), ("right", 1.0)):
+        segments.update(_half(side, sign, x_goal))
+    segments.update(_centre_circle())
+    segments.update(_named_points(x_goal, y_side))
+    return Field(float(length), float(width), segments)
+
+
+def _outline(x_goal: float, y_side: float) -> dict[str, Segment]:
+    return {
+        "Side line top": Line((-x_goal, -y_side, 0.0), (x_goal, -y_side, 0.0)),
+        "Side line bottom": Line((-x_goal, y_side, 0.0), (x_goal, y_side, 0.0)),
+        "Side line left": Line((-x_goal, -y_side, 0.0), (-x_goal, y_side, 0.0)),
+        "Side line right": Line((x_goal, -y_side, 0.0), (x_goal, y_side, 0.0)),
+        "Middle line": Line((0.0, -y_side, 0.0), (0.0, y_side, 0.0)),
+    }
+
+
+def _half(side: str, sign: float, x_goal: float) -> dict[str, Segment]:
+    """Penalty area, goal area, goal and penalty arc of one half; x grows with `sign` towards its goal."""
+    segments: dict[str, Segment] = {}
+    for name, depth, box_width in (
+        ("Big rect.", PENALTY_AREA_DEPTH, PENALTY_AREA_WIDTH),
+        ("Small rect.", GOAL_AREA_DEPTH, GOAL_AREA_WIDTH),
+    ):
+        x_main, y = sign * (x_goal - depth), box_width / 2.0
+        x_left, x_right = sorted((x_main, sign * x_goal))
+        segments[f"{name} {side} top"] = Line((x_left, -y, 0.0), (x_right, -y, 0.0))
+        segments[f"{name} {side} bottom"] = Line((x_left, y, 0.0), (x_right, y, 0.0))
+        segments[f"{name} {side} main"] = Line((x_main, -y, 0.0), (x_main, y, 0.0))
+    x, y, z = sign * x_goal, GOAL_WIDTH / 2.0, -GOAL_HEIGHT
+    segments[f"Goal {side} crossbar"] = Line((x, -y, z), (x, y, z))
+    segments[f"Goal {side} post left"] = Line((x, -sign * y, z), (x, -sign * y, 0.0))
+    segments[f"Goal {side} post right"] = Line((x, sign * y, z), (x, sign * y, 0.0))
+    half_angle = np.arccos((PENALTY_AREA_DEPTH - PENALTY_MARK_DISTANCE) / CIRCLE_RADIUS)
+    towards_centre = 0.0 if sign < 0.0 else np.pi
+    mark = (sign * (x_goal - PENALTY_MARK_DISTANCE), 0.0, 0.0)
+    segments[f"Circle {side}"] = Arc(mark, CIRCLE_RADIUS, towards_centre - half_angle, towards_centre + half_angle)
+    return segments
+
+
+def _centre_circle() -> dict[str, Segment]:
+    centre, quarter = (0.0, 0.0, 0.0), np.pi / 2.0
+    return {
+        "Circle central": Arc(centre, CIRCLE_RADIUS),
+        "Circle central left": Arc(centre, CIRCLE_RADIUS, quarter, 3.0 * quarter),
+        "Circle central right": Arc(centre, CIRCLE_RADIUS, -quarter, quarter),
+    }
+
+
+def _named_points(x_goal: float, y_side: float) -> dict[str, Segment]:
+    """SoccerNet's field points: T and B are far and near (top and bottom for goals), L and R as in the image."""
+    points: dict[str, tuple[float, float, float]] = {
+        "CENTER_MARK": (0.0, 0.0, 0.0),
+        "T_TOUCH_AND_HALFWAY_LINES_INTERSECTION": (0.0, -y_side, 0.0),
+        "B_TOUCH_AND_HALFWAY_LINES_INTERSECTION": (0.0, y_side, 0.0),
+        "T_HALFWAY_LINE_AND_CENTER_CIRCLE_INTERSECTION": (0.0, -CIRCLE_RADIUS, 0.0),
+        "B_HALFWAY_LINE_AND_CENTER_CIRCLE_INTERSECTION": (0.0, CIRCLE_RADIUS, 0.0),
+    }
+    arc_depth = PENALTY_AREA_DEPTH - PENALTY_MARK_DISTANCE
+    arc_y = np.sqrt(CIRCLE_RADIUS**2 - arc_depth**2)
+    for side, sign in (("L", -1.0), ("R", 1.0)):
+        points[f"{side}_PENALTY_MARK"] = (sign * (x_goal - PENALTY_MARK_DISTANCE), 0.0, 0.0)
+        for tb, y_sign in (("T", -1.0), ("B", 1.0)):
+            points[f"{tb}{side}_PITCH_CORNER"] = (sign * x_goal, y_sign * y_side, 0.0)
+            points[f"{tb}{side}_16M_LINE_AND_PENALTY_ARC_INTERSECTION"] = (
+                sign * (x_goal - PENALTY_AREA_DEPTH),
+                y_sign * arc_y,
+                0.0,
+            )
+            for area, depth, area_width in (
+                ("PENALTY", PENALTY_AREA_DEPTH, PENALTY_AREA_WIDTH),
+                ("GOAL", GOAL_AREA_DEPTH, GOAL_AREA_WIDTH),
+            ):
+                for lr, x in zip("LR", sorted((sign * x_goal, sign * (x_goal - depth))), strict=True):
+                    points[f"{side}_{area}_AREA_{tb}{lr}_CORNER"] = (x, y_sign * area_width / 2.0, 0.0)
+            for lr, y in (("L", -sign), ("R", sign)):
+                height = -GOAL_HEIGHT if tb == "T" else 0.0
+                points[f"{side}_GOAL_{tb}{lr}_POST"] = (sign * x_goal, y * GOAL_WIDTH / 2.0, height)
+    return {name: Point(X) for name, X in points.items()}

@@ -1,0 +1,93 @@
+"""Camera distributions: the stands from which cameras look at a field, as ranges of their parameters."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from types import MappingProxyType
+
+import numpy as np
+
+from fieldcalib._types import Array
+
+
+def focal_length_from_fov(fov: Array | float, width: float) -> Array:
+    """Focal length in pixels of a horizontal field of view in radians: ``f = w / (2 tan(fov / 2))``."""
+    return np.asarray(0.5 * width / np.tan(0.5 * np.asarray(fov)))
+
+
+@dataclass(frozen=True)
+class CameraDistribution:
+    """Uniform ranges of a camera's parameters: where cameras of one kind stand and look.
+
+    Angles and the horizontal field of view in degrees, positions in metres, each as (low, high). The paper (section
+    "Initialization", appendix "Camera Distribution") turns a range (a, b) into a normal distribution whose 95 %
+    interval is the range: mean (a + b) / 2 and sigma (b - a) / (2 x 1.96).
+
+    Raises
+    ------
+    ValueError
+        If a range is not (low, high) with low < high, or fields of view are not between 0 and 180 degrees.
+
+    Examples
+    --------
+    >>> tower = CameraDistribution("tower", (-60, 60), (40, 80), (-2, 2), (20, 60), (-1, 1), (44, 46), (-9, -7))
+    >>> tower.z
+    (-9, -7)
+    """
+
+    name: str
+    pan: tuple[float, float]
+    tilt: tuple[float, float]
+    roll: tuple[float, float]
+    fov: tuple[float, float]
+    x: tuple[float, float]
+    y: tuple[float, float]
+    z: tuple[float, float]
+
+    def __post_init__(self) -> None:
+        for name in ("pan", "tilt", "roll", "fov", "x", "y", "z"):
+            low, high = getattr(self, name)
+            if not (np.isfinite(low) and np.isfinite(high) and low < high):
+                raise ValueError(
+                    f"{self.name!r}: {name} must be (low, high) with low < high, got {(low, high)}; flags fix a value"
+                )
+        if not 0.0 < self.fov[0] < self.fov[1] < 180.0:
+            raise ValueError(f"{self.name!r}: fov must lie between 0 and 180 degrees, got {self.fov}")
+
+
+def _main(name: str, x: tuple[float, float]) -> CameraDistribution:
+    return CameraDistribution(name, (-45, 45), (45, 90), (-10, 10), (8.2, 90), x, (40, 110), (-40, -5))
+
+
+def _behind(name: str, pan: tuple[float, float], x: tuple[float, float]) -> CameraDistribution:
+    return CameraDistribution(name, pan, (11.25, 90), (-5.6, 5.6), (8.2, 90), x, (-20, 20), (-35, -1))
+
+
+MAIN_CENTER = _main("main center", (-16.5, 16.5))
+MAIN_LEFT = _main("main left", (-36 - 16.5, -36 + 16.5))
+MAIN_RIGHT = _main("main right", (36 - 16.5, 36 + 16.5))
+MAIN_TRIBUNE = _main("main tribune", (-36, 36))
+OPPOSITE_TRIBUNE = CameraDistribution(
+    "opposite tribune", (135, 225), (45, 90), (-10, 10), (8.2, 90), (-36, 36), (-110, -40), (-40, -5)
+)
+BEHIND_LEFT_GOAL = _behind("behind left goal", (45, 135), (-95, -52.5))
+BEHIND_RIGHT_GOAL = _behind("behind right goal", (-135, -45), (52.5, 95))
+
+DISTRIBUTIONS: Mapping[str, CameraDistribution] = MappingProxyType(
+    {
+        d.name: d
+        for d in (
+            MAIN_CENTER,
+            MAIN_LEFT,
+            MAIN_RIGHT,
+            MAIN_TRIBUNE,
+            OPPOSITE_TRIBUNE,
+            BEHIND_LEFT_GOAL,
+            BEHIND_RIGHT_GOAL,
+        )
+    }
+)
+
+# Where a broadcast camera may stand when nobody says: tried one by one, the best is kept.
+ALL_STANDS = (MAIN_CENTER, MAIN_LEFT, MAIN_RIGHT, OPPOSITE_TRIBUNE, BEHIND_LEFT_GOAL, BEHIND_RIGHT_GOAL)

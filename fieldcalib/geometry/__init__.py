@@ -1,0 +1,1 @@
+"""Geometry without fields: rotations, projective maps, the lens, the camera, homographies."""

@@ -1,0 +1,293 @@
+"""The camera: a frozen pinhole with a radial lens, in the conventions of the package.
+
+World: metres, x right along the touchline, y towards the main camera, z down. Camera: x right, y down, z forward,
+``Xc = R (X - C)``. Pixels: (x, y), the first pixel's centre is (0, 0); image sizes are (width, height).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from fieldcalib._types import Array
+from fieldcalib.geometry.lens import corner_coefficients, distort, is_monotone, undistort
+from fieldcalib.geometry.projective import dehomogenize, homogenize
+from fieldcalib.geometry.rotation import angles_from_rotation, rotation_from_angles
+
+
+@dataclass(frozen=True, eq=False)
+class Camera:
+    """A calibrated camera.
+
+    Parameters
+    ----------
+    K : (3, 3) array_like
+        Intrinsic matrix in pixels, zero skew.
+    R : (3, 3) array_like
+        Rotation from the world to the camera.
+    C : (3,) array_like
+        Camera centre in the world, metres; z < 0 is above the ground.
+    image_size : (int, int)
+        Width and height in pixels.
+    k : (2,) array_like
+        OpenCV's radial coefficients k1, k2.
+
+    Raises
+    ------
+    ValueError
+        If a shape is wrong, a number is not finite, R is no rotation, or K has skew or no positive focal length.
+
+    Examples
+    --------
+    A camera on the main stand, 15 m up, looking at the centre mark:
+
+    >>> camera = Camera.from_angles(0.0, np.radians(75), 0.0, 1500.0, C=(0, 56, -15), image_size=(960, 540))
+    >>> camera.project([0.0, 0.0, 0.0]).round(1)
+    array([480. , 269.9])
+    >>> camera.image_to_field([480.0, 269.9]).round(1) + 0.0
+    array([0., 0., 0.])
+    """
+
+    K: Array
+    R: Array
+    C: Array
+    image_size: tuple[int, int]
+    k: Array
+
+    def __init__(
+        self,
+        K: ArrayLike,
+        R: ArrayLike,
+        C: ArrayLike,
+        image_size: tuple[int, int],
+        k: ArrayLike = (0.0, 0.0),
+    ) -> None:
+        for name, value, shape in (("K", K, (3, 3)), ("R", R, (3, 3)), ("C", C, (3,)), ("k", k, (2,))):
+            array = np.array(value, dtype=float)
+            if array.shape != shape or not np.all(np.isfinite(array)):
+                raise ValueError(f"{name} must be a finite array of shape {shape}, got {np.asarray(value)!r}")
+            array.flags.writeable = False
+            object.__setattr__(self, name, array)
+        object.__setattr__(self, "image_size", checked_image_size(image_size))
+        if not (self.K[0, 0] > 0.0 and self.K[1, 1] > 0.0):
+            raise ValueError(f"K must have positive focal lengths, got {self.K[0, 0]} and {self.K[1, 1]}")
+        if np.any(self.K[[0, 1, 2, 2], [1, 0, 0, 1]] != 0.0) or self.K[2, 2] != 1.0:
+            raise ValueError(f"K must be [[fx, 0, cx], [0, fy, cy], [0, 0, 1]], got {self.K.tolist()}")
+        if not np.allclose(self.R @ self.R.T, np.eye(3), atol=1e-6) or np.linalg.det(self.R) < 0.0:
+            raise ValueError(f"R must be a rotation matrix (R R^T = I, det R = 1), got {self.R.tolist()}")
+
+    @classmethod
+    def from_angles(
+        cls,
+        pan: float,
+        tilt: float,
+        roll: float,
+        focal_length: float,
+        C: ArrayLike,
+        image_size: tuple[int, int],
+        principal_point: ArrayLike | None = None,
+        k: ArrayLike = (0.0, 0.0),
+    ) -> Camera:
+        """A camera with square pixels from its angles in radians and its focal length in pixels.
+
+        The principal point defaults to (width / 2, height / 2), SoccerNet's.
+        """
+        centre = np.divide(checked_image_size(image_size), 2.0)
+        cx, cy = centre if principal_point is None else np.asarray(principal_point, dtype=float)
+        K = np.array([[focal_length, 0.0, cx], [0.0, focal_length, cy], [0.0, 0.0, 1.0]])
+        return cls(K, rotation_from_angles(np.array([pan, tilt, roll], dtype=float)), C, image_size, k)
+
+    @classmethod
+    def from_opencv(
+        cls,
+        rvec: ArrayLike,
+        tvec: ArrayLike,
+        camera_matrix: ArrayLike,
+        dist_coeffs: ArrayLike | None,
+        image_size: tuple[int, int],
+    ) -> Camera:
+        """A camera from OpenCV's rvec, tvec, K and dist (k1, k2, p1, p2, k3, ...; None: no lens).
+
+        Raises
+        ------
+        ValueError
+            If a coefficient other than k1 and k2 is not zero: this camera has no tangential or higher terms.
+        """
+        from scipy.spatial.transform import Rotation
+
+        R = Rotation.from_rotvec(np.array(rvec, dtype=float).reshape(3)).as_matrix()
+        C = -R.T @ np.array(tvec, dtype=float).reshape(3)
+        return cls(camera_matrix, R, C, image_size, radial_coefficients(dist_coeffs))
+
+    def to_opencv(self) -> tuple[Array, Array, Array, Array]:
+        """OpenCV's (rvec (3, 1), tvec (3, 1), K (3, 3), dist (1, 5)), as `cv2.projectPoints` takes them."""
+        from scipy.spatial.transform import Rotation  # a slow import; cv2.Rodrigues loses digits near half a turn
+
+        rvec = Rotation.from_matrix(self.R).as_rotvec().reshape(3, 1)
+        tvec = -(self.R @ self.C).reshape(3, 1)
+        return rvec, tvec, self.K.copy(), np.array([[*self.k, 0.0, 0.0, 0.0]])
+
+    @property
+    def focal_length(self) -> float:
+        """Focal length along the image's rows, pixels."""
+        return float(self.K[0, 0])
+
+    @property
+    def principal_point(self) -> Array:
+        """(cx, cy) in pixels."""
+        return self.K[:2, 2]
+
+    @property
+    def field_of_view(self) -> float:
+        """Horizontal field of view in radians: ``2 atan(w / (2 fx))`` (paper, appendix "Camera Model")."""
+        return float(2.0 * np.arctan(0.5 * self.image_size[0] / self.focal_length))
+
+    @property
+    def angles(self) -> Array:
+        """Pan, tilt, roll in radians, with the smaller roll of the two solutions."""
+        return angles_from_rotation(self.R)
+
+    @property
+    def half_diagonal(self) -> float:
+        """Half the image's diagonal in pixels: the radius to which the lens coefficients are normalised."""
+        return float(np.hypot(*self.image_size) / 2.0)
+
+    @property
+    def corner_distortion(self) -> Array:
+        """(a1, a2): the lens coefficients normalised to the image's corner, see `fieldcalib.geometry.lens`."""
+        return corner_coefficients(self.k, self.focal_length, self.half_diagonal)
+
+    @property
+    def homography(self) -> Array:
+        """3 x 3 map of field points (x, y, 1) to the image of the pinhole, lens left out: ``K R [e1 e2 -C]``."""
+        return np.asarray(self.K @ self.R @ np.column_stack([np.eye(3)[:, :2], -self.C]))
+
+    @property
+    def inverse_homography(self) -> Array:
+        """3 x 3 map of pixels (x, y, 1) of the pinhole, lens left out, to the field.
+
+        Raises
+        ------
+        numpy.linalg.LinAlgError
+            If the camera lies in the ground plane.
+        """
+        return np.asarray(np.linalg.inv(self.homography))
+
+    def depth(self, X: ArrayLike) -> Array:
+        """Depth of world points (..., 3) along the optical axis, metres; negative behind the camera."""
+        return np.asarray((_vectors(X, 3, "world points") - self.C) @ self.R[2])
+
+    def project(self, X: ArrayLike) -> Array:
+        """Pixels of world points, lens included.
+
+        Parameters
+        ----------
+        X : (..., 3) array_like
+            World points in metres.
+
+        Returns
+        -------
+        (..., 2) array
+            NaN for points that have no image: behind the camera or in its plane (depth <= 0), or so far out that the
+            lens folds back (`fieldcalib.geometry.lens.is_monotone`). Points outside the image are given.
+        """
+        Xc = (_vectors(X, 3, "world points") - self.C) @ self.R.T
+        visible = Xc[..., 2] > 0.0
+        x = dehomogenize(np.where(visible[..., None], Xc, 1.0))
+        if np.any(self.k):
+            a, rho = self.k, 1.0  # in normalised coordinates the corner is at radius 1
+            visible &= is_monotone(np.sum(np.square(x), axis=-1), a)
+            x = distort(x, a, rho)
+        xy = x * self.K[[0, 1], [0, 1]] + self.K[:2, 2]
+        return np.where(visible[..., None], xy, np.nan)
+
+    def image_to_field(self, xy: ArrayLike, *, z: float = 0.0) -> Array:
+        """World points of pixels on the horizontal plane at height `z` (metres, down), lens included.
+
+        Parameters
+        ----------
+        xy : (..., 2) array_like
+            Pixels.
+        z : float
+            The plane; 0 is the ground, -2.44 the crossbar's.
+
+        Returns
+        -------
+        (..., 3) array
+            NaN where the pixel's ray does not meet the plane in front of the camera (above the horizon), or where no
+            ray of the lens reaches the pixel.
+        """
+        x = (_vectors(xy, 2, "pixels") - self.K[:2, 2]) / self.K[[0, 1], [0, 1]]
+        if np.any(self.k):
+            x = undistort(x, self.k, rho=1.0)
+        ray = homogenize(x) @ self.R
+        with np.errstate(divide="ignore", invalid="ignore"):
+            scale = (z - self.C[2]) / ray[..., 2]
+            X = self.C + scale[..., None] * ray
+        X[..., 2] = z
+        return np.where((np.isfinite(scale) & (scale > 0.0))[..., None], X, np.nan)
+
+    def scaled(self, image_size: tuple[int, int]) -> Camera:
+        """The same camera for the image resized to another size; focal length and principal point scale with it."""
+        new_size = checked_image_size(image_size)
+        scale = np.array([new_size[0] / self.image_size[0], new_size[1] / self.image_size[1], 1.0])
+        return Camera(scale[:, None] * self.K, self.R, self.C, new_size, self.k)
+
+    def __eq__(self, other: object) -> bool:
+        if not isinstance(other, Camera):
+            return NotImplemented
+        arrays = ((self.K, other.K), (self.R, other.R), (self.C, other.C), (self.k, other.k))
+        return self.image_size == other.image_size and all(np.array_equal(a, b) for a, b in arrays)
+
+    __hash__ = None  # type: ignore[assignment]  # arrays do not hash
+
+    def __reduce__(self) -> tuple[type[Camera], tuple[object, ...]]:
+        return Camera, (self.K, self.R, self.C, self.image_size, self.k)  # copies are read-only too
+
+    def __repr__(self) -> str:
+        pan, tilt, roll = np.degrees(self.angles)
+        x, y, z = self.C
+        return (
+            f"Camera(f={self.focal_length:.1f} px, pan={pan:.2f}°, tilt={tilt:.2f}°, roll={roll:.2f}°, "
+            f"C=({x:.2f}, {y:.2f}, {z:.2f}) m, k=({self.k[0]:.4g}, {self.k[1]:.4g}), "
+            f"image_size={self.image_size[0]}x{self.image_size[1]})"
+        )
+
+
+def _vectors(values: ArrayLike, size: int, what: str) -> Array:
+    """Points with `size` coordinates as a float array (..., size), or a ValueError."""
+    array = np.asarray(values, dtype=float)
+    if array.ndim == 0 or array.shape[-1] != size:
+        raise ValueError(f"expected {what} of shape (..., {size}), got shape {array.shape}")
+    return array
+
+
+def checked_image_size(image_size: Any) -> tuple[int, int]:
+    """(width, height) as two positive integers, or a ValueError that says what came instead."""
+    size = np.asarray(image_size)
+    if size.shape != (2,) or size.dtype.kind not in "iuf" or np.any(size != size.round()) or np.any(size <= 0):
+        came = image_size if size.size <= 4 else f"an array of shape {size.shape}"
+        hint = "; of an image array it is image.shape[1::-1]" if size.size >= 3 else ""
+        raise ValueError(f"image_size must be (width, height) in whole pixels, got {came!r}{hint}")
+    return int(size[0]), int(size[1])
+
+
+def radial_coefficients(dist_coeffs: ArrayLike | None) -> Array:
+    """(k1, k2) of OpenCV's distortion vector (k1, k2, p1, p2, k3, ...); None is no lens.
+
+    Raises
+    ------
+    ValueError
+        If any other coefficient is not zero.
+    """
+    dist = np.zeros(2) if dist_coeffs is None else np.array(dist_coeffs, dtype=float).ravel()
+    dist = np.pad(dist, (0, max(0, 2 - dist.size)))
+    if np.any(dist[2:]):
+        raise ValueError(
+            f"only the radial coefficients k1 and k2 are modelled, got dist_coeffs = {dist.tolist()}; "
+            f"undistort the pixels with cv2.undistortPoints first, or refit with k1 and k2 alone"
+        )
+    return dist[:2]

@@ -1,0 +1,232 @@
+"""Cameras of others, with every lens coefficient that SoccerNet's format and OpenCV's rational model know.
+
+They are projected and measured, never estimated: `fieldcalib.geometry.camera.Camera` is what this package calibrates.
+Any finite numbers make one, so that an absurd result of another system can be scored as it is.
+
+With ``(x, y) = (Xc / Zc, Yc / Zc)`` and ``q = x^2 + y^2`` the lens is OpenCV's (documentation of calib3d, "Detailed
+Description"), coefficients in the order of its `distCoeffs`:
+
+    g  = (1 + k1 q + k2 q^2 + k3 q^3) / (1 + k4 q + k5 q^2 + k6 q^3)
+    x' = x g + 2 p1 x y + p2 (q + 2 x^2) + s1 q + s2 q^2
+    y' = y g + p1 (q + 2 y^2) + 2 p2 x y + s3 q + s4 q^2
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from fieldcalib._types import Array
+from fieldcalib.geometry.camera import Camera, _vectors, checked_image_size
+from fieldcalib.geometry.projective import dehomogenize, homogenize
+
+COEFFICIENTS = ("k1", "k2", "p1", "p2", "k3", "k4", "k5", "k6", "s1", "s2", "s3", "s4")
+
+
+def distort_rational(x: Array, dist: Array) -> Array:
+    """Where the lens moves normalised image points: the formula of the module.
+
+    Parameters
+    ----------
+    x : (..., 2) array
+        Normalised image points (Xc / Zc, Yc / Zc).
+    dist : (..., 12) array
+        Coefficients, broadcast against the leading axes of `x`.
+
+    Returns
+    -------
+    (..., 2) array
+        Not finite where the denominator is 0.
+
+    Examples
+    --------
+    >>> distort_rational(np.array([0.3, 0.4]), np.array([0.04, *np.zeros(11)]))  # q = 0.25: 1 % outwards
+    array([0.303, 0.404])
+    """
+    k1, k2, p1, p2, k3, k4, k5, k6, s1, s2, s3, s4 = np.moveaxis(dist, -1, 0)
+    u, v = x[..., 0], x[..., 1]
+    q, uv = u * u + v * v, u * v
+    gain = (1.0 + q * (k1 + q * (k2 + q * k3))) / (1.0 + q * (k4 + q * (k5 + q * k6)))
+    return np.stack(
+        [
+            u * gain + 2.0 * p1 * uv + p2 * (q + 2.0 * u * u) + q * (s1 + q * s2),
+            v * gain + p1 * (q + 2.0 * v * v) + 2.0 * p2 * uv + q * (s3 + q * s4),
+        ],
+        axis=-1,
+    )
+
+
+def distort_rational_jacobian(x: Array, dist: Array) -> Array:
+    """Derivative of `distort_rational` with respect to the point.
+
+    Returns
+    -------
+    dd_dx : (..., 2, 2) array
+        ``g I + x (dg_dq dq_dx)`` plus the tangential and the thin prism part, ``dq_dx = 2 x``.
+    """
+    k1, k2, p1, p2, k3, k4, k5, k6, s1, s2, s3, s4 = np.moveaxis(dist, -1, 0)
+    u, v = x[..., 0], x[..., 1]
+    q = u * u + v * v
+    numerator, denominator = 1.0 + q * (k1 + q * (k2 + q * k3)), 1.0 + q * (k4 + q * (k5 + q * k6))
+    gain = numerator / denominator
+    dg_dq = (k1 + q * (2.0 * k2 + 3.0 * q * k3) - gain * (k4 + q * (2.0 * k5 + 3.0 * q * k6))) / denominator
+    dq_dx = 2.0 * x
+    along_u, along_v = u * dg_dq + s1 + 2.0 * q * s2, v * dg_dq + s3 + 2.0 * q * s4
+    tangential = 2.0 * (p1 * u + p2 * v)
+    du_dx = np.stack([gain + 2.0 * p1 * v + 6.0 * p2 * u, tangential], axis=-1) + along_u[..., None] * dq_dx
+    dv_dx = np.stack([tangential, gain + 6.0 * p1 * v + 2.0 * p2 * u], axis=-1) + along_v[..., None] * dq_dx
+    return np.stack([du_dx, dv_dx], axis=-2)
+
+
+def undistort_rational(d: Array, dist: Array) -> Array:
+    """Normalised image points that the lens moves to `d`: Newton's method, from `d` itself.
+
+    Parameters
+    ----------
+    d : (..., 2) array
+        Distorted normalised image points.
+    dist : (..., 12) array
+        Coefficients, broadcast against the leading axes of `d`.
+
+    Returns
+    -------
+    (..., 2) array
+        NaN where none is found, or one that the lens has taken across the image's centre. Of several points, as a lens
+        that folds back may have them, it is one.
+
+    Examples
+    --------
+    >>> undistort_rational(np.array([0.303, 0.404]), np.array([0.04, *np.zeros(11)])).round(12)
+    array([0.3, 0.4])
+    """
+    x = d.copy()
+    with np.errstate(all="ignore"):  # what does not converge may overflow on its way
+        for _ in range(40):
+            J = distort_rational_jacobian(x, dist)
+            e = distort_rational(x, dist) - d
+            determinant = J[..., 0, 0] * J[..., 1, 1] - J[..., 0, 1] * J[..., 1, 0]
+            step = np.stack(
+                [
+                    J[..., 1, 1] * e[..., 0] - J[..., 0, 1] * e[..., 1],
+                    J[..., 0, 0] * e[..., 1] - J[..., 1, 0] * e[..., 0],
+                ],
+                axis=-1,
+            )
+            step /= determinant[..., None]
+            x -= step
+            if not np.any(np.abs(step) > 1e-15):
+                break
+        error = np.max(np.abs(distort_rational(x, dist) - d), axis=-1)
+        found = error <= 1e-9 * (1.0 + np.max(np.abs(d), axis=-1))
+    found &= np.sum(x * d, axis=-1) >= 0.0
+    return np.where(found[..., None], x, np.nan)
+
+
+@dataclass(frozen=True, eq=False)
+class RationalCamera:
+    """A camera with OpenCV's rational, tangential and thin prism lens.
+
+    Parameters
+    ----------
+    K : (3, 3) array
+        Intrinsic matrix in pixels, zero skew; the focal lengths may be anything, negative too.
+    R : (3, 3) array
+        Rotation from the world to the camera.
+    C : (3,) array
+        Camera centre in the world, metres.
+    dist : (12,) array
+        k1, k2, p1, p2, k3, k4, k5, k6, s1, s2, s3, s4.
+    image_size : (int, int)
+        Width and height in pixels.
+
+    Raises
+    ------
+    ValueError
+        If a shape is wrong or a number is not finite, or K has skew.
+
+    Examples
+    --------
+    >>> camera = Camera.from_angles(0.0, np.radians(75), 0.0, 1500.0, C=(0, 56, -15), image_size=(960, 540))
+    >>> RationalCamera.from_camera(camera).project([0.0, 0.0, 0.0]).round(1)
+    array([480. , 269.9])
+    """
+
+    K: Array
+    R: Array
+    C: Array
+    dist: Array
+    image_size: tuple[int, int]
+
+    def __post_init__(self) -> None:
+        for name, shape in (("K", (3, 3)), ("R", (3, 3)), ("C", (3,)), ("dist", (len(COEFFICIENTS),))):
+            value = getattr(self, name)
+            array = np.array(value, dtype=float)
+            if array.shape != shape or not np.all(np.isfinite(array)):
+                raise ValueError(f"{name} must be a finite array of shape {shape}, got {np.asarray(value)!r}")
+            array.flags.writeable = False
+            object.__setattr__(self, name, array)
+        object.__setattr__(self, "image_size", checked_image_size(self.image_size))
+        if np.any(self.K[[0, 1, 2, 2], [1, 0, 0, 1]] != 0.0) or self.K[2, 2] != 1.0:
+            raise ValueError(f"K must be [[fx, 0, cx], [0, fy, cy], [0, 0, 1]], got {self.K.tolist()}")
+
+    @classmethod
+    def from_camera(cls, camera: Camera | RationalCamera) -> RationalCamera:
+        """The same camera with k1 and k2 among twelve coefficients; a rational camera is returned as it is."""
+        if isinstance(camera, RationalCamera):
+            return camera
+        return cls(camera.K, camera.R, camera.C, np.concatenate([camera.k, np.zeros(10)]), camera.image_size)
+
+    @property
+    def homography(self) -> Array:
+        """3 x 3 map of field points (x, y, 1) to the image of the pinhole, lens left out: ``K R [e1 e2 -C]``."""
+        return np.asarray(self.K @ self.R @ np.column_stack([np.eye(3)[:, :2], -self.C]))
+
+    def project(self, X: ArrayLike) -> Array:
+        """Pixels of world points, lens included.
+
+        Parameters
+        ----------
+        X : (..., 3) array_like
+            World points in metres.
+
+        Returns
+        -------
+        (..., 2) array
+            NaN for points behind the camera or in its plane (depth <= 0), and where the numbers leave the range of
+            floats. Unlike `Camera.project`, points at which the lens folds back have their pixel, as in OpenCV and in
+            SoccerNet's evaluation.
+        """
+        with np.errstate(all="ignore"):  # absurd cameras overflow
+            Xc = (_vectors(X, 3, "world points") - self.C) @ self.R.T
+            x = dehomogenize(Xc)
+            if np.any(self.dist):
+                x = distort_rational(x, self.dist)
+            xy = x * self.K[[0, 1], [0, 1]] + self.K[:2, 2]
+        visible = (Xc[..., 2] > 0.0) & np.all(np.isfinite(xy), axis=-1)
+        return np.where(visible[..., None], xy, np.nan)
+
+    def image_to_field(self, xy: ArrayLike) -> Array:
+        """World points of pixels on the ground, lens included.
+
+        Parameters
+        ----------
+        xy : (..., 2) array_like
+            Pixels.
+
+        Returns
+        -------
+        (..., 3) array
+            Metres; NaN where the pixel's ray does not meet the ground in front of the camera (above the horizon), or
+            where no ray is found that the lens bends to the pixel.
+        """
+        with np.errstate(all="ignore"):
+            x = (_vectors(xy, 2, "pixels") - self.K[:2, 2]) / self.K[[0, 1], [0, 1]]
+            if np.any(self.dist):
+                x = undistort_rational(x, self.dist)
+            ray = homogenize(x) @ self.R
+            scale = -self.C[2] / ray[..., 2]
+            X = self.C + scale[..., None] * ray
+        X[..., 2] = 0.0
+        return np.where((np.all(np.isfinite(X), axis=-1) & (scale > 0.0))[..., None], X, np.nan)

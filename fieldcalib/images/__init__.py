@@ -1,0 +1,1 @@
+"""From images to cameras: line profiles, refinement on the image, hypotheses."""

@@ -1,0 +1,215 @@
+"""White lines in an image near projected markings, found in profiles across these.
+
+All profiles are sampled at once by cv2.remap, at thirds of the width that the line should have there, so that one
+filter fits every line, near or far. (skimage.measure.profile_line takes one profile a call.)
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.lib.stride_tricks import sliding_window_view
+
+from fieldcalib._types import Array, BoolArray, Float32, IntArray
+from fieldcalib.calibrate.options import pixel_unit
+from fieldcalib.fields.segments import Arc, ObjectSegments, Point, PointCloud, Segment
+from fieldcalib.geometry.camera import Camera
+from fieldcalib.io.image import Image
+
+LINE_WIDTH = 0.12  # m: lines, posts and crossbars; the laws of the game allow no more
+SAMPLE_SPACING = 0.25  # m along a marking, between places where a profile may be
+
+# Pixels are those of a 960 x 540 image; larger ones have more.
+SPACING = 12.0  # px between profiles
+LEAST_PROFILES, MOST_PROFILES = 4, 30  # of a segment
+SHORTEST = 12.0  # px of a segment in view
+MARGIN = 2.0  # px from the border
+ROWS, ROW_SPACING = 3, 2.0  # px along the line: what is averaged for a profile
+SAME_LINE = 2.0  # px between neighbours
+NEIGHBOURS = 5  # of which most must be on the same line, the profile itself among them
+
+BLUR = 1.5  # px of any image: by lens, motion and compression
+FLANK = 4  # samples from the middle of a line to the middle of what is beside it
+LUMA = np.array([0.114, 0.587, 0.299], np.float32)  # of blue, green, red; colours are stored more coarsely than light
+LEAST_CONTRAST = 3.0  # of 255, on grass
+LEAST_CONTRAST_RAISED = 12.0  # of posts and crossbars, behind which there may be anything
+LEAST_SIGNAL = 2.5  # times the usual deviation in the profile,
+BACKGROUND = 12.0  # px of which are looked at on both sides, however small the reach
+SAME_COLOUR = 0.05  # of the channels' shares: both sides of a line are grass
+
+
+@dataclass(frozen=True)
+class Markings:
+    """Points along the markings of an object, segment by segment."""
+
+    labels: tuple[str, ...]
+    member: IntArray
+    """Index into `labels` of each point, (N,)."""
+    X: Array
+    """(N, 3)."""
+    along: Array
+    """Unit vectors along the segments, (N, 3)."""
+    on_ground: BoolArray
+    """Whether the whole segment is, (N,)."""
+
+    @classmethod
+    def of(cls, object_segments: ObjectSegments) -> Markings:
+        """The markings of an object: all that is no point, and of a circle and its halves only the circle."""
+        whole = {_circle(segment) for segment in object_segments.values() if _is_whole(segment)}
+        markings = {
+            label: segment
+            for label, segment in object_segments.items()
+            if _is_curve(segment) and (_is_whole(segment) or _circle(segment) not in whole)
+        }
+        points = [segment.sample(SAMPLE_SPACING) for segment in markings.values()]
+        along = [np.gradient(X, axis=0) for X in points]
+        counts = [len(X) for X in points]
+        return cls(
+            tuple(markings),
+            np.repeat(np.arange(len(points)), counts),
+            np.concatenate([np.zeros((0, 3)), *points]),
+            np.concatenate([np.zeros((0, 3)), *(d / np.linalg.norm(d, axis=1, keepdims=True) for d in along)]),
+            np.repeat([not np.any(X[:, 2]) for X in points], counts),
+        )
+
+
+def _is_curve(segment: Segment) -> bool:
+    return not isinstance(segment, Point) and (not isinstance(segment, PointCloud) or segment.ordered)
+
+
+def _circle(segment: Segment) -> tuple[object, ...] | None:
+    return (segment.center, segment.radius, segment.u, segment.v) if isinstance(segment, Arc) else None
+
+
+def _is_whole(segment: Segment) -> bool:
+    return isinstance(segment, Arc) and abs(segment.stop - segment.start) >= 2.0 * np.pi
+
+
+@dataclass(frozen=True)
+class Profiles:
+    """Places on projected markings where an image is looked at across them, segment by segment."""
+
+    member: IntArray
+    """Index of the marking of each, (n,)."""
+    xy: Array
+    """Pixels, (n, 2)."""
+    normal: Array
+    """Unit vectors across the marking, (n, 2)."""
+    width: Array
+    """What the line should measure across, px, (n,)."""
+    room: Array
+    """Half the distance to the next marking, px, (n,)."""
+    on_ground: BoolArray
+    """(n,)."""
+
+    def __len__(self) -> int:
+        return len(self.xy)
+
+
+def profiles_along(camera: Camera, markings: Markings) -> Profiles:
+    """Where to look across the markings that are in view: evenly spread over each."""
+    unit = pixel_unit(camera.image_size)
+    xy = camera.project(markings.X)
+    low = MARGIN * unit
+    inside = np.all((xy >= low) & (xy <= np.subtract(camera.image_size, 1.0) - low), axis=1)  # false for NaN
+    joined = inside[1:] & inside[:-1] & (markings.member[1:] == markings.member[:-1])
+    step = np.zeros(len(xy))
+    step[1:][joined] = np.linalg.norm(xy[1:][joined] - xy[:-1][joined], axis=1)
+
+    length = np.bincount(markings.member, step, len(markings.labels))
+    many = np.clip(np.floor(length / (SPACING * unit)), LEAST_PROFILES, MOST_PROFILES)
+    count = np.where(length > SHORTEST * unit, many, 0.0)
+    before = np.cumsum(length) - length
+    share = (np.cumsum(step) - before[markings.member]) / np.maximum(length, 1.0)[markings.member]
+    cell = np.floor(share * count[markings.member] + 0.5)
+    place = np.flatnonzero(joined & (np.diff(cell) > 0.0)) + 1
+
+    X, along, on_ground = markings.X[place], markings.along[place], markings.on_ground[place]
+    towards = camera.project(X + 0.1 * along) - camera.project(X - 0.1 * along)
+    across = np.where(on_ground[:, None], np.cross(along, (0.0, 0.0, 1.0)), np.cross(along, X - camera.C))
+    with np.errstate(divide="ignore", invalid="ignore"):  # where a line points at the camera
+        normal = np.column_stack([-towards[:, 1], towards[:, 0]]) / np.linalg.norm(towards, axis=1, keepdims=True)
+        across *= 0.5 * LINE_WIDTH / np.linalg.norm(across, axis=1, keepdims=True)
+    width = np.abs(np.sum((camera.project(X + across) - camera.project(X - across)) * normal, axis=1))
+    good = np.isfinite(width) & np.all(np.isfinite(normal), axis=1)
+    place, normal, width, on_ground = place[good], normal[good], width[good], on_ground[good]
+    member, xy = markings.member[place], xy[place]
+    distance = np.linalg.norm(xy[:, None] - xy, axis=-1)
+    distance[member[:, None] == member] = np.inf
+    return Profiles(member, xy, normal, width, 0.5 * np.min(distance, axis=1, initial=np.inf), on_ground)
+
+
+def find_lines(image: Image, profiles: Profiles, reach: float) -> Array:
+    """How far from its marking, along the normal, each profile shows a white line: (n,), NaN where it shows none.
+
+    Parameters
+    ----------
+    image : (height, width, 3) uint8 array
+        Blue, green, red.
+    profiles : Profiles
+    reach : float
+        Largest distance to look at, in pixels of a 960 x 540 image; less where another marking is near.
+
+    Notes
+    -----
+    A line is lighter than what is on both sides of it, at the distance of its width, and these are of the same colour.
+    It is where this contrast is largest, if it stands out of the profile, and if most neighbouring profiles of the
+    segment show it there too.
+    """
+    if not len(profiles):
+        return np.zeros(0)
+    unit = pixel_unit((image.shape[1], image.shape[0]))
+    width = np.hypot(profiles.width, BLUR)
+    gate = np.minimum(reach * unit, profiles.room)
+    spacing = width / 3.0
+    half = np.max(np.maximum(gate, BACKGROUND * unit) / spacing)
+    strips, offset = _strips(image, profiles, spacing, int(half) + FLANK + 2)
+
+    colour = (strips[:, :-2] + strips[:, 1:-1] + strips[:, 2:]) / np.float32(3.0)
+    one_side, line, other_side = colour[:, : -2 * FLANK], colour[:, FLANK:-FLANK], colour[:, 2 * FLANK :]
+    contrast = line @ LUMA - np.maximum(one_side @ LUMA, other_side @ LUMA)
+    offset = offset[:, FLANK + 1 : -FLANK - 1]
+    alike = np.max(np.abs(_shares(one_side) - _shares(other_side)), axis=-1) < SAME_COLOUR
+    allowed = (np.abs(offset) <= gate[:, None]) & (alike | ~profiles.on_ground[:, None])
+
+    row = np.arange(len(profiles))
+    best = np.argmax(np.where(allowed, contrast, -np.inf)[:, 1:-1], axis=1) + 1
+    before, peak, after = contrast[row, best - 1], contrast[row, best], contrast[row, best + 1]
+    bend = 2.0 * peak - before - after
+    deviation = np.median(np.abs(contrast - np.median(contrast, axis=1, keepdims=True)), axis=1)
+    least = np.where(profiles.on_ground, LEAST_CONTRAST, LEAST_CONTRAST_RAISED)
+    seen = allowed[row, best] & (peak >= np.maximum(before, after)) & (bend > 0.0)
+    seen &= (peak > np.maximum(least, LEAST_SIGNAL * deviation)) & (profiles.room > width)
+    vertex = 0.5 * (after - before) / np.where(bend > 0.0, bend, 1.0)
+    found = np.where(seen, offset[row, best] + vertex * spacing, np.nan)
+    return np.where(_agree(found, profiles.member, SAME_LINE * unit), found, np.nan)
+
+
+def _strips(image: Image, profiles: Profiles, spacing: Array, half: int) -> tuple[Float32, Array]:
+    """Colours (n, m, 3) along the profiles, and the distance (n, m) from the marking of each sample."""
+    import cv2
+
+    offset = np.arange(-half, half + 1) * spacing[:, None]
+    tangent = np.column_stack([profiles.normal[:, 1], -profiles.normal[:, 0]])
+    along = ROW_SPACING * pixel_unit((image.shape[1], image.shape[0])) * (np.arange(ROWS) - (ROWS - 1) / 2.0)
+    middle = profiles.xy[:, None] + along[:, None] * tangent[:, None]
+    xy = middle[:, :, None] + (offset[:, :, None] * profiles.normal[:, None])[:, None]
+    places = xy.reshape(-1, offset.shape[1], 2).astype(np.float32)
+    how, border = cv2.INTER_LINEAR, cv2.BORDER_REPLICATE
+    samples = cv2.remap(image, places[..., 0], places[..., 1], how, borderMode=border)
+    return samples.reshape(len(profiles), ROWS, -1, 3).mean(axis=1, dtype=np.float32), offset
+
+
+def _shares(colour: Float32) -> Float32:
+    """Share of each channel in colours (..., 3)."""
+    colour = colour + np.float32(1.0)  # black has no colour
+    return np.asarray(colour / np.sum(colour, axis=-1, keepdims=True))
+
+
+def _agree(found: Array, member: IntArray, tolerance: float) -> BoolArray:
+    """Which profiles (n,) have most of their neighbours on the same segment within `tolerance`."""
+    half = NEIGHBOURS // 2
+    near = sliding_window_view(np.pad(found, half, constant_values=np.nan), NEIGHBOURS)
+    same = sliding_window_view(np.pad(member, half, constant_values=-1), NEIGHBOURS) == member[:, None]
+    return np.asarray(np.sum(same & (np.abs(near - found[:, None]) < tolerance), axis=1) > half)

@@ -1,0 +1,1 @@
+"""The estimation problem: observations, parameters, robust losses, residuals with their Jacobian, solvers."""

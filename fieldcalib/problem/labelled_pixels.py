@@ -1,0 +1,258 @@
+"""Labelled pixels as users give them: checks, weights, and the split of the centre circle.
+
+One frame is a mapping of labels to (N, 2) pixels, perhaps with weights.
+"""
+
+from __future__ import annotations
+
+import difflib
+from collections.abc import Mapping
+from typing import TypeAlias
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from fieldcalib._types import Array, BoolArray
+from fieldcalib.fields.segments import ObjectSegments
+
+ImageSegments: TypeAlias = Mapping[str, ArrayLike]
+Pixels: TypeAlias = dict[str, Array]
+Weights: TypeAlias = Mapping[str, ArrayLike]
+Shares: TypeAlias = dict[str, Array]
+
+LEVEL = 0.05  # slope of a middle line, seen from behind a goal, below which it has no left side
+FARTHEST_PIXEL = 10.0  # image sizes from the centre: beyond, a number is a mistake
+
+
+def check_segments(
+    object_segments: ObjectSegments, image_segments: ImageSegments, image_size: tuple[int, int]
+) -> Pixels:
+    """The labelled pixels of one frame as float arrays, or a ValueError that says what is wrong with them.
+
+    Parameters
+    ----------
+    object_segments : mapping of str to segment
+        The calibration object.
+    image_segments : mapping of str to (N, 2) array_like
+        Pixels (x, y) of each visible segment. A segment without pixels counts as not given.
+    image_size : (int, int)
+        Width and height in pixels.
+
+    Returns
+    -------
+    dict of str to (N, 2) array
+        Labels stripped of surrounding blanks.
+
+    Raises
+    ------
+    ValueError
+        An unknown label (the nearest known one is named), a wrong shape, a number that is not finite, coordinates that
+        look normalised to 0..1, or pixels that only fit the image if width and height are swapped.
+
+    Examples
+    --------
+    >>> from fieldcalib import soccer
+    >>> check_segments(soccer(), {"Midle line": [(480, 100), (480, 400)]}, (960, 540))
+    Traceback (most recent call last):
+        ...
+    ValueError: unknown label 'Midle line'; did you mean 'Middle line'?
+    """
+    if not isinstance(image_segments, Mapping):
+        came = type(image_segments).__name__
+        raise ValueError(
+            f"expected a mapping of labels to (N, 2) pixels, got {came}; many frames go to calibrate_batch"
+        )
+    if not isinstance(object_segments, Mapping):
+        raise ValueError(f"expected a field, as soccer(), or a mapping of names to segments, got {object_segments!r}")
+    pixels: Pixels = {}
+    for raw_label, values in image_segments.items():
+        label = _known_label(raw_label, object_segments)
+        try:
+            xy = np.asarray(values, dtype=float)
+        except (TypeError, ValueError):
+            raise ValueError(f"{label!r}: expected pixels of shape (N, 2), got {values!r}") from None
+        if xy.size == 0:
+            continue
+        if xy.ndim != 2 or xy.shape[1] != 2:
+            hint = "; reshape(-1, 2) makes them so" if xy.shape[-1:] == (2,) else ""
+            raise ValueError(f"{label!r}: expected pixels of shape (N, 2), got {xy.shape}{hint}")
+        if not np.all(np.isfinite(xy)):
+            first = int(np.flatnonzero(~np.isfinite(xy).all(axis=1))[0])
+            raise ValueError(f"{label!r}: pixel {first} is not finite: {xy[first].tolist()}; leave it out")
+        far = np.any(np.abs(xy / image_size - 0.5) > FARTHEST_PIXEL, axis=1)
+        if np.any(far):
+            first = int(np.flatnonzero(far)[0])
+            at = tuple(xy[first].tolist())
+            raise ValueError(f"{label!r}: pixel {first} at {at} is far outside the image of {image_size}; leave it out")
+        if label in pixels:
+            raise ValueError(f"{label!r} is given twice, with and without surrounding blanks")
+        pixels[label] = xy
+    if pixels:
+        _check_scale(np.concatenate(list(pixels.values())), image_size)
+    return pixels
+
+
+def check_weights(
+    object_segments: ObjectSegments, pixels: Pixels, weights: Weights | None
+) -> tuple[Pixels, Shares | None]:
+    """The pixels of one frame that weigh anything, and what each weighs, or a ValueError that says what is wrong.
+
+    A segment of weight w counts as w segments of weight 1, which is what a label without a weight has. Its N pixels
+    weigh w_i / N, so that a number is the same as N times that number.
+
+    Parameters
+    ----------
+    object_segments : mapping of str to segment
+        The calibration object.
+    pixels : dict of str to (N, 2) array
+        One frame, as `check_segments` returns it.
+    weights : mapping of str to float or (N,) array_like, or None
+        Not negative: one over the variance of the pixels, in units of that of a segment of weight 1. A number for a
+        label that has no pixels does nothing, so one table may serve many frames.
+
+    Returns
+    -------
+    pixels : dict of str to (N, 2) array
+        Without the pixels of weight 0, and without the labels that have none left.
+    shares : dict of str to (N,) array, or None
+        What each of those pixels weighs; None without weights.
+
+    Raises
+    ------
+    ValueError
+        An unknown label (the nearest known one is named), a wrong length, a weight that is negative or not finite, or
+        weights that are all 0.
+
+    Examples
+    --------
+    >>> from fieldcalib import soccer
+    >>> frame = check_segments(soccer(), {"Middle line": [(480, 100), (480, 400)], "Circle left": []}, (960, 540))
+    >>> check_weights(soccer(), frame, {"Middle line": [0.5, 1.0]})[1]
+    {'Middle line': array([0.25, 0.5 ])}
+    """
+    if weights is None:
+        return pixels, None
+    if not isinstance(weights, Mapping):
+        raise ValueError(f"expected a mapping of labels to weights, got {type(weights).__name__}")
+    given: dict[str, Array] = {}
+    for raw_label, values in weights.items():
+        label = _known_label(raw_label, object_segments)
+        count = len(pixels.get(label, ()))
+        if label in given:
+            raise ValueError(f"{label!r} has two weights, with and without surrounding blanks")
+        given[label] = _checked_weight(label, values, count)
+    kept: Pixels = {}
+    shares: Shares = {}
+    for label, xy in pixels.items():
+        weight = given.get(label, np.ones(len(xy)))
+        seen = weight > 0.0  # a weight of 0 is that of padding
+        if np.any(seen):
+            kept[label], shares[label] = xy[seen], weight[seen] / len(xy)
+    if pixels and not kept:
+        raise ValueError("every label has the weight 0: nothing is left to calibrate from")
+    return kept, shares
+
+
+def _checked_weight(label: str, values: ArrayLike, count: int) -> Array:
+    """Weights of the `count` pixels of a label, (count,)."""
+    try:
+        weight = np.asarray(values, dtype=float)
+    except (TypeError, ValueError):
+        raise ValueError(f"{label!r}: expected a weight, or one for each pixel, got {values!r}") from None
+    if weight.shape not in ((), (count,)):
+        raise ValueError(f"{label!r}: expected one weight or {count}, one for each pixel, got shape {weight.shape}")
+    wrong = weight[~(np.isfinite(weight) & (weight >= 0.0))]
+    if wrong.size:
+        raise ValueError(f"{label!r}: a weight must be finite and not negative, got {wrong[0]}; 0 leaves a pixel out")
+    return np.broadcast_to(weight, count)
+
+
+def _known_label(raw_label: str, object_segments: ObjectSegments) -> str:
+    """A label as the object has it, with or without its surrounding blanks."""
+    label = raw_label.strip() if isinstance(raw_label, str) else raw_label
+    if label in object_segments:
+        return label
+    if raw_label in object_segments:
+        return raw_label
+    raise ValueError(f"unknown label {raw_label!r}; {_nearest(label, object_segments)}")
+
+
+def _nearest(label: str, object_segments: ObjectSegments) -> str:
+    known = [str(name) for name in object_segments]
+    close = difflib.get_close_matches(str(label), known, n=1, cutoff=0.5)
+    if close:
+        return f"did you mean {close[0]!r}?"
+    rest = f" and {len(known) - 10} more" if len(known) > 10 else ""
+    return f"known labels: {', '.join(known[:10])}{rest}"
+
+
+def _check_scale(xy: Array, image_size: tuple[int, int]) -> None:
+    width, height = image_size
+    if min(image_size) > 16 and len(xy) > 1 and np.max(np.abs(xy)) <= 2.0:
+        raise ValueError(
+            f"pixels expected for an image of {width} x {height}, got coordinates between {xy.min():.3g} and "
+            f"{xy.max():.3g}, which look normalised; multiply x by (width - 1) and y by (height - 1)"
+        )
+    # annotations may lie somewhat outside the image, so "inside" is generous
+    inside = np.mean(np.all(np.abs((xy + 0.5) / image_size - 0.5) <= 0.75, axis=1))
+    inside_swapped = np.mean(np.all(np.abs((xy + 0.5) / image_size[::-1] - 0.5) <= 0.75, axis=1))
+    if len(xy) >= 8 and inside < 0.8 and inside_swapped > 0.95:  # a few stray pixels prove nothing
+        raise ValueError(
+            f"image_size = {image_size} leaves {100 * (1 - inside):.0f} % of the pixels far outside, swapped it would "
+            f"hold them: give it as (width, height)"
+        )
+    if len(xy) >= 8 and inside < 0.5:
+        share = f"{100 * (1 - inside):.0f} % of the pixels"
+        raise ValueError(
+            f"{share} lie far outside an image of {width} x {height}, up to {xy.max():.0f}: is image_size right?"
+        )
+
+
+def split_centre_circle(pixels: Pixels, image_size: tuple[int, int]) -> Pixels:
+    """Assign the centre circle's pixels to its left and right half (paper, section "Modeling the Soccer Field").
+
+    Pixels left of the middle line go to "Circle central left", the others to "Circle central right". (The paper's
+    public code compares x with the mean x of the line's two ends.) Where the middle line is not given, or is level, the
+    half depends on which side of the image the whole circle lies: the right half of the field is in view where the
+    circle is left of the image's centre, and then it is the circle's right half that is seen.
+
+    Parameters
+    ----------
+    pixels : dict of str to (N, 2) array
+        One frame, as `check_segments` returns it.
+    image_size : (int, int)
+        Width and height in pixels.
+
+    Returns
+    -------
+    dict of str to (N, 2) array
+        The frame without "Circle central" and with the halves that have pixels.
+
+    Examples
+    --------
+    >>> frame = {"Middle line": np.array([[500.0, 100], [500, 400]]), "Circle central": np.array([[450.0, 250]])}
+    >>> list(split_centre_circle(frame, (960, 540)))
+    ['Middle line', 'Circle central left']
+    """
+    if "Circle central" not in pixels:
+        return dict(pixels)
+    split = {label: xy for label, xy in pixels.items() if label != "Circle central"}
+    circle = pixels["Circle central"]
+    left = _left_of_middle_line(circle, pixels.get("Middle line"))
+    if left is None:
+        left = np.full(len(circle), circle[:, 0].mean() > image_size[0] / 2.0)
+    for label, half in (("Circle central left", circle[left]), ("Circle central right", circle[~left])):
+        if len(half):
+            split[label] = np.concatenate([split[label], half]) if label in split else half
+    return split
+
+
+def _left_of_middle_line(xy: Array, middle_line: Array | None) -> BoolArray | None:
+    if middle_line is None or len(middle_line) < 2:
+        return None
+    top, bottom = middle_line[middle_line[:, 1].argmin()], middle_line[middle_line[:, 1].argmax()]
+    down = bottom - top
+    if down[1] <= LEVEL * np.abs(down[0]):
+        return None
+    offset = xy - top
+    return np.asarray(down[0] * offset[:, 1] - down[1] * offset[:, 0] > 0.0)

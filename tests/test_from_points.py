@@ -1,0 +1,538 @@
+"""From points, and from the homography of the ground, to a calibration."""
+
+import time
+import tracemalloc
+
+import cv2
+import numpy as np
+import pytest
+from hypothesis import assume, given, settings
+from hypothesis import strategies as st
+from strategies import cameras, generators, in_image, seeds
+from test_homography import points_in_view, without_focal_length
+
+from fieldcalib import (
+    PINHOLE_FLAGS,
+    Camera,
+    CameraDistribution,
+    Status,
+    calibrate_from_homography,
+    calibrate_from_points,
+    soccer,
+)
+from fieldcalib.calibrate.from_points import Points, _start
+from fieldcalib.calibrate.options import DEFAULT_CRITERIA, CalibrationFlags, checked_options
+from fieldcalib.calibrate.resection import resect
+from fieldcalib.fields.stands import DISTRIBUTIONS
+from fieldcalib.geometry.projective import dehomogenize, homogenize
+from fieldcalib.geometry.rotation import rotation_from_angles
+from fieldcalib.problem.losses import RobustLoss
+from fieldcalib.problem.parameters import camera_from_theta, sample_theta
+from fieldcalib.problem.solver import LOG_F_RANGE
+
+SIZE = (960, 540)
+FIELD_POINTS = np.array([point.X for point in soccer().points.values()])
+CAMERA = Camera.from_angles(-0.35, 1.36, 0.01, 1500.0, (1.5, 68.0, -17.0), SIZE)
+F = CalibrationFlags
+
+
+def seen(camera, points=FIELD_POINTS):
+    """Points that a camera has in its image, and their pixels."""
+    xy = camera.project(points)
+    inside = in_image(xy, camera.image_size)
+    return points[inside], xy[inside]
+
+
+def relative_error(found, truth, extent=None):
+    """The largest of the relative errors of focal length and position and of the rotation."""
+    distance = np.linalg.norm(truth.C) if extent is None else extent
+    return max(
+        abs(found.focal_length / truth.focal_length - 1.0),
+        np.linalg.norm(found.C - truth.C) / distance,
+        np.linalg.norm(found.R - truth.R),
+    )
+
+
+def any_object(rng, *, planar, count, unit=1.0, placed=True):
+    """An object of random points, anywhere if placed, and a camera that looks at it from 2.5 to 6 sizes away."""
+    X = rng.uniform(-1.0, 1.0, size=(count, 3)) * (1.0, 1.0, 0.0 if planar else 1.0)
+    slant, around, distance = rng.uniform(0.5, 1.0), rng.uniform(-np.pi, np.pi), rng.uniform(2.5, 6.0)
+    # off the plane's normal, so that the focal length shows
+    towards = np.array([np.sin(slant) * np.cos(around), np.sin(slant) * np.sin(around), np.cos(slant)])
+    right = np.cross(-towards, [0.3, 1.0, 0.1])
+    right /= np.linalg.norm(right)
+    R = rotation_from_angles(np.array([0.0, 0.0, rng.uniform(-np.pi, np.pi)])) @ np.array(
+        [right, np.cross(-towards, right), -towards]
+    )
+    turn, origin = np.eye(3), np.zeros(3)
+    if placed:
+        turn, origin = rotation_from_angles(rng.uniform(-np.pi, np.pi, size=3)), rng.uniform(-30.0, 30.0, size=3)
+    f = 170.0 * distance
+    K = np.array([[f, 0.0, 480.0], [0.0, f, 270.0], [0.0, 0.0, 1.0]])
+    camera = Camera(K, R @ turn.T, unit * (turn @ (distance * towards) + origin), SIZE)
+    return unit * (X @ turn.T + origin), camera, unit * distance
+
+
+# points of a field
+
+
+def test_points_of_a_field_with_the_default_prior():
+    X, xy = seen(CAMERA)
+    calibration = calibrate_from_points(X, xy, SIZE)
+    assert calibration.accepted
+    assert relative_error(calibration.camera, CAMERA) < 5e-3  # the weak prior moves it a little
+    assert calibration.rms < 0.1
+    assert calibration.message == f"rms {calibration.rms:.2f} px over {len(X)} points"
+    assert list(calibration.per_segment_errors) == [f"point {i}" for i in range(len(X))]
+    rms, K, _dist, rvec, tvec = calibration
+    projected = cv2.projectPoints(X, rvec, tvec, K, None)[0][:, 0]
+    assert np.sqrt(np.mean(np.sum((projected - xy) ** 2, axis=1))) == pytest.approx(rms)
+
+
+@given(camera=cameras(lens=False))
+@settings(max_examples=30)
+def test_cameras_of_all_stands_come_back(camera):
+    X, xy = seen(camera)
+    assume(len(X) >= 6 and np.linalg.svd(X - X.mean(axis=0))[1][1] > 10.0)
+    calibration = calibrate_from_points(X, xy, camera.image_size, prior=None)
+    assert relative_error(calibration.camera, camera) < 1e-6
+    assert relative_error(calibrate_from_points(X, xy, camera.image_size).camera, camera) < 0.2
+
+
+def test_opencv_shapes_are_one_view():
+    X, xy = seen(CAMERA)
+    expected = calibrate_from_points(X, xy, SIZE)
+    for objects, images in (
+        (X.tolist(), xy.tolist()),
+        ([X.astype(np.float64)], [xy]),
+        (X[:, None], xy[:, None]),
+    ):
+        assert calibrate_from_points(objects, images, SIZE).camera == expected.camera
+
+
+@pytest.mark.parametrize("prior", ["all", None])
+def test_gross_errors_are_named_and_do_no_harm(prior):
+    rng = np.random.default_rng(4)
+    X, xy = seen(CAMERA)
+    moved = xy + rng.normal(size=xy.shape)
+    wrong = rng.choice(len(X), len(X) // 5, replace=False)
+    moved[wrong] = rng.uniform((0, 0), SIZE, size=(len(wrong), 2))
+    calibration = calibrate_from_points(X, moved, SIZE, prior=prior)
+    assert calibration.accepted
+    accused = {int(suspect.label.split()[1]) for suspect in calibration.suspect_labels}
+    assert all(f"'point {i}' lies" in calibration.message for i in accused)
+    assert relative_error(calibration.camera, CAMERA) < 0.05
+    far = {int(name.split()[1]) for name, error in calibration.per_segment_errors.items() if error > 20.0}
+    assert far == accused == {i for i in wrong if np.linalg.norm(moved[i] - xy[i]) > 20.0}
+
+
+def test_gross_errors_under_the_prior_call_for_the_dlt():
+    """Among many frames with a fifth of the points anywhere, the stands alone leave twice as many cameras wrong."""
+    rng, wrong, names = np.random.default_rng(0), 0, ("main center", "behind left goal", "opposite tribune")
+    frames = 0
+    while frames < 60:
+        camera = camera_from_theta(sample_theta(DISTRIBUTIONS[names[frames % 3]], 1, rng, SIZE)[0], SIZE)
+        X, xy = seen(camera)
+        if len(X) < 8:
+            continue
+        xy = xy + rng.normal(size=xy.shape)
+        xy[rng.choice(len(X), len(X) // 4, replace=False)] = rng.uniform((0, 0), SIZE, size=(len(X) // 4, 2))
+        wrong += relative_error(calibrate_from_points(X, xy, SIZE).camera, camera) > 0.2
+        frames += 1
+    assert wrong <= 2
+
+
+def test_a_lens_is_estimated_if_asked_for():
+    camera = Camera.from_angles(-0.35, 1.36, 0.01, 900.0, (1.5, 68.0, -17.0), SIZE, k=(0.2, 0.0))
+    X, xy = seen(camera)
+    calibration = calibrate_from_points(X, xy, SIZE, flags=PINHOLE_FLAGS & ~F.CALIB_FIX_K1, prior=None)
+    assert calibration.camera.k[0] == pytest.approx(0.2, abs=1e-6)
+    assert relative_error(calibration.camera, camera) < 1e-6
+
+
+def test_tau_rejects():
+    X, xy = seen(CAMERA)
+    calibration = calibrate_from_points(X, xy + np.random.default_rng(0).normal(size=xy.shape), SIZE, tau=1e-6)
+    assert calibration.status is Status.REJECTED
+    assert calibration.camera is not None
+
+
+# points of anything
+
+
+@pytest.mark.parametrize("unit", [1e-3, 1.0, 1e3], ids=["km", "m", "mm"])
+@pytest.mark.parametrize(("planar", "count"), [(True, 4), (True, 12), (False, 6), (False, 12)])
+@given(rng=generators())
+@settings(max_examples=15)
+def test_any_object_in_any_unit(planar, count, unit, rng):
+    X, camera, distance = any_object(rng, planar=planar, count=count, unit=unit)
+    shape = np.linalg.svd(X - X.mean(axis=0))[1] / unit
+    assume(shape[1] > 0.5 and (planar or shape[2] > 0.5))
+    if count == 4:  # no three near a line
+        assume(
+            min(
+                np.linalg.norm(np.cross(X[i] - X[j], X[i] - X[k]))
+                for i, j, k in [(0, 1, 2), (0, 1, 3), (0, 2, 3), (1, 2, 3)]
+            )
+            > 0.3 * unit**2
+        )
+    calibration = calibrate_from_points(X, camera.project(X), SIZE, prior=None)
+    assert calibration.rms < 1e-6
+    assert relative_error(calibration.camera, camera, distance) < 1e-4
+
+
+@given(rng=generators())
+@settings(max_examples=20)
+def test_the_unit_and_the_place_of_the_object_do_not_matter(rng):
+    X, camera, _ = any_object(rng, planar=False, count=12)
+    xy = camera.project(X) + rng.normal(size=(12, 2))
+    turn, shift = rotation_from_angles(rng.uniform(-3, 3, size=3)), rng.uniform(-10, 10, size=3)
+    first = calibrate_from_points(X, xy, SIZE, prior=None)
+    second = calibrate_from_points(1000.0 * X @ turn.T + shift, xy, SIZE, prior=None)
+    assert second.status is first.status
+    assert second.rms == pytest.approx(first.rms, rel=1e-6)
+    assert second.camera.focal_length == pytest.approx(first.camera.focal_length, rel=1e-4)
+    np.testing.assert_allclose(second.camera.R @ turn, first.camera.R, atol=1e-4)
+    np.testing.assert_allclose(second.camera.C, 1000.0 * turn @ first.camera.C + shift, rtol=1e-3)
+
+
+@pytest.mark.parametrize("planar", [True, False])
+def test_without_a_robust_loss_it_is_cv2_calibratecamera(planar):
+    rng = np.random.default_rng(8)
+    X, camera, _ = any_object(rng, planar=planar, count=20, placed=False)  # OpenCV wants planes at z = 0
+    xy = camera.project(X) + rng.normal(size=(20, 2))
+    ours = calibrate_from_points(X, xy, SIZE, prior=None, loss="linear")
+    flags = (
+        cv2.CALIB_USE_INTRINSIC_GUESS
+        | cv2.CALIB_FIX_ASPECT_RATIO
+        | cv2.CALIB_FIX_PRINCIPAL_POINT
+        | cv2.CALIB_ZERO_TANGENT_DIST
+        | cv2.CALIB_FIX_K1
+        | cv2.CALIB_FIX_K2
+        | cv2.CALIB_FIX_K3
+    )
+    K = ours.camera.K.copy()
+    rms, K, *_ = cv2.calibrateCamera([X.astype(np.float32)], [xy.astype(np.float32)], SIZE, K, np.zeros(5), flags=flags)
+    assert ours.rms == pytest.approx(rms, rel=1e-4)
+    assert ours.camera.focal_length == pytest.approx(K[0, 0], rel=1e-3)
+
+
+def test_a_board_seen_head_on():
+    """Its focal length cannot be told from its distance; pan and roll of a field's camera would be one angle here."""
+    x, y = np.meshgrid(np.arange(9.0), np.arange(6.0))
+    X = np.column_stack([x.ravel(), y.ravel(), np.zeros(54)]) * 0.025
+    camera = Camera(np.array([[900.0, 0, 480], [0, 900.0, 270], [0, 0, 1]]), np.eye(3), (0.1, 0.06, -0.5), SIZE)
+    calibration = calibrate_from_points(X, camera.project(X), SIZE, prior=None)
+    assert calibration.status is Status.DEGENERATE
+    assert calibration.rms < 1.0
+    known = calibrate_from_points(
+        X, camera.project(X), SIZE, camera.K, flags=PINHOLE_FLAGS | F.CALIB_FIX_FOCAL_LENGTH, prior=None
+    )
+    assert known.accepted
+    assert relative_error(known.camera, camera) < 1e-6
+
+
+@pytest.mark.parametrize("turn", [0.0, 0.4, 1.3])
+def test_four_points_seen_head_on_have_a_camera_still(turn):
+    """Where the homography has no real focal length, one must be assumed."""
+    X = np.array([[0.0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0]]) - (0.5, 0.5, 0.0)
+    R = rotation_from_angles(np.array([turn, 0.0, 0.0]))
+    camera = Camera(np.array([[900.0, 0, 480], [0, 900.0, 270], [0, 0, 1]]), R, (0.0, 0.0, -3.0), SIZE)
+    calibration = calibrate_from_points(X, camera.project(X), SIZE, prior=None)
+    assert calibration.status is Status.DEGENERATE
+    assert calibration.rms < 1.0
+
+
+@given(seed=seeds)
+@settings(max_examples=15)
+def test_known_intrinsics(seed):
+    """A lens, pixels that are not square and a principal point off the centre are taken out before the DLT."""
+    rng = np.random.default_rng(seed)
+    X, camera, distance = any_object(rng, planar=seed % 2 == 0, count=14)
+    K = camera.K * [[1.0], [1.05], [1.0]]
+    K[:2, 2] += rng.uniform(-30, 30, size=2)
+    camera = Camera(K, camera.R, camera.C, SIZE, (-0.15, 0.01))
+    xy = camera.project(X)
+    xy[:3] += (150.0, -90.0)
+    flags = PINHOLE_FLAGS | F.CALIB_FIX_FOCAL_LENGTH
+    calibration = calibrate_from_points(X, xy, SIZE, K, (-0.15, 0.01), flags=flags, prior=None)
+    np.testing.assert_allclose(calibration.camera.K, K)
+    np.testing.assert_allclose(calibration.camera.k, camera.k, atol=1e-9)
+    assert relative_error(calibration.camera, camera, distance) < 2e-2
+
+
+def test_a_given_pose_is_the_start():
+    X, xy = seen(CAMERA)
+    rvec, tvec, K, _ = Camera.from_angles(-0.33, 1.34, 0.0, 1400.0, (2.0, 66.0, -16.0), SIZE).to_opencv()
+    flags = PINHOLE_FLAGS | F.CALIB_USE_INTRINSIC_GUESS | F.CALIB_USE_EXTRINSIC_GUESS
+    calibration = calibrate_from_points(X, xy, SIZE, K, None, rvec, tvec, flags=flags, prior=None)
+    assert relative_error(calibration.camera, CAMERA) < 1e-6
+
+
+@pytest.mark.parametrize("prior", ["all", None])
+def test_a_known_position_is_kept(prior):
+    X, xy = seen(CAMERA)
+    rvec, tvec, _, _ = CAMERA.to_opencv()
+    flags = PINHOLE_FLAGS | F.CALIB_FIX_POSITION
+    calibration = calibrate_from_points(X, xy + 1.0, SIZE, None, None, rvec, tvec, flags=flags, prior=prior)
+    np.testing.assert_allclose(calibration.camera.C, CAMERA.C, atol=1e-6)
+    assert calibration.accepted
+
+
+def test_a_roll_that_is_fixed_is_about_the_axes_of_the_object():
+    camera = Camera.from_angles(-0.35, 1.36, 0.0, 1500.0, (1.5, 68.0, -17.0), SIZE)
+    X, xy = seen(camera)
+    noisy = xy + np.random.default_rng(0).normal(size=xy.shape)
+    calibration = calibrate_from_points(X, noisy, SIZE, flags=PINHOLE_FLAGS | F.CALIB_FIX_ROLL, prior=None)
+    assert calibration.camera.angles[2] == pytest.approx(0.0, abs=1e-9)
+    assert relative_error(calibration.camera, camera) < 0.05
+
+
+def test_a_distribution_of_ones_own_needs_no_stadium():
+    """From below a ceiling, say: nothing is wrong with a camera at z > 0 then."""
+    X = np.column_stack([np.random.default_rng(0).uniform(-3, 3, size=(10, 2)), np.zeros(10)])
+    camera = Camera.from_angles(0.1, np.pi - 0.6, 0.02, 800.0, (0.5, 2.0, 4.0), SIZE)
+    X, xy = seen(camera, X)
+    below = CameraDistribution("below", (-40, 40), (120, 175), (-10, 10), (30, 100), (-3, 3), (-1, 5), (3, 5))
+    calibration = calibrate_from_points(X, xy, SIZE, prior=below)
+    assert calibration.accepted
+    assert relative_error(calibration.camera, camera) < 0.05
+
+
+# what cannot be calibrated
+
+
+@pytest.mark.parametrize("count", [0, 1, 2, 3])
+def test_few_points_are_said_to_be_few(count):
+    X, xy = (values[:count] for values in seen(CAMERA))
+    alone = calibrate_from_points(X, xy, SIZE, prior=None)
+    assert alone.status is Status.TOO_FEW_SEGMENTS
+    assert alone.camera is None
+    with_prior = calibrate_from_points(X, xy, SIZE)
+    assert with_prior.status is Status.TOO_FEW_SEGMENTS
+    assert (with_prior.camera is None) == (count == 0)
+    for calibration in (alone, with_prior):
+        assert "segment" not in calibration.message
+    rvec, tvec, K, _ = CAMERA.to_opencv()
+    flags = PINHOLE_FLAGS | F.CALIB_USE_INTRINSIC_GUESS | F.CALIB_USE_EXTRINSIC_GUESS
+    started = calibrate_from_points(X, xy, SIZE, K, None, rvec, tvec, flags=flags, prior=None)
+    assert started.status is Status.TOO_FEW_SEGMENTS
+    assert (started.camera is None) == (count == 0)
+
+
+@pytest.mark.parametrize("prior", ["all", None])
+def test_points_on_a_line_are_degenerate(prior):
+    X = np.column_stack([np.linspace(-30, 0, 9), np.full(9, -34.0), np.zeros(9)])
+    X, xy = seen(CAMERA, X)
+    calibration = calibrate_from_points(X, xy, SIZE, prior=prior)
+    assert calibration.status is Status.DEGENERATE
+    assert (calibration.camera is None) == (prior is None)
+
+
+def test_points_of_another_camera_everywhere_are_implausible():
+    rng = np.random.default_rng(0)
+    X, _ = seen(CAMERA)
+    calibration = calibrate_from_points(X, rng.uniform((0, 0), SIZE, size=(len(X), 2)), SIZE)
+    assert calibration.status is Status.IMPLAUSIBLE
+
+
+def test_twice_is_the_same():
+    rng = np.random.default_rng(1)
+    X, xy = seen(CAMERA)
+    xy = xy + rng.normal(size=xy.shape)
+    first, second = (calibrate_from_points(X, xy, SIZE, prior=None) for _ in range(2))
+    assert first == second
+
+
+X4, XY4 = [[0.0, 0, 0], [9, 0, 0], [9, 9, 0], [0, 9, 0]], [[100.0, 100], [800, 120], [850, 500], [80, 480]]
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        ((X4, XY4[:3], SIZE), "must be of one length, got 4 and 3"),
+        (([[0.0, 0], [9, 0], [9, 9]], XY4[:3], SIZE), r"object_points: expected .* \(N, 3\).*z = 0 is to be appended"),
+        (([X4, X4], [XY4, XY4], SIZE), r"one view, got shape \(2, 4, 3\)"),
+        ((["corner"], [[1.0, 2.0]], SIZE), "object_points: expected an array"),
+        ((X4, [*XY4[:3], [np.nan, 0]], SIZE), "image_points: point 3 is not finite"),
+        (([*X4[:3], [np.inf, 0, 0]], XY4, SIZE), "object_points: point 3 is not finite"),
+        (
+            (np.multiply(X4, 10.0), XY4, SIZE),
+            "point 1 at .* is on no soccer field: expected metres from the centre mark",
+        ),
+        ((X4, XY4, (960, 540, 3)), "image_size must be"),
+        ((X4, XY4, SIZE, np.eye(3)), "camera_matrix and the flags"),
+    ],
+)
+def test_mistakes_raise(arguments, message):
+    with pytest.raises(ValueError, match=message):
+        calibrate_from_points(*arguments)
+
+
+@pytest.mark.parametrize(
+    ("prior", "message"),
+    [
+        ("nowhere", "unknown camera distribution 'nowhere'"),
+        (3, "prior must be the name of a camera distribution, .* or None, got 3"),
+    ],
+)
+def test_an_unknown_prior_raises(prior, message):
+    with pytest.raises(ValueError, match=message):
+        calibrate_from_points(X4, XY4, SIZE, prior=prior)
+
+
+# the start
+
+
+def started(X, xy, K, dist):
+    """What `_start` makes of points, with K given, focal length included, and everything else open."""
+    flags = PINHOLE_FLAGS | F.CALIB_FIX_FOCAL_LENGTH
+    common = {"criteria": DEFAULT_CRITERIA, "prior": None, "loss": "cauchy", "tau": None}
+    options = checked_options(SIZE, K, dist, None, None, flags=flags, **common)
+    return _start(Points(X, xy, K, dist, None, None, flags), options)
+
+
+@given(rng=generators(), aspect=st.sampled_from([0.8, 1.0, 1.25]), k1=st.sampled_from([-0.2, 0.0, 0.2]))
+@settings(max_examples=20)
+def test_what_is_known_is_taken_out_before_the_dlt(rng, aspect, k1):
+    """Lens, aspect ratio and principal point: the DLT of what is left is exact."""
+    X, camera, distance = any_object(rng, planar=False, count=12)
+    assume(np.linalg.svd(X - X.mean(axis=0))[1][2] > 0.7)
+    K = camera.K * [[1.0], [aspect], [1.0]]
+    K[:2, 2] += rng.uniform(-40, 40, size=2)
+    camera = Camera(K, camera.R, camera.C, SIZE, (k1, 0.0))
+    start = started(X, camera.project(X), K, (k1, 0.0))
+    np.testing.assert_allclose(start.K, K, rtol=1e-9)
+    assert relative_error(start, camera, distance) < 1e-5
+
+
+def test_a_known_focal_length_decides_the_distance():
+    """Seen head-on a plane has a camera at any distance, each with its focal length."""
+    X = np.array([[-1.0, -1, 0], [1, -1, 0], [1, 1, 0], [-1, 1, 0], [0.5, 0, 0]])
+    camera = Camera(np.array([[2500.0, 0, 480], [0, 2500.0, 270], [0, 0, 1]]), np.eye(3), (0.1, 0.2, -20.0), SIZE)
+    assert relative_error(started(X, camera.project(X), camera.K, None), camera) < 1e-5
+
+
+@given(rng=generators())
+@settings(max_examples=20)
+def test_resection_finds_the_camera_among_gross_errors(rng):
+    planar = bool(rng.integers(2))
+    X, camera, distance = any_object(rng, planar=planar, count=20)
+    u = camera.project(X) - camera.principal_point
+    u[rng.choice(20, 6, replace=False)] += rng.uniform(100, 300, size=(6, 2))
+    found = resect(X, u, RobustLoss("cauchy", 20.0), 960.0)
+    assert found.f[0] == pytest.approx(camera.focal_length, rel=0.05)
+    np.testing.assert_allclose(found.R[0], camera.R, atol=0.05)
+    np.testing.assert_allclose(found.C[0], camera.C, atol=0.1 * distance)
+
+
+@given(rng=generators())
+@settings(max_examples=20)
+def test_of_points_that_look_orthographic_the_focal_length_is_possible_still(rng):
+    """From 1e5 times as far away, with a lens as long."""
+    planar = bool(rng.integers(2))
+    X, camera, _ = any_object(rng, planar=planar, count=12)
+    centroid = X.mean(axis=0)
+    K = camera.K * [[1e5, 0.0, 1.0], [0.0, 1e5, 1.0], [0.0, 0.0, 1.0]]
+    far = Camera(K, camera.R, centroid + 1e5 * (camera.C - centroid), SIZE)
+    found = resect(X, far.project(X) - far.principal_point, RobustLoss("cauchy", 20.0), 960.0)
+    low, high = LOG_F_RANGE
+    assert low < np.log(found.f[0] / 960.0) < high
+
+
+@given(rng=generators())
+@settings(max_examples=20)
+def test_resection_has_most_points_in_front(rng):
+    """Behind a camera its homography maps points into the image too, but it does not see them."""
+    camera = Camera.from_angles(0.0, 1.3, 0.0, 900.0, (0.0, 0.0, -5.0), SIZE)
+    x = rng.uniform(-1.0, 1.0, size=20)
+    y = np.concatenate([rng.uniform(-80.0, -40.0, size=6), rng.uniform(5.0, 10.0, size=14)])
+    X = np.column_stack([x * np.abs(y) / 2.0, y, np.zeros(20)])
+    assert np.sum(camera.depth(X) > 0.0) == 6 < np.sum(camera.depth(X) < 0.0)
+    assert camera.depth(X.mean(axis=0)) > 0.0
+    u = dehomogenize(homogenize(X[:, :2]) @ camera.homography.T) - camera.principal_point
+    found = resect(X, u, RobustLoss("cauchy", 20.0), 960.0)
+    assert np.sum((X - found.C[0]) @ found.R[0][2] > 0.0) >= 14
+
+
+@pytest.mark.parametrize("planar", [True, False])
+def test_many_points_cost_little(planar):
+    X, camera, distance = any_object(np.random.default_rng(0), planar=planar, count=5000)
+    u = camera.project(X) - camera.principal_point
+    u[::3] += (200.0, -100.0)
+    tracemalloc.start()
+    try:
+        began = time.perf_counter()
+        found = resect(X, u, RobustLoss("cauchy", 20.0), 960.0)
+        seconds = time.perf_counter() - began
+        _, peak = tracemalloc.get_traced_memory()
+    finally:
+        tracemalloc.stop()
+    assert seconds < 1.0
+    assert peak < 100 * 2**20
+    assert found.f[0] == pytest.approx(camera.focal_length, rel=1e-6)
+    np.testing.assert_allclose(found.C[0], camera.C, atol=1e-5 * distance)
+
+
+# homographies
+
+
+@given(camera=cameras(lens=False))
+def test_a_homography_gives_its_camera(camera):
+    assume(len(points_in_view(camera, 0.1)) >= 3)
+    calibration = calibrate_from_homography(camera.homography, camera.image_size)
+    assert calibration.accepted
+    assert relative_error(calibration.camera, camera) < 1e-5
+    assert calibration.rms < 1e-3
+    assert calibration.loss_ndc < 1e-5
+    assert set(calibration.per_segment_errors) == points_in_view(camera, 0.1)
+
+
+def test_rms_says_how_far_a_homography_is_from_being_a_cameras():
+    H = CAMERA.homography * (1.0 + 0.003 * np.random.default_rng(5).normal(size=(3, 3)))
+    calibration = calibrate_from_homography(H, SIZE)
+    X = np.array([soccer()[name].X for name in calibration.per_segment_errors])
+    xy = dehomogenize(homogenize(X[:, :2]) @ H.T)
+    distance = np.linalg.norm(calibration.camera.project(X) - xy, axis=1)
+    np.testing.assert_allclose(list(calibration.per_segment_errors.values()), distance)
+    assert calibration.rms == pytest.approx(np.sqrt(np.mean(distance**2)))
+    assert calibration.rms > 0.03
+
+
+def test_a_homography_without_focal_length_has_no_camera():
+    calibration = calibrate_from_homography(without_focal_length(), SIZE, principal_point=(0.0, 0.0))
+    assert calibration.status is Status.IMPLAUSIBLE
+    assert calibration.camera is None
+    assert "no real focal length" in calibration.message
+
+
+def test_a_rejected_homography_has_the_closed_form():
+    camera = Camera.from_angles(0.2, 1.36, 0.0, 12000.0, (1.5, 68.0, -17.0), SIZE)
+    calibration = calibrate_from_homography(camera.homography, SIZE)
+    assert calibration.status is Status.IMPLAUSIBLE
+    assert relative_error(calibration.camera, camera) < 1e-6
+    assert calibration.message.startswith("not refined: of ")
+
+
+def test_a_field_seen_from_below_is_implausible():
+    """The camera above the ground of that homography has the field behind it."""
+    camera = Camera.from_angles(0.3, np.pi - 1.3, 0.0, 900.0, (2.0, 70.0, 18.0), SIZE)
+    calibration = calibrate_from_homography(camera.homography, SIZE)
+    assert calibration.status is Status.IMPLAUSIBLE
+    assert "the camera of the homography has 0 within" in calibration.message
+    np.testing.assert_allclose(calibration.camera.C, camera.C * (1, 1, -1), rtol=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("camera", "complaint"),
+    [
+        (Camera.from_angles(-0.35, 1.36, np.radians(60.0), 1500.0, (1.5, 68.0, -17.0), SIZE), "rolled by more than 45"),
+        (Camera.from_angles(0.0, 1.36, 0.0, 9000.0, (0.0, 380.0, -80.0), SIZE), "more than 300 m away"),
+    ],
+)
+def test_a_homography_is_of_a_field(camera, complaint):
+    """What no camera of a stadium is, an object of another kind could have been seen by."""
+    calibration = calibrate_from_homography(camera.homography, SIZE)
+    assert calibration.status is Status.IMPLAUSIBLE
+    assert complaint in calibration.message
+    assert relative_error(calibration.camera, camera) < 1e-4

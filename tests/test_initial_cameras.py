@@ -1,0 +1,176 @@
+"""Starting cameras."""
+
+import numpy as np
+import pytest
+from synthetic import frames_of_broadcasts, observe, whole_circle_markings
+
+from fieldcalib.calibrate.initial_cameras import (
+    camera_from_lines,
+    ground_homographies,
+    pointed_camera,
+    starting_cameras,
+)
+from fieldcalib.fields.segments import Line, PointCloud
+from fieldcalib.fields.soccer import soccer
+from fieldcalib.fields.stands import DISTRIBUTIONS, MAIN_CENTER, MAIN_LEFT
+from fieldcalib.geometry.camera import Camera
+from fieldcalib.geometry.projective import dehomogenize, homogenize
+from fieldcalib.problem.observations import pack
+from fieldcalib.problem.parameters import (
+    ANGLES,
+    CENTER,
+    LENS,
+    LOG_ASPECT,
+    LOG_F,
+    PARAMETERS,
+    PRINCIPAL_POINT,
+    camera_from_theta,
+    gaussian_prior,
+)
+
+FIELD, SIZE = soccer(), (960, 540)
+GROUND = {
+    label: segment
+    for label, segment in FIELD.items()
+    if isinstance(segment, Line) and segment.start[2] == segment.end[2] == 0.0
+}
+
+
+def nothing_known():
+    known = np.full(len(PARAMETERS), np.nan)
+    known[PRINCIPAL_POINT] = np.array(SIZE) / 2.0
+    known[LENS] = known[LOG_ASPECT] = 0.0
+    return known
+
+
+def test_dlt_lines_recover_the_camera_without_noise():
+    frames, truth = frames_of_broadcasts(60, seed=0, least_segments=8)
+    theta, found = camera_from_lines(pack(FIELD, frames, SIZE), nothing_known())
+    checked = 0
+    for t, frame in enumerate(frames):
+        directions = {tuple(np.sign(np.subtract(GROUND[x].end, GROUND[x].start))) for x in frame if x in GROUND}
+        if not found[t] or sum(x in GROUND for x in frame) < 6 or len(directions) < 2:
+            continue
+        found_camera, camera = camera_from_theta(theta[t], SIZE), camera_from_theta(truth[t], SIZE)
+        # the focal length of a horizontal or frontal view is ill-conditioned, and the DLT squares the condition number
+        if abs(found_camera.focal_length / camera.focal_length - 1.0) < 1e-4:
+            np.testing.assert_allclose(found_camera.C, camera.C, atol=0.05)
+            np.testing.assert_allclose(found_camera.R, camera.R, atol=1e-3)
+            checked += 1
+    assert checked > 25
+
+
+def test_dlt_needs_four_lines_on_the_ground():
+    camera = Camera.from_angles(-0.4, 1.35, 0.0, 1200.0, (0.0, 65.0, -15.0), SIZE)
+    seen = observe(GROUND, camera)
+    assert len(seen) >= 5
+    four, three = ({label: seen[label] for label in list(seen)[:count]} for count in (4, 3))
+    posts = observe({label: s for label, s in FIELD.markings.items() if label not in GROUND}, camera)
+    _, found = camera_from_lines(pack(FIELD, [seen, four, {**three, **posts}], SIZE), nothing_known())
+    assert found.tolist() == [True, True, False]
+
+
+def test_ground_homographies_map_metres_to_pixels():
+    camera = Camera.from_angles(-0.4, 1.35, 0.0, 1200.0, (0.0, 65.0, -15.0), SIZE)
+    seen = observe(GROUND, camera)
+    few = {label: seen[label] for label in list(seen)[:3]}
+    posts = observe({label: s for label, s in FIELD.markings.items() if label not in GROUND}, camera)
+    H, found = ground_homographies(pack(FIELD, [seen, few, {**seen, **posts}], SIZE), np.array([470.0, 280.0]))
+    assert found.tolist() == [True, False, True]
+    assert np.all(np.isnan(H[1]))
+    X = camera.image_to_field([(100.0, 500.0), (480.0, 270.0), (900.0, 400.0)])
+    for t in (0, 2):
+        np.testing.assert_allclose(dehomogenize(homogenize(X[:, :2]) @ H[t].T), camera.project(X), atol=1e-4)
+
+
+CAMERA = Camera.from_angles(-0.4, 1.35, 0.0, 1200.0, (0.0, 65.0, -15.0), SIZE)
+
+
+def test_a_short_line_counts_little():
+    """Its direction is noise; weighing as much as a long one it would spoil the homography."""
+    frame = observe(GROUND, CAMERA)
+    rng, label, errors = np.random.default_rng(0), "Small rect. left main", []
+    start, end = frame[label][0], frame[label][-1]
+    X = CAMERA.image_to_field([(100.0, 500.0), (480.0, 270.0), (900.0, 400.0)])
+    for _ in range(20):
+        short = start + np.outer([0.4, 0.5, 0.6], end - start) / np.linalg.norm(end - start) * 12.0
+        noisy = {**frame, label: short + rng.normal(size=short.shape)}
+        H, _ = ground_homographies(pack(FIELD, [noisy], SIZE), np.array(SIZE) / 2.0)
+        errors.append(np.abs(dehomogenize(homogenize(X[:, :2]) @ H[0].T) - CAMERA.project(X)).max())
+    assert np.median(errors) < 0.2  # pixels
+
+
+@pytest.mark.parametrize("shift", [(150.0, 0.0), (0.0, 90.0), (-80.0, 60.0)])
+def test_the_image_is_normalised_around_the_principal_point(shift):
+    """Moved together, pixels and principal point have the same homography, moved too."""
+    frame = observe(GROUND, CAMERA, np.random.default_rng(0), noise=2.0)
+    moved = {label: xy + shift for label, xy in frame.items()}
+    centre = np.array(SIZE) / 2.0
+    H, _ = ground_homographies(pack(FIELD, [frame], SIZE), centre)
+    H_moved, _ = ground_homographies(pack(FIELD, [moved], SIZE), centre + shift)
+    X = CAMERA.image_to_field([(100.0, 500.0), (480.0, 270.0), (900.0, 400.0)])[:, :2]
+    expected = dehomogenize(homogenize(X) @ H[0].T) + shift
+    np.testing.assert_allclose(dehomogenize(homogenize(X) @ H_moved[0].T), expected, rtol=0, atol=1e-5)
+
+
+def test_no_ground_lines_no_homographies():
+    H, found = ground_homographies(pack(FIELD, [{"Circle central": np.array([[480.0, 270.0]])}], SIZE), np.zeros(2))
+    assert H.shape == (1, 3, 3)
+    assert not found.any()
+
+
+@pytest.mark.parametrize("name", DISTRIBUTIONS)
+def test_a_pointed_camera_looks_at_what_is_labelled(name):
+    distribution = DISTRIBUTIONS[name]
+    frames, _ = frames_of_broadcasts(20, seed=1, names=(name,))
+    observations = pack(FIELD, frames, SIZE)
+    prior = gaussian_prior(distribution, SIZE)
+    theta = pointed_camera(observations, prior, nothing_known())
+    np.testing.assert_array_equal(theta[:, CENTER], np.tile(prior.mean[CENTER], (20, 1)))
+    for t, frame in enumerate(frames):
+        camera = camera_from_theta(theta[t], SIZE)
+        middles = camera.project([FIELD[label].sample(1e3).mean(axis=0) for label in frame])
+        near = np.all(np.abs(middles - np.array(SIZE) / 2.0) < 3.0 * np.array(SIZE), axis=1)
+        assert near.any()
+        fov = np.degrees(camera.field_of_view)
+        assert 8.2 - 1e-6 <= fov <= 90.0 + 1e-6
+
+
+def test_starts_are_sorted_by_frame_and_belong_to_a_distribution():
+    frames, _ = frames_of_broadcasts(7, seed=2)
+    starts = starting_cameras(pack(FIELD, frames, SIZE), [MAIN_CENTER, MAIN_LEFT], nothing_known())
+    assert np.all(np.diff(starts.frame) >= 0)
+    assert set(starts.frame.tolist()) == set(range(7))
+    assert np.all(np.bincount(starts.frame) >= 2)
+    x_means = {gaussian_prior(MAIN_CENTER, SIZE).mean[4], gaussian_prior(MAIN_LEFT, SIZE).mean[4]}
+    assert set(starts.prior.mean[:, 4].tolist()) == x_means
+    assert starts.theta.shape == starts.prior.mean.shape == starts.prior.sigma.shape
+    assert np.all(np.isfinite(starts.theta))
+
+
+def test_what_is_known_is_kept():
+    frames, _ = frames_of_broadcasts(5, seed=3)
+    known = nothing_known()
+    known[LOG_F], known[PRINCIPAL_POINT], known[2] = np.log(1234.0), (470.0, 280.0), 0.02
+    starts = starting_cameras(pack(FIELD, frames, SIZE), [MAIN_CENTER], known)
+    given = ~np.isnan(known)
+    np.testing.assert_array_equal(starts.theta[:, given], np.tile(known[given], (len(starts.theta), 1)))
+
+
+def test_a_known_pose_makes_one_start_of_the_nearest_distribution():
+    frames, truth = frames_of_broadcasts(1, seed=4, names=("main left",))
+    known = nothing_known()
+    known[ANGLES], known[CENTER] = truth[0, ANGLES], truth[0, CENTER]
+    starts = starting_cameras(pack(FIELD, frames, SIZE), [MAIN_CENTER, MAIN_LEFT], known)
+    assert len(starts.theta) == 1
+    np.testing.assert_array_equal(starts.theta[0, [0, 1, 2, 4, 5, 6]], truth[0, [0, 1, 2, 4, 5, 6]])
+    assert starts.prior.mean[0, 4] == gaussian_prior(MAIN_LEFT, SIZE).mean[4]
+
+
+def test_objects_without_lines_have_starts_too():
+    markings = whole_circle_markings(FIELD)
+    cloud = {"circle": PointCloud(markings["Circle central"].sample(1.0))}
+    camera = Camera.from_angles(0.0, 1.3, 0.0, 1500.0, (0.0, 60.0, -15.0), SIZE)
+    starts = starting_cameras(pack(cloud, [observe(cloud, camera)], SIZE), [MAIN_CENTER], nothing_known())
+    assert len(starts.theta) == 1
+    assert abs(starts.theta[0, 0]) < 0.05

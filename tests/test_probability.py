@@ -1,0 +1,120 @@
+"""The probability that a camera is right, and where it comes from."""
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from synthetic import frames_of_broadcasts
+
+from data_tools.probability import fitted, largest_true_error, reliability, risk_coverage_area
+from data_tools.random_frames import random_frame
+from fieldcalib.assess.probability import largest_error, probability_right
+from fieldcalib.assess.result import Status
+from fieldcalib.calibrate.from_segments import calibrate_batch, calibrate_from_segments
+from fieldcalib.cli.demo import observe, pan_over_field
+from fieldcalib.fields.soccer import soccer
+from fieldcalib.geometry.camera import Camera
+
+FIELD, SIZE = soccer(), (960, 540)
+
+
+@pytest.fixture(scope="module")
+def random_calibrations():
+    rng = np.random.default_rng(11)
+    frames = [random_frame(FIELD, rng) for _ in range(400)]
+    found = calibrate_batch(FIELD, [frame.pixels for frame in frames], SIZE)
+    errors = [largest_true_error(c.camera, frame.camera, FIELD) for c, frame in zip(found, frames, strict=True)]
+    return found, np.array(errors)
+
+
+@given(st.floats(-5.0, 5.0), st.floats(-2.0, 2.0), st.floats(0.5, 4.0), st.floats(0.0, 4.0), st.floats(0.1, 10.0))
+def test_more_error_is_less_probable_and_more_tolerance_more(log_m, log_sigma, log_nu, log_z, metres):
+    one = np.array([1.0, log_m, log_sigma, log_nu, log_z])
+    p = probability_right(one, metres)
+    assert 0.0 <= p <= 1.0
+    assert probability_right(one + [0.0, 1.0, 0.0, 0.0, 0.0], metres) <= p <= probability_right(one, 2.0 * metres)
+
+
+def test_what_is_open_is_certainly_wrong_and_nothing_in_view_has_no_probability():
+    assert probability_right(np.array([1.0, np.inf, 0.0, 3.0, 0.0]), 1.0) == 0.0
+    assert np.isnan(probability_right(np.array([1.0, np.nan, 0.0, 3.0, 0.0]), 1.0))
+
+
+def test_the_expected_error_is_about_the_true_one():
+    (camera,) = pan_over_field(1)
+    expected, true = [], []
+    for seed in range(40):
+        frame = observe(camera, FIELD, np.random.default_rng(seed), noise=1.0)
+        calibration = calibrate_from_segments(FIELD, frame, camera.image_size)
+        expected.append(largest_error(calibration.uncertainty, FIELD))
+        true.append(largest_true_error(calibration.camera, camera, FIELD))
+    assert 0.5 < np.sqrt(np.mean(np.square(true)) / np.mean(np.square(expected))) < 2.0
+
+
+def test_it_keeps_its_word_on_frames_that_it_was_not_fitted_to(random_calibrations):
+    found, errors = random_calibrations
+    for metres in (0.5, 1.0):
+        p = np.array([c.probability(metres) for c in found])
+        known = ~np.isnan(p) & ~np.isnan(errors)
+        p, right = p[known], errors[known] < metres
+        assert abs(p.mean() - right.mean()) < 0.06
+        assert np.mean((p - right) ** 2) < 0.7 * np.var(right)
+        sure = p > 0.9
+        assert right[sure].mean() > 0.85
+
+
+def test_nonsense_is_not_believed():
+    rng = np.random.default_rng(5)
+    frames, _ = frames_of_broadcasts(25, seed=4)
+    nonsense = [{label: rng.uniform(0.0, SIZE, xy.shape) for label, xy in frame.items()} for frame in frames]
+    found = calibrate_batch(FIELD, nonsense, SIZE)
+    assert max(c.probability() for c in found) < 0.5
+    assert all(c.probability() == 0.0 for c in found if c.status is Status.IMPLAUSIBLE)
+
+
+def test_frames_that_look_the_same_from_the_other_side_are_half_as_probable():
+    camera = Camera.from_angles(0.0, 1.35, 0.0, 900.0, (0.0, 65.0, -16.0), SIZE)
+    labels = ("Middle line", "Circle central")
+    frame = {label: camera.project(FIELD[label].sample(2.0)) for label in labels}
+    calibration = calibrate_from_segments(FIELD, frame, SIZE)
+    (other,) = calibration.alternatives
+    assert 0.0 < calibration.probability(50.0) <= 0.5
+    assert "180 degrees" in calibration.message
+    for label in labels:
+        residual = other.project(FIELD[label].sample(2.0))  # the same lines, from there
+        assert np.isfinite(residual).any()
+    np.testing.assert_allclose(other.C * (-1.0, -1.0, 1.0), calibration.camera.C)
+
+
+def test_errors():
+    (camera,) = pan_over_field(1)
+    frame = observe(camera, FIELD, np.random.default_rng(0), noise=1.0)
+    calibration = calibrate_from_segments(FIELD, frame, camera.image_size)
+    with pytest.raises(ValueError, match="metres must be positive, got 0"):
+        calibration.probability(0.0)
+    (of_a_mapping,) = calibrate_batch(dict(FIELD), [frame], camera.image_size, prior="main center")
+    with pytest.raises(ValueError, match="expected a calibration of a Field"):
+        of_a_mapping.probability()
+
+
+def test_the_fit_finds_the_coefficients_that_made_the_errors():
+    rng = np.random.default_rng(0)
+    truth = np.array([0.5, -2.0, -1.0, 0.3, -0.4])
+    features = np.concatenate([np.ones((20_000, 1)), rng.normal(size=(20_000, 4))], axis=1)
+    # a logistic error whose odds to be below d metres are those of the model
+    log_error = (rng.logistic(size=20_000) - features @ truth) / -truth[1]
+    np.testing.assert_allclose(fitted(features, np.exp(log_error)), truth, atol=0.1)
+
+
+def test_reliability_counts(random_calibrations):
+    found, errors = random_calibrations
+    known = [i for i, c in enumerate(found) if np.isfinite(c.probability()) and np.isfinite(errors[i])]
+    row = reliability([found[i] for i in known], errors[known], 1.0)
+    assert sum(count for count, _, _ in row["frames_probability_right"]) == len(known)
+    assert row["brier"] < row["of_constant"]
+
+
+def test_an_order_by_risk_has_the_smallest_area():
+    risk = np.random.default_rng(0).uniform(size=50)
+    best, worst = risk_coverage_area(-risk, risk), risk_coverage_area(risk, risk)
+    assert best < risk_coverage_area(np.zeros(50), risk) < worst

@@ -1,0 +1,104 @@
+"""Pixels past the ends of their segments."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hypothesis import given
+from strategies import generators, thetas
+from synthetic import frames_of_broadcasts, observe
+from test_residuals import EVERYTHING, column_errors
+
+from fieldcalib.calibrate.from_segments import calibrate_batch
+from fieldcalib.fields.soccer import soccer
+from fieldcalib.geometry.camera import Camera
+from fieldcalib.problem.observations import pack
+from fieldcalib.problem.parameters import camera_from_theta, theta_from_camera
+from fieldcalib.problem.residuals import segment_residuals, segment_residuals_with_jacobian
+from fieldcalib.problem.segment_ends import pixels_past_ends
+
+FIELD, SIZE, FAR = soccer(), (960, 540), 20.0
+CAMERA = Camera.from_angles(-0.55, 1.38, 0.0, 1300.0, (0.0, 60.0, -15.0), SIZE)
+THETA = theta_from_camera(CAMERA)[None]
+
+
+def past(frame, theta=THETA):
+    return pixels_past_ends(FIELD, pack(FIELD, [frame], SIZE), theta, FAR)
+
+
+def beyond(label, metres):
+    """The image of the point so far along a line's direction before its start."""
+    segment = FIELD[label]
+    direction = np.subtract(segment.end, segment.start)
+    return CAMERA.project(segment.start - metres * direction / np.linalg.norm(direction))
+
+
+@pytest.mark.parametrize("label", ["Side line left", "Big rect. left main", "Small rect. left main"])
+def test_a_pixel_past_the_end_of_a_line_is_measured_from_that_end(label):
+    start = FIELD[label].start
+    inside = CAMERA.project(FIELD[label].sample(1.0)[1:4])
+    ends = past({label: np.concatenate([inside, [beyond(label, 1.0)]])})
+    assert ends.xy.shape == (1, 1, 2)
+    np.testing.assert_allclose(ends.geometry[0, 0, 0], start, atol=1e-9)
+    observations = replace(pack(FIELD, [{label: inside}], SIZE), ends=ends)
+    expected = np.linalg.norm(beyond(label, 1.0) - CAMERA.project(start))
+    assert abs(segment_residuals(THETA, observations)[0, -1]) == pytest.approx(expected, rel=1e-6)
+
+
+def test_an_arc_ends_where_the_penalty_area_begins():
+    arc = FIELD["Circle left"]
+    phi = arc.stop + 0.1
+    spokes = np.array([arc.u, arc.v])
+    beyond_arc = arc.center + arc.radius * np.array([np.cos(phi), np.sin(phi)]) @ spokes
+    ends = past({"Circle left": np.concatenate([CAMERA.project(arc.sample(1.0)[1:-1]), [CAMERA.project(beyond_arc)]])})
+    assert ends.xy.shape == (1, 1, 2)
+    np.testing.assert_allclose(ends.geometry[0, 0, 0], arc.sample()[-1], atol=1e-9)
+
+
+def test_whole_circles_have_no_end():
+    assert not past({"Circle central": CAMERA.project(FIELD["Circle central"].sample(0.5))})
+
+
+def test_what_lies_far_past_an_end_has_another_fault():
+    label = "Side line left"
+    metres = np.linspace(0.1, 20.0, 100)
+    xy = np.array([beyond(label, m) for m in metres])
+    found = past({label: xy}).xy.shape[1]
+    assert found == np.sum(np.linalg.norm(xy - CAMERA.project(FIELD[label].start), axis=1) <= FAR)
+    assert 0 < found < len(xy)
+
+
+@given(thetas(lens=True), generators())
+def test_derivatives_match_central_differences(theta_and_size, rng):
+    theta, size = theta_and_size
+    frame = observe(FIELD, camera_from_theta(theta, size))
+    frame = {label: xy + rng.normal(scale=2.0, size=xy.shape) for label, xy in frame.items()}
+    observations = pack(FIELD, [frame], size)
+    ends = pixels_past_ends(FIELD, observations, theta[None], FAR)
+    silent = {kind: getattr(observations, kind) for kind in ("lines", "arcs", "curves", "points", "clouds")}
+    silent = {kind: replace(rows, weight=np.zeros_like(rows.weight)) for kind, rows in silent.items()}
+    observations = replace(observations, **silent, ends=ends)
+    _, jacobian = segment_residuals_with_jacobian(theta[None], observations, EVERYTHING)
+    assert np.max(column_errors(jacobian, theta[None], observations)) < 1e-5
+
+
+def test_exact_pixels_leave_the_camera_alone():
+    frames, thetas = frames_of_broadcasts(20, seed=5)
+    for frame, theta in zip(frames, thetas, strict=True):
+        ends = past(frame, theta[None])
+        residuals = segment_residuals(theta[None], replace(pack(FIELD, [frame], SIZE), ends=ends))
+        assert np.max(np.abs(residuals)) < 1e-6
+
+
+def test_noisy_cameras_get_better(monkeypatch):
+    frames, thetas = frames_of_broadcasts(80, seed=1, noise=3.0, names=("main center",))
+
+    def position_errors():
+        found = calibrate_batch(FIELD, frames, SIZE)
+        return np.array([np.linalg.norm(c.camera.C - theta[4:7]) for c, theta in zip(found, thetas, strict=True)])
+
+    drawn = position_errors()
+    monkeypatch.setattr("fieldcalib.problem.segment_ends.WEIGHT", 0.0)
+    blind = position_errors()
+    assert np.median(drawn) < 0.95 * np.median(blind)
+    assert np.mean(drawn < blind) > 0.5

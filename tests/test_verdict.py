@@ -1,0 +1,174 @@
+"""The verdict: plausibility, what the labels determine, and the words for it."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from synthetic import observe, whole_circle_markings
+
+from fieldcalib.assess.result import Status
+from fieldcalib.assess.verdict import Evidence, constraints, implausibilities, verdict, weakest_directions
+from fieldcalib.fields.segments import Arc, Line, Point, PointCloud
+from fieldcalib.fields.soccer import soccer
+from fieldcalib.geometry.camera import Camera
+from fieldcalib.problem.observations import pack
+from fieldcalib.problem.parameters import LOG_F, PARAMETERS, camera_from_theta, theta_from_camera
+from fieldcalib.problem.residuals import foot_points
+
+FIELD, SIZE = soccer(), (960, 540)
+CAMERA = Camera.from_angles(-0.3, 1.35, 0.0, 1500.0, (0.0, 65.0, -16.0), SIZE)
+FRAME = observe(whole_circle_markings(FIELD), CAMERA)
+GOOD = Evidence(
+    rms=1.0,
+    loss_ndc=0.005,
+    errors=dict.fromkeys(FRAME, 1.0),
+    far=20.0,
+    unknowns=7,
+    implausible=[],
+    weakest=(5.0, "focal length"),
+    converged=True,
+)
+
+
+def complaints(camera, frame=None, *, on_field=True):
+    frame = observe(whole_circle_markings(FIELD), camera) if frame is None else frame
+    observations = pack(FIELD, [frame], SIZE)
+    theta = theta_from_camera(camera)[None]
+    reasons = implausibilities(theta, foot_points(theta, observations), observations, far=20.0, on_field=on_field)
+    return [reason for reason, mask in reasons.items() if mask[0]]
+
+
+def test_a_camera_on_the_stand_is_plausible():
+    assert complaints(CAMERA) == []
+
+
+@pytest.mark.parametrize(
+    ("inside", "outside", "complaint"),
+    [
+        ({"roll": np.radians(44.0)}, {"roll": np.radians(46.0)}, "rolled by more than 45 degrees"),
+        ({"C": (0.0, 65.0, -0.1)}, {"C": (0.0, 65.0, 0.1)}, "below the ground"),
+        ({"C": (0.0, 295.0, -40.0)}, {"C": (0.0, 299.0, -40.0)}, "more than 300 m away"),
+        ({"fov": 149.0}, {"fov": 151.0}, "above 150 degrees"),
+        ({"fov": 0.51}, {"fov": 0.49}, "below 0.5 degrees"),
+    ],
+)
+def test_limits(inside, outside, complaint):
+    def camera(roll=0.0, C=(0.0, 65.0, -16.0), fov=40.0):
+        f = 480.0 / np.tan(np.radians(fov) / 2.0)
+        return Camera.from_angles(0.0, 1.4, roll, f, C, SIZE)
+
+    centre = {"CENTER_MARK": camera(**inside).project([[0.0, 0.0, 0.0]])}
+    assert not any(complaint in reason for reason in complaints(camera(**inside), centre))
+    assert any(complaint in reason for reason in complaints(camera(**outside), centre))
+    on_no_field = complaints(camera(**outside), centre, on_field=False)
+    assert any(complaint in reason for reason in on_no_field) == ("fov" in outside)
+
+
+def test_what_fits_must_lie_in_front():
+    """A camera that looks the other way: the images of lines are the same, mirrored through the centre."""
+    backwards = Camera(CAMERA.K, np.diag([-1.0, 1.0, -1.0]) @ CAMERA.R, CAMERA.C, SIZE)
+    lines = {"Side line top", "Big rect. left main", "Middle line"} & set(FRAME)
+    mirrored = {label: (960.0, 0.0) + FRAME[label] * (-1.0, 1.0) for label in lines}
+    assert "labelled segments lie behind it" not in complaints(CAMERA, {label: FRAME[label] for label in lines})
+    theta = theta_from_camera(backwards)[None]
+    observations = pack(FIELD, [{label: FRAME[label] for label in lines}], SIZE)
+    flipped = pack(FIELD, [mirrored], SIZE)
+    behind = [
+        implausibilities(theta, foot_points(theta, o), o, far=1e9, on_field=True)["labelled segments lie behind it"][0]
+        for o in (observations, flipped)
+    ]
+    assert any(behind)
+
+
+def test_a_wrong_label_that_would_lie_behind_does_not_speak_against_a_camera():
+    assert "Side line bottom" not in FRAME
+    behind = Line((-50.0, 90.0, 0.0), (50.0, 90.0, 0.0))
+    field = {**FIELD, "behind": behind}
+    frame = {**FRAME, "behind": np.array([(100.0, 500.0), (800.0, 520.0)])}
+    observations = pack(field, [frame], SIZE)
+    theta = theta_from_camera(CAMERA)[None]
+    feet = foot_points(theta, observations)
+    assert not implausibilities(theta, feet, observations, far=20.0, on_field=True)["labelled segments lie behind it"][
+        0
+    ]
+
+
+def test_a_good_fit_is_accepted():
+    assert verdict(FIELD, FRAME, GOOD, None) == (Status.ACCEPTED, f"rms 1.00 px over {len(FRAME)} segments")
+
+
+def test_a_segment_that_does_not_fit_is_named():
+    status, message = verdict(FIELD, FRAME, replace(GOOD, errors={**GOOD.errors, "Side line top": 80.0}), None)
+    assert status is Status.ACCEPTED
+    assert f"{len(FRAME) - 1} of {len(FRAME)} segments agree" in message
+    assert "'Side line top' lies 80 px off" in message
+
+
+@pytest.mark.parametrize(
+    ("changes", "tau", "status", "words"),
+    [
+        ({"loss_ndc": 0.02}, 0.019, Status.REJECTED, "0.0200, is above tau = 0.019"),
+        ({"loss_ndc": float("nan")}, 0.019, Status.REJECTED, "tau"),
+        ({"unknowns": 99}, None, Status.TOO_FEW_SEGMENTS, "for 99 unknowns"),
+        ({"weakest": (1e-4, "focal length with y")}, None, Status.DEGENERATE, "leave focal length with y open"),
+        ({"implausible": ["it stands below the ground"]}, None, Status.IMPLAUSIBLE, "it stands below the ground"),
+        ({"converged": False}, None, Status.NOT_CONVERGED, "iterations"),
+    ],
+)
+def test_what_speaks_against_a_fit(changes, tau, status, words):
+    found, message = verdict(FIELD, FRAME, replace(GOOD, **changes), tau)
+    assert found is status
+    assert words in message
+
+
+@pytest.mark.parametrize(("missed", "accepted"), [(0.30, True), (0.40, False)])
+def test_two_thirds_of_the_segments_must_agree(missed, accepted):
+    wrong = list(FRAME)[: round(missed * len(FRAME))]
+    status, message = verdict(FIELD, FRAME, replace(GOOD, errors={**GOOD.errors, **dict.fromkeys(wrong, 90.0)}), None)
+    assert (status is Status.ACCEPTED) == accepted
+    assert ("only" in message) != accepted
+
+
+def test_segments_that_agree_must_suffice():
+    four = {
+        label: FRAME[label]
+        for label in ("Side line top", "Big rect. left main", "Big rect. left top", "Side line left")
+    }
+    errors = {**dict.fromkeys(four, 1.0), "Side line top": 90.0}
+    assert verdict(FIELD, four, replace(GOOD, errors=dict.fromkeys(four, 1.0)), None)[0] is Status.ACCEPTED
+    assert verdict(FIELD, four, replace(GOOD, errors=errors), None)[0] is Status.IMPLAUSIBLE
+
+
+@pytest.mark.parametrize(
+    ("segment", "pixels", "equations"),
+    [
+        (Point((0.0, 0.0, 0.0)), 1, 2),
+        (Line((0.0, 0.0, 0.0), (1.0, 0.0, 0.0)), 1, 1),
+        (Line((0.0, 0.0, 0.0), (1.0, 0.0, 0.0)), 5, 2),
+        (Arc((0.0, 0.0, 0.0), 1.0), 3, 3),
+        (Arc((0.0, 0.0, 0.0), 1.0), 9, 5),
+        (PointCloud(np.eye(3), ordered=True), 9, 9),
+        (PointCloud(np.eye(3)), 9, 18),
+    ],
+)
+def test_equations_of_a_segment(segment, pixels, equations):
+    xy = np.arange(2.0 * pixels).reshape(-1, 2)
+    assert constraints({"it": segment}, {"it": xy}) == equations
+    assert constraints({"it": segment}, {"it": np.repeat(xy, 2, axis=0)}) == equations  # repeated pixels add nothing
+
+
+def test_the_weakest_direction_is_found_and_named():
+    free = np.arange(len(PARAMETERS)) < 7
+    sigma = np.ones((1, 7))
+    information = np.diag([9.0, 9.0, 9.0, 9.0, 9.0, 9.0, 9.0])[None].copy()
+    information[0, LOG_F, LOG_F] = 1e-5
+    assert weakest_directions(information, sigma, free) == [(pytest.approx(1e-5), "focal length")]
+    _, names = weakest_directions(np.ones((1, 7, 7)) + 0.0 * information, sigma, free)[0]
+    assert names
+
+
+def test_sigma_is_the_scale_of_what_counts_as_determined():
+    free = np.arange(len(PARAMETERS)) < 7
+    ((value, _),) = weakest_directions(np.eye(7)[None], np.full((1, 7), 0.1), free)
+    assert value == pytest.approx(0.01)
+    assert camera_from_theta(theta_from_camera(CAMERA), SIZE).focal_length == pytest.approx(1500.0)
