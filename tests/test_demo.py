@@ -9,8 +9,8 @@ import cv2
 import numpy as np
 import pytest
 
-from fieldcalib import demo
 from fieldcalib.calibrate.from_segments import calibrate_batch
+from fieldcalib.cli import demo
 from fieldcalib.cli.demo import IMAGE_SIZE, CameraErrors, camera_errors, observe, pan_over_field, run_demo
 from fieldcalib.fields.segments import Arc
 from fieldcalib.fields.soccer import soccer

@@ -44,6 +44,7 @@ def decompose_homography(H: Array, principal_point: Array, reference: Array) -> 
 
     Examples
     --------
+    >>> from fieldcalib import Camera
     >>> camera = Camera.from_angles(0.3, 1.3, 0.01, 1800.0, (2.0, 70.0, -18.0), (960, 540))
     >>> f, R, C = decompose_homography(-camera.homography, camera.principal_point, np.zeros(2))
     >>> bool(np.isclose(f, 1800.0)), C.round(6)
@@ -83,6 +84,7 @@ def pose_from_homography(M: Array, reference: Array) -> tuple[Array, Array]:
 
     Examples
     --------
+    >>> from fieldcalib import Camera
     >>> camera = Camera.from_angles(0.3, 1.3, 0.01, 1800.0, (2.0, 70.0, -18.0), (960, 540))
     >>> _, C = pose_from_homography(-np.linalg.inv(camera.K) @ camera.homography, np.zeros(2))
     >>> C.round(6)
@@ -116,6 +118,7 @@ class Alignment:
 
     Examples
     --------
+    >>> from fieldcalib.geometry.projective import dehomogenize
     >>> theirs = np.diag([0.1, 0.1, 1.0])  # ten pixels a yard: the whole field, looked at from above
     >>> ours = ALIGNMENTS["wc14"].to_fieldcalib(theirs)
     >>> dehomogenize(ours @ [0.0, 0.0, 1.0]).round(9)  # the centre mark
