@@ -18,7 +18,7 @@ from fieldcalib.fields.segments import ObjectSegments
 ImageSegments: TypeAlias = Mapping[str, ArrayLike]
 Pixels: TypeAlias = dict[str, Array]
 Weights: TypeAlias = Mapping[str, ArrayLike]
-Shares: TypeAlias = dict[str, Array]
+PixelWeights: TypeAlias = dict[str, Array]
 
 LEVEL = 0.05  # slope of a middle line, seen from behind a goal, below which it has no left side
 FARTHEST_PIXEL = 10.0  # image sizes from the centre: beyond, a number is a mistake
@@ -94,7 +94,7 @@ def check_segments(
 
 def check_weights(
     object_segments: ObjectSegments, pixels: Pixels, weights: Weights | None
-) -> tuple[Pixels, Shares | None]:
+) -> tuple[Pixels, PixelWeights | None]:
     """The pixels of one frame that weigh anything, and what each weighs, or a ValueError that says what is wrong.
 
     A segment of weight w counts as w segments of weight 1, which is what a label without a weight has. Its N pixels
@@ -114,7 +114,7 @@ def check_weights(
     -------
     pixels : dict of str to (N, 2) array
         Without the pixels of weight 0, and without the labels that have none left.
-    shares : dict of str to (N,) array, or None
+    pixel_weights : dict of str to (N,) array, or None
         What each of those pixels weighs; None without weights.
 
     Raises
@@ -142,15 +142,15 @@ def check_weights(
             raise ValueError(f"{label!r} has two weights, with and without surrounding blanks")
         given[label] = _checked_weight(label, values, count)
     kept: Pixels = {}
-    shares: Shares = {}
+    pixel_weights: PixelWeights = {}
     for label, xy in pixels.items():
         weight = given.get(label, np.ones(len(xy)))
         seen = weight > 0.0  # a weight of 0 is that of padding
         if np.any(seen):
-            kept[label], shares[label] = xy[seen], weight[seen] / len(xy)
+            kept[label], pixel_weights[label] = xy[seen], weight[seen] / len(xy)
     if pixels and not kept:
         raise ValueError("every label has the weight 0: nothing is left to calibrate from")
-    return kept, shares
+    return kept, pixel_weights
 
 
 def _checked_weight(label: str, values: ArrayLike, count: int) -> Array:

@@ -1,4 +1,4 @@
-"""Labelled pixels: checks of what users give, the split of the centre circle, and many frames packed into arrays.
+"""Many frames of labelled pixels, packed into arrays.
 
 One frame is a mapping of labels to (N, 2) pixels, perhaps with weights. `pack` turns many frames into padded arrays
 (T, N, ...) with a weight that is 0 where there is only padding, one set of rows for each kind of segment.
@@ -7,20 +7,22 @@ One frame is a mapping of labels to (N, 2) pixels, perhaps with weights. `pack` 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 from functools import cached_property
 
 import numpy as np
 
-from fieldcalib._types import Array, IntArray
+from fieldcalib._types import Array, BoolArray, IntArray
 from fieldcalib.fields.segments import Arc, Line, ObjectSegments, Point, PointCloud, Segment
-from fieldcalib.problem.labelled_pixels import Pixels, Shares
+from fieldcalib.problem.labelled_pixels import Pixels, PixelWeights
 
-# Kinds of rows, and how many vectors describe a segment of each kind at least.
+# Kinds of rows, in the order of the residuals: how many vectors describe a segment of each kind at least, and how many
+# residuals a pixel has, one row of them after the other.
 LEAST_DEPTH = {"lines": 2, "arcs": 3, "curves": 3, "points": 1, "clouds": 1, "ends": 2}
+COMPONENTS = {"lines": 1, "arcs": 1, "curves": 1, "points": 2, "clouds": 2, "ends": 1}
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Rows:
     """Observed pixels on segments of one kind, T frames padded to N pixels each."""
 
@@ -41,15 +43,21 @@ class Rows:
 
     def take(self, index: IntArray) -> Rows:
         """The rows of frames `index`, in that order, repeated where `index` repeats."""
-        return Rows(self.xy[index], self.weight[index], self.label[index], self.geometry[index])
+        return Rows(*(getattr(self, name.name)[index] for name in fields(self)))
 
     def choose(self, rows: IntArray) -> Rows:
         """Of each frame its own rows (T, N')."""
         frame = np.arange(len(rows))[:, None]
-        return Rows(self.xy[frame, rows], self.weight[frame, rows], self.label[frame, rows], self.geometry[frame, rows])
+        return Rows(*(getattr(self, name.name)[frame, rows] for name in fields(self)))
+
+    @property
+    def trimmed(self) -> Rows:
+        """Without the padding that all frames have, which comes last."""
+        count = int(np.max(np.sum(self.label >= 0, axis=1), initial=0))
+        return Rows(*(getattr(self, name.name)[:, :count] for name in fields(self)))
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Observations:
     """The labelled pixels of T frames against one calibration object."""
 
@@ -70,13 +78,35 @@ class Observations:
 
     def take(self, index: IntArray) -> Observations:
         """The observations of frames `index`, in that order, repeated where `index` repeats."""
-        kinds = {kind: getattr(self, kind).take(index) for kind in LEAST_DEPTH}
-        return replace(self, **kinds)
+        return replace(self, **{kind: getattr(self, kind).take(index) for kind in LEAST_DEPTH})
+
+    @property
+    def trimmed(self) -> Observations:
+        """Without the padding that all frames have: of one frame of many, without any."""
+        return replace(self, **{kind: getattr(self, kind).trimmed for kind in LEAST_DEPTH})
 
     @property
     def without_ends(self) -> Observations:
         """The labelled pixels alone."""
         return replace(self, ends=self.ends.choose(np.empty((len(self), 0), dtype=np.intp)))
+
+    def without_labels(self, left_out: BoolArray) -> Observations:
+        """Observations in which some labels (T, L) weigh nothing."""
+        frame = np.arange(len(self))[:, None]
+        kinds = {}
+        for kind in LEAST_DEPTH:
+            rows = getattr(self, kind)
+            kinds[kind] = replace(rows, weight=np.where(left_out[frame, rows.label], 0.0, rows.weight))
+        return replace(self, **kinds)
+
+    @cached_property
+    def columns(self) -> dict[str, slice]:
+        """Where the residuals of each kind of rows stand among all M."""
+        columns, end = {}, 0
+        for kind, components in COMPONENTS.items():
+            begin, end = end, end + components * getattr(self, kind).xy.shape[1]
+            columns[kind] = slice(begin, end)
+        return columns
 
     @cached_property
     def weight(self) -> Array:
@@ -88,18 +118,25 @@ class Observations:
         """Label index of every residual, (T, M); -1 where there is only padding."""
         return np.asarray(self._by_residual("label"), dtype=np.intp)
 
+    def by_label(self, values: Array) -> Array:
+        """Sums of values (T, M) over the residuals of each label, (T, L)."""
+        T, L = len(self), len(self.labels)
+        seen = self.label >= 0
+        index = (self.label + L * np.arange(T)[:, None])[seen]
+        return np.asarray(np.bincount(index, values[seen], minlength=T * L), dtype=float).reshape(T, L)
+
     def _by_residual(self, name: str) -> Array:
-        order = (self.lines, self.arcs, self.curves, self.points, self.points, self.clouds, self.clouds, self.ends)
-        return np.concatenate([getattr(rows, name) for rows in order], axis=-1)
+        parts = [getattr(getattr(self, kind), name) for kind, components in COMPONENTS.items() for _ in range(components)]
+        return np.concatenate(parts, axis=-1)
 
 
 def pack(
     object_segments: ObjectSegments,
     frames: Sequence[Pixels],
     image_size: tuple[int, int],
-    shares: Sequence[Shares | None] | None = None,
+    pixel_weights: Sequence[PixelWeights | None] | None = None,
 ) -> Observations:
-    """Pack checked frames into padded arrays; `shares` are what their pixels weigh, as `check_weights` returns it.
+    """Pack checked frames into padded arrays; `pixel_weights` are what their pixels weigh, as `check_weights` returns it.
 
     Without them the pixels of a segment share a weight of 1, so that each segment counts alike however many pixels it
     has (paper, equation 2). On annotated frames this is more accurate than pixels that count alike: 85.6 against 84.2 %
@@ -125,12 +162,12 @@ def pack(
         )
         for t, member in enumerate(members):
             end = 0
-            share = shares[t] if shares is not None else None
+            given = pixel_weights[t] if pixel_weights is not None else None
             for label, xy in member:
                 here = slice(end, end := end + len(xy))
                 vectors = geometry[label][1]
                 rows.xy[t, here] = xy
-                rows.weight[t, here] = 1.0 / len(xy) if share is None else share[label]
+                rows.weight[t, here] = 1.0 / len(xy) if given is None else given[label]
                 rows.label[t, here] = number[label]
                 rows.geometry[t, here] = vectors[np.minimum(np.arange(depth), len(vectors) - 1)]
         return rows

@@ -1,0 +1,225 @@
+"""The estimation problem of B frames, and its evaluation at their cameras.
+
+    cost(theta) = 1/2 sum_i w_i rho(r_i(theta)^2) / noise^2 + 1/2 sum_k ((theta_k - mean_k) / sigma_k)^2
+
+The residual of an observed pixel p is its signed distance, in pixels of the real (distorted) image, to the image of its
+segment: with X* the closest point and n the unit normal of the segment's image at pi(X*),
+
+    r = n . (p - pi(X*)),        dr/dtheta = -n . dpi(X*)/dtheta.
+
+X* is stationary along the curve, so the derivative of the search drops out. The robust loss acts on the data alone. The
+prior is quadratic but for the lens, whose tails are heavy: lenses are found that bend the corner by a quarter.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+
+from fieldcalib._types import Array, BoolArray, IntArray
+from fieldcalib.problem.closest_points import ClosestPoints, closest_points, end_points
+from fieldcalib.problem.layout import LOG_F, Layout
+from fieldcalib.problem.losses import RobustLoss
+from fieldcalib.problem.observations import Observations, Rows
+from fieldcalib.problem.prior import GaussianPrior
+from fieldcalib.problem.projection import Projection
+
+LENS_TAILS = RobustLoss("cauchy", 2.0)  # z-scores beyond two count less and less
+# Fields of view from 0.3 to 170 degrees: outside, a fit collapses to a point or to a plane and ends in overflow.
+LOG_F_RANGE = (np.log(0.04), np.log(200.0))  # of f / width
+SCENE_SCALE = 40.0  # m: of what a broadcast camera sees of a football field
+
+
+@dataclass(frozen=True, eq=False)
+class Problem:
+    """B calibration problems that share a layout, a loss and a noise."""
+
+    observations: Observations
+    layout: Layout
+    """What theta consists of, and what of it is estimated."""
+    loss: RobustLoss
+    noise: float = 1.0
+    """Standard deviation, in pixels, of a segment of weight 1: what the labels weigh against the prior."""
+    prior: GaussianPrior | None = None
+    """One for each problem, (B, n); None for none."""
+    group: IntArray | None = None
+    """Which frames share the shared parameters, (B,), ascending from 0; None where nothing is shared."""
+    scale: float = SCENE_SCALE
+    """Size of the scene in metres: what steps of the camera's centre are measured by."""
+
+    def __len__(self) -> int:
+        return len(self.observations)
+
+    @property
+    def free(self) -> BoolArray:
+        """Which parameters are estimated, (n,)."""
+        return self.layout.free
+
+    def take(self, index: IntArray) -> Problem:
+        """The problems `index`, in that order, repeated where `index` repeats."""
+        prior = None if self.prior is None else self.prior.take(index)
+        group = None if self.group is None else self.group[index]
+        return replace(self, observations=self.observations.take(index), prior=prior, group=group)
+
+    def prior_residuals(self, theta: Array) -> Array:
+        """z-scores of the free parameters, (B, P); (B, 0) without a prior."""
+        if self.prior is None:
+            return np.zeros((len(theta), 0))
+        return self.prior.z_scores(theta)[:, self.free]
+
+    def prior_costs(self, squared: Array) -> tuple[Array, Array]:
+        """What squared z-scores (..., P) of the free parameters cost, and its derivative by them."""
+        cost, slope = squared.copy(), np.ones_like(squared)
+        is_lens = self.layout.is_lens[self.free]
+        cost[..., is_lens], slope[..., is_lens] = LENS_TAILS.evaluate(squared[..., is_lens])
+        return cost, slope
+
+    def is_possible(self, theta: Array) -> BoolArray:
+        """Whether the focal lengths are those of a camera, (B,): a fit that collapses is stopped before it overflows."""
+        log_f = theta[:, LOG_F] - np.log(self.layout.image_size[0])
+        return np.asarray((log_f > LOG_F_RANGE[0]) & (log_f < LOG_F_RANGE[1]))
+
+
+@dataclass(frozen=True, eq=False)
+class Evaluation:
+    """A problem at its cameras: everything that follows from one search of the closest points.
+
+    Examples
+    --------
+    >>> from fieldcalib import Camera, soccer
+    >>> from fieldcalib.problem.layout import theta_from_camera
+    >>> from fieldcalib.problem.observations import pack
+    >>> camera = Camera.from_angles(0.0, 1.3, 0.0, 1500.0, (0.0, 60.0, -15.0), (960, 540))
+    >>> level = camera.project(soccer()["Side line top"].sample(50.0)) + (7.0, 2.0)  # sliding along it costs nothing
+    >>> observations = pack(soccer(), [{"Side line top": level}], (960, 540))
+    >>> problem = Problem(observations, Layout.of((960, 540)), RobustLoss("linear", 1.0))
+    >>> abs(evaluate(problem, theta_from_camera(camera)[None]).r).round(6)
+    array([[2., 2., 2., 2.]])
+    """
+
+    problem: Problem
+    theta: Array
+    """(B, n)."""
+    points: ClosestPoints
+
+    @property
+    def r(self) -> Array:
+        """Signed distances of the observed pixels in pixels, (B, M), in the order of `Observations.weight`.
+
+        Padding has values too: they weigh 0.
+        """
+        return self.points.r
+
+    @cached_property
+    def projection(self) -> Projection:
+        """The cameras."""
+        return Projection(self.theta, self.problem.layout)
+
+    @cached_property
+    def JT(self) -> Array:
+        """Derivatives of the residuals, (B, P, M): one row for each free parameter, in the order of theta."""
+        return self.derivatives(self.problem.free)
+
+    def derivatives(self, free: BoolArray) -> Array:
+        """Derivatives of the residuals by any of the parameters, (B, P, M)."""
+        points = self.points
+        return -self.projection.derivatives(points.s, points.inverse_depth, points.normal, free)
+
+    @cached_property
+    def _losses(self) -> tuple[Array, Array]:
+        return self.problem.loss.evaluate(np.square(self.r))
+
+    @cached_property
+    def pull(self) -> Array:
+        """Weights of the residuals in the normal equations, ``w rho' / noise^2``, (B, M)."""
+        return np.asarray(self.problem.observations.weight * self._losses[1] / self.problem.noise**2)
+
+    @cached_property
+    def costs(self) -> Array:
+        """What each residual costs, (B, M); their sum, with that of the prior, is the cost."""
+        return np.asarray(0.5 * self.problem.observations.weight * self._losses[0] / self.problem.noise**2)
+
+    @cached_property
+    def prior_cost(self) -> Array:
+        """What the cameras cost under their prior, (B,)."""
+        return np.asarray(0.5 * np.sum(self._prior_costs[0], axis=1))
+
+    @cached_property
+    def _z(self) -> Array:
+        return self.problem.prior_residuals(self.theta)
+
+    @cached_property
+    def _prior_costs(self) -> tuple[Array, Array]:
+        return self.problem.prior_costs(np.square(self._z))
+
+    @cached_property
+    def cost(self) -> Array:
+        """(B,); infinite where it is no number, or the camera is none: the derivatives mean nothing there."""
+        cost = np.sum(self.costs, axis=1) + self.prior_cost
+        return np.where(np.isfinite(cost) & self.problem.is_possible(self.theta), cost, np.inf)
+
+    @cached_property
+    def information(self) -> Array:
+        """Gauss-Newton Hessian of the data alone, (B, P, P)."""
+        return np.asarray((self.JT * self.pull[:, None]) @ np.swapaxes(self.JT, 1, 2))
+
+    @cached_property
+    def gradient(self) -> Array:
+        """Of the cost, (B, P)."""
+        gradient = (self.JT @ (self.pull * self.r)[..., None])[..., 0]
+        if self.problem.prior is not None:
+            gradient += self._prior_costs[1] * self._z / self.problem.prior.sigma[:, self.problem.free]
+        return np.asarray(gradient)
+
+    @cached_property
+    def hessian(self) -> Array:
+        """Gauss-Newton approximation of the Hessian of the cost, (B, P, P)."""
+        hessian = self.information
+        if self.problem.prior is not None:
+            hessian = hessian.copy()
+            diagonal = np.arange(hessian.shape[1])
+            hessian[:, diagonal, diagonal] += self._prior_costs[1] / np.square(self.prior_sigma)
+        return hessian
+
+    @property
+    def prior_sigma(self) -> Array:
+        """Standard deviations (B, P) of the prior of the free parameters."""
+        assert self.problem.prior is not None
+        return self.problem.prior.sigma[:, self.problem.free]
+
+    @property
+    def pulling_prior_sigma(self) -> Array:
+        """Those of the normal prior that pulls as the problem's does: heavy tails pull less, (B, P)."""
+        return np.asarray(self.prior_sigma / np.sqrt(self._prior_costs[1]))
+
+    @cached_property
+    def world_points(self) -> Array:
+        """The closest points in the world, (B, M, 3): not finite where they are at infinity."""
+        return self.projection.world_points(self.points.s, self.points.inverse_depth)
+
+    def of(self, problem: Problem) -> Evaluation:
+        """Another problem of the same pixels at the same cameras: its loss, layout or prior differ."""
+        return Evaluation(problem, self.theta, self.points)
+
+    def with_ends(self, ends: Rows) -> Evaluation:
+        """With these ends of segments observed too."""
+        observations = replace(self.problem.observations.without_ends, ends=ends)
+        problem = replace(self.problem, observations=observations)
+        points = self.points.columns(slice(0, self.r.shape[1] - self.problem.observations.ends.xy.shape[1]))
+        if ends:
+            points = ClosestPoints.joined([points, end_points(self.projection, ends)])
+        return Evaluation(problem, self.theta, points)
+
+    def take(self, index: IntArray) -> Evaluation:
+        """The evaluations `index`, in that order, repeated where `index` repeats."""
+        return Evaluation(self.problem.take(index), self.theta[index], self.points.take(index))
+
+
+def evaluate(problem: Problem, theta: Array) -> Evaluation:
+    """Search the closest points of B problems at their cameras theta (B, n)."""
+    projection = Projection(theta, problem.layout)
+    found = Evaluation(problem, theta, closest_points(projection, problem.observations))
+    found.__dict__["projection"] = projection
+    return found

@@ -1,0 +1,209 @@
+"""The parameter vector theta of a camera: its blocks, and which of them are estimated.
+
+    theta = (pan, tilt, roll, log f, x, y, z, cx, cy, log aspect, lens..., [length, width])
+
+Angles in radians, f the focal length along rows in pixels, (x, y, z) the camera centre in metres, (cx, cy) the principal
+point in pixels, aspect fy / fx, the coefficients of a lens (`fieldcalib.geometry.lens`), and, where the object is a
+field whose size may change, its length and width in metres. What is not estimated stays in theta at its known value.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, replace
+from enum import IntEnum
+from functools import cached_property
+
+import numpy as np
+
+from fieldcalib._types import Array, BoolArray
+from fieldcalib.geometry.camera import Camera
+from fieldcalib.geometry.lens import Lens, RadialLens
+from fieldcalib.geometry.rotation import rotation_from_angles
+
+# The blocks that every camera has, at the same place whatever its lens.
+ANGLES = slice(0, 3)
+PAN, TILT, ROLL = 0, 1, 2
+LOG_F = 3
+CENTER = slice(4, 7)
+PRINCIPAL_POINT = slice(7, 9)
+LOG_ASPECT = 9
+POSE_AND_ZOOM = slice(0, 7)  # what camera distributions are about
+COMMON = ("pan", "tilt", "roll", "log f", "x", "y", "z", "cx", "cy", "log aspect")
+FIELD_SIZE = ("length", "width")
+
+# The longest step in one iteration: beyond it the linearisation says nothing about a camera.
+LARGEST_STEP = {"pan": 0.4, "tilt": 0.4, "roll": 0.4, "log f": 0.7, "x": 1.0, "y": 1.0, "z": 1.0}  # x, y, z: of a scale
+
+
+class Role(IntEnum):
+    """What a solver does with a parameter."""
+
+    FIXED = 0
+    """Known."""
+    FRAME = 1
+    """Estimated, for each frame its own."""
+    SHARED = 2
+    """Estimated, one for all frames of a group."""
+    CONSIDERED = 3
+    """Kept at its value, which is uncertain: the prior's variance goes into the covariance of the others."""
+
+
+@dataclass(frozen=True, eq=False)
+class Layout:
+    """The blocks of theta and the roles of its parameters.
+
+    Examples
+    --------
+    >>> layout = Layout.of((960, 540)).fixed("principal point", "aspect", "lens")
+    >>> layout.names
+    ('pan', 'tilt', 'roll', 'log f', 'x', 'y', 'z', 'cx', 'cy', 'log aspect', 'a1', 'b2')
+    >>> [name for name, free in zip(layout.names, layout.free) if free]
+    ['pan', 'tilt', 'roll', 'log f', 'x', 'y', 'z']
+    """
+
+    image_size: tuple[int, int]
+    lens: Lens
+    has_field_size: bool
+    roles: Array = field(repr=False)
+    """`Role` of each parameter, (n,)."""
+
+    @classmethod
+    def of(cls, image_size: tuple[int, int], lens: Lens | None = None, *, has_field_size: bool = False) -> Layout:
+        """A layout in which every parameter is one of the frame; by default with a radial lens."""
+        lens = RadialLens(float(np.hypot(*image_size) / 2.0)) if lens is None else lens
+        size = len(COMMON) + len(lens.names) + (len(FIELD_SIZE) if has_field_size else 0)
+        return cls(image_size, lens, has_field_size, np.full(size, Role.FRAME))
+
+    @cached_property
+    def names(self) -> tuple[str, ...]:
+        """Of the parameters, in the order of theta."""
+        return (*COMMON, *self.lens.names, *(FIELD_SIZE if self.has_field_size else ()))
+
+    @property
+    def size(self) -> int:
+        """Length of theta."""
+        return len(self.roles)
+
+    @cached_property
+    def lens_block(self) -> slice:
+        """Of the lens coefficients."""
+        return slice(len(COMMON), len(COMMON) + len(self.lens.names))
+
+    @cached_property
+    def field_size_block(self) -> slice:
+        """Of length and width; empty where the size is no parameter."""
+        return slice(self.lens_block.stop, self.size)
+
+    @cached_property
+    def blocks(self) -> dict[str, slice]:
+        """By name."""
+        return {
+            "angles": ANGLES,
+            "roll": slice(ROLL, ROLL + 1),
+            "focal length": slice(LOG_F, LOG_F + 1),
+            "centre": CENTER,
+            "principal point": PRINCIPAL_POINT,
+            "aspect": slice(LOG_ASPECT, LOG_ASPECT + 1),
+            "lens": self.lens_block,
+            "field size": self.field_size_block,
+        }
+
+    @cached_property
+    def free(self) -> BoolArray:
+        """Which parameters are estimated, (n,)."""
+        return np.asarray((self.roles == Role.FRAME) | (self.roles == Role.SHARED))
+
+    @cached_property
+    def shared(self) -> BoolArray:
+        """Which of the estimated parameters are shared, (P,)."""
+        return np.asarray(self.roles[self.free] == Role.SHARED)
+
+    @cached_property
+    def considered(self) -> BoolArray:
+        """Which parameters are kept at an uncertain value, (n,)."""
+        return np.asarray(self.roles == Role.CONSIDERED)
+
+    @cached_property
+    def is_lens(self) -> BoolArray:
+        """Which parameters are the lens, (n,)."""
+        mask = np.zeros(self.size, dtype=bool)
+        mask[self.lens_block] = True
+        return mask
+
+    @cached_property
+    def least(self) -> Array:
+        """Lower bounds, (n,)."""
+        least = np.full(self.size, -np.inf)
+        least[self.lens_block] = self.lens.least
+        return least
+
+    def largest_step(self, scale: float) -> Array:
+        """Longest steps of an iteration, (n,), for scenes of some metres in size."""
+        step = np.array([LARGEST_STEP.get(name, np.inf) for name in self.names])
+        step[CENTER] *= scale
+        return step
+
+    def with_roles(self, role: Role, *blocks: str) -> Layout:
+        """The same layout with another role of some blocks."""
+        roles = self.roles.copy()
+        for name in blocks:
+            roles[self.blocks[name]] = role
+        return replace(self, roles=roles)
+
+    def fixed(self, *blocks: str) -> Layout:
+        """The same layout with some blocks known."""
+        return self.with_roles(Role.FIXED, *blocks)
+
+    def only(self, free: BoolArray) -> Layout:
+        """The same layout in which just these parameters (n,) are estimated, in the role that they have."""
+        roles = np.where(free & (self.roles == Role.FIXED), Role.FRAME, self.roles)
+        return replace(self, roles=np.where(free | (roles == Role.CONSIDERED), roles, Role.FIXED))
+
+    def theta(self, camera: Camera) -> Array:
+        """The parameter vector of a camera, (n,), without a size of the field.
+
+        Raises
+        ------
+        ValueError
+            If the lens of the layout does not have the camera's coefficients.
+        """
+        fx, fy = camera.K[0, 0], camera.K[1, 1]
+        theta = np.zeros(self.size)
+        theta[ANGLES], theta[LOG_F], theta[CENTER] = camera.angles, np.log(fx), camera.C
+        theta[PRINCIPAL_POINT], theta[LOG_ASPECT] = camera.principal_point, np.log(fy / fx)
+        theta[self.lens_block] = self.lens.from_opencv(camera.dist, fx)
+        return theta
+
+    def camera(self, theta: Array) -> Camera:
+        """The camera of a parameter vector, the inverse of `theta` up to full turns of the angles."""
+        fx = np.exp(theta[LOG_F])
+        (cx, cy), fy = theta[PRINCIPAL_POINT], fx * np.exp(theta[LOG_ASPECT])
+        K = np.array([[fx, 0.0, cx], [0.0, fy, cy], [0.0, 0.0, 1.0]])
+        dist = self.lens.to_opencv(theta[self.lens_block], fx)
+        return Camera(K, rotation_from_angles(theta[ANGLES]), theta[CENTER], self.image_size, dist)
+
+
+def theta_from_camera(camera: Camera) -> Array:
+    """The parameter vector of a camera with a radial lens, (12,)."""
+    return Layout.of(camera.image_size).theta(camera)
+
+
+def camera_from_theta(theta: Array, image_size: tuple[int, int]) -> Camera:
+    """The camera of a parameter vector (12,) with a radial lens: the inverse of `theta_from_camera`."""
+    return Layout.of(image_size).camera(theta)
+
+
+def turned_around(theta: Array) -> Array:
+    """The cameras (..., n) that see the field turned by 180 degrees about its centre mark as these ones see it.
+
+    Examples
+    --------
+    >>> camera = Camera.from_angles(0.2, 1.3, 0.0, 1500.0, (5.0, 60.0, -15.0), (960, 540))
+    >>> opposite = camera_from_theta(turned_around(theta_from_camera(camera)), (960, 540))
+    >>> np.allclose(opposite.project([-20.0, 10.0, -1.0]), camera.project([20.0, -10.0, -1.0]))
+    True
+    """
+    turned = np.array(theta)
+    turned[..., PAN] += np.pi
+    turned[..., CENTER] *= (-1.0, -1.0, 1.0)
+    return turned

@@ -1,0 +1,82 @@
+"""Weak Gaussian priors of a camera: from the ranges of a camera distribution, the lens, the principal point."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from fieldcalib._types import Array, IntArray
+from fieldcalib.fields.stands import CameraDistribution, focal_length_from_fov
+from fieldcalib.problem.layout import (
+    ANGLES,
+    CENTER,
+    LOG_ASPECT,
+    LOG_F,
+    PAN,
+    POSE_AND_ZOOM,
+    PRINCIPAL_POINT,
+    ROLL,
+    Layout,
+)
+
+DEVIATIONS = 1.96  # to either side: what holds 95 % of a normal distribution
+PRINCIPAL_POINT_SIGMA = 0.02  # of the image's width: measured broadcast cameras are up to 67 px off at 1920
+LOG_ASPECT_SIGMA = 0.005  # square pixels, up to the resampling of a broadcast chain
+
+
+@dataclass(frozen=True)
+class GaussianPrior:
+    """Independent normal distributions over theta: ``z = (theta - mean) / sigma``.
+
+    `mean` and `sigma` are (..., n) arrays; leading axes are one prior for each initial camera or frame.
+    """
+
+    mean: Array
+    sigma: Array
+
+    def z_scores(self, theta: Array) -> Array:
+        """``(theta - mean) / sigma``; pan and roll differ by less than half a turn."""
+        difference = theta - self.mean
+        turns = difference[..., [PAN, ROLL]]
+        difference[..., [PAN, ROLL]] = turns - 2.0 * np.pi * np.round(turns / (2.0 * np.pi))
+        return np.asarray(difference / self.sigma)
+
+    def take(self, index: IntArray) -> GaussianPrior:
+        """The priors `index` of several."""
+        return GaussianPrior(self.mean[index], self.sigma[index])
+
+
+def gaussian_prior(distribution: CameraDistribution, layout: Layout) -> GaussianPrior:
+    """A camera distribution as independent normals over theta; mean and sigma are (n,).
+
+    The field of view's range becomes one of log f, so that wide and narrow lenses weigh alike.
+
+    Examples
+    --------
+    >>> tower = CameraDistribution("tower", (-60, 60), (40, 80), (-2, 2), (20, 60), (-1, 1), (44, 46), (-9, -7))
+    >>> gaussian_prior(tower, Layout.of((960, 540))).mean[CENTER]
+    array([ 0., 45., -8.])
+    """
+    width, ranges = layout.image_size[0], distribution
+    log_f = np.log(focal_length_from_fov(np.radians(ranges.fov), width))[::-1]
+    low, high = np.array([*np.radians([ranges.pan, ranges.tilt, ranges.roll]), log_f, ranges.x, ranges.y, ranges.z]).T
+    mean, sigma = np.zeros(layout.size), np.ones(layout.size)
+    mean[POSE_AND_ZOOM], sigma[POSE_AND_ZOOM] = (low + high) / 2.0, (high - low) / (2.0 * DEVIATIONS)
+    mean[PRINCIPAL_POINT], sigma[PRINCIPAL_POINT] = np.divide(layout.image_size, 2.0), PRINCIPAL_POINT_SIGMA * width
+    sigma[LOG_ASPECT] = LOG_ASPECT_SIGMA
+    mean[layout.lens_block], sigma[layout.lens_block] = layout.lens.mean, layout.lens.sigma
+    return GaussianPrior(mean, sigma)
+
+
+def sample_theta(distribution: CameraDistribution, count: int, rng: np.random.Generator, layout: Layout) -> Array:
+    """Draw `count` parameter vectors (count, n) uniformly from the ranges: no lens, centred principal point."""
+    d = distribution
+    ranges = np.array([d.pan, d.tilt, d.roll, d.fov, d.x, d.y, d.z])
+    values = rng.uniform(ranges[:, 0], ranges[:, 1], size=(count, len(ranges)))
+    theta = np.zeros((count, layout.size))
+    theta[:, ANGLES] = np.radians(values[:, :3])
+    theta[:, LOG_F] = np.log(focal_length_from_fov(np.radians(values[:, 3]), layout.image_size[0]))
+    theta[:, CENTER] = values[:, 4:]
+    theta[:, PRINCIPAL_POINT] = np.asarray(layout.image_size) / 2.0
+    return theta
