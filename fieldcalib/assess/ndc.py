@@ -20,9 +20,9 @@ import numpy as np
 from fieldcalib._types import Array, BoolArray
 from fieldcalib.fields.segments import Arc, Line, ObjectSegments, PointCloud, Segment
 from fieldcalib.problem.labelled_pixels import Pixels, split_centre_circle
+from fieldcalib.problem.layout import PAN, Layout
 from fieldcalib.problem.observations import Rows, pack
-from fieldcalib.problem.parameters import PAN
-from fieldcalib.problem.residuals import View
+from fieldcalib.problem.projection import Projection
 
 NdcLoss: TypeAlias = Literal["tvcalib", "eq3"]
 CLOUD_SAMPLES = 128
@@ -32,21 +32,21 @@ def ndc_loss(
     theta: Array,
     object_segments: ObjectSegments,
     frames: list[Pixels],
-    image_size: tuple[int, int],
+    layout: Layout,
     kind: NdcLoss = "tvcalib",
 ) -> Array:
     """One of the paper's losses for T frames.
 
     Parameters
     ----------
-    theta : (T, 12) array
+    theta : (T, n) array
         A camera for each frame.
     object_segments : mapping of str to segment
         The calibration object.
     frames : list of T dicts of str to (N, 2) array
         Pixels by label, as `check_segments` returns them. The centre circle is split here.
-    image_size : (int, int)
-        Width and height in pixels.
+    layout : Layout
+        Of theta.
     kind : {"tvcalib", "eq3"}
         Which loss.
 
@@ -58,24 +58,25 @@ def ndc_loss(
     Examples
     --------
     >>> from fieldcalib import Camera, soccer
-    >>> from fieldcalib.problem.parameters import theta_from_camera
+    >>> layout = Layout.of((960, 540))
     >>> camera = Camera.from_angles(0.0, 1.3, 0.0, 1500.0, (0.0, 60.0, -15.0), (960, 540))
     >>> line = soccer()["Side line top"].sample(spacing=30.0)
     >>> moved = camera.project(line) + (0.0, 2.7)  # 2.7 of 540 pixels are 0.01 in NDC
-    >>> ndc_loss(theta_from_camera(camera)[None], soccer(), [{"Side line top": moved}], (960, 540)).round(3)
+    >>> ndc_loss(layout.theta(camera)[None], soccer(), [{"Side line top": moved}], layout).round(3)
     array([0.01])
     """
     if kind not in get_args(NdcLoss):
         raise ValueError(f"kind must be one of {', '.join(get_args(NdcLoss))}, got {kind!r}")
+    image_size = layout.image_size
     split = [_halves(frame, image_size, pan) for frame, pan in zip(frames, theta[:, PAN], strict=True)]
     seen = {label: object_segments[label] for frame in split for label in frame}
     samples = {label: s if isinstance(s, Line) else cloud(s) for label, s in seen.items()}
     observations = pack(samples, split, image_size)
 
-    view = View(theta, image_size)
+    projection = Projection(theta, layout)
     half_size = np.array(image_size) / 2.0
-    lines = _line_distances(view, observations.lines, half_size)
-    circles = _cloud_distances(view, observations.clouds, half_size)
+    lines = _line_distances(projection, observations.lines, half_size)
+    circles = _cloud_distances(projection, observations.clouds, half_size)
     weights = observations.lines.weight, observations.clouds.weight
     if kind == "eq3":  # the pixels of a segment share a weight of 1
         segments = np.sum(weights[0], axis=1) + np.sum(weights[1], axis=1)
@@ -113,21 +114,21 @@ def cloud(segment: Segment) -> PointCloud:
     return PointCloud(tuple(map(tuple, X.tolist())))
 
 
-def _line_distances(view: View, rows: Rows, half_size: Array) -> Array:
+def _line_distances(projection: Projection, rows: Rows, half_size: Array) -> Array:
     """NDC distance (T, N) of undistorted pixels to infinite lines."""
-    (ax, ay, az), (dx, dy, dz) = view.points(rows.geometry[:, :, 0]), view.directions(rows.geometry[:, :, 1])
+    (ax, ay, az), (dx, dy, dz) = projection.points(rows.geometry[:, :, 0]), projection.directions(rows.geometry[:, :, 1])
     lx, ly, lz = ay * dz - az * dy, az * dx - ax * dz, ax * dy - ay * dx
-    px, py = view.ideal_offset(view.observed_offset(rows.xy))
+    px, py = projection.ideal_offset(projection.observed_offset(rows.xy))
     return np.asarray(np.abs(lx * px + ly * py + lz) / (np.hypot(lx * half_size[0], ly * half_size[1]) + 1e-300))
 
 
-def _cloud_distances(view: View, rows: Rows, half_size: Array) -> Array:
+def _cloud_distances(projection: Projection, rows: Rows, half_size: Array) -> Array:
     """NDC distance (T, N) of undistorted pixels to the nearest sample of their clouds."""
     T, N, S, _ = rows.geometry.shape
     if N == 0:
         return np.zeros((T, 0))
-    hx, hy, hz = (h.reshape(T, N, S) for h in view.points(rows.geometry.reshape(T, N * S, 3)))
-    px, py = view.ideal_offset(view.observed_offset(rows.xy))
+    hx, hy, hz = (h.reshape(T, N, S) for h in projection.points(rows.geometry.reshape(T, N * S, 3)))
+    px, py = projection.ideal_offset(projection.observed_offset(rows.xy))
     hz = np.where(np.abs(hz) < 1e-9, 1e-9, hz)  # a sample in the camera's plane
     x, y = (hx / hz - px[..., None]) / half_size[0], (hy / hz - py[..., None]) / half_size[1]
     return np.asarray(np.sqrt(np.min(np.square(x) + np.square(y), axis=-1)))

@@ -22,36 +22,23 @@ Empirical Bayes Methods, 2004, section 3 (moderated variances).
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from fieldcalib._types import Array, IntArray
+from fieldcalib._types import Array, BoolArray
+from fieldcalib.assess.observability import OPEN_DIRECTION, Direction, Information
 from fieldcalib.geometry.camera import Camera
-from fieldcalib.geometry.lens import FOLD, distort, distort_jacobian
 from fieldcalib.geometry.rotation import rotation_axes
+from fieldcalib.problem.evaluation import Evaluation, Problem, evaluate
+from fieldcalib.problem.layout import ANGLES, CENTER, LOG_ASPECT, LOG_F, PRINCIPAL_POINT
 from fieldcalib.problem.losses import RobustLoss
-from fieldcalib.problem.observations import Observations
-from fieldcalib.problem.parameters import (
-    ANGLES,
-    CENTER,
-    LENS,
-    LOG_ASPECT,
-    LOG_F,
-    PARAMETERS,
-    PRINCIPAL_POINT,
-    GaussianPrior,
-    camera_from_theta,
-    theta_from_camera,
-)
-from fieldcalib.problem.residuals import segment_residuals_with_jacobian
-from fieldcalib.problem.solver import Problem
+from fieldcalib.problem.projection import Projection
 
-READABLE = {"log f": "focal length", "log aspect": "aspect ratio", "a1": "k1", "b2": "k2"}
-OPEN_DIRECTION = 1e-3  # information from the labels, in units of the prior's, below which a direction counts as open
 INTRINSICS, EXTRINSICS = 18, 6  # lengths of cv2.calibrateCameraExtended's standard deviations
+LENS_INTRINSICS = slice(4, 16)  # of them: k1, k2, p1, p2, k3, k4, k5, k6, s1, s2, s3, s4
 # Equations that the noise of other frames counts for. Smyth's fit gives 6 on 399 frames of SoccerNet, whose pixels have
 # a median sigma of 1.3 px at 960 x 540, and 11 on 93 of WC14 (0.7): fewer, as other annotators may be unlike both.
 OTHER_FRAMES = 5.0
@@ -61,21 +48,6 @@ OTHER_FRAMES = 5.0
 SHARED_NOISE = 0.15
 NODES, NOISE_STEPS = 21, 4  # of the quadrature over the noise, and of the search for its size
 TOUCHED = 1e-6  # share of a derivative along an open direction that is more than rounding
-
-
-@dataclass(frozen=True)
-class Direction:
-    """A direction of the parameters, and how much the labels say about it."""
-
-    information: float
-    """Of the labels, in units of the prior's: below 1 the prior says more than they do."""
-    parameters: str
-    """What makes it up, as "focal length with y"."""
-
-    @property
-    def share(self) -> float:
-        """Share of the estimate along this direction that comes from the labels, the rest being the prior's."""
-        return self.information / (1.0 + self.information)
 
 
 @dataclass(frozen=True)
@@ -116,27 +88,19 @@ class Uncertainty:
     Examples
     --------
     >>> from fieldcalib import Camera, soccer
-    >>> from fieldcalib.problem.losses import RobustLoss
-    >>> from fieldcalib.fields.stands import MAIN_CENTER
-    >>> from fieldcalib.problem.parameters import gaussian_prior, theta_from_camera
-    >>> from fieldcalib.problem.observations import pack
+    >>> from fieldcalib import calibrate_from_segments
     >>> camera = Camera.from_angles(-0.3, 1.35, 0.0, 1600.0, (0.0, 68.0, -17.0), (960, 540))
     >>> labels = ("Side line left", "Side line top", "Big rect. left main", "Big rect. left top", "Circle left")
     >>> frame = {label: camera.project(soccer()[label].sample(7.0)) for label in labels}
-    >>> pinhole = np.arange(12) < 7
-    >>> problem = Problem(pack(soccer(), [frame], (960, 540)), pinhole, RobustLoss("cauchy", 6.0))
-    >>> unit = gaussian_prior(MAIN_CENTER, (960, 540)).sigma[None]
-    >>> (uncertainty,) = uncertainties(problem, theta_from_camera(camera)[None], unit)
+    >>> uncertainty = calibrate_from_segments(soccer(size_known=True), frame, (960, 540)).uncertainty
     >>> uncertainty.std_deviations_intrinsics[:4, 0].round()
     array([15., 15.,  0.,  0.])
     >>> round(float(uncertainty.at_field((-40.0, 0.0, 0.0)).rms), 2)  # metres
     0.04
     """
 
-    theta: Array
-    """The estimate, (12,)."""
-    problem: Problem
-    """What was solved, this frame alone. What is not free in it counts as known."""
+    evaluation: Evaluation
+    """The problem of this frame alone, at the estimate. What is not free in it counts as known."""
     sigma: float
     """Standard deviation of the labelled pixels, pixels."""
     bent_sigma: float
@@ -146,11 +110,11 @@ class Uncertainty:
     dof: float
     """Degrees of freedom that sigma rests on."""
     unit: Array
-    """(12,) standard deviations on which a parameter counts as determined, 0 for what is not free."""
+    """(n,) standard deviations on which a parameter counts as determined, 0 for what is not free."""
     determined: Array
-    """Covariance of what is determined, (12, 12): 0 along open directions."""
+    """Covariance of what is determined, (n, n): 0 along open directions."""
     open: Array
-    """Directions (12, k) that nothing determines, neither labels nor prior."""
+    """Directions (n, k) that nothing determines, neither labels nor prior."""
     determined_by_labels: Array
     """As `determined`, without the prior."""
     open_to_labels: Array
@@ -158,10 +122,20 @@ class Uncertainty:
     observability: tuple[Direction, ...]
     """Directions of the free parameters, what the labels determine least first."""
 
+    @property
+    def problem(self) -> Problem:
+        """What was solved."""
+        return self.evaluation.problem
+
+    @property
+    def theta(self) -> Array:
+        """The estimate, (n,)."""
+        return np.asarray(self.evaluation.theta[0])
+
     @cached_property
     def camera(self) -> Camera:
         """The estimated camera."""
-        return camera_from_theta(self.theta, self.problem.observations.image_size)
+        return self.problem.layout.camera(self.theta)
 
     @property
     def covariance(self) -> Array:
@@ -170,7 +144,7 @@ class Uncertainty:
 
         Where nothing determines a parameter its variance is infinite and its covariances are NaN.
         """
-        return _propagated(np.eye(len(PARAMETERS)), self.determined, self.open, self.unit)
+        return _propagated(np.eye(len(self.theta)), self.determined, self.open, self.unit)
 
     @property
     def covariance_by_labels(self) -> Array:
@@ -178,19 +152,20 @@ class Uncertainty:
 
         It may be the smaller one: the solver trusts labels less, and its prior more, than good labels deserve.
         """
-        return _propagated(np.eye(len(PARAMETERS)), self.determined_by_labels, self.open_to_labels, self.unit)
+        return _propagated(np.eye(len(self.theta)), self.determined_by_labels, self.open_to_labels, self.unit)
 
     @property
     def std_deviations_intrinsics(self) -> Array:
-        """(18, 1) as cv2's: fx, fy, cx, cy, k1, k2, and 0 for the coefficients that this camera does not have."""
-        camera, q = self.camera, self.camera.half_diagonal / self.camera.focal_length
+        """(18, 1) as cv2's: fx, fy, cx, cy, k1, k2, p1, p2, k3 to k6, s1 to s4, and 0 for a tilt."""
+        camera, layout = self.camera, self.problem.layout
         fx, fy = camera.K[0, 0], camera.K[1, 1]
-        J = np.zeros((INTRINSICS, len(PARAMETERS)))
+        J = np.zeros((INTRINSICS, layout.size))
         J[[0, 1], LOG_F] = fx, fy
         J[1, LOG_ASPECT] = fy
         J[[2, 3], [PRINCIPAL_POINT.start, PRINCIPAL_POINT.start + 1]] = 1.0
-        J[[4, 5], LOG_F] = 2.0 * camera.k[0], 4.0 * camera.k[1]  # k1 = a1 (f / rho)^2, k2 = a2 (f / rho)^4
-        J[4:6, LENS] = np.array([[q**-2], [q**-4]]) * _lens_jacobian(self.theta)
+        by_lens, by_log_f = layout.lens.opencv_jacobian(self.theta[layout.lens_block], fx)
+        J[LENS_INTRINSICS, layout.lens_block] = by_lens
+        J[LENS_INTRINSICS, LOG_F] = by_log_f
         return self._standard_deviations(J)
 
     @property
@@ -198,7 +173,7 @@ class Uncertainty:
         """(6, 1) as cv2's: rvec, then tvec."""
         rvec, tvec, _, _ = self.camera.to_opencv()
         axes = rotation_axes(self.theta[ANGLES], self.camera.R)
-        J = np.zeros((EXTRINSICS, len(PARAMETERS)))
+        J = np.zeros((EXTRINSICS, len(self.theta)))
         # angles turn the scene by -axis, on the left of R: the inverse left Jacobian of SO(3) makes it one of rvec
         J[:3, ANGLES] = -_inverse_left_jacobian(rvec[:, 0]) @ axes.T
         J[3:, ANGLES] = -np.cross(axes, tvec[:, 0]).T
@@ -216,17 +191,16 @@ class Uncertainty:
         were the true one. ``radius(number of free parameters)`` bounds the cameras that agree with the frame. Unlike
         the ellipsoid of `covariance`, this region follows the curved valley of cameras that see nearly the same.
         """
-        theta, problem = theta_from_camera(camera)[None], self.problem
-        _, gradient, _ = problem.linearized(theta)
-        r, J = segment_residuals_with_jacobian(theta, problem.observations, problem.free)
-        _, slope = problem.loss.evaluate(np.square(r))
-        noise = Noise(problem.observations)
-        pull = problem.observations.weight / problem.noise**2 * slope * noise.relative_sigma
-        V = self.bent_sigma**2 * noise.covariance(J, pull, pull)[0]
-        if problem.prior is not None:
-            V += np.diag(1.0 / np.square(_prior_sigma(problem, problem.prior, theta)[0]))
+        theta = self.problem.layout.theta(camera)
+        theta[self.problem.layout.field_size_block] = self.theta[self.problem.layout.field_size_block]
+        there = evaluate(self.problem, theta[None])
+        noise = Noise(there)
+        pull = there.pull * noise.relative_sigma
+        V = self.bent_sigma**2 * noise.covariance(there.JT, pull, pull)[0]
+        if self.problem.prior is not None:
+            V += np.diag(1.0 / np.square(there.pulling_prior_sigma[0]))
         scale = 1.0 / np.sqrt(np.diagonal(V))
-        g = scale * gradient[0]
+        g = scale * there.gradient[0]
         return float(np.sqrt(g @ np.linalg.lstsq(scale[:, None] * V * scale, g, rcond=None)[0]))
 
     def at_image(self, xy: ArrayLike) -> GroundError:
@@ -263,7 +237,7 @@ class Uncertainty:
         return "; ".join(f"{origin}: {', '.join(names)}" for origin, names in groups.items())
 
     def _standard_deviations(self, J: Array) -> Array:
-        """Standard deviations (m, 1) of quantities whose derivatives by theta are J (m, 12)."""
+        """Standard deviations (m, 1) of quantities whose derivatives by theta are J (m, n)."""
         variances = np.diagonal(_propagated(J, self.determined, self.open, self.unit))
         return np.asarray(np.sqrt(np.maximum(variances, 0.0)))[:, None]
 
@@ -274,70 +248,51 @@ class Uncertainty:
         """
         known = np.asarray(np.isfinite(X).all(axis=-1))
         ahead = self.camera.C + self.camera.R[2]  # stands in for points that do not exist
-        dxy_dX, dxy_dtheta = _image_jacobians(self.theta, self.camera, np.where(known[..., None], X, ahead))
+        shape, X = X.shape[:-1], np.where(known[..., None], X, ahead).reshape(1, -1, 3)
+        projection = Projection(self.evaluation.theta, self.problem.layout)
+        h = projection.points(X)
+        s, inverse_depth = h[:2] / h[2], 1.0 / h[2]
+        every = np.ones(len(self.theta), dtype=bool)
+        zero, one = np.zeros_like(inverse_depth), np.ones_like(inverse_depth)
+        directions = (np.array([one, zero]), np.array([zero, one]))
+        rows = [projection.derivatives(s, inverse_depth, n, every)[0].T for n in directions]
+        dxy_dtheta = np.stack(rows, axis=1).reshape(*shape, 2, -1)
+        dxy_dX = -dxy_dtheta[..., CENTER]  # a point that moves is a centre that moves the other way
         dxy_dX[~known, :, :2] = np.eye(2)
         dX_dtheta = -np.asarray(np.linalg.solve(dxy_dX[..., :2], dxy_dtheta))
         covariance = _propagated(dX_dtheta, self.determined, self.open, self.unit)
         return GroundError(np.where(known[..., None, None], covariance, np.nan), self.dof)
 
 
-@dataclass(frozen=True, eq=False)
-class Solved:
-    """Solved problems, of which `uncertainty` looks at one when it is asked."""
-
-    problem: Problem
-    """B problems."""
-    theta: Array
-    """(B, 12)."""
-    unit: Array
-    """(B, 12) standard deviations on which a parameter counts as determined."""
-    frame: int = 0
-
-    def of_frame(self, frame: int) -> Solved:
-        """The same problems, and another frame of them."""
-        return replace(self, frame=frame)
-
-    @property
-    def uncertainty(self) -> Uncertainty:
-        """How far the camera of the frame may be off."""
-        one = np.array([self.frame])
-        (found,) = uncertainties(self.problem.take(one), self.theta[one], self.unit[one])
-        return found
-
-
-def uncertainties(problem: Problem, theta: Array, unit: Array) -> list[Uncertainty]:
+def uncertainties(evaluation: Evaluation, unit: Array) -> list[Uncertainty]:
     """The uncertainty of each of B estimates.
 
     Parameters
     ----------
-    problem : Problem
-        What was solved. Its prior, if any, is what cameras are taken to come from.
-    theta : (B, 12) array
-        Its solutions.
-    unit : (B, 12) array
+    evaluation : Evaluation
+        Solved problems. Their prior, if any, is what cameras are taken to come from.
+    unit : (B, n) array
         Standard deviations on which a parameter counts as determined; those of the prior, where there is one.
 
     Returns
     -------
     list of B Uncertainty
     """
-    free, observations = np.flatnonzero(problem.free), problem.observations
-    r, J = segment_residuals_with_jacobian(theta, observations, problem.free)
-    _, slope = problem.loss.evaluate(np.square(r))
-    noise = Noise(observations)
-    weight = observations.weight / problem.noise**2 * slope
-    pull = weight * noise.relative_sigma  # of noise of one sigma on the estimate
-    square = np.square(slope / noise.relative_sigma) * (observations.weight > 0.0)  # what a pixel counts for sigma
+    problem, JT = evaluation.problem, evaluation.JT
+    free, has_prior = np.flatnonzero(problem.free), problem.prior is not None
+    noise = Noise(evaluation)
+    pull = evaluation.pull * noise.relative_sigma  # of noise of one sigma on the estimate
+    slope = problem.loss.evaluate(np.square(evaluation.r))[1]
+    square = np.square(slope / noise.relative_sigma) * (problem.observations.weight > 0.0)  # what a pixel counts
 
     # in units of the prior and along the information's own directions, prior and information are diagonal
-    scale = unit[:, free] if problem.prior is None else _prior_sigma(problem, problem.prior, theta)
-    J *= scale[:, None]
-    information, V = np.linalg.eigh(_gram(J, weight))
-    information = np.maximum(information, 0.0)
-    J = J @ V
-    has_prior = problem.prior is not None
-    squares = _gram(J, square)
-    spread, crossed = (noise.covariance(J, factor, pull) for factor in (pull, square * noise.relative_sigma))
+    scale = evaluation.pulling_prior_sigma if has_prior else unit[:, free]
+    labels = Information.of(evaluation, scale)
+    information, V = labels.eigen
+    theta_of = scale[:, :, None] * V  # of coordinates along the directions
+    along = np.swapaxes(theta_of, 1, 2) @ JT
+    squares = _gram(along, square)
+    spread, crossed = (noise.covariance(along, factor, pull) for factor in (pull, square * noise.relative_sigma))
     is_open = information < OPEN_DIRECTION
     lost = is_open & (not has_prior)
 
@@ -350,28 +305,28 @@ def uncertainties(problem: Problem, theta: Array, unit: Array) -> list[Uncertain
         + np.einsum("bij,bi,bij,bj->b", squares, gain, spread, gain)
     )
     dof = OTHER_FRAMES + np.maximum(redundancy, 0.0)
-    variance = (OTHER_FRAMES * problem.noise**2 + np.sum(square * np.square(r), axis=1)) / dof
+    variance = (OTHER_FRAMES * problem.noise**2 + np.sum(square * np.square(evaluation.r), axis=1)) / dof
     sigma, kappa = _noise_and_curvature(problem.loss, variance)
     information_left = kappa[:, None] * information
     gain = 1.0 / np.where(lost, np.inf, information_left + has_prior)
     gain_by_labels = 1.0 / np.where(is_open, np.inf, information_left)
 
-    data = variance[:, None, None] * spread
+    data = variance[:, None, None] * spread + noise.of_paint(along, evaluation.pull)
     identity = np.eye(len(free))
-    theta_of = scale[:, :, None] * V  # of coordinates along the directions
-    determined = _whole(theta_of * gain[:, None], data + has_prior * identity, free)
-    determined_by_labels = _whole(theta_of * gain_by_labels[:, None], data, free)
-    names = np.array([READABLE.get(name, name) for name in PARAMETERS])[free]
-    units = np.zeros_like(theta)
+    considered = _considered(evaluation, along)
+    determined = _whole(theta_of * gain[:, None], data + has_prior * identity, problem.free)
+    determined += _of_considered(theta_of * gain[:, None], considered, problem)
+    determined_by_labels = _whole(theta_of * gain_by_labels[:, None], data, problem.free)
+    determined_by_labels += _of_considered(theta_of * gain_by_labels[:, None], considered, problem)
+    units = np.zeros_like(evaluation.theta)
     units[:, free] = scale
     found = []
-    for t in range(len(theta)):
-        open_to_labels = np.zeros((len(PARAMETERS), np.count_nonzero(is_open[t])))
+    for t in range(len(problem)):
+        open_to_labels = np.zeros((problem.layout.size, np.count_nonzero(is_open[t])))
         open_to_labels[free] = theta_of[t][:, is_open[t]]
         found.append(
             Uncertainty(
-                theta=theta[t],
-                problem=problem.take(np.array([t])),
+                evaluation=evaluation.take(np.array([t])),
                 sigma=float(sigma[t]),
                 bent_sigma=float(np.sqrt(variance[t])),
                 curvature=float(kappa[t]),
@@ -381,10 +336,7 @@ def uncertainties(problem: Problem, theta: Array, unit: Array) -> list[Uncertain
                 open=open_to_labels[:, :0] if has_prior else open_to_labels,
                 determined_by_labels=determined_by_labels[t],
                 open_to_labels=open_to_labels,
-                observability=tuple(
-                    Direction(float(value), " with ".join(names[np.abs(vector) > 0.5 * np.abs(vector).max()]))
-                    for value, vector in zip(information[t], V[t].T, strict=True)
-                ),
+                observability=labels.directions(t),
             )
         )
     return found
@@ -408,45 +360,76 @@ def region_radius(dimensions: int, dof: float, level: float) -> float:
     return float(np.sqrt(dimensions * fdtri(dimensions, dof, level)))
 
 
-def _gram(J: Array, weight: Array) -> Array:
+def _gram(JT: Array, weight: Array) -> Array:
     """``J^T diag(weight) J``, (B, P, P)."""
-    return (np.swapaxes(J, 1, 2) * weight[:, None]) @ J
+    return (JT * weight[:, None]) @ np.swapaxes(JT, 1, 2)
 
 
 class Noise:
     """The noise of B frames' pixels, relative to that of a pixel of weight 1: its size, and what segments share."""
 
-    def __init__(self, observations: Observations) -> None:
-        label, lines = observations.label, observations.lines
-        across = lines.xy.shape[1] + observations.arcs.xy.shape[1] + observations.curves.xy.shape[1]
-        pixels = label.shape[1] - observations.ends.xy.shape[1]
+    def __init__(self, evaluation: Evaluation) -> None:
+        self.evaluation = evaluation
+        observations = evaluation.problem.observations
+        label, columns = observations.label, observations.columns
+        ends = columns["ends"].start
         self.segment = (label[..., None] == np.unique(label[label >= 0])).astype(float)  # (B, M, segments)
-        count = (self.segment @ np.sum(self.segment[:, :pixels], axis=1)[..., None])[..., 0]
+        count = (self.segment @ np.sum(self.segment[:, :ends], axis=1)[..., None])[..., 0]
         # points have two residuals a pixel, one along each axis: as independent as two segments; so are those at ends
+        across = columns["points"].start
         self.segment[:, across:] = 0.0
-        count[:, across:pixels] /= 2.0
+        count[:, across:ends] /= 2.0
         self.shared = SHARED_NOISE * np.sum(self.segment, axis=-1)
         # a weight is one over a variance; a pixel of N has an Nth of it
         self.relative_sigma = 1.0 / np.sqrt(np.where(label >= 0, observations.weight * count, 1.0))
 
-    def covariance(self, J: Array, left: Array, right: Array) -> Array:
+    def covariance(self, JT: Array, left: Array, right: Array) -> Array:
         """``J^T diag(left) C diag(right) J``, (B, P, P), C being the correlation of the noise."""
-        JT = np.swapaxes(J, 1, 2)
         left_sum, right_sum = ((JT * factor[:, None]) @ self.segment for factor in (left, right))
-        own = _gram(J, left * right * (1.0 - self.shared))
+        own = _gram(JT, left * right * (1.0 - self.shared))
         return np.asarray(own + SHARED_NOISE * left_sum @ np.swapaxes(right_sum, 1, 2))
 
+    def of_paint(self, JT: Array, pull: Array) -> Array:
+        """``J^T W S W J`` (B, P, P) of lines that are painted elsewhere as a whole, S in pixels squared.
 
-def _prior_sigma(problem: Problem, prior: GaussianPrior, theta: Array) -> Array:
-    """Standard deviations (B, P) of the normal prior that pulls as the problem's does: heavy tails pull less."""
-    _, slope = problem.prior_costs(np.square(problem.prior_residuals(theta)))
-    return np.asarray(prior.sigma[:, problem.free] / np.sqrt(slope))
+        A line that is off by one metre moves its residuals by the length of ``n dxy_dX`` on the ground.
+        """
+        paint = self.evaluation.problem.paint
+        if paint == 0.0:
+            return np.zeros((len(JT), JT.shape[1], JT.shape[1]))
+        centre = np.zeros(self.evaluation.problem.layout.size, dtype=bool)
+        centre[CENTER] = True
+        by_metre = np.linalg.norm(self.evaluation.derivatives(centre)[:, :2], axis=1)
+        summed = (JT * (paint * pull * by_metre)[:, None]) @ self.segment
+        return np.asarray(summed @ np.swapaxes(summed, 1, 2))
 
 
-def _whole(map_: Array, inner: Array, free: IntArray) -> Array:
-    """``map inner map^T`` of the free parameters, among zeros for the others: (B, 12, 12)."""
-    whole = np.zeros((len(map_), len(PARAMETERS), len(PARAMETERS)))
-    whole[:, free[:, None], free] = map_ @ inner @ np.swapaxes(map_, 1, 2)
+def _considered(evaluation: Evaluation, along: Array) -> Array:
+    """How far the pixels pull the estimate, (B, P, C), as each considered parameter is off by one sigma."""
+    considered = evaluation.problem.layout.considered
+    if not np.any(considered):
+        return np.zeros((*along.shape[:2], 0))
+    assert evaluation.problem.prior is not None
+    by_sigma = evaluation.derivatives(considered) * evaluation.problem.prior.sigma[:, considered, None]
+    return np.asarray((along * evaluation.pull[:, None]) @ np.swapaxes(by_sigma, 1, 2))
+
+
+def _of_considered(map_: Array, pulled: Array, problem: Problem) -> Array:
+    """Covariance (B, n, n) that comes from considered parameters, their own included."""
+    considered = problem.layout.considered
+    error = np.zeros((len(map_), problem.layout.size, pulled.shape[2]))
+    if pulled.shape[2]:
+        assert problem.prior is not None
+        error[:, problem.free] = -map_ @ pulled
+        error[:, np.flatnonzero(considered), np.arange(pulled.shape[2])] = problem.prior.sigma[:, considered]
+    return np.asarray(error @ np.swapaxes(error, 1, 2))
+
+
+def _whole(map_: Array, inner: Array, free: BoolArray) -> Array:
+    """``map inner map^T`` of the free parameters, among zeros for the others: (B, n, n)."""
+    index = np.flatnonzero(free)
+    whole = np.zeros((len(map_), len(free), len(free)))
+    whole[:, index[:, None], index] = map_ @ inner @ np.swapaxes(map_, 1, 2)
     return whole
 
 
@@ -470,7 +453,7 @@ def _noise_and_curvature(loss: RobustLoss, variance: Array) -> tuple[Array, Arra
 
 
 def _propagated(J: Array, determined: Array, open_directions: Array, unit: Array) -> Array:
-    """Covariance (..., m, m) of quantities with derivatives J (..., m, 12): infinite, NaN aside, where it is open."""
+    """Covariance (..., m, m) of quantities with derivatives J (..., m, n): infinite, NaN aside, where it is open."""
     covariance = J @ determined @ np.swapaxes(J, -2, -1)
     if not open_directions.shape[1]:
         return np.asarray(covariance)
@@ -480,35 +463,6 @@ def _propagated(J: Array, determined: Array, open_directions: Array, unit: Array
     diagonal = np.arange(J.shape[-2])
     covariance[..., diagonal, diagonal] = np.where(touched, np.inf, covariance[..., diagonal, diagonal])
     return covariance
-
-
-def _image_jacobians(theta: Array, camera: Camera, X: Array) -> tuple[Array, Array]:
-    """Derivatives of the pixels of world points (..., 3) by the points (..., 2, 3) and by theta (..., 2, 12)."""
-    Xc = (X - camera.C) @ camera.R.T
-    f, aspect = camera.focal_length, camera.K[1, 1] / camera.focal_length
-    s = f * Xc[..., :2] / Xc[..., 2:]
-    dd_ds, dd_da = distort_jacobian(s, camera.corner_distortion, camera.half_diagonal)
-    pixels = np.array([1.0, aspect])[:, None]
-    dd_ds, dd_db = pixels * dd_ds, pixels * dd_da @ _lens_jacobian(theta)
-    ds_dXc = np.zeros((*s.shape, 3))
-    ds_dXc[..., [0, 1], [0, 1]] = (f / Xc[..., 2])[..., None]
-    ds_dXc[..., 2] = -s / Xc[..., 2:]
-    dxy_dXc = dd_ds @ ds_dXc
-    dxy_dX = dxy_dXc @ camera.R
-    dXc_dangles = -np.cross(rotation_axes(theta[ANGLES], camera.R), Xc[..., None, :])  # one angle a row
-    dxy_dtheta = np.zeros((*s.shape, len(PARAMETERS)))
-    dxy_dtheta[..., ANGLES] = dxy_dXc @ np.swapaxes(dXc_dangles, -2, -1)
-    dxy_dtheta[..., LOG_F] = (dd_ds @ s[..., None])[..., 0]
-    dxy_dtheta[..., CENTER] = -dxy_dX
-    dxy_dtheta[..., LENS] = dd_db
-    dxy_dtheta[..., PRINCIPAL_POINT] = np.eye(2)
-    dxy_dtheta[..., 1, LOG_ASPECT] = aspect * distort(s, camera.corner_distortion, camera.half_diagonal)[..., 1]
-    return dxy_dX, dxy_dtheta
-
-
-def _lens_jacobian(theta: Array) -> Array:
-    """Derivative (2, 2) of the lens (a1, a2) by its parameters (a1, b2), see `fieldcalib.geometry.lens`."""
-    return np.array([[1.0, 0.0], [2.0 * FOLD * min(theta[LENS.start], 0.0), 1.0]])
 
 
 def _inverse_left_jacobian(rvec: Array) -> Array:

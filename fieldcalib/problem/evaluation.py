@@ -46,6 +46,8 @@ class Problem:
     """One for each problem, (B, n); None for none."""
     group: IntArray | None = None
     """Which frames share the shared parameters, (B,), ascending from 0; None where nothing is shared."""
+    paint: float = 0.0
+    """Standard deviation, in metres, of where a line is painted as a whole: it is in the uncertainty alone."""
     scale: float = SCENE_SCALE
     """Size of the scene in metres: what steps of the camera's centre are measured by."""
 
@@ -144,7 +146,7 @@ class Evaluation:
     @cached_property
     def prior_cost(self) -> Array:
         """What the cameras cost under their prior, (B,)."""
-        return np.asarray(0.5 * np.sum(self._prior_costs[0], axis=1))
+        return np.zeros(len(self.theta)) if self.problem.prior is None else 0.5 * np.sum(self._prior_costs[0], axis=1)
 
     @cached_property
     def _z(self) -> Array:

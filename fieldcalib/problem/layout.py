@@ -63,21 +63,24 @@ class Layout:
 
     image_size: tuple[int, int]
     lens: Lens
-    has_field_size: bool
     roles: Array = field(repr=False)
     """`Role` of each parameter, (n,)."""
+    size_range: Array | None = field(default=None, repr=False)
+    """Least and largest length and width of the field, (2, 2) metres; None where the size is no parameter."""
 
     @classmethod
-    def of(cls, image_size: tuple[int, int], lens: Lens | None = None, *, has_field_size: bool = False) -> Layout:
+    def of(cls, image_size: tuple[int, int], lens: Lens | None = None, *, size_range: Array | None = None) -> Layout:
         """A layout in which every parameter is one of the frame; by default with a radial lens."""
         lens = RadialLens(float(np.hypot(*image_size) / 2.0)) if lens is None else lens
-        size = len(COMMON) + len(lens.names) + (len(FIELD_SIZE) if has_field_size else 0)
-        return cls(image_size, lens, has_field_size, np.full(size, Role.FRAME))
+        size = len(COMMON) + len(lens.names) + (len(FIELD_SIZE) if size_range is not None else 0)
+        roles = np.full(size, Role.FRAME)
+        roles[len(COMMON) + lens.estimable : len(COMMON) + len(lens.names)] = Role.FIXED
+        return cls(image_size, lens, roles, size_range)
 
     @cached_property
     def names(self) -> tuple[str, ...]:
         """Of the parameters, in the order of theta."""
-        return (*COMMON, *self.lens.names, *(FIELD_SIZE if self.has_field_size else ()))
+        return (*COMMON, *self.lens.names, *(FIELD_SIZE if self.size_range is not None else ()))
 
     @property
     def size(self) -> int:
@@ -135,7 +138,17 @@ class Layout:
         """Lower bounds, (n,)."""
         least = np.full(self.size, -np.inf)
         least[self.lens_block] = self.lens.least
+        if self.size_range is not None:
+            least[self.field_size_block] = self.size_range[0]
         return least
+
+    @cached_property
+    def largest(self) -> Array:
+        """Upper bounds, (n,)."""
+        largest = np.full(self.size, np.inf)
+        if self.size_range is not None:
+            largest[self.field_size_block] = self.size_range[1]
+        return largest
 
     def largest_step(self, scale: float) -> Array:
         """Longest steps of an iteration, (n,), for scenes of some metres in size."""

@@ -12,50 +12,48 @@ A pixel before the end says nothing: annotators stop early, and players stand in
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 
 from fieldcalib._types import Array, BoolArray
 from fieldcalib.fields.segments import Arc, ObjectSegments
+from fieldcalib.problem.closest_points import end_points
+from fieldcalib.problem.evaluation import Evaluation
 from fieldcalib.problem.observations import Observations, Rows
-from fieldcalib.problem.residuals import end_points, foot_points, world_points
-from fieldcalib.problem.solver import Problem
 
 WEIGHT = 0.5  # of a pixel past an end, in units of what it weighs across: annotators place ends with less care
 
 
-def with_ends(object_segments: ObjectSegments, problem: Problem, theta: Array, far: float) -> Problem:
-    """The problems with what the ends of the segments say, as cameras (B, 12) near their solutions see it.
+def with_segment_ends(object_segments: ObjectSegments, evaluation: Evaluation, far: float) -> Evaluation:
+    """The evaluation with what the ends of the segments say, as its cameras see it.
 
     What lies more than `far` pixels past an end has another fault than a careless end, and is left alone.
     """
-    ends = pixels_past_ends(object_segments, problem.observations, theta, far)
-    return replace(problem, observations=replace(problem.observations, ends=ends))
+    return evaluation.with_ends(pixels_past_ends(object_segments, evaluation, far))
 
 
-def pixels_past_ends(object_segments: ObjectSegments, observations: Observations, theta: Array, far: float) -> Rows:
-    """Pixels that cameras (B, 12) see past an end, by `far` pixels at most, as rows of `Observations.ends`."""
-    feet = foot_points(theta, observations)
-    X = world_points(theta, feet)
+def pixels_past_ends(object_segments: ObjectSegments, evaluation: Evaluation, far: float) -> Rows:
+    """Pixels that the cameras see past an end, by `far` pixels at most, as rows of `Observations.ends`."""
+    observations = evaluation.problem.observations
     lines, arcs = observations.lines, observations.arcs
-    first, count = lines.xy.shape[1], lines.xy.shape[1] + arcs.xy.shape[1]
-    past_line, end_of_line = _past_lines(lines, X[:, :first])
-    past_arc, end_of_arc = _past_arcs(object_segments, observations, X[:, first:count])
-    past = np.concatenate([past_line, past_arc], axis=1) & (feet.inverse_depth[:, :count] > 0.0)
-    x, y = feet.normal[:, :, :count]
+    on_lines, on_arcs = observations.columns["lines"], observations.columns["arcs"]
+    both = slice(on_lines.start, on_arcs.stop)
+    X, points = evaluation.world_points, evaluation.points.columns(both)
+    past_line, end_of_line = _past_lines(lines, X[:, on_lines])
+    past_arc, end_of_arc = _past_arcs(object_segments, observations, X[:, on_arcs])
+    past = np.concatenate([past_line, past_arc], axis=1) & (points.inverse_depth > 0.0)
+    x, y = points.normal
     tangent = np.stack([-y, x, np.zeros_like(x)], axis=-1)
     rows = Rows(
         np.concatenate([lines.xy, arcs.xy], axis=1),
-        WEIGHT * observations.weight[:, :count] * past,
+        WEIGHT * observations.weight[:, both] * past,
         np.concatenate([lines.label, arcs.label], axis=1),
         np.stack([np.concatenate([end_of_line, end_of_arc], axis=1), tangent], axis=2),
     )
-    end = end_points(theta, rows, observations.image_size)
+    end = end_points(evaluation.projection, rows)
     rows.weight[(end.inverse_depth <= 0.0) | (np.abs(end.r) > far)] = 0.0
     seen = rows.weight > 0.0
     rows.label[~seen], rows.geometry[~seen] = -1, 1.0  # padding is finite
-    return rows.choose(np.argsort(~seen, axis=1, kind="stable")[:, : int(np.max(np.sum(seen, axis=1)))])
+    return rows.choose(np.argsort(~seen, axis=1, kind="stable")).trimmed
 
 
 def _past_lines(rows: Rows, X: Array) -> tuple[BoolArray, Array]:
