@@ -19,6 +19,7 @@ from functools import cached_property
 import numpy as np
 
 from fieldcalib._types import Array, BoolArray, IntArray
+from fieldcalib.fields.stands import SOCCER_SCALE
 from fieldcalib.problem.closest_points import ClosestPoints, closest_points, end_points
 from fieldcalib.problem.layout import LOG_F, Layout
 from fieldcalib.problem.losses import RobustLoss
@@ -29,7 +30,7 @@ from fieldcalib.problem.projection import Projection
 LENS_TAILS = RobustLoss("cauchy", 2.0)  # z-scores beyond two count less and less
 # Fields of view from 0.3 to 170 degrees: outside, a fit collapses to a point or to a plane and ends in overflow.
 LOG_F_RANGE = (np.log(0.04), np.log(200.0))  # of f / width
-SCENE_SCALE = 40.0  # m: of what a broadcast camera sees of a football field
+
 
 
 @dataclass(frozen=True, eq=False)
@@ -48,7 +49,7 @@ class Problem:
     """Which frames share the shared parameters, (B,), ascending from 0; None where nothing is shared."""
     paint: float = 0.0
     """Standard deviation, in metres, of where a line is painted as a whole: it is in the uncertainty alone."""
-    scale: float = SCENE_SCALE
+    scale: float = SOCCER_SCALE
     """Size of the scene in metres: what steps of the camera's centre are measured by."""
 
     def __len__(self) -> int:
