@@ -91,7 +91,7 @@ def cut(
     (x, y), (w, h) = np.rint(corner * pixels).astype(int), np.rint(share * pixels).astype(int)
     image = np.asarray(cv2.resize(picture[y : y + h, x : x + w], SIZE, interpolation=cv2.INTER_AREA), np.uint8)
     camera = labelled.camera.scaled((int(pixels[0]), int(pixels[1])))
-    moved = Camera(camera.K - [[0, 0, x], [0, 0, y], [0, 0, 0]], camera.R, camera.C, (int(w), int(h)), camera.k)
+    moved = Camera(camera.K - [[0, 0, x], [0, 0, y], [0, 0, 0]], camera.R, camera.C, (int(w), int(h)), camera.dist)
     mask = markings_mask(moved.scaled(SIZE), soccer())
     return image if rng is None else degraded(image, rng), mask
 

@@ -9,10 +9,12 @@ import numpy as np
 import pytest
 from hypothesis import assume, given
 from hypothesis import strategies as st
-from strategies import anywhere, cameras, generators, in_image, visible_field_points
+from strategies import any_angles, anywhere, cameras, generators, in_image, visible_field_points
 
 from fieldcalib.geometry.camera import Camera, checked_image_size, radial_coefficients
+from fieldcalib.geometry.lens import BrownConradyLens, Pinhole, RadialLens
 from fieldcalib.geometry.projective import dehomogenize, homogenize
+from fieldcalib.geometry.rotation import rotation_from_angles
 
 SIZE = (1920, 1080)
 CENTRE = np.array([960.0, 540.0])
@@ -264,11 +266,117 @@ def test_radial_coefficients_of_every_length_of_opencv(dist, expected):
 def test_coefficients_that_are_not_modelled_are_refused(index):
     dist = np.zeros(14)
     dist[index] = 1e-3
-    rvec, tvec, K, _ = main_camera().to_opencv()
     with pytest.raises(
         ValueError, match=r"only the radial coefficients k1 and k2 are modelled, got .*0\.001.*undistort"
     ):
+        radial_coefficients(dist)
+
+
+# --- every lens of OpenCV ---
+
+WHOLE = np.array([0.04, -0.01, 0.003, -0.002, 0.006, 0.03, 0.01, -0.004, 0.002, 0.001, -0.003, 0.002])
+
+
+@pytest.mark.parametrize(("length", "stored"), [(1, 5), (2, 5), (4, 5), (5, 5), (8, 8), (12, 12), (14, 12)])
+def test_coefficients_of_every_length_of_opencv(length, stored):
+    dist = np.concatenate([WHOLE, np.zeros(2)])[:length]
+    rvec, tvec, K, _ = main_camera().to_opencv()
+    camera = Camera.from_opencv(rvec, tvec, K, dist[:, None], SIZE)
+    assert camera == Camera(camera.K, camera.R, camera.C, SIZE, dist)
+    assert camera.dist.shape == (1, stored)
+    np.testing.assert_array_equal(camera.dist[0, : min(length, 12)], dist[:12])
+    np.testing.assert_array_equal(camera.dist[0, min(length, 12) :], 0.0)
+    np.testing.assert_array_equal(camera.k, (*dist[:2], 0.0)[:2])
+    np.testing.assert_array_equal(camera.to_opencv()[3], camera.dist)
+    assert camera.scaled((640, 360)).dist.tolist() == camera.dist.tolist()
+
+
+@pytest.mark.parametrize(
+    ("dist", "lens", "stored"),
+    [
+        ((0.0, 0.0, 0.0, 0.0, 0.0), Pinhole, 5),
+        ((0.1, 0.0, 0.0, 0.0, 0.0), RadialLens, 5),
+        ((0.0, 0.1), RadialLens, 5),
+        ((0.1, 0.0, 0.0, 1e-9), BrownConradyLens, 5),
+        ((0.1, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1e-9), BrownConradyLens, 8),
+        ((*14 * [0.0],), Pinhole, 5),
+    ],
+)
+def test_the_lens_is_the_smallest_that_has_the_coefficients(dist, lens, stored):
+    camera = main_camera(k=dist)
+    assert camera.lens == lens(camera.half_diagonal)
+    assert camera.dist.shape == (1, stored)
+    assert len(camera.lens_coefficients) == len(camera.lens.names)
+
+
+@pytest.mark.parametrize("index", [12, 13])
+def test_a_tilted_sensor_is_refused(index):
+    dist = np.zeros(14)
+    dist[index] = 1e-3
+    rvec, tvec, K, _ = main_camera().to_opencv()
+    with pytest.raises(ValueError, match=r"a tilted sensor .* got dist_coeffs = .*0\.001.*undistort"):
         Camera.from_opencv(rvec, tvec, K, dist, SIZE)
+    with pytest.raises(ValueError, match=r"a tilted sensor .* got k = .*0\.001.*undistort"):
+        main_camera(k=dist)
+
+
+def any_lens():
+    """OpenCV's vectors of 4, 5, 8 and 12, up to a third at the corner of a camera with a focal length of 1920."""
+    small = st.floats(-1.0, 1.0, allow_subnormal=False)
+    scale = np.array([0.2, 0.2, 0.03, 0.03, 0.2, 0.1, 0.1, 0.1, 0.03, 0.03, 0.03, 0.03])
+    return st.sampled_from((2, 4, 5, 8, 12)).flatmap(
+        lambda n: st.lists(small, min_size=n, max_size=n).map(lambda values: np.array(values) * scale[:n])
+    )
+
+
+@given(any_lens(), any_angles(), st.floats(0.9, 7.0), st.floats(0.9, 1.1), generators())
+def test_every_lens_projects_as_opencv_does_and_back(dist, angles, zoom, aspect, rng):
+    K = np.array([[zoom * 1920, 0.0, 950.0], [0.0, aspect * zoom * 1920, 545.0], [0.0, 0.0, 1.0]])
+    camera = Camera(K, rotation_from_angles(angles), rng.uniform(-50, 50, size=3), SIZE, dist)
+    X = points_in_front(camera, rng)
+    rvec, tvec, _, coefficients = camera.to_opencv()
+    expected = cv2.projectPoints(X, rvec, tvec, K, coefficients)[0][:, 0]
+    xy = camera.project(X)
+    seen = np.all(np.isfinite(xy), axis=1)
+    assume(np.any(seen))
+    np.testing.assert_allclose(xy[seen], expected[seen], rtol=0.0, atol=1e-9)
+    in_view = X[seen & in_image(xy, SIZE)]
+    x = camera.normalized(camera.project(in_view))
+    Xc = (in_view - camera.C) @ camera.R.T
+    steep = np.array([condition(dist, point) for point in dehomogenize(Xc)]).reshape(-1)
+    np.testing.assert_allclose(x[steep < 20.0], dehomogenize(Xc)[steep < 20.0], rtol=0.0, atol=1e-10)
+
+
+def condition(dist, x):
+    """By how much undistortion magnifies an error at the normalised point x, from OpenCV's numbers alone."""
+    points = np.array([[*(x + step), 1.0] for step in 1e-5 * np.array([[1, 0], [-1, 0], [0, 1], [0, -1]])])
+    pixels = cv2.projectPoints(points, np.zeros(3), np.zeros(3), np.eye(3), np.pad(dist, (0, max(0, 5 - len(dist)))))
+    right, left, down, up = pixels[0][:, 0]
+    return 1.0 / np.linalg.svd(np.array([right - left, down - up]) / 2e-5, compute_uv=False)[-1]
+
+
+@pytest.mark.parametrize("dist", [(-0.3, 0.0, 0.003, 0.0, 0.0), (0.0, 0.0, 0.0, 0.0, -0.1), (-0.4, *11 * [1e-5])])
+def test_every_lens_has_its_fold(dist):
+    """No pixel beyond the radius where OpenCV's own projection turns round; pixels up to it."""
+    camera = level_camera(k=dist)
+    radii = np.linspace(0.0, 3.0, 3001)
+    x = radii[:, None] * (0.6, 0.8)
+    xy = camera.project(from_camera_frame(camera, homogenize(x)))
+    theirs = cv2.projectPoints(homogenize(x), np.zeros(3), np.zeros(3), np.eye(3), np.pad(dist, (0, 12 - len(dist))))
+    fold = np.argmax(np.diff(np.linalg.norm(theirs[0][:, 0], axis=1)) < 0.0)
+    assert 0 < fold < 2000
+    assert np.all(np.isfinite(xy[: fold - 10]))
+    assert np.all(np.isnan(xy[fold + 10 :]))
+
+
+@pytest.mark.parametrize("copied", [copy.deepcopy, lambda camera: pickle.loads(pickle.dumps(camera))])
+def test_copies_keep_the_whole_lens(copied):
+    camera = main_camera(k=WHOLE)
+    assert copied(camera) == camera
+    assert copied(camera) != main_camera(k=WHOLE[:8])
+    with pytest.raises(ValueError, match="read-only"):
+        copied(camera).dist[0, 0] = 1.0
+    assert "k=(0.04, -0.01, 0.003, -0.002, 0.006)" in repr(main_camera(k=WHOLE[:5]))
 
 
 # --- the signs of the angles ---
@@ -353,14 +461,14 @@ def test_corner_distortion_is_the_displacement_at_the_corner():
     np.testing.assert_allclose(xy - CENTRE, (1.0 + camera.corner_distortion.sum()) * 1500.0 * corner, rtol=1e-12)
 
 
-@pytest.mark.parametrize("name", ["K", "R", "C", "k", "image_size"])
+@pytest.mark.parametrize("name", ["K", "R", "C", "k", "dist", "image_size"])
 def test_attributes_are_frozen(name):
     camera = main_camera()
     with pytest.raises(dataclasses.FrozenInstanceError):
         setattr(camera, name, getattr(camera, name))
 
 
-@pytest.mark.parametrize("name", ["K", "R", "C", "k", "principal_point"])
+@pytest.mark.parametrize("name", ["K", "R", "C", "k", "dist", "principal_point"])
 def test_arrays_are_frozen(name):
     with pytest.raises(ValueError, match="read-only"):
         getattr(main_camera(), name)[...] = 0.0
@@ -409,7 +517,11 @@ GOOD = {"K": np.diag([1500.0, 1500.0, 1.0]), "R": np.eye(3), "C": (0.0, 0.0, -10
         ({"R": np.zeros(3)}, r"R must be a finite array of shape \(3, 3\), got array\(\[0., 0., 0.\]\)"),
         ({"C": (0.0, 0.0)}, r"C must be a finite array of shape \(3,\)"),
         ({"C": (0.0, 0.0, np.nan)}, r"C must be a finite array .* got array\(\[ 0.,  0., nan\]\)"),
-        ({"k": (0.1, 0.0, 0.0, 0.0, 0.0)}, r"k must be a finite array of shape \(2,\)"),
+        (
+            {"k": (0.1, 0.0, 0.0)},
+            r"k must be a finite array of 1, 2, 4, 5, 8, 12 or 14 coefficients .*0\.1, 0\.0, 0\.0",
+        ),
+        ({"k": np.zeros(15)}, "k must be a finite array of"),
         ({"k": (np.inf, 0.0)}, "k must be a finite array"),
         ({"K": np.diag([-1500.0, 1500.0, 1.0])}, "positive focal lengths, got -1500.0 and 1500.0"),
         ({"K": np.diag([1500.0, 0.0, 1.0])}, "positive focal lengths"),

@@ -370,11 +370,12 @@ def test_keys_and_lengths():
     ("name", "index"),
     [*(("radial", i) for i in range(2, 6)), *(("tangential", i) for i in range(2)), ("thin_prism", 3)],
 )
-def test_other_lens_coefficients_are_refused(name, index):
+def test_other_lens_coefficients_come_back(name, index):
     other = record()
     other[f"{name}_distortion"][index] = 1e-6
-    with pytest.raises(BrokenFileError, match="only the radial coefficients k1 and k2 are modelled"):
-        camera_from_record(other)
+    camera = camera_from_record(other)
+    assert np.sum(camera.dist == 1e-6) == 1
+    assert camera_to_record(camera)[f"{name}_distortion"] == other[f"{name}_distortion"]
 
 
 @pytest.mark.parametrize("key", record())

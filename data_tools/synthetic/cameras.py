@@ -100,7 +100,7 @@ def on_canonical_side(camera: Camera, field: Field) -> Camera:
     """
     if camera.C[0] > 0.0 if is_behind_goal(camera, field) else camera.C[1] < 0.0:
         turn = np.array([-1.0, -1.0, 1.0])
-        return Camera(camera.K, camera.R * turn, camera.C * turn, camera.image_size, camera.k)
+        return Camera(camera.K, camera.R * turn, camera.C * turn, camera.image_size, camera.dist)
     return camera
 
 

@@ -1,4 +1,4 @@
-"""Starting cameras: one from each camera distribution, pointed at the labels, and one from lines by the DLT.
+"""Initial cameras: one from each camera distribution, pointed at the labels, and one from lines by the DLT.
 
 The solver runs from all of them and keeps the best (`argmin` in the paper, section "Multiple Initialization").
 """
@@ -16,17 +16,18 @@ from fieldcalib.geometry.homography import decompose_homography
 from fieldcalib.geometry.projective import fit_lines, homogenize, homography_from_lines
 from fieldcalib.geometry.rotation import angles_from_rotation, rotation_from_angles
 from fieldcalib.problem.observations import Observations, Rows
-from fieldcalib.problem.parameters import (
+from fieldcalib.problem.layout import (
     ANGLES,
     CENTER,
     LOG_F,
     PAN,
+    POSE_AND_ZOOM,
     PRINCIPAL_POINT,
     ROLL,
     TILT,
-    GaussianPrior,
-    gaussian_prior,
+    Layout,
 )
+from fieldcalib.problem.prior import DEVIATIONS, GaussianPrior, gaussian_prior
 
 SHORT, NEAREST = 1.0 / 8.0, 1.0 / 40.0  # of what is in view: length of a short segment, depth of the nearest one
 ON_GROUND = 1e-9  # metres
@@ -34,38 +35,44 @@ PART_IN_VIEW = 1.5  # segments reach beyond the image, so their middles lie furt
 
 
 @dataclass(frozen=True)
-class Starts:
-    """n starting cameras for T frames."""
+class InitialCameras:
+    """N initial cameras for T frames."""
 
     theta: Array
-    """(n, 12)."""
+    """(N, n)."""
     frame: IntArray
-    """Frame of each start, (n,), ascending."""
+    """Frame of each camera, (N,), ascending."""
     prior: GaussianPrior
-    """Prior of the distribution that each start belongs to, means and sigmas (n, 12)."""
+    """Prior of the distribution that each camera belongs to, means and sigmas (N, n)."""
 
 
-def starting_cameras(
-    observations: Observations, distributions: Sequence[CameraDistribution], known: Array, scale: float = SOCCER_SCALE
-) -> Starts:
-    """Starts of every frame: from each distribution, and by the DLT where four ground lines or more allow it.
+def initial_cameras(
+    observations: Observations,
+    layout: Layout,
+    distributions: Sequence[CameraDistribution],
+    known: Array,
+    scale: float = SOCCER_SCALE,
+) -> InitialCameras:
+    """Initial cameras of every frame: from each distribution, and by the DLT where four ground lines or more allow it.
 
-    A known position makes for a single start.
+    A known position makes for a single one.
 
     Parameters
     ----------
     observations : Observations
         T frames, each with at least one pixel.
+    layout : Layout
+        Of theta.
     distributions : sequence of CameraDistribution
-        Where the camera may stand. A start that comes from elsewhere belongs to the
-        one that it is nearest to, by z-score.
-    known : (12,) array
+        Where the camera may stand. A camera that comes from elsewhere belongs to the one that it is nearest to, by
+        z-score.
+    known : (n,) array
         Parameters that the user gave; NaN where nothing is known.
     scale : float
         Size of what is usually in view, metres.
     """
     T = len(observations)
-    priors = [gaussian_prior(distribution, observations.image_size) for distribution in distributions]
+    priors = [gaussian_prior(distribution, layout) for distribution in distributions]
     mean = np.stack([prior.mean for prior in priors])
     sigma = np.stack([prior.sigma for prior in priors])
 
@@ -81,12 +88,12 @@ def starting_cameras(
     else:
         theta.append(pointed_camera(observations, priors[0], known, scale))
         frame.append(np.arange(T))
-    z = GaussianPrior(mean, sigma).z_scores(theta[-1][:, None])[..., :7]
+    z = GaussianPrior(mean, sigma).z_scores(theta[-1][:, None])[..., POSE_AND_ZOOM]
     member.append(np.argmin(np.sum(np.square(z), axis=-1), axis=-1))
 
     order = np.argsort(np.concatenate(frame), kind="stable")
     nearest = np.concatenate(member)[order]
-    return Starts(
+    return InitialCameras(
         np.concatenate(theta)[order], np.concatenate(frame)[order], GaussianPrior(mean[nearest], sigma[nearest])
     )
 
@@ -94,7 +101,7 @@ def starting_cameras(
 def pointed_camera(
     observations: Observations, prior: GaussianPrior, known: Array, scale: float = SOCCER_SCALE
 ) -> Array:
-    """Cameras at the mean position of a prior, turned and zoomed so that they see what is labelled, (T, 12).
+    """Cameras at the mean position of a prior, turned and zoomed so that they see what is labelled, (T, n).
 
     The middles of the labelled segments, short segments first, should come to lie where their pixels are: their
     centroid gives pan and tilt, their spread the focal length, within the prior's 95 %. Roll is zero.
@@ -110,7 +117,7 @@ def pointed_camera(
         Xc = (X - theta[:, None, CENTER]) @ np.swapaxes(rotation_from_angles(theta[:, ANGLES]), 1, 2)
         x = Xc[..., :2] / np.maximum(Xc[..., 2:], NEAREST * scale)
         log_f = np.log(PART_IN_VIEW * (_spread(xy, weight) + 1.0) / (_spread(x, weight) + 1e-3))
-        margin = 1.96 * prior.sigma[LOG_F]
+        margin = DEVIATIONS * prior.sigma[LOG_F]
         theta[:, LOG_F] = np.clip(log_f, prior.mean[LOG_F] - margin, prior.mean[LOG_F] + margin)
     if np.isnan(known[PAN]):
         # the target shall not appear in the middle of the image but where the pixels are
@@ -152,7 +159,7 @@ def _spread(x: Array, weight: Array) -> Array:
 
 
 def camera_from_lines(observations: Observations, known: Array, scale: float = SOCCER_SCALE) -> tuple[Array, BoolArray]:
-    """Cameras from the homography of the ground's lines by the DLT, (T, 12), and which frames have one, (T,).
+    """Cameras from the homography of the ground's lines by the DLT, (T, n), and which frames have one, (T,).
 
     The homography is decomposed with the known principal point, else the image's centre.
     """

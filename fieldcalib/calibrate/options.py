@@ -16,19 +16,10 @@ from numpy.typing import ArrayLike
 from fieldcalib._types import Array, BoolArray
 from fieldcalib.fields.field import Field
 from fieldcalib.fields.stands import DISTRIBUTIONS, SOCCER_SCALE, CameraDistribution, stands_around
-from fieldcalib.geometry.camera import Camera, checked_image_size, radial_coefficients
+from fieldcalib.geometry.camera import Camera, checked_image_size
+from fieldcalib.geometry.lens import BrownConradyLens, RadialLens, lens_of, opencv_vector
 from fieldcalib.problem.losses import LossName, RobustLoss
-from fieldcalib.problem.parameters import (
-    ANGLES,
-    CENTER,
-    LENS,
-    LOG_ASPECT,
-    LOG_F,
-    PARAMETERS,
-    PRINCIPAL_POINT,
-    ROLL,
-    theta_from_camera,
-)
+from fieldcalib.problem.layout import ANGLES, CENTER, LOG_ASPECT, LOG_F, PRINCIPAL_POINT, ROLL, Layout, Role
 
 Prior: TypeAlias = str | CameraDistribution | Iterable[str | CameraDistribution] | None
 Criteria: TypeAlias = tuple[int, int, float]
@@ -50,7 +41,8 @@ class CalibrationFlags(IntFlag):
     """What is known and what is estimated.
 
     As in cv2, flags replace the default: without `CALIB_FIX_ASPECT_RATIO`, say, the aspect ratio is estimated, under
-    its prior. By default aspect ratio, principal point and the second lens coefficient are fixed.
+    its prior. By default the aspect ratio and all of the lens but k1 are fixed. (cv2 has one flag for every tangential
+    coefficient, and none that fixes k1 of its rational model alone; of k4 and beyond nothing is estimated here.)
     """
 
     CALIB_USE_INTRINSIC_GUESS = 1
@@ -66,18 +58,28 @@ class CalibrationFlags(IntFlag):
     CALIB_FIX_K2 = 64
     """Keep what the second radial coefficient does to the image: nothing, up to what keeps a barrel from folding back
     (`fieldcalib.geometry.lens`), or as `dist_coeffs` at `camera_matrix`."""
+    CALIB_FIX_K3 = 128
+    """Keep what the third radial coefficient does to the image: nothing, or as `dist_coeffs` at `camera_matrix`."""
+    CALIB_FIX_TANGENT_DIST = 1 << 21
+    """Keep what the tangential coefficients do to the image: nothing, or as `dist_coeffs` at `camera_matrix`."""
     CALIB_USE_EXTRINSIC_GUESS = 1 << 22
     """Start from `rvec` and `tvec`."""
     CALIB_FIX_POSITION = 1 << 28
     """Keep the camera centre of `rvec` and `tvec`: a tripod that was measured."""
     CALIB_FIX_ROLL = 1 << 29
     """Keep the roll of `rvec`, or 0."""
+    CALIB_AUTO_LENS = 1 << 30
+    """Estimate as much of the lens as the labels call for: k2, then k3 and the tangential coefficients, are freed where
+    that makes the labels much more likely; the message says so."""
 
 
 DEFAULT_FLAGS = (
-    CalibrationFlags.CALIB_FIX_ASPECT_RATIO | CalibrationFlags.CALIB_FIX_PRINCIPAL_POINT | CalibrationFlags.CALIB_FIX_K2
+    CalibrationFlags.CALIB_FIX_ASPECT_RATIO
+    | CalibrationFlags.CALIB_FIX_K2
+    | CalibrationFlags.CALIB_FIX_K3
+    | CalibrationFlags.CALIB_FIX_TANGENT_DIST
 )
-PINHOLE_FLAGS = DEFAULT_FLAGS | CalibrationFlags.CALIB_FIX_K1  # no lens
+PINHOLE_FLAGS = DEFAULT_FLAGS | CalibrationFlags.CALIB_FIX_K1 | CalibrationFlags.CALIB_FIX_PRINCIPAL_POINT  # K has f alone
 
 
 @dataclass(frozen=True)
@@ -86,9 +88,9 @@ class Options:
 
     image_size: tuple[int, int]
     known: Array
-    """(12,) parameters that the user gave or that have a default; NaN where nothing is known."""
-    free: BoolArray
-    """(12,) which parameters are estimated."""
+    """(n,) parameters that the user gave or that have a default; NaN where nothing is known."""
+    layout: Layout
+    """Of theta, and which of its parameters are estimated."""
     distributions: tuple[CameraDistribution, ...]
     use_prior: bool
     loss: RobustLoss
@@ -97,6 +99,9 @@ class Options:
     tau: float | None
     field: Field | None = None
     """What is calibrated against; None if that is no `Field`."""
+
+    auto_lens: bool = False
+    """Whether more of the lens is freed where the labels call for it."""
 
     @property
     def scale(self) -> float:
@@ -139,7 +144,10 @@ def checked_options(
     """
     image_size = checked_image_size(image_size)
     flags = _checked_flags(flags)
-    known = _known_parameters(image_size, camera_matrix, dist_coeffs, rvec, tvec, flags)
+    if prior is None and flags == DEFAULT_FLAGS:
+        flags |= CalibrationFlags.CALIB_FIX_PRINCIPAL_POINT  # by default it is free under its prior only
+    layout = _layout(image_size, dist_coeffs, flags, field, has_prior=prior is not None)
+    known = _known_parameters(layout, camera_matrix, dist_coeffs, rvec, tvec, flags)
     max_iterations, tolerance = _checked_criteria(criteria)
     if prior is not None:
         distributions = checked_prior(prior, field)
@@ -151,8 +159,19 @@ def checked_options(
         raise ValueError(f"tau must be a positive loss in NDC (the paper's is 0.019) or None, got {tau}")
     if not isinstance(loss, RobustLoss):
         loss = RobustLoss(loss, NARROW_SCALE * pixel_unit(image_size))
-    free, use_prior = _free_parameters(flags), prior is not None
-    return Options(image_size, known, free, distributions, use_prior, loss, max_iterations, tolerance, tau, field)
+    return Options(
+        image_size,
+        known,
+        layout,
+        distributions,
+        prior is not None,
+        loss,
+        max_iterations,
+        tolerance,
+        tau,
+        field,
+        bool(flags & CalibrationFlags.CALIB_AUTO_LENS),
+    )
 
 
 def checked_prior(
@@ -213,7 +232,7 @@ def _checked_criteria(criteria: Criteria) -> tuple[int, float]:
 
 
 def _known_parameters(
-    image_size: tuple[int, int],
+    layout: Layout,
     camera_matrix: ArrayLike | None,
     dist_coeffs: ArrayLike | None,
     rvec: ArrayLike | None,
@@ -240,34 +259,58 @@ def _known_parameters(
         raise ValueError(
             "rvec, tvec and the flags CALIB_USE_EXTRINSIC_GUESS or CALIB_FIX_POSITION go together: " + problem[given]
         )
-    known = np.full(len(PARAMETERS), np.nan)
+    image_size = layout.image_size
+    known = np.full(layout.size, np.nan)
     known[PRINCIPAL_POINT] = np.array(image_size) / 2.0
-    known[LENS] = known[LOG_ASPECT] = 0.0
+    known[layout.lens_block] = known[LOG_ASPECT] = 0.0
+    known[layout.field_size_block] = layout.field_size
     if flags & F.CALIB_FIX_ROLL:
         known[ROLL] = 0.0
     if camera_matrix is not None:
-        lens = radial_coefficients(dist_coeffs)
-        theta = theta_from_camera(Camera(camera_matrix, np.eye(3), np.zeros(3), image_size, lens))
-        intrinsics = [LOG_F, *range(LENS.start, len(PARAMETERS))]
-        known[intrinsics] = theta[intrinsics]
+        theta = layout.theta(Camera(camera_matrix, np.eye(3), np.zeros(3), image_size, opencv_vector(dist_coeffs)))
+        for block in (slice(LOG_F, LOG_F + 1), PRINCIPAL_POINT, slice(LOG_ASPECT, LOG_ASPECT + 1), layout.lens_block):
+            known[block] = theta[block]
     if rvec is not None and tvec is not None:
-        theta = theta_from_camera(Camera.from_opencv(rvec, tvec, np.eye(3), None, image_size))
+        theta = layout.theta(Camera.from_opencv(rvec, tvec, np.eye(3), None, image_size))
         known[ANGLES], known[CENTER] = theta[ANGLES], theta[CENTER]
     return known
 
 
-def _free_parameters(flags: CalibrationFlags) -> BoolArray:
+def _layout(
+    image_size: tuple[int, int],
+    dist_coeffs: ArrayLike | None,
+    flags: CalibrationFlags,
+    field: Field | None,
+    *,
+    has_prior: bool,
+) -> Layout:
+    """The blocks of theta: the smallest lens that has what is known and what is estimated, and the roles by the flags.
+
+    The size of a field that is not known is considered: kept, with its uncertainty in that of the camera.
+    """
     F = CalibrationFlags
-    free = np.ones(len(PARAMETERS), dtype=bool)
-    for flag, parameters in (
-        (F.CALIB_FIX_ASPECT_RATIO, LOG_ASPECT),
-        (F.CALIB_FIX_PRINCIPAL_POINT, PRINCIPAL_POINT),
-        (F.CALIB_FIX_FOCAL_LENGTH, LOG_F),
-        (F.CALIB_FIX_K1, LENS.start),
-        (F.CALIB_FIX_K2, LENS.start + 1),
-        (F.CALIB_FIX_POSITION, CENTER),
-        (F.CALIB_FIX_ROLL, ROLL),
+    rho = float(np.hypot(*image_size) / 2.0)
+    full = BrownConradyLens(rho)
+    is_full = not flags & F.CALIB_FIX_K3 or not flags & F.CALIB_FIX_TANGENT_DIST or lens_of(dist_coeffs, rho) == full
+    lens = full if is_full else RadialLens(rho)
+    size_model = field.size_model if field is not None and has_prior and not field.size_known else None
+    layout = Layout.of(
+        image_size,
+        lens,
+        field_size=None if size_model is None or field is None else (field.length, field.width),
+        size_range=None if size_model is None else size_model.limits,
+    ).with_roles(Role.CONSIDERED, "field size")
+    for flag, blocks in (
+        (F.CALIB_FIX_ASPECT_RATIO, ("aspect",)),
+        (F.CALIB_FIX_PRINCIPAL_POINT, ("principal point",)),
+        (F.CALIB_FIX_FOCAL_LENGTH, ("focal length",)),
+        (F.CALIB_FIX_K1, ("k1",)),
+        (F.CALIB_FIX_K2, ("k2",)),
+        (F.CALIB_FIX_K3, ("k3",)),
+        (F.CALIB_FIX_TANGENT_DIST, ("p1", "p2")),
+        (F.CALIB_FIX_POSITION, ("centre",)),
+        (F.CALIB_FIX_ROLL, ("roll",)),
     ):
         if flags & flag:
-            free[parameters] = False
-    return free
+            layout = layout.fixed(*(block for block in blocks if block in layout.blocks))
+    return layout

@@ -242,7 +242,7 @@ def calibration_line(id: str, calibration: Calibration, eq3: float | None) -> di
 def _camera_keys(camera: Camera) -> dict[str, Any]:
     return {
         "K": camera.K.tolist(),
-        "dist": [*camera.k.tolist(), 0.0, 0.0, 0.0],
+        "dist": camera.dist[0].tolist(),
         "R": camera.R.tolist(),
         "C": camera.C.tolist(),
         "angles_degrees": dict(zip(ANGLE_NAMES, np.degrees(camera.angles).tolist(), strict=True)),

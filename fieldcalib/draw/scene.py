@@ -19,7 +19,6 @@ from fieldcalib.fields.field import Field
 from fieldcalib.fields.segments import Arc, Line, Point, PointCloud, Segment
 from fieldcalib.fields.soccer import GOAL_AREA_DEPTH
 from fieldcalib.geometry.camera import Camera
-from fieldcalib.geometry.lens import undistort
 from fieldcalib.io.image import Image as Image  # re-exported: it is what the pictures here are
 
 Colour: TypeAlias = tuple[int, int, int]
@@ -92,13 +91,9 @@ def render_field(
 def rays(camera: Camera) -> Float32:
     """The world direction in which every pixel looks, (3, height, width); NaN where no ray reaches a pixel."""
     width, height = camera.image_size
-    x = (np.arange(width)[None, :] - camera.K[0, 2]) / camera.K[0, 0]
-    y = (np.arange(height)[:, None] - camera.K[1, 2]) / camera.K[1, 1]
-    if np.any(camera.k):
-        xy = undistort(np.stack(np.broadcast_arrays(x, y), axis=-1), camera.k, rho=1.0)
-        x, y = xy[..., 0], xy[..., 1]
+    pixels = np.stack(np.meshgrid(np.arange(width), np.arange(height)), axis=-1)
+    x, y = np.moveaxis(camera.normalized(pixels).astype(np.float32), -1, 0)
     right, down, forward = camera.R.astype(np.float32)
-    x, y = x.astype(np.float32), y.astype(np.float32)
     return np.stack([x * right[i] + (y * down[i] + forward[i]) for i in range(3)])
 
 

@@ -1,4 +1,4 @@
-"""The camera: a frozen pinhole with a radial lens, in the conventions of the package.
+"""The camera: a frozen pinhole with OpenCV's lens, in the conventions of the package.
 
 World: metres, x right along the touchline, y towards the main camera, z down. Camera: x right, y down, z forward,
 ``Xc = R (X - C)``. Pixels: (x, y), the first pixel's centre is (0, 0); image sizes are (width, height).
@@ -6,14 +6,21 @@ World: metres, x right along the touchline, y towards the main camera, z down. C
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from fieldcalib._types import Array
-from fieldcalib.geometry.lens import corner_coefficients, distort, is_monotone, undistort
+from fieldcalib.geometry.lens import (
+    POWERS,
+    Lens,
+    lens_of,
+    opencv_vector,
+    shortest_opencv_vector,
+)
+from fieldcalib.geometry.lens import radial_coefficients as radial_coefficients  # re-exported
 from fieldcalib.geometry.projective import dehomogenize, homogenize
 from fieldcalib.geometry.rotation import angles_from_rotation, rotation_from_angles
 
@@ -33,12 +40,14 @@ class Camera:
     image_size : (int, int)
         Width and height in pixels.
     k : (2,) array_like
-        OpenCV's radial coefficients k1, k2.
+        OpenCV's radial coefficients k1, k2, or its dist_coeffs (k1, k2, p1, p2, k3, ...) of any of its lengths. The
+        attribute `k` is (k1, k2) in any case, `dist` has them all.
 
     Raises
     ------
     ValueError
-        If a shape is wrong, a number is not finite, R is no rotation, or K has skew or no positive focal length.
+        If a shape is wrong, a number is not finite, R is no rotation, K has skew or no positive focal length, or the
+        lens has a tilted sensor (the last two of 14 coefficients).
 
     Examples
     --------
@@ -56,6 +65,9 @@ class Camera:
     C: Array
     image_size: tuple[int, int]
     k: Array
+    """(k1, k2)."""
+    dist: Array = field(repr=False)
+    """OpenCV's dist_coeffs (1, 5); (1, 8) or (1, 12) if the coefficients that follow are not all 0."""
 
     def __init__(
         self,
@@ -65,12 +77,15 @@ class Camera:
         image_size: tuple[int, int],
         k: ArrayLike = (0.0, 0.0),
     ) -> None:
-        for name, value, shape in (("K", K, (3, 3)), ("R", R, (3, 3)), ("C", C, (3,)), ("k", k, (2,))):
+        for name, value, shape in (("K", K, (3, 3)), ("R", R, (3, 3)), ("C", C, (3,))):
             array = np.array(value, dtype=float)
             if array.shape != shape or not np.all(np.isfinite(array)):
                 raise ValueError(f"{name} must be a finite array of shape {shape}, got {np.asarray(value)!r}")
-            array.flags.writeable = False
             object.__setattr__(self, name, array)
+        object.__setattr__(self, "dist", shortest_opencv_vector(opencv_vector(k, "k"))[None])
+        object.__setattr__(self, "k", self.dist[0, :2])
+        for array in (self.K, self.R, self.C, self.k, self.dist):
+            array.flags.writeable = False
         object.__setattr__(self, "image_size", checked_image_size(image_size))
         if not (self.K[0, 0] > 0.0 and self.K[1, 1] > 0.0):
             raise ValueError(f"K must have positive focal lengths, got {self.K[0, 0]} and {self.K[1, 1]}")
@@ -114,21 +129,21 @@ class Camera:
         Raises
         ------
         ValueError
-            If a coefficient other than k1 and k2 is not zero: this camera has no tangential or higher terms.
+            As the constructor.
         """
         from scipy.spatial.transform import Rotation
 
         R = Rotation.from_rotvec(np.array(rvec, dtype=float).reshape(3)).as_matrix()
         C = -R.T @ np.array(tvec, dtype=float).reshape(3)
-        return cls(camera_matrix, R, C, image_size, radial_coefficients(dist_coeffs))
+        return cls(camera_matrix, R, C, image_size, opencv_vector(dist_coeffs))
 
     def to_opencv(self) -> tuple[Array, Array, Array, Array]:
-        """OpenCV's (rvec (3, 1), tvec (3, 1), K (3, 3), dist (1, 5)), as `cv2.projectPoints` takes them."""
+        """OpenCV's (rvec (3, 1), tvec (3, 1), K (3, 3), `dist`), as `cv2.projectPoints` takes them."""
         from scipy.spatial.transform import Rotation  # a slow import; cv2.Rodrigues loses digits near half a turn
 
         rvec = Rotation.from_matrix(self.R).as_rotvec().reshape(3, 1)
         tvec = -(self.R @ self.C).reshape(3, 1)
-        return rvec, tvec, self.K.copy(), np.array([[*self.k, 0.0, 0.0, 0.0]])
+        return rvec, tvec, self.K.copy(), self.dist.copy()
 
     @property
     def focal_length(self) -> float:
@@ -156,9 +171,19 @@ class Camera:
         return float(np.hypot(*self.image_size) / 2.0)
 
     @property
+    def lens(self) -> Lens:
+        """The smallest lens that has the coefficients of this camera; ``camera.lens_coefficients`` are its own."""
+        return lens_of(self.dist, self.half_diagonal)
+
+    @property
+    def lens_coefficients(self) -> Array:
+        """The coefficients (n,) of `lens`."""
+        return self.lens.from_opencv(self.dist, self.focal_length)
+
+    @property
     def corner_distortion(self) -> Array:
-        """(a1, a2): the lens coefficients normalised to the image's corner, see `fieldcalib.geometry.lens`."""
-        return corner_coefficients(self.k, self.focal_length, self.half_diagonal)
+        """(a1, a2): k1 and k2 normalised to the image's corner, see `fieldcalib.geometry.lens`."""
+        return np.asarray(self.k * (self.half_diagonal / self.focal_length) ** POWERS[:2])
 
     @property
     def homography(self) -> Array:
@@ -192,17 +217,31 @@ class Camera:
         -------
         (..., 2) array
             NaN for points that have no image: behind the camera or in its plane (depth <= 0), or so far out that the
-            lens folds back (`fieldcalib.geometry.lens.is_monotone`). Points outside the image are given.
+            lens folds back (`fieldcalib.geometry.lens.Lens.is_monotone`). Points outside the image are given.
         """
         Xc = (_vectors(X, 3, "world points") - self.C) @ self.R.T
         visible = Xc[..., 2] > 0.0
         x = dehomogenize(np.where(visible[..., None], Xc, 1.0))
-        if np.any(self.k):
-            a, rho = self.k, 1.0  # in normalised coordinates the corner is at radius 1
-            visible &= is_monotone(np.sum(np.square(x), axis=-1), a)
-            x = distort(x, a, rho)
+        if np.any(self.dist):
+            s, b = _components(self.focal_length * x), self.lens_coefficients
+            visible &= self.lens.is_monotone(s, b)
+            x = _vectors_last(self.lens.distort(s, b)) / self.focal_length
         xy = x * self.K[[0, 1], [0, 1]] + self.K[:2, 2]
         return np.where(visible[..., None], xy, np.nan)
+
+    def normalized(self, xy: ArrayLike) -> Array:
+        """Normalised image points (Xc / Zc, Yc / Zc) of pixels (..., 2), lens taken out: the inverse of the projection.
+
+        Returns
+        -------
+        (..., 2) array
+            NaN where no ray of the lens reaches the pixel.
+        """
+        x = (_vectors(xy, 2, "pixels") - self.K[:2, 2]) / self.K[[0, 1], [0, 1]]
+        if not np.any(self.dist):
+            return np.asarray(x)
+        s = self.lens.undistort(_components(self.focal_length * x), self.lens_coefficients)
+        return _vectors_last(s) / self.focal_length
 
     def image_to_field(self, xy: ArrayLike, *, z: float = 0.0) -> Array:
         """World points of pixels on the horizontal plane at height `z` (metres, down), lens included.
@@ -220,10 +259,7 @@ class Camera:
             NaN where the pixel's ray does not meet the plane in front of the camera (above the horizon), or where no
             ray of the lens reaches the pixel.
         """
-        x = (_vectors(xy, 2, "pixels") - self.K[:2, 2]) / self.K[[0, 1], [0, 1]]
-        if np.any(self.k):
-            x = undistort(x, self.k, rho=1.0)
-        ray = homogenize(x) @ self.R
+        ray = homogenize(self.normalized(xy)) @ self.R
         with np.errstate(divide="ignore", invalid="ignore"):
             scale = (z - self.C[2]) / ray[..., 2]
             X = self.C + scale[..., None] * ray
@@ -234,25 +270,26 @@ class Camera:
         """The same camera for the image resized to another size; focal length and principal point scale with it."""
         new_size = checked_image_size(image_size)
         scale = np.array([new_size[0] / self.image_size[0], new_size[1] / self.image_size[1], 1.0])
-        return Camera(scale[:, None] * self.K, self.R, self.C, new_size, self.k)
+        return Camera(scale[:, None] * self.K, self.R, self.C, new_size, self.dist)
 
     def __eq__(self, other: object) -> bool:
         if not isinstance(other, Camera):
             return NotImplemented
-        arrays = ((self.K, other.K), (self.R, other.R), (self.C, other.C), (self.k, other.k))
+        arrays = ((self.K, other.K), (self.R, other.R), (self.C, other.C), (self.dist, other.dist))
         return self.image_size == other.image_size and all(np.array_equal(a, b) for a, b in arrays)
 
     __hash__ = None  # type: ignore[assignment]  # arrays do not hash
 
     def __reduce__(self) -> tuple[type[Camera], tuple[object, ...]]:
-        return Camera, (self.K, self.R, self.C, self.image_size, self.k)  # copies are read-only too
+        return Camera, (self.K, self.R, self.C, self.image_size, self.dist)  # copies are read-only too
 
     def __repr__(self) -> str:
         pan, tilt, roll = np.degrees(self.angles)
         x, y, z = self.C
+        k = self.dist[0] if np.any(self.dist[0, 2:]) else self.k
         return (
             f"Camera(f={self.focal_length:.1f} px, pan={pan:.2f}°, tilt={tilt:.2f}°, roll={roll:.2f}°, "
-            f"C=({x:.2f}, {y:.2f}, {z:.2f}) m, k=({self.k[0]:.4g}, {self.k[1]:.4g}), "
+            f"C=({x:.2f}, {y:.2f}, {z:.2f}) m, k=({', '.join(f'{value:.4g}' for value in k)}), "
             f"image_size={self.image_size[0]}x{self.image_size[1]})"
         )
 
@@ -265,6 +302,16 @@ def _vectors(values: ArrayLike, size: int, what: str) -> Array:
     return array
 
 
+def _components(x: Array) -> Array:
+    """Plane vectors (..., 2) as (2, ...), contiguous."""
+    return np.ascontiguousarray(np.moveaxis(x, -1, 0))
+
+
+def _vectors_last(s: Array) -> Array:
+    """Plane vectors (2, ...) as (..., 2): the inverse of `_components`."""
+    return np.ascontiguousarray(np.moveaxis(s, 0, -1))
+
+
 def checked_image_size(image_size: Any) -> tuple[int, int]:
     """(width, height) as two positive integers, or a ValueError that says what came instead."""
     size = np.asarray(image_size)
@@ -273,21 +320,3 @@ def checked_image_size(image_size: Any) -> tuple[int, int]:
         hint = "; of an image array it is image.shape[1::-1]" if size.size >= 3 else ""
         raise ValueError(f"image_size must be (width, height) in whole pixels, got {came!r}{hint}")
     return int(size[0]), int(size[1])
-
-
-def radial_coefficients(dist_coeffs: ArrayLike | None) -> Array:
-    """(k1, k2) of OpenCV's distortion vector (k1, k2, p1, p2, k3, ...); None is no lens.
-
-    Raises
-    ------
-    ValueError
-        If any other coefficient is not zero.
-    """
-    dist = np.zeros(2) if dist_coeffs is None else np.array(dist_coeffs, dtype=float).ravel()
-    dist = np.pad(dist, (0, max(0, 2 - dist.size)))
-    if np.any(dist[2:]):
-        raise ValueError(
-            f"only the radial coefficients k1 and k2 are modelled, got dist_coeffs = {dist.tolist()}; "
-            f"undistort the pixels with cv2.undistortPoints first, or refit with k1 and k2 alone"
-        )
-    return dist[:2]

@@ -122,7 +122,7 @@ def lens_of(dist_coeffs: ArrayLike | None, rho: float) -> Lens:
     return BrownConradyLens(rho) if dist[2:].any() else RadialLens(rho)
 
 
-def opencv_vector(dist_coeffs: ArrayLike | None) -> Array:
+def opencv_vector(dist_coeffs: ArrayLike | None, name: str = "dist_coeffs") -> Array:
     """OpenCV's distortion coefficients of any of its lengths and shapes as its first twelve; None is no lens.
 
     Raises
@@ -139,12 +139,12 @@ def opencv_vector(dist_coeffs: ArrayLike | None) -> Array:
     dist = np.zeros(2) if dist_coeffs is None else np.asarray(dist_coeffs, dtype=float).ravel()
     if dist.size not in LENGTHS or not np.all(np.isfinite(dist)):
         raise ValueError(
-            f"dist_coeffs must be finite numbers (k1, k2, p1, p2, k3, ...), {', '.join(map(str, LENGTHS[:-1]))} or "
-            f"{LENGTHS[-1]} of them, got {np.asarray(dist_coeffs).tolist()}"
+            f"{name} must be a finite array of {', '.join(map(str, LENGTHS[:-1]))} or {LENGTHS[-1]} coefficients "
+            f"(k1, k2, p1, p2, k3, ...), got {np.asarray(dist_coeffs).tolist()}"
         )
     if np.any(dist[12:]):
         raise ValueError(
-            f"a tilted sensor (tauX, tauY) is not modelled, got dist_coeffs = {dist.tolist()}; "
+            f"a tilted sensor (tauX, tauY) is not modelled, got {name} = {dist.tolist()}; "
             f"undistort the pixels with cv2.undistortPoints first, or refit without CALIB_TILTED_MODEL"
         )
     return np.pad(dist, (0, max(0, 12 - dist.size)))[:12]
@@ -429,7 +429,7 @@ class BrownConradyLens:
         target, a = d / self.rho, _corner(b)
         u = np.broadcast_to(target, (2, *np.broadcast_shapes(d.shape[1:], b.shape[1:]))).copy()
         with np.errstate(all="ignore"):  # what no ray reaches may end at a pole
-            for _ in range(60):
+            for _ in range(40):
                 (xx, xy), (yx, yy) = brown_conrady_jacobian(u, a)
                 x, y = brown_conrady(u, a) - target
                 determinant = xx * yy - xy * yx

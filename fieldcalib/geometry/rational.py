@@ -3,12 +3,8 @@
 They are projected and measured, never estimated: `fieldcalib.geometry.camera.Camera` is what this package calibrates.
 Any finite numbers make one, so that an absurd result of another system can be scored as it is.
 
-With ``(x, y) = (Xc / Zc, Yc / Zc)`` and ``q = x^2 + y^2`` the lens is OpenCV's (documentation of calib3d, "Detailed
-Description"), coefficients in the order of its `distCoeffs`:
-
-    g  = (1 + k1 q + k2 q^2 + k3 q^3) / (1 + k4 q + k5 q^2 + k6 q^3)
-    x' = x g + 2 p1 x y + p2 (q + 2 x^2) + s1 q + s2 q^2
-    y' = y g + p1 (q + 2 y^2) + 2 p2 x y + s3 q + s4 q^2
+The lens is OpenCV's, `fieldcalib.geometry.lens.brown_conrady` in normalised image points ``(Xc / Zc, Yc / Zc)``. Unlike
+a `fieldcalib.geometry.lens.Lens`, nothing here asks whether it folds.
 """
 
 from __future__ import annotations
@@ -20,13 +16,13 @@ from numpy.typing import ArrayLike
 
 from fieldcalib._types import Array
 from fieldcalib.geometry.camera import Camera, _vectors, checked_image_size
+from fieldcalib.geometry.lens import COEFFICIENTS as COEFFICIENTS  # re-exported: the order of `RationalCamera.dist`
+from fieldcalib.geometry.lens import brown_conrady, brown_conrady_jacobian, opencv_vector
 from fieldcalib.geometry.projective import dehomogenize, homogenize
-
-COEFFICIENTS = ("k1", "k2", "p1", "p2", "k3", "k4", "k5", "k6", "s1", "s2", "s3", "s4")
 
 
 def distort_rational(x: Array, dist: Array) -> Array:
-    """Where the lens moves normalised image points: the formula of the module.
+    """Where the lens moves normalised image points: `fieldcalib.geometry.lens.brown_conrady` with the vector last.
 
     Parameters
     ----------
@@ -45,39 +41,13 @@ def distort_rational(x: Array, dist: Array) -> Array:
     >>> distort_rational(np.array([0.3, 0.4]), np.array([0.04, *np.zeros(11)]))  # q = 0.25: 1 % outwards
     array([0.303, 0.404])
     """
-    k1, k2, p1, p2, k3, k4, k5, k6, s1, s2, s3, s4 = np.moveaxis(dist, -1, 0)
-    u, v = x[..., 0], x[..., 1]
-    q, uv = u * u + v * v, u * v
-    gain = (1.0 + q * (k1 + q * (k2 + q * k3))) / (1.0 + q * (k4 + q * (k5 + q * k6)))
-    return np.stack(
-        [
-            u * gain + 2.0 * p1 * uv + p2 * (q + 2.0 * u * u) + q * (s1 + q * s2),
-            v * gain + p1 * (q + 2.0 * v * v) + 2.0 * p2 * uv + q * (s3 + q * s4),
-        ],
-        axis=-1,
-    )
+    return np.moveaxis(brown_conrady(np.moveaxis(x, -1, 0), np.moveaxis(dist, -1, 0)), 0, -1)
 
 
 def distort_rational_jacobian(x: Array, dist: Array) -> Array:
-    """Derivative of `distort_rational` with respect to the point.
-
-    Returns
-    -------
-    dd_dx : (..., 2, 2) array
-        ``g I + x (dg_dq dq_dx)`` plus the tangential and the thin prism part, ``dq_dx = 2 x``.
-    """
-    k1, k2, p1, p2, k3, k4, k5, k6, s1, s2, s3, s4 = np.moveaxis(dist, -1, 0)
-    u, v = x[..., 0], x[..., 1]
-    q = u * u + v * v
-    numerator, denominator = 1.0 + q * (k1 + q * (k2 + q * k3)), 1.0 + q * (k4 + q * (k5 + q * k6))
-    gain = numerator / denominator
-    dg_dq = (k1 + q * (2.0 * k2 + 3.0 * q * k3) - gain * (k4 + q * (2.0 * k5 + 3.0 * q * k6))) / denominator
-    dq_dx = 2.0 * x
-    along_u, along_v = u * dg_dq + s1 + 2.0 * q * s2, v * dg_dq + s3 + 2.0 * q * s4
-    tangential = 2.0 * (p1 * u + p2 * v)
-    du_dx = np.stack([gain + 2.0 * p1 * v + 6.0 * p2 * u, tangential], axis=-1) + along_u[..., None] * dq_dx
-    dv_dx = np.stack([tangential, gain + 6.0 * p1 * v + 2.0 * p2 * u], axis=-1) + along_v[..., None] * dq_dx
-    return np.stack([du_dx, dv_dx], axis=-2)
+    """Derivative (..., 2, 2) of `distort_rational` with respect to the point."""
+    rows = brown_conrady_jacobian(np.moveaxis(x, -1, 0), np.moveaxis(dist, -1, 0))
+    return np.stack([np.stack(row, axis=-1) for row in rows], axis=-2)
 
 
 def undistort_rational(d: Array, dist: Array) -> Array:
@@ -173,10 +143,10 @@ class RationalCamera:
 
     @classmethod
     def from_camera(cls, camera: Camera | RationalCamera) -> RationalCamera:
-        """The same camera with k1 and k2 among twelve coefficients; a rational camera is returned as it is."""
+        """The same camera with twelve coefficients; a rational camera is returned as it is."""
         if isinstance(camera, RationalCamera):
             return camera
-        return cls(camera.K, camera.R, camera.C, np.concatenate([camera.k, np.zeros(10)]), camera.image_size)
+        return cls(camera.K, camera.R, camera.C, opencv_vector(camera.dist), camera.image_size)
 
     @property
     def homography(self) -> Array:

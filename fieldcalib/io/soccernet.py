@@ -218,14 +218,11 @@ def camera_from_record(record: Mapping[str, Any], image_size: tuple[int, int] | 
     Raises
     ------
     BrokenFileError
-        If a key is missing, the values are no camera's, or a lens coefficient other than the first two radial ones is
-        not 0.
+        If a key is missing or the values are no camera's.
     """
     camera = rational_camera_from_record(record, image_size)
-    if np.any(camera.dist[2:]):
-        raise BrokenFileError("only the radial coefficients k1 and k2 are modelled; this camera has others")
     try:
-        return Camera(camera.K, camera.R, camera.C, camera.image_size, camera.dist[:2])
+        return Camera(camera.K, camera.R, camera.C, camera.image_size, camera.dist)
     except ValueError as error:
         raise BrokenFileError(f"is no camera: {error}") from None
 

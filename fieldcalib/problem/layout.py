@@ -65,22 +65,31 @@ class Layout:
     lens: Lens
     roles: Array = field(repr=False)
     """`Role` of each parameter, (n,)."""
+    field_size: tuple[float, float] | None = None
+    """Length and width for which observations are packed, metres; None where the size is no parameter."""
     size_range: Array | None = field(default=None, repr=False)
-    """Least and largest length and width of the field, (2, 2) metres; None where the size is no parameter."""
+    """Least and largest length and width of the field, (2, 2) metres."""
 
     @classmethod
-    def of(cls, image_size: tuple[int, int], lens: Lens | None = None, *, size_range: Array | None = None) -> Layout:
+    def of(
+        cls,
+        image_size: tuple[int, int],
+        lens: Lens | None = None,
+        *,
+        field_size: tuple[float, float] | None = None,
+        size_range: Array | None = None,
+    ) -> Layout:
         """A layout in which every parameter is one of the frame; by default with a radial lens."""
         lens = RadialLens(float(np.hypot(*image_size) / 2.0)) if lens is None else lens
-        size = len(COMMON) + len(lens.names) + (len(FIELD_SIZE) if size_range is not None else 0)
+        size = len(COMMON) + len(lens.names) + (len(FIELD_SIZE) if field_size is not None else 0)
         roles = np.full(size, Role.FRAME)
         roles[len(COMMON) + lens.estimable : len(COMMON) + len(lens.names)] = Role.FIXED
-        return cls(image_size, lens, roles, size_range)
+        return cls(image_size, lens, roles, field_size, size_range)
 
     @cached_property
     def names(self) -> tuple[str, ...]:
         """Of the parameters, in the order of theta."""
-        return (*COMMON, *self.lens.names, *(FIELD_SIZE if self.size_range is not None else ()))
+        return (*COMMON, *self.lens.names, *(FIELD_SIZE if self.field_size is not None else ()))
 
     @property
     def size(self) -> int:
@@ -99,8 +108,13 @@ class Layout:
 
     @cached_property
     def blocks(self) -> dict[str, slice]:
-        """By name."""
-        return {
+        """By name; the coefficients of the lens are blocks of their own too, by OpenCV's names."""
+        first = self.lens_block.start
+        coefficients = {
+            {"a1": "k1", "b2": "k2"}.get(name, name): slice(first + i, first + i + 1)
+            for i, name in enumerate(self.lens.names)
+        }
+        return coefficients | {
             "angles": ANGLES,
             "roll": slice(ROLL, ROLL + 1),
             "focal length": slice(LOG_F, LOG_F + 1),
@@ -173,7 +187,7 @@ class Layout:
         return replace(self, roles=np.where(free | (roles == Role.CONSIDERED), roles, Role.FIXED))
 
     def theta(self, camera: Camera) -> Array:
-        """The parameter vector of a camera, (n,), without a size of the field.
+        """The parameter vector of a camera, (n,).
 
         Raises
         ------
@@ -185,6 +199,8 @@ class Layout:
         theta[ANGLES], theta[LOG_F], theta[CENTER] = camera.angles, np.log(fx), camera.C
         theta[PRINCIPAL_POINT], theta[LOG_ASPECT] = camera.principal_point, np.log(fy / fx)
         theta[self.lens_block] = self.lens.from_opencv(camera.dist, fx)
+        if self.field_size is not None:
+            theta[self.field_size_block] = self.field_size
         return theta
 
     def camera(self, theta: Array) -> Camera:

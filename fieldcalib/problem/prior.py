@@ -65,6 +65,9 @@ def gaussian_prior(distribution: CameraDistribution, layout: Layout) -> Gaussian
     mean[POSE_AND_ZOOM], sigma[POSE_AND_ZOOM] = (low + high) / 2.0, (high - low) / (2.0 * DEVIATIONS)
     mean[PRINCIPAL_POINT], sigma[PRINCIPAL_POINT] = np.divide(layout.image_size, 2.0), PRINCIPAL_POINT_SIGMA * width
     sigma[LOG_ASPECT] = LOG_ASPECT_SIGMA
+    if layout.field_size is not None:
+        mean[layout.field_size_block] = layout.field_size
+        sigma[layout.field_size_block] = layout.field_size_sigma
     mean[layout.lens_block], sigma[layout.lens_block] = layout.lens.mean, layout.lens.sigma
     return GaussianPrior(mean, sigma)
 
