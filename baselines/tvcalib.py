@@ -43,7 +43,7 @@ from fieldcalib.geometry.projective import homogenize
 from fieldcalib.geometry.rotation import rotation_axes, rotation_from_angles
 from fieldcalib.io.soccernet import CAMERA_TYPES, DISTRIBUTIONS_OF_TYPE, read_camera_types
 from fieldcalib.problem.labelled_pixels import Pixels, split_circles
-from fieldcalib.problem.parameters import ANGLES, CENTER, LOG_F, PARAMETERS, PRINCIPAL_POINT, ROLL, camera_from_theta
+from fieldcalib.problem.layout import ANGLES, CENTER, LOG_F, PRINCIPAL_POINT, ROLL, camera_from_theta, Layout
 
 FOV = LOG_F  # phi is ordered as theta, with the field of view in the place of the focal length
 STEPS = 2000
@@ -176,12 +176,12 @@ def _results(
 
 
 def theta_from_phi(phi: Array, image_size: tuple[int, int]) -> Array:
-    """The parameter vectors (T, 12) of cameras phi (T, 7).
+    """The parameter vectors (T, n) of cameras phi (T, 7).
 
     A negative focal length turns the image by 180 degrees: it becomes a positive one and half a turn of roll.
     """
     f = focal_length_from_fov(phi[:, FOV], image_size[0])
-    theta = np.zeros((len(phi), len(PARAMETERS)))
+    theta = np.zeros((len(phi), Layout.of(image_size).size))
     theta[:, ANGLES], theta[:, CENTER] = phi[:, ANGLES], phi[:, CENTER]
     theta[:, ROLL] += np.where(f < 0.0, np.pi, 0.0)
     theta[:, LOG_F] = np.log(np.abs(f))

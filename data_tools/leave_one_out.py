@@ -17,8 +17,8 @@ from pathlib import Path
 import numpy as np
 
 from fieldcalib._types import Array
-from fieldcalib.assess.verdict import segment_errors
 from fieldcalib.calibrate.field_size import estimate_field_size
+from fieldcalib.calibrate.from_homography import judged_camera
 from fieldcalib.calibrate.from_segments import calibrate_batch
 from fieldcalib.cli.arguments import LENSES, image_size
 from fieldcalib.cli.folder import read_frames
@@ -26,9 +26,6 @@ from fieldcalib.cli.main import run_command
 from fieldcalib.fields.field import Field
 from fieldcalib.fields.soccer import soccer
 from fieldcalib.problem.labelled_pixels import Pixels
-from fieldcalib.problem.observations import pack
-from fieldcalib.problem.parameters import theta_from_camera
-from fieldcalib.problem.residuals import segment_residuals
 
 LEAST = 5  # segments that a calibration keeps
 
@@ -77,10 +74,7 @@ def left_out_errors(
         assert calibration.camera is not None  # with labels there is one, whatever its status
         assert calibration.field is not None
         alone = {label: frame[label]}
-        observations = pack(calibration.field, [alone], size)
-        r = segment_residuals(theta_from_camera(calibration.camera)[None], observations)
-        ((_, rms),) = segment_errors(r, observations, [alone])
-        errors.append(rms)
+        errors.append(judged_camera(calibration.camera, calibration.field, alone, "").rms)
     return np.array(errors)
 
 

@@ -28,7 +28,7 @@ from fieldcalib.cli.main import run_command
 from fieldcalib.fields.field import Field
 from fieldcalib.fields.soccer import soccer
 from fieldcalib.geometry.camera import Camera
-from fieldcalib.problem.parameters import CENTER, LOG_F, theta_from_camera
+from fieldcalib.problem.layout import CENTER, LOG_F, theta_from_camera
 
 SIZE = (1920, 1080)
 FROM_Z_UP = np.diag([1.0, -1.0, -1.0])  # their world's axes in ours; its own inverse

@@ -19,7 +19,8 @@ from fieldcalib.fields.segments import Arc
 from fieldcalib.fields.stands import ALL_STANDS, CameraDistribution
 from fieldcalib.geometry.camera import Camera
 from fieldcalib.problem.labelled_pixels import Pixels
-from fieldcalib.problem.parameters import LENS, LENS_MEAN, PRINCIPAL_POINT, ROLL, camera_from_theta, sample_theta
+from fieldcalib.problem.layout import PRINCIPAL_POINT, ROLL, Layout
+from fieldcalib.problem.prior import sample_theta
 
 MAIN_CENTER_SHARE = 0.4  # of the cameras; the other stands share the rest
 ROLL_SIGMA = np.radians(1.0)
@@ -77,11 +78,13 @@ def random_camera(rng: np.random.Generator) -> Camera:
     """A camera on one of the stands, with a lens and a principal point as broadcasts have them."""
     first, *others = ALL_STANDS
     stand: CameraDistribution = first if rng.random() < MAIN_CENTER_SHARE else others[rng.integers(len(others))]
-    (theta,) = sample_theta(stand, 1, rng, SIZE)
+    layout = Layout.of(SIZE)
+    (theta,) = sample_theta(stand, 1, rng, layout)
     theta[ROLL] = rng.normal(0.0, ROLL_SIGMA)
-    theta[LENS.start] = np.clip(rng.normal(LENS_MEAN[0], LENS_SPREAD), -STRONGEST_LENS, STRONGEST_LENS)
+    a1 = rng.normal(layout.lens.mean[0], LENS_SPREAD)
+    theta[layout.blocks["k1"]] = np.clip(a1, -STRONGEST_LENS, STRONGEST_LENS)
     theta[PRINCIPAL_POINT] += rng.normal(size=2) * PRINCIPAL_POINT_SPREAD * SIZE[0]
-    return camera_from_theta(theta, SIZE)
+    return layout.camera(theta)
 
 
 def observed(camera: Camera, field: Field, rng: np.random.Generator, noise: float, kept: float) -> Pixels:

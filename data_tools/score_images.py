@@ -49,7 +49,7 @@ from fieldcalib.io.images import VideoReader, parse_image
 from fieldcalib.io.soccernet import parse_annotation
 from fieldcalib.io.wc14 import parse_homography
 from fieldcalib.metrics import evaluate_segments, iou_part
-from fieldcalib.problem.parameters import CENTER, LOG_F
+from fieldcalib.problem.layout import CENTER, LOG_F
 
 SIZE = (1280, 720)  # that squashed images are stretched to
 REPORTED_WIDTH = 1920.0

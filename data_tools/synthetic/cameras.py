@@ -22,17 +22,8 @@ from fieldcalib.fields.stands import (
     CameraDistribution,
 )
 from fieldcalib.geometry.camera import Camera
-from fieldcalib.problem.parameters import (
-    LENS,
-    LENS_MEAN,
-    LOG_ASPECT,
-    PAN,
-    PRINCIPAL_POINT,
-    ROLL,
-    TILT,
-    camera_from_theta,
-    sample_theta,
-)
+from fieldcalib.problem.layout import LOG_ASPECT, PAN, PRINCIPAL_POINT, ROLL, TILT, Layout
+from fieldcalib.problem.prior import sample_theta
 
 BEHIND_MARGIN = 5.0  # m on both sides of the goal line
 
@@ -112,7 +103,8 @@ def is_behind_goal(camera: Camera, field: Field) -> bool:
 
 def _drawn(stand: CameraDistribution, field: Field, size: tuple[int, int], rng: np.random.Generator) -> Camera:
     """A camera of a distribution, with a lens, a principal point and, now and then, squeezed pixels."""
-    (theta,) = sample_theta(stand, 1, rng, size)
+    layout = Layout.of(size)
+    (theta,) = sample_theta(stand, 1, rng, layout)
     if rng.random() < AIMED_SHARE:
         target = np.array([field.length, field.width]) * rng.uniform(-0.5, 0.5, size=2)
         (x, y), z = target - theta[4:6], -theta[6]
@@ -120,11 +112,11 @@ def _drawn(stand: CameraDistribution, field: Field, size: tuple[int, int], rng: 
     if rng.random() < LEVEL_SHARE:
         theta[ROLL] = rng.normal(0.0, ROLL_SIGMA)
     a1 = rng.uniform(-1.0, 1.0) * STRONGEST_LENS if rng.random() < STRONG_LENS_SHARE else rng.normal(0.0, LENS_SPREAD)
-    theta[LENS.start] = np.clip(LENS_MEAN[0] + a1, -STRONGEST_LENS, STRONGEST_LENS)
+    theta[layout.blocks["k1"]] = np.clip(layout.lens.mean[0] + a1, -STRONGEST_LENS, STRONGEST_LENS)
     theta[PRINCIPAL_POINT] += rng.normal(size=2) * PRINCIPAL_POINT_SPREAD * size[0]
     if rng.random() < SQUEEZED_SHARE:
         theta[LOG_ASPECT] = np.log(SQUEEZE)
-    return camera_from_theta(theta, size)
+    return layout.camera(theta)
 
 
 def _is_outside(camera: Camera, field: Field) -> bool:

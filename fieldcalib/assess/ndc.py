@@ -118,7 +118,10 @@ def cloud(segment: Segment) -> PointCloud:
 
 def _line_distances(projection: Projection, rows: Rows, half_size: Array) -> Array:
     """NDC distance (T, N) of undistorted pixels to infinite lines."""
-    (ax, ay, az), (dx, dy, dz) = projection.points(rows.geometry[:, :, 0]), projection.directions(rows.geometry[:, :, 1])
+    (ax, ay, az), (dx, dy, dz) = (
+        projection.points(rows.geometry[:, :, 0]),
+        projection.directions(rows.geometry[:, :, 1]),
+    )
     lx, ly, lz = ay * dz - az * dy, az * dx - ax * dz, ax * dy - ay * dx
     px, py = projection.ideal_offset(projection.observed_offset(rows.xy))
     return np.asarray(np.abs(lx * px + ly * py + lz) / (np.hypot(lx * half_size[0], ly * half_size[1]) + 1e-300))

@@ -13,8 +13,9 @@ import numpy as np
 
 from fieldcalib._types import Array, BoolArray
 from fieldcalib.problem.evaluation import Evaluation
+from fieldcalib.problem.layout import OPENCV_NAMES
 
-READABLE = {"log f": "focal length", "log aspect": "aspect ratio", "a1": "k1", "b2": "k2"}
+READABLE = {"log f": "focal length", "log aspect": "aspect ratio", **OPENCV_NAMES}
 OPEN_DIRECTION = 1e-3  # information from the labels, in units of the prior's, below which a direction counts as open
 
 
@@ -45,7 +46,7 @@ class Information:
 
     @classmethod
     def of(cls, evaluation: Evaluation, unit: Array) -> Information:
-        """At the cameras of an evaluation; `unit` (B, P) are the standard deviations that a parameter is measured by."""
+        """At the cameras of an evaluation; `unit` (B, P) are the standard deviations that parameters are measured by."""
         layout = evaluation.problem.layout
         names = tuple(READABLE.get(name, name) for name, free in zip(layout.names, layout.free, strict=True) if free)
         matrix = evaluation.information * unit[:, :, None] * unit[:, None, :]

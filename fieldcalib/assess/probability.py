@@ -51,7 +51,7 @@ def largest_error(uncertainty: Uncertainty, field: Field) -> float:
 def evidence(uncertainty: Uncertainty, field: Field) -> Array:
     """What the log odds are linear in, (5,), for d = 1 m: ``1, log m, log sigma, log nu, log(1 + z . z)``."""
     problem = uncertainty.problem
-    z = np.minimum(np.abs(problem.prior_residuals(uncertainty.theta[None])), LARGEST_SCORE)
+    z = np.minimum(np.abs(problem.prior_residuals(uncertainty.evaluation.theta)), LARGEST_SCORE)
     m, sigma = largest_error(uncertainty, field), uncertainty.sigma / problem.noise
     return np.array([1.0, *np.log([m, sigma, uncertainty.dof, 1.0 + np.sum(np.square(z))])])
 

@@ -9,13 +9,16 @@ from enum import StrEnum
 from functools import cached_property
 from typing import Any
 
+import numpy as np
 from numpy.typing import ArrayLike
 
 from fieldcalib._types import Array
+from fieldcalib.assess.observability import Direction
 from fieldcalib.assess.probability import evidence, probability_right
-from fieldcalib.assess.uncertainty import Direction, GroundError, Solved, Uncertainty
+from fieldcalib.assess.uncertainty import GroundError, Uncertainty, uncertainties
 from fieldcalib.fields.field import Field
 from fieldcalib.geometry.camera import Camera
+from fieldcalib.problem.evaluation import Evaluation
 
 BESIDE = 5.0  # px: pixels that are nearer to a line lie on it
 
@@ -36,6 +39,36 @@ class Status(StrEnum):
     NOT_CONVERGED = "not converged"
     IMPLAUSIBLE = "implausible"
     """The best fit is no camera that could stand there."""
+
+
+@dataclass(frozen=True, eq=False)
+class Solved:
+    """Solved problems, of which `uncertainty` looks at one when it is asked."""
+
+    evaluation: Evaluation
+    """B frames at their solutions."""
+    unit: Array
+    """(B, n) standard deviations on which a parameter counts as determined."""
+    frame: int = 0
+
+    @property
+    def alone(self) -> Solved:
+        """The frame without the others that it was solved with."""
+        if len(self.unit) == 1:
+            return self
+        one = np.array([self.frame])
+        return Solved(self.evaluation.take(one).trimmed, self.unit[one])
+
+    @property
+    def uncertainty(self) -> Uncertainty:
+        """How far the camera of the frame may be off."""
+        alone = self.alone
+        (found,) = uncertainties(alone.evaluation, alone.unit)
+        return found
+
+    def __reduce__(self) -> tuple[type[Solved], tuple[Evaluation, Array]]:
+        alone = self.alone
+        return Solved, (alone.evaluation, alone.unit)
 
 
 @dataclass(frozen=True)

@@ -8,15 +8,14 @@ from dataclasses import dataclass
 import numpy as np
 
 from fieldcalib._types import Array, BoolArray
+from fieldcalib.assess.observability import OPEN_DIRECTION, Direction
 from fieldcalib.assess.result import Status
-from fieldcalib.assess.uncertainty import OPEN_DIRECTION, READABLE
 from fieldcalib.fields.field import Field
 from fieldcalib.fields.segments import Arc, Line, ObjectSegments, Point, PointCloud, Segment
 from fieldcalib.geometry.rotation import angles_from_rotation, rotation_from_angles
+from fieldcalib.problem.evaluation import Evaluation
 from fieldcalib.problem.labelled_pixels import Pixels
-from fieldcalib.problem.observations import Observations
-from fieldcalib.problem.parameters import ANGLES, CENTER, LOG_F, PARAMETERS
-from fieldcalib.problem.residuals import Feet
+from fieldcalib.problem.layout import ANGLES, CENTER, LOG_F
 
 LARGEST_ROLL = np.radians(45.0)
 FIELD_OF_VIEW = np.radians((0.5, 150.0))
@@ -38,32 +37,29 @@ class Evidence:
     """Free parameters."""
     implausible: Sequence[str]
     """What is wrong with the camera, see `implausibilities`."""
-    weakest: tuple[float, str]
-    """What the labels determine least, see `weakest_directions`."""
+    weakest: Direction
+    """What the labels determine least of what the prior does not know."""
     converged: bool
     lens_is_prior: bool = False
     """Whether the lens comes from the prior, since the labels say little about it."""
 
 
-def segment_errors(
-    r: Array, observations: Observations, frames: Sequence[Pixels]
-) -> list[tuple[dict[str, float], float]]:
+def segment_errors(evaluation: Evaluation, frames: Sequence[Pixels]) -> list[tuple[dict[str, float], float]]:
     """Root mean square distance of each segment, and of all pixels together, for each frame; pixels.
 
     Parameters
     ----------
-    r : (B, M) array
-        Residuals of the observations.
-    observations : Observations
-        B frames packed.
+    evaluation : Evaluation
+        B frames at their cameras.
     frames : sequence of B dicts of str to (N, 2) array
         What was packed; the errors are in the order of its labels.
     """
-    found = []
+    observations = evaluation.problem.observations
+    squares = np.square(evaluation.r)
+    squares[:, observations.columns["ends"]] = 0.0
     number = {name: index for index, name in enumerate(observations.labels)}
-    for squares, label, frame in zip(np.square(r), observations.label, frames, strict=True):
-        seen = label >= 0
-        total = np.bincount(label[seen], squares[seen], minlength=len(number))
+    found = []
+    for total, frame in zip(observations.by_label(squares), frames, strict=True):
         rms = np.sqrt(np.sum(total) / max(sum(map(len, frame.values())), 1))
         found.append(({name: float(np.sqrt(total[number[name]] / len(xy))) for name, xy in frame.items()}, float(rms)))
     return found
@@ -86,10 +82,9 @@ def verdict(
             f"{labelled}: {equations} equations for {evidence.unknowns} unknowns; "
             f"label more {noun}s, or fix what is known with flags"
         )
-    information, parameters = evidence.weakest
-    if information < OPEN_DIRECTION:
+    if evidence.weakest.information < OPEN_DIRECTION:
         return Status.DEGENERATE, degeneracy(object_segments, frame) or (
-            f"the labels leave {parameters} open: label a {noun} elsewhere in the image, or fix what is known by flags"
+            f"the labels leave {evidence.weakest.parameters} open: label a {noun} elsewhere in the image, or fix what is known by flags"
         )
     if evidence.implausible:
         return Status.IMPLAUSIBLE, f"the best fit is no camera that could be: {'; '.join(evidence.implausible)}"
@@ -126,9 +121,7 @@ def _noun(object_segments: ObjectSegments, frame: Pixels) -> str:
     return "point" if all(isinstance(object_segments[label], Point) for label in frame) else "segment"
 
 
-def implausibilities(
-    theta: Array, feet: Feet, observations: Observations, *, far: float, field: Field | None
-) -> dict[str, BoolArray]:
+def implausibilities(evaluation: Evaluation, *, far: float, field: Field | None) -> dict[str, BoolArray]:
     """What is wrong with each of B cameras: reason -> mask (B,).
 
     On a field the camera must stand above the ground, no farther away than the cameras of that field do, and hold the
@@ -136,10 +129,11 @@ def implausibilities(
     what it sees: pixels within `far` pixels of their segments. Pixels further off, of a wrong label perhaps, do not
     speak against a camera.
     """
+    theta, points, observations = evaluation.theta, evaluation.points, evaluation.problem.observations
     width = observations.image_size[0]
     fov = 2.0 * np.arctan(0.5 * width / np.exp(theta[:, LOG_F]))
-    near = observations.weight * (np.abs(feet.r) <= far)
-    behind = np.sum(near * (feet.inverse_depth < 0.0), axis=1)
+    near = observations.weight * (np.abs(points.r) <= far)
+    behind = np.sum(near * (points.inverse_depth < 0.0), axis=1)
     others = (observations.lines, observations.arcs, observations.curves, observations.clouds)
     noun = "segments" if any(others) else "points"
     reasons = {
@@ -204,29 +198,3 @@ def _only_one_circle(segments: list[Segment]) -> str | None:
     if len(centres) == 1 and all(isinstance(segment, Arc) for segment in segments):
         return "only one circle is labelled, and it looks alike from all sides: any line would help"
     return None
-
-
-def weakest_directions(information: Array, sigma: Array, free: BoolArray) -> list[tuple[float, str]]:
-    """For each of B problems the direction of the parameters about which the labels say least.
-
-    Parameters
-    ----------
-    information : (B, P, P) array
-        Inverse covariance of the free parameters by the labels alone, each segment counting as one pixel's.
-    sigma : (B, P) array
-        Standard deviations of the prior: the scale on which a parameter counts as determined.
-    free : (12,) bool array
-        Which parameters are free.
-
-    Returns
-    -------
-    list of (float, str)
-        The smallest eigenvalue of the information in units of the prior's: below 1 the prior says more than the labels.
-        And what makes up its eigenvector, as "focal length with y".
-    """
-    names = np.array([READABLE.get(name, name) for name in PARAMETERS])[free]
-    values, vectors = np.linalg.eigh(information * sigma[:, :, None] * sigma[:, None, :])
-    return [
-        (float(value), " with ".join(names[np.abs(vector) > 0.5 * np.abs(vector).max()]))
-        for value, vector in zip(values[:, 0], vectors[:, :, 0], strict=True)
-    ]

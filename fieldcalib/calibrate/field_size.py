@@ -38,7 +38,8 @@ from fieldcalib.calibrate.options import DEFAULT_FLAGS, Prior
 from fieldcalib.fields.field import Field
 from fieldcalib.fields.traits import DEVIATIONS, SizePrior
 from fieldcalib.problem.labelled_pixels import ImageSegments
-from fieldcalib.problem.parameters import CENTER, GaussianPrior
+from fieldcalib.problem.layout import CENTER
+from fieldcalib.problem.prior import GaussianPrior
 from fieldcalib.problem.residuals import segment_residuals_with_jacobian
 
 STILL = 1e-3  # metres: a size that moves by less stays

@@ -13,10 +13,11 @@ from fieldcalib.fields.field import Field
 from fieldcalib.fields.segments import ObjectSegments
 from fieldcalib.fields.soccer import soccer
 from fieldcalib.geometry.camera import Camera
+from fieldcalib.problem.evaluation import Problem, evaluate
 from fieldcalib.problem.labelled_pixels import Pixels
+from fieldcalib.problem.layout import Layout
+from fieldcalib.problem.losses import RobustLoss
 from fieldcalib.problem.observations import pack
-from fieldcalib.problem.parameters import theta_from_camera
-from fieldcalib.problem.residuals import foot_points
 
 NAN = float("nan")
 
@@ -117,13 +118,13 @@ def judged_camera(
     if field is None and isinstance(object_segments, Field):
         field = object_segments
     size = camera.image_size
-    theta = theta_from_camera(camera)[None]
-    observations = pack(object_segments, [frame], size)
-    feet = foot_points(theta, observations)
-    ((errors, rms),) = segment_errors(feet.r, observations, [frame])
-    loss = float(ndc_loss(theta, object_segments, [frame], size)[0])
+    layout = Layout.of(size, camera.lens)
+    problem = Problem(pack(object_segments, [frame], size), layout, RobustLoss("linear", 1.0))
+    evaluation = evaluate(problem, layout.theta(camera)[None])
+    ((errors, rms),) = segment_errors(evaluation, [frame])
+    loss = float(ndc_loss(evaluation.theta, object_segments, [frame], layout)[0])
     far = WIDE_SCALE * pixel_unit(size)
-    wrong = implausibilities(theta, feet, observations, far=far, field=field)
+    wrong = implausibilities(evaluation, far=far, field=field)
     reasons = [reason for reason, mask in wrong.items() if mask[0]]
     missed = [label for label in frame if errors[label] > far]
     complaint = disagreement(object_segments, frame, missed, unknowns=0)  # the camera comes from elsewhere

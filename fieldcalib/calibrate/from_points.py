@@ -9,8 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from fieldcalib._types import Array
-from fieldcalib.assess.result import Calibration, Status
-from fieldcalib.assess.uncertainty import Solved
+from fieldcalib.assess.result import Calibration, Solved, Status
 from fieldcalib.calibrate.from_segments import calibrate_from_segments
 from fieldcalib.calibrate.options import (
     ALL,
@@ -27,21 +26,12 @@ from fieldcalib.fields.segments import Point
 from fieldcalib.fields.soccer import LARGEST_FIELD, soccer, soccer_points
 from fieldcalib.fields.stands import CameraDistribution
 from fieldcalib.geometry.camera import Camera
-from fieldcalib.geometry.lens import lens_coefficients, undistort
 from fieldcalib.geometry.rotation import angles_from_rotation, rotation_from_angles
+from fieldcalib.problem.evaluation import evaluate
 from fieldcalib.problem.labelled_pixels import Pixels
 from fieldcalib.problem.losses import LossName, RobustLoss
 from fieldcalib.problem.observations import pack
-from fieldcalib.problem.parameters import (
-    ANGLES,
-    CENTER,
-    LENS,
-    LOG_ASPECT,
-    LOG_F,
-    PRINCIPAL_POINT,
-    camera_from_theta,
-    theta_from_camera,
-)
+from fieldcalib.problem.layout import ANGLES, CENTER, LOG_ASPECT, LOG_F, PRINCIPAL_POINT
 
 LEVEL = rotation_from_angles(np.array([0.0, np.pi / 2.0, 0.0]))  # towards the far side, horizontally
 SOLVED_SIZE = 30.0  # metres: root mean square distance from the centroid, about that of the part of a field in view
@@ -265,7 +255,7 @@ def _calibrate_without_prior(points: Points, options: Options, common: _Common) 
         return found
     camera = found.camera
     C = origin + camera.C @ turn / scale
-    camera = Camera(camera.K, camera.R @ turn, C, camera.image_size, camera.k)
+    camera = Camera(camera.K, camera.R @ turn, C, camera.image_size, camera.dist)
     return replace(found, camera=camera, solved=_moved_back(found.solved, camera, given, scale))
 
 
@@ -274,10 +264,11 @@ def _moved_back(solved: Solved | None, camera: Camera, points: Points, scale: fl
     if solved is None:
         return None
     segments, pixels = _as_segments(points)
-    problem = replace(solved.problem, observations=pack(segments, [pixels], camera.image_size))
+    problem = solved.evaluation.problem
+    problem = replace(problem, observations=pack(segments, [pixels], camera.image_size))
     unit = solved.unit.copy()
     unit[:, CENTER] = unit[:, CENTER].max() / scale  # in any direction
-    return Solved(problem, theta_from_camera(camera)[None], unit)
+    return Solved(evaluate(problem, problem.layout.theta(camera)[None]), unit)
 
 
 def _as_segments(points: Points) -> tuple[dict[str, Point], Pixels]:
@@ -288,14 +279,14 @@ def _as_segments(points: Points) -> tuple[dict[str, Point], Pixels]:
 
 def _start(points: Points, options: Options) -> Camera | None:
     """The camera of `resect` with what is known of it, or None."""
-    known, size = options.known, options.image_size
+    known, size, layout = options.known, options.image_size, options.layout
     d = points.xy - known[PRINCIPAL_POINT]
     d[:, 1] /= np.exp(known[LOG_ASPECT])
-    u = undistort(d, lens_coefficients(known[LENS]), np.hypot(*size) / 2.0)
+    u = layout.lens.undistort(d.T, known[layout.lens_block, None]).T
     seen = np.isfinite(u).all(axis=1)  # no ray of the known lens reaches the others
     found = resect(points.X[seen], u[seen], options.wide_loss, size[0], float(np.exp(known[LOG_F])))
     if found is None:
         return None
     start = np.zeros(len(known))
     start[LOG_F], start[ANGLES], start[CENTER] = np.log(found.f[0]), angles_from_rotation(found.R[0]), found.C[0]
-    return camera_from_theta(np.where(np.isnan(known), start, known), size)
+    return layout.camera(np.where(np.isnan(known), start, known))

@@ -1,7 +1,7 @@
 """From labelled pixels to a camera: the whole flow.
 
-    checked pixels -> starting cameras -> wide loss, all starts -> the best plausible one -> narrow loss
-                   -> labels that lie -> ends of segments -> verdict
+    checked pixels -> initial cameras -> wide loss, all of them -> the best plausible one -> narrow loss
+                   -> mislabelled segments -> ends of segments -> verdict
 
 One frame is finished by SciPy's `least_squares`, many frames by the batched Levenberg-Marquardt; both minimise the same
 cost.
@@ -11,47 +11,49 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
-from functools import partial
 from typing import Protocol
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from fieldcalib._types import Array, BoolArray, IntArray
+from fieldcalib._types import Array, IntArray
 from fieldcalib.assess.ndc import ndc_loss
-from fieldcalib.assess.result import Calibration, Status
-from fieldcalib.assess.uncertainty import Solved
-from fieldcalib.assess.verdict import Evidence, implausibilities, segment_errors, verdict, weakest_directions
-from fieldcalib.calibrate.initial_cameras import Starts, starting_cameras
-from fieldcalib.calibrate.mislabels import Resolution, resolve_labels
+from fieldcalib.assess.observability import Information
+from fieldcalib.assess.result import Calibration, Solved, Status
+from fieldcalib.assess.verdict import Evidence, implausibilities, segment_errors, verdict
+from fieldcalib.calibrate.mislabels import Relabelled, without_mislabels
 from fieldcalib.calibrate.options import DEFAULT_CRITERIA, DEFAULT_FLAGS, Criteria, Options, Prior, checked_options
-from fieldcalib.calibrate.symmetry import on_main_side, other_side
+from fieldcalib.calibrate.search import find_cameras
+from fieldcalib.calibrate.symmetry import other_side
 from fieldcalib.fields.field import Field
 from fieldcalib.fields.segments import Line, ObjectSegments
-from fieldcalib.problem.labelled_pixels import ImageSegments, Pixels, Shares, Weights, check_segments, check_weights
+from fieldcalib.problem.evaluation import Evaluation, evaluate
+from fieldcalib.problem.labelled_pixels import (
+    ImageSegments,
+    Pixels,
+    PixelWeights,
+    Weights,
+    check_segments,
+    check_weights,
+)
+from fieldcalib.problem.least_squares import least_squares
+from fieldcalib.problem.levenberg_marquardt import Solution, levenberg_marquardt
 from fieldcalib.problem.losses import LossName, RobustLoss
 from fieldcalib.problem.observations import Observations, pack
-from fieldcalib.problem.parameters import LENS, GaussianPrior, camera_from_theta
-from fieldcalib.problem.residuals import foot_points, segment_residuals
-from fieldcalib.problem.segment_ends import with_ends
-from fieldcalib.problem.solver import IS_LENS, Problem, Solution, solve_batch, solve_one
+from fieldcalib.problem.segment_ends import with_segment_ends
 
 CHUNK = 64  # frames solved together: their arrays still fit the processor's cache
 CHUNK_PIXELS = 8192  # of them together, padding included: bounds the memory of densely labelled frames
-FIRST_ITERATIONS = 6  # for every start
-PROMISING = 3  # starts of a frame that go on
-WIDE_ITERATIONS = 30
-WIDE_TOLERANCE = 1e-3  # the narrow stage does the rest
-LITTLE = 0.5  # of the prior's variance: if more of it is left, the labels say little about the lens
+POORLY_DETERMINED = 0.5  # share of k1 that comes from the labels, below which the message says so
 OTHER_SIDE_FITS = "the camera across the field, turned by 180 degrees, fits as well"
 NO_PIXELS = "no labelled pixels: nothing to calibrate from"
 
 
 class Solver(Protocol):
-    """`solve_one` or `solve_batch`."""
+    """`least_squares` or `levenberg_marquardt`."""
 
-    def __call__(self, problem: Problem, theta: Array, *, max_iterations: int, tolerance: float) -> Solution:
-        """Solve B problems from the starts theta (B, 12)."""
+    def __call__(self, start: Evaluation, *, max_iterations: int, tolerance: float) -> Solution:
+        """Minimise the cost of B problems from the cameras of an evaluation."""
 
 
 def calibrate_from_segments(
@@ -151,10 +153,12 @@ def calibrate_from_segments(
         field=object_segments if isinstance(object_segments, Field) else None,
     )
     frame = check_segments(object_segments, image_segments, options.image_size)
-    frame, shares = check_weights(object_segments, frame, weights)
+    frame, pixel_weights = check_weights(object_segments, frame, weights)
     if not frame:
         return Calibration.without_camera(Status.TOO_FEW_SEGMENTS, NO_PIXELS)
-    (calibration,) = _calibrate(object_segments, [frame], [shares], options, solve_one, trust_labels=trust_labels)
+    (calibration,) = _calibrate(
+        object_segments, [frame], [pixel_weights], options, least_squares, trust_labels=trust_labels
+    )
     return calibration
 
 
@@ -222,19 +226,21 @@ def calibrate_batch(
     if weights is not None and len(weights) != len(frames):
         raise ValueError(f"expected weights for each of {len(frames)} frames, got {len(weights)}")
     checked: list[Pixels] = []
-    shares: list[Shares | None] = []
+    pixel_weights: list[PixelWeights | None] = []
     for index, frame in enumerate(frames):
         try:
             pixels = check_segments(object_segments, frame, options.image_size)
-            pixels, share = check_weights(object_segments, pixels, None if weights is None else weights[index])
+            pixels, given = check_weights(object_segments, pixels, None if weights is None else weights[index])
         except ValueError as error:
             raise ValueError(f"frame {index}: {error}") from None
         checked.append(pixels)
-        shares.append(share)
+        pixel_weights.append(given)
     calibrations = [Calibration.without_camera(Status.TOO_FEW_SEGMENTS, NO_PIXELS) for _ in checked]
     for chunk in _chunks(object_segments, checked):
-        members, their_shares = [checked[t] for t in chunk], [shares[t] for t in chunk]
-        found = _calibrate(object_segments, members, their_shares, options, solve_batch, trust_labels=trust_labels)
+        members, their_weights = [checked[t] for t in chunk], [pixel_weights[t] for t in chunk]
+        found = _calibrate(
+            object_segments, members, their_weights, options, levenberg_marquardt, trust_labels=trust_labels
+        )
         for t, calibration in zip(chunk, found, strict=True):
             calibrations[t] = calibration
     return calibrations
@@ -263,178 +269,95 @@ def _chunks(object_segments: ObjectSegments, frames: Sequence[Pixels]) -> Iterat
 def _calibrate(
     object_segments: ObjectSegments,
     frames: list[Pixels],
-    shares: list[Shares | None],
+    weights: list[PixelWeights | None],
     options: Options,
     solve: Solver,
     *,
     trust_labels: bool = False,
 ) -> list[Calibration]:
     """Calibrate frames that have pixels; `solve` brings them to the final optimum."""
-    observations = pack(object_segments, frames, options.image_size, shares)
-    theta, prior = _start(object_segments, observations, options, solve)
-    used = prior if options.use_prior else None
-    narrow = Problem(observations, options.free, options.loss, options.noise, used, options.scale)
-    approach = partial(solve, max_iterations=options.max_iterations, tolerance=WIDE_TOLERANCE)
-    search = partial(_start, object_segments, options=options, solve=solve_batch)
-    far, solution = options.wide_loss.scale, approach(narrow, theta)
-    resolved = Resolution(frames, narrow, solution, prior, [()] * len(frames))
+    observations = pack(object_segments, frames, options.image_size, weights, _motion(options))
+    found = find_cameras(observations, options)
+    solution = levenberg_marquardt(
+        found.evaluation, max_iterations=options.max_iterations, tolerance=options.approach_tolerance
+    )
+    solved = Relabelled(frames, solution.evaluation, found.prior, [()] * len(frames))
     if not trust_labels:
-        resolved = resolve_labels(object_segments, frames, shares, narrow, solution, prior, far, search, approach)
-    drawn = with_ends(object_segments, resolved.problem, resolved.solution.theta, far)
-    solution = solve(drawn, resolved.solution.theta, max_iterations=options.max_iterations, tolerance=options.tolerance)
-    resolved = replace(resolved, solution=solution)
-    return _judge(object_segments, frames, observations, resolved, drawn, options)
+        solved = without_mislabels(object_segments, frames, weights, solution.evaluation, found.prior, options)
+    start = with_segment_ends(object_segments, solved.evaluation, options.wide_loss.scale)
+    solution = solve(start, max_iterations=options.max_iterations, tolerance=options.tolerance)
+    return _judged(object_segments, frames, observations, solved, solution, options)
 
 
-def _start(
-    object_segments: ObjectSegments, observations: Observations, options: Options, solve: Solver
-) -> tuple[Array, GaussianPrior]:
-    """For each frame the camera (12,) that the narrow loss starts from, and its prior."""
-    starts = starting_cameras(observations, options.distributions, options.known, options.scale)
-    # the search goes without a lens: it is quicker, and finds the same
-    search = replace(options, free=options.free & ~IS_LENS)
-    theta, prior = _best_starts(starts, observations, search, solve)
-    if np.any(options.free & IS_LENS):
-        theta, prior = _bent(theta, prior, observations, options, solve)
-    return on_main_side(object_segments, observations, theta, prior, options)
+def _motion(options: Options) -> Array | None:
+    """How the segments move with the size of the field, where that is a parameter."""
+    if options.field is None or options.layout.field_size is None:
+        return None
+    return options.field.motion
 
 
-def _best_starts(
-    starts: Starts, observations: Observations, options: Options, solve: Solver
-) -> tuple[Array, GaussianPrior]:
-    """For each frame the camera (12,) under the wide loss that the narrow one starts from, and its prior.
-
-    All starts get a few iterations, the most promising ones of each frame then run to the end. Plausible cameras go
-    before others, cheap ones before dear ones. A single start that is close already is left as it is.
-    """
-    theta, frame, prior = starts.theta, starts.frame, starts.prior
-    several = len(theta) > len(observations)
-    if len(theta) == 1 and _fits_most(theta, observations, options.wide_loss.scale)[0]:
-        return theta, prior
-    stages = ((PROMISING, FIRST_ITERATIONS), (1, WIDE_ITERATIONS))
-    for kept, max_iterations in stages if several else stages[1:]:
-        taken = observations.take(frame)
-        wide = Problem(taken, options.free, options.wide_loss, options.noise, scale=options.scale)
-        if several or options.use_prior:  # starts from the stands need the prior to come home
-            wide = replace(wide, prior=prior)
-        solve_all = solve if len(theta) == 1 else solve_batch
-        trials = solve_all(wide, theta, max_iterations=max_iterations, tolerance=WIDE_TOLERANCE)
-        feet = foot_points(trials.theta, wide.observations)
-        far = options.wide_loss.scale
-        wrong = implausibilities(trials.theta, feet, wide.observations, far=far, field=options.field)
-        order = np.lexsort((trials.cost, np.any(list(wrong.values()), axis=0), frame))
-        rank = np.arange(len(order)) - np.searchsorted(frame, frame)  # within its frame: frames are ascending
-        best = order[rank < kept]
-        theta, frame, prior = trials.theta[best], frame[best], prior.take(best)
-    return theta, prior
-
-
-def _bent(
-    theta: Array, prior: GaussianPrior, observations: Observations, options: Options, solve: Solver
-) -> tuple[Array, GaussianPrior]:
-    """Pinholes (B, 12) with the lens that is most likely, and priors around it.
-
-    A lens that the user gave is the most likely one. Where a pinhole is far off, the wide loss goes on with that lens:
-    a free one would bend itself around labels that lie.
-    """
-    lens = options.known[LENS]
-    if np.any(lens):
-        mean = prior.mean.copy()
-        mean[:, LENS] = lens
-        prior = replace(prior, mean=mean)
-    free = np.flatnonzero(options.free & IS_LENS)
-    theta = theta.copy()
-    theta[:, free] = prior.mean[:, free]
-    poor = np.flatnonzero(~_fits_most(theta, observations, options.loss.scale))
-    if len(poor):
-        fixed = options.free & ~IS_LENS
-        taken = observations.take(poor)
-        wide = Problem(taken, fixed, options.wide_loss, options.noise, prior.take(poor), options.scale)
-        theta[poor] = solve(wide, theta[poor], max_iterations=WIDE_ITERATIONS, tolerance=WIDE_TOLERANCE).theta
-    return theta, prior
-
-
-def _fits_most(theta: Array, observations: Observations, scale: float) -> BoolArray:
-    """Which cameras (B,) have more than half of their frame's pixels within `scale` already.
-
-    On annotated frames the narrow loss alone then leads where the wide one does: 4 of 2465 trials with starts up to
-    50 px off ended elsewhere, two of them lower.
-    """
-    seen = observations.weight > 0.0
-    near = (np.abs(segment_residuals(theta, observations)) < scale) & seen
-    return np.asarray(np.sum(near, axis=1) > 0.5 * np.sum(seen, axis=1))
-
-
-def _judge(
+def _judged(
     object_segments: ObjectSegments,
     frames: list[Pixels],
     observations: Observations,
-    resolved: Resolution,
-    drawn: Problem,
+    solved: Relabelled,
+    solution: Solution,
     options: Options,
 ) -> list[Calibration]:
-    """Cameras, errors and verdicts of solved frames; `drawn` is the problem with the ends of the segments.
+    """Cameras, errors and verdicts of solved frames.
 
     Segments have the errors of the labels that were given; the verdict is on the labels that were solved with.
     """
-    theta, problem, prior = resolved.solution.theta, resolved.problem, resolved.prior
-    feet = foot_points(theta, problem.observations)
-    losses = ndc_loss(theta, object_segments, resolved.frames, options.image_size)
-    far = options.wide_loss.scale
-    wrong = implausibilities(theta, feet, problem.observations, far=far, field=options.field)
-    information = replace(problem, prior=None).linearized(theta)[2]
-    lens_is_prior = _lens_is_prior(information, prior.sigma, options)
-    known_by_labels = options.free & ~(IS_LENS & options.use_prior)  # the prior of the lens is good enough
-    kept = known_by_labels[options.free]
-    weakest = weakest_directions(information[:, kept][:, :, kept], prior.sigma[:, known_by_labels], known_by_labels)
-    fitted = segment_errors(feet.r, problem.observations, resolved.frames)
+    evaluation, prior, layout = solution.evaluation, solved.prior, options.layout
+    theta, far = evaluation.theta, options.wide_loss.scale
+    losses = ndc_loss(theta, object_segments, solved.frames, layout)
+    wrong = implausibilities(evaluation, far=far, field=options.field)
+    labels = Information.of(evaluation, prior.sigma[:, layout.free])
+    needed = labels.about(options.is_camera)
+    lens_is_prior = _lens_is_prior(labels, options)
+    fitted = segment_errors(evaluation, solved.frames)
     given = fitted
-    if resolved.frames is not frames:
-        given = segment_errors(segment_residuals(theta, observations), observations, frames)
+    if solved.frames is not frames:
+        given = segment_errors(evaluate(replace(evaluation.problem, observations=observations), theta), frames)
 
-    other = other_side(object_segments, problem.observations, theta, options)
-    solved = Solved(drawn, theta, prior.sigma)
+    other = other_side(evaluation.problem.observations, theta, options)
     calibrations = []
-    for t, (frame, (errors, rms)) in enumerate(zip(resolved.frames, fitted, strict=True)):
+    for t, (frame, (errors, rms)) in enumerate(zip(solved.frames, fitted, strict=True)):
         evidence = Evidence(
             rms=rms,
             loss_ndc=float(losses[t]),
             errors=errors,
             far=far,
-            unknowns=int(np.sum(known_by_labels)),
+            unknowns=options.unknowns,
             lens_is_prior=bool(lens_is_prior[t]),
             implausible=[reason for reason, mask in wrong.items() if mask[t]],
-            weakest=weakest[t],
-            converged=bool(resolved.solution.converged[t]),
+            weakest=needed.weakest(t),
+            converged=bool(solution.converged[t]),
         )
         status, message = verdict(object_segments, frame, evidence, options.tau)
-        alternatives = (camera_from_theta(other.theta[t], options.image_size),) if other.fits[t] else ()
-        message = "; ".join([message, *map(str, resolved.suspects[t]), *[OTHER_SIDE_FITS] * len(alternatives)])
+        alternatives = (layout.camera(other.theta[t]),) if other.fits[t] else ()
+        message = "; ".join([message, *map(str, solved.suspects[t]), *[OTHER_SIDE_FITS] * len(alternatives)])
         calibrations.append(
             Calibration(
-                camera_from_theta(theta[t], options.image_size),
+                layout.camera(theta[t]),
                 status,
                 message,
                 rms,
                 evidence.loss_ndc,
                 given[t][0],
-                resolved.suspects[t],
+                solved.suspects[t],
                 alternatives,
                 options.field,
-                solved.of_frame(t),
+                Solved(evaluation, prior.sigma, t),
             )
         )
     return calibrations
 
 
-def _lens_is_prior(information: Array, sigma: Array, options: Options) -> BoolArray:
+def _lens_is_prior(labels: Information, options: Options) -> Array:
     """Whose k1 (B,) is mostly that of the prior: the labels cannot tell it from zoom and position."""
-    if not (options.use_prior and options.free[LENS.start]):
-        return np.zeros(len(information), dtype=bool)
-    precision = 1.0 / np.square(sigma[:, options.free])
-    diagonal = np.arange(information.shape[1])
-    posterior = information.copy()
-    posterior[:, diagonal, diagonal] += precision
-    k1 = int(np.sum(options.free[: LENS.start]))
-    variance = np.linalg.inv(posterior)[:, k1, k1]
-    return np.asarray(variance * precision[:, k1] > LITTLE)
+    is_k1 = np.flatnonzero(options.layout.free) == options.layout.lens_block.start
+    if not (options.use_prior and np.any(is_k1)):
+        return np.zeros(len(labels.matrix), dtype=bool)
+    information = labels.about(is_k1).matrix[:, 0, 0]
+    return np.asarray(information / (1.0 + information) < POORLY_DETERMINED)

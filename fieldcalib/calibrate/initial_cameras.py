@@ -15,7 +15,6 @@ from fieldcalib.fields.stands import SOCCER_SCALE, CameraDistribution
 from fieldcalib.geometry.homography import decompose_homography
 from fieldcalib.geometry.projective import fit_lines, homogenize, homography_from_lines
 from fieldcalib.geometry.rotation import angles_from_rotation, rotation_from_angles
-from fieldcalib.problem.observations import Observations, Rows
 from fieldcalib.problem.layout import (
     ANGLES,
     CENTER,
@@ -27,6 +26,7 @@ from fieldcalib.problem.layout import (
     TILT,
     Layout,
 )
+from fieldcalib.problem.observations import Observations, Rows
 from fieldcalib.problem.prior import DEVIATIONS, GaussianPrior, gaussian_prior
 
 SHORT, NEAREST = 1.0 / 8.0, 1.0 / 40.0  # of what is in view: length of a short segment, depth of the nearest one

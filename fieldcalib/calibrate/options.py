@@ -18,13 +18,26 @@ from fieldcalib.fields.field import Field
 from fieldcalib.fields.stands import DISTRIBUTIONS, SOCCER_SCALE, CameraDistribution, stands_around
 from fieldcalib.geometry.camera import Camera, checked_image_size
 from fieldcalib.geometry.lens import BrownConradyLens, RadialLens, lens_of, opencv_vector
+from fieldcalib.problem.layout import (
+    ANGLES,
+    CENTER,
+    LOG_ASPECT,
+    LOG_F,
+    POSE_AND_ZOOM,
+    PRINCIPAL_POINT,
+    ROLL,
+    Layout,
+    Role,
+    SizeBlock,
+)
 from fieldcalib.problem.losses import LossName, RobustLoss
-from fieldcalib.problem.layout import ANGLES, CENTER, LOG_ASPECT, LOG_F, PRINCIPAL_POINT, ROLL, Layout, Role
 
 Prior: TypeAlias = str | CameraDistribution | Iterable[str | CameraDistribution] | None
 Criteria: TypeAlias = tuple[int, int, float]
 
 ALL = "all"
+CERTAIN = float(np.log(20.0))  # log odds of what is said of a frame: of 20 such statements 19 shall be right
+APPROACH_TOLERANCE = 1e-3  # share of the cost
 COUNT, EPS = 1, 2  # cv2.TERM_CRITERIA_COUNT and _EPS
 DEFAULT_CRITERIA: Criteria = (COUNT + EPS, 50, 1e-8)
 
@@ -79,7 +92,9 @@ DEFAULT_FLAGS = (
     | CalibrationFlags.CALIB_FIX_K3
     | CalibrationFlags.CALIB_FIX_TANGENT_DIST
 )
-PINHOLE_FLAGS = DEFAULT_FLAGS | CalibrationFlags.CALIB_FIX_K1 | CalibrationFlags.CALIB_FIX_PRINCIPAL_POINT  # K has f alone
+PINHOLE_FLAGS = (
+    DEFAULT_FLAGS | CalibrationFlags.CALIB_FIX_K1 | CalibrationFlags.CALIB_FIX_PRINCIPAL_POINT
+)  # K has f alone
 
 
 @dataclass(frozen=True)
@@ -99,9 +114,22 @@ class Options:
     tau: float | None
     field: Field | None = None
     """What is calibrated against; None if that is no `Field`."""
-
+    paint: float = 0.0
+    """Standard deviation, in metres, of where a line is painted as a whole."""
     auto_lens: bool = False
     """Whether more of the lens is freed where the labels call for it."""
+
+    @property
+    def is_camera(self) -> BoolArray:
+        """Which free parameters (P,) the labels must determine: those that no prior is good enough for."""
+        free = np.flatnonzero(self.layout.free)
+        known_enough = self.use_prior & (free >= POSE_AND_ZOOM.stop)  # principal point, aspect and lens
+        return np.asarray(~known_enough)
+
+    @property
+    def unknowns(self) -> int:
+        """How many these are."""
+        return int(np.sum(self.is_camera))
 
     @property
     def scale(self) -> float:
@@ -112,6 +140,11 @@ class Options:
     def wide_loss(self) -> RobustLoss:
         """The loss of the first stage."""
         return RobustLoss("cauchy", WIDE_SCALE * pixel_unit(self.image_size))
+
+    @property
+    def approach_tolerance(self) -> float:
+        """Tolerance of the stages before the last."""
+        return max(self.tolerance, APPROACH_TOLERANCE)
 
     @property
     def noise(self) -> float:
@@ -170,7 +203,7 @@ def checked_options(
         tolerance,
         tau,
         field,
-        bool(flags & CalibrationFlags.CALIB_AUTO_LENS),
+        auto_lens=bool(flags & CalibrationFlags.CALIB_AUTO_LENS),
     )
 
 
@@ -263,7 +296,8 @@ def _known_parameters(
     known = np.full(layout.size, np.nan)
     known[PRINCIPAL_POINT] = np.array(image_size) / 2.0
     known[layout.lens_block] = known[LOG_ASPECT] = 0.0
-    known[layout.field_size_block] = layout.field_size
+    if layout.field_size is not None:
+        known[layout.field_size_block] = layout.field_size.given
     if flags & F.CALIB_FIX_ROLL:
         known[ROLL] = 0.0
     if camera_matrix is not None:
@@ -293,13 +327,10 @@ def _layout(
     full = BrownConradyLens(rho)
     is_full = not flags & F.CALIB_FIX_K3 or not flags & F.CALIB_FIX_TANGENT_DIST or lens_of(dist_coeffs, rho) == full
     lens = full if is_full else RadialLens(rho)
-    size_model = field.size_model if field is not None and has_prior and not field.size_known else None
-    layout = Layout.of(
-        image_size,
-        lens,
-        field_size=None if size_model is None or field is None else (field.length, field.width),
-        size_range=None if size_model is None else size_model.limits,
-    ).with_roles(Role.CONSIDERED, "field size")
+    size = None
+    if field is not None and field.size_model is not None and has_prior and not field.size_known:
+        size = SizeBlock(np.array([field.length, field.width]), field.size_model.sigma, field.size_model.limits)
+    layout = Layout.of(image_size, lens, size).with_roles(Role.CONSIDERED, "field size")
     for flag, blocks in (
         (F.CALIB_FIX_ASPECT_RATIO, ("aspect",)),
         (F.CALIB_FIX_PRINCIPAL_POINT, ("principal point",)),

@@ -10,12 +10,11 @@ from dataclasses import dataclass
 import numpy as np
 
 from fieldcalib._types import Array, BoolArray
-from fieldcalib.calibrate.mislabels import CERTAIN
-from fieldcalib.calibrate.options import Options
+from fieldcalib.calibrate.options import CERTAIN, Options
 from fieldcalib.fields.field import Field
-from fieldcalib.fields.segments import ObjectSegments
+from fieldcalib.problem.layout import CENTER, POSE_AND_ZOOM, turned_around
 from fieldcalib.problem.observations import Observations
-from fieldcalib.problem.parameters import CENTER, LENS, GaussianPrior, gaussian_prior, turned_around
+from fieldcalib.problem.prior import GaussianPrior, gaussian_prior
 
 
 @dataclass(frozen=True)
@@ -23,47 +22,47 @@ class OtherSide:
     """B cameras turned by 180 degrees about the centre mark."""
 
     theta: Array
-    """(B, 12)."""
+    """(B, n)."""
     prior: GaussianPrior
-    """Of the stands where they are then, (B, 12)."""
+    """Of the stands where they are then, (B, n)."""
     fits: BoolArray
     """Whether the labels say nothing against them, and the prior hardly more than against the others, (B,)."""
 
 
-def other_side(
-    object_segments: ObjectSegments, observations: Observations, theta: Array, options: Options
-) -> OtherSide:
-    """The cameras (B, 12) on the other side of the field, and whether they explain B frames as well."""
+def other_side(observations: Observations, theta: Array, options: Options) -> OtherSide:
+    """The cameras (B, n) on the other side of the field, and whether they explain B frames as well."""
     turned = turned_around(theta)
-    stands = [gaussian_prior(distribution, options.image_size) for distribution in options.distributions]
+    stands = [gaussian_prior(distribution, options.layout) for distribution in options.distributions]
     prior = GaussianPrior(np.stack([stand.mean for stand in stands]), np.stack([stand.sigma for stand in stands]))
     here, there = (
-        np.sum(np.square(prior.z_scores(camera[:, None])[..., : LENS.start]), axis=-1) for camera in (theta, turned)
+        np.sum(np.square(prior.z_scores(camera[:, None])[..., POSE_AND_ZOOM]), axis=-1) for camera in (theta, turned)
     )
-    fits = _look_alike(object_segments, observations) & bool(np.all(options.free[CENTER]))
+    fits = _look_alike(options.field, observations) & bool(np.all(options.layout.free[CENTER]))
     if options.use_prior:
         fits &= 0.5 * (there.min(axis=1) - here.min(axis=1)) < CERTAIN
     return OtherSide(turned, prior.take(np.argmin(there, axis=1)), fits)
 
 
 def on_main_side(
-    object_segments: ObjectSegments, observations: Observations, theta: Array, prior: GaussianPrior, options: Options
+    observations: Observations, theta: Array, prior: GaussianPrior, options: Options
 ) -> tuple[Array, GaussianPrior]:
-    """Cameras (B, 12) and their priors, those turned that may as well stand on the main side, where broadcasters do.
+    """Cameras (B, n) and their priors, those turned that may as well stand on the main side, where broadcasters do.
 
-    A user who gave the position knows better.
+    Skipped if the position is given.
     """
     if not np.isnan(options.known[CENTER]).any():
         return theta, prior
-    other = other_side(object_segments, observations, theta, options)
+    other = other_side(observations, theta, options)
     turn = (other.fits & (theta[:, CENTER][:, 1] < 0.0))[:, None]
+    if not np.any(turn):
+        return theta, prior
     mean, sigma = np.where(turn, other.prior.mean, prior.mean), np.where(turn, other.prior.sigma, prior.sigma)
     return np.where(turn, other.theta, theta), GaussianPrior(mean, sigma)
 
 
-def _look_alike(object_segments: ObjectSegments, observations: Observations) -> BoolArray:
+def _look_alike(field: Field | None, observations: Observations) -> BoolArray:
     """Which frames (B,) are labelled with nothing but what is the same from the other side of the field."""
-    if not isinstance(object_segments, Field):
+    if field is None:
         return np.zeros(len(observations), dtype=bool)
-    alike = np.array([label in object_segments.self_symmetric for label in observations.labels])
+    alike = np.array([label in field.self_symmetric for label in observations.labels])
     return np.asarray(np.all(alike[observations.label] | (observations.label < 0), axis=1))

@@ -21,13 +21,13 @@ from fieldcalib.fields.field import Field
 from fieldcalib.fields.segments import Arc
 from fieldcalib.fields.soccer import soccer
 from fieldcalib.geometry.camera import Camera
-from fieldcalib.geometry.lens import opencv_coefficients
+from fieldcalib.geometry.lens import RadialLens
 from fieldcalib.io.files import write_text
 from fieldcalib.io.image import Image
 from fieldcalib.io.images import write_image
 from fieldcalib.io.soccernet import camera_to_record, format_annotation
 from fieldcalib.problem.labelled_pixels import Pixels
-from fieldcalib.problem.parameters import LENS_MEAN
+
 
 IMAGE_SIZE = (960, 540)
 PIXELS_PER_CIRCLE = 9
@@ -116,14 +116,13 @@ def pan_over_field(count: int) -> list[Camera]:
     >>> [round(float(np.degrees(camera.angles[0]))) for camera in pan_over_field(3)]
     [-27, 1, 28]
     """
-    C = np.array([-1.0, 68.0, -17.0])
+    C, lens = np.array([-1.0, 68.0, -17.0]), RadialLens(float(np.hypot(*IMAGE_SIZE) / 2.0))
     cameras = []
     for s in np.linspace(-1.0, 1.0, count):
         x, y, z = np.array([38.0 * s, -2.0 + 2.0 * np.cos(3.0 * s), 0.0]) - C  # from the camera to where it looks
         pan, tilt = np.arctan2(x, -y), np.arctan2(np.hypot(x, y), z)
         roll, f = np.radians(0.4) * np.sin(4.0 * s), 1000.0 + 420.0 * s * s + 60.0 * np.sin(5.0 * s)
-        k = opencv_coefficients(np.array(LENS_MEAN), f, np.hypot(*IMAGE_SIZE) / 2.0)
-        cameras.append(Camera.from_angles(pan, tilt, roll, f, C, IMAGE_SIZE, k=k))
+        cameras.append(Camera.from_angles(pan, tilt, roll, f, C, IMAGE_SIZE, k=lens.to_opencv(lens.mean, f)))
     return cameras
 
 

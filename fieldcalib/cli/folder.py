@@ -27,7 +27,7 @@ from fieldcalib.geometry.camera import Camera
 from fieldcalib.io.files import whole_file, write_text
 from fieldcalib.io.soccernet import camera_to_record, find_annotations, parse_annotation
 from fieldcalib.problem.labelled_pixels import Pixels, check_segments
-from fieldcalib.problem.parameters import ANGLES, CENTER, LOG_F, theta_from_camera
+from fieldcalib.problem.layout import ANGLES, CENTER, LOG_F, theta_from_camera
 
 Method: TypeAlias = Callable[[dict[str, Pixels]], Sequence[Calibration]]
 

@@ -18,7 +18,8 @@ from typing import Any
 
 import numpy as np
 
-from fieldcalib.fields.segments import Arc, Point, Segment
+from fieldcalib._types import Array
+from fieldcalib.fields.segments import Arc, Line, Point, Segment
 from fieldcalib.fields.stands import DISTRIBUTIONS, CameraDistribution
 from fieldcalib.fields.traits import Halves, LineLook, ProbabilityModel, SizePrior
 
@@ -242,3 +243,44 @@ class Field(Mapping[str, Segment]):
         if self.size_model is None or dict(self) != dict(self.size_model.build(self.length, self.width)):
             raise ValueError("expected a field as soccer(length, width) makes it: how other segments move is not known")
         return replace(self.size_model.build(length, width), size_known=self.size_known)
+
+    @cached_property
+    def motion(self) -> Array:
+        """How the ends of the segments move as length and width grow, metres a metre.
+
+        Every coordinate is affine in the size, so that this holds for any change. A line that grows along itself has a
+        middle that stays; an arc keeps its radius.
+
+        Returns
+        -------
+        (L, 2, 3, 2) array
+            Derivatives by (length, width) of each segment, in the order of the field: of start and end of a line, twice
+            of the centre of an arc and of a point; 0 for point clouds.
+
+        Raises
+        ------
+        ValueError
+            As `resized`.
+
+        Examples
+        --------
+        >>> from fieldcalib import soccer
+        >>> dict(zip(soccer(), soccer().motion))["Side line right"][:, 0, 0]  # half a metre in x with a metre of length
+        array([0.5, 0.5])
+        """
+        sizes = ((self.length, self.width), (self.length + 1.0, self.width), (self.length, self.width + 1.0))
+        here, longer, wider = (np.array([_ends(segment) for segment in self.resized(*size).values()]) for size in sizes)
+        return np.stack([longer - here, wider - here], axis=-1)
+
+
+def _ends(segment: Segment) -> Array:
+    """Start and end of a segment, (2, 3)."""
+    match segment:
+        case Line(start, end):
+            return np.array([start, end])
+        case Arc(center):
+            return np.array([center, center])
+        case Point(X):
+            return np.array([X, X])
+        case _:
+            return np.zeros((2, 3))

@@ -46,6 +46,13 @@ class ClosestPoints:
         """Of the frames `index`."""
         return ClosestPoints(self.r[index], self.s[:, index], self.inverse_depth[index], self.normal[:, index])
 
+    def replaced(self, index: IntArray, other: ClosestPoints) -> ClosestPoints:
+        """With `other` in place of the frames `index`."""
+        merged = {name.name: getattr(self, name.name).copy() for name in fields(self)}
+        for name, values in merged.items():
+            values[..., index, :] = getattr(other, name)
+        return ClosestPoints(**merged)
+
     @staticmethod
     def joined(parts: list[ClosestPoints]) -> ClosestPoints:
         """Residuals one after the other."""

@@ -21,7 +21,7 @@ import numpy as np
 from fieldcalib._types import Array, BoolArray, IntArray
 from fieldcalib.fields.stands import SOCCER_SCALE
 from fieldcalib.problem.closest_points import ClosestPoints, closest_points, end_points
-from fieldcalib.problem.layout import LOG_F, Layout
+from fieldcalib.problem.layout import CENTER, LOG_F, Layout
 from fieldcalib.problem.losses import RobustLoss
 from fieldcalib.problem.observations import Observations, Rows
 from fieldcalib.problem.prior import GaussianPrior
@@ -30,7 +30,6 @@ from fieldcalib.problem.projection import Projection
 LENS_TAILS = RobustLoss("cauchy", 2.0)  # z-scores beyond two count less and less
 # Fields of view from 0.3 to 170 degrees: outside, a fit collapses to a point or to a plane and ends in overflow.
 LOG_F_RANGE = (np.log(0.04), np.log(200.0))  # of f / width
-
 
 
 @dataclass(frozen=True, eq=False)
@@ -80,7 +79,7 @@ class Problem:
         return cost, slope
 
     def is_possible(self, theta: Array) -> BoolArray:
-        """Whether the focal lengths are those of a camera, (B,): a fit that collapses is stopped before it overflows."""
+        """Whether the focal lengths are possible, (B,): a fit that collapses is stopped before it overflows."""
         log_f = theta[:, LOG_F] - np.log(self.layout.image_size[0])
         return np.asarray((log_f > LOG_F_RANGE[0]) & (log_f < LOG_F_RANGE[1]))
 
@@ -127,8 +126,18 @@ class Evaluation:
 
     def derivatives(self, free: BoolArray) -> Array:
         """Derivatives of the residuals by any of the parameters, (B, P, M)."""
-        points = self.points
-        return -self.projection.derivatives(points.s, points.inverse_depth, points.normal, free)
+        points, size = self.points, self.problem.layout.field_size_block
+        JT = -self.projection.derivatives(points.s, points.inverse_depth, points.normal, free)
+        moving = free[size]
+        if np.any(moving):
+            # a segment that moves is a camera that moves the other way
+            centre = np.zeros(len(free), dtype=bool)
+            centre[CENTER] = True
+            dxy_dC = self.projection.derivatives(points.s, points.inverse_depth, points.normal, centre)
+            motion = self.problem.observations.motion_of_residuals
+            by_size = np.einsum("bcm,bmcs->bsm", dxy_dC, motion)[:, moving]
+            JT[:, JT.shape[1] - by_size.shape[1] :] = by_size
+        return JT
 
     @cached_property
     def _losses(self) -> tuple[Array, Array]:
@@ -219,10 +228,31 @@ class Evaluation:
         """The evaluations `index`, in that order, repeated where `index` repeats."""
         return Evaluation(self.problem.take(index), self.theta[index], self.points.take(index))
 
+    @property
+    def trimmed(self) -> Evaluation:
+        """Without the padding that all frames have: of one frame of many, without any."""
+        observations = self.problem.observations
+        kept = np.flatnonzero(np.any(observations.label >= 0, axis=0))
+        return Evaluation(
+            replace(self.problem, observations=observations.trimmed), self.theta, self.points.columns(kept)
+        )
+
+    def __reduce__(self) -> tuple[type[Evaluation], tuple[Problem, Array, ClosestPoints]]:
+        return Evaluation, (self.problem, self.theta, self.points)  # what follows from these is computed again
+
+    def replaced(self, index: IntArray, other: Evaluation) -> Evaluation:
+        """With the cameras of `other` in place of those of the frames `index`."""
+        theta = self.theta.copy()
+        theta[index] = other.theta
+        return Evaluation(self.problem, theta, self.points.replaced(index, other.points))
+
 
 def evaluate(problem: Problem, theta: Array) -> Evaluation:
     """Search the closest points of B problems at their cameras theta (B, n)."""
     projection = Projection(theta, problem.layout)
-    found = Evaluation(problem, theta, closest_points(projection, problem.observations))
+    observations, size = problem.observations, problem.layout.field_size
+    if size is not None and np.any(problem.free[problem.layout.field_size_block]):
+        observations = observations.moved(theta[:, problem.layout.field_size_block] - size.given)
+    found = Evaluation(problem, theta, closest_points(projection, observations))
     found.__dict__["projection"] = projection
     return found

@@ -12,6 +12,7 @@ from __future__ import annotations
 from dataclasses import dataclass, field, replace
 from enum import IntEnum
 from functools import cached_property
+from typing import NamedTuple
 
 import numpy as np
 
@@ -30,6 +31,7 @@ LOG_ASPECT = 9
 POSE_AND_ZOOM = slice(0, 7)  # what camera distributions are about
 COMMON = ("pan", "tilt", "roll", "log f", "x", "y", "z", "cx", "cy", "log aspect")
 FIELD_SIZE = ("length", "width")
+OPENCV_NAMES = {"a1": "k1", "b2": "k2", "a3": "k3", "a4": "k4", "a5": "k5", "a6": "k6"}
 
 # The longest step in one iteration: beyond it the linearisation says nothing about a camera.
 LARGEST_STEP = {"pan": 0.4, "tilt": 0.4, "roll": 0.4, "log f": 0.7, "x": 1.0, "y": 1.0, "z": 1.0}  # x, y, z: of a scale
@@ -46,6 +48,17 @@ class Role(IntEnum):
     """Estimated, one for all frames of a group."""
     CONSIDERED = 3
     """Kept at its value, which is uncertain: the prior's variance goes into the covariance of the others."""
+
+
+class SizeBlock(NamedTuple):
+    """Length and width of a field as parameters, metres."""
+
+    given: Array
+    """For which observations are packed, (2,)."""
+    sigma: Array
+    """Standard deviations of the prior around it, (2,)."""
+    limits: Array
+    """Least and largest, (2, 2)."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -65,26 +78,22 @@ class Layout:
     lens: Lens
     roles: Array = field(repr=False)
     """`Role` of each parameter, (n,)."""
-    field_size: tuple[float, float] | None = None
-    """Length and width for which observations are packed, metres; None where the size is no parameter."""
-    size_range: Array | None = field(default=None, repr=False)
-    """Least and largest length and width of the field, (2, 2) metres."""
+    field_size: SizeBlock | None = None
+    """None where the size of the field is no parameter."""
 
     @classmethod
     def of(
         cls,
         image_size: tuple[int, int],
         lens: Lens | None = None,
-        *,
-        field_size: tuple[float, float] | None = None,
-        size_range: Array | None = None,
+        field_size: SizeBlock | None = None,
     ) -> Layout:
         """A layout in which every parameter is one of the frame; by default with a radial lens."""
         lens = RadialLens(float(np.hypot(*image_size) / 2.0)) if lens is None else lens
         size = len(COMMON) + len(lens.names) + (len(FIELD_SIZE) if field_size is not None else 0)
         roles = np.full(size, Role.FRAME)
         roles[len(COMMON) + lens.estimable : len(COMMON) + len(lens.names)] = Role.FIXED
-        return cls(image_size, lens, roles, field_size, size_range)
+        return cls(image_size, lens, roles, field_size)
 
     @cached_property
     def names(self) -> tuple[str, ...]:
@@ -111,8 +120,7 @@ class Layout:
         """By name; the coefficients of the lens are blocks of their own too, by OpenCV's names."""
         first = self.lens_block.start
         coefficients = {
-            {"a1": "k1", "b2": "k2"}.get(name, name): slice(first + i, first + i + 1)
-            for i, name in enumerate(self.lens.names)
+            OPENCV_NAMES.get(name, name): slice(first + i, first + i + 1) for i, name in enumerate(self.lens.names)
         }
         return coefficients | {
             "angles": ANGLES,
@@ -152,16 +160,16 @@ class Layout:
         """Lower bounds, (n,)."""
         least = np.full(self.size, -np.inf)
         least[self.lens_block] = self.lens.least
-        if self.size_range is not None:
-            least[self.field_size_block] = self.size_range[0]
+        if self.field_size is not None:
+            least[self.field_size_block] = self.field_size.limits[0]
         return least
 
     @cached_property
     def largest(self) -> Array:
         """Upper bounds, (n,)."""
         largest = np.full(self.size, np.inf)
-        if self.size_range is not None:
-            largest[self.field_size_block] = self.size_range[1]
+        if self.field_size is not None:
+            largest[self.field_size_block] = self.field_size.limits[1]
         return largest
 
     def largest_step(self, scale: float) -> Array:
@@ -200,7 +208,7 @@ class Layout:
         theta[PRINCIPAL_POINT], theta[LOG_ASPECT] = camera.principal_point, np.log(fy / fx)
         theta[self.lens_block] = self.lens.from_opencv(camera.dist, fx)
         if self.field_size is not None:
-            theta[self.field_size_block] = self.field_size
+            theta[self.field_size_block] = self.field_size.given
         return theta
 
     def camera(self, theta: Array) -> Camera:

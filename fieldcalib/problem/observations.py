@@ -18,7 +18,7 @@ from fieldcalib.problem.labelled_pixels import Pixels, PixelWeights
 
 # Kinds of rows, in the order of the residuals: how many vectors describe a segment of each kind at least, and how many
 # residuals a pixel has, one row of them after the other.
-LEAST_DEPTH = {"lines": 2, "arcs": 3, "curves": 3, "points": 1, "clouds": 1, "ends": 2}
+LEAST_DEPTH = {"lines": 2, "arcs": 3, "curves": 3, "points": 1, "clouds": 1, "ends": 3}
 COMPONENTS = {"lines": 1, "arcs": 1, "curves": 1, "points": 2, "clouds": 2, "ends": 1}
 
 
@@ -35,7 +35,8 @@ class Rows:
     geometry: Array
     """World vectors of the segment, (T, N, G, 3): X | start, direction | centre, radius u, radius v | samples.
 
-    Of an end its X, and in the first two components of the second vector the direction in the image that is measured.
+    Of an end its X, in the first two components of the second vector the direction in the image that is measured, and
+    in the first one of the third where it is along the segment: 0 at the start, 1 at the end.
     """
 
     def __bool__(self) -> bool:
@@ -72,6 +73,8 @@ class Observations:
     """Unordered point clouds."""
     ends: Rows
     """Pixels past the end of their segment, and that end: see `fieldcalib.problem.segment_ends`."""
+    motion: Array | None = None
+    """How the labels' segments move with the size of the field (`Field.motion`), (L, 2, 3, 2)."""
 
     def __len__(self) -> int:
         return len(self.lines.xy)
@@ -100,6 +103,34 @@ class Observations:
         return replace(self, **kinds)
 
     @cached_property
+    def motion_of_rows(self) -> dict[str, Array]:
+        """How the segment of each pixel moves, by kind, (T, N, 3, 2): a line as its middle, an end as itself."""
+        assert self.motion is not None
+        found = {}
+        for kind in LEAST_DEPTH:
+            rows = getattr(self, kind)
+            along = rows.geometry[:, :, 2, :1, None] if kind == "ends" else 0.5
+            start, end = self.motion[rows.label, 0], self.motion[rows.label, 1]
+            found[kind] = start + along * (end - start)
+        return found
+
+    @cached_property
+    def motion_of_residuals(self) -> Array:
+        """The same for every residual, (T, M, 3, 2)."""
+        parts = [self.motion_of_rows[kind] for kind, components in COMPONENTS.items() for _ in range(components)]
+        return np.concatenate(parts, axis=1)
+
+    def moved(self, change: Array) -> Observations:
+        """Observations of fields whose length and width (T, 2) have changed."""
+        kinds = {}
+        for kind, motion in self.motion_of_rows.items():
+            rows = getattr(self, kind)
+            geometry = rows.geometry.copy()
+            geometry[:, :, 0] += (motion @ change[:, None, :, None])[..., 0]
+            kinds[kind] = replace(rows, geometry=geometry)
+        return replace(self, **kinds)
+
+    @cached_property
     def columns(self) -> dict[str, slice]:
         """Where the residuals of each kind of rows stand among all M."""
         columns, end = {}, 0
@@ -125,8 +156,18 @@ class Observations:
         index = (self.label + L * np.arange(T)[:, None])[seen]
         return np.asarray(np.bincount(index, values[seen], minlength=T * L), dtype=float).reshape(T, L)
 
+    @cached_property
+    def pixels_by_label(self) -> Array:
+        """Number of pixels of each label, ends aside, (T, L)."""
+        share = np.zeros(self.label.shape)  # of a residual in its pixel
+        for kind, components in COMPONENTS.items():
+            share[:, self.columns[kind]] = 0.0 if kind == "ends" else 1.0 / components
+        return self.by_label(share)
+
     def _by_residual(self, name: str) -> Array:
-        parts = [getattr(getattr(self, kind), name) for kind, components in COMPONENTS.items() for _ in range(components)]
+        parts = [
+            getattr(getattr(self, kind), name) for kind, components in COMPONENTS.items() for _ in range(components)
+        ]
         return np.concatenate(parts, axis=-1)
 
 
@@ -135,8 +176,9 @@ def pack(
     frames: Sequence[Pixels],
     image_size: tuple[int, int],
     pixel_weights: Sequence[PixelWeights | None] | None = None,
+    motion: Array | None = None,
 ) -> Observations:
-    """Pack checked frames into padded arrays; `pixel_weights` are what their pixels weigh, as `check_weights` returns it.
+    """Pack checked frames into padded arrays; `pixel_weights` are those of `check_weights`, `motion` is `Field.motion`.
 
     Without them the pixels of a segment share a weight of 1, so that each segment counts alike however many pixels it
     has (paper, equation 2). On annotated frames this is more accurate than pixels that count alike: 85.6 against 84.2 %
@@ -172,7 +214,7 @@ def pack(
                 rows.geometry[t, here] = vectors[np.minimum(np.arange(depth), len(vectors) - 1)]
         return rows
 
-    return Observations(labels, image_size, **{kind: pack_kind(kind) for kind in LEAST_DEPTH})
+    return Observations(labels, image_size, **{kind: pack_kind(kind) for kind in LEAST_DEPTH}, motion=motion)
 
 
 def _geometry(segment: Segment) -> tuple[str, Array]:

@@ -66,8 +66,8 @@ def gaussian_prior(distribution: CameraDistribution, layout: Layout) -> Gaussian
     mean[PRINCIPAL_POINT], sigma[PRINCIPAL_POINT] = np.divide(layout.image_size, 2.0), PRINCIPAL_POINT_SIGMA * width
     sigma[LOG_ASPECT] = LOG_ASPECT_SIGMA
     if layout.field_size is not None:
-        mean[layout.field_size_block] = layout.field_size
-        sigma[layout.field_size_block] = layout.field_size_sigma
+        mean[layout.field_size_block] = layout.field_size.given
+        sigma[layout.field_size_block] = layout.field_size.sigma
     mean[layout.lens_block], sigma[layout.lens_block] = layout.lens.mean, layout.lens.sigma
     return GaussianPrior(mean, sigma)
 

@@ -38,16 +38,18 @@ def pixels_past_ends(object_segments: ObjectSegments, evaluation: Evaluation, fa
     on_lines, on_arcs = observations.columns["lines"], observations.columns["arcs"]
     both = slice(on_lines.start, on_arcs.stop)
     X, points = evaluation.world_points, evaluation.points.columns(both)
-    past_line, end_of_line = _past_lines(lines, X[:, on_lines])
+    past_line, end_of_line, along_line = _past_lines(lines, X[:, on_lines])
     past_arc, end_of_arc = _past_arcs(object_segments, observations, X[:, on_arcs])
     past = np.concatenate([past_line, past_arc], axis=1) & (points.inverse_depth > 0.0)
     x, y = points.normal
     tangent = np.stack([-y, x, np.zeros_like(x)], axis=-1)
+    along = np.zeros_like(tangent)
+    along[:, : along_line.shape[1], 0] = along_line
     rows = Rows(
         np.concatenate([lines.xy, arcs.xy], axis=1),
         WEIGHT * observations.weight[:, both] * past,
         np.concatenate([lines.label, arcs.label], axis=1),
-        np.stack([np.concatenate([end_of_line, end_of_arc], axis=1), tangent], axis=2),
+        np.stack([np.concatenate([end_of_line, end_of_arc], axis=1), tangent, along], axis=2),
     )
     end = end_points(evaluation.projection, rows)
     rows.weight[(end.inverse_depth <= 0.0) | (np.abs(end.r) > far)] = 0.0
@@ -56,12 +58,15 @@ def pixels_past_ends(object_segments: ObjectSegments, evaluation: Evaluation, fa
     return rows.choose(np.argsort(~seen, axis=1, kind="stable")).trimmed
 
 
-def _past_lines(rows: Rows, X: Array) -> tuple[BoolArray, Array]:
-    """Which points X (T, N, 3) of lines lie past an end, (T, N), and the nearest point of the segment, (T, N, 3)."""
+def _past_lines(rows: Rows, X: Array) -> tuple[BoolArray, Array, Array]:
+    """Which points X (T, N, 3) of lines lie past an end, (T, N), and the nearest point of the segment.
+
+    That is given in metres, (T, N, 3), and by where it is along the segment, from 0 to 1, (T, N).
+    """
     start, direction = rows.geometry[:, :, 0], rows.geometry[:, :, 1]
     share = np.sum((X - start) * direction, axis=-1) / np.sum(np.square(direction), axis=-1)
     inside = np.clip(share, 0.0, 1.0)
-    return share != inside, start + inside[..., None] * direction
+    return share != inside, start + inside[..., None] * direction, inside
 
 
 def _past_arcs(object_segments: ObjectSegments, observations: Observations, X: Array) -> tuple[BoolArray, Array]:
