@@ -101,7 +101,7 @@ def calibrate(
         if camera is None:
             calibrations.append(Calibration.without_camera(Status.IMPLAUSIBLE, NO_FOCAL_LENGTH))
             continue
-        calibrations.append(judged_camera(camera, field, frame, "closed form, not refined", on_field=True))
+        calibrations.append(judged_camera(camera, field, frame, "closed form, not refined"))
     return calibrations
 
 

@@ -104,7 +104,7 @@ def _run(options: argparse.Namespace) -> int:
         by_lines = [H[t] if found[t] else None for t in range(len(H))]
         calibrations = calibrate(by_lines, options.size, zeta=options.zeta, tolerance=options.tolerance)
         return [  # what is annotated says more about a camera than the points of its homography
-            judged_camera(c.camera, field, frame, c.message, on_field=True) if c.camera else c
+            judged_camera(c.camera, field, frame, c.message) if c.camera else c
             for c, frame in zip(calibrations, frames.values(), strict=True)
         ]
 

@@ -42,7 +42,7 @@ from fieldcalib.fields.stands import MAIN_CENTER, MAIN_LEFT, MAIN_RIGHT, CameraD
 from fieldcalib.geometry.projective import homogenize
 from fieldcalib.geometry.rotation import rotation_axes, rotation_from_angles
 from fieldcalib.io.soccernet import CAMERA_TYPES, DISTRIBUTIONS_OF_TYPE, read_camera_types
-from fieldcalib.problem.labelled_pixels import Pixels, split_centre_circle
+from fieldcalib.problem.labelled_pixels import Pixels, split_circles
 from fieldcalib.problem.parameters import ANGLES, CENTER, LOG_F, PARAMETERS, PRINCIPAL_POINT, ROLL, camera_from_theta
 
 FOV = LOG_F  # phi is ordered as theta, with the field of view in the place of the focal length
@@ -168,7 +168,7 @@ def _results(
     for frame, theta, loss in zip(frames, thetas, losses.tolist(), strict=True):
         camera = camera_from_theta(theta, image_size)
         message = f"the loss in NDC is {loss:.4f}"
-        result = replace(judged_camera(camera, field, frame, message, on_field=True), loss_ndc=loss)
+        result = replace(judged_camera(camera, field, frame, message), loss_ndc=loss)
         if tau is not None and not loss <= tau:
             result = replace(result, status=Status.REJECTED, message=f"{message}, above tau = {tau:g}")
         results.append(result)
@@ -219,7 +219,7 @@ def pack_tensors(field: ObjectSegments, frames: Sequence[Pixels], image_size: tu
 
     Points and clouds count with the circles. Which pixels of a segment are taken is random, but the same every time.
     """
-    split = [split_centre_circle(frame, image_size) for frame in frames]
+    split = [split_circles(field, frame, image_size) for frame in frames]
     segments = [[(field[label], xy) for label, xy in frame.items()] for frame in split]
     lines, circles = (
         [[(segment, xy) for segment, xy in frame if isinstance(segment, Line) == straight] for frame in segments]

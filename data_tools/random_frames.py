@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from fieldcalib.assess.uncertainty import SHARED_NOISE
-from fieldcalib.cli.demo import HALVES, SHORTEST_SEGMENT
+from fieldcalib.cli.demo import SHORTEST_SEGMENT
 from fieldcalib.fields.field import Field
 from fieldcalib.fields.segments import Arc
 from fieldcalib.fields.stands import ALL_STANDS, CameraDistribution
@@ -91,7 +91,12 @@ def observed(camera: Camera, field: Field, rng: np.random.Generator, noise: floa
     for label, segment in field.markings.items():
         xy = camera.project(segment.sample(spacing=0.1))
         xy = xy[np.all((xy >= 0.0) & (xy <= largest), axis=1)]  # false for NaN
-        if label in HALVES or not len(xy) or np.max(np.ptp(xy, axis=0)) < SHORTEST_SEGMENT or rng.random() > kept:
+        if (
+            label in field.half_labels
+            or not len(xy)
+            or np.max(np.ptp(xy, axis=0)) < SHORTEST_SEGMENT
+            or rng.random() > kept
+        ):
             continue
         count = rng.integers(*(PIXELS_PER_CIRCLE if isinstance(segment, Arc) else PIXELS_PER_LINE), endpoint=True)
         chosen = xy[np.rint(np.linspace(0.0, len(xy) - 1.0, count)).astype(int)]

@@ -151,15 +151,14 @@ def test_a_plausible_start_goes_before_a_cheaper_one_below_the_ground():
     pair = np.array([theta, theta_from_camera(below)])
     sigma = np.tile(gaussian_prior(MAIN_CENTER, SIZE).sigma, (2, 1))
     prior = GaussianPrior(pair - np.array([[0.5], [0.0]]) * sigma, sigma)  # the one below is cheaper by its prior
-    options = checked_options(
-        SIZE, None, None, None, None, flags=DEFAULT_FLAGS, criteria=(3, 50, 1e-9), prior="all", loss="cauchy", tau=None
-    )
+    how = {"flags": DEFAULT_FLAGS, "criteria": (3, 50, 1e-9), "prior": "all", "loss": "cauchy", "tau": None}
+    options = checked_options(SIZE, None, None, None, None, field=FIELD, **how)
 
     starts = Starts(pair, np.array([0, 0]), prior)
     costs = Problem(observations.take(starts.frame), options.free, options.wide_loss, options.noise, prior)
     above, cheaper = costs.linearized(pair)[0]
     assert cheaper < above
-    (best,), _ = _best_starts(starts, observations, options, solve_batch, on_field=True)
+    (best,), _ = _best_starts(starts, observations, options, solve_batch)
     np.testing.assert_allclose(best[4:7], CAMERA.C, atol=10.0)
 
 

@@ -10,8 +10,6 @@ from synthetic import observe, whole_circle_markings
 
 from fieldcalib.assess.uncertainty import Noise, Solved
 from fieldcalib.calibrate.field_size import (
-    ALL_MATCHES,
-    SIGMA,
     SILENT,
     _linearized,
     _motion,
@@ -31,7 +29,7 @@ from fieldcalib.problem.residuals import segment_residuals
 from fieldcalib.problem.solver import Problem
 
 SIZE = (960, 540)
-MEAN = np.array([105.0, 68.0])
+MEAN, SIGMA = np.array([105.0, 68.0]), soccer().size_model.sigma
 MIDDLE = ("Middle line", "Circle central", "Side line top")
 PANS = (-0.6, -0.2, 0.2, 0.6)
 
@@ -47,7 +45,7 @@ def panned(pitch, pans=PANS, rng=None, noise=0.0, k1=0.0):
 
 def pitch_and_frames(rng, count, noise):
     """A pitch from the prior and what random cameras on the main stand, with lenses, see of it."""
-    truth = np.clip(MEAN + SIGMA * rng.normal(size=2), *ALL_MATCHES)
+    truth = np.clip(MEAN + SIGMA * rng.normal(size=2), *soccer().size_model.limits)
     markings, frames = whole_circle_markings(soccer(*truth)), []
     while len(frames) < count:
         theta = sample_theta(DISTRIBUTIONS["main center"], 1, rng, SIZE)[0]
@@ -107,7 +105,7 @@ def test_the_covariance_is_the_sandwich_of_a_camera_and_the_size_together():
     A = known.curvature * linear.data[0] + prior
     V = known.bent_sigma**2 * noise.covariance(linear.J, pull, pull)[0] + prior
     together = np.linalg.solve(A, np.linalg.solve(A, V).T)
-    covariance, share = _uncertainty([solved], _motion(soccer()))
+    covariance, share = _uncertainty([solved], _motion(soccer()), SIGMA)
     np.testing.assert_allclose(covariance, together[P:, P:], rtol=1e-6)
     np.testing.assert_allclose(share, 1.0 - np.diagonal(np.linalg.inv(A))[P:] / SIGMA**2, rtol=1e-6)
     A, V = A[:P, :P], V[:P, :P]

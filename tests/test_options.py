@@ -13,6 +13,7 @@ from fieldcalib.calibrate.options import (
     checked_prior,
     pixel_unit,
 )
+from fieldcalib.fields.soccer import soccer
 from fieldcalib.fields.stands import ALL_STANDS, MAIN_LEFT, CameraDistribution
 from fieldcalib.problem.parameters import LENS, LOG_ASPECT, LOG_F, PRINCIPAL_POINT
 
@@ -24,6 +25,7 @@ RVEC, TVEC = np.array([1.3, 0.1, 0.0]), np.array([1.0, -2.0, 60.0])
 def options(**changes):
     arguments = {"image_size": (960, 540), "camera_matrix": None, "dist_coeffs": None, "rvec": None, "tvec": None}
     arguments |= {"flags": DEFAULT_FLAGS, "criteria": DEFAULT_CRITERIA, "prior": "all", "loss": "cauchy", "tau": None}
+    arguments |= {"field": soccer()}
     return checked_options(**(arguments | changes))
 
 
@@ -129,7 +131,7 @@ def test_priors_by_name_by_themselves_and_several():
     assert checked_prior("main left") == (MAIN_LEFT,)
     assert checked_prior(mine) == (mine,)
     assert checked_prior(["main left", mine]) == (MAIN_LEFT, mine)
-    assert checked_prior("all") == ALL_STANDS
+    assert checked_prior("all", soccer()) == ALL_STANDS
     assert options(prior=None).distributions == ALL_STANDS
     assert not options(prior=None).use_prior
 

@@ -12,7 +12,7 @@ from fieldcalib.assess.probability import largest_error, probability_right
 from fieldcalib.assess.result import Status
 from fieldcalib.calibrate.from_segments import calibrate_batch, calibrate_from_segments
 from fieldcalib.cli.demo import observe, pan_over_field
-from fieldcalib.fields.soccer import soccer
+from fieldcalib.fields.soccer import PROBABILITY, soccer
 from fieldcalib.geometry.camera import Camera
 
 FIELD, SIZE = soccer(), (960, 540)
@@ -30,14 +30,18 @@ def random_calibrations():
 @given(st.floats(-5.0, 5.0), st.floats(-2.0, 2.0), st.floats(0.5, 4.0), st.floats(0.0, 4.0), st.floats(0.1, 10.0))
 def test_more_error_is_less_probable_and_more_tolerance_more(log_m, log_sigma, log_nu, log_z, metres):
     one = np.array([1.0, log_m, log_sigma, log_nu, log_z])
-    p = probability_right(one, metres)
+    p = probability_right(PROBABILITY, one, metres)
     assert 0.0 <= p <= 1.0
-    assert probability_right(one + [0.0, 1.0, 0.0, 0.0, 0.0], metres) <= p <= probability_right(one, 2.0 * metres)
+    assert (
+        probability_right(PROBABILITY, one + [0.0, 1.0, 0.0, 0.0, 0.0], metres)
+        <= p
+        <= probability_right(PROBABILITY, one, 2.0 * metres)
+    )
 
 
 def test_what_is_open_is_certainly_wrong_and_nothing_in_view_has_no_probability():
-    assert probability_right(np.array([1.0, np.inf, 0.0, 3.0, 0.0]), 1.0) == 0.0
-    assert np.isnan(probability_right(np.array([1.0, np.nan, 0.0, 3.0, 0.0]), 1.0))
+    assert probability_right(PROBABILITY, np.array([1.0, np.inf, 0.0, 3.0, 0.0]), 1.0) == 0.0
+    assert np.isnan(probability_right(PROBABILITY, np.array([1.0, np.nan, 0.0, 3.0, 0.0]), 1.0))
 
 
 def test_the_expected_error_is_about_the_true_one():

@@ -10,7 +10,7 @@ from strategies import generators
 
 from fieldcalib.fields.segments import Arc, Line, Point, PointCloud
 from fieldcalib.fields.soccer import soccer
-from fieldcalib.problem.labelled_pixels import check_segments, check_weights, split_centre_circle
+from fieldcalib.problem.labelled_pixels import check_segments, check_weights, split_circles
 from fieldcalib.problem.observations import pack
 
 SIZE = (960, 540)
@@ -103,7 +103,7 @@ def test_a_pixel_that_can_be_none_is_named():
 def test_the_side_of_a_slanted_middle_line_counts():
     line = np.array([(100.0, 200.0), (800.0, 300.0)])
     circle = np.array([(450.0, 260.0), (450.0, 240.0)])  # below and above it
-    split = split_centre_circle({"Middle line": line, "Circle central": circle}, SIZE)
+    split = split_circles(FIELD, {"Middle line": line, "Circle central": circle}, SIZE)
     np.testing.assert_array_equal(split[LEFT], circle[:1])
     np.testing.assert_array_equal(split[RIGHT], circle[1:])
 
@@ -207,7 +207,7 @@ def circle_beside_a_line(rng, lean):
 @given(st.floats(-0.95, 0.95), generators())
 def test_circle_is_split_by_the_middle_line_whatever_its_slant(lean, rng):
     line, circle, left = circle_beside_a_line(rng, lean)
-    split = split_centre_circle({"Circle central": circle, "Middle line": line}, SIZE)
+    split = split_circles(FIELD, {"Circle central": circle, "Middle line": line}, SIZE)
     np.testing.assert_array_equal(split.get(LEFT, np.empty((0, 2))), circle[left])
     np.testing.assert_array_equal(split.get(RIGHT, np.empty((0, 2))), circle[~left])
     assert "Circle central" not in split
@@ -227,7 +227,7 @@ def test_splitting_conserves_every_pixel_and_the_other_labels(rng, middle, halve
     if halves_given:
         frame |= {LEFT: rng.uniform(0, 500, size=(2, 2)), RIGHT: rng.uniform(0, 500, size=(4, 2))}
     before = {label: xy.copy() for label, xy in frame.items()}
-    split = split_centre_circle(frame, SIZE)
+    split = split_circles(FIELD, frame, SIZE)
     halves = [split[label] for label in (LEFT, RIGHT) if label in split]
     given_halves = [before[label] for label in (LEFT, RIGHT) if label in before]
     np.testing.assert_array_equal(rows_of(*halves), rows_of(before["Circle central"], *given_halves))
@@ -247,14 +247,14 @@ def test_splitting_conserves_every_pixel_and_the_other_labels(rng, middle, halve
 def test_without_a_middle_line_the_half_is_that_towards_the_middle_of_the_image(middle_line, x, half):
     frame = {"Circle central": x + np.array([[-20.0, 200.0], [0.0, 210.0], [20.0, 230.0]])}
     frame |= {} if middle_line is None else {"Middle line": np.array(middle_line)}
-    split = split_centre_circle(frame, SIZE)
+    split = split_circles(FIELD, frame, SIZE)
     np.testing.assert_array_equal(split[half], frame["Circle central"])
     assert not {LEFT, RIGHT, "Circle central"} & set(split) - {half}
 
 
 def test_a_frame_without_the_circle_comes_back_as_a_copy():
     frame = {"Middle line": np.array(LINE)}
-    split = split_centre_circle(frame, SIZE)
+    split = split_circles(FIELD, frame, SIZE)
     assert split == frame
     assert split is not frame
 

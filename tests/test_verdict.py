@@ -30,11 +30,11 @@ GOOD = Evidence(
 )
 
 
-def complaints(camera, frame=None, *, on_field=True):
+def complaints(camera, frame=None, *, field=FIELD):
     frame = observe(whole_circle_markings(FIELD), camera) if frame is None else frame
     observations = pack(FIELD, [frame], SIZE)
     theta = theta_from_camera(camera)[None]
-    reasons = implausibilities(theta, foot_points(theta, observations), observations, far=20.0, on_field=on_field)
+    reasons = implausibilities(theta, foot_points(theta, observations), observations, far=20.0, field=field)
     return [reason for reason, mask in reasons.items() if mask[0]]
 
 
@@ -60,7 +60,7 @@ def test_limits(inside, outside, complaint):
     centre = {"CENTER_MARK": camera(**inside).project([[0.0, 0.0, 0.0]])}
     assert not any(complaint in reason for reason in complaints(camera(**inside), centre))
     assert any(complaint in reason for reason in complaints(camera(**outside), centre))
-    on_no_field = complaints(camera(**outside), centre, on_field=False)
+    on_no_field = complaints(camera(**outside), centre, field=None)
     assert any(complaint in reason for reason in on_no_field) == ("fov" in outside)
 
 
@@ -74,7 +74,7 @@ def test_what_fits_must_lie_in_front():
     observations = pack(FIELD, [{label: FRAME[label] for label in lines}], SIZE)
     flipped = pack(FIELD, [mirrored], SIZE)
     behind = [
-        implausibilities(theta, foot_points(theta, o), o, far=1e9, on_field=True)["labelled segments lie behind it"][0]
+        implausibilities(theta, foot_points(theta, o), o, far=1e9, field=FIELD)["labelled segments lie behind it"][0]
         for o in (observations, flipped)
     ]
     assert any(behind)
@@ -88,9 +88,7 @@ def test_a_wrong_label_that_would_lie_behind_does_not_speak_against_a_camera():
     observations = pack(field, [frame], SIZE)
     theta = theta_from_camera(CAMERA)[None]
     feet = foot_points(theta, observations)
-    assert not implausibilities(theta, feet, observations, far=20.0, on_field=True)["labelled segments lie behind it"][
-        0
-    ]
+    assert not implausibilities(theta, feet, observations, far=20.0, field=FIELD)["labelled segments lie behind it"][0]
 
 
 def test_a_good_fit_is_accepted():

@@ -6,13 +6,12 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from fieldcalib.cli.demo import HALVES
 from fieldcalib.draw.scene import SHIFT, fixed_point, image_curves
 from fieldcalib.fields.field import Field
 from fieldcalib.fields.soccer import soccer
 from fieldcalib.geometry.camera import Camera
 
-CLASSES = tuple(sorted(label for label in soccer().markings if label not in HALVES))
+CLASSES = tuple(sorted(label for label in soccer().markings if label not in soccer().half_labels))
 """The 26 segments that SoccerNet annotates, in its order; a mask holds 0 for the background and 1 + index."""
 THICKNESS = 3.0 / 512.0  # of the image's width, for all: a network sees far lines that are thinner than a pixel
 

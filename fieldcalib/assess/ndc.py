@@ -5,8 +5,8 @@ all circle pixels, an absent kind counting 0; points and clouds count with the c
 tau belongs to this one. "eq3" is the printed equation 3: the mean over segments of the mean distance of their pixels.
 
 Distances are Euclidean in these coordinates, so that horizontal and vertical pixels weigh differently. Circles are
-point clouds of 128 samples (paper, section "Hyperparameters"), the centre circle is split into its halves
-(`fieldcalib.problem.labelled_pixels.split_centre_circle`), and a known lens is taken out of the observed pixels. The
+point clouds of 128 samples (paper, section "Hyperparameters"), a circle is split into its halves where the field
+has them (`fieldcalib.problem.labelled_pixels.split_circles`), and a known lens is taken out of the observed pixels. The
 paper has the main stand in mind: from the opposite one the halves change sides, and from behind a goal the circle stays
 whole.
 """
@@ -18,8 +18,9 @@ from typing import Literal, TypeAlias, get_args
 import numpy as np
 
 from fieldcalib._types import Array, BoolArray
+from fieldcalib.fields.field import Field
 from fieldcalib.fields.segments import Arc, Line, ObjectSegments, PointCloud, Segment
-from fieldcalib.problem.labelled_pixels import Pixels, split_centre_circle
+from fieldcalib.problem.labelled_pixels import Pixels, split_circles
 from fieldcalib.problem.observations import Rows, pack
 from fieldcalib.problem.parameters import PAN
 from fieldcalib.problem.residuals import View
@@ -44,7 +45,7 @@ def ndc_loss(
     object_segments : mapping of str to segment
         The calibration object.
     frames : list of T dicts of str to (N, 2) array
-        Pixels by label, as `check_segments` returns them. The centre circle is split here.
+        Pixels by label, as `check_segments` returns them. Circles are split here.
     image_size : (int, int)
         Width and height in pixels.
     kind : {"tvcalib", "eq3"}
@@ -67,7 +68,7 @@ def ndc_loss(
     """
     if kind not in get_args(NdcLoss):
         raise ValueError(f"kind must be one of {', '.join(get_args(NdcLoss))}, got {kind!r}")
-    split = [_halves(frame, image_size, pan) for frame, pan in zip(frames, theta[:, PAN], strict=True)]
+    split = [_halves(object_segments, frame, image_size, pan) for frame, pan in zip(frames, theta[:, PAN], strict=True)]
     seen = {label: object_segments[label] for frame in split for label in frame}
     samples = {label: s if isinstance(s, Line) else cloud(s) for label, s in seen.items()}
     observations = pack(samples, split, image_size)
@@ -84,14 +85,15 @@ def ndc_loss(
     return _mean(lines, weights[0] > 0.0) + _mean(circles, weights[1] > 0.0)
 
 
-def _halves(frame: Pixels, image_size: tuple[int, int], pan: float) -> Pixels:
-    """The frame with its centre circle split as a camera of this pan sees it."""
-    if "Circle central" not in frame or np.abs(np.cos(pan)) < 0.5:
+def _halves(object_segments: ObjectSegments, frame: Pixels, image_size: tuple[int, int], pan: float) -> Pixels:
+    """The frame with its circles split as a camera of this pan sees them."""
+    halves = object_segments.halves if isinstance(object_segments, Field) else {}
+    if not halves.keys() & frame.keys() or np.abs(np.cos(pan)) < 0.5:
         return frame
-    split = split_centre_circle(frame, image_size)
+    split = split_circles(object_segments, frame, image_size)
     if np.cos(pan) > 0.0:
         return split
-    swapped = {"Circle central left": "Circle central right", "Circle central right": "Circle central left"}
+    swapped = {half: other for left, right, _ in halves.values() for half, other in ((left, right), (right, left))}
     return {swapped.get(label, label): xy for label, xy in split.items()}
 
 

@@ -8,7 +8,8 @@ prior, the log odds of that are
     b0 + b1 log(m / d) + b2 log sigma + b3 log nu + b4 log(1 + z . z).
 
 The covariance alone is nearly right (b0 and b2 to b4 zero); the other terms say that frames with large noise or an
-unusual camera are worse than it thinks, as wrong labels among few and an unknown principal point leave them.
+unusual camera are worse than it thinks, as wrong labels among few and an unknown principal point leave them. The
+coefficients belong to a field and its cameras (`fieldcalib.fields.traits.ProbabilityModel`).
 """
 
 from __future__ import annotations
@@ -18,9 +19,8 @@ import numpy as np
 from fieldcalib._types import Array
 from fieldcalib.assess.uncertainty import Uncertainty
 from fieldcalib.fields.field import Field
+from fieldcalib.fields.traits import ProbabilityModel
 
-# b0 to b4, fitted to 6,000 synthetic frames and to nothing else: `python -m data_tools.probability fit`.
-COEFFICIENTS = (2.99, -2.66, -0.76, -0.76, -0.37)
 GRID = (17, 10)  # points along the image's width and height where errors are looked at
 LARGEST_SCORE = 5.0  # z-scores beyond say no more
 
@@ -56,18 +56,20 @@ def evidence(uncertainty: Uncertainty, field: Field) -> Array:
     return np.array([1.0, *np.log([m, sigma, uncertainty.dof, 1.0 + np.sum(np.square(z))])])
 
 
-def probability_right(evidence: Array, metres: float) -> float:
+def probability_right(model: ProbabilityModel, evidence: Array, metres: float) -> float:
     """Probability that no ground point in view is off by more than some metres, from `evidence`.
 
     Examples
     --------
+    >>> from fieldcalib.fields.soccer import PROBABILITY
     >>> few_centimetres = np.array([1.0, np.log(0.05), 0.0, np.log(20.0), 0.0])
-    >>> probability_right(few_centimetres, 0.5) > 0.99
+    >>> probability_right(PROBABILITY, few_centimetres, 0.5) > 0.99
     True
-    >>> probability_right(few_centimetres, 0.01) < 0.1
+    >>> probability_right(PROBABILITY, few_centimetres, 0.01) < 0.1
     True
     """
     if np.isnan(evidence[1]):
         return float("nan")
     with np.errstate(over="ignore"):
-        return float(1.0 / (1.0 + np.exp(-np.dot(COEFFICIENTS, evidence - [0.0, np.log(metres), 0.0, 0.0, 0.0]))))
+        log_odds = np.dot(model.coefficients, evidence - [0.0, np.log(metres), 0.0, 0.0, 0.0])
+        return float(1.0 / (1.0 + np.exp(-log_odds)))

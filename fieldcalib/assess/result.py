@@ -109,6 +109,11 @@ class Calibration:
         """Whether nothing speaks against the camera."""
         return self.status is Status.ACCEPTED
 
+    @property
+    def has_probability(self) -> bool:
+        """Whether `probability` is known: of a camera fitted to labels of a field with a probability model."""
+        return self.solved is not None and self.field is not None and self.field.probability is not None
+
     @cached_property
     def uncertainty(self) -> Uncertainty:
         """How far the camera may be off; computed when it is first asked for.
@@ -151,7 +156,7 @@ class Calibration:
         Raises
         ------
         ValueError
-            If the object is no `Field`, or `metres` is not positive.
+            If the object is no `Field`, or one without a probability model, or `metres` is not positive.
 
         Examples
         --------
@@ -169,9 +174,14 @@ class Calibration:
             return 0.0
         if self.field is None:
             raise ValueError("expected a calibration of a Field: how much of another object is in view is not known")
+        if self.field.probability is None:
+            raise ValueError(
+                "expected a calibration of a Field with a probability model, as soccer(): for this none was fitted, "
+                "but its expected errors are in `uncertainty`"
+            )
         if self.status is Status.IMPLAUSIBLE:
             return 0.0
-        return probability_right(self._evidence, metres) / (1 + len(self.alternatives))
+        return probability_right(self.field.probability, self._evidence, metres) / (1 + len(self.alternatives))
 
     def doubted(self, least: float, metres: float = 1.0) -> Calibration:
         """The same, with the verdict that it is probably wrong if its `probability` is below `least`.

@@ -10,6 +10,7 @@ import numpy as np
 from fieldcalib._types import Array, BoolArray
 from fieldcalib.assess.result import Status
 from fieldcalib.assess.uncertainty import OPEN_DIRECTION, READABLE
+from fieldcalib.fields.field import Field
 from fieldcalib.fields.segments import Arc, Line, ObjectSegments, Point, PointCloud, Segment
 from fieldcalib.geometry.rotation import angles_from_rotation, rotation_from_angles
 from fieldcalib.problem.labelled_pixels import Pixels
@@ -17,7 +18,6 @@ from fieldcalib.problem.observations import Observations
 from fieldcalib.problem.parameters import ANGLES, CENTER, LOG_F, PARAMETERS
 from fieldcalib.problem.residuals import Feet
 
-FARTHEST_CAMERA = 300.0  # metres from the field's centre: stands end before
 LARGEST_ROLL = np.radians(45.0)
 FIELD_OF_VIEW = np.radians((0.5, 150.0))
 BEHIND = 0.1  # share of the fitting segments' weight that may lie behind the camera
@@ -127,13 +127,14 @@ def _noun(object_segments: ObjectSegments, frame: Pixels) -> str:
 
 
 def implausibilities(
-    theta: Array, feet: Feet, observations: Observations, *, far: float, on_field: bool
+    theta: Array, feet: Feet, observations: Observations, *, far: float, field: Field | None
 ) -> dict[str, BoolArray]:
     """What is wrong with each of B cameras: reason -> mask (B,).
 
-    On a field the camera must stand above the ground, not too far away, and hold the horizon roughly level; of any
-    object it must have a field of view between 0.5 and 150 degrees and see in front of it what it sees: pixels within
-    `far` pixels of their segments. Pixels further off, of a wrong label perhaps, do not speak against a camera.
+    On a field the camera must stand above the ground, no farther away than the cameras of that field do, and hold the
+    horizon roughly level; of any object it must have a field of view between 0.5 and 150 degrees and see in front of it
+    what it sees: pixels within `far` pixels of their segments. Pixels further off, of a wrong label perhaps, do not
+    speak against a camera.
     """
     width = observations.image_size[0]
     fov = 2.0 * np.arctan(0.5 * width / np.exp(theta[:, LOG_F]))
@@ -146,11 +147,12 @@ def implausibilities(
         "its field of view is above 150 degrees": fov > FIELD_OF_VIEW[1],
         f"labelled {noun} lie behind it": behind > BEHIND * np.sum(near, axis=1),
     }
-    if on_field:
+    if field is not None:
         C = theta[:, CENTER]
         roll = angles_from_rotation(rotation_from_angles(theta[:, ANGLES]))[:, 2]
         reasons["it stands below the ground"] = C[:, 2] > 0.0
-        reasons["it stands more than 300 m away"] = np.linalg.norm(C, axis=1) > FARTHEST_CAMERA
+        too_far = f"it stands more than {field.farthest_camera:g} m away"
+        reasons[too_far] = np.linalg.norm(C, axis=1) > field.farthest_camera
         reasons["it is rolled by more than 45 degrees"] = np.abs(roll) > LARGEST_ROLL
     return reasons
 

@@ -36,16 +36,10 @@ from fieldcalib.assess.uncertainty import Noise, Solved, uncertainties
 from fieldcalib.calibrate.from_segments import calibrate_batch
 from fieldcalib.calibrate.options import DEFAULT_FLAGS, Prior
 from fieldcalib.fields.field import Field
-from fieldcalib.fields.soccer import soccer
+from fieldcalib.fields.traits import DEVIATIONS, SizePrior
 from fieldcalib.problem.labelled_pixels import ImageSegments
 from fieldcalib.problem.parameters import CENTER, GaussianPrior
 from fieldcalib.problem.residuals import segment_residuals_with_jacobian
-
-# Laws of the Game, law 1, metres: (length, width) from and to.
-ALL_MATCHES = np.array([[90.0, 45.0], [120.0, 90.0]])
-INTERNATIONAL_MATCHES = np.array([[100.0, 64.0], [110.0, 75.0]])
-DEVIATIONS = 1.96  # to either side: what holds 95 % of a normal distribution
-SIGMA = np.diff(INTERNATIONAL_MATCHES, axis=0)[0] / (2.0 * DEVIATIONS)  # a range is a 95 % interval, as for cameras
 
 STILL = 1e-3  # metres: a size that moves by less stays
 STEPS = 10
@@ -85,9 +79,11 @@ class FieldSize:
 
     @property
     def interval(self) -> Array:
-        """From and to, (2, 2) metres: each column holds the truth with a probability of 95 %. Law 1 cuts it off."""
+        """From and to, (2, 2) metres: each column holds the truth with a probability of 95 %. The legal sizes cut it
+        off."""
+        assert self.field.size_model is not None  # the size was estimated under it
         size, half = np.array([self.length, self.width]), DEVIATIONS * self.std_deviations
-        return np.asarray(np.clip([size - half, size + half], *ALL_MATCHES))
+        return np.asarray(np.clip([size - half, size + half], *self.field.size_model.limits))
 
     def __str__(self) -> str:
         """What is known, in words."""
@@ -113,9 +109,10 @@ def estimate_field_size(
 ) -> FieldSize:
     """Calibrate frames of one pitch together with its length and width.
 
-    Length and width are normal a priori, with the size of `field` as mean and the range of law 1 for international
-    matches, 100 to 110 m and 64 to 75 m, as width of the 95 % interval: sigma is 2.55 and 2.81 m. The estimate stays
-    within the limits for all matches, 90 to 120 m and 45 to 90 m. Only accepted frames take part.
+    Length and width are normal a priori, with the size of `field` as mean and the usual range of its `size_model` as
+    width of the 95 % interval. For `soccer` that is the range of law 1 for international matches, 100 to 110 m and 64
+    to 75 m: sigma is 2.55 and 2.81 m. The estimate stays within the legal sizes, 90 to 120 m and 45 to 90 m. Only
+    accepted frames take part.
 
     A frame tells the width from both touchlines, or from one and what lies in the middle; the length from a goal line
     or a penalty area together with the middle line or the centre circle, or from both halves.
@@ -123,7 +120,7 @@ def estimate_field_size(
     Parameters
     ----------
     field : Field
-        The pitch as `soccer` makes it, of the most likely size.
+        The pitch as `soccer` makes it, of the most likely size; or another field with a `size_model`.
     frames : sequence of mappings of str to (N, 2) array_like
         Pixels of one or several frames of the same pitch.
     image_size : (int, int)
@@ -139,7 +136,8 @@ def estimate_field_size(
     Raises
     ------
     ValueError
-        If the field is not one of `soccer`'s, or not within law 1; otherwise as `calibrate_batch`.
+        If the field does not know how its segments move with its size, or is of no legal size; otherwise as
+        `calibrate_batch`.
 
     References
     ----------
@@ -161,16 +159,17 @@ def estimate_field_size(
     >>> print(str(estimate_field_size(soccer(), [middle], (960, 540))).split("; ")[0])
     length: the labels say nothing, 105.0 ± 2.6 m is from the prior
     """
-    mean = size = _checked_size(field)
+    mean, sizes = _checked_size(field)
+    size = mean
 
     def calibrated(size: Array) -> list[Calibration]:
-        return calibrate_batch(soccer(*size.tolist()), frames, image_size, flags=flags, prior=prior, tau=tau)
+        return calibrate_batch(field.resized(*size.tolist()), frames, image_size, flags=flags, prior=prior, tau=tau)
 
     calibrations, motion = calibrated(size), _motion(field)
     for _ in range(STEPS):
         # where none is accepted, the size may be why
         parts = _parts(calibrations, Status.ACCEPTED) or _parts(calibrations, Status.NOT_CONVERGED, Status.IMPLAUSIBLE)
-        moved = _moved(size, parts, motion, mean)
+        moved = _moved(size, parts, motion, mean, sizes)
         if np.max(np.abs(moved - size)) < STILL:
             break
         size = moved
@@ -178,20 +177,24 @@ def estimate_field_size(
     accepted = _parts(calibrations, Status.ACCEPTED)
     if not accepted and np.any(size != mean):
         size, calibrations = mean, calibrated(mean)
-    return FieldSize(soccer(*size.tolist()), *_uncertainty(accepted, motion), tuple(calibrations))
+    covariance, share = _uncertainty(accepted, motion, sizes.sigma)
+    return FieldSize(field.resized(*size.tolist()), covariance, share, tuple(calibrations))
 
 
-def _checked_size(field: Field) -> Array:
-    """(length, width) of a pitch whose segments are known to move as `soccer`'s, within law 1."""
-    if not isinstance(field, Field) or dict(field) != dict(soccer(field.length, field.width)):
-        raise ValueError("expected a field as soccer(length, width) makes it: how other segments move is not known")
-    size = np.array([field.length, field.width])
-    if np.any(size < ALL_MATCHES[0]) or np.any(size > ALL_MATCHES[1]):
+def _checked_size(field: Field) -> tuple[Array, SizePrior]:
+    """(length, width) of a field that is of a legal size and knows how its segments move, and its prior."""
+    if not isinstance(field, Field):
+        raise ValueError(f"expected a field as soccer(length, width) makes it, got {type(field).__name__}")
+    sizes = field.resized(field.length, field.width).size_model
+    assert sizes is not None  # else it cannot be resized
+    size, (low, high) = np.array([field.length, field.width]), sizes.limits
+    if np.any(size < low) or np.any(size > high):
         raise ValueError(
-            f"expected a pitch of 90 to 120 x 45 to 90 m (law 1) whose size is to be estimated, got {field.length:g} x "
-            f"{field.width:g}; give a likely size in metres, the touchline first"
+            f"expected a pitch of {low[0]:g} to {high[0]:g} x {low[1]:g} to {high[1]:g} m ({sizes.rules}) whose size "
+            f"is to be estimated, got {field.length:g} x {field.width:g}; give a likely size in metres, the touchline "
+            f"first"
         )
-    return size
+    return size, sizes
 
 
 def _motion(field: Field) -> Array:
@@ -203,7 +206,8 @@ def _motion(field: Field) -> Array:
     def middles(pitch: Field) -> Array:
         return np.array([segment.sample().mean(axis=0) for segment in pitch.values()])
 
-    longer, wider = soccer(field.length + 1.0, field.width), soccer(field.length, field.width + 1.0)
+    longer = field.resized(field.length + 1.0, field.width)
+    wider = field.resized(field.length, field.width + 1.0)
     return np.stack([middles(longer), middles(wider)], axis=-1) - middles(field)[..., None]
 
 
@@ -272,30 +276,30 @@ def _eliminated(hessian: Array) -> tuple[Array, Array]:
     return L, L @ hessian[:, :, P:]
 
 
-def _moved(size: Array, parts: Sequence[Solved], motion: Array, mean: Array) -> Array:
-    """The size (2,) after a step, within law 1."""
-    gradient, hessian = (size - mean) / SIGMA**2, np.diag(SIGMA**-2)
+def _moved(size: Array, parts: Sequence[Solved], motion: Array, mean: Array, sizes: SizePrior) -> Array:
+    """The size (2,) after a step, within the legal ones."""
+    gradient, hessian = (size - mean) / sizes.sigma**2, np.diag(sizes.sigma**-2)
     for part in parts:
         linear = _linearized(part, motion)
         L, complement = _eliminated(linear.data + linear.prior)
         gradient = gradient + np.einsum("bsq,bq->s", L, linear.gradient)
         hessian = hessian + np.sum(complement, axis=0)
-    return np.asarray(np.clip(size - np.linalg.solve(hessian, gradient), *ALL_MATCHES))
+    return np.asarray(np.clip(size - np.linalg.solve(hessian, gradient), *sizes.limits))
 
 
-def _uncertainty(parts: Sequence[Solved], motion: Array) -> tuple[Array, Array]:
+def _uncertainty(parts: Sequence[Solved], motion: Array, sigma: Array) -> tuple[Array, Array]:
     """Covariance (2, 2) and shares from the labels (2,) of the most likely size."""
-    curvature, pulls = np.diag(SIGMA**-2), np.diag(SIGMA**-2)  # A and what is between the A^-1
+    curvature, pulls = np.diag(sigma**-2), np.diag(sigma**-2)  # A and what is between the A^-1
     for part in parts:
         found = uncertainties(part.problem, part.theta, part.unit)
         linear = _linearized(part, motion)
-        kappa, sigma = np.array([(one.curvature, one.bent_sigma) for one in found]).T[..., None, None]
+        kappa, noise_sigma = np.array([(one.curvature, one.bent_sigma) for one in found]).T[..., None, None]
         L, complement = _eliminated(kappa * linear.data + linear.prior)
         noise = Noise(part.problem.observations)
         pull = linear.weight * noise.relative_sigma
-        between = sigma**2 * noise.covariance(linear.J, pull, pull) + linear.prior
+        between = noise_sigma**2 * noise.covariance(linear.J, pull, pull) + linear.prior
         curvature = curvature + np.sum(complement, axis=0)
         pulls = pulls + np.sum(L @ between @ np.swapaxes(L, 1, 2), axis=0)
     inverse = np.linalg.inv(curvature)
-    share = np.maximum(1.0 - np.diagonal(inverse) / SIGMA**2, 0.0)  # below 0 by rounding
+    share = np.maximum(1.0 - np.diagonal(inverse) / sigma**2, 0.0)  # below 0 by rounding
     return inverse @ pulls @ inverse, share

@@ -9,7 +9,9 @@ from fieldcalib.assess.result import Calibration, Status
 from fieldcalib.assess.verdict import disagreement, implausibilities, segment_errors
 from fieldcalib.calibrate.decomposition import Decomposition, camera_from_homography
 from fieldcalib.calibrate.options import WIDE_SCALE, pixel_unit
+from fieldcalib.fields.field import Field
 from fieldcalib.fields.segments import ObjectSegments
+from fieldcalib.fields.soccer import soccer
 from fieldcalib.geometry.camera import Camera
 from fieldcalib.problem.labelled_pixels import Pixels
 from fieldcalib.problem.observations import pack
@@ -78,7 +80,7 @@ def judged_decomposition(found: Decomposition) -> Calibration:
     camera = found.camera or found.initial
     if camera is None:
         return Calibration.without_camera(Status.IMPLAUSIBLE, found.message)
-    calibration = judged_camera(camera, found.points, found.pixels, found.message, on_field=True)
+    calibration = judged_camera(camera, found.points, found.pixels, found.message, field=soccer())
     if found.camera is not None:
         return calibration
     message = f"not refined: {found.message}"
@@ -88,7 +90,7 @@ def judged_decomposition(found: Decomposition) -> Calibration:
 
 
 def judged_camera(
-    camera: Camera, object_segments: ObjectSegments, frame: Pixels, message: str, *, on_field: bool
+    camera: Camera, object_segments: ObjectSegments, frame: Pixels, message: str, *, field: Field | None = None
 ) -> Calibration:
     """Calibration of a camera that no solver of this package has found: its errors, and whether it could be.
 
@@ -102,8 +104,8 @@ def judged_camera(
         Pixels by label, as `check_segments` returns them; without any, the errors are NaN.
     message : str
         What to say of a camera that could be.
-    on_field : bool
-        Whether the object is a field, where a camera stands above the ground, see `implausibilities`.
+    field : Field, optional
+        The field that the object is a part of, see `implausibilities`; by default the object, if it is a field.
 
     Returns
     -------
@@ -112,6 +114,8 @@ def judged_camera(
     """
     if not frame:
         return Calibration(camera, Status.ACCEPTED, message, NAN, NAN, {})
+    if field is None and isinstance(object_segments, Field):
+        field = object_segments
     size = camera.image_size
     theta = theta_from_camera(camera)[None]
     observations = pack(object_segments, [frame], size)
@@ -119,7 +123,7 @@ def judged_camera(
     ((errors, rms),) = segment_errors(feet.r, observations, [frame])
     loss = float(ndc_loss(theta, object_segments, [frame], size)[0])
     far = WIDE_SCALE * pixel_unit(size)
-    wrong = implausibilities(theta, feet, observations, far=far, on_field=on_field)
+    wrong = implausibilities(theta, feet, observations, far=far, field=field)
     reasons = [reason for reason, mask in wrong.items() if mask[0]]
     missed = [label for label in frame if errors[label] > far]
     complaint = disagreement(object_segments, frame, missed, unknowns=0)  # the camera comes from elsewhere

@@ -23,8 +23,8 @@ from fieldcalib.calibrate.options import (
     checked_options,
 )
 from fieldcalib.calibrate.resection import LEAST_IN_SPACE, LEAST_ON_PLANE, resect
-from fieldcalib.fields.field import Field
 from fieldcalib.fields.segments import Point
+from fieldcalib.fields.soccer import LARGEST_FIELD, soccer, soccer_points
 from fieldcalib.fields.stands import CameraDistribution
 from fieldcalib.geometry.camera import Camera
 from fieldcalib.geometry.lens import lens_coefficients, undistort
@@ -45,7 +45,6 @@ from fieldcalib.problem.parameters import (
 
 LEVEL = rotation_from_angles(np.array([0.0, np.pi / 2.0, 0.0]))  # towards the far side, horizontally
 SOLVED_SIZE = 30.0  # metres: root mean square distance from the centroid, about that of the part of a field in view
-LARGEST_FIELD = (70.0, 60.0)  # metres from the centre mark, in x and y; the Laws allow 60 and 45
 
 
 def calibrate_from_points(
@@ -112,7 +111,8 @@ def calibrate_from_points(
         raise ValueError(f"object_points and image_points must be of one length, got {len(X)} and {len(xy)}")
     members = _checked_members(prior)
     common: _Common = {"criteria": criteria, "loss": loss, "tau": tau}
-    options = checked_options(image_size, camera_matrix, dist_coeffs, rvec, tvec, flags=flags, prior=members, **common)
+    known = camera_matrix, dist_coeffs, rvec, tvec
+    options = checked_options(image_size, *known, flags=flags, prior=members, field=soccer(), **common)
     points = Points(X, xy, camera_matrix, dist_coeffs, rvec, tvec, flags)
     if members is None:
         return _calibrate_without_prior(points, options, common)
@@ -180,7 +180,7 @@ def _checked_members(prior: Prior) -> str | CameraDistribution | tuple[str | Cam
 
 def _check_extent(X: Array) -> None:
     """The default prior has a field around the centre mark in mind: any other object would be nonsense for it."""
-    outside = np.flatnonzero(~np.all(np.abs(X[:, :2]) <= LARGEST_FIELD, axis=1))
+    outside = np.flatnonzero(~np.all(np.abs(X[:, :2]) <= np.divide(LARGEST_FIELD, 2.0), axis=1))
     if len(outside):
         raise ValueError(
             f"point {outside[0]} at {X[outside[0]].tolist()} is on no soccer field: expected metres from the centre "
@@ -192,7 +192,7 @@ def _calibrate(points: Points, options: Options, prior: Prior, common: _Common, 
     """The calibration from each point as a segment."""
     segments, pixels = _as_segments(points)
     return calibrate_from_segments(
-        Field(2.0 * LARGEST_FIELD[0], 2.0 * LARGEST_FIELD[1], segments) if on_field else segments,
+        soccer_points(segments) if on_field else segments,
         pixels,
         options.image_size,
         points.camera_matrix,

@@ -24,7 +24,7 @@ from fieldcalib.assess.uncertainty import Solved
 from fieldcalib.assess.verdict import Evidence, implausibilities, segment_errors, verdict, weakest_directions
 from fieldcalib.calibrate.initial_cameras import Starts, starting_cameras
 from fieldcalib.calibrate.mislabels import Resolution, resolve_labels
-from fieldcalib.calibrate.options import ALL, DEFAULT_CRITERIA, DEFAULT_FLAGS, Criteria, Options, Prior, checked_options
+from fieldcalib.calibrate.options import DEFAULT_CRITERIA, DEFAULT_FLAGS, Criteria, Options, Prior, checked_options
 from fieldcalib.calibrate.symmetry import on_main_side, other_side
 from fieldcalib.fields.field import Field
 from fieldcalib.fields.segments import Line, ObjectSegments
@@ -98,9 +98,10 @@ def calibrate_from_segments(
     criteria : (int, int, float)
         cv2's (type, max_count, eps) of the final stage; eps is the relative decrease of the cost.
     prior : str, CameraDistribution, an iterable of them, or None
-        Where the camera may stand: weak prior, and where starts come from. "all" tries the main stand's centre, left
-        and right, the opposite stand and behind both goals; a name like "main center" says that the kind of camera is
-        known. None starts everywhere and solves without a prior.
+        Where the camera may stand: weak prior, and where starts come from. "all" tries the stands of the field, for
+        `soccer` the main stand's centre, left and right, the opposite stand and behind both goals; the name of one,
+        like "main center", says that the kind of camera is known. An object that knows no stands needs a distribution
+        of its own. None starts everywhere and solves without a prior.
     loss : {"cauchy", "soft_l1", "huber", "linear"} or RobustLoss
         Robust loss of the final stage.
     tau : float, optional
@@ -147,9 +148,9 @@ def calibrate_from_segments(
         prior=prior,
         loss=loss,
         tau=tau,
+        field=object_segments if isinstance(object_segments, Field) else None,
     )
     frame = check_segments(object_segments, image_segments, options.image_size)
-    _check_prior(object_segments, prior)
     frame, shares = check_weights(object_segments, frame, weights)
     if not frame:
         return Calibration.without_camera(Status.TOO_FEW_SEGMENTS, NO_PIXELS)
@@ -214,6 +215,7 @@ def calibrate_batch(
         prior=prior,
         loss=loss,
         tau=tau,
+        field=object_segments if isinstance(object_segments, Field) else None,
     )
     if isinstance(frames, Mapping):
         raise ValueError("expected a sequence of frames, got one mapping: calibrate_from_segments takes a single frame")
@@ -229,7 +231,6 @@ def calibrate_batch(
             raise ValueError(f"frame {index}: {error}") from None
         checked.append(pixels)
         shares.append(share)
-    _check_prior(object_segments, prior)
     calibrations = [Calibration.without_camera(Status.TOO_FEW_SEGMENTS, NO_PIXELS) for _ in checked]
     for chunk in _chunks(object_segments, checked):
         members, their_shares = [checked[t] for t in chunk], [shares[t] for t in chunk]
@@ -237,15 +238,6 @@ def calibrate_batch(
         for t, calibration in zip(chunk, found, strict=True):
             calibrations[t] = calibration
     return calibrations
-
-
-def _check_prior(object_segments: ObjectSegments, prior: Prior) -> None:
-    """An object that is no field stands in no stadium: the default prior would be nonsense for it."""
-    if prior == ALL and not isinstance(object_segments, Field):
-        raise ValueError(
-            "the object is no Field: say where its camera may stand by prior, a CameraDistribution or the name of one, "
-            "or None with rvec and tvec as a start"
-        )
 
 
 def _chunks(object_segments: ObjectSegments, frames: Sequence[Pixels]) -> Iterator[IntArray]:
@@ -280,7 +272,8 @@ def _calibrate(
     """Calibrate frames that have pixels; `solve` brings them to the final optimum."""
     observations = pack(object_segments, frames, options.image_size, shares)
     theta, prior = _start(object_segments, observations, options, solve)
-    narrow = Problem(observations, options.free, options.loss, options.noise, prior if options.use_prior else None)
+    used = prior if options.use_prior else None
+    narrow = Problem(observations, options.free, options.loss, options.noise, used, options.scale)
     approach = partial(solve, max_iterations=options.max_iterations, tolerance=WIDE_TOLERANCE)
     search = partial(_start, object_segments, options=options, solve=solve_batch)
     far, solution = options.wide_loss.scale, approach(narrow, theta)
@@ -297,17 +290,17 @@ def _start(
     object_segments: ObjectSegments, observations: Observations, options: Options, solve: Solver
 ) -> tuple[Array, GaussianPrior]:
     """For each frame the camera (12,) that the narrow loss starts from, and its prior."""
-    starts = starting_cameras(observations, options.distributions, options.known)
+    starts = starting_cameras(observations, options.distributions, options.known, options.scale)
     # the search goes without a lens: it is quicker, and finds the same
     search = replace(options, free=options.free & ~IS_LENS)
-    theta, prior = _best_starts(starts, observations, search, solve, on_field=isinstance(object_segments, Field))
+    theta, prior = _best_starts(starts, observations, search, solve)
     if np.any(options.free & IS_LENS):
         theta, prior = _bent(theta, prior, observations, options, solve)
     return on_main_side(object_segments, observations, theta, prior, options)
 
 
 def _best_starts(
-    starts: Starts, observations: Observations, options: Options, solve: Solver, *, on_field: bool
+    starts: Starts, observations: Observations, options: Options, solve: Solver
 ) -> tuple[Array, GaussianPrior]:
     """For each frame the camera (12,) under the wide loss that the narrow one starts from, and its prior.
 
@@ -320,14 +313,15 @@ def _best_starts(
         return theta, prior
     stages = ((PROMISING, FIRST_ITERATIONS), (1, WIDE_ITERATIONS))
     for kept, max_iterations in stages if several else stages[1:]:
-        wide = Problem(observations.take(frame), options.free, options.wide_loss, options.noise)
+        taken = observations.take(frame)
+        wide = Problem(taken, options.free, options.wide_loss, options.noise, scale=options.scale)
         if several or options.use_prior:  # starts from the stands need the prior to come home
             wide = replace(wide, prior=prior)
         solve_all = solve if len(theta) == 1 else solve_batch
         trials = solve_all(wide, theta, max_iterations=max_iterations, tolerance=WIDE_TOLERANCE)
         feet = foot_points(trials.theta, wide.observations)
         far = options.wide_loss.scale
-        wrong = implausibilities(trials.theta, feet, wide.observations, far=far, on_field=on_field)
+        wrong = implausibilities(trials.theta, feet, wide.observations, far=far, field=options.field)
         order = np.lexsort((trials.cost, np.any(list(wrong.values()), axis=0), frame))
         rank = np.arange(len(order)) - np.searchsorted(frame, frame)  # within its frame: frames are ascending
         best = order[rank < kept]
@@ -354,7 +348,8 @@ def _bent(
     poor = np.flatnonzero(~_fits_most(theta, observations, options.loss.scale))
     if len(poor):
         fixed = options.free & ~IS_LENS
-        wide = Problem(observations.take(poor), fixed, options.wide_loss, options.noise, prior.take(poor))
+        taken = observations.take(poor)
+        wide = Problem(taken, fixed, options.wide_loss, options.noise, prior.take(poor), options.scale)
         theta[poor] = solve(wide, theta[poor], max_iterations=WIDE_ITERATIONS, tolerance=WIDE_TOLERANCE).theta
     return theta, prior
 
@@ -385,8 +380,8 @@ def _judge(
     theta, problem, prior = resolved.solution.theta, resolved.problem, resolved.prior
     feet = foot_points(theta, problem.observations)
     losses = ndc_loss(theta, object_segments, resolved.frames, options.image_size)
-    far, on_field = options.wide_loss.scale, isinstance(object_segments, Field)
-    wrong = implausibilities(theta, feet, problem.observations, far=far, on_field=on_field)
+    far = options.wide_loss.scale
+    wrong = implausibilities(theta, feet, problem.observations, far=far, field=options.field)
     information = replace(problem, prior=None).linearized(theta)[2]
     lens_is_prior = _lens_is_prior(information, prior.sigma, options)
     known_by_labels = options.free & ~(IS_LENS & options.use_prior)  # the prior of the lens is good enough
@@ -425,7 +420,7 @@ def _judge(
                 given[t][0],
                 resolved.suspects[t],
                 alternatives,
-                object_segments if isinstance(object_segments, Field) else None,
+                options.field,
                 solved.of_frame(t),
             )
         )

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from fieldcalib._types import Array, BoolArray, IntArray
-from fieldcalib.fields.stands import CameraDistribution
+from fieldcalib.fields.stands import SOCCER_SCALE, CameraDistribution
 from fieldcalib.geometry.homography import decompose_homography
 from fieldcalib.geometry.projective import fit_lines, homogenize, homography_from_lines
 from fieldcalib.geometry.rotation import angles_from_rotation, rotation_from_angles
@@ -28,7 +28,7 @@ from fieldcalib.problem.parameters import (
     gaussian_prior,
 )
 
-FIELD_SCALE = 40.0  # metres: brings the field's coordinates to about unit size for the DLT
+SHORT, NEAREST = 1.0 / 8.0, 1.0 / 40.0  # of what is in view: length of a short segment, depth of the nearest one
 ON_GROUND = 1e-9  # metres
 PART_IN_VIEW = 1.5  # segments reach beyond the image, so their middles lie further apart than their pixels
 
@@ -45,7 +45,9 @@ class Starts:
     """Prior of the distribution that each start belongs to, means and sigmas (n, 12)."""
 
 
-def starting_cameras(observations: Observations, distributions: Sequence[CameraDistribution], known: Array) -> Starts:
+def starting_cameras(
+    observations: Observations, distributions: Sequence[CameraDistribution], known: Array, scale: float = SOCCER_SCALE
+) -> Starts:
     """Starts of every frame: from each distribution, and by the DLT where four ground lines or more allow it.
 
     A known position makes for a single start.
@@ -59,6 +61,8 @@ def starting_cameras(observations: Observations, distributions: Sequence[CameraD
         one that it is nearest to, by z-score.
     known : (12,) array
         Parameters that the user gave; NaN where nothing is known.
+    scale : float
+        Size of what is usually in view, metres.
     """
     T = len(observations)
     priors = [gaussian_prior(distribution, observations.image_size) for distribution in distributions]
@@ -68,14 +72,14 @@ def starting_cameras(observations: Observations, distributions: Sequence[CameraD
     theta, frame, member = [], [], []
     if np.isnan(known[CENTER]).any():
         for i, prior in enumerate(priors):
-            theta.append(pointed_camera(observations, prior, known))
+            theta.append(pointed_camera(observations, prior, known, scale))
             frame.append(np.arange(T))
             member.append(np.full(T, i))
-        by_lines, found = camera_from_lines(observations, known)
+        by_lines, found = camera_from_lines(observations, known, scale)
         theta.append(by_lines[found])
         frame.append(np.flatnonzero(found))
     else:
-        theta.append(pointed_camera(observations, priors[0], known))
+        theta.append(pointed_camera(observations, priors[0], known, scale))
         frame.append(np.arange(T))
     z = GaussianPrior(mean, sigma).z_scores(theta[-1][:, None])[..., :7]
     member.append(np.argmin(np.sum(np.square(z), axis=-1), axis=-1))
@@ -87,13 +91,15 @@ def starting_cameras(observations: Observations, distributions: Sequence[CameraD
     )
 
 
-def pointed_camera(observations: Observations, prior: GaussianPrior, known: Array) -> Array:
+def pointed_camera(
+    observations: Observations, prior: GaussianPrior, known: Array, scale: float = SOCCER_SCALE
+) -> Array:
     """Cameras at the mean position of a prior, turned and zoomed so that they see what is labelled, (T, 12).
 
     The middles of the labelled segments, short segments first, should come to lie where their pixels are: their
     centroid gives pan and tilt, their spread the focal length, within the prior's 95 %. Roll is zero.
     """
-    X, xy, weight = _segment_middles(observations)
+    X, xy, weight = _segment_middles(observations, SHORT * scale)
     theta = np.broadcast_to(np.where(np.isnan(known), prior.mean, known), (len(X), len(prior.mean))).copy()
     if np.isnan(known[PAN]):
         theta[:, ROLL] = 0.0 if np.isnan(known[ROLL]) else known[ROLL]
@@ -102,7 +108,7 @@ def pointed_camera(observations: Observations, prior: GaussianPrior, known: Arra
         theta[:, TILT] = np.arctan2(np.hypot(target[:, 0], target[:, 1]), target[:, 2])
     if np.isnan(known[LOG_F]):
         Xc = (X - theta[:, None, CENTER]) @ np.swapaxes(rotation_from_angles(theta[:, ANGLES]), 1, 2)
-        x = Xc[..., :2] / np.maximum(Xc[..., 2:], 1.0)
+        x = Xc[..., :2] / np.maximum(Xc[..., 2:], NEAREST * scale)
         log_f = np.log(PART_IN_VIEW * (_spread(xy, weight) + 1.0) / (_spread(x, weight) + 1e-3))
         margin = 1.96 * prior.sigma[LOG_F]
         theta[:, LOG_F] = np.clip(log_f, prior.mean[LOG_F] - margin, prior.mean[LOG_F] + margin)
@@ -115,7 +121,7 @@ def pointed_camera(observations: Observations, prior: GaussianPrior, known: Arra
     return theta
 
 
-def _segment_middles(observations: Observations) -> tuple[Array, Array, Array]:
+def _segment_middles(observations: Observations, short: float) -> tuple[Array, Array, Array]:
     """Middle of each pixel's segment (T, N, 3), the pixel (T, N, 2), and its weight (T, N, 1), summing to 1 a frame.
 
     Of a long segment only a part is in view, and nobody knows which: weights fall with the square of the length.
@@ -133,7 +139,7 @@ def _segment_middles(observations: Observations) -> tuple[Array, Array, Array]:
             middle, length = rows.geometry.mean(axis=2), np.linalg.norm(np.ptp(rows.geometry, axis=2), axis=-1)
         X.append(middle)
         xy.append(rows.xy)
-        weight.append(rows.weight / np.square(length + 5.0))  # 5 m: short segments do not outweigh each other
+        weight.append(rows.weight / np.square(length + short))  # short segments do not outweigh each other
     w = np.concatenate(weight, axis=1)
     w /= np.sum(w, axis=1, keepdims=True)
     return np.concatenate(X, axis=1), np.concatenate(xy, axis=1), w[..., None]
@@ -145,7 +151,7 @@ def _spread(x: Array, weight: Array) -> Array:
     return np.asarray(np.sqrt(np.sum(weight * np.square(centred), axis=(1, 2))))
 
 
-def camera_from_lines(observations: Observations, known: Array) -> tuple[Array, BoolArray]:
+def camera_from_lines(observations: Observations, known: Array, scale: float = SOCCER_SCALE) -> tuple[Array, BoolArray]:
     """Cameras from the homography of the ground's lines by the DLT, (T, 12), and which frames have one, (T,).
 
     The homography is decomposed with the known principal point, else the image's centre.
@@ -155,7 +161,7 @@ def camera_from_lines(observations: Observations, known: Array) -> tuple[Array, 
     image_centre = np.array(observations.image_size) / 2.0
     principal_point = np.where(np.isnan(known[PRINCIPAL_POINT]), image_centre, known[PRINCIPAL_POINT])
     theta[:, PRINCIPAL_POINT] = principal_point
-    H, found = ground_homographies(observations, principal_point)
+    H, found = ground_homographies(observations, principal_point, scale)
     if not found.any():
         return theta, found
     # a point of the ground in view: where the pixels' centroid lies on the field
@@ -173,7 +179,9 @@ def camera_from_lines(observations: Observations, known: Array) -> tuple[Array, 
     return theta, found
 
 
-def ground_homographies(observations: Observations, principal_point: Array) -> tuple[Array, BoolArray]:
+def ground_homographies(
+    observations: Observations, principal_point: Array, scale: float = SOCCER_SCALE
+) -> tuple[Array, BoolArray]:
     """Homographies of the ground from its lines, by the DLT.
 
     Lines are fitted to the pixels of each segment and weigh as much as they are long in the image.
@@ -184,6 +192,8 @@ def ground_homographies(observations: Observations, principal_point: Array) -> t
         T frames.
     principal_point : (2,) array
         Around it the image is normalised, in pixels.
+    scale : float
+        Brings the field's coordinates to about unit size, metres.
 
     Returns
     -------
@@ -209,7 +219,7 @@ def ground_homographies(observations: Observations, principal_point: Array) -> t
     first = np.argmax(rows.label.ravel() == labels[:, None], axis=1)  # any row of each label knows its segment
     start, direction = np.moveaxis(rows.geometry.reshape(-1, 2, 3)[first], 1, 0)
     field_lines = np.cross(homogenize(start[:, :2]), homogenize(start[:, :2] + direction[:, :2]))
-    to_unit_field = np.diag([1.0 / FIELD_SCALE, 1.0 / FIELD_SCALE, 1.0])
+    to_unit_field = np.diag([1.0 / scale, 1.0 / scale, 1.0])
     cx, cy = principal_point
     to_unit_image = np.array([[1.0 / rho, 0.0, -cx / rho], [0.0, 1.0 / rho, -cy / rho], [0.0, 0.0, 1.0]])
     H = homography_from_lines(

@@ -38,7 +38,7 @@ from fieldcalib.problem.solver import IS_LENS, Finish, Problem, Solution, solve_
 WRONG = 0.035  # share of labels that are wrong: 3 to 4 % of SoccerNet's test annotations
 LOG_ODDS = float(np.log((1.0 - WRONG) / WRONG))
 CERTAIN = float(np.log(20.0))  # of 20 accusations 19 shall be right
-REACH = 1.0  # metres that annotators draw beyond the end of a segment
+REACH = 1.0 / 40.0  # of what is in view: what annotators draw beyond the end of a segment, 1 m on a soccer field
 TURNS = 3  # of solving without the labels that lie and asking again which ones do
 ITERATIONS, TOLERANCE = 20, 1e-4  # of these solutions: they are compared, the last one is solved to the end
 PIXELS = 8  # of a segment, compared with all other labels: densely labelled ones bring no more
@@ -185,10 +185,9 @@ class _Prices:
 
     def of_given(self, problem: Problem, theta: Array) -> Array:
         """Costs of the labels as they were given, (B, L); 0 for labels that a frame does not have."""
-        observations = problem.observations
-        feet = foot_points(theta, observations)
+        feet = foot_points(theta, problem.observations)
         # a segment that is elsewhere has no pixel here: at least as bad as one that is missed
-        elsewhere = _share_on_segment(self.object_segments, theta, feet, observations) == 0.0
+        elsewhere = _share_on_segment(self.object_segments, theta, feet, problem) == 0.0
         return np.asarray(np.maximum(_costs(feet, problem), elsewhere * self.missed))
 
 
@@ -293,8 +292,8 @@ def _explain(prices: _Prices, frame: Pixels, problem: Problem, believed: Observa
     """The cheapest explanation of every segment by each of K cameras."""
     given = prices.of_given(problem, theta)
     feet = foot_points(theta, believed)
-    on_field = isinstance(prices.object_segments, Field)
-    wrong = implausibilities(theta, feet, believed, far=prices.far, on_field=on_field)
+    field = prices.object_segments if isinstance(prices.object_segments, Field) else None
+    wrong = implausibilities(theta, feet, believed, far=prices.far, field=field)
     z = problem.prior_residuals(theta)
     own = 0.5 * np.sum(problem.prior_costs(np.square(z))[0], axis=1) if z.shape[1] else np.zeros(len(theta))
     own[np.any(list(wrong.values()), axis=0)] = np.inf
@@ -333,22 +332,24 @@ def _other_labels(
         as_all_others.append(dict.fromkeys(others, xy))
     packed = pack(object_segments, as_all_others, problem.observations.image_size).take(which)
     feet = foot_points(theta, packed)
-    cost = _costs(feet, replace(problem, observations=packed))
-    cost[_share_on_segment(object_segments, theta, feet, packed) != 1.0] = np.inf  # NaN for the given label
+    relabelled = replace(problem, observations=packed)
+    cost = _costs(feet, relabelled)
+    cost[_share_on_segment(object_segments, theta, feet, relabelled) != 1.0] = np.inf  # NaN for the given label
     best = np.argmin(cost, axis=1)
     return cost[np.arange(len(best)), best], best
 
 
-def _share_on_segment(object_segments: ObjectSegments, theta: Array, feet: Feet, observations: Observations) -> Array:
+def _share_on_segment(object_segments: ObjectSegments, theta: Array, feet: Feet, problem: Problem) -> Array:
     """Share of each label's pixels whose foot points are in front of the camera and on the segment, (B, L).
 
-    On the segment is what lies within the box around it, `REACH` metres larger; NaN for labels without pixels.
+    On the segment is what lies within the box around it, larger by `REACH`; NaN for labels without pixels.
     """
+    observations, reach = problem.observations, REACH * problem.scale
     label = observations.label
     low, high = np.full((2, len(observations.labels), 3), np.nan)
     for index in np.unique(label[label >= 0]):
         X = object_segments[observations.labels[index]].sample()
-        low[index], high[index] = X.min(axis=0) - REACH, X.max(axis=0) + REACH
+        low[index], high[index] = X.min(axis=0) - reach, X.max(axis=0) + reach
     X = world_points(theta, feet)
     on_segment = np.all((low[label] <= X) & (high[label] >= X), axis=-1) & (feet.inverse_depth > 0.0)
     count = _by_label(on_segment.astype(float), observations, weigh=False)

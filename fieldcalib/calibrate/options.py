@@ -14,11 +14,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from fieldcalib._types import Array, BoolArray
-from fieldcalib.fields.stands import (
-    ALL_STANDS,
-    DISTRIBUTIONS,
-    CameraDistribution,
-)
+from fieldcalib.fields.field import Field
+from fieldcalib.fields.stands import DISTRIBUTIONS, SOCCER_SCALE, CameraDistribution, stands_around
 from fieldcalib.geometry.camera import Camera, checked_image_size, radial_coefficients
 from fieldcalib.problem.losses import LossName, RobustLoss
 from fieldcalib.problem.parameters import (
@@ -98,6 +95,13 @@ class Options:
     max_iterations: int
     tolerance: float
     tau: float | None
+    field: Field | None = None
+    """What is calibrated against; None if that is no `Field`."""
+
+    @property
+    def scale(self) -> float:
+        """Size of what is usually in view, metres."""
+        return SOCCER_SCALE if self.field is None else self.field.scale
 
     @property
     def wide_loss(self) -> RobustLoss:
@@ -127,37 +131,56 @@ def checked_options(
     prior: Prior,
     loss: LossName | RobustLoss,
     tau: float | None,
+    field: Field | None = None,
 ) -> Options:
-    """Check the arguments against each other and translate them; a ValueError says what does not fit."""
+    """Check the arguments against each other and translate them; a ValueError says what does not fit.
+
+    Without a prior, initial cameras come from the stands of the field, or from all sides where it knows none.
+    """
     image_size = checked_image_size(image_size)
     flags = _checked_flags(flags)
     known = _known_parameters(image_size, camera_matrix, dist_coeffs, rvec, tvec, flags)
     max_iterations, tolerance = _checked_criteria(criteria)
-    distributions = ALL_STANDS if prior is None else checked_prior(prior)
+    if prior is not None:
+        distributions = checked_prior(prior, field)
+    elif field is None:
+        distributions = stands_around(SOCCER_SCALE)
+    else:
+        distributions = field.stands or stands_around(field.scale)
     if tau is not None and not tau > 0.0:
         raise ValueError(f"tau must be a positive loss in NDC (the paper's is 0.019) or None, got {tau}")
     if not isinstance(loss, RobustLoss):
         loss = RobustLoss(loss, NARROW_SCALE * pixel_unit(image_size))
     free, use_prior = _free_parameters(flags), prior is not None
-    return Options(image_size, known, free, distributions, use_prior, loss, max_iterations, tolerance, tau)
+    return Options(image_size, known, free, distributions, use_prior, loss, max_iterations, tolerance, tau, field)
 
 
 def checked_prior(
-    prior: str | CameraDistribution | Iterable[str | CameraDistribution],
+    prior: str | CameraDistribution | Iterable[str | CameraDistribution], field: Field | None = None
 ) -> tuple[CameraDistribution, ...]:
-    """Camera distributions by name or by themselves, one or several; ValueError names the known ones."""
+    """Camera distributions by name or by themselves, one or several; ValueError names the known ones.
+
+    "all" are the stands of the field: for an object without any, those of another would be nonsense.
+    """
+    named = DISTRIBUTIONS if field is None else field.named_stands
     members = tuple(prior) if isinstance(prior, Iterable) and not isinstance(prior, str) else (prior,)
     found: list[CameraDistribution] = []
     for member in members:
         if isinstance(member, CameraDistribution):
             found.append(member)
         elif member == ALL:
-            found.extend(ALL_STANDS)
-        elif member in DISTRIBUTIONS:
-            found.append(DISTRIBUTIONS[member])
+            if field is None or not field.stands:
+                why = "the object is no Field" if field is None else "the field has no stands"
+                raise ValueError(
+                    f"{why}: say where its camera may stand by prior, a CameraDistribution or the name of one, or None "
+                    f"with rvec and tvec as a start"
+                )
+            found.extend(field.stands)
+        elif member in named:
+            found.append(named[member])
         else:
             raise ValueError(
-                f"unknown camera distribution {member!r}: expected 'all', {', '.join(map(repr, DISTRIBUTIONS))}, a "
+                f"unknown camera distribution {member!r}: expected 'all', {', '.join(map(repr, named))}, a "
                 f"CameraDistribution of your own, or None for no prior"
             )
     if not found:

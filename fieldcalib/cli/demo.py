@@ -32,7 +32,6 @@ from fieldcalib.problem.parameters import LENS_MEAN
 IMAGE_SIZE = (960, 540)
 PIXELS_PER_CIRCLE = 9
 SHORTEST_SEGMENT = 15.0  # px: what shows less in the image is not labelled
-HALVES = ("Circle central left", "Circle central right")  # annotators label the centre circle as a whole
 BACKGROUND = (30, 27, 25)  # of the overview
 COLUMNS = 3
 
@@ -146,7 +145,7 @@ def observe(
     Returns
     -------
     dict of str to (N, 2) array
-        Nine pixels a circle. The halves of the centre circle are not labelled, the whole is.
+        Nine pixels a circle. Halves of a circle are not labelled, the whole is.
 
     Examples
     --------
@@ -160,7 +159,7 @@ def observe(
     for label, segment in field.markings.items():
         xy = camera.project(segment.sample(spacing=0.1))
         xy = xy[_inside(xy, margin, camera.image_size)]
-        if label in HALVES or not len(xy) or np.max(np.ptp(xy, axis=0)) < SHORTEST_SEGMENT:
+        if label in field.half_labels or not len(xy) or np.max(np.ptp(xy, axis=0)) < SHORTEST_SEGMENT:
             continue
         if isinstance(segment, Arc):
             share = (np.arange(PIXELS_PER_CIRCLE) + 0.5) / PIXELS_PER_CIRCLE  # a circle has no ends

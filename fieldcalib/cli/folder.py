@@ -234,7 +234,7 @@ def calibration_line(id: str, calibration: Calibration, eq3: float | None) -> di
         }
     if calibration.solved is not None:
         line["standard_deviations"] = _standard_deviations(calibration.uncertainty)
-    if calibration.solved is not None and calibration.field is not None:
+    if calibration.has_probability:
         line |= {f"probability_right_{metres:g}m": _number(calibration.probability(metres)) for metres in METRES}
     return line
 

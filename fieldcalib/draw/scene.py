@@ -43,7 +43,7 @@ SHIFT = 4  # fractional bits of the coordinates that OpenCV draws with: 1/16 px
 
 
 def render_field(
-    camera: Camera, field: Field, *, line_width: float = 0.12, rng: np.random.Generator | None = None
+    camera: Camera, field: Field, *, line_width: float | None = None, rng: np.random.Generator | None = None
 ) -> Image:
     """A synthetic broadcast picture: mown grass, painted lines, goals with nets, boards and stands.
 
@@ -54,8 +54,8 @@ def render_field(
     ----------
     camera : Camera
     field : Field
-    line_width : float
-        Of lines, posts and crossbars in metres; the laws of the game allow up to 0.12.
+    line_width : float, optional
+        Of lines, posts and crossbars in metres; by default that of the field.
     rng : numpy.random.Generator, optional
         Puts a crowd on the stands and grain on the picture; without it, both are left out.
 
@@ -72,6 +72,7 @@ def render_field(
     ((540, 960, 3), True)
     """
     width, height = camera.image_size
+    line_width = field.lines.width if line_width is None else line_width
     ray = rays(camera)
     ground = Ground.of_rays(camera, ray)
     picture = grass(ground, field)

@@ -1,6 +1,8 @@
-"""A field: a calibration object that knows its size and its symmetry.
+"""A field: a calibration object that knows its size, its symmetry and the world around it.
 
-The symmetry is the 180-degree turn about the centre mark that maps the field onto itself.
+The world is where cameras stand, how lines look, which sizes there are: what is told about one kind of field and is
+wrong for another. Everything else asks the field for it. The symmetry is the 180-degree turn about the centre mark,
+which maps many fields onto themselves.
 
 World: origin at the centre mark, x right along the touchline as the main camera sees it, y towards the main camera,
 z down, so that a crossbar is at z = -2.44.
@@ -9,21 +11,62 @@ z down, so that a crossbar is at z = -2.44.
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, fields, replace
 from functools import cached_property
 from types import MappingProxyType
+from typing import Any
 
 import numpy as np
 
 from fieldcalib.fields.segments import Arc, Point, Segment
+from fieldcalib.fields.stands import DISTRIBUTIONS, CameraDistribution
+from fieldcalib.fields.traits import Halves, LineLook, ProbabilityModel, SizePrior
+
+SCALE = 0.32  # of the diagonal: about what is in view of a soccer field, 40 of 125 m
+
+
+def _read_only(values: Mapping[str, Any] = MappingProxyType({})) -> Mapping[str, Any]:
+    return MappingProxyType(dict(values))
 
 
 @dataclass(frozen=True)
 class Field(Mapping[str, Segment]):
-    """A field: a mapping of labels to segments, with its size in metres.
+    """A field: a mapping of labels to segments, with its size in metres, and what is known of the world around it.
 
-    Labels are SoccerNet's without the trailing space that one of them has there ("Goal left post left "); looking a
-    label up works with and without it.
+    A label is found with and without surrounding blanks, as SoccerNet writes one of them ("Goal left post left ").
+    By default nothing is known but the segments; `soccer` knows all of it.
+
+    Parameters
+    ----------
+    length, width : float
+        Size along x and along y, metres.
+    segments : mapping of str to segment
+        The markings and named points.
+    stands : sequence of CameraDistribution
+        Where cameras stand when nobody says: tried one by one, the best is kept. Without any, a calibration needs a
+        prior.
+    more_stands : sequence of CameraDistribution
+        Others, which are known by name only.
+    farthest_camera : float
+        Distance from the origin beyond which no camera stands, metres.
+    scale : float
+        Size of what is usually in view, metres: the unit of the solver's steps. By default 0.32 of the diagonal.
+    lines : LineLook
+        How the lines look in images.
+    halves : mapping of str to (str, str, str)
+        For a circle whose halves are segments too: their labels, left and right, and that of the line between them.
+    size_model : SizePrior, optional
+        Which sizes such a field may have; None where length and width cannot be estimated.
+    size_known : bool
+        Whether length and width are exact; None is ever built to the centimetre, so by default they are not.
+    probability : ProbabilityModel, optional
+        How probable it is that a camera is right; None where nobody has fitted it.
+
+    Raises
+    ------
+    ValueError
+        If the size, the scale or the farthest camera is not positive, two stands share a name, or `halves` names what
+        is no segment of the field.
 
     Examples
     --------
@@ -33,17 +76,57 @@ class Field(Mapping[str, Segment]):
     True
     >>> field.symmetric["Big rect. left top"]
     'Big rect. right bottom'
+
+    A court that knows where its camera is:
+
+    >>> from fieldcalib.fields.segments import Line
+    >>> near = CameraDistribution("side", (-50, 50), (50, 85), (-5, 5), (15, 70), (-8, 8), (15, 30), (-9, -2))
+    >>> court = Field(28.0, 15.0, {"Middle line": Line((0.0, -7.5, 0.0), (0.0, 7.5, 0.0))}, stands=(near,))
+    >>> round(court.scale, 1), court.probability is None
+    (10.2, True)
     """
 
     length: float
     width: float
     segments: Mapping[str, Segment] = field(repr=False)
+    stands: tuple[CameraDistribution, ...] = field(default=(), repr=False)
+    more_stands: tuple[CameraDistribution, ...] = field(default=(), repr=False)
+    farthest_camera: float = field(default=np.inf, repr=False)
+    scale: float = field(default=np.nan, repr=False)
+    lines: LineLook = field(default=LineLook(), repr=False)
+    halves: Mapping[str, Halves] = field(default_factory=_read_only, repr=False)
+    size_model: SizePrior | None = field(default=None, repr=False)
+    size_known: bool = field(default=False, repr=False)
+    probability: ProbabilityModel | None = field(default=None, repr=False)
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "segments", MappingProxyType(dict(self.segments)))
+        scale = SCALE * float(np.hypot(self.length, self.width)) if np.isnan(self.scale) else self.scale
+        given = {
+            "segments": _read_only(self.segments),
+            "stands": tuple(self.stands),
+            "more_stands": tuple(self.more_stands),
+            "scale": scale,
+            "halves": _read_only({label: Halves(*parts) for label, parts in self.halves.items()}),
+        }
+        for name, value in given.items():
+            object.__setattr__(self, name, value)
+        for name in ("length", "width", "scale", "farthest_camera"):
+            value = getattr(self, name)
+            if not value > 0.0:
+                raise ValueError(f"a Field needs a positive {name} in metres, got {value}")
+        names = [stand.name for stand in (*self.stands, *self.more_stands)]
+        if len(set(names)) < len(names):
+            raise ValueError(f"the stands of a Field need different names, got {names}")
+        unknown = [label for circle, parts in self.halves.items() for label in (circle, *parts) if label not in self]
+        if unknown:
+            raise ValueError(f"halves name {unknown[0]!r}, which is no segment of the field")
 
-    def __reduce__(self) -> tuple[type[Field], tuple[float, float, dict[str, Segment]]]:
-        return Field, (self.length, self.width, dict(self.segments))  # a read-only view cannot be pickled
+    def __reduce__(self) -> tuple[type[Field], tuple[Any, ...]]:
+        values = (getattr(self, one.name) for one in fields(self))
+        return Field, tuple(dict(value) if isinstance(value, MappingProxyType) else value for value in values)
+
+    def __hash__(self) -> int:
+        return hash((self.length, self.width, tuple(self.segments)))
 
     def __getitem__(self, label: str) -> Segment:
         return self.segments[label.strip() if isinstance(label, str) else label]
@@ -65,10 +148,28 @@ class Field(Mapping[str, Segment]):
         return MappingProxyType({name: s for name, s in self.segments.items() if not isinstance(s, Point)})
 
     @cached_property
+    def half_labels(self) -> frozenset[str]:
+        """Labels of halves of a circle that is a segment itself: whoever labels the circle does not label these.
+
+        Examples
+        --------
+        >>> from fieldcalib import soccer
+        >>> sorted(soccer().half_labels)
+        ['Circle central left', 'Circle central right']
+        """
+        return frozenset(label for halves in self.halves.values() for label in (halves.left, halves.right))
+
+    @cached_property
+    def named_stands(self) -> Mapping[str, CameraDistribution]:
+        """Camera distributions that a prior may name: the field's own, or a soccer field's where it has none."""
+        own = {stand.name: stand for stand in (*self.stands, *self.more_stands)}
+        return MappingProxyType(own or dict(DISTRIBUTIONS))
+
+    @cached_property
     def symmetric(self) -> Mapping[str, str]:
         """Label -> label of the same segment seen from the other side: the 180-degree turn about the centre mark.
 
-        Segments of `with_segments` that have no counterpart are left out.
+        Segments that have no counterpart are left out: all of them on a field without this symmetry.
         """
 
         def key(segment: Segment, turn: float) -> tuple[object, ...]:
@@ -104,7 +205,7 @@ class Field(Mapping[str, Segment]):
     def with_segments(self, extra: Mapping[str, Segment]) -> Field:
         """The field with more segments: points of one's own, say, that are still points of a field.
 
-        A plain dict of both is no `Field`, and cannot be calibrated with the default prior.
+        A plain dict of both is no `Field`: it knows nothing of the field's world.
 
         Raises
         ------
@@ -122,4 +223,22 @@ class Field(Mapping[str, Segment]):
         taken = sorted(names.keys() & self.segments.keys())
         if taken:
             raise ValueError(f"the field has a segment {taken[0]!r} already: give yours another name")
-        return Field(self.length, self.width, {**self.segments, **names})
+        return replace(self, segments={**self.segments, **names})
+
+    def resized(self, length: float, width: float) -> Field:
+        """The field of another size, with the segments where they are then.
+
+        Raises
+        ------
+        ValueError
+            If it is not known how the segments move: without a `size_model`, or if it builds other segments than these.
+
+        Examples
+        --------
+        >>> from fieldcalib import soccer
+        >>> soccer().resized(100.0, 64.0) == soccer(100.0, 64.0)
+        True
+        """
+        if self.size_model is None or dict(self) != dict(self.size_model.build(self.length, self.width)):
+            raise ValueError("expected a field as soccer(length, width) makes it: how other segments move is not known")
+        return replace(self.size_model.build(length, width), size_known=self.size_known)

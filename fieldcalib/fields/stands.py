@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from types import MappingProxyType
 
 import numpy as np
@@ -89,5 +89,24 @@ DISTRIBUTIONS: Mapping[str, CameraDistribution] = MappingProxyType(
     }
 )
 
+SOCCER_SCALE = 40.0  # metres: size of the part of a soccer field that is usually in view
+
 # Where a broadcast camera may stand when nobody says: tried one by one, the best is kept.
 ALL_STANDS = (MAIN_CENTER, MAIN_LEFT, MAIN_RIGHT, OPPOSITE_TRIBUNE, BEHIND_LEFT_GOAL, BEHIND_RIGHT_GOAL)
+
+
+def stands_around(scale: float) -> tuple[CameraDistribution, ...]:
+    """Where cameras might be of which nothing is known: around an object as a soccer field's stands around that.
+
+    Initial cameras and units of a solve without a prior, which need no more than the order of magnitude.
+
+    Parameters
+    ----------
+    scale : float
+        Size of what is in view, metres; 40 for a soccer field.
+    """
+
+    def scaled(range: tuple[float, float]) -> tuple[float, float]:
+        return range[0] * (scale / SOCCER_SCALE), range[1] * (scale / SOCCER_SCALE)
+
+    return tuple(replace(stand, x=scaled(stand.x), y=scaled(stand.y), z=scaled(stand.z)) for stand in ALL_STANDS)

@@ -134,7 +134,7 @@ def _looked_at(
         doubt = f"{100.0 * explained:.0f} % of what the network found lies where the camera has it"
     if doubt:
         return replace(calibration, status=Status.IMPROBABLE, message=f"{doubt}; {calibration.message}"), False
-    if calibration.field is not None:
+    if calibration.has_probability:
         calibration = calibration.doubted(LEAST_PROBABILITY, METRES_REFINED if refine else METRES)
     return calibration, calibration.accepted and (is_sure or not refine)
 

@@ -15,7 +15,6 @@ from fieldcalib.assess.result import Calibration
 from fieldcalib.calibrate.from_homography import judged_camera
 from fieldcalib.calibrate.from_segments import calibrate_batch
 from fieldcalib.calibrate.options import Prior, pixel_unit
-from fieldcalib.fields.field import Field
 from fieldcalib.fields.segments import ObjectSegments
 from fieldcalib.geometry.camera import Camera
 from fieldcalib.images.line_profiles import Markings
@@ -96,6 +95,5 @@ def calibrate_localized(
 
 def near_labels(object_segments: ObjectSegments, camera: Camera, found: Localization) -> tuple[str, ...]:
     """Labels whose pixels lie within 12 px (in an image of 960x540) of their segments, root mean square."""
-    on_field = isinstance(object_segments, Field)
-    errors = judged_camera(camera, object_segments, found.pixels, "", on_field=on_field).per_segment_errors
+    errors = judged_camera(camera, object_segments, found.pixels, "").per_segment_errors
     return tuple(label for label, px in errors.items() if px < max(REACHES) * pixel_unit(camera.image_size))

@@ -1,4 +1,4 @@
-"""White lines in an image near projected markings, found in profiles across these.
+"""Painted lines in an image near projected markings, found in profiles across these.
 
 All profiles are sampled at once by cv2.remap, at thirds of the width that the line should have there, so that one
 filter fits every line, near or far. (skimage.measure.profile_line takes one profile a call.)
@@ -13,12 +13,14 @@ from numpy.lib.stride_tricks import sliding_window_view
 
 from fieldcalib._types import Array, BoolArray, Float32, IntArray
 from fieldcalib.calibrate.options import pixel_unit
+from fieldcalib.fields.field import Field
 from fieldcalib.fields.segments import Arc, ObjectSegments, Point, PointCloud, Segment
+from fieldcalib.fields.stands import SOCCER_SCALE
+from fieldcalib.fields.traits import LineLook
 from fieldcalib.geometry.camera import Camera
 from fieldcalib.io.image import Image
 
-LINE_WIDTH = 0.12  # m: lines, posts and crossbars; the laws of the game allow no more
-SAMPLE_SPACING = 0.25  # m along a marking, between places where a profile may be
+SAMPLE_SPACING = 1.0 / 160.0  # of what is in view: along a marking, between places where a profile may be
 
 # Pixels are those of a 960 x 540 image; larger ones have more.
 SPACING = 12.0  # px between profiles
@@ -32,11 +34,8 @@ NEIGHBOURS = 5  # of which most must be on the same line, the profile itself amo
 BLUR = 1.5  # px of any image: by lens, motion and compression
 FLANK = 4  # samples from the middle of a line to the middle of what is beside it
 LUMA = np.array([0.114, 0.587, 0.299], np.float32)  # of blue, green, red; colours are stored more coarsely than light
-LEAST_CONTRAST = 3.0  # of 255, on grass
-LEAST_CONTRAST_RAISED = 12.0  # of posts and crossbars, behind which there may be anything
 LEAST_SIGNAL = 2.5  # times the usual deviation in the profile,
 BACKGROUND = 12.0  # px of which are looked at on both sides, however small the reach
-SAME_COLOUR = 0.05  # of the channels' shares: both sides of a line are grass
 
 
 @dataclass(frozen=True)
@@ -52,17 +51,25 @@ class Markings:
     """Unit vectors along the segments, (N, 3)."""
     on_ground: BoolArray
     """Whether the whole segment is, (N,)."""
+    look: LineLook
+    """Of their lines."""
 
     @classmethod
     def of(cls, object_segments: ObjectSegments) -> Markings:
-        """The markings of an object: all that is no point, and of a circle and its halves only the circle."""
+        """The markings of an object: all that is no point, and of a circle and its halves only the circle.
+
+        The lines of an object that is no `Field` look as by default.
+        """
+        look, scale = LineLook(), SOCCER_SCALE
+        if isinstance(object_segments, Field):
+            look, scale = object_segments.lines, object_segments.scale
         whole = {_circle(segment) for segment in object_segments.values() if _is_whole(segment)}
         markings = {
             label: segment
             for label, segment in object_segments.items()
             if _is_curve(segment) and (_is_whole(segment) or _circle(segment) not in whole)
         }
-        points = [segment.sample(SAMPLE_SPACING) for segment in markings.values()]
+        points = [segment.sample(SAMPLE_SPACING * scale) for segment in markings.values()]
         along = [np.gradient(X, axis=0) for X in points]
         counts = [len(X) for X in points]
         return cls(
@@ -71,6 +78,7 @@ class Markings:
             np.concatenate([np.zeros((0, 3)), *points]),
             np.concatenate([np.zeros((0, 3)), *(d / np.linalg.norm(d, axis=1, keepdims=True) for d in along)]),
             np.repeat([not np.any(X[:, 2]) for X in points], counts),
+            look,
         )
 
 
@@ -102,6 +110,8 @@ class Profiles:
     """Half the distance to the next marking, px, (n,)."""
     on_ground: BoolArray
     """(n,)."""
+    look: LineLook
+    """Of the lines."""
 
     def __len__(self) -> int:
         return len(self.xy)
@@ -130,18 +140,18 @@ def profiles_along(camera: Camera, markings: Markings) -> Profiles:
     across = np.where(on_ground[:, None], np.cross(along, (0.0, 0.0, 1.0)), np.cross(along, X - camera.C))
     with np.errstate(divide="ignore", invalid="ignore"):  # where a line points at the camera
         normal = np.column_stack([-towards[:, 1], towards[:, 0]]) / np.linalg.norm(towards, axis=1, keepdims=True)
-        across *= 0.5 * LINE_WIDTH / np.linalg.norm(across, axis=1, keepdims=True)
+        across *= 0.5 * markings.look.width / np.linalg.norm(across, axis=1, keepdims=True)
     width = np.abs(np.sum((camera.project(X + across) - camera.project(X - across)) * normal, axis=1))
     good = np.isfinite(width) & np.all(np.isfinite(normal), axis=1)
     place, normal, width, on_ground = place[good], normal[good], width[good], on_ground[good]
     member, xy = markings.member[place], xy[place]
     distance = np.linalg.norm(xy[:, None] - xy, axis=-1)
     distance[member[:, None] == member] = np.inf
-    return Profiles(member, xy, normal, width, 0.5 * np.min(distance, axis=1, initial=np.inf), on_ground)
+    return Profiles(member, xy, normal, width, 0.5 * np.min(distance, axis=1, initial=np.inf), on_ground, markings.look)
 
 
 def find_lines(image: Image, profiles: Profiles, reach: float) -> Array:
-    """How far from its marking, along the normal, each profile shows a white line: (n,), NaN where it shows none.
+    """How far from its marking, along the normal, each profile shows a line: (n,), NaN where it shows none.
 
     Parameters
     ----------
@@ -153,9 +163,9 @@ def find_lines(image: Image, profiles: Profiles, reach: float) -> Array:
 
     Notes
     -----
-    A line is lighter than what is on both sides of it, at the distance of its width, and these are of the same colour.
-    It is where this contrast is largest, if it stands out of the profile, and if most neighbouring profiles of the
-    segment show it there too.
+    A line is lighter (or, if the field says so, darker) than what is on both sides of it, at the distance of its width,
+    and these are of the same colour. It is where this contrast is largest, if it stands out of the profile, and if most
+    neighbouring profiles of the segment show it there too.
     """
     if not len(profiles):
         return np.zeros(0)
@@ -168,9 +178,11 @@ def find_lines(image: Image, profiles: Profiles, reach: float) -> Array:
 
     colour = (strips[:, :-2] + strips[:, 1:-1] + strips[:, 2:]) / np.float32(3.0)
     one_side, line, other_side = colour[:, : -2 * FLANK], colour[:, FLANK:-FLANK], colour[:, 2 * FLANK :]
-    contrast = line @ LUMA - np.maximum(one_side @ LUMA, other_side @ LUMA)
+    look = profiles.look
+    luma = LUMA if look.lighter else -LUMA
+    contrast = line @ luma - np.maximum(one_side @ luma, other_side @ luma)
     offset = offset[:, FLANK + 1 : -FLANK - 1]
-    alike = np.max(np.abs(_shares(one_side) - _shares(other_side)), axis=-1) < SAME_COLOUR
+    alike = np.max(np.abs(_shares(one_side) - _shares(other_side)), axis=-1) < look.ground_difference
     allowed = (np.abs(offset) <= gate[:, None]) & (alike | ~profiles.on_ground[:, None])
 
     row = np.arange(len(profiles))
@@ -178,7 +190,7 @@ def find_lines(image: Image, profiles: Profiles, reach: float) -> Array:
     before, peak, after = contrast[row, best - 1], contrast[row, best], contrast[row, best + 1]
     bend = 2.0 * peak - before - after
     deviation = np.median(np.abs(contrast - np.median(contrast, axis=1, keepdims=True)), axis=1)
-    least = np.where(profiles.on_ground, LEAST_CONTRAST, LEAST_CONTRAST_RAISED)
+    least = np.where(profiles.on_ground, look.contrast, look.contrast_raised)
     seen = allowed[row, best] & (peak >= np.maximum(before, after)) & (bend > 0.0)
     seen &= (peak > np.maximum(least, LEAST_SIGNAL * deviation)) & (profiles.room > width)
     vertex = 0.5 * (after - before) / np.where(bend > 0.0, bend, 1.0)

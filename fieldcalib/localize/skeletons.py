@@ -9,7 +9,7 @@ import numpy as np
 from fieldcalib._types import Array, Float32, IntArray
 from fieldcalib.fields.segments import Arc, ObjectSegments
 from fieldcalib.localize.grid import BACKGROUND, Localization, check_classes, image_from_grid
-from fieldcalib.problem.labelled_pixels import split_centre_circle
+from fieldcalib.problem.labelled_pixels import split_circles
 
 POINTS_PER_LINE, POINTS_PER_CIRCLE = 4, 8
 LEAST_PIXELS = 4  # of a mask: less is noise
@@ -66,7 +66,7 @@ def skeleton_points(
         xy = np.argwhere(skeletonize(mask))[:, ::-1].astype(float)  # type: ignore[no-untyped-call]
         chosen = _spread(xy) if isinstance(object_segments[label], Arc) else _from_end_to_end(xy)
         pixels[label] = image_from_grid(xy[chosen], (width, height), image_size)
-    pixels = split_centre_circle(pixels, image_size)
+    pixels = split_circles(object_segments, pixels, image_size)
     return Localization(pixels, {label: np.ones(len(xy)) for label, xy in pixels.items()})
 
 

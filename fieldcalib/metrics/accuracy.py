@@ -27,7 +27,6 @@ from fieldcalib.problem.labelled_pixels import ImageSegments, Pixels
 
 THRESHOLDS = (5.0, 10.0, 20.0)  # px
 CHUNK = 64  # frames projected together
-HALVES = frozenset({"Circle central left", "Circle central right"})  # of a circle that is evaluated as one
 # How many points a segment that is projected but not annotated counts for in the table by points.
 LINE_POINTS, CIRCLE_POINTS = 2, 9
 TP, FP, FN = 0, 1, 2
@@ -274,7 +273,7 @@ class _Classes:
 
     @classmethod
     def of(cls, field: Field, planar: bool) -> _Classes:
-        segments = {label: s for label, s in field.markings.items() if label not in HALVES}
+        segments = {label: s for label, s in field.markings.items() if label not in field.half_labels}
         unknown = set(UNKNOWN_LABELS)
         if planar:
             segments = {label: s for label, s in segments.items() if not np.any(s.sample()[:, 2])}
@@ -300,7 +299,7 @@ def check_annotation(annotation: ImageSegments, field: Field) -> Pixels:
     """
     if not isinstance(annotation, Mapping):
         raise ValueError(f"expected a mapping of labels to (n, 2) pixels, got {type(annotation).__name__}")
-    known = {*field.markings, *UNKNOWN_LABELS} - HALVES
+    known = {*field.markings, *UNKNOWN_LABELS} - field.half_labels
     pixels: Pixels = {}
     for given, values in annotation.items():
         label = given.strip() if isinstance(given, str) else given

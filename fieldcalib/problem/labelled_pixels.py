@@ -1,4 +1,4 @@
-"""Labelled pixels as users give them: checks, weights, and the split of the centre circle.
+"""Labelled pixels as users give them: checks, weights, and the split of circles in halves.
 
 One frame is a mapping of labels to (N, 2) pixels, perhaps with weights.
 """
@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from fieldcalib._types import Array, BoolArray
+from fieldcalib.fields.field import Field
 from fieldcalib.fields.segments import ObjectSegments
 
 ImageSegments: TypeAlias = Mapping[str, ArrayLike]
@@ -20,7 +21,7 @@ Pixels: TypeAlias = dict[str, Array]
 Weights: TypeAlias = Mapping[str, ArrayLike]
 Shares: TypeAlias = dict[str, Array]
 
-LEVEL = 0.05  # slope of a middle line, seen from behind a goal, below which it has no left side
+LEVEL = 0.05  # slope of a line, as the middle line seen from behind a goal, below which it has no left side
 FARTHEST_PIXEL = 10.0  # image sizes from the centre: beyond, a number is a mistake
 
 
@@ -208,16 +209,19 @@ def _check_scale(xy: Array, image_size: tuple[int, int]) -> None:
         )
 
 
-def split_centre_circle(pixels: Pixels, image_size: tuple[int, int]) -> Pixels:
-    """Assign the centre circle's pixels to its left and right half (paper, section "Modeling the Soccer Field").
+def split_circles(object_segments: ObjectSegments, pixels: Pixels, image_size: tuple[int, int]) -> Pixels:
+    """Assign a circle's pixels to its left and right half (paper, section "Modeling the Soccer Field").
 
-    Pixels left of the middle line go to "Circle central left", the others to "Circle central right". (The paper's
-    public code compares x with the mean x of the line's two ends.) Where the middle line is not given, or is level, the
-    half depends on which side of the image the whole circle lies: the right half of the field is in view where the
-    circle is left of the image's centre, and then it is the circle's right half that is seen.
+    That is for the circles of which the field knows the halves, as soccer's centre circle. Pixels left of the line
+    between the halves go to the left one, the others to the right one. (The paper's public code compares x with the
+    mean x of the line's two ends.) Where the line is not given, or is level, the half depends on which side of the
+    image the whole circle lies: the right half of the field is in view where the circle is left of the image's centre,
+    and then it is the circle's right half that is seen.
 
     Parameters
     ----------
+    object_segments : mapping of str to segment
+        The calibration object; one that is no `Field` has no halves.
     pixels : dict of str to (N, 2) array
         One frame, as `check_segments` returns it.
     image_size : (int, int)
@@ -226,31 +230,34 @@ def split_centre_circle(pixels: Pixels, image_size: tuple[int, int]) -> Pixels:
     Returns
     -------
     dict of str to (N, 2) array
-        The frame without "Circle central" and with the halves that have pixels.
+        The frame without these circles and with the halves that have pixels.
 
     Examples
     --------
+    >>> from fieldcalib import soccer
     >>> frame = {"Middle line": np.array([[500.0, 100], [500, 400]]), "Circle central": np.array([[450.0, 250]])}
-    >>> list(split_centre_circle(frame, (960, 540)))
+    >>> list(split_circles(soccer(), frame, (960, 540)))
     ['Middle line', 'Circle central left']
     """
-    if "Circle central" not in pixels:
-        return dict(pixels)
-    split = {label: xy for label, xy in pixels.items() if label != "Circle central"}
-    circle = pixels["Circle central"]
-    left = _left_of_middle_line(circle, pixels.get("Middle line"))
-    if left is None:
-        left = np.full(len(circle), circle[:, 0].mean() > image_size[0] / 2.0)
-    for label, half in (("Circle central left", circle[left]), ("Circle central right", circle[~left])):
-        if len(half):
-            split[label] = np.concatenate([split[label], half]) if label in split else half
+    halves = object_segments.halves if isinstance(object_segments, Field) else {}
+    split = {label: xy for label, xy in pixels.items() if label not in halves}
+    for label, (left_label, right_label, line) in halves.items():
+        if label not in pixels:
+            continue
+        circle = pixels[label]
+        left = _left_of_line(circle, pixels.get(line))
+        if left is None:
+            left = np.full(len(circle), circle[:, 0].mean() > image_size[0] / 2.0)
+        for half_label, half in ((left_label, circle[left]), (right_label, circle[~left])):
+            if len(half):
+                split[half_label] = np.concatenate([split[half_label], half]) if half_label in split else half
     return split
 
 
-def _left_of_middle_line(xy: Array, middle_line: Array | None) -> BoolArray | None:
-    if middle_line is None or len(middle_line) < 2:
+def _left_of_line(xy: Array, line: Array | None) -> BoolArray | None:
+    if line is None or len(line) < 2:
         return None
-    top, bottom = middle_line[middle_line[:, 1].argmin()], middle_line[middle_line[:, 1].argmax()]
+    top, bottom = line[line[:, 1].argmin()], line[line[:, 1].argmax()]
     down = bottom - top
     if down[1] <= LEVEL * np.abs(down[0]):
         return None

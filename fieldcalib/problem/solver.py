@@ -20,16 +20,18 @@ from typing import TypeAlias
 import numpy as np
 
 from fieldcalib._types import Array, BoolArray, IntArray
+from fieldcalib.fields.stands import SOCCER_SCALE
 from fieldcalib.problem.losses import RobustLoss
 from fieldcalib.problem.observations import Observations
 from fieldcalib.problem.parameters import ANGLES, CENTER, LENS, LOG_F, PARAMETERS, GaussianPrior
 from fieldcalib.problem.residuals import segment_residuals_with_jacobian
 
-# The longest step in one iteration: beyond it the linearisation says nothing about a camera.
+# The longest step in one iteration: beyond it the linearisation says nothing about a camera. That of the centre is in
+# units of what is in view, `Problem.scale`.
 LARGEST_STEP = np.full(len(PARAMETERS), np.inf)
 LARGEST_STEP[ANGLES] = 0.4  # radians
 LARGEST_STEP[LOG_F] = 0.7  # a factor of two
-LARGEST_STEP[CENTER] = 40.0  # metres
+LARGEST_STEP[CENTER] = 1.0
 
 IS_LENS = np.zeros(len(PARAMETERS), dtype=bool)
 IS_LENS[LENS] = True
@@ -54,11 +56,20 @@ class Problem:
     """Standard deviation, in pixels, of a segment of weight 1: what the labels weigh against the prior."""
     prior: GaussianPrior | None = None
     """One for each problem, (B, 12); None for none."""
+    scale: float = SOCCER_SCALE
+    """Size of what is in view, metres: the centre moves no further in one step."""
 
     def take(self, index: IntArray) -> Problem:
         """The problems `index`, in that order, repeated where `index` repeats."""
         prior = None if self.prior is None else self.prior.take(index)
         return replace(self, observations=self.observations.take(index), prior=prior)
+
+    @property
+    def largest_step(self) -> Array:
+        """Of the free parameters in one iteration, (P,)."""
+        step = LARGEST_STEP.copy()
+        step[CENTER] *= self.scale
+        return step[self.free]
 
     def prior_residuals(self, theta: Array) -> Array:
         """z-scores of the free parameters, (B, P); (B, 0) without a prior."""
@@ -157,7 +168,7 @@ def solve_batch(problem: Problem, theta: Array, *, max_iterations: int, toleranc
         theta.copy(), np.empty(len(theta)), np.zeros(len(theta), dtype=bool), np.zeros(len(theta), dtype=np.intp)
     )
     free = np.flatnonzero(problem.free)
-    diagonal = np.arange(len(free))
+    diagonal, largest_step = np.arange(len(free)), problem.largest_step
     theta = theta.copy()
     theta[:, free] = np.maximum(theta[:, free], LEAST[free])
     cost, gradient, hessian = problem.linearized(theta)
@@ -185,7 +196,7 @@ def solve_batch(problem: Problem, theta: Array, *, max_iterations: int, toleranc
             damped = np.where(held[:, :, None] | held[:, None, :], 0.0, damped)
             damped[:, diagonal, diagonal] += held
         step = np.linalg.solve(damped, downhill[..., None])[..., 0]
-        step /= np.maximum(np.max(np.abs(step) / LARGEST_STEP[free], axis=1), 1.0)[:, None]
+        step /= np.maximum(np.max(np.abs(step) / largest_step, axis=1), 1.0)[:, None]
         step = np.maximum(theta[:, free] + step, LEAST[free]) - theta[:, free]
         trial = theta.copy()
         trial[:, free] += step
