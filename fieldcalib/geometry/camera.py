@@ -7,19 +7,14 @@ World: metres, x right along the touchline, y towards the main camera, z down. C
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from functools import cached_property
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from fieldcalib._types import Array
-from fieldcalib.geometry.lens import (
-    POWERS,
-    Lens,
-    lens_of,
-    opencv_vector,
-    shortest_opencv_vector,
-)
+from fieldcalib.geometry.lens import POWERS, Lens, lens_of, opencv_vector, shortest_opencv_vector
 from fieldcalib.geometry.lens import radial_coefficients as radial_coefficients  # re-exported
 from fieldcalib.geometry.projective import dehomogenize, homogenize
 from fieldcalib.geometry.rotation import angles_from_rotation, rotation_from_angles
@@ -170,15 +165,17 @@ class Camera:
         """Half the image's diagonal in pixels: the radius to which the lens coefficients are normalised."""
         return float(np.hypot(*self.image_size) / 2.0)
 
-    @property
+    @cached_property
     def lens(self) -> Lens:
         """The smallest lens that has the coefficients of this camera; ``camera.lens_coefficients`` are its own."""
         return lens_of(self.dist, self.half_diagonal)
 
-    @property
+    @cached_property
     def lens_coefficients(self) -> Array:
         """The coefficients (n,) of `lens`."""
-        return self.lens.from_opencv(self.dist, self.focal_length)
+        b = self.lens.from_opencv(self.dist, self.focal_length)
+        b.flags.writeable = False
+        return b
 
     @property
     def corner_distortion(self) -> Array:
@@ -223,9 +220,10 @@ class Camera:
         visible = Xc[..., 2] > 0.0
         x = dehomogenize(np.where(visible[..., None], Xc, 1.0))
         if np.any(self.dist):
-            s, b = _components(self.focal_length * x), self.lens_coefficients
-            visible &= self.lens.is_monotone(s, b)
-            x = _vectors_last(self.lens.distort(s, b)) / self.focal_length
+            lens, b = self.lens, self.lens_coefficients
+            s = _components(self.focal_length * x)
+            visible &= lens.is_monotone(s, b)
+            x = _vectors_last(lens.distort(s, b)) / self.focal_length
         xy = x * self.K[[0, 1], [0, 1]] + self.K[:2, 2]
         return np.where(visible[..., None], xy, np.nan)
 

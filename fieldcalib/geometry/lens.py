@@ -147,7 +147,9 @@ def opencv_vector(dist_coeffs: ArrayLike | None, name: str = "dist_coeffs") -> A
             f"a tilted sensor (tauX, tauY) is not modelled, got {name} = {dist.tolist()}; "
             f"undistort the pixels with cv2.undistortPoints first, or refit without CALIB_TILTED_MODEL"
         )
-    return np.pad(dist, (0, max(0, 12 - dist.size)))[:12]
+    twelve = np.zeros(12)
+    twelve[: dist.size] = dist[:12]
+    return twelve
 
 
 def shortest_opencv_vector(dist: Array) -> Array:
@@ -425,18 +427,20 @@ class BrownConradyLens:
         return np.array(np.broadcast_arrays(by_b1, by_a2, by_p1, by_p2, by_a3, *rational, *prism))
 
     def undistort(self, d: Array, b: Array) -> Array:
-        """Newton's method, which steps half-way to the centre where the lens folds."""
+        """Newton's method; a step beyond the fold is halved."""
         target, a = d / self.rho, _corner(b)
         u = np.broadcast_to(target, (2, *np.broadcast_shapes(d.shape[1:], b.shape[1:]))).copy()
+        inside = np.zeros_like(u)  # the last point before the fold
         with np.errstate(all="ignore"):  # what no ray reaches may end at a pole
-            for _ in range(40):
+            for _ in range(60):
                 (xx, xy), (yx, yy) = brown_conrady_jacobian(u, a)
                 x, y = brown_conrady(u, a) - target
                 determinant = xx * yy - xy * yx
                 newton = np.array([yy * x - xy * y, xx * y - yx * x]) / determinant
                 newton *= np.minimum(1.0, 0.5 * np.sqrt(_dot(u, u) / np.maximum(_dot(newton, newton), 1e-300)))
                 spreads = (determinant > 0.0) & (_denominator(_dot(u, u), a) > 0.0)
-                step = np.where(spreads, newton, 0.5 * u)
+                step = np.where(spreads, newton, 0.5 * (u - inside))
+                inside = np.where(spreads, u, inside)
                 u -= step
                 if not np.any(np.abs(step) > 1e-15):
                     break
