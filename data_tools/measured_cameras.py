@@ -28,7 +28,7 @@ from fieldcalib.cli.main import run_command
 from fieldcalib.fields.field import Field
 from fieldcalib.fields.soccer import soccer
 from fieldcalib.geometry.camera import Camera
-from fieldcalib.problem.layout import CENTER, LOG_F, theta_from_camera
+from fieldcalib.problem.layout import CENTER, LOG_F
 
 SIZE = (1920, 1080)
 FROM_Z_UP = np.diag([1.0, -1.0, -1.0])  # their world's axes in ours; its own inverse
@@ -65,7 +65,7 @@ def held(found: Calibration, truth: Camera, field: Field) -> tuple[float, float,
     """Share of 95 % regions that hold the true focal length, coordinates of the position, and ground points."""
     uncertainty = found.uncertainty
     index = [LOG_F, *range(CENTER.start, CENTER.stop)]
-    off = np.abs(theta_from_camera(truth) - uncertainty.theta)[index]
+    off = np.abs(uncertainty.problem.layout.theta(truth) - uncertainty.theta)[index]
     inside = off <= uncertainty.radius() * np.sqrt(np.diagonal(uncertainty.covariance)[index])
     xy = np.stack(np.meshgrid(*(np.linspace(0.0, side - 1.0, GRID) for side in SIZE)), axis=-1).reshape(-1, 2)
     X = truth.image_to_field(xy)

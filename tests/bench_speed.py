@@ -9,6 +9,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from fieldcalib.problem.parameters import camera_from_theta
 from networks import CLASSES, band_maps, probabilities
 from synthetic import frames_of_broadcasts
 from views import BROADCAST
@@ -19,7 +20,6 @@ from fieldcalib.draw.scene import render_field
 from fieldcalib.io.soccernet import parse_annotation
 from fieldcalib.localize import ridge_points
 from fieldcalib.metrics import evaluate_segments
-from fieldcalib.problem.parameters import camera_from_theta
 
 FIELD, SIZE = soccer(), (960, 540)
 

@@ -1,11 +1,11 @@
 """Hypothesis strategies: what is drawn is a seed, so that examples are cheap; a failure names the seed."""
 
 import numpy as np
+from fieldcalib.problem.parameters import LENS, LOG_ASPECT, PRINCIPAL_POINT, camera_from_theta, sample_theta
 from hypothesis import strategies as st
 
 from fieldcalib.fields.stands import DISTRIBUTIONS
 from fieldcalib.geometry.camera import Camera
-from fieldcalib.problem.parameters import LENS, LOG_ASPECT, PRINCIPAL_POINT, camera_from_theta, sample_theta
 
 IMAGE_SIZES = ((960, 540), (1280, 720), (1920, 1080))
 

@@ -1,11 +1,11 @@
 """Synthetic frames with known cameras: what a camera sees of an object, as labelled pixels."""
 
 import numpy as np
+from fieldcalib.problem.parameters import camera_from_theta, sample_theta
 
 from fieldcalib.fields.segments import Line
 from fieldcalib.fields.soccer import soccer
 from fieldcalib.fields.stands import DISTRIBUTIONS
-from fieldcalib.problem.parameters import camera_from_theta, sample_theta
 
 LENGTH_IN_VIEW = 10.0  # px: shorter lines have no direction
 

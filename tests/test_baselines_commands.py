@@ -4,13 +4,13 @@ import json
 
 import numpy as np
 import pytest
+from fieldcalib.problem.parameters import camera_from_theta
 from synthetic import frames_of_broadcasts
 
 from baselines import dlt_lines, hdecomp, tvcalib
 from fieldcalib.cli.main import main as fieldcalib_main
 from fieldcalib.io.soccernet import camera_from_record, format_annotation, format_camera_types
 from fieldcalib.io.wc14 import find_homographies, format_homography, parse_homography
-from fieldcalib.problem.parameters import camera_from_theta
 
 SIZE = (960, 540)
 NAMES = ("a", "b", "c")

@@ -2,6 +2,8 @@
 
 import numpy as np
 import pytest
+from fieldcalib.problem.parameters import LENS_MEAN, GaussianPrior, camera_from_theta, gaussian_prior, theta_from_camera
+from fieldcalib.problem.solver import Problem, solve_batch
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from strategies import seeds
@@ -26,8 +28,6 @@ from fieldcalib.fields.stands import MAIN_CENTER
 from fieldcalib.geometry.lens import is_monotone, lens_coefficients, opencv_coefficients
 from fieldcalib.io.soccernet import parse_annotation
 from fieldcalib.problem.observations import pack
-from fieldcalib.problem.parameters import LENS_MEAN, GaussianPrior, camera_from_theta, gaussian_prior, theta_from_camera
-from fieldcalib.problem.solver import Problem, solve_batch
 
 FIELD, SIZE = soccer(), (960, 540)
 MARKINGS = whole_circle_markings(FIELD)

@@ -8,6 +8,7 @@ from functools import partial
 
 import numpy as np
 import pytest
+from fieldcalib.problem.parameters import camera_from_theta
 from synthetic import frames_of_broadcasts, observe, whole_circle_markings
 
 import fieldcalib
@@ -16,7 +17,6 @@ from fieldcalib.cli.main import main
 from fieldcalib.fields.soccer import soccer
 from fieldcalib.fields.stands import DISTRIBUTIONS
 from fieldcalib.io.soccernet import camera_from_record, format_annotation
-from fieldcalib.problem.parameters import camera_from_theta
 
 SIZE = (960, 540)
 NAMES = ("c", "a", "d", "b")  # not in the order of the files

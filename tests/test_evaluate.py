@@ -5,6 +5,7 @@ import zipfile
 
 import numpy as np
 import pytest
+from fieldcalib.problem.parameters import camera_from_theta
 from synthetic import frames_of_broadcasts, observe, whole_circle_markings
 
 from fieldcalib import soccer
@@ -15,7 +16,6 @@ from fieldcalib.io.soccernet import camera_to_record, format_annotation, format_
 from fieldcalib.io.tvcalib import TVCalibRecord, format_per_sample_output
 from fieldcalib.io.wc14 import format_homography
 from fieldcalib.metrics import compound_score, evaluate_segments, iou_part, iou_whole, projection_error
-from fieldcalib.problem.parameters import camera_from_theta
 
 SIZE, WC14 = (960, 540), (1280, 720)
 MARKINGS = whole_circle_markings(soccer())

@@ -4,6 +4,9 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from fieldcalib.problem.parameters import LENS, camera_from_theta, sample_theta
+from fieldcalib.problem.residuals import segment_residuals
+from fieldcalib.problem.solver import Problem
 from hypothesis import assume, given, settings
 from strategies import generators, thetas
 from synthetic import observe, whole_circle_markings
@@ -24,9 +27,6 @@ from fieldcalib.fields.stands import DISTRIBUTIONS
 from fieldcalib.geometry.camera import Camera
 from fieldcalib.problem.losses import RobustLoss
 from fieldcalib.problem.observations import pack
-from fieldcalib.problem.parameters import LENS, camera_from_theta, sample_theta
-from fieldcalib.problem.residuals import segment_residuals
-from fieldcalib.problem.solver import Problem
 
 SIZE = (960, 540)
 MEAN, SIGMA = np.array([105.0, 68.0]), soccer().size_model.sigma

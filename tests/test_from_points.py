@@ -6,6 +6,8 @@ import tracemalloc
 import cv2
 import numpy as np
 import pytest
+from fieldcalib.problem.parameters import camera_from_theta, sample_theta
+from fieldcalib.problem.solver import LOG_F_RANGE
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 from strategies import cameras, generators, in_image, seeds
@@ -27,8 +29,6 @@ from fieldcalib.fields.stands import DISTRIBUTIONS
 from fieldcalib.geometry.projective import dehomogenize, homogenize
 from fieldcalib.geometry.rotation import rotation_from_angles
 from fieldcalib.problem.losses import RobustLoss
-from fieldcalib.problem.parameters import camera_from_theta, sample_theta
-from fieldcalib.problem.solver import LOG_F_RANGE
 
 SIZE = (960, 540)
 FIELD_POINTS = np.array([point.X for point in soccer().points.values()])

@@ -2,6 +2,17 @@
 
 import numpy as np
 import pytest
+from fieldcalib.problem.parameters import (
+    ANGLES,
+    CENTER,
+    LENS,
+    LOG_ASPECT,
+    LOG_F,
+    PARAMETERS,
+    PRINCIPAL_POINT,
+    camera_from_theta,
+    gaussian_prior,
+)
 from synthetic import frames_of_broadcasts, observe, whole_circle_markings
 
 from fieldcalib.calibrate.initial_cameras import (
@@ -16,17 +27,6 @@ from fieldcalib.fields.stands import DISTRIBUTIONS, MAIN_CENTER, MAIN_LEFT
 from fieldcalib.geometry.camera import Camera
 from fieldcalib.geometry.projective import dehomogenize, homogenize
 from fieldcalib.problem.observations import pack
-from fieldcalib.problem.parameters import (
-    ANGLES,
-    CENTER,
-    LENS,
-    LOG_ASPECT,
-    LOG_F,
-    PARAMETERS,
-    PRINCIPAL_POINT,
-    camera_from_theta,
-    gaussian_prior,
-)
 
 FIELD, SIZE = soccer(), (960, 540)
 GROUND = {

@@ -5,6 +5,8 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from fieldcalib.problem.parameters import theta_from_camera
+from fieldcalib.problem.residuals import segment_residuals
 from networks import CLASSES, FIELD, GRID, KnownCameras, band_maps, probabilities
 from views import camera
 
@@ -15,8 +17,6 @@ from fieldcalib.localize import SegmentationNetwork, localize, ridge_points, ske
 from fieldcalib.localize.description import NetworkDescription
 from fieldcalib.localize.grid import image_from_grid
 from fieldcalib.problem.observations import pack
-from fieldcalib.problem.parameters import theta_from_camera
-from fieldcalib.problem.residuals import segment_residuals
 
 HD = (1920, 1080)
 VIEWS = {

@@ -6,6 +6,7 @@ from unittest import mock
 
 import numpy as np
 import pytest
+from fieldcalib.problem.parameters import camera_from_theta
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 from strategies import cameras, seeds
@@ -24,7 +25,6 @@ from fieldcalib.io.soccernet import (
 )
 from fieldcalib.metrics import THRESHOLDS, Confusion, accuracy, evaluate_segments
 from fieldcalib.metrics.polylines import sample_segments
-from fieldcalib.problem.parameters import camera_from_theta
 
 SIZE = (960, 540)
 FIELD = soccer()

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from fieldcalib.problem.parameters import camera_from_theta
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 from strategies import broadcast_theta, cameras, seeds
@@ -12,7 +13,6 @@ from fieldcalib.geometry.camera import Camera
 from fieldcalib.geometry.projective import dehomogenize, homogenize
 from fieldcalib.geometry.rational import RationalCamera
 from fieldcalib.metrics import iou_part, iou_whole, projection_error
-from fieldcalib.problem.parameters import camera_from_theta
 
 SIZE = (960, 540)
 FIELD = [(-52.5, -34.0), (52.5, -34.0), (52.5, 34.0), (-52.5, 34.0)]

@@ -2,6 +2,8 @@
 
 import numpy as np
 import pytest
+from fieldcalib.problem.parameters import GaussianPrior, camera_from_theta, gaussian_prior, theta_from_camera
+from fieldcalib.problem.solver import Problem, solve_batch
 from synthetic import observe, whole_circle_markings
 
 from fieldcalib.calibrate.from_segments import calibrate_batch
@@ -11,8 +13,6 @@ from fieldcalib.fields.stands import MAIN_CENTER
 from fieldcalib.geometry.camera import Camera
 from fieldcalib.problem.losses import RobustLoss
 from fieldcalib.problem.observations import pack
-from fieldcalib.problem.parameters import GaussianPrior, camera_from_theta, gaussian_prior, theta_from_camera
-from fieldcalib.problem.solver import Problem, solve_batch
 
 FIELD, SIZE = soccer(), (960, 540)
 LEFT = Camera.from_angles(-0.65, 1.38, 0.01, 1500.0, (1.0, 66.0, -16.0), SIZE)

@@ -4,13 +4,6 @@ from functools import partial
 
 import numpy as np
 import pytest
-from hypothesis import assume, given
-from hypothesis import strategies as st
-from strategies import anywhere, generators, thetas, visible_field_points
-
-from fieldcalib.fields.stands import DISTRIBUTIONS, focal_length_from_fov
-from fieldcalib.geometry.camera import Camera
-from fieldcalib.geometry.lens import lens_coefficients
 from fieldcalib.problem.parameters import (
     ANGLES,
     CENTER,
@@ -25,6 +18,13 @@ from fieldcalib.problem.parameters import (
     theta_from_camera,
     turned_around,
 )
+from hypothesis import assume, given
+from hypothesis import strategies as st
+from strategies import anywhere, generators, thetas, visible_field_points
+
+from fieldcalib.fields.stands import DISTRIBUTIONS, focal_length_from_fov
+from fieldcalib.geometry.camera import Camera
+from fieldcalib.geometry.lens import lens_coefficients
 
 # Ranges in degrees and metres: table 9 in the list of traps of the project's reference results.
 MAIN = {"pan": (-45, 45), "tilt": (45, 90), "roll": (-10, 10), "fov": (8.2, 90), "y": (40, 110), "z": (-40, -5)}

@@ -2,15 +2,6 @@
 
 import numpy as np
 import pytest
-from hypothesis import assume, given
-from strategies import broadcast_theta, generators, thetas
-from synthetic import observe
-
-from fieldcalib.fields.segments import Arc, Line, PointCloud
-from fieldcalib.fields.soccer import soccer
-from fieldcalib.fields.stands import DISTRIBUTIONS
-from fieldcalib.geometry.camera import Camera
-from fieldcalib.problem.observations import pack
 from fieldcalib.problem.parameters import (
     CENTER,
     LENS,
@@ -22,6 +13,15 @@ from fieldcalib.problem.parameters import (
     theta_from_camera,
 )
 from fieldcalib.problem.residuals import foot_points, segment_residuals, segment_residuals_with_jacobian
+from hypothesis import assume, given
+from strategies import broadcast_theta, generators, thetas
+from synthetic import observe
+
+from fieldcalib.fields.segments import Arc, Line, PointCloud
+from fieldcalib.fields.soccer import soccer
+from fieldcalib.fields.stands import DISTRIBUTIONS
+from fieldcalib.geometry.camera import Camera
+from fieldcalib.problem.observations import pack
 
 FIELD = soccer()
 CIRCLE = FIELD["Circle central"]

@@ -4,6 +4,8 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from fieldcalib.problem.parameters import camera_from_theta, theta_from_camera
+from fieldcalib.problem.residuals import segment_residuals, segment_residuals_with_jacobian
 from hypothesis import given
 from strategies import generators, thetas
 from synthetic import frames_of_broadcasts, observe
@@ -13,8 +15,6 @@ from fieldcalib.calibrate.from_segments import calibrate_batch
 from fieldcalib.fields.soccer import soccer
 from fieldcalib.geometry.camera import Camera
 from fieldcalib.problem.observations import pack
-from fieldcalib.problem.parameters import camera_from_theta, theta_from_camera
-from fieldcalib.problem.residuals import segment_residuals, segment_residuals_with_jacobian
 from fieldcalib.problem.segment_ends import pixels_past_ends
 
 FIELD, SIZE, FAR = soccer(), (960, 540), 20.0

@@ -4,13 +4,6 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from synthetic import frames_of_broadcasts, observe, whole_circle_markings
-
-from fieldcalib.fields.soccer import soccer
-from fieldcalib.fields.stands import DISTRIBUTIONS, MAIN_TRIBUNE
-from fieldcalib.geometry.camera import Camera
-from fieldcalib.problem.losses import RobustLoss
-from fieldcalib.problem.observations import pack
 from fieldcalib.problem.parameters import (
     ANGLES,
     CENTER,
@@ -23,6 +16,13 @@ from fieldcalib.problem.parameters import (
     theta_from_camera,
 )
 from fieldcalib.problem.solver import LOG_F_RANGE, Problem, solve_batch, solve_one
+from synthetic import frames_of_broadcasts, observe, whole_circle_markings
+
+from fieldcalib.fields.soccer import soccer
+from fieldcalib.fields.stands import DISTRIBUTIONS, MAIN_TRIBUNE
+from fieldcalib.geometry.camera import Camera
+from fieldcalib.problem.losses import RobustLoss
+from fieldcalib.problem.observations import pack
 
 FIELD, SIZE = soccer(), (960, 540)
 PINHOLE = np.arange(len(PARAMETERS)) < CENTER.stop

@@ -4,6 +4,7 @@ import json
 
 import numpy as np
 import pytest
+from fieldcalib.problem.parameters import camera_from_theta
 from synthetic import frames_of_broadcasts
 
 from baselines import tables
@@ -14,7 +15,6 @@ from fieldcalib.geometry.camera import Camera
 from fieldcalib.io.soccernet import format_annotation, format_camera_types
 from fieldcalib.io.wc14 import format_homography
 from fieldcalib.metrics import compound_score
-from fieldcalib.problem.parameters import camera_from_theta
 
 COUNT = 5
 STEPS = ("--steps", "20")

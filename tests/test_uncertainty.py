@@ -4,15 +4,6 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from synthetic import frames_of_broadcasts, observe, whole_circle_markings
-
-from fieldcalib.assess.uncertainty import OPEN_DIRECTION, GroundError, region_radius, uncertainties
-from fieldcalib.fields.segments import Line
-from fieldcalib.fields.soccer import soccer
-from fieldcalib.fields.stands import DISTRIBUTIONS
-from fieldcalib.geometry.camera import Camera
-from fieldcalib.problem.losses import RobustLoss
-from fieldcalib.problem.observations import pack
 from fieldcalib.problem.parameters import (
     ANGLES,
     CENTER,
@@ -25,6 +16,15 @@ from fieldcalib.problem.parameters import (
     theta_from_camera,
 )
 from fieldcalib.problem.solver import Problem, solve_batch
+from synthetic import frames_of_broadcasts, observe, whole_circle_markings
+
+from fieldcalib.assess.uncertainty import OPEN_DIRECTION, GroundError, region_radius, uncertainties
+from fieldcalib.fields.segments import Line
+from fieldcalib.fields.soccer import soccer
+from fieldcalib.fields.stands import DISTRIBUTIONS
+from fieldcalib.geometry.camera import Camera
+from fieldcalib.problem.losses import RobustLoss
+from fieldcalib.problem.observations import pack
 
 FIELD, SIZE = soccer(), (960, 540)
 PINHOLE = np.arange(len(PARAMETERS)) < CENTER.stop

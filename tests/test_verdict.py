@@ -4,6 +4,8 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from fieldcalib.problem.parameters import LOG_F, PARAMETERS, camera_from_theta, theta_from_camera
+from fieldcalib.problem.residuals import foot_points
 from synthetic import observe, whole_circle_markings
 
 from fieldcalib.assess.result import Status
@@ -12,8 +14,6 @@ from fieldcalib.fields.segments import Arc, Line, Point, PointCloud
 from fieldcalib.fields.soccer import soccer
 from fieldcalib.geometry.camera import Camera
 from fieldcalib.problem.observations import pack
-from fieldcalib.problem.parameters import LOG_F, PARAMETERS, camera_from_theta, theta_from_camera
-from fieldcalib.problem.residuals import foot_points
 
 FIELD, SIZE = soccer(), (960, 540)
 CAMERA = Camera.from_angles(-0.3, 1.35, 0.0, 1500.0, (0.0, 65.0, -16.0), SIZE)

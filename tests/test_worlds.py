@@ -7,6 +7,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from fieldcalib.problem.parameters import theta_from_camera
+from fieldcalib.problem.solver import Problem, solve_batch
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from synthetic import observe
@@ -27,8 +29,6 @@ from fieldcalib.images.refinement import agreement, refine_on_image
 from fieldcalib.problem.labelled_pixels import split_circles
 from fieldcalib.problem.losses import RobustLoss
 from fieldcalib.problem.observations import pack
-from fieldcalib.problem.parameters import theta_from_camera
-from fieldcalib.problem.solver import Problem, solve_batch
 
 SIZE = (960, 540)
 PITCH = soccer()

@@ -13,6 +13,7 @@ whole.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Literal, TypeAlias, get_args
 
 import numpy as np
@@ -20,6 +21,7 @@ import numpy as np
 from fieldcalib._types import Array, BoolArray
 from fieldcalib.fields.field import Field
 from fieldcalib.fields.segments import Arc, Line, ObjectSegments, PointCloud, Segment
+from fieldcalib.geometry.camera import Camera
 from fieldcalib.problem.labelled_pixels import Pixels, split_circles
 from fieldcalib.problem.layout import PAN, Layout
 from fieldcalib.problem.observations import Rows, pack
@@ -30,24 +32,21 @@ CLOUD_SAMPLES = 128
 
 
 def ndc_loss(
-    theta: Array,
+    cameras: Sequence[Camera],
     object_segments: ObjectSegments,
-    frames: list[Pixels],
-    layout: Layout,
+    frames: Sequence[Pixels],
     kind: NdcLoss = "tvcalib",
 ) -> Array:
     """One of the paper's losses for T frames.
 
     Parameters
     ----------
-    theta : (T, n) array
-        A camera for each frame.
+    cameras : sequence of T Camera
+        One for each frame, of images of one size.
     object_segments : mapping of str to segment
         The calibration object.
-    frames : list of T dicts of str to (N, 2) array
+    frames : sequence of T dicts of str to (N, 2) array
         Pixels by label, as `check_segments` returns them. Circles are split here.
-    layout : Layout
-        Of theta.
     kind : {"tvcalib", "eq3"}
         Which loss.
 
@@ -59,16 +58,20 @@ def ndc_loss(
     Examples
     --------
     >>> from fieldcalib import Camera, soccer
-    >>> layout = Layout.of((960, 540))
     >>> camera = Camera.from_angles(0.0, 1.3, 0.0, 1500.0, (0.0, 60.0, -15.0), (960, 540))
     >>> line = soccer()["Side line top"].sample(spacing=30.0)
     >>> moved = camera.project(line) + (0.0, 2.7)  # 2.7 of 540 pixels are 0.01 in NDC
-    >>> ndc_loss(layout.theta(camera)[None], soccer(), [{"Side line top": moved}], layout).round(3)
+    >>> ndc_loss([camera], soccer(), [{"Side line top": moved}]).round(3)
     array([0.01])
     """
     if kind not in get_args(NdcLoss):
         raise ValueError(f"kind must be one of {', '.join(get_args(NdcLoss))}, got {kind!r}")
-    image_size = layout.image_size
+    if not frames:
+        return np.zeros(0)
+    image_size = cameras[0].image_size
+    lens = max((camera.lens for camera in cameras), key=lambda lens: len(lens.names))
+    layout = Layout.of(image_size, lens)
+    theta = np.array([layout.theta(camera) for camera in cameras])
     split = [_halves(object_segments, frame, image_size, pan) for frame, pan in zip(frames, theta[:, PAN], strict=True)]
     seen = {label: object_segments[label] for frame in split for label in frame}
     samples = {label: s if isinstance(s, Line) else cloud(s) for label, s in seen.items()}

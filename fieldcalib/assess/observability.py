@@ -46,7 +46,7 @@ class Information:
 
     @classmethod
     def of(cls, evaluation: Evaluation, unit: Array) -> Information:
-        """At the cameras of an evaluation; `unit` (B, P) are the standard deviations that parameters are measured by."""
+        """At the cameras of an evaluation, in units of the standard deviations `unit` (B, P)."""
         layout = evaluation.problem.layout
         names = tuple(READABLE.get(name, name) for name, free in zip(layout.names, layout.free, strict=True) if free)
         matrix = evaluation.information * unit[:, :, None] * unit[:, None, :]

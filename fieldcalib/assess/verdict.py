@@ -84,7 +84,8 @@ def verdict(
         )
     if evidence.weakest.information < OPEN_DIRECTION:
         return Status.DEGENERATE, degeneracy(object_segments, frame) or (
-            f"the labels leave {evidence.weakest.parameters} open: label a {noun} elsewhere in the image, or fix what is known by flags"
+            f"the labels leave {evidence.weakest.parameters} open: label a {noun} elsewhere in the image, or fix what "
+            f"is known by flags"
         )
     if evidence.implausible:
         return Status.IMPLAUSIBLE, f"the best fit is no camera that could be: {'; '.join(evidence.implausible)}"

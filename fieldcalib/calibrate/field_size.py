@@ -1,24 +1,11 @@
 """How large is the pitch? Its length and width, estimated together with the cameras that see it.
 
-Law 1 leaves a pitch some freedom, and a field of 105 x 68 m then bends the cameras. With length and width a marking
-moves, or grows along itself; its shape stays. It moves by a constant ``M`` (3, 2), metres a metre, and a segment that
-moves is a camera that moves the other way: with C the camera's centre
-
-    dr/ds = -dr/dC M,        s = (length, width).
-
-What is minimised is the solver's cost of all frames, each with a camera of its own, and the prior of the size,
-
-    sum_t cost_t(theta_t, s) + 1/2 sum_k ((s_k - mean_k) / sigma_k)^2,
-
-by Gauss-Newton steps on s from which the cameras are eliminated: with H_t the Hessian of frame t and g_t its gradient,
-
-    L_t = (-H_st H_tt^-1, I),        step = -(sum_t L_t H_t[:, s] + P)^-1 (sum_t L_t g_t + P (s - mean)).
-
-After each step the frames are calibrated from the beginning, as labels that seemed to lie may fit a pitch of another
-size; and so on until the size stays. (Of several frames, the priors in g and H are weaker than those that the cameras
-were calibrated with, see `_parts`: as g is not 0 then, the steps still lead to the minimum, to first order. The same
-holds for pixels past the end of a segment: they tell the cameras where it is, `fieldcalib.problem.segment_ends`, but
-not the size.)
+Law 1 leaves a pitch some freedom, and a field of 105 x 68 m then bends the cameras. With length and width the segments
+move (`Field.motion`); their shapes stay. The size is one more block of the parameters, shared by all frames: what is
+minimised is the solver's cost of all frames, each with a camera of its own, and the prior of the size, by
+Levenberg-Marquardt from whose steps the cameras are eliminated (`fieldcalib.problem.levenberg_marquardt`). Then the
+frames are calibrated from the beginning, as segments that seemed mislabelled may fit a pitch of another size; and so on
+until the size stays.
 
 The covariance is the sandwich of `fieldcalib.assess.uncertainty` with two parameters more.
 """
@@ -32,18 +19,21 @@ import numpy as np
 
 from fieldcalib._types import Array
 from fieldcalib.assess.result import Calibration, Status
-from fieldcalib.assess.uncertainty import Noise, Solved, uncertainties
+from fieldcalib.assess.uncertainty import Noise
 from fieldcalib.calibrate.from_segments import calibrate_batch
-from fieldcalib.calibrate.options import DEFAULT_FLAGS, Prior
+from fieldcalib.calibrate.options import DEFAULT_CRITERIA, DEFAULT_FLAGS, WIDE_SCALE, Prior, pixel_unit
 from fieldcalib.fields.field import Field
 from fieldcalib.fields.traits import DEVIATIONS, SizePrior
+from fieldcalib.problem.evaluation import Evaluation, Problem, evaluate
 from fieldcalib.problem.labelled_pixels import ImageSegments
-from fieldcalib.problem.layout import CENTER
+from fieldcalib.problem.layout import CENTER, Layout, Role, SizeBlock
+from fieldcalib.problem.levenberg_marquardt import eliminated, levenberg_marquardt
+from fieldcalib.problem.observations import pack
 from fieldcalib.problem.prior import GaussianPrior
-from fieldcalib.problem.residuals import segment_residuals_with_jacobian
+from fieldcalib.problem.segment_ends import with_segment_ends
 
 STILL = 1e-3  # metres: a size that moves by less stays
-STEPS = 10
+ROUNDS = 10
 # Share below which the labels count as silent: a frame of one half has 2 % of the length, since the prior knows roughly
 # where the camera stands.
 SILENT = 0.05
@@ -164,21 +154,26 @@ def estimate_field_size(
     size = mean
 
     def calibrated(size: Array) -> list[Calibration]:
-        return calibrate_batch(field.resized(*size.tolist()), frames, image_size, flags=flags, prior=prior, tau=tau)
+        pitch = replace(field.resized(*size.tolist()), size_known=True)
+        return calibrate_batch(pitch, frames, image_size, flags=flags, prior=prior, tau=tau)
 
-    calibrations, motion = calibrated(size), _motion(field)
-    for _ in range(STEPS):
+    calibrations = calibrated(size)
+    for _ in range(ROUNDS):
         # where none is accepted, the size may be why
-        parts = _parts(calibrations, Status.ACCEPTED) or _parts(calibrations, Status.NOT_CONVERGED, Status.IMPLAUSIBLE)
-        moved = _moved(size, parts, motion, mean, sizes)
+        seen = _with_status(calibrations, Status.ACCEPTED) or _with_status(
+            calibrations, Status.NOT_CONVERGED, Status.IMPLAUSIBLE
+        )
+        if not seen:
+            break
+        moved = _solved_together(seen, mean, sizes).theta[0, -2:]
         if np.max(np.abs(moved - size)) < STILL:
             break
         size = moved
         calibrations = calibrated(size)
-    accepted = _parts(calibrations, Status.ACCEPTED)
+    accepted = _with_status(calibrations, Status.ACCEPTED)
     if not accepted and np.any(size != mean):
         size, calibrations = mean, calibrated(mean)
-    covariance, share = _uncertainty(accepted, motion, sizes.sigma)
+    covariance, share = _uncertainty(accepted, mean, sizes)
     return FieldSize(field.resized(*size.tolist()), covariance, share, tuple(calibrations))
 
 
@@ -198,109 +193,77 @@ def _checked_size(field: Field) -> tuple[Array, SizePrior]:
     return size, sizes
 
 
-def _motion(field: Field) -> Array:
-    """How the segments move with length and width, in the order of the field: (L, 3, 2), metres a metre.
+def _with_status(calibrations: Sequence[Calibration], *statuses: Status) -> list[Calibration]:
+    return [one for one in calibrations if one.status in statuses and one.solved is not None]
 
-    As their middles do: beyond that, a line only grows along itself.
+
+def _together(calibrations: Sequence[Calibration], mean: Array, sizes: SizePrior) -> Evaluation:
+    """The frames of calibrations on one pitch as one problem that shares its size, at their cameras.
+
+    The priors of the cameras' places count once for all frames, as does that of the size: what one frame learns from
+    its camera's place about the length is little, but frames of one pitch may have one camera, whose prior is no news
+    in the second one.
     """
+    parts = [one.solved.alone.evaluation for one in calibrations if one.solved is not None]
+    problem, pitch, count = parts[0].problem, calibrations[0].field, len(parts)
+    assert pitch is not None
+    size = np.array([pitch.length, pitch.width])
+    cameras = problem.layout.size
+    layout = Layout.of(problem.layout.image_size, problem.layout.lens, SizeBlock(size, sizes.sigma, sizes.limits))
+    roles = np.full(layout.size, Role.SHARED)
+    roles[:cameras] = problem.layout.roles
+    layout = replace(layout, roles=roles)
 
-    def middles(pitch: Field) -> Array:
-        return np.array([segment.sample().mean(axis=0) for segment in pitch.values()])
+    prior_mean, prior_sigma = np.zeros((count, layout.size)), np.full((count, layout.size), np.inf)
+    for t, part in enumerate(parts):
+        if part.problem.prior is not None:
+            prior_mean[t, :cameras], prior_sigma[t, :cameras] = part.problem.prior.mean, part.problem.prior.sigma
+    prior_mean[:, cameras:], prior_sigma[:, cameras:] = mean, sizes.sigma
+    once = [*range(CENTER.start, CENTER.stop), *range(cameras, layout.size)]
+    prior_sigma[:, once] *= np.sqrt(count)
 
-    longer = field.resized(field.length + 1.0, field.width)
-    wider = field.resized(field.length, field.width + 1.0)
-    return np.stack([middles(longer), middles(wider)], axis=-1) - middles(field)[..., None]
-
-
-def _parts(calibrations: Sequence[Calibration], *statuses: Status) -> list[Solved]:
-    """The frames that have one of the statuses, with one prior of the camera's place for all of them.
-
-    What one frame learns from it about the length is little, but frames of one pitch may have one camera: its prior is
-    no news in the second one.
-    """
-    together: dict[int, list[Solved]] = {}
-    for calibration in calibrations:
-        if calibration.status in statuses and calibration.solved is not None:
-            together.setdefault(id(calibration.solved.problem), []).append(calibration.solved)
-    count = sum(map(len, together.values()))
-    parts = []
-    for members in together.values():
-        frames, one = np.array([solved.frame for solved in members]), members[0]
-        problem = one.problem.take(frames)
-        problem = replace(problem, observations=problem.observations.without_ends)
-        if problem.prior is not None:
-            sigma = problem.prior.sigma.copy()
-            sigma[:, CENTER] *= np.sqrt(count)
-            problem = replace(problem, prior=GaussianPrior(problem.prior.mean, sigma))
-        parts.append(Solved(problem, one.theta[frames], one.unit[frames]))
-    return parts
-
-
-@dataclass(frozen=True)
-class _Linearized:
-    """B frames linearised in P free parameters of their cameras and two of the size, Q = P + 2."""
-
-    J: Array
-    """Derivatives of the residuals, (B, M, Q)."""
-    weight: Array
-    """Of the residuals under the loss, (B, M)."""
-    gradient: Array
-    """Of the cost with the cameras' prior, (B, Q)."""
-    data: Array
-    """Gauss-Newton Hessian of the data alone, (B, Q, Q)."""
-    prior: Array
-    """What the cameras' prior adds to it, (B, Q, Q)."""
+    frames, weights = zip(*(part.problem.observations.without_ends.unpacked(0) for part in parts), strict=True)
+    together = Problem(
+        pack(pitch, frames, layout.image_size, weights, pitch.motion),
+        layout,
+        problem.loss,
+        problem.noise,
+        GaussianPrior(prior_mean, prior_sigma),
+        np.zeros(count, dtype=np.intp),
+        scale=problem.scale,
+    )
+    theta = np.concatenate([np.concatenate([part.theta for part in parts]), np.tile(size, (count, 1))], axis=1)
+    return with_segment_ends(pitch, evaluate(together, theta), WIDE_SCALE * pixel_unit(layout.image_size))
 
 
-def _linearized(part: Solved, motion: Array) -> _Linearized:
-    problem, theta = part.problem, part.theta
-    r, J = segment_residuals_with_jacobian(theta, problem.observations, problem.free)
-    P = J.shape[2]
-    center = np.searchsorted(np.flatnonzero(problem.free), np.arange(CENTER.start, CENTER.stop))
-    by_size = -np.einsum("bmc,bmcs->bms", J[:, :, center], motion[problem.observations.label])
-    J = np.concatenate([J, by_size], axis=-1)
-    _, slope = problem.loss.evaluate(np.square(r))
-    weight = problem.observations.weight / problem.noise**2 * slope
-    JT = np.swapaxes(J, 1, 2) * weight[:, None]
-    gradient, data = (JT @ r[..., None])[..., 0], JT @ J
-    prior = np.zeros_like(data)
-    _, gradient[:, :P], hessian = problem.linearized(theta)
-    prior[:, :P, :P] = hessian - data[:, :P, :P]
-    return _Linearized(J, weight, gradient, data, prior)
+def _solved_together(calibrations: Sequence[Calibration], mean: Array, sizes: SizePrior) -> Evaluation:
+    """The same where the cost is least."""
+    _, iterations, tolerance = DEFAULT_CRITERIA
+    start = _together(calibrations, mean, sizes)
+    return levenberg_marquardt(start, max_iterations=iterations, tolerance=tolerance).evaluation
 
 
-def _eliminated(hessian: Array) -> tuple[Array, Array]:
-    """L (B, 2, Q) that takes gradients to those by the size with the cameras following, and Schur's complement."""
-    P = hessian.shape[1] - 2
-    following = -np.linalg.solve(hessian[:, :P, :P], hessian[:, :P, P:])
-    L = np.concatenate([np.swapaxes(following, 1, 2), np.tile(np.eye(2), (len(hessian), 1, 1))], axis=-1)
-    return L, L @ hessian[:, :, P:]
-
-
-def _moved(size: Array, parts: Sequence[Solved], motion: Array, mean: Array, sizes: SizePrior) -> Array:
-    """The size (2,) after a step, within the legal ones."""
-    gradient, hessian = (size - mean) / sizes.sigma**2, np.diag(sizes.sigma**-2)
-    for part in parts:
-        linear = _linearized(part, motion)
-        L, complement = _eliminated(linear.data + linear.prior)
-        gradient = gradient + np.einsum("bsq,bq->s", L, linear.gradient)
-        hessian = hessian + np.sum(complement, axis=0)
-    return np.asarray(np.clip(size - np.linalg.solve(hessian, gradient), *sizes.limits))
-
-
-def _uncertainty(parts: Sequence[Solved], motion: Array, sigma: Array) -> tuple[Array, Array]:
+def _uncertainty(calibrations: Sequence[Calibration], mean: Array, sizes: SizePrior) -> tuple[Array, Array]:
     """Covariance (2, 2) and shares from the labels (2,) of the most likely size."""
-    curvature, pulls = np.diag(sigma**-2), np.diag(sigma**-2)  # A and what is between the A^-1
-    for part in parts:
-        found = uncertainties(part.problem, part.theta, part.unit)
-        linear = _linearized(part, motion)
-        kappa, noise_sigma = np.array([(one.curvature, one.bent_sigma) for one in found]).T[..., None, None]
-        L, complement = _eliminated(kappa * linear.data + linear.prior)
-        noise = Noise(part.problem.observations)
-        pull = linear.weight * noise.relative_sigma
-        between = noise_sigma**2 * noise.covariance(linear.J, pull, pull) + linear.prior
-        curvature = curvature + np.sum(complement, axis=0)
-        pulls = pulls + np.sum(L @ between @ np.swapaxes(L, 1, 2), axis=0)
+    precision = np.diag(sizes.sigma**-2)
+    if not calibrations:
+        return np.diag(sizes.sigma**2), np.zeros(2)
+    evaluation = _together(calibrations, mean, sizes)
+    found = [one.uncertainty for one in calibrations]
+    kappa, sigma = np.array([(one.curvature, one.bent_sigma) for one in found]).T[..., None, None]
+    own = ~evaluation.problem.layout.shared
+    prior = np.zeros_like(evaluation.information)
+    prior[:, own, own] = 1.0 / np.square(evaluation.pulling_prior_sigma[:, own])
+    # L takes errors of the gradient to those by the size, with the cameras following
+    hessian = kappa * evaluation.information + prior
+    following, _ = eliminated(hessian, evaluation.gradient, own)
+    L = np.zeros((len(found), 2, len(own)))
+    L[:, :, own], L[:, :, ~own] = -np.swapaxes(following, 1, 2), np.eye(2)
+    noise = Noise(evaluation)
+    pull = evaluation.pull * noise.relative_sigma
+    between = sigma**2 * noise.covariance(evaluation.JT, pull, pull) + prior
+    curvature = precision + np.sum(L @ hessian[:, :, ~own], axis=0)
     inverse = np.linalg.inv(curvature)
-    share = np.maximum(1.0 - np.diagonal(inverse) / sigma**2, 0.0)  # below 0 by rounding
-    return inverse @ pulls @ inverse, share
+    spread = precision + np.sum(L @ between @ np.swapaxes(L, 1, 2), axis=0)
+    share = np.maximum(1.0 - np.diagonal(inverse) / sizes.sigma**2, 0.0)  # below 0 by rounding
+    return inverse @ spread @ inverse, share

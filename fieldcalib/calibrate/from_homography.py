@@ -122,7 +122,7 @@ def judged_camera(
     problem = Problem(pack(object_segments, [frame], size), layout, RobustLoss("linear", 1.0))
     evaluation = evaluate(problem, layout.theta(camera)[None])
     ((errors, rms),) = segment_errors(evaluation, [frame])
-    loss = float(ndc_loss(evaluation.theta, object_segments, [frame], layout)[0])
+    loss = float(ndc_loss([camera], object_segments, [frame])[0])
     far = WIDE_SCALE * pixel_unit(size)
     wrong = implausibilities(evaluation, far=far, field=field)
     reasons = [reason for reason, mask in wrong.items() if mask[0]]

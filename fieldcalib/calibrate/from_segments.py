@@ -310,7 +310,8 @@ def _judged(
     """
     evaluation, prior, layout = solution.evaluation, solved.prior, options.layout
     theta, far = evaluation.theta, options.wide_loss.scale
-    losses = ndc_loss(theta, object_segments, solved.frames, layout)
+    cameras = [layout.camera(one) for one in theta]
+    losses = ndc_loss(cameras, object_segments, solved.frames)
     wrong = implausibilities(evaluation, far=far, field=options.field)
     labels = Information.of(evaluation, prior.sigma[:, layout.free])
     needed = labels.about(options.is_camera)
@@ -339,7 +340,7 @@ def _judged(
         message = "; ".join([message, *map(str, solved.suspects[t]), *[OTHER_SIDE_FITS] * len(alternatives)])
         calibrations.append(
             Calibration(
-                layout.camera(theta[t]),
+                cameras[t],
                 status,
                 message,
                 rms,

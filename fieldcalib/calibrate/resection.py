@@ -12,8 +12,8 @@ import numpy as np
 from fieldcalib._types import Array, IntArray
 from fieldcalib.geometry.homography import decompose_homography, pose_from_homography
 from fieldcalib.geometry.projective import homography_from_points, projection_from_points
-from fieldcalib.problem.losses import RobustLoss
 from fieldcalib.problem.evaluation import LOG_F_RANGE
+from fieldcalib.problem.losses import RobustLoss
 
 LEAST_ON_PLANE, LEAST_IN_SPACE = 4, 6  # points that the DLT needs
 FLAT = 1e-6  # of the extent: what is thinner is a line, or a plane

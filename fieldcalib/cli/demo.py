@@ -28,7 +28,6 @@ from fieldcalib.io.images import write_image
 from fieldcalib.io.soccernet import camera_to_record, format_annotation
 from fieldcalib.problem.labelled_pixels import Pixels
 
-
 IMAGE_SIZE = (960, 540)
 PIXELS_PER_CIRCLE = 9
 SHORTEST_SEGMENT = 15.0  # px: what shows less in the image is not labelled

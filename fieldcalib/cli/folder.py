@@ -27,7 +27,7 @@ from fieldcalib.geometry.camera import Camera
 from fieldcalib.io.files import whole_file, write_text
 from fieldcalib.io.soccernet import camera_to_record, find_annotations, parse_annotation
 from fieldcalib.problem.labelled_pixels import Pixels, check_segments
-from fieldcalib.problem.layout import ANGLES, CENTER, LOG_F, theta_from_camera
+from fieldcalib.problem.layout import ANGLES, CENTER, LOG_F
 
 Method: TypeAlias = Callable[[dict[str, Pixels]], Sequence[Calibration]]
 
@@ -95,7 +95,7 @@ def calibrate_folder(
             calibrations.update(zip(part, method({id: frames.pixels[id] for id in part}), strict=True))
             progress.update(len(part))
     seconds = {"calibration": time.perf_counter() - calibrating, "total": time.perf_counter() - began}
-    eq3 = _eq3_losses(field, frames.pixels, calibrations, options.size)
+    eq3 = _eq3_losses(field, frames.pixels, calibrations)
     lines = [
         calibration_line(id, calibrations[id], eq3.get(id)) | dict(details.get(id, {}))
         if id in calibrations
@@ -194,7 +194,7 @@ def _recorded(options: argparse.Namespace) -> dict[str, Any]:
 
 
 def _eq3_losses(
-    field: Field, frames: Mapping[str, Pixels], calibrations: Mapping[str, Calibration], image_size: tuple[int, int]
+    field: Field, frames: Mapping[str, Pixels], calibrations: Mapping[str, Calibration]
 ) -> dict[str, float]:
     """The loss that the paper prints, for the frames that have a camera, each on the field that it was found on."""
     cameras_on: dict[tuple[float, float], dict[str, Camera]] = {}
@@ -207,8 +207,7 @@ def _eq3_losses(
         ids = list(cameras)
         for begin in range(0, len(ids), AT_ONCE):
             part = ids[begin : begin + AT_ONCE]
-            theta = np.array([theta_from_camera(cameras[id]) for id in part])
-            values = ndc_loss(theta, soccer(*size), [frames[id] for id in part], image_size, kind="eq3")
+            values = ndc_loss([cameras[id] for id in part], soccer(*size), [frames[id] for id in part], kind="eq3")
             losses.update(zip(part, values.tolist(), strict=True))
     return losses
 

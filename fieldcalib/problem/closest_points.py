@@ -1,8 +1,8 @@
 """The points of the segments' images that are closest to the observed pixels.
 
-Every observed pixel p belongs to a segment. Its closest point X* is where the image of the segment, lens included, comes
-nearest to p; n is the unit normal of the image there and ``r = n . (p - pi(X*))`` the signed distance, in pixels of the
-real image. Arrays have their components first (`fieldcalib.problem.projection`).
+Every observed pixel p belongs to a segment. Its closest point X* is where the image of the segment, lens included,
+comes nearest to p; n is the unit normal of the image there and ``r = n . (p - pi(X*))`` the signed distance, in pixels
+of the real image. Arrays have their components first (`fieldcalib.problem.projection`).
 
 A point, or a pixel of an unordered cloud, has two residuals: n is then the x and the y axis.
 """

@@ -2,9 +2,10 @@
 
     theta = (pan, tilt, roll, log f, x, y, z, cx, cy, log aspect, lens..., [length, width])
 
-Angles in radians, f the focal length along rows in pixels, (x, y, z) the camera centre in metres, (cx, cy) the principal
-point in pixels, aspect fy / fx, the coefficients of a lens (`fieldcalib.geometry.lens`), and, where the object is a
-field whose size may change, its length and width in metres. What is not estimated stays in theta at its known value.
+Angles in radians, f the focal length along rows in pixels, (x, y, z) the camera centre in metres, (cx, cy) the
+principal point in pixels, aspect fy / fx, the coefficients of a lens (`fieldcalib.geometry.lens`), and, where the
+object is a field whose size may change, its length and width in metres. What is not estimated stays in theta at its
+known value.
 """
 
 from __future__ import annotations

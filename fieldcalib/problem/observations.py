@@ -88,6 +88,19 @@ class Observations:
         """Without the padding that all frames have: of one frame of many, without any."""
         return replace(self, **{kind: getattr(self, kind).trimmed for kind in LEAST_DEPTH})
 
+    def unpacked(self, frame: int) -> tuple[Pixels, PixelWeights]:
+        """The pixels of one frame by label, and what they weigh, ends aside: what `pack` takes."""
+        pixels: Pixels = {}
+        weights: PixelWeights = {}
+        for kind in LEAST_DEPTH:
+            rows = getattr(self, kind)
+            for index in np.unique(rows.label[frame]) if kind != "ends" else ():
+                member = rows.label[frame] == index
+                if index >= 0:
+                    pixels[self.labels[index]] = rows.xy[frame, member]
+                    weights[self.labels[index]] = rows.weight[frame, member]
+        return pixels, weights
+
     @property
     def without_ends(self) -> Observations:
         """The labelled pixels alone."""
