@@ -32,8 +32,8 @@ from fieldcalib.problem.layout import CENTER, LOG_F
 
 SIZE = (1920, 1080)
 FROM_Z_UP = np.diag([1.0, -1.0, -1.0])  # their world's axes in ours; its own inverse
-FREE_POINT = CalibrationFlags.CALIB_FIX_PRINCIPAL_POINT
-MODELS = {**LENSES, **{f"{lens}, principal point": flags & ~FREE_POINT for lens, flags in LENSES.items()}}
+FIXED_POINT = CalibrationFlags.CALIB_FIX_PRINCIPAL_POINT
+MODELS = {**LENSES, **{f"{lens}, centred": flags | FIXED_POINT for lens, flags in LENSES.items()}}
 GRID = 12  # ground points along the image's width and height at which regions are tested
 
 
@@ -91,7 +91,7 @@ def run(options: argparse.Namespace) -> int:
     files = sorted(options.cameras.glob("*.npz"))
     if not files:
         raise FileNotFoundError(f"{options.cameras} holds no <name>.npz")
-    field = soccer()
+    field = soccer(size_known=True)  # that of the synthetic pixels
     pairs = observed([read_camera(path) for path in files], field, options.noise, options.repeats)
     for model, flags in MODELS.items():
         found = calibrate_batch(field, [frame for _, frame in pairs], SIZE, flags=flags)

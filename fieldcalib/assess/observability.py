@@ -59,7 +59,7 @@ class Information:
         own = self.matrix[:, some][:, :, some]
         if self.has_prior:
             cross = self.matrix[:, some][:, :, ~some]
-            rest = self.matrix[:, ~some][:, :, ~some] + np.eye(np.count_nonzero(~some))
+            rest = self.matrix[:, ~some][:, :, ~some] + np.eye(int(np.count_nonzero(~some)))
             own = own - cross @ np.linalg.solve(rest, np.swapaxes(cross, 1, 2))
         names = tuple(name for name, wanted in zip(self.names, some, strict=True) if wanted)
         return Information(own, names, self.has_prior)

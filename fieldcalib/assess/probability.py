@@ -36,7 +36,7 @@ def largest_error(uncertainty: Uncertainty, field: Field) -> float:
     >>> from fieldcalib.cli.demo import observe, pan_over_field
     >>> (camera,) = pan_over_field(1)
     >>> frame = observe(camera, soccer(), np.random.default_rng(0), noise=1.0)
-    >>> calibration = calibrate_from_segments(soccer(), frame, camera.image_size)
+    >>> calibration = calibrate_from_segments(soccer(size_known=True), frame, camera.image_size)
     >>> 0.05 < largest_error(calibration.uncertainty, soccer()) < 0.5
     True
     """

@@ -107,15 +107,15 @@ def without_mislabels(
         return Relabelled(frames, evaluation, prior, [()] * len(frames))
     suspects: list[tuple[SuspectLabel, ...]] = [()] * len(frames)
     some = _Search(costs, [frames[t] for t in doubtful], evaluation.take(doubtful), options)
-    for t, found in zip(doubtful, some.suspects(), strict=True):
-        suspects[t] = found
-    index = np.flatnonzero([bool(found) for found in suspects])
+    for t, its_suspects in zip(doubtful, some.suspects(), strict=True):
+        suspects[t] = its_suspects
+    index = np.flatnonzero([bool(one) for one in suspects])
     if not len(index):
         return Relabelled(frames, evaluation, prior, suspects)
 
     # frames with suspects are calibrated from the beginning, as if they had been labelled so
-    believed = [renamed(frame, found) for frame, found in zip(frames, suspects, strict=True)]
-    their_weights = [given and renamed(given, found) for given, found in zip(weights, suspects, strict=True)]
+    believed = [renamed(frame, one) for frame, one in zip(frames, suspects, strict=True)]
+    their_weights = [given and renamed(given, one) for given, one in zip(weights, suspects, strict=True)]
     observations = evaluation.problem.observations
     packed = pack(object_segments, believed, observations.image_size, their_weights, observations.motion)
     found = find_cameras(packed.take(index), options)

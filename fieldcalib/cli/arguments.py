@@ -5,13 +5,16 @@ from pathlib import Path
 
 import numpy as np
 
-from fieldcalib.calibrate.options import ALL, DEFAULT_FLAGS, PINHOLE_FLAGS, CalibrationFlags, Prior
+from fieldcalib.calibrate.options import ALL, DEFAULT_FLAGS, CalibrationFlags, Prior
 from fieldcalib.fields.stands import DISTRIBUTIONS
 
+_F = CalibrationFlags
 LENSES = {
-    "none": PINHOLE_FLAGS,
+    "none": DEFAULT_FLAGS | _F.CALIB_FIX_K1,
     "k1": DEFAULT_FLAGS,
-    "k1k2": DEFAULT_FLAGS & ~CalibrationFlags.CALIB_FIX_K2,
+    "k1k2": DEFAULT_FLAGS & ~_F.CALIB_FIX_K2,
+    "opencv": DEFAULT_FLAGS & ~(_F.CALIB_FIX_K2 | _F.CALIB_FIX_K3 | _F.CALIB_FIX_TANGENT_DIST),
+    "auto": DEFAULT_FLAGS | _F.CALIB_AUTO_LENS,
 }
 NO_PRIOR = "none"
 
@@ -74,7 +77,13 @@ def add_camera(parser: argparse.ArgumentParser, **more_priors: str) -> None:
         metavar="NAME",
         help=f"where the camera stands: {'; '.join(meanings)}; {NO_PRIOR}: solve without a prior ({ALL})",
     )
-    parser.add_argument("--lens", choices=LENSES, default="k1", help="radial lens: none, one or two coefficients (k1)")
+    parser.add_argument(
+        "--lens",
+        choices=LENSES,
+        default="k1",
+        help="what is estimated of the lens: nothing, k1, k1 and k2, OpenCV's k1 k2 p1 p2 k3, or as much as the labels "
+        "call for (k1)",
+    )
 
 
 def prior_of(options: argparse.Namespace) -> Prior:

@@ -15,7 +15,6 @@ from numpy.typing import ArrayLike
 
 from fieldcalib._types import Array
 from fieldcalib.geometry.lens import POWERS, Lens, lens_of, opencv_vector, shortest_opencv_vector
-from fieldcalib.geometry.lens import radial_coefficients as radial_coefficients  # re-exported
 from fieldcalib.geometry.projective import dehomogenize, homogenize
 from fieldcalib.geometry.rotation import angles_from_rotation, rotation_from_angles
 

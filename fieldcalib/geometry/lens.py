@@ -157,7 +157,7 @@ def shortest_opencv_vector(dist: Array) -> Array:
     return dist[: next(length for length in (5, 8, 12) if not np.any(dist[length:]))]
 
 
-def radial_coefficients(dist_coeffs: ArrayLike | None) -> Array:
+def _radial_coefficients(dist_coeffs: ArrayLike | None) -> Array:
     """(k1, k2) of OpenCV's distortion coefficients.
 
     Raises
@@ -307,7 +307,7 @@ class RadialLens:
 
     def from_opencv(self, dist_coeffs: ArrayLike | None, f: float) -> Array:
         """(a1, b2) of (k1, k2)."""
-        k1, k2 = radial_coefficients(dist_coeffs)
+        k1, k2 = _radial_coefficients(dist_coeffs)
         q = (self.rho / f) ** 2
         a1, a2 = k1 * q, k2 * q * q
         return np.array([a1, a2 - FOLD * min(a1, 0.0) ** 2])
@@ -556,63 +556,3 @@ def _surely_spreads(radius: Array, a: Array) -> BoolArray:
     radial = (1.0 - n) * (1.0 - d) - 2.0 * qn * (1.0 + d) - 2.0 * (1.0 + n) * qd
     others = radius * (6.0 * (p1 + p2) + 2.0 * (s1 + s3) + 4.0 * q * (s2 + s4))
     return np.asarray(radial > others * np.square(1.0 + d))
-
-
-# Radial lenses with the vector on the last axis and coefficients (a1, a2).
-
-
-def corner_coefficients(k: Array, f: Array | float, rho: float) -> Array:
-    """Corner-normalised (a1, a2) of OpenCV's (k1, k2), at focal length f and half diagonal rho (both pixels)."""
-    q = np.square(rho / np.asarray(f))
-    return np.stack([k[..., 0] * q, k[..., 1] * q * q], axis=-1)
-
-
-def opencv_coefficients(a: Array, f: Array | float, rho: float) -> Array:
-    """OpenCV's (k1, k2) of corner-normalised (a1, a2): the inverse of `corner_coefficients`."""
-    return corner_coefficients(a, rho * rho / np.asarray(f), rho)
-
-
-def lens_coefficients(b: Array) -> Array:
-    """Corner-normalised (a1, a2) of the estimated (a1, b2), (..., 2): the lens that does not fold where b2 >= 0.
-
-    Examples
-    --------
-    >>> lens_coefficients(np.array([-0.1, 0.0]))
-    array([-0.1   ,  0.0046])
-    """
-    return np.stack([b[..., 0], _a2(np.moveaxis(b, -1, 0))], axis=-1)
-
-
-def lens_parameters(a: Array) -> Array:
-    """The estimated (a1, b2) of corner-normalised (a1, a2): the inverse of `lens_coefficients`."""
-    return np.stack([a[..., 0], a[..., 1] - FOLD * np.square(np.minimum(a[..., 0], 0.0))], axis=-1)
-
-
-def distort(s: Array, a: Array, rho: float) -> Array:
-    """Distorted offsets (..., 2) of ideal ones, pixels; a is broadcast against their leading axes."""
-    q = np.sum(np.square(s), axis=-1) / rho**2
-    return np.asarray(s * (1.0 + q * (a[..., 0] + q * a[..., 1]))[..., None])
-
-
-def distort_jacobian(s: Array, a: Array, rho: float) -> tuple[Array, Array]:
-    """Derivatives (..., 2, 2) of `distort` with respect to the offset and to the coefficients."""
-    q = np.sum(np.square(s), axis=-1) / rho**2
-    a1, a2 = a[..., 0], a[..., 1]
-    gain = 1.0 + q * (a1 + q * a2)
-    slope = 2.0 * (a1 + 2.0 * a2 * q) / rho**2
-    dd_ds = slope[..., None, None] * s[..., :, None] * s[..., None, :]
-    dd_ds[..., 0, 0] += gain
-    dd_ds[..., 1, 1] += gain
-    dd_da = np.stack([q[..., None] * s, np.square(q)[..., None] * s], axis=-1)
-    return dd_ds, dd_da
-
-
-def is_monotone(q: Array, a: Array) -> BoolArray:
-    """`RadialLens.is_monotone` at relative squared radius q."""
-    return _spreads(q, a[..., 0], a[..., 1])
-
-
-def undistort(d: Array, a: Array, rho: float) -> Array:
-    """`RadialLens.undistort`: the inverse of `distort`, NaN where no ray reaches d."""
-    target = np.sqrt(np.sum(np.square(d), axis=-1)) / rho
-    return np.asarray(d * _inverse_gain(target, a[..., 0], a[..., 1])[..., None])

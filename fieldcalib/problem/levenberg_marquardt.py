@@ -16,8 +16,10 @@ linear system: terms that couple frames directly would make its diagonal blocks 
 from __future__ import annotations
 
 from dataclasses import dataclass, fields
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from fieldcalib._types import Array, BoolArray, IntArray
 from fieldcalib.problem.closest_points import ClosestPoints
@@ -75,7 +77,7 @@ class Groups:
             return values
         return np.asarray(np.add.reduceat(values, np.searchsorted(self.of_frame, np.arange(self.of_frame[-1] + 1))))
 
-    def spread(self, values: Array) -> Array:
+    def spread(self, values: NDArray[Any]) -> NDArray[Any]:
         """Values (G, ...) for each frame, (B, ...)."""
         return values if self.is_trivial else values[self.of_frame]
 
