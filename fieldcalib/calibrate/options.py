@@ -37,9 +37,9 @@ Criteria: TypeAlias = tuple[int, int, float]
 
 ALL = "all"
 CERTAIN = float(np.log(20.0))  # log odds of what is said of a frame: of 20 such statements 19 shall be right
-APPROACH_TOLERANCE = 1e-3  # share of the cost
+APPROACH_TOLERANCE = 3e-2  # share of the cost
 COUNT, EPS = 1, 2  # cv2.TERM_CRITERIA_COUNT and _EPS
-DEFAULT_CRITERIA: Criteria = (COUNT + EPS, 50, 1e-8)
+DEFAULT_CRITERIA: Criteria = (COUNT + EPS, 50, 1e-6)
 
 # Pixels are those of an image of this size; other images scale them with the diagonal, so that a frame and its enlarged
 # copy have the same camera.

@@ -13,13 +13,15 @@ from fieldcalib.calibrate.options import Options
 from fieldcalib.calibrate.symmetry import on_main_side
 from fieldcalib.problem.evaluation import Evaluation, Problem, evaluate
 from fieldcalib.problem.layout import Layout
-from fieldcalib.problem.levenberg_marquardt import levenberg_marquardt
+from fieldcalib.problem.levenberg_marquardt import FAR, levenberg_marquardt
 from fieldcalib.problem.observations import Observations
 from fieldcalib.problem.prior import GaussianPrior
 
-FIRST_ITERATIONS = 6  # for every initial camera
-PROMISING = 3  # cameras of a frame that go on
+FIRST_ITERATIONS = 3  # of every initial camera
+PROMISING = 2  # cameras of a frame that go on,
+HOPELESS = 3.0  # unless they cost that many times what the best one does
 WIDE_ITERATIONS = 30
+WIDE_TOLERANCE = 0.2  # share of the cost: the narrow stage does the rest
 
 
 @dataclass(frozen=True, eq=False)
@@ -35,25 +37,24 @@ class Found:
 def find_cameras(observations: Observations, options: Options) -> Found:
     """Search a camera for each of B frames, each with at least one pixel."""
     start = initial_cameras(observations, options.layout, options.distributions, options.known, options.scale)
+    theta, frame, prior = start.theta, start.frame, _around_likely_lens(start.prior, options)
+    several = len(theta) > len(observations)
     wide = Problem(
-        observations.take(start.frame), _pinhole(options), options.wide_loss, options.noise, scale=options.scale
+        observations.take(frame), _without_lens(options), options.wide_loss, options.noise, scale=options.scale
     )
-    several = len(start.theta) > len(observations)
     if several or options.use_prior:  # initial cameras far from the data need the prior to converge
-        wide = replace(wide, prior=start.prior)
-    evaluation, prior, frame = evaluate(wide, start.theta), start.prior, start.frame
+        wide = replace(wide, prior=prior)
+    if several:  # as pinholes: that is quicker, and finds the same
+        evaluation = _approached(evaluate(wide, theta), FIRST_ITERATIONS)
+        best = _best(evaluation, frame, PROMISING, options)
+        wide, theta, frame, prior = wide.take(best), evaluation.theta[best], frame[best], prior.take(best)
+    free_lens = options.layout.free & options.layout.is_lens
+    evaluation = evaluate(wide, np.where(free_lens, prior.mean, theta))
     # a single camera that is close already is left as it is
-    if len(start.theta) > 1 or not _fits_most(evaluation, options.wide_loss.scale)[0]:
-        for kept, iterations in (
-            ((PROMISING, FIRST_ITERATIONS), (1, WIDE_ITERATIONS)) if several else ((1, WIDE_ITERATIONS),)
-        ):
-            evaluation = levenberg_marquardt(
-                evaluation, max_iterations=iterations, tolerance=options.approach_tolerance
-            ).evaluation
-            best = _best(evaluation, frame, kept, options)
-            evaluation, prior, frame = evaluation.take(best), prior.take(best), frame[best]
-    if np.any(options.layout.free & options.layout.is_lens):
-        evaluation, prior = _with_likely_lens(evaluation, prior, options)
+    if several or len(theta) > 1 or not _fits_most(evaluation, options.wide_loss.scale)[0]:
+        evaluation = _approached(evaluation, WIDE_ITERATIONS)
+        best = _best(evaluation, frame, 1, options)
+        evaluation, prior = evaluation.take(best), prior.take(best)
     theta, prior = on_main_side(observations, evaluation.theta, prior, options)
     problem = Problem(
         observations,
@@ -68,8 +69,24 @@ def find_cameras(observations: Observations, options: Options) -> Found:
     return Found(found, prior)
 
 
-def _pinhole(options: Options) -> Layout:
-    """The layout of the search: without a lens and with the principal point known it is quicker, and finds the same."""
+def _approached(start: Evaluation, iterations: int) -> Evaluation:
+    return levenberg_marquardt(
+        start, max_iterations=iterations, tolerance=WIDE_TOLERANCE, initial_damping=FAR
+    ).evaluation
+
+
+def _around_likely_lens(prior: GaussianPrior, options: Options) -> GaussianPrior:
+    """Priors around the lens that is most likely: that which the user gave, if any."""
+    lens = options.known[options.layout.lens_block]
+    if not np.any(lens):
+        return prior
+    mean = prior.mean.copy()
+    mean[:, options.layout.lens_block] = lens
+    return replace(prior, mean=mean)
+
+
+def _without_lens(options: Options) -> Layout:
+    """The layout of the search: a free lens and principal point would absorb mislabelled segments."""
     return options.layout.fixed("lens", "principal point", "aspect")
 
 
@@ -77,35 +94,10 @@ def _best(evaluation: Evaluation, frame: IntArray, kept: int, options: Options) 
     """The best cameras of each frame: plausible ones before others, cheap ones before expensive ones."""
     wrong = implausibilities(evaluation, far=options.wide_loss.scale, field=options.field)
     order = np.lexsort((evaluation.cost, np.any(list(wrong.values()), axis=0), frame))
-    rank = np.arange(len(order)) - np.searchsorted(frame, frame)  # within its frame: frames are ascending
-    return np.asarray(order[rank < kept])
-
-
-def _with_likely_lens(
-    evaluation: Evaluation, prior: GaussianPrior, options: Options
-) -> tuple[Evaluation, GaussianPrior]:
-    """Pinholes with the lens that is most likely, and priors around it.
-
-    A lens that the user gave is the most likely one. Where a camera is far off, the wide loss goes on with that lens: a
-    free one would absorb mislabelled segments.
-    """
-    layout = options.layout
-    if np.any(options.known[layout.lens_block]):
-        mean = prior.mean.copy()
-        mean[:, layout.lens_block] = options.known[layout.lens_block]
-        prior = replace(prior, mean=mean)
-    free = np.flatnonzero(layout.free & layout.is_lens)
-    theta = evaluation.theta.copy()
-    theta[:, free] = prior.mean[:, free]
-    problem = replace(evaluation.problem, prior=prior)
-    evaluation = evaluate(problem, theta)
-    poor = np.flatnonzero(~_fits_most(evaluation, options.loss.scale))
-    if len(poor):
-        again = levenberg_marquardt(
-            evaluation.take(poor), max_iterations=WIDE_ITERATIONS, tolerance=options.approach_tolerance
-        ).evaluation
-        evaluation = evaluation.replaced(poor, again)
-    return evaluation, prior
+    first = np.searchsorted(frame, frame)  # frames are ascending
+    rank = np.arange(len(order)) - first
+    hopeless = evaluation.cost[order] > HOPELESS * evaluation.cost[order][first]
+    return np.asarray(order[(rank < kept) & ~hopeless])
 
 
 def _fits_most(evaluation: Evaluation, scale: float) -> BoolArray:

@@ -25,7 +25,7 @@ from fieldcalib._types import Array, BoolArray, IntArray
 from fieldcalib.problem.closest_points import ClosestPoints
 from fieldcalib.problem.evaluation import Evaluation, Problem, evaluate
 
-INITIAL_DAMPING = 1e-2  # share of the Hessian's diagonal
+FAR, NEAR = 1e-2, 1e-4  # initial damping, share of the Hessian's diagonal: far from the solution, and near it
 LEAST_DAMPING, LARGEST_DAMPING = 1e-12, 1e10
 STILL = 1e-14  # share of the cost: a smaller predicted decrease is rounding
 LEAST_DIAGONAL = 1e-12  # keeps parameters that nothing determines in the system
@@ -86,7 +86,9 @@ class Groups:
         return Groups(np.unique(self.of_frame[frames], return_inverse=True)[1])
 
 
-def levenberg_marquardt(start: Evaluation, *, max_iterations: int, tolerance: float) -> Solution:
+def levenberg_marquardt(
+    start: Evaluation, *, max_iterations: int, tolerance: float, initial_damping: float = NEAR
+) -> Solution:
     """Minimise the cost of B frames at once, each group with its own damping; finished groups leave the batch.
 
     The damping follows Nielsen's rule: it falls by up to nine as the linear model predicts the cost well, and grows at
@@ -101,6 +103,8 @@ def levenberg_marquardt(start: Evaluation, *, max_iterations: int, tolerance: fl
         Evaluations allowed after the first.
     tolerance : float
         A group is done when a step lowers its cost, or is predicted to lower it, by less than this share.
+    initial_damping : float
+        `FAR` or `NEAR`.
 
     Returns
     -------
@@ -130,7 +134,7 @@ def levenberg_marquardt(start: Evaluation, *, max_iterations: int, tolerance: fl
     cost = groups.sum(start.cost)
     running = np.isfinite(cost)  # by group
     cost = np.where(running, cost, 0.0)  # an infinite start is given back as it is
-    damping, growth = np.full(len(cost), INITIAL_DAMPING), np.full(len(cost), 2.0)
+    damping, growth = np.full(len(cost), initial_damping), np.full(len(cost), 2.0)
 
     for _ in range(max_iterations):
         if np.count_nonzero(running) < COMPACTED * len(running):
