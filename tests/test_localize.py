@@ -275,7 +275,8 @@ def test_description_errors(change, complaint):
 
 def write_network(folder, *, outputs=3, batch="N", size=(64, 36), kind=None):
     """A network that tells colours apart at half its input's size: the second class is red, the third one blue."""
-    onnx = pytest.importorskip("onnx")
+    import onnx
+
     helper, real = onnx.helper, onnx.TensorProto.FLOAT
     weight = np.zeros((outputs, 3, 1, 1), np.float32)
     bias = np.zeros(outputs, np.float32)

@@ -57,7 +57,8 @@ def test_projects_as_opencv_does(camera, rng):
 
 @given(camera=rational_cameras(), rng=generators())
 def test_projects_as_soccernets_evaluation_does(camera, rng):
-    calibration = pytest.importorskip("SoccerNet.Evaluation.utils_calibration")
+    from SoccerNet.Evaluation import utils_calibration as calibration
+
     theirs = calibration.Camera(*camera.image_size)
     theirs.from_json_parameters(camera_to_record(camera))
     X = points_in_front(camera, rng, count=5)
