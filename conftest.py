@@ -23,7 +23,7 @@ EXTRAS = {  # package -> the first extra that brings it; each is imported by the
 def pytest_make_collect_report(collector: pytest.Collector):
     """Skip the modules that cannot be imported without an extra."""
     report = yield
-    _skip_without_extra(report, report.call.excinfo)
+    _skip_without_extra(report, getattr(report, "call", None))  # none where --lf passes a file over
     return report
 
 
@@ -31,15 +31,15 @@ def pytest_make_collect_report(collector: pytest.Collector):
 def pytest_runtest_makereport(item: pytest.Item, call: pytest.CallInfo):
     """Skip the tests that import a package of an extra when they run."""
     report = yield
-    _skip_without_extra(report, call.excinfo)
+    _skip_without_extra(report, call)
     return report
 
 
-def _skip_without_extra(report: pytest.CollectReport | pytest.TestReport, excinfo: pytest.ExceptionInfo | None) -> None:
+def _skip_without_extra(report: pytest.CollectReport | pytest.TestReport, call: pytest.CallInfo | None) -> None:
     """Turn a report that failed because a package of an extra is missing into a skip with its reason."""
-    if excinfo is None or os.environ.get("FIELDCALIB_ALL_EXTRAS") == "1":
+    if call is None or call.excinfo is None or os.environ.get("FIELDCALIB_ALL_EXTRAS") == "1":
         return
-    error = excinfo.value.__cause__ or excinfo.value  # pytest wraps what the import of a test module raises
+    error = call.excinfo.value.__cause__ or call.excinfo.value  # pytest wraps what the import of a test module raises
     if isinstance(error, ModuleNotFoundError) and error.name in EXTRAS:
         report.outcome = "skipped"
         reason = f"Skipped: needs {error.name}: pip install 'fieldcalib[{EXTRAS[error.name]}]'"
