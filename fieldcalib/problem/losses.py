@@ -44,7 +44,7 @@ class RobustLoss:
                 return C2 * np.log1p(z), 1.0 / (1.0 + z)
             case "soft_l1":
                 root = np.sqrt(1.0 + z)
-                return C2 * 2.0 * z / (1.0 + root), 1.0 / root  # 2 (root - 1) without its cancellation
+                return C2 * 2.0 * (root - 1.0), 1.0 / root
             case "huber":
                 root = np.sqrt(np.maximum(z, 1.0))
                 return C2 * np.where(z <= 1.0, z, 2.0 * root - 1.0), 1.0 / root
