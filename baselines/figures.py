@@ -9,13 +9,6 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
-
-try:
-    import matplotlib
-except ImportError as error:
-    raise ValueError("drawing figures needs matplotlib: pip install 'fieldcalib[figures]'") from error
-matplotlib.use("Agg")
-from matplotlib import pyplot as plt
 from matplotlib.figure import Figure
 
 from baselines.methods import Dataset, Runs
@@ -35,7 +28,8 @@ def draw(folder: Path, datasets: Sequence[Dataset], runs: Mapping[DatasetName, R
 
 def _losses(folder: Path, datasets: Sequence[Dataset], runs: Mapping[DatasetName, Runs]) -> Path:
     """Loss of every frame, sorted, with tau (paper, figure "Segment reprojection loss per sample")."""
-    figure, axes = plt.subplots(1, len(datasets), figsize=(5.5 * len(datasets), 4), squeeze=False, layout="constrained")
+    figure = Figure(figsize=(5.5 * len(datasets), 4), layout="constrained")
+    axes = figure.subplots(1, len(datasets), squeeze=False)
     for axis, dataset in zip(axes[0], datasets, strict=True):
         for (method, segments), run in runs[dataset.name].items():
             if run.losses is not None and method in COLORS:
@@ -52,7 +46,8 @@ def _losses(folder: Path, datasets: Sequence[Dataset], runs: Mapping[DatasetName
 
 def _accuracy_against_completeness(folder: Path, datasets: Sequence[Dataset], runs: Mapping[DatasetName, Runs]) -> Path:
     """AC at each threshold against CR, tau running over the losses (paper, figure "Aggregated results")."""
-    figure, axes = plt.subplots(1, len(datasets), figsize=(5.5 * len(datasets), 4), squeeze=False, layout="constrained")
+    figure = Figure(figsize=(5.5 * len(datasets), 4), layout="constrained")
+    axes = figure.subplots(1, len(datasets), squeeze=False)
     for axis, dataset in zip(axes[0], datasets, strict=True):
         for (method, segments), run in runs[dataset.name].items():
             if run.losses is None or method not in COLORS or segments != "GT":
@@ -76,5 +71,4 @@ def _accuracy_against_completeness(folder: Path, datasets: Sequence[Dataset], ru
 
 def _save(figure: Figure, path: Path) -> Path:
     figure.savefig(path, dpi=150)
-    plt.close(figure)
     return path

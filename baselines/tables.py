@@ -14,6 +14,7 @@ import sys
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
+from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
@@ -90,12 +91,12 @@ def main(arguments: Sequence[str] | None = None) -> int:
     options = parser.parse_args(arguments)
     if options.sncalib is None and options.wc14 is None:
         parser.error("give --sncalib, --wc14 or both: there is nothing to measure otherwise")
+    if options.figures is not None and find_spec("matplotlib") is None:
+        parser.error("drawing figures needs matplotlib: pip install 'fieldcalib[figures]'")
     return run_command(options)
 
 
 def _run(options: argparse.Namespace) -> int:
-    if options.figures is not None:
-        from baselines import figures  # needs the extra `figures`: say so before hours of work, not after
     field = soccer()
     datasets: list[Dataset] = []
     if options.sncalib is not None:
@@ -117,6 +118,8 @@ def _run(options: argparse.Namespace) -> int:
     else:
         print(as_text(statistics, rows, options.steps, markdown=options.markdown))
     if options.figures is not None:
+        from baselines import figures  # imports matplotlib
+
         for path in figures.draw(options.figures, datasets, runs):
             print(f"fieldcalib: {path}", file=sys.stderr)
     return 0

@@ -1,4 +1,4 @@
-"""Speed and memory of all that runs frame by frame: `pytest tests/bench_speed.py`. Not in the default run.
+"""Speed and memory of all that runs frame by frame: `pytest tests/bench_speed.py -n0`. Not in the default run.
 
 Frames are synthetic, or SoccerNet's annotations where they lie beside the checkout.
 """
@@ -22,6 +22,12 @@ from fieldcalib.localize import ridge_points
 from fieldcalib.metrics import evaluate_segments
 
 FIELD, SIZE = soccer(), (960, 540)
+
+
+@pytest.fixture(autouse=True)
+def _one_process(request):
+    if hasattr(request.config, "workerinput"):
+        pytest.fail("pytest-xdist runs tests side by side, which is no measurement of speed: add -n0")
 
 
 @pytest.fixture(scope="module")

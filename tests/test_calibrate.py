@@ -46,6 +46,7 @@ def relative_error(camera, truth):
     )
 
 
+@pytest.mark.slow
 def test_frames_without_noise_give_back_their_cameras():
     """Five or more segments, from every distribution, no prior in the final solve: 99 % to 1e-6."""
     frames, thetas = frames_of_broadcasts(100, seed=11)
@@ -56,6 +57,7 @@ def test_frames_without_noise_give_back_their_cameras():
     assert np.mean(np.array(errors) < 1e-6) >= 0.99, sorted(errors)[-3:]
 
 
+@pytest.mark.slow
 def test_a_batch_of_them_too():
     frames, thetas = frames_of_broadcasts(600, seed=12)
     found = calibrate_batch(FIELD, frames, SIZE, prior=None)
@@ -269,6 +271,7 @@ def test_tau_rejects_and_still_gives_the_camera():
     assert low.camera == high.camera == found.camera
 
 
+@pytest.mark.slow
 def test_pixels_of_no_camera_are_never_accepted():
     rng = np.random.default_rng(3)
     frames = [{label: rng.uniform((0, 0), SIZE, size=(3, 2)) for label in FRAME} for _ in range(20)]

@@ -4,14 +4,12 @@ import json
 
 import numpy as np
 import pytest
+import torch
 
-torch = pytest.importorskip("torch", reason="needs torch, the extra `train`")
-pytest.importorskip("onnx", reason="needs onnx, the extra `train`")
-
-from data_tools import deeplab  # noqa: E402
-from data_tools.export_onnx import SOCCERNET_CLASSES, main, network_of  # noqa: E402
-from fieldcalib.fields.soccer import soccer  # noqa: E402
-from fieldcalib.localize import SegmentationNetwork, localize, ridge_points, skeleton_points  # noqa: E402
+from data_tools import deeplab
+from data_tools.export_onnx import SOCCERNET_CLASSES, main, network_of
+from fieldcalib.fields.soccer import soccer
+from fieldcalib.localize import SegmentationNetwork, localize, ridge_points, skeleton_points
 
 
 @pytest.fixture

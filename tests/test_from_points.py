@@ -126,6 +126,7 @@ def test_gross_errors_are_named_and_do_no_harm(prior):
     assert far == accused == {i for i in wrong if np.linalg.norm(moved[i] - xy[i]) > 20.0}
 
 
+@pytest.mark.slow
 def test_gross_errors_under_the_prior_call_for_the_dlt():
     """Among many frames with a fifth of the points anywhere, the stands alone leave twice as many cameras wrong."""
     rng, wrong, names = np.random.default_rng(0), 0, ("main center", "behind left goal", "opposite tribune")

@@ -275,7 +275,8 @@ def test_description_errors(change, complaint):
 
 def write_network(folder, *, outputs=3, batch="N", size=(64, 36), kind=None):
     """A network that tells colours apart at half its input's size: the second class is red, the third one blue."""
-    onnx = pytest.importorskip("onnx")
+    import onnx
+
     helper, real = onnx.helper, onnx.TensorProto.FLOAT
     weight = np.zeros((outputs, 3, 1, 1), np.float32)
     bias = np.zeros(outputs, np.float32)
@@ -337,6 +338,33 @@ def test_channels_are_the_networks(tmp_path):
 def test_images_are_checked(tmp_path):
     with pytest.raises(ValueError, match="image must be uint8, got float64"):
         SegmentationNetwork.load(write_network(tmp_path))([np.zeros((36, 64, 3))])
+
+
+def move_weight(path, location):
+    """Let a network read its weight from a file beside it, or elsewhere."""
+    import onnx
+
+    model = onnx.load(path)
+    (weight,) = (w for w in model.graph.initializer if w.name == "weight")
+    (path.parent / location).write_bytes(weight.raw_data)
+    onnx.external_data_helper.set_external_data(weight, location)
+    weight.ClearField("raw_data")
+    path.write_bytes(model.SerializeToString())
+
+
+@pytest.mark.parametrize("location", ["../weight.bin", "link.bin"])
+def test_a_network_reads_nothing_outside_its_folder(tmp_path, location):
+    """A vulnerability of onnxruntime before 1.24."""
+    folder = tmp_path / "model"
+    folder.mkdir()
+    path = write_network(folder)
+    move_weight(path, "weight.bin")
+    assert SegmentationNetwork.load(path).classes == tuple(DESCRIPTION["classes"])
+    (tmp_path / "weight.bin").write_bytes((folder / "weight.bin").read_bytes())
+    (folder / "link.bin").symlink_to(tmp_path / "weight.bin")
+    move_weight(path, location)
+    with pytest.raises(BrokenFileError, match="onnxruntime cannot load it"):
+        SegmentationNetwork.load(path)
 
 
 def test_an_output_without_a_map_for_each_class(tmp_path):

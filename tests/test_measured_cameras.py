@@ -35,6 +35,7 @@ def test_cameras_are_read_in_our_world(folder):
     np.testing.assert_allclose(camera.angles, broadcast_camera(-0.4, 3400.0).angles, atol=1e-9)
 
 
+@pytest.mark.slow
 def test_a_lens_is_found_and_its_regions_hold(folder, capsys):
     assert measured_cameras.main([str(folder), "--repeats", "10"]) == 0
     rows = {row["model"]: row for row in map(json.loads, capsys.readouterr().out.splitlines())}

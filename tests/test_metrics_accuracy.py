@@ -29,7 +29,6 @@ from fieldcalib.metrics.polylines import sample_segments
 SIZE = (960, 540)
 FIELD = soccer()
 MARKINGS = whole_circle_markings(FIELD)
-REASON = "needs SoccerNet's evaluation, the referee: pip install 'fieldcalib[soccernet]'"
 # Of distances, px. SoccerNet keeps distorted points in single precision; since NumPy 2 all that follows is single too,
 # and so it is here. With NumPy 1 its pixels are double: they differ by a rounding, 3e-5 px, and by more off the image.
 PIXELS = 1e-6 if int(np.__version__.split(".")[0]) >= 2 else 1e-2
@@ -53,7 +52,8 @@ def remembered(distance):
 
 def referee(record, annotation, planar=False):
     """SoccerNet's verdict on a frame at each threshold: AC, TP FP FN, the same in points and distances by label."""
-    soccernet = pytest.importorskip("SoccerNet.Evaluation.utils_calibration", reason=REASON)
+    from SoccerNet.Evaluation import utils_calibration as soccernet
+
     verdicts = []
     once = mock.patch.object(soccernet, "distance_to_polyline", remembered(soccernet.distance_to_polyline))
     with np.errstate(all="ignore"), once:
@@ -261,7 +261,8 @@ def test_planar_equals_soccernets_evaluation_without_goals_on_real_frames(real):
 
 def test_equals_what_soccernets_evaluation_reports(synthetic, tmp_path):
     """Means over the frames and the table of classes, of its own program on zips."""
-    program = pytest.importorskip("SoccerNet.Evaluation.CameraCalibration", reason=REASON)
+    from SoccerNet.Evaluation import CameraCalibration as program
+
     records, annotations = (values[:8] for values in synthetic)
     rng = np.random.default_rng(0)
     kinds = ("good", "slightly off", "inside the field", "looking away")

@@ -44,6 +44,7 @@ def test_what_is_open_is_certainly_wrong_and_nothing_in_view_has_no_probability(
     assert np.isnan(probability_right(PROBABILITY, np.array([1.0, np.nan, 0.0, 3.0, 0.0]), 1.0))
 
 
+@pytest.mark.slow
 def test_the_expected_error_is_about_the_true_one():
     (camera,) = pan_over_field(1)
     expected, true = [], []
@@ -55,6 +56,7 @@ def test_the_expected_error_is_about_the_true_one():
     assert 0.5 < np.sqrt(np.mean(np.square(true)) / np.mean(np.square(expected))) < 2.0
 
 
+@pytest.mark.slow
 def test_it_keeps_its_word_on_frames_that_it_was_not_fitted_to(random_calibrations):
     found, errors = random_calibrations
     for metres in (0.5, 1.0):
@@ -67,6 +69,7 @@ def test_it_keeps_its_word_on_frames_that_it_was_not_fitted_to(random_calibratio
         assert right[sure].mean() > 0.85
 
 
+@pytest.mark.slow
 def test_nonsense_is_not_believed():
     rng = np.random.default_rng(5)
     frames, _ = frames_of_broadcasts(25, seed=4)

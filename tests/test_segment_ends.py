@@ -90,6 +90,7 @@ def test_exact_pixels_leave_the_camera_alone():
         assert np.max(np.abs(residuals)) < 1e-6
 
 
+@pytest.mark.slow
 def test_noisy_cameras_get_better(monkeypatch):
     frames, thetas = frames_of_broadcasts(80, seed=1, noise=3.0, names=("main center",))
 

@@ -5,17 +5,14 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import torch
 
 from data_tools.labelled import clip_of, labelled_frames
+from data_tools.network import MarkingsNet
 from data_tools.synthetic import CLASSES, SIZE, frame
 from data_tools.synthetic.cache import write_cache
-
-torch = pytest.importorskip("torch", reason="needs torch, the extra `train`")
-pytest.importorskip("onnx", reason="needs onnx, the extra `train`")
-
-from data_tools.network import MarkingsNet  # noqa: E402
-from data_tools.train import Training, intersection_over_union, learning_rate, main  # noqa: E402
-from data_tools.training_data import Batches, mirrored, normalised, stacked, whole, window  # noqa: E402
+from data_tools.train import Training, intersection_over_union, learning_rate, main
+from data_tools.training_data import Batches, mirrored, normalised, stacked, whole, window
 
 STEPS = 4
 SMALL = (160, 96)

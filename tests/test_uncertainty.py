@@ -226,6 +226,7 @@ def test_few_equations_lean_on_the_noise_of_other_frames():
     assert many.sigma < 0.5
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("lens", [False, True], ids=["pinhole", "k1"])
 @pytest.mark.parametrize("noise", [1.0, 2.0])
 def test_regions_hold_the_truth(noise, lens):

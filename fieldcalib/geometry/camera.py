@@ -135,7 +135,8 @@ class Camera:
         """OpenCV's (rvec (3, 1), tvec (3, 1), K (3, 3), `dist`), as `cv2.projectPoints` takes them."""
         from scipy.spatial.transform import Rotation  # a slow import; cv2.Rodrigues loses digits near half a turn
 
-        rvec = Rotation.from_matrix(self.R).as_rotvec().reshape(3, 1)
+        R = self.R.copy()  # SciPy before 1.15 takes no read-only array
+        rvec = Rotation.from_matrix(R).as_rotvec().reshape(3, 1)
         tvec = -(self.R @ self.C).reshape(3, 1)
         return rvec, tvec, self.K.copy(), self.dist.copy()
 

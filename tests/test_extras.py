@@ -1,0 +1,55 @@
+"""What lies in `conftest.py`: without an extra its tests are skipped, and any other failing import is an error."""
+
+from pathlib import Path
+
+import pytest
+
+pytest_plugins = "pytester"
+
+ROOT = Path(__file__).parents[1]
+
+
+@pytest.fixture
+def run(pytester):
+    """Runs pytest with this project's settings on modules given by their text; returns the counts of outcomes."""
+    for name in ("conftest.py", "pyproject.toml"):
+        (pytester.path / name).write_text((ROOT / name).read_text(encoding="utf-8"), encoding="utf-8")
+
+    def outcomes(**modules):
+        pytester.makepyfile(**modules)
+        result = pytester.runpytest_inprocess("-n0", pytester.path)
+        return result.parseoutcomes(), result.stdout.str()
+
+    return outcomes
+
+
+def absent(package):
+    """A module that imports a package where it is not installed."""
+    return f"raise ModuleNotFoundError(name={package!r})"
+
+
+def inside(test):
+    return f"def test_it():\n    {test}"
+
+
+def test_modules_and_tests_that_need_an_extra_are_skipped_with_the_reason(run):
+    counts, text = run(learner=absent("torch"), test_learner="import learner", test_referee=inside(absent("SoccerNet")))
+    assert counts == {"skipped": 4}, text  # a test module is asked for its doctests too
+    assert "learner.py: needs torch: pip install 'fieldcalib[train]'" in text
+    assert "test_referee.py: needs SoccerNet: pip install 'fieldcalib[soccernet]'" in text
+
+
+@pytest.mark.parametrize("package", ["fieldcalib.nowhere", "torch.nowhere", "pandas_of_nobody"])
+def test_what_no_extra_brings_is_an_error(run, package):
+    counts, text = run(broken=absent(package), test_broken=inside(absent(package)))
+    assert counts == {"errors": 1}, text
+    counts, text = run(broken="", test_broken=inside(absent(package)))
+    assert counts == {"failed": 1}, text
+
+
+def test_nothing_is_skipped_where_every_extra_is_said_to_be_there(run, monkeypatch):
+    monkeypatch.setenv("FIELDCALIB_ALL_EXTRAS", "1")
+    counts, text = run(learner=absent("torch"))
+    assert counts == {"errors": 1}, text
+    counts, text = run(learner="", test_referee=inside(absent("SoccerNet")))
+    assert counts == {"failed": 1}, text
