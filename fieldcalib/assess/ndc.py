@@ -19,13 +19,14 @@ import numpy as np
 
 from fieldcalib._types import Array, BoolArray
 from fieldcalib.fields.segments import Arc, Line, ObjectSegments, PointCloud, Segment
-from fieldcalib.problem.labelled_pixels import Pixels, split_centre_circle
+from fieldcalib.problem.labelled_pixels import Pixels, padded_chunks, split_centre_circle
 from fieldcalib.problem.observations import Rows, pack
 from fieldcalib.problem.parameters import PAN
 from fieldcalib.problem.residuals import View
 
 NdcLoss: TypeAlias = Literal["tvcalib", "eq3"]
 CLOUD_SAMPLES = 128
+CHUNK_PIXELS = 8192  # of the frames of an array, padding included: with the samples of their circles they take 70 MB
 
 
 def ndc_loss(
@@ -67,6 +68,16 @@ def ndc_loss(
     """
     if kind not in get_args(NdcLoss):
         raise ValueError(f"kind must be one of {', '.join(get_args(NdcLoss))}, got {kind!r}")
+    losses = np.zeros(len(frames))
+    for chunk in padded_chunks([sum(map(len, frame.values())) for frame in frames], CHUNK_PIXELS):
+        losses[chunk] = _ndc_loss(theta[chunk], object_segments, [frames[t] for t in chunk], image_size, kind)
+    return losses
+
+
+def _ndc_loss(
+    theta: Array, object_segments: ObjectSegments, frames: list[Pixels], image_size: tuple[int, int], kind: NdcLoss
+) -> Array:
+    """`ndc_loss` of frames whose padded arrays fit into memory together."""
     split = [_halves(frame, image_size, pan) for frame, pan in zip(frames, theta[:, PAN], strict=True)]
     seen = {label: object_segments[label] for frame in split for label in frame}
     samples = {label: s if isinstance(s, Line) else cloud(s) for label, s in seen.items()}
