@@ -22,10 +22,11 @@ from fieldcalib.assess.result import Calibration, Status
 from fieldcalib.calibrate.decomposition import camera_from_homography
 from fieldcalib.calibrate.from_homography import judged_camera, judged_decomposition
 from fieldcalib.cli.arguments import add_field_size, add_input_and_output, positive
-from fieldcalib.cli.folder import broken_line, calibrate_folder, calibration_line, write_folder
+from fieldcalib.cli.folder import broken_line, calibrate_folder, calibration_line, name_skipped, result_folder
 from fieldcalib.cli.main import run_command
 from fieldcalib.fields.soccer import soccer
-from fieldcalib.io.wc14 import AlignmentName, find_homographies, parse_homography
+from fieldcalib.io.formats import HOMOGRAPHIES
+from fieldcalib.io.wc14 import AlignmentName
 from fieldcalib.problem.labelled_pixels import Pixels
 
 
@@ -113,29 +114,30 @@ def _run(options: argparse.Namespace) -> int:
 
 def _decompose_files(options: argparse.Namespace) -> int:
     began = time.perf_counter()
-    files = find_homographies(options.input)
+    files = HOMOGRAPHIES.find(options.input)
+    name_skipped(options.input, files)
     homographies: dict[str, Array] = {}
     broken: dict[str, str] = {}
     for file in files:
         try:
-            homographies[file.id] = parse_homography(file.read(), options.alignment, image_size=options.size)
+            content = file.read(options.most_bytes)
+            homographies[file.id] = HOMOGRAPHIES.read(content, options.alignment, image_size=options.size)
         except ValueError as error:
             print(f"fieldcalib: {file.path}: {error}", file=sys.stderr)
             broken[file.id] = str(error)
             if options.strict:
                 return 1
-    decomposing = time.perf_counter()
-    members = list(homographies.values())
-    found = calibrate(members, options.size, zeta=options.zeta, tolerance=options.tolerance)
-    seconds = {"calibration": time.perf_counter() - decomposing, "total": time.perf_counter() - began}
-    calibrations = dict(zip(homographies, found, strict=True))
-    lines = [
-        broken_line(file.id, broken[file.id])
-        if file.id in broken
-        else calibration_line(file.id, calibrations[file.id], None)
-        for file in files
-    ]
-    write_folder(options.out, lines, calibrations, seconds, options)
+    with result_folder(options, began) as results:
+        decomposing = time.perf_counter()
+        members = list(homographies.values())
+        found = calibrate(members, options.size, zeta=options.zeta, tolerance=options.tolerance)
+        results.calibrating = time.perf_counter() - decomposing
+        calibrations = dict(zip(homographies, found, strict=True))
+        for file in files:
+            if file.id in broken:
+                results.add(broken_line(file.id, broken[file.id]), None)
+            else:
+                results.add(calibration_line(file.id, calibrations[file.id], None), calibrations[file.id])
     return 1 if broken else 0
 
 

@@ -22,8 +22,9 @@ from fieldcalib.calibrate.options import PINHOLE_FLAGS
 from fieldcalib.cli.predictions import read_files, read_ground_truth
 from fieldcalib.fields.field import Field
 from fieldcalib.fields.soccer import soccer
-from fieldcalib.io.soccernet import CAMERA_TYPES, UNKNOWN_LABELS, find_annotations, parse_annotation, read_camera_types
-from fieldcalib.io.wc14 import AlignmentName, find_homographies, parse_homography
+from fieldcalib.io.formats import ANNOTATIONS, HOMOGRAPHIES
+from fieldcalib.io.soccernet import CAMERA_TYPES, UNKNOWN_LABELS, read_camera_types
+from fieldcalib.io.wc14 import AlignmentName
 from fieldcalib.metrics import Prediction
 from fieldcalib.problem.labelled_pixels import Pixels, check_segments
 
@@ -95,14 +96,14 @@ def read_dataset(
         homographies[ANNOTATED] = [truth.homographies.get(id) for id in ids]
     for method, folder in (others or {}).items():
         alignment: AlignmentName = "chen" if method == CHEN else "jiang"
-        parse = partial(parse_homography, alignment=alignment, image_size=size)
-        found = read_files(find_homographies([folder]), parse, broken)
+        parse = partial(HOMOGRAPHIES.read, alignment=alignment, image_size=size)
+        found = read_files(HOMOGRAPHIES.find([folder]), parse, broken)
         homographies[method] = [found.get(id) for id in ids]
     segments = None
     if predicted is not None:
-        files = find_annotations([predicted])
+        files = ANNOTATIONS.find([predicted])
         parsed = read_files(
-            files, lambda content: check_segments(soccer(), parse_annotation(content, size), size), broken
+            files, lambda content: check_segments(soccer(), ANNOTATIONS.read(content, size), size), broken
         )
         segments = {id: parsed.get(id, {}) for id in ids}
     if broken:

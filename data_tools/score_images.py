@@ -45,8 +45,9 @@ from fieldcalib.cli.main import run_command
 from fieldcalib.fields.soccer import soccer
 from fieldcalib.images.from_images import calibrate_from_images
 from fieldcalib.io.image import Image
-from fieldcalib.io.images import VideoReader, parse_image
+from fieldcalib.io.images import parse_image
 from fieldcalib.io.soccernet import parse_annotation
+from fieldcalib.io.videos import VideoReader
 from fieldcalib.io.wc14 import parse_homography
 from fieldcalib.metrics import evaluate_segments, iou_part
 from fieldcalib.problem.layout import CENTER, LOG_F

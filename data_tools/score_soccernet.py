@@ -19,7 +19,8 @@ from pathlib import Path
 import numpy as np
 
 from fieldcalib.cli.arguments import image_size
-from fieldcalib.io.soccernet import BrokenFileError, find_annotations
+from fieldcalib.io.files import BrokenFileError
+from fieldcalib.io.formats import ANNOTATIONS
 
 THRESHOLDS = (5, 10, 20)  # px
 
@@ -53,7 +54,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     if not options.cameras.is_dir():
         parser.error(f"{options.cameras} is no folder of cameras")
     try:
-        files = [(file.id, file.read()) for file in find_annotations([options.annotations])]
+        files = [(file.id, file.read()) for file in ANNOTATIONS.find([options.annotations])]
     except (FileNotFoundError, BrokenFileError) as error:
         parser.error(str(error))
     with ProcessPoolExecutor() as pool:

@@ -9,8 +9,9 @@ from synthetic import frames_of_broadcasts
 
 from baselines import dlt_lines, hdecomp, tvcalib
 from fieldcalib.cli.main import main as fieldcalib_main
+from fieldcalib.io.formats import HOMOGRAPHIES
 from fieldcalib.io.soccernet import camera_from_record, format_annotation, format_camera_types
-from fieldcalib.io.wc14 import find_homographies, format_homography, parse_homography
+from fieldcalib.io.wc14 import format_homography, parse_homography
 
 SIZE = (960, 540)
 NAMES = ("a", "b", "c")
@@ -83,7 +84,7 @@ def test_noise_free_lines_give_the_camera(name, truth, folder, tmp_path):
 def test_homographies_are_written_in_wc14s_format_and_read_back(truth, folder, tmp_path):
     matrices, cameras = tmp_path / "matrices", tmp_path / "cameras"
     assert run(dlt_lines.main, folder, "--size", "960x540", "--out", matrices) == 0
-    files = {file.id: file for file in find_homographies([matrices])}
+    files = {file.id: file for file in HOMOGRAPHIES.find([matrices])}
     assert set(files) == set(truth)
     X = np.array([[0.0, 0.0], [10.0, -30.0], [-20.0, 5.0]])
     for id, (_, camera) in truth.items():

@@ -3,6 +3,7 @@
 import json
 import re
 import zipfile
+from dataclasses import replace
 
 import cv2
 import numpy as np
@@ -18,8 +19,10 @@ from fieldcalib.draw.overlays import draw_calibration
 from fieldcalib.draw.scene import render_field
 from fieldcalib.images.from_images import calibrate_from_images
 from fieldcalib.io.files import BrokenFileError
-from fieldcalib.io.images import VideoReader, VideoWriter, find_images, parse_image
+from fieldcalib.io.formats import IMAGES, VIDEOS
+from fieldcalib.io.images import parse_image
 from fieldcalib.io.soccernet import camera_from_record
+from fieldcalib.io.videos import VideoReader, VideoWriter
 
 SIZE = (960, 540)
 TRUTHS = [camera(pan, 78, 1400, (0, 68, -17), k=(0.06, 0.0)) for pan in (24, -22)]
@@ -185,7 +188,7 @@ def test_what_is_no_image(content):
 
 def test_upper_case_names_are_found(tmp_path):
     (tmp_path / "1.JPG").write_bytes(b"")
-    assert [file.id for file in find_images([tmp_path])] == ["1"]
+    assert [file.id for file in IMAGES.find([tmp_path])] == ["1"]
 
 
 # --- videos ---
@@ -242,7 +245,7 @@ def test_only_a_few_images_are_in_memory(know, tmp_path, monkeypatch):
             seen.extend(images)
             return network(images)
 
-    monkeypatch.setattr(frames_of_commands, "VideoReader", Watched)
+    monkeypatch.setattr(frames_of_commands, "VIDEOS", replace(VIDEOS, read=Watched))
     monkeypatch.setattr("fieldcalib.cli.run.load_network", lambda options: Watching())
     assert run("run", tmp_path / "long.mp4", "--out", tmp_path / "out") == 0
     assert ahead == [AT_ONCE] * 3 + [1]

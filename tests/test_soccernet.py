@@ -14,14 +14,13 @@ from test_rational import rational_cameras
 from fieldcalib.fields.soccer import soccer
 from fieldcalib.fields.stands import DISTRIBUTIONS
 from fieldcalib.geometry.camera import Camera
+from fieldcalib.io.formats import ANNOTATIONS, CAMERAS
 from fieldcalib.io.soccernet import (
     DISTRIBUTIONS_OF_TYPE,
     BrokenFileError,
     camera_from_record,
     camera_to_record,
     camera_types,
-    find_annotations,
-    find_cameras,
     format_annotation,
     format_camera_types,
     parse_annotation,
@@ -178,13 +177,13 @@ def make_zip(path, *names):
 
 
 def ids(*inputs):
-    return [file.id for file in find_annotations(inputs)]
+    return [file.id for file in ANNOTATIONS.find(inputs)]
 
 
 def test_a_folder_in_the_order_of_names(tmp_path):
     folder = fill(tmp_path, "00010.json", "00002.json", "b.json", "00001.json")
     assert ids(folder) == ["00001", "00002", "00010", "b"]
-    assert all(file.read() == CONTENT.encode() for file in find_annotations([folder]))
+    assert all(file.read() == CONTENT.encode() for file in ANNOTATIONS.find([folder]))
 
 
 def test_what_else_lies_in_a_folder_is_no_frame(tmp_path):
@@ -198,7 +197,7 @@ def test_what_else_lies_in_a_folder_is_no_frame(tmp_path):
 def test_a_zip_with_a_folder_in_it(tmp_path, name):
     members = [f"test/{other}" for other in ("00002.json", "00001.json", "00001.jpg", ".00003.json", *OTHERS)]
     path = make_zip(tmp_path / name, "test/", *members, "__MACOSX/test/._00001.json", "__MACOSX/test/00001.json")
-    files = find_annotations([path])
+    files = ANNOTATIONS.find([path])
     assert [file.id for file in files] == ["00001", "00002"]
     assert str(files[0].path) == f"{path}/test/00001.json"
     assert files[0].read() == CONTENT.encode()
@@ -217,28 +216,28 @@ def test_inputs_in_their_order(tmp_path):
 
 def test_an_input_that_does_not_exist(tmp_path):
     with pytest.raises(FileNotFoundError, match=r"missing does not exist: expected a folder, a zip or a \.json file"):
-        find_annotations([fill(tmp_path, "1.json"), tmp_path / "missing"])
+        ANNOTATIONS.find([fill(tmp_path, "1.json"), tmp_path / "missing"])
 
 
 def test_inputs_without_annotation(tmp_path):
     for path in (fill(tmp_path / "folder", *OTHERS), make_zip(tmp_path / "a.zip", "readme.txt", *OTHERS)):
         with pytest.raises(FileNotFoundError, match=f"{path.name} holds no annotation: expected files named <id>"):
-            find_annotations([path])
+            ANNOTATIONS.find([path])
 
 
 def test_two_files_of_one_frame(tmp_path):
     folder, archive = fill(tmp_path / "folder", "1.json"), make_zip(tmp_path / "a.zip", "test/1.json")
     with pytest.raises(BrokenFileError, match=r"a\.zip/test/1\.json and .*1\.json are the same frame 1: rename one"):
-        find_annotations([folder, archive])
+        ANNOTATIONS.find([folder, archive])
     with pytest.raises(BrokenFileError, match="are the same frame 1"):
-        find_annotations([folder, folder / "1.json"])
+        ANNOTATIONS.find([folder, folder / "1.json"])
 
 
 @pytest.mark.parametrize("content", [b"", b"PK\x03\x04", b"no zip at all"])
 def test_a_zip_that_is_none(tmp_path, content):
     (tmp_path / "a.zip").write_bytes(content)
     with pytest.raises(BrokenFileError, match=r"a\.zip: .*zip"):
-        find_annotations([tmp_path / "a.zip"])
+        ANNOTATIONS.find([tmp_path / "a.zip"])
 
 
 def test_a_zip_whose_content_is_damaged(tmp_path):
@@ -247,7 +246,7 @@ def test_a_zip_whose_content_is_damaged(tmp_path):
     name = content.index(b"1.json")
     content[name + 6 : name + 20] = bytes(14)  # the deflated data behind the name
     path.write_bytes(content)
-    damaged, whole = find_annotations([path])
+    damaged, whole = ANNOTATIONS.find([path])
     with pytest.raises(BrokenFileError, match="cannot be read: "):
         damaged.read()
     assert whole.read() == CONTENT.encode()
@@ -259,7 +258,7 @@ def test_an_encrypted_zip(tmp_path):
     content[6] |= 1  # the flags of the local and of the central header
     content[content.index(b"PK\x01\x02") + 8] |= 1
     path.write_bytes(content)
-    (file,) = find_annotations([path])
+    (file,) = ANNOTATIONS.find([path])
     with pytest.raises(BrokenFileError, match=r"cannot be read: .*encrypted"):
         file.read()
 
@@ -267,7 +266,7 @@ def test_an_encrypted_zip(tmp_path):
 def test_a_file_that_vanished_and_a_folder_that_looks_like_a_file(tmp_path):
     fill(tmp_path, "1.json")
     fill(tmp_path / "2.json")
-    files = find_annotations([tmp_path])
+    files = ANNOTATIONS.find([tmp_path])
     (tmp_path / "1.json").unlink()
     for file in files:
         with pytest.raises(BrokenFileError, match="cannot be read: "):
@@ -278,17 +277,17 @@ def test_cameras_of_folders_and_zips(tmp_path):
     names = ("camera_00002.json", "camera_00001.json", "camera_left.json", "00001.json", ".camera_3.json", "a.json")
     folder, archive = fill(tmp_path / "folder", *names), make_zip(tmp_path / "a.zip", *(f"out/{n}" for n in names))
     for path in (folder, archive):
-        assert [file.id for file in find_cameras(path)] == ["00001", "00002", "left"]
-        assert find_cameras(path)[0].read() == CONTENT.encode()
-    assert [file.id for file in find_cameras(folder / "camera_00002.json")] == ["00002"]
+        assert [file.id for file in CAMERAS.find([path])] == ["00001", "00002", "left"]
+        assert CAMERAS.find([path])[0].read() == CONTENT.encode()
+    assert [file.id for file in CAMERAS.find([folder / "camera_00002.json"])] == ["00002"]
 
 
 def test_paths_without_cameras(tmp_path):
     folder = fill(tmp_path / "folder", "00001.json")
     with pytest.raises(FileNotFoundError, match=r"folder holds no camera: expected files named camera_<id>\.json"):
-        find_cameras(folder)
+        CAMERAS.find([folder])
     with pytest.raises(FileNotFoundError, match=r"missing does not exist: expected a folder, a zip or a \.json file"):
-        find_cameras(tmp_path / "missing")
+        CAMERAS.find([tmp_path / "missing"])
 
 
 # --- cameras ---

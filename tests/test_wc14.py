@@ -12,8 +12,9 @@ from fieldcalib.fields.soccer import soccer
 from fieldcalib.geometry.homography import ALIGNMENTS
 from fieldcalib.geometry.projective import dehomogenize, homogenize
 from fieldcalib.io.files import BrokenFileError
+from fieldcalib.io.formats import HOMOGRAPHIES
 from fieldcalib.io.soccernet import parse_annotation
-from fieldcalib.io.wc14 import find_homographies, format_homography, parse_homography
+from fieldcalib.io.wc14 import format_homography, parse_homography
 
 SIZE = (1280, 720)
 any_alignment = pytest.mark.parametrize("alignment", ALIGNMENTS)
@@ -84,14 +85,14 @@ def test_files_of_folders_and_zips(tmp_path):
         for name in names:
             archive.write(tmp_path / name, f"raw/test/{name}")
     for path in (tmp_path, tmp_path / "test.zip"):
-        files = find_homographies([path])
+        files = HOMOGRAPHIES.find([path])
         assert [file.id for file in files] == ["10", "2"]
         assert parse_homography(files[0].read()).shape == (3, 3)
 
 
 def test_a_folder_without_homographies(tmp_path):
     with pytest.raises(FileNotFoundError, match=r"holds no homography: expected files named <id>\.homographyMatrix"):
-        find_homographies([tmp_path])
+        HOMOGRAPHIES.find([tmp_path])
 
 
 def test_a_frame_in_two_inputs(tmp_path):
@@ -99,7 +100,7 @@ def test_a_frame_in_two_inputs(tmp_path):
         (tmp_path / folder).mkdir()
         (tmp_path / folder / "7.homographyMatrix").write_text("1 0 0\n0 1 0\n0 0 1")
     with pytest.raises(BrokenFileError, match="are the same frame 7: rename one of them"):
-        find_homographies([tmp_path / "one", tmp_path / "two"])
+        HOMOGRAPHIES.find([tmp_path / "one", tmp_path / "two"])
 
 
 # --- the data set ---
@@ -107,7 +108,7 @@ def test_a_frame_in_two_inputs(tmp_path):
 
 def test_every_file_of_the_data_set_is_read(shared_data):
     for folder, count in (("wc14-test", 93), ("wc14-train", 209)):
-        files = find_homographies([shared_data / folder])
+        files = HOMOGRAPHIES.find([shared_data / folder])
         assert len(files) == count
         for file in files:
             assert np.all(np.isfinite(parse_homography(file.read())))
@@ -116,7 +117,7 @@ def test_every_file_of_the_data_set_is_read(shared_data):
 def test_annotated_lines_lie_on_the_projected_field(shared_data):
     field = soccer(*ALIGNMENTS["wc14"].template)
     distances = []
-    for file in find_homographies([shared_data / "wc14-test"]):
+    for file in HOMOGRAPHIES.find([shared_data / "wc14-test"]):
         H = parse_homography(file.read())
         annotation = (shared_data / "wc14-test" / f"{file.id}.json").read_bytes()
         for label, xy in parse_annotation(annotation, SIZE).items():
@@ -131,7 +132,7 @@ def test_annotated_lines_lie_on_the_projected_field(shared_data):
 
 def test_annotated_circles_lie_around_the_projected_centre_mark(shared_data):
     ratios = []
-    for file in find_homographies([shared_data / "wc14-test"]):
+    for file in HOMOGRAPHIES.find([shared_data / "wc14-test"]):
         H = parse_homography(file.read())
         annotation = (shared_data / "wc14-test" / f"{file.id}.json").read_bytes()
         circle = parse_annotation(annotation, SIZE).get("Circle central")

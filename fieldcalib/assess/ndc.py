@@ -22,13 +22,14 @@ from fieldcalib._types import Array, BoolArray
 from fieldcalib.fields.field import Field
 from fieldcalib.fields.segments import Arc, Line, ObjectSegments, PointCloud, Segment
 from fieldcalib.geometry.camera import Camera
-from fieldcalib.problem.labelled_pixels import Pixels, split_circles
+from fieldcalib.problem.labelled_pixels import Pixels, padded_chunks, split_circles
 from fieldcalib.problem.layout import PAN, Layout
 from fieldcalib.problem.observations import Rows, pack
 from fieldcalib.problem.projection import Projection
 
 NdcLoss: TypeAlias = Literal["tvcalib", "eq3"]
 CLOUD_SAMPLES = 128
+CHUNK_PIXELS = 8192  # of the frames of an array, padding included: with the samples of their circles they take 70 MB
 
 
 def ndc_loss(
@@ -66,11 +67,19 @@ def ndc_loss(
     """
     if kind not in get_args(NdcLoss):
         raise ValueError(f"kind must be one of {', '.join(get_args(NdcLoss))}, got {kind!r}")
-    if not frames:
-        return np.zeros(0)
+    losses = np.zeros(len(frames))
+    for chunk in padded_chunks([sum(map(len, frame.values())) for frame in frames], CHUNK_PIXELS):
+        some = [cameras[t] for t in chunk], [frames[t] for t in chunk]
+        losses[chunk] = _ndc_loss(*some, object_segments, kind)
+    return losses
+
+
+def _ndc_loss(
+    cameras: Sequence[Camera], frames: Sequence[Pixels], object_segments: ObjectSegments, kind: NdcLoss
+) -> Array:
+    """`ndc_loss` of frames whose padded arrays fit into memory together."""
     image_size = cameras[0].image_size
-    lens = max((camera.lens for camera in cameras), key=lambda lens: len(lens.names))
-    layout = Layout.of(image_size, lens)
+    layout = Layout.of(image_size, max((camera.lens for camera in cameras), key=lambda lens: len(lens.names)))
     theta = np.array([layout.theta(camera) for camera in cameras])
     split = [_halves(object_segments, frame, image_size, pan) for frame, pan in zip(frames, theta[:, PAN], strict=True)]
     seen = {label: object_segments[label] for frame in split for label in frame}

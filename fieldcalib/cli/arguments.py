@@ -7,6 +7,7 @@ import numpy as np
 
 from fieldcalib.calibrate.options import ALL, DEFAULT_FLAGS, CalibrationFlags, Prior
 from fieldcalib.fields.stands import DISTRIBUTIONS
+from fieldcalib.io.files import MOST_BYTES
 
 _F = CalibrationFlags
 LENSES = {
@@ -28,6 +29,11 @@ def positive(text: str) -> float:
     if not 0.0 < value < np.inf:
         raise argparse.ArgumentTypeError(f"expected a positive number, got {text!r}")
     return value
+
+
+def millions(text: str) -> float:
+    """A positive number of millions, for argparse."""
+    return positive(text) * 1e6
 
 
 def count(text: str) -> int:
@@ -65,6 +71,19 @@ def add_input_and_output(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--size", required=True, type=image_size, metavar="WxH", help="of the images, e.g. 960x540")
     parser.add_argument("--out", required=True, type=Path, metavar="DIR", help="where the results go")
     parser.add_argument("--strict", action="store_true", help="stop at the first broken file, write nothing")
+    add_most_bytes(parser)
+
+
+def add_most_bytes(parser: argparse.ArgumentParser, most: float = MOST_BYTES) -> None:
+    """--max-megabytes."""
+    parser.add_argument(
+        "--max-megabytes",
+        dest="most_bytes",
+        type=millions,
+        default=most,
+        metavar="N",
+        help=f"larger files are broken, unpacked if they lie in a zip ({most / 1e6:g})",
+    )
 
 
 def add_camera(parser: argparse.ArgumentParser, **more_priors: str) -> None:

@@ -12,7 +12,8 @@ from typing import Any
 import numpy as np
 
 from fieldcalib._types import Array
-from fieldcalib.cli.arguments import image_size, positive
+from fieldcalib.cli.arguments import add_most_bytes, image_size, positive
+from fieldcalib.cli.folder import name_skipped
 from fieldcalib.cli.predictions import GroundTruth, read_ground_truth, read_predictions
 from fieldcalib.io.soccernet import CAMERA_TYPES
 from fieldcalib.metrics import (
@@ -68,6 +69,7 @@ def add_parser(commands: argparse._SubParsersAction[argparse.ArgumentParser]) ->
         "--camera-type", metavar="NAME", help=f"only frames that {CAMERA_TYPES} calls so, e.g. 'Main camera center'"
     )
     parser.add_argument("--json", action="store_true", help="print JSON")
+    add_most_bytes(parser)
     parser.set_defaults(run=run)
 
 
@@ -88,9 +90,16 @@ def run(options: argparse.Namespace) -> int:
 
 
 def _report(options: argparse.Namespace, broken: list[str]) -> dict[str, Any]:
-    predictions = read_predictions(options.predictions, broken, size=options.size, homographies=options.homographies)
+    most_bytes = options.most_bytes
+    predictions = read_predictions(
+        options.predictions, broken, size=options.size, homographies=options.homographies, most_bytes=most_bytes
+    )
     width, height = predictions.size
-    truth = read_ground_truth(options.ground_truth, predictions.size, broken, camera_type=options.camera_type)
+    truth = read_ground_truth(
+        options.ground_truth, predictions.size, broken, camera_type=options.camera_type, most_bytes=most_bytes
+    )
+    name_skipped([options.predictions], predictions.files)
+    name_skipped([options.ground_truth], truth.files)
     if predictions.of_other_sizes:
         sizes = ", ".join(f"{w}x{h}" for w, h in predictions.of_other_sizes)
         print(

@@ -7,7 +7,7 @@ import json
 import sys
 import time
 from collections import Counter
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import asdict, dataclass
 from dataclasses import field as attribute
@@ -24,9 +24,10 @@ from fieldcalib.assess.uncertainty import Uncertainty
 from fieldcalib.fields.field import Field
 from fieldcalib.fields.soccer import soccer
 from fieldcalib.geometry.camera import Camera
-from fieldcalib.io.files import whole_file, write_text
-from fieldcalib.io.soccernet import camera_to_record, find_annotations, parse_annotation
-from fieldcalib.problem.labelled_pixels import Pixels, check_segments
+from fieldcalib.io.files import MOST_BYTES, FrameFile, files_beside, whole_file, write_text
+from fieldcalib.io.formats import ANNOTATIONS, CAMERAS
+from fieldcalib.io.output_folder import output_folder
+from fieldcalib.problem.labelled_pixels import Pixels, check_segments, thinned
 from fieldcalib.problem.layout import ANGLES, CENTER, LOG_F
 
 Method: TypeAlias = Callable[[dict[str, Pixels]], Sequence[Calibration]]
@@ -38,6 +39,7 @@ AT_ONCE = 256  # frames between two steps of the progress bar
 WITHHELD = (Status.REJECTED, Status.IMPROBABLE)  # cameras that the user did not want
 ANGLE_NAMES = ("pan", "tilt", "roll")
 METRES = (0.5, 1.0)  # that the probabilities in cameras.jsonl are about
+NAMED = 3  # skipped files of a kind
 
 
 @dataclass(frozen=True)
@@ -50,20 +52,53 @@ class Frames:
     """What is wrong with the files that could not be read."""
 
 
-def read_frames(inputs: Sequence[Path], field: Field, image_size: tuple[int, int], *, strict: bool = False) -> Frames:
+def read_frames(
+    inputs: Sequence[Path],
+    field: Field,
+    image_size: tuple[int, int],
+    *,
+    strict: bool = False,
+    most_bytes: float = MOST_BYTES,
+) -> Frames:
     """Read and check annotations; broken files are named on stderr, and with `strict` the first one ends it."""
-    files = find_annotations(inputs)
+    files = ANNOTATIONS.find(inputs)
+    name_skipped(inputs, files)
     pixels: dict[str, Pixels] = {}
     broken: dict[str, str] = {}
     for file in files:
         try:
-            pixels[file.id] = check_segments(field, parse_annotation(file.read(), image_size), image_size)
-        except ValueError as error:
-            print(f"fieldcalib: {file.path}: {error}", file=sys.stderr)
-            broken[file.id] = str(error)
+            frame = ANNOTATIONS.read(file.read(most_bytes), image_size)
+            pixels[file.id] = thinned(check_segments(field, frame, image_size))
+        except (ValueError, MemoryError) as error:
+            broken[file.id] = problem(error)
+            print(f"fieldcalib: {file.path}: {broken[file.id]}", file=sys.stderr)
             if strict:
                 break
     return Frames(tuple(file.id for file in files), pixels, broken)
+
+
+def problem(error: Exception) -> str:
+    """What is wrong with a file; a MemoryError does not say it."""
+    return str(error) or "there is not enough memory for it"
+
+
+def name_skipped(inputs: Iterable[Path], used: Iterable[FrameFile]) -> None:
+    """Say on stderr what lies in folders and zips and is not used, in one line: how many of each kind, and the first.
+
+    A frame may be among them, under a name that no frame has.
+    """
+    by_suffix: dict[str, list[Path]] = {}
+    for path in files_beside(inputs, used):
+        by_suffix.setdefault(path.suffix or "without ending", []).append(path)
+    if by_suffix:
+        kinds = (f"{len(paths)} {suffix} ({_first(paths)})" for suffix, paths in by_suffix.items())
+        print(f"fieldcalib: skipped {', '.join(kinds)}", file=sys.stderr)
+
+
+def _first(paths: Sequence[Path]) -> str:
+    """The names of a few of several files."""
+    names = [path.name for path in paths[:NAMED]]
+    return ", ".join([*names, "..."] if len(paths) > NAMED else names)
 
 
 def calibrate_folder(
@@ -82,27 +117,27 @@ def calibrate_folder(
     from tqdm import tqdm
 
     began = time.perf_counter()
-    frames = read_frames(options.input, field, options.size, strict=options.strict)
+    frames = read_frames(options.input, field, options.size, strict=options.strict, most_bytes=options.most_bytes)
     if options.strict and frames.broken:
         return 1
-    options.out.mkdir(parents=True, exist_ok=True)  # what cannot be written is known before the work, not after it
-    calibrations: dict[str, Calibration] = {}
-    calibrating = time.perf_counter()
-    ids = list(frames.pixels)
-    with tqdm(total=len(ids), unit="frame", disable=None) as progress:  # None: only on a terminal
-        for begin in range(0, len(ids), at_once):
-            part = ids[begin : begin + at_once]
-            calibrations.update(zip(part, method({id: frames.pixels[id] for id in part}), strict=True))
+    with (
+        result_folder(options, began) as results,
+        tqdm(total=len(frames.pixels), unit="frame", disable=None) as progress,  # None: only on a terminal
+    ):
+        for begin in range(0, len(frames.ids), at_once):
+            ids = frames.ids[begin : begin + at_once]
+            part = {id: frames.pixels[id] for id in ids if id in frames.pixels}
+            start = time.perf_counter()
+            calibrations = dict(zip(part, method(part) if part else (), strict=True))
+            results.calibrating += time.perf_counter() - start
+            eq3 = _eq3_losses(field, part, calibrations)
+            for id in ids:
+                if id in frames.broken:
+                    results.add(broken_line(id, frames.broken[id]), None)
+                else:
+                    line = calibration_line(id, calibrations[id], eq3.get(id)) | dict(details.get(id, {}))
+                    results.add(line, calibrations[id])
             progress.update(len(part))
-    seconds = {"calibration": time.perf_counter() - calibrating, "total": time.perf_counter() - began}
-    eq3 = _eq3_losses(field, frames.pixels, calibrations)
-    lines = [
-        calibration_line(id, calibrations[id], eq3.get(id)) | dict(details.get(id, {}))
-        if id in calibrations
-        else broken_line(id, frames.broken[id])
-        for id in frames.ids
-    ]
-    write_folder(options.out, lines, calibrations, seconds, options)
     return 1 if frames.broken else 0
 
 
@@ -121,26 +156,17 @@ def by_prior(
     return [found[id] for id in frames]
 
 
-def write_folder(
-    out: Path,
-    lines: Sequence[Mapping[str, Any]],
-    calibrations: Mapping[str, Calibration],
-    seconds: Mapping[str, float],
-    options: argparse.Namespace,
-) -> None:
-    """Write cameras, cameras.jsonl and summary.json, and say how many cameras there are."""
-    with result_folder(out) as results:
-        for line in lines:
-            results.add(line, calibrations.get(line["id"]))
-    results.summarize(seconds, options)
-
-
 @contextmanager
-def result_folder(out: Path) -> Iterator[Results]:
-    """A folder for cameras, frame by frame; its cameras.jsonl is there when all went well."""
-    out.mkdir(parents=True, exist_ok=True)
-    with whole_file(out / "cameras.jsonl") as lines:
-        yield Results(out, lines)
+def result_folder(options: argparse.Namespace, began: float) -> Iterator[Results]:
+    """``options.out``, for cameras frame by frame; when all went well it gets its cameras.jsonl and its summary.json.
+
+    `began` is what `time.perf_counter` said at the start.
+    """
+    with output_folder(options.out):
+        with whole_file(options.out / "cameras.jsonl") as lines:
+            results = Results(options.out, lines)
+            yield results
+        results.summarize(began, options)
 
 
 @dataclass
@@ -153,23 +179,25 @@ class Results:
     statuses: Counter[str] = attribute(default_factory=Counter)
     cameras: int = 0
     calibrations: int = 0
+    calibrating: float = 0.0
+    """Seconds that were spent on the calibrations, without files and pictures."""
 
     def add(self, line: Mapping[str, Any], calibration: Calibration | None) -> None:
         """Write the line of the next frame, and its camera.
 
         An earlier run's camera of a frame that has none now is removed.
         """
-        path = self.out / f"camera_{line['id']}.json"
+        path = self.out / CAMERAS.file_name(line["id"])
         if calibration is None or calibration.camera is None or calibration.status in WITHHELD:
             path.unlink(missing_ok=True)
         else:
-            write_text(path, json.dumps(camera_to_record(calibration.camera), indent=2) + "\n")
+            write_text(path, CAMERAS.write(calibration.camera) + "\n")
             self.cameras += 1
         self.lines.write((json.dumps(line) + "\n").encode())
         self.statuses[line["status"]] += 1
         self.calibrations += calibration is not None
 
-    def summarize(self, seconds: Mapping[str, float], options: argparse.Namespace) -> None:
+    def summarize(self, began: float, options: argparse.Namespace) -> None:
         """Write summary.json, and say how many cameras there are."""
         frames = self.statuses.total()
         summary = {
@@ -177,8 +205,8 @@ class Results:
             "cameras": self.cameras,
             "completeness": 100.0 * self.cameras / frames,
             "status": dict(self.statuses),
-            "seconds": dict(seconds),
-            "milliseconds_per_frame": 1e3 * seconds["calibration"] / max(self.calibrations, 1),
+            "seconds": {"calibration": self.calibrating, "total": time.perf_counter() - began},
+            "milliseconds_per_frame": 1e3 * self.calibrating / max(self.calibrations, 1),
             "options": _recorded(options),
             "version": fieldcalib.__version__,
         }
@@ -188,8 +216,8 @@ class Results:
 
 
 def _recorded(options: argparse.Namespace) -> dict[str, Any]:
-    """The options of a run as JSON, without where its results go."""
-    unnamed = {"run", "out", "strict"}
+    """The options of a run as JSON, without where its results go and what would have stopped it."""
+    unnamed = {"run", "out", "strict", "most_bytes", "most_pixels"}
     return json.loads(json.dumps({k: v for k, v in vars(options).items() if k not in unnamed}, default=str))  # type: ignore[no-any-return]
 
 
@@ -204,11 +232,8 @@ def _eq3_losses(
             cameras_on.setdefault((pitch.length, pitch.width), {})[id] = calibration.camera
     losses: dict[str, float] = {}
     for size, cameras in cameras_on.items():
-        ids = list(cameras)
-        for begin in range(0, len(ids), AT_ONCE):
-            part = ids[begin : begin + AT_ONCE]
-            values = ndc_loss([cameras[id] for id in part], soccer(*size), [frames[id] for id in part], kind="eq3")
-            losses.update(zip(part, values.tolist(), strict=True))
+        values = ndc_loss(list(cameras.values()), soccer(*size), [frames[id] for id in cameras], kind="eq3")
+        losses.update(zip(cameras, values.tolist(), strict=True))
     return losses
 
 

@@ -4,20 +4,26 @@ from __future__ import annotations
 
 import argparse
 import sys
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
-from itertools import islice
+from functools import partial
 from pathlib import Path
 from typing import TypeVar
 
+from fieldcalib.cli.arguments import add_most_bytes, count, millions
+from fieldcalib.cli.folder import name_skipped, problem
+from fieldcalib.cli.interrupts import interrupts_end_the_process
 from fieldcalib.io.files import BrokenFileError, FrameFile
+from fieldcalib.io.formats import IMAGES, VIDEOS
 from fieldcalib.io.image import Image
-from fieldcalib.io.images import VideoReader, find_images, is_video, parse_image
+from fieldcalib.io.images import MOST_PIXELS
 from fieldcalib.localize import SegmentationNetwork
 from fieldcalib.localize.network import CPU
 
 AT_ONCE = 8  # images in memory
+PIXELS_AT_ONCE = 66_000_000  # of them together: eight images of 4K
+MOST_BYTES = 256_000_000  # of an image file
 
 Item = TypeVar("Item")
 
@@ -40,10 +46,14 @@ class Source:
     """How many there are, of a video as its file says."""
     frames_per_second: float | None = None
     """Of a video."""
+    lost: Callable[[], int] = lambda: 0
+    """How many of them are not among `frames`, to be asked at the end."""
 
 
 @contextmanager
-def opened(inputs: Sequence[Path]) -> Iterator[Source]:
+def opened(
+    inputs: Sequence[Path], most_bytes: float = MOST_BYTES, most_pixels: float = MOST_PIXELS
+) -> Iterator[Source]:
     """The frames of images, folders and zips of them, or of one video, whose ids are six-digit numbers from 0.
 
     Raises
@@ -51,39 +61,73 @@ def opened(inputs: Sequence[Path]) -> Iterator[Source]:
     ValueError
         If a video comes with other inputs.
     FileNotFoundError, BrokenFileError
-        As `find_images` and `VideoReader`.
+        As `find_files` and `VideoReader`.
     """
-    if not any(map(is_video, inputs)):
-        files = find_images(inputs)
-        yield Source(map(_read, files), len(files))
+    if not any(map(VIDEOS.recognises, inputs)):
+        files = IMAGES.find(inputs)
+        name_skipped(inputs, files)
+        read = partial(_read, most_bytes=most_bytes, most_pixels=most_pixels)
+        yield Source(map(read, files), len(files))
         return
     if len(inputs) > 1:
         raise ValueError("expected one video, or images and folders of them, got a video and more: run them one by one")
-    with VideoReader(inputs[0]) as video:
+    with VIDEOS.read(inputs[0], most_pixels) as video:
         frames = (Frame(f"{index:06d}", image) for index, image in enumerate(video))
-        yield Source(frames, video.count, video.frames_per_second)
+        yield Source(frames, video.count, video.frames_per_second, video.lost_frames)
 
 
-def _read(file: FrameFile) -> Frame:
+def _read(file: FrameFile, most_bytes: float, most_pixels: float) -> Frame:
     """An image; what is wrong with it is said on stderr too."""
     try:
-        return Frame(file.id, parse_image(file.read()))
-    except BrokenFileError as error:
-        print(f"fieldcalib: {file.path}: {error}", file=sys.stderr)
-        return Frame(file.id, None, str(error))
+        return Frame(file.id, IMAGES.read(file.read(most_bytes), most_pixels))
+    except (BrokenFileError, MemoryError) as error:
+        print(f"fieldcalib: {file.path}: {problem(error)}", file=sys.stderr)
+        return Frame(file.id, None, problem(error))
 
 
-def in_parts(items: Iterable[Item], size: int) -> Iterator[list[Item]]:
-    """Lists of up to `size` items.
+def frames_lost(source: Source, options: argparse.Namespace) -> bool:
+    """Whether frames were lost that the input announced; it is said on stderr."""
+    lost = source.lost()
+    if lost:
+        announced = f"announces {source.count} frames, {source.count - lost} can be read"
+        print(f"fieldcalib: {options.input[0]}: {announced}", file=sys.stderr)
+    return lost > 0
+
+
+def in_parts(items: Iterable[Item], size: int, pixels: Callable[[Item], int] = lambda item: 0) -> Iterator[list[Item]]:
+    """Lists of up to `size` items, and of less if they have more than `PIXELS_AT_ONCE` pixels together.
 
     Examples
     --------
     >>> list(in_parts("abcde", 2))
     [['a', 'b'], ['c', 'd'], ['e']]
     """
-    rest = iter(items)
-    while part := list(islice(rest, size)):
+    part: list[Item] = []
+    for item in items:
+        part.append(item)
+        if len(part) == size or sum(map(pixels, part)) > PIXELS_AT_ONCE:
+            yield part
+            part = []
+    if part:
         yield part
+
+
+def pixels_of(frame: Frame) -> int:
+    """How many pixels are in memory."""
+    return 0 if frame.image is None else frame.image.shape[0] * frame.image.shape[1]
+
+
+def add_limits(parser: argparse.ArgumentParser) -> None:
+    """--max-megabytes and --max-megapixels."""
+    add_most_bytes(parser, MOST_BYTES)
+    parser.add_argument(
+        "--max-megapixels",
+        dest="most_pixels",
+        type=millions,
+        default=MOST_PIXELS,
+        metavar="N",
+        help=f"larger images are broken ({MOST_PIXELS / 1e6:g})",
+    )
 
 
 def add_network(parser: argparse.ArgumentParser) -> None:
@@ -94,7 +138,7 @@ def add_network(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--provider", default=CPU, metavar="NAME", help=f"onnxruntime's name of what runs the network ({CPU})"
     )
-    parser.add_argument("--threads", type=int, default=2, metavar="N", help="of the processor, for the network (2)")
+    parser.add_argument("--threads", type=count, default=2, metavar="N", help="of the processor, for the network (2)")
 
 
 def add_refinement(parser: argparse.ArgumentParser) -> None:
@@ -108,5 +152,8 @@ def add_refinement(parser: argparse.ArgumentParser) -> None:
 
 
 def load_network(options: argparse.Namespace) -> SegmentationNetwork:
-    """The network that the options ask for."""
-    return SegmentationNetwork.load(options.model, provider=options.provider, threads=options.threads)
+    """The network that the options ask for, and OpenCV, which reads the images."""
+    with interrupts_end_the_process():
+        import cv2  # noqa: F401
+
+        return SegmentationNetwork.load(options.model, provider=options.provider, threads=options.threads)

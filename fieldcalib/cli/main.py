@@ -1,26 +1,47 @@
-"""The command line: `fieldcalib run`, `localize`, `calibrate`, `evaluate` and `demo`."""
+"""The command line: `fieldcalib run`, `localize`, `calibrate`, `evaluate` and `demo`.
+
+Only little is imported before `main` runs: until then an interrupt would end in a traceback.
+"""
 
 from __future__ import annotations
 
-import argparse
+import io
 import os
 import sys
-from collections.abc import Sequence
-from pathlib import Path
+from collections.abc import Callable, Sequence
+from functools import partial
+from typing import TYPE_CHECKING
 
-import fieldcalib
-from fieldcalib.cli import calibrate, evaluate, localize, run
+from fieldcalib.cli.interrupts import interrupts_end_the_process
+
+if TYPE_CHECKING:
+    import argparse
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run the command line; returns the exit code: 0 done, 1 something was broken, 2 wrong usage."""
-    return run_command(_parser().parse_args(arguments))
+    return _exit_code(partial(_run, arguments))
 
 
 def run_command(options: argparse.Namespace) -> int:
     """Run what a parser chose; errors that a user can mend become a line on stderr."""
+    return _exit_code(partial(options.run, options))
+
+
+def _run(arguments: Sequence[str] | None) -> int:
+    with interrupts_end_the_process():
+        from fieldcalib.cli.commands import command_parser
+    options = command_parser().parse_args(arguments)
+    return int(options.run(options))
+
+
+def _exit_code(work: Callable[[], int]) -> int:
+    """Of some work whose errors become a line on stderr."""
+    for stream in (sys.stdout, sys.stderr):
+        if isinstance(stream, io.TextIOWrapper):
+            stream.reconfigure(errors="backslashreplace")  # a terminal without "±" is no reason to fail after the work
     try:
-        code = int(options.run(options))
+        code = int(work())
         sys.stdout.flush()
         return code
     except BrokenPipeError:  # whoever reads has seen enough
@@ -29,38 +50,12 @@ def run_command(options: argparse.Namespace) -> int:
     except KeyboardInterrupt:
         print("fieldcalib: interrupted, nothing more is written", file=sys.stderr)
         return 130
+    except MemoryError:
+        print("fieldcalib: there is not enough memory", file=sys.stderr)
+        return 2
     except (OSError, ValueError) as error:
         print(f"fieldcalib: {error}", file=sys.stderr)
         return 2
-
-
-def _parser() -> argparse.ArgumentParser:
-    parser = argparse.ArgumentParser(
-        prog="fieldcalib", description="Calibrate cameras from the markings of a sports field."
-    )
-    parser.add_argument("--version", action="version", version=f"fieldcalib {fieldcalib.__version__}")
-    commands = parser.add_subparsers(required=True, metavar="COMMAND")
-    run.add_parser(commands)
-    localize.add_parser(commands)
-    calibrate.add_parser(commands)
-    evaluate.add_parser(commands)
-
-    demo = commands.add_parser(
-        "demo",
-        help="calibrate a synthetic pan over a pitch and draw it",
-        description="Render a pan over a pitch with known cameras, calibrate it from noisy pixels, print the errors "
-        "and write overlays. Needs no data and no network.",
-    )
-    demo.add_argument("--out", required=True, type=Path, metavar="DIR", help="where the pictures go")
-    demo.set_defaults(run=_demo)
-    return parser
-
-
-def _demo(options: argparse.Namespace) -> int:
-    from fieldcalib.cli.demo import run_demo
-
-    run_demo(options.out)
-    return 0
 
 
 if __name__ == "__main__":

@@ -5,24 +5,21 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import TypeVar
 
 import numpy as np
 
 from fieldcalib._types import Array
+from fieldcalib.cli.folder import problem
 from fieldcalib.fields.soccer import soccer
 from fieldcalib.geometry.rational import RationalCamera
-from fieldcalib.io.files import BrokenFileError, FrameFile
-from fieldcalib.io.soccernet import (
-    find_annotations,
-    find_cameras,
-    parse_annotation,
-    parse_camera,
-    read_camera_types,
-)
-from fieldcalib.io.tvcalib import TVCalibRecord, parse_per_sample_output
-from fieldcalib.io.wc14 import HOMOGRAPHY, IMAGE_SIZE, find_homographies, parse_homography
+from fieldcalib.io.files import MOST_BYTES, BrokenFileError, FrameFile, read_regular_file
+from fieldcalib.io.formats import ANNOTATIONS, CAMERAS, HOMOGRAPHIES, RECORDS
+from fieldcalib.io.soccernet import read_camera_types
+from fieldcalib.io.tvcalib import TVCalibRecord
+from fieldcalib.io.wc14 import IMAGE_SIZE
 from fieldcalib.metrics import Prediction
 from fieldcalib.metrics.accuracy import check_annotation
 from fieldcalib.problem.labelled_pixels import Pixels
@@ -41,6 +38,8 @@ class Predictions:
     by_frame: Mapping[str, Prediction]
     size: tuple[int, int]
     """Of the images that they are scored on."""
+    files: Sequence[FrameFile] = ()
+    """Where they were read, of folders and zips."""
 
     @property
     def of_other_sizes(self) -> list[tuple[int, int]]:
@@ -60,7 +59,12 @@ def natural_size(camera: RationalCamera) -> tuple[int, int] | None:
 
 
 def read_predictions(
-    path: Path, broken: list[str], *, size: tuple[int, int] | None = None, homographies: bool = False
+    path: Path,
+    broken: list[str],
+    *,
+    size: tuple[int, int] | None = None,
+    homographies: bool = False,
+    most_bytes: float = MOST_BYTES,
 ) -> Predictions:
     """Cameras of a folder, a zip or a TVCalib output by frame, or homographies if asked for or if there are no cameras.
 
@@ -72,49 +76,56 @@ def read_predictions(
     ValueError
         If there is no prediction, or no size is given and they do not agree on one.
     """
-    if path.suffix in (".json", ".jsonl") and path.is_file() and not path.name.startswith("camera_"):
-        found, own_size = _read_tvcalib(path, broken, size, homographies=homographies)
+    files: Sequence[FrameFile] = ()
+    if path.is_file() and RECORDS.recognises(path):
+        found, own_size = _read_tvcalib(path, broken, size, homographies=homographies, most_bytes=most_bytes)
+    elif files := _camera_files(path, homographies=homographies):
+        parse_camera = partial(CAMERAS.read, image_size=size or IMAGE_SIZE)
+        cameras = read_files(files, parse_camera, broken, most_bytes=most_bytes)
+        found, own_size = dict(cameras), _only({natural_size(camera) for camera in cameras.values()})
     else:
-        found, own_size = _read_files(path, broken, size, homographies=homographies)
+        files, own_size = _homography_files(path, homographies=homographies), size or IMAGE_SIZE
+        parse = partial(HOMOGRAPHIES.read, image_size=own_size)
+        found = dict(read_files(files, parse, broken, most_bytes=most_bytes))
     if not found:
         raise ValueError(f"{path} holds no prediction that can be evaluated")
     if size is None and own_size is None:
         raise ValueError(SEVERAL_SIZES)
-    return Predictions(found, size or own_size or IMAGE_SIZE)
+    return Predictions(found, size or own_size or IMAGE_SIZE, files)
 
 
-def _read_files(
-    path: Path, broken: list[str], size: tuple[int, int] | None, *, homographies: bool
-) -> tuple[dict[str, Prediction], tuple[int, int] | None]:
-    """Predictions of camera_<id>.json or <id>.homographyMatrix, and the size of their images."""
-    if not homographies and path.suffix != HOMOGRAPHY:
-        try:
-            cameras = read_files(find_cameras(path), lambda content: parse_camera(content, size or IMAGE_SIZE), broken)
-            return dict(cameras), _only({natural_size(camera) for camera in cameras.values()})
-        except FileNotFoundError:
-            if not path.exists():
-                raise
+def _camera_files(path: Path, *, homographies: bool) -> list[FrameFile]:
+    """Files of cameras; none where homographies are asked for, or there are no cameras."""
+    if homographies or HOMOGRAPHIES.recognises(path):
+        return []
     try:
-        files = find_homographies([path])
+        return CAMERAS.find([path])
+    except FileNotFoundError:
+        if not path.exists():
+            raise
+        return []
+
+
+def _homography_files(path: Path, *, homographies: bool) -> list[FrameFile]:
+    """Files of homographies, which were asked for or are all that there may be."""
+    try:
+        return HOMOGRAPHIES.find([path])
     except FileNotFoundError:
         if homographies or not path.exists():
             raise
         raise FileNotFoundError(
-            f"{path} holds no prediction: expected camera_<id>.json, <id>{HOMOGRAPHY}, or TVCalib's "
-            f"per_sample_output.json itself"
+            f"{path} holds no prediction: expected {CAMERAS.file_name('<id>')}, {HOMOGRAPHIES.file_name('<id>')}, or "
+            f"TVCalib's per_sample_output.json itself"
         ) from None
-    new_size = size or IMAGE_SIZE
-    maps = read_files(files, lambda content: parse_homography(content, image_size=new_size), broken)
-    return dict(maps), new_size
 
 
 def _read_tvcalib(
-    path: Path, broken: list[str], size: tuple[int, int] | None, *, homographies: bool
+    path: Path, broken: list[str], size: tuple[int, int] | None, *, homographies: bool, most_bytes: float
 ) -> tuple[dict[str, Prediction], tuple[int, int] | None]:
     """Predictions of a per_sample_output.json, and the size of their images."""
     lines: list[str] = []
     try:
-        records = parse_per_sample_output(path.read_bytes(), broken=lines)
+        records = RECORDS.read(read_regular_file(path, most_bytes), broken=lines)
     except BrokenFileError as error:
         raise BrokenFileError(f"{path}: {error}") from None
     broken += [f"{path}: {line}" for line in lines]
@@ -150,46 +161,62 @@ class GroundTruth:
     """From the field to the image, of the frames that have one."""
     share: float = 1.0
     """Of the data set that these frames are, broken ones counted."""
+    files: Sequence[FrameFile] = ()
+    """What was found of the data set, frames of other camera types included."""
 
 
 def read_ground_truth(
-    path: Path, size: tuple[int, int], broken: list[str], *, camera_type: str | None = None
+    path: Path,
+    size: tuple[int, int],
+    broken: list[str],
+    *,
+    camera_type: str | None = None,
+    most_bytes: float = MOST_BYTES,
 ) -> GroundTruth:
     """Annotations of a folder or a zip, and homographies that lie beside them.
 
     With `camera_type`, only frames that were filmed by such a camera, as match_info_cam_gt.json says.
     """
-    files, share = find_annotations([path]), 1.0
+    files = ANNOTATIONS.find([path])
+    beside = _beside(path)
+    chosen = files
     if camera_type is not None:
         types = read_camera_types([path])
         chosen = [file for file in files if types.get(file.id) == camera_type]
         if not chosen:
             raise ValueError(f"no frame is of type {camera_type!r}; there are {', '.join(sorted(set(types.values())))}")
-        files, share = chosen, len(chosen) / len(files)
     field = soccer()
-    annotations = read_files(
-        files, lambda content: check_annotation(parse_annotation(content, size, unknown=True), field), broken
-    )
-    ids = {file.id for file in files}
-    found = [file for file in _beside(path) if file.id in ids]
-    homographies = read_files(found, lambda content: parse_homography(content, image_size=size), broken)
-    return GroundTruth(annotations, homographies, share)
+
+    def annotation(content: bytes) -> Pixels:
+        return check_annotation(ANNOTATIONS.read(content, size, unknown=True), field)
+
+    ids = {file.id for file in chosen}
+    annotations = read_files(chosen, annotation, broken, most_bytes=most_bytes)
+    found = [file for file in beside if file.id in ids]
+    homographies = read_files(found, partial(HOMOGRAPHIES.read, image_size=size), broken, most_bytes=most_bytes)
+    return GroundTruth(annotations, homographies, len(chosen) / len(files), [*files, *beside])
 
 
 def _beside(path: Path) -> list[FrameFile]:
     """Homographies beside annotations in a folder or a zip; none where it is a single annotation."""
     try:
-        return [file for file in find_homographies([path]) if file.path != path]
+        return [file for file in HOMOGRAPHIES.find([path]) if file.path != path]
     except FileNotFoundError:
         return []
 
 
-def read_files(files: Sequence[FrameFile], parse: Callable[[bytes], Parsed], broken: list[str]) -> dict[str, Parsed]:
+def read_files(
+    files: Sequence[FrameFile],
+    parse: Callable[[bytes], Parsed],
+    broken: list[str],
+    *,
+    most_bytes: float = MOST_BYTES,
+) -> dict[str, Parsed]:
     """Parsed content of files by frame; messages about broken ones go to `broken`."""
     found: dict[str, Parsed] = {}
     for file in files:
         try:
-            found[file.id] = parse(file.read())
-        except ValueError as error:
-            broken.append(f"{file.path}: {error}")
+            found[file.id] = parse(file.read(most_bytes))
+        except (ValueError, MemoryError) as error:
+            broken.append(f"{file.path}: {problem(error)}")
     return found

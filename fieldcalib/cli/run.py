@@ -11,12 +11,23 @@ from typing import TypeAlias
 
 from fieldcalib.cli.arguments import LENSES, add_camera, add_field_size, prior_of
 from fieldcalib.cli.folder import broken_line, calibration_line, result_folder
-from fieldcalib.cli.frames import AT_ONCE, add_network, add_refinement, in_parts, load_network, opened
+from fieldcalib.cli.frames import (
+    AT_ONCE,
+    add_limits,
+    add_network,
+    add_refinement,
+    frames_lost,
+    in_parts,
+    load_network,
+    opened,
+    pixels_of,
+)
 from fieldcalib.draw.overlays import draw_calibration
 from fieldcalib.fields.soccer import soccer
 from fieldcalib.images.from_images import calibrate_from_images
+from fieldcalib.io.formats import OVERLAYS, VIDEOS
 from fieldcalib.io.image import Image
-from fieldcalib.io.images import OVERLAY, VideoWriter, write_image
+from fieldcalib.io.images import write_image
 
 Write: TypeAlias = Callable[[str, Image], None]
 
@@ -38,6 +49,7 @@ def add_parser(commands: argparse._SubParsersAction[argparse.ArgumentParser]) ->
     add_field_size(parser)
     add_camera(parser)
     add_refinement(parser)
+    add_limits(parser)
     parser.set_defaults(run=run)
 
 
@@ -48,18 +60,18 @@ def run(options: argparse.Namespace) -> int:
     began = time.perf_counter()
     field, network = soccer(options.field_length, options.field_width), load_network(options)
     how = {"flags": LENSES[options.lens], "prior": prior_of(options), "refine": options.refine}
-    calibrating, broken = 0.0, False
+    broken = False
     with (
-        opened(options.input) as source,
-        result_folder(options.out) as results,
+        opened(options.input, options.most_bytes, options.most_pixels) as source,
+        result_folder(options, began) as results,
         overlays(options.out, source.frames_per_second) as write_overlay,
         tqdm(total=source.count, unit="frame", disable=None) as progress,
     ):
-        for part in in_parts(source.frames, AT_ONCE):
+        for part in in_parts(source.frames, AT_ONCE, pixels_of):
             images = [frame.image for frame in part if frame.image is not None]
             start = time.perf_counter()
             calibrations = iter(calibrate_from_images(field, images, network, **how))
-            calibrating += time.perf_counter() - start
+            results.calibrating += time.perf_counter() - start
             for frame in part:
                 if frame.image is None:
                     results.add(broken_line(frame.id, frame.problem), None)
@@ -69,7 +81,7 @@ def run(options: argparse.Namespace) -> int:
                 results.add(calibration_line(frame.id, calibration, None), calibration)
                 write_overlay(frame.id, draw_calibration(frame.image, calibration, field))
             progress.update(len(part))
-    results.summarize({"calibration": calibrating, "total": time.perf_counter() - began}, options)
+        broken |= frames_lost(source, options)
     return 1 if broken else 0
 
 
@@ -77,7 +89,7 @@ def run(options: argparse.Namespace) -> int:
 def overlays(out: Path, frames_per_second: float | None) -> Iterator[Write]:
     """Writes pictures by the ids of their frames: of a video, into one, otherwise each on its own."""
     if frames_per_second is None:
-        yield lambda id, picture: write_image(out / f"{OVERLAY}{id}.jpg", picture)
+        yield lambda id, picture: write_image(out / OVERLAYS.file_name(id), picture)
         return
-    with VideoWriter(out / "overlay.mp4", frames_per_second) as video:
+    with VIDEOS.write(out / VIDEOS.file_name("overlay"), frames_per_second) as video:
         yield lambda id, picture: video.write(picture)

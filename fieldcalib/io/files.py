@@ -1,20 +1,26 @@
-"""The files of frames: found in folders and zips, read, and written whole or not at all."""
+"""The files of frames: found in folders and zips, read up to a size, and written whole or not at all."""
 
 from __future__ import annotations
 
 import json
 import os
 import re
+import stat
 import tempfile
 import zipfile
-import zlib
+from collections import Counter
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, BinaryIO
+from typing import IO, Any, BinaryIO, TypeAlias
 
 HIDDEN = re.compile(r"\.")
+MOST_BYTES = 64_000_000  # of a file: a million labelled pixels are 50 MB of JSON
+LONGEST_ID = 240  # bytes: with "overlay_" and ".jpg" around it, it is still a file's name (255)
+READ_AT_ONCE = 4096  # bytes: a bz2 stream may hold 20,000 times as many
+
+Zipped: TypeAlias = tuple[zipfile.ZipFile, zipfile.ZipInfo]
 
 
 class BrokenFileError(ValueError):
@@ -26,20 +32,65 @@ class FrameFile:
     """What a file says of one frame; the file lies in a folder or in a zip."""
 
     id: str
-    path: Path | zipfile.Path
+    path: Path
+    """In a zip: that of the zip, then the member's."""
+    zipped: Zipped | None = None
+    """The open zip and the member of it."""
 
-    def read(self) -> bytes:
+    def read(self, most_bytes: float = MOST_BYTES) -> bytes:
         """The content.
 
         Raises
         ------
         BrokenFileError
-            If it cannot be read.
+            If it cannot be read, is no regular file (a pipe or a device may have no end), has more than `most_bytes`,
+            unpacked, or if the id is too long to name the files of a result.
         """
+        if len(os.fsencode(self.id)) > LONGEST_ID:
+            raise BrokenFileError(f"the name has more than {LONGEST_ID} bytes: no result could be named after it")
+        if self.zipped is None:
+            return read_regular_file(self.path, most_bytes)
+        archive, member = self.zipped
         try:
-            return self.path.read_bytes()
-        except (OSError, EOFError, RuntimeError, zipfile.BadZipFile, zlib.error) as error:  # encrypted: RuntimeError
-            raise BrokenFileError(f"cannot be read: {error}") from error
+            with archive.open(member) as file:
+                return _read_all(file, most_bytes)
+        except BrokenFileError:
+            raise
+        except Exception as error:  # the decompressors' errors have no class in common
+            raise BrokenFileError(f"cannot be read: {str(error) or type(error).__name__}") from error
+
+
+def read_regular_file(path: Path, most_bytes: float = MOST_BYTES) -> bytes:
+    """The content of a file.
+
+    Raises
+    ------
+    BrokenFileError
+        If it cannot be read, is no regular file, or has more than `most_bytes`.
+
+    Examples
+    --------
+    >>> read_regular_file(Path("."))
+    Traceback (most recent call last):
+        ...
+    fieldcalib.io.files.BrokenFileError: cannot be read: it is no regular file
+    """
+    try:
+        if not stat.S_ISREG(path.stat().st_mode):  # before it is opened: opening a pipe waits for a writer
+            raise BrokenFileError("cannot be read: it is no regular file")
+        with path.open("rb") as file:
+            return _read_all(file, most_bytes)
+    except OSError as error:
+        raise BrokenFileError(f"cannot be read: {error}") from error
+
+
+def _read_all(file: IO[bytes], most_bytes: float) -> bytes:
+    content = bytearray()
+    while part := file.read(READ_AT_ONCE):
+        content += part
+        if len(content) > most_bytes:
+            raise BrokenFileError(f"has more than {most_bytes / 1e6:g} MB; --max-megabytes allows more")
+    return bytes(content)
 
 
 def find_files(
@@ -72,23 +123,17 @@ def find_files(
     BrokenFileError
         If a zip is none, or two files would be the same frame.
     """
-
     suffixes = (suffix,) if isinstance(suffix, str) else suffix
-    endings = tuple(ending.lower() for ending in suffixes)
-
-    def is_wanted(name: str) -> bool:
-        return name.startswith(prefix) and name.lower().endswith(endings) and not others.match(name)
-
     found: dict[str, FrameFile] = {}
     for path in inputs:
         if not path.exists():
             one_of = " or ".join(suffixes)
             raise FileNotFoundError(f"{path} does not exist: expected a folder, a zip or a {one_of} file")
         count = len(found)
-        for member in _members(path):
-            if member is not path and not is_wanted(member.name):
+        for member, zipped in _members(path):
+            if member is not path and not is_named(member.name, prefix, suffixes, others):
                 continue
-            file = FrameFile(Path(member.name).stem.removeprefix(prefix), member)
+            file = FrameFile(member.stem.removeprefix(prefix), member, zipped)
             if file.id in found:
                 raise BrokenFileError(
                     f"{file.path} and {found[file.id].path} are the same frame {file.id}: rename one of them"
@@ -100,18 +145,34 @@ def find_files(
     return list(found.values())
 
 
-def _members(path: Path) -> Iterator[Path | zipfile.Path]:
+def is_named(name: str, prefix: str, suffixes: tuple[str, ...], others: re.Pattern[str]) -> bool:
+    """Whether a name begins and ends so, and is not that of something else; endings in upper or lower case."""
+    endings = tuple(suffix.lower() for suffix in suffixes)
+    return name.startswith(prefix) and name.lower().endswith(endings) and not others.match(name)
+
+
+def files_beside(inputs: Iterable[Path], used: Iterable[FrameFile]) -> list[Path]:
+    """What lies in folders and zips and is not used; hidden files are not counted."""
+    paths = {file.path for file in used}
+    members = (member for path in inputs for member, _ in _members(path) if member is not path)
+    return [member for member in members if member not in paths and not HIDDEN.match(member.name)]
+
+
+def _members(path: Path) -> Iterator[tuple[Path, Zipped | None]]:
     """What lies in a folder or in a zip, in the order of names; the path itself if it is neither."""
     if path.is_dir():
-        yield from sorted(path.iterdir())
-    elif path.suffix.lower() == ".zip":
+        yield from ((member, None) for member in sorted(path.iterdir()))
+    elif path.is_file() and path.suffix.lower() == ".zip":
         try:
             archive = zipfile.ZipFile(path)  # left open, to be read from
-        except (OSError, zipfile.BadZipFile) as error:
+        except Exception as error:  # damage to its directory shows in many ways
             raise BrokenFileError(f"{path}: {error}") from error
-        yield from (zipfile.Path(archive, name) for name in sorted(archive.namelist()) if "__MACOSX/" not in name)
+        for member in sorted(archive.infolist(), key=lambda member: member.filename):
+            name = member.filename
+            if not name.endswith("/") and "__MACOSX/" not in name:
+                yield path / name.lstrip("/"), (archive, member)
     else:
-        yield path
+        yield path, None
 
 
 def parse_json_object(content: bytes | str, what: str) -> dict[str, Any]:
@@ -120,7 +181,7 @@ def parse_json_object(content: bytes | str, what: str) -> dict[str, Any]:
     Raises
     ------
     BrokenFileError
-        If it is no JSON or no object.
+        If it is no JSON or no object, or if an object in it has a key twice.
 
     Examples
     --------
@@ -128,12 +189,42 @@ def parse_json_object(content: bytes | str, what: str) -> dict[str, Any]:
     {'Middle line': []}
     """
     try:
-        value = json.loads(content)
+        value = json.loads(content, object_pairs_hook=_without_repeats)
+    except BrokenFileError:
+        raise
     except (ValueError, RecursionError) as error:
         raise BrokenFileError(f"is no JSON: {error}") from error
     if not isinstance(value, dict):
         raise BrokenFileError(f"expected a JSON object of {what}, got {type(value).__name__}")
     return value
+
+
+def _without_repeats(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
+    """A JSON object; Python's parser would let the last of equal keys replace the others."""
+    value = dict(pairs)
+    if len(value) < len(pairs):
+        twice, _ = Counter(key for key, _ in pairs).most_common(1)[0]
+        raise BrokenFileError(f"the key {twice!r} is given twice")
+    return value
+
+
+@contextmanager
+def replacement(path: Path) -> Iterator[tuple[int, Path]]:
+    """A temporary file beside a path, open for writing, that takes the path's place when all went well.
+
+    Its name cannot be foreseen, and a link at `path` is replaced, not followed.
+    """
+    handle, name = tempfile.mkstemp(dir=path.parent, prefix=".unfinished-", suffix=path.suffix)
+    temporary = Path(name)
+    try:
+        yield handle, temporary
+        umask = os.umask(0)  # the mode that open() would have given; mkstemp's is private
+        os.umask(umask)
+        os.chmod(temporary, 0o666 & ~umask)
+        os.replace(temporary, path)
+    except BaseException:
+        temporary.unlink(missing_ok=True)
+        raise
 
 
 @contextmanager
@@ -152,17 +243,8 @@ def whole_file(path: Path) -> Iterator[BinaryIO]:
     False
     b'whole'
     """
-    handle, temporary = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name}.")
-    try:
-        with os.fdopen(handle, "wb") as file:
-            yield file
-        umask = os.umask(0)  # the mode that open() would have given; mkstemp's is private
-        os.umask(umask)
-        os.chmod(temporary, 0o666 & ~umask)
-        os.replace(temporary, path)
-    except BaseException:
-        Path(temporary).unlink(missing_ok=True)
-        raise
+    with replacement(path) as (handle, _), os.fdopen(handle, "wb") as file:
+        yield file
 
 
 def write_bytes(path: Path, data: bytes) -> None:

@@ -7,7 +7,6 @@ An annotation maps labels to points ``{"x": ..., "y": ...}`` in 0..1; SoccerNet'
 from __future__ import annotations
 
 import json
-import re
 from collections.abc import Iterable, Mapping
 from pathlib import Path, PurePosixPath
 from types import MappingProxyType
@@ -21,14 +20,12 @@ from fieldcalib.geometry.camera import Camera
 from fieldcalib.geometry.rational import RationalCamera
 from fieldcalib.geometry.rotation import angles_from_rotation, rotation_from_angles
 from fieldcalib.io.files import BrokenFileError as BrokenFileError  # re-exported: every reader here raises it
-from fieldcalib.io.files import FrameFile, find_files, parse_json_object
+from fieldcalib.io.files import find_files, parse_json_object
 from fieldcalib.problem.labelled_pixels import Pixels
 
 # Labels by which annotators say that they do not know.
 UNKNOWN_LABELS = frozenset({"Line unknown", "Goal unknown"})
 TRAILING_BLANK = frozenset({"Goal left post left"})  # written "Goal left post left " in SoccerNet
-# What lies beside annotations: match_info_cam_gt.json, test_match_info_cam_gt.json, results of this package and others.
-NOT_FRAMES = re.compile(r".*match_info|camera_|summary|per_sample_output|\.")
 
 CAMERA_TYPES = "match_info_cam_gt.json"
 # SoccerNet's camera types -> the camera distributions that describe them, by name. The types do not say behind which
@@ -45,34 +42,6 @@ DISTRIBUTIONS_OF_TYPE: Mapping[str, tuple[str, ...]] = MappingProxyType(
 LENS = (("radial_distortion", 6), ("tangential_distortion", 2), ("thin_prism_distortion", 4))  # keys and lengths
 # Where those twelve stand in OpenCV's order: k1 k2 p1 p2 k3 k4 k5 k6 s1 s2 s3 s4.
 OPENCV_ORDER = [0, 1, 6, 7, 2, 3, 4, 5, 8, 9, 10, 11]
-
-
-def find_annotations(inputs: Iterable[Path]) -> list[FrameFile]:
-    """Annotation files of folders, zips and single files, in the order of their names.
-
-    Every ``<id>.json`` is a frame, except for match_info files, cameras and summaries.
-
-    Raises
-    ------
-    FileNotFoundError
-        If an input does not exist or holds no annotation.
-    BrokenFileError
-        If a zip is none, or two files would be the same frame.
-    """
-    return find_files(inputs, "annotation", suffix=".json", others=NOT_FRAMES)
-
-
-def find_cameras(path: Path) -> list[FrameFile]:
-    """Camera files ``camera_<id>.json`` of a folder or a zip, in the order of their names.
-
-    Raises
-    ------
-    FileNotFoundError
-        If the path does not exist or holds no camera.
-    BrokenFileError
-        If a zip is none, or two files would be the same frame.
-    """
-    return find_files([path], "camera", prefix="camera_", suffix=".json")
 
 
 def parse_annotation(content: bytes | str, image_size: tuple[int, int], *, unknown: bool = False) -> Pixels:
@@ -127,7 +96,16 @@ def parse_annotation(content: bytes | str, image_size: tuple[int, int], *, unkno
 
 
 def format_annotation(pixels: Mapping[str, Array], image_size: tuple[int, int]) -> str:
-    """The JSON of an annotation: the inverse of `parse_annotation`, with SoccerNet's spelling of the labels."""
+    """The JSON of an annotation: the inverse of `parse_annotation`, with SoccerNet's spelling of the labels.
+
+    Raises
+    ------
+    ValueError
+        If a pixel is not finite, or the image is one pixel wide or high: its coordinates cannot be normalised.
+    """
+    if pixels and min(image_size) < 2:
+        width, height = image_size
+        raise ValueError(f"pixels of an image of {width} x {height} cannot be normalised by (width - 1, height - 1)")
     scale = np.array(image_size) - 1.0
     record = {
         label + " " if label in TRAILING_BLANK else label: [
@@ -135,7 +113,7 @@ def format_annotation(pixels: Mapping[str, Array], image_size: tuple[int, int]) 
         ]
         for label, xy in pixels.items()
     }
-    return json.dumps(record)
+    return json.dumps(record, allow_nan=False)
 
 
 def camera_to_record(camera: Camera | RationalCamera) -> dict[str, Any]:
@@ -165,6 +143,11 @@ def camera_to_record(camera: Camera | RationalCamera) -> dict[str, Any]:
         "principal_point": camera.K[:2, 2].tolist(),
         **{key: coefficients[end - count : end].tolist() for (key, count), end in zip(LENS, ends, strict=True)},
     }
+
+
+def format_camera(camera: Camera | RationalCamera) -> str:
+    """The JSON of a camera file, see `camera_to_record`."""
+    return json.dumps(camera_to_record(camera), indent=2)
 
 
 def rational_camera_from_record(record: Mapping[str, Any], image_size: tuple[int, int] | None = None) -> RationalCamera:

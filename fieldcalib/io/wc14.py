@@ -9,8 +9,6 @@ width. Files of Chen's and of Jiang's systems have other axes, see `fieldcalib.g
 from __future__ import annotations
 
 import io
-from collections.abc import Iterable
-from pathlib import Path
 from typing import Literal, TypeAlias
 
 import numpy as np
@@ -19,25 +17,11 @@ from numpy.typing import ArrayLike
 from fieldcalib._types import Array
 from fieldcalib.geometry.homography import ALIGNMENTS, Alignment
 from fieldcalib.geometry.projective import SINGULAR, finite_homography
-from fieldcalib.io.files import BrokenFileError, FrameFile, find_files
+from fieldcalib.io.files import BrokenFileError
 
 AlignmentName: TypeAlias = Literal["wc14", "chen", "jiang"]
 
-HOMOGRAPHY = ".homographyMatrix"
 IMAGE_SIZE = (1280, 720)  # of the data set's images, which the files are for
-
-
-def find_homographies(inputs: Iterable[Path]) -> list[FrameFile]:
-    """Files ``<id>.homographyMatrix`` of folders, zips and single files, in the order of their names.
-
-    Raises
-    ------
-    FileNotFoundError
-        If an input does not exist or holds no such file.
-    BrokenFileError
-        If a zip is none, or two files would be the same frame.
-    """
-    return find_files(inputs, "homography", suffix=HOMOGRAPHY)
 
 
 def parse_homography(

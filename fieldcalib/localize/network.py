@@ -7,6 +7,7 @@ Its one input is (N, 3, height, width) float32: images squeezed to that size, ch
 
 from __future__ import annotations
 
+import os
 from collections.abc import Sequence
 from dataclasses import dataclass
 from importlib.resources import as_file, files
@@ -43,7 +44,7 @@ class SegmentationNetwork:
         provider : str
             What computes, by onnxruntime's name: "CPUExecutionProvider", "CUDAExecutionProvider", ...
         threads : int
-            Of the processor, at most.
+            Of the processor, at most, and no more than it has cores.
 
         Raises
         ------
@@ -144,6 +145,8 @@ def softmax(logits: Float32) -> Float32:
 
 def _session(path: Path, provider: str, threads: int) -> Any:
     """An InferenceSession on that provider, or an error: onnxruntime would quietly take the processor instead."""
+    # onnxruntime (from 1.29 on) writes an id to the user's cache and looks up a telemetry host; this is read on import
+    os.environ.setdefault("ORT_DISABLE_TELEMETRY", "1")
     import onnxruntime
 
     if threads < 1:
@@ -154,7 +157,7 @@ def _session(path: Path, provider: str, threads: int) -> Any:
             f"onnxruntime has no {provider!r} here, only {', '.join(available)}; onnxruntime-gpu has CUDA's"
         )
     options = onnxruntime.SessionOptions()
-    options.intra_op_num_threads = threads
+    options.intra_op_num_threads = min(threads, os.cpu_count() or 1)  # thousands are never all started
     options.log_severity_level = 3  # errors
     try:
         session = onnxruntime.InferenceSession(str(path), options, providers=[provider])

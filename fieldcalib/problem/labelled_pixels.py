@@ -6,13 +6,13 @@ One frame is a mapping of labels to (N, 2) pixels, perhaps with weights.
 from __future__ import annotations
 
 import difflib
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from typing import TypeAlias
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from fieldcalib._types import Array, BoolArray
+from fieldcalib._types import Array, BoolArray, IntArray
 from fieldcalib.fields.field import Field
 from fieldcalib.fields.segments import ObjectSegments
 
@@ -22,6 +22,7 @@ Weights: TypeAlias = Mapping[str, ArrayLike]
 PixelWeights: TypeAlias = dict[str, Array]
 
 LEVEL = 0.05  # slope of a line, as the middle line seen from behind a goal, below which it has no left side
+MOST_PIXELS = 200  # of a label: more make its place no surer, since what they share (its paint, the lens) stays
 FARTHEST_PIXEL = 10.0  # image sizes from the centre: beyond, a number is a mistake
 
 
@@ -114,7 +115,7 @@ def check_weights(
     Returns
     -------
     pixels : dict of str to (N, 2) array
-        Without the pixels of weight 0, and without the labels that have none left.
+        Without the pixels of weight 0, and without the labels that have none left; up to `MOST_PIXELS` of a label.
     pixel_weights : dict of str to (N,) array, or None
         What each of those pixels weighs; None without weights.
 
@@ -132,7 +133,7 @@ def check_weights(
     {'Middle line': array([0.25, 0.5 ])}
     """
     if weights is None:
-        return pixels, None
+        return thinned(pixels), None
     if not isinstance(weights, Mapping):
         raise ValueError(f"expected a mapping of labels to weights, got {type(weights).__name__}")
     given: dict[str, Array] = {}
@@ -148,10 +149,55 @@ def check_weights(
         weight = given.get(label, np.ones(len(xy)))
         seen = weight > 0.0  # a weight of 0 is that of padding
         if np.any(seen):
-            kept[label], pixel_weights[label] = xy[seen], weight[seen] / len(xy)
+            kept[label], pixel_weights[label] = _thinned(xy[seen], weight[seen] / len(xy))
     if pixels and not kept:
         raise ValueError("every label has the weight 0: nothing is left to calibrate from")
     return kept, pixel_weights
+
+
+def thinned(pixels: Pixels) -> Pixels:
+    """One frame with up to `MOST_PIXELS` pixels of each label, evenly chosen in their order.
+
+    Examples
+    --------
+    >>> dense = np.column_stack([np.arange(1000.0), np.zeros(1000)])
+    >>> thinned({"Middle line": dense})["Middle line"][:3, 0]
+    array([ 2.,  7., 12.])
+    """
+    return {label: _thinned(xy, np.ones(len(xy)))[0] for label, xy in pixels.items()}
+
+
+def _thinned(xy: Array, weight: Array) -> tuple[Array, Array]:
+    """Up to `MOST_PIXELS` of N pixels (N, 2) and their weights, of the same sum.
+
+    The pixels are those at evenly spaced places of the cumulative weight, so that each is chosen as often as it weighs.
+    """
+    if len(xy) <= MOST_PIXELS:
+        return xy, weight
+    unit = np.max(weight)  # the sum of huge weights would overflow
+    cumulative = np.cumsum(weight / unit)
+    places = (np.arange(MOST_PIXELS) + 0.5) / MOST_PIXELS * cumulative[-1]
+    chosen, times = np.unique(np.searchsorted(cumulative, places), return_counts=True)
+    return xy[chosen], times * (cumulative[-1] / MOST_PIXELS * unit)
+
+
+def padded_chunks(counts: Sequence[int], most_pixels: int) -> Iterator[IntArray]:
+    """Indices of frames in groups of similar numbers of pixels, to be padded to equal ones.
+
+    A group has at most `most_pixels` pixels, padding included, or is a single frame.
+
+    Examples
+    --------
+    >>> [chunk.tolist() for chunk in padded_chunks([3, 100, 2, 3], most_pixels=6)]
+    [[2, 0], [3], [1]]
+    """
+    order = np.argsort(counts, kind="stable")
+    begin = 0
+    while begin < len(order):
+        padded = np.asarray(counts)[order[begin:]] * np.arange(1, len(order) - begin + 1)
+        size = max(1, int(np.searchsorted(padded, most_pixels, side="right")))
+        yield order[begin : begin + size]
+        begin += size
 
 
 def _checked_weight(label: str, values: ArrayLike, count: int) -> Array:

@@ -1,0 +1,106 @@
+"""The formats of files: how each one is named and found, and what reads and writes it.
+
+The commands look here, and nowhere else, for what a file is.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Generic, TypeVar
+
+from fieldcalib.io.files import HIDDEN, FrameFile, find_files, is_named
+from fieldcalib.io.images import encode_image, parse_image
+from fieldcalib.io.pnlcalib import parse_detections
+from fieldcalib.io.soccernet import format_annotation, format_camera, parse_annotation, parse_camera
+from fieldcalib.io.tvcalib import format_per_sample_output, parse_per_sample_output
+from fieldcalib.io.videos import VideoReader, VideoWriter
+from fieldcalib.io.wc14 import format_homography, parse_homography
+
+Read = TypeVar("Read", bound=Callable[..., Any])
+Write = TypeVar("Write", bound=Callable[..., Any] | None)
+
+
+@dataclass(frozen=True)
+class Format(Generic[Read, Write]):
+    """Files named ``<prefix><id><suffix>``, or files of any name with one of the suffixes.
+
+    Examples
+    --------
+    >>> CAMERAS.recognises(Path("out/camera_00001.json")), ANNOTATIONS.recognises(Path("out/camera_00001.json"))
+    (True, False)
+    >>> CAMERAS.file_name("00001")
+    'camera_00001.json'
+    """
+
+    name: str
+    """What a file holds, for messages."""
+    suffixes: tuple[str, ...]
+    """In lower or upper case; what is written has the first."""
+    read: Read
+    """From the content of a file, or of a video from its path."""
+    write: Write
+    """To the content of a file, or of a video to its path; None where nothing is written in this format."""
+    prefix: str = ""
+    others: re.Pattern[str] = HIDDEN
+    """Matches the beginning of the names of files that are something else."""
+
+    def recognises(self, path: Path) -> bool:
+        """Whether a file's name is of this format."""
+        return is_named(path.name, self.prefix, self.suffixes, self.others)
+
+    def find(self, inputs: Iterable[Path]) -> list[FrameFile]:
+        """The files of frames in folders and zips, and single files, see `fieldcalib.io.files.find_files`."""
+        return find_files(inputs, self.name, prefix=self.prefix, suffix=self.suffixes, others=self.others)
+
+    def file_name(self, id: str) -> str:
+        """The name of a frame's file."""
+        return f"{self.prefix}{id}{self.suffixes[0]}"
+
+
+# What lies beside annotations: match_info_cam_gt.json, test_match_info_cam_gt.json, results of this package and others.
+ANNOTATIONS = Format(
+    "annotation",
+    (".json",),
+    parse_annotation,
+    format_annotation,
+    others=re.compile(r".*match_info|camera_|summary|per_sample_output|\."),
+)
+"""SoccerNet's labelled points, normalised: ``<id>.json``."""
+
+CAMERAS = Format("camera", (".json",), parse_camera, format_camera, prefix="camera_")
+"""SoccerNet's cameras: ``camera_<id>.json``."""
+
+HOMOGRAPHIES = Format("homography", (".homographyMatrix",), parse_homography, format_homography)
+"""Homographies as in WC14: ``<id>.homographyMatrix``."""
+
+DETECTIONS = Format("detections", (".json",), parse_detections, None)
+"""Points and lines that PnLCalib's networks found: ``<id>.json``."""
+
+RECORDS = Format(
+    "TVCalib output",
+    (".json", ".jsonl"),
+    parse_per_sample_output,
+    format_per_sample_output,
+    others=re.compile(r"camera_|\."),
+)
+"""Cameras and homographies of many frames: TVCalib's ``per_sample_output.json``."""
+
+OVERLAYS = Format("overlay", (".jpg",), parse_image, encode_image, prefix="overlay_")
+"""Images with the calibrated markings: ``overlay_<id>.jpg``."""
+
+IMAGES = Format(
+    "image",
+    (".jpg", ".jpeg", ".png", ".bmp", ".tif", ".tiff", ".webp"),
+    parse_image,
+    encode_image,
+    others=re.compile(rf"\.|{OVERLAYS.prefix}"),
+)
+"""Images: ``<id>.jpg`` and others that OpenCV reads."""
+
+VIDEOS = Format(
+    "video", (".mp4", ".m4v", ".mov", ".mkv", ".avi", ".webm", ".ts", ".mpg", ".mpeg"), VideoReader, VideoWriter
+)
+"""Videos that OpenCV reads; what is written is MP4."""

@@ -1,0 +1,69 @@
+"""A folder that one run at a time writes its results to."""
+
+from __future__ import annotations
+
+import os
+import sys
+import tempfile
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+
+@contextmanager
+def output_folder(path: Path) -> Iterator[None]:
+    """A folder for results, made if need be, and kept from other runs until the end.
+
+    Raises
+    ------
+    OSError
+        If the folder cannot be made or written to, or another run writes to it.
+
+    Examples
+    --------
+    >>> with tempfile.TemporaryDirectory() as folder, output_folder(Path(folder) / "out"):
+    ...     (Path(folder) / "out").is_dir()
+    True
+    """
+    path.mkdir(parents=True, exist_ok=True)
+    with tempfile.TemporaryFile(dir=path):  # what cannot be written is known before the work, not after it
+        pass
+    handle = _locked(path)
+    try:
+        yield
+    finally:
+        if handle is not None:
+            os.close(handle)
+
+
+if sys.platform == "win32":
+
+    def _locked(path: Path) -> int | None:
+        """A handle that keeps others out until it is closed, at the latest when the process ends."""
+        try:
+            return os.open(path / ".locked", os.O_CREAT | os.O_EXCL | os.O_TEMPORARY)
+        except FileExistsError:
+            raise _other_run(path) from None
+
+else:
+    import fcntl
+
+    def _locked(path: Path) -> int | None:
+        """A handle that keeps others out until it is closed, at the latest when the process ends.
+
+        None where the file system has no locks.
+        """
+        handle = os.open(path, os.O_RDONLY)  # of the folder itself: nothing is left behind
+        try:
+            fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except BlockingIOError:
+            os.close(handle)
+            raise _other_run(path) from None
+        except OSError:
+            os.close(handle)
+            return None
+        return handle
+
+
+def _other_run(path: Path) -> OSError:
+    return OSError(f"another run writes to {path}: wait for its end, or give another folder")

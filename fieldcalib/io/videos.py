@@ -1,0 +1,171 @@
+"""Videos: read frame by frame, and drawn pictures written as one.
+
+Frames are images as in `fieldcalib.io.images`, turned as the video's metadata say.
+"""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterator
+from contextlib import ExitStack, contextmanager
+from pathlib import Path
+from types import TracebackType
+from typing import Any, Self
+
+import numpy as np
+
+from fieldcalib.io.files import BrokenFileError, replacement
+from fieldcalib.io.image import Image
+from fieldcalib.io.images import MOST_PIXELS, check_pixels
+
+WITH_COUNT = (".mp4", ".m4v", ".mov", ".avi")  # these store how many frames there are, the others how long they take
+ESTIMATE = 1.0  # seconds that the sound may go on after the last frame
+FASTEST = 1000.0  # frames per second: what is more was never measured
+USUAL = 25.0  # frames per second, where the file says nothing
+CAPTURE_OPTIONS = "OPENCV_FFMPEG_CAPTURE_OPTIONS"  # environment variable that OpenCV reads when it opens a video
+
+
+class VideoReader:
+    """Frames of a video, one after the other; a context manager.
+
+    Raises
+    ------
+    FileNotFoundError
+        If there is no such file.
+    BrokenFileError
+        If it is no video, has no frame, or frames with too many pixels (`fieldcalib.io.images.check_pixels`).
+    """
+
+    count: int
+    """Number of frames, as the file says: often right; 0 if it does not say."""
+    frames_per_second: float
+
+    def __init__(self, path: Path, most_pixels: float = MOST_PIXELS) -> None:
+        import cv2
+
+        if not path.is_file():
+            raise FileNotFoundError(f"{path} does not exist: expected a video")
+        self._path, self._read = path, 0
+        self._capture = cv2.VideoCapture(str(path))
+        try:
+            width, height = (self._capture.get(p) for p in (cv2.CAP_PROP_FRAME_WIDTH, cv2.CAP_PROP_FRAME_HEIGHT))
+            check_pixels((int(width), int(height)), most_pixels)
+        except BrokenFileError as error:
+            self._capture.release()
+            raise BrokenFileError(f"{path}: {error}") from None
+        self._has_frame, self._frame = self._capture.read()
+        if not self._has_frame:
+            self._capture.release()
+            raise BrokenFileError(f"{path}: is no video that OpenCV can read")
+        self.count = max(int(self._capture.get(cv2.CAP_PROP_FRAME_COUNT)), 0)
+        rate = float(self._capture.get(cv2.CAP_PROP_FPS))
+        self.frames_per_second = rate if 0.0 < rate <= FASTEST else USUAL
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *error: object) -> None:
+        self._capture.release()
+
+    def __iter__(self) -> Iterator[Image]:
+        while self._has_frame:
+            self._read += 1
+            yield np.asarray(self._frame, dtype=np.uint8)
+            self._has_frame, self._frame = self._capture.read()
+
+    def lost_frames(self) -> int:
+        """How many of the frames that the file announces cannot be read; asked when those that can were read.
+
+        An MP4 may announce frames before its edit list begins, which are decoded but not shown: they are not lost.
+        """
+        if self._path.suffix.lower() not in WITH_COUNT:
+            lost = self.count - self._read
+            return lost if lost > ESTIMATE * self.frames_per_second else 0
+        if self._read >= self.count:
+            return 0
+        with _environment(CAPTURE_OPTIONS, "ignore_editlist;1"):
+            return max(self.count - count_frames(self._path), 0)
+
+
+def count_frames(path: Path) -> int:
+    """How many frames of a video can be decoded; 0 if it is none."""
+    import cv2
+
+    capture = cv2.VideoCapture(str(path))
+    count = 0
+    while capture.grab():
+        count += 1
+    capture.release()
+    return count
+
+
+@contextmanager
+def _environment(name: str, value: str) -> Iterator[None]:
+    """An environment variable, put back as it was."""
+    old = os.environ.get(name)
+    os.environ[name] = value
+    try:
+        yield
+    finally:
+        if old is None:
+            del os.environ[name]
+        else:
+            os.environ[name] = old
+
+
+class VideoWriter:
+    """An MP4 of images, whole or not at all; a context manager. Images of another size than the first are resized.
+
+    Raises
+    ------
+    OSError
+        At the end, if not every image is in the file: OpenCV does not say that the disk is full.
+    """
+
+    def __init__(self, path: Path, frames_per_second: float) -> None:
+        self._path, self._frames_per_second = path, frames_per_second
+        self._replacement = ExitStack()
+        self._writer: Any = None
+        self._size = (0, 0)
+        self._written = 0
+
+    def __enter__(self) -> Self:
+        return self
+
+    def write(self, image: Image) -> None:
+        """Append an image.
+
+        Raises
+        ------
+        OSError
+            If no video can be written there.
+        """
+        import cv2
+
+        size = (image.shape[1], image.shape[0])
+        if self._writer is None:
+            handle, self._unfinished = self._replacement.enter_context(replacement(self._path))
+            os.close(handle)
+            code = cv2.VideoWriter.fourcc(*"mp4v")  # the only codec for MP4 that every build of OpenCV has
+            self._size = size
+            self._writer = cv2.VideoWriter(str(self._unfinished), code, self._frames_per_second, size)
+            if not self._writer.isOpened():
+                raise OSError(f"{self._path}: OpenCV cannot write an MP4 there")
+        self._writer.write(image if size == self._size else cv2.resize(image, self._size))
+        self._written += 1
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, traceback: TracebackType | None
+    ) -> None:
+        if self._writer is None:
+            return
+        self._writer.release()
+        if error is not None:
+            self._replacement.__exit__(kind, error, traceback)
+            return
+        with self._replacement:
+            found = count_frames(self._unfinished)
+            if found != self._written:
+                raise OSError(
+                    f"{self._path}: only {found} of {self._written} frames could be written: is the disk full?"
+                )
