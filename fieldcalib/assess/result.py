@@ -214,7 +214,7 @@ class Calibration:
             )
         if self.status is Status.IMPLAUSIBLE:
             return 0.0
-        return probability_right(self.field.probability, self._evidence, metres) / (1 + len(self.alternatives))
+        return probability_right(self.field.probability, *self._evidence, metres) / (1 + len(self.alternatives))
 
     def doubted(self, least: float, metres: float = 1.0) -> Calibration:
         """The same, with the verdict that it is probably wrong if its `probability` is below `least`.
@@ -241,7 +241,7 @@ class Calibration:
         return replace(self, status=Status.IMPROBABLE, message=f"{doubt}; {self.message}")
 
     @cached_property
-    def _evidence(self) -> Array:
+    def _evidence(self) -> tuple[Array, Array]:
         assert self.field is not None
         return evidence(self.uncertainty, self.field)
 

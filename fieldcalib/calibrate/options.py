@@ -329,7 +329,8 @@ def _layout(
     lens = full if is_full else RadialLens(rho)
     size = None
     if field is not None and field.size_model is not None and has_prior and not field.size_known:
-        size = SizeBlock(np.array([field.length, field.width]), field.size_model.sigma, field.size_model.limits)
+        model = field.size_model
+        size = SizeBlock(np.array([field.length, field.width]), model.sigma, model.limits, model.possibilities)
     layout = Layout.of(image_size, lens, size).with_roles(Role.CONSIDERED, "field size")
     for flag, blocks in (
         (F.CALIB_FIX_ASPECT_RATIO, ("aspect",)),
