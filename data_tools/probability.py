@@ -31,7 +31,7 @@ from pathlib import Path
 import numpy as np
 
 from data_tools.measured_cameras import SIZE, observed, read_camera
-from data_tools.random_frames import random_frame
+from data_tools.random_frames import RandomFrame, random_frame
 from fieldcalib._types import Array
 from fieldcalib.assess.probability import GRID, evidence
 from fieldcalib.assess.result import Calibration
@@ -141,7 +141,7 @@ def sizes(options: argparse.Namespace) -> int:
     rng, field = np.random.default_rng(options.seed), soccer()
     assert field.size_model is not None
     low, high = field.size_model.limits
-    frames = []
+    frames: list[RandomFrame] = []
     while len(frames) < options.frames:
         length, width = rng.uniform(low, high)
         if rng.random() < EXACT:

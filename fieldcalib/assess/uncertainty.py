@@ -22,6 +22,7 @@ Empirical Bayes Methods, 2004, section 3 (moderated variances).
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -30,7 +31,7 @@ from numpy.typing import ArrayLike
 
 from fieldcalib._types import Array, BoolArray
 from fieldcalib.assess.observability import OPEN_DIRECTION, Direction, Information
-from fieldcalib.assess.size_evidence import SizeEvidence
+from fieldcalib.assess.size_evidence import FAINT, SizeEvidence
 from fieldcalib.geometry.camera import Camera
 from fieldcalib.geometry.rotation import rotation_axes
 from fieldcalib.problem.evaluation import Evaluation, Problem, evaluate
@@ -48,6 +49,7 @@ OTHER_FRAMES = 5.0
 # with 0 it is 88 %. 3 to 4 % have wrong labels.
 SHARED_NOISE = 0.15
 NODES, NOISE_STEPS = 21, 4  # of the quadrature over the noise, and of the search for its size
+TESTED = ("log aspect", "b2")  # parameters that are usually kept fixed
 TOUCHED = 1e-6  # share of a derivative along an open direction that is more than rounding
 
 
@@ -125,6 +127,9 @@ class Uncertainty:
     """How the error of the estimate grows with true length and width less the given ones, (n, 2); (n, 0) if exact."""
     size: SizeEvidence | None
     """What the frame says about the size of its field; None if that is exact."""
+    offsets: Mapping[str, tuple[float, float]]
+    """How far off the labels would put what was kept fixed, to first order, and the standard deviation of that: of
+    "log aspect" and of "b2", the second radial coefficient."""
 
     def given_size(self, possibility: int) -> Uncertainty:
         """The uncertainty if one of the possibilities for the field's size were true, see `SizeEvidence`."""
@@ -329,25 +334,28 @@ def uncertainties(evaluation: Evaluation, unit: Array) -> list[Uncertainty]:
     gain = 1.0 / np.where(lost, np.inf, information_left + has_prior)
     gain_by_labels = 1.0 / np.where(is_open, np.inf, information_left)
 
+    tested = [name for name in TESTED if name in problem.layout.names and not _is_estimated(name, problem)]
+    by_tested = [evaluation.derivatives(np.array(problem.layout.names) == name) for name in tested]
     by_size = evaluation.derivatives(problem.layout.considered)
-    rows = np.concatenate([along, by_size], axis=1)
+    sizes, by_kept = by_size.shape[1], np.concatenate([by_size, *by_tested], axis=1)
+    rows = np.concatenate([along, by_kept], axis=1)
     noisy = variance[:, None, None] * noise.covariance(rows, pull, pull) + noise.of_paint(rows, evaluation.pull)
     P = len(free)
     data, identity = noisy[:, :P, :P], np.eye(P)
     determined = _whole(theta_of * gain[:, None], data + has_prior * identity, problem.free)
     determined_by_labels = _whole(theta_of * gain_by_labels[:, None], data, problem.free)
 
-    # with the camera following, the size has the Schur complement of its information
+    # with the camera following, what is kept has the Schur complement of its information
     crossed = kappa[:, None, None] * _gram(rows, evaluation.pull)[:, :P, P:]
     following = -gain[:, :, None] * crossed  # of the coordinates along the directions
-    of_size = kappa[:, None, None] * _gram(by_size, evaluation.pull) + np.swapaxes(crossed, 1, 2) @ following
-    L = np.concatenate([np.swapaxes(following, 1, 2), np.broadcast_to(np.eye(by_size.shape[1]), of_size.shape)], axis=2)
+    of_kept = kappa[:, None, None] * _gram(by_kept, evaluation.pull) + np.swapaxes(crossed, 1, 2) @ following
+    L = np.concatenate([np.swapaxes(following, 1, 2), np.broadcast_to(np.eye(by_kept.shape[1]), of_kept.shape)], axis=2)
     noisy[:, :P, :P] += has_prior * identity
-    spread_of_size = L @ noisy @ np.swapaxes(L, 1, 2)
-    gradient_of_size = (by_size @ (evaluation.pull * evaluation.r)[..., None])[..., 0]
-    by_true_size = np.zeros((len(problem), problem.layout.size, by_size.shape[1]))
-    by_true_size[:, problem.free] = -theta_of @ following  # given less true, and so the other way
-    by_true_size[:, problem.layout.considered] = -np.eye(by_size.shape[1])
+    spread_of_kept = L @ noisy @ np.swapaxes(L, 1, 2)
+    gradient = (by_kept @ (evaluation.pull * evaluation.r)[..., None])[..., 0]
+    by_true_size = np.zeros((len(problem), problem.layout.size, sizes))
+    by_true_size[:, problem.free] = -theta_of @ following[:, :, :sizes]  # given less true, and so the other way
+    by_true_size[:, problem.layout.considered] = -np.eye(sizes)
     units = np.zeros_like(evaluation.theta)
     units[:, free] = scale
     found = []
@@ -369,10 +377,20 @@ def uncertainties(evaluation: Evaluation, unit: Array) -> list[Uncertainty]:
                 observability=labels.directions(t),
                 by_size=by_true_size[t],
                 size=None
-                if problem.layout.field_size is None or not by_size.shape[1]
+                if problem.layout.field_size is None or not sizes
                 else SizeEvidence.of(
-                    of_size[t], gradient_of_size[t], spread_of_size[t], problem.layout.field_size.possibilities
+                    of_kept[t, :sizes, :sizes],
+                    gradient[t, :sizes],
+                    spread_of_kept[t, :sizes, :sizes],
+                    problem.layout.field_size.possibilities,
                 ),
+                offsets={
+                    name: (
+                        float(-gradient[t, i] / max(of_kept[t, i, i], FAINT)),
+                        float(np.sqrt(spread_of_kept[t, i, i]) / max(of_kept[t, i, i], FAINT)),
+                    )
+                    for i, name in enumerate(tested, sizes)
+                },
             )
         )
     return found
@@ -394,6 +412,10 @@ def region_radius(dimensions: int, dof: float, level: float) -> float:
     if not 0.0 < level < 1.0:
         raise ValueError(f"level must be a probability between 0 and 1, got {level}")
     return float(np.sqrt(dimensions * fdtri(dimensions, dof, level)))
+
+
+def _is_estimated(name: str, problem: Problem) -> bool:
+    return bool(problem.free[problem.layout.names.index(name)])
 
 
 def _gram(JT: Array, weight: Array) -> Array:
