@@ -132,6 +132,14 @@ class Options:
         return int(np.sum(self.is_camera))
 
     @property
+    def may_be_inside(self) -> bool:
+        """Whether the user says that the camera may stand on the field: by its position, or by where it may be."""
+        if self.field is None or not np.isnan(self.known[CENTER]).any():
+            return True
+        half = self.field.length / 2.0, self.field.width / 2.0
+        return any(abs(np.mean(d.x)) < half[0] and abs(np.mean(d.y)) < half[1] for d in self.distributions)
+
+    @property
     def scale(self) -> float:
         """Size of what is usually in view, metres."""
         return SOCCER_SCALE if self.field is None else self.field.scale
