@@ -416,7 +416,7 @@ def test_weights_outside_the_folder_of_the_network_are_not_read(tmp_path, locati
     weight.data_location = onnx.TensorProto.EXTERNAL
     weight.external_data.add(key="location", value=location)
     path.write_bytes(model.SerializeToString())
-    with pytest.raises(BrokenFileError, match="onnxruntime cannot load it: .*External data path validation failed"):
+    with pytest.raises(BrokenFileError, match=r"onnxruntime cannot load it: .*External data path validation failed"):
         SegmentationNetwork.load(path)
 
 
