@@ -402,24 +402,6 @@ def test_threads(tmp_path):
         SegmentationNetwork.load(write_network(tmp_path), threads=0)
 
 
-@pytest.mark.parametrize("location", ["../secret.bin", "link.bin"])
-def test_weights_outside_the_folder_of_the_network_are_not_read(tmp_path, location):
-    import onnx
-
-    (tmp_path / "model").mkdir()
-    path = write_network(tmp_path / "model")
-    model = onnx.load(path)
-    weight = model.graph.initializer[0]
-    (tmp_path / "secret.bin").write_bytes(weight.raw_data)
-    (tmp_path / "model" / "link.bin").symlink_to("../secret.bin")
-    weight.ClearField("raw_data")
-    weight.data_location = onnx.TensorProto.EXTERNAL
-    weight.external_data.add(key="location", value=location)
-    path.write_bytes(model.SerializeToString())
-    with pytest.raises(BrokenFileError, match=r"onnxruntime cannot load it: .*External data path validation failed"):
-        SegmentationNetwork.load(path)
-
-
 def test_no_more_threads_than_cores(tmp_path, monkeypatch):
     """Thousands of threads are started one by one, and hardly ever end."""
     import onnxruntime
