@@ -1,6 +1,5 @@
 """The paper's losses against their definition, written out pixel by pixel."""
 
-import tracemalloc
 from math import cos, hypot, sin
 
 import numpy as np
@@ -248,18 +247,3 @@ def test_pixels_without_noise_lie_on_their_lines(drawn, kind):
     frame = observe(lines, camera_from_theta(theta, image_size))
     assume(frame)
     assert loss_of(theta, frame, image_size, kind) < 1e-8
-
-
-@pytest.mark.parametrize("kind", ["tvcalib", "eq3"])
-def test_one_dense_label_does_not_take_the_memory_of_all_frames(kind):
-    camera = Camera.from_angles(0.0, 1.35, 0.0, 1000.0, (0.0, 65.0, -16.0), (960, 540))
-    circle = camera.project(FIELD["Circle central"].sample(0.02))
-    dense = {"Circle central": np.resize(circle, (2000, 2)) + 0.5}
-    ordinary = {"Circle central": dense["Circle central"][:9]}
-    theta = np.repeat(theta_from_camera(camera)[None], 100, axis=0)
-    tracemalloc.start()
-    losses = ndc_loss(theta, FIELD, [ordinary] * 99 + [dense], (960, 540), kind)
-    assert tracemalloc.get_traced_memory()[1] < 150e6  # 2 GB when all are padded to the longest
-    tracemalloc.stop()
-    np.testing.assert_allclose(losses[:99], loss_of(theta[0], ordinary, (960, 540), kind), rtol=1e-12)
-    np.testing.assert_allclose(losses[99], loss_of(theta[0], dense, (960, 540), kind), rtol=1e-12)

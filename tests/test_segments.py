@@ -10,14 +10,7 @@ from strategies import generators
 
 from fieldcalib.fields.segments import Arc, Line, Point, PointCloud
 from fieldcalib.fields.soccer import soccer
-from fieldcalib.problem.labelled_pixels import (
-    MOST_PIXELS,
-    check_segments,
-    check_weights,
-    padded_chunks,
-    split_centre_circle,
-    thinned,
-)
+from fieldcalib.problem.labelled_pixels import check_segments, check_weights, split_centre_circle
 from fieldcalib.problem.observations import pack
 
 SIZE = (960, 540)
@@ -504,52 +497,3 @@ def test_a_field_with_more_segments_is_a_field():
 def test_a_name_of_the_field_cannot_be_given_twice(name):
     with pytest.raises(ValueError, match="the field has a segment 'CENTER_MARK' already: give yours another name"):
         FIELD.with_segments({name: Point((1.0, 2.0, 0.0))})
-
-
-# --- dense labels ---
-
-
-@given(count=st.integers(1, 3000))
-def test_a_label_is_thinned_evenly(count):
-    xy = np.column_stack([np.arange(count, dtype=float), np.zeros(count)])
-    thin = thinned({"Middle line": xy})["Middle line"][:, 0]
-    assert len(thin) == min(count, MOST_PIXELS)
-    gaps = np.diff(thin)
-    assert gaps.size == 0 or gaps.max() - gaps.min() <= 1.0
-    assert thin[0] <= 0.5 * count / MOST_PIXELS + 1.0
-    assert count - 1 - thin[-1] <= 0.5 * count / MOST_PIXELS + 1.0
-
-
-@given(count=st.integers(1, 3000), scale=st.sampled_from([1e-300, 1.0, 1e300]), rng=generators())
-def test_a_thinned_label_weighs_as_much_as_before(count, scale, rng):
-    frame = {"Middle line": rng.uniform(0.0, 500.0, (count, 2)), "CENTER_MARK": np.array([(480.0, 250.0)])}
-    weights = {"Middle line": scale * rng.uniform(size=count), "CENTER_MARK": 2.0}
-    pixels, shares = check_weights(FIELD, frame, weights)
-    assert {label: len(share) for label, share in shares.items()} == {label: len(xy) for label, xy in pixels.items()}
-    assert len(pixels["Middle line"]) <= MOST_PIXELS
-    assert np.sum(shares["Middle line"]) == pytest.approx(np.mean(weights["Middle line"]), rel=1e-9)
-    assert shares["CENTER_MARK"] == [2.0]
-    if count <= MOST_PIXELS:
-        np.testing.assert_array_equal(pixels["Middle line"], frame["Middle line"])
-
-
-def test_a_thinned_label_keeps_the_pixels_that_weigh():
-    xy = np.column_stack([np.arange(1000.0), np.zeros(1000)])
-    weights = np.full(1000, 1e-6)
-    weights[700] = 1.0
-    pixels, shares = check_weights(FIELD, {"Middle line": xy}, {"Middle line": weights})
-    heavy = pixels["Middle line"][:, 0] == 700.0
-    assert shares["Middle line"][heavy] == pytest.approx(1e-3, rel=0.01)
-
-
-def test_frames_are_thinned_before_they_are_packed():
-    frame = {"Middle line": np.column_stack([np.full(5000, 480.0), np.linspace(0.0, 500.0, 5000)])}
-    assert len(check_weights(FIELD, frame, None)[0]["Middle line"]) == MOST_PIXELS
-
-
-@given(st.lists(st.integers(0, 500), max_size=60), st.integers(1, 2000))
-def test_chunks_hold_every_frame_once_and_little_padding(counts, most_pixels):
-    chunks = [chunk.tolist() for chunk in padded_chunks(counts, most_pixels)]
-    assert sorted(t for chunk in chunks for t in chunk) == list(range(len(counts)))
-    for chunk in chunks:
-        assert len(chunk) == 1 or len(chunk) * max(counts[t] for t in chunk) <= most_pixels
