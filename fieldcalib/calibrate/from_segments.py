@@ -21,6 +21,7 @@ from fieldcalib.assess.ndc import ndc_loss
 from fieldcalib.assess.observability import Information
 from fieldcalib.assess.result import Calibration, Solved, Status, SuspectLabel
 from fieldcalib.assess.verdict import Evidence, implausibilities, segment_errors, verdict
+from fieldcalib.calibrate.auto_lens import with_lens_as_called_for
 from fieldcalib.calibrate.mislabels import Relabelled, without_mislabels
 from fieldcalib.calibrate.options import DEFAULT_CRITERIA, DEFAULT_FLAGS, Criteria, Options, Prior, checked_options
 from fieldcalib.calibrate.search import find_cameras
@@ -287,7 +288,18 @@ def _calibrate(
         solved = without_mislabels(object_segments, frames, weights, solution.evaluation, found.prior, options)
     start = with_segment_ends(object_segments, solved.evaluation, options.wide_loss.scale)
     solution = solve(start, max_iterations=options.max_iterations, tolerance=options.tolerance)
-    return _judged(object_segments, frames, observations, solved, solution, options)
+    if not options.auto_lens:
+        return _judged(object_segments, frames, observations, solved, solution, options)
+    calibrations: dict[int, Calibration] = {}
+    for part in with_lens_as_called_for(object_segments, solution, solved.prior, options):
+        index = part.frames
+        some = solved.take(index, part.prior)
+        members = [frames[t] for t in index]
+        judged = _judged(object_segments, members, observations.take(index), some, part.solution, part.options)
+        extra = f"; {', '.join(part.freed)} estimated too, as the labels call for it" if part.freed else ""
+        for t, one in zip(index.tolist(), judged, strict=True):
+            calibrations[t] = replace(one, message=one.message + extra) if extra else one
+    return [calibrations[t] for t in range(len(frames))]
 
 
 def _motion(options: Options) -> Array | None:
@@ -319,7 +331,7 @@ def _judged(
     lens_is_prior = _lens_is_prior(labels, options)
     fitted = segment_errors(evaluation, solved.frames)
     given = fitted
-    if solved.frames is not frames:
+    if any(solved.suspects):
         given = segment_errors(evaluate(replace(evaluation.problem, observations=observations), theta), frames)
 
     other = other_side(evaluation.problem.observations, theta, options)
