@@ -5,6 +5,7 @@ import numpy as np
 import pytest
 from hypothesis import assume, given
 from hypothesis import strategies as st
+from numdiff import central_differences
 from strategies import angle, generators
 
 from fieldcalib.geometry.lens import (
@@ -148,19 +149,13 @@ def test_coefficients_of_a_batch_of_focal_lengths():
     np.testing.assert_array_equal(corner_coefficients(k, f, RHO), expected)
 
 
-def central_difference(function, x, h):
-    """Jacobian of a function of a vector, column by column."""
-    columns = [(function(x + step) - function(x - step)) / (2.0 * h) for step in h * np.eye(len(x))]
-    return np.stack(columns, axis=-1)
-
-
 @given(coefficients(), angle(np.pi), st.floats(0.0, 2.0))
 def test_derivatives_against_central_differences(a, direction, radius):
     s = along(direction, radius)
     dd_ds, dd_da = distort_jacobian(s, a, RHO)
     # steps: truncation and rounding are both below 1e-9 of what is compared
-    numeric_ds = central_difference(lambda s: distort(s, a, RHO), s, h=1e-2)
-    numeric_da = central_difference(lambda a: distort(s, a, RHO), a, h=1e-2)
+    numeric_ds = central_differences(lambda s: distort(s, a, RHO), s, 1e-2)
+    numeric_da = central_differences(lambda a: distort(s, a, RHO), a, 1e-2)
     for column, name in enumerate("xy"):
         np.testing.assert_allclose(dd_ds[:, column], numeric_ds[:, column], atol=1e-7, err_msg=f"d/d{name}")
     for column, name in enumerate(("a1", "a2")):

@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given
 from strategies import generators, thetas
 from synthetic import frames_of_broadcasts, observe
-from test_residuals import EVERYTHING, column_errors
+from test_residuals import EVERYTHING, jacobian_errors
 
 from fieldcalib.calibrate.from_segments import calibrate_batch
 from fieldcalib.fields.soccer import soccer
@@ -79,7 +79,7 @@ def test_derivatives_match_central_differences(theta_and_size, rng):
     silent = {kind: replace(rows, weight=np.zeros_like(rows.weight)) for kind, rows in silent.items()}
     observations = replace(observations, **silent, ends=ends)
     _, jacobian = segment_residuals_with_jacobian(theta[None], observations, EVERYTHING)
-    assert np.max(column_errors(jacobian, theta[None], observations)) < 1e-5
+    assert np.max(jacobian_errors(jacobian, theta[None], observations)) < 1e-5
 
 
 def test_exact_pixels_leave_the_camera_alone():

@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from numdiff import central_differences
 from synthetic import frames_of_broadcasts, observe, whole_circle_markings
 
 from fieldcalib.assess.uncertainty import OPEN_DIRECTION, GroundError, region_radius, uncertainties
@@ -48,15 +49,6 @@ def uncertainty_of(frame, theta=THETA, free=EVERYTHING, prior=True, field=FIELD,
     return found
 
 
-def derivative(function, theta=THETA):
-    """Central differences (m, 12) of a function of theta."""
-    columns = [
-        (function(theta + step) - function(theta - step)) / (2.0 * size)
-        for step, size in zip(np.diag(STEPS), STEPS, strict=True)
-    ]
-    return np.stack(columns, axis=-1)
-
-
 def solved(frames, truth, free, prior, loss=CAUCHY):
     """Solutions near the truth, with their uncertainties."""
     problem = Problem(pack(FIELD, frames, SIZE), free, loss, 1.0, prior)
@@ -74,7 +66,7 @@ def test_standard_deviations_are_opencvs(theta):
         return np.concatenate([K[[0, 1, 0, 1], [0, 1, 2, 2]], dist[0, :2], rvec[:, 0], tvec[:, 0]])
 
     found = uncertainty_of(FRAME, theta)
-    J = derivative(opencv, theta)
+    J = central_differences(opencv, theta, STEPS)
     expected = np.sqrt(np.diag(J @ found.covariance @ J.T))
     intrinsics, extrinsics = found.std_deviations_intrinsics, found.std_deviations_extrinsics
     assert intrinsics.shape == (18, 1)
@@ -97,7 +89,7 @@ def test_rotation_vectors_of_any_length(turn):
         length = np.linalg.norm(other)
         return min((other, other - 2.0 * np.pi * other / max(length, 1e-9)), key=lambda v: np.linalg.norm(v - rvec))
 
-    J = derivative(near, theta)
+    J = central_differences(near, theta, STEPS)
     expected = np.sqrt(np.diag(J @ found.covariance @ J.T))
     np.testing.assert_allclose(found.std_deviations_extrinsics[:3, 0], expected, rtol=1e-4)
 
@@ -106,7 +98,7 @@ def test_rotation_vectors_of_any_length(turn):
 def test_ground_errors_are_the_derivative_of_the_back_projection(theta):
     found = uncertainty_of(FRAME, theta)
     xy = np.array([[100.0, 500.0], [480.0, 270.0], [900.0, 200.0]])
-    J = derivative(lambda moved: camera_from_theta(moved, SIZE).image_to_field(xy)[:, :2], theta)
+    J = central_differences(lambda moved: camera_from_theta(moved, SIZE).image_to_field(xy)[:, :2], theta, STEPS)
     expected = J @ found.covariance @ np.swapaxes(J, 1, 2)
     at_image = found.at_image(xy)
     np.testing.assert_allclose(at_image.covariance, expected, rtol=1e-5)
