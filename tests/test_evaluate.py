@@ -5,7 +5,7 @@ import zipfile
 
 import numpy as np
 import pytest
-from synthetic import frames_of_broadcasts, observe, whole_circle_markings
+from synthetic import observe, random_frames, whole_circle_markings
 
 from fieldcalib import soccer
 from fieldcalib.cli.evaluate import GroundTruth, evaluate, table
@@ -15,7 +15,6 @@ from fieldcalib.io.soccernet import camera_to_record, format_annotation, format_
 from fieldcalib.io.tvcalib import TVCalibRecord, format_per_sample_output
 from fieldcalib.io.wc14 import format_homography
 from fieldcalib.metrics import compound_score, evaluate_segments, iou_part, iou_whole, projection_error
-from fieldcalib.problem.parameters import camera_from_theta
 
 SIZE, WC14 = (960, 540), (1280, 720)
 MARKINGS = whole_circle_markings(soccer())
@@ -66,8 +65,7 @@ def write_homographies(folder, homographies):
 @pytest.fixture(scope="module")
 def frames():
     """Annotations of four frames and their cameras: (frames, cameras) by name."""
-    found, thetas = frames_of_broadcasts(4, seed=3, noise=3.0, names=("main center",))
-    cameras = [camera_from_theta(theta, SIZE) for theta in thetas]
+    found, cameras = random_frames(4, seed=3, noise=3.0, stands=("main center",))
     return dict(zip(NAMES, found, strict=True)), dict(zip(NAMES, cameras, strict=True))
 
 

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from numdiff import central_differences, column_errors
-from synthetic import frames_of_broadcasts, observe, whole_circle_markings
+from synthetic import observe, random_frames, whole_circle_markings
 
 from fieldcalib.fields.soccer import soccer
 from fieldcalib.fields.stands import DISTRIBUTIONS, MAIN_TRIBUNE
@@ -41,14 +41,14 @@ def prior_for(count, names=MAIN):
 
 def random_problem(count, loss, seed, noise=1.5, prior=True, outlier=30.0):
     """Noisy frames with a gross error in one segment each, and starts a little off the truth."""
-    frames, truth = frames_of_broadcasts(count, seed, noise, names=MAIN)
+    frames, cameras = random_frames(count, seed, noise, stands=MAIN)
     rng = np.random.default_rng(seed)
     for frame in frames:
         # a line: far inside a circle the distance has kinks, where a minimum need not be stationary
         label = rng.choice([label for label in frame if "Circle" not in label])
         frame[label] = frame[label] + rng.normal(scale=outlier, size=frame[label].shape)
     problem = Problem(pack(FIELD, frames, SIZE), PINHOLE, loss, 1.0, prior_for(count) if prior else None)
-    starts = truth.copy()
+    starts = np.array([theta_from_camera(camera) for camera in cameras])
     starts[:, :7] += rng.normal(size=(count, 7)) * ([0.01] * 3 + [0.05] + [1.0] * 3)
     return problem, starts
 

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from numdiff import central_differences
-from synthetic import frames_of_broadcasts, observe, whole_circle_markings
+from synthetic import observe, random_frames, whole_circle_markings
 
 from fieldcalib.assess.uncertainty import OPEN_DIRECTION, GroundError, region_radius, uncertainties
 from fieldcalib.fields.segments import Line
@@ -49,10 +49,14 @@ def uncertainty_of(frame, theta=THETA, free=EVERYTHING, prior=True, field=FIELD,
     return found
 
 
+def thetas_of(cameras):
+    return np.array([theta_from_camera(camera) for camera in cameras])
+
+
 def solved(frames, truth, free, prior, loss=CAUCHY):
-    """Solutions near the truth, with their uncertainties."""
+    """Solutions near the true cameras, with their uncertainties."""
     problem = Problem(pack(FIELD, frames, SIZE), free, loss, 1.0, prior)
-    solution = solve_batch(problem, truth, max_iterations=200, tolerance=1e-12)
+    solution = solve_batch(problem, thetas_of(truth), max_iterations=200, tolerance=1e-12)
     return solution.theta, uncertainties(problem, solution.theta, prior.sigma)
 
 
@@ -171,7 +175,7 @@ def test_linear_estimates_scatter_as_the_covariance_says():
 
 def test_noise_is_found_through_the_robust_loss_and_gross_errors():
     """Cauchy's loss bends 2 px of noise; a segment with a wrong label must not pass for noise."""
-    frames, truth = frames_of_broadcasts(40, 5, noise=2.0, least_segments=9, names=("main center", "main left"))
+    frames, truth = random_frames(40, 5, noise=2.0, least_segments=9, stands=("main center", "main left"))
     prior = prior_for(["main center", "main left"] * 20)
     _, found = solved(frames, truth, PINHOLE, prior)
     assert np.median([u.sigma for u in found]) == pytest.approx(2.0, rel=0.1)
@@ -223,22 +227,16 @@ def test_few_equations_lean_on_the_noise_of_other_frames():
 def test_regions_hold_the_truth(noise, lens):
     names = ("main center", "main left", "main right", "behind left goal", "opposite tribune")
     count = 100
-    frames, truth = frames_of_broadcasts(count, 21, names=names)
-    rng = np.random.default_rng(22)
+    frames, truth = random_frames(count, 21, noise, stands=names, a1=(0.0, 0.03 if lens else 0.0))
     free = PINHOLE.copy()
-    if lens:
-        free[LENS.start] = True
-        truth[:, LENS.start] = rng.normal(scale=0.03, size=count)
-    markings = whole_circle_markings(FIELD)
-    frames = [observe(markings, camera_from_theta(theta, SIZE), rng, noise) for theta in truth]
+    free[LENS.start] = lens
     prior = prior_for([names[t % len(names)] for t in range(count)])
     theta, found = solved(frames, truth, free, prior)
     points = np.stack(np.meshgrid(np.linspace(-50, 50, 11), np.linspace(-30, 30, 7), [0.0]), axis=-1).reshape(-1, 3)
     intervals, regions, ellipses = [], [], []
-    for t, u in enumerate(found):
-        error = (theta[t] - truth[t])[free]
+    for camera, estimate, u in zip(truth, theta, found, strict=True):
+        error = (estimate - theta_from_camera(camera))[free]
         intervals.append(np.abs(error) <= u.radius() * np.sqrt(np.diag(u.covariance)[free]))
-        camera = camera_from_theta(truth[t], SIZE)
         regions.append(u.distance(camera) <= u.radius(int(free.sum())))
         xy = camera.project(points)
         seen = np.all((xy >= 0.0) & (xy < SIZE), axis=1) & np.isfinite(u.camera.image_to_field(xy)).all(axis=1)
@@ -251,7 +249,8 @@ def test_regions_hold_the_truth(noise, lens):
 
 
 def test_company_changes_nothing():
-    frames, truth = frames_of_broadcasts(6, 8, noise=1.0, names=("main center",))
+    frames, cameras = random_frames(6, 8, noise=1.0, stands=("main center",))
+    truth = thetas_of(cameras)
     prior = prior_for(["main center"] * 6)
     problem = Problem(pack(FIELD, frames, SIZE), PINHOLE, CAUCHY, 1.0, prior)
     together = uncertainties(problem, truth, prior.sigma)[4]
@@ -314,22 +313,22 @@ def test_the_prior_narrows_what_the_labels_leave_wide():
 
 
 def test_distance_of_the_estimate_is_nothing():
-    frames, truth = frames_of_broadcasts(1, 4, noise=1.0, names=("main center",))
+    frames, truth = random_frames(1, 4, noise=1.0, stands=("main center",))
     prior = prior_for(["main center"])
     theta, (found,) = solved(frames, truth, PINHOLE, prior)
     assert found.distance(found.camera) < 0.01
     radius = found.radius(7)
-    assert found.distance(camera_from_theta(truth[0], SIZE)) < radius
+    assert found.distance(truth[0]) < radius
     away = theta[0].copy()
     away[0] += 0.05
     assert found.distance(camera_from_theta(away, SIZE)) > radius
     # without a prior too
     (without,) = uncertainties(replace(found.problem, prior=None), theta, prior.sigma)
-    assert without.distance(camera_from_theta(truth[0], SIZE)) < radius
+    assert without.distance(truth[0]) < radius
 
 
 def test_near_the_estimate_the_distance_is_mahalanobis():
-    frames, truth = frames_of_broadcasts(1, 4, noise=0.3, names=("main center",))
+    frames, truth = random_frames(1, 4, noise=0.3, stands=("main center",))
     prior = prior_for(["main center"])
     theta, (found,) = solved(frames, truth, PINHOLE, prior)
     covariance = found.covariance[:7, :7]
