@@ -9,7 +9,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from fieldcalib.problem.parameters import camera_from_theta
 from networks import CLASSES, band_maps, probabilities
 from synthetic import random_frames
 from views import BROADCAST

@@ -12,7 +12,7 @@ from synthetic import displaced, distorted
 
 from fieldcalib.fields.stands import DISTRIBUTIONS, focal_length_from_fov
 from fieldcalib.geometry.camera import Camera
-from fieldcalib.problem.parameters import theta_from_camera
+from fieldcalib.problem.layout import theta_from_camera
 
 IMAGE_SIZES = ((960, 540), (1280, 720), (1920, 1080))
 

@@ -1,13 +1,12 @@
 """Synthetic frames with known cameras: what a camera sees of an object, as labelled pixels."""
 
 import numpy as np
-from fieldcalib.problem.parameters import camera_from_theta, sample_theta
 
 from fieldcalib.fields.segments import Line
 from fieldcalib.fields.soccer import soccer
 from fieldcalib.fields.stands import DISTRIBUTIONS, focal_length_from_fov
 from fieldcalib.geometry.camera import Camera
-from fieldcalib.geometry.lens import lens_coefficients, opencv_coefficients
+from fieldcalib.geometry.lens import RadialLens
 
 SIZE = (960, 540)
 LENGTH_IN_VIEW = 10.0  # px: shorter lines have no direction
@@ -29,7 +28,7 @@ def random_camera(stand, rng, image_size=SIZE, a1=(0.0, 0.0)):
 
 def distorted(camera, a1, b2=0.0, offset=(0.0, 0.0), log_aspect=0.0):
     """The camera with a lens, the principal point moved by `offset` pixels and pixels that are not square."""
-    k = opencv_coefficients(lens_coefficients(np.array([a1, b2])), camera.focal_length, camera.half_diagonal)
+    k = RadialLens(camera.half_diagonal).to_opencv(np.array([a1, b2]), camera.focal_length)
     K = camera.K * [[1.0], [np.exp(log_aspect)], [1.0]]
     K[:2, 2] = camera.principal_point + offset
     return Camera(K, camera.R, camera.C, camera.image_size, k)

@@ -4,7 +4,6 @@ from math import cos, pi, sqrt
 
 import numpy as np
 import pytest
-from fieldcalib.problem.parameters import ANGLES, CENTER, LOG_F, PAN, camera_from_theta, theta_from_camera
 from hypothesis import given
 from hypothesis import strategies as st
 from numdiff import central_differences, column_errors
@@ -19,6 +18,7 @@ from fieldcalib.fields.segments import Point, PointCloud
 from fieldcalib.fields.soccer import soccer
 from fieldcalib.io.soccernet import parse_annotation
 from fieldcalib.problem.labelled_pixels import check_segments
+from fieldcalib.problem.layout import ANGLES, CENTER, LOG_F, PAN, camera_from_theta, theta_from_camera
 
 FIELD = soccer()
 MARKINGS = whole_circle_markings(FIELD)

@@ -2,8 +2,6 @@
 
 import numpy as np
 import pytest
-from fieldcalib.problem.parameters import LENS_MEAN, GaussianPrior, camera_from_theta, gaussian_prior, theta_from_camera
-from fieldcalib.problem.solver import Problem, solve_batch
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from strategies import labelled_frames, numbers
@@ -27,9 +25,10 @@ from fieldcalib.calibrate.options import DEFAULT_FLAGS, PINHOLE_FLAGS, Calibrati
 from fieldcalib.fields.stands import MAIN_CENTER
 from fieldcalib.geometry.lens import is_monotone, lens_coefficients, opencv_coefficients
 from fieldcalib.io.soccernet import parse_annotation
+from fieldcalib.problem.evaluation import Problem
+from fieldcalib.problem.layout import theta_from_camera
 from fieldcalib.problem.observations import pack
-from fieldcalib.problem.parameters import LENS_MEAN, GaussianPrior, gaussian_prior, theta_from_camera
-from fieldcalib.problem.solver import Problem, solve_batch
+from fieldcalib.problem.prior import GaussianPrior, gaussian_prior
 
 FIELD, SIZE = soccer(), (960, 540)
 MARKINGS = whole_circle_markings(FIELD)

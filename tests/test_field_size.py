@@ -4,9 +4,6 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from fieldcalib.problem.parameters import LENS, camera_from_theta, sample_theta
-from fieldcalib.problem.residuals import segment_residuals
-from fieldcalib.problem.solver import Problem
 from hypothesis import assume, given, settings
 from numdiff import central_differences, column_errors
 from strategies import angle, cameras, numbers, vectors
@@ -25,11 +22,10 @@ from fieldcalib.calibrate.options import PINHOLE_FLAGS
 from fieldcalib.fields.segments import Point
 from fieldcalib.fields.soccer import soccer
 from fieldcalib.geometry.camera import Camera
+from fieldcalib.problem.evaluation import Problem
+from fieldcalib.problem.layout import theta_from_camera
 from fieldcalib.problem.losses import RobustLoss
 from fieldcalib.problem.observations import pack
-from fieldcalib.problem.parameters import theta_from_camera
-from fieldcalib.problem.residuals import segment_residuals
-from fieldcalib.problem.solver import Problem
 
 SIZE = (960, 540)
 MEAN, SIGMA = np.array([105.0, 68.0]), soccer().size_model.sigma

@@ -6,8 +6,6 @@ import tracemalloc
 import cv2
 import numpy as np
 import pytest
-from fieldcalib.problem.parameters import camera_from_theta, sample_theta
-from fieldcalib.problem.solver import LOG_F_RANGE
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 from strategies import any_angles, cameras, generators, numbers, vectors
@@ -28,8 +26,8 @@ from fieldcalib.calibrate.options import DEFAULT_CRITERIA, CalibrationFlags, che
 from fieldcalib.calibrate.resection import resect
 from fieldcalib.geometry.projective import dehomogenize, homogenize
 from fieldcalib.geometry.rotation import rotation_from_angles
+from fieldcalib.problem.evaluation import LOG_F_RANGE
 from fieldcalib.problem.losses import RobustLoss
-from fieldcalib.problem.solver import LOG_F_RANGE
 
 SIZE = (960, 540)
 FIELD_POINTS = np.array([point.X for point in soccer().points.values()])

@@ -15,19 +15,17 @@ from fieldcalib.fields.soccer import soccer
 from fieldcalib.fields.stands import DISTRIBUTIONS, MAIN_CENTER, MAIN_LEFT
 from fieldcalib.geometry.camera import Camera
 from fieldcalib.geometry.projective import dehomogenize, homogenize
-from fieldcalib.problem.observations import pack
-from fieldcalib.problem.parameters import (
+from fieldcalib.problem.layout import (
     ANGLES,
     CENTER,
-    LENS,
     LOG_ASPECT,
     LOG_F,
-    PARAMETERS,
     PRINCIPAL_POINT,
     camera_from_theta,
-    gaussian_prior,
     theta_from_camera,
 )
+from fieldcalib.problem.observations import pack
+from fieldcalib.problem.prior import gaussian_prior
 
 FIELD, SIZE = soccer(), (960, 540)
 GROUND = {

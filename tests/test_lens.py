@@ -5,7 +5,6 @@ import numpy as np
 import pytest
 from hypothesis import assume, given
 from hypothesis import strategies as st
-from numdiff import central_differences
 from strategies import angle, vectors
 
 from fieldcalib.geometry import lens as module

@@ -6,7 +6,6 @@ from unittest import mock
 
 import numpy as np
 import pytest
-from fieldcalib.problem.parameters import camera_from_theta
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 from strategies import cameras, labelled_frames, numbers, vectors

@@ -2,7 +2,6 @@
 
 import numpy as np
 import pytest
-from fieldcalib.problem.parameters import camera_from_theta
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 from strategies import cameras, vectors

@@ -4,7 +4,6 @@ from math import cos, hypot, sin
 
 import numpy as np
 import pytest
-from fieldcalib.problem.parameters import LENS, LOG_ASPECT, LOG_F, PRINCIPAL_POINT, camera_from_theta, theta_from_camera
 from hypothesis import assume, given
 from hypothesis import strategies as st
 from strategies import angle, cameras, labelled_frames, numbers
@@ -15,6 +14,7 @@ from fieldcalib.fields.segments import Arc, Line
 from fieldcalib.fields.soccer import soccer
 from fieldcalib.geometry.camera import Camera
 from fieldcalib.geometry.lens import lens_coefficients, undistort
+from fieldcalib.problem.layout import LOG_ASPECT, LOG_F, PRINCIPAL_POINT, camera_from_theta, theta_from_camera
 
 FIELD = soccer()
 MARKINGS = whole_circle_markings(FIELD)

@@ -12,27 +12,17 @@ from synthetic import visible_field_points
 from fieldcalib.fields.stands import DISTRIBUTIONS, focal_length_from_fov
 from fieldcalib.geometry.camera import Camera
 from fieldcalib.geometry.lens import lens_coefficients
-from fieldcalib.problem.parameters import (
+from fieldcalib.problem.layout import (
     ANGLES,
     CENTER,
-    LENS,
     LOG_ASPECT,
     LOG_F,
-    PARAMETERS,
     PRINCIPAL_POINT,
     camera_from_theta,
-    gaussian_prior,
-    sample_theta,
     theta_from_camera,
     turned_around,
 )
-from hypothesis import assume, given
-from hypothesis import strategies as st
-from strategies import anywhere, generators, thetas, visible_field_points
-
-from fieldcalib.fields.stands import DISTRIBUTIONS, focal_length_from_fov
-from fieldcalib.geometry.camera import Camera
-from fieldcalib.geometry.lens import lens_coefficients
+from fieldcalib.problem.prior import gaussian_prior, sample_theta
 
 # Ranges in degrees and metres: table 9 in the list of traps of the project's reference results.
 MAIN = {"pan": (-45, 45), "tilt": (45, 90), "roll": (-10, 10), "fov": (8.2, 90), "y": (40, 110), "z": (-40, -5)}

@@ -12,29 +12,11 @@ from fieldcalib.fields.segments import Line
 from fieldcalib.fields.soccer import soccer
 from fieldcalib.fields.stands import DISTRIBUTIONS
 from fieldcalib.geometry.camera import Camera
+from fieldcalib.problem.evaluation import Problem
+from fieldcalib.problem.layout import ANGLES, CENTER, LOG_F, camera_from_theta, theta_from_camera
 from fieldcalib.problem.losses import RobustLoss
 from fieldcalib.problem.observations import pack
-from fieldcalib.problem.parameters import (
-    ANGLES,
-    CENTER,
-    LENS,
-    LOG_F,
-    PARAMETERS,
-    GaussianPrior,
-    camera_from_theta,
-    gaussian_prior,
-    theta_from_camera,
-)
-from fieldcalib.problem.solver import Problem, solve_batch
-from synthetic import frames_of_broadcasts, observe, whole_circle_markings
-
-from fieldcalib.assess.uncertainty import OPEN_DIRECTION, GroundError, region_radius, uncertainties
-from fieldcalib.fields.segments import Line
-from fieldcalib.fields.soccer import soccer
-from fieldcalib.fields.stands import DISTRIBUTIONS
-from fieldcalib.geometry.camera import Camera
-from fieldcalib.problem.losses import RobustLoss
-from fieldcalib.problem.observations import pack
+from fieldcalib.problem.prior import GaussianPrior, gaussian_prior
 
 FIELD, SIZE = soccer(), (960, 540)
 PINHOLE = np.arange(len(PARAMETERS)) < CENTER.stop
