@@ -1,6 +1,7 @@
-"""The probability that a camera is right: where its coefficients come from, and whether it keeps its word.
+"""The probability that a camera is right: where its coefficients come from, and whether it is calibrated.
 
     python -m data_tools.probability fit [--frames N]
+    python -m data_tools.probability sizes [--frames N]
     python -m data_tools.probability measured CAMERAS
     python -m data_tools.probability annotated ANNOTATIONS --size WxH
 
@@ -8,9 +9,11 @@
 regression on whether the largest error in view is below 0.5 m and below 1 m. It ends with the reliability on as many
 other frames.
 
+`sizes` draws pitches, 70 % of 105 x 68 m and 30 % of a random legal size, and calibrates their frames as 105 x 68 m.
+
 `measured` takes the cameras of `data_tools.measured_cameras`, with random parts of their labels. `annotated` takes as
 true the camera of all labels of a frame, where these are many and fit, and judges cameras from four to six of them.
-Both print the reliability: of the frames with a probability between p and q, which share is right.
+All print the reliability: of the frames with a probability between p and q, which share is right.
 
 `annotated` also orders frames, by tau's loss and by the probability, and prints the area under the risk-coverage curve:
 the mean risk of the surest share of the frames, over all shares. Risk is the share of cameras off by more than 1 m, or
@@ -28,7 +31,7 @@ from pathlib import Path
 import numpy as np
 
 from data_tools.measured_cameras import SIZE, observed, read_camera
-from data_tools.random_frames import random_frame
+from data_tools.random_frames import RandomFrame, random_frame
 from fieldcalib._types import Array
 from fieldcalib.assess.probability import GRID, evidence
 from fieldcalib.assess.result import Calibration
@@ -49,6 +52,7 @@ FINER = 4  # the true largest error is looked for on a grid finer than the one o
 RIDGE = 1e-3  # keeps the regression from infinite coefficients; too small to matter
 FEW_LABELS = (4, 6)  # that cameras are judged with
 MANY_LABELS, WELL_FITTED = 8, 2.0  # labels, px at 960 x 540: of frames whose camera is taken as true
+EXACT = 0.7  # share of the pitches of 105 x 68 m
 COVERAGES = (100, 98, 95, 90, 80)
 
 
@@ -120,15 +124,33 @@ def risk_coverage_area(score: Array, risk: Array) -> float:
 
 def fit(options: argparse.Namespace) -> int:
     """Print coefficients, and their reliability on other frames."""
-    rng, field = np.random.default_rng(options.seed), soccer()
+    rng, field = np.random.default_rng(options.seed), soccer(size_known=True)
     parts = []
     for _ in range(2):
         frames = [random_frame(field, rng) for _ in range(options.frames)]
         parts.append(judged(field, [f.pixels for f in frames], [f.camera for f in frames], frames[0].camera.image_size))
     found, errors = parts[0]
-    coefficients = fitted(np.array([evidence(c.uncertainty, field) for c in found]), errors)
+    coefficients = fitted(np.array([evidence(c.uncertainty, field)[0][0] for c in found]), errors)
     print(json.dumps({"frames": len(found), "coefficients": coefficients.round(2).tolist()}))
     _print_reliability(*parts[1])
+    return 0
+
+
+def sizes(options: argparse.Namespace) -> int:
+    """Print the reliability where nobody has measured the pitch."""
+    rng, field = np.random.default_rng(options.seed), soccer()
+    assert field.size_model is not None
+    low, high = field.size_model.limits
+    frames: list[RandomFrame] = []
+    while len(frames) < options.frames:
+        length, width = rng.uniform(low, high)
+        if rng.random() < EXACT:
+            frames.append(random_frame(field, rng))
+        elif length > width:
+            frames.append(random_frame(field.resized(length, width), rng))
+    _print_reliability(
+        *judged(field, [f.pixels for f in frames], [f.camera for f in frames], frames[0].camera.image_size)
+    )
     return 0
 
 
@@ -204,12 +226,12 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--seed", type=int, default=0)
     commands = parser.add_subparsers(required=True)
-    for run, repeats in ((fit, None), (measured, 100), (annotated, 2)):
+    for run, repeats in ((fit, None), (sizes, None), (measured, 100), (annotated, 2)):
         command = commands.add_parser(run.__name__, help=run.__doc__)
         command.set_defaults(run=run)
         if repeats is not None:
             command.add_argument("--repeats", type=count, default=repeats, help=f"of each camera or frame ({repeats})")
-        if run is fit:
+        if run in (fit, sizes):
             command.add_argument("--frames", type=count, default=6000, help="to fit to, and as many others (6000)")
         elif run is measured:
             command.add_argument("cameras", type=Path, help="folder of <name>.npz")

@@ -17,12 +17,13 @@ from __future__ import annotations
 import numpy as np
 
 from fieldcalib._types import Array
-from fieldcalib.assess.uncertainty import Uncertainty
+from fieldcalib.assess.uncertainty import OTHER_FRAMES, Uncertainty
 from fieldcalib.fields.field import Field
 from fieldcalib.fields.traits import ProbabilityModel
 
 GRID = (17, 10)  # points along the image's width and height where errors are looked at
 LARGEST_SCORE = 5.0  # z-scores beyond say no more
+MOST_PIXELS = 3.0  # of a segment
 
 
 def largest_error(uncertainty: Uncertainty, field: Field) -> float:
@@ -48,28 +49,48 @@ def largest_error(uncertainty: Uncertainty, field: Field) -> float:
     return float(np.max(uncertainty.at_image(xy[on_field]).rms)) if np.any(on_field) else float("nan")
 
 
-def evidence(uncertainty: Uncertainty, field: Field) -> Array:
-    """What the log odds are linear in, (5,), for d = 1 m: ``1, log m, log sigma, log nu, log(1 + z . z)``."""
+def evidence(uncertainty: Uncertainty, field: Field) -> tuple[Array, Array]:
+    """What the log odds are linear in, (K, 5), for d = 1 m: ``1, log m, log sigma, log nu, log(1 + z . z)``.
+
+    There is one row for each possibility for the field's size, and their probabilities (K,) come with them.
+    """
     problem = uncertainty.problem
     z = np.minimum(np.abs(problem.prior_residuals(uncertainty.evaluation.theta)), LARGEST_SCORE)
-    m, sigma = largest_error(uncertainty, field), uncertainty.sigma / problem.noise
-    return np.array([1.0, *np.log([m, sigma, uncertainty.dof, 1.0 + np.sum(np.square(z))])])
+    sigma = uncertainty.sigma / problem.noise
+    if uncertainty.size is None:
+        possible, weights = [uncertainty], np.ones(1)
+    else:
+        weights = uncertainty.size.weights
+        possible = [uncertainty.given_size(k) for k in range(len(weights))]
+    common = [*np.log([sigma, degrees_of_freedom(uncertainty), 1.0 + np.sum(np.square(z))])]
+    return np.array([[1.0, np.log(largest_error(one, field)), *common] for one in possible]), weights
 
 
-def probability_right(model: ProbabilityModel, evidence: Array, metres: float) -> float:
+def degrees_of_freedom(uncertainty: Uncertainty) -> float:
+    """What sigma rests on, where a segment counts for no more than three pixels.
+
+    Pixels of one segment share errors, and a thousand of them tell little more about the noise than three.
+    """
+    observations = uncertainty.problem.observations
+    counted = np.sum(np.minimum(observations.pixels_by_label, MOST_PIXELS))
+    unknowns = np.count_nonzero(uncertainty.problem.free)
+    return OTHER_FRAMES + max(float(counted) - unknowns, 0.0)
+
+
+def probability_right(model: ProbabilityModel, evidence: Array, weights: Array, metres: float) -> float:
     """Probability that no ground point in view is off by more than some metres, from `evidence`.
 
     Examples
     --------
     >>> from fieldcalib.fields.soccer import PROBABILITY
-    >>> few_centimetres = np.array([1.0, np.log(0.05), 0.0, np.log(20.0), 0.0])
-    >>> probability_right(PROBABILITY, few_centimetres, 0.5) > 0.99
+    >>> few_centimetres = np.array([[1.0, np.log(0.05), 0.0, np.log(20.0), 0.0]]), np.ones(1)
+    >>> probability_right(PROBABILITY, *few_centimetres, 0.5) > 0.99
     True
-    >>> probability_right(PROBABILITY, few_centimetres, 0.01) < 0.1
+    >>> probability_right(PROBABILITY, *few_centimetres, 0.01) < 0.1
     True
     """
-    if np.isnan(evidence[1]):
+    if np.isnan(evidence[..., 1]).any():
         return float("nan")
     with np.errstate(over="ignore"):
-        log_odds = np.dot(model.coefficients, evidence - [0.0, np.log(metres), 0.0, 0.0, 0.0])
-        return float(1.0 / (1.0 + np.exp(-log_odds)))
+        log_odds = (evidence - [0.0, np.log(metres), 0.0, 0.0, 0.0]) @ np.array(model.coefficients)
+        return float(np.sum(weights / (1.0 + np.exp(-log_odds))))

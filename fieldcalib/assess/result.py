@@ -15,16 +15,29 @@ from numpy.typing import ArrayLike
 from fieldcalib._types import Array
 from fieldcalib.assess.observability import Direction
 from fieldcalib.assess.probability import evidence, probability_right
+from fieldcalib.assess.surprises import surprises
 from fieldcalib.assess.uncertainty import GroundError, Uncertainty, uncertainties
 from fieldcalib.fields.field import Field
 from fieldcalib.geometry.camera import Camera
 from fieldcalib.problem.evaluation import Evaluation
 
 BESIDE = 5.0  # px: pixels that are nearer to a line lie on it
+LEAST_PROBABILITY = 0.5  # of being right to 1 m: else a camera is more probably wrong
+
+
+class Verdict(StrEnum):
+    """What to do with a calibration."""
+
+    GOOD = "good"
+    """Use it."""
+    CHECK = "check"
+    """Plausible, but something speaks against it, or too little for it: look at the frame."""
+    REJECT = "reject"
+    """Do not use it."""
 
 
 class Status(StrEnum):
-    """Verdict on a calibration. The best camera is given whatever the status says."""
+    """How a calibration ended. The best camera is given whatever the status says."""
 
     ACCEPTED = "accepted"
     REJECTED = "rejected by tau"
@@ -118,7 +131,8 @@ class Calibration:
     message: str
     """The status in a sentence: why, and what would help."""
     rms: float
-    """Root mean square distance of the pixels to the segments that they were fitted to, pixels."""
+    """Root mean square distance of the pixels to the segments that they were fitted to, pixels; those of suspect labels
+    to the segments that fit."""
     loss_ndc: float
     """The paper's segment reprojection loss, which tau is compared with (`fieldcalib.assess.ndc`, "tvcalib")."""
     per_segment_errors: Mapping[str, float]
@@ -127,6 +141,10 @@ class Calibration:
     """Labels that the rest of the frame contradicts: they were replaced by the ones that fit, or left out."""
     alternatives: tuple[Camera, ...] = ()
     """Cameras that fit the labels as well: the one on the other side, turned by 180 degrees about the centre mark."""
+    complaints: tuple[str, ...] = ()
+    """What the labels as given say against an accepted camera."""
+    pixel_counts: Mapping[str, int] = attribute(default_factory=dict, repr=False)
+    """Number of pixels of each label as it was given."""
     field: Field | None = attribute(default=None, compare=False, repr=False)
     """What was calibrated against; None if that was no `Field`."""
     solved: Solved | None = attribute(default=None, compare=False, repr=False)
@@ -138,9 +156,53 @@ class Calibration:
         return cls(None, status, message, float("nan"), float("nan"), {})
 
     @property
+    def rms_as_labelled(self) -> float:
+        """Root mean square distance of all pixels to the segments of their labels as given, pixels.
+
+        NaN where there is no pixel.
+        """
+        if not self.pixel_counts:
+            return float("nan")
+        squares = [count * self.per_segment_errors[label] ** 2 for label, count in self.pixel_counts.items()]
+        return float(np.sqrt(sum(squares) / sum(self.pixel_counts.values())))
+
+    def __bool__(self) -> bool:
+        """Whether there is a camera to use: the verdict is good or check."""
+        return self.verdict is not Verdict.REJECT
+
+    @property
     def accepted(self) -> bool:
-        """Whether nothing speaks against the camera."""
+        """Whether the verdict is not reject."""
         return self.status is Status.ACCEPTED
+
+    @property
+    def verdict(self) -> Verdict:
+        """What to do with the camera; `reason` says why.
+
+        Good is what is accepted without `concerns`. The probability behind it is computed when it is first asked for.
+        """
+        if not self.accepted:
+            return Verdict.REJECT
+        return Verdict.CHECK if self.concerns else Verdict.GOOD
+
+    @property
+    def reason(self) -> str:
+        """Why the verdict is as it is."""
+        return "; ".join([*self.concerns, self.message]) if self.accepted else self.message
+
+    @cached_property
+    def concerns(self) -> tuple[str, ...]:
+        """What speaks against an accepted camera, or why nothing speaks for it, most important first."""
+        if self.camera is None:
+            return ()
+        if self.solved is None:
+            return ("its errors are not known, as it does not come from labelled pixels",)
+        doubts = []
+        if self.has_probability:
+            probability = self.probability()
+            if not probability >= LEAST_PROBABILITY:
+                doubts.append(f"right to 1 m with a probability of {probability:.2f}")
+        return (*doubts, *surprises(self.uncertainty), *self.complaints)
 
     @property
     def has_probability(self) -> bool:
@@ -182,9 +244,9 @@ class Calibration:
     def probability(self, metres: float = 1.0) -> float:
         """Probability that the camera is right: no point of the field in view is off by more than some metres.
 
-        Fitted on synthetic frames of a field of the given size, see `fieldcalib.assess.probability`. NaN where no part
-        of the field is in view, 0 where there is no camera, or the verdict is that none could stand there: of 22 such
-        ones on synthetic frames none was right.
+        Fitted on synthetic frames of the field, see `fieldcalib.assess.probability`. NaN where no part of the field is
+        in view or the camera does not come from labelled pixels, 0 where there is no camera or it is implausible: of 22
+        such ones on synthetic frames none was right.
 
         Raises
         ------
@@ -203,8 +265,10 @@ class Calibration:
         """
         if not metres > 0.0:
             raise ValueError(f"metres must be positive, got {metres}")
-        if self.solved is None:
+        if self.camera is None:
             return 0.0
+        if self.solved is None:
+            return float("nan")
         if self.field is None:
             raise ValueError("expected a calibration of a Field: how much of another object is in view is not known")
         if self.field.probability is None:
@@ -214,7 +278,7 @@ class Calibration:
             )
         if self.status is Status.IMPLAUSIBLE:
             return 0.0
-        return probability_right(self.field.probability, self._evidence, metres) / (1 + len(self.alternatives))
+        return probability_right(self.field.probability, *self._evidence, metres) / (1 + len(self.alternatives))
 
     def doubted(self, least: float, metres: float = 1.0) -> Calibration:
         """The same, with the verdict that it is probably wrong if its `probability` is below `least`.
@@ -241,7 +305,7 @@ class Calibration:
         return replace(self, status=Status.IMPROBABLE, message=f"{doubt}; {self.message}")
 
     @cached_property
-    def _evidence(self) -> Array:
+    def _evidence(self) -> tuple[Array, Array]:
         assert self.field is not None
         return evidence(self.uncertainty, self.field)
 

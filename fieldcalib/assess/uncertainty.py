@@ -22,7 +22,8 @@ Empirical Bayes Methods, 2004, section 3 (moderated variances).
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -30,6 +31,7 @@ from numpy.typing import ArrayLike
 
 from fieldcalib._types import Array, BoolArray
 from fieldcalib.assess.observability import OPEN_DIRECTION, Direction, Information
+from fieldcalib.assess.size_evidence import FAINT, SizeEvidence
 from fieldcalib.geometry.camera import Camera
 from fieldcalib.geometry.rotation import rotation_axes
 from fieldcalib.problem.evaluation import Evaluation, Problem, evaluate
@@ -47,6 +49,7 @@ OTHER_FRAMES = 5.0
 # with 0 it is 88 %. 3 to 4 % have wrong labels.
 SHARED_NOISE = 0.15
 NODES, NOISE_STEPS = 21, 4  # of the quadrature over the noise, and of the search for its size
+TESTED = ("log aspect", "b2")  # parameters that are usually kept fixed
 TOUCHED = 1e-6  # share of a derivative along an open direction that is more than rounding
 
 
@@ -95,7 +98,7 @@ class Uncertainty:
     >>> uncertainty.std_deviations_intrinsics[:4, 0].round()
     array([19., 19., 18., 19.])
     >>> round(float(uncertainty.at_field((-40.0, 0.0, 0.0)).rms), 2)  # metres
-    0.04
+    0.05
     """
 
     evaluation: Evaluation
@@ -111,7 +114,7 @@ class Uncertainty:
     unit: Array
     """(n,) standard deviations on which a parameter counts as determined, 0 for what is not free."""
     determined: Array
-    """Covariance of what is determined, (n, n): 0 along open directions."""
+    """Covariance of what is determined, (n, n): 0 along open directions. Without that of the field's size."""
     open: Array
     """Directions (n, k) that nothing determines, neither labels nor prior."""
     determined_by_labels: Array
@@ -120,6 +123,26 @@ class Uncertainty:
     """As `open`, without the prior."""
     observability: tuple[Direction, ...]
     """Directions of the free parameters, what the labels determine least first."""
+    by_size: Array
+    """How the error of the estimate grows with true length and width less the given ones, (n, 2); (n, 0) if exact."""
+    size: SizeEvidence | None
+    """What the frame says about the size of its field; None if that is exact."""
+    offsets: Mapping[str, tuple[float, float]]
+    """How far off the labels would put what was kept fixed, to first order, and the standard deviation of that: of
+    "log aspect" and of "b2", the second radial coefficient."""
+
+    def given_size(self, possibility: int) -> Uncertainty:
+        """The uncertainty if one of the possibilities for the field's size were true, see `SizeEvidence`."""
+        assert self.size is not None
+        moment = self.size.moments[possibility]
+        return replace(self, determined=self.determined + self._of_size(moment), size=None)
+
+    def _of_size(self, moment: Array) -> Array:
+        return np.asarray(self.by_size @ moment @ self.by_size.T)
+
+    @cached_property
+    def _of_any_size(self) -> Array:
+        return np.zeros_like(self.determined) if self.size is None else self._of_size(self.size.moment)
 
     @property
     def problem(self) -> Problem:
@@ -143,7 +166,7 @@ class Uncertainty:
 
         Where nothing determines a parameter its variance is infinite and its covariances are NaN.
         """
-        return _propagated(np.eye(len(self.theta)), self.determined, self.open, self.unit)
+        return _propagated(np.eye(len(self.theta)), self.determined + self._of_any_size, self.open, self.unit)
 
     @property
     def covariance_by_labels(self) -> Array:
@@ -151,7 +174,8 @@ class Uncertainty:
 
         It may be the smaller one: the solver trusts labels less, and its prior more, than good labels deserve.
         """
-        return _propagated(np.eye(len(self.theta)), self.determined_by_labels, self.open_to_labels, self.unit)
+        determined = self.determined_by_labels + self._of_any_size
+        return _propagated(np.eye(len(self.theta)), determined, self.open_to_labels, self.unit)
 
     @property
     def std_deviations_intrinsics(self) -> Array:
@@ -237,7 +261,7 @@ class Uncertainty:
 
     def _standard_deviations(self, J: Array) -> Array:
         """Standard deviations (m, 1) of quantities whose derivatives by theta are J (m, n)."""
-        variances = np.diagonal(_propagated(J, self.determined, self.open, self.unit))
+        variances = np.diagonal(_propagated(J, self.determined + self._of_any_size, self.open, self.unit))
         return np.asarray(np.sqrt(np.maximum(variances, 0.0)))[:, None]
 
     def _of_ground(self, X: Array) -> GroundError:
@@ -259,7 +283,7 @@ class Uncertainty:
         dxy_dX = -dxy_dtheta[..., CENTER]  # a point that moves is a centre that moves the other way
         dxy_dX[~known, :, :2] = np.eye(2)
         dX_dtheta = -np.asarray(np.linalg.solve(dxy_dX[..., :2], dxy_dtheta))
-        covariance = _propagated(dX_dtheta, self.determined, self.open, self.unit)
+        covariance = _propagated(dX_dtheta, self.determined + self._of_any_size, self.open, self.unit)
         return GroundError(np.where(known[..., None, None], covariance, np.nan), self.dof)
 
 
@@ -310,13 +334,28 @@ def uncertainties(evaluation: Evaluation, unit: Array) -> list[Uncertainty]:
     gain = 1.0 / np.where(lost, np.inf, information_left + has_prior)
     gain_by_labels = 1.0 / np.where(is_open, np.inf, information_left)
 
-    data = variance[:, None, None] * spread + noise.of_paint(along, evaluation.pull)
-    identity = np.eye(len(free))
-    considered = _considered(evaluation, along)
+    tested = [name for name in TESTED if name in problem.layout.names and not _is_estimated(name, problem)]
+    by_tested = [evaluation.derivatives(np.array(problem.layout.names) == name) for name in tested]
+    by_size = evaluation.derivatives(problem.layout.considered)
+    sizes, by_kept = by_size.shape[1], np.concatenate([by_size, *by_tested], axis=1)
+    rows = np.concatenate([along, by_kept], axis=1)
+    noisy = variance[:, None, None] * noise.covariance(rows, pull, pull) + noise.of_paint(rows, evaluation.pull)
+    P = len(free)
+    data, identity = noisy[:, :P, :P], np.eye(P)
     determined = _whole(theta_of * gain[:, None], data + has_prior * identity, problem.free)
-    determined += _of_considered(theta_of * gain[:, None], considered, problem)
     determined_by_labels = _whole(theta_of * gain_by_labels[:, None], data, problem.free)
-    determined_by_labels += _of_considered(theta_of * gain_by_labels[:, None], considered, problem)
+
+    # with the camera following, what is kept has the Schur complement of its information
+    crossed = kappa[:, None, None] * _gram(rows, evaluation.pull)[:, :P, P:]
+    following = -gain[:, :, None] * crossed  # of the coordinates along the directions
+    of_kept = kappa[:, None, None] * _gram(by_kept, evaluation.pull) + np.swapaxes(crossed, 1, 2) @ following
+    L = np.concatenate([np.swapaxes(following, 1, 2), np.broadcast_to(np.eye(by_kept.shape[1]), of_kept.shape)], axis=2)
+    noisy[:, :P, :P] += has_prior * identity
+    spread_of_kept = L @ noisy @ np.swapaxes(L, 1, 2)
+    gradient = (by_kept @ (evaluation.pull * evaluation.r)[..., None])[..., 0]
+    by_true_size = np.zeros((len(problem), problem.layout.size, sizes))
+    by_true_size[:, problem.free] = -theta_of @ following[:, :, :sizes]  # given less true, and so the other way
+    by_true_size[:, problem.layout.considered] = -np.eye(sizes)
     units = np.zeros_like(evaluation.theta)
     units[:, free] = scale
     found = []
@@ -336,6 +375,22 @@ def uncertainties(evaluation: Evaluation, unit: Array) -> list[Uncertainty]:
                 determined_by_labels=determined_by_labels[t],
                 open_to_labels=open_to_labels,
                 observability=labels.directions(t),
+                by_size=by_true_size[t],
+                size=None
+                if problem.layout.field_size is None or not sizes
+                else SizeEvidence.of(
+                    of_kept[t, :sizes, :sizes],
+                    gradient[t, :sizes],
+                    spread_of_kept[t, :sizes, :sizes],
+                    problem.layout.field_size.possibilities,
+                ),
+                offsets={
+                    name: (
+                        float(-gradient[t, i] / max(of_kept[t, i, i], FAINT)),
+                        float(np.sqrt(spread_of_kept[t, i, i]) / max(of_kept[t, i, i], FAINT)),
+                    )
+                    for i, name in enumerate(tested, sizes)
+                },
             )
         )
     return found
@@ -357,6 +412,10 @@ def region_radius(dimensions: int, dof: float, level: float) -> float:
     if not 0.0 < level < 1.0:
         raise ValueError(f"level must be a probability between 0 and 1, got {level}")
     return float(np.sqrt(dimensions * fdtri(dimensions, dof, level)))
+
+
+def _is_estimated(name: str, problem: Problem) -> bool:
+    return bool(problem.free[problem.layout.names.index(name)])
 
 
 def _gram(JT: Array, weight: Array) -> Array:
@@ -401,27 +460,6 @@ class Noise:
         by_metre = np.linalg.norm(self.evaluation.derivatives(centre)[:, :2], axis=1)
         summed = (JT * (paint * pull * by_metre)[:, None]) @ self.segment
         return np.asarray(summed @ np.swapaxes(summed, 1, 2))
-
-
-def _considered(evaluation: Evaluation, along: Array) -> Array:
-    """How far the pixels pull the estimate, (B, P, C), as each considered parameter is off by one sigma."""
-    considered = evaluation.problem.layout.considered
-    if not np.any(considered):
-        return np.zeros((*along.shape[:2], 0))
-    assert evaluation.problem.prior is not None
-    by_sigma = evaluation.derivatives(considered) * evaluation.problem.prior.sigma[:, considered, None]
-    return np.asarray((along * evaluation.pull[:, None]) @ np.swapaxes(by_sigma, 1, 2))
-
-
-def _of_considered(map_: Array, pulled: Array, problem: Problem) -> Array:
-    """Covariance (B, n, n) that comes from considered parameters, their own included."""
-    considered = problem.layout.considered
-    error = np.zeros((len(map_), problem.layout.size, pulled.shape[2]))
-    if pulled.shape[2]:
-        assert problem.prior is not None
-        error[:, problem.free] = -map_ @ pulled
-        error[:, np.flatnonzero(considered), np.arange(pulled.shape[2])] = problem.prior.sigma[:, considered]
-    return np.asarray(error @ np.swapaxes(error, 1, 2))
 
 
 def _whole(map_: Array, inner: Array, free: BoolArray) -> Array:

@@ -30,7 +30,11 @@ class Evidence:
     rms: float
     loss_ndc: float
     errors: Mapping[str, float]
-    """Root mean square distance of each segment, pixels."""
+    """Root mean square distance of each segment under the labels that were solved with, pixels."""
+    given: Pixels
+    """The frame with its labels as given."""
+    suspects: Sequence[str]
+    """Labels as given that the others contradict."""
     far: float
     """Pixels beyond which a segment counts as missed."""
     unknowns: int
@@ -88,9 +92,9 @@ def verdict(
             f"is known by flags"
         )
     if evidence.implausible:
-        return Status.IMPLAUSIBLE, f"the best fit is no camera that could be: {'; '.join(evidence.implausible)}"
+        return Status.IMPLAUSIBLE, f"the best fit is physically implausible: {'; '.join(evidence.implausible)}"
     missed = [label for label in frame if evidence.errors[label] > evidence.far]
-    complaint = disagreement(object_segments, frame, missed, evidence.unknowns)
+    complaint = disagreement(object_segments, evidence.given, [*evidence.suspects, *missed], evidence.unknowns)
     if complaint:
         return Status.IMPLAUSIBLE, complaint
     if not evidence.converged:
@@ -99,7 +103,7 @@ def verdict(
         worst = max(missed, key=lambda label: evidence.errors[label])
         fits = f"{len(frame) - len(missed)} of {labelled} agree"
         return Status.ACCEPTED, f"{fits}; {worst!r} lies {evidence.errors[worst]:.0f} px off, check its label"
-    lens = "; the labels say little about the lens" if evidence.lens_is_prior else ""
+    lens = "; the lens is poorly determined by the labels" if evidence.lens_is_prior else ""
     return Status.ACCEPTED, f"rms {evidence.rms:.2f} px over {labelled}{lens}"
 
 
@@ -122,13 +126,15 @@ def _noun(object_segments: ObjectSegments, frame: Pixels) -> str:
     return "point" if all(isinstance(object_segments[label], Point) for label in frame) else "segment"
 
 
-def implausibilities(evaluation: Evaluation, *, far: float, field: Field | None) -> dict[str, BoolArray]:
+def implausibilities(
+    evaluation: Evaluation, *, far: float, field: Field | None, may_be_inside: bool = True
+) -> dict[str, BoolArray]:
     """What is wrong with each of B cameras: reason -> mask (B,).
 
-    On a field the camera must stand above the ground, no farther away than the cameras of that field do, and hold the
-    horizon roughly level; of any object it must have a field of view between 0.5 and 150 degrees and see in front of it
-    what it sees: pixels within `far` pixels of their segments. Pixels further off, of a wrong label perhaps, do not
-    speak against a camera.
+    On a field the camera must stand above the ground, no farther away than the cameras of that field do, beside the
+    field unless it `may_be_inside`, and hold the horizon roughly level; of any object it must have a field of view
+    between 0.5 and 150 degrees and see in front of it what it sees: pixels within `far` pixels of their segments.
+    Pixels further off, of a wrong label perhaps, do not speak against a camera.
     """
     theta, points, observations = evaluation.theta, evaluation.points, evaluation.problem.observations
     width = observations.image_size[0]
@@ -148,6 +154,9 @@ def implausibilities(evaluation: Evaluation, *, far: float, field: Field | None)
         reasons["it stands below the ground"] = C[:, 2] > 0.0
         too_far = f"it stands more than {field.farthest_camera:g} m away"
         reasons[too_far] = np.linalg.norm(C, axis=1) > field.farthest_camera
+        if not may_be_inside:
+            inside = np.all(np.abs(C[:, :2]) < (field.length / 2.0, field.width / 2.0), axis=1)
+            reasons["it stands on the field"] = inside
         reasons["it is rolled by more than 45 degrees"] = np.abs(roll) > LARGEST_ROLL
     return reasons
 

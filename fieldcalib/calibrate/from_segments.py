@@ -19,7 +19,7 @@ from numpy.typing import ArrayLike
 from fieldcalib._types import Array, IntArray
 from fieldcalib.assess.ndc import ndc_loss
 from fieldcalib.assess.observability import Information
-from fieldcalib.assess.result import Calibration, Solved, Status
+from fieldcalib.assess.result import Calibration, Solved, Status, SuspectLabel
 from fieldcalib.assess.verdict import Evidence, implausibilities, segment_errors, verdict
 from fieldcalib.calibrate.mislabels import Relabelled, without_mislabels
 from fieldcalib.calibrate.options import DEFAULT_CRITERIA, DEFAULT_FLAGS, Criteria, Options, Prior, checked_options
@@ -27,6 +27,7 @@ from fieldcalib.calibrate.search import find_cameras
 from fieldcalib.calibrate.symmetry import other_side
 from fieldcalib.fields.field import Field
 from fieldcalib.fields.segments import Line, ObjectSegments
+from fieldcalib.geometry.camera import Camera
 from fieldcalib.problem.evaluation import Evaluation, evaluate
 from fieldcalib.problem.labelled_pixels import (
     ImageSegments,
@@ -312,7 +313,7 @@ def _judged(
     theta, far = evaluation.theta, options.wide_loss.scale
     cameras = [layout.camera(one) for one in theta]
     losses = ndc_loss(cameras, object_segments, solved.frames)
-    wrong = implausibilities(evaluation, far=far, field=options.field)
+    wrong = implausibilities(evaluation, far=far, field=options.field, may_be_inside=options.may_be_inside)
     labels = Information.of(evaluation, prior.sigma[:, layout.free])
     needed = labels.about(options.is_camera)
     lens_is_prior = _lens_is_prior(labels, options)
@@ -328,6 +329,8 @@ def _judged(
             rms=rms,
             loss_ndc=float(losses[t]),
             errors=errors,
+            given=frames[t],
+            suspects=[suspect.label for suspect in solved.suspects[t]],
             far=far,
             unknowns=options.unknowns,
             lens_is_prior=bool(lens_is_prior[t]),
@@ -348,11 +351,24 @@ def _judged(
                 given[t][0],
                 solved.suspects[t],
                 alternatives,
+                _complaints(given[t][0], solved.suspects[t], alternatives, far),
+                {label: len(xy) for label, xy in frames[t].items()},
                 options.field,
                 Solved(evaluation, prior.sigma, t),
             )
         )
     return calibrations
+
+
+def _complaints(
+    errors: Mapping[str, float], suspects: Sequence[SuspectLabel], alternatives: Sequence[Camera], far: float
+) -> tuple[str, ...]:
+    """What the labels of one frame say against its camera, though most of them agree with it."""
+    suspected = {suspect.label for suspect in suspects}
+    missed = [label for label, error in errors.items() if error > far and label not in suspected]
+    found = [f"{len(suspects)} of {len(errors)} labels are suspect"] if suspects else []
+    found += [f"{len(missed)} of {len(errors)} labels lie far off"] if missed else []
+    return (*found, *[OTHER_SIDE_FITS] * len(alternatives))
 
 
 def _lens_is_prior(labels: Information, options: Options) -> Array:

@@ -132,6 +132,14 @@ class Options:
         return int(np.sum(self.is_camera))
 
     @property
+    def may_be_inside(self) -> bool:
+        """Whether the user says that the camera may stand on the field: by its position, or by where it may be."""
+        if self.field is None or not np.isnan(self.known[CENTER]).any():
+            return True
+        half = self.field.length / 2.0, self.field.width / 2.0
+        return any(abs(np.mean(d.x)) < half[0] and abs(np.mean(d.y)) < half[1] for d in self.distributions)
+
+    @property
     def scale(self) -> float:
         """Size of what is usually in view, metres."""
         return SOCCER_SCALE if self.field is None else self.field.scale
@@ -329,7 +337,8 @@ def _layout(
     lens = full if is_full else RadialLens(rho)
     size = None
     if field is not None and field.size_model is not None and has_prior and not field.size_known:
-        size = SizeBlock(np.array([field.length, field.width]), field.size_model.sigma, field.size_model.limits)
+        model = field.size_model
+        size = SizeBlock(np.array([field.length, field.width]), model.sigma, model.limits, model.possibilities)
     layout = Layout.of(image_size, lens, size).with_roles(Role.CONSIDERED, "field size")
     for flag, blocks in (
         (F.CALIB_FIX_ASPECT_RATIO, ("aspect",)),

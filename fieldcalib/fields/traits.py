@@ -83,6 +83,9 @@ class SizePrior:
     """Ranges that hold length and width with a probability of 95 %, metres."""
     build: Callable[[float, float], Field]
     """The field of a length and a width."""
+    exact: float = 0.7
+    """Probability that a field of which nobody measured the size has the one that it is taken for. Of the others half
+    are normal with the usual ranges, half with the legal ones: that has heavy tails."""
     rules: str = "the rules"
     """What the legal sizes are from, for messages."""
 
@@ -96,6 +99,13 @@ class SizePrior:
     def limits(self) -> Array:
         """The legal sizes from and to, (2, 2): rows are (length, width)."""
         return np.array(self.legal).T
+
+    @property
+    def possibilities(self) -> tuple[Array, Array]:
+        """Probabilities (3,) of the given size, a usual one and a legal one, and the standard deviations, (3, 2)."""
+        legal = np.diff(self.legal, axis=1)[:, 0] / np.sqrt(12.0)  # of a uniform distribution
+        rest = 0.5 * (1.0 - self.exact)
+        return np.array([self.exact, rest, rest]), np.array([np.zeros(2), self.sigma, legal])
 
     @property
     def sigma(self) -> Array:

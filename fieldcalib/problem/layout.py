@@ -48,7 +48,7 @@ class Role(IntEnum):
     SHARED = 2
     """Estimated, one for all frames of a group."""
     CONSIDERED = 3
-    """Kept at its value, which is uncertain: the prior's variance goes into the covariance of the others."""
+    """Kept at its value, which is uncertain: that goes into the covariance of the others."""
 
 
 class SizeBlock(NamedTuple):
@@ -57,9 +57,11 @@ class SizeBlock(NamedTuple):
     given: Array
     """For which observations are packed, (2,)."""
     sigma: Array
-    """Standard deviations of the prior around it, (2,)."""
+    """Standard deviations of the prior around it when it is estimated, (2,)."""
     limits: Array
     """Least and largest, (2, 2)."""
+    possibilities: tuple[Array, Array] = (np.ones(1), np.zeros((1, 2)))
+    """When it is considered: probabilities (K,), and standard deviations around the given one under each, (K, 2)."""
 
 
 @dataclass(frozen=True, eq=False)

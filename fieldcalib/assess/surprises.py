@@ -1,0 +1,59 @@
+"""What is unusual about an estimate: parameters that the prior did not expect, or that were fixed at a wrong value."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from fieldcalib.assess.uncertainty import Uncertainty
+
+UNUSUAL = 3.5  # z-score under the prior: 1 in 2000 of a normal one
+CONTRADICTED = 5.0  # standard deviations from the value that a parameter was fixed at: on annotated frames up to 4.4
+LEAST_ASPECT = 0.02  # log aspect: what annotation and resampling leave is less
+LEAST_LENS = 0.01  # relative displacement at the corner by k2
+LEAST_SIZE = 0.1  # probability of the given size of the field
+NAMES = {
+    "log f": "the focal length is unusual",
+    "x": "it stands at an unusual place",
+    "y": "it stands at an unusual place",
+    "z": "it stands at an unusual height",
+    "roll": "it is unusually rolled",
+    "tilt": "its tilt is unusual",
+    "pan": "its pan is unusual",
+    "cx": "the principal point is far from the centre: was the picture cropped?",
+    "cy": "the principal point is far from the centre: was the picture cropped?",
+    "a1": "the lens is unusually strong",
+    "b2": "the lens is unusually strong",
+}
+
+
+def surprises(uncertainty: Uncertainty) -> tuple[str, ...]:
+    """In words, what the labels say that nobody expected; nothing for an ordinary camera.
+
+    Examples
+    --------
+    >>> from fieldcalib import Camera, calibrate_from_segments, soccer
+    >>> truth = Camera.from_angles(0.2, 1.35, 0.0, 1400.0, (1.0, 65.0, -16.0), (960, 540))
+    >>> labels = ("Side line top", "Side line right", "Big rect. right main", "Big rect. right top", "Circle right")
+    >>> pixels = {label: truth.project(soccer()[label].sample(4.0)) for label in labels}
+    >>> surprises(calibrate_from_segments(soccer(), pixels, (960, 540)).uncertainty)
+    ()
+    """
+    found: dict[str, None] = {}  # each once, in this order
+    problem = uncertainty.problem
+    if problem.prior is not None:
+        names = np.array(problem.layout.names)[problem.free]
+        for name, z in zip(names, problem.prior_residuals(uncertainty.evaluation.theta)[0], strict=True):
+            if abs(z) > UNUSUAL and name in NAMES:
+                found[NAMES[name]] = None
+    for name, least, words in (
+        ("log aspect", LEAST_ASPECT, "the pixels are not square: was the picture squashed?"),
+        ("b2", LEAST_LENS, "the labels call for more of the lens than k1"),
+    ):
+        offset, sigma = uncertainty.offsets.get(name, (0.0, 1.0))
+        if abs(offset) > max(least, CONTRADICTED * sigma):
+            found[words] = None
+    given = problem.layout.field_size
+    if uncertainty.size is not None and given is not None and uncertainty.size.weights[0] < LEAST_SIZE:
+        length, width = given.given + uncertainty.size.offset
+        found[f"the field is more probably of another size, about {length:.0f} x {width:.0f} m"] = None
+    return tuple(found)
