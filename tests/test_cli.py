@@ -1,10 +1,15 @@
 """The command line, on synthetic annotations: what it writes, prints and returns."""
 
 import json
+import os
+import signal
 import subprocess
 import sys
+import time
 import zipfile
+from dataclasses import replace
 from functools import partial
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -12,9 +17,13 @@ from synthetic import observe, random_frames, whole_circle_markings
 
 import fieldcalib
 import fieldcalib.cli.demo
+from fieldcalib.calibrate.from_segments import calibrate_batch
+from fieldcalib.cli import folder as commands_on_folders
 from fieldcalib.cli.main import main
 from fieldcalib.fields.soccer import soccer
 from fieldcalib.fields.stands import DISTRIBUTIONS
+from fieldcalib.io.formats import ANNOTATIONS
+from fieldcalib.io.output_folder import output_folder
 from fieldcalib.io.soccernet import camera_from_record, format_annotation
 
 SIZE = (960, 540)
@@ -166,6 +175,23 @@ def test_summary(result, folder):
     }
 
 
+def test_the_total_time_is_that_of_everything(folder, tmp_path, monkeypatch):
+    """Of the probabilities, the paper's loss and the files too."""
+
+    def slow(function):
+        def slept(*arguments, **options):
+            time.sleep(0.3)
+            return function(*arguments, **options)
+
+        return slept
+
+    for name in ("calibration_line", "ndc_loss", "whole_file"):
+        monkeypatch.setattr(f"fieldcalib.cli.folder.{name}", slow(getattr(commands_on_folders, name)))
+    assert calibrate(tmp_path, folder / "a.json") == 0
+    seconds = summary_of(tmp_path)["seconds"]
+    assert seconds["total"] - seconds["calibration"] > 0.9
+
+
 def test_off_a_terminal_only_one_line_is_printed(folder, tmp_path, capsys):
     assert calibrate(tmp_path, folder / "a.json") == 0
     printed = capsys.readouterr()
@@ -240,6 +266,67 @@ def test_broken_files_are_named_and_the_others_calibrated(mixed, result, tmp_pat
     assert summary["cameras"] == 3
     assert summary["completeness"] == pytest.approx(300.0 / 7.0)
     assert summary["status"] == {"accepted": 2, "broken file": 3, "too few segments": 2}
+
+
+def test_files_that_are_skipped_are_named(folder, tmp_path, capsys):
+    for name in ("a.json", "camera_b.json", "summary_c.json", "d.jpg", "e.jpg", "f.jpg", "g.jpg"):
+        (tmp_path / name).write_bytes((folder / "a.json").read_bytes())
+    (tmp_path / "cameras.jsonl").write_text("of an earlier run")
+    assert calibrate(tmp_path / "out", tmp_path) == 0
+    assert capsys.readouterr().err == (
+        "fieldcalib: skipped 2 .json (camera_b.json, summary_c.json), 4 .jpg (d.jpg, e.jpg, f.jpg, ...)\n"
+    )
+
+
+def test_a_frame_that_takes_too_much_memory_is_broken(folder, tmp_path, monkeypatch, capsys):
+    def parse(content, size):
+        if len(content) > 5000:
+            raise MemoryError
+        return {}
+
+    monkeypatch.setattr("fieldcalib.cli.folder.ANNOTATIONS", replace(ANNOTATIONS, read=parse))
+    (tmp_path / "a.json").write_text("{}")
+    (tmp_path / "b.json").write_bytes(bytes(6000))
+    assert calibrate(tmp_path / "out", tmp_path) == 1
+    assert capsys.readouterr().err == f"fieldcalib: {tmp_path / 'b.json'}: there is not enough memory for it\n"
+    assert [line["status"] for line in lines_of(tmp_path / "out")] == ["too few segments", "broken file"]
+
+
+def test_files_that_are_too_large_are_broken(folder, tmp_path, capsys):
+    (tmp_path / "a.json").write_bytes((folder / "a.json").read_bytes())
+    (tmp_path / "b.json").write_bytes((folder / "b.json").read_bytes() + b" " * 100_000)
+    assert calibrate(tmp_path / "out", tmp_path, options=["--max-megabytes", 0.1]) == 1
+    assert "b.json: has more than 0.1 MB; --max-megabytes allows more" in capsys.readouterr().err
+    assert list(cameras_in(tmp_path / "out")) == ["a"]
+    assert calibrate(tmp_path / "out", tmp_path) == 0
+    assert set(cameras_in(tmp_path / "out")) == {"a", "b"}
+
+
+def test_names_that_are_too_long_are_broken(folder, tmp_path):
+    for length in (236, 250):
+        (tmp_path / f"{'a' * length}.json").write_bytes((folder / "a.json").read_bytes())
+    assert calibrate(tmp_path / "out", tmp_path) == 1
+    assert list(cameras_in(tmp_path / "out")) == ["a" * 236]
+    assert {line["status"] for line in lines_of(tmp_path / "out")} == {"accepted", "broken file"}
+
+
+def test_dense_labels_are_thinned_before_anything_is_done_with_them(truth, tmp_path, monkeypatch):
+    frame, _ = truth["a"]
+    label = next(label for label in frame if label != "Middle line")
+    dense = {**frame, label: np.repeat(frame[label], 2000, axis=0)}
+    (tmp_path / "a.json").write_text(format_annotation(frame, SIZE))
+    (tmp_path / "dense.json").write_text(format_annotation(dense, SIZE))
+    most = []
+
+    def method(field, frames, *arguments, **options):
+        most.extend(len(xy) for frame in frames for xy in frame.values())
+        return calibrate_batch(field, frames, *arguments, **options)
+
+    monkeypatch.setattr("fieldcalib.cli.calibrate.calibrate_batch", method)
+    assert calibrate(tmp_path / "out", tmp_path) == 0
+    assert max(most) <= 200
+    sparse, thinned = lines_of(tmp_path / "out")
+    np.testing.assert_allclose(thinned["C"], sparse["C"], atol=0.02)  # the same pixels, each a thousand times
 
 
 def test_strict_stops_at_the_first_broken_file(mixed, tmp_path, capsys):
@@ -493,6 +580,21 @@ def test_an_output_folder_that_cannot_be(folder, tmp_path, monkeypatch, capsys):
     assert (tmp_path / "file").read_text() == "in the way"
 
 
+@pytest.mark.skipif(not Path("/proc/self").is_dir(), reason="needs a folder that not even root can write to")
+def test_an_output_folder_that_cannot_be_written_to(folder, monkeypatch, capsys):
+    monkeypatch.setattr("fieldcalib.cli.calibrate.calibrate_batch", lambda *_, **__: pytest.fail("has worked"))
+    assert calibrate("/proc/self", folder / "a.json") == 2
+    assert "/proc/self" in capsys.readouterr().err
+
+
+def test_an_output_folder_that_another_run_writes_to(folder, tmp_path, monkeypatch, capsys):
+    monkeypatch.setattr("fieldcalib.cli.calibrate.calibrate_batch", lambda *_, **__: pytest.fail("has worked"))
+    with output_folder(tmp_path):
+        assert calibrate(tmp_path, folder / "a.json") == 2
+    assert capsys.readouterr().err.startswith(f"fieldcalib: another run writes to {tmp_path}: wait for its end")
+    assert list(tmp_path.iterdir()) == []
+
+
 @pytest.mark.parametrize("arguments", [[], ["calibrate"], ["calibrate", "x"], ["demo"], ["guess"]])
 def test_missing_arguments(capsys, arguments):
     assert run(*arguments) == 2
@@ -523,3 +625,58 @@ def test_it_runs_as_a_module():
     command = [sys.executable, "-m", "fieldcalib.cli.main", "--version"]
     done = subprocess.run(command, capture_output=True, text=True, check=True)
     assert (done.stdout, done.stderr) == (f"fieldcalib {fieldcalib.__version__}\n", "")
+
+
+def in_a_process(code, *arguments, **environment):
+    """A fresh interpreter that runs some code, and the command line after it."""
+    command = [sys.executable, "-c", f"{code}\nfrom fieldcalib.cli.main import main\nraise SystemExit(main())"]
+    return subprocess.run(
+        [*command, *map(str, arguments)],
+        capture_output=True,
+        text=True,
+        encoding="latin-1",
+        env=os.environ | environment,
+        cwd=Path(fieldcalib.__file__).parents[1],
+    )
+
+
+INTERRUPTED_IMPORT = """
+import os, signal, sys
+class Interrupting:
+    def find_spec(name, path, target=None):
+        if name == {name!r}:
+            os.kill(os.getpid(), signal.SIGINT)
+sys.meta_path.insert(0, Interrupting)
+"""
+
+
+@pytest.mark.skipif(os.name != "posix", reason="needs POSIX signals")
+@pytest.mark.parametrize("name", ["numpy", "numpy.linalg", "fieldcalib.cli.calibrate"])
+def test_an_interrupt_during_the_start_leaves_no_traceback(name):
+    done = in_a_process(INTERRUPTED_IMPORT.format(name=name), "--version")
+    assert (done.returncode, done.stdout, done.stderr) == (-signal.SIGINT, "", "")
+
+
+@pytest.mark.skipif(os.name != "posix", reason="needs POSIX signals")
+def test_an_interrupt_that_is_ignored_stays_so():
+    """As for a job in the background of a shell."""
+    code = "import signal; signal.signal(signal.SIGINT, signal.SIG_IGN)" + INTERRUPTED_IMPORT.format(name="numpy")
+    done = in_a_process(code, "--version")
+    assert (done.returncode, done.stderr) == (0, "")
+
+
+def test_a_terminal_without_unicode(small_pitch, tmp_path):
+    options = ("--size", "960x540", "--free-field-size", "shared", "--out", tmp_path / "out")
+    done = in_a_process("", "calibrate", small_pitch / "a.json", *options, PYTHONIOENCODING="ascii")
+    assert (done.returncode, done.stderr) == (0, "")
+    assert r" \xb1 " in done.stdout  # ±
+
+
+def test_no_memory_left_is_one_line(folder, tmp_path, monkeypatch, capsys):
+    def exhausted(*arguments, **options):
+        raise MemoryError
+
+    monkeypatch.setattr("fieldcalib.cli.calibrate.calibrate_batch", exhausted)
+    assert calibrate(tmp_path, folder / "a.json") == 2
+    assert capsys.readouterr().err == "fieldcalib: there is not enough memory\n"
+    assert list(tmp_path.iterdir()) == []

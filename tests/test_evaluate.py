@@ -429,6 +429,28 @@ def test_broken_files_are_named_and_the_others_scored(frames, truth, cameras, ca
     assert "3 frames at 960x540, 1 with a prediction" in capsys.readouterr().out
 
 
+def test_annotations_that_are_too_much_are_broken(frames, truth, cameras, capsys):
+    dense = {label: np.resize(xy, (10_001, 2)) for label, xy in list(frames[0]["c"].items())[:2]}
+    (truth / "c.json").write_text(format_annotation(dense, SIZE))
+    (truth / "d.json").write_bytes((truth / "d.json").read_bytes() + b" " * 2_000_000)
+    report, error = report_of(capsys, cameras, truth, "--max-megabytes", 2, code=1)
+    assert report["frames"] == 2
+    assert f"{truth / 'c.json'}: has 20002 labelled pixels: up to 20000 are evaluated\n" in error
+    assert f"{truth / 'd.json'}: has more than 2 MB; --max-megabytes allows more\n" in error
+
+
+def test_files_that_are_skipped_are_named(frames, truth, cameras, capsys):
+    write_homographies(truth, {"a": frames[1]["a"].scaled(WC14).homography})
+    for path in (cameras / "00001.json", cameras / "summary.json", truth / "camera_a.json", truth / "a.jpg"):
+        path.write_text("{}")
+    report, error = report_of(capsys, cameras, truth)
+    assert report["against_homographies"]["frames"] == 1
+    assert (
+        error
+        == "fieldcalib: skipped 1 .json (00001.json)\nfieldcalib: skipped 1 .jpg (a.jpg), 1 .json (camera_a.json)\n"
+    )
+
+
 def test_nothing_but_broken_files(truth, tmp_path, capsys):
     """They are named although there is nothing to print."""
     predictions = tmp_path / "broken"

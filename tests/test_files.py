@@ -2,13 +2,16 @@
 
 import os
 import re
+import signal
 import stat
+import tracemalloc
 import zipfile
 
+import numpy as np
 import pytest
 
 from fieldcalib.io import files
-from fieldcalib.io.files import BrokenFileError, find_files, parse_json_object, write_bytes, write_text
+from fieldcalib.io.files import BrokenFileError, files_beside, find_files, parse_json_object, write_bytes, write_text
 
 # --- finding and reading ---
 
@@ -43,6 +46,132 @@ def test_messages_say_what_is_looked_for(tmp_path):
     (tmp_path / "mask_1.png").write_bytes(b"")
     with pytest.raises(BrokenFileError, match=r"are the same frame 1: rename one of them"):
         names_found(tmp_path, tmp_path / "mask_1.png")
+
+
+def test_a_zip_may_name_its_members_as_it_likes(tmp_path):
+    """The standard library's `zipfile.Path` never ends on a name with two slashes in front."""
+    with zipfile.ZipFile(tmp_path / "a.zip", "w") as archive:
+        for name in ("//x.png", "/y.png", "../../z.png", "folder.png/", ".."):
+            archive.writestr(name, name)
+    found = find_files([tmp_path / "a.zip"], "mask", suffix=".png")
+    assert {file.id: file.read() for file in found} == {"x": b"//x.png", "y": b"/y.png", "z": b"../../z.png"}
+    assert all(str(file.path).startswith(str(tmp_path / "a.zip")) for file in found)
+
+
+def test_what_is_not_used_is_known(tmp_path):
+    for name in ("mask_1.png", "2.png", "mask_3.gif", ".hidden"):
+        (tmp_path / name).write_bytes(b"")
+    (tmp_path / "deeper").mkdir()
+    with zipfile.ZipFile(tmp_path / "in.zip", "w") as archive:
+        for name in ("a/mask_4.png", "a/b.heic", "__MACOSX/a/b.heic"):
+            archive.writestr(name, "")
+    inputs = [tmp_path, tmp_path / "in.zip"]
+    found = find_files(inputs, "mask", prefix="mask_", suffix=".png")
+    beside = [str(path.relative_to(tmp_path)) for path in files_beside(inputs, found)]
+    assert beside == ["2.png", "in.zip", "mask_3.gif", "in.zip/a/b.heic"]
+    assert files_beside([tmp_path / "2.png"], []) == []
+
+
+@pytest.fixture
+def hanging_is_failing():
+    """What waits for another process is interrupted."""
+    if not hasattr(signal, "SIGALRM"):
+        pytest.skip("needs POSIX signals")
+
+    def give_up(*arguments):
+        raise AssertionError("it hangs")
+
+    old = signal.signal(signal.SIGALRM, give_up)
+    signal.alarm(20)
+    yield
+    signal.alarm(0)
+    signal.signal(signal.SIGALRM, old)
+
+
+@pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="needs named pipes")
+def test_only_regular_files_are_read(tmp_path, hanging_is_failing):
+    os.mkfifo(tmp_path / "pipe.png")
+    (tmp_path / "endless.png").symlink_to("/dev/zero")
+    (tmp_path / "folder.png").mkdir()
+    (tmp_path / "regular.png").write_bytes(b"content")
+    (tmp_path / "link.png").symlink_to("regular.png")
+    contents = {}
+    for file in find_files([tmp_path], "mask", suffix=".png"):
+        try:
+            contents[file.id] = file.read()
+        except BrokenFileError as error:
+            contents[file.id] = str(error)
+    nothing = dict.fromkeys(("pipe", "endless", "folder"), "cannot be read: it is no regular file")
+    assert contents == {"regular": b"content", "link": b"content", **nothing}
+    os.mkfifo(tmp_path / "pipe.zip")
+    with pytest.raises(BrokenFileError, match="it is no regular file"):
+        find_files([tmp_path / "pipe.zip"], "mask", suffix=".png")[0].read()
+
+
+METHODS = {"deflate": zipfile.ZIP_DEFLATED, "bzip2": zipfile.ZIP_BZIP2, "lzma": zipfile.ZIP_LZMA}
+
+
+@pytest.mark.parametrize("method", METHODS.values(), ids=METHODS)
+def test_a_corrupt_member_is_broken_whatever_packed_it(tmp_path, method):
+    noise = np.random.default_rng(0).bytes(5000)
+    with zipfile.ZipFile(tmp_path / "a.zip", "w", method) as archive:
+        archive.writestr("1.png", noise)
+        archive.writestr("2.png", b"whole")
+    content = bytearray((tmp_path / "a.zip").read_bytes())
+    content[60:1060] = bytes(1000)
+    (tmp_path / "a.zip").write_bytes(content)
+    corrupt, whole = find_files([tmp_path / "a.zip"], "mask", suffix=".png")
+    with pytest.raises(BrokenFileError, match=r"cannot be read: \w"):
+        corrupt.read()
+    assert whole.read() == b"whole"
+
+
+@pytest.mark.parametrize("method", [zipfile.ZIP_STORED, *METHODS.values()], ids=["stored", *METHODS])
+def test_files_are_read_up_to_a_size(tmp_path, method):
+    bomb = bytes(30_000_000)
+    with zipfile.ZipFile(tmp_path / "a.zip", "w", method) as archive:
+        archive.writestr("1.png", bomb)
+    (tmp_path / "2.png").write_bytes(bomb)
+    for file in find_files([tmp_path / "a.zip", tmp_path / "2.png"], "mask", suffix=".png"):
+        tracemalloc.start()
+        with pytest.raises(BrokenFileError, match=r"has more than 20 MB; --max-megabytes allows more"):
+            file.read(20_000_000)
+        assert tracemalloc.get_traced_memory()[1] < 10_000_000  # nothing of it was unpacked
+        tracemalloc.stop()
+        assert file.read(30_000_000) == bomb
+
+
+def test_a_zip_that_understates_its_member_is_not_believed(tmp_path):
+    path = tmp_path / "a.zip"
+    with zipfile.ZipFile(path, "w", zipfile.ZIP_DEFLATED) as archive:
+        archive.writestr("1.png", bytes(1_000_000))
+    content = bytearray(path.read_bytes())
+    directory = content.index(b"PK\x01\x02")
+    content[directory + 24 : directory + 28] = (1000).to_bytes(4, "little")
+    path.write_bytes(content)
+    (file,) = find_files([path], "mask", suffix=".png")
+    with pytest.raises(BrokenFileError, match="cannot be read"):
+        file.read(2000)
+
+
+def test_names_that_no_result_could_have(tmp_path):
+    for length, good in ((240, True), (241, False)):
+        path = tmp_path / f"{'a' * length}.png"
+        path.write_bytes(b"content")
+        (file,) = find_files([path], "mask", suffix=".png")
+        if good:
+            assert file.read() == b"content"
+            for name in (f"overlay_{file.id}.jpg", f"camera_{file.id}.json"):
+                write_text(tmp_path / name, "")  # by way of a temporary file, which has a name too
+        else:
+            with pytest.raises(BrokenFileError, match="the name has more than 240 bytes"):
+                file.read()
+
+
+@pytest.mark.parametrize("content", ['{"a": 1, "b": 2, "a": 1}', '{"c": [{"a": 1, "a": 2}]}'])
+def test_a_key_twice_is_no_json_object(content):
+    with pytest.raises(BrokenFileError, match="the key 'a' is given twice"):
+        parse_json_object(content, "masks")
 
 
 @pytest.mark.parametrize(
@@ -119,6 +248,15 @@ def test_content_that_cannot_be_written(tmp_path, write, content):
         write(path, content)
     assert path.read_text() == "old"
     assert list(tmp_path.iterdir()) == [path]
+
+
+def test_a_link_is_replaced_and_not_followed(tmp_path):
+    (tmp_path / "outside.txt").write_text("untouched")
+    (tmp_path / "a.json").symlink_to("outside.txt")
+    write_text(tmp_path / "a.json", "new")
+    assert (tmp_path / "outside.txt").read_text() == "untouched"
+    assert (tmp_path / "a.json").read_text() == "new"
+    assert not (tmp_path / "a.json").is_symlink()
 
 
 def test_a_missing_folder_is_not_made(tmp_path):

@@ -1,6 +1,10 @@
 """From class probabilities to labelled pixels: where they lie, what they lead to, and what a network file may be."""
 
 import json
+import os
+import subprocess
+import sys
+from pathlib import Path
 from types import SimpleNamespace
 
 import numpy as np
@@ -8,6 +12,7 @@ import pytest
 from networks import CLASSES, FIELD, GRID, KnownCameras, band_maps, probabilities
 from views import camera
 
+import fieldcalib
 from fieldcalib.calibrate.from_segments import calibrate_batch, calibrate_from_segments
 from fieldcalib.cli.demo import camera_errors
 from fieldcalib.io.files import BrokenFileError
@@ -422,6 +427,54 @@ def test_a_provider_that_is_not_there(tmp_path):
 def test_threads(tmp_path):
     with pytest.raises(ValueError, match="threads must be at least 1, got 0"):
         SegmentationNetwork.load(write_network(tmp_path), threads=0)
+
+
+def test_no_more_threads_than_cores(tmp_path, monkeypatch):
+    """Thousands of threads are started one by one, and hardly ever end."""
+    import onnxruntime
+
+    started = []
+
+    def session(path, options, providers):
+        started.append(options.intra_op_num_threads)
+        raise RuntimeError("not started")
+
+    monkeypatch.setattr(onnxruntime, "InferenceSession", session)
+    for threads in (1, 2000):
+        with pytest.raises(BrokenFileError, match="not started"):
+            SegmentationNetwork.load(write_network(tmp_path), threads=threads)
+    assert started == [1, os.cpu_count()]
+
+
+WITHOUT_SOCKETS = """
+import socket, sys
+from pathlib import Path
+def refuse(*arguments, **options):
+    raise AssertionError("it opens a socket")
+socket.socket = socket.create_connection = socket.getaddrinfo = refuse
+from fieldcalib.localize import SegmentationNetwork
+import numpy as np
+network = SegmentationNetwork.load(sys.argv[1])
+network([np.zeros((36, 64, 3), np.uint8)])
+print("done")
+"""
+
+
+def test_onnxruntime_keeps_no_id_and_calls_nobody(tmp_path):
+    """It writes its id when it is loaded, and calls its host some seconds later if it has one."""
+    model, home = write_network(tmp_path), tmp_path / "home"
+    home.mkdir()
+    folders = {name: str(home / name) for name in ("XDG_CACHE_HOME", "XDG_CONFIG_HOME", "XDG_DATA_HOME")}
+    environment = {key: value for key, value in os.environ.items() if key != "ORT_DISABLE_TELEMETRY"}
+    done = subprocess.run(
+        [sys.executable, "-c", WITHOUT_SOCKETS, str(model)],
+        capture_output=True,
+        text=True,
+        env=environment | folders | {"HOME": str(home), "TMPDIR": str(home)},
+        cwd=Path(fieldcalib.__file__).parents[1],
+    )
+    assert (done.returncode, done.stdout, done.stderr) == (0, "done\n", "")
+    assert list(home.rglob("*")) == []
 
 
 @pytest.mark.filterwarnings("ignore:Specified provider")

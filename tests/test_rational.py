@@ -211,3 +211,10 @@ def test_arrays_are_copies_and_read_only():
     assert camera.K[0, 0] == 900.0
     with pytest.raises(ValueError, match="read-only"):
         camera.dist[0] = 1.0
+
+
+def test_absurd_cameras_have_a_homography_without_warnings():
+    K = np.array([[1e300, 0.0, 480.0], [0.0, 1e300, 270.0], [0.0, 0.0, 1.0]])
+    camera = RationalCamera(K, np.eye(3), (0.0, 1e300, -1e300), np.full(12, 1e300), (960, 540))
+    assert not np.all(np.isfinite(camera.homography))  # warnings are errors here
+    assert np.all(np.isnan(camera.project([0.0, 0.0, 0.0])))

@@ -2,8 +2,10 @@
 
 import json
 import re
+import sys
 import zipfile
 from dataclasses import replace
+from pathlib import Path
 
 import cv2
 import numpy as np
@@ -21,6 +23,7 @@ from fieldcalib.images.from_images import calibrate_from_images
 from fieldcalib.io.files import BrokenFileError
 from fieldcalib.io.formats import IMAGES, VIDEOS
 from fieldcalib.io.images import parse_image
+from fieldcalib.io.output_folder import output_folder
 from fieldcalib.io.soccernet import camera_from_record
 from fieldcalib.io.videos import VideoReader, VideoWriter
 
@@ -171,6 +174,47 @@ def test_odd_images_have_a_verdict(know, tmp_path, size):
     assert line["status"] != "broken file"
 
 
+def test_one_bad_image_does_not_end_the_run(know, tmp_path, capsys):
+    folder, out = tmp_path / "in", tmp_path / "out"
+    folder.mkdir()
+    (folder / "a.png").write_bytes(encoded(picture(TRUTHS[0])))
+    (folder / "b.png").write_bytes(encoded(np.zeros((2, 32767, 3), np.uint8)))
+    (folder / "c.bmp").write_bytes(encoded(np.zeros((900, 1100, 3), np.uint8), ".bmp"))
+    (folder / "d.png").write_bytes(encoded(np.zeros((900, 1100, 3), np.uint8)))
+    (folder / "e.jpg").symlink_to("/dev/zero")
+    for name in ("f.gif", "g.HEIC", "h.gif"):
+        (folder / name).write_bytes(b"")
+    know([TRUTHS[0]])
+    assert run("run", folder, "--out", out, "--max-megabytes", 2, "--max-megapixels", 0.6) == 1
+    assert capsys.readouterr().err.splitlines() == [
+        "fieldcalib: skipped 2 .gif (f.gif, h.gif), 1 .HEIC (g.HEIC)",
+        f"fieldcalib: {folder / 'b.png'}: has 32767 x 2 pixels: OpenCV's functions take up to 32766 a side",
+        f"fieldcalib: {folder / 'c.bmp'}: has more than 2 MB; --max-megabytes allows more",
+        f"fieldcalib: {folder / 'd.png'}: has 1100 x 900 pixels, more than 0.6 million; --max-megapixels allows more",
+        f"fieldcalib: {folder / 'e.jpg'}: cannot be read: it is no regular file",
+    ]
+    assert [line["status"] for line in lines_of(out)] == ["accepted", *["broken file"] * 4]
+    assert "most_pixels" not in json.loads((out / "summary.json").read_text())["options"]
+
+
+def test_large_images_are_not_in_memory_together(know, tmp_path, monkeypatch):
+    monkeypatch.setattr(frames_of_commands, "PIXELS_AT_ONCE", 30_000)
+    for name in "abcde":
+        (tmp_path / f"{name}.png").write_bytes(encoded(np.zeros((100, 200, 3), np.uint8)))
+    network, at_once = know([None] * 5), []
+
+    class Watching:
+        classes = network.classes
+
+        def __call__(self, images):
+            at_once.append(len(images))
+            return network(images)
+
+    monkeypatch.setattr("fieldcalib.cli.run.load_network", lambda options: Watching())
+    assert run("run", tmp_path, "--out", tmp_path / "out") == 0
+    assert at_once == [2, 2, 1]
+
+
 def test_a_jpeg_with_a_thumbnail_is_not_cut_off():
     content = encoded(picture(TRUTHS[0]), ".jpg")
     thumbnail = encoded(np.zeros((16, 16, 3), np.uint8), ".jpg")
@@ -224,6 +268,60 @@ def test_a_portrait_video_has_verdicts(know, tmp_path):
     know([None] * 3)
     assert run("run", tmp_path / "phone.mp4", "--out", tmp_path / "out") == 0
     assert [line["status"] for line in lines_of(tmp_path / "out")] == ["too few segments"] * 3
+
+
+def test_a_video_that_loses_frames_is_named(know, tmp_path, capfd):
+    path = tmp_path / "a.avi"
+    writer = cv2.VideoWriter(str(path), cv2.VideoWriter.fourcc(*"MJPG"), 25.0, (64, 36))
+    for image in np.random.default_rng(0).integers(0, 255, (12, 36, 64, 3), dtype=np.uint8):
+        writer.write(image)
+    writer.release()
+    know([None] * 12)
+    assert run("run", path, "--out", tmp_path / "whole") == 0
+    content = path.read_bytes()
+    path.write_bytes(content[: len(content) // 2])
+    know([None] * 12)
+    assert run("run", path, "--out", tmp_path / "out") == 1
+    lines = lines_of(tmp_path / "out")
+    assert 0 < len(lines) < 12
+    assert f"fieldcalib: {path}: announces 12 frames, {len(lines)} can be read\n" in capfd.readouterr().err
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="needs POSIX limits")
+def test_an_overlay_that_cannot_be_written_is_an_error(know, tmp_path, capfd):
+    import resource
+
+    rng = np.random.default_rng(0)
+    write_video(tmp_path / "a.mp4", rng.integers(0, 255, (16, 180, 320, 3), dtype=np.uint8))
+    know([None] * 16)
+    soft, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (200_000, hard))
+    try:
+        assert run("run", tmp_path / "a.mp4", "--out", tmp_path / "out") == 2
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, (soft, hard))
+    assert re.search(r"overlay\.mp4: \d+ of 16 frames were written: is the disk full\?", capfd.readouterr().err)
+    assert not (tmp_path / "out" / "overlay.mp4").exists()
+    assert not (tmp_path / "out" / "summary.json").exists()
+
+
+def test_a_folder_that_another_run_writes_to(know, tmp_path, capsys):
+    (tmp_path / "a.png").write_bytes(encoded(np.zeros((54, 96, 3), np.uint8)))
+    for command in ("run", "localize"):
+        know([])  # is not asked
+        with output_folder(tmp_path / "out"):
+            assert run(command, tmp_path / "a.png", "--out", tmp_path / "out") == 2
+        assert f"another run writes to {tmp_path / 'out'}" in capsys.readouterr().err
+    assert list((tmp_path / "out").iterdir()) == []
+
+
+@pytest.mark.skipif(not Path("/proc/self").is_dir(), reason="needs a folder that not even root can write to")
+def test_a_folder_that_cannot_be_written_to(know, tmp_path, capsys):
+    (tmp_path / "a.png").write_bytes(encoded(np.zeros((54, 96, 3), np.uint8)))
+    for command in ("run", "localize"):
+        know([])  # is not asked
+        assert run(command, tmp_path / "a.png", "--out", "/proc/self") == 2
+        assert "/proc/self" in capsys.readouterr().err
 
 
 def test_only_a_few_images_are_in_memory(know, tmp_path, monkeypatch):
@@ -297,6 +395,15 @@ def test_broken_images_are_named_by_localize(know, tmp_path, capsys):
     know([None])
     assert run("localize", tmp_path, "--out", tmp_path / "out") == 1
     assert "a.png: is no image that OpenCV can read" in capsys.readouterr().err
+    assert {path.name: path.read_text() for path in (tmp_path / "out").iterdir()} == {"b.json": "{}\n"}
+
+
+def test_an_image_one_pixel_wide_has_no_annotation(know, tmp_path, capsys):
+    (tmp_path / "a.png").write_bytes(encoded(np.full((300, 1, 3), 90, np.uint8)))
+    (tmp_path / "b.png").write_bytes(encoded(np.zeros((300, 1, 3), np.uint8)))
+    know([TRUTHS[0], None])  # in the second one nothing is seen
+    assert run("localize", tmp_path, "--out", tmp_path / "out") == 1
+    assert "fieldcalib: a: pixels of an image of 1 x 300 cannot be normalised" in capsys.readouterr().err
     assert {path.name: path.read_text() for path in (tmp_path / "out").iterdir()} == {"b.json": "{}\n"}
 
 

@@ -7,6 +7,7 @@ from pathlib import Path
 
 import fieldcalib
 from fieldcalib.cli import calibrate, evaluate, localize, run
+from fieldcalib.io.output_folder import output_folder
 
 
 def command_parser() -> argparse.ArgumentParser:
@@ -35,5 +36,6 @@ def command_parser() -> argparse.ArgumentParser:
 def _demo(options: argparse.Namespace) -> int:
     from fieldcalib.cli.demo import run_demo
 
-    run_demo(options.out)
+    with output_folder(options.out):
+        run_demo(options.out)
     return 0

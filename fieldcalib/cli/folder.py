@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import json
+import os
 import sys
 import time
 from collections import Counter
@@ -39,6 +40,7 @@ AT_ONCE = 256  # frames between two steps of the progress bar
 WITHHELD = (Status.REJECTED, Status.IMPROBABLE)  # cameras that the user did not want
 ANGLE_NAMES = ("pan", "tilt", "roll")
 METRES = (0.5, 1.0)  # that the probabilities in cameras.jsonl are about
+LINES, SUMMARY = "cameras.jsonl", "summary.json"  # of a run
 NAMED = 3  # skipped files of a kind
 
 
@@ -89,7 +91,8 @@ def name_skipped(inputs: Iterable[Path], used: Iterable[FrameFile]) -> None:
     """
     by_suffix: dict[str, list[Path]] = {}
     for path in files_beside(inputs, used):
-        by_suffix.setdefault(path.suffix or "without ending", []).append(path)
+        if path.name not in (LINES, SUMMARY):
+            by_suffix.setdefault(path.suffix or "without ending", []).append(path)
     if by_suffix:
         kinds = (f"{len(paths)} {suffix} ({_first(paths)})" for suffix, paths in by_suffix.items())
         print(f"fieldcalib: skipped {', '.join(kinds)}", file=sys.stderr)
@@ -163,7 +166,7 @@ def result_folder(options: argparse.Namespace, began: float) -> Iterator[Results
     `began` is what `time.perf_counter` said at the start.
     """
     with output_folder(options.out):
-        with whole_file(options.out / "cameras.jsonl") as lines:
+        with whole_file(options.out / LINES) as lines:
             results = Results(options.out, lines)
             yield results
         results.summarize(began, options)
@@ -189,7 +192,8 @@ class Results:
         """
         path = self.out / CAMERAS.file_name(line["id"])
         if calibration is None or calibration.camera is None or calibration.status in WITHHELD:
-            path.unlink(missing_ok=True)
+            if os.path.lexists(path):  # not for a name that is too long
+                path.unlink()
         else:
             write_text(path, CAMERAS.write(calibration.camera) + "\n")
             self.cameras += 1
@@ -210,7 +214,7 @@ class Results:
             "options": _recorded(options),
             "version": fieldcalib.__version__,
         }
-        write_text(self.out / "summary.json", json.dumps(summary, indent=2) + "\n")
+        write_text(self.out / SUMMARY, json.dumps(summary, indent=2) + "\n")
         counts = ", ".join(f"{count} {status}" for status, count in self.statuses.most_common())
         print(f"{self.cameras} cameras of {frames} frames in {self.out}: {counts}")
 

@@ -26,6 +26,7 @@ from fieldcalib.problem.labelled_pixels import Pixels
 
 OFF_CENTRE = 0.1  # of the image's size: a principal point further off belongs to an image of another size
 LARGEST_SIZE = 100_000  # px: beyond, a principal point says nothing about an image
+MOST_PIXELS = 20_000  # of an annotation: their distances to projected segments take 200 MB
 SEVERAL_SIZES = "the predictions are for images of several sizes: say by --size which one the annotations have"
 
 Parsed = TypeVar("Parsed")
@@ -188,7 +189,11 @@ def read_ground_truth(
     field = soccer()
 
     def annotation(content: bytes) -> Pixels:
-        return check_annotation(ANNOTATIONS.read(content, size, unknown=True), field)
+        pixels = ANNOTATIONS.read(content, size, unknown=True)
+        count = sum(map(len, pixels.values()))
+        if count > MOST_PIXELS:
+            raise BrokenFileError(f"has {count} labelled pixels: up to {MOST_PIXELS} are evaluated")
+        return check_annotation(pixels, field)
 
     ids = {file.id for file in chosen}
     annotations = read_files(chosen, annotation, broken, most_bytes=most_bytes)

@@ -150,8 +150,12 @@ class RationalCamera:
 
     @property
     def homography(self) -> Array:
-        """3 x 3 map of field points (x, y, 1) to the image of the pinhole, lens left out: ``K R [e1 e2 -C]``."""
-        return np.asarray(self.K @ self.R @ np.column_stack([np.eye(3)[:, :2], -self.C]))
+        """3 x 3 map of field points (x, y, 1) to the image of the pinhole, lens left out: ``K R [e1 e2 -C]``.
+
+        Not finite where the numbers leave the range of floats.
+        """
+        with np.errstate(all="ignore"):  # absurd cameras overflow
+            return np.asarray(self.K @ self.R @ np.column_stack([np.eye(3)[:, :2], -self.C]))
 
     def project(self, X: ArrayLike) -> Array:
         """Pixels of world points, lens included.

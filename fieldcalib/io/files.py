@@ -18,7 +18,7 @@ from typing import IO, Any, BinaryIO, TypeAlias
 HIDDEN = re.compile(r"\.")
 MOST_BYTES = 64_000_000  # of a file: a million labelled pixels are 50 MB of JSON
 LONGEST_ID = 240  # bytes: with "overlay_" and ".jpg" around it, it is still a file's name (255)
-READ_AT_ONCE = 4096  # bytes: a bz2 stream may hold 20,000 times as many
+READ_AT_ONCE = 4096  # bytes: bzip2 and LZMA unpack all that was read, however much that becomes
 
 Zipped: TypeAlias = tuple[zipfile.ZipFile, zipfile.ZipInfo]
 
@@ -51,6 +51,7 @@ class FrameFile:
         if self.zipped is None:
             return read_regular_file(self.path, most_bytes)
         archive, member = self.zipped
+        _check_bytes(member.file_size, most_bytes)
         try:
             with archive.open(member) as file:
                 return _read_all(file, most_bytes)
@@ -76,8 +77,10 @@ def read_regular_file(path: Path, most_bytes: float = MOST_BYTES) -> bytes:
     fieldcalib.io.files.BrokenFileError: cannot be read: it is no regular file
     """
     try:
-        if not stat.S_ISREG(path.stat().st_mode):  # before it is opened: opening a pipe waits for a writer
+        status = path.stat()
+        if not stat.S_ISREG(status.st_mode):  # before it is opened: opening a pipe waits for a writer
             raise BrokenFileError("cannot be read: it is no regular file")
+        _check_bytes(status.st_size, most_bytes)
         with path.open("rb") as file:
             return _read_all(file, most_bytes)
     except OSError as error:
@@ -88,9 +91,13 @@ def _read_all(file: IO[bytes], most_bytes: float) -> bytes:
     content = bytearray()
     while part := file.read(READ_AT_ONCE):
         content += part
-        if len(content) > most_bytes:
-            raise BrokenFileError(f"has more than {most_bytes / 1e6:g} MB; --max-megabytes allows more")
+        _check_bytes(len(content), most_bytes)  # a file may grow, a zip may state less than there is
     return bytes(content)
+
+
+def _check_bytes(count: int, most_bytes: float) -> None:
+    if count > most_bytes:
+        raise BrokenFileError(f"has more than {most_bytes / 1e6:g} MB; --max-megabytes allows more")
 
 
 def find_files(
@@ -152,10 +159,10 @@ def is_named(name: str, prefix: str, suffixes: tuple[str, ...], others: re.Patte
 
 
 def files_beside(inputs: Iterable[Path], used: Iterable[FrameFile]) -> list[Path]:
-    """What lies in folders and zips and is not used; hidden files are not counted."""
+    """The files in folders and zips that are not used; hidden ones are not counted."""
     paths = {file.path for file in used}
     members = (member for path in inputs for member, _ in _members(path) if member is not path)
-    return [member for member in members if member not in paths and not HIDDEN.match(member.name)]
+    return [path for path in members if path not in paths and not HIDDEN.match(path.name) and not path.is_dir()]
 
 
 def _members(path: Path) -> Iterator[tuple[Path, Zipped | None]]:

@@ -14,12 +14,14 @@ from typing import Any, Self
 
 import numpy as np
 
+from fieldcalib._types import Array
 from fieldcalib.io.files import BrokenFileError, replacement
 from fieldcalib.io.image import Image
 from fieldcalib.io.images import MOST_PIXELS, check_pixels
 
 WITH_COUNT = (".mp4", ".m4v", ".mov", ".avi")  # these store how many frames there are, the others how long they take
 ESTIMATE = 1.0  # seconds that the sound may go on after the last frame
+IRREGULAR = 0.1  # of the time between two frames: times are rounded to milliseconds
 FASTEST = 1000.0  # frames per second: what is more was never measured
 USUAL = 25.0  # frames per second, where the file says nothing
 CAPTURE_OPTIONS = "OPENCV_FFMPEG_CAPTURE_OPTIONS"  # environment variable that OpenCV reads when it opens a video
@@ -45,7 +47,8 @@ class VideoReader:
 
         if not path.is_file():
             raise FileNotFoundError(f"{path} does not exist: expected a video")
-        self._path, self._read = path, 0
+        self._path = path
+        self._times: list[float] = []  # seconds, of the frames that were read
         self._capture = cv2.VideoCapture(str(path))
         try:
             width, height = (self._capture.get(p) for p in (cv2.CAP_PROP_FRAME_WIDTH, cv2.CAP_PROP_FRAME_HEIGHT))
@@ -68,8 +71,10 @@ class VideoReader:
         self._capture.release()
 
     def __iter__(self) -> Iterator[Image]:
+        import cv2
+
         while self._has_frame:
-            self._read += 1
+            self._times.append(self._capture.get(cv2.CAP_PROP_POS_MSEC) / 1e3)
             yield np.asarray(self._frame, dtype=np.uint8)
             self._has_frame, self._frame = self._capture.read()
 
@@ -79,12 +84,27 @@ class VideoReader:
         An MP4 may announce frames before its edit list begins, which are decoded but not shown: they are not lost.
         """
         if self._path.suffix.lower() not in WITH_COUNT:
-            lost = self.count - self._read
-            return lost if lost > ESTIMATE * self.frames_per_second else 0
-        if self._read >= self.count:
+            missed = _missed(np.array(self._times), self.frames_per_second)
+            after = self.count - len(self._times) - missed
+            return missed + (after if after > ESTIMATE * self.frames_per_second else 0)
+        if len(self._times) >= self.count:
             return 0
         with _environment(CAPTURE_OPTIONS, "ignore_editlist;1"):
             return max(self.count - count_frames(self._path), 0)
+
+
+def _missed(times: Array, rate: float) -> int:
+    """How many frames are missing between others, by their times in seconds; 0 if they do not come at that rate.
+
+    Examples
+    --------
+    >>> _missed(np.array([0.0, 0.04, 0.08, 0.12, 0.24, 0.28]), rate=25.0)
+    2
+    """
+    steps = np.diff(times) * rate
+    if not len(steps) or abs(np.median(steps) - 1.0) > IRREGULAR:
+        return 0
+    return int(np.sum(np.rint(steps[steps > 1.5]) - 1.0))
 
 
 def count_frames(path: Path) -> int:
@@ -166,6 +186,4 @@ class VideoWriter:
         with self._replacement:
             found = count_frames(self._unfinished)
             if found != self._written:
-                raise OSError(
-                    f"{self._path}: only {found} of {self._written} frames could be written: is the disk full?"
-                )
+                raise OSError(f"{self._path}: {found} of {self._written} frames were written: is the disk full?")
