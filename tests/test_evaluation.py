@@ -1,5 +1,7 @@
 """The segment reprojection residual and its Jacobian, for every lens and for the size of the field."""
 
+from functools import cache
+
 import numpy as np
 import pytest
 from hypothesis import assume, given
@@ -126,6 +128,7 @@ def _room(xy, curve):
     return np.nanmin(np.where(away, radius, np.nan), axis=1)
 
 
+@cache
 def random_evaluation(stand, lens, count, distance=20.0, seed=2, with_size=False):
     """Random cameras at what they see; `lens` is one of `LAYOUTS`."""
     rng, seen, frames, layout = np.random.default_rng(seed), [], [], LAYOUTS[lens]
