@@ -34,7 +34,7 @@ FIELD = soccer()
 CIRCLE = FIELD["Circle central"]
 ALL_KINDS = {
     **FIELD,
-    "moved circle": PointCloud(CIRCLE.sample(0.05) + (6.0, 3.0, 0.0), ordered=True),
+    "moved circle": PointCloud(CIRCLE.sample(0.25) + (6.0, 3.0, 0.0), ordered=True),
     "balls": PointCloud([(-30.0, -10.0, -0.1), (-10.0, 5.0, -0.1), (0.0, 0.0, -0.1), (20.0, -5.0, -0.1)]),
     "tilted hoop": Arc((-20.0, 5.0, -2.0), 3.0, u=(1.0, 0.0, 0.0), v=(0.0, 0.6, -0.8)),
 }
@@ -52,8 +52,10 @@ OTHER_COEFFICIENTS = np.array([0.004, 0.004, 0.02, 0.01, 0.01, 0.01, 0.005, 0.00
 SIZES = SizeBlock(np.array([105.0, 68.0]), np.ones(2), np.array([[90.0, 45.0], [120.0, 90.0]]))
 MOTION = np.concatenate([FIELD.motion, np.zeros((len(ALL_KINDS) - len(FIELD), 2, 3, 2))])
 
-# Steps of the differences: about 3e-3 px, little against the sharpest ellipse and much against rounding.
-STEPS = {"x": 3e-4, "y": 3e-4, "z": 3e-4, "cx": 1e-3, "cy": 1e-3, "length": 3e-4, "width": 3e-4}
+# Steps of the differences: about 1e-2 px, little against the sharpest ellipse and much against 1e-8 px, to which the
+# closest points are found.
+STEPS = {"x": 1e-3, "y": 1e-3, "z": 1e-3, "cx": 3e-3, "cy": 3e-3, "length": 1e-3, "width": 1e-3}
+STEP = 1e-5
 
 
 def everything(layout=RADIAL):
@@ -76,7 +78,7 @@ def numeric_jacobian(evaluation, free=None):
     """Derivatives of the residuals by the free parameters, through theta itself; rows of padding are zero."""
     problem, theta = evaluation.problem, evaluation.theta
     free = everything(problem.layout) if free is None else free
-    steps = np.array([STEPS.get(name, 3e-6) for name in problem.layout.names])
+    steps = np.array([STEPS.get(name, STEP) for name in problem.layout.names])
 
     def residuals(values):
         moved = theta.copy()
@@ -110,8 +112,20 @@ def beside_the_segments(object_segments, camera, distance, direction=0.0):
             limit = (
                 np.minimum(0.3 * _room(xy, camera.project(segment.X)), distance) if segment.ordered else limit / 10.0
             )
-        frame |= displaced({label: xy}, limit[:, None], direction)
+        moved = displaced({label: xy}, limit[:, None], direction)[label]
+        if isinstance(segment, PointCloud):
+            moved = moved[_decided(moved, camera.project(segment.X))]
+        if len(moved):
+            frame[label] = moved
     return frame
+
+
+def _decided(xy, samples):
+    """Which pixels are not half-way between their two nearest samples, where the residual has a kink."""
+    order = np.argsort(np.linalg.norm(xy[:, None] - samples, axis=2), axis=1)  # NaN comes last
+    near, next_ = samples[order[:, 0]], samples[order[:, 1]]
+    along = (next_ - near) / (np.linalg.norm(next_ - near, axis=1, keepdims=True) + 1e-12)
+    return np.abs(np.sum((xy - (near + next_) / 2.0) * along, axis=1)) > 0.2
 
 
 def _room(xy, curve):

@@ -7,13 +7,15 @@ import pytest
 from hypothesis import assume, given
 from strategies import angle, numbers, thetas
 from synthetic import displaced, observe, random_frames
-from test_residuals import EVERYTHING, jacobian_errors
+from test_evaluation import SIZES, at, jacobian_errors
 
 from fieldcalib.calibrate.from_segments import calibrate_batch
 from fieldcalib.fields.soccer import soccer
 from fieldcalib.geometry.camera import Camera
+from fieldcalib.problem.evaluation import evaluate
+from fieldcalib.problem.layout import Layout, camera_from_theta, theta_from_camera
 from fieldcalib.problem.observations import pack
-from fieldcalib.problem.segment_ends import pixels_past_ends
+from fieldcalib.problem.segment_ends import pixels_past_ends, with_segment_ends
 
 FIELD, SIZE, FAR = soccer(), (960, 540), 20.0
 CAMERA = Camera.from_angles(-0.55, 1.38, 0.0, 1300.0, (0.0, 60.0, -15.0), SIZE)
@@ -21,7 +23,7 @@ THETA = theta_from_camera(CAMERA)[None]
 
 
 def past(frame, theta=THETA):
-    return pixels_past_ends(FIELD, pack(FIELD, [frame], SIZE), theta, FAR)
+    return pixels_past_ends(FIELD, at(theta, pack(FIELD, [frame], SIZE)), FAR)
 
 
 def beyond(label, metres):
@@ -40,7 +42,7 @@ def test_a_pixel_past_the_end_of_a_line_is_measured_from_that_end(label):
     np.testing.assert_allclose(ends.geometry[0, 0, 0], start, atol=1e-9)
     observations = replace(pack(FIELD, [{label: inside}], SIZE), ends=ends)
     expected = np.linalg.norm(beyond(label, 1.0) - CAMERA.project(start))
-    assert abs(segment_residuals(THETA, observations)[0, -1]) == pytest.approx(expected, rel=1e-6)
+    assert abs(at(THETA, observations).r[0, -1]) == pytest.approx(expected, rel=1e-6)
 
 
 def test_an_arc_ends_where_the_penalty_area_begins():
@@ -71,13 +73,30 @@ def test_derivatives_match_central_differences(theta_and_size, distance, directi
     theta, size = theta_and_size
     frame = displaced(observe(FIELD, camera_from_theta(theta, size)), distance, direction)
     assume(frame)
-    observations = pack(FIELD, [frame], size)
-    ends = pixels_past_ends(FIELD, observations, theta[None], FAR)
+    # the ends alone: of lines and of arcs, which move with the size of the field each in its way
+    layout = Layout.of(size, field_size=SIZES)
+    theta = np.concatenate([theta, SIZES.given])[None]
+    evaluation = at(theta, pack(FIELD, [frame], size, motion=FIELD.motion), layout)
+    ends = pixels_past_ends(FIELD, evaluation, FAR)
+    observations = evaluation.problem.observations
     silent = {kind: getattr(observations, kind) for kind in ("lines", "arcs", "curves", "points", "clouds")}
     silent = {kind: replace(rows, weight=np.zeros_like(rows.weight)) for kind, rows in silent.items()}
-    observations = replace(observations, **silent, ends=ends)
-    _, jacobian = segment_residuals_with_jacobian(theta[None], observations, EVERYTHING)
-    assert np.max(jacobian_errors(jacobian, theta[None], observations)) < 1e-5
+    assert np.max(jacobian_errors(at(theta, replace(observations, **silent, ends=ends), layout))) < 1e-5
+
+
+def test_with_ends_is_what_would_be_found_anew():
+    """The ends join an evaluation without a search; given again, they take the place of the former."""
+    frames, cameras = random_frames(6, seed=6, noise=4.0)
+    theta = np.array([theta_from_camera(camera) for camera in cameras])
+    evaluation = at(theta, pack(FIELD, frames, SIZE))
+    joined = with_segment_ends(FIELD, evaluation, FAR)
+    assert joined.r.shape[1] > evaluation.r.shape[1]
+    anew = evaluate(joined.problem, theta)
+    for name in ("r", "JT", "cost", "gradient", "hessian"):
+        np.testing.assert_allclose(getattr(joined, name), getattr(anew, name), rtol=1e-12, atol=1e-12, err_msg=name)
+    again = with_segment_ends(FIELD, joined, FAR)
+    np.testing.assert_array_equal(again.r, joined.r)
+    np.testing.assert_array_equal(again.problem.observations.weight, joined.problem.observations.weight)
 
 
 def test_exact_pixels_leave_the_camera_alone():
@@ -85,8 +104,8 @@ def test_exact_pixels_leave_the_camera_alone():
     for frame, camera in zip(frames, cameras, strict=True):
         theta = theta_from_camera(camera)[None]
         ends = past(frame, theta)
-        residuals = segment_residuals(theta, replace(pack(FIELD, [frame], SIZE), ends=ends))
-        assert np.max(np.abs(residuals)) < 1e-6
+        evaluation = at(theta, pack(FIELD, [frame], SIZE)).with_ends(ends)
+        assert np.max(np.abs(evaluation.r)) < 1e-6
 
 
 @pytest.mark.slow
