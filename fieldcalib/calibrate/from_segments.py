@@ -74,6 +74,7 @@ def calibrate_from_segments(
     tau: float | None = None,
     trust_labels: bool = False,
     weights: Weights | None = None,
+    paint: float = 0.0,
 ) -> Calibration:
     """Calibrate a camera from labelled pixels of one frame.
 
@@ -114,6 +115,9 @@ def calibrate_from_segments(
         Take every label for right: quicker, where pixels were found for known segments, as lines in an image are.
     weights : mapping of str to float or (N,) array_like, optional
         What labels, or each of their pixels, count against others; 1 where nothing is said. 0 leaves a pixel out.
+    paint : float
+        Standard deviation, in metres, of where a line is painted as a whole. It is in the uncertainty: many pixels on
+        one line do not average it out.
 
     Returns
     -------
@@ -153,6 +157,7 @@ def calibrate_from_segments(
         loss=loss,
         tau=tau,
         field=object_segments if isinstance(object_segments, Field) else None,
+        paint=paint,
     )
     frame = check_segments(object_segments, image_segments, options.image_size)
     frame, pixel_weights = check_weights(object_segments, frame, weights)
@@ -178,6 +183,7 @@ def calibrate_batch(
     tau: float | None = None,
     trust_labels: bool = False,
     weights: Sequence[Weights] | None = None,
+    paint: float = 0.0,
 ) -> list[Calibration]:
     """Calibrate many independent frames at once: the same as `calibrate_from_segments` on each, much faster.
 
@@ -189,7 +195,7 @@ def calibrate_batch(
         Pixels of each frame.
     image_size : (int, int)
         Width and height of every frame, pixels.
-    camera_matrix, dist_coeffs, flags, criteria, prior, loss, tau, trust_labels
+    camera_matrix, dist_coeffs, flags, criteria, prior, loss, tau, trust_labels, paint
         As in `calibrate_from_segments`, for all frames alike.
     weights : sequence of mappings, optional
         As in `calibrate_from_segments`, for each frame.
@@ -222,6 +228,7 @@ def calibrate_batch(
         loss=loss,
         tau=tau,
         field=object_segments if isinstance(object_segments, Field) else None,
+        paint=paint,
     )
     if isinstance(frames, Mapping):
         raise ValueError("expected a sequence of frames, got one mapping: calibrate_from_segments takes a single frame")
