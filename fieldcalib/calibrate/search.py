@@ -17,7 +17,7 @@ from fieldcalib.problem.levenberg_marquardt import FAR, levenberg_marquardt
 from fieldcalib.problem.observations import Observations
 from fieldcalib.problem.prior import GaussianPrior
 
-FIRST_ITERATIONS = 3  # of every initial camera
+FIRST_ITERATIONS = 4  # of every initial camera
 PROMISING = 3  # cameras of a frame that go on,
 HOPELESS = 2.0  # unless they cost that many times what the best one does
 WIDE_ITERATIONS = 30
