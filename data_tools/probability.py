@@ -33,7 +33,7 @@ import numpy as np
 from data_tools.measured_cameras import SIZE, observed, read_camera
 from data_tools.random_frames import RandomFrame, random_frame
 from fieldcalib._types import Array
-from fieldcalib.assess.probability import GRID, evidence
+from fieldcalib.assess.probability import evidence, ground_in_view
 from fieldcalib.assess.result import Calibration
 from fieldcalib.calibrate.from_segments import calibrate_batch
 from fieldcalib.calibrate.options import pixel_unit
@@ -58,14 +58,10 @@ COVERAGES = (100, 98, 95, 90, 80)
 
 def largest_true_error(camera: Camera, truth: Camera, field: Field) -> float:
     """How far a camera takes a point of the field for off, at most, over what is in view; metres."""
-    width, height = truth.image_size
-    x, y = (np.linspace(0.0, side - 1.0, FINER * count) for side, count in zip((width, height), GRID, strict=True))
-    xy = np.stack(np.meshgrid(x, y), axis=-1).reshape(-1, 2)
-    X = truth.image_to_field(xy)
-    on_field = np.all(np.abs(X[:, :2]) <= (field.length / 2.0, field.width / 2.0), axis=1)
-    if not np.any(on_field):
+    X = ground_in_view(truth, field, FINER)
+    if not len(X):
         return float("nan")
-    off = np.linalg.norm(camera.image_to_field(xy[on_field]) - X[on_field], axis=1)
+    off = np.linalg.norm(camera.image_to_field(truth.project(X)) - X, axis=1)
     return float(np.max(np.nan_to_num(off, nan=np.inf)))
 
 

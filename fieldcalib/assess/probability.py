@@ -20,8 +20,10 @@ from fieldcalib._types import Array
 from fieldcalib.assess.uncertainty import OTHER_FRAMES, Uncertainty
 from fieldcalib.fields.field import Field
 from fieldcalib.fields.traits import ProbabilityModel
+from fieldcalib.geometry.camera import Camera
 
-GRID = (17, 10)  # points along the image's width and height where errors are looked at
+GRID = (17, 10)  # points along the image's width and height where errors are looked at,
+BORDER = 20  # and along each side of the field
 LARGEST_SCORE = 5.0  # z-scores beyond say no more
 MOST_PIXELS = 3.0  # of a segment
 
@@ -41,12 +43,29 @@ def largest_error(uncertainty: Uncertainty, field: Field) -> float:
     >>> 0.05 < largest_error(calibration.uncertainty, soccer()) < 0.5
     True
     """
-    width, height = uncertainty.camera.image_size
-    x, y = np.meshgrid(np.linspace(0.0, width - 1.0, GRID[0]), np.linspace(0.0, height - 1.0, GRID[1]))
-    xy = np.stack([x, y], axis=-1).reshape(-1, 2)
-    X = uncertainty.camera.image_to_field(xy)
-    on_field = np.all(np.abs(X[:, :2]) <= (field.length / 2.0, field.width / 2.0), axis=1)  # false for NaN
-    return float(np.max(uncertainty.at_image(xy[on_field]).rms)) if np.any(on_field) else float("nan")
+    X = ground_in_view(uncertainty.camera, field)
+    return float(np.max(uncertainty.at_field(X).rms)) if len(X) else float("nan")
+
+
+def ground_in_view(camera: Camera, field: Field, finer: int = 1) -> Array:
+    """Points of a field that a camera sees, (n, 3): on a grid of pixels, and along the border of the field.
+
+    The border is what is farthest off in most views: there errors are largest, and between the rows of a grid.
+    """
+    size = np.array(camera.image_size)
+    x, y = (np.linspace(0.0, side - 1.0, finer * count) for side, count in zip(size, GRID, strict=True))
+    on_grid = camera.image_to_field(np.stack(np.meshgrid(x, y), axis=-1).reshape(-1, 2))
+    half = np.array([field.length, field.width]) / 2.0
+    along = np.linspace(-1.0, 1.0, finer * BORDER)
+    ones = np.ones_like(along)
+    border = np.concatenate(
+        [np.stack(pair, axis=1) for pair in ((along, ones), (along, -ones), (ones, along), (-ones, along))]
+    )
+    on_border = np.column_stack([border * half, np.zeros(len(border))])
+    seen = camera.project(on_border)
+    inside = np.all((seen >= 0.0) & (seen <= size - 1.0), axis=1)  # false for NaN
+    on_field = np.all(np.abs(on_grid[:, :2]) <= half, axis=1)
+    return np.concatenate([on_grid[on_field], on_border[inside]])
 
 
 def evidence(uncertainty: Uncertainty, field: Field) -> tuple[Array, Array]:
