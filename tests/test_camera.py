@@ -9,10 +9,10 @@ import numpy as np
 import pytest
 from hypothesis import assume, given
 from hypothesis import strategies as st
-from strategies import anywhere, cameras, numbers, vectors
+from strategies import any_angles, anywhere, cameras, generators, numbers, vectors
 from synthetic import in_image, visible_field_points
 
-from fieldcalib.geometry.camera import Camera, checked_image_size, radial_coefficients
+from fieldcalib.geometry.camera import Camera, checked_image_size
 from fieldcalib.geometry.lens import BrownConradyLens, Pinhole, RadialLens
 from fieldcalib.geometry.projective import dehomogenize, homogenize
 from fieldcalib.geometry.rotation import rotation_from_angles
@@ -263,7 +263,7 @@ def test_from_opencv_takes_every_shape_of_rvec_and_tvec(shape):
     ],
 )
 def test_radial_coefficients_of_every_length_of_opencv(dist, expected):
-    np.testing.assert_array_equal(radial_coefficients(dist), expected)
+    np.testing.assert_array_equal(RadialLens(1.0).from_opencv(dist, 1.0), expected)
 
 
 @pytest.mark.parametrize("index", range(2, 14))
@@ -273,7 +273,7 @@ def test_coefficients_that_are_not_modelled_are_refused(index):
     with pytest.raises(
         ValueError, match=r"only the radial coefficients k1 and k2 are modelled, got .*0\.001.*undistort"
     ):
-        radial_coefficients(dist)
+        RadialLens(1.0).from_opencv(dist, 1.0)
 
 
 # --- every lens of OpenCV ---

@@ -4,6 +4,7 @@ import tracemalloc
 
 import numpy as np
 import pytest
+from fieldcalib.problem.parameters import theta_from_camera
 from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
@@ -12,7 +13,6 @@ from fieldcalib.assess.ndc import ndc_loss
 from fieldcalib.fields.soccer import soccer
 from fieldcalib.geometry.camera import Camera
 from fieldcalib.problem.labelled_pixels import MOST_PIXELS, check_weights, padded_chunks, thinned
-from fieldcalib.problem.parameters import theta_from_camera
 
 FIELD = soccer()
 

@@ -13,8 +13,7 @@ from fieldcalib.assess.ndc import ndc_loss
 from fieldcalib.fields.segments import Arc, Line
 from fieldcalib.fields.soccer import soccer
 from fieldcalib.geometry.camera import Camera
-from fieldcalib.geometry.lens import lens_coefficients, undistort
-from fieldcalib.problem.layout import LOG_ASPECT, LOG_F, PRINCIPAL_POINT, camera_from_theta, theta_from_camera
+from fieldcalib.problem.layout import LOG_ASPECT, LOG_F, PRINCIPAL_POINT, Layout, camera_from_theta, theta_from_camera
 
 FIELD = soccer()
 MARKINGS = whole_circle_markings(FIELD)
@@ -232,9 +231,10 @@ def test_a_known_lens_is_taken_out(drawn, kind):
     theta[LOG_ASPECT] = 0.0
     frame.pop("Circle central", None)  # bent or straight, the middle line may split it elsewhere
     straight = theta.copy()
-    straight[LENS] = 0.0
-    c, rho = theta[PRINCIPAL_POINT], np.hypot(*image_size) / 2.0
-    straightened = {label: c + undistort(xy - c, lens_coefficients(theta[LENS]), rho) for label, xy in frame.items()}
+    layout, c = Layout.of(image_size), theta[PRINCIPAL_POINT]
+    b = theta[layout.lens_block]
+    straight[layout.lens_block] = 0.0
+    straightened = {label: c + layout.lens.undistort((xy - c).T, b[:, None]).T for label, xy in frame.items()}
     expected = loss_of(straight, straightened, image_size, kind)
     assert loss_of(theta, frame, image_size, kind) == pytest.approx(expected, rel=1e-9)
 
