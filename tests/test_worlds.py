@@ -192,7 +192,7 @@ def test_halves_of_a_circle_are_what_the_field_says():
     assert split.half_labels == {"l", "r"}
     assert COURT.half_labels == frozenset()
     truth = court_camera()
-    loss = ndc_loss(theta_from_camera(truth)[None], split, [labelled(split, truth, SEEN)], SIZE)
+    loss = ndc_loss([truth], split, [labelled(split, truth, SEEN)])
     assert loss[0] < 0.005  # 128 samples of the circle
     with pytest.raises(ValueError, match="halves name 'east', which is no segment"):
         replace(COURT, halves={"Centre circle": Halves("east", "west", "Centre line")})
