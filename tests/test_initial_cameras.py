@@ -7,8 +7,8 @@ from synthetic import observe, random_frames, whole_circle_markings
 from fieldcalib.calibrate.initial_cameras import (
     camera_from_lines,
     ground_homographies,
+    initial_cameras,
     pointed_camera,
-    starting_cameras,
 )
 from fieldcalib.fields.segments import Line, PointCloud
 from fieldcalib.fields.soccer import soccer
@@ -21,6 +21,7 @@ from fieldcalib.problem.layout import (
     LOG_ASPECT,
     LOG_F,
     PRINCIPAL_POINT,
+    Layout,
     camera_from_theta,
     theta_from_camera,
 )
@@ -28,6 +29,7 @@ from fieldcalib.problem.observations import pack
 from fieldcalib.problem.prior import gaussian_prior
 
 FIELD, SIZE = soccer(), (960, 540)
+LAYOUT = Layout.of(SIZE)
 GROUND = {
     label: segment
     for label, segment in FIELD.items()
@@ -36,9 +38,9 @@ GROUND = {
 
 
 def nothing_known():
-    known = np.full(len(PARAMETERS), np.nan)
+    known = np.full(LAYOUT.size, np.nan)
     known[PRINCIPAL_POINT] = np.array(SIZE) / 2.0
-    known[LENS] = known[LOG_ASPECT] = 0.0
+    known[LAYOUT.lens_block] = known[LOG_ASPECT] = 0.0
     return known
 
 
@@ -123,7 +125,7 @@ def test_a_pointed_camera_looks_at_what_is_labelled(name):
     distribution = DISTRIBUTIONS[name]
     frames, _ = random_frames(20, seed=1, stands=(name,))
     observations = pack(FIELD, frames, SIZE)
-    prior = gaussian_prior(distribution, SIZE)
+    prior = gaussian_prior(distribution, LAYOUT)
     theta = pointed_camera(observations, prior, nothing_known())
     np.testing.assert_array_equal(theta[:, CENTER], np.tile(prior.mean[CENTER], (20, 1)))
     for t, frame in enumerate(frames):
@@ -137,11 +139,11 @@ def test_a_pointed_camera_looks_at_what_is_labelled(name):
 
 def test_starts_are_sorted_by_frame_and_belong_to_a_distribution():
     frames, _ = random_frames(7, seed=2)
-    starts = starting_cameras(pack(FIELD, frames, SIZE), [MAIN_CENTER, MAIN_LEFT], nothing_known())
+    starts = initial_cameras(pack(FIELD, frames, SIZE), LAYOUT, [MAIN_CENTER, MAIN_LEFT], nothing_known())
     assert np.all(np.diff(starts.frame) >= 0)
     assert set(starts.frame.tolist()) == set(range(7))
     assert np.all(np.bincount(starts.frame) >= 2)
-    x_means = {gaussian_prior(MAIN_CENTER, SIZE).mean[4], gaussian_prior(MAIN_LEFT, SIZE).mean[4]}
+    x_means = {gaussian_prior(MAIN_CENTER, LAYOUT).mean[4], gaussian_prior(MAIN_LEFT, LAYOUT).mean[4]}
     assert set(starts.prior.mean[:, 4].tolist()) == x_means
     assert starts.theta.shape == starts.prior.mean.shape == starts.prior.sigma.shape
     assert np.all(np.isfinite(starts.theta))
@@ -151,7 +153,7 @@ def test_what_is_known_is_kept():
     frames, _ = random_frames(5, seed=3)
     known = nothing_known()
     known[LOG_F], known[PRINCIPAL_POINT], known[2] = np.log(1234.0), (470.0, 280.0), 0.02
-    starts = starting_cameras(pack(FIELD, frames, SIZE), [MAIN_CENTER], known)
+    starts = initial_cameras(pack(FIELD, frames, SIZE), LAYOUT, [MAIN_CENTER], known)
     given = ~np.isnan(known)
     np.testing.assert_array_equal(starts.theta[:, given], np.tile(known[given], (len(starts.theta), 1)))
 
@@ -160,16 +162,16 @@ def test_a_known_pose_makes_one_start_of_the_nearest_distribution():
     frames, cameras = random_frames(1, seed=4, stands=("main left",))
     known, truth = nothing_known(), theta_from_camera(cameras[0])
     known[ANGLES], known[CENTER] = truth[ANGLES], truth[CENTER]
-    starts = starting_cameras(pack(FIELD, frames, SIZE), [MAIN_CENTER, MAIN_LEFT], known)
+    starts = initial_cameras(pack(FIELD, frames, SIZE), LAYOUT, [MAIN_CENTER, MAIN_LEFT], known)
     assert len(starts.theta) == 1
     np.testing.assert_array_equal(starts.theta[0, [0, 1, 2, 4, 5, 6]], truth[[0, 1, 2, 4, 5, 6]])
-    assert starts.prior.mean[0, 4] == gaussian_prior(MAIN_LEFT, SIZE).mean[4]
+    assert starts.prior.mean[0, 4] == gaussian_prior(MAIN_LEFT, LAYOUT).mean[4]
 
 
 def test_objects_without_lines_have_starts_too():
     markings = whole_circle_markings(FIELD)
     cloud = {"circle": PointCloud(markings["Circle central"].sample(1.0))}
     camera = Camera.from_angles(0.0, 1.3, 0.0, 1500.0, (0.0, 60.0, -15.0), SIZE)
-    starts = starting_cameras(pack(cloud, [observe(cloud, camera)], SIZE), [MAIN_CENTER], nothing_known())
+    starts = initial_cameras(pack(cloud, [observe(cloud, camera)], SIZE), LAYOUT, [MAIN_CENTER], nothing_known())
     assert len(starts.theta) == 1
     assert abs(starts.theta[0, 0]) < 0.05
