@@ -227,9 +227,10 @@ class Results:
             "version": fieldcalib.__version__,
         }
         write_text(self.out / SUMMARY, json.dumps(summary, indent=2) + "\n")
-        counts = [f"{count} {status}" for status, count in self.statuses.most_common()]
-        judged = [f"{self.verdicts[verdict]} {verdict}" for verdict in Verdict if self.verdicts[verdict]]
-        print(f"{self.cameras} cameras of {frames} frames in {self.out}: {', '.join(counts)}; {', '.join(judged)}")
+        statuses = ", ".join(f"{count} {status}" for status, count in self.statuses.most_common())
+        verdicts = ", ".join(f"{self.verdicts[verdict]} {verdict}" for verdict in Verdict if self.verdicts[verdict])
+        counts = "; ".join(filter(None, (statuses, verdicts)))
+        print(f"{self.cameras} cameras of {frames} frames in {self.out}: {counts}")
 
 
 def _recorded(options: argparse.Namespace) -> dict[str, Any]:

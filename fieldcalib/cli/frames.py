@@ -78,19 +78,27 @@ def opened(
     if len(inputs) > 1:
         raise ValueError("expected one video, or images and folders of them, got a video and more: run them one by one")
     with VIDEOS.read(inputs[0], most_pixels) as video:
-        frames = (Frame(f"{index:06d}", _checked(image, check)) for index, image in enumerate(video))
+        images = _checked(inputs[0], video, check)
+        frames = (Frame(f"{index:06d}", image) for index, image in enumerate(images))
         yield Source(frames, video.count, video.frames_per_second, video.lost_frames)
 
 
-def _checked(image: Image, check: Callable[[Image], object]) -> Image:
-    check(image)
-    return image
+def _checked(path: Path, images: Iterable[Image], check: Callable[[Image], object]) -> Iterator[Image]:
+    """The images of a video."""
+    try:
+        for image in images:
+            check(image)
+            yield image
+    except BrokenFileError as error:
+        raise BrokenFileError(f"{path}: {error}") from None
 
 
 def _read(file: FrameFile, most_bytes: float, most_pixels: float, check: Callable[[Image], object]) -> Frame:
     """An image; what is wrong with it is said on stderr too."""
     try:
-        return Frame(file.id, _checked(IMAGES.read(file.read(most_bytes), most_pixels), check))
+        image = IMAGES.read(file.read(most_bytes), most_pixels)
+        check(image)
+        return Frame(file.id, image)
     except (BrokenFileError, MemoryError) as error:
         print(f"fieldcalib: {file.path}: {problem(error)}", file=sys.stderr)
         return Frame(file.id, None, problem(error))
