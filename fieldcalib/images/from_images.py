@@ -135,7 +135,9 @@ def _looked_at(
     if doubt:
         return replace(calibration, status=Status.IMPROBABLE, message=f"{doubt}; {calibration.message}"), False
     if calibration.has_probability:
-        calibration = calibration.doubted(LEAST_PROBABILITY, METRES_REFINED if refine else METRES)
+        # a field of another size is no reason to give up a camera that fits its image
+        metres = METRES_REFINED if refine else METRES
+        calibration = calibration.doubted(LEAST_PROBABILITY, metres, size_known=True)
     return calibration, calibration.accepted and (is_sure or not refine)
 
 
