@@ -103,10 +103,14 @@ def agreement(image: Image, camera: Camera, markings: Markings, reach: float = R
     """How well an image agrees with a camera, from 0 to 1: how near to its lines the projected markings are.
 
     The mean over profiles across the markings in view; one that shows no line, or shows it half of `reach` away (2 px
-    in an image of 960x540), counts 0.
+    in an image of 960x540), counts 0. Profiles in the middle of black, beside the part of a frame that is shown, do not
+    count.
     """
-    offset = find_lines(image, profiles_along(camera, markings), reach)
+    profiles = profiles_along(camera, markings)
+    offset = find_lines(image, profiles, reach)
     share = np.maximum(1.0 - np.abs(offset) / (0.5 * reach * pixel_unit(camera.image_size)), 0.0)
+    column, row = np.round(profiles.xy).astype(int).T
+    share = share[np.any(image[row, column], axis=-1)]
     return float(np.mean(np.nan_to_num(share))) if len(share) else 0.0
 
 
