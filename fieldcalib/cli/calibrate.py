@@ -20,7 +20,7 @@ from fieldcalib.cli.arguments import (
     prior_of,
     probability,
 )
-from fieldcalib.cli.folder import AT_ONCE, by_prior, calibrate_folder
+from fieldcalib.cli.folder import FRAMES_AT_ONCE, by_prior, calibrate_folder
 from fieldcalib.fields.soccer import soccer
 from fieldcalib.io.soccernet import CAMERA_TYPES, DISTRIBUTIONS_OF_TYPE, read_camera_types
 from fieldcalib.problem.labelled_pixels import Pixels
@@ -91,7 +91,7 @@ def run(options: argparse.Namespace) -> int:
         least = options.least_probability
         return found if least is None else [calibration.doubted(least) for calibration in found]
 
-    at_once = SEE_ONE_PITCH.get(options.free_field_size, AT_ONCE)
+    at_once = SEE_ONE_PITCH.get(options.free_field_size, FRAMES_AT_ONCE)
     return calibrate_folder(options, field, method, at_once=at_once, details=details)
 
 

@@ -12,7 +12,7 @@ from typing import TypeAlias
 from fieldcalib.cli.arguments import LENSES, add_camera, add_field_size, prior_of
 from fieldcalib.cli.folder import broken_line, calibration_line, result_folder
 from fieldcalib.cli.frames import (
-    AT_ONCE,
+    IMAGES_AT_ONCE,
     add_limits,
     add_network,
     add_refinement,
@@ -67,7 +67,7 @@ def run(options: argparse.Namespace) -> int:
         overlays(options.out, source.frames_per_second) as write_overlay,
         tqdm(total=source.count, unit="frame", disable=None) as progress,
     ):
-        for part in in_parts(source.frames, AT_ONCE, pixels_of):
+        for part in in_parts(source.frames, IMAGES_AT_ONCE, pixels_of):
             images = [frame.image for frame in part if frame.image is not None]
             start = time.perf_counter()
             calibrations = iter(calibrate_from_images(field, images, network, **how))
