@@ -15,7 +15,7 @@ from fieldcalib.cli.arguments import LENSES, add_camera, add_field, field_of, pr
 from fieldcalib.cli.declared import Placement, add_declarations
 from fieldcalib.cli.folder import broken_line, calibration_line, result_folder
 from fieldcalib.cli.frames import (
-    AT_ONCE,
+    IMAGES_AT_ONCE,
     Frame,
     add_limits,
     add_network,
@@ -85,7 +85,7 @@ def run(options: argparse.Namespace) -> int:
         overlays(options.out, source.frames_per_second) as write_overlay,
         tqdm(total=source.count, unit="frame", disable=None) as progress,
     ):
-        for part in in_parts(source.frames, AT_ONCE, pixels_in_frame):
+        for part in in_parts(source.frames, IMAGES_AT_ONCE, pixels_in_frame):
             images = [place(frame.image).image_in_frame(frame.image) for frame in part if frame.image is not None]
             start = time.perf_counter()
             calibrations = iter(calibrate_from_images(field, images, network, **how))
