@@ -395,8 +395,10 @@ class Calibration:
         """
         version = record.get("version")
         if version != VERSION:
-            whose = "an older fieldcalib wrote it" if version is None else "another fieldcalib wrote it, install that"
-            raise ValueError(f"expected a calibration of version {VERSION}, got {version!r}: {whose}, or calibrate again")
+            raise ValueError(
+                f"expected a calibration of version {VERSION}, got {version!r}: another fieldcalib wrote it, "
+                f"use that or calibrate again"
+            )
         try:
             size = record["image_size"]
             return cls(

@@ -10,7 +10,7 @@ import time
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from dataclasses import field as attribute
 from pathlib import Path
 from types import MappingProxyType
@@ -20,7 +20,7 @@ import numpy as np
 
 import fieldcalib
 from fieldcalib.assess.ndc import ndc_loss
-from fieldcalib.assess.result import Calibration, Status
+from fieldcalib.assess.result import ANGLE_NAMES, Calibration, Status
 from fieldcalib.assess.uncertainty import Uncertainty
 from fieldcalib.fields.field import Field
 from fieldcalib.fields.soccer import soccer
@@ -28,6 +28,7 @@ from fieldcalib.geometry.camera import Camera
 from fieldcalib.io.files import MOST_BYTES, FrameFile, files_beside, whole_file, write_text
 from fieldcalib.io.formats import ANNOTATIONS, CAMERAS
 from fieldcalib.io.output_folder import output_folder
+from fieldcalib.io.results import BROKEN, LINES
 from fieldcalib.problem.labelled_pixels import Pixels, check_segments, thinned
 from fieldcalib.problem.layout import ANGLES, CENTER, LOG_F
 
@@ -35,12 +36,10 @@ Method: TypeAlias = Callable[[dict[str, Pixels]], Sequence[Calibration]]
 
 P = TypeVar("P")  # a prior, in whatever form
 
-BROKEN = "broken file"
 AT_ONCE = 256  # frames between two steps of the progress bar
 WITHHELD = (Status.REJECTED, Status.IMPROBABLE)  # cameras that the user did not want
-ANGLE_NAMES = ("pan", "tilt", "roll")
 METRES = (0.5, 1.0)  # that the probabilities in cameras.jsonl are about
-LINES, SUMMARY = "cameras.jsonl", "summary.json"  # of a run
+SUMMARY = "summary.json"  # of a run
 NAMED = 3  # skipped files of a kind
 
 
@@ -248,33 +247,14 @@ def broken_line(id: str, message: str) -> dict[str, Any]:
 
 def calibration_line(id: str, calibration: Calibration, eq3: float | None) -> dict[str, Any]:
     """One frame's line of cameras.jsonl."""
-    line: dict[str, Any] = {"id": id, "status": str(calibration.status), "message": calibration.message}
-    camera = calibration.camera
-    if camera is not None:
-        line |= _camera_keys(camera)
-        line |= {
-            "rms_px": calibration.rms,
-            "segment_errors_px": dict(calibration.per_segment_errors),
-            "suspect_labels": [asdict(suspect) for suspect in calibration.suspect_labels],
-            "loss_ndc": calibration.loss_ndc,
-            "loss_ndc_eq3": eq3,
-            "alternatives": [_camera_keys(other) for other in calibration.alternatives],
-        }
+    line: dict[str, Any] = {"id": id, **calibration.to_dict()}
+    if calibration.camera is not None:
+        line["loss_ndc_eq3"] = eq3
     if calibration.solved is not None:
         line["standard_deviations"] = _standard_deviations(calibration.uncertainty)
     if calibration.has_probability:
         line |= {f"probability_right_{metres:g}m": _number(calibration.probability(metres)) for metres in METRES}
     return line
-
-
-def _camera_keys(camera: Camera) -> dict[str, Any]:
-    return {
-        "K": camera.K.tolist(),
-        "dist": camera.dist[0].tolist(),
-        "R": camera.R.tolist(),
-        "C": camera.C.tolist(),
-        "angles_degrees": dict(zip(ANGLE_NAMES, np.degrees(camera.angles).tolist(), strict=True)),
-    }
 
 
 def _standard_deviations(uncertainty: Uncertainty) -> dict[str, Any]:

@@ -12,7 +12,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field, fields, replace
-from functools import cached_property
+from functools import cached_property, lru_cache
 from types import MappingProxyType
 from typing import Any, TypeVar
 
@@ -149,7 +149,7 @@ class Field(Mapping[str, Segment]):
     def __reduce__(self) -> tuple[Callable[..., Field], tuple[Any, ...]]:
         if self.is_built:
             assert self.size_model is not None
-            return _built, (self.size_model.build, self.length, self.width, self.size_known)
+            return built, (self.size_model.build, self.length, self.width, self.size_known)
         return Field, tuple(getattr(self, one.name) for one in fields(self))
 
     def __hash__(self) -> int:
@@ -169,7 +169,7 @@ class Field(Mapping[str, Segment]):
         """Whether this is what its `size_model` builds of its length and width, in everything but `size_known`."""
         if self.size_model is None:
             return False
-        return self == _built(self.size_model.build, self.length, self.width, self.size_known)
+        return self == built(self.size_model.build, self.length, self.width, self.size_known)
 
     @cached_property
     def points(self) -> Mapping[str, Point]:
@@ -275,7 +275,7 @@ class Field(Mapping[str, Segment]):
         """
         if self.size_model is None or dict(self) != dict(self.size_model.build(self.length, self.width)):
             raise ValueError("expected a field as soccer(length, width) makes it: how other segments move is not known")
-        return _built(self.size_model.build, length, width, self.size_known)
+        return built(self.size_model.build, length, width, self.size_known)
 
     @cached_property
     def motion(self) -> Array:
@@ -306,7 +306,9 @@ class Field(Mapping[str, Segment]):
         return np.stack([longer - here, wider - here], axis=-1)
 
 
-def _built(build: Callable[[float, float], Field], length: float, width: float, size_known: bool) -> Field:
+@lru_cache(maxsize=64)
+def built(build: Callable[[float, float], Field], length: float, width: float, size_known: bool) -> Field:
+    """The field of a size; fields do not change, so that those of one size are one."""
     return replace(build(length, width), size_known=size_known)
 
 

@@ -7,7 +7,7 @@ from dataclasses import asdict
 from typing import Any
 
 from fieldcalib._json import from_json, to_json
-from fieldcalib.fields.field import Field
+from fieldcalib.fields.field import Field, built
 from fieldcalib.fields.segments import Arc, Line, Point, PointCloud
 from fieldcalib.fields.soccer import soccer
 from fieldcalib.fields.stands import CameraDistribution
@@ -54,13 +54,12 @@ def field_from_record(record: Mapping[str, Any]) -> Field:
         If the builder is none of this package.
     """
     if "builder" in record:
-        build, size_known = _builder(record["builder"]), bool(record["size_known"])
-        return build(record["length"], record["width"], size_known=size_known)
+        return built(_builder(record["builder"]), record["length"], record["width"], record["size_known"])
     model, probability = record["size_model"], record["probability"]
     if model is not None:
         ranges = {name: _ranges(model[name]) for name in ("legal", "usual")}
         model = SizePrior(**{**model, **ranges, "build": _builder(model["build"])})
-    look = {name: value if name == "lighter" else float(from_json(value)) for name, value in record["lines"].items()}
+    lines = {name: float(from_json(value)) for name, value in record["lines"].items() if name != "lighter"}
     return Field(
         record["length"],
         record["width"],
@@ -69,7 +68,7 @@ def field_from_record(record: Mapping[str, Any]) -> Field:
         more_stands=tuple(_stand(**one) for one in record["more_stands"]),
         farthest_camera=float(from_json(record["farthest_camera"])),
         scale=float(from_json(record["scale"])),
-        lines=LineLook(**look),
+        lines=LineLook(lighter=record["lines"]["lighter"], **lines),
         halves=record["halves"],
         size_model=model,
         size_known=record["size_known"],
@@ -84,7 +83,7 @@ def _builder(name: str) -> Callable[..., Field]:
 
 
 def _segment(kind: str, **values: Any) -> Point | Line | Arc | PointCloud:
-    return SEGMENTS[kind](**values)  # type: ignore[no-any-return]
+    return SEGMENTS[kind](**values)
 
 
 def _stand(name: str, **ranges: Any) -> CameraDistribution:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import replace
 from functools import partial
 
@@ -15,7 +15,7 @@ from fieldcalib.geometry.camera import Camera
 from fieldcalib.images.hypotheses import calibrate_from_consensus, calibrate_localized, near_labels
 from fieldcalib.images.line_profiles import Markings
 from fieldcalib.images.refinement import REACHES, agreement, refine_on_image
-from fieldcalib.io.image import Image
+from fieldcalib.io.image import Image, checked_images
 from fieldcalib.localize import Localization, Network, localize
 
 FAINT = 0.7  # of the weight of a segment that is labelled by hand
@@ -31,7 +31,7 @@ METRES, METRES_REFINED = 3.0, 1.0  # to this much
 
 def calibrate_from_images(
     object_segments: ObjectSegments,
-    images: Sequence[Image],
+    images: Iterable[Image],
     network: Network,
     *,
     flags: int = DEFAULT_FLAGS,
@@ -44,7 +44,7 @@ def calibrate_from_images(
     ----------
     object_segments : mapping of str to segment
         The calibration object that the network was trained for, e.g. `soccer()`.
-    images : sequence of (height, width, 3) uint8 arrays
+    images : iterable of (height, width, 3) uint8 arrays
         Blue, green, red; of any sizes. All are in memory at once: give a long video in parts.
     network : Network
         Finds the markings, e.g. `SegmentationNetwork.load()`.
@@ -77,6 +77,7 @@ def calibrate_from_images(
     >>> str(calibration.status), calibration.message
     ('too few segments', 'no labelled pixels: nothing to calibrate from')
     """
+    images = checked_images(images)
     found = [_without_faint(part) for part in localize(object_segments, images, network)]
     by_size: dict[tuple[int, int], list[int]] = {}
     for index, image in enumerate(images):

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from typing import Any
 
 import numpy as np
 
 from fieldcalib._json import from_json, to_json
-from fieldcalib._types import Array
+from fieldcalib._types import Array, IntArray
 from fieldcalib.geometry.lens import BrownConradyLens, Lens, Pinhole, RadialLens
 from fieldcalib.problem.evaluation import Problem
 from fieldcalib.problem.layout import Layout, SizeBlock
@@ -16,7 +16,11 @@ from fieldcalib.problem.losses import RobustLoss
 from fieldcalib.problem.observations import LEAST_DEPTH, Observations, Rows
 from fieldcalib.problem.prior import GaussianPrior
 
-LENSES = {"pinhole": Pinhole, "radial": RadialLens, "brown conrady": BrownConradyLens}
+LENSES: Mapping[str, Callable[[float], Lens]] = {
+    "pinhole": Pinhole,
+    "radial": RadialLens,
+    "brown conrady": BrownConradyLens,
+}
 
 
 def problem_to_record(problem: Problem) -> dict[str, Any]:
@@ -75,7 +79,7 @@ def _observations_to_record(observations: Observations) -> dict[str, Any]:
 def _observations_from_record(record: Mapping[str, Any], image_size: tuple[int, int]) -> Observations:
     labels: Mapping[str, Any] = record["labels"]
     number = {label: index for index, label in enumerate(labels)}
-    parts: dict[str, list[tuple[Array, ...]]] = {kind: [] for kind in LEAST_DEPTH}
+    parts: dict[str, list[tuple[Array | IntArray, ...]]] = {kind: [] for kind in LEAST_DEPTH}
     for label, part in labels.items():
         xy = from_json(part["xy"])
         parts[part["kind"]].append(
@@ -99,7 +103,7 @@ def _observations_from_record(record: Mapping[str, Any], image_size: tuple[int, 
     )
 
 
-def _joined(parts: list[tuple[Array, ...]], depth: int) -> Rows:
+def _joined(parts: list[tuple[Array | IntArray, ...]], depth: int) -> Rows:
     """Rows of one frame from those of its labels."""
     none = (np.empty((0, 2)), np.empty(0), np.empty(0, dtype=np.intp), np.empty((0, depth, 3)))
     return Rows(*(np.concatenate(columns)[None] for columns in zip(*(parts or [none]), strict=True)))
@@ -107,7 +111,7 @@ def _joined(parts: list[tuple[Array, ...]], depth: int) -> Rows:
 
 def _layout_to_record(layout: Layout) -> dict[str, Any]:
     size = layout.field_size
-    (lens,) = (name for name, kind in LENSES.items() if isinstance(layout.lens, kind))
+    (lens,) = (name for name, kind in LENSES.items() if kind is type(layout.lens))
     return {
         "image_size": list(layout.image_size),
         "lens": {"name": lens, "rho": to_json(layout.lens.rho)},
@@ -126,7 +130,7 @@ def _layout_to_record(layout: Layout) -> dict[str, Any]:
 
 def _layout_from_record(record: Mapping[str, Any]) -> Layout:
     width, height = record["image_size"]
-    lens: Lens = LENSES[record["lens"]["name"]](float(from_json(record["lens"]["rho"])))
+    lens = LENSES[record["lens"]["name"]](float(from_json(record["lens"]["rho"])))
     size = record["field_size"]
     if size is not None:
         given, sigma, limits, *possible = (
