@@ -9,9 +9,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from fieldcalib.problem.parameters import camera_from_theta
 from networks import CLASSES, band_maps, probabilities
-from synthetic import frames_of_broadcasts
+from synthetic import random_frames
 from views import BROADCAST
 
 from fieldcalib import calibrate_batch, calibrate_from_segments, refine_on_image, soccer
@@ -32,7 +31,7 @@ def _one_process(request):
 
 @pytest.fixture(scope="module")
 def frames():
-    return frames_of_broadcasts(500, seed=0, noise=1.0, names=("main center",))[0]
+    return random_frames(500, seed=0, noise=1.0, stands=("main center",))[0]
 
 
 @pytest.fixture(scope="module")
@@ -123,8 +122,7 @@ def test_refinement_in_full_hd(benchmark):
 
 def test_evaluation_of_728_frames(benchmark, say):
     """As many as the half of SN-Calib-test-center; SoccerNet's evaluation takes about 0.3 s a frame."""
-    frames, thetas = frames_of_broadcasts(364, seed=0, noise=3.0, names=("main center",))
-    cameras = [camera_from_theta(theta, SIZE) for theta in thetas]
+    frames, cameras = random_frames(364, seed=0, noise=3.0, stands=("main center",))
     benchmark.pedantic(evaluate_segments, (2 * cameras, 2 * frames, SIZE), rounds=3, warmup_rounds=1)
     say(f"{milliseconds_a_frame(benchmark, 728):.2f} ms a frame")
     assert benchmark.stats.stats.median <= 5.0
@@ -134,8 +132,8 @@ def test_memory_of_5000_frames(benchmark, say):
     """Peak memory of a fresh process that calibrates 5000 frames, in MiB."""
     script = (
         f"import resource, sys; sys.path[:0] = [{str(Path(__file__).parent)!r}]\n"
-        "from bench_speed import FIELD, SIZE, calibrate_batch, frames_of_broadcasts\n"
-        "frames = frames_of_broadcasts(200, seed=0, noise=1.0)[0]\n"
+        "from bench_speed import FIELD, SIZE, calibrate_batch, random_frames\n"
+        "frames = random_frames(200, seed=0, noise=1.0)[0]\n"
         "calibrate_batch(FIELD, 25 * frames, SIZE)\n"
         "print(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss // 1024)\n"
     )

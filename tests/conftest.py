@@ -1,18 +1,21 @@
-"""Hypothesis draws the same examples on every run; data shared beside the checkout is a fixture that skips."""
+"""Hypothesis draws the same examples on every run of CI; data shared beside the checkout is a fixture that skips."""
 
+import os
 from pathlib import Path
 
 import pytest
 from hypothesis import HealthCheck, settings
 
 settings.register_profile(
-    "deterministic",
-    derandomize=True,
+    "local",
     deadline=None,
     max_examples=60,
     suppress_health_check=[HealthCheck.too_slow],  # a busy machine is no property of the code
+    print_blob=True,
 )
-settings.load_profile("deterministic")
+# elsewhere examples are random, and those that failed are kept in .hypothesis and tried first
+settings.register_profile("ci", parent=settings.get_profile("local"), derandomize=True)
+settings.load_profile("ci" if os.environ.get("CI") else "local")
 
 
 @pytest.fixture(scope="session")

@@ -1,25 +1,47 @@
-"""Hypothesis strategies: what is drawn is a seed, so that examples are cheap; a failure names the seed."""
+"""Hypothesis strategies: what is drawn are the parameters themselves, so that a failure shrinks to a simple camera.
+
+Bulk data without structure, points in general position or noise, comes from `generators`: a seed is all that there is
+to say about it.
+"""
 
 import numpy as np
-from fieldcalib.problem.parameters import LENS, LOG_ASPECT, PRINCIPAL_POINT, camera_from_theta, sample_theta
+from hypothesis import assume
 from hypothesis import strategies as st
+from hypothesis.extra.numpy import arrays
+from synthetic import displaced, distorted
 
-from fieldcalib.fields.stands import DISTRIBUTIONS
+from fieldcalib.fields.stands import DISTRIBUTIONS, focal_length_from_fov
 from fieldcalib.geometry.camera import Camera
+from fieldcalib.problem.layout import theta_from_camera
 
 IMAGE_SIZES = ((960, 540), (1280, 720), (1920, 1080))
 
-seeds = st.integers(0, 2**32 - 1)
+
+def numbers(low, high):
+    """Floats from low to high, the ends and, where they lie between, 0 and whole numbers among them."""
+    return st.floats(low, high, allow_subnormal=False)
+
+
+def vectors(low, high, count=None):
+    """Arrays (n,) within bounds (n,); with `count`, (count, n)."""
+    low, high = np.array(low, dtype=float), np.array(high, dtype=float)
+    shape = low.shape if count is None else (count, *low.shape)
+    return arrays(float, shape, elements=numbers(0.0, 1.0)).map(lambda share: low + share * (high - low))
+
+
+def pixel_arrays(low, high, most=8):
+    """One to `most` pixels (N, 2) within bounds."""
+    return st.integers(1, most).flatmap(lambda count: vectors(low, high, count))
 
 
 def generators():
     """NumPy generators."""
-    return st.builds(np.random.default_rng, seeds)
+    return st.builds(np.random.default_rng, st.integers(0, 2**32 - 1))
 
 
 def angle(limit):
     """Angles in radians from -limit to limit, 0 and the ends among them."""
-    return st.floats(-limit, limit, allow_subnormal=False)
+    return numbers(-limit, limit)
 
 
 def any_angles():
@@ -29,70 +51,53 @@ def any_angles():
 
 def operated_angles():
     """(pan, tilt, roll) of a camera that somebody holds: neither straight down nor straight up, |roll| < 90 degrees."""
-    tilt = st.floats(0.01, np.pi - 0.01)
-    return st.builds(lambda *a: np.array(a), angle(3.14), tilt, angle(1.57))
+    return st.builds(lambda *a: np.array(a), angle(3.14), numbers(0.01, np.pi - 0.01), angle(1.57))
 
 
-def in_image(xy, image_size):
-    """Which pixels lie in the image; NaN does not."""
-    return np.all((xy >= 0.0) & (xy <= np.subtract(image_size, 1)), axis=-1)
+@st.composite
+def cameras(draw, lens=None, stands=tuple(DISTRIBUTIONS), image_sizes=IMAGE_SIZES):
+    """Broadcast cameras on the stands that look at a point of the field: without lens, with one, or (None) either.
+
+    A lens comes with a principal point off the centre and with pixels that are not square.
+    """
+    stand = DISTRIBUTIONS[draw(st.sampled_from(stands))]
+    width, height = draw(st.sampled_from(image_sizes))
+    C = np.array([draw(numbers(*limits)) for limits in (stand.x, stand.y, stand.z)])
+    x, y, z = (draw(numbers(-52.5, 52.5)), draw(numbers(-34.0, 34.0)), 0.0) - C  # to where it looks
+    pan, tilt = np.arctan2(x, -y), np.arctan2(np.hypot(x, y), z)
+    low, high = np.radians(stand.pan)
+    assume(0.0 <= (pan - low) % (2.0 * np.pi) <= high - low)
+    assume(np.radians(stand.tilt[0]) <= tilt)
+    roll, fov = np.radians([draw(numbers(*stand.roll)), draw(numbers(*stand.fov))])
+    f = float(focal_length_from_fov(fov, width))
+    camera = Camera.from_angles(pan, tilt, roll, f, C, (width, height))
+    if draw(st.booleans()) if lens is None else lens:
+        # the corner moves by -8 % to 17 %, inside the monotone part of the lens
+        a1, b2 = draw(numbers(-0.06, 0.15)), draw(numbers(-0.02, 0.02))
+        offset = [draw(numbers(-0.02, 0.02)) * width for _ in "xy"]
+        return distorted(camera, a1, b2, offset, draw(numbers(-0.01, 0.01)))
+    return camera
 
 
-def random_field_points(camera, rng, z):
-    """Those of 400 random points of a 105 x 68 m field, raised to height z, that lie in the image."""
-    X = np.column_stack([rng.uniform((-52.5, -34.0), (52.5, 34.0), size=(400, 2)), np.full(400, z)])
-    return X[in_image(camera.project(X), camera.image_size)]
+def thetas(lens=None):
+    """(theta, image_size) of broadcast cameras."""
+    return cameras(lens).map(lambda camera: (theta_from_camera(camera), camera.image_size))
 
 
-def visible_field_points(camera, rng, count=30, z=0.0):
-    """`count` random points of the field, raised to height z, that lie in the image; fewer where hardly any does."""
-    found = np.empty((0, 3))
-    for _ in range(100):
-        found = np.concatenate([found, random_field_points(camera, rng, z)])
-        if len(found) >= count:
-            break
-    return found[:count]
-
-
-def broadcast_theta(name, image_size, lens, seed):
-    """Parameters of a camera of the named distribution that has at least 10 of 400 random field points in view."""
-    rng = np.random.default_rng(seed)
-    for _ in range(1000):
-        theta = sample_theta(DISTRIBUTIONS[name], 1, rng, image_size)[0]
-        if lens:
-            # the corner moves by -8 % to 17 %, inside the monotone part of the lens
-            theta[LENS] = rng.uniform((-0.06, -0.02), (0.15, 0.02))
-            theta[PRINCIPAL_POINT] += rng.uniform(-0.02, 0.02, size=2) * image_size[0]
-            theta[LOG_ASPECT] = rng.uniform(-0.01, 0.01)
-        if len(random_field_points(camera_from_theta(theta, image_size), rng, z=0.0)) >= 10:
-            return theta
-    raise AssertionError(f"no camera of {name!r} sees the field")
-
-
-def thetas(lens):
-    """(theta, image_size) of cameras from every distribution; `lens` adds k1, k2, principal point and aspect."""
-    return st.builds(
-        lambda name, image_size, seed: (broadcast_theta(name, image_size, lens, seed), image_size),
-        st.sampled_from(sorted(DISTRIBUTIONS)),
-        st.sampled_from(IMAGE_SIZES),
-        seeds,
-    )
-
-
-def cameras(lens=None):
-    """Broadcast cameras from every distribution that see the field: without lens, with one, or (None) either."""
-    either = st.booleans() if lens is None else st.just(lens)
-    return either.flatmap(thetas).map(lambda drawn: camera_from_theta(*drawn))
-
-
-def anywhere(lens=None):
+@st.composite
+def anywhere(draw, lens=None):
     """Cameras at any angle, straight down and upside down included, without any field in mind."""
+    image_size = draw(st.sampled_from(IMAGE_SIZES))
+    C, f = draw(vectors([-50.0] * 3, [50.0] * 3)), image_size[0] * draw(numbers(0.5, 7.0))
+    with_lens = draw(st.booleans()) if lens is None else lens
+    k = draw(vectors((-0.1, -0.01), (0.3, 0.02))) if with_lens else (0.0, 0.0)
+    return Camera.from_angles(*draw(any_angles()), f, C, image_size, k=k)
 
-    def build(angles, with_lens, rng):
-        k = rng.uniform((-0.1, -0.01), (0.3, 0.02)) if with_lens else (0.0, 0.0)
-        image_size = IMAGE_SIZES[rng.integers(len(IMAGE_SIZES))]
-        focal_length = image_size[0] * rng.uniform(0.5, 7.0)
-        return Camera.from_angles(*angles, focal_length, rng.uniform(-50, 50, size=3), image_size, k=k)
 
-    either = st.booleans() if lens is None else st.just(lens)
-    return st.builds(build, any_angles(), either, generators())
+@st.composite
+def labelled_frames(draw, seen, distances, *, least=1):
+    """Some of the labels of a frame, `least` or more, with every pixel moved by a distance that `distances` draws."""
+    assume(len(seen) >= least)
+    labels = draw(st.sets(st.sampled_from(sorted(seen)), min_size=least))
+    frame = {label: xy for label, xy in seen.items() if label in labels}
+    return displaced(frame, draw(distances), draw(angle(np.pi)))

@@ -1,23 +1,76 @@
 """Synthetic frames with known cameras: what a camera sees of an object, as labelled pixels."""
 
 import numpy as np
-from fieldcalib.problem.parameters import camera_from_theta, sample_theta
 
 from fieldcalib.fields.segments import Line
 from fieldcalib.fields.soccer import soccer
-from fieldcalib.fields.stands import DISTRIBUTIONS
+from fieldcalib.fields.stands import DISTRIBUTIONS, focal_length_from_fov
+from fieldcalib.geometry.camera import Camera
+from fieldcalib.geometry.lens import RadialLens
 
+SIZE = (960, 540)
 LENGTH_IN_VIEW = 10.0  # px: shorter lines have no direction
+GOLDEN_ANGLE = 2.399963  # rad: directions that never repeat and are even on the whole
+
+
+# Cameras
+
+
+def random_camera(stand, rng, image_size=SIZE, a1=(0.0, 0.0)):
+    """A camera of a named distribution, uniform in its ranges, with a lens of normally distributed a1 (mean, sigma)."""
+    ranges = DISTRIBUTIONS[stand]
+    ranges = np.array([ranges.pan, ranges.tilt, ranges.roll, ranges.fov, ranges.x, ranges.y, ranges.z])
+    pan, tilt, roll, fov, *C = rng.uniform(ranges[:, 0], ranges[:, 1])
+    f = float(focal_length_from_fov(np.radians(fov), image_size[0]))
+    camera = Camera.from_angles(*np.radians([pan, tilt, roll]), f, C, image_size)
+    return distorted(camera, rng.normal(*a1)) if any(a1) else camera
+
+
+def distorted(camera, a1, b2=0.0, offset=(0.0, 0.0), log_aspect=0.0):
+    """The camera with a lens, the principal point moved by `offset` pixels and pixels that are not square."""
+    k = RadialLens(camera.half_diagonal).to_opencv(np.array([a1, b2]), camera.focal_length)
+    K = camera.K * [[1.0], [np.exp(log_aspect)], [1.0]]
+    K[:2, 2] = camera.principal_point + offset
+    return Camera(K, camera.R, camera.C, camera.image_size, k)
+
+
+def random_distorted(camera, rng):
+    """The camera with a lens, a principal point and an aspect ratio beyond those of broadcasts.
+
+    The corner moves by -8 % to 17 %, inside the monotone part of the lens.
+    """
+    offset = rng.uniform(-0.02, 0.02, size=2) * camera.image_size[0]
+    return distorted(camera, *rng.uniform((-0.06, -0.02), (0.15, 0.02)), offset, rng.uniform(-0.01, 0.01))
+
+
+# What they see
+
+
+def in_image(xy, image_size):
+    """Which pixels lie in the image; NaN does not."""
+    return np.all((xy >= 0.0) & (xy <= np.subtract(image_size, 1)), axis=-1)
+
+
+def visible_field_points(camera, count=30, z=0.0):
+    """`count` points of a 105 x 68 m field, raised to height z, that lie in the image; fewer where hardly any does.
+
+    The points are always the same ones; which of them are in view depends on the camera.
+    """
+    rng, found = np.random.default_rng(0), np.empty((0, 3))
+    for _ in range(100):
+        X = np.column_stack([rng.uniform((-52.5, -34.0), (52.5, 34.0), size=(400, 2)), np.full(400, z)])
+        found = np.concatenate([found, X[in_image(camera.project(X), camera.image_size)]])
+        if len(found) >= count:
+            break
+    return found[:count]
 
 
 def observe(object_segments, camera, rng=None, noise=0.0, per_line=3, per_curve=9):
     """Labelled pixels of all segments in view, evenly spread over their visible part, with Gaussian noise in pixels."""
-    width, height = camera.image_size
     frame = {}
     for label, segment in object_segments.items():
         xy = camera.project(segment.sample(0.25))
-        inside = np.all((xy >= 0.0) & (xy <= (width - 1.0, height - 1.0)), axis=1)  # false for NaN
-        xy = xy[inside]
+        xy = xy[in_image(xy, camera.image_size)]
         is_line = isinstance(segment, Line)
         if len(xy) < 2 or (is_line and np.linalg.norm(xy[-1] - xy[0]) < LENGTH_IN_VIEW):
             continue
@@ -28,19 +81,42 @@ def observe(object_segments, camera, rng=None, noise=0.0, per_line=3, per_curve=
     return frame
 
 
+def displaced(frame, distance, direction=0.0):
+    """The frame with every pixel moved by `distance` (a number or (N, 1) arrays), each along another direction."""
+    moved, count = {}, 1
+    for label, xy in frame.items():
+        angles = direction + GOLDEN_ANGLE * np.arange(count, count + len(xy))
+        moved[label] = xy + distance * np.column_stack([np.cos(angles), np.sin(angles)])
+        count += len(xy)
+    return moved
+
+
 def whole_circle_markings(field):
     """The markings as annotators name them: the centre circle once, not in halves too."""
     return {label: s for label, s in field.markings.items() if not label.startswith("Circle central ")}
 
 
-def frames_of_broadcasts(count, seed, noise=0.0, least_segments=5, names=tuple(DISTRIBUTIONS), image_size=(960, 540)):
-    """`count` frames of random cameras, one distribution after the other: (frames, true thetas)."""
-    rng, markings = np.random.default_rng(seed), whole_circle_markings(soccer())
-    frames, thetas = [], []
+def random_frames(
+    count,
+    seed,
+    noise=0.0,
+    *,
+    least_segments=5,
+    stands=tuple(DISTRIBUTIONS),
+    image_size=SIZE,
+    a1=(0.0, 0.0),
+    field=None,
+):
+    """`count` frames of random cameras, one stand after the other, with so many segments or more: (frames, cameras).
+
+    `seed` may be a generator, which goes on where it is.
+    """
+    rng, markings = np.random.default_rng(seed), whole_circle_markings(soccer() if field is None else field)
+    frames, cameras = [], []
     while len(frames) < count:
-        theta = sample_theta(DISTRIBUTIONS[names[len(frames) % len(names)]], 1, rng, image_size)[0]
-        frame = observe(markings, camera_from_theta(theta, image_size), rng, noise)
+        camera = random_camera(stands[len(frames) % len(stands)], rng, image_size, a1)
+        frame = observe(markings, camera, rng, noise)
         if len(frame) >= least_segments:
             frames.append(frame)
-            thetas.append(theta)
-    return frames, np.array(thetas)
+            cameras.append(camera)
+    return frames, cameras

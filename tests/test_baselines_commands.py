@@ -4,8 +4,7 @@ import json
 
 import numpy as np
 import pytest
-from fieldcalib.problem.parameters import camera_from_theta
-from synthetic import frames_of_broadcasts
+from synthetic import random_frames
 
 from baselines import dlt_lines, hdecomp, tvcalib
 from fieldcalib.cli.main import main as fieldcalib_main
@@ -35,8 +34,7 @@ def pixels_of(camera, X):
 
 @pytest.fixture(scope="module")
 def truth():
-    frames, thetas = frames_of_broadcasts(3, seed=3, noise=0.0, least_segments=7, names=("main center",))
-    cameras = [camera_from_theta(theta, SIZE) for theta in thetas]
+    frames, cameras = random_frames(3, seed=3, least_segments=7, stands=("main center",))
     return {name: (frame, camera) for name, frame, camera in zip(NAMES, frames, cameras, strict=True)}
 
 
@@ -203,9 +201,9 @@ def stacked(tmp_path_factory):
     path = tmp_path_factory.mktemp("stacked")
     cameras = {}
     for seed, (name, stand) in enumerate(STANDS.items()):
-        (frame,), (theta,) = frames_of_broadcasts(1, seed=seed, noise=0.3, least_segments=6, names=(stand,))
+        (frame,), (camera,) = random_frames(1, seed=seed, noise=0.3, least_segments=6, stands=(stand,))
         (path / f"{name}.json").write_text(format_annotation(frame, SIZE))
-        cameras[name] = camera_from_theta(theta, SIZE)
+        cameras[name] = camera
     (path / "match_info_cam_gt.json").write_text(format_camera_types(TYPES))
     return path, cameras
 

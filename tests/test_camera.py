@@ -9,7 +9,8 @@ import numpy as np
 import pytest
 from hypothesis import assume, given
 from hypothesis import strategies as st
-from strategies import any_angles, anywhere, cameras, generators, in_image, visible_field_points
+from strategies import anywhere, cameras, numbers, vectors
+from synthetic import in_image, visible_field_points
 
 from fieldcalib.geometry.camera import Camera, checked_image_size, radial_coefficients
 from fieldcalib.geometry.lens import BrownConradyLens, Pinhole, RadialLens
@@ -35,19 +36,22 @@ def from_camera_frame(camera, Xc):
     return np.asarray(Xc) @ camera.R + camera.C
 
 
-def points_in_front(camera, rng, count=30):
-    """World points 1 to 200 m in front of the camera, in the image and up to half its size around it."""
-    size = np.array(camera.image_size)
-    rays = (rng.uniform(-0.5, 1.5, size=(count, 2)) * size - camera.principal_point) / camera.K[[0, 1], [0, 1]]
-    return from_camera_frame(camera, homogenize(rays) * rng.uniform(1.0, 200.0, size=(count, 1)))
+# (x, y, depth): pixels in the image and up to half its size around it, in units of that size, and 1 to 200 m
+in_front = vectors((-0.5, -0.5, 1.0), (1.5, 1.5, 200.0), count=6)
+
+
+def points_in_front(camera, places):
+    """World points of places (..., 3) that `in_front` draws."""
+    rays = (places[:, :2] * camera.image_size - camera.principal_point) / camera.K[[0, 1], [0, 1]]
+    return from_camera_frame(camera, homogenize(rays) * places[:, 2:])
 
 
 # --- projection ---
 
 
-@given(anywhere(), generators())
-def test_project_equals_opencv_in_front_of_the_camera(camera, rng):
-    X = points_in_front(camera, rng)
+@given(anywhere(), in_front)
+def test_project_equals_opencv_in_front_of_the_camera(camera, places):
+    X = points_in_front(camera, places)
     xy = camera.project(X)
     sharp = np.all(np.isfinite(xy), axis=1)  # beyond the fold of a barrel lens OpenCV goes on
     assume(np.any(sharp))
@@ -58,16 +62,16 @@ def test_project_equals_opencv_in_front_of_the_camera(camera, rng):
     np.testing.assert_allclose(xy[sharp], expected.reshape(-1, 2)[sharp], atol=1e-6)
 
 
-@given(cameras(lens=False), generators())
-def test_project_is_the_textbook_pinhole(camera, rng):
-    X = visible_field_points(camera, rng, z=-2.44)
+@given(cameras(lens=False))
+def test_project_is_the_textbook_pinhole(camera):
+    X = visible_field_points(camera, z=-2.44)
     P = camera.K @ camera.R @ np.column_stack([np.eye(3), -camera.C])
     np.testing.assert_allclose(camera.project(X), dehomogenize(homogenize(X) @ P.T), atol=1e-8)
 
 
-@given(anywhere(), generators())
-def test_nothing_behind_the_camera_has_an_image(camera, rng):
-    X = points_in_front(camera, rng)
+@given(anywhere(), in_front)
+def test_nothing_behind_the_camera_has_an_image(camera, places):
+    X = points_in_front(camera, places)
     mirrored = 2.0 * camera.C - X  # on the same line through the centre, behind: OpenCV gives it the same pixel
     assert np.all(camera.depth(X) > 0.0)
     assert np.all(camera.depth(mirrored) < 0.0)
@@ -101,9 +105,9 @@ def test_points_beyond_the_fold_of_the_lens_have_no_image(k, q_fold):
     assert np.all(np.isfinite(main_camera().project(from_camera_frame(camera, outside))))
 
 
-@given(cameras(), generators())
-def test_project_keeps_the_shape_of_a_batch(camera, rng):
-    X = visible_field_points(camera, rng)
+@given(cameras())
+def test_project_keeps_the_shape_of_a_batch(camera):
+    X = visible_field_points(camera)
     xy = camera.project(X[:6].reshape(3, 1, 2, 3))
     assert xy.shape == (3, 1, 2, 2)
     np.testing.assert_allclose(xy.reshape(6, 2), camera.project(X[:6]), rtol=1e-12)
@@ -119,16 +123,16 @@ def test_project_takes_lists_of_integers():
 
 
 @pytest.mark.parametrize("z", [0.0, -2.44])
-@given(cameras(), generators())
-def test_image_to_field_inverts_project(z, camera, rng):
-    X = visible_field_points(camera, rng, z=z)
+@given(cameras())
+def test_image_to_field_inverts_project(z, camera):
+    X = visible_field_points(camera, z=z)
     assume(len(X) and abs(camera.C[2] - z) > 0.1)
     np.testing.assert_allclose(camera.image_to_field(camera.project(X), z=z), X, atol=1e-6)
 
 
-@given(cameras(), generators())
-def test_project_inverts_image_to_field_all_over_the_image(camera, rng):
-    xy = rng.uniform(size=(50, 2)) * camera.image_size
+@given(cameras(), vectors((0.0, 0.0), (1.0, 1.0), count=20))
+def test_project_inverts_image_to_field_all_over_the_image(camera, places):
+    xy = places * camera.image_size
     X = camera.image_to_field(xy)
     assert np.all(X[np.isfinite(X[:, 0]), 2] == 0.0)
     below_horizon = np.isfinite(X[:, 0]) & (np.linalg.norm(X, axis=1) < 1e4)
@@ -136,11 +140,11 @@ def test_project_inverts_image_to_field_all_over_the_image(camera, rng):
     np.testing.assert_allclose(camera.project(X[below_horizon]), xy[below_horizon], atol=1e-6)
 
 
-@given(cameras(), generators())
-def test_image_to_field_is_nan_above_the_horizon(camera, rng):
-    above = camera.C[2] - 5.0
-    X = np.column_stack([rng.uniform(-300, 300, size=(300, 2)), np.full(300, above)])
-    xy = camera.project(X)
+@given(cameras(), numbers(0.1, 50.0))
+def test_image_to_field_is_nan_above_the_horizon(camera, higher):
+    above = camera.C[2] - higher
+    x, y = np.meshgrid(np.linspace(-300.0, 300.0, 41), np.linspace(-300.0, 300.0, 41))
+    xy = camera.project(np.stack([x, y, np.full_like(x, above)], axis=-1))
     xy = xy[in_image(xy, camera.image_size)]
     assume(len(xy))
     assert np.all(np.isfinite(camera.image_to_field(xy, z=above)))  # the pixels have rays, and they go up
@@ -168,9 +172,9 @@ def test_image_to_field_keeps_the_shape_of_a_batch():
     np.testing.assert_allclose(X[2, 0, 1], camera.image_to_field(xy[2, 0, 1]), rtol=1e-12)
 
 
-@given(cameras(lens=False), generators())
-def test_homography_maps_the_ground_as_project_does_and_its_inverse_back(camera, rng):
-    X = visible_field_points(camera, rng)
+@given(cameras(lens=False))
+def test_homography_maps_the_ground_as_project_does_and_its_inverse_back(camera):
+    X = visible_field_points(camera)
     field_points, xy = homogenize(X[:, :2]), camera.project(X)
     np.testing.assert_allclose(dehomogenize(field_points @ camera.homography.T), xy, atol=1e-8)
     np.testing.assert_allclose(dehomogenize(homogenize(xy) @ camera.inverse_homography.T), X[:, :2], atol=1e-6)
@@ -185,9 +189,9 @@ def test_homography_leaves_the_lens_out(camera):
 # --- other sizes of the image, other libraries ---
 
 
-@given(cameras(), st.tuples(st.integers(100, 4000), st.integers(100, 4000)), generators())
-def test_scaled_camera_sees_the_pixels_of_the_scaled_image(camera, new_size, rng):
-    X = visible_field_points(camera, rng)
+@given(cameras(), st.tuples(st.integers(100, 4000), st.integers(100, 4000)))
+def test_scaled_camera_sees_the_pixels_of_the_scaled_image(camera, new_size):
+    X = visible_field_points(camera)
     scale = np.array(new_size) / camera.image_size
     scaled = camera.scaled(new_size)
     assert scaled.image_size == new_size
@@ -216,18 +220,18 @@ def test_to_and_from_opencv_round_trip(camera):
     np.testing.assert_array_equal(back.k, camera.k)
 
 
-@given(st.floats(-9.0, -2.0), generators())
-def test_to_and_from_opencv_round_trip_of_the_opposite_stand(log_offset, rng):
+@given(st.floats(-9.0, -2.0), vectors([-1.0] * 3, [1.0] * 3))
+def test_to_and_from_opencv_round_trip_of_the_opposite_stand(log_offset, turn):
     """A level camera on the far stand is turned by exactly 180 degrees against the world; 1e-9 rad are 1e-5 px."""
-    pan, tilt, roll = (np.pi, np.pi / 2, 0.0) + 10.0**log_offset * rng.normal(size=3)
+    pan, tilt, roll = (np.pi, np.pi / 2, 0.0) + 10.0**log_offset * turn
     camera = Camera.from_angles(pan, tilt, roll, 3000.0, (0.0, -56.0, -15.0), SIZE)
     back = Camera.from_opencv(*camera.to_opencv(), camera.image_size)
     np.testing.assert_allclose(back.R, camera.R, atol=1e-9)
 
 
-@given(cameras(), generators())
-def test_to_opencv_is_what_project_points_takes(camera, rng):
-    X = visible_field_points(camera, rng)
+@given(cameras())
+def test_to_opencv_is_what_project_points_takes(camera):
+    X = visible_field_points(camera)
     expected, _ = cv2.projectPoints(X, *camera.to_opencv())
     np.testing.assert_allclose(camera.project(X), expected.reshape(-1, 2), atol=1e-6)
 

@@ -13,8 +13,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from fieldcalib.problem.parameters import camera_from_theta
-from synthetic import frames_of_broadcasts, observe, whole_circle_markings
+from synthetic import observe, random_frames, whole_circle_markings
 
 import fieldcalib
 import fieldcalib.cli.demo
@@ -82,8 +81,7 @@ def cameras_in(out):
 @pytest.fixture(scope="module")
 def truth():
     """Frames and their true cameras by name."""
-    frames, thetas = frames_of_broadcasts(4, seed=0, noise=0.5, names=("main center",))
-    cameras = [camera_from_theta(theta, SIZE) for theta in thetas]
+    frames, cameras = random_frames(4, seed=0, noise=0.5, stands=("main center",))
     return {name: (frame, camera) for name, frame, camera in zip(NAMES, frames, cameras, strict=True)}
 
 

@@ -5,8 +5,7 @@ import zipfile
 
 import numpy as np
 import pytest
-from fieldcalib.problem.parameters import camera_from_theta
-from synthetic import frames_of_broadcasts, observe, whole_circle_markings
+from synthetic import observe, random_frames, whole_circle_markings
 
 from fieldcalib import soccer
 from fieldcalib.cli.evaluate import GroundTruth, evaluate, table
@@ -66,8 +65,7 @@ def write_homographies(folder, homographies):
 @pytest.fixture(scope="module")
 def frames():
     """Annotations of four frames and their cameras: (frames, cameras) by name."""
-    found, thetas = frames_of_broadcasts(4, seed=3, noise=3.0, names=("main center",))
-    cameras = [camera_from_theta(theta, SIZE) for theta in thetas]
+    found, cameras = random_frames(4, seed=3, noise=3.0, stands=("main center",))
     return dict(zip(NAMES, found, strict=True)), dict(zip(NAMES, cameras, strict=True))
 
 

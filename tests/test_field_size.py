@@ -4,12 +4,10 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from fieldcalib.problem.parameters import LENS, camera_from_theta, sample_theta
-from fieldcalib.problem.residuals import segment_residuals
-from fieldcalib.problem.solver import Problem
 from hypothesis import assume, given, settings
-from strategies import generators, thetas
-from synthetic import observe, whole_circle_markings
+from numdiff import central_differences, column_errors
+from strategies import angle, cameras, numbers, vectors
+from synthetic import displaced, in_image, observe, random_frames, whole_circle_markings
 
 from fieldcalib.assess.uncertainty import Noise, Solved
 from fieldcalib.calibrate.field_size import (
@@ -23,8 +21,9 @@ from fieldcalib.calibrate.from_segments import calibrate_from_segments
 from fieldcalib.calibrate.options import PINHOLE_FLAGS
 from fieldcalib.fields.segments import Point
 from fieldcalib.fields.soccer import soccer
-from fieldcalib.fields.stands import DISTRIBUTIONS
 from fieldcalib.geometry.camera import Camera
+from fieldcalib.problem.evaluation import Problem
+from fieldcalib.problem.layout import theta_from_camera
 from fieldcalib.problem.losses import RobustLoss
 from fieldcalib.problem.observations import pack
 
@@ -46,13 +45,7 @@ def panned(pitch, pans=PANS, rng=None, noise=0.0, k1=0.0):
 def pitch_and_frames(rng, count, noise):
     """A pitch from the prior and what random cameras on the main stand, with lenses, see of it."""
     truth = np.clip(MEAN + SIGMA * rng.normal(size=2), *soccer().size_model.limits)
-    markings, frames = whole_circle_markings(soccer(*truth)), []
-    while len(frames) < count:
-        theta = sample_theta(DISTRIBUTIONS["main center"], 1, rng, SIZE)[0]
-        theta[LENS.start] = rng.normal(0.025, 0.02)
-        frame = observe(markings, camera_from_theta(theta, SIZE), rng, noise)
-        if len(frame) >= 5:
-            frames.append(frame)
+    frames, _ = random_frames(count, rng, noise, stands=("main center",), a1=(0.025, 0.02), field=soccer(*truth))
     return truth, frames
 
 
@@ -63,17 +56,17 @@ def size_of(found):
 # derivatives
 
 
-@given(thetas(lens=None), generators())
-def test_derivative_by_the_size_is_that_of_central_differences(drawn, rng):
+sizes = vectors((95.0, 55.0), (115.0, 80.0))
+
+
+@given(cameras(), sizes, numbers(0.0, 6.0), angle(np.pi))
+def test_derivative_by_the_size_is_that_of_central_differences(camera, size, distance, direction):
     """Lines, circles and points, pixels beside them."""
-    theta, image_size = drawn
-    size, step = rng.uniform((95.0, 55.0), (115.0, 80.0)), 1e-4
-    pitch, camera = soccer(*size), camera_from_theta(theta, image_size)
-    frame = observe(pitch.markings, camera, rng, 3.0)
-    for name, point in pitch.points.items():
-        xy = camera.project(point.sample())
-        if np.all((xy > 0.0) & (xy < image_size)):
-            frame[name] = xy + rng.normal(size=(1, 2))
+    theta, image_size, pitch = theta_from_camera(camera), camera.image_size, soccer(*size)
+    frame = observe(pitch.markings, camera)
+    points = {name: camera.project(point.sample()) for name, point in pitch.points.items()}
+    frame |= {name: xy for name, xy in points.items() if in_image(xy, image_size).all()}
+    frame = displaced(frame, distance, direction)
     assume(frame)
 
     def packed(size):
@@ -82,10 +75,8 @@ def test_derivative_by_the_size_is_that_of_central_differences(drawn, rng):
     free = np.ones(12, dtype=bool)
     part = Solved(Problem(packed(size), free, RobustLoss("cauchy", 6.0)), theta[None], np.ones((1, 12)))
     J = _linearized(part, _motion(pitch)).J[0, :, -2:]
-    for k, change in enumerate(step * np.eye(2)):
-        ahead, behind = (segment_residuals(theta[None], packed(size + sign * change))[0] for sign in (1.0, -1.0))
-        expected = (ahead - behind) / (2.0 * step)
-        np.testing.assert_allclose(J[:, k], expected, atol=1e-5 * max(1.0, np.abs(expected).max()))
+    numeric = central_differences(lambda size: segment_residuals(theta[None], packed(size))[0], size, 1e-3)
+    assert column_errors(J, numeric, floor=1.0).max() < 1e-6
 
 
 def test_the_covariance_is_the_sandwich_of_a_camera_and_the_size_together():
@@ -117,10 +108,9 @@ def test_the_covariance_is_the_sandwich_of_a_camera_and_the_size_together():
 
 
 @settings(max_examples=8)
-@given(generators())
-def test_without_noise_only_the_prior_keeps_the_estimate_from_the_truth(rng):
+@given(vectors((97.0, 60.0), (113.0, 76.0)))
+def test_without_noise_only_the_prior_keeps_the_estimate_from_the_truth(truth):
     """It goes the share of the way from the prior's mean to the truth that comes from the labels."""
-    truth = rng.uniform((97.0, 60.0), (113.0, 76.0))
     frames = panned(soccer(*truth))
     found = estimate_field_size(soccer(), frames, SIZE, flags=PINHOLE_FLAGS, prior=None)
     assert np.all(found.from_labels > 0.97)
@@ -200,28 +190,22 @@ def test_intervals_hold_the_truth(count, pitches):
 # pitches that are far from what was expected
 
 
-def frames_of(truth, seed, index):
-    """One frame of many labels of a pitch."""
-    rng, markings, found = np.random.default_rng(seed), whole_circle_markings(soccer(*truth)), []
-    while len(found) <= index:
-        frame = observe(
-            markings, camera_from_theta(sample_theta(DISTRIBUTIONS["main center"], 1, rng, SIZE)[0], SIZE), rng, 0.5
-        )
-        if len(frame) >= 7:
-            found.append(frame)
-    return found[index]
+@pytest.fixture(scope="module")
+def of_a_small_pitch():
+    """Frames of many labels of a pitch of 94 x 58 m."""
+    return random_frames(26, 2, 0.5, least_segments=7, stands=("main center",), field=soccer(94.0, 58.0))[0]
 
 
-def test_labels_that_seemed_to_lie_fit_the_pitch_that_was_found():
-    frame = frames_of((94.0, 58.0), 2, 18)
+def test_labels_that_seemed_to_lie_fit_the_pitch_that_was_found(of_a_small_pitch):
+    frame = of_a_small_pitch[18]
     assert calibrate_from_segments(soccer(), frame, SIZE).suspect_labels
     found = estimate_field_size(soccer(), [frame], SIZE)
     assert not found.calibrations[0].suspect_labels
     np.testing.assert_allclose(size_of(found), (94.0, 58.0), atol=1.0)
 
 
-def test_a_frame_that_no_camera_explains_on_the_expected_pitch():
-    found = estimate_field_size(soccer(), [frames_of((94.0, 58.0), 2, 25)], SIZE)
+def test_a_frame_that_no_camera_explains_on_the_expected_pitch(of_a_small_pitch):
+    found = estimate_field_size(soccer(), [of_a_small_pitch[25]], SIZE)
     np.testing.assert_allclose(size_of(found), (94.0, 58.0), atol=1.0)
     assert found.calibrations[0].accepted
 

@@ -6,11 +6,10 @@ import tracemalloc
 import cv2
 import numpy as np
 import pytest
-from fieldcalib.problem.parameters import camera_from_theta, sample_theta
-from fieldcalib.problem.solver import LOG_F_RANGE
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
-from strategies import cameras, generators, in_image, seeds
+from strategies import any_angles, cameras, generators, numbers, vectors
+from synthetic import displaced, in_image, random_camera
 from test_homography import points_in_view, without_focal_length
 
 from fieldcalib import (
@@ -25,9 +24,9 @@ from fieldcalib import (
 from fieldcalib.calibrate.from_points import Points, _start
 from fieldcalib.calibrate.options import DEFAULT_CRITERIA, CalibrationFlags, checked_options
 from fieldcalib.calibrate.resection import resect
-from fieldcalib.fields.stands import DISTRIBUTIONS
 from fieldcalib.geometry.projective import dehomogenize, homogenize
 from fieldcalib.geometry.rotation import rotation_from_angles
+from fieldcalib.problem.evaluation import LOG_F_RANGE
 from fieldcalib.problem.losses import RobustLoss
 
 SIZE = (960, 540)
@@ -53,24 +52,41 @@ def relative_error(found, truth, extent=None):
     )
 
 
-def any_object(rng, *, planar, count, unit=1.0, placed=True):
-    """An object of random points, anywhere if placed, and a camera that looks at it from 2.5 to 6 sizes away."""
-    X = rng.uniform(-1.0, 1.0, size=(count, 3)) * (1.0, 1.0, 0.0 if planar else 1.0)
-    slant, around, distance = rng.uniform(0.5, 1.0), rng.uniform(-np.pi, np.pi), rng.uniform(2.5, 6.0)
-    # off the plane's normal, so that the focal length shows
+# How a camera looks at an object of size 1: slant off the plane's normal, so that the focal length shows, azimuth,
+# roll, distance; and how the object is turned and where it lies.
+LEAST_VIEW = np.array([0.5, -np.pi, -np.pi, 2.5, *[-np.pi] * 3, *[-30.0] * 3])
+LARGEST_VIEW = np.array([1.0, np.pi, np.pi, 6.0, *[np.pi] * 3, *[30.0] * 3])
+
+
+def seen_object(X, view, *, planar, unit=1.0):
+    """An object of points (N, 3) of size 1, flattened if planar and placed as `view` says: (X, camera, distance)."""
+    slant, around, roll, distance = view[:4]
+    turn, origin = rotation_from_angles(view[4:7]), view[7:]
     towards = np.array([np.sin(slant) * np.cos(around), np.sin(slant) * np.sin(around), np.cos(slant)])
     right = np.cross(-towards, [0.3, 1.0, 0.1])
     right /= np.linalg.norm(right)
-    R = rotation_from_angles(np.array([0.0, 0.0, rng.uniform(-np.pi, np.pi)])) @ np.array(
-        [right, np.cross(-towards, right), -towards]
-    )
-    turn, origin = np.eye(3), np.zeros(3)
-    if placed:
-        turn, origin = rotation_from_angles(rng.uniform(-np.pi, np.pi, size=3)), rng.uniform(-30.0, 30.0, size=3)
+    R = rotation_from_angles(np.array([0.0, 0.0, roll])) @ np.array([right, np.cross(-towards, right), -towards])
     f = 170.0 * distance
     K = np.array([[f, 0.0, 480.0], [0.0, f, 270.0], [0.0, 0.0, 1.0]])
     camera = Camera(K, R @ turn.T, unit * (turn @ (distance * towards) + origin), SIZE)
-    return unit * (X @ turn.T + origin), camera, unit * distance
+    return unit * (X * (1.0, 1.0, 0.0 if planar else 1.0) @ turn.T + origin), camera, unit * distance
+
+
+def any_object(rng, *, planar, count, placed=True):
+    """An object of random points, and a camera that looks at it."""
+    view = rng.uniform(LEAST_VIEW, LARGEST_VIEW) * np.where(np.arange(10) < 4, 1.0, placed)
+    return seen_object(rng.uniform(-1.0, 1.0, size=(count, 3)), view, planar=planar)
+
+
+@st.composite
+def objects(draw, *, planar, count, unit=1.0):
+    """The same, of points in general position: near the corners of a square or an octahedron, and near others."""
+    corners = [(-0.8, -0.7, 0), (0.7, -0.8, 0), (0.9, 0.7, 0), (-0.6, 0.8, 0)]
+    octahedron = [(0.9, 0.1, 0.1), (-0.8, 0.2, -0.2), (0.2, 0.9, -0.1), (0.1, -0.7, 0.1), (0.1, 0.2, 0.8), (0, 0, -0.9)]
+    X = np.random.default_rng(0).uniform(-1.0, 1.0, size=(count, 3))
+    X[: 4 if planar else 6] = corners if planar else octahedron
+    X += draw(vectors([-0.2] * 3, [0.2] * 3, count=count))
+    return seen_object(X, draw(vectors(LEAST_VIEW, LARGEST_VIEW)), planar=planar, unit=unit)
 
 
 # points of a field
@@ -132,7 +148,7 @@ def test_gross_errors_under_the_prior_call_for_the_dlt():
     rng, wrong, names = np.random.default_rng(0), 0, ("main center", "behind left goal", "opposite tribune")
     frames = 0
     while frames < 60:
-        camera = camera_from_theta(sample_theta(DISTRIBUTIONS[names[frames % 3]], 1, rng, SIZE)[0], SIZE)
+        camera = random_camera(names[frames % 3], rng)
         X, xy = seen(camera)
         if len(X) < 8:
             continue
@@ -163,35 +179,29 @@ def test_tau_rejects():
 
 @pytest.mark.parametrize("unit", [1e-3, 1.0, 1e3], ids=["km", "m", "mm"])
 @pytest.mark.parametrize(("planar", "count"), [(True, 4), (True, 12), (False, 6), (False, 12)])
-@given(rng=generators())
+@given(data=st.data())
 @settings(max_examples=15)
-def test_any_object_in_any_unit(planar, count, unit, rng):
-    X, camera, distance = any_object(rng, planar=planar, count=count, unit=unit)
-    shape = np.linalg.svd(X - X.mean(axis=0))[1] / unit
-    assume(shape[1] > 0.5 and (planar or shape[2] > 0.5))
-    if count == 4:  # no three near a line
-        assume(
-            min(
-                np.linalg.norm(np.cross(X[i] - X[j], X[i] - X[k]))
-                for i, j, k in [(0, 1, 2), (0, 1, 3), (0, 2, 3), (1, 2, 3)]
-            )
-            > 0.3 * unit**2
-        )
+def test_any_object_in_any_unit(planar, count, unit, data):
+    X, camera, distance = data.draw(objects(planar=planar, count=count, unit=unit))
     calibration = calibrate_from_points(X, camera.project(X), SIZE, prior=None)
     assert calibration.rms < 1e-6
     assert relative_error(calibration.camera, camera, distance) < 1e-4
 
 
-@given(rng=generators())
+@given(
+    drawn=objects(planar=False, count=12),
+    noise=numbers(0.0, 2.0),
+    angles=any_angles(),
+    shift=vectors([-10.0] * 3, [10.0] * 3),
+)
 @settings(max_examples=20)
-def test_the_unit_and_the_place_of_the_object_do_not_matter(rng):
-    X, camera, _ = any_object(rng, planar=False, count=12)
-    xy = camera.project(X) + rng.normal(size=(12, 2))
-    turn, shift = rotation_from_angles(rng.uniform(-3, 3, size=3)), rng.uniform(-10, 10, size=3)
+def test_the_unit_and_the_place_of_the_object_do_not_matter(drawn, noise, angles, shift):
+    X, camera, _ = drawn
+    xy, turn = displaced({"points": camera.project(X)}, noise)["points"], rotation_from_angles(angles)
     first = calibrate_from_points(X, xy, SIZE, prior=None)
     second = calibrate_from_points(1000.0 * X @ turn.T + shift, xy, SIZE, prior=None)
     assert second.status is first.status
-    assert second.rms == pytest.approx(first.rms, rel=1e-6)
+    assert second.rms == pytest.approx(first.rms, rel=1e-6, abs=1e-6)
     assert second.camera.focal_length == pytest.approx(first.camera.focal_length, rel=1e-4)
     np.testing.assert_allclose(second.camera.R @ turn, first.camera.R, atol=1e-4)
     np.testing.assert_allclose(second.camera.C, 1000.0 * turn @ first.camera.C + shift, rtol=1e-3)
@@ -244,14 +254,14 @@ def test_four_points_seen_head_on_have_a_camera_still(turn):
     assert calibration.rms < 1.0
 
 
-@given(seed=seeds)
-@settings(max_examples=15)
-def test_known_intrinsics(seed):
+@pytest.mark.parametrize("planar", [True, False])
+@given(data=st.data(), offset=vectors((-30.0, -30.0), (30.0, 30.0)))
+@settings(max_examples=10)
+def test_known_intrinsics(planar, data, offset):
     """A lens, pixels that are not square and a principal point off the centre are taken out before the DLT."""
-    rng = np.random.default_rng(seed)
-    X, camera, distance = any_object(rng, planar=seed % 2 == 0, count=14)
+    X, camera, distance = data.draw(objects(planar=planar, count=14))
     K = camera.K * [[1.0], [1.05], [1.0]]
-    K[:2, 2] += rng.uniform(-30, 30, size=2)
+    K[:2, 2] += offset
     camera = Camera(K, camera.R, camera.C, SIZE, (-0.15, 0.01))
     xy = camera.project(X)
     xy[:3] += (150.0, -90.0)
@@ -393,14 +403,18 @@ def started(X, xy, K, dist):
     return _start(Points(X, xy, K, dist, None, None, flags), options)
 
 
-@given(rng=generators(), aspect=st.sampled_from([0.8, 1.0, 1.25]), k1=st.sampled_from([-0.2, 0.0, 0.2]))
+@given(
+    drawn=objects(planar=False, count=12),
+    offset=vectors((-40.0, -40.0), (40.0, 40.0)),
+    aspect=numbers(0.8, 1.25),
+    k1=numbers(-0.2, 0.2),
+)
 @settings(max_examples=20)
-def test_what_is_known_is_taken_out_before_the_dlt(rng, aspect, k1):
+def test_what_is_known_is_taken_out_before_the_dlt(drawn, offset, aspect, k1):
     """Lens, aspect ratio and principal point: the DLT of what is left is exact."""
-    X, camera, distance = any_object(rng, planar=False, count=12)
-    assume(np.linalg.svd(X - X.mean(axis=0))[1][2] > 0.7)
+    X, camera, distance = drawn
     K = camera.K * [[1.0], [aspect], [1.0]]
-    K[:2, 2] += rng.uniform(-40, 40, size=2)
+    K[:2, 2] += offset
     camera = Camera(K, camera.R, camera.C, SIZE, (k1, 0.0))
     start = started(X, camera.project(X), K, (k1, 0.0))
     np.testing.assert_allclose(start.K, K, rtol=1e-9)
@@ -414,25 +428,29 @@ def test_a_known_focal_length_decides_the_distance():
     assert relative_error(started(X, camera.project(X), camera.K, None), camera) < 1e-5
 
 
-@given(rng=generators())
-@settings(max_examples=20)
-def test_resection_finds_the_camera_among_gross_errors(rng):
-    planar = bool(rng.integers(2))
-    X, camera, distance = any_object(rng, planar=planar, count=20)
+@pytest.mark.parametrize("planar", [True, False])
+@given(
+    data=st.data(),
+    wrong=st.sets(st.integers(0, 19), min_size=6, max_size=6),
+    by=vectors((100.0, 100.0), (300.0, 300.0), count=6),
+)
+@settings(max_examples=10)
+def test_resection_finds_the_camera_among_gross_errors(planar, data, wrong, by):
+    X, camera, distance = data.draw(objects(planar=planar, count=20))
     u = camera.project(X) - camera.principal_point
-    u[rng.choice(20, 6, replace=False)] += rng.uniform(100, 300, size=(6, 2))
+    u[sorted(wrong)] += by
     found = resect(X, u, RobustLoss("cauchy", 20.0), 960.0)
     assert found.f[0] == pytest.approx(camera.focal_length, rel=0.05)
     np.testing.assert_allclose(found.R[0], camera.R, atol=0.05)
     np.testing.assert_allclose(found.C[0], camera.C, atol=0.1 * distance)
 
 
-@given(rng=generators())
-@settings(max_examples=20)
-def test_of_points_that_look_orthographic_the_focal_length_is_possible_still(rng):
+@pytest.mark.parametrize("planar", [True, False])
+@given(data=st.data())
+@settings(max_examples=10)
+def test_of_points_that_look_orthographic_the_focal_length_is_possible_still(planar, data):
     """From 1e5 times as far away, with a lens as long."""
-    planar = bool(rng.integers(2))
-    X, camera, _ = any_object(rng, planar=planar, count=12)
+    X, camera, _ = data.draw(objects(planar=planar, count=12))
     centroid = X.mean(axis=0)
     K = camera.K * [[1e5, 0.0, 1.0], [0.0, 1e5, 1.0], [0.0, 0.0, 1.0]]
     far = Camera(K, camera.R, centroid + 1e5 * (camera.C - centroid), SIZE)

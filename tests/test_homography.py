@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 from hypothesis import assume, given
 from hypothesis import strategies as st
-from strategies import cameras, generators, visible_field_points
+from strategies import angle, cameras, generators, numbers, vectors
+from synthetic import visible_field_points
 
 from fieldcalib.calibrate.decomposition import GROUND_POINTS, camera_from_homography, closed_form
 from fieldcalib.fields.segments import Line, Point
@@ -19,16 +20,16 @@ signed_scales = st.builds(
 )
 
 
-def a_point_in_view(camera, rng):
-    points = visible_field_points(camera, rng, count=1)
-    assume(len(points))
-    return points[0, :2]
+def a_point_in_view(camera):
+    return visible_field_points(camera, count=1)[0, :2]
 
 
-def moved_principal_point(camera, rng):
-    """The same camera with its principal point anywhere in the middle of the image."""
+@st.composite
+def decentred(draw):
+    """Cameras without lens whose principal point lies anywhere in the middle of the image."""
+    camera = draw(cameras(lens=False))
     K = camera.K.copy()
-    K[:2, 2] += rng.uniform(-0.1, 0.1, size=2) * camera.image_size
+    K[:2, 2] += draw(vectors((-0.1, -0.1), (0.1, 0.1))) * camera.image_size
     return Camera(K, camera.R, camera.C, camera.image_size)
 
 
@@ -38,19 +39,18 @@ def assert_same_camera(f, R, C, camera):
     np.testing.assert_allclose(C, camera.C, rtol=1e-7, atol=1e-6)
 
 
-@given(camera=cameras(lens=False), scale=signed_scales, rng=generators())
-def test_a_camera_comes_back_from_its_homography(camera, scale, rng):
-    camera = moved_principal_point(camera, rng)
-    reference = a_point_in_view(camera, rng)
+@given(camera=decentred(), scale=signed_scales)
+def test_a_camera_comes_back_from_its_homography(camera, scale):
+    reference = a_point_in_view(camera)
     f, R, C = decompose_homography(scale * camera.homography, camera.principal_point, reference)
     assert_same_camera(f, R, C, camera)
 
 
-@given(drawn=st.lists(cameras(lens=False), min_size=6, max_size=6), rng=generators())
-def test_a_batch_is_every_homography_on_its_own(drawn, rng):
+@given(drawn=st.lists(st.tuples(cameras(lens=False), signed_scales), min_size=6, max_size=6))
+def test_a_batch_is_every_homography_on_its_own(drawn):
     principal_point = np.array([500.0, 300.0])
-    H = np.array([rng.normal() * camera.homography for camera in drawn]).reshape(2, 3, 3, 3)
-    reference = np.array([a_point_in_view(camera, rng) for camera in drawn]).reshape(2, 3, 2)
+    H = np.array([scale * camera.homography for camera, scale in drawn]).reshape(2, 3, 3, 3)
+    reference = np.array([a_point_in_view(camera) for camera, _ in drawn]).reshape(2, 3, 2)
     f, R, C = decompose_homography(H, principal_point, reference)
     assert f.shape == (2, 3)
     assert R.shape == (2, 3, 3, 3)
@@ -61,10 +61,10 @@ def test_a_batch_is_every_homography_on_its_own(drawn, rng):
             np.testing.assert_allclose(together[index], single, rtol=1e-9, atol=1e-9)
 
 
-@given(camera=cameras(lens=False), rng=generators())
-def test_the_reference_point_is_in_front(camera, rng):
+@given(camera=cameras(lens=False))
+def test_the_reference_point_is_in_front(camera):
     """A point behind the camera turns the scene around: the homography is the same up to its sign."""
-    reference = a_point_in_view(camera, rng)
+    reference = a_point_in_view(camera)
     behind = 2.0 * camera.C[:2] - reference
     assume(camera.depth([*behind, 0.0]) < -1.0)
     for point in (reference, behind):
@@ -72,9 +72,9 @@ def test_the_reference_point_is_in_front(camera, rng):
         assert R[2] @ (np.array([*point, 0.0]) - C) > 0.0
 
 
-@given(camera=cameras(lens=False), rng=generators(), noise=st.floats(0.0, 0.3))
+@given(camera=cameras(lens=False), rng=generators(), noise=numbers(0.0, 0.3))
 def test_with_noise_the_rotation_is_one_still(camera, rng, noise):
-    reference = a_point_in_view(camera, rng)
+    reference = a_point_in_view(camera)
     H = camera.homography * (1.0 + noise * rng.normal(size=(3, 3)))
     _, R, _ = decompose_homography(H, camera.principal_point, reference)
     np.testing.assert_allclose(R @ R.T, np.eye(3), atol=1e-12)
@@ -115,11 +115,11 @@ def test_the_homography_is_not_changed():
     np.testing.assert_array_equal(H, before)
 
 
-@given(camera=cameras(lens=False), scale=signed_scales, rng=generators())
-def test_known_intrinsics_need_no_square_pixels(camera, scale, rng):
+@given(camera=cameras(lens=False), scale=signed_scales)
+def test_known_intrinsics_need_no_square_pixels(camera, scale):
     K = camera.K * [[1.3], [1.0], [1.0]]
     camera = Camera(K, camera.R, camera.C, camera.image_size)
-    reference = a_point_in_view(camera, rng)
+    reference = a_point_in_view(camera)
     R, C = pose_from_homography(scale * np.linalg.inv(K) @ camera.homography, reference)
     np.testing.assert_allclose(R, camera.R, atol=1e-8)
     np.testing.assert_allclose(C, camera.C, rtol=1e-7, atol=1e-6)
@@ -130,7 +130,7 @@ def test_the_scale_is_that_of_both_axes(camera, rng, noise):
     """The written formula, where the columns are not equally long: ``C = -R^T m3 / sqrt(|m1| |m2|)``."""
     M = np.linalg.inv(camera.K) @ camera.homography * (1.0 + noise * rng.normal(size=(3, 3)))
     m1, m2, m3 = M.T
-    reference = a_point_in_view(camera, rng)
+    reference = a_point_in_view(camera)
     front = np.sign(M[2] @ (*reference, 1.0))
     R, C = pose_from_homography(M, reference)
     lengths = np.linalg.norm(m1) * np.linalg.norm(m2)
@@ -152,9 +152,8 @@ def points_in_view(camera, tolerance):
     }
 
 
-@given(camera=cameras(lens=False), scale=signed_scales, rng=generators())
-def test_the_five_steps_give_a_camera_back(camera, scale, rng):
-    camera = moved_principal_point(camera, rng)
+@given(camera=decentred(), scale=signed_scales)
+def test_the_five_steps_give_a_camera_back(camera, scale):
     assume(len(points_in_view(camera, 0.1)) >= 3)
     found = camera_from_homography(scale * camera.homography, camera.image_size, principal_point=camera.principal_point)
     assert set(found.points) == points_in_view(camera, 0.1)
@@ -166,12 +165,17 @@ def test_the_five_steps_give_a_camera_back(camera, scale, rng):
         np.testing.assert_allclose(decomposed.C, camera.C, rtol=1e-5, atol=1e-4)
 
 
-@given(rng=generators(), scale=signed_scales)
-def test_cameras_anywhere_above_the_field_come_back(rng, scale):
+@given(
+    pan=angle(3.1),
+    tilt=numbers(0.15, 1.4),  # from straight above or along the ground the focal length cannot be told
+    roll=angle(0.5),
+    f=numbers(300.0, 2000.0),
+    C=vectors((-52.5, -34.0, -60.0), (52.5, 34.0, -5.0)),
+    scale=signed_scales,
+)
+def test_cameras_anywhere_above_the_field_come_back(pan, tilt, roll, f, C, scale):
     """A point of the field near the image's centre, as H maps it, may lie behind such a camera."""
-    C = (*rng.uniform((-52.5, -34.0), (52.5, 34.0)), rng.uniform(-60.0, -5.0))
-    tilt = rng.uniform(0.15, 1.4)  # from straight above or along the ground the focal length cannot be told
-    camera = Camera.from_angles(rng.uniform(-3.1, 3.1), tilt, rng.uniform(-0.5, 0.5), rng.uniform(300, 2000), C, SIZE)
+    camera = Camera.from_angles(pan, tilt, roll, f, C, SIZE)
     found = closed_form(scale * camera.homography, SIZE)
     assert_same_camera(found.focal_length, found.R, found.C, camera)
     initial = camera_from_homography(scale * camera.homography, SIZE).initial

@@ -2,18 +2,7 @@
 
 import numpy as np
 import pytest
-from fieldcalib.problem.parameters import (
-    ANGLES,
-    CENTER,
-    LENS,
-    LOG_ASPECT,
-    LOG_F,
-    PARAMETERS,
-    PRINCIPAL_POINT,
-    camera_from_theta,
-    gaussian_prior,
-)
-from synthetic import frames_of_broadcasts, observe, whole_circle_markings
+from synthetic import observe, random_frames, whole_circle_markings
 
 from fieldcalib.calibrate.initial_cameras import (
     camera_from_lines,
@@ -26,7 +15,17 @@ from fieldcalib.fields.soccer import soccer
 from fieldcalib.fields.stands import DISTRIBUTIONS, MAIN_CENTER, MAIN_LEFT
 from fieldcalib.geometry.camera import Camera
 from fieldcalib.geometry.projective import dehomogenize, homogenize
+from fieldcalib.problem.layout import (
+    ANGLES,
+    CENTER,
+    LOG_ASPECT,
+    LOG_F,
+    PRINCIPAL_POINT,
+    camera_from_theta,
+    theta_from_camera,
+)
 from fieldcalib.problem.observations import pack
+from fieldcalib.problem.prior import gaussian_prior
 
 FIELD, SIZE = soccer(), (960, 540)
 GROUND = {
@@ -44,14 +43,14 @@ def nothing_known():
 
 
 def test_dlt_lines_recover_the_camera_without_noise():
-    frames, truth = frames_of_broadcasts(60, seed=0, least_segments=8)
+    frames, truth = random_frames(60, seed=0, least_segments=8)
     theta, found = camera_from_lines(pack(FIELD, frames, SIZE), nothing_known())
     checked = 0
     for t, frame in enumerate(frames):
         directions = {tuple(np.sign(np.subtract(GROUND[x].end, GROUND[x].start))) for x in frame if x in GROUND}
         if not found[t] or sum(x in GROUND for x in frame) < 6 or len(directions) < 2:
             continue
-        found_camera, camera = camera_from_theta(theta[t], SIZE), camera_from_theta(truth[t], SIZE)
+        found_camera, camera = camera_from_theta(theta[t], SIZE), truth[t]
         # the focal length of a horizontal or frontal view is ill-conditioned, and the DLT squares the condition number
         if abs(found_camera.focal_length / camera.focal_length - 1.0) < 1e-4:
             np.testing.assert_allclose(found_camera.C, camera.C, atol=0.05)
@@ -122,7 +121,7 @@ def test_no_ground_lines_no_homographies():
 @pytest.mark.parametrize("name", DISTRIBUTIONS)
 def test_a_pointed_camera_looks_at_what_is_labelled(name):
     distribution = DISTRIBUTIONS[name]
-    frames, _ = frames_of_broadcasts(20, seed=1, names=(name,))
+    frames, _ = random_frames(20, seed=1, stands=(name,))
     observations = pack(FIELD, frames, SIZE)
     prior = gaussian_prior(distribution, SIZE)
     theta = pointed_camera(observations, prior, nothing_known())
@@ -137,7 +136,7 @@ def test_a_pointed_camera_looks_at_what_is_labelled(name):
 
 
 def test_starts_are_sorted_by_frame_and_belong_to_a_distribution():
-    frames, _ = frames_of_broadcasts(7, seed=2)
+    frames, _ = random_frames(7, seed=2)
     starts = starting_cameras(pack(FIELD, frames, SIZE), [MAIN_CENTER, MAIN_LEFT], nothing_known())
     assert np.all(np.diff(starts.frame) >= 0)
     assert set(starts.frame.tolist()) == set(range(7))
@@ -149,7 +148,7 @@ def test_starts_are_sorted_by_frame_and_belong_to_a_distribution():
 
 
 def test_what_is_known_is_kept():
-    frames, _ = frames_of_broadcasts(5, seed=3)
+    frames, _ = random_frames(5, seed=3)
     known = nothing_known()
     known[LOG_F], known[PRINCIPAL_POINT], known[2] = np.log(1234.0), (470.0, 280.0), 0.02
     starts = starting_cameras(pack(FIELD, frames, SIZE), [MAIN_CENTER], known)
@@ -158,12 +157,12 @@ def test_what_is_known_is_kept():
 
 
 def test_a_known_pose_makes_one_start_of_the_nearest_distribution():
-    frames, truth = frames_of_broadcasts(1, seed=4, names=("main left",))
-    known = nothing_known()
-    known[ANGLES], known[CENTER] = truth[0, ANGLES], truth[0, CENTER]
+    frames, cameras = random_frames(1, seed=4, stands=("main left",))
+    known, truth = nothing_known(), theta_from_camera(cameras[0])
+    known[ANGLES], known[CENTER] = truth[ANGLES], truth[CENTER]
     starts = starting_cameras(pack(FIELD, frames, SIZE), [MAIN_CENTER, MAIN_LEFT], known)
     assert len(starts.theta) == 1
-    np.testing.assert_array_equal(starts.theta[0, [0, 1, 2, 4, 5, 6]], truth[0, [0, 1, 2, 4, 5, 6]])
+    np.testing.assert_array_equal(starts.theta[0, [0, 1, 2, 4, 5, 6]], truth[[0, 1, 2, 4, 5, 6]])
     assert starts.prior.mean[0, 4] == gaussian_prior(MAIN_LEFT, SIZE).mean[4]
 
 

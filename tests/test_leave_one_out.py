@@ -3,7 +3,7 @@
 import json
 
 import numpy as np
-from synthetic import frames_of_broadcasts, observe, whole_circle_markings
+from synthetic import observe, random_frames, whole_circle_markings
 
 from data_tools.leave_one_out import left_out_errors, main
 from fieldcalib.fields.soccer import soccer
@@ -36,7 +36,7 @@ def test_a_free_field_size_fits_a_small_pitch_better():
 
 
 def test_the_command(tmp_path, capsys):
-    frames, _ = frames_of_broadcasts(2, seed=1, noise=0.5, least_segments=7, names=("main center",))
+    frames, _ = random_frames(2, seed=1, noise=0.5, least_segments=7, stands=("main center",))
     frames.append(observe(whole_circle_markings(soccer()), BENT, np.random.default_rng(0), noise=0.5))
     for index, frame in enumerate(frames):
         (tmp_path / f"{index}.json").write_text(format_annotation(frame, SIZE))

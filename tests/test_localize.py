@@ -9,8 +9,6 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from fieldcalib.problem.parameters import theta_from_camera
-from fieldcalib.problem.residuals import segment_residuals
 from networks import CLASSES, FIELD, GRID, KnownCameras, band_maps, probabilities
 from views import camera
 
@@ -21,6 +19,7 @@ from fieldcalib.io.files import BrokenFileError
 from fieldcalib.localize import SegmentationNetwork, localize, ridge_points, skeleton_points
 from fieldcalib.localize.description import NetworkDescription
 from fieldcalib.localize.grid import image_from_grid
+from fieldcalib.problem.layout import theta_from_camera
 from fieldcalib.problem.observations import pack
 
 HD = (1920, 1080)

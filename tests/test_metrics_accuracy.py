@@ -6,11 +6,10 @@ from unittest import mock
 
 import numpy as np
 import pytest
-from fieldcalib.problem.parameters import camera_from_theta
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
-from strategies import cameras, seeds
-from synthetic import frames_of_broadcasts, observe, whole_circle_markings
+from strategies import cameras, labelled_frames, numbers, vectors
+from synthetic import displaced, observe, random_frames, whole_circle_markings
 
 from fieldcalib import calibrate_batch, soccer
 from fieldcalib.geometry.camera import Camera
@@ -211,7 +210,7 @@ def real(shared_data):
 @pytest.fixture(scope="module")
 def synthetic():
     """The same of random broadcasts, with labels of the wrong side and labels that say nothing."""
-    frames, thetas = frames_of_broadcasts(3 * len(KINDS), seed=1, noise=2.0)
+    frames, cameras = random_frames(3 * len(KINDS), seed=1, noise=2.0)
     rng = np.random.default_rng(2)
     annotations = []
     for i, frame in enumerate(frames):
@@ -220,7 +219,7 @@ def synthetic():
         if i % 3 == 2:
             frame = frame | {label: rng.uniform(0, SIZE, size=(3, 2)) for label in UNKNOWN_LABELS}
         annotations.append(json.loads(format_annotation(frame, SIZE)))
-    return [camera_to_record(camera_from_theta(theta, SIZE)) for theta in thetas], annotations
+    return [camera_to_record(camera) for camera in cameras], annotations
 
 
 @pytest.mark.parametrize("kind", KINDS)
@@ -376,21 +375,24 @@ def test_nothing_to_count():
 # --- what holds whatever the numbers ---
 
 
-def some_frames(seed, count=6, noise=4.0):
-    """Frames whose cameras are good, off, absent, and those of other frames: (predictions, annotations)."""
-    frames, thetas = frames_of_broadcasts(count, seed, noise, least_segments=3)
-    views = [camera_from_theta(theta, SIZE) for theta in thetas]
-    rng = np.random.default_rng(seed)
-    changes = (lambda c: c, lambda c: off(c, rng), lambda c: None, lambda c: views[0], lambda c: absurd(c, rng))
-    return [changes[rng.integers(len(changes))](camera) for camera in views], frames
+@st.composite
+def evaluated(draw):
+    """Frames whose cameras are good, off, absent, absurd and those of other frames: (predictions, annotations)."""
+    views = draw(st.lists(cameras(lens=False, image_sizes=(SIZE,)), min_size=2, max_size=5))
+    seen = [observe(whole_circle_markings(FIELD), camera) for camera in views]
+    frames = [draw(labelled_frames(frame, numbers(0.0, 10.0), least=2)) for frame in seen]
+    return [draw(predictions(camera) | st.sampled_from([views[0], None])) for camera in views], frames
 
 
-def off(camera, rng):
-    return Camera.from_angles(*(camera.angles + rng.normal(scale=0.003, size=3)), camera.K[0, 0], camera.C, SIZE)
+def predictions(camera):
+    def off(turn):
+        return Camera.from_angles(*(camera.angles + turn), camera.K[0, 0], camera.C, SIZE)
 
+    def absurd(C, dist):
+        return RationalCamera(camera.K * (-1, 1, 1), camera.R, C, dist, SIZE)
 
-def absurd(camera, rng):
-    return RationalCamera(camera.K * (-1, 1, 1), camera.R, rng.normal(size=3), rng.normal(size=12), SIZE)
+    turns, anything = vectors([-0.01] * 3, [0.01] * 3), vectors([-3.0] * 12, [3.0] * 12)
+    return st.just(camera) | turns.map(off) | st.builds(absurd, vectors([-3.0] * 3, [3.0] * 3), anything)
 
 
 def assert_same(a, b):
@@ -406,9 +408,9 @@ def assert_same(a, b):
 
 
 @settings(max_examples=20)
-@given(seed=seeds)
-def test_turned_labels_change_nothing_but_the_side(seed):
-    predictions, frames = some_frames(seed)
+@given(drawn=evaluated())
+def test_turned_labels_change_nothing_but_the_side(drawn):
+    predictions, frames = drawn
     turned = [{FIELD.symmetric[label]: xy for label, xy in frame.items()} for frame in frames]
     a, b = (evaluate_segments(predictions, annotations, SIZE) for annotations in (frames, turned))
     np.testing.assert_array_equal(a.frame_accuracy, b.frame_accuracy)
@@ -417,13 +419,13 @@ def test_turned_labels_change_nothing_but_the_side(seed):
 
 
 @settings(max_examples=20)
-@given(seed=seeds, chunk=st.sampled_from([1, 2, 5]))
-def test_frames_do_not_know_of_each_other(seed, chunk):
-    predictions, frames = some_frames(seed)
+@given(data=st.data(), drawn=evaluated(), chunk=st.sampled_from([1, 2, 5]))
+def test_frames_do_not_know_of_each_other(data, drawn, chunk):
+    predictions, frames = drawn
     whole = evaluate_segments(predictions, frames, SIZE)
     with mock.patch.object(accuracy, "CHUNK", chunk):
         assert_same(whole, evaluate_segments(predictions, frames, SIZE))
-    order = np.random.default_rng(seed).permutation(len(frames))
+    order = data.draw(st.permutations(range(len(frames))))
     other = evaluate_segments([predictions[i] for i in order], [frames[i] for i in order], SIZE)
     np.testing.assert_array_equal(whole.frame_accuracy[order], other.frame_accuracy)
     np.testing.assert_array_equal(whole.points[order], other.points)
@@ -431,9 +433,9 @@ def test_frames_do_not_know_of_each_other(seed, chunk):
 
 
 @settings(max_examples=20)
-@given(seed=seeds)
-def test_missing_predictions_change_completeness_alone(seed):
-    predictions, frames = some_frames(seed)
+@given(drawn=evaluated())
+def test_missing_predictions_change_completeness_alone(drawn):
+    predictions, frames = drawn
     all_of_them = evaluate_segments(predictions, frames, SIZE)
     found = [i for i, prediction in enumerate(predictions) if prediction is not None]
     alone = evaluate_segments([predictions[i] for i in found], [frames[i] for i in found], SIZE)
@@ -446,9 +448,9 @@ def test_missing_predictions_change_completeness_alone(seed):
 
 
 @settings(max_examples=20)
-@given(seed=seeds)
-def test_counts_add_up_and_grow_with_the_threshold(seed):
-    predictions, frames = some_frames(seed)
+@given(drawn=evaluated())
+def test_counts_add_up_and_grow_with_the_threshold(drawn):
+    predictions, frames = drawn
     limits = (0.5, 2.0, 5.0, 20.0, 1e4)
     evaluation = evaluate_segments(predictions, frames, SIZE, thresholds=limits)
     assert np.all(np.diff(evaluation.frame_accuracy[evaluation.found], axis=1) >= 0.0)
@@ -505,11 +507,14 @@ def test_a_perfect_camera_with_a_lens_and_another_field():
 
 
 @settings(max_examples=30)
-@given(seed=seeds, scale=st.sampled_from([1.0, -1.0, 1e-3, -40.0]))
-def test_homographies_are_evaluated_as_the_cameras_they_come_from(seed, scale):
+@given(
+    views=st.lists(cameras(lens=False, stands=("main center",), image_sizes=(SIZE,)), min_size=1, max_size=2),
+    distance=numbers(0.0, 8.0),
+    scale=st.sampled_from([1.0, -1.0, 1e-3, -40.0]),
+)
+def test_homographies_are_evaluated_as_the_cameras_they_come_from(views, distance, scale):
     """Where the whole field is in front of the camera: a homography does not know what is behind it."""
-    frames, thetas = frames_of_broadcasts(2, seed, noise=3.0, names=("main center",))
-    views = [camera_from_theta(theta, SIZE) for theta in thetas]
+    frames = [displaced(observe(whole_circle_markings(FIELD), camera), distance) for camera in views]
     corners = np.array([(x, y, 0.0) for x in (-52.5, 52.5) for y in (-34.0, 34.0)])
     assume(all(np.all((corners - camera.C) @ camera.R[2] > 0.1) for camera in views))
     a = evaluate_segments(views, frames, SIZE, planar=True)

@@ -2,8 +2,6 @@
 
 import numpy as np
 import pytest
-from fieldcalib.problem.parameters import GaussianPrior, camera_from_theta, gaussian_prior, theta_from_camera
-from fieldcalib.problem.solver import Problem, solve_batch
 from synthetic import observe, whole_circle_markings
 
 from fieldcalib.calibrate.from_segments import calibrate_batch
@@ -11,8 +9,11 @@ from fieldcalib.calibrate.mislabels import SuspectLabel, renamed, resolve_labels
 from fieldcalib.fields.soccer import soccer
 from fieldcalib.fields.stands import MAIN_CENTER
 from fieldcalib.geometry.camera import Camera
+from fieldcalib.problem.evaluation import Problem
+from fieldcalib.problem.layout import camera_from_theta, theta_from_camera
 from fieldcalib.problem.losses import RobustLoss
 from fieldcalib.problem.observations import pack
+from fieldcalib.problem.prior import GaussianPrior, gaussian_prior
 
 FIELD, SIZE = soccer(), (960, 540)
 LEFT = Camera.from_angles(-0.65, 1.38, 0.01, 1500.0, (1.0, 66.0, -16.0), SIZE)

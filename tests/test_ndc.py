@@ -4,17 +4,17 @@ from math import cos, hypot, sin
 
 import numpy as np
 import pytest
-from fieldcalib.problem.parameters import LENS, LOG_ASPECT, LOG_F, PRINCIPAL_POINT, camera_from_theta, theta_from_camera
 from hypothesis import assume, given
 from hypothesis import strategies as st
-from strategies import broadcast_theta, generators, seeds, thetas
-from synthetic import observe, whole_circle_markings
+from strategies import angle, cameras, labelled_frames, numbers
+from synthetic import displaced, observe, whole_circle_markings
 
 from fieldcalib.assess.ndc import ndc_loss
 from fieldcalib.fields.segments import Arc, Line
 from fieldcalib.fields.soccer import soccer
 from fieldcalib.geometry.camera import Camera
 from fieldcalib.geometry.lens import lens_coefficients, undistort
+from fieldcalib.problem.layout import LOG_ASPECT, LOG_F, PRINCIPAL_POINT, camera_from_theta, theta_from_camera
 
 FIELD = soccer()
 MARKINGS = whole_circle_markings(FIELD)
@@ -116,10 +116,12 @@ def split_in_halves(frame, image_size, camera):
 # --- the losses ---
 
 
-def noisy_frame(theta, image_size, rng, noise=8.0):
-    frame = observe(MARKINGS, camera_from_theta(theta, image_size), rng, noise)
-    assume(frame)
-    return frame
+@st.composite
+def labelled(draw, lens):
+    """Cameras as (theta, image_size), and pixels of some of the markings that they see, up to 20 px off."""
+    camera = draw(cameras(lens))
+    frame = draw(labelled_frames(observe(MARKINGS, camera), numbers(0.0, 20.0)))
+    return theta_from_camera(camera), camera.image_size, frame
 
 
 def loss_of(theta, frame, image_size, kind="tvcalib"):
@@ -128,10 +130,9 @@ def loss_of(theta, frame, image_size, kind="tvcalib"):
 
 
 @pytest.mark.parametrize("lens", [False, True], ids=["pinhole", "lens"])
-@given(data=st.data(), kind=kinds, rng=generators())
-def test_losses_are_what_the_paper_defines(lens, data, kind, rng):
-    theta, image_size = data.draw(thetas(lens))
-    frame = noisy_frame(theta, image_size, rng)
+@given(data=st.data(), kind=kinds)
+def test_losses_are_what_the_paper_defines(lens, data, kind):
+    theta, image_size, frame = data.draw(labelled(lens))
     expected = definition(theta, frame, image_size, kind)
     assert loss_of(theta, frame, image_size, kind) == pytest.approx(expected, rel=1e-9, abs=1e-12)
 
@@ -201,10 +202,9 @@ def test_the_centre_circle_is_compared_with_its_half():
     assert loss_of(theta, {"Middle line": moved, "Circle central": circle}, size) == pytest.approx(expected)
 
 
-@given(drawn=thetas(lens=True), kind=kinds, rng=generators(), scale=st.sampled_from([0.5, 2.0, 3.0]))
-def test_the_size_of_the_image_does_not_matter(drawn, kind, rng, scale):
-    theta, (width, height) = drawn
-    frame = noisy_frame(theta, (width, height), rng)
+@given(drawn=labelled(lens=True), kind=kinds, scale=st.sampled_from([0.5, 2.0, 3.0]))
+def test_the_size_of_the_image_does_not_matter(drawn, kind, scale):
+    theta, (width, height), frame = drawn
     scaled = theta.copy()
     scaled[LOG_F] += np.log(scale)
     scaled[PRINCIPAL_POINT] *= scale
@@ -213,24 +213,23 @@ def test_the_size_of_the_image_does_not_matter(drawn, kind, rng, scale):
     assert found == pytest.approx(loss_of(theta, frame, (width, height), kind), rel=1e-9)
 
 
-@given(seeds=st.lists(seeds, min_size=2, max_size=5), kind=kinds)
-def test_frames_together_or_one_by_one(seeds, kind):
-    image_size = (1280, 720)
-    theta = np.array([broadcast_theta("main tribune", image_size, True, seed) for seed in seeds])
-    frames = [
-        observe(MARKINGS, camera_from_theta(t, image_size), np.random.default_rng(seed), noise=5.0)
-        for t, seed in zip(theta, seeds, strict=True)
-    ]
+main_cameras = cameras(lens=True, stands=("main tribune",), image_sizes=((1280, 720),))
+
+
+@given(drawn=st.lists(main_cameras, min_size=2, max_size=5), direction=angle(np.pi), kind=kinds)
+def test_frames_together_or_one_by_one(drawn, direction, kind):
+    image_size = drawn[0].image_size
+    theta = np.array([theta_from_camera(camera) for camera in drawn])
+    frames = [displaced(observe(MARKINGS, camera), 5.0, direction) for camera in drawn]
     together = ndc_loss(theta, FIELD, frames, image_size, kind)
     alone = [loss_of(t, frame, image_size, kind) for t, frame in zip(theta, frames, strict=True)]
     np.testing.assert_allclose(together, alone, rtol=1e-12, atol=1e-15)
 
 
-@given(drawn=thetas(lens=True), kind=kinds, rng=generators())
-def test_a_known_lens_is_taken_out(drawn, kind, rng):
-    theta, image_size = drawn
+@given(drawn=labelled(lens=True), kind=kinds)
+def test_a_known_lens_is_taken_out(drawn, kind):
+    theta, image_size, frame = drawn
     theta[LOG_ASPECT] = 0.0
-    frame = noisy_frame(theta, image_size, rng)
     frame.pop("Circle central", None)  # bent or straight, the middle line may split it elsewhere
     straight = theta.copy()
     straight[LENS] = 0.0
@@ -240,10 +239,9 @@ def test_a_known_lens_is_taken_out(drawn, kind, rng):
     assert loss_of(theta, frame, image_size, kind) == pytest.approx(expected, rel=1e-9)
 
 
-@given(drawn=thetas(lens=True), kind=kinds)
-def test_pixels_without_noise_lie_on_their_lines(drawn, kind):
-    theta, image_size = drawn
+@given(camera=cameras(lens=True), kind=kinds)
+def test_pixels_without_noise_lie_on_their_lines(camera, kind):
     lines = {label: segment for label, segment in FIELD.items() if isinstance(segment, Line)}
-    frame = observe(lines, camera_from_theta(theta, image_size))
+    frame = observe(lines, camera)
     assume(frame)
-    assert loss_of(theta, frame, image_size, kind) < 1e-8
+    assert loss_of(theta_from_camera(camera), frame, camera.image_size, kind) < 1e-8

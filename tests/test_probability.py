@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from synthetic import frames_of_broadcasts
+from synthetic import random_frames
 
 from data_tools.probability import fitted, largest_true_error, reliability, risk_coverage_area
 from data_tools.random_frames import random_frame
@@ -72,7 +72,7 @@ def test_it_keeps_its_word_on_frames_that_it_was_not_fitted_to(random_calibratio
 @pytest.mark.slow
 def test_nonsense_is_not_believed():
     rng = np.random.default_rng(5)
-    frames, _ = frames_of_broadcasts(25, seed=4)
+    frames, _ = random_frames(25, seed=4)
     nonsense = [{label: rng.uniform(0.0, SIZE, xy.shape) for label, xy in frame.items()} for frame in frames]
     found = calibrate_batch(FIELD, nonsense, SIZE)
     assert max(c.probability() for c in found) < 0.5

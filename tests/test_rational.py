@@ -5,8 +5,10 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from numdiff import central_differences
 from scipy.spatial.transform import Rotation
-from strategies import IMAGE_SIZES, any_angles, anywhere, cameras, generators, visible_field_points
+from strategies import IMAGE_SIZES, any_angles, anywhere, cameras, numbers, vectors
+from synthetic import visible_field_points
 
 from fieldcalib.geometry.rational import (
     COEFFICIENTS,
@@ -18,50 +20,49 @@ from fieldcalib.geometry.rational import (
 from fieldcalib.geometry.rotation import rotation_from_angles
 from fieldcalib.io.soccernet import camera_to_record
 
+# Coefficients that move points at radius 1 by up to about its half; the denominator is at least 0.7 there.
+lenses = vectors([-0.1] * len(COEFFICIENTS), [0.1] * len(COEFFICIENTS))
 
-def rational_cameras():
+
+@st.composite
+def rational_cameras(draw):
     """Cameras with every coefficient, at any angle; focal lengths differ and may be negative."""
-
-    def build(angles, rng):
-        image_size = IMAGE_SIZES[rng.integers(len(IMAGE_SIZES))]
-        fx, fy = image_size[0] * rng.uniform(0.5, 5.0, size=2) * rng.choice((-1.0, 1.0), size=2)
-        cx, cy = np.multiply(image_size, rng.uniform(0.4, 0.6, size=2))
-        K = np.array([[fx, 0.0, cx], [0.0, fy, cy], [0.0, 0.0, 1.0]])
-        return RationalCamera(K, rotation_from_angles(angles), rng.uniform(-50, 50, size=3), lens(rng), image_size)
-
-    return st.builds(build, any_angles(), generators())
+    image_size = draw(st.sampled_from(IMAGE_SIZES))
+    fx, fy = (image_size[0] * draw(st.sampled_from((1.0, -1.0))) * draw(numbers(0.5, 5.0)) for _ in "xy")
+    cx, cy = image_size * draw(vectors((0.4, 0.4), (0.6, 0.6)))
+    K = np.array([[fx, 0.0, cx], [0.0, fy, cy], [0.0, 0.0, 1.0]])
+    C = draw(vectors([-50.0] * 3, [50.0] * 3))
+    return RationalCamera(K, rotation_from_angles(draw(any_angles())), C, draw(lenses), image_size)
 
 
-def lens(rng):
-    """Coefficients that move points at radius 1 by up to about its half; the denominator is at least 0.7 there."""
-    return rng.uniform(-0.1, 0.1, size=len(COEFFICIENTS))
+# (x, y, depth) within 45 degrees of the optical axis, 1 to 100 m away
+in_front = vectors((-0.7, -0.7, 1.0), (0.7, 0.7, 100.0), count=5)
 
 
-def points_in_front(camera, rng, count=20):
-    """World points within 45 degrees of the optical axis, 1 to 100 m away."""
-    x = rng.uniform(-0.7, 0.7, size=(count, 2))
-    depth = rng.uniform(1.0, 100.0, size=(count, 1))
-    return camera.C + depth * np.column_stack([x, np.ones(count)]) @ camera.R
+def points_in_front(camera, places):
+    """World points of places (..., 3) that `in_front` draws."""
+    x, y, depth = places.T
+    return camera.C + np.column_stack([x * depth, y * depth, depth]) @ camera.R
 
 
 # --- the lens ---
 
 
-@given(camera=rational_cameras(), rng=generators())
-def test_projects_as_opencv_does(camera, rng):
-    X = points_in_front(camera, rng)
+@given(camera=rational_cameras(), places=in_front)
+def test_projects_as_opencv_does(camera, places):
+    X = points_in_front(camera, places)
     rvec = Rotation.from_matrix(np.array(camera.R)).as_rotvec()
     expected, _ = cv2.projectPoints(X, rvec, -camera.R @ camera.C, camera.K, camera.dist)
     np.testing.assert_allclose(camera.project(X), expected[:, 0], rtol=0, atol=1e-7)
 
 
-@given(camera=rational_cameras(), rng=generators())
-def test_projects_as_soccernets_evaluation_does(camera, rng):
+@given(camera=rational_cameras(), places=in_front)
+def test_projects_as_soccernets_evaluation_does(camera, places):
     from SoccerNet.Evaluation import utils_calibration as calibration
 
     theirs = calibration.Camera(*camera.image_size)
     theirs.from_json_parameters(camera_to_record(camera))
-    X = points_in_front(camera, rng, count=5)
+    X = points_in_front(camera, places)
     expected = np.array([theirs.project_point(point)[:2] for point in X])
     # theirs rounds distorted normalised coordinates, up to 1, to single precision: 6e-8 of up to 10000 px
     np.testing.assert_allclose(camera.project(X), expected, rtol=0, atol=2e-3)
@@ -76,29 +77,26 @@ def test_every_coefficient_moves_points(index):
     np.testing.assert_allclose(moved, expected[0, 0], rtol=0, atol=1e-14)
 
 
-def central_differences(x, dist, step=1e-6):
-    columns = [(distort_rational(x + e, dist) - distort_rational(x - e, dist)) / (2 * step) for e in step * np.eye(2)]
-    return np.stack(columns, axis=-1)
+def numeric_jacobian(x, dist):
+    return central_differences(lambda x: distort_rational(x, dist), x, 1e-4)
 
 
-@given(rng=generators())
-def test_jacobian_is_the_derivative(rng):
-    x, dist = rng.uniform(-0.7, 0.7, size=(10, 2)), np.stack([lens(rng) for _ in range(10)])
-    np.testing.assert_allclose(distort_rational_jacobian(x, dist), central_differences(x, dist), rtol=0, atol=1e-8)
+@given(x=vectors((-0.7, -0.7), (0.7, 0.7), count=5), dist=lenses)
+def test_jacobian_is_the_derivative(x, dist):
+    np.testing.assert_allclose(distort_rational_jacobian(x, dist), numeric_jacobian(x, dist), rtol=0, atol=1e-8)
 
 
 @pytest.mark.parametrize("index", range(len(COEFFICIENTS)), ids=COEFFICIENTS)
 def test_a_wrong_jacobian_would_be_noticed(index):
     x, dist = np.array([0.3, -0.4]), np.full(12, 0.05)
     other = dist + 1e-4 * np.eye(12)[index]
-    error = distort_rational_jacobian(x, other) - central_differences(x, dist)
+    error = distort_rational_jacobian(x, other) - numeric_jacobian(x, dist)
     assert np.max(np.abs(error)) > 1e-6
 
 
-@given(rng=generators())
-def test_undistortion_is_the_inverse(rng):
+@given(x=vectors((-0.6, -0.6), (0.6, 0.6), count=5), dist=lenses.map(lambda k: k / 3.0))
+def test_undistortion_is_the_inverse(x, dist):
     # a third of the coefficients and radii up to 0.85: far from where such a lens folds back
-    x, dist = rng.uniform(-0.6, 0.6, size=(10, 2)), np.stack([lens(rng) / 3 for _ in range(10)])
     found = undistort_rational(distort_rational(x, dist), dist)
     np.testing.assert_allclose(found, x, rtol=0, atol=1e-12)
 
@@ -113,10 +111,9 @@ def test_what_no_ray_reaches():
 # --- the camera ---
 
 
-@given(camera=anywhere() | cameras(), rng=generators())
-def test_a_camera_of_this_package_projects_alike(camera, rng):
+@given(camera=anywhere() | cameras(), X=vectors([-60.0] * 3, [60.0] * 3, count=20))
+def test_a_camera_of_this_package_projects_alike(camera, X):
     rational = RationalCamera.from_camera(camera)
-    X = rng.uniform(-60, 60, size=(50, 3))
     own, others = camera.project(X), rational.project(X)
     seen = ~np.isnan(own)
     np.testing.assert_allclose(others[seen], own[seen], rtol=1e-12, atol=1e-9)
@@ -127,10 +124,10 @@ def test_a_camera_of_this_package_projects_alike(camera, rng):
     assert rational.image_size == camera.image_size
 
 
-@given(camera=cameras(), rng=generators())
-def test_pixels_go_back_to_the_field(camera, rng):
+@given(camera=cameras())
+def test_pixels_go_back_to_the_field(camera):
     rational = RationalCamera.from_camera(camera)
-    X = visible_field_points(camera, rng)
+    X = visible_field_points(camera)
     np.testing.assert_allclose(rational.image_to_field(rational.project(X)), X, rtol=0, atol=1e-6)
 
 
@@ -146,9 +143,9 @@ def test_a_rational_camera_stays_itself():
     assert RationalCamera.from_camera(camera) is camera
 
 
-@given(camera=rational_cameras(), rng=generators())
-def test_nothing_behind_the_camera_has_a_pixel(camera, rng):
-    behind = 2 * camera.C - points_in_front(camera, rng)
+@given(camera=rational_cameras(), places=in_front)
+def test_nothing_behind_the_camera_has_a_pixel(camera, places):
+    behind = 2 * camera.C - points_in_front(camera, places)
     assert np.isnan(camera.project(behind)).all()
     assert np.isnan(camera.project(camera.C)).all()
     assert camera.project(np.zeros((0, 4, 3))).shape == (0, 4, 2)

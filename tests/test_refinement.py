@@ -4,7 +4,6 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from fieldcalib.problem.parameters import CENTER, LOG_F, camera_from_theta, theta_from_camera
 from synthetic import observe, whole_circle_markings
 from views import SIZE, camera
 
@@ -16,6 +15,7 @@ from fieldcalib.fields.soccer import soccer
 from fieldcalib.geometry.camera import Camera
 from fieldcalib.images.line_profiles import Markings, find_lines, profiles_along
 from fieldcalib.images.refinement import agreement, refine_on_image
+from fieldcalib.problem.layout import CENTER, LOG_F, camera_from_theta, theta_from_camera
 
 FIELD = soccer()
 MARKINGS = Markings.of(FIELD)

@@ -4,18 +4,18 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from fieldcalib.problem.parameters import camera_from_theta, theta_from_camera
-from fieldcalib.problem.residuals import segment_residuals, segment_residuals_with_jacobian
-from hypothesis import given
-from strategies import generators, thetas
-from synthetic import frames_of_broadcasts, observe
-from test_residuals import EVERYTHING, column_errors
+from hypothesis import assume, given
+from strategies import angle, numbers, thetas
+from synthetic import displaced, observe, random_frames
+from test_evaluation import SIZES, at, jacobian_errors
 
 from fieldcalib.calibrate.from_segments import calibrate_batch
 from fieldcalib.fields.soccer import soccer
 from fieldcalib.geometry.camera import Camera
+from fieldcalib.problem.evaluation import evaluate
+from fieldcalib.problem.layout import Layout, camera_from_theta, theta_from_camera
 from fieldcalib.problem.observations import pack
-from fieldcalib.problem.segment_ends import pixels_past_ends
+from fieldcalib.problem.segment_ends import pixels_past_ends, with_segment_ends
 
 FIELD, SIZE, FAR = soccer(), (960, 540), 20.0
 CAMERA = Camera.from_angles(-0.55, 1.38, 0.0, 1300.0, (0.0, 60.0, -15.0), SIZE)
@@ -23,7 +23,7 @@ THETA = theta_from_camera(CAMERA)[None]
 
 
 def past(frame, theta=THETA):
-    return pixels_past_ends(FIELD, pack(FIELD, [frame], SIZE), theta, FAR)
+    return pixels_past_ends(FIELD, at(theta, pack(FIELD, [frame], SIZE)), FAR)
 
 
 def beyond(label, metres):
@@ -42,7 +42,7 @@ def test_a_pixel_past_the_end_of_a_line_is_measured_from_that_end(label):
     np.testing.assert_allclose(ends.geometry[0, 0, 0], start, atol=1e-9)
     observations = replace(pack(FIELD, [{label: inside}], SIZE), ends=ends)
     expected = np.linalg.norm(beyond(label, 1.0) - CAMERA.project(start))
-    assert abs(segment_residuals(THETA, observations)[0, -1]) == pytest.approx(expected, rel=1e-6)
+    assert abs(at(THETA, observations).r[0, -1]) == pytest.approx(expected, rel=1e-6)
 
 
 def test_an_arc_ends_where_the_penalty_area_begins():
@@ -68,35 +68,53 @@ def test_what_lies_far_past_an_end_has_another_fault():
     assert 0 < found < len(xy)
 
 
-@given(thetas(lens=True), generators())
-def test_derivatives_match_central_differences(theta_and_size, rng):
+@given(thetas(lens=True), numbers(0.0, 6.0), angle(np.pi))
+def test_derivatives_match_central_differences(theta_and_size, distance, direction):
     theta, size = theta_and_size
-    frame = observe(FIELD, camera_from_theta(theta, size))
-    frame = {label: xy + rng.normal(scale=2.0, size=xy.shape) for label, xy in frame.items()}
-    observations = pack(FIELD, [frame], size)
-    ends = pixels_past_ends(FIELD, observations, theta[None], FAR)
+    frame = displaced(observe(FIELD, camera_from_theta(theta, size)), distance, direction)
+    assume(frame)
+    # the ends alone: of lines and of arcs, which move with the size of the field each in its way
+    layout = Layout.of(size, field_size=SIZES)
+    theta = np.concatenate([theta, SIZES.given])[None]
+    evaluation = at(theta, pack(FIELD, [frame], size, motion=FIELD.motion), layout)
+    ends = pixels_past_ends(FIELD, evaluation, FAR)
+    observations = evaluation.problem.observations
     silent = {kind: getattr(observations, kind) for kind in ("lines", "arcs", "curves", "points", "clouds")}
     silent = {kind: replace(rows, weight=np.zeros_like(rows.weight)) for kind, rows in silent.items()}
-    observations = replace(observations, **silent, ends=ends)
-    _, jacobian = segment_residuals_with_jacobian(theta[None], observations, EVERYTHING)
-    assert np.max(column_errors(jacobian, theta[None], observations)) < 1e-5
+    assert np.max(jacobian_errors(at(theta, replace(observations, **silent, ends=ends), layout))) < 1e-5
+
+
+def test_with_ends_is_what_would_be_found_anew():
+    """The ends join an evaluation without a search; given again, they take the place of the former."""
+    frames, cameras = random_frames(6, seed=6, noise=4.0)
+    theta = np.array([theta_from_camera(camera) for camera in cameras])
+    evaluation = at(theta, pack(FIELD, frames, SIZE))
+    joined = with_segment_ends(FIELD, evaluation, FAR)
+    assert joined.r.shape[1] > evaluation.r.shape[1]
+    anew = evaluate(joined.problem, theta)
+    for name in ("r", "JT", "cost", "gradient", "hessian"):
+        np.testing.assert_allclose(getattr(joined, name), getattr(anew, name), rtol=1e-12, atol=1e-12, err_msg=name)
+    again = with_segment_ends(FIELD, joined, FAR)
+    np.testing.assert_array_equal(again.r, joined.r)
+    np.testing.assert_array_equal(again.problem.observations.weight, joined.problem.observations.weight)
 
 
 def test_exact_pixels_leave_the_camera_alone():
-    frames, thetas = frames_of_broadcasts(20, seed=5)
-    for frame, theta in zip(frames, thetas, strict=True):
-        ends = past(frame, theta[None])
-        residuals = segment_residuals(theta[None], replace(pack(FIELD, [frame], SIZE), ends=ends))
-        assert np.max(np.abs(residuals)) < 1e-6
+    frames, cameras = random_frames(20, seed=5)
+    for frame, camera in zip(frames, cameras, strict=True):
+        theta = theta_from_camera(camera)[None]
+        ends = past(frame, theta)
+        evaluation = at(theta, pack(FIELD, [frame], SIZE)).with_ends(ends)
+        assert np.max(np.abs(evaluation.r)) < 1e-6
 
 
 @pytest.mark.slow
 def test_noisy_cameras_get_better(monkeypatch):
-    frames, thetas = frames_of_broadcasts(80, seed=1, noise=3.0, names=("main center",))
+    frames, cameras = random_frames(80, seed=1, noise=3.0, stands=("main center",))
 
     def position_errors():
         found = calibrate_batch(FIELD, frames, SIZE)
-        return np.array([np.linalg.norm(c.camera.C - theta[4:7]) for c, theta in zip(found, thetas, strict=True)])
+        return np.array([np.linalg.norm(c.camera.C - camera.C) for c, camera in zip(found, cameras, strict=True)])
 
     drawn = position_errors()
     monkeypatch.setattr("fieldcalib.problem.segment_ends.WEIGHT", 0.0)

@@ -4,9 +4,9 @@ import re
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import assume, given
 from hypothesis import strategies as st
-from strategies import generators
+from strategies import numbers, pixel_arrays, vectors
 
 from fieldcalib.fields.segments import Arc, Line, Point, PointCloud
 from fieldcalib.fields.soccer import soccer
@@ -193,44 +193,45 @@ def rows_of(*arrays):
     return xy[np.lexsort(xy.T)]
 
 
-def circle_beside_a_line(rng, lean):
-    """Pixels within 200 px of a middle line that leans by `lean` px per row, and whether each is left of it."""
-    x_top = rng.uniform(300.0, 600.0)
-    y = np.sort(rng.uniform(0.0, 540.0, size=rng.integers(2, 5)))
-    y[-1] += 10.0
-    line = np.column_stack([x_top + lean * y, y])
-    offset = rng.uniform(1.0, 200.0, size=20) * rng.choice([-1.0, 1.0], size=20)
-    rows = rng.uniform(100.0, 400.0, size=20)
-    return rng.permutation(line), np.column_stack([x_top + lean * rows + offset, rows]), offset < 0.0
-
-
-@given(st.floats(-0.95, 0.95), generators())
-def test_circle_is_split_by_the_middle_line_whatever_its_slant(lean, rng):
-    line, circle, left = circle_beside_a_line(rng, lean)
+@given(
+    lean=numbers(-0.95, 0.95),
+    x_top=numbers(300.0, 600.0),
+    ys=st.lists(numbers(0.0, 540.0), min_size=2, max_size=4),
+    # left or right of the line, how far, and the row
+    places=st.lists(st.tuples(st.sampled_from([-1.0, 1.0]), numbers(1.0, 200.0), numbers(100.0, 400.0)), min_size=1),
+)
+def test_circle_is_split_by_the_middle_line_whatever_its_slant(lean, x_top, ys, places):
+    """The line leans by `lean` px per row."""
+    assume(np.ptp(ys) > 10.0)
+    line = np.column_stack([x_top + lean * np.array(ys), ys])
+    side, distance, rows = np.array(places).T
+    circle, left = np.column_stack([x_top + lean * rows + side * distance, rows]), side < 0.0
     split = split_circles(FIELD, {"Circle central": circle, "Middle line": line}, SIZE)
     np.testing.assert_array_equal(split.get(LEFT, np.empty((0, 2))), circle[left])
     np.testing.assert_array_equal(split.get(RIGHT, np.empty((0, 2))), circle[~left])
     assert "Circle central" not in split
 
 
+pixels = pixel_arrays((0.0, 0.0), (500.0, 500.0))
+
+
 @given(
-    generators(),
-    st.sampled_from(["slanted", "flat", "single", "none"]),
-    st.booleans(),
-    st.integers(1, 12),
+    circle=pixels,
+    middle=st.sampled_from(["slanted", "flat", "single", "none"]),
+    halves=st.none() | st.tuples(pixels, pixels),
 )
-def test_splitting_conserves_every_pixel_and_the_other_labels(rng, middle, halves_given, count):
-    frame = {"Side line top": rng.uniform(0, 500, size=(3, 2)), "Circle central": rng.uniform(0, 500, size=(count, 2))}
+def test_splitting_conserves_every_pixel_and_the_other_labels(circle, middle, halves):
+    frame = {"Side line top": np.array([(3.0, 4.0), (480.0, 20.0)]), "Circle central": circle}
     if middle != "none":
         line = {"slanted": [(400, 50), (500, 450)], "flat": [(50, 200), (900, 260)], "single": [(400, 50)]}[middle]
         frame["Middle line"] = np.array(line, dtype=float)
-    if halves_given:
-        frame |= {LEFT: rng.uniform(0, 500, size=(2, 2)), RIGHT: rng.uniform(0, 500, size=(4, 2))}
+    if halves is not None:
+        frame |= {LEFT: halves[0], RIGHT: halves[1]}
     before = {label: xy.copy() for label, xy in frame.items()}
     split = split_circles(FIELD, frame, SIZE)
-    halves = [split[label] for label in (LEFT, RIGHT) if label in split]
+    found = [split[label] for label in (LEFT, RIGHT) if label in split]
     given_halves = [before[label] for label in (LEFT, RIGHT) if label in before]
-    np.testing.assert_array_equal(rows_of(*halves), rows_of(before["Circle central"], *given_halves))
+    np.testing.assert_array_equal(rows_of(*found), rows_of(before["Circle central"], *given_halves))
     assert set(split) - {LEFT, RIGHT} == set(before) - {LEFT, RIGHT, "Circle central"}
     assert all(len(xy) for xy in split.values())
     assert list(frame) == list(before)  # the input is left alone
@@ -262,21 +263,15 @@ def test_a_frame_without_the_circle_comes_back_as_a_copy():
 # --- packing ---
 
 
-def random_frame(rng, labels=tuple(OBJECT)):
-    """One to eight pixels on a random choice of segments, perhaps none, in random order."""
-    chosen = rng.permutation([label for label in labels if rng.random() < 0.6])
-    return {str(label): rng.uniform(0.0, 500.0, size=(rng.integers(1, 9), 2)) for label in chosen}
-
-
-def random_frames():
-    return st.builds(lambda rng, count: [random_frame(rng) for _ in range(count)], generators(), st.integers(1, 4))
+# one to four frames: one to eight pixels on some of the segments, perhaps on none, in any order
+some_frames = st.lists(st.dictionaries(st.sampled_from(sorted(OBJECT)), pixels), min_size=1, max_size=4)
 
 
 def rows_by_kind(observations):
     return {kind: getattr(observations, kind) for kind in KINDS}
 
 
-@given(random_frames())
+@given(some_frames)
 def test_every_pixel_is_packed_under_its_label_and_kind(frames):
     packed = pack(OBJECT, frames, SIZE)
     assert len(packed) == len(frames)
@@ -290,7 +285,7 @@ def test_every_pixel_is_packed_under_its_label_and_kind(frames):
                 np.testing.assert_array_equal(rows.xy[t, rows.label[t] == packed.labels.index(label)], frame[label])
 
 
-@given(random_frames())
+@given(some_frames)
 def test_weights_of_a_segment_sum_to_one_and_padding_has_none(frames):
     for rows in rows_by_kind(pack(OBJECT, frames, SIZE)).values():
         np.testing.assert_array_equal(rows.weight > 0.0, rows.label >= 0)
@@ -302,7 +297,7 @@ def test_weights_of_a_segment_sum_to_one_and_padding_has_none(frames):
                 assert np.ptp(weight) == 0.0
 
 
-@given(random_frames())
+@given(some_frames)
 def test_padding_stands_at_the_end_and_is_no_longer_than_the_fullest_frame_asks(frames):
     for kind, rows in rows_by_kind(pack(OBJECT, frames, SIZE)).items():
         counts = [sum(len(xy) for label, xy in frame.items() if KIND_OF[label] == kind) for frame in frames]
@@ -313,7 +308,7 @@ def test_padding_stands_at_the_end_and_is_no_longer_than_the_fullest_frame_asks(
             assert np.all(rows.label[t, count:] == -1)
 
 
-@given(random_frames())
+@given(some_frames)
 def test_padding_has_finite_geometry_with_a_direction(frames):
     packed = pack(OBJECT, frames, SIZE)
     for rows in rows_by_kind(packed).values():
@@ -322,7 +317,7 @@ def test_padding_has_finite_geometry_with_a_direction(frames):
         assert np.all(np.linalg.norm(rows.geometry[:, :, 1], axis=-1) > 0.0)
 
 
-@given(random_frames())
+@given(some_frames)
 def test_packing_a_batch_equals_packing_frame_by_frame_up_to_padding(frames):
     packed = rows_by_kind(pack(OBJECT, frames, SIZE))
     for t, frame in enumerate(frames):
@@ -355,7 +350,7 @@ def test_geometry_by_hand():
     np.testing.assert_array_equal(geometry("pair"), OBJECT["pair"].X[[0, 1, 1, 1]])
 
 
-@given(random_frames(), st.lists(st.integers(0, 10), max_size=6))
+@given(some_frames, st.lists(st.integers(0, 10), max_size=6))
 def test_take_picks_frames_in_order_and_repeats_them(frames, index):
     index = np.array([i % len(frames) for i in index], dtype=np.intp)
     packed = pack(OBJECT, frames, SIZE)
@@ -368,7 +363,7 @@ def test_take_picks_frames_in_order_and_repeats_them(frames, index):
     np.testing.assert_array_equal(taken.weight, packed.weight[index])
 
 
-@given(random_frames())
+@given(some_frames)
 def test_points_and_unordered_clouds_have_two_residuals_a_pixel(frames):
     packed = pack(OBJECT, frames, SIZE)
     order = [packed.lines, packed.arcs, packed.curves, packed.points, packed.points, packed.clouds, packed.clouds]
@@ -456,9 +451,9 @@ def test_a_frame_without_pixels_has_no_weights_to_be_wrong():
     assert check_weights(FIELD, {}, {"Middle line": 0.0}) == ({}, {})
 
 
-@given(random_frames(), generators())
-def test_weights_are_packed_beside_their_pixels(frames, rng):
-    given_weights = [{label: rng.uniform(0.1, 5.0, size=len(xy)) for label, xy in frame.items()} for frame in frames]
+@given(some_frames, vectors([0.1] * 8, [5.0] * 8))
+def test_weights_are_packed_beside_their_pixels(frames, weights):
+    given_weights = [{label: weights[: len(xy)] for label, xy in frame.items()} for frame in frames]
     checked = [check_weights(OBJECT, *pair) for pair in zip(frames, given_weights, strict=True)]
     packed = pack(OBJECT, frames, SIZE, [shares for _, shares in checked])
     plain = pack(OBJECT, frames, SIZE)

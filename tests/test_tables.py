@@ -4,8 +4,7 @@ import json
 
 import numpy as np
 import pytest
-from fieldcalib.problem.parameters import camera_from_theta
-from synthetic import frames_of_broadcasts
+from synthetic import random_frames
 
 from baselines import tables
 from baselines.methods import read_dataset, run_methods
@@ -35,11 +34,11 @@ def test_published_rows_are_told_apart():
 
 
 def write_frames(path, size, *, homographies):
-    frames, thetas = frames_of_broadcasts(COUNT, seed=5, noise=0.5, names=("main center",), image_size=size)
-    for index, (frame, theta) in enumerate(zip(frames, thetas, strict=True)):
+    frames, cameras = random_frames(COUNT, seed=5, noise=0.5, stands=("main center",), image_size=size)
+    for index, (frame, camera) in enumerate(zip(frames, cameras, strict=True)):
         (path / f"{index}.json").write_text(format_annotation(frame, size))
         if homographies:
-            H = camera_from_theta(theta, size).homography
+            H = camera.homography
             (path / f"{index}.homographyMatrix").write_text(format_homography(H, image_size=size))
             for alignment in ("chen", "jiang"):
                 (path / alignment).mkdir(exist_ok=True)

@@ -4,27 +4,19 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from fieldcalib.problem.parameters import (
-    ANGLES,
-    CENTER,
-    LENS,
-    LOG_F,
-    PARAMETERS,
-    GaussianPrior,
-    camera_from_theta,
-    gaussian_prior,
-    theta_from_camera,
-)
-from fieldcalib.problem.solver import Problem, solve_batch
-from synthetic import frames_of_broadcasts, observe, whole_circle_markings
+from numdiff import central_differences
+from synthetic import observe, random_frames, whole_circle_markings
 
 from fieldcalib.assess.uncertainty import OPEN_DIRECTION, GroundError, region_radius, uncertainties
 from fieldcalib.fields.segments import Line
 from fieldcalib.fields.soccer import soccer
 from fieldcalib.fields.stands import DISTRIBUTIONS
 from fieldcalib.geometry.camera import Camera
+from fieldcalib.problem.evaluation import Problem
+from fieldcalib.problem.layout import ANGLES, CENTER, LOG_F, camera_from_theta, theta_from_camera
 from fieldcalib.problem.losses import RobustLoss
 from fieldcalib.problem.observations import pack
+from fieldcalib.problem.prior import GaussianPrior, gaussian_prior
 
 FIELD, SIZE = soccer(), (960, 540)
 PINHOLE = np.arange(len(PARAMETERS)) < CENTER.stop
@@ -48,19 +40,14 @@ def uncertainty_of(frame, theta=THETA, free=EVERYTHING, prior=True, field=FIELD,
     return found
 
 
-def derivative(function, theta=THETA):
-    """Central differences (m, 12) of a function of theta."""
-    columns = [
-        (function(theta + step) - function(theta - step)) / (2.0 * size)
-        for step, size in zip(np.diag(STEPS), STEPS, strict=True)
-    ]
-    return np.stack(columns, axis=-1)
+def thetas_of(cameras):
+    return np.array([theta_from_camera(camera) for camera in cameras])
 
 
 def solved(frames, truth, free, prior, loss=CAUCHY):
-    """Solutions near the truth, with their uncertainties."""
+    """Solutions near the true cameras, with their uncertainties."""
     problem = Problem(pack(FIELD, frames, SIZE), free, loss, 1.0, prior)
-    solution = solve_batch(problem, truth, max_iterations=200, tolerance=1e-12)
+    solution = solve_batch(problem, thetas_of(truth), max_iterations=200, tolerance=1e-12)
     return solution.theta, uncertainties(problem, solution.theta, prior.sigma)
 
 
@@ -74,7 +61,7 @@ def test_standard_deviations_are_opencvs(theta):
         return np.concatenate([K[[0, 1, 0, 1], [0, 1, 2, 2]], dist[0, :2], rvec[:, 0], tvec[:, 0]])
 
     found = uncertainty_of(FRAME, theta)
-    J = derivative(opencv, theta)
+    J = central_differences(opencv, theta, STEPS)
     expected = np.sqrt(np.diag(J @ found.covariance @ J.T))
     intrinsics, extrinsics = found.std_deviations_intrinsics, found.std_deviations_extrinsics
     assert intrinsics.shape == (18, 1)
@@ -97,7 +84,7 @@ def test_rotation_vectors_of_any_length(turn):
         length = np.linalg.norm(other)
         return min((other, other - 2.0 * np.pi * other / max(length, 1e-9)), key=lambda v: np.linalg.norm(v - rvec))
 
-    J = derivative(near, theta)
+    J = central_differences(near, theta, STEPS)
     expected = np.sqrt(np.diag(J @ found.covariance @ J.T))
     np.testing.assert_allclose(found.std_deviations_extrinsics[:3, 0], expected, rtol=1e-4)
 
@@ -106,7 +93,7 @@ def test_rotation_vectors_of_any_length(turn):
 def test_ground_errors_are_the_derivative_of_the_back_projection(theta):
     found = uncertainty_of(FRAME, theta)
     xy = np.array([[100.0, 500.0], [480.0, 270.0], [900.0, 200.0]])
-    J = derivative(lambda moved: camera_from_theta(moved, SIZE).image_to_field(xy)[:, :2], theta)
+    J = central_differences(lambda moved: camera_from_theta(moved, SIZE).image_to_field(xy)[:, :2], theta, STEPS)
     expected = J @ found.covariance @ np.swapaxes(J, 1, 2)
     at_image = found.at_image(xy)
     np.testing.assert_allclose(at_image.covariance, expected, rtol=1e-5)
@@ -179,7 +166,7 @@ def test_linear_estimates_scatter_as_the_covariance_says():
 
 def test_noise_is_found_through_the_robust_loss_and_gross_errors():
     """Cauchy's loss bends 2 px of noise; a segment with a wrong label must not pass for noise."""
-    frames, truth = frames_of_broadcasts(40, 5, noise=2.0, least_segments=9, names=("main center", "main left"))
+    frames, truth = random_frames(40, 5, noise=2.0, least_segments=9, stands=("main center", "main left"))
     prior = prior_for(["main center", "main left"] * 20)
     _, found = solved(frames, truth, PINHOLE, prior)
     assert np.median([u.sigma for u in found]) == pytest.approx(2.0, rel=0.1)
@@ -232,22 +219,16 @@ def test_few_equations_lean_on_the_noise_of_other_frames():
 def test_regions_hold_the_truth(noise, lens):
     names = ("main center", "main left", "main right", "behind left goal", "opposite tribune")
     count = 100
-    frames, truth = frames_of_broadcasts(count, 21, names=names)
-    rng = np.random.default_rng(22)
+    frames, truth = random_frames(count, 21, noise, stands=names, a1=(0.0, 0.03 if lens else 0.0))
     free = PINHOLE.copy()
-    if lens:
-        free[LENS.start] = True
-        truth[:, LENS.start] = rng.normal(scale=0.03, size=count)
-    markings = whole_circle_markings(FIELD)
-    frames = [observe(markings, camera_from_theta(theta, SIZE), rng, noise) for theta in truth]
+    free[LENS.start] = lens
     prior = prior_for([names[t % len(names)] for t in range(count)])
     theta, found = solved(frames, truth, free, prior)
     points = np.stack(np.meshgrid(np.linspace(-50, 50, 11), np.linspace(-30, 30, 7), [0.0]), axis=-1).reshape(-1, 3)
     intervals, regions, ellipses = [], [], []
-    for t, u in enumerate(found):
-        error = (theta[t] - truth[t])[free]
+    for camera, estimate, u in zip(truth, theta, found, strict=True):
+        error = (estimate - theta_from_camera(camera))[free]
         intervals.append(np.abs(error) <= u.radius() * np.sqrt(np.diag(u.covariance)[free]))
-        camera = camera_from_theta(truth[t], SIZE)
         regions.append(u.distance(camera) <= u.radius(int(free.sum())))
         xy = camera.project(points)
         seen = np.all((xy >= 0.0) & (xy < SIZE), axis=1) & np.isfinite(u.camera.image_to_field(xy)).all(axis=1)
@@ -260,7 +241,8 @@ def test_regions_hold_the_truth(noise, lens):
 
 
 def test_company_changes_nothing():
-    frames, truth = frames_of_broadcasts(6, 8, noise=1.0, names=("main center",))
+    frames, cameras = random_frames(6, 8, noise=1.0, stands=("main center",))
+    truth = thetas_of(cameras)
     prior = prior_for(["main center"] * 6)
     problem = Problem(pack(FIELD, frames, SIZE), PINHOLE, CAUCHY, 1.0, prior)
     together = uncertainties(problem, truth, prior.sigma)[4]
@@ -323,22 +305,22 @@ def test_the_prior_narrows_what_the_labels_leave_wide():
 
 
 def test_distance_of_the_estimate_is_nothing():
-    frames, truth = frames_of_broadcasts(1, 4, noise=1.0, names=("main center",))
+    frames, truth = random_frames(1, 4, noise=1.0, stands=("main center",))
     prior = prior_for(["main center"])
     theta, (found,) = solved(frames, truth, PINHOLE, prior)
     assert found.distance(found.camera) < 0.01
     radius = found.radius(7)
-    assert found.distance(camera_from_theta(truth[0], SIZE)) < radius
+    assert found.distance(truth[0]) < radius
     away = theta[0].copy()
     away[0] += 0.05
     assert found.distance(camera_from_theta(away, SIZE)) > radius
     # without a prior too
     (without,) = uncertainties(replace(found.problem, prior=None), theta, prior.sigma)
-    assert without.distance(camera_from_theta(truth[0], SIZE)) < radius
+    assert without.distance(truth[0]) < radius
 
 
 def test_near_the_estimate_the_distance_is_mahalanobis():
-    frames, truth = frames_of_broadcasts(1, 4, noise=0.3, names=("main center",))
+    frames, truth = random_frames(1, 4, noise=0.3, stands=("main center",))
     prior = prior_for(["main center"])
     theta, (found,) = solved(frames, truth, PINHOLE, prior)
     covariance = found.covariance[:7, :7]

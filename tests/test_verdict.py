@@ -4,8 +4,6 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from fieldcalib.problem.parameters import LOG_F, PARAMETERS, camera_from_theta, theta_from_camera
-from fieldcalib.problem.residuals import foot_points
 from synthetic import observe, whole_circle_markings
 
 from fieldcalib.assess.result import Status
@@ -13,6 +11,7 @@ from fieldcalib.assess.verdict import Evidence, constraints, implausibilities, v
 from fieldcalib.fields.segments import Arc, Line, Point, PointCloud
 from fieldcalib.fields.soccer import soccer
 from fieldcalib.geometry.camera import Camera
+from fieldcalib.problem.layout import LOG_F, camera_from_theta, theta_from_camera
 from fieldcalib.problem.observations import pack
 
 FIELD, SIZE = soccer(), (960, 540)

@@ -7,8 +7,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from fieldcalib.problem.parameters import theta_from_camera
-from fieldcalib.problem.solver import Problem, solve_batch
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from synthetic import observe
@@ -26,7 +24,9 @@ from fieldcalib.fields.traits import Halves, LineLook, ProbabilityModel, SizePri
 from fieldcalib.geometry.camera import Camera
 from fieldcalib.images.line_profiles import Markings, find_lines, profiles_along
 from fieldcalib.images.refinement import agreement, refine_on_image
+from fieldcalib.problem.evaluation import Problem
 from fieldcalib.problem.labelled_pixels import split_circles
+from fieldcalib.problem.layout import theta_from_camera
 from fieldcalib.problem.losses import RobustLoss
 from fieldcalib.problem.observations import pack
 

@@ -21,6 +21,7 @@ from fieldcalib.assess.ndc import ndc_loss
 from fieldcalib.assess.observability import Information
 from fieldcalib.assess.result import Calibration, Solved, Status, SuspectLabel
 from fieldcalib.assess.verdict import Evidence, implausibilities, segment_errors, verdict
+from fieldcalib.calibrate.auto_lens import with_lens_as_called_for
 from fieldcalib.calibrate.mislabels import Relabelled, without_mislabels
 from fieldcalib.calibrate.options import DEFAULT_CRITERIA, DEFAULT_FLAGS, Criteria, Options, Prior, checked_options
 from fieldcalib.calibrate.search import find_cameras
@@ -73,6 +74,7 @@ def calibrate_from_segments(
     tau: float | None = None,
     trust_labels: bool = False,
     weights: Weights | None = None,
+    paint: float = 0.0,
 ) -> Calibration:
     """Calibrate a camera from labelled pixels of one frame.
 
@@ -113,6 +115,9 @@ def calibrate_from_segments(
         Take every label for right: quicker, where pixels were found for known segments, as lines in an image are.
     weights : mapping of str to float or (N,) array_like, optional
         What labels, or each of their pixels, count against others; 1 where nothing is said. 0 leaves a pixel out.
+    paint : float
+        Standard deviation, in metres, of where a line is painted as a whole. It is in the uncertainty: many pixels on
+        one line do not average it out.
 
     Returns
     -------
@@ -152,6 +157,7 @@ def calibrate_from_segments(
         loss=loss,
         tau=tau,
         field=object_segments if isinstance(object_segments, Field) else None,
+        paint=paint,
     )
     frame = check_segments(object_segments, image_segments, options.image_size)
     frame, pixel_weights = check_weights(object_segments, frame, weights)
@@ -177,6 +183,7 @@ def calibrate_batch(
     tau: float | None = None,
     trust_labels: bool = False,
     weights: Iterable[Weights] | None = None,
+    paint: float = 0.0,
 ) -> list[Calibration]:
     """Calibrate many independent frames at once: the same as `calibrate_from_segments` on each, much faster.
 
@@ -188,7 +195,7 @@ def calibrate_batch(
         Pixels of each frame.
     image_size : (int, int)
         Width and height of every frame, pixels.
-    camera_matrix, dist_coeffs, flags, criteria, prior, loss, tau, trust_labels
+    camera_matrix, dist_coeffs, flags, criteria, prior, loss, tau, trust_labels, paint
         As in `calibrate_from_segments`, for all frames alike.
     weights : iterable of mappings, optional
         As in `calibrate_from_segments`, for each frame.
@@ -221,6 +228,7 @@ def calibrate_batch(
         loss=loss,
         tau=tau,
         field=object_segments if isinstance(object_segments, Field) else None,
+        paint=paint,
     )
     if isinstance(frames, Mapping):
         raise ValueError("expected a sequence of frames, got one mapping: calibrate_from_segments takes a single frame")
@@ -290,7 +298,18 @@ def _calibrate(
         solved = without_mislabels(object_segments, frames, weights, solution.evaluation, found.prior, options)
     start = with_segment_ends(object_segments, solved.evaluation, options.wide_loss.scale)
     solution = solve(start, max_iterations=options.max_iterations, tolerance=options.tolerance)
-    return _judged(object_segments, frames, observations, solved, solution, options)
+    if not options.auto_lens:
+        return _judged(object_segments, frames, observations, solved, solution, options)
+    calibrations: dict[int, Calibration] = {}
+    for part in with_lens_as_called_for(object_segments, solution, solved.prior, options):
+        index = part.frames
+        some = solved.take(index, part.prior)
+        members = [frames[t] for t in index]
+        judged = _judged(object_segments, members, observations.take(index), some, part.solution, part.options)
+        extra = f"; {', '.join(part.freed)} estimated too, as the labels call for it" if part.freed else ""
+        for t, one in zip(index.tolist(), judged, strict=True):
+            calibrations[t] = replace(one, message=one.message + extra) if extra else one
+    return [calibrations[t] for t in range(len(frames))]
 
 
 def _motion(options: Options) -> Array | None:
@@ -322,7 +341,7 @@ def _judged(
     lens_is_prior = _lens_is_prior(labels, options)
     fitted = segment_errors(evaluation, solved.frames)
     given = fitted
-    if solved.frames is not frames:
+    if any(solved.suspects):
         given = segment_errors(evaluate(replace(evaluation.problem, observations=observations), theta), frames)
 
     other = other_side(evaluation.problem.observations, theta, options)

@@ -57,6 +57,11 @@ class Relabelled:
     suspects: list[tuple[SuspectLabel, ...]]
     """Of each frame, in the order of its labels."""
 
+    def take(self, index: IntArray, prior: GaussianPrior) -> Relabelled:
+        """Some of the frames, under other priors."""
+        frames, suspects = [self.frames[t] for t in index], [self.suspects[t] for t in index]
+        return Relabelled(frames, self.evaluation.take(index), prior, suspects)
+
 
 def without_mislabels(
     object_segments: ObjectSegments,

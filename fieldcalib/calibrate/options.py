@@ -178,6 +178,7 @@ def checked_options(
     loss: LossName | RobustLoss,
     tau: float | None,
     field: Field | None = None,
+    paint: float = 0.0,
 ) -> Options:
     """Check the arguments against each other and translate them; a ValueError says what does not fit.
 
@@ -198,6 +199,8 @@ def checked_options(
         distributions = field.stands or stands_around(field.scale)
     if tau is not None and not tau > 0.0:
         raise ValueError(f"tau must be a positive loss in NDC (the paper's is 0.019) or None, got {tau}")
+    if not 0.0 <= paint < np.inf:
+        raise ValueError(f"paint must be a standard deviation in metres, not negative, got {paint}")
     if not isinstance(loss, RobustLoss):
         loss = RobustLoss(loss, NARROW_SCALE * pixel_unit(image_size))
     return Options(
@@ -211,6 +214,7 @@ def checked_options(
         tolerance,
         tau,
         field,
+        paint=paint,
         auto_lens=bool(flags & CalibrationFlags.CALIB_AUTO_LENS),
     )
 

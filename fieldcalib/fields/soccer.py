@@ -28,8 +28,8 @@ INTERNATIONAL_MATCHES = ((100.0, 110.0), (64.0, 75.0))
 LARGEST = 200.0  # metres: what is longer was not given in metres
 LARGEST_FIELD = (140.0, 120.0)  # metres: no soccer field reaches beyond
 FARTHEST_CAMERA = 300.0  # metres: stands end before
-# Fitted to 6,000 synthetic frames and to nothing else: `python -m data_tools.probability fit`.
-PROBABILITY = ProbabilityModel((2.99, -2.66, -0.76, -0.76, -0.37))
+# Fitted to 2,000 synthetic frames and to nothing else: `python -m data_tools.probability fit`.
+PROBABILITY = ProbabilityModel((1.16, -3.06, -0.91, -0.25, -0.03))
 
 
 def soccer(length: float = 105.0, width: float = 68.0, *, size_known: bool = False) -> Field:

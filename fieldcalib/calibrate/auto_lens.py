@@ -1,0 +1,94 @@
+"""More of the lens where the labels call for it: k2, then k3 and the tangential coefficients.
+
+A coefficient is freed for the frames that it makes much more likely: the cost, a negative log-likelihood, must fall by
+more than one for each coefficient (Akaike), and by `CERTAIN` beyond that.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from fieldcalib._types import IntArray
+from fieldcalib.calibrate.options import CERTAIN, Options
+from fieldcalib.fields.segments import ObjectSegments
+from fieldcalib.geometry.lens import BrownConradyLens
+from fieldcalib.problem.evaluation import Evaluation
+from fieldcalib.problem.layout import Layout, Role
+from fieldcalib.problem.levenberg_marquardt import Solution, levenberg_marquardt
+from fieldcalib.problem.prior import GaussianPrior
+from fieldcalib.problem.segment_ends import with_segment_ends
+
+LEVELS = (("k2",), ("k2", "k3", "p1", "p2"))
+
+
+@dataclass(frozen=True, eq=False)
+class Part:
+    """Frames that were solved with the same lens."""
+
+    frames: IntArray
+    solution: Solution
+    prior: GaussianPrior
+    options: Options
+    freed: tuple[str, ...] = ()
+    """What was estimated of the lens beyond what the user asked for."""
+
+
+def with_lens_as_called_for(
+    object_segments: ObjectSegments, solution: Solution, prior: GaussianPrior, options: Options
+) -> Iterator[Part]:
+    """Solved frames in parts, each with as much of the lens as its labels call for."""
+    part = Part(np.arange(len(prior.mean)), solution, prior, options)
+    for freed in LEVELS:
+        more = _solved_with(part, freed)
+        count = np.count_nonzero(more.options.layout.free) - np.count_nonzero(part.options.layout.free)
+        better = part.solution.cost - more.solution.cost > CERTAIN + count
+        if count == 0 or not np.any(better):
+            continue
+        yield _take(part, np.flatnonzero(~better))
+        part = _with_ends_anew(object_segments, _take(more, np.flatnonzero(better)))
+    yield part
+
+
+def _solved_with(part: Part, freed: tuple[str, ...]) -> Part:
+    """The same frames with more of the lens free."""
+    options = part.options
+    layout = options.layout
+    if any(name not in layout.blocks for name in freed):
+        layout = Layout.of(layout.image_size, BrownConradyLens(layout.lens.rho), layout.field_size).fixed("lens")
+    index = [layout.names.index(name) for name in options.layout.names]
+    roles = layout.roles.copy()
+    roles[index] = options.layout.roles
+    layout = replace(layout, roles=roles).with_roles(Role.FRAME, *freed)
+
+    start = part.solution.evaluation
+    theta = np.zeros((len(start.theta), layout.size))
+    mean, sigma = np.zeros_like(theta), np.ones_like(theta)
+    mean[:, layout.lens_block], sigma[:, layout.lens_block] = layout.lens.mean, layout.lens.sigma
+    theta[:, index], mean[:, index], sigma[:, index] = start.theta, part.prior.mean, part.prior.sigma
+    prior = GaussianPrior(mean, sigma)
+    problem = replace(start.problem, layout=layout, prior=None if start.problem.prior is None else prior)
+    solution = levenberg_marquardt(
+        Evaluation(problem, theta, start.points), max_iterations=options.max_iterations, tolerance=options.tolerance
+    )
+    known = np.zeros(layout.size)
+    known[index] = options.known
+    return replace(
+        part, solution=solution, prior=prior, options=replace(options, layout=layout, known=known), freed=freed
+    )
+
+
+def _with_ends_anew(object_segments: ObjectSegments, part: Part) -> Part:
+    """The same with the ends of segments that the camera sees now."""
+    options = part.options
+    start = with_segment_ends(object_segments, part.solution.evaluation, options.wide_loss.scale)
+    solution = levenberg_marquardt(start, max_iterations=options.max_iterations, tolerance=options.tolerance)
+    return replace(part, solution=solution)
+
+
+def _take(part: Part, index: IntArray) -> Part:
+    solution = part.solution
+    solution = Solution(solution.evaluation.take(index), solution.converged[index], solution.iterations[index])
+    return replace(part, frames=part.frames[index], solution=solution, prior=part.prior.take(index))
