@@ -169,7 +169,10 @@ class Field(Mapping[str, Segment]):
         """Whether this is what its `size_model` builds of its length and width, in everything but `size_known`."""
         if self.size_model is None:
             return False
-        return self == built(self.size_model.build, self.length, self.width, self.size_known)
+        try:
+            return self == built(self.size_model.build, self.length, self.width, self.size_known)
+        except ValueError:  # it builds none of this size
+            return False
 
     @cached_property
     def points(self) -> Mapping[str, Point]:
