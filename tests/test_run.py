@@ -16,7 +16,7 @@ from views import camera
 from fieldcalib.assess.result import Status
 from fieldcalib.cli import frames as frames_of_commands
 from fieldcalib.cli.demo import camera_errors
-from fieldcalib.cli.frames import AT_ONCE, Frame, opened
+from fieldcalib.cli.frames import IMAGES_AT_ONCE, Frame, opened
 from fieldcalib.cli.main import main
 from fieldcalib.draw.overlays import draw_calibration
 from fieldcalib.draw.scene import render_field
@@ -87,7 +87,9 @@ def test_a_picture_that_is_not_calibrated_is_not_drawn_on():
 def test_a_network_that_lies_is_found_out():
     (calibration,) = calibrate_from_images(FIELD, [picture(TRUTHS[1])], KnownCameras([TRUTHS[0]]))
     assert str(calibration.status) == "probably wrong"
-    assert re.match(r"the image shows lines at \d % of the markings in view; rms", calibration.message)
+    assert re.match(
+        r"only \d % line support: the image has few lines at the projected markings; rms", calibration.message
+    )
     assert camera_errors(calibration.camera, TRUTHS[0], FIELD).reprojection < 10.0  # given all the same
 
 
@@ -408,8 +410,8 @@ def test_a_folder_that_cannot_be_written_to(know, tmp_path, capsys):
 
 
 def test_only_a_few_images_are_in_memory(know, tmp_path, monkeypatch):
-    write_video(tmp_path / "long.mp4", [np.zeros((36, 64, 3), np.uint8)] * (3 * AT_ONCE + 1))
-    network = know([None] * (3 * AT_ONCE + 1))
+    write_video(tmp_path / "long.mp4", [np.zeros((36, 64, 3), np.uint8)] * (3 * IMAGES_AT_ONCE + 1))
+    network = know([None] * (3 * IMAGES_AT_ONCE + 1))
     read, seen, ahead = [], [], []
 
     class Watched(VideoReader):
@@ -429,13 +431,13 @@ def test_only_a_few_images_are_in_memory(know, tmp_path, monkeypatch):
     monkeypatch.setattr(frames_of_commands, "VIDEOS", replace(VIDEOS, read=Watched))
     monkeypatch.setattr("fieldcalib.cli.run.load_network", lambda options: Watching())
     assert run("run", tmp_path / "long.mp4", "--out", tmp_path / "out") == 0
-    assert ahead == [AT_ONCE] * 3 + [1]
-    assert len(lines_of(tmp_path / "out")) == 3 * AT_ONCE + 1
+    assert ahead == [IMAGES_AT_ONCE] * 3 + [1]
+    assert len(lines_of(tmp_path / "out")) == 3 * IMAGES_AT_ONCE + 1
 
 
 def test_an_interrupted_video_leaves_nothing_half(know, tmp_path, monkeypatch, capsys):
-    write_video(tmp_path / "a.mp4", [np.zeros((36, 64, 3), np.uint8)] * (AT_ONCE + 1))
-    know([None] * (AT_ONCE + 1))
+    write_video(tmp_path / "a.mp4", [np.zeros((36, 64, 3), np.uint8)] * (IMAGES_AT_ONCE + 1))
+    know([None] * (IMAGES_AT_ONCE + 1))
     calls = []
 
     def interrupt(*arguments):

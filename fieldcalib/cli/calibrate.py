@@ -22,9 +22,14 @@ from fieldcalib.cli.arguments import (
     prior_of,
     probability,
 )
+<<<<<<< HEAD
 from fieldcalib.cli.declared import Placement, add_declarations
 from fieldcalib.cli.folder import AT_ONCE, by_prior, calibrate_folder
 from fieldcalib.io.files import BrokenFileError
+=======
+from fieldcalib.cli.folder import FRAMES_AT_ONCE, by_prior, calibrate_folder
+from fieldcalib.fields.soccer import soccer
+>>>>>>> prose
 from fieldcalib.io.soccernet import CAMERA_TYPES, DISTRIBUTIONS_OF_TYPE, read_camera_types
 from fieldcalib.problem.labelled_pixels import Pixels
 
@@ -103,7 +108,7 @@ def run(options: argparse.Namespace) -> int:
             found = [calibration.doubted(options.least_probability) for calibration in found]
         return [placement.from_frame(calibration) for calibration in found]
 
-    at_once = SEE_ONE_PITCH.get(options.free_field_size, AT_ONCE)
+    at_once = SEE_ONE_PITCH.get(options.free_field_size, FRAMES_AT_ONCE)
     return calibrate_folder(options, field, method, at_once=at_once, details=details)
 
 

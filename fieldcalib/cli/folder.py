@@ -36,8 +36,13 @@ Method: TypeAlias = Callable[[dict[str, Pixels]], Sequence[Calibration]]
 P = TypeVar("P")  # a prior, in whatever form
 
 BROKEN = "broken file"
+<<<<<<< HEAD
 AT_ONCE = 256  # frames between two steps of the progress bar
 WITHHELD = (Status.REJECTED, Status.IMPROBABLE)  # cameras that the user of `calibrate` did not want
+=======
+FRAMES_AT_ONCE = 256  # calibrated together, between two steps of the progress bar
+WITHHELD = (Status.REJECTED, Status.IMPROBABLE)  # cameras that the user did not want
+>>>>>>> prose
 ANGLE_NAMES = ("pan", "tilt", "roll")
 METRES = (0.5, 1.0)  # that the probabilities in cameras.jsonl are about
 LINES, SUMMARY = "cameras.jsonl", "summary.json"  # of a run
@@ -109,7 +114,7 @@ def calibrate_folder(
     field: Field,
     method: Method,
     *,
-    at_once: int = AT_ONCE,
+    at_once: int = FRAMES_AT_ONCE,
     details: Mapping[str, Mapping[str, Any]] = MappingProxyType({}),
 ) -> int:
     """Read ``options.input``, calibrate by `method`, write to ``options.out``; returns the exit code.

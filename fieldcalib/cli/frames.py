@@ -21,7 +21,7 @@ from fieldcalib.io.images import MOST_PIXELS
 from fieldcalib.localize import SegmentationNetwork
 from fieldcalib.localize.network import CPU
 
-AT_ONCE = 8  # images in memory
+IMAGES_AT_ONCE = 8  # in memory
 PIXELS_AT_ONCE = 66_000_000  # of them together: eight images of 4K
 MOST_BYTES = 256_000_000  # of an image file
 
