@@ -204,6 +204,20 @@ def test_scaling_back_gives_the_same_camera(camera):
     np.testing.assert_array_equal(back.k, camera.k)
 
 
+@given(cameras(), st.tuples(st.integers(-500, 500), st.integers(-500, 500)))
+def test_cropped_camera_sees_the_pixels_of_the_part(camera, offset):
+    X = visible_field_points(camera)
+    part = camera.cropped(offset, (123, 456))
+    assert part.image_size == (123, 456)
+    np.testing.assert_allclose(part.project(X), camera.project(X) - offset, atol=1e-8)
+
+
+@pytest.mark.parametrize("offset", [480, (480,), (480, 0, 0), (np.nan, 0)])
+def test_an_offset_that_is_no_pixel_is_refused(offset):
+    with pytest.raises(ValueError, match=r"offset must be a pixel \(x, y\), got "):
+        main_camera().cropped(offset, SIZE)
+
+
 @given(cameras())
 def test_lens_at_the_corner_does_not_change_with_the_size_of_the_image(camera):
     doubled = camera.scaled((2 * camera.image_size[0], 2 * camera.image_size[1]))

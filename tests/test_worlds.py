@@ -23,8 +23,13 @@ from fieldcalib.fields.stands import ALL_STANDS, MAIN_CENTER, CameraDistribution
 from fieldcalib.fields.traits import Halves, LineLook, ProbabilityModel, SizePrior
 from fieldcalib.geometry.camera import Camera
 from fieldcalib.images.line_profiles import Markings, find_lines, profiles_along
+<<<<<<< HEAD
 from fieldcalib.images.refinement import agreement, refine_on_image
 from fieldcalib.problem.evaluation import Problem, evaluate
+=======
+from fieldcalib.images.refinement import line_support, refine_on_image
+from fieldcalib.problem.evaluation import Problem
+>>>>>>> prose
 from fieldcalib.problem.labelled_pixels import split_circles
 from fieldcalib.problem.layout import Layout, theta_from_camera
 from fieldcalib.problem.levenberg_marquardt import levenberg_marquardt
@@ -239,7 +244,7 @@ def test_dark_lines_are_found_where_the_field_says_that_they_are_dark():
     assert np.mean(np.isfinite(dark)) > 0.7
     assert np.nanmedian(np.abs(dark)) < 0.3
     assert np.mean(np.isfinite(light)) < 0.2
-    assert agreement(picture, RINK_CAMERA, Markings.of(RINK)) > 0.5
+    assert line_support(picture, RINK_CAMERA, Markings.of(RINK)) > 0.5
 
 
 def test_a_rink_is_refined_on_its_image():
