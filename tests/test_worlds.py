@@ -23,13 +23,8 @@ from fieldcalib.fields.stands import ALL_STANDS, MAIN_CENTER, CameraDistribution
 from fieldcalib.fields.traits import Halves, LineLook, ProbabilityModel, SizePrior
 from fieldcalib.geometry.camera import Camera
 from fieldcalib.images.line_profiles import Markings, find_lines, profiles_along
-<<<<<<< HEAD
-from fieldcalib.images.refinement import agreement, refine_on_image
-from fieldcalib.problem.evaluation import Problem, evaluate
-=======
 from fieldcalib.images.refinement import line_support, refine_on_image
-from fieldcalib.problem.evaluation import Problem
->>>>>>> prose
+from fieldcalib.problem.evaluation import Problem, evaluate
 from fieldcalib.problem.labelled_pixels import split_circles
 from fieldcalib.problem.layout import Layout, theta_from_camera
 from fieldcalib.problem.levenberg_marquardt import levenberg_marquardt

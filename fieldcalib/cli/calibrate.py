@@ -22,14 +22,9 @@ from fieldcalib.cli.arguments import (
     prior_of,
     probability,
 )
-<<<<<<< HEAD
 from fieldcalib.cli.declared import Placement, add_declarations
-from fieldcalib.cli.folder import AT_ONCE, by_prior, calibrate_folder
-from fieldcalib.io.files import BrokenFileError
-=======
 from fieldcalib.cli.folder import FRAMES_AT_ONCE, by_prior, calibrate_folder
-from fieldcalib.fields.soccer import soccer
->>>>>>> prose
+from fieldcalib.io.files import BrokenFileError
 from fieldcalib.io.soccernet import CAMERA_TYPES, DISTRIBUTIONS_OF_TYPE, read_camera_types
 from fieldcalib.problem.labelled_pixels import Pixels
 

@@ -36,13 +36,8 @@ Method: TypeAlias = Callable[[dict[str, Pixels]], Sequence[Calibration]]
 P = TypeVar("P")  # a prior, in whatever form
 
 BROKEN = "broken file"
-<<<<<<< HEAD
-AT_ONCE = 256  # frames between two steps of the progress bar
-WITHHELD = (Status.REJECTED, Status.IMPROBABLE)  # cameras that the user of `calibrate` did not want
-=======
 FRAMES_AT_ONCE = 256  # calibrated together, between two steps of the progress bar
-WITHHELD = (Status.REJECTED, Status.IMPROBABLE)  # cameras that the user did not want
->>>>>>> prose
+WITHHELD = (Status.REJECTED, Status.IMPROBABLE)  # cameras that the user of `calibrate` did not want
 ANGLE_NAMES = ("pan", "tilt", "roll")
 METRES = (0.5, 1.0)  # that the probabilities in cameras.jsonl are about
 LINES, SUMMARY = "cameras.jsonl", "summary.json"  # of a run

@@ -15,12 +15,8 @@ from fieldcalib.cli.arguments import LENSES, add_camera, add_field, field_of, pr
 from fieldcalib.cli.declared import Placement, add_declarations
 from fieldcalib.cli.folder import broken_line, calibration_line, result_folder
 from fieldcalib.cli.frames import (
-<<<<<<< HEAD
-    AT_ONCE,
-    Frame,
-=======
     IMAGES_AT_ONCE,
->>>>>>> prose
+    Frame,
     add_limits,
     add_network,
     add_refinement,
@@ -89,13 +85,8 @@ def run(options: argparse.Namespace) -> int:
         overlays(options.out, source.frames_per_second) as write_overlay,
         tqdm(total=source.count, unit="frame", disable=None) as progress,
     ):
-<<<<<<< HEAD
-        for part in in_parts(source.frames, AT_ONCE, pixels_in_frame):
+        for part in in_parts(source.frames, IMAGES_AT_ONCE, pixels_in_frame):
             images = [place(frame.image).image_in_frame(frame.image) for frame in part if frame.image is not None]
-=======
-        for part in in_parts(source.frames, IMAGES_AT_ONCE, pixels_of):
-            images = [frame.image for frame in part if frame.image is not None]
->>>>>>> prose
             start = time.perf_counter()
             calibrations = iter(calibrate_from_images(field, images, network, **how))
             results.calibrating += time.perf_counter() - start

@@ -134,13 +134,9 @@ def _verified(
     if doubt:
         return replace(calibration, status=Status.IMPROBABLE, message=f"{doubt}; {calibration.message}"), False
     if calibration.has_probability:
-<<<<<<< HEAD
         # a field of another size is no reason to give up a camera that fits its image
-        metres = METRES_REFINED if refine else METRES
+        metres = LARGEST_ERROR_REFINED if refine else LARGEST_ERROR
         calibration = calibration.doubted(LEAST_PROBABILITY, metres, size_known=True)
-=======
-        calibration = calibration.doubted(LEAST_PROBABILITY, LARGEST_ERROR_REFINED if refine else LARGEST_ERROR)
->>>>>>> prose
     return calibration, calibration.accepted and (is_sure or not refine)
 
 
