@@ -338,11 +338,22 @@ def test_near_the_estimate_the_distance_is_mahalanobis():
 
 
 def test_points_know_both_axes():
-    """A point's two residuals are independent: four of them determine a pinhole up to nothing open."""
-    X = [FIELD.points[name].X for name in sorted(FIELD.points) if name.startswith("L_PENALTY")]
+    """A point's two residuals are independent: four of them, eight equations, determine a pinhole; three do not."""
     camera = Camera.from_angles(-0.4, 1.3, 0.0, 1100.0, (0.0, 65.0, -17.0), SIZE)
-    frame = {name: camera.project([FIELD.points[name].X]) for name in FIELD.points if name.startswith("L_PENALTY")}
-    assert len(X) >= 4
-    found = uncertainty_of(frame, theta_from_camera(camera), PINHOLE, field=dict(FIELD.points))
-    assert np.isfinite(found.covariance).all()
-    assert np.sqrt(found.covariance[0, 0]) < np.radians(3.0)
+    corners = [name for name in FIELD.points if name.startswith("L_PENALTY_AREA")]
+    X = np.array([FIELD.points[name].X for name in corners])
+    frame = dict(zip(corners, camera.project(X)[:, None], strict=True))
+    theta = theta_from_camera(camera)
+    four, three = (
+        uncertainty_of(dict(list(frame.items())[:count]), theta, PINHOLE, prior=False, field=dict(FIELD.points))
+        for count in (4, 3)
+    )
+    assert "open" not in str(four)
+    assert "open" in str(three)
+
+    def pixels(free):
+        return camera_from_theta(np.concatenate([free, theta[7:]]), SIZE).project(X).ravel()
+
+    J = central_differences(pixels, theta[:7], STEPS[:7])
+    expected, covariance = np.linalg.inv(J.T @ J), four.covariance[:7, :7]
+    np.testing.assert_allclose(covariance / covariance[0, 0], expected / expected[0, 0], rtol=1e-4)
