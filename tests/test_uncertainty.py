@@ -8,12 +8,13 @@ from numdiff import central_differences
 from synthetic import observe, random_frames, whole_circle_markings
 
 from fieldcalib.assess.uncertainty import OPEN_DIRECTION, GroundError, region_radius, uncertainties
+from fieldcalib.calibrate.from_segments import calibrate_from_segments
 from fieldcalib.fields.segments import Line
 from fieldcalib.fields.soccer import soccer
 from fieldcalib.fields.stands import DISTRIBUTIONS
 from fieldcalib.geometry.camera import Camera
 from fieldcalib.problem.evaluation import Problem, evaluate
-from fieldcalib.problem.layout import ANGLES, Layout, camera_from_theta, theta_from_camera
+from fieldcalib.problem.layout import ANGLES, Layout, Role, SizeBlock, camera_from_theta, theta_from_camera
 from fieldcalib.problem.levenberg_marquardt import levenberg_marquardt
 from fieldcalib.problem.losses import RobustLoss
 from fieldcalib.problem.observations import pack
@@ -357,3 +358,51 @@ def test_points_know_both_axes():
     J = central_differences(pixels, theta[:7], STEPS[:7])
     expected, covariance = np.linalg.inv(J.T @ J), four.covariance[:7, :7]
     np.testing.assert_allclose(covariance / covariance[0, 0], expected / expected[0, 0], rtol=1e-4)
+
+
+# what is not known exactly, and not estimated
+
+
+FOUR = ("Side line top", "Big rect. left main", "Big rect. left top", "Circle left")
+
+
+@pytest.mark.parametrize("labels", [None, FOUR])
+def test_a_field_whose_size_is_not_known_makes_less_certain(labels):
+    """The cameras are the same: a single frame is solved at the given size."""
+    frame = observe(whole_circle_markings(FIELD), camera_from_theta(THETA, SIZE), np.random.default_rng(2), 1.0)
+    frame = frame if labels is None else {label: xy for label, xy in frame.items() if label in labels}
+    unknown, known = (calibrate_from_segments(field, frame, SIZE) for field in (FIELD, soccer(size_known=True)))
+    np.testing.assert_allclose(unknown.camera.K, known.camera.K, rtol=1e-9)
+    np.testing.assert_allclose(unknown.camera.C, known.camera.C, rtol=1e-9, atol=1e-9)
+    (f, *_), C = (np.subtract(*pair) for pair in zip(unknown.std_deviations, known.std_deviations, strict=True))
+    assert f > 0.0
+    assert np.all(C[3:] > 0.0)
+    wider, narrower = (one.covariance[:12, :12] for one in (unknown, known))
+    smallest = np.linalg.eigvalsh((wider - narrower)[:7, :7])
+    assert smallest[-1] > 0.0
+    assert smallest[0] > -1e-9 * smallest[-1]  # never more certain along any direction
+    xy = [[200.0, 300.0], [480.0, 300.0], [800.0, 450.0]]
+    assert np.all(unknown.field_uncertainty(xy).rms > known.field_uncertainty(xy).rms)
+
+
+def test_errors_by_the_size_are_those_of_the_estimate_on_a_pitch_of_that_size():
+    """To first order: the same pixels calibrated at a size that is a little off."""
+    markings = whole_circle_markings(FIELD)
+    frame = observe(markings, camera_from_theta(THETA, SIZE), per_line=5)
+    frame = {label: xy[1:-1] for label, xy in frame.items()}  # none past the end of its segment
+    model = FIELD.size_model
+    layout = Layout.of(SIZE, field_size=SizeBlock(np.array([105.0, 68.0]), model.sigma, model.limits))
+    layout = layout.fixed("lens", "aspect", "principal point").with_roles(Role.CONSIDERED, "field size")
+    stand = gaussian_prior(DISTRIBUTIONS["main center"], layout)
+    prior = GaussianPrior(stand.mean[None], stand.sigma[None])
+
+    def at_size(size):
+        pitch = soccer(*size)
+        problem = Problem(pack(pitch, [frame], SIZE, motion=pitch.motion), layout, CAUCHY, 1.0, prior)
+        return minimised(problem, np.concatenate([THETA, size])[None])
+
+    (found,) = uncertainties(at_size(np.array([105.0, 68.0])), prior.sigma)
+    numeric = central_differences(lambda size: at_size(size).theta[0, :7], np.array([105.0, 68.0]), 0.05)
+    # by_size is of what is true less what is given: the other way
+    scale = np.abs(numeric).max(axis=1, keepdims=True)
+    np.testing.assert_allclose(found.by_size[:7] / scale, -numeric / scale, atol=0.05)
