@@ -296,7 +296,7 @@ def test_lens_of_is_the_smallest(dist, expected):
 @pytest.mark.parametrize(
     ("lens", "dist", "message"),
     [
-        (Pinhole(RHO), [0.1], r"a pinhole has no lens, got dist_coeffs = \[0\.1"),
+        (Pinhole(RHO), [0.1], r"a pinhole has no distortion, got dist_coeffs = \[0\.1"),
         (RadialLens(RHO), [0.1, 0.0, 0.0, 0.2], r"only the radial coefficients .*0\.2.*undistort"),
         (BrownConradyLens(RHO), 12 * [0.0] + [0.1, 0.0], r"a tilted sensor \(tauX, tauY\) is not modelled, .*0\.1"),
         (BrownConradyLens(RHO), [0.1, 0.2, 0.3], r"1, 2, 4, 5, 8, 12 or 14 coefficients .* got \[0\.1, 0\.2, 0\.3\]"),

@@ -205,7 +205,7 @@ def test_maps_and_classes_must_agree(select):
     maps = np.zeros((2, 18, 32), np.float32)
     with pytest.raises(ValueError, match=r"expected probabilities of shape \(1, height, width\).*\(2, 18, 32\)"):
         select(maps, ("background",), FIELD, HD)
-    with pytest.raises(ValueError, match="class 'Touch line' is no segment of the object"):
+    with pytest.raises(ValueError, match="class 'Touch line' is not a segment of the object"):
         select(maps, ("background", "Touch line"), FIELD, HD)
 
 
@@ -263,7 +263,7 @@ def test_description():
         ({"classes": "background"}, "classes: expected a list of names"),
         (
             {"classes": ["background", "background", "Middle line", "Middle line"]},
-            "classes: 'Middle line' is there twice",
+            "classes: 'Middle line' occurs twice",
         ),
         ({"channels": "rgb"}, 'channels: expected "RGB" or "BGR", got \'rgb\''),
         ({"input_size": [64]}, r"input_size: expected \[width, height\] in whole pixels, got \[64\]"),

@@ -556,14 +556,14 @@ FRAME = {"Middle line": [(480.0, 200.0), (480.0, 300.0)]}
     [
         ([CAMERA], [], {}, "as many predictions as annotations, got 1 and 0: give None"),
         ([FROM_ABOVE], [FRAME], {}, "evaluate them with planar=True"),
-        ([CAMERA], [{"Midle line": [(1, 2)]}], {}, "frame 0: 'Midle line' is no segment that is evaluated"),
+        ([CAMERA], [{"Midle line": [(1, 2)]}], {}, "frame 0: 'Midle line' is not an evaluated segment"),
         (
             [None, CAMERA],
             [FRAME, {"Circle central left": [(1, 2)]}],
             {},
             "frame 1: 'Circle central left' is no segment",
         ),
-        ([CAMERA], [{"CENTER_MARK": [(1, 2)]}], {}, "'CENTER_MARK' is no segment that is evaluated"),
+        ([CAMERA], [{"CENTER_MARK": [(1, 2)]}], {}, "'CENTER_MARK' is not an evaluated segment"),
         ([CAMERA], [{"Middle line": [1.0, 2.0]}], {}, r"'Middle line': expected finite pixels of shape \(n, 2\)"),
         ([CAMERA], [{"Middle line": [(1, 2, 3), (3, 4, 5)]}], {}, "expected finite pixels"),
         ([CAMERA], [{"Middle line": [(1, 2), (3,)]}], {}, "expected finite pixels"),
@@ -586,7 +586,7 @@ def test_wrong_input(predictions, annotations, options, message):
 
 def test_a_calibration_is_no_camera():
     (calibration,) = calibrate_batch(FIELD, [observe(MARKINGS, CAMERA)], SIZE)
-    with pytest.raises(ValueError, match="of a Calibration give its camera"):
+    with pytest.raises(ValueError, match="for a Calibration give its `camera`"):
         evaluate_segments([calibration], [FRAME], SIZE)
 
 

@@ -60,7 +60,7 @@ def random_light(ground: Ground, field: Field, rng: np.random.Generator) -> Floa
         edge = rng.uniform(-0.9, 0.9) * reach
         if rng.random() < 0.3:  # a roof with corners
             across += rng.uniform(2.0, 12.0) * _square_wave(y, rng.uniform(10.0, 40.0), 1.0)
-        soft = np.maximum(rng.uniform(0.1, 1.5), ground.reach)
+        soft = np.maximum(rng.uniform(0.1, 1.5), ground.largest_pixel_size)
         sunny = np.clip((across - edge) / soft + 0.5, 0.0, 1.0)
         if rng.random() < 0.25:
             sunny *= np.clip((edge + rng.uniform(5.0, 30.0) - across) / soft + 0.5, 0.0, 1.0)
@@ -81,7 +81,7 @@ def _grass(ground: Ground, field: Field, rng: np.random.Generator) -> Float32:
     base = random_colour(rng, hue, saturation, (0.28, 0.75))
     picture = np.full((3, *x.shape), np.reshape(base, (3, 1, 1)), np.float32)
     shade = rng.uniform(0.0, 0.14) * _mowing(ground, field, rng)
-    fine = 1.0 / (1.0 + ground.reach / FADES)
+    fine = 1.0 / (1.0 + ground.largest_pixel_size / FADES)
     shade += rng.uniform(0.0, 0.16) * fine * noise_at(x, y, rng.uniform(0.03, 0.12), rng)
     shade += rng.uniform(0.0, 0.08) * noise_at(x, y, rng.uniform(0.3, 1.5), rng)
     picture *= 1.0 + np.nan_to_num(shade)
@@ -106,7 +106,7 @@ def _mowing(ground: Ground, field: Field, rng: np.random.Generator) -> Float32:
         along = _square_wave(y, width * rng.uniform(0.8, 1.5), pixel_y)
         return across * along if rng.random() < 0.5 else 0.5 * (across + along)
     if kind == "rings":
-        return _square_wave(np.hypot(x, y), width, ground.reach)
+        return _square_wave(np.hypot(x, y), width, ground.largest_pixel_size)
     if kind == "slanted":
         normal = np.array([np.cos(angle := rng.uniform(0.0, np.pi)), np.sin(angle)], np.float32)
         return _square_wave(normal[0] * x + normal[1] * y, width, ground.pixel_size(normal))
@@ -147,8 +147,12 @@ def _surround(picture: Float32, ground: Ground, field: Field, rng: np.random.Gen
         mix(picture, track, outside)
         radial = np.maximum(x - field.length / 2.0 - margin_x, y - field.width / 2.0 - margin_y)
         lane = np.abs(np.mod(radial / LANE, 1.0) - 0.5) * LANE
-        line = np.clip((0.06 - (0.5 * LANE - lane)) / ground.reach + 0.5, 0.0, 1.0) * (radial < 8.0 * LANE)
-        mix(picture, (235, 235, 235), np.nan_to_num(0.85 * line * outside * np.clip(0.2 / ground.reach, 0.0, 1.0)))
+        line = np.clip((0.06 - (0.5 * LANE - lane)) / ground.largest_pixel_size + 0.5, 0.0, 1.0) * (radial < 8.0 * LANE)
+        mix(
+            picture,
+            (235, 235, 235),
+            np.nan_to_num(0.85 * line * outside * np.clip(0.2 / ground.largest_pixel_size, 0.0, 1.0)),
+        )
     elif kind < 0.5:
         mix(picture, random_colour(rng, (70.0, 140.0), (0.1, 0.7), (0.1, 0.5)), outside)
     else:

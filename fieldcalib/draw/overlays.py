@@ -47,7 +47,7 @@ PALETTE: tuple[Colour, ...] = (
     (110, 30, 190),  # wine
     (200, 255, 190),  # mint
 )
-PALETTE_SALT = 1952  # with it, neighbouring labels of a soccer field have different colours
+PALETTE_SALT = 1952  # chosen so that neighbouring labels of a soccer field have different colours
 DARK: Colour = (24, 24, 24)
 SPOTLIGHT: Colour = (90, 225, 255)
 MAP_MARGIN = 7.0  # m around the field
@@ -61,10 +61,10 @@ def draw_field(
     colour: Colour = MAGENTA,
     thickness: int = 2,
 ) -> Image:
-    """Draw the projected markings onto a copy of an image, lens included.
+    """Draw the projected markings, with distortion, onto a copy of an image.
 
     Lines, arcs and ordered point clouds become anti-aliased curves, unordered clouds become dots; points are left out.
-    What lies behind the camera, or so far out that the lens folds back, has no image and is not drawn.
+    Parts behind the camera, or so far out that the lens is not monotone, have no image and are not drawn.
 
     Parameters
     ----------
@@ -111,9 +111,9 @@ def draw_field(
 
 
 def draw_segments(image: Image, image_segments: ImageSegments, *, radius: float = 4.0, names: bool = True) -> Image:
-    """Draw labelled pixels onto a copy of an image: dots with a dark rim, one colour a label, and the label's name.
+    """Draw labelled pixels onto a copy of an image: dots with a dark rim, one colour per label, and its name.
 
-    A label has the same colour in every image, whatever other labels there are.
+    A label has the same colour in every image: it does not depend on the other labels.
 
     Parameters
     ----------
@@ -122,7 +122,7 @@ def draw_segments(image: Image, image_segments: ImageSegments, *, radius: float 
     image_segments : mapping of str to (N, 2) array_like
         Pixels (x, y) of each visible segment.
     radius : float
-        Of the dots, in pixels; the names grow with it.
+        Radius of the dots in pixels; the size of the names is proportional to it.
     names : bool
         Whether to write each label beside its first pixel.
 
@@ -170,9 +170,9 @@ def label_colour(label: str) -> Colour:
 
 
 def draw_minimap(camera: Camera | RationalCamera, field: Field, *, size: tuple[int, int] = (336, 228)) -> Image:
-    """The field from above, with the ground that the camera sees and where the camera stands.
+    """A map of the field with the ground in view and the position of the camera.
 
-    A camera outside the map is shown by an arrow at the border that points towards it.
+    For a camera outside the map, an arrow at the border points towards it.
 
     Parameters
     ----------
@@ -193,10 +193,10 @@ def draw_minimap(camera: Camera | RationalCamera, field: Field, *, size: tuple[i
     (160, 240, 3)
     """
     if not isinstance(field, Field):
-        raise ValueError(f"a map needs a Field, whose length and width are known, got {type(field).__name__}")
+        raise ValueError(f"expected a Field, whose length and width are known, got {type(field).__name__}")
     width, height = checked_image_size(size)
     scale = min(width / (field.length + 2.0 * MAP_MARGIN), height / (field.width + 2.0 * MAP_MARGIN))
-    above = 100.0  # m: any height gives the same map
+    above = 100.0  # m; the map does not depend on it
     middle = ((width - 1) / 2.0, (height - 1) / 2.0)
     overhead = Camera.from_angles(0.0, 0.0, 0.0, scale * above, (0.0, 0.0, -above), (width, height), middle)
     ground = Ground.of_rays(overhead, rays(overhead))
@@ -205,8 +205,8 @@ def draw_minimap(camera: Camera | RationalCamera, field: Field, *, size: tuple[i
 
     X = np.stack([*ground.xy, np.zeros((height, width))], axis=-1)
     centre = (np.array(camera.image_size) - 1.0) / 2.0
-    inside = np.min(centre + 0.5 - np.abs(camera.project(X) - centre), axis=-1)  # to the image's border, < 0 outside
-    inside = np.maximum(inside, -centre[0])  # far outside, below the camera, it changes too fast to tell a border
+    inside = np.min(centre + 0.5 - np.abs(camera.project(X) - centre), axis=-1)  # px to the image's border, < 0 outside
+    inside = np.maximum(inside, -centre[0])  # it is not linear far outside, below the camera
     with np.errstate(divide="ignore", invalid="ignore"):
         inside /= np.hypot(*np.gradient(inside))  # pixels of the map
     seen = np.clip(np.nan_to_num(inside + 0.5, nan=0.0), 0.0, 1.0).astype(np.float32)
@@ -220,10 +220,9 @@ def draw_minimap(camera: Camera | RationalCamera, field: Field, *, size: tuple[i
 
 
 def draw_calibration(image: Image, calibration: Calibration, field: Field) -> Image:
-    """Draw what a calibration says onto a copy of its image: the markings, and the view from above in a corner.
+    """Draw a calibration onto a copy of its image: the projected markings, and a map in a corner.
 
-    Where it was not accepted nothing is drawn, and its status and the reason are written: a wrong overlay is worse than
-    none.
+    If it is not accepted, its status and the reason are written instead.
 
     Parameters
     ----------
@@ -247,7 +246,7 @@ def draw_calibration(image: Image, calibration: Calibration, field: Field) -> Im
     >>> from fieldcalib import Status, soccer
     >>> image = np.zeros((540, 960, 3), np.uint8)
     >>> nothing = Calibration.without_camera(Status.TOO_FEW_SEGMENTS, "no labelled pixels")
-    >>> bool(draw_calibration(image, nothing, soccer())[:450].any())  # below is the status
+    >>> bool(draw_calibration(image, nothing, soccer())[:450].any())  # the status is written below
     False
     """
     picture = np.array(checked_image(image), order="C")
@@ -263,7 +262,7 @@ def draw_calibration(image: Image, calibration: Calibration, field: Field) -> Im
 
 
 def add_minimap(image: Image, camera: Camera | RationalCamera, field: Field) -> Image:
-    """A copy of an image with `draw_minimap` in its upper right corner; without it where there is no room.
+    """A copy of an image with `draw_minimap` in its upper right corner, or without it if the image is too small.
 
     Examples
     --------
@@ -275,7 +274,7 @@ def add_minimap(image: Image, camera: Camera | RationalCamera, field: Field) -> 
     """
     picture = np.array(checked_image(image), order="C")
     unit = picture.shape[1] / 960.0
-    width, height = min(round(224.0 * unit), 336), min(round(152.0 * unit), 228)  # larger ones take long
+    width, height = min(round(224.0 * unit), 336), min(round(152.0 * unit), 228)  # larger ones are slow to render
     gap, rim = round(12.0 * unit), 2
     left, bottom = picture.shape[1] - width - gap, gap + height
     if gap < rim or bottom + gap > picture.shape[0]:
@@ -288,13 +287,13 @@ def add_minimap(image: Image, camera: Camera | RationalCamera, field: Field) -> 
 def _dot(picture: Image, xy: Array, radius: float, colour: Colour) -> None:
     import cv2
 
-    if np.all(np.abs(xy) < 1e6):  # neither NaN nor beyond OpenCV's integers
+    if np.all(np.abs(xy) < 1e6):  # not NaN, and within OpenCV's integers
         x, y = fixed_point(xy).tolist()
         cv2.circle(picture, (x, y), round(radius * (1 << SHIFT)), colour, cv2.FILLED, cv2.LINE_AA, SHIFT)
 
 
 def _write_names(picture: Image, pixels: dict[str, Array], radius: float) -> None:
-    """Each label beside its first pixel: at the first place around it that is inside and free of dots and names."""
+    """Write each label at the first place beside its first pixel that is in the image and free of dots and names."""
     import cv2
 
     size = np.array(picture.shape[1::-1])
@@ -325,13 +324,18 @@ def _write(picture: Image, text: str, place: tuple[int, int], scale: float, colo
     import cv2
 
     x, y = place
-    outline = ((-1, 0, DARK), (1, 0, DARK), (0, -1, DARK), (0, 1, DARK))  # thicker strokes would be wider in OpenCV 5
+    outline = (
+        (-1, 0, DARK),
+        (1, 0, DARK),
+        (0, -1, DARK),
+        (0, 1, DARK),
+    )  # thick strokes are wider in OpenCV 5 than in 4
     for dx, dy, shade in (*outline, (0, 0, colour)):
         cv2.putText(picture, text, (x + dx, y + dy), cv2.FONT_HERSHEY_SIMPLEX, scale, shade, 1, cv2.LINE_AA)
 
 
 def _mark_camera(picture: Image, position: Array, centre: Array) -> None:
-    """A dot where the camera stands or, if that is outside, an arrow at the border towards it."""
+    """Draw a dot at the position of the camera or, if it is outside, an arrow at the border towards it."""
     import cv2
 
     inset = 9.0  # px

@@ -1,4 +1,4 @@
-"""A synthetic broadcast frame: the field as a camera sees it, every pixel traced to the ground.
+"""Rendering of a synthetic broadcast frame: every pixel is traced to the ground.
 
 Images are OpenCV's: uint8, (height, width, 3), blue, green, red. `fieldcalib.draw` builds on the pieces below
 `render_field`.
@@ -20,7 +20,7 @@ from fieldcalib.fields.segments import Arc, Line, Point, PointCloud, Segment
 from fieldcalib.fields.soccer import GOAL_AREA_DEPTH
 from fieldcalib.geometry.camera import Camera
 from fieldcalib.geometry.rational import RationalCamera
-from fieldcalib.io.image import Image as Image  # re-exported: it is what the pictures here are
+from fieldcalib.io.image import Image as Image  # re-exported: the type of the pictures made here
 
 Colour: TypeAlias = tuple[int, int, int]
 
@@ -29,16 +29,16 @@ LIGHT_GRASS: Colour = (60, 141, 80)
 DARK_GRASS: Colour = (50, 123, 66)
 TRACK: Colour = (52, 74, 56)
 RUN_OFF = 3.0  # m of grass around the field
-STRIPE = GOAL_AREA_DEPTH  # mown along the lines of the goal area, and so along those of the penalty area
-SPOT_RADIUS = 0.11  # m: penalty and centre marks
+STRIPE = GOAL_AREA_DEPTH  # m: width of mown stripes, which then end at the lines of the goal and the penalty area
+SPOT_RADIUS = 0.11  # m, of penalty and centre marks
 BOARDS = (6.5, 0.95)  # m behind the lines, and their height
 BOARD_COLOURS = np.array([(104, 58, 32), (46, 42, 126), (84, 80, 74), (110, 96, 30)], np.float32)
 STAND: Colour = (58, 48, 44)
 SEAT = (0.45, 0.75)  # m along a row, and from row to row
-CROWD = (64, 512)  # rows and seats, repeated all around
+CROWD = (64, 512)  # rows and seats of the texture that is repeated on the stands
 
 SAMPLE_SPACING = 0.1  # m: a chord of 9.15 m circles is 0.14 mm from the arc, less than 0.1 px in any broadcast frame
-NEAR_PLANE = 0.1  # m in front of the camera; what is nearer is never within the image's angle of view
+NEAR_PLANE = 0.1  # m in front of the camera: nearer points are outside the image of any real camera
 SHIFT = 4  # fractional bits of the coordinates that OpenCV draws with: 1/16 px
 
 
@@ -47,17 +47,17 @@ def render_field(
 ) -> Image:
     """A synthetic broadcast picture: mown grass, painted lines, goals with nets, boards and stands.
 
-    The markings have their true width and perspective, lens included: each pixel is traced to the ground, and is as
-    white as the share of it that a marking covers.
+    The markings have their true width and perspective, with distortion: each pixel is traced to the ground, and its
+    colour is mixed by the share of it that a marking covers.
 
     Parameters
     ----------
     camera : Camera
     field : Field
     line_width : float, optional
-        Of lines, posts and crossbars in metres; by default that of the field.
+        Width of lines, posts and crossbars in metres; by default that of the field.
     rng : numpy.random.Generator, optional
-        Puts a crowd on the stands and grain on the picture; without it, both are left out.
+        Adds a crowd on the stands and noise; without it, both are left out.
 
     Returns
     -------
@@ -80,17 +80,17 @@ def render_field(
     _add_stands(picture, camera, ray, field, rng)
     _add_goals(picture, camera, field, line_width)
     across, down = (np.square(np.linspace(-1.0, 1.0, count, dtype=np.float32)) for count in (width, height))
-    picture *= 1.0 - 0.13 * (across + down[:, None])  # the lens darkens the corners
+    picture *= 1.0 - 0.13 * (across + down[:, None])  # vignetting
     if rng is not None:
         picture += 2.0 * rng.standard_normal((height, width), dtype=np.float32)
     return to_uint8(picture)
 
 
-# The ground and what is painted on it. Vectors and colours come first, one plane a component: (2, ...) or (3, ...).
+# The ground and its markings. Components of vectors and colours come first: (2, ...) or (3, ...).
 
 
 def rays(camera: Camera) -> Float32:
-    """The world direction in which every pixel looks, (3, height, width); NaN where no ray reaches a pixel."""
+    """World direction of the ray of every pixel, (3, height, width); NaN where there is none (`Camera.normalized`)."""
     width, height = camera.image_size
     pixels = np.stack(np.meshgrid(np.arange(width), np.arange(height)), axis=-1)
     x, y = np.moveaxis(camera.normalized(pixels).astype(np.float32), -1, 0)
@@ -100,7 +100,7 @@ def rays(camera: Camera) -> Float32:
 
 @dataclass(frozen=True)
 class Ground:
-    """The ground under pixels, in metres, and how far it moves from one pixel to the next; each (2, ...)."""
+    """The ground points of pixels, metres, and their derivatives along the image's rows and columns; each (2, ...)."""
 
     xy: Float32
     along_row: Float32
@@ -121,15 +121,15 @@ class Ground:
         return Ground(self.xy[:, index], self.along_row[:, index], self.along_column[:, index])
 
     def pixel_size(self, normal: Any) -> Float32:
-        """Metres from one pixel to the next along the direction `normal` (2,) or (2, ...) of the ground."""
+        """Size of a pixel in metres along the direction `normal` (2,) or (2, ...) of the ground."""
         x, y = (np.asarray(n, np.float32) for n in normal)
         u = x * self.along_row[0] + y * self.along_row[1]
         v = x * self.along_column[0] + y * self.along_column[1]
         return np.asarray(np.sqrt(u * u + v * v) + 1e-9, np.float32)
 
     @property
-    def reach(self) -> Float32:
-        """The largest `pixel_size` in any direction, or a little more."""
+    def largest_pixel_size(self) -> Float32:
+        """An upper bound of `pixel_size` over all directions."""
         return np.asarray(np.sqrt(np.sum(np.square(self.along_row) + np.square(self.along_column), axis=0)))
 
 
@@ -144,15 +144,15 @@ def painted(ground: Ground, field: Field, line_width: float) -> Float32:
     """Share of every pixel that is covered by a marking on the ground."""
     on_field = (np.abs(ground.xy[0]) < field.length / 2.0 + 1.0) & (np.abs(ground.xy[1]) < field.width / 2.0 + 1.0)
     patch = ground[on_field]
-    reach, half = patch.reach, line_width / 2.0
-    cover = np.zeros_like(reach)
+    margin, half = patch.largest_pixel_size, line_width / 2.0
+    cover = np.zeros_like(margin)
     on_ground = [segment for segment in field.markings.values() if _on_ground(segment)]
     for start, end in _straight_pieces(on_ground):
         length = np.hypot(*(end - start))
         along = (end - start) / length
         across = np.array([-along[1], along[0]])
         distance = across[0] * patch.xy[0] + (across[1] * patch.xy[1] - across @ start)
-        near = np.flatnonzero(np.abs(distance) < reach + half)
+        near = np.flatnonzero(np.abs(distance) < margin + half)
         here = patch[near]
         share = _band(distance[near], half, here.pixel_size(across))
         share *= _band(along @ here.xy - along @ (start + end) / 2.0, length / 2.0 + half, here.pixel_size(along))
@@ -162,7 +162,7 @@ def painted(ground: Ground, field: Field, line_width: float) -> Float32:
     for arc, half in rings:
         offset = patch.xy - np.array(arc.center[:2], np.float32)[:, None]
         distance = np.hypot(*offset) - arc.radius
-        near = np.flatnonzero(np.abs(distance) < reach + half)
+        near = np.flatnonzero(np.abs(distance) < margin + half)
         offset, distance = offset[:, near], distance[near]
         phi = np.arctan2(np.array(arc.v[:2]) @ offset, np.array(arc.u[:2]) @ offset)
         within = np.mod(phi - min(arc.start, arc.stop), 2.0 * np.pi) <= abs(arc.stop - arc.start)
@@ -178,7 +178,7 @@ def _on_ground(segment: Segment) -> bool:
 
 
 def _straight_pieces(segments: Iterable[Segment]) -> Iterator[tuple[Float32, Float32]]:
-    """End points on the ground of lines, and of each two neighbours in a cloud that is a curve."""
+    """End points on the ground of lines, and of the pieces of ordered clouds."""
     for segment in segments:
         if isinstance(segment, Line) or (isinstance(segment, PointCloud) and segment.ordered):
             X = np.array([segment.start, segment.end]) if isinstance(segment, Line) else _smooth_curve(segment.X)
@@ -201,7 +201,7 @@ def grass(ground: Ground, field: Field) -> Float32:
 
 
 def mix(picture: Float32, colour: Colour, share: Float32) -> None:
-    """Let `colour` cover a share of every pixel, in place; where the share is NaN, as above the horizon, all of it."""
+    """Blend `colour` into every pixel by its share, in place; NaN, as above the horizon, counts as 1."""
     share = np.nan_to_num(share, nan=1.0)
     for plane, value in zip(picture, colour, strict=True):
         plane += share * (np.float32(value) - plane)
@@ -212,7 +212,7 @@ def to_uint8(planes: Float32) -> Image:
     return np.stack([np.clip(plane + 0.5, 0.0, 255.0).astype(np.uint8) for plane in planes], axis=-1)
 
 
-# What stands on the ground
+# Objects above the ground
 
 
 def _add_stands(picture: Float32, camera: Camera, ray: Float32, field: Field, rng: np.random.Generator | None) -> None:
@@ -226,7 +226,7 @@ def _add_stands(picture: Float32, camera: Camera, ray: Float32, field: Field, rn
             ((half + behind) * np.sign(ray[i]) - C[i]) / ray[i]
             for i, half in ((0, field.length / 2.0), (1, field.width / 2.0))
         )
-        at_end = to_end < to_side  # behind a goal line, otherwise behind a touchline
+        at_end = to_end < to_side  # the ray meets the boards behind a goal line, otherwise behind a touchline
         scale = np.maximum(np.where(at_end, to_end, to_side), 0.0)
         above = -C[2] - scale * ray[2]  # the height at which the ray meets the boards or the stand behind them
         place = np.where(at_end, C[1] + scale * ray[1], C[0] + scale * ray[0])
@@ -245,18 +245,18 @@ def _add_stands(picture: Float32, camera: Camera, ray: Float32, field: Field, rn
         stands *= np.moveaxis(cv2.remap(_crowd(rng), seat, row, cv2.INTER_LINEAR, borderMode=cv2.BORDER_WRAP), -1, 0)
     background = np.where(height < board_height, boards, stands)
     for plane, top in zip(picture, background, strict=True):
-        top = cv2.GaussianBlur(top, (0, 0), 0.7)  # no jagged edges between boards
+        top = cv2.GaussianBlur(top, (0, 0), 0.7)  # anti-aliasing between boards
         plane += visible * (top - plane)
 
 
 def _crowd(rng: np.random.Generator) -> Float32:
-    """How light each seat is, (rows, seats, 3)."""
+    """Brightness of each seat, (rows, seats, 3)."""
     light = rng.lognormal(-0.1, 0.4, size=(*CROWD, 1))
     return np.asarray(light * rng.normal(1.0, 0.15, size=(*CROWD, 3)), dtype=np.float32)
 
 
 def _add_goals(picture: Float32, camera: Camera, field: Field, width: float) -> None:
-    """Everything above the ground as round white bars, with a net behind what looks like a crossbar."""
+    """Segments above the ground as round white bars, with a net behind horizontal ones, the crossbars."""
     raised = [s for s in field.markings.values() if not _on_ground(s)]
     crossbars = [s for s in raised if isinstance(s, Line) and s.start[2] == s.end[2]]
     nets = [curve for bar in crossbars for strand in _net(bar) for curve in image_curves(camera, strand)]
@@ -277,7 +277,7 @@ def _add_goals(picture: Float32, camera: Camera, field: Field, width: float) -> 
 
 
 def _net(crossbar: Line) -> Iterator[Line]:
-    """Strands of a net that hangs from a crossbar: 1 m deep at the top and 2 m on the ground."""
+    """Strands of a net behind a crossbar: 1 m deep at the top and 2 m on the ground."""
     start, end = np.array(crossbar.start), np.array(crossbar.end)
     back = np.cross(end - start, (0.0, 0.0, 1.0))
     back *= np.copysign(1.0, back @ start) / np.linalg.norm(back)  # away from the middle of the field
@@ -306,7 +306,7 @@ def _coverage(image_size: tuple[int, int], curves: list[Array], *, filled: bool)
     mask = np.zeros((image_size[1] * factor, image_size[0] * factor), np.uint8)
     for curve in curves:
         points = fixed_point((curve + 0.5) * factor - 0.5)
-        if filled:  # one by one: together, they would leave a hole where they overlap
+        if filled:  # one by one: drawn together, overlapping polygons would leave holes
             cv2.fillPoly(mask, [points], 255, cv2.LINE_8, SHIFT)
         else:
             cv2.polylines(mask, [points], False, 255, 1, cv2.LINE_8, SHIFT)
@@ -324,18 +324,18 @@ def image_curves(camera: Camera | RationalCamera, segment: Segment) -> Iterator[
         return
     X = _smooth_curve(segment.X) if isinstance(segment, PointCloud) else segment.sample(SAMPLE_SPACING)
     xy = camera.project(X)
-    # OpenCV's coordinates are 32-bit integers; points next to the camera's plane, or bent by the lens, exceed them
+    # OpenCV's coordinates are 32-bit integers; points near the camera's plane may exceed them
     drawable = (camera.depth(X) >= NEAR_PLANE) & np.all(np.abs(xy) < 1e6, axis=-1)
     size = np.array(camera.image_size)
     near = drawable & np.all(np.abs(xy - size / 2.0) <= size, axis=-1)
-    shown = near.copy()  # and the first points outside, so that curves reach the border
+    shown = near.copy()  # with the first points outside, so that curves end at the border
     shown[1:] |= near[:-1]
     shown[:-1] |= near[1:]
     shown = np.flatnonzero(shown & drawable)
     for run in np.split(xy[shown].astype(np.float32), np.flatnonzero(np.diff(shown) > 1) + 1):
         if not len(run):
             continue
-        # a closed curve has no chord that it could be simplified against: in two halves
+        # approxPolyDP simplifies against the chord, which a closed curve does not have: split it into halves
         middle = len(run) // 2 if np.max(np.abs(run[0] - run[-1])) < 1.0 else 0
         halves = (run[: middle + 1], run[middle:])
         simple = [cv2.approxPolyDP(half[:, None], 0.1, False).reshape(-1, 2) for half in halves]
@@ -343,7 +343,7 @@ def image_curves(camera: Camera | RationalCamera, segment: Segment) -> Iterator[
 
 
 def _smooth_curve(X: Array) -> Array:
-    """Points of an ordered cloud's curve: the parabola through each three neighbours, blended from one to the next."""
+    """Points on the curve of an ordered cloud: parabolas through each three neighbours, blended."""
     middle = np.clip(np.arange(len(X)), 1, len(X) - 2)
     t = np.linspace(0.0, 1.0, 9)[:-1, None, None]
 
@@ -359,5 +359,5 @@ def _smooth_curve(X: Array) -> Array:
 
 
 def fixed_point(xy: Array) -> NDArray[np.int32]:
-    """Pixels in the units in which OpenCV draws."""
+    """Pixels in the fixed-point units of OpenCV's drawing functions."""
     return np.asarray(np.rint(xy * (1 << SHIFT)), dtype=np.int32)

@@ -118,7 +118,7 @@ class Camera:
         dist_coeffs: ArrayLike | None,
         image_size: tuple[int, int],
     ) -> Camera:
-        """A camera from OpenCV's rvec, tvec, K and dist (k1, k2, p1, p2, k3, ...; None: no lens).
+        """A camera from OpenCV's rvec, tvec, K and dist (k1, k2, p1, p2, k3, ...; None: no distortion).
 
         Raises
         ------
@@ -167,7 +167,7 @@ class Camera:
 
     @cached_property
     def lens(self) -> Lens:
-        """The smallest lens that has the coefficients of this camera; ``camera.lens_coefficients`` are its own."""
+        """The smallest lens model that has the coefficients of this camera; its parameters are `lens_coefficients`."""
         return lens_of(self.dist, self.half_diagonal)
 
     @cached_property
@@ -184,12 +184,12 @@ class Camera:
 
     @property
     def homography(self) -> Array:
-        """3 x 3 map of field points (x, y, 1) to the image of the pinhole, lens left out: ``K R [e1 e2 -C]``."""
+        """3 x 3 map of field points (x, y, 1) to the image of the pinhole, without distortion: ``K R [e1 e2 -C]``."""
         return np.asarray(self.K @ self.R @ np.column_stack([np.eye(3)[:, :2], -self.C]))
 
     @property
     def inverse_homography(self) -> Array:
-        """3 x 3 map of pixels (x, y, 1) of the pinhole, lens left out, to the field.
+        """3 x 3 map of pixels (x, y, 1) of the pinhole, without distortion, to the field.
 
         Raises
         ------
@@ -203,7 +203,7 @@ class Camera:
         return np.asarray((_vectors(X, 3, "world points") - self.C) @ self.R[2])
 
     def project(self, X: ArrayLike) -> Array:
-        """Pixels of world points, lens included.
+        """Pixels of world points, with distortion.
 
         Parameters
         ----------
@@ -213,8 +213,8 @@ class Camera:
         Returns
         -------
         (..., 2) array
-            NaN for points that have no image: behind the camera or in its plane (depth <= 0), or so far out that the
-            lens folds back (`fieldcalib.geometry.lens.Lens.is_monotone`). Points outside the image are given.
+            NaN for points without an image: behind the camera or in its plane (depth <= 0), or so far out that the
+            lens is not monotone (`fieldcalib.geometry.lens.Lens.is_monotone`). Points may be outside the image.
         """
         Xc = (_vectors(X, 3, "world points") - self.C) @ self.R.T
         visible = Xc[..., 2] > 0.0
@@ -228,12 +228,12 @@ class Camera:
         return np.where(visible[..., None], xy, np.nan)
 
     def normalized(self, xy: ArrayLike) -> Array:
-        """Normalised image points (Xc / Zc, Yc / Zc) of pixels (..., 2), lens taken out: the inverse of the projection.
+        """Undistorted normalised image points (Xc / Zc, Yc / Zc) of pixels (..., 2).
 
         Returns
         -------
         (..., 2) array
-            NaN where no ray of the lens reaches the pixel.
+            NaN where no ray through the lens meets the pixel.
         """
         x = (_vectors(xy, 2, "pixels") - self.K[:2, 2]) / self.K[[0, 1], [0, 1]]
         if not np.any(self.dist):
@@ -242,7 +242,7 @@ class Camera:
         return _vectors_last(s) / self.focal_length
 
     def image_to_field(self, xy: ArrayLike, *, z: float = 0.0) -> Array:
-        """World points of pixels on the horizontal plane at height `z` (metres, down), lens included.
+        """World points of pixels on the horizontal plane at height `z` (metres, down), distortion removed.
 
         Parameters
         ----------
@@ -255,7 +255,7 @@ class Camera:
         -------
         (..., 3) array
             NaN where the pixel's ray does not meet the plane in front of the camera (above the horizon), or where no
-            ray of the lens reaches the pixel.
+            ray through the lens meets the pixel.
         """
         ray = homogenize(self.normalized(xy)) @ self.R
         with np.errstate(divide="ignore", invalid="ignore"):
@@ -345,7 +345,7 @@ def _vectors_last(s: Array) -> Array:
 
 
 def checked_image_size(image_size: Any) -> tuple[int, int]:
-    """(width, height) as two positive integers, or a ValueError that says what came instead."""
+    """(width, height) as two positive integers, or a ValueError."""
     size = np.asarray(image_size)
     if size.shape != (2,) or size.dtype.kind not in "iuf" or np.any(size != size.round()) or np.any(size <= 0):
         came = image_size if size.size <= 4 else f"an array of shape {size.shape}"

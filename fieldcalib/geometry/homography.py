@@ -1,6 +1,6 @@
 """From the homography of the ground plane to a camera with square pixels and a known principal point.
 
-A homography maps field points (x, y, 1) in metres to pixels. `ALIGNMENTS` translates those that others publish.
+A homography maps field points (x, y, 1) in metres to pixels. `ALIGNMENTS` converts published ones to that convention.
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ def decompose_homography(H: Array, principal_point: Array, reference: Array) -> 
     principal_point : (2,) array
         In pixels.
     reference : (..., 2) array
-        A field point that the camera sees: it is put in front of the camera, which settles the sign of H.
+        A field point that the camera sees. It must be in front of the camera, which determines the sign of H.
 
     Returns
     -------
@@ -80,7 +80,7 @@ def pose_from_homography(M: Array, reference: Array) -> tuple[Array, Array]:
     -------
     R : (..., 3, 3) array
     C : (..., 3) array
-        NaN, and R the identity, where M is not finite or singular in a way that no camera is.
+        NaN, and R the identity, where M is not finite, has a zero column or maps the reference point to infinity.
 
     Examples
     --------
@@ -111,34 +111,34 @@ def _difference(row: Array) -> Array:
 
 @dataclass(frozen=True, eq=False)
 class Alignment:
-    """Where others place the field and the image, and the translation of their homographies, (..., 3, 3).
+    """Field and image coordinates of a published data set, and the conversion of its homographies, (..., 3, 3).
 
-    Theirs map the image to the field, ``x_field = H x_image``; ours map field points (x, y, 1) in metres, origin at the
-    centre mark, y towards the main camera, to pixels of `image_size`.
+    Its homographies map the image to the field, ``x_field = H x_image``; those of fieldcalib map field points (x, y, 1)
+    in metres, origin at the centre mark, y towards the main camera, to pixels of `image_size`.
 
     Examples
     --------
     >>> from fieldcalib.geometry.projective import dehomogenize
-    >>> theirs = np.diag([0.1, 0.1, 1.0])  # ten pixels a yard: the whole field, looked at from above
+    >>> theirs = np.diag([0.1, 0.1, 1.0])  # ten pixels per yard: the whole field from above
     >>> ours = ALIGNMENTS["wc14"].to_fieldcalib(theirs)
     >>> dehomogenize(ours @ [0.0, 0.0, 1.0]).round(9)  # the centre mark
     array([575., 370.])
     """
 
     field: Array
-    """Their field coordinates -> ours, (3, 3)."""
+    """Field coordinates of the data set -> those of fieldcalib, (3, 3)."""
     image: Array
-    """Their image coordinates -> pixels of `image_size`, (3, 3)."""
+    """Image coordinates of the data set -> pixels of `image_size`, (3, 3)."""
     template: tuple[float, float]
-    """Length and width of their field in metres."""
+    """Length and width of the field of the data set in metres."""
     image_size: tuple[int, int] = (1280, 720)
 
     def to_fieldcalib(self, H: ArrayLike) -> Array:
-        """Their homographies as ours: ``(field H image^-1)^-1``."""
+        """Homographies of the data set in the convention of fieldcalib: ``(field H image^-1)^-1``."""
         return np.asarray(self.image @ np.linalg.inv(finite_homography(H, batch=True)) @ np.linalg.inv(self.field))
 
     def from_fieldcalib(self, H: ArrayLike) -> Array:
-        """Our homographies as theirs, the inverse of `to_fieldcalib` up to scale."""
+        """The inverse of `to_fieldcalib`, up to scale."""
         return np.asarray(np.linalg.inv(self.field) @ np.linalg.inv(finite_homography(H, batch=True)) @ self.image)
 
 

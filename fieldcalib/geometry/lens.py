@@ -1,4 +1,4 @@
-"""The lens: where a pixel of the ideal pinhole image lands in the real, distorted one.
+"""The lens: the map from the ideal pinhole image to the real, distorted one.
 
 Coordinates are isotropic offsets from the principal point in pixels, ``s = f (X/Z, Y/Z)``, and the coefficients are
 normalised to the corner of the image. With rho half its diagonal, ``u = s / rho`` and ``q = |u|^2``, the members
@@ -11,12 +11,13 @@ normalised to the corner of the image. With rho half its diagonal, ``u = s / rho
 
 are OpenCV's lens (documentation of calib3d, "Detailed Description") of ``dist_coeffs = (k1, k2, p1, p2, k3, ...)``:
 ``a1 = k1 (rho / f)^2``, ``a2 = k2 (rho / f)^4`` and so on (`POWERS`). So a1 + a2 is the relative displacement at the
-corner whatever the zoom, and a lens is a warp of the image alone: it does not change when f does.
+corner at any zoom, and a lens is a warp of the image that does not depend on f.
 
-A lens whose slope ``1 + 3 a1 q + 5 a2 q^2`` turns negative folds the scene back into the image: lines that lie far
-outside appear in it, in every program that projects them. With ``a2 >= 9/20 a1^2`` for a barrel (a1 < 0) and
-``a2 >= 0`` for a cushion it never does, however far out. What is estimated is therefore (a1, b2),
-``a2 = b2 + FOLD min(a1, 0)^2`` with b2 >= 0: at a1 = -1 % the term moves the corner of an image by 0.005 %.
+Where the slope ``1 + 3 a1 q + 5 a2 q^2`` is negative, the lens is not monotone: it folds the scene back, and lines far
+outside the image appear in it, in every program that projects them. With ``a2 >= 9/20 a1^2`` for barrel distortion
+(a1 < 0) and ``a2 >= 0`` for pincushion distortion the slope is positive at every radius. The estimated parameters are
+therefore (a1, b2), ``a2 = b2 + FOLD min(a1, 0)^2`` with b2 >= 0: at a1 = -1 % the term moves the corner of an image by
+0.005 %.
 
 In this module components come first: a plane vector of every point is (2, ...), coefficients are (n, ...) and broadcast
 against the trailing axes of the points. Contiguous components halve the time.
@@ -37,10 +38,11 @@ POWERS = np.array([2, 4, 1, 1, 6, 2, 4, 6, 1, 3, 1, 3])  # of rho / f, by which 
 LENGTHS = (1, 2, 4, 5, 8, 12, 14)  # of dist_coeffs: k1, k1 k2, and OpenCV's five
 FOLD = 0.46  # a little above 9/20
 
-# Broadcast lenses bend the corner outwards: a1 has its median at 2.8 % on annotated frames, 95 % are below 5.5 %.
+# Broadcast lenses displace the corner outwards: on annotated frames a1 has its median at 2.8 %, 95 % are below 5.5 %.
 RADIAL_MEAN, RADIAL_SIGMA = (0.025, 0.0), (0.02, 0.005)  # a1, b2
-# Not measured on broadcast cameras: small enough that only clear evidence moves them. p1 displaces the corner of a 16:9
-# image by 1.7 p1, between p1 and 3 p1 in other directions; 0.001 and 0.002 are 0.2 % of rho, 2 px at 1920 x 1080.
+# Not measured on broadcast cameras; small, so that they stay near 0 unless the pixels determine them. p1 displaces the
+# corner of a 16:9 image by 1.7 p1, between p1 and 3 p1 in other directions; 0.001 and 0.002 are 0.2 % of rho, 2 px at
+# 1920 x 1080.
 TANGENTIAL_SIGMA, HIGHER_SIGMA = 0.001, 0.002
 
 
@@ -52,9 +54,9 @@ class Lens(Protocol):
     """
 
     names: ClassVar[tuple[str, ...]]
-    """Of the coefficients."""
+    """Names of the coefficients."""
     estimable: ClassVar[int]
-    """How many of the coefficients, the first ones, can be estimated; the others are known or 0."""
+    """Number of coefficients, the first ones, that can be estimated; the others are given or 0."""
     least: ClassVar[Array]
     """(n,) lower bounds of the coefficients when they are estimated, -inf where there is none."""
     mean: ClassVar[Array]
@@ -79,16 +81,16 @@ class Lens(Protocol):
         """Derivatives (n_coefficients, ...) of ``n . distort(s, b)`` by the coefficients, n held."""
 
     def undistort(self, d: Array, b: Array) -> Array:
-        """Ideal offsets (2, ...) of real ones; NaN where no ray reaches d before the lens folds."""
+        """Ideal offsets (2, ...) of real ones; NaN where no ray on the monotone part of the lens meets d."""
 
     def is_monotone(self, s: Array, b: Array) -> BoolArray:
-        """Whether the lens does not fold on the way from the centre to s: ``det J > 0`` all along."""
+        """Whether the lens is monotone from the centre to s: ``det J > 0`` on the whole straight path."""
 
     def is_identity(self, b: Array) -> bool:
-        """Whether all coefficients are those of no lens."""
+        """Whether the coefficients give no distortion."""
 
     def to_opencv(self, b: Array, f: Array | float) -> Array:
-        """OpenCV's distortion coefficients (5, ...) at focal length f; (8, ...) or (12, ...) where these are needed."""
+        """OpenCV's distortion coefficients (5, ...) at focal length f; (8, ...) or (12, ...) if these are needed."""
 
     def opencv_jacobian(self, b: Array, f: float) -> tuple[Array, Array]:
         """Derivatives of OpenCV's twelve coefficients, of one lens, by b (12, n) and by log f (12,)."""
@@ -99,7 +101,7 @@ class Lens(Protocol):
         Raises
         ------
         ValueError
-            If there are coefficients that this lens does not have.
+            If coefficients that this lens does not have are not 0.
         """
 
 
@@ -123,7 +125,7 @@ def lens_of(dist_coeffs: ArrayLike | None, rho: float) -> Lens:
 
 
 def opencv_vector(dist_coeffs: ArrayLike | None, name: str = "dist_coeffs") -> Array:
-    """OpenCV's distortion coefficients of any of its lengths and shapes as its first twelve; None is no lens.
+    """OpenCV's distortion coefficients, of any of its lengths and shapes, as a vector of twelve; None is no distortion.
 
     Raises
     ------
@@ -183,7 +185,7 @@ def _constant(*values: float) -> Array:
 
 @dataclass(frozen=True)
 class Pinhole:
-    """No lens: real offsets are ideal ones. See `Lens`."""
+    """No distortion: real offsets are ideal ones. See `Lens`."""
 
     rho: float
 
@@ -233,13 +235,13 @@ class Pinhole:
         """Nothing, if all coefficients are 0."""
         dist = opencv_vector(dist_coeffs)
         if dist.any():
-            raise ValueError(f"a pinhole has no lens, got dist_coeffs = {dist.tolist()}; use lens_of to find one")
+            raise ValueError(f"a pinhole has no distortion, got dist_coeffs = {dist.tolist()}; use lens_of to find one")
         return np.empty(0)
 
 
 @dataclass(frozen=True)
 class RadialLens:
-    """Two radial coefficients (a1, b2) that do not fold where b2 >= 0; b2 = 0 is a lens of one. See `Lens`.
+    """Two radial coefficients (a1, b2), monotone where b2 >= 0; with b2 = 0 it has one parameter. See `Lens`.
 
     Examples
     --------
@@ -272,7 +274,7 @@ class RadialLens:
         return np.asarray(gain * n + slope * _dot(s, n) * s)
 
     def pull_coefficients(self, s: Array, b: Array, n: Array) -> Array:
-        """``n . s dgain/db``; a1 has its share in a2."""
+        """``n . s dgain/db``; a2 depends on a1."""
         q = _dot(s, s) / self.rho**2
         by_a1 = q * _dot(n, s)
         by_a2 = q * by_a1
@@ -285,7 +287,7 @@ class RadialLens:
 
     def is_monotone(self, s: Array, b: Array) -> BoolArray:
         """``1 + 3 a1 q + 5 a2 q^2 > 0`` up to the q of s."""
-        return _spreads(_dot(s, s) / self.rho**2, b[0], _a2(b))
+        return _is_monotone(_dot(s, s) / self.rho**2, b[0], _a2(b))
 
     def is_identity(self, b: Array) -> bool:
         """Whether all coefficients are 0."""
@@ -321,7 +323,7 @@ class RadialLens:
 
 
 def _a2(b: Array) -> Array:
-    """a2 of (a1, b2, ...): the lens that does not fold where b2 >= 0."""
+    """a2 of (a1, b2, ...): the lens is monotone where b2 >= 0."""
     return np.asarray(b[1] + FOLD * np.square(np.minimum(b[0], 0.0)))
 
 
@@ -335,20 +337,20 @@ def _dot(a: Array, b: Array) -> Array:
     return np.asarray(a[0] * b[0] + a[1] * b[1])
 
 
-def _spreads(q: Array, a1: Array, a2: Array) -> BoolArray:
-    """Whether a radial lens spreads outwards up to relative squared radius q: ``1 + 3 a1 q + 5 a2 q^2 > 0``.
+def _is_monotone(q: Array, a1: Array, a2: Array) -> BoolArray:
+    """Whether a radial lens is monotone up to relative squared radius q: ``1 + 3 a1 q + 5 a2 q^2 > 0``.
 
-    Beyond the first radius where it does not, distinct points of the scene fold onto one pixel; the answer is then no
-    for good, even where the slope turns positive again.
+    Beyond the first radius where the slope is not positive, distinct points of the scene have the same pixel; the
+    result is False there, even where the slope is positive again.
     """
     at_q = 1.0 + q * (3.0 * a1 + 5.0 * a2 * q) > 0.0
-    # a slope that turned negative on the way out may be positive again at q: look at its minimum, q = -0.3 a1 / a2
+    # the slope may be negative before q and positive again at q: test its minimum, at -0.3 a1 / a2
     on_the_way = (a1 < 0.0) & (a2 > 0.0) & (-0.3 * a1 < a2 * q) & (a2 <= 0.45 * np.square(a1))
     return np.asarray(at_q & ~on_the_way)
 
 
 def _inverse_gain(target: Array, a1: Array, a2: Array) -> Array:
-    """Ideal by distorted radius where the distorted one, in units of rho, is `target`; NaN where no radius is.
+    """Ratio of the ideal to the distorted radius where the latter, in units of rho, is `target`; NaN if there is none.
 
     Newton's method on the radius, which stays on the monotone part of the lens.
     """
@@ -357,7 +359,7 @@ def _inverse_gain(target: Array, a1: Array, a2: Array) -> Array:
         q = np.square(radius)
         value = radius * (1.0 + q * (a1 + q * a2)) - target
         slope = 1.0 + q * (3.0 * a1 + 5.0 * a2 * q)
-        # where a barrel folds back, half-way in leads to the monotone part again
+        # beyond the monotone part of a barrel, halving the radius returns to it
         newton = np.clip(value / np.where(slope > 0.0, slope, 1.0), -0.5 * radius, 0.5 * radius)
         step = np.where(slope > 0.0, newton, 0.5 * radius)
         radius -= step
@@ -365,7 +367,7 @@ def _inverse_gain(target: Array, a1: Array, a2: Array) -> Array:
             break
     q = np.square(radius)
     gain = 1.0 + q * (a1 + q * a2)
-    found = (np.abs(radius * gain - target) <= 1e-9 * (1.0 + target)) & _spreads(q, a1, a2)
+    found = (np.abs(radius * gain - target) <= 1e-9 * (1.0 + target)) & _is_monotone(q, a1, a2)
     return np.asarray(np.where(found, 1.0 / np.where(found, gain, 1.0), np.nan))
 
 
@@ -373,8 +375,8 @@ def _inverse_gain(target: Array, a1: Array, a2: Array) -> Array:
 class BrownConradyLens:
     """All of OpenCV's coefficients but those of a tilted sensor, in its order, corner-normalised. See `Lens`.
 
-    The second one is b2 as in `RadialLens`, so that this lens with the others 0 is that one. The first five can be
-    estimated: with b2 >= 0 and a3 >= 0 their radial part does not fold.
+    The second one is b2 as in `RadialLens`, which is this lens with the others 0. The first five can be estimated: with
+    b2 >= 0 and a3 >= 0 their radial part is monotone.
 
     Examples
     --------
@@ -427,11 +429,11 @@ class BrownConradyLens:
         return np.array(np.broadcast_arrays(by_b1, by_a2, by_p1, by_p2, by_a3, *rational, *prism))
 
     def undistort(self, d: Array, b: Array) -> Array:
-        """Newton's method; a step beyond the fold is halved."""
+        """Newton's method; a step beyond the monotone part is halved."""
         target, a = d / self.rho, _corner(b)
         u = np.broadcast_to(target, (2, *np.broadcast_shapes(d.shape[1:], b.shape[1:]))).copy()
-        inside = np.zeros_like(u)  # the last point before the fold
-        with np.errstate(all="ignore"):  # what no ray reaches may end at a pole
+        inside = np.zeros_like(u)  # the last point on the monotone part
+        with np.errstate(all="ignore"):  # without a solution, the iteration may end at a pole
             for _ in range(60):
                 (xx, xy), (yx, yy) = brown_conrady_jacobian(u, a)
                 x, y = brown_conrady(u, a) - target
@@ -450,16 +452,16 @@ class BrownConradyLens:
         return np.where(found, s, np.nan)
 
     def is_monotone(self, s: Array, b: Array) -> BoolArray:
-        """By a bound on J that holds all the way, else by a walk of `WALK` steps from the centre."""
+        """By a bound on J for the whole path, else by sampling the path at `PATH_SAMPLES` points."""
         u, a = s / self.rho, _corner(b)
-        monotone = _surely_spreads(np.sqrt(_dot(u, u)), a)
+        monotone = _surely_monotone(np.sqrt(_dot(u, u)), a)
         shape = monotone.shape
         unsure = ~monotone & np.isfinite(u).all(axis=0)
         u = np.broadcast_to(u, (2, *shape))[:, unsure]
         a = np.broadcast_to(a.reshape(12, *(len(shape) + 1 - a.ndim) * (1,), *a.shape[1:]), (12, *shape))[:, unsure]
         on_the_way = np.ones(u.shape[1:], dtype=bool)
         with np.errstate(all="ignore"):
-            for t in np.arange(1, WALK + 1) / WALK:
+            for t in np.arange(1, PATH_SAMPLES + 1) / PATH_SAMPLES:
                 (xx, xy), (yx, yy) = brown_conrady_jacobian(t * u, a)
                 on_the_way &= (xx * yy - xy * yx > 0.0) & (_denominator(_dot(t * u, t * u), a) > 0.0)
         monotone[unsure] = on_the_way
@@ -475,7 +477,7 @@ class BrownConradyLens:
         return shortest_opencv_vector(np.array([scale**power * a_i for power, a_i in zip(POWERS, a, strict=True)]))
 
     def opencv_jacobian(self, b: Array, f: float) -> tuple[Array, Array]:
-        """``(f / rho)^power`` on the diagonal, and the share of a1 in a2."""
+        """``(f / rho)^power`` on the diagonal, and the derivative of a2 by a1."""
         by_a = (f / self.rho) ** POWERS
         by_b = np.diag(by_a)
         by_b[1, 0] = by_a[1] * _da2_da1(b)
@@ -488,13 +490,14 @@ class BrownConradyLens:
         return b
 
 
-WALK = 100  # a fold narrower than a hundredth of the way to a point may be missed
+PATH_SAMPLES = 100  # a part that is not monotone and shorter than a hundredth of the path may be missed
 
 
 def brown_conrady(u: Array, a: Array) -> Array:
-    """Where OpenCV's lens moves image points (2, ...): the formula of the module in units of rho.
+    """OpenCV's distortion of image points (2, ...): the formula of the module in units of rho.
 
-    With the coefficients (12, ...) of `COEFFICIENTS` as they are it moves normalised image points (Xc / Zc, Yc / Zc).
+    With OpenCV's own coefficients (12, ...), in the order of `COEFFICIENTS`, it distorts normalised image points
+    (Xc / Zc, Yc / Zc).
     """
     x, y = u
     p1, p2 = a[2], a[3]
@@ -543,7 +546,7 @@ def _denominator(q: Array, a: Array) -> Array:
     return np.asarray(1.0 + q * (a[5] + q * (a[6] + q * a[7])))
 
 
-def _surely_spreads(radius: Array, a: Array) -> BoolArray:
+def _surely_monotone(radius: Array, a: Array) -> BoolArray:
     """Whether the symmetric part of J is positive definite by its bounds, up to a radius in units of rho.
 
     With N and D the numerator and the denominator of the gain, the radial part of J has the eigenvalues N / D and

@@ -84,8 +84,8 @@ def fit_lines(xy: Array, weights: Array) -> Array:
 def normalizing_transform(x: Array, weights: Array) -> Array:
     """Similarity that moves the centroid of points to the origin and their mean distance from it to sqrt(D).
 
-    The DLT works on coordinates of about unit size (Hartley & Zisserman, section 4.4.4); in pixels and metres its
-    equations would weigh unlike by a factor of a million.
+    The DLT works on coordinates of about unit size (Hartley & Zisserman, section 4.4.4); in pixels and metres the
+    weights of its equations would differ by a factor of a million.
 
     Parameters
     ----------
@@ -203,8 +203,8 @@ def homography_from_lines(
     weights : (..., N) array
         Weight of each pair in the least squares problem; 0 leaves a pair out.
     T, T_image : (..., 3, 3) array, optional
-        What brings the two planes to about unit size around the origin, as `normalizing_transform` of points on the
-        lines does: lines do not tell where on them the object is. None: the plane is of that size already.
+        Similarities that bring the two planes to about unit size around the origin, e.g. `normalizing_transform` of
+        points on the lines. None: the plane has that size already.
 
     Returns
     -------
@@ -249,6 +249,6 @@ def _dlt(a: Array, b: Array, weights: Array) -> Array:
     # [b]x M a = sum over the rows m_i of M of column i of [b]x times m_i . a
     rows = cross[..., None] * a[..., None, None, :] * weights[..., None, None, None]
     A = rows.reshape(*rows.shape[:-4], -1, 3 * a.shape[-1])
-    # the eigenvector of A^T A is cheaper than the SVD of A in a batch, and exact enough for a start
+    # the eigenvector of A^T A is cheaper than the SVD of A in a batch, and accurate enough for an initial value
     _, vectors = np.linalg.eigh(np.swapaxes(A, -1, -2) @ A)
     return np.asarray(vectors[..., 0].reshape(*vectors.shape[:-2], 3, a.shape[-1]))

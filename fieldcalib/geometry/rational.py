@@ -1,10 +1,10 @@
-"""Cameras of others, with every lens coefficient that SoccerNet's format and OpenCV's rational model know.
+"""Cameras of other systems, with every lens coefficient of SoccerNet's format and of OpenCV's rational model.
 
-They are projected and measured, never estimated: `fieldcalib.geometry.camera.Camera` is what this package calibrates.
-Any finite numbers make one, so that an absurd result of another system can be scored as it is.
+They are projected and evaluated, never estimated: this package calibrates `fieldcalib.geometry.camera.Camera`. Any
+finite numbers are admitted, so that even an implausible result of another system can be scored.
 
 The lens is OpenCV's, `fieldcalib.geometry.lens.brown_conrady` in normalised image points ``(Xc / Zc, Yc / Zc)``. Unlike
-a `fieldcalib.geometry.lens.Lens`, nothing here asks whether it folds.
+in `fieldcalib.geometry.lens.Lens`, it is not checked whether the lens is monotone.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ from fieldcalib.geometry.projective import dehomogenize, homogenize
 
 
 def distort_rational(x: Array, dist: Array) -> Array:
-    """Where the lens moves normalised image points: `fieldcalib.geometry.lens.brown_conrady` with the vector last.
+    """OpenCV's distortion of normalised image points: `fieldcalib.geometry.lens.brown_conrady` with the vector last.
 
     Parameters
     ----------
@@ -51,7 +51,7 @@ def distort_rational_jacobian(x: Array, dist: Array) -> Array:
 
 
 def undistort_rational(d: Array, dist: Array) -> Array:
-    """Normalised image points that the lens moves to `d`: Newton's method, from `d` itself.
+    """Normalised image points that the lens distorts to `d`: Newton's method, starting at `d`.
 
     Parameters
     ----------
@@ -63,8 +63,8 @@ def undistort_rational(d: Array, dist: Array) -> Array:
     Returns
     -------
     (..., 2) array
-        NaN where none is found, or one that the lens has taken across the image's centre. Of several points, as a lens
-        that folds back may have them, it is one.
+        NaN where none is found, or only one on the opposite side of the image's centre. If there are several, as with a
+        lens that is not monotone, it is one of them.
 
     Examples
     --------
@@ -72,7 +72,7 @@ def undistort_rational(d: Array, dist: Array) -> Array:
     array([0.3, 0.4])
     """
     x = d.copy()
-    with np.errstate(all="ignore"):  # what does not converge may overflow on its way
+    with np.errstate(all="ignore"):  # iterations that do not converge may overflow
         for _ in range(40):
             J = distort_rational_jacobian(x, dist)
             e = distort_rational(x, dist) - d
@@ -101,7 +101,7 @@ class RationalCamera:
     Parameters
     ----------
     K : (3, 3) array
-        Intrinsic matrix in pixels, zero skew; the focal lengths may be anything, negative too.
+        Intrinsic matrix in pixels, zero skew; the focal lengths may have any value, also negative.
     R : (3, 3) array
         Rotation from the world to the camera.
     C : (3,) array
@@ -143,16 +143,16 @@ class RationalCamera:
 
     @classmethod
     def from_camera(cls, camera: Camera | RationalCamera) -> RationalCamera:
-        """The same camera with twelve coefficients; a rational camera is returned as it is."""
+        """The same camera with twelve coefficients; a rational camera is returned unchanged."""
         if isinstance(camera, RationalCamera):
             return camera
         return cls(camera.K, camera.R, camera.C, opencv_vector(camera.dist), camera.image_size)
 
     @property
     def homography(self) -> Array:
-        """3 x 3 map of field points (x, y, 1) to the image of the pinhole, lens left out: ``K R [e1 e2 -C]``.
+        """3 x 3 map of field points (x, y, 1) to the image of the pinhole, without distortion: ``K R [e1 e2 -C]``.
 
-        Not finite where the numbers leave the range of floats.
+        Not finite where floats overflow.
         """
         with np.errstate(all="ignore"):  # absurd cameras overflow
             return np.asarray(self.K @ self.R @ np.column_stack([np.eye(3)[:, :2], -self.C]))
@@ -162,7 +162,7 @@ class RationalCamera:
         return np.asarray((_vectors(X, 3, "world points") - self.C) @ self.R[2])
 
     def project(self, X: ArrayLike) -> Array:
-        """Pixels of world points, lens included.
+        """Pixels of world points, with distortion.
 
         Parameters
         ----------
@@ -172,9 +172,9 @@ class RationalCamera:
         Returns
         -------
         (..., 2) array
-            NaN for points behind the camera or in its plane (depth <= 0), and where the numbers leave the range of
-            floats. Unlike `Camera.project`, points at which the lens folds back have their pixel, as in OpenCV and in
-            SoccerNet's evaluation.
+            NaN for points behind the camera or in its plane (depth <= 0), and where floats overflow. Unlike in
+            `Camera.project`, points at which the lens is not monotone have a pixel, as in OpenCV and in SoccerNet's
+            evaluation.
         """
         with np.errstate(all="ignore"):  # absurd cameras overflow
             Xc = (_vectors(X, 3, "world points") - self.C) @ self.R.T
@@ -186,7 +186,7 @@ class RationalCamera:
         return np.where(visible[..., None], xy, np.nan)
 
     def image_to_field(self, xy: ArrayLike) -> Array:
-        """World points of pixels on the ground, lens included.
+        """World points of pixels on the ground, distortion removed.
 
         Parameters
         ----------
@@ -197,7 +197,7 @@ class RationalCamera:
         -------
         (..., 3) array
             Metres; NaN where the pixel's ray does not meet the ground in front of the camera (above the horizon), or
-            where no ray is found that the lens bends to the pixel.
+            where no ray through the lens is found for the pixel.
         """
         with np.errstate(all="ignore"):
             x = (_vectors(xy, 2, "pixels") - self.K[:2, 2]) / self.K[[0, 1], [0, 1]]

@@ -71,12 +71,12 @@ def angles_from_rotation(R: Array) -> Array:
     True
     """
     sin_tilt = np.hypot(R[..., 0, 2], R[..., 1, 2])
-    # the roll that goes with sin(tilt) > 0; the other solution turns pan and roll by pi and tilt to -tilt
+    # the roll of the solution with sin(tilt) > 0; the other one has pan and roll turned by pi and the tilt negated
     roll = np.arctan2(R[..., 0, 2], R[..., 1, 2])
     sign = np.where(np.abs(roll) <= np.pi / 2, 1.0, -1.0)
     roll = np.where(sin_tilt < 1e-12, 0.0, np.arctan2(sign * R[..., 0, 2], sign * R[..., 1, 2]))
     tilt = np.arctan2(sign * sin_tilt, R[..., 2, 2])
-    # with the roll taken out the first row is (cos pan, sin pan, 0): well defined even straight down
+    # without the roll, the first row is (cos pan, sin pan, 0): well defined even when the camera looks straight down
     c, s = np.cos(roll), np.sin(roll)
     pan = np.arctan2(c * R[..., 0, 1] - s * R[..., 1, 1], c * R[..., 0, 0] - s * R[..., 1, 0])
     return np.stack([pan, tilt, roll], axis=-1)
@@ -98,7 +98,7 @@ def rotation_axes(angles: Array, R: Array) -> Array:
     Returns
     -------
     (..., 3, 3) array
-        One unit axis a row.
+        One unit axis per row.
     """
     axes = np.zeros_like(R)
     axes[..., 0, :] = R[..., :, 2]

@@ -1,10 +1,10 @@
-"""From images to labelled pixels: a segmentation network, and points on what it sees.
+"""From images to labelled pixels: a segmentation network, and points selected from its class probabilities.
 
     network = SegmentationNetwork.load()
     (found,) = localize(soccer(), [image], network)
     calibration = calibrate_from_segments(soccer(), found.pixels, image.shape[1::-1], weights=found.weights)
 
-`ridge_points` and `skeleton_points` select the points: ours, to fractions of a pixel, and the paper's.
+`ridge_points` (sub-pixel, the default) and `skeleton_points` (the paper's) select the points.
 """
 
 from fieldcalib.localize.flow import Network, localize

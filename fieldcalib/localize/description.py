@@ -1,4 +1,4 @@
-"""The JSON beside a network in ONNX: what it expects and what its outputs mean.
+"""The JSON file beside a network in ONNX: what input the network expects and what its outputs mean.
 
 {"classes": ["background", "Side line top", ...], "input_size": [width, height],
  "mean": [0.485, 0.456, 0.406], "std": [0.229, 0.224, 0.225], "channels": "RGB"}
@@ -20,13 +20,13 @@ from fieldcalib.localize.grid import BACKGROUND
 
 @dataclass(frozen=True)
 class NetworkDescription:
-    """What the JSON beside a network says."""
+    """Content of the JSON file beside a network."""
 
     classes: tuple[str, ...]
     input_size: tuple[int, int]
     """Width and height."""
     mean: tuple[float, ...]
-    """Of the channels, in the network's order, values in 0..1; as `std`."""
+    """Mean of each channel, in the network's order, for values in 0..1; `std` likewise."""
     std: tuple[float, ...]
     channels: str
     """"RGB" or "BGR"."""
@@ -38,7 +38,7 @@ class NetworkDescription:
         Raises
         ------
         BrokenFileError
-            If it is no JSON object, or a key is missing or has another kind of value.
+            If it is not a JSON object, a key is missing, or a value has the wrong type.
 
         Examples
         --------
@@ -67,7 +67,7 @@ def _classes(record: Mapping[str, Any]) -> tuple[str, ...]:
     classes = tuple(name.strip() for name in names)
     twice = [name for name, count in Counter(classes).items() if count > 1 and name != BACKGROUND]
     if twice:
-        raise BrokenFileError(f"classes: {twice[0]!r} is there twice")
+        raise BrokenFileError(f"classes: {twice[0]!r} occurs twice")
     return classes
 
 
@@ -85,5 +85,5 @@ def _three(record: Mapping[str, Any], key: str) -> tuple[float, ...]:
     except (TypeError, ValueError):
         values = ()
     if len(values) != 3 or not np.all(np.isfinite(values)):
-        raise BrokenFileError(f"{key}: expected three numbers, one a channel, got {record[key]!r}")
+        raise BrokenFileError(f"{key}: expected three numbers, one per channel, got {record[key]!r}")
     return values

@@ -15,14 +15,14 @@ PointSelection: TypeAlias = Callable[[Float32, Sequence[str], ObjectSegments, tu
 
 
 class Network(Protocol):
-    """`SegmentationNetwork`, or anything that says of every pixel which segment it shows."""
+    """`SegmentationNetwork`, or anything else that gives class probabilities of images."""
 
     @property
     def classes(self) -> Sequence[str]:
-        """What each map stands for: a segment of the object or "background"."""
+        """Class of each probability map: a segment of the object or "background"."""
 
     def __call__(self, images: Sequence[Image]) -> Float32:
-        """Probabilities (N, K, h, w) of the K classes, on a grid over each of N images."""
+        """Probabilities (N, K, h, w) of the K classes, on a grid that covers each of N images."""
 
 
 def localize(
@@ -39,7 +39,7 @@ def localize(
     object_segments : mapping of str to segment
         The calibration object that the network was trained for, e.g. `soccer()`.
     images : iterable of (height, width, 3) uint8 arrays
-        Blue, green, red; of any sizes. All go through the network at once.
+        Blue, green, red; of any sizes. The network gets all of them in one call.
     network : Network
         A `SegmentationNetwork`, or another source of class probabilities.
     select : callable
@@ -48,12 +48,12 @@ def localize(
     Returns
     -------
     list of Localization
-        One an image. Where nothing is seen it is empty.
+        One per image; empty where nothing is detected.
 
     Raises
     ------
     ValueError
-        If an image is none, or is not in a list, or a class of the network is no segment of the object.
+        If an image is not such an array, the images are not in a list, or a class is not a segment of the object.
 
     Examples
     --------

@@ -1,4 +1,4 @@
-"""What a network says on a grid over the image, and where the grid's pixels lie in the image."""
+"""The result of localization, and the map from the grid of a network's output to pixels of the image."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from fieldcalib._types import Array, Float32
 from fieldcalib.fields.segments import ObjectSegments
 from fieldcalib.problem.labelled_pixels import Pixels
 
-BACKGROUND = "background"  # the class of what is no marking; there may be several
+BACKGROUND = "background"  # class of pixels that show no marking; several classes may have this name
 
 
 @dataclass(frozen=True)
@@ -29,15 +29,15 @@ class Localization:
     pixels: Pixels
     """Label -> (N, 2) pixels."""
     weights: dict[str, Array]
-    """Label -> (N,) what each pixel counts."""
+    """Label -> (N,) weight of each pixel."""
 
     @property
     def weight(self) -> dict[str, float]:
-        """Label -> what all its pixels count together."""
+        """Label -> sum of the weights of its pixels."""
         return {label: float(np.sum(values)) for label, values in self.weights.items()}
 
     def only(self, labels: Iterable[str]) -> Localization:
-        """The same with some of its labels."""
+        """The same, restricted to some of its labels."""
         kept = tuple(labels)
         return Localization({k: self.pixels[k] for k in kept}, {k: self.weights[k] for k in kept})
 
@@ -45,7 +45,7 @@ class Localization:
 def image_from_grid(xy: Array, grid_size: tuple[int, int], image_size: tuple[int, int]) -> Array:
     """Pixels of an image at points (..., 2) of a grid that covers it.
 
-    Pixel centres are at whole numbers in both, so that both begin at (-1/2, -1/2): the map of cv2.resize.
+    Pixel centres have integer coordinates in both, so both begin at (-1/2, -1/2), as in cv2.resize.
 
     Examples
     --------
@@ -57,14 +57,14 @@ def image_from_grid(xy: Array, grid_size: tuple[int, int], image_size: tuple[int
 
 
 def check_classes(probability: Float32, classes: Sequence[str], object_segments: ObjectSegments) -> None:
-    """Raise a ValueError unless there is a map for each class, and each class is a segment or the background."""
+    """Raise a ValueError unless there is one map per class and each class is a segment or the background."""
     if probability.ndim != 3 or len(probability) != len(classes):
         raise ValueError(
-            f"expected probabilities of shape ({len(classes)}, height, width), one map a class, got {probability.shape}"
+            f"expected probabilities of shape ({len(classes)}, height, width), one per class, got {probability.shape}"
         )
     unknown = [name for name in classes if name != BACKGROUND and name not in object_segments]
     if unknown:
         raise ValueError(
-            f"the network's class {unknown[0]!r} is no segment of the object: give the object that the network was "
-            f"trained for, or call the class {BACKGROUND!r} to leave it out"
+            f"the network's class {unknown[0]!r} is not a segment of the object: give the object that the network was "
+            f"trained for, or name the class {BACKGROUND!r} to ignore it"
         )

@@ -1,8 +1,8 @@
 """A segmentation network in ONNX: images to class probabilities.
 
-Its one input is (N, 3, height, width) float32: images squeezed to that size, channels in the order that its JSON says
-(`fieldcalib.localize.description`), values in 0..1 with `mean` subtracted and divided by `std`. Its first output is
-(N, K, h, w): logits of the K classes on a grid over the image, each pixel of which stands for an equal part of it.
+Its only input is (N, 3, height, width) float32: images resized to that size, whatever their aspect ratio, channels in
+the order given by its JSON file (`fieldcalib.localize.description`), values in 0..1 with `mean` subtracted and divided
+by `std`. Its first output is (N, K, h, w): logits of the K classes on a grid of equal cells that covers the image.
 """
 
 from __future__ import annotations
@@ -42,18 +42,18 @@ class SegmentationNetwork:
         model : Path or str, optional
             The ONNX file, with its JSON beside it; by default the network that comes with the package.
         provider : str
-            What computes, by onnxruntime's name: "CPUExecutionProvider", "CUDAExecutionProvider", ...
+            Execution provider, by onnxruntime's name: "CPUExecutionProvider", "CUDAExecutionProvider", ...
         threads : int
-            Of the processor, at most, and no more than it has cores.
+            Largest number of CPU threads; never more than there are cores.
 
         Raises
         ------
         FileNotFoundError
-            If the ONNX file or its JSON is not there.
+            If the ONNX file or its JSON file does not exist.
         BrokenFileError
             If they cannot be read, or contradict each other.
         ValueError
-            If the provider is not there or does not start (another one is never taken instead), or without threads.
+            If the provider is not available or does not start (it is never replaced by another), or `threads` < 1.
 
         Examples
         --------
@@ -65,7 +65,7 @@ class SegmentationNetwork:
         if model is None:
             if not SHIPPED.is_file():
                 raise FileNotFoundError(
-                    f"fieldcalib comes without a network ({SHIPPED} is missing): give one of your own"
+                    f"this installation has no network ({SHIPPED} is missing): give the path of one"
                 )
             with as_file(SHIPPED) as path:
                 return cls.load(path, provider=provider, threads=threads)
@@ -74,7 +74,7 @@ class SegmentationNetwork:
             raise FileNotFoundError(f"{path} does not exist: expected a network in ONNX")
         beside = path.with_suffix(".json")
         if not beside.is_file():
-            raise FileNotFoundError(f"{beside} does not exist: it should say what {path.name} expects and returns")
+            raise FileNotFoundError(f"{beside} does not exist: expected the description of {path.name}")
         try:
             description = NetworkDescription.parse(beside.read_bytes())
         except BrokenFileError as error:
@@ -85,7 +85,7 @@ class SegmentationNetwork:
 
     @property
     def classes(self) -> tuple[str, ...]:
-        """What each of the probability maps stands for."""
+        """Class of each probability map."""
         return self.description.classes
 
     def __call__(self, images: Sequence[Image]) -> Float32:
@@ -94,14 +94,14 @@ class SegmentationNetwork:
         Raises
         ------
         ValueError
-            If an image is none, or the network fails or does not give one map a class.
+            If an image is not such an array, or the network fails or does not return one map per class.
         """
         batch = self._prepared(images)
         (node,) = self.session.get_inputs()
         step = node.shape[0] if isinstance(node.shape[0], int) else len(batch)
         try:
             logits = [self.session.run(None, {node.name: batch[i : i + step]})[0] for i in range(0, len(batch), step)]
-        except Exception as error:  # onnxruntime's errors have no class in common
+        except Exception as error:  # onnxruntime's errors have no common base class
             raise ValueError(f"the network fails on input of shape {batch.shape}: {error}") from error
         return softmax(self._checked(np.concatenate(logits)))
 
@@ -144,7 +144,7 @@ def softmax(logits: Float32) -> Float32:
 
 
 def _session(path: Path, provider: str, threads: int) -> Any:
-    """An InferenceSession on that provider, or an error: onnxruntime would quietly take the processor instead."""
+    """An InferenceSession on that provider, or an error: onnxruntime would silently fall back to the CPU."""
     # onnxruntime (from 1.29 on) writes an id to the user's cache and looks up a telemetry host; this is read on import
     os.environ.setdefault("ORT_DISABLE_TELEMETRY", "1")
     import onnxruntime
@@ -154,10 +154,10 @@ def _session(path: Path, provider: str, threads: int) -> Any:
     available = onnxruntime.get_available_providers()
     if provider not in available:
         raise ValueError(
-            f"onnxruntime has no {provider!r} here, only {', '.join(available)}; onnxruntime-gpu has CUDA's"
+            f"onnxruntime has no {provider!r} here, only {', '.join(available)}; CUDA needs onnxruntime-gpu"
         )
     options = onnxruntime.SessionOptions()
-    options.intra_op_num_threads = min(threads, os.cpu_count() or 1)  # thousands are never all started
+    options.intra_op_num_threads = min(threads, os.cpu_count() or 1)
     options.log_severity_level = 3  # errors
     try:
         session = onnxruntime.InferenceSession(str(path), options, providers=[provider])

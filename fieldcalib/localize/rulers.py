@@ -1,4 +1,4 @@
-"""Curves along which and across which pixels are measured: a straight line and an ellipse."""
+"""Reference curves that give pixels coordinates along and across a segment: a straight line and an ellipse."""
 
 from __future__ import annotations
 
@@ -35,13 +35,13 @@ class StraightRuler:
     """
 
     origin: Array
-    """A point of it, (2,)."""
+    """A point on the line, (2,)."""
     direction: Array
     """Unit vector, (2,)."""
 
     @classmethod
     def fit(cls, xy: Array, weight: Array) -> Self:
-        """The line of least squared distances from weighted pixels (n, 2)."""
+        """The total least squares line through weighted pixels (n, 2)."""
         origin = weight @ xy / np.sum(weight)
         offset = xy - origin
         _, axes = np.linalg.eigh((weight * offset.T) @ offset)
@@ -61,7 +61,7 @@ class StraightRuler:
 
 @dataclass(frozen=True)
 class EllipseRuler:
-    """An ellipse: the points x with ``|A (x - centre)| = 1``. Across it is away from the centre.
+    """An ellipse: the points x with ``|A (x - centre)| = 1``. The coordinate across it grows away from the centre.
 
     Examples
     --------
@@ -79,16 +79,16 @@ class EllipseRuler:
     A: Array
     """(2, 2)."""
     start: float
-    """Angle, on the circle that A makes of the ellipse, from which lengths are counted, both ways."""
+    """Angle of the origin of lengths, on the unit circle to which A maps the ellipse."""
 
     @classmethod
     def fit(cls, xy: Array, weight: Array) -> Self:
-        """The ellipse of least squared algebraic distances from weighted pixels (n, 2).
+        """The ellipse with the least squared algebraic distances to weighted pixels (n, 2).
 
         Raises
         ------
         numpy.linalg.LinAlgError
-            If the pixels lie on a straight line or in one place, or are fewer than five.
+            If the pixels are collinear or coincide, or are fewer than five.
 
         References
         ----------
@@ -97,7 +97,7 @@ class EllipseRuler:
         mean = weight @ xy / np.sum(weight)
         scale = np.sqrt(weight @ np.sum(np.square(xy - mean), axis=1) / np.sum(weight))
         if not scale > 0.0:
-            raise np.linalg.LinAlgError("all pixels are in one place")
+            raise np.linalg.LinAlgError("all pixels coincide")
         x, y = (xy - mean).T / scale
         D1, D2 = np.stack([x * x, x * y, y * y]), np.stack([x, y, np.ones_like(x)])
         S1, S2, S3 = (weight * D1) @ D1.T, (weight * D1) @ D2.T, (weight * D2) @ D2.T
@@ -111,7 +111,7 @@ class EllipseRuler:
         A = np.linalg.cholesky(Q / -(f + 0.5 * centre @ (d, e))).T / scale
         centre = mean + scale * centre
         x, y = A @ (weight @ (xy - centre))
-        return cls(centre, A, float(np.arctan2(y, x)))  # opposite to what is not seen of it
+        return cls(centre, A, float(np.arctan2(y, x)))  # opposite to the unseen part
 
     @property
     def radius(self) -> float:
@@ -123,9 +123,8 @@ class EllipseRuler:
         offset = xy - self.centre
         x, y = self.A @ offset.T
         phi = np.mod(np.arctan2(y, x) - self.start + np.pi, 2.0 * np.pi) - np.pi
-        return self.radius * phi, np.linalg.norm(offset, axis=1) * (
-            1.0 - 1.0 / np.maximum(np.hypot(x, y), LEAST_RADIUS)
-        )
+        stretch = np.maximum(np.hypot(x, y), LEAST_RADIUS)
+        return self.radius * phi, np.linalg.norm(offset, axis=1) * (1.0 - 1.0 / stretch)
 
     def place(self, s: Array, d: Array) -> Array:
         """See `Ruler`."""

@@ -12,17 +12,18 @@ from fieldcalib.localize.grid import BACKGROUND, Localization, check_classes, im
 from fieldcalib.problem.labelled_pixels import split_circles
 
 POINTS_PER_LINE, POINTS_PER_CIRCLE = 4, 8
-LEAST_PIXELS = 4  # of a mask: less is noise
+LEAST_PIXELS = 4  # of a mask: smaller ones are noise
 
 
 def skeleton_points(
     probability: Float32, classes: Sequence[str], object_segments: ObjectSegments, image_size: tuple[int, int]
 ) -> Localization:
-    """Four pixels of every line and eight of every circle that a network sees, whole pixels of its grid.
+    """Four pixels of every detected line and eight of every detected circle, whole pixels of the network's grid.
 
-    Every pixel goes to its most probable class, each class's mask is thinned. Of a line the two ends are taken, and
-    what is nearest to even steps between them; of a circle pixels that are far from each other. The centre circle is
-    split by the middle line. All weigh alike. `ridge_points` takes the same arguments and is more accurate.
+    Every pixel is assigned to its most probable class, and the mask of each class is thinned. Of a line the two ends
+    and the pixels nearest to even steps between them are taken; of a circle, pixels far from each other (farthest point
+    sampling). The centre circle is split by the middle line. All weights are 1. `ridge_points` takes the same arguments
+    and is more accurate.
 
     Parameters
     ----------
@@ -38,7 +39,7 @@ def skeleton_points(
     Raises
     ------
     ValueError
-        If there is not one map a class, or a class is no segment.
+        If there is not one map per class, or a class is not a segment.
 
     References
     ----------
@@ -71,7 +72,7 @@ def skeleton_points(
 
 
 def _from_end_to_end(xy: Array) -> IntArray:
-    """Pixels of a line at even steps along its main direction, both ends among them."""
+    """Pixels of a line at even steps along its main direction, both ends included."""
     offset = xy - xy.mean(axis=0)
     _, axes = np.linalg.eigh(offset.T @ offset)
     along = offset @ axes[:, 1]
@@ -80,7 +81,7 @@ def _from_end_to_end(xy: Array) -> IntArray:
 
 
 def _spread(xy: Array) -> IntArray:
-    """The pixel that is farthest from the middle, then again and again the one farthest from all that were taken."""
+    """Farthest point sampling, beginning with the pixel farthest from the mean."""
     distance = np.linalg.norm(xy - xy.mean(axis=0), axis=1)
     chosen = [int(np.argmax(distance))]
     distance = np.linalg.norm(xy - xy[chosen[0]], axis=1)

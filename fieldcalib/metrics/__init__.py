@@ -1,7 +1,7 @@
 """The field's metrics: accuracy of reprojected segments, overlap on the field, errors in metres, compound score.
 
-Accuracy follows SoccerNet's evaluation to the last digit (`fieldcalib.metrics.accuracy`), the others the papers that
-introduced them. Predictions are cameras, with any lens, or homographies from the field to the image.
+Accuracy reproduces SoccerNet's evaluation (`fieldcalib.metrics.accuracy`), the others follow the papers that introduced
+them. Predictions are cameras, with any lens, or homographies from the field to the image.
 """
 
 from fieldcalib.metrics.accuracy import THRESHOLDS, Confusion, SegmentEvaluation, evaluate_segments

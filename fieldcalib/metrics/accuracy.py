@@ -1,9 +1,9 @@
 """AC@t, precision, recall and reprojection errors of segments, as SoccerNet's evaluation defines them.
 
-A segment is right (a true positive) if all its annotated points lie within t pixels of its projection; annotated and
-projected, but further away, it is a false positive, as is one that is projected and not annotated; annotated and not
-projected it is a false negative. ``AC@t = TP / (TP + FP + FN)`` for each frame. A frame is scored with its labels and
-with those of the field turned by 180 degrees, and the better of the two counts.
+An annotated segment is a true positive if all its annotated points lie within t pixels of its projection. It is a
+false positive if it is projected but further away, and a false negative if it is not projected. A segment that is
+projected but not annotated is a false positive. ``AC@t = TP / (TP + FP + FN)`` for each frame. A frame is scored with
+its labels and with those of the field turned by 180 degrees, and the better of the two counts.
 """
 
 from __future__ import annotations
@@ -27,14 +27,14 @@ from fieldcalib.problem.labelled_pixels import ImageSegments, Pixels
 
 THRESHOLDS = (5.0, 10.0, 20.0)  # px
 CHUNK = 64  # frames projected together
-# How many points a segment that is projected but not annotated counts for in the table by points.
+# Number of points that a projected segment without annotation counts for in the table by points.
 LINE_POINTS, CIRCLE_POINTS = 2, 9
 TP, FP, FN = 0, 1, 2
 
 
 @dataclass(frozen=True)
 class Confusion:
-    """Counts of true positives, false positives and false negatives, and the ratios that they make.
+    """Counts of true positives, false positives and false negatives, and their ratios.
 
     Examples
     --------
@@ -58,7 +58,7 @@ class Confusion:
 
     @property
     def recall(self) -> float:
-        """``TP / (TP + FN)``; NaN where nothing was right and nothing missed."""
+        """``TP / (TP + FN)``; NaN if both are 0."""
         return _ratio(self.tp, self.tp + self.fn)
 
 
@@ -73,7 +73,7 @@ class SegmentEvaluation:
     thresholds: tuple[float, ...]
     """Pixels."""
     labels: tuple[str, ...]
-    """Of the segments that are evaluated, and those by which annotators say that they do not know."""
+    """Evaluated segments, then the labels of annotators for segments that they could not identify."""
     found: BoolArray
     """Which frames have a prediction, (F,)."""
     turned: BoolArray
@@ -84,8 +84,8 @@ class SegmentEvaluation:
     segments: IntArray
     """Segments that are TP, FP, FN, (F, T, L, 3): each 0 or 1."""
     points: IntArray
-    """The same for annotated points, (F, T, L, 3), which SoccerNet's table of classes counts. A segment that is not
-    annotated counts for two points, a circle for nine."""
+    """The same for annotated points, (F, T, L, 3), as in SoccerNet's table of classes. A segment without annotation
+    counts as two points, a circle as nine."""
     errors: tuple[tuple[Mapping[str, Array], Mapping[str, Array]], ...]
     """Distances (n,) of each label's annotated points to its projection, in pixels, for each frame: with the labels as
     they are and with the other side's. Labels that are not projected have none."""
@@ -107,13 +107,13 @@ class SegmentEvaluation:
 
     @property
     def precision(self) -> Array:
-        """Mean over the frames in which something is projected, (T,)."""
+        """Mean over the frames with a projected segment, (T,)."""
         counts = self.segments.sum(axis=2)
         return self._mean(_share(counts[..., TP], counts[..., TP] + counts[..., FP]))
 
     @property
     def recall(self) -> Array:
-        """Mean over the frames in which something was right or missed, (T,)."""
+        """Mean over the frames with a true positive or a false negative, (T,)."""
         counts = self.segments.sum(axis=2)
         return self._mean(_share(counts[..., TP], counts[..., TP] + counts[..., FN]))
 
@@ -124,11 +124,11 @@ class SegmentEvaluation:
         return np.where(count > 0, total / np.maximum(count, 1), np.nan)
 
     def per_label(self, threshold: float) -> dict[str, Confusion]:
-        """Confusion of each label over all frames, counted in segments; labels that never occur are left out."""
+        """Confusion of each label over all frames, counted in segments, without labels that never occur."""
         return self._per_label(self.segments, threshold)
 
     def per_label_points(self, threshold: float) -> dict[str, Confusion]:
-        """The same counted in points: SoccerNet's table of classes."""
+        """The same, counted in points: SoccerNet's table of classes."""
         return self._per_label(self.points, threshold)
 
     def _per_label(self, counts: IntArray, threshold: float) -> dict[str, Confusion]:
@@ -142,8 +142,8 @@ class SegmentEvaluation:
     def segment_errors(self, threshold: float | None = None) -> dict[str, Array]:
         """Distances of all annotated points to their reprojected segments, pixels, by label.
 
-        Each frame with the labels that are nearer (`nearer_turned`); with a threshold, as in SoccerNet's evaluation,
-        with those that counted at it, which is the wrong side's where nothing is right.
+        Of each frame, the labels that are nearer are used (`nearer_turned`); with a threshold, as in SoccerNet's
+        evaluation, those with which the frame is scored at that threshold: the turned ones if nothing is right.
         """
         turned = self.nearer_turned if threshold is None else self.turned[:, self._index(threshold)]
         by_label: dict[str, list[Array]] = {}
@@ -176,19 +176,19 @@ def evaluate_segments(
     Parameters
     ----------
     predictions : sequence of F cameras or homographies, or None
-        A camera must be of the annotated image's size: it is not rescaled. A homography maps field points (x, y, 1) in
-        metres to pixels.
+        A camera must have the size of the annotated image: it is not rescaled. A homography maps field points (x, y, 1)
+        in metres to pixels.
     annotations : sequence of F mappings of str to (n, 2) array_like
         Annotated pixels of each frame, as `fieldcalib.io.soccernet.parse_annotation` with ``unknown=True`` reads them:
-        labels by which annotators say that they do not know count as missed.
+        labels of annotators for segments that they could not identify count as false negatives.
     image_size : (int, int)
         Width and height in pixels.
     thresholds : sequence of float
         Pixels.
     planar : bool
-        Whether to leave out what stands above the ground, goals in particular, as the paper does for homographies.
+        Whether to leave out segments above the ground (goals), as the paper does for homographies.
     field : Field, optional
-        Which field is projected; a soccer field of 105 x 68 m by default, SoccerNet's.
+        The field that is projected; SoccerNet's by default, a soccer field of 105 x 68 m.
 
     Returns
     -------
@@ -197,9 +197,9 @@ def evaluate_segments(
     Raises
     ------
     ValueError
-        If predictions and annotations are not equally many, a prediction is neither a camera nor a homography, a label
-        is not known or given twice, pixels are not finite or not of shape (n, 2), a threshold is not positive, or a
-        homography shall be evaluated on segments above the ground.
+        If the numbers of predictions and annotations differ, a prediction is neither a camera nor a homography, a label
+        is unknown or given twice, pixels are not finite or not of shape (n, 2), a threshold is not positive, or
+        homographies are given without `planar`.
 
     References
     ----------
@@ -264,13 +264,13 @@ class _Classes:
     """The labels of an evaluation."""
 
     segments: Mapping[str, Segment]
-    """What is projected."""
+    """The segments that are projected."""
     labels: tuple[str, ...]
-    """Those of the segments, then those by which annotators say that they do not know."""
+    """Those of the segments, then those of annotators for segments that they could not identify."""
     turned: IntArray
-    """Label of the same segment seen from the other side, (L,)."""
+    """Index of each label on the field turned by 180 degrees, (L,)."""
     extra: IntArray
-    """Points that a segment counts for which is projected but not annotated, (L,)."""
+    """Number of points that a projected segment without annotation counts for, (L,)."""
 
     @classmethod
     def of(cls, field: Field, planar: bool) -> _Classes:
@@ -286,11 +286,11 @@ class _Classes:
 
 
 def check_annotation(annotation: ImageSegments, field: Field) -> Pixels:
-    """The annotated pixels of one frame as float arrays, or a ValueError that says what is wrong with them.
+    """The annotated pixels of one frame as float arrays, or a ValueError.
 
-    Unlike `fieldcalib.problem.labelled_pixels.check_segments`, it takes what can be evaluated, not what can be
-    calibrated: labels by which annotators say that they do not know, the centre circle whole, and pixels wherever they
-    are.
+    Unlike `fieldcalib.problem.labelled_pixels.check_segments`, it admits what can be evaluated, not what can be
+    calibrated: labels for segments that annotators could not identify, the centre circle as a whole only, and pixels
+    outside the image.
 
     Examples
     --------
@@ -306,7 +306,7 @@ def check_annotation(annotation: ImageSegments, field: Field) -> Pixels:
         label = given.strip() if isinstance(given, str) else given
         if label not in known:
             raise ValueError(
-                f"{given!r} is no segment that is evaluated; expected SoccerNet's labels, the centre circle whole"
+                f"{given!r} is not an evaluated segment; expected SoccerNet's labels, the centre circle as a whole"
             )
         try:
             xy = np.asarray(values, dtype=float)
@@ -331,23 +331,23 @@ def _checked(annotations: Sequence[ImageSegments], field: Field) -> Iterator[Pix
 
 
 def _annotated_points(pixels: Pixels, classes: _Classes) -> tuple[Array, IntArray]:
-    """Pixels (n, 2) of a frame and the indices of their labels (n,), label by label; without what is not evaluated."""
+    """Pixels (n, 2) of a frame and the indices of their labels (n,), label by label; only of evaluated labels."""
     points = {classes.labels.index(label): xy for label, xy in pixels.items() if label in classes.labels}
     counts = [len(xy) for xy in points.values()]
     return np.concatenate([np.zeros((0, 2)), *points.values()]), np.repeat(np.array([*points], dtype=np.intp), counts)
 
 
 class _Comparison(NamedTuple):
-    """F frames under one labelling."""
+    """Scores of F frames under one of the two labellings."""
 
     segments: IntArray
     """TP, FP and FN of each frame and label at each threshold, (F, T, L, 3), counted in segments."""
     points: IntArray
-    """And in points."""
+    """The same counted in points."""
     errors: list[dict[str, Array]]
     """Distances of the points of each label that is projected, for each frame."""
     median: Array
-    """Median distance of all annotated points, (F,); those of labels that are not projected are infinitely far."""
+    """Median distance of all annotated points, (F,); infinite for points whose label is not projected."""
 
 
 def _compare(

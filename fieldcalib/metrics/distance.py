@@ -1,4 +1,4 @@
-"""How far two cameras disagree about where on the field a pixel lies, in metres."""
+"""Projection error: the distance on the field, in metres, between the points that two cameras assign to a pixel."""
 
 from __future__ import annotations
 
@@ -16,28 +16,28 @@ PIXELS_ACROSS = 64  # of the grid of compared pixels
 
 @dataclass(frozen=True)
 class ProjectionError:
-    """Distances on the field, in metres, over the pixels that the truth sees on the field."""
+    """Distances on the field, in metres, over the pixels that show the field under the true camera."""
 
     mean: float
     median: float
     largest: float
     unseen: float
-    """Share of these pixels that the prediction sees nowhere on the ground; they are left out of the distances."""
+    """Share of these pixels that the prediction does not map to the ground; the distances are of the others."""
 
 
 def projection_error(
     prediction: Prediction, truth: Prediction, image_size: tuple[int, int], *, field: Field | None = None
 ) -> ProjectionError:
-    """Compare where on the field two cameras see the same pixels.
+    """Compare the field points that two cameras assign to the same pixels.
 
-    A regular grid of pixels, 64 across the image, is mapped to the field by both; those count whose true point lies on
-    the field. (The published "projection error in metres" of KpSFR and PnLCalib scales the field to 100 x 60 m and
+    A regular grid of pixels, 64 across the image, is mapped to the field by both; pixels whose true point is on the
+    field count. (The published "projection error in metres" of KpSFR and PnLCalib scales the field to 100 x 60 m and
     under-reports by 10 to 17 %; these are metres.)
 
     Parameters
     ----------
     prediction, truth : Camera, RationalCamera or (3, 3) array
-        Cameras, lens included, or homographies from the field to the image.
+        Cameras, with distortion, or homographies from the field to the image.
     image_size : (int, int)
         Width and height in pixels.
     field : Field, optional
@@ -51,7 +51,7 @@ def projection_error(
     Raises
     ------
     ValueError
-        If one of the two is neither a camera of this size nor a homography, or `image_size` is none.
+        If one of the two is neither a camera of this size nor a homography, or `image_size` is not valid.
 
     Examples
     --------
@@ -66,7 +66,7 @@ def projection_error(
     xy = np.stack(np.meshgrid(np.arange(step / 2, width, step), np.arange(step / 2, height, step)), axis=-1) - 0.5
     X_true, X = (image_to_field(checked_prediction(view, (width, height)), xy) for view in (truth, prediction))
     counted = np.all(np.abs(X_true) <= (field.length / 2.0, field.width / 2.0), axis=-1)  # false for NaN
-    with np.errstate(over="ignore"):  # absurd predictions lie out of range
+    with np.errstate(over="ignore"):  # implausible predictions overflow
         distance = np.linalg.norm(X[counted] - X_true[counted], axis=-1)
     seen = distance[np.isfinite(distance)]
     if not len(seen):

@@ -1,7 +1,7 @@
-"""Intersection over union of what two cameras see of the field: IoU_part and IoU_whole.
+"""Intersection over union of the field areas in view of two cameras: IoU_part and IoU_whole.
 
-Both compare a prediction with a true camera or homography in the plane of the field, on a raster. IoU saturates: it
-says how well a homography agrees with an annotated one, whose own markings are 5 px off in half of the segments.
+Both compare a prediction with a true camera or homography on a raster. IoU saturates: annotated homographies, which
+serve as truth, have errors of more than 5 px in half of their segments.
 """
 
 from __future__ import annotations
@@ -27,20 +27,20 @@ from fieldcalib.metrics.views import (
 
 IouWhole: TypeAlias = Literal["template", "image"]
 
-CELL = 0.25  # metres of the raster of IoU_part: 0.02 % of a typical area
-ZOOM_OUT = 4  # rectangles of IoU_whole: how far beyond the true one the union is counted, as Jiang and TVCalib do
-CELLS = (210, 136)  # of the true rectangle: half a metre of a soccer field
+CELL = 0.25  # m: cell size of the raster of IoU_part, 0.02 % of a typical area
+ZOOM_OUT = 4  # size of the raster of IoU_whole in true rectangles, as in the code of Jiang et al. and TVCalib
+CELLS = (210, 136)  # of the true rectangle: half a metre each on a soccer field
 
 
 def iou_part(
     prediction: Prediction, truth: Prediction, image_size: tuple[int, int], *, field: Field | None = None
 ) -> float:
-    """IoU of the parts of the field that two cameras see (paper, section "Metrics").
+    """IoU of the parts of the field in view of two cameras (paper, section "Metrics").
 
     Parameters
     ----------
     prediction, truth : Camera, RationalCamera or (3, 3) array
-        Cameras, lens included, or homographies from the field to the image.
+        Cameras, with distortion, or homographies from the field to the image.
     image_size : (int, int)
         Width and height in pixels.
     field : Field, optional
@@ -49,12 +49,12 @@ def iou_part(
     Returns
     -------
     float
-        0..1; 0 if neither sees any of the field.
+        0..1; 0 if the field is in view of neither.
 
     Raises
     ------
     ValueError
-        If one of the two is neither a camera of this size nor a homography, or `image_size` is none.
+        If one of the two is neither a camera of this size nor a homography, or `image_size` is not valid.
 
     Examples
     --------
@@ -81,12 +81,13 @@ def iou_whole(
     field: Field | None = None,
     kind: IouWhole = "template",
 ) -> float:
-    """IoU of a rectangle and what becomes of it on the way to the other plane by one homography and back by the other.
+    """IoU of a rectangle and its image under one homography and the inverse of the other.
 
-    Two definitions are in use. "template" is that of Jiang et al. and of the paper's code: the field's rectangle, to
-    the image by the truth and back by the prediction, ``H_pred^-1 H_true``. "image" is that of KpSFR and PnLCalib: the
-    image's rectangle, to the field by the truth and back by the prediction, ``H_pred H_true^-1``. For the same cameras
-    they differ: 87.0 and 91.0 %. A camera's lens is left out: most of the field lies outside the image.
+    Two definitions are in use. "template" is that of Jiang et al. and of the paper's code: the field's rectangle is
+    mapped to the image by the truth and back by the prediction, ``H_pred^-1 H_true``. "image" is that of KpSFR and
+    PnLCalib: the image's rectangle is mapped to the field by the truth and back by the prediction,
+    ``H_pred H_true^-1``. Their values differ: 87.0 and 91.0 % for the same cameras. Distortion is ignored, since most
+    of the field lies outside the image.
 
     Parameters
     ----------
@@ -101,13 +102,12 @@ def iou_whole(
     Returns
     -------
     float
-        0..1; what lies beyond four times the rectangle's size is not counted. 0 if one of the two sees the field as a
-        line or a point.
+        0..1, without areas beyond four times the rectangle's size; 0 if one of the two homographies is singular.
 
     Raises
     ------
     ValueError
-        If one of the two is neither a camera of this size nor a homography, or `kind` or `image_size` is none.
+        If one of the two is neither a camera of this size nor a homography, or `kind` or `image_size` is not valid.
 
     Examples
     --------
@@ -121,7 +121,7 @@ def iou_whole(
     field = soccer() if field is None else field
     width, height = checked_image_size(image_size)
     H_true, H_pred = (homography_of(checked_prediction(view, (width, height))) for view in (truth, prediction))
-    with np.errstate(all="ignore"):  # absurd cameras overflow
+    with np.errstate(all="ignore"):  # implausible cameras overflow
         if kind == "template":
             back, unit = inverse_up_to_scale(H_true) @ H_pred, np.diag([field.length, field.width, 1.0])
         else:
@@ -132,8 +132,8 @@ def iou_whole(
         return 0.0
     x, y = ((np.arange(ZOOM_OUT * n) + 0.5) / n - ZOOM_OUT / 2.0 for n in CELLS)
     u, v, w = (row[0] * x + (row[1] * y + row[2])[:, None] for row in back)
-    reach = 0.5 * np.abs(w)
-    warped = (np.abs(u) <= reach) & (np.abs(v) <= reach)
+    half = 0.5 * np.abs(w)
+    warped = (np.abs(u) <= half) & (np.abs(v) <= half)
     return _iou(warped, (np.abs(x) <= 0.5) & (np.abs(y) <= 0.5)[:, None])
 
 
@@ -142,7 +142,7 @@ def _sees(view: Prediction, X: Array, image_size: tuple[int, int]) -> BoolArray:
     xy = project(view, X)
     inside = np.asarray(np.all((xy >= 0.0) & (xy <= np.subtract(image_size, 1.0)), axis=-1))  # false for NaN
     if isinstance(view, RationalCamera) and np.any(view.dist):
-        # it has pixels of points beyond a fold of the lens too, where it sees others
+        # where the lens is not monotone, two points have the same pixel: keep the one that the pixel is mapped back to
         back = image_to_field(view, xy[inside])
         inside[inside] = np.all(np.abs(back - X[inside, :2]) < CELL, axis=-1)
     return inside

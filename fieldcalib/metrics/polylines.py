@@ -1,7 +1,7 @@
 """The field as SoccerNet's evaluation draws it: one polyline for each segment that comes into the image.
 
-A segment is sampled, samples outside the image are dropped, and where it leaves or enters the image the crossing with
-the border is added. What lies before an exit and after the next entry is joined by a straight piece.
+A segment is sampled, samples outside the image are dropped, and the crossing with the border is added where it leaves
+or enters the image. The points before an exit and after the next entry are joined by a straight piece.
 """
 
 from __future__ import annotations
@@ -16,8 +16,7 @@ from fieldcalib._types import Array, BoolArray, IntArray
 from fieldcalib.fields.segments import Arc, Line, Segment
 from fieldcalib.metrics.views import Prediction, project_as_soccernet
 
-LINE_SPACING = 0.9  # metres, of SoccerNet's evaluation
-CIRCLE_SPACING = 0.2
+LINE_SPACING, CIRCLE_SPACING = 0.9, 0.2  # m, as in SoccerNet's evaluation
 
 
 class Samples(NamedTuple):
@@ -32,7 +31,7 @@ class Samples(NamedTuple):
 def sample_segments(segments: Mapping[str, Segment]) -> Samples:
     """Points of segments as SoccerNet's evaluation samples them.
 
-    Lines every 0.9 m from their start, the last piece being longer; arcs every 0.2 m, whole circles left open.
+    Lines every 0.9 m from their start, with a longer last piece; arcs every 0.2 m, without closing whole circles.
 
     Examples
     --------
@@ -66,7 +65,7 @@ class Polylines:
     xy: Array
     """(P, 2), pixels."""
     count: IntArray
-    """Points of each polyline, (F, L); 0 where the segment does not come into the image."""
+    """Points of each polyline, (F, L); 0 where the segment is not in the image."""
 
     @property
     def begin(self) -> IntArray:
@@ -82,14 +81,14 @@ def project_segments(predictions: Sequence[Prediction], samples: Samples, image_
     label = samples.label[sample]
     inside = np.all((xy >= 0.0) & (xy < image_size), axis=1)
 
-    follows = np.zeros(len(xy), dtype=bool)  # the point before belongs to the same polyline
+    follows = np.zeros(len(xy), dtype=bool)  # whether the previous point belongs to the same polyline
     follows[1:] = (frame[1:] == frame[:-1]) & (label[1:] == label[:-1])
     was_inside = np.roll(inside, 1) & follows
-    # an entry without a visible point before has no line to cross the border with
+    # an entry without a previous visible point has no crossing with the border
     entry = np.flatnonzero(inside & ~was_inside & follows)
     leave = np.flatnonzero(~inside & was_inside)
 
-    # two places for each sample: where it enters, and the sample itself or where it leaves
+    # two points for each sample: the entry, and the sample itself or the exit
     points, kept = np.empty((len(xy), 2, 2)), np.zeros((len(xy), 2), dtype=bool)
     points[:, 1], kept[:, 1] = xy, inside
     for place, index in ((0, entry), (1, leave)):
@@ -101,7 +100,7 @@ def project_segments(predictions: Sequence[Prediction], samples: Samples, image_
 
 
 def _border_crossings(xy: Array, before: Array, image_size: tuple[int, int]) -> tuple[Array, BoolArray]:
-    """Where lines through two points (N, 2) cross the image's border nearest to the first, and whether they do."""
+    """Crossings of lines through two points (N, 2) with the image's border nearest to the first, and which exist."""
     width, height = image_size
     (x, y), (x0, y0) = xy.T, before.T
     a, b, c = y - y0, x0 - x, x * y0 - y * x0  # the line a x + b y + c = 0

@@ -16,8 +16,8 @@ def compound_score(
 ) -> float:
     """CS: ``(1 - exp(-4 CR)) (0.5 AC@5 + 0.35 AC@10 + 0.15 AC@20)`` (paper, section "Metrics").
 
-    The paper's tables do not follow this formula: the code that made them gives the weights to the thresholds in the
-    order 20, 10, 5, and for SN-Calib-test-center counts completeness among all 2719 images of the test split, of which
+    The paper's tables do not follow this formula: the code that made them assigns the weights to the thresholds in the
+    order 20, 10, 5, and for SN-Calib-test-center counts completeness over all 2719 images of the test split, of which
     1454 show the main camera. "tables" is that variant; `share` is 1454 / 2719 there, and 1 for WC14.
 
     Parameters
@@ -39,11 +39,11 @@ def compound_score(
     Raises
     ------
     ValueError
-        If there are not three accuracies, a number is not in 0..1, or `kind` is none.
+        If there are not three accuracies, a number is not in 0..1, or `kind` is not valid.
 
     Examples
     --------
-    TVCalib on ground truth segments of SN-Calib-test-center, and the 75.5 that the paper's table has for it:
+    TVCalib on ground truth segments of SN-Calib-test-center; the paper's table has 75.5:
 
     >>> round(100 * compound_score([0.653, 0.842, 0.926], 1.0), 1)
     74.6
@@ -56,7 +56,7 @@ def compound_score(
     if values.shape != (3,):
         raise ValueError(f"expected AC@5, AC@10 and AC@20, got an array of shape {values.shape}")
     if completeness == 0.0:
-        return 0.0  # whatever the accuracy of nothing is
+        return 0.0  # without predictions the accuracies are NaN
     given = np.array([*values, completeness, share])
     if not np.all((given >= 0.0) & (given <= 1.0)):
         raise ValueError(f"expected ratios in 0..1, got {given.tolist()}; divide percentages by 100")

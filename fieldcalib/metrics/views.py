@@ -1,4 +1,4 @@
-"""What is evaluated: cameras, with any lens, and homographies of the ground."""
+"""Predictions that can be evaluated: cameras with any lens, and homographies of the ground."""
 
 from __future__ import annotations
 
@@ -15,19 +15,19 @@ from fieldcalib.geometry.rational import RationalCamera, distort_rational
 Prediction: TypeAlias = Camera | RationalCamera | Array
 """A camera, or the (3, 3) homography that maps field points (x, y, 1) in metres to pixels."""
 
-NEAREST = 1e-3  # metres of depth up to which SoccerNet's evaluation sees nothing
+LEAST_DEPTH = 1e-3  # m: SoccerNet's evaluation ignores points that are nearer
 
 
 def checked_prediction(prediction: object, image_size: tuple[int, int]) -> Prediction:
-    """A camera as it is, a homography as a float array, or a ValueError that says what came instead.
+    """A camera unchanged, a homography as a float array, or a ValueError.
 
-    A `Camera` must be for images of this size. The size of a `RationalCamera` may be a guess, and is not looked at.
+    A `Camera` must be for images of this size. The size of a `RationalCamera` may be a guess and is not checked.
     """
     if isinstance(prediction, Camera) and prediction.image_size != image_size:
         (w, h), (width, height) = prediction.image_size, image_size
         raise ValueError(
-            f"the camera is for images of {w}x{h}, evaluated are images of {width}x{height}: "
-            f"Camera.scaled makes it fit, and annotations can be read at its size"
+            f"the camera is for images of {w}x{h}, but the evaluated images have {width}x{height}: "
+            f"use Camera.scaled, or read the annotations at the size of the camera"
         )
     if isinstance(prediction, Camera | RationalCamera):
         return prediction
@@ -39,21 +39,21 @@ def checked_prediction(prediction: object, image_size: tuple[int, int]) -> Predi
         came = f"an array of shape {H.shape}" if isinstance(prediction, np.ndarray) else type(prediction).__name__
         raise ValueError(
             f"expected a Camera, a RationalCamera or a homography as a finite array of shape (3, 3), got {came}; "
-            f"of a Calibration give its camera"
+            f"for a Calibration give its `camera`"
         )
     return H
 
 
 def is_homography(prediction: Prediction) -> bool:
-    """Whether a prediction maps the ground alone."""
+    """Whether a prediction is a homography."""
     return not isinstance(prediction, Camera | RationalCamera)
 
 
 def project(prediction: Prediction, X: Array) -> Array:
-    """Pixels (..., 2) of world points (..., 3); NaN where there is no image.
+    """Pixels (..., 2) of world points (..., 3); NaN for points without an image.
 
-    A homography maps the ground, whatever the height of the points. That a field is seen from above settles its sign,
-    ``det K R [e1 e2 -C] = -fx fy z > 0``, and with it what lies beyond its horizon.
+    A homography maps the ground and ignores the height of the points. Its sign follows from a camera above the ground,
+    ``det K R [e1 e2 -C] = -fx fy z > 0``, and determines which points are beyond its horizon.
     """
     if isinstance(prediction, Camera | RationalCamera):
         return prediction.project(X)
@@ -66,12 +66,12 @@ def image_to_field(prediction: Prediction, xy: Array) -> Array:
     if isinstance(prediction, Camera | RationalCamera):
         return prediction.image_to_field(xy)[..., :2]
     with np.errstate(all="ignore"):
-        # of a positive determinant, the adjugate has the sign of the inverse
+        # for a positive determinant, the adjugate has the sign of the inverse
         return _in_front(homogenize(xy) @ inverse_up_to_scale(_sign(prediction) * prediction).T)
 
 
 def _sign(H: Array) -> float:
-    """Which of the two signs of a homography belongs to a camera above the ground."""
+    """The sign, 1 or -1, that makes a homography that of a camera above the ground."""
     return float(np.sign(np.linalg.det(H)))
 
 
@@ -81,26 +81,26 @@ def _in_front(x: Array) -> Array:
 
 
 def homography_of(prediction: Prediction) -> Array:
-    """The (3, 3) homography from the field to the image, a camera's lens left out."""
+    """The (3, 3) homography from the field to the image; the distortion of a camera is ignored."""
     return prediction.homography if isinstance(prediction, Camera | RationalCamera) else prediction
 
 
 def inverse_up_to_scale(H: Array) -> Array:
-    """The adjugate ``det(H) H^-1``: of a singular homography too, which maps everything to one point or to none."""
+    """The adjugate ``det(H) H^-1``, which also exists for singular homographies."""
     return np.asarray(np.cross(H[[1, 2, 0]], H[[2, 0, 1]]).T)
 
 
 def project_as_soccernet(predictions: Sequence[Prediction], X: Array) -> tuple[Array, BoolArray]:
     """Pixels of world points as SoccerNet's evaluation computes them, for many predictions at once.
 
-    A camera sees what is more than a millimetre in front of it, however far its lens bends it, and rounds: distorted
-    normalised coordinates, and all that follows, have single precision. A homography sees every point.
+    For a camera, points more than a millimetre in front of it are visible, whether or not its lens is monotone there,
+    and distorted normalised coordinates are rounded to single precision. For a homography every point is visible.
 
     Parameters
     ----------
     predictions : sequence of F predictions
     X : (M, 3) array
-        World points; on the ground if there are homographies.
+        World points; on the ground if a prediction is a homography.
 
     Returns
     -------
@@ -110,7 +110,7 @@ def project_as_soccernet(predictions: Sequence[Prediction], X: Array) -> tuple[A
     """
     xy, visible = np.zeros((len(predictions), len(X), 2)), np.ones((len(predictions), len(X)), dtype=bool)
     maps = [f for f, prediction in enumerate(predictions) if is_homography(prediction)]
-    with np.errstate(all="ignore"):  # absurd cameras overflow
+    with np.errstate(all="ignore"):  # implausible cameras overflow
         if maps:
             H = np.stack([homography_of(predictions[f]) for f in maps])
             xy[maps] = dehomogenize(homogenize(X[:, :2]) @ np.swapaxes(H, 1, 2))
@@ -125,7 +125,7 @@ def _project_cameras(cameras: list[RationalCamera], X: Array) -> tuple[Array, Bo
     K, R = np.stack([camera.K for camera in cameras]), np.stack([camera.R for camera in cameras])
     C, dist = np.stack([camera.C for camera in cameras]), np.stack([camera.dist for camera in cameras])
     Xc = np.moveaxis((X - C[:, None]) @ np.swapaxes(R, 1, 2), -1, 0)
-    visible = Xc[2] > NEAREST
+    visible = Xc[2] > LEAST_DEPTH
     depth = np.where(visible, Xc[2], 1.0)
     x = np.stack([Xc[0] / depth, Xc[1] / depth], axis=-1)
     if np.any(dist):
