@@ -39,7 +39,7 @@ from fieldcalib.cli.main import run_command
 from fieldcalib.fields.segments import Line, ObjectSegments, Segment
 from fieldcalib.fields.soccer import soccer
 from fieldcalib.fields.stands import MAIN_CENTER, MAIN_LEFT, MAIN_RIGHT, CameraDistribution, focal_length_from_fov
-from fieldcalib.geometry.projective import homogenize
+from fieldcalib.geometry.projective import TINY, homogenize
 from fieldcalib.geometry.rotation import rotation_axes, rotation_from_angles
 from fieldcalib.io.soccernet import CAMERA_TYPES, DISTRIBUTIONS_OF_TYPE, read_camera_types
 from fieldcalib.problem.labelled_pixels import Pixels, split_circles
@@ -52,7 +52,6 @@ CIRCLE_PIXELS = 8
 SEED = 0  # of the choice among more pixels
 SIGMA = 1.96 / np.sqrt(12.0)  # of a range of length 1, in the public code; the paper's words suggest 1 / (2 x 1.96)
 CHUNK = 64  # frames at once: their arrays still fit the processor's cache
-TINY = 1e-300  # keeps degenerate lengths from dividing by zero
 
 # The public code's range of x; the paper's appendix prints that of z.
 DISTRIBUTIONS: Mapping[str, CameraDistribution] = {

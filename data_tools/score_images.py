@@ -40,7 +40,7 @@ from data_tools.nonsense import nonsense
 from fieldcalib._types import Array
 from fieldcalib.assess.result import Calibration
 from fieldcalib.cli.arguments import count
-from fieldcalib.cli.frames import AT_ONCE, add_network, add_refinement, in_parts, load_network
+from fieldcalib.cli.frames import IMAGES_AT_ONCE, add_network, add_refinement, in_parts, load_network
 from fieldcalib.cli.main import run_command
 from fieldcalib.fields.soccer import soccer
 from fieldcalib.images.from_images import calibrate_from_images
@@ -60,7 +60,7 @@ LEAST_POINTS = 4
 def calibrated(images: Iterable[Image], options: argparse.Namespace) -> Iterator[Calibration]:
     """The camera of each image, a few images at a time."""
     field, network = soccer(), load_network(options)
-    for part in in_parts(images, AT_ONCE):
+    for part in in_parts(images, IMAGES_AT_ONCE):
         yield from calibrate_from_images(field, part, network, refine=options.refine)
 
 

@@ -14,7 +14,7 @@ from fieldcalib.fields.segments import Line, Point, PointCloud
 from fieldcalib.fields.soccer import soccer
 from fieldcalib.geometry.camera import Camera
 from fieldcalib.images.line_profiles import Markings, find_lines, profiles_along
-from fieldcalib.images.refinement import agreement, refine_on_image
+from fieldcalib.images.refinement import line_support, refine_on_image
 from fieldcalib.problem.layout import CENTER, LOG_F, camera_from_theta, theta_from_camera
 
 FIELD = soccer()
@@ -161,13 +161,13 @@ def test_images_are_checked():
         refine_on_image(FIELD, np.zeros((540, 960, 3)), start)
 
 
-def test_agreement():
+def test_line_support():
     truth = VIEWS["penalty area"]
     image = picture(truth)
-    assert agreement(image, truth, MARKINGS) > 0.75
-    assert agreement(image, moved(truth, 8.0), MARKINGS) < 0.3
+    assert line_support(image, truth, MARKINGS) > 0.75
+    assert line_support(image, moved(truth, 8.0), MARKINGS) < 0.3
     looking_up = Camera.from_angles(0.0, 2.5, 0.0, 1000.0, (0.0, 60.0, -15.0), SIZE)
-    assert agreement(image, looking_up, MARKINGS) == 0.0
+    assert line_support(image, looking_up, MARKINGS) == 0.0
 
 
 # --- profiles ---

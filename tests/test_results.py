@@ -164,7 +164,9 @@ some_cameras = st.builds(
     st.tuples(finite, finite, finite),
     st.lists(numbers(-1.0, 1.0), min_size=2, max_size=2) | st.lists(numbers(-1.0, 1.0), min_size=12, max_size=12),
 )
-suspects = st.lists(st.builds(SuspectLabel, names, st.none() | names, st.floats(allow_nan=False)), max_size=2).map(tuple)
+suspects = st.lists(st.builds(SuspectLabel, names, st.none() | names, st.floats(allow_nan=False)), max_size=2).map(
+    tuple
+)
 
 
 @st.composite

@@ -272,12 +272,13 @@ class Calibration:
         """Errors in metres of the ground points seen at pixels (..., 2)."""
         return self.uncertainty.at_image(xy)
 
-    def probability(self, metres: float = 1.0) -> float:
+    def probability(self, metres: float = 1.0, *, size_known: bool = False) -> float:
         """Probability that the camera is right: no point of the field in view is off by more than some metres.
 
         Fitted on synthetic frames of the field, see `fieldcalib.assess.probability`. NaN where no part of the field is
         in view or the camera does not come from labelled pixels, 0 where there is no camera or it is implausible: of 22
-        such ones on synthetic frames none was right.
+        such ones on synthetic frames none was right. With `size_known` it is that if the field had just the given size:
+        where it has another one, the camera may fit its image well and be wrong in metres.
 
         Raises
         ------
@@ -309,9 +310,12 @@ class Calibration:
             )
         if self.status is Status.IMPLAUSIBLE:
             return 0.0
-        return probability_right(self.field.probability, *self._evidence, metres) / (1 + len(self.alternatives))
+        rows, weights = self._evidence
+        if size_known:
+            rows, weights = rows[:1], np.ones(1)
+        return probability_right(self.field.probability, rows, weights, metres) / (1 + len(self.alternatives))
 
-    def doubted(self, least: float, metres: float = 1.0) -> Calibration:
+    def doubted(self, least: float, metres: float = 1.0, *, size_known: bool = False) -> Calibration:
         """The same, with the verdict that it is probably wrong if its `probability` is below `least`.
 
         What has no camera with an uncertainty, or was rejected already, stays as it is.
@@ -329,7 +333,7 @@ class Calibration:
         """
         if self.solved is None or self.status is Status.REJECTED:
             return self
-        probability = self.probability(metres)
+        probability = self.probability(metres, size_known=size_known)
         if probability >= least:
             return self
         doubt = f"right to {metres:g} m with a probability of {probability:.2f}, below {least:g}"
@@ -368,10 +372,8 @@ class Calibration:
         True
         """
         return {
-            "version": VERSION,
             "status": str(self.status),
             "message": self.message,
-            "image_size": None if self.camera is None else list(self.camera.image_size),
             **(_camera_to_record(self.camera) if self.camera is not None else {}),
             "rms_px": to_json(self.rms),
             "segment_errors_px": {label: to_json(error) for label, error in self.per_segment_errors.items()},
@@ -380,8 +382,10 @@ class Calibration:
             "alternatives": [_camera_to_record(other) for other in self.alternatives],
             "complaints": list(self.complaints),
             "pixel_counts": dict(self.pixel_counts),
+            "image_size": None if self.camera is None else list(self.camera.image_size),
             "field": None if self.field is None else field_to_record(self.field),
             "solved": None if self.solved is None else self.solved.to_dict(),
+            "version": VERSION,
         }
 
     @classmethod

@@ -19,7 +19,7 @@ from fieldcalib.problem.layout import ANGLES, CENTER, LOG_F
 
 LARGEST_ROLL = np.radians(45.0)
 FIELD_OF_VIEW = np.radians((0.5, 150.0))
-BEHIND = 0.1  # share of the fitting segments' weight that may lie behind the camera
+LARGEST_SHARE_BEHIND = 0.1  # share of the fitting segments' weight that may lie behind the camera
 AGREEING = 2.0 / 3.0  # share of the labelled segments that must fit: a robust loss always has some minimum
 
 
@@ -146,7 +146,7 @@ def implausibilities(
     reasons = {
         "its field of view is below 0.5 degrees": fov < FIELD_OF_VIEW[0],
         "its field of view is above 150 degrees": fov > FIELD_OF_VIEW[1],
-        f"labelled {noun} lie behind it": behind > BEHIND * np.sum(near, axis=1),
+        f"labelled {noun} lie behind it": behind > LARGEST_SHARE_BEHIND * np.sum(near, axis=1),
     }
     if field is not None:
         C = theta[:, CENTER]

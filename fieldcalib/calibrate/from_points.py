@@ -33,7 +33,7 @@ from fieldcalib.problem.layout import ANGLES, CENTER, LOG_ASPECT, LOG_F, PRINCIP
 from fieldcalib.problem.losses import LossName, RobustLoss
 from fieldcalib.problem.observations import pack
 
-LEVEL = rotation_from_angles(np.array([0.0, np.pi / 2.0, 0.0]))  # towards the far side, horizontally
+HORIZONTAL = rotation_from_angles(np.array([0.0, np.pi / 2.0, 0.0]))  # towards the far side, horizontally
 SOLVED_SIZE = 30.0  # metres: root mean square distance from the centroid, about that of the part of a field in view
 
 
@@ -246,7 +246,7 @@ def _calibrate_without_prior(points: Points, options: Options, common: _Common) 
     size = float(np.sqrt(np.mean(np.sum(np.square(points.X - origin), axis=1))))
     scale = SOLVED_SIZE / size if size else 1.0
     # a roll that is kept is one about the object's own axes
-    turn = np.eye(3) if points.flags & CalibrationFlags.CALIB_FIX_ROLL else LEVEL.T @ pose.R
+    turn = np.eye(3) if points.flags & CalibrationFlags.CALIB_FIX_ROLL else HORIZONTAL.T @ pose.R
     moved = Camera(np.eye(3), pose.R @ turn.T, scale * turn @ (pose.C - origin), options.image_size)
     rvec, tvec, _, _ = moved.to_opencv()
     given, points = points, replace(points, X=scale * (points.X - origin) @ turn.T, rvec=rvec, tvec=tvec)

@@ -12,6 +12,7 @@ import numpy as np
 
 from fieldcalib._types import Array, BoolArray, IntArray
 from fieldcalib.fields.stands import SOCCER_SCALE, CameraDistribution
+from fieldcalib.fields.traits import DEVIATIONS
 from fieldcalib.geometry.homography import decompose_homography
 from fieldcalib.geometry.projective import fit_lines, homogenize, homography_from_lines
 from fieldcalib.geometry.rotation import angles_from_rotation, rotation_from_angles
@@ -27,7 +28,7 @@ from fieldcalib.problem.layout import (
     Layout,
 )
 from fieldcalib.problem.observations import Observations, Rows
-from fieldcalib.problem.prior import DEVIATIONS, GaussianPrior, gaussian_prior
+from fieldcalib.problem.prior import GaussianPrior, gaussian_prior
 
 SHORT, NEAREST = 1.0 / 8.0, 1.0 / 40.0  # of what is in view: length of a short segment, depth of the nearest one
 ON_GROUND = 1e-9  # metres

@@ -19,9 +19,9 @@ from typing import Any, BinaryIO, TypeAlias, TypeVar
 import numpy as np
 
 import fieldcalib
+from fieldcalib._types import Array
 from fieldcalib.assess.ndc import ndc_loss
-from fieldcalib.assess.result import ANGLE_NAMES, Calibration, Status
-from fieldcalib.assess.uncertainty import Uncertainty
+from fieldcalib.assess.result import ANGLE_NAMES, Calibration, Status, Verdict
 from fieldcalib.fields.field import Field
 from fieldcalib.fields.soccer import soccer
 from fieldcalib.geometry.camera import Camera
@@ -36,8 +36,8 @@ Method: TypeAlias = Callable[[dict[str, Pixels]], Sequence[Calibration]]
 
 P = TypeVar("P")  # a prior, in whatever form
 
-AT_ONCE = 256  # frames between two steps of the progress bar
-WITHHELD = (Status.REJECTED, Status.IMPROBABLE)  # cameras that the user did not want
+FRAMES_AT_ONCE = 256  # calibrated together, between two steps of the progress bar
+WITHHELD = (Status.REJECTED, Status.IMPROBABLE)  # cameras that the user of `calibrate` did not want
 METRES = (0.5, 1.0)  # that the probabilities in cameras.jsonl are about
 SUMMARY = "summary.json"  # of a run
 NAMED = 3  # skipped files of a kind
@@ -108,7 +108,7 @@ def calibrate_folder(
     field: Field,
     method: Method,
     *,
-    at_once: int = AT_ONCE,
+    at_once: int = FRAMES_AT_ONCE,
     details: Mapping[str, Mapping[str, Any]] = MappingProxyType({}),
 ) -> int:
     """Read ``options.input``, calibrate by `method`, write to ``options.out``; returns the exit code.
@@ -158,15 +158,23 @@ def by_prior(
     return [found[id] for id in frames]
 
 
+def not_withheld(calibration: Calibration) -> bool:
+    """Whether the camera passes the thresholds that the user has set."""
+    return calibration.status not in WITHHELD
+
+
 @contextmanager
-def result_folder(options: argparse.Namespace, began: float) -> Iterator[Results]:
+def result_folder(
+    options: argparse.Namespace, began: float, keeps: Callable[[Calibration], bool] = not_withheld
+) -> Iterator[Results]:
     """``options.out``, for cameras frame by frame; when all went well it gets its cameras.jsonl and its summary.json.
 
-    `began` is what `time.perf_counter` said at the start.
+    `began` is what `time.perf_counter` said at the start; `keeps` says of a calibration whether its camera, if there is
+    one, gets a file.
     """
     with output_folder(options.out):
         with whole_file(options.out / LINES) as lines:
-            results = Results(options.out, lines)
+            results = Results(options.out, lines, keeps)
             yield results
         results.summarize(began, options)
 
@@ -178,19 +186,21 @@ class Results:
     out: Path
     lines: BinaryIO
     """cameras.jsonl."""
+    keeps: Callable[[Calibration], bool]
+    """Whether the camera of a calibration gets a file."""
+    verdicts: Counter[str] = attribute(default_factory=Counter)
     statuses: Counter[str] = attribute(default_factory=Counter)
     cameras: int = 0
-    calibrations: int = 0
     calibrating: float = 0.0
     """Seconds that were spent on the calibrations, without files and pictures."""
 
     def add(self, line: Mapping[str, Any], calibration: Calibration | None) -> None:
-        """Write the line of the next frame, and its camera.
+        """Write the line of the next frame, and its camera if that is kept.
 
         An earlier run's camera of a frame that has none now is removed.
         """
         path = self.out / CAMERAS.file_name(line["id"])
-        if calibration is None or calibration.camera is None or calibration.status in WITHHELD:
+        if calibration is None or calibration.camera is None or not self.keeps(calibration):
             if os.path.lexists(path):  # not for a name that is too long
                 path.unlink()
         else:
@@ -198,7 +208,8 @@ class Results:
             self.cameras += 1
         self.lines.write((json.dumps(line) + "\n").encode())
         self.statuses[line["status"]] += 1
-        self.calibrations += calibration is not None
+        if calibration is not None:
+            self.verdicts[line["verdict"]] += 1
 
     def summarize(self, began: float, options: argparse.Namespace) -> None:
         """Write summary.json, and say how many cameras there are."""
@@ -207,14 +218,17 @@ class Results:
             "frames": frames,
             "cameras": self.cameras,
             "completeness": 100.0 * self.cameras / frames,
+            "verdict": {verdict.value: self.verdicts[verdict] for verdict in Verdict},
             "status": dict(self.statuses),
             "seconds": {"calibration": self.calibrating, "total": time.perf_counter() - began},
-            "milliseconds_per_frame": 1e3 * self.calibrating / max(self.calibrations, 1),
+            "milliseconds_per_frame": 1e3 * self.calibrating / max(self.verdicts.total(), 1),
             "options": _recorded(options),
             "version": fieldcalib.__version__,
         }
         write_text(self.out / SUMMARY, json.dumps(summary, indent=2) + "\n")
-        counts = ", ".join(f"{count} {status}" for status, count in self.statuses.most_common())
+        statuses = ", ".join(f"{count} {status}" for status, count in self.statuses.most_common())
+        verdicts = ", ".join(f"{self.verdicts[verdict]} {verdict}" for verdict in Verdict if self.verdicts[verdict])
+        counts = "; ".join(filter(None, (statuses, verdicts)))
         print(f"{self.cameras} cameras of {frames} frames in {self.out}: {counts}")
 
 
@@ -247,21 +261,23 @@ def broken_line(id: str, message: str) -> dict[str, Any]:
 
 def calibration_line(id: str, calibration: Calibration, eq3: float | None) -> dict[str, Any]:
     """One frame's line of cameras.jsonl."""
-    line: dict[str, Any] = {"id": id, **calibration.to_dict()}
+    line: dict[str, Any] = {"id": id, "status": str(calibration.status), "message": calibration.message}
+    line |= {"verdict": str(calibration.verdict), "reason": calibration.reason}
+    line |= calibration.to_dict()
     if calibration.camera is not None:
-        line["loss_ndc_eq3"] = eq3
-    if calibration.solved is not None:
-        line["standard_deviations"] = _standard_deviations(calibration.uncertainty)
+        line |= {"rms_as_labelled_px": _number(calibration.rms_as_labelled), "loss_ndc_eq3": eq3}
+    if calibration.camera is not None and calibration.solved is not None:
+        line["standard_deviations"] = _standard_deviations(calibration.camera, calibration.covariance)
     if calibration.has_probability:
         line |= {f"probability_right_{metres:g}m": _number(calibration.probability(metres)) for metres in METRES}
     return line
 
 
-def _standard_deviations(uncertainty: Uncertainty) -> dict[str, Any]:
-    sigma = np.sqrt(np.diagonal(uncertainty.covariance))
+def _standard_deviations(camera: Camera, covariance: Array) -> dict[str, Any]:
+    sigma = np.sqrt(np.diagonal(covariance))
     degrees = map(_number, np.degrees(sigma[ANGLES]))
     return {
-        "focal_length_px": _number(uncertainty.camera.focal_length * sigma[LOG_F]),
+        "focal_length_px": _number(camera.focal_length * sigma[LOG_F]),
         "C": [_number(metres) for metres in sigma[CENTER]],
         "angles_degrees": dict(zip(ANGLE_NAMES, degrees, strict=True)),
     }

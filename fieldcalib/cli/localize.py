@@ -6,7 +6,7 @@ import argparse
 import sys
 from pathlib import Path
 
-from fieldcalib.cli.frames import AT_ONCE, add_limits, add_network, in_parts, load_network, opened, pixels_of
+from fieldcalib.cli.frames import IMAGES_AT_ONCE, add_limits, add_network, in_parts, load_network, opened, pixels_of
 from fieldcalib.fields.soccer import soccer
 from fieldcalib.io.files import write_text
 from fieldcalib.io.formats import ANNOTATIONS, VIDEOS
@@ -42,7 +42,7 @@ def run(options: argparse.Namespace) -> int:
         output_folder(options.out),
         tqdm(total=source.count, unit="frame", disable=None) as progress,
     ):
-        for part in in_parts(source.frames, AT_ONCE, pixels_of):
+        for part in in_parts(source.frames, IMAGES_AT_ONCE, pixels_of):
             read = [(frame.id, frame.image) for frame in part if frame.image is not None]
             broken += len(part) - len(read)
             found = localize(field, [image for _, image in read], network)

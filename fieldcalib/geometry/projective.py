@@ -9,7 +9,7 @@ from numpy.typing import ArrayLike
 
 from fieldcalib._types import Array
 
-TINY = 1e-300  # keeps sums of zero weights from dividing by zero
+TINY = 1e-300  # smallest divisor: of weights or lengths that may all be 0
 # Condition number of a homography beyond which less than four digits are left of its inverse; of cameras, between
 # metres and pixels, about 1e6.
 SINGULAR = 1e12

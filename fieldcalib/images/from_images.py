@@ -8,25 +8,24 @@ from functools import partial
 
 import numpy as np
 
-from fieldcalib.assess.result import Calibration, Status
+from fieldcalib.assess.result import LEAST_PROBABILITY, Calibration, Status
 from fieldcalib.calibrate.options import ALL, DEFAULT_FLAGS, Prior
 from fieldcalib.fields.segments import ObjectSegments
 from fieldcalib.geometry.camera import Camera
 from fieldcalib.images.hypotheses import calibrate_from_consensus, calibrate_localized, near_labels
 from fieldcalib.images.line_profiles import Markings
-from fieldcalib.images.refinement import REACHES, agreement, refine_on_image
+from fieldcalib.images.refinement import SEARCH_RANGES, line_support, refine_on_image
 from fieldcalib.io.image import Image, checked_images
 from fieldcalib.localize import Localization, Network, localize
 
-FAINT = 0.7  # of the weight of a segment that is labelled by hand
-LEAST_SEGMENTS = 3  # are enough for a camera; where there are fewer, faint ones must do
-# How far an image agrees with a camera (`agreement`), and what share of the labels' weight the camera explains. Of
-# refined cameras on broadcast frames, 1 in 80 is wrong where the image agrees so far that it is sure, else 1 in 5.
-SURE_AGREEMENT, LEAST_EXPLAINED_SURE = 0.45, 0.5
-LEAST_AGREEMENT, LEAST_EXPLAINED = 0.2, 0.75
-LEAST_AGREEMENT_CHOSEN = 0.35  # where of several cameras the image chose one, it is bound to agree somewhat
-LEAST_PROBABILITY = 0.5  # that the camera is right everywhere in view, else it is more probably wrong,
-METRES, METRES_REFINED = 3.0, 1.0  # to this much
+LEAST_WEIGHT = 0.7  # of a segment (1 if it is labelled by hand): those below are mostly false detections
+LEAST_SEGMENTS = 3  # determine a camera; where fewer have that weight, all segments are used
+# Line support of a camera in its image, and the share of the labels' weight that the camera explains. On broadcast
+# frames 1 in 80 refined cameras is wrong above SURE_SUPPORT, and 1 in 5 below.
+SURE_SUPPORT, LEAST_EXPLAINED_SURE = 0.45, 0.5
+LEAST_SUPPORT, LEAST_EXPLAINED = 0.2, 0.75
+LEAST_SUPPORT_CHOSEN = 0.35  # where a camera was chosen by its support: the largest of several is biased upwards
+LARGEST_ERROR, LARGEST_ERROR_REFINED = 3.0, 1.0  # m anywhere in view, to which `LEAST_PROBABILITY` applies
 
 
 def calibrate_from_images(
@@ -45,20 +44,20 @@ def calibrate_from_images(
     object_segments : mapping of str to segment
         The calibration object that the network was trained for, e.g. `soccer()`.
     images : iterable of (height, width, 3) uint8 arrays
-        Blue, green, red; of any sizes. All are in memory at once: give a long video in parts.
+        Blue, green, red; of any sizes. All are held in memory at once: pass a long video in parts.
     network : Network
         Finds the markings, e.g. `SegmentationNetwork.load()`.
     flags, prior
-        As in `calibrate_from_segments`, for all images alike.
+        As in `calibrate_from_segments`, the same for all images.
     refine : bool
-        Whether white lines are looked for in the images (`refine_on_image`): nearer to the truth, at twice the time.
+        Whether cameras are refined on the lines in the images (`refine_on_image`): more accurate, twice as slow.
 
     Returns
     -------
     list of Calibration
-        One an image. An image that cannot be calibrated is no error: see `status` and `message`. A camera is "probably
-        wrong" if the image shows no lines where it has the markings. Before an image is given up, cameras are tried
-        that come from some of its segments only (`calibrate_from_consensus`).
+        One per image. An image that cannot be calibrated is no error: see `status` and `message`. A camera is "probably
+        wrong" if the image has no lines at its projected markings. Before an image is rejected, cameras from subsets of
+        its segments are tried (`calibrate_from_consensus`).
 
     Raises
     ------
@@ -78,7 +77,7 @@ def calibrate_from_images(
     ('too few segments', 'no labelled pixels: nothing to calibrate from')
     """
     images = checked_images(images)
-    found = [_without_faint(part) for part in localize(object_segments, images, network)]
+    found = [_without_weak(part) for part in localize(object_segments, images, network)]
     by_size: dict[tuple[int, int], list[int]] = {}
     for index, image in enumerate(images):
         by_size.setdefault((image.shape[1], image.shape[0]), []).append(index)
@@ -88,25 +87,25 @@ def calibrate_from_images(
         parts = [found[index] for index in members]
         from_labels = calibrate_localized(object_segments, parts, size, flags=flags, prior=prior)
         for index, part, first in zip(members, parts, from_labels, strict=True):
-            look = partial(
-                _looked_at, object_segments, markings, images[index], part, flags=flags, prior=prior, refine=refine
+            verified = partial(
+                _verified, object_segments, markings, images[index], part, flags=flags, prior=prior, refine=refine
             )
-            calibrations[index], is_sure = look(first, least_agreement=LEAST_AGREEMENT)
+            calibrations[index], is_sure = verified(first, least_support=LEAST_SUPPORT)
             if not is_sure:
                 others = calibrate_from_consensus(object_segments, images[index], part, flags=flags, prior=prior)
-                least = LEAST_AGREEMENT_CHOSEN if refine else LEAST_AGREEMENT
-                looks = [calibrations[index], *(look(other, least_agreement=least)[0] for other in others)]
-                calibrations[index] = _most_agreeing(markings, images[index], looks)
+                least = LEAST_SUPPORT_CHOSEN if refine else LEAST_SUPPORT
+                candidates = [calibrations[index], *(verified(other, least_support=least)[0] for other in others)]
+                calibrations[index] = _best_supported(markings, images[index], candidates)
     return [calibrations[index] for index in range(len(images))]
 
 
-def _without_faint(found: Localization) -> Localization:
-    """Without what the network hardly saw: mostly it is nothing, and refinement finds the rest."""
-    labels = [label for label, weight in found.weight.items() if weight >= FAINT]
+def _without_weak(found: Localization) -> Localization:
+    """Without segments of low weight: most of them are false detections, and refinement finds the others."""
+    labels = [label for label, weight in found.weight.items() if weight >= LEAST_WEIGHT]
     return found.only(labels) if len(labels) >= LEAST_SEGMENTS else found
 
 
-def _looked_at(
+def _verified(
     object_segments: ObjectSegments,
     markings: Markings,
     image: Image,
@@ -116,41 +115,45 @@ def _looked_at(
     flags: int,
     prior: Prior,
     refine: bool,
-    least_agreement: float,
+    least_support: float,
 ) -> tuple[Calibration, bool]:
-    """The calibration refined, probably wrong where its image or its probability says so; and whether that is sure."""
+    """The refined calibration, "probably wrong" if its support or its probability is low; and whether it is sure."""
     if refine:
         calibration = refine_on_image(
             object_segments, image, calibration, found.pixels, weights=found.weights, flags=flags, prior=prior
         )
     if calibration.camera is None or not calibration.accepted:
         return calibration, False
-    share = agreement(image, calibration.camera, markings)
+    share = line_support(image, calibration.camera, markings)
     explained = _explained(object_segments, calibration.camera, found)
-    is_sure = refine and share >= SURE_AGREEMENT and explained >= LEAST_EXPLAINED_SURE
+    is_sure = refine and share >= SURE_SUPPORT and explained >= LEAST_EXPLAINED_SURE
     doubt = ""
-    if share < least_agreement:
-        doubt = f"the image shows lines at {100.0 * share:.0f} % of the markings in view"
+    if share < least_support:
+        doubt = f"only {100.0 * share:.0f} % line support: the image has few lines at the projected markings"
     elif explained < LEAST_EXPLAINED and not is_sure:
-        doubt = f"{100.0 * explained:.0f} % of what the network found lies where the camera has it"
+        doubt = f"only {100.0 * explained:.0f} % of the detected segments, by weight, are near their projections"
     if doubt:
         return replace(calibration, status=Status.IMPROBABLE, message=f"{doubt}; {calibration.message}"), False
     if calibration.has_probability:
-        calibration = calibration.doubted(LEAST_PROBABILITY, METRES_REFINED if refine else METRES)
+        # a field of another size is no reason to give up a camera that fits its image
+        metres = LARGEST_ERROR_REFINED if refine else LARGEST_ERROR
+        calibration = calibration.doubted(LEAST_PROBABILITY, metres, size_known=True)
     return calibration, calibration.accepted and (is_sure or not refine)
 
 
 def _explained(object_segments: ObjectSegments, camera: Camera, found: Localization) -> float:
-    """Share of the weight of labelled pixels that segments near their image under the camera have."""
+    """Share of the labels' weight that belongs to labels near the projections of their segments."""
     weight = found.weight
     near = near_labels(object_segments, camera, found)
     return sum(weight[label] for label in near) / max(sum(weight.values()), 1e-9)
 
 
-def _most_agreeing(markings: Markings, image: Image, calibrations: Sequence[Calibration]) -> Calibration:
-    """That which the image agrees with most of those that are accepted; the first if none is."""
+def _best_supported(markings: Markings, image: Image, calibrations: Sequence[Calibration]) -> Calibration:
+    """The accepted calibration with the highest line support; the first one if none is accepted."""
     share = [
-        agreement(image, one.camera, markings, max(REACHES)) if one.accepted and one.camera is not None else 0.0
+        line_support(image, one.camera, markings, max(SEARCH_RANGES))
+        if one.accepted and one.camera is not None
+        else 0.0
         for one in calibrations
     ]
     return calibrations[int(np.argmax(share))]

@@ -1,7 +1,8 @@
-"""Cameras from a few segments each, for an image whose segments do not fit together.
+"""Cameras from subsets of the segments, for an image whose segments are inconsistent.
 
-Hypothesise and verify, with the image as the judge: a network that takes a mowing pattern for a penalty area does so
-for several of its lines, and these agree with one another, though not with the white lines.
+Hypothesise and verify, where a hypothesis is scored on the image (line support) instead of by its number of inliers: a
+network that mistakes a mowing pattern for a penalty area does so for several of its lines, which are then consistent
+with one another but have no line support.
 """
 
 from __future__ import annotations
@@ -18,13 +19,13 @@ from fieldcalib.calibrate.options import Prior, pixel_unit
 from fieldcalib.fields.segments import ObjectSegments
 from fieldcalib.geometry.camera import Camera
 from fieldcalib.images.line_profiles import Markings
-from fieldcalib.images.refinement import REACHES, agreement
+from fieldcalib.images.refinement import SEARCH_RANGES, line_support
 from fieldcalib.io.image import Image
 from fieldcalib.localize import Localization
 
 HEAVIEST = 5  # segments, by the weight of their pixels
-OF_EACH = 3  # of them in a hypothesis: 10 hypotheses
-LOOKED_AT = 2  # of these
+PER_HYPOTHESIS = 3  # of them, the fewest that determine a camera: 10 hypotheses
+VERIFIED = 2  # hypotheses that are calibrated again from all segments near them
 
 
 def calibrate_from_consensus(
@@ -35,10 +36,10 @@ def calibrate_from_consensus(
     flags: int,
     prior: Prior,
 ) -> list[Calibration]:
-    """Calibrate from those labelled pixels that agree with the lines in the image; several answers, the best first.
+    """Calibrate from subsets of the labelled pixels that are consistent with the lines in the image.
 
-    A camera is calibrated from every three of the heaviest segments. For each of the few that the image agrees with
-    most, the segments within 12 px (in an image of 960x540) are kept and calibrated from.
+    A camera is calibrated from every three of the five heaviest segments. For each of the two cameras with the highest
+    line support, a camera is calibrated from all segments within 12 px of it (in an image of 960x540).
 
     Parameters
     ----------
@@ -54,7 +55,7 @@ def calibrate_from_consensus(
     Returns
     -------
     list of Calibration
-        Empty where there are too few segments to choose from.
+        The one from the best supported hypothesis first; empty if there are too few segments for subsets.
 
     References
     ----------
@@ -62,7 +63,7 @@ def calibrate_from_consensus(
     """
     weight = found.weight
     heaviest = sorted(weight, key=lambda label: -weight[label])[:HEAVIEST]
-    if len(heaviest) <= OF_EACH:
+    if len(heaviest) <= PER_HYPOTHESIS:
         return []
     size = image.shape[1], image.shape[0]
     markings = Markings.of(object_segments)
@@ -71,17 +72,17 @@ def calibrate_from_consensus(
         parts = [found.only(labels) for labels in chosen]
         return calibrate_localized(object_segments, parts, size, flags=flags, prior=prior)
 
-    hypotheses = [hypothesis.camera for hypothesis in calibrated(combinations(heaviest, OF_EACH))]
+    hypotheses = [hypothesis.camera for hypothesis in calibrated(combinations(heaviest, PER_HYPOTHESIS))]
     cameras = [camera for camera in hypotheses if camera is not None]
-    share = [agreement(image, camera, markings, max(REACHES)) for camera in cameras]
-    best = [cameras[index] for index in np.argsort(share)[::-1][:LOOKED_AT]]
+    share = [line_support(image, camera, markings, max(SEARCH_RANGES)) for camera in cameras]
+    best = [cameras[index] for index in np.argsort(share)[::-1][:VERIFIED]]
     return calibrated(dict.fromkeys(near_labels(object_segments, camera, found) for camera in best))
 
 
 def calibrate_localized(
     object_segments: ObjectSegments, parts: Sequence[Localization], size: tuple[int, int], *, flags: int, prior: Prior
 ) -> list[Calibration]:
-    """The cameras of the labelled pixels of several images of one size: `calibrate_batch`, which trusts the labels."""
+    """`calibrate_batch` of localized images of one size, without the search for mislabelled segments."""
     return calibrate_batch(
         object_segments,
         [part.pixels for part in parts],
@@ -96,4 +97,4 @@ def calibrate_localized(
 def near_labels(object_segments: ObjectSegments, camera: Camera, found: Localization) -> tuple[str, ...]:
     """Labels whose pixels lie within 12 px (in an image of 960x540) of their segments, root mean square."""
     errors = judged_camera(camera, object_segments, found.pixels, "").per_segment_errors
-    return tuple(label for label, px in errors.items() if px < max(REACHES) * pixel_unit(camera.image_size))
+    return tuple(label for label, px in errors.items() if px < max(SEARCH_RANGES) * pixel_unit(camera.image_size))

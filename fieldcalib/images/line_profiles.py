@@ -1,7 +1,7 @@
-"""Painted lines in an image near projected markings, found in profiles across these.
+"""Detection of painted lines near projected markings, in intensity profiles across the markings.
 
-All profiles are sampled at once by cv2.remap, at thirds of the width that the line should have there, so that one
-filter fits every line, near or far. (skimage.measure.profile_line takes one profile a call.)
+All profiles are sampled at once by cv2.remap, in steps of a third of the expected line width, so that one filter fits
+lines at any distance. (skimage.measure.profile_line samples one profile per call.)
 """
 
 from __future__ import annotations
@@ -20,9 +20,9 @@ from fieldcalib.fields.traits import LineLook
 from fieldcalib.geometry.camera import Camera
 from fieldcalib.io.image import Image
 
-SAMPLE_SPACING = 1.0 / 160.0  # of what is in view: along a marking, between places where a profile may be
+POINT_SPACING = 1.0 / 160.0  # of the field's scale, along a marking: between points where a profile may be placed
 
-# Pixels are those of a 960 x 540 image; larger ones have more.
+# Lengths are in pixels of a 960 x 540 image and grow with the image.
 SPACING = 12.0  # px between profiles
 LEAST_PROFILES, MOST_PROFILES = 4, 30  # of a segment
 SHORTEST = 12.0  # px of a segment in view
@@ -35,7 +35,7 @@ BLUR = 1.5  # px of any image: by lens, motion and compression
 FLANK = 4  # samples from the middle of a line to the middle of what is beside it
 LUMA = np.array([0.114, 0.587, 0.299], np.float32)  # of blue, green, red; colours are stored more coarsely than light
 LEAST_SIGNAL = 2.5  # times the usual deviation in the profile,
-BACKGROUND = 12.0  # px of which are looked at on both sides, however small the reach
+NOISE_WINDOW = 12.0  # px of which are looked at on both sides, however small the search_range
 
 
 @dataclass(frozen=True)
@@ -50,15 +50,15 @@ class Markings:
     along: Array
     """Unit vectors along the segments, (N, 3)."""
     on_ground: BoolArray
-    """Whether the whole segment is, (N,)."""
+    """Whether the whole segment is on the ground, (N,)."""
     look: LineLook
-    """Of their lines."""
+    """Appearance of their lines."""
 
     @classmethod
     def of(cls, object_segments: ObjectSegments) -> Markings:
-        """The markings of an object: all that is no point, and of a circle and its halves only the circle.
+        """The markings of an object: all segments but points, and of a circle and its halves only the circle.
 
-        The lines of an object that is no `Field` look as by default.
+        An object that is no `Field` gets the default `LineLook`.
         """
         look, scale = LineLook(), SOCCER_SCALE
         if isinstance(object_segments, Field):
@@ -69,7 +69,7 @@ class Markings:
             for label, segment in object_segments.items()
             if _is_curve(segment) and (_is_whole(segment) or _circle(segment) not in whole)
         }
-        points = [segment.sample(SAMPLE_SPACING * scale) for segment in markings.values()]
+        points = [segment.sample(POINT_SPACING * scale) for segment in markings.values()]
         along = [np.gradient(X, axis=0) for X in points]
         counts = [len(X) for X in points]
         return cls(
@@ -96,7 +96,7 @@ def _is_whole(segment: Segment) -> bool:
 
 @dataclass(frozen=True)
 class Profiles:
-    """Places on projected markings where an image is looked at across them, segment by segment."""
+    """Places on projected markings across which an image is sampled, segment by segment."""
 
     member: IntArray
     """Index of the marking of each, (n,)."""
@@ -105,20 +105,20 @@ class Profiles:
     normal: Array
     """Unit vectors across the marking, (n, 2)."""
     width: Array
-    """What the line should measure across, px, (n,)."""
+    """Expected width of the line, px, (n,)."""
     room: Array
     """Half the distance to the next marking, px, (n,)."""
     on_ground: BoolArray
     """(n,)."""
     look: LineLook
-    """Of the lines."""
+    """Appearance of the lines."""
 
     def __len__(self) -> int:
         return len(self.xy)
 
 
 def profiles_along(camera: Camera, markings: Markings) -> Profiles:
-    """Where to look across the markings that are in view: evenly spread over each."""
+    """Profiles across the markings in view, evenly spaced on each."""
     unit = pixel_unit(camera.image_size)
     xy = camera.project(markings.X)
     low = MARGIN * unit
@@ -150,30 +150,30 @@ def profiles_along(camera: Camera, markings: Markings) -> Profiles:
     return Profiles(member, xy, normal, width, 0.5 * np.min(distance, axis=1, initial=np.inf), on_ground, markings.look)
 
 
-def find_lines(image: Image, profiles: Profiles, reach: float) -> Array:
-    """How far from its marking, along the normal, each profile shows a line: (n,), NaN where it shows none.
+def find_lines(image: Image, profiles: Profiles, search_range: float) -> Array:
+    """Signed distance of the line from the marking along the normal of each profile: (n,) pixels, NaN without a line.
 
     Parameters
     ----------
     image : (height, width, 3) uint8 array
         Blue, green, red.
     profiles : Profiles
-    reach : float
-        Largest distance to look at, in pixels of a 960 x 540 image; less where another marking is near.
+    search_range : float
+        Largest distance of the line, in pixels of a 960 x 540 image; less where another marking is near.
 
     Notes
     -----
-    A line is lighter (or, if the field says so, darker) than what is on both sides of it, at the distance of its width,
-    and these are of the same colour. It is where this contrast is largest, if it stands out of the profile, and if most
-    neighbouring profiles of the segment show it there too.
+    A line is lighter (darker, if the field's `LineLook` says so) than the ground on both sides, and the ground has the
+    same colour on both sides. It is located at the largest contrast, which must exceed a threshold and the noise of the
+    profile, and most neighbouring profiles of the segment must show it at the same offset.
     """
     if not len(profiles):
         return np.zeros(0)
     unit = pixel_unit((image.shape[1], image.shape[0]))
     width = np.hypot(profiles.width, BLUR)
-    gate = np.minimum(reach * unit, profiles.room)
+    gate = np.minimum(search_range * unit, profiles.room)
     spacing = width / 3.0
-    half = np.max(np.maximum(gate, BACKGROUND * unit) / spacing)
+    half = np.max(np.maximum(gate, NOISE_WINDOW * unit) / spacing)
     strips, offset = _strips(image, profiles, spacing, int(half) + FLANK + 2)
 
     colour = (strips[:, :-2] + strips[:, 1:-1] + strips[:, 2:]) / np.float32(3.0)
@@ -182,20 +182,20 @@ def find_lines(image: Image, profiles: Profiles, reach: float) -> Array:
     luma = LUMA if look.lighter else -LUMA
     contrast = line @ luma - np.maximum(one_side @ luma, other_side @ luma)
     offset = offset[:, FLANK + 1 : -FLANK - 1]
-    alike = np.max(np.abs(_shares(one_side) - _shares(other_side)), axis=-1) < look.ground_difference
+    alike = np.max(np.abs(_chromaticity(one_side) - _chromaticity(other_side)), axis=-1) < look.ground_difference
     allowed = (np.abs(offset) <= gate[:, None]) & (alike | ~profiles.on_ground[:, None])
 
     row = np.arange(len(profiles))
     best = np.argmax(np.where(allowed, contrast, -np.inf)[:, 1:-1], axis=1) + 1
     before, peak, after = contrast[row, best - 1], contrast[row, best], contrast[row, best + 1]
-    bend = 2.0 * peak - before - after
+    curvature = 2.0 * peak - before - after
     deviation = np.median(np.abs(contrast - np.median(contrast, axis=1, keepdims=True)), axis=1)
     least = np.where(profiles.on_ground, look.contrast, look.contrast_raised)
-    seen = allowed[row, best] & (peak >= np.maximum(before, after)) & (bend > 0.0)
+    seen = allowed[row, best] & (peak >= np.maximum(before, after)) & (curvature > 0.0)
     seen &= (peak > np.maximum(least, LEAST_SIGNAL * deviation)) & (profiles.room > width)
-    vertex = 0.5 * (after - before) / np.where(bend > 0.0, bend, 1.0)
+    vertex = 0.5 * (after - before) / np.where(curvature > 0.0, curvature, 1.0)
     found = np.where(seen, offset[row, best] + vertex * spacing, np.nan)
-    return np.where(_agree(found, profiles.member, SAME_LINE * unit), found, np.nan)
+    return np.where(_consistent(found, profiles.member, SAME_LINE * unit), found, np.nan)
 
 
 def _strips(image: Image, profiles: Profiles, spacing: Array, half: int) -> tuple[Float32, Array]:
@@ -213,14 +213,14 @@ def _strips(image: Image, profiles: Profiles, spacing: Array, half: int) -> tupl
     return samples.reshape(len(profiles), ROWS, -1, 3).mean(axis=1, dtype=np.float32), offset
 
 
-def _shares(colour: Float32) -> Float32:
-    """Share of each channel in colours (..., 3)."""
-    colour = colour + np.float32(1.0)  # black has no colour
+def _chromaticity(colour: Float32) -> Float32:
+    """Share of each channel in the sum of the three, for colours (..., 3)."""
+    colour = colour + np.float32(1.0)  # the chromaticity of black is not defined
     return np.asarray(colour / np.sum(colour, axis=-1, keepdims=True))
 
 
-def _agree(found: Array, member: IntArray, tolerance: float) -> BoolArray:
-    """Which profiles (n,) have most of their neighbours on the same segment within `tolerance`."""
+def _consistent(found: Array, member: IntArray, tolerance: float) -> BoolArray:
+    """Which profiles (n,) have an offset within `tolerance` of those of most of their neighbours on the segment."""
     half = NEIGHBOURS // 2
     near = sliding_window_view(np.pad(found, half, constant_values=np.nan), NEIGHBOURS)
     same = sliding_window_view(np.pad(member, half, constant_values=-1), NEIGHBOURS) == member[:, None]

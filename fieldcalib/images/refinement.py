@@ -1,6 +1,6 @@
-"""A camera refined on its image: white lines are found near the projected markings and calibrated from.
+"""Refinement of a camera on its image: it is fitted to lines that are detected near the projected markings.
 
-Lines are found to fractions of a pixel, and also where no network saw them and nobody labelled them.
+Lines are located with sub-pixel accuracy, including those that neither a network nor an annotator has labelled.
 """
 
 from __future__ import annotations
@@ -17,11 +17,11 @@ from fieldcalib.io.image import Image, checked_image
 from fieldcalib.problem.labelled_pixels import ImageSegments, Pixels, Weights, check_segments
 from fieldcalib.problem.losses import RobustLoss
 
-# Pixels are those of a 960 x 540 image; larger ones have more.
-REACHES = (12.0, 4.0)  # px from the markings, the first and the second time
-LOSS_SCALE = 2.0  # px: what was found is right to less, or is no line
-PROFILES_PER_SEGMENT = 5.0  # so many weigh as much as a segment without a weight
-LEAST_AGREEMENT = 0.35  # on broadcast frames 0.36 to 0.9 of cameras within 3 px, below 0.38 of 95 % of wrong ones
+# Lengths are in pixels of a 960 x 540 image and grow with the image.
+SEARCH_RANGES = (12.0, 4.0)  # px from the projected markings, in the first and the second pass
+LOSS_SCALE = 2.0  # px: detected lines are more accurate than that, others are outliers
+PROFILES_PER_SEGMENT = 5.0  # number of profiles that carries the weight of one segment without a weight
+LEAST_SUPPORT_REFINED = 0.35  # broadcast frames: 0.36 to 0.9 for cameras within 3 px, below 0.38 for 95 % of wrong ones
 
 PAINT = 0.03  # m: by how much a line is painted elsewhere, a quarter of its width
 GUESS = CalibrationFlags.CALIB_USE_INTRINSIC_GUESS | CalibrationFlags.CALIB_USE_EXTRINSIC_GUESS
@@ -37,10 +37,10 @@ def refine_on_image(
     flags: int = DEFAULT_FLAGS,
     prior: Prior = ALL,
 ) -> Calibration:
-    """Refine a calibration on its image, or leave it as it is.
+    """Refine a calibration on its image, or return it unchanged.
 
-    Twice, white lines are looked for across the projected markings, and the camera is calibrated from where they are.
-    It is kept if it is accepted, and if the image agrees with it, and no less than with the one before.
+    In two passes, lines are searched across the projected markings and the camera is calibrated from their places. The
+    result is returned if it is accepted, has enough line support (`line_support`) and not less than `calibration`.
 
     Parameters
     ----------
@@ -49,18 +49,18 @@ def refine_on_image(
     image : (height, width, 3) uint8 array
         Blue, green, red.
     calibration : Calibration
-        To be right within about 12 px in an image of 960x540, and 24 in one of 1920x1080.
+        Its markings must be within about 12 px of the lines in an image of 960x540, within 24 px in one of 1920x1080.
     image_segments : mapping of str to (N, 2) array_like, optional
-        Labelled pixels; used for segments of which the image shows no line.
+        Labelled pixels; used for segments whose line is not found in the image.
     weights : mapping of str to float or (N,) array_like, optional
-        What these count.
+        Weights of these.
     flags, prior
         As in `calibrate_from_segments`.
 
     Returns
     -------
     Calibration
-        The new one, whose errors are those of the lines found in the image, or `calibration` itself.
+        The refined one, whose errors refer to the lines found in the image, or `calibration` itself.
 
     Raises
     ------
@@ -88,32 +88,45 @@ def refine_on_image(
     labelled = check_segments(object_segments, image_segments or {}, camera.image_size)
     weights = {label.strip(): weight for label, weight in (weights or {}).items()}
     markings = Markings.of(object_segments)
-    least = max(LEAST_AGREEMENT, agreement(image, camera, markings))
+    least = max(LEAST_SUPPORT_REFINED, line_support(image, camera, markings))
     refined = calibration
-    for reach in REACHES:
-        lines = _lines(image, camera, markings, reach)
+    for search_range in SEARCH_RANGES:
+        lines = _lines(image, camera, markings, search_range)
         refined = _calibrated(object_segments, camera, lines, labelled, weights, flags, prior)
         if not refined.accepted or refined.camera is None:
             return calibration
         camera = refined.camera
-    return refined if agreement(image, camera, markings) >= least else calibration
+    return refined if line_support(image, camera, markings) >= least else calibration
 
 
-def agreement(image: Image, camera: Camera, markings: Markings, reach: float = REACHES[-1]) -> float:
-    """How well an image agrees with a camera, from 0 to 1: how near to its lines the projected markings are.
+def line_support(image: Image, camera: Camera, markings: Markings, search_range: float = SEARCH_RANGES[-1]) -> float:
+    """How well the lines in an image support a camera, from 0 to 1.
 
-    The mean over profiles across the markings in view; one that shows no line, or shows it half of `reach` away (2 px
-    in an image of 960x540), counts 0.
+    The mean over profiles across the projected markings of ``max(1 - 2 |offset| / search_range, 0)``, where the offset
+    is the distance of the line from the marking; a profile without a line counts 0. Profiles in
+    the middle of black, beside the part of a frame that is shown, do not count.
+
+    Parameters
+    ----------
+    image : (height, width, 3) uint8 array
+        Blue, green, red.
+    camera : Camera
+    markings : Markings
+    search_range : float
+        Pixels of a 960 x 540 image.
     """
-    offset = find_lines(image, profiles_along(camera, markings), reach)
-    share = np.maximum(1.0 - np.abs(offset) / (0.5 * reach * pixel_unit(camera.image_size)), 0.0)
+    profiles = profiles_along(camera, markings)
+    offset = find_lines(image, profiles, search_range)
+    share = np.maximum(1.0 - np.abs(offset) / (0.5 * search_range * pixel_unit(camera.image_size)), 0.0)
+    column, row = np.round(profiles.xy).astype(int).T
+    share = share[np.any(image[row, column], axis=-1)]
     return float(np.mean(np.nan_to_num(share))) if len(share) else 0.0
 
 
-def _lines(image: Image, camera: Camera, markings: Markings, reach: float) -> Pixels:
-    """Pixels (N, 2) of the lines near each marking, where there are any."""
+def _lines(image: Image, camera: Camera, markings: Markings, search_range: float) -> Pixels:
+    """Pixels (N, 2) of the line near each marking for which one is found."""
     profiles = profiles_along(camera, markings)
-    offset = find_lines(image, profiles, reach)
+    offset = find_lines(image, profiles, search_range)
     seen = np.isfinite(offset)
     xy = profiles.xy[seen] + offset[seen, None] * profiles.normal[seen]
     member = profiles.member[seen]
@@ -122,27 +135,27 @@ def _lines(image: Image, camera: Camera, markings: Markings, reach: float) -> Pi
 
 def _calibrated(
     object_segments: ObjectSegments,
-    start: Camera,
+    initial: Camera,
     lines: Pixels,
     others: Pixels,
     weights: Weights,
     flags: int,
     prior: Prior,
 ) -> Calibration:
-    """The camera that fits lines, and other labelled pixels where there is no line."""
+    """The camera fitted to detected lines, and to labelled pixels of segments without one."""
     weight_of_lines = {label: len(xy) / PROFILES_PER_SEGMENT for label, xy in lines.items()}
-    rvec, tvec, K, dist = start.to_opencv()
+    rvec, tvec, K, dist = initial.to_opencv()
     return calibrate_from_segments(
         object_segments,
         {**others, **lines},
-        start.image_size,
+        initial.image_size,
         K,
         dist,
         rvec,
         tvec,
         flags=flags | GUESS,
         prior=prior,
-        loss=RobustLoss("cauchy", LOSS_SCALE * pixel_unit(start.image_size)),
+        loss=RobustLoss("cauchy", LOSS_SCALE * pixel_unit(initial.image_size)),
         weights={**weights, **weight_of_lines},
         trust_labels=True,
         paint=PAINT,

@@ -9,7 +9,7 @@ import numpy as np
 
 from fieldcalib._types import Array
 
-TINY = 1e-9  # keeps the centre of an ellipse from dividing by zero
+LEAST_RADIUS = 1e-9  # of an ellipse mapped to the unit circle: avoids a division by zero at its centre
 
 
 class Ruler(Protocol):
@@ -123,7 +123,9 @@ class EllipseRuler:
         offset = xy - self.centre
         x, y = self.A @ offset.T
         phi = np.mod(np.arctan2(y, x) - self.start + np.pi, 2.0 * np.pi) - np.pi
-        return self.radius * phi, np.linalg.norm(offset, axis=1) * (1.0 - 1.0 / np.maximum(np.hypot(x, y), TINY))
+        return self.radius * phi, np.linalg.norm(offset, axis=1) * (
+            1.0 - 1.0 / np.maximum(np.hypot(x, y), LEAST_RADIUS)
+        )
 
     def place(self, s: Array, d: Array) -> Array:
         """See `Ruler`."""

@@ -76,10 +76,11 @@ class SegmentEvaluation:
     """Of the segments that are evaluated, and those by which annotators say that they do not know."""
     found: BoolArray
     """Which frames have a prediction, (F,)."""
-    mirrored: BoolArray
-    """Whether a frame counts with the labels of the other side, (F, T). Ties do, as in SoccerNet's evaluation."""
-    nearer_mirrored: BoolArray
-    """Whether the labels of the other side are nearer, (F,): by the median distance of all annotated points."""
+    turned: BoolArray
+    """Whether a frame is scored with the labels of the field turned by 180 degrees, (F, T); also where both scores are
+    equal, as in SoccerNet's evaluation."""
+    nearer_turned: BoolArray
+    """Whether the turned labels are nearer, by the median distance of all annotated points, (F,)."""
     segments: IntArray
     """Segments that are TP, FP, FN, (F, T, L, 3): each 0 or 1."""
     points: IntArray
@@ -141,13 +142,13 @@ class SegmentEvaluation:
     def segment_errors(self, threshold: float | None = None) -> dict[str, Array]:
         """Distances of all annotated points to their reprojected segments, pixels, by label.
 
-        Each frame with the labels that are nearer (`nearer_mirrored`); with a threshold, as in SoccerNet's evaluation,
+        Each frame with the labels that are nearer (`nearer_turned`); with a threshold, as in SoccerNet's evaluation,
         with those that counted at it, which is the wrong side's where nothing is right.
         """
-        mirrored = self.nearer_mirrored if threshold is None else self.mirrored[:, self._index(threshold)]
+        turned = self.nearer_turned if threshold is None else self.turned[:, self._index(threshold)]
         by_label: dict[str, list[Array]] = {}
-        for sides, mirror in zip(self.errors, mirrored.tolist(), strict=True):
-            for label, distances in sides[mirror].items():
+        for sides, other in zip(self.errors, turned.tolist(), strict=True):
+            for label, distances in sides[other].items():
                 by_label.setdefault(label, []).append(distances)
         return {label: np.concatenate(by_label[label]) for label in self.labels if label in by_label}
 
@@ -235,7 +236,7 @@ def evaluate_segments(
 
     F, T, L = len(predictions), len(limits), len(classes.labels)
     found = np.isin(np.arange(F), list(given))
-    mirrored, nearer_mirrored = np.zeros((F, T), dtype=bool), np.zeros(F, dtype=bool)
+    is_turned, is_nearer_turned = np.zeros((F, T), dtype=bool), np.zeros(F, dtype=bool)
     segments, points = np.zeros((2, F, T, L, 3), dtype=np.intp)
     errors: list[tuple[Mapping[str, Array], Mapping[str, Array]]] = [({}, {})] * F
     samples = sample_segments(classes.segments)
@@ -248,13 +249,13 @@ def evaluate_segments(
             _compare(xy, frame, names, polylines, classes, limits.tolist()) for names in (label, classes.turned[label])
         )
         better = _accuracy(straight.segments) > _accuracy(turned.segments)
-        mirrored[chunk], nearer_mirrored[chunk] = ~better, turned.median < straight.median
+        is_turned[chunk], is_nearer_turned[chunk] = ~better, turned.median < straight.median
         segments[chunk] = np.where(better[:, :, None, None], straight.segments, turned.segments)
         points[chunk] = np.where(better[:, :, None, None], straight.points, turned.points)
         for f, *sides in zip(chunk, straight.errors, turned.errors, strict=True):
             errors[f] = (sides[0], sides[1])
     return SegmentEvaluation(
-        tuple(limits.tolist()), classes.labels, found, mirrored, nearer_mirrored, segments, points, tuple(errors)
+        tuple(limits.tolist()), classes.labels, found, is_turned, is_nearer_turned, segments, points, tuple(errors)
     )
 
 

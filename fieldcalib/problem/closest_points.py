@@ -22,7 +22,7 @@ LEAST_LENGTH = 1e-300  # keeps the division by the length of a vector from being
 LEAST_DEPTH = 1e-9  # m: a point in the camera's plane has no image, but must not stop the batch
 LINE_STEPS, LINE_STEP = 6, 1e-4  # px: steps contract by distance x curvature, 1e-2 at 50 px and a strong lens
 CURVE_STEPS, CURVE_STEP = 10, 3e-4  # of the curve's parameter: the third order of a last step is 1e-8 px
-BEHIND = 1e12  # px^2: what a sample behind the camera counts as
+BEHIND_PENALTY = 1e12  # px^2: what a sample behind the camera counts as
 
 
 @dataclass(frozen=True, eq=False)
@@ -224,7 +224,7 @@ def _nearest_sample(projection: Projection, rows: Rows) -> tuple[Array, IntArray
     h = projection.points(rows.geometry.reshape(B, N * S, 3))
     image = projection.real_offset(h[:2] / _away_from_zero(h[2])).reshape(2, B, N, S)
     distance = np.sum(np.square(image - projection.observed_offset(rows.xy)[..., None]), axis=0)
-    distance[h[2].reshape(B, N, S) < 0.0] += BEHIND  # only if nothing is in front
+    distance[h[2].reshape(B, N, S) < 0.0] += BEHIND_PENALTY  # only if nothing is in front
     nearest = np.argmin(distance, axis=-1)
     return np.take_along_axis(rows.geometry, nearest[..., None, None], axis=2)[:, :, 0], nearest
 

@@ -21,7 +21,7 @@ Pixels: TypeAlias = dict[str, Array]
 Weights: TypeAlias = Mapping[str, ArrayLike]
 PixelWeights: TypeAlias = dict[str, Array]
 
-LEVEL = 0.05  # slope of a line, as the middle line seen from behind a goal, below which it has no left side
+LEAST_SLOPE = 0.05  # slope of a line, as the middle line seen from behind a goal, below which it has no left side
 MOST_PIXELS = 200  # of a label: more make its place no surer, since what they share (its paint, the lens) stays
 FARTHEST_PIXEL = 10.0  # image sizes from the centre: beyond, a number is a mistake
 
@@ -305,7 +305,7 @@ def _left_of_line(xy: Array, line: Array | None) -> BoolArray | None:
         return None
     top, bottom = line[line[:, 1].argmin()], line[line[:, 1].argmax()]
     down = bottom - top
-    if down[1] <= LEVEL * np.abs(down[0]):
+    if down[1] <= LEAST_SLOPE * np.abs(down[0]):
         return None
     offset = xy - top
     return np.asarray(down[0] * offset[:, 1] - down[1] * offset[:, 0] > 0.0)

@@ -8,6 +8,7 @@ import numpy as np
 
 from fieldcalib._types import Array, IntArray
 from fieldcalib.fields.stands import CameraDistribution, focal_length_from_fov
+from fieldcalib.fields.traits import DEVIATIONS
 from fieldcalib.problem.layout import (
     ANGLES,
     CENTER,
@@ -20,7 +21,6 @@ from fieldcalib.problem.layout import (
     Layout,
 )
 
-DEVIATIONS = 1.96  # to either side: what holds 95 % of a normal distribution
 PRINCIPAL_POINT_SIGMA = 0.02  # of the image's width: measured broadcast cameras are up to 67 px off at 1920
 LOG_ASPECT_SIGMA = 0.005  # square pixels, up to the resampling of a broadcast chain
 
