@@ -31,19 +31,12 @@ from fieldcalib.io.soccernet import camera_from_record, format_annotation
 SIZE = (960, 540)
 NAMES = ("c", "a", "d", "b")  # not in the order of the files
 GOOD = ("a", "b", "c", "d")
-CAMERA_KEYS = [
-    "K",
-    "dist",
-    "R",
-    "C",
-    "angles_degrees",
-    "rms_px",
+CAMERA_KEYS = ["K", "dist", "R", "C", "angles_degrees"]
+FITTED_KEYS = ["rms_px", "segment_errors_px", "suspect_labels", "loss_ndc", "alternatives"]
+KEPT_KEYS = ["complaints", "pixel_counts", "image_size", "field", "solved", "version"]  # for reading results back
+ACCURACY_KEYS = [
     "rms_as_labelled_px",
-    "segment_errors_px",
-    "suspect_labels",
-    "loss_ndc",
     "loss_ndc_eq3",
-    "alternatives",
     "standard_deviations",
     "probability_right_0.5m",
     "probability_right_1m",
@@ -51,6 +44,8 @@ CAMERA_KEYS = [
 SIZE_KEYS = ["field_length", "field_width", "field_standard_deviations", "field_from_labels"]
 BROKEN_KEYS = ["id", "status", "message"]
 LINE_KEYS = [*BROKEN_KEYS, "verdict", "reason"]
+WITHOUT_CAMERA = LINE_KEYS + [key for key in FITTED_KEYS if key not in ("rms_px", "loss_ndc")] + KEPT_KEYS
+WITH_CAMERA = LINE_KEYS + CAMERA_KEYS + FITTED_KEYS + KEPT_KEYS + ACCURACY_KEYS
 
 
 def run(*arguments):
@@ -129,7 +124,7 @@ def test_one_line_a_frame_in_the_order_of_the_input(result):
     lines = lines_of(result)
     assert [line["id"] for line in lines] == list(GOOD)
     for line in lines:
-        assert list(line) == LINE_KEYS + CAMERA_KEYS
+        assert list(line) == WITH_CAMERA
         assert line["status"] == "accepted"
 
 
@@ -269,9 +264,9 @@ def test_broken_files_are_named_and_the_others_calibrated(mixed, result, tmp_pat
         assert list(lines[name]) == BROKEN_KEYS
         assert lines[name]["status"] == "broken file"
         assert message in lines[name]["message"]
-    assert list(lines["empty"]) == LINE_KEYS
+    assert list(lines["empty"]) == WITHOUT_CAMERA
     assert (lines["empty"]["status"], lines["lone"]["status"]) == ("too few segments", "too few segments")
-    assert list(lines["lone"]) == LINE_KEYS + CAMERA_KEYS  # the best camera is given whatever the status
+    assert list(lines["lone"]) == WITH_CAMERA  # the best camera is given whatever the status
     assert sorted(cameras_in(tmp_path / "out")) == ["a", "b", "lone"]
     summary = summary_of(tmp_path / "out")
     assert summary["frames"] == 7
@@ -476,7 +471,7 @@ def test_one_size_of_the_field_for_all_frames(small_pitch, tmp_path, capsys):
     printed = capsys.readouterr().out.splitlines()
     lines = lines_of(tmp_path / "free")
     for line in lines:
-        assert list(line) == LINE_KEYS + (CAMERA_KEYS if "K" in line else []) + SIZE_KEYS
+        assert list(line) == (WITH_CAMERA if "K" in line else WITHOUT_CAMERA) + SIZE_KEYS
         assert {key: line[key] for key in SIZE_KEYS} == {key: lines[0][key] for key in SIZE_KEYS}
     (length, width), *_ = sizes_in(tmp_path / "free")
     deviations = np.array(lines[0]["field_standard_deviations"])
