@@ -351,7 +351,10 @@ def test_what_is_freed_is_found():
     K = np.array([[1700.0, 0.0, 495.0], [0.0, 1700.0, 262.0], [0.0, 0.0, 1.0]])
     wide = Camera.from_angles(-0.6, 1.3, 0.01, 620.0, (1.5, 48.0, -22.0), SIZE, (495.0, 262.0))  # posts in view
     lens = Camera(wide.K, wide.R, wide.C, SIZE, (0.06, 0.0))
-    for truth, freed in ((wide, F.CALIB_FIX_PRINCIPAL_POINT), (lens, F.CALIB_FIX_PRINCIPAL_POINT | F.CALIB_FIX_K1)):
+    for truth, freed in (
+        (wide, F.CALIB_FIX_PRINCIPAL_POINT),
+        (lens, F.CALIB_FIX_PRINCIPAL_POINT | F.CALIB_FIX_K1 | F.CALIB_FIX_K2),
+    ):
         frame = observe(MARKINGS, truth, per_line=6, per_curve=20)
         found = calibrate_from_segments(FIELD, frame, SIZE, flags=PINHOLE_FLAGS & ~freed, prior=None)
         assert relative_error(found.camera, truth) < 1e-5

@@ -112,7 +112,7 @@ def test_without_noise_the_cameras_are_exact(tmp_path):
     errors, _ = run(tmp_path, count=2, noise=0.0)
     for error in errors:
         assert error.focal_length < 0.1
-        assert error.reprojection < 0.5  # the prior pulls a little
+        assert error.reprojection < 0.8  # the prior pulls a little, at the principal point too
 
 
 def test_the_table(result):

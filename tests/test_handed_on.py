@@ -92,6 +92,8 @@ def test_a_pickled_result_of_a_batch_is_the_same(batch):
         back = pickle.loads(pickle.dumps(one))
         assert back == one
         np.testing.assert_array_equal(back.uncertainty.theta, one.uncertainty.theta)
-        np.testing.assert_allclose(back.covariance, one.covariance, rtol=1e-6, atol=1e-12)
+        # closest points are found anew, to 1e-8 px
+        sigma = np.sqrt(np.diagonal(one.covariance))
+        assert np.all(np.abs(back.covariance - one.covariance) <= 1e-5 * np.outer(sigma, sigma))
         assert back.probability() == pytest.approx(one.probability(), rel=1e-6)
         assert dict(back.field) == dict(one.field)

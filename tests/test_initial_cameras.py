@@ -152,6 +152,16 @@ def test_a_pointed_camera_looks_at_what_is_labelled(name):
         assert 8.2 - 1e-6 <= fov <= 90.0 + 1e-6
 
 
+@pytest.mark.parametrize("name", DISTRIBUTIONS)
+def test_a_pointed_camera_knows_only_its_own_frame(name):
+    frames, _ = random_frames(5, seed=1, stands=(name,))
+    prior = gaussian_prior(DISTRIBUTIONS[name], SIZE)
+    together = pointed_camera(pack(FIELD, frames, SIZE), prior, nothing_known())
+    alone = [pointed_camera(pack(FIELD, [frame], SIZE), prior, nothing_known())[0] for frame in frames]
+    np.testing.assert_allclose(together, alone, rtol=1e-12, atol=1e-12)
+    assert np.ptp(together[:, LOG_F]) > 0.1  # and zooms as far as it needs
+
+
 def test_starts_are_sorted_by_frame_and_belong_to_a_distribution():
     frames, _ = random_frames(7, seed=2)
     starts = initial_cameras(pack(FIELD, frames, SIZE), LAYOUT, [MAIN_CENTER, MAIN_LEFT], nothing_known())

@@ -29,19 +29,19 @@ def random_calibrations():
 
 @given(st.floats(-5.0, 5.0), st.floats(-2.0, 2.0), st.floats(0.5, 4.0), st.floats(0.0, 4.0), st.floats(0.1, 10.0))
 def test_more_error_is_less_probable_and_more_tolerance_more(log_m, log_sigma, log_nu, log_z, metres):
-    one = np.array([1.0, log_m, log_sigma, log_nu, log_z])
-    p = probability_right(PROBABILITY, one, metres)
+    one, certain = np.array([[1.0, log_m, log_sigma, log_nu, log_z]]), np.ones(1)
+    p = probability_right(PROBABILITY, one, certain, metres)
     assert 0.0 <= p <= 1.0
     assert (
-        probability_right(PROBABILITY, one + [0.0, 1.0, 0.0, 0.0, 0.0], metres)
+        probability_right(PROBABILITY, one + [0.0, 1.0, 0.0, 0.0, 0.0], certain, metres)
         <= p
-        <= probability_right(PROBABILITY, one, 2.0 * metres)
+        <= probability_right(PROBABILITY, one, certain, 2.0 * metres)
     )
 
 
 def test_what_is_open_is_certainly_wrong_and_nothing_in_view_has_no_probability():
-    assert probability_right(PROBABILITY, np.array([1.0, np.inf, 0.0, 3.0, 0.0]), 1.0) == 0.0
-    assert np.isnan(probability_right(PROBABILITY, np.array([1.0, np.nan, 0.0, 3.0, 0.0]), 1.0))
+    assert probability_right(PROBABILITY, np.array([[1.0, np.inf, 0.0, 3.0, 0.0]]), np.ones(1), 1.0) == 0.0
+    assert np.isnan(probability_right(PROBABILITY, np.array([[1.0, np.nan, 0.0, 3.0, 0.0]]), np.ones(1), 1.0))
 
 
 @pytest.mark.slow
@@ -127,3 +127,12 @@ def test_an_order_by_risk_has_the_smallest_area():
     risk = np.random.default_rng(0).uniform(size=50)
     best, worst = risk_coverage_area(-risk, risk), risk_coverage_area(risk, risk)
     assert best < risk_coverage_area(np.zeros(50), risk) < worst
+
+
+def test_possibilities_for_the_size_weigh_as_they_are_probable():
+    """Of two rows of evidence, one per possibility, the probability is their mean."""
+    sharp, blurred = (np.array([[1.0, np.log(m), 0.0, 3.0, 0.0]]) for m in (0.05, 5.0))
+    p, q = (probability_right(PROBABILITY, one, np.ones(1), 1.0) for one in (sharp, blurred))
+    both = probability_right(PROBABILITY, np.concatenate([sharp, blurred]), np.array([0.7, 0.3]), 1.0)
+    assert q < 0.3 < 0.7 < p
+    assert both == pytest.approx(0.7 * p + 0.3 * q)

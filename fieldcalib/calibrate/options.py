@@ -186,7 +186,7 @@ def checked_options(
     """
     image_size = checked_image_size(image_size)
     flags = _checked_flags(flags)
-    if prior is None and flags == DEFAULT_FLAGS:
+    if prior is None and flags & DEFAULT_FLAGS == DEFAULT_FLAGS:
         flags |= CalibrationFlags.CALIB_FIX_PRINCIPAL_POINT  # by default it is free under its prior only
     layout = _layout(image_size, dist_coeffs, flags, field, has_prior=prior is not None)
     known = _known_parameters(layout, camera_matrix, dist_coeffs, rvec, tvec, flags)
