@@ -28,6 +28,7 @@ from .geometry.homography import ALIGNMENTS as ALIGNMENTS
 from .geometry.homography import Alignment as Alignment
 from .images.from_images import calibrate_from_images as calibrate_from_images
 from .images.refinement import refine_on_image as refine_on_image
+from .io.results import read_results as read_results
 from .localize.network import SegmentationNetwork as SegmentationNetwork
 from .problem.losses import RobustLoss as RobustLoss
 

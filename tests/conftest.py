@@ -6,6 +6,9 @@ from pathlib import Path
 import pytest
 from hypothesis import HealthCheck, settings
 
+# of NumPy's BLAS and of PyTorch, read when they are imported: tests run side by side, and small matrices gain nothing
+os.environ.setdefault("OMP_NUM_THREADS", "1")
+
 settings.register_profile(
     "local",
     deadline=None,

@@ -228,7 +228,7 @@ def test_tvcalib_starts_from_known_types(stacked, tmp_path):
     # in 20 steps a camera does not come far from where it starts
     assert found["stacked"]["left"][0] < -20.0 < found["center"]["left"][0]
     assert found["stacked"]["right"][0] > 20.0 > found["center"]["right"][0]
-    assert found["stacked"]["other"] == pytest.approx(found["center"]["other"], rel=1e-12)  # solved with other frames
+    assert found["stacked"]["other"] == pytest.approx(found["center"]["other"], rel=1e-9)  # in other company
     for name in TYPES:
         assert found["argmin"][name][1] <= min(found["center"][name][1], found["stacked"][name][1]) + 1e-12
 

@@ -70,7 +70,8 @@ def test_the_loss_is_the_papers(drawn):
     frames = [inside(frame, image_size) for frame in frames]
     phi[:, PAN] = np.clip(phi[:, PAN], -1.0, 1.0)  # ndc_loss splits the circle only where the camera sees halves
     loss, _ = loss_with_gradient(phi, pack_tensors(FIELD, frames, image_size))
-    expected = ndc_loss(theta_from_phi(phi, image_size), FIELD, frames, image_size)
+    cameras = [camera_from_theta(theta, image_size) for theta in theta_from_phi(phi, image_size)]
+    expected = ndc_loss(cameras, FIELD, frames)
     np.testing.assert_allclose(loss, expected, rtol=1e-9, atol=1e-12)
 
 
@@ -83,7 +84,7 @@ def test_points_and_clouds_count_with_the_circles():
     frame = inside(frame, SIZE)
     assert len(frame) > 1
     loss, _ = loss_with_gradient(phi[None], pack_tensors(objects, [frame], SIZE))
-    expected = ndc_loss(theta_from_phi(phi[None], SIZE), objects, [frame], SIZE)
+    expected = ndc_loss([camera], objects, [frame])
     np.testing.assert_allclose(loss, expected, rtol=1e-9)
 
 

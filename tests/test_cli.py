@@ -7,13 +7,15 @@ import subprocess
 import sys
 import time
 import zipfile
+from collections import Counter
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
 
 import numpy as np
 import pytest
-from synthetic import observe, random_frames, whole_circle_markings
+import views
+from synthetic import in_image, observe, random_frames, whole_circle_markings
 
 import fieldcalib
 import fieldcalib.cli.demo
@@ -36,6 +38,7 @@ CAMERA_KEYS = [
     "C",
     "angles_degrees",
     "rms_px",
+    "rms_as_labelled_px",
     "segment_errors_px",
     "suspect_labels",
     "loss_ndc",
@@ -46,7 +49,8 @@ CAMERA_KEYS = [
     "probability_right_1m",
 ]
 SIZE_KEYS = ["field_length", "field_width", "field_standard_deviations", "field_from_labels"]
-LINE_KEYS = ["id", "status", "message"]
+BROKEN_KEYS = ["id", "status", "message"]
+LINE_KEYS = [*BROKEN_KEYS, "verdict", "reason"]
 
 
 def run(*arguments):
@@ -150,6 +154,7 @@ def test_summary(result, folder):
         "frames",
         "cameras",
         "completeness",
+        "verdict",
         "status",
         "seconds",
         "milliseconds_per_frame",
@@ -158,6 +163,9 @@ def test_summary(result, folder):
     ]
     assert summary["frames"] == summary["cameras"] == 4
     assert summary["completeness"] == 100.0
+    assert summary["verdict"] == dict.fromkeys(("good", "check", "reject"), 0) | Counter(
+        line["verdict"] for line in lines_of(result)
+    )
     assert summary["status"] == {"accepted": 4}
     assert 0.0 < summary["seconds"]["calibration"] < summary["seconds"]["total"]
     assert summary["milliseconds_per_frame"] == pytest.approx(250.0 * summary["seconds"]["calibration"])
@@ -165,6 +173,9 @@ def test_summary(result, folder):
     assert summary["options"] == {
         "input": [str(folder)],
         "size": [960, 540],
+        "display_size": None,
+        "crop_of": None,
+        "field_size": "nominal",
         "field_length": 105.0,
         "field_width": 68.0,
         "free_field_size": None,
@@ -196,7 +207,8 @@ def test_off_a_terminal_only_one_line_is_printed(folder, tmp_path, capsys):
     assert calibrate(tmp_path, folder / "a.json") == 0
     printed = capsys.readouterr()
     assert printed.err == ""
-    assert printed.out == f"1 cameras of 1 frames in {tmp_path}: 1 accepted\n"
+    (line,) = lines_of(tmp_path)
+    assert printed.out == f"1 cameras of 1 frames in {tmp_path}: 1 accepted; 1 {line['verdict']}\n"
 
 
 def test_the_same_again_gives_the_same_files(folder, result, tmp_path):
@@ -254,7 +266,7 @@ def test_broken_files_are_named_and_the_others_calibrated(mixed, result, tmp_pat
     lines = {line["id"]: line for line in lines_of(tmp_path / "out")}
     assert list(lines) == ["a", "b", "cut", "empty", "lone", "pixels", "typo"]
     for name, (_, message) in BROKEN.items():
-        assert list(lines[name]) == LINE_KEYS
+        assert list(lines[name]) == BROKEN_KEYS
         assert lines[name]["status"] == "broken file"
         assert message in lines[name]["message"]
     assert list(lines["empty"]) == LINE_KEYS
@@ -266,6 +278,9 @@ def test_broken_files_are_named_and_the_others_calibrated(mixed, result, tmp_pat
     assert summary["cameras"] == 3
     assert summary["completeness"] == pytest.approx(300.0 / 7.0)
     assert summary["status"] == {"accepted": 2, "broken file": 3, "too few segments": 2}
+    assert {name: lines[name]["verdict"] for name in ("empty", "lone")} == {"empty": "reject", "lone": "reject"}
+    assert summary["verdict"]["reject"] == 2
+    assert sum(summary["verdict"].values()) == 4
 
 
 def test_files_that_are_skipped_are_named(folder, tmp_path, capsys):
@@ -517,6 +532,53 @@ def test_the_size_of_the_images(folder, result, tmp_path):
         np.testing.assert_allclose(large["C"], small["C"], atol=0.5)
 
 
+def test_a_field_of_known_size_is_trusted_more(folder, result, tmp_path):
+    assert calibrate(tmp_path, folder, options=["--field-size", "known"]) == 0
+    assert summary_of(tmp_path)["options"]["field_size"] == "known"
+    for nominal, known in zip(lines_of(result), lines_of(tmp_path), strict=True):
+        np.testing.assert_array_equal(known["C"], nominal["C"])
+        assert np.all(np.array(known["standard_deviations"]["C"]) < nominal["standard_deviations"]["C"])
+        assert known["probability_right_1m"] > nominal["probability_right_1m"]
+
+
+# --- squashed and cropped pictures ---
+
+WHOLE = views.camera(24, 78, 1400, (0, 68, -17), k=(0.06, 0.0))  # of 960 x 540
+HALF, SQUARE = (480, 540), (640, 640)
+DECLARED = {  # the camera of the picture, and what is said of it
+    "squashed": (WHOLE.scaled(SQUARE), ["--display-size", "960x540"]),
+    "right half": (WHOLE.cropped((480, 0), HALF), ["--crop-of", "960x540+480+0"]),
+    "both": (
+        WHOLE.cropped((480, 0), HALF).scaled(SQUARE),
+        ["--display-size", "480x540", "--crop-of", "960x540+480+0"],
+    ),
+}
+
+
+@pytest.mark.parametrize(("true_camera", "declaration"), DECLARED.values(), ids=DECLARED)
+def test_squashed_and_cropped_pictures(true_camera, declaration, tmp_path):
+    width, height = true_camera.image_size
+    pixels = observe(whole_circle_markings(soccer()), true_camera, np.random.default_rng(0), 0.3, per_line=9)
+    shown = {label: xy[in_image(xy, true_camera.image_size)] for label, xy in pixels.items()}
+    (tmp_path / "a.json").write_text(format_annotation(shown, true_camera.image_size))
+    options = ["--size", f"{width}x{height}", "--prior", "main center"]
+    assert run("calibrate", tmp_path / "a.json", *options, *declaration, "--out", tmp_path / "out") == 0
+    (line,) = lines_of(tmp_path / "out")
+    found = camera_from_record(json.loads((tmp_path / "out" / "camera_a.json").read_text()), true_camera.image_size)
+    np.testing.assert_allclose(found.K, line["K"])
+    sigma = line["standard_deviations"]
+    assert abs(found.focal_length - true_camera.focal_length) < 3.0 * sigma["focal_length_px"]
+    assert np.all(np.abs(found.C - true_camera.C) < 3.0 * np.array(sigma["C"]))
+    assert found.K[1, 1] / found.K[0, 0] == pytest.approx(true_camera.K[1, 1] / true_camera.K[0, 0])
+    np.testing.assert_allclose(found.principal_point, true_camera.principal_point, atol=30.0)
+    X = soccer()["Big rect. right main"].sample(1.0)
+    visible = in_image(true_camera.project(X), true_camera.image_size)
+    assert np.count_nonzero(visible) > 20
+    np.testing.assert_allclose(found.project(X)[visible], true_camera.project(X)[visible], atol=0.6)
+    assert line["loss_ndc_eq3"] < 0.005
+    assert line["verdict"] == "good"
+
+
 # --- wrong usage ---
 
 
@@ -547,6 +609,12 @@ def test_an_unknown_prior(folder, tmp_path, capsys):
         (["--lens", "fisheye"], "argument --lens: invalid choice"),
         (["--free-field-size", "both"], "argument --free-field-size: invalid choice"),
         (["--free-field-size", "shared", "--field-length", "85"], "90 to 120 x 45 to 90 m (law 1)"),
+        (["--free-field-size", "each", "--field-size", "known"], "--field-size known leaves nothing to --free-field-"),
+        (["--field-size", "unknown"], "argument --field-size: invalid choice"),
+        (["--display-size", "16:9"], "argument --display-size: expected WIDTHxHEIGHT, as 960x540, got '16:9'"),
+        (["--crop-of", "1920x1080"], "argument --crop-of: expected WIDTHxHEIGHT+X+Y, as 1920x1080+960+0, got '19"),
+        (["--crop-of", "0x1080+0+0"], "argument --crop-of: expected positive numbers"),
+        (["--crop-of", "1280x720+330+0"], "--size does not fit, with 960 x 540 pixels, into the frame of --crop-of 12"),
         (["--free-field-size", "shared", "--prior", "stacked"], "--prior stacked goes with --free-field-size each"),
     ],
 )

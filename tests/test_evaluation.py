@@ -54,8 +54,8 @@ MOTION = np.concatenate([FIELD.motion, np.zeros((len(ALL_KINDS) - len(FIELD), 2,
 
 # Steps of the differences: about 1e-2 px, little against the sharpest ellipse and much against 1e-8 px, to which the
 # closest points are found.
-STEPS = {"x": 1e-3, "y": 1e-3, "z": 1e-3, "cx": 3e-3, "cy": 3e-3, "length": 1e-3, "width": 1e-3}
-STEP = 1e-5
+STEPS = {"x": 1e-3, "y": 1e-3, "z": 1e-3, "cx": 3e-3, "cy": 3e-3, "length": 1e-3, "width": 1e-3, "a1": 3e-6}
+STEP = 1e-5  # of a1 less: its second derivative has a kink at 0
 
 
 def everything(layout=RADIAL):
@@ -212,7 +212,9 @@ def test_the_checker_finds_a_wrong_jacobian(lens):
         wrong = J * (evaluation.problem.observations.weight[..., None] > 0.0)
         wrong[:, :, column] *= 1.0 + 1e-5
         errors = column_errors(wrong, numeric, floor=1e-2)
-        assert errors[:, column].min() > 5e-6
+        moves = np.linalg.norm(numeric[:, :, column], axis=1) > 1.0  # no frame need show what the size moves
+        assert np.any(moves)
+        assert errors[moves, column].min() > 5e-6
         assert np.delete(errors, column, axis=1).max() < 1e-6
 
 

@@ -12,13 +12,17 @@ from fieldcalib.fields.soccer import soccer
 from fieldcalib.localize import SegmentationNetwork, localize, ridge_points, skeleton_points
 
 
-@pytest.fixture
-def shallow(monkeypatch):
+@pytest.fixture(scope="module")
+def shallow():
     """The network with one block or two a stage: the same code, in a tenth of the time."""
-    monkeypatch.setattr(deeplab, "BLOCKS", (1, 1, 2, 2))
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(deeplab, "BLOCKS", (1, 1, 2, 2))
+        yield
 
 
-def random_network():
+@pytest.fixture(scope="module")
+def network(shallow):
+    """The network with random weights."""
     torch.manual_seed(0)
     network = deeplab.DeepLabV3(1 + len(SOCCERNET_CLASSES)).eval()
     for module in network.modules():
@@ -26,6 +30,15 @@ def random_network():
             torch.nn.init.uniform_(module.running_mean, -0.1, 0.1)
             torch.nn.init.uniform_(module.running_var, 0.5, 1.5)
     return network
+
+
+@pytest.fixture(scope="module")
+def exported(network, tmp_path_factory):
+    """MODEL.onnx of its checkpoint."""
+    folder = tmp_path_factory.mktemp("exported")
+    torch.save({"model": network.state_dict(), "epoch": 59}, folder / "checkpoint.pt")
+    assert main([str(folder / "checkpoint.pt"), "--out", str(folder / "model.onnx")]) == 0
+    return folder / "model.onnx"
 
 
 def test_classes_are_those_of_soccernet_in_its_order():
@@ -50,20 +63,24 @@ def test_the_network_has_as_many_parameters_as_the_published_one():
 
 @pytest.mark.parametrize("prefix", ["", "module."])
 @pytest.mark.parametrize("wrapped", [False, True], ids=["state", "model"])
-def test_what_is_written_gives_what_the_checkpoint_gives(tmp_path, shallow, prefix, wrapped):
-    import onnxruntime
-
-    network = random_network()
+def test_checkpoints_of_every_kind_hold_the_same_weights(network, prefix, wrapped):
     state = {prefix + name: value for name, value in network.state_dict().items()}
     state[prefix + "aux_classifier.4.bias"] = torch.zeros(29)
-    torch.save({"model": state, "epoch": 59} if wrapped else state, tmp_path / "checkpoint.pt")
-    assert main([str(tmp_path / "checkpoint.pt"), "--out", str(tmp_path / "model.onnx")]) == 0
+    found = network_of({"model": state, "epoch": 59} if wrapped else state)
+    assert not found.training
+    expected = network.state_dict()
+    assert list(found.state_dict()) == list(expected)
+    assert all(torch.equal(value, expected[name]) for name, value in found.state_dict().items())
 
-    about = json.loads((tmp_path / "model.json").read_text())
+
+def test_what_is_written_gives_what_the_checkpoint_gives(network, exported):
+    import onnxruntime
+
+    about = json.loads(exported.with_suffix(".json").read_text())
     assert len(about["classes"]) == 29
     assert about["classes"][15:19] == ["Goal right post right", "background", "background", "Middle line"]
     assert about["input_size"] == [455, 256]
-    session = onnxruntime.InferenceSession(tmp_path / "model.onnx", providers=["CPUExecutionProvider"])
+    session = onnxruntime.InferenceSession(exported, providers=["CPUExecutionProvider"])
     image = np.random.default_rng(0).normal(size=(2, 3, 256, 455)).astype(np.float32)
     (logits,) = session.run(["logits"], {"image": image})
     with torch.inference_mode():
@@ -73,11 +90,9 @@ def test_what_is_written_gives_what_the_checkpoint_gives(tmp_path, shallow, pref
     assert np.abs(logits - expected).max() < 1e-4 * np.abs(expected).max()
 
 
-def test_what_is_written_can_be_run(tmp_path, shallow):
-    torch.save(random_network().state_dict(), tmp_path / "checkpoint.pt")
-    main([str(tmp_path / "checkpoint.pt"), "--out", str(tmp_path / "model.onnx")])
+def test_what_is_written_can_be_run(exported):
     image = np.random.default_rng(0).integers(0, 256, size=(540, 960, 3), dtype=np.uint8)
-    network = SegmentationNetwork.load(tmp_path / "model.onnx")
+    network = SegmentationNetwork.load(exported)
     for select in (ridge_points, skeleton_points):
         (found,) = localize(soccer(), [image], network, select=select)
         assert set(found.pixels) <= set(soccer())

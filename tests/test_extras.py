@@ -10,8 +10,9 @@ ROOT = Path(__file__).parents[1]
 
 
 @pytest.fixture
-def run(pytester):
+def run(pytester, monkeypatch):
     """Runs pytest with this project's settings on modules given by their text; returns the counts of outcomes."""
+    monkeypatch.delenv("FIELDCALIB_ALL_EXTRAS", raising=False)
     for name in ("conftest.py", "pyproject.toml"):
         (pytester.path / name).write_text((ROOT / name).read_text(encoding="utf-8"), encoding="utf-8")
 

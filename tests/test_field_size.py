@@ -9,21 +9,15 @@ from numdiff import central_differences, column_errors
 from strategies import angle, cameras, numbers, vectors
 from synthetic import displaced, in_image, observe, random_frames, whole_circle_markings
 
-from fieldcalib.assess.uncertainty import Noise, Solved
-from fieldcalib.calibrate.field_size import (
-    SILENT,
-    _linearized,
-    _motion,
-    _uncertainty,
-    estimate_field_size,
-)
+from fieldcalib.assess.uncertainty import Noise
+from fieldcalib.calibrate.field_size import SILENT, _together, _uncertainty, estimate_field_size
 from fieldcalib.calibrate.from_segments import calibrate_from_segments
 from fieldcalib.calibrate.options import PINHOLE_FLAGS
 from fieldcalib.fields.segments import Point
 from fieldcalib.fields.soccer import soccer
 from fieldcalib.geometry.camera import Camera
-from fieldcalib.problem.evaluation import Problem
-from fieldcalib.problem.layout import theta_from_camera
+from fieldcalib.problem.evaluation import Problem, evaluate
+from fieldcalib.problem.layout import Layout, SizeBlock, theta_from_camera
 from fieldcalib.problem.losses import RobustLoss
 from fieldcalib.problem.observations import pack
 
@@ -33,12 +27,12 @@ MIDDLE = ("Middle line", "Circle central", "Side line top")
 PANS = (-0.6, -0.2, 0.2, 0.6)
 
 
-def panned(pitch, pans=PANS, rng=None, noise=0.0, k1=0.0):
+def panned(pitch, pans=PANS, rng=None, noise=0.0, k1=0.0, per_line=3):
     """Frames of a camera on the main stand that sees a lot of a pitch at every pan."""
     frames = []
     for pan in pans:
         camera = Camera.from_angles(pan, 1.35, 0.01, 900.0, (2.0, 68.0, -17.0), SIZE, k=(k1, 0.0))
-        frames.append(observe(whole_circle_markings(pitch), camera, rng, noise))
+        frames.append(observe(whole_circle_markings(pitch), camera, rng, noise, per_line))
     return frames
 
 
@@ -72,36 +66,46 @@ def test_derivative_by_the_size_is_that_of_central_differences(camera, size, dis
     def packed(size):
         return pack(soccer(*size), [frame], image_size)
 
-    free = np.ones(12, dtype=bool)
-    part = Solved(Problem(packed(size), free, RobustLoss("cauchy", 6.0)), theta[None], np.ones((1, 12)))
-    J = _linearized(part, _motion(pitch)).J[0, :, -2:]
-    numeric = central_differences(lambda size: segment_residuals(theta[None], packed(size))[0], size, 1e-3)
-    assert column_errors(J, numeric, floor=1.0).max() < 1e-6
+    given = SizeBlock(size, SIGMA, pitch.size_model.limits)
+    layout = Layout.of(image_size, field_size=given)
+    problem = Problem(pack(pitch, [frame], image_size, motion=pitch.motion), layout, RobustLoss("cauchy", 6.0))
+    JT = evaluate(problem, np.append(theta, size)[None]).derivatives(np.isin(layout.names, ["length", "width"]))
+
+    def residuals(size):
+        alone = Problem(packed(size), Layout.of(image_size), RobustLoss("cauchy", 6.0))
+        return evaluate(alone, theta[None]).r[0]
+
+    numeric = central_differences(residuals, size, 1e-3)
+    assert column_errors(JT[0].T, numeric, floor=1.0).max() < 1e-6
 
 
 def test_the_covariance_is_the_sandwich_of_a_camera_and_the_size_together():
     """Without the size it would be the camera's own."""
     rng = np.random.default_rng(3)
-    (frame,) = panned(soccer(), PANS[:1], rng, noise=3.0)
-    solved = calibrate_from_segments(soccer(), frame, SIZE).solved
-    linear, noise, known = (
-        _linearized(solved, _motion(soccer())),
-        Noise(solved.problem.observations),
-        solved.uncertainty,
-    )
-    prior, P = linear.prior[0], solved.problem.free.sum()
-    prior[P:, P:] = np.diag(SIGMA**-2)
-    noise = Noise(solved.problem.observations)
-    pull = linear.weight * noise.relative_sigma
-    A = known.curvature * linear.data[0] + prior
-    V = known.bent_sigma**2 * noise.covariance(linear.J, pull, pull)[0] + prior
-    together = np.linalg.solve(A, np.linalg.solve(A, V).T)
-    covariance, share = _uncertainty([solved], _motion(soccer()), SIGMA)
-    np.testing.assert_allclose(covariance, together[P:, P:], rtol=1e-6)
+    (frame,) = panned(soccer(), PANS[:1], rng, noise=3.0, per_line=5)
+    frame = {label: xy[1:-1] for label, xy in frame.items()}  # none past the end of its segment
+    calibration = calibrate_from_segments(soccer(size_known=True), frame, SIZE)
+    sizes, known = soccer().size_model, calibration.uncertainty
+    together = _together([calibration], MEAN, sizes)
+    assert not together.problem.observations.ends
+    free = calibration.solved.evaluation.problem.free
+    P = np.count_nonzero(free)
+    np.testing.assert_array_equal(np.flatnonzero(together.problem.layout.shared), [P, P + 1])
+    np.testing.assert_allclose(together.prior_sigma[0, P:], SIGMA)
+
+    prior = np.diag(1.0 / np.square(together.pulling_prior_sigma[0]))
+    noise = Noise(together)
+    pull = together.pull * noise.relative_sigma
+    A = known.curvature * together.information[0] + prior
+    V = known.bent_sigma**2 * noise.covariance(together.JT, pull, pull)[0] + prior
+    sandwich = np.linalg.solve(A, np.linalg.solve(A, V).T)
+    covariance, share = _uncertainty([calibration], MEAN, sizes)
+    np.testing.assert_allclose(covariance, sandwich[P:, P:], rtol=1e-6)
     np.testing.assert_allclose(share, 1.0 - np.diagonal(np.linalg.inv(A))[P:] / SIGMA**2, rtol=1e-6)
     A, V = A[:P, :P], V[:P, :P]
-    free = np.ix_(solved.problem.free, solved.problem.free)
-    np.testing.assert_allclose(np.linalg.solve(A, np.linalg.solve(A, V).T), known.covariance[free], rtol=1e-3)
+    np.testing.assert_allclose(
+        np.linalg.solve(A, np.linalg.solve(A, V).T), known.covariance[np.ix_(free, free)], rtol=1e-3
+    )
 
 
 # what the labels determine

@@ -19,7 +19,9 @@ from fieldcalib.io.files import BrokenFileError
 from fieldcalib.localize import SegmentationNetwork, localize, ridge_points, skeleton_points
 from fieldcalib.localize.description import NetworkDescription
 from fieldcalib.localize.grid import image_from_grid
-from fieldcalib.problem.layout import theta_from_camera
+from fieldcalib.problem.evaluation import Problem, evaluate
+from fieldcalib.problem.layout import Layout, theta_from_camera
+from fieldcalib.problem.losses import RobustLoss
 from fieldcalib.problem.observations import pack
 
 HD = (1920, 1080)
@@ -44,7 +46,8 @@ def distances(found, truth):
     result = {}
     for label, xy in found.pixels.items():
         observations = pack(FIELD, [{label: xy}], truth.image_size)
-        result[label] = np.abs(segment_residuals(theta, observations)[0])[: len(xy)]
+        problem = Problem(observations, Layout.of(truth.image_size), RobustLoss("linear", 1.0))
+        result[label] = np.abs(evaluate(problem, theta).r[0])[: len(xy)]
     return result
 
 

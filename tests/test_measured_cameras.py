@@ -8,13 +8,13 @@ import pytest
 from data_tools import measured_cameras
 from fieldcalib.fields.soccer import soccer
 from fieldcalib.geometry.camera import Camera
-from fieldcalib.geometry.lens import opencv_coefficients
+from fieldcalib.geometry.lens import RadialLens
 
 C = np.array([1.0, 66.0, -16.0])
 
 
 def broadcast_camera(pan, f):
-    k = opencv_coefficients(np.array([0.03, 0.0]), f, np.hypot(*measured_cameras.SIZE) / 2.0)
+    k = RadialLens(np.hypot(*measured_cameras.SIZE) / 2.0).to_opencv(np.array([0.03, 0.0]), f)
     return Camera.from_angles(pan, 1.35, 0.0, f, C, measured_cameras.SIZE, k=k)
 
 

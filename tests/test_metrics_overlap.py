@@ -150,7 +150,9 @@ def test_a_homography_does_not_see_what_is_behind_its_camera(x, y, pan, tilt):
 def test_cameras_for_images_of_another_size_are_refused():
     camera = Camera.from_angles(0.1, 1.3, 0.0, 1500.0, (0.0, 60.0, -15.0), (1920, 1080))
     for function in (iou_part, iou_whole, projection_error):
-        with pytest.raises(ValueError, match=r"for images of 1920x1080, but the evaluated images have 960x540: .*scaled"):
+        with pytest.raises(
+            ValueError, match=r"for images of 1920x1080, but the evaluated images have 960x540: .*scaled"
+        ):
             function(camera, camera, SIZE)
 
 

@@ -1,24 +1,40 @@
-"""Labels that lie: who is accused, of what, and that nobody else is."""
+"""Mislabelled segments: which labels are suspect, of what, and that no others are."""
+
+from unittest.mock import patch
 
 import numpy as np
 import pytest
 from synthetic import observe, whole_circle_markings
 
+from fieldcalib.assess.result import SuspectLabel
 from fieldcalib.calibrate.from_segments import calibrate_batch
-from fieldcalib.calibrate.mislabels import SuspectLabel, renamed, resolve_labels
+from fieldcalib.calibrate.mislabels import renamed, without_mislabels
+from fieldcalib.calibrate.options import PINHOLE_FLAGS, checked_options
+from fieldcalib.calibrate.search import find_cameras
 from fieldcalib.fields.soccer import soccer
 from fieldcalib.fields.stands import MAIN_CENTER
 from fieldcalib.geometry.camera import Camera
-from fieldcalib.problem.evaluation import Problem
-from fieldcalib.problem.layout import camera_from_theta, theta_from_camera
-from fieldcalib.problem.losses import RobustLoss
+from fieldcalib.problem.evaluation import Problem, evaluate
+from fieldcalib.problem.levenberg_marquardt import levenberg_marquardt
 from fieldcalib.problem.observations import pack
 from fieldcalib.problem.prior import GaussianPrior, gaussian_prior
 
 FIELD, SIZE = soccer(), (960, 540)
 LEFT = Camera.from_angles(-0.65, 1.38, 0.01, 1500.0, (1.0, 66.0, -16.0), SIZE)
 MIDDLE = Camera.from_angles(0.05, 1.32, 0.0, 1000.0, (-2.0, 60.0, -14.0), SIZE)
-PINHOLE = np.arange(12) < 7
+OPTIONS = checked_options(
+    SIZE,
+    None,
+    None,
+    None,
+    None,
+    flags=PINHOLE_FLAGS,
+    criteria=(3, 50, 1e-8),
+    prior=MAIN_CENTER,
+    loss="cauchy",
+    tau=None,
+    field=FIELD,
+)
 
 
 def clean(camera, noise=0.5):
@@ -29,41 +45,38 @@ def relabelled(frame, wrong):
     return {wrong.get(label, label): xy for label, xy in frame.items()}
 
 
-def resolved(frames, cameras, *, at_hand=None, shares=None):
-    """Frames whose cameras a search finds, solved from `at_hand` before."""
-    distribution = gaussian_prior(MAIN_CENTER, SIZE)
-    truth = np.stack([theta_from_camera(camera) for camera in cameras])
-    searched = []
+def solved(evaluation):
+    return levenberg_marquardt(evaluation, max_iterations=50, tolerance=1e-8).evaluation
 
-    def priors(count):
-        return GaussianPrior(np.tile(distribution.mean, (count, 1)), np.tile(distribution.sigma, (count, 1)))
 
-    def search(observations):
-        searched.append(len(observations))
-        return np.tile(truth[0], (len(observations), 1)), priors(len(observations))
+def resolved(frames, cameras, *, at_hand=None, weights=None):
+    """Frames solved from `at_hand`, by default their cameras, and then without their mislabelled segments.
 
-    def finish(problem, theta):
-        return solve_batch(problem, theta, max_iterations=50, tolerance=1e-8)
-
-    shares = shares or [None] * len(frames)
-    observations = pack(FIELD, frames, SIZE, shares)
-    problem = Problem(observations, PINHOLE, RobustLoss("cauchy", 6.0), prior=priors(len(frames)))
-    start = truth if at_hand is None else np.stack([theta_from_camera(camera) for camera in at_hand])
-    solution = finish(problem, start)
-    args = FIELD, frames, shares, problem, solution, problem.prior, 20.0, search, finish
-    return resolve_labels(*args), solution, searched
+    Returns what was found, the evaluation that it was found from, and how many frames each search was for.
+    """
+    distribution = gaussian_prior(MAIN_CENTER, OPTIONS.layout)
+    prior = GaussianPrior(np.tile(distribution.mean, (len(frames), 1)), np.tile(distribution.sigma, (len(frames), 1)))
+    weights = weights or [None] * len(frames)
+    problem = Problem(
+        pack(FIELD, frames, SIZE, weights, FIELD.motion), OPTIONS.layout, OPTIONS.loss, OPTIONS.noise, prior
+    )
+    start = np.stack([OPTIONS.layout.theta(camera) for camera in at_hand or cameras])
+    given = solved(evaluate(problem, start))
+    with patch("fieldcalib.calibrate.mislabels.find_cameras", wraps=find_cameras) as search:
+        found = without_mislabels(FIELD, frames, weights, given, prior, OPTIONS)
+    return found, given, [len(call.args[0]) for call in search.call_args_list]
 
 
 def same_view(theta, camera, tolerance):
     X = np.array([(x, y, 0.0) for x in (-45.0, -30.0, -15.0) for y in (-20.0, 0.0, 20.0)])
-    return np.abs(camera_from_theta(theta, SIZE).project(X) - camera.project(X)).max() < tolerance
+    return np.abs(OPTIONS.layout.camera(theta).project(X) - camera.project(X)).max() < tolerance
 
 
 def test_clean_frames_are_left_as_they_are():
     cameras = [LEFT, MIDDLE]
-    resolution, solution, searched = resolved([clean(camera) for camera in cameras], cameras)
+    resolution, given, searched = resolved([clean(camera) for camera in cameras], cameras)
     assert resolution.suspects == [(), ()]
-    assert resolution.solution is solution
+    assert resolution.evaluation is given
     assert searched == []
 
 
@@ -87,17 +100,17 @@ def test_wrong_labels_are_found_with_the_label_that_fits(wrong):
     assert resolution.suspects[1] == ()
     assert set(resolution.frames[0]) == set(frame)
     _, true, _ = resolved([frame], [LEFT])
-    np.testing.assert_allclose(resolution.solution.theta[0], true.theta[0], rtol=1e-4, atol=1e-4)
+    np.testing.assert_allclose(solved(resolution.evaluation).theta[0], true.theta[0], rtol=1e-4, atol=1e-4)
 
 
 def test_the_wrong_camera_is_given_up():
     frame = relabelled(clean(LEFT), {"Side line top": "Side line right"})
-    elsewhere = Camera.from_angles(0.4, 1.3, 0.0, 1500.0, (1.0, 66.0, -16.0), SIZE)
-    resolution, solution, searched = resolved([frame], [LEFT], at_hand=[elsewhere])
-    assert not same_view(solution.theta[0], LEFT, 20.0)
+    elsewhere = Camera.from_angles(0.4, 1.3, 0.0, 3000.0, (1.0, 66.0, -16.0), SIZE)
+    resolution, given, searched = resolved([frame], [LEFT], at_hand=[elsewhere])
+    assert not same_view(given.theta[0], LEFT, 20.0)
     assert len(searched) == 2  # without each label in turn, and with the right ones
     assert [suspect.label for suspect in resolution.suspects[0]] == ["Side line right"]
-    assert same_view(resolution.solution.theta[0], LEFT, 4.0)
+    assert same_view(resolution.evaluation.theta[0], LEFT, 4.0)
 
 
 def test_what_no_label_fits_is_left_out():
@@ -107,7 +120,7 @@ def test_what_no_label_fits_is_left_out():
     assert (suspect.label, suspect.fits) == ("Middle line", None)
     assert suspect.error_px > 20.0
     assert "Middle line" not in resolution.frames[0]
-    assert not np.any(resolution.problem.observations.label == list(FIELD).index("Middle line"))
+    assert not np.any(resolution.evaluation.problem.observations.label == list(FIELD).index("Middle line"))
 
 
 def test_few_labels_accuse_nobody():
@@ -116,14 +129,14 @@ def test_few_labels_accuse_nobody():
     few["Small rect. right bottom"] = frame["Side line top"]
     resolution, _, _ = resolved([few], [LEFT])
     assert resolution.suspects == [()]
-    assert np.all(np.isfinite(resolution.solution.theta))
+    assert np.all(np.isfinite(resolution.evaluation.theta))
 
 
 def test_weights_follow_their_pixels():
     frame = relabelled(clean(LEFT), {"Circle left": "Circle right"})
-    shares = {label: np.full(len(xy), 0.5 / len(xy)) for label, xy in frame.items()}
-    resolution, _, _ = resolved([frame], [LEFT], shares=[shares])
-    observations = resolution.problem.observations
+    weights = {label: np.full(len(xy), 0.5 / len(xy)) for label, xy in frame.items()}
+    resolution, _, _ = resolved([frame], [LEFT], weights=[weights])
+    observations = resolution.evaluation.problem.observations
     assert [suspect.fits for suspect in resolution.suspects[0]] == ["Circle left"]
     on_circle = observations.label == list(FIELD).index("Circle left")
     assert np.sum(observations.weight[on_circle]) == pytest.approx(0.5)

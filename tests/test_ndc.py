@@ -13,8 +13,7 @@ from fieldcalib.assess.ndc import ndc_loss
 from fieldcalib.fields.segments import Arc, Line
 from fieldcalib.fields.soccer import soccer
 from fieldcalib.geometry.camera import Camera
-from fieldcalib.geometry.lens import lens_coefficients, undistort
-from fieldcalib.problem.layout import LOG_ASPECT, LOG_F, PRINCIPAL_POINT, camera_from_theta, theta_from_camera
+from fieldcalib.problem.layout import LOG_ASPECT, LOG_F, PRINCIPAL_POINT, Layout, camera_from_theta, theta_from_camera
 
 FIELD = soccer()
 MARKINGS = whole_circle_markings(FIELD)
@@ -125,7 +124,7 @@ def labelled(draw, lens):
 
 
 def loss_of(theta, frame, image_size, kind="tvcalib"):
-    (loss,) = ndc_loss(theta[None], FIELD, [frame], image_size, kind)
+    (loss,) = ndc_loss([camera_from_theta(theta, image_size)], FIELD, [frame], kind)
     return float(loss)
 
 
@@ -183,7 +182,7 @@ def test_in_equation_3_every_segment_counts_alike():
 def test_no_pixels_no_loss(kind):
     theta, lines, _ = one_of_each_kind(np.random.default_rng(2))
     assert loss_of(theta, {}, (960, 540), kind) == 0.0
-    together = ndc_loss(np.stack([theta, theta]), FIELD, [{}, lines], (960, 540), kind)
+    together = ndc_loss([camera_from_theta(theta, (960, 540))] * 2, FIELD, [{}, lines], kind)
     assert together[0] == 0.0
     assert together[1] == pytest.approx(loss_of(theta, lines, (960, 540), kind))
 
@@ -221,7 +220,7 @@ def test_frames_together_or_one_by_one(drawn, direction, kind):
     image_size = drawn[0].image_size
     theta = np.array([theta_from_camera(camera) for camera in drawn])
     frames = [displaced(observe(MARKINGS, camera), 5.0, direction) for camera in drawn]
-    together = ndc_loss(theta, FIELD, frames, image_size, kind)
+    together = ndc_loss(drawn, FIELD, frames, kind)
     alone = [loss_of(t, frame, image_size, kind) for t, frame in zip(theta, frames, strict=True)]
     np.testing.assert_allclose(together, alone, rtol=1e-12, atol=1e-15)
 
@@ -232,9 +231,10 @@ def test_a_known_lens_is_taken_out(drawn, kind):
     theta[LOG_ASPECT] = 0.0
     frame.pop("Circle central", None)  # bent or straight, the middle line may split it elsewhere
     straight = theta.copy()
-    straight[LENS] = 0.0
-    c, rho = theta[PRINCIPAL_POINT], np.hypot(*image_size) / 2.0
-    straightened = {label: c + undistort(xy - c, lens_coefficients(theta[LENS]), rho) for label, xy in frame.items()}
+    layout, c = Layout.of(image_size), theta[PRINCIPAL_POINT]
+    b = theta[layout.lens_block]
+    straight[layout.lens_block] = 0.0
+    straightened = {label: c + layout.lens.undistort((xy - c).T, b[:, None]).T for label, xy in frame.items()}
     expected = loss_of(straight, straightened, image_size, kind)
     assert loss_of(theta, frame, image_size, kind) == pytest.approx(expected, rel=1e-9)
 

@@ -32,33 +32,73 @@ def options(**changes):
 def test_flags_have_the_values_of_opencv_where_opencv_has_them():
     shared = [flag for flag in F if hasattr(cv2, flag.name)]
     assert {flag.name: flag.value for flag in shared} == {flag.name: getattr(cv2, flag.name) for flag in shared}
-    assert len(shared) == len(F) - 2
+    assert len(shared) == len(F) - 3
 
 
 def test_our_own_flags_use_bits_that_opencv_does_not():
     taken = [value for name, value in vars(cv2).items() if name.startswith("CALIB_") and isinstance(value, int)]
-    for flag in (F.CALIB_FIX_POSITION, F.CALIB_FIX_ROLL):
+    for flag in (F.CALIB_FIX_POSITION, F.CALIB_FIX_ROLL, F.CALIB_AUTO_LENS):
         assert not any(flag & value for value in taken)
         assert flag < 2**31  # an int in C
 
 
 def test_by_default_square_pixels_and_one_lens_coefficient_are_free():
-    assert options(flags=PINHOLE_FLAGS).free.tolist() == [True] * 7 + [False] * 5
-    assert options().free.tolist() == [True] * 8 + [False] * 4
+    def free(**changes):
+        layout = options(**changes).layout
+        return tuple(name for name, is_free in zip(layout.names, layout.free, strict=True) if is_free)
+
+    pose_and_zoom = ("pan", "tilt", "roll", "log f", "x", "y", "z")
+    assert free(flags=PINHOLE_FLAGS) == pose_and_zoom
+    assert free() == (*pose_and_zoom, "cx", "cy", "a1")
+    # without a prior the principal point is not free by default, as nothing would hold it; with flags it is
+    assert free(prior=None) == (*pose_and_zoom, "a1")
+    more = DEFAULT_FLAGS | F.CALIB_FIX_ROLL
+    assert free(prior=None, flags=more) == ("pan", "tilt", "log f", "x", "y", "z", "cx", "cy", "a1")
+
+
+@pytest.mark.parametrize(
+    ("dist_coeffs", "flags", "lens"),
+    [
+        (None, DEFAULT_FLAGS, "RadialLens"),
+        ([0.1, 0.0, 0.0, 0.0, 0.0], DEFAULT_FLAGS, "RadialLens"),
+        ([0.1, 0.0, 0.001, 0.0, 0.0], DEFAULT_FLAGS, "BrownConradyLens"),
+        (None, DEFAULT_FLAGS & ~F.CALIB_FIX_K3, "BrownConradyLens"),
+        (None, DEFAULT_FLAGS & ~F.CALIB_FIX_TANGENT_DIST, "BrownConradyLens"),
+    ],
+)
+def test_the_lens_is_the_smallest_that_will_do(dist_coeffs, flags, lens):
+    known = {} if dist_coeffs is None else {"camera_matrix": K, "dist_coeffs": dist_coeffs}
+    flags |= F.CALIB_USE_INTRINSIC_GUESS if known else 0
+    assert type(options(flags=flags, **known).layout.lens).__name__ == lens
+
+
+def test_the_size_of_a_field_is_considered_unless_it_is_known():
+    assert not np.any(options(field=soccer(size_known=True)).layout.considered)
+    assert not np.any(options(prior=None).layout.considered)
+    assert options(field=soccer(size_known=True)).layout.field_size is None
+    layout = options(field=soccer(100.0, 66.0)).layout
+    assert np.array(layout.names)[layout.considered].tolist() == ["length", "width"]
+    np.testing.assert_array_equal(layout.field_size.given, (100.0, 66.0))
+    np.testing.assert_array_equal(layout.field_size.sigma, soccer().size_model.sigma)
+    np.testing.assert_array_equal(options(field=soccer(100.0, 66.0)).known[-2:], (100.0, 66.0))
 
 
 @pytest.mark.parametrize(
     ("left_out", "freed"),
     [
-        (F.CALIB_FIX_ASPECT_RATIO, [LOG_ASPECT]),
-        (F.CALIB_FIX_PRINCIPAL_POINT, [9, 10]),
-        (F.CALIB_FIX_K1, [7]),
-        (F.CALIB_FIX_K2, [8]),
+        (F.CALIB_FIX_ASPECT_RATIO, ["log aspect"]),
+        (F.CALIB_FIX_PRINCIPAL_POINT, ["cx", "cy"]),
+        (F.CALIB_FIX_K1, ["a1"]),
+        (F.CALIB_FIX_K2, ["b2"]),
+        (F.CALIB_FIX_K3, ["a3"]),
+        (F.CALIB_FIX_TANGENT_DIST, ["p1", "p2"]),
+        (F.CALIB_FIX_K3 | F.CALIB_FIX_TANGENT_DIST, ["p1", "p2", "a3"]),
     ],
 )
 def test_a_flag_left_out_frees_its_parameter(left_out, freed):
-    changed = options(flags=PINHOLE_FLAGS & ~left_out).free != options(flags=PINHOLE_FLAGS).free
-    assert np.flatnonzero(changed).tolist() == freed
+    layout = options(flags=PINHOLE_FLAGS & ~left_out).layout
+    free = [name for name, is_free in zip(layout.names, layout.free, strict=True) if is_free]
+    assert free == [name for name in layout.names if name in freed or name in layout.names[:7]]
 
 
 def test_a_camera_matrix_gives_what_it_knows():
@@ -69,9 +109,9 @@ def test_a_camera_matrix_gives_what_it_knows():
     np.testing.assert_allclose(found.known[PRINCIPAL_POINT], (470.0, 280.0))
     assert found.known[LOG_ASPECT] == pytest.approx(np.log(1.02))
     corner = np.hypot(960, 540) / 2.0 / 1500.0
-    np.testing.assert_allclose(found.known[LENS], (0.1 * corner**2, 0.0))
-    assert found.free[LOG_F]
-    assert not options(camera_matrix=K, flags=DEFAULT_FLAGS | F.CALIB_FIX_FOCAL_LENGTH).free[LOG_F]
+    np.testing.assert_allclose(found.known[found.layout.lens_block], (0.1 * corner**2, 0.0))
+    assert found.layout.free[LOG_F]
+    assert not options(camera_matrix=K, flags=DEFAULT_FLAGS | F.CALIB_FIX_FOCAL_LENGTH).layout.free[LOG_F]
 
 
 def test_a_pose_gives_angles_and_centre():
@@ -86,7 +126,7 @@ def test_a_pose_gives_angles_and_centre():
 def test_without_a_guess_only_what_has_a_default_is_known():
     known = options().known
     assert np.isnan(known[:7]).all()
-    np.testing.assert_allclose(known[7:], (0.0, 0.0, 480.0, 270.0, 0.0))
+    np.testing.assert_allclose(known[7:12], (480.0, 270.0, 0.0, 0.0, 0.0))
     assert options(flags=DEFAULT_FLAGS | F.CALIB_FIX_ROLL).known[2] == 0.0
 
 
@@ -101,8 +141,8 @@ def test_without_a_guess_only_what_has_a_default_is_known():
         ({"flags": F.CALIB_FIX_POSITION}, "rvec and tvec are missing"),
         ({"flags": cv2.CALIB_RATIONAL_MODEL}, "not supported: expected a combination of CALIB_USE_INTRINSIC_GUESS"),
         (
-            {"camera_matrix": K, "dist_coeffs": [0, 0, 0.1, 0], "flags": F.CALIB_USE_INTRINSIC_GUESS},
-            "only the radial coefficients k1 and k2",
+            {"camera_matrix": K, "dist_coeffs": [0.0] * 12 + [0.1, 0.0], "flags": F.CALIB_USE_INTRINSIC_GUESS},
+            "a tilted sensor",
         ),
         ({"camera_matrix": np.eye(2), "flags": F.CALIB_USE_INTRINSIC_GUESS}, "K must be a finite array"),
         ({"criteria": (3, 0, 1e-9)}, "max_count >= 1"),

@@ -13,6 +13,7 @@ import pytest
 from networks import FIELD, KnownCameras, band_maps, probabilities
 from views import camera
 
+from fieldcalib.assess.result import Status
 from fieldcalib.cli import frames as frames_of_commands
 from fieldcalib.cli.demo import camera_errors
 from fieldcalib.cli.frames import IMAGES_AT_ONCE, Frame, opened
@@ -103,6 +104,88 @@ def test_a_network_that_mistakes_other_lines_for_penalty_areas_is_corrected():
     (calibration,) = calibrate_from_images(FIELD, [picture(truth)], network)
     assert calibration.accepted
     assert camera_errors(calibration.camera, truth, FIELD).reprojection < 1.5
+
+
+# --- squashed and cropped pictures ---
+
+
+@pytest.mark.parametrize(
+    ("true_camera", "declaration"),
+    [
+        (TRUTHS[0].scaled((640, 640)), ["--display-size", "960x540"]),
+        (TRUTHS[0].cropped((320, 0), (640, 540)), ["--crop-of", "960x540+320+0"]),
+    ],
+    ids=["squashed", "cropped"],
+)
+def test_declared_pictures(know, tmp_path, true_camera, declaration):
+    image = picture(true_camera)
+    (tmp_path / "a.png").write_bytes(encoded(image))
+    know([true_camera.scaled(SIZE) if true_camera.image_size == (640, 640) else true_camera.cropped((-320, 0), SIZE)])
+    assert run("run", tmp_path / "a.png", "--out", tmp_path / "out", *declaration) == 0
+    (line,) = lines_of(tmp_path / "out")
+    assert line["verdict"] in ("good", "check")
+    record = json.loads((tmp_path / "out" / "camera_a.json").read_text())
+    found = camera_from_record(record, true_camera.image_size)
+    assert camera_errors(found, true_camera, FIELD).reprojection < 1.5
+    overlay = parse_image((tmp_path / "out" / "overlay_a.jpg").read_bytes())
+    assert overlay.shape == image.shape
+
+
+def test_pictures_that_do_not_fit_are_broken(know, tmp_path, capsys):
+    for name, size in (("a", (540, 480)), ("b", (540, 500))):
+        (tmp_path / f"{name}.png").write_bytes(encoded(np.zeros((*size, 3), np.uint8)))
+    know([None])
+    assert run("run", tmp_path, "--out", tmp_path / "out", "--crop-of", "960x540+480+0") == 1
+    problem = "does not fit, with 500 x 540 pixels, into the frame of --crop-of 960x540+480+0"
+    assert capsys.readouterr().err == f"fieldcalib: {tmp_path / 'b.png'}: {problem}\n"
+    assert [line["status"] for line in lines_of(tmp_path / "out")] == ["too few segments", "broken file"]
+
+
+def test_frames_that_are_too_large_are_refused(know, tmp_path, capsys):
+    (tmp_path / "a.png").write_bytes(encoded(np.zeros((54, 96, 3), np.uint8)))
+    know([])
+    assert run("run", tmp_path / "a.png", "--out", tmp_path / "out", "--display-size", "30000x30000") == 1
+    assert "has 30000 x 30000 pixels, more than 50 million" in capsys.readouterr().err
+
+
+def test_a_video_that_does_not_fit_is_one_line(know, tmp_path, capfd):
+    write_video(tmp_path / "a.mp4", [np.zeros((54, 96, 3), np.uint8)] * 3)
+    know([])
+    assert run("run", tmp_path / "a.mp4", "--out", tmp_path / "out", "--crop-of", "100x100+10+0") == 2
+    assert f"fieldcalib: {tmp_path / 'a.mp4'}: does not fit, with 96 x 54" in capfd.readouterr().err
+
+
+# --- verdict ---
+
+
+def test_rejected_cameras_are_written_on_request_only(know, tmp_path, capsys):
+    """The network has the lines of another camera than the image."""
+    (tmp_path / "a.png").write_bytes(encoded(picture(TRUTHS[1])))
+    cameras = {}
+    for options in (["--keep-rejected"], []):  # the camera of the run before is removed
+        know([TRUTHS[0]])
+        assert run("run", tmp_path / "a.png", "--out", tmp_path, *options) == 0
+        (line,) = lines_of(tmp_path)
+        assert line["verdict"] == "reject"
+        assert line["reason"] == line["message"]
+        summary = json.loads((tmp_path / "summary.json").read_text())
+        assert summary["verdict"] == {"good": 0, "check": 0, "reject": 1}
+        assert summary["completeness"] == 100.0 * summary["cameras"]
+        cameras[tuple(options)] = summary["cameras"], (tmp_path / "camera_a.json").exists()
+    assert cameras == {("--keep-rejected",): (1, True), (): (0, False)}
+    assert "0 cameras of 1 frames" in capsys.readouterr().out
+
+
+def test_an_implausible_camera_has_no_file(know, tmp_path, monkeypatch):
+    def implausible(*arguments, **options):
+        (found,) = calibrate_from_images(*arguments, **options)
+        return [replace(found, status=Status.IMPLAUSIBLE)]
+
+    monkeypatch.setattr("fieldcalib.cli.run.calibrate_from_images", implausible)
+    (tmp_path / "a.png").write_bytes(encoded(picture(TRUTHS[0])))
+    know([TRUTHS[0]])
+    assert run("run", tmp_path / "a.png", "--out", tmp_path) == 0
+    assert not (tmp_path / "camera_a.json").exists()
 
 
 # --- images ---

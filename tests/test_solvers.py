@@ -11,9 +11,9 @@ from fieldcalib.fields.soccer import soccer
 from fieldcalib.fields.stands import DISTRIBUTIONS, MAIN_TRIBUNE
 from fieldcalib.geometry.camera import Camera
 from fieldcalib.problem.evaluation import LOG_F_RANGE, Problem, evaluate
-from fieldcalib.problem.layout import ANGLES, LOG_F, Layout, camera_from_theta, theta_from_camera
+from fieldcalib.problem.layout import ANGLES, LOG_F, Layout, Role, SizeBlock, camera_from_theta, theta_from_camera
 from fieldcalib.problem.least_squares import least_squares
-from fieldcalib.problem.levenberg_marquardt import levenberg_marquardt
+from fieldcalib.problem.levenberg_marquardt import Groups, block_arrow_steps, levenberg_marquardt
 from fieldcalib.problem.losses import RobustLoss
 from fieldcalib.problem.observations import pack
 from fieldcalib.problem.prior import GaussianPrior, gaussian_prior
@@ -201,3 +201,199 @@ def test_the_second_lens_coefficient_does_not_fall_below_what_folds(solve, b2):
     held = replace(problem, layout=layout.fixed("k2"))
     held = levenberg_marquardt(evaluate(held, solution.theta), max_iterations=100, tolerance=1e-12)
     assert solution.cost[0] == pytest.approx(held.cost[0], rel=1e-6)
+
+
+# --- parameters that frames share ---
+
+TRIPOD = np.array([2.0, 66.0, -17.0])
+CAUCHY = RobustLoss("cauchy", 6.0)
+
+
+def of_one_tripod(count, noise, seed=0):
+    """Frames of cameras at one place, each with its angles and zoom, and thetas a little off them."""
+    rng, markings = np.random.default_rng(seed), whole_circle_markings(FIELD)
+    cameras = [
+        Camera.from_angles(pan, 1.36 + 0.01 * i, 0.002 * i, 900.0 + 150.0 * i, TRIPOD, SIZE)
+        for i, pan in enumerate(np.linspace(-0.6, 0.6, count))
+    ]
+    frames = [observe(markings, camera, rng, noise) for camera in cameras]
+    truth = np.array([theta_from_camera(camera) for camera in cameras])
+    starts = truth.copy()
+    starts[:, :4] += rng.normal(scale=0.01, size=(count, 4))
+    starts[:, 4:7] += rng.normal(scale=0.5, size=3)
+    return frames, truth, starts
+
+
+def sharing(layout, *blocks):
+    return layout.with_roles(Role.SHARED, *blocks)
+
+
+def minimised(problem, theta, iterations=300, tolerance=1e-14):
+    return levenberg_marquardt(evaluate(problem, theta), max_iterations=iterations, tolerance=tolerance)
+
+
+def whole_system(problem, theta):
+    """Cost of all frames, and its gradient and Gauss-Newton Hessian, dense, by the unknowns of all of them.
+
+    What is shared stands once, at the end: the sum over the frames of selections of their own parts.
+    """
+    evaluation, free = evaluate(problem, theta), np.flatnonzero(problem.free)
+    shared, T = problem.layout.shared, len(problem)
+    own = int(np.sum(~shared))
+    size = T * own + int(np.sum(shared))
+    gradient, hessian = np.zeros(size), np.zeros((size, size))
+    index = np.empty((T, len(free)), dtype=int)
+    index[:, ~shared] = np.arange(T * own).reshape(T, own)
+    index[:, shared] = np.arange(T * own, size)
+    for t in range(T):
+        gradient[index[t]] += evaluation.gradient[t]
+        hessian[np.ix_(index[t], index[t])] += evaluation.hessian[t]
+    return float(np.sum(evaluation.cost)), gradient, hessian, index
+
+
+def test_groups_that_share_nothing_are_independent_problems():
+    """The same steps, of each frame by itself, whether or not the frames are in one group."""
+    frames, _, starts = of_one_tripod(5, noise=1.0)
+    problem = Problem(pack(FIELD, frames, SIZE), PINHOLE, CAUCHY, 1.0, prior_for(5))
+    alone = minimised(problem, starts)
+    each = minimised(replace(problem, group=np.arange(5)), starts)
+    np.testing.assert_array_equal(each.theta, alone.theta)
+    np.testing.assert_array_equal(each.iterations, alone.iterations)
+    # with one damping for all of them the path is another one, the minimum is not
+    together = minimised(replace(problem, group=np.zeros(5, dtype=np.intp)), starts)
+    assert together.converged.all()
+    np.testing.assert_allclose(together.theta, alone.theta, rtol=1e-6, atol=1e-6)
+    assert np.ptp(together.iterations) == 0
+
+
+def test_a_group_of_one_frame_may_call_its_parameters_shared():
+    frames, _, starts = of_one_tripod(3, noise=1.0)
+    problem = Problem(pack(FIELD, frames, SIZE), PINHOLE, CAUCHY, 1.0, prior_for(3))
+    alone = minimised(problem, starts)
+    shared = minimised(replace(problem, layout=sharing(PINHOLE, "centre", "focal length")), starts)
+    np.testing.assert_allclose(shared.theta, alone.theta, rtol=1e-8, atol=1e-8)
+    np.testing.assert_array_equal(shared.iterations, alone.iterations)
+
+
+@pytest.mark.parametrize("blocks", [("centre",), ("centre", "focal length"), ("roll", "centre")])
+@pytest.mark.parametrize("prior", [True, False], ids=["prior", "no prior"])
+def test_steps_of_the_block_arrow_are_those_of_the_dense_system(blocks, prior):
+    frames, _, starts = of_one_tripod(4, noise=1.0)
+    starts[:, 3] = starts[0, 3]  # what is shared is the same in all frames
+    starts[:, 2] = starts[0, 2]
+    layout = sharing(PINHOLE, *blocks)
+    problem = Problem(pack(FIELD, frames, SIZE), layout, CAUCHY, 1.0, prior_for(4) if prior else None)
+    problem = replace(problem, group=np.zeros(4, dtype=np.intp))
+    _, gradient, hessian, index = whole_system(problem, starts)
+    for damping in (1e-8, 1e-2, 10.0):
+        # as the solver does, the diagonal of the sum of the frames' blocks is raised by a share of itself
+        damped = hessian + damping * np.diag(np.diagonal(hessian))
+        dense = np.linalg.solve(damped, -gradient)[index]
+        evaluation = evaluate(problem, starts)
+        held = np.zeros_like(evaluation.gradient, dtype=bool)
+        args = evaluation.hessian, evaluation.gradient, np.full(4, damping), held, layout.shared, Groups.of(problem)
+        np.testing.assert_allclose(block_arrow_steps(*args), dense, rtol=1e-6, atol=1e-9)
+
+
+def test_a_shared_centre_is_that_of_the_dense_system():
+    """Gauss-Newton on the dense normal equations of the whole system, from the same start, ends at the same cameras."""
+    frames, _, starts = of_one_tripod(4, noise=1.0)
+    layout = sharing(PINHOLE, "centre")
+    problem = replace(
+        Problem(pack(FIELD, frames, SIZE), layout, CAUCHY, 1.0, prior_for(4)), group=np.zeros(4, dtype=np.intp)
+    )
+    theta, free = starts.copy(), np.flatnonzero(problem.free)
+    for _ in range(100):
+        cost, gradient, hessian, index = whole_system(problem, theta)
+        step = np.linalg.solve(hessian, -gradient)
+        theta[:, free] += step[index]
+    assert np.max(np.abs(step)) < 1e-8
+    found = minimised(problem, starts)
+    assert found.converged.all()
+    np.testing.assert_allclose(found.theta, theta, rtol=1e-6, atol=1e-6)
+    assert np.sum(found.cost) == pytest.approx(cost, rel=1e-9)
+    assert np.ptp(found.theta[:, 4:7], axis=0).max() == 0.0
+    alone = minimised(replace(problem, layout=PINHOLE), starts)
+    assert np.sum(alone.cost) < np.sum(found.cost)  # each with its own centre they fit better
+
+
+def test_a_shared_centre_is_that_of_scipy():
+    from scipy.optimize import least_squares as scipys
+
+    frames, _, starts = of_one_tripod(4, noise=1.0)
+    layout, linear = sharing(PINHOLE, "centre"), RobustLoss("linear", 1.0)
+    problem = Problem(pack(FIELD, frames, SIZE), layout, linear, 1.0, prior_for(4))
+    problem = replace(problem, group=np.zeros(4, dtype=np.intp))
+    *_, index = whole_system(problem, starts)
+    free = np.flatnonzero(problem.free)
+
+    def residuals(x):
+        theta = starts.copy()
+        theta[:, free] = x[index]
+        weighted = np.sqrt(problem.observations.weight) * evaluate(problem, theta).r
+        return np.concatenate([weighted.ravel(), problem.prior_residuals(theta).ravel()])
+
+    x = np.zeros(index.max() + 1)
+    x[index] = starts[:, free]
+    theirs = scipys(residuals, x, x_scale="jac", xtol=1e-14, ftol=1e-14, gtol=1e-14)
+    ours = minimised(problem, starts)
+    assert np.sum(ours.cost) == pytest.approx(theirs.cost, rel=1e-9)
+    np.testing.assert_allclose(ours.theta[:, free], theirs.x[index], rtol=1e-5, atol=1e-5)
+
+
+def test_groups_side_by_side_do_not_touch_each_other():
+    frames, _, starts = of_one_tripod(6, noise=1.0)
+    starts[4:, 4:7] += (1.0, 2.0, 0.0)  # shared within a group alone
+    problem = Problem(pack(FIELD, frames, SIZE), sharing(PINHOLE, "centre"), CAUCHY, 1.0, prior_for(6))
+    together = minimised(replace(problem, group=np.array([0, 0, 0, 1, 2, 2])), starts)
+    for members in (np.arange(3), np.array([3]), np.array([4, 5])):
+        part = replace(problem.take(members), group=np.zeros(len(members), dtype=np.intp))
+        alone = minimised(part, starts[members])
+        np.testing.assert_allclose(together.theta[members], alone.theta, rtol=1e-8, atol=1e-8)
+        assert np.ptp(together.theta[members, 4:7], axis=0).max() == 0.0
+
+
+def test_pixels_without_noise_give_back_a_shared_centre():
+    frames, truth, starts = of_one_tripod(5, noise=0.0)
+    problem = Problem(pack(FIELD, frames, SIZE), sharing(PINHOLE, "centre"), CAUCHY, 1.0)
+    found = minimised(replace(problem, group=np.zeros(5, dtype=np.intp)), starts)
+    np.testing.assert_allclose(found.theta, truth, rtol=1e-7, atol=1e-7)
+
+
+@pytest.mark.parametrize("size", [(101.0, 66.0), (110.0, 72.5)])
+def test_pixels_without_noise_give_back_a_shared_field_size(size):
+    """Cameras and pitch together, from 105 x 68 m; both are known in scale by what has one size on every pitch."""
+    model = soccer().size_model
+    given = SizeBlock(np.array([105.0, 68.0]), model.sigma, model.limits)
+    layout = Layout.of(SIZE, field_size=given).fixed("lens", "principal point", "aspect")
+    layout = sharing(layout, "field size")
+    pitch = soccer(*size)
+    cameras = [Camera.from_angles(pan, 1.35, 0.01, 900.0, (2.0, 68.0, -17.0), SIZE) for pan in (-0.6, -0.2, 0.2, 0.6)]
+    frames = [observe(whole_circle_markings(pitch), camera) for camera in cameras]
+    truth = np.array([layout.theta(camera) for camera in cameras])
+    problem = Problem(pack(FIELD, frames, SIZE, motion=FIELD.motion), layout, RobustLoss("linear", 1.0))
+    found = minimised(replace(problem, group=np.zeros(4, dtype=np.intp)), truth)
+    assert found.converged.all()
+    np.testing.assert_allclose(found.theta[:, layout.field_size_block], np.tile(size, (4, 1)), atol=1e-6)
+    np.testing.assert_allclose(found.theta[:, :12], truth[:, :12], rtol=1e-6, atol=1e-6)
+    np.testing.assert_array_less(found.cost, 1e-12)
+
+
+def test_a_shared_size_stays_within_its_limits():
+    model = soccer().size_model
+    given = SizeBlock(np.array([105.0, 68.0]), model.sigma, model.limits)
+    layout = sharing(Layout.of(SIZE, field_size=given).fixed("lens", "principal point", "aspect"), "field size")
+    cameras = [Camera.from_angles(pan, 1.35, 0.01, 900.0, (2.0, 68.0, -17.0), SIZE) for pan in (-0.6, -0.2, 0.2, 0.6)]
+    frames = [observe(whole_circle_markings(soccer(86.0, 60.0)), camera) for camera in cameras]
+    theta = np.array([layout.theta(camera) for camera in cameras])
+    problem = Problem(pack(FIELD, frames, SIZE, motion=FIELD.motion), layout, RobustLoss("linear", 1.0))
+    problem = replace(problem, group=np.zeros(4, dtype=np.intp))
+    found = minimised(problem, theta)
+    assert np.all(found.theta[:, -2] == 90.0)
+    # at the least cost there: as if the length had been known to be 90 m
+    held = layout.with_roles(Role.FIXED, "field size")
+    held = replace(held, roles=np.where(np.arange(held.size) == held.size - 1, Role.SHARED, held.roles))
+    there = theta.copy()
+    there[:, -2] = 90.0
+    known = minimised(replace(problem, layout=held), there)
+    assert np.sum(found.cost) == pytest.approx(np.sum(known.cost), rel=1e-6)

@@ -9,6 +9,7 @@ from data_tools.synthetic.__main__ import main
 from data_tools.synthetic.cache import read_frame, write_cache
 from data_tools.synthetic.cameras import BEHIND_MARGIN, is_behind_goal, on_canonical_side, random_camera, random_field
 from data_tools.synthetic.masks import markings_mask
+from data_tools.synthetic.pictures import random_picture
 from fieldcalib.fields.soccer import soccer
 from fieldcalib.geometry.camera import Camera
 
@@ -168,7 +169,16 @@ def test_the_contact_sheet(tmp_path, monkeypatch):
     assert (tmp_path / "sheet.png").stat().st_size > 10000
 
 
-def test_frames_may_be_larger_than_those_of_training():
-    for seed in range(40):
-        made = frame(seed, (1280, 720))
-        assert made.image.shape == (720, 1280, 3)
+@pytest.mark.parametrize("seed", [0, 3, 19])
+def test_frames_may_be_larger_than_those_of_training(seed):
+    """The first shows no field, the others are blurred by motion, which grows with the width."""
+    made = frame(seed, (1280, 720))
+    assert (made.camera is None) == (seed == 0)
+    assert made.image.shape == (720, 1280, 3)
+    assert made.mask.shape == (720, 1280)
+
+
+def test_pictures_without_a_field_may_be_larger_than_their_noise():
+    rng = np.random.default_rng(0)
+    for _ in range(5):
+        assert random_picture((2560, 720), rng).shape == (720, 2560, 3)

@@ -6,35 +6,48 @@ import numpy as np
 import pytest
 from synthetic import observe, whole_circle_markings
 
+from fieldcalib.assess.observability import READABLE, Direction, Information
 from fieldcalib.assess.result import Status
-from fieldcalib.assess.verdict import Evidence, constraints, implausibilities, verdict, weakest_directions
+from fieldcalib.assess.verdict import Evidence, constraints, implausibilities, verdict
 from fieldcalib.fields.segments import Arc, Line, Point, PointCloud
 from fieldcalib.fields.soccer import soccer
 from fieldcalib.geometry.camera import Camera
-from fieldcalib.problem.layout import LOG_F, camera_from_theta, theta_from_camera
+from fieldcalib.problem.evaluation import Problem, evaluate
+from fieldcalib.problem.layout import LOG_F, Layout, theta_from_camera
+from fieldcalib.problem.losses import RobustLoss
 from fieldcalib.problem.observations import pack
 
 FIELD, SIZE = soccer(), (960, 540)
+PINHOLE = Layout.of(SIZE).fixed("lens", "principal point", "aspect")
 CAMERA = Camera.from_angles(-0.3, 1.35, 0.0, 1500.0, (0.0, 65.0, -16.0), SIZE)
 FRAME = observe(whole_circle_markings(FIELD), CAMERA)
 GOOD = Evidence(
     rms=1.0,
     loss_ndc=0.005,
     errors=dict.fromkeys(FRAME, 1.0),
+    given=FRAME,
+    suspects=(),
     far=20.0,
     unknowns=7,
     implausible=[],
-    weakest=(5.0, "focal length"),
+    weakest=Direction(5.0, "focal length"),
     converged=True,
 )
 
 
-def complaints(camera, frame=None, *, field=FIELD):
+def seen(camera, frame, objects=FIELD):
+    problem = Problem(pack(objects, [frame], SIZE), Layout.of(SIZE), RobustLoss("linear", 1.0))
+    return evaluate(problem, theta_from_camera(camera)[None])
+
+
+def complaints(camera, frame=None, *, objects=FIELD, far=20.0, field=FIELD, may_be_inside=True):
     frame = observe(whole_circle_markings(FIELD), camera) if frame is None else frame
-    observations = pack(FIELD, [frame], SIZE)
-    theta = theta_from_camera(camera)[None]
-    reasons = implausibilities(theta, foot_points(theta, observations), observations, far=20.0, field=field)
+    reasons = implausibilities(seen(camera, frame, objects), far=far, field=field, may_be_inside=may_be_inside)
     return [reason for reason, mask in reasons.items() if mask[0]]
+
+
+def rms_of(camera, frame):
+    return np.sqrt(np.mean(np.square(seen(camera, frame).r)))
 
 
 def test_a_camera_on_the_stand_is_plausible():
@@ -64,19 +77,14 @@ def test_limits(inside, outside, complaint):
 
 
 def test_what_fits_must_lie_in_front():
-    """A camera that looks the other way: the images of lines are the same, mirrored through the centre."""
+    """A camera that looks the other way: to lines, homogeneous as they are, the same image, but upside down."""
     backwards = Camera(CAMERA.K, np.diag([-1.0, 1.0, -1.0]) @ CAMERA.R, CAMERA.C, SIZE)
-    lines = {"Side line top", "Big rect. left main", "Middle line"} & set(FRAME)
-    mirrored = {label: (960.0, 0.0) + FRAME[label] * (-1.0, 1.0) for label in lines}
-    assert "labelled segments lie behind it" not in complaints(CAMERA, {label: FRAME[label] for label in lines})
-    theta = theta_from_camera(backwards)[None]
-    observations = pack(FIELD, [{label: FRAME[label] for label in lines}], SIZE)
-    flipped = pack(FIELD, [mirrored], SIZE)
-    behind = [
-        implausibilities(theta, foot_points(theta, o), o, far=1e9, field=FIELD)["labelled segments lie behind it"][0]
-        for o in (observations, flipped)
-    ]
-    assert any(behind)
+    lines = {label: FRAME[label] for label in ("Side line top", "Big rect. left main", "Side line left")}
+    flipped = {label: (0.0, 540.0) + xy * (1.0, -1.0) for label, xy in lines.items()}
+    assert rms_of(CAMERA, lines) < 1e-6
+    assert "labelled segments lie behind it" not in complaints(CAMERA, lines)
+    assert rms_of(backwards, flipped) < 1e-6
+    assert "labelled segments lie behind it" in complaints(backwards, flipped)
 
 
 def test_a_wrong_label_that_would_lie_behind_does_not_speak_against_a_camera():
@@ -84,10 +92,7 @@ def test_a_wrong_label_that_would_lie_behind_does_not_speak_against_a_camera():
     behind = Line((-50.0, 90.0, 0.0), (50.0, 90.0, 0.0))
     field = {**FIELD, "behind": behind}
     frame = {**FRAME, "behind": np.array([(100.0, 500.0), (800.0, 520.0)])}
-    observations = pack(field, [frame], SIZE)
-    theta = theta_from_camera(CAMERA)[None]
-    feet = foot_points(theta, observations)
-    assert not implausibilities(theta, feet, observations, far=20.0, field=FIELD)["labelled segments lie behind it"][0]
+    assert "labelled segments lie behind it" not in complaints(CAMERA, frame, objects=field)
 
 
 def test_a_good_fit_is_accepted():
@@ -107,7 +112,12 @@ def test_a_segment_that_does_not_fit_is_named():
         ({"loss_ndc": 0.02}, 0.019, Status.REJECTED, "0.0200, is above tau = 0.019"),
         ({"loss_ndc": float("nan")}, 0.019, Status.REJECTED, "tau"),
         ({"unknowns": 99}, None, Status.TOO_FEW_SEGMENTS, "for 99 unknowns"),
-        ({"weakest": (1e-4, "focal length with y")}, None, Status.DEGENERATE, "leave focal length with y open"),
+        (
+            {"weakest": Direction(1e-4, "focal length with y")},
+            None,
+            Status.DEGENERATE,
+            "leave focal length with y open",
+        ),
         ({"implausible": ["it stands below the ground"]}, None, Status.IMPLAUSIBLE, "it stands below the ground"),
         ({"converged": False}, None, Status.NOT_CONVERGED, "iterations"),
     ],
@@ -132,8 +142,9 @@ def test_segments_that_agree_must_suffice():
         for label in ("Side line top", "Big rect. left main", "Big rect. left top", "Side line left")
     }
     errors = {**dict.fromkeys(four, 1.0), "Side line top": 90.0}
-    assert verdict(FIELD, four, replace(GOOD, errors=dict.fromkeys(four, 1.0)), None)[0] is Status.ACCEPTED
-    assert verdict(FIELD, four, replace(GOOD, errors=errors), None)[0] is Status.IMPLAUSIBLE
+    evidence = replace(GOOD, given=four, errors=dict.fromkeys(four, 1.0))
+    assert verdict(FIELD, four, evidence, None)[0] is Status.ACCEPTED
+    assert verdict(FIELD, four, replace(evidence, errors=errors), None)[0] is Status.IMPLAUSIBLE
 
 
 @pytest.mark.parametrize(
@@ -154,18 +165,56 @@ def test_equations_of_a_segment(segment, pixels, equations):
     assert constraints({"it": segment}, {"it": np.repeat(xy, 2, axis=0)}) == equations  # repeated pixels add nothing
 
 
+def information(matrix, has_prior=True, layout=PINHOLE):
+    names = tuple(READABLE.get(name, name) for name, free in zip(layout.names, layout.free, strict=True) if free)
+    return Information(matrix[None], names, has_prior)
+
+
 def test_the_weakest_direction_is_found_and_named():
-    free = np.arange(len(PARAMETERS)) < 7
-    sigma = np.ones((1, 7))
-    information = np.diag([9.0, 9.0, 9.0, 9.0, 9.0, 9.0, 9.0])[None].copy()
-    information[0, LOG_F, LOG_F] = 1e-5
-    assert weakest_directions(information, sigma, free) == [(pytest.approx(1e-5), "focal length")]
-    _, names = weakest_directions(np.ones((1, 7, 7)) + 0.0 * information, sigma, free)[0]
-    assert names
+    matrix = 9.0 * np.eye(7)
+    matrix[LOG_F, LOG_F] = 1e-5
+    assert information(matrix).weakest(0) == Direction(pytest.approx(1e-5), "focal length")
+    assert information(np.ones((7, 7))).weakest(0).parameters
+    directions = information(np.diag([5.0, 4.0, 3.0, 2.0, 1.0, 6.0, 7.0])).directions(0)
+    names = [direction.parameters for direction in directions]
+    assert names == ["x", "focal length", "roll", "tilt", "pan", "y", "z"]
+    assert directions[0].share == pytest.approx(0.5)
 
 
 def test_sigma_is_the_scale_of_what_counts_as_determined():
-    free = np.arange(len(PARAMETERS)) < 7
-    ((value, _),) = weakest_directions(np.eye(7)[None], np.full((1, 7), 0.1), free)
-    assert value == pytest.approx(0.01)
-    assert camera_from_theta(theta_from_camera(CAMERA), SIZE).focal_length == pytest.approx(1500.0)
+    """Information has the unit of the standard deviations that it is asked for, squared."""
+    evaluation = seen(CAMERA, FRAME)
+    evaluation = evaluation.of(replace(evaluation.problem, layout=PINHOLE))
+    one, tenth = (Information.of(evaluation, np.full((1, 7), unit)) for unit in (1.0, 0.1))
+    np.testing.assert_allclose(one.matrix, evaluation.information)
+    assert tenth.weakest(0).information == pytest.approx(0.01 * one.weakest(0).information)
+    assert tenth.weakest(0).parameters == one.weakest(0).parameters
+
+
+def test_what_is_not_asked_for_is_under_its_prior():
+    """By hand: two parameters of information 4, coupled by 3; the other one has a prior of 1."""
+    matrix = np.diag([4.0] * 7)
+    matrix[0, 1] = matrix[1, 0] = 3.0
+    about_pan = np.arange(7) == 0
+    assert information(matrix).about(about_pan).matrix[0, 0, 0] == pytest.approx(4.0 - 9.0 / (4.0 + 1.0))
+    assert information(matrix, has_prior=False).about(about_pan).matrix[0, 0, 0] == 4.0  # the others are known
+    assert information(matrix).about(about_pan).weakest(0).parameters == "pan"
+
+
+@pytest.mark.parametrize(("y", "inside"), [(33.9, True), (34.1, False)])
+def test_a_camera_on_the_field_is_implausible_unless_the_user_says_so(y, inside):
+    camera = Camera.from_angles(0.0, 1.3, 0.0, 900.0, (0.0, y, -5.0), SIZE)
+    centre = {"CENTER_MARK": camera.project([[0.0, 0.0, 0.0]])}
+    assert ("it stands on the field" in complaints(camera, centre, may_be_inside=False)) == inside
+    assert "it stands on the field" not in complaints(camera, centre)
+
+
+def test_labels_that_were_given_up_do_not_agree():
+    """Two thirds of the labels as given must agree: suspects were renamed or left out, and count against."""
+    wrong = list(FRAME)[: round(0.4 * len(FRAME))]
+    believed = {label: xy for label, xy in FRAME.items() if label not in wrong}
+    evidence = replace(GOOD, errors=dict.fromkeys(believed, 1.0), suspects=wrong)
+    status, message = verdict(FIELD, believed, evidence, None)
+    assert status is Status.IMPLAUSIBLE
+    assert "only" in message
+    assert verdict(FIELD, believed, replace(evidence, suspects=wrong[:1]), None)[0] is Status.ACCEPTED

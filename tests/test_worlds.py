@@ -24,9 +24,10 @@ from fieldcalib.fields.traits import Halves, LineLook, ProbabilityModel, SizePri
 from fieldcalib.geometry.camera import Camera
 from fieldcalib.images.line_profiles import Markings, find_lines, profiles_along
 from fieldcalib.images.refinement import line_support, refine_on_image
-from fieldcalib.problem.evaluation import Problem
+from fieldcalib.problem.evaluation import Problem, evaluate
 from fieldcalib.problem.labelled_pixels import split_circles
-from fieldcalib.problem.layout import theta_from_camera
+from fieldcalib.problem.layout import Layout, theta_from_camera
+from fieldcalib.problem.levenberg_marquardt import levenberg_marquardt
 from fieldcalib.problem.losses import RobustLoss
 from fieldcalib.problem.observations import pack
 
@@ -191,7 +192,7 @@ def test_halves_of_a_circle_are_what_the_field_says():
     assert split.half_labels == {"l", "r"}
     assert COURT.half_labels == frozenset()
     truth = court_camera()
-    loss = ndc_loss(theta_from_camera(truth)[None], split, [labelled(split, truth, SEEN)], SIZE)
+    loss = ndc_loss([truth], split, [labelled(split, truth, SEEN)])
     assert loss[0] < 0.005  # 128 samples of the circle
     with pytest.raises(ValueError, match="halves name 'east', which is no segment"):
         replace(COURT, halves={"Centre circle": Halves("east", "west", "Centre line")})
@@ -416,9 +417,10 @@ def test_a_field_in_other_units_is_solved_in_the_same_steps(log_factor):
 
 def test_the_centre_moves_no_further_than_the_scale_in_one_step():
     frame, start = labelled(COURT, court_camera(), SEEN), theta_from_camera(court_camera(0.0, 60.0, -20.0))[None]
+    layout = Layout.of(SIZE).fixed("lens", "principal point", "aspect")
     for scale in (0.5, 5.0):
-        problem = Problem(pack(COURT, [frame], SIZE), np.arange(12) < 7, RobustLoss("cauchy", 20.0), scale=scale)
-        moved = solve_batch(problem, start, max_iterations=1, tolerance=1e-9).theta - start
+        problem = Problem(pack(COURT, [frame], SIZE), layout, RobustLoss("cauchy", 20.0), scale=scale)
+        moved = levenberg_marquardt(evaluate(problem, start), max_iterations=1, tolerance=1e-9).theta - start
         assert np.abs(moved[0, 4:7]).max() <= scale * (1.0 + 1e-12)
         assert np.any(moved)
 

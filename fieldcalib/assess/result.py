@@ -2,24 +2,31 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import asdict, dataclass, fields, replace
 from dataclasses import field as attribute
 from enum import StrEnum
 from functools import cached_property
+from html import escape
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 
+from fieldcalib._json import from_json, to_json
 from fieldcalib._types import Array
 from fieldcalib.assess.observability import Direction
 from fieldcalib.assess.probability import evidence, probability_right
 from fieldcalib.assess.surprises import surprises
 from fieldcalib.assess.uncertainty import GroundError, Uncertainty, uncertainties
 from fieldcalib.fields.field import Field
+from fieldcalib.fields.records import field_from_record, field_to_record
 from fieldcalib.geometry.camera import Camera
-from fieldcalib.problem.evaluation import Evaluation
+from fieldcalib.problem.evaluation import Evaluation, evaluate
+from fieldcalib.problem.records import problem_from_record, problem_to_record
+
+ANGLE_NAMES = ("pan", "tilt", "roll")
+VERSION = 1  # of `Calibration.to_dict`
 
 BESIDE = 5.0  # px: pixels that are nearer to a line lie on it
 LEAST_PROBABILITY = 0.5  # of being right to 1 m: else a camera is more probably wrong
@@ -54,21 +61,29 @@ class Status(StrEnum):
     """The best fit is no camera that could stand there."""
 
 
-@dataclass(frozen=True, eq=False)
 class Solved:
-    """Solved problems, of which `uncertainty` looks at one when it is asked."""
+    """Solved problems, of which `uncertainty` looks at one when it is asked.
 
-    evaluation: Evaluation
-    """B frames at their solutions."""
-    unit: Array
-    """(B, n) standard deviations on which a parameter counts as determined."""
-    frame: int = 0
+    It is copied, pickled and written as one frame alone.
+
+    Parameters
+    ----------
+    evaluation : Evaluation
+        B frames at their solutions.
+    unit : (B, n) array
+        Standard deviations on which a parameter counts as determined.
+    frame : int
+        Which of them.
+    """
+
+    def __init__(self, evaluation: Evaluation, unit: Array, frame: int = 0) -> None:
+        self.evaluation = evaluation
+        self.unit = unit
+        self.frame = frame
 
     @property
     def alone(self) -> Solved:
-        """The frame without the others that it was solved with."""
-        if len(self.unit) == 1:
-            return self
+        """The frame without the others that it was solved with, and without the labels that it does not have."""
         one = np.array([self.frame])
         return Solved(self.evaluation.take(one).trimmed, self.unit[one])
 
@@ -79,9 +94,23 @@ class Solved:
         (found,) = uncertainties(alone.evaluation, alone.unit)
         return found
 
-    def __reduce__(self) -> tuple[type[Solved], tuple[Evaluation, Array]]:
+    def to_dict(self) -> dict[str, Any]:
+        """The problem of the frame and its solution, for `json.dumps`."""
         alone = self.alone
-        return Solved, (alone.evaluation, alone.unit)
+        return {
+            "problem": problem_to_record(alone.evaluation.problem),
+            "theta": to_json(alone.evaluation.theta[0]),
+            "unit": to_json(alone.unit[0]),
+        }
+
+    @classmethod
+    def from_dict(cls, record: Mapping[str, Any]) -> Solved:
+        """The inverse of `to_dict`: the closest points are searched again."""
+        theta = from_json(record["theta"])[None]
+        return cls(evaluate(problem_from_record(record["problem"]), theta), from_json(record["unit"])[None])
+
+    def __reduce__(self) -> tuple[Callable[..., Solved], tuple[dict[str, Any]]]:
+        return Solved.from_dict, (self.to_dict(),)
 
 
 @dataclass(frozen=True)
@@ -109,9 +138,11 @@ class SuspectLabel:
         return f"{self.label!r} {where}: {fits}"
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Calibration:
     """Result of a calibration. Unpacks to the five values of `cv2.calibrateCamera` for one view.
+
+    Two are equal if all that `to_dict` writes is.
 
     Examples
     --------
@@ -145,9 +176,9 @@ class Calibration:
     """What the labels as given say against an accepted camera."""
     pixel_counts: Mapping[str, int] = attribute(default_factory=dict, repr=False)
     """Number of pixels of each label as it was given."""
-    field: Field | None = attribute(default=None, compare=False, repr=False)
+    field: Field | None = attribute(default=None, repr=False)
     """What was calibrated against; None if that was no `Field`."""
-    solved: Solved | None = attribute(default=None, compare=False, repr=False)
+    solved: Solved | None = attribute(default=None, repr=False)
     """What `uncertainty` is computed from; None where there is no camera, or it came from a closed form."""
 
     @classmethod
@@ -241,12 +272,13 @@ class Calibration:
         """Errors in metres of the ground points seen at pixels (..., 2)."""
         return self.uncertainty.at_image(xy)
 
-    def probability(self, metres: float = 1.0) -> float:
+    def probability(self, metres: float = 1.0, *, size_known: bool = False) -> float:
         """Probability that the camera is right: no point of the field in view is off by more than some metres.
 
         Fitted on synthetic frames of the field, see `fieldcalib.assess.probability`. NaN where no part of the field is
         in view or the camera does not come from labelled pixels, 0 where there is no camera or it is implausible: of 22
-        such ones on synthetic frames none was right.
+        such ones on synthetic frames none was right. With `size_known` it is that if the field had just the given size:
+        where it has another one, the camera may fit its image well and be wrong in metres.
 
         Raises
         ------
@@ -278,9 +310,12 @@ class Calibration:
             )
         if self.status is Status.IMPLAUSIBLE:
             return 0.0
-        return probability_right(self.field.probability, *self._evidence, metres) / (1 + len(self.alternatives))
+        rows, weights = self._evidence
+        if size_known:
+            rows, weights = rows[:1], np.ones(1)
+        return probability_right(self.field.probability, rows, weights, metres) / (1 + len(self.alternatives))
 
-    def doubted(self, least: float, metres: float = 1.0) -> Calibration:
+    def doubted(self, least: float, metres: float = 1.0, *, size_known: bool = False) -> Calibration:
         """The same, with the verdict that it is probably wrong if its `probability` is below `least`.
 
         What has no camera with an uncertainty, or was rejected already, stays as it is.
@@ -298,7 +333,7 @@ class Calibration:
         """
         if self.solved is None or self.status is Status.REJECTED:
             return self
-        probability = self.probability(metres)
+        probability = self.probability(metres, size_known=size_known)
         if probability >= least:
             return self
         doubt = f"right to {metres:g} m with a probability of {probability:.2f}, below {least:g}"
@@ -321,3 +356,112 @@ class Calibration:
             raise ValueError(f"there is no camera to unpack: {self.message}")
         rvec, tvec, K, dist = self.camera.to_opencv()
         yield from (self.rms, K, dist, rvec, tvec)
+
+    def to_dict(self) -> dict[str, Any]:
+        """Everything as a dict for `json.dumps`, from which `from_dict` makes the calibration again.
+
+        Keys are those of ``cameras.jsonl``, see ``docs/files.md``. The size model of a field is kept if this package
+        builds the field, as `soccer`; a function of somebody else has no place in JSON. Numbers that are not finite
+        are null (NaN), "inf" and "-inf".
+
+        Examples
+        --------
+        >>> import json
+        >>> nothing = Calibration.without_camera(Status.TOO_FEW_SEGMENTS, "no labelled pixels")
+        >>> Calibration.from_dict(json.loads(json.dumps(nothing.to_dict()))) == nothing
+        True
+        """
+        return {
+            "version": VERSION,
+            "status": str(self.status),
+            "message": self.message,
+            "image_size": None if self.camera is None else list(self.camera.image_size),
+            **(_camera_to_record(self.camera) if self.camera is not None else {}),
+            "rms_px": to_json(self.rms),
+            "segment_errors_px": {label: to_json(error) for label, error in self.per_segment_errors.items()},
+            "suspect_labels": [{**asdict(one), "error_px": to_json(one.error_px)} for one in self.suspect_labels],
+            "loss_ndc": to_json(self.loss_ndc),
+            "alternatives": [_camera_to_record(other) for other in self.alternatives],
+            "complaints": list(self.complaints),
+            "pixel_counts": dict(self.pixel_counts),
+            "field": None if self.field is None else field_to_record(self.field),
+            "solved": None if self.solved is None else self.solved.to_dict(),
+        }
+
+    @classmethod
+    def from_dict(cls, record: Mapping[str, Any]) -> Calibration:
+        """The calibration of a dict that `to_dict` made; keys that it does not know are passed over.
+
+        Raises
+        ------
+        ValueError
+            If the version is another one, a key is missing, or a value cannot be right.
+        """
+        version = record.get("version")
+        if version != VERSION:
+            raise ValueError(
+                f"expected a calibration of version {VERSION}, got {version!r}: another fieldcalib wrote it, "
+                f"use that or calibrate again"
+            )
+        try:
+            size = record["image_size"]
+            return cls(
+                None if size is None else _camera_from_record(record, size),
+                Status(record["status"]),
+                record["message"],
+                float(from_json(record["rms_px"])),
+                float(from_json(record["loss_ndc"])),
+                {label: float(from_json(error)) for label, error in record["segment_errors_px"].items()},
+                tuple(
+                    SuspectLabel(one["label"], one["fits"], float(from_json(one["error_px"])))
+                    for one in record["suspect_labels"]
+                ),
+                tuple(_camera_from_record(other, size) for other in record["alternatives"]),
+                tuple(record["complaints"]),
+                dict(record["pixel_counts"]),
+                None if record["field"] is None else field_from_record(record["field"]),
+                None if record["solved"] is None else Solved.from_dict(record["solved"]),
+            )
+        except KeyError as error:
+            raise ValueError(f"is no calibration: the key {error} is missing") from None
+        except (TypeError, AttributeError, ValueError) as error:
+            raise ValueError(f"is no calibration: {error}") from error
+
+    def __eq__(self, other: object) -> bool:
+        if not isinstance(other, Calibration):
+            return NotImplemented
+        return self is other or self.to_dict() == other.to_dict()
+
+    def __reduce__(self) -> tuple[type[Calibration], tuple[Any, ...]]:
+        return Calibration, tuple(getattr(self, one.name) for one in fields(self))  # without what follows from these
+
+    def _repr_html_(self) -> str:
+        """A table for notebooks."""
+        rows = {"verdict": str(self.verdict), "reason": self.reason, "status": str(self.status)}
+        if self.camera is not None:
+            camera, degree = self.camera, "\N{DEGREE SIGN}"
+            rows |= {
+                "focal length": f"{camera.focal_length:.1f} px",
+                "pan, tilt, roll": ", ".join(f"{angle:.2f}{degree}" for angle in np.degrees(camera.angles)),
+                "position": ", ".join(f"{x:.2f}" for x in camera.C) + " m",
+                "image size": "{} x {}".format(*camera.image_size),
+                "rms": f"{self.rms:.2f} px",
+            }
+        if self.has_probability:
+            rows["right to 1 m"] = f"{self.probability():.2f}"
+        cells = (f"<tr><th>{escape(name)}</th><td>{escape(value)}</td></tr>" for name, value in rows.items())
+        return f"<table>{''.join(cells)}</table>"
+
+
+def _camera_to_record(camera: Camera) -> dict[str, Any]:
+    return {
+        "K": to_json(camera.K),
+        "dist": to_json(camera.dist[0]),
+        "R": to_json(camera.R),
+        "C": to_json(camera.C),
+        "angles_degrees": dict(zip(ANGLE_NAMES, np.degrees(camera.angles).tolist(), strict=True)),
+    }
+
+
+def _camera_from_record(record: Mapping[str, Any], image_size: tuple[int, int]) -> Camera:
+    return Camera(record["K"], record["R"], record["C"], image_size, record["dist"])

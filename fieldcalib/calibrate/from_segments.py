@@ -9,7 +9,7 @@ cost.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from typing import Protocol
 
@@ -171,7 +171,7 @@ def calibrate_from_segments(
 
 def calibrate_batch(
     object_segments: ObjectSegments,
-    frames: Sequence[ImageSegments],
+    frames: Iterable[ImageSegments],
     image_size: tuple[int, int],
     camera_matrix: ArrayLike | None = None,
     dist_coeffs: ArrayLike | None = None,
@@ -182,7 +182,7 @@ def calibrate_batch(
     loss: LossName | RobustLoss = "cauchy",
     tau: float | None = None,
     trust_labels: bool = False,
-    weights: Sequence[Weights] | None = None,
+    weights: Iterable[Weights] | None = None,
     paint: float = 0.0,
 ) -> list[Calibration]:
     """Calibrate many independent frames at once: the same as `calibrate_from_segments` on each, much faster.
@@ -191,13 +191,13 @@ def calibrate_batch(
     ----------
     object_segments : mapping of str to segment
         The calibration object.
-    frames : sequence of mappings of str to (N, 2) array_like
+    frames : iterable of mappings of str to (N, 2) array_like
         Pixels of each frame.
     image_size : (int, int)
         Width and height of every frame, pixels.
     camera_matrix, dist_coeffs, flags, criteria, prior, loss, tau, trust_labels, paint
         As in `calibrate_from_segments`, for all frames alike.
-    weights : sequence of mappings, optional
+    weights : iterable of mappings, optional
         As in `calibrate_from_segments`, for each frame.
 
     Returns
@@ -232,6 +232,9 @@ def calibrate_batch(
     )
     if isinstance(frames, Mapping):
         raise ValueError("expected a sequence of frames, got one mapping: calibrate_from_segments takes a single frame")
+    if isinstance(frames, str | bytes) or not isinstance(frames, Iterable):
+        raise ValueError(f"expected a sequence of mappings of labels to (N, 2) pixels, got {frames!r}")
+    frames, weights = list(frames), None if weights is None else list(weights)
     if weights is not None and len(weights) != len(frames):
         raise ValueError(f"expected weights for each of {len(frames)} frames, got {len(weights)}")
     checked: list[Pixels] = []

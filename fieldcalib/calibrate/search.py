@@ -17,11 +17,12 @@ from fieldcalib.problem.levenberg_marquardt import FAR, levenberg_marquardt
 from fieldcalib.problem.observations import Observations
 from fieldcalib.problem.prior import GaussianPrior
 
-FIRST_ITERATIONS = 3  # of every initial camera
-PROMISING = 2  # cameras of a frame that go on,
-HOPELESS = 3.0  # unless they cost that many times what the best one does
+FIRST_ITERATIONS = 4  # of every initial camera
+PROMISING = 3  # cameras of a frame that go on,
+HOPELESS = 2.0  # unless they cost that many times what the best one does
 WIDE_ITERATIONS = 30
-WIDE_TOLERANCE = 0.2  # share of the cost: the narrow stage does the rest
+WIDE_TOLERANCE = 0.2  # share of the cost: the narrow stage does the rest,
+RIVALS_TOLERANCE = 0.01  # but which of several cameras is the best one shows at their minima
 
 
 @dataclass(frozen=True, eq=False)
@@ -52,7 +53,9 @@ def find_cameras(observations: Observations, options: Options) -> Found:
     evaluation = evaluate(wide, np.where(free_lens, prior.mean, theta))
     # a single camera that is close already is left as it is
     if several or len(theta) > 1 or not _fits_most(evaluation, options.wide_loss.scale)[0]:
-        evaluation = _approached(evaluation, WIDE_ITERATIONS)
+        rivals = np.bincount(frame, minlength=len(observations))[frame] > 1
+        evaluation = _approached(evaluation, WIDE_ITERATIONS, ~rivals)
+        evaluation = _approached(evaluation, WIDE_ITERATIONS, rivals, tolerance=RIVALS_TOLERANCE)
         best = _best(evaluation, frame, 1, options)
         evaluation, prior = evaluation.take(best), prior.take(best)
     theta, prior = on_main_side(observations, evaluation.theta, prior, options)
@@ -69,10 +72,16 @@ def find_cameras(observations: Observations, options: Options) -> Found:
     return Found(found, prior)
 
 
-def _approached(start: Evaluation, iterations: int) -> Evaluation:
-    return levenberg_marquardt(
-        start, max_iterations=iterations, tolerance=WIDE_TOLERANCE, initial_damping=FAR
-    ).evaluation
+def _approached(
+    start: Evaluation, iterations: int, some: BoolArray | None = None, tolerance: float = WIDE_TOLERANCE
+) -> Evaluation:
+    """The cameras, or some of them, (B,), after a few iterations of the wide loss."""
+    index = np.arange(len(start.theta)) if some is None else np.flatnonzero(some)
+    if not len(index):
+        return start
+    part = start if len(index) == len(start.theta) else start.take(index)
+    found = levenberg_marquardt(part, max_iterations=iterations, tolerance=tolerance, initial_damping=FAR).evaluation
+    return found if part is start else start.replaced(index, found)
 
 
 def _around_likely_lens(prior: GaussianPrior, options: Options) -> GaussianPrior:

@@ -6,6 +6,8 @@ from pathlib import Path
 import numpy as np
 
 from fieldcalib.calibrate.options import ALL, DEFAULT_FLAGS, CalibrationFlags, Prior
+from fieldcalib.fields.field import Field
+from fieldcalib.fields.soccer import soccer
 from fieldcalib.fields.stands import DISTRIBUTIONS
 from fieldcalib.io.files import MOST_BYTES
 
@@ -18,6 +20,8 @@ LENSES = {
     "auto": DEFAULT_FLAGS | _F.CALIB_AUTO_LENS,
 }
 NO_PRIOR = "none"
+KNOWN = "known"
+FIELD_SIZES = ("nominal", KNOWN)
 
 
 def positive(text: str) -> float:
@@ -114,3 +118,20 @@ def add_field_size(parser: argparse.ArgumentParser) -> None:
     """--field-length and --field-width."""
     parser.add_argument("--field-length", type=positive, default=105.0, metavar="M", help="touchline in metres (105)")
     parser.add_argument("--field-width", type=positive, default=68.0, metavar="M", help="goal line in metres (68)")
+
+
+def add_field(parser: argparse.ArgumentParser) -> None:
+    """--field-length, --field-width and --field-size."""
+    add_field_size(parser)
+    parser.add_argument(
+        "--field-size",
+        choices=FIELD_SIZES,
+        default="nominal",
+        help="how well length and width are known; nominal: pitches differ, and the probabilities allow for that; "
+        "known: they were measured (nominal)",
+    )
+
+
+def field_of(options: argparse.Namespace) -> Field:
+    """The field that the options of `add_field` describe."""
+    return soccer(options.field_length, options.field_width, size_known=options.field_size == KNOWN)

@@ -12,16 +12,19 @@ from fieldcalib.calibrate.field_size import FieldSize, estimate_field_size
 from fieldcalib.calibrate.from_segments import calibrate_batch
 from fieldcalib.calibrate.options import ALL, Prior
 from fieldcalib.cli.arguments import (
+    KNOWN,
     LENSES,
     add_camera,
-    add_field_size,
+    add_field,
     add_input_and_output,
+    field_of,
     positive,
     prior_of,
     probability,
 )
+from fieldcalib.cli.declared import Placement, add_declarations
 from fieldcalib.cli.folder import FRAMES_AT_ONCE, by_prior, calibrate_folder
-from fieldcalib.fields.soccer import soccer
+from fieldcalib.io.files import BrokenFileError
 from fieldcalib.io.soccernet import CAMERA_TYPES, DISTRIBUTIONS_OF_TYPE, read_camera_types
 from fieldcalib.problem.labelled_pixels import Pixels
 
@@ -39,7 +42,8 @@ def add_parser(commands: argparse._SubParsersAction[argparse.ArgumentParser]) ->
         "camera_<id>.json in SoccerNet's format, cameras.jsonl with one line a frame, and summary.json.",
     )
     add_input_and_output(parser)
-    add_field_size(parser)
+    add_declarations(parser)
+    add_field(parser)
     parser.add_argument(
         "--free-field-size",
         choices=SEE_ONE_PITCH,
@@ -63,7 +67,13 @@ def run(options: argparse.Namespace) -> int:
     """Calibrate; returns the exit code."""
     if options.free_field_size == SHARED and options.prior == STACKED:
         raise ValueError(f"--prior {STACKED} goes with --free-field-size each: {SHARED} has one prior for all frames")
-    field = soccer(options.field_length, options.field_width)
+    if options.free_field_size is not None and options.field_size == KNOWN:
+        raise ValueError(f"--field-size {KNOWN} leaves nothing to --free-field-size: give one of them")
+    try:
+        placement = Placement.declared(options, options.size)
+    except BrokenFileError as error:
+        raise ValueError(f"--size {error}") from None
+    field = field_of(options)
     types = read_camera_types(options.input) if options.prior == STACKED else {}
 
     def prior_of_frame(id: str) -> Prior:
@@ -75,21 +85,23 @@ def run(options: argparse.Namespace) -> int:
     details: dict[str, dict[str, Any]] = {}
 
     def calibrate_part(frames: list[Pixels], prior: Prior) -> list[Calibration]:
-        return calibrate_batch(field, frames, options.size, prior=prior, **how)
+        return calibrate_batch(field, frames, placement.frame_size, prior=prior, **how)
 
     def on_free_field(frames: dict[str, Pixels]) -> Sequence[Calibration]:
         (prior,) = {prior_of_frame(id) for id in frames}
-        found = estimate_field_size(field, list(frames.values()), options.size, prior=prior, **how)
+        found = estimate_field_size(field, list(frames.values()), placement.frame_size, prior=prior, **how)
         details.update(dict.fromkeys(frames, _of_field_size(found)))
         if options.free_field_size == SHARED:
             print(found)
         return found.calibrations
 
-    def method(frames: dict[str, Pixels]) -> Sequence[Calibration]:
+    def method(pictures: dict[str, Pixels]) -> Sequence[Calibration]:
+        frames = {id: placement.to_frame(pixels) for id, pixels in pictures.items()}
         free = options.free_field_size is not None
         found = on_free_field(frames) if free else by_prior(frames, prior_of_frame, calibrate_part)
-        least = options.least_probability
-        return found if least is None else [calibration.doubted(least) for calibration in found]
+        if options.least_probability is not None:
+            found = [calibration.doubted(options.least_probability) for calibration in found]
+        return [placement.from_frame(calibration) for calibration in found]
 
     at_once = SEE_ONE_PITCH.get(options.free_field_size, FRAMES_AT_ONCE)
     return calibrate_folder(options, field, method, at_once=at_once, details=details)

@@ -10,7 +10,7 @@ import time
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from dataclasses import field as attribute
 from pathlib import Path
 from types import MappingProxyType
@@ -19,15 +19,16 @@ from typing import Any, BinaryIO, TypeAlias, TypeVar
 import numpy as np
 
 import fieldcalib
+from fieldcalib._types import Array
 from fieldcalib.assess.ndc import ndc_loss
-from fieldcalib.assess.result import Calibration, Status
-from fieldcalib.assess.uncertainty import Uncertainty
+from fieldcalib.assess.result import ANGLE_NAMES, Calibration, Status, Verdict
 from fieldcalib.fields.field import Field
 from fieldcalib.fields.soccer import soccer
 from fieldcalib.geometry.camera import Camera
 from fieldcalib.io.files import MOST_BYTES, FrameFile, files_beside, whole_file, write_text
 from fieldcalib.io.formats import ANNOTATIONS, CAMERAS
 from fieldcalib.io.output_folder import output_folder
+from fieldcalib.io.results import BROKEN, LINES
 from fieldcalib.problem.labelled_pixels import Pixels, check_segments, thinned
 from fieldcalib.problem.layout import ANGLES, CENTER, LOG_F
 
@@ -35,12 +36,10 @@ Method: TypeAlias = Callable[[dict[str, Pixels]], Sequence[Calibration]]
 
 P = TypeVar("P")  # a prior, in whatever form
 
-BROKEN = "broken file"
 FRAMES_AT_ONCE = 256  # calibrated together, between two steps of the progress bar
-WITHHELD = (Status.REJECTED, Status.IMPROBABLE)  # cameras that the user did not want
-ANGLE_NAMES = ("pan", "tilt", "roll")
+WITHHELD = (Status.REJECTED, Status.IMPROBABLE)  # cameras that the user of `calibrate` did not want
 METRES = (0.5, 1.0)  # that the probabilities in cameras.jsonl are about
-LINES, SUMMARY = "cameras.jsonl", "summary.json"  # of a run
+SUMMARY = "summary.json"  # of a run
 NAMED = 3  # skipped files of a kind
 
 
@@ -159,15 +158,23 @@ def by_prior(
     return [found[id] for id in frames]
 
 
+def not_withheld(calibration: Calibration) -> bool:
+    """Whether the camera passes the thresholds that the user has set."""
+    return calibration.status not in WITHHELD
+
+
 @contextmanager
-def result_folder(options: argparse.Namespace, began: float) -> Iterator[Results]:
+def result_folder(
+    options: argparse.Namespace, began: float, keeps: Callable[[Calibration], bool] = not_withheld
+) -> Iterator[Results]:
     """``options.out``, for cameras frame by frame; when all went well it gets its cameras.jsonl and its summary.json.
 
-    `began` is what `time.perf_counter` said at the start.
+    `began` is what `time.perf_counter` said at the start; `keeps` says of a calibration whether its camera, if there is
+    one, gets a file.
     """
     with output_folder(options.out):
         with whole_file(options.out / LINES) as lines:
-            results = Results(options.out, lines)
+            results = Results(options.out, lines, keeps)
             yield results
         results.summarize(began, options)
 
@@ -179,19 +186,21 @@ class Results:
     out: Path
     lines: BinaryIO
     """cameras.jsonl."""
+    keeps: Callable[[Calibration], bool]
+    """Whether the camera of a calibration gets a file."""
+    verdicts: Counter[str] = attribute(default_factory=Counter)
     statuses: Counter[str] = attribute(default_factory=Counter)
     cameras: int = 0
-    calibrations: int = 0
     calibrating: float = 0.0
     """Seconds that were spent on the calibrations, without files and pictures."""
 
     def add(self, line: Mapping[str, Any], calibration: Calibration | None) -> None:
-        """Write the line of the next frame, and its camera.
+        """Write the line of the next frame, and its camera if that is kept.
 
         An earlier run's camera of a frame that has none now is removed.
         """
         path = self.out / CAMERAS.file_name(line["id"])
-        if calibration is None or calibration.camera is None or calibration.status in WITHHELD:
+        if calibration is None or calibration.camera is None or not self.keeps(calibration):
             if os.path.lexists(path):  # not for a name that is too long
                 path.unlink()
         else:
@@ -199,7 +208,8 @@ class Results:
             self.cameras += 1
         self.lines.write((json.dumps(line) + "\n").encode())
         self.statuses[line["status"]] += 1
-        self.calibrations += calibration is not None
+        if calibration is not None:
+            self.verdicts[line["verdict"]] += 1
 
     def summarize(self, began: float, options: argparse.Namespace) -> None:
         """Write summary.json, and say how many cameras there are."""
@@ -208,14 +218,17 @@ class Results:
             "frames": frames,
             "cameras": self.cameras,
             "completeness": 100.0 * self.cameras / frames,
+            "verdict": {verdict.value: self.verdicts[verdict] for verdict in Verdict},
             "status": dict(self.statuses),
             "seconds": {"calibration": self.calibrating, "total": time.perf_counter() - began},
-            "milliseconds_per_frame": 1e3 * self.calibrating / max(self.calibrations, 1),
+            "milliseconds_per_frame": 1e3 * self.calibrating / max(self.verdicts.total(), 1),
             "options": _recorded(options),
             "version": fieldcalib.__version__,
         }
         write_text(self.out / SUMMARY, json.dumps(summary, indent=2) + "\n")
-        counts = ", ".join(f"{count} {status}" for status, count in self.statuses.most_common())
+        statuses = ", ".join(f"{count} {status}" for status, count in self.statuses.most_common())
+        verdicts = ", ".join(f"{self.verdicts[verdict]} {verdict}" for verdict in Verdict if self.verdicts[verdict])
+        counts = "; ".join(filter(None, (statuses, verdicts)))
         print(f"{self.cameras} cameras of {frames} frames in {self.out}: {counts}")
 
 
@@ -248,40 +261,22 @@ def broken_line(id: str, message: str) -> dict[str, Any]:
 
 def calibration_line(id: str, calibration: Calibration, eq3: float | None) -> dict[str, Any]:
     """One frame's line of cameras.jsonl."""
-    line: dict[str, Any] = {"id": id, "status": str(calibration.status), "message": calibration.message}
-    camera = calibration.camera
-    if camera is not None:
-        line |= _camera_keys(camera)
-        line |= {
-            "rms_px": calibration.rms,
-            "segment_errors_px": dict(calibration.per_segment_errors),
-            "suspect_labels": [asdict(suspect) for suspect in calibration.suspect_labels],
-            "loss_ndc": calibration.loss_ndc,
-            "loss_ndc_eq3": eq3,
-            "alternatives": [_camera_keys(other) for other in calibration.alternatives],
-        }
-    if calibration.solved is not None:
-        line["standard_deviations"] = _standard_deviations(calibration.uncertainty)
+    line: dict[str, Any] = {"id": id, **calibration.to_dict()}
+    line |= {"verdict": str(calibration.verdict), "reason": calibration.reason}
+    if calibration.camera is not None:
+        line |= {"rms_as_labelled_px": _number(calibration.rms_as_labelled), "loss_ndc_eq3": eq3}
+    if calibration.camera is not None and calibration.solved is not None:
+        line["standard_deviations"] = _standard_deviations(calibration.camera, calibration.covariance)
     if calibration.has_probability:
         line |= {f"probability_right_{metres:g}m": _number(calibration.probability(metres)) for metres in METRES}
     return line
 
 
-def _camera_keys(camera: Camera) -> dict[str, Any]:
-    return {
-        "K": camera.K.tolist(),
-        "dist": camera.dist[0].tolist(),
-        "R": camera.R.tolist(),
-        "C": camera.C.tolist(),
-        "angles_degrees": dict(zip(ANGLE_NAMES, np.degrees(camera.angles).tolist(), strict=True)),
-    }
-
-
-def _standard_deviations(uncertainty: Uncertainty) -> dict[str, Any]:
-    sigma = np.sqrt(np.diagonal(uncertainty.covariance))
+def _standard_deviations(camera: Camera, covariance: Array) -> dict[str, Any]:
+    sigma = np.sqrt(np.diagonal(covariance))
     degrees = map(_number, np.degrees(sigma[ANGLES]))
     return {
-        "focal_length_px": _number(uncertainty.camera.focal_length * sigma[LOG_F]),
+        "focal_length_px": _number(camera.focal_length * sigma[LOG_F]),
         "C": [_number(metres) for metres in sigma[CENTER]],
         "angles_degrees": dict(zip(ANGLE_NAMES, degrees, strict=True)),
     }

@@ -52,34 +52,53 @@ class Source:
 
 @contextmanager
 def opened(
-    inputs: Sequence[Path], most_bytes: float = MOST_BYTES, most_pixels: float = MOST_PIXELS
+    inputs: Sequence[Path],
+    most_bytes: float = MOST_BYTES,
+    most_pixels: float = MOST_PIXELS,
+    *,
+    check: Callable[[Image], object] = lambda image: None,
 ) -> Iterator[Source]:
     """The frames of images, folders and zips of them, or of one video, whose ids are six-digit numbers from 0.
+
+    An image that `check` raises a BrokenFileError for is broken.
 
     Raises
     ------
     ValueError
         If a video comes with other inputs.
     FileNotFoundError, BrokenFileError
-        As `find_files` and `VideoReader`.
+        As `find_files` and `VideoReader`, and as `check` for the frames of a video.
     """
     if not any(map(VIDEOS.recognises, inputs)):
         files = IMAGES.find(inputs)
         name_skipped(inputs, files)
-        read = partial(_read, most_bytes=most_bytes, most_pixels=most_pixels)
+        read = partial(_read, most_bytes=most_bytes, most_pixels=most_pixels, check=check)
         yield Source(map(read, files), len(files))
         return
     if len(inputs) > 1:
         raise ValueError("expected one video, or images and folders of them, got a video and more: run them one by one")
     with VIDEOS.read(inputs[0], most_pixels) as video:
-        frames = (Frame(f"{index:06d}", image) for index, image in enumerate(video))
+        images = _checked(inputs[0], video, check)
+        frames = (Frame(f"{index:06d}", image) for index, image in enumerate(images))
         yield Source(frames, video.count, video.frames_per_second, video.lost_frames)
 
 
-def _read(file: FrameFile, most_bytes: float, most_pixels: float) -> Frame:
+def _checked(path: Path, images: Iterable[Image], check: Callable[[Image], object]) -> Iterator[Image]:
+    """The images of a video."""
+    try:
+        for image in images:
+            check(image)
+            yield image
+    except BrokenFileError as error:
+        raise BrokenFileError(f"{path}: {error}") from None
+
+
+def _read(file: FrameFile, most_bytes: float, most_pixels: float, check: Callable[[Image], object]) -> Frame:
     """An image; what is wrong with it is said on stderr too."""
     try:
-        return Frame(file.id, IMAGES.read(file.read(most_bytes), most_pixels))
+        image = IMAGES.read(file.read(most_bytes), most_pixels)
+        check(image)
+        return Frame(file.id, image)
     except (BrokenFileError, MemoryError) as error:
         print(f"fieldcalib: {file.path}: {problem(error)}", file=sys.stderr)
         return Frame(file.id, None, problem(error))

@@ -3,16 +3,20 @@
 from __future__ import annotations
 
 import argparse
+import math
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import TypeAlias
 
-from fieldcalib.cli.arguments import LENSES, add_camera, add_field_size, prior_of
+from fieldcalib.assess.result import Calibration
+from fieldcalib.cli.arguments import LENSES, add_camera, add_field, field_of, prior_of
+from fieldcalib.cli.declared import Placement, add_declarations
 from fieldcalib.cli.folder import broken_line, calibration_line, result_folder
 from fieldcalib.cli.frames import (
     IMAGES_AT_ONCE,
+    Frame,
     add_limits,
     add_network,
     add_refinement,
@@ -20,14 +24,12 @@ from fieldcalib.cli.frames import (
     in_parts,
     load_network,
     opened,
-    pixels_of,
 )
 from fieldcalib.draw.overlays import draw_calibration
-from fieldcalib.fields.soccer import soccer
 from fieldcalib.images.from_images import calibrate_from_images
 from fieldcalib.io.formats import OVERLAYS, VIDEOS
 from fieldcalib.io.image import Image
-from fieldcalib.io.images import write_image
+from fieldcalib.io.images import check_pixels, write_image
 
 Write: TypeAlias = Callable[[str, Image], None]
 
@@ -46,9 +48,13 @@ def add_parser(commands: argparse._SubParsersAction[argparse.ArgumentParser]) ->
     )
     parser.add_argument("--out", required=True, type=Path, metavar="DIR", help="where the results go")
     add_network(parser)
-    add_field_size(parser)
+    add_declarations(parser)
+    add_field(parser)
     add_camera(parser)
     add_refinement(parser)
+    parser.add_argument(
+        "--keep-rejected", action="store_true", help="write the best camera of every frame, whatever the verdict says"
+    )
     add_limits(parser)
     parser.set_defaults(run=run)
 
@@ -58,17 +64,29 @@ def run(options: argparse.Namespace) -> int:
     from tqdm import tqdm
 
     began = time.perf_counter()
-    field, network = soccer(options.field_length, options.field_width), load_network(options)
+    field, network = field_of(options), load_network(options)
     how = {"flags": LENSES[options.lens], "prior": prior_of(options), "refine": options.refine}
+
+    def place(image: Image) -> Placement:
+        placement = Placement.declared(options, (image.shape[1], image.shape[0]))
+        check_pixels(placement.frame_size, options.most_pixels)
+        return placement
+
+    def pixels_in_frame(frame: Frame) -> int:
+        return 0 if frame.image is None else math.prod(place(frame.image).frame_size)
+
+    def keeps(calibration: Calibration) -> bool:
+        return options.keep_rejected or bool(calibration)
+
     broken = False
     with (
-        opened(options.input, options.most_bytes, options.most_pixels) as source,
-        result_folder(options, began) as results,
+        opened(options.input, options.most_bytes, options.most_pixels, check=place) as source,
+        result_folder(options, began, keeps) as results,
         overlays(options.out, source.frames_per_second) as write_overlay,
         tqdm(total=source.count, unit="frame", disable=None) as progress,
     ):
-        for part in in_parts(source.frames, IMAGES_AT_ONCE, pixels_of):
-            images = [frame.image for frame in part if frame.image is not None]
+        for part in in_parts(source.frames, IMAGES_AT_ONCE, pixels_in_frame):
+            images = [place(frame.image).image_in_frame(frame.image) for frame in part if frame.image is not None]
             start = time.perf_counter()
             calibrations = iter(calibrate_from_images(field, images, network, **how))
             results.calibrating += time.perf_counter() - start
@@ -77,7 +95,7 @@ def run(options: argparse.Namespace) -> int:
                     results.add(broken_line(frame.id, frame.problem), None)
                     broken = True
                     continue
-                calibration = next(calibrations)
+                calibration = place(frame.image).from_frame(next(calibrations))
                 results.add(calibration_line(frame.id, calibration, None), calibration)
                 write_overlay(frame.id, draw_calibration(frame.image, calibration, field))
             progress.update(len(part))

@@ -27,6 +27,7 @@ from fieldcalib.draw.scene import (
 from fieldcalib.fields.field import Field
 from fieldcalib.fields.segments import ObjectSegments, PointCloud
 from fieldcalib.geometry.camera import Camera, checked_image_size
+from fieldcalib.geometry.rational import RationalCamera
 from fieldcalib.io.image import Image, checked_image
 from fieldcalib.problem.labelled_pixels import ImageSegments
 
@@ -54,7 +55,7 @@ MAP_MARGIN = 7.0  # m around the field
 
 def draw_field(
     image: Image,
-    camera: Camera,
+    camera: Camera | RationalCamera,
     object_segments: ObjectSegments,
     *,
     colour: Colour = MAGENTA,
@@ -69,8 +70,9 @@ def draw_field(
     ----------
     image : (height, width, 3) uint8 array
         In OpenCV's order: blue, green, red. It is not changed.
-    camera : Camera
-        A camera of that image size.
+    camera : Camera or RationalCamera
+        A camera of that image size, e.g. what `fieldcalib.io.soccernet.parse_camera` reads. A `RationalCamera` does not
+        know where its lens folds back: what lies there is drawn.
     object_segments : mapping of str to segment
         The calibration object, e.g. a `Field`.
     colour : (int, int, int)
@@ -167,14 +169,14 @@ def label_colour(label: str) -> Colour:
     return PALETTE[crc32(label.strip().encode(), PALETTE_SALT) % len(PALETTE)]
 
 
-def draw_minimap(camera: Camera, field: Field, *, size: tuple[int, int] = (336, 228)) -> Image:
+def draw_minimap(camera: Camera | RationalCamera, field: Field, *, size: tuple[int, int] = (336, 228)) -> Image:
     """A map of the field with the ground in view and the position of the camera.
 
     For a camera outside the map, an arrow at the border points towards it.
 
     Parameters
     ----------
-    camera : Camera
+    camera : Camera or RationalCamera
     field : Field
     size : (int, int)
         Width and height of the map in pixels; the field is centred in it.
@@ -259,7 +261,7 @@ def draw_calibration(image: Image, calibration: Calibration, field: Field) -> Im
     return add_minimap(picture, calibration.camera, field)
 
 
-def add_minimap(image: Image, camera: Camera, field: Field) -> Image:
+def add_minimap(image: Image, camera: Camera | RationalCamera, field: Field) -> Image:
     """A copy of an image with `draw_minimap` in its upper right corner, or without it if the image is too small.
 
     Examples

@@ -19,6 +19,7 @@ from fieldcalib.fields.field import Field
 from fieldcalib.fields.segments import Arc, Line, Point, PointCloud, Segment
 from fieldcalib.fields.soccer import GOAL_AREA_DEPTH
 from fieldcalib.geometry.camera import Camera
+from fieldcalib.geometry.rational import RationalCamera
 from fieldcalib.io.image import Image as Image  # re-exported: the type of the pictures made here
 
 Colour: TypeAlias = tuple[int, int, int]
@@ -315,7 +316,7 @@ def _coverage(image_size: tuple[int, int], curves: list[Array], *, filled: bool)
 # Curves in the image
 
 
-def image_curves(camera: Camera, segment: Segment) -> Iterator[Array]:
+def image_curves(camera: Camera | RationalCamera, segment: Segment) -> Iterator[Array]:
     """The visible parts of a projected segment as polylines (N, 2), within 0.1 px of the curve."""
     import cv2
 

@@ -10,11 +10,11 @@ z down, so that a crossbar is at z = -2.44.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field, fields, replace
-from functools import cached_property
+from functools import cached_property, lru_cache
 from types import MappingProxyType
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 
@@ -26,8 +26,32 @@ from fieldcalib.fields.traits import Halves, LineLook, ProbabilityModel, SizePri
 SCALE = 0.32  # of the diagonal: about what is in view of a soccer field, 40 of 125 m
 
 
-def _read_only(values: Mapping[str, Any] = MappingProxyType({})) -> Mapping[str, Any]:
-    return MappingProxyType(dict(values))
+V = TypeVar("V")
+
+
+class ReadOnly(Mapping[str, V]):
+    """A mapping that does not change, and that can be copied and pickled, unlike `types.MappingProxyType`.
+
+    Examples
+    --------
+    >>> ReadOnly({"a": 1})["a"]
+    1
+    """
+
+    def __init__(self, values: Mapping[str, V] = MappingProxyType({})) -> None:
+        self._values = dict(values)
+
+    def __getitem__(self, key: str) -> V:
+        return self._values[key]
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self._values)
+
+    def __len__(self) -> int:
+        return len(self._values)
+
+    def __repr__(self) -> str:
+        return f"{type(self).__name__}({self._values!r})"
 
 
 @dataclass(frozen=True)
@@ -95,7 +119,7 @@ class Field(Mapping[str, Segment]):
     farthest_camera: float = field(default=np.inf, repr=False)
     scale: float = field(default=np.nan, repr=False)
     lines: LineLook = field(default=LineLook(), repr=False)
-    halves: Mapping[str, Halves] = field(default_factory=_read_only, repr=False)
+    halves: Mapping[str, Halves] = field(default_factory=ReadOnly, repr=False)
     size_model: SizePrior | None = field(default=None, repr=False)
     size_known: bool = field(default=False, repr=False)
     probability: ProbabilityModel | None = field(default=None, repr=False)
@@ -103,11 +127,11 @@ class Field(Mapping[str, Segment]):
     def __post_init__(self) -> None:
         scale = SCALE * float(np.hypot(self.length, self.width)) if np.isnan(self.scale) else self.scale
         given = {
-            "segments": _read_only(self.segments),
+            "segments": ReadOnly(self.segments),
             "stands": tuple(self.stands),
             "more_stands": tuple(self.more_stands),
             "scale": scale,
-            "halves": _read_only({label: Halves(*parts) for label, parts in self.halves.items()}),
+            "halves": ReadOnly({label: Halves(*parts) for label, parts in self.halves.items()}),
         }
         for name, value in given.items():
             object.__setattr__(self, name, value)
@@ -122,9 +146,11 @@ class Field(Mapping[str, Segment]):
         if unknown:
             raise ValueError(f"halves name {unknown[0]!r}, which is no segment of the field")
 
-    def __reduce__(self) -> tuple[type[Field], tuple[Any, ...]]:
-        values = (getattr(self, one.name) for one in fields(self))
-        return Field, tuple(dict(value) if isinstance(value, MappingProxyType) else value for value in values)
+    def __reduce__(self) -> tuple[Callable[..., Field], tuple[Any, ...]]:
+        if self.is_built:
+            assert self.size_model is not None
+            return built, (self.size_model.build, self.length, self.width, self.size_known)
+        return Field, tuple(getattr(self, one.name) for one in fields(self))
 
     def __hash__(self) -> int:
         return hash((self.length, self.width, tuple(self.segments)))
@@ -137,6 +163,16 @@ class Field(Mapping[str, Segment]):
 
     def __len__(self) -> int:
         return len(self.segments)
+
+    @property
+    def is_built(self) -> bool:
+        """Whether this is what its `size_model` builds of its length and width, in everything but `size_known`."""
+        if self.size_model is None:
+            return False
+        try:
+            return self == built(self.size_model.build, self.length, self.width, self.size_known)
+        except ValueError:  # it builds none of this size
+            return False
 
     @cached_property
     def points(self) -> Mapping[str, Point]:
@@ -242,7 +278,7 @@ class Field(Mapping[str, Segment]):
         """
         if self.size_model is None or dict(self) != dict(self.size_model.build(self.length, self.width)):
             raise ValueError("expected a field as soccer(length, width) makes it: how other segments move is not known")
-        return replace(self.size_model.build(length, width), size_known=self.size_known)
+        return built(self.size_model.build, length, width, self.size_known)
 
     @cached_property
     def motion(self) -> Array:
@@ -271,6 +307,12 @@ class Field(Mapping[str, Segment]):
         sizes = ((self.length, self.width), (self.length + 1.0, self.width), (self.length, self.width + 1.0))
         here, longer, wider = (np.array([_ends(segment) for segment in self.resized(*size).values()]) for size in sizes)
         return np.stack([longer - here, wider - here], axis=-1)
+
+
+@lru_cache(maxsize=64)
+def built(build: Callable[[float, float], Field], length: float, width: float, size_known: bool) -> Field:
+    """The field of a size; fields do not change, so that those of one size are one."""
+    return replace(build(length, width), size_known=size_known)
 
 
 def _ends(segment: Segment) -> Array:

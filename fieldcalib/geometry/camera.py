@@ -270,6 +270,40 @@ class Camera:
         scale = np.array([new_size[0] / self.image_size[0], new_size[1] / self.image_size[1], 1.0])
         return Camera(scale[:, None] * self.K, self.R, self.C, new_size, self.dist)
 
+    def cropped(self, offset: ArrayLike, image_size: tuple[int, int]) -> Camera:
+        """The same camera for a part of the image; the principal point moves, ``c - offset``, and nothing else.
+
+        Parameters
+        ----------
+        offset : (2,) array_like
+            Pixel (x, y) of the image that is (0, 0) of the part. Negative where the part begins outside the image:
+            the camera of an image that this one was cropped from.
+        image_size : (int, int)
+            Width and height of the part.
+
+        Raises
+        ------
+        ValueError
+            If the offset is no pair of finite numbers, or the size no size.
+
+        Examples
+        --------
+        The right half of an image:
+
+        >>> camera = Camera.from_angles(0.0, np.radians(75), 0.0, 1500.0, C=(0, 56, -15), image_size=(960, 540))
+        >>> half = camera.cropped((480, 0), (480, 540))
+        >>> half.principal_point
+        array([  0., 270.])
+        >>> half.cropped((-480, 0), (960, 540)) == camera
+        True
+        """
+        shift = np.asarray(offset, dtype=float)
+        if shift.shape != (2,) or not np.all(np.isfinite(shift)):
+            raise ValueError(f"offset must be a pixel (x, y), got {offset!r}")
+        K = self.K.copy()
+        K[:2, 2] -= shift
+        return Camera(K, self.R, self.C, image_size, self.dist)
+
     def __eq__(self, other: object) -> bool:
         if not isinstance(other, Camera):
             return NotImplemented

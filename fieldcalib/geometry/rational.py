@@ -157,6 +157,10 @@ class RationalCamera:
         with np.errstate(all="ignore"):  # absurd cameras overflow
             return np.asarray(self.K @ self.R @ np.column_stack([np.eye(3)[:, :2], -self.C]))
 
+    def depth(self, X: ArrayLike) -> Array:
+        """Depth of world points (..., 3) along the optical axis, metres; negative behind the camera."""
+        return np.asarray((_vectors(X, 3, "world points") - self.C) @ self.R[2])
+
     def project(self, X: ArrayLike) -> Array:
         """Pixels of world points, with distortion.
 

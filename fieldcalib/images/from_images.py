@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import replace
 from functools import partial
 
@@ -15,7 +15,7 @@ from fieldcalib.geometry.camera import Camera
 from fieldcalib.images.hypotheses import calibrate_from_consensus, calibrate_localized, near_labels
 from fieldcalib.images.line_profiles import Markings
 from fieldcalib.images.refinement import SEARCH_RANGES, line_support, refine_on_image
-from fieldcalib.io.image import Image
+from fieldcalib.io.image import Image, checked_images
 from fieldcalib.localize import Localization, Network, localize
 
 LEAST_WEIGHT = 0.7  # of a segment (1 if it is labelled by hand): those below are mostly false detections
@@ -30,7 +30,7 @@ LARGEST_ERROR, LARGEST_ERROR_REFINED = 3.0, 1.0  # m anywhere in view, to which 
 
 def calibrate_from_images(
     object_segments: ObjectSegments,
-    images: Sequence[Image],
+    images: Iterable[Image],
     network: Network,
     *,
     flags: int = DEFAULT_FLAGS,
@@ -43,7 +43,7 @@ def calibrate_from_images(
     ----------
     object_segments : mapping of str to segment
         The calibration object that the network was trained for, e.g. `soccer()`.
-    images : sequence of (height, width, 3) uint8 arrays
+    images : iterable of (height, width, 3) uint8 arrays
         Blue, green, red; of any sizes. All are held in memory at once: pass a long video in parts.
     network : Network
         Finds the markings, e.g. `SegmentationNetwork.load()`.
@@ -76,6 +76,7 @@ def calibrate_from_images(
     >>> str(calibration.status), calibration.message
     ('too few segments', 'no labelled pixels: nothing to calibrate from')
     """
+    images = checked_images(images)
     found = [_without_weak(part) for part in localize(object_segments, images, network)]
     by_size: dict[tuple[int, int], list[int]] = {}
     for index, image in enumerate(images):
@@ -134,7 +135,9 @@ def _verified(
     if doubt:
         return replace(calibration, status=Status.IMPROBABLE, message=f"{doubt}; {calibration.message}"), False
     if calibration.has_probability:
-        calibration = calibration.doubted(LEAST_PROBABILITY, LARGEST_ERROR_REFINED if refine else LARGEST_ERROR)
+        # a field of another size is no reason to give up a camera that fits its image
+        metres = LARGEST_ERROR_REFINED if refine else LARGEST_ERROR
+        calibration = calibration.doubted(LEAST_PROBABILITY, metres, size_known=True)
     return calibration, calibration.accepted and (is_sure or not refine)
 
 

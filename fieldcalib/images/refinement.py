@@ -103,7 +103,8 @@ def line_support(image: Image, camera: Camera, markings: Markings, search_range:
     """How well the lines in an image support a camera, from 0 to 1.
 
     The mean over profiles across the projected markings of ``max(1 - 2 |offset| / search_range, 0)``, where the offset
-    is the distance of the line from the marking; a profile without a line counts 0.
+    is the distance of the line from the marking; a profile without a line counts 0. Profiles in
+    the middle of black, beside the part of a frame that is shown, do not count.
 
     Parameters
     ----------
@@ -114,8 +115,11 @@ def line_support(image: Image, camera: Camera, markings: Markings, search_range:
     search_range : float
         Pixels of a 960 x 540 image.
     """
-    offset = find_lines(image, profiles_along(camera, markings), search_range)
+    profiles = profiles_along(camera, markings)
+    offset = find_lines(image, profiles, search_range)
     share = np.maximum(1.0 - np.abs(offset) / (0.5 * search_range * pixel_unit(camera.image_size)), 0.0)
+    column, row = np.round(profiles.xy).astype(int).T
+    share = share[np.any(image[row, column], axis=-1)]
     return float(np.mean(np.nan_to_num(share))) if len(share) else 0.0
 
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import os
+from collections.abc import Iterable
 from typing import Any, TypeAlias
 
 import numpy as np
@@ -16,7 +18,7 @@ def checked_image(image: Any, image_size: tuple[int, int] | None = None) -> Imag
     Parameters
     ----------
     image : (height, width, 3) uint8 array
-        In OpenCV's order: blue, green, red.
+        In OpenCV's order: blue, green, red. A picture of PIL will do.
     image_size : (int, int), optional
         Width and height of the camera that goes with it.
 
@@ -30,7 +32,14 @@ cv2.cvtColor(image, cv2.COLOR_GRAY2BGR) or cv2.COLOR_BGRA2BGR makes it so
     """
     if image is None:
         raise ValueError("image is None: cv2.imread returns it for a file that is not there or cannot be read")
+    if isinstance(image, str | os.PathLike):
+        path = os.fspath(image)
+        raise ValueError(f"image must be an array (height, width, 3), got the path {path!r}; cv2.imread reads it")
+    if hasattr(image, "getbands"):  # a picture of PIL, whose arrays are red, green, blue
+        image = np.asarray(image.convert("RGB"))[..., ::-1]
     array = np.asarray(image)
+    if array.dtype == object:
+        raise ValueError(f"image must be an array (height, width, 3) of uint8, got {type(image).__name__}")
     if array.dtype != np.uint8:
         raise ValueError(
             f"image must be uint8, got {array.dtype}; for values in 0..1 pass (255 * image).round().astype(np.uint8)"
@@ -47,3 +56,18 @@ cv2.cvtColor(image, cv2.COLOR_GRAY2BGR) or cv2.COLOR_BGRA2BGR makes it so
             f"pass camera.scaled(({width}, {height})) or resize the image"
         )
     return array
+
+
+def checked_images(images: Iterable[Any]) -> list[Image]:
+    """Several images as a list of arrays, of a generator too; see `checked_image`.
+
+    Examples
+    --------
+    >>> len(checked_images(np.zeros((540, 960, 3), np.uint8) for _ in range(2)))
+    2
+    """
+    if isinstance(images, np.ndarray) and images.ndim < 4:
+        raise ValueError(f"expected a list of images, got one array of shape {images.shape}: give [image]")
+    if isinstance(images, str | os.PathLike) or not isinstance(images, Iterable):
+        raise ValueError(f"expected a list of images, got {images!r}")
+    return [checked_image(image) for image in images]

@@ -2,14 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from typing import Protocol, TypeAlias
-
-import numpy as np
 
 from fieldcalib._types import Float32
 from fieldcalib.fields.segments import ObjectSegments
-from fieldcalib.io.image import Image
+from fieldcalib.io.image import Image, checked_images
 from fieldcalib.localize.grid import Localization
 from fieldcalib.localize.ridges import ridge_points
 
@@ -29,7 +27,7 @@ class Network(Protocol):
 
 def localize(
     object_segments: ObjectSegments,
-    images: Sequence[Image],
+    images: Iterable[Image],
     network: Network,
     *,
     select: PointSelection = ridge_points,
@@ -40,7 +38,7 @@ def localize(
     ----------
     object_segments : mapping of str to segment
         The calibration object that the network was trained for, e.g. `soccer()`.
-    images : sequence of (height, width, 3) uint8 arrays
+    images : iterable of (height, width, 3) uint8 arrays
         Blue, green, red; of any sizes. The network gets all of them in one call.
     network : Network
         A `SegmentationNetwork`, or another source of class probabilities.
@@ -68,8 +66,7 @@ def localize(
     >>> localize(soccer(), [np.zeros((540, 960, 3), np.uint8)], Blind())
     [Localization(pixels={}, weights={})]
     """
-    if isinstance(images, np.ndarray):
-        raise ValueError(f"expected a list of images, got one array of shape {images.shape}: give [image]")
+    images = checked_images(images)
     if not images:
         return []
     return [

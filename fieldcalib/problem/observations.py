@@ -85,8 +85,17 @@ class Observations:
 
     @property
     def trimmed(self) -> Observations:
-        """Without the padding that all frames have: of one frame of many, without any."""
-        return replace(self, **{kind: getattr(self, kind).trimmed for kind in LEAST_DEPTH})
+        """Without the padding and the labels that no frame has: of one frame of many, with its own ones alone."""
+        used = np.unique(self.label[self.label >= 0])
+        number = np.full(len(self.labels) + 1, -1)  # the last one is that of padding
+        number[used] = np.arange(len(used))
+        rows = {kind: getattr(self, kind).trimmed for kind in LEAST_DEPTH}
+        return replace(
+            self,
+            labels=tuple(self.labels[index] for index in used),
+            **{kind: replace(one, label=number[one.label]) for kind, one in rows.items()},
+            motion=None if self.motion is None else self.motion[used],
+        )
 
     def unpacked(self, frame: int) -> tuple[Pixels, PixelWeights]:
         """The pixels of one frame by label, and what they weigh, ends aside: what `pack` takes."""

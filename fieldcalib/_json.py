@@ -1,0 +1,49 @@
+"""Numbers in JSON, which knows neither infinity nor NaN: NaN is null, infinities are "inf" and "-inf".
+
+Whole numbers of an array are integers: many are 0, and an integer is a quarter as long in a pickle.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from fieldcalib._types import Array
+
+
+def to_json(values: ArrayLike) -> Any:
+    """A number, or an array as nested lists.
+
+    Examples
+    --------
+    >>> to_json(2.5), to_json([[1.0, np.nan], [-np.inf, 0.0]])
+    (2.5, [[1, None], ['-inf', 0]])
+    """
+    return _nested(np.asarray(values, dtype=float).tolist())
+
+
+def _nested(values: Any) -> Any:
+    if isinstance(values, list):
+        return [int(one) if _is_whole(one) else _nested(one) for one in values]
+    if math.isfinite(values):
+        return values
+    return None if math.isnan(values) else str(values)
+
+
+def _is_whole(value: Any) -> bool:
+    """Whether it is a number that is the same as an integer: -0.0 is not."""
+    return isinstance(value, float) and value.is_integer() and (value != 0.0 or math.copysign(1.0, value) > 0.0)
+
+
+def from_json(values: Any) -> Array:
+    """The inverse of `to_json`, as an array.
+
+    Examples
+    --------
+    >>> from_json([1.0, None, "-inf"])
+    array([  1.,  nan, -inf])
+    """
+    return np.array(values, dtype=float)

@@ -1,0 +1,118 @@
+"""Results of a folder of frames, read back."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from fieldcalib.assess.result import Calibration
+from fieldcalib.io.files import BrokenFileError, parse_json_object, read_regular_file
+
+if TYPE_CHECKING:
+    import pandas
+
+LINES = "cameras.jsonl"
+BROKEN = "broken file"  # status of a frame whose file could not be read
+FOR_READING_BACK = frozenset({"version", "image_size", "field", "solved", "pixel_counts"})  # keys that are no columns
+
+
+@dataclass(frozen=True, eq=False)
+class Results(Mapping[str, Calibration]):
+    """Calibrations by the ids of their frames, in the order of the run.
+
+    Frames whose files could not be read have none: they are in `broken`.
+    """
+
+    calibrations: Mapping[str, Calibration]
+    lines: Sequence[Mapping[str, Any]]
+    """What ``cameras.jsonl`` says of all frames, see ``docs/files.md``."""
+
+    def __getitem__(self, id: str) -> Calibration:
+        return self.calibrations[id]
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self.calibrations)
+
+    def __len__(self) -> int:
+        return len(self.calibrations)
+
+    @cached_property
+    def broken(self) -> Mapping[str, str]:
+        """What is wrong with the files that could not be read, by id."""
+        return {line["id"]: line["message"] for line in self.lines if line["status"] == BROKEN}
+
+    def to_pandas(self) -> pandas.DataFrame:
+        """A table with a row for each frame, broken ones included, indexed by id.
+
+        Columns are the keys of ``cameras.jsonl``; what is nested has names as "angles_degrees.pan", and matrices and
+        lists are one cell. The last column, `calibration`, has the `Calibration`, None for broken files.
+
+        Raises
+        ------
+        ImportError
+            If pandas is not installed.
+        """
+        try:
+            import pandas
+        except ImportError as error:
+            raise ImportError("to_pandas needs pandas: pip install 'fieldcalib[pandas]'") from error
+        rows = [{key: value for key, value in line.items() if key not in FOR_READING_BACK} for line in self.lines]
+        table = pandas.json_normalize(rows) if rows else pandas.DataFrame(columns=["id"])
+        table = table.set_index("id")
+        table["calibration"] = pandas.Series([self.get(id) for id in table.index], index=table.index, dtype=object)
+        return table
+
+
+def read_results(folder: str | os.PathLike[str]) -> Results:
+    """The results that `fieldcalib calibrate` or `fieldcalib run` wrote to a folder.
+
+    Parameters
+    ----------
+    folder : path
+        With a ``cameras.jsonl``; or the path of that file.
+
+    Returns
+    -------
+    Results
+        A mapping of ids to `Calibration`; `Results.to_pandas` makes a table of it.
+
+    Raises
+    ------
+    FileNotFoundError
+        If there is no ``cameras.jsonl``.
+    BrokenFileError
+        If a line is no result, or of another version; the message begins with file and line.
+
+    Examples
+    --------
+    >>> import json, tempfile
+    >>> line = {"id": "00001", "status": "broken file", "message": "is no JSON"}
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     _ = (Path(folder) / "cameras.jsonl").write_text(json.dumps(line))
+    ...     results = read_results(folder)
+    >>> len(results), results.broken
+    (0, {'00001': 'is no JSON'})
+    """
+    path = Path(folder)
+    if path.is_dir():
+        path /= LINES
+    if not path.exists():
+        raise FileNotFoundError(f"{path} does not exist: expected the folder that a run wrote, with its {LINES}")
+    lines: list[dict[str, Any]] = []
+    calibrations: dict[str, Calibration] = {}
+    for number, text in enumerate(read_regular_file(path, most_bytes=float("inf")).splitlines(), 1):
+        try:
+            line = parse_json_object(text, "a frame's result")
+            for key in ("id", "status", "message"):
+                if not isinstance(line.get(key), str):
+                    raise BrokenFileError(f"a result needs the key {key!r} with a text")
+            if line["status"] != BROKEN:
+                calibrations[line["id"]] = Calibration.from_dict(line)
+        except ValueError as error:
+            raise BrokenFileError(f"{path}, line {number}: {error}") from error
+        lines.append(line)
+    return Results(calibrations, lines)

@@ -1,0 +1,140 @@
+"""A problem of one frame as JSON: pixels by label, what is estimated, loss and prior."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from typing import Any
+
+import numpy as np
+
+from fieldcalib._json import from_json, to_json
+from fieldcalib._types import Array, IntArray
+from fieldcalib.geometry.lens import BrownConradyLens, Lens, Pinhole, RadialLens
+from fieldcalib.problem.evaluation import Problem
+from fieldcalib.problem.layout import Layout, SizeBlock
+from fieldcalib.problem.losses import RobustLoss
+from fieldcalib.problem.observations import LEAST_DEPTH, Observations, Rows
+from fieldcalib.problem.prior import GaussianPrior
+
+LENSES: Mapping[str, Callable[[float], Lens]] = {
+    "pinhole": Pinhole,
+    "radial": RadialLens,
+    "brown conrady": BrownConradyLens,
+}
+
+
+def problem_to_record(problem: Problem) -> dict[str, Any]:
+    """The problem of one frame without padding."""
+    prior = problem.prior
+    return {
+        "observations": _observations_to_record(problem.observations),
+        "layout": _layout_to_record(problem.layout),
+        "loss": {"name": problem.loss.name, "scale": to_json(problem.loss.scale)},
+        "noise": to_json(problem.noise),
+        "prior": None if prior is None else {"mean": to_json(prior.mean[0]), "sigma": to_json(prior.sigma[0])},
+        "paint": to_json(problem.paint),
+        "scale": to_json(problem.scale),
+    }
+
+
+def problem_from_record(record: Mapping[str, Any]) -> Problem:
+    """The inverse of `problem_to_record`."""
+    layout, prior = _layout_from_record(record["layout"]), record["prior"]
+    return Problem(
+        _observations_from_record(record["observations"], layout.image_size),
+        layout,
+        RobustLoss(record["loss"]["name"], float(from_json(record["loss"]["scale"]))),
+        float(from_json(record["noise"])),
+        None if prior is None else GaussianPrior(from_json(prior["mean"])[None], from_json(prior["sigma"])[None]),
+        paint=float(from_json(record["paint"])),
+        scale=float(from_json(record["scale"])),
+    )
+
+
+def _observations_to_record(observations: Observations) -> dict[str, Any]:
+    """Pixels and weights of each label, the vectors of its segment, and how that moves with the size of the field."""
+    labels: dict[str, Any] = dict.fromkeys(observations.labels)
+    for kind in LEAST_DEPTH:
+        rows = getattr(observations, kind)
+        for index in np.unique(rows.label[0]) if kind != "ends" else ():
+            member = rows.label[0] == index
+            weight = rows.weight[0, member]
+            labels[observations.labels[index]] = {
+                "kind": kind,
+                "geometry": to_json(rows.geometry[0, member][0]),
+                "motion": None if observations.motion is None else to_json(observations.motion[index]),
+                "xy": to_json(rows.xy[0, member]),
+                "weight": to_json(weight[0] if np.all(weight == weight[0]) else weight),
+            }
+    ends = observations.ends
+    return {
+        "labels": labels,
+        "ends": {
+            "label": [observations.labels[index] for index in ends.label[0]],
+            **{name: to_json(getattr(ends, name)[0]) for name in ("xy", "weight", "geometry")},
+        },
+    }
+
+
+def _observations_from_record(record: Mapping[str, Any], image_size: tuple[int, int]) -> Observations:
+    labels: Mapping[str, Any] = record["labels"]
+    number = {label: index for index, label in enumerate(labels)}
+    parts: dict[str, list[tuple[Array | IntArray, ...]]] = {kind: [] for kind in LEAST_DEPTH}
+    for label, part in labels.items():
+        xy = from_json(part["xy"])
+        parts[part["kind"]].append(
+            (
+                xy,
+                np.broadcast_to(from_json(part["weight"]), len(xy)),
+                np.full(len(xy), number[label]),
+                np.broadcast_to(from_json(part["geometry"]), (len(xy), len(part["geometry"]), 3)),
+            )
+        )
+    ends = record["ends"]
+    if ends["label"]:
+        index = np.array([number[label] for label in ends["label"]])
+        parts["ends"].append((from_json(ends["xy"]), from_json(ends["weight"]), index, from_json(ends["geometry"])))
+    motions = [part["motion"] for part in labels.values()]
+    return Observations(
+        tuple(labels),
+        image_size,
+        **{kind: _joined(parts[kind], depth) for kind, depth in LEAST_DEPTH.items()},
+        motion=None if None in motions else from_json(motions),
+    )
+
+
+def _joined(parts: list[tuple[Array | IntArray, ...]], depth: int) -> Rows:
+    """Rows of one frame from those of its labels."""
+    none = (np.empty((0, 2)), np.empty(0), np.empty(0, dtype=np.intp), np.empty((0, depth, 3)))
+    return Rows(*(np.concatenate(columns)[None] for columns in zip(*(parts or [none]), strict=True)))
+
+
+def _layout_to_record(layout: Layout) -> dict[str, Any]:
+    size = layout.field_size
+    (lens,) = (name for name, kind in LENSES.items() if kind is type(layout.lens))
+    return {
+        "image_size": list(layout.image_size),
+        "lens": {"name": lens, "rho": to_json(layout.lens.rho)},
+        "roles": layout.roles.tolist(),
+        "field_size": None
+        if size is None
+        else {
+            "given": to_json(size.given),
+            "sigma": to_json(size.sigma),
+            "limits": to_json(size.limits),
+            "probabilities": to_json(size.possibilities[0]),
+            "sigmas": to_json(size.possibilities[1]),
+        },
+    }
+
+
+def _layout_from_record(record: Mapping[str, Any]) -> Layout:
+    width, height = record["image_size"]
+    lens = LENSES[record["lens"]["name"]](float(from_json(record["lens"]["rho"])))
+    size = record["field_size"]
+    if size is not None:
+        given, sigma, limits, *possible = (
+            from_json(size[name]) for name in ("given", "sigma", "limits", "probabilities", "sigmas")
+        )
+        size = SizeBlock(given, sigma, limits, (possible[0], possible[1]))
+    return Layout((width, height), lens, np.array(record["roles"]), size)

@@ -1,0 +1,97 @@
+"""What is computed once is handed on: searches of the closest points, and what a result keeps of its batch."""
+
+import pickle
+
+import numpy as np
+import pytest
+from synthetic import observe, random_frames, whole_circle_markings
+
+from fieldcalib.calibrate.from_segments import calibrate_batch, calibrate_from_segments
+from fieldcalib.fields.soccer import soccer
+from fieldcalib.geometry.camera import Camera
+from fieldcalib.problem import closest_points, evaluation
+from fieldcalib.problem.evaluation import Problem, evaluate
+from fieldcalib.problem.layout import Layout, theta_from_camera
+from fieldcalib.problem.losses import RobustLoss
+from fieldcalib.problem.observations import pack
+
+FIELD, SIZE = soccer(), (960, 540)
+CAMERA = Camera.from_angles(-0.3, 1.35, 0.0, 1600.0, (0.0, 68.0, -17.0), SIZE)
+LABELS = ("Side line left", "Side line top", "Big rect. left main", "Big rect. left top", "Circle left")
+
+
+@pytest.fixture
+def searches(monkeypatch):
+    """The searches of the closest points so far: of how many frames each was."""
+    found, search = [], closest_points.closest_points
+
+    def counted(projection, observations):
+        found.append(len(observations))
+        return search(projection, observations)
+
+    assert evaluation.closest_points is search  # the one place that searches
+    monkeypatch.setattr(evaluation, "closest_points", counted)
+    return found
+
+
+def test_everything_that_follows_from_one_search_is_computed_from_it(searches):
+    observations = pack(FIELD, [observe(whole_circle_markings(FIELD), CAMERA)], SIZE)
+    problem = Problem(observations, Layout.of(SIZE), RobustLoss("cauchy", 6.0))
+    found = evaluate(problem, theta_from_camera(CAMERA)[None])
+    assert searches == [1]
+    for name in ("r", "JT", "cost", "costs", "gradient", "hessian", "information", "world_points", "trimmed"):
+        getattr(found, name)
+    found.of(problem)
+    found.take(np.array([0, 0]))
+    found.replaced(np.array([0]), found)
+    assert searches == [1]
+    assert found.JT is found.JT
+
+
+def test_a_frame_of_five_segments_needs_few_searches(searches):
+    frame = {label: CAMERA.project(FIELD[label].sample(7.0)) for label in LABELS}
+    calibration = calibrate_from_segments(FIELD, frame, SIZE)
+    assert calibration.accepted
+    assert np.isfinite(calibration.uncertainty.covariance).all()
+    assert len(searches) <= 20
+
+
+def test_in_the_median_frames_need_fewer(searches):
+    frames, _ = random_frames(10, seed=0, noise=1.0)
+    counts = []
+    for frame in frames:
+        searches.clear()
+        assert calibrate_from_segments(FIELD, frame, SIZE).uncertainty is not None
+        counts.append(len(searches))
+    assert np.median(counts) <= 15, counts
+
+
+def test_uncertainty_verdict_and_errors_search_nothing_anew(searches):
+    frame = observe(whole_circle_markings(FIELD), CAMERA, np.random.default_rng(0), 1.0)
+    calibration = calibrate_from_segments(FIELD, frame, SIZE)
+    searches.clear()
+    assert calibration.uncertainty.covariance is not None
+    assert calibration.verdict is not None
+    assert calibration.probability() > 0.0
+    assert calibration.field_uncertainty([480.0, 300.0]).rms > 0.0
+    assert searches == []
+
+
+@pytest.fixture(scope="module")
+def batch():
+    frames, _ = random_frames(20, seed=3, noise=1.0)
+    return calibrate_batch(FIELD, frames, SIZE)
+
+
+def test_a_pickled_result_of_a_batch_is_small(batch):
+    assert max(len(pickle.dumps(one)) for one in batch) <= 8000
+
+
+def test_a_pickled_result_of_a_batch_is_the_same(batch):
+    for one in batch[:5]:
+        back = pickle.loads(pickle.dumps(one))
+        assert back == one
+        np.testing.assert_array_equal(back.uncertainty.theta, one.uncertainty.theta)
+        np.testing.assert_allclose(back.covariance, one.covariance, rtol=1e-6, atol=1e-12)
+        assert back.probability() == pytest.approx(one.probability(), rel=1e-6)
+        assert dict(back.field) == dict(one.field)
