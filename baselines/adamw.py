@@ -1,8 +1,8 @@
-"""AdamW under a one-cycle schedule, for many small problems at once.
+"""AdamW with a one-cycle learning rate schedule, for many small problems at once.
 
 Adam with decoupled weight decay (Loshchilov, Hutter: Decoupled Weight Decay Regularization, ICLR 2019) whose learning
-rate rises and falls once while its momentum falls and rises (Smith, Topin: Super-Convergence, 2019), with the constants
-that PyTorch has by default and those of the paper (section "Hyperparameters").
+rate rises and falls once while its momentum falls and rises (Smith, Topin: Super-Convergence, 2019), with
+PyTorch's default constants and those of the paper (section "Hyperparameters").
 """
 
 from __future__ import annotations
@@ -59,9 +59,9 @@ def one_cycle(steps: int) -> tuple[Array, Array]:
 
 
 def minimise(gradient: Callable[[Array], Array], z: Array, steps: int) -> Array:
-    """Where `steps` steps lead from z; every element is on its own, so many problems can share an array.
+    """The iterate after `steps` steps from z; elements are independent, so many problems can share an array.
 
-    With m and v the running means of the gradient and of its square, free of their bias towards the start at 0,
+    With m and v the running means of the gradient and of its square, corrected for their initialisation at 0,
 
         z <- (1 - rate x WEIGHT_DECAY) z - rate m / (sqrt(v) + EPSILON).
 
@@ -70,7 +70,7 @@ def minimise(gradient: Callable[[Array], Array], z: Array, steps: int) -> Array:
     gradient : callable
         From z to the derivative of the loss, of the same shape.
     z : array
-        The start.
+        Initial value.
     steps : int
         Length of the cycle.
 

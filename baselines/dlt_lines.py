@@ -1,7 +1,7 @@
 """The homography of the ground from its lines by the DLT, and the camera that it is decomposed into.
 
-What the paper compares itself with as "DLT lines": only lines on the ground count, each as the line fitted to its
-pixels; circles, posts and crossbars are left out.
+The paper's baseline "DLT lines": only lines on the ground are used, each as the line fitted to its pixels; circles,
+posts and crossbars are left out.
 
     python -m baselines.dlt_lines INPUT --size 960x540 --out DIR
 
@@ -67,7 +67,7 @@ def homographies(field: Field, frames: Sequence[Pixels], image_size: tuple[int, 
     if not len(frames):
         return np.empty((0, 3, 3)), np.empty(0, dtype=bool)
     H, found = ground_homographies(pack(field, frames, image_size), np.array(image_size) / 2.0)
-    # lines of which all but one meet in a point leave H open, and the DLT finds one that maps the plane to a line
+    # lines of which all but one meet in a point do not determine H, and the DLT gives a singular one
     found[found] = np.linalg.cond(H[found]) < SINGULAR
     return np.where(found[:, None, None], H, np.nan), found
 
@@ -82,14 +82,14 @@ def calibrate(
     Parameters
     ----------
     homographies : sequence of (3, 3) arrays or None
-        Those that `homographies` has found, None where it has none.
+        Those of `homographies`, None where there is none.
     field, frames, image_size
         As in `homographies`.
 
     Returns
     -------
     list of Calibration
-        Without a camera where there is no homography, or one without a real focal length.
+        Without a camera where there is no homography, or no real focal length for it.
     """
     calibrations = []
     for frame, H in zip(frames, homographies, strict=True):

@@ -1,10 +1,10 @@
-"""Homography decomposition: the paper's baseline "HDecomp", for homographies from anywhere.
+"""Homography decomposition: the paper's baseline "HDecomp", for homographies of any origin.
 
     python -m baselines.hdecomp INPUT --size 960x540 --out DIR
     python -m baselines.hdecomp INPUT --homographies --size 1280x720 --out DIR
 
-decompose the homographies that DLT lines finds in the annotations of INPUT, or INPUT's own: ``<id>.homographyMatrix``.
-They write what `fieldcalib calibrate` writes.
+decompose the homographies that `baselines.dlt_lines` finds in the annotations of INPUT, or those in INPUT,
+``<id>.homographyMatrix``. They write what `fieldcalib calibrate` writes.
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ from fieldcalib.problem.labelled_pixels import Pixels
 def calibrate(
     homographies: Sequence[Array | None], image_size: tuple[int, int], *, zeta: float = 100.0, tolerance: float = 0.1
 ) -> list[Calibration]:
-    """Decompose homographies into cameras, as the paper does: what it rejects has no camera here.
+    """Decompose homographies into cameras as the paper does; rejected ones have no camera.
 
     Parameters
     ----------
@@ -97,14 +97,14 @@ def _run(options: argparse.Namespace) -> int:
     if options.homographies:
         return _decompose_files(options)
     if options.alignment != "wc14":
-        raise ValueError("--alignment says whose axes homography files have: give --homographies with it")
+        raise ValueError("--alignment is about homography files: it needs --homographies")
     field = soccer(options.field_length, options.field_width)
 
     def method(frames: dict[str, Pixels]) -> list[Calibration]:
         H, found = dlt_lines.homographies(field, list(frames.values()), options.size)
         by_lines = [H[t] if found[t] else None for t in range(len(H))]
         calibrations = calibrate(by_lines, options.size, zeta=options.zeta, tolerance=options.tolerance)
-        return [  # what is annotated says more about a camera than the points of its homography
+        return [  # judged by the annotated pixels, which do not come from the homography
             judged_camera(c.camera, field, frame, c.message) if c.camera else c
             for c, frame in zip(calibrations, frames.values(), strict=True)
         ]

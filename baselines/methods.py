@@ -1,4 +1,4 @@
-"""All methods that a data set allows, run once each: what the tables compare."""
+"""The methods that the tables compare, each run once on a data set that has the input for it."""
 
 from __future__ import annotations
 
@@ -42,13 +42,13 @@ class Dataset:
     name: DatasetName
     size: tuple[int, int]
     annotations: Mapping[str, Pixels]
-    """What is scored against, labels included by which annotators say that they do not know."""
+    """The ground truth, including labels of annotators for segments that they could not identify."""
     predicted: Mapping[str, Pixels] | None
     """Segments that a network found, if there are any."""
     homographies: Mapping[str, Homographies]
-    """From the field to the image, by who made them."""
+    """From the field to the image, by their source."""
     types: Mapping[str, str] | None
-    """The camera's type of every image in the folder, where that is known."""
+    """Camera type of every image in the folder, if known."""
 
     @property
     def frames(self) -> list[Pixels]:
@@ -66,13 +66,13 @@ def read_dataset(
 ) -> Dataset:
     """Read a folder of annotations, homographies beside them included.
 
-    Where ``match_info_cam_gt.json`` knows the cameras' types, only frames of the main camera in the centre count, as in
-    the paper.
+    If ``match_info_cam_gt.json`` gives the types of the cameras, only frames of the main camera in the centre are read,
+    as in the paper.
 
     Parameters
     ----------
     name : str
-        Which data set it is.
+        Name of the data set.
     path : Path
         Folder of ``<id>.json``.
     size : (int, int)
@@ -85,7 +85,7 @@ def read_dataset(
     Raises
     ------
     ValueError
-        If a file is broken: a table of the rest would be another one.
+        If a file is broken: tables of the other frames would not be comparable.
     """
     broken: list[str] = []
     types = read_camera_types([path]) if (path / CAMERA_TYPES).is_file() else None
@@ -113,13 +113,13 @@ def read_dataset(
 
 @dataclass(frozen=True)
 class Run:
-    """What a method made of the frames of a data set."""
+    """The results of a method on the frames of a data set."""
 
     predictions: list[Prediction | None]
     losses: Array | None = None
-    """Loss in NDC of each frame, which tau is compared with; NaN without a camera. None: the method has none."""
+    """Loss in NDC of each frame, to which tau applies; NaN without a camera. None if the method has no loss."""
     milliseconds: float | None = None
-    """A frame, if it was measured."""
+    """Time per frame, if it was measured."""
 
     def at(self, tau: float | None) -> list[Prediction | None]:
         """The predictions whose loss is not above tau."""
@@ -130,11 +130,11 @@ class Run:
 
 
 Runs: TypeAlias = Mapping[tuple[str, Segments], Run]
-"""By method and by what found the segments."""
+"""By method and source of the segments."""
 
 
 def run_methods(dataset: Dataset, field: Field, steps: int) -> Runs:
-    """Run everything that the data set allows; `steps` are those of TVCalib's optimiser."""
+    """Run every method that the data set has the input for; `steps` are those of TVCalib's optimiser."""
     runs: dict[tuple[str, Segments], Run] = {}
     for method, homographies in dataset.homographies.items():
         runs[method, "-"] = Run(list(homographies))

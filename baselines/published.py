@@ -1,7 +1,7 @@
 """The tables of the paper, as numbers: Theiner, Ewerth, TVCalib, WACV 2023.
 
-Every row names what finds the segments ("GT": annotations, "pred": a network, "-": none are used) and what makes a
-camera or a homography from them. Accuracies, completeness and scores are in percent.
+Every row names the source of the segments ("GT": annotations, "pred": a network, "-": none are used) and the method
+that makes a camera or a homography from them. Accuracies, completeness and scores are in percent.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ SN_TEST, SN_TEST_CENTER = 2719, 1454
 
 
 def hdecomp(source: str) -> str:
-    """Name of the decomposition of somebody's homographies."""
+    """Name of the method that decomposes the homographies of `source`."""
     return f"HDecomp + {source}"
 
 

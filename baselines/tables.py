@@ -1,9 +1,9 @@
-"""The paper's tables, measured on the data at hand, with the published numbers beside them.
+"""The paper's tables, measured on given data, with the published numbers beside them.
 
     python -m baselines.tables --sncalib DIR --wc14 DIR [--markdown | --json] [--figures DIR]
 
 SN-Calib-test-center is scored at 960x540, WC14-test at 1280x720. CS is the variant that made the paper's tables
-(`fieldcalib.metrics.compound_score`). What the data does not allow is listed with the reason.
+(`fieldcalib.metrics.compound_score`). Rows for which the data lacks the input are listed with the reason.
 """
 
 from __future__ import annotations
@@ -54,7 +54,7 @@ COLUMNS = ("AC@5", "AC@10", "AC@20", "CR", "CS", "IoU_part mean", "median")
 
 @dataclass(frozen=True)
 class Measured:
-    """One row, in percent, or the reason why there is none."""
+    """One row, in percent, or the reason why it is missing."""
 
     dataset: DatasetName
     evaluated: Evaluated
@@ -65,14 +65,14 @@ class Measured:
     """In the order of COLUMNS; IoU only for homographies where there are annotated ones."""
     published: tuple[float, ...] | None
     milliseconds: float | None
-    """A frame."""
+    """Time per frame."""
     reason: str | None
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """The command line; returns the exit code."""
     parser = argparse.ArgumentParser(
-        prog="python -m baselines.tables", description="Measure the paper's tables on the data at hand."
+        prog="python -m baselines.tables", description="Measure the paper's tables on given data."
     )
     parser.add_argument("--sncalib", type=Path, metavar="DIR", help="SoccerNet-Calibration test annotations")
     parser.add_argument("--wc14", type=Path, metavar="DIR", help="WC14 test annotations and homographies")
@@ -90,7 +90,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.set_defaults(run=_run)
     options = parser.parse_args(arguments)
     if options.sncalib is None and options.wc14 is None:
-        parser.error("give --sncalib, --wc14 or both: there is nothing to measure otherwise")
+        parser.error("nothing to measure: give --sncalib, --wc14 or both")
     if options.figures is not None and find_spec("matplotlib") is None:
         parser.error("drawing figures needs matplotlib: pip install 'fieldcalib[figures]'")
     return run_command(options)
@@ -130,7 +130,7 @@ def _read(name: DatasetName, path: Path, predicted: Path | None, others: Mapping
 
 
 def measure(dataset: Dataset, runs: Runs, field: Field) -> list[Measured]:
-    """All rows of a data set: ours, the published ones, and what the paper does not have."""
+    """All rows of a data set: those of fieldcalib, the published ones, and methods that the paper does not have."""
     rows: list[Measured] = []
     published = [row for row in ROWS if row.dataset == dataset.name]
     for evaluated in TITLES:
@@ -184,7 +184,7 @@ def _measure(
 
 
 def _reason(method: str, segments: Segments, dataset: Dataset) -> str:
-    """Why a row cannot be measured."""
+    """Reason why a row cannot be measured."""
     if method.endswith(LENS):
         return "the lens of TVCalib's own optimiser is not part of this project; fieldcalib's row has one"
     name = "--sncalib-pred" if dataset.name == "SN-Calib-test-center" else "--wc14-pred"
@@ -228,7 +228,7 @@ def as_record(row: Measured) -> dict[str, Any]:
     return record
 
 
-# --- for people ---
+# --- printed tables ---
 
 
 def as_text(statistics: Sequence[Mapping[str, Any]], rows: Sequence[Measured], steps: int, *, markdown: bool) -> str:
@@ -240,7 +240,7 @@ def as_text(statistics: Sequence[Mapping[str, Any]], rows: Sequence[Measured], s
             parts.append(_heading(f"{dataset}, {width}x{height}: {title}", markdown))
             parts.append(
                 f"Measured, in brackets published; percent. TVCalib with {steps} steps (published: {tvcalib.STEPS}). "
-                f"Segments: GT annotated, pred found by a network, - none are used."
+                f"Segments: GT annotated, pred found by a network, - not used."
             )
             members = [row for row in rows if (row.dataset, row.evaluated) == (dataset, evaluated)]
             parts.append(_table(*_results_table(members), markdown=markdown))
@@ -256,7 +256,7 @@ def _heading(text: str, markdown: bool) -> str:
 
 
 def _statistics_table(statistics: Sequence[Mapping[str, Any]]) -> tuple[list[str], list[list[str]]]:
-    header = ["data set", "images", "size", "segments an image", "pixels a segment", "camera types"]
+    header = ["data set", "images", "size", "segments per image", "pixels per segment", "camera types"]
     rows = []
     for s in statistics:
         types = s["camera_types_percent"]
@@ -272,7 +272,7 @@ def _statistics_table(statistics: Sequence[Mapping[str, Any]]) -> tuple[list[str
 
 def _results_table(rows: Sequence[Measured]) -> tuple[list[str], list[list[str]]]:
     columns = max(len(row.values or row.published or ()) for row in rows)
-    header = ["method", "segments", *COLUMNS[:columns], "ms a frame"]
+    header = ["method", "segments", *COLUMNS[:columns], "ms per frame"]
     body = []
     for row in rows:
         cells = [_cell(row.values, row.published, index) for index in range(columns)]

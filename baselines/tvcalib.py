@@ -9,12 +9,12 @@ radians and metres, with the principal point in the image's centre and no lens. 
 axes of the image run from -1 to 1) it projects by ``P = diag(fx, fy, 1) R [I | -C]``, ``fx = 1 / tan(fov / 2)`` and
 ``fy = fx width / height``. The gradient is analytic: every distance is differentiated down to P, and P by phi.
 
-    python -m baselines.tvcalib INPUT --size 960x540 --out DIR [--starts center|stacked|argmin] [--tau 0.019]
+    python -m baselines.tvcalib INPUT --size 960x540 --out DIR [--initial-cameras center|stacked|argmin] [--tau 0.019]
 
 writes what `fieldcalib calibrate` writes.
 
-The distances have kinks where pixels meet their segments, and large steps among kinks are chaotic: starts that differ
-by 1e-12 end at other cameras, and the accuracy at 5 px of a hundred frames moves by half a point.
+The distances are not differentiable where pixels lie on their segments, and large steps near such points are chaotic:
+initial cameras that differ by 1e-12 lead to different results, and AC@5 over a hundred frames changes by half a point.
 
 The tensors are the paper's, T frames x S segments x N pixels, padded, with a weight of 0 for padding.
 """
@@ -82,11 +82,12 @@ def calibrate(
     steps : int
         Steps of AdamW.
     tau : float, optional
-        Reject if the loss is above; the paper's is 0.019. The camera is given all the same.
+        Reject frames whose loss is above; 0.019 in the paper. Their cameras are returned nevertheless.
     distributions : sequence of str
-        Keys of `DISTRIBUTIONS` to start from; the least loss wins (paper, section "Multiple Initialization").
+        Keys of `DISTRIBUTIONS` whose means are the initial cameras; the result with the least loss is taken (paper,
+        section "Multiple Initialization").
     progress : callable, optional
-        Is told how many more frames are done.
+        Called with the number of frames that were completed since the last call.
 
     Returns
     -------
@@ -130,7 +131,7 @@ def calibrate(
 
 
 def _chunks(field: ObjectSegments, frames: Sequence[Pixels]) -> Iterator[IntArray]:
-    """Indices of the frames that have pixels, frames with like numbers of segments together: less padding."""
+    """Indices of the frames that have pixels, frames grouped by their number of segments: less padding."""
     circles = np.array([sum(not isinstance(field[label], Line) for label in frame) for frame in frames], dtype=np.intp)
     segments = np.array([len(frame) for frame in frames], dtype=np.intp)
     order = np.lexsort((segments, circles))
@@ -162,7 +163,7 @@ def _results(
     losses: Array,
     tau: float | None,
 ) -> list[Calibration]:
-    """Cameras, errors and verdicts; tau, where it is given, is the method's own."""
+    """Cameras, errors and verdicts, with rejection by tau if it is given."""
     results = []
     for frame, theta, loss in zip(frames, thetas, losses.tolist(), strict=True):
         camera = camera_from_theta(theta, image_size)
@@ -177,7 +178,7 @@ def _results(
 def theta_from_phi(phi: Array, image_size: tuple[int, int]) -> Array:
     """The parameter vectors (T, n) of cameras phi (T, 7).
 
-    A negative focal length turns the image by 180 degrees: it becomes a positive one and half a turn of roll.
+    A negative focal length turns the image by 180 degrees: it is replaced by a positive one and a roll of 180 degrees.
     """
     f = focal_length_from_fov(phi[:, FOV], image_size[0])
     theta = np.zeros((len(phi), Layout.of(image_size).size))
@@ -205,7 +206,7 @@ class Kind:
 
 @dataclass(frozen=True)
 class Tensors:
-    """What the loss needs of T frames."""
+    """Input of the loss for T frames."""
 
     lines: Kind
     circles: Kind
@@ -216,7 +217,7 @@ class Tensors:
 def pack_tensors(field: ObjectSegments, frames: Sequence[Pixels], image_size: tuple[int, int]) -> Tensors:
     """Pack frames as the paper does: the centre circle split, a few pixels of each segment, those in the image.
 
-    Points and clouds count with the circles. Which pixels of a segment are taken is random, but the same every time.
+    Points and clouds count with the circles. The choice of pixels is random with a fixed seed.
     """
     split = [split_circles(field, frame, image_size) for frame in frames]
     segments = [[(field[label], xy) for label, xy in frame.items()] for frame in split]
@@ -241,7 +242,7 @@ def _kind(frames: list[list[tuple[Segment, Array]]], pixels: int, image_size: tu
     K = max((len(vectors) for vectors in geometry.values()), default=1)
     X, p, visible = np.zeros((T, S, K, 4)), np.zeros((T, S, pixels, 2)), np.zeros((T, S, pixels), dtype=bool)
     for t, frame in enumerate(frames):
-        rng = np.random.default_rng(SEED)  # a frame's pixels do not depend on its companions
+        rng = np.random.default_rng(SEED)  # the choice does not depend on the other frames
         for s, (segment, xy) in enumerate(frame):
             chosen = rng.choice(xy, pixels, replace=False) if len(xy) > pixels else xy
             vectors = geometry[segment]
@@ -369,7 +370,7 @@ def _circles(P: Array, circles: Kind) -> tuple[Array, Array]:
 
 
 def _inverse(depth: Array) -> Array:
-    """Inverse depths; a sample in the camera's plane has no image, but must not stop the batch."""
+    """Inverse depths; a sample in the camera's plane has no image; its depth is replaced by 1e-9."""
     return np.asarray(1.0 / np.where(np.abs(depth) < 1e-9, 1e-9, depth))
 
 
@@ -382,11 +383,11 @@ def main(arguments: Sequence[str] | None = None) -> int:
     add_input_and_output(parser)
     add_field_size(parser)
     parser.add_argument(
-        "--starts",
+        "--initial-cameras",
         choices=["center", "stacked", "argmin"],
         default="center",
         help=f"start from the main camera in the centre; from where {CAMERA_TYPES} in INPUT says that each frame's "
-        f"camera stands, else the centre; or from the centre, left and right, the least loss winning (center)",
+        f"camera stands, else the centre; or from the centre, left and right, with the least loss taken (center)",
     )
     parser.add_argument("--steps", type=int, default=STEPS, metavar="N", help=f"of the optimiser ({STEPS})")
     parser.add_argument("--tau", type=positive, metavar="T", help="reject frames whose loss is above, e.g. 0.019 (off)")
@@ -396,18 +397,18 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 def _run(options: argparse.Namespace) -> int:
     field = soccer(options.field_length, options.field_width)
-    types = read_camera_types(options.input) if options.starts == "stacked" else {}
+    types = read_camera_types(options.input) if options.initial_cameras == "stacked" else {}
 
-    def starts_of(id: str) -> tuple[str, ...]:
-        if options.starts == "argmin":
+    def distributions_of(id: str) -> tuple[str, ...]:
+        if options.initial_cameras == "argmin":
             return tuple(DISTRIBUTIONS)
         known = DISTRIBUTIONS_OF_TYPE.get(types.get(id, ""), ())
         return known if set(known) <= set(DISTRIBUTIONS) and known else (MAIN_CENTER.name,)
 
-    def calibrate_part(frames: list[Pixels], starts: tuple[str, ...]) -> list[Calibration]:
-        return calibrate(field, frames, options.size, steps=options.steps, tau=options.tau, distributions=starts)
+    def calibrate_part(frames: list[Pixels], distributions: tuple[str, ...]) -> list[Calibration]:
+        return calibrate(field, frames, options.size, steps=options.steps, tau=options.tau, distributions=distributions)
 
-    return calibrate_folder(options, field, lambda frames: by_prior(frames, starts_of, calibrate_part))
+    return calibrate_folder(options, field, lambda frames: by_prior(frames, distributions_of, calibrate_part))
 
 
 if __name__ == "__main__":

@@ -1,8 +1,8 @@
 """DeepLabV3 on a ResNet-101, with the names of torchvision, so that its checkpoints can be loaded.
 
 Chen, Papandreou, Schroff, Adam: Rethinking Atrous Convolution for Semantic Image Segmentation (2017). The last two
-stages of the ResNet keep the resolution of 1/8 and spread their convolutions instead, by 2 and 4; the head looks at
-what they give with convolutions spread by 12, 24 and 36 and at its mean.
+stages of the ResNet keep the resolution of 1/8 and use dilations of 2 and 4 instead of strides; the head is an atrous
+pyramid with rates 12, 24 and 36 and global average pooling.
 """
 
 from __future__ import annotations

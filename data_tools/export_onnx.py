@@ -2,8 +2,8 @@
 
     python -m data_tools.export_onnx CHECKPOINT.pt --out MODEL.onnx
 
-A checkpoint is a state dict with torchvision's names, or holds one as "model"; a prefix "module." is passed over, and
-so is the auxiliary classifier, which only helps in training.
+A checkpoint is a state dict with torchvision's names, or holds one as "model"; a prefix "module." is removed, and
+the auxiliary classifier, which is used in training only, is ignored.
 """
 
 from __future__ import annotations
@@ -21,8 +21,8 @@ from data_tools.synthetic import CLASSES
 from fieldcalib.localize import BACKGROUND
 
 SIZE = (455, 256)
-# The classes of SoccerNet's calibration from 1 on, in order: those that are annotated, and two for what nobody could
-# tell, which are no segments of the field.
+# The classes of SoccerNet's calibration from 1 on, in order: those that are annotated, and two for
+# segments that annotators could not identify.
 UNKNOWN = ("Goal unknown", "Line unknown")
 SOCCERNET_CLASSES = tuple(sorted((*CLASSES, *UNKNOWN)))
 AUXILIARY = "aux_classifier."
@@ -46,7 +46,7 @@ def network_of(checkpoint: Mapping[str, object]) -> DeepLabV3:
         network.load_state_dict(weights)
     except RuntimeError as error:
         raise ValueError(
-            f"the checkpoint is no DeepLabV3 with ResNet-101 and {1 + len(SOCCERNET_CLASSES)} classes: {error}"
+            f"the checkpoint is not a DeepLabV3 with ResNet-101 and {1 + len(SOCCERNET_CLASSES)} classes: {error}"
         ) from error
     network.eval()
     return network

@@ -1,4 +1,4 @@
-"""Real frames with hand-labelled field points, as images with masks: pixels of up to 32 points, each with an index.
+"""Real frames with hand-labelled field points: pixels of up to 32 points, each with an index.
 
 The layout is that of the pitch keypoints from Roboflow's Universe: ``<clip>_<frame>_png_jpg.rf.<hash>.jpg``, squashed
 from 16:9 to a square, beside a ``.txt`` with one line ``0 cx cy w h  x0 y0 v0  x1 y1 v1 ...``, normalised, v = 2 for
@@ -22,16 +22,16 @@ from fieldcalib.fields.soccer import soccer
 from fieldcalib.geometry.camera import Camera
 
 POINTS_FILE = "keypoints_105x68.json"
-MISPLACED = (4, 5, 16, 28, 29, 30, 31)  # labelled where the frame ends or elsewhere, too often to be used
+MISPLACED = (4, 5, 16, 28, 29, 30, 31)  # often labelled at the border of the frame or elsewhere: not used
 VISIBLE = 2
-SIZE = (960, 540)  # px of the picture that was squashed, or any other of its shape
-LEAST_POINTS = 6  # a camera with a lens, and one point that may be wrong
-LARGEST_MEDIAN = 2.0  # px of `SIZE`: above it the field is of another size, or labels are wrong
+SIZE = (960, 540)  # px; any size of the aspect ratio of the picture before it was squashed
+LEAST_POINTS = 6  # enough for a camera with a lens and one outlier
+LARGEST_MEDIAN = 2.0  # px of `SIZE`: above it, the field has another size or labels are wrong
 
 
 @dataclass(frozen=True)
 class LabelledFrame:
-    """A picture and the camera that its labelled points give."""
+    """A picture and the camera calibrated from its labelled points."""
 
     image: Path
     camera: Camera
@@ -39,7 +39,7 @@ class LabelledFrame:
 
     @property
     def clip(self) -> str:
-        """What its name says before the number of the frame."""
+        """The part of its name before the number of the frame."""
         return clip_of(self.image)
 
 
@@ -55,7 +55,7 @@ def clip_of(image: Path) -> str:
 
 
 def labelled_frames(folder: Path) -> Iterator[LabelledFrame]:
-    """The frames of a folder whose points agree on a camera, in the order of their names."""
+    """The frames of a folder whose points give an accepted camera, in the order of their names."""
     for image in sorted(folder.glob("*.jpg")):
         camera = _camera(*labelled_points(image))
         if camera is not None:
@@ -63,9 +63,9 @@ def labelled_frames(folder: Path) -> Iterator[LabelledFrame]:
 
 
 def labelled_points(image: Path) -> tuple[Array, Array]:
-    """Field points X (N, 3), and where an image shows them: (N, 2), as shares of its width and height.
+    """Visible field points X (N, 3) and their pixels (N, 2), as shares of the image's width and height.
 
-    Those that are visible and can be trusted.
+    Without those of `MISPLACED`.
     """
     places = json.loads((image.parent.parent / POINTS_FILE).read_text())
     half = np.array([soccer().length, soccer().width]) / 2.0
@@ -78,7 +78,7 @@ def labelled_points(image: Path) -> tuple[Array, Array]:
 
 
 def _camera(X: Array, shares: Array) -> Camera | None:
-    """The camera that labelled points give; the robust fit passes over a wrong one."""
+    """The camera calibrated from labelled points; the robust loss rejects outliers."""
     if len(X) < LEAST_POINTS:
         return None
     found = calibrate_from_points(X, shares * SIZE, SIZE, flags=DEFAULT_FLAGS)

@@ -1,10 +1,10 @@
-"""How well cameras predict what they were not fitted to: leave one segment out, calibrate on the rest, measure it.
+"""Leave-one-out validation: leave one segment out, calibrate on the rest, measure the distance to it.
 
     python -m data_tools.leave_one_out ANNOTATIONS --size 960x540 [--free-field-size]
 
 Every annotated segment of every frame is left out once, from frames that keep at least `--least` segments. Printed are
 the median and the 90 % quantile of its root mean square distance in pixels, for each lens model. The pitch is of 105 x
-68 m, or with `--free-field-size` of the size that the other segments of the frame tell.
+68 m, or with `--free-field-size` of the size estimated from the other segments of the frame.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ from fieldcalib.fields.field import Field
 from fieldcalib.fields.soccer import soccer
 from fieldcalib.problem.labelled_pixels import Pixels
 
-LEAST = 5  # segments that a calibration keeps
+LEAST = 5  # segments that remain for the calibration
 
 
 def left_out_errors(
@@ -51,9 +51,9 @@ def left_out_errors(
     lens : {"none", "k1", "k1k2"}
         Which lens is estimated.
     least : int
-        Segments that must be left.
+        Smallest number of segments that remain.
     free_field_size : bool
-        Whether length and width of the field are estimated too, in each frame from the segments that are left.
+        Whether length and width of the field are estimated too, in each frame from the remaining segments.
 
     Returns
     -------
@@ -84,7 +84,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument("annotations", type=Path, help="folder or zip of <id>.json")
     parser.add_argument("--size", required=True, type=image_size, metavar="WxH", help="of the images, e.g. 960x540")
     parser.add_argument("--free-field-size", action="store_true", help="estimate length and width of the pitch too")
-    parser.add_argument("--least", type=int, default=LEAST, help=f"segments that must be left ({LEAST})")
+    parser.add_argument("--least", type=int, default=LEAST, help=f"smallest number of segments that remain ({LEAST})")
     parser.set_defaults(run=run)
     return run_command(parser.parse_args(arguments))
 

@@ -1,4 +1,4 @@
-"""Cameras that were measured by other means against those that are calibrated from their field markings.
+"""Comparison of measured cameras with those calibrated from their field markings.
 
     python -m data_tools.measured_cameras CAMERAS
 
@@ -6,7 +6,7 @@ CAMERAS holds ``<name>.npz`` with K (N, 3, 3), k (N, 5) = k1, k2, 0, 0, 0, R (1,
 of 1920x1080 whose world has y away from the camera and z up. Each projects the markings of a field, three points a line
 and nine a circle in view, with noise; the pixels are calibrated with each lens model, with and without a free principal
 point. Printed are the median and the 90 % quantile of the errors of focal length (percent) and position (metres), and
-how often the 95 % regions hold the truth (percent): of focal length, position and points of the ground in view.
+how often the 95 % regions contain the truth (percent): of focal length, position and points of the ground in view.
 """
 
 from __future__ import annotations
@@ -47,7 +47,7 @@ def read_camera(path: Path) -> Camera:
 def observed(
     truths: Sequence[Camera], field: Field, noise: float, repeats: int, seed: int = 0
 ) -> list[tuple[Camera, dict[str, Array]]]:
-    """Each camera with what it sees of the field, as often as there are repeats."""
+    """Each camera with its pixels of the field's markings, `repeats` times with different noise."""
     rng = np.random.default_rng(seed)
     return [(truth, observe(truth, field, rng, noise, (3, 3))) for _ in range(repeats) for truth in truths]
 
@@ -62,7 +62,7 @@ def errors(found: Calibration, truth: Camera) -> tuple[float, float]:
 
 
 def held(found: Calibration, truth: Camera, field: Field) -> tuple[float, float, float]:
-    """Share of 95 % regions that hold the true focal length, coordinates of the position, and ground points."""
+    """Share of 95 % regions that contain the true focal length, coordinates of the position, and ground points."""
     uncertainty = found.uncertainty
     index = [LOG_F, *range(CENTER.start, CENTER.stop)]
     off = np.abs(uncertainty.problem.layout.theta(truth) - uncertainty.theta)[index]

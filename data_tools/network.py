@@ -1,7 +1,7 @@
-"""A small network that gives every pixel the marking it shows: a U-Net of depthwise-separable blocks.
+"""A small network that segments the markings: a U-Net of depthwise-separable blocks.
 
-Features are made at 1/2 to 1/32 of the image. The coarsest blocks see all of it, and a mean over all of it is added:
-whether a penalty area is the left or the right one is told by things far away from its lines.
+Features have 1/2 to 1/32 of the image's resolution. The receptive field of the coarsest blocks is the whole image, and
+a global mean is added: whether a penalty area is the left or the right one depends on objects far from its lines.
 """
 
 from __future__ import annotations
@@ -54,7 +54,7 @@ class MarkingsNet(nn.Module):
 
 
 class _Block(nn.Module):
-    """A residual: a depthwise convolution, then two of size 1 with more channels between them."""
+    """An inverted residual block: a depthwise convolution, then two of size 1 with more channels in between."""
 
     def __init__(self, channels: int, size: int) -> None:
         super().__init__()

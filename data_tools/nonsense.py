@@ -1,7 +1,7 @@
-"""Pictures that show no field of play, for which no camera must be invented: seeded and endless.
+"""Random pictures that show no field, of which no camera should be accepted; one for each seed.
 
 Textures, grass without lines, crowds, and drawings of other lines: boards, street grids, courts of other shapes. They
-are not those of `data_tools.synthetic`, on which networks are trained.
+differ from those of `data_tools.synthetic`, on which networks are trained.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ GREEN = (50.0, 120.0, 60.0)  # blue, green, red
 
 
 def nonsense(seed: int) -> Image:
-    """A picture of 1280x720 that shows no field; the kinds take turns.
+    """A picture of 1280x720 without a field; the kinds alternate with the seed.
 
     Examples
     --------
@@ -90,7 +90,7 @@ def _circles(rng: np.random.Generator) -> Image:
 
 
 def _boards(rng: np.random.Generator) -> Image:
-    """Rectangles inside each other and beside each other, as courts of no game."""
+    """Random rectangles, nested and side by side, like courts of other games."""
     picture = _ground(rng)
     for _ in range(int(rng.integers(3, 12))):
         a, b = (rng.uniform((0.0, 0.0), SIZE).astype(int).tolist() for _ in range(2))

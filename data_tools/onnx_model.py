@@ -1,4 +1,4 @@
-"""A segmentation network as two files: MODEL.onnx, and beside it MODEL.json, which says what it takes and gives.
+"""A segmentation network as two files: MODEL.onnx, and beside it MODEL.json, the description of its input and output.
 
 The input "image" is (N, 3, height, width), float32, ``(pixels / 255 - mean) / std`` in the order of `channels`; the
 output "logits" is (N, classes, h, w), where h and w may be a fraction of the input's. N is free.
@@ -19,13 +19,13 @@ from fieldcalib.io.files import write_bytes, write_text
 from fieldcalib.localize import BACKGROUND
 
 CHANNELS = "RGB"
-MEAN = (0.485, 0.456, 0.406)  # of ImageNet, as everybody does
+MEAN = (0.485, 0.456, 0.406)  # of ImageNet, as is usual
 STD = (0.229, 0.224, 0.225)
 OPSET = 17
 
 
 def write_model(network: nn.Module, path: Path, classes: Sequence[str], size: tuple[int, int]) -> None:
-    """Write ``path`` (.onnx) and the .json beside it, each whole or not at all.
+    """Write ``path`` (.onnx) and the .json file beside it, each whole or not at all.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""Random frames whose cameras are known: labelled pixels as people and networks leave them, wrong labels included.
+"""Random frames of known cameras: labelled pixels with the errors of annotators and networks, and with wrong labels.
 
 Cameras come from all stands of `fieldcalib.fields.stands`, most of them from the centre of the main one, with the
 lenses and the principal points of broadcasts. Some visible markings are left out, pixels are noisy, and the pixels of a
@@ -26,11 +26,11 @@ MAIN_CENTER_SHARE = 0.4  # of the cameras; the other stands share the rest
 ROLL_SIGMA = np.radians(1.0)
 LENS_SPREAD, STRONGEST_LENS = 0.018, 0.1  # of a1, about its mean on annotated frames
 PRINCIPAL_POINT_SPREAD = (0.010, 0.015)  # of the width, along x and y: measured cameras are up to 0.035 off
-NOISE_SPREAD = 0.5  # of log sigma about 1 px at 960 x 540: annotators, careful and not
+NOISE_SPREAD = 0.5  # standard deviation of log sigma about 1 px at 960 x 540: annotators differ
 KEPT = (0.4, 1.0)  # share of the visible markings that is labelled
 PIXELS_PER_LINE, PIXELS_PER_CIRCLE = (2, 5), (4, 9)
 LEAST_SEGMENTS = 3
-# shares of the frames with so many wrong labels, as a share of their labels; 3 to 4 % of real ones are wrong in all
+# rates of wrong labels, and the shares of frames with each; of real annotations 3 to 4 % are wrong
 WRONG_RATES, WRONG_SHARES = (0.0, 0.035, 0.1), (0.5, 0.3, 0.2)
 CONFUSED = (
     ("left", "right"),
@@ -51,7 +51,7 @@ class RandomFrame:
     camera: Camera
     pixels: Pixels
     wrong: Mapping[str, str]
-    """Labels that lie, as they are in `pixels`, with those that they should be."""
+    """Mislabelled segments: label in `pixels` -> correct label."""
 
 
 def random_frame(field: Field, rng: np.random.Generator) -> RandomFrame:
@@ -88,7 +88,7 @@ def random_camera(rng: np.random.Generator) -> Camera:
 
 
 def observed(camera: Camera, field: Field, rng: np.random.Generator, noise: float, kept: float) -> Pixels:
-    """Labelled pixels of a share of what is in view, with normal noise of which a segment's pixels share a part."""
+    """Labelled pixels of a share of the markings in view, with normal noise that is correlated within a segment."""
     pixels: Pixels = {}
     largest = np.array(camera.image_size) - 1.0
     for label, segment in field.markings.items():
@@ -116,19 +116,19 @@ def mislabelled(pixels: Pixels, field: Field, count: int, rng: np.random.Generat
     pixels : dict of str to (N, 2) array
         In the order that they were given.
     wrong : dict of str to str
-        New label -> right one.
+        Wrong label -> correct one.
     """
     wrong: dict[str, str] = {}
     for label in rng.permutation(list(pixels)).tolist():
         free = [other for other in confused_labels(label, field) if other not in pixels and other not in wrong]
         if len(wrong) < count and free:
             wrong[free[rng.integers(len(free))]] = label
-    lies = {label: lie for lie, label in wrong.items()}
-    return {lies.get(label, label): xy for label, xy in pixels.items()}, wrong
+    replaced = {right: label for label, right in wrong.items()}
+    return {replaced.get(label, label): xy for label, xy in pixels.items()}, wrong
 
 
 def confused_labels(label: str, field: Field) -> list[str]:
-    """Labels of markings that this one is taken for: the other side's, and the neighbours.
+    """Labels that may be confused with this one: the other side's, and the neighbours'.
 
     Examples
     --------

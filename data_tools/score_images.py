@@ -1,26 +1,26 @@
-"""How right the cameras are that images alone give, where something is known of the true ones.
+"""Accuracy of cameras from images alone, on data with some ground truth.
 
     python -m data_tools.score_images keypoints FOLDER [--unlike TRAIN]
     python -m data_tools.score_images homographies IMAGES ANNOTATIONS
     python -m data_tools.score_images clip VIDEO CAMERAS.npz
     python -m data_tools.score_images nonsense [--frames N]
 
-each with [--model FILE] [--no-refinement], and each prints a line of JSON.
+each with [--model FILE] [--no-refinement]; each prints a line of JSON.
 
-`keypoints`: frames with hand-labelled field points (`data_tools.labelled`), those with four points or more that can be
-trusted; with `--unlike` only frames of clips that are not in TRAIN. Of each frame the median distance of its points to
-their projections, in pixels of 1920x1080.
+`keypoints`: frames with hand-labelled field points (`data_tools.labelled`), those with four or more reliable points;
+with `--unlike` only frames of clips that are not in TRAIN. Of each frame the median distance of its points to their
+projections, in pixels of 1920x1080.
 
 `homographies`: IMAGES are ``<id>.png`` squashed from 1280x720, ANNOTATIONS ``<id>.homographyMatrix`` and ``<id>.json``,
 as of the World Cup 2014. IoU_part against the homographies, AC against the annotated segments.
 
-`clip`: a video of one camera that stands still: K is known of its first frames, R and t of the first one. Errors of
-focal length (percent) and position (metres), of the medians over these frames, each with the standard deviation that a
-frame expects.
+`clip`: a video of one static camera: K of its first frames is known, R and t of the first one. Errors of
+focal length (percent) and position (metres), of the medians over these frames, each with the median standard deviation
+that the calibrations state.
 
-`nonsense`: pictures without a field (`data_tools.nonsense`), and how many get a camera that is accepted.
+`nonsense`: the number of pictures without a field (`data_tools.nonsense`) that get an accepted camera.
 
-A frame is lost where no camera is accepted.
+A frame is lost if no camera is accepted.
 """
 
 from __future__ import annotations
@@ -65,7 +65,7 @@ def calibrated(images: Iterable[Image], options: argparse.Namespace) -> Iterator
 
 
 def stretched(path: Path) -> Image:
-    """A squashed image in its own shape."""
+    """A squashed image, resized to its original aspect ratio."""
     return np.asarray(cv2.resize(parse_image(path.read_bytes()), SIZE, interpolation=cv2.INTER_CUBIC), np.uint8)
 
 

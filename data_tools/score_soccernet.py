@@ -3,9 +3,9 @@
     python -m data_tools.score_soccernet CAMERAS ANNOTATIONS --size 960x540
 
 CAMERAS holds camera_<id>.json for images of that size, ANNOTATIONS <id>.json. AC@t is the share of segments all of
-whose annotated points lie within t pixels of the projected segment, TP / (TP + FP + FN) a frame, the better of the
-labels and their 180-degree mirror, averaged over the frames that have a camera; CR is the share of frames that have
-one. Lines are sampled every 0.9 m. The package takes about a third of a second a frame.
+whose annotated points lie within t pixels of the projected segment, TP / (TP + FP + FN) per frame, the better of the
+labels and those of the field turned by 180 degrees, averaged over the frames that have a camera; CR is the share of
+frames that have one. Lines are sampled every 0.9 m. The package takes about a third of a second per frame.
 """
 
 import argparse
@@ -52,7 +52,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     if find_spec("SoccerNet") is None:
         parser.error("needs the SoccerNet package: pip install 'fieldcalib[soccernet]'")
     if not options.cameras.is_dir():
-        parser.error(f"{options.cameras} is no folder of cameras")
+        parser.error(f"{options.cameras} is not a folder of cameras")
     try:
         files = [(file.id, file.read()) for file in ANNOTATIONS.find([options.annotations])]
     except (FileNotFoundError, BrokenFileError) as error:

@@ -37,9 +37,9 @@ from fieldcalib.io.files import write_bytes
 from fieldcalib.io.image import Image
 
 LEARNING_RATE, WARM_UP, WEIGHT_DECAY = 2e-3, 200, 1e-2
-AVERAGED = 0.999  # what is kept, each step, of the weights that are exported: they are those of the last thousand steps
+AVERAGED = 0.999  # decay of the moving average of the weights, which is exported: over about the last thousand steps
 BACKGROUND_WEIGHT = 0.1  # 96 % of the pixels are background
-BACKGROUND_SAMPLED = 0.25  # of its pixels, at random, for the sake of time
+BACKGROUND_SAMPLED = 0.25  # random share of its pixels that enters the loss: saves time
 REPORT_MINUTES = 10.0
 VALIDATION_SEEDS = range(1_000_000_000, 1_000_000_100)
 Samples = Sequence[tuple[Image, Mask]]
@@ -47,7 +47,7 @@ Samples = Sequence[tuple[Image, Mask]]
 
 @dataclass
 class Training:
-    """A network on its way, with all that is needed to go on: the only thing here that changes."""
+    """State of a training, with all that is needed to resume it; the only mutable class here."""
 
     network: MarkingsNet
     averaged: AveragedModel
@@ -72,7 +72,7 @@ class Training:
         write_bytes(path, buffer.getvalue())
 
     def load(self, path: Path) -> None:
-        """Go on from what `save` wrote."""
+        """Resume from what `save` wrote."""
         state = torch.load(path, map_location=self.device, weights_only=True)
         for name in ("network", "averaged", "optimizer"):
             getattr(self, name).load_state_dict(state[name])
@@ -94,7 +94,7 @@ class Training:
 
 
 def learning_rate(step: int, steps: int) -> float:
-    """A short warm-up, then half a cosine down to nothing.
+    """A short warm-up, then half a cosine down to 0.
 
     Examples
     --------
@@ -105,7 +105,7 @@ def learning_rate(step: int, steps: int) -> float:
 
 
 def _average(averaged: Sequence[Tensor], current: Sequence[Tensor], count: Tensor | int) -> None:
-    """Move averages towards the current weights, in place; at first faster, so that the random ones are forgotten."""
+    """Move averages towards the current weights, in place; faster at first, to forget the initial weights."""
     share = max(1.0 - AVERAGED, 9.0 / (10.0 + int(count)))
     for mean, value in zip(averaged, current, strict=True):
         if mean.is_floating_point():
@@ -115,13 +115,13 @@ def _average(averaged: Sequence[Tensor], current: Sequence[Tensor], count: Tenso
 
 
 def sampled_pixels(classes: Tensor, seed: int) -> Tensor:
-    """Which pixels of a batch the loss looks at: those of markings, and some of the background; flat indices."""
+    """Flat indices of the pixels that enter the loss: all of the markings, and some of the background."""
     chance = torch.rand(classes.shape, generator=torch.Generator().manual_seed(seed))
     return ((classes > 0) | (chance < BACKGROUND_SAMPLED)).flatten().nonzero()[:, 0]
 
 
 def _loss(network: nn.Module, images: Tensor, classes: Tensor, chosen: Tensor) -> Tensor:
-    """Cross-entropy over the chosen pixels, the many of the background weighing less each."""
+    """Cross-entropy over the chosen pixels, with a lower weight for the background."""
     with torch.autocast(images.device.type, torch.bfloat16):  # half the time, where the processor has it
         logits = network(normalised(images).contiguous(memory_format=torch.channels_last))
     weight = torch.ones(1 + len(CLASSES), device=images.device)
@@ -191,7 +191,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument("--labelled", type=Path, metavar="DIR", help="real frames, see data_tools.labelled")
     parser.add_argument("--held-out", type=Path, metavar="DIR", help="real frames whose clips are only measured")
     parser.add_argument(
-        "--steps", type=int, default=40000, help="at the end of which the rate of learning is 0 (40000)"
+        "--steps", type=int, default=40000, help="steps; the learning rate falls to 0 at the last one (40000)"
     )
     parser.add_argument("--minutes", type=float, default=math.inf, help="after which to stop, to be resumed")
     parser.add_argument(

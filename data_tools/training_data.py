@@ -1,6 +1,6 @@
-"""Batches to train on: synthetic frames, made as needed or read from a cache, and real ones with labelled points.
+"""Training batches of synthetic frames, made on demand or read from a cache, and real ones with labelled points.
 
-A batch is a function of the seed and of its number alone: an interrupted training goes on as if it had not been.
+A batch depends on the seed and its number alone, so an interrupted training resumes with the same batches.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ from fieldcalib.geometry.camera import Camera
 from fieldcalib.io.image import Image
 
 LABELLED_SHARE = 1.0 / 3.0
-FINER = 4  # masks are looked at on a grid so much finer than that of the classes
+OVERSAMPLING = 4  # of masks against the grid of the classes
 SMALLEST_WINDOW = 0.6  # of a real frame's width and height
 GAIN, GAIN_OF_CHANNEL = 0.12, 0.04  # standard deviations of the logarithm
 MIRROR = {behind_goal: mirrored_values(behind_goal=behind_goal) for behind_goal in (False, True)}
@@ -39,11 +39,11 @@ class Batches(Dataset[tuple[Tensor, Tensor]]):
 
     seed: int
     count: int
-    """Of the images in a batch."""
+    """Number of images in a batch."""
     size: tuple[int, int]
     """Width and height of the images; multiples of 32."""
     cached: Sequence[Path] = ()
-    """Images of a cache, see `data_tools.synthetic.cache`; without any, frames are made."""
+    """Images of a cache, see `data_tools.synthetic.cache`; without any, frames are generated."""
     labelled: Sequence[LabelledFrame] = ()
 
     def __getitem__(self, step: int) -> tuple[Tensor, Tensor]:
@@ -66,7 +66,7 @@ class Batches(Dataset[tuple[Tensor, Tensor]]):
 
 
 def mirrored(image: Image, mask: Mask, *, behind_goal: bool) -> tuple[Image, Mask]:
-    """Image and mask, left to right; left becomes right, or far near where the camera stands behind the goal."""
+    """Image and mask mirrored left to right; labels swap left and right, or far and near behind the goal."""
     return np.ascontiguousarray(image[:, ::-1]), MIRROR[behind_goal][mask[:, ::-1]]
 
 
@@ -78,7 +78,7 @@ def window(labelled: LabelledFrame, rng: np.random.Generator) -> tuple[Image, Ma
 
 
 def whole(labelled: LabelledFrame) -> tuple[Image, Mask]:
-    """A real frame and its mask as they are."""
+    """A whole real frame and its mask."""
     return cut(labelled, 1.0, (0.0, 0.0), None)
 
 
@@ -99,11 +99,11 @@ def cut(
 def stacked(samples: Sequence[tuple[Image, Mask]], size: tuple[int, int]) -> tuple[Tensor, Tensor]:
     """Images and masks as a batch, images (width, height); of the pixels that become one, that of a marking counts."""
     width, height = size[0] // STRIDE, size[1] // STRIDE
-    finer = (FINER * width, FINER * height)
+    finer = (OVERSAMPLING * width, OVERSAMPLING * height)
     images = np.stack([cv2.resize(image, size, interpolation=cv2.INTER_AREA) for image, _ in samples])
     images = np.ascontiguousarray(images[..., ::-1].transpose(0, 3, 1, 2))
     masks = np.stack([cv2.resize(mask, finer, interpolation=cv2.INTER_NEAREST) for _, mask in samples])
-    blocks = masks.reshape(len(masks), height, FINER, width, FINER)
+    blocks = masks.reshape(len(masks), height, OVERSAMPLING, width, OVERSAMPLING)
     return torch.from_numpy(images), torch.from_numpy(blocks.max(axis=(2, 4)).astype(np.int64))
 
 

@@ -1,15 +1,15 @@
-"""How well labels that lie are found: real annotations with labels replaced by those of the other side or a neighbour.
+"""Detection of mislabelled segments: real annotations with labels replaced by the other side's or a neighbour's.
 
     python -m data_tools.wrong_labels ANNOTATIONS --size WxH [--wrong N] [--seed N]
 
-Frames that are certain to be well labelled have seven segments or more, fit to 2 px (at 960x540) and are accused of
-nothing. In each of them N labels are replaced at random (`data_tools.random_frames`). Printed as one line of JSON:
+Frames that are taken as correctly labelled have seven segments or more, fit to 2 px (at 960x540) and have no suspect
+labels. In each of them N labels are replaced at random (`data_tools.random_frames`). Printed as one line of JSON:
 
-* recall, of the replaced labels the share that is accused; precision, of the accused ones the share that was replaced;
-  named, of the replaced labels that are accused the share whose right name is given;
+* recall: share of the replaced labels that are reported; precision: share of the reported ones that were replaced;
+  named: share of the replaced and reported labels for which the correct one is given;
 * the camera against the one of the right labels: median and 90 % of the largest distance between their images of the
   labelled segments, and the share of frames below 3 px (at 960x540);
-* how many of all frames are accused as they are.
+* how many of all frames, unchanged, have suspect labels.
 """
 
 from __future__ import annotations
@@ -37,7 +37,7 @@ SAME_CAMERA = 3.0  # px at 960 x 540
 
 
 def distance(camera: Camera, other: Camera, field: Field, frame: Pixels) -> float:
-    """The farthest that two cameras see a point of a frame's segments apart, pixels, over what both have in view."""
+    """Largest distance in pixels between the images of the points of a frame's segments under two cameras."""
     size = np.array(camera.image_size)
     farthest = 0.0
     for label in frame:
@@ -52,7 +52,7 @@ def distance(camera: Camera, other: Camera, field: Field, frame: Pixels) -> floa
 def measure(
     field: Field, frames: Sequence[Pixels], size: tuple[int, int], count: int, rng: np.random.Generator
 ) -> dict[str, object]:
-    """What the module says, of annotated frames with `count` wrong labels each."""
+    """The numbers named above, for annotated frames with `count` wrong labels each."""
     unit = pixel_unit(size)
     clean = calibrate_batch(field, frames, size)
     certain = [

@@ -221,7 +221,7 @@ def test_tvcalib_starts_from_known_types(stacked, tmp_path):
     found = {}
     for starts in ("center", "stacked", "argmin"):
         out = tmp_path / starts
-        options = ("--steps", "20", "--starts", starts)
+        options = ("--steps", "20", "--initial-cameras", starts)
         assert run(tvcalib.main, path, "--size", "960x540", "--out", out, *options) == 0
         lines = [json.loads(line) for line in (out / "cameras.jsonl").read_text().splitlines()]
         found[starts] = {line["id"]: (line["C"][0], line["loss_ndc"]) for line in lines}
@@ -239,5 +239,5 @@ def test_known_types_must_be_known(command, folder, tmp_path, capsys):
     if command == "calibrate":
         assert run(fieldcalib_main, "calibrate", *arguments, "--prior", "stacked") == 2
     else:
-        assert run(tvcalib.main, *arguments, "--starts", "stacked") == 2
+        assert run(tvcalib.main, *arguments, "--initial-cameras", "stacked") == 2
     assert "match_info_cam_gt.json" in capsys.readouterr().err

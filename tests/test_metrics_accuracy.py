@@ -561,7 +561,7 @@ FRAME = {"Middle line": [(480.0, 200.0), (480.0, 300.0)]}
             [None, CAMERA],
             [FRAME, {"Circle central left": [(1, 2)]}],
             {},
-            "frame 1: 'Circle central left' is no segment",
+            "frame 1: 'Circle central left' is not an evaluated segment",
         ),
         ([CAMERA], [{"CENTER_MARK": [(1, 2)]}], {}, "'CENTER_MARK' is not an evaluated segment"),
         ([CAMERA], [{"Middle line": [1.0, 2.0]}], {}, r"'Middle line': expected finite pixels of shape \(n, 2\)"),

@@ -45,7 +45,7 @@ class Evidence:
     """What the labels determine least of what the prior does not know."""
     converged: bool
     lens_is_prior: bool = False
-    """Whether the lens comes from the prior, since the labels say little about it."""
+    """Whether the lens comes from the prior, since the labels hardly determine it."""
 
 
 def segment_errors(evaluation: Evaluation, frames: Sequence[Pixels]) -> list[tuple[dict[str, float], float]]:

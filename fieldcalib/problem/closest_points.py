@@ -151,11 +151,11 @@ def _on_sampled_curves(projection: Projection, rows: Rows) -> ClosestPoints:
         projection.points(np.take_along_axis(rows.geometry, (middle + i)[..., None, None], axis=2)[:, :, 0])
         for i in (-1, 0, 1)
     )
-    slope, bend = (after - before) / 2.0, after - 2.0 * at + before
+    slope, curvature = (after - before) / 2.0, after - 2.0 * at + before
     t = (nearest - middle).astype(float)
     search = CurveSearch(projection, projection.observed_offset(rows.xy), rows.weight)
     for _ in search.iterations:
-        t = t + search.step(at + t * (slope + 0.5 * t * bend), slope + t * bend, bend, largest=1.0)
+        t = t + search.step(at + t * (slope + 0.5 * t * curvature), slope + t * curvature, curvature, largest=1.0)
     return search.found
 
 
@@ -180,12 +180,12 @@ class CurveSearch:
                 return
             yield iteration
 
-    def step(self, point: Array, tangent: Array, bend: Array, largest: float) -> Array:
+    def step(self, point: Array, tangent: Array, curvature: Array, largest: float) -> Array:
         """Change of the curve's parameter (B, N) towards the closest point, at most `largest`."""
         inverse_depth = 1.0 / _away_from_zero(point[2])
         s = point[:2] * inverse_depth
         ds = (tangent[:2] - s * tangent[2]) * inverse_depth
-        dds = (bend[:2] - s * bend[2] - 2.0 * ds * tangent[2]) * inverse_depth
+        dds = (curvature[:2] - s * curvature[2] - 2.0 * ds * tangent[2]) * inverse_depth
         real, T, dT = self.projection.push(s, ds, dds)
         offset = self.observed - real
         TT = _dot(T, T) + LEAST_LENGTH
@@ -193,7 +193,7 @@ class CurveSearch:
         step = _dot(offset, T) / np.maximum(TT - _dot(offset, dT), 0.1 * TT)
         step = np.minimum(np.maximum(step, -largest), largest)  # np.clip is slower on small arrays
         self.moved = float((np.abs(step) * self.seen).max(initial=0.0))
-        self.last = T, dT, s, ds, dds, inverse_depth, tangent[2], bend[2], step
+        self.last = T, dT, s, ds, dds, inverse_depth, tangent[2], curvature[2], step
         return step
 
     @property
