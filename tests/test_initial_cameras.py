@@ -155,7 +155,7 @@ def test_a_pointed_camera_looks_at_what_is_labelled(name):
 @pytest.mark.parametrize("name", DISTRIBUTIONS)
 def test_a_pointed_camera_knows_only_its_own_frame(name):
     frames, _ = random_frames(5, seed=1, stands=(name,))
-    prior = gaussian_prior(DISTRIBUTIONS[name], SIZE)
+    prior = gaussian_prior(DISTRIBUTIONS[name], Layout.of(SIZE))
     together = pointed_camera(pack(FIELD, frames, SIZE), prior, nothing_known())
     alone = [pointed_camera(pack(FIELD, [frame], SIZE), prior, nothing_known())[0] for frame in frames]
     np.testing.assert_allclose(together, alone, rtol=1e-12, atol=1e-12)

@@ -23,7 +23,7 @@ from fieldcalib.assess.result import Calibration, Solved, Status, SuspectLabel
 from fieldcalib.assess.verdict import Evidence, implausibilities, segment_errors, verdict
 from fieldcalib.calibrate.auto_lens import with_lens_as_called_for
 from fieldcalib.calibrate.mislabels import Relabelled, without_mislabels
-from fieldcalib.calibrate.options import DEFAULT_CRITERIA, DEFAULT_FLAGS, Criteria, Options, Prior, checked_options
+from fieldcalib.calibrate.options import DEFAULT_CRITERIA, Criteria, Options, Prior, checked_options
 from fieldcalib.calibrate.search import find_cameras
 from fieldcalib.calibrate.symmetry import other_side
 from fieldcalib.fields.field import Field
@@ -67,7 +67,7 @@ def calibrate_from_segments(
     rvec: ArrayLike | None = None,
     tvec: ArrayLike | None = None,
     *,
-    flags: int = DEFAULT_FLAGS,
+    flags: int | None = None,
     criteria: Criteria = DEFAULT_CRITERIA,
     prior: Prior = "all",
     loss: LossName | RobustLoss = "cauchy",
@@ -97,9 +97,9 @@ def calibrate_from_segments(
         the image as before: k1 f^-2 is kept.
     rvec, tvec : (3,) array_like, optional
         Start of the pose, with `CALIB_USE_EXTRINSIC_GUESS` or `CALIB_FIX_POSITION`.
-    flags : int
-        `CalibrationFlags`; equal in value to cv2's. They replace the default: fixed aspect ratio, principal point and
-        lens.
+    flags : int, optional
+        `CalibrationFlags`; equal in value to cv2's. They replace the default, which is `DEFAULT_FLAGS`; without a prior
+        that fixes the principal point too.
     criteria : (int, int, float)
         cv2's (type, max_count, eps) of the final stage; eps is the relative decrease of the cost.
     prior : str, CameraDistribution, an iterable of them, or None
@@ -176,7 +176,7 @@ def calibrate_batch(
     camera_matrix: ArrayLike | None = None,
     dist_coeffs: ArrayLike | None = None,
     *,
-    flags: int = DEFAULT_FLAGS,
+    flags: int | None = None,
     criteria: Criteria = DEFAULT_CRITERIA,
     prior: Prior = "all",
     loss: LossName | RobustLoss = "cauchy",

@@ -172,7 +172,7 @@ def checked_options(
     rvec: ArrayLike | None,
     tvec: ArrayLike | None,
     *,
-    flags: int,
+    flags: int | None,
     criteria: Criteria,
     prior: Prior,
     loss: LossName | RobustLoss,
@@ -185,9 +185,9 @@ def checked_options(
     Without a prior, initial cameras come from the stands of the field, or from all sides where it knows none.
     """
     image_size = checked_image_size(image_size)
+    if flags is None:  # the principal point is free under its prior only
+        flags = DEFAULT_FLAGS if prior is not None else DEFAULT_FLAGS | CalibrationFlags.CALIB_FIX_PRINCIPAL_POINT
     flags = _checked_flags(flags)
-    if prior is None and flags & DEFAULT_FLAGS == DEFAULT_FLAGS:
-        flags |= CalibrationFlags.CALIB_FIX_PRINCIPAL_POINT  # by default it is free under its prior only
     layout = _layout(image_size, dist_coeffs, flags, field, has_prior=prior is not None)
     known = _known_parameters(layout, camera_matrix, dist_coeffs, rvec, tvec, flags)
     max_iterations, tolerance = _checked_criteria(criteria)
