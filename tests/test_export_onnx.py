@@ -99,7 +99,7 @@ def test_what_is_written_can_be_run(exported):
 
 
 def test_other_networks_are_refused(shallow):
-    with pytest.raises(ValueError, match="no DeepLabV3 with ResNet-101 and 29 classes"):
+    with pytest.raises(ValueError, match="not a DeepLabV3 with ResNet-101 and 29 classes"):
         network_of({"model": deeplab.DeepLabV3(3).state_dict()})
     with pytest.raises(ValueError, match="expected a state dict"):
         network_of({"model": 3})

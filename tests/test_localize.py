@@ -413,7 +413,7 @@ def test_missing_and_broken_files(tmp_path, monkeypatch):
     with pytest.raises(BrokenFileError, match=r"broken\.json: is no JSON"):
         SegmentationNetwork.load(broken)
     monkeypatch.setattr("fieldcalib.localize.network.SHIPPED", tmp_path / "soccer.onnx")
-    with pytest.raises(FileNotFoundError, match=r"fieldcalib comes without a network \(.*soccer\.onnx is missing\)"):
+    with pytest.raises(FileNotFoundError, match=r"this installation has no network \(.*soccer\.onnx is missing\)"):
         SegmentationNetwork.load()
 
 
