@@ -31,19 +31,21 @@ from fieldcalib.io.soccernet import camera_from_record, format_annotation
 SIZE = (960, 540)
 NAMES = ("c", "a", "d", "b")  # not in the order of the files
 GOOD = ("a", "b", "c", "d")
-KEPT_KEYS = ["rms_px", "segment_errors_px", "suspect_labels", "loss_ndc", "alternatives"]
-KEPT_KEYS += ["complaints", "pixel_counts", "field", "solved"]
-HEAD_KEYS = ["id", "version", "status", "message", "image_size"]
-LINE_KEYS = [*HEAD_KEYS, *KEPT_KEYS, "verdict", "reason"]  # of a frame without a camera
-CAMERA_LINE_KEYS = [
-    *HEAD_KEYS,
-    *["K", "dist", "R", "C", "angles_degrees"],
-    *KEPT_KEYS,
-    *["verdict", "reason", "rms_as_labelled_px", "loss_ndc_eq3", "standard_deviations"],
-    *["probability_right_0.5m", "probability_right_1m"],
+CAMERA_KEYS = ["K", "dist", "R", "C", "angles_degrees"]
+FITTED_KEYS = ["rms_px", "segment_errors_px", "suspect_labels", "loss_ndc", "alternatives"]
+KEPT_KEYS = ["complaints", "pixel_counts", "image_size", "field", "solved", "version"]  # for reading results back
+ACCURACY_KEYS = [
+    "rms_as_labelled_px",
+    "loss_ndc_eq3",
+    "standard_deviations",
+    "probability_right_0.5m",
+    "probability_right_1m",
 ]
 SIZE_KEYS = ["field_length", "field_width", "field_standard_deviations", "field_from_labels"]
 BROKEN_KEYS = ["id", "status", "message"]
+LINE_KEYS = [*BROKEN_KEYS, "verdict", "reason"]
+WITHOUT_CAMERA = LINE_KEYS + [key for key in FITTED_KEYS if key not in ("rms_px", "loss_ndc")] + KEPT_KEYS
+WITH_CAMERA = LINE_KEYS + CAMERA_KEYS + FITTED_KEYS + KEPT_KEYS + ACCURACY_KEYS
 
 
 def run(*arguments):
@@ -122,7 +124,7 @@ def test_one_line_a_frame_in_the_order_of_the_input(result):
     lines = lines_of(result)
     assert [line["id"] for line in lines] == list(GOOD)
     for line in lines:
-        assert list(line) == CAMERA_LINE_KEYS
+        assert list(line) == WITH_CAMERA
         assert line["status"] == "accepted"
 
 
@@ -262,9 +264,9 @@ def test_broken_files_are_named_and_the_others_calibrated(mixed, result, tmp_pat
         assert list(lines[name]) == BROKEN_KEYS
         assert lines[name]["status"] == "broken file"
         assert message in lines[name]["message"]
-    assert list(lines["empty"]) == LINE_KEYS
+    assert list(lines["empty"]) == WITHOUT_CAMERA
     assert (lines["empty"]["status"], lines["lone"]["status"]) == ("too few segments", "too few segments")
-    assert list(lines["lone"]) == CAMERA_LINE_KEYS  # the best camera is given whatever the status
+    assert list(lines["lone"]) == WITH_CAMERA  # the best camera is given whatever the status
     assert sorted(cameras_in(tmp_path / "out")) == ["a", "b", "lone"]
     summary = summary_of(tmp_path / "out")
     assert summary["frames"] == 7
@@ -469,7 +471,7 @@ def test_one_size_of_the_field_for_all_frames(small_pitch, tmp_path, capsys):
     printed = capsys.readouterr().out.splitlines()
     lines = lines_of(tmp_path / "free")
     for line in lines:
-        assert list(line) == (CAMERA_LINE_KEYS if "K" in line else LINE_KEYS) + SIZE_KEYS
+        assert list(line) == (WITH_CAMERA if "K" in line else WITHOUT_CAMERA) + SIZE_KEYS
         assert {key: line[key] for key in SIZE_KEYS} == {key: lines[0][key] for key in SIZE_KEYS}
     (length, width), *_ = sizes_in(tmp_path / "free")
     deviations = np.array(lines[0]["field_standard_deviations"])

@@ -362,7 +362,7 @@ class Calibration:
 
         Keys are those of ``cameras.jsonl``, see ``docs/files.md``. The size model of a field is kept if this package
         builds the field, as `soccer`; a function of somebody else has no place in JSON. Numbers that are not finite
-        are null (NaN), "inf" and "-inf".
+        are null (NaN), "inf" and "-inf"; an `rms` and a `loss_ndc` that are NaN are left out.
 
         Examples
         --------
@@ -372,20 +372,20 @@ class Calibration:
         True
         """
         return {
-            "version": VERSION,
             "status": str(self.status),
             "message": self.message,
-            "image_size": None if self.camera is None else list(self.camera.image_size),
             **(_camera_to_record(self.camera) if self.camera is not None else {}),
-            "rms_px": to_json(self.rms),
+            **({} if np.isnan(self.rms) else {"rms_px": to_json(self.rms)}),
             "segment_errors_px": {label: to_json(error) for label, error in self.per_segment_errors.items()},
             "suspect_labels": [{**asdict(one), "error_px": to_json(one.error_px)} for one in self.suspect_labels],
-            "loss_ndc": to_json(self.loss_ndc),
+            **({} if np.isnan(self.loss_ndc) else {"loss_ndc": to_json(self.loss_ndc)}),
             "alternatives": [_camera_to_record(other) for other in self.alternatives],
             "complaints": list(self.complaints),
             "pixel_counts": dict(self.pixel_counts),
+            "image_size": None if self.camera is None else list(self.camera.image_size),
             "field": None if self.field is None else field_to_record(self.field),
             "solved": None if self.solved is None else self.solved.to_dict(),
+            "version": VERSION,
         }
 
     @classmethod
@@ -409,8 +409,8 @@ class Calibration:
                 None if size is None else _camera_from_record(record, size),
                 Status(record["status"]),
                 record["message"],
-                float(from_json(record["rms_px"])),
-                float(from_json(record["loss_ndc"])),
+                float(from_json(record.get("rms_px"))),
+                float(from_json(record.get("loss_ndc"))),
                 {label: float(from_json(error)) for label, error in record["segment_errors_px"].items()},
                 tuple(
                     SuspectLabel(one["label"], one["fits"], float(from_json(one["error_px"])))

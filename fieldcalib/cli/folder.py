@@ -261,8 +261,9 @@ def broken_line(id: str, message: str) -> dict[str, Any]:
 
 def calibration_line(id: str, calibration: Calibration, eq3: float | None) -> dict[str, Any]:
     """One frame's line of cameras.jsonl."""
-    line: dict[str, Any] = {"id": id, **calibration.to_dict()}
+    line: dict[str, Any] = {"id": id, "status": str(calibration.status), "message": calibration.message}
     line |= {"verdict": str(calibration.verdict), "reason": calibration.reason}
+    line |= calibration.to_dict()
     if calibration.camera is not None:
         line |= {"rms_as_labelled_px": _number(calibration.rms_as_labelled), "loss_ndc_eq3": eq3}
     if calibration.camera is not None and calibration.solved is not None:
