@@ -153,6 +153,14 @@ def test_pixels_on_their_segments_have_no_residual(camera):
     np.testing.assert_allclose(r, 0.0, atol=1e-6)
 
 
+def points_along(segment, share):
+    """Points of the whole line or circle; 0 and 1 are the ends of the line, a full turn of the circle."""
+    if isinstance(segment, Line):
+        return np.array(segment.start) + share[:, None] * np.subtract(segment.end, segment.start)
+    phi = 2.0 * np.pi * share[:, None]
+    return segment.center + segment.radius * (np.cos(phi) * np.array(segment.u) + np.sin(phi) * np.array(segment.v))
+
+
 @given(camera=cameras(lens=True), direction=angle(np.pi), distance=numbers(0.0, 20.0))
 def test_residual_is_the_distance_to_the_nearest_point_of_the_image_of_the_segment(camera, direction, distance):
     frame = beside_the_segments(FIELD.markings, camera, distance, direction)
@@ -164,19 +172,15 @@ def test_residual_is_the_distance_to_the_nearest_point_of_the_image_of_the_segme
         if not rows.any():
             continue
         segment = FIELD[label]
-        if isinstance(segment, Line):  # whole lines: extended far beyond their ends
-            start, end = np.array(segment.start), np.array(segment.end)
-            X = start + np.linspace(-1.0, 2.0, 20001)[:, None] * (end - start)
-        else:
-            X = Arc(segment.center, segment.radius).sample(2.0 * np.pi * segment.radius / 20000)
-        image = camera.project(X)
-        image = image[np.isfinite(image).all(axis=1)]
+        coarse = np.linspace(-1.0, 2.0, 2001)
+        image = camera.project(points_along(segment, coarse))
         for distance, xy in zip(np.abs(r[rows]), frame[label], strict=True):
-            gaps = np.linalg.norm(image - xy, axis=1)
-            nearest = int(gaps.argmin())
-            if 0 < nearest < len(gaps) - 1:  # else the sampled part ends before the foot point
-                spacing = np.linalg.norm(image[nearest + 1] - image[nearest - 1])
-                assert gaps[nearest] - spacing**2 / (gaps[nearest] + 1e-3) - 1e-3 <= distance <= gaps[nearest] + 1e-6
+            nearest = int(np.nanargmin(np.linalg.norm(image - xy, axis=1)))
+            if 0 < nearest < len(coarse) - 1:  # else the sampled part ends before the foot point
+                fine = camera.project(points_along(segment, np.linspace(*coarse[[nearest - 1, nearest + 1]], 201)))
+                gap = np.nanmin(np.linalg.norm(fine - xy, axis=1))
+                spacing = np.nanmax(np.linalg.norm(np.diff(fine, axis=0), axis=1))
+                assert distance - 1e-6 <= gap <= np.hypot(distance, spacing) + 1e-6  # the foot is between two samples
 
 
 def behind_the_goal_line():
