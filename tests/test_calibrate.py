@@ -48,7 +48,7 @@ def relative_error(camera, truth):
 @pytest.mark.slow
 def test_frames_without_noise_give_back_their_cameras():
     """Five or more segments, from every distribution, no prior in the final solve: 99 % to 1e-6."""
-    frames, cameras = random_frames(100, seed=11)
+    frames, cameras = random_frames(50, seed=11)
     errors = []
     for frame, truth in zip(frames, cameras, strict=True):
         camera = calibrate_from_segments(FIELD, frame, SIZE, prior=None).camera
@@ -58,7 +58,7 @@ def test_frames_without_noise_give_back_their_cameras():
 
 @pytest.mark.slow
 def test_a_batch_of_them_too():
-    frames, cameras = random_frames(600, seed=12)
+    frames, cameras = random_frames(400, seed=12)
     found = calibrate_batch(FIELD, frames, SIZE, prior=None)
     errors = [relative_error(c.camera, truth) for c, truth in zip(found, cameras, strict=True)]
     assert np.mean(np.array(errors) < 1e-6) >= 0.99, sorted(errors)[-8:]
@@ -277,12 +277,12 @@ def test_tau_rejects_and_still_gives_the_camera():
 @pytest.mark.slow
 def test_pixels_of_no_camera_are_never_accepted():
     rng = np.random.default_rng(3)
-    frames = [{label: rng.uniform((0, 0), SIZE, size=(3, 2)) for label in FRAME} for _ in range(20)]
+    frames = [{label: rng.uniform((0, 0), SIZE, size=(3, 2)) for label in FRAME} for _ in range(10)]
     found = calibrate_batch(FIELD, frames, SIZE)
     assert not any(calibration.accepted for calibration in found)
     assert all(calibration.camera is not None for calibration in found)
     assert any("segments agree with the best fit" in calibration.message for calibration in found)
-    assert all(c.status is Status.REJECTED for c in calibrate_batch(FIELD, frames, SIZE, tau=0.019))
+    assert all(c.status is Status.REJECTED for c in calibrate_batch(FIELD, frames[:2], SIZE, tau=0.019))
 
 
 def test_a_camera_below_the_ground_is_implausible():

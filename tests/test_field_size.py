@@ -177,7 +177,7 @@ def test_more_frames_narrow_it():
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(("count", "pitches"), [(1, 40), (10, 8)])
+@pytest.mark.parametrize(("count", "pitches"), [(1, 30), (10, 8)])
 def test_intervals_hold_the_truth(count, pitches):
     rng = np.random.default_rng(5)
     holds, errors = [], []

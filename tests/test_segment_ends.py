@@ -110,7 +110,7 @@ def test_exact_pixels_leave_the_camera_alone():
 
 @pytest.mark.slow
 def test_noisy_cameras_get_better(monkeypatch):
-    frames, cameras = random_frames(80, seed=1, noise=3.0, stands=("main center",))
+    frames, cameras = random_frames(50, seed=1, noise=3.0, stands=("main center",))
 
     def position_errors():
         found = calibrate_batch(FIELD, frames, SIZE)
