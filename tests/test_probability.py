@@ -11,11 +11,10 @@ from data_tools.random_frames import random_frame
 from fieldcalib.assess.probability import largest_error, probability_right
 from fieldcalib.assess.result import Status
 from fieldcalib.calibrate.from_segments import calibrate_batch, calibrate_from_segments
-from fieldcalib.cli.demo import observe
 from fieldcalib.fields.soccer import PROBABILITY, soccer
 from fieldcalib.geometry.camera import Camera
 
-FIELD, SIZE = soccer(), (960, 540)
+FIELD, SIZE = soccer(size_known=True), (960, 540)  # of the synthetic frames
 MARKINGS = whole_circle_markings(FIELD)
 CAMERA = Camera.from_angles(-0.35, 1.36, 0.01, 1700.0, (1.5, 68.0, -17.0), SIZE)
 

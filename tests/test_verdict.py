@@ -94,7 +94,8 @@ def test_every_frame_of_a_batch_is_judged_by_itself():
     seen = [CAMERA, backwards, below]
     observations = pack(FIELD, [FRAME, flipped, FRAME], SIZE)
     theta = np.array([theta_from_camera(camera) for camera in seen])
-    reasons = implausibilities(theta, foot_points(theta, observations), observations, far=20.0, on_field=True)
+    problem = Problem(observations, Layout.of(SIZE), RobustLoss("linear", 1.0))
+    reasons = implausibilities(evaluate(problem, theta), far=20.0, field=FIELD)
     alone = [complaints(camera, frame) for camera, frame in zip(seen, (FRAME, flipped, FRAME), strict=True)]
     assert alone[0] == []
     assert "labelled segments lie behind it" in alone[1]

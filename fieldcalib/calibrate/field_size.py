@@ -21,7 +21,7 @@ from fieldcalib._types import Array
 from fieldcalib.assess.result import Calibration, Status
 from fieldcalib.assess.uncertainty import Noise
 from fieldcalib.calibrate.from_segments import calibrate_batch
-from fieldcalib.calibrate.options import DEFAULT_CRITERIA, DEFAULT_FLAGS, WIDE_SCALE, Prior, pixel_unit
+from fieldcalib.calibrate.options import DEFAULT_CRITERIA, DEFAULT_FLAGS, Prior
 from fieldcalib.fields.field import Field
 from fieldcalib.fields.traits import DEVIATIONS, SizePrior
 from fieldcalib.problem.evaluation import Evaluation, Problem, evaluate
@@ -30,7 +30,6 @@ from fieldcalib.problem.layout import CENTER, Layout, Role, SizeBlock
 from fieldcalib.problem.levenberg_marquardt import eliminated, levenberg_marquardt
 from fieldcalib.problem.observations import pack
 from fieldcalib.problem.prior import GaussianPrior
-from fieldcalib.problem.segment_ends import with_segment_ends
 
 STILL = 1e-3  # metres: a size that moves by less stays
 ROUNDS = 10
@@ -200,6 +199,8 @@ def _with_status(calibrations: Sequence[Calibration], *statuses: Status) -> list
 def _together(calibrations: Sequence[Calibration], mean: Array, sizes: SizePrior) -> Evaluation:
     """The frames of calibrations on one pitch as one problem that shares its size, at their cameras.
 
+    Pixels past the end of a segment are left out: annotators place ends with too little care to tell the size.
+
     The priors of the cameras' places count once for all frames, as does that of the size: what one frame learns from
     its camera's place about the length is little, but frames of one pitch may have one camera, whose prior is no news
     in the second one.
@@ -233,7 +234,7 @@ def _together(calibrations: Sequence[Calibration], mean: Array, sizes: SizePrior
         scale=problem.scale,
     )
     theta = np.concatenate([np.concatenate([part.theta for part in parts]), np.tile(size, (count, 1))], axis=1)
-    return with_segment_ends(pitch, evaluate(together, theta), WIDE_SCALE * pixel_unit(layout.image_size))
+    return evaluate(together, theta)
 
 
 def _solved_together(calibrations: Sequence[Calibration], mean: Array, sizes: SizePrior) -> Evaluation:
