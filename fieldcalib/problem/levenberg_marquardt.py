@@ -159,8 +159,9 @@ def levenberg_marquardt(
         trial_cost = groups.sum(trial.cost)
         predicted = -groups.sum(np.sum(step * (gradient + 0.5 * (hessian @ step[..., None])[..., 0]), axis=1))
         better = running & (trial_cost < cost)
-        small = np.maximum(cost - np.where(better, trial_cost, cost), predicted) <= tolerance * cost
-        stuck = ~better & ((damping > LARGEST_DAMPING) | (predicted <= STILL * cost))
+        small = np.maximum(cost - np.where(better, trial_cost, cost), np.abs(predicted)) <= tolerance * cost
+        # a step that a bound has cut off may be predicted to climb: a shorter one does not
+        stuck = ~better & ((damping > LARGEST_DAMPING) | (np.abs(predicted) <= STILL * cost))
         done = running & (small | stuck)
         gain = (cost - trial_cost) / np.maximum(predicted, 1e-300)
         shrink = np.maximum(1.0 / 9.0, 1.0 - (2.0 * np.clip(gain, 0.0, 1.0) - 1.0) ** 3)
