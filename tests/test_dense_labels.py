@@ -4,7 +4,7 @@ import tracemalloc
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import example, given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
@@ -22,6 +22,7 @@ def numbered(count):
 
 
 @given(count=st.integers(1, 3000))
+@example(count=400)  # whose places all lie between two pixels
 def test_a_label_is_thinned_evenly(count):
     thin = thinned({"Middle line": numbered(count)})["Middle line"][:, 0]
     assert len(thin) == min(count, MOST_PIXELS)

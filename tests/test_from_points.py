@@ -555,3 +555,10 @@ def test_a_homography_is_of_a_field(camera, complaint):
     assert calibration.status is Status.IMPLAUSIBLE
     assert complaint in calibration.message
     assert relative_error(calibration.camera, camera) < 1e-4
+
+
+def test_points_alone_do_not_say_where_the_touch_line_is():
+    """Nor then whether the camera stands on the field."""
+    X = np.array([point.X for name, point in soccer().points.items() if name.startswith("L_")])
+    truth = Camera.from_angles(-0.5, 1.35, 0.0, 1000.0, (0.0, 58.0, -18.0), SIZE)
+    assert calibrate_from_points(X, truth.project(X), SIZE).accepted

@@ -255,7 +255,7 @@ class Calibration:
 
     @property
     def covariance(self) -> Array:
-        """Covariance (12, 12) of the parameters, see `fieldcalib.assess.uncertainty.Uncertainty.covariance`."""
+        """Covariance (n, n) of the parameters, see `fieldcalib.assess.uncertainty.Uncertainty.covariance`."""
         return self.uncertainty.covariance
 
     @property

@@ -161,7 +161,7 @@ class Uncertainty:
 
     @property
     def covariance(self) -> Array:
-        """Covariance (12, 12) of theta, in the order of `fieldcalib.problem.parameters.PARAMETERS`; 0 for what was
+        """Covariance (n, n) of theta, in the order of `names` of the problem's layout; 0 for what was
         fixed.
 
         Where nothing determines a parameter its variance is infinite and its covariances are NaN.
@@ -387,7 +387,7 @@ def uncertainties(evaluation: Evaluation, unit: Array) -> list[Uncertainty]:
                 offsets={
                     name: (
                         float(-gradient[t, i] / max(of_kept[t, i, i], FAINT)),
-                        float(np.sqrt(spread_of_kept[t, i, i]) / max(of_kept[t, i, i], FAINT)),
+                        float(np.sqrt(max(spread_of_kept[t, i, i], 0.0)) / max(of_kept[t, i, i], FAINT)),
                     )
                     for i, name in enumerate(tested, sizes)
                 },

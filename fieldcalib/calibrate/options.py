@@ -133,8 +133,11 @@ class Options:
 
     @property
     def may_be_inside(self) -> bool:
-        """Whether the user says that the camera may stand on the field: by its position, or by where it may be."""
-        if self.field is None or not np.isnan(self.known[CENTER]).any():
+        """Whether the camera may stand on the field: the user says so, or only points of the field are known.
+
+        Users say so by the camera's position, or by where it may be.
+        """
+        if self.field is None or not self.field.markings or not np.isnan(self.known[CENTER]).any():
             return True
         half = self.field.length / 2.0, self.field.width / 2.0
         return any(abs(np.mean(d.x)) < half[0] and abs(np.mean(d.y)) < half[1] for d in self.distributions)

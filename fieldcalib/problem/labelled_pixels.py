@@ -177,6 +177,7 @@ def _thinned(xy: Array, weight: Array) -> tuple[Array, Array]:
     unit = np.max(weight)  # the sum of huge weights would overflow
     cumulative = np.cumsum(weight / unit)
     places = (np.arange(MOST_PIXELS) + 0.5) / MOST_PIXELS * cumulative[-1]
+    places *= 1.0 - 1e-9  # a place between two pixels goes to the first, whatever the rounding
     chosen, times = np.unique(np.searchsorted(cumulative, places), return_counts=True)
     return xy[chosen], times * (cumulative[-1] / MOST_PIXELS * unit)
 
