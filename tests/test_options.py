@@ -49,9 +49,9 @@ def test_by_default_square_pixels_and_one_lens_coefficient_are_free():
 
     pose_and_zoom = ("pan", "tilt", "roll", "log f", "x", "y", "z")
     assert free(flags=PINHOLE_FLAGS) == pose_and_zoom
-    assert free() == (*pose_and_zoom, "cx", "cy", "a1")
+    assert free(flags=None) == free() == (*pose_and_zoom, "cx", "cy", "a1")
     # without a prior the principal point is not free by default, as nothing would hold it; with flags it is
-    assert free(prior=None) == (*pose_and_zoom, "a1")
+    assert free(flags=None, prior=None) == (*pose_and_zoom, "a1")
     more = DEFAULT_FLAGS | F.CALIB_FIX_ROLL
     assert free(prior=None, flags=more) == ("pan", "tilt", "log f", "x", "y", "z", "cx", "cy", "a1")
 
