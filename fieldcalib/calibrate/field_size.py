@@ -143,8 +143,8 @@ def estimate_field_size(
     ...     seen = {label: camera.project(segment.sample(2.0)) for label, segment in pitch.markings.items()}
     ...     frames.append({label: xy[((xy > 0.0) & (xy < (959, 539))).all(axis=1)] for label, xy in seen.items()})
     >>> found = estimate_field_size(soccer(), frames, (960, 540))
-    >>> round(found.length, 1), round(found.width, 1), found.from_labels.round(2)
-    (101.0, 66.6, array([0.98, 0.99]))
+    >>> round(found.length, 1), round(found.width, 1), found.from_labels.round(1)
+    (101.0, 66.6, array([1., 1.]))
     >>> middle = {label: frames[1][label] for label in ("Middle line", "Circle central", "Side line top")}
     >>> print(str(estimate_field_size(soccer(), [middle], (960, 540))).split("; ")[0])
     length: the labels say nothing, 105.0 ± 2.6 m is from the prior
