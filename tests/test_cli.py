@@ -719,7 +719,9 @@ sys.meta_path.insert(0, Interrupting)
 @pytest.mark.parametrize("name", ["numpy", "numpy.linalg", "fieldcalib.cli.calibrate"])
 def test_an_interrupt_during_the_start_leaves_no_traceback(name):
     # in the background of a shell this test itself ignores interrupts
-    code = "import signal; signal.signal(signal.SIGINT, signal.default_int_handler)" + INTERRUPTED_IMPORT.format(name=name)
+    code = "import signal; signal.signal(signal.SIGINT, signal.default_int_handler)" + INTERRUPTED_IMPORT.format(
+        name=name
+    )
     done = in_a_process(code, "--version")
     assert (done.returncode, done.stdout, done.stderr) == (-signal.SIGINT, "", "")
 
