@@ -68,7 +68,10 @@ def encode_image(image: Image, suffix: str = ".jpg") -> bytes:
     """The content of an image file in the format of a suffix."""
     import cv2
 
-    done, content = cv2.imencode(suffix, image)
+    try:
+        done, content = cv2.imencode(suffix, image)
+    except cv2.error:  # OpenCV 4 raises, 5 returns False
+        done = False
     if not done:
         raise ValueError(f"OpenCV cannot write an image of shape {image.shape} as {suffix}")
     return content.tobytes()
