@@ -44,8 +44,8 @@ from fieldcalib.problem.losses import LossName, RobustLoss
 from fieldcalib.problem.observations import Observations, pack
 from fieldcalib.problem.segment_ends import with_segment_ends
 
-CHUNK = 64  # frames solved together: their arrays still fit the processor's cache
-CHUNK_PIXELS = 8192  # of them together, padding included: bounds the memory of densely labelled frames
+CHUNK = 128  # frames solved together: their arrays still fit the processor's cache
+CHUNK_PIXELS = 16384  # of them together, padding included: bounds the memory of densely labelled frames
 POORLY_DETERMINED = 0.5  # share of k1 that comes from the labels, below which the message says so
 OTHER_SIDE_FITS = "the camera across the field, turned by 180 degrees, fits as well"
 NO_PIXELS = "no labelled pixels: nothing to calibrate from"

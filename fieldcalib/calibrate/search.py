@@ -45,14 +45,13 @@ def find_cameras(observations: Observations, options: Options) -> Found:
     )
     if several or options.use_prior:  # initial cameras far from the data need the prior to converge
         wide = replace(wide, prior=prior)
-    if several:  # as pinholes: that is quicker, and finds the same
-        evaluation = _approached(evaluate(wide, theta), FIRST_ITERATIONS)
+    evaluation = evaluate(wide, theta)  # a lens that is not known yet is none: that is quicker, and finds the same
+    if several:
+        evaluation = _approached(evaluation, FIRST_ITERATIONS)
         best = _best(evaluation, frame, PROMISING, options)
-        wide, theta, frame, prior = wide.take(best), evaluation.theta[best], frame[best], prior.take(best)
-    free_lens = options.layout.free & options.layout.is_lens
-    evaluation = evaluate(wide, np.where(free_lens, prior.mean, theta))
+        evaluation, frame, prior = evaluation.take(best), frame[best], prior.take(best)
     # a single camera that is close already is left as it is
-    if several or len(theta) > 1 or not _fits_most(evaluation, options.wide_loss.scale)[0]:
+    if several or len(frame) > 1 or not _fits_most(evaluation, options.wide_loss.scale)[0]:
         rivals = np.bincount(frame, minlength=len(observations))[frame] > 1
         evaluation = _approached(evaluation, WIDE_ITERATIONS, ~rivals)
         evaluation = _approached(evaluation, WIDE_ITERATIONS, rivals, tolerance=RIVALS_TOLERANCE)

@@ -78,19 +78,15 @@ def check_segments(
         if xy.ndim != 2 or xy.shape[1] != 2:
             hint = "; reshape(-1, 2) makes them so" if xy.shape[-1:] == (2,) else ""
             raise ValueError(f"{label!r}: expected pixels of shape (N, 2), got {xy.shape}{hint}")
-        if not np.all(np.isfinite(xy)):
-            first = int(np.flatnonzero(~np.isfinite(xy).all(axis=1))[0])
-            raise ValueError(f"{label!r}: pixel {first} is not finite: {xy[first].tolist()}; leave it out")
-        far = np.any(np.abs(xy / image_size - 0.5) > FARTHEST_PIXEL, axis=1)
-        if np.any(far):
-            first = int(np.flatnonzero(far)[0])
-            at = tuple(xy[first].tolist())
-            raise ValueError(f"{label!r}: pixel {first} at {at} is far outside the image of {image_size}; leave it out")
         if label in pixels:
             raise ValueError(f"{label!r} is given twice, with and without surrounding blanks")
         pixels[label] = xy
     if pixels:
-        _check_scale(np.concatenate(list(pixels.values())), image_size)
+        every = np.concatenate(list(pixels.values()))
+        far = ~np.all(np.abs(every / image_size - 0.5) <= FARTHEST_PIXEL, axis=1)  # or not finite
+        if np.any(far):
+            raise ValueError(_what_is_far(pixels, far, image_size))
+        _check_scale(every, image_size)
     return pixels
 
 
@@ -234,6 +230,17 @@ def _nearest(label: str, object_segments: ObjectSegments) -> str:
     return f"known labels: {', '.join(known[:10])}{rest}"
 
 
+def _what_is_far(pixels: Pixels, far: BoolArray, image_size: tuple[int, int]) -> str:
+    """The first of a frame's pixels that is far outside the image, or nowhere."""
+    labels = [(label, index) for label, xy in pixels.items() for index in range(len(xy))]
+    label, index = labels[int(np.flatnonzero(far)[0])]
+    xy = pixels[label][index]
+    if not np.all(np.isfinite(xy)):
+        return f"{label!r}: pixel {index} is not finite: {xy.tolist()}; leave it out"
+    at = tuple(xy.tolist())
+    return f"{label!r}: pixel {index} at {at} is far outside the image of {image_size}; leave it out"
+
+
 def _check_scale(xy: Array, image_size: tuple[int, int]) -> None:
     width, height = image_size
     if min(image_size) > 16 and len(xy) > 1 and np.max(np.abs(xy)) <= 2.0:
@@ -241,15 +248,19 @@ def _check_scale(xy: Array, image_size: tuple[int, int]) -> None:
             f"pixels expected for an image of {width} x {height}, got coordinates between {xy.min():.3g} and "
             f"{xy.max():.3g}, which look normalised; multiply x by (width - 1) and y by (height - 1)"
         )
+    if len(xy) < 8:  # a few stray pixels prove nothing
+        return
     # annotations may lie somewhat outside the image, so "inside" is generous
     inside = np.mean(np.all(np.abs((xy + 0.5) / image_size - 0.5) <= 0.75, axis=1))
+    if inside >= 0.8:
+        return
     inside_swapped = np.mean(np.all(np.abs((xy + 0.5) / image_size[::-1] - 0.5) <= 0.75, axis=1))
-    if len(xy) >= 8 and inside < 0.8 and inside_swapped > 0.95:  # a few stray pixels prove nothing
+    if inside_swapped > 0.95:
         raise ValueError(
             f"image_size = {image_size} leaves {100 * (1 - inside):.0f} % of the pixels far outside, swapped it would "
             f"hold them: give it as (width, height)"
         )
-    if len(xy) >= 8 and inside < 0.5:
+    if inside < 0.5:
         share = f"{100 * (1 - inside):.0f} % of the pixels"
         raise ValueError(
             f"{share} lie far outside an image of {width} x {height}, up to {xy.max():.0f}: is image_size right?"

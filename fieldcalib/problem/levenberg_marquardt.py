@@ -27,7 +27,8 @@ from fieldcalib.problem.evaluation import Evaluation, Problem, evaluate
 
 FAR, NEAR = 1e-2, 1e-4  # initial damping, share of the Hessian's diagonal: far from the solution, and near it
 LEAST_DAMPING, LARGEST_DAMPING = 1e-12, 1e10
-STILL = 1e-14  # share of the cost: a smaller predicted decrease is rounding
+SETTLED = 0.1  # share of the tolerance: a smaller predicted decrease is not tried
+STILL = 1e-14  # share of the cost: a smaller change is rounding
 LEAST_DIAGONAL = 1e-12  # keeps parameters that nothing determines in the system
 COMPACTED = 0.8  # share of the frames below which finished ones leave the batch
 
@@ -102,7 +103,8 @@ def levenberg_marquardt(
     max_iterations : int
         Evaluations allowed after the first.
     tolerance : float
-        A group is done when a step lowers its cost, or is predicted to lower it, by less than this share.
+        A group is done when a step lowers its cost, and was predicted to lower it, by less than this share. A step that
+        is predicted to lower it by less than `SETTLED` of that is not taken.
     initial_damping : float
         `FAR` or `NEAR`.
 
@@ -136,14 +138,7 @@ def levenberg_marquardt(
     cost = np.where(running, cost, 0.0)  # an infinite start is given back as it is
     damping, growth = np.full(len(cost), initial_damping), np.full(len(cost), 2.0)
 
-    for _ in range(max_iterations):
-        if np.count_nonzero(running) < COMPACTED * len(running):
-            frames = np.flatnonzero(groups.spread(running))
-            index, problem, theta, groups = index[frames], problem.take(frames), theta[frames], groups.take(frames)
-            gradient, hessian = gradient[frames], hessian[frames]
-            cost, damping, growth, running = cost[running], damping[running], growth[running], running[running]
-        if not len(index):
-            break
+    for left in reversed(range(max_iterations)):
         # what is at a bound and would leave it stays there: out of the linear system with it
         held = ((theta[:, free] <= least) & (gradient > 0.0)) | ((theta[:, free] >= largest) & (gradient < 0.0))
         step = block_arrow_steps(hessian, gradient, groups.spread(damping), held, shared, groups)
@@ -152,18 +147,28 @@ def levenberg_marquardt(
             shorter = np.maximum.reduceat(shorter, np.searchsorted(groups.of_frame, np.arange(len(cost))))
         step /= groups.spread(np.maximum(shorter, 1.0))[:, None]
         step = np.clip(theta[:, free] + step, least, largest) - theta[:, free]
+        predicted = groups.sum(np.sum(step * (gradient + 0.5 * (hessian @ step[..., None])[..., 0]), axis=1))
+        # a step that a bound has cut off may be predicted to climb: a shorter one does not
+        settled = running & (np.abs(predicted) <= max(SETTLED * tolerance, STILL) * cost)
+        converged[index[groups.spread(settled)]] = True
+        running = running & ~settled
+        if not np.any(running):
+            break
+        if np.count_nonzero(running) < COMPACTED * len(running):
+            frames = np.flatnonzero(groups.spread(running))
+            index, problem, theta, groups = index[frames], problem.take(frames), theta[frames], groups.take(frames)
+            gradient, hessian, step = gradient[frames], hessian[frames], step[frames]
+            cost, predicted, damping, growth = cost[running], predicted[running], damping[running], growth[running]
+            running = running[running]
         moved = theta.copy()
         moved[:, free] += step
         trial = evaluate(problem, moved)
 
         trial_cost = groups.sum(trial.cost)
-        predicted = -groups.sum(np.sum(step * (gradient + 0.5 * (hessian @ step[..., None])[..., 0]), axis=1))
         better = running & (trial_cost < cost)
         small = np.maximum(cost - np.where(better, trial_cost, cost), np.abs(predicted)) <= tolerance * cost
-        # a step that a bound has cut off may be predicted to climb: a shorter one does not
-        stuck = ~better & ((damping > LARGEST_DAMPING) | (np.abs(predicted) <= STILL * cost))
-        done = running & (small | stuck)
-        gain = (cost - trial_cost) / np.maximum(predicted, 1e-300)
+        done = running & (small | ~better & (damping > LARGEST_DAMPING))
+        gain = (cost - trial_cost) / np.maximum(-predicted, 1e-300)
         shrink = np.maximum(1.0 / 9.0, 1.0 - (2.0 * np.clip(gain, 0.0, 1.0) - 1.0) ** 3)
         failed = running & ~better  # what is finished keeps its damping
         damping = np.where(
@@ -174,13 +179,14 @@ def levenberg_marquardt(
         cost = np.where(better, trial_cost, cost)
         taken = groups.spread(better)
         theta = np.where(taken[:, None], moved, theta)
-        if not np.all(done | ~running):
-            gradient = np.where(taken[:, None], trial.gradient, gradient)
-            hessian = np.where(taken[:, None, None], trial.hessian, hessian)
         best.replace(index[taken], trial, taken)
         iterations[index[groups.spread(running)]] += 1
         converged[index[groups.spread(done)]] = True
         running = running & ~done
+        if not (left and np.any(running)):
+            break
+        gradient = np.where(taken[:, None], trial.gradient, gradient)
+        hessian = np.where(taken[:, None, None], trial.hessian, hessian)
     return Solution(best.evaluation, converged, iterations)
 
 
