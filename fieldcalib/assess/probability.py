@@ -76,13 +76,11 @@ def evidence(uncertainty: Uncertainty, field: Field) -> tuple[Array, Array]:
     problem = uncertainty.problem
     z = np.minimum(np.abs(problem.prior_residuals(uncertainty.evaluation.theta)), LARGEST_SCORE)
     sigma = uncertainty.sigma / problem.noise
-    if uncertainty.size is None:
-        possible, weights = [uncertainty], np.ones(1)
-    else:
-        weights = uncertainty.size.weights
-        possible = [uncertainty.given_size(k) for k in range(len(weights))]
+    weights = np.ones(1) if uncertainty.size is None else uncertainty.size.weights
+    X = ground_in_view(uncertainty.camera, field)
+    largest = [np.max(error.rms, initial=0.0) if len(X) else np.nan for error in uncertainty.at_field_by_size(X)]
     common = [*np.log([sigma, degrees_of_freedom(uncertainty), 1.0 + np.sum(np.square(z))])]
-    return np.array([[1.0, np.log(largest_error(one, field)), *common] for one in possible]), weights
+    return np.array([[1.0, np.log(one), *common] for one in largest]), weights
 
 
 def degrees_of_freedom(uncertainty: Uncertainty) -> float:

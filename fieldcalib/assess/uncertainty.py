@@ -23,7 +23,7 @@ Empirical Bayes Methods, 2004, section 3 (moderated variances).
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
@@ -130,12 +130,6 @@ class Uncertainty:
     offsets: Mapping[str, tuple[float, float]]
     """How far off the labels would put what was kept fixed, to first order, and the standard deviation of that: of
     "log aspect" and of "b2", the second radial coefficient."""
-
-    def given_size(self, possibility: int) -> Uncertainty:
-        """The uncertainty if one of the possibilities for the field's size were true, see `SizeEvidence`."""
-        assert self.size is not None
-        moment = self.size.moments[possibility]
-        return replace(self, determined=self.determined + self._of_size(moment), size=None)
 
     def _of_size(self, moment: Array) -> Array:
         return np.asarray(self.by_size @ moment @ self.by_size.T)
@@ -244,6 +238,12 @@ class Uncertainty:
         seen = np.isfinite(self.camera.project(X)).all(axis=-1, keepdims=True)
         return self._of_ground(np.where(seen, X, np.nan))
 
+    def at_field_by_size(self, X: Array) -> list[GroundError]:
+        """As `at_field`, (n, 3), if each possibility for the field's size were true; one if the size is exact."""
+        dX_dtheta, known = self._ground_jacobian(X)
+        moments = np.zeros((1, *2 * self.by_size.shape[1:])) if self.size is None else self.size.moments
+        return [self._ground_error(dX_dtheta, known, self.determined + self._of_size(moment)) for moment in moments]
+
     def __str__(self) -> str:
         """What the labels determine and what came from the prior, in words."""
         has_prior = self.problem.prior is not None
@@ -265,7 +265,15 @@ class Uncertainty:
         return np.asarray(np.sqrt(np.maximum(variances, 0.0)))[:, None]
 
     def _of_ground(self, X: Array) -> GroundError:
-        """Errors at ground points (..., 3).
+        """Errors at ground points (..., 3)."""
+        return self._ground_error(*self._ground_jacobian(X), self.determined + self._of_any_size)
+
+    def _ground_error(self, dX_dtheta: Array, known: BoolArray, determined: Array) -> GroundError:
+        covariance = _propagated(dX_dtheta, determined, self.open, self.unit)
+        return GroundError(np.where(known[..., None, None], covariance, np.nan), self.dof)
+
+    def _ground_jacobian(self, X: Array) -> tuple[Array, BoolArray]:
+        """Derivatives (..., 2, n) of ground points (..., 3), and which exist, (...,).
 
         A pixel is kept, ``pi(X, theta) = xy``, hence ``dX/dtheta = -(dpi/dX)^-1 dpi/dtheta``.
         """
@@ -282,9 +290,7 @@ class Uncertainty:
         dxy_dtheta = np.stack(rows, axis=1).reshape(*shape, 2, -1)
         dxy_dX = -dxy_dtheta[..., CENTER]  # a point that moves is a centre that moves the other way
         dxy_dX[~known, :, :2] = np.eye(2)
-        dX_dtheta = -np.asarray(np.linalg.solve(dxy_dX[..., :2], dxy_dtheta))
-        covariance = _propagated(dX_dtheta, self.determined + self._of_any_size, self.open, self.unit)
-        return GroundError(np.where(known[..., None, None], covariance, np.nan), self.dof)
+        return -np.asarray(np.linalg.solve(dxy_dX[..., :2], dxy_dtheta)), known
 
 
 def uncertainties(evaluation: Evaluation, unit: Array) -> list[Uncertainty]:

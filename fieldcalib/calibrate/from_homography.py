@@ -13,11 +13,8 @@ from fieldcalib.fields.field import Field
 from fieldcalib.fields.segments import ObjectSegments
 from fieldcalib.fields.soccer import soccer
 from fieldcalib.geometry.camera import Camera
-from fieldcalib.problem.evaluation import Problem, evaluate
+from fieldcalib.problem.evaluation import evaluate_camera
 from fieldcalib.problem.labelled_pixels import Pixels
-from fieldcalib.problem.layout import Layout
-from fieldcalib.problem.losses import RobustLoss
-from fieldcalib.problem.observations import pack
 
 NAN = float("nan")
 
@@ -118,9 +115,7 @@ def judged_camera(
     if field is None and isinstance(object_segments, Field):
         field = object_segments
     size = camera.image_size
-    layout = Layout.of(size, camera.lens)
-    problem = Problem(pack(object_segments, [frame], size), layout, RobustLoss("linear", 1.0))
-    evaluation = evaluate(problem, layout.theta(camera)[None])
+    evaluation = evaluate_camera(camera, object_segments, frame)
     ((errors, rms),) = segment_errors(evaluation, [frame])
     loss = float(ndc_loss([camera], object_segments, [frame])[0])
     far = WIDE_SCALE * pixel_unit(size)

@@ -23,7 +23,15 @@ from fieldcalib.assess.result import Calibration, Solved, Status, SuspectLabel
 from fieldcalib.assess.verdict import Evidence, implausibilities, segment_errors, verdict
 from fieldcalib.calibrate.auto_lens import with_lens_as_called_for
 from fieldcalib.calibrate.mislabels import Relabelled, without_mislabels
-from fieldcalib.calibrate.options import DEFAULT_CRITERIA, Criteria, Options, Prior, checked_options
+from fieldcalib.calibrate.options import (
+    DEFAULT_CRITERIA,
+    CalibrationFlags,
+    Criteria,
+    Options,
+    Prior,
+    checked_options,
+    default_flags,
+)
 from fieldcalib.calibrate.search import find_cameras
 from fieldcalib.calibrate.symmetry import other_side
 from fieldcalib.fields.field import Field
@@ -46,6 +54,7 @@ from fieldcalib.problem.segment_ends import with_segment_ends
 
 CHUNK = 128  # frames solved together: their arrays still fit the processor's cache
 CHUNK_PIXELS = 16384  # of them together, padding included: bounds the memory of densely labelled frames
+GUESS = CalibrationFlags.CALIB_USE_INTRINSIC_GUESS | CalibrationFlags.CALIB_USE_EXTRINSIC_GUESS
 POORLY_DETERMINED = 0.5  # share of k1 that comes from the labels, below which the message says so
 OTHER_SIDE_FITS = "the camera across the field, turned by 180 degrees, fits as well"
 NO_PIXELS = "no labelled pixels: nothing to calibrate from"
@@ -184,6 +193,7 @@ def calibrate_batch(
     trust_labels: bool = False,
     weights: Iterable[Weights] | None = None,
     paint: float = 0.0,
+    cameras: Iterable[Camera] | None = None,
 ) -> list[Calibration]:
     """Calibrate many independent frames at once: the same as `calibrate_from_segments` on each, much faster.
 
@@ -199,6 +209,9 @@ def calibrate_batch(
         As in `calibrate_from_segments`, for all frames alike.
     weights : iterable of mappings, optional
         As in `calibrate_from_segments`, for each frame.
+    cameras : iterable of Camera, optional
+        Initial cameras, one for each frame, as `CALIB_USE_INTRINSIC_GUESS` and `CALIB_USE_EXTRINSIC_GUESS` take one:
+        nothing else is searched, which is quicker where they are near. What the flags fix stays as it is in them.
 
     Returns
     -------
@@ -216,12 +229,19 @@ def calibrate_batch(
     >>> [str(calibration.status) for calibration in calibrate_batch(soccer(), [{}, {}], (960, 540))]
     ['too few segments', 'too few segments']
     """
+    initial = None if cameras is None else list(cameras)
+    rvec, tvec = None, None
+    if initial:
+        if camera_matrix is not None or dist_coeffs is not None:
+            raise ValueError("cameras say the intrinsics of each frame: leave camera_matrix and dist_coeffs out")
+        rvec, tvec, camera_matrix, dist_coeffs = max(initial, key=lambda camera: len(camera.lens.names)).to_opencv()
+        flags = (default_flags(prior) if flags is None else flags) | GUESS
     options = checked_options(
         image_size,
         camera_matrix,
         dist_coeffs,
-        None,
-        None,
+        rvec,
+        tvec,
         flags=flags,
         criteria=criteria,
         prior=prior,
@@ -237,21 +257,34 @@ def calibrate_batch(
     frames, weights = list(frames), None if weights is None else list(weights)
     if weights is not None and len(weights) != len(frames):
         raise ValueError(f"expected weights for each of {len(frames)} frames, got {len(weights)}")
+    if initial is not None and len(initial) != len(frames):
+        raise ValueError(f"expected cameras for each of {len(frames)} frames, got {len(initial)}")
+    for index, camera in enumerate(initial or []):
+        if camera.image_size != options.image_size:
+            width, height = camera.image_size
+            raise ValueError(f"frame {index}: its camera is for images of {width} x {height}; see Camera.scaled")
+    given = np.array([options.layout.theta(camera) for camera in initial]) if initial else None
     checked: list[Pixels] = []
     pixel_weights: list[PixelWeights | None] = []
     for index, frame in enumerate(frames):
         try:
             pixels = check_segments(object_segments, frame, options.image_size)
-            pixels, given = check_weights(object_segments, pixels, None if weights is None else weights[index])
+            pixels, weight = check_weights(object_segments, pixels, None if weights is None else weights[index])
         except ValueError as error:
             raise ValueError(f"frame {index}: {error}") from None
         checked.append(pixels)
-        pixel_weights.append(given)
+        pixel_weights.append(weight)
     calibrations = [Calibration.without_camera(Status.TOO_FEW_SEGMENTS, NO_PIXELS) for _ in checked]
     for chunk in _chunks(object_segments, checked):
         members, their_weights = [checked[t] for t in chunk], [pixel_weights[t] for t in chunk]
         found = _calibrate(
-            object_segments, members, their_weights, options, levenberg_marquardt, trust_labels=trust_labels
+            object_segments,
+            members,
+            their_weights,
+            options,
+            levenberg_marquardt,
+            given=None if given is None else given[chunk],
+            trust_labels=trust_labels,
         )
         for t, calibration in zip(chunk, found, strict=True):
             calibrations[t] = calibration
@@ -285,11 +318,12 @@ def _calibrate(
     options: Options,
     solve: Solver,
     *,
+    given: Array | None = None,
     trust_labels: bool = False,
 ) -> list[Calibration]:
-    """Calibrate frames that have pixels; `solve` brings them to the final optimum."""
+    """Calibrate frames that have pixels, from `given` cameras (B, n) if there are; `solve` finds the final optimum."""
     observations = pack(object_segments, frames, options.image_size, weights, _motion(options))
-    found = find_cameras(observations, options)
+    found = find_cameras(observations, options, given)
     solution = levenberg_marquardt(
         found.evaluation, max_iterations=options.max_iterations, tolerance=options.approach_tolerance
     )

@@ -28,7 +28,7 @@ from fieldcalib.problem.layout import (
     Layout,
 )
 from fieldcalib.problem.observations import Observations, Rows
-from fieldcalib.problem.prior import GaussianPrior, gaussian_prior
+from fieldcalib.problem.prior import GaussianPrior, gaussian_priors
 
 SHORT, NEAREST = 1.0 / 8.0, 1.0 / 40.0  # of what is in view: length of a short segment, depth of the nearest one
 ON_GROUND = 1e-9  # metres
@@ -73,30 +73,36 @@ def initial_cameras(
         Size of what is usually in view, metres.
     """
     T = len(observations)
-    priors = [gaussian_prior(distribution, layout) for distribution in distributions]
-    mean = np.stack([prior.mean for prior in priors])
-    sigma = np.stack([prior.sigma for prior in priors])
-
+    stands = gaussian_priors(distributions, layout)
     theta, frame, member = [], [], []
     if np.isnan(known[CENTER]).any():
-        for i, prior in enumerate(priors):
-            theta.append(pointed_camera(observations, prior, known, scale))
+        for i in range(len(distributions)):
+            theta.append(pointed_camera(observations, GaussianPrior(stands.mean[i], stands.sigma[i]), known, scale))
             frame.append(np.arange(T))
             member.append(np.full(T, i))
         by_lines, found = camera_from_lines(observations, known, scale)
         theta.append(by_lines[found])
         frame.append(np.flatnonzero(found))
     else:
-        theta.append(pointed_camera(observations, priors[0], known, scale))
+        theta.append(pointed_camera(observations, GaussianPrior(stands.mean[0], stands.sigma[0]), known, scale))
         frame.append(np.arange(T))
-    z = GaussianPrior(mean, sigma).z_scores(theta[-1][:, None])[..., POSE_AND_ZOOM]
-    member.append(np.argmin(np.sum(np.square(z), axis=-1), axis=-1))
-
+    member.append(_nearest_stand(theta[-1], stands))
     order = np.argsort(np.concatenate(frame), kind="stable")
-    nearest = np.concatenate(member)[order]
     return InitialCameras(
-        np.concatenate(theta)[order], np.concatenate(frame)[order], GaussianPrior(mean[nearest], sigma[nearest])
+        np.concatenate(theta)[order], np.concatenate(frame)[order], stands.take(np.concatenate(member)[order])
     )
+
+
+def given_cameras(theta: Array, layout: Layout, distributions: Sequence[CameraDistribution]) -> InitialCameras:
+    """The initial cameras (T, n) that are known already, one of each frame."""
+    stands = gaussian_priors(distributions, layout)
+    return InitialCameras(theta, np.arange(len(theta)), stands.take(_nearest_stand(theta, stands)))
+
+
+def _nearest_stand(theta: Array, stands: GaussianPrior) -> IntArray:
+    """Which of the stands each camera (N, n) is nearest to, by z-score, (N,)."""
+    z = stands.z_scores(theta[:, None])[..., POSE_AND_ZOOM]
+    return np.asarray(np.argmin(np.sum(np.square(z), axis=-1), axis=-1))
 
 
 def pointed_camera(

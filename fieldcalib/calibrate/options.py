@@ -188,9 +188,7 @@ def checked_options(
     Without a prior, initial cameras come from the stands of the field, or from all sides where it knows none.
     """
     image_size = checked_image_size(image_size)
-    if flags is None:  # the principal point is free under its prior only
-        flags = DEFAULT_FLAGS if prior is not None else DEFAULT_FLAGS | CalibrationFlags.CALIB_FIX_PRINCIPAL_POINT
-    flags = _checked_flags(flags)
+    flags = _checked_flags(default_flags(prior) if flags is None else flags)
     layout = _layout(image_size, dist_coeffs, flags, field, has_prior=prior is not None)
     known = _known_parameters(layout, camera_matrix, dist_coeffs, rvec, tvec, flags)
     max_iterations, tolerance = _checked_criteria(criteria)
@@ -220,6 +218,11 @@ def checked_options(
         paint=paint,
         auto_lens=bool(flags & CalibrationFlags.CALIB_AUTO_LENS),
     )
+
+
+def default_flags(prior: Prior) -> CalibrationFlags:
+    """The flags where the user says nothing: the principal point is free under its prior only."""
+    return DEFAULT_FLAGS if prior is not None else DEFAULT_FLAGS | CalibrationFlags.CALIB_FIX_PRINCIPAL_POINT
 
 
 def checked_prior(

@@ -6,9 +6,9 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from fieldcalib._types import BoolArray, IntArray
+from fieldcalib._types import Array, BoolArray, IntArray
 from fieldcalib.assess.verdict import implausibilities
-from fieldcalib.calibrate.initial_cameras import initial_cameras
+from fieldcalib.calibrate.initial_cameras import InitialCameras, given_cameras, initial_cameras
 from fieldcalib.calibrate.options import Options
 from fieldcalib.calibrate.symmetry import on_main_side
 from fieldcalib.problem.evaluation import Evaluation, Problem, evaluate
@@ -35,10 +35,14 @@ class Found:
     """Means and sigmas (B, n) of the stand where it is, also where the problem has no prior."""
 
 
-def find_cameras(observations: Observations, options: Options) -> Found:
-    """Search a camera for each of B frames, each with at least one pixel."""
-    start = initial_cameras(observations, options.layout, options.distributions, options.known, options.scale)
-    theta, frame, prior = start.theta, start.frame, _around_likely_lens(start.prior, options)
+def find_cameras(observations: Observations, options: Options, given: Array | None = None) -> Found:
+    """Search a camera for each of B frames, each with at least one pixel, near `given` ones (B, n) if there are any."""
+    layout, distributions = options.layout, options.distributions
+    if given is None:
+        start = initial_cameras(observations, layout, distributions, options.known, options.scale)
+    else:
+        start = given_cameras(given, layout, distributions)
+    theta, frame, prior = start.theta, start.frame, _around_known_lens(start, layout)
     several = len(theta) > len(observations)
     wide = Problem(
         observations.take(frame), _without_lens(options), options.wide_loss, options.noise, scale=options.scale
@@ -50,13 +54,13 @@ def find_cameras(observations: Observations, options: Options) -> Found:
         evaluation = _approached(evaluation, FIRST_ITERATIONS)
         best = _best(evaluation, frame, PROMISING, options)
         evaluation, frame, prior = evaluation.take(best), frame[best], prior.take(best)
-    # a single camera that is close already is left as it is
-    if several or len(frame) > 1 or not _fits_most(evaluation, options.wide_loss.scale)[0]:
         rivals = np.bincount(frame, minlength=len(observations))[frame] > 1
         evaluation = _approached(evaluation, WIDE_ITERATIONS, ~rivals)
         evaluation = _approached(evaluation, WIDE_ITERATIONS, rivals, tolerance=RIVALS_TOLERANCE)
         best = _best(evaluation, frame, 1, options)
         evaluation, prior = evaluation.take(best), prior.take(best)
+    else:  # a camera that is close already is left as it is
+        evaluation = _approached(evaluation, WIDE_ITERATIONS, ~_fits_most(evaluation, options.wide_loss.scale))
     theta, prior = on_main_side(observations, evaluation.theta, prior, options)
     problem = Problem(
         observations,
@@ -83,14 +87,11 @@ def _approached(
     return found if part is start else start.replaced(index, found)
 
 
-def _around_likely_lens(prior: GaussianPrior, options: Options) -> GaussianPrior:
-    """Priors around the lens that is most likely: that which the user gave, if any."""
-    lens = options.known[options.layout.lens_block]
-    if not np.any(lens):
-        return prior
-    mean = prior.mean.copy()
-    mean[:, options.layout.lens_block] = lens
-    return replace(prior, mean=mean)
+def _around_known_lens(start: InitialCameras, layout: Layout) -> GaussianPrior:
+    """The priors of initial cameras, around the lens of those that have one: it is known."""
+    lens, mean = start.theta[:, layout.lens_block], start.prior.mean.copy()
+    mean[:, layout.lens_block] = np.where(np.any(lens, axis=1, keepdims=True), lens, mean[:, layout.lens_block])
+    return replace(start.prior, mean=mean)
 
 
 def _without_lens(options: Options) -> Layout:

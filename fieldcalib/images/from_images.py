@@ -14,7 +14,7 @@ from fieldcalib.fields.segments import ObjectSegments
 from fieldcalib.geometry.camera import Camera
 from fieldcalib.images.hypotheses import calibrate_from_consensus, calibrate_localized, near_labels
 from fieldcalib.images.line_profiles import Markings
-from fieldcalib.images.refinement import SEARCH_RANGES, line_support, refine_on_image
+from fieldcalib.images.refinement import SEARCH_RANGES, Refined, ToRefine, line_support, refine_all, unrefined
 from fieldcalib.io.image import Image, checked_images
 from fieldcalib.localize import Localization, Network, localize
 
@@ -86,16 +86,17 @@ def calibrate_from_images(
     for size, members in by_size.items():
         parts = [found[index] for index in members]
         from_labels = calibrate_localized(object_segments, parts, size, flags=flags, prior=prior)
-        for index, part, first in zip(members, parts, from_labels, strict=True):
-            verified = partial(
-                _verified, object_segments, markings, images[index], part, flags=flags, prior=prior, refine=refine
-            )
-            calibrations[index], is_sure = verified(first, least_support=LEAST_SUPPORT)
+        seen = [images[index] for index in members]
+        verified = partial(_verified, object_segments, markings, flags=flags, prior=prior, refine=refine)
+        first = verified(seen, parts, from_labels, least_support=LEAST_SUPPORT)
+        for index, image, part, (calibration, is_sure) in zip(members, seen, parts, first, strict=True):
+            calibrations[index] = calibration
             if not is_sure:
-                others = calibrate_from_consensus(object_segments, images[index], part, flags=flags, prior=prior)
-                least = LEAST_SUPPORT_CHOSEN if refine else LEAST_SUPPORT
-                candidates = [calibrations[index], *(verified(other, least_support=least)[0] for other in others)]
-                calibrations[index] = _best_supported(markings, images[index], candidates)
+                others = calibrate_from_consensus(object_segments, image, part, flags=flags, prior=prior)
+                least, count = LEAST_SUPPORT_CHOSEN if refine else LEAST_SUPPORT, len(others)
+                second = verified(count * [image], count * [part], others, least_support=least)
+                candidates = [calibration, *(other for other, _ in second)]
+                calibrations[index] = _best_supported(markings, image, candidates)
     return [calibrations[index] for index in range(len(images))]
 
 
@@ -108,23 +109,34 @@ def _without_weak(found: Localization) -> Localization:
 def _verified(
     object_segments: ObjectSegments,
     markings: Markings,
-    image: Image,
-    found: Localization,
-    calibration: Calibration,
+    images: Sequence[Image],
+    found: Sequence[Localization],
+    calibrations: Sequence[Calibration],
     *,
     flags: int,
     prior: Prior,
     refine: bool,
     least_support: float,
+) -> list[tuple[Calibration, bool]]:
+    """The refined calibrations of images of one size, as `_judged`; and whether each is sure."""
+    given = [
+        ToRefine(image, calibration, part.pixels, part.weights)
+        for image, calibration, part in zip(images, calibrations, found, strict=True)
+    ]
+    refined = refine_all(object_segments, markings, given, flags=flags, prior=prior) if refine else None
+    return [
+        _judged(object_segments, part, one, refine=refine, least_support=least_support)
+        for part, one in zip(found, refined or unrefined(markings, given), strict=True)
+    ]
+
+
+def _judged(
+    object_segments: ObjectSegments, found: Localization, refined: Refined, *, refine: bool, least_support: float
 ) -> tuple[Calibration, bool]:
-    """The refined calibration, "probably wrong" if its support or its probability is low; and whether it is sure."""
-    if refine:
-        calibration = refine_on_image(
-            object_segments, image, calibration, found.pixels, weights=found.weights, flags=flags, prior=prior
-        )
+    """The calibration, "probably wrong" if its support or its probability is low; and whether it is sure."""
+    calibration, share = refined.calibration, refined.support
     if calibration.camera is None or not calibration.accepted:
         return calibration, False
-    share = line_support(image, calibration.camera, markings)
     explained = _explained(object_segments, calibration.camera, found)
     is_sure = refine and share >= SURE_SUPPORT and explained >= LEAST_EXPLAINED_SURE
     doubt = ""

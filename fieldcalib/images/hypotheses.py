@@ -13,7 +13,7 @@ from itertools import combinations
 import numpy as np
 
 from fieldcalib.assess.result import Calibration
-from fieldcalib.calibrate.from_homography import judged_camera
+from fieldcalib.assess.verdict import segment_errors
 from fieldcalib.calibrate.from_segments import calibrate_batch
 from fieldcalib.calibrate.options import Prior, pixel_unit
 from fieldcalib.fields.segments import ObjectSegments
@@ -22,6 +22,7 @@ from fieldcalib.images.line_profiles import Markings
 from fieldcalib.images.refinement import SEARCH_RANGES, line_support
 from fieldcalib.io.image import Image
 from fieldcalib.localize import Localization
+from fieldcalib.problem.evaluation import evaluate_camera
 
 HEAVIEST = 5  # segments, by the weight of their pixels
 PER_HYPOTHESIS = 3  # of them, the fewest that determine a camera: 10 hypotheses
@@ -96,5 +97,5 @@ def calibrate_localized(
 
 def near_labels(object_segments: ObjectSegments, camera: Camera, found: Localization) -> tuple[str, ...]:
     """Labels whose pixels lie within 12 px (in an image of 960x540) of their segments, root mean square."""
-    errors = judged_camera(camera, object_segments, found.pixels, "").per_segment_errors
+    ((errors, _),) = segment_errors(evaluate_camera(camera, object_segments, found.pixels), [found.pixels])
     return tuple(label for label, px in errors.items() if px < max(SEARCH_RANGES) * pixel_unit(camera.image_size))

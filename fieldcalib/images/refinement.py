@@ -5,11 +5,14 @@ Lines are located with sub-pixel accuracy, including those that neither a networ
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from dataclasses import dataclass
+
 import numpy as np
 
 from fieldcalib.assess.result import Calibration
-from fieldcalib.calibrate.from_segments import calibrate_from_segments
-from fieldcalib.calibrate.options import ALL, DEFAULT_FLAGS, CalibrationFlags, Prior, pixel_unit
+from fieldcalib.calibrate.from_segments import calibrate_batch
+from fieldcalib.calibrate.options import ALL, DEFAULT_FLAGS, Prior, pixel_unit
 from fieldcalib.fields.segments import ObjectSegments
 from fieldcalib.geometry.camera import Camera
 from fieldcalib.images.line_profiles import Markings, find_lines, profiles_along
@@ -24,7 +27,6 @@ PROFILES_PER_SEGMENT = 5.0  # number of profiles that carries the weight of one 
 LEAST_SUPPORT_REFINED = 0.35  # broadcast frames: 0.36 to 0.9 for cameras within 3 px, below 0.38 for 95 % of wrong ones
 
 PAINT = 0.03  # m: by how much a line is painted elsewhere, a quarter of its width
-GUESS = CalibrationFlags.CALIB_USE_INTRINSIC_GUESS | CalibrationFlags.CALIB_USE_EXTRINSIC_GUESS
 
 
 def refine_on_image(
@@ -83,20 +85,65 @@ def refine_on_image(
     """
     if calibration.camera is None:
         return calibration
-    camera = calibration.camera
-    image = checked_image(image, camera.image_size)
-    labelled = check_segments(object_segments, image_segments or {}, camera.image_size)
-    weights = {label.strip(): weight for label, weight in (weights or {}).items()}
-    markings = Markings.of(object_segments)
-    least = max(LEAST_SUPPORT_REFINED, line_support(image, camera, markings))
-    refined = calibration
+    size = calibration.camera.image_size
+    labelled = check_segments(object_segments, image_segments or {}, size)
+    one = ToRefine(checked_image(image, size), calibration, labelled, weights or {})
+    (refined,) = refine_all(object_segments, Markings.of(object_segments), [one], flags=flags, prior=prior)
+    return refined.calibration
+
+
+@dataclass(frozen=True, eq=False)
+class ToRefine:
+    """A calibration and what it is refined on."""
+
+    image: Image
+    calibration: Calibration
+    labelled: Pixels
+    weights: Weights
+
+
+@dataclass(frozen=True)
+class Refined:
+    """A calibration, refined or as it was, and its line support."""
+
+    calibration: Calibration
+    support: float
+    """NaN where there is no camera."""
+
+
+def refine_all(
+    object_segments: ObjectSegments,
+    markings: Markings,
+    given: Sequence[ToRefine],
+    *,
+    flags: int,
+    prior: Prior,
+) -> list[Refined]:
+    """`refine_on_image` for images of one size, solved together."""
+    best = unrefined(markings, given)
+    found = {t: one.calibration for t, one in enumerate(given) if one.calibration.camera is not None}
     for search_range in SEARCH_RANGES:
-        lines = _lines(image, camera, markings, search_range)
-        refined = _calibrated(object_segments, camera, lines, labelled, weights, flags, prior)
-        if not refined.accepted or refined.camera is None:
-            return calibration
-        camera = refined.camera
-    return refined if line_support(image, camera, markings) >= least else calibration
+        lines = {
+            t: _lines(given[t].image, calibration.camera, markings, search_range)
+            for t, calibration in found.items()
+            if calibration.camera is not None
+        }
+        again = _calibrated(object_segments, [(found[t], lines[t], given[t]) for t in lines], flags, prior)
+        found = {t: calibration for t, calibration in zip(lines, again, strict=True) if calibration.accepted}
+    for t, calibration in found.items():
+        support = _support(given[t].image, calibration, markings)
+        if support >= max(LEAST_SUPPORT_REFINED, best[t].support):
+            best[t] = Refined(calibration, support)
+    return best
+
+
+def unrefined(markings: Markings, given: Sequence[ToRefine]) -> list[Refined]:
+    """Calibrations as they are, with their line support."""
+    return [Refined(one.calibration, _support(one.image, one.calibration, markings)) for one in given]
+
+
+def _support(image: Image, calibration: Calibration, markings: Markings) -> float:
+    return np.nan if calibration.camera is None else line_support(image, calibration.camera, markings)
 
 
 def line_support(image: Image, camera: Camera, markings: Markings, search_range: float = SEARCH_RANGES[-1]) -> float:
@@ -135,28 +182,29 @@ def _lines(image: Image, camera: Camera, markings: Markings, search_range: float
 
 def _calibrated(
     object_segments: ObjectSegments,
-    initial: Camera,
-    lines: Pixels,
-    others: Pixels,
-    weights: Weights,
+    given: Sequence[tuple[Calibration, Pixels, ToRefine]],
     flags: int,
     prior: Prior,
-) -> Calibration:
-    """The camera fitted to detected lines, and to labelled pixels of segments without one."""
-    weight_of_lines = {label: len(xy) / PROFILES_PER_SEGMENT for label, xy in lines.items()}
-    rvec, tvec, K, dist = initial.to_opencv()
-    return calibrate_from_segments(
+) -> list[Calibration]:
+    """The cameras fitted to detected lines, and to labelled pixels of segments without one, from those of before."""
+    cameras = [calibration.camera for calibration, _, _ in given if calibration.camera is not None]
+    if not cameras:
+        return []
+    size = cameras[0].image_size
+    weights = [
+        {label.strip(): weight for label, weight in one.weights.items()}
+        | {label: len(xy) / PROFILES_PER_SEGMENT for label, xy in lines.items()}
+        for _, lines, one in given
+    ]
+    return calibrate_batch(
         object_segments,
-        {**others, **lines},
-        initial.image_size,
-        K,
-        dist,
-        rvec,
-        tvec,
-        flags=flags | GUESS,
+        [{**one.labelled, **lines} for _, lines, one in given],
+        size,
+        cameras=cameras,
+        flags=flags,
         prior=prior,
-        loss=RobustLoss("cauchy", LOSS_SCALE * pixel_unit(initial.image_size)),
-        weights={**weights, **weight_of_lines},
+        loss=RobustLoss("cauchy", LOSS_SCALE * pixel_unit(size)),
+        weights=weights,
         trust_labels=True,
         paint=PAINT,
     )

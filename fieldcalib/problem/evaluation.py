@@ -19,11 +19,14 @@ from functools import cached_property
 import numpy as np
 
 from fieldcalib._types import Array, BoolArray, IntArray
+from fieldcalib.fields.segments import ObjectSegments
 from fieldcalib.fields.stands import SOCCER_SCALE
+from fieldcalib.geometry.camera import Camera
 from fieldcalib.problem.closest_points import ClosestPoints, closest_points, end_points
+from fieldcalib.problem.labelled_pixels import Pixels
 from fieldcalib.problem.layout import CENTER, LOG_F, Layout
 from fieldcalib.problem.losses import RobustLoss
-from fieldcalib.problem.observations import Observations, Rows
+from fieldcalib.problem.observations import Observations, Rows, pack
 from fieldcalib.problem.prior import GaussianPrior
 from fieldcalib.problem.projection import Projection
 
@@ -256,3 +259,10 @@ def evaluate(problem: Problem, theta: Array) -> Evaluation:
     found = Evaluation(problem, theta, closest_points(projection, observations))
     found.__dict__["projection"] = projection
     return found
+
+
+def evaluate_camera(camera: Camera, object_segments: ObjectSegments, frame: Pixels) -> Evaluation:
+    """One frame's labels at a camera, without a prior and a robust loss."""
+    layout = Layout.of(camera.image_size, camera.lens)
+    problem = Problem(pack(object_segments, [frame], camera.image_size), layout, RobustLoss("linear", 1.0))
+    return evaluate(problem, layout.theta(camera)[None])

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -70,6 +71,12 @@ def gaussian_prior(distribution: CameraDistribution, layout: Layout) -> Gaussian
         sigma[layout.field_size_block] = layout.field_size.sigma
     mean[layout.lens_block], sigma[layout.lens_block] = layout.lens.mean, layout.lens.sigma
     return GaussianPrior(mean, sigma)
+
+
+def gaussian_priors(distributions: Sequence[CameraDistribution], layout: Layout) -> GaussianPrior:
+    """Those of K camera distributions, (K, n)."""
+    priors = [gaussian_prior(distribution, layout) for distribution in distributions]
+    return GaussianPrior(np.stack([prior.mean for prior in priors]), np.stack([prior.sigma for prior in priors]))
 
 
 def sample_theta(distribution: CameraDistribution, count: int, rng: np.random.Generator, layout: Layout) -> Array:
