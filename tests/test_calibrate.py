@@ -330,6 +330,34 @@ def test_a_guess_is_enough_to_start_from():
     assert relative_error(found.camera, CAMERA) < 1e-6
 
 
+@pytest.mark.parametrize("fixed", [0, F.CALIB_FIX_FOCAL_LENGTH, F.CALIB_FIX_POSITION])
+def test_a_batch_takes_an_initial_camera_of_each_frame(fixed):
+    frames, truths = random_frames(6, seed=14, noise=1.0)
+    cameras = [
+        Camera.from_angles(*(truth.angles + 0.01), 1.02 * truth.focal_length, truth.C + 0.5, SIZE) for truth in truths
+    ]
+    guess = F.CALIB_USE_INTRINSIC_GUESS | F.CALIB_USE_EXTRINSIC_GUESS
+    found = calibrate_batch(FIELD, frames, SIZE, cameras=cameras, flags=DEFAULT_FLAGS | fixed)
+    for frame, camera, together in zip(frames, cameras, found, strict=True):
+        rvec, tvec, K, dist = camera.to_opencv()
+        alone = calibrate_from_segments(FIELD, frame, SIZE, K, dist, rvec, tvec, flags=DEFAULT_FLAGS | guess | fixed)
+        assert relative_error(together.camera, alone.camera) < 1e-3
+        if fixed == F.CALIB_FIX_FOCAL_LENGTH:
+            assert together.camera.focal_length == pytest.approx(camera.focal_length, rel=1e-12)
+        if fixed == F.CALIB_FIX_POSITION:
+            np.testing.assert_allclose(together.camera.C, camera.C, rtol=1e-12)
+
+
+def test_initial_cameras_that_do_not_fit_the_frames():
+    with pytest.raises(ValueError, match="expected cameras for each of 2 frames, got 1"):
+        calibrate_batch(FIELD, [FRAME, FRAME], SIZE, cameras=[CAMERA])
+    with pytest.raises(ValueError, match="frame 1: its camera is for images of 640 x 640; see Camera.scaled"):
+        calibrate_batch(FIELD, [FRAME, FRAME], SIZE, cameras=[CAMERA, CAMERA.scaled((640, 640))])
+    with pytest.raises(ValueError, match="leave camera_matrix and dist_coeffs out"):
+        calibrate_batch(FIELD, [FRAME], SIZE, CAMERA.K, cameras=[CAMERA])
+    assert calibrate_batch(FIELD, [], SIZE, cameras=[]) == []
+
+
 def test_what_is_fixed_stays():
     frame = observe(MARKINGS, CAMERA, np.random.default_rng(5), noise=1.0)
     rvec, tvec, K, _ = CAMERA.to_opencv()
