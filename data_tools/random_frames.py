@@ -12,7 +12,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from fieldcalib.assess.uncertainty import SHARED_NOISE
+from fieldcalib.assess.noise import SHARED_NOISE
 from fieldcalib.cli.demo import SHORTEST_SEGMENT
 from fieldcalib.fields.field import Field
 from fieldcalib.fields.segments import Arc

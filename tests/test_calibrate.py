@@ -351,7 +351,7 @@ def test_a_batch_takes_an_initial_camera_of_each_frame(fixed):
 def test_initial_cameras_that_do_not_fit_the_frames():
     with pytest.raises(ValueError, match="expected cameras for each of 2 frames, got 1"):
         calibrate_batch(FIELD, [FRAME, FRAME], SIZE, cameras=[CAMERA])
-    with pytest.raises(ValueError, match="frame 1: its camera is for images of 640 x 640; see Camera.scaled"):
+    with pytest.raises(ValueError, match=r"frame 1: its camera is for images of 640 x 640; see Camera\.scaled"):
         calibrate_batch(FIELD, [FRAME, FRAME], SIZE, cameras=[CAMERA, CAMERA.scaled((640, 640))])
     with pytest.raises(ValueError, match="leave camera_matrix and dist_coeffs out"):
         calibrate_batch(FIELD, [FRAME], SIZE, CAMERA.K, cameras=[CAMERA])

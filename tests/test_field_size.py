@@ -9,7 +9,7 @@ from numdiff import central_differences, column_errors
 from strategies import angle, cameras, numbers, vectors
 from synthetic import displaced, in_image, observe, random_frames, whole_circle_markings
 
-from fieldcalib.assess.uncertainty import Noise
+from fieldcalib.assess.noise import Noise
 from fieldcalib.calibrate.field_size import SILENT, _together, _uncertainty, estimate_field_size
 from fieldcalib.calibrate.from_segments import calibrate_from_segments
 from fieldcalib.calibrate.options import PINHOLE_FLAGS

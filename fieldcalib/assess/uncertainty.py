@@ -30,13 +30,13 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from fieldcalib._types import Array, BoolArray
+from fieldcalib.assess.noise import Noise, gram, size_and_curvature
 from fieldcalib.assess.observability import OPEN_DIRECTION, Direction, Information
 from fieldcalib.assess.size_evidence import FAINT, SizeEvidence
 from fieldcalib.geometry.camera import Camera
 from fieldcalib.geometry.rotation import rotation_axes
 from fieldcalib.problem.evaluation import Evaluation, Problem, evaluate
 from fieldcalib.problem.layout import ANGLES, CENTER, LOG_ASPECT, LOG_F, PRINCIPAL_POINT
-from fieldcalib.problem.losses import RobustLoss
 from fieldcalib.problem.projection import Projection
 
 INTRINSICS, EXTRINSICS = 18, 6  # lengths of cv2.calibrateCameraExtended's standard deviations
@@ -44,11 +44,6 @@ LENS_INTRINSICS = slice(4, 16)  # of them: k1, k2, p1, p2, k3, k4, k5, k6, s1, s
 # Equations that the noise of other frames counts for. Smyth's fit gives 6 on 399 frames of SoccerNet, whose pixels have
 # a median sigma of 1.3 px at 960 x 540, and 11 on 93 of WC14 (0.7): fewer, as other annotators may be unlike both.
 OTHER_FRAMES = 5.0
-# Share of a pixel's variance that its whole segment has in common: annotators keep to one side of a line. Segments left
-# out of SoccerNet's and WC14's frames lie as far off as it makes expected (median), and 91 % of them in 95 % intervals;
-# with 0 it is 88 %. 3 to 4 % have wrong labels.
-SHARED_NOISE = 0.15
-NODES, NOISE_STEPS = 21, 4  # of the quadrature over the noise, and of the search for its size
 TESTED = ("log aspect", "b2")  # parameters that are usually kept fixed
 TOUCHED = 1e-6  # share of a derivative along an open direction that is more than rounding
 
@@ -320,7 +315,7 @@ def uncertainties(evaluation: Evaluation, unit: Array) -> list[Uncertainty]:
     information, V = labels.eigen
     theta_of = scale[:, :, None] * V  # of coordinates along the directions
     along = np.swapaxes(theta_of, 1, 2) @ JT
-    squares = _gram(along, square)
+    squares = gram(along, square)
     spread, crossed = (noise.covariance(along, factor, pull) for factor in (pull, square * noise.relative_sigma))
     is_open = information < OPEN_DIRECTION
     lost = is_open & (not has_prior)
@@ -335,7 +330,7 @@ def uncertainties(evaluation: Evaluation, unit: Array) -> list[Uncertainty]:
     )
     dof = OTHER_FRAMES + np.maximum(redundancy, 0.0)
     variance = (OTHER_FRAMES * problem.noise**2 + np.sum(square * np.square(evaluation.r), axis=1)) / dof
-    sigma, kappa = _noise_and_curvature(problem.loss, variance)
+    sigma, kappa = size_and_curvature(problem.loss, variance)
     information_left = kappa[:, None] * information
     gain = 1.0 / np.where(lost, np.inf, information_left + has_prior)
     gain_by_labels = 1.0 / np.where(is_open, np.inf, information_left)
@@ -352,9 +347,9 @@ def uncertainties(evaluation: Evaluation, unit: Array) -> list[Uncertainty]:
     determined_by_labels = _whole(theta_of * gain_by_labels[:, None], data, problem.free)
 
     # with the camera following, what is kept has the Schur complement of its information
-    crossed = kappa[:, None, None] * _gram(rows, evaluation.pull)[:, :P, P:]
+    crossed = kappa[:, None, None] * gram(rows, evaluation.pull)[:, :P, P:]
     following = -gain[:, :, None] * crossed  # of the coordinates along the directions
-    of_kept = kappa[:, None, None] * _gram(by_kept, evaluation.pull) + np.swapaxes(crossed, 1, 2) @ following
+    of_kept = kappa[:, None, None] * gram(by_kept, evaluation.pull) + np.swapaxes(crossed, 1, 2) @ following
     L = np.concatenate([np.swapaxes(following, 1, 2), np.broadcast_to(np.eye(by_kept.shape[1]), of_kept.shape)], axis=2)
     noisy[:, :P, :P] += has_prior * identity
     spread_of_kept = L @ noisy @ np.swapaxes(L, 1, 2)
@@ -424,75 +419,12 @@ def _is_estimated(name: str, problem: Problem) -> bool:
     return bool(problem.free[problem.layout.names.index(name)])
 
 
-def _gram(JT: Array, weight: Array) -> Array:
-    """``J^T diag(weight) J``, (B, P, P)."""
-    return (JT * weight[:, None]) @ np.swapaxes(JT, 1, 2)
-
-
-class Noise:
-    """The noise of B frames' pixels, relative to that of a pixel of weight 1: its size, and what segments share."""
-
-    def __init__(self, evaluation: Evaluation) -> None:
-        self.evaluation = evaluation
-        observations = evaluation.problem.observations
-        label, columns = observations.label, observations.columns
-        ends = columns["ends"].start
-        self.segment = (label[..., None] == np.unique(label[label >= 0])).astype(float)  # (B, M, segments)
-        count = (self.segment @ np.sum(self.segment[:, :ends], axis=1)[..., None])[..., 0]
-        # points have two residuals a pixel, one along each axis: as independent as two segments; so are those at ends
-        across = columns["points"].start
-        self.segment[:, across:] = 0.0
-        count[:, across:ends] /= 2.0
-        self.shared = SHARED_NOISE * np.sum(self.segment, axis=-1)
-        # a weight is one over a variance; a pixel of N has an Nth of it
-        self.relative_sigma = 1.0 / np.sqrt(np.where(label >= 0, observations.weight * count, 1.0))
-
-    def covariance(self, JT: Array, left: Array, right: Array) -> Array:
-        """``J^T diag(left) C diag(right) J``, (B, P, P), C being the correlation of the noise."""
-        left_sum, right_sum = ((JT * factor[:, None]) @ self.segment for factor in (left, right))
-        own = _gram(JT, left * right * (1.0 - self.shared))
-        return np.asarray(own + SHARED_NOISE * left_sum @ np.swapaxes(right_sum, 1, 2))
-
-    def of_paint(self, JT: Array, pull: Array) -> Array:
-        """``J^T W S W J`` (B, P, P) of lines that are painted elsewhere as a whole, S in pixels squared.
-
-        A line that is off by one metre moves its residuals by the length of ``n dxy_dX`` on the ground.
-        """
-        paint = self.evaluation.problem.paint
-        if paint == 0.0:
-            return np.zeros((len(JT), JT.shape[1], JT.shape[1]))
-        centre = np.zeros(self.evaluation.problem.layout.size, dtype=bool)
-        centre[CENTER] = True
-        by_metre = np.linalg.norm(self.evaluation.derivatives(centre)[:, :2], axis=1)
-        summed = (JT * (paint * pull * by_metre)[:, None]) @ self.segment
-        return np.asarray(summed @ np.swapaxes(summed, 1, 2))
-
-
 def _whole(map_: Array, inner: Array, free: BoolArray) -> Array:
     """``map inner map^T`` of the free parameters, among zeros for the others: (B, n, n)."""
     index = np.flatnonzero(free)
     whole = np.zeros((len(map_), len(free), len(free)))
     whole[:, index[:, None], index] = map_ @ inner @ np.swapaxes(map_, 1, 2)
     return whole
-
-
-def _noise_and_curvature(loss: RobustLoss, variance: Array) -> tuple[Array, Array]:
-    """Standard deviation of normal noise whose ``E psi^2 / E rho'^2`` is `variance`, and ``E psi' / E rho'``, (B,).
-
-    The mean over the noise, not over a frame's own residuals: few of them are smaller than the noise was.
-    """
-    nodes, weights = np.polynomial.hermite_e.hermegauss(NODES)
-    weights = weights / np.sum(weights)
-    sigma = np.sqrt(variance)
-    largest = np.maximum(sigma, loss.scale)  # residuals beyond the bend of the loss do not tell how large the noise is
-    for _ in range(NOISE_STEPS):
-        squared = np.square(sigma[:, None] * nodes)
-        _, slope = loss.evaluate(squared)
-        wider = np.sqrt(variance * (np.square(slope) @ weights) / (np.square(nodes * slope) @ weights))
-        sigma = np.minimum(wider, largest)
-    _, slope = loss.evaluate(np.square(sigma[:, None] * nodes))
-    # by parts: E psi'(r) = E r psi(r) / sigma^2 for normal r
-    return sigma, ((np.square(nodes) * slope) @ weights) / (slope @ weights)
 
 
 def _propagated(J: Array, determined: Array, open_directions: Array, unit: Array) -> Array:

@@ -18,8 +18,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from fieldcalib._types import Array
+from fieldcalib.assess.noise import Noise
 from fieldcalib.assess.result import Calibration, Status
-from fieldcalib.assess.uncertainty import Noise
 from fieldcalib.calibrate.from_segments import calibrate_batch
 from fieldcalib.calibrate.options import DEFAULT_CRITERIA, DEFAULT_FLAGS, Prior
 from fieldcalib.fields.field import Field

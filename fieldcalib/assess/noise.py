@@ -1,0 +1,79 @@
+"""The noise of labelled pixels: relative to their weights, what a segment shares of it, and how large it is."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from fieldcalib._types import Array
+from fieldcalib.problem.evaluation import Evaluation
+from fieldcalib.problem.layout import CENTER
+from fieldcalib.problem.losses import RobustLoss
+
+# Share of a pixel's variance that its whole segment has in common: annotators keep to one side of a line. Segments left
+# out of SoccerNet's and WC14's frames lie as far off as it makes expected (median), and 91 % of them in 95 % intervals;
+# with 0 it is 88 %. 3 to 4 % have wrong labels.
+SHARED_NOISE = 0.15
+NODES, NOISE_STEPS = 21, 4  # of the quadrature over the noise, and of the search for its size
+
+
+class Noise:
+    """The noise of B frames' pixels, relative to that of a pixel of weight 1: its size, and what segments share."""
+
+    def __init__(self, evaluation: Evaluation) -> None:
+        self.evaluation = evaluation
+        observations = evaluation.problem.observations
+        label, columns = observations.label, observations.columns
+        ends = columns["ends"].start
+        self.segment = (label[..., None] == np.unique(label[label >= 0])).astype(float)  # (B, M, segments)
+        count = (self.segment @ np.sum(self.segment[:, :ends], axis=1)[..., None])[..., 0]
+        # points have two residuals a pixel, one along each axis: as independent as two segments; so are those at ends
+        across = columns["points"].start
+        self.segment[:, across:] = 0.0
+        count[:, across:ends] /= 2.0
+        self.shared = SHARED_NOISE * np.sum(self.segment, axis=-1)
+        # a weight is one over a variance; a pixel of N has an Nth of it
+        self.relative_sigma = 1.0 / np.sqrt(np.where(label >= 0, observations.weight * count, 1.0))
+
+    def covariance(self, JT: Array, left: Array, right: Array) -> Array:
+        """``J^T diag(left) C diag(right) J``, (B, P, P), C being the correlation of the noise."""
+        left_sum, right_sum = ((JT * factor[:, None]) @ self.segment for factor in (left, right))
+        own = gram(JT, left * right * (1.0 - self.shared))
+        return np.asarray(own + SHARED_NOISE * left_sum @ np.swapaxes(right_sum, 1, 2))
+
+    def of_paint(self, JT: Array, pull: Array) -> Array:
+        """``J^T W S W J`` (B, P, P) of lines that are painted elsewhere as a whole, S in pixels squared.
+
+        A line that is off by one metre moves its residuals by the length of ``n dxy_dX`` on the ground.
+        """
+        paint = self.evaluation.problem.paint
+        if paint == 0.0:
+            return np.zeros((len(JT), JT.shape[1], JT.shape[1]))
+        centre = np.zeros(self.evaluation.problem.layout.size, dtype=bool)
+        centre[CENTER] = True
+        by_metre = np.linalg.norm(self.evaluation.derivatives(centre)[:, :2], axis=1)
+        summed = (JT * (paint * pull * by_metre)[:, None]) @ self.segment
+        return np.asarray(summed @ np.swapaxes(summed, 1, 2))
+
+
+def size_and_curvature(loss: RobustLoss, variance: Array) -> tuple[Array, Array]:
+    """Standard deviation of normal noise whose ``E psi^2 / E rho'^2`` is `variance`, and ``E psi' / E rho'``, (B,).
+
+    The mean over the noise, not over a frame's own residuals: few of them are smaller than the noise was.
+    """
+    nodes, weights = np.polynomial.hermite_e.hermegauss(NODES)
+    weights = weights / np.sum(weights)
+    sigma = np.sqrt(variance)
+    largest = np.maximum(sigma, loss.scale)  # residuals beyond the bend of the loss do not tell how large the noise is
+    for _ in range(NOISE_STEPS):
+        squared = np.square(sigma[:, None] * nodes)
+        _, slope = loss.evaluate(squared)
+        wider = np.sqrt(variance * (np.square(slope) @ weights) / (np.square(nodes * slope) @ weights))
+        sigma = np.minimum(wider, largest)
+    _, slope = loss.evaluate(np.square(sigma[:, None] * nodes))
+    # by parts: E psi'(r) = E r psi(r) / sigma^2 for normal r
+    return sigma, ((np.square(nodes) * slope) @ weights) / (slope @ weights)
+
+
+def gram(JT: Array, weight: Array) -> Array:
+    """``J^T diag(weight) J``, (B, P, P)."""
+    return (JT * weight[:, None]) @ np.swapaxes(JT, 1, 2)
