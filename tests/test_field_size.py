@@ -76,7 +76,7 @@ def test_derivative_by_the_size_is_that_of_central_differences(camera, size, dis
         return evaluate(alone, theta[None]).r[0]
 
     numeric = central_differences(residuals, size, 1e-3)
-    assert column_errors(JT[0].T, numeric, floor=1.0).max() < 1e-6
+    assert column_errors(JT[0].T, numeric, floor=1.0).max() < 1e-5  # 1e-6 where the focal length is 6000 px
 
 
 def test_the_covariance_is_the_sandwich_of_a_camera_and_the_size_together():

@@ -120,6 +120,7 @@ def test_where_there_is_no_ground_there_is_no_error():
     assert np.isnan(angle[0])
     assert np.isfinite(half_axes[1]).all()
     assert np.isnan(found.at_field((0.0, 200.0, 0.0)).rms)  # behind the camera
+    assert found.at_field(np.zeros((0, 3))).rms.shape == (0,)
 
 
 def test_what_is_no_ground_point_is_refused():

@@ -282,7 +282,7 @@ class Uncertainty:
         zero, one = np.zeros_like(inverse_depth), np.ones_like(inverse_depth)
         directions = (np.array([one, zero]), np.array([zero, one]))
         rows = [projection.derivatives(s, inverse_depth, n, every)[0].T for n in directions]
-        dxy_dtheta = np.stack(rows, axis=1).reshape(*shape, 2, -1)
+        dxy_dtheta = np.stack(rows, axis=1).reshape(*shape, 2, len(self.theta))
         dxy_dX = -dxy_dtheta[..., CENTER]  # a point that moves is a centre that moves the other way
         dxy_dX[~known, :, :2] = np.eye(2)
         return -np.asarray(np.linalg.solve(dxy_dX[..., :2], dxy_dtheta)), known
