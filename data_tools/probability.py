@@ -152,7 +152,7 @@ def sizes(options: argparse.Namespace) -> int:
 
 def measured(options: argparse.Namespace) -> int:
     """Print the reliability on measured cameras, of frames with random parts of what they see."""
-    field, rng = soccer(), np.random.default_rng(options.seed)
+    field, rng = soccer(size_known=True), np.random.default_rng(options.seed)  # that of the synthetic pixels
     cameras = [read_camera(path) for path in sorted(options.cameras.glob("*.npz"))]
     if not cameras:
         raise FileNotFoundError(f"{options.cameras} holds no <name>.npz")
@@ -164,7 +164,8 @@ def measured(options: argparse.Namespace) -> int:
 
 def annotated(options: argparse.Namespace) -> int:
     """Print reliability, areas under risk-coverage curves and these curves for annotated frames."""
-    field, rng, size = soccer(), np.random.default_rng(options.seed), options.size
+    # compared with cameras on a pitch of the same size
+    field, rng, size = soccer(size_known=True), np.random.default_rng(options.seed), options.size
     frames = list(read_frames([options.annotations], field, size).pixels.values())
     found = calibrate_batch(field, frames, size)
     parts, truths = [], []
