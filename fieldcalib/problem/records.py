@@ -11,7 +11,7 @@ from fieldcalib._json import from_json, to_json
 from fieldcalib._types import Array, IntArray
 from fieldcalib.geometry.lens import BrownConradyLens, Lens, Pinhole, RadialLens
 from fieldcalib.problem.evaluation import Problem
-from fieldcalib.problem.layout import Layout, SizeBlock
+from fieldcalib.problem.layout import Layout, SizeBlock, ZoomLaw
 from fieldcalib.problem.losses import RobustLoss
 from fieldcalib.problem.observations import LEAST_DEPTH, Observations, Rows
 from fieldcalib.problem.prior import GaussianPrior
@@ -116,6 +116,7 @@ def _layout_to_record(layout: Layout) -> dict[str, Any]:
         "image_size": list(layout.image_size),
         "lens": {"name": lens, "rho": to_json(layout.lens.rho)},
         "roles": layout.roles.tolist(),
+        "zoom_law": None if layout.zoom_law is None else to_json(layout.zoom_law.reference),
         "field_size": None
         if size is None
         else {
@@ -137,4 +138,6 @@ def _layout_from_record(record: Mapping[str, Any]) -> Layout:
             from_json(size[name]) for name in ("given", "sigma", "limits", "probabilities", "sigmas")
         )
         size = SizeBlock(given, sigma, limits, (possible[0], possible[1]))
-    return Layout((width, height), lens, np.array(record["roles"]), size)
+    law = record.get("zoom_law")
+    zoom_law = None if law is None else ZoomLaw(float(from_json(law)))
+    return Layout((width, height), lens, np.array(record["roles"]), size, zoom_law)
