@@ -33,6 +33,7 @@ def problem_to_record(problem: Problem) -> dict[str, Any]:
         "noise": to_json(problem.noise),
         "prior": None if prior is None else {"mean": to_json(prior.mean[0]), "sigma": to_json(prior.sigma[0])},
         "paint": to_json(problem.paint),
+        "considered": None if problem.considered is None else to_json(problem.considered),
         "scale": to_json(problem.scale),
     }
 
@@ -47,6 +48,7 @@ def problem_from_record(record: Mapping[str, Any]) -> Problem:
         float(from_json(record["noise"])),
         None if prior is None else GaussianPrior(from_json(prior["mean"])[None], from_json(prior["sigma"])[None]),
         paint=float(from_json(record["paint"])),
+        considered=None if record.get("considered") is None else from_json(record["considered"]),
         scale=float(from_json(record["scale"])),
     )
 
