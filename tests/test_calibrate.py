@@ -178,7 +178,7 @@ def test_densely_labelled_frames_are_solved_a_few_at_a_time():
 
 def test_an_object_that_is_no_field_needs_to_say_where_its_camera_stands():
     line = {"edge": Line((0.0, 0.0, 0.0), (1.0, 0.0, 0.0))}
-    with pytest.raises(ValueError, match="the object is no Field: say where its camera may stand by prior"):
+    with pytest.raises(ValueError, match="the object is not a Field: say where its camera may stand by prior"):
         calibrate_from_segments(line, {"edge": [(1, 2), (300, 4)]}, SIZE)
 
 
@@ -355,7 +355,24 @@ def test_initial_cameras_that_do_not_fit_the_frames():
         calibrate_batch(FIELD, [FRAME, FRAME], SIZE, cameras=[CAMERA, CAMERA.scaled((640, 640))])
     with pytest.raises(ValueError, match="leave camera_matrix and dist_coeffs out"):
         calibrate_batch(FIELD, [FRAME], SIZE, CAMERA.K, cameras=[CAMERA])
+    with pytest.raises(ValueError, match="frame 1: expected a Camera, got NoneType"):
+        calibrate_batch(FIELD, [FRAME, FRAME], SIZE, cameras=[CAMERA, None])
+    with pytest.raises(ValueError, match="expected cameras, one for each frame"):
+        calibrate_batch(FIELD, [FRAME], SIZE, cameras=CAMERA)
     assert calibrate_batch(FIELD, [], SIZE, cameras=[]) == []
+
+
+def test_a_result_is_a_camera_to_start_from_that_changes_nothing():
+    frames, _ = random_frames(6, seed=15, noise=1.0)
+    first = calibrate_batch(FIELD, frames, SIZE)
+    again = calibrate_batch(FIELD, frames, SIZE, cameras=[c.camera for c in first])
+    assert max(relative_error(a.camera, b.camera) for a, b in zip(again, first, strict=True)) < 1e-3
+
+
+@pytest.mark.parametrize("what", [soccer, "soccer", {"a": ((0.0, 0.0, 0.0), (1.0, 1.0, 1.0))}])
+def test_what_is_no_field_is_refused(what):
+    with pytest.raises(ValueError, match=r"did you mean soccer\(\)|got 'soccer'|'a': expected a Line"):
+        calibrate_from_segments(what, FRAME, SIZE)
 
 
 def test_what_is_fixed_stays():

@@ -173,7 +173,7 @@ def test_rejected_cameras_are_written_on_request_only(know, tmp_path, capsys):
         assert summary["completeness"] == 100.0 * summary["cameras"]
         cameras[tuple(options)] = summary["cameras"], (tmp_path / "camera_a.json").exists()
     assert cameras == {("--keep-rejected",): (1, True), (): (0, False)}
-    assert "0 cameras of 1 frames" in capsys.readouterr().out
+    assert "0 cameras of 1 frame" in capsys.readouterr().out
 
 
 def test_an_implausible_camera_has_no_file(know, tmp_path, monkeypatch):

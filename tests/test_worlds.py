@@ -288,7 +288,7 @@ def test_a_table_with_a_tray_is_no_field():
     assert np.linalg.norm(found.camera.C - below.C) < 0.1
     assert found.field is None
     assert not found.has_probability
-    with pytest.raises(ValueError, match="the object is no Field"):
+    with pytest.raises(ValueError, match="the object is not a Field"):
         calibrate_from_segments(table, observe(table, below), SIZE)
 
 

@@ -43,6 +43,7 @@ from fieldcalib.problem.labelled_pixels import (
     Pixels,
     PixelWeights,
     Weights,
+    check_object,
     check_segments,
     check_weights,
 )
@@ -154,6 +155,7 @@ def calibrate_from_segments(
     >>> str(calibration.status), round(calibration.camera.focal_length, -2)  # the weak prior moves it a little
     ('accepted', 1600.0)
     """
+    check_object(object_segments)
     options = checked_options(
         image_size,
         camera_matrix,
@@ -229,13 +231,14 @@ def calibrate_batch(
     >>> [str(calibration.status) for calibration in calibrate_batch(soccer(), [{}, {}], (960, 540))]
     ['too few segments', 'too few segments']
     """
-    initial = None if cameras is None else list(cameras)
+    initial = None if cameras is None else _checked_cameras(cameras)
     rvec, tvec = None, None
     if initial:
         if camera_matrix is not None or dist_coeffs is not None:
             raise ValueError("cameras say the intrinsics of each frame: leave camera_matrix and dist_coeffs out")
         rvec, tvec, camera_matrix, dist_coeffs = max(initial, key=lambda camera: len(camera.lens.names)).to_opencv()
         flags = (default_flags(prior) if flags is None else flags) | GUESS
+    check_object(object_segments)
     options = checked_options(
         image_size,
         camera_matrix,
@@ -289,6 +292,18 @@ def calibrate_batch(
         for t, calibration in zip(chunk, found, strict=True):
             calibrations[t] = calibration
     return calibrations
+
+
+def _checked_cameras(cameras: Iterable[Camera]) -> list[Camera]:
+    if isinstance(cameras, Camera) or not isinstance(cameras, Iterable):
+        raise ValueError(f"expected cameras, one for each frame, got {cameras!r}")
+    found = list(cameras)
+    for index, camera in enumerate(found):
+        if not isinstance(camera, Camera):
+            raise ValueError(
+                f"frame {index}: expected a Camera, got {type(camera).__name__}; calibrate frames without one apart"
+            )
+    return found
 
 
 def _chunks(object_segments: ObjectSegments, frames: Sequence[Pixels]) -> Iterator[IntArray]:

@@ -240,7 +240,7 @@ def checked_prior(
             found.append(member)
         elif member == ALL:
             if field is None or not field.stands:
-                why = "the object is no Field" if field is None else "the field has no stands"
+                why = "the object is not a Field" if field is None else "the field has no stands"
                 raise ValueError(
                     f"{why}: say where its camera may stand by prior, a CameraDistribution or the name of one, or None "
                     f"with rvec and tvec as a start"

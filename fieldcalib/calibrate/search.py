@@ -8,7 +8,7 @@ import numpy as np
 
 from fieldcalib._types import Array, BoolArray, IntArray
 from fieldcalib.assess.verdict import implausibilities
-from fieldcalib.calibrate.initial_cameras import InitialCameras, given_cameras, initial_cameras
+from fieldcalib.calibrate.initial_cameras import given_cameras, initial_cameras
 from fieldcalib.calibrate.options import Options
 from fieldcalib.calibrate.symmetry import on_main_side
 from fieldcalib.problem.evaluation import Evaluation, Problem, evaluate
@@ -40,9 +40,11 @@ def find_cameras(observations: Observations, options: Options, given: Array | No
     layout, distributions = options.layout, options.distributions
     if given is None:
         start = initial_cameras(observations, layout, distributions, options.known, options.scale)
-    else:
+        prior = _around_known_lens(start.prior, options)
+    else:  # only a start: nothing is known of them
         start = given_cameras(given, layout, distributions)
-    theta, frame, prior = start.theta, start.frame, _around_known_lens(start, layout)
+        prior = start.prior
+    theta, frame = start.theta, start.frame
     several = len(theta) > len(observations)
     wide = Problem(
         observations.take(frame), _without_lens(options), options.wide_loss, options.noise, scale=options.scale
@@ -87,11 +89,14 @@ def _approached(
     return found if part is start else start.replaced(index, found)
 
 
-def _around_known_lens(start: InitialCameras, layout: Layout) -> GaussianPrior:
-    """The priors of initial cameras, around the lens of those that have one: it is known."""
-    lens, mean = start.theta[:, layout.lens_block], start.prior.mean.copy()
-    mean[:, layout.lens_block] = np.where(np.any(lens, axis=1, keepdims=True), lens, mean[:, layout.lens_block])
-    return replace(start.prior, mean=mean)
+def _around_known_lens(prior: GaussianPrior, options: Options) -> GaussianPrior:
+    """Priors around the lens that the user gave, if any."""
+    lens = options.known[options.layout.lens_block]
+    if not np.any(lens):
+        return prior
+    mean = prior.mean.copy()
+    mean[:, options.layout.lens_block] = lens
+    return replace(prior, mean=mean)
 
 
 def _without_lens(options: Options) -> Layout:

@@ -229,7 +229,14 @@ class Results:
         statuses = ", ".join(f"{count} {status}" for status, count in self.statuses.most_common())
         verdicts = ", ".join(f"{self.verdicts[verdict]} {verdict}" for verdict in Verdict if self.verdicts[verdict])
         counts = "; ".join(filter(None, (statuses, verdicts)))
-        print(f"{self.cameras} cameras of {frames} frames in {self.out}: {counts}")
+        print(f"{_counted(self.cameras, 'camera')} of {_counted(frames, 'frame')} in {self.out}: {counts}")
+        left = sum(1 for path in self.out.glob(CAMERAS.file_name("*"))) - self.cameras
+        if left > 0:
+            print(f"{_counted(left, 'camera')} of earlier runs left in {self.out}", file=sys.stderr)
+
+
+def _counted(number: int, noun: str) -> str:
+    return f"{number} {noun}{'' if number == 1 else 's'}"
 
 
 def _recorded(options: argparse.Namespace) -> dict[str, Any]:

@@ -15,8 +15,9 @@ from fieldcalib._types import Array
 from fieldcalib.cli.folder import problem
 from fieldcalib.fields.soccer import soccer
 from fieldcalib.geometry.rational import RationalCamera
-from fieldcalib.io.files import MOST_BYTES, BrokenFileError, FrameFile, read_regular_file
+from fieldcalib.io.files import MOST_BYTES, BrokenFileError, FrameFile, parse_json_object, read_regular_file
 from fieldcalib.io.formats import ANNOTATIONS, CAMERAS, HOMOGRAPHIES, RECORDS
+from fieldcalib.io.results import LINES
 from fieldcalib.io.soccernet import read_camera_types
 from fieldcalib.io.tvcalib import TVCalibRecord
 from fieldcalib.io.wc14 import IMAGE_SIZE
@@ -83,7 +84,8 @@ def read_predictions(
     elif files := _camera_files(path, homographies=homographies):
         parse_camera = partial(CAMERAS.read, image_size=size or IMAGE_SIZE)
         cameras = read_files(files, parse_camera, broken, most_bytes=most_bytes)
-        found, own_size = dict(cameras), _only({natural_size(camera) for camera in cameras.values()})
+        found = dict(cameras)
+        own_size = _size_of_run(path) or _only({natural_size(camera) for camera in cameras.values()})
     else:
         files, own_size = _homography_files(path, homographies=homographies), size or IMAGE_SIZE
         parse = partial(HOMOGRAPHIES.read, image_size=own_size)
@@ -105,6 +107,15 @@ def _camera_files(path: Path, *, homographies: bool) -> list[FrameFile]:
         if not path.exists():
             raise
         return []
+
+
+def _size_of_run(path: Path) -> tuple[int, int] | None:
+    """The size of the images that `fieldcalib calibrate` or `run` wrote cameras of into a folder, if it is one."""
+    if not (path / LINES).is_file():
+        return None
+    texts = read_regular_file(path / LINES, most_bytes=float("inf")).splitlines()
+    lines = [parse_json_object(text, "a frame's result") for text in texts]
+    return _only({(int(w), int(h)) for w, h in (line["image_size"] for line in lines if line.get("image_size"))})
 
 
 def _homography_files(path: Path, *, homographies: bool) -> list[FrameFile]:

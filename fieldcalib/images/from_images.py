@@ -25,7 +25,7 @@ LEAST_SEGMENTS = 3  # determine a camera; where fewer have that weight, all segm
 SURE_SUPPORT, LEAST_EXPLAINED_SURE = 0.45, 0.5
 LEAST_SUPPORT, LEAST_EXPLAINED = 0.2, 0.75
 LEAST_SUPPORT_CHOSEN = 0.35  # where a camera was chosen by its support: the largest of several is biased upwards
-LARGEST_ERROR, LARGEST_ERROR_REFINED = 3.0, 1.0  # m anywhere in view, to which `LEAST_PROBABILITY` applies
+LARGEST_ERROR, LARGEST_ERROR_REFINED = 3.0, 2.0  # m anywhere in view, to which `LEAST_PROBABILITY` applies
 
 
 def calibrate_from_images(

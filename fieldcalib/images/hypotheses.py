@@ -15,7 +15,7 @@ import numpy as np
 from fieldcalib.assess.result import Calibration
 from fieldcalib.assess.verdict import segment_errors
 from fieldcalib.calibrate.from_segments import calibrate_batch
-from fieldcalib.calibrate.options import Prior, pixel_unit
+from fieldcalib.calibrate.options import CalibrationFlags, Prior, pixel_unit
 from fieldcalib.fields.segments import ObjectSegments
 from fieldcalib.geometry.camera import Camera
 from fieldcalib.images.line_profiles import Markings
@@ -88,7 +88,7 @@ def calibrate_localized(
         object_segments,
         [part.pixels for part in parts],
         size,
-        flags=flags,
+        flags=flags | CalibrationFlags.CALIB_FIX_PRINCIPAL_POINT,  # these pixels are too coarse to tell it
         prior=prior,
         weights=[part.weights for part in parts],
         trust_labels=True,

@@ -12,7 +12,7 @@ import numpy as np
 
 from fieldcalib.assess.result import Calibration
 from fieldcalib.calibrate.from_segments import calibrate_batch
-from fieldcalib.calibrate.options import ALL, DEFAULT_FLAGS, Prior, pixel_unit
+from fieldcalib.calibrate.options import ALL, DEFAULT_FLAGS, CalibrationFlags, Prior, pixel_unit
 from fieldcalib.fields.segments import ObjectSegments
 from fieldcalib.geometry.camera import Camera
 from fieldcalib.images.line_profiles import Markings, find_lines, profiles_along
@@ -122,13 +122,15 @@ def refine_all(
     """`refine_on_image` for images of one size, solved together."""
     best = unrefined(markings, given)
     found = {t: one.calibration for t, one in enumerate(given) if one.calibration.camera is not None}
-    for search_range in SEARCH_RANGES:
+    # lines that are found far away may be others: a principal point that is free would absorb them
+    flags_of_passes = flags | CalibrationFlags.CALIB_FIX_PRINCIPAL_POINT, flags
+    for search_range, kept in zip(SEARCH_RANGES, flags_of_passes, strict=True):
         lines = {
             t: _lines(given[t].image, calibration.camera, markings, search_range)
             for t, calibration in found.items()
             if calibration.camera is not None
         }
-        again = _calibrated(object_segments, [(found[t], lines[t], given[t]) for t in lines], flags, prior)
+        again = _calibrated(object_segments, [(found[t], lines[t], given[t]) for t in lines], kept, prior)
         found = {t: calibration for t, calibration in zip(lines, again, strict=True) if calibration.accepted}
     for t, calibration in found.items():
         support = _support(given[t].image, calibration, markings)

@@ -25,6 +25,8 @@ def output_folder(path: Path) -> Iterator[None]:
     ...     (Path(folder) / "out").is_dir()
     True
     """
+    if path.is_file():
+        raise NotADirectoryError(f"{path} is a file: results need a folder")
     path.mkdir(parents=True, exist_ok=True)
     with tempfile.TemporaryFile(dir=path):  # what cannot be written is known before the work, not after it
         pass

@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike
 
 from fieldcalib._types import Array, BoolArray, IntArray
 from fieldcalib.fields.field import Field
-from fieldcalib.fields.segments import ObjectSegments
+from fieldcalib.fields.segments import ObjectSegments, Segment
 
 ImageSegments: TypeAlias = Mapping[str, ArrayLike]
 Pixels: TypeAlias = dict[str, Array]
@@ -24,6 +24,17 @@ PixelWeights: TypeAlias = dict[str, Array]
 LEAST_SLOPE = 0.05  # slope of a line, as the middle line seen from behind a goal, below which it has no left side
 MOST_PIXELS = 200  # of a label: more make its place no surer, since what they share (its paint, the lens) stays
 FARTHEST_PIXEL = 10.0  # image sizes from the centre: beyond, a number is a mistake
+
+
+def check_object(object_segments: ObjectSegments) -> None:
+    """Raise a ValueError if that is not a mapping of names to segments."""
+    if not isinstance(object_segments, Mapping):
+        came = getattr(object_segments, "__name__", repr(object_segments))
+        hint = f"; did you mean {came}()?" if callable(object_segments) else ""
+        raise ValueError(f"expected a field, as soccer(), or a mapping of names to segments, got {came}{hint}")
+    for name, segment in object_segments.items():
+        if not isinstance(segment, Segment):
+            raise ValueError(f"{name!r}: expected a Line, Arc, Point or PointCloud, got {segment!r}")
 
 
 def check_segments(
@@ -64,8 +75,7 @@ def check_segments(
         raise ValueError(
             f"expected a mapping of labels to (N, 2) pixels, got {came}; many frames go to calibrate_batch"
         )
-    if not isinstance(object_segments, Mapping):
-        raise ValueError(f"expected a field, as soccer(), or a mapping of names to segments, got {object_segments!r}")
+    check_object(object_segments)
     pixels: Pixels = {}
     for raw_label, values in image_segments.items():
         label = _known_label(raw_label, object_segments)
