@@ -116,6 +116,8 @@ class Options:
     """What is calibrated against; None if that is no `Field`."""
     paint: float = 0.0
     """Standard deviation, in metres, of where a line is painted as a whole."""
+    considered: Array | None = None
+    """Covariance of the parameters that the layout considers, where these are not the size of the field alone."""
     auto_lens: bool = False
     """Whether more of the lens is freed where the labels call for it."""
 
