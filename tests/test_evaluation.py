@@ -170,7 +170,11 @@ def random_evaluation(stand, lens, count, distance=20.0, seed=2, with_size=False
 @pytest.mark.parametrize(
     ("name", "lens"),
     [(name, lens) for lens in ("no radial lens", "radial lens") for name in DISTRIBUTIONS]
-    + [(name, lens) for lens in ("pinhole", "Brown-Conrady lens", "zoom law") for name in ("main center", "behind left goal")],
+    + [
+        (name, lens)
+        for lens in ("pinhole", "Brown-Conrady lens", "zoom law")
+        for name in ("main center", "behind left goal")
+    ],
 )
 def test_jacobian_equals_central_differences_column_by_column(name, lens):
     evaluation = random_evaluation(name, lens, 3 if lens == "Brown-Conrady lens" else 12)

@@ -82,3 +82,20 @@ def size_and_curvature(loss: RobustLoss, variance: Array) -> tuple[Array, Array]
 def gram(JT: Array, weight: Array) -> Array:
     """``J^T diag(weight) J``, (B, P, P)."""
     return (JT * weight[:, None]) @ np.swapaxes(JT, 1, 2)
+
+
+def pooled_noise(evaluation: Evaluation) -> tuple[Array, Array]:
+    """Standard deviation of the pixels of T frames of one camera, as `fieldcalib.assess.uncertainty` has it, and kappa.
+
+    All frames have the same annotator or network, so that they tell it together, (T,) alike.
+    """
+    problem = evaluation.problem
+    noise = Noise(evaluation)
+    slope = problem.loss.evaluate(np.square(evaluation.r))[1]
+    square = np.square(slope / noise.relative_sigma) * (problem.observations.weight > 0.0)
+    own = int(np.count_nonzero(~problem.layout.shared))
+    equations = np.sum(square * np.square(noise.relative_sigma))
+    redundancy = max(equations - own * len(problem), 1.0)
+    variance = np.full(len(problem), np.sum(square * np.square(evaluation.r)) / redundancy)
+    sigma, kappa = size_and_curvature(problem.loss, variance)
+    return np.sqrt(variance), kappa

@@ -261,9 +261,7 @@ def calibrate_batch(
             width, height = camera.image_size
             raise ValueError(f"frame {index}: its camera is for images of {width} x {height}; see Camera.scaled")
     given = np.array([options.layout.theta(camera) for camera in initial]) if initial else None
-    return calibrate_frames(
-        object_segments, checked, pixel_weights, options, given=given, trust_labels=trust_labels
-    )
+    return calibrate_frames(object_segments, checked, pixel_weights, options, given=given, trust_labels=trust_labels)
 
 
 def checked_frames(

@@ -37,6 +37,7 @@ Criteria: TypeAlias = tuple[int, int, float]
 
 ALL = "all"
 CERTAIN = float(np.log(20.0))  # log odds of what is said of a frame: of 20 such statements 19 shall be right
+PAINT = 0.03  # m: by how much a line is painted elsewhere, a quarter of its width
 APPROACH_TOLERANCE = 3e-2  # share of the cost
 COUNT, EPS = 1, 2  # cv2.TERM_CRITERIA_COUNT and _EPS
 DEFAULT_CRITERIA: Criteria = (COUNT + EPS, 50, 1e-6)
