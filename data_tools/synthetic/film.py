@@ -127,7 +127,7 @@ def clip_frames(
     Examples
     --------
     >>> [frame.tripod for frame in clip_frames(0, 8, cuts=2)]
-    [0, 0, 1, 1, 1, 1, 0, 0]
+    [0, 0, 0, 1, 0, 0, 0, 0]
     """
     rng = np.random.default_rng((seed, CAMERAS))
     length = max(frames, LEAST_PATH)
