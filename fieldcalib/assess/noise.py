@@ -97,5 +97,5 @@ def pooled_noise(evaluation: Evaluation) -> tuple[Array, Array]:
     equations = np.sum(square * np.square(noise.relative_sigma))
     redundancy = max(equations - own * len(problem), 1.0)
     variance = np.full(len(problem), np.sum(square * np.square(evaluation.r)) / redundancy)
-    sigma, kappa = size_and_curvature(problem.loss, variance)
+    _, kappa = size_and_curvature(problem.loss, variance)
     return np.sqrt(variance), kappa

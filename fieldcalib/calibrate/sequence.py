@@ -23,7 +23,15 @@ from fieldcalib.assess.sequence import SequenceCalibration
 from fieldcalib.assess.shared import shared_covariance
 from fieldcalib.calibrate.from_segments import calibrate_frames, checked_frames
 from fieldcalib.calibrate.initial_cameras import given_cameras
-from fieldcalib.calibrate.options import DEFAULT_CRITERIA, PAINT, Options, Prior, checked_options
+from fieldcalib.calibrate.options import (
+    DEFAULT_CRITERIA,
+    PAINT,
+    CalibrationFlags,
+    Options,
+    Prior,
+    checked_options,
+    default_flags,
+)
 from fieldcalib.fields.field import Field
 from fieldcalib.fields.segments import ObjectSegments
 from fieldcalib.problem.evaluation import Evaluation, Problem, evaluate
@@ -63,7 +71,7 @@ def calibrate_sequence(
     image_size : (int, int)
         Width and height of every frame, pixels.
     flags, prior, weights
-        As in `calibrate_batch`.
+        As in `calibrate_batch`. By default k2 is estimated too: frames together tell it.
     shared : sequence of str
         What the frames share, of ``"centre"`` (always), ``"principal point"``, ``"lens"``, ``"zoom law"`` and
         ``"field size"`` (unless that is said to be known). What they do not share is each frame's own, under its prior;
@@ -105,6 +113,8 @@ def calibrate_sequence(
     if unknown:
         raise ValueError(f"frames cannot share {sorted(unknown)}: expected some of {', '.join(SHARED)}")
     field = object_segments if isinstance(object_segments, Field) else None
+    if flags is None:
+        flags = default_flags(prior) & ~CalibrationFlags.CALIB_FIX_K2
     options = checked_options(
         image_size,
         None,
