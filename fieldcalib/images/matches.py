@@ -10,12 +10,13 @@ were 0.23 to 0.66 px of 1280 off the best homography at 960 px, 0.25 to 0.67 at 
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
+from scipy.spatial.transform import Rotation
 
 from fieldcalib._types import Array, BoolArray, Float32
 from fieldcalib.io.image import Image
@@ -37,7 +38,13 @@ WARPED_FROM = 0.03  # change of scale, or rotation in radians, from which a fram
 RANSAC_TOLERANCE = 3.0  # px: the lens bends a homography by that much
 TOLERANCE = (0.3, 2.0)  # px: what is nearer to the motion of the background always belongs to it, what is farther never
 TOLERANCE_IN_SCALES = 4.0  # in between: in robust standard deviations
-ITERATIONS = 5  # of the reweighted fit
+ITERATIONS = 6  # of the fit,
+PLAIN_ITERATIONS = 3  # of the fit without lens, from that with it
+FIXED_ITERATIONS = 2  # the first of them on the inliers of MAGSAC: the motion begins as that in the middle only
+PRIOR_NOISE = 1.0  # px of a coordinate, against the priors: errors of flow are correlated over the picture
+FOCAL_PRIOR = (1.25, 0.6)  # log of focal length over half the diagonal, and deviation: twice the width, 1.1 to 3.7 times
+LARGEST_STEP = 0.4  # of the log of the focal length in one iteration; below 0.5, where the formula ends
+LARGEST_LENS = 0.4  # relative displacement of the corner: beyond, U folds back
 LENS_PRIOR = (
     0.03,
     0.05,
@@ -59,7 +66,7 @@ LARGEST_STRETCH = 1.5  # ratio of the scales in two directions, in the middle of
 SAME_BLOCK = 32  # px: two pictures are the same if no block of that size differs
 SAME_PICTURE = 0.6  # by more than so many grey levels in the mean
 
-ORB_FEATURES = 1500  # of a frame
+ORB_FEATURES = 1000  # of a frame
 ORB_THRESHOLD = 8  # grey levels: the corners of lines on grass are faint
 RATIO = 0.8  # of the distances of the best and the second best descriptor
 LEAST_DESCRIPTORS = 12  # that agree on a homography
@@ -190,6 +197,8 @@ def same_picture(first: Image | Frame, second: Image | Frame) -> bool:
 
     one, two = _pair(first, second)
     height, width = one.grey.shape
+    if cv2.norm(one.grey, two.grey, cv2.NORM_L1) > SAME_PICTURE * one.grey.size:
+        return False
     difference = cv2.absdiff(one.grey, two.grey)
     size = (max(width // SAME_BLOCK, 1), max(height // SAME_BLOCK, 1))
     blocks = cv2.resize(difference.astype(np.float32), size, interpolation=cv2.INTER_AREA)
@@ -365,15 +374,16 @@ def _background(
 ) -> tuple[Array, BoolArray, BoolArray, float] | None:
     """The homography that most candidates follow, who follows it, who is a graphic, and the scale of the residuals."""
     H, agree = _ransac(x[candidates], y[candidates])
-    if H is None:
+    if H is None or not _plausible(H, size):
         return None
     inlier = candidates.copy()
     inlier[candidates] = agree
-    H, distance, scale = _refined(H, x, y, inlier, size)
-    if H is None:
+    motion = _refined(H, x, y, inlier, size)
+    if motion is None:
         return None
+    H, distance, scale = motion
     shift = np.linalg.norm(_mapped(H, x) - x, axis=1)
-    tolerance = np.clip(TOLERANCE_IN_SCALES * scale, *TOLERANCE)
+    tolerance = _tolerance(scale)
     graphic = (np.linalg.norm(y - x, axis=1) < STILL) & (shift > tolerance)
     return H, (distance < tolerance) & ~graphic, graphic, scale
 
@@ -390,18 +400,93 @@ def _ransac(x: Array | Float32, y: Array | Float32) -> tuple[Array | None, BoolA
     return H / H[2, 2], agree[:, 0] > 0
 
 
+@dataclass(frozen=True, eq=False)
+class _Motion:
+    """A camera that turns and zooms: ``U(y) = K2 R K1^-1 U(x)``, ``U(x) = x / (1 + lens |x|^2)``.
+
+    Lengths are relative to half the diagonal, and pixels to the middle of the picture, where the optical axis is.
+    """
+
+    turn: Array
+    """(3,) rotation vector R = exp([turn]x) of camera coordinates."""
+    log_f: float
+    log_zoom: float
+    lens: float
+
+    @property
+    def H(self) -> Array:
+        """``K2 R K1^-1``."""
+        f = np.exp(self.log_f)
+        R, f2 = Rotation.from_rotvec(self.turn).as_matrix(), f * np.exp(self.log_zoom)
+        return np.asarray(np.diag([f2, f2, 1.0]) @ R @ np.diag([1.0 / f, 1.0 / f, 1.0]))
+
+    @classmethod
+    def of(cls, H: Array) -> _Motion:
+        """The motion that does in the middle of the picture what H does there."""
+        log_f = FOCAL_PRIOR[0]
+        zoom, roll, _ = _shape_change(H, (0, 0))
+        f2 = zoom * np.exp(log_f)
+        middle = H[:2, 2] / H[2, 2]
+        axis = np.append(middle, f2) / np.hypot(np.linalg.norm(middle), f2)
+        turn = Rotation.align_vectors(axis[None], [[0.0, 0.0, 1.0]])[0] * Rotation.from_rotvec([0.0, 0.0, roll])
+        return cls(turn.as_rotvec(), log_f, float(np.log(zoom)), LENS_PRIOR[0])
+
+    def residuals(self, p: Array, q: Array) -> tuple[Array, Array]:
+        """``U(q) - K2 R K1^-1 U(p)``, (n, 2), and its negative derivative (n, 2, 6) by rotation, log f, log zoom, lens.
+
+        Pan and tilt times focal length, the shift in the picture, is what pixels determine: pan and tilt are divided by
+        what the focal length is multiplied by, so that it can be found from far away.
+        """
+        pp, qq = (np.sum(z * z, axis=1, keepdims=True) for z in (p, q))
+        R = Rotation.from_rotvec(self.turn).as_matrix()
+        u, v = p / (1.0 + self.lens * pp), q / (1.0 + self.lens * qq)
+        f1, f2 = np.exp(self.log_f), np.exp(self.log_f + self.log_zoom)
+        Y = u @ R[:, :2].T + f1 * R[:, 2]
+        m = f2 * Y[:, :2] / Y[:, 2:]
+        s, t = m[:, 0] / f2, m[:, 1] / f2  # Y = Y3 (s, t, 1)
+        J = np.empty((len(p), 2, 6))
+        J[:, 0, 0], J[:, 0, 1], J[:, 0, 2] = -f2 * s * t, f2 * (1.0 + s * s), -f2 * t  # dY = d_omega x Y
+        J[:, 1, 0], J[:, 1, 1], J[:, 1, 2] = -f2 * (1.0 + t * t), f2 * s * t, f2 * s
+        pan_tilt = self.turn * (1.0, 1.0, 0.0)
+        scaling = pan_tilt + 0.5 * np.cross(self.turn, pan_tilt)  # left Jacobian of the rotation, second order
+        dY_dlog_f = f1 * R[:, 2]
+        dY_dlens = (-u * pp / (1.0 + self.lens * pp)) @ R[:, :2].T
+        scale = f2 / Y[:, 2:]  # dm = scale (dY12 - (s, t) dY3)
+        J[:, :, 3] = m + scale * (dY_dlog_f[:2] - m / f2 * dY_dlog_f[2]) - J[:, :, :3] @ scaling
+        J[:, :, 4] = m
+        J[:, :, 5] = scale * (dY_dlens[:, :2] - m / f2 * dY_dlens[:, 2:]) + v * qq / (1.0 + self.lens * qq)
+        return v - m, J
+
+    def fitted(self, r: Array, J: Array, noise: float, free_lens: bool) -> _Motion:
+        """The motion after a Gauss-Newton step under the priors, for that noise of a coordinate."""
+        J = J.reshape(-1, 6)[:, : 6 if free_lens else 5]
+        A, g = J.T @ J, J.T @ r.reshape(-1)
+        for i, value, (mean, deviation) in ((3, self.log_f, FOCAL_PRIOR), (5, self.lens, LENS_PRIOR)):
+            if i < len(g):
+                A[i, i] += (noise / deviation) ** 2
+                g[i] += (noise / deviation) ** 2 * (mean - value)
+        step = np.zeros(6)
+        step[: len(g)] = np.linalg.solve(A, g)
+        step_f = -0.5 * float(np.log1p(-2.0 * np.clip(step[3], -LARGEST_STEP, LARGEST_STEP)))  # linear in 1 / f^2
+        lens = float(np.clip(self.lens + step[5], -LARGEST_LENS, LARGEST_LENS))
+        turn = self.turn * (np.exp(-step_f), np.exp(-step_f), 1.0)
+        turn = (Rotation.from_rotvec(step[:3]) * Rotation.from_rotvec(turn)).as_rotvec()
+        return _Motion(turn, self.log_f + step_f, self.log_zoom + float(step[4]), lens)
+
+
 def _refined(
     H: Array, x: Array, y: Array, inlier: BoolArray, size: tuple[int, int]
-) -> tuple[Array | None, Array, float]:
-    """Least squares homography with a lens, ``U(y) = H U(x)``, ``U(x) = x / (1 + a |x|^2)``, |x| = 1 in the corner.
+) -> tuple[Array, Array, float] | None:
+    """Least squares motion of a camera that turns and zooms, by Gauss-Newton with hard rejection.
 
-    Gauss-Newton with hard rejection; `a` has a prior, since small motions say nothing about it. On broadcast clips the
-    lens halves the residuals of far pairs, and lets the tolerance be small enough to tell players.
+    Six parameters instead of the nine of a homography with a lens: where all matches lie in a strip of boards, a
+    homography says anything about the rest of the picture. Focal length and lens have priors, since small motions say
+    nothing about them. The lens halves the residuals of far pairs, so that the tolerance tells players better.
 
     Returns
     -------
     H : (3, 3) array
-        Of the pixels, without lens: fitted to the inliers.
+        Of the pixels, the best without lens.
     distance : (n,) array
         Of each point from the motion with lens, px.
     scale : float
@@ -411,49 +496,27 @@ def _refined(
     unit = float(np.hypot(*middle))
     N = np.array([[1.0 / unit, 0.0, -middle[0] / unit], [0.0, 1.0 / unit, -middle[1] / unit], [0.0, 0.0, 1.0]])
     p, q = (x - middle) / unit, (y - middle) / unit
-    pp, qq = (np.sum(z * z, axis=1, keepdims=True) for z in (p, q))
-    h, a = N @ H @ np.linalg.inv(N), LENS_PRIOR[0]
-    h /= h[2, 2]
-    distance, scale = np.zeros(len(x)), 0.0
-    keep = inlier
-    for last in (False,) * ITERATIONS + (True,):
-        if np.sum(keep) < LEAST_DESCRIPTORS:
-            return None, distance, scale
-        u, v = p / (1.0 + a * pp), q / (1.0 + a * qq)
-        w = u @ h[2, :2] + 1.0
-        m = (u @ h[:2, :2].T + h[:2, 2]) / w[:, None]
-        r = v - m
+    keep, motion = inlier, _Motion.of(N @ H @ np.linalg.inv(N))
+    for i in range(ITERATIONS + 1):
+        r, J = motion.residuals(p, q)
         distance = np.linalg.norm(r, axis=1) * unit
+        if i >= FIXED_ITERATIONS:
+            keep = distance < _tolerance(scale)
+            if np.sum(keep) < LEAST_DESCRIPTORS:
+                return None
         scale = 1.4826 * float(np.median(np.abs(r[keep]))) * unit
-        if last:
-            break
-        keep_next = distance < np.clip(TOLERANCE_IN_SCALES * scale, *TOLERANCE)
-        dm_du = (h[:2, :2] - m[:, :, None] * h[2, :2]) / w[:, None, None]
-        du_da, dv_da = -u * pp / (1.0 + a * pp), -v * qq / (1.0 + a * qq)
-        J = np.zeros((len(x), 2, 9))  # of m - v to the eight entries of h and to a
-        J[:, 0, 0:2] = J[:, 1, 3:5] = u / w[:, None]
-        J[:, 0, 2] = J[:, 1, 5] = 1.0 / w
-        J[:, :, 6:8] = -m[:, :, None] * (u / w[:, None])[:, None]
-        J[:, :, 8] = np.einsum("nij,nj->ni", dm_du, du_da) - dv_da
-        Jk, rk = J[keep].reshape(-1, 9), r[keep].reshape(-1)
-        A, g = Jk.T @ Jk, Jk.T @ rk
-        weight = (max(scale, STILL / 3.0) / unit / LENS_PRIOR[1]) ** 2
-        A[8, 8] += weight
-        g[8] -= weight * (a - LENS_PRIOR[0])
-        step = np.linalg.lstsq(A, g, rcond=None)[0]
-        h = h + np.append(step[:8], 0.0).reshape(3, 3)
-        a = float(np.clip(a + step[8], -0.4, 0.4))
-        keep = keep_next if np.sum(keep_next) >= LEAST_DESCRIPTORS else keep
-    return np.linalg.inv(N) @ _plain(p[keep], q[keep]) @ N, distance, scale
+        if i < ITERATIONS:
+            motion = motion.fitted(r[keep], J[keep], PRIOR_NOISE / unit, True)
+    plain = replace(motion, lens=0.0)
+    p, q = p[keep], q[keep]
+    for _ in range(PLAIN_ITERATIONS):
+        plain = plain.fitted(*plain.residuals(p, q), PRIOR_NOISE / unit, False)
+    return np.linalg.inv(N) @ plain.H @ N, distance, scale
 
 
-def _plain(p: Array, q: Array) -> Array:
-    """The homography (3, 3) with ``q = H p`` in the algebraic least squares sense, points of size 1 (normalised DLT)."""
-    zero, one = np.zeros_like(p), np.ones((len(p), 1))
-    rows_x = np.column_stack([p, one, zero, 0.0 * one, -q[:, :1] * p])
-    rows_y = np.column_stack([zero, 0.0 * one, p, one, -q[:, 1:] * p])
-    h = np.linalg.lstsq(np.concatenate([rows_x, rows_y]), q.T.reshape(-1), rcond=None)[0]
-    return np.append(h, 1.0).reshape(3, 3)
+def _tolerance(scale: float) -> float:
+    """Largest distance, px, of the background from its motion."""
+    return float(np.clip(TOLERANCE_IN_SCALES * scale, *TOLERANCE))
 
 
 def _shape_change(H: Array, size: tuple[int, int]) -> tuple[float, float, float]:
