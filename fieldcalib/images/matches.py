@@ -35,7 +35,8 @@ STILL = 0.3  # px: what moves less stands still in the picture; flow of static g
 MOVING_SHARE = 0.3  # of the corners must move for the camera to be thought moving, and what stands still a graphic
 WARPED_FROM = 0.03  # change of scale, or rotation in radians, from which a frame is warped before flow: windows differ
 
-RANSAC_TOLERANCE = 3.0  # px: the lens bends a homography by that much
+RANSAC_TOLERANCE = 3.0  # px: lens and perspective make a similarity wrong by that much
+RANSAC_ITERATIONS = 1000  # at most; two points make a similarity: with a third of them right, 60 find it in 99.9 %
 TOLERANCE = (0.3, 2.0)  # px: what is nearer to the motion of the background always belongs to it, what is farther never
 TOLERANCE_IN_SCALES = 4.0  # in between: in robust standard deviations
 ITERATIONS = 6  # of the fit,
@@ -272,15 +273,15 @@ def match_far(first: Image | Frame, second: Image | Frame) -> Matches | None:
         return None
     pairs = cv2.BFMatcher(cv2.NORM_HAMMING).knnMatch(a, b, k=2)
     good = [m for m, other in pairs if m.distance < RATIO * other.distance]
-    x = p[[m.queryIdx for m in good]].reshape(-1, 2)
-    y = q[[m.trainIdx for m in good]].reshape(-1, 2)
+    size = (one.grey.shape[1], one.grey.shape[0])
+    x = p[[m.queryIdx for m in good]].reshape(-1, 2).astype(float)
+    y = q[[m.trainIdx for m in good]].reshape(-1, 2).astype(float)
     moving = np.linalg.norm(y - x, axis=1) > RANSAC_TOLERANCE
     for keep in (moving, np.ones(len(x), bool)):  # graphics match best of all: first without what stands still
-        H, agree = _ransac(x[keep], y[keep])
-        if H is not None and np.sum(agree) >= LEAST_DESCRIPTORS and _plausible(H, one.grey.shape[::-1]):
-            matches = _matched(one, two, H)
-            if matches is not None:
-                return matches
+        motion = _background(x[keep], y[keep], np.ones(int(np.sum(keep)), bool), size)
+        matches = None if motion is None or not _plausible(motion[0], size) else _matched(one, two, motion[0])
+        if matches is not None:
+            return matches
     return None
 
 
@@ -373,31 +374,52 @@ def _background(
     x: Array, y: Array, candidates: BoolArray, size: tuple[int, int]
 ) -> tuple[Array, BoolArray, BoolArray, float] | None:
     """The homography that most candidates follow, who follows it, who is a graphic, and the scale of the residuals."""
-    H, agree = _ransac(x[candidates], y[candidates])
-    if H is None or not _plausible(H, size):
+    N = _normalisation(size)
+    p, q = _mapped(N, x), _mapped(N, y)
+    found = _consensus(p[candidates], q[candidates], RANSAC_TOLERANCE * N[0, 0])
+    if found is None:
         return None
+    rough, agree = found
     inlier = candidates.copy()
     inlier[candidates] = agree
-    motion = _refined(H, x, y, inlier, size)
-    if motion is None:
+    refined = _refined(rough, p, q, inlier, 1.0 / N[0, 0])
+    if refined is None:
         return None
-    H, distance, scale = motion
-    shift = np.linalg.norm(_mapped(H, x) - x, axis=1)
+    plain, distance, scale = refined
+    H = np.linalg.inv(N) @ plain.H @ N
     tolerance = _tolerance(scale)
-    graphic = (np.linalg.norm(y - x, axis=1) < STILL) & (shift > tolerance)
+    graphic = (np.linalg.norm(y - x, axis=1) < STILL) & (np.linalg.norm(_mapped(H, x) - x, axis=1) > tolerance)
     return H, (distance < tolerance) & ~graphic, graphic, scale
 
 
-def _ransac(x: Array | Float32, y: Array | Float32) -> tuple[Array | None, BoolArray]:
-    """A homography by MAGSAC, and which points follow it; the same for the same points."""
+def _normalisation(size: tuple[int, int]) -> Array:
+    """(3, 3), takes the middle of the picture to the origin and its corners to distance 1."""
+    x, y = 0.5 * np.subtract(size, 1.0)
+    unit = np.hypot(x, y)
+    return np.array([[1.0 / unit, 0.0, -x / unit], [0.0, 1.0 / unit, -y / unit], [0.0, 0.0, 1.0]])
+
+
+def _consensus(p: Array, q: Array, tolerance: float) -> tuple[_Motion, BoolArray] | None:
+    """A turn and a zoom by RANSAC, and which points follow it; the same for the same points.
+
+    Lines of sight are projected stereographically, for the focal length of the prior. That is conformal, and small
+    turns and zooms are similarities but for terms of second order, a quarter of those of the picture itself. Four
+    parameters: the eight of a homography also fit players who run the way that the camera pans.
+    """
     import cv2
 
-    if len(x) < LEAST_DESCRIPTORS:
-        return None, np.zeros(len(x), bool)
-    H, agree = cv2.findHomography(x, y, cv2.USAC_MAGSAC, RANSAC_TOLERANCE, maxIters=1000, confidence=0.999)
-    if H is None or not np.all(np.isfinite(H)) or abs(H[2, 2]) < 1e-9:
-        return None, np.zeros(len(x), bool)
-    return H / H[2, 2], agree[:, 0] > 0
+    if len(p) < LEAST_DESCRIPTORS:
+        return None
+    f = float(np.exp(FOCAL_PRIOR[0]))
+    a, b = (2.0 * z / (1.0 + np.sqrt(1.0 + np.sum(z * z, axis=1, keepdims=True) / f**2)) for z in (p, q))
+    S, agree = cv2.estimateAffinePartial2D(
+        a, b, method=cv2.RANSAC, ransacReprojThreshold=tolerance, maxIters=RANSAC_ITERATIONS, confidence=0.999
+    )
+    if S is None or np.sum(agree) < LEAST_DESCRIPTORS:
+        return None
+    middle = S[:, 2] / (1.0 - np.sum(np.square(S[:, 2])) / (2.0 * f) ** 2)
+    zoom, roll = float(np.hypot(S[0, 0], S[1, 0])), float(np.arctan2(S[1, 0], S[0, 0]))
+    return _Motion.of(middle, zoom, roll), agree[:, 0] > 0
 
 
 @dataclass(frozen=True, eq=False)
@@ -421,15 +443,14 @@ class _Motion:
         return np.asarray(np.diag([f2, f2, 1.0]) @ R @ np.diag([1.0 / f, 1.0 / f, 1.0]))
 
     @classmethod
-    def of(cls, H: Array) -> _Motion:
-        """The motion that does in the middle of the picture what H does there."""
-        log_f = FOCAL_PRIOR[0]
-        zoom, roll, _ = _shape_change(H, (0, 0))
-        f2 = zoom * np.exp(log_f)
-        middle = H[:2, 2] / H[2, 2]
-        axis = np.append(middle, f2) / np.hypot(np.linalg.norm(middle), f2)
-        turn = Rotation.align_vectors(axis[None], [[0.0, 0.0, 1.0]])[0] * Rotation.from_rotvec([0.0, 0.0, roll])
-        return cls(turn.as_rotvec(), log_f, float(np.log(zoom)), LENS_PRIOR[0])
+    def of(cls, middle: Array, zoom: float, roll: float) -> _Motion:
+        """By where the middle of the first picture goes, zoom and roll; focal length and lens are those of the priors."""
+        f2 = zoom * np.exp(FOCAL_PRIOR[0])
+        tilt_pan = np.array([-middle[1], middle[0], 0.0])  # the axis about which (0, 0, 1) turns to (middle, f2)
+        sine = float(np.linalg.norm(tilt_pan))
+        tilt_pan *= np.arctan2(sine, f2) / max(sine, 1e-12)
+        turn = Rotation.from_rotvec(tilt_pan) * Rotation.from_rotvec([0.0, 0.0, roll])
+        return cls(turn.as_rotvec(), FOCAL_PRIOR[0], float(np.log(zoom)), LENS_PRIOR[0])
 
     def residuals(self, p: Array, q: Array) -> tuple[Array, Array]:
         """``U(q) - K2 R K1^-1 U(p)``, (n, 2), and its negative derivative (n, 2, 6) by rotation, log f, log zoom, lens.
@@ -475,8 +496,8 @@ class _Motion:
 
 
 def _refined(
-    H: Array, x: Array, y: Array, inlier: BoolArray, size: tuple[int, int]
-) -> tuple[Array, Array, float] | None:
+    motion: _Motion, p: Array, q: Array, inlier: BoolArray, unit: float
+) -> tuple[_Motion, Array, float] | None:
     """Least squares motion of a camera that turns and zooms, by Gauss-Newton with hard rejection.
 
     Six parameters instead of the nine of a homography with a lens: where all matches lie in a strip of boards, a
@@ -485,18 +506,14 @@ def _refined(
 
     Returns
     -------
-    H : (3, 3) array
-        Of the pixels, the best without lens.
+    plain : _Motion
+        The best without lens, which is a homography.
     distance : (n,) array
-        Of each point from the motion with lens, px.
+        Of each point from the motion with lens, px; `unit` of them are 1.
     scale : float
         Robust standard deviation of a coordinate over the inliers, px.
     """
-    middle = 0.5 * np.subtract(size, 1.0)
-    unit = float(np.hypot(*middle))
-    N = np.array([[1.0 / unit, 0.0, -middle[0] / unit], [0.0, 1.0 / unit, -middle[1] / unit], [0.0, 0.0, 1.0]])
-    p, q = (x - middle) / unit, (y - middle) / unit
-    keep, motion = inlier, _Motion.of(N @ H @ np.linalg.inv(N))
+    keep = inlier
     for i in range(ITERATIONS + 1):
         r, J = motion.residuals(p, q)
         distance = np.linalg.norm(r, axis=1) * unit
@@ -511,7 +528,7 @@ def _refined(
     p, q = p[keep], q[keep]
     for _ in range(PLAIN_ITERATIONS):
         plain = plain.fitted(*plain.residuals(p, q), PRIOR_NOISE / unit, False)
-    return np.linalg.inv(N) @ plain.H @ N, distance, scale
+    return plain, distance, scale
 
 
 def _tolerance(scale: float) -> float:
