@@ -16,7 +16,6 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
-from scipy.spatial.transform import Rotation
 
 from fieldcalib._types import Array, BoolArray, Float32
 from fieldcalib.io.image import Image
@@ -39,11 +38,16 @@ RANSAC_TOLERANCE = 3.0  # px: lens and perspective make a similarity wrong by th
 RANSAC_ITERATIONS = 1000  # at most; two points make a similarity: with a third of them right, 60 find it in 99.9 %
 TOLERANCE = (0.3, 2.0)  # px: what is nearer to the motion of the background always belongs to it, what is farther never
 TOLERANCE_IN_SCALES = 4.0  # in between: in robust standard deviations
-ITERATIONS = 6  # of the fit,
+ITERATIONS = 6  # of the fit, at most,
 PLAIN_ITERATIONS = 3  # of the fit without lens, from that with it
+PLAIN_POINTS = 100  # about so many points are enough for that
+CONVERGED = 0.02  # relative change of the scale of the residuals that ends the fit
 FIXED_ITERATIONS = 2  # the first of them on the inliers of MAGSAC: the motion begins as that in the middle only
 PRIOR_NOISE = 1.0  # px of a coordinate, against the priors: errors of flow are correlated over the picture
-FOCAL_PRIOR = (1.25, 0.6)  # log of focal length over half the diagonal, and deviation: twice the width, 1.1 to 3.7 times
+FOCAL_PRIOR = (
+    1.25,
+    0.6,
+)  # log of focal length over half the diagonal, and deviation: twice the width, 1.1 to 3.7 times
 LARGEST_STEP = 0.4  # of the log of the focal length in one iteration; below 0.5, where the formula ends
 LARGEST_LENS = 0.4  # relative displacement of the corner: beyond, U folds back
 LENS_PRIOR = (
@@ -206,7 +210,9 @@ def same_picture(first: Image | Frame, second: Image | Frame) -> bool:
     return bool(np.max(blocks) < SAME_PICTURE)
 
 
-def match_background(first: Image | Frame, second: Image | Frame, *, start: ArrayLike | None = None) -> Matches | None:
+def match_background(
+    first: Image | Frame, second: Image | Frame, *, start: ArrayLike | None = None, corners: int = MOST_CORNERS
+) -> Matches | None:
     """Static points of the scene in two frames of a camera that pans, tilts and zooms.
 
     Parameters
@@ -216,6 +222,10 @@ def match_background(first: Image | Frame, second: Image | Frame, *, start: Arra
     start : (3, 3) array_like, optional
         Homography from first to second, to a few pixels: of the same motion in the pair before, or chained over the
         frames in between. Without it up to about a fifth of the width is bridged.
+
+    corners : int
+        How many corners of the first frame are followed, strong and weak ones: the strongest are on players. Time is
+        proportional; from one frame of a video to the next, 200 are enough.
 
     Returns
     -------
@@ -248,7 +258,7 @@ def match_background(first: Image | Frame, second: Image | Frame, *, start: Arra
     """
     one, two = _pair(first, second)
     H = None if start is None else _reduced(np.asarray(start, dtype=float), one)
-    return _matched(one, two, H)
+    return _matched(one, two, H, corners)
 
 
 def match_far(first: Image | Frame, second: Image | Frame) -> Matches | None:
@@ -279,7 +289,9 @@ def match_far(first: Image | Frame, second: Image | Frame) -> Matches | None:
     moving = np.linalg.norm(y - x, axis=1) > RANSAC_TOLERANCE
     for keep in (moving, np.ones(len(x), bool)):  # graphics match best of all: first without what stands still
         motion = _background(x[keep], y[keep], np.ones(int(np.sum(keep)), bool), size)
-        matches = None if motion is None or not _plausible(motion[0], size) else _matched(one, two, motion[0])
+        matches = (
+            None if motion is None or not _plausible(motion[0], size) else _matched(one, two, motion[0], MOST_CORNERS)
+        )
         if matches is not None:
             return matches
     return None
@@ -316,8 +328,9 @@ def _mapped(H: Array, xy: Array | Float32) -> Array:
     return np.asarray(h[:, :2] / h[:, 2:]) if np.all(w > 0.0) else h[:, :2] / np.where(w > 0.0, h[:, 2:], np.nan)
 
 
-def _matched(one: Frame, two: Frame, H: Array | None) -> Matches | None:
-    x, y, attempts = _followed(one, two, H)
+def _matched(one: Frame, two: Frame, H: Array | None, corners: int) -> Matches | None:
+    """Matches by flow from where H takes the corners; None if they do not look like those of a static scene."""
+    x, y, attempts = _followed(one, two, H, corners)
     if len(x) < LEAST_MATCHES:
         return None
     size = (one.grey.shape[1], one.grey.shape[0])
@@ -339,7 +352,7 @@ def _matched(one: Frame, two: Frame, H: Array | None) -> Matches | None:
     return None
 
 
-def _followed(one: Frame, two: Frame, H: Array | None) -> tuple[Array, Array, int]:
+def _followed(one: Frame, two: Frame, H: Array | None, corners: int) -> tuple[Array, Array, int]:
     """Corners of one (n, 2), where they are in two (n, 2), and how many were looked for.
 
     With a homography that changes scale or direction, the first frame is warped by it, so that windows look alike.
@@ -347,6 +360,7 @@ def _followed(one: Frame, two: Frame, H: Array | None) -> tuple[Array, Array, in
     import cv2
 
     x, a, b = one.corners, one.grey, two.grey
+    x = x[np.linspace(0, len(x), min(corners, len(x)), endpoint=False, dtype=int)]
     height, width = a.shape
     levels = LEVELS if H is None else LEVELS_PREDICTED
     origin = predicted = x
@@ -439,7 +453,7 @@ class _Motion:
     def H(self) -> Array:
         """``K2 R K1^-1``."""
         f = np.exp(self.log_f)
-        R, f2 = Rotation.from_rotvec(self.turn).as_matrix(), f * np.exp(self.log_zoom)
+        R, f2 = _rotation(self.turn), f * np.exp(self.log_zoom)
         return np.asarray(np.diag([f2, f2, 1.0]) @ R @ np.diag([1.0 / f, 1.0 / f, 1.0]))
 
     @classmethod
@@ -449,8 +463,8 @@ class _Motion:
         tilt_pan = np.array([-middle[1], middle[0], 0.0])  # the axis about which (0, 0, 1) turns to (middle, f2)
         sine = float(np.linalg.norm(tilt_pan))
         tilt_pan *= np.arctan2(sine, f2) / max(sine, 1e-12)
-        turn = Rotation.from_rotvec(tilt_pan) * Rotation.from_rotvec([0.0, 0.0, roll])
-        return cls(turn.as_rotvec(), FOCAL_PRIOR[0], float(np.log(zoom)), LENS_PRIOR[0])
+        turn = _turn(_rotation(tilt_pan) @ _rotation(np.array([0.0, 0.0, roll])))
+        return cls(turn, FOCAL_PRIOR[0], float(np.log(zoom)), LENS_PRIOR[0])
 
     def residuals(self, p: Array, q: Array) -> tuple[Array, Array]:
         """``U(q) - K2 R K1^-1 U(p)``, (n, 2), and its negative derivative (n, 2, 6) by rotation, log f, log zoom, lens.
@@ -459,7 +473,7 @@ class _Motion:
         what the focal length is multiplied by, so that it can be found from far away.
         """
         pp, qq = (np.sum(z * z, axis=1, keepdims=True) for z in (p, q))
-        R = Rotation.from_rotvec(self.turn).as_matrix()
+        R = _rotation(self.turn)
         u, v = p / (1.0 + self.lens * pp), q / (1.0 + self.lens * qq)
         f1, f2 = np.exp(self.log_f), np.exp(self.log_f + self.log_zoom)
         Y = u @ R[:, :2].T + f1 * R[:, 2]
@@ -468,12 +482,12 @@ class _Motion:
         J = np.empty((len(p), 2, 6))
         J[:, 0, 0], J[:, 0, 1], J[:, 0, 2] = -f2 * s * t, f2 * (1.0 + s * s), -f2 * t  # dY = d_omega x Y
         J[:, 1, 0], J[:, 1, 1], J[:, 1, 2] = -f2 * (1.0 + t * t), f2 * s * t, f2 * s
-        pan_tilt = self.turn * (1.0, 1.0, 0.0)
-        scaling = pan_tilt + 0.5 * np.cross(self.turn, pan_tilt)  # left Jacobian of the rotation, second order
+        x, y, z = self.turn
+        scaling = np.array([x - 0.5 * z * y, y + 0.5 * z * x])  # left Jacobian of the rotation, to second order
         dY_dlog_f = f1 * R[:, 2]
         dY_dlens = (-u * pp / (1.0 + self.lens * pp)) @ R[:, :2].T
         scale = f2 / Y[:, 2:]  # dm = scale (dY12 - (s, t) dY3)
-        J[:, :, 3] = m + scale * (dY_dlog_f[:2] - m / f2 * dY_dlog_f[2]) - J[:, :, :3] @ scaling
+        J[:, :, 3] = m + scale * (dY_dlog_f[:2] - m / f2 * dY_dlog_f[2]) - J[:, :, :2] @ scaling
         J[:, :, 4] = m
         J[:, :, 5] = scale * (dY_dlens[:, :2] - m / f2 * dY_dlens[:, 2:]) + v * qq / (1.0 + self.lens * qq)
         return v - m, J
@@ -491,7 +505,7 @@ class _Motion:
         step_f = -0.5 * float(np.log1p(-2.0 * np.clip(step[3], -LARGEST_STEP, LARGEST_STEP)))  # linear in 1 / f^2
         lens = float(np.clip(self.lens + step[5], -LARGEST_LENS, LARGEST_LENS))
         turn = self.turn * (np.exp(-step_f), np.exp(-step_f), 1.0)
-        turn = (Rotation.from_rotvec(step[:3]) * Rotation.from_rotvec(turn)).as_rotvec()
+        turn = _turn(_rotation(step[:3]) @ _rotation(turn))
         return _Motion(turn, self.log_f + step_f, self.log_zoom + float(step[4]), lens)
 
 
@@ -513,7 +527,7 @@ def _refined(
     scale : float
         Robust standard deviation of a coordinate over the inliers, px.
     """
-    keep = inlier
+    keep, scale = inlier, np.inf
     for i in range(ITERATIONS + 1):
         r, J = motion.residuals(p, q)
         distance = np.linalg.norm(r, axis=1) * unit
@@ -521,14 +535,30 @@ def _refined(
             keep = distance < _tolerance(scale)
             if np.sum(keep) < LEAST_DESCRIPTORS:
                 return None
-        scale = 1.4826 * float(np.median(np.abs(r[keep]))) * unit
-        if i < ITERATIONS:
-            motion = motion.fitted(r[keep], J[keep], PRIOR_NOISE / unit, True)
+        before, scale = scale, 1.4826 * float(np.median(np.abs(r[keep]))) * unit
+        if i == ITERATIONS or (i > FIXED_ITERATIONS and abs(scale - before) < CONVERGED * scale):
+            break
+        motion = motion.fitted(r[keep], J[keep], PRIOR_NOISE / unit, True)
     plain = replace(motion, lens=0.0)
-    p, q = p[keep], q[keep]
+    some = np.flatnonzero(keep)[:: 1 + np.sum(keep) // PLAIN_POINTS]
+    p, q = p[some], q[some]
     for _ in range(PLAIN_ITERATIONS):
         plain = plain.fitted(*plain.residuals(p, q), PRIOR_NOISE / unit, False)
     return plain, distance, scale
+
+
+def _rotation(turn: Array) -> Array:
+    """exp([turn]x), (3, 3)."""
+    import cv2
+
+    return np.asarray(cv2.Rodrigues(turn)[0])
+
+
+def _turn(R: Array) -> Array:
+    """The inverse of `_rotation`."""
+    import cv2
+
+    return np.asarray(cv2.Rodrigues(R)[0][:, 0])
 
 
 def _tolerance(scale: float) -> float:
