@@ -1,8 +1,8 @@
 """Matches of the static background between two frames of a camera on a tripod.
 
 Such a camera pans, tilts and zooms: whatever the depth of the scene, a static point moves by the homography
-``K2 R2 R1^T K1^-1``, but for the lens. Corners are followed by pyramidal Lucas-Kanade optical flow, and what moves by one
-such homography is the background. Players, scrolling boards and graphics do not.
+``K2 R2 R1^T K1^-1``, but for the lens. Corners are followed by pyramidal Lucas-Kanade optical flow (Bouguet 2000), and
+what moves by one such homography is the background. Players, scrolling boards and graphics do not.
 
 Frames are halved until they are at most `WORKING_WIDTH` wide. Followed over 12 frames of six broadcast clips, corners
 were 0.23 to 0.66 px of 1280 off the best homography at 960 px, 0.25 to 0.67 at 640 and 0.42 to 0.82 at 480.
@@ -69,8 +69,9 @@ LARGEST_ROLL = 0.35  # radians between two frames: a camera on a tripod stays up
 LARGEST_STRETCH = 1.5  # ratio of the scales in two directions, in the middle of the picture
 
 SAME_BLOCK = 32  # px: two pictures are the same if no block of that size differs
-SAME_PICTURE = 0.6  # by more than so many grey levels in the mean
+SAME_PICTURE = 1.0  # by so many grey levels in the mean; neighbouring frames of six clips differ by 4 or more somewhere
 
+SMALLEST_FOR_ORB = 64  # px: of smaller pictures it cannot make a pyramid
 ORB_FEATURES = 1000  # of a frame
 ORB_THRESHOLD = 8  # grey levels: the corners of lines on grass are faint
 RATIO = 0.8  # of the distances of the best and the second best descriptor
@@ -86,7 +87,10 @@ class Matches:
     second: Array
     """(n, 2) pixels of the second."""
     homography: Array
-    """(3, 3), maps first to second in the least squares sense; without lens, so that it is 1 or 2 px off in the corners."""
+    """(3, 3), from first to second: of the turn and zoom that fit best without a lens, so that pixels are nearly there.
+
+    It is the `start` of the next pair, or a link of a chain. Where there is no match it is about right, not exact.
+    """
     share: float
     """Share of the followed corners that are matches; those on graphics do not count."""
     scale: float
@@ -138,12 +142,12 @@ class Frame:
             raise ValueError(f"image must be (height, width) or (height, width, 3), got shape {image.shape}")
         height, width = image.shape[:2]
         halvings = max(int(np.ceil(np.log2(width / WORKING_WIDTH))), 0)
-        small = image
+        small: Any = image
         if halvings:
             size = (max(width >> halvings, 1), max(height >> halvings, 1))
             small = cv2.resize(image, size, interpolation=cv2.INTER_AREA)
         grey = cv2.cvtColor(small, cv2.COLOR_BGR2GRAY) if image.ndim == 3 else small
-        return cls(grey, (width, height))
+        return cls(np.asarray(grey, dtype=np.uint8), (width, height))
 
     @property
     def scale(self) -> Array:
@@ -165,7 +169,7 @@ class Frame:
         strength[:border] = strength[-border:] = strength[:, :border] = strength[:, -border:] = 0.0
         cell = CELL // 2
         down, across = (side // cell for side in strength.shape)
-        cells = strength[: down * cell, : across * cell].reshape(down, cell, across, cell).swapaxes(1, 2)
+        cells: Any = strength[: down * cell, : across * cell].reshape(down, cell, across, cell).swapaxes(1, 2)
         cells = cells.reshape(down * across, cell * cell)
         if not len(cells):
             return np.zeros((0, 2), np.float32)
@@ -178,13 +182,17 @@ class Frame:
 
     @cached_property
     def descriptors(self) -> tuple[Float32, Image]:
-        """ORB features: (n, 2) pixels of `grey` and (n, 32) bytes. AKAZE is not in OpenCV 5; SIFT takes 20 times longer."""
+        """ORB features: (n, 2) pixels of `grey` and (n, 32) bytes.
+
+        SIFT takes 20 times as long at this size, and AKAZE is in the main modules of OpenCV 4 only.
+        """
         import cv2
 
-        found, bits = cv2.ORB_create(ORB_FEATURES, fastThreshold=ORB_THRESHOLD).detectAndCompute(self.grey, None)
-        if not found:
+        if min(self.grey.shape) < SMALLEST_FOR_ORB:
             return np.zeros((0, 2), np.float32), np.zeros((0, 32), np.uint8)
-        return cv2.KeyPoint.convert(found), bits
+        found, bits = cv2.ORB.create(ORB_FEATURES, fastThreshold=ORB_THRESHOLD).detectAndCompute(self.grey, None)
+        xy = np.array([feature.pt for feature in found], np.float32).reshape(-1, 2)
+        return xy, np.zeros((0, 32), np.uint8) if bits is None else np.asarray(bits, dtype=np.uint8)
 
 
 def same_picture(first: Image | Frame, second: Image | Frame) -> bool:
@@ -241,8 +249,9 @@ def match_background(
     Notes
     -----
     Corners are followed forward and backward. If a good part of them moves, those that stand still in the picture are
-    on graphics and left out. A homography by MAGSAC (Barath et al., CVPR 2020) is refined together with one coefficient
-    of the lens (`_refined`); what is nearer to it than a tolerance measured on the matches themselves is the background.
+    on graphics and left out. RANSAC finds the turn and zoom that most of them follow (`_consensus`), and Gauss-Newton
+    refines them with focal length and lens (`_refined`). The background is what is nearer to that motion than a
+    tolerance, which is measured on the matches themselves.
 
     Examples
     --------
@@ -269,11 +278,15 @@ def match_far(first: Image | Frame, second: Image | Frame) -> Matches | None:
     Examples
     --------
     >>> import cv2
-    >>> noise = np.random.default_rng(0).integers(0, 255, (68, 240), np.uint8)
-    >>> wide = cv2.resize(noise, (1920, 540), interpolation=cv2.INTER_CUBIC)
-    >>> matches = match_far(wide[:, :960], wide[:, 500:1460])
-    >>> np.median(matches.second - matches.first, axis=0).round(1)
-    array([-500.,    0.])
+    >>> noise = np.random.default_rng(0).integers(0, 255, (68, 120), np.uint8)
+    >>> scene = cv2.resize(noise, (960, 540), interpolation=cv2.INTER_CUBIC)
+    >>> zoomed = cv2.warpAffine(scene, np.array([[1.5, 0.0, -240.0], [0.0, 1.5, -135.0]]), (960, 540))
+    >>> match_background(scene, zoomed) is None
+    True
+    >>> match_far(scene, zoomed).homography.round(1)
+    array([[   1.5,    0. , -240. ],
+           [   0. ,    1.5, -135. ],
+           [   0. ,    0. ,    1. ]])
     """
     import cv2
 
@@ -318,14 +331,14 @@ def _reduced(H: Array, frame: Frame) -> Array:
     if H.shape != (3, 3) or not np.all(np.isfinite(H)):
         raise ValueError(f"start must be a finite homography, (3, 3), got shape {H.shape}")
     T = _to_full(frame)
-    return np.asarray(np.linalg.inv(T) @ H @ T)
+    return np.asarray(np.linalg.inv(T) @ H @ T, dtype=np.float64)
 
 
 def _mapped(H: Array, xy: Array | Float32) -> Array:
     """Points (n, 2) mapped by a homography; NaN on and behind its vanishing line."""
-    h = np.column_stack([xy, np.ones(len(xy))]) @ H.T
-    w = h[:, 2:] * np.sign(H[2, 2])
-    return np.asarray(h[:, :2] / h[:, 2:]) if np.all(w > 0.0) else h[:, :2] / np.where(w > 0.0, h[:, 2:], np.nan)
+    h = xy @ H[:, :2].T + H[:, 2]
+    w = h[:, 2:]
+    return np.asarray(h[:, :2] / np.where(w * np.sign(H[2, 2]) > 0.0, w, np.nan), dtype=np.float64)
 
 
 def _matched(one: Frame, two: Frame, H: Array | None, corners: int) -> Matches | None:
@@ -348,7 +361,7 @@ def _matched(one: Frame, two: Frame, H: Array | None, corners: int) -> Matches |
             T = _to_full(one)
             full = T @ H @ np.linalg.inv(T)
             first, second = (_mapped(T, points[agree]) for points in (x, y))
-            return Matches(first, second, full / full[2, 2], share, scale * one.scale[0], same_picture(one, two))
+            return Matches(first, second, full / full[2, 2], share, scale * float(one.scale[0]), same_picture(one, two))
     return None
 
 
@@ -359,7 +372,8 @@ def _followed(one: Frame, two: Frame, H: Array | None, corners: int) -> tuple[Ar
     """
     import cv2
 
-    x, a, b = one.corners, one.grey, two.grey
+    x = one.corners
+    a: Any = one.grey
     x = x[np.linspace(0, len(x), min(corners, len(x)), endpoint=False, dtype=int)]
     height, width = a.shape
     levels = LEVELS if H is None else LEVELS_PREDICTED
@@ -377,8 +391,8 @@ def _followed(one: Frame, two: Frame, H: Array | None, corners: int) -> tuple[Ar
     if not len(x):
         return np.zeros((0, 2)), np.zeros((0, 2)), 0
     how: dict[str, Any] = {"winSize": (WINDOW, WINDOW), "maxLevel": levels, "flags": cv2.OPTFLOW_USE_INITIAL_FLOW}
-    y, forward, _ = cv2.calcOpticalFlowPyrLK(a, b, origin, predicted.copy(), **how)
-    back, backward, _ = cv2.calcOpticalFlowPyrLK(b, a, y, y - (predicted - origin), **how)
+    y, forward, _ = cv2.calcOpticalFlowPyrLK(a, two.grey, origin, predicted.copy(), **how)
+    back, backward, _ = cv2.calcOpticalFlowPyrLK(two.grey, a, y, y - (predicted - origin), **how)
     inside = np.all((y >= 0) & (y < (width, height)), axis=1)
     good = inside & (forward[:, 0] > 0) & (backward[:, 0] > 0) & (np.linalg.norm(back - origin, axis=1) < ROUND_TRIP)
     return x[good].astype(float), y[good].astype(float), len(x)
@@ -458,7 +472,7 @@ class _Motion:
 
     @classmethod
     def of(cls, middle: Array, zoom: float, roll: float) -> _Motion:
-        """By where the middle of the first picture goes, zoom and roll; focal length and lens are those of the priors."""
+        """By where the middle of the first picture goes, zoom and roll; with focal length and lens of the priors."""
         f2 = zoom * np.exp(FOCAL_PRIOR[0])
         tilt_pan = np.array([-middle[1], middle[0], 0.0])  # the axis about which (0, 0, 1) turns to (middle, f2)
         sine = float(np.linalg.norm(tilt_pan))
