@@ -135,6 +135,27 @@ def test_players_and_a_scoreboard_have_no_matches(pan):
     assert np.median(errors(matches, H)) < 0.3
 
 
+@pytest.mark.parametrize("opacity", [0.3, 0.6])
+def test_half_transparent_graphics_hold_no_match_back(opacity):
+    """What is seen through a graphic may be matched, the graphic not."""
+    H = homography(pan=1.0, tilt=0.3)
+    rng = np.random.default_rng(2)
+    logo = cv2.resize(rng.integers(0, 255, (18, 32), dtype=np.uint8), SIZE, interpolation=cv2.INTER_NEAREST)
+    pictures = [view(seed=0), view(H)]
+    for picture in pictures:
+        part = picture[:, 900:]
+        part[:] = cv2.addWeighted(part, 1.0 - opacity, np.ascontiguousarray(logo[:, 900:]), opacity, 0.0)
+    matches = match_background(*pictures)
+    assert np.max(errors(matches, H)) < 4.0  # the graphic moves by 33 px against the background
+    assert np.median(errors(matches, H)) < 0.3
+
+
+def test_a_start_that_is_no_turn_gives_none():
+    mirror = np.diag([-1.0, 1.0, 1.0])
+    assert match_background(FIRST, FIRST, start=mirror) is None
+    assert match_background(FIRST, FIRST, start=homography(zoom=20.0)) is None
+
+
 def test_a_scoreboard_alone_is_no_background():
     blank = np.full(SIZE[::-1], 90, np.uint8)
     board = blank.copy()

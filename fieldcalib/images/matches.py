@@ -44,11 +44,10 @@ PLAIN_POINTS = 100  # about so many points are enough for that
 CONVERGED = 0.02  # relative change of the scale of the residuals that ends the fit
 FIXED_ITERATIONS = 2  # the first of them on the inliers of MAGSAC: the motion begins as that in the middle only
 PRIOR_NOISE = 1.0  # px of a coordinate, against the priors: errors of flow are correlated over the picture
-FOCAL_PRIOR = (
-    1.25,
-    0.6,
-)  # log of focal length over half the diagonal, and deviation: twice the width, 1.1 to 3.7 times
-LARGEST_STEP = 0.4  # of the log of the focal length in one iteration; below 0.5, where the formula ends
+FOCAL_PRIOR = (1.25, 0.6)  # log of focal length over half the diagonal: twice the width; and deviation
+FOCAL_GUESSES = (1.25, 0.7, 1.8)  # of the same, with which a motion is sought
+ENOUGH = 0.8  # of the points: more need not agree for the next guess to be spared
+LARGEST_STEP = 0.4  # of the logs of focal length and zoom in one iteration; below 0.5, where the formula ends
 LARGEST_LENS = 0.4  # relative displacement of the corner: beyond, U folds back
 LENS_PRIOR = (
     0.03,
@@ -58,10 +57,9 @@ LENS_PRIOR = (
 LEAST_MATCHES = 25
 LEAST_SHARE = 0.4  # of the corners that were followed forth and back: the rest are players, boards and errors of flow
 LEAST_FOUND = 0.1  # of the corners that should be in view: across a cut hardly any can be followed
-LEAST_SPREAD = (
-    0.08,
-    0.015,
-)  # of the width: standard deviation along and across the matches; a scoreboard has 0.05, 0.01
+LEAST_FOUND_STILL = 0.5  # if they stand still in the picture: of a camera at rest all can be, in a pan graphics only
+LEAST_SPREAD = (0.08, 0.015)  # of the width: standard deviation along and across; a scoreboard has 0.05, 0.01
+LARGEST_SCALE = (0.25, 0.02)  # px of residuals at rest, and more per px of motion: in a dissolve two motions are mixed
 GRID = (8, 6)  # cells across and down the picture,
 LEAST_CELLS = 6  # so many of which must have matches
 LARGEST_ZOOM = 6.0  # between two frames
@@ -229,7 +227,7 @@ def match_background(
         Of one size. A `Frame` keeps what was found in it for its next partner.
     start : (3, 3) array_like, optional
         Homography from first to second, to a few pixels: of the same motion in the pair before, or chained over the
-        frames in between. Without it up to about a fifth of the width is bridged.
+        frames in between. Without it up to about a tenth of the width is bridged.
 
     corners : int
         How many corners of the first frame are followed, strong and weak ones: the strongest are on players. Time is
@@ -238,8 +236,9 @@ def match_background(
     Returns
     -------
     Matches or None
-        None if too few corners could be followed, or too few of them, or on too small a part of the picture, move as a
-        static scene does: a cut, a wipe, blank grass, motion blur. `match_far` may then help.
+        None if `start` is no turn and zoom of a camera on a tripod, if too few corners could be followed, or if too few
+        of them, or on too small a part of the picture, move as a static scene does: a cut, a wipe, blank grass, motion
+        blur. `match_far` may then help.
 
     Raises
     ------
@@ -267,6 +266,8 @@ def match_background(
     """
     one, two = _pair(first, second)
     H = None if start is None else _reduced(np.asarray(start, dtype=float), one)
+    if H is not None and not _plausible(H, (one.grey.shape[1], one.grey.shape[0])):
+        return None
     return _matched(one, two, H, corners)
 
 
@@ -357,7 +358,10 @@ def _matched(one: Frame, two: Frame, H: Array | None, corners: int) -> Matches |
         count = int(np.sum(agree))
         share = count / max(int(np.sum(~graphic)), 1)
         found = count / max(attempts - int(np.sum(graphic)), 1)
-        if share >= LEAST_SHARE and found >= LEAST_FOUND and _spread(x[agree], size) and _plausible(H, size):
+        shift = float(np.median(np.linalg.norm(y[agree] - x[agree], axis=1)))
+        least = LEAST_FOUND_STILL if np.mean(still[agree]) > 0.5 else LEAST_FOUND
+        fits = scale < LARGEST_SCALE[0] + LARGEST_SCALE[1] * shift
+        if fits and share >= LEAST_SHARE and found >= least and _spread(x[agree], size) and _plausible(H, size):
             T = _to_full(one)
             full = T @ H @ np.linalg.inv(T)
             first, second = (_mapped(T, points[agree]) for points in (x, y))
@@ -417,7 +421,7 @@ def _background(
     H = np.linalg.inv(N) @ plain.H @ N
     tolerance = _tolerance(scale)
     graphic = (np.linalg.norm(y - x, axis=1) < STILL) & (np.linalg.norm(_mapped(H, x) - x, axis=1) > tolerance)
-    return H, (distance < tolerance) & ~graphic, graphic, scale
+    return H, (distance < tolerance) & ~graphic, graphic, float(scale)
 
 
 def _normalisation(size: tuple[int, int]) -> Array:
@@ -430,7 +434,7 @@ def _normalisation(size: tuple[int, int]) -> Array:
 def _consensus(p: Array, q: Array, tolerance: float) -> tuple[_Motion, BoolArray] | None:
     """A turn and a zoom by RANSAC, and which points follow it; the same for the same points.
 
-    Lines of sight are projected stereographically, for the focal length of the prior. That is conformal, and small
+    Lines of sight are projected stereographically, for a few focal lengths in turn. That is conformal, and small
     turns and zooms are similarities but for terms of second order, a quarter of those of the picture itself. Four
     parameters: the eight of a homography also fit players who run the way that the camera pans.
     """
@@ -438,16 +442,23 @@ def _consensus(p: Array, q: Array, tolerance: float) -> tuple[_Motion, BoolArray
 
     if len(p) < LEAST_DESCRIPTORS:
         return None
-    f = float(np.exp(FOCAL_PRIOR[0]))
-    a, b = (2.0 * z / (1.0 + np.sqrt(1.0 + np.sum(z * z, axis=1, keepdims=True) / f**2)) for z in (p, q))
-    S, agree = cv2.estimateAffinePartial2D(
-        a, b, method=cv2.RANSAC, ransacReprojThreshold=tolerance, maxIters=RANSAC_ITERATIONS, confidence=0.999
-    )
-    if S is None or np.sum(agree) < LEAST_DESCRIPTORS:
-        return None
-    middle = S[:, 2] / (1.0 - np.sum(np.square(S[:, 2])) / (2.0 * f) ** 2)
-    zoom, roll = float(np.hypot(S[0, 0], S[1, 0])), float(np.arctan2(S[1, 0], S[0, 0]))
-    return _Motion.of(middle, zoom, roll), agree[:, 0] > 0
+    best: tuple[_Motion, BoolArray] | None = None
+    most = LEAST_DESCRIPTORS - 1
+    for log_f in FOCAL_GUESSES:
+        f = float(np.exp(log_f))
+        a, b = (2.0 * z / (1.0 + np.sqrt(1.0 + np.sum(z * z, axis=1, keepdims=True) / f**2)) for z in (p, q))
+        S, agree = cv2.estimateAffinePartial2D(
+            a, b, method=cv2.RANSAC, ransacReprojThreshold=tolerance, maxIters=RANSAC_ITERATIONS, confidence=0.999
+        )
+        if S is None or np.sum(agree) <= most:
+            continue
+        zoom, roll = float(np.hypot(S[0, 0], S[1, 0])), float(np.arctan2(S[1, 0], S[0, 0]))
+        far = np.sum(np.square(S[:, 2])) / (2.0 * f) ** 2  # 1 is a turn by 90 degrees
+        if 1.0 / LARGEST_ZOOM < zoom < LARGEST_ZOOM and abs(roll) < LARGEST_ROLL and far < 0.5:
+            best, most = (_Motion.of(S[:, 2] / (1.0 - far), zoom, roll, log_f), agree[:, 0] > 0), int(np.sum(agree))
+            if most > ENOUGH * len(p):
+                break
+    return best
 
 
 @dataclass(frozen=True, eq=False)
@@ -471,14 +482,14 @@ class _Motion:
         return np.asarray(np.diag([f2, f2, 1.0]) @ R @ np.diag([1.0 / f, 1.0 / f, 1.0]))
 
     @classmethod
-    def of(cls, middle: Array, zoom: float, roll: float) -> _Motion:
-        """By where the middle of the first picture goes, zoom and roll; with focal length and lens of the priors."""
-        f2 = zoom * np.exp(FOCAL_PRIOR[0])
+    def of(cls, middle: Array, zoom: float, roll: float, log_f: float) -> _Motion:
+        """By where the middle of the first picture goes, zoom, roll and focal length; the lens is that of the prior."""
+        f2 = zoom * np.exp(log_f)
         tilt_pan = np.array([-middle[1], middle[0], 0.0])  # the axis about which (0, 0, 1) turns to (middle, f2)
         sine = float(np.linalg.norm(tilt_pan))
         tilt_pan *= np.arctan2(sine, f2) / max(sine, 1e-12)
         turn = _turn(_rotation(tilt_pan) @ _rotation(np.array([0.0, 0.0, roll])))
-        return cls(turn, FOCAL_PRIOR[0], float(np.log(zoom)), LENS_PRIOR[0])
+        return cls(turn, log_f, float(np.log(zoom)), LENS_PRIOR[0])
 
     def residuals(self, p: Array, q: Array) -> tuple[Array, Array]:
         """``U(q) - K2 R K1^-1 U(p)``, (n, 2), and its negative derivative (n, 2, 6) by rotation, log f, log zoom, lens.
@@ -520,7 +531,8 @@ class _Motion:
         lens = float(np.clip(self.lens + step[5], -LARGEST_LENS, LARGEST_LENS))
         turn = self.turn * (np.exp(-step_f), np.exp(-step_f), 1.0)
         turn = _turn(_rotation(step[:3]) @ _rotation(turn))
-        return _Motion(turn, self.log_f + step_f, self.log_zoom + float(step[4]), lens)
+        step_zoom = float(np.clip(step[4], -LARGEST_STEP, LARGEST_STEP))
+        return _Motion(turn, self.log_f + step_f, self.log_zoom + step_zoom, lens)
 
 
 def _refined(
@@ -595,7 +607,7 @@ def _shape_change(H: Array, size: tuple[int, int]) -> tuple[float, float, float]
 
 
 def _plausible(H: Array, size: tuple[int, int]) -> bool:
-    """Whether a homography may be that of a camera on a tripod."""
+    """Whether a homography may be that of a camera on a tripod; false if it is NaN."""
     zoom, roll, stretch = _shape_change(H, size)
     return 1.0 / LARGEST_ZOOM < zoom < LARGEST_ZOOM and abs(roll) < LARGEST_ROLL and stretch < LARGEST_STRETCH
 
