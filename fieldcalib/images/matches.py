@@ -21,8 +21,8 @@ from fieldcalib._types import Array, BoolArray, Float32
 from fieldcalib.io.image import Image
 
 # Lengths are in pixels of the reduced frames, in which everything is done.
-WORKING_WIDTH = 960  # px
-CELL = 16  # px: at most one corner in each cell of that size, so that boards and crowd do not outnumber the rest
+WORKING_WIDTH = 1280  # px: 1920 are halved, 1280 are kept; at 640 their residuals are 1.6 times as large
+CELL = 24  # px: at most one corner in each cell of that size, so that boards and crowd do not outnumber the rest
 MOST_CORNERS = 400  # of a frame: 800 take twice the time and determine the homography no better than 0.7 times as well
 LEAST_CORNER = 3e-5  # smaller eigenvalue (cv2.cornerMinEigenVal, block of 3): less is grass and noise of compression
 BORDER = 8  # px: nearer to the border of the picture the window of a corner is cut off
@@ -55,11 +55,11 @@ LENS_PRIOR = (
 )  # displacement of the corner by the lens (relative): broadcast cameras have 0.028 in the median
 
 LEAST_MATCHES = 25
-LEAST_SHARE = 0.4  # of the corners that were followed forth and back: the rest are players, boards and errors of flow
+LEAST_SHARE = 0.35  # of the corners that were followed forth and back: the rest are players, boards and errors of flow
 LEAST_FOUND = 0.1  # of the corners that should be in view: across a cut hardly any can be followed
 LEAST_FOUND_STILL = 0.5  # if they stand still in the picture: of a camera at rest all can be, in a pan graphics only
 LEAST_SPREAD = (0.08, 0.015)  # of the width: standard deviation along and across; a scoreboard has 0.05, 0.01
-LARGEST_SCALE = (0.25, 0.02)  # px of residuals at rest, and more per px of motion: in a dissolve two motions are mixed
+LARGEST_SCALE = (0.5, 0.02)  # px of residuals at rest, and more per px of motion: in a dissolve two motions are mixed
 GRID = (8, 6)  # cells across and down the picture,
 LEAST_CELLS = 6  # so many of which must have matches
 LARGEST_ZOOM = 6.0  # between two frames
