@@ -4,8 +4,9 @@ Such a camera pans, tilts and zooms: whatever the depth of the scene, a static p
 ``K2 R2 R1^T K1^-1``, but for the lens. Corners are followed by pyramidal Lucas-Kanade optical flow (Bouguet 2000), and
 what moves by one such homography is the background. Players, scrolling boards and graphics do not.
 
-Frames are halved until they are at most `WORKING_WIDTH` wide. Followed over 12 frames of six broadcast clips, corners
-were 0.23 to 0.66 px of 1280 off the best homography at 960 px, 0.25 to 0.67 at 640 and 0.42 to 0.82 at 480.
+Frames are halved until they are at most `WORKING_WIDTH` wide. Followed over 12 frames of clips of 1080 lines, corners
+were 0.22 to 0.66 px of 1280 off the best homography at 960 px, 0.25 to 0.67 at 640 and 0.42 to 0.79 at 480; clips of 720
+lines gain more: the scatter about a turn and zoom with lens is 0.15 px at 1280, 0.23 at 640.
 """
 
 from __future__ import annotations
@@ -22,7 +23,7 @@ from fieldcalib.io.image import Image
 
 # Lengths are in pixels of the reduced frames, in which everything is done.
 WORKING_WIDTH = 1280  # px: 1920 are halved, 1280 are kept; at 640 their residuals are 1.6 times as large
-CELL = 24  # px: at most one corner in each cell of that size, so that boards and crowd do not outnumber the rest
+CELLS_ACROSS = 54  # at most one corner in each cell, so that boards, crowd and players do not outnumber the rest
 MOST_CORNERS = 400  # of a frame: 800 take twice the time and determine the homography no better than 0.7 times as well
 LEAST_CORNER = 3e-5  # smaller eigenvalue (cv2.cornerMinEigenVal, block of 3): less is grass and noise of compression
 BORDER = 8  # px: nearer to the border of the picture the window of a corner is cut off
@@ -46,7 +47,7 @@ FIXED_ITERATIONS = 2  # the first of them on the inliers of MAGSAC: the motion b
 PRIOR_NOISE = 1.0  # px of a coordinate, against the priors: errors of flow are correlated over the picture
 FOCAL_PRIOR = (1.25, 0.6)  # log of focal length over half the diagonal: twice the width; and deviation
 FOCAL_GUESSES = (1.25, 0.7, 1.8)  # of the same, with which a motion is sought
-ENOUGH = 0.8  # of the points: more need not agree for the next guess to be spared
+ENOUGH = 0.6  # of the points: more need not agree for the next guess to be spared
 LARGEST_STEP = 0.4  # of the logs of focal length and zoom in one iteration; below 0.5, where the formula ends
 LARGEST_LENS = 0.4  # relative displacement of the corner: beyond, U folds back
 LENS_PRIOR = (
@@ -60,7 +61,7 @@ LEAST_FOUND = 0.1  # of the corners that should be in view: across a cut hardly 
 LEAST_FOUND_STILL = 0.5  # if they stand still in the picture: of a camera at rest all can be, in a pan graphics only
 LEAST_SPREAD = (0.08, 0.015)  # of the width: standard deviation along and across; a scoreboard has 0.05, 0.01
 LARGEST_SCALE = (0.5, 0.02)  # px of residuals at rest, and more per px of motion: in a dissolve two motions are mixed
-GRID = (8, 6)  # cells across and down the picture,
+GRID = (8, 6)  # larger cells across and down the picture,
 LEAST_CELLS = 6  # so many of which must have matches
 LARGEST_ZOOM = 6.0  # between two frames
 LARGEST_ROLL = 0.35  # radians between two frames: a camera on a tripod stays upright
@@ -70,6 +71,7 @@ SAME_BLOCK = 32  # px: two pictures are the same if no block of that size differ
 SAME_PICTURE = 1.0  # by so many grey levels in the mean; neighbouring frames of six clips differ by 4 or more somewhere
 
 SMALLEST_FOR_ORB = 64  # px: of smaller pictures it cannot make a pyramid
+ORB_WIDTH = 960  # px: wider frames are halved; far pairs agree in the large, and flow makes them exact
 ORB_FEATURES = 1000  # of a frame
 ORB_THRESHOLD = 8  # grey levels: the corners of lines on grass are faint
 RATIO = 0.8  # of the distances of the best and the second best descriptor
@@ -165,7 +167,7 @@ class Frame:
         strength = cv2.cornerMinEigenVal(half, 3)
         border = BORDER // 2
         strength[:border] = strength[-border:] = strength[:, :border] = strength[:, -border:] = 0.0
-        cell = CELL // 2
+        cell = max(round(strength.shape[1] / CELLS_ACROSS), 1)
         down, across = (side // cell for side in strength.shape)
         cells: Any = strength[: down * cell, : across * cell].reshape(down, cell, across, cell).swapaxes(1, 2)
         cells = cells.reshape(down * across, cell * cell)
@@ -188,8 +190,12 @@ class Frame:
 
         if min(self.grey.shape) < SMALLEST_FOR_ORB:
             return np.zeros((0, 2), np.float32), np.zeros((0, 32), np.uint8)
-        found, bits = cv2.ORB.create(ORB_FEATURES, fastThreshold=ORB_THRESHOLD).detectAndCompute(self.grey, None)
+        grey: Any = self.grey
+        if grey.shape[1] > ORB_WIDTH:
+            grey = cv2.resize(grey, (grey.shape[1] // 2, grey.shape[0] // 2), interpolation=cv2.INTER_AREA)
+        found, bits = cv2.ORB.create(ORB_FEATURES, fastThreshold=ORB_THRESHOLD).detectAndCompute(grey, None)
         xy = np.array([feature.pt for feature in found], np.float32).reshape(-1, 2)
+        xy = (xy + np.float32(0.5)) * np.float32(self.grey.shape[1] / grey.shape[1]) - np.float32(0.5)
         return xy, np.zeros((0, 32), np.uint8) if bits is None else np.asarray(bits, dtype=np.uint8)
 
 
