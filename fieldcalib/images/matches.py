@@ -5,8 +5,8 @@ Such a camera pans, tilts and zooms: whatever the depth of the scene, a static p
 what moves by one such homography is the background. Players, scrolling boards and graphics do not.
 
 Frames are halved until they are at most `WORKING_WIDTH` wide. Followed over 12 frames of clips of 1080 lines, corners
-were 0.22 to 0.66 px of 1280 off the best homography at 960 px, 0.25 to 0.67 at 640 and 0.42 to 0.79 at 480; clips of 720
-lines gain more: the scatter about a turn and zoom with lens is 0.15 px at 1280, 0.23 at 640.
+were 0.22 to 0.66 px of 1280 off the best homography at 960 px, 0.25 to 0.67 at 640 and 0.42 to 0.79 at 480. Clips of
+720 lines gain more: the scatter about a turn and zoom with lens is 0.15 px at 1280, 0.23 at 640.
 """
 
 from __future__ import annotations
