@@ -362,6 +362,8 @@ def _matched(one: Frame, two: Frame, H: Array | None, corners: int) -> Matches |
             continue
         H, agree, graphic, scale = motion
         count = int(np.sum(agree))
+        if count < LEAST_MATCHES:
+            continue
         share = count / max(int(np.sum(~graphic)), 1)
         found = count / max(attempts - int(np.sum(graphic)), 1)
         shift = float(np.median(np.linalg.norm(y[agree] - x[agree], axis=1)))
@@ -514,11 +516,14 @@ class _Motion:
         J[:, 0, 0], J[:, 0, 1], J[:, 0, 2] = -f2 * s * t, f2 * (1.0 + s * s), -f2 * t  # dY = d_omega x Y
         J[:, 1, 0], J[:, 1, 1], J[:, 1, 2] = -f2 * (1.0 + t * t), f2 * s * t, f2 * s
         x, y, z = self.turn
-        scaling = np.array([x - 0.5 * z * y, y + 0.5 * z * x])  # left Jacobian of the rotation, to second order
+        # (I + W / 2 + W^2 / 6) (x, y, 0), W = [turn]x: left Jacobian of the rotation to second order
+        scaling = np.array(
+            [x - z * y / 2.0 - z * z * x / 6.0, y + z * x / 2.0 - z * z * y / 6.0, z * (x * x + y * y) / 6.0]
+        )
         dY_dlog_f = f1 * R[:, 2]
         dY_dlens = (-u * pp / (1.0 + self.lens * pp)) @ R[:, :2].T
         scale = f2 / Y[:, 2:]  # dm = scale (dY12 - (s, t) dY3)
-        J[:, :, 3] = m + scale * (dY_dlog_f[:2] - m / f2 * dY_dlog_f[2]) - J[:, :, :2] @ scaling
+        J[:, :, 3] = m + scale * (dY_dlog_f[:2] - m / f2 * dY_dlog_f[2]) - J[:, :, :3] @ scaling
         J[:, :, 4] = m
         J[:, :, 5] = scale * (dY_dlens[:, :2] - m / f2 * dY_dlens[:, 2:]) + v * qq / (1.0 + self.lens * qq)
         return v - m, J
@@ -587,10 +592,11 @@ def _rotation(turn: Array) -> Array:
 
 
 def _turn(R: Array) -> Array:
-    """The inverse of `_rotation`."""
-    import cv2
-
-    return np.asarray(cv2.Rodrigues(R)[0][:, 0])
+    """The inverse of `_rotation`, for less than 180 degrees; cv2.Rodrigues gives 0 for less than 1e-5, 0.02 px."""
+    axis = 0.5 * np.array([R[2, 1] - R[1, 2], R[0, 2] - R[2, 0], R[1, 0] - R[0, 1]])
+    sine = float(np.linalg.norm(axis))
+    angle = float(np.arctan2(sine, 0.5 * (R[0, 0] + R[1, 1] + R[2, 2] - 1.0)))
+    return axis * (angle / sine if sine > 0.0 else 1.0)
 
 
 def _tolerance(scale: float) -> float:
@@ -620,8 +626,6 @@ def _plausible(H: Array, size: tuple[int, int]) -> bool:
 
 def _spread(xy: Array, size: tuple[int, int]) -> bool:
     """Whether points cover enough of the picture to tell its motion from that of one object."""
-    if len(xy) < LEAST_MATCHES:
-        return False
     deviation = np.sqrt(np.maximum(np.linalg.eigvalsh(np.cov(xy.T)), 0.0)) / size[0]
     cells = np.unique(np.floor(xy / size * GRID).astype(int), axis=0)
     return bool(deviation[1] > LEAST_SPREAD[0] and deviation[0] > LEAST_SPREAD[1] and len(cells) >= LEAST_CELLS)
