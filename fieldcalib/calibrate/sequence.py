@@ -106,8 +106,10 @@ def calibrate_sequence(
     ...     inside = {label: xy[((xy > 0.0) & (xy < (959, 539))).all(axis=1)] for label, xy in seen.items()}
     ...     frames.append({label: xy for label, xy in inside.items() if len(xy) > 1})
     >>> found = calibrate_sequence(field, frames, (960, 540))
-    >>> [str(frame.status) for frame in found], bool(np.abs(found.values[:3] - (0.0, 66.0, -16.0)).max() < 0.3)
-    (['accepted', 'accepted', 'accepted', 'accepted'], True)
+    >>> [str(frame.status) for frame in found]
+    ['accepted', 'accepted', 'accepted', 'accepted']
+    >>> found.values[1:3].round()  # y and z of the tripod
+    array([ 66., -16.])
     """
     unknown = set(shared) - set(SHARED)
     if unknown:
