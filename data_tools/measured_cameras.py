@@ -44,6 +44,12 @@ def read_camera(path: Path) -> Camera:
         return Camera(arrays["K"][0], R, -R.T @ arrays["t"][0], SIZE, arrays["k"][0][:2])
 
 
+def read_zoom(path: Path) -> tuple[Array, Array]:
+    """K (N, 3, 3) and (k1, k2) (N, 2) of all frames of a file."""
+    with np.load(path) as arrays:
+        return arrays["K"], arrays["k"][:, :2]
+
+
 def observed(
     truths: Sequence[Camera], field: Field, noise: float, repeats: int, seed: int = 0
 ) -> list[tuple[Camera, dict[str, Array]]]:

@@ -4,6 +4,7 @@ from . import localize as localize
 from . import metrics as metrics
 from .assess.result import Calibration as Calibration
 from .assess.result import Status as Status
+from .assess.sequence import SequenceCalibration as SequenceCalibration
 from .calibrate.decomposition import Decomposition as Decomposition
 from .calibrate.decomposition import camera_from_homography as camera_from_homography
 from .calibrate.field_size import FieldSize as FieldSize
@@ -15,6 +16,7 @@ from .calibrate.from_segments import calibrate_from_segments as calibrate_from_s
 from .calibrate.options import DEFAULT_FLAGS as DEFAULT_FLAGS
 from .calibrate.options import PINHOLE_FLAGS as PINHOLE_FLAGS
 from .calibrate.options import CalibrationFlags as CalibrationFlags
+from .calibrate.sequence import calibrate_sequence as calibrate_sequence
 from .fields.field import Field as Field
 from .fields.segments import Arc as Arc
 from .fields.segments import Line as Line
@@ -27,6 +29,9 @@ from .geometry.camera import Camera as Camera
 from .geometry.homography import ALIGNMENTS as ALIGNMENTS
 from .geometry.homography import Alignment as Alignment
 from .images.from_images import calibrate_from_images as calibrate_from_images
+from .images.matches import Matches as Matches
+from .images.matches import match_background as match_background
+from .images.matches import match_far as match_far
 from .images.refinement import refine_on_image as refine_on_image
 from .io.results import read_results as read_results
 from .localize.network import SegmentationNetwork as SegmentationNetwork

@@ -23,6 +23,7 @@ from fieldcalib.problem.layout import (
     PRINCIPAL_POINT,
     Layout,
     SizeBlock,
+    ZoomLaw,
     camera_from_theta,
     theta_from_camera,
 )
@@ -46,7 +47,9 @@ LAYOUTS = {
     "no radial lens": RADIAL,
     "radial lens": RADIAL,
     "Brown-Conrady lens": Layout.of(SIZE, BrownConradyLens(RHO)),
+    "zoom law": Layout.of(SIZE, zoom_law=ZoomLaw(np.log(1200.0))),
 }
+LAW = np.array([10.0, 10.0, 0.05, 0.1, 0.5])  # slopes of the principal point, of a1, its bend, the offset of the axes
 # p1, p2, a3 to a6, s1 to s4 of a lens that bends the corner by some percent with each
 OTHER_COEFFICIENTS = np.array([0.004, 0.004, 0.02, 0.01, 0.01, 0.01, 0.005, 0.005, 0.005, 0.005])
 SIZES = SizeBlock(np.array([105.0, 68.0]), np.ones(2), np.array([[90.0, 45.0], [120.0, 90.0]]))
@@ -147,14 +150,16 @@ def random_evaluation(stand, lens, count, distance=20.0, seed=2, with_size=False
     """Random cameras at what they see; `lens` is one of `LAYOUTS`."""
     rng, seen, frames, layout = np.random.default_rng(seed), [], [], LAYOUTS[lens]
     if with_size:
-        layout = Layout.of(SIZE, layout.lens, SIZES)
+        layout = Layout.of(SIZE, layout.lens, SIZES, layout.zoom_law)
     while len(frames) < count:
         camera = random_camera(stand, rng)
-        if lens in ("radial lens", "Brown-Conrady lens"):
+        if lens in ("radial lens", "Brown-Conrady lens", "zoom law"):
             camera = random_distorted(camera, rng)
         theta = layout.theta(camera)
         if lens == "Brown-Conrady lens":
             theta[layout.lens_block][2:] = OTHER_COEFFICIENTS * rng.uniform(-1.0, 1.0, size=10)
+        if lens == "zoom law":
+            theta[layout.zoom_law_block] = LAW * rng.uniform(-1.0, 1.0, size=len(LAW))
         frame = beside_the_segments(ALL_KINDS, layout.camera(theta), distance, rng.uniform(-np.pi, np.pi))
         if len(frame) > 3:
             seen.append(theta)
@@ -165,7 +170,11 @@ def random_evaluation(stand, lens, count, distance=20.0, seed=2, with_size=False
 @pytest.mark.parametrize(
     ("name", "lens"),
     [(name, lens) for lens in ("no radial lens", "radial lens") for name in DISTRIBUTIONS]
-    + [(name, lens) for lens in ("pinhole", "Brown-Conrady lens") for name in ("main center", "behind left goal")],
+    + [
+        (name, lens)
+        for lens in ("pinhole", "Brown-Conrady lens", "zoom law")
+        for name in ("main center", "behind left goal")
+    ],
 )
 def test_jacobian_equals_central_differences_column_by_column(name, lens):
     evaluation = random_evaluation(name, lens, 3 if lens == "Brown-Conrady lens" else 12)

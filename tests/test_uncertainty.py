@@ -404,6 +404,6 @@ def test_errors_by_the_size_are_those_of_the_estimate_on_a_pitch_of_that_size():
 
     (found,) = uncertainties(at_size(np.array([105.0, 68.0])), prior.sigma)
     numeric = central_differences(lambda size: at_size(size).theta[0, :7], np.array([105.0, 68.0]), 0.05)
-    # by_size is of what is true less what is given: the other way
+    # by_considered is of what is true less what is given: the other way
     scale = np.abs(numeric).max(axis=1, keepdims=True)
-    np.testing.assert_allclose(found.by_size[:7] / scale, -numeric / scale, atol=0.05)
+    np.testing.assert_allclose(found.by_considered[:7] / scale, -numeric / scale, atol=0.05)

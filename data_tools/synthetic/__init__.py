@@ -3,6 +3,7 @@
 python -m data_tools.synthetic --sheet OUT.png      a contact sheet
 python -m data_tools.synthetic --cache DIR          frames for data_tools.train
 python -m data_tools.synthetic --bench              frames a second
+python -m data_tools.synthetic --clip OUT.mp4       a clip with its true cameras
 """
 
 from data_tools.synthetic.frames import SIZE, SyntheticFrame, frame

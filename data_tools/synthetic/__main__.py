@@ -1,4 +1,4 @@
-"""Show synthetic frames, keep them in a folder, or measure how fast they are made."""
+"""Show synthetic frames, keep them in a folder, measure how fast they are made, or film a clip with true cameras."""
 
 from __future__ import annotations
 
@@ -14,7 +14,10 @@ import numpy as np
 
 from data_tools.synthetic import CLASSES, frame
 from data_tools.synthetic.cache import write_cache
+from data_tools.synthetic.film import CLIP_SIZE, Scene, clip_frames, write_clip
+from fieldcalib.cli.arguments import count, image_size
 from fieldcalib.draw.overlays import label_colour
+from fieldcalib.fields.soccer import soccer
 from fieldcalib.io.files import write_bytes
 from fieldcalib.io.image import Image
 
@@ -47,9 +50,14 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument("--sheet", type=Path, metavar="OUT.png", help="write frames and masks as one picture")
     parser.add_argument("--cache", type=Path, metavar="DIR", help="write frames and masks for data_tools.train")
     parser.add_argument("--count", type=int, default=10000, help="frames of the cache (10000)")
-    parser.add_argument("--seed", type=int, default=0, help="first frame of the sheet and of the cache (0)")
+    parser.add_argument("--seed", type=int, default=0, help="first frame of the sheet and of the cache, the clip (0)")
     parser.add_argument("--bench", action="store_true", help="measure frames a second")
     parser.add_argument("--processes", type=int, default=2, help="of the cache and of the bench (2)")
+    parser.add_argument("--clip", type=Path, metavar="OUT.mp4", help="film a clip, its cameras beside it in OUT.jsonl")
+    parser.add_argument("--frames", type=count, default=300, help="of the clip, 30 a second (300)")
+    parser.add_argument("--size", type=image_size, default=CLIP_SIZE, metavar="WxH", help="of the clip (960x540)")
+    parser.add_argument("--cuts", type=int, default=0, help="between the main camera and one beside it (0)")
+    parser.add_argument("--measured", type=Path, metavar="FILE.npz", help="zoom, lens and place of a measured camera")
     options = parser.parse_args(arguments)
     if options.sheet:
         write_bytes(options.sheet, cv2.imencode(".png", contact_sheet(options.seed))[1].tobytes())
@@ -58,6 +66,10 @@ def main(arguments: Sequence[str] | None = None) -> int:
     if options.bench:
         speed = frames_per_second(options.processes)
         print(json.dumps({"processes": options.processes, "frames_per_second": round(speed, 1)}))
+    if options.clip:
+        frames = clip_frames(options.seed, options.frames, options.cuts, options.measured, options.size)
+        scene = Scene.random(soccer(), options.seed, [frame.camera for frame in frames])
+        write_clip(options.clip, scene, frames)
     return 0
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 from typing import TypeAlias
 
 import cv2
@@ -57,28 +58,59 @@ def random_suns(rng: np.random.Generator) -> list[Sun]:
     return []
 
 
+@dataclass(frozen=True)
+class Person:
+    """Somebody in the middle of a step."""
+
+    tall: float
+    """Metres."""
+    stride: float
+    """How far forward a foot is, in shares of the height; the other one is as far back."""
+    swing: float
+    """Of the arms, likewise."""
+    raised: bool
+    """Whether the arms are, in joy or protest."""
+    heading: float
+    """Radians from x."""
+    bright: float
+    skin: Colour
+
+    @classmethod
+    def random(cls, rng: np.random.Generator) -> Person:
+        """Anybody in any phase of running."""
+        tall = rng.uniform(1.65, 1.95)
+        stride, swing = rng.uniform(0.0, 0.28) * rng.choice((-1.0, 1.0)), rng.uniform(0.0, 0.25)
+        raised, heading = bool(rng.random() < 0.03), rng.uniform(0.0, 2.0 * np.pi)
+        return cls(tall, stride, swing, raised, heading, rng.uniform(0.8, 1.1), SKIN[rng.integers(len(SKIN))])
+
+    @property
+    def joints(self) -> Array:
+        """Metres (11, 3) from where the person stands: head, neck, hip; knee, foot, elbow, hand of each side."""
+        up = 0.45 if self.raised else 0.0
+        pose = [HEAD, NECK, HIP]
+        for side in (-1.0, 1.0):
+            forward = side * self.stride
+            pose += [
+                (0.6 * forward + 0.05, 0.06 * side, KNEE),
+                (forward - 0.1 * abs(self.stride), 0.06 * side, FOOT + max(0.0, -0.5 * forward)),
+                (-0.4 * side * self.swing, 0.16 * side, ELBOW + up),
+                (0.12 - 0.8 * side * self.swing, 0.17 * side, HAND + 1.2 * up),
+            ]
+        forward, sideways, height = self.tall * np.array(pose).T
+        cos, sin = np.cos(self.heading), np.sin(self.heading)
+        return np.column_stack([cos * forward - sin * sideways, sin * forward + cos * sideways, -height])
+
+
 def add_person(
-    image: Image,
-    light: Float32,
-    camera: Camera,
-    X: Array,
-    kit: Kit,
-    suns: Sequence[Sun],
-    rng: np.random.Generator,
+    image: Image, light: Float32, camera: Camera, X: Array, person: Person, kit: Kit, suns: Sequence[Sun]
 ) -> None:
-    """A person of thick strokes: two legs, shorts, shirt, arms and a head, in any phase of running."""
+    """A person of thick strokes: two legs, shorts, shirt, arms and a head."""
     width, height = camera.image_size
     foot = camera.project(X)
     depth = float(camera.depth(X))
     if not (depth > NEAREST and np.all(np.abs(foot - np.array([width, height]) / 2.0) < (width, height))):
         return
-    tall = rng.uniform(1.65, 1.95)
-    joints = tall * _pose(rng)
-    heading = rng.uniform(0.0, 2.0 * np.pi)
-    cos, sin = np.cos(heading), np.sin(heading)
-    world = np.column_stack(
-        [cos * joints[:, 0] - sin * joints[:, 1], sin * joints[:, 0] + cos * joints[:, 1], -joints[:, 2]]
-    )
+    world = person.joints
     scale = camera.focal_length / depth  # px per metre
     for fall, dark in suns:
         on_ground = camera.project(X + np.column_stack([world[:, :2] - world[:, 2:] * fall, np.zeros(len(world))]))
@@ -88,9 +120,9 @@ def add_person(
     if not np.all(np.abs(xy) < FARTHEST):
         return
     row, column = int(np.clip(foot[1], 0, height - 1)), int(np.clip(foot[0], 0, width - 1))
-    lit = light[:, row, column] * rng.uniform(0.8, 1.1)
+    lit = light[:, row, column] * person.bright
     shirt, shorts, socks, skin = (
-        np.clip(np.array(colour) * lit, 0.0, 255.0).tolist() for colour in (*kit, SKIN[rng.integers(len(SKIN))])
+        np.clip(np.array(colour) * lit, 0.0, 255.0).tolist() for colour in (*kit, person.skin)
     )
     head, neck, hip, *limbs = xy
     for side in (0, 1):
@@ -101,22 +133,6 @@ def add_person(
         _stroke(image, neck, elbow, 0.13 * scale, shirt)
     _stroke(image, neck, hip, 0.36 * scale, shirt)
     _stroke(image, head, head, 0.23 * scale, skin)
-
-
-def _pose(rng: np.random.Generator) -> Array:
-    """Joints (11, 3) of a person one metre tall, facing +x: head, neck, hip; knee, foot, elbow, hand of each side."""
-    stride, swing = rng.uniform(0.0, 0.28) * rng.choice((-1.0, 1.0)), rng.uniform(0.0, 0.25)
-    raised = 0.45 if rng.random() < 0.03 else 0.0  # arms, in joy or protest
-    joints = [HEAD, NECK, HIP]
-    for side in (-1.0, 1.0):
-        forward = side * stride
-        joints += [
-            (0.6 * forward + 0.05, 0.06 * side, KNEE),
-            (forward - 0.1 * abs(stride), 0.06 * side, FOOT + max(0.0, -0.5 * forward)),
-            (-0.4 * side * swing, 0.16 * side, ELBOW + raised),
-            (0.12 - 0.8 * side * swing, 0.17 * side, HAND + 1.2 * raised),
-        ]
-    return np.array(joints)
 
 
 def _stroke(image: Image, start: Array, end: Array, thickness: float, colour: Colour) -> None:

@@ -35,8 +35,16 @@ class Wall:
     """Metres above the ground."""
     along: Float32
     """Metres along the wall."""
-    met: BoolArray
-    """Whether they meet it above the ground and in front of the camera, within the length of the wall."""
+    pixel: Float32
+    """Height of a pixel, metres."""
+    ahead: BoolArray
+    """Whether they meet it in front of the camera, within the length of the wall, be it below the ground."""
+
+    def up_to(self, top: Float32 | float) -> Float32:
+        """Share of every pixel that the wall covers from the ground to a height in metres."""
+        with np.errstate(invalid="ignore"):  # the horizon's pixels
+            below, above = self.height / self.pixel, (top - self.height) / self.pixel
+        return np.where(self.ahead, np.clip(below + 0.5, 0.0, 1.0) * np.clip(above + 0.5, 0.0, 1.0), np.float32(0.0))
 
     @classmethod
     def of_rays(cls, camera: Camera, ray: Float32, axis: int, at: float, half_length: float) -> Wall:
@@ -46,14 +54,23 @@ class Wall:
             scale = (at - C[axis]) / ray[axis]
             height = -C[2] - scale * ray[2]
             along = C[1 - axis] + scale * ray[1 - axis]
-            met = (scale > 0.0) & (height > 0.0) & (np.abs(along) <= half_length)
-        return cls(height, along, met)
+            pixel = np.abs(np.gradient(height, axis=0)) + np.float32(1e-6)
+            ahead = (scale > 0.0) & (np.abs(along) <= half_length)
+        return cls(height, along, pixel, ahead)
 
 
 def add_surroundings(
-    picture: Float32, camera: Camera, ray: Float32, ground: Ground, field: Field, rng: np.random.Generator
+    picture: Float32,
+    camera: Camera,
+    ray: Float32,
+    ground: Ground,
+    field: Field,
+    rng: np.random.Generator,
+    shown: Float32 | None = None,
 ) -> BoolArray:
     """Put stands and boards around the field onto planes (3, height, width), in place.
+
+    The boards show the texture `shown`, by default the one drawn from `rng`. Where all stands depends on `rng` alone.
 
     Returns
     -------
@@ -61,6 +78,7 @@ def add_surroundings(
         Where the foreground hides the field.
     """
     boards, board_height, stand = boards_texture(rng), rng.uniform(*BOARD_HEIGHT), stand_texture(rng)
+    boards = boards if shown is None else shown
     drop = OPEN_DROP if rng.random() < OPEN_SHARE else 0.0
     half = np.array([field.length, field.width]) / 2.0 + rng.uniform(*BOARDS_AWAY, size=2)
     behind = half + rng.uniform(*STAND_AWAY)
@@ -68,11 +86,11 @@ def add_surroundings(
     for axis, sign in beyond:
         wall = Wall.of_rays(camera, ray, axis, sign * behind[axis], behind[1 - axis] + 1.0)
         rows = np.clip((STAND_HEIGHT - drop - wall.height) * STAND_SCALE, 0.0, len(stand) - 1.0)
-        _cover(picture, wrapped(stand, wall.along * STAND_SCALE, rows), wall.met)
+        _cover(picture, wrapped(stand, wall.along * STAND_SCALE, rows), wall.up_to(np.inf))
     for axis, sign in beyond:
         wall = Wall.of_rays(camera, ray, axis, sign * half[axis], half[1 - axis])
-        rows = (1.0 - wall.height / board_height) * len(boards)
-        _cover(picture, wrapped(boards, wall.along * BOARD_SCALE, rows), wall.met & (wall.height < board_height))
+        rows = np.clip((1.0 - wall.height / board_height) * len(boards), 0.0, len(boards) - 1.0)
+        _cover(picture, wrapped(boards, wall.along * BOARD_SCALE, rows), wall.up_to(board_height))
     hidden = np.zeros(picture.shape[1:], bool)
     for axis, sign in (side for side in SIDES if side not in beyond):
         wall = Wall.of_rays(camera, ray, axis, sign * half[axis], half[1 - axis])
@@ -81,11 +99,14 @@ def add_surroundings(
     return hidden
 
 
-def _cover(picture: Float32, texture: Float32, shown: BoolArray) -> None:
-    """Texture (height, width, 3) over the pixels that show it, with soft edges."""
-    share = cv2.GaussianBlur(shown.astype(np.float32), (3, 3), 0.5)
+def _cover(picture: Float32, texture: Float32, share: Float32) -> None:
+    """Texture (height, width, 3) over every pixel by its share."""
     for plane, colour in zip(picture, np.moveaxis(texture, -1, 0), strict=True):
         plane += share * (colour - plane)
+
+
+def _softened(shown: BoolArray) -> Float32:
+    return np.asarray(cv2.GaussianBlur(shown.astype(np.float32), (3, 3), 0.5))
 
 
 def _add_floor(picture: Float32, past: Float32, along: Float32, stand: Float32, rng: np.random.Generator) -> BoolArray:
@@ -93,7 +114,7 @@ def _add_floor(picture: Float32, past: Float32, along: Float32, stand: Float32, 
     floor = past > rng.uniform(*FLOOR_AWAY)  # false above the horizon
     if rng.random() < 0.5:
         rows = np.clip(0.9 * STAND_HEIGHT - past, 0.0, STAND_HEIGHT - 1.0) * STAND_SCALE
-        _cover(picture, rng.uniform(0.3, 1.0) * wrapped(stand, along * STAND_SCALE, rows), floor)
+        _cover(picture, rng.uniform(0.3, 1.0) * wrapped(stand, along * STAND_SCALE, rows), _softened(floor))
     return np.asarray(floor)
 
 
@@ -101,14 +122,14 @@ def _add_near_wall(picture: Float32, wall: Wall, rng: np.random.Generator) -> Bo
     """The backs of boards and dugouts between the camera and the field."""
     profile = _profile(rng)
     if not profile.any():
-        return np.zeros(wall.met.shape, bool)
+        return np.zeros(wall.ahead.shape, bool)
     along = np.nan_to_num(wall.along)
     top = profile[np.mod(along + 0.5 * len(profile), len(profile)).astype(np.intp)]
-    shown = wall.met & (wall.height < top)
+    share = wall.up_to(top)
     panel = np.mod(np.floor(along / rng.uniform(3.0, 12.0)), 2.0)
     colour = np.array(random_colour(rng, saturation=(0.0, 0.5), value=(0.05, 0.95)), np.float32)
-    _cover(picture, (1.0 - rng.uniform(0.0, 0.6) * panel)[..., None] * colour, shown)
-    return np.asarray(shown)
+    _cover(picture, (1.0 - rng.uniform(0.0, 0.6) * panel)[..., None] * colour, share)
+    return np.asarray(share > 0.5)
 
 
 def _profile(rng: np.random.Generator) -> Float32:

@@ -41,18 +41,23 @@ class Noise:
         return np.asarray(own + SHARED_NOISE * left_sum @ np.swapaxes(right_sum, 1, 2))
 
     def of_paint(self, JT: Array, pull: Array) -> Array:
-        """``J^T W S W J`` (B, P, P) of lines that are painted elsewhere as a whole, S in pixels squared.
+        """``J^T W S W J`` (B, P, P) of lines that are painted elsewhere as a whole, S in pixels squared."""
+        summed = self.by_line(JT, pull)
+        return np.asarray(summed @ np.swapaxes(summed, 1, 2))
 
-        A line that is off by one metre moves its residuals by the length of ``n dxy_dX`` on the ground.
+    def by_line(self, JT: Array, pull: Array) -> Array:
+        """``J^T W`` times the residuals of each line (B, P, L) that is painted one standard deviation elsewhere.
+
+        A line that is off by one metre moves its residuals by the length of ``n dxy_dX`` on the ground. The order of
+        the lines is that of their labels, for all frames alike.
         """
         paint = self.evaluation.problem.paint
         if paint == 0.0:
-            return np.zeros((len(JT), JT.shape[1], JT.shape[1]))
+            return np.zeros((len(JT), JT.shape[1], 1))
         centre = np.zeros(self.evaluation.problem.layout.size, dtype=bool)
         centre[CENTER] = True
         by_metre = np.linalg.norm(self.evaluation.derivatives(centre)[:, :2], axis=1)
-        summed = (JT * (paint * pull * by_metre)[:, None]) @ self.segment
-        return np.asarray(summed @ np.swapaxes(summed, 1, 2))
+        return np.asarray((JT * (paint * pull * by_metre)[:, None]) @ self.segment)
 
 
 def size_and_curvature(loss: RobustLoss, variance: Array) -> tuple[Array, Array]:
@@ -77,3 +82,20 @@ def size_and_curvature(loss: RobustLoss, variance: Array) -> tuple[Array, Array]
 def gram(JT: Array, weight: Array) -> Array:
     """``J^T diag(weight) J``, (B, P, P)."""
     return (JT * weight[:, None]) @ np.swapaxes(JT, 1, 2)
+
+
+def pooled_noise(evaluation: Evaluation) -> tuple[Array, Array]:
+    """Standard deviation of the pixels of T frames of one camera, as `fieldcalib.assess.uncertainty` has it, and kappa.
+
+    All frames have the same annotator or network, so that they tell it together, (T,) alike.
+    """
+    problem = evaluation.problem
+    noise = Noise(evaluation)
+    slope = problem.loss.evaluate(np.square(evaluation.r))[1]
+    square = np.square(slope / noise.relative_sigma) * (problem.observations.weight > 0.0)
+    own = int(np.count_nonzero(~problem.layout.shared))
+    equations = np.sum(square * np.square(noise.relative_sigma))
+    redundancy = max(equations - own * len(problem), 1.0)
+    variance = np.full(len(problem), np.sum(square * np.square(evaluation.r)) / redundancy)
+    _, kappa = size_and_curvature(problem.loss, variance)
+    return np.sqrt(variance), kappa

@@ -109,7 +109,7 @@ class Uncertainty:
     unit: Array
     """(n,) standard deviations on which a parameter counts as determined, 0 for what is not free."""
     determined: Array
-    """Covariance of what is determined, (n, n): 0 along open directions. Without that of the field's size."""
+    """Covariance of what is determined, (n, n): 0 along open directions. Without that of considered parameters."""
     open: Array
     """Directions (n, k) that nothing determines, neither labels nor prior."""
     determined_by_labels: Array
@@ -118,20 +118,30 @@ class Uncertainty:
     """As `open`, without the prior."""
     observability: tuple[Direction, ...]
     """Directions of the free parameters, what the labels determine least first."""
-    by_size: Array
-    """How the error of the estimate grows with true length and width less the given ones, (n, 2); (n, 0) if exact."""
+    by_considered: Array
+    """How the error of the estimate grows with the true values of the considered parameters less those that they are
+    kept at, (n, c): length and width of the field, or what many frames share; (n, 0) if nothing is considered."""
     size: SizeEvidence | None
-    """What the frame says about the size of its field; None if that is exact."""
+    """What the frame says about the size of its field; None if that is exact, or known with a covariance."""
     offsets: Mapping[str, tuple[float, float]]
     """How far off the labels would put what was kept fixed, to first order, and the standard deviation of that: of
     "log aspect" and of "b2", the second radial coefficient."""
 
-    def _of_size(self, moment: Array) -> Array:
-        return np.asarray(self.by_size @ moment @ self.by_size.T)
+    def _of_considered(self, moment: Array) -> Array:
+        return np.asarray(self.by_considered @ moment @ self.by_considered.T)
 
     @cached_property
-    def _of_any_size(self) -> Array:
-        return np.zeros_like(self.determined) if self.size is None else self._of_size(self.size.moment)
+    def _moments(self) -> Array:
+        """Second moments (K, c, c) of the considered parameters under each possibility."""
+        if self.size is not None:
+            return self.size.moments
+        c = self.by_considered.shape[1]
+        return np.zeros((1, c, c)) if self.problem.considered is None else self.problem.considered[None]
+
+    @cached_property
+    def _of_any_considered(self) -> Array:
+        weights = np.ones(1) if self.size is None else self.size.weights
+        return self._of_considered(np.tensordot(weights, self._moments, axes=1))
 
     @property
     def problem(self) -> Problem:
@@ -155,7 +165,7 @@ class Uncertainty:
 
         Where nothing determines a parameter its variance is infinite and its covariances are NaN.
         """
-        return _propagated(np.eye(len(self.theta)), self.determined + self._of_any_size, self.open, self.unit)
+        return _propagated(np.eye(len(self.theta)), self.determined + self._of_any_considered, self.open, self.unit)
 
     @property
     def covariance_by_labels(self) -> Array:
@@ -163,7 +173,7 @@ class Uncertainty:
 
         It may be the smaller one: the solver trusts labels less, and its prior more, than good labels deserve.
         """
-        determined = self.determined_by_labels + self._of_any_size
+        determined = self.determined_by_labels + self._of_any_considered
         return _propagated(np.eye(len(self.theta)), determined, self.open_to_labels, self.unit)
 
     @property
@@ -236,8 +246,8 @@ class Uncertainty:
     def at_field_by_size(self, X: Array) -> list[GroundError]:
         """As `at_field`, (n, 3), if each possibility for the field's size were true; one if the size is exact."""
         dX_dtheta, known = self._ground_jacobian(X)
-        moments = np.zeros((1, *2 * self.by_size.shape[1:])) if self.size is None else self.size.moments
-        return [self._ground_error(dX_dtheta, known, self.determined + self._of_size(moment)) for moment in moments]
+        determined = [self.determined + self._of_considered(moment) for moment in self._moments]
+        return [self._ground_error(dX_dtheta, known, one) for one in determined]
 
     def __str__(self) -> str:
         """What the labels determine and what came from the prior, in words."""
@@ -256,12 +266,12 @@ class Uncertainty:
 
     def _standard_deviations(self, J: Array) -> Array:
         """Standard deviations (m, 1) of quantities whose derivatives by theta are J (m, n)."""
-        variances = np.diagonal(_propagated(J, self.determined + self._of_any_size, self.open, self.unit))
+        variances = np.diagonal(_propagated(J, self.determined + self._of_any_considered, self.open, self.unit))
         return np.asarray(np.sqrt(np.maximum(variances, 0.0)))[:, None]
 
     def _of_ground(self, X: Array) -> GroundError:
         """Errors at ground points (..., 3)."""
-        return self._ground_error(*self._ground_jacobian(X), self.determined + self._of_any_size)
+        return self._ground_error(*self._ground_jacobian(X), self.determined + self._of_any_considered)
 
     def _ground_error(self, dX_dtheta: Array, known: BoolArray, determined: Array) -> GroundError:
         covariance = _propagated(dX_dtheta, determined, self.open, self.unit)
@@ -354,9 +364,9 @@ def uncertainties(evaluation: Evaluation, unit: Array) -> list[Uncertainty]:
     noisy[:, :P, :P] += has_prior * identity
     spread_of_kept = L @ noisy @ np.swapaxes(L, 1, 2)
     gradient = (by_kept @ (evaluation.pull * evaluation.r)[..., None])[..., 0]
-    by_true_size = np.zeros((len(problem), problem.layout.size, sizes))
-    by_true_size[:, problem.free] = -theta_of @ following[:, :, :sizes]  # given less true, and so the other way
-    by_true_size[:, problem.layout.considered] = -np.eye(sizes)
+    by_true_value = np.zeros((len(problem), problem.layout.size, sizes))
+    by_true_value[:, problem.free] = -theta_of @ following[:, :, :sizes]  # given less true, and so the other way
+    by_true_value[:, problem.layout.considered] = -np.eye(sizes)
     units = np.zeros_like(evaluation.theta)
     units[:, free] = scale
     found = []
@@ -376,9 +386,9 @@ def uncertainties(evaluation: Evaluation, unit: Array) -> list[Uncertainty]:
                 determined_by_labels=determined_by_labels[t],
                 open_to_labels=open_to_labels,
                 observability=labels.directions(t),
-                by_size=by_true_size[t],
+                by_considered=by_true_value[t],
                 size=None
-                if problem.layout.field_size is None or not sizes
+                if problem.layout.field_size is None or not sizes or problem.considered is not None
                 else SizeEvidence.of(
                     of_kept[t, :sizes, :sizes],
                     gradient[t, :sizes],

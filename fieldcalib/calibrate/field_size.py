@@ -18,8 +18,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from fieldcalib._types import Array
-from fieldcalib.assess.noise import Noise
 from fieldcalib.assess.result import Calibration, Status
+from fieldcalib.assess.shared import shared_covariance
 from fieldcalib.calibrate.from_segments import calibrate_batch
 from fieldcalib.calibrate.options import DEFAULT_CRITERIA, DEFAULT_FLAGS, Prior
 from fieldcalib.fields.field import Field
@@ -27,7 +27,7 @@ from fieldcalib.fields.traits import DEVIATIONS, SizePrior
 from fieldcalib.problem.evaluation import Evaluation, Problem, evaluate
 from fieldcalib.problem.labelled_pixels import ImageSegments
 from fieldcalib.problem.layout import CENTER, Layout, Role, SizeBlock
-from fieldcalib.problem.levenberg_marquardt import eliminated, levenberg_marquardt
+from fieldcalib.problem.levenberg_marquardt import levenberg_marquardt
 from fieldcalib.problem.observations import pack
 from fieldcalib.problem.prior import GaussianPrior
 
@@ -246,25 +246,11 @@ def _solved_together(calibrations: Sequence[Calibration], mean: Array, sizes: Si
 
 def _uncertainty(calibrations: Sequence[Calibration], mean: Array, sizes: SizePrior) -> tuple[Array, Array]:
     """Covariance (2, 2) and shares from the labels (2,) of the most likely size."""
-    precision = np.diag(sizes.sigma**-2)
     if not calibrations:
         return np.diag(sizes.sigma**2), np.zeros(2)
     evaluation = _together(calibrations, mean, sizes)
     found = [one.uncertainty for one in calibrations]
-    kappa, sigma = np.array([(one.curvature, one.bent_sigma) for one in found]).T[..., None, None]
-    own = ~evaluation.problem.layout.shared
-    prior = np.zeros_like(evaluation.information)
-    prior[:, own, own] = 1.0 / np.square(evaluation.pulling_prior_sigma[:, own])
-    # L takes errors of the gradient to those by the size, with the cameras following
-    hessian = kappa * evaluation.information + prior
-    following, _ = eliminated(hessian, evaluation.gradient, own)
-    L = np.zeros((len(found), 2, len(own)))
-    L[:, :, own], L[:, :, ~own] = -np.swapaxes(following, 1, 2), np.eye(2)
-    noise = Noise(evaluation)
-    pull = evaluation.pull * noise.relative_sigma
-    between = sigma**2 * noise.covariance(evaluation.JT, pull, pull) + prior
-    curvature = precision + np.sum(L @ hessian[:, :, ~own], axis=0)
-    inverse = np.linalg.inv(curvature)
-    spread = precision + np.sum(L @ between @ np.swapaxes(L, 1, 2), axis=0)
+    kappa, sigma = np.array([(one.curvature, one.bent_sigma) for one in found]).T
+    covariance, inverse = shared_covariance(evaluation, sigma, kappa)
     share = np.maximum(1.0 - np.diagonal(inverse) / sizes.sigma**2, 0.0)  # below 0 by rounding
-    return inverse @ spread @ inverse, share
+    return covariance, share

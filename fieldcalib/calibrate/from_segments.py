@@ -253,6 +253,24 @@ def calibrate_batch(
         field=object_segments if isinstance(object_segments, Field) else None,
         paint=paint,
     )
+    checked, pixel_weights = checked_frames(object_segments, frames, weights, options.image_size)
+    if initial is not None and len(initial) != len(checked):
+        raise ValueError(f"expected cameras for each of {len(checked)} frames, got {len(initial)}")
+    for index, camera in enumerate(initial or []):
+        if camera.image_size != options.image_size:
+            width, height = camera.image_size
+            raise ValueError(f"frame {index}: its camera is for images of {width} x {height}; see Camera.scaled")
+    given = np.array([options.layout.theta(camera) for camera in initial]) if initial else None
+    return calibrate_frames(object_segments, checked, pixel_weights, options, given=given, trust_labels=trust_labels)
+
+
+def checked_frames(
+    object_segments: ObjectSegments,
+    frames: Iterable[ImageSegments],
+    weights: Iterable[Weights] | None,
+    image_size: tuple[int, int],
+) -> tuple[list[Pixels], list[PixelWeights | None]]:
+    """The pixels of frames and what each weighs, or a ValueError that begins with the index of the frame."""
     if isinstance(frames, Mapping):
         raise ValueError("expected a sequence of frames, got one mapping: calibrate_from_segments takes a single frame")
     if isinstance(frames, str | bytes) or not isinstance(frames, Iterable):
@@ -260,23 +278,29 @@ def calibrate_batch(
     frames, weights = list(frames), None if weights is None else list(weights)
     if weights is not None and len(weights) != len(frames):
         raise ValueError(f"expected weights for each of {len(frames)} frames, got {len(weights)}")
-    if initial is not None and len(initial) != len(frames):
-        raise ValueError(f"expected cameras for each of {len(frames)} frames, got {len(initial)}")
-    for index, camera in enumerate(initial or []):
-        if camera.image_size != options.image_size:
-            width, height = camera.image_size
-            raise ValueError(f"frame {index}: its camera is for images of {width} x {height}; see Camera.scaled")
-    given = np.array([options.layout.theta(camera) for camera in initial]) if initial else None
     checked: list[Pixels] = []
     pixel_weights: list[PixelWeights | None] = []
     for index, frame in enumerate(frames):
         try:
-            pixels = check_segments(object_segments, frame, options.image_size)
+            pixels = check_segments(object_segments, frame, image_size)
             pixels, weight = check_weights(object_segments, pixels, None if weights is None else weights[index])
         except ValueError as error:
             raise ValueError(f"frame {index}: {error}") from None
         checked.append(pixels)
         pixel_weights.append(weight)
+    return checked, pixel_weights
+
+
+def calibrate_frames(
+    object_segments: ObjectSegments,
+    checked: Sequence[Pixels],
+    pixel_weights: Sequence[PixelWeights | None],
+    options: Options,
+    *,
+    given: Array | None = None,
+    trust_labels: bool = False,
+) -> list[Calibration]:
+    """`calibrate_batch` of checked frames, from `given` cameras (T, n) if there are."""
     calibrations = [Calibration.without_camera(Status.TOO_FEW_SEGMENTS, NO_PIXELS) for _ in checked]
     for chunk in _chunks(object_segments, checked):
         members, their_weights = [checked[t] for t in chunk], [pixel_weights[t] for t in chunk]

@@ -37,6 +37,7 @@ Criteria: TypeAlias = tuple[int, int, float]
 
 ALL = "all"
 CERTAIN = float(np.log(20.0))  # log odds of what is said of a frame: of 20 such statements 19 shall be right
+PAINT = 0.03  # m: by how much a line is painted elsewhere, a quarter of its width
 APPROACH_TOLERANCE = 3e-2  # share of the cost
 COUNT, EPS = 1, 2  # cv2.TERM_CRITERIA_COUNT and _EPS
 DEFAULT_CRITERIA: Criteria = (COUNT + EPS, 50, 1e-6)
@@ -116,6 +117,8 @@ class Options:
     """What is calibrated against; None if that is no `Field`."""
     paint: float = 0.0
     """Standard deviation, in metres, of where a line is painted as a whole."""
+    considered: Array | None = None
+    """Covariance of the parameters that the layout considers, where these are not the size of the field alone."""
     auto_lens: bool = False
     """Whether more of the lens is freed where the labels call for it."""
 

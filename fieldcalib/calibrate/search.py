@@ -72,6 +72,7 @@ def find_cameras(observations: Observations, options: Options, given: Array | No
         prior if options.use_prior else None,
         scale=options.scale,
         paint=options.paint,
+        considered=options.considered,
     )
     found = evaluation.of(problem) if theta is evaluation.theta else evaluate(problem, theta)
     return Found(found, prior)

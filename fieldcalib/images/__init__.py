@@ -1,1 +1,1 @@
-"""From images to cameras: line profiles, refinement on the image, hypotheses."""
+"""From images to cameras: line profiles, refinement on the image, hypotheses; matches between frames."""

@@ -12,7 +12,7 @@ import numpy as np
 
 from fieldcalib.assess.result import Calibration
 from fieldcalib.calibrate.from_segments import calibrate_batch
-from fieldcalib.calibrate.options import ALL, DEFAULT_FLAGS, CalibrationFlags, Prior, pixel_unit
+from fieldcalib.calibrate.options import ALL, DEFAULT_FLAGS, PAINT, CalibrationFlags, Prior, pixel_unit
 from fieldcalib.fields.segments import ObjectSegments
 from fieldcalib.geometry.camera import Camera
 from fieldcalib.images.line_profiles import Markings, find_lines, profiles_along
@@ -25,8 +25,6 @@ SEARCH_RANGES = (12.0, 4.0)  # px from the projected markings, in the first and 
 LOSS_SCALE = 2.0  # px: detected lines are more accurate than that, others are outliers
 PROFILES_PER_SEGMENT = 5.0  # number of profiles that carries the weight of one segment without a weight
 LEAST_SUPPORT_REFINED = 0.35  # broadcast frames: 0.36 to 0.9 for cameras within 3 px, below 0.38 for 95 % of wrong ones
-
-PAINT = 0.03  # m: by how much a line is painted elsewhere, a quarter of its width
 
 
 def refine_on_image(

@@ -51,6 +51,8 @@ class Problem:
     """Which frames share the shared parameters, (B,), ascending from 0; None where nothing is shared."""
     paint: float = 0.0
     """Standard deviation, in metres, of where a line is painted as a whole: it is in the uncertainty alone."""
+    considered: Array | None = None
+    """Covariance of the parameters that the layout considers; None for what is known a priori of a field's size."""
     scale: float = SOCCER_SCALE
     """Size of the scene in metres: what steps of the camera's centre are measured by."""
 

@@ -27,7 +27,9 @@ class Projection:
     """
 
     def __init__(self, theta: Array, layout: Layout) -> None:
-        self.theta, self.layout = theta, layout
+        self._given = theta
+        self.theta, self.layout = layout.at_zoom(theta), layout
+        theta = self.theta
         self.R = rotation_from_angles(theta[:, ANGLES])
         self.C = theta[:, None, CENTER]
         self.f = np.exp(theta[:, LOG_F, None])
@@ -120,6 +122,36 @@ class Projection:
         (B, P, N) array
             One row for each free parameter, in the order of theta.
         """
+        law = self.layout.zoom_law_block
+        if law.stop > law.start and np.any(free):
+            J = self._derivatives(s, inverse_depth, n, np.arange(len(free)) < law.start)
+            return self._by_zoom_law(J, len(free))[:, free]
+        return self._derivatives(s, inverse_depth, n, free)
+
+    def _by_zoom_law(self, J: Array, size: int) -> Array:
+        """Derivatives (B, n, N) by theta from those (B, m, N) by the camera at its zoom, see `layout`."""
+        layout = self.layout
+        assert layout.zoom_law is not None
+        law, lens = layout.zoom_law_block, layout.lens_block
+        whole = np.zeros((len(J), size, J.shape[2]))
+        whole[:, : law.start] = J
+        mx, my, slope, bend, offset = self._given[:, law].T[..., None]
+        u = (self._given[:, LOG_F] - layout.zoom_law.reference)[:, None]
+        by_cx, by_cy = J[:, PRINCIPAL_POINT.start], J[:, PRINCIPAL_POINT.start + 1]
+        whole[:, LOG_F] += mx * by_cx + my * by_cy
+        whole[:, law.start], whole[:, law.start + 1] = u * by_cx, u * by_cy
+        if layout.lens.names:
+            by_a1 = J[:, lens.start]
+            whole[:, LOG_F] += (slope + 2.0 * bend * u) * by_a1
+            whole[:, law.start + 2], whole[:, law.start + 3] = u * by_a1, np.square(u) * by_a1
+        along = np.swapaxes(self.R, 1, 2)  # the optical axis is the last column, e3 in the camera
+        whole[:, law.start + 4] = np.einsum("bk,bkn->bn", along[:, :, 2], J[:, CENTER])
+        turned = np.cross(self._axes, (0.0, 0.0, 1.0))  # by which an angle moves e3, in the camera: (B, 3, 3)
+        whole[:, ANGLES] += offset[..., None] * (turned @ self.R @ J[:, CENTER])
+        return whole
+
+    def _derivatives(self, s: Array, inverse_depth: Array, n: Array, free: BoolArray) -> Array:
+        """`derivatives` by the parameters of the camera at its zoom."""
         layout = self.layout
         n_dd_ds = self.pull(s, n)
         ds_dXc = n_dd_ds[0] * s[0] + n_dd_ds[1] * s[1]  # what the third column of ds/dXc leaves of n_dd_ds

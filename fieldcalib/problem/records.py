@@ -11,7 +11,7 @@ from fieldcalib._json import from_json, to_json
 from fieldcalib._types import Array, IntArray
 from fieldcalib.geometry.lens import BrownConradyLens, Lens, Pinhole, RadialLens
 from fieldcalib.problem.evaluation import Problem
-from fieldcalib.problem.layout import Layout, SizeBlock
+from fieldcalib.problem.layout import Layout, SizeBlock, ZoomLaw
 from fieldcalib.problem.losses import RobustLoss
 from fieldcalib.problem.observations import LEAST_DEPTH, Observations, Rows
 from fieldcalib.problem.prior import GaussianPrior
@@ -33,6 +33,7 @@ def problem_to_record(problem: Problem) -> dict[str, Any]:
         "noise": to_json(problem.noise),
         "prior": None if prior is None else {"mean": to_json(prior.mean[0]), "sigma": to_json(prior.sigma[0])},
         "paint": to_json(problem.paint),
+        "considered": None if problem.considered is None else to_json(problem.considered),
         "scale": to_json(problem.scale),
     }
 
@@ -47,6 +48,7 @@ def problem_from_record(record: Mapping[str, Any]) -> Problem:
         float(from_json(record["noise"])),
         None if prior is None else GaussianPrior(from_json(prior["mean"])[None], from_json(prior["sigma"])[None]),
         paint=float(from_json(record["paint"])),
+        considered=None if record.get("considered") is None else from_json(record["considered"]),
         scale=float(from_json(record["scale"])),
     )
 
@@ -116,6 +118,7 @@ def _layout_to_record(layout: Layout) -> dict[str, Any]:
         "image_size": list(layout.image_size),
         "lens": {"name": lens, "rho": to_json(layout.lens.rho)},
         "roles": layout.roles.tolist(),
+        "zoom_law": None if layout.zoom_law is None else to_json(layout.zoom_law.reference),
         "field_size": None
         if size is None
         else {
@@ -137,4 +140,6 @@ def _layout_from_record(record: Mapping[str, Any]) -> Layout:
             from_json(size[name]) for name in ("given", "sigma", "limits", "probabilities", "sigmas")
         )
         size = SizeBlock(given, sigma, limits, (possible[0], possible[1]))
-    return Layout((width, height), lens, np.array(record["roles"]), size)
+    law = record.get("zoom_law")
+    zoom_law = None if law is None else ZoomLaw(float(from_json(law)))
+    return Layout((width, height), lens, np.array(record["roles"]), size, zoom_law)

@@ -1,0 +1,358 @@
+"""Clips of one tripod with true cameras: paths of cameras, labelled pixels along them, and background matches.
+
+Zoom, principal point and lens are those of a measured camera, frame by frame, or follow a law with the sizes of the
+measured ones; pan and tilt are moved as an operator does. `data_tools.synthetic.film` makes pictures of a path.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from data_tools.measured_cameras import SIZE, read_camera, read_zoom
+from data_tools.random_frames import RandomFrame, mislabelled
+from fieldcalib._types import Array, BoolArray
+from fieldcalib.cli.demo import observe
+from fieldcalib.fields.field import Field
+from fieldcalib.geometry.camera import Camera
+from fieldcalib.geometry.lens import POWERS
+from fieldcalib.geometry.projective import homogenize
+from fieldcalib.geometry.rotation import rotation_from_angles
+
+Range = tuple[float, float]
+
+RATE = 30.0  # frames a second
+MEASURED_RATE = 60.0  # frames a second of the measured sequences, of which one has a video that says so
+
+# An operator follows the play, and stops
+PAN_PERIOD, ZOOM_PERIOD = 2.5, 5.0  # s from one move to the next, on average; no measured zoom is faster than 0.43 / s
+RESTS = 0.3  # of the time nothing moves but the hand
+UNEVEN = 0.6  # standard deviation of the logarithm of durations: some moves are five times as fast as others
+SHORTEST_MOVE = 0.15  # of the whole range, added to the length of a move: short ones take relatively long
+HAND, HAND_TIME = np.radians(0.01), 0.25  # a hand on the pan bar: standard deviation, and over how many seconds
+PAN_RANGE = (-np.radians(15.0), np.radians(15.0))
+AIM_RANGE = (-10.0, 8.0)  # m: y of the ground that the camera aims at
+LEAN, ROLL = np.radians(0.3), np.radians(0.3)  # of tripods and cameras that were levelled with a bubble
+
+# Of the ten measured sequences (1920 x 1080): four stadiums with |x| < 0.4, y 67 to 88 and z -12 to -19 m
+X_SIGMA, Y_RANGE, Z_RANGE = 1.0, (62.0, 90.0), (-21.0, -11.0)
+# the logarithm of the focal length over 4000 px spans -0.5 to 0.57, in one sequence at most 0.91
+REFERENCE_FOCAL_LENGTH = 4000.0
+LOG_FOCAL_RANGE, LOG_FOCAL_SPAN = (-0.5, 0.55), (0.3, 0.9)
+# over it, the principal point is a line: pixels from the centre of the image, and pixels per unit
+POINT_RANGES = ((-16.0, 38.0), (-66.0, -5.0))
+POINT_SLOPES = ((-6.0, 18.0), (-6.0, 21.0))
+# and the corner's displacement a1 + a2 and its part a2 are parabolas: constant, slope and curvature
+DISPLACEMENT_RANGES = ((0.036, 0.041), (-0.030, -0.005), (-0.07, 0.01))
+A2_RANGES = ((0.007, 0.013), (-0.040, -0.006), (0.0, 0.05))
+
+MATCH_NOISE = 0.3  # px at 1920 x 1080: what flow between frames of a measured sequence leaves
+OUTLIER_REACH = 40.0  # px from where the point is: flow that follows a player, a board, or nothing
+
+
+@dataclass(frozen=True)
+class ZoomLaw:
+    """Principal point and lens of a zoom lens as polynomials in u = log(f / `REFERENCE_FOCAL_LENGTH`), at `SIZE`.
+
+    Coefficients are in ascending order.
+    """
+
+    principal_point: Array
+    """(2, 2): rows constant and slope, columns x and y; pixels from (w / 2, h / 2)."""
+    displacement: Array
+    """(3,): of a1 + a2, the relative displacement of the corner (`fieldcalib.geometry.lens`)."""
+    a2: Array
+    """(3,): of a2."""
+
+    @classmethod
+    def random(cls, rng: np.random.Generator) -> ZoomLaw:
+        """A law uniform in the ranges of those measured."""
+        point = np.stack([rng.uniform(*np.transpose(ranges)) for ranges in (POINT_RANGES, POINT_SLOPES)])
+        displacement, a2 = (rng.uniform(*np.transpose(ranges)) for ranges in (DISPLACEMENT_RANGES, A2_RANGES))
+        return cls(point, displacement, a2)
+
+    def at(self, f: Array) -> tuple[Array, Array]:
+        """K (N, 3, 3) and (k1, k2) (N, 2) at focal lengths (N,) in pixels.
+
+        Examples
+        --------
+        >>> points = np.array([[10.0, -50.0], [5.0, 8.0]])
+        >>> law = ZoomLaw(points, np.array([0.04, -0.02, 0.0]), np.array([0.01, 0.0, 0.0]))
+        >>> K, k = law.at(np.array([4000.0]))
+        >>> K[0, :2, 2], (k[0] * (np.hypot(960, 540) / 4000.0) ** [2, 4]).round(6)
+        (array([970., 490.]), array([0.03, 0.01]))
+        """
+        polynomial = np.polynomial.polynomial.polyval
+        u = np.log(f / REFERENCE_FOCAL_LENGTH)
+        K = np.zeros((len(f), 3, 3))
+        K[:, 0, 0] = K[:, 1, 1] = f
+        K[:, :2, 2] = np.array(SIZE) / 2.0 + polynomial(u, self.principal_point).T
+        K[:, 2, 2] = 1.0
+        a2 = polynomial(u, self.a2)
+        a = np.stack([polynomial(u, self.displacement) - a2, a2], axis=-1)
+        return K, a * (f[:, None] / (np.hypot(*SIZE) / 2.0)) ** POWERS[:2]
+
+
+@dataclass(frozen=True, eq=False)
+class Match:
+    """Pixels of the same static points in two frames of a clip."""
+
+    first: int
+    second: int
+    xy_first: Array
+    """(N, 2)."""
+    xy_second: Array
+    """(N, 2)."""
+    right: BoolArray
+    """(N,) False for outliers."""
+
+
+def camera_path(
+    rng: np.random.Generator,
+    frames: int,
+    measured: Path | None = None,
+    *,
+    pan_range: Range = PAN_RANGE,
+    aim_range: Range = AIM_RANGE,
+    centre: ArrayLike | None = None,
+    axis_offset: float = 0.0,
+    pupil_travel: float = 0.0,
+    image_size: tuple[int, int] = SIZE,
+    rate: float = RATE,
+) -> list[Camera]:
+    """The cameras of a clip from one tripod.
+
+    The optical centre of frame i is ``centre + (axis_offset + pupil_travel * (log f_i - mean(log f))) d_i``, d_i the
+    direction of the optical axis.
+
+    Parameters
+    ----------
+    rng : numpy.random.Generator
+    frames : int
+    measured : Path, optional
+        A ``<name>.npz`` as `data_tools.measured_cameras` reads them. Each frame has the K and k of a moment of it, from
+        a random one on, played at its own speed, backwards from its end and forwards from its beginning. By default,
+        a random `ZoomLaw` and zooming within the measured ranges.
+    pan_range : (float, float)
+        Radians; the pan goes from one end to the other at least once, or the other way round.
+    aim_range : (float, float)
+        Metres; likewise y of the ground that the image's middle shows.
+    centre : (3,) array_like, optional
+        Where the axes of pan and tilt meet; by default the measured camera's, or on the main stand.
+    axis_offset, pupil_travel : float
+        Metres, and metres for each unit of log f.
+    image_size : (int, int)
+        Of the aspect ratio 16:9.
+    rate : float
+        Frames a second.
+
+    Examples
+    --------
+    >>> cameras = camera_path(np.random.default_rng(0), 100, image_size=(960, 540))
+    >>> len(cameras), bool(np.ptp([camera.C for camera in cameras], axis=0).any())
+    (100, False)
+    """
+    if measured is None:
+        K, k = _zoomed(rng, frames, rate)
+        drawn = [rng.normal(0.0, X_SIGMA), rng.uniform(*Y_RANGE), rng.uniform(*Z_RANGE)]
+    else:
+        K, k = _played(*read_zoom(measured), rng, frames, rate)
+        drawn = list(read_camera(measured).C)
+    axis = np.array(drawn if centre is None else centre, dtype=float)
+    pan = _ranged(operated(rng, frames, rate), pan_range) + _hand(rng, frames, rate)
+    aim = _ranged(operated(rng, frames, rate), aim_range)
+    tilt = np.arctan2((axis[1] - aim) / np.cos(pan), -axis[2]) + _hand(rng, frames, rate)
+    roll = np.full(frames, rng.normal(0.0, ROLL))
+    R = rotation_from_angles(np.stack([pan, tilt, roll], axis=-1)) @ _leaning(rng)
+    log_f = np.log(K[:, 0, 0])
+    C = axis + (axis_offset + pupil_travel * (log_f - log_f.mean()))[:, None] * R[:, 2]
+    return [Camera(*of_frame[:3], SIZE, of_frame[3]).scaled(image_size) for of_frame in zip(K, R, C, k, strict=True)]
+
+
+def operated(rng: np.random.Generator, frames: int, rate: float = RATE, period: float = PAN_PERIOD) -> Array:
+    """A value that an operator moves, (frames,): moves of least jerk, each after a rest, `period` seconds together.
+
+    It stops at 0 and at 1, and in between if there is time for more.
+
+    Examples
+    --------
+    >>> values = operated(np.random.default_rng(0), 301)
+    >>> float(values.min()), float(values.max()), bool(np.abs(np.diff(values)).max() < 0.1)
+    (0.0, 1.0, True)
+    """
+    moves = max(1, round(frames / rate / period))
+    stops = rng.permutation(np.concatenate([[0.0, 1.0], rng.uniform(size=moves - 1)]))
+    moving = (SHORTEST_MOVE + np.abs(np.diff(stops))) * np.exp(rng.normal(0.0, UNEVEN, size=moves))
+    resting = np.exp(rng.normal(0.0, UNEVEN, size=moves))
+    moving *= (1.0 - RESTS) / moving.sum()
+    resting *= RESTS / resting.sum()
+    end = np.cumsum(moving + resting)
+    t = np.linspace(0.0, 1.0, frames)
+    s = np.clip((t - (end - moving)[:, None]) / moving[:, None], 0.0, 1.0)
+    smooth = s**3 * (10.0 - 15.0 * s + 6.0 * s**2)  # least jerk between two rests
+    return np.asarray(np.clip(stops[0] + np.diff(stops) @ smooth, 0.0, 1.0))
+
+
+def between(a: Camera, b: Camera, share: float) -> Camera:
+    """The camera at a share of the way from one frame to the next: a rotation at constant speed, the rest linear."""
+    from scipy.spatial.transform import Rotation
+
+    turn = Rotation.from_matrix(b.R @ a.R.T).as_rotvec()
+    R = Rotation.from_rotvec(share * turn).as_matrix() @ a.R
+    K, C, dist = ((1.0 - share) * of_a + share * of_b for of_a, of_b in ((a.K, b.K), (a.C, b.C), (a.dist, b.dist)))
+    return Camera(K, R, C, a.image_size, dist)
+
+
+def labelled(
+    cameras: Iterable[Camera],
+    field: Field,
+    rng: np.random.Generator,
+    noise: float = 1.0,
+    *,
+    pixels_per_line: tuple[int, int] = (3, 3),
+    wrong_share: float = 0.0,
+    empty_share: float = 0.0,
+) -> list[RandomFrame]:
+    """Labelled pixels of the markings in view, frame by frame.
+
+    Parameters
+    ----------
+    cameras, field, rng, noise, pixels_per_line
+        As `fieldcalib.cli.demo.observe`.
+    wrong_share : float
+        Of the frames have one segment with the label of another (`data_tools.random_frames.mislabelled`).
+    empty_share : float
+        Of the frames have no labels.
+
+    Examples
+    --------
+    >>> from fieldcalib.fields.soccer import soccer
+    >>> rng = np.random.default_rng(0)
+    >>> frames = labelled(camera_path(rng, 20), soccer(), rng, empty_share=0.5)
+    >>> sum(not frame.pixels for frame in frames)
+    10
+    """
+    made = []
+    for camera in cameras:
+        pixels = observe(camera, field, rng, noise, pixels_per_line)
+        wrong, empty = rng.random(2) < (wrong_share, empty_share)
+        made.append(RandomFrame(camera, *mislabelled({} if empty else pixels, field, int(wrong), rng)))
+    return made
+
+
+def background_points(
+    cameras: Sequence[Camera], count: int, rng: np.random.Generator, distances: Range = (60.0, 200.0)
+) -> Array:
+    """Static points of the world in view of a clip, evenly over its pan: stands and boards, and the ground before them.
+
+    Parameters
+    ----------
+    cameras : sequence of Camera
+        Of one tripod.
+    count : int
+    rng : numpy.random.Generator
+    distances : (float, float)
+        Metres from the camera, log-uniform; rays that meet the ground earlier end there.
+
+    Returns
+    -------
+    (count, 3) array
+    """
+    pans = np.array([camera.angles[0] for camera in cameras])
+    nearest = np.abs(pans - rng.uniform(pans.min(), pans.max(), size=(count, 1))).argmin(axis=1)
+    X = np.empty((count, 3))
+    for index, frame in enumerate(nearest):
+        camera = cameras[frame]
+        ray = homogenize(camera.normalized(rng.uniform(0.0, np.array(camera.image_size) - 1.0))) @ camera.R
+        ray /= np.linalg.norm(ray)
+        to_ground = -camera.C[2] / ray[2] if ray[2] > 0.0 else np.inf
+        X[index] = camera.C + min(np.exp(rng.uniform(*np.log(distances))), to_ground) * ray
+    return X
+
+
+def background_matches(
+    cameras: Sequence[Camera],
+    pairs: Iterable[tuple[int, int]],
+    points: Array,
+    rng: np.random.Generator,
+    noise: float = MATCH_NOISE,
+    outlier_share: float = 0.0,
+) -> list[Match]:
+    """Matches of static points between pairs of frames: those in view of both.
+
+    Parameters
+    ----------
+    cameras : sequence of Camera
+    pairs : iterable of (int, int)
+        Indices of frames.
+    points : (N, 3) array
+        As `background_points` makes them.
+    rng : numpy.random.Generator
+    noise : float
+        Standard deviation in pixels of x and of y in the second frame. The first frame's pixel is where the feature was
+        found, and is what is followed: it is exact.
+    outlier_share : float
+        Of the matches go anywhere within `OUTLIER_REACH` of the point.
+
+    Returns
+    -------
+    list of Match
+        One for each pair, in order, possibly without points.
+    """
+    made = []
+    for first, second in pairs:
+        xy = np.stack([cameras[index].project(points) for index in (first, second)])
+        largest = [[np.subtract(cameras[index].image_size, 1.0)] for index in (first, second)]
+        a, b = xy[:, np.all((xy >= 0.0) & (xy <= largest), axis=(0, 2))]  # false for NaN
+        right = rng.random(len(a)) >= outlier_share
+        off = np.where(right[:, None], rng.normal(0.0, noise, a.shape), rng.uniform(-1.0, 1.0, a.shape) * OUTLIER_REACH)
+        made.append(Match(first, second, a, b + off, right))
+    return made
+
+
+def _zoomed(rng: np.random.Generator, frames: int, rate: float) -> tuple[Array, Array]:
+    """K and k of a random law whose zoom is operated."""
+    low, high = LOG_FOCAL_RANGE
+    span = rng.uniform(*LOG_FOCAL_SPAN)
+    start = rng.uniform(low, high - span)
+    u = _ranged(operated(rng, frames, rate, ZOOM_PERIOD), (start, start + span))
+    return ZoomLaw.random(rng).at(REFERENCE_FOCAL_LENGTH * np.exp(u))
+
+
+def _played(K: Array, k: Array, rng: np.random.Generator, frames: int, rate: float) -> tuple[Array, Array]:
+    """K and k of moments between measured frames, at `rate`."""
+    last = len(K) - 1
+    moment = rng.uniform(0.0, last) + np.arange(frames) * MEASURED_RATE / rate
+    moment = last - np.abs(last - np.mod(moment, 2 * last)) if last else 0.0 * moment
+    before = np.floor(moment).astype(int)
+    after, share = np.minimum(before + 1, last), moment - before
+    K, k = (
+        (1.0 - weight) * values[before] + weight * values[after]
+        for values, weight in ((K, share[:, None, None]), (k, share[:, None]))
+    )
+    return K, k
+
+
+def _ranged(shares: Array, limits: Range) -> Array:
+    low, high = limits
+    return low + (high - low) * shares
+
+
+def _hand(rng: np.random.Generator, frames: int, rate: float) -> Array:
+    """Small smooth movements of an angle, radians (frames,)."""
+    from scipy.ndimage import gaussian_filter1d
+
+    width = HAND_TIME * rate
+    noise = gaussian_filter1d(rng.standard_normal(frames), width, mode="wrap")
+    return np.asarray(HAND * np.sqrt(2.0 * np.sqrt(np.pi) * width) * noise)  # a filter's sum of squares, undone
+
+
+def _leaning(rng: np.random.Generator) -> Array:
+    """The small rotation of a tripod that was not quite levelled."""
+    from scipy.spatial.transform import Rotation
+
+    return np.asarray(Rotation.from_rotvec([*rng.normal(0.0, LEAN, size=2), 0.0]).as_matrix())

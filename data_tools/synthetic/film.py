@@ -1,0 +1,253 @@
+"""Pictures of a synthetic clip: one stadium, fixed in the world, with players who run and boards that change.
+
+What a seed draws of the scene is drawn again for every picture, so that ground, stands and goals stay where they are.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+from functools import lru_cache
+from pathlib import Path
+
+import cv2
+import numpy as np
+
+from data_tools.synthetic.clips import RATE, between, camera_path
+from data_tools.synthetic.ground import random_ground, random_light
+from data_tools.synthetic.objects import TEAM_SHARES, add_far_to_near, random_goals
+from data_tools.synthetic.people import Kit, Person, add_person, random_kit, random_suns
+from data_tools.synthetic.pictures import add_graphics
+from data_tools.synthetic.surroundings import add_surroundings
+from data_tools.synthetic.textures import BOARD_SCALE, boards_texture
+from fieldcalib._types import Array, Float32
+from fieldcalib.draw.scene import Ground, rays, to_uint8
+from fieldcalib.fields.field import Field
+from fieldcalib.geometry.camera import Camera
+from fieldcalib.geometry.projective import homogenize
+from fieldcalib.io.files import write_text
+from fieldcalib.io.image import Image
+from fieldcalib.io.soccernet import camera_from_record, camera_to_record
+from fieldcalib.io.videos import VideoWriter
+
+CLIP_SIZE = (960, 540)
+LEAST_PATH = 150  # frames: shorter clips are a part of a path, which goes through all its ranges
+BESIDE = 1.2  # m: the close-up camera stands beside the main one
+
+SHUTTER = 0.5  # of the time between two frames, the usual 180 degrees
+BLUR_STEP = 1.0  # px between instants of an exposure at most
+MOST_BLUR = 0.1  # of the image's width: for faster pans the shutter is open for less time
+CELL = 8  # px: side of the cells in which a warp is linear
+OPTICS, GRAIN = 0.5, 2.0  # standard deviations: blur in pixels, noise in grey values
+BOARD_PERIOD, BOARD_SPEED = 6.0, 1.5  # s for which boards show the same, and m/s at which every other content scrolls
+
+PLAYERS = 22
+SPREAD = (14.0, 10.0)  # m around the play, along the length and the width: standard deviations
+FOLLOWING, LOOKING = 0.8, 2.0  # how much of the camera's way the players go, averaged over so many seconds
+WANDER, WANDER_TIME = 3.0, 1.2  # m to and fro, in seconds: running at a few metres per second
+SPRINT, CADENCE = 7.0, 1.4  # m/s at full stride, and pairs of steps per second
+STRIDE, SWING = 0.28, 0.25  # of the height, at full stride, see `Person`
+
+# What a seed draws independently of the rest
+CAMERAS, LIGHT, GROUND, STANDS, GOALS, PEOPLE, GRAPHICS, BOARDS, NOISE = range(9)
+
+
+@dataclass(frozen=True, eq=False)
+class TrueFrame:
+    """The camera of a frame of a clip."""
+
+    camera: Camera
+    shot: int
+    tripod: int
+    """0 is the main camera, 1 the one beside it."""
+
+
+@dataclass(frozen=True, eq=False)
+class Scene:
+    """A stadium during a clip."""
+
+    field: Field
+    seed: int
+    rate: float
+    positions: Array
+    """(frames, people, 2): metres on the ground."""
+    people: Sequence[tuple[Person, Kit, float]]
+    """With the phase of their steps in radians."""
+
+    @classmethod
+    def random(cls, field: Field, seed: int, cameras: Sequence[Camera], rate: float = RATE) -> Scene:
+        """One whose players follow the play, which these cameras, of all frames, aim at."""
+        rng = np.random.default_rng((seed, PEOPLE))
+        kits = [random_kit(rng) for _ in TEAM_SHARES]
+        people = [
+            (Person.random(rng), kits[rng.choice(len(kits), p=TEAM_SHARES)], rng.uniform(0.0, 2.0 * np.pi))
+            for _ in range(PLAYERS)
+        ]
+        return cls(field, seed, rate, _runs(field, cameras, rate, rng), people)
+
+    def at(self, frame: int, camera: Camera) -> Float32:
+        """The picture at the moment of a frame, (height, width, 3)."""
+        ray = rays(camera)
+        ground = Ground.of_rays(camera, ray)
+        light = random_light(ground, self.field, self._rng(LIGHT))
+        picture = random_ground(ground, self.field, self._rng(GROUND)) * light
+        boards = _boards(self.seed, frame / self.rate)
+        add_surroundings(picture, camera, ray, ground, self.field, self._rng(STANDS), boards)
+        image = to_uint8(picture)
+        self._add_objects(image, light, frame, camera)
+        return image.astype(np.float32)
+
+    def _add_objects(self, image: Image, light: Float32, frame: int, camera: Camera) -> None:
+        rng = self._rng(GOALS)
+        suns, goals = random_suns(rng), random_goals(rng)
+        first, last = max(frame - 1, 0), min(frame + 1, len(self.positions) - 1)
+        velocity = (self.positions[last] - self.positions[first]) / max(last - first, 1)
+        X = np.pad(self.positions[frame], ((0, 0), (0, 1)))
+        share = np.minimum(np.linalg.norm(velocity, axis=1) * self.rate / SPRINT, 1.0)
+
+        def draw(who: int) -> None:
+            person, kit, phase = self.people[who]
+            step = share[who] * np.sin(2.0 * np.pi * CADENCE * frame / self.rate + phase)
+            heading = float(np.arctan2(velocity[who, 1], velocity[who, 0]))
+            running = replace(person, stride=STRIDE * step, swing=SWING * step, heading=heading)
+            add_person(image, light, camera, X[who], running, kit, suns)
+
+        add_far_to_near(image, camera, self.field, *goals, list(X), draw)
+
+    def _rng(self, what: int) -> np.random.Generator:
+        return np.random.default_rng((self.seed, what))
+
+
+def clip_frames(
+    seed: int, frames: int, cuts: int = 0, measured: Path | None = None, image_size: tuple[int, int] = CLIP_SIZE
+) -> list[TrueFrame]:
+    """The cameras of a clip with so many cuts between the main camera and one beside it; both go on all the time.
+
+    Examples
+    --------
+    >>> [frame.tripod for frame in clip_frames(0, 8, cuts=2)]
+    [0, 0, 0, 1, 0, 0, 0, 0]
+    """
+    rng = np.random.default_rng((seed, CAMERAS))
+    length = max(frames, LEAST_PATH)
+    main = camera_path(rng, length, measured, image_size=image_size)
+    other = camera_path(rng, length, centre=main[0].C + (BESIDE, 0.0, 0.0), image_size=image_size)
+    cut = rng.choice(np.arange(1, frames), size=cuts, replace=False)
+    shots = np.sum(np.arange(frames)[:, None] >= cut, axis=1).tolist()
+    return [TrueFrame((main, other)[shot % 2][index], shot, shot % 2) for index, shot in enumerate(shots)]
+
+
+def film(scene: Scene, frames: Sequence[TrueFrame]) -> Iterator[Image]:
+    """The frames of a clip, with motion blur, graphics, blur of the optics, and noise."""
+    for index, frame in enumerate(frames):
+        before, after = (
+            frames[other].camera if 0 <= other < len(frames) and frames[other].shot == frame.shot else None
+            for other in (index - 1, index + 1)
+        )
+        picture = exposed(scene, index, before, frame.camera, after)
+        cv2.GaussianBlur(picture, (0, 0), OPTICS, dst=picture)
+        rng = np.random.default_rng((scene.seed, NOISE, index))
+        picture += GRAIN * rng.standard_normal(picture.shape, dtype=np.float32)
+        image: Image = np.clip(picture + 0.5, 0.0, 255.0).astype(np.uint8)
+        add_graphics(image, np.random.default_rng((scene.seed, GRAPHICS)))
+        yield image
+
+
+def exposed(scene: Scene, index: int, before: Camera | None, camera: Camera, after: Camera | None) -> Float32:
+    """The average of the instants while the shutter is open, around the moment of the frame itself.
+
+    Between them the camera moves to the neighbouring frames; where a shot begins or ends, as it does on the other side.
+    A turning camera shows a picture that is warped whatever its depth, so that one picture, with a rim, makes all
+    instants. That players run while the shutter is open is left out: it blurs them by less than 0.1 m.
+    """
+    before, after = before or between(camera, after or camera, -1.0), after or between(camera, before or camera, -1.0)
+    speed = _moved(before, after) / 2.0  # px per frame
+    shutter = min(SHUTTER, MOST_BLUR * camera.image_size[0] / max(speed, 1.0))
+    blur = shutter * speed
+    if blur < BLUR_STEP:
+        return scene.at(index, camera)
+    rim = int(np.ceil(blur)) + CELL
+    width, height = camera.image_size
+    wide = camera.cropped((-rim, -rim), (width + 2 * rim, height + 2 * rim))
+    picture = scene.at(index, wide)
+    total = np.zeros((height, width, 3), np.float32)
+    count = int(np.ceil(blur / BLUR_STEP))
+    for share in shutter * ((np.arange(count) + 0.5) / count - 0.5):
+        moved = between(camera, before if share < 0.0 else after, abs(share))
+        total += cv2.remap(picture, *_seen(moved, wide), cv2.INTER_CUBIC, borderMode=cv2.BORDER_REPLICATE)
+    return total / np.float32(count)
+
+
+def _seen(camera: Camera, other: Camera) -> tuple[Float32, Float32]:
+    """Pixels x and y of the other camera that show, far away, what every pixel of this one does; (height, width).
+
+    Between the corners of cells they are linear: the lens bends a cell by less than a hundredth of a pixel.
+    """
+    width, height = camera.image_size
+    x, y = (np.arange(0, size + CELL, CELL) for size in (width, height))
+    X = other.C + homogenize(camera.normalized(np.stack(np.meshgrid(x, y), axis=-1))) @ camera.R
+    corners = other.project(X).astype(np.float32)
+    u, v = np.meshgrid(*(np.arange(size, dtype=np.float32) / CELL for size in (width, height)))
+    seen = np.asarray(cv2.remap(corners, u, v, cv2.INTER_LINEAR), np.float32)
+    return seen[..., 0], seen[..., 1]
+
+
+def write_clip(path: Path, scene: Scene, frames: Sequence[TrueFrame]) -> None:
+    """Write the clip as an MP4 and its cameras beside it, ``.jsonl``.
+
+    Each line is a camera as SoccerNet writes it (`fieldcalib.io.soccernet`), with the keys `frame`, `shot`, `tripod`,
+    `image_size`, and the size of the field in metres, `field`.
+    """
+    size = {"field": [scene.field.length, scene.field.width]}
+    lines = []
+    for index, frame in enumerate(frames):
+        of_frame = {"frame": index, "shot": frame.shot, "tripod": frame.tripod, "image_size": frame.camera.image_size}
+        lines.append(json.dumps({**of_frame, **size, **camera_to_record(frame.camera)}) + "\n")
+    with VideoWriter(path, scene.rate) as video:
+        for image in film(scene, frames):
+            video.write(image)
+    write_text(path.with_suffix(".jsonl"), "".join(lines))
+
+
+def read_cameras(path: Path) -> list[TrueFrame]:
+    """The cameras that `write_clip` wrote."""
+    records = [json.loads(line) for line in path.read_text().splitlines()]
+    return [
+        TrueFrame(camera_from_record(record, (*record["image_size"],)), record["shot"], record["tripod"])
+        for record in records
+    ]
+
+
+def _moved(a: Camera, b: Camera) -> float:
+    """By how many pixels the image moves at most from one camera to another, far away."""
+    width, height = a.image_size
+    xy = np.array([[0.0, 0.0], [width, 0.0], [width, height], [0.0, height], [width / 2.0, height / 2.0]])
+    X = b.C + homogenize(a.normalized(xy)) @ a.R
+    return float(np.nanmax(np.linalg.norm(b.project(X) - xy, axis=1)))
+
+
+def _runs(field: Field, cameras: Sequence[Camera], rate: float, rng: np.random.Generator) -> Array:
+    """Where the players are, (frames, people, 2)."""
+    from scipy.ndimage import gaussian_filter1d
+
+    middle = np.array(cameras[0].image_size) / 2.0
+    aims = np.nan_to_num([camera.image_to_field(middle)[:2] for camera in cameras])
+    play = FOLLOWING * gaussian_filter1d(aims, LOOKING * rate, axis=0, mode="nearest")
+    width = WANDER_TIME * rate
+    wander = gaussian_filter1d(rng.standard_normal((len(cameras), PLAYERS, 2)), width, axis=0, mode="wrap")
+    wander *= WANDER * np.sqrt(2.0 * np.sqrt(np.pi) * width)
+    half = np.array([field.length, field.width]) / 2.0
+    return np.asarray(np.clip(play[:, None] + rng.normal(size=(PLAYERS, 2)) * SPREAD + wander, -half, half))
+
+
+@lru_cache(maxsize=2)
+def _content(seed: int, number: int) -> Float32:
+    return boards_texture(np.random.default_rng((seed, BOARDS, number)))
+
+
+def _boards(seed: int, time: float) -> Float32:
+    """What electronic boards show at a time in seconds: one content after the other, every other one scrolls."""
+    number = int(np.floor(time / BOARD_PERIOD))
+    texture = _content(seed, max(number, 0))
+    return np.roll(texture, round(BOARD_SPEED * time * BOARD_SCALE), axis=1) if number % 2 else texture

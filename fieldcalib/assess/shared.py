@@ -1,0 +1,50 @@
+"""How well frames together determine what they share."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from fieldcalib._types import Array
+from fieldcalib.assess.noise import Noise
+from fieldcalib.problem.evaluation import Evaluation
+from fieldcalib.problem.levenberg_marquardt import eliminated
+
+
+def shared_covariance(evaluation: Evaluation, sigma: Array, kappa: Array) -> tuple[Array, Array]:
+    """Covariance (S, S) of the shared parameters of one group of frames, and the inverse of their curvature.
+
+    The sandwich of `fieldcalib.assess.uncertainty`, the frames' own parameters following the shared ones. Noise is
+    independent from frame to frame, but a line that is painted elsewhere is so in every frame: that stays, however
+    many frames there are.
+
+    Parameters
+    ----------
+    evaluation : Evaluation
+        Of T frames at the solution.
+    sigma : (T,) array
+        Standard deviation of the pixels as the robust loss lets it through.
+    kappa : (T,) array
+        By which the loss bends less than the Gauss-Newton Hessian says.
+
+    References
+    ----------
+    Triggs et al.: Bundle Adjustment - A Modern Synthesis, 2000, section 6.1 (the Schur complement).
+    """
+    shared = evaluation.problem.layout.shared
+    information = kappa[:, None, None] * evaluation.information
+    prior = np.zeros_like(information)
+    if evaluation.problem.prior is not None:
+        diagonal = np.arange(len(shared))
+        prior[:, diagonal, diagonal] = 1.0 / np.square(evaluation.pulling_prior_sigma)
+    hessian = information + prior
+    following, _ = eliminated(hessian, evaluation.gradient, ~shared)
+    # L takes errors of the gradient to those by the shared parameters, with the cameras following
+    L = np.zeros((len(hessian), int(np.count_nonzero(shared)), len(shared)))
+    L[:, :, ~shared], L[:, :, shared] = -np.swapaxes(following, 1, 2), np.eye(L.shape[1])
+    noise = Noise(evaluation)
+    pull = evaluation.pull * noise.relative_sigma
+    between = np.square(sigma)[:, None, None] * noise.covariance(evaluation.JT, pull, pull) + prior
+    inverse = np.linalg.inv(np.sum(L @ hessian[:, :, shared], axis=0))
+    painted = np.sum(L @ noise.by_line(evaluation.JT, evaluation.pull), axis=0)
+    spread = np.sum(L @ between @ np.swapaxes(L, 1, 2), axis=0) + painted @ painted.T
+    return inverse @ spread @ inverse, inverse

@@ -1,0 +1,161 @@
+"""Frames of one tripod calibrated together."""
+
+import json
+
+import numpy as np
+import pytest
+from synthetic import whole_circle_markings
+
+from data_tools.synthetic.clips import camera_path, labelled
+from fieldcalib import CalibrationFlags, Camera, calibrate_batch, soccer
+from fieldcalib.calibrate.sequence import agreed_centre, calibrate_sequence
+from fieldcalib.fields.field import Field
+from fieldcalib.fields.stands import CameraDistribution
+from fieldcalib.problem.layout import CENTER
+
+FIELD = soccer()
+SIZE = (1920, 1080)
+
+
+def clip(seed, count=12, **kwargs):
+    """Cameras of a synthetic clip, and their frames with 1 px noise."""
+    rng = np.random.default_rng(seed)
+    cameras = camera_path(rng, 300)[:: 300 // count][:count]
+    return cameras, labelled(cameras, FIELD, rng, 1.0, **kwargs)
+
+
+def pixels(frames):
+    return [frame.pixels for frame in frames]
+
+
+def centre(found):
+    return found.values[:3]
+
+
+def test_the_tripod_is_where_it_is_and_single_frames_are_worse():
+    errors = []
+    for seed in range(3):
+        cameras, frames = clip(seed)
+        together = calibrate_sequence(FIELD, pixels(frames), SIZE)
+        alone = calibrate_batch(soccer(size_known=True), pixels(frames), SIZE)
+        assert all(frame.accepted for frame in together)
+        single = np.median([np.linalg.norm(c.camera.C - cameras[0].C) for c in alone])
+        errors.append((np.linalg.norm(centre(together) - cameras[0].C), single))
+        f = [abs(c.camera.focal_length / truth.focal_length - 1.0) for c, truth in zip(together, cameras, strict=True)]
+        assert np.median(f) < 0.01
+        off = np.abs([together.shared["length"][0] - 105.0, together.shared["width"][0] - 68.0])
+        assert np.all(off < 1.0)
+    both = np.array(errors)
+    assert both[:, 0].max() < 0.7
+    assert np.median(both[:, 0]) < 0.5 * np.median(both[:, 1])
+
+
+def test_all_frames_have_what_they_share():
+    _, frames = clip(3)
+    found = calibrate_sequence(FIELD, pixels(frames), SIZE)
+    shared = {name: value for name, (value, _) in found.shared.items()}
+    assert found.names[:3] == ("x", "y", "z")
+    assert found.covariance.shape == 2 * (len(found.names),)
+    assert np.linalg.eigvalsh(found.covariance).min() > 0.0
+    for frame in found:
+        expected = centre(found) + shared["axis offset"] * frame.camera.R[2]
+        np.testing.assert_allclose(frame.camera.C, expected, atol=1e-9)
+    assert found[2:4] == found.frames[2:4]
+    assert len(found.cameras) == len(frames)
+    assert (found.field.length, found.field.width) == (shared["length"], shared["width"])
+
+
+def test_what_is_shared_is_in_the_uncertainty_of_every_frame():
+    _, frames = clip(4)
+    found = calibrate_sequence(FIELD, pixels(frames), SIZE)
+    for frame in found:
+        np.testing.assert_allclose(frame.covariance[CENTER, CENTER], found.covariance[:3, :3], rtol=1e-6)
+        assert frame.uncertainty.at_image([960.0, 800.0]).rms > 0.0
+        assert frame.probability() > 0.0
+        back = json.loads(json.dumps(frame.to_dict()))
+        np.testing.assert_allclose(type(frame).from_dict(back).covariance, frame.covariance, rtol=1e-4, atol=1e-9)
+
+
+def test_more_frames_tell_more_until_paint_is_left():
+    cameras, frames = clip(5, count=60)
+    few = calibrate_sequence(FIELD, pixels(frames[::10]), SIZE)
+    many = calibrate_sequence(FIELD, pixels(frames), SIZE)
+    exact = calibrate_sequence(FIELD, pixels(frames), SIZE, paint=0.0)
+    sigma = [np.sqrt(np.trace(found.covariance[:3, :3])) for found in (few, many, exact)]
+    assert sigma[0] > sigma[1] > sigma[2]
+    assert np.linalg.norm(centre(many) - cameras[0].C) < 3.0 * sigma[1]
+
+
+def test_wrong_labels_and_empty_frames_do_not_move_the_tripod():
+    _, right = clip(6, count=20)
+    cameras, frames = clip(6, count=20, wrong_share=0.3, empty_share=0.2)
+    first, found = (calibrate_sequence(FIELD, pixels(some), SIZE) for some in (right, frames))
+    assert np.linalg.norm(centre(found) - centre(first)) < 0.4
+    assert np.linalg.norm(centre(found) - cameras[0].C) < 0.7
+    empty = [not frame.pixels for frame in frames]
+    assert any(empty)
+    assert [camera is None for camera in found.cameras] == empty
+
+
+def test_frames_of_another_camera_do_not_take_part():
+    cameras, frames = clip(7, count=20)
+    other = Camera.from_angles(0.0, 1.3, 0.0, 2600.0, (0.0, -75.0, -18.0), SIZE)
+    others = labelled([other] * 4, FIELD, np.random.default_rng(0), 1.0)
+    found = calibrate_sequence(FIELD, pixels(frames + others), SIZE)
+    assert np.linalg.norm(centre(found) - cameras[0].C) < 0.7
+    assert not any(frame.accepted for frame in found[20:])
+
+
+def test_what_is_fixed_or_not_shared():
+    _, frames = clip(8)
+    plain = calibrate_sequence(FIELD, pixels(frames), SIZE, shared=["centre", "lens"])
+    assert plain.names == ("x", "y", "z", "a1", "b2")
+    assert plain.field.length == FIELD.length
+    known = calibrate_sequence(soccer(size_known=True), pixels(frames), SIZE)
+    assert "length" not in known.names
+    flags = CalibrationFlags.CALIB_FIX_K1 | CalibrationFlags.CALIB_FIX_PRINCIPAL_POINT
+    fixed = calibrate_sequence(
+        soccer(size_known=True), pixels(frames), SIZE, flags=flags | CalibrationFlags(_default_fixed())
+    )
+    assert fixed.names == ("x", "y", "z", "axis offset")
+
+
+def _default_fixed():
+    from fieldcalib import DEFAULT_FLAGS
+
+    return int(DEFAULT_FLAGS)
+
+
+def test_nothing_to_calibrate_from():
+    nothing = calibrate_sequence(FIELD, [{}, {}], SIZE)
+    assert nothing.cameras == [None, None]
+    assert nothing.names == ()
+    assert len(calibrate_sequence(FIELD, [], SIZE)) == 0
+    assert agreed_centre([]) is None
+
+
+def test_one_frame_is_a_sequence():
+    cameras, frames = clip(9, count=1)
+    (found,) = calibrate_sequence(FIELD, pixels(frames), SIZE)
+    assert found.accepted
+    assert np.linalg.norm(found.camera.C - cameras[0].C) < 5.0
+
+
+def test_what_cannot_be_shared_is_named():
+    with pytest.raises(ValueError, match=r"frames cannot share \['zoom'\]: expected some of centre, principal point"):
+        calibrate_sequence(FIELD, [], SIZE, shared=["zoom"])
+    with pytest.raises(ValueError, match="frame 1: unknown label"):
+        calibrate_sequence(FIELD, [{}, {"no such line": [(1.0, 2.0)]}], SIZE)
+
+
+def test_a_court_that_knows_its_stand():
+    near = CameraDistribution("side", (-50, 50), (50, 85), (-5, 5), (15, 70), (-8, 8), (15, 30), (-9, -2))
+    court = Field(105.0, 68.0, whole_circle_markings(FIELD), stands=(near,))
+    truths = [
+        Camera.from_angles(pan, 1.2, 0.0, 1500.0, (0.0, 45.0, -14.0), SIZE) for pan in (-0.5, -0.25, 0.0, 0.25, 0.5)
+    ]
+    frames = labelled(truths, court, np.random.default_rng(0), 1.0)
+    wide = CameraDistribution("tower", (-60, 60), (40, 85), (-5, 5), (15, 70), (-20, 20), (30, 70), (-25, -5))
+    found = calibrate_sequence(court, pixels(frames), SIZE, prior=wide)
+    assert np.linalg.norm(centre(found) - (0.0, 45.0, -14.0)) < 0.5
+    assert "length" not in found.names
