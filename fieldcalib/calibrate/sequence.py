@@ -154,21 +154,25 @@ class _Sequence:
         self.shared = shared
 
     def calibrated(self) -> SequenceCalibration:
-        alone = replace(self.options, considered=None)
+        alone = self.options
         first = [c for c in self._frames(self._spread(FIRST), self.object_segments, alone) if c.accepted]
         centre = agreed_centre(first)
         if centre is None:
-            every = self._frames(np.arange(len(self.frames)), self.object_segments, alone)
-            return SequenceCalibration(tuple(every), field=self.options.field)
+            return self._one_by_one()
         some = self._spread(TOGETHER)
         known = np.where(np.arange(len(alone.known)) < CENTER.stop, np.nan, alone.known)
         known[CENTER] = centre
         from_there = replace(alone, layout=alone.layout.fixed("centre"), known=known)
         found = self._frames(some, self.object_segments, from_there)
+        if not any(c.accepted for c in found):
+            return self._one_by_one()
         together, covariance = self._together(found)
         for _ in range(ROUNDS - 1):
             before = sum(c.accepted for c in found)
-            found = self._frames(some, *self._known(together, covariance))
+            again = self._frames(some, *self._known(together, covariance))
+            if not any(c.accepted for c in again):
+                break
+            found = again
             together, covariance = self._together(found)
             if sum(c.accepted for c in found) == before:
                 break
@@ -184,6 +188,10 @@ class _Sequence:
             options.field,
             len(together.theta),
         )
+
+    def _one_by_one(self) -> SequenceCalibration:
+        every = self._frames(np.arange(len(self.frames)), self.object_segments, self.options)
+        return SequenceCalibration(tuple(every), field=self.options.field)
 
     def _spread(self, count: int) -> IntArray:
         """Up to `count` frames, evenly spread, each the one with most labels of its part of the sequence."""
