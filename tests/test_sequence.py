@@ -159,3 +159,12 @@ def test_a_court_that_knows_its_stand():
     found = calibrate_sequence(court, pixels(frames), SIZE, prior=wide)
     assert np.linalg.norm(centre(found) - (0.0, 45.0, -14.0)) < 0.5
     assert "length" not in found.names
+
+
+def test_frames_that_no_camera_fits_share_nothing():
+    rng = np.random.default_rng(0)
+    labels = ["Side line top", "Middle line", "Big rect. left main", "Circle left", "Goal right crossbar"]
+    noise = [{label: rng.uniform((0.0, 0.0), SIZE, (4, 2)) for label in labels} for _ in range(5)]
+    found = calibrate_sequence(FIELD, noise, SIZE)
+    assert len(found) == 5
+    assert sum(frame.accepted for frame in found) <= 1

@@ -38,6 +38,7 @@ from fieldcalib.problem.evaluation import Evaluation, Problem, evaluate
 from fieldcalib.problem.labelled_pixels import ImageSegments, Pixels, PixelWeights, Weights
 from fieldcalib.problem.layout import CENTER, LOG_F, Layout, Role, SizeBlock, ZoomLaw
 from fieldcalib.problem.levenberg_marquardt import levenberg_marquardt
+from fieldcalib.problem.losses import LossName, RobustLoss
 from fieldcalib.problem.observations import pack
 from fieldcalib.problem.prior import GaussianPrior
 
@@ -56,6 +57,8 @@ def calibrate_sequence(
     *,
     flags: int | None = None,
     prior: Prior = "all",
+    loss: LossName | RobustLoss = "cauchy",
+    trust_labels: bool = False,
     weights: Iterable[Weights] | None = None,
     shared: Sequence[str] = SHARED,
     paint: float = PAINT,
@@ -70,7 +73,7 @@ def calibrate_sequence(
         Pixels of each frame, in any order; frames without labels are allowed, and have no camera.
     image_size : (int, int)
         Width and height of every frame, pixels.
-    flags, prior, weights
+    flags, prior, loss, trust_labels, weights
         As in `calibrate_batch`. By default k2 is estimated too: frames together tell it.
     shared : sequence of str
         What the frames share, of ``"centre"`` (always), ``"principal point"``, ``"lens"``, ``"zoom law"`` and
@@ -126,13 +129,13 @@ def calibrate_sequence(
         flags=flags,
         criteria=DEFAULT_CRITERIA,
         prior=prior,
-        loss="cauchy",
+        loss=loss,
         tau=None,
         field=field,
         paint=paint,
     )
     pixels, pixel_weights = checked_frames(object_segments, frames, weights, options.image_size)
-    sequence = _Sequence(object_segments, pixels, pixel_weights, options, tuple(shared))
+    sequence = _Sequence(object_segments, pixels, pixel_weights, options, tuple(shared), trust_labels)
     return sequence.calibrated()
 
 
@@ -146,29 +149,35 @@ class _Sequence:
         weights: list[PixelWeights | None],
         options: Options,
         shared: tuple[str, ...],
+        trust_labels: bool,
     ) -> None:
         self.object_segments = object_segments
         self.frames = frames
         self.weights = weights
         self.options = options
         self.shared = shared
+        self.trust_labels = trust_labels
 
     def calibrated(self) -> SequenceCalibration:
-        alone = replace(self.options, considered=None)
+        alone = self.options
         first = [c for c in self._frames(self._spread(FIRST), self.object_segments, alone) if c.accepted]
         centre = agreed_centre(first)
         if centre is None:
-            every = self._frames(np.arange(len(self.frames)), self.object_segments, alone)
-            return SequenceCalibration(tuple(every), field=self.options.field)
+            return self._one_by_one()
         some = self._spread(TOGETHER)
         known = np.where(np.arange(len(alone.known)) < CENTER.stop, np.nan, alone.known)
         known[CENTER] = centre
         from_there = replace(alone, layout=alone.layout.fixed("centre"), known=known)
         found = self._frames(some, self.object_segments, from_there)
+        if not any(c.accepted for c in found):
+            return self._one_by_one()
         together, covariance = self._together(found)
         for _ in range(ROUNDS - 1):
             before = sum(c.accepted for c in found)
-            found = self._frames(some, *self._known(together, covariance))
+            again = self._frames(some, *self._known(together, covariance))
+            if not any(c.accepted for c in again):
+                break
+            found = again
             together, covariance = self._together(found)
             if sum(c.accepted for c in found) == before:
                 break
@@ -185,6 +194,10 @@ class _Sequence:
             len(together.theta),
         )
 
+    def _one_by_one(self) -> SequenceCalibration:
+        every = self._frames(np.arange(len(self.frames)), self.object_segments, self.options)
+        return SequenceCalibration(tuple(every), field=self.options.field)
+
     def _spread(self, count: int) -> IntArray:
         """Up to `count` frames, evenly spread, each the one with most labels of its part of the sequence."""
         labels = np.array([len(frame) for frame in self.frames], dtype=np.intp)
@@ -194,7 +207,7 @@ class _Sequence:
 
     def _frames(self, index: IntArray, object_segments: ObjectSegments, options: Options) -> list[Calibration]:
         frames, weights = [self.frames[t] for t in index], [self.weights[t] for t in index]
-        return calibrate_frames(object_segments, frames, weights, options)
+        return calibrate_frames(object_segments, frames, weights, options, trust_labels=self.trust_labels)
 
     def _layout(self, reference: float) -> Layout:
         """Blocks of the frames together: what the flags fix stays fixed, what is shared is shared."""

@@ -1,0 +1,56 @@
+"""A video of one shot: its frames share a tripod."""
+
+import numpy as np
+import pytest
+from networks import KnownCameras
+
+from fieldcalib import Camera, calibrate_video, soccer
+from fieldcalib.draw.scene import render_field
+from fieldcalib.io.videos import VideoWriter
+
+FIELD = soccer()
+CENTRE = (1.0, 66.0, -16.0)
+CAMERAS = [
+    Camera.from_angles(pan, 1.32, 0.0, 950.0 + 400.0 * abs(pan), CENTRE, (960, 540))
+    for pan in np.linspace(-0.5, 0.5, 9)
+]
+
+
+@pytest.fixture(scope="module")
+def pictures():
+    return [render_field(camera, FIELD) for camera in CAMERAS]
+
+
+def test_frames_share_their_tripod(pictures):
+    found = calibrate_video(FIELD, pictures, KnownCameras(CAMERAS))
+    assert all(frame.accepted for frame in found)
+    assert np.linalg.norm(found.values[:3] - CENTRE) < 0.3
+    for frame, truth in zip(found, CAMERAS, strict=True):
+        mark = truth.image_to_field([480.0, 300.0])
+        assert np.linalg.norm(frame.camera.project(mark) - [480.0, 300.0]) < 0.5
+        assert frame.camera.focal_length == pytest.approx(truth.focal_length, rel=0.01)
+
+
+def test_a_frame_that_shows_nothing_stays_without_camera(pictures):
+    black = np.zeros_like(pictures[0])
+    cameras = [*CAMERAS[:4], None, *CAMERAS[4:]]
+    found = calibrate_video(FIELD, [*pictures[:4], black, *pictures[4:]], KnownCameras(cameras))
+    assert [frame.accepted for frame in found] == [camera is not None for camera in cameras]
+    assert found.together == len(CAMERAS)
+
+
+def test_a_file(pictures, tmp_path):
+    with VideoWriter(tmp_path / "shot.mp4", 25.0) as video:
+        for picture in pictures[:3]:
+            video.write(picture)
+    found = calibrate_video(FIELD, tmp_path / "shot.mp4", KnownCameras(CAMERAS))
+    assert len(found) == 3
+    assert np.linalg.norm(found.values[:3] - CENTRE) < 1.0
+
+
+def test_frames_of_several_sizes_are_refused(pictures):
+    with pytest.raises(ValueError, match="frame 1 has 480 x 270 pixels, those before it 960 x 540"):
+        calibrate_video(FIELD, [pictures[0], pictures[1][::2, ::2]], KnownCameras(CAMERAS))
+    assert len(calibrate_video(FIELD, [], KnownCameras([]))) == 0
+    with pytest.raises(FileNotFoundError):
+        calibrate_video(FIELD, "no such video.mp4", KnownCameras([]))
