@@ -168,3 +168,17 @@ def test_frames_that_no_camera_fits_share_nothing():
     found = calibrate_sequence(FIELD, noise, SIZE)
     assert len(found) == 5
     assert sum(frame.accepted for frame in found) <= 1
+
+
+def test_a_size_that_the_frames_do_not_tell_is_kept_and_uncertain():
+    labels = ("Side line top", "Middle line", "Circle central")
+    _, frames = clip(10)
+    middle = [{label: xy for label, xy in frame.pixels.items() if label in labels} for frame in frames]
+    middle = [frame for frame in middle if len(frame) == 3]
+    assert len(middle) >= 3
+    nominal, known = (calibrate_sequence(field, middle, SIZE) for field in (FIELD, soccer(size_known=True)))
+    assert "length" not in nominal.names
+    assert (nominal.field.length, known.field.length) == (105.0, 105.0)
+    mark = (0.0, -34.0, 0.0)
+    if "width" not in nominal.names:
+        assert nominal[0].uncertainty.at_field(mark).rms > known[0].uncertainty.at_field(mark).rms

@@ -47,6 +47,7 @@ FIRST = 60  # frames that are calibrated one by one, to find the place of the tr
 TOGETHER = 400  # frames that are solved together
 ROUNDS = 3  # of solving together, and every frame again
 AGREE = 7.8  # squared distance of two centres in standard deviations: 95 % of chi-squared with three degrees of freedom
+TOLD = 0.4  # m: standard deviation of length or width; clips that show a penalty area and the middle tell it to 0.2
 NEAR = 0.1  # m: centres that are this near agree, however sure they are
 
 
@@ -77,8 +78,9 @@ def calibrate_sequence(
         As in `calibrate_batch`. By default k2 is estimated too: frames together tell it.
     shared : sequence of str
         What the frames share, of ``"centre"`` (always), ``"principal point"``, ``"lens"``, ``"zoom law"`` and
-        ``"field size"`` (unless that is said to be known). What they do not share is each frame's own, under its prior;
-        without a zoom law nothing follows the zoom, and a size that is not shared is that of the field.
+        ``"field size"`` (unless that is said to be known, or the frames hardly tell it). What they do not share is each
+        frame's own, under its prior; without a zoom law nothing follows the zoom, and a size that is not shared is that
+        of the field.
     paint : float
         Standard deviation, in metres, of where a line is painted as a whole: however many frames see it, that stays.
 
@@ -157,6 +159,7 @@ class _Sequence:
         self.options = options
         self.shared = shared
         self.trust_labels = trust_labels
+        self.kept: tuple[str, ...] = ()  # of length and width, what the frames do not tell: it stays as it is given
 
     def calibrated(self) -> SequenceCalibration:
         alone = self.options
@@ -172,6 +175,9 @@ class _Sequence:
         if not any(c.accepted for c in found):
             return self._one_by_one()
         together, covariance = self._together(found)
+        self.kept = self._hardly_told(together, covariance)
+        if self.kept:
+            together, covariance = self._together(found)
         for _ in range(ROUNDS - 1):
             before = sum(c.accepted for c in found)
             again = self._frames(some, *self._known(together, covariance))
@@ -193,6 +199,14 @@ class _Sequence:
             options.field,
             len(together.theta),
         )
+
+    def _hardly_told(self, together: Evaluation, covariance: Array) -> tuple[str, ...]:
+        """Of length and width, what the frames hardly tell: estimated, it would absorb errors of lens and zoom."""
+        layout = together.problem.layout
+        sigma = np.full(layout.size, np.inf)
+        sigma[layout.roles == Role.SHARED] = np.sqrt(np.diagonal(covariance))
+        block = range(layout.size)[layout.field_size_block]
+        return tuple(layout.names[index] for index in block if layout.free[index] and sigma[index] > TOLD)
 
     def _one_by_one(self) -> SequenceCalibration:
         every = self._frames(np.arange(len(self.frames)), self.object_segments, self.options)
@@ -223,6 +237,8 @@ class _Sequence:
         for name in blocks & layout.blocks.keys():
             block = layout.blocks[name]
             layout.roles[block] = np.where(layout.roles[block] == Role.FRAME, Role.SHARED, Role.FIXED)
+        for name in self.kept:
+            layout.roles[layout.names.index(name)] = Role.CONSIDERED
         return _law_of_what_is_free(layout)
 
     def _together(self, found: Sequence[Calibration]) -> tuple[Evaluation, Array]:
@@ -271,10 +287,22 @@ class _Sequence:
             object_segments = field = replace(field.resized(length, width), size_known=True)
             layout = replace(layout, field_size=size._replace(given=np.array([length, width])))
         is_shared = layout.roles == Role.SHARED
+        considered = is_shared | (layout.roles == Role.CONSIDERED)
+        every = np.zeros((layout.size, layout.size))
+        every[np.ix_(is_shared, is_shared)] = covariance
+        if self.options.field is not None and self.options.field.size_model is not None:
+            probability, sigma = self.options.field.size_model.possibilities
+            for name in self.kept:
+                index = layout.names.index(name)
+                every[index, index] = probability @ np.square(sigma[:, index - layout.field_size_block.start])
         known = np.where(layout.roles == Role.FRAME, np.nan, theta)
-        roles = np.where(is_shared, Role.CONSIDERED, layout.roles)
+        roles = np.where(considered, Role.CONSIDERED, layout.roles)
         options = replace(
-            self.options, layout=replace(layout, roles=roles), known=known, field=field, considered=covariance
+            self.options,
+            layout=replace(layout, roles=roles),
+            known=known,
+            field=field,
+            considered=every[np.ix_(considered, considered)],
         )
         return object_segments, options
 
