@@ -24,6 +24,7 @@ from fieldcalib.cli import folder as commands_on_folders
 from fieldcalib.cli.main import main
 from fieldcalib.fields.soccer import soccer
 from fieldcalib.fields.stands import DISTRIBUTIONS
+from fieldcalib.geometry.camera import Camera
 from fieldcalib.io.formats import ANNOTATIONS
 from fieldcalib.io.output_folder import output_folder
 from fieldcalib.io.soccernet import camera_from_record, format_annotation
@@ -749,3 +750,19 @@ def test_no_memory_left_is_one_line(folder, tmp_path, monkeypatch, capsys):
     assert calibrate(tmp_path, folder / "a.json") == 2
     assert capsys.readouterr().err == "fieldcalib: there is not enough memory\n"
     assert list(tmp_path.iterdir()) == []
+
+
+def test_a_size_that_squashes_the_frames_is_doubted(tmp_path, capsys):
+    """Width and height swapped: annotations are normalised, so that only the geometry tells."""
+    frames = tmp_path / "frames"
+    frames.mkdir()
+    pans = np.linspace(-0.4, 0.4, 6)
+    for number, pan in enumerate(pans):
+        camera = Camera.from_angles(pan, 1.3, 0.0, 900.0, (0.0, 66.0, -16.0), (960, 540))
+        seen = observe(whole_circle_markings(soccer()), camera)
+        points = {label: [{"x": x / 959.0, "y": y / 539.0} for x, y in xy.tolist()] for label, xy in seen.items()}
+        (frames / f"{number}.json").write_text(json.dumps(points))
+    assert main(["calibrate", str(frames), "--size", "960x540", "--out", str(tmp_path / "right")]) == 0
+    assert "not square" not in capsys.readouterr().err
+    assert main(["calibrate", str(frames), "--size", "540x960", "--out", str(tmp_path / "swapped")]) == 0
+    assert "show pixels that are not square: is the size right?" in capsys.readouterr().err

@@ -152,6 +152,7 @@ def test_without_a_guess_only_what_has_a_default_is_known():
         ({"prior": []}, "names no camera distribution"),
         ({"loss": "tukey"}, "loss must be one of linear, soft_l1, huber, cauchy"),
         ({"tau": 0.0}, "tau must be a positive loss"),
+        ({"tau": "0.019"}, "tau must be a positive loss"),
         ({"image_size": (960,)}, "image_size must be"),
     ],
 )

@@ -7,7 +7,7 @@ import pytest
 from synthetic import whole_circle_markings
 
 from data_tools.synthetic.clips import camera_path, labelled
-from fieldcalib import CalibrationFlags, Camera, calibrate_batch, soccer
+from fieldcalib import CalibrationFlags, Camera, SequenceCalibration, calibrate_batch, soccer
 from fieldcalib.calibrate.sequence import agreed_centre, calibrate_sequence
 from fieldcalib.fields.field import Field
 from fieldcalib.fields.stands import CameraDistribution
@@ -74,6 +74,20 @@ def test_what_is_shared_is_in_the_uncertainty_of_every_frame():
         assert frame.probability() > 0.0
         back = json.loads(json.dumps(frame.to_dict()))
         np.testing.assert_allclose(type(frame).from_dict(back).covariance, frame.covariance, rtol=1e-4, atol=1e-9)
+
+
+def test_a_sequence_survives_json():
+    _, frames = clip(11, count=4)
+    found = calibrate_sequence(FIELD, [*pixels(frames), {}], SIZE)
+    back = SequenceCalibration.from_dict(json.loads(json.dumps(found.to_dict())))
+    assert back.frames == found.frames
+    assert (back.names, back.together, back.field) == (found.names, found.together, found.field)
+    np.testing.assert_array_equal(back.values, found.values)
+    np.testing.assert_array_equal(back.covariance, found.covariance)
+    empty = SequenceCalibration.from_dict(json.loads(json.dumps(SequenceCalibration(()).to_dict())))
+    assert (len(empty), empty.values.shape, empty.covariance.shape) == (0, (0,), (0, 0))
+    with pytest.raises(ValueError, match="expected a sequence of version 1, got 7"):
+        SequenceCalibration.from_dict({"version": 7})
 
 
 def test_more_frames_tell_more_until_paint_is_left():

@@ -9,11 +9,11 @@ from typing import Any, overload
 
 import numpy as np
 
-from fieldcalib._json import to_json
+from fieldcalib._json import from_json, to_json
 from fieldcalib._types import Array
 from fieldcalib.assess.result import Calibration
 from fieldcalib.fields.field import Field
-from fieldcalib.fields.records import field_to_record
+from fieldcalib.fields.records import field_from_record, field_to_record
 from fieldcalib.geometry.camera import Camera
 
 VERSION = 1  # of `SequenceCalibration.to_dict`
@@ -82,3 +82,23 @@ class SequenceCalibration(Sequence[Calibration]):
             "field": None if self.field is None else field_to_record(self.field),
             "together": self.together,
         }
+
+    @classmethod
+    def from_dict(cls, record: Mapping[str, Any]) -> SequenceCalibration:
+        """The inverse of `to_dict`.
+
+        Raises
+        ------
+        ValueError
+            If the record is of another version.
+        """
+        if record.get("version") != VERSION:
+            raise ValueError(f"expected a sequence of version {VERSION}, got {record.get('version')!r}")
+        return cls(
+            tuple(Calibration.from_dict(frame) for frame in record["frames"]),
+            tuple(record["names"]),
+            from_json(record["values"]),
+            from_json(record["covariance"]).reshape(2 * (len(record["names"]),)),
+            None if record["field"] is None else field_from_record(record["field"]),
+            record["together"],
+        )

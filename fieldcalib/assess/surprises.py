@@ -11,6 +11,7 @@ CONTRADICTED = 5.0  # standard deviations from the value that a parameter was fi
 LEAST_ASPECT = 0.02  # log aspect: what annotation and resampling leave is less
 LEAST_LENS = 0.01  # relative displacement at the corner by k2
 LEAST_SIZE = 0.1  # probability of the given size of the field
+SQUASHED = "the pixels are not square: was the picture squashed?"
 NAMES = {
     "log f": "the focal length is unusual",
     "x": "it stands at an unusual place",
@@ -46,7 +47,7 @@ def surprises(uncertainty: Uncertainty) -> tuple[str, ...]:
             if abs(z) > UNUSUAL and name in NAMES:
                 found[NAMES[name]] = None
     for name, least, words in (
-        ("log aspect", LEAST_ASPECT, "the pixels are not square: was the picture squashed?"),
+        ("log aspect", LEAST_ASPECT, SQUASHED),
         ("b2", LEAST_LENS, "the labels call for more of the lens than k1"),
     ):
         offset, sigma = uncertainty.offsets.get(name, (0.0, 1.0))

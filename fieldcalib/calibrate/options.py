@@ -8,6 +8,7 @@ from __future__ import annotations
 from collections.abc import Iterable
 from dataclasses import dataclass
 from enum import IntFlag
+from numbers import Real
 from typing import TypeAlias
 
 import numpy as np
@@ -201,9 +202,9 @@ def checked_options(
         distributions = stands_around(SOCCER_SCALE)
     else:
         distributions = field.stands or stands_around(field.scale)
-    if tau is not None and not tau > 0.0:
+    if tau is not None and not (isinstance(tau, Real) and tau > 0.0):
         raise ValueError(f"tau must be a positive loss in NDC (the paper's is 0.019) or None, got {tau}")
-    if not 0.0 <= paint < np.inf:
+    if not (isinstance(paint, Real) and 0.0 <= paint < np.inf):
         raise ValueError(f"paint must be a standard deviation in metres, not negative, got {paint}")
     if not isinstance(loss, RobustLoss):
         loss = RobustLoss(loss, NARROW_SCALE * pixel_unit(image_size))
