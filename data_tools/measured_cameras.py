@@ -37,6 +37,14 @@ MODELS = {**LENSES, **{f"{lens}, centred": flags | FIXED_POINT for lens, flags i
 GRID = 12  # ground points along the image's width and height at which regions are tested
 
 
+def camera_files(folder: Path) -> list[Path]:
+    """The files of measured cameras in a folder, in the order of their names."""
+    files = sorted(folder.glob("*.npz"))
+    if not files:
+        raise FileNotFoundError(f"{folder} holds no <name>.npz")
+    return files
+
+
 def read_camera(path: Path) -> Camera:
     """The camera of the first frame of a file."""
     with np.load(path) as arrays:
@@ -94,9 +102,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 def run(options: argparse.Namespace) -> int:
     """Measure and print; returns the exit code."""
-    files = sorted(options.cameras.glob("*.npz"))
-    if not files:
-        raise FileNotFoundError(f"{options.cameras} holds no <name>.npz")
+    files = camera_files(options.cameras)
     field = soccer(size_known=True)  # that of the synthetic pixels
     pairs = observed([read_camera(path) for path in files], field, options.noise, options.repeats)
     for model, flags in MODELS.items():

@@ -30,7 +30,7 @@ from pathlib import Path
 
 import numpy as np
 
-from data_tools.measured_cameras import SIZE, observed, read_camera
+from data_tools.measured_cameras import SIZE, camera_files, observed, read_camera
 from data_tools.random_frames import RandomFrame, random_frame
 from fieldcalib._types import Array
 from fieldcalib.assess.probability import evidence, ground_in_view
@@ -153,9 +153,7 @@ def sizes(options: argparse.Namespace) -> int:
 def measured(options: argparse.Namespace) -> int:
     """Print the reliability on measured cameras, of frames with random parts of what they see."""
     field, rng = soccer(size_known=True), np.random.default_rng(options.seed)  # that of the synthetic pixels
-    cameras = [read_camera(path) for path in sorted(options.cameras.glob("*.npz"))]
-    if not cameras:
-        raise FileNotFoundError(f"{options.cameras} holds no <name>.npz")
+    cameras = [read_camera(path) for path in camera_files(options.cameras)]
     pairs = observed(cameras, field, options.noise, options.repeats, options.seed)
     parts = [_part(frame, int(rng.integers(1, len(frame), endpoint=True)), rng) for _, frame in pairs]
     _print_reliability(*judged(field, parts, [truth for truth, _ in pairs], SIZE))

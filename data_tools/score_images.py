@@ -40,12 +40,12 @@ from data_tools.nonsense import nonsense
 from fieldcalib._types import Array
 from fieldcalib.assess.result import Calibration
 from fieldcalib.cli.arguments import count
-from fieldcalib.cli.frames import IMAGES_AT_ONCE, add_network, add_refinement, in_parts, load_network
+from fieldcalib.cli.frames import add_network, add_refinement, load_network
 from fieldcalib.cli.main import run_command
 from fieldcalib.fields.soccer import soccer
 from fieldcalib.images.from_images import calibrate_from_images
 from fieldcalib.io.image import Image
-from fieldcalib.io.images import parse_image
+from fieldcalib.io.images import IMAGES_AT_ONCE, in_parts, parse_image
 from fieldcalib.io.soccernet import parse_annotation
 from fieldcalib.io.videos import VideoReader
 from fieldcalib.io.wc14 import parse_homography

@@ -17,7 +17,7 @@ from pathlib import Path
 
 import numpy as np
 
-from data_tools.measured_cameras import SIZE, errors
+from data_tools.measured_cameras import SIZE, camera_files, errors
 from data_tools.synthetic.clips import camera_path, labelled
 from fieldcalib.assess.result import Calibration
 from fieldcalib.calibrate.from_segments import calibrate_batch
@@ -45,9 +45,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 def run(options: argparse.Namespace) -> int:
     """Measure and print; returns the exit code."""
-    files = sorted(options.cameras.glob("*.npz"))
-    if not files:
-        raise FileNotFoundError(f"{options.cameras} holds no <name>.npz")
+    files = camera_files(options.cameras)
     field = soccer()
     together: list[tuple[Calibration, Camera]] = []
     alone: list[tuple[Calibration, Camera]] = []

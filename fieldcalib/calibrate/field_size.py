@@ -22,13 +22,13 @@ from fieldcalib.assess.result import Calibration, Status
 from fieldcalib.assess.shared import shared_covariance
 from fieldcalib.calibrate.from_segments import calibrate_batch
 from fieldcalib.calibrate.options import DEFAULT_CRITERIA, DEFAULT_FLAGS, Prior
+from fieldcalib.calibrate.together import put_together
 from fieldcalib.fields.field import Field
 from fieldcalib.fields.traits import DEVIATIONS, SizePrior
-from fieldcalib.problem.evaluation import Evaluation, Problem, evaluate
+from fieldcalib.problem.evaluation import Evaluation
 from fieldcalib.problem.labelled_pixels import ImageSegments
 from fieldcalib.problem.layout import CENTER, Layout, Role, SizeBlock
 from fieldcalib.problem.levenberg_marquardt import levenberg_marquardt
-from fieldcalib.problem.observations import pack
 from fieldcalib.problem.prior import GaussianPrior
 
 STILL = 1e-3  # metres: a size that moves by less stays
@@ -199,8 +199,6 @@ def _with_status(calibrations: Sequence[Calibration], *statuses: Status) -> list
 def _together(calibrations: Sequence[Calibration], mean: Array, sizes: SizePrior) -> Evaluation:
     """The frames of calibrations on one pitch as one problem that shares its size, at their cameras.
 
-    Pixels past the end of a segment are left out: annotators place ends with too little care to tell the size.
-
     The priors of the cameras' places count once for all frames, as does that of the size: what one frame learns from
     its camera's place about the length is little, but frames of one pitch may have one camera, whose prior is no news
     in the second one.
@@ -220,21 +218,10 @@ def _together(calibrations: Sequence[Calibration], mean: Array, sizes: SizePrior
         if part.problem.prior is not None:
             prior_mean[t, :cameras], prior_sigma[t, :cameras] = part.problem.prior.mean, part.problem.prior.sigma
     prior_mean[:, cameras:], prior_sigma[:, cameras:] = mean, sizes.sigma
-    once = [*range(CENTER.start, CENTER.stop), *range(cameras, layout.size)]
-    prior_sigma[:, once] *= np.sqrt(count)
-
-    frames, weights = zip(*(part.problem.observations.without_ends.unpacked(0) for part in parts), strict=True)
-    together = Problem(
-        pack(pitch, frames, layout.image_size, weights, pitch.motion),
-        layout,
-        problem.loss,
-        problem.noise,
-        GaussianPrior(prior_mean, prior_sigma),
-        np.zeros(count, dtype=np.intp),
-        scale=problem.scale,
-    )
+    once = np.arange(layout.size) >= cameras
+    once[CENTER] = True
     theta = np.concatenate([np.concatenate([part.theta for part in parts]), np.tile(size, (count, 1))], axis=1)
-    return evaluate(together, theta)
+    return put_together(pitch, parts, layout, theta, GaussianPrior(prior_mean, prior_sigma), once)
 
 
 def _solved_together(calibrations: Sequence[Calibration], mean: Array, sizes: SizePrior) -> Evaluation:

@@ -32,15 +32,14 @@ from fieldcalib.calibrate.options import (
     checked_options,
     default_flags,
 )
+from fieldcalib.calibrate.together import put_together
 from fieldcalib.fields.field import Field
 from fieldcalib.fields.segments import ObjectSegments
-from fieldcalib.problem.evaluation import Evaluation, Problem, evaluate
+from fieldcalib.problem.evaluation import Evaluation
 from fieldcalib.problem.labelled_pixels import ImageSegments, Pixels, PixelWeights, Weights
 from fieldcalib.problem.layout import CENTER, LOG_F, Layout, Role, SizeBlock, ZoomLaw
 from fieldcalib.problem.levenberg_marquardt import levenberg_marquardt
 from fieldcalib.problem.losses import LossName, RobustLoss
-from fieldcalib.problem.observations import pack
-from fieldcalib.problem.prior import GaussianPrior
 
 SHARED = ("centre", "principal point", "lens", "zoom law", "field size")
 FIRST = 60  # frames that are calibrated one by one, to find the place of the tripod
@@ -162,15 +161,14 @@ class _Sequence:
         self.kept: tuple[str, ...] = ()  # of length and width, what the frames do not tell: it stays as it is given
 
     def calibrated(self) -> SequenceCalibration:
-        alone = self.options
-        first = [c for c in self._frames(self._spread(FIRST), self.object_segments, alone) if c.accepted]
+        first = [c for c in self._frames(self._spread(FIRST), self.object_segments, self.options) if c.accepted]
         centre = agreed_centre(first)
         if centre is None:
             return self._one_by_one()
         some = self._spread(TOGETHER)
-        known = np.where(np.arange(len(alone.known)) < CENTER.stop, np.nan, alone.known)
+        known = np.where(np.arange(len(self.options.known)) < CENTER.stop, np.nan, self.options.known)
         known[CENTER] = centre
-        from_there = replace(alone, layout=alone.layout.fixed("centre"), known=known)
+        from_there = replace(self.options, layout=self.options.layout.fixed("centre"), known=known)
         found = self._frames(some, self.object_segments, from_there)
         if not any(c.accepted for c in found):
             return self._one_by_one()
@@ -254,24 +252,9 @@ class _Sequence:
                 theta[:, index] = theirs[:, column[name]]
         theta[:, layout.roles == Role.SHARED] = np.median(theta[:, layout.roles == Role.SHARED], axis=0)
 
-        stands = given_cameras(theta, layout, self.options.distributions).prior
-        sigma = stands.sigma.copy()
-        sigma[:, layout.roles == Role.SHARED] *= np.sqrt(len(parts))  # known once, and not anew in every frame
-        mean = stands.mean.copy()
-        frames, weights = zip(*(part.problem.observations.without_ends.unpacked(0) for part in parts), strict=True)
-        field = self.options.field
-        motion = field.motion if field is not None and layout.field_size is not None else None
-        problem = Problem(
-            pack(self.object_segments, frames, layout.image_size, weights, motion),
-            layout,
-            self.options.loss,
-            self.options.noise,
-            GaussianPrior(mean, sigma) if self.options.use_prior else None,
-            np.zeros(len(parts), dtype=np.intp),
-            paint=self.options.paint,
-            scale=self.options.scale,
-        )
-        start = evaluate(problem, theta)
+        prior = given_cameras(theta, layout, self.options.distributions).prior if self.options.use_prior else None
+        once = layout.roles == Role.SHARED
+        start = put_together(self.object_segments, parts, layout, theta, prior, once)
         solved = levenberg_marquardt(
             start, max_iterations=self.options.max_iterations, tolerance=self.options.tolerance
         ).evaluation

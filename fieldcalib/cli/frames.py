@@ -21,8 +21,6 @@ from fieldcalib.io.images import MOST_PIXELS
 from fieldcalib.localize import SegmentationNetwork
 from fieldcalib.localize.network import CPU
 
-IMAGES_AT_ONCE = 8  # in memory
-PIXELS_AT_ONCE = 66_000_000  # of them together: eight images of 4K
 MOST_BYTES = 256_000_000  # of an image file
 
 Item = TypeVar("Item")
@@ -111,24 +109,6 @@ def frames_lost(source: Source, options: argparse.Namespace) -> bool:
         announced = f"announces {source.count} frames, {source.count - lost} can be read"
         print(f"fieldcalib: {options.input[0]}: {announced}", file=sys.stderr)
     return lost > 0
-
-
-def in_parts(items: Iterable[Item], size: int, pixels: Callable[[Item], int] = lambda item: 0) -> Iterator[list[Item]]:
-    """Lists of up to `size` items, and of less if they have more than `PIXELS_AT_ONCE` pixels together.
-
-    Examples
-    --------
-    >>> list(in_parts("abcde", 2))
-    [['a', 'b'], ['c', 'd'], ['e']]
-    """
-    part: list[Item] = []
-    for item in items:
-        part.append(item)
-        if len(part) == size or sum(map(pixels, part)) > PIXELS_AT_ONCE:
-            yield part
-            part = []
-    if part:
-        yield part
 
 
 def pixels_of(frame: Frame) -> int:

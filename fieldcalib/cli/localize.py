@@ -6,10 +6,11 @@ import argparse
 import sys
 from pathlib import Path
 
-from fieldcalib.cli.frames import IMAGES_AT_ONCE, add_limits, add_network, in_parts, load_network, opened, pixels_of
+from fieldcalib.cli.frames import add_limits, add_network, load_network, opened, pixels_of
 from fieldcalib.fields.soccer import soccer
 from fieldcalib.io.files import write_text
 from fieldcalib.io.formats import ANNOTATIONS, VIDEOS
+from fieldcalib.io.images import IMAGES_AT_ONCE, in_parts
 from fieldcalib.io.output_folder import output_folder
 from fieldcalib.localize import localize
 

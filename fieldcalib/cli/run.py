@@ -15,13 +15,11 @@ from fieldcalib.cli.arguments import LENSES, add_camera, add_field, field_of, pr
 from fieldcalib.cli.declared import Placement, add_declarations
 from fieldcalib.cli.folder import broken_line, calibration_line, result_folder
 from fieldcalib.cli.frames import (
-    IMAGES_AT_ONCE,
     Frame,
     add_limits,
     add_network,
     add_refinement,
     frames_lost,
-    in_parts,
     load_network,
     opened,
 )
@@ -29,7 +27,7 @@ from fieldcalib.draw.overlays import draw_calibration
 from fieldcalib.images.from_images import calibrate_from_images
 from fieldcalib.io.formats import OVERLAYS, VIDEOS
 from fieldcalib.io.image import Image
-from fieldcalib.io.images import check_pixels, write_image
+from fieldcalib.io.images import IMAGES_AT_ONCE, check_pixels, in_parts, write_image
 
 Write: TypeAlias = Callable[[str, Image], None]
 

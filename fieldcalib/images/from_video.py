@@ -5,9 +5,8 @@ frames -> cameras one by one, refined on the lines in their images -> the places
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable
 from dataclasses import replace
-from itertools import islice
 from pathlib import Path
 
 from fieldcalib.assess.result import Calibration
@@ -18,13 +17,12 @@ from fieldcalib.fields.segments import ObjectSegments
 from fieldcalib.images.from_images import calibrate_from_images
 from fieldcalib.images.refinement import LOSS_SCALE
 from fieldcalib.io.image import Image
+from fieldcalib.io.images import IMAGES_AT_ONCE, in_parts
 from fieldcalib.io.videos import VideoReader
 from fieldcalib.localize import Network
 from fieldcalib.localize.network import SegmentationNetwork
 from fieldcalib.problem.labelled_pixels import Pixels, PixelWeights
 from fieldcalib.problem.losses import RobustLoss
-
-AT_ONCE = 8  # images in memory
 
 
 def calibrate_video(
@@ -68,12 +66,8 @@ def calibrate_video(
     --------
     >>> import numpy as np
     >>> from fieldcalib import soccer
-    >>> class Blind:
-    ...     classes = ("background", "Middle line")
-    ...     def __call__(self, images):
-    ...         return np.zeros((len(images), 2, 90, 160), np.float32)
     >>> black = [np.zeros((540, 960, 3), np.uint8)] * 2
-    >>> [str(frame.status) for frame in calibrate_video(soccer(), black, Blind())]
+    >>> [str(frame.status) for frame in calibrate_video(soccer(), black)]
     ['too few segments', 'too few segments']
     """
     network = SegmentationNetwork.load() if network is None else network
@@ -84,7 +78,7 @@ def calibrate_video(
     alone: list[Calibration] = []
     pixels: list[Pixels] = []
     weights: list[PixelWeights] = []
-    for part in _in_parts(source):
+    for part in in_parts(source, IMAGES_AT_ONCE, lambda image: image.shape[0] * image.shape[1]):
         for index, image in enumerate(part, len(alone)):
             its_size = image.shape[1], image.shape[0]
             size = size or its_size
@@ -113,9 +107,3 @@ def _lines_of(calibration: Calibration) -> tuple[Pixels, PixelWeights]:
         return {}, {}
     pixels, weights = calibration.solved.alone.evaluation.problem.observations.without_ends.unpacked(0)
     return pixels, {label: len(weight) * weight for label, weight in weights.items()}
-
-
-def _in_parts(images: Iterable[Image]) -> Iterator[list[Image]]:
-    rest = iter(images)
-    while part := list(islice(rest, AT_ONCE)):
-        yield part

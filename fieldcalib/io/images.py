@@ -6,7 +6,9 @@ its EXIF data says.
 
 from __future__ import annotations
 
+from collections.abc import Callable, Iterable, Iterator
 from pathlib import Path
+from typing import TypeVar
 
 import numpy as np
 
@@ -15,8 +17,12 @@ from fieldcalib.io.image import Image
 from fieldcalib.io.image_size import stored_size
 
 MOST_PIXELS = 50_000_000  # of an image: 8K has 33 million
+IMAGES_AT_ONCE = 8  # in memory
+PIXELS_AT_ONCE = 66_000_000  # of them together: eight images of 4K
 LONGEST_SIDE = 32_766  # px: cv2.remap counts pixels in 16 bits
 JPEG, JPEG_SCAN, JPEG_END = b"\xff\xd8\xff", b"\xff\xda", b"\xff\xd9"
+
+Item = TypeVar("Item")
 
 
 def parse_image(content: bytes, most_pixels: float = MOST_PIXELS) -> Image:
@@ -80,3 +86,21 @@ def encode_image(image: Image, suffix: str = ".jpg") -> bytes:
 def write_image(path: Path, image: Image) -> None:
     """Write an image in the format of the path's suffix, whole or not at all."""
     write_bytes(path, encode_image(image, path.suffix))
+
+
+def in_parts(items: Iterable[Item], size: int, pixels: Callable[[Item], int] = lambda item: 0) -> Iterator[list[Item]]:
+    """Lists of up to `size` items, and of less if they have more than `PIXELS_AT_ONCE` pixels together.
+
+    Examples
+    --------
+    >>> list(in_parts("abcde", 2))
+    [['a', 'b'], ['c', 'd'], ['e']]
+    """
+    part: list[Item] = []
+    for item in items:
+        part.append(item)
+        if len(part) == size or sum(map(pixels, part)) > PIXELS_AT_ONCE:
+            yield part
+            part = []
+    if part:
+        yield part
