@@ -9,7 +9,8 @@ from views import camera
 
 from fieldcalib.draw.scene import render_field
 from fieldcalib.fields.soccer import soccer
-from fieldcalib.images.matches import Frame, _Motion, _rotation, _turn, match_background, match_far, same_picture
+from fieldcalib.images.background_motion import Motion, _rotation, _turn
+from fieldcalib.images.matches import Frame, match_background, match_far, same_picture
 
 SIZE = (1280, 720)
 SCOREBOARD = (slice(40, 110), slice(80, 420))
@@ -83,14 +84,14 @@ def test_matches_follow_a_turn_and_a_zoom(motion):
 @pytest.mark.parametrize("turn", [(0.02, 0.1, 0.01), (0.0, 0.0, 0.0), (-0.05, 0.3, -0.02)], ids=str)
 def test_jacobian_of_the_motion(turn):
     """Against central differences; that by the focal length is exact to second order of the turn, 6e-4 without it."""
-    motion = _Motion(np.array(turn), 1.3, 0.1, 0.03)
+    motion = Motion(np.array(turn), 1.3, 0.1, 0.03)
     p, q = np.random.default_rng(0).uniform(-0.7, 0.7, size=(2, 50, 2))
     J = motion.residuals(p, q)[1]
 
     def moved(step):
         s = np.exp(-step[3])  # pan and tilt times focal length stay
         turned = _turn(_rotation(step[:3]) @ _rotation(motion.turn * (s, s, 1.0)))
-        other = _Motion(turned, motion.log_f + step[3], motion.log_zoom + step[4], motion.lens + step[5])
+        other = Motion(turned, motion.log_f + step[3], motion.log_zoom + step[4], motion.lens + step[5])
         return other.residuals(p, q)[0]
 
     for i, tolerance in enumerate((1e-7, 1e-7, 1e-7, 5e-4 * np.linalg.norm(turn) + 1e-7, 1e-7, 1e-7)):
