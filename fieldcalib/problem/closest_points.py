@@ -79,7 +79,7 @@ def closest_points(projection: Projection, observations: Observations) -> Closes
         found.extend(_at_points(projection, observations.clouds, X))
     if observations.ends:
         found.append(end_points(projection, observations.ends))
-    return ClosestPoints.joined(found)
+    return ClosestPoints.joined(found or [_on_lines(projection, observations.lines)])
 
 
 def end_points(projection: Projection, ends: Rows) -> ClosestPoints:

@@ -8,13 +8,15 @@ segment: with X* the closest point and n the unit normal of the segment's image 
     r = n . (p - pi(X*)),        dr/dtheta = -n . dpi(X*)/dtheta.
 
 X* is stationary along the curve, so the derivative of the search drops out. The robust loss acts on the data alone. The
-prior is quadratic but for the lens, whose tails are heavy: lenses are found that bend the corner by a quarter.
+prior is quadratic but for the lens, whose tails are heavy: lenses are found that bend the corner by a quarter. Frames
+of one tripod may be tied by static points of the background too (`fieldcalib.problem.background`).
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import NamedTuple
 
 import numpy as np
 
@@ -22,6 +24,7 @@ from fieldcalib._types import Array, BoolArray, IntArray
 from fieldcalib.fields.segments import ObjectSegments
 from fieldcalib.fields.stands import SOCCER_SCALE
 from fieldcalib.geometry.camera import Camera
+from fieldcalib.problem.background import BackgroundEvaluation, BackgroundPairs
 from fieldcalib.problem.closest_points import ClosestPoints, closest_points, end_points
 from fieldcalib.problem.labelled_pixels import Pixels
 from fieldcalib.problem.layout import CENTER, LOG_F, Layout
@@ -55,6 +58,8 @@ class Problem:
     """Covariance of the parameters that the layout considers; None for what is known a priori of a field's size."""
     scale: float = SOCCER_SCALE
     """Size of the scene in metres: what steps of the camera's centre are measured by."""
+    background: BackgroundPairs | None = None
+    """What ties frames of one tripod to each other; None for nothing."""
 
     def __len__(self) -> int:
         return len(self.observations)
@@ -68,7 +73,10 @@ class Problem:
         """The problems `index`, in that order, repeated where `index` repeats."""
         prior = None if self.prior is None else self.prior.take(index)
         group = None if self.group is None else self.group[index]
-        return replace(self, observations=self.observations.take(index), prior=prior, group=group)
+        background = None if self.background is None else self.background.take(index)
+        return replace(
+            self, observations=self.observations.take(index), prior=prior, group=group, background=background
+        )
 
     def prior_residuals(self, theta: Array) -> Array:
         """z-scores of the free parameters, (B, P); (B, 0) without a prior."""
@@ -87,6 +95,17 @@ class Problem:
         """Whether the focal lengths are possible, (B,): a fit that collapses is stopped before it overflows."""
         log_f = theta[:, LOG_F] - np.log(self.layout.image_size[0])
         return np.asarray((log_f > LOG_F_RANGE[0]) & (log_f < LOG_F_RANGE[1]))
+
+
+class Coupling(NamedTuple):
+    """Blocks of a Hessian that couple the own parameters of pairs of frames."""
+
+    first: IntArray
+    """(K,)"""
+    second: IntArray
+    """(K,)"""
+    blocks: Array
+    """(K, o, o), a row for each parameter of the first frame."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -175,6 +194,8 @@ class Evaluation:
     def cost(self) -> Array:
         """(B,); infinite where it is no number, or the camera is none: the derivatives mean nothing there."""
         cost = np.sum(self.costs, axis=1) + self.prior_cost
+        if self.background is not None:
+            cost += self.background.cost
         return np.where(np.isfinite(cost) & self.problem.is_possible(self.theta), cost, np.inf)
 
     @cached_property
@@ -188,6 +209,8 @@ class Evaluation:
         gradient = (self.JT @ (self.pull * self.r)[..., None])[..., 0]
         if self.problem.prior is not None:
             gradient += self._prior_costs[1] * self._z / self.problem.prior.sigma[:, self.problem.free]
+        if self.background is not None:
+            gradient += self.background.normal_equations.gradient
         return np.asarray(gradient)
 
     @cached_property
@@ -198,7 +221,23 @@ class Evaluation:
             hessian = hessian.copy()
             diagonal = np.arange(hessian.shape[1])
             hessian[:, diagonal, diagonal] += self._prior_costs[1] / np.square(self.prior_sigma)
+        if self.background is not None:
+            hessian = hessian + self.background.normal_equations.hessian
         return hessian
+
+    @cached_property
+    def background(self) -> BackgroundEvaluation | None:
+        """The static points that frames are tied by; None where there are none."""
+        pairs = self.problem.background
+        return None if pairs is None else BackgroundEvaluation(pairs, self.problem.layout, self.theta)
+
+    @property
+    def coupling(self) -> Coupling | None:
+        """How the frames' own parameters are coupled with one another; None if they are not."""
+        if self.background is None or self.background.pairs.known is not None:
+            return None
+        pairs = self.background.pairs
+        return Coupling(pairs.first, pairs.second, self.background.normal_equations.coupling)
 
     @property
     def prior_sigma(self) -> Array:

@@ -9,8 +9,8 @@ group of frames is a block arrow. Each frame is eliminated by itself (the Schur 
 
     (H_ss - sum_t H_st H_tt^-1 H_ts) ds = -(g_s - sum_t H_st H_tt^-1 g_t),    H_tt dt = -g_t - H_ts ds.
 
-Frames that share nothing are groups of one with an empty border. `block_arrow_steps` is the one place that solves the
-linear system: terms that couple frames directly would make its diagonal blocks a sparse matrix with the same border.
+Frames that share nothing are groups of one with an empty border. What ties frames to each other, the background that
+they see, couples their own parameters too: the frames of a group are then eliminated together.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ from numpy.typing import NDArray
 
 from fieldcalib._types import Array, BoolArray, IntArray
 from fieldcalib.problem.closest_points import ClosestPoints
-from fieldcalib.problem.evaluation import Evaluation, Problem, evaluate
+from fieldcalib.problem.evaluation import Coupling, Evaluation, Problem, evaluate
 
 FAR, NEAR = 1e-2, 1e-4  # initial damping, share of the Hessian's diagonal: far from the solution, and near it
 LEAST_DAMPING, LARGEST_DAMPING = 1e-12, 1e10
@@ -132,7 +132,7 @@ def levenberg_marquardt(
     converged, iterations = np.zeros(len(problem), dtype=bool), np.zeros(len(problem), dtype=np.intp)
     groups = Groups.of(problem)
     index = np.arange(len(problem))  # of the frames still in the batch
-    theta, gradient, hessian = start.theta, start.gradient, start.hessian
+    theta, gradient, hessian, coupling = start.theta, start.gradient, start.hessian, start.coupling
     cost = groups.sum(start.cost)
     running = np.isfinite(cost)  # by group
     cost = np.where(running, cost, 0.0)  # an infinite start is given back as it is
@@ -141,13 +141,13 @@ def levenberg_marquardt(
     for left in reversed(range(max_iterations)):
         # what is at a bound and would leave it stays there: out of the linear system with it
         held = ((theta[:, free] <= least) & (gradient > 0.0)) | ((theta[:, free] >= largest) & (gradient < 0.0))
-        step = block_arrow_steps(hessian, gradient, groups.spread(damping), held, shared, groups)
+        step = block_arrow_steps(hessian, gradient, groups.spread(damping), held, shared, groups, coupling)
         shorter = np.max(np.abs(step) / longest, axis=1)
         if not groups.is_trivial:
             shorter = np.maximum.reduceat(shorter, np.searchsorted(groups.of_frame, np.arange(len(cost))))
         step /= groups.spread(np.maximum(shorter, 1.0))[:, None]
         step = np.clip(theta[:, free] + step, least, largest) - theta[:, free]
-        predicted = groups.sum(np.sum(step * (gradient + 0.5 * (hessian @ step[..., None])[..., 0]), axis=1))
+        predicted = groups.sum(np.sum(step * (gradient + 0.5 * _times(hessian, coupling, step, shared)), axis=1))
         # a step that a bound has cut off may be predicted to climb: a shorter one does not
         settled = running & (np.abs(predicted) <= max(SETTLED * tolerance, STILL) * cost)
         converged[index[groups.spread(settled)]] = True
@@ -187,11 +187,18 @@ def levenberg_marquardt(
             break
         gradient = np.where(taken[:, None], trial.gradient, gradient)
         hessian = np.where(taken[:, None, None], trial.hessian, hessian)
+        coupling = trial.coupling if np.any(taken) else coupling  # frames that are coupled are one group
     return Solution(best.evaluation, converged, iterations)
 
 
 def block_arrow_steps(
-    hessian: Array, gradient: Array, damping: Array, held: BoolArray, shared: BoolArray, groups: Groups
+    hessian: Array,
+    gradient: Array,
+    damping: Array,
+    held: BoolArray,
+    shared: BoolArray,
+    groups: Groups,
+    coupling: Coupling | None = None,
 ) -> Array:
     """Damped Gauss-Newton steps (B, P) of frames whose parameters `shared` (P,) are those of their group.
 
@@ -205,6 +212,8 @@ def block_arrow_steps(
         Parameters that do not move.
     shared : (P,) bool array
     groups : Groups
+    coupling : Coupling, optional
+        Between the own parameters of frames, which are one group.
     """
     diagonal = np.arange(hessian.shape[1])
     damped = hessian.copy()
@@ -213,11 +222,15 @@ def block_arrow_steps(
     if np.any(held):
         damped = np.where(held[:, :, None] | held[:, None, :], 0.0, damped)
         damped[:, diagonal, diagonal] += held
-    if not np.any(shared):
+    if coupling is not None:
+        moves = ~held[:, ~shared]
+        blocks = coupling.blocks * moves[coupling.first][:, :, None] * moves[coupling.second][:, None]
+        coupling = coupling._replace(blocks=blocks)
+    elif not np.any(shared):
         return np.asarray(np.linalg.solve(damped, downhill[..., None])[..., 0])
     own = ~shared
     H_st = damped[:, shared][:, :, own]
-    following, alone = eliminated(damped, downhill, own)
+    following, alone = eliminated(damped, downhill, own, coupling)
     border = groups.sum(damped[:, shared][:, :, shared] - H_st @ following)
     right = groups.sum(downhill[:, shared] - (H_st @ alone[..., None])[..., 0])
     ds = groups.spread(np.linalg.solve(border, right[..., None])[..., 0])
@@ -227,11 +240,42 @@ def block_arrow_steps(
     return step
 
 
-def eliminated(hessian: Array, downhill: Array, own: BoolArray) -> tuple[Array, Array]:
-    """``H_tt^-1 H_ts`` (B, P_t, P_s) and ``H_tt^-1 downhill_t`` (B, P_t), t being the frames' `own` parameters (P,)."""
+def eliminated(
+    hessian: Array, downhill: Array, own: BoolArray, coupling: Coupling | None = None
+) -> tuple[Array, Array]:
+    """``H_tt^-1 H_ts`` (B, P_t, P_s) and ``H_tt^-1 downhill_t`` (B, P_t), t being the frames' `own` parameters (P,).
+
+    With a coupling H_tt is the matrix of all frames together.
+    """
     H_tt, H_ts = hessian[:, own][:, :, own], hessian[:, own][:, :, ~own]
-    solved = np.linalg.solve(H_tt, np.concatenate([H_ts, downhill[:, own, None]], axis=-1))
+    right = np.concatenate([H_ts, downhill[:, own, None]], axis=-1)
+    if coupling is None:
+        solved = np.linalg.solve(H_tt, right)
+    else:
+        whole = coupled(H_tt, coupling)
+        solved = np.linalg.solve(whole, right.reshape(len(whole), -1)).reshape(right.shape)
     return solved[..., :-1], solved[..., -1]
+
+
+def coupled(blocks: Array, coupling: Coupling) -> Array:
+    """The matrix (B o, B o) with these blocks (B, o, o) on its diagonal."""
+    B, o = blocks.shape[:2]
+    whole = np.zeros((B, B, o, o))
+    whole[np.arange(B), np.arange(B)] = blocks
+    np.add.at(whole, (coupling.first, coupling.second), coupling.blocks)
+    np.add.at(whole, (coupling.second, coupling.first), np.swapaxes(coupling.blocks, 1, 2))
+    return np.swapaxes(whole, 1, 2).reshape(B * o, B * o)
+
+
+def _times(hessian: Array, coupling: Coupling | None, step: Array, shared: BoolArray) -> Array:
+    """The Hessian times steps (B, P)."""
+    product = np.asarray((hessian @ step[..., None])[..., 0])
+    if coupling is not None:
+        own = np.flatnonzero(~shared)
+        first, second, blocks = coupling
+        np.add.at(product, (first[:, None], own), (blocks @ step[second][:, own, None])[..., 0])
+        np.add.at(product, (second[:, None], own), (np.swapaxes(blocks, 1, 2) @ step[first][:, own, None])[..., 0])
+    return product
 
 
 @dataclass(frozen=True, eq=False)
