@@ -79,7 +79,7 @@ def held(found: Calibration, truth: Camera, field: Field) -> tuple[float, float,
     """Share of 95 % regions that contain the true focal length, coordinates of the position, and ground points."""
     uncertainty = found.uncertainty
     index = [LOG_F, *range(CENTER.start, CENTER.stop)]
-    off = np.abs(uncertainty.problem.layout.theta(truth) - uncertainty.theta)[index]
+    off = np.abs(uncertainty.layout.theta(truth) - uncertainty.theta)[index]
     inside = off <= uncertainty.radius() * np.sqrt(np.diagonal(uncertainty.covariance)[index])
     xy = np.stack(np.meshgrid(*(np.linspace(0.0, side - 1.0, GRID) for side in SIZE)), axis=-1).reshape(-1, 2)
     X = truth.image_to_field(xy)

@@ -10,7 +10,6 @@ from numdiff import central_differences, column_errors
 from synthetic import observe
 
 from fieldcalib.fields.soccer import soccer
-from fieldcalib.geometry.camera import Camera
 from fieldcalib.problem.background import BackgroundEvaluation, BackgroundPairs
 from fieldcalib.problem.evaluation import Problem, evaluate
 from fieldcalib.problem.layout import LOG_F, Layout, Role, ZoomLaw

@@ -7,7 +7,9 @@ import pytest
 from numdiff import central_differences
 from synthetic import observe, random_frames, whole_circle_markings
 
-from fieldcalib.assess.uncertainty import OPEN_DIRECTION, GroundError, region_radius, uncertainties
+from fieldcalib.assess.camera_errors import GroundError, region_radius
+from fieldcalib.assess.observability import OPEN_DIRECTION
+from fieldcalib.assess.uncertainty import uncertainties
 from fieldcalib.calibrate.from_segments import calibrate_from_segments
 from fieldcalib.fields.segments import Line
 from fieldcalib.fields.soccer import soccer

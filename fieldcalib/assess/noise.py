@@ -95,7 +95,8 @@ def pooled_noise(evaluation: Evaluation) -> tuple[Array, Array]:
     square = np.square(slope / noise.relative_sigma) * (problem.observations.weight > 0.0)
     own = int(np.count_nonzero(~problem.layout.shared))
     equations = np.sum(square * np.square(noise.relative_sigma))
-    redundancy = max(equations - own * len(problem), 1.0)
+    labelled = np.count_nonzero(np.any(problem.observations.weight > 0.0, axis=1))  # the others follow from these
+    redundancy = max(equations - own * labelled, 1.0)
     variance = np.full(len(problem), np.sum(square * np.square(evaluation.r)) / redundancy)
     _, kappa = size_and_curvature(problem.loss, variance)
     return np.sqrt(variance), kappa

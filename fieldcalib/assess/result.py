@@ -15,10 +15,11 @@ from numpy.typing import ArrayLike
 
 from fieldcalib._json import from_json, to_json
 from fieldcalib._types import Array
+from fieldcalib.assess.camera_errors import CameraErrors, GroundError, KnownErrors
 from fieldcalib.assess.observability import Direction
 from fieldcalib.assess.probability import evidence, probability_right
 from fieldcalib.assess.surprises import surprises
-from fieldcalib.assess.uncertainty import GroundError, Uncertainty, uncertainties
+from fieldcalib.assess.uncertainty import Uncertainty, uncertainties
 from fieldcalib.fields.field import Field
 from fieldcalib.fields.records import field_from_record, field_to_record
 from fieldcalib.geometry.camera import Camera
@@ -180,6 +181,8 @@ class Calibration:
     """What was calibrated against; None if that was no `Field`."""
     solved: Solved | None = attribute(default=None, repr=False)
     """What `uncertainty` is computed from; None where there is no camera, or it came from a closed form."""
+    errors: KnownErrors | None = attribute(default=None, repr=False)
+    """How far the camera may be off, where it was estimated with other frames and what was solved is not kept."""
 
     @classmethod
     def without_camera(cls, status: Status, message: str) -> Calibration:
@@ -226,6 +229,8 @@ class Calibration:
         """What speaks against an accepted camera, or why nothing speaks for it, most important first."""
         if self.camera is None:
             return ()
+        if self.errors is not None:
+            return self.complaints
         if self.solved is None:
             return ("its errors are not known, as it does not come from labelled pixels",)
         doubts = []
@@ -233,22 +238,28 @@ class Calibration:
             probability = self.probability()
             if not probability >= LEAST_PROBABILITY:
                 doubts.append(f"right to 1 m with a probability of {probability:.2f}")
-        return (*doubts, *surprises(self.uncertainty), *self.complaints)
+        return (*doubts, *surprises(self._solved_uncertainty), *self.complaints)
 
     @property
     def has_probability(self) -> bool:
         """Whether `probability` is known: of a camera fitted to labels of a field with a probability model."""
         return self.solved is not None and self.field is not None and self.field.probability is not None
 
-    @cached_property
-    def uncertainty(self) -> Uncertainty:
+    @property
+    def uncertainty(self) -> CameraErrors:
         """How far the camera may be off; computed when it is first asked for.
+
+        It is an `Uncertainty`, and for frames of a sequence the covariance alone.
 
         Raises
         ------
         ValueError
             If the camera was not fitted to labelled pixels.
         """
+        return self._solved_uncertainty if self.errors is None else self.errors
+
+    @cached_property
+    def _solved_uncertainty(self) -> Uncertainty:
         if self.solved is None:
             raise ValueError(f"expected a calibration from labelled pixels, this one knows no errors: {self.message}")
         return self.solved.uncertainty
@@ -266,7 +277,7 @@ class Calibration:
     @property
     def observability(self) -> tuple[Direction, ...]:
         """What the labels determine and what came from the prior, least determined first."""
-        return self.uncertainty.observability
+        return self._solved_uncertainty.observability
 
     def field_uncertainty(self, xy: ArrayLike) -> GroundError:
         """Errors in metres of the ground points seen at pixels (..., 2)."""
@@ -342,7 +353,7 @@ class Calibration:
     @cached_property
     def _evidence(self) -> tuple[Array, Array]:
         assert self.field is not None
-        return evidence(self.uncertainty, self.field)
+        return evidence(self._solved_uncertainty, self.field)
 
     def __iter__(self) -> Iterator[Any]:
         """``rms, K (3, 3), dist (1, 5), rvec (3, 1), tvec (3, 1)``, as `cv2.calibrateCamera` returns them.
@@ -385,6 +396,7 @@ class Calibration:
             "image_size": None if self.camera is None else list(self.camera.image_size),
             "field": None if self.field is None else field_to_record(self.field),
             "solved": None if self.solved is None else self.solved.to_dict(),
+            **({} if self.errors is None else {"errors": self.errors.to_dict()}),
             "version": VERSION,
         }
 
@@ -421,6 +433,7 @@ class Calibration:
                 dict(record["pixel_counts"]),
                 None if record["field"] is None else field_from_record(record["field"]),
                 None if record["solved"] is None else Solved.from_dict(record["solved"]),
+                KnownErrors.from_dict(record["errors"]) if "errors" in record else None,
             )
         except KeyError as error:
             raise ValueError(f"is no calibration: the key {error} is missing") from None

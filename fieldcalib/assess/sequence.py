@@ -3,37 +3,150 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from dataclasses import field as attribute
-from typing import Any, overload
+from enum import StrEnum
+from typing import TYPE_CHECKING, Any, overload
 
 import numpy as np
 
 from fieldcalib._json import from_json, to_json
-from fieldcalib._types import Array
-from fieldcalib.assess.result import Calibration
+from fieldcalib._types import Array, IntArray
+from fieldcalib.assess.camera_errors import KnownErrors
+from fieldcalib.assess.own_errors import whole_covariance
+from fieldcalib.assess.result import Calibration, Status, SuspectLabel
 from fieldcalib.fields.field import Field
 from fieldcalib.fields.records import field_from_record, field_to_record
 from fieldcalib.geometry.camera import Camera
+from fieldcalib.problem.layout import CENTER, LOG_F, Layout
+from fieldcalib.problem.records import layout_from_record, layout_to_record
 
-VERSION = 1  # of `SequenceCalibration.to_dict`
+if TYPE_CHECKING:
+    import pandas
+
+VERSION = 2  # of `SequenceCalibration.to_dict`
+SURE = 0.5  # m: what is known of the field in view to no better than that is to be looked at
+STATUSES = tuple(Status)
+
+
+class Basis(StrEnum):
+    """What the camera of a frame rests on."""
+
+    NOTHING = ""
+    """There is no camera."""
+    LINES = "lines"
+    """Labelled pixels of this frame."""
+    MATCHES = "matches"
+    """Static points that other frames see too."""
+    BOTH = "lines and matches"
+
+
+BASES = tuple(Basis)
+
+
+@dataclass(frozen=True, eq=False)
+class Frames:
+    """T frames in columns, which take a tenth of the room of as many calibrations."""
+
+    theta: Array
+    """Parameters, (T, n); NaN where there is no camera."""
+    own: Array
+    """E of `fieldcalib.assess.own_errors`, (T, o, o)."""
+    following: Array
+    """F, (T, o, S)."""
+    status: IntArray
+    """Index into `STATUSES`, (T,)."""
+    basis: IntArray
+    """Index into `BASES`, (T,)."""
+    rms: Array
+    """Root mean square distance of the labelled pixels, (T,)."""
+    ground_error: Array
+    """Root mean square error of the field in view, metres, (T,); NaN where none is in view."""
+    labels: tuple[str, ...] = ()
+    label_errors: Array = attribute(default_factory=lambda: np.zeros((0, 0), np.float32))
+    """Root mean square distance of each label's pixels, (T, L)."""
+    label_counts: IntArray = attribute(default_factory=lambda: np.zeros((0, 0), np.uint16))
+    """Number of pixels of each label, (T, L)."""
+    notes: Mapping[int, str] = attribute(default_factory=dict)
+    """Messages of frames for which the numbers do not say everything."""
+    suspects: Mapping[int, tuple[SuspectLabel, ...]] = attribute(default_factory=dict)
+    """Labels that the rest of a frame contradicts."""
+
+    def __len__(self) -> int:
+        return len(self.theta)
+
+    @classmethod
+    def without_cameras(cls, count: int, message: str) -> Frames:
+        """As many frames of which nothing is known."""
+        return cls(
+            np.full((count, 0), np.nan),
+            np.zeros((count, 0, 0)),
+            np.zeros((count, 0, 0)),
+            np.full(count, STATUSES.index(Status.TOO_FEW_SEGMENTS)),
+            np.zeros(count, dtype=np.intp),
+            np.full(count, np.nan),
+            np.full(count, np.nan),
+            notes=dict.fromkeys(range(count), message),
+            label_errors=np.zeros((count, 0), np.float32),
+            label_counts=np.zeros((count, 0), np.uint16),
+        )
+
+    def message(self, t: int) -> str:
+        """Why frame t has the status that it has."""
+        labelled, basis = int(np.count_nonzero(self.label_counts[t])), BASES[self.basis[t]]
+        parts = [self.notes[t]] if t in self.notes else []
+        if labelled and basis in (Basis.LINES, Basis.BOTH):
+            parts.append(f"rms {self.rms[t]:.2f} px over {labelled} segment{'s' * (labelled != 1)}")
+        if np.isfinite(self.ground_error[t]):
+            parts.append(f"by {basis}, the field in view to {self.ground_error[t]:.2f} m")
+        return "; ".join(parts)
+
+    def to_dict(self) -> dict[str, Any]:
+        """Everything, for `json.dumps`."""
+        columns = {one.name: getattr(self, one.name) for one in fields(self)}
+        suspects = {t: [[s.label, s.fits, to_json(s.error_px)] for s in found] for t, found in self.suspects.items()}
+        return {
+            **{name: _to_record(value) for name, value in columns.items() if isinstance(value, np.ndarray)},
+            "labels": list(self.labels),
+            "notes": [[t, note] for t, note in self.notes.items()],
+            "suspects": [[t, found] for t, found in suspects.items()],
+        }
+
+    @classmethod
+    def from_dict(cls, record: Mapping[str, Any]) -> Frames:
+        """The inverse of `to_dict`."""
+        arrays = {name: _from_record(value) for name, value in record.items() if isinstance(value, dict)}
+        suspects = {
+            t: tuple(SuspectLabel(label, fits, float(from_json(error))) for label, fits, error in found)
+            for t, found in record["suspects"]
+        }
+        return cls(**arrays, labels=tuple(record["labels"]), notes=dict(record["notes"]), suspects=suspects)
+
+
+def _to_record(array: Array) -> dict[str, Any]:
+    return {"shape": array.shape, "type": array.dtype.str, "values": to_json(array.ravel())}
+
+
+def _from_record(record: Mapping[str, Any]) -> Array:
+    return np.array(from_json(record["values"])).astype(record["type"]).reshape(record["shape"])
 
 
 @dataclass(frozen=True, eq=False)
 class SequenceCalibration(Sequence[Calibration]):
     """The calibrations of frames of one tripod, and what the frames share.
 
-    It is a sequence of `Calibration`, one for each frame. Their uncertainties are the frames' own marginals: what a
-    frame alone leaves open, and what all frames together leave open of what they share.
+    It is a sequence of `Calibration`, one for each frame, which are made when they are asked for. Their uncertainties
+    are the frames' own marginals: what a frame alone leaves open, and what all frames together leave open of what they
+    share.
 
     Examples
     --------
-    >>> alone = SequenceCalibration((Calibration.without_camera("too few segments", "no labelled pixels"),))
-    >>> len(alone), alone.cameras, alone.shared
-    (1, [None], {})
+    >>> alone = SequenceCalibration(Frames.without_cameras(2, "no labelled pixels"))
+    >>> len(alone), alone.cameras, alone.shared, str(alone[0].status)
+    (2, [None, None], {}, 'too few segments')
     """
 
-    frames: tuple[Calibration, ...] = attribute(repr=False)
+    frames: Frames = attribute(repr=False)
     names: tuple[str, ...] = ()
     """Of the shared parameters (`fieldcalib.problem.layout`); none where no place of the tripod was found."""
     values: Array = attribute(default_factory=lambda: np.zeros(0), repr=False)
@@ -44,6 +157,10 @@ class SequenceCalibration(Sequence[Calibration]):
     """The field, of the estimated size; None if the object is no `Field`."""
     together: int = 0
     """Number of frames that the shared parameters were estimated from."""
+    layout: Layout | None = attribute(default=None, repr=False)
+    """Of the parameters of a frame; None where there is no camera."""
+    considered: Array = attribute(default_factory=lambda: np.zeros((0, 0)), repr=False)
+    """Covariance of all parameters that the layout considers: the shared ones, and a size that is hardly told."""
 
     @overload
     def __getitem__(self, index: int) -> Calibration: ...
@@ -52,18 +169,49 @@ class SequenceCalibration(Sequence[Calibration]):
     def __getitem__(self, index: slice) -> tuple[Calibration, ...]: ...
 
     def __getitem__(self, index: int | slice) -> Calibration | tuple[Calibration, ...]:
-        return self.frames[index]
+        if isinstance(index, slice):
+            return tuple(self._frame(t) for t in range(len(self))[index])
+        return self._frame(range(len(self))[index])
 
     def __len__(self) -> int:
         return len(self.frames)
 
     def __iter__(self) -> Iterator[Calibration]:
-        return iter(self.frames)
+        return (self._frame(t) for t in range(len(self)))
+
+    def _frame(self, t: int) -> Calibration:
+        frames, status, camera, errors = self.frames, STATUSES[self.frames.status[t]], None, None
+        if self.layout is not None and np.isfinite(frames.theta[t]).all():
+            camera = self.layout.camera(frames.theta[t])
+            covariance = whole_covariance(frames.own[t], frames.following[t], self.considered, self.layout)
+            errors = KnownErrors(self.layout, frames.theta[t], covariance)
+        labelled = np.flatnonzero(frames.label_counts[t])
+        suspects, metres = frames.suspects.get(t, ()), float(frames.ground_error[t])
+        doubts = [f"{len(suspects)} of {len(labelled)} labels are suspect"] if suspects else []
+        doubts += [f"the field in view is known to {metres:.1f} m only"] if metres > SURE else []
+        return Calibration(
+            camera,
+            status,
+            frames.message(t),
+            float(frames.rms[t]),
+            float("nan"),
+            {frames.labels[k]: float(frames.label_errors[t, k]) for k in labelled},
+            suspects,
+            complaints=tuple(doubts),
+            pixel_counts={frames.labels[k]: int(frames.label_counts[t, k]) for k in labelled},
+            field=self.field,
+            errors=errors,
+        )
 
     @property
     def cameras(self) -> list[Camera | None]:
         """Of the frames."""
-        return [frame.camera for frame in self.frames]
+        return [frame.camera for frame in self]
+
+    @property
+    def basis(self) -> list[Basis]:
+        """What the camera of each frame rests on."""
+        return [BASES[index] for index in self.frames.basis]
 
     @property
     def shared(self) -> Mapping[str, tuple[float, float]]:
@@ -71,16 +219,46 @@ class SequenceCalibration(Sequence[Calibration]):
         sigma = np.sqrt(np.diagonal(self.covariance))
         return {name: (float(v), float(s)) for name, v, s in zip(self.names, self.values, sigma, strict=True)}
 
+    def to_pandas(self) -> pandas.DataFrame:
+        """One row a frame: status, basis, angles in degrees, focal length in pixels, place and errors in metres.
+
+        Raises
+        ------
+        ImportError
+            Without pandas, ``pip install fieldcalib[pandas]``.
+        """
+        import pandas
+
+        frames, T = self.frames, len(self)
+        theta = frames.theta
+        if self.layout is None:
+            theta = np.full((T, CENTER.stop), np.nan)
+        else:
+            theta = self.layout.at_zoom(theta)
+        return pandas.DataFrame(
+            {
+                "status": [str(STATUSES[one]) for one in frames.status],
+                "basis": [str(one) for one in self.basis],
+                **{f"{name}_degrees": np.degrees(theta[:, k]) for k, name in enumerate(("pan", "tilt", "roll"))},
+                "focal_length_px": np.exp(theta[:, LOG_F]),
+                **{f"{name}_m": theta[:, CENTER][:, k] for k, name in enumerate("xyz")},
+                "rms_px": frames.rms,
+                "ground_error_m": frames.ground_error,
+            }
+        )
+
     def to_dict(self) -> dict[str, Any]:
         """Everything as JSON, for `json.dumps`."""
         return {
             "version": VERSION,
-            "frames": [frame.to_dict() for frame in self.frames],
+            "frames": self.frames.to_dict(),
             "names": list(self.names),
             "values": to_json(self.values),
             "covariance": to_json(self.covariance),
             "field": None if self.field is None else field_to_record(self.field),
             "together": self.together,
+            "layout": None if self.layout is None else layout_to_record(self.layout),
+            "considered": _to_record(self.considered),
         }
 
     @classmethod
@@ -95,10 +273,12 @@ class SequenceCalibration(Sequence[Calibration]):
         if record.get("version") != VERSION:
             raise ValueError(f"expected a sequence of version {VERSION}, got {record.get('version')!r}")
         return cls(
-            tuple(Calibration.from_dict(frame) for frame in record["frames"]),
+            Frames.from_dict(record["frames"]),
             tuple(record["names"]),
             from_json(record["values"]),
             from_json(record["covariance"]).reshape(2 * (len(record["names"]),)),
             None if record["field"] is None else field_from_record(record["field"]),
             record["together"],
+            None if record["layout"] is None else layout_from_record(record["layout"]),
+            _from_record(record["considered"]),
         )

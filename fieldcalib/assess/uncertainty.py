@@ -27,20 +27,16 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import ArrayLike
 
 from fieldcalib._types import Array, BoolArray
+from fieldcalib.assess.camera_errors import CameraErrors, GroundError
 from fieldcalib.assess.noise import Noise, gram, size_and_curvature
 from fieldcalib.assess.observability import OPEN_DIRECTION, Direction, Information
 from fieldcalib.assess.size_evidence import FAINT, SizeEvidence
 from fieldcalib.geometry.camera import Camera
-from fieldcalib.geometry.rotation import rotation_axes
 from fieldcalib.problem.evaluation import Evaluation, Problem, evaluate
-from fieldcalib.problem.layout import ANGLES, CENTER, LOG_ASPECT, LOG_F, PRINCIPAL_POINT
-from fieldcalib.problem.projection import Projection
+from fieldcalib.problem.layout import Layout
 
-INTRINSICS, EXTRINSICS = 18, 6  # lengths of cv2.calibrateCameraExtended's standard deviations
-LENS_INTRINSICS = slice(4, 16)  # of them: k1, k2, p1, p2, k3, k4, k5, k6, s1, s2, s3, s4
 # Equations that the noise of other frames counts for. Smyth's fit gives 6 on 399 frames of SoccerNet, whose pixels have
 # a median sigma of 1.3 px at 960 x 540, and 11 on 93 of WC14 (0.7): fewer, as other annotators may be unlike both.
 OTHER_FRAMES = 5.0
@@ -48,39 +44,8 @@ TESTED = ("log aspect", "b2")  # parameters that are usually kept fixed
 TOUCHED = 1e-6  # share of a derivative along an open direction that is more than rounding
 
 
-@dataclass(frozen=True)
-class GroundError:
-    """Errors of points on the ground: `rms` in metres, `ellipse` of the region that holds the true point."""
-
-    covariance: Array
-    """Of (x, y), (..., 2, 2); NaN where there is no ground point, infinite where the labels leave it open."""
-    dof: float
-    """Degrees of freedom of Student's t."""
-
-    @property
-    def rms(self) -> Array:
-        """Root mean square distance to the true point, (...,) metres."""
-        return np.asarray(np.sqrt(np.trace(self.covariance, axis1=-2, axis2=-1)))
-
-    def ellipse(self, level: float = 0.95) -> tuple[Array, Array]:
-        """The ellipse that holds the true point with a probability.
-
-        Returns
-        -------
-        half_axes : (..., 2) array
-            Metres, the longer one first; NaN where the covariance is not finite.
-        angle : (...,) array
-            Of the longer axis, radians from x towards y.
-        """
-        known = np.asarray(np.isfinite(self.covariance).all(axis=(-2, -1)))
-        values, vectors = np.linalg.eigh(np.where(known[..., None, None], self.covariance, np.eye(2)))
-        half_axes = region_radius(2, self.dof, level) * np.sqrt(np.maximum(values[..., ::-1], 0.0))
-        angle = np.arctan2(vectors[..., 1, 1], vectors[..., 0, 1])
-        return np.where(known[..., None], half_axes, np.nan), np.where(known, angle, np.nan)
-
-
 @dataclass(frozen=True, eq=False, repr=False)
-class Uncertainty:
+class Uncertainty(CameraErrors):
     """How far a calibration may be off.
 
     Examples
@@ -153,19 +118,14 @@ class Uncertainty:
         """The estimate, (n,)."""
         return np.asarray(self.evaluation.theta[0])
 
-    @cached_property
-    def camera(self) -> Camera:
-        """The estimated camera."""
-        return self.problem.layout.camera(self.theta)
-
     @property
-    def covariance(self) -> Array:
-        """Covariance (n, n) of theta, in the order of `names` of the problem's layout; 0 for what was
-        fixed.
+    def layout(self) -> Layout:
+        """Of the parameters."""
+        return self.problem.layout
 
-        Where nothing determines a parameter its variance is infinite and its covariances are NaN.
-        """
-        return _propagated(np.eye(len(self.theta)), self.determined + self._of_any_considered, self.open, self.unit)
+    def propagated(self, J: Array) -> Array:
+        """Covariance (..., m, m) of quantities whose derivatives by theta are J (..., m, n)."""
+        return _propagated(J, self.determined + self._of_any_considered, self.open, self.unit)
 
     @property
     def covariance_by_labels(self) -> Array:
@@ -175,36 +135,6 @@ class Uncertainty:
         """
         determined = self.determined_by_labels + self._of_any_considered
         return _propagated(np.eye(len(self.theta)), determined, self.open_to_labels, self.unit)
-
-    @property
-    def std_deviations_intrinsics(self) -> Array:
-        """(18, 1) as cv2's: fx, fy, cx, cy, k1, k2, p1, p2, k3 to k6, s1 to s4, and 0 for a tilt."""
-        camera, layout = self.camera, self.problem.layout
-        fx, fy = camera.K[0, 0], camera.K[1, 1]
-        J = np.zeros((INTRINSICS, layout.size))
-        J[[0, 1], LOG_F] = fx, fy
-        J[1, LOG_ASPECT] = fy
-        J[[2, 3], [PRINCIPAL_POINT.start, PRINCIPAL_POINT.start + 1]] = 1.0
-        by_lens, by_log_f = layout.lens.opencv_jacobian(self.theta[layout.lens_block], fx)
-        J[LENS_INTRINSICS, layout.lens_block] = by_lens
-        J[LENS_INTRINSICS, LOG_F] = by_log_f
-        return self._standard_deviations(J)
-
-    @property
-    def std_deviations_extrinsics(self) -> Array:
-        """(6, 1) as cv2's: rvec, then tvec."""
-        rvec, tvec, _, _ = self.camera.to_opencv()
-        axes = rotation_axes(self.theta[ANGLES], self.camera.R)
-        J = np.zeros((EXTRINSICS, len(self.theta)))
-        # angles turn the scene by -axis, on the left of R: the inverse left Jacobian of SO(3) makes it one of rvec
-        J[:3, ANGLES] = -_inverse_left_jacobian(rvec[:, 0]) @ axes.T
-        J[3:, ANGLES] = -np.cross(axes, tvec[:, 0]).T
-        J[3:, CENTER] = -self.camera.R
-        return self._standard_deviations(J)
-
-    def radius(self, dimensions: int = 1, level: float = 0.95) -> float:
-        """How many standard deviations hold the truth with a probability, see `region_radius`."""
-        return region_radius(dimensions, self.dof, level)
 
     def distance(self, camera: Camera) -> float:
         """How far another camera is from the estimate, in standard deviations: Rao's score.
@@ -225,29 +155,14 @@ class Uncertainty:
         g = scale * there.gradient[0]
         return float(np.sqrt(g @ np.linalg.lstsq(scale[:, None] * V * scale, g, rcond=None)[0]))
 
-    def at_image(self, xy: ArrayLike) -> GroundError:
-        """Errors of the ground points that are seen at pixels (..., 2)."""
-        return self._of_ground(self.camera.image_to_field(xy))
-
-    def at_field(self, X: ArrayLike) -> GroundError:
-        """Errors of ground points (..., 3), z = 0: of where the camera, given their true pixels, takes them to be.
-
-        Raises
-        ------
-        ValueError
-            If a point is not on the ground.
-        """
-        X = np.asarray(X, dtype=float)
-        if X.shape[-1:] != (3,) or np.any(X[..., 2] != 0.0):
-            raise ValueError(f"expected ground points of shape (..., 3) with z = 0, got {X.tolist()}; append a zero")
-        seen = np.isfinite(self.camera.project(X)).all(axis=-1, keepdims=True)
-        return self._of_ground(np.where(seen, X, np.nan))
-
     def at_field_by_size(self, X: Array) -> list[GroundError]:
         """As `at_field`, (n, 3), if each possibility for the field's size were true; one if the size is exact."""
-        dX_dtheta, known = self._ground_jacobian(X)
-        determined = [self.determined + self._of_considered(moment) for moment in self._moments]
-        return [self._ground_error(dX_dtheta, known, one) for one in determined]
+        dX_dtheta, known = self.ground_jacobian(X)
+        found = []
+        for moment in self._moments:
+            covariance = _propagated(dX_dtheta, self.determined + self._of_considered(moment), self.open, self.unit)
+            found.append(GroundError(np.where(known[..., None, None], covariance, np.nan), self.dof))
+        return found
 
     def __str__(self) -> str:
         """What the labels determine and what came from the prior, in words."""
@@ -263,39 +178,6 @@ class Uncertainty:
                 origin = "open"
             groups.setdefault(origin, []).append(what)
         return "; ".join(f"{origin}: {', '.join(names)}" for origin, names in groups.items())
-
-    def _standard_deviations(self, J: Array) -> Array:
-        """Standard deviations (m, 1) of quantities whose derivatives by theta are J (m, n)."""
-        variances = np.diagonal(_propagated(J, self.determined + self._of_any_considered, self.open, self.unit))
-        return np.asarray(np.sqrt(np.maximum(variances, 0.0)))[:, None]
-
-    def _of_ground(self, X: Array) -> GroundError:
-        """Errors at ground points (..., 3)."""
-        return self._ground_error(*self._ground_jacobian(X), self.determined + self._of_any_considered)
-
-    def _ground_error(self, dX_dtheta: Array, known: BoolArray, determined: Array) -> GroundError:
-        covariance = _propagated(dX_dtheta, determined, self.open, self.unit)
-        return GroundError(np.where(known[..., None, None], covariance, np.nan), self.dof)
-
-    def _ground_jacobian(self, X: Array) -> tuple[Array, BoolArray]:
-        """Derivatives (..., 2, n) of ground points (..., 3), and which exist, (...,).
-
-        A pixel is kept, ``pi(X, theta) = xy``, hence ``dX/dtheta = -(dpi/dX)^-1 dpi/dtheta``.
-        """
-        known = np.asarray(np.isfinite(X).all(axis=-1))
-        ahead = self.camera.C + self.camera.R[2]  # stands in for points that do not exist
-        shape, X = X.shape[:-1], np.where(known[..., None], X, ahead).reshape(1, -1, 3)
-        projection = Projection(self.evaluation.theta, self.problem.layout)
-        h = projection.points(X)
-        s, inverse_depth = h[:2] / h[2], 1.0 / h[2]
-        every = np.ones(len(self.theta), dtype=bool)
-        zero, one = np.zeros_like(inverse_depth), np.ones_like(inverse_depth)
-        directions = (np.array([one, zero]), np.array([zero, one]))
-        rows = [projection.derivatives(s, inverse_depth, n, every)[0].T for n in directions]
-        dxy_dtheta = np.stack(rows, axis=1).reshape(*shape, 2, len(self.theta))
-        dxy_dX = -dxy_dtheta[..., CENTER]  # a point that moves is a centre that moves the other way
-        dxy_dX[~known, :, :2] = np.eye(2)
-        return -np.asarray(np.linalg.solve(dxy_dX[..., :2], dxy_dtheta)), known
 
 
 def uncertainties(evaluation: Evaluation, unit: Array) -> list[Uncertainty]:
@@ -407,24 +289,6 @@ def uncertainties(evaluation: Evaluation, unit: Array) -> list[Uncertainty]:
     return found
 
 
-def region_radius(dimensions: int, dof: float, level: float) -> float:
-    """How many standard deviations (Mahalanobis) hold an error of so many dimensions with a probability.
-
-    ``sqrt(d F)`` with F the quantile of Fisher's distribution with d and `dof` degrees of freedom; for one dimension
-    Student's t, two-sided.
-
-    Examples
-    --------
-    >>> round(region_radius(1, 1e9, 0.95), 2), round(region_radius(1, 5.0, 0.95), 2)
-    (1.96, 2.57)
-    """
-    from scipy.special import fdtri  # a slow import
-
-    if not 0.0 < level < 1.0:
-        raise ValueError(f"level must be a probability between 0 and 1, got {level}")
-    return float(np.sqrt(dimensions * fdtri(dimensions, dof, level)))
-
-
 def _is_estimated(name: str, problem: Problem) -> bool:
     return bool(problem.free[problem.layout.names.index(name)])
 
@@ -448,16 +312,3 @@ def _propagated(J: Array, determined: Array, open_directions: Array, unit: Array
     diagonal = np.arange(J.shape[-2])
     covariance[..., diagonal, diagonal] = np.where(touched, np.inf, covariance[..., diagonal, diagonal])
     return covariance
-
-
-def _inverse_left_jacobian(rvec: Array) -> Array:
-    """Derivative (3, 3) of a rotation vector by a small rotation applied after it.
-
-    ``I - [v] / 2 + (1 / |v|^2 - cot(|v| / 2) / (2 |v|)) [v]^2``. Source: Sola, Deray, Atchuthan: A micro Lie theory,
-    2018, equation (146).
-    """
-    angle = float(np.linalg.norm(rvec))
-    bend = 1.0 / 12.0 if angle < 1e-4 else 1.0 / angle**2 - 0.5 / (angle * np.tan(0.5 * angle))
-    x, y, z = rvec
-    cross = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
-    return np.asarray(np.eye(3) - 0.5 * cross + bend * cross @ cross)

@@ -22,7 +22,7 @@ from fieldcalib.assess.result import Calibration, Status
 from fieldcalib.assess.shared import shared_covariance
 from fieldcalib.calibrate.from_segments import calibrate_batch
 from fieldcalib.calibrate.options import DEFAULT_CRITERIA, DEFAULT_FLAGS, Prior
-from fieldcalib.calibrate.together import put_together
+from fieldcalib.calibrate.together import labels_of, put_together
 from fieldcalib.fields.field import Field
 from fieldcalib.fields.traits import DEVIATIONS, SizePrior
 from fieldcalib.problem.evaluation import Evaluation
@@ -221,7 +221,9 @@ def _together(calibrations: Sequence[Calibration], mean: Array, sizes: SizePrior
     once = np.arange(layout.size) >= cameras
     once[CENTER] = True
     theta = np.concatenate([np.concatenate([part.theta for part in parts]), np.tile(size, (count, 1))], axis=1)
-    return put_together(pitch, parts, layout, theta, GaussianPrior(prior_mean, prior_sigma), once)
+    return put_together(
+        pitch, [labels_of(part) for part in parts], problem, layout, theta, GaussianPrior(prior_mean, prior_sigma), once
+    )
 
 
 def _solved_together(calibrations: Sequence[Calibration], mean: Array, sizes: SizePrior) -> Evaluation:
@@ -236,7 +238,7 @@ def _uncertainty(calibrations: Sequence[Calibration], mean: Array, sizes: SizePr
     if not calibrations:
         return np.diag(sizes.sigma**2), np.zeros(2)
     evaluation = _together(calibrations, mean, sizes)
-    found = [one.uncertainty for one in calibrations]
+    found = [one.solved.uncertainty for one in calibrations if one.solved is not None]
     kappa, sigma = np.array([(one.curvature, one.bent_sigma) for one in found]).T
     covariance, inverse = shared_covariance(evaluation, sigma, kappa)
     share = np.maximum(1.0 - np.diagonal(inverse) / sizes.sigma**2, 0.0)  # below 0 by rounding

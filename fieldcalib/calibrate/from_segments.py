@@ -361,7 +361,7 @@ def _calibrate(
     trust_labels: bool = False,
 ) -> list[Calibration]:
     """Calibrate frames that have pixels, from `given` cameras (B, n) if there are; `solve` finds the final optimum."""
-    observations = pack(object_segments, frames, options.image_size, weights, _motion(options))
+    observations = pack(object_segments, frames, options.image_size, weights, motion_of(options))
     found = find_cameras(observations, options, given)
     solution = levenberg_marquardt(
         found.evaluation, max_iterations=options.max_iterations, tolerance=options.approach_tolerance
@@ -385,7 +385,7 @@ def _calibrate(
     return [calibrations[t] for t in range(len(frames))]
 
 
-def _motion(options: Options) -> Array | None:
+def motion_of(options: Options) -> Array | None:
     """How the segments move with the size of the field, where that is a parameter."""
     if options.field is None or options.layout.field_size is None:
         return None

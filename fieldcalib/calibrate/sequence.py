@@ -11,17 +11,20 @@ linear in the number of frames.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
-from dataclasses import replace
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 
-from fieldcalib._types import Array, IntArray
+from fieldcalib._types import Array, BoolArray, IntArray
 from fieldcalib.assess.noise import pooled_noise
+from fieldcalib.assess.own_errors import OwnErrors, own_errors
 from fieldcalib.assess.result import Calibration
 from fieldcalib.assess.sequence import SequenceCalibration
 from fieldcalib.assess.shared import shared_covariance
-from fieldcalib.calibrate.from_segments import calibrate_frames, checked_frames
+from fieldcalib.calibrate.frame_columns import FrameColumns
+from fieldcalib.calibrate.from_segments import CHUNK, NO_PIXELS, calibrate_frames, checked_frames, motion_of
 from fieldcalib.calibrate.initial_cameras import given_cameras
 from fieldcalib.calibrate.options import (
     DEFAULT_CRITERIA,
@@ -32,14 +35,16 @@ from fieldcalib.calibrate.options import (
     checked_options,
     default_flags,
 )
-from fieldcalib.calibrate.together import put_together
+from fieldcalib.calibrate.ties import Matched, Ties, with_tied
+from fieldcalib.calibrate.together import labels_of, put_together
 from fieldcalib.fields.field import Field
 from fieldcalib.fields.segments import ObjectSegments
-from fieldcalib.problem.evaluation import Evaluation
+from fieldcalib.problem.evaluation import Evaluation, Problem, evaluate
 from fieldcalib.problem.labelled_pixels import ImageSegments, Pixels, PixelWeights, Weights
 from fieldcalib.problem.layout import CENTER, LOG_F, Layout, Role, SizeBlock, ZoomLaw
 from fieldcalib.problem.levenberg_marquardt import levenberg_marquardt
 from fieldcalib.problem.losses import LossName, RobustLoss
+from fieldcalib.problem.observations import pack
 
 SHARED = ("centre", "principal point", "lens", "zoom law", "field size")
 FIRST = 60  # frames that are calibrated one by one, to find the place of the tripod
@@ -62,6 +67,7 @@ def calibrate_sequence(
     weights: Iterable[Weights] | None = None,
     shared: Sequence[str] = SHARED,
     paint: float = PAINT,
+    matches: Matched | None = None,
 ) -> SequenceCalibration:
     """Calibrate frames of one camera on a tripod, which share its centre and the law of its zoom.
 
@@ -82,6 +88,10 @@ def calibrate_sequence(
         of the field.
     paint : float
         Standard deviation, in metres, of where a line is painted as a whole: however many frames see it, that stays.
+    matches : mapping of (int, int) to pair of (N, 2) array_like, optional
+        Pixels of static points of the background in two frames, e.g. `first` and `second` of
+        `fieldcalib.images.match_background`. They tie frames without labels to those that have some. Frames that come
+        first in a pair are solved together; the others follow from them.
 
     Returns
     -------
@@ -92,7 +102,7 @@ def calibrate_sequence(
     Raises
     ------
     ValueError
-        As `calibrate_batch`, and for names of nothing that can be shared.
+        As `calibrate_batch`, for names of nothing that can be shared, and for matches between frames that do not exist.
 
     References
     ----------
@@ -136,8 +146,49 @@ def calibrate_sequence(
         paint=paint,
     )
     pixels, pixel_weights = checked_frames(object_segments, frames, weights, options.image_size)
-    sequence = _Sequence(object_segments, pixels, pixel_weights, options, tuple(shared), trust_labels)
+    ties = Ties.of(object_segments, matches or {}, len(pixels), options.image_size)
+    sequence = _Sequence(object_segments, pixels, pixel_weights, ties, options, tuple(shared), trust_labels)
     return sequence.calibrated()
+
+
+class _Noise(NamedTuple):
+    """Of the labelled pixels, as `fieldcalib.assess.noise` has it."""
+
+    sigma: float
+    kappa: float
+
+
+@dataclass(frozen=True, eq=False)
+class _Together:
+    """Frames that were solved together."""
+
+    index: IntArray
+    """Which they are, (B,)."""
+    evaluation: Evaluation
+    covariance: Array
+    """Of what they share, (S, S)."""
+    noise: _Noise
+    labelled: int
+    """How many of them have labels that took part."""
+
+    @property
+    def layout(self) -> Layout:
+        """Of their parameters."""
+        return self.evaluation.problem.layout
+
+    @property
+    def is_tied(self) -> BoolArray:
+        """Which of them are tied to others, (B,)."""
+        pairs = self.evaluation.problem.background
+        tied = np.zeros(len(self.index), dtype=bool)
+        if pairs is not None:
+            tied[pairs.first] = tied[pairs.second] = True
+        return tied
+
+    @property
+    def cameras(self) -> dict[int, Array]:
+        """Parameters of the frames that are tied."""
+        return {int(self.index[k]): self.evaluation.theta[k] for k in np.flatnonzero(self.is_tied)}
 
 
 class _Sequence:
@@ -148,6 +199,7 @@ class _Sequence:
         object_segments: ObjectSegments,
         frames: list[Pixels],
         weights: list[PixelWeights | None],
+        ties: Ties,
         options: Options,
         shared: tuple[str, ...],
         trust_labels: bool,
@@ -155,71 +207,76 @@ class _Sequence:
         self.object_segments = object_segments
         self.frames = frames
         self.weights = weights
+        self.ties = ties
         self.options = options
         self.shared = shared
         self.trust_labels = trust_labels
         self.kept: tuple[str, ...] = ()  # of length and width, what the frames do not tell: it stays as it is given
 
     def calibrated(self) -> SequenceCalibration:
-        first = [c for c in self._frames(self._spread(FIRST), self.object_segments, self.options) if c.accepted]
+        first = [c for c in self._alone(self._spread(FIRST), self.options).values() if c.accepted]
         centre = agreed_centre(first)
         if centre is None:
             return self._one_by_one()
-        some = self._spread(TOGETHER)
         known = np.where(np.arange(len(self.options.known)) < CENTER.stop, np.nan, self.options.known)
         known[CENTER] = centre
         from_there = replace(self.options, layout=self.options.layout.fixed("centre"), known=known)
-        found = self._frames(some, self.object_segments, from_there)
-        if not any(c.accepted for c in found):
+        some = self._solved_together()
+        found = self._alone(some, from_there)
+        if not any(c.accepted for c in found.values()):
             return self._one_by_one()
-        together, covariance = self._together(found)
-        self.kept = self._hardly_told(together, covariance)
+        together = self._together(some, found)
+        self.kept = self._hardly_told(together)
         if self.kept:
-            together, covariance = self._together(found)
+            together = self._together(some, found)
         for _ in range(ROUNDS - 1):
-            before = sum(c.accepted for c in found)
-            again = self._frames(some, *self._known(together, covariance))
-            if not any(c.accepted for c in again):
+            before = together.labelled
+            again = self._alone(some, *self._known(together), given=together.cameras)
+            if not any(c.accepted for c in again.values()):
                 break
             found = again
-            together, covariance = self._together(found)
-            if sum(c.accepted for c in found) == before:
+            together = self._together(some, found)
+            if together.labelled == before:
                 break
-        layout = together.problem.layout
-        field, options = self._known(together, covariance)
-        every = self._frames(np.arange(len(self.frames)), field, options)
-        names = np.array(layout.names)[layout.roles == Role.SHARED]
-        return SequenceCalibration(
-            tuple(every),
-            tuple(names.tolist()),
-            together.theta[0, layout.roles == Role.SHARED],
-            covariance,
-            options.field,
-            len(together.theta),
-        )
-
-    def _hardly_told(self, together: Evaluation, covariance: Array) -> tuple[str, ...]:
-        """Of length and width, what the frames hardly tell: estimated, it would absorb errors of lens and zoom."""
-        layout = together.problem.layout
-        sigma = np.full(layout.size, np.inf)
-        sigma[layout.roles == Role.SHARED] = np.sqrt(np.diagonal(covariance))
-        block = range(layout.size)[layout.field_size_block]
-        return tuple(layout.names[index] for index in block if layout.free[index] and sigma[index] > TOLD)
-
-    def _one_by_one(self) -> SequenceCalibration:
-        every = self._frames(np.arange(len(self.frames)), self.object_segments, self.options)
-        return SequenceCalibration(tuple(every), field=self.options.field)
+        return self._every(together)
 
     def _spread(self, count: int) -> IntArray:
-        """Up to `count` frames, evenly spread, each the one with most labels of its part of the sequence."""
+        """Up to `count` labelled frames, evenly spread, each the one with most labels of its part of the sequence."""
         labels = np.array([len(frame) for frame in self.frames], dtype=np.intp)
         parts = np.array_split(np.arange(len(labels)), min(count, max(len(labels), 1)))
         best = [part[np.argmax(labels[part])] for part in parts if len(part)]
         return np.array([t for t in best if labels[t]], dtype=np.intp)
 
-    def _frames(self, index: IntArray, object_segments: ObjectSegments, options: Options) -> list[Calibration]:
-        frames, weights = [self.frames[t] for t in index], [self.weights[t] for t in index]
-        return calibrate_frames(object_segments, frames, weights, options, trust_labels=self.trust_labels)
+    def _solved_together(self) -> IntArray:
+        """The frames that are solved together: those that others are tied to, and labelled ones."""
+        hubs = np.unique(self.ties.first)
+        hubs = hubs[np.linspace(0, len(hubs), min(len(hubs), TOGETHER), endpoint=False, dtype=int)]
+        return np.union1d(hubs, self._spread(TOGETHER - len(hubs))) if len(hubs) < TOGETHER else hubs
+
+    def _alone(
+        self,
+        index: IntArray,
+        options: Options,
+        object_segments: ObjectSegments | None = None,
+        given: Mapping[int, Array] | None = None,
+    ) -> dict[int, Calibration]:
+        """Calibrations of labelled frames by themselves, from given cameras or, where there is none, from anywhere."""
+        found: dict[int, Calibration] = {}
+        given = given or {}
+        labelled = [int(t) for t in index if self.frames[t]]
+        for members in ([t for t in labelled if t in given], [t for t in labelled if t not in given]):
+            if not members:
+                continue
+            calibrations = calibrate_frames(
+                object_segments or self.object_segments,
+                [self.frames[t] for t in members],
+                [self.weights[t] for t in members],
+                options,
+                given=np.array([given[t] for t in members]) if members[0] in given else None,
+                trust_labels=self.trust_labels,
+            )
+            found |= dict(zip(members, calibrations, strict=True))
+        return found
 
     def _layout(self, reference: float) -> Layout:
         """Blocks of the frames together: what the flags fix stays fixed, what is shared is shared."""
@@ -239,31 +296,58 @@ class _Sequence:
             layout.roles[layout.names.index(name)] = Role.CONSIDERED
         return _law_of_what_is_free(layout)
 
-    def _together(self, found: Sequence[Calibration]) -> tuple[Evaluation, Array]:
-        """The accepted ones of some frames solved together, and the covariance of what they share."""
-        parts = [c.solved.alone.evaluation for c in found if c.accepted and c.solved is not None]
-        old = parts[0].problem.layout
-        theirs = np.concatenate([part.theta for part in parts])
+    def _together(self, some: IntArray, found: Mapping[int, Calibration]) -> _Together:
+        """Some frames solved together: those that are accepted by themselves, and those that are tied to them."""
+        parts = {t: c.solved.alone.evaluation for t, c in found.items() if c.accepted and c.solved is not None}
+        old = next(iter(parts.values())).problem.layout
+        theirs = np.concatenate([part.theta for part in parts.values()])
         layout = self._layout(float(np.median(theirs[:, LOG_F])) if old.zoom_law is None else old.zoom_law.reference)
-        theta = np.zeros((len(parts), layout.size))
+        theta, known = np.zeros((len(self.frames), layout.size)), np.zeros(len(self.frames), dtype=bool)
+        labelled = np.array(list(parts))
         column = {name: index for index, name in enumerate(old.names)}
         for index, name in enumerate(layout.names):
             if name in column:
-                theta[:, index] = theirs[:, column[name]]
-        theta[:, layout.roles == Role.SHARED] = np.median(theta[:, layout.roles == Role.SHARED], axis=0)
-
-        prior = given_cameras(theta, layout, self.options.distributions).prior if self.options.use_prior else None
-        once = layout.roles == Role.SHARED
-        start = put_together(self.object_segments, parts, layout, theta, prior, once)
+                theta[labelled, index] = theirs[:, column[name]]
+        is_shared = layout.roles == Role.SHARED
+        theta[:, is_shared] = np.median(theta[np.ix_(labelled, is_shared)], axis=0)
+        known[labelled] = True
+        if len(self.ties):
+            each = layout.with_roles_of(layout.roles == Role.SHARED, Role.CONSIDERED)
+            known = self.ties.agreeing(theta, known, each)
+            parts = {t: part for t, part in parts.items() if known[t]}
+            theta, known = with_tied(self.object_segments, self.ties, theta, known, each, self.options.scale)
+            some = some[known[some]]
+        else:
+            some = labelled
+        prior = given_cameras(theta[some], layout, self.options.distributions).prior if self.options.use_prior else None
+        start = put_together(
+            self.object_segments,
+            [labels_of(parts[t]) if t in parts else ({}, {}) for t in some.tolist()],
+            next(iter(parts.values())).problem,
+            layout,
+            theta[some],
+            prior,
+            once=is_shared,
+            background=self.ties.among(some),
+        )
         solved = levenberg_marquardt(
             start, max_iterations=self.options.max_iterations, tolerance=self.options.tolerance
         ).evaluation
-        covariance, _ = shared_covariance(solved, *pooled_noise(solved))
-        return solved, covariance
+        sigma, kappa = pooled_noise(solved)
+        covariance, _ = shared_covariance(solved, sigma, kappa)
+        return _Together(some, solved, covariance, _Noise(float(sigma[0]), float(kappa[0])), len(parts))
 
-    def _known(self, together: Evaluation, covariance: Array) -> tuple[ObjectSegments, Options]:
-        """The object and the options for frames by themselves, what is shared being known with its covariance."""
-        layout, theta = together.problem.layout, together.theta[0]
+    def _hardly_told(self, together: _Together) -> tuple[str, ...]:
+        """Of length and width, what the frames hardly tell: estimated, it would absorb errors of lens and zoom."""
+        layout = together.layout
+        sigma = np.full(layout.size, np.inf)
+        sigma[layout.roles == Role.SHARED] = np.sqrt(np.diagonal(together.covariance))
+        block = range(layout.size)[layout.field_size_block]
+        return tuple(layout.names[index] for index in block if layout.free[index] and sigma[index] > TOLD)
+
+    def _known(self, together: _Together) -> tuple[Options, ObjectSegments]:
+        """The options and the object for frames by themselves, what is shared being known with its covariance."""
+        layout, theta = together.layout, together.evaluation.theta[0]
         object_segments, field, size = self.object_segments, self.options.field, layout.field_size
         if size is not None and field is not None:
             length, width = theta[layout.field_size_block].tolist()
@@ -272,22 +356,134 @@ class _Sequence:
         is_shared = layout.roles == Role.SHARED
         considered = is_shared | (layout.roles == Role.CONSIDERED)
         every = np.zeros((layout.size, layout.size))
-        every[np.ix_(is_shared, is_shared)] = covariance
+        every[np.ix_(is_shared, is_shared)] = together.covariance
         if self.options.field is not None and self.options.field.size_model is not None:
             probability, sigma = self.options.field.size_model.possibilities
             for name in self.kept:
                 index = layout.names.index(name)
                 every[index, index] = probability @ np.square(sigma[:, index - layout.field_size_block.start])
-        known = np.where(layout.roles == Role.FRAME, np.nan, theta)
-        roles = np.where(considered, Role.CONSIDERED, layout.roles)
         options = replace(
             self.options,
-            layout=replace(layout, roles=roles),
-            known=known,
+            layout=layout.with_roles_of(considered, Role.CONSIDERED),
+            known=np.where(layout.roles == Role.FRAME, np.nan, theta),
             field=field,
             considered=every[np.ix_(considered, considered)],
         )
-        return object_segments, options
+        return options, object_segments
+
+    def _every(self, together: _Together) -> SequenceCalibration:
+        """All frames, from what some of them share."""
+        options, object_segments = self._known(together)
+        assert options.considered is not None
+        columns = self._columns(options, options.considered)
+        done = np.zeros(len(self.frames), dtype=bool)
+        theta, known = columns.theta.copy(), done.copy()
+        if len(self.ties):
+            each = together.evaluation.of(replace(together.evaluation.problem, layout=options.layout, group=None))
+            errors = own_errors(each, *together.noise)
+            tied = np.flatnonzero(together.is_tied)
+            index = together.index[tied]
+            apart = each.of(replace(each.problem, background=None)).take(tied)
+            columns.fill(index, apart, OwnErrors(*(part[tied] for part in errors)), tied=True, alone={})
+            theta[index], done[index] = each.theta[tied], True
+            theta, known = with_tied(object_segments, self.ties, theta, done, options.layout, options.scale)
+        rest = np.flatnonzero(~done)
+        alone = self._alone(rest[~known[rest]], options, object_segments)
+        if not self.trust_labels:
+            alone |= self._alone(
+                rest[known[rest]], options, object_segments, {t: theta[t] for t in rest[known[rest]].tolist()}
+            )
+        self._fill_alone(columns, {t: c for t, c in alone.items() if not known[t]}, together.noise)
+        while len(layer := self.ties.reached(done, ~known)):
+            for part in np.array_split(layer, -(-len(layer) // CHUNK)):
+                self._fill_tied(columns, part, theta, done, alone, together.noise, object_segments)
+            done[layer] = True
+        is_shared = together.layout.roles == Role.SHARED
+        return SequenceCalibration(
+            columns.frames,
+            tuple(np.array(together.layout.names)[is_shared].tolist()),
+            together.evaluation.theta[0, is_shared],
+            together.covariance,
+            options.field,
+            len(together.index),
+            options.layout,
+            options.considered,
+        )
+
+    def _fill_alone(self, columns: FrameColumns, alone: Mapping[int, Calibration], noise: _Noise) -> None:
+        """Frames that nothing ties, as they were calibrated; those that were solved together at a time."""
+        parts: dict[int, list[int]] = {}
+        for t, calibration in alone.items():
+            if calibration.solved is None:
+                columns.without_camera(t, calibration)
+            else:
+                parts.setdefault(id(calibration.solved.evaluation), []).append(t)
+        for members in parts.values():
+            solved = [one for t in members if (one := alone[t].solved) is not None]
+            evaluation = solved[0].evaluation.take(np.array([one.frame for one in solved]))
+            errors = own_errors(evaluation, *noise)
+            columns.fill(np.array(members), evaluation, errors, tied=False, alone=alone)
+
+    def _fill_tied(
+        self,
+        columns: FrameColumns,
+        index: IntArray,
+        theta: Array,
+        done: BoolArray,
+        alone: Mapping[int, Calibration],
+        noise: _Noise,
+        object_segments: ObjectSegments,
+    ) -> None:
+        """Frames that are tied to those that are done, from cameras theta (T, n)."""
+        options = columns.options
+        pairs, first = self.ties.towards(index, columns.theta, done)
+        labels = [self._labels(t, alone.get(t)) for t in index.tolist()]
+        pixels, weights = zip(*labels, strict=True)
+        prior = given_cameras(theta[index], options.layout, options.distributions).prior if options.use_prior else None
+        problem = Problem(
+            pack(object_segments, pixels, options.image_size, weights, motion_of(options)),
+            options.layout,
+            options.loss,
+            options.noise,
+            prior,
+            paint=options.paint,
+            considered=options.considered,
+            scale=options.scale,
+            background=pairs,
+        )
+        solved = levenberg_marquardt(
+            evaluate(problem, theta[index]), max_iterations=options.max_iterations, tolerance=options.tolerance
+        ).evaluation
+        of_first = OwnErrors(columns.errors.own[first], columns.errors.following[first])
+        errors = own_errors(solved, *noise, of_first)
+        columns.fill(index, solved, errors, tied=True, alone=alone)
+
+    def _labels(self, t: int, alone: Calibration | None) -> tuple[Pixels, PixelWeights]:
+        """What frame t is solved from: its labels as the camera that was found by itself has them."""
+        if self.trust_labels:
+            frame, weights = self.frames[t], self.weights[t]
+            return frame, {label: np.full(len(xy), 1.0 / len(xy)) for label, xy in frame.items()} | (weights or {})
+        if alone is None or not alone.accepted or alone.solved is None:
+            return {}, {}
+        return labels_of(alone.solved.alone.evaluation)
+
+    def _one_by_one(self) -> SequenceCalibration:
+        alone = self._alone(np.arange(len(self.frames)), self.options)
+        solved = [c.solved.alone for c in alone.values() if c.solved is not None]
+        variance = np.zeros(2 * (int(np.count_nonzero(self.options.layout.considered)),))
+        if self.options.layout.field_size is not None:
+            probability, sigma = self.options.layout.field_size.possibilities
+            np.fill_diagonal(variance, probability @ np.square(sigma))
+        columns = self._columns(self.options, variance)
+        if solved:
+            sigma, kappa = np.median([(u.bent_sigma, u.curvature) for u in (one.uncertainty for one in solved)], axis=0)
+            self._fill_alone(columns, alone, _Noise(sigma, kappa))
+        return SequenceCalibration(
+            columns.frames, field=self.options.field, layout=self.options.layout, considered=variance
+        )
+
+    def _columns(self, options: Options, considered: Array) -> FrameColumns:
+        return FrameColumns(len(self.frames), tuple(self.object_segments), options, considered, NO_PIXELS)
 
 
 def _law_of_what_is_free(layout: Layout) -> Layout:

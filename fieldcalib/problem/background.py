@@ -20,7 +20,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from fieldcalib._types import Array, IntArray
+from fieldcalib._types import Array, BoolArray, IntArray
 from fieldcalib.problem.layout import Layout
 from fieldcalib.problem.losses import RobustLoss
 from fieldcalib.problem.projection import Projection
@@ -124,7 +124,7 @@ class BackgroundEvaluation:
         beyond = np.array([np.sign(d[i]) * self.pairs.walls[i] - C[i] for i in (0, 1)])
         with np.errstate(divide="ignore", invalid="ignore"):
             inverse = np.array([*(d[:2] / beyond), -d[2] / C[2]])
-        return np.maximum(np.max(np.where(np.isfinite(inverse), inverse, 0.0), axis=0), 0.0)
+        return np.asarray(np.max(np.where(np.isfinite(inverse), inverse, 0.0), axis=0, initial=0.0))
 
     @cached_property
     def r(self) -> Array:
@@ -137,12 +137,17 @@ class BackgroundEvaluation:
         return self.pairs.loss.evaluate(np.sum(np.square(self.r), axis=0))
 
     @cached_property
+    def pull(self) -> Array:
+        """What each component of r weighs in the normal equations, (K, 2 N), x before y."""
+        return np.tile(self.pairs.weight * self._losses[1], 2)
+
+    @cached_property
     def cost(self) -> Array:
         """(B,), each pair's being that of its second frame."""
         of_pair = 0.5 * np.sum(self.pairs.weight * self._losses[0], axis=1)
-        return np.bincount(self.pairs.second, of_pair, minlength=len(self.theta))
+        return np.asarray(np.bincount(self.pairs.second, of_pair, minlength=len(self.theta)), dtype=float)
 
-    def jacobians(self, free: Array) -> tuple[Array, Array]:
+    def jacobians(self, free: BoolArray) -> tuple[Array, Array]:
         """Derivatives of r by the parameters of the first and of the second camera, (K, P, 2 N) each, x before y."""
         one, two = self._projections
         s1, w1, s2, w2, y = self._seen
@@ -171,7 +176,7 @@ class BackgroundEvaluation:
         size, own = len(shared), np.flatnonzero(~shared)
         to_all = np.flatnonzero(shared)
         by_first, by_second = self.jacobians(free)
-        pull = np.tile(self.pairs.weight * self._losses[1], 2)
+        pull = self.pull
         r = np.concatenate(self.r, axis=-1)
         gradient, hessian = np.zeros((len(self.theta), size)), np.zeros((len(self.theta), size, size))
         second, is_known = self.pairs.second, self.pairs.known is not None

@@ -26,7 +26,7 @@ import numpy as np
 from fieldcalib._types import Array, BoolArray
 from fieldcalib.geometry.camera import Camera
 from fieldcalib.geometry.lens import Lens, RadialLens
-from fieldcalib.geometry.rotation import rotation_from_angles
+from fieldcalib.geometry.rotation import rotation_axes, rotation_from_angles
 
 # The blocks that every camera has, at the same place whatever its lens.
 ANGLES = slice(0, 3)
@@ -213,6 +213,10 @@ class Layout:
             roles[self.blocks[name]] = role
         return replace(self, roles=roles)
 
+    def with_roles_of(self, some: BoolArray, role: Role) -> Layout:
+        """The same layout with another role of some parameters (n,)."""
+        return replace(self, roles=np.where(some, role, self.roles))
+
     def fixed(self, *blocks: str) -> Layout:
         """The same layout with some blocks known."""
         return self.with_roles(Role.FIXED, *blocks)
@@ -252,6 +256,23 @@ class Layout:
             R = rotation_from_angles(theta[..., ANGLES])
             found[..., CENTER] += law[..., 4, None] * R[..., 2, :]
         return found
+
+    def zoom_jacobian(self, theta: Array) -> Array:
+        """Derivatives (n, n) of `at_zoom` of one parameter vector (n,)."""
+        J = np.eye(self.size)
+        if self.zoom_law is None:
+            return J
+        u, law = theta[LOG_F] - self.zoom_law.reference, self.zoom_law_block
+        mx, my, slope, bend, offset = theta[law]
+        J[PRINCIPAL_POINT, LOG_F] = mx, my
+        J[PRINCIPAL_POINT, law.start : law.start + 2] = u * np.eye(2)
+        if self.lens.names:
+            J[self.lens_block.start, LOG_F] = slope + 2.0 * bend * u
+            J[self.lens_block.start, law.start + 2 : law.start + 4] = u, np.square(u)
+        R = rotation_from_angles(theta[ANGLES])
+        J[CENTER, law.start + 4] = R[2]
+        J[CENTER, ANGLES] = offset * R.T @ np.cross(rotation_axes(theta[ANGLES], R), (0.0, 0.0, 1.0)).T
+        return J
 
     def camera(self, theta: Array) -> Camera:
         """The camera of a parameter vector, the inverse of `theta` up to full turns of the angles."""

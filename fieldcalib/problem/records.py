@@ -28,7 +28,7 @@ def problem_to_record(problem: Problem) -> dict[str, Any]:
     prior = problem.prior
     return {
         "observations": _observations_to_record(problem.observations),
-        "layout": _layout_to_record(problem.layout),
+        "layout": layout_to_record(problem.layout),
         "loss": {"name": problem.loss.name, "scale": to_json(problem.loss.scale)},
         "noise": to_json(problem.noise),
         "prior": None if prior is None else {"mean": to_json(prior.mean[0]), "sigma": to_json(prior.sigma[0])},
@@ -40,7 +40,7 @@ def problem_to_record(problem: Problem) -> dict[str, Any]:
 
 def problem_from_record(record: Mapping[str, Any]) -> Problem:
     """The inverse of `problem_to_record`."""
-    layout, prior = _layout_from_record(record["layout"]), record["prior"]
+    layout, prior = layout_from_record(record["layout"]), record["prior"]
     return Problem(
         _observations_from_record(record["observations"], layout.image_size),
         layout,
@@ -111,7 +111,8 @@ def _joined(parts: list[tuple[Array | IntArray, ...]], depth: int) -> Rows:
     return Rows(*(np.concatenate(columns)[None] for columns in zip(*(parts or [none]), strict=True)))
 
 
-def _layout_to_record(layout: Layout) -> dict[str, Any]:
+def layout_to_record(layout: Layout) -> dict[str, Any]:
+    """The layout of a camera's parameters."""
     size = layout.field_size
     (lens,) = (name for name, kind in LENSES.items() if kind is type(layout.lens))
     return {
@@ -131,7 +132,8 @@ def _layout_to_record(layout: Layout) -> dict[str, Any]:
     }
 
 
-def _layout_from_record(record: Mapping[str, Any]) -> Layout:
+def layout_from_record(record: Mapping[str, Any]) -> Layout:
+    """The inverse of `layout_to_record`."""
     width, height = record["image_size"]
     lens = LENSES[record["lens"]["name"]](float(from_json(record["lens"]["rho"])))
     size = record["field_size"]

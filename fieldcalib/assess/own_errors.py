@@ -1,0 +1,136 @@
+"""What frames of one tripod leave open of their own parameters: pan, tilt, roll and zoom, where the rest is shared.
+
+To first order the error of a frame's own parameters is
+
+    own = e - F s,        e with covariance E, s that of what is shared, with covariance V,
+
+e being what the labels of the frame and what ties it leave open if all that is shared were exact. Where a frame is tied
+to others with own errors e_k - F_k s, these are handed on through the coupling C of both frames.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from fieldcalib._types import Array
+from fieldcalib.assess.noise import Noise, gram
+from fieldcalib.problem.evaluation import Evaluation
+from fieldcalib.problem.layout import CENTER, Layout
+from fieldcalib.problem.levenberg_marquardt import coupled
+from fieldcalib.problem.projection import Projection
+
+GRID = (7, 5)  # pixels across and down the picture
+
+
+class OwnErrors(NamedTuple):
+    """Of B frames with o own parameters, which share S others."""
+
+    own: Array
+    """E, (B, o, o)."""
+    following: Array
+    """F, (B, o, S)."""
+
+
+def own_errors(evaluation: Evaluation, sigma: float, kappa: float, of_first: OwnErrors | None = None) -> OwnErrors:
+    """Of frames at their solution: what they share is considered, and pairs of the background tie them.
+
+    Parameters
+    ----------
+    evaluation : Evaluation
+        Of B frames, in a layout in which the frames' own parameters are free.
+    sigma, kappa : float
+        As in `fieldcalib.assess.shared`.
+    of_first : OwnErrors, optional
+        Of the first frame of each of K pairs, where that is no frame of the evaluation.
+    """
+    hessian, between, border = _of_labels(evaluation, sigma, kappa)
+    if evaluation.background is None:
+        inverse = np.linalg.inv(hessian)
+        return OwnErrors(inverse @ between @ inverse, inverse @ border)
+    pairs, layout = evaluation.background.pairs, evaluation.problem.layout
+    information = evaluation.background.normal_equations.hessian
+    hessian, between = hessian + information, between + information
+    of_each = evaluation.background.jacobians(layout.free | layout.considered)
+    own = layout.free[layout.free | layout.considered]
+    by_shared = np.swapaxes(of_each[0][:, ~own] + of_each[1][:, ~own], 1, 2)
+    first, second = (J[:, own] * evaluation.background.pull[:, None] for J in of_each)
+    np.add.at(border, pairs.second, second @ by_shared)
+    if evaluation.coupling is None:
+        assert of_first is not None
+        coupling = second @ np.swapaxes(of_each[0][:, own], 1, 2)  # a row for each parameter of the second frame
+        np.add.at(between, pairs.second, coupling @ of_first.own @ np.swapaxes(coupling, 1, 2))
+        np.add.at(border, pairs.second, -coupling @ of_first.following)
+        inverse = np.linalg.inv(hessian)
+        return OwnErrors(inverse @ between @ inverse, inverse @ border)
+    np.add.at(border, pairs.first, first @ by_shared)
+    B, o = hessian.shape[:2]
+    inverse = np.linalg.inv(coupled(hessian, evaluation.coupling))
+    spread = (inverse @ coupled(between, evaluation.coupling) @ inverse).reshape(B, o, B, o)
+    following = (inverse @ border.reshape(B * o, -1)).reshape(border.shape)
+    return OwnErrors(spread[np.arange(B), :, np.arange(B)], following)
+
+
+def _of_labels(evaluation: Evaluation, sigma: float, kappa: float) -> tuple[Array, Array, Array]:
+    """Hessian (B, o, o) of labels and prior, covariance of their gradient, and Hessian (B, o, S) by what is shared."""
+    problem, JT = evaluation.problem, evaluation.JT
+    by_shared = evaluation.derivatives(problem.layout.considered)
+    noise = Noise(evaluation)
+    pull = evaluation.pull * noise.relative_sigma
+    between = sigma**2 * noise.covariance(JT, pull, pull) + noise.of_paint(JT, evaluation.pull)
+    hessian = kappa * gram(JT, evaluation.pull)
+    if problem.prior is not None:
+        precision = 1.0 / np.square(evaluation.pulling_prior_sigma)
+        diagonal = np.arange(JT.shape[1])
+        between[:, diagonal, diagonal] += precision
+        hessian[:, diagonal, diagonal] += precision
+    border = kappa * (JT * evaluation.pull[:, None]) @ np.swapaxes(by_shared, 1, 2)
+    return hessian, between, border
+
+
+def whole_covariance(E: Array, F: Array, V: Array, layout: Layout) -> Array:
+    """Covariance (n, n) of all parameters of one frame, from E (o, o), F (o, S) and V (S, S)."""
+    own, considered = np.flatnonzero(layout.free), np.flatnonzero(layout.considered)
+    covariance = np.zeros((layout.size, layout.size))
+    covariance[np.ix_(own, own)] = E + F @ V @ F.T
+    covariance[np.ix_(own, considered)] = -F @ V
+    covariance[np.ix_(considered, own)] = -V @ F.T
+    covariance[np.ix_(considered, considered)] = V
+    return covariance
+
+
+def ground_errors(theta: Array, layout: Layout, errors: OwnErrors, V: Array, half: Array) -> Array:
+    """Root mean square error, metres, over the part of the field that each of B cameras sees, (B,).
+
+    It is the mean over a grid of pixels that see the ground within `half` (2,) the length and the width of the field;
+    NaN where none does.
+    """
+    width, height = layout.image_size
+    x, y = np.meshgrid(np.linspace(0.0, width - 1.0, GRID[0]), np.linspace(0.0, height - 1.0, GRID[1]))
+    xy = np.broadcast_to(np.stack([x, y], axis=-1).reshape(-1, 2), (len(theta), GRID[0] * GRID[1], 2))
+    projection = Projection(theta, layout)
+    s = projection.ideal_offset(projection.observed_offset(xy))
+    d = np.moveaxis(np.array([s[0] / projection.f, s[1] / projection.f, np.ones_like(s[0])]), 0, -1) @ projection.R
+    with np.errstate(divide="ignore", invalid="ignore"):
+        depth = -projection.C[..., 2] / d[..., 2]
+        X = projection.C[..., :2] + depth[..., None] * d[..., :2]
+        seen = (depth > 0.0) & np.all(np.abs(X) <= half, axis=-1)
+    every = layout.free | layout.considered
+    every[CENTER] = True
+    zero, one = np.zeros_like(s[0]), np.ones_like(s[0])
+    inverse_depth = 1.0 / np.where(seen, depth, 1.0)
+    by_theta = np.stack(
+        [projection.derivatives(s, inverse_depth, n, every) for n in (np.array([one, zero]), np.array([zero, one]))],
+        axis=1,
+    )
+    by_theta = np.moveaxis(by_theta, -1, 1)  # (B, N, 2, P)
+    names = np.flatnonzero(every)
+    ground = -by_theta[..., np.searchsorted(names, [CENTER.start, CENTER.start + 1])]  # a point moves against a centre
+    moved = -np.linalg.solve(np.where(seen[..., None, None], ground, np.eye(2)), by_theta)
+    own = moved[..., np.searchsorted(names, np.flatnonzero(layout.free))]
+    shared = moved[..., np.searchsorted(names, np.flatnonzero(layout.considered))] - own @ errors.following[:, None]
+    squares = np.einsum("bnij,bjk,bnik->bn", own, errors.own, own) + np.einsum("bnij,jk,bnik->bn", shared, V, shared)
+    count = np.sum(seen, axis=1)
+    with np.errstate(invalid="ignore"):
+        return np.asarray(np.sqrt(np.sum(np.where(seen, squares, 0.0), axis=1) / count))

@@ -1,0 +1,122 @@
+"""Frames of a sequence, gathered in columns as they are solved."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import numpy as np
+
+from fieldcalib._types import Array, IntArray
+from fieldcalib.assess.own_errors import OwnErrors, ground_errors
+from fieldcalib.assess.result import Calibration, Status, SuspectLabel
+from fieldcalib.assess.sequence import BASES, STATUSES, Basis, Frames
+from fieldcalib.calibrate.options import Options
+from fieldcalib.problem.evaluation import Evaluation
+
+LARGEST_ERROR = 1.0  # m, root mean square over the field in view: a camera that is known no better is not accepted
+
+
+class FrameColumns:
+    """T frames of which some are filled already.
+
+    Parameters
+    ----------
+    count : int
+        T.
+    labels : tuple of str
+        Of the object.
+    options : Options
+        What is free in them is the frames' own, what they consider is what the frames share.
+    considered : (S, S) array
+        Its covariance.
+    message : str
+        Of frames that nothing is filled in for.
+    """
+
+    def __init__(self, count: int, labels: tuple[str, ...], options: Options, considered: Array, message: str) -> None:
+        layout = options.layout
+        own, shared = np.count_nonzero(layout.free), np.count_nonzero(layout.considered)
+        self.options, self.considered, self.labels = options, considered, labels
+        self.theta = np.full((count, layout.size), np.nan)
+        self.errors = OwnErrors(np.full((count, own, own), np.nan), np.full((count, own, shared), np.nan))
+        self.status = np.full(count, STATUSES.index(Status.TOO_FEW_SEGMENTS))
+        self.basis = np.zeros(count, dtype=np.intp)
+        self.rms, self.ground_error = np.full(count, np.nan), np.full(count, np.nan)
+        self.label_errors = np.zeros((count, len(labels)), np.float32)
+        self.label_counts = np.zeros((count, len(labels)), np.uint16)
+        self.notes = dict.fromkeys(range(count), message)
+        self.suspects: dict[int, tuple[SuspectLabel, ...]] = {}
+
+    def fill(
+        self,
+        index: IntArray,
+        evaluation: Evaluation,
+        errors: OwnErrors,
+        *,
+        tied: bool,
+        alone: Mapping[int, Calibration],
+    ) -> None:
+        """Frames `index` at their solutions, with what is known of their own errors.
+
+        What some of them were `alone` says which labels are suspect and, unless they are tied, whether the camera is to
+        be believed.
+        """
+        observations = evaluation.problem.observations.without_ends
+        squares = np.square(evaluation.r[:, : observations.weight.shape[1]])
+        counts = observations.pixels_by_label
+        per_label = observations.by_label(np.where(observations.label >= 0, squares, 0.0))
+        self.theta[index] = evaluation.theta
+        self.errors.own[index], self.errors.following[index] = errors
+        with np.errstate(invalid="ignore"):
+            self.rms[index] = np.sqrt(np.sum(per_label, axis=1) / np.sum(counts, axis=1))
+            of_labels = np.sqrt(per_label / counts)
+        number = [self.labels.index(label) for label in observations.labels]
+        self.label_errors[np.ix_(index, number)] = np.nan_to_num(of_labels)
+        self.label_counts[np.ix_(index, number)] = np.round(counts)
+        field = self.options.field
+        half = np.full(2, np.inf) if field is None else np.array([field.length, field.width]) / 2.0
+        metres = ground_errors(evaluation.theta, self.options.layout, errors, self.considered, half)
+        self.ground_error[index] = metres
+        labelled = np.sum(counts, axis=1) > 0
+        basis = np.where(labelled, BASES.index(Basis.BOTH if tied else Basis.LINES), BASES.index(Basis.MATCHES))
+        self.basis[index] = basis
+        for k, t in enumerate(index.tolist()):
+            self._judge(t, alone.get(t), float(metres[k]), tied)
+
+    def _judge(self, t: int, alone: Calibration | None, metres: float, tied: bool) -> None:
+        status = Status.ACCEPTED if alone is None or tied else alone.status
+        self.notes.pop(t, None)
+        if alone is not None:
+            for suspect in alone.suspect_labels:
+                k = self.labels.index(suspect.label)
+                self.label_errors[t, k] = suspect.error_px
+                self.label_counts[t, k] = alone.pixel_counts[suspect.label]
+            if alone.suspect_labels:
+                self.suspects[t] = alone.suspect_labels
+                self.notes[t] = "; ".join(map(str, alone.suspect_labels))
+            if not tied and not alone.accepted:
+                self.notes[t] = alone.message
+        if status is Status.ACCEPTED and metres > LARGEST_ERROR:
+            status = Status.IMPROBABLE
+        self.status[t] = STATUSES.index(status)
+
+    def without_camera(self, t: int, alone: Calibration) -> None:
+        """A frame of which not even a wrong camera is known."""
+        self.status[t], self.notes[t] = STATUSES.index(alone.status), alone.message
+
+    @property
+    def frames(self) -> Frames:
+        """What was filled in."""
+        return Frames(
+            self.theta,
+            *self.errors,
+            self.status,
+            self.basis,
+            self.rms,
+            self.ground_error,
+            self.labels,
+            self.label_errors,
+            self.label_counts,
+            self.notes,
+            self.suspects,
+        )
