@@ -1,0 +1,350 @@
+"""Frames of a video tied to keyframes by matches of the static background, in one pass.
+
+Each frame is matched with a keyframe directly, so that errors do not add up from frame to frame, and keyframes with
+earlier keyframes. A new piece begins where frames match one another but no keyframe before them: after a cut, or a pan
+too fast to follow. Two pieces may therefore show the same scene.
+
+Corners that two shots seem to share, or that are seen through a dissolve, must not tie shots together. So two pictures
+must also show the same as a whole (`_likeness`), and more so before a frame becomes a keyframe: of two shots that are
+mixed, at most one makes up more than half of the contrast.
+"""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+
+from fieldcalib._types import Array, Float32
+from fieldcalib.images.background_motion import mapped
+from fieldcalib.images.matches import MOST_CORNERS, Frame, Matches, match_background, match_far, same_picture
+from fieldcalib.io.image import Image
+
+EVERY = 12  # frames from one keyframe to the next: half a second
+BACK = (1, 2, 4)  # keyframes back, with which a keyframe is matched
+CORNERS = 150  # of a keyframe that are followed to an ordinary frame
+LEAST_IN_VIEW = 0.6  # of a keyframe; with less of it in view the next one is made
+FEW_MATCHES = 40  # with fewer of these the next one is made
+CONFIRMED = 8  # frames that are tied to one another, and not to the piece before, are a new piece: a graphic is shorter
+LOST_FOR = 30  # frames, a second: so long the keyframes before are looked for
+
+# Likeness of pictures 12 frames apart in seven clips: 0.69 or more; with 30 % of another shot mixed in 0.6 to 0.75,
+# with 50 % 0.4 to 0.6
+LEAST_LIKENESS = 0.45  # of a keyframe and a frame that is tied to it
+LEAST_LIKENESS_OF_KEY = 0.62  # of two keyframes
+SMALL_WIDTH = 160  # px: pictures are reduced to it
+LOCAL = 41  # px of these: mean over so many is taken off; slow shading is alike in any two shots
+BLOCK = 5  # px of these
+WHOLE = 0.7  # of a block must be in view
+NOISE = 2.0  # grey levels: less contrast is none
+
+
+@dataclass(frozen=True, eq=False)
+class Tied:
+    """A frame of a video and the keyframe that it is tied to."""
+
+    index: int
+    """Number of the frame, from 0."""
+    piece: int
+    """Number of the run of frames that matches connect, from 0 and ascending."""
+    key: int
+    """Index of its keyframe: its own if it is one, that of the last keyframe if nothing ties it."""
+    ties: tuple[tuple[int, Matches], ...]
+    """Indices of keyframes, with the matches from each of them to this frame.
+
+    Of an ordinary frame `key`, or none if nothing ties it. Of a keyframe those 1, 2 and 4 keyframes back in its piece,
+    as far as they match: none if it is the first.
+    """
+    duplicate: bool
+    """Whether the picture is that of the frame before: the stream repeats a frame, or is frozen."""
+
+    @property
+    def is_key(self) -> bool:
+        """Whether it is a keyframe."""
+        return self.index == self.key
+
+
+class KeyframeTracker:
+    """Ties the frames of a video to keyframes as they come.
+
+    What is tied to the piece before is known at once. What is not waits until `CONFIRMED` frames make a new piece, or
+    it is clear that they do not: at most ``CONFIRMED - 1`` frames. Of the pictures it keeps those of the last keyframes,
+    reduced and grey.
+
+    Parameters
+    ----------
+    every : int
+        Frames from one keyframe to the next, at most.
+
+    Examples
+    --------
+    >>> noise = np.random.default_rng(0).integers(0, 255, (540, 960), np.uint8)
+    >>> tracker = KeyframeTracker()
+    >>> [tied.is_key for tied in tracker.update(noise)]
+    [True]
+    >>> tracker.update(noise)[0].duplicate
+    True
+    """
+
+    def __init__(self, every: int = EVERY) -> None:
+        if every < 1:
+            raise ValueError(f"every must be 1 or more frames, got {every}")
+        self._every = every
+        self._count = 0
+        self._last: _View | None = None  # that is no duplicate
+        self._piece: _Piece | None = None
+        self._lost = 0  # frames since the last one that was tied to the piece
+        self._candidate: _Piece | None = None  # for a new piece,
+        self._waiting: list[Tied] = []  # and its frames
+
+    def update(self, image: Image) -> list[Tied]:
+        """Take the next frame; those that are now known to belong to a piece, in order.
+
+        Raises
+        ------
+        ValueError
+            If its size is not that of the frames before, or as `fieldcalib.images.matches.Frame.of`.
+        """
+        frame = Frame.of(image)
+        if self._last is not None and frame.image_size != self._last.frame.image_size:
+            (width, height), (w, h) = frame.image_size, self._last.frame.image_size
+            raise ValueError(f"frame {self._count} has {width} x {height} pixels, those before it {w} x {h}")
+        view = _View(self._count, frame, self._last is not None and same_picture(self._last.frame, frame))
+        self._count += 1
+        if not view.duplicate:
+            self._last = view
+        if self._piece is None:
+            self._piece = _Piece(view, 0, self._every)
+            return [self._piece.first]
+        tied = self._piece.tied(view) if self._lost == 0 else None
+        if tied is None and self._lost < LOST_FOR and not (view.duplicate and self._lost):
+            tied = self._piece.found_again(view, self._lost)
+        if tied is not None:
+            return [*self.finish(), tied]
+        self._lost += 1
+        tied = self._candidate.tied(view, LEAST_LIKENESS_OF_KEY) if self._candidate is not None else None
+        if tied is None:
+            untied = self._untied(self._piece)
+            self._candidate = _Piece(view, self._piece.number + 1, self._every)
+            self._waiting = [self._candidate.first]
+            return untied
+        self._waiting.append(tied)
+        if len(self._waiting) < CONFIRMED:
+            return []
+        new = self._waiting
+        self._piece, self._candidate, self._waiting, self._lost = self._candidate, None, [], 0
+        return new
+
+    def finish(self) -> list[Tied]:
+        """The frames that still wait, at the end of the video: they are no piece."""
+        if self._piece is None:
+            return []
+        untied = self._untied(self._piece)
+        self._candidate, self._waiting, self._lost = None, [], 0
+        return untied
+
+    def _untied(self, piece: _Piece) -> list[Tied]:
+        """The waiting frames, as frames of that piece that nothing ties."""
+        return [replace(tied, piece=piece.number, key=piece.key.index, ties=()) for tied in self._waiting]
+
+
+def tied_frames(images: Iterable[Image], *, every: int = EVERY) -> Iterator[tuple[Image, Tied]]:
+    """The frames of a video with what ties them to keyframes, in one pass.
+
+    Parameters
+    ----------
+    images : iterable of (height, width, 3) or (height, width) uint8 arrays
+        The frames, in order and of one size.
+    every : int
+        Frames from one keyframe to the next, at most.
+
+    Yields
+    ------
+    image, tied
+        Each frame and its `Tied`, in order. The generator is at most 8 frames ahead of what it yields.
+
+    Raises
+    ------
+    ValueError
+        If the frames are of several sizes or no uint8 pictures.
+
+    Notes
+    -----
+    A keyframe is the first frame of a piece, then every so many frames, and earlier where little of the keyframe is
+    still in view or few matches are left. An ordinary frame is matched with the keyframe before it, from the motion of
+    the last frames; else from the motion since the frame before; else by descriptors (`match_far`), also with earlier
+    keyframes. Flashes, wipes and other frames that nothing ties stay so; the piece goes on if one of the 30 frames from
+    the first of them is tied to it, unless 8 frames in a row are tied to one another before: these are a new piece.
+
+    Examples
+    --------
+    >>> import cv2
+    >>> noise = np.random.default_rng(0).integers(0, 255, (68, 120), np.uint8)
+    >>> scene = cv2.resize(noise, (960, 540), interpolation=cv2.INTER_CUBIC)
+    >>> pan = [cv2.warpAffine(scene, np.array([[1.0, 0.0, 2.0 * i], [0.0, 1.0, 0.0]]), (960, 540)) for i in range(20)]
+    >>> cut = [*pan, *(picture[::-1] for picture in pan)]
+    >>> [tied.index for _, tied in tied_frames(cut) if tied.is_key]
+    [0, 12, 20, 32]
+    >>> [tied.piece for _, tied in tied_frames(cut)] == 20 * [0] + 20 * [1]
+    True
+    """
+    tracker, waiting = KeyframeTracker(every), deque[Image]()
+    for image in images:
+        waiting.append(image)
+        for tied in tracker.update(image):
+            yield waiting.popleft(), tied
+    for tied in tracker.finish():
+        yield waiting.popleft(), tied
+
+
+@dataclass(frozen=True, eq=False)
+class _View:
+    """A frame, and what its likeness with others is measured on."""
+
+    index: int
+    frame: Frame
+    duplicate: bool
+
+    @cached_property
+    def detail(self) -> Float32:
+        """The picture in small, less its local mean."""
+        import cv2
+
+        height, width = self.frame.grey.shape
+        small_width = min(SMALL_WIDTH, width)
+        size = (small_width, max(round(height * small_width / width), 1))
+        small: Any = cv2.resize(self.frame.grey, size, interpolation=cv2.INTER_AREA).astype(np.float32)
+        return np.asarray(small - cv2.blur(small, (LOCAL, LOCAL)), dtype=np.float32)
+
+
+class _Piece:
+    """Frames that matches connect: the last keyframes, and how the camera moved last."""
+
+    def __init__(self, view: _View, number: int, every: int) -> None:
+        self.number = number
+        self.first = Tied(view.index, number, view.index, (), view.duplicate)
+        self._every = every
+        self._keys = deque([(view, np.eye(3))], maxlen=max(BACK))  # each with the homography to the newest
+        self._last = view
+        self._matches: Matches | None = None  # from the newest keyframe to the last frame; None if they are the same
+        self._motion: Array = np.eye(3)  # homography from the last frame but one to the last
+
+    @property
+    def key(self) -> _View:
+        return self._keys[-1][0]
+
+    @property
+    def _H(self) -> Array:
+        """Homography from the newest keyframe to the last frame."""
+        return np.eye(3) if self._matches is None else self._matches.homography
+
+    def tied(self, view: _View, least: float = LEAST_LIKENESS) -> Tied | None:
+        """The frame after the last one, tied to the newest keyframe; None if nothing ties it."""
+        if view.duplicate and self._matches is not None:
+            return self._ordinary(view, self._matches)
+        found = _matched(self.key, view, self._motion @ self._H)
+        if found is None and self._matches is not None:
+            step = match_background(self._last.frame, view.frame, corners=CORNERS)
+            found = None if step is None else _matched(self.key, view, step.homography @ self._H)
+        if found is None or found[1] < least:
+            return None
+        if not view.duplicate:
+            self._motion = found[0].homography @ np.linalg.inv(self._H)
+        return self._added(view, *found)
+
+    def found_again(self, view: _View, missed: int) -> Tied | None:
+        """A frame tied to the newest keyframe or to earlier ones, after some that nothing ties."""
+        for start in (np.linalg.matrix_power(self._motion, missed + 1) @ self._H, self._H):
+            found = _matched(self.key, view, start)
+            if found is not None and found[1] >= LEAST_LIKENESS_OF_KEY:
+                return self._added(view, *found)
+        back = BACK[missed % len(BACK)]  # one of them for each frame, since this takes long
+        if back > len(self._keys):
+            return None
+        older, to_newest = self._keys[-back]
+        far = match_far(older.frame, view.frame)
+        if far is None or _likeness(older, view, far.homography) < LEAST_LIKENESS_OF_KEY:
+            return None
+        self._motion = np.eye(3)
+        return self._keyframe(view, far.homography @ np.linalg.inv(to_newest))
+
+    def _added(self, view: _View, matches: Matches, likeness: float) -> Tied:
+        due = (
+            view.index - self.key.index >= self._every
+            or len(matches) < FEW_MATCHES
+            or _in_view(matches.homography, view.frame.image_size) < LEAST_IN_VIEW
+        )
+        key = None
+        if due and likeness >= LEAST_LIKENESS_OF_KEY and not view.duplicate:
+            key = self._keyframe(view, matches.homography)
+        return self._ordinary(view, matches) if key is None else key
+
+    def _ordinary(self, view: _View, matches: Matches) -> Tied:
+        self._last, self._matches = view, matches
+        return Tied(view.index, self.number, self.key.index, ((self.key.index, matches),), view.duplicate)
+
+    def _keyframe(self, view: _View, H: Array) -> Tied | None:
+        """A frame as the next keyframe, with the homography from the newest to it; None if no keyframe matches it."""
+        ties = []
+        for back in BACK:
+            if back <= len(self._keys):
+                older, to_newest = self._keys[-back]
+                found = _matched(older, view, H @ to_newest, MOST_CORNERS)
+                if found is not None and found[1] >= LEAST_LIKENESS_OF_KEY:
+                    ties.append((older.index, found[0]))
+        if not ties:
+            return None
+        keys = [(key, H @ to_newest) for key, to_newest in self._keys]
+        self._keys.extend([*keys, (view, np.eye(3))])
+        self._last, self._matches = view, None
+        return Tied(view.index, self.number, view.index, tuple(ties), view.duplicate)
+
+
+def _matched(first: _View, second: _View, start: Array, corners: int = CORNERS) -> tuple[Matches, float] | None:
+    """Matches of two frames, and how alike these are; None if they do not show the same."""
+    matches = match_background(first.frame, second.frame, start=start, corners=corners)
+    if matches is None:
+        return None
+    likeness = _likeness(first, second, matches.homography)
+    return None if likeness < LEAST_LIKENESS else (matches, likeness)
+
+
+def _likeness(first: _View, second: _View, H: Array) -> float:
+    """How much of the contrast of either picture is in the other, the first moved by H (of pictures in full size).
+
+    Per block the covariance over the larger variance; of the half of the blocks with more contrast the median, since
+    players and boards change some blocks only. A mixture ``(1 - a) A + a B`` of two shots has about 1 - a with A and a
+    with B.
+    """
+    import cv2
+
+    a: Any = first.detail
+    b: Any = second.detail
+    height, width = b.shape
+    x, y = np.divide(first.frame.image_size, (width, height))
+    T = np.array([[x, 0.0, 0.5 * (x - 1.0)], [0.0, y, 0.5 * (y - 1.0)], [0.0, 0.0, 1.0]])
+    small = np.linalg.inv(T) @ H @ T
+    inside = cv2.warpPerspective(np.ones_like(a), small, (width, height), flags=cv2.INTER_NEAREST)
+    a = cv2.warpPerspective(a, small, (width, height), flags=cv2.INTER_LINEAR)
+    blocks = (max(width // BLOCK, 1), max(height // BLOCK, 1))
+    means = (cv2.resize(z, blocks, interpolation=cv2.INTER_AREA) for z in (inside, a * a, inside * b * b, a * b))
+    seen, aa, bb, ab = (mean.ravel() for mean in means)
+    whole = seen > WHOLE
+    if not np.any(whole):
+        return 0.0
+    variance = np.maximum(aa, bb)[whole] / seen[whole]
+    likeness = ab[whole] / seen[whole] / (variance + NOISE**2)
+    return float(np.median(likeness[variance >= np.median(variance)]))
+
+
+def _in_view(H: Array, size: tuple[int, int]) -> float:
+    """Share of either picture that is in view in the other; the smaller of both."""
+    middles = np.linspace(0.05, 0.95, 10)
+    xy = np.stack(np.meshgrid(middles, middles), axis=-1).reshape(-1, 2) * np.asarray(size, dtype=np.float64)
+    with np.errstate(invalid="ignore"):
+        inside = [np.all((z >= 0.0) & (z < size), axis=1) for z in (mapped(H, xy), mapped(np.linalg.inv(H), xy))]
+    return float(min(np.mean(part) for part in inside))
