@@ -24,7 +24,7 @@ def pictures():
 def test_frames_share_their_tripod(pictures):
     found = calibrate_video(FIELD, pictures, KnownCameras(CAMERAS))
     assert all(frame.accepted for frame in found)
-    assert np.linalg.norm(found.values[:3] - CENTRE) < 0.3
+    assert np.linalg.norm(found.tripods[0].values[:3] - CENTRE) < 0.3
     for frame, truth in zip(found, CAMERAS, strict=True):
         mark = truth.image_to_field([480.0, 300.0])
         assert np.linalg.norm(frame.camera.project(mark) - [480.0, 300.0]) < 0.5
@@ -36,7 +36,7 @@ def test_a_frame_that_shows_nothing_stays_without_camera(pictures):
     cameras = [*CAMERAS[:4], None, *CAMERAS[4:]]
     found = calibrate_video(FIELD, [*pictures[:4], black, *pictures[4:]], KnownCameras(cameras))
     assert [frame.accepted for frame in found] == [camera is not None for camera in cameras]
-    assert found.together == len(CAMERAS)
+    assert found.tripods[0].together == len(CAMERAS)
 
 
 def test_a_file(pictures, tmp_path):
@@ -45,7 +45,7 @@ def test_a_file(pictures, tmp_path):
             video.write(picture)
     found = calibrate_video(FIELD, tmp_path / "shot.mp4", KnownCameras(CAMERAS))
     assert len(found) == 3
-    assert np.linalg.norm(found.values[:3] - CENTRE) < 1.0
+    assert np.linalg.norm(found.tripods[0].values[:3] - CENTRE) < 1.0
 
 
 def test_frames_of_several_sizes_are_refused(pictures):

@@ -17,6 +17,7 @@ from __future__ import annotations
 import numpy as np
 
 from fieldcalib._types import Array
+from fieldcalib.assess.camera_errors import CameraErrors
 from fieldcalib.assess.uncertainty import OTHER_FRAMES, Uncertainty
 from fieldcalib.fields.field import Field
 from fieldcalib.fields.traits import ProbabilityModel
@@ -26,9 +27,10 @@ GRID = (17, 10)  # points along the image's width and height where errors are lo
 BORDER = 20  # and along each side of the field
 LARGEST_SCORE = 5.0  # z-scores beyond say no more
 MOST_PIXELS = 3.0  # of a segment
+LEAST_ERROR = 1e-6  # m
 
 
-def largest_error(uncertainty: Uncertainty, field: Field) -> float:
+def largest_error(uncertainty: CameraErrors, field: Field) -> float:
     """Expected (root mean square) error of the worst point of a field in view, metres.
 
     NaN where no part of the field is in view, infinite where the labels leave it open.
@@ -81,6 +83,15 @@ def evidence(uncertainty: Uncertainty, field: Field) -> tuple[Array, Array]:
     largest = [np.max(error.rms, initial=0.0) if len(X) else np.nan for error in uncertainty.at_field_by_size(X)]
     common = [*np.log([sigma, degrees_of_freedom(uncertainty), 1.0 + np.sum(np.square(z))])]
     return np.array([[1.0, np.log(one), *common] for one in largest]), weights
+
+
+def probability_by_covariance(errors: CameraErrors, field: Field, metres: float) -> float:
+    """Probability that the ground point in view with the largest error is off by no more than some metres.
+
+    ``1 - exp(-metres^2 / rms^2)``, Rayleigh's distribution; NaN where no part of the field is in view.
+    """
+    rms = largest_error(errors, field)
+    return rms if np.isnan(rms) else float(-np.expm1(-np.square(metres / max(rms, LEAST_ERROR))))
 
 
 def degrees_of_freedom(uncertainty: Uncertainty) -> float:

@@ -17,7 +17,7 @@ from fieldcalib._json import from_json, to_json
 from fieldcalib._types import Array
 from fieldcalib.assess.camera_errors import CameraErrors, GroundError, KnownErrors
 from fieldcalib.assess.observability import Direction
-from fieldcalib.assess.probability import evidence, probability_right
+from fieldcalib.assess.probability import evidence, probability_by_covariance, probability_right
 from fieldcalib.assess.surprises import surprises
 from fieldcalib.assess.uncertainty import Uncertainty, uncertainties
 from fieldcalib.fields.field import Field
@@ -243,7 +243,8 @@ class Calibration:
     @property
     def has_probability(self) -> bool:
         """Whether `probability` is known: of a camera fitted to labels of a field with a probability model."""
-        return self.solved is not None and self.field is not None and self.field.probability is not None
+        is_known = self.solved is not None or self.errors is not None
+        return is_known and self.field is not None and self.field.probability is not None
 
     @property
     def uncertainty(self) -> CameraErrors:
@@ -286,7 +287,8 @@ class Calibration:
     def probability(self, metres: float = 1.0, *, size_known: bool = False) -> float:
         """Probability that the camera is right: no point of the field in view is off by more than some metres.
 
-        Fitted on synthetic frames of the field, see `fieldcalib.assess.probability`. NaN where no part of the field is
+        Fitted on synthetic frames of the field, see `fieldcalib.assess.probability`; of frames of a sequence it follows
+        from their covariance. NaN where no part of the field is
         in view or the camera does not come from labelled pixels, 0 where there is no camera or it is implausible: of 22
         such ones on synthetic frames none was right. With `size_known` it is that if the field had just the given size:
         where it has another one, the camera may fit its image well and be wrong in metres.
@@ -310,7 +312,7 @@ class Calibration:
             raise ValueError(f"metres must be positive, got {metres}")
         if self.camera is None:
             return 0.0
-        if self.solved is None:
+        if self.solved is None and self.errors is None:
             return float("nan")
         if self.field is None:
             raise ValueError("expected a calibration of a Field: how much of another object is in view is not known")
@@ -321,6 +323,8 @@ class Calibration:
             )
         if self.status is Status.IMPLAUSIBLE:
             return 0.0
+        if self.errors is not None:
+            return probability_by_covariance(self.errors, self.field, metres)
         rows, weights = self._evidence
         if size_known:
             rows, weights = rows[:1], np.ones(1)

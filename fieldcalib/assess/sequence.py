@@ -9,9 +9,10 @@ from enum import StrEnum
 from typing import TYPE_CHECKING, Any, overload
 
 import numpy as np
+from numpy.typing import NDArray
 
 from fieldcalib._json import from_json, to_json
-from fieldcalib._types import Array, IntArray
+from fieldcalib._types import Array, BoolArray, Float32, IntArray
 from fieldcalib.assess.camera_errors import KnownErrors
 from fieldcalib.assess.own_errors import whole_covariance
 from fieldcalib.assess.result import Calibration, Status, SuspectLabel
@@ -63,9 +64,9 @@ class Frames:
     ground_error: Array
     """Root mean square error of the field in view, metres, (T,); NaN where none is in view."""
     labels: tuple[str, ...] = ()
-    label_errors: Array = attribute(default_factory=lambda: np.zeros((0, 0), np.float32))
+    label_errors: Float32 = attribute(default_factory=lambda: np.zeros((0, 0), np.float32))
     """Root mean square distance of each label's pixels, (T, L)."""
-    label_counts: IntArray = attribute(default_factory=lambda: np.zeros((0, 0), np.uint16))
+    label_counts: NDArray[np.uint16] = attribute(default_factory=lambda: np.zeros((0, 0), np.uint16))
     """Number of pixels of each label, (T, L)."""
     notes: Mapping[int, str] = attribute(default_factory=dict)
     """Messages of frames for which the numbers do not say everything."""
@@ -115,7 +116,7 @@ class Frames:
     @classmethod
     def from_dict(cls, record: Mapping[str, Any]) -> Frames:
         """The inverse of `to_dict`."""
-        arrays = {name: _from_record(value) for name, value in record.items() if isinstance(value, dict)}
+        arrays: dict[str, Any] = {name: _from_record(value) for name, value in record.items() if isinstance(value, dict)}
         suspects = {
             t: tuple(SuspectLabel(label, fits, float(from_json(error))) for label, fits, error in found)
             for t, found in record["suspects"]
@@ -123,11 +124,11 @@ class Frames:
         return cls(**arrays, labels=tuple(record["labels"]), notes=dict(record["notes"]), suspects=suspects)
 
 
-def _to_record(array: Array) -> dict[str, Any]:
+def _to_record(array: NDArray[Any]) -> dict[str, Any]:
     return {"shape": array.shape, "type": array.dtype.str, "values": to_json(array.ravel())}
 
 
-def _from_record(record: Mapping[str, Any]) -> Array:
+def _from_record(record: Mapping[str, Any]) -> NDArray[Any]:
     return np.array(from_json(record["values"])).astype(record["type"]).reshape(record["shape"])
 
 
@@ -209,6 +210,11 @@ class SequenceCalibration(Sequence[Calibration]):
         return [frame.camera for frame in self]
 
     @property
+    def accepted(self) -> BoolArray:
+        """Which frames have a camera that is accepted, (T,)."""
+        return np.asarray(self.frames.status == STATUSES.index(Status.ACCEPTED))
+
+    @property
     def basis(self) -> list[Basis]:
         """What the camera of each frame rests on."""
         return [BASES[index] for index in self.frames.basis]
@@ -230,11 +236,7 @@ class SequenceCalibration(Sequence[Calibration]):
         import pandas
 
         frames, T = self.frames, len(self)
-        theta = frames.theta
-        if self.layout is None:
-            theta = np.full((T, CENTER.stop), np.nan)
-        else:
-            theta = self.layout.at_zoom(theta)
+        theta = np.full((T, CENTER.stop), np.nan) if self.layout is None else self.layout.at_zoom(frames.theta)
         return pandas.DataFrame(
             {
                 "status": [str(STATUSES[one]) for one in frames.status],

@@ -13,7 +13,7 @@ from fieldcalib.assess.sequence import BASES, STATUSES, Basis, Frames
 from fieldcalib.calibrate.options import Options
 from fieldcalib.problem.evaluation import Evaluation
 
-LARGEST_ERROR = 1.0  # m, root mean square over the field in view: a camera that is known no better is not accepted
+LARGEST_ERROR = 1.0  # m, root mean square over the field in view: frames that others tell are accepted up to that
 
 
 class FrameColumns:
@@ -70,7 +70,7 @@ class FrameColumns:
         with np.errstate(invalid="ignore"):
             self.rms[index] = np.sqrt(np.sum(per_label, axis=1) / np.sum(counts, axis=1))
             of_labels = np.sqrt(per_label / counts)
-        number = [self.labels.index(label) for label in observations.labels]
+        number = np.array([self.labels.index(label) for label in observations.labels], dtype=np.intp)
         self.label_errors[np.ix_(index, number)] = np.nan_to_num(of_labels)
         self.label_counts[np.ix_(index, number)] = np.round(counts)
         field = self.options.field
@@ -96,7 +96,7 @@ class FrameColumns:
                 self.notes[t] = "; ".join(map(str, alone.suspect_labels))
             if not tied and not alone.accepted:
                 self.notes[t] = alone.message
-        if status is Status.ACCEPTED and metres > LARGEST_ERROR:
+        if tied and metres > LARGEST_ERROR:
             status = Status.IMPROBABLE
         self.status[t] = STATUSES.index(status)
 

@@ -72,19 +72,19 @@ class Ties:
                     f"matches of frames {i} and {j}: expected two arrays of finite pixels, of the same shape (N, 2), "
                     f"got {p.shape} and {q.shape}"
                 )
-            p, q, weight = thinned(p, q, image_size)
+            p, q = thinned(p, q, image_size)
             if len(p) >= LEAST_CELLS:
-                kept.append((i, j, p, q, weight / (NOISE * unit) ** 2))
-        N = max((len(weight) for *_, weight in kept), default=0)
+                kept.append((i, j, p, q))
+        N = max((len(p) for *_, p, _ in kept), default=0)
         pixels, weights = np.zeros((2, len(kept), N, 2)), np.zeros((len(kept), N))
         pixels[:] = np.divide(image_size, 2.0)  # padding must stay finite
-        for k, (_, _, p, q, weight) in enumerate(kept):
-            pixels[0, k, : len(p)], pixels[1, k, : len(p)], weights[k, : len(p)] = p, q, weight
+        for k, (_, _, p, q) in enumerate(kept):
+            pixels[0, k, : len(p)], pixels[1, k, : len(p)], weights[k, : len(p)] = p, q, 1.0 / (NOISE * unit) ** 2
         first, second = np.array([(i, j) for i, j, *_ in kept], dtype=np.intp).reshape(-1, 2).T
         walls = None
         if isinstance(object_segments, Field):
             walls = np.array([object_segments.length, object_segments.width]) / 2.0 + BEHIND_LINES
-        return cls(first, second, *pixels, weights, RobustLoss("cauchy", LOSS_SCALE * unit), walls)
+        return cls(first, second, pixels[0], pixels[1], weights, RobustLoss("cauchy", LOSS_SCALE * unit), walls)
 
     def __len__(self) -> int:
         return len(self.first)
@@ -158,8 +158,8 @@ class Ties:
         return 1 + int(max(np.max(part, initial=-1) for part in (self.first, self.second, frames)))
 
 
-def thinned(p: Array, q: Array, image_size: tuple[int, int]) -> tuple[Array, Array, Array]:
-    """Matched pixels (N, 2) averaged over the cells of the first frame, and what each average weighs.
+def thinned(p: Array, q: Array, image_size: tuple[int, int]) -> tuple[Array, Array]:
+    """Matched pixels (N, 2) averaged over the cells of the first frame; what is thinned already stays as it is.
 
     Points of the second frame are averaged about a quadratic map between the frames, which bends within a cell.
 
@@ -167,12 +167,12 @@ def thinned(p: Array, q: Array, image_size: tuple[int, int]) -> tuple[Array, Arr
     --------
     >>> x, y = np.meshgrid(np.arange(5.0, 960.0, 10.0), np.arange(5.0, 540.0, 10.0))
     >>> p = np.stack([x, y], axis=-1).reshape(-1, 2)
-    >>> cells, moved, _ = thinned(p, 1.1 * p + (3.0, -5.0), (960, 540))
+    >>> cells, moved = thinned(p, 1.1 * p + (3.0, -5.0), (960, 540))
     >>> cells.shape, bool(np.allclose(moved, 1.1 * cells + (3.0, -5.0)))
     ((60, 2), True)
     """
     if len(p) < LEAST_CELLS:
-        return p[:0], q[:0], np.zeros(0)
+        return p[:0], q[:0]
     place = np.clip(np.floor(p / image_size * CELLS), 0, np.subtract(CELLS, 1)).astype(int)
     _, cell, number = np.unique(place[:, 0] + CELLS[0] * place[:, 1], return_inverse=True, return_counts=True)
     mean = np.stack([np.bincount(cell, values) for values in p.T], axis=1) / number[:, None]
@@ -184,7 +184,7 @@ def thinned(p: Array, q: Array, image_size: tuple[int, int]) -> tuple[Array, Arr
     map_, *_ = np.linalg.lstsq(terms(p), q, rcond=None)
     rest = q - terms(p) @ map_
     left = np.stack([np.bincount(cell, values) for values in rest.T], axis=1) / number[:, None]
-    return mean, terms(mean) @ map_ + left, number / (number + 1.0)
+    return mean, terms(mean) @ map_ + left
 
 
 def with_tied(
@@ -225,5 +225,5 @@ def _contradicted(pairs: BackgroundPairs, layout: Layout, theta: Array) -> BoolA
 def disagreeing(pairs: BackgroundPairs, layout: Layout, theta: Array) -> BoolArray:
     """Which of K pairs the cameras theta (B, n) contradict, (K,)."""
     r = np.linalg.norm(BackgroundEvaluation(pairs, layout, theta).r, axis=0)
-    far = np.ma.median(np.ma.array(r, mask=pairs.weight == 0.0), axis=1)
-    return np.asarray(far.filled(np.inf) > DISAGREE * pixel_unit(layout.image_size))
+    far = np.nanmedian(np.where(pairs.weight > 0.0, r, np.nan), axis=1)
+    return np.asarray(far > DISAGREE * pixel_unit(layout.image_size))

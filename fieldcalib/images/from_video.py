@@ -1,28 +1,47 @@
-"""From a video of one shot to cameras that share a tripod.
+"""From a video to cameras: every frame of a shot follows from all of them.
 
-frames -> cameras one by one, refined on the lines in their images -> the places of these lines, all together
+    frames -> matches with keyframes -> markings in the keyframes -> cameras of the keyframes, one by one
+           -> all frames of a tripod together -> lines at the markings of every frame -> all frames together again
+
+The video is read twice: a line is found in a frame where the camera is known to some pixels, and that the other frames
+tell. Keyframes and what ties frames to them come from `fieldcalib.images.keyframes`.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterable
-from dataclasses import replace
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from contextlib import AbstractContextManager, contextmanager
+from dataclasses import dataclass
 from pathlib import Path
 
+import numpy as np
+
+from fieldcalib._types import Array, IntArray
 from fieldcalib.assess.result import Calibration
 from fieldcalib.assess.sequence import SequenceCalibration
+from fieldcalib.assess.video import NO_TRIPOD, Shot, VideoCalibration
 from fieldcalib.calibrate.options import ALL, DEFAULT_FLAGS, Prior, pixel_unit
 from fieldcalib.calibrate.sequence import calibrate_sequence
+from fieldcalib.calibrate.ties import thinned
+from fieldcalib.calibrate.together import labels_of
 from fieldcalib.fields.segments import ObjectSegments
 from fieldcalib.images.from_images import calibrate_from_images
-from fieldcalib.images.refinement import LOSS_SCALE
+from fieldcalib.images.keyframes import EVERY, tied_frames
+from fieldcalib.images.line_profiles import Markings, find_lines, profiles_along
+from fieldcalib.images.refinement import LOSS_SCALE, PROFILES_PER_SEGMENT, SEARCH_RANGES
+from fieldcalib.images.same_tripod import grouped
 from fieldcalib.io.image import Image
-from fieldcalib.io.images import IMAGES_AT_ONCE, in_parts
+from fieldcalib.io.images import IMAGES_AT_ONCE
 from fieldcalib.io.videos import VideoReader
 from fieldcalib.localize import Network
 from fieldcalib.localize.network import SegmentationNetwork
 from fieldcalib.problem.labelled_pixels import Pixels, PixelWeights
 from fieldcalib.problem.losses import RobustLoss
+
+SIGMAS = 3.0  # of the predicted error of a marking, within which its line is searched
+LEAST_SHARE = 0.3  # of the profiles of a shot must show a line where its cameras have markings
+
+Lines = tuple[Pixels, PixelWeights]
 
 
 def calibrate_video(
@@ -32,35 +51,40 @@ def calibrate_video(
     *,
     flags: int = DEFAULT_FLAGS,
     prior: Prior = ALL,
-) -> SequenceCalibration:
-    """Calibrate the frames of one shot from one tripod together.
+    every: int = EVERY,
+) -> VideoCalibration:
+    """Calibrate the frames of a video together.
 
-    Each frame is calibrated from its image first (`calibrate_from_images`), then all of them from the lines that were
-    found there (`calibrate_sequence`): they share the centre, the law by which principal point and lens follow the
-    zoom, and the size of the pitch. Frames of another camera, after a cut say, get no camera that is accepted.
+    The frames of a shot share the centre of the camera, the law by which its principal point and lens follow the zoom,
+    and the size of the field; shots of the same tripod are recognised and share them too. The network looks at
+    keyframes only. Matches of the static background tie every frame to these, and lines are searched at the projected
+    markings of every frame.
 
     Parameters
     ----------
     object_segments : mapping of str to segment
         The calibration object that the network was trained for, e.g. `soccer()`.
     source : path, or iterable of (height, width, 3) uint8 arrays
-        A video, or its frames: blue, green, red, all of one size.
+        A video, or its frames: blue, green, red, all of one size. It is read twice.
     network : Network, optional
         Finds the markings; by default the one that comes with the package.
     flags, prior
         As in `calibrate_from_images`.
+    every : int
+        Frames from one keyframe to the next, at most.
 
     Returns
     -------
-    SequenceCalibration
-        A frame that is not accepted by itself keeps that calibration, and takes no part in what is shared.
+    VideoCalibration
+        Each frame says what it rests on: lines, matches, or both (`VideoCalibration.basis`). A camera is accepted as
+        long as the field in view is known to 1 m.
 
     Raises
     ------
     FileNotFoundError, BrokenFileError
         As `fieldcalib.io.videos.VideoReader`.
     ValueError
-        If the frames are of several sizes, or as `calibrate_from_images`.
+        If the frames are of several sizes or an iterator, which can be read once only, or as `calibrate_from_images`.
 
     Examples
     --------
@@ -72,38 +96,187 @@ def calibrate_video(
     """
     network = SegmentationNetwork.load() if network is None else network
     if isinstance(source, str | Path):
-        with VideoReader(Path(source)) as video:
-            return calibrate_video(object_segments, video, network, flags=flags, prior=prior)
-    size: tuple[int, int] | None = None
-    alone: list[Calibration] = []
-    pixels: list[Pixels] = []
-    weights: list[PixelWeights] = []
-    for part in in_parts(source, IMAGES_AT_ONCE, lambda image: image.shape[0] * image.shape[1]):
-        for index, image in enumerate(part, len(alone)):
-            its_size = image.shape[1], image.shape[0]
-            size = size or its_size
-            if its_size != size:
-                width, height = its_size
-                raise ValueError(f"frame {index} has {width} x {height} pixels, those before it {size[0]} x {size[1]}")
-        found = calibrate_from_images(object_segments, part, network, flags=flags, prior=prior)
-        for calibration in found:
-            xy, weight = _lines_of(calibration)
-            pixels.append(xy)
-            weights.append(weight)
-        alone += found
-    if size is None:
-        return SequenceCalibration(())
-    loss = RobustLoss("cauchy", LOSS_SCALE * pixel_unit(size))
-    together = calibrate_sequence(
-        object_segments, pixels, size, prior=prior, loss=loss, trust_labels=True, weights=weights
-    )
-    frames = [new if old.accepted else old for new, old in zip(together, alone, strict=True)]
-    return replace(together, frames=tuple(frames))
+        path = Path(source)
+        return _calibrated(object_segments, lambda: VideoReader(path), network, flags, prior, every)
+    if isinstance(source, Iterator):
+        raise ValueError("expected a path or a sequence of images, got an iterator: the frames are read twice")
+    return _calibrated(object_segments, lambda: _open(source), network, flags, prior, every)
 
 
-def _lines_of(calibration: Calibration) -> tuple[Pixels, PixelWeights]:
-    """The pixels that an accepted camera was fitted to, and their weights; none of others."""
-    if not calibration.accepted or calibration.solved is None:
-        return {}, {}
-    pixels, weights = calibration.solved.alone.evaluation.problem.observations.without_ends.unpacked(0)
+@contextmanager
+def _open(images: Iterable[Image]) -> Iterator[Iterable[Image]]:
+    yield images
+
+
+def _calibrated(
+    object_segments: ObjectSegments,
+    opened: Callable[[], AbstractContextManager[Iterable[Image]]],
+    network: Network,
+    flags: int,
+    prior: Prior,
+    every: int,
+) -> VideoCalibration:
+    clip = _Clip(object_segments, prior)
+    with opened() as images:
+        clip.read(images, network, flags, every)
+    shots = {piece: clip.together([piece], clip.seen) for piece in clip.pieces}
+    groups = [
+        _Tripod(pieces, clip.together(pieces, clip.seen) if len(pieces) > 1 else shots[pieces[0]])
+        for pieces in grouped(shots)
+    ]
+    groups.sort(key=lambda tripod: -len(tripod.calibration))
+    clip.join_the_others(groups)
+    with opened() as images:
+        lines = clip.lines_in(images, groups)
+    return clip.finished(groups, lines)
+
+
+@dataclass
+class _Tripod:
+    """Pieces of a video from one tripod."""
+
+    pieces: list[int]
+    calibration: SequenceCalibration
+    """Of their frames, in order."""
+
+
+class _Clip:
+    """The frames of a video while they are calibrated."""
+
+    def __init__(self, object_segments: ObjectSegments, prior: Prior) -> None:
+        self.object_segments = object_segments
+        self.prior = prior
+        self.size = (0, 0)
+        self.piece: list[int] = []  # of each frame
+        self.matches: dict[tuple[int, int], tuple[Array, Array]] = {}
+        self.seen: dict[int, Lines] = {}  # in keyframes whose camera was accepted
+        self.doubtful: dict[int, Lines] = {}  # in the others
+
+    @property
+    def pieces(self) -> list[int]:
+        """Their numbers."""
+        return sorted(set(self.piece))
+
+    def frames(self, pieces: Sequence[int]) -> IntArray:
+        """The frames of some pieces, in order."""
+        return np.flatnonzero(np.isin(self.piece, pieces))
+
+    def read(self, images: Iterable[Image], network: Network, flags: int, every: int) -> None:
+        """Matches of all frames, and the markings that are found in keyframes."""
+        keys: list[int] = []
+        held: list[Image] = []
+
+        def look() -> None:
+            found = calibrate_from_images(self.object_segments, held, network, flags=flags, prior=self.prior)
+            for key, calibration in zip(keys, found, strict=True):
+                if calibration.solved is not None:
+                    labels = labels_of(calibration.solved.alone.evaluation)
+                    (self.seen if calibration.accepted else self.doubtful)[key] = _weighted(labels)
+            keys.clear()
+            held.clear()
+
+        for image, tied in tied_frames(images, every=every):
+            self.size = image.shape[1], image.shape[0]
+            self.piece.append(tied.piece)
+            for key, matches in tied.ties:
+                self.matches[key, tied.index] = thinned(matches.first, matches.second, self.size)
+            if tied.is_key or not tied.ties:  # what nothing ties must tell its camera by itself
+                keys.append(tied.index)
+                held.append(image)
+                if len(held) == IMAGES_AT_ONCE:
+                    look()
+        look()
+
+    def together(self, pieces: Sequence[int], lines: Mapping[int, Lines]) -> SequenceCalibration:
+        """All frames of some pieces, from the lines in some of them and from matches."""
+        frames = self.frames(pieces).tolist()
+        number = {t: k for k, t in enumerate(frames)}
+        found = [lines.get(t, ({}, {})) for t in frames]
+        return calibrate_sequence(
+            self.object_segments,
+            [pixels for pixels, _ in found],
+            self.size,
+            prior=self.prior,
+            loss=RobustLoss("cauchy", LOSS_SCALE * pixel_unit(self.size)),
+            trust_labels=True,
+            weights=[weights for _, weights in found],
+            matches={
+                (number[i], number[j]): both for (i, j), both in self.matches.items() if i in number and j in number
+            },
+        )
+
+    def join_the_others(self, groups: list[_Tripod]) -> None:
+        """Pieces that tell no place by themselves, with the tripod from which they show what was found in them."""
+        for tripod in groups:
+            others = [p for p in self.pieces if not any(p in group.pieces for group in groups)]
+            frames = set(self.frames(others).tolist())
+            doubtful = {t: lines for t, lines in self.doubtful.items() if t in frames}
+            if not doubtful:
+                return
+            pieces = sorted([*tripod.pieces, *{self.piece[t] for t in doubtful}])
+            calibration = self.together(pieces, {**self.seen, **doubtful})
+            members = self.frames(pieces)
+            accepted = calibration.accepted
+            fitting = [p for p in pieces if np.any(accepted[np.array(self.piece)[members] == p])]
+            if set(fitting) > set(tripod.pieces):
+                tripod.pieces, tripod.calibration = fitting, self.together(fitting, {**self.seen, **doubtful})
+
+    def lines_in(self, images: Iterable[Image], groups: Sequence[_Tripod]) -> dict[int, Lines]:
+        """The lines at the projected markings of every frame; groups lose pieces that show hardly any."""
+        cameras, markings = {}, []
+        for tripod in groups:
+            field = tripod.calibration.field
+            markings.append(Markings.of(self.object_segments if field is None else field))
+            for t, calibration in zip(self.frames(tripod.pieces).tolist(), tripod.calibration, strict=True):
+                cameras[t] = calibration, markings[-1]
+        lines: dict[int, Lines] = {}
+        count = np.zeros((2, 1 + max(self.piece, default=0)))  # of profiles with a line and of all, by piece
+        for t, image in enumerate(images):
+            if t not in cameras or cameras[t][0].camera is None:
+                continue
+            calibration, of_field = cameras.pop(t)
+            lines[t], profiles = _lines(image, calibration, of_field)
+            count[:, self.piece[t]] += sum(map(len, lines[t][0].values())), profiles
+        share = count[0] / np.maximum(count[1], 1.0)
+        for tripod in groups:
+            tripod.pieces = [p for p in tripod.pieces if share[p] >= LEAST_SHARE]
+        return lines
+
+    def finished(self, groups: Sequence[_Tripod], lines: Mapping[int, Lines]) -> VideoCalibration:
+        """All frames of every tripod, from the lines in all of them."""
+        tripod, number = np.full(len(self.piece), NO_TRIPOD), np.zeros(len(self.piece), dtype=np.intp)
+        calibrations: list[SequenceCalibration] = []
+        for group in groups:
+            if not group.pieces:
+                continue
+            frames = self.frames(group.pieces)
+            tripod[frames], number[frames] = len(calibrations), np.arange(len(frames))
+            calibrations.append(self.together(group.pieces, lines))
+        shots = [(frames[0], frames[-1] + 1) for p in self.pieces if len(frames := self.frames([p]))]
+        return VideoCalibration(
+            tuple(calibrations),
+            tuple(Shot(int(start), int(stop), int(tripod[start])) for start, stop in shots),
+            tripod,
+            number,
+        )
+
+
+def _weighted(labels: Lines) -> Lines:
+    """With weights as arguments have them: what a label counts, not what each of its pixels does."""
+    pixels, weights = labels
     return pixels, {label: len(weight) * weight for label, weight in weights.items()}
+
+
+def _lines(image: Image, calibration: Calibration, markings: Markings) -> tuple[Lines, int]:
+    """The lines near the projected markings of a frame, and the number of profiles in which they were searched."""
+    camera = calibration.camera
+    assert camera is not None
+    error = camera.focal_length * np.sqrt(np.max(np.diagonal(calibration.covariance)[:2]))  # of pan and tilt, pixels
+    search_range = np.clip(SIGMAS * error / pixel_unit(camera.image_size), SEARCH_RANGES[1], SEARCH_RANGES[0])
+    profiles = profiles_along(camera, markings)
+    offset = find_lines(image, profiles, float(search_range))
+    found = np.isfinite(offset)
+    xy, member = profiles.xy[found] + offset[found, None] * profiles.normal[found], profiles.member[found]
+    pixels = {markings.labels[k]: xy[member == k] for k in np.unique(member)}
+    weights = {label: np.full(len(xy), len(xy) / PROFILES_PER_SEGMENT) for label, xy in pixels.items()}
+    return (pixels, weights), len(profiles)

@@ -1,0 +1,141 @@
+"""What the calibration of a video returns: its frames, the shots that they belong to, and the tripods of these."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from dataclasses import field as attribute
+from typing import TYPE_CHECKING, Any, NamedTuple, overload
+
+import numpy as np
+
+from fieldcalib._types import IntArray
+from fieldcalib.assess.result import Calibration, Status
+from fieldcalib.assess.sequence import Basis, SequenceCalibration
+from fieldcalib.geometry.camera import Camera
+
+if TYPE_CHECKING:
+    import pandas
+
+VERSION = 1  # of `VideoCalibration.to_dict`
+NO_TRIPOD = -1
+
+
+class Shot(NamedTuple):
+    """Frames without a cut between them."""
+
+    start: int
+    """Its first frame."""
+    stop: int
+    """The first frame after it."""
+    tripod: int
+    """Index into `VideoCalibration.tripods`; -1 if its camera is not known."""
+
+
+@dataclass(frozen=True, eq=False)
+class VideoCalibration(Sequence[Calibration]):
+    """The calibrations of the frames of a video.
+
+    It is a sequence of `Calibration`, one for each frame, which are made when they are asked for.
+
+    Examples
+    --------
+    >>> nothing = VideoCalibration((), (Shot(0, 2, -1),), np.full(2, -1), np.zeros(2, dtype=int))
+    >>> len(nothing), nothing.cameras, str(nothing[1].status)
+    (2, [None, None], 'too few segments')
+    """
+
+    tripods: tuple[SequenceCalibration, ...]
+    """The frames of each tripod and what they share, the one with most frames first."""
+    shots: tuple[Shot, ...]
+    """In order; frames between them belong to none."""
+    tripod: IntArray = attribute(repr=False)
+    """Index of the tripod of each frame, (T,); -1 for none."""
+    number: IntArray = attribute(repr=False)
+    """Index of each frame among those of its tripod, (T,)."""
+
+    def __len__(self) -> int:
+        return len(self.tripod)
+
+    @overload
+    def __getitem__(self, index: int) -> Calibration: ...
+
+    @overload
+    def __getitem__(self, index: slice) -> tuple[Calibration, ...]: ...
+
+    def __getitem__(self, index: int | slice) -> Calibration | tuple[Calibration, ...]:
+        if isinstance(index, slice):
+            return tuple(self._frame(t) for t in range(len(self))[index])
+        return self._frame(range(len(self))[index])
+
+    def __iter__(self) -> Iterator[Calibration]:
+        return (self._frame(t) for t in range(len(self)))
+
+    def _frame(self, t: int) -> Calibration:
+        if self.tripod[t] == NO_TRIPOD:
+            return Calibration.without_camera(Status.TOO_FEW_SEGMENTS, "nothing in this shot tells the camera")
+        tripod: SequenceCalibration = self.tripods[self.tripod[t]]
+        return tripod[int(self.number[t])]
+
+    @property
+    def cameras(self) -> list[Camera | None]:
+        """Of the frames."""
+        return [frame.camera for frame in self]
+
+    @property
+    def basis(self) -> list[Basis]:
+        """What the camera of each frame rests on."""
+        of_tripods = [tripod.basis for tripod in self.tripods]
+        return [
+            Basis.NOTHING if tripod == NO_TRIPOD else of_tripods[tripod][number]
+            for tripod, number in zip(self.tripod.tolist(), self.number.tolist(), strict=True)
+        ]
+
+    def to_pandas(self) -> pandas.DataFrame:
+        """One row a frame: its shot and tripod, -1 for none, and the columns of `SequenceCalibration.to_pandas`.
+
+        Raises
+        ------
+        ImportError
+            Without pandas, ``pip install fieldcalib[pandas]``.
+        """
+        import pandas
+
+        shot = np.full(len(self), -1)
+        for index, one in enumerate(self.shots):
+            shot[one.start : one.stop] = index
+        table = pandas.DataFrame({"shot": shot, "tripod": self.tripod})
+        parts = []
+        for index, tripod in enumerate(self.tripods):
+            frames = np.flatnonzero(self.tripod == index)
+            part = tripod.to_pandas().iloc[self.number[frames]]
+            parts.append(part.set_index(frames))
+        return table.join(pandas.concat(parts)) if parts else table
+
+    def to_dict(self) -> dict[str, Any]:
+        """Everything, for `json.dumps`."""
+        return {
+            "version": VERSION,
+            "tripods": [tripod.to_dict() for tripod in self.tripods],
+            "shots": [list(shot) for shot in self.shots],
+            "tripod": self.tripod.tolist(),
+            "number": self.number.tolist(),
+        }
+
+    @classmethod
+    def from_dict(cls, record: Mapping[str, Any]) -> VideoCalibration:
+        """The inverse of `to_dict`.
+
+        Raises
+        ------
+        ValueError
+            If the record is of another version.
+        """
+        if record.get("version") != VERSION:
+            raise ValueError(f"expected a video of version {VERSION}, got {record.get('version')!r}")
+        return cls(
+            tuple(SequenceCalibration.from_dict(tripod) for tripod in record["tripods"]),
+            tuple(Shot(*shot) for shot in record["shots"]),
+            np.array(record["tripod"], dtype=np.intp),
+            np.array(record["number"], dtype=np.intp),
+        )
