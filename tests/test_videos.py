@@ -218,7 +218,7 @@ def test_odd_sizes(tmp_path, size):
         for read in video:
             assert read.shape[1::-1] == even
             difference = read[: size[1], : size[0]].astype(float) - image
-            assert np.abs(difference).mean() < 4.0  # of 255
+            assert np.abs(difference).mean() < 2.5  # of 255; a wrong conversion of colours is off by 5
             assert read[-1].mean() > image[-1].mean() - 6.0  # no black border
             assert read[:, -1].mean() > image[:, -1].mean() - 6.0
 
