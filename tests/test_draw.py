@@ -81,6 +81,23 @@ def test_lines_are_drawn_at_fractions_of_a_pixel():
         assert column @ np.arange(SIZE[1]) / column.sum() == pytest.approx(overhead.project([0, y, 0])[1], abs=0.15)
 
 
+@pytest.mark.parametrize("thickness", [1, 2, 3])
+def test_lines_follow_a_slow_pan_without_jumps(thickness):
+    """By 0.03 px a frame; a line that is drawn at whole pixels would stand still and then jump by one."""
+    middle_line = {"Middle line": FIELD["Middle line"]}
+    off = []
+    for step in range(40):
+        slow = camera(5 + 0.001 * step, 78, 1800, (0, 70, -18))
+        drawn = draw_field(black(), slow, middle_line, colour=RED, thickness=thickness)[250:400, :, 2].astype(float)
+        rows = np.arange(250, 400)
+        columns = drawn @ np.arange(SIZE[0]) / drawn.sum(axis=1)
+        line = slow.project(FIELD["Middle line"].sample(0.05))
+        order = np.argsort(line[:, 1])
+        off.append(columns - np.interp(rows, line[order, 1], line[order, 0]))
+    assert np.abs(np.median(off, axis=1)).max() < 0.05
+    assert np.abs(np.diff(off, axis=0)).max() < 0.2
+
+
 def test_the_border_cuts_markings_without_bending_them():
     large = Camera.from_angles(
         *BROADCAST.angles, BROADCAST.focal_length, BROADCAST.C, (1160, 740), BROADCAST.principal_point + 100.0
@@ -255,6 +272,22 @@ def test_the_map_shows_a_camera_on_it_and_the_way_to_one_beyond():
         white = np.all(beyond == 255, axis=-1)
         assert white[edge].sum() > 20
         assert white.sum() == white[edge].sum()
+
+
+def test_the_map_follows_a_slow_pan_without_jumps():
+    """What the camera sees moves by up to 0.15 px a frame; without smooth edges pixels would change by 90 at once."""
+    maps = [draw_minimap(camera(-20 + 0.02 * step, 78, 1800, (0, 70, -18)), FIELD) for step in range(30)]
+    light = np.mean(maps, axis=-1)
+    assert np.ptp(light, axis=0).max() > 60.0
+    assert np.abs(np.diff(light, axis=0)).max() < 20.0
+
+
+def test_a_map_is_not_drawn_over_the_one_before():
+    first = draw_minimap(BROADCAST, FIELD)
+    kept = first.copy()
+    draw_minimap(camera(30, 78, 1800, (0, 70, -18)), FIELD)[:] = 0
+    assert np.array_equal(first, kept)
+    assert np.array_equal(draw_minimap(BROADCAST, FIELD), kept)
 
 
 def test_wrong_size_of_the_map():

@@ -100,18 +100,30 @@ def test_a_video_with_too_many_pixels(tmp_path):
 # --- writing ---
 
 
+@pytest.fixture(params=["PyAV", "OpenCV"])
+def encoder(request, monkeypatch):
+    """What videos are written by: OpenCV where there is no PyAV."""
+    if request.param == "PyAV":
+        import av  # noqa: F401
+    else:
+        monkeypatch.setitem(sys.modules, "av", None)
+    return request.param
+
+
 def write_video(path, images):
     with VideoWriter(path, 25.0) as video:
         for image in images:
             video.write(image)
 
 
+@pytest.mark.usefixtures("encoder")
 def test_what_was_written_is_there(tmp_path):
     write_video(tmp_path / "a.mp4", pictures(5))
     assert announced_read_and_lost(tmp_path / "a.mp4") == (5, 5, 0)
     assert list(tmp_path.iterdir()) == [tmp_path / "a.mp4"]
 
 
+@pytest.mark.usefixtures("encoder")
 def test_images_of_another_size_are_not_left_out(tmp_path):
     write_video(tmp_path / "a.mp4", [*pictures(2), *pictures(1, (80, 50)), *pictures(1, (50, 80))])
     with VideoReader(tmp_path / "a.mp4") as video:
@@ -119,6 +131,7 @@ def test_images_of_another_size_are_not_left_out(tmp_path):
 
 
 @pytest.mark.skipif(sys.platform == "win32", reason="needs POSIX limits")
+@pytest.mark.usefixtures("encoder")
 def test_a_full_disk_is_an_error(tmp_path, capfd):
     import resource
 
@@ -133,6 +146,7 @@ def test_a_full_disk_is_an_error(tmp_path, capfd):
     assert {path.name: path.read_bytes() for path in tmp_path.iterdir()} == {"a.mp4": b"of an earlier run"}
 
 
+@pytest.mark.usefixtures("encoder")
 def test_links_are_not_followed(tmp_path):
     """Neither that of the video nor one of a name that the unfinished one might have."""
     outside, out = tmp_path / "outside", tmp_path / "out"
@@ -145,6 +159,7 @@ def test_links_are_not_followed(tmp_path):
     assert announced_read_and_lost(out / "a.mp4") == (3, 3, 0)
 
 
+@pytest.mark.usefixtures("encoder")
 def test_two_unfinished_videos_of_one_name_do_not_meet(tmp_path):
     with VideoWriter(tmp_path / "a.mp4", 25.0) as first, VideoWriter(tmp_path / "a.mp4", 25.0) as second:
         for picture in pictures(4):
@@ -153,6 +168,7 @@ def test_two_unfinished_videos_of_one_name_do_not_meet(tmp_path):
     assert announced_read_and_lost(tmp_path / "a.mp4") == (4, 4, 0)
 
 
+@pytest.mark.usefixtures("encoder")
 def test_an_interrupted_video_leaves_nothing(tmp_path):
     def interrupted():
         yield from pictures(2)
@@ -161,3 +177,59 @@ def test_an_interrupted_video_leaves_nothing(tmp_path):
     with pytest.raises(KeyboardInterrupt):
         write_video(tmp_path / "a.mp4", interrupted())
     assert list(tmp_path.iterdir()) == []
+
+
+def codec_of(path):
+    capture = cv2.VideoCapture(str(path))
+    code = int(capture.get(cv2.CAP_PROP_FOURCC)).to_bytes(4, "little").decode()
+    capture.release()
+    return code
+
+
+def test_what_browsers_play(tmp_path, encoder, capfd):
+    """Silently, whatever OpenCV and FFmpeg have to say about encoders that they do not have."""
+    with VideoWriter(tmp_path / "a.mp4", 30000 / 1001) as video:
+        assert video.note == ""
+        video.write(pictures(1)[0])
+    if codec_of(tmp_path / "a.mp4") == "h264":
+        assert video.note == ""
+    else:
+        assert (encoder, codec_of(tmp_path / "a.mp4")) == ("OpenCV", "FMP4")
+        assert video.note.startswith("is MPEG-4 part 2, which browsers do not play: pip install 'fieldcalib[video]'")
+    with VideoReader(tmp_path / "a.mp4") as written:
+        assert written.frames_per_second == pytest.approx(30000 / 1001, abs=1e-3)
+    content = (tmp_path / "a.mp4").read_bytes()
+    assert encoder == "OpenCV" or content.index(b"moov") < content.index(b"mdat")  # plays while it loads
+    assert capfd.readouterr() == ("", "")
+
+
+def smooth(size, colour=(0.0, 0.0, 0.0)):
+    x, y = (np.linspace(0.0, 1.0, length) for length in size)
+    return (60.0 + 60.0 * x[None, :, None] + 60.0 * y[:, None, None] + np.array(colour)).astype(np.uint8)
+
+
+@pytest.mark.usefixtures("encoder")
+@pytest.mark.parametrize("size", [(160, 90), (161, 90), (160, 91), (161, 91)])
+def test_odd_sizes(tmp_path, size):
+    image = smooth(size, (40.0, 0.0, -40.0))
+    write_video(tmp_path / "a.mp4", [image] * 3)
+    even = tuple(length + length % 2 for length in size)
+    with VideoReader(tmp_path / "a.mp4") as video:
+        for read in video:
+            assert read.shape[1::-1] == even
+            difference = read[: size[1], : size[0]].astype(float) - image
+            assert np.abs(difference).mean() < 2.5  # of 255; a wrong conversion of colours is off by 5
+            assert read[-1].mean() > image[-1].mean() - 6.0  # no black border
+            assert read[:, -1].mean() > image[:, -1].mean() - 6.0
+
+
+def test_an_opencv_that_has_h264(tmp_path, monkeypatch):
+    """VP9 stands for it here, which every build of OpenCV writes."""
+    monkeypatch.setitem(sys.modules, "av", None)
+    monkeypatch.setattr("fieldcalib.io.encoders.H264", "vp09")
+    with VideoWriter(tmp_path / "a.mp4", 25.0) as video:
+        video.write(smooth((161, 91)))
+    assert video.note == ""
+    assert codec_of(tmp_path / "a.mp4").lower() == "vp90"
+    with VideoReader(tmp_path / "a.mp4") as written:
+        assert [image.shape for image in written] == [(92, 162, 3)]

@@ -15,6 +15,7 @@ import numpy as np
 from fieldcalib._types import Array, BoolArray
 from fieldcalib.assess.result import Calibration
 from fieldcalib.calibrate.from_segments import calibrate_batch
+from fieldcalib.draw.contact_sheet import contact_sheet
 from fieldcalib.draw.overlays import add_minimap, draw_field, draw_segments
 from fieldcalib.draw.scene import render_field
 from fieldcalib.fields.field import Field
@@ -31,8 +32,8 @@ from fieldcalib.problem.labelled_pixels import Pixels
 IMAGE_SIZE = (960, 540)
 PIXELS_PER_CIRCLE = 9
 SHORTEST_SEGMENT = 15.0  # px: what shows less in the image is not labelled
-BACKGROUND = (30, 27, 25)  # of the overview
-COLUMNS = 3
+TITLE = "fieldcalib: one pan, every frame on its own"
+LEGEND = "dots: labelled pixels    magenta: the markings as calibrated from them    inset: what the camera sees"
 
 
 @dataclass(frozen=True)
@@ -94,13 +95,14 @@ def run_demo(out: Path, *, count: int = 12, noise: float = 1.0, seed: int = 0) -
     annotations = out / "annotations"
     annotations.mkdir(parents=True, exist_ok=True)
     names = [f"{index:02d}" for index in range(count)]
-    tiles = []
-    for name, truth, frame, found, error in zip(names, truths, frames, calibrations, errors, strict=True):
+    pictures = []
+    for name, truth, frame, found in zip(names, truths, frames, calibrations, strict=True):
         rendered = render_field(truth, field, rng=np.random.default_rng(seed))  # the same crowd in every frame
         write_image(out / f"frame_{name}.png", _picture(rendered, field, frame, found, names=True))
         write_text(annotations / f"{name}.json", format_annotation(frame, IMAGE_SIZE) + "\n")
-        tiles.append(_tile(_picture(rendered, field, frame, found, names=False), name, truth, error))
-    write_image(out / "overview.png", _contact_sheet(tiles))
+        pictures.append(_picture(rendered, field, frame, found, names=False))
+    captions = [_caption(name, truth, error) for name, truth, error in zip(names, truths, errors, strict=True)]
+    write_image(out / "overview.png", contact_sheet(pictures, captions, title=TITLE, legend=LEGEND))
     records = {name: camera_to_record(truth) for name, truth in zip(names, truths, strict=True)}
     write_text(out / "true_cameras.json", json.dumps(records, indent=1) + "\n")
     print(f"\nPictures, annotations and the true cameras are in {out}; overview.png shows them all.")
@@ -234,32 +236,7 @@ def _picture(rendered: Image, field: Field, frame: Pixels, found: Calibration, *
     )
 
 
-def _tile(picture: Image, name: str, truth: Camera, error: CameraErrors) -> Image:
-    """A picture at half its size, with a line of text below."""
-    import cv2
-
-    width, height = IMAGE_SIZE[0] // 2, IMAGE_SIZE[1] // 2
-    tile = np.full((height + 30, width, 3), BACKGROUND, np.uint8)
-    tile[:height] = cv2.resize(picture, (width, height), interpolation=cv2.INTER_AREA)
+def _caption(name: str, truth: Camera, error: CameraErrors) -> str:
+    """A line of text below a picture."""
     pan = np.degrees(truth.angles[0])
-    text = f"{name}   pan {pan:+.0f} deg   f {truth.focal_length:.0f} px   worst error {error.reprojection:.1f} px"
-    cv2.putText(tile, text, (2, height + 20), cv2.FONT_HERSHEY_SIMPLEX, 0.45, (205, 205, 205), 1, cv2.LINE_AA)
-    return tile
-
-
-def _contact_sheet(tiles: Sequence[Image]) -> Image:
-    """All tiles in rows, under a title."""
-    import cv2
-
-    gap, top = 14, 76
-    height, width, _ = tiles[0].shape
-    rows = -(-len(tiles) // COLUMNS)
-    sheet = np.full((top + rows * (height + gap), gap + COLUMNS * (width + gap), 3), BACKGROUND, np.uint8)
-    for index, tile in enumerate(tiles):
-        y, x = top + (index // COLUMNS) * (height + gap), gap + (index % COLUMNS) * (width + gap)
-        sheet[y : y + height, x : x + width] = tile
-    font, white, grey = cv2.FONT_HERSHEY_SIMPLEX, (245, 245, 245), (170, 170, 170)
-    cv2.putText(sheet, "fieldcalib: one pan, every frame on its own", (gap, 34), font, 0.8, white, 1, cv2.LINE_AA)
-    legend = "dots: labelled pixels    magenta: the markings as calibrated from them    inset: what the camera sees"
-    cv2.putText(sheet, legend, (gap, 60), font, 0.45, grey, 1, cv2.LINE_AA)
-    return sheet
+    return f"{name}   pan {pan:+.0f} deg   f {truth.focal_length:.0f} px   worst error {error.reprojection:.1f} px"

@@ -1,8 +1,10 @@
-"""Pictures: markings and labelled pixels drawn onto an image, and the field from above.
+"""Pictures: markings and labelled pixels drawn onto an image, the field from above, and clips at one glance.
 
 Images are OpenCV's: uint8, (height, width, 3), blue, green, red. Every function returns a new image.
 """
 
+from fieldcalib.draw.clip_plot import plot_sequence
+from fieldcalib.draw.contact_sheet import contact_sheet, worst_frames
 from fieldcalib.draw.overlays import (
     add_minimap,
     draw_calibration,
@@ -15,10 +17,13 @@ from fieldcalib.draw.scene import render_field
 
 __all__ = [
     "add_minimap",
+    "contact_sheet",
     "draw_calibration",
     "draw_field",
     "draw_minimap",
     "draw_segments",
     "label_colour",
+    "plot_sequence",
     "render_field",
+    "worst_frames",
 ]

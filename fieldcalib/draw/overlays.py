@@ -5,6 +5,7 @@ Images are OpenCV's: uint8, (height, width, 3), blue, green, red. Every function
 
 from __future__ import annotations
 
+from functools import lru_cache
 from zlib import crc32
 
 import numpy as np
@@ -15,6 +16,7 @@ from fieldcalib.draw.scene import (
     SHIFT,
     WHITE,
     Colour,
+    Float32,
     Ground,
     fixed_point,
     grass,
@@ -194,16 +196,8 @@ def draw_minimap(camera: Camera | RationalCamera, field: Field, *, size: tuple[i
     """
     if not isinstance(field, Field):
         raise ValueError(f"expected a Field, whose length and width are known, got {type(field).__name__}")
-    width, height = checked_image_size(size)
-    scale = min(width / (field.length + 2.0 * MAP_MARGIN), height / (field.width + 2.0 * MAP_MARGIN))
-    above = 100.0  # m; the map does not depend on it
-    middle = ((width - 1) / 2.0, (height - 1) / 2.0)
-    overhead = Camera.from_angles(0.0, 0.0, 0.0, scale * above, (0.0, 0.0, -above), (width, height), middle)
-    ground = Ground.of_rays(overhead, rays(overhead))
-    picture = grass(ground, field)
-    mix(picture, WHITE, 0.9 * painted(ground, field, line_width=1.3 / scale))
-
-    X = np.stack([*ground.xy, np.zeros((height, width))], axis=-1)
+    overhead, X, empty = _map_of(field, checked_image_size(size))
+    picture = empty.copy()
     centre = (np.array(camera.image_size) - 1.0) / 2.0
     inside = np.min(centre + 0.5 - np.abs(camera.project(X) - centre), axis=-1)  # px to the image's border, < 0 outside
     inside = np.maximum(inside, -centre[0])  # it is not linear far outside, below the camera
@@ -217,6 +211,20 @@ def draw_minimap(camera: Camera | RationalCamera, field: Field, *, size: tuple[i
     result = to_uint8(picture)
     _mark_camera(result, overhead.project(camera.C * (1.0, 1.0, 0.0)), overhead.principal_point)
     return result
+
+
+@lru_cache(maxsize=4)  # it takes longer than to draw what a camera sees, and is the same in every frame of a video
+def _map_of(field: Field, size: tuple[int, int]) -> tuple[Camera, Array, Float32]:
+    """A camera high above a field, the ground points of its pixels (height, width, 3), and its colours (3, ...)."""
+    width, height = size
+    scale = min(width / (field.length + 2.0 * MAP_MARGIN), height / (field.width + 2.0 * MAP_MARGIN))
+    above = 100.0  # m; the map does not depend on it
+    middle = ((width - 1) / 2.0, (height - 1) / 2.0)
+    overhead = Camera.from_angles(0.0, 0.0, 0.0, scale * above, (0.0, 0.0, -above), size, middle)
+    ground = Ground.of_rays(overhead, rays(overhead))
+    picture = grass(ground, field)
+    mix(picture, WHITE, 0.9 * painted(ground, field, line_width=1.3 / scale))
+    return overhead, np.stack([*ground.xy, np.zeros((height, width))], axis=-1), picture
 
 
 def draw_calibration(image: Image, calibration: Calibration, field: Field) -> Image:

@@ -10,11 +10,12 @@ from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager
 from pathlib import Path
 from types import TracebackType
-from typing import Any, Self
+from typing import Self
 
 import numpy as np
 
 from fieldcalib._types import Array
+from fieldcalib.io.encoders import Encoder, open_encoder
 from fieldcalib.io.files import BrokenFileError, replacement
 from fieldcalib.io.image import Image
 from fieldcalib.io.images import MOST_PIXELS, check_pixels
@@ -136,16 +137,22 @@ def _environment(name: str, value: str) -> Iterator[None]:
 class VideoWriter:
     """An MP4 of images, whole or not at all; a context manager. Images of another size than the first are resized.
 
+    It is compressed by the best that is installed (`fieldcalib.io.encoders`). Codecs have one colour for 2 x 2 pixels:
+    where the images have an odd number of rows or columns, the last one is repeated.
+
     Raises
     ------
     OSError
-        At the end, if not every image is in the file: OpenCV does not say that the disk is full.
+        At the end, if not every image is in the file, as when the disk is full.
     """
+
+    note: str = ""
+    """What to know about the file, to be said after its name; empty if nothing, and until there is an image."""
 
     def __init__(self, path: Path, frames_per_second: float) -> None:
         self._path, self._frames_per_second = path, frames_per_second
         self._replacement = ExitStack()
-        self._writer: Any = None
+        self._encoder: Encoder | None = None
         self._size = (0, 0)
         self._written = 0
 
@@ -162,28 +169,29 @@ class VideoWriter:
         """
         import cv2
 
-        size = (image.shape[1], image.shape[0])
-        if self._writer is None:
+        if self._encoder is None:
             handle, self._unfinished = self._replacement.enter_context(replacement(self._path))
             os.close(handle)
-            code = cv2.VideoWriter.fourcc(*"mp4v")  # the only codec for MP4 that every build of OpenCV has
-            self._size = size
-            self._writer = cv2.VideoWriter(str(self._unfinished), code, self._frames_per_second, size)
-            if not self._writer.isOpened():
-                raise OSError(f"{self._path}: OpenCV cannot write an MP4 there")
-        self._writer.write(image if size == self._size else cv2.resize(image, self._size))
+            self._size = (image.shape[1], image.shape[0])
+            width, height = (length + length % 2 for length in self._size)
+            try:
+                self._encoder = open_encoder(self._unfinished, self._frames_per_second, (width, height))
+            except OSError as error:
+                raise OSError(f"{self._path}: {error}") from None
+            self.note = self._encoder.note
+        sized = image if image.shape[1::-1] == self._size else np.asarray(cv2.resize(image, self._size), np.uint8)
+        self._encoder.write(np.pad(sized, ((0, self._size[1] % 2), (0, self._size[0] % 2), (0, 0)), mode="edge"))
         self._written += 1
 
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, traceback: TracebackType | None
     ) -> None:
-        if self._writer is None:
-            return
-        self._writer.release()
+        if self._encoder is not None:
+            self._encoder.close()
         if error is not None:
             self._replacement.__exit__(kind, error, traceback)
             return
         with self._replacement:
-            found = count_frames(self._unfinished)
+            found = count_frames(self._unfinished) if self._written else 0
             if found != self._written:
                 raise OSError(f"{self._path}: {found} of {self._written} frames were written: is the disk full?")

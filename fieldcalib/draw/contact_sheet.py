@@ -1,0 +1,148 @@
+"""Many frames of a clip at one glance, and which of them to look at."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from fieldcalib.assess.probability import largest_error
+from fieldcalib.assess.result import Calibration
+from fieldcalib.draw.scene import Colour
+from fieldcalib.io.image import Image, checked_image
+
+BACKGROUND: Colour = (30, 27, 25)
+CAPTION, TITLE, LEGEND = 0.45, 0.8, 0.45  # sizes of letters, of OpenCV's font
+GAP, CAPTION_HEIGHT, TITLE_HEIGHT, LEGEND_HEIGHT = 14, 30, 36, 26  # px
+
+
+def contact_sheet(
+    pictures: Sequence[Image],
+    captions: Sequence[str],
+    *,
+    columns: int = 3,
+    width: int = 480,
+    title: str = "",
+    legend: str = "",
+) -> Image:
+    """Reduced pictures in rows, each with its caption below.
+
+    Parameters
+    ----------
+    pictures : sequence of (height, width, 3) uint8 arrays
+        In OpenCV's order: blue, green, red. Each is fitted into a tile of the shape of the first one.
+    captions : sequence of str
+        A line for each; what is too long for its tile is cut off.
+    columns : int
+        Tiles in a row.
+    width : int
+        Of a tile, pixels.
+    title, legend : str
+        Lines above the tiles.
+
+    Returns
+    -------
+    (..., ..., 3) uint8 array
+
+    Raises
+    ------
+    ValueError
+        If there is no picture, captions are more or fewer, or a picture is not uint8 or has no three channels.
+
+    Examples
+    --------
+    >>> frame = np.zeros((540, 960, 3), np.uint8)
+    >>> contact_sheet([frame] * 4, ["frame 0", "frame 7", "frame 12", "frame 15"], columns=2).shape
+    (642, 1002, 3)
+    """
+    import cv2
+
+    if not len(pictures) or len(pictures) != len(captions):
+        raise ValueError(f"expected pictures with a caption each, got {len(pictures)} and {len(captions)} captions")
+    if columns < 1 or width < 1:
+        raise ValueError(f"columns and width must be positive, got {columns} and {width}")
+    columns = min(columns, len(pictures))
+    first = checked_image(pictures[0])
+    height = max(round(width * first.shape[0] / first.shape[1]), 1)
+    top = GAP + TITLE_HEIGHT * bool(title) + LEGEND_HEIGHT * bool(legend)
+    step = np.array([height + CAPTION_HEIGHT + GAP, width + GAP])
+    rows = -(-len(pictures) // columns)
+    sheet = np.full((*(np.array([top, GAP]) + step * (rows, columns)), 3), BACKGROUND, np.uint8)
+    _write(sheet, title, (GAP, 34), TITLE, (245, 245, 245))
+    _write(sheet, legend, (GAP, top - GAP - 2), LEGEND, (170, 170, 170))
+    for index, (picture, caption) in enumerate(zip(pictures, captions, strict=True)):
+        y, x = np.array([top, GAP]) + step * divmod(index, columns)
+        picture = checked_image(picture)
+        scale = min(width / picture.shape[1], height / picture.shape[0])
+        size = max(round(scale * picture.shape[1]), 1), max(round(scale * picture.shape[0]), 1)
+        tile = cv2.resize(picture, size, interpolation=cv2.INTER_AREA)
+        left, above = x + (width - size[0]) // 2, y + (height - size[1]) // 2
+        sheet[above : above + size[1], left : left + size[0]] = tile
+        _write(sheet[:, : x + width], caption, (x + 2, y + height + 20), CAPTION, (205, 205, 205))
+    return sheet
+
+
+def worst_frames(calibrations: Sequence[Calibration | None], count: int = 12) -> list[int]:
+    """The frames of a clip to look at first, worst first.
+
+    Frames without camera come first, then those whose camera is not accepted, then by the largest error that is
+    expected in the part of the field in view (`fieldcalib.assess.probability.largest_error`). Neighbours of a frame
+    that was chosen wait until no others are left, so that one bad moment does not take all places; frames that are
+    equally bad are chosen all over the clip.
+
+    Parameters
+    ----------
+    calibrations : sequence of Calibration or None
+        Of the frames in their order, e.g. a `SequenceCalibration`; None is a frame without camera.
+    count : int
+        How many to choose; all, if there are no more.
+
+    Returns
+    -------
+    list of int
+        Indices into `calibrations`.
+
+    Raises
+    ------
+    ValueError
+        If `count` is negative.
+
+    Examples
+    --------
+    >>> from fieldcalib import Status
+    >>> nothing = Calibration.without_camera(Status.TOO_FEW_SEGMENTS, "no labelled pixels")
+    >>> worst_frames([nothing] * 100, 5)
+    [0, 64, 32, 96, 16]
+    """
+    if count < 0:
+        raise ValueError(f"count must not be negative, got {count}")
+    bits = len(calibrations).bit_length()
+    order = sorted(range(len(calibrations)), key=lambda index: f"{index:0{bits}b}"[::-1])  # halves, quarters, ...
+    left = sorted(order, key=lambda index: _rank(calibrations[index]))
+    count = min(count, len(left))
+    apart = len(left) // max(2 * count, 1)
+    chosen: list[int] = []
+    while len(chosen) < count:
+        for index in left:
+            if len(chosen) < count and all(abs(index - other) >= apart for other in chosen):
+                chosen.append(index)
+        left = [index for index in left if index not in chosen]
+        apart //= 2
+    return chosen
+
+
+def _rank(calibration: Calibration | None) -> tuple[int, float]:
+    """Small for what is bad."""
+    if calibration is None or calibration.camera is None:
+        return 0, 0.0
+    error = np.nan
+    if calibration.solved is not None and calibration.field is not None:
+        error = largest_error(calibration.uncertainty, calibration.field)
+    return (2 if calibration.accepted else 1), -float(np.nan_to_num(error, nan=np.inf))
+
+
+def _write(picture: Image, text: str, place: tuple[int, int], size: float, colour: Colour) -> None:
+    """Text on a base line."""
+    import cv2
+
+    cv2.putText(picture, text, place, cv2.FONT_HERSHEY_SIMPLEX, size, colour, 1, cv2.LINE_AA)

@@ -1,0 +1,171 @@
+"""The plot of a clip: curves where the values are, gaps where there is no camera, bands as wide as the errors."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from fieldcalib import Camera, Status, calibrate_batch, soccer
+from fieldcalib.assess.result import Calibration
+from fieldcalib.draw.clip_plot import (
+    BAND,
+    FIGURE,
+    GAP,
+    LEFT,
+    LINE,
+    NO_CAMERA,
+    PANEL,
+    REJECTED_LINE,
+    RIGHT,
+    STRIP,
+    STRIP_COLOURS,
+    TOP,
+    Curve,
+    nice_ticks,
+    plot_sequence,
+    tick_label,
+    value_range,
+)
+
+FIELD = soccer()
+COUNT = 20
+NOTHING = Calibration.without_camera(Status.TOO_FEW_SEGMENTS, "no labelled pixels")
+LABELS = ("Side line top", "Side line right", "Big rect. right main", "Big rect. right top")
+
+
+@pytest.fixture(scope="module")
+def calibrations():
+    """A pan at constant speed."""
+    rng = np.random.default_rng(0)
+    frames = []
+    for pan in np.linspace(0.2, 0.4, COUNT):
+        camera = Camera.from_angles(pan, 1.35, 0.0, 1400.0, (1.0, 65.0, -16.0), (960, 540))
+        frame = {label: camera.project(FIELD[label].sample(5.0)) for label in LABELS}
+        frames.append({label: xy + rng.normal(0.0, 0.3, xy.shape) for label, xy in frame.items()})
+    found = list(calibrate_batch(soccer(size_known=True), frames, (960, 540)))
+    assert all(calibration.accepted for calibration in found)
+    return found
+
+
+def near(picture, colour, tolerance=12):
+    return np.all(np.abs(picture.astype(int) - colour) <= tolerance, axis=-1)
+
+
+def column(frame, count=COUNT):
+    """In the middle of a frame."""
+    return round(LEFT + (frame + 0.5) / count * (FIGURE[0] - LEFT - RIGHT))
+
+
+PAN = slice(TOP + STRIP + GAP, TOP + STRIP + GAP + 110)
+PANELS = slice(TOP + STRIP + GAP, FIGURE[1] - 60)
+
+
+def test_a_pan_at_constant_speed_is_a_straight_line(calibrations):
+    picture = plot_sequence(calibrations)
+    drawn = near(picture[PAN], LINE, 60)
+    columns = np.arange(column(1), column(COUNT - 2))
+    rows = np.array([np.flatnonzero(drawn[:, x]).mean() for x in columns])
+    pan = np.array([calibration.camera.angles[0] for calibration in calibrations[1:-1]])
+    share = (rows[0] - rows[[column(i) - column(1) for i in range(1, COUNT - 2)]]) / (rows[0] - rows[-1])
+    np.testing.assert_allclose(share, ((pan - pan[0]) / (pan[-1] - pan[0]))[:-1], atol=0.03)
+    assert rows[-1] < rows[0]  # more is up
+
+
+def test_bands_hold_95_percent(calibrations):
+    """The band of the height of the centre, whose panel it fills: its share of the panel against the marks."""
+    picture = plot_sequence(calibrations)
+    x = column(10)
+    rows = np.flatnonzero(near(picture[-170:-60, x], BAND) | near(picture[-170:-60, x], LINE, 60))
+    one = calibrations[10].uncertainty
+    expected = 2.0 * one.radius() * np.sqrt(one.covariance[6, 6])
+    values = np.array([calibration.camera.C[2] for calibration in calibrations])
+    half = np.array([c.uncertainty.radius() * np.sqrt(c.uncertainty.covariance[6, 6]) for c in calibrations])
+    low, high = value_range(Curve("", "", values, values - half, values + half), np.ones(COUNT, bool))
+    height = (FIGURE[1] - (TOP + STRIP + GAP) - 48 + GAP) / 7 - GAP
+    assert np.ptp(rows) / height * (high - low) == pytest.approx(expected, rel=0.05)
+
+
+def test_frames_without_camera_are_gaps(calibrations):
+    with_gaps = [*calibrations[:5], None, NOTHING, *calibrations[7:12], None, *calibrations[13:]]
+    picture = plot_sequence(with_gaps)
+    for frame, calibration in enumerate(with_gaps):
+        drawn = near(picture[PANELS, column(frame)], LINE, 60).any()
+        assert drawn == (calibration is not None and calibration.camera is not None)
+        strip = picture[TOP + STRIP // 2, column(frame)]
+        assert tuple(strip) == (STRIP_COLOURS["accepted"] if drawn else NO_CAMERA)
+
+
+def test_a_frame_alone_between_gaps_is_seen(calibrations):
+    picture = plot_sequence([None] * 10 + calibrations[:1] + [None] * 9)
+    assert near(picture[PANELS, column(10)], LINE, 60).sum() >= 7
+    assert not near(picture[PANELS, column(9)], LINE, 60).any()
+
+
+def test_rejected_cameras_are_red_and_do_not_scale_the_panels(calibrations):
+    far = Camera.from_angles(1.0, 0.7, 0.5, 9000.0, (300.0, 500.0, -200.0), (960, 540))
+    wrong = replace(calibrations[8], camera=far, status=Status.IMPLAUSIBLE, solved=None)
+    picture = plot_sequence([*calibrations[:8], wrong, *calibrations[9:]])
+    assert near(picture[PANELS, column(8)], REJECTED_LINE).any()
+    assert not near(picture[PANELS, column(8)], LINE, 60).any()
+    others = np.r_[LEFT : column(7), column(9) : FIGURE[0] - RIGHT]
+    with_none = plot_sequence([*calibrations[:8], None, *calibrations[9:]])
+    np.testing.assert_array_equal(picture[PANELS, others], with_none[PANELS, others])
+
+
+def test_what_frames_rest_on(calibrations):
+    words = ["lines"] * 8 + ["matches"] * 6 + ["interpolated"] * 5 + [None]
+    picture = plot_sequence([*calibrations[:-1], None], rests_on=words)
+    for frame, word in enumerate(words):
+        assert tuple(picture[TOP + STRIP // 2, column(frame)]) == STRIP_COLOURS[word or "no camera"]
+    with pytest.raises(ValueError, match=r"rests_on must be one of lines, matches, interpolated, or None, got 'guess'"):
+        plot_sequence(calibrations, rests_on=["guess"] * COUNT)
+    with pytest.raises(ValueError, match="rests_on must be of 20 frames as the calibrations, got 3"):
+        plot_sequence(calibrations, rests_on=["lines"] * 3)
+
+
+def test_labels_that_leave_the_camera_open():
+    """Infinite errors fill the panels, and nothing else happens."""
+    camera = Camera.from_angles(0.2, 1.35, 0.0, 1400.0, (1.0, 65.0, -16.0), (960, 540))
+    frame = {label: camera.project(FIELD[label].sample(5.0)) for label in LABELS[:2]}
+    found = list(calibrate_batch(FIELD, [frame] * 3, (960, 540), prior=None))
+    open_to_labels = [replace(one, status=Status.ACCEPTED) for one in found]
+    assert np.isinf(open_to_labels[0].covariance).any()
+    assert near(plot_sequence(open_to_labels)[PANELS], BAND).any()
+
+
+@pytest.mark.parametrize("frames", [[None], [NOTHING] * 3])
+def test_no_camera_at_all(frames):
+    picture = plot_sequence(frames, frames_per_second=25.0)
+    assert picture.shape == (FIGURE[1], FIGURE[0], 3)
+    assert near(picture, PANEL).any()
+    assert not near(picture[PANELS], LINE).any()
+
+
+def test_wrong_input(calibrations):
+    with pytest.raises(ValueError, match="at least one frame, got none"):
+        plot_sequence([])
+    with pytest.raises(ValueError, match="frames_per_second must be positive, got 0"):
+        plot_sequence(calibrations, frames_per_second=0)
+
+
+def test_a_range_holds_all_but_what_lies_far_out():
+    rng = np.random.default_rng(0)
+    values = rng.normal(10.0, 1.0, 200)
+    unknown = np.full(200, np.nan)
+    everything = np.ones(200, bool)
+    low, high = value_range(Curve("", "", values, unknown, unknown), everything)
+    assert low < values.min() < values.max() < high < 20.0
+    values[50] = 1000.0
+    assert value_range(Curve("", "", values, unknown, unknown), everything)[1] < 20.0
+    constant = np.full(200, 3.0)
+    assert value_range(Curve("", "", constant, unknown, unknown), everything) == pytest.approx((2.42, 3.58))
+
+
+@pytest.mark.parametrize(("low", "high"), [(0.0, 1.0), (-3e-7, 2e-7), (12.3, 12.9), (-5e6, 1e3)])
+def test_ticks(low, high):
+    ticks = nice_ticks(low, high, 5)
+    assert 2 <= len(ticks) <= 6
+    assert low <= ticks[0] < ticks[-1] <= high
+    labels = [tick_label(tick, ticks) for tick in ticks]
+    assert len(set(labels)) == len(labels)
+    np.testing.assert_allclose([float(label) for label in labels], ticks, atol=1e-9 * (high - low))
