@@ -101,9 +101,9 @@ def whole_covariance(E: Array, F: Array, V: Array, layout: Layout) -> Array:
 
 
 def ground_errors(theta: Array, layout: Layout, errors: OwnErrors, V: Array, half: Array) -> Array:
-    """Root mean square error, metres, over the part of the field that each of B cameras sees, (B,).
+    """Root mean square error, metres, of the field that each of B cameras sees, (B,).
 
-    It is the mean over a grid of pixels that see the ground within `half` (2,) the length and the width of the field;
+    It is the median over a grid of pixels that see the ground within `half` (2,) the length and the width of the field;
     NaN where none does.
     """
     width, height = layout.image_size
@@ -131,6 +131,7 @@ def ground_errors(theta: Array, layout: Layout, errors: OwnErrors, V: Array, hal
     own = moved[..., np.searchsorted(names, np.flatnonzero(layout.free))]
     shared = moved[..., np.searchsorted(names, np.flatnonzero(layout.considered))] - own @ errors.following[:, None]
     squares = np.einsum("bnij,bjk,bnik->bn", own, errors.own, own) + np.einsum("bnij,jk,bnik->bn", shared, V, shared)
+    ordered = np.sort(np.where(seen, squares, np.inf), axis=1)
     count = np.sum(seen, axis=1)
-    with np.errstate(invalid="ignore"):
-        return np.asarray(np.sqrt(np.sum(np.where(seen, squares, 0.0), axis=1) / count))
+    middle = ordered[np.arange(len(theta)), np.maximum(count - 1, 0) // 2]
+    return np.where(count > 0, np.sqrt(middle), np.nan)

@@ -41,6 +41,7 @@ LUMA = np.array(
     [0.114, 0.587, 0.299], np.float32
 )  # of blue, green, red (Rec. 601): video has less resolution in colour
 LEAST_SIGNAL = 2.5  # times the median absolute deviation of the contrast in a profile; 5: 8 not accepted
+OTHER_COLOUR = 4.0  # times the median difference in colour from the ground is another thing: 0.99 of markings are below
 NOISE_WINDOW = 12.0  # px on both sides, at least, in which that deviation is measured; 6: 6 not accepted
 
 
@@ -170,7 +171,8 @@ def find_lines(image: Image, profiles: Profiles, search_range: float) -> Array:
     Notes
     -----
     A line is lighter (darker, if the field's `LineLook` says so) than the ground on both sides, and the ground has the
-    same colour on both sides. It is located at the largest contrast, which must exceed a threshold and the noise of the
+    same colour on both sides, which is about that beside most other markings: white letters on a board are no line. It
+    is located at the largest contrast, which must exceed a threshold and the noise of the
     profile, and most neighbouring profiles of the segment must show it at the same offset.
     """
     if not len(profiles):
@@ -188,8 +190,10 @@ def find_lines(image: Image, profiles: Profiles, search_range: float) -> Array:
     luma = LUMA if look.lighter else -LUMA
     contrast = line @ luma - np.maximum(one_side @ luma, other_side @ luma)
     offset = offset[:, FLANK + 1 : -FLANK - 1]
-    alike = np.max(np.abs(_chromaticity(one_side) - _chromaticity(other_side)), axis=-1) < look.ground_difference
-    allowed = (np.abs(offset) <= gate[:, None]) & (alike | ~profiles.on_ground[:, None])
+    sides = np.array([_chromaticity(one_side), _chromaticity(other_side)])
+    alike = np.max(np.abs(sides[0] - sides[1]), axis=-1) < look.ground_difference
+    is_ground = alike & _like_most(sides, profiles.on_ground, 2.0 * look.ground_difference)
+    allowed = (np.abs(offset) <= gate[:, None]) & (is_ground | ~profiles.on_ground[:, None])
 
     row = np.arange(len(profiles))
     best = np.argmax(np.where(allowed, contrast, -np.inf)[:, 1:-1], axis=1) + 1
@@ -202,6 +206,17 @@ def find_lines(image: Image, profiles: Profiles, search_range: float) -> Array:
     vertex = 0.5 * (after - before) / np.where(curvature > 0.0, curvature, 1.0)
     found = np.where(seen, offset[row, best] + vertex * spacing, np.nan)
     return np.where(_consistent(found, profiles.member, SAME_LINE * unit), found, np.nan)
+
+
+def _like_most(sides: Float32, on_ground: BoolArray, least: float) -> BoolArray:
+    """Which samples (n, m) have on both sides (2, n, m, 3) about the colour that most markings on the ground have."""
+    if not np.any(on_ground):
+        return np.ones(sides.shape[1:3], dtype=bool)
+    middle = sides[:, on_ground, sides.shape[2] // 2].reshape(-1, 3)
+    usual = np.median(middle, axis=0)
+    spread = np.median(np.max(np.abs(middle - usual), axis=1))
+    difference = np.max(np.abs(sides - usual.astype(np.float32)), axis=(0, 3))
+    return np.asarray(difference < max(OTHER_COLOUR * spread, least))
 
 
 def _strips(image: Image, profiles: Profiles, spacing: Array, half: int) -> tuple[Float32, Array]:
