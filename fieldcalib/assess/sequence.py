@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 from dataclasses import field as attribute
 from enum import StrEnum
 from typing import TYPE_CHECKING, Any, overload
@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from fieldcalib._json import from_json, to_json
 from fieldcalib._types import Array, BoolArray, Float32, IntArray
 from fieldcalib.assess.camera_errors import KnownErrors
-from fieldcalib.assess.own_errors import whole_covariance
+from fieldcalib.assess.own_errors import OwnErrors, ground_errors, whole_covariance
 from fieldcalib.assess.result import Calibration, Status, SuspectLabel
 from fieldcalib.fields.field import Field
 from fieldcalib.fields.records import field_from_record, field_to_record
@@ -27,6 +27,8 @@ if TYPE_CHECKING:
 
 VERSION = 2  # of `SequenceCalibration.to_dict`
 SURE = 0.5  # m: what is known of the field in view to no better than that is to be looked at
+LARGEST_ERROR = 1.0  # m over the field in view: frames that others tell are accepted up to that
+STEP = 1e-3  # radians, or of log f, by which a frame may be off an even motion, for each frame that is missing
 STATUSES = tuple(Status)
 
 
@@ -40,6 +42,8 @@ class Basis(StrEnum):
     MATCHES = "matches"
     """Static points that other frames see too."""
     BOTH = "lines and matches"
+    INTERPOLATED = "interpolation"
+    """The frames before and after it."""
 
 
 BASES = tuple(Basis)
@@ -116,7 +120,9 @@ class Frames:
     @classmethod
     def from_dict(cls, record: Mapping[str, Any]) -> Frames:
         """The inverse of `to_dict`."""
-        arrays: dict[str, Any] = {name: _from_record(value) for name, value in record.items() if isinstance(value, dict)}
+        arrays: dict[str, Any] = {
+            name: _from_record(value) for name, value in record.items() if isinstance(value, dict)
+        }
         suspects = {
             t: tuple(SuspectLabel(label, fits, float(from_json(error))) for label, fits, error in found)
             for t, found in record["suspects"]
@@ -203,6 +209,51 @@ class SequenceCalibration(Sequence[Calibration]):
             field=self.field,
             errors=errors,
         )
+
+    def interpolated(self, run: IntArray, longest: int) -> SequenceCalibration:
+        """With cameras for up to `longest` frames in a row that have none, between frames of the same run that have.
+
+        Parameters
+        ----------
+        run : (T,) int array
+            Frames with the same number follow one another.
+        """
+        frames = self.frames
+        has = np.isfinite(frames.theta).all(axis=1) & (frames.theta.shape[1] > 0)
+        known, missing = np.flatnonzero(has), np.flatnonzero(~has)
+        if not len(known) or not len(missing) or self.layout is None:
+            return self
+        place = np.searchsorted(known, missing)
+        inside = (place > 0) & (place < len(known))
+        missing, place = missing[inside], place[inside]
+        before, after = known[place - 1], known[place]
+        near = (run[before] == run[missing]) & (run[missing] == run[after]) & (after - before - 1 <= longest)
+        index, before, after = missing[near], before[near], after[near]
+        share = ((index - before) / (after - before))[:, None]
+        theta = (1.0 - share) * frames.theta[before] + share * frames.theta[after]
+        free = self.layout.free
+        change = np.abs(frames.theta[after] - frames.theta[before])[:, free]
+        spread = share * (1.0 - share) * (change + STEP * (after - before)[:, None])
+        share = share[..., None]
+        own = (
+            (1.0 - share) * frames.own[before]
+            + share * frames.own[after]
+            + spread[..., None] ** 2 * np.eye(int(np.count_nonzero(free)))
+        )
+        following = (1.0 - share) * frames.following[before] + share * frames.following[after]
+        half = np.full(2, np.inf) if self.field is None else np.array([self.field.length, self.field.width]) / 2.0
+        metres = ground_errors(theta, self.layout, OwnErrors(own, following), self.considered, half)
+        columns = {
+            name: getattr(frames, name).copy()
+            for name in ("theta", "own", "following", "status", "basis", "ground_error")
+        }
+        for name, values in (("theta", theta), ("own", own), ("following", following), ("ground_error", metres)):
+            columns[name][index] = values
+        columns["basis"][index] = BASES.index(Basis.INTERPOLATED)
+        status = np.where(metres > LARGEST_ERROR, STATUSES.index(Status.IMPROBABLE), STATUSES.index(Status.ACCEPTED))
+        columns["status"][index] = status
+        notes = {t: note for t, note in frames.notes.items() if t not in set(index.tolist())}
+        return replace(self, frames=replace(frames, notes=notes, **columns))
 
     @property
     def cameras(self) -> list[Camera | None]:

@@ -9,11 +9,9 @@ import numpy as np
 from fieldcalib._types import Array, IntArray
 from fieldcalib.assess.own_errors import OwnErrors, ground_errors
 from fieldcalib.assess.result import Calibration, Status, SuspectLabel
-from fieldcalib.assess.sequence import BASES, STATUSES, Basis, Frames
+from fieldcalib.assess.sequence import BASES, LARGEST_ERROR, STATUSES, Basis, Frames
 from fieldcalib.calibrate.options import Options
 from fieldcalib.problem.evaluation import Evaluation
-
-LARGEST_ERROR = 1.0  # m, root mean square over the field in view: frames that others tell are accepted up to that
 
 
 class FrameColumns:

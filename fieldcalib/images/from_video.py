@@ -39,6 +39,7 @@ from fieldcalib.problem.labelled_pixels import Pixels, PixelWeights
 from fieldcalib.problem.losses import RobustLoss
 
 SIGMAS = 3.0  # of the predicted error of a marking, within which its line is searched
+LONGEST_GAP = 25  # frames without a camera in a row that are interpolated: a second
 LEAST_SHARE = 0.3  # of the profiles of a shot must show a line where its cameras have markings
 
 Lines = tuple[Pixels, PixelWeights]
@@ -251,7 +252,9 @@ class _Clip:
                 continue
             frames = self.frames(group.pieces)
             tripod[frames], number[frames] = len(calibrations), np.arange(len(frames))
-            calibrations.append(self.together(group.pieces, lines))
+            calibrations.append(
+                self.together(group.pieces, lines).interpolated(np.array(self.piece)[frames], LONGEST_GAP)
+            )
         shots = [(frames[0], frames[-1] + 1) for p in self.pieces if len(frames := self.frames([p]))]
         return VideoCalibration(
             tuple(calibrations),
