@@ -70,7 +70,7 @@ def opened(
     if not any(map(VIDEOS.recognises, inputs)):
         files = IMAGES.find(inputs)
         name_skipped(inputs, files)
-        read = partial(_read, most_bytes=most_bytes, most_pixels=most_pixels, check=check)
+        read = partial(read_image, most_bytes=most_bytes, most_pixels=most_pixels, check=check)
         yield Source(map(read, files), len(files))
         return
     if len(inputs) > 1:
@@ -91,7 +91,7 @@ def _checked(path: Path, images: Iterable[Image], check: Callable[[Image], objec
         raise BrokenFileError(f"{path}: {error}") from None
 
 
-def _read(file: FrameFile, most_bytes: float, most_pixels: float, check: Callable[[Image], object]) -> Frame:
+def read_image(file: FrameFile, most_bytes: float, most_pixels: float, check: Callable[[Image], object]) -> Frame:
     """An image; what is wrong with it is said on stderr too."""
     try:
         image = IMAGES.read(file.read(most_bytes), most_pixels)

@@ -7,11 +7,13 @@ import math
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from functools import partial
 from pathlib import Path
 from typing import TypeAlias
 
 from fieldcalib.assess.result import Calibration
 from fieldcalib.cli.arguments import LENSES, add_camera, add_field, field_of, prior_of
+from fieldcalib.cli.clips import is_clip, run_clip
 from fieldcalib.cli.declared import Placement, add_declarations
 from fieldcalib.cli.folder import broken_line, calibration_line, result_folder
 from fieldcalib.cli.frames import (
@@ -38,8 +40,10 @@ def add_parser(commands: argparse._SubParsersAction[argparse.ArgumentParser]) ->
         "run",
         help="calibrate images or a video",
         description="Find the markings in images or in a video, calibrate a camera for every frame and refine it on "
-        "its image. Writes camera_<id>.json in SoccerNet's format, cameras.jsonl with one line a frame, summary.json, "
-        "and overlays: overlay_<id>.jpg of images, overlay.mp4 of a video, whose ids are numbers of frames.",
+        "its image; the frames of a video are calibrated together. Writes camera_<id>.json in SoccerNet's format, "
+        "cameras.jsonl with one line a frame, summary.json, and overlays: overlay_<id>.jpg of images, overlay.mp4 of a "
+        "video, whose ids are numbers of frames. Of a clip also tripods.json with its shots and what their frames "
+        "share, motion.png with the cameras over time, and worst_frames.jpg.",
     )
     parser.add_argument(
         "input", nargs="+", type=Path, metavar="INPUT", help="images, a folder or a zip of them, or one video"
@@ -50,6 +54,15 @@ def add_parser(commands: argparse._SubParsersAction[argparse.ArgumentParser]) ->
     add_field(parser)
     add_camera(parser)
     add_refinement(parser)
+    together = parser.add_mutually_exclusive_group()
+    together.add_argument(
+        "--clip", action="store_true", help="the images are a clip, in the order of the numbers in their names"
+    )
+    together.add_argument(
+        "--independent",
+        action="store_true",
+        help="calibrate each frame of a video by itself, as --no-refinement does too",
+    )
     parser.add_argument(
         "--keep-rejected", action="store_true", help="write the best camera of every frame, whatever the verdict says"
     )
@@ -62,13 +75,12 @@ def run(options: argparse.Namespace) -> int:
     from tqdm import tqdm
 
     began = time.perf_counter()
+    if is_clip(options):
+        return run_clip(options, partial(_place, options))
     field, network = field_of(options), load_network(options)
     how = {"flags": LENSES[options.lens], "prior": prior_of(options), "refine": options.refine}
 
-    def place(image: Image) -> Placement:
-        placement = Placement.declared(options, (image.shape[1], image.shape[0]))
-        check_pixels(placement.frame_size, options.most_pixels)
-        return placement
+    place = partial(_place, options)
 
     def pixels_in_frame(frame: Frame) -> int:
         return 0 if frame.image is None else math.prod(place(frame.image).frame_size)
@@ -99,6 +111,13 @@ def run(options: argparse.Namespace) -> int:
             progress.update(len(part))
         broken |= frames_lost(source, options)
     return 1 if broken else 0
+
+
+def _place(options: argparse.Namespace, image: Image) -> Placement:
+    """Where an image lies in its frame."""
+    placement = Placement.declared(options, (image.shape[1], image.shape[0]))
+    check_pixels(placement.frame_size, options.most_pixels)
+    return placement
 
 
 @contextmanager

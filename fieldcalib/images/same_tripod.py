@@ -17,7 +17,7 @@ UNMODELLED = 0.1  # m: standard deviation of each coordinate that a covariance d
 
 
 def same_tripod_log_ratio(difference: Array, covariance: Array) -> float:
-    """Log likelihood ratio of one tripod to two, of estimates that differ by (3 + k,), with the sum of their covariances.
+    """Log likelihood ratio of one tripod to two, of estimates that differ by (3 + k,); the covariance is their sum.
 
     The first three are the centre, the others the size of the field, which is the same in any case. On one tripod the
     difference is nothing but error. Otherwise the second camera stands beside the first one or somewhere else, as
