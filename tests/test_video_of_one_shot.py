@@ -31,12 +31,14 @@ def test_frames_share_their_tripod(pictures):
         assert frame.camera.focal_length == pytest.approx(truth.focal_length, rel=0.01)
 
 
-def test_a_frame_that_shows_nothing_stays_without_camera(pictures):
+def test_a_frame_that_shows_nothing_is_interpolated(pictures):
     black = np.zeros_like(pictures[0])
     cameras = [*CAMERAS[:4], None, *CAMERAS[4:]]
     found = calibrate_video(FIELD, [*pictures[:4], black, *pictures[4:]], KnownCameras(cameras))
-    assert [frame.accepted for frame in found] == [camera is not None for camera in cameras]
-    assert found.tripods[0].together == len(CAMERAS)
+    assert [str(basis) for basis in found.basis].index("interpolation") == 4
+    sigma = [np.sqrt(frame.covariance[0, 0]) for frame in found]
+    assert sigma[4] > max(sigma[3], sigma[5])
+    assert found[3].camera.angles[0] < found[4].camera.angles[0] < found[5].camera.angles[0]
 
 
 def test_a_file(pictures, tmp_path):

@@ -229,11 +229,27 @@ class SequenceCalibration(Sequence[Calibration]):
         before, after = known[place - 1], known[place]
         near = (run[before] == run[missing]) & (run[missing] == run[after]) & (after - before - 1 <= longest)
         index, before, after = missing[near], before[near], after[near]
-        share = ((index - before) / (after - before))[:, None]
-        theta = (1.0 - share) * frames.theta[before] + share * frames.theta[after]
+        gap = (after - before)[:, None]
+        share = (index - before)[:, None] / gap
+        at_both = frames.theta[before], frames.theta[after]
+        change = at_both[1] - at_both[0]
+
+        def slope(near: IntArray, far: IntArray) -> Array:
+            """Change per gap at one end: that to the next frame beyond it, where this has a camera."""
+            far = np.clip(far, 0, len(has) - 1)
+            usable = (has[far] & (run[far] == run[near]) & (far != near))[:, None]
+            return np.where(usable, gap * (far - near)[:, None] * (frames.theta[far] - frames.theta[near]), change)
+
+        # Hermite's cubic: even motion, and what the slopes at both ends add to it
+        bend = (
+            share
+            * (1.0 - share)
+            * ((1.0 - share) * (slope(before, before - 1) - change) - share * (slope(after, after + 1) - change))
+        )
+        bend[:, ~self.layout.free] = 0.0
+        theta = at_both[0] + share * change + bend
         free = self.layout.free
-        change = np.abs(frames.theta[after] - frames.theta[before])[:, free]
-        spread = share * (1.0 - share) * (change + STEP * (after - before)[:, None])
+        spread = 0.5 * np.abs(bend[:, free]) + share * (1.0 - share) * STEP * gap
         share = share[..., None]
         own = (
             (1.0 - share) * frames.own[before]

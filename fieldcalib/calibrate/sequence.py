@@ -68,6 +68,7 @@ def calibrate_sequence(
     shared: Sequence[str] = SHARED,
     paint: float = PAINT,
     matches: Matched | None = None,
+    start: SequenceCalibration | None = None,
 ) -> SequenceCalibration:
     """Calibrate frames of one camera on a tripod, which share its centre and the law of its zoom.
 
@@ -92,6 +93,8 @@ def calibrate_sequence(
         Pixels of static points of the background in two frames, e.g. `first` and `second` of
         `fieldcalib.images.match_background`. They tie frames without labels to those that have some. Frames that come
         first in a pair are solved together; the others follow from them.
+    start : SequenceCalibration, optional
+        Of the same frames, before more pixels were found: nothing is searched. The labels must be trusted.
 
     Returns
     -------
@@ -148,7 +151,14 @@ def calibrate_sequence(
     pixels, pixel_weights = checked_frames(object_segments, frames, weights, options.image_size)
     ties = Ties.of(object_segments, matches or {}, len(pixels), options.image_size)
     sequence = _Sequence(object_segments, pixels, pixel_weights, ties, options, tuple(shared), trust_labels)
-    return sequence.calibrated()
+    if start is None:
+        return sequence.calibrated()
+    if len(start) != len(pixels) or not trust_labels:
+        raise ValueError(
+            f"start is a calibration of the same frames whose labels are trusted: expected trust_labels and "
+            f"{len(pixels)} frames, got {len(start)}"
+        )
+    return sequence.calibrated_from(start)
 
 
 class _Noise(NamedTuple):
@@ -191,6 +201,27 @@ class _Together:
         return {int(self.index[k]): self.evaluation.theta[k] for k in np.flatnonzero(self.is_tied)}
 
 
+class _Start(NamedTuple):
+    """Cameras of some frames, from which they are solved together."""
+
+    layout: Layout
+    theta: Mapping[int, Array]
+    """Parameters (n,), by frame."""
+    labels: Mapping[int, tuple[Pixels, PixelWeights]]
+    """Of frames among these."""
+
+    @classmethod
+    def of(cls, found: Mapping[int, Calibration]) -> _Start | None:
+        """Those of frames that were accepted by themselves; None without any."""
+        parts = {t: c.solved.alone.evaluation for t, c in found.items() if c.accepted and c.solved is not None}
+        if not parts:
+            return None
+        layout = next(iter(parts.values())).problem.layout
+        return cls(
+            layout, {t: part.theta[0] for t, part in parts.items()}, {t: labels_of(part) for t, part in parts.items()}
+        )
+
+
 class _Sequence:
     """The frames of one tripod while they are calibrated."""
 
@@ -222,23 +253,37 @@ class _Sequence:
         known[CENTER] = centre
         from_there = replace(self.options, layout=self.options.layout.fixed("centre"), known=known)
         some = self._solved_together()
-        found = self._alone(some, from_there)
-        if not any(c.accepted for c in found.values()):
+        start = _Start.of(self._alone(some, from_there))
+        if start is None:
             return self._one_by_one()
-        together = self._together(some, found)
-        self.kept = self._hardly_told(together)
-        if self.kept:
-            together = self._together(some, found)
+        together = self._together_but_hardly_told(some, start)
         for _ in range(ROUNDS - 1):
             before = together.labelled
-            again = self._alone(some, *self._known(together), given=together.cameras)
-            if not any(c.accepted for c in again.values()):
+            start = _Start.of(self._alone(some, *self._known(together), given=together.cameras))
+            if start is None:
                 break
-            found = again
-            together = self._together(some, found)
+            together = self._together(some, start)
             if together.labelled == before:
                 break
         return self._every(together)
+
+    def calibrated_from(self, before: SequenceCalibration) -> SequenceCalibration:
+        """From a calibration of the same frames."""
+        if before.layout is None or not before.names:
+            return self.calibrated()
+        some = self._solved_together()
+        cameras = {t: before.frames.theta[t] for t in some.tolist() if before.accepted[t]}
+        labels = {t: self._labels(t, None) for t in cameras if self.frames[t]}
+        if not labels:
+            return self.calibrated()
+        start = _Start(before.layout, cameras, labels)
+        return self._every(self._together_but_hardly_told(some, start), before)
+
+    def _together_but_hardly_told(self, some: IntArray, start: _Start) -> _Together:
+        """Without what the frames hardly tell of the field's size."""
+        together = self._together(some, start)
+        self.kept = self._hardly_told(together)
+        return self._together(some, start) if self.kept else together
 
     def _spread(self, count: int) -> IntArray:
         """Up to `count` labelled frames, evenly spread, each the one with most labels of its part of the sequence."""
@@ -248,10 +293,12 @@ class _Sequence:
         return np.array([t for t in best if labels[t]], dtype=np.intp)
 
     def _solved_together(self) -> IntArray:
-        """The frames that are solved together: those that others are tied to, and labelled ones."""
+        """The frames that are solved together: those that others are tied to, and of the labelled ones without ties."""
         hubs = np.unique(self.ties.first)
         hubs = hubs[np.linspace(0, len(hubs), min(len(hubs), TOGETHER), endpoint=False, dtype=int)]
-        return np.union1d(hubs, self._spread(TOGETHER - len(hubs))) if len(hubs) < TOGETHER else hubs
+        if len(hubs) == TOGETHER:
+            return hubs
+        return np.union1d(hubs, np.setdiff1d(self._spread(TOGETHER - len(hubs)), self.ties.second))
 
     def _alone(
         self,
@@ -296,14 +343,12 @@ class _Sequence:
             layout.roles[layout.names.index(name)] = Role.CONSIDERED
         return _law_of_what_is_free(layout)
 
-    def _together(self, some: IntArray, found: Mapping[int, Calibration]) -> _Together:
-        """Some frames solved together: those that are accepted by themselves, and those that are tied to them."""
-        parts = {t: c.solved.alone.evaluation for t, c in found.items() if c.accepted and c.solved is not None}
-        old = next(iter(parts.values())).problem.layout
-        theirs = np.concatenate([part.theta for part in parts.values()])
+    def _together(self, some: IntArray, start: _Start) -> _Together:
+        """Some frames solved together: those that have a camera, and those that are tied to them."""
+        labelled, old = np.array(sorted(start.theta)), start.layout
+        theirs = np.array([start.theta[t] for t in labelled.tolist()])
         layout = self._layout(float(np.median(theirs[:, LOG_F])) if old.zoom_law is None else old.zoom_law.reference)
         theta, known = np.zeros((len(self.frames), layout.size)), np.zeros(len(self.frames), dtype=bool)
-        labelled = np.array(list(parts))
         column = {name: index for index, name in enumerate(old.names)}
         for index, name in enumerate(layout.names):
             if name in column:
@@ -311,19 +356,20 @@ class _Sequence:
         is_shared = layout.roles == Role.SHARED
         theta[:, is_shared] = np.median(theta[np.ix_(labelled, is_shared)], axis=0)
         known[labelled] = True
+        labels = start.labels
         if len(self.ties):
             each = layout.with_roles_of(layout.roles == Role.SHARED, Role.CONSIDERED)
             known = self.ties.agreeing(theta, known, each)
-            parts = {t: part for t, part in parts.items() if known[t]}
-            theta, known = with_tied(self.object_segments, self.ties, theta, known, each, self.options.scale)
+            labels = {t: one for t, one in labels.items() if known[t]}
+            theta, known = with_tied(self.object_segments, self.ties, theta, known, some, each, self.options.scale)
             some = some[known[some]]
         else:
             some = labelled
         prior = given_cameras(theta[some], layout, self.options.distributions).prior if self.options.use_prior else None
-        start = put_together(
+        together = put_together(
             self.object_segments,
-            [labels_of(parts[t]) if t in parts else ({}, {}) for t in some.tolist()],
-            next(iter(parts.values())).problem,
+            [labels.get(t, ({}, {})) for t in some.tolist()],
+            self._problem(layout),
             layout,
             theta[some],
             prior,
@@ -331,11 +377,17 @@ class _Sequence:
             background=self.ties.among(some),
         )
         solved = levenberg_marquardt(
-            start, max_iterations=self.options.max_iterations, tolerance=self.options.tolerance
+            together, max_iterations=self.options.max_iterations, tolerance=self.options.tolerance
         ).evaluation
         sigma, kappa = pooled_noise(solved)
         covariance, _ = shared_covariance(solved, sigma, kappa)
-        return _Together(some, solved, covariance, _Noise(float(sigma[0]), float(kappa[0])), len(parts))
+        return _Together(some, solved, covariance, _Noise(float(sigma[0]), float(kappa[0])), len(labels))
+
+    def _problem(self, layout: Layout) -> Problem:
+        """That of no frame."""
+        nothing = pack(self.object_segments, [], layout.image_size)
+        options = self.options
+        return Problem(nothing, layout, options.loss, options.noise, paint=options.paint, scale=options.scale)
 
     def _hardly_told(self, together: _Together) -> tuple[str, ...]:
         """Of length and width, what the frames hardly tell: estimated, it would absorb errors of lens and zoom."""
@@ -371,8 +423,8 @@ class _Sequence:
         )
         return options, object_segments
 
-    def _every(self, together: _Together) -> SequenceCalibration:
-        """All frames, from what some of them share."""
+    def _every(self, together: _Together, before: SequenceCalibration | None = None) -> SequenceCalibration:
+        """All frames, from what some of them share; those that are tied from their cameras of before, if they had any."""
         options, object_segments = self._known(together)
         assert options.considered is not None
         columns = self._columns(options, options.considered)
@@ -386,7 +438,14 @@ class _Sequence:
             apart = each.of(replace(each.problem, background=None)).take(tied)
             columns.fill(index, apart, OwnErrors(*(part[tied] for part in errors)), tied=True, alone={})
             theta[index], done[index] = each.theta[tied], True
-            theta, known = with_tied(object_segments, self.ties, theta, done, options.layout, options.scale)
+            theta, known = theta.copy(), done.copy()
+            if before is not None:
+                again = before.accepted & ~done & self.ties.some_tie
+                theta[np.ix_(again, options.layout.free)] = before.frames.theta[np.ix_(again, options.layout.free)]
+                theta[np.ix_(again, ~options.layout.free)] = each.theta[0, ~options.layout.free]
+                known |= again
+            every = np.arange(len(known))
+            theta, known = with_tied(object_segments, self.ties, theta, known, every, options.layout, options.scale)
         rest = np.flatnonzero(~done)
         alone = self._alone(rest[~known[rest]], options, object_segments)
         if not self.trust_labels:

@@ -39,6 +39,8 @@ Matched = Mapping[tuple[int, int], tuple[ArrayLike, ArrayLike]]
 class Ties:
     """K pairs of frames, with the pixels of static points in both, padded to N points each."""
 
+    count: int
+    """T, of all frames."""
     first: IntArray
     """(K,)"""
     second: IntArray
@@ -84,14 +86,21 @@ class Ties:
         walls = None
         if isinstance(object_segments, Field):
             walls = np.array([object_segments.length, object_segments.width]) / 2.0 + BEHIND_LINES
-        return cls(first, second, pixels[0], pixels[1], weights, RobustLoss("cauchy", LOSS_SCALE * unit), walls)
+        return cls(count, first, second, pixels[0], pixels[1], weights, RobustLoss("cauchy", LOSS_SCALE * unit), walls)
 
     def __len__(self) -> int:
         return len(self.first)
 
+    @property
+    def some_tie(self) -> BoolArray:
+        """Which frames (T,) are in a pair."""
+        found = np.zeros(self.count, dtype=bool)
+        found[self.first] = found[self.second] = True
+        return found
+
     def among(self, frames: IntArray) -> BackgroundPairs | None:
         """Those between some frames, which are numbered anew; None if there are none."""
-        number = np.full(self._count(frames), -1)
+        number = np.full(self.count, -1)
         number[frames] = np.arange(len(frames))
         inside = (number[self.first] >= 0) & (number[self.second] >= 0)
         if not np.any(inside):
@@ -154,9 +163,6 @@ class Ties:
                 return kept
             kept[worst] = False
 
-    def _count(self, frames: IntArray) -> int:
-        return 1 + int(max(np.max(part, initial=-1) for part in (self.first, self.second, frames)))
-
 
 def thinned(p: Array, q: Array, image_size: tuple[int, int]) -> tuple[Array, Array]:
     """Matched pixels (N, 2) averaged over the cells of the first frame; what is thinned already stays as it is.
@@ -188,19 +194,28 @@ def thinned(p: Array, q: Array, image_size: tuple[int, int]) -> tuple[Array, Arr
 
 
 def with_tied(
-    object_segments: ObjectSegments, ties: Ties, theta: Array, known: BoolArray, layout: Layout, scale: float
+    object_segments: ObjectSegments,
+    ties: Ties,
+    theta: Array,
+    known: BoolArray,
+    wanted: IntArray,
+    layout: Layout,
+    scale: float,
 ) -> tuple[Array, BoolArray]:
     """Cameras (T, n) with those of frames that are tied, directly or through others, to known ones (T,).
 
     Parameters
     ----------
+    wanted : (B,) int array
+        Only these frames are looked at.
     layout : Layout
         In which pan, tilt, roll and zoom are the frames' own and all the rest is known.
     scale : float
         Size of what is usually in view, metres.
     """
-    theta, known, contradicted = theta.copy(), known.copy(), np.zeros_like(known)
-    while len(frames := ties.reached(known, contradicted)):
+    theta, known, left_out = theta.copy(), known.copy(), np.ones_like(known)
+    left_out[wanted] = False
+    while len(frames := ties.reached(known, left_out)):
         pairs, first = ties.towards(frames, theta, known)
         nearest = np.argsort(np.abs(first - frames[pairs.second]), kind="stable")
         _, one = np.unique(pairs.second[nearest], return_index=True)
@@ -210,8 +225,8 @@ def with_tied(
             problem = Problem(observations, layout, loss, scale=scale, background=replace(pairs, loss=loss))
             found = levenberg_marquardt(evaluate(problem, theta[frames]), max_iterations=50, tolerance=1e-6)
             theta[frames] = found.theta
-        contradicted[frames] = _contradicted(pairs, layout, found.theta)
-        known[frames] = ~contradicted[frames]
+        left_out[frames] = _contradicted(pairs, layout, found.theta)
+        known[frames] = ~left_out[frames]
     return theta, known
 
 

@@ -188,7 +188,9 @@ class _Clip:
                     look()
         look()
 
-    def together(self, pieces: Sequence[int], lines: Mapping[int, Lines]) -> SequenceCalibration:
+    def together(
+        self, pieces: Sequence[int], lines: Mapping[int, Lines], start: SequenceCalibration | None = None
+    ) -> SequenceCalibration:
         """All frames of some pieces, from the lines in some of them and from matches."""
         frames = self.frames(pieces).tolist()
         number = {t: k for k, t in enumerate(frames)}
@@ -201,6 +203,7 @@ class _Clip:
             loss=RobustLoss("cauchy", LOSS_SCALE * pixel_unit(self.size)),
             trust_labels=True,
             weights=[weights for _, weights in found],
+            start=start,
             matches={
                 (number[i], number[j]): both for (i, j), both in self.matches.items() if i in number and j in number
             },
@@ -252,9 +255,9 @@ class _Clip:
                 continue
             frames = self.frames(group.pieces)
             tripod[frames], number[frames] = len(calibrations), np.arange(len(frames))
-            calibrations.append(
-                self.together(group.pieces, lines).interpolated(np.array(self.piece)[frames], LONGEST_GAP)
-            )
+            before = group.calibration if len(group.calibration) == len(frames) else None
+            calibration = self.together(group.pieces, lines, before)
+            calibrations.append(calibration.interpolated(np.array(self.piece)[frames], LONGEST_GAP))
         shots = [(frames[0], frames[-1] + 1) for p in self.pieces if len(frames := self.frames([p]))]
         return VideoCalibration(
             tuple(calibrations),
