@@ -58,7 +58,7 @@ def know(monkeypatch):
 
     def install(cameras):
         network = KnownCameras(cameras)
-        for command in ("run", "localize"):
+        for command in ("run", "clips", "localize"):
             monkeypatch.setattr(f"fieldcalib.cli.{command}.load_network", lambda options: network)
         return network
 
@@ -342,8 +342,10 @@ def test_a_video(know, tmp_path):
         assert line["status"] == "accepted"
         np.testing.assert_allclose(line["angles_degrees"]["pan"], np.degrees(truth.angles[0]), atol=0.1)
     assert {path.name for path in out.iterdir()} == {
-        *("camera_000000.json", "camera_000001.json", "cameras.jsonl", "summary.json", "overlay.mp4")
+        *("camera_000000.json", "camera_000001.json", "cameras.jsonl", "summary.json", "overlay.mp4"),
+        *("tripods.json", "motion.png", "worst_frames.jpg"),
     }
+    assert [line["basis"] for line in lines] == ["lines", "lines"]
     with VideoReader(out / "overlay.mp4") as overlay:
         assert overlay.frames_per_second == 50.0
         assert [image.shape for image in overlay] == [(540, 960, 3)] * 2
@@ -431,12 +433,13 @@ def test_only_a_few_images_are_in_memory(know, tmp_path, monkeypatch):
 
     monkeypatch.setattr(frames_of_commands, "VIDEOS", replace(VIDEOS, read=Watched))
     monkeypatch.setattr("fieldcalib.cli.run.load_network", lambda options: Watching())
-    assert run("run", tmp_path / "long.mp4", "--out", tmp_path / "out") == 0
+    assert run("run", tmp_path / "long.mp4", "--out", tmp_path / "out", "--independent") == 0
     assert ahead == [IMAGES_AT_ONCE] * 3 + [1]
     assert len(lines_of(tmp_path / "out")) == 3 * IMAGES_AT_ONCE + 1
 
 
-def test_an_interrupted_video_leaves_nothing_half(know, tmp_path, monkeypatch, capsys):
+@pytest.mark.parametrize("how", [(), ("--independent",)], ids=["together", "independent"])
+def test_an_interrupted_video_leaves_nothing_half(know, tmp_path, monkeypatch, capsys, how):
     write_video(tmp_path / "a.mp4", [np.zeros((36, 64, 3), np.uint8)] * (IMAGES_AT_ONCE + 1))
     know([None] * (IMAGES_AT_ONCE + 1))
     calls = []
@@ -447,8 +450,9 @@ def test_an_interrupted_video_leaves_nothing_half(know, tmp_path, monkeypatch, c
             raise KeyboardInterrupt
         return arguments[0]
 
-    monkeypatch.setattr("fieldcalib.cli.run.draw_calibration", interrupt)
-    assert run("run", tmp_path / "a.mp4", "--out", tmp_path / "out") == 130
+    for command in ("run", "clips"):
+        monkeypatch.setattr(f"fieldcalib.cli.{command}.draw_calibration", interrupt)
+    assert run("run", tmp_path / "a.mp4", "--out", tmp_path / "out", *how) == 130
     assert list((tmp_path / "out").iterdir()) == []
 
 

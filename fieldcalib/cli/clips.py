@@ -17,7 +17,7 @@ from fieldcalib.assess.video import VideoCalibration
 from fieldcalib.cli.arguments import LENSES, field_of, prior_of
 from fieldcalib.cli.declared import Placement
 from fieldcalib.cli.folder import broken_line, calibration_line, name_skipped, result_folder
-from fieldcalib.cli.frames import Frame, load_network, read_image
+from fieldcalib.cli.frames import Frame, checked_frames, load_network, read_image
 from fieldcalib.draw.clip_plot import plot_sequence
 from fieldcalib.draw.contact_sheet import contact_sheet, worst_frames
 from fieldcalib.draw.overlays import draw_calibration
@@ -58,7 +58,10 @@ class ClipInput:
         self.frames_per_second = USUAL_RATE
         self._passes = iter(PASSES)
         self._files = None
-        if not VIDEOS.recognises(options.input[0]):
+        if VIDEOS.recognises(options.input[0]):
+            with VIDEOS.read(options.input[0], options.most_pixels) as video:
+                next(checked_frames(options.input[0], video, place))  # before anything is written
+        else:
             files = IMAGES.find(options.input)
             name_skipped(options.input, files)
             self._files = sorted(files, key=lambda file: _natural(file.id))
@@ -87,7 +90,7 @@ class ClipInput:
         (path,) = self.options.input
         with VIDEOS.read(path, self.options.most_pixels) as video:
             self.frames_per_second = video.frames_per_second
-            for index, image in enumerate(video):
+            for index, image in enumerate(checked_frames(path, video, self.place)):
                 yield Frame(f"{index:06d}", image)
             if not self.lost and (lost := video.lost_frames()):
                 self.lost = lost

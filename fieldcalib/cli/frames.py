@@ -76,13 +76,13 @@ def opened(
     if len(inputs) > 1:
         raise ValueError("expected one video, or images and folders of them, got a video and more: run them one by one")
     with VIDEOS.read(inputs[0], most_pixels) as video:
-        images = _checked(inputs[0], video, check)
+        images = checked_frames(inputs[0], video, check)
         frames = (Frame(f"{index:06d}", image) for index, image in enumerate(images))
         yield Source(frames, video.count, video.frames_per_second, video.lost_frames)
 
 
-def _checked(path: Path, images: Iterable[Image], check: Callable[[Image], object]) -> Iterator[Image]:
-    """The images of a video."""
+def checked_frames(path: Path, images: Iterable[Image], check: Callable[[Image], object]) -> Iterator[Image]:
+    """The images of a video; what `check` raises a BrokenFileError for is said of its path."""
     try:
         for image in images:
             check(image)
