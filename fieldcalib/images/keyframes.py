@@ -358,7 +358,7 @@ def _likeness(first: _View, second: _View, H: Array) -> float:
 
 def _in_view(H: Array, size: tuple[int, int]) -> float:
     """Share of either picture that is in view in the other; the smaller of both."""
-    middles = np.linspace(0.05, 0.95, 10)  # of the cells of a grid
+    middles = np.linspace(0.025, 0.975, 20)  # of the cells of a grid
     xy = np.array([(x * size[0], y * size[1]) for x in middles for y in middles])
     back: Array = np.asarray(np.linalg.inv(H), dtype=np.float64)
     with np.errstate(invalid="ignore"):
