@@ -28,15 +28,16 @@ EVERY = 12  # frames from one keyframe to the next: half a second
 BACK = (1, 2, 4)  # keyframes back, with which a keyframe is matched
 CORNERS = 150  # of a keyframe that are followed to an ordinary frame
 LEAST_IN_VIEW = 0.6  # of a keyframe; with less of it in view the next one is made
+IN_PICTURE = (np.mgrid[:20, :20].reshape(2, -1).T + 0.5) / 20.0  # (400, 2) shares of width and height
 FEW_MATCHES = 40  # with fewer of these the next one is made
 CONFIRMED = 8  # frames that are tied to one another, and not to the piece before, are a new piece: a graphic is shorter
 LOST_FOR = 30  # frames, a second: so long the keyframes before are looked for
 
 # Likeness in seven clips of pictures 12 frames apart: 0.77 or more; 24 to 48 apart 0.7 or more; with 30 % of another
 # shot mixed in 0.46 to 0.78, with 50 % 0.1 to 0.61
-LEAST_LIKENESS = 0.55  # of a keyframe and a frame that is tied to it, and of keyframes that are not matched,
+LEAST_LIKENESS = 0.62  # of a keyframe and a frame that is tied to it, and of keyframes that are not matched,
 MIXED_FOR = 50  # frames, the longest dissolve: from keyframe to keyframe one could cross it in small steps
-LEAST_LIKENESS_OF_KEY = 0.65  # of keyframes that are matched, and of frames that make a new piece
+LEAST_LIKENESS_OF_KEY = 0.68  # of keyframes that are matched, and of frames that make a new piece
 KEPT = 12  # keyframes of a piece: more are not made in that time
 SMALL_WIDTH = 160  # px: pictures are reduced to it
 LOCAL = 41  # px of these: mean over so many is taken off; slow shading is alike in any two shots
@@ -358,8 +359,7 @@ def _likeness(first: _View, second: _View, H: Array) -> float:
 
 def _in_view(H: Array, size: tuple[int, int]) -> float:
     """Share of either picture that is in view in the other; the smaller of both."""
-    middles = np.linspace(0.025, 0.975, 20)  # of the cells of a grid
-    xy = np.array([(x * size[0], y * size[1]) for x in middles for y in middles])
+    xy = IN_PICTURE * np.asarray(size, dtype=np.float64)
     back: Array = np.asarray(np.linalg.inv(H), dtype=np.float64)
     with np.errstate(invalid="ignore"):
         inside = [np.all((z >= 0.0) & (z < size), axis=1) for z in (mapped(H, xy), mapped(back, xy))]
