@@ -28,19 +28,23 @@ EVERY = 12  # frames from one keyframe to the next: half a second
 BACK = (1, 2, 4)  # keyframes back, with which a keyframe is matched
 CORNERS = 150  # of a keyframe that are followed to an ordinary frame
 LEAST_IN_VIEW = 0.6  # of a keyframe; with less of it in view the next one is made
+IN_PICTURE = (np.mgrid[:20, :20].reshape(2, -1).T + 0.5) / 20.0  # (400, 2) shares of width and height
 FEW_MATCHES = 40  # with fewer of these the next one is made
 CONFIRMED = 8  # frames that are tied to one another, and not to the piece before, are a new piece: a graphic is shorter
 LOST_FOR = 30  # frames, a second: so long the keyframes before are looked for
 
-# Likeness of pictures 12 frames apart in seven clips: 0.69 or more; with 30 % of another shot mixed in 0.6 to 0.75,
-# with 50 % 0.4 to 0.6
-LEAST_LIKENESS = 0.45  # of a keyframe and a frame that is tied to it
-LEAST_LIKENESS_OF_KEY = 0.62  # of two keyframes
+# Likeness in seven clips of pictures 12 frames apart: 0.77 or more; 24 to 48 apart 0.7 or more; with 30 % of another
+# shot mixed in 0.46 to 0.78, with 50 % 0.1 to 0.61
+LEAST_LIKENESS = 0.62  # of a keyframe and a frame that is tied to it, and of keyframes that are not matched,
+MIXED_FOR = 50  # frames, the longest dissolve: from keyframe to keyframe one could cross it in small steps
+LEAST_LIKENESS_OF_KEY = 0.68  # of keyframes that are matched, and of frames that make a new piece
+KEPT = 12  # keyframes of a piece: more are not made in that time
 SMALL_WIDTH = 160  # px: pictures are reduced to it
 LOCAL = 41  # px of these: mean over so many is taken off; slow shading is alike in any two shots
 BLOCK = 5  # px of these
 WHOLE = 0.7  # of a block must be in view
 NOISE = 2.0  # grey levels: less contrast is none
+GRAPHIC = (4.0, 12.0, 5)  # grey levels: alike in place, unlike once moved; px around that belong to it
 
 
 @dataclass(frozen=True, eq=False)
@@ -72,8 +76,8 @@ class KeyframeTracker:
     """Ties the frames of a video to keyframes as they come.
 
     What is tied to the piece before is known at once. What is not waits until `CONFIRMED` frames make a new piece, or
-    it is clear that they do not: at most ``CONFIRMED - 1`` frames. Of the pictures it keeps those of the last keyframes,
-    reduced and grey.
+    it is clear that they do not: at most ``CONFIRMED - 1`` frames. Of the pictures, those of the last
+    keyframes are kept, reduced and grey.
 
     Parameters
     ----------
@@ -124,11 +128,12 @@ class KeyframeTracker:
         if tied is None and self._lost < LOST_FOR and not (view.duplicate and self._lost):
             tied = self._piece.found_again(view, self._lost)
         if tied is not None:
-            return [*self.finish(), tied]
+            self._lost = 0
+            return [*self._untied(), tied]
         self._lost += 1
         tied = self._candidate.tied(view, LEAST_LIKENESS_OF_KEY) if self._candidate is not None else None
         if tied is None:
-            untied = self._untied(self._piece)
+            untied = self._untied()
             self._candidate = _Piece(view, self._piece.number + 1, self._every)
             self._waiting = [self._candidate.first]
             return untied
@@ -140,16 +145,18 @@ class KeyframeTracker:
         return new
 
     def finish(self) -> list[Tied]:
-        """The frames that still wait, at the end of the video: they are no piece."""
-        if self._piece is None:
-            return []
-        untied = self._untied(self._piece)
-        self._candidate, self._waiting, self._lost = None, [], 0
-        return untied
+        """The frames that still wait, at the end of the video: a short piece if two of them or more are tied."""
+        if len(self._waiting) == 1:
+            return self._untied()
+        new, self._waiting = self._waiting, []
+        return new
 
-    def _untied(self, piece: _Piece) -> list[Tied]:
-        """The waiting frames, as frames of that piece that nothing ties."""
-        return [replace(tied, piece=piece.number, key=piece.key.index, ties=()) for tied in self._waiting]
+    def _untied(self) -> list[Tied]:
+        """The waiting frames, of the piece before, which nothing ties."""
+        assert self._piece is not None  # nothing waits before the first frame
+        piece, waiting = self._piece, self._waiting
+        self._candidate, self._waiting = None, []
+        return [replace(tied, piece=piece.number, key=piece.key.index, ties=()) for tied in waiting]
 
 
 def tied_frames(images: Iterable[Image], *, every: int = EVERY) -> Iterator[tuple[Image, Tied]]:
@@ -228,7 +235,7 @@ class _Piece:
         self.number = number
         self.first = Tied(view.index, number, view.index, (), view.duplicate)
         self._every = every
-        self._keys = deque([(view, np.eye(3))], maxlen=max(BACK))  # each with the homography to the newest
+        self._keys = deque([(view, np.eye(3))], maxlen=KEPT)  # each with the homography to the newest
         self._last = view
         self._matches: Matches | None = None  # from the newest keyframe to the last frame; None if they are the same
         self._motion: Array = np.eye(3)  # homography from the last frame but one to the last
@@ -288,7 +295,12 @@ class _Piece:
         return Tied(view.index, self.number, self.key.index, ((self.key.index, matches),), view.duplicate)
 
     def _keyframe(self, view: _View, H: Array) -> Tied | None:
-        """A frame as the next keyframe, with the homography from the newest to it; None if no keyframe matches it."""
+        """The next keyframe, with the homography from the newest to it; None if it is unlike earlier ones."""
+        size = view.frame.image_size
+        for older, to_newest in self._keys:
+            recent = view.index - older.index <= MIXED_FOR and _in_view(H @ to_newest, size) >= LEAST_IN_VIEW
+            if recent and _likeness(older, view, H @ to_newest) < LEAST_LIKENESS:
+                return None
         ties = []
         for back in BACK:
             if back <= len(self._keys):
@@ -298,8 +310,8 @@ class _Piece:
                     ties.append((older.index, found[0]))
         if not ties:
             return None
-        keys = [(key, H @ to_newest) for key, to_newest in self._keys]
-        self._keys.extend([*keys, (view, np.eye(3))])
+        moved = [(older, H @ to_newest) for older, to_newest in self._keys]
+        self._keys = deque([*moved, (view, np.eye(3))], maxlen=KEPT)
         self._last, self._matches = view, None
         return Tied(view.index, self.number, view.index, tuple(ties), view.duplicate)
 
@@ -317,8 +329,8 @@ def _likeness(first: _View, second: _View, H: Array) -> float:
     """How much of the contrast of either picture is in the other, the first moved by H (of pictures in full size).
 
     Per block the covariance over the larger variance; of the half of the blocks with more contrast the median, since
-    players and boards change some blocks only. A mixture ``(1 - a) A + a B`` of two shots has about 1 - a with A and a
-    with B.
+    players and boards change some blocks only. Graphics are left out: what is the same in place, and not once moved. A
+    mixture ``(1 - a) A + a B`` of two shots has about 1 - a with A and a with B.
     """
     import cv2
 
@@ -329,9 +341,13 @@ def _likeness(first: _View, second: _View, H: Array) -> float:
     T = np.array([[x, 0.0, 0.5 * (x - 1.0)], [0.0, y, 0.5 * (y - 1.0)], [0.0, 0.0, 1.0]])
     small = np.linalg.inv(T) @ H @ T
     inside = cv2.warpPerspective(np.ones_like(a), small, (width, height), flags=cv2.INTER_NEAREST)
-    a = cv2.warpPerspective(a, small, (width, height), flags=cv2.INTER_LINEAR)
+    moved = cv2.warpPerspective(a, small, (width, height), flags=cv2.INTER_LINEAR)
+    same, unlike, around = GRAPHIC
+    graphic = ((np.abs(a - b) < same) & (np.abs(moved - b) > unlike)).astype(np.uint8)
+    inside[cv2.dilate(graphic, np.ones((around, around), np.uint8)) > 0] = 0.0
+    a, b = moved * inside, b * inside
     blocks = (max(width // BLOCK, 1), max(height // BLOCK, 1))
-    means = (cv2.resize(z, blocks, interpolation=cv2.INTER_AREA) for z in (inside, a * a, inside * b * b, a * b))
+    means = (cv2.resize(z, blocks, interpolation=cv2.INTER_AREA) for z in (inside, a * a, b * b, a * b))
     seen, aa, bb, ab = (mean.ravel() for mean in means)
     whole = seen > WHOLE
     if not np.any(whole):
@@ -343,8 +359,8 @@ def _likeness(first: _View, second: _View, H: Array) -> float:
 
 def _in_view(H: Array, size: tuple[int, int]) -> float:
     """Share of either picture that is in view in the other; the smaller of both."""
-    middles = np.linspace(0.05, 0.95, 10)
-    xy = np.stack(np.meshgrid(middles, middles), axis=-1).reshape(-1, 2) * np.asarray(size, dtype=np.float64)
+    xy = IN_PICTURE * np.asarray(size, dtype=np.float64)
+    back: Array = np.asarray(np.linalg.inv(H), dtype=np.float64)
     with np.errstate(invalid="ignore"):
-        inside = [np.all((z >= 0.0) & (z < size), axis=1) for z in (mapped(H, xy), mapped(np.linalg.inv(H), xy))]
+        inside = [np.all((z >= 0.0) & (z < size), axis=1) for z in (mapped(H, xy), mapped(back, xy))]
     return float(min(np.mean(part) for part in inside))
