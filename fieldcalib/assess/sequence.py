@@ -238,7 +238,9 @@ class SequenceCalibration(Sequence[Calibration]):
             """Change per gap at one end: that to the next frame beyond it, where this has a camera."""
             far = np.clip(far, 0, len(has) - 1)
             usable = (has[far] & (run[far] == run[near]) & (far != near))[:, None]
-            return np.where(usable, gap * (far - near)[:, None] * (frames.theta[far] - frames.theta[near]), change)
+            return np.asarray(
+                np.where(usable, gap * (far - near)[:, None] * (frames.theta[far] - frames.theta[near]), change)
+            )
 
         # Hermite's cubic: even motion, and what the slopes at both ends add to it
         bend = (

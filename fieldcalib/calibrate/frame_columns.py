@@ -6,7 +6,7 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from fieldcalib._types import Array, IntArray
+from fieldcalib._types import Array, BoolArray, IntArray
 from fieldcalib.assess.own_errors import OwnErrors, ground_errors
 from fieldcalib.assess.result import Calibration, Status, SuspectLabel
 from fieldcalib.assess.sequence import BASES, LARGEST_ERROR, STATUSES, Basis, Frames
@@ -51,7 +51,7 @@ class FrameColumns:
         evaluation: Evaluation,
         errors: OwnErrors,
         *,
-        tied: bool,
+        tied: BoolArray,
         alone: Mapping[int, Calibration],
     ) -> None:
         """Frames `index` at their solutions, with what is known of their own errors.
@@ -76,10 +76,12 @@ class FrameColumns:
         metres = ground_errors(evaluation.theta, self.options.layout, errors, self.considered, half)
         self.ground_error[index] = metres
         labelled = np.sum(counts, axis=1) > 0
-        basis = np.where(labelled, BASES.index(Basis.BOTH if tied else Basis.LINES), BASES.index(Basis.MATCHES))
+        basis = np.where(
+            labelled, np.where(tied, BASES.index(Basis.BOTH), BASES.index(Basis.LINES)), BASES.index(Basis.MATCHES)
+        )
         self.basis[index] = basis
         for k, t in enumerate(index.tolist()):
-            self._judge(t, alone.get(t), float(metres[k]), tied)
+            self._judge(t, alone.get(t), float(metres[k]), bool(tied[k]))
 
     def _judge(self, t: int, alone: Calibration | None, metres: float, tied: bool) -> None:
         status = Status.ACCEPTED if alone is None or tied else alone.status

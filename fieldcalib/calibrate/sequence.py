@@ -424,7 +424,7 @@ class _Sequence:
         return options, object_segments
 
     def _every(self, together: _Together, before: SequenceCalibration | None = None) -> SequenceCalibration:
-        """All frames, from what some of them share; those that are tied from their cameras of before, if they had any."""
+        """All frames, from what some share; those that are tied from their cameras of before, if they had any."""
         options, object_segments = self._known(together)
         assert options.considered is not None
         columns = self._columns(options, options.considered)
@@ -433,11 +433,9 @@ class _Sequence:
         if len(self.ties):
             each = together.evaluation.of(replace(together.evaluation.problem, layout=options.layout, group=None))
             errors = own_errors(each, *together.noise)
-            tied = np.flatnonzero(together.is_tied)
-            index = together.index[tied]
-            apart = each.of(replace(each.problem, background=None)).take(tied)
-            columns.fill(index, apart, OwnErrors(*(part[tied] for part in errors)), tied=True, alone={})
-            theta[index], done[index] = each.theta[tied], True
+            apart = each.of(replace(each.problem, background=None))
+            columns.fill(together.index, apart, errors, tied=together.is_tied, alone={})
+            theta[together.index], done[together.index] = each.theta, True
             theta, known = theta.copy(), done.copy()
             if before is not None:
                 again = before.accepted & ~done & self.ties.some_tie
@@ -481,7 +479,7 @@ class _Sequence:
             solved = [one for t in members if (one := alone[t].solved) is not None]
             evaluation = solved[0].evaluation.take(np.array([one.frame for one in solved]))
             errors = own_errors(evaluation, *noise)
-            columns.fill(np.array(members), evaluation, errors, tied=False, alone=alone)
+            columns.fill(np.array(members), evaluation, errors, tied=np.zeros(len(members), dtype=bool), alone=alone)
 
     def _fill_tied(
         self,
@@ -515,7 +513,7 @@ class _Sequence:
         ).evaluation
         of_first = OwnErrors(columns.errors.own[first], columns.errors.following[first])
         errors = own_errors(solved, *noise, of_first)
-        columns.fill(index, solved, errors, tied=True, alone=alone)
+        columns.fill(index, solved, errors, tied=np.ones(len(index), dtype=bool), alone=alone)
 
     def _labels(self, t: int, alone: Calibration | None) -> tuple[Pixels, PixelWeights]:
         """What frame t is solved from: its labels as the camera that was found by itself has them."""

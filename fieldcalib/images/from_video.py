@@ -22,7 +22,7 @@ from fieldcalib.assess.sequence import SequenceCalibration
 from fieldcalib.assess.video import NO_TRIPOD, Shot, VideoCalibration
 from fieldcalib.calibrate.options import ALL, DEFAULT_FLAGS, Prior, pixel_unit
 from fieldcalib.calibrate.sequence import calibrate_sequence
-from fieldcalib.calibrate.ties import thinned
+from fieldcalib.calibrate.ties import LEAST_CELLS, thinned
 from fieldcalib.calibrate.together import labels_of
 from fieldcalib.fields.segments import ObjectSegments
 from fieldcalib.images.from_images import calibrate_from_images
@@ -179,9 +179,10 @@ class _Clip:
         for image, tied in tied_frames(images, every=every):
             self.size = image.shape[1], image.shape[0]
             self.piece.append(tied.piece)
-            for key, matches in tied.ties:
-                self.matches[key, tied.index] = thinned(matches.first, matches.second, self.size)
-            if tied.is_key or not tied.ties:  # what nothing ties must tell its camera by itself
+            ties = {key: thinned(matches.first, matches.second, self.size) for key, matches in tied.ties}
+            ties = {key: both for key, both in ties.items() if len(both[0]) >= LEAST_CELLS}
+            self.matches.update({(key, tied.index): both for key, both in ties.items()})
+            if tied.is_key or not ties:  # what nothing ties must tell its camera by itself
                 keys.append(tied.index)
                 held.append(image)
                 if len(held) == IMAGES_AT_ONCE:
