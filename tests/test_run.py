@@ -345,7 +345,7 @@ def test_a_video(know, tmp_path):
         *("camera_000000.json", "camera_000001.json", "cameras.jsonl", "summary.json", "overlay.mp4"),
         *("tripods.json", "motion.png", "worst_frames.jpg"),
     }
-    assert [line["basis"] for line in lines] == ["lines", "lines"]
+    assert all(line["basis"].startswith("lines") for line in lines)
     with VideoReader(out / "overlay.mp4") as overlay:
         assert overlay.frames_per_second == 50.0
         assert [image.shape for image in overlay] == [(540, 960, 3)] * 2

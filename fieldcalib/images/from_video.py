@@ -31,7 +31,7 @@ from fieldcalib.images.line_profiles import Markings, find_lines, profiles_along
 from fieldcalib.images.refinement import LOSS_SCALE, PROFILES_PER_SEGMENT, SEARCH_RANGES
 from fieldcalib.images.same_tripod import grouped
 from fieldcalib.io.image import Image
-from fieldcalib.io.images import IMAGES_AT_ONCE
+from fieldcalib.io.images import IMAGES_AT_ONCE, read_ahead
 from fieldcalib.io.videos import VideoReader
 from fieldcalib.localize import Network
 from fieldcalib.localize.network import SegmentationNetwork
@@ -119,7 +119,7 @@ def _calibrated(
 ) -> VideoCalibration:
     clip = _Clip(object_segments, prior)
     with opened() as images:
-        clip.read(images, network, flags, every)
+        clip.read(read_ahead(images), network, flags, every)
     shots = {piece: clip.together([piece], clip.seen) for piece in clip.pieces}
     groups = [
         _Tripod(pieces, clip.together(pieces, clip.seen) if len(pieces) > 1 else shots[pieces[0]])
@@ -128,7 +128,7 @@ def _calibrated(
     groups.sort(key=lambda tripod: -len(tripod.calibration))
     clip.join_the_others(groups)
     with opened() as images:
-        lines = clip.lines_in(images, groups)
+        lines = clip.lines_in(read_ahead(images), groups)
     return clip.finished(groups, lines)
 
 

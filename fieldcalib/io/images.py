@@ -8,7 +8,9 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator
 from pathlib import Path
-from typing import TypeVar
+from queue import Full, Queue
+from threading import Event, Thread
+from typing import Any, TypeVar
 
 import numpy as np
 
@@ -21,6 +23,8 @@ IMAGES_AT_ONCE = 8  # in memory
 PIXELS_AT_ONCE = 66_000_000  # of them together: eight images of 4K
 LONGEST_SIDE = 32_766  # px: cv2.remap counts pixels in 16 bits
 JPEG, JPEG_SCAN, JPEG_END = b"\xff\xd8\xff", b"\xff\xda", b"\xff\xd9"
+
+AHEAD = 6  # images that are read while others are worked on
 
 Item = TypeVar("Item")
 
@@ -86,6 +90,51 @@ def encode_image(image: Image, suffix: str = ".jpg") -> bytes:
 def write_image(path: Path, image: Image) -> None:
     """Write an image in the format of the path's suffix, whole or not at all."""
     write_bytes(path, encode_image(image, path.suffix))
+
+
+def read_ahead(items: Iterable[Item], count: int = AHEAD) -> Iterator[Item]:
+    """The same items, up to `count` of which a thread reads in advance: decoding a video takes no time then.
+
+    Examples
+    --------
+    >>> list(read_ahead(range(3)))
+    [0, 1, 2]
+    """
+    ready: Queue[tuple[bool, Any]] = Queue(count)
+    stopped = Event()
+
+    def put(is_item: bool, what: Any) -> bool:
+        while not stopped.is_set():
+            try:
+                ready.put((is_item, what), timeout=0.1)
+                return True
+            except Full:
+                pass
+        return False
+
+    def read() -> None:
+        try:
+            for item in items:
+                if not put(True, item):
+                    return
+            put(False, None)
+        except BaseException as error:
+            put(False, error)
+
+    reader = Thread(target=read, daemon=True)
+    reader.start()
+    try:
+        while True:
+            is_item, what = ready.get()
+            if is_item:
+                yield what
+            elif what is None:
+                return
+            else:
+                raise what
+    finally:
+        stopped.set()
+        reader.join()
 
 
 def in_parts(items: Iterable[Item], size: int, pixels: Callable[[Item], int] = lambda item: 0) -> Iterator[list[Item]]:
