@@ -201,6 +201,8 @@ def with_tied(
     wanted: IntArray,
     layout: Layout,
     scale: float,
+    *,
+    near: bool = False,
 ) -> tuple[Array, BoolArray]:
     """Cameras (T, n) with those of frames that are tied, directly or through others, to known ones (T,).
 
@@ -212,6 +214,8 @@ def with_tied(
         In which pan, tilt, roll and zoom are the frames' own and all the rest is known.
     scale : float
         Size of what is usually in view, metres.
+    near : bool
+        Whether theta has cameras of the frames already that are off by some pixels only.
     """
     theta, known, left_out = theta.copy(), known.copy(), np.ones_like(known)
     left_out[wanted] = False
@@ -219,9 +223,10 @@ def with_tied(
         pairs, first = ties.towards(frames, theta, known)
         nearest = np.argsort(np.abs(first - frames[pairs.second]), kind="stable")
         _, one = np.unique(pairs.second[nearest], return_index=True)
-        theta[frames] = theta[first[nearest[one]]]
+        if not near:
+            theta[frames] = theta[first[nearest[one]]]
         observations = pack(object_segments, [{}] * len(frames), layout.image_size)
-        for loss in (FROM_AFAR, ties.loss):
+        for loss in (ties.loss,) if near else (FROM_AFAR, ties.loss):
             problem = Problem(observations, layout, loss, scale=scale, background=replace(pairs, loss=loss))
             found = levenberg_marquardt(evaluate(problem, theta[frames]), max_iterations=50, tolerance=1e-6)
             theta[frames] = found.theta

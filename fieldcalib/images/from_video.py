@@ -17,7 +17,6 @@ from pathlib import Path
 import numpy as np
 
 from fieldcalib._types import Array, IntArray
-from fieldcalib.assess.result import Calibration
 from fieldcalib.assess.sequence import SequenceCalibration
 from fieldcalib.assess.video import NO_TRIPOD, Shot, VideoCalibration
 from fieldcalib.calibrate.options import ALL, DEFAULT_FLAGS, Prior, pixel_unit
@@ -25,10 +24,11 @@ from fieldcalib.calibrate.sequence import calibrate_sequence
 from fieldcalib.calibrate.ties import LEAST_CELLS, thinned
 from fieldcalib.calibrate.together import labels_of
 from fieldcalib.fields.segments import ObjectSegments
+from fieldcalib.images.frame_lines import as_given, frame_lines
 from fieldcalib.images.from_images import calibrate_from_images
 from fieldcalib.images.keyframes import EVERY, tied_frames
-from fieldcalib.images.line_profiles import Markings, find_lines, profiles_along
-from fieldcalib.images.refinement import LOSS_SCALE, PROFILES_PER_SEGMENT, SEARCH_RANGES
+from fieldcalib.images.line_profiles import Markings
+from fieldcalib.images.refinement import LOSS_SCALE
 from fieldcalib.images.same_tripod import grouped
 from fieldcalib.io.image import Image
 from fieldcalib.io.images import IMAGES_AT_ONCE, read_ahead
@@ -172,7 +172,7 @@ class _Clip:
             for key, calibration in zip(keys, found, strict=True):
                 if calibration.solved is not None:
                     labels = labels_of(calibration.solved.alone.evaluation)
-                    (self.seen if calibration.accepted else self.doubtful)[key] = _weighted(labels)
+                    (self.seen if calibration.accepted else self.doubtful)[key] = as_given(labels)
             keys.clear()
             held.clear()
 
@@ -237,10 +237,13 @@ class _Clip:
         lines: dict[int, Lines] = {}
         count = np.zeros((2, 1 + max(self.piece, default=0)))  # of profiles with a line and of all, by piece
         for t, image in enumerate(images):
-            if t not in cameras or cameras[t][0].camera is None:
+            if t not in cameras:
                 continue
             calibration, of_field = cameras.pop(t)
-            lines[t], profiles = _lines(image, calibration, of_field)
+            if calibration.camera is None:
+                continue
+            sigma = calibration.camera.focal_length * np.sqrt(np.max(np.diagonal(calibration.covariance)[:2]))
+            lines[t], profiles = frame_lines(image, calibration.camera, of_field, float(sigma))
             count[:, self.piece[t]] += sum(map(len, lines[t][0].values())), profiles
         share = count[0] / np.maximum(count[1], 1.0)
         for tripod in groups:
@@ -266,24 +269,3 @@ class _Clip:
             tripod,
             number,
         )
-
-
-def _weighted(labels: Lines) -> Lines:
-    """With weights as arguments have them: what a label counts, not what each of its pixels does."""
-    pixels, weights = labels
-    return pixels, {label: len(weight) * weight for label, weight in weights.items()}
-
-
-def _lines(image: Image, calibration: Calibration, markings: Markings) -> tuple[Lines, int]:
-    """The lines near the projected markings of a frame, and the number of profiles in which they were searched."""
-    camera = calibration.camera
-    assert camera is not None
-    error = camera.focal_length * np.sqrt(np.max(np.diagonal(calibration.covariance)[:2]))  # of pan and tilt, pixels
-    search_range = np.clip(SIGMAS * error / pixel_unit(camera.image_size), SEARCH_RANGES[1], SEARCH_RANGES[0])
-    profiles = profiles_along(camera, markings)
-    offset = find_lines(image, profiles, float(search_range))
-    found = np.isfinite(offset)
-    xy, member = profiles.xy[found] + offset[found, None] * profiles.normal[found], profiles.member[found]
-    pixels = {markings.labels[k]: xy[member == k] for k in np.unique(member)}
-    weights = {label: np.full(len(xy), len(xy) / PROFILES_PER_SEGMENT) for label, xy in pixels.items()}
-    return (pixels, weights), len(profiles)
