@@ -79,7 +79,7 @@ def calibrate_sequence(
     object_segments : mapping of str to segment
         The calibration object, e.g. `soccer()`.
     frames : iterable of mappings of str to (N, 2) array_like
-        Pixels of each frame, in any order; frames without labels are allowed, and have no camera.
+        Pixels of each frame, in any order; frames without labels have a camera if `matches` tie them to others.
     image_size : (int, int)
         Width and height of every frame, pixels.
     flags, prior, loss, trust_labels, weights
@@ -381,7 +381,8 @@ class SequenceSolver:
             if name in column:
                 theta[labelled, index] = theirs[:, column[name]]
         is_shared = layout.roles == Role.SHARED
-        theta[:, is_shared] = np.median(theta[np.ix_(labelled, is_shared)], axis=0)
+        is_same = layout.roles != Role.FRAME
+        theta[:, is_same] = np.median(theta[np.ix_(labelled, is_same)], axis=0)
         known[labelled] = True
         labels = start.labels
         if len(self.ties):

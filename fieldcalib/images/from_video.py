@@ -117,9 +117,9 @@ def _calibrated(
     prior: Prior,
     every: int,
 ) -> VideoCalibration:
-    clip = _Clip(object_segments, prior)
+    clip = _Clip(object_segments, flags, prior)
     with opened() as images:
-        clip.read(read_ahead(images), network, flags, every)
+        clip.read(read_ahead(images), network, every)
     shots = {piece: clip.together([piece], clip.seen) for piece in clip.pieces}
     groups = [
         _Tripod(pieces, clip.together(pieces, clip.seen) if len(pieces) > 1 else shots[pieces[0]])
@@ -144,8 +144,9 @@ class _Tripod:
 class _Clip:
     """The frames of a video while they are calibrated."""
 
-    def __init__(self, object_segments: ObjectSegments, prior: Prior) -> None:
+    def __init__(self, object_segments: ObjectSegments, flags: int, prior: Prior) -> None:
         self.object_segments = object_segments
+        self.flags = flags
         self.prior = prior
         self.size = (0, 0)
         self.piece: list[int] = []  # of each frame
@@ -162,13 +163,13 @@ class _Clip:
         """The frames of some pieces, in order."""
         return np.flatnonzero(np.isin(self.piece, pieces))
 
-    def read(self, images: Iterable[Image], network: Network, flags: int, every: int) -> None:
+    def read(self, images: Iterable[Image], network: Network, every: int) -> None:
         """Matches of all frames, and the markings that are found in keyframes."""
         keys: list[int] = []
         held: list[Image] = []
 
         def look() -> None:
-            found = calibrate_from_images(self.object_segments, held, network, flags=flags, prior=self.prior)
+            found = calibrate_from_images(self.object_segments, held, network, flags=self.flags, prior=self.prior)
             for key, calibration in zip(keys, found, strict=True):
                 if calibration.solved is not None:
                     labels = labels_of(calibration.solved.alone.evaluation)
@@ -200,6 +201,7 @@ class _Clip:
             self.object_segments,
             [pixels for pixels, _ in found],
             self.size,
+            flags=None if self.flags == DEFAULT_FLAGS else self.flags,
             prior=self.prior,
             loss=RobustLoss("cauchy", LOSS_SCALE * pixel_unit(self.size)),
             trust_labels=True,

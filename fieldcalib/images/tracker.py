@@ -218,7 +218,7 @@ class Tracker:
             self._object_segments,
             [shot.labels[key][0] for key in keys],
             size,
-            flags=None,
+            flags=None if self._flags == DEFAULT_FLAGS else self._flags,
             prior=self._prior,
             loss=RobustLoss("cauchy", LOSS_SCALE * pixel_unit(size)),
             trust_labels=True,
