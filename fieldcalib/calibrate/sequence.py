@@ -271,7 +271,9 @@ class SequenceSolver:
     def calibrated(self, before: SequenceCalibration | None = None) -> SequenceCalibration:
         """All frames, from a calibration of the same frames if there is one."""
         if before is not None and before.names:
-            return self._calibrated_from(before)
+            assert before.layout is not None
+            cameras = {int(t): before.frames.theta[t] for t in np.flatnonzero(before.accepted)}
+            return self.calibrated_from(before.layout, cameras, before)
         first = [c for c in self._alone(self._spread(FIRST), self.options).values() if c.accepted]
         centre = agreed_centre(first)
         if centre is None:
@@ -296,14 +298,18 @@ class SequenceSolver:
                 break
         return self._every(together)
 
-    def _calibrated_from(self, before: SequenceCalibration) -> SequenceCalibration:
-        assert before.layout is not None
-        some = self._solved_together()
-        cameras = {t: before.frames.theta[t] for t in some.tolist() if before.accepted[t]}
+    def calibrated_from(
+        self, layout: Layout, cameras: Mapping[int, Array], before: SequenceCalibration | None = None
+    ) -> SequenceCalibration:
+        """All frames, from cameras (n,) of some of them in the layout of an earlier solution; labels are trusted.
+
+        Of frames that follow from those that are solved together the cameras of `before` are a start too.
+        """
         labels = {t: self._labels(t, None) for t in cameras if self.frames[t]}
-        if not labels:
-            return before
-        start = _Start(before.layout, cameras, labels)
+        some = self._solved_together()
+        start = _Start(layout, {t: cameras[t] for t in some.tolist() if t in cameras}, labels)
+        if not any(t in labels for t in start.theta):
+            return self.calibrated()
         return self._every(self._together_but_hardly_told(some, start), before)
 
     def _together_but_hardly_told(self, some: IntArray, start: _Start) -> _Together:

@@ -22,6 +22,8 @@ from fieldcalib.problem.labelled_pixels import Pixels, PixelWeights
 from fieldcalib.problem.levenberg_marquardt import levenberg_marquardt
 from fieldcalib.problem.observations import pack
 
+FOLLOWED = 1e-4  # of the cost, at which a frame that follows is done: a hundredth of its standard deviation
+
 Labels = tuple[Pixels, PixelWeights]
 
 
@@ -90,7 +92,9 @@ class KnownTripod:
             background=pairs,
         )
         solved = levenberg_marquardt(
-            evaluate(problem, theta), max_iterations=options.max_iterations, tolerance=options.tolerance
+            evaluate(problem, theta),
+            max_iterations=options.max_iterations,
+            tolerance=max(options.tolerance, FOLLOWED),
         ).evaluation
         errors = own_errors(solved, *self.noise, of_first)
         columns.fill(index, solved, errors, tied=np.ones(len(index), dtype=bool), alone=alone)

@@ -17,6 +17,8 @@ SIGMAS = 3.0  # of the predicted error of a marking, within which its line is se
 def frame_lines(image: Image, camera: Camera, markings: Markings, sigma: float = 0.0) -> tuple[Labels, int]:
     """The lines near the projected markings, and the number of profiles in which they were searched.
 
+    Their weights are as arguments have them.
+
     Parameters
     ----------
     image : (height, width, 3) uint8 array
@@ -40,3 +42,9 @@ def as_given(labels: Labels) -> Labels:
     """Labels with weights as arguments have them: what a label counts, not what each of its pixels does."""
     pixels, weights = labels
     return pixels, {label: len(weight) * weight for label, weight in weights.items()}
+
+
+def per_pixel(labels: Labels) -> Labels:
+    """The inverse of `as_given`."""
+    pixels, weights = labels
+    return pixels, {label: weight / len(weight) for label, weight in weights.items()}

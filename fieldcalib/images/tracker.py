@@ -17,7 +17,7 @@ from typing import NamedTuple, Self
 
 import numpy as np
 
-from fieldcalib._types import Array, BoolArray
+from fieldcalib._types import Array
 from fieldcalib.assess.own_errors import OwnErrors
 from fieldcalib.assess.result import Calibration, Status
 from fieldcalib.assess.sequence import STEP, Basis, SequenceCalibration
@@ -28,7 +28,7 @@ from fieldcalib.calibrate.ties import LEAST_CELLS, Ties, thinned, with_tied
 from fieldcalib.calibrate.together import labels_of
 from fieldcalib.calibrate.tripod import KnownTripod, Labels
 from fieldcalib.fields.segments import ObjectSegments
-from fieldcalib.images.frame_lines import as_given, frame_lines
+from fieldcalib.images.frame_lines import as_given, frame_lines, per_pixel
 from fieldcalib.images.from_images import calibrate_from_images
 from fieldcalib.images.keyframes import EVERY, KeyframeTracker, Tied
 from fieldcalib.images.line_profiles import Markings
@@ -39,6 +39,8 @@ from fieldcalib.localize.network import SegmentationNetwork
 from fieldcalib.problem.losses import RobustLoss
 
 MOST_KEYS = 40  # keyframes of a shot that are solved together: 20 seconds
+LOOKED_AT = 4  # keyframes of a shot that the network sees in any case,
+LOOK_AGAIN = 6  # and then every so many
 LOST_FOR = 12  # frames that nothing ties for which a camera is extrapolated: half a second
 
 
@@ -61,14 +63,21 @@ class _Solved:
     keys: Mapping[int, _Own]
     """Those that have a camera."""
 
+    @property
+    def shared(self) -> Array:
+        """Parameters (n,), of which those that are shared have a meaning."""
+        return next(iter(self.keys.values())).theta
+
 
 @dataclass
 class _Shot:
     """Keyframes of a shot so far."""
 
     piece: int
+    looked_at: int = 0
+    """How many of them the network has seen."""
     labels: dict[int, Labels] = field(default_factory=dict)
-    """Lines in them; empty where the network finds no camera."""
+    """Lines in them; empty where no camera is found."""
     matches: dict[tuple[int, int], tuple[Array, Array]] = field(default_factory=dict)
     """Between them."""
     solved: _Solved | None = None
@@ -120,6 +129,7 @@ class Tracker:
         self._jobs: list[tuple[_Shot, Future[_Solved | None]]] = []
         self._shot = _Shot(0)
         self._index = 0
+        self._size = (0, 0)
         self._last: list[tuple[int, _Own]] = []  # the last two frames that were tied, for the motion
         self._basis = Basis.NOTHING
 
@@ -166,28 +176,29 @@ class Tracker:
         size = (image.shape[1], image.shape[0])
         ties = {} if tied is None else _thinned(tied, size)
         self._take_results()
-        if tied is not None and tied.is_key:
+        is_key = tied is not None and tied.is_key
+        if is_key:
             self._shot.matches.update({(key, index): both for key, both in ties.items()})
-            self._submit(index, image)
         self._basis = Basis.NOTHING
-        if self._shot.solved is None:
-            return Calibration.without_camera(Status.TOO_FEW_SEGMENTS, "no keyframe of this shot has a camera yet")
-        found = self._followed(self._shot.solved, index, image, ties)
-        if found is None:
-            return Calibration.without_camera(Status.TOO_FEW_SEGMENTS, "nothing ties this frame to a keyframe")
-        columns, own = found
-        if tied is not None and tied.is_key:
-            self._shot.followed[index] = own
-        sequence = self._shot.solved.sequence
-        one = replace(sequence, frames=columns.frames)
-        self._basis = one.basis[0]
-        return one[0]
+        calibration = Calibration.without_camera(Status.TOO_FEW_SEGMENTS, "no keyframe of this shot has a camera yet")
+        lines, own = None, None
+        if self._shot.solved is not None:
+            calibration, lines, own = self._followed(self._shot.solved, index, image, ties)
+        if is_key:
+            if own is not None:
+                self._shot.followed[index] = own
+            self._submit(index, image, lines)
+            if self._wait and own is None and self._shot.solved is not None:
+                calibration, _, _ = self._followed(self._shot.solved, index, image, ties)
+        return calibration
 
-    def _submit(self, index: int, image: Image) -> None:
+    def _submit(self, index: int, image: Image, lines: Labels | None) -> None:
         """Have a keyframe calibrated; one that is not begun yet gives way to it."""
         shot = self._shot
+        looks = lines is None or shot.looked_at < LOOKED_AT or len(shot.labels) % LOOK_AGAIN == 0
+        shot.looked_at += looks
         self._jobs = [(of, job) for of, job in self._jobs if not job.cancel()]
-        self._jobs.append((shot, self._worker.submit(self._solve, shot, index, image)))
+        self._jobs.append((shot, self._worker.submit(self._solve, shot, index, image if looks else None, lines)))
         if self._wait:
             self._jobs[-1][1].result()
             self._take_results()
@@ -200,17 +211,17 @@ class Tracker:
                 shot.solved = solved
                 shot.followed = {key: own for key, own in shot.followed.items() if key not in solved.keys}
 
-    def _solve(self, shot: _Shot, index: int, image: Image) -> _Solved | None:
+    def _solve(self, shot: _Shot, index: int, image: Image | None, lines: Labels | None) -> _Solved | None:
         """All keyframes of a shot, with a new one; None as long as none of them has a camera."""
-        (found,) = calibrate_from_images(
-            self._object_segments, [image], self._network, flags=self._flags, prior=self._prior
-        )
-        is_usable = found.accepted and found.solved is not None
-        if found.solved is not None and is_usable:
-            shot.labels[index] = as_given(labels_of(found.solved.alone.evaluation))
-        else:
-            shot.labels[index] = {}, {}
-        size = (image.shape[1], image.shape[0])
+        shot.labels[index] = ({}, {}) if lines is None else lines
+        if image is not None:
+            self._size = (image.shape[1], image.shape[0])
+            (found,) = calibrate_from_images(
+                self._object_segments, [image], self._network, flags=self._flags, prior=self._prior
+            )
+            if found.accepted and found.solved is not None:
+                shot.labels[index] = as_given(labels_of(found.solved.alone.evaluation))
+        size, solved = self._size, shot.solved
         keys = sorted(shot.labels)[-MOST_KEYS:]
         number = {key: k for k, key in enumerate(keys)}
         matches = dict(shot.matches)  # the other thread adds to them
@@ -227,66 +238,66 @@ class Tracker:
             paint=PAINT,
             matches={(number[i], number[j]): both for (i, j), both in matches.items() if i in number and j in number},
         )
-        sequence = solver.calibrated()
-        if solver.tripod is None:
+        if solved is None:
+            sequence = solver.calibrated()
+        else:
+            cameras = {number[key]: own.theta for key, own in {**shot.followed, **solved.keys}.items() if key in number}
+            sequence = solver.calibrated_from(solved.tripod.options.layout, cameras)
+        if solver.tripod is None or not np.any(sequence.accepted):
             return None
         frames = sequence.frames
-        cameras = {
+        keyframes = {
             key: _Own(frames.theta[k], frames.own[k], frames.following[k])
             for key, k in number.items()
             if sequence.accepted[k]
         }
-        return _Solved(solver.tripod, sequence, Markings.of(solver.tripod.object_segments), cameras)
+        return _Solved(solver.tripod, sequence, Markings.of(solver.tripod.object_segments), keyframes)
 
     def _followed(
         self, solved: _Solved, index: int, image: Image, ties: Mapping[int, tuple[Array, Array]]
-    ) -> tuple[FrameColumns, _Own] | None:
-        """The camera of an image from the keyframes that it is tied to, or from the motion of those before."""
+    ) -> tuple[Calibration, Labels | None, _Own | None]:
+        """The camera of an image from the keyframes that it is tied to, or from the motion of those before.
+
+        With it come the lines in the image and the camera that others can be tied to, if it is tied itself.
+        """
         known = {**self._shot.followed, **solved.keys}
-        usable = {key: both for key, both in ties.items() if key in known}
-        if index in known:  # a keyframe that was waited for
-            usable = {}
+        keys = sorted(key for key in ties if key in known)
         tripod, layout = solved.tripod, solved.tripod.options.layout
         columns = tripod.columns(1)
-        if index in known or not usable:
-            own = known.get(index) or self._extrapolated(index, solved)
+        own = known.get(index)  # of a keyframe that was waited for
+        if own is not None or not keys:
+            basis = Basis.INTERPOLATED if own is None else Basis.LINES
+            own = self._extrapolated(index, solved) if own is None else own
             if own is None:
-                return None
-            basis = Basis.LINES if index in known else Basis.INTERPOLATED
+                nothing = "nothing ties this frame to a keyframe that has a camera"
+                return Calibration.without_camera(Status.TOO_FEW_SEGMENTS, nothing), None, None
             columns.fill_from(own.theta, OwnErrors(own.E, own.F), basis)
-            if index in known:
-                self._remember(index, own)
-            return columns, own
-        keys = sorted(usable)
-        here = np.array([len(keys)])
-        size = layout.image_size
-        pairs = {(k, len(keys)): usable[key] for k, key in enumerate(keys)}
-        local = Ties.of(tripod.object_segments, pairs, len(keys) + 1, size)
-        theta = np.array([*(known[key].theta for key in keys), self._start(known[keys[-1]].theta, layout.free)])
-        theta[:, ~layout.free] = solved.sequence.frames.theta[np.isfinite(solved.sequence.frames.theta).all(axis=1)][0][
-            ~layout.free
-        ]
-        is_known = np.arange(len(theta)) < len(keys)
+            return self._of(solved, columns), None, None
+        here, is_known = np.array([len(keys)]), np.arange(len(keys) + 1) < len(keys)
+        pairs = {(k, len(keys)): ties[key] for k, key in enumerate(keys)}
+        local = Ties.of(tripod.object_segments, pairs, len(keys) + 1, layout.image_size)
+        last = self._last[-1][1] if self._last else known[keys[-1]]
+        theta = np.where(layout.free, [*(known[key].theta for key in keys), last.theta], solved.shared)
         theta, reached = with_tied(
             tripod.object_segments, local, theta, is_known, here, layout, tripod.options.scale, near=bool(self._last)
         )
         if not reached[-1]:
-            return None
+            nothing = "what ties this frame contradicts its keyframes"
+            return Calibration.without_camera(Status.TOO_FEW_SEGMENTS, nothing), None, None
         lines, _ = frame_lines(image, layout.camera(theta[-1]), solved.markings)
         towards, first = local.towards(here, theta, is_known)
-        own_first = [known[keys[k]] for k in first.tolist()]
-        of_first = OwnErrors(np.array([one.E for one in own_first]), np.array([one.F for one in own_first]))
-        tripod.follow(columns, np.array([0]), theta[-1:], [lines], towards, of_first, {})
+        of_keys = [known[keys[k]] for k in first.tolist()]
+        of_first = OwnErrors(np.array([one.E for one in of_keys]), np.array([one.F for one in of_keys]))
+        tripod.follow(columns, np.array([0]), theta[-1:], [per_pixel(lines)], towards, of_first, {})
         own = _Own(columns.theta[0], columns.errors.own[0], columns.errors.following[0])
-        self._remember(index, own)
-        return columns, own
-
-    def _remember(self, index: int, own: _Own) -> None:
         self._last = [*self._last[-1:], (index, own)]
+        return self._of(solved, columns), lines, own
 
-    def _start(self, of_key: Array, free: BoolArray) -> Array:
-        """Where the search for a camera begins: at that of the last frame."""
-        return of_key if not self._last else np.where(free, self._last[-1][1].theta, of_key)
+    def _of(self, solved: _Solved, columns: FrameColumns) -> Calibration:
+        """The calibration in columns of one frame."""
+        one = replace(solved.sequence, frames=columns.frames)
+        self._basis = one.basis[0]
+        return one[0]
 
     def _extrapolated(self, index: int, solved: _Solved) -> _Own | None:
         """The camera that goes on moving as before, with errors that grow."""
