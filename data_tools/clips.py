@@ -145,7 +145,7 @@ def _moved(everything: VideoCalibration, found: VideoCalibration, some: BoolArra
     """How far field points in view are from where they are by everything, in some frames."""
     errors: list[Array] = []
     lost = 0
-    for t in np.flatnonzero(some):
+    for t in np.flatnonzero(some).tolist():
         before, after = everything[t].camera, found[t].camera
         if before is None:
             continue

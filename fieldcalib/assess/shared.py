@@ -53,3 +53,24 @@ def shared_covariance(evaluation: Evaluation, sigma: Array, kappa: Array) -> tup
         crossed = np.sum(L[first][:, :, ~shared] @ blocks @ np.swapaxes(L[second][:, :, ~shared], 1, 2), axis=0)
         spread += crossed + crossed.T
     return inverse @ spread @ inverse, inverse
+
+
+def by_considered(evaluation: Evaluation, kappa: Array, inverse: Array) -> Array:
+    """How errors of the shared parameters follow those of what is kept at an uncertain value, (S, c).
+
+    Parameters
+    ----------
+    evaluation : Evaluation
+        Of T frames at the solution.
+    kappa : (T,) array
+        As in `shared_covariance`, which gives `inverse` too.
+    inverse : (S, S) array
+    """
+    layout = evaluation.problem.layout
+    own = ~layout.shared
+    hessian = evaluation.hessian + (kappa - 1.0)[:, None, None] * evaluation.information
+    by_kept = evaluation.derivatives(layout.considered)
+    border = kappa[:, None, None] * ((evaluation.JT * evaluation.pull[:, None]) @ np.swapaxes(by_kept, 1, 2))
+    following, _ = eliminated(hessian, evaluation.gradient, own, evaluation.coupling)
+    right = border[:, layout.shared] - np.swapaxes(following, 1, 2) @ border[:, own]
+    return np.asarray(-inverse @ np.sum(right, axis=0))

@@ -22,7 +22,7 @@ from fieldcalib.assess.noise import pooled_noise
 from fieldcalib.assess.own_errors import OwnErrors, own_errors
 from fieldcalib.assess.result import Calibration
 from fieldcalib.assess.sequence import SequenceCalibration
-from fieldcalib.assess.shared import shared_covariance
+from fieldcalib.assess.shared import by_considered, shared_covariance
 from fieldcalib.calibrate.frame_columns import FrameColumns
 from fieldcalib.calibrate.from_segments import CHUNK, calibrate_frames, checked_frames
 from fieldcalib.calibrate.initial_cameras import given_cameras
@@ -198,8 +198,8 @@ class _Together:
     index: IntArray
     """Which they are, (B,)."""
     evaluation: Evaluation
-    covariance: Array
-    """Of what they share, (S, S)."""
+    whole: Array
+    """Covariance of what they share, and then of what is kept of the field's size, (S + c, S + c)."""
     noise: PixelNoise
     labelled: int
     """How many of them have labels that took part."""
@@ -208,6 +208,12 @@ class _Together:
     def layout(self) -> Layout:
         """Of their parameters."""
         return self.evaluation.problem.layout
+
+    @property
+    def covariance(self) -> Array:
+        """Of what they share, (S, S)."""
+        shared = int(np.count_nonzero(self.layout.shared))
+        return self.whole[:shared, :shared]
 
     @property
     def is_tied(self) -> BoolArray:
@@ -414,8 +420,20 @@ class SequenceSolver:
             together, max_iterations=self.options.max_iterations, tolerance=self.options.tolerance
         ).evaluation
         sigma, kappa = pooled_noise(solved)
-        covariance, _ = shared_covariance(solved, sigma, kappa)
-        return _Together(some, solved, covariance, PixelNoise(float(sigma[0]), float(kappa[0])), len(labels))
+        covariance, inverse = shared_covariance(solved, sigma, kappa)
+        kept = self._kept_variance(layout)
+        by_kept = by_considered(solved, kappa, inverse)
+        whole = np.block([[covariance + by_kept @ kept @ by_kept.T, by_kept @ kept], [kept @ by_kept.T, kept]])
+        return _Together(some, solved, whole, PixelNoise(float(sigma[0]), float(kappa[0])), len(labels))
+
+    def _kept_variance(self, layout: Layout) -> Array:
+        """Covariance (c, c) of what is kept of the field's size."""
+        index = np.flatnonzero(layout.considered)
+        if not len(index):
+            return np.zeros((0, 0))
+        assert self.options.field is not None and self.options.field.size_model is not None
+        probability, sigma = self.options.field.size_model.possibilities
+        return np.diag(probability @ np.square(sigma[:, index - layout.field_size_block.start]))
 
     def _problem(self, layout: Layout) -> Problem:
         """That of no frame."""
@@ -439,15 +457,11 @@ class SequenceSolver:
             length, width = theta[layout.field_size_block].tolist()
             object_segments = field = replace(field.resized(length, width), size_known=True)
             layout = replace(layout, field_size=size._replace(given=np.array([length, width])))
-        is_shared = layout.roles == Role.SHARED
-        considered = is_shared | (layout.roles == Role.CONSIDERED)
+        is_shared, is_kept = layout.roles == Role.SHARED, layout.roles == Role.CONSIDERED
+        considered = is_shared | is_kept
+        both = np.concatenate([np.flatnonzero(is_shared), np.flatnonzero(is_kept)])
         every = np.zeros((layout.size, layout.size))
-        every[np.ix_(is_shared, is_shared)] = together.covariance
-        if self.options.field is not None and self.options.field.size_model is not None:
-            probability, sigma = self.options.field.size_model.possibilities
-            for name in self.kept:
-                index = layout.names.index(name)
-                every[index, index] = probability @ np.square(sigma[:, index - layout.field_size_block.start])
+        every[np.ix_(both, both)] = together.whole
         options = replace(
             self.options,
             layout=layout.with_roles_of(considered, Role.CONSIDERED),

@@ -87,6 +87,7 @@ class Groups:
         return Groups(np.unique(self.of_frame[frames], return_inverse=True)[1])
 
 
+@np.errstate(over="ignore", invalid="ignore")  # a step too far has no finite cost, and is not taken
 def levenberg_marquardt(
     start: Evaluation, *, max_iterations: int, tolerance: float, initial_damping: float = NEAR
 ) -> Solution:
