@@ -218,7 +218,7 @@ def test_even_motion_is_met(sequence):
 
 @given(st.integers(1, 20), st.floats(-0.05, 0.05))
 def test_motion_that_speeds_up_is_nearly_met(sequence, missing, acceleration):
-    """Slopes are those half a frame beyond both ends: of a gap of G frames, 1 / G of a straight line's error is left."""
+    """Slopes are those half a frame beyond both ends: of G frames, 1 / G of a straight line's error is left."""
     T = missing + 8
     known, motion = gap(T, (4, 4 + missing)), acceleration * np.square(np.arange(T) - 3.0)
     found = moving(sequence, motion, known).interpolated(np.zeros(T, dtype=int), 25)
