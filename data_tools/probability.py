@@ -126,7 +126,9 @@ def fit(options: argparse.Namespace) -> int:
         frames = [random_frame(field, rng) for _ in range(options.frames)]
         parts.append(judged(field, [f.pixels for f in frames], [f.camera for f in frames], frames[0].camera.image_size))
     found, errors = parts[0]
-    coefficients = fitted(np.array([evidence(c.solved.uncertainty, field)[0][0] for c in found if c.solved is not None]), errors)
+    coefficients = fitted(
+        np.array([evidence(c.solved.uncertainty, field)[0][0] for c in found if c.solved is not None]), errors
+    )
     print(json.dumps({"frames": len(found), "coefficients": coefficients.round(2).tolist()}))
     _print_reliability(*parts[1])
     return 0

@@ -5,6 +5,7 @@ from . import metrics as metrics
 from .assess.result import Calibration as Calibration
 from .assess.result import Status as Status
 from .assess.sequence import SequenceCalibration as SequenceCalibration
+from .assess.video import VideoCalibration as VideoCalibration
 from .calibrate.decomposition import Decomposition as Decomposition
 from .calibrate.decomposition import camera_from_homography as camera_from_homography
 from .calibrate.field_size import FieldSize as FieldSize

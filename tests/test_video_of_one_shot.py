@@ -35,7 +35,7 @@ def test_a_frame_that_shows_nothing_is_interpolated(pictures):
     black = np.zeros_like(pictures[0])
     cameras = [*CAMERAS[:4], None, *CAMERAS[4:]]
     found = calibrate_video(FIELD, [*pictures[:4], black, *pictures[4:]], KnownCameras(cameras))
-    assert [str(basis) for basis in found.basis].index("interpolation") == 4
+    assert [str(basis) for basis in found.basis].index("interpolated") == 4
     sigma = [np.sqrt(frame.covariance[0, 0]) for frame in found]
     assert sigma[4] > max(sigma[3], sigma[5])
     assert found[3].camera.angles[0] < found[4].camera.angles[0] < found[5].camera.angles[0]

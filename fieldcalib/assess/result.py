@@ -51,8 +51,8 @@ class Status(StrEnum):
     REJECTED = "rejected by tau"
     """The loss in NDC is above the threshold that the user set."""
     IMPROBABLE = "probably wrong"
-    """The probability that the camera is right is below the one that the user asked for, or its image shows no lines
-    where it has the markings."""
+    """The probability that the camera is right is below the one that the user asked for, its image shows no lines
+    where it has the markings, or, of a frame that others tell, the field in view is not known to 1 m."""
     TOO_FEW_SEGMENTS = "too few segments"
     """The labels give fewer equations than there are unknowns; the rest comes from the prior."""
     DEGENERATE = "degenerate"
@@ -229,22 +229,25 @@ class Calibration:
         """What speaks against an accepted camera, or why nothing speaks for it, most important first."""
         if self.camera is None:
             return ()
-        if self.errors is not None:
-            return self.complaints
-        if self.solved is None:
+        if not self.knows_errors:
             return ("its errors are not known, as it does not come from labelled pixels",)
         doubts = []
         if self.has_probability:
             probability = self.probability()
             if not probability >= LEAST_PROBABILITY:
                 doubts.append(f"right to 1 m with a probability of {probability:.2f}")
-        return (*doubts, *surprises(self._solved_uncertainty), *self.complaints)
+        unusual = () if self.solved is None else surprises(self._solved_uncertainty)
+        return (*doubts, *unusual, *self.complaints)
+
+    @property
+    def knows_errors(self) -> bool:
+        """Whether `uncertainty` is known."""
+        return self.solved is not None or self.errors is not None
 
     @property
     def has_probability(self) -> bool:
         """Whether `probability` is known: of a camera fitted to labels of a field with a probability model."""
-        is_known = self.solved is not None or self.errors is not None
-        return is_known and self.field is not None and self.field.probability is not None
+        return self.knows_errors and self.field is not None and self.field.probability is not None
 
     @property
     def uncertainty(self) -> CameraErrors:
@@ -261,6 +264,8 @@ class Calibration:
 
     @cached_property
     def _solved_uncertainty(self) -> Uncertainty:
+        if self.errors is not None:
+            raise ValueError("expected a calibration of a single frame: of a sequence only the covariance is kept")
         if self.solved is None:
             raise ValueError(f"expected a calibration from labelled pixels, this one knows no errors: {self.message}")
         return self.solved.uncertainty
@@ -312,7 +317,7 @@ class Calibration:
             raise ValueError(f"metres must be positive, got {metres}")
         if self.camera is None:
             return 0.0
-        if self.solved is None and self.errors is None:
+        if not self.knows_errors:
             return float("nan")
         if self.field is None:
             raise ValueError("expected a calibration of a Field: how much of another object is in view is not known")
@@ -346,7 +351,7 @@ class Calibration:
         >>> nothing.doubted(0.5) is nothing
         True
         """
-        if self.solved is None or self.status is Status.REJECTED:
+        if not self.knows_errors or self.status is Status.REJECTED:
             return self
         probability = self.probability(metres, size_known=size_known)
         if probability >= least:

@@ -42,7 +42,7 @@ class Basis(StrEnum):
     MATCHES = "matches"
     """Static points that other frames see too."""
     BOTH = "lines and matches"
-    INTERPOLATED = "interpolation"
+    INTERPOLATED = "interpolated"
     """The frames before and after it."""
 
 
@@ -103,7 +103,8 @@ class Frames:
         if labelled and basis in (Basis.LINES, Basis.BOTH):
             parts.append(f"rms {self.rms[t]:.2f} px over {labelled} segment{'s' * (labelled != 1)}")
         if np.isfinite(self.ground_error[t]):
-            parts.append(f"by {basis}, the field in view to {self.ground_error[t]:.2f} m")
+            how = basis if basis is Basis.INTERPOLATED else f"by {basis}"
+            parts.append(f"{how}, the field in view to {self.ground_error[t]:.2f} m")
         return "; ".join(parts)
 
     def to_dict(self) -> dict[str, Any]:

@@ -22,7 +22,7 @@ NO_TRIPOD = -1
 
 
 class Shot(NamedTuple):
-    """Frames without a cut between them."""
+    """Frames that matches connect: a cut, or a pan too fast to follow, ends it."""
 
     start: int
     """Its first frame."""
@@ -48,7 +48,7 @@ class VideoCalibration(Sequence[Calibration]):
     tripods: tuple[SequenceCalibration, ...]
     """The frames of each tripod and what they share, the one with most frames first."""
     shots: tuple[Shot, ...]
-    """In order; frames between them belong to none."""
+    """In order."""
     tripod: IntArray = attribute(repr=False)
     """Index of the tripod of each frame, (T,); -1 for none."""
     number: IntArray = attribute(repr=False)

@@ -71,9 +71,7 @@ class FrameColumns:
         number = np.array([self.labels.index(label) for label in observations.labels], dtype=np.intp)
         self.label_errors[np.ix_(index, number)] = np.nan_to_num(of_labels)
         self.label_counts[np.ix_(index, number)] = np.round(counts)
-        field = self.options.field
-        half = np.full(2, np.inf) if field is None else np.array([field.length, field.width]) / 2.0
-        metres = ground_errors(evaluation.theta, self.options.layout, errors, self.considered, half)
+        metres = self._ground_errors(evaluation.theta, errors)
         self.ground_error[index] = metres
         labelled = np.sum(counts, axis=1) > 0
         basis = np.where(
@@ -82,6 +80,19 @@ class FrameColumns:
         self.basis[index] = basis
         for k, t in enumerate(index.tolist()):
             self._judge(t, alone.get(t), float(metres[k]), bool(tied[k]))
+
+    def fill_from(self, theta: Array, errors: OwnErrors, basis: Basis) -> None:
+        """The only frame, from a camera (n,) and its errors that are known already."""
+        one = OwnErrors(errors.own[None], errors.following[None])
+        self.theta[0], self.errors.own[0], self.errors.following[0] = theta, *errors
+        self.ground_error[:] = self._ground_errors(theta[None], one)
+        self.basis[0] = BASES.index(basis)
+        self._judge(0, None, float(self.ground_error[0]), True)
+
+    def _ground_errors(self, theta: Array, errors: OwnErrors) -> Array:
+        field = self.options.field
+        half = np.full(2, np.inf) if field is None else np.array([field.length, field.width]) / 2.0
+        return ground_errors(theta, self.options.layout, errors, self.considered, half)
 
     def _judge(self, t: int, alone: Calibration | None, metres: float, tied: bool) -> None:
         status = Status.ACCEPTED if alone is None or tied else alone.status

@@ -24,7 +24,7 @@ from fieldcalib.assess.result import Calibration
 from fieldcalib.assess.sequence import SequenceCalibration
 from fieldcalib.assess.shared import shared_covariance
 from fieldcalib.calibrate.frame_columns import FrameColumns
-from fieldcalib.calibrate.from_segments import CHUNK, NO_PIXELS, calibrate_frames, checked_frames, motion_of
+from fieldcalib.calibrate.from_segments import CHUNK, calibrate_frames, checked_frames
 from fieldcalib.calibrate.initial_cameras import given_cameras
 from fieldcalib.calibrate.options import (
     DEFAULT_CRITERIA,
@@ -37,9 +37,10 @@ from fieldcalib.calibrate.options import (
 )
 from fieldcalib.calibrate.ties import Matched, Ties, with_tied
 from fieldcalib.calibrate.together import labels_of, put_together
+from fieldcalib.calibrate.tripod import KnownTripod, Labels, PixelNoise
 from fieldcalib.fields.field import Field
 from fieldcalib.fields.segments import ObjectSegments
-from fieldcalib.problem.evaluation import Evaluation, Problem, evaluate
+from fieldcalib.problem.evaluation import Evaluation, Problem
 from fieldcalib.problem.labelled_pixels import ImageSegments, Pixels, PixelWeights, Weights
 from fieldcalib.problem.layout import CENTER, LOG_F, Layout, Role, SizeBlock, ZoomLaw
 from fieldcalib.problem.levenberg_marquardt import levenberg_marquardt
@@ -49,6 +50,7 @@ from fieldcalib.problem.observations import pack
 SHARED = ("centre", "principal point", "lens", "zoom law", "field size")
 FIRST = 60  # frames that are calibrated one by one, to find the place of the tripod
 TOGETHER = 400  # frames that are solved together
+NO_NOISE = PixelNoise(1.0, 1.0)
 ROUNDS = 3  # of solving together, and every frame again
 AGREE = 7.8  # squared distance of two centres in standard deviations: 95 % of chi-squared with three degrees of freedom
 TOLD = 0.4  # m: standard deviation of length or width; clips that show a penalty area and the middle tell it to 0.2
@@ -77,7 +79,7 @@ def calibrate_sequence(
     object_segments : mapping of str to segment
         The calibration object, e.g. `soccer()`.
     frames : iterable of mappings of str to (N, 2) array_like
-        Pixels of each frame, in any order; frames without labels are allowed, and have no camera.
+        Pixels of each frame, in any order; frames without labels have a camera if `matches` tie them to others.
     image_size : (int, int)
         Width and height of every frame, pixels.
     flags, prior, loss, trust_labels, weights
@@ -128,6 +130,42 @@ def calibrate_sequence(
     >>> found.values[1:3].round()  # y and z of the tripod
     array([ 66., -16.])
     """
+    solver = sequence_solver(
+        object_segments,
+        frames,
+        image_size,
+        flags=flags,
+        prior=prior,
+        loss=loss,
+        trust_labels=trust_labels,
+        weights=weights,
+        shared=shared,
+        paint=paint,
+        matches=matches,
+    )
+    if start is not None and (len(start) != len(solver.frames) or not trust_labels):
+        raise ValueError(
+            f"start is a calibration of the same frames whose labels are trusted: expected trust_labels and "
+            f"{len(solver.frames)} frames, got {len(start)}"
+        )
+    return solver.calibrated(start)
+
+
+def sequence_solver(
+    object_segments: ObjectSegments,
+    frames: Iterable[ImageSegments],
+    image_size: tuple[int, int],
+    *,
+    flags: int | None,
+    prior: Prior,
+    loss: LossName | RobustLoss,
+    trust_labels: bool,
+    weights: Iterable[Weights] | None,
+    shared: Sequence[str],
+    paint: float,
+    matches: Matched | None,
+) -> SequenceSolver:
+    """The checked arguments of `calibrate_sequence`, before anything is solved."""
     unknown = set(shared) - set(SHARED)
     if unknown:
         raise ValueError(f"frames cannot share {sorted(unknown)}: expected some of {', '.join(SHARED)}")
@@ -150,22 +188,7 @@ def calibrate_sequence(
     )
     pixels, pixel_weights = checked_frames(object_segments, frames, weights, options.image_size)
     ties = Ties.of(object_segments, matches or {}, len(pixels), options.image_size)
-    sequence = _Sequence(object_segments, pixels, pixel_weights, ties, options, tuple(shared), trust_labels)
-    if start is None:
-        return sequence.calibrated()
-    if len(start) != len(pixels) or not trust_labels:
-        raise ValueError(
-            f"start is a calibration of the same frames whose labels are trusted: expected trust_labels and "
-            f"{len(pixels)} frames, got {len(start)}"
-        )
-    return sequence.calibrated_from(start)
-
-
-class _Noise(NamedTuple):
-    """Of the labelled pixels, as `fieldcalib.assess.noise` has it."""
-
-    sigma: float
-    kappa: float
+    return SequenceSolver(object_segments, pixels, pixel_weights, ties, options, tuple(shared), trust_labels)
 
 
 @dataclass(frozen=True, eq=False)
@@ -177,7 +200,7 @@ class _Together:
     evaluation: Evaluation
     covariance: Array
     """Of what they share, (S, S)."""
-    noise: _Noise
+    noise: PixelNoise
     labelled: int
     """How many of them have labels that took part."""
 
@@ -207,7 +230,7 @@ class _Start(NamedTuple):
     layout: Layout
     theta: Mapping[int, Array]
     """Parameters (n,), by frame."""
-    labels: Mapping[int, tuple[Pixels, PixelWeights]]
+    labels: Mapping[int, Labels]
     """Of frames among these."""
 
     @classmethod
@@ -222,7 +245,7 @@ class _Start(NamedTuple):
         )
 
 
-class _Sequence:
+class SequenceSolver:
     """The frames of one tripod while they are calibrated."""
 
     def __init__(
@@ -242,9 +265,15 @@ class _Sequence:
         self.options = options
         self.shared = shared
         self.trust_labels = trust_labels
+        self.tripod: KnownTripod | None = None  # when it was found
         self.kept: tuple[str, ...] = ()  # of length and width, what the frames do not tell: it stays as it is given
 
-    def calibrated(self) -> SequenceCalibration:
+    def calibrated(self, before: SequenceCalibration | None = None) -> SequenceCalibration:
+        """All frames, from a calibration of the same frames if there is one."""
+        if before is not None and before.names:
+            assert before.layout is not None
+            cameras = {int(t): before.frames.theta[t] for t in np.flatnonzero(before.accepted)}
+            return self.calibrated_from(before.layout, cameras, before)
         first = [c for c in self._alone(self._spread(FIRST), self.options).values() if c.accepted]
         centre = agreed_centre(first)
         if centre is None:
@@ -258,25 +287,29 @@ class _Sequence:
             return self._one_by_one()
         together = self._together_but_hardly_told(some, start)
         for _ in range(ROUNDS - 1):
-            before = together.labelled
-            start = _Start.of(self._alone(some, *self._known(together), given=together.cameras))
+            count = together.labelled
+            tripod = self._known(together)
+            again = self._alone(some, tripod.options, tripod.object_segments, together.cameras)
+            start = _Start.of(again)
             if start is None:
                 break
             together = self._together(some, start)
-            if together.labelled == before:
+            if together.labelled == count:
                 break
         return self._every(together)
 
-    def calibrated_from(self, before: SequenceCalibration) -> SequenceCalibration:
-        """From a calibration of the same frames."""
-        if before.layout is None or not before.names:
-            return self.calibrated()
-        some = self._solved_together()
-        cameras = {t: before.frames.theta[t] for t in some.tolist() if before.accepted[t]}
+    def calibrated_from(
+        self, layout: Layout, cameras: Mapping[int, Array], before: SequenceCalibration | None = None
+    ) -> SequenceCalibration:
+        """All frames, from cameras (n,) of some of them in the layout of an earlier solution; labels are trusted.
+
+        Of frames that follow from those that are solved together the cameras of `before` are a start too.
+        """
         labels = {t: self._labels(t, None) for t in cameras if self.frames[t]}
-        if not labels:
+        some = self._solved_together()
+        start = _Start(layout, {t: cameras[t] for t in some.tolist() if t in cameras}, labels)
+        if not any(t in labels for t in start.theta):
             return self.calibrated()
-        start = _Start(before.layout, cameras, labels)
         return self._every(self._together_but_hardly_told(some, start), before)
 
     def _together_but_hardly_told(self, some: IntArray, start: _Start) -> _Together:
@@ -354,7 +387,8 @@ class _Sequence:
             if name in column:
                 theta[labelled, index] = theirs[:, column[name]]
         is_shared = layout.roles == Role.SHARED
-        theta[:, is_shared] = np.median(theta[np.ix_(labelled, is_shared)], axis=0)
+        is_same = layout.roles != Role.FRAME
+        theta[:, is_same] = np.median(theta[np.ix_(labelled, is_same)], axis=0)
         known[labelled] = True
         labels = start.labels
         if len(self.ties):
@@ -381,7 +415,7 @@ class _Sequence:
         ).evaluation
         sigma, kappa = pooled_noise(solved)
         covariance, _ = shared_covariance(solved, sigma, kappa)
-        return _Together(some, solved, covariance, _Noise(float(sigma[0]), float(kappa[0])), len(labels))
+        return _Together(some, solved, covariance, PixelNoise(float(sigma[0]), float(kappa[0])), len(labels))
 
     def _problem(self, layout: Layout) -> Problem:
         """That of no frame."""
@@ -397,8 +431,8 @@ class _Sequence:
         block = range(layout.size)[layout.field_size_block]
         return tuple(layout.names[index] for index in block if layout.free[index] and sigma[index] > TOLD)
 
-    def _known(self, together: _Together) -> tuple[Options, ObjectSegments]:
-        """The options and the object for frames by themselves, what is shared being known with its covariance."""
+    def _known(self, together: _Together) -> KnownTripod:
+        """What the frames share, with its covariance."""
         layout, theta = together.layout, together.evaluation.theta[0]
         object_segments, field, size = self.object_segments, self.options.field, layout.field_size
         if size is not None and field is not None:
@@ -421,13 +455,13 @@ class _Sequence:
             field=field,
             considered=every[np.ix_(considered, considered)],
         )
-        return options, object_segments
+        return KnownTripod(object_segments, options, together.noise)
 
     def _every(self, together: _Together, before: SequenceCalibration | None = None) -> SequenceCalibration:
         """All frames, from what some share; those that are tied from their cameras of before, if they had any."""
-        options, object_segments = self._known(together)
-        assert options.considered is not None
-        columns = self._columns(options, options.considered)
+        self.tripod = tripod = self._known(together)
+        options, object_segments = tripod.options, tripod.object_segments
+        columns = tripod.columns(len(self.frames))
         done = np.zeros(len(self.frames), dtype=bool)
         theta, known = columns.theta.copy(), done.copy()
         if len(self.ties):
@@ -453,7 +487,10 @@ class _Sequence:
         self._fill_alone(columns, {t: c for t, c in alone.items() if not known[t]}, together.noise)
         while len(layer := self.ties.reached(done, ~known)):
             for part in np.array_split(layer, -(-len(layer) // CHUNK)):
-                self._fill_tied(columns, part, theta, done, alone, together.noise, object_segments)
+                pairs, first = self.ties.towards(part, columns.theta, done)
+                of_first = OwnErrors(columns.errors.own[first], columns.errors.following[first])
+                labels = [self._labels(t, alone.get(t)) for t in part.tolist()]
+                tripod.follow(columns, part, theta[part], labels, pairs, of_first, alone)
             done[layer] = True
         is_shared = together.layout.roles == Role.SHARED
         return SequenceCalibration(
@@ -464,10 +501,10 @@ class _Sequence:
             options.field,
             len(together.index),
             options.layout,
-            options.considered,
+            tripod.considered,
         )
 
-    def _fill_alone(self, columns: FrameColumns, alone: Mapping[int, Calibration], noise: _Noise) -> None:
+    def _fill_alone(self, columns: FrameColumns, alone: Mapping[int, Calibration], noise: PixelNoise) -> None:
         """Frames that nothing ties, as they were calibrated; those that were solved together at a time."""
         parts: dict[int, list[int]] = {}
         for t, calibration in alone.items():
@@ -481,41 +518,7 @@ class _Sequence:
             errors = own_errors(evaluation, *noise)
             columns.fill(np.array(members), evaluation, errors, tied=np.zeros(len(members), dtype=bool), alone=alone)
 
-    def _fill_tied(
-        self,
-        columns: FrameColumns,
-        index: IntArray,
-        theta: Array,
-        done: BoolArray,
-        alone: Mapping[int, Calibration],
-        noise: _Noise,
-        object_segments: ObjectSegments,
-    ) -> None:
-        """Frames that are tied to those that are done, from cameras theta (T, n)."""
-        options = columns.options
-        pairs, first = self.ties.towards(index, columns.theta, done)
-        labels = [self._labels(t, alone.get(t)) for t in index.tolist()]
-        pixels, weights = zip(*labels, strict=True)
-        prior = given_cameras(theta[index], options.layout, options.distributions).prior if options.use_prior else None
-        problem = Problem(
-            pack(object_segments, pixels, options.image_size, weights, motion_of(options)),
-            options.layout,
-            options.loss,
-            options.noise,
-            prior,
-            paint=options.paint,
-            considered=options.considered,
-            scale=options.scale,
-            background=pairs,
-        )
-        solved = levenberg_marquardt(
-            evaluate(problem, theta[index]), max_iterations=options.max_iterations, tolerance=options.tolerance
-        ).evaluation
-        of_first = OwnErrors(columns.errors.own[first], columns.errors.following[first])
-        errors = own_errors(solved, *noise, of_first)
-        columns.fill(index, solved, errors, tied=np.ones(len(index), dtype=bool), alone=alone)
-
-    def _labels(self, t: int, alone: Calibration | None) -> tuple[Pixels, PixelWeights]:
+    def _labels(self, t: int, alone: Calibration | None) -> Labels:
         """What frame t is solved from: its labels as the camera that was found by itself has them."""
         if self.trust_labels:
             frame, weights = self.frames[t], self.weights[t]
@@ -531,16 +534,12 @@ class _Sequence:
         if self.options.layout.field_size is not None:
             probability, sigma = self.options.layout.field_size.possibilities
             np.fill_diagonal(variance, probability @ np.square(sigma))
-        columns = self._columns(self.options, variance)
+        options = replace(self.options, considered=variance)
+        columns = KnownTripod(self.object_segments, options, NO_NOISE).columns(len(self.frames))
         if solved:
             sigma, kappa = np.median([(u.bent_sigma, u.curvature) for u in (one.uncertainty for one in solved)], axis=0)
-            self._fill_alone(columns, alone, _Noise(sigma, kappa))
-        return SequenceCalibration(
-            columns.frames, field=self.options.field, layout=self.options.layout, considered=variance
-        )
-
-    def _columns(self, options: Options, considered: Array) -> FrameColumns:
-        return FrameColumns(len(self.frames), tuple(self.object_segments), options, considered, NO_PIXELS)
+            self._fill_alone(columns, alone, PixelNoise(sigma, kappa))
+        return SequenceCalibration(columns.frames, field=options.field, layout=options.layout, considered=variance)
 
 
 def _law_of_what_is_free(layout: Layout) -> Layout:

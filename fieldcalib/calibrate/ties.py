@@ -30,6 +30,8 @@ LOSS_SCALE = 2.5  # px: cells that are farther off are no background
 DISAGREE = 6.0  # px: median distance at which the cameras of two frames contradict what ties them
 BEHIND_LINES = 10.0  # m from the lines of a field to the boards and stands around it
 LEAST_CELLS = 5  # that make a tie
+APPROACHED = 1e-3  # of the cost: cameras that are tied are where others begin
+FAR, NEAR = 50, 3  # iterations at most
 FROM_AFAR = RobustLoss("linear", 1.0)  # frames that are tied may be far apart: a loss that bends has no gradient there
 
 Matched = Mapping[tuple[int, int], tuple[ArrayLike, ArrayLike]]
@@ -201,6 +203,8 @@ def with_tied(
     wanted: IntArray,
     layout: Layout,
     scale: float,
+    *,
+    near: bool = False,
 ) -> tuple[Array, BoolArray]:
     """Cameras (T, n) with those of frames that are tied, directly or through others, to known ones (T,).
 
@@ -212,6 +216,8 @@ def with_tied(
         In which pan, tilt, roll and zoom are the frames' own and all the rest is known.
     scale : float
         Size of what is usually in view, metres.
+    near : bool
+        Whether theta has cameras of the frames already that are off by some pixels only.
     """
     theta, known, left_out = theta.copy(), known.copy(), np.ones_like(known)
     left_out[wanted] = False
@@ -219,11 +225,13 @@ def with_tied(
         pairs, first = ties.towards(frames, theta, known)
         nearest = np.argsort(np.abs(first - frames[pairs.second]), kind="stable")
         _, one = np.unique(pairs.second[nearest], return_index=True)
-        theta[frames] = theta[first[nearest[one]]]
+        if not near:
+            theta[frames] = theta[first[nearest[one]]]
         observations = pack(object_segments, [{}] * len(frames), layout.image_size)
-        for loss in (FROM_AFAR, ties.loss):
+        for loss in (ties.loss,) if near else (FROM_AFAR, ties.loss):
             problem = Problem(observations, layout, loss, scale=scale, background=replace(pairs, loss=loss))
-            found = levenberg_marquardt(evaluate(problem, theta[frames]), max_iterations=50, tolerance=1e-6)
+            start = evaluate(problem, theta[frames])
+            found = levenberg_marquardt(start, max_iterations=NEAR if near else FAR, tolerance=APPROACHED)
             theta[frames] = found.theta
         left_out[frames] = _contradicted(pairs, layout, found.theta)
         known[frames] = ~left_out[frames]

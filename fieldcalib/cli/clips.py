@@ -11,13 +11,15 @@ from collections.abc import Callable, Iterator
 from contextlib import ExitStack
 from typing import Any
 
+import numpy as np
+
 from fieldcalib.assess.result import Calibration
-from fieldcalib.assess.sequence import Basis
+from fieldcalib.assess.sequence import Basis, SequenceCalibration
 from fieldcalib.assess.video import VideoCalibration
 from fieldcalib.cli.arguments import LENSES, field_of, prior_of
 from fieldcalib.cli.declared import Placement
 from fieldcalib.cli.folder import broken_line, calibration_line, name_skipped, result_folder
-from fieldcalib.cli.frames import Frame, checked_frames, load_network, read_image
+from fieldcalib.cli.frames import Frame, checked_frames, load_network, read_image, say_note
 from fieldcalib.draw.clip_plot import plot_sequence
 from fieldcalib.draw.contact_sheet import contact_sheet, worst_frames
 from fieldcalib.draw.overlays import draw_calibration
@@ -122,6 +124,8 @@ def run_clip(options: argparse.Namespace, place: Callable[[Image], Placement]) -
     """Calibrate; returns the exit code."""
     if len(options.input) > 1 and any(map(VIDEOS.recognises, options.input)):
         raise ValueError("expected one video, or images and folders of them, got a video and more: run them one by one")
+    if not options.refine:
+        raise ValueError("--clip calibrates frames together from the lines in them: leave --no-refinement out")
     began = time.perf_counter()
     field, network = field_of(options), load_network(options)
     clip = ClipInput(options, place)
@@ -146,8 +150,7 @@ def run_clip(options: argparse.Namespace, place: Callable[[Image], Placement]) -
                 if readable in worst:
                     pictures[readable] = picture
                 readable += 1
-        if video.note:
-            print(f"fieldcalib: {options.out / VIDEOS.file_name('overlay')} {video.note}", file=sys.stderr)
+        say_note(options.out / VIDEOS.file_name("overlay"), video)
         write_text(options.out / TRIPODS, json.dumps(_tripods(found), indent=2) + "\n")
         if pictures:
             write_image(options.out / MOTION, _plot(found, calibrations, clip.frames_per_second))
@@ -162,10 +165,20 @@ def _tripods(found: VideoCalibration) -> dict[str, Any]:
     return {
         "shots": [shot._asdict() for shot in found.shots],
         "tripods": [
-            {name: {"value": value, "standard_deviation": sigma} for name, (value, sigma) in tripod.shared.items()}
+            {
+                "frames": len(tripod),
+                "reference_focal_length_px": _reference(tripod),
+                "shared": {name: {"value": v, "standard_deviation": s} for name, (v, s) in tripod.shared.items()},
+            }
             for tripod in found.tripods
         ],
     }
+
+
+def _reference(tripod: SequenceCalibration) -> float | None:
+    """The focal length at which principal point and lens are those that are shared; None if they do not follow it."""
+    law = None if tripod.layout is None else tripod.layout.zoom_law
+    return None if law is None else float(np.exp(law.reference))
 
 
 def _plot(found: VideoCalibration, calibrations: list[Calibration], frames_per_second: float) -> Image:

@@ -283,7 +283,7 @@ def calibration_line(id: str, calibration: Calibration, eq3: float | None) -> di
     line |= calibration.to_dict()
     if calibration.camera is not None:
         line |= {"rms_as_labelled_px": _number(calibration.rms_as_labelled), "loss_ndc_eq3": eq3}
-    if calibration.camera is not None and calibration.solved is not None:
+    if calibration.camera is not None and calibration.knows_errors:
         line["standard_deviations"] = _standard_deviations(calibration.camera, calibration.covariance)
     if calibration.has_probability:
         line |= {f"probability_right_{metres:g}m": _number(calibration.probability(metres)) for metres in METRES}

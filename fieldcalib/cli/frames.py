@@ -18,6 +18,7 @@ from fieldcalib.io.files import BrokenFileError, FrameFile
 from fieldcalib.io.formats import IMAGES, VIDEOS
 from fieldcalib.io.image import Image
 from fieldcalib.io.images import MOST_PIXELS
+from fieldcalib.io.videos import VideoWriter
 from fieldcalib.localize import SegmentationNetwork
 from fieldcalib.localize.network import CPU
 
@@ -109,6 +110,12 @@ def frames_lost(source: Source, options: argparse.Namespace) -> bool:
         announced = f"announces {source.count} frames, {source.count - lost} can be read"
         print(f"fieldcalib: {options.input[0]}: {announced}", file=sys.stderr)
     return lost > 0
+
+
+def say_note(path: Path, video: VideoWriter) -> None:
+    """Say on stderr what is to be known about a video that was written, if anything."""
+    if video.note:
+        print(f"fieldcalib: {path} {video.note}", file=sys.stderr)
 
 
 def pixels_of(frame: Frame) -> int:

@@ -24,6 +24,7 @@ from fieldcalib.cli.frames import (
     frames_lost,
     load_network,
     opened,
+    say_note,
 )
 from fieldcalib.draw.overlays import draw_calibration
 from fieldcalib.images.from_images import calibrate_from_images
@@ -126,5 +127,7 @@ def overlays(out: Path, frames_per_second: float | None) -> Iterator[Write]:
     if frames_per_second is None:
         yield lambda id, picture: write_image(out / OVERLAYS.file_name(id), picture)
         return
-    with VIDEOS.write(out / VIDEOS.file_name("overlay"), frames_per_second) as video:
+    path = out / VIDEOS.file_name("overlay")
+    with VIDEOS.write(path, frames_per_second) as video:
         yield lambda id, picture: video.write(picture)
+    say_note(path, video)

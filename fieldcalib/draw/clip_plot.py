@@ -156,7 +156,7 @@ def _curves(calibrations: Sequence[Calibration | None]) -> list[Curve]:
             continue
         camera = calibration.camera
         values[index] = *camera.angles, np.log(camera.focal_length), *camera.C
-        if calibration.solved is not None:
+        if calibration.knows_errors:
             uncertainty = calibration.uncertainty
             variance = np.diagonal(uncertainty.covariance)
             sigma = np.sqrt(np.r_[variance[ANGLES], variance[LOG_F], variance[CENTER]])

@@ -136,7 +136,7 @@ def _rank(calibration: Calibration | None) -> tuple[int, float]:
     if calibration is None or calibration.camera is None:
         return 0, 0.0
     error = np.nan
-    if calibration.solved is not None and calibration.field is not None:
+    if calibration.knows_errors and calibration.field is not None:
         error = largest_error(calibration.uncertainty, calibration.field)
     return (2 if calibration.accepted else 1), -float(np.nan_to_num(error, nan=np.inf))
 

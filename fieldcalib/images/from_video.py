@@ -9,40 +9,22 @@ tell. Keyframes and what ties frames to them come from `fieldcalib.images.keyfra
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import AbstractContextManager, contextmanager
-from dataclasses import dataclass
 from pathlib import Path
 
-import numpy as np
-
-from fieldcalib._types import Array, IntArray
-from fieldcalib.assess.result import Calibration
-from fieldcalib.assess.sequence import SequenceCalibration
-from fieldcalib.assess.video import NO_TRIPOD, Shot, VideoCalibration
-from fieldcalib.calibrate.options import ALL, DEFAULT_FLAGS, Prior, pixel_unit
-from fieldcalib.calibrate.sequence import calibrate_sequence
-from fieldcalib.calibrate.ties import LEAST_CELLS, thinned
-from fieldcalib.calibrate.together import labels_of
+from fieldcalib.assess.video import VideoCalibration
+from fieldcalib.calibrate.options import ALL, DEFAULT_FLAGS, Prior
 from fieldcalib.fields.segments import ObjectSegments
-from fieldcalib.images.from_images import calibrate_from_images
-from fieldcalib.images.keyframes import EVERY, tied_frames
-from fieldcalib.images.line_profiles import Markings, find_lines, profiles_along
-from fieldcalib.images.refinement import LOSS_SCALE, PROFILES_PER_SEGMENT, SEARCH_RANGES
-from fieldcalib.images.same_tripod import grouped
+from fieldcalib.images.clip_solver import ClipSolver
+from fieldcalib.images.keyframes import EVERY
 from fieldcalib.io.image import Image
-from fieldcalib.io.images import IMAGES_AT_ONCE, read_ahead
+from fieldcalib.io.images import read_ahead
 from fieldcalib.io.videos import VideoReader
 from fieldcalib.localize import Network
 from fieldcalib.localize.network import SegmentationNetwork
-from fieldcalib.problem.labelled_pixels import Pixels, PixelWeights
-from fieldcalib.problem.losses import RobustLoss
 
 SIGMAS = 3.0  # of the predicted error of a marking, within which its line is searched
-LONGEST_GAP = 25  # frames without a camera in a row that are interpolated: a second
-LEAST_SHARE = 0.3  # of the profiles of a shot must show a line where its cameras have markings
-
-Lines = tuple[Pixels, PixelWeights]
 
 
 def calibrate_video(
@@ -117,173 +99,10 @@ def _calibrated(
     prior: Prior,
     every: int,
 ) -> VideoCalibration:
-    clip = _Clip(object_segments, prior)
+    clip = ClipSolver(object_segments, flags, prior)
     with opened() as images:
-        clip.read(read_ahead(images), network, flags, every)
-    shots = {piece: clip.together([piece], clip.seen) for piece in clip.pieces}
-    groups = [
-        _Tripod(pieces, clip.together(pieces, clip.seen) if len(pieces) > 1 else shots[pieces[0]])
-        for pieces in grouped(shots)
-    ]
-    groups.sort(key=lambda tripod: -len(tripod.calibration))
-    clip.join_the_others(groups)
+        clip.read(read_ahead(images), network, every)
+    tripods = clip.tripods()
     with opened() as images:
-        lines = clip.lines_in(read_ahead(images), groups)
-    return clip.finished(groups, lines)
-
-
-@dataclass
-class _Tripod:
-    """Pieces of a video from one tripod."""
-
-    pieces: list[int]
-    calibration: SequenceCalibration
-    """Of their frames, in order."""
-
-
-class _Clip:
-    """The frames of a video while they are calibrated."""
-
-    def __init__(self, object_segments: ObjectSegments, prior: Prior) -> None:
-        self.object_segments = object_segments
-        self.prior = prior
-        self.size = (0, 0)
-        self.piece: list[int] = []  # of each frame
-        self.matches: dict[tuple[int, int], tuple[Array, Array]] = {}
-        self.seen: dict[int, Lines] = {}  # in keyframes whose camera was accepted
-        self.doubtful: dict[int, Lines] = {}  # in the others
-
-    @property
-    def pieces(self) -> list[int]:
-        """Their numbers."""
-        return sorted(set(self.piece))
-
-    def frames(self, pieces: Sequence[int]) -> IntArray:
-        """The frames of some pieces, in order."""
-        return np.flatnonzero(np.isin(self.piece, pieces))
-
-    def read(self, images: Iterable[Image], network: Network, flags: int, every: int) -> None:
-        """Matches of all frames, and the markings that are found in keyframes."""
-        keys: list[int] = []
-        held: list[Image] = []
-
-        def look() -> None:
-            found = calibrate_from_images(self.object_segments, held, network, flags=flags, prior=self.prior)
-            for key, calibration in zip(keys, found, strict=True):
-                if calibration.solved is not None:
-                    labels = labels_of(calibration.solved.alone.evaluation)
-                    (self.seen if calibration.accepted else self.doubtful)[key] = _weighted(labels)
-            keys.clear()
-            held.clear()
-
-        for image, tied in tied_frames(images, every=every):
-            self.size = image.shape[1], image.shape[0]
-            self.piece.append(tied.piece)
-            ties = {key: thinned(matches.first, matches.second, self.size) for key, matches in tied.ties}
-            ties = {key: both for key, both in ties.items() if len(both[0]) >= LEAST_CELLS}
-            self.matches.update({(key, tied.index): both for key, both in ties.items()})
-            if tied.is_key or not ties:  # what nothing ties must tell its camera by itself
-                keys.append(tied.index)
-                held.append(image)
-                if len(held) == IMAGES_AT_ONCE:
-                    look()
-        look()
-
-    def together(
-        self, pieces: Sequence[int], lines: Mapping[int, Lines], start: SequenceCalibration | None = None
-    ) -> SequenceCalibration:
-        """All frames of some pieces, from the lines in some of them and from matches."""
-        frames = self.frames(pieces).tolist()
-        number = {t: k for k, t in enumerate(frames)}
-        found = [lines.get(t, ({}, {})) for t in frames]
-        return calibrate_sequence(
-            self.object_segments,
-            [pixels for pixels, _ in found],
-            self.size,
-            prior=self.prior,
-            loss=RobustLoss("cauchy", LOSS_SCALE * pixel_unit(self.size)),
-            trust_labels=True,
-            weights=[weights for _, weights in found],
-            start=start,
-            matches={
-                (number[i], number[j]): both for (i, j), both in self.matches.items() if i in number and j in number
-            },
-        )
-
-    def join_the_others(self, groups: list[_Tripod]) -> None:
-        """Pieces that tell no place by themselves, with the tripod from which they show what was found in them."""
-        for tripod in groups:
-            others = [p for p in self.pieces if not any(p in group.pieces for group in groups)]
-            frames = set(self.frames(others).tolist())
-            doubtful = {t: lines for t, lines in self.doubtful.items() if t in frames}
-            if not doubtful:
-                return
-            pieces = sorted([*tripod.pieces, *{self.piece[t] for t in doubtful}])
-            calibration = self.together(pieces, {**self.seen, **doubtful})
-            members = self.frames(pieces)
-            accepted = calibration.accepted
-            fitting = [p for p in pieces if np.any(accepted[np.array(self.piece)[members] == p])]
-            if set(fitting) > set(tripod.pieces):
-                tripod.pieces, tripod.calibration = fitting, self.together(fitting, {**self.seen, **doubtful})
-
-    def lines_in(self, images: Iterable[Image], groups: Sequence[_Tripod]) -> dict[int, Lines]:
-        """The lines at the projected markings of every frame; groups lose pieces that show hardly any."""
-        cameras, markings = {}, []
-        for tripod in groups:
-            field = tripod.calibration.field
-            markings.append(Markings.of(self.object_segments if field is None else field))
-            for t, calibration in zip(self.frames(tripod.pieces).tolist(), tripod.calibration, strict=True):
-                cameras[t] = calibration, markings[-1]
-        lines: dict[int, Lines] = {}
-        count = np.zeros((2, 1 + max(self.piece, default=0)))  # of profiles with a line and of all, by piece
-        for t, image in enumerate(images):
-            if t not in cameras or cameras[t][0].camera is None:
-                continue
-            calibration, of_field = cameras.pop(t)
-            lines[t], profiles = _lines(image, calibration, of_field)
-            count[:, self.piece[t]] += sum(map(len, lines[t][0].values())), profiles
-        share = count[0] / np.maximum(count[1], 1.0)
-        for tripod in groups:
-            tripod.pieces = [p for p in tripod.pieces if share[p] >= LEAST_SHARE]
-        return lines
-
-    def finished(self, groups: Sequence[_Tripod], lines: Mapping[int, Lines]) -> VideoCalibration:
-        """All frames of every tripod, from the lines in all of them."""
-        tripod, number = np.full(len(self.piece), NO_TRIPOD), np.zeros(len(self.piece), dtype=np.intp)
-        calibrations: list[SequenceCalibration] = []
-        for group in groups:
-            if not group.pieces:
-                continue
-            frames = self.frames(group.pieces)
-            tripod[frames], number[frames] = len(calibrations), np.arange(len(frames))
-            before = group.calibration if len(group.calibration) == len(frames) else None
-            calibration = self.together(group.pieces, lines, before)
-            calibrations.append(calibration.interpolated(np.array(self.piece)[frames], LONGEST_GAP))
-        shots = [(frames[0], frames[-1] + 1) for p in self.pieces if len(frames := self.frames([p]))]
-        return VideoCalibration(
-            tuple(calibrations),
-            tuple(Shot(int(start), int(stop), int(tripod[start])) for start, stop in shots),
-            tripod,
-            number,
-        )
-
-
-def _weighted(labels: Lines) -> Lines:
-    """With weights as arguments have them: what a label counts, not what each of its pixels does."""
-    pixels, weights = labels
-    return pixels, {label: len(weight) * weight for label, weight in weights.items()}
-
-
-def _lines(image: Image, calibration: Calibration, markings: Markings) -> tuple[Lines, int]:
-    """The lines near the projected markings of a frame, and the number of profiles in which they were searched."""
-    camera = calibration.camera
-    assert camera is not None
-    error = camera.focal_length * np.sqrt(np.max(np.diagonal(calibration.covariance)[:2]))  # of pan and tilt, pixels
-    search_range = np.clip(SIGMAS * error / pixel_unit(camera.image_size), SEARCH_RANGES[1], SEARCH_RANGES[0])
-    profiles = profiles_along(camera, markings)
-    offset = find_lines(image, profiles, float(search_range))
-    found = np.isfinite(offset)
-    xy, member = profiles.xy[found] + offset[found, None] * profiles.normal[found], profiles.member[found]
-    pixels = {markings.labels[k]: xy[member == k] for k in np.unique(member)}
-    weights = {label: np.full(len(xy), len(xy) / PROFILES_PER_SEGMENT) for label, xy in pixels.items()}
-    return (pixels, weights), len(profiles)
+        lines = clip.lines_in(read_ahead(images), tripods)
+    return clip.finished(tripods, lines)

@@ -17,7 +17,8 @@ if TYPE_CHECKING:
 
 LINES = "cameras.jsonl"
 BROKEN = "broken file"  # status of a frame whose file could not be read
-FOR_READING_BACK = frozenset({"version", "image_size", "field", "solved", "pixel_counts"})  # keys that are no columns
+# keys that are no columns
+FOR_READING_BACK = frozenset({"version", "image_size", "field", "solved", "errors", "pixel_counts"})
 
 
 @dataclass(frozen=True, eq=False)

@@ -47,7 +47,9 @@ class BackgroundPairs:
     walls: Array | None = None
     """Half the length and width, metres, of what stands around the ground; None: everything is at infinity."""
     known: Array | None = None
-    """Cameras (K, n) of the first frames, if these are no frames of the problem; None: `first` says which they are."""
+    """Cameras (K, n) of the first frames, if these are no frames of the problem; None: `first` says which they are.
+
+    What frames share is then known too."""
 
     def __len__(self) -> int:
         return len(self.first)
@@ -149,12 +151,13 @@ class BackgroundEvaluation:
 
     def jacobians(self, free: BoolArray) -> tuple[Array, Array]:
         """Derivatives of r by the parameters of the first and of the second camera, (K, P, 2 N) each, x before y."""
+        return self._by_first(free), self._by_second(free)
+
+    def _by_first(self, free: BoolArray) -> Array:
         one, two = self._projections
-        s1, w1, s2, w2, y = self._seen
+        s1, w1, s2, _, y = self._seen
         zero, unit = np.zeros_like(s1[0]), np.ones_like(s1[0])
         axes = np.array([unit, zero]), np.array([zero, unit])
-        by_first = [one.derivatives(s1, w1, n, free) for n in axes]
-        by_second = [two.derivatives(s2, w2, n, free) for n in axes]
         M = two.R @ np.swapaxes(one.R, 1, 2)
         zoom = two.f / one.f / y[2]
         # columns of ds_2/ds_1, pushed through the second lens
@@ -166,8 +169,12 @@ class BackgroundEvaluation:
         determinant = first[0][0] * first[1][1] - first[0][1] * first[1][0]
         inverse = np.array([[first[1][1], -first[1][0]], [-first[0][1], first[0][0]]]) / determinant
         A = np.einsum("bakn,bckn->ackn", np.array(through), inverse)
-        moved = [A[a, 0, :, None] * by_first[0] + A[a, 1, :, None] * by_first[1] for a in (0, 1)]
-        return np.concatenate(moved, axis=-1), -np.concatenate(by_second, axis=-1)
+        by_x, by_y = np.split(_image_derivatives(one, s1, w1, free), 2, axis=-1)
+        return np.concatenate([A[a, 0, :, None] * by_x + A[a, 1, :, None] * by_y for a in (0, 1)], axis=-1)
+
+    def _by_second(self, free: BoolArray) -> Array:
+        _, _, s2, w2, _ = self._seen
+        return -_image_derivatives(self._projections[1], s2, w2, free)
 
     @cached_property
     def normal_equations(self) -> NormalEquations:
@@ -175,32 +182,40 @@ class BackgroundEvaluation:
         free, shared = self.layout.free, self.layout.shared
         size, own = len(shared), np.flatnonzero(~shared)
         to_all = np.flatnonzero(shared)
-        by_first, by_second = self.jacobians(free)
-        pull = self.pull
+        second, is_known = self.pairs.second, self.pairs.known is not None
+        by_second = self._by_second(free)
         r = np.concatenate(self.r, axis=-1)
         gradient, hessian = np.zeros((len(self.theta), size)), np.zeros((len(self.theta), size, size))
-        second, is_known = self.pairs.second, self.pairs.known is not None
-        by_shared = by_first[:, shared] + by_second[:, shared]
-        weighted_second, weighted_shared = by_second[:, own] * pull[:, None], by_shared * pull[:, None]
         coupling = np.zeros((0, len(own), len(own)))
 
         def add(frame: IntArray, rows: IntArray, J: Array) -> None:
             """Of the parameters `rows` of frames, with derivatives J (K, ., 2 N)."""
-            np.add.at(gradient, (frame[:, None], rows), ((J * pull[:, None]) @ r[..., None])[..., 0])
-            np.add.at(hessian, (frame[:, None, None], rows[:, None], rows), (J * pull[:, None]) @ np.swapaxes(J, 1, 2))
+            weighted = J * self.pull[:, None]
+            np.add.at(gradient, (frame[:, None], rows), (weighted @ r[..., None])[..., 0])
+            np.add.at(hessian, (frame[:, None, None], rows[:, None], rows), weighted @ np.swapaxes(J, 1, 2))
+
+        add(second, own, by_second[:, own])
+        if is_known:  # and all that frames share
+            return NormalEquations(self.cost, gradient, hessian, coupling)
+        first, by_first = self.pairs.first, self._by_first(free)
+        by_shared = by_first[:, shared] + by_second[:, shared]
+        weighted_shared = by_shared * self.pull[:, None]
 
         def add_border(frame: IntArray, J: Array) -> None:
             block = J @ np.swapaxes(weighted_shared, 1, 2)
             np.add.at(hessian, (frame[:, None, None], own[:, None], to_all), block)
             np.add.at(hessian, (frame[:, None, None], to_all[:, None], own), np.swapaxes(block, 1, 2))
 
-        add(second, own, by_second[:, own])
-        if len(to_all):
-            add(second, to_all, by_shared)
-            add_border(second, by_second[:, own])
-        if not is_known:
-            first = self.pairs.first
-            add(first, own, by_first[:, own])
-            add_border(first, by_first[:, own])
-            coupling = by_first[:, own] @ np.swapaxes(weighted_second, 1, 2)
+        add(second, to_all, by_shared)
+        add(first, own, by_first[:, own])
+        add_border(second, by_second[:, own])
+        add_border(first, by_first[:, own])
+        coupling = by_first[:, own] @ np.swapaxes(by_second[:, own] * self.pull[:, None], 1, 2)
         return NormalEquations(self.cost, gradient, hessian, coupling)
+
+
+def _image_derivatives(projection: Projection, s: Array, inverse_depth: Array, free: BoolArray) -> Array:
+    """Derivatives of pixels, (B, P, 2 N), x before y."""
+    zero, one = np.zeros_like(s[0]), np.ones_like(s[0])
+    axes = np.array([np.concatenate([one, zero], axis=-1), np.concatenate([zero, one], axis=-1)])
+    return projection.derivatives(np.tile(s, 2), np.tile(inverse_depth, 2), axes, free)

@@ -1,0 +1,203 @@
+"""How well the frames of a clip are calibrated together, by what is withheld.
+
+    python -m data_tools.clips CLIP... [--every-third-second] [--halves] [--labels] [--masked FIRST LAST]
+
+`--every-third-second` withholds all lines of every third second, and prints how far field points in view then move,
+against the calibration from everything. `--halves` calibrates both halves of a clip apart, and prints how far apart
+the tripods are, in metres and against their joint 95 % region. `--labels` leaves out each label in turn, and prints how
+far its lines lie from where the others put them, against what they are off when they are used. `--masked` does as the
+first, with the field masked out between two frames: no features within 20 px of where it is seen, and no lines. Pixels
+are those of an image of 1280 columns.
+"""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from itertools import islice
+from pathlib import Path
+
+import numpy as np
+
+from fieldcalib._types import Array, BoolArray
+from fieldcalib.assess.camera_errors import region_radius
+from fieldcalib.assess.sequence import Basis
+from fieldcalib.assess.video import VideoCalibration
+from fieldcalib.calibrate.options import ALL, DEFAULT_FLAGS
+from fieldcalib.calibrate.tripod import Labels
+from fieldcalib.cli.main import run_command
+from fieldcalib.fields.soccer import soccer
+from fieldcalib.geometry.camera import Camera
+from fieldcalib.images.clip_solver import ClipSolver
+from fieldcalib.images.keyframes import EVERY
+from fieldcalib.io.image import Image
+from fieldcalib.io.images import read_ahead
+from fieldcalib.io.videos import VideoReader
+from fieldcalib.localize.network import SegmentationNetwork
+from fieldcalib.problem.evaluation import evaluate_camera
+
+GRID = (9, 7)  # pixels across and down, where field points are looked at
+UNIT = 1280.0  # columns
+MASK_EDGE = 20.0  # px
+
+Withheld = Callable[[int, str], bool]
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Print one line for each clip and measurement."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("clips", nargs="+", type=Path)
+    parser.add_argument("--every-third-second", action="store_true")
+    parser.add_argument("--halves", action="store_true")
+    parser.add_argument("--labels", action="store_true")
+    parser.add_argument("--masked", nargs=2, type=int, metavar=("FIRST", "LAST"))
+    parser.set_defaults(run=run)
+    return run_command(parser.parse_args(arguments))
+
+
+def run(options: argparse.Namespace) -> int:
+    """Measure and print; returns the exit code."""
+    for path in options.clips:
+        whole = Clip(path)
+        everything = whole.calibrated()
+        frame = np.arange(len(everything))
+        if options.every_third_second:
+            with VideoReader(path) as video:
+                is_third = frame // round(video.frames_per_second) % 3 == 2
+            moved = _moved(everything, whole.calibrated(_in_frames(is_third)), is_third)
+            print(f"{path.name} lines withheld in every third second: {moved}")
+        if options.masked:
+            first, last = options.masked
+            inside = (frame >= first) & (frame < last)
+            part = Clip(path, masked={int(t): everything[int(t)].camera for t in frame[inside]})
+            moved = _moved(everything, part.calibrated(_in_frames(inside)), inside)
+            print(f"{path.name} field masked in frames {first} to {last}: {moved}")
+        if options.halves:
+            middle = len(everything) // 2
+            halves = [Clip(path, start, stop).calibrated() for start, stop in ((0, middle), (middle, None))]
+            print(f"{path.name} halves: {_apart(*halves)}")
+        if options.labels:
+            for label, used, left_out in _left_out(whole, everything):
+                print(f"{path.name} {label}: median {used:.2f} px, left out {left_out:.2f} px")
+    return 0
+
+
+def _in_frames(some: BoolArray) -> Withheld:
+    """All lines of some frames (T,)."""
+    return lambda t, label: bool(some[t])
+
+
+def _nothing(t: int, label: str) -> bool:
+    return False
+
+
+class Clip:
+    """A part of a video that is calibrated again and again; it is read for keyframes and matches once."""
+
+    def __init__(
+        self, path: Path, start: int = 0, stop: int | None = None, masked: dict[int, Camera | None] | None = None
+    ) -> None:
+        self.path, self.start, self.stop, self.masked = path, start, stop, masked or {}
+        self.solver = ClipSolver(soccer(), DEFAULT_FLAGS, ALL)
+        self.solver.read(read_ahead(self.images()), SegmentationNetwork.load(), EVERY)
+        self.seen = dict(self.solver.seen)
+        self.lines: dict[int, Labels] = {}
+
+    def images(self) -> Iterator[Image]:
+        """Its frames, the field painted black in some."""
+        with VideoReader(self.path) as video:
+            for t, image in enumerate(islice(video, self.start, self.stop)):
+                camera = self.masked.get(t)
+                yield image if camera is None else _without_field(image, camera)
+
+    def calibrated(self, withheld: Withheld = _nothing) -> VideoCalibration:
+        """All frames, from the lines that are not withheld."""
+        solver = self.solver
+        solver.seen = _kept(self.seen, withheld)
+        tripods = solver.tripods()
+        self.lines = solver.lines_in(read_ahead(self.images()), tripods)
+        return solver.finished(tripods, _kept(self.lines, withheld))
+
+
+def _kept(lines: dict[int, Labels], withheld: Withheld) -> dict[int, Labels]:
+    kept = {}
+    for t, (pixels, weights) in lines.items():
+        labels = [label for label in pixels if not withheld(t, label)]
+        kept[t] = {label: pixels[label] for label in labels}, {label: weights[label] for label in labels}
+    return kept
+
+
+def _without_field(image: Image, camera: Camera) -> Image:
+    """A picture whose field is black, and what is within 20 px of it."""
+    import cv2
+
+    height, width = image.shape[:2]
+    xy = np.stack(np.meshgrid(np.arange(0, width, 4.0), np.arange(0, height, 4.0)), axis=-1)
+    X = camera.image_to_field(xy.reshape(-1, 2)).reshape(*xy.shape[:2], -1)
+    with np.errstate(invalid="ignore"):
+        seen = (np.abs(X[..., 0]) < soccer().length / 2.0) & (np.abs(X[..., 1]) < soccer().width / 2.0)
+    mask = cv2.resize(seen.astype(np.uint8), (width, height), interpolation=cv2.INTER_NEAREST)
+    edge = 2 * round(MASK_EDGE * width / UNIT) + 1
+    return np.where(cv2.dilate(mask, np.ones((edge, edge), np.uint8))[..., None] > 0, np.uint8(0), image)
+
+
+def _moved(everything: VideoCalibration, found: VideoCalibration, some: BoolArray) -> str:
+    """How far field points in view are from where they are by everything, in some frames."""
+    errors: list[Array] = []
+    lost = 0
+    for t in np.flatnonzero(some):
+        before, after = everything[t].camera, found[t].camera
+        if before is None:
+            continue
+        if after is None or not found[t].accepted:
+            lost += 1
+            continue
+        width, height = before.image_size
+        xy = np.stack(np.meshgrid(np.linspace(0, width - 1, GRID[0]), np.linspace(0, height - 1, GRID[1])), axis=-1)
+        X = before.image_to_field(xy.reshape(-1, 2))
+        X = X[np.all(np.abs(X[:, :2]) < (55.0, 37.0), axis=1)]
+        errors.append(np.linalg.norm(after.project(X) - before.project(X), axis=1) * UNIT / width)
+    basis = np.array([str(one) for one in found.basis])[some]
+    by_lines = int(np.sum(np.char.startswith(basis, Basis.LINES)))
+    if not errors:
+        return f"no camera in any of {int(np.sum(some))} frames"
+    median, most = np.percentile(np.concatenate(errors), [50, 95])
+    return f"median {median:.2f}, 95 % {most:.2f} px in {len(errors)} frames, {by_lines} of them by lines; {lost} lost"
+
+
+def _apart(one: VideoCalibration, two: VideoCalibration) -> str:
+    """The distance of the tripods with most frames."""
+    if not one.tripods or not two.tripods:
+        return "one of them has no tripod"
+    (a, V), (b, W) = ((tripods[0].values[:3], tripods[0].covariance[:3, :3]) for tripods in (one.tripods, two.tripods))
+    sigmas = float(np.sqrt((a - b) @ np.linalg.solve(V + W, a - b)))
+    limit = region_radius(3, 1e9, 0.95)
+    return f"{np.linalg.norm(a - b):.2f} m apart, {sigmas:.2f} standard deviations (95 %: {limit:.2f})"
+
+
+def _left_out(clip: Clip, everything: VideoCalibration) -> Iterable[tuple[str, float, float]]:
+    """Each label with the median distance of its lines, when they are used and when they are left out."""
+    lines = clip.lines
+    for label in sorted({label for pixels, _ in lines.values() for label in pixels}):
+        without = clip.calibrated(_of_label(label))
+        yield label, _distance(everything, lines, label), _distance(without, lines, label)
+    clip.lines = lines
+
+
+def _of_label(label: str) -> Withheld:
+    return lambda t, other: other == label
+
+
+def _distance(found: VideoCalibration, lines: dict[int, Labels], label: str) -> float:
+    """Median distance, px, of the lines of a label from where the cameras have them."""
+    distances: list[Array] = []
+    for t, (pixels, _) in lines.items():
+        calibration = found[t]
+        if label in pixels and calibration.camera is not None and calibration.field is not None:
+            evaluation = evaluate_camera(calibration.camera, calibration.field, {label: pixels[label]})
+            distances.append(np.abs(evaluation.r[0]) * UNIT / calibration.camera.image_size[0])
+    return float(np.median(np.concatenate(distances))) if distances else float("nan")
+
+
+if __name__ == "__main__":
+    raise SystemExit(main())

@@ -1,0 +1,183 @@
+"""The frames of a video while they are calibrated: what is read from them, and the shots and tripods that they make."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from fieldcalib._types import Array, IntArray
+from fieldcalib.assess.sequence import SequenceCalibration
+from fieldcalib.assess.video import NO_TRIPOD, Shot, VideoCalibration
+from fieldcalib.calibrate.options import DEFAULT_FLAGS, Prior, pixel_unit
+from fieldcalib.calibrate.sequence import calibrate_sequence
+from fieldcalib.calibrate.ties import LEAST_CELLS, thinned
+from fieldcalib.calibrate.together import labels_of
+from fieldcalib.calibrate.tripod import Labels
+from fieldcalib.fields.segments import ObjectSegments
+from fieldcalib.images.frame_lines import as_given, frame_lines
+from fieldcalib.images.from_images import calibrate_from_images
+from fieldcalib.images.keyframes import tied_frames
+from fieldcalib.images.line_profiles import Markings
+from fieldcalib.images.refinement import LOSS_SCALE
+from fieldcalib.images.same_tripod import grouped
+from fieldcalib.io.image import Image
+from fieldcalib.io.images import IMAGES_AT_ONCE
+from fieldcalib.localize import Network
+from fieldcalib.problem.losses import RobustLoss
+
+LONGEST_GAP = 25  # frames without a camera in a row that are interpolated: a second
+LEAST_SHARE = 0.3  # of the profiles of a shot must show a line where its cameras have markings
+
+
+@dataclass
+class TripodOfClip:
+    """Pieces of a video from one tripod."""
+
+    pieces: list[int]
+    calibration: SequenceCalibration
+    """Of their frames, in order."""
+
+
+class ClipSolver:
+    """The frames of a video while they are calibrated."""
+
+    def __init__(self, object_segments: ObjectSegments, flags: int, prior: Prior) -> None:
+        self.object_segments = object_segments
+        self.flags = flags
+        self.prior = prior
+        self.size = (0, 0)
+        self.piece: list[int] = []  # of each frame
+        self.matches: dict[tuple[int, int], tuple[Array, Array]] = {}
+        self.seen: dict[int, Labels] = {}  # in keyframes whose camera was accepted
+        self.doubtful: dict[int, Labels] = {}  # in the others
+
+    @property
+    def pieces(self) -> list[int]:
+        """Their numbers."""
+        return sorted(set(self.piece))
+
+    def frames(self, pieces: Sequence[int]) -> IntArray:
+        """The frames of some pieces, in order."""
+        return np.flatnonzero(np.isin(self.piece, pieces))
+
+    def read(self, images: Iterable[Image], network: Network, every: int) -> None:
+        """Matches of all frames, and the markings that are found in keyframes."""
+        keys: list[int] = []
+        held: list[Image] = []
+
+        def look() -> None:
+            found = calibrate_from_images(self.object_segments, held, network, flags=self.flags, prior=self.prior)
+            for key, calibration in zip(keys, found, strict=True):
+                if calibration.solved is not None:
+                    labels = labels_of(calibration.solved.alone.evaluation)
+                    (self.seen if calibration.accepted else self.doubtful)[key] = as_given(labels)
+            keys.clear()
+            held.clear()
+
+        for image, tied in tied_frames(images, every=every):
+            self.size = image.shape[1], image.shape[0]
+            self.piece.append(tied.piece)
+            ties = {key: thinned(matches.first, matches.second, self.size) for key, matches in tied.ties}
+            ties = {key: both for key, both in ties.items() if len(both[0]) >= LEAST_CELLS}
+            self.matches.update({(key, tied.index): both for key, both in ties.items()})
+            if tied.is_key or not ties:  # what nothing ties must tell its camera by itself
+                keys.append(tied.index)
+                held.append(image)
+                if len(held) == IMAGES_AT_ONCE:
+                    look()
+        look()
+
+    def together(
+        self, pieces: Sequence[int], lines: Mapping[int, Labels], start: SequenceCalibration | None = None
+    ) -> SequenceCalibration:
+        """All frames of some pieces, from the lines in some of them and from matches."""
+        frames = self.frames(pieces).tolist()
+        number = {t: k for k, t in enumerate(frames)}
+        found = [lines.get(t, ({}, {})) for t in frames]
+        return calibrate_sequence(
+            self.object_segments,
+            [pixels for pixels, _ in found],
+            self.size,
+            flags=None if self.flags == DEFAULT_FLAGS else self.flags,
+            prior=self.prior,
+            loss=RobustLoss("cauchy", LOSS_SCALE * pixel_unit(self.size)),
+            trust_labels=True,
+            weights=[weights for _, weights in found],
+            start=start,
+            matches={
+                (number[i], number[j]): both for (i, j), both in self.matches.items() if i in number and j in number
+            },
+        )
+
+    def tripods(self) -> list[TripodOfClip]:
+        """The tripods of the pieces, the one with most frames first."""
+        shots = {piece: self.together([piece], self.seen) for piece in self.pieces}
+        found = [
+            TripodOfClip(pieces, self.together(pieces, self.seen) if len(pieces) > 1 else shots[pieces[0]])
+            for pieces in grouped(shots)
+        ]
+        found.sort(key=lambda tripod: -len(tripod.calibration))
+        self._join_the_others(found)
+        return found
+
+    def _join_the_others(self, tripods: list[TripodOfClip]) -> None:
+        """Pieces that tell no place by themselves, with the tripod from which they show what was found in them."""
+        for tripod in tripods:
+            others = [p for p in self.pieces if not any(p in one.pieces for one in tripods)]
+            frames = set(self.frames(others).tolist())
+            doubtful = {t: lines for t, lines in self.doubtful.items() if t in frames}
+            if not doubtful:
+                return
+            pieces = sorted([*tripod.pieces, *{self.piece[t] for t in doubtful}])
+            calibration = self.together(pieces, {**self.seen, **doubtful})
+            members = self.frames(pieces)
+            accepted = calibration.accepted
+            fitting = [p for p in pieces if np.any(accepted[np.array(self.piece)[members] == p])]
+            if set(fitting) > set(tripod.pieces):
+                tripod.pieces, tripod.calibration = fitting, self.together(fitting, {**self.seen, **doubtful})
+
+    def lines_in(self, images: Iterable[Image], tripods: Sequence[TripodOfClip]) -> dict[int, Labels]:
+        """The lines at the projected markings of every frame; tripods lose pieces that show hardly any."""
+        cameras, markings = {}, []
+        for tripod in tripods:
+            field = tripod.calibration.field
+            markings.append(Markings.of(self.object_segments if field is None else field))
+            for t, calibration in zip(self.frames(tripod.pieces).tolist(), tripod.calibration, strict=True):
+                cameras[t] = calibration, markings[-1]
+        lines: dict[int, Labels] = {}
+        count = np.zeros((2, 1 + max(self.piece, default=0)))  # of profiles with a line and of all, by piece
+        for t, image in enumerate(images):
+            if t not in cameras:
+                continue
+            calibration, of_field = cameras.pop(t)
+            if calibration.camera is None:
+                continue
+            sigma = calibration.camera.focal_length * np.sqrt(np.max(np.diagonal(calibration.covariance)[:2]))
+            lines[t], profiles = frame_lines(image, calibration.camera, of_field, float(sigma))
+            count[:, self.piece[t]] += sum(map(len, lines[t][0].values())), profiles
+        share = count[0] / np.maximum(count[1], 1.0)
+        for tripod in tripods:
+            tripod.pieces = [p for p in tripod.pieces if share[p] >= LEAST_SHARE]
+        return lines
+
+    def finished(self, tripods: Sequence[TripodOfClip], lines: Mapping[int, Labels]) -> VideoCalibration:
+        """All frames of every tripod, from the lines in all of them."""
+        tripod, number = np.full(len(self.piece), NO_TRIPOD), np.zeros(len(self.piece), dtype=np.intp)
+        calibrations: list[SequenceCalibration] = []
+        for one in tripods:
+            if not one.pieces:
+                continue
+            frames = self.frames(one.pieces)
+            tripod[frames], number[frames] = len(calibrations), np.arange(len(frames))
+            before = one.calibration if len(one.calibration) == len(frames) else None
+            calibration = self.together(one.pieces, lines, before)
+            calibrations.append(calibration.interpolated(np.array(self.piece)[frames], LONGEST_GAP))
+        shots = [(frames[0], frames[-1] + 1) for p in self.pieces if len(frames := self.frames([p]))]
+        return VideoCalibration(
+            tuple(calibrations),
+            tuple(Shot(int(start), int(stop), int(tripod[start])) for start, stop in shots),
+            tripod,
+            number,
+        )
