@@ -6,6 +6,7 @@ from synthetic import whole_circle_markings
 
 from fieldcalib.draw.scene import fixed_point, image_curves
 from fieldcalib.fields.soccer import soccer
+from fieldcalib.images.keyframes import tied_frames
 from fieldcalib.localize import BACKGROUND
 
 FIELD = soccer()
@@ -62,3 +63,8 @@ class KnownCameras:
     def __call__(self, images):
         first, self.maps = self.maps[: len(images)], self.maps[len(images) :]
         return np.stack(first)
+
+
+def looked_at(pictures):
+    """The frames of a video that `calibrate_video` shows its network, in order."""
+    return [tied.index for _, tied in tied_frames(pictures) if tied.is_key or not tied.ties]

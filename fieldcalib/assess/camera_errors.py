@@ -20,6 +20,7 @@ from fieldcalib.problem.projection import Projection
 from fieldcalib.problem.records import layout_from_record, layout_to_record
 
 INTRINSICS, EXTRINSICS = 18, 6  # lengths of cv2.calibrateCameraExtended's standard deviations
+NORMAL = 1e9  # degrees of freedom from which on Fisher's distribution is the chi-squared one
 LENS_INTRINSICS = slice(4, 16)  # of them: k1, k2, p1, p2, k3, k4, k5, k6, s1, s2, s3, s4
 
 
@@ -96,7 +97,7 @@ class CameraErrors(ABC):
         J[[0, 1], LOG_F] = fx, fy
         J[1, LOG_ASPECT] = fy
         J[[2, 3], [PRINCIPAL_POINT.start, PRINCIPAL_POINT.start + 1]] = 1.0
-        by_lens, by_log_f = layout.lens.opencv_jacobian(self.theta[layout.lens_block], fx)
+        by_lens, by_log_f = layout.lens.opencv_jacobian(layout.at_zoom(self.theta)[layout.lens_block], fx)
         J[LENS_INTRINSICS, layout.lens_block] = by_lens
         J[LENS_INTRINSICS, LOG_F] = by_log_f
         return self._standard_deviations(J @ layout.zoom_jacobian(self.theta))
@@ -248,7 +249,7 @@ def region_radius(dimensions: int, dof: float, level: float) -> float:
 
     if not 0.0 < level < 1.0:
         raise ValueError(f"level must be a probability between 0 and 1, got {level}")
-    return float(np.sqrt(dimensions * fdtri(dimensions, dof, level)))
+    return float(np.sqrt(dimensions * fdtri(dimensions, min(dof, NORMAL), level)))
 
 
 def _inverse_left_jacobian(rvec: Array) -> Array:

@@ -109,7 +109,7 @@ class ClipInput:
                 yield read_image(file, self.options.most_bytes, self.options.most_pixels, self.place)
 
 
-def _natural(id: str) -> tuple[tuple[int, str], ...]:
+def _natural(id: str) -> tuple[tuple[str, int], ...]:
     """What sorts "frame 9" before "frame 10".
 
     Examples
@@ -117,7 +117,7 @@ def _natural(id: str) -> tuple[tuple[int, str], ...]:
     >>> sorted(["frame 10", "frame 9"], key=_natural)
     ['frame 9', 'frame 10']
     """
-    return tuple((int(number or 0), text) for text, number in re.findall(r"(\D*)(\d*)", id))
+    return tuple((text, int(number or 0)) for text, number in re.findall(r"(\D*)(\d*)", id))
 
 
 def run_clip(options: argparse.Namespace, place: Callable[[Image], Placement]) -> int:

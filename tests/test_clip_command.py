@@ -1,0 +1,160 @@
+"""From a clip to files on the command line: a video, or a folder of images that is said to be one."""
+
+import json
+
+import cv2
+import numpy as np
+import pytest
+from networks import FIELD, KnownCameras, looked_at
+
+from fieldcalib import Camera
+from fieldcalib.cli.main import main
+from fieldcalib.draw.scene import render_field
+from fieldcalib.io.images import parse_image
+from fieldcalib.io.videos import VideoReader, VideoWriter
+
+TRUTHS = [Camera.from_angles(pan, 1.32, 0.0, 950.0, (1.0, 66.0, -16.0), (960, 540)) for pan in np.linspace(0.1, 0.4, 4)]
+
+
+@pytest.fixture(scope="module")
+def rendered():
+    return [render_field(camera, FIELD, rng=np.random.default_rng(0)) for camera in TRUTHS]
+
+
+def run(*arguments):
+    try:
+        return main([str(argument) for argument in arguments])
+    except SystemExit as error:  # argparse ends so
+        return error.code
+
+
+def lines_of(out):
+    return [json.loads(line) for line in (out / "cameras.jsonl").read_text().splitlines()]
+
+
+@pytest.fixture
+def know(monkeypatch):
+    """Let the command use a network that knows the cameras of the images to come."""
+
+    def install(cameras):
+        network = KnownCameras(cameras)
+        for command in ("run", "clips"):
+            monkeypatch.setattr(f"fieldcalib.cli.{command}.load_network", lambda options: network)
+        return network
+
+    return install
+
+
+def write_video(path, images):
+    with VideoWriter(path, 25.0) as video:
+        for image in images:
+            video.write(image)
+
+
+@pytest.fixture
+def folder(tmp_path, rendered):
+    """A clip as images whose names sort otherwise than their numbers, one of which is broken."""
+    folder = tmp_path / "clip"
+    folder.mkdir()
+    for name, picture in zip(("part1_8", "part1_9", "part1_10", "part2_1"), rendered, strict=True):
+        cv2.imwrite(str(folder / f"{name}.png"), picture)
+    content = (folder / "part1_9.png").read_bytes()
+    (folder / "part1_11.png").write_bytes(content[:100])
+    return folder
+
+
+def test_a_folder_is_a_clip_if_it_is_said(know, folder, rendered, tmp_path, capsys):
+    know([TRUTHS[t] for t in looked_at(rendered)])
+    out = tmp_path / "out"
+    assert run("run", folder, "--clip", "--out", out) == 1
+    lines = lines_of(out)
+    assert [line["id"] for line in lines] == ["part1_8", "part1_9", "part1_10", "part1_11", "part2_1"]
+    assert [line["status"] for line in lines] == ["accepted"] * 3 + ["broken file", "accepted"]
+    for line, truth in zip([*lines[:3], lines[4]], TRUTHS, strict=True):
+        np.testing.assert_allclose(line["angles_degrees"]["pan"], np.degrees(truth.angles[0]), atol=0.1)
+        assert line["basis"].startswith("lines")
+    (problem,) = [line for line in capsys.readouterr().err.splitlines() if "part1_11.png" in line]  # once
+    assert problem.startswith(f"fieldcalib: {folder / 'part1_11.png'}: ")
+    written = {path.name for path in out.iterdir()}
+    assert {"tripods.json", "motion.png", "worst_frames.jpg", "overlay.mp4", "camera_part1_10.json"} <= written
+    assert "camera_part1_11.json" not in written
+    assert not any(name.startswith("overlay_") for name in written)
+    with VideoReader(out / "overlay.mp4") as overlay:
+        assert len(list(overlay)) == 4
+    assert parse_image((out / "worst_frames.jpg").read_bytes()).size
+    record = json.loads((out / "tripods.json").read_text())
+    assert record["shots"] == [{"start": 0, "stop": 4, "tripod": 0}]
+    (shared,) = record["tripods"]
+    for name, value in zip("xyz", (1.0, 66.0, -16.0), strict=True):
+        assert abs(shared[name]["value"] - value) < 3.0 * shared[name]["standard_deviation"] + 0.1
+
+
+def test_names_come_before_numbers(know, tmp_path):
+    folder = tmp_path / "clip"
+    folder.mkdir()
+    for name in ("b2", "a10", "a9", "b1"):
+        cv2.imwrite(str(folder / f"{name}.png"), np.zeros((54, 96, 3), np.uint8))
+    know([None] * 4)
+    assert run("run", folder, "--clip", "--out", tmp_path / "out") == 0
+    assert [line["id"] for line in lines_of(tmp_path / "out")] == ["a9", "a10", "b1", "b2"]
+
+
+def test_a_folder_is_no_clip_otherwise(know, folder, tmp_path):
+    know([TRUTHS[2], TRUTHS[0], TRUTHS[1], TRUTHS[3]])
+    out = tmp_path / "out"
+    assert run("run", folder, "--out", out) == 1
+    lines = lines_of(out)
+    assert [line["id"] for line in lines] == ["part1_10", "part1_11", "part1_8", "part1_9", "part2_1"]
+    assert not any("basis" in line for line in lines)
+    assert not (out / "tripods.json").exists()
+
+
+@pytest.mark.parametrize("how", ["--independent", "--no-refinement"])
+def test_the_frames_of_a_video_by_themselves(know, rendered, tmp_path, how):
+    write_video(tmp_path / "a.mp4", rendered[:2])
+    network = know(TRUTHS[:2])
+    out = tmp_path / "out"
+    assert run("run", tmp_path / "a.mp4", how, "--out", out) == 0
+    assert len(network.maps) == 0  # it saw every frame
+    lines = lines_of(out)
+    assert [line["id"] for line in lines] == ["000000", "000001"]
+    assert not any("basis" in line for line in lines)
+    assert not (out / "tripods.json").exists()
+    with VideoReader(out / "overlay.mp4") as overlay:
+        assert len(list(overlay)) == 2
+
+
+def test_clip_and_independent_exclude_each_other(know, tmp_path, capsys):
+    know([])
+    assert run("run", tmp_path, "--clip", "--independent", "--out", tmp_path / "out") == 2
+    assert "not allowed with argument" in capsys.readouterr().err
+
+
+def test_a_clip_is_one_video(know, rendered, tmp_path, capsys):
+    write_video(tmp_path / "a.mp4", rendered[:1])
+    write_video(tmp_path / "b.mp4", rendered[:1])
+    know([])
+    assert run("run", tmp_path / "a.mp4", tmp_path / "b.mp4", "--out", tmp_path / "out") != 0
+    assert "expected one video, or images and folders of them, got a video and more" in capsys.readouterr().err
+    assert not (tmp_path / "out").exists()
+
+
+def test_images_of_several_sizes_are_no_clip(know, folder, tmp_path, capsys):
+    cv2.imwrite(str(folder / "part1_10.png"), np.zeros((270, 480, 3), np.uint8))
+    know([TRUTHS[0]] * 4)
+    assert run("run", folder, "--clip", "--out", tmp_path / "out") != 0
+    (line,) = [line for line in capsys.readouterr().err.splitlines() if "480 x 270" in line]
+    assert "960 x 540" in line
+    assert not (tmp_path / "out" / "cameras.jsonl").exists()
+
+
+def test_a_clip_without_a_pitch(know, tmp_path):
+    write_video(tmp_path / "a.mp4", [np.full((270, 480, 3), 80, np.uint8)] * 3)
+    know([None] * 3)
+    out = tmp_path / "out"
+    assert run("run", tmp_path / "a.mp4", "--out", out) == 0
+    assert [line["status"] for line in lines_of(out)] == ["too few segments"] * 3
+    assert json.loads((out / "tripods.json").read_text()) == {
+        "shots": [{"start": 0, "stop": 3, "tripod": -1}],
+        "tripods": [],
+    }

@@ -1,0 +1,281 @@
+"""What frames leave open of their own parameters: against the covariance of the whole system, and against truth."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from numdiff import central_differences
+from strategies import generators
+from synthetic import observe
+from tripods import SIZE, chain, matched, operated, panned
+
+from fieldcalib.assess.camera_errors import KnownErrors
+from fieldcalib.assess.noise import Noise
+from fieldcalib.assess.own_errors import GRID, OwnErrors, ground_errors, own_errors, whole_covariance
+from fieldcalib.calibrate.sequence import calibrate_sequence
+from fieldcalib.fields.soccer import soccer
+from fieldcalib.problem.background import BackgroundEvaluation, BackgroundPairs
+from fieldcalib.problem.evaluation import Problem, evaluate
+from fieldcalib.problem.layout import LOG_F, Layout, Role, SizeBlock, ZoomLaw
+from fieldcalib.problem.losses import RobustLoss
+from fieldcalib.problem.observations import pack
+from fieldcalib.problem.prior import GaussianPrior
+
+FIELD = soccer()
+LOSS = RobustLoss("cauchy", 3.0)
+LAYOUT = Layout.of(SIZE, zoom_law=ZoomLaw(np.log(1400.0))).with_roles(
+    Role.CONSIDERED, "centre", "principal point", "k1", "zoom law"
+)
+LAYOUT = LAYOUT.fixed("k2", "aspect")
+OWN, SHARED = np.flatnonzero(LAYOUT.free), np.flatnonzero(LAYOUT.considered)
+STEPS = {"cx": 1e-2, "cy": 1e-2, "cx slope": 1e-2, "cy slope": 1e-2, "x": 1e-3, "y": 1e-3, "z": 1e-3}
+SIGMA, KAPPA = 0.8, 0.9
+
+
+def some_pairs(theta, first, second, rng, noise=0.0):
+    """Pixels of points at infinity in both frames, of random weights."""
+    p = rng.uniform((60.0, 40.0), (900.0, 500.0), (len(first), 15, 2))
+    pairs = BackgroundPairs(first, second, p, p, rng.uniform(0.5, 3.0, p.shape[:2]), LOSS)
+    r = BackgroundEvaluation(pairs, LAYOUT, theta).r
+    q = p - np.moveaxis(r, 0, -1) + rng.normal(size=p.shape) * noise
+    return replace(pairs, q=q)
+
+
+def a_problem(seed, count=4, labelled=(0, 1, 3), prior=True, pairs=((0, 1), (1, 2), (0, 2), (3, 2))):
+    rng = np.random.default_rng(seed)
+    theta = operated(rng, count, LAYOUT, 0.0)
+    frames = [observe(FIELD, LAYOUT.camera(t), rng, 0.5) if k in labelled else {} for k, t in enumerate(theta)]
+    mean = theta + rng.normal(scale=1e-3, size=theta.shape)
+    prior = GaussianPrior(mean, np.full(theta.shape, 0.05)) if prior else None
+    background = some_pairs(theta, *np.array(pairs).T, rng) if pairs else None
+    return Problem(pack(FIELD, frames, SIZE), LAYOUT, LOSS, 1.2, prior, background=background), theta
+
+
+def steps(index):
+    return np.array([STEPS.get(LAYOUT.names[k], 1e-5) for k in index])
+
+
+def changed(theta, frame, index, change):
+    """Parameters of which some are changed by (..., k): of one frame, or of all of them at once."""
+    moved = theta.copy()
+    moved[np.ix_(range(len(theta)) if frame is None else [frame], index)] += change
+    return moved
+
+
+def by_hand(problem, theta):
+    """E of all frames at once, and F, from residuals and their numerical derivatives."""
+    T, o = len(theta), len(OWN)
+
+    def residuals(of):
+        """(M, T o + S), from a function of the parameters."""
+        columns = [
+            central_differences(lambda x, t=t, i=index: of(changed(theta, t, i, x)), np.zeros(len(index)), steps(index))
+            for t, index in [*[(t, OWN) for t in range(T)], (None, SHARED)]
+        ]
+        return np.concatenate(columns, axis=1)
+
+    evaluation = evaluate(problem, theta)
+    hessian, between = np.zeros((T * o, T * o)), np.zeros((T * o, T * o))
+    border = np.zeros((T * o, len(SHARED)))
+    J = residuals(lambda x: evaluate(problem, x).r.ravel()).reshape(T, -1, T * o + len(SHARED))
+    noise = Noise(evaluation)
+    for t in range(T):
+        own, shared, pull = J[t, :, : T * o], J[t, :, T * o :], evaluation.pull[t]
+        scale = SIGMA * pull * noise.relative_sigma[t]
+        correlation = np.diag(1.0 - noise.shared[t]) + 0.15 * noise.segment[t] @ noise.segment[t].T
+        hessian += KAPPA * own.T @ np.diag(pull) @ own
+        border += KAPPA * own.T @ np.diag(pull) @ shared
+        between += own.T @ np.diag(scale) @ correlation @ np.diag(scale) @ own
+    if problem.prior is not None:
+        precision = np.diag(1.0 / np.square(evaluation.pulling_prior_sigma.ravel()))
+        hessian, between = hessian + precision, between + precision
+    if problem.background is not None:
+        of_pairs = residuals(lambda x: BackgroundEvaluation(problem.background, LAYOUT, x).r.ravel())
+        weight = np.tile(problem.background.weight.ravel(), 2)
+        own, shared = of_pairs[:, : T * o], of_pairs[:, T * o :]
+        information = own.T @ (weight[:, None] * own)
+        hessian, between = hessian + information, between + information
+        border += own.T @ (weight[:, None] * shared)
+    inverse = np.linalg.inv(hessian)
+    return inverse @ between @ inverse, inverse @ border
+
+
+@pytest.mark.parametrize("prior", [True, False], ids=["prior", "no prior"])
+@pytest.mark.parametrize("pairs", [None, ((0, 1), (1, 2), (0, 2), (3, 2))], ids=["alone", "tied"])
+def test_own_errors_are_those_of_the_whole_system(pairs, prior):
+    labelled = range(4) if pairs is None else (0, 1, 3)
+    problem, theta = a_problem(0, labelled=labelled, prior=prior, pairs=pairs)
+    found = own_errors(evaluate(problem, theta), SIGMA, KAPPA)
+    E, F = by_hand(problem, theta)
+    scale = np.sqrt(np.diagonal(E)).reshape(4, 4)
+    for t in range(4):
+        block = slice(4 * t, 4 * t + 4)
+        of_both = scale[t][:, None] * scale[t]
+        np.testing.assert_allclose(found.own[t] / of_both, E[block, block] / of_both, atol=1e-4)
+        largest = np.abs(F[block]).max(axis=0)
+        np.testing.assert_allclose(found.following[t] / largest, F[block] / largest, atol=1e-3)
+
+
+def test_paint_makes_less_certain():
+    problem, theta = a_problem(1)
+    exact, painted = (own_errors(evaluate(replace(problem, paint=p), theta), SIGMA, KAPPA) for p in (0.0, 0.05))
+    assert np.all(np.linalg.eigvalsh(painted.own - exact.own)[:, -1] > 0.0)
+    assert np.all(np.diagonal(painted.own, axis1=1, axis2=2) >= np.diagonal(exact.own, axis1=1, axis2=2) - 1e-15)
+    np.testing.assert_array_equal(painted.following, exact.following)
+
+
+def test_ties_make_more_certain():
+    problem, theta = a_problem(2, labelled=range(4))
+    tied, alone = (
+        own_errors(evaluate(replace(problem, background=b), theta), SIGMA, KAPPA) for b in (problem.background, None)
+    )
+    assert np.all(np.linalg.det(tied.own) < 0.5 * np.linalg.det(alone.own))
+
+
+def test_followers_have_the_errors_of_those_that_they_follow():
+    problem, theta = a_problem(3, labelled=(0, 1))
+    rng = np.random.default_rng(0)
+    firsts, followers = theta[:2], theta[2:]
+    root = rng.normal(size=(2, 4, 4)) * 1e-3
+    E, F = root @ np.swapaxes(root, 1, 2), rng.normal(size=(2, 4, len(SHARED))) * 1e-3
+    first, second = np.array([0, 1, 1]), np.array([0, 0, 1])
+    pairs = some_pairs(theta, first, second + 2, rng)
+    problem = Problem(
+        pack(FIELD, [{}, {}], SIZE), LAYOUT, LOSS, background=replace(pairs, second=second, known=firsts[first])
+    )
+    found = own_errors(evaluate(problem, followers), SIGMA, KAPPA, OwnErrors(E[first], F[first]))
+    for t, of in enumerate(([0, 1], [2])):
+        H, between, border = np.zeros((4, 4)), np.zeros((4, 4)), np.zeros((4, len(SHARED)))
+        for k in of:
+            one = replace(pairs, first=np.array([0]), second=np.array([1]), p=pairs.p[[k]], q=pairs.q[[k]])
+            one = replace(one, weight=pairs.weight[[k]])
+            both = np.stack([firsts[first[k]], followers[t]])
+
+            def r(frame, index, one=one, both=both):
+                return central_differences(
+                    lambda x: BackgroundEvaluation(one, LAYOUT, changed(both, frame, index, x)).r.ravel(),
+                    np.zeros(len(index)),
+                    steps(index),
+                )
+
+            W = np.diag(np.tile(one.weight.ravel(), 2))
+            of_first, of_second = r(0, OWN), r(1, OWN)
+            C = of_second.T @ W @ of_first
+            H += of_second.T @ W @ of_second
+            between += of_second.T @ W @ of_second + C @ E[first[k]] @ C.T
+            border += of_second.T @ W @ r(None, SHARED) - C @ F[first[k]]
+        inverse = np.linalg.inv(H)
+        expected = inverse @ between @ inverse
+        np.testing.assert_allclose(found.own[t], expected, rtol=1e-3, atol=1e-4 * np.max(expected))
+        following = inverse @ border
+        largest = np.abs(following).max(axis=0)
+        np.testing.assert_allclose(found.following[t] / largest, following / largest, atol=1e-3)
+
+
+def test_followed_or_solved_together_is_the_same_where_a_match_tells_nothing_of_the_first():
+    """Of two frames of one view that is so: whatever the first one is, the second one is it too."""
+    problem, theta = a_problem(4, count=2, labelled=(0,), prior=False, pairs=())
+    theta[1] = theta[0]
+    pairs = some_pairs(theta, np.array([0]), np.array([1]), np.random.default_rng(0))
+    together = own_errors(evaluate(replace(problem, background=pairs), theta), SIGMA, KAPPA)
+    hub = own_errors(evaluate(problem.take(np.array([0])), theta[:1]), SIGMA, KAPPA)
+    follower = Problem(
+        pack(FIELD, [{}], SIZE), LAYOUT, LOSS, background=replace(pairs, second=np.array([0]), known=theta[:1])
+    )
+    apart = own_errors(evaluate(follower, theta[1:]), SIGMA, KAPPA, hub)
+    for one, two in zip(together, (np.concatenate(both) for both in zip(hub, apart, strict=True)), strict=True):
+        np.testing.assert_allclose(one, two, rtol=1e-6, atol=1e-8 * np.abs(two).max())
+
+
+# of all parameters
+
+
+@given(generators())
+def test_the_whole_covariance_is_that_of_own_errors_and_shared_ones(rng):
+    root_E, root_V = rng.normal(size=(4, 4)), rng.normal(size=(len(SHARED), len(SHARED)))
+    E, V, F = root_E @ root_E.T, root_V @ root_V.T, rng.normal(size=(4, len(SHARED)))
+    A = np.zeros((LAYOUT.size, 4 + len(SHARED)))  # theta from e and s
+    A[OWN, :4], A[OWN, 4:], A[SHARED, 4:] = np.eye(4), -F, np.eye(len(SHARED))
+    both = np.zeros(2 * (A.shape[1],))
+    both[:4, :4], both[4:, 4:] = E, V
+    found = whole_covariance(E, F, V, LAYOUT)
+    np.testing.assert_allclose(found, A @ both @ A.T, atol=1e-10)
+    assert not found[[9, LAYOUT.lens_block.stop - 1]].any()  # what is fixed
+
+
+# of the field in view
+
+SIZE_BLOCK = SizeBlock(np.array([105.0, 68.0]), np.array([3.0, 3.0]), np.array([[90.0, 45.0], [120.0, 90.0]]))
+WITH_SIZE = Layout.of(SIZE, field_size=SIZE_BLOCK, zoom_law=LAYOUT.zoom_law).with_roles(
+    Role.CONSIDERED, "centre", "principal point", "lens", "zoom law", "field size"
+)
+PLAIN = Layout.of(SIZE).fixed("aspect", "k2")  # nothing is shared, the centre is the frame's own
+FIXED = Layout.of(SIZE).fixed("aspect", "lens", "centre", "principal point")
+
+
+@given(
+    generators(),
+    st.sampled_from([LAYOUT, WITH_SIZE, PLAIN, FIXED]),
+    st.sampled_from([np.array([52.5, 34.0]), np.full(2, np.inf)]),
+)
+def test_ground_errors_are_the_median_over_the_picture(rng, layout, half):
+    B = 3
+    with_law = layout if layout.zoom_law is not None else replace(WITH_SIZE, roles=WITH_SIZE.roles)
+    theta = operated(rng, B, with_law)[:, : layout.size]
+    theta[:, 1] += rng.uniform(-0.1, 0.3, B)  # the sky too
+    o, S = (int(np.count_nonzero(part)) for part in (layout.free, layout.considered))
+    root, root_V = rng.normal(size=(B, o, o)) * 1e-3, rng.normal(size=(S, S)) * 1e-2
+    errors, V = OwnErrors(root @ np.swapaxes(root, 1, 2), rng.normal(size=(B, o, S)) * 1e-2), root_V @ root_V.T
+    found = ground_errors(theta, layout, errors, V, half)
+    xy = np.stack(np.meshgrid(np.linspace(0.0, 959.0, GRID[0]), np.linspace(0.0, 539.0, GRID[1])), axis=-1).reshape(
+        -1, 2
+    )
+    for t in range(B):
+        known = KnownErrors(layout, theta[t], whole_covariance(errors.own[t], errors.following[t], V, layout))
+        X = known.camera.image_to_field(xy)
+        X = X[np.isfinite(X).all(axis=1) & np.all(np.abs(X[:, :2]) <= half, axis=1)]
+        if not len(X):
+            assert np.isnan(found[t])
+            continue
+        rms = np.sort(known.at_field(X * (1.0, 1.0, 0.0)).rms)
+        np.testing.assert_allclose(found[t], rms[(len(rms) - 1) // 2], rtol=1e-5)
+
+
+def test_who_looks_at_the_sky_sees_no_field():
+    theta = operated(np.random.default_rng(0), 2, LAYOUT)
+    theta[1, 1] = 2.2
+    errors = OwnErrors(np.tile(1e-6 * np.eye(4), (2, 1, 1)), np.zeros((2, 4, len(SHARED))))
+    found = ground_errors(theta, LAYOUT, errors, np.zeros(2 * (len(SHARED),)), np.array([52.5, 34.0]))
+    assert np.isfinite(found).tolist() == [True, False]
+    assert (
+        len(
+            ground_errors(
+                theta[:0], LAYOUT, OwnErrors(*(e[:0] for e in errors)), np.zeros(2 * (len(SHARED),)), np.ones(2)
+            )
+        )
+        == 0
+    )
+
+
+# against truth
+
+
+def test_intervals_hold_the_truth():
+    """Cells of matches count for less than their noise is, since real ones err alike: intervals are rather too wide."""
+    focal, place, tied = [], [], []
+    for seed in range(28):
+        rng = np.random.default_rng(seed)
+        centre = (rng.normal(0.0, 3.0), rng.uniform(60.0, 70.0), rng.uniform(-20.0, -13.0))
+        cameras = panned(5, -0.3, 0.3, centre)
+        frames = [observe(FIELD, camera, rng, 1.0) if t % 2 == 0 else {} for t, camera in enumerate(cameras)]
+        matches = matched(cameras, chain(5, 1, 2), rng, noise=0.5)
+        found = calibrate_sequence(soccer(size_known=True), frames, SIZE, matches=matches, paint=0.0, trust_labels=True)
+        for t, (frame, truth) in enumerate(zip(found, cameras, strict=True)):
+            error = np.log(frame.camera.focal_length / truth.focal_length)
+            (tied if t % 2 else focal).append(abs(error) / np.sqrt(frame.covariance[LOG_F, LOG_F]))
+        place.extend(np.abs(found.values[:3] - centre) / np.sqrt(np.diagonal(found.covariance)[:3]))
+    for off in (focal, tied, place):
+        assert 0.88 <= np.mean(np.array(off) < 1.96) <= 1.0
+        assert np.sqrt(np.mean(np.square(off))) > 0.35  # and not much too wide

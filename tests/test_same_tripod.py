@@ -1,0 +1,144 @@
+"""Shots that were taken from the same place."""
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from strategies import generators
+
+from fieldcalib.assess.sequence import Frames, SequenceCalibration
+from fieldcalib.images.same_tripod import LEAST_LOG_RATIO, grouped, same_tripod_log_ratio
+
+PLACE = ("x", "y", "z")
+SIZED = (*PLACE, "length", "width")
+HERE = np.array([1.0, 66.0, -16.0])
+
+
+def place(values, covariance, names=PLACE):
+    """What a shot of one frame says."""
+    return SequenceCalibration(Frames.without_cameras(1, ""), names, np.array(values, dtype=float), covariance)
+
+
+def covariance(rng, sigma, size=3):
+    """A random one whose principal standard deviations go from a third of sigma to sigma."""
+    root, _ = np.linalg.qr(rng.normal(size=(size, size)))
+    return (root * np.square(np.linspace(sigma / 3.0, sigma, size))) @ root.T
+
+
+def seen(rng, true, sigma):
+    V = covariance(rng, sigma)
+    return place(rng.multivariate_normal(true, V), V)
+
+
+def test_shots_of_one_tripod_are_one_group():
+    """Nearly always: an estimate that errs by three standard deviations may be of another place."""
+    rng, whole = np.random.default_rng(0), 0
+    for _ in range(100):
+        sigmas = rng.choice([0.1, 0.2, 0.4, 0.8], size=4)
+        whole += len(grouped({k: seen(rng, HERE, sigma) for k, sigma in enumerate(sigmas)})) == 1
+    assert whole >= 85
+
+
+@pytest.mark.parametrize("sigma", [0.02, 0.1, 0.15])
+def test_a_camera_beside_is_another_one(sigma):
+    rng, apart = np.random.default_rng(1), 0
+    for _ in range(100):
+        angle = rng.uniform(0.0, 2.0 * np.pi)
+        beside = HERE + 1.2 * np.array([np.cos(angle), np.sin(angle), 0.0])
+        shots = {k: seen(rng, true, sigma) for k, true in enumerate((HERE, beside, HERE, beside))}
+        apart += grouped(shots) in ([[0, 2], [1, 3]], [[1, 3], [0, 2]])
+    assert apart >= 90
+
+
+@given(generators(), st.floats(0.05, 0.3), st.floats(10.0, 60.0))
+def test_a_camera_elsewhere_is_another_one(rng, sigma, distance):
+    there = HERE + distance * np.array([1.0, 0.0, 0.0])
+    assert len(grouped({0: seen(rng, HERE, sigma), 1: seen(rng, there, sigma)})) == 2
+
+
+@given(generators(), st.floats(0.0, 1.0))
+def test_places_that_are_hardly_known_are_not_joined(rng, distance):
+    vague = place(HERE + (distance, 0.0, 0.0), 400.0 * np.eye(3))
+    assert sorted(map(tuple, grouped({0: place(HERE, 0.01 * np.eye(3)), 1: vague}))) == [(0,), (1,)]
+
+
+def test_the_direction_that_is_not_known_may_differ():
+    """Along the view distance and zoom trade off: there an estimate may be off by metres, across it not."""
+    long = np.diag([0.1, 3.0, 0.1]) ** 2
+    sure = place(HERE, 0.01 * np.eye(3))
+    assert grouped({0: sure, 1: place(HERE + (0.0, 2.5, 0.0), long)}) == [[0, 1]]
+    assert grouped({0: sure, 1: place(HERE + (2.5, 0.0, 0.0), long)}) == [[0], [1]]
+
+
+def test_shots_whose_place_was_not_found_are_in_no_group():
+    nothing = SequenceCalibration(Frames.without_cameras(3, ""))
+    sure = place(HERE, 0.01 * np.eye(3))
+    assert grouped({}) == []
+    assert grouped({0: nothing, 1: nothing}) == []
+    assert grouped({5: nothing, 7: sure, 2: nothing, 3: sure}) == [[3, 7]]
+
+
+def test_the_most_certain_place_comes_first():
+    rng = np.random.default_rng(2)
+    there = HERE + (20.0, 0.0, 0.0)
+    shots = {
+        0: place(HERE, covariance(rng, 0.5)),
+        4: place(there, covariance(rng, 0.1)),
+        9: place(HERE, 0.16 * np.eye(3)),
+    }
+    assert grouped(shots) == [[4], [0, 9]]
+    assert grouped(dict(reversed(shots.items()))) == [[4], [0, 9]]
+
+
+def test_a_shot_joins_the_group_that_it_most_probably_belongs_to():
+    near = HERE + (1.5, 0.0, 0.0)
+    shots = {
+        0: place(HERE, 0.01 * np.eye(3)),
+        1: place(near, 0.011 * np.eye(3)),
+        2: place(near - (0.3, 0.0, 0.0), np.eye(3)),
+    }
+    assert grouped(shots) == [[0], [1, 2]]
+
+
+def test_the_size_of_the_field_is_the_same_in_any_case():
+    """A place that is off because the size is, is not another one."""
+    V = np.diag([0.1, 0.5, 0.1, 0.3, 0.5]) ** 2
+    V[1, 4] = V[4, 1] = 0.95 * 0.5 * 0.5
+    off = np.array([0.0, 1.0, 0.0, 0.0, 1.0])
+    one, two = (place([*HERE, 105.0, 68.0] + k * off, V, SIZED) for k in (-0.5, 0.5))
+    assert grouped({0: one, 1: two}) == [[0, 1]]
+    alone = same_tripod_log_ratio(off[:3], 2.0 * V[:3, :3])
+    assert same_tripod_log_ratio(off, 2.0 * V) > alone  # than the place by itself says
+    assert grouped({0: one, 1: place(HERE, V[:3, :3])}) == [[0, 1]]  # of which one tells no size
+
+
+def test_what_else_is_shared_is_no_matter():
+    names = ("x", "y", "z", "cx", "width", "axis offset")
+    V = 0.01 * np.eye(6)
+    one = place([*HERE, 960.0, 68.0, 0.3], V, names)
+    two = place([*HERE, 900.0, 68.05, 2.0], V, names)
+    assert grouped({0: one, 1: two}) == [[0, 1]]
+
+
+@given(generators(), st.floats(0.05, 2.0))
+def test_the_ratio_falls_with_the_distance_and_is_symmetric(rng, sigma):
+    V = covariance(rng, sigma)
+    direction = rng.normal(size=3)
+    ratios = [same_tripod_log_ratio(k * direction, V) for k in (0.0, 0.5, 1.0, 2.0)]
+    assert np.all(np.diff(ratios) < 0.0)
+    np.testing.assert_allclose(same_tripod_log_ratio(-direction, V), ratios[2], rtol=1e-9)
+
+
+def test_the_ratio_says_how_often_it_is_one_tripod():
+    """Of places drawn as the model has it, those with a ratio of more than e are one tripod in more than half."""
+    rng, right, all_of_them = np.random.default_rng(3), 0, 0
+    for _ in range(2000):
+        same, sigma = rng.random() < 0.5, rng.choice([0.1, 0.3, 1.0])
+        V = sigma**2 * np.eye(3)
+        apart = 0.0 if same else rng.choice([1.5, 15.0])
+        difference = rng.normal(size=3) * np.sqrt(sigma**2 + 2.0 * 0.1**2 + apart**2)
+        ratio = same_tripod_log_ratio(difference, V)
+        if ratio >= LEAST_LOG_RATIO:
+            right, all_of_them = right + same, all_of_them + 1
+    assert all_of_them > 500
+    assert right / all_of_them > np.exp(LEAST_LOG_RATIO) / (1.0 + np.exp(LEAST_LOG_RATIO))
