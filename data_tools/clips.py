@@ -14,6 +14,7 @@ from __future__ import annotations
 
 import argparse
 from collections.abc import Callable, Iterable, Iterator, Sequence
+from dataclasses import replace
 from itertools import islice
 from pathlib import Path
 
@@ -30,6 +31,7 @@ from fieldcalib.fields.soccer import soccer
 from fieldcalib.geometry.camera import Camera
 from fieldcalib.images.clip_solver import ClipSolver
 from fieldcalib.images.keyframes import EVERY
+from fieldcalib.images.matches import Matches
 from fieldcalib.io.image import Image
 from fieldcalib.io.images import read_ahead
 from fieldcalib.io.videos import VideoReader
@@ -39,6 +41,7 @@ from fieldcalib.problem.evaluation import evaluate_camera
 GRID = (9, 7)  # pixels across and down, where field points are looked at
 UNIT = 1280.0  # columns
 MASK_EDGE = 20.0  # px
+AROUND = np.linspace(0.0, 2.0 * np.pi, 8, endpoint=False)
 
 Withheld = Callable[[int, str], bool]
 
@@ -91,6 +94,19 @@ def _nothing(t: int, label: str) -> bool:
     return False
 
 
+class _Masked(ClipSolver):
+    """A clip without the matches on the field in some frames, by their cameras."""
+
+    def __init__(self, masked: dict[int, Camera | None]) -> None:
+        super().__init__(soccer(), DEFAULT_FLAGS, ALL)
+        self.masked = masked
+
+    def thinned(self, key: int, index: int, matches: Matches) -> tuple[Array, Array]:
+        """What is kept of the matches from a keyframe to a frame."""
+        usable = _off_field(matches.first, self.masked.get(key)) & _off_field(matches.second, self.masked.get(index))
+        return super().thinned(key, index, replace(matches, first=matches.first[usable], second=matches.second[usable]))
+
+
 class Clip:
     """A part of a video that is calibrated again and again; it is read for keyframes and matches once."""
 
@@ -98,17 +114,15 @@ class Clip:
         self, path: Path, start: int = 0, stop: int | None = None, masked: dict[int, Camera | None] | None = None
     ) -> None:
         self.path, self.start, self.stop, self.masked = path, start, stop, masked or {}
-        self.solver = ClipSolver(soccer(), DEFAULT_FLAGS, ALL)
+        self.solver = _Masked(self.masked)
         self.solver.read(read_ahead(self.images()), SegmentationNetwork.load(), EVERY)
         self.seen = dict(self.solver.seen)
         self.lines: dict[int, Labels] = {}
 
     def images(self) -> Iterator[Image]:
-        """Its frames, the field painted black in some."""
+        """Its frames."""
         with VideoReader(self.path) as video:
-            for t, image in enumerate(islice(video, self.start, self.stop)):
-                camera = self.masked.get(t)
-                yield image if camera is None else _without_field(image, camera)
+            yield from islice(video, self.start, self.stop)
 
     def calibrated(self, withheld: Withheld = _nothing) -> VideoCalibration:
         """All frames, from the lines that are not withheld."""
@@ -127,18 +141,16 @@ def _kept(lines: dict[int, Labels], withheld: Withheld) -> dict[int, Labels]:
     return kept
 
 
-def _without_field(image: Image, camera: Camera) -> Image:
-    """A picture whose field is black, and what is within 20 px of it."""
-    import cv2
-
-    height, width = image.shape[:2]
-    xy = np.stack(np.meshgrid(np.arange(0, width, 4.0), np.arange(0, height, 4.0)), axis=-1)
-    X = camera.image_to_field(xy.reshape(-1, 2)).reshape(*xy.shape[:2], -1)
+def _off_field(xy: Array, camera: Camera | None) -> BoolArray:
+    """Which pixels (n, 2) are more than 20 px from what shows the field, where that is masked out."""
+    if camera is None:
+        return np.ones(len(xy), dtype=bool)
+    edge = MASK_EDGE * camera.image_size[0] / UNIT
+    around = edge * np.stack([np.cos(AROUND), np.sin(AROUND)], axis=-1)
+    X = camera.image_to_field(xy[:, None] + np.concatenate([np.zeros((1, 2)), around]))
     with np.errstate(invalid="ignore"):
-        seen = (np.abs(X[..., 0]) < soccer().length / 2.0) & (np.abs(X[..., 1]) < soccer().width / 2.0)
-    mask = cv2.resize(seen.astype(np.uint8), (width, height), interpolation=cv2.INTER_NEAREST)
-    edge = 2 * round(MASK_EDGE * width / UNIT) + 1
-    return np.where(cv2.dilate(mask, np.ones((edge, edge), np.uint8))[..., None] > 0, np.uint8(0), image)
+        on_field = np.all(np.abs(X[..., :2]) < (soccer().length / 2.0, soccer().width / 2.0), axis=-1)
+    return np.asarray(~np.any(on_field, axis=1))
 
 
 def _moved(everything: VideoCalibration, found: VideoCalibration, some: BoolArray) -> str:

@@ -20,6 +20,7 @@ from fieldcalib.images.frame_lines import as_given, frame_lines
 from fieldcalib.images.from_images import calibrate_from_images
 from fieldcalib.images.keyframes import tied_frames
 from fieldcalib.images.line_profiles import Markings
+from fieldcalib.images.matches import Matches
 from fieldcalib.images.refinement import LOSS_SCALE
 from fieldcalib.images.same_tripod import grouped
 from fieldcalib.io.image import Image
@@ -79,7 +80,7 @@ class ClipSolver:
         for image, tied in tied_frames(images, every=every):
             self.size = image.shape[1], image.shape[0]
             self.piece.append(tied.piece)
-            ties = {key: thinned(matches.first, matches.second, self.size) for key, matches in tied.ties}
+            ties = {key: self.thinned(key, tied.index, matches) for key, matches in tied.ties}
             ties = {key: both for key, both in ties.items() if len(both[0]) >= LEAST_CELLS}
             self.matches.update({(key, tied.index): both for key, both in ties.items()})
             if tied.is_key or not ties:  # what nothing ties must tell its camera by itself
@@ -88,6 +89,10 @@ class ClipSolver:
                 if len(held) == IMAGES_AT_ONCE:
                     look()
         look()
+
+    def thinned(self, key: int, index: int, matches: Matches) -> tuple[Array, Array]:
+        """What is kept of the matches from a keyframe to a frame."""
+        return thinned(matches.first, matches.second, self.size)
 
     def together(
         self, pieces: Sequence[int], lines: Mapping[int, Labels], start: SequenceCalibration | None = None
