@@ -105,12 +105,13 @@ class VideoCalibration(Sequence[Calibration]):
         for index, one in enumerate(self.shots):
             shot[one.start : one.stop] = index
         table = pandas.DataFrame({"shot": shot, "tripod": self.tripod})
+        nothing = {"status": str(Status.TOO_FEW_SEGMENTS), "basis": str(Basis.NOTHING)}
         parts = []
         for index, tripod in enumerate(self.tripods):
             frames = np.flatnonzero(self.tripod == index)
             part = tripod.to_pandas().iloc[self.number[frames]]
             parts.append(part.set_index(frames))
-        return table.join(pandas.concat(parts)) if parts else table
+        return (table.join(pandas.concat(parts)) if parts else table.assign(**nothing)).fillna(nothing)
 
     def to_dict(self) -> dict[str, Any]:
         """Everything, for `json.dumps`."""

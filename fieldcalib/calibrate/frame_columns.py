@@ -29,12 +29,23 @@ class FrameColumns:
         Its covariance.
     message : str
         Of frames that nothing is filled in for.
+    largest_error : float
+        Metres, of the field in view: a camera that is known no better is not accepted.
     """
 
-    def __init__(self, count: int, labels: tuple[str, ...], options: Options, considered: Array, message: str) -> None:
+    def __init__(
+        self,
+        count: int,
+        labels: tuple[str, ...],
+        options: Options,
+        considered: Array,
+        message: str,
+        largest_error: float = LARGEST_ERROR,
+    ) -> None:
         layout = options.layout
         own, shared = np.count_nonzero(layout.free), np.count_nonzero(layout.considered)
         self.options, self.considered, self.labels = options, considered, labels
+        self.largest_error = largest_error
         self.theta = np.full((count, layout.size), np.nan)
         self.errors = OwnErrors(np.full((count, own, own), np.nan), np.full((count, own, shared), np.nan))
         self.status = np.full(count, STATUSES.index(Status.TOO_FEW_SEGMENTS))
@@ -107,7 +118,7 @@ class FrameColumns:
                 self.notes[t] = "; ".join(map(str, alone.suspect_labels))
             if not tied and not alone.accepted:
                 self.notes[t] = alone.message
-        if tied and metres > LARGEST_ERROR:
+        if status is Status.ACCEPTED and metres > self.largest_error:
             status = Status.IMPROBABLE
         self.status[t] = STATUSES.index(status)
 

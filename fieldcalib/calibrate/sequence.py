@@ -21,7 +21,7 @@ from fieldcalib._types import Array, BoolArray, IntArray
 from fieldcalib.assess.noise import pooled_noise
 from fieldcalib.assess.own_errors import OwnErrors, own_errors
 from fieldcalib.assess.result import Calibration
-from fieldcalib.assess.sequence import SequenceCalibration
+from fieldcalib.assess.sequence import LARGEST_ERROR, SequenceCalibration
 from fieldcalib.assess.shared import by_considered, shared_covariance
 from fieldcalib.calibrate.frame_columns import FrameColumns
 from fieldcalib.calibrate.from_segments import CHUNK, calibrate_frames, checked_frames
@@ -35,11 +35,12 @@ from fieldcalib.calibrate.options import (
     checked_options,
     default_flags,
 )
-from fieldcalib.calibrate.ties import Matched, Ties, with_tied
+from fieldcalib.calibrate.ties import Matched, Ties, contradicted, with_tied
 from fieldcalib.calibrate.together import labels_of, put_together
 from fieldcalib.calibrate.tripod import KnownTripod, Labels, PixelNoise
 from fieldcalib.fields.field import Field
 from fieldcalib.fields.segments import ObjectSegments
+from fieldcalib.problem.background import BackgroundPairs
 from fieldcalib.problem.evaluation import Evaluation, Problem
 from fieldcalib.problem.labelled_pixels import ImageSegments, Pixels, PixelWeights, Weights
 from fieldcalib.problem.layout import CENTER, LOG_F, Layout, Role, SizeBlock, ZoomLaw
@@ -431,8 +432,8 @@ class SequenceSolver:
         index = np.flatnonzero(layout.considered)
         if not len(index):
             return np.zeros((0, 0))
-        assert self.options.field is not None and self.options.field.size_model is not None
-        probability, sigma = self.options.field.size_model.possibilities
+        assert self.options.layout.field_size is not None
+        probability, sigma = self.options.layout.field_size.possibilities
         return np.diag(probability @ np.square(sigma[:, index - layout.field_size_block.start]))
 
     def _problem(self, layout: Layout) -> Problem:
@@ -475,7 +476,8 @@ class SequenceSolver:
         """All frames, from what some share; those that are tied from their cameras of before, if they had any."""
         self.tripod = tripod = self._known(together)
         options, object_segments = tripod.options, tripod.object_segments
-        columns = tripod.columns(len(self.frames))
+        # without ties a frame that is accepted by itself needs no more
+        columns = tripod.columns(len(self.frames), LARGEST_ERROR if len(self.ties) else np.inf)
         done = np.zeros(len(self.frames), dtype=bool)
         theta, known = columns.theta.copy(), done.copy()
         if len(self.ties):
@@ -502,6 +504,7 @@ class SequenceSolver:
         while len(layer := self.ties.reached(done, ~known)):
             for part in np.array_split(layer, -(-len(layer) // CHUNK)):
                 pairs, first = self.ties.towards(part, columns.theta, done)
+                alone = {t: c for t, c in alone.items() if t not in self._contradicted(part, pairs, alone)}
                 of_first = OwnErrors(columns.errors.own[first], columns.errors.following[first])
                 labels = [self._labels(t, alone.get(t)) for t in part.tolist()]
                 tripod.follow(columns, part, theta[part], labels, pairs, of_first, alone)
@@ -532,6 +535,16 @@ class SequenceSolver:
             errors = own_errors(evaluation, *noise)
             columns.fill(np.array(members), evaluation, errors, tied=np.zeros(len(members), dtype=bool), alone=alone)
 
+    def _contradicted(self, index: IntArray, pairs: BackgroundPairs, alone: Mapping[int, Calibration]) -> set[int]:
+        """Which of some frames have a camera by themselves that most of their ties contradict."""
+        number = [k for k, t in enumerate(index.tolist()) if t in alone and alone[t].solved is not None]
+        if not number:
+            return set()
+        solved = [one for k in number if (one := alone[int(index[k])].solved) is not None]
+        theta = np.concatenate([one.alone.evaluation.theta for one in solved])
+        wrong = contradicted(pairs.take(np.array(number)), solved[0].evaluation.problem.layout, theta)
+        return set(index[number][wrong].tolist())
+
     def _labels(self, t: int, alone: Calibration | None) -> Labels:
         """What frame t is solved from: its labels as the camera that was found by itself has them."""
         if self.trust_labels:
@@ -549,7 +562,7 @@ class SequenceSolver:
             probability, sigma = self.options.layout.field_size.possibilities
             np.fill_diagonal(variance, probability @ np.square(sigma))
         options = replace(self.options, considered=variance)
-        columns = KnownTripod(self.object_segments, options, NO_NOISE).columns(len(self.frames))
+        columns = KnownTripod(self.object_segments, options, NO_NOISE).columns(len(self.frames), np.inf)
         if solved:
             sigma, kappa = np.median([(u.bent_sigma, u.curvature) for u in (one.uncertainty for one in solved)], axis=0)
             self._fill_alone(columns, alone, PixelNoise(sigma, kappa))

@@ -233,12 +233,12 @@ def with_tied(
             start = evaluate(problem, theta[frames])
             found = levenberg_marquardt(start, max_iterations=NEAR if near else FAR, tolerance=APPROACHED)
             theta[frames] = found.theta
-        left_out[frames] = _contradicted(pairs, layout, found.theta)
+        left_out[frames] = contradicted(pairs, layout, found.theta)
         known[frames] = ~left_out[frames]
     return theta, known
 
 
-def _contradicted(pairs: BackgroundPairs, layout: Layout, theta: Array) -> BoolArray:
+def contradicted(pairs: BackgroundPairs, layout: Layout, theta: Array) -> BoolArray:
     """Which of B frames most of their ties contradict, (B,)."""
     contradicts = disagreeing(pairs, layout, theta)
     bad, every = (np.bincount(pairs.second, some, minlength=len(theta)) for some in (contradicts, None))

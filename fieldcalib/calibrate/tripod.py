@@ -11,6 +11,7 @@ import numpy as np
 from fieldcalib._types import Array, IntArray
 from fieldcalib.assess.own_errors import OwnErrors, own_errors
 from fieldcalib.assess.result import Calibration
+from fieldcalib.assess.sequence import LARGEST_ERROR
 from fieldcalib.calibrate.frame_columns import FrameColumns
 from fieldcalib.calibrate.from_segments import NO_PIXELS, motion_of
 from fieldcalib.calibrate.initial_cameras import given_cameras
@@ -50,9 +51,9 @@ class KnownTripod:
         shared = int(np.count_nonzero(self.options.layout.considered))
         return np.zeros((shared, shared)) if self.options.considered is None else self.options.considered
 
-    def columns(self, count: int) -> FrameColumns:
-        """Of frames to come."""
-        return FrameColumns(count, tuple(self.object_segments), self.options, self.considered, NO_PIXELS)
+    def columns(self, count: int, largest_error: float = LARGEST_ERROR) -> FrameColumns:
+        """Of frames to come; those whose field in view is not known to `largest_error` metres are not accepted."""
+        return FrameColumns(count, tuple(self.object_segments), self.options, self.considered, NO_PIXELS, largest_error)
 
     def follow(
         self,

@@ -40,6 +40,7 @@ WINDOW = 11  # px of the optical flow; 15 and 21 take 2 and 3 times as long, and
 LEVELS = 5  # of the pyramid, where nothing is known of the motion: about 200 px are bridged
 LEVELS_PREDICTED = 3  # where it is known to a few pixels
 ROUND_TRIP = 0.5  # px: forward and backward, flow must come back
+RESTING_SHARE = 0.5  # of the corners, in more cells than the others, stand still where the camera does
 MOVING_SHARE = 0.3  # of the corners must move for the camera to be thought moving, and what stands still a graphic
 WARPED_FROM = 0.03  # change of scale, or rotation in radians, from which a frame is warped before flow: windows differ
 
@@ -332,7 +333,10 @@ def _matched(one: Frame, two: Frame, H: Array | None, corners: int) -> Matches |
         return None
     size = (one.grey.shape[1], one.grey.shape[0])
     still = np.linalg.norm(y - x, axis=1) < STILL
-    starts = [~still, np.ones(len(x), bool)] if np.mean(~still) > MOVING_SHARE else [np.ones(len(x), bool)]
+    every = np.ones(len(x), bool)
+    starts = [~still, every] if np.mean(~still) > MOVING_SHARE else [every]
+    if np.mean(still) > RESTING_SHARE and _cells(x[still], size) > _cells(x[~still], size):  # a camera at rest
+        starts.reverse()
     for candidates in starts:
         motion = background_motion(x, y, candidates, size)
         if motion is None:
@@ -390,5 +394,10 @@ def _followed(one: Frame, two: Frame, H: Array | None, corners: int) -> tuple[Ar
 def _spread(xy: Array, size: tuple[int, int]) -> bool:
     """Whether points cover enough of the picture to tell its motion from that of one object."""
     deviation = np.sqrt(np.maximum(np.linalg.eigvalsh(np.cov(xy.T)), 0.0)) / size[0]
-    cells = np.unique(np.floor(xy / size * GRID).astype(int), axis=0)
-    return bool(deviation[1] > LEAST_SPREAD[0] and deviation[0] > LEAST_SPREAD[1] and len(cells) >= LEAST_CELLS)
+    is_wide = deviation[1] > LEAST_SPREAD[0] and deviation[0] > LEAST_SPREAD[1]
+    return bool(is_wide and _cells(xy, size) >= LEAST_CELLS)
+
+
+def _cells(xy: Array, size: tuple[int, int]) -> int:
+    """In how many cells of the picture points are."""
+    return len(np.unique(np.floor(xy / size * GRID).astype(int), axis=0))
