@@ -213,7 +213,7 @@ def test_even_motion_is_met(sequence):
     np.testing.assert_allclose(pans(found), motion, atol=1e-9)
     assert [t for t, basis in enumerate(found.basis) if basis == Basis.INTERPOLATED] == [4, 5, 6]
     assert found.accepted.all()
-    assert found[5].message.startswith("by interpolation, the field in view to 0.")
+    assert found[5].message.startswith("interpolated, the field in view to 0.")
 
 
 @given(st.integers(1, 20), st.floats(-0.05, 0.05))
