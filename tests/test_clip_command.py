@@ -85,6 +85,7 @@ def test_a_folder_is_a_clip_if_it_is_said(know, folder, rendered, tmp_path, caps
     record = json.loads((out / "tripods.json").read_text())
     assert record["shots"] == [{"start": 0, "stop": 4, "tripod": 0}]
     (tripod,) = record["tripods"]
+    assert tripod["frames"] == 4
     shared = tripod["shared"]
     for name, value in zip("xyz", (1.0, 66.0, -16.0), strict=True):
         assert abs(shared[name]["value"] - value) < 3.0 * shared[name]["standard_deviation"] + 0.1

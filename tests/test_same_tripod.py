@@ -70,6 +70,12 @@ def test_the_direction_that_is_not_known_may_differ():
     assert grouped({0: sure, 1: place(HERE + (2.5, 0.0, 0.0), long)}) == [[0], [1]]
 
 
+def test_places_that_are_very_sure_still_agree_to_a_decimetre():
+    sure = 1e-4 * np.eye(3)
+    assert grouped({0: place(HERE, sure), 1: place(HERE + (0.15, -0.1, 0.05), sure)}) == [[0, 1]]
+    assert grouped({0: place(HERE, sure), 1: place(HERE + (1.0, 0.0, 0.0), sure)}) == [[0], [1]]
+
+
 def test_shots_whose_place_was_not_found_are_in_no_group():
     nothing = SequenceCalibration(Frames.without_cameras(3, ""))
     sure = place(HERE, 0.01 * np.eye(3))
