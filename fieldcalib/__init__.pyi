@@ -31,6 +31,7 @@ from .geometry.homography import ALIGNMENTS as ALIGNMENTS
 from .geometry.homography import Alignment as Alignment
 from .images.from_images import calibrate_from_images as calibrate_from_images
 from .images.from_video import calibrate_video as calibrate_video
+from .images.tracker import Tracker as Tracker
 from .images.matches import Matches as Matches
 from .images.matches import match_background as match_background
 from .images.matches import match_far as match_far

@@ -50,7 +50,8 @@ from fieldcalib.problem.observations import pack
 
 SHARED = ("centre", "principal point", "lens", "zoom law", "field size")
 FIRST = 60  # frames that are calibrated one by one, to find the place of the tripod
-TOGETHER = 400  # frames that are solved together
+TOGETHER = 400  # frames that are solved together,
+TIED_TOGETHER = 100  # and that if matches tie them: these make one system of all of them
 NO_NOISE = PixelNoise(1.0, 1.0)
 ROUNDS = 3  # of solving together, and every frame again
 AGREE = 7.8  # squared distance of two centres in standard deviations: 95 % of chi-squared with three degrees of freedom
@@ -333,12 +334,11 @@ class SequenceSolver:
         return np.array([t for t in best if labels[t]], dtype=np.intp)
 
     def _solved_together(self) -> IntArray:
-        """The frames that are solved together: those that others are tied to, and of the labelled ones without ties."""
+        """The frames that are solved together: those that others are tied to, and labelled ones."""
+        most = TOGETHER if not len(self.ties) else TIED_TOGETHER
         hubs = np.unique(self.ties.first)
         hubs = hubs[np.linspace(0, len(hubs), min(len(hubs), TOGETHER), endpoint=False, dtype=int)]
-        if len(hubs) == TOGETHER:
-            return hubs
-        return np.union1d(hubs, np.setdiff1d(self._spread(TOGETHER - len(hubs)), self.ties.second))
+        return np.union1d(hubs, self._spread(most - len(hubs))) if len(hubs) < most else hubs
 
     def _alone(
         self,

@@ -40,7 +40,8 @@ WINDOW = 11  # px of the optical flow; 15 and 21 take 2 and 3 times as long, and
 LEVELS = 5  # of the pyramid, where nothing is known of the motion: about 200 px are bridged
 LEVELS_PREDICTED = 3  # where it is known to a few pixels
 ROUND_TRIP = 0.5  # px: forward and backward, flow must come back
-RESTING_SHARE = 0.5  # of the corners, in more cells than the others, stand still where the camera does
+RESTING_SHARE = 0.5  # of the corners must stand still for a camera that is expected to be at rest to be so:
+RESTING = 1.0  # px by which the corners of the picture are expected to move
 MOVING_SHARE = 0.3  # of the corners must move for the camera to be thought moving, and what stands still a graphic
 WARPED_FROM = 0.03  # change of scale, or rotation in radians, from which a frame is warped before flow: windows differ
 
@@ -335,7 +336,7 @@ def _matched(one: Frame, two: Frame, H: Array | None, corners: int) -> Matches |
     still = np.linalg.norm(y - x, axis=1) < STILL
     every = np.ones(len(x), bool)
     starts = [~still, every] if np.mean(~still) > MOVING_SHARE else [every]
-    if np.mean(still) > RESTING_SHARE and _cells(x[still], size) > _cells(x[~still], size):  # a camera at rest
+    if H is not None and np.mean(still) > RESTING_SHARE and _rests(H, size):
         starts.reverse()
     for candidates in starts:
         motion = background_motion(x, y, candidates, size)
@@ -394,10 +395,11 @@ def _followed(one: Frame, two: Frame, H: Array | None, corners: int) -> tuple[Ar
 def _spread(xy: Array, size: tuple[int, int]) -> bool:
     """Whether points cover enough of the picture to tell its motion from that of one object."""
     deviation = np.sqrt(np.maximum(np.linalg.eigvalsh(np.cov(xy.T)), 0.0)) / size[0]
-    is_wide = deviation[1] > LEAST_SPREAD[0] and deviation[0] > LEAST_SPREAD[1]
-    return bool(is_wide and _cells(xy, size) >= LEAST_CELLS)
+    cells = np.unique(np.floor(xy / size * GRID).astype(int), axis=0)
+    return bool(deviation[1] > LEAST_SPREAD[0] and deviation[0] > LEAST_SPREAD[1] and len(cells) >= LEAST_CELLS)
 
 
-def _cells(xy: Array, size: tuple[int, int]) -> int:
-    """In how many cells of the picture points are."""
-    return len(np.unique(np.floor(xy / size * GRID).astype(int), axis=0))
+def _rests(H: Array, size: tuple[int, int]) -> bool:
+    """Whether a motion leaves the corners of the picture where they are."""
+    corners = np.array([[0.0, 0.0], [1.0, 0.0], [0.0, 1.0], [1.0, 1.0]]) * size
+    return bool(np.max(np.abs(mapped(H, corners) - corners)) < RESTING)

@@ -1,0 +1,87 @@
+"""Live video: cameras from what came before."""
+
+import numpy as np
+import pytest
+from networks import KnownCameras
+
+from data_tools.synthetic.clips import camera_path
+from data_tools.synthetic.film import Scene, TrueFrame, film
+from fieldcalib import Status, soccer
+from fieldcalib.assess.sequence import Basis
+from fieldcalib.images.tracker import LOST_FOR, Tracker
+
+SIZE = (480, 270)
+FIELD = soccer(size_known=True)
+EVERY = 6
+
+
+@pytest.fixture(scope="module")
+def clip():
+    """Cameras of a shot, and its pictures."""
+    rng = np.random.default_rng((0, 4))
+    cameras = camera_path(rng, 150, image_size=SIZE)[40:64]
+    return cameras, list(film(Scene.random(FIELD, 3, cameras), [TrueFrame(camera, 0, 0) for camera in cameras]))
+
+
+def off(calibration, camera):
+    """Largest distance, px, of field points in view."""
+    xy = np.stack(np.meshgrid(np.linspace(40.0, 440.0, 5), np.linspace(60.0, 250.0, 4)), axis=-1).reshape(-1, 2)
+    X = camera.image_to_field(xy)
+    seen = np.all(np.abs(X[:, :2]) < (52.5, 34.0), axis=1)
+    return np.max(np.linalg.norm(calibration.camera.project(X[seen]) - xy[seen], axis=1))
+
+
+class Forever(KnownCameras):
+    """What the cameras of keyframes see, whichever of them are asked for."""
+
+    def __init__(self, cameras):
+        super().__init__(cameras)
+        self.asked = 0
+
+    def __call__(self, images):
+        found = np.stack([self.maps[min(self.asked + k, len(self.maps) - 1)] for k in range(len(images))])
+        self.asked += len(images)
+        return found
+
+
+def tracked(pictures, keyframes):
+    with Tracker(FIELD, KnownCameras(keyframes), every=EVERY, wait=True) as tracker:
+        return [(tracker.update(picture), tracker.basis) for picture in pictures]
+
+
+def test_every_frame_has_its_camera_at_once(clip):
+    cameras, pictures = clip
+    found = tracked(pictures, cameras[::EVERY])
+    assert all(calibration.accepted for calibration, _ in found)
+    assert max(off(one, camera) for (one, _), camera in zip(found, cameras, strict=True)) < 2.0
+    assert [basis for _, basis in found][1:] == [Basis.BOTH] * (len(cameras) - 1)
+
+
+def test_errors_grow_while_nothing_ties_the_frames(clip):
+    cameras, pictures = clip
+    flash = [np.full_like(pictures[0], 255)] * (LOST_FOR + 2)
+    found = tracked([*pictures[:10], *flash], cameras[::EVERY])
+    lost = found[10:]
+    assert [basis for _, basis in lost[:LOST_FOR]] == [Basis.INTERPOLATED] * LOST_FOR
+    sigma = [one.covariance[0, 0] for one, _ in found[9 : 10 + LOST_FOR]]
+    assert np.all(np.diff(sigma) > 0.0)
+    assert [one.camera for one, _ in lost[LOST_FOR:]] == [None, None]
+
+
+def test_what_is_never_calibrated_has_no_camera(clip):
+    _, pictures = clip
+    found = tracked(pictures[:3], [None])
+    assert [one.status for one, _ in found] == [Status.TOO_FEW_SEGMENTS] * 3
+
+
+def test_a_thread_calibrates_keyframes(clip):
+    """The frames do not wait; the camera comes when it comes."""
+    cameras, pictures = clip
+    with Tracker(FIELD, Forever([cameras[0]]), every=100) as tracker:
+        first = tracker.update(pictures[0])
+        while not tracker.update(pictures[1]).accepted:
+            pass
+        assert not first.accepted
+        assert off(tracker.update(pictures[1]), cameras[1]) < 3.0
+        with pytest.raises(ValueError, match="has 240 x 135 pixels"):
+            tracker.update(pictures[0][::2, ::2])
