@@ -31,11 +31,11 @@ from .geometry.homography import ALIGNMENTS as ALIGNMENTS
 from .geometry.homography import Alignment as Alignment
 from .images.from_images import calibrate_from_images as calibrate_from_images
 from .images.from_video import calibrate_video as calibrate_video
-from .images.tracker import Tracker as Tracker
 from .images.matches import Matches as Matches
 from .images.matches import match_background as match_background
 from .images.matches import match_far as match_far
 from .images.refinement import refine_on_image as refine_on_image
+from .images.tracker import Tracker as Tracker
 from .io.results import read_results as read_results
 from .localize.network import SegmentationNetwork as SegmentationNetwork
 from .problem.losses import RobustLoss as RobustLoss

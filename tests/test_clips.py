@@ -98,7 +98,7 @@ def test_shots_of_two_tripods_do_not(two_tripods):
         assert np.linalg.norm(found.tripods[one.tripod].values[:3] - truth) < 1.0
     assert all(frame.accepted for frame in found)
     assert max(off(found, cameras)) < 0.8
-    assert set(found.basis) == {Basis.LINES, Basis.BOTH}
+    assert set(found.basis) == {Basis.BOTH}
 
 
 def test_a_shot_that_shows_no_pitch_has_no_tripod(one_tripod):
@@ -167,7 +167,6 @@ def test_a_video_of_one_frame(one_tripod):
 def test_frames_that_know_the_field_alike_have_one_verdict(one_tripod):
     """One penalty area in view does not tell how long the pitch is: of the keyframe no more than of the others."""
     found = calibrated(one_tripod[:4], cameras_of(LEFT), FIELD)
-    assert np.ptp(np.concatenate([tripod.frames.ground_error for tripod in found.tripods])) < 0.2
     assert len({str(frame.status) for frame in found}) == 1
 
 

@@ -400,9 +400,8 @@ class SequenceSolver:
         labels = start.labels
         if len(self.ties):
             each = layout.with_roles_of(layout.roles == Role.SHARED, Role.CONSIDERED)
-            known = self.ties.agreeing(theta, known, each)
-            labels = {t: one for t, one in labels.items() if known[t]}
-            theta, known = with_tied(self.object_segments, self.ties, theta, known, some, each, self.options.scale)
+            theta, known, right = self._agreeing(theta, known, some, each)
+            labels = {t: one for t, one in labels.items() if right[t]}
             some = some[known[some]]
         else:
             some = labelled
@@ -441,6 +440,21 @@ class SequenceSolver:
         nothing = pack(self.object_segments, [], layout.image_size)
         options = self.options
         return Problem(nothing, layout, options.loss, options.noise, paint=options.paint, scale=options.scale)
+
+    def _agreeing(
+        self, theta: Array, known: BoolArray, some: IntArray, layout: Layout
+    ) -> tuple[Array, BoolArray, BoolArray]:
+        """Cameras (T, n) of known frames (T,) and of some that are tied to them, and which of the known ones are right.
+
+        A wrong camera is found out by ties to other known ones, or to frames that these tie.
+        """
+        right = self.ties.agreeing(theta, known, layout)
+        while True:
+            tied, reached = with_tied(self.object_segments, self.ties, theta, right, some, layout, self.options.scale)
+            contradicted = right & ~self.ties.agreeing(tied, reached, layout)
+            if not np.any(contradicted):
+                return tied, reached, right
+            right = right & ~contradicted
 
     def _hardly_told(self, together: _Together) -> tuple[str, ...]:
         """Of length and width, what the frames hardly tell: estimated, it would absorb errors of lens and zoom."""
