@@ -30,7 +30,7 @@ from fieldcalib.cli.main import run_command
 from fieldcalib.fields.soccer import soccer
 from fieldcalib.geometry.camera import Camera
 from fieldcalib.images.clip_solver import ClipSolver
-from fieldcalib.images.keyframes import EVERY
+from fieldcalib.images.keyframes import tied_frames
 from fieldcalib.images.matches import Matches
 from fieldcalib.io.image import Image
 from fieldcalib.io.images import read_ahead
@@ -115,7 +115,7 @@ class Clip:
     ) -> None:
         self.path, self.start, self.stop, self.masked = path, start, stop, masked or {}
         self.solver = _Masked(self.masked)
-        self.solver.read(read_ahead(self.images()), SegmentationNetwork.load(), EVERY)
+        self.solver.read(tied_frames(read_ahead(self.images())), SegmentationNetwork.load())
         self.seen = dict(self.solver.seen)
         self.lines: dict[int, Labels] = {}
 

@@ -200,3 +200,16 @@ def test_an_iterator_is_refused_before_it_is_read(one_tripod):
 def test_every_is_one_or_more(one_tripod):
     with pytest.raises(ValueError, match="every must be 1 or more frames, got 0"):
         calibrate_video(FIELD, one_tripod[:1], KnownCameras([LEFT[0].camera]), every=0)
+
+
+def test_a_long_video_is_calibrated_part_by_part(one_tripod, monkeypatch):
+    """A part ends at a keyframe: those of the first shot are 0, 3 and 6, the second one begins with another."""
+    monkeypatch.setattr("fieldcalib.images.from_video.PART", 5)
+    pictures, cameras = one_tripod, cameras_of([*LEFT, *RIGHT])
+    keys = [tied.index for _, tied in tied_frames(pictures, every=3) if tied.is_key]
+    found = calibrate_video(KNOWN, pictures, KnownCameras([cameras[t] for t in keys]), every=3)
+    assert len(found) == len(cameras)
+    assert [(shot.start, shot.stop) for shot in found.shots][:2] == [(0, 6), (6, 8)]
+    assert found.shots[-1].stop == len(cameras)
+    assert all(frame.accepted for frame in found)
+    assert max(off(found, cameras)) < 1.5

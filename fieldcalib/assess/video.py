@@ -54,6 +54,25 @@ class VideoCalibration(Sequence[Calibration]):
     number: IntArray = attribute(repr=False)
     """Index of each frame among those of its tripod, (T,)."""
 
+    @classmethod
+    def joined(cls, parts: Sequence[VideoCalibration]) -> VideoCalibration:
+        """Those of parts of a video, one after the other."""
+        tripods = [tripod for part in parts for tripod in part.tripods]
+        order = sorted(range(len(tripods)), key=lambda index: -len(tripods[index]))
+        place = {index: k for k, index in enumerate(order)} | {NO_TRIPOD: NO_TRIPOD}
+        shots, tripod, start, before = [], [np.zeros(0, dtype=np.intp)], 0, 0
+        for part in parts:
+            number = {k: place[before + k] for k in range(len(part.tripods))} | {NO_TRIPOD: NO_TRIPOD}
+            shots += [Shot(start + a, start + b, number[k]) for a, b, k in part.shots]
+            tripod.append(np.array([number[k] for k in part.tripod.tolist()], dtype=np.intp))
+            start, before = start + len(part), before + len(part.tripods)
+        return cls(
+            tuple(tripods[index] for index in order),
+            tuple(shots),
+            np.concatenate(tripod),
+            np.concatenate([np.zeros(0, dtype=np.intp), *(part.number for part in parts)]),
+        )
+
     def __len__(self) -> int:
         return len(self.tripod)
 

@@ -18,7 +18,7 @@ from fieldcalib.calibrate.tripod import Labels
 from fieldcalib.fields.segments import ObjectSegments
 from fieldcalib.images.frame_lines import as_given, frame_lines
 from fieldcalib.images.from_images import calibrate_from_images
-from fieldcalib.images.keyframes import tied_frames
+from fieldcalib.images.keyframes import Tied
 from fieldcalib.images.line_profiles import Markings
 from fieldcalib.images.matches import Matches
 from fieldcalib.images.refinement import LOSS_SCALE
@@ -63,8 +63,12 @@ class ClipSolver:
         """The frames of some pieces, in order."""
         return np.flatnonzero(np.isin(self.piece, pieces))
 
-    def read(self, images: Iterable[Image], network: Network, every: int) -> None:
-        """Matches of all frames, and the markings that are found in keyframes."""
+    def read(self, frames: Iterable[tuple[Image, Tied]], network: Network) -> None:
+        """Matches of all frames, and the markings that are found in keyframes.
+
+        Frames are numbered from the first one; what ties them to frames before it is left out.
+        """
+        first: int | None = None
         keys: list[int] = []
         held: list[Image] = []
 
@@ -77,14 +81,18 @@ class ClipSolver:
             keys.clear()
             held.clear()
 
-        for image, tied in tied_frames(images, every=every):
+        for image, tied in frames:
+            first = tied.index if first is None else first
+            index = tied.index - first
             self.size = image.shape[1], image.shape[0]
             self.piece.append(tied.piece)
-            ties = {key: self.thinned(key, tied.index, matches) for key, matches in tied.ties}
+            ties = {
+                key - first: self.thinned(key - first, index, matches) for key, matches in tied.ties if key >= first
+            }
             ties = {key: both for key, both in ties.items() if len(both[0]) >= LEAST_CELLS}
-            self.matches.update({(key, tied.index): both for key, both in ties.items()})
+            self.matches.update({(key, index): both for key, both in ties.items()})
             if tied.is_key or not ties:  # what nothing ties must tell its camera by itself
-                keys.append(tied.index)
+                keys.append(index)
                 held.append(image)
                 if len(held) == IMAGES_AT_ONCE:
                     look()

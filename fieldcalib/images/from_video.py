@@ -11,13 +11,14 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import AbstractContextManager, contextmanager
+from itertools import islice
 from pathlib import Path
 
 from fieldcalib.assess.video import VideoCalibration
 from fieldcalib.calibrate.options import ALL, DEFAULT_FLAGS, Prior
 from fieldcalib.fields.segments import ObjectSegments
 from fieldcalib.images.clip_solver import ClipSolver
-from fieldcalib.images.keyframes import EVERY
+from fieldcalib.images.keyframes import EVERY, Tied, tied_frames
 from fieldcalib.io.image import Image
 from fieldcalib.io.images import read_ahead
 from fieldcalib.io.videos import VideoReader
@@ -25,6 +26,8 @@ from fieldcalib.localize import Network
 from fieldcalib.localize.network import SegmentationNetwork
 
 SIGMAS = 3.0  # of the predicted error of a marking, within which its line is searched
+
+PART = 3000  # frames, two minutes, after which the video is cut at a keyframe
 
 
 def calibrate_video(
@@ -59,8 +62,9 @@ def calibrate_video(
     Returns
     -------
     VideoCalibration
-        Each frame says what it rests on: lines, matches, or both (`VideoCalibration.basis`). A camera is accepted as
-        long as the field in view is known to 1 m.
+        Each frame says what it rests on: lines, matches, both, or interpolation (`VideoCalibration.basis`). A camera is
+        accepted as long as the field in view is known to 1 m. What frames share is that of two minutes of video, after
+        which shots and tripods begin anew: so memory does not grow with the video.
 
     Raises
     ------
@@ -99,10 +103,31 @@ def _calibrated(
     prior: Prior,
     every: int,
 ) -> VideoCalibration:
-    clip = ClipSolver(object_segments, flags, prior)
-    with opened() as images:
-        clip.read(read_ahead(images), network, every)
-    tripods = clip.tripods()
-    with opened() as images:
-        lines = clip.lines_in(read_ahead(images), tripods)
-    return clip.finished(tripods, lines)
+    """Part by part, so that matches and lines of a long video do not pile up; two readers go along with one another."""
+    parts = []
+    with opened() as images, opened() as again:
+        tied = tied_frames(read_ahead(images), every=every)
+        second = read_ahead(again)
+        for part in _in_parts(tied):
+            clip = ClipSolver(object_segments, flags, prior)
+            clip.read(part, network)
+            tripods = clip.tripods()
+            lines = clip.lines_in(islice(second, len(clip.piece)), tripods)
+            parts.append(clip.finished(tripods, lines))
+    return VideoCalibration.joined(parts)
+
+
+def _in_parts(frames: Iterator[tuple[Image, Tied]]) -> Iterator[Iterator[tuple[Image, Tied]]]:
+    """Frames in parts of `PART` or some more, each of which begins with a keyframe."""
+    ahead = next(frames, None)
+    while ahead is not None:
+        count = 0
+
+        def part() -> Iterator[tuple[Image, Tied]]:
+            nonlocal ahead, count
+            while ahead is not None and not (count >= PART and ahead[1].is_key):
+                count += 1
+                yield ahead
+                ahead = next(frames, None)
+
+        yield part()
