@@ -190,10 +190,12 @@ def find_lines(image: Image, profiles: Profiles, search_range: float) -> Array:
     luma = LUMA if look.lighter else -LUMA
     contrast = line @ luma - np.maximum(one_side @ luma, other_side @ luma)
     offset = offset[:, FLANK + 1 : -FLANK - 1]
-    sides = np.array([_chromaticity(one_side), _chromaticity(other_side)])
+    allowed = np.abs(offset) <= gate[:, None]
+    near = np.any(allowed, axis=0)  # columns in the middle: elsewhere colours do not matter
+    sides = np.array([_chromaticity(one_side[:, near]), _chromaticity(other_side[:, near])])
     alike = np.max(np.abs(sides[0] - sides[1]), axis=-1) < look.ground_difference
     is_ground = alike & _like_most(sides, profiles.on_ground, 2.0 * look.ground_difference)
-    allowed = (np.abs(offset) <= gate[:, None]) & (is_ground | ~profiles.on_ground[:, None])
+    allowed[:, near] &= is_ground | ~profiles.on_ground[:, None]
 
     row = np.arange(len(profiles))
     best = np.argmax(np.where(allowed, contrast, -np.inf)[:, 1:-1], axis=1) + 1
