@@ -31,7 +31,7 @@ DISAGREE = 6.0  # px: median distance at which the cameras of two frames contrad
 BEHIND_LINES = 10.0  # m from the lines of a field to the boards and stands around it
 LEAST_CELLS = 5  # that make a tie
 APPROACHED = 1e-3  # of the cost: cameras that are tied are where others begin
-FAR, NEAR = 50, 3  # iterations at most
+FAR, NEAR = 50, 1  # iterations at most
 FROM_AFAR = RobustLoss("linear", 1.0)  # frames that are tied may be far apart: a loss that bends has no gradient there
 
 Matched = Mapping[tuple[int, int], tuple[ArrayLike, ArrayLike]]

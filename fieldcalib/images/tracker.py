@@ -40,7 +40,7 @@ from fieldcalib.problem.losses import RobustLoss
 
 MOST_KEYS = 40  # keyframes of a shot that are solved together: 20 seconds
 LOOKED_AT = 4  # keyframes of a shot that the network sees in any case,
-LOOK_AGAIN = 6  # and then every so many
+SOLVE_AGAIN, LOOK_AGAIN = 3, 6  # then all are solved again, and the network sees one, every so many
 LOST_FOR = 12  # frames that nothing ties for which a camera is extrapolated: half a second
 
 
@@ -195,6 +195,9 @@ class Tracker:
     def _submit(self, index: int, image: Image, lines: Labels | None) -> None:
         """Have a keyframe calibrated; one that is not begun yet gives way to it."""
         shot = self._shot
+        if lines is not None and shot.looked_at >= LOOKED_AT and len(shot.labels) % SOLVE_AGAIN:
+            shot.labels[index] = lines
+            return
         looks = lines is None or shot.looked_at < LOOKED_AT or len(shot.labels) % LOOK_AGAIN == 0
         shot.looked_at += looks
         self._jobs = [(of, job) for of, job in self._jobs if not job.cancel()]
