@@ -1,18 +1,21 @@
 """How well the frames of a clip are calibrated together, by what is withheld.
 
-    python -m data_tools.clips CLIP... [--every-third-second] [--halves] [--labels] [--masked FIRST LAST]
+    python -m data_tools.clips CLIP... [--flow] [--every-third-second] [--halves] [--labels] [--masked FIRST LAST]
 
+`--flow` follows static points over 12 frames, and prints how far they are from where the cameras say they go: the
+median of the points of two frames, then the median and the 90 % quantile over pairs, and how many frames have a camera.
 `--every-third-second` withholds all lines of every third second, and prints how far field points in view then move,
 against the calibration from everything. `--halves` calibrates both halves of a clip apart, and prints how far apart
 the tripods are, in metres and against their joint 95 % region. `--labels` leaves out each label in turn, and prints how
-far its lines lie from where the others put them, against what they are off when they are used. `--masked` does as the
-first, with the field masked out between two frames: no features within 20 px of where it is seen, and no lines. Pixels
-are those of an image of 1280 columns.
+far its lines lie from where the others put them, against what they are off when they are used. `--masked` does as
+`--every-third-second`, with the field masked out between two frames: no matches within 20 px of where it is seen, and no
+lines. Pixels are those of an image of 1280 columns.
 """
 
 from __future__ import annotations
 
 import argparse
+from collections import deque
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import replace
 from itertools import islice
@@ -31,7 +34,7 @@ from fieldcalib.fields.soccer import soccer
 from fieldcalib.geometry.camera import Camera
 from fieldcalib.images.clip_solver import ClipSolver
 from fieldcalib.images.keyframes import tied_frames
-from fieldcalib.images.matches import Matches
+from fieldcalib.images.matches import Frame, Matches, match_background
 from fieldcalib.io.image import Image
 from fieldcalib.io.images import read_ahead
 from fieldcalib.io.videos import VideoReader
@@ -40,6 +43,7 @@ from fieldcalib.problem.evaluation import evaluate_camera
 
 GRID = (9, 7)  # pixels across and down, where field points are looked at
 UNIT = 1280.0  # columns
+APART = 12  # frames over which static points are followed
 MASK_EDGE = 20.0  # px
 AROUND = np.linspace(0.0, 2.0 * np.pi, 8, endpoint=False)
 
@@ -50,6 +54,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     """Print one line for each clip and measurement."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("clips", nargs="+", type=Path)
+    parser.add_argument("--flow", action="store_true")
     parser.add_argument("--every-third-second", action="store_true")
     parser.add_argument("--halves", action="store_true")
     parser.add_argument("--labels", action="store_true")
@@ -64,6 +69,8 @@ def run(options: argparse.Namespace) -> int:
         whole = Clip(path)
         everything = whole.calibrated()
         frame = np.arange(len(everything))
+        if options.flow:
+            print(f"{path.name} flow over {APART} frames: {_flow(whole, everything)}")
         if options.every_third_second:
             with VideoReader(path) as video:
                 is_third = frame // round(video.frames_per_second) % 3 == 2
@@ -131,6 +138,28 @@ class Clip:
         tripods = solver.tripods()
         self.lines = solver.lines_in(read_ahead(self.images()), tripods)
         return solver.finished(tripods, _kept(self.lines, withheld))
+
+
+def _flow(clip: Clip, found: VideoCalibration) -> str:
+    """How far static points are from where the cameras of two frames have them."""
+    before: deque[Frame] = deque(maxlen=APART)
+    medians: list[float] = []
+    for t, image in enumerate(read_ahead(clip.images())):
+        frame = Frame.of(image)
+        if len(before) == APART:
+            one, two = found[t - APART].camera, found[t].camera
+            matches = match_background(before[0], frame) if one is not None and two is not None else None
+            if matches is not None and one is not None and two is not None:
+                x = one.normalized(matches.first)
+                rays = np.column_stack([x, np.ones(len(x))]) @ one.R
+                distance = np.linalg.norm(two.project(two.C + rays) - matches.second, axis=1)
+                medians.append(float(np.nanmedian(distance)) * UNIT / image.shape[1])
+        before.append(frame)
+    accepted = 100.0 * np.mean([calibration.accepted for calibration in found])
+    if not medians:
+        return f"{accepted:.1f} % accepted, nothing to follow"
+    median, most = np.percentile(medians, [50, 90])
+    return f"{accepted:.1f} % accepted, median {median:.2f}, 90 % {most:.2f} px"
 
 
 def _kept(lines: dict[int, Labels], withheld: Withheld) -> dict[int, Labels]:
