@@ -8,8 +8,8 @@ median of the points of two frames, then the median and the 90 % quantile over p
 against the calibration from everything. `--halves` calibrates both halves of a clip apart, and prints how far apart
 the tripods are, in metres and against their joint 95 % region. `--labels` leaves out each label in turn, and prints how
 far its lines lie from where the others put them, against what they are off when they are used. `--masked` does as
-`--every-third-second`, with the field masked out between two frames: no matches within 20 px of where it is seen, and no
-lines. Pixels are those of an image of 1280 columns.
+`--every-third-second`, with the field masked out between two frames: no lines, and no matches within 20 px of where it
+is seen. Pixels are those of an image of 1280 columns.
 """
 
 from __future__ import annotations
