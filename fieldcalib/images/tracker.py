@@ -23,7 +23,7 @@ from fieldcalib.assess.result import Calibration, Status
 from fieldcalib.assess.sequence import STEP, Basis, SequenceCalibration
 from fieldcalib.calibrate.frame_columns import FrameColumns
 from fieldcalib.calibrate.options import ALL, DEFAULT_FLAGS, PAINT, Prior, pixel_unit
-from fieldcalib.calibrate.sequence import SHARED, sequence_solver
+from fieldcalib.calibrate.sequence_solver import SHARED, sequence_solver
 from fieldcalib.calibrate.ties import LEAST_CELLS, Ties, thinned, with_tied
 from fieldcalib.calibrate.together import labels_of
 from fieldcalib.calibrate.tripod import KnownTripod, Labels

@@ -1,0 +1,514 @@
+"""Frames of one tripod while they are calibrated together.
+
+    frames one by one -> the place of the tripod -> every frame from there -> all together -> every frame again
+
+What frames share are blocks that stand once (`fieldcalib.problem.layout`); pan, tilt, roll and zoom are each frame's
+own, and eliminated (`fieldcalib.problem.levenberg_marquardt`). A few hundred frames tell what is shared as well as all
+of them, since paint and lens law are wrong by more than noise leaves; the others follow, each by itself. So the time is
+linear in the number of frames.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import NamedTuple
+
+import numpy as np
+
+from fieldcalib._types import Array, BoolArray, IntArray
+from fieldcalib.assess.noise import pooled_noise
+from fieldcalib.assess.own_errors import OwnErrors, own_errors
+from fieldcalib.assess.result import Calibration
+from fieldcalib.assess.sequence import LARGEST_ERROR, SequenceCalibration
+from fieldcalib.assess.shared import by_considered, shared_covariance
+from fieldcalib.calibrate.frame_columns import FrameColumns
+from fieldcalib.calibrate.from_segments import CHUNK, calibrate_frames, checked_frames
+from fieldcalib.calibrate.initial_cameras import given_cameras
+from fieldcalib.calibrate.options import (
+    DEFAULT_CRITERIA,
+    CalibrationFlags,
+    Options,
+    Prior,
+    checked_options,
+    default_flags,
+)
+from fieldcalib.calibrate.ties import Matched, Ties, contradicted, with_tied
+from fieldcalib.calibrate.together import labels_of, put_together
+from fieldcalib.calibrate.tripod import KnownTripod, Labels, PixelNoise
+from fieldcalib.fields.field import Field
+from fieldcalib.fields.segments import ObjectSegments
+from fieldcalib.problem.background import BackgroundPairs
+from fieldcalib.problem.evaluation import Evaluation, Problem
+from fieldcalib.problem.labelled_pixels import ImageSegments, Pixels, PixelWeights, Weights
+from fieldcalib.problem.layout import CENTER, LOG_F, Layout, Role, SizeBlock, ZoomLaw
+from fieldcalib.problem.levenberg_marquardt import levenberg_marquardt
+from fieldcalib.problem.losses import LossName, RobustLoss
+from fieldcalib.problem.observations import pack
+
+SHARED = ("centre", "principal point", "lens", "zoom law", "field size")
+FIRST = 60  # frames that are calibrated one by one, to find the place of the tripod
+TOGETHER = 400  # frames that are solved together,
+TIED_TOGETHER = 100  # and that if matches tie them: these make one system of all of them
+NO_NOISE = PixelNoise(1.0, 1.0)
+ROUNDS = 3  # of solving together, and every frame again
+AGREE = 7.8  # squared distance of two centres in standard deviations: 95 % of chi-squared with three degrees of freedom
+TOLD = 0.4  # m: standard deviation of length or width; clips that show a penalty area and the middle tell it to 0.2
+NEAR = 0.1  # m: centres that are this near agree, however sure they are
+
+
+def sequence_solver(
+    object_segments: ObjectSegments,
+    frames: Iterable[ImageSegments],
+    image_size: tuple[int, int],
+    *,
+    flags: int | None,
+    prior: Prior,
+    loss: LossName | RobustLoss,
+    trust_labels: bool,
+    weights: Iterable[Weights] | None,
+    shared: Sequence[str],
+    paint: float,
+    matches: Matched | None,
+) -> SequenceSolver:
+    """The checked arguments of `calibrate_sequence`, before anything is solved."""
+    unknown = set(shared) - set(SHARED)
+    if unknown:
+        raise ValueError(f"frames cannot share {sorted(unknown)}: expected some of {', '.join(SHARED)}")
+    field = object_segments if isinstance(object_segments, Field) else None
+    if flags is None:
+        flags = default_flags(prior) & ~CalibrationFlags.CALIB_FIX_K2
+    options = checked_options(
+        image_size,
+        None,
+        None,
+        None,
+        None,
+        flags=flags,
+        criteria=DEFAULT_CRITERIA,
+        prior=prior,
+        loss=loss,
+        tau=None,
+        field=field,
+        paint=paint,
+    )
+    pixels, pixel_weights = checked_frames(object_segments, frames, weights, options.image_size)
+    ties = Ties.of(object_segments, matches or {}, len(pixels), options.image_size)
+    return SequenceSolver(object_segments, pixels, pixel_weights, ties, options, tuple(shared), trust_labels)
+
+
+@dataclass(frozen=True, eq=False)
+class _Together:
+    """Frames that were solved together."""
+
+    index: IntArray
+    """Which they are, (B,)."""
+    evaluation: Evaluation
+    whole: Array
+    """Covariance of what they share, and then of what is kept of the field's size, (S + c, S + c)."""
+    noise: PixelNoise
+    labelled: int
+    """How many of them have labels that took part."""
+
+    @property
+    def layout(self) -> Layout:
+        """Of their parameters."""
+        return self.evaluation.problem.layout
+
+    @property
+    def covariance(self) -> Array:
+        """Of what they share, (S, S)."""
+        shared = int(np.count_nonzero(self.layout.shared))
+        return self.whole[:shared, :shared]
+
+    @property
+    def is_tied(self) -> BoolArray:
+        """Which of them are tied to others, (B,)."""
+        pairs = self.evaluation.problem.background
+        tied = np.zeros(len(self.index), dtype=bool)
+        if pairs is not None:
+            tied[pairs.first] = tied[pairs.second] = True
+        return tied
+
+    @property
+    def cameras(self) -> dict[int, Array]:
+        """Parameters of the frames that are tied."""
+        return {int(self.index[k]): self.evaluation.theta[k] for k in np.flatnonzero(self.is_tied)}
+
+
+class _Start(NamedTuple):
+    """Cameras of some frames, from which they are solved together."""
+
+    layout: Layout
+    theta: Mapping[int, Array]
+    """Parameters (n,), by frame."""
+    labels: Mapping[int, Labels]
+    """Of frames among these."""
+
+    @classmethod
+    def of(cls, found: Mapping[int, Calibration]) -> _Start | None:
+        """Those of frames that were accepted by themselves; None without any."""
+        parts = {t: c.solved.alone.evaluation for t, c in found.items() if c.accepted and c.solved is not None}
+        if not parts:
+            return None
+        layout = next(iter(parts.values())).problem.layout
+        return cls(
+            layout, {t: part.theta[0] for t, part in parts.items()}, {t: labels_of(part) for t, part in parts.items()}
+        )
+
+
+class SequenceSolver:
+    """The frames of one tripod while they are calibrated."""
+
+    def __init__(
+        self,
+        object_segments: ObjectSegments,
+        frames: list[Pixels],
+        weights: list[PixelWeights | None],
+        ties: Ties,
+        options: Options,
+        shared: tuple[str, ...],
+        trust_labels: bool,
+    ) -> None:
+        self.object_segments = object_segments
+        self.frames = frames
+        self.weights = weights
+        self.ties = ties
+        self.options = options
+        self.shared = shared
+        self.trust_labels = trust_labels
+        self.tripod: KnownTripod | None = None  # when it was found
+        self.kept: tuple[str, ...] = ()  # of length and width, what the frames do not tell: it stays as it is given
+
+    def calibrated(self, before: SequenceCalibration | None = None) -> SequenceCalibration:
+        """All frames, from a calibration of the same frames if there is one."""
+        if before is not None and before.names:
+            assert before.layout is not None
+            cameras = {int(t): before.frames.theta[t] for t in np.flatnonzero(before.accepted)}
+            return self.calibrated_from(before.layout, cameras, before)
+        first = [c for c in self._alone(self._spread(FIRST), self.options).values() if c.accepted]
+        centre = agreed_centre(first)
+        if centre is None:
+            return self._one_by_one()
+        known = np.where(np.arange(len(self.options.known)) < CENTER.stop, np.nan, self.options.known)
+        known[CENTER] = centre
+        from_there = replace(self.options, layout=self.options.layout.fixed("centre"), known=known)
+        some = self._solved_together()
+        start = _Start.of(self._alone(some, from_there))
+        if start is None:
+            return self._one_by_one()
+        together = self._together_but_hardly_told(some, start)
+        for _ in range(ROUNDS - 1):
+            count = together.labelled
+            tripod = self._known(together)
+            again = self._alone(some, tripod.options, tripod.object_segments, together.cameras)
+            start = _Start.of(again)
+            if start is None:
+                break
+            together = self._together(some, start)
+            if together.labelled == count:
+                break
+        return self._every(together)
+
+    def calibrated_from(
+        self, layout: Layout, cameras: Mapping[int, Array], before: SequenceCalibration | None = None
+    ) -> SequenceCalibration:
+        """All frames, from cameras (n,) of some of them in the layout of an earlier solution; labels are trusted.
+
+        Of frames that follow from those that are solved together the cameras of `before` are a start too.
+        """
+        labels = {t: self._labels(t, None) for t in cameras if self.frames[t]}
+        some = self._solved_together()
+        start = _Start(layout, {t: cameras[t] for t in some.tolist() if t in cameras}, labels)
+        if not any(t in labels for t in start.theta):
+            return self.calibrated()
+        return self._every(self._together_but_hardly_told(some, start), before)
+
+    def _together_but_hardly_told(self, some: IntArray, start: _Start) -> _Together:
+        """Without what the frames hardly tell of the field's size."""
+        together = self._together(some, start)
+        self.kept = self._hardly_told(together)
+        return self._together(some, start) if self.kept else together
+
+    def _spread(self, count: int) -> IntArray:
+        """Up to `count` labelled frames, evenly spread, each the one with most labels of its part of the sequence."""
+        labels = np.array([len(frame) for frame in self.frames], dtype=np.intp)
+        parts = np.array_split(np.arange(len(labels)), min(count, max(len(labels), 1)))
+        best = [part[np.argmax(labels[part])] for part in parts if len(part)]
+        return np.array([t for t in best if labels[t]], dtype=np.intp)
+
+    def _solved_together(self) -> IntArray:
+        """The frames that are solved together: those that others are tied to, and labelled ones."""
+        most = TOGETHER if not len(self.ties) else TIED_TOGETHER
+        hubs = np.unique(self.ties.first)
+        hubs = hubs[np.linspace(0, len(hubs), min(len(hubs), TOGETHER), endpoint=False, dtype=int)]
+        return np.union1d(hubs, self._spread(most - len(hubs))) if len(hubs) < most else hubs
+
+    def _alone(
+        self,
+        index: IntArray,
+        options: Options,
+        object_segments: ObjectSegments | None = None,
+        given: Mapping[int, Array] | None = None,
+    ) -> dict[int, Calibration]:
+        """Calibrations of labelled frames by themselves, from given cameras or, where there is none, from anywhere."""
+        found: dict[int, Calibration] = {}
+        given = given or {}
+        labelled = [int(t) for t in index if self.frames[t]]
+        for members in ([t for t in labelled if t in given], [t for t in labelled if t not in given]):
+            if not members:
+                continue
+            calibrations = calibrate_frames(
+                object_segments or self.object_segments,
+                [self.frames[t] for t in members],
+                [self.weights[t] for t in members],
+                options,
+                given=np.array([given[t] for t in members]) if members[0] in given else None,
+                trust_labels=self.trust_labels,
+            )
+            found |= dict(zip(members, calibrations, strict=True))
+        return found
+
+    def _layout(self, reference: float) -> Layout:
+        """Blocks of the frames together: what the flags fix stays fixed, what is shared is shared."""
+        base, field = self.options.layout, self.options.field
+        size = None
+        if "field size" in self.shared and base.field_size is not None and field is not None:
+            assert field.size_model is not None
+            size = SizeBlock(np.array([field.length, field.width]), field.size_model.sigma, field.size_model.limits)
+        law = ZoomLaw(reference) if "zoom law" in self.shared else None
+        layout = Layout.of(base.image_size, base.lens, size, law)
+        layout.roles[: base.lens_block.stop] = base.roles[: base.lens_block.stop]
+        blocks = {*self.shared, "centre", *(("aspect",) if "principal point" in self.shared else ())}
+        for name in blocks & layout.blocks.keys():
+            block = layout.blocks[name]
+            layout.roles[block] = np.where(layout.roles[block] == Role.FRAME, Role.SHARED, Role.FIXED)
+        for name in self.kept:
+            layout.roles[layout.names.index(name)] = Role.CONSIDERED
+        return _law_of_what_is_free(layout)
+
+    def _together(self, some: IntArray, start: _Start) -> _Together:
+        """Some frames solved together: those that have a camera, and those that are tied to them."""
+        labelled, old = np.array(sorted(start.theta)), start.layout
+        theirs = np.array([start.theta[t] for t in labelled.tolist()])
+        layout = self._layout(float(np.median(theirs[:, LOG_F])) if old.zoom_law is None else old.zoom_law.reference)
+        theta, known = np.zeros((len(self.frames), layout.size)), np.zeros(len(self.frames), dtype=bool)
+        column = {name: index for index, name in enumerate(old.names)}
+        for index, name in enumerate(layout.names):
+            if name in column:
+                theta[labelled, index] = theirs[:, column[name]]
+        is_shared = layout.roles == Role.SHARED
+        is_same = layout.roles != Role.FRAME
+        theta[:, is_same] = np.median(theta[np.ix_(labelled, is_same)], axis=0)
+        known[labelled] = True
+        labels = start.labels
+        if len(self.ties):
+            each = layout.with_roles_of(layout.roles == Role.SHARED, Role.CONSIDERED)
+            theta, known, right = self._agreeing(theta, known, some, each)
+            labels = {t: one for t, one in labels.items() if right[t]}
+            some = some[known[some]]
+        else:
+            some = labelled
+        prior = given_cameras(theta[some], layout, self.options.distributions).prior if self.options.use_prior else None
+        together = put_together(
+            self.object_segments,
+            [labels.get(t, ({}, {})) for t in some.tolist()],
+            self._problem(layout),
+            layout,
+            theta[some],
+            prior,
+            once=is_shared,
+            background=self.ties.among(some),
+        )
+        solved = levenberg_marquardt(
+            together, max_iterations=self.options.max_iterations, tolerance=self.options.tolerance
+        ).evaluation
+        sigma, kappa = pooled_noise(solved)
+        covariance, inverse = shared_covariance(solved, sigma, kappa)
+        kept = self._kept_variance(layout)
+        by_kept = by_considered(solved, kappa, inverse)
+        whole = np.block([[covariance + by_kept @ kept @ by_kept.T, by_kept @ kept], [kept @ by_kept.T, kept]])
+        return _Together(some, solved, whole, PixelNoise(float(sigma[0]), float(kappa[0])), len(labels))
+
+    def _kept_variance(self, layout: Layout) -> Array:
+        """Covariance (c, c) of what is kept of the field's size."""
+        index = np.flatnonzero(layout.considered)
+        if not len(index):
+            return np.zeros((0, 0))
+        assert self.options.layout.field_size is not None
+        probability, sigma = self.options.layout.field_size.possibilities
+        return np.diag(probability @ np.square(sigma[:, index - layout.field_size_block.start]))
+
+    def _problem(self, layout: Layout) -> Problem:
+        """That of no frame."""
+        nothing = pack(self.object_segments, [], layout.image_size)
+        options = self.options
+        return Problem(nothing, layout, options.loss, options.noise, paint=options.paint, scale=options.scale)
+
+    def _agreeing(
+        self, theta: Array, known: BoolArray, some: IntArray, layout: Layout
+    ) -> tuple[Array, BoolArray, BoolArray]:
+        """Cameras (T, n) of known frames (T,) and of some that are tied to them, and which of the known ones are right.
+
+        A wrong camera is found out by ties to other known ones, or to frames that these tie.
+        """
+        right = self.ties.agreeing(theta, known, layout)
+        while True:
+            tied, reached = with_tied(self.object_segments, self.ties, theta, right, some, layout, self.options.scale)
+            contradicted = right & ~self.ties.agreeing(tied, reached, layout)
+            if not np.any(contradicted):
+                return tied, reached, right
+            right = right & ~contradicted
+
+    def _hardly_told(self, together: _Together) -> tuple[str, ...]:
+        """Of length and width, what the frames hardly tell: estimated, it would absorb errors of lens and zoom."""
+        layout = together.layout
+        sigma = np.full(layout.size, np.inf)
+        sigma[layout.roles == Role.SHARED] = np.sqrt(np.diagonal(together.covariance))
+        block = range(layout.size)[layout.field_size_block]
+        return tuple(layout.names[index] for index in block if layout.free[index] and sigma[index] > TOLD)
+
+    def _known(self, together: _Together) -> KnownTripod:
+        """What the frames share, with its covariance."""
+        layout, theta = together.layout, together.evaluation.theta[0]
+        object_segments, field, size = self.object_segments, self.options.field, layout.field_size
+        if size is not None and field is not None:
+            length, width = theta[layout.field_size_block].tolist()
+            object_segments = field = replace(field.resized(length, width), size_known=True)
+            layout = replace(layout, field_size=size._replace(given=np.array([length, width])))
+        is_shared, is_kept = layout.roles == Role.SHARED, layout.roles == Role.CONSIDERED
+        considered = is_shared | is_kept
+        both = np.concatenate([np.flatnonzero(is_shared), np.flatnonzero(is_kept)])
+        every = np.zeros((layout.size, layout.size))
+        every[np.ix_(both, both)] = together.whole
+        options = replace(
+            self.options,
+            layout=layout.with_roles_of(considered, Role.CONSIDERED),
+            known=np.where(layout.roles == Role.FRAME, np.nan, theta),
+            field=field,
+            considered=every[np.ix_(considered, considered)],
+        )
+        return KnownTripod(object_segments, options, together.noise)
+
+    def _every(self, together: _Together, before: SequenceCalibration | None = None) -> SequenceCalibration:
+        """All frames, from what some share; those that are tied from their cameras of before, if they had any."""
+        self.tripod = tripod = self._known(together)
+        options, object_segments = tripod.options, tripod.object_segments
+        # without ties a frame that is accepted by itself needs no more
+        columns = tripod.columns(len(self.frames), LARGEST_ERROR if len(self.ties) else np.inf)
+        done = np.zeros(len(self.frames), dtype=bool)
+        theta, known = columns.theta.copy(), done.copy()
+        if len(self.ties):
+            each = together.evaluation.of(replace(together.evaluation.problem, layout=options.layout, group=None))
+            errors = own_errors(each, *together.noise)
+            apart = each.of(replace(each.problem, background=None))
+            columns.fill(together.index, apart, errors, tied=together.is_tied, alone={})
+            theta[together.index], done[together.index] = each.theta, True
+            theta, known = theta.copy(), done.copy()
+            if before is not None:
+                again = before.accepted & ~done & self.ties.some_tie
+                theta[np.ix_(again, options.layout.free)] = before.frames.theta[np.ix_(again, options.layout.free)]
+                theta[np.ix_(again, ~options.layout.free)] = each.theta[0, ~options.layout.free]
+                known |= again
+            every = np.arange(len(known))
+            theta, known = with_tied(object_segments, self.ties, theta, known, every, options.layout, options.scale)
+        rest = np.flatnonzero(~done)
+        alone = self._alone(rest[~known[rest]], options, object_segments)
+        if not self.trust_labels:
+            alone |= self._alone(
+                rest[known[rest]], options, object_segments, {t: theta[t] for t in rest[known[rest]].tolist()}
+            )
+        self._fill_alone(columns, {t: c for t, c in alone.items() if not known[t]}, together.noise)
+        while len(layer := self.ties.reached(done, ~known)):
+            for part in np.array_split(layer, -(-len(layer) // CHUNK)):
+                pairs, first = self.ties.towards(part, columns.theta, done)
+                alone = {t: c for t, c in alone.items() if t not in self._contradicted(part, pairs, alone)}
+                of_first = OwnErrors(columns.errors.own[first], columns.errors.following[first])
+                labels = [self._labels(t, alone.get(t)) for t in part.tolist()]
+                tripod.follow(columns, part, theta[part], labels, pairs, of_first, alone)
+            done[layer] = True
+        is_shared = together.layout.roles == Role.SHARED
+        return SequenceCalibration(
+            columns.frames,
+            tuple(np.array(together.layout.names)[is_shared].tolist()),
+            together.evaluation.theta[0, is_shared],
+            together.covariance,
+            options.field,
+            len(together.index),
+            options.layout,
+            tripod.considered,
+        )
+
+    def _fill_alone(self, columns: FrameColumns, alone: Mapping[int, Calibration], noise: PixelNoise) -> None:
+        """Frames that nothing ties, as they were calibrated; those that were solved together at a time."""
+        parts: dict[int, list[int]] = {}
+        for t, calibration in alone.items():
+            if calibration.solved is None:
+                columns.without_camera(t, calibration)
+            else:
+                parts.setdefault(id(calibration.solved.evaluation), []).append(t)
+        for members in parts.values():
+            solved = [one for t in members if (one := alone[t].solved) is not None]
+            evaluation = solved[0].evaluation.take(np.array([one.frame for one in solved]))
+            errors = own_errors(evaluation, *noise)
+            columns.fill(np.array(members), evaluation, errors, tied=np.zeros(len(members), dtype=bool), alone=alone)
+
+    def _contradicted(self, index: IntArray, pairs: BackgroundPairs, alone: Mapping[int, Calibration]) -> set[int]:
+        """Which of some frames have a camera by themselves that most of their ties contradict."""
+        number = [k for k, t in enumerate(index.tolist()) if t in alone and alone[t].solved is not None]
+        if not number:
+            return set()
+        solved = [one for k in number if (one := alone[int(index[k])].solved) is not None]
+        theta = np.concatenate([one.alone.evaluation.theta for one in solved])
+        wrong = contradicted(pairs.take(np.array(number)), solved[0].evaluation.problem.layout, theta)
+        return set(index[number][wrong].tolist())
+
+    def _labels(self, t: int, alone: Calibration | None) -> Labels:
+        """What frame t is solved from: its labels as the camera that was found by itself has them."""
+        if self.trust_labels:
+            frame, weights = self.frames[t], self.weights[t]
+            return frame, {label: np.full(len(xy), 1.0 / len(xy)) for label, xy in frame.items()} | (weights or {})
+        if alone is None or not alone.accepted or alone.solved is None:
+            return {}, {}
+        return labels_of(alone.solved.alone.evaluation)
+
+    def _one_by_one(self) -> SequenceCalibration:
+        alone = self._alone(np.arange(len(self.frames)), self.options)
+        solved = [c.solved.alone for c in alone.values() if c.solved is not None]
+        variance = np.zeros(2 * (int(np.count_nonzero(self.options.layout.considered)),))
+        if self.options.layout.field_size is not None:
+            probability, sigma = self.options.layout.field_size.possibilities
+            np.fill_diagonal(variance, probability @ np.square(sigma))
+        options = replace(self.options, considered=variance)
+        columns = KnownTripod(self.object_segments, options, NO_NOISE).columns(len(self.frames), np.inf)
+        if solved:
+            sigma, kappa = np.median([(u.bent_sigma, u.curvature) for u in (one.uncertainty for one in solved)], axis=0)
+            self._fill_alone(columns, alone, PixelNoise(sigma, kappa))
+        return SequenceCalibration(columns.frames, field=options.field, layout=options.layout, considered=variance)
+
+
+def _law_of_what_is_free(layout: Layout) -> Layout:
+    """Without the parts of the zoom law of what is fixed itself."""
+    if layout.zoom_law is None:
+        return layout
+    names, roles = layout.names, layout.roles.copy()
+    for name, of in (("cx slope", "cx"), ("cy slope", "cy"), ("a1 slope", "a1"), ("a1 bend", "a1")):
+        if of not in names or roles[names.index(of)] == Role.FIXED:
+            roles[names.index(name)] = Role.FIXED
+    return replace(layout, roles=roles)
+
+
+def agreed_centre(calibrations: Sequence[Calibration]) -> Array | None:
+    """The centre (3,) that most frames of one tripod agree on within their covariances; None without any.
+
+    Frames that have another one, as wrong labels or a wrong minimum give it, do not count.
+    """
+    if not calibrations:
+        return None
+    C = np.array([c.uncertainty.theta[CENTER] for c in calibrations])
+    V = np.array([c.covariance[CENTER, CENTER] for c in calibrations]) + NEAR**2 * np.eye(3)
+    difference = C[:, None] - C
+    distance = np.einsum("ijk,ijk->ij", difference, np.linalg.solve(V[:, None] + V, difference[..., None])[..., 0])
+    agree = distance[np.argmax(np.sum(distance < AGREE, axis=1))] < AGREE
+    precision = np.linalg.inv(V[agree])
+    return np.asarray(np.linalg.solve(np.sum(precision, axis=0), np.einsum("nij,nj->i", precision, C[agree])))
