@@ -8,6 +8,7 @@ from data_tools.synthetic.clips import camera_path
 from data_tools.synthetic.film import Scene, TrueFrame, film
 from fieldcalib import Status, soccer
 from fieldcalib.assess.sequence import Basis
+from fieldcalib.images.keyframes import KeyframeTracker
 from fieldcalib.images.tracker import LOST_FOR, Tracker
 
 SIZE = (480, 270)
@@ -57,15 +58,27 @@ def test_every_frame_has_its_camera_at_once(clip):
     assert [basis for _, basis in found][1:] == [Basis.BOTH] * (len(cameras) - 1)
 
 
-def test_errors_grow_while_nothing_ties_the_frames(clip):
+def test_errors_grow_while_nothing_ties_the_frames(clip, monkeypatch):
+    """But for matches the frames go on as before: the last one is shown again and again."""
     cameras, pictures = clip
-    flash = [np.full_like(pictures[0], 255)] * (LOST_FOR + 2)
-    found = tracked([*pictures[:10], *flash], cameras[::EVERY])
-    lost = found[10:]
-    assert [basis for _, basis in lost[:LOST_FOR]] == [Basis.INTERPOLATED] * LOST_FOR
-    sigma = [one.covariance[0, 0] for one, _ in found[9 : 10 + LOST_FOR]]
-    assert np.all(np.diff(sigma) > 0.0)
-    assert [one.camera for one, _ in lost[LOST_FOR:]] == [None, None]
+    lost = LOST_FOR + 2
+    update = KeyframeTracker.update
+    monkeypatch.setattr(KeyframeTracker, "update", lambda self, image: update(self, image) if np.any(image[0]) else [])
+    again = pictures[9].copy()
+    again[0] = 0  # a black line on top: nothing ties it
+    found = tracked([*pictures[:10], *[again] * lost], cameras[::EVERY])[9:]
+    held = [one for one, basis in found if basis == Basis.INTERPOLATED]
+    assert 3 <= len(held) <= LOST_FOR
+    assert np.all(np.diff([found[0][0].covariance[0, 0], *(one.covariance[0, 0] for one in held)]) > 0.0)
+    assert [one.camera for one, _ in found[1 + LOST_FOR :]] == [None, None]
+
+
+def test_a_cut_ends_what_was_known(clip):
+    cameras, pictures = clip
+    white = np.full_like(pictures[0], 255)
+    found = tracked([*pictures[:10], white, white], cameras[::EVERY])
+    assert [one.camera for one, _ in found[10:]] == [None, None]
+    assert "a cut?" in found[10][0].message
 
 
 def test_what_is_never_calibrated_has_no_camera(clip):

@@ -285,6 +285,11 @@ class SequenceCalibration(Sequence[Calibration]):
         return np.asarray(self.frames.status == STATUSES.index(Status.ACCEPTED))
 
     @property
+    def usable(self) -> BoolArray:
+        """Which frames have a camera that fits, though it may be known too badly to be accepted, (T,)."""
+        return np.asarray(self.accepted | (self.frames.status == STATUSES.index(Status.IMPROBABLE)))
+
+    @property
     def basis(self) -> list[Basis]:
         """What the camera of each frame rests on."""
         return [BASES[index] for index in self.frames.basis]

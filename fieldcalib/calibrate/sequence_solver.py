@@ -178,13 +178,14 @@ class SequenceSolver:
         self.shared = shared
         self.trust_labels = trust_labels
         self.tripod: KnownTripod | None = None  # when it was found
-        self.kept: tuple[str, ...] = ()  # of length and width, what the frames do not tell: it stays as it is given
+        # variance of what the frames hardly tell of length and width: these stay as they are given
+        self.kept: dict[str, float] = {}
 
     def calibrated(self, before: SequenceCalibration | None = None) -> SequenceCalibration:
         """All frames, from a calibration of the same frames if there is one."""
         if before is not None and before.names:
             assert before.layout is not None
-            cameras = {int(t): before.frames.theta[t] for t in np.flatnonzero(before.accepted)}
+            cameras = {int(t): before.frames.theta[t] for t in np.flatnonzero(before.usable)}
             return self.calibrated_from(before.layout, cameras, before)
         first = [c for c in self._alone(self._spread(FIRST), self.options).values() if c.accepted]
         centre = agreed_centre(first)
@@ -331,13 +332,14 @@ class SequenceSolver:
         return _Together(some, solved, whole, PixelNoise(float(sigma[0]), float(kappa[0])), len(labels))
 
     def _kept_variance(self, layout: Layout) -> Array:
-        """Covariance (c, c) of what is kept of the field's size."""
+        """Covariance (c, c) of what is kept of the size: what the frames tell of it, or what is known anyway."""
         index = np.flatnonzero(layout.considered)
         if not len(index):
             return np.zeros((0, 0))
         assert self.options.layout.field_size is not None
         probability, sigma = self.options.layout.field_size.possibilities
-        return np.diag(probability @ np.square(sigma[:, index - layout.field_size_block.start]))
+        known = probability @ np.square(sigma[:, index - layout.field_size_block.start])
+        return np.diag(np.minimum(known, [self.kept[layout.names[k]] for k in index]))
 
     def _problem(self, layout: Layout) -> Problem:
         """That of no frame."""
@@ -360,13 +362,24 @@ class SequenceSolver:
                 return tied, reached, right
             right = right & ~contradicted
 
-    def _hardly_told(self, together: _Together) -> tuple[str, ...]:
-        """Of length and width, what the frames hardly tell: estimated, it would absorb errors of lens and zoom."""
+    def _hardly_told(self, together: _Together) -> dict[str, float]:
+        """Of length and width, what the frames hardly tell: estimated, it would absorb errors of lens and zoom.
+
+        With it comes the mean square distance from what is given, as the frames tell it.
+        """
         layout = together.layout
         sigma = np.full(layout.size, np.inf)
         sigma[layout.roles == Role.SHARED] = np.sqrt(np.diagonal(together.covariance))
         block = range(layout.size)[layout.field_size_block]
-        return tuple(layout.names[index] for index in block if layout.free[index] and sigma[index] > TOLD)
+        theta = together.evaluation.theta[0]
+        given = np.zeros(layout.size)
+        if layout.field_size is not None:
+            given[layout.field_size_block] = layout.field_size.given
+        return {
+            layout.names[index]: float(sigma[index] ** 2 + (theta[index] - given[index]) ** 2)
+            for index in block
+            if layout.free[index] and sigma[index] > TOLD
+        }
 
     def _known(self, together: _Together) -> KnownTripod:
         """What the frames share, with its covariance."""
@@ -406,7 +419,7 @@ class SequenceSolver:
             theta[together.index], done[together.index] = each.theta, True
             theta, known = theta.copy(), done.copy()
             if before is not None:
-                again = before.accepted & ~done & self.ties.some_tie
+                again = before.usable & ~done & self.ties.some_tie
                 theta[np.ix_(again, options.layout.free)] = before.frames.theta[np.ix_(again, options.layout.free)]
                 theta[np.ix_(again, ~options.layout.free)] = each.theta[0, ~options.layout.free]
                 known |= again

@@ -30,6 +30,7 @@ from fieldcalib.io.image import Image
 from fieldcalib.io.images import write_image
 
 MOTION, WORST, TRIPODS = "motion.png", "worst_frames.jpg", "tripods.json"
+OF_CLIPS = (MOTION, WORST, TRIPODS)  # files that only clips have
 IN_SHEET = 12  # frames
 USUAL_RATE = 25.0  # frames per second of the overlay of images
 RESTS_ON = {

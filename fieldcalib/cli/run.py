@@ -13,7 +13,7 @@ from typing import TypeAlias
 
 from fieldcalib.assess.result import Calibration
 from fieldcalib.cli.arguments import LENSES, add_camera, add_field, field_of, prior_of
-from fieldcalib.cli.clips import is_clip, run_clip
+from fieldcalib.cli.clips import OF_CLIPS, is_clip, run_clip
 from fieldcalib.cli.declared import Placement, add_declarations
 from fieldcalib.cli.folder import broken_line, calibration_line, result_folder
 from fieldcalib.cli.frames import (
@@ -96,6 +96,8 @@ def run(options: argparse.Namespace) -> int:
         overlays(options.out, source.frames_per_second) as write_overlay,
         tqdm(total=source.count, unit="frame", disable=None) as progress,
     ):
+        for name in OF_CLIPS:  # of an earlier run
+            (options.out / name).unlink(missing_ok=True)
         for part in in_parts(source.frames, IMAGES_AT_ONCE, pixels_in_frame):
             images = [place(frame.image).image_in_frame(frame.image) for frame in part if frame.image is not None]
             start = time.perf_counter()

@@ -10,13 +10,13 @@ import numpy as np
 from fieldcalib._types import Array, IntArray
 from fieldcalib.assess.sequence import SequenceCalibration
 from fieldcalib.assess.video import NO_TRIPOD, Shot, VideoCalibration
-from fieldcalib.calibrate.options import DEFAULT_FLAGS, Prior, pixel_unit
+from fieldcalib.calibrate.options import Prior, pixel_unit
 from fieldcalib.calibrate.sequence import calibrate_sequence
 from fieldcalib.calibrate.ties import LEAST_CELLS, thinned
 from fieldcalib.calibrate.together import labels_of
 from fieldcalib.calibrate.tripod import Labels
 from fieldcalib.fields.segments import ObjectSegments
-from fieldcalib.images.frame_lines import as_given, frame_lines
+from fieldcalib.images.frame_lines import as_given, flags_together, frame_lines
 from fieldcalib.images.from_images import calibrate_from_images
 from fieldcalib.images.keyframes import Tied
 from fieldcalib.images.line_profiles import Markings
@@ -29,7 +29,7 @@ from fieldcalib.localize import Network
 from fieldcalib.problem.losses import RobustLoss
 
 LONGEST_GAP = 25  # frames without a camera in a row that are interpolated: a second
-LEAST_SHARE = 0.3  # of the profiles of a shot must show a line where its cameras have markings
+LEAST_SHARE = 0.2  # of the profiles of a shot must show a line where its cameras have markings
 
 
 @dataclass
@@ -113,7 +113,7 @@ class ClipSolver:
             self.object_segments,
             [pixels for pixels, _ in found],
             self.size,
-            flags=None if self.flags == DEFAULT_FLAGS else self.flags,
+            flags=flags_together(self.flags),
             prior=self.prior,
             loss=RobustLoss("cauchy", LOSS_SCALE * pixel_unit(self.size)),
             trust_labels=True,

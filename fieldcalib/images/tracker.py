@@ -28,7 +28,9 @@ from fieldcalib.calibrate.ties import LEAST_CELLS, Ties, thinned, with_tied
 from fieldcalib.calibrate.together import labels_of
 from fieldcalib.calibrate.tripod import KnownTripod, Labels
 from fieldcalib.fields.segments import ObjectSegments
-from fieldcalib.images.frame_lines import as_given, frame_lines, per_pixel
+from fieldcalib.geometry.camera import Camera
+from fieldcalib.images.clip_solver import LEAST_SHARE
+from fieldcalib.images.frame_lines import as_given, flags_together, frame_lines, per_pixel
 from fieldcalib.images.from_images import calibrate_from_images
 from fieldcalib.images.keyframes import EVERY, KeyframeTracker, Tied
 from fieldcalib.images.line_profiles import Markings
@@ -161,8 +163,8 @@ class Tracker:
         Returns
         -------
         Calibration
-            Its errors grow while nothing ties the images to a keyframe. After a cut there is no camera until the first
-            keyframe of the new shot is calibrated.
+            Its errors grow while nothing ties the images to a keyframe but the lines are where it has the markings.
+            After a cut there is no camera until the first keyframe of the new shot is calibrated.
 
         Raises
         ------
@@ -232,7 +234,7 @@ class Tracker:
             self._object_segments,
             [shot.labels[key][0] for key in keys],
             size,
-            flags=None if self._flags == DEFAULT_FLAGS else self._flags,
+            flags=flags_together(self._flags),
             prior=self._prior,
             loss=RobustLoss("cauchy", LOSS_SCALE * pixel_unit(size)),
             trust_labels=True,
@@ -274,6 +276,9 @@ class Tracker:
             if own is None:
                 nothing = "nothing ties this frame to a keyframe that has a camera"
                 return Calibration.without_camera(Status.TOO_FEW_SEGMENTS, nothing), None, None
+            if basis is Basis.INTERPOLATED and not self._shows_lines(image, layout.camera(own.theta), solved.markings):
+                nothing = "nothing ties this frame, and it shows no lines where the camera should have them: a cut?"
+                return Calibration.without_camera(Status.TOO_FEW_SEGMENTS, nothing), None, None
             columns.fill_from(own.theta, OwnErrors(own.E, own.F), basis)
             return self._of(solved, columns), None, None
         here, is_known = np.array([len(keys)]), np.arange(len(keys) + 1) < len(keys)
@@ -295,6 +300,11 @@ class Tracker:
         own = _Own(columns.theta[0], columns.errors.own[0], columns.errors.following[0])
         self._last = [*self._last[-1:], (index, own)]
         return self._of(solved, columns), lines, own
+
+    def _shows_lines(self, image: Image, camera: Camera, markings: Markings) -> bool:
+        """Whether enough of the markings in view have a line in the image."""
+        (pixels, _), profiles = frame_lines(image, camera, markings, np.inf)
+        return sum(map(len, pixels.values())) >= LEAST_SHARE * max(profiles, 1)
 
     def _of(self, solved: _Solved, columns: FrameColumns) -> Calibration:
         """The calibration in columns of one frame."""
