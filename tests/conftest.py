@@ -27,3 +27,17 @@ def shared_data() -> Path:
     if not path.is_dir():
         pytest.skip(f"needs the annotated frames in {path}, a folder beside the checkout that is absent here")
     return path
+
+
+@pytest.fixture
+def know(monkeypatch):
+    """Let the commands use a network that knows the cameras of the images to come."""
+    from networks import KnownCameras  # slow, and most tests need no network
+
+    def install(cameras):
+        network = KnownCameras(cameras)
+        for command in ("run", "clips", "localize"):
+            monkeypatch.setattr(f"fieldcalib.cli.{command}.load_network", lambda options: network)
+        return network
+
+    return install

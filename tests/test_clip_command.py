@@ -5,10 +5,10 @@ import json
 import cv2
 import numpy as np
 import pytest
-from networks import FIELD, KnownCameras, looked_at
+from commands import lines_of, run
+from networks import FIELD, looked_at
 
 from fieldcalib import Camera
-from fieldcalib.cli.main import main
 from fieldcalib.draw.scene import render_field
 from fieldcalib.io.images import parse_image
 from fieldcalib.io.videos import VideoReader, VideoWriter
@@ -19,30 +19,6 @@ TRUTHS = [Camera.from_angles(pan, 1.32, 0.0, 950.0, (1.0, 66.0, -16.0), (960, 54
 @pytest.fixture(scope="module")
 def rendered():
     return [render_field(camera, FIELD, rng=np.random.default_rng(0)) for camera in TRUTHS]
-
-
-def run(*arguments):
-    try:
-        return main([str(argument) for argument in arguments])
-    except SystemExit as error:  # argparse ends so
-        return error.code
-
-
-def lines_of(out):
-    return [json.loads(line) for line in (out / "cameras.jsonl").read_text().splitlines()]
-
-
-@pytest.fixture
-def know(monkeypatch):
-    """Let the command use a network that knows the cameras of the images to come."""
-
-    def install(cameras):
-        network = KnownCameras(cameras)
-        for command in ("run", "clips"):
-            monkeypatch.setattr(f"fieldcalib.cli.{command}.load_network", lambda options: network)
-        return network
-
-    return install
 
 
 def write_video(path, images):

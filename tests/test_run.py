@@ -10,6 +10,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
+from commands import lines_of, run
 from networks import FIELD, KnownCameras, band_maps, probabilities
 from views import camera
 
@@ -17,7 +18,6 @@ from fieldcalib.assess.result import Status
 from fieldcalib.cli import frames as frames_of_commands
 from fieldcalib.cli.demo import camera_errors
 from fieldcalib.cli.frames import Frame, opened
-from fieldcalib.cli.main import main
 from fieldcalib.draw.overlays import draw_calibration
 from fieldcalib.draw.scene import render_field
 from fieldcalib.images.from_images import calibrate_from_images
@@ -39,30 +39,6 @@ def picture(truth):
 
 def encoded(image, suffix=".png"):
     return cv2.imencode(suffix, image)[1].tobytes()
-
-
-def run(*arguments):
-    try:
-        return main([str(argument) for argument in arguments])
-    except SystemExit as error:  # argparse ends so
-        return error.code
-
-
-def lines_of(out):
-    return [json.loads(line) for line in (out / "cameras.jsonl").read_text().splitlines()]
-
-
-@pytest.fixture
-def know(monkeypatch):
-    """Let the commands use a network that knows the cameras of the images to come."""
-
-    def install(cameras):
-        network = KnownCameras(cameras)
-        for command in ("run", "clips", "localize"):
-            monkeypatch.setattr(f"fieldcalib.cli.{command}.load_network", lambda options: network)
-        return network
-
-    return install
 
 
 # --- from Python ---

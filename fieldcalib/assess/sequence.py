@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, fields, replace
 from dataclasses import field as attribute
 from enum import StrEnum
-from typing import TYPE_CHECKING, Any, overload
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,11 +14,11 @@ from numpy.typing import NDArray
 from fieldcalib._json import from_json, to_json
 from fieldcalib._types import Array, BoolArray, Float32, IntArray
 from fieldcalib.assess.camera_errors import KnownErrors
+from fieldcalib.assess.frame_sequence import FrameSequence
 from fieldcalib.assess.own_errors import OwnErrors, ground_errors, whole_covariance
 from fieldcalib.assess.result import Calibration, Status, SuspectLabel
 from fieldcalib.fields.field import Field
 from fieldcalib.fields.records import field_from_record, field_to_record
-from fieldcalib.geometry.camera import Camera
 from fieldcalib.problem.layout import CENTER, LOG_F, Layout
 from fieldcalib.problem.records import layout_from_record, layout_to_record
 
@@ -66,7 +66,7 @@ class Frames:
     rms: Array
     """Root mean square distance of the labelled pixels, (T,)."""
     ground_error: Array
-    """Root mean square error of the field in view, metres, (T,); NaN where none is in view."""
+    """Root mean square error of the field, metres, the median over what is in view, (T,); NaN where none is."""
     labels: tuple[str, ...] = ()
     label_errors: Float32 = attribute(default_factory=lambda: np.zeros((0, 0), np.float32))
     """Root mean square distance of each label's pixels, (T, L)."""
@@ -140,7 +140,7 @@ def _from_record(record: Mapping[str, Any]) -> NDArray[Any]:
 
 
 @dataclass(frozen=True, eq=False)
-class SequenceCalibration(Sequence[Calibration]):
+class SequenceCalibration(FrameSequence):
     """The calibrations of frames of one tripod, and what the frames share.
 
     It is a sequence of `Calibration`, one for each frame, which are made when they are asked for. Their uncertainties
@@ -170,22 +170,8 @@ class SequenceCalibration(Sequence[Calibration]):
     considered: Array = attribute(default_factory=lambda: np.zeros((0, 0)), repr=False)
     """Covariance of all parameters that the layout considers: the shared ones, and a size that is hardly told."""
 
-    @overload
-    def __getitem__(self, index: int) -> Calibration: ...
-
-    @overload
-    def __getitem__(self, index: slice) -> tuple[Calibration, ...]: ...
-
-    def __getitem__(self, index: int | slice) -> Calibration | tuple[Calibration, ...]:
-        if isinstance(index, slice):
-            return tuple(self._frame(t) for t in range(len(self))[index])
-        return self._frame(range(len(self))[index])
-
     def __len__(self) -> int:
         return len(self.frames)
-
-    def __iter__(self) -> Iterator[Calibration]:
-        return (self._frame(t) for t in range(len(self)))
 
     def _frame(self, t: int) -> Calibration:
         frames, status, camera, errors = self.frames, STATUSES[self.frames.status[t]], None, None
@@ -273,11 +259,6 @@ class SequenceCalibration(Sequence[Calibration]):
         columns["status"][index] = status
         notes = {t: note for t, note in frames.notes.items() if t not in set(index.tolist())}
         return replace(self, frames=replace(frames, notes=notes, **columns))
-
-    @property
-    def cameras(self) -> list[Camera | None]:
-        """Of the frames."""
-        return [frame.camera for frame in self]
 
     @property
     def accepted(self) -> BoolArray:

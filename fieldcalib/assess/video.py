@@ -2,17 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from dataclasses import field as attribute
-from typing import TYPE_CHECKING, Any, NamedTuple, overload
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
 from fieldcalib._types import IntArray
+from fieldcalib.assess.frame_sequence import FrameSequence
 from fieldcalib.assess.result import Calibration, Status
 from fieldcalib.assess.sequence import Basis, SequenceCalibration
-from fieldcalib.geometry.camera import Camera
 
 if TYPE_CHECKING:
     import pandas
@@ -33,7 +33,7 @@ class Shot(NamedTuple):
 
 
 @dataclass(frozen=True, eq=False)
-class VideoCalibration(Sequence[Calibration]):
+class VideoCalibration(FrameSequence):
     """The calibrations of the frames of a video.
 
     It is a sequence of `Calibration`, one for each frame, which are made when they are asked for.
@@ -76,30 +76,11 @@ class VideoCalibration(Sequence[Calibration]):
     def __len__(self) -> int:
         return len(self.tripod)
 
-    @overload
-    def __getitem__(self, index: int) -> Calibration: ...
-
-    @overload
-    def __getitem__(self, index: slice) -> tuple[Calibration, ...]: ...
-
-    def __getitem__(self, index: int | slice) -> Calibration | tuple[Calibration, ...]:
-        if isinstance(index, slice):
-            return tuple(self._frame(t) for t in range(len(self))[index])
-        return self._frame(range(len(self))[index])
-
-    def __iter__(self) -> Iterator[Calibration]:
-        return (self._frame(t) for t in range(len(self)))
-
     def _frame(self, t: int) -> Calibration:
         if self.tripod[t] == NO_TRIPOD:
             return Calibration.without_camera(Status.TOO_FEW_SEGMENTS, "nothing in this shot tells the camera")
         tripod: SequenceCalibration = self.tripods[self.tripod[t]]
         return tripod[int(self.number[t])]
-
-    @property
-    def cameras(self) -> list[Camera | None]:
-        """Of the frames."""
-        return [frame.camera for frame in self]
 
     @property
     def basis(self) -> list[Basis]:

@@ -7,7 +7,7 @@ import numpy as np
 from fieldcalib.calibrate.options import DEFAULT_FLAGS, CalibrationFlags, pixel_unit
 from fieldcalib.calibrate.tripod import Labels
 from fieldcalib.geometry.camera import Camera
-from fieldcalib.images.line_profiles import Markings, find_lines, profiles_along
+from fieldcalib.images.line_profiles import Markings, lines_near
 from fieldcalib.images.refinement import PROFILES_PER_SEGMENT, SEARCH_RANGES
 from fieldcalib.io.image import Image
 
@@ -29,13 +29,9 @@ def frame_lines(image: Image, camera: Camera, markings: Markings, sigma: float =
         Standard deviation of the projected markings, pixels: the worse the camera is known, the wider is the search.
     """
     search_range = np.clip(SIGMAS * sigma / pixel_unit(camera.image_size), SEARCH_RANGES[1], SEARCH_RANGES[0])
-    profiles = profiles_along(camera, markings)
-    offset = find_lines(image, profiles, float(search_range))
-    found = np.isfinite(offset)
-    xy, member = profiles.xy[found] + offset[found, None] * profiles.normal[found], profiles.member[found]
-    pixels = {markings.labels[k]: xy[member == k] for k in np.unique(member)}
+    pixels, profiles = lines_near(image, camera, markings, float(search_range))
     weights = {label: np.full(len(xy), len(xy) / PROFILES_PER_SEGMENT) for label, xy in pixels.items()}
-    return (pixels, weights), len(profiles)
+    return (pixels, weights), profiles
 
 
 def as_given(labels: Labels) -> Labels:

@@ -19,6 +19,7 @@ from fieldcalib.fields.stands import SOCCER_SCALE
 from fieldcalib.fields.traits import LineLook
 from fieldcalib.geometry.camera import Camera
 from fieldcalib.io.image import Image
+from fieldcalib.problem.labelled_pixels import Pixels
 
 POINT_SPACING = 1.0 / 160.0  # of the field's scale, along a marking: between points where a profile may be placed
 
@@ -155,6 +156,18 @@ def profiles_along(camera: Camera, markings: Markings) -> Profiles:
     distance = np.linalg.norm(xy[:, None] - xy, axis=-1)
     distance[member[:, None] == member] = np.inf
     return Profiles(member, xy, normal, width, 0.5 * np.min(distance, axis=1, initial=np.inf), on_ground, markings.look)
+
+
+def lines_near(image: Image, camera: Camera, markings: Markings, search_range: float) -> tuple[Pixels, int]:
+    """Pixels (N, 2) of the line near each projected marking for which one is found, and the number of profiles.
+
+    The range is that of `find_lines`.
+    """
+    profiles = profiles_along(camera, markings)
+    offset = find_lines(image, profiles, search_range)
+    found = np.isfinite(offset)
+    xy, member = profiles.xy[found] + offset[found, None] * profiles.normal[found], profiles.member[found]
+    return {markings.labels[k]: xy[member == k] for k in np.unique(member)}, len(profiles)
 
 
 def find_lines(image: Image, profiles: Profiles, search_range: float) -> Array:

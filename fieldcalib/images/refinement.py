@@ -15,7 +15,7 @@ from fieldcalib.calibrate.from_segments import calibrate_batch
 from fieldcalib.calibrate.options import ALL, DEFAULT_FLAGS, PAINT, CalibrationFlags, Prior, pixel_unit
 from fieldcalib.fields.segments import ObjectSegments
 from fieldcalib.geometry.camera import Camera
-from fieldcalib.images.line_profiles import Markings, find_lines, profiles_along
+from fieldcalib.images.line_profiles import Markings, find_lines, lines_near, profiles_along
 from fieldcalib.io.image import Image, checked_image
 from fieldcalib.problem.labelled_pixels import ImageSegments, Pixels, Weights, check_segments
 from fieldcalib.problem.losses import RobustLoss
@@ -124,7 +124,7 @@ def refine_all(
     flags_of_passes = flags | CalibrationFlags.CALIB_FIX_PRINCIPAL_POINT, flags
     for search_range, kept in zip(SEARCH_RANGES, flags_of_passes, strict=True):
         lines = {
-            t: _lines(given[t].image, calibration.camera, markings, search_range)
+            t: lines_near(given[t].image, calibration.camera, markings, search_range)[0]
             for t, calibration in found.items()
             if calibration.camera is not None
         }
@@ -168,16 +168,6 @@ def line_support(image: Image, camera: Camera, markings: Markings, search_range:
     column, row = np.round(profiles.xy).astype(int).T
     share = share[np.any(image[row, column], axis=-1)]
     return float(np.mean(np.nan_to_num(share))) if len(share) else 0.0
-
-
-def _lines(image: Image, camera: Camera, markings: Markings, search_range: float) -> Pixels:
-    """Pixels (N, 2) of the line near each marking for which one is found."""
-    profiles = profiles_along(camera, markings)
-    offset = find_lines(image, profiles, search_range)
-    seen = np.isfinite(offset)
-    xy = profiles.xy[seen] + offset[seen, None] * profiles.normal[seen]
-    member = profiles.member[seen]
-    return {markings.labels[k]: xy[member == k] for k in np.unique(member)}
 
 
 def _calibrated(
