@@ -5,8 +5,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from fieldcalib import Camera, Status, calibrate_batch, soccer
+from fieldcalib import Camera, Status, calibrate_batch, calibrate_sequence, soccer
 from fieldcalib.assess.result import Calibration
+from fieldcalib.assess.video import Shot, VideoCalibration
 from fieldcalib.draw.clip_plot import (
     BAND,
     FIGURE,
@@ -21,6 +22,7 @@ from fieldcalib.draw.clip_plot import (
     STRIP_COLOURS,
     TOP,
     Curve,
+    half_widths,
     nice_ticks,
     plot_sequence,
     tick_label,
@@ -34,14 +36,19 @@ LABELS = ("Side line top", "Side line right", "Big rect. right main", "Big rect.
 
 
 @pytest.fixture(scope="module")
-def calibrations():
-    """A pan at constant speed."""
+def frames():
+    """Labelled pixels of a pan at constant speed."""
     rng = np.random.default_rng(0)
     frames = []
     for pan in np.linspace(0.2, 0.4, COUNT):
         camera = Camera.from_angles(pan, 1.35, 0.0, 1400.0, (1.0, 65.0, -16.0), (960, 540))
         frame = {label: camera.project(FIELD[label].sample(5.0)) for label in LABELS}
         frames.append({label: xy + rng.normal(0.0, 0.3, xy.shape) for label, xy in frame.items()})
+    return frames
+
+
+@pytest.fixture(scope="module")
+def calibrations(frames):
     found = list(calibrate_batch(soccer(size_known=True), frames, (960, 540)))
     assert all(calibration.accepted for calibration in found)
     return found
@@ -54,6 +61,10 @@ def near(picture, colour, tolerance=12):
 def column(frame, count=COUNT):
     """In the middle of a frame."""
     return round(LEFT + (frame + 0.5) / count * (FIGURE[0] - LEFT - RIGHT))
+
+
+def curve_of(values, half=np.nan, shot=0):
+    return Curve("", "m", values, values - half, values + half, np.broadcast_to(shot, len(values)))
 
 
 PAN = slice(TOP + STRIP + GAP, TOP + STRIP + GAP + 110)
@@ -80,7 +91,7 @@ def test_bands_hold_95_percent(calibrations):
     expected = 2.0 * one.radius() * np.sqrt(one.covariance[6, 6])
     values = np.array([calibration.camera.C[2] for calibration in calibrations])
     half = np.array([c.uncertainty.radius() * np.sqrt(c.uncertainty.covariance[6, 6]) for c in calibrations])
-    low, high = value_range(Curve("", "", values, values - half, values + half), np.ones(COUNT, bool))
+    low, high = value_range(curve_of(values, half), np.ones(COUNT, bool))
     height = (FIGURE[1] - (TOP + STRIP + GAP) - 48 + GAP) / 7 - GAP
     assert np.ptp(rows) / height * (high - low) == pytest.approx(expected, rel=0.05)
 
@@ -151,14 +162,38 @@ def test_wrong_input(calibrations):
 def test_a_range_holds_all_but_what_lies_far_out():
     rng = np.random.default_rng(0)
     values = rng.normal(10.0, 1.0, 200)
-    unknown = np.full(200, np.nan)
     everything = np.ones(200, bool)
-    low, high = value_range(Curve("", "", values, unknown, unknown), everything)
+    low, high = value_range(curve_of(values), everything)
     assert low < values.min() < values.max() < high < 20.0
     values[50] = 1000.0
-    assert value_range(Curve("", "", values, unknown, unknown), everything)[1] < 20.0
+    assert value_range(curve_of(values), everything)[1] < 20.0
     constant = np.full(200, 3.0)
-    assert value_range(Curve("", "", constant, unknown, unknown), everything) == pytest.approx((2.42, 3.58))
+    assert value_range(curve_of(constant), everything) == pytest.approx((2.42, 3.58))
+
+
+def test_the_bands_of_every_shot_are_in_their_panel():
+    """A few frames of another tripod, elsewhere and less certain, are neither far out nor wider than the panel."""
+    shot = np.repeat([0, 1, 2], (100, 6, 60))
+    values, half = np.array([1.0, 30.0, 1.1])[shot], np.array([0.1, 0.1, 4.0])[shot]
+    curve, everything = curve_of(values, half, shot), np.ones(len(shot), bool)
+    low, high = value_range(curve, everything)
+    assert low < curve.low.min() < curve.high.max() < high < 33.0
+    assert half_widths(curve, everything) == ["+/- 0.1", "to 4 m"]
+    assert half_widths(curve, shot < 2) == ["+/- 0.1 m"]
+
+
+def test_curves_end_where_a_shot_does(frames):
+    """Between two shots nothing moves: no line leads from one to the other."""
+    tripod = calibrate_sequence(soccer(size_known=True), frames, (960, 540))
+    number = np.r_[:5, 15:20]
+    shots = Shot(0, 5, 0), Shot(5, 10, 0)
+    video = VideoCalibration((tripod,), shots, np.zeros(10, dtype=np.intp), number)
+    drawn, joined = (near(plot_sequence(one)[PAN], LINE, 60) for one in (video, list(video)))
+    between = slice(column(4, 10) + 3, column(5, 10) - 2)
+    assert joined[:, between].any(axis=0).all()
+    assert not drawn[:, between].any()
+    for shot in (slice(column(0, 10), column(4, 10)), slice(column(5, 10), column(9, 10))):
+        assert drawn[:, shot].any(axis=0).all()
 
 
 @pytest.mark.parametrize(("low", "high"), [(0.0, 1.0), (-3e-7, 2e-7), (12.3, 12.9), (-5e6, 1e3)])

@@ -83,6 +83,11 @@ class VideoCalibration(FrameSequence):
         return tripod[int(self.number[t])]
 
     @property
+    def shot(self) -> IntArray:
+        """Index of the shot of each frame, (T,)."""
+        return np.repeat(np.arange(len(self.shots)), [one.stop - one.start for one in self.shots])
+
+    @property
     def basis(self) -> list[Basis]:
         """What the camera of each frame rests on."""
         of_tripods = [tripod.basis for tripod in self.tripods]
@@ -92,7 +97,7 @@ class VideoCalibration(FrameSequence):
         ]
 
     def to_pandas(self) -> pandas.DataFrame:
-        """One row a frame: its shot and tripod, -1 for none, and the columns of `SequenceCalibration.to_pandas`.
+        """One row a frame: its shot and its tripod (-1 for none), and the columns of `SequenceCalibration.to_pandas`.
 
         Raises
         ------
@@ -101,10 +106,7 @@ class VideoCalibration(FrameSequence):
         """
         import pandas
 
-        shot = np.full(len(self), -1)
-        for index, one in enumerate(self.shots):
-            shot[one.start : one.stop] = index
-        table = pandas.DataFrame({"shot": shot, "tripod": self.tripod})
+        table = pandas.DataFrame({"shot": self.shot, "tripod": self.tripod})
         nothing = {"status": str(Status.TOO_FEW_SEGMENTS), "basis": str(Basis.NOTHING)}
         parts = []
         for index, tripod in enumerate(self.tripods):

@@ -154,7 +154,7 @@ def run_clip(options: argparse.Namespace, place: Callable[[Image], Placement]) -
         say_note(options.out / VIDEOS.file_name("overlay"), video)
         write_text(options.out / TRIPODS, json.dumps(_tripods(found), indent=2) + "\n")
         if pictures:
-            write_image(options.out / MOTION, _plot(found, calibrations, clip.frames_per_second))
+            write_image(options.out / MOTION, _plot(found, clip.frames_per_second))
             ids = [id for id in clip.ids if id not in clip.broken]
             captions = [_caption(ids[index], calibrations[index]) for index in worst]
             write_image(options.out / WORST, contact_sheet([pictures[index] for index in worst], captions))
@@ -182,9 +182,9 @@ def _reference(tripod: SequenceCalibration) -> float | None:
     return None if law is None else float(np.exp(law.reference))
 
 
-def _plot(found: VideoCalibration, calibrations: list[Calibration], frames_per_second: float) -> Image:
+def _plot(found: VideoCalibration, frames_per_second: float) -> Image:
     rests_on = [RESTS_ON.get(basis) for basis in found.basis]
-    return plot_sequence(calibrations, frames_per_second=frames_per_second, rests_on=rests_on)
+    return plot_sequence(found, frames_per_second=frames_per_second, rests_on=rests_on)
 
 
 def _caption(id: str, calibration: Calibration) -> str:

@@ -10,6 +10,7 @@ import numpy as np
 
 from fieldcalib._types import Array, BoolArray, IntArray
 from fieldcalib.assess.result import Calibration
+from fieldcalib.assess.video import VideoCalibration
 from fieldcalib.draw.scene import SHIFT, Colour, fixed_point
 from fieldcalib.io.image import Image
 from fieldcalib.problem.layout import ANGLES, CENTER, LOG_F
@@ -57,6 +58,8 @@ class Curve:
     low: Array
     """Lower ends of the 95 % intervals, (T,); NaN where they are not known."""
     high: Array
+    shot: IntArray
+    """Number of the shot of each frame, (T,)."""
 
 
 def plot_sequence(
@@ -68,13 +71,15 @@ def plot_sequence(
     """Plot pan, tilt, roll, focal length and centre of the cameras of a clip over time.
 
     A band around each curve holds the truth with a probability of 95 %, frame by frame; its half width in the median is
-    written beside it. Frames without camera are gaps, and cameras that are not accepted red. Values far from all others
-    lie outside their panel: a triangle at its edge points there. The strip on top shows the status of each frame.
+    written beside it, where shots differ the least and the largest. Frames without camera are gaps, and cameras that
+    are not accepted red. Values far from all others of their shot may lie outside their panel: a triangle at its edge
+    points there. The strip on top shows the status of each frame.
 
     Parameters
     ----------
     calibrations : sequence of Calibration or None
-        Of the frames in their order, e.g. a `SequenceCalibration`; None is a frame without camera.
+        Of the frames in their order, e.g. a `SequenceCalibration`; None is a frame without camera. Each shot of a
+        `VideoCalibration` has curves of its own.
     frames_per_second : float, optional
         The axis is then in seconds, otherwise in frames.
     rests_on : sequence of str or None, optional
@@ -161,6 +166,7 @@ def _curves(calibrations: Sequence[Calibration | None]) -> list[Curve]:
             variance = np.diagonal(uncertainty.covariance)
             sigma = np.sqrt(np.r_[variance[ANGLES], variance[LOG_F], variance[CENTER]])
             half[index] = uncertainty.radius() * sigma
+    shot = calibrations.shot if isinstance(calibrations, VideoCalibration) else np.zeros(len(calibrations), np.intp)
     known = ~np.isnan(values[:, 0])
     values[known, :3] = np.unwrap(values[known, :3], axis=0)
     low, high = values - half, values + half
@@ -170,7 +176,7 @@ def _curves(calibrations: Sequence[Calibration | None]) -> list[Curve]:
     names = ("pan", "tilt", "roll", "focal length", "centre x", "centre y", "centre z")
     units = ("deg", "deg", "deg", "px", "m", "m", "m")
     columns = zip(names, units, values.T, low.T, high.T, strict=True)
-    return [Curve(name, unit, *arrays) for name, unit, *arrays in columns]
+    return [Curve(name, unit, value, least, most, shot) for name, unit, value, least, most in columns]
 
 
 def value_range(curve: Curve, accepted: BoolArray) -> tuple[float, float]:
@@ -179,6 +185,16 @@ def value_range(curve: Curve, accepted: BoolArray) -> tuple[float, float]:
     shown = shown if shown.any() else np.isfinite(curve.values)
     if not shown.any():
         return 0.0, 1.0
+    of_shots = [_range_of_shot(curve, shown & (curve.shot == shot)) for shot in np.unique(curve.shot[shown])]
+    low, high = min(low for low, _ in of_shots), max(high for _, high in of_shots)
+    if high - low < 1e-6 * max(abs(low), abs(high), 1.0):
+        low, high = low - 0.5, high + 0.5
+    padding = PADDING * (high - low)
+    return low - padding, high + padding
+
+
+def _range_of_shot(curve: Curve, shown: BoolArray) -> tuple[float, float]:
+    """Of frames of one shot, whose values and errors change slowly: what is far from the others is a mistake."""
     values = curve.values[shown]
     least, middle, most = np.quantile(values, (0.1, 0.5, 0.9))
     reach = WITHIN * (most - least)
@@ -188,10 +204,22 @@ def value_range(curve: Curve, accepted: BoolArray) -> tuple[float, float]:
     if known.any():
         below, above = (curve.values - curve.low)[known], (curve.high - curve.values)[known]
         low, high = low - float(np.median(below)), high + float(np.median(above))
-    if high - low < 1e-6 * max(abs(low), abs(high), 1.0):
-        low, high = low - 0.5, high + 0.5
-    padding = PADDING * (high - low)
-    return low - padding, high + padding
+    return low, high
+
+
+def half_widths(curve: Curve, known: BoolArray) -> list[str]:
+    """The lines that say how wide the bands of some frames are: in the median, from the least shot to the largest.
+
+    Examples
+    --------
+    >>> values, half = np.zeros(4), np.array([0.1, 0.1, 0.3, 0.3])
+    >>> half_widths(Curve("", "m", values, values - half, values + half, np.array([0, 0, 1, 1])), np.ones(4, bool))
+    ['+/- 0.1', 'to 0.3 m']
+    """
+    half = (curve.high - curve.low) / 2.0
+    medians = [np.median(half[known & (curve.shot == shot)]) for shot in np.unique(curve.shot[known])]
+    least, largest = f"{min(medians):.2g}", f"{max(medians):.2g}"
+    return [f"+/- {least} {curve.unit}"] if least == largest else [f"+/- {least}", f"to {largest} {curve.unit}"]
 
 
 def nice_ticks(low: float, high: float, most: int, *, whole: bool = False) -> Array:
@@ -222,9 +250,12 @@ def tick_label(tick: float, ticks: Array) -> str:
     return f"{tick:.{decimals}f}"
 
 
-def _runs(index: IntArray) -> Iterator[IntArray]:
-    """The runs of consecutive numbers in an increasing sequence."""
-    yield from (run for run in np.split(index, np.flatnonzero(np.diff(index) > 1) + 1) if len(run))
+def _runs(index: IntArray, shot: IntArray | None = None) -> Iterator[IntArray]:
+    """The runs of consecutive numbers in an increasing sequence, each in one shot."""
+    ends = np.diff(index) > 1
+    if shot is not None:
+        ends |= np.diff(shot[index]) != 0
+    yield from (run for run in np.split(index, np.flatnonzero(ends) + 1) if len(run))
 
 
 @dataclass(frozen=True)
@@ -331,23 +362,25 @@ class Panel:
         outside.text(curve.unit, (12, middle + 18), FAINT, 0.42)
 
         known = accepted & ~np.isnan(curve.low) & ~np.isnan(curve.high)
-        for t, (low, high) in self._pieces(known, time, curve.low, curve.high):
+        for t, (low, high) in self._pieces(known, curve.shot, time, curve.low, curve.high):
             inside.fill(np.concatenate([self.place(t, low), self.place(t, high)[::-1]]), BAND)
         for shown, colour in ((accepted, LINE), (~accepted, REJECTED_LINE)):
-            for t, (value,) in self._pieces(shown & ~np.isnan(curve.values), time, curve.values):
+            for t, (value,) in self._pieces(shown & ~np.isnan(curve.values), curve.shot, time, curve.values):
                 inside.line(self.place(t, value), colour, 1.5)
         for edge, sign in ((0, -1.0), (1, 1.0)):
-            for run in _runs(np.flatnonzero(sign * (curve.values - self.range[edge]) > 0.0)):
+            for run in _runs(np.flatnonzero(sign * (curve.values - self.range[edge]) > 0.0), curve.shot):
                 tip = self.place(time[run].mean(), np.array(self.range[edge]))
                 inside.fill(tip + [[0.0, 1.0], [-5.0, 8.0], [5.0, 8.0]] * np.array([1.0, sign]), REJECTED_LINE)
         if known.any():
-            half = np.median((curve.high - curve.low)[known]) / 2.0
-            outside.text(f"+/- {half:.2g} {curve.unit}", (right + 12, middle + 4), FAINT, 0.42)
+            for row, text in enumerate(half_widths(curve, known)):
+                outside.text(text, (right + 12, middle + 4 + 18 * row), FAINT, 0.42)
 
-    def _pieces(self, shown: BoolArray, time: Array, *values: Array) -> Iterator[tuple[Array, list[Array]]]:
+    def _pieces(
+        self, shown: BoolArray, shot: IntArray, time: Array, *values: Array
+    ) -> Iterator[tuple[Array, list[Array]]]:
         """Times and values of each run of frames; a frame between gaps becomes a piece as long as a frame."""
         half_step = 0.5 * (self.span[1] - self.span[0]) / len(time)
-        for run in _runs(np.flatnonzero(shown)):
+        for run in _runs(np.flatnonzero(shown), shot):
             if len(run) > 1:
                 yield time[run], [value[run] for value in values]
             else:
