@@ -28,7 +28,22 @@ def test_every_picture_is_there_in_its_place():
 
 
 def test_captions_stay_below_their_pictures():
-    sheet = contact_sheet([plain(90)] * 2, ["frame 7: a caption that is far too long for a tile", ""], width=100)
+    """A long one in several lines, as the words one by one; every row of tiles has room for it."""
+    words = ["frame", "7:", "a", "caption", "that", "is", "far", "too", "long", "for", "a", "tile"]
+    sheet = contact_sheet([plain(90)] * 3, [" ".join(words), "", "x"], columns=2, width=150)
+    lines = (sheet.shape[0] - 14) / 2 - 84 - 30 - 14
+    assert lines in (18, 36, 54)
+    below = sheet[14 + 84 : 14 + 84 + 30 + int(lines)]
+    assert np.all(below[:, 164:] == BACKGROUND)
+    written = (below[:, 14:164] != BACKGROUND).any(axis=-1)
+    apart = contact_sheet([plain(90)] * len(words), words, columns=len(words), width=150)[14 + 84 :]
+    assert written.sum() == pytest.approx((apart != BACKGROUND).any(axis=-1).sum(), rel=0.05)
+    assert not written[-4:].any()
+
+
+def test_a_word_that_is_longer_than_its_tile_is_cut_off():
+    sheet = contact_sheet([plain(90)] * 2, ["a" * 60, ""], width=100)
+    assert sheet.shape[0] == 14 + 56 + 30 + 14
     below = sheet[14 + 56 :]
     assert np.any(below[:, 14:114] != BACKGROUND)
     assert np.all(below[:, 114:] == BACKGROUND)

@@ -14,6 +14,7 @@ from fieldcalib.io.image import Image, checked_image
 BACKGROUND: Colour = (30, 27, 25)
 CAPTION, TITLE, LEGEND = 0.45, 0.8, 0.45  # sizes of letters, of OpenCV's font
 GAP, CAPTION_HEIGHT, TITLE_HEIGHT, LEGEND_HEIGHT = 14, 30, 36, 26  # px
+LINE_HEIGHT, INDENT = 18, 2  # px, of each further line of a caption, and to its left
 
 
 def contact_sheet(
@@ -32,7 +33,7 @@ def contact_sheet(
     pictures : sequence of (height, width, 3) uint8 arrays
         In OpenCV's order: blue, green, red. Each is fitted into a tile of the shape of the first one.
     captions : sequence of str
-        A line for each; what is too long for its tile is cut off.
+        For each; broken between words into as many lines as its tile needs.
     columns : int
         Tiles in a row.
     width : int
@@ -65,12 +66,13 @@ def contact_sheet(
     first = checked_image(pictures[0])
     height = max(round(width * first.shape[0] / first.shape[1]), 1)
     top = GAP + TITLE_HEIGHT * bool(title) + LEGEND_HEIGHT * bool(legend)
-    step = np.array([height + CAPTION_HEIGHT + GAP, width + GAP])
+    lines = [_wrapped(caption, width - INDENT) for caption in captions]
+    step = np.array([height + CAPTION_HEIGHT + LINE_HEIGHT * (max(map(len, lines)) - 1) + GAP, width + GAP])
     rows = -(-len(pictures) // columns)
     sheet = np.full((*(np.array([top, GAP]) + step * (rows, columns)), 3), BACKGROUND, np.uint8)
     _write(sheet, title, (GAP, 34), TITLE, (245, 245, 245))
     _write(sheet, legend, (GAP, top - GAP - 2), LEGEND, (170, 170, 170))
-    for index, (picture, caption) in enumerate(zip(pictures, captions, strict=True)):
+    for index, (picture, caption) in enumerate(zip(pictures, lines, strict=True)):
         y, x = np.array([top, GAP]) + step * divmod(index, columns)
         picture = checked_image(picture)
         scale = min(width / picture.shape[1], height / picture.shape[0])
@@ -78,7 +80,9 @@ def contact_sheet(
         tile = cv2.resize(picture, size, interpolation=cv2.INTER_AREA)
         left, above = x + (width - size[0]) // 2, y + (height - size[1]) // 2
         sheet[above : above + size[1], left : left + size[0]] = tile
-        _write(sheet[:, : x + width], caption, (x + 2, y + height + 20), CAPTION, (205, 205, 205))
+        for row, line in enumerate(caption):
+            place = (x + INDENT, y + height + 20 + LINE_HEIGHT * row)
+            _write(sheet[:, : x + width], line, place, CAPTION, (205, 205, 205))
     return sheet
 
 
@@ -139,6 +143,23 @@ def _rank(calibration: Calibration | None) -> tuple[int, float]:
     if calibration.knows_errors and calibration.field is not None:
         error = largest_error(calibration.uncertainty, calibration.field)
     return (2 if calibration.accepted else 1), -float(np.nan_to_num(error, nan=np.inf))
+
+
+def _wrapped(text: str, width: int) -> list[str]:
+    """The lines of a caption, none longer than `width` pixels unless a single word is; one empty line of nothing."""
+    import cv2
+
+    lines = [""]
+    for word in text.split():
+        longer = f"{lines[-1]} {word}".strip()
+        (length, _), _ = cv2.getTextSize(longer, cv2.FONT_HERSHEY_SIMPLEX, CAPTION, 1)
+        if length <= width:
+            lines[-1] = longer
+        elif lines[-1]:
+            lines.append(word)
+        else:
+            lines[-1] = word
+    return lines
 
 
 def _write(picture: Image, text: str, place: tuple[int, int], size: float, colour: Colour) -> None:
