@@ -218,9 +218,9 @@ FIXED = Layout.of(SIZE).fixed("aspect", "lens", "centre", "principal point")
 @given(
     generators(),
     st.sampled_from([LAYOUT, WITH_SIZE, PLAIN, FIXED]),
-    st.sampled_from([np.array([52.5, 34.0]), np.full(2, np.inf)]),
+    st.sampled_from([FIELD, None]),
 )
-def test_ground_errors_are_the_median_over_the_picture(rng, layout, half):
+def test_ground_errors_are_the_median_over_the_picture(rng, layout, field):
     B = 3
     with_law = layout if layout.zoom_law is not None else replace(WITH_SIZE, roles=WITH_SIZE.roles)
     theta = operated(rng, B, with_law)[:, : layout.size]
@@ -228,7 +228,8 @@ def test_ground_errors_are_the_median_over_the_picture(rng, layout, half):
     o, S = (int(np.count_nonzero(part)) for part in (layout.free, layout.considered))
     root, root_V = rng.normal(size=(B, o, o)) * 1e-3, rng.normal(size=(S, S)) * 1e-2
     errors, V = OwnErrors(root @ np.swapaxes(root, 1, 2), rng.normal(size=(B, o, S)) * 1e-2), root_V @ root_V.T
-    found = ground_errors(theta, layout, errors, V, half)
+    found = ground_errors(theta, layout, errors, V, field)
+    half = np.full(2, np.inf) if field is None else (52.5, 34.0)
     xy = np.stack(np.meshgrid(np.linspace(0.0, 959.0, GRID[0]), np.linspace(0.0, 539.0, GRID[1])), axis=-1).reshape(
         -1, 2
     )
@@ -247,16 +248,10 @@ def test_who_looks_at_the_sky_sees_no_field():
     theta = operated(np.random.default_rng(0), 2, LAYOUT)
     theta[1, 1] = 2.2
     errors = OwnErrors(np.tile(1e-6 * np.eye(4), (2, 1, 1)), np.zeros((2, 4, len(SHARED))))
-    found = ground_errors(theta, LAYOUT, errors, np.zeros(2 * (len(SHARED),)), np.array([52.5, 34.0]))
+    found = ground_errors(theta, LAYOUT, errors, np.zeros(2 * (len(SHARED),)), FIELD)
     assert np.isfinite(found).tolist() == [True, False]
-    assert (
-        len(
-            ground_errors(
-                theta[:0], LAYOUT, OwnErrors(*(e[:0] for e in errors)), np.zeros(2 * (len(SHARED),)), np.ones(2)
-            )
-        )
-        == 0
-    )
+    none = OwnErrors(*(part[:0] for part in errors))
+    assert len(ground_errors(theta[:0], LAYOUT, none, np.zeros(2 * (len(SHARED),)), FIELD)) == 0
 
 
 # against truth

@@ -16,6 +16,7 @@ import numpy as np
 
 from fieldcalib._types import Array
 from fieldcalib.assess.noise import Noise, gram
+from fieldcalib.fields.field import Field
 from fieldcalib.problem.evaluation import Evaluation
 from fieldcalib.problem.layout import CENTER, Layout
 from fieldcalib.problem.levenberg_marquardt import coupled
@@ -100,12 +101,13 @@ def whole_covariance(E: Array, F: Array, V: Array, layout: Layout) -> Array:
     return covariance
 
 
-def ground_errors(theta: Array, layout: Layout, errors: OwnErrors, V: Array, half: Array) -> Array:
+def ground_errors(theta: Array, layout: Layout, errors: OwnErrors, V: Array, field: Field | None) -> Array:
     """Root mean square error, metres, of the field that each of B cameras sees, (B,).
 
-    It is the median over a grid of pixels that see the ground within `half` (2,) the length and the width of the field;
-    NaN where none does.
+    It is the median over a grid of pixels that see the ground within the field, or anywhere if there is none; NaN where
+    none does.
     """
+    half = np.full(2, np.inf) if field is None else np.array([field.length, field.width]) / 2.0
     width, height = layout.image_size
     x, y = np.meshgrid(np.linspace(0.0, width - 1.0, GRID[0]), np.linspace(0.0, height - 1.0, GRID[1]))
     xy = np.broadcast_to(np.stack([x, y], axis=-1).reshape(-1, 2), (len(theta), GRID[0] * GRID[1], 2))

@@ -246,8 +246,7 @@ class SequenceCalibration(FrameSequence):
             + spread[..., None] ** 2 * np.eye(int(np.count_nonzero(free)))
         )
         following = (1.0 - share) * frames.following[before] + share * frames.following[after]
-        half = np.full(2, np.inf) if self.field is None else np.array([self.field.length, self.field.width]) / 2.0
-        metres = ground_errors(theta, self.layout, OwnErrors(own, following), self.considered, half)
+        metres = ground_errors(theta, self.layout, OwnErrors(own, following), self.considered, self.field)
         columns = {
             name: getattr(frames, name).copy()
             for name in ("theta", "own", "following", "status", "basis", "ground_error")

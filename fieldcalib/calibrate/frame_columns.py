@@ -101,9 +101,7 @@ class FrameColumns:
         self._judge(0, None, float(self.ground_error[0]), True)
 
     def _ground_errors(self, theta: Array, errors: OwnErrors) -> Array:
-        field = self.options.field
-        half = np.full(2, np.inf) if field is None else np.array([field.length, field.width]) / 2.0
-        return ground_errors(theta, self.options.layout, errors, self.considered, half)
+        return ground_errors(theta, self.options.layout, errors, self.considered, self.options.field)
 
     def _judge(self, t: int, alone: Calibration | None, metres: float, tied: bool) -> None:
         status = Status.ACCEPTED if alone is None or tied else alone.status
