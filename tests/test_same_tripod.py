@@ -1,22 +1,25 @@
 """Shots that were taken from the same place."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from strategies import generators
 
-from fieldcalib.assess.sequence import Frames, SequenceCalibration
+from fieldcalib import calibrate_sequence, soccer
 from fieldcalib.images.same_tripod import LEAST_LOG_RATIO, grouped, same_tripod_log_ratio
 
 PLACE = ("x", "y", "z")
 SIZED = (*PLACE, "length", "width")
+NOTHING = calibrate_sequence(soccer(), [{}], (960, 540))
 HERE = np.array([1.0, 66.0, -16.0])
 
 
 def place(values, covariance, names=PLACE):
     """What a shot of one frame says."""
-    return SequenceCalibration(Frames.without_cameras(1, ""), names, np.array(values, dtype=float), covariance)
+    return replace(NOTHING, names=names, values=np.array(values, dtype=float), covariance=covariance)
 
 
 def covariance(rng, sigma, size=3):
@@ -77,11 +80,10 @@ def test_places_that_are_very_sure_still_agree_to_a_decimetre():
 
 
 def test_shots_whose_place_was_not_found_are_in_no_group():
-    nothing = SequenceCalibration(Frames.without_cameras(3, ""))
     sure = place(HERE, 0.01 * np.eye(3))
     assert grouped({}) == []
-    assert grouped({0: nothing, 1: nothing}) == []
-    assert grouped({5: nothing, 7: sure, 2: nothing, 3: sure}) == [[3, 7]]
+    assert grouped({0: NOTHING, 1: NOTHING}) == []
+    assert grouped({5: NOTHING, 7: sure, 2: NOTHING, 3: sure}) == [[3, 7]]
 
 
 def test_the_most_certain_place_comes_first():

@@ -3,35 +3,81 @@
 from __future__ import annotations
 
 from abc import abstractmethod
-from collections.abc import Iterator, Sequence
-from typing import overload
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from typing import Any, Self, TypeVar, overload
 
+import numpy as np
+
+from fieldcalib._types import IntArray
 from fieldcalib.assess.result import Calibration
 from fieldcalib.geometry.camera import Camera
 
+T = TypeVar("T")
+
 
 class FrameSequence(Sequence[Calibration]):
-    """A sequence of one calibration for each frame; what has the frames says how many and what each of them is."""
+    """A sequence of one calibration for each frame; what has the frames says how many and what each of them is.
+
+    A slice is of the same class. Two are equal if all that `to_dict` writes is.
+    """
 
     @abstractmethod
     def _frame(self, t: int) -> Calibration:
         """The calibration of frame t."""
 
+    @abstractmethod
+    def _at(self, index: IntArray) -> Self:
+        """Some of the frames, in that order, and what they share."""
+
+    @abstractmethod
+    def to_dict(self) -> dict[str, Any]:
+        """Everything as JSON, for `json.dumps`."""
+
     @overload
     def __getitem__(self, index: int) -> Calibration: ...
 
     @overload
-    def __getitem__(self, index: slice) -> tuple[Calibration, ...]: ...
+    def __getitem__(self, index: slice) -> Self: ...
 
-    def __getitem__(self, index: int | slice) -> Calibration | tuple[Calibration, ...]:
+    def __getitem__(self, index: int | slice) -> Calibration | Self:
+        frames = range(len(self))
         if isinstance(index, slice):
-            return tuple(self._frame(t) for t in range(len(self))[index])
-        return self._frame(range(len(self))[index])
+            return self._at(np.array(frames[index], dtype=np.intp))
+        try:
+            return self._frame(frames[index])
+        except IndexError:
+            raise IndexError(f"frame {index} is out of range: there are {len(self)} frames") from None
 
     def __iter__(self) -> Iterator[Calibration]:
         return (self._frame(t) for t in range(len(self)))
+
+    def __eq__(self, other: object) -> bool:
+        if type(other) is not type(self):
+            return NotImplemented
+        return self is other or self.to_dict() == other.to_dict()
 
     @property
     def cameras(self) -> list[Camera | None]:
         """Of the frames."""
         return [frame.camera for frame in self]
+
+
+def read_record(record: Mapping[str, Any], what: str, version: int, read: Callable[[Mapping[str, Any]], T]) -> T:
+    """What `read` makes of the record of a sequence of frames.
+
+    Raises
+    ------
+    ValueError
+        If the record is of another version, a key is missing, or a value cannot be right.
+    """
+    try:
+        if record["version"] != version:
+            raise ValueError(
+                f"expected {what} of version {version}, got {record['version']!r}: another fieldcalib wrote it, "
+                f"use that or calibrate again"
+            )
+        return read(record)
+    except KeyError as error:
+        raise ValueError(f"is no calibration of {what}: the key {error} is missing") from None
+    except (TypeError, AttributeError) as error:
+        raise ValueError(f"is no calibration of {what}: {error}") from error

@@ -14,12 +14,12 @@ from numpy.typing import NDArray
 from fieldcalib._json import from_json, to_json
 from fieldcalib._types import Array, BoolArray, Float32, IntArray
 from fieldcalib.assess.camera_errors import KnownErrors
-from fieldcalib.assess.frame_sequence import FrameSequence
+from fieldcalib.assess.frame_sequence import FrameSequence, read_record
 from fieldcalib.assess.own_errors import OwnErrors, ground_errors, whole_covariance
 from fieldcalib.assess.result import Calibration, Status, SuspectLabel
 from fieldcalib.fields.field import Field
 from fieldcalib.fields.records import field_from_record, field_to_record
-from fieldcalib.problem.layout import CENTER, LOG_F, Layout
+from fieldcalib.problem.layout import ANGLES, CENTER, LOG_F, Layout
 from fieldcalib.problem.records import layout_from_record, layout_to_record
 
 if TYPE_CHECKING:
@@ -30,6 +30,10 @@ SURE = 0.5  # m: what is known of the field in view to no better than that is to
 LARGEST_ERROR = 1.0  # m over the field in view: frames that others tell are accepted up to that
 STEP = 1e-3  # radians, or of log f, by which a frame may be off an even motion, for each frame that is missing
 STATUSES = tuple(Status)
+NUMBERS = (  # columns of the table of frames, NaN of those without a camera
+    *("pan_degrees", "tilt_degrees", "roll_degrees", "focal_length_px", "x_m", "y_m", "z_m"),
+    *("rms_px", "ground_error_m"),
+)
 
 
 class Basis(StrEnum):
@@ -67,33 +71,29 @@ class Frames:
     """Root mean square distance of the labelled pixels, (T,)."""
     ground_error: Array
     """Root mean square error of the field, metres, the median over what is in view, (T,); NaN where none is."""
-    labels: tuple[str, ...] = ()
-    label_errors: Float32 = attribute(default_factory=lambda: np.zeros((0, 0), np.float32))
+    labels: tuple[str, ...]
+    label_errors: Float32
     """Root mean square distance of each label's pixels, (T, L)."""
-    label_counts: NDArray[np.uint16] = attribute(default_factory=lambda: np.zeros((0, 0), np.uint16))
+    label_counts: NDArray[np.uint16]
     """Number of pixels of each label, (T, L)."""
-    notes: Mapping[int, str] = attribute(default_factory=dict)
+    notes: Mapping[int, str]
     """Messages of frames for which the numbers do not say everything."""
-    suspects: Mapping[int, tuple[SuspectLabel, ...]] = attribute(default_factory=dict)
+    suspects: Mapping[int, tuple[SuspectLabel, ...]]
     """Labels that the rest of a frame contradicts."""
 
     def __len__(self) -> int:
         return len(self.theta)
 
-    @classmethod
-    def without_cameras(cls, count: int, message: str) -> Frames:
-        """As many frames of which nothing is known."""
-        return cls(
-            np.full((count, 0), np.nan),
-            np.zeros((count, 0, 0)),
-            np.zeros((count, 0, 0)),
-            np.full(count, STATUSES.index(Status.TOO_FEW_SEGMENTS)),
-            np.zeros(count, dtype=np.intp),
-            np.full(count, np.nan),
-            np.full(count, np.nan),
-            notes=dict.fromkeys(range(count), message),
-            label_errors=np.zeros((count, 0), np.float32),
-            label_counts=np.zeros((count, 0), np.uint16),
+    def at(self, index: IntArray) -> Frames:
+        """Some of the frames, in that order."""
+        columns: dict[str, Any] = {one.name: getattr(self, one.name) for one in fields(self)}
+        columns = {name: value[index] for name, value in columns.items() if isinstance(value, np.ndarray)}
+        place = list(enumerate(index.tolist()))
+        return replace(
+            self,
+            **columns,
+            notes={k: self.notes[t] for k, t in place if t in self.notes},
+            suspects={k: self.suspects[t] for k, t in place if t in self.suspects},
         )
 
     def message(self, t: int) -> str:
@@ -145,13 +145,16 @@ class SequenceCalibration(FrameSequence):
 
     It is a sequence of `Calibration`, one for each frame, which are made when they are asked for. Their uncertainties
     are the frames' own marginals: what a frame alone leaves open, and what all frames together leave open of what they
-    share.
+    share. A slice keeps what is shared.
 
     Examples
     --------
-    >>> alone = SequenceCalibration(Frames.without_cameras(2, "no labelled pixels"))
-    >>> len(alone), alone.cameras, alone.shared, str(alone[0].status)
+    >>> from fieldcalib import calibrate_sequence, soccer
+    >>> nothing = calibrate_sequence(soccer(), [{}, {}], (960, 540))
+    >>> len(nothing), nothing.cameras, nothing.shared, str(nothing[0].status)
     (2, [None, None], {}, 'too few segments')
+    >>> nothing[:1]
+    SequenceCalibration(names=(), together=0)
     """
 
     frames: Frames = attribute(repr=False)
@@ -196,6 +199,9 @@ class SequenceCalibration(FrameSequence):
             field=self.field,
             errors=errors,
         )
+
+    def _at(self, index: IntArray) -> SequenceCalibration:
+        return replace(self, frames=self.frames.at(index))
 
     def interpolated(self, run: IntArray, longest: int) -> SequenceCalibration:
         """With cameras for up to `longest` frames in a row that have none, between frames of the same run that have.
@@ -292,17 +298,10 @@ class SequenceCalibration(FrameSequence):
 
         frames, T = self.frames, len(self)
         theta = np.full((T, CENTER.stop), np.nan) if self.layout is None else self.layout.at_zoom(frames.theta)
-        return pandas.DataFrame(
-            {
-                "status": [str(STATUSES[one]) for one in frames.status],
-                "basis": [str(one) for one in self.basis],
-                **{f"{name}_degrees": np.degrees(theta[:, k]) for k, name in enumerate(("pan", "tilt", "roll"))},
-                "focal_length_px": np.exp(theta[:, LOG_F]),
-                **{f"{name}_m": theta[:, CENTER][:, k] for k, name in enumerate("xyz")},
-                "rms_px": frames.rms,
-                "ground_error_m": frames.ground_error,
-            }
-        )
+        angles, f, C = np.degrees(theta[:, ANGLES]), np.exp(theta[:, LOG_F]), theta[:, CENTER]
+        numbers = np.column_stack([angles, f, C, frames.rms, frames.ground_error])
+        words = {"status": [str(STATUSES[one]) for one in frames.status], "basis": [str(one) for one in self.basis]}
+        return pandas.DataFrame({**words, **dict(zip(NUMBERS, numbers.T, strict=True))})
 
     def to_dict(self) -> dict[str, Any]:
         """Everything as JSON, for `json.dumps`."""
@@ -325,10 +324,12 @@ class SequenceCalibration(FrameSequence):
         Raises
         ------
         ValueError
-            If the record is of another version.
+            If the record is of another version, a key is missing, or a value cannot be right.
         """
-        if record.get("version") != VERSION:
-            raise ValueError(f"expected a sequence of version {VERSION}, got {record.get('version')!r}")
+        return read_record(record, "a sequence", VERSION, cls._from_record)
+
+    @classmethod
+    def _from_record(cls, record: Mapping[str, Any]) -> SequenceCalibration:
         return cls(
             Frames.from_dict(record["frames"]),
             tuple(record["names"]),

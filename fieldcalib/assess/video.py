@@ -10,9 +10,9 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 
 from fieldcalib._types import IntArray
-from fieldcalib.assess.frame_sequence import FrameSequence
+from fieldcalib.assess.frame_sequence import FrameSequence, read_record
 from fieldcalib.assess.result import Calibration, Status
-from fieldcalib.assess.sequence import Basis, SequenceCalibration
+from fieldcalib.assess.sequence import NUMBERS, Basis, SequenceCalibration
 
 if TYPE_CHECKING:
     import pandas
@@ -36,19 +36,22 @@ class Shot(NamedTuple):
 class VideoCalibration(FrameSequence):
     """The calibrations of the frames of a video.
 
-    It is a sequence of `Calibration`, one for each frame, which are made when they are asked for.
+    It is a sequence of `Calibration`, one for each frame, which are made when they are asked for. A slice has the
+    parts of shots and the frames of tripods that are in it.
 
     Examples
     --------
     >>> nothing = VideoCalibration((), (Shot(0, 2, -1),), np.full(2, -1), np.zeros(2, dtype=int))
     >>> len(nothing), nothing.cameras, str(nothing[1].status)
     (2, [None, None], 'too few segments')
+    >>> nothing[1:].shots
+    (Shot(start=0, stop=1, tripod=-1),)
     """
 
     tripods: tuple[SequenceCalibration, ...]
     """The frames of each tripod and what they share, the one with most frames first."""
     shots: tuple[Shot, ...]
-    """In order."""
+    """In order; every frame is in one."""
     tripod: IntArray = attribute(repr=False)
     """Index of the tripod of each frame, (T,); -1 for none."""
     number: IntArray = attribute(repr=False)
@@ -82,6 +85,23 @@ class VideoCalibration(FrameSequence):
         tripod: SequenceCalibration = self.tripods[self.tripod[t]]
         return tripod[int(self.number[t])]
 
+    def _at(self, index: IntArray) -> VideoCalibration:
+        shot, tripod = self.shot[index], self.tripod[index]
+        members = [np.flatnonzero(tripod == k) for k in range(len(self.tripods))]
+        order = sorted((k for k in range(len(members)) if len(members[k])), key=lambda k: -len(members[k]))
+        place = {k: new for new, k in enumerate(order)} | {NO_TRIPOD: NO_TRIPOD}
+        number = np.zeros(len(index), dtype=np.intp)
+        for k in order:
+            number[members[k]] = np.arange(len(members[k]))
+        starts, stops = np.flatnonzero(np.diff(shot, prepend=-1)), np.flatnonzero(np.diff(shot, append=-1)) + 1
+        ends = zip(starts.tolist(), stops.tolist(), strict=True)
+        return VideoCalibration(
+            tuple(self.tripods[k]._at(self.number[index[members[k]]]) for k in order),
+            tuple(Shot(start, stop, place[self.shots[shot[start]].tripod]) for start, stop in ends),
+            np.array([place[k] for k in tripod.tolist()], dtype=np.intp),
+            number,
+        )
+
     @property
     def shot(self) -> IntArray:
         """Index of the shot of each frame, (T,)."""
@@ -113,7 +133,9 @@ class VideoCalibration(FrameSequence):
             frames = np.flatnonzero(self.tripod == index)
             part = tripod.to_pandas().iloc[self.number[frames]]
             parts.append(part.set_index(frames))
-        return (table.join(pandas.concat(parts)) if parts else table.assign(**nothing)).fillna(nothing)
+        if not parts:
+            return table.assign(**nothing, **dict.fromkeys(NUMBERS, np.nan))
+        return table.join(pandas.concat(parts)).fillna(nothing)
 
     def to_dict(self) -> dict[str, Any]:
         """Everything, for `json.dumps`."""
@@ -132,10 +154,12 @@ class VideoCalibration(FrameSequence):
         Raises
         ------
         ValueError
-            If the record is of another version.
+            If the record is of another version, a key is missing, or a value cannot be right.
         """
-        if record.get("version") != VERSION:
-            raise ValueError(f"expected a video of version {VERSION}, got {record.get('version')!r}")
+        return read_record(record, "a video", VERSION, cls._from_record)
+
+    @classmethod
+    def _from_record(cls, record: Mapping[str, Any]) -> VideoCalibration:
         return cls(
             tuple(SequenceCalibration.from_dict(tripod) for tripod in record["tripods"]),
             tuple(Shot(*shot) for shot in record["shots"]),
