@@ -122,7 +122,7 @@ def test_images_of_several_sizes_are_no_clip(know, folder, tmp_path, capsys):
     know([TRUTHS[0]] * 4)
     assert run("run", folder, "--clip", "--out", tmp_path / "out") != 0
     (line,) = [line for line in capsys.readouterr().err.splitlines() if "480 x 270" in line]
-    assert "960 x 540" in line
+    assert f"{folder / 'part1_10.png'} has 480 x 270 pixels, {folder / 'part1_8.png'} 960 x 540" in line
     assert not (tmp_path / "out" / "cameras.jsonl").exists()
 
 

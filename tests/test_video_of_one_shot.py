@@ -1,5 +1,6 @@
 """A video of one shot: its frames share a tripod."""
 
+import cv2
 import numpy as np
 import pytest
 from networks import KnownCameras
@@ -48,6 +49,14 @@ def test_a_file(pictures, tmp_path):
     found = calibrate_video(FIELD, tmp_path / "shot.mp4", KnownCameras(CAMERAS))
     assert len(found) == 3
     assert np.linalg.norm(found.tripods[0].values[:3] - CENTRE) < 1.0
+
+
+def test_a_folder(pictures, tmp_path):
+    for number, picture in enumerate(pictures[:3], 9):
+        cv2.imwrite(str(tmp_path / f"frame {number}.png"), picture)
+    assert calibrate_video(FIELD, tmp_path, KnownCameras(CAMERAS)) == calibrate_video(
+        FIELD, pictures[:3], KnownCameras(CAMERAS)
+    )
 
 
 def test_frames_of_several_sizes_are_refused(pictures):

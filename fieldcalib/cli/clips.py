@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import argparse
 import json
-import re
 import sys
 import time
 from collections.abc import Callable, Iterator
@@ -24,6 +23,7 @@ from fieldcalib.draw.clip_plot import plot_sequence
 from fieldcalib.draw.contact_sheet import contact_sheet, worst_frames
 from fieldcalib.draw.overlays import draw_calibration
 from fieldcalib.images.from_video import calibrate_video
+from fieldcalib.io.clips import OneSize, in_order
 from fieldcalib.io.files import write_text
 from fieldcalib.io.formats import IMAGES, VIDEOS
 from fieldcalib.io.image import Image
@@ -67,7 +67,7 @@ class ClipInput:
         else:
             files = IMAGES.find(options.input)
             name_skipped(options.input, files)
-            self._files = sorted(files, key=lambda file: _natural(file.id))
+            self._files = in_order(files)
 
     def __iter__(self) -> Iterator[Image]:
         """The images that can be read, as parts of their frames."""
@@ -103,22 +103,15 @@ class ClipInput:
                 )
 
     def _from_files(self) -> Iterator[Frame]:
+        one_size = OneSize()
         for file in self._files or ():
             if file.id in self.broken:
                 yield Frame(file.id, None, self.broken[file.id])
-            else:
-                yield read_image(file, self.options.most_bytes, self.options.most_pixels, self.place)
-
-
-def _natural(id: str) -> tuple[tuple[str, int], ...]:
-    """What sorts "frame 9" before "frame 10".
-
-    Examples
-    --------
-    >>> sorted(["frame 10", "frame 9"], key=_natural)
-    ['frame 9', 'frame 10']
-    """
-    return tuple((text, int(number or 0)) for text, number in re.findall(r"(\D*)(\d*)", id))
+                continue
+            frame = read_image(file, self.options.most_bytes, self.options.most_pixels, self.place)
+            if frame.image is not None:
+                one_size.check(file, frame.image)
+            yield frame
 
 
 def run_clip(options: argparse.Namespace, place: Callable[[Image], Placement]) -> int:

@@ -9,21 +9,23 @@ tell. Keyframes and what ties frames to them come from `fieldcalib.images.keyfra
 
 from __future__ import annotations
 
+import os
 from collections.abc import Callable, Iterable, Iterator
-from contextlib import AbstractContextManager, contextmanager
+from contextlib import AbstractContextManager
 from itertools import islice
-from pathlib import Path
 
 from fieldcalib.assess.video import VideoCalibration
 from fieldcalib.calibrate.options import ALL, DEFAULT_FLAGS, Prior
 from fieldcalib.fields.segments import ObjectSegments
 from fieldcalib.images.clip_solver import ClipSolver
 from fieldcalib.images.keyframes import EVERY, Tied, tied_frames
+from fieldcalib.io.clips import clip_reader
 from fieldcalib.io.image import Image
 from fieldcalib.io.images import read_ahead
-from fieldcalib.io.videos import VideoReader
 from fieldcalib.localize import Network
+from fieldcalib.localize.flow import check_network
 from fieldcalib.localize.network import SegmentationNetwork
+from fieldcalib.problem.labelled_pixels import check_object
 
 SIGMAS = 3.0  # of the predicted error of a marking, within which its line is searched
 
@@ -32,7 +34,7 @@ PART = 3000  # frames, two minutes, after which the video is cut at a keyframe
 
 def calibrate_video(
     object_segments: ObjectSegments,
-    source: str | Path | Iterable[Image],
+    source: str | os.PathLike[str] | Iterable[Image],
     network: Network | None = None,
     *,
     flags: int = DEFAULT_FLAGS,
@@ -51,7 +53,8 @@ def calibrate_video(
     object_segments : mapping of str to segment
         The calibration object that the network was trained for, e.g. `soccer()`.
     source : path, or iterable of (height, width, 3) uint8 arrays
-        A video, or its frames: blue, green, red, all of one size. It is read twice.
+        A video, a folder or a zip of images, which are taken in the order of the numbers in their names; or the images:
+        blue, green, red. All are of one size. It is read twice.
     network : Network, optional
         Finds the markings; by default the one that comes with the package.
     flags, prior
@@ -69,7 +72,7 @@ def calibrate_video(
     Raises
     ------
     FileNotFoundError, BrokenFileError
-        As `fieldcalib.io.videos.VideoReader`.
+        As `fieldcalib.io.videos.VideoReader`; if a folder has no image, or a broken one.
     ValueError
         If the frames are of several sizes or an iterator, which can be read once only, or as `calibrate_from_images`.
 
@@ -81,18 +84,10 @@ def calibrate_video(
     >>> [str(frame.status) for frame in calibrate_video(soccer(), black)]
     ['too few segments', 'too few segments']
     """
+    check_object(object_segments)
     network = SegmentationNetwork.load() if network is None else network
-    if isinstance(source, str | Path):
-        path = Path(source)
-        return _calibrated(object_segments, lambda: VideoReader(path), network, flags, prior, every)
-    if isinstance(source, Iterator):
-        raise ValueError("expected a path or a sequence of images, got an iterator: the frames are read twice")
-    return _calibrated(object_segments, lambda: _open(source), network, flags, prior, every)
-
-
-@contextmanager
-def _open(images: Iterable[Image]) -> Iterator[Iterable[Image]]:
-    yield images
+    check_network(network)
+    return _calibrated(object_segments, clip_reader(source), network, flags, prior, every)
 
 
 def _calibrated(

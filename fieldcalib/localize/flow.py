@@ -10,6 +10,7 @@ from fieldcalib.fields.segments import ObjectSegments
 from fieldcalib.io.image import Image, checked_images
 from fieldcalib.localize.grid import Localization
 from fieldcalib.localize.ridges import ridge_points
+from fieldcalib.problem.labelled_pixels import check_object
 
 PointSelection: TypeAlias = Callable[[Float32, Sequence[str], ObjectSegments, tuple[int, int]], Localization]
 
@@ -23,6 +24,12 @@ class Network(Protocol):
 
     def __call__(self, images: Sequence[Image]) -> Float32:
         """Probabilities (N, K, h, w) of the K classes, on a grid that covers each of N images."""
+
+
+def check_network(network: object) -> None:
+    """Raise a ValueError if that is no `Network`."""
+    if isinstance(network, type) or not callable(network) or not hasattr(network, "classes"):
+        raise ValueError(f"expected a network, as SegmentationNetwork.load(path) returns it, got {network!r}")
 
 
 def localize(
@@ -53,7 +60,8 @@ def localize(
     Raises
     ------
     ValueError
-        If an image is not such an array, the images are not in a list, or a class is not a segment of the object.
+        If an image is not such an array, the images are not in a list, a class is not a segment of the object, or the
+        object or the network is none.
 
     Examples
     --------
@@ -66,6 +74,8 @@ def localize(
     >>> localize(soccer(), [np.zeros((540, 960, 3), np.uint8)], Blind())
     [Localization(pixels={}, weights={})]
     """
+    check_object(object_segments)
+    check_network(network)
     images = checked_images(images)
     if not images:
         return []
