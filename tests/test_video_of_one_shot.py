@@ -51,6 +51,18 @@ def test_a_file(pictures, tmp_path):
     assert np.linalg.norm(found.tripods[0].values[:3] - CENTRE) < 1.0
 
 
+def test_a_file_that_is_cut_off(tmp_path, capfd):
+    path = tmp_path / "a.avi"
+    writer = cv2.VideoWriter(str(path), cv2.VideoWriter.fourcc(*"MJPG"), 25.0, (64, 36))
+    for image in np.random.default_rng(0).integers(0, 255, (12, 36, 64, 3), dtype=np.uint8):
+        writer.write(image)
+    writer.release()
+    content = path.read_bytes()
+    path.write_bytes(content[: len(content) // 2])
+    with pytest.warns(UserWarning, match=r"a.avi: announces 12 frames, [45] can be read"):
+        assert len(calibrate_video(FIELD, path, KnownCameras([None] * 12))) < 6
+
+
 def test_a_folder(pictures, tmp_path):
     for number, picture in enumerate(pictures[:3], 9):
         cv2.imwrite(str(tmp_path / f"frame {number}.png"), picture)

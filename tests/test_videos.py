@@ -53,6 +53,21 @@ def test_a_video_that_is_cut_off(tmp_path, suffix, capfd):
     assert lost == 60 - read
 
 
+def test_what_is_said_of_a_loss(tmp_path, capfd):
+    """How many frames were read, though of an MKV's end, which it does not announce exactly, not all are missed."""
+    path = make_video(tmp_path / "a.mkv")
+    with VideoReader(path) as video:
+        assert len(list(video)) == 60
+        assert video.loss() == ""
+    content = bytearray(path.read_bytes())
+    content[len(content) // 4 : len(content) // 2] = bytes(len(content) // 2 - len(content) // 4)
+    path.write_bytes(content[: len(content) * 7 // 10])
+    with VideoReader(path) as video:
+        read = len(list(video))
+        assert video.lost_frames() < 60 - read
+        assert video.loss() == f"{path}: announces 60 frames, {read} can be read"
+
+
 @pytest.mark.parametrize("suffix", CODECS)
 def test_a_video_with_damage_in_the_middle(tmp_path, suffix, capfd):
     path = make_video(tmp_path / f"a{suffix}")

@@ -56,8 +56,8 @@ class ClipInput:
         """Of all frames, in order; known when they were read once."""
         self.broken: dict[str, str] = {}
         """What is wrong with those that cannot be read."""
-        self.lost = 0
-        """Frames that the input announced and does not have."""
+        self.loss = ""
+        """What to say of frames that the input announced and does not have."""
         self.frames_per_second = USUAL_RATE
         self._passes = iter(PASSES)
         self._files = None
@@ -95,12 +95,9 @@ class ClipInput:
             self.frames_per_second = video.frames_per_second
             for index, image in enumerate(checked_frames(path, video, self.place)):
                 yield Frame(f"{index:06d}", image)
-            if not self.lost and (lost := video.lost_frames()):
-                self.lost = lost
-                print(
-                    f"fieldcalib: {path}: announces {video.count} frames, {video.count - lost} can be read",
-                    file=sys.stderr,
-                )
+            if not self.loss and (loss := video.loss()):
+                self.loss = loss
+                print(f"fieldcalib: {loss}", file=sys.stderr)
 
     def _from_files(self) -> Iterator[Frame]:
         one_size = OneSize()
@@ -151,7 +148,7 @@ def run_clip(options: argparse.Namespace, place: Callable[[Image], Placement]) -
             ids = [id for id in clip.ids if id not in clip.broken]
             captions = [_caption(ids[index], calibrations[index]) for index in worst]
             write_image(options.out / WORST, contact_sheet([pictures[index] for index in worst], captions))
-    return 1 if clip.broken or clip.lost else 0
+    return 1 if clip.broken or clip.loss else 0
 
 
 def _tripods(found: VideoCalibration) -> dict[str, Any]:

@@ -45,8 +45,8 @@ class Source:
     """How many there are, of a video as its file says."""
     frames_per_second: float | None = None
     """Of a video."""
-    lost: Callable[[], int] = lambda: 0
-    """How many of them are not among `frames`, to be asked at the end."""
+    loss: Callable[[], str] = lambda: ""
+    """What to say if some of them are not among `frames`, to be asked at the end."""
 
 
 @contextmanager
@@ -79,7 +79,7 @@ def opened(
     with VIDEOS.read(inputs[0], most_pixels) as video:
         images = checked_frames(inputs[0], video, check)
         frames = (Frame(f"{index:06d}", image) for index, image in enumerate(images))
-        yield Source(frames, video.count, video.frames_per_second, video.lost_frames)
+        yield Source(frames, video.count, video.frames_per_second, video.loss)
 
 
 def checked_frames(path: Path, images: Iterable[Image], check: Callable[[Image], object]) -> Iterator[Image]:
@@ -103,13 +103,12 @@ def read_image(file: FrameFile, most_bytes: float, most_pixels: float, check: Ca
         return Frame(file.id, None, problem(error))
 
 
-def frames_lost(source: Source, options: argparse.Namespace) -> bool:
+def frames_lost(source: Source) -> bool:
     """Whether frames were lost that the input announced; it is said on stderr."""
-    lost = source.lost()
-    if lost:
-        announced = f"announces {source.count} frames, {source.count - lost} can be read"
-        print(f"fieldcalib: {options.input[0]}: {announced}", file=sys.stderr)
-    return lost > 0
+    loss = source.loss()
+    if loss:
+        print(f"fieldcalib: {loss}", file=sys.stderr)
+    return bool(loss)
 
 
 def say_note(path: Path, video: VideoWriter) -> None:

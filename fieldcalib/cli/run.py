@@ -112,7 +112,7 @@ def run(options: argparse.Namespace) -> int:
                 results.add(calibration_line(frame.id, calibration, None), calibration)
                 write_overlay(frame.id, draw_calibration(frame.image, calibration, field))
             progress.update(len(part))
-        broken |= frames_lost(source, options)
+        broken |= frames_lost(source)
     return 1 if broken else 0
 
 

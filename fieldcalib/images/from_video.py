@@ -10,6 +10,7 @@ tell. Keyframes and what ties frames to them come from `fieldcalib.images.keyfra
 from __future__ import annotations
 
 import os
+import warnings
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import AbstractContextManager
 from itertools import islice
@@ -22,6 +23,7 @@ from fieldcalib.images.keyframes import EVERY, Tied, tied_frames
 from fieldcalib.io.clips import clip_reader
 from fieldcalib.io.image import Image
 from fieldcalib.io.images import read_ahead
+from fieldcalib.io.videos import VideoReader
 from fieldcalib.localize import Network
 from fieldcalib.localize.flow import check_network
 from fieldcalib.localize.network import SegmentationNetwork
@@ -69,6 +71,11 @@ def calibrate_video(
         accepted as long as the field in view is known to 1 m. What frames share is that of two minutes of video, after
         which shots and tripods begin anew: so memory does not grow with the video.
 
+    Warns
+    -----
+    UserWarning
+        If the file of a video announces more frames than can be read.
+
     Raises
     ------
     FileNotFoundError, BrokenFileError
@@ -109,6 +116,8 @@ def _calibrated(
             tripods = clip.tripods()
             lines = clip.lines_in(islice(second, len(clip.piece)), tripods)
             parts.append(clip.finished(tripods, lines))
+        if isinstance(images, VideoReader) and (loss := images.loss()):
+            warnings.warn(loss, stacklevel=3)
     return VideoCalibration.joined(parts)
 
 

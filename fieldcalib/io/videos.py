@@ -60,7 +60,7 @@ class VideoReader:
         self._has_frame, self._frame = self._capture.read()
         if not self._has_frame:
             self._capture.release()
-            raise BrokenFileError(f"{path}: is no video that OpenCV can read")
+            raise BrokenFileError(f"{path}: is no video that OpenCV can read, or its end is missing")
         self.count = max(int(self._capture.get(cv2.CAP_PROP_FRAME_COUNT)), 0)
         rate = float(self._capture.get(cv2.CAP_PROP_FPS))
         self.frames_per_second = rate if 0.0 < rate <= FASTEST else USUAL
@@ -78,6 +78,10 @@ class VideoReader:
             self._times.append(self._capture.get(cv2.CAP_PROP_POS_MSEC) / 1e3)
             yield np.asarray(self._frame, dtype=np.uint8)
             self._has_frame, self._frame = self._capture.read()
+
+    def loss(self) -> str:
+        """What to say where frames that the file announces cannot be read, empty otherwise; asked as `lost_frames`."""
+        return f"{self._path}: announces {self.count} frames, {len(self._times)} can be read" * (self.lost_frames() > 0)
 
     def lost_frames(self) -> int:
         """How many of the frames that the file announces cannot be read; asked when those that can were read.
