@@ -126,6 +126,14 @@ def test_images_of_several_sizes_are_no_clip(know, folder, tmp_path, capsys):
     assert not (tmp_path / "out" / "cameras.jsonl").exists()
 
 
+def test_a_video_may_have_any_number_of_bytes(know, rendered, tmp_path):
+    """It is not read as a whole, as an image is."""
+    write_video(tmp_path / "a.mp4", rendered[:1])
+    know([TRUTHS[0]])
+    assert run("run", tmp_path / "a.mp4", "--max-megabytes", "0.0001", "--out", tmp_path / "out") == 0
+    assert [line["status"] for line in lines_of(tmp_path / "out")] == ["accepted"]
+
+
 def test_a_clip_without_a_pitch(know, tmp_path):
     write_video(tmp_path / "a.mp4", [np.full((270, 480, 3), 80, np.uint8)] * 3)
     know([None] * 3)

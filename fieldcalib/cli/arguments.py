@@ -78,15 +78,15 @@ def add_input_and_output(parser: argparse.ArgumentParser) -> None:
     add_most_bytes(parser)
 
 
-def add_most_bytes(parser: argparse.ArgumentParser, most: float = MOST_BYTES) -> None:
-    """--max-megabytes."""
+def add_most_bytes(parser: argparse.ArgumentParser, most: float = MOST_BYTES, files: str = "files") -> None:
+    """--max-megabytes, of what is read into memory as a whole."""
     parser.add_argument(
         "--max-megabytes",
         dest="most_bytes",
         type=millions,
         default=most,
         metavar="N",
-        help=f"larger files are broken, unpacked if they lie in a zip ({most / 1e6:g})",
+        help=f"larger {files} are broken, unpacked if they lie in a zip ({most / 1e6:g})",
     )
 
 

@@ -124,7 +124,7 @@ def pixels_of(frame: Frame) -> int:
 
 def add_limits(parser: argparse.ArgumentParser) -> None:
     """--max-megabytes and --max-megapixels."""
-    add_most_bytes(parser, MOST_BYTES)
+    add_most_bytes(parser, MOST_BYTES, "image files")
     parser.add_argument(
         "--max-megapixels",
         dest="most_pixels",
