@@ -1,4 +1,7 @@
-"""Hypothesis draws the same examples on every run of CI; data shared beside the checkout is a fixture that skips."""
+"""What many tests share: settings of Hypothesis, data beside the checkout, known networks, a calibrated folder.
+
+Hypothesis draws the same examples on every run of CI.
+"""
 
 import os
 from pathlib import Path
@@ -41,3 +44,37 @@ def know(monkeypatch):
         return network
 
     return install
+
+
+@pytest.fixture(scope="session")
+def annotated_frames():
+    """Frames and their true cameras by name, not in the order of the files."""
+    from synthetic import random_frames
+
+    frames, cameras = random_frames(4, seed=0, noise=0.5, stands=("main center",))
+    return {name: (frame, camera) for name, frame, camera in zip("cadb", frames, cameras, strict=True)}
+
+
+@pytest.fixture(scope="session")
+def annotated_folder(annotated_frames, tmp_path_factory):
+    """Annotations of the four frames, and what else lies beside annotations."""
+    from commands import SIZE
+
+    from fieldcalib.io.soccernet import format_annotation
+
+    path = tmp_path_factory.mktemp("annotations")
+    for name, (frame, _) in annotated_frames.items():
+        (path / f"{name}.json").write_text(format_annotation(frame, SIZE))
+    (path / "match_info.json").write_text("{}")
+    (path / "a.jpg").write_bytes(b"")
+    return path
+
+
+@pytest.fixture(scope="session")
+def calibrated_folder(annotated_folder, tmp_path_factory):
+    """The output of a plain run."""
+    from commands import calibrate
+
+    out = tmp_path_factory.mktemp("result") / "new" / "folder"
+    assert calibrate(out, annotated_folder) == 0
+    return out
