@@ -33,7 +33,7 @@ def contact_sheet(
     pictures : sequence of (height, width, 3) uint8 arrays
         In OpenCV's order: blue, green, red. Each is fitted into a tile of the shape of the first one.
     captions : sequence of str
-        For each; broken between words into as many lines as its tile needs.
+        One for each, broken between words into as many lines as its tile needs.
     columns : int
         Tiles in a row.
     width : int
