@@ -28,6 +28,7 @@ from fieldcalib.assess.camera_errors import region_radius
 from fieldcalib.assess.sequence import Basis
 from fieldcalib.assess.video import VideoCalibration
 from fieldcalib.calibrate.options import ALL, DEFAULT_FLAGS
+from fieldcalib.calibrate.sequence_solver import SHARED
 from fieldcalib.calibrate.tripod import Labels
 from fieldcalib.cli.main import run_command
 from fieldcalib.fields.soccer import soccer
@@ -105,7 +106,7 @@ class _Masked(ClipSolver):
     """A clip without the matches on the field in some frames, by their cameras."""
 
     def __init__(self, masked: dict[int, Camera | None]) -> None:
-        super().__init__(soccer(), DEFAULT_FLAGS, ALL)
+        super().__init__(soccer(), DEFAULT_FLAGS, ALL, SHARED)
         self.masked = masked
 
     def thinned(self, key: int, index: int, matches: Matches) -> tuple[Array, Array]:

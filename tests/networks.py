@@ -65,6 +65,6 @@ class KnownCameras:
         return np.stack(first)
 
 
-def looked_at(pictures):
+def looked_at(pictures, **how):
     """The frames of a video that `calibrate_video` shows its network, in order."""
-    return [tied.index for _, tied in tied_frames(pictures) if tied.is_key or not tied.ties]
+    return [tied.index for _, tied in tied_frames(pictures, **how) if tied.is_key or not tied.ties]

@@ -66,7 +66,7 @@ def test_an_operator_goes_from_end_to_end_without_jumps(rng, frames):
     assert np.all((values >= 0.0) & (values <= 1.0))
     if frames > 100:
         assert np.ptp(values) > 0.999
-        assert np.abs(np.diff(values, 2)).max() < 0.06
+        assert np.abs(np.diff(values, 2)).max() < 0.03
         assert np.mean(np.abs(np.diff(values)) < 1e-4) > 0.15  # rests
 
 

@@ -58,6 +58,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument("--size", type=image_size, default=CLIP_SIZE, metavar="WxH", help="of the clip (960x540)")
     parser.add_argument("--cuts", type=int, default=0, help="between the main camera and one beside it (0)")
     parser.add_argument("--measured", type=Path, metavar="FILE.npz", help="zoom, lens and place of a measured camera")
+    parser.add_argument("--flies", action="store_true", help="the main camera is no tripod's, but flies")
     options = parser.parse_args(arguments)
     if options.sheet:
         write_bytes(options.sheet, cv2.imencode(".png", contact_sheet(options.seed))[1].tobytes())
@@ -67,7 +68,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
         speed = frames_per_second(options.processes)
         print(json.dumps({"processes": options.processes, "frames_per_second": round(speed, 1)}))
     if options.clip:
-        frames = clip_frames(options.seed, options.frames, options.cuts, options.measured, options.size)
+        frames = clip_frames(
+            options.seed, options.frames, options.cuts, options.measured, options.size, flies=options.flies
+        )
         scene = Scene.random(soccer(), options.seed, [frame.camera for frame in frames])
         write_clip(options.clip, scene, frames)
     return 0

@@ -30,7 +30,8 @@ MEASURED_RATE = 60.0  # frames a second of the measured sequences, of which one 
 
 # An operator follows the play, and stops
 PAN_PERIOD, ZOOM_PERIOD = 2.5, 5.0  # s from one move to the next, on average; no measured zoom is faster than 0.43 / s
-RESTS = 0.3  # of the time nothing moves but the hand
+RESTS, LEAST_RESTS = 0.3, 0.2  # of the time nothing moves but the hand; less where moves would be too fast
+LEAST_MOVE = 0.5  # s through the whole range
 UNEVEN = 0.6  # standard deviation of the logarithm of durations: some moves are five times as fast as others
 SHORTEST_MOVE = 0.15  # of the whole range, added to the length of a move: short ones take relatively long
 HAND, HAND_TIME = np.radians(0.01), 0.25  # a hand on the pan bar: standard deviation, and over how many seconds
@@ -49,6 +50,10 @@ POINT_SLOPES = ((-6.0, 18.0), (-6.0, 21.0))
 # and the corner's displacement a1 + a2 and its part a2 are parabolas: constant, slope and curvature
 DISPLACEMENT_RANGES = ((0.036, 0.041), (-0.030, -0.005), (-0.07, 0.01))
 A2_RANGES = ((0.007, 0.013), (-0.040, -0.006), (0.0, 0.05))
+
+# It flies through this room
+FLIGHT, FLIGHT_PERIOD = ((-15.0, 15.0), (48.0, 56.0), (-20.0, -14.0)), 8.0  # m, and s from one stop to the next
+MOST_ACCELERATION = 5.0  # m/s^2
 
 MATCH_NOISE = 0.3  # px at 1920 x 1080: what flow between frames of a measured sequence leaves
 OUTLIER_REACH = 40.0  # px from where the point is: flow that follows a player, a board, or nothing
@@ -141,8 +146,9 @@ def camera_path(
         Radians; the pan goes from one end to the other at least once, or the other way round.
     aim_range : (float, float)
         Metres; likewise y of the ground that the image's middle shows.
-    centre : (3,) array_like, optional
-        Where the axes of pan and tilt meet; by default the measured camera's, or on the main stand.
+    centre : (3,) or (frames, 3) array_like, optional
+        Where the axes of pan and tilt meet, of each frame if the camera moves (`flight`); by default the measured
+        camera's, or on the main stand.
     axis_offset, pupil_travel : float
         Metres, and metres for each unit of log f.
     image_size : (int, int)
@@ -165,12 +171,24 @@ def camera_path(
     axis = np.array(drawn if centre is None else centre, dtype=float)
     pan = _ranged(operated(rng, frames, rate), pan_range) + _hand(rng, frames, rate)
     aim = _ranged(operated(rng, frames, rate), aim_range)
-    tilt = np.arctan2((axis[1] - aim) / np.cos(pan), -axis[2]) + _hand(rng, frames, rate)
+    tilt = np.arctan2((axis[..., 1] - aim) / np.cos(pan), -axis[..., 2]) + _hand(rng, frames, rate)
     roll = np.full(frames, rng.normal(0.0, ROLL))
     R = rotation_from_angles(np.stack([pan, tilt, roll], axis=-1)) @ _leaning(rng)
     log_f = np.log(K[:, 0, 0])
     C = axis + (axis_offset + pupil_travel * (log_f - log_f.mean()))[:, None] * R[:, 2]
     return [Camera(*of_frame[:3], SIZE, of_frame[3]).scaled(image_size) for of_frame in zip(K, R, C, k, strict=True)]
+
+
+def flight(rng: np.random.Generator, frames: int, rate: float = RATE) -> Array:
+    """Centres of a camera on wires or a drone, which flies along the near side line, (frames, 3) metres.
+
+    It uses as much of its room as it can without speeding up by more than `MOST_ACCELERATION`.
+    """
+    share = np.stack([operated(rng, frames, rate, FLIGHT_PERIOD) for _ in FLIGHT], axis=-1)
+    low, high = np.transpose(FLIGHT)
+    path = low + (high - low) * share
+    most = np.abs(np.diff(path, 2, axis=0)).max(initial=0.0) * rate**2
+    return np.asarray(path[0] + min(1.0, MOST_ACCELERATION / max(most, 1e-9)) * (path - path[0]))
 
 
 def operated(rng: np.random.Generator, frames: int, rate: float = RATE, period: float = PAN_PERIOD) -> Array:
@@ -189,7 +207,10 @@ def operated(rng: np.random.Generator, frames: int, rate: float = RATE, period: 
     moving = (SHORTEST_MOVE + np.abs(np.diff(stops))) * np.exp(rng.normal(0.0, UNEVEN, size=moves))
     resting = np.exp(rng.normal(0.0, UNEVEN, size=moves))
     moving *= (1.0 - RESTS) / moving.sum()
-    resting *= RESTS / resting.sum()
+    least = LEAST_MOVE * rate / frames * np.sqrt(np.abs(np.diff(stops)))
+    moving = np.maximum(moving, np.minimum(least, (1.0 - RESTS) / moves))
+    moving *= min(1.0, (1.0 - LEAST_RESTS) / moving.sum())
+    resting *= (1.0 - moving.sum()) / resting.sum()
     end = np.cumsum(moving + resting)
     t = np.linspace(0.0, 1.0, frames)
     s = np.clip((t - (end - moving)[:, None]) / moving[:, None], 0.0, 1.0)

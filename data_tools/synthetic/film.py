@@ -14,7 +14,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from data_tools.synthetic.clips import RATE, between, camera_path
+from data_tools.synthetic.clips import RATE, between, camera_path, flight
 from data_tools.synthetic.ground import random_ground, random_light
 from data_tools.synthetic.objects import TEAM_SHARES, add_far_to_near, random_goals
 from data_tools.synthetic.people import Kit, Person, add_person, random_kit, random_suns
@@ -120,9 +120,17 @@ class Scene:
 
 
 def clip_frames(
-    seed: int, frames: int, cuts: int = 0, measured: Path | None = None, image_size: tuple[int, int] = CLIP_SIZE
+    seed: int,
+    frames: int,
+    cuts: int = 0,
+    measured: Path | None = None,
+    image_size: tuple[int, int] = CLIP_SIZE,
+    *,
+    flies: bool = False,
 ) -> list[TrueFrame]:
     """The cameras of a clip with so many cuts between the main camera and one beside it; both go on all the time.
+
+    The main camera may fly along the side line (`data_tools.synthetic.clips.flight`).
 
     Examples
     --------
@@ -131,7 +139,8 @@ def clip_frames(
     """
     rng = np.random.default_rng((seed, CAMERAS))
     length = max(frames, LEAST_PATH)
-    main = camera_path(rng, length, measured, image_size=image_size)
+    centre = flight(rng, length) if flies else None
+    main = camera_path(rng, length, measured, centre=centre, image_size=image_size)
     other = camera_path(rng, length, centre=main[0].C + (BESIDE, 0.0, 0.0), image_size=image_size)
     cut = rng.choice(np.arange(1, frames), size=cuts, replace=False)
     shots = np.sum(np.arange(frames)[:, None] >= cut, axis=1).tolist()

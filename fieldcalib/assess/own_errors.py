@@ -47,25 +47,24 @@ def own_errors(evaluation: Evaluation, sigma: float, kappa: float, of_first: Own
         Of the first frame of each of K pairs, where that is no frame of the evaluation.
     """
     hessian, between, border = _of_labels(evaluation, sigma, kappa)
-    if evaluation.background is None:
-        inverse = np.linalg.inv(hessian)
-        return OwnErrors(inverse @ between @ inverse, inverse @ border)
-    pairs, layout = evaluation.background.pairs, evaluation.problem.layout
-    information = evaluation.background.normal_equations.hessian
-    hessian, between = hessian + information, between + information
-    of_each = evaluation.background.jacobians(layout.free | layout.considered)
-    own = layout.free[layout.free | layout.considered]
-    by_shared = np.swapaxes(of_each[0][:, ~own] + of_each[1][:, ~own], 1, 2)
-    first, second = (J[:, own] * evaluation.background.pull[:, None] for J in of_each)
-    np.add.at(border, pairs.second, second @ by_shared)
+    hessian, between = hessian + evaluation.links_hessian, between + evaluation.links_hessian
+    if evaluation.background is not None:
+        pairs, layout = evaluation.background.pairs, evaluation.problem.layout
+        of_each = evaluation.background.jacobians(layout.free | layout.considered)
+        own = layout.free[layout.free | layout.considered]
+        by_shared = np.swapaxes(of_each[0][:, ~own] + of_each[1][:, ~own], 1, 2)
+        first, second = (J[:, own] * evaluation.background.pull[:, None] for J in of_each)
+        np.add.at(border, pairs.second, second @ by_shared)
+        if pairs.known is None:
+            np.add.at(border, pairs.first, first @ by_shared)
+        else:
+            assert of_first is not None
+            coupling = second @ np.swapaxes(of_each[0][:, own], 1, 2)  # a row for each parameter of the second frame
+            np.add.at(between, pairs.second, coupling @ of_first.own @ np.swapaxes(coupling, 1, 2))
+            np.add.at(border, pairs.second, -coupling @ of_first.following)
     if evaluation.coupling is None:
-        assert of_first is not None
-        coupling = second @ np.swapaxes(of_each[0][:, own], 1, 2)  # a row for each parameter of the second frame
-        np.add.at(between, pairs.second, coupling @ of_first.own @ np.swapaxes(coupling, 1, 2))
-        np.add.at(border, pairs.second, -coupling @ of_first.following)
         inverse = np.linalg.inv(hessian)
         return OwnErrors(inverse @ between @ inverse, inverse @ border)
-    np.add.at(border, pairs.first, first @ by_shared)
     B, o = hessian.shape[:2]
     inverse = np.linalg.inv(coupled(hessian, evaluation.coupling))
     spread = (inverse @ coupled(between, evaluation.coupling) @ inverse).reshape(B, o, B, o)

@@ -15,7 +15,7 @@ def shared_covariance(evaluation: Evaluation, sigma: Array, kappa: Array) -> tup
 
     The sandwich of `fieldcalib.assess.uncertainty`, the frames' own parameters following the shared ones. Noise is
     independent from frame to frame, but a line that is painted elsewhere is so in every frame: that stays, however
-    many frames there are. What ties the frames has weights that are one over its variance.
+    many frames there are. What links the frames has weights that are one over its variance.
 
     Parameters
     ----------
@@ -36,8 +36,7 @@ def shared_covariance(evaluation: Evaluation, sigma: Array, kappa: Array) -> tup
     if evaluation.problem.prior is not None:
         diagonal = np.arange(len(shared))
         prior[:, diagonal, diagonal] = 1.0 / np.square(evaluation.pulling_prior_sigma)
-    background = 0.0 if evaluation.background is None else evaluation.background.normal_equations.hessian
-    hessian = information + prior + background
+    hessian = information + prior + evaluation.links_hessian
     following, _ = eliminated(hessian, evaluation.gradient, ~shared, evaluation.coupling)
     # L takes errors of the gradient to those by the shared parameters, with the cameras following
     L = np.zeros((len(hessian), int(np.count_nonzero(shared)), len(shared)))
@@ -47,7 +46,7 @@ def shared_covariance(evaluation: Evaluation, sigma: Array, kappa: Array) -> tup
     between = np.square(sigma)[:, None, None] * noise.covariance(evaluation.JT, pull, pull) + prior
     inverse = np.linalg.inv(np.sum(L @ hessian[:, :, shared], axis=0))
     painted = np.sum(L @ noise.by_line(evaluation.JT, evaluation.pull), axis=0)
-    spread = np.sum(L @ (between + background) @ np.swapaxes(L, 1, 2), axis=0) + painted @ painted.T
+    spread = np.sum(L @ (between + evaluation.links_hessian) @ np.swapaxes(L, 1, 2), axis=0) + painted @ painted.T
     if evaluation.coupling is not None:
         first, second, blocks = evaluation.coupling
         crossed = np.sum(L[first][:, :, ~shared] @ blocks @ np.swapaxes(L[second][:, :, ~shared], 1, 2), axis=0)

@@ -12,6 +12,7 @@ from fieldcalib.assess.result import Calibration, Status, SuspectLabel
 from fieldcalib.assess.sequence import BASES, LARGEST_ERROR, STATUSES, Basis, Frames
 from fieldcalib.calibrate.options import Options
 from fieldcalib.problem.evaluation import Evaluation
+from fieldcalib.problem.layout import CENTER
 
 
 class FrameColumns:
@@ -99,6 +100,14 @@ class FrameColumns:
         self.ground_error[:] = self._ground_errors(theta[None], one)
         self.basis[0] = BASES.index(basis)
         self._judge(0, None, float(self.ground_error[0]), True)
+
+    def centre_sigma(self, index: IntArray) -> Array:
+        """Standard deviations (B, 3) of the centres of frames `index` that have one of their own."""
+        own = self.errors.own[index], self.errors.following[index]
+        place = np.searchsorted(np.flatnonzero(self.options.layout.free), np.arange(CENTER.start, CENTER.stop))
+        F = own[1][:, place]
+        variance = np.diagonal(own[0], axis1=1, axis2=2)[:, place] + np.einsum("bij,jk,bik->bi", F, self.considered, F)
+        return np.asarray(np.sqrt(variance))
 
     def _ground_errors(self, theta: Array, errors: OwnErrors) -> Array:
         return ground_errors(theta, self.options.layout, errors, self.considered, self.options.field)

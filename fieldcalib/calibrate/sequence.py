@@ -1,7 +1,7 @@
-"""Frames of one camera on a tripod: what they share is estimated from all of them together.
+"""Frames of one camera: what they share is estimated from all of them together.
 
-Over a shot the centre, the law by which principal point and lens follow the zoom, and the size of the field do not
-change. `fieldcalib.calibrate.sequence_solver` has the flow.
+Over a shot the law by which principal point and lens follow the zoom and the size of the field do not change, and, on a
+tripod, the centre. `fieldcalib.calibrate.sequence_solver` has the flow.
 """
 
 from __future__ import annotations
@@ -35,23 +35,25 @@ def calibrate_sequence(
     matches: Matched | None = None,
     start: SequenceCalibration | None = None,
 ) -> SequenceCalibration:
-    """Calibrate frames of one camera on a tripod, which share its centre and the law of its zoom.
+    """Calibrate frames of one camera, which share the law of its zoom and, on a tripod, its centre.
 
     Parameters
     ----------
     object_segments : mapping of str to segment
         The calibration object, e.g. `soccer()`.
     frames : iterable of mappings of str to (N, 2) array_like
-        Pixels of each frame, in any order; frames without labels have a camera if `matches` tie them to others.
+        Pixels of each frame, in any order unless the camera moves; frames without labels have a camera if `matches` tie
+        them to others.
     image_size : (int, int)
         Width and height of every frame, pixels.
     flags, prior, loss, trust_labels, weights
         As in `calibrate_batch`. By default k2 is estimated too: frames together tell it.
     shared : sequence of str
-        What the frames share, of ``"centre"`` (always), ``"principal point"``, ``"lens"``, ``"zoom law"`` and
-        ``"field size"`` (unless that is said to be known, or the frames hardly tell it). What they do not share is each
-        frame's own, under its prior; without a zoom law nothing follows the zoom, and a size that is not shared is that
-        of the field.
+        What the frames share, of ``"centre"``, ``"principal point"``, ``"lens"``, ``"zoom law"`` and ``"field size"``
+        (unless that is said to be known, or the frames hardly tell it). What they do not share is each frame's own,
+        under its prior; without a zoom law nothing follows the zoom, and a size that is not shared is that of the
+        field. Without the centre the camera moves, on a smooth path: the frames must be in order, evenly spaced in
+        time, about 25 a second.
     paint : float
         Standard deviation, in metres, of where a line is painted as a whole: however many frames see it, that stays.
     matches : mapping of (int, int) to pair of (N, 2) array_like, optional

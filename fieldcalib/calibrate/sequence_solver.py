@@ -1,6 +1,8 @@
-"""Frames of one tripod while they are calibrated together.
+"""Frames of one camera while they are calibrated together.
 
     frames one by one -> the place of the tripod -> every frame from there -> all together -> every frame again
+
+A camera that moves has a smooth path instead of one place (`fieldcalib.calibrate.moving_centre`).
 
 What frames share are blocks that stand once (`fieldcalib.problem.layout`); pan, tilt, roll and zoom are each frame's
 own, and eliminated (`fieldcalib.problem.levenberg_marquardt`). A few hundred frames tell what is shared as well as all
@@ -19,12 +21,13 @@ import numpy as np
 from fieldcalib._types import Array, BoolArray, IntArray
 from fieldcalib.assess.noise import pooled_noise
 from fieldcalib.assess.own_errors import OwnErrors, own_errors
-from fieldcalib.assess.result import Calibration
+from fieldcalib.assess.result import Calibration, Status
 from fieldcalib.assess.sequence import LARGEST_ERROR, SequenceCalibration
 from fieldcalib.assess.shared import by_considered, shared_covariance
 from fieldcalib.calibrate.frame_columns import FrameColumns
 from fieldcalib.calibrate.from_segments import CHUNK, calibrate_frames, checked_frames
 from fieldcalib.calibrate.initial_cameras import given_cameras
+from fieldcalib.calibrate.moving_centre import ACCELERATION, expected_centres, near_path, on_path
 from fieldcalib.calibrate.options import (
     DEFAULT_CRITERIA,
     CalibrationFlags,
@@ -45,8 +48,10 @@ from fieldcalib.problem.layout import CENTER, LOG_F, Layout, Role, SizeBlock, Zo
 from fieldcalib.problem.levenberg_marquardt import levenberg_marquardt
 from fieldcalib.problem.losses import LossName, RobustLoss
 from fieldcalib.problem.observations import pack
+from fieldcalib.problem.smooth_path import SmoothPath
 
 SHARED = ("centre", "principal point", "lens", "zoom law", "field size")
+SHARED_IN_MOTION = SHARED[1:]  # by the frames of a camera that moves
 FIRST = 60  # frames that are calibrated one by one, to find the place of the tripod
 TOGETHER = 400  # frames that are solved together,
 TIED_TOGETHER = 100  # and that if matches tie them: these make one system of all of them
@@ -54,6 +59,7 @@ NO_NOISE = PixelNoise(1.0, 1.0)
 ROUNDS = 3  # of solving together, and every frame again
 AGREE = 7.8  # squared distance of two centres in standard deviations: 95 % of chi-squared with three degrees of freedom
 TOLD = 0.4  # m: standard deviation of length or width; clips that show a penalty area and the middle tell it to 0.2
+OFF_PATH = "its centre is not where the frames around it let it be"
 NEAR = 0.1  # m: centres that are this near agree, however sure they are
 
 
@@ -147,8 +153,8 @@ class _Start(NamedTuple):
 
     @classmethod
     def of(cls, found: Mapping[int, Calibration]) -> _Start | None:
-        """Those of frames that were accepted by themselves; None without any."""
-        parts = {t: c.solved.alone.evaluation for t, c in found.items() if c.accepted and c.solved is not None}
+        """Those of frames that were calibrated by themselves; None without any."""
+        parts = {t: c.solved.alone.evaluation for t, c in found.items() if c.solved is not None}
         if not parts:
             return None
         layout = next(iter(parts.values())).problem.layout
@@ -177,6 +183,7 @@ class SequenceSolver:
         self.options = options
         self.shared = shared
         self.trust_labels = trust_labels
+        self.moves = "centre" not in shared
         self.tripod: KnownTripod | None = None  # when it was found
         # variance of what the frames hardly tell of length and width: these stay as they are given
         self.kept: dict[str, float] = {}
@@ -187,15 +194,8 @@ class SequenceSolver:
             assert before.layout is not None
             cameras = {int(t): before.frames.theta[t] for t in np.flatnonzero(before.usable)}
             return self.calibrated_from(before.layout, cameras, before)
-        first = [c for c in self._alone(self._spread(FIRST), self.options).values() if c.accepted]
-        centre = agreed_centre(first)
-        if centre is None:
-            return self._one_by_one()
-        known = np.where(np.arange(len(self.options.known)) < CENTER.stop, np.nan, self.options.known)
-        known[CENTER] = centre
-        from_there = replace(self.options, layout=self.options.layout.fixed("centre"), known=known)
         some = self._solved_together()
-        start = _Start.of(self._alone(some, from_there))
+        start = self._start(some)
         if start is None:
             return self._one_by_one()
         together = self._together_but_hardly_told(some, start)
@@ -203,13 +203,31 @@ class SequenceSolver:
             count = together.labelled
             tripod = self._known(together)
             again = self._alone(some, tripod.options, tripod.object_segments, together.cameras)
-            start = _Start.of(again)
+            start = self._start_of(again)
             if start is None:
                 break
             together = self._together(some, start)
             if together.labelled == count:
                 break
         return self._every(together)
+
+    def _start(self, some: IntArray) -> _Start | None:
+        """Cameras of some frames, from the place that they agree on or along a path; None if there is none."""
+        if self.moves:
+            return self._start_of(self._alone(some, self.options))
+        first = [c for c in self._alone(self._spread(FIRST), self.options).values() if c.accepted]
+        centre = agreed_centre(first)
+        if centre is None:
+            return None
+        known = np.where(np.arange(len(self.options.known)) < CENTER.stop, np.nan, self.options.known)
+        known[CENTER] = centre
+        from_there = replace(self.options, layout=self.options.layout.fixed("centre"), known=known)
+        return self._start_of(self._alone(some, from_there))
+
+    def _start_of(self, alone: Mapping[int, Calibration]) -> _Start | None:
+        """The cameras of frames that were accepted by themselves, of a camera that moves those on its path."""
+        accepted = {t: c for t, c in alone.items() if c.accepted and c.solved is not None}
+        return _Start.of(on_path(accepted) if self.moves else accepted)
 
     def calibrated_from(
         self, layout: Layout, cameras: Mapping[int, Array], before: SequenceCalibration | None = None
@@ -240,7 +258,7 @@ class SequenceSolver:
 
     def _solved_together(self) -> IntArray:
         """The frames that are solved together: those that others are tied to, and labelled ones."""
-        most = TOGETHER if not len(self.ties) else TIED_TOGETHER
+        most = TIED_TOGETHER if len(self.ties) or self.moves else TOGETHER
         hubs = np.unique(self.ties.first)
         hubs = hubs[np.linspace(0, len(hubs), min(len(hubs), TOGETHER), endpoint=False, dtype=int)]
         return np.union1d(hubs, self._spread(most - len(hubs))) if len(hubs) < most else hubs
@@ -280,10 +298,12 @@ class SequenceSolver:
         law = ZoomLaw(reference) if "zoom law" in self.shared else None
         layout = Layout.of(base.image_size, base.lens, size, law)
         layout.roles[: base.lens_block.stop] = base.roles[: base.lens_block.stop]
-        blocks = {*self.shared, "centre", *(("aspect",) if "principal point" in self.shared else ())}
+        blocks = {*self.shared, *(("aspect",) if "principal point" in self.shared else ())}
         for name in blocks & layout.blocks.keys():
             block = layout.blocks[name]
             layout.roles[block] = np.where(layout.roles[block] == Role.FRAME, Role.SHARED, Role.FIXED)
+        if self.moves and law is not None:
+            layout.roles[layout.names.index("axis offset")] = Role.FIXED
         for name in self.kept:
             layout.roles[layout.names.index(name)] = Role.CONSIDERED
         return _law_of_what_is_free(layout)
@@ -298,7 +318,7 @@ class SequenceSolver:
         for index, name in enumerate(layout.names):
             if name in column:
                 theta[labelled, index] = theirs[:, column[name]]
-        is_shared = layout.roles == Role.SHARED
+        is_shared, is_centre = layout.roles == Role.SHARED, np.isin(np.arange(layout.size), np.r_[CENTER])
         is_same = layout.roles != Role.FRAME
         theta[:, is_same] = np.median(theta[np.ix_(labelled, is_same)], axis=0)
         known[labelled] = True
@@ -318,8 +338,9 @@ class SequenceSolver:
             layout,
             theta[some],
             prior,
-            once=is_shared,
+            once=is_shared | is_centre,
             background=self.ties.among(some),
+            path=SmoothPath(some, ACCELERATION) if self.moves else None,
         )
         solved = levenberg_marquardt(
             together, max_iterations=self.options.max_iterations, tolerance=self.options.tolerance
@@ -407,14 +428,15 @@ class SequenceSolver:
         """All frames, from what some share; those that are tied from their cameras of before, if they had any."""
         self.tripod = tripod = self._known(together)
         options, object_segments = tripod.options, tripod.object_segments
-        # without ties a frame that is accepted by itself needs no more
-        columns = tripod.columns(len(self.frames), LARGEST_ERROR if len(self.ties) else np.inf)
+        # where nothing links the frames, one that is accepted by itself needs no more
+        follow = self.moves or len(self.ties) > 0
+        columns = tripod.columns(len(self.frames), LARGEST_ERROR if follow else np.inf)
         done = np.zeros(len(self.frames), dtype=bool)
         theta, known = columns.theta.copy(), done.copy()
-        if len(self.ties):
+        if follow:
             each = together.evaluation.of(replace(together.evaluation.problem, layout=options.layout, group=None))
             errors = own_errors(each, *together.noise)
-            apart = each.of(replace(each.problem, background=None))
+            apart = each.of(replace(each.problem, background=None, path=None))
             columns.fill(together.index, apart, errors, tied=together.is_tied, alone={})
             theta[together.index], done[together.index] = each.theta, True
             theta, known = theta.copy(), done.copy()
@@ -431,14 +453,22 @@ class SequenceSolver:
             alone |= self._alone(
                 rest[known[rest]], options, object_segments, {t: theta[t] for t in rest[known[rest]].tolist()}
             )
+        if self.moves:
+            accepted = {t: c for t, c in alone.items() if c.accepted and not known[t]}
+            near = near_path(accepted, columns, done)
+            alone |= {t: Calibration.without_camera(Status.IMPROBABLE, OFF_PATH) for t in accepted.keys() - near.keys()}
+            for t, calibration in near.items():
+                assert calibration.solved is not None
+                theta[t], known[t] = calibration.solved.alone.evaluation.theta[0], True
         self._fill_alone(columns, {t: c for t, c in alone.items() if not known[t]}, together.noise)
-        while len(layer := self.ties.reached(done, ~known)):
+        while len(layer := self._next(done, known)):
             for part in np.array_split(layer, -(-len(layer) // CHUNK)):
                 pairs, first = self.ties.towards(part, columns.theta, done)
                 alone = {t: c for t, c in alone.items() if t not in self._contradicted(part, pairs, alone)}
                 of_first = OwnErrors(columns.errors.own[first], columns.errors.following[first])
                 labels = [self._labels(t, alone.get(t)) for t in part.tolist()]
-                tripod.follow(columns, part, theta[part], labels, pairs, of_first, alone)
+                centres = expected_centres(columns, done, part) if self.moves else None
+                tripod.follow(columns, part, theta[part], labels, pairs, of_first, alone, centres)
             done[layer] = True
         is_shared = together.layout.roles == Role.SHARED
         return SequenceCalibration(
@@ -451,6 +481,11 @@ class SequenceSolver:
             options.layout,
             tripod.considered,
         )
+
+    def _next(self, done: BoolArray, known: BoolArray) -> IntArray:
+        """Frames that follow from those that are done: tied ones, and then those that are on the path only."""
+        tied = self.ties.reached(done, ~known)
+        return tied if len(tied) or not self.moves else np.flatnonzero(known & ~done)
 
     def _fill_alone(self, columns: FrameColumns, alone: Mapping[int, Calibration], noise: PixelNoise) -> None:
         """Frames that nothing ties, as they were calibrated; those that were solved together at a time."""

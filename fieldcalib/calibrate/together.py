@@ -16,6 +16,7 @@ from fieldcalib.problem.labelled_pixels import Pixels, PixelWeights
 from fieldcalib.problem.layout import Layout
 from fieldcalib.problem.observations import pack
 from fieldcalib.problem.prior import GaussianPrior
+from fieldcalib.problem.smooth_path import SmoothPath
 
 
 def put_together(
@@ -27,6 +28,7 @@ def put_together(
     prior: GaussianPrior | None,
     once: BoolArray,
     background: BackgroundPairs | None = None,
+    path: SmoothPath | None = None,
 ) -> Evaluation:
     """T frames, pixels and their weights, as one group, at the cameras theta (T, n) of a layout.
 
@@ -50,6 +52,7 @@ def put_together(
         group=np.zeros(count, dtype=np.intp),
         considered=None,
         background=background,
+        path=path,
     )
     return evaluate(problem, theta)
 

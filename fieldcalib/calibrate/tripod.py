@@ -1,4 +1,4 @@
-"""What the frames of one tripod share, once it is known, and cameras of further frames from it."""
+"""What the frames of one camera share, once it is known, and cameras of further frames from it."""
 
 from __future__ import annotations
 
@@ -15,6 +15,7 @@ from fieldcalib.assess.sequence import LARGEST_ERROR
 from fieldcalib.calibrate.frame_columns import FrameColumns
 from fieldcalib.calibrate.from_segments import NO_PIXELS, motion_of
 from fieldcalib.calibrate.initial_cameras import given_cameras
+from fieldcalib.calibrate.moving_centre import Centres
 from fieldcalib.calibrate.options import Options
 from fieldcalib.fields.segments import ObjectSegments
 from fieldcalib.problem.background import BackgroundPairs
@@ -64,6 +65,7 @@ class KnownTripod:
         pairs: BackgroundPairs,
         of_first: OwnErrors,
         alone: Mapping[int, Calibration],
+        centres: Centres | None = None,
     ) -> None:
         """Fill in frames `index` (B,) from their labels and from known cameras that they are tied to.
 
@@ -77,10 +79,14 @@ class KnownTripod:
             Of the known cameras, one for each pair.
         alone : mapping of int to Calibration
             What some of them were by themselves.
+        centres : Centres, optional
+            Of a camera that moves.
         """
         options = self.options
         pixels, weights = zip(*labels, strict=True)
         prior = given_cameras(theta, options.layout, options.distributions).prior if options.use_prior else None
+        if centres is not None:
+            prior = centres.of_prior(prior, options.layout.size)
         problem = Problem(
             pack(self.object_segments, pixels, options.image_size, weights, motion_of(options)),
             options.layout,
@@ -98,4 +104,4 @@ class KnownTripod:
             tolerance=max(options.tolerance, FOLLOWED),
         ).evaluation
         errors = own_errors(solved, *self.noise, of_first)
-        columns.fill(index, solved, errors, tied=np.ones(len(index), dtype=bool), alone=alone)
+        columns.fill(index, solved, errors, tied=np.isin(np.arange(len(index)), pairs.second), alone=alone)

@@ -121,7 +121,9 @@ def run_clip(options: argparse.Namespace, place: Callable[[Image], Placement]) -
     field, network = field_of(options), load_network(options)
     clip = ClipInput(options, place)
     with result_folder(options, began, lambda c: options.keep_rejected or bool(c)) as results:
-        found = calibrate_video(field, clip, network, flags=LENSES[options.lens], prior=prior_of(options))
+        found = calibrate_video(
+            field, clip, network, flags=LENSES[options.lens], prior=prior_of(options), camera=options.camera
+        )
         results.calibrating = time.perf_counter() - began
         calibrations, basis = list(found), found.basis
         worst = worst_frames(calibrations, IN_SHEET)

@@ -65,6 +65,13 @@ def add_parser(commands: argparse._SubParsersAction[argparse.ArgumentParser]) ->
         help="calibrate each frame of a video by itself, as --no-refinement does too",
     )
     parser.add_argument(
+        "--camera",
+        choices=("tripod", "moving"),
+        default="tripod",
+        help="what a clip is taken by: one on a tripod, whose place is fixed (default), or a drone, one on wires or a "
+        "hand, whose path is smooth",
+    )
+    parser.add_argument(
         "--keep-rejected", action="store_true", help="write the best camera of every frame, whatever the verdict says"
     )
     add_limits(parser)

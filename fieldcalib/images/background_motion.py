@@ -53,9 +53,9 @@ def background_motion(
         return None
     plain, distance, scale = refined
     H = np.linalg.inv(N) @ plain.H @ N
-    tolerance = _tolerance(scale)
-    graphic = (np.linalg.norm(y - x, axis=1) < STILL) & (np.linalg.norm(mapped(H, x) - x, axis=1) > tolerance)
-    return H, (distance < tolerance) & ~graphic, graphic, float(scale)
+    largest = tolerance(scale)
+    graphic = (np.linalg.norm(y - x, axis=1) < STILL) & (np.linalg.norm(mapped(H, x) - x, axis=1) > largest)
+    return H, (distance < largest) & ~graphic, graphic, float(scale)
 
 
 def _normalisation(size: tuple[int, int]) -> Array:
@@ -200,7 +200,7 @@ def _refined(motion: Motion, p: Array, q: Array, inlier: BoolArray, unit: float)
         r, J = motion.residuals(p, q)
         distance = np.linalg.norm(r, axis=1) * unit
         if i >= FIXED_ITERATIONS:
-            keep = distance < _tolerance(scale)
+            keep = distance < tolerance(scale)
             if np.sum(keep) < LEAST_POINTS:
                 return None
         before, scale = scale, 1.4826 * float(np.median(np.abs(r[keep]))) * unit
@@ -230,7 +230,7 @@ def _turn(R: Array) -> Array:
     return axis * (angle / sine if sine > 0.0 else 1.0)
 
 
-def _tolerance(scale: float) -> float:
+def tolerance(scale: float) -> float:
     """Largest distance, px, of the background from its motion."""
     return float(np.clip(TOLERANCE_IN_SCALES * scale, *TOLERANCE))
 

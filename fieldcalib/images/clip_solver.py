@@ -44,8 +44,9 @@ class TripodOfClip:
 class ClipSolver:
     """The frames of a video while they are calibrated."""
 
-    def __init__(self, object_segments: ObjectSegments, flags: int, prior: Prior) -> None:
+    def __init__(self, object_segments: ObjectSegments, flags: int, prior: Prior, shared: Sequence[str]) -> None:
         self.object_segments = object_segments
+        self.shared = shared
         self.flags = flags
         self.prior = prior
         self.size = (0, 0)
@@ -118,6 +119,7 @@ class ClipSolver:
             loss=RobustLoss("cauchy", LOSS_SCALE * pixel_unit(self.size)),
             trust_labels=True,
             weights=[weights for _, weights in found],
+            shared=self.shared,
             start=start,
             matches={
                 (number[i], number[j]): both for (i, j), both in self.matches.items() if i in number and j in number
@@ -127,12 +129,15 @@ class ClipSolver:
     def tripods(self) -> list[TripodOfClip]:
         """The tripods of the pieces, the one with most frames first."""
         shots = {piece: self.together([piece], self.seen) for piece in self.pieces}
+        stands = "centre" in self.shared
+        groups = grouped(shots) if stands else [[piece] for piece, shot in shots.items() if shot.names]
         found = [
             TripodOfClip(pieces, self.together(pieces, self.seen) if len(pieces) > 1 else shots[pieces[0]])
-            for pieces in grouped(shots)
+            for pieces in groups
         ]
         found.sort(key=lambda tripod: -len(tripod.calibration))
-        self._join_the_others(found)
+        if stands:
+            self._join_the_others(found)
         return found
 
     def _join_the_others(self, tripods: list[TripodOfClip]) -> None:

@@ -14,9 +14,11 @@ import warnings
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import AbstractContextManager
 from itertools import islice
+from typing import Literal
 
 from fieldcalib.assess.video import VideoCalibration
 from fieldcalib.calibrate.options import ALL, DEFAULT_FLAGS, Prior
+from fieldcalib.calibrate.sequence_solver import SHARED, SHARED_IN_MOTION
 from fieldcalib.fields.segments import ObjectSegments
 from fieldcalib.images.clip_solver import ClipSolver
 from fieldcalib.images.keyframes import EVERY, Tied, tied_frames
@@ -29,8 +31,9 @@ from fieldcalib.localize.flow import check_network
 from fieldcalib.localize.network import SegmentationNetwork
 from fieldcalib.problem.labelled_pixels import check_object
 
-SIGMAS = 3.0  # of the predicted error of a marking, within which its line is searched
+Mount = Literal["tripod", "moving"]
 
+SHARED_BY: dict[Mount, tuple[str, ...]] = {"tripod": SHARED, "moving": SHARED_IN_MOTION}
 PART = 3000  # frames, two minutes, after which the video is cut at a keyframe
 
 
@@ -42,6 +45,7 @@ def calibrate_video(
     flags: int = DEFAULT_FLAGS,
     prior: Prior = ALL,
     every: int = EVERY,
+    camera: Mount = "tripod",
 ) -> VideoCalibration:
     """Calibrate the frames of a video together.
 
@@ -63,6 +67,9 @@ def calibrate_video(
         As in `calibrate_from_images`.
     every : int
         Frames from one keyframe to the next, at most.
+    camera : {"tripod", "moving"}
+        What takes the video. A camera that moves, a drone, one on wires, a hand, has a smooth path instead of one
+        place, and its frames are tied by the ground alone; each of its shots is calibrated by itself.
 
     Returns
     -------
@@ -92,9 +99,11 @@ def calibrate_video(
     ['too few segments', 'too few segments']
     """
     check_object(object_segments)
+    if camera not in SHARED_BY:
+        raise ValueError(f'camera must be "tripod" or "moving", got {camera!r}')
     network = SegmentationNetwork.load() if network is None else network
     check_network(network)
-    return _calibrated(object_segments, clip_reader(source), network, flags, prior, every)
+    return _calibrated(object_segments, clip_reader(source), network, flags, prior, every, camera)
 
 
 def _calibrated(
@@ -104,14 +113,15 @@ def _calibrated(
     flags: int,
     prior: Prior,
     every: int,
+    camera: Mount,
 ) -> VideoCalibration:
     """Part by part, so that matches and lines of a long video do not pile up; two readers go along with one another."""
     parts = []
     with opened() as images, opened() as again:
-        tied = tied_frames(read_ahead(images), every=every)
+        tied = tied_frames(read_ahead(images), every=every, moving=camera == "moving")
         second = read_ahead(again)
         for part in _in_parts(tied):
-            clip = ClipSolver(object_segments, flags, prior)
+            clip = ClipSolver(object_segments, flags, prior, SHARED_BY[camera])
             clip.read(part, network)
             tripods = clip.tripods()
             lines = clip.lines_in(islice(second, len(clip.piece)), tripods)

@@ -83,6 +83,8 @@ class KeyframeTracker:
     ----------
     every : int
         Frames from one keyframe to the next, at most.
+    moving : bool
+        As in `match_background`.
 
     Examples
     --------
@@ -94,10 +96,10 @@ class KeyframeTracker:
     True
     """
 
-    def __init__(self, every: int = EVERY) -> None:
+    def __init__(self, every: int = EVERY, *, moving: bool = False) -> None:
         if every < 1:
             raise ValueError(f"every must be 1 or more frames, got {every}")
-        self._every = every
+        self._every, self._moving = every, moving
         self._count = 0
         self._last: _View | None = None  # that is no duplicate
         self._piece: _Piece | None = None
@@ -122,7 +124,7 @@ class KeyframeTracker:
         if not view.duplicate:
             self._last = view
         if self._piece is None:
-            self._piece = _Piece(view, 0, self._every)
+            self._piece = _Piece(view, 0, self._every, self._moving)
             return [self._piece.first]
         tied = self._piece.tied(view) if self._lost == 0 else None
         if tied is None and self._lost < LOST_FOR and not (view.duplicate and self._lost):
@@ -134,7 +136,7 @@ class KeyframeTracker:
         tied = self._candidate.tied(view, LEAST_LIKENESS_OF_KEY) if self._candidate is not None else None
         if tied is None:
             untied = self._untied()
-            self._candidate = _Piece(view, self._piece.number + 1, self._every)
+            self._candidate = _Piece(view, self._piece.number + 1, self._every, self._moving)
             self._waiting = [self._candidate.first]
             return untied
         self._waiting.append(tied)
@@ -159,7 +161,7 @@ class KeyframeTracker:
         return [replace(tied, piece=piece.number, key=piece.key.index, ties=()) for tied in waiting]
 
 
-def tied_frames(images: Iterable[Image], *, every: int = EVERY) -> Iterator[tuple[Image, Tied]]:
+def tied_frames(images: Iterable[Image], *, every: int = EVERY, moving: bool = False) -> Iterator[tuple[Image, Tied]]:
     """The frames of a video with what ties them to keyframes, in one pass.
 
     Parameters
@@ -168,6 +170,8 @@ def tied_frames(images: Iterable[Image], *, every: int = EVERY) -> Iterator[tupl
         The frames, in order and of one size.
     every : int
         Frames from one keyframe to the next, at most.
+    moving : bool
+        As in `match_background`.
 
     Yields
     ------
@@ -199,7 +203,7 @@ def tied_frames(images: Iterable[Image], *, every: int = EVERY) -> Iterator[tupl
     >>> [tied.piece for _, tied in tied_frames(cut)] == 20 * [0] + 20 * [1]
     True
     """
-    tracker, waiting = KeyframeTracker(every), deque[Image]()
+    tracker, waiting = KeyframeTracker(every, moving=moving), deque[Image]()
     for image in images:
         waiting.append(image)
         for tied in tracker.update(image):
@@ -231,10 +235,10 @@ class _View:
 class _Piece:
     """Frames that matches connect: the last keyframes, and how the camera moved last."""
 
-    def __init__(self, view: _View, number: int, every: int) -> None:
+    def __init__(self, view: _View, number: int, every: int, moving: bool) -> None:
         self.number = number
         self.first = Tied(view.index, number, view.index, (), view.duplicate)
-        self._every = every
+        self._every, self._moving = every, moving
         self._keys = deque([(view, np.eye(3))], maxlen=KEPT)  # each with the homography to the newest
         self._last = view
         self._matches: Matches | None = None  # from the newest keyframe to the last frame; None if they are the same
@@ -253,10 +257,10 @@ class _Piece:
         """The frame after the last one, tied to the newest keyframe; None if nothing ties it."""
         if view.duplicate and self._matches is not None:
             return self._ordinary(view, self._matches)
-        found = _matched(self.key, view, self._motion @ self._H)
+        found = self._matched_with(self.key, view, self._motion @ self._H)
         if found is None and self._matches is not None:
-            step = match_background(self._last.frame, view.frame, corners=CORNERS)
-            found = None if step is None else _matched(self.key, view, step.homography @ self._H)
+            step = match_background(self._last.frame, view.frame, corners=CORNERS, moving=self._moving)
+            found = None if step is None else self._matched_with(self.key, view, step.homography @ self._H)
         if found is None or found[1] < least:
             return None
         if not view.duplicate:
@@ -266,18 +270,28 @@ class _Piece:
     def found_again(self, view: _View, missed: int) -> Tied | None:
         """A frame tied to the newest keyframe or to earlier ones, after some that nothing ties."""
         for start in (np.linalg.matrix_power(self._motion, missed + 1) @ self._H, self._H):
-            found = _matched(self.key, view, start)
+            found = self._matched_with(self.key, view, start)
             if found is not None and found[1] >= LEAST_LIKENESS_OF_KEY:
                 return self._added(view, *found)
         back = BACK[missed % len(BACK)]  # one of them for each frame, since this takes long
         if back > len(self._keys):
             return None
         older, to_newest = self._keys[-back]
-        far = match_far(older.frame, view.frame)
+        far = match_far(older.frame, view.frame, moving=self._moving)
         if far is None or _likeness(older, view, far.homography) < LEAST_LIKENESS_OF_KEY:
             return None
         self._motion = np.eye(3)
         return self._keyframe(view, far.homography @ np.linalg.inv(to_newest))
+
+    def _matched_with(
+        self, key: _View, view: _View, start: Array, corners: int = CORNERS
+    ) -> tuple[Matches, float] | None:
+        """Matches of two frames, and how alike these are; None if they do not show the same."""
+        matches = match_background(key.frame, view.frame, start=start, corners=corners, moving=self._moving)
+        if matches is None:
+            return None
+        likeness = _likeness(key, view, matches.homography)
+        return None if likeness < LEAST_LIKENESS else (matches, likeness)
 
     def _added(self, view: _View, matches: Matches, likeness: float) -> Tied:
         due = (
@@ -305,7 +319,7 @@ class _Piece:
         for back in BACK:
             if back <= len(self._keys):
                 older, to_newest = self._keys[-back]
-                found = _matched(older, view, H @ to_newest, MOST_CORNERS)
+                found = self._matched_with(older, view, H @ to_newest, MOST_CORNERS)
                 if found is not None and found[1] >= LEAST_LIKENESS_OF_KEY:
                     ties.append((older.index, found[0]))
         if not ties:
@@ -314,15 +328,6 @@ class _Piece:
         self._keys = deque([*moved, (view, np.eye(3))], maxlen=KEPT)
         self._last, self._matches = view, None
         return Tied(view.index, self.number, view.index, tuple(ties), view.duplicate)
-
-
-def _matched(first: _View, second: _View, start: Array, corners: int = CORNERS) -> tuple[Matches, float] | None:
-    """Matches of two frames, and how alike these are; None if they do not show the same."""
-    matches = match_background(first.frame, second.frame, start=start, corners=corners)
-    if matches is None:
-        return None
-    likeness = _likeness(first, second, matches.homography)
-    return None if likeness < LEAST_LIKENESS else (matches, likeness)
 
 
 def _likeness(first: _View, second: _View, H: Array) -> float:

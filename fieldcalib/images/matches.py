@@ -1,8 +1,9 @@
-"""Matches of the static background between two frames of a camera on a tripod.
+"""Matches of the static background between two frames of a camera.
 
-Such a camera pans, tilts and zooms: whatever the depth of the scene, a static point moves by the homography
+One on a tripod pans, tilts and zooms: whatever the depth of the scene, a static point moves by the homography
 ``K2 R2 R1^T K1^-1``, but for the lens. Corners are followed by pyramidal Lucas-Kanade optical flow (Bouguet 2000), and
-what moves by one such homography is the background. Players, scrolling boards and graphics do not.
+what moves by one such homography is the background. Players, scrolling boards and graphics do not. For a camera that
+moves, the background is the ground alone.
 
 Frames are halved until they are at most `WORKING_WIDTH` wide. Followed over 12 frames of clips of 1080 lines, corners
 were 0.22 to 0.66 px of 1280 off the best homography at 960 px, 0.25 to 0.67 at 640 and 0.42 to 0.79 at 480. Clips of
@@ -28,6 +29,7 @@ from fieldcalib.images.background_motion import (
     mapped,
     shape_change,
 )
+from fieldcalib.images.plane_motion import plane_motion
 from fieldcalib.io.image import Image
 
 # Lengths are in pixels of the reduced frames, in which everything is done.
@@ -210,7 +212,12 @@ def same_picture(first: Image | Frame, second: Image | Frame) -> bool:
 
 
 def match_background(
-    first: Image | Frame, second: Image | Frame, *, start: ArrayLike | None = None, corners: int = MOST_CORNERS
+    first: Image | Frame,
+    second: Image | Frame,
+    *,
+    start: ArrayLike | None = None,
+    corners: int = MOST_CORNERS,
+    moving: bool = False,
 ) -> Matches | None:
     """Static points of the scene in two frames of a camera that pans, tilts and zooms.
 
@@ -224,6 +231,8 @@ def match_background(
     corners : int
         How many corners of the first frame are followed, strong and weak ones: the strongest are on players. Time is
         proportional; from one frame of a video to the next, 200 are enough.
+    moving : bool
+        Whether the camera stands on no tripod: then only what moves as the ground does is static.
 
     Returns
     -------
@@ -260,10 +269,10 @@ def match_background(
     H = None if start is None else _reduced(np.asarray(start, dtype=float), one)
     if H is not None and not is_plausible(H, (one.grey.shape[1], one.grey.shape[0])):
         return None
-    return _matched(one, two, H, corners)
+    return _matched(one, two, H, corners, moving)
 
 
-def match_far(first: Image | Frame, second: Image | Frame) -> Matches | None:
+def match_far(first: Image | Frame, second: Image | Frame, *, moving: bool = False) -> Matches | None:
     """As `match_background`, for frames with any motion in between: after a fast pan, across a cut, at a zoom.
 
     ORB descriptors (Rublee et al., ICCV 2011) with Lowe's ratio test give a homography from which corners are followed.
@@ -292,11 +301,14 @@ def match_far(first: Image | Frame, second: Image | Frame) -> Matches | None:
     size = (one.grey.shape[1], one.grey.shape[0])
     x = p[[m.queryIdx for m in good]].reshape(-1, 2).astype(float)
     y = q[[m.trainIdx for m in good]].reshape(-1, 2).astype(float)
-    moving = np.linalg.norm(y - x, axis=1) > RANSAC_TOLERANCE
-    for keep in (moving, np.ones(len(x), bool)):  # graphics match best of all: first without what stands still
-        motion = background_motion(x[keep], y[keep], np.ones(int(np.sum(keep)), bool), size)
+    moved = np.linalg.norm(y - x, axis=1) > RANSAC_TOLERANCE
+    motion_of = plane_motion if moving else background_motion
+    for keep in (moved, np.ones(len(x), bool)):  # graphics match best of all: first without what stands still
+        motion = motion_of(x[keep], y[keep], np.ones(int(np.sum(keep)), bool), size)
         matches = (
-            None if motion is None or not is_plausible(motion[0], size) else _matched(one, two, motion[0], MOST_CORNERS)
+            None
+            if motion is None or not is_plausible(motion[0], size)
+            else _matched(one, two, motion[0], MOST_CORNERS, moving)
         )
         if matches is not None:
             return matches
@@ -327,7 +339,7 @@ def _reduced(H: Array, frame: Frame) -> Array:
     return np.asarray(np.linalg.inv(T) @ H @ T, dtype=np.float64)
 
 
-def _matched(one: Frame, two: Frame, H: Array | None, corners: int) -> Matches | None:
+def _matched(one: Frame, two: Frame, H: Array | None, corners: int, moving: bool) -> Matches | None:
     """Matches by flow from where H takes the corners; None if they do not look like those of a static scene."""
     x, y, attempts = _followed(one, two, H, corners)
     if len(x) < LEAST_MATCHES:
@@ -339,7 +351,7 @@ def _matched(one: Frame, two: Frame, H: Array | None, corners: int) -> Matches |
     if H is not None and np.mean(still) > RESTING_SHARE and _rests(H, size):
         starts.reverse()
     for candidates in starts:
-        motion = background_motion(x, y, candidates, size)
+        motion = (plane_motion if moving else background_motion)(x, y, candidates, size)
         if motion is None:
             continue
         H, agree, graphic, scale = motion

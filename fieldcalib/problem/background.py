@@ -5,9 +5,10 @@ p. With x its camera coordinates in the first frame and w its inverse depth ther
 
     r = q - pi_2(R_2 R_1^T x + w R_2 (C_1 - C_2)),        x = (s_1 / f_1, 1),
 
-s_1 the ideal offset of p. The centres differ by what the camera turns off its pupil (`fieldcalib.problem.layout`), some
-decimetres at most, so that the depth need not be known well: points are taken to be on the ground, or on a wall around
-it. What moves in the first image moves in the second by A = ds_2/ds_1, between the lenses; hence
+s_1 the ideal offset of p. Points are taken to be on the ground, or on a wall around it. On a tripod the depth need not
+be known well: the centres differ by what the camera turns off its pupil (`fieldcalib.problem.layout`), some decimetres
+at most. What moves in the first image moves in the second by A = ds_2/ds_1, along ground or wall and between the
+lenses; hence
 
     dr/dtheta_1 = A dpi_1/dtheta_1,        dr/dtheta_2 = -dpi_2/dtheta_2.
 """
@@ -16,11 +17,11 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import NamedTuple
 
 import numpy as np
 
 from fieldcalib._types import Array, BoolArray, IntArray
+from fieldcalib.problem.coupling import Coupling
 from fieldcalib.problem.layout import Layout
 from fieldcalib.problem.losses import RobustLoss
 from fieldcalib.problem.projection import Projection
@@ -78,19 +79,6 @@ class BackgroundPairs:
         )
 
 
-class NormalEquations(NamedTuple):
-    """What the pairs add to the normal equations of B frames with P free parameters."""
-
-    cost: Array
-    """(B,)"""
-    gradient: Array
-    """(B, P)"""
-    hessian: Array
-    """(B, P, P)"""
-    coupling: Array
-    """Between the frames' own parameters of the first and of the second frame, (K, o, o)."""
-
-
 @dataclass(frozen=True, eq=False)
 class BackgroundEvaluation:
     """Pairs of B frames at their cameras theta (B, n)."""
@@ -105,28 +93,44 @@ class BackgroundEvaluation:
         return Projection(first, self.layout), Projection(self.theta[self.pairs.second], self.layout)
 
     @cached_property
+    def _rays(self) -> tuple[Array, Array]:
+        """Ideal offsets and camera coordinates of p at depth 1 in the first frame, (2, K, N) and (3, K, N)."""
+        one = self._projections[0]
+        s = one.ideal_offset(one.observed_offset(self.pairs.p))
+        return s, np.array([s[0] / one.f, s[1] / one.f, np.ones_like(s[0])])
+
+    @cached_property
     def _seen(self) -> tuple[Array, Array, Array, Array, Array]:
         """Ideal offsets and inverse depths in both frames, and camera coordinates of the second (3, K, N)."""
         one, two = self._projections
-        s = one.ideal_offset(one.observed_offset(self.pairs.p))
-        x = np.array([s[0] / one.f, s[1] / one.f, np.ones_like(s[0])])
-        w = self._inverse_depth(one, x)
+        s, x = self._rays
+        w = np.maximum(np.sum(self._surface * x, axis=0), 0.0)
         M = two.R @ np.swapaxes(one.R, 1, 2)
-        shift = (two.R @ np.swapaxes(one.C - two.C, 1, 2))[..., 0]
-        y = np.moveaxis(M @ np.moveaxis(x, 0, 1), 1, 0) + np.moveaxis(shift, 1, 0)[..., None] * w
+        y = np.moveaxis(M @ np.moveaxis(x, 0, 1), 1, 0) + self._shift * w
         y[2] = np.where(np.abs(y[2]) < LEAST_DEPTH, LEAST_DEPTH, y[2])
         return s, w, two.f * y[:2] / y[2], w / y[2], y
 
-    def _inverse_depth(self, camera: Projection, x: Array) -> Array:
-        """Of camera coordinates (3, K, N): where their rays reach the ground or a wall; 0 if they reach neither."""
+    @cached_property
+    def _shift(self) -> Array:
+        """From the second centre to the first, in camera coordinates of the second, (3, K, 1)."""
+        one, two = self._projections
+        return np.moveaxis(two.R @ np.swapaxes(one.C - two.C, 1, 2), 1, 0)
+
+    @cached_property
+    def _surface(self) -> Array:
+        """The plane g (3, K, N) that each ray x meets, ground or wall: its inverse depth is g . x, or 0."""
+        camera, (_, x) = self._projections[0], self._rays
         if self.pairs.walls is None:
-            return np.zeros_like(x[0])
-        d = np.moveaxis(np.swapaxes(camera.R, 1, 2) @ np.moveaxis(x, 0, 1), 1, 0)
-        C = np.moveaxis(camera.C, -1, 0)
-        beyond = np.array([np.sign(d[i]) * self.pairs.walls[i] - C[i] for i in (0, 1)])
+            return np.zeros_like(x)
+        d = np.swapaxes(camera.R, 1, 2) @ np.moveaxis(x, 0, 1)  # (K, 3, N)
+        beyond = np.sign(d) * np.append(self.pairs.walls, 0.0)[:, None] - np.swapaxes(camera.C, 1, 2)
         with np.errstate(divide="ignore", invalid="ignore"):
-            inverse = np.array([*(d[:2] / beyond), -d[2] / C[2]])
-        return np.asarray(np.max(np.where(np.isfinite(inverse), inverse, 0.0), axis=0, initial=0.0))
+            inverse = d / beyond
+        inverse[~np.isfinite(inverse)] = 0.0
+        nearest = np.argmax(inverse, axis=1)[:, None]
+        met = np.take_along_axis(inverse, nearest, axis=1) > 0.0
+        distance = np.where(met, np.take_along_axis(beyond, nearest, axis=1), np.inf)
+        return np.moveaxis(np.take_along_axis(camera.R, nearest, axis=2) / distance, 1, 0)
 
     @cached_property
     def r(self) -> Array:
@@ -158,35 +162,48 @@ class BackgroundEvaluation:
         s1, w1, s2, _, y = self._seen
         zero, unit = np.zeros_like(s1[0]), np.ones_like(s1[0])
         axes = np.array([unit, zero]), np.array([zero, unit])
-        M = two.R @ np.swapaxes(one.R, 1, 2)
+        M = np.moveaxis(two.R @ np.swapaxes(one.R, 1, 2), 0, 2)[..., None]  # (3, 3, K, 1)
         zoom = two.f / one.f / y[2]
+        by_x = [M[:, b] + self._shift * self._surface[b] for b in (0, 1)]  # dy/dx_b, (3, K, N) each
         # columns of ds_2/ds_1, pushed through the second lens
-        columns = [
-            np.array([zoom * (M[:, a, b, None] - s2[a] / two.f * M[:, 2, b, None]) for a in (0, 1)]) for b in (0, 1)
-        ]
+        columns = [np.array([zoom * (by[a] - s2[a] / two.f * by[2]) for a in (0, 1)]) for by in by_x]
         _, *through = two.push(s2, *columns)
         _, *first = one.push(s1, *axes)
         determinant = first[0][0] * first[1][1] - first[0][1] * first[1][0]
         inverse = np.array([[first[1][1], -first[1][0]], [-first[0][1], first[0][0]]]) / determinant
         A = np.einsum("bakn,bckn->ackn", np.array(through), inverse)
-        by_x, by_y = np.split(_image_derivatives(one, s1, w1, free), 2, axis=-1)
-        return np.concatenate([A[a, 0, :, None] * by_x + A[a, 1, :, None] * by_y for a in (0, 1)], axis=-1)
+        in_x, in_y = np.split(_image_derivatives(one, s1, w1, free), 2, axis=-1)
+        return np.concatenate([A[a, 0, :, None] * in_x + A[a, 1, :, None] * in_y for a in (0, 1)], axis=-1)
 
     def _by_second(self, free: BoolArray) -> Array:
         _, _, s2, w2, _ = self._seen
         return -_image_derivatives(self._projections[1], s2, w2, free)
 
+    @property
+    def gradient(self) -> Array:
+        """What the pairs add to that of the cost, (B, P)."""
+        return self._normal_equations[0]
+
+    @property
+    def hessian(self) -> Array:
+        """What they add to the Hessian of each frame, (B, P, P)."""
+        return self._normal_equations[1]
+
+    @property
+    def coupling(self) -> Coupling | None:
+        """Between the frames' own parameters; None if the first cameras are known."""
+        return self._normal_equations[2]
+
     @cached_property
-    def normal_equations(self) -> NormalEquations:
+    def _normal_equations(self) -> tuple[Array, Array, Coupling | None]:
         """With the shared parameters' part of both frames in the rows of the second one."""
         free, shared = self.layout.free, self.layout.shared
         size, own = len(shared), np.flatnonzero(~shared)
         to_all = np.flatnonzero(shared)
-        second, is_known = self.pairs.second, self.pairs.known is not None
+        second = self.pairs.second
         by_second = self._by_second(free)
         r = np.concatenate(self.r, axis=-1)
         gradient, hessian = np.zeros((len(self.theta), size)), np.zeros((len(self.theta), size, size))
-        coupling = np.zeros((0, len(own), len(own)))
 
         def add(frame: IntArray, rows: IntArray, J: Array) -> None:
             """Of the parameters `rows` of frames, with derivatives J (K, ., 2 N)."""
@@ -195,8 +212,8 @@ class BackgroundEvaluation:
             np.add.at(hessian, (frame[:, None, None], rows[:, None], rows), weighted @ np.swapaxes(J, 1, 2))
 
         add(second, own, by_second[:, own])
-        if is_known:  # and all that frames share
-            return NormalEquations(self.cost, gradient, hessian, coupling)
+        if self.pairs.known is not None:  # and all that frames share
+            return gradient, hessian, None
         first, by_first = self.pairs.first, self._by_first(free)
         by_shared = by_first[:, shared] + by_second[:, shared]
         weighted_shared = by_shared * self.pull[:, None]
@@ -210,8 +227,8 @@ class BackgroundEvaluation:
         add(first, own, by_first[:, own])
         add_border(second, by_second[:, own])
         add_border(first, by_first[:, own])
-        coupling = by_first[:, own] @ np.swapaxes(by_second[:, own] * self.pull[:, None], 1, 2)
-        return NormalEquations(self.cost, gradient, hessian, coupling)
+        blocks = by_first[:, own] @ np.swapaxes(by_second[:, own] * self.pull[:, None], 1, 2)
+        return gradient, hessian, Coupling(first, second, blocks)
 
 
 def _image_derivatives(projection: Projection, s: Array, inverse_depth: Array, free: BoolArray) -> Array:

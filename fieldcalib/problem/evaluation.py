@@ -9,14 +9,14 @@ segment: with X* the closest point and n the unit normal of the segment's image 
 
 X* is stationary along the curve, so the derivative of the search drops out. The robust loss acts on the data alone. The
 prior is quadratic but for the lens, whose tails are heavy: lenses are found that bend the corner by a quarter. Frames
-of one tripod may be tied by static points of the background too (`fieldcalib.problem.background`).
+of one camera may be linked too: by static points of the background (`fieldcalib.problem.background`), and by the smooth
+path of a camera that moves (`fieldcalib.problem.smooth_path`).
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import NamedTuple
 
 import numpy as np
 
@@ -26,12 +26,14 @@ from fieldcalib.fields.stands import SOCCER_SCALE
 from fieldcalib.geometry.camera import Camera
 from fieldcalib.problem.background import BackgroundEvaluation, BackgroundPairs
 from fieldcalib.problem.closest_points import ClosestPoints, closest_points, end_points
+from fieldcalib.problem.coupling import Coupling
 from fieldcalib.problem.labelled_pixels import Pixels
 from fieldcalib.problem.layout import CENTER, LOG_F, Layout
 from fieldcalib.problem.losses import RobustLoss
 from fieldcalib.problem.observations import Observations, Rows, pack
 from fieldcalib.problem.prior import GaussianPrior
 from fieldcalib.problem.projection import Projection
+from fieldcalib.problem.smooth_path import PathEvaluation, SmoothPath
 
 LENS_TAILS = RobustLoss("cauchy", 2.0)  # z-scores beyond two count less and less
 # Fields of view from 0.3 to 170 degrees: outside, a fit collapses to a point or to a plane and ends in overflow.
@@ -59,7 +61,9 @@ class Problem:
     scale: float = SOCCER_SCALE
     """Size of the scene in metres: what steps of the camera's centre are measured by."""
     background: BackgroundPairs | None = None
-    """What ties frames of one tripod to each other; None for nothing."""
+    """What ties frames of one camera to each other; None for nothing."""
+    path: SmoothPath | None = None
+    """On which the centre of the camera moves; None where it is shared, or where each frame has its own."""
 
     def __len__(self) -> int:
         return len(self.observations)
@@ -70,7 +74,15 @@ class Problem:
         return self.layout.free
 
     def take(self, index: IntArray) -> Problem:
-        """The problems `index`, in that order, repeated where `index` repeats."""
+        """The problems `index`, in that order, repeated where `index` repeats.
+
+        Raises
+        ------
+        ValueError
+            If frames are linked with one another.
+        """
+        if self.path is not None:
+            raise ValueError("frames on one path cannot be taken apart")
         prior = None if self.prior is None else self.prior.take(index)
         group = None if self.group is None else self.group[index]
         background = None if self.background is None else self.background.take(index)
@@ -95,17 +107,6 @@ class Problem:
         """Whether the focal lengths are possible, (B,): a fit that collapses is stopped before it overflows."""
         log_f = theta[:, LOG_F] - np.log(self.layout.image_size[0])
         return np.asarray((log_f > LOG_F_RANGE[0]) & (log_f < LOG_F_RANGE[1]))
-
-
-class Coupling(NamedTuple):
-    """Blocks of a Hessian that couple the own parameters of pairs of frames."""
-
-    first: IntArray
-    """(K,)"""
-    second: IntArray
-    """(K,)"""
-    blocks: Array
-    """(K, o, o), a row for each parameter of the first frame."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -194,8 +195,8 @@ class Evaluation:
     def cost(self) -> Array:
         """(B,); infinite where it is no number, or the camera is none: the derivatives mean nothing there."""
         cost = np.sum(self.costs, axis=1) + self.prior_cost
-        if self.background is not None:
-            cost += self.background.cost
+        for link in self.links:
+            cost += link.cost
         return np.where(np.isfinite(cost) & self.problem.is_possible(self.theta), cost, np.inf)
 
     @cached_property
@@ -209,8 +210,8 @@ class Evaluation:
         gradient = (self.JT @ (self.pull * self.r)[..., None])[..., 0]
         if self.problem.prior is not None:
             gradient += self._prior_costs[1] * self._z / self.problem.prior.sigma[:, self.problem.free]
-        if self.background is not None:
-            gradient += self.background.normal_equations.gradient
+        for link in self.links:
+            gradient += link.gradient
         return np.asarray(gradient)
 
     @cached_property
@@ -221,9 +222,7 @@ class Evaluation:
             hessian = hessian.copy()
             diagonal = np.arange(hessian.shape[1])
             hessian[:, diagonal, diagonal] += self._prior_costs[1] / np.square(self.prior_sigma)
-        if self.background is not None:
-            hessian = hessian + self.background.normal_equations.hessian
-        return hessian
+        return np.asarray(hessian + self.links_hessian)
 
     @cached_property
     def background(self) -> BackgroundEvaluation | None:
@@ -231,13 +230,24 @@ class Evaluation:
         pairs = self.problem.background
         return None if pairs is None else BackgroundEvaluation(pairs, self.problem.layout, self.theta)
 
-    @property
+    @cached_property
+    def links(self) -> tuple[BackgroundEvaluation | PathEvaluation, ...]:
+        """What links the frames with one another."""
+        path = self.problem.path
+        on_path = None if path is None else PathEvaluation(path, self.problem.layout, self.theta)
+        return tuple(link for link in (self.background, on_path) if link is not None)
+
+    @cached_property
+    def links_hessian(self) -> Array:
+        """That of what links the frames, (B, P, P)."""
+        nothing = np.zeros((len(self.theta), *2 * (int(np.count_nonzero(self.problem.free)),)))
+        return np.asarray(sum((link.hessian for link in self.links), nothing))
+
+    @cached_property
     def coupling(self) -> Coupling | None:
         """How the frames' own parameters are coupled with one another; None if they are not."""
-        if self.background is None or self.background.pairs.known is not None:
-            return None
-        pairs = self.background.pairs
-        return Coupling(pairs.first, pairs.second, self.background.normal_equations.coupling)
+        found = [coupling for link in self.links if (coupling := link.coupling) is not None]
+        return Coupling(*map(np.concatenate, zip(*found, strict=True))) if found else None
 
     @property
     def prior_sigma(self) -> Array:

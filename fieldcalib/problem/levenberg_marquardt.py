@@ -9,8 +9,9 @@ group of frames is a block arrow. Each frame is eliminated by itself (the Schur 
 
     (H_ss - sum_t H_st H_tt^-1 H_ts) ds = -(g_s - sum_t H_st H_tt^-1 g_t),    H_tt dt = -g_t - H_ts ds.
 
-Frames that share nothing are groups of one with an empty border. What ties frames to each other, the background that
-they see, couples their own parameters too: the frames of a group are then eliminated together.
+Frames that share nothing are groups of one with an empty border. What links frames with each other, the background that
+they see or the path of their centres, couples their own parameters too: the frames of a group are then eliminated
+together.
 """
 
 from __future__ import annotations
@@ -23,7 +24,8 @@ from numpy.typing import NDArray
 
 from fieldcalib._types import Array, BoolArray, IntArray
 from fieldcalib.problem.closest_points import ClosestPoints
-from fieldcalib.problem.evaluation import Coupling, Evaluation, Problem, evaluate
+from fieldcalib.problem.coupling import Coupling
+from fieldcalib.problem.evaluation import Evaluation, Problem, evaluate
 
 FAR, NEAR = 1e-2, 1e-4  # initial damping, share of the Hessian's diagonal: far from the solution, and near it
 LEAST_DAMPING, LARGEST_DAMPING = 1e-12, 1e10

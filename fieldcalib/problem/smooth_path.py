@@ -1,0 +1,115 @@
+"""The centre of a camera that moves: a drone, a camera on wires, a hand. Its path is smooth.
+
+Of three frames i, j, k that follow one another at the times t, in frames, the centre's mean acceleration
+
+    a = 2 ((C_k - C_j) / (t_k - t_j) - (C_j - C_i) / (t_j - t_i)) / (t_k - t_i)
+
+is about zero, with the standard deviation sigma. It is linear in the centres: a = sum_m c_m C_m. What flies evenly may
+brake hard: the tails are heavy.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from fieldcalib._types import Array, BoolArray, IntArray
+from fieldcalib.problem.coupling import Coupling
+from fieldcalib.problem.layout import CENTER, Layout, Role
+from fieldcalib.problem.losses import RobustLoss
+
+TAILS = RobustLoss("cauchy", 2.0)  # of accelerations in standard deviations: beyond two they count less and less
+
+
+@dataclass(frozen=True, eq=False)
+class SmoothPath:
+    """Centres of B frames of one camera, in the order of time.
+
+    Examples
+    --------
+    >>> path = SmoothPath(np.array([0, 1, 3]), 0.1)
+    >>> path.coefficients @ np.array([0.0, 1.0, 3.0])  # at constant speed
+    array([0.])
+    """
+
+    time: IntArray
+    """Numbers of the frames, (B,) ascending."""
+    sigma: float
+    """Standard deviation of a coordinate of the acceleration, metres per frame squared."""
+
+    def __len__(self) -> int:
+        return len(self.time)
+
+    @cached_property
+    def coefficients(self) -> Array:
+        """c / sigma of each three frames, (B - 2, 3)."""
+        before, after = np.diff(self.time)[:-1], np.diff(self.time)[1:]
+        c = np.stack([1.0 / before, -1.0 / before - 1.0 / after, 1.0 / after], axis=-1)
+        return np.asarray(2.0 / self.sigma * c / (before + after)[:, None])
+
+    @cached_property
+    def threes(self) -> IntArray:
+        """Places of each three frames among the B, (B - 2, 3)."""
+        return np.asarray(np.arange(max(len(self) - 2, 0))[:, None] + np.arange(3))
+
+
+@dataclass(frozen=True, eq=False)
+class PathEvaluation:
+    """The path of B frames at their cameras theta (B, n), whose centres are free and each frame's own."""
+
+    path: SmoothPath
+    layout: Layout
+    theta: Array
+
+    @cached_property
+    def _z(self) -> Array:
+        """Accelerations in standard deviations, (B - 2, 3)."""
+        return np.asarray(np.einsum("km,kmi->ki", self.path.coefficients, self.theta[self.path.threes][..., CENTER]))
+
+    @cached_property
+    def _losses(self) -> tuple[Array, Array]:
+        return TAILS.evaluate(np.sum(np.square(self._z), axis=1))
+
+    @cached_property
+    def cost(self) -> Array:
+        """(B,), that of an acceleration being the one of the last of its frames."""
+        cost = np.zeros(len(self.theta))
+        cost[2:] = 0.5 * self._losses[0]
+        return cost
+
+    @cached_property
+    def gradient(self) -> Array:
+        """(B, P)"""
+        gradient = np.zeros((len(self.theta), int(np.count_nonzero(self.layout.free))))
+        of_centres = self.path.coefficients[..., None] * (self._losses[1][:, None] * self._z)[:, None]
+        np.add.at(gradient, (self.path.threes[..., None], _centre_among(self.layout.free)), of_centres)
+        return gradient
+
+    @cached_property
+    def hessian(self) -> Array:
+        """Of each frame by itself, reweighted, (B, P, P)."""
+        P, centre = int(np.count_nonzero(self.layout.free)), _centre_among(self.layout.free)
+        squares = np.zeros(len(self.theta))
+        np.add.at(squares, self.path.threes, self._losses[1][:, None] * np.square(self.path.coefficients))
+        hessian = np.zeros((len(self.theta), P, P))
+        hessian[:, centre, centre] = squares[:, None]
+        return hessian
+
+    @cached_property
+    def coupling(self) -> Coupling:
+        """Between the frames' own parameters, of which the centre is a part."""
+        own = self.layout.roles == Role.FRAME
+        o, centre, c = int(np.count_nonzero(own)), _centre_among(own), self.path.coefficients
+        pairs = ((0, 1), (1, 2), (0, 2))
+        first, second = (np.concatenate([self.path.threes[:, pair[side]] for pair in pairs]) for side in (0, 1))
+        blocks = np.zeros((len(first), o, o))
+        products = np.concatenate([self._losses[1] * c[:, a] * c[:, b] for a, b in pairs])
+        blocks[:, centre, centre] = products[:, None]
+        return Coupling(first, second, blocks)
+
+
+def _centre_among(some: BoolArray) -> IntArray:
+    """Where the centre is among some parameters (n,)."""
+    return np.asarray(np.searchsorted(np.flatnonzero(some), np.arange(CENTER.start, CENTER.stop)))
