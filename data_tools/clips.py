@@ -1,9 +1,12 @@
 """How well the frames of a clip are calibrated together, by what is withheld.
 
-    python -m data_tools.clips CLIP... [--flow] [--every-third-second] [--halves] [--labels] [--masked FIRST LAST]
+    python -m data_tools.clips CLIP... [--flow] [--jitter] [--every-third-second] [--halves] [--labels]
+        [--masked FIRST LAST]
 
 `--flow` follows static points over 12 frames, and prints how far they are from where the cameras say they go: the
 median of the points of two frames, then the median and the 90 % quantile over pairs, and how many frames have a camera.
+`--jitter` follows them to the frames before and after, and prints how unevenly they move, and by how much the cameras
+say so: the root mean square of second differences over sqrt(6), that of independent errors of one pixel.
 `--every-third-second` withholds all lines of every third second, and prints how far field points in view then move,
 against the calibration from everything. `--halves` calibrates both halves of a clip apart, and prints how far apart
 the tripods are, in metres and against their joint 95 % region. `--labels` leaves out each label in turn, and prints how
@@ -33,6 +36,7 @@ from fieldcalib.calibrate.tripod import Labels
 from fieldcalib.cli.main import run_command
 from fieldcalib.fields.soccer import soccer
 from fieldcalib.geometry.camera import Camera
+from fieldcalib.geometry.projective import homogenize
 from fieldcalib.images.clip_solver import ClipSolver
 from fieldcalib.images.keyframes import tied_frames
 from fieldcalib.images.matches import Frame, Matches, match_background
@@ -56,6 +60,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("clips", nargs="+", type=Path)
     parser.add_argument("--flow", action="store_true")
+    parser.add_argument("--jitter", action="store_true")
     parser.add_argument("--every-third-second", action="store_true")
     parser.add_argument("--halves", action="store_true")
     parser.add_argument("--labels", action="store_true")
@@ -72,6 +77,8 @@ def run(options: argparse.Namespace) -> int:
         frame = np.arange(len(everything))
         if options.flow:
             print(f"{path.name} flow over {APART} frames: {_flow(whole, everything)}")
+        if options.jitter:
+            print(f"{path.name} jitter: {_jitter(whole, everything)}")
         if options.every_third_second:
             with VideoReader(path) as video:
                 is_third = frame // round(video.frames_per_second) % 3 == 2
@@ -152,7 +159,7 @@ def _flow(clip: Clip, found: VideoCalibration) -> str:
             matches = match_background(before[0], frame) if one is not None and two is not None else None
             if matches is not None and one is not None and two is not None:
                 x = one.normalized(matches.first)
-                rays = np.column_stack([x, np.ones(len(x))]) @ one.R
+                rays = homogenize(x) @ one.R
                 distance = np.linalg.norm(two.project(two.C + rays) - matches.second, axis=1)
                 medians.append(float(np.nanmedian(distance)) * UNIT / image.shape[1])
         before.append(frame)
@@ -161,6 +168,33 @@ def _flow(clip: Clip, found: VideoCalibration) -> str:
         return f"{accepted:.1f} % accepted, nothing to follow"
     median, most = np.percentile(medians, [50, 90])
     return f"{accepted:.1f} % accepted, median {median:.2f}, 90 % {most:.2f} px"
+
+
+def _jitter(clip: Clip, found: VideoCalibration) -> str:
+    """Second differences of static points by flow and by the cameras."""
+    three: deque[Frame] = deque(maxlen=3)
+    followed: list[Array] = []
+    expected: list[Array] = []
+    for t, image in enumerate(read_ahead(clip.images())):
+        three.append(Frame.of(image))
+        cameras = [camera for one in found[max(t - 2, 0) : t + 1] if (camera := one.camera) is not None]
+        if len(three) < 3 or len(cameras) < 3:
+            continue
+        back, ahead = (match_background(three[1], three[side]) for side in (0, 2))
+        if back is None or ahead is None:
+            continue
+        same = (back.first[:, None] == ahead.first).all(axis=2)
+        i, j = np.nonzero(same)
+        x = back.first[i]
+        rays = homogenize(cameras[1].normalized(x)) @ cameras[1].R
+        before, after = (cameras[side].project(cameras[side].C + rays) for side in (0, 2))
+        unit = UNIT / image.shape[1] / np.sqrt(6.0)
+        followed.append(unit * (back.second[i] + ahead.second[j] - 2.0 * x))
+        expected.append(unit * (before + after - 2.0 * x))
+    if not followed:
+        return "nothing to follow"
+    by_flow, by_cameras = (np.sqrt(np.mean(np.sum(np.square(np.concatenate(d)), axis=1))) for d in (followed, expected))
+    return f"{by_flow:.2f} px of static points, {by_cameras:.2f} px of the cameras"
 
 
 def _kept(lines: dict[int, Labels], withheld: Withheld) -> dict[int, Labels]:
