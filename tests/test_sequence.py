@@ -8,8 +8,8 @@ from synthetic import whole_circle_markings
 
 from data_tools.synthetic.clips import camera_path, labelled
 from fieldcalib import CalibrationFlags, Camera, SequenceCalibration, calibrate_batch, soccer
+from fieldcalib.calibrate.centres import agreed_centre
 from fieldcalib.calibrate.sequence import calibrate_sequence
-from fieldcalib.calibrate.sequence_solver import agreed_centre
 from fieldcalib.fields.field import Field
 from fieldcalib.fields.stands import CameraDistribution
 from fieldcalib.problem.layout import CENTER

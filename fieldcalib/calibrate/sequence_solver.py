@@ -2,7 +2,7 @@
 
     frames one by one -> the place of the tripod -> every frame from there -> all together -> every frame again
 
-A camera that moves has a smooth path instead of one place (`fieldcalib.calibrate.moving_centre`).
+A camera that moves has a smooth path instead of one place (`fieldcalib.calibrate.centres`).
 
 What frames share are blocks that stand once (`fieldcalib.problem.layout`); pan, tilt, roll and zoom are each frame's
 own, and eliminated (`fieldcalib.problem.levenberg_marquardt`). A few hundred frames tell what is shared as well as all
@@ -24,10 +24,10 @@ from fieldcalib.assess.own_errors import OwnErrors, own_errors
 from fieldcalib.assess.result import Calibration, Status
 from fieldcalib.assess.sequence import LARGEST_ERROR, SequenceCalibration
 from fieldcalib.assess.shared import by_considered, shared_covariance
+from fieldcalib.calibrate.centres import ACCELERATION, agreed_centre, expected_centres, near_path, on_path
 from fieldcalib.calibrate.frame_columns import FrameColumns
 from fieldcalib.calibrate.from_segments import CHUNK, calibrate_frames, checked_frames
 from fieldcalib.calibrate.initial_cameras import given_cameras
-from fieldcalib.calibrate.moving_centre import ACCELERATION, expected_centres, near_path, on_path
 from fieldcalib.calibrate.options import (
     DEFAULT_CRITERIA,
     CalibrationFlags,
@@ -57,10 +57,8 @@ TOGETHER = 400  # frames that are solved together,
 TIED_TOGETHER = 100  # and that if matches tie them: these make one system of all of them
 NO_NOISE = PixelNoise(1.0, 1.0)
 ROUNDS = 3  # of solving together, and every frame again
-AGREE = 7.8  # squared distance of two centres in standard deviations: 95 % of chi-squared with three degrees of freedom
 TOLD = 0.4  # m: standard deviation of length or width; clips that show a penalty area and the middle tell it to 0.2
 OFF_PATH = "its centre is not where the frames around it let it be"
-NEAR = 0.1  # m: centres that are this near agree, however sure they are
 
 
 def sequence_solver(
@@ -544,19 +542,3 @@ def _law_of_what_is_free(layout: Layout) -> Layout:
         if of not in names or roles[names.index(of)] == Role.FIXED:
             roles[names.index(name)] = Role.FIXED
     return replace(layout, roles=roles)
-
-
-def agreed_centre(calibrations: Sequence[Calibration]) -> Array | None:
-    """The centre (3,) that most frames of one tripod agree on within their covariances; None without any.
-
-    Frames that have another one, as wrong labels or a wrong minimum give it, do not count.
-    """
-    if not calibrations:
-        return None
-    C = np.array([c.uncertainty.theta[CENTER] for c in calibrations])
-    V = np.array([c.covariance[CENTER, CENTER] for c in calibrations]) + NEAR**2 * np.eye(3)
-    difference = C[:, None] - C
-    distance = np.einsum("ijk,ijk->ij", difference, np.linalg.solve(V[:, None] + V, difference[..., None])[..., 0])
-    agree = distance[np.argmax(np.sum(distance < AGREE, axis=1))] < AGREE
-    precision = np.linalg.inv(V[agree])
-    return np.asarray(np.linalg.solve(np.sum(precision, axis=0), np.einsum("nij,nj->i", precision, C[agree])))

@@ -12,10 +12,10 @@ from fieldcalib._types import Array, IntArray
 from fieldcalib.assess.own_errors import OwnErrors, own_errors
 from fieldcalib.assess.result import Calibration
 from fieldcalib.assess.sequence import LARGEST_ERROR
+from fieldcalib.calibrate.centres import Centres
 from fieldcalib.calibrate.frame_columns import FrameColumns
 from fieldcalib.calibrate.from_segments import NO_PIXELS, motion_of
 from fieldcalib.calibrate.initial_cameras import given_cameras
-from fieldcalib.calibrate.moving_centre import Centres
 from fieldcalib.calibrate.options import Options
 from fieldcalib.fields.segments import ObjectSegments
 from fieldcalib.problem.background import BackgroundPairs

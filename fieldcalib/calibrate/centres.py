@@ -1,8 +1,11 @@
-"""Where the centre of a camera that moves may be, given where it was in other frames."""
+"""Where the frames of one camera have its centre: in the place that most of them agree on, or along a path.
+
+Frames that have another one, as wrong labels or a wrong minimum give it, do not count.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -16,8 +19,8 @@ from fieldcalib.problem.prior import GaussianPrior
 # Per frame of 25 a second: a camera on wires or a drone speeds up by 5 m/s^2, and does not fly faster than 10 m/s.
 ACCELERATION = 0.008  # m per frame squared: standard deviation of a coordinate
 SPEED = 0.4  # m per frame
-AGREE = 11.3  # squared distance in standard deviations: 99 % of chi-squared with three degrees of freedom
-LEAST = 0.1  # m: centres that are this near agree, however sure they are
+AGREE = 7.8  # squared distance in standard deviations: 95 % of chi-squared with three degrees of freedom
+NEAR = 0.1  # m: centres that are this near agree, however sure they are
 NEIGHBOURS = 8  # frames around a frame whose centres must agree with its own
 
 
@@ -36,6 +39,17 @@ class Centres(NamedTuple):
         mean, sigma = prior.mean.copy(), prior.sigma.copy()
         mean[:, CENTER], sigma[:, CENTER] = self
         return GaussianPrior(mean, sigma)
+
+
+def agreed_centre(calibrations: Sequence[Calibration]) -> Array | None:
+    """The centre (3,) that most frames of one tripod agree on within their covariances; None without any."""
+    if not calibrations:
+        return None
+    C, V = _centres(calibrations)
+    distance = _squared(C[:, None] - C, V[:, None] + V, np.sqrt(2.0) * NEAR * np.ones(3))
+    agree = distance[np.argmax(np.sum(distance < AGREE, axis=1))] < AGREE
+    precision = np.linalg.inv(V[agree] + NEAR**2 * np.eye(3))
+    return np.asarray(np.linalg.solve(np.sum(precision, axis=0), np.einsum("nij,nj->i", precision, C[agree])))
 
 
 def expected_centres(columns: FrameColumns, done: BoolArray, index: IntArray) -> Centres:
@@ -60,9 +74,9 @@ def expected_centres(columns: FrameColumns, done: BoolArray, index: IntArray) ->
 def on_path(found: Mapping[int, Calibration]) -> dict[int, Calibration]:
     """Without the frames whose centre most of the frames around them contradict: these are too far to go."""
     frames = np.array(sorted(found), dtype=np.intp)
-    C, V = _centres(found, frames)
+    C, V = _centres([found[t] for t in frames.tolist()])
     way = SPEED * np.abs(frames[:, None] - frames)
-    distance = _squared(C[:, None] - C, V[:, None] + V, way[..., None])
+    distance = _squared(C[:, None] - C, V[:, None] + V, np.hypot(way, NEAR)[..., None])
     near = np.argsort(way, axis=1, kind="stable")[:, 1 : NEIGHBOURS + 1]
     agree = np.take_along_axis(distance, near, axis=1) < AGREE
     kept = np.count_nonzero(agree, axis=1) >= 0.5 * agree.shape[1]
@@ -73,18 +87,18 @@ def near_path(found: Mapping[int, Calibration], columns: FrameColumns, done: Boo
     """Those whose centre is where frames (T,) that are done let it be."""
     frames = np.array(sorted(found), dtype=np.intp)
     mean, sigma = expected_centres(columns, done, frames)
-    C, V = _centres(found, frames)
-    return {t: found[t] for t in frames[_squared(C - mean, V, sigma) < AGREE].tolist()}
+    C, V = _centres([found[t] for t in frames.tolist()])
+    return {t: found[t] for t in frames[_squared(C - mean, V, np.hypot(sigma, NEAR)) < AGREE].tolist()}
 
 
-def _centres(found: Mapping[int, Calibration], frames: IntArray) -> tuple[Array, Array]:
-    """Centres (B, 3) and their covariances (B, 3, 3)."""
-    C = [found[t].uncertainty.theta[CENTER] for t in frames.tolist()]
-    V = [found[t].covariance[CENTER, CENTER] for t in frames.tolist()]
+def _centres(calibrations: Sequence[Calibration]) -> tuple[Array, Array]:
+    """Of N frames (N, 3), and their covariances (N, 3, 3)."""
+    C = [calibration.uncertainty.theta[CENTER] for calibration in calibrations]
+    V = [calibration.covariance[CENTER, CENTER] for calibration in calibrations]
     return np.reshape(C, (-1, 3)), np.reshape(V, (-1, 3, 3))
 
 
 def _squared(difference: Array, covariance: Array, sigma: Array) -> Array:
     """Squared distances (...,) in standard deviations, with `sigma` (..., 3 or 1) besides a covariance (..., 3, 3)."""
-    V = covariance + np.square(np.hypot(sigma, LEAST))[..., None] * np.eye(3)
+    V = covariance + np.square(sigma)[..., None] * np.eye(3)
     return np.asarray(np.einsum("...i,...i->...", difference, np.linalg.solve(V, difference[..., None])[..., 0]))
