@@ -1,5 +1,7 @@
 """Cameras that stand on no tripod: a smooth path of the centre, and the ground alone as background."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from hypothesis import given
@@ -103,6 +105,20 @@ def test_a_frame_of_another_place_is_off_the_path(cameras):
     others = [t for t in range(20) if t != 7 and found[t].accepted]
     assert len(others) > 10
     assert max(np.linalg.norm(found[t].camera.C - cameras[t].C) for t in others) < 2.0
+
+
+def test_a_path_goes_on_between_frames_with_cameras(cameras, frames, matches):
+    known = calibrate_sequence(FIELD, frames, SIZE, shared=SHARED_IN_MOTION, matches=matches)
+    columns = known.frames
+    theta = np.where(np.arange(COUNT)[:, None] % 6 == 0, columns.theta, np.nan)
+    found = replace(known, frames=replace(columns, theta=theta)).interpolated(np.zeros(COUNT, dtype=int), 25)
+    between = [t for t in range(COUNT) if t % 6]
+    assert {found.basis[t] for t in between} == {Basis.INTERPOLATED}
+    for t in between:
+        error = found[t].camera.C - known[t].camera.C
+        sigma, before = (np.sqrt(np.diagonal(one[t].covariance)[CENTER]) for one in (found, known))
+        assert np.all(np.abs(error) < 3.0 * sigma)
+        assert np.all(sigma > before)
 
 
 # centres

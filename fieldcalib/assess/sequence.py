@@ -28,7 +28,8 @@ if TYPE_CHECKING:
 VERSION = 2  # of `SequenceCalibration.to_dict`
 SURE = 0.5  # m: what is known of the field in view to no better than that is to be looked at
 LARGEST_ERROR = 1.0  # m over the field in view: frames that others tell are accepted up to that
-STEP = 1e-3  # radians, or of log f, by which a frame may be off an even motion, for each frame that is missing
+STEP = 1e-3  # radians, or of log f, by which a frame may be off an even motion, for each frame that is missing,
+STEP_OF_CENTRE = 0.05  # and m, of a camera that moves
 STATUSES = tuple(Status)
 NUMBERS = (  # columns of the table of frames, NaN of those without a camera
     *("pan_degrees", "tilt_degrees", "roll_degrees", "focal_length_px", "x_m", "y_m", "z_m"),
@@ -244,7 +245,8 @@ class SequenceCalibration(FrameSequence):
         bend[:, ~self.layout.free] = 0.0
         theta = at_both[0] + share * change + bend
         free = self.layout.free
-        spread = 0.5 * np.abs(bend[:, free]) + share * (1.0 - share) * STEP * gap
+        step = np.where(np.isin(np.flatnonzero(free), np.r_[CENTER]), STEP_OF_CENTRE, STEP)
+        spread = 0.5 * np.abs(bend[:, free]) + share * (1.0 - share) * step * gap
         share = share[..., None]
         own = (
             (1.0 - share) * frames.own[before]
