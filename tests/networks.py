@@ -6,6 +6,7 @@ from synthetic import whole_circle_markings
 
 from fieldcalib.draw.scene import fixed_point, image_curves
 from fieldcalib.fields.soccer import soccer
+from fieldcalib.images.clip_solver import BETWEEN
 from fieldcalib.images.keyframes import tied_frames
 from fieldcalib.localize import BACKGROUND
 
@@ -65,6 +66,13 @@ class KnownCameras:
         return np.stack(first)
 
 
-def looked_at(pictures, **how):
-    """The frames of a video that `calibrate_video` shows its network, in order."""
-    return [tied.index for _, tied in tied_frames(pictures, **how) if tied.is_key or not tied.ties]
+def looked_at(pictures, cameras=None, **how):
+    """The frames of a video that `calibrate_video` shows its network, in order: more where this finds no camera."""
+    found, told = [], set()
+    for _, tied in tied_frames(pictures, **how):
+        soon = cameras is not None and tied.piece not in told and tied.index - tied.key in BETWEEN
+        if tied.is_key or not tied.ties or soon:
+            found.append(tied.index)
+            if cameras is not None and cameras[tied.index]:
+                told.add(tied.piece)
+    return found

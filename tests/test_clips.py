@@ -5,7 +5,7 @@ import json
 import cv2
 import numpy as np
 import pytest
-from networks import FIELD, KnownCameras, looked_at
+from networks import FIELD, GRID, KnownCameras, looked_at
 from tripods import far_off
 
 from data_tools.synthetic.clips import camera_path
@@ -13,7 +13,8 @@ from data_tools.synthetic.film import BESIDE, Scene, TrueFrame, film
 from fieldcalib import Camera, calibrate_video, soccer
 from fieldcalib.assess.sequence import Basis
 from fieldcalib.assess.video import NO_TRIPOD, Shot, VideoCalibration
-from fieldcalib.images.keyframes import tied_frames
+from fieldcalib.images.clip_solver import BETWEEN, MOST_MORE
+from fieldcalib.images.keyframes import EVERY, tied_frames
 
 KNOWN = soccer(size_known=True)
 SIZE = (480, 270)
@@ -51,7 +52,7 @@ def cameras_of(frames):
 
 
 def calibrated(pictures, cameras, field=KNOWN):
-    return calibrate_video(field, pictures, KnownCameras([cameras[t] for t in looked_at(pictures)]))
+    return calibrate_video(field, pictures, KnownCameras([cameras[t] for t in looked_at(pictures, cameras)]))
 
 
 def off(found, cameras):
@@ -122,6 +123,31 @@ def test_a_keyframe_that_the_network_mistakes_is_voted_out(one_tripod):
     assert len(told.maps) == 0  # keyframes are 0, 3 and 6
     assert all(frame.accepted for frame in found)
     assert max(off(found, cameras)) < 1.0
+
+
+def test_more_frames_are_looked_at_where_a_keyframe_tells_nothing(one_tripod):
+    cameras = cameras_of(LEFT)
+    network = KnownCameras([None, cameras[BETWEEN[0]]])
+    found = calibrate_video(KNOWN, one_tripod[:SHOT], network)
+    assert len(network.maps) == 0
+    assert all(frame.accepted for frame in found)
+    assert max(off(found, cameras)) < 1.0
+
+
+def test_the_network_does_not_look_on_and_on(one_tripod):
+    count = 6 * EVERY
+    looked = []
+
+    class Blind(KnownCameras):
+        def __call__(self, images):
+            looked.extend(images)
+            return np.stack([self.nothing(GRID)] * len(images))
+
+    rng = np.random.default_rng(0)
+    crowd = cv2.resize(rng.integers(0, 255, (27, 60, 3), np.uint8), (1200, 270), interpolation=cv2.INTER_CUBIC)
+    found = calibrate_video(KNOWN, [crowd[:, t : t + SIZE[0]].copy() for t in range(count)], Blind([]))
+    assert not any(frame.accepted for frame in found)
+    assert len(looked) == count // EVERY + MOST_MORE
 
 
 def test_the_result_of_a_video_survives_json(one_tripod):

@@ -29,6 +29,8 @@ from fieldcalib.localize import Network
 from fieldcalib.problem.losses import RobustLoss
 
 LONGEST_GAP = 25  # frames without a camera in a row that are interpolated: a second
+BETWEEN = (4, 8)  # frames after a keyframe that the network sees too while no keyframe of the piece is accepted,
+MOST_MORE = 6  # and how many of these: most pieces without a camera show no field
 LEAST_SHARE = 0.2  # of the profiles of a shot must show a line where its cameras have markings
 
 
@@ -65,7 +67,7 @@ class ClipSolver:
         return np.flatnonzero(np.isin(self.piece, pieces))
 
     def read(self, frames: Iterable[tuple[Image, Tied]], network: Network) -> None:
-        """Matches of all frames, and the markings that are found in keyframes.
+        """Matches of all frames, and the markings that are found in keyframes, and in some others of unsure pieces.
 
         Frames are numbered from the first one; what ties them to frames before it is left out.
         """
@@ -82,6 +84,7 @@ class ClipSolver:
             keys.clear()
             held.clear()
 
+        more: dict[int, int] = {}  # looks that pieces have left
         for image, tied in frames:
             first = tied.index if first is None else first
             index = tied.index - first
@@ -92,10 +95,13 @@ class ClipSolver:
             }
             ties = {key: both for key, both in ties.items() if len(both[0]) >= LEAST_CELLS}
             self.matches.update({(key, index): both for key, both in ties.items()})
-            if tied.is_key or not ties:  # what nothing ties must tell its camera by itself
+            unsure = tied.piece not in {self.piece[key] for key in self.seen}
+            soon = unsure and more.get(tied.piece, 0) > 0 and tied.index - tied.key in BETWEEN
+            if tied.is_key or not ties or soon:  # what nothing ties must tell its camera by itself
                 keys.append(index)
                 held.append(image)
-                if len(held) == IMAGES_AT_ONCE:
+                more[tied.piece] = more.get(tied.piece, MOST_MORE) - soon
+                if len(held) == IMAGES_AT_ONCE or unsure:
                     look()
         look()
 

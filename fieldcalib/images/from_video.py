@@ -51,8 +51,8 @@ def calibrate_video(
 
     The frames of a shot share the centre of the camera, the law by which its principal point and lens follow the zoom,
     and the size of the field; shots of the same tripod are recognised and share them too. The network looks at
-    keyframes only. Matches of the static background tie every frame to these, and lines are searched at the projected
-    markings of every frame.
+    keyframes, and at a few more frames where these tell nothing. Matches of the static background tie every frame to
+    these, and lines are searched at the projected markings of every frame.
 
     Parameters
     ----------
