@@ -78,6 +78,13 @@ def test_motion_blur_is_centred_on_the_moment_of_the_frame(cameras, fastest, emp
     np.testing.assert_array_equal(exposed(empty, fastest, None, camera, None), sharp)
 
 
+def test_motion_blur_of_a_camera_that_starts_to_turn_is_centred_too(cameras, fastest, empty):
+    camera, after = cameras[fastest], cameras[fastest + 1]
+    sharp, blurred = empty.at(fastest, camera), exposed(empty, fastest, camera, camera, after)
+    assert abs(moved_right(sharp, blurred)) < 0.1
+    assert np.abs(np.diff(grey(blurred), axis=1)).mean() < 0.95 * np.abs(np.diff(grey(sharp), axis=1)).mean()
+
+
 def test_players_run(cameras):
     scene = Scene.random(soccer(), SEED, cameras)
     speed = np.linalg.norm(np.diff(scene.positions, axis=0), axis=-1) * scene.rate

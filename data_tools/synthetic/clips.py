@@ -224,7 +224,7 @@ def between(a: Camera, b: Camera, share: float) -> Camera:
 
     turn = Rotation.from_matrix(b.R @ a.R.T).as_rotvec()
     R = Rotation.from_rotvec(share * turn).as_matrix() @ a.R
-    K, C, dist = ((1.0 - share) * of_a + share * of_b for of_a, of_b in ((a.K, b.K), (a.C, b.C), (a.dist, b.dist)))
+    K, C, dist = (of_a + share * (of_b - of_a) for of_a, of_b in ((a.K, b.K), (a.C, b.C), (a.dist, b.dist)))
     return Camera(K, R, C, a.image_size, dist)
 
 

@@ -166,12 +166,14 @@ def film(scene: Scene, frames: Sequence[TrueFrame]) -> Iterator[Image]:
 def exposed(scene: Scene, index: int, before: Camera | None, camera: Camera, after: Camera | None) -> Float32:
     """The average of the instants while the shutter is open, around the moment of the frame itself.
 
-    Between them the camera moves to the neighbouring frames; where a shot begins or ends, as it does on the other side.
-    A turning camera shows a picture that is warped whatever its depth, so that one picture, with a rim, makes all
-    instants. That players run while the shutter is open is left out: it blurs them by less than 0.1 m.
+    The camera moves evenly, at the mean speed between the neighbouring frames, so that the frame's own camera is the mean
+    of what the picture shows; where a shot begins or ends, as it does on the other side. A turning camera shows a
+    picture that is warped whatever its depth, so that one picture, with a rim, makes all instants. That players run
+    while the shutter is open is left out: it blurs them by less than 0.1 m.
     """
     before, after = before or between(camera, after or camera, -1.0), after or between(camera, before or camera, -1.0)
-    speed = _moved(before, after) / 2.0  # px per frame
+    ahead = between(after, between(camera, before, -1.0), 0.5)  # a frame later at that speed
+    speed = _moved(camera, ahead)  # px per frame
     shutter = min(SHUTTER, MOST_BLUR * camera.image_size[0] / max(speed, 1.0))
     blur = shutter * speed
     if blur < BLUR_STEP:
@@ -183,8 +185,8 @@ def exposed(scene: Scene, index: int, before: Camera | None, camera: Camera, aft
     total = np.zeros((height, width, 3), np.float32)
     count = int(np.ceil(blur / BLUR_STEP))
     for share in shutter * ((np.arange(count) + 0.5) / count - 0.5):
-        moved = between(camera, before if share < 0.0 else after, abs(share))
-        total += cv2.remap(picture, *_seen(moved, wide), cv2.INTER_CUBIC, borderMode=cv2.BORDER_REPLICATE)
+        instant = between(camera, ahead, share)
+        total += cv2.remap(picture, *_seen(instant, wide), cv2.INTER_CUBIC, borderMode=cv2.BORDER_REPLICATE)
     return total / np.float32(count)
 
 
