@@ -82,13 +82,13 @@ def run(options: argparse.Namespace) -> int:
         if options.every_third_second:
             with VideoReader(path) as video:
                 is_third = frame // round(video.frames_per_second) % 3 == 2
-            moved = _moved(everything, whole.calibrated(_in_frames(is_third)), is_third)
+            moved = _moved(everything, whole.calibrated(in_frames(is_third)), is_third)
             print(f"{path.name} lines withheld in every third second: {moved}")
         if options.masked:
             first, last = options.masked
             inside = (frame >= first) & (frame < last)
             part = Clip(path, masked={int(t): everything[int(t)].camera for t in frame[inside]})
-            moved = _moved(everything, part.calibrated(_in_frames(inside)), inside)
+            moved = _moved(everything, part.calibrated(in_frames(inside)), inside)
             print(f"{path.name} field masked in frames {first} to {last}: {moved}")
         if options.halves:
             middle = len(everything) // 2
@@ -100,7 +100,7 @@ def run(options: argparse.Namespace) -> int:
     return 0
 
 
-def _in_frames(some: BoolArray) -> Withheld:
+def in_frames(some: BoolArray) -> Withheld:
     """All lines of some frames (T,)."""
     return lambda t, label: bool(some[t])
 

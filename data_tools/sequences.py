@@ -1,11 +1,13 @@
 """Cameras of frames of one tripod, calibrated together and one by one, against true ones.
 
-    python -m data_tools.sequences CAMERAS [--count N]
+    python -m data_tools.sequences CAMERAS [--count N] [--matches] [--paint METRES]
 
 CAMERAS holds ``<name>.npz`` as for `data_tools.measured_cameras`. For each, N of 300 frames of a synthetic clip with
-its zoom and lens are calibrated (`data_tools.synthetic.clips`). Printed are, in the median over frames and clips, the
-errors of focal length (percent) and centre (metres), together and one by one; the mean error of the pitch's size
-(metres); and how often the 95 % regions contain the truth (percent).
+its zoom and lens are calibrated (`data_tools.synthetic.clips`), on a pitch whose lines are painted some centimetres
+elsewhere. With `--matches` half of the frames have no labels, and static points tie each frame to others as
+`fieldcalib.images.keyframes` does. Printed are, for what frames rest on, the median errors of focal length (percent),
+centre and field in view (metres) and of the field in the image (pixels of 1280 columns), and how often the 95 % regions
+hold the truth (percent); and the mean error of the pitch's size (metres).
 """
 
 from __future__ import annotations
@@ -17,27 +19,34 @@ from pathlib import Path
 
 import numpy as np
 
-from data_tools.measured_cameras import SIZE, camera_files, errors
-from data_tools.synthetic.clips import camera_path, labelled
-from fieldcalib.assess.result import Calibration
+from data_tools.measured_cameras import SIZE, camera_files
+from data_tools.synthetic.clips import background_matches, background_points, camera_path, labelled, painted
+from data_tools.truth import Compared, by_basis, compared
+from fieldcalib._types import Array
 from fieldcalib.calibrate.from_segments import calibrate_batch
+from fieldcalib.calibrate.options import PAINT
 from fieldcalib.calibrate.sequence import calibrate_sequence
 from fieldcalib.cli.arguments import count, positive
 from fieldcalib.cli.main import run_command
 from fieldcalib.fields.soccer import soccer
-from fieldcalib.fields.traits import DEVIATIONS
 from fieldcalib.geometry.camera import Camera
-from fieldcalib.problem.layout import LOG_F
+from fieldcalib.images.keyframes import BACK
 
 FRAMES = 300  # of a clip
+KEY_EVERY = 3  # of the frames that are calibrated
+EMPTY_SHARE = 0.5  # of the frames have no labels, with matches
+POINTS, MOST_MATCHES = 3000, 150  # of the background of a clip, and of them in a pair of frames
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Print a line of JSON for each way."""
+    """Print lines of JSON."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("cameras", type=Path, help="folder of <name>.npz")
     parser.add_argument("--count", type=count, default=20, help="frames of a clip that are calibrated (20)")
     parser.add_argument("--noise", type=positive, default=1.0, help="pixels (1)")
+    parser.add_argument("--paint", type=float, default=PAINT, help=f"metres by which lines lie elsewhere ({PAINT})")
+    parser.add_argument("--matches", action="store_true", help="and every other frame without labels")
+    parser.add_argument("--repeats", type=count, default=1, help="clips of each camera (1)")
     parser.add_argument("--seed", type=int, default=0)
     parser.set_defaults(run=run)
     return run_command(parser.parse_args(arguments))
@@ -45,44 +54,42 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 def run(options: argparse.Namespace) -> int:
     """Measure and print; returns the exit code."""
-    files = camera_files(options.cameras)
     field = soccer()
-    together: list[tuple[Calibration, Camera]] = []
-    alone: list[tuple[Calibration, Camera]] = []
-    sizes, place = [], []
-    for number, path in enumerate(files):
+    together: list[Compared] = []
+    alone: list[Compared] = []
+    sizes = []
+    for number, path in enumerate(options.repeats * camera_files(options.cameras)):
         rng = np.random.default_rng(options.seed + number)
         cameras = camera_path(rng, FRAMES, path)[:: max(FRAMES // options.count, 1)][: options.count]
-        frames = [frame.pixels for frame in labelled(cameras, field, rng, options.noise)]
-        found = calibrate_sequence(field, frames, SIZE)
-        together += [pair for pair in zip(found, cameras, strict=True) if pair[0].camera is not None]
+        lines = painted(field, rng, options.paint)
+        empty = EMPTY_SHARE if options.matches else 0.0
+        frames = [frame.pixels for frame in labelled(cameras, lines, rng, options.noise, empty_share=empty)]
+        found = calibrate_sequence(field, frames, SIZE, matches=_matches(cameras, rng) if options.matches else None)
+        together += [
+            compared(one, truth, field, str(basis))
+            for one, truth, basis in zip(found, cameras, found.basis, strict=True)
+            if one.accepted
+        ]
         single = calibrate_batch(soccer(size_known=True), frames, SIZE)
-        alone += [pair for pair in zip(single, cameras, strict=True) if pair[0].camera is not None]
-        if found.names:
-            sizes.append([found.shared["length"][0] - field.length, found.shared["width"][0] - field.width])
-            sigma = np.sqrt(np.diagonal(found.covariance)[:3])
-            place.append(np.abs(found.values[:3] - cameras[0].C) < DEVIATIONS * sigma)
-    for name, pairs in (("together", together), ("one by one", alone)):
-        f, C = np.median([errors(*pair) for pair in pairs], axis=0)
-        print(
-            json.dumps(
-                {"frames": name, "count": len(pairs), "focal_length_percent": round(f, 2), "centre_m": round(C, 2)}
-            )
-        )
-    held = [_holds_focal_length(*pair) for pair in together]
-    regions = {
-        "focal_length": round(100.0 * float(np.mean(held)), 1),
-        "centre": round(100.0 * float(np.mean(place)), 1),
-    }
-    size = np.mean(np.abs(sizes), axis=0).round(2).tolist()
-    print(json.dumps({"size_m": size, "95_percent_regions_hold": regions}))
+        alone += [compared(one, truth, field, "one by one") for one, truth in zip(single, cameras, strict=True) if one]
+        if found.field is not None:
+            sizes.append(np.abs([found.field.length - field.length, found.field.width - field.width]))
+    for line in (*by_basis(together), *by_basis(alone)):
+        print(line)
+    print(json.dumps({"size_m": np.mean(sizes, axis=0).round(2).tolist()}))
     return 0
 
 
-def _holds_focal_length(found: Calibration, truth: Camera) -> bool:
-    sigma = np.sqrt(found.covariance[LOG_F, LOG_F])
-    camera = found.uncertainty.camera
-    return bool(abs(np.log(camera.focal_length / truth.focal_length)) < DEVIATIONS * sigma)
+def _matches(cameras: Sequence[Camera], rng: np.random.Generator) -> dict[tuple[int, int], tuple[Array, Array]]:
+    """Of every frame with the keyframe before it, and of keyframes with those before them."""
+    keys = range(0, len(cameras), KEY_EVERY)
+    pairs = [(t // KEY_EVERY * KEY_EVERY, t) for t in range(len(cameras)) if t not in keys]
+    pairs += [(keys[k - back], keys[k]) for k in range(len(keys)) for back in BACK if k >= back]
+    points, found = background_points(cameras, POINTS, rng), {}
+    for match in background_matches(cameras, pairs, points, rng):
+        some = rng.permutation(len(match.xy_first))[:MOST_MATCHES]
+        found[match.first, match.second] = match.xy_first[some], match.xy_second[some]
+    return found
 
 
 if __name__ == "__main__":

@@ -14,7 +14,8 @@ import numpy as np
 
 from data_tools.synthetic import CLASSES, frame
 from data_tools.synthetic.cache import write_cache
-from data_tools.synthetic.film import CLIP_SIZE, Scene, clip_frames, write_clip
+from data_tools.synthetic.clips import painted
+from data_tools.synthetic.film import CLIP_SIZE, PAINTED, Scene, clip_frames, write_clip
 from fieldcalib.cli.arguments import count, image_size
 from fieldcalib.draw.overlays import label_colour
 from fieldcalib.fields.soccer import soccer
@@ -71,7 +72,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
         frames = clip_frames(
             options.seed, options.frames, options.cuts, options.measured, options.size, flies=options.flies
         )
-        scene = Scene.random(soccer(), options.seed, [frame.camera for frame in frames])
+        field = painted(soccer(), np.random.default_rng((options.seed, PAINTED)))
+        scene = Scene.random(field, options.seed, [frame.camera for frame in frames])
         write_clip(options.clip, scene, frames)
     return 0
 

@@ -7,7 +7,7 @@ measured ones; pan and tilt are moved as an operator does. `data_tools.synthetic
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -16,8 +16,10 @@ from numpy.typing import ArrayLike
 from data_tools.measured_cameras import SIZE, read_camera, read_zoom
 from data_tools.random_frames import RandomFrame, mislabelled
 from fieldcalib._types import Array, BoolArray
+from fieldcalib.calibrate.options import PAINT
 from fieldcalib.cli.demo import observe
 from fieldcalib.fields.field import Field
+from fieldcalib.fields.segments import Arc, Line, Segment
 from fieldcalib.geometry.camera import Camera
 from fieldcalib.geometry.lens import POWERS
 from fieldcalib.geometry.projective import homogenize
@@ -226,6 +228,31 @@ def between(a: Camera, b: Camera, share: float) -> Camera:
     R = Rotation.from_rotvec(share * turn).as_matrix() @ a.R
     K, C, dist = (of_a + share * (of_b - of_a) for of_a, of_b in ((a.K, b.K), (a.C, b.C), (a.dist, b.dist)))
     return Camera(K, R, C, a.image_size, dist)
+
+
+def painted(field: Field, rng: np.random.Generator, sigma: float = PAINT) -> Field:
+    """The field with its lines on the ground painted elsewhere, and circles wider or narrower, by some centimetres.
+
+    Examples
+    --------
+    >>> from fieldcalib.fields.soccer import soccer
+    >>> lines = painted(soccer(), np.random.default_rng(0))
+    >>> [round(float(end), 3) for end in lines["Middle line"].start]
+    [0.016, -34.0, 0.0]
+    """
+    wider: dict[tuple[float, float, float], float] = {}  # by centre: halves of a circle are painted as one
+
+    def moved(segment: Segment) -> Segment:
+        off = rng.normal(0.0, sigma)
+        if isinstance(segment, Arc):
+            return replace(segment, radius=segment.radius + wider.setdefault(segment.center, off))
+        if isinstance(segment, Line) and segment.start[2] == segment.end[2] == 0.0:
+            x, y, _ = np.subtract(segment.end, segment.start)
+            across = off * np.array([-y, x, 0.0]) / np.hypot(x, y)
+            return Line(tuple((segment.start + across).tolist()), tuple((segment.end + across).tolist()))
+        return segment
+
+    return replace(field, segments={name: moved(segment) for name, segment in field.segments.items()})
 
 
 def labelled(

@@ -50,7 +50,7 @@ SPRINT, CADENCE = 7.0, 1.4  # m/s at full stride, and pairs of steps per second
 STRIDE, SWING = 0.28, 0.25  # of the height, at full stride, see `Person`
 
 # What a seed draws independently of the rest
-CAMERAS, LIGHT, GROUND, STANDS, GOALS, PEOPLE, GRAPHICS, BOARDS, NOISE = range(9)
+CAMERAS, LIGHT, GROUND, STANDS, GOALS, PEOPLE, GRAPHICS, BOARDS, NOISE, PAINTED = range(10)
 
 
 @dataclass(frozen=True, eq=False)
@@ -166,8 +166,8 @@ def film(scene: Scene, frames: Sequence[TrueFrame]) -> Iterator[Image]:
 def exposed(scene: Scene, index: int, before: Camera | None, camera: Camera, after: Camera | None) -> Float32:
     """The average of the instants while the shutter is open, around the moment of the frame itself.
 
-    The camera moves evenly, at the mean speed between the neighbouring frames, so that the frame's own camera is the mean
-    of what the picture shows; where a shot begins or ends, as it does on the other side. A turning camera shows a
+    The camera moves evenly, at the mean speed between the neighbouring frames, so that the frame's own camera is the
+    mean of what the picture shows; where a shot begins or ends, as it does on the other side. A turning camera shows a
     picture that is warped whatever its depth, so that one picture, with a rim, makes all instants. That players run
     while the shutter is open is left out: it blurs them by less than 0.1 m.
     """
