@@ -18,7 +18,7 @@ from fieldcalib.calibrate.sequence import calibrate_sequence
 from fieldcalib.fields.soccer import soccer
 from fieldcalib.problem.background import BackgroundEvaluation, BackgroundPairs
 from fieldcalib.problem.evaluation import Problem, evaluate
-from fieldcalib.problem.layout import LOG_F, Layout, Role, SizeBlock, ZoomLaw
+from fieldcalib.problem.layout import CENTER, LOG_F, Layout, Role, SizeBlock, ZoomLaw
 from fieldcalib.problem.losses import RobustLoss
 from fieldcalib.problem.observations import pack
 from fieldcalib.problem.prior import GaussianPrior
@@ -124,6 +124,17 @@ def test_paint_makes_less_certain():
     assert np.all(np.linalg.eigvalsh(painted.own - exact.own)[:, -1] > 0.0)
     assert np.all(np.diagonal(painted.own, axis1=1, axis2=2) >= np.diagonal(exact.own, axis1=1, axis2=2) - 1e-15)
     np.testing.assert_array_equal(painted.following, exact.following)
+
+
+def test_a_line_is_painted_elsewhere_and_found_beside_its_paint():
+    problem, theta = a_problem(5, labelled=range(4), prior=False, pairs=None)
+    evaluation = evaluate(replace(problem, paint=0.03), theta)
+    centre = np.zeros(LAYOUT.size, dtype=bool)
+    centre[CENTER] = True
+    by_metre = np.linalg.norm(evaluation.derivatives(centre)[:, :2], axis=1)  # px
+    alone = np.ones((4, 1, by_metre.shape[1]))
+    expected = (alone * np.hypot(0.03 * by_metre, 0.1)[:, None]) @ Noise(evaluation).segment
+    np.testing.assert_allclose(Noise(evaluation).by_line(alone, np.ones_like(by_metre)), expected)
 
 
 def test_ties_make_more_certain():
