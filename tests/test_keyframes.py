@@ -209,6 +209,21 @@ def test_frames_of_several_sizes():
         list(tied_frames([*ONE[:3], ONE[3][::2, ::2]]))
 
 
+def test_pairs_of_keyframes_that_are_left():
+    """They are those that are matched otherwise."""
+    at_once, later = (
+        [tied for image in ONE for tied in tracker.update(image)]
+        for tracker in (KeyframeTracker(5), KeyframeTracker(5, leave_pairs=True))
+    )
+    keys = [tied for tied in at_once if tied.is_key]
+    assert [tied.index for tied in later if tied.is_key] == [tied.index for tied in keys]
+    for one, other in zip(keys, (tied for tied in later if tied.is_key), strict=True):
+        assert len(other.ties) == min(len(one.ties), 1)
+        assert [pair.indices for pair in other.left] == [(key, one.index) for key, _ in one.ties[1:]]
+        for (_, matches), pair in zip(one.ties[1:], other.left, strict=True):
+            assert abs(len(pair.matches()) - len(matches)) <= 0.1 * len(matches)
+
+
 def test_every_is_a_number_of_frames():
     with pytest.raises(ValueError, match="every must be 1 or more frames, got 0"):
         KeyframeTracker(0)

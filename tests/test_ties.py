@@ -10,6 +10,7 @@ from tripods import SIZE, chain, far_off, matched, panned
 from fieldcalib.calibrate.ties import CELLS, LEAST_CELLS, Ties, disagreeing, thinned, with_tied
 from fieldcalib.fields.soccer import soccer
 from fieldcalib.geometry.camera import Camera
+from fieldcalib.problem.background import BackgroundEvaluation
 from fieldcalib.problem.layout import Layout
 
 FIELD = soccer()
@@ -128,7 +129,7 @@ def test_those_among_some_frames_are_numbered_anew():
     pairs = ties.among(frames)
     assert list(zip(pairs.first.tolist(), pairs.second.tolist(), strict=True)) == [(2, 0), (0, 1)]
     np.testing.assert_array_equal(pairs.p, ties.p[[1, 2]])
-    assert not disagreeing(pairs, LAYOUT, theta_of(cameras)[frames]).any()
+    assert not disagreeing(BackgroundEvaluation(pairs, LAYOUT, theta_of(cameras)[frames])).any()
     assert ties.among(np.array([1, 3])) is None
 
 
@@ -139,7 +140,7 @@ def test_ties_lead_from_known_frames_to_others_in_both_directions():
     pairs, first = ties.towards(np.array([3, 1]), theta, some(0, 2, of=4))
     assert sorted(zip(first.tolist(), pairs.second.tolist(), strict=True)) == [(0, 0), (0, 1), (2, 0), (2, 1)]
     np.testing.assert_array_equal(pairs.known, theta[first])
-    assert not disagreeing(pairs, LAYOUT, theta[[3, 1]]).any()
+    assert not disagreeing(BackgroundEvaluation(pairs, LAYOUT, theta[[3, 1]])).any()
     back = np.flatnonzero((first == 2) & (pairs.second == 1))[0]  # matched from 1 to 2
     np.testing.assert_array_equal(pairs.p[back], ties.q[1])
     np.testing.assert_array_equal(pairs.q[back], ties.p[1])

@@ -1,5 +1,11 @@
 """Live video: cameras from what came before."""
 
+import gc
+import time
+from collections import deque
+from itertools import repeat
+from threading import Event
+
 import numpy as np
 import pytest
 from networks import KnownCameras
@@ -8,7 +14,10 @@ from data_tools.synthetic.clips import camera_path
 from data_tools.synthetic.film import Scene, TrueFrame, film
 from fieldcalib import Status, soccer
 from fieldcalib.assess.sequence import Basis
+from fieldcalib.calibrate.options import ALL, DEFAULT_FLAGS
 from fieldcalib.images.keyframes import KeyframeTracker
+from fieldcalib.images.other_process import OtherProcess
+from fieldcalib.images.shot_solver import KeyframeOptions, Seen, ShotProblem, solve_shot
 from fieldcalib.images.tracker import LOST_FOR, Tracker
 
 SIZE = (480, 270)
@@ -87,7 +96,7 @@ def test_what_is_never_calibrated_has_no_camera(clip):
     assert [one.status for one, _ in found] == [Status.TOO_FEW_SEGMENTS] * 3
 
 
-def test_a_thread_calibrates_keyframes(clip):
+def test_another_process_calibrates_keyframes(clip):
     """The frames do not wait; the camera comes when it comes."""
     cameras, pictures = clip
     with Tracker(FIELD, Forever([cameras[0]]), every=100) as tracker:
@@ -98,3 +107,69 @@ def test_a_thread_calibrates_keyframes(clip):
         assert off(tracker.update(pictures[1]), cameras[1]) < 3.0
         with pytest.raises(ValueError, match="has 240 x 135 pixels"):
             tracker.update(pictures[0][::2, ::2])
+
+
+def test_it_gives_what_this_process_gives(clip):
+    cameras, pictures = clip
+    network = KnownCameras(cameras[:1])
+    seen = Seen(pictures[0], network.classes, network(pictures[:1]))
+    options = KeyframeOptions(FIELD, DEFAULT_FLAGS, ALL)
+    problem = ShotProblem(options, SIZE, 0, {0: ({}, {})}, {}, (), None, {})
+    other = OtherProcess()
+    there = other.run(solve_shot, problem, seen)
+    other.close()
+    here = solve_shot(problem, seen)
+    np.testing.assert_allclose(there.solved.keys[0].theta, here.solved.keys[0].theta, rtol=1e-9, atol=1e-9)
+
+
+def test_keyframes_that_came_in_the_meantime_have_cameras(clip):
+    """The first one is calibrated when the third one has come."""
+    cameras, pictures = clip
+    shown = Event()
+
+    class Late(Forever):
+        def __call__(self, images):
+            shown.wait()
+            return super().__call__(images)
+
+    with Tracker(FIELD, Late([cameras[0]]), every=EVERY) as tracker:
+        for picture in pictures[: 2 * EVERY + 2]:
+            assert tracker.update(picture).camera is None
+        shown.set()
+        found = tracker.update(pictures[2 * EVERY + 1])
+        while not found.accepted:
+            found = tracker.update(pictures[2 * EVERY + 1])
+    assert off(found, cameras[2 * EVERY + 1]) < 3.0
+
+
+@pytest.mark.parametrize("wait", [True, False])
+def test_a_network_that_fails(clip, wait):
+    def fails(images):
+        raise ZeroDivisionError("no network")
+
+    fails.classes = KnownCameras.classes
+    _, pictures = clip
+    with Tracker(FIELD, fails, wait=wait) as tracker, pytest.raises(ZeroDivisionError, match="no network"):
+        deque(map(tracker.update, repeat(pictures[0])))
+
+
+@pytest.mark.parametrize("wait", [True, False])
+def test_a_closed_tracker(clip, wait):
+    cameras, pictures = clip
+    tracker = Tracker(FIELD, KnownCameras(cameras[:1]), wait=wait)
+    tracker.update(pictures[0])
+    tracker.close()
+    tracker.close()
+    with pytest.raises(ValueError, match="the tracker is closed"):
+        tracker.update(pictures[1])
+
+
+def test_nothing_is_left_of_a_tracker_that_is_not_closed(clip):
+    cameras, pictures = clip
+    tracker = Tracker(FIELD, KnownCameras(cameras[:1]))
+    tracker.update(pictures[0])
+    process = tracker._other._process
+    del tracker
+    while process.poll() is None:  # when the thread has done what it is at
+        gc.collect()
+        time.sleep(0.01)

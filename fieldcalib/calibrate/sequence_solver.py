@@ -41,7 +41,7 @@ from fieldcalib.calibrate.together import labels_of, put_together
 from fieldcalib.calibrate.tripod import KnownTripod, Labels, PixelNoise
 from fieldcalib.fields.field import Field
 from fieldcalib.fields.segments import ObjectSegments
-from fieldcalib.problem.background import BackgroundPairs
+from fieldcalib.problem.background import BackgroundEvaluation, BackgroundPairs
 from fieldcalib.problem.evaluation import Evaluation, Problem
 from fieldcalib.problem.labelled_pixels import ImageSegments, Pixels, PixelWeights, Weights
 from fieldcalib.problem.layout import CENTER, LOG_F, Layout, Role, SizeBlock, ZoomLaw
@@ -506,7 +506,8 @@ class SequenceSolver:
             return set()
         solved = [one for k in number if (one := alone[int(index[k])].solved) is not None]
         theta = np.concatenate([one.alone.evaluation.theta for one in solved])
-        wrong = contradicted(pairs.take(np.array(number)), solved[0].evaluation.problem.layout, theta)
+        layout = solved[0].evaluation.problem.layout
+        wrong = contradicted(BackgroundEvaluation(pairs.take(np.array(number)), layout, theta))
         return set(index[number][wrong].tolist())
 
     def _labels(self, t: int, alone: Calibration | None) -> Labels:

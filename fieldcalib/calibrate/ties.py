@@ -152,7 +152,7 @@ class Ties:
         pairs = self.among(frames[known])
         if pairs is None:
             return kept
-        contradicts = disagreeing(pairs, layout, theta[known])
+        contradicts = disagreeing(BackgroundEvaluation(pairs, layout, theta[known]))
         first, second = frames[known][pairs.first], frames[known][pairs.second]
         while True:
             alive = kept[first] & kept[second]
@@ -233,20 +233,22 @@ def with_tied(
             start = evaluate(problem, theta[frames])
             found = levenberg_marquardt(start, max_iterations=NEAR if near else FAR, tolerance=APPROACHED)
             theta[frames] = found.theta
-        left_out[frames] = contradicted(pairs, layout, found.theta)
+        background = found.evaluation.background
+        assert background is not None
+        left_out[frames] = contradicted(background)
         known[frames] = ~left_out[frames]
     return theta, known
 
 
-def contradicted(pairs: BackgroundPairs, layout: Layout, theta: Array) -> BoolArray:
+def contradicted(background: BackgroundEvaluation) -> BoolArray:
     """Which of B frames most of their ties contradict, (B,)."""
-    contradicts = disagreeing(pairs, layout, theta)
-    bad, every = (np.bincount(pairs.second, some, minlength=len(theta)) for some in (contradicts, None))
+    second, count = background.pairs.second, len(background.theta)
+    bad, every = (np.bincount(second, some, minlength=count) for some in (disagreeing(background), None))
     return np.asarray(bad > 0.5 * every)
 
 
-def disagreeing(pairs: BackgroundPairs, layout: Layout, theta: Array) -> BoolArray:
-    """Which of K pairs the cameras theta (B, n) contradict, (K,)."""
-    r = np.linalg.norm(BackgroundEvaluation(pairs, layout, theta).r, axis=0)
-    far = np.nanmedian(np.where(pairs.weight > 0.0, r, np.nan), axis=1)
-    return np.asarray(far > DISAGREE * pixel_unit(layout.image_size))
+def disagreeing(background: BackgroundEvaluation) -> BoolArray:
+    """Which of K pairs the cameras of their frames contradict, (K,)."""
+    r = np.linalg.norm(background.r, axis=0)
+    far = np.nanmedian(np.where(background.pairs.weight > 0.0, r, np.nan), axis=1)
+    return np.asarray(far > DISAGREE * pixel_unit(background.layout.image_size))

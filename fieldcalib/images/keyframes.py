@@ -65,6 +65,8 @@ class Tied:
     """
     duplicate: bool
     """Whether the picture is that of the frame before: the stream repeats a frame, or is frozen."""
+    left: tuple[KeyframePair, ...] = ()
+    """Of a keyframe, what `KeyframeTracker` leaves to be matched."""
 
     @property
     def is_key(self) -> bool:
@@ -83,6 +85,9 @@ class KeyframeTracker:
     ----------
     every : int
         Frames from one keyframe to the next, at most.
+    leave_pairs : bool
+        Whether the matches of keyframes with one another are left to be made elsewhere (`Tied.left`), since they take
+        as long as three ordinary frames. A keyframe is then tied to the one before it only.
     moving : bool
         As in `match_background`.
 
@@ -96,10 +101,10 @@ class KeyframeTracker:
     True
     """
 
-    def __init__(self, every: int = EVERY, *, moving: bool = False) -> None:
+    def __init__(self, every: int = EVERY, *, leave_pairs: bool = False, moving: bool = False) -> None:
         if every < 1:
             raise ValueError(f"every must be 1 or more frames, got {every}")
-        self._every, self._moving = every, moving
+        self._how = _How(every, leave_pairs, moving)
         self._count = 0
         self._last: _View | None = None  # that is no duplicate
         self._piece: _Piece | None = None
@@ -124,7 +129,7 @@ class KeyframeTracker:
         if not view.duplicate:
             self._last = view
         if self._piece is None:
-            self._piece = _Piece(view, 0, self._every, self._moving)
+            self._piece = _Piece(view, 0, self._how)
             return [self._piece.first]
         tied = self._piece.tied(view) if self._lost == 0 else None
         if tied is None and self._lost < LOST_FOR and not (view.duplicate and self._lost):
@@ -136,7 +141,7 @@ class KeyframeTracker:
         tied = self._candidate.tied(view, LEAST_LIKENESS_OF_KEY) if self._candidate is not None else None
         if tied is None:
             untied = self._untied()
-            self._candidate = _Piece(view, self._piece.number + 1, self._every, self._moving)
+            self._candidate = _Piece(view, self._piece.number + 1, self._how)
             self._waiting = [self._candidate.first]
             return untied
         self._waiting.append(tied)
@@ -232,13 +237,44 @@ class _View:
         return np.asarray(small - cv2.blur(small, (LOCAL, LOCAL)), dtype=np.float32)
 
 
+@dataclass(frozen=True, eq=False)
+class KeyframePair:
+    """A keyframe and an earlier one of its piece, which are to be matched."""
+
+    first: _View
+    second: _View
+    H: Array
+    """Homography between them, to a few pixels."""
+    moving: bool
+    """As in `match_background`."""
+
+    @property
+    def indices(self) -> tuple[int, int]:
+        """Of the earlier frame and of the later one."""
+        return self.first.index, self.second.index
+
+    def matches(self) -> Matches | None:
+        """From the first to the second; None if they do not show the same."""
+        found = _matched(self.first, self.second, self.H, MOST_CORNERS, self.moving)
+        return None if found is None or found[1] < LEAST_LIKENESS_OF_KEY else found[0]
+
+
+@dataclass(frozen=True)
+class _How:
+    """The arguments of `KeyframeTracker`."""
+
+    every: int
+    leave_pairs: bool
+    moving: bool
+
+
 class _Piece:
     """Frames that matches connect: the last keyframes, and how the camera moved last."""
 
-    def __init__(self, view: _View, number: int, every: int, moving: bool) -> None:
+    def __init__(self, view: _View, number: int, how: _How) -> None:
         self.number = number
         self.first = Tied(view.index, number, view.index, (), view.duplicate)
-        self._every, self._moving = every, moving
+        self._how = how
         self._keys = deque([(view, np.eye(3))], maxlen=KEPT)  # each with the homography to the newest
         self._last = view
         self._matches: Matches | None = None  # from the newest keyframe to the last frame; None if they are the same
@@ -257,10 +293,12 @@ class _Piece:
         """The frame after the last one, tied to the newest keyframe; None if nothing ties it."""
         if view.duplicate and self._matches is not None:
             return self._ordinary(view, self._matches)
-        found = self._matched_with(self.key, view, self._motion @ self._H)
+        corners = MOST_CORNERS if self._how.leave_pairs and self._is_due(view) else CORNERS
+        found = _matched(self.key, view, self._motion @ self._H, corners, self._how.moving)
         if found is None and self._matches is not None:
-            step = match_background(self._last.frame, view.frame, corners=CORNERS, moving=self._moving)
-            found = None if step is None else self._matched_with(self.key, view, step.homography @ self._H)
+            step = match_background(self._last.frame, view.frame, corners=CORNERS, moving=self._how.moving)
+            H = None if step is None else step.homography @ self._H
+            found = None if H is None else _matched(self.key, view, H, CORNERS, self._how.moving)
         if found is None or found[1] < least:
             return None
         if not view.duplicate:
@@ -270,64 +308,70 @@ class _Piece:
     def found_again(self, view: _View, missed: int) -> Tied | None:
         """A frame tied to the newest keyframe or to earlier ones, after some that nothing ties."""
         for start in (np.linalg.matrix_power(self._motion, missed + 1) @ self._H, self._H):
-            found = self._matched_with(self.key, view, start)
+            found = _matched(self.key, view, start, CORNERS, self._how.moving)
             if found is not None and found[1] >= LEAST_LIKENESS_OF_KEY:
                 return self._added(view, *found)
         back = BACK[missed % len(BACK)]  # one of them for each frame, since this takes long
         if back > len(self._keys):
             return None
         older, to_newest = self._keys[-back]
-        far = match_far(older.frame, view.frame, moving=self._moving)
+        far = match_far(older.frame, view.frame, moving=self._how.moving)
         if far is None or _likeness(older, view, far.homography) < LEAST_LIKENESS_OF_KEY:
             return None
         self._motion = np.eye(3)
         return self._keyframe(view, far.homography @ np.linalg.inv(to_newest))
 
-    def _matched_with(
-        self, key: _View, view: _View, start: Array, corners: int = CORNERS
-    ) -> tuple[Matches, float] | None:
-        """Matches of two frames, and how alike these are; None if they do not show the same."""
-        matches = match_background(key.frame, view.frame, start=start, corners=corners, moving=self._moving)
-        if matches is None:
-            return None
-        likeness = _likeness(key, view, matches.homography)
-        return None if likeness < LEAST_LIKENESS else (matches, likeness)
+    def _is_due(self, view: _View) -> bool:
+        return view.index - self.key.index >= self._how.every
 
     def _added(self, view: _View, matches: Matches, likeness: float) -> Tied:
         due = (
-            view.index - self.key.index >= self._every
+            self._is_due(view)
             or len(matches) < FEW_MATCHES
             or _in_view(matches.homography, view.frame.image_size) < LEAST_IN_VIEW
         )
         key = None
         if due and likeness >= LEAST_LIKENESS_OF_KEY and not view.duplicate:
-            key = self._keyframe(view, matches.homography)
+            key = self._keyframe(view, matches.homography, matches)
         return self._ordinary(view, matches) if key is None else key
 
     def _ordinary(self, view: _View, matches: Matches) -> Tied:
         self._last, self._matches = view, matches
         return Tied(view.index, self.number, self.key.index, ((self.key.index, matches),), view.duplicate)
 
-    def _keyframe(self, view: _View, H: Array) -> Tied | None:
-        """The next keyframe, with the homography from the newest to it; None if it is unlike earlier ones."""
+    def _keyframe(self, view: _View, H: Array, matches: Matches | None = None) -> Tied | None:
+        """The next keyframe, with the homography from the newest to it; None if it is unlike earlier ones.
+
+        With it come its matches with the newest, if it was tied to that one as an ordinary frame.
+        """
         size = view.frame.image_size
         for older, to_newest in self._keys:
             recent = view.index - older.index <= MIXED_FOR and _in_view(H @ to_newest, size) >= LEAST_IN_VIEW
             if recent and _likeness(older, view, H @ to_newest) < LEAST_LIKENESS:
                 return None
-        ties = []
-        for back in BACK:
-            if back <= len(self._keys):
-                older, to_newest = self._keys[-back]
-                found = self._matched_with(older, view, H @ to_newest, MOST_CORNERS)
-                if found is not None and found[1] >= LEAST_LIKENESS_OF_KEY:
-                    ties.append((older.index, found[0]))
+        earlier = [self._keys[-back] for back in BACK if back <= len(self._keys)]
+        pairs = tuple(KeyframePair(older, view, H @ to_newest, self._how.moving) for older, to_newest in earlier)
+        if self._how.leave_pairs and matches is not None:
+            ties: tuple[tuple[int, Matches], ...] = ((self.key.index, matches),)
+            left = pairs[1:]
+        else:
+            ties = tuple((pair.indices[0], found) for pair in pairs if (found := pair.matches()) is not None)
+            left = ()
         if not ties:
             return None
         moved = [(older, H @ to_newest) for older, to_newest in self._keys]
         self._keys = deque([*moved, (view, np.eye(3))], maxlen=KEPT)
         self._last, self._matches = view, None
-        return Tied(view.index, self.number, view.index, tuple(ties), view.duplicate)
+        return Tied(view.index, self.number, view.index, ties, view.duplicate, left)
+
+
+def _matched(first: _View, second: _View, start: Array, corners: int, moving: bool) -> tuple[Matches, float] | None:
+    """Matches of two frames, and how alike these are; None if they do not show the same."""
+    matches = match_background(first.frame, second.frame, start=start, corners=corners, moving=moving)
+    if matches is None:
+        return None
+    likeness = _likeness(first, second, matches.homography)
+    return None if likeness < LEAST_LIKENESS else (matches, likeness)
 
 
 def _likeness(first: _View, second: _View, H: Array) -> float:

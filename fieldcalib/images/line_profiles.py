@@ -153,7 +153,7 @@ def profiles_along(camera: Camera, markings: Markings) -> Profiles:
     good = np.isfinite(width) & np.all(np.isfinite(normal), axis=1)
     place, normal, width, on_ground = place[good], normal[good], width[good], on_ground[good]
     member, xy = markings.member[place], xy[place]
-    distance = np.linalg.norm(xy[:, None] - xy, axis=-1)
+    distance = np.hypot(xy[:, None, 0] - xy[:, 0], xy[:, None, 1] - xy[:, 1])
     distance[member[:, None] == member] = np.inf
     return Profiles(member, xy, normal, width, 0.5 * np.min(distance, axis=1, initial=np.inf), on_ground, markings.look)
 

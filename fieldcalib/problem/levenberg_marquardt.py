@@ -131,7 +131,7 @@ def levenberg_marquardt(
         theta[:, free] = inside
         start = evaluate(problem, theta)
 
-    best = _Best.of(start)
+    best = _Best(start)
     converged, iterations = np.zeros(len(problem), dtype=bool), np.zeros(len(problem), dtype=np.intp)
     groups = Groups.of(problem)
     index = np.arange(len(problem))  # of the frames still in the batch
@@ -182,7 +182,7 @@ def levenberg_marquardt(
         cost = np.where(better, trial_cost, cost)
         taken = groups.spread(better)
         theta = np.where(taken[:, None], moved, theta)
-        best.replace(index[taken], trial, taken)
+        best.replace(index, trial, taken)
         iterations[index[groups.spread(running)]] += 1
         converged[index[groups.spread(done)]] = True
         running = running & ~done
@@ -281,26 +281,24 @@ def _times(hessian: Array, coupling: Coupling | None, step: Array, shared: BoolA
     return product
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(eq=False)
 class _Best:
-    """The best cameras so far, and their closest points."""
+    """The best cameras so far."""
 
-    problem: Problem
-    theta: Array
-    points: ClosestPoints
-
-    @classmethod
-    def of(cls, start: Evaluation) -> _Best:
-        points = ClosestPoints(*(getattr(start.points, name.name).copy() for name in fields(ClosestPoints)))
-        return cls(start.problem, start.theta.copy(), points)
+    evaluation: Evaluation
+    is_own: bool = False
+    """Whether its arrays are nobody else's."""
 
     def replace(self, index: IntArray, trial: Evaluation, taken: BoolArray) -> None:
-        """Frames `index` by those of a trial that are `taken`."""
-        self.theta[index] = trial.theta[taken]
-        for name in fields(ClosestPoints):
-            values = getattr(self.points, name.name)
-            values[..., index, :] = getattr(trial.points, name.name)[..., taken, :]
-
-    @property
-    def evaluation(self) -> Evaluation:
-        return Evaluation(self.problem, self.theta, self.points)
+        """Frames `index` by those of a trial that are `taken`; if these are all, with what was computed of them."""
+        if np.count_nonzero(taken) == len(self.evaluation.theta):
+            self.evaluation, self.is_own = trial, False
+        elif np.any(taken):
+            if not self.is_own:
+                every = self.evaluation
+                points = ClosestPoints(*(getattr(every.points, name.name).copy() for name in fields(ClosestPoints)))
+                self.evaluation, self.is_own = Evaluation(every.problem, every.theta.copy(), points), True
+            self.evaluation.theta[index[taken]] = trial.theta[taken]
+            for name in fields(ClosestPoints):
+                values = getattr(self.evaluation.points, name.name)
+                values[..., index[taken], :] = getattr(trial.points, name.name)[..., taken, :]

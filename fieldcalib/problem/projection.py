@@ -15,6 +15,7 @@ from fieldcalib._types import Array, BoolArray
 from fieldcalib.geometry.rotation import rotation_axes, rotation_from_angles
 from fieldcalib.problem.layout import ANGLES, CENTER, LOG_ASPECT, LOG_F, PRINCIPAL_POINT, Layout
 
+TIMES_E3 = np.array([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 0.0]])  # a @ TIMES_E3 = a x e3
 UNDISTORTING_STEPS = 3  # of the fixed point with which a search begins
 
 
@@ -43,6 +44,11 @@ class Projection:
     @cached_property
     def _axes(self) -> Array:
         return rotation_axes(self.theta[:, ANGLES], self.R)
+
+    @cached_property
+    def _moves_of_axis(self) -> Array:
+        """By which the angles move the optical axis in the world, (B, 3, 3): ``axis x e3`` in the camera."""
+        return np.asarray(self._axes @ TIMES_E3 @ self.R)
 
     def directions(self, d: Array) -> Array:
         """World directions (B, N, 3) in scaled camera coordinates, (3, B, N)."""
@@ -146,8 +152,7 @@ class Projection:
             whole[:, law.start + 2], whole[:, law.start + 3] = u * by_a1, np.square(u) * by_a1
         along = np.swapaxes(self.R, 1, 2)  # the optical axis is the last column, e3 in the camera
         whole[:, law.start + 4] = np.einsum("bk,bkn->bn", along[:, :, 2], J[:, CENTER])
-        turned = np.cross(self._axes, (0.0, 0.0, 1.0))  # by which an angle moves e3, in the camera: (B, 3, 3)
-        whole[:, ANGLES] += offset[..., None] * (turned @ self.R @ J[:, CENTER])
+        whole[:, ANGLES] += offset[..., None] * (self._moves_of_axis @ J[:, CENTER])
         return whole
 
     def _derivatives(self, s: Array, inverse_depth: Array, n: Array, free: BoolArray) -> Array:

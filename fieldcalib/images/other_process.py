@@ -1,0 +1,149 @@
+"""Functions that run in another Python process, so that they take no time from the threads of this one.
+
+multiprocessing runs the caller's script again in what it starts, unless the script is written for it. This process
+runs nothing but what it is asked for. Requests and answers are pickles, each after its length.
+"""
+
+from __future__ import annotations
+
+import os
+import pickle
+import signal
+import struct
+import subprocess
+import sys
+import traceback
+import weakref
+from collections.abc import Callable
+from contextlib import suppress
+from typing import Any, BinaryIO, ParamSpec, TypeVar
+
+P = ParamSpec("P")
+T = TypeVar("T")
+
+LENGTH = struct.Struct("<Q")
+NICENESS = 2  # of 19: this process comes first where there are few cores
+ONE_THREAD = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")  # of the libraries that NumPy may use
+
+
+class OtherProcess:
+    """A process that runs functions of importable modules, one at a time; it ends with this object.
+
+    Raises
+    ------
+    RuntimeError
+        If it cannot be started.
+
+    Examples
+    --------
+    >>> other = OtherProcess()
+    >>> other.run(sum, [1, 2, 3])
+    6
+    >>> other.run(int, "three")
+    Traceback (most recent call last):
+        ...
+    ValueError: invalid literal for int() with base 10: 'three'
+    ...
+    >>> other.close()
+    """
+
+    def __init__(self) -> None:
+        if not sys.executable or hasattr(sys, "frozen"):  # of a frozen program that is the program itself
+            raise RuntimeError(f"no Python to start another process with: sys.executable is {sys.executable!r}")
+        path = os.pathsep.join(str(folder) or os.getcwd() for folder in sys.path)
+        try:
+            self._process = subprocess.Popen(
+                [sys.executable, "-P", "-m", __name__],
+                stdin=subprocess.PIPE,
+                stdout=subprocess.PIPE,
+                env={**os.environ, **dict.fromkeys(ONE_THREAD, "1"), "PYTHONPATH": path},
+            )
+        except OSError as error:
+            raise RuntimeError(f"another process cannot be started: {error}") from error
+        self._end = weakref.finalize(self, _end, self._process)  # at the end of the program at the latest
+
+    def run(self, function: Callable[P, T], /, *args: P.args, **kwargs: P.kwargs) -> T:
+        """What the function returns there, or raises.
+
+        Raises
+        ------
+        ValueError
+            If it or an argument is of the script, which is not run there.
+        RuntimeError
+            If the process has ended.
+        """
+        assert self._process.stdin is not None
+        assert self._process.stdout is not None
+        try:
+            _send(self._process.stdin, pickle.dumps((function, args, kwargs), pickle.HIGHEST_PROTOCOL))
+            answer = _received(self._process.stdout)
+        except (OSError, EOFError, ValueError):  # of a broken pipe, of one with nothing in it, of a closed one
+            raise RuntimeError(f"the other process has ended, with exit code {self._process.wait()}") from None
+        done, value = pickle.loads(answer)
+        if done:
+            return value  # type: ignore[no-any-return]
+        raise value
+
+    def close(self) -> None:
+        """End the process, whatever it does."""
+        self._end()
+
+
+def _end(process: subprocess.Popen[bytes]) -> None:
+    process.kill()
+    process.wait()
+    for pipe in (process.stdin, process.stdout):
+        with suppress(OSError):  # what could not be sent any more
+            assert pipe is not None
+            pipe.close()
+
+
+def _send(pipe: BinaryIO | Any, content: bytes) -> None:
+    pipe.write(LENGTH.pack(len(content)))
+    pipe.write(content)
+    pipe.flush()
+
+
+def _received(pipe: BinaryIO | Any) -> bytes:
+    """The next message.
+
+    Raises
+    ------
+    EOFError
+        If there is none any more.
+    """
+    head = pipe.read(LENGTH.size)
+    content = pipe.read(*LENGTH.unpack(head)) if len(head) == LENGTH.size else b""
+    if not content:
+        raise EOFError
+    return bytes(content)
+
+
+def _answer(request: bytes) -> bytes:
+    try:
+        try:
+            function, args, kwargs = pickle.loads(request)
+        except (AttributeError, ImportError) as error:
+            raise ValueError(f"{error}: classes and functions must be those of modules, not of the script") from None
+        return pickle.dumps((True, function(*args, **kwargs)), pickle.HIGHEST_PROTOCOL)
+    except Exception as error:
+        error.add_note("in another process:\n" + "".join(traceback.format_tb(error.__traceback__)))
+        return pickle.dumps((False, error), pickle.HIGHEST_PROTOCOL)
+
+
+def main() -> None:
+    """Answer requests until there are no more."""
+    import cv2
+
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is for the one that started this
+    cv2.setNumThreads(1)
+    if hasattr(os, "nice"):
+        os.nice(NICENESS)
+    with suppress(EOFError, BrokenPipeError), os.fdopen(os.dup(1), "wb") as answers:
+        os.dup2(2, 1)  # what libraries print is no answer
+        while True:
+            _send(answers, _answer(_received(sys.stdin.buffer)))
+
+
+if __name__ == "__main__":
+    main()
