@@ -1,5 +1,7 @@
 """What ties frames of one tripod: thinned matches, and cameras that follow from them."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from hypothesis import assume, given
@@ -7,7 +9,7 @@ from hypothesis import strategies as st
 from strategies import generators
 from tripods import SIZE, chain, far_off, matched, panned
 
-from fieldcalib.calibrate.ties import CELLS, LEAST_CELLS, Ties, disagreeing, thinned, with_tied
+from fieldcalib.calibrate.ties import CELLS, LEAST_CELLS, Ties, disagreeing, stepped, thinned, with_tied
 from fieldcalib.fields.soccer import soccer
 from fieldcalib.geometry.camera import Camera
 from fieldcalib.problem.background import BackgroundEvaluation
@@ -144,6 +146,25 @@ def test_ties_lead_from_known_frames_to_others_in_both_directions():
     back = np.flatnonzero((first == 2) & (pairs.second == 1))[0]  # matched from 1 to 2
     np.testing.assert_array_equal(pairs.p[back], ties.q[1])
     np.testing.assert_array_equal(pairs.q[back], ties.p[1])
+
+
+@pytest.mark.parametrize("wrong", [False, True])
+def test_a_step_from_nearby_leads_to_where_known_cameras_have_the_background(wrong):
+    cameras = panned(3)
+    ties = ties_of(cameras, [(0, 1), (0, 2), (2, 1)], noise=0.1)
+    theta = theta_of(cameras)
+    pairs, _ = ties.towards(np.array([1]), theta, some(0, 2, of=3))
+    if wrong:
+        pairs = replace(pairs, q=pairs.q + (0.0, 80.0) * (-1.0) ** np.arange(pairs.q.shape[1])[:, None])
+    near = theta[[1]]
+    near[:, :4] += (3e-3, -2e-3, 1e-3, 4e-3)
+    moved, contradicts = stepped(pairs, LAYOUT, near)
+    assert contradicts.tolist() == [wrong]
+    if not wrong:
+        np.testing.assert_allclose(moved, theta[[1]], atol=2e-4)
+        assert not disagreeing(BackgroundEvaluation(pairs, LAYOUT, moved)).any()
+        far = np.median(far_off(LAYOUT.camera(near[0]), cameras[1]))
+        assert np.median(far_off(LAYOUT.camera(moved[0]), cameras[1])) < 0.05 * far
 
 
 def test_what_is_reached():

@@ -164,6 +164,14 @@ def test_a_closed_tracker(clip, wait):
         tracker.update(pictures[1])
 
 
+@pytest.mark.parametrize(
+    ("field", "network", "message"), [("a", None, "expected a field"), (FIELD, "network.onnx", "expected a network")]
+)
+def test_what_is_no_field_or_network_is_named(field, network, message):
+    with pytest.raises(ValueError, match=message):
+        Tracker(field, network)
+
+
 def test_nothing_is_left_of_a_tracker_that_is_not_closed(clip):
     cameras, pictures = clip
     tracker = Tracker(FIELD, KnownCameras(cameras[:1]))

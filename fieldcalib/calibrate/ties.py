@@ -31,7 +31,8 @@ DISAGREE = 6.0  # px: median distance at which the cameras of two frames contrad
 BEHIND_LINES = 10.0  # m from the lines of a field to the boards and stands around it
 LEAST_CELLS = 5  # that make a tie
 APPROACHED = 1e-3  # of the cost: cameras that are tied are where others begin
-FAR, NEAR = 50, 1  # iterations at most
+MOST_ITERATIONS = 50
+DAMPING = 1e-4  # share of the diagonal
 FROM_AFAR = RobustLoss("linear", 1.0)  # frames that are tied may be far apart: a loss that bends has no gradient there
 
 Matched = Mapping[tuple[int, int], tuple[ArrayLike, ArrayLike]]
@@ -203,8 +204,6 @@ def with_tied(
     wanted: IntArray,
     layout: Layout,
     scale: float,
-    *,
-    near: bool = False,
 ) -> tuple[Array, BoolArray]:
     """Cameras (T, n) with those of frames that are tied, directly or through others, to known ones (T,).
 
@@ -216,8 +215,6 @@ def with_tied(
         In which pan, tilt, roll and zoom are the frames' own and all the rest is known.
     scale : float
         Size of what is usually in view, metres.
-    near : bool
-        Whether theta has cameras of the frames already that are off by some pixels only.
     """
     theta, known, left_out = theta.copy(), known.copy(), np.ones_like(known)
     left_out[wanted] = False
@@ -225,13 +222,12 @@ def with_tied(
         pairs, first = ties.towards(frames, theta, known)
         nearest = np.argsort(np.abs(first - frames[pairs.second]), kind="stable")
         _, one = np.unique(pairs.second[nearest], return_index=True)
-        if not near:
-            theta[frames] = theta[first[nearest[one]]]
+        theta[frames] = theta[first[nearest[one]]]
         observations = pack(object_segments, [{}] * len(frames), layout.image_size)
-        for loss in (ties.loss,) if near else (FROM_AFAR, ties.loss):
+        for loss in (FROM_AFAR, ties.loss):
             problem = Problem(observations, layout, loss, scale=scale, background=replace(pairs, loss=loss))
             start = evaluate(problem, theta[frames])
-            found = levenberg_marquardt(start, max_iterations=NEAR if near else FAR, tolerance=APPROACHED)
+            found = levenberg_marquardt(start, max_iterations=MOST_ITERATIONS, tolerance=APPROACHED)
             theta[frames] = found.theta
         background = found.evaluation.background
         assert background is not None
@@ -240,15 +236,37 @@ def with_tied(
     return theta, known
 
 
+def stepped(pairs: BackgroundPairs, layout: Layout, theta: Array) -> tuple[Array, BoolArray]:
+    """Cameras (B, n) after a step towards known ones, and which of them most of their ties contradict, (B,).
+
+    They must be off by some pixels only: what is left after the step is that of the linear model.
+    """
+    background = BackgroundEvaluation(pairs, layout, theta)
+    hessian, diagonal = background.hessian.copy(), np.arange(background.hessian.shape[1])
+    hessian[:, diagonal, diagonal] *= 1.0 + DAMPING
+    step = -np.linalg.solve(hessian, background.gradient[..., None])[..., 0]
+    moved = theta.copy()
+    moved[:, layout.free] += step
+    change = np.einsum("kpm,kp->km", background.by_second, step[pairs.second])
+    r = background.r + np.stack(np.split(change, 2, axis=-1))
+    return moved, _contradicted(pairs, _disagreeing(pairs, layout, r), len(theta))
+
+
 def contradicted(background: BackgroundEvaluation) -> BoolArray:
     """Which of B frames most of their ties contradict, (B,)."""
-    second, count = background.pairs.second, len(background.theta)
-    bad, every = (np.bincount(second, some, minlength=count) for some in (disagreeing(background), None))
-    return np.asarray(bad > 0.5 * every)
+    return _contradicted(background.pairs, disagreeing(background), len(background.theta))
 
 
 def disagreeing(background: BackgroundEvaluation) -> BoolArray:
     """Which of K pairs the cameras of their frames contradict, (K,)."""
-    r = np.linalg.norm(background.r, axis=0)
-    far = np.nanmedian(np.where(background.pairs.weight > 0.0, r, np.nan), axis=1)
-    return np.asarray(far > DISAGREE * pixel_unit(background.layout.image_size))
+    return _disagreeing(background.pairs, background.layout, background.r)
+
+
+def _contradicted(pairs: BackgroundPairs, disagreeing: BoolArray, count: int) -> BoolArray:
+    bad, every = (np.bincount(pairs.second, some, minlength=count) for some in (disagreeing, None))
+    return np.asarray(bad > 0.5 * every)
+
+
+def _disagreeing(pairs: BackgroundPairs, layout: Layout, r: Array) -> BoolArray:
+    distance = np.where(pairs.weight > 0.0, np.linalg.norm(r, axis=0), np.nan)
+    return np.asarray(np.nanmedian(distance, axis=1) > DISAGREE * pixel_unit(layout.image_size))

@@ -23,7 +23,7 @@ from fieldcalib.assess.result import Calibration, Status
 from fieldcalib.assess.sequence import STEP, Basis
 from fieldcalib.calibrate.frame_columns import FrameColumns
 from fieldcalib.calibrate.options import ALL, DEFAULT_FLAGS, Prior
-from fieldcalib.calibrate.ties import Ties, with_tied
+from fieldcalib.calibrate.ties import Ties, stepped, with_tied
 from fieldcalib.calibrate.tripod import Labels
 from fieldcalib.fields.segments import ObjectSegments
 from fieldcalib.geometry.camera import Camera
@@ -47,7 +47,9 @@ from fieldcalib.images.shot_solver import (
 )
 from fieldcalib.io.image import Image
 from fieldcalib.localize import Network
+from fieldcalib.localize.flow import check_network
 from fieldcalib.localize.network import SegmentationNetwork
+from fieldcalib.problem.labelled_pixels import check_object
 
 LOOKED_AT = 4  # keyframes of a shot that the network sees in any case,
 SOLVE_AGAIN, LOOK_AGAIN = 3, 6  # then all are solved again, and the network sees one, every so many
@@ -108,6 +110,8 @@ class Tracker:
 
     Raises
     ------
+    ValueError
+        If the object or the network is none.
     RuntimeError
         If no other process can be started, and it does not `wait`.
 
@@ -130,10 +134,14 @@ class Tracker:
         every: int = EVERY,
         wait: bool = False,
     ) -> None:
+        check_object(object_segments)
+        if network is not None:
+            check_network(network)
         self._other = None if wait else OtherProcess()  # it starts while the network is loaded
         self._thread = ThreadPoolExecutor(max_workers=1)
         self._options = KeyframeOptions(object_segments, flags, prior)
-        self._network = SegmentationNetwork.load() if network is None else network
+        # one core is left to `update`
+        self._network = SegmentationNetwork.load(threads=2 if wait else 1) if network is None else network
         if self._other is not None:
             self._other.run(prepare, self._options)
         self._keyframes = KeyframeTracker(every, leave_pairs=True)
@@ -324,15 +332,18 @@ class Tracker:
         near = image is not None and bool(self._last)
         last = self._last[-1][1] if near else known[keys[-1]]
         theta = np.where(layout.free, [*(known[key].theta for key in keys), last.theta], solved.shared)
-        theta, reached = with_tied(
-            tripod.object_segments, local, theta, is_known, here, layout, tripod.options.scale, near=near
-        )
-        if not reached[-1]:
+        towards, first = local.towards(here, theta, is_known)
+        if near:
+            theta[-1:], (contradicted,) = stepped(towards, layout, theta[-1:])
+        else:
+            scale = tripod.options.scale
+            theta, reached = with_tied(tripod.object_segments, local, theta, is_known, here, layout, scale)
+            contradicted = not reached[-1]
+        if contradicted:
             return None
         lines: Labels = ({}, {})
         if image is not None:
             lines, _ = frame_lines(image, layout.camera(theta[-1]), solved.markings)
-        towards, first = local.towards(here, theta, is_known)
         of_keys = [known[keys[k]] for k in first.tolist()]
         of_first = OwnErrors(np.array([one.E for one in of_keys]), np.array([one.F for one in of_keys]))
         columns = tripod.columns(1)

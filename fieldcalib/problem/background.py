@@ -175,6 +175,11 @@ class BackgroundEvaluation:
         in_x, in_y = np.split(_image_derivatives(one, s1, w1, free), 2, axis=-1)
         return np.concatenate([A[a, 0, :, None] * in_x + A[a, 1, :, None] * in_y for a in (0, 1)], axis=-1)
 
+    @cached_property
+    def by_second(self) -> Array:
+        """Derivatives of r by the free parameters of the second camera, (K, P, 2 N), x before y."""
+        return self._by_second(self.layout.free)
+
     def _by_second(self, free: BoolArray) -> Array:
         _, _, s2, w2, _ = self._seen
         return -_image_derivatives(self._projections[1], s2, w2, free)
@@ -201,7 +206,7 @@ class BackgroundEvaluation:
         size, own = len(shared), np.flatnonzero(~shared)
         to_all = np.flatnonzero(shared)
         second = self.pairs.second
-        by_second = self._by_second(free)
+        by_second = self.by_second
         r = np.concatenate(self.r, axis=-1)
         gradient, hessian = np.zeros((len(self.theta), size)), np.zeros((len(self.theta), size, size))
 
