@@ -1,11 +1,12 @@
-"""Cameras of frames of one tripod, calibrated together and one by one, against true ones.
+"""Cameras of frames of one camera, calibrated together and one by one, against true ones.
 
-    python -m data_tools.sequences CAMERAS [--count N] [--matches] [--paint METRES]
+    python -m data_tools.sequences CAMERAS [--count N] [--matches] [--flies] [--paint METRES]
 
 CAMERAS holds ``<name>.npz`` as for `data_tools.measured_cameras`. For each, N of 300 frames of a synthetic clip with
 its zoom and lens are calibrated (`data_tools.synthetic.clips`), on a pitch whose lines are painted some centimetres
 elsewhere. With `--matches` half of the frames have no labels, and static points tie each frame to others as
-`fieldcalib.images.keyframes` does. Printed are, for what frames rest on, the median errors of focal length (percent),
+`fieldcalib.images.keyframes` does. With `--flies` the camera stands on no tripod, and static points are on the ground.
+Printed are, for what frames rest on, the median errors of focal length (percent),
 centre and field in view (metres) and of the field in the image (pixels of 1280 columns), and how often the 95 % regions
 hold the truth (percent); and the mean error of the pitch's size (metres).
 """
@@ -20,12 +21,13 @@ from pathlib import Path
 import numpy as np
 
 from data_tools.measured_cameras import SIZE, camera_files
-from data_tools.synthetic.clips import background_matches, background_points, camera_path, labelled, painted
+from data_tools.synthetic.clips import background_matches, background_points, camera_path, flight, labelled, painted
 from data_tools.truth import Compared, by_basis, compared
 from fieldcalib._types import Array
 from fieldcalib.calibrate.from_segments import calibrate_batch
 from fieldcalib.calibrate.options import PAINT
 from fieldcalib.calibrate.sequence import calibrate_sequence
+from fieldcalib.calibrate.sequence_solver import SHARED, SHARED_IN_MOTION
 from fieldcalib.cli.arguments import count, positive
 from fieldcalib.cli.main import run_command
 from fieldcalib.fields.soccer import soccer
@@ -35,6 +37,7 @@ from fieldcalib.images.keyframes import BACK
 FRAMES = 300  # of a clip
 KEY_EVERY = 3  # of the frames that are calibrated
 EMPTY_SHARE = 0.5  # of the frames have no labels, with matches
+GROUND = 1e-6  # m: points that are no farther from it are on it
 POINTS, MOST_MATCHES = 3000, 150  # of the background of a clip, and of them in a pair of frames
 
 
@@ -46,6 +49,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument("--noise", type=positive, default=1.0, help="pixels (1)")
     parser.add_argument("--paint", type=float, default=PAINT, help=f"metres by which lines lie elsewhere ({PAINT})")
     parser.add_argument("--matches", action="store_true", help="and every other frame without labels")
+    parser.add_argument("--flies", action="store_true", help="along the side line, instead of standing on a tripod")
     parser.add_argument("--repeats", type=count, default=1, help="clips of each camera (1)")
     parser.add_argument("--seed", type=int, default=0)
     parser.set_defaults(run=run)
@@ -60,11 +64,14 @@ def run(options: argparse.Namespace) -> int:
     sizes = []
     for number, path in enumerate(options.repeats * camera_files(options.cameras)):
         rng = np.random.default_rng(options.seed + number)
-        cameras = camera_path(rng, FRAMES, path)[:: max(FRAMES // options.count, 1)][: options.count]
+        centre = flight(rng, FRAMES) if options.flies else None
+        cameras = camera_path(rng, FRAMES, path, centre=centre)[:: max(FRAMES // options.count, 1)][: options.count]
         lines = painted(field, rng, options.paint)
         empty = EMPTY_SHARE if options.matches else 0.0
         frames = [frame.pixels for frame in labelled(cameras, lines, rng, options.noise, empty_share=empty)]
-        found = calibrate_sequence(field, frames, SIZE, matches=_matches(cameras, rng) if options.matches else None)
+        matches = _matches(cameras, rng, options.flies) if options.matches else None
+        shared = SHARED_IN_MOTION if options.flies else SHARED
+        found = calibrate_sequence(field, frames, SIZE, shared=shared, matches=matches)
         together += [
             compared(one, truth, field, str(basis))
             for one, truth, basis in zip(found, cameras, found.basis, strict=True)
@@ -80,12 +87,15 @@ def run(options: argparse.Namespace) -> int:
     return 0
 
 
-def _matches(cameras: Sequence[Camera], rng: np.random.Generator) -> dict[tuple[int, int], tuple[Array, Array]]:
+def _matches(
+    cameras: Sequence[Camera], rng: np.random.Generator, on_ground: bool
+) -> dict[tuple[int, int], tuple[Array, Array]]:
     """Of every frame with the keyframe before it, and of keyframes with those before them."""
     keys = range(0, len(cameras), KEY_EVERY)
     pairs = [(t // KEY_EVERY * KEY_EVERY, t) for t in range(len(cameras)) if t not in keys]
     pairs += [(keys[k - back], keys[k]) for k in range(len(keys)) for back in BACK if k >= back]
     points, found = background_points(cameras, POINTS, rng), {}
+    points = points[np.abs(points[:, 2]) < GROUND] if on_ground else points
     for match in background_matches(cameras, pairs, points, rng):
         some = rng.permutation(len(match.xy_first))[:MOST_MATCHES]
         found[match.first, match.second] = match.xy_first[some], match.xy_second[some]

@@ -88,11 +88,7 @@ def test_frames_are_tied_to_keyframes_and_these_to_earlier_ones():
         [36, 24, 0],
     ]
     assert untied(found) == []
-    H = motions(len(ONE))
-    for tie in found:
-        for key, matches in tie.ties:
-            where = cv2.perspectiveTransform(matches.first[None], H[tie.index] @ np.linalg.inv(H[key]))[0]
-            assert np.median(np.linalg.norm(where - matches.second, axis=1)) < 0.3  # from the keyframe: no drift
+    assert median_distance(found, motions(len(ONE))) < 0.3  # from the keyframe: no drift
 
 
 def test_keyframes_come_earlier_where_the_view_changes():
@@ -178,6 +174,48 @@ def test_every_second_frame_twice():
     assert [tie.index for tie in found if tie.duplicate] == list(range(1, 40, 2))
     assert starts(found) == untied(found) == []
     assert keys(found) == [0, 12, 24, 36]
+
+
+def test_interlaced_frames_are_tied():
+    """Every frame has the odd rows of one moment and the even rows of the next: combs of 3 px in this pan."""
+    fields = shot(80, pan=0.2)
+    woven = [first.copy() for first in fields[::2]]
+    for frame, second in zip(woven, fields[1::2], strict=True):
+        frame[1::2] = second[1::2]
+    found = tied(woven)
+    assert starts(found) == []
+    assert untied(found) == []
+    H = [homography(0.2 * (2.0 * i + 0.5), 1.002 ** (2.0 * i + 0.5)) for i in range(len(woven))]
+    assert median_distance(found, H) < 0.6
+
+
+def test_frames_of_a_rolling_shutter_are_tied():
+    """The last row is read most of a frame after the first one: a pan shears the picture."""
+    steps = 12  # rows that are read at once are a twelfth of the picture
+    moments = shot(25 * steps, pan=0.5 / steps, zoom=1.0)
+    frames = [
+        np.concatenate([np.array_split(moments[i + k], steps)[k] for k in range(steps)])
+        for i in range(0, len(moments) - steps, steps)
+    ]
+    found = tied(frames)
+    assert starts(found) == []
+    assert untied(found) == []
+    H = [homography(0.5 * i, 1.0) for i in range(len(frames))]
+    assert median_distance(found, H) < 0.6
+
+
+def median_distance(found, H):
+    """Of the matches from where the motion of the camera has them, the largest of all pairs."""
+    return max(
+        np.median(
+            np.linalg.norm(
+                cv2.perspectiveTransform(matches.first[None], H[tie.index] @ np.linalg.inv(H[key]))[0] - matches.second,
+                axis=1,
+            )
+        )
+        for tie in found
+        for key, matches in tie.ties
+    )
 
 
 def test_nothing_to_follow():

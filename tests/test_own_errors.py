@@ -12,7 +12,7 @@ from synthetic import observe
 from tripods import SIZE, chain, matched, operated, panned
 
 from fieldcalib.assess.camera_errors import KnownErrors
-from fieldcalib.assess.noise import Noise
+from fieldcalib.assess.noise import FOUND_BESIDE, Noise
 from fieldcalib.assess.own_errors import GRID, OwnErrors, ground_errors, own_errors, whole_covariance
 from fieldcalib.calibrate.sequence import calibrate_sequence
 from fieldcalib.fields.soccer import soccer
@@ -78,7 +78,9 @@ def by_hand(problem, theta):
 
     evaluation = evaluate(problem, theta)
     hessian, between = np.zeros((T * o, T * o)), np.zeros((T * o, T * o))
-    border = np.zeros((T * o, len(SHARED)))
+    border, painted = np.zeros((T * o, len(SHARED))), 0.0
+    centre = np.isin(np.arange(LAYOUT.size), np.r_[CENTER])
+    by_metre = np.linalg.norm(evaluation.derivatives(centre)[:, :2], axis=1)
     J = residuals(lambda x: evaluate(problem, x).r.ravel()).reshape(T, -1, T * o + len(SHARED))
     noise = Noise(evaluation)
     for t in range(T):
@@ -88,6 +90,9 @@ def by_hand(problem, theta):
         hessian += KAPPA * own.T @ np.diag(pull) @ own
         border += KAPPA * own.T @ np.diag(pull) @ shared
         between += own.T @ np.diag(scale) @ correlation @ np.diag(scale) @ own
+        if problem.paint:  # of the same lines in every frame
+            off = np.hypot(problem.paint * by_metre[t], FOUND_BESIDE * SIZE[0])
+            painted = painted + own.T @ np.diag(pull * off) @ noise.segment[t]
     if problem.prior is not None:
         precision = np.diag(1.0 / np.square(evaluation.pulling_prior_sigma.ravel()))
         hessian, between = hessian + precision, between + precision
@@ -98,15 +103,19 @@ def by_hand(problem, theta):
         information = own.T @ (weight[:, None] * own)
         hessian, between = hessian + information, between + information
         border += own.T @ (weight[:, None] * shared)
+    if problem.paint:
+        between = between + painted @ painted.T
     inverse = np.linalg.inv(hessian)
     return inverse @ between @ inverse, inverse @ border
 
 
 @pytest.mark.parametrize("prior", [True, False], ids=["prior", "no prior"])
+@pytest.mark.parametrize("paint", [0.0, 0.03])
 @pytest.mark.parametrize("pairs", [None, ((0, 1), (1, 2), (0, 2), (3, 2))], ids=["alone", "tied"])
-def test_own_errors_are_those_of_the_whole_system(pairs, prior):
+def test_own_errors_are_those_of_the_whole_system(pairs, paint, prior):
     labelled = range(4) if pairs is None else (0, 1, 3)
     problem, theta = a_problem(0, labelled=labelled, prior=prior, pairs=pairs)
+    problem = replace(problem, paint=paint)
     found = own_errors(evaluate(problem, theta), SIGMA, KAPPA)
     E, F = by_hand(problem, theta)
     scale = np.sqrt(np.diagonal(E)).reshape(4, 4)

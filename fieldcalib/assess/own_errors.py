@@ -46,7 +46,7 @@ def own_errors(evaluation: Evaluation, sigma: float, kappa: float, of_first: Own
     of_first : OwnErrors, optional
         Of the first frame of each of K pairs, where that is no frame of the evaluation.
     """
-    hessian, between, border = _of_labels(evaluation, sigma, kappa)
+    hessian, between, border, painted = _of_labels(evaluation, sigma, kappa)
     hessian, between = hessian + evaluation.links_hessian, between + evaluation.links_hessian
     if evaluation.background is not None:
         pairs, layout = evaluation.background.pairs, evaluation.problem.layout
@@ -64,21 +64,27 @@ def own_errors(evaluation: Evaluation, sigma: float, kappa: float, of_first: Own
             np.add.at(border, pairs.second, -coupling @ of_first.following)
     if evaluation.coupling is None:
         inverse = np.linalg.inv(hessian)
-        return OwnErrors(inverse @ between @ inverse, inverse @ border)
+        by_line = inverse @ painted
+        return OwnErrors(inverse @ between @ inverse + by_line @ np.swapaxes(by_line, 1, 2), inverse @ border)
     B, o = hessian.shape[:2]
     inverse = np.linalg.inv(coupled(hessian, evaluation.coupling))
     spread = (inverse @ coupled(between, evaluation.coupling) @ inverse).reshape(B, o, B, o)
-    following = (inverse @ border.reshape(B * o, -1)).reshape(border.shape)
-    return OwnErrors(spread[np.arange(B), :, np.arange(B)], following)
+    # a line that lies elsewhere does so in all frames: ties do not average that out
+    by_line = (inverse @ painted.reshape(B * o, -1)).reshape(painted.shape)
+    E = spread[np.arange(B), :, np.arange(B)] + by_line @ np.swapaxes(by_line, 1, 2)
+    return OwnErrors(E, (inverse @ border.reshape(B * o, -1)).reshape(border.shape))
 
 
-def _of_labels(evaluation: Evaluation, sigma: float, kappa: float) -> tuple[Array, Array, Array]:
-    """Hessian (B, o, o) of labels and prior, covariance of their gradient, and Hessian (B, o, S) by what is shared."""
+def _of_labels(evaluation: Evaluation, sigma: float, kappa: float) -> tuple[Array, Array, Array, Array]:
+    """Hessian (B, o, o) of labels and prior, covariance of their gradient, and Hessian (B, o, S) by what is shared.
+
+    With them comes the gradient (B, o, L) of each line that is one standard deviation elsewhere.
+    """
     problem, JT = evaluation.problem, evaluation.JT
     by_shared = evaluation.derivatives(problem.layout.considered)
     noise = Noise(evaluation)
     pull = evaluation.pull * noise.relative_sigma
-    between = sigma**2 * noise.covariance(JT, pull, pull) + noise.of_paint(JT, evaluation.pull)
+    between = sigma**2 * noise.covariance(JT, pull, pull)
     hessian = kappa * gram(JT, evaluation.pull)
     if problem.prior is not None:
         precision = 1.0 / np.square(evaluation.pulling_prior_sigma)
@@ -86,7 +92,7 @@ def _of_labels(evaluation: Evaluation, sigma: float, kappa: float) -> tuple[Arra
         between[:, diagonal, diagonal] += precision
         hessian[:, diagonal, diagonal] += precision
     border = kappa * (JT * evaluation.pull[:, None]) @ np.swapaxes(by_shared, 1, 2)
-    return hessian, between, border
+    return hessian, between, border, noise.by_line(JT, evaluation.pull)
 
 
 def whole_covariance(E: Array, F: Array, V: Array, layout: Layout) -> Array:
