@@ -144,3 +144,12 @@ def test_a_clip_without_a_pitch(know, tmp_path):
         "shots": [{"start": 0, "stop": 3, "tripod": -1}],
         "tripods": [],
     }
+
+
+@pytest.mark.parametrize("how", [["--independent"], ["--no-refinement"]])
+def test_what_a_clip_is_taken_by_is_of_clips(know, rendered, tmp_path, capsys, how):
+    write_video(tmp_path / "a.mp4", rendered[:1])
+    know([TRUTHS[0]])
+    assert run("run", tmp_path / "a.mp4", "--camera", "moving", *how, "--out", tmp_path / "out") == 2
+    assert "--camera is of clips" in capsys.readouterr().err
+    assert not (tmp_path / "out").exists()

@@ -4,7 +4,9 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from tripods import matched, panned
 
+from data_tools.synthetic.clips import labelled
 from fieldcalib import Camera, Status, calibrate_batch, calibrate_sequence, soccer
 from fieldcalib.assess.result import Calibration
 from fieldcalib.assess.video import Shot, VideoCalibration
@@ -123,12 +125,25 @@ def test_rejected_cameras_are_red_and_do_not_scale_the_panels(calibrations):
     np.testing.assert_array_equal(picture[PANELS, others], with_none[PANELS, others])
 
 
+def test_a_sequence_says_itself_what_its_frames_rest_on():
+    cameras, rng = panned(4), np.random.default_rng(0)
+    frames = [frame.pixels if t % 2 == 0 else {} for t, frame in enumerate(labelled(cameras, soccer(), rng, 0.5))]
+    matches = matched(cameras, [(0, 1), (0, 2), (2, 3)], rng)
+    found = calibrate_sequence(soccer(size_known=True), frames, (960, 540), matches=matches)
+    strip = plot_sequence(found)[TOP + STRIP // 2]
+    words = [str(basis) for basis in found.basis]
+    assert words == ["lines and matches", "matches"] * 2
+    width = FIGURE[0] - RIGHT - LEFT
+    for frame, word in enumerate(words):
+        assert tuple(strip[int(LEFT + width * (frame + 0.5) / 4)]) == STRIP_COLOURS[word]
+
+
 def test_what_frames_rest_on(calibrations):
-    words = ["lines"] * 8 + ["matches"] * 6 + ["interpolated"] * 5 + [None]
+    words = ["lines"] * 8 + ["matches"] * 3 + ["lines and matches"] * 3 + ["interpolated"] * 5 + [None]
     picture = plot_sequence([*calibrations[:-1], None], rests_on=words)
     for frame, word in enumerate(words):
         assert tuple(picture[TOP + STRIP // 2, column(frame)]) == STRIP_COLOURS[word or "no camera"]
-    with pytest.raises(ValueError, match=r"rests_on must be one of lines, matches, interpolated, or None, got 'guess'"):
+    with pytest.raises(ValueError, match=r"rests_on must be one of lines, .*, interpolated, or None, got 'guess'"):
         plot_sequence(calibrations, rests_on=["guess"] * COUNT)
     with pytest.raises(ValueError, match="rests_on must be of 20 frames as the calibrations, got 3"):
         plot_sequence(calibrations, rests_on=["lines"] * 3)

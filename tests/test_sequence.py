@@ -163,6 +163,8 @@ def test_what_cannot_be_shared_is_named():
         calibrate_sequence(FIELD, [], SIZE, shared=["zoom"])
     with pytest.raises(ValueError, match="frame 1: unknown label"):
         calibrate_sequence(FIELD, [{}, {"no such line": [(1.0, 2.0)]}], SIZE)
+    with pytest.raises(ValueError, match=r"got the name 'lens': did you mean \('lens',\)\?"):
+        calibrate_sequence(FIELD, [], SIZE, shared="lens")
 
 
 def test_a_court_that_knows_its_stand():

@@ -194,12 +194,22 @@ def test_a_start_that_tells_nothing_is_none(frames, matches):
 
 
 def test_starts_of_other_frames_are_refused(found, frames, matches):
-    with pytest.raises(ValueError, match="expected trust_labels and 10 frames, got 11"):
+    with pytest.raises(ValueError, match="a calibration of the same 10 frames, got 11"):
         calibrate_sequence(FIELD, frames[:10], SIZE, trust_labels=True, start=found)
-    with pytest.raises(ValueError, match="whose labels are trusted: expected trust_labels and 11 frames"):
+    with pytest.raises(ValueError, match="start needs trust_labels=True"):
         calibrate_sequence(FIELD, frames, SIZE, matches=matches, start=found)
 
 
 def test_matches_of_frames_that_are_not_there_are_refused(frames, matches):
     with pytest.raises(ValueError, match="between two of 11 frames"):
         calibrate_sequence(FIELD, frames, SIZE, matches={**matches, (3, 11): matches[0, 1]})
+
+
+def test_a_pair_without_matches_ties_nothing(frames, matches):
+    """As `match_background` finds none."""
+    without = {pair: both for pair, both in matches.items() if pair[0] != 4}
+    with_none = {pair: both if pair in without else None for pair, both in matches.items()}
+    found, expected = (calibrate_sequence(FIELD, frames, SIZE, matches=some) for some in (with_none, without))
+    assert found == expected
+    with pytest.raises(ValueError, match="matches must be a mapping of pairs of frames to pixels, got list"):
+        calibrate_sequence(FIELD, frames, SIZE, matches=[(0, 1)])

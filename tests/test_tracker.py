@@ -67,6 +67,14 @@ def test_every_frame_has_its_camera_at_once(clip):
     assert [basis for _, basis in found][1:] == [Basis.BOTH] * (len(cameras) - 1)
 
 
+def test_keyframes_that_are_known_too_badly_to_be_accepted_have_cameras(clip, monkeypatch):
+    """Frames follow from them, and say themselves how well they are known."""
+    monkeypatch.setattr("fieldcalib.calibrate.sequence_solver.LARGEST_ERROR", 1e-3)
+    cameras, pictures = clip
+    found = tracked(pictures[: 2 * EVERY], cameras[::EVERY])
+    assert max(off(one, camera) for (one, _), camera in zip(found, cameras, strict=False)) < 2.0
+
+
 def test_errors_grow_while_nothing_ties_the_frames(clip, monkeypatch):
     """But for matches the frames go on as before: the last one is shown again and again."""
     cameras, pictures = clip

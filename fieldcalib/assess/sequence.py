@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fieldcalib._json import from_json, to_json
+from fieldcalib._pandas import imported_pandas
 from fieldcalib._types import Array, BoolArray, Float32, IntArray
 from fieldcalib.assess.camera_errors import KnownErrors
 from fieldcalib.assess.frame_sequence import FrameSequence, read_record
@@ -296,8 +297,7 @@ class SequenceCalibration(FrameSequence):
         ImportError
             Without pandas, ``pip install fieldcalib[pandas]``.
         """
-        import pandas
-
+        pandas = imported_pandas()
         frames, T = self.frames, len(self)
         theta = np.full((T, CENTER.stop), np.nan) if self.layout is None else self.layout.at_zoom(frames.theta)
         angles, f, C = np.degrees(theta[:, ANGLES]), np.exp(theta[:, LOG_F]), theta[:, CENTER]

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
+from fieldcalib._pandas import imported_pandas
 from fieldcalib._types import IntArray
 from fieldcalib.assess.frame_sequence import FrameSequence, read_record
 from fieldcalib.assess.result import Calibration, Status
@@ -124,8 +125,7 @@ class VideoCalibration(FrameSequence):
         ImportError
             Without pandas, ``pip install fieldcalib[pandas]``.
         """
-        import pandas
-
+        pandas = imported_pandas()
         table = pandas.DataFrame({"shot": self.shot, "tripod": self.tripod})
         nothing = {"status": str(Status.TOO_FEW_SEGMENTS), "basis": str(Basis.NOTHING)}
         parts = []

@@ -58,8 +58,8 @@ def calibrate_sequence(
         Standard deviation, in metres, of where a line is painted as a whole: however many frames see it, that stays.
     matches : mapping of (int, int) to pair of (N, 2) array_like, optional
         Pixels of static points of the background in two frames, e.g. `first` and `second` of
-        `fieldcalib.images.match_background`. They tie frames without labels to those that have some. Frames that come
-        first in a pair are solved together; the others follow from them.
+        `fieldcalib.images.match_background`; None where there are none. They tie frames without labels to those that
+        have some. Frames that come first in a pair are solved together; the others follow from them.
     start : SequenceCalibration, optional
         Of the same frames, before more pixels were found: nothing is searched. The labels must be trusted.
 
@@ -108,9 +108,8 @@ def calibrate_sequence(
         paint=paint,
         matches=matches,
     )
-    if start is not None and (len(start) != len(solver.frames) or not trust_labels):
-        raise ValueError(
-            f"start is a calibration of the same frames whose labels are trusted: expected trust_labels and "
-            f"{len(solver.frames)} frames, got {len(start)}"
-        )
+    if start is not None and not trust_labels:
+        raise ValueError("start needs trust_labels=True: from there labels are not doubted again")
+    if start is not None and len(start) != len(solver.frames):
+        raise ValueError(f"start must be a calibration of the same {len(solver.frames)} frames, got {len(start)}")
     return solver.calibrated(start)

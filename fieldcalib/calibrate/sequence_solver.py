@@ -76,6 +76,8 @@ def sequence_solver(
     matches: Matched | None,
 ) -> SequenceSolver:
     """The checked arguments of `calibrate_sequence`, before anything is solved."""
+    if isinstance(shared, str):
+        raise ValueError(f"shared must be a sequence of names, got the name {shared!r}: did you mean ({shared!r},)?")
     unknown = set(shared) - set(SHARED)
     if unknown:
         raise ValueError(f"frames cannot share {sorted(unknown)}: expected some of {', '.join(SHARED)}")

@@ -35,7 +35,7 @@ MOST_ITERATIONS = 50
 DAMPING = 1e-4  # share of the diagonal
 FROM_AFAR = RobustLoss("linear", 1.0)  # frames that are tied may be far apart: a loss that bends has no gradient there
 
-Matched = Mapping[tuple[int, int], tuple[ArrayLike, ArrayLike]]
+Matched = Mapping[tuple[int, int], tuple[ArrayLike, ArrayLike] | None]
 
 
 @dataclass(frozen=True, eq=False)
@@ -67,11 +67,15 @@ class Ties:
         ValueError
             If a frame does not exist, is matched with itself, or the pixels are no two arrays of one shape.
         """
+        if not isinstance(matches, Mapping):
+            raise ValueError(f"matches must be a mapping of pairs of frames to pixels, got {type(matches).__name__}")
         unit, kept = pixel_unit(image_size), []
-        for (i, j), (x, y) in matches.items():
+        for (i, j), both in matches.items():
             if not (0 <= i < count and 0 <= j < count) or i == j:
                 raise ValueError(f"matches are between two of {count} frames, from 0 on; got those of {i} and {j}")
-            p, q = np.asarray(x, dtype=float), np.asarray(y, dtype=float)
+            if both is None:
+                continue
+            p, q = (np.asarray(xy, dtype=float) for xy in both)
             if p.shape != q.shape or p.ndim != 2 or p.shape[1] != 2 or not np.isfinite([p, q]).all():
                 raise ValueError(
                     f"matches of frames {i} and {j}: expected two arrays of finite pixels, of the same shape (N, 2), "

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from fieldcalib.assess.result import Calibration
-from fieldcalib.assess.sequence import Basis, SequenceCalibration
+from fieldcalib.assess.sequence import SequenceCalibration
 from fieldcalib.assess.video import VideoCalibration
 from fieldcalib.cli.arguments import LENSES, field_of, prior_of
 from fieldcalib.cli.declared import Placement
@@ -33,12 +33,6 @@ MOTION, WORST, TRIPODS = "motion.png", "worst_frames.jpg", "tripods.json"
 OF_CLIPS = (MOTION, WORST, TRIPODS)  # files that only clips have
 IN_SHEET = 12  # frames
 USUAL_RATE = 25.0  # frames per second of the overlay of images
-RESTS_ON = {
-    Basis.LINES: "lines",
-    Basis.BOTH: "lines",
-    Basis.MATCHES: "matches",
-    Basis.INTERPOLATED: "interpolated",
-}  # in the words of the plot
 PASSES = ("matching", "finding lines", "drawing")  # what the frames are read for
 
 
@@ -146,7 +140,7 @@ def run_clip(options: argparse.Namespace, place: Callable[[Image], Placement]) -
         say_note(options.out / VIDEOS.file_name("overlay"), video)
         write_text(options.out / TRIPODS, json.dumps(_tripods(found), indent=2) + "\n")
         if pictures:
-            write_image(options.out / MOTION, _plot(found, clip.frames_per_second))
+            write_image(options.out / MOTION, plot_sequence(found, frames_per_second=clip.frames_per_second))
             ids = [id for id in clip.ids if id not in clip.broken]
             captions = [_caption(ids[index], calibrations[index]) for index in worst]
             write_image(options.out / WORST, contact_sheet([pictures[index] for index in worst], captions))
@@ -172,11 +166,6 @@ def _reference(tripod: SequenceCalibration) -> float | None:
     """The focal length at which principal point and lens are those that are shared; None if they do not follow it."""
     law = None if tripod.layout is None else tripod.layout.zoom_law
     return None if law is None else float(np.exp(law.reference))
-
-
-def _plot(found: VideoCalibration, frames_per_second: float) -> Image:
-    rests_on = [RESTS_ON.get(basis) for basis in found.basis]
-    return plot_sequence(found, frames_per_second=frames_per_second, rests_on=rests_on)
 
 
 def _caption(id: str, calibration: Calibration) -> str:

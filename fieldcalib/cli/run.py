@@ -83,6 +83,8 @@ def run(options: argparse.Namespace) -> int:
     from tqdm import tqdm
 
     began = time.perf_counter()
+    if options.camera != "tripod" and not is_clip(options):
+        raise ValueError("--camera is of clips: give a video, or images with --clip, without --independent")
     if is_clip(options):
         return run_clip(options, partial(_place, options))
     field, network = field_of(options), load_network(options)

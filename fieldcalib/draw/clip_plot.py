@@ -10,6 +10,7 @@ import numpy as np
 
 from fieldcalib._types import Array, BoolArray, IntArray
 from fieldcalib.assess.result import Calibration
+from fieldcalib.assess.sequence import Basis, SequenceCalibration
 from fieldcalib.assess.video import VideoCalibration
 from fieldcalib.draw.scene import SHIFT, Colour, fixed_point
 from fieldcalib.io.image import Image
@@ -36,10 +37,11 @@ NO_CAMERA: Colour = (205, 200, 196)
 Box: TypeAlias = tuple[float, float, float, float]  # left, top, right, bottom
 
 ACCEPTED, REJECTED, NONE = "accepted", "rejected", "no camera"
-RESTS_ON: tuple[str, ...] = ("lines", "matches", "interpolated")
+RESTS_ON: tuple[str, ...] = tuple(Basis)[1:]  # "lines", "matches", "lines and matches", "interpolated"
 STRIP_COLOURS: dict[str, Colour] = {
     ACCEPTED: (90, 165, 70),
-    "lines": (90, 165, 70),
+    "lines and matches": (90, 165, 70),
+    "lines": (140, 200, 150),
     "matches": (205, 150, 60),
     "interpolated": (60, 175, 240),
     REJECTED: REJECTED_LINE,
@@ -83,8 +85,8 @@ def plot_sequence(
     frames_per_second : float, optional
         The axis is then in seconds, otherwise in frames.
     rests_on : sequence of str or None, optional
-        What the camera of each frame comes from: "lines", "matches" or "interpolated"; None where there is none. The
-        strip then shows it for the frames that are accepted.
+        What the camera of each frame comes from, in the words of `Basis`; None where there is none. By default that of
+        a `SequenceCalibration` or `VideoCalibration`. The strip shows it for the frames that are accepted.
 
     Returns
     -------
@@ -138,17 +140,22 @@ def plot_sequence(
 
 def _statuses(calibrations: Sequence[Calibration | None], rests_on: Sequence[str | None] | None) -> list[str]:
     """A key of `STRIP_COLOURS` for each frame."""
-    rests_on = [None] * len(calibrations) if rests_on is None else rests_on
+    if rests_on is None:
+        rests_on = (
+            calibrations.basis
+            if isinstance(calibrations, SequenceCalibration | VideoCalibration)
+            else [None] * len(calibrations)
+        )
     if len(rests_on) != len(calibrations):
         raise ValueError(f"rests_on must be of {len(calibrations)} frames as the calibrations, got {len(rests_on)}")
     found = []
     for calibration, basis in zip(calibrations, rests_on, strict=True):
-        if basis is not None and basis not in RESTS_ON:
+        if basis and basis not in RESTS_ON:
             raise ValueError(f"rests_on must be one of {', '.join(RESTS_ON)}, or None, got {basis!r}")
         if calibration is None or calibration.camera is None:
             found.append(NONE)
         else:
-            found.append((basis or ACCEPTED) if calibration.accepted else REJECTED)
+            found.append((str(basis) if basis else ACCEPTED) if calibration.accepted else REJECTED)
     return found
 
 

@@ -102,7 +102,7 @@ class KeyframeTracker:
     """
 
     def __init__(self, every: int = EVERY, *, leave_pairs: bool = False, moving: bool = False) -> None:
-        if every < 1:
+        if not isinstance(every, int | np.integer) or every < 1:
             raise ValueError(f"every must be 1 or more frames, got {every}")
         self._how = _How(every, leave_pairs, moving)
         self._count = 0

@@ -174,12 +174,12 @@ def _solved(
     else:
         cameras = {number[key]: theta for key, theta in problem.cameras.items() if key in number}
         sequence = solver.calibrated_from(problem.layout, cameras)
-    if solver.tripod is None or not np.any(sequence.accepted):
+    if solver.tripod is None or not np.any(sequence.usable):
         return None
     frames = sequence.frames
     cameras_of_keys = {
         key: KnownCamera(frames.theta[k], frames.own[k], frames.following[k])
         for key, k in number.items()
-        if sequence.accepted[k]
+        if sequence.usable[k]
     }
     return SolvedShot(solver.tripod, sequence, Markings.of(solver.tripod.object_segments), cameras_of_keys)

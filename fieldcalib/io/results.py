@@ -9,6 +9,7 @@ from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from fieldcalib._pandas import imported_pandas
 from fieldcalib.assess.result import Calibration
 from fieldcalib.io.files import BrokenFileError, parse_json_object, read_regular_file
 
@@ -21,7 +22,7 @@ BROKEN = "broken file"  # status of a frame whose file could not be read
 FOR_READING_BACK = frozenset({"version", "image_size", "field", "solved", "errors", "pixel_counts"})
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class Results(Mapping[str, Calibration]):
     """Calibrations by the ids of their frames, in the order of the run.
 
@@ -41,6 +42,9 @@ class Results(Mapping[str, Calibration]):
     def __len__(self) -> int:
         return len(self.calibrations)
 
+    def __repr__(self) -> str:
+        return f"Results({len(self)} calibrations, {len(self.broken)} broken files)"
+
     @cached_property
     def broken(self) -> Mapping[str, str]:
         """What is wrong with the files that could not be read, by id."""
@@ -57,10 +61,7 @@ class Results(Mapping[str, Calibration]):
         ImportError
             If pandas is not installed.
         """
-        try:
-            import pandas
-        except ImportError as error:
-            raise ImportError("to_pandas needs pandas: pip install 'fieldcalib[pandas]'") from error
+        pandas = imported_pandas()
         rows = [{key: value for key, value in line.items() if key not in FOR_READING_BACK} for line in self.lines]
         table = pandas.json_normalize(rows) if rows else pandas.DataFrame(columns=["id"])
         table = table.set_index("id")
