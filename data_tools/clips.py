@@ -26,6 +26,7 @@ from pathlib import Path
 
 import numpy as np
 
+from data_tools.synthetic.clips import seen_far_away
 from fieldcalib._types import Array, BoolArray
 from fieldcalib.assess.camera_errors import region_radius
 from fieldcalib.assess.sequence import Basis
@@ -36,8 +37,8 @@ from fieldcalib.calibrate.tripod import Labels
 from fieldcalib.cli.main import run_command
 from fieldcalib.fields.soccer import soccer
 from fieldcalib.geometry.camera import Camera
-from fieldcalib.geometry.projective import homogenize
 from fieldcalib.images.clip_solver import ClipSolver
+from fieldcalib.images.frames_together import Cells
 from fieldcalib.images.keyframes import tied_frames
 from fieldcalib.images.matches import Frame, Matches, match_background
 from fieldcalib.io.image import Image
@@ -116,10 +117,10 @@ class _Masked(ClipSolver):
         super().__init__(soccer(), DEFAULT_FLAGS, ALL, SHARED)
         self.masked = masked
 
-    def thinned(self, key: int, index: int, matches: Matches) -> tuple[Array, Array]:
-        """What is kept of the matches from a keyframe to a frame."""
+    def cells(self, key: int, index: int, matches: Matches) -> Cells | None:
+        """What is kept of the matches from a keyframe to a frame; None if they tie nothing."""
         usable = _off_field(matches.first, self.masked.get(key)) & _off_field(matches.second, self.masked.get(index))
-        return super().thinned(key, index, replace(matches, first=matches.first[usable], second=matches.second[usable]))
+        return super().cells(key, index, replace(matches, first=matches.first[usable], second=matches.second[usable]))
 
 
 class Clip:
@@ -158,9 +159,7 @@ def _flow(clip: Clip, found: VideoCalibration) -> str:
             one, two = found[t - APART].camera, found[t].camera
             matches = match_background(before[0], frame) if one is not None and two is not None else None
             if matches is not None and one is not None and two is not None:
-                x = one.normalized(matches.first)
-                rays = homogenize(x) @ one.R
-                distance = np.linalg.norm(two.project(two.C + rays) - matches.second, axis=1)
+                distance = np.linalg.norm(seen_far_away(one, two, matches.first) - matches.second, axis=1)
                 medians.append(float(np.nanmedian(distance)) * UNIT / image.shape[1])
         before.append(frame)
     accepted = 100.0 * np.mean([calibration.accepted for calibration in found])
@@ -186,8 +185,7 @@ def _jitter(clip: Clip, found: VideoCalibration) -> str:
         same = (back.first[:, None] == ahead.first).all(axis=2)
         i, j = np.nonzero(same)
         x = back.first[i]
-        rays = homogenize(cameras[1].normalized(x)) @ cameras[1].R
-        before, after = (cameras[side].project(cameras[side].C + rays) for side in (0, 2))
+        before, after = (seen_far_away(cameras[1], cameras[side], x) for side in (0, 2))
         unit = UNIT / image.shape[1] / np.sqrt(6.0)
         followed.append(unit * (back.second[i] + ahead.second[j] - 2.0 * x))
         expected.append(unit * (before + after - 2.0 * x))

@@ -6,9 +6,9 @@ CAMERAS holds ``<name>.npz`` as for `data_tools.measured_cameras`. For each, N o
 its zoom and lens are calibrated (`data_tools.synthetic.clips`), on a pitch whose lines are painted some centimetres
 elsewhere. With `--matches` half of the frames have no labels, and static points tie each frame to others as
 `fieldcalib.images.keyframes` does. With `--flies` the camera stands on no tripod, and static points are on the ground.
-Printed are, for what frames rest on, the median errors of focal length (percent),
-centre and field in view (metres) and of the field in the image (pixels of 1280 columns), and how often the 95 % regions
-hold the truth (percent); and the mean error of the pitch's size (metres).
+Printed are, for what frames rest on, the median errors of focal length (percent), centre and field in view (metres) and
+of the field in the image (pixels of 1280 columns), and how often the 95 % regions hold the truth (percent); and the
+mean error of the pitch's size (metres).
 """
 
 from __future__ import annotations

@@ -230,6 +230,11 @@ def between(a: Camera, b: Camera, share: float) -> Camera:
     return Camera(K, R, C, a.image_size, dist)
 
 
+def seen_far_away(camera: Camera, other: Camera, xy: Array) -> Array:
+    """Pixels (..., 2) in which another camera shows, far away, what this one shows at xy (..., 2)."""
+    return other.project(other.C + homogenize(camera.normalized(xy)) @ camera.R)
+
+
 def painted(field: Field, rng: np.random.Generator, sigma: float = PAINT) -> Field:
     """The field with its lines on the ground painted elsewhere, and circles wider or narrower, by some centimetres.
 

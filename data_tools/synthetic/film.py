@@ -14,7 +14,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from data_tools.synthetic.clips import RATE, between, camera_path, flight
+from data_tools.synthetic.clips import RATE, between, camera_path, flight, seen_far_away
 from data_tools.synthetic.ground import random_ground, random_light
 from data_tools.synthetic.objects import TEAM_SHARES, add_far_to_near, random_goals
 from data_tools.synthetic.people import Kit, Person, add_person, random_kit, random_suns
@@ -25,7 +25,6 @@ from fieldcalib._types import Array, Float32
 from fieldcalib.draw.scene import Ground, rays, to_uint8
 from fieldcalib.fields.field import Field
 from fieldcalib.geometry.camera import Camera
-from fieldcalib.geometry.projective import homogenize
 from fieldcalib.io.files import write_text
 from fieldcalib.io.image import Image
 from fieldcalib.io.soccernet import camera_from_record, camera_to_record
@@ -197,8 +196,7 @@ def _seen(camera: Camera, other: Camera) -> tuple[Float32, Float32]:
     """
     width, height = camera.image_size
     x, y = (np.arange(0, size + CELL, CELL) for size in (width, height))
-    X = other.C + homogenize(camera.normalized(np.stack(np.meshgrid(x, y), axis=-1))) @ camera.R
-    corners = other.project(X).astype(np.float32)
+    corners = seen_far_away(camera, other, np.stack(np.meshgrid(x, y), axis=-1)).astype(np.float32)
     u, v = np.meshgrid(*(np.arange(size, dtype=np.float32) / CELL for size in (width, height)))
     seen = np.asarray(cv2.remap(corners, u, v, cv2.INTER_LINEAR), np.float32)
     return seen[..., 0], seen[..., 1]
@@ -234,8 +232,7 @@ def _moved(a: Camera, b: Camera) -> float:
     """By how many pixels the image moves at most from one camera to another, far away."""
     width, height = a.image_size
     xy = np.array([[0.0, 0.0], [width, 0.0], [width, height], [0.0, height], [width / 2.0, height / 2.0]])
-    X = b.C + homogenize(a.normalized(xy)) @ a.R
-    return float(np.nanmax(np.linalg.norm(b.project(X) - xy, axis=1)))
+    return float(np.nanmax(np.linalg.norm(seen_far_away(a, b, xy) - xy, axis=1)))
 
 
 def _runs(field: Field, cameras: Sequence[Camera], rate: float, rng: np.random.Generator) -> Array:

@@ -6,7 +6,6 @@ import numpy as np
 
 from fieldcalib._types import Array
 from fieldcalib.problem.evaluation import Evaluation
-from fieldcalib.problem.layout import CENTER
 from fieldcalib.problem.losses import RobustLoss
 
 # Share of a pixel's variance that its whole segment has in common: annotators keep to one side of a line. Segments left
@@ -58,9 +57,7 @@ class Noise:
         problem, paint = self.evaluation.problem, self.evaluation.problem.paint
         if paint == 0.0:
             return np.zeros((len(JT), JT.shape[1], 1))
-        centre = np.zeros(problem.layout.size, dtype=bool)
-        centre[CENTER] = True
-        by_metre = np.linalg.norm(self.evaluation.derivatives(centre)[:, :2], axis=1)
+        by_metre = np.linalg.norm(self.evaluation.derivatives(problem.layout.is_centre)[:, :2], axis=1)
         off = np.hypot(paint * by_metre, FOUND_BESIDE * problem.layout.image_size[0])
         return np.asarray((JT * (pull * off)[:, None]) @ self.segment)
 

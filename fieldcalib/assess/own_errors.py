@@ -123,8 +123,7 @@ def ground_errors(theta: Array, layout: Layout, errors: OwnErrors, V: Array, fie
         depth = -projection.C[..., 2] / d[..., 2]
         X = projection.C[..., :2] + depth[..., None] * d[..., :2]
         seen = (depth > 0.0) & np.all(np.abs(X) <= half, axis=-1)
-    every = layout.free | layout.considered
-    every[CENTER] = True
+    every = layout.free | layout.considered | layout.is_centre
     zero, one = np.zeros_like(s[0]), np.ones_like(s[0])
     inverse_depth = 1.0 / np.where(seen, depth, 1.0)
     by_theta = np.stack(

@@ -246,7 +246,7 @@ class SequenceCalibration(FrameSequence):
         bend[:, ~self.layout.free] = 0.0
         theta = at_both[0] + share * change + bend
         free = self.layout.free
-        step = np.where(np.isin(np.flatnonzero(free), np.r_[CENTER]), STEP_OF_CENTRE, STEP)
+        step = np.where(self.layout.is_centre[free], STEP_OF_CENTRE, STEP)
         spread = 0.5 * np.abs(bend[:, free]) + share * (1.0 - share) * step * gap
         share = share[..., None]
         own = (

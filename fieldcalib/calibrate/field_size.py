@@ -27,7 +27,7 @@ from fieldcalib.fields.field import Field
 from fieldcalib.fields.traits import DEVIATIONS, SizePrior
 from fieldcalib.problem.evaluation import Evaluation
 from fieldcalib.problem.labelled_pixels import ImageSegments
-from fieldcalib.problem.layout import CENTER, Layout, Role, SizeBlock
+from fieldcalib.problem.layout import Layout, Role, SizeBlock
 from fieldcalib.problem.levenberg_marquardt import levenberg_marquardt
 from fieldcalib.problem.prior import GaussianPrior
 
@@ -218,8 +218,7 @@ def _together(calibrations: Sequence[Calibration], mean: Array, sizes: SizePrior
         if part.problem.prior is not None:
             prior_mean[t, :cameras], prior_sigma[t, :cameras] = part.problem.prior.mean, part.problem.prior.sigma
     prior_mean[:, cameras:], prior_sigma[:, cameras:] = mean, sizes.sigma
-    once = np.arange(layout.size) >= cameras
-    once[CENTER] = True
+    once = layout.is_centre | (np.arange(layout.size) >= cameras)
     theta = np.concatenate([np.concatenate([part.theta for part in parts]), np.tile(size, (count, 1))], axis=1)
     return put_together(
         pitch, [labels_of(part) for part in parts], problem, layout, theta, GaussianPrior(prior_mean, prior_sigma), once

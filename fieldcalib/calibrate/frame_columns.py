@@ -12,7 +12,6 @@ from fieldcalib.assess.result import Calibration, Status, SuspectLabel
 from fieldcalib.assess.sequence import BASES, LARGEST_ERROR, STATUSES, Basis, Frames
 from fieldcalib.calibrate.options import Options
 from fieldcalib.problem.evaluation import Evaluation
-from fieldcalib.problem.layout import CENTER
 
 
 class FrameColumns:
@@ -103,10 +102,9 @@ class FrameColumns:
 
     def centre_sigma(self, index: IntArray) -> Array:
         """Standard deviations (B, 3) of the centres of frames `index` that have one of their own."""
-        own = self.errors.own[index], self.errors.following[index]
-        place = np.searchsorted(np.flatnonzero(self.options.layout.free), np.arange(CENTER.start, CENTER.stop))
-        F = own[1][:, place]
-        variance = np.diagonal(own[0], axis1=1, axis2=2)[:, place] + np.einsum("bij,jk,bik->bi", F, self.considered, F)
+        centre = self.options.layout.is_centre[self.options.layout.free]
+        E, F = self.errors.own[index], self.errors.following[index][:, centre]
+        variance = np.diagonal(E, axis1=1, axis2=2)[:, centre] + np.einsum("bij,jk,bik->bi", F, self.considered, F)
         return np.asarray(np.sqrt(variance))
 
     def _ground_errors(self, theta: Array, errors: OwnErrors) -> Array:

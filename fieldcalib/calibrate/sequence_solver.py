@@ -318,7 +318,7 @@ class SequenceSolver:
         for index, name in enumerate(layout.names):
             if name in column:
                 theta[labelled, index] = theirs[:, column[name]]
-        is_shared, is_centre = layout.roles == Role.SHARED, np.isin(np.arange(layout.size), np.r_[CENTER])
+        is_shared = layout.roles == Role.SHARED
         is_same = layout.roles != Role.FRAME
         theta[:, is_same] = np.median(theta[np.ix_(labelled, is_same)], axis=0)
         known[labelled] = True
@@ -338,7 +338,7 @@ class SequenceSolver:
             layout,
             theta[some],
             prior,
-            once=is_shared | is_centre,
+            once=is_shared | layout.is_centre,
             background=self.ties.among(some),
             path=SmoothPath(some, ACCELERATION) if self.moves else None,
         )

@@ -140,12 +140,9 @@ def plot_sequence(
 
 def _statuses(calibrations: Sequence[Calibration | None], rests_on: Sequence[str | None] | None) -> list[str]:
     """A key of `STRIP_COLOURS` for each frame."""
-    if rests_on is None:
-        rests_on = (
-            calibrations.basis
-            if isinstance(calibrations, SequenceCalibration | VideoCalibration)
-            else [None] * len(calibrations)
-        )
+    if rests_on is None and isinstance(calibrations, SequenceCalibration | VideoCalibration):
+        rests_on = calibrations.basis
+    rests_on = [None] * len(calibrations) if rests_on is None else rests_on
     if len(rests_on) != len(calibrations):
         raise ValueError(f"rests_on must be of {len(calibrations)} frames as the calibrations, got {len(rests_on)}")
     found = []

@@ -53,9 +53,8 @@ def background_motion(
         return None
     plain, distance, scale = refined
     H = np.linalg.inv(N) @ plain.H @ N
-    largest = tolerance(scale)
-    graphic = (np.linalg.norm(y - x, axis=1) < STILL) & (np.linalg.norm(mapped(H, x) - x, axis=1) > largest)
-    return H, (distance < largest) & ~graphic, graphic, float(scale)
+    graphic = graphics(H, x, y, scale)
+    return H, (distance < tolerance(scale)) & ~graphic, graphic, float(scale)
 
 
 def _normalisation(size: tuple[int, int]) -> Array:
@@ -203,7 +202,7 @@ def _refined(motion: Motion, p: Array, q: Array, inlier: BoolArray, unit: float)
             keep = distance < tolerance(scale)
             if np.sum(keep) < LEAST_POINTS:
                 return None
-        before, scale = scale, 1.4826 * float(np.median(np.abs(r[keep]))) * unit
+        before, scale = scale, robust_deviation(r[keep]) * unit
         if i == ITERATIONS or (i > FIXED_ITERATIONS and abs(scale - before) < CONVERGED * scale):
             break
         motion = motion.fitted(r[keep], J[keep], PRIOR_NOISE / unit, True)
@@ -228,6 +227,17 @@ def _turn(R: Array) -> Array:
     sine = float(np.linalg.norm(axis))
     angle = float(np.arctan2(sine, 0.5 * (R[0, 0] + R[1, 1] + R[2, 2] - 1.0)))
     return axis * (angle / sine if sine > 0.0 else 1.0)
+
+
+def graphics(H: Array, x: Array, y: Array, scale: float) -> BoolArray:
+    """Which points stand still in the picture though the background does not."""
+    still = np.linalg.norm(y - x, axis=1) < STILL
+    return np.asarray(still & (np.linalg.norm(mapped(H, x) - x, axis=1) > tolerance(scale)))
+
+
+def robust_deviation(r: Array) -> float:
+    """Standard deviation of residuals less than half of which are outliers: 1.4826 times the median of their sizes."""
+    return 1.4826 * float(np.median(np.abs(r)))
 
 
 def tolerance(scale: float) -> float:

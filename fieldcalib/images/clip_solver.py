@@ -7,26 +7,23 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from fieldcalib._types import Array, IntArray
+from fieldcalib._types import IntArray
 from fieldcalib.assess.sequence import SequenceCalibration
 from fieldcalib.assess.video import NO_TRIPOD, Shot, VideoCalibration
-from fieldcalib.calibrate.options import Prior, pixel_unit
-from fieldcalib.calibrate.sequence import calibrate_sequence
-from fieldcalib.calibrate.ties import LEAST_CELLS, thinned
+from fieldcalib.calibrate.options import Prior
 from fieldcalib.calibrate.together import labels_of
 from fieldcalib.calibrate.tripod import Labels
 from fieldcalib.fields.segments import ObjectSegments
-from fieldcalib.images.frame_lines import as_given, flags_together, frame_lines
+from fieldcalib.images.frame_lines import as_given, frame_lines
+from fieldcalib.images.frames_together import Cells, cells_of, solver_of_lines
 from fieldcalib.images.from_images import calibrate_from_images
 from fieldcalib.images.keyframes import Tied
 from fieldcalib.images.line_profiles import Markings
 from fieldcalib.images.matches import Matches
-from fieldcalib.images.refinement import LOSS_SCALE
 from fieldcalib.images.same_tripod import grouped
 from fieldcalib.io.image import Image
 from fieldcalib.io.images import IMAGES_AT_ONCE
 from fieldcalib.localize import Network
-from fieldcalib.problem.losses import RobustLoss
 
 LONGEST_GAP = 25  # frames without a camera in a row that are interpolated: a second
 BETWEEN = (4, 8)  # frames after a keyframe that the network sees too while no keyframe of the piece is accepted,
@@ -53,7 +50,7 @@ class ClipSolver:
         self.prior = prior
         self.size = (0, 0)
         self.piece: list[int] = []  # of each frame
-        self.matches: dict[tuple[int, int], tuple[Array, Array]] = {}
+        self.matches: dict[tuple[int, int], Cells] = {}
         self.seen: dict[int, Labels] = {}  # in keyframes whose camera was accepted
         self.doubtful: dict[int, Labels] = {}  # in the others
 
@@ -90,11 +87,9 @@ class ClipSolver:
             index = tied.index - first
             self.size = image.shape[1], image.shape[0]
             self.piece.append(tied.piece)
-            ties = {
-                key - first: self.thinned(key - first, index, matches) for key, matches in tied.ties if key >= first
-            }
-            ties = {key: both for key, both in ties.items() if len(both[0]) >= LEAST_CELLS}
-            self.matches.update({(key, index): both for key, both in ties.items()})
+            found = {key - first: self.cells(key - first, index, matches) for key, matches in tied.ties if key >= first}
+            ties = {(key, index): cells for key, cells in found.items() if cells is not None}
+            self.matches.update(ties)
             unsure = tied.piece not in {self.piece[key] for key in self.seen}
             soon = unsure and more.get(tied.piece, 0) > 0 and tied.index - tied.key in BETWEEN
             if tied.is_key or not ties or soon:  # what nothing ties must tell its camera by itself
@@ -105,32 +100,25 @@ class ClipSolver:
                     look()
         look()
 
-    def thinned(self, key: int, index: int, matches: Matches) -> tuple[Array, Array]:
-        """What is kept of the matches from a keyframe to a frame."""
-        return thinned(matches.first, matches.second, self.size)
+    def cells(self, key: int, index: int, matches: Matches) -> Cells | None:
+        """What is kept of the matches from a keyframe to a frame; None if they tie nothing."""
+        return cells_of(matches, self.size)
 
     def together(
         self, pieces: Sequence[int], lines: Mapping[int, Labels], start: SequenceCalibration | None = None
     ) -> SequenceCalibration:
         """All frames of some pieces, from the lines in some of them and from matches."""
         frames = self.frames(pieces).tolist()
-        number = {t: k for k, t in enumerate(frames)}
-        found = [lines.get(t, ({}, {})) for t in frames]
-        return calibrate_sequence(
+        return solver_of_lines(
             self.object_segments,
-            [pixels for pixels, _ in found],
+            frames,
+            lines,
+            self.matches,
             self.size,
-            flags=flags_together(self.flags),
+            flags=self.flags,
             prior=self.prior,
-            loss=RobustLoss("cauchy", LOSS_SCALE * pixel_unit(self.size)),
-            trust_labels=True,
-            weights=[weights for _, weights in found],
             shared=self.shared,
-            start=start,
-            matches={
-                (number[i], number[j]): both for (i, j), both in self.matches.items() if i in number and j in number
-            },
-        )
+        ).calibrated(start)
 
     def tripods(self) -> list[TripodOfClip]:
         """The tripods of the pieces, the one with most frames first."""

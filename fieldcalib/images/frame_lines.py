@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from fieldcalib.calibrate.options import DEFAULT_FLAGS, CalibrationFlags, pixel_unit
+from fieldcalib.calibrate.options import pixel_unit
 from fieldcalib.calibrate.tripod import Labels
 from fieldcalib.geometry.camera import Camera
 from fieldcalib.images.line_profiles import Markings, lines_near
@@ -44,11 +44,3 @@ def per_pixel(labels: Labels) -> Labels:
     """The inverse of `as_given`."""
     pixels, weights = labels
     return pixels, {label: weight / len(weight) for label, weight in weights.items()}
-
-
-def flags_together(flags: int) -> int | None:
-    """The flags for frames together of those for one frame; None for the default, by which k2 is estimated too.
-
-    What a single frame's labels call for (CALIB_AUTO_LENS) all of them tell.
-    """
-    return None if flags == DEFAULT_FLAGS or flags & CalibrationFlags.CALIB_AUTO_LENS else flags

@@ -9,7 +9,14 @@ from __future__ import annotations
 import numpy as np
 
 from fieldcalib._types import Array, BoolArray
-from fieldcalib.images.background_motion import LEAST_POINTS, RANSAC_TOLERANCE, STILL, mapped, tolerance
+from fieldcalib.images.background_motion import (
+    LEAST_POINTS,
+    RANSAC_TOLERANCE,
+    graphics,
+    mapped,
+    robust_deviation,
+    tolerance,
+)
 
 RANSAC_ITERATIONS = 2000  # at most; four points make a homography: with half of them right, 72 find it in 99 %
 ITERATIONS = 4  # of the fit to what is near
@@ -39,7 +46,7 @@ def plane_motion(
             return None
         H = np.asarray(found, dtype=float)
         r = np.nan_to_num(y - mapped(H, x), nan=np.inf)  # behind the vanishing line
-        scale = 1.4826 * float(np.median(np.abs(r[near])))
+        scale = robust_deviation(r[near])
         near = np.linalg.norm(r, axis=1) < tolerance(scale)
-    graphic = (np.linalg.norm(y - x, axis=1) < STILL) & (np.linalg.norm(mapped(H, x) - x, axis=1) > tolerance(scale))
+    graphic = graphics(H, x, y, scale)
     return H, near & ~graphic, graphic, scale

@@ -16,26 +16,20 @@ import numpy as np
 
 from fieldcalib._types import Array, Float32
 from fieldcalib.assess.sequence import SequenceCalibration
-from fieldcalib.calibrate.options import PAINT, Prior, pixel_unit
-from fieldcalib.calibrate.sequence_solver import SHARED, sequence_solver
-from fieldcalib.calibrate.ties import LEAST_CELLS, thinned
+from fieldcalib.calibrate.options import Prior
+from fieldcalib.calibrate.sequence_solver import SHARED
 from fieldcalib.calibrate.together import labels_of
 from fieldcalib.calibrate.tripod import KnownTripod, Labels
 from fieldcalib.fields.segments import ObjectSegments
-from fieldcalib.images.frame_lines import as_given, flags_together
+from fieldcalib.images.frame_lines import as_given
+from fieldcalib.images.frames_together import Cells, cells_of, solver_of_lines
 from fieldcalib.images.from_images import calibrate_from_images
 from fieldcalib.images.keyframes import KeyframePair
 from fieldcalib.images.line_profiles import Markings
-from fieldcalib.images.matches import Matches
-from fieldcalib.images.refinement import LOSS_SCALE
 from fieldcalib.io.image import Image
 from fieldcalib.problem.layout import Layout
-from fieldcalib.problem.losses import RobustLoss
 
 MOST_KEYS = 40  # keyframes of a shot that are solved together: 20 seconds
-
-Cells = tuple[Array, Array]
-"""Matched pixels (n, 2) of two frames, averaged over cells."""
 
 
 class KnownCamera(NamedTuple):
@@ -119,7 +113,10 @@ class ShotSolution(NamedTuple):
 
 
 def prepare(options: KeyframeOptions) -> None:
-    """Import what `solve_shot` needs, which takes longer than the first keyframe."""
+    """Import what `solve_shot` needs, which takes longer than the first keyframe.
+
+    That the options arrive says at once whether they can be handed on.
+    """
     import_module("scipy.spatial.transform")
 
 
@@ -131,14 +128,6 @@ def solve_shot(problem: ShotProblem, seen: Seen | None) -> ShotSolution:
     every = dict(problem.labels) if labels is None else {**problem.labels, problem.new: labels}
     tried = [pair.indices for pair in problem.pairs]
     return ShotSolution(labels, found, tried, _solved(problem, every, {**problem.matches, **found}))
-
-
-def cells_of(matches: Matches | None, image_size: tuple[int, int]) -> Cells | None:
-    """Matches averaged over cells; None if they tie nothing."""
-    if matches is None:
-        return None
-    cells = thinned(matches.first, matches.second, image_size)
-    return cells if len(cells[0]) >= LEAST_CELLS else None
 
 
 def _labels(options: KeyframeOptions, seen: Seen) -> Labels | None:
@@ -154,20 +143,17 @@ def _labels(options: KeyframeOptions, seen: Seen) -> Labels | None:
 def _solved(
     problem: ShotProblem, labels: Mapping[int, Labels], matches: Mapping[tuple[int, int], Cells]
 ) -> SolvedShot | None:
-    size, keys = problem.image_size, sorted(labels)[-MOST_KEYS:]
+    keys = sorted(labels)[-MOST_KEYS:]
     number = {key: k for k, key in enumerate(keys)}
-    solver = sequence_solver(
+    solver = solver_of_lines(
         problem.options.object_segments,
-        [labels[key][0] for key in keys],
-        size,
-        flags=flags_together(problem.options.flags),
+        keys,
+        labels,
+        matches,
+        problem.image_size,
+        flags=problem.options.flags,
         prior=problem.options.prior,
-        loss=RobustLoss("cauchy", LOSS_SCALE * pixel_unit(size)),
-        trust_labels=True,
-        weights=[labels[key][1] for key in keys],
         shared=SHARED,
-        paint=PAINT,
-        matches={(number[i], number[j]): both for (i, j), both in matches.items() if i in number and j in number},
     )
     if problem.layout is None:
         sequence = solver.calibrated()

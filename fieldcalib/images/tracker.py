@@ -29,19 +29,18 @@ from fieldcalib.fields.segments import ObjectSegments
 from fieldcalib.geometry.camera import Camera
 from fieldcalib.images.clip_solver import LEAST_SHARE
 from fieldcalib.images.frame_lines import frame_lines, per_pixel
+from fieldcalib.images.frames_together import Cells, cells_of
 from fieldcalib.images.keyframes import EVERY, KeyframePair, KeyframeTracker
 from fieldcalib.images.line_profiles import Markings
 from fieldcalib.images.other_process import OtherProcess
 from fieldcalib.images.shot_solver import (
     MOST_KEYS,
-    Cells,
     KeyframeOptions,
     KnownCamera,
     Seen,
     ShotProblem,
     ShotSolution,
     SolvedShot,
-    cells_of,
     prepare,
     solve_shot,
 )

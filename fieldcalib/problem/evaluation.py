@@ -28,7 +28,7 @@ from fieldcalib.problem.background import BackgroundEvaluation, BackgroundPairs
 from fieldcalib.problem.closest_points import ClosestPoints, closest_points, end_points
 from fieldcalib.problem.coupling import Coupling
 from fieldcalib.problem.labelled_pixels import Pixels
-from fieldcalib.problem.layout import CENTER, LOG_F, Layout
+from fieldcalib.problem.layout import LOG_F, Layout
 from fieldcalib.problem.losses import RobustLoss
 from fieldcalib.problem.observations import Observations, Rows, pack
 from fieldcalib.problem.prior import GaussianPrior
@@ -156,9 +156,8 @@ class Evaluation:
         moving = free[size]
         if np.any(moving):
             # a segment that moves is a camera that moves the other way
-            centre = np.zeros(len(free), dtype=bool)
-            centre[CENTER] = True
-            dxy_dC = self.projection.derivatives(points.s, points.inverse_depth, points.normal, centre)
+            is_centre = self.problem.layout.is_centre
+            dxy_dC = self.projection.derivatives(points.s, points.inverse_depth, points.normal, is_centre)
             motion = self.problem.observations.motion_of_residuals
             by_size = np.einsum("bcm,bmcs->bsm", dxy_dC, motion)[:, moving]
             JT[:, JT.shape[1] - by_size.shape[1] :] = by_size
@@ -222,7 +221,9 @@ class Evaluation:
             hessian = hessian.copy()
             diagonal = np.arange(hessian.shape[1])
             hessian[:, diagonal, diagonal] += self._prior_costs[1] / np.square(self.prior_sigma)
-        return np.asarray(hessian + self.links_hessian)
+        for link in self.links:
+            hessian = hessian + link.hessian
+        return hessian
 
     @cached_property
     def background(self) -> BackgroundEvaluation | None:

@@ -177,6 +177,13 @@ class Layout:
         return np.asarray(self.roles == Role.CONSIDERED)
 
     @cached_property
+    def is_centre(self) -> BoolArray:
+        """Which parameters are the centre, (n,)."""
+        mask = np.zeros(self.size, dtype=bool)
+        mask[CENTER] = True
+        return mask
+
+    @cached_property
     def is_lens(self) -> BoolArray:
         """Which parameters are the lens, (n,)."""
         mask = np.zeros(self.size, dtype=bool)

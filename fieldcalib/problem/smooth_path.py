@@ -15,7 +15,7 @@ from functools import cached_property
 
 import numpy as np
 
-from fieldcalib._types import Array, BoolArray, IntArray
+from fieldcalib._types import Array, IntArray
 from fieldcalib.problem.coupling import Coupling
 from fieldcalib.problem.layout import CENTER, Layout, Role
 from fieldcalib.problem.losses import RobustLoss
@@ -83,14 +83,15 @@ class PathEvaluation:
     def gradient(self) -> Array:
         """(B, P)"""
         gradient = np.zeros((len(self.theta), int(np.count_nonzero(self.layout.free))))
+        centre = np.flatnonzero(self.layout.is_centre[self.layout.free])
         of_centres = self.path.coefficients[..., None] * (self._losses[1][:, None] * self._z)[:, None]
-        np.add.at(gradient, (self.path.threes[..., None], _centre_among(self.layout.free)), of_centres)
+        np.add.at(gradient, (self.path.threes[..., None], centre), of_centres)
         return gradient
 
     @cached_property
     def hessian(self) -> Array:
         """Of each frame by itself, reweighted, (B, P, P)."""
-        P, centre = int(np.count_nonzero(self.layout.free)), _centre_among(self.layout.free)
+        P, centre = int(np.count_nonzero(self.layout.free)), np.flatnonzero(self.layout.is_centre[self.layout.free])
         squares = np.zeros(len(self.theta))
         np.add.at(squares, self.path.threes, self._losses[1][:, None] * np.square(self.path.coefficients))
         hessian = np.zeros((len(self.theta), P, P))
@@ -101,15 +102,10 @@ class PathEvaluation:
     def coupling(self) -> Coupling:
         """Between the frames' own parameters, of which the centre is a part."""
         own = self.layout.roles == Role.FRAME
-        o, centre, c = int(np.count_nonzero(own)), _centre_among(own), self.path.coefficients
+        o, centre, c = int(np.count_nonzero(own)), np.flatnonzero(self.layout.is_centre[own]), self.path.coefficients
         pairs = ((0, 1), (1, 2), (0, 2))
         first, second = (np.concatenate([self.path.threes[:, pair[side]] for pair in pairs]) for side in (0, 1))
         blocks = np.zeros((len(first), o, o))
         products = np.concatenate([self._losses[1] * c[:, a] * c[:, b] for a, b in pairs])
         blocks[:, centre, centre] = products[:, None]
         return Coupling(first, second, blocks)
-
-
-def _centre_among(some: BoolArray) -> IntArray:
-    """Where the centre is among some parameters (n,)."""
-    return np.asarray(np.searchsorted(np.flatnonzero(some), np.arange(CENTER.start, CENTER.stop)))
