@@ -14,14 +14,17 @@ from dataclasses import dataclass, fields
 
 import numpy as np
 
-from fieldcalib._types import Array, IntArray
+from fieldcalib._types import Array, BoolArray, IntArray
 from fieldcalib.problem.observations import Observations, Rows
 from fieldcalib.problem.projection import Projection
 
 LEAST_LENGTH = 1e-300  # keeps the division by the length of a vector from being one by zero
 LEAST_DEPTH = 1e-9  # m: a point in the camera's plane has no image, but must not stop the batch
-LINE_STEPS, LINE_STEP = 6, 1e-4  # px: steps contract by distance x curvature, 1e-2 at 50 px and a strong lens
-CURVE_STEPS, CURVE_STEP = 10, 3e-4  # of the curve's parameter: the third order of a last step is 1e-8 px
+# The frames of a batch go on until all have converged. What is left then must be rounding: otherwise a camera would
+# depend on the frames that it is calibrated with.
+LINE_STEPS, LINE_STEP = 6, 1e-9  # px: steps contract by distance x curvature, 1e-2 at 50 px and a strong lens
+CURVE_STEPS, CURVE_STEP = 10, 1e-8  # of the curve's parameter
+LARGEST_TURN = 0.5  # of a step on a circle, radians
 BEHIND_PENALTY = 1e12  # px^2: what a sample behind the camera counts as
 
 
@@ -102,7 +105,7 @@ def _on_lines(projection: Projection, rows: Rows) -> ClosestPoints:
     along = n[0] * p[1] - n[1] * p[0]  # the closest point's coordinate on the image line
     if not projection.is_pinhole:
         tangent = np.array([-n[1], n[0]])
-        seen, reach = rows.weight > 0.0, projection.layout.lens.rho
+        seen, reach = rows.label >= 0, projection.layout.lens.rho
         for _ in range(LINE_STEPS):
             real, T = projection.push(s, tangent)
             step = _dot(d - real, T) / (_dot(T, T) + LEAST_LENGTH)
@@ -132,10 +135,10 @@ def _on_arcs(projection: Projection, rows: Rows) -> ClosestPoints:
     side = np.where(_dot(U[:2], VA[:2]) + U[2] * VA[2] < 0.0, -1.0, 1.0)
     c, s = _unit(side * np.array([_dot(VA[:2], p) + VA[2], _dot(AU[:2], p) + AU[2]]))
 
-    search = CurveSearch(projection, d, rows.weight)
+    search = CurveSearch(projection, d, rows.label >= 0)
     for _ in search.iterations:
         radius = c * U + s * V
-        step = search.step(A + radius, c * V - s * U, -radius, largest=0.5)
+        step = search.step(A + radius, c * V - s * U, -radius, largest=LARGEST_TURN)
         c, s = _unit(np.array([c - step * s, s + step * c]))
     return search.found
 
@@ -153,7 +156,7 @@ def _on_sampled_curves(projection: Projection, rows: Rows) -> ClosestPoints:
     )
     slope, curvature = (after - before) / 2.0, after - 2.0 * at + before
     t = (nearest - middle).astype(float)
-    search = CurveSearch(projection, projection.observed_offset(rows.xy), rows.weight)
+    search = CurveSearch(projection, projection.observed_offset(rows.xy), rows.label >= 0)
     for _ in search.iterations:
         t = t + search.step(at + t * (slope + 0.5 * t * curvature), slope + t * curvature, curvature, largest=1.0)
     return search.found
@@ -166,10 +169,10 @@ class CurveSearch:
     by what comes back, until `iterations` ends; `found` are then the points after the last step.
     """
 
-    def __init__(self, projection: Projection, observed: Array, weight: Array) -> None:
+    def __init__(self, projection: Projection, observed: Array, seen: BoolArray) -> None:
         self.projection = projection
         self.observed = observed
-        self.seen = weight > 0.0
+        self.seen = seen
         self.moved = np.inf
 
     @property

@@ -26,6 +26,7 @@ from fieldcalib.fields.stands import SOCCER_SCALE
 from fieldcalib.geometry.camera import Camera
 from fieldcalib.problem.background import BackgroundEvaluation, BackgroundPairs
 from fieldcalib.problem.closest_points import ClosestPoints, closest_points, end_points
+from fieldcalib.problem.compilation import compiled_closest_points, compiled_derivatives
 from fieldcalib.problem.coupling import Coupling
 from fieldcalib.problem.labelled_pixels import Pixels
 from fieldcalib.problem.layout import LOG_F, Layout
@@ -152,7 +153,9 @@ class Evaluation:
     def derivatives(self, free: BoolArray) -> Array:
         """Derivatives of the residuals by any of the parameters, (B, P, M)."""
         points, size = self.points, self.problem.layout.field_size_block
-        JT = -self.projection.derivatives(points.s, points.inverse_depth, points.normal, free)
+        JT = compiled_derivatives(self.theta, self.problem.layout, points, free)
+        if JT is None:
+            JT = -self.projection.derivatives(points.s, points.inverse_depth, points.normal, free)
         moving = free[size]
         if np.any(moving):
             # a segment that moves is a camera that moves the other way
@@ -304,6 +307,9 @@ class Evaluation:
 
 def evaluate(problem: Problem, theta: Array) -> Evaluation:
     """Search the closest points of B problems at their cameras theta (B, n)."""
+    points = compiled_closest_points(theta, problem.layout, problem.observations)
+    if points is not None:
+        return Evaluation(problem, theta, points)
     projection = Projection(theta, problem.layout)
     observations, size = problem.observations, problem.layout.field_size
     if size is not None and np.any(problem.free[problem.layout.field_size_block]):

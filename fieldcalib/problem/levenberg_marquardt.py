@@ -24,8 +24,10 @@ from numpy.typing import NDArray
 
 from fieldcalib._types import Array, BoolArray, IntArray
 from fieldcalib.problem.closest_points import ClosestPoints
+from fieldcalib.problem.compilation import cameras, kernels, packed_frames
 from fieldcalib.problem.coupling import Coupling
-from fieldcalib.problem.evaluation import Evaluation, Problem, evaluate
+from fieldcalib.problem.evaluation import LENS_TAILS, LOG_F_RANGE, Evaluation, Problem, evaluate
+from fieldcalib.problem.prior import GaussianPrior
 
 FAR, NEAR = 1e-2, 1e-4  # initial damping, share of the Hessian's diagonal: far from the solution, and near it
 LEAST_DAMPING, LARGEST_DAMPING = 1e-12, 1e10
@@ -122,6 +124,9 @@ def levenberg_marquardt(
     """
     problem = start.problem
     layout = problem.layout
+    compiled = _compiled_solution(start, max_iterations, tolerance, initial_damping)
+    if compiled is not None:
+        return compiled
     free, shared = np.flatnonzero(layout.free), layout.shared
     least, largest = layout.least[free], layout.largest[free]
     longest = layout.largest_step(problem.scale)[free]
@@ -192,6 +197,48 @@ def levenberg_marquardt(
         hessian = np.where(taken[:, None, None], trial.hessian, hessian)
         coupling = trial.coupling if np.any(taken) else coupling  # frames that are coupled are one group
     return Solution(best.evaluation, converged, iterations)
+
+
+def _compiled_solution(
+    start: Evaluation, max_iterations: int, tolerance: float, initial_damping: float
+) -> Solution | None:
+    """The same where Numba is installed, of frames that share nothing; None otherwise."""
+    problem, layout = start.problem, start.problem.layout
+    module = kernels(layout, problem.observations)
+    if module is None or problem.group is not None or problem.background is not None or problem.path is not None:
+        return None
+    free, theta = np.flatnonzero(layout.free), cameras(layout, start.theta)
+    prior = problem.prior or GaussianPrior(theta, np.ones_like(theta))
+    converged, iterations = np.zeros(len(problem), dtype=bool), np.zeros(len(problem), dtype=np.intp)
+    module.levenberg_marquardt(
+        packed_frames(module, layout, problem.observations, problem.noise),
+        module.Terms(
+            module.loss_of(problem.loss),
+            module.loss_of(LENS_TAILS),
+            problem.prior is not None,
+            np.ascontiguousarray(prior.mean),
+            np.ascontiguousarray(prior.sigma),
+            free,
+            np.log(layout.image_size[0]) + np.array(LOG_F_RANGE),
+        ),
+        module.Bounds(layout.least[free], layout.largest[free], layout.largest_step(problem.scale)[free]),
+        module.Criteria(
+            max_iterations,
+            tolerance,
+            initial_damping,
+            SETTLED,
+            STILL,
+            LEAST_DIAGONAL,
+            LEAST_DAMPING,
+            LARGEST_DAMPING,
+        ),
+        theta,
+        converged,
+        iterations,
+    )
+    solved = start.theta.copy()
+    solved[:, : theta.shape[1]] = theta
+    return Solution(evaluate(problem, solved), converged, iterations)
 
 
 def block_arrow_steps(

@@ -1,0 +1,86 @@
+"""What is compiled where Numba is installed, and what is left to NumPy.
+
+Compiled are independent frames of lines, arcs and points under a radial lens or none: what is calibrated frame by
+frame. Frames that share parameters or are tied to each other, point clouds, other lenses and fields whose size is
+estimated stay with NumPy, which does the same: results differ by rounding.
+"""
+
+from __future__ import annotations
+
+from functools import cache
+from importlib.util import find_spec
+from types import ModuleType
+from typing import Any
+
+import numpy as np
+
+from fieldcalib._types import Array, BoolArray
+from fieldcalib.geometry.lens import Pinhole, RadialLens
+from fieldcalib.problem.closest_points import ClosestPoints
+from fieldcalib.problem.layout import Layout
+from fieldcalib.problem.observations import Observations
+
+
+@cache
+def compiled() -> ModuleType | None:
+    """The module `fieldcalib.problem.compiled`; None where Numba is not installed."""
+    if find_spec("numba") is None:
+        return None
+    from fieldcalib.problem import compiled as module
+
+    return module
+
+
+def kernels(layout: Layout, observations: Observations | None = None) -> ModuleType | None:
+    """The compiled functions, if they know such cameras and such rows."""
+    plain = isinstance(layout.lens, RadialLens | Pinhole) and layout.zoom_law is None
+    if not plain or np.any(layout.free[layout.field_size_block]):
+        return None
+    if observations is not None and (observations.curves or observations.clouds):
+        return None
+    return compiled()
+
+
+def compiled_closest_points(theta: Array, layout: Layout, observations: Observations) -> ClosestPoints | None:
+    """`fieldcalib.problem.closest_points.closest_points`; None if it is not compiled."""
+    module = kernels(layout, observations)
+    if module is None:
+        return None
+    shape = observations.label.shape
+    found = ClosestPoints(np.zeros(shape), np.zeros((2, *shape)), np.ones(shape), np.ones((2, *shape)))
+    frames = packed_frames(module, layout, observations)
+    module.closest_points(frames, cameras(layout, theta), found.r, found.s, found.inverse_depth, found.normal)
+    return found
+
+
+def compiled_derivatives(theta: Array, layout: Layout, points: ClosestPoints, free: BoolArray) -> Array | None:
+    """Derivatives (B, P, M) of the residuals by the parameters `free` (n,); None if they are not compiled."""
+    module = kernels(layout)
+    if module is None:
+        return None
+    index = np.flatnonzero(free)
+    B, M = points.r.shape
+    JT = np.zeros((B, len(index), M))
+    s, inverse_depth, normal = map(np.ascontiguousarray, (points.s, points.inverse_depth, points.normal))
+    module.derivatives(cameras(layout, theta), layout.lens.rho, module.Limits(), s, inverse_depth, normal, index, JT)
+    return JT
+
+
+def cameras(layout: Layout, theta: Array) -> Array:
+    """The parameters (B, n) of the cameras alone, as arrays of their own."""
+    return theta[:, : layout.lens_block.stop].copy()
+
+
+def packed_frames(module: ModuleType, layout: Layout, observations: Observations, noise: float = 1.0) -> Any:
+    """Observations as `fieldcalib.problem.compiled.Frames`, with weights for pixels of some noise."""
+    o = observations
+    rows = (o.lines, o.arcs, o.points, o.points, o.ends)
+    return module.Frames(
+        (module.LINES, module.ARCS, module.ALONG_X, module.ALONG_Y, module.ENDS),
+        tuple(np.ascontiguousarray(one.xy) for one in rows),
+        tuple(one.weight / noise**2 for one in rows),
+        tuple(np.ascontiguousarray(one.label) for one in rows),
+        tuple(np.ascontiguousarray(one.geometry) for one in rows),
+        layout.lens.rho,
+        module.Limits(),
+    )

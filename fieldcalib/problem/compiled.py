@@ -1,0 +1,545 @@
+"""Closest points, their derivatives and Levenberg-Marquardt, compiled by Numba: one frame after the other.
+
+The mathematics is that of `closest_points`, `projection`, `evaluation` and `levenberg_marquardt`, which say why, and the
+names are theirs. A frame has some dozens of pixels: NumPy spends more time on calling than on computing there, and a
+batch of frames takes it six times as long as the scalar code here. What is solved here and what is left to NumPy
+`fieldcalib.problem.compilation` says.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple, get_args
+
+import numpy as np
+from numba import njit
+
+from fieldcalib._types import Array, IntArray
+from fieldcalib.geometry.lens import FOLD
+from fieldcalib.problem import closest_points as by_numpy
+from fieldcalib.problem.layout import LOG_ASPECT, LOG_F, PAN, ROLL
+from fieldcalib.problem.losses import LossName, RobustLoss
+from fieldcalib.problem.projection import UNDISTORTING_STEPS
+
+compiled = njit(cache=True, error_model="numpy")  # a division by zero is infinite, as in NumPy
+
+Vector = tuple[float, float, float]
+
+A1 = LOG_ASPECT + 1  # where the coefficients (a1, b2) of a radial lens begin in theta
+LINES, ARCS, ALONG_X, ALONG_Y, ENDS = range(5)  # kinds of residuals
+LINEAR, CAUCHY, SOFT_L1, HUBER = map(get_args(LossName).index, ("linear", "cauchy", "soft_l1", "huber"))
+
+
+class Limits(NamedTuple):
+    """The constants of `fieldcalib.problem.closest_points`, and of what it uses.
+
+    They are arguments, since Numba keeps what it has compiled until this file changes, whatever changes elsewhere.
+    """
+
+    line_steps: int = by_numpy.LINE_STEPS
+    line_step: float = by_numpy.LINE_STEP
+    curve_steps: int = by_numpy.CURVE_STEPS
+    curve_step: float = by_numpy.CURVE_STEP
+    largest_curve_step: float = by_numpy.LARGEST_TURN
+    least_length: float = by_numpy.LEAST_LENGTH
+    least_depth: float = by_numpy.LEAST_DEPTH
+    undistorting_steps: int = UNDISTORTING_STEPS
+    fold: float = FOLD
+
+
+class View(NamedTuple):
+    """A camera as what its projection needs."""
+
+    R: tuple[Vector, Vector, Vector]
+    """Rows of the rotation."""
+    scaled_R: tuple[Vector, Vector, Vector]
+    """The same, the first two times f."""
+    C: Vector
+    f: float
+    cx: float
+    cy: float
+    aspect: float
+    a1: float
+    a2: float
+    da2_da1: float
+    rho: float
+    is_pinhole: bool
+    cos_roll: float
+    sin_roll: float
+    limits: Limits
+
+
+class Foot(NamedTuple):
+    """A closest point: residual, ideal offset, inverse depth and normal of one row of `ClosestPoints`."""
+
+    r: float
+    sx: float
+    sy: float
+    inverse_depth: float
+    nx: float
+    ny: float
+
+
+class Loss(NamedTuple):
+    """A robust loss: which, and its scale squared."""
+
+    kind: int
+    scale2: float
+
+
+@compiled
+def view_of(theta: Array, rho: float, limits: Limits) -> View:
+    """The camera of a parameter vector."""
+    c_pan, c_tilt, c_roll = math.cos(theta[0]), math.cos(theta[1]), math.cos(theta[2])
+    s_pan, s_tilt, s_roll = math.sin(theta[0]), math.sin(theta[1]), math.sin(theta[2])
+    R0 = (c_pan * c_roll - s_pan * c_tilt * s_roll, s_pan * c_roll + c_pan * c_tilt * s_roll, s_tilt * s_roll)
+    R1 = (-c_pan * s_roll - s_pan * c_tilt * c_roll, -s_pan * s_roll + c_pan * c_tilt * c_roll, s_tilt * c_roll)
+    R2 = (s_pan * s_tilt, -c_pan * s_tilt, c_tilt)
+    f = math.exp(theta[LOG_F])
+    a1, b2 = (theta[A1], theta[A1 + 1]) if len(theta) > A1 else (0.0, 0.0)
+    barrel = min(a1, 0.0)
+    return View(
+        (R0, R1, R2),
+        ((f * R0[0], f * R0[1], f * R0[2]), (f * R1[0], f * R1[1], f * R1[2]), R2),
+        (theta[4], theta[5], theta[6]),
+        f,
+        theta[7],
+        theta[8],
+        math.exp(theta[LOG_ASPECT]),
+        a1,
+        b2 + limits.fold * barrel * barrel,
+        2.0 * limits.fold * barrel,
+        rho,
+        a1 == 0.0 and b2 == 0.0 and theta[LOG_ASPECT] == 0.0,
+        c_roll,
+        s_roll,
+        limits,
+    )
+
+
+@compiled
+def _direction(view: View, x: float, y: float, z: float) -> Vector:
+    """A world direction in scaled camera coordinates."""
+    a, b, c = view.scaled_R
+    return a[0] * x + a[1] * y + a[2] * z, b[0] * x + b[1] * y + b[2] * z, c[0] * x + c[1] * y + c[2] * z
+
+
+@compiled
+def _point(view: View, X: Array) -> Vector:
+    """A world point in scaled camera coordinates."""
+    return _direction(view, X[0] - view.C[0], X[1] - view.C[1], X[2] - view.C[2])
+
+
+@compiled
+def _gain(view: View, x: float, y: float) -> tuple[float, float]:
+    """``1 + a1 q + a2 q^2`` of the lens at an ideal offset, and ``2 / rho^2`` times its derivative by q."""
+    unit = 1.0 / (view.rho * view.rho)
+    q = (x * x + y * y) * unit
+    return 1.0 + q * (view.a1 + q * view.a2), 2.0 * unit * (view.a1 + 2.0 * view.a2 * q)
+
+
+@compiled
+def _push(view: View, gain: float, slope: float, sx: float, sy: float, x: float, y: float) -> tuple[float, float]:
+    """The image of a small step (x, y) from an ideal offset s."""
+    inner = slope * (sx * x + sy * y)
+    return gain * x + inner * sx, view.aspect * (gain * y + inner * sy)
+
+
+@compiled
+def _unit(x: float, y: float, limits: Limits) -> tuple[float, float]:
+    scale = 1.0 / (math.sqrt(x * x + y * y) + limits.least_length)
+    return x * scale, y * scale
+
+
+@compiled
+def _nearly_ideal(view: View, dx: float, dy: float) -> tuple[float, float]:
+    """The ideal offset of a real one, by a few fixed-point steps."""
+    dy = dy / view.aspect
+    sx, sy = dx, dy
+    if not view.is_pinhole:
+        for _ in range(view.limits.undistorting_steps):
+            gain, _ = _gain(view, sx, sy)
+            sx, sy = sx + (dx - gain * sx), sy + (dy - gain * sy)
+    return sx, sy
+
+
+@compiled
+def on_line(view: View, xy: Array, geometry: Array) -> Foot:
+    """On an infinite line."""
+    ax, ay, az = _point(view, geometry[0])
+    bx, by, bz = _direction(view, geometry[1, 0], geometry[1, 1], geometry[1, 2])
+    lx, ly, lz = ay * bz - az * by, az * bx - ax * bz, ax * by - ay * bx
+    scale = 1.0 / (math.sqrt(lx * lx + ly * ly) + view.limits.least_length)
+    nx, ny = lx * scale, ly * scale
+    dx, dy = xy[0] - view.cx, xy[1] - view.cy
+    px, py = _nearly_ideal(view, dx, dy)
+    r = nx * px + ny * py + lz * scale
+    sx, sy = px - r * nx, py - r * ny
+    along = nx * py - ny * px
+    normal_x, normal_y = nx, ny
+    if not view.is_pinhole:
+        for _ in range(view.limits.line_steps):
+            gain, slope = _gain(view, sx, sy)
+            Tx, Ty = _push(view, gain, slope, sx, sy, -ny, nx)
+            ox, oy = dx - gain * sx, dy - view.aspect * gain * sy
+            step = (ox * Tx + oy * Ty) / (Tx * Tx + Ty * Ty + view.limits.least_length)
+            step = min(max(step, -view.rho), view.rho)  # bounded where the lens folds back
+            sx, sy, along = sx - step * ny, sy + step * nx, along + step
+            if abs(step) < view.limits.line_step:
+                break
+        gain, slope = _gain(view, sx, sy)
+        Tx, Ty = _push(view, gain, slope, sx, sy, -ny, nx)
+        normal_x, normal_y = _unit(Ty, -Tx, view.limits)
+        r = normal_x * (dx - gain * sx) + normal_y * (dy - view.aspect * gain * sy)
+    return Foot(r, sx, sy, (along * bz - nx * by + ny * bx) * scale, normal_x, normal_y)
+
+
+@compiled
+def on_arc(view: View, xy: Array, geometry: Array) -> Foot:
+    """On a whole circle."""
+    limits = view.limits
+    ax, ay, az = _point(view, geometry[0])
+    ux, uy, uz = _direction(view, geometry[1, 0], geometry[1, 1], geometry[1, 2])
+    vx, vy, vz = _direction(view, geometry[2, 0], geometry[2, 1], geometry[2, 2])
+    dx, dy = xy[0] - view.cx, xy[1] - view.cy
+    px, py = _nearly_ideal(view, dx, dy)
+    # V x A and A x U
+    VAx, VAy, VAz = vy * az - vz * ay, vz * ax - vx * az, vx * ay - vy * ax
+    AUx, AUy, AUz = ay * uz - az * uy, az * ux - ax * uz, ax * uy - ay * ux
+    side = -1.0 if ux * VAx + uy * VAy + uz * VAz < 0.0 else 1.0
+    c, s = _unit(side * (VAx * px + VAy * py + VAz), side * (AUx * px + AUy * py + AUz), limits)
+    sx = sy = dsx = dsy = ddsx = ddsy = inverse_depth = dz = ddz = step = Tx = Ty = dTx = dTy = 0.0
+    for _ in range(limits.curve_steps):
+        rx, ry, rz = c * ux + s * vx, c * uy + s * vy, c * uz + s * vz
+        z, dz, ddz = az + rz, c * vz - s * uz, -rz
+        inverse_depth = 1.0 / (limits.least_depth if abs(z) < limits.least_depth else z)
+        sx, sy = (ax + rx) * inverse_depth, (ay + ry) * inverse_depth
+        dsx, dsy = (c * vx - s * ux - sx * dz) * inverse_depth, (c * vy - s * uy - sy * dz) * inverse_depth
+        ddsx = (-rx - sx * ddz - 2.0 * dsx * dz) * inverse_depth
+        ddsy = (-ry - sy * ddz - 2.0 * dsy * dz) * inverse_depth
+        gain, slope = _gain(view, sx, sy)
+        Tx, Ty = _push(view, gain, slope, sx, sy, dsx, dsy)
+        dTx, dTy = _push(view, gain, slope, sx, sy, ddsx, ddsy)
+        ox, oy = dx - gain * sx, dy - view.aspect * gain * sy
+        TT = Tx * Tx + Ty * Ty + limits.least_length
+        step = (ox * Tx + oy * Ty) / max(TT - (ox * dTx + oy * dTy), 0.1 * TT)
+        step = min(max(step, -limits.largest_curve_step), limits.largest_curve_step)
+        if abs(step) < limits.curve_step:
+            break
+        c, s = _unit(c - step * s, s + step * c, limits)
+    if not abs(step) < limits.curve_step:  # what has not converged stays on the curve
+        step = 0.0
+    Tx, Ty = Tx + step * dTx, Ty + step * dTy
+    nx, ny = _unit(Ty, -Tx, view.limits)
+    sx, sy = sx + step * (dsx + 0.5 * step * ddsx), sy + step * (dsy + 0.5 * step * ddsy)
+    gain, _ = _gain(view, sx, sy)
+    r = nx * (dx - gain * sx) + ny * (dy - view.aspect * gain * sy)
+    return Foot(r, sx, sy, inverse_depth / (1.0 + step * (dz + 0.5 * step * ddz) * inverse_depth), nx, ny)
+
+
+@compiled
+def at_point(view: View, xy: Array, X: Array, nx: float, ny: float) -> Foot:
+    """At a world point, along a direction n of the image."""
+    hx, hy, hz = _point(view, X)
+    inverse_depth = 1.0 / (view.limits.least_depth if abs(hz) < view.limits.least_depth else hz)
+    sx, sy = hx * inverse_depth, hy * inverse_depth
+    gain, _ = _gain(view, sx, sy)
+    r = nx * (xy[0] - view.cx - gain * sx) + ny * (xy[1] - view.cy - view.aspect * gain * sy)
+    return Foot(r, sx, sy, inverse_depth, nx, ny)
+
+
+@compiled
+def foot_of(kind: int, view: View, xy: Array, geometry: Array) -> Foot:
+    """The closest point of a residual of a kind."""
+    if kind == LINES:
+        return on_line(view, xy, geometry)
+    if kind == ARCS:
+        return on_arc(view, xy, geometry)
+    if kind == ALONG_X:
+        return at_point(view, xy, geometry[0], 1.0, 0.0)
+    if kind == ALONG_Y:
+        return at_point(view, xy, geometry[0], 0.0, 1.0)
+    return at_point(view, xy, geometry[0], geometry[1, 0], geometry[1, 1])
+
+
+@compiled
+def set_derivatives(view: View, foot: Foot, row: Array) -> None:
+    """Derivatives of a residual by the parameters of its camera into a row (n,): ``-n . dpi(X*) / dtheta``."""
+    sx, sy, w = foot.sx, foot.sy, foot.inverse_depth
+    x, y = foot.nx, view.aspect * foot.ny
+    inner = sx * x + sy * y
+    gain, slope = _gain(view, sx, sy)
+    x, y = gain * x + slope * inner * sx, gain * y + slope * inner * sy  # n dd_ds
+    ds_dXc = x * sx + y * sy
+    gx, gy, gz = view.f * x, view.f * y, -ds_dXc
+    xc, yc = sx / view.f, sy / view.f
+    mx, my, mz = yc * gz - gy, gx - xc * gz, xc * gy - yc * gx  # Xc x g
+    a, b, c = view.R
+    row[0] = a[2] * mx + b[2] * my + c[2] * mz
+    row[1] = view.cos_roll * mx - view.sin_roll * my
+    row[2] = mz
+    row[LOG_F] = -ds_dXc
+    row[4] = w * (a[0] * gx + b[0] * gy + c[0] * gz)
+    row[5] = w * (a[1] * gx + b[1] * gy + c[1] * gz)
+    row[6] = w * (a[2] * gx + b[2] * gy + c[2] * gz)
+    row[7], row[8] = -foot.nx, -foot.ny
+    row[LOG_ASPECT] = -foot.ny * view.aspect * gain * sy
+    if len(row) > A1:
+        q = (sx * sx + sy * sy) / (view.rho * view.rho)
+        row[A1], row[A1 + 1] = -q * inner * (1.0 + view.da2_da1 * q), -q * q * inner
+
+
+def loss_of(loss: RobustLoss) -> Loss:
+    """A robust loss as the compiled functions take it."""
+    return Loss(get_args(LossName).index(loss.name), loss.scale**2)
+
+
+@compiled
+def rho_of(loss: Loss, squared: float) -> tuple[float, float]:
+    """A robust loss at a squared residual, and its derivative by that, see `RobustLoss.evaluate`."""
+    z = squared / loss.scale2
+    if loss.kind == CAUCHY:
+        return loss.scale2 * math.log1p(z), 1.0 / (1.0 + z)
+    if loss.kind == SOFT_L1:
+        root = math.sqrt(1.0 + z)
+        return loss.scale2 * 2.0 * (root - 1.0), 1.0 / root
+    if loss.kind == HUBER:
+        root = math.sqrt(max(z, 1.0))
+        return (squared if z <= 1.0 else loss.scale2 * (2.0 * root - 1.0)), 1.0 / root
+    return squared, 1.0
+
+
+class Frames(NamedTuple):
+    """The rows of B frames, by kind."""
+
+    kinds: tuple[int, ...]
+    xy: tuple[Array, ...]
+    """(B, N, 2) of each kind."""
+    weight: tuple[Array, ...]
+    """(B, N), divided by the squared noise."""
+    label: tuple[IntArray, ...]
+    """(B, N); -1 where there is only padding."""
+    geometry: tuple[Array, ...]
+    """(B, N, G, 3)."""
+    rho: float
+    limits: Limits
+
+
+class Terms(NamedTuple):
+    """What else the cost consists of."""
+
+    loss: Loss
+    tails: Loss
+    """Of the lens's prior."""
+    has_prior: bool
+    mean: Array
+    """(B, n)."""
+    sigma: Array
+    free: IntArray
+    """Indices (P,) of the parameters that are estimated."""
+    log_f_range: Array
+    """Least and largest (2,); beyond, the cost is infinite."""
+
+
+class Bounds(NamedTuple):
+    """Of the free parameters (P,), and of their steps."""
+
+    least: Array
+    largest: Array
+    longest: Array
+
+
+class Criteria(NamedTuple):
+    """When Levenberg-Marquardt ends, and what it begins with; the constants of `levenberg_marquardt`."""
+
+    max_iterations: int
+    tolerance: float
+    initial_damping: float
+    settled: float
+    still: float
+    least_diagonal: float
+    least_damping: float
+    largest_damping: float
+
+
+@compiled
+def closest_points(frames: Frames, theta: Array, r: Array, s: Array, inverse_depth: Array, normal: Array) -> None:
+    """The closest points of all residuals (B, M), kind after kind, into four arrays; padding is left as it is."""
+    for b in range(len(theta)):
+        view = view_of(theta[b], frames.rho, frames.limits)
+        m = 0
+        for k in range(len(frames.kinds)):
+            for i in range(frames.label[k].shape[1]):
+                if frames.label[k][b, i] >= 0:
+                    foot = foot_of(frames.kinds[k], view, frames.xy[k][b, i], frames.geometry[k][b, i])
+                    r[b, m], inverse_depth[b, m] = foot.r, foot.inverse_depth
+                    s[0, b, m], s[1, b, m] = foot.sx, foot.sy
+                    normal[0, b, m], normal[1, b, m] = foot.nx, foot.ny
+                m += 1
+
+
+@compiled
+def derivatives(
+    theta: Array, rho: float, limits: Limits, s: Array, inverse_depth: Array, normal: Array, free: IntArray, JT: Array
+) -> None:
+    """Derivatives of the residuals by some of the parameters, into JT (B, P, M)."""
+    row = np.empty(theta.shape[1])
+    for b in range(len(theta)):
+        view = view_of(theta[b], rho, limits)
+        for m in range(inverse_depth.shape[1]):
+            foot = Foot(0.0, s[0, b, m], s[1, b, m], inverse_depth[b, m], normal[0, b, m], normal[1, b, m])
+            set_derivatives(view, foot, row)
+            for j in range(len(free)):
+                if free[j] < len(row):  # other parameters move points, not the camera
+                    JT[b, j, m] = row[free[j]]
+
+
+@compiled
+def normal_equations(
+    frames: Frames, terms: Terms, b: int, theta: Array, row: Array, gradient: Array, hessian: Array
+) -> float:
+    """The cost of frame b at a camera (n,), infinite if that is none; its gradient (P,) and Hessian (P, P) are set."""
+    free = terms.free
+    P = len(free)
+    gradient[:] = 0.0
+    hessian[:] = 0.0
+    if not terms.log_f_range[0] < theta[LOG_F] < terms.log_f_range[1]:
+        return np.inf
+    cost = 0.0
+    view = view_of(theta, frames.rho, frames.limits)
+    for k in range(len(frames.kinds)):
+        for i in range(frames.label[k].shape[1]):
+            weight = frames.weight[k][b, i]
+            if weight == 0.0:
+                continue
+            foot = foot_of(frames.kinds[k], view, frames.xy[k][b, i], frames.geometry[k][b, i])
+            rho, slope = rho_of(terms.loss, foot.r * foot.r)
+            cost += 0.5 * weight * rho
+            set_derivatives(view, foot, row)
+            pull = weight * slope
+            for j in range(P):
+                scaled = pull * row[free[j]]
+                gradient[j] += scaled * foot.r
+                for c in range(j + 1):
+                    hessian[j, c] += scaled * row[free[c]]
+    if terms.has_prior:
+        for j in range(P):
+            n = free[j]
+            difference, sigma = theta[n] - terms.mean[b, n], terms.sigma[b, n]
+            if n in (PAN, ROLL):
+                difference -= 2.0 * math.pi * np.rint(difference / (2.0 * math.pi))
+            z = difference / sigma
+            rho, slope = rho_of(terms.tails, z * z) if n >= A1 else (z * z, 1.0)
+            cost += 0.5 * rho
+            gradient[j] += slope * z / sigma
+            hessian[j, j] += slope / (sigma * sigma)
+    for j in range(P):
+        for c in range(j):
+            hessian[c, j] = hessian[j, c]
+    return cost if math.isfinite(cost) else np.inf
+
+
+@compiled
+def solve(A: Array, x: Array) -> None:
+    """Solve ``A x = b`` in place, x being b at first, by elimination with pivots of columns."""
+    P = len(x)
+    for j in range(P):
+        best = j
+        for i in range(j + 1, P):
+            if abs(A[i, j]) > abs(A[best, j]):
+                best = i
+        if best != j:
+            for c in range(j, P):
+                A[j, c], A[best, c] = A[best, c], A[j, c]
+            x[j], x[best] = x[best], x[j]
+        for i in range(j + 1, P):
+            factor = A[i, j] / A[j, j]
+            for c in range(j + 1, P):
+                A[i, c] -= factor * A[j, c]
+            x[i] -= factor * x[j]
+    for j in range(P - 1, -1, -1):
+        for c in range(j + 1, P):
+            x[j] -= A[j, c] * x[c]
+        x[j] /= A[j, j]
+
+
+@compiled
+def damped_step(
+    theta: Array, free: IntArray, g: Array, H: Array, damping: float, to: Bounds, least: float, A: Array, step: Array
+) -> float:
+    """The step (P,) of a frame at theta, within its bounds, and what it is predicted to change of the cost.
+
+    What is at a bound and would leave it stays there: out of the linear system with it.
+    """
+    P = len(g)
+    for j in range(P):
+        at = theta[free[j]]
+        held = (at <= to.least[j] and g[j] > 0.0) or (at >= to.largest[j] and g[j] < 0.0)
+        step[j] = np.nan if held else -g[j]
+    for j in range(P):
+        for c in range(P):
+            A[j, c] = 0.0 if math.isnan(step[j]) or math.isnan(step[c]) else H[j, c]
+        A[j, j] = 1.0 if math.isnan(step[j]) else H[j, j] + damping * (H[j, j] + least)
+    for j in range(P):
+        if math.isnan(step[j]):
+            step[j] = 0.0
+    solve(A, step)
+    shorter = 1.0
+    for j in range(P):
+        shorter = max(shorter, abs(step[j]) / to.longest[j])
+    for j in range(P):
+        at = theta[free[j]]
+        step[j] = min(max(at + step[j] / shorter, to.least[j]), to.largest[j]) - at
+    predicted = 0.0
+    for j in range(P):
+        along = 0.0
+        for c in range(P):
+            along += H[j, c] * step[c]
+        predicted += step[j] * (g[j] + 0.5 * along)
+    return predicted
+
+
+@compiled
+def levenberg_marquardt(
+    frames: Frames, terms: Terms, to: Bounds, until: Criteria, theta: Array, converged: Array, iterations: IntArray
+) -> None:
+    """Minimise the cost of every frame; theta (B, n), the starts, become the solutions."""
+    free = terms.free
+    P, n = len(free), theta.shape[1]
+    g, H, row = np.empty(P), np.empty((P, P)), np.empty(n)
+    trial_g, trial_H, A, step = np.empty(P), np.empty((P, P)), np.empty((P, P)), np.empty(P)
+    moved = np.empty(n)
+    for b in range(len(theta)):
+        at = theta[b]
+        for j in range(P):
+            at[free[j]] = min(max(at[free[j]], to.least[j]), to.largest[j])
+        cost = normal_equations(frames, terms, b, at, row, g, H)
+        if not math.isfinite(cost):
+            continue
+        damping, growth = until.initial_damping, 2.0
+        for _ in range(until.max_iterations):
+            predicted = damped_step(at, free, g, H, damping, to, until.least_diagonal, A, step)
+            if abs(predicted) <= max(until.settled * until.tolerance, until.still) * cost:
+                converged[b] = True
+                break
+            moved[:] = at
+            for j in range(P):
+                moved[free[j]] += step[j]
+            trial = normal_equations(frames, terms, b, moved, row, trial_g, trial_H)
+            iterations[b] += 1
+            better = trial < cost
+            decrease = cost - trial if better else 0.0
+            done = max(decrease, abs(predicted)) <= until.tolerance * cost
+            done |= (not better) and damping > until.largest_damping
+            if better:
+                gain = min(max((cost - trial) / max(-predicted, 1e-300), 0.0), 1.0)
+                damping = max(damping * max(1.0 / 9.0, 1.0 - (2.0 * gain - 1.0) ** 3), until.least_damping)
+                growth, cost = 2.0, trial
+                at[:] = moved
+                g, trial_g = trial_g, g
+                H, trial_H = trial_H, H
+            else:
+                damping, growth = damping * growth, 2.0 * growth
+            if done:
+                converged[b] = True
+                break
