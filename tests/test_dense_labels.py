@@ -11,7 +11,7 @@ from hypothesis.extra.numpy import arrays
 from fieldcalib.assess.ndc import ndc_loss
 from fieldcalib.fields.soccer import soccer
 from fieldcalib.geometry.camera import Camera
-from fieldcalib.problem.labelled_pixels import MOST_PIXELS, check_weights, padded_chunks, thinned
+from fieldcalib.problem.labelled_pixels import MOST_PIXELS, check_weights, thinned
 
 FIELD = soccer()
 
@@ -57,14 +57,6 @@ def test_a_thinned_label_keeps_the_pixels_that_weigh():
 
 def test_frames_without_weights_are_thinned_too():
     assert len(check_weights(FIELD, {"Middle line": numbered(5000)}, None)[0]["Middle line"]) == MOST_PIXELS
-
-
-@given(st.lists(st.integers(0, 500), max_size=60), st.integers(1, 2000))
-def test_chunks_hold_every_frame_once_and_little_padding(counts, most_pixels):
-    chunks = [chunk.tolist() for chunk in padded_chunks(counts, most_pixels)]
-    assert sorted(t for chunk in chunks for t in chunk) == list(range(len(counts)))
-    for chunk in chunks:
-        assert len(chunk) == 1 or len(chunk) * max(counts[t] for t in chunk) <= most_pixels
 
 
 @pytest.mark.parametrize("kind", ["tvcalib", "eq3"])

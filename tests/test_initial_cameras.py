@@ -26,7 +26,7 @@ from fieldcalib.problem.layout import (
     theta_from_camera,
 )
 from fieldcalib.problem.observations import pack
-from fieldcalib.problem.prior import gaussian_prior
+from fieldcalib.problem.prior import gaussian_prior, gaussian_priors
 
 FIELD, SIZE = soccer(), (960, 540)
 LAYOUT = Layout.of(SIZE)
@@ -164,7 +164,9 @@ def test_a_pointed_camera_knows_only_its_own_frame(name):
 
 def test_starts_are_sorted_by_frame_and_belong_to_a_distribution():
     frames, _ = random_frames(7, seed=2)
-    starts = initial_cameras(pack(FIELD, frames, SIZE), LAYOUT, [MAIN_CENTER, MAIN_LEFT], nothing_known())
+    starts = initial_cameras(
+        pack(FIELD, frames, SIZE), gaussian_priors([MAIN_CENTER, MAIN_LEFT], LAYOUT), nothing_known()
+    )
     assert np.all(np.diff(starts.frame) >= 0)
     assert set(starts.frame.tolist()) == set(range(7))
     assert np.all(np.bincount(starts.frame) >= 2)
@@ -178,7 +180,7 @@ def test_what_is_known_is_kept():
     frames, _ = random_frames(5, seed=3)
     known = nothing_known()
     known[LOG_F], known[PRINCIPAL_POINT], known[2] = np.log(1234.0), (470.0, 280.0), 0.02
-    starts = initial_cameras(pack(FIELD, frames, SIZE), LAYOUT, [MAIN_CENTER], known)
+    starts = initial_cameras(pack(FIELD, frames, SIZE), gaussian_priors([MAIN_CENTER], LAYOUT), known)
     given = ~np.isnan(known)
     np.testing.assert_array_equal(starts.theta[:, given], np.tile(known[given], (len(starts.theta), 1)))
 
@@ -187,7 +189,7 @@ def test_a_known_pose_makes_one_start_of_the_nearest_distribution():
     frames, cameras = random_frames(1, seed=4, stands=("main left",))
     known, truth = nothing_known(), theta_from_camera(cameras[0])
     known[ANGLES], known[CENTER] = truth[ANGLES], truth[CENTER]
-    starts = initial_cameras(pack(FIELD, frames, SIZE), LAYOUT, [MAIN_CENTER, MAIN_LEFT], known)
+    starts = initial_cameras(pack(FIELD, frames, SIZE), gaussian_priors([MAIN_CENTER, MAIN_LEFT], LAYOUT), known)
     assert len(starts.theta) == 1
     np.testing.assert_array_equal(starts.theta[0, [0, 1, 2, 4, 5, 6]], truth[[0, 1, 2, 4, 5, 6]])
     assert starts.prior.mean[0, 4] == gaussian_prior(MAIN_LEFT, LAYOUT).mean[4]
@@ -197,6 +199,8 @@ def test_objects_without_lines_have_starts_too():
     markings = whole_circle_markings(FIELD)
     cloud = {"circle": PointCloud(markings["Circle central"].sample(1.0))}
     camera = Camera.from_angles(0.0, 1.3, 0.0, 1500.0, (0.0, 60.0, -15.0), SIZE)
-    starts = initial_cameras(pack(cloud, [observe(cloud, camera)], SIZE), LAYOUT, [MAIN_CENTER], nothing_known())
+    starts = initial_cameras(
+        pack(cloud, [observe(cloud, camera)], SIZE), gaussian_priors([MAIN_CENTER], LAYOUT), nothing_known()
+    )
     assert len(starts.theta) == 1
     assert abs(starts.theta[0, 0]) < 0.05

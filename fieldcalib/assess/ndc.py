@@ -14,22 +14,24 @@ whole.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import lru_cache
 from typing import Literal, TypeAlias, get_args
 
 import numpy as np
 
-from fieldcalib._types import Array, BoolArray
+from fieldcalib._types import Array, BoolArray, IntArray
 from fieldcalib.fields.field import Field
 from fieldcalib.fields.segments import Arc, Line, ObjectSegments, PointCloud, Segment
 from fieldcalib.geometry.camera import Camera
-from fieldcalib.problem.labelled_pixels import Pixels, padded_chunks, split_circles
+from fieldcalib.problem.labelled_pixels import Pixels, split_circles
 from fieldcalib.problem.layout import PAN, Layout
-from fieldcalib.problem.observations import Rows, pack
 from fieldcalib.problem.projection import Projection
 
 NdcLoss: TypeAlias = Literal["tvcalib", "eq3"]
 CLOUD_SAMPLES = 128
-CHUNK_PIXELS = 8192  # of the frames of an array, padding included: with the samples of their circles they take 70 MB
+PIXELS_AT_ONCE = 8192  # with the samples of their circles they take some 10 MB
+LEAST_LENGTH, LEAST_DEPTH = 1e-300, 1e-9  # keep divisions finite
 
 
 def ndc_loss(
@@ -67,35 +69,90 @@ def ndc_loss(
     """
     if kind not in get_args(NdcLoss):
         raise ValueError(f"kind must be one of {', '.join(get_args(NdcLoss))}, got {kind!r}")
-    losses = np.zeros(len(frames))
-    for chunk in padded_chunks([sum(map(len, frame.values())) for frame in frames], CHUNK_PIXELS):
-        some = [cameras[t] for t in chunk], [frames[t] for t in chunk]
-        losses[chunk] = _ndc_loss(*some, object_segments, kind)
-    return losses
-
-
-def _ndc_loss(
-    cameras: Sequence[Camera], frames: Sequence[Pixels], object_segments: ObjectSegments, kind: NdcLoss
-) -> Array:
-    """`ndc_loss` of frames whose padded arrays fit into memory together."""
-    image_size = cameras[0].image_size
-    layout = Layout.of(image_size, max((camera.lens for camera in cameras), key=lambda lens: len(lens.names)))
+    if not cameras:
+        return np.zeros(0)
+    layout = Layout.of(cameras[0].image_size, max((c.lens for c in cameras), key=lambda lens: len(lens.names)))
     theta = np.array([layout.theta(camera) for camera in cameras])
-    split = [_halves(object_segments, frame, image_size, pan) for frame, pan in zip(frames, theta[:, PAN], strict=True)]
-    seen = {label: object_segments[label] for frame in split for label in frame}
-    samples = {label: s if isinstance(s, Line) else cloud(s) for label, s in seen.items()}
-    observations = pack(samples, split, image_size)
+    return ndc_losses(theta, layout, object_segments, frames, kind)
 
-    projection = Projection(theta, layout)
-    half_size = np.array(image_size) / 2.0
-    lines = _line_distances(projection, observations.lines, half_size)
-    circles = _cloud_distances(projection, observations.clouds, half_size)
-    weights = observations.lines.weight, observations.clouds.weight
-    if kind == "eq3":  # the pixels of a segment share a weight of 1
-        segments = np.sum(weights[0], axis=1) + np.sum(weights[1], axis=1)
-        total = np.sum(lines * weights[0], axis=1) + np.sum(circles * weights[1], axis=1)
-        return np.asarray(total / np.maximum(segments, 1.0))
-    return _mean(lines, weights[0] > 0.0) + _mean(circles, weights[1] > 0.0)
+
+def ndc_losses(
+    theta: Array, layout: Layout, object_segments: ObjectSegments, frames: Sequence[Pixels], kind: NdcLoss = "tvcalib"
+) -> Array:
+    """`ndc_loss` of the cameras theta (T, n) of a layout."""
+    size, pans = layout.image_size, theta[:, PAN]
+    split = [_halves(object_segments, frame, size, pan) for frame, pan in zip(frames, pans, strict=True)]
+    pairs = [(t, object_segments[label], xy) for t, frame in enumerate(split) for label, xy in frame.items()]
+    if not pairs:
+        return np.zeros(len(frames))
+    seen = _Seen.of(pairs, theta, layout)
+    total, count = np.zeros(len(frames)), np.zeros(len(frames))
+    is_line = np.array([isinstance(segment, Line) for segment in seen.segments])
+    for members, distances in ((is_line, _line_distances), (~is_line, _cloud_distances)):
+        if not np.any(members):
+            continue
+        some = seen.take(members)
+        distance, frame = distances(some), some.frame[some.pair]
+        if kind == "eq3":  # the pixels of a segment share a weight of 1
+            total += np.bincount(frame, distance / some.size[some.pair], minlength=len(frames))
+            count += np.bincount(some.frame, minlength=len(frames))
+        else:
+            pixels = np.bincount(frame, minlength=len(frames))
+            total += np.bincount(frame, distance, minlength=len(frames)) / np.maximum(pixels, 1)
+    return np.asarray(total / np.maximum(count, 1.0))
+
+
+@dataclass(frozen=True, eq=False)
+class _Seen:
+    """The undistorted pixels of L labels in frames, one label after the other."""
+
+    segments: list[Segment]
+    """Of each label."""
+    frame: IntArray
+    """Of each label, (L,)."""
+    size: IntArray
+    """Number of its pixels, (L,)."""
+    pair: IntArray
+    """Which of the L each pixel belongs to, (P,)."""
+    xy: Array
+    """Ideal offsets of the pixels, (2, P)."""
+    theta: Array
+    """Of the frames."""
+    layout: Layout
+
+    @classmethod
+    def of(cls, pairs: Sequence[tuple[int, Segment, Array]], theta: Array, layout: Layout) -> _Seen:
+        """Of labels: frame, segment and pixels of each."""
+        frames, segments, pixels = zip(*pairs, strict=True)
+        frame, size = np.array(frames), np.array([len(xy) for xy in pixels])
+        pair = np.repeat(np.arange(len(pairs)), size)
+        own = Projection(theta[frame[pair]], layout)
+        xy = own.ideal_offset(own.observed_offset(np.concatenate(pixels)[:, None]))
+        return cls(list(segments), frame, size, pair, xy[..., 0], theta, layout)
+
+    def take(self, members: BoolArray) -> _Seen:
+        """Some of the labels (L,)."""
+        number = np.cumsum(members) - 1
+        pixels = members[self.pair]
+        return _Seen(
+            [segment for segment, member in zip(self.segments, members, strict=True) if member],
+            self.frame[members],
+            self.size[members],
+            number[self.pair[pixels]],
+            self.xy[:, pixels],
+            self.theta,
+            self.layout,
+        )
+
+    @property
+    def cameras(self) -> Projection:
+        """Of the labels."""
+        return Projection(self.theta[self.frame], self.layout)
+
+    @property
+    def half_size(self) -> Array:
+        """Pixels for one unit of NDC, (2,)."""
+        return np.divide(self.layout.image_size, 2.0)
 
 
 def _halves(object_segments: ObjectSegments, frame: Pixels, image_size: tuple[int, int], pan: float) -> Pixels:
@@ -128,29 +185,39 @@ def cloud(segment: Segment) -> PointCloud:
     return PointCloud(tuple(map(tuple, X.tolist())))
 
 
-def _line_distances(projection: Projection, rows: Rows, half_size: Array) -> Array:
-    """NDC distance (T, N) of undistorted pixels to infinite lines."""
-    (ax, ay, az), (dx, dy, dz) = (
-        projection.points(rows.geometry[:, :, 0]),
-        projection.directions(rows.geometry[:, :, 1]),
-    )
-    lx, ly, lz = ay * dz - az * dy, az * dx - ax * dz, ax * dy - ay * dx
-    px, py = projection.ideal_offset(projection.observed_offset(rows.xy))
-    return np.asarray(np.abs(lx * px + ly * py + lz) / (np.hypot(lx * half_size[0], ly * half_size[1]) + 1e-300))
+@lru_cache(maxsize=64)
+def _samples(segment: Segment) -> Array:
+    """Those of `cloud`, (S, 3)."""
+    return cloud(segment).X
 
 
-def _cloud_distances(projection: Projection, rows: Rows, half_size: Array) -> Array:
-    """NDC distance (T, N) of undistorted pixels to the nearest sample of their clouds."""
-    T, N, S, _ = rows.geometry.shape
-    if N == 0:
-        return np.zeros((T, 0))
-    hx, hy, hz = (h.reshape(T, N, S) for h in projection.points(rows.geometry.reshape(T, N * S, 3)))
-    px, py = projection.ideal_offset(projection.observed_offset(rows.xy))
-    hz = np.where(np.abs(hz) < 1e-9, 1e-9, hz)  # a sample in the camera's plane
-    x, y = (hx / hz - px[..., None]) / half_size[0], (hy / hz - py[..., None]) / half_size[1]
-    return np.asarray(np.sqrt(np.min(np.square(x) + np.square(y), axis=-1)))
+def _padded(X: Array, count: int) -> Array:
+    """Samples (S, 3) with the last one repeated."""
+    return X if len(X) == count else X[np.minimum(np.arange(count), len(X) - 1)]
 
 
-def _mean(distance: Array, seen: BoolArray) -> Array:
-    """Mean over the pixels that are not padding, (T,)."""
-    return np.asarray(np.sum(distance * seen, axis=1) / np.maximum(np.sum(seen, axis=1), 1))
+def _line_distances(seen: _Seen) -> Array:
+    """NDC distance (P,) of pixels to infinite lines."""
+    cameras = seen.cameras
+    ends = np.array([(line.start, line.end) for line in seen.segments if isinstance(line, Line)])
+    ax, ay, az = cameras.points(ends[:, :1])[..., 0]
+    dx, dy, dz = cameras.directions(ends[:, 1:] - ends[:, :1])[..., 0]
+    image_lines = np.array([ay * dz - az * dy, az * dx - ax * dz, ax * dy - ay * dx])
+    image_lines /= np.hypot(*(image_lines[:2] * seen.half_size[:, None])) + LEAST_LENGTH
+    lx, ly, lz = image_lines[:, seen.pair]
+    return np.asarray(np.abs(lx * seen.xy[0] + ly * seen.xy[1] + lz))
+
+
+def _cloud_distances(seen: _Seen) -> Array:
+    """NDC distance (P,) of pixels to the nearest samples of their segments."""
+    most = max(len(_samples(segment)) for segment in seen.segments)
+    hx, hy, hz = seen.cameras.points(np.array([_padded(_samples(segment), most) for segment in seen.segments]))
+    hz = np.where(np.abs(hz) < LEAST_DEPTH, LEAST_DEPTH, hz)  # a sample in the camera's plane
+    x, y = hx / hz, hy / hz
+    distance = np.empty(len(seen.pair))
+    for begin in range(0, len(distance), PIXELS_AT_ONCE):
+        some = slice(begin, begin + PIXELS_AT_ONCE)
+        pair, xy = seen.pair[some], seen.xy[:, some, None]
+        off = (x[pair] - xy[0]) / seen.half_size[0], (y[pair] - xy[1]) / seen.half_size[1]
+        distance[some] = np.sqrt(np.min(np.square(off[0]) + np.square(off[1]), axis=-1))
+    return distance

@@ -3,8 +3,8 @@
     checked pixels -> initial cameras -> wide loss, all of them -> the best plausible one -> narrow loss
                    -> mislabelled segments -> ends of segments -> verdict
 
-One frame is finished by SciPy's `least_squares`, many frames by the batched Levenberg-Marquardt; both minimise the same
-cost.
+Many frames are solved by the batched Levenberg-Marquardt; one frame is finished by SciPy's `least_squares` from there.
+Both minimise the same cost.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from fieldcalib._types import Array, IntArray
-from fieldcalib.assess.ndc import ndc_loss
+from fieldcalib.assess.ndc import ndc_losses
 from fieldcalib.assess.observability import Information
 from fieldcalib.assess.result import Calibration, Solved, Status, SuspectLabel
 from fieldcalib.assess.verdict import Evidence, implausibilities, segment_errors, verdict
@@ -62,7 +62,7 @@ NO_PIXELS = "no labelled pixels: nothing to calibrate from"
 
 
 class Solver(Protocol):
-    """`least_squares` or `levenberg_marquardt`."""
+    """`finished` or `levenberg_marquardt`."""
 
     def __call__(self, start: Evaluation, *, max_iterations: int, tolerance: float) -> Solution:
         """Minimise the cost of B problems from the cameras of an evaluation."""
@@ -174,9 +174,7 @@ def calibrate_from_segments(
     frame, pixel_weights = check_weights(object_segments, frame, weights)
     if not frame:
         return Calibration.without_camera(Status.TOO_FEW_SEGMENTS, NO_PIXELS)
-    (calibration,) = _calibrate(
-        object_segments, [frame], [pixel_weights], options, least_squares, trust_labels=trust_labels
-    )
+    (calibration,) = _calibrate(object_segments, [frame], [pixel_weights], options, finished, trust_labels=trust_labels)
     return calibration
 
 
@@ -330,6 +328,13 @@ def _checked_cameras(cameras: Iterable[Camera]) -> list[Camera]:
     return found
 
 
+def finished(start: Evaluation, *, max_iterations: int, tolerance: float) -> Solution:
+    """One frame by both solvers: few steps of SciPy's, which are slower, are left where Levenberg-Marquardt ends."""
+    near = levenberg_marquardt(start, max_iterations=max_iterations, tolerance=tolerance)
+    solution = least_squares(near.evaluation, max_iterations=max_iterations, tolerance=tolerance)
+    return replace(solution, iterations=near.iterations + solution.iterations)
+
+
 def _chunks(object_segments: ObjectSegments, frames: Sequence[Pixels]) -> Iterator[IntArray]:
     """Indices of the frames that have pixels, frames with like numbers of pixels together: less padding."""
 
@@ -406,8 +411,8 @@ def _judged(
     """
     evaluation, prior, layout = solution.evaluation, solved.prior, options.layout
     theta, far = evaluation.theta, options.wide_loss.scale
-    cameras = [layout.camera(one) for one in theta]
-    losses = ndc_loss(cameras, object_segments, solved.frames)
+    cameras = layout.cameras(theta)
+    losses = ndc_losses(theta, layout, object_segments, solved.frames)
     wrong = implausibilities(evaluation, far=far, field=options.field, may_be_inside=options.may_be_inside)
     labels = Information.of(evaluation, prior.sigma[:, layout.free])
     needed = labels.about(options.is_camera)

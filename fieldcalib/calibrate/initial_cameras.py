@@ -5,13 +5,12 @@ The solver runs from all of them and keeps the best (`argmin` in the paper, sect
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from fieldcalib._types import Array, BoolArray, IntArray
-from fieldcalib.fields.stands import SOCCER_SCALE, CameraDistribution
+from fieldcalib.fields.stands import SOCCER_SCALE
 from fieldcalib.fields.traits import DEVIATIONS
 from fieldcalib.geometry.homography import decompose_homography
 from fieldcalib.geometry.projective import fit_lines, homogenize, homography_from_lines
@@ -25,10 +24,9 @@ from fieldcalib.problem.layout import (
     PRINCIPAL_POINT,
     ROLL,
     TILT,
-    Layout,
 )
 from fieldcalib.problem.observations import Observations, Rows
-from fieldcalib.problem.prior import GaussianPrior, gaussian_priors
+from fieldcalib.problem.prior import GaussianPrior
 
 SHORT, NEAREST = 1.0 / 8.0, 1.0 / 40.0  # of what is in view: length of a short segment, depth of the nearest one
 ON_GROUND = 1e-9  # metres
@@ -48,13 +46,9 @@ class InitialCameras:
 
 
 def initial_cameras(
-    observations: Observations,
-    layout: Layout,
-    distributions: Sequence[CameraDistribution],
-    known: Array,
-    scale: float = SOCCER_SCALE,
+    observations: Observations, stands: GaussianPrior, known: Array, scale: float = SOCCER_SCALE
 ) -> InitialCameras:
-    """Initial cameras of every frame: from each distribution, and by the DLT where four ground lines or more allow it.
+    """Initial cameras of every frame: from each stand, and by the DLT where four ground lines or more allow it.
 
     A known position makes for a single one.
 
@@ -62,30 +56,24 @@ def initial_cameras(
     ----------
     observations : Observations
         T frames, each with at least one pixel.
-    layout : Layout
-        Of theta.
-    distributions : sequence of CameraDistribution
-        Where the camera may stand. A camera that comes from elsewhere belongs to the one that it is nearest to, by
-        z-score.
+    stands : GaussianPrior
+        Where the camera may stand, (K, n). A camera that comes from elsewhere belongs to the stand that it is nearest
+        to, by z-score.
     known : (n,) array
         Parameters that the user gave; NaN where nothing is known.
     scale : float
         Size of what is usually in view, metres.
     """
-    T = len(observations)
-    stands = gaussian_priors(distributions, layout)
-    theta, frame, member = [], [], []
+    T, K = len(observations), len(stands.mean)
     if np.isnan(known[CENTER]).any():
-        for i in range(len(distributions)):
-            theta.append(pointed_camera(observations, GaussianPrior(stands.mean[i], stands.sigma[i]), known, scale))
-            frame.append(np.arange(T))
-            member.append(np.full(T, i))
+        pointed = pointed_camera(observations, stands, known, scale)
         by_lines, found = camera_from_lines(observations, known, scale)
-        theta.append(by_lines[found])
-        frame.append(np.flatnonzero(found))
+        theta = [*pointed, by_lines[found]]
+        frame = [*K * [np.arange(T)], np.flatnonzero(found)]
+        member = [np.full(T, i) for i in range(K)]
     else:
-        theta.append(pointed_camera(observations, GaussianPrior(stands.mean[0], stands.sigma[0]), known, scale))
-        frame.append(np.arange(T))
+        theta = [pointed_camera(observations, GaussianPrior(stands.mean[0], stands.sigma[0]), known, scale)]
+        frame, member = [np.arange(T)], []
     member.append(_nearest_stand(theta[-1], stands))
     order = np.argsort(np.concatenate(frame), kind="stable")
     return InitialCameras(
@@ -93,9 +81,8 @@ def initial_cameras(
     )
 
 
-def given_cameras(theta: Array, layout: Layout, distributions: Sequence[CameraDistribution]) -> InitialCameras:
+def given_cameras(theta: Array, stands: GaussianPrior) -> InitialCameras:
     """The initial cameras (T, n) that are known already, one of each frame."""
-    stands = gaussian_priors(distributions, layout)
     return InitialCameras(theta, np.arange(len(theta)), stands.take(_nearest_stand(theta, stands)))
 
 
@@ -111,27 +98,29 @@ def pointed_camera(
     """Cameras at the mean position of a prior, turned and zoomed so that they see what is labelled, (T, n).
 
     The middles of the labelled segments, short segments first, should come to lie where their pixels are: their
-    centroid gives pan and tilt, their spread the focal length, within the prior's 95 %. Roll is zero.
+    centroid gives pan and tilt, their spread the focal length, within the prior's 95 %. Roll is zero. Of K priors,
+    means and sigmas (K, n), the cameras are (K, T, n).
     """
     X, xy, weight = _segment_middles(observations, SHORT * scale)
-    theta = np.broadcast_to(np.where(np.isnan(known), prior.mean, known), (len(X), len(prior.mean))).copy()
+    start = np.where(np.isnan(known), prior.mean, known)
+    theta = np.repeat(start[..., None, :], len(X), axis=-2)
     if np.isnan(known[PAN]):
-        theta[:, ROLL] = 0.0 if np.isnan(known[ROLL]) else known[ROLL]
-        target = np.sum(weight * X, axis=1) - theta[:, CENTER]
-        theta[:, PAN] = np.arctan2(target[:, 0], -target[:, 1])
-        theta[:, TILT] = np.arctan2(np.hypot(target[:, 0], target[:, 1]), target[:, 2])
+        theta[..., ROLL] = 0.0 if np.isnan(known[ROLL]) else known[ROLL]
+        target = np.sum(weight * X, axis=1) - theta[..., CENTER]
+        theta[..., PAN] = np.arctan2(target[..., 0], -target[..., 1])
+        theta[..., TILT] = np.arctan2(np.hypot(target[..., 0], target[..., 1]), target[..., 2])
     if np.isnan(known[LOG_F]):
-        Xc = (X - theta[:, None, CENTER]) @ np.swapaxes(rotation_from_angles(theta[:, ANGLES]), 1, 2)
+        Xc = (X - theta[..., None, CENTER]) @ np.swapaxes(rotation_from_angles(theta[..., ANGLES]), -1, -2)
         x = Xc[..., :2] / np.maximum(Xc[..., 2:], NEAREST * scale)
         log_f = np.log(PART_IN_VIEW * (_spread(xy, weight) + 1.0) / (_spread(x, weight) + 1e-3))
-        margin = DEVIATIONS * prior.sigma[LOG_F]
-        theta[:, LOG_F] = np.clip(log_f, prior.mean[LOG_F] - margin, prior.mean[LOG_F] + margin)
+        mean, margin = prior.mean[..., LOG_F, None], DEVIATIONS * prior.sigma[..., LOG_F, None]
+        theta[..., LOG_F] = np.clip(log_f, mean - margin, mean + margin)
     if np.isnan(known[PAN]):
         # the target shall not appear in the middle of the image but where the pixels are
-        offset = np.sum(weight * xy, axis=1) - theta[:, PRINCIPAL_POINT]
-        angle = np.arctan(offset / np.exp(theta[:, LOG_F, None]))
-        theta[:, PAN] -= angle[:, 0] / np.maximum(np.sin(theta[:, TILT]), 0.3)
-        theta[:, TILT] += angle[:, 1]
+        offset = np.sum(weight * xy, axis=1) - theta[..., PRINCIPAL_POINT]
+        angle = np.arctan(offset / np.exp(theta[..., LOG_F, None]))
+        theta[..., PAN] -= angle[..., 0] / np.maximum(np.sin(theta[..., TILT]), 0.3)
+        theta[..., TILT] += angle[..., 1]
     return theta
 
 
@@ -160,9 +149,9 @@ def _segment_middles(observations: Observations, short: float) -> tuple[Array, A
 
 
 def _spread(x: Array, weight: Array) -> Array:
-    """Weighted standard deviation of points (T, N, D) around their centroids, (T,)."""
-    centred = x - np.sum(weight * x, axis=1, keepdims=True)
-    return np.asarray(np.sqrt(np.sum(weight * np.square(centred), axis=(1, 2))))
+    """Weighted standard deviation of points (..., N, D) around their centroids, (...)."""
+    centred = x - np.sum(weight * x, axis=-2, keepdims=True)
+    return np.asarray(np.sqrt(np.sum(weight * np.square(centred), axis=(-2, -1))))
 
 
 def camera_from_lines(observations: Observations, known: Array, scale: float = SOCCER_SCALE) -> tuple[Array, BoolArray]:

@@ -29,7 +29,8 @@ from fieldcalib.assess.result import SuspectLabel
 from fieldcalib.assess.verdict import disagreement, implausibilities
 from fieldcalib.calibrate.options import CERTAIN, Options
 from fieldcalib.calibrate.search import find_cameras
-from fieldcalib.fields.segments import ObjectSegments, Point
+from fieldcalib.fields.field import Field
+from fieldcalib.fields.segments import ObjectSegments, Point, boxes
 from fieldcalib.problem.evaluation import Evaluation, Problem, evaluate
 from fieldcalib.problem.labelled_pixels import Pixels, PixelWeights
 from fieldcalib.problem.levenberg_marquardt import levenberg_marquardt
@@ -176,9 +177,8 @@ class _Costs:
         others = np.where(is_point, np.sum(is_point), np.sum(~is_point)) - 1
         rho, _ = problem.loss.evaluate(np.array(options.wide_loss.scale**2))
         missed = LOG_ODDS + 0.5 * float(rho) / problem.noise**2
-        samples = [segment.sample() for segment in object_segments.values()]
         reach = OVERSHOOT * problem.scale
-        low, high = np.array([X.min(axis=0) for X in samples]), np.array([X.max(axis=0) for X in samples])
+        low, high = object_segments.boxes if isinstance(object_segments, Field) else boxes(object_segments)
         return cls(object_segments, LOG_ODDS + np.log(np.maximum(others, 1)), missed, low - reach, high + reach)
 
     def of_given(self, evaluation: Evaluation) -> Array:

@@ -8,6 +8,7 @@ from __future__ import annotations
 from collections.abc import Iterable
 from dataclasses import dataclass
 from enum import IntFlag
+from functools import cached_property
 from numbers import Real
 from typing import TypeAlias
 
@@ -32,6 +33,7 @@ from fieldcalib.problem.layout import (
     SizeBlock,
 )
 from fieldcalib.problem.losses import LossName, RobustLoss
+from fieldcalib.problem.prior import GaussianPrior, gaussian_priors
 
 Prior: TypeAlias = str | CameraDistribution | Iterable[str | CameraDistribution] | None
 Criteria: TypeAlias = tuple[int, int, float]
@@ -122,6 +124,11 @@ class Options:
     """Covariance of the parameters that the layout considers, where these are not the size of the field alone."""
     auto_lens: bool = False
     """Whether more of the lens is freed where the labels call for it."""
+
+    @cached_property
+    def stands(self) -> GaussianPrior:
+        """Means and sigmas (K, n) of the distributions."""
+        return gaussian_priors(self.distributions, self.layout)
 
     @property
     def is_camera(self) -> BoolArray:

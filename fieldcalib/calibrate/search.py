@@ -37,12 +37,11 @@ class Found:
 
 def find_cameras(observations: Observations, options: Options, given: Array | None = None) -> Found:
     """Search a camera for each of B frames, each with at least one pixel, near `given` ones (B, n) if there are any."""
-    layout, distributions = options.layout, options.distributions
     if given is None:
-        start = initial_cameras(observations, layout, distributions, options.known, options.scale)
+        start = initial_cameras(observations, options.stands, options.known, options.scale)
         prior = _around_known_lens(start.prior, options)
     else:  # only a start: nothing is known of them
-        start = given_cameras(given, layout, distributions)
+        start = given_cameras(given, options.stands)
         prior = start.prior
     theta, frame = start.theta, start.frame
     several = len(theta) > len(observations)

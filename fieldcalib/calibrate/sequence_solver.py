@@ -48,6 +48,7 @@ from fieldcalib.problem.layout import CENTER, LOG_F, Layout, Role, SizeBlock, Zo
 from fieldcalib.problem.levenberg_marquardt import levenberg_marquardt
 from fieldcalib.problem.losses import LossName, RobustLoss
 from fieldcalib.problem.observations import pack
+from fieldcalib.problem.prior import gaussian_priors
 from fieldcalib.problem.smooth_path import SmoothPath
 
 SHARED = ("centre", "principal point", "lens", "zoom law", "field size")
@@ -330,7 +331,8 @@ class SequenceSolver:
             some = some[known[some]]
         else:
             some = labelled
-        prior = given_cameras(theta[some], layout, self.options.distributions).prior if self.options.use_prior else None
+        stands = gaussian_priors(self.options.distributions, layout)
+        prior = given_cameras(theta[some], stands).prior if self.options.use_prior else None
         together = put_together(
             self.object_segments,
             [labels.get(t, ({}, {})) for t in some.tolist()],

@@ -14,7 +14,7 @@ from fieldcalib.calibrate.options import CERTAIN, Options
 from fieldcalib.fields.field import Field
 from fieldcalib.problem.layout import CENTER, POSE_AND_ZOOM, turned_around
 from fieldcalib.problem.observations import Observations
-from fieldcalib.problem.prior import GaussianPrior, gaussian_priors
+from fieldcalib.problem.prior import GaussianPrior
 
 
 @dataclass(frozen=True)
@@ -32,7 +32,7 @@ class OtherSide:
 def other_side(observations: Observations, theta: Array, options: Options) -> OtherSide:
     """The cameras (B, n) on the other side of the field, and whether they explain B frames as well."""
     turned = turned_around(theta)
-    prior = gaussian_priors(options.distributions, options.layout)
+    prior = options.stands
     here, there = (
         np.sum(np.square(prior.z_scores(camera[:, None])[..., POSE_AND_ZOOM]), axis=-1) for camera in (theta, turned)
     )

@@ -84,7 +84,7 @@ class KnownTripod:
         """
         options = self.options
         pixels, weights = zip(*labels, strict=True)
-        prior = given_cameras(theta, options.layout, options.distributions).prior if options.use_prior else None
+        prior = given_cameras(theta, options.stands).prior if options.use_prior else None
         if centres is not None:
             prior = centres.of_prior(prior, options.layout.size)
         problem = Problem(

@@ -19,7 +19,7 @@ from typing import Any, TypeVar
 import numpy as np
 
 from fieldcalib._types import Array
-from fieldcalib.fields.segments import Arc, Line, Point, Segment
+from fieldcalib.fields.segments import Arc, Line, Point, Segment, boxes, check_members
 from fieldcalib.fields.stands import DISTRIBUTIONS, CameraDistribution
 from fieldcalib.fields.traits import Halves, LineLook, ProbabilityModel, SizePrior
 
@@ -90,8 +90,8 @@ class Field(Mapping[str, Segment]):
     Raises
     ------
     ValueError
-        If the size, the scale or the farthest camera is not positive, two stands share a name, or `halves` names what
-        is no segment of the field.
+        If the size, the scale or the farthest camera is not positive, a segment is none, two stands share a name, or
+        `halves` names what is no segment of the field.
 
     Examples
     --------
@@ -135,6 +135,7 @@ class Field(Mapping[str, Segment]):
         }
         for name, value in given.items():
             object.__setattr__(self, name, value)
+        check_members(self.segments)
         for name in ("length", "width", "scale", "farthest_camera"):
             value = getattr(self, name)
             if not value > 0.0:
@@ -173,6 +174,11 @@ class Field(Mapping[str, Segment]):
             return self == built(self.size_model.build, self.length, self.width, self.size_known)
         except ValueError:  # it builds none of this size
             return False
+
+    @cached_property
+    def boxes(self) -> tuple[Array, Array]:
+        """Least and largest coordinates (L, 3) of each segment, metres."""
+        return boxes(self.segments)
 
     @cached_property
     def points(self) -> Mapping[str, Point]:

@@ -142,3 +142,16 @@ def _vector(values: Iterable[float], what: str) -> tuple[float, float, float]:
 
 Segment: TypeAlias = Point | Line | Arc | PointCloud
 ObjectSegments: TypeAlias = Mapping[str, Segment]
+
+
+def boxes(segments: ObjectSegments) -> tuple[Array, Array]:
+    """Least and largest coordinates (L, 3) of each segment, metres."""
+    samples = [segment.sample() for segment in segments.values()]
+    return np.array([X.min(axis=0) for X in samples]), np.array([X.max(axis=0) for X in samples])
+
+
+def check_members(segments: ObjectSegments) -> None:
+    """Raise a ValueError that names the first member that is no segment."""
+    for name, segment in segments.items():
+        if not isinstance(segment, Segment):
+            raise ValueError(f"{name!r}: expected a Line, Arc, Point or PointCloud, got {segment!r}")

@@ -52,6 +52,7 @@ class CameraDistribution:
                 raise ValueError(
                     f"{self.name!r}: {name} must be (low, high) with low < high, got {(low, high)}; flags fix a value"
                 )
+            object.__setattr__(self, name, (low, high))  # hashable, whatever came
         if not 0.0 < self.fov[0] < self.fov[1] < 180.0:
             raise ValueError(f"{self.name!r}: fov must lie between 0 and 180 degrees, got {self.fov}")
 

@@ -18,6 +18,8 @@ from fieldcalib.geometry.lens import POWERS, Lens, lens_of, opencv_vector, short
 from fieldcalib.geometry.projective import dehomogenize, homogenize
 from fieldcalib.geometry.rotation import angles_from_rotation, rotation_from_angles
 
+NOT_ORTHONORMAL = 1e-6 + 1e-5 * np.eye(3)  # by how much R R^T may differ from the identity
+
 
 @dataclass(frozen=True, eq=False)
 class Camera:
@@ -83,9 +85,11 @@ class Camera:
         object.__setattr__(self, "image_size", checked_image_size(image_size))
         if not (self.K[0, 0] > 0.0 and self.K[1, 1] > 0.0):
             raise ValueError(f"K must have positive focal lengths, got {self.K[0, 0]} and {self.K[1, 1]}")
-        if np.any(self.K[[0, 1, 2, 2], [1, 0, 0, 1]] != 0.0) or self.K[2, 2] != 1.0:
+        (_, skew, _), (below, _, _), last = self.K.tolist()
+        if skew != 0.0 or below != 0.0 or last != [0.0, 0.0, 1.0]:
             raise ValueError(f"K must be [[fx, 0, cx], [0, fy, cy], [0, 0, 1]], got {self.K.tolist()}")
-        if not np.allclose(self.R @ self.R.T, np.eye(3), atol=1e-6) or np.linalg.det(self.R) < 0.0:
+        x, y, z = self.R
+        if np.any(np.abs(self.R @ self.R.T - np.eye(3)) > NOT_ORTHONORMAL) or x @ np.cross(y, z) < 0.0:
             raise ValueError(f"R must be a rotation matrix (R R^T = I, det R = 1), got {self.R.tolist()}")
 
     @classmethod

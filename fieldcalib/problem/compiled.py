@@ -1,9 +1,9 @@
 """Closest points, their derivatives and Levenberg-Marquardt, compiled by Numba: one frame after the other.
 
-The mathematics is that of `closest_points`, `projection`, `evaluation` and `levenberg_marquardt`, which say why, and the
-names are theirs. A frame has some dozens of pixels: NumPy spends more time on calling than on computing there, and a
-batch of frames takes it six times as long as the scalar code here. What is solved here and what is left to NumPy
-`fieldcalib.problem.compilation` says.
+The mathematics is that of `closest_points`, `projection`, `evaluation` and `levenberg_marquardt`, which say why, and
+the names are theirs. A frame has some dozens of pixels: NumPy spends more time on calling than on computing there, and
+a batch of frames takes it six times as long as the scalar code here. What is solved here and what is left to NumPy is
+said by `fieldcalib.problem.compilation`.
 """
 
 from __future__ import annotations

@@ -6,15 +6,15 @@ One frame is a mapping of labels to (N, 2) pixels, perhaps with weights.
 from __future__ import annotations
 
 import difflib
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping
 from typing import TypeAlias
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from fieldcalib._types import Array, BoolArray, IntArray
+from fieldcalib._types import Array, BoolArray
 from fieldcalib.fields.field import Field
-from fieldcalib.fields.segments import ObjectSegments, Segment
+from fieldcalib.fields.segments import ObjectSegments, check_members
 
 ImageSegments: TypeAlias = Mapping[str, ArrayLike]
 Pixels: TypeAlias = dict[str, Array]
@@ -28,13 +28,13 @@ FARTHEST_PIXEL = 10.0  # image sizes from the centre: beyond, a number is a mist
 
 def check_object(object_segments: ObjectSegments) -> None:
     """Raise a ValueError if that is not a mapping of names to segments."""
+    if isinstance(object_segments, Field):  # checked when it was made
+        return
     if not isinstance(object_segments, Mapping):
         came = getattr(object_segments, "__name__", repr(object_segments))
         hint = f"; did you mean {came}()?" if callable(object_segments) else ""
         raise ValueError(f"expected a field, as soccer(), or a mapping of names to segments, got {came}{hint}")
-    for name, segment in object_segments.items():
-        if not isinstance(segment, Segment):
-            raise ValueError(f"{name!r}: expected a Line, Arc, Point or PointCloud, got {segment!r}")
+    check_members(object_segments)
 
 
 def check_segments(
@@ -186,25 +186,6 @@ def _thinned(xy: Array, weight: Array) -> tuple[Array, Array]:
     places *= 1.0 - 1e-9  # a place between two pixels goes to the first, whatever the rounding
     chosen, times = np.unique(np.searchsorted(cumulative, places), return_counts=True)
     return xy[chosen], times * (cumulative[-1] / MOST_PIXELS * unit)
-
-
-def padded_chunks(counts: Sequence[int], most_pixels: int) -> Iterator[IntArray]:
-    """Indices of frames in groups of similar numbers of pixels, to be padded to equal ones.
-
-    A group has at most `most_pixels` pixels, padding included, or is a single frame.
-
-    Examples
-    --------
-    >>> [chunk.tolist() for chunk in padded_chunks([3, 100, 2, 3], most_pixels=6)]
-    [[2, 0], [3], [1]]
-    """
-    order = np.argsort(counts, kind="stable")
-    begin = 0
-    while begin < len(order):
-        padded = np.asarray(counts)[order[begin:]] * np.arange(1, len(order) - begin + 1)
-        size = max(1, int(np.searchsorted(padded, most_pixels, side="right")))
-        yield order[begin : begin + size]
-        begin += size
 
 
 def _checked_weight(label: str, values: ArrayLike, count: int) -> Array:

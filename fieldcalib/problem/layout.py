@@ -283,12 +283,19 @@ class Layout:
 
     def camera(self, theta: Array) -> Camera:
         """The camera of a parameter vector, the inverse of `theta` up to full turns of the angles."""
+        (camera,) = self.cameras(theta[None])
+        return camera
+
+    def cameras(self, theta: Array) -> list[Camera]:
+        """The cameras of parameter vectors (B, n)."""
         theta = self.at_zoom(theta)
-        fx = np.exp(theta[LOG_F])
-        (cx, cy), fy = theta[PRINCIPAL_POINT], fx * np.exp(theta[LOG_ASPECT])
-        K = np.array([[fx, 0.0, cx], [0.0, fy, cy], [0.0, 0.0, 1.0]])
-        dist = self.lens.to_opencv(theta[self.lens_block], fx)
-        return Camera(K, rotation_from_angles(theta[ANGLES]), theta[CENTER], self.image_size, dist)
+        fx = np.exp(theta[:, LOG_F])
+        K = np.zeros((len(theta), 3, 3))
+        K[:, 0, 0], K[:, 1, 1], K[:, 2, 2] = fx, fx * np.exp(theta[:, LOG_ASPECT]), 1.0
+        K[:, :2, 2] = theta[:, PRINCIPAL_POINT]
+        R, C = rotation_from_angles(theta[:, ANGLES]), theta[:, CENTER]
+        dist = self.lens.to_opencv(theta[:, self.lens_block].T, fx).T
+        return [Camera(K[b], R[b], C[b], self.image_size, dist[b]) for b in range(len(theta))]
 
 
 def theta_from_camera(camera: Camera) -> Array:

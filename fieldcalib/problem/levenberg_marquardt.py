@@ -205,7 +205,7 @@ def _compiled_solution(
     """The same where Numba is installed, of frames that share nothing; None otherwise."""
     problem, layout = start.problem, start.problem.layout
     module = kernels(layout, problem.observations)
-    if module is None or problem.group is not None or problem.background is not None or problem.path is not None:
+    if module is None or not Groups.of(problem).is_trivial or problem.background or problem.path:
         return None
     free, theta = np.flatnonzero(layout.free), cameras(layout, start.theta)
     prior = problem.prior or GaussianPrior(theta, np.ones_like(theta))

@@ -6,9 +6,11 @@ One frame is a mapping of labels to (N, 2) pixels, perhaps with weights. `pack` 
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, fields, replace
 from functools import cached_property
+from itertools import chain
+from typing import NamedTuple
 
 import numpy as np
 
@@ -211,32 +213,54 @@ def pack(
     """
     labels = tuple(object_segments)
     number = {label: index for index, label in enumerate(labels)}
-    geometry = {label: _geometry(object_segments[label]) for label in {label for frame in frames for label in frame}}
+    groups: dict[str, list[_Group]] = {kind: [] for kind in LEAST_DEPTH}
+    geometry = {label: _geometry(object_segments[label]) for label in dict.fromkeys(chain.from_iterable(frames))}
+    for t, frame in enumerate(frames):
+        given = None if pixel_weights is None else pixel_weights[t]
+        for label, xy in frame.items():
+            weight = np.full(len(xy), 1.0 / max(len(xy), 1)) if given is None else given[label]
+            groups[geometry[label][0]].append(_Group(t, number[label], xy, weight))
+    vectors = {number[label]: vectors for label, (_, vectors) in geometry.items()}
+    rows = {kind: _rows(members, len(frames), vectors, LEAST_DEPTH[kind]) for kind, members in groups.items()}
+    return Observations(labels, image_size, **rows, motion=motion)
 
-    def pack_kind(kind: str) -> Rows:
-        members = [[(label, xy) for label, xy in frame.items() if geometry[label][0] == kind] for frame in frames]
-        count = max((sum(len(xy) for _, xy in member) for member in members), default=0)
-        depth = max((len(vectors) for other, vectors in geometry.values() if other == kind), default=LEAST_DEPTH[kind])
-        shape = (len(frames), count)
-        rows = Rows(
-            np.zeros((*shape, 2)),
-            np.zeros(shape),
-            np.full(shape, -1, dtype=np.intp),
-            np.tile(np.eye(3)[np.arange(depth) % 3], (*shape, 1, 1)),  # padding must stay finite
-        )
-        for t, member in enumerate(members):
-            end = 0
-            given = pixel_weights[t] if pixel_weights is not None else None
-            for label, xy in member:
-                here = slice(end, end := end + len(xy))
-                vectors = geometry[label][1]
-                rows.xy[t, here] = xy
-                rows.weight[t, here] = 1.0 / len(xy) if given is None else given[label]
-                rows.label[t, here] = number[label]
-                rows.geometry[t, here] = vectors[np.minimum(np.arange(depth), len(vectors) - 1)]
-        return rows
 
-    return Observations(labels, image_size, **{kind: pack_kind(kind) for kind in LEAST_DEPTH}, motion=motion)
+class _Group(NamedTuple):
+    """The pixels of a label in a frame."""
+
+    frame: int
+    label: int
+    xy: Array
+    weight: Array
+
+
+def _rows(groups: Sequence[_Group], count: int, vectors: Mapping[int, Array], depth: int) -> Rows:
+    """The rows of segments of one kind in `count` frames: the groups of a frame one after the other."""
+    if not groups:
+        return _no_rows(count, 0, depth)
+    sizes = np.array([len(group.xy) for group in groups])
+    frame = np.repeat([group.frame for group in groups], sizes)
+    label = np.repeat([group.label for group in groups], sizes)
+    column = np.arange(len(frame)) - np.searchsorted(frame, frame)
+    seen = {group.label for group in groups}
+    depth = max(len(vectors[index]) for index in seen)
+    table = np.zeros((max(seen) + 1, depth, 3))
+    for index in seen:
+        own = vectors[index]
+        table[index, : len(own)], table[index, len(own) :] = own, own[-1]
+    rows = _no_rows(count, int(np.max(column, initial=-1)) + 1, depth)
+    rows.xy[frame, column] = np.concatenate([group.xy for group in groups])
+    rows.weight[frame, column] = np.concatenate([group.weight for group in groups])
+    rows.label[frame, column] = label
+    rows.geometry[frame, column] = table[label]
+    return rows
+
+
+def _no_rows(count: int, pixels: int, depth: int) -> Rows:
+    """Padding alone; its geometry is finite."""
+    geometry = np.empty((count, pixels, depth, 3))
+    geometry[:] = np.eye(3)[np.arange(depth) % 3]
+    return Rows(np.zeros((count, pixels, 2)), np.zeros((count, pixels)), np.full((count, pixels), -1), geometry)
 
 
 def _geometry(segment: Segment) -> tuple[str, Array]:

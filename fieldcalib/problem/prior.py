@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 
@@ -63,11 +64,9 @@ def gaussian_prior(distribution: CameraDistribution, layout: Layout) -> Gaussian
     >>> gaussian_prior(tower, Layout.of((960, 540))).mean[CENTER]
     array([ 0., 45., -8.])
     """
-    width, ranges = layout.image_size[0], distribution
-    log_f = np.log(focal_length_from_fov(np.radians(ranges.fov), width))[::-1]
-    low, high = np.array([*np.radians([ranges.pan, ranges.tilt, ranges.roll]), log_f, ranges.x, ranges.y, ranges.z]).T
+    width = layout.image_size[0]
     mean, sigma = np.zeros(layout.size), np.ones(layout.size)
-    mean[POSE_AND_ZOOM], sigma[POSE_AND_ZOOM] = (low + high) / 2.0, (high - low) / (2.0 * DEVIATIONS)
+    mean[POSE_AND_ZOOM], sigma[POSE_AND_ZOOM] = _pose_and_zoom(distribution, width)
     mean[PRINCIPAL_POINT], sigma[PRINCIPAL_POINT] = np.divide(layout.image_size, 2.0), PRINCIPAL_POINT_SIGMA * width
     sigma[LOG_ASPECT] = LOG_ASPECT_SIGMA
     if layout.field_size is not None:
@@ -77,6 +76,14 @@ def gaussian_prior(distribution: CameraDistribution, layout: Layout) -> Gaussian
     if layout.zoom_law is not None:
         sigma[layout.zoom_law_block] = np.multiply(ZOOM_LAW_SIGMA, (width, width, 1.0, 1.0, 1.0))
     return GaussianPrior(mean, sigma)
+
+
+@lru_cache(maxsize=64)
+def _pose_and_zoom(ranges: CameraDistribution, width: int) -> tuple[Array, Array]:
+    """Means and standard deviations, (7,) each."""
+    log_f = np.log(focal_length_from_fov(np.radians(ranges.fov), width))[::-1]
+    low, high = np.array([*np.radians([ranges.pan, ranges.tilt, ranges.roll]), log_f, ranges.x, ranges.y, ranges.z]).T
+    return (low + high) / 2.0, (high - low) / (2.0 * DEVIATIONS)
 
 
 def gaussian_priors(distributions: Sequence[CameraDistribution], layout: Layout) -> GaussianPrior:

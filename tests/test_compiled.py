@@ -1,0 +1,173 @@
+"""What Numba compiles against NumPy's way: the same closest points, derivatives, solutions and calibrations."""
+
+import subprocess
+import sys
+
+import numba  # noqa: F401 (skipped where it is not installed)
+import numpy as np
+import pytest
+from hypothesis import assume, given, settings
+from hypothesis import strategies as st
+from strategies import cameras, generators
+from synthetic import observe, random_frames
+
+from fieldcalib.calibrate.from_segments import calibrate_batch, calibrate_from_segments
+from fieldcalib.fields.segments import PointCloud
+from fieldcalib.fields.soccer import soccer
+from fieldcalib.geometry.lens import BrownConradyLens, Pinhole, RadialLens
+from fieldcalib.problem import compilation
+from fieldcalib.problem.evaluation import Problem, evaluate
+from fieldcalib.problem.layout import CENTER, Layout, Role, SizeBlock, ZoomLaw
+from fieldcalib.problem.levenberg_marquardt import levenberg_marquardt
+from fieldcalib.problem.losses import LossName, RobustLoss
+from fieldcalib.problem.observations import pack
+from fieldcalib.problem.prior import GaussianPrior
+from fieldcalib.problem.segment_ends import with_segment_ends
+
+FIELD = soccer()
+SIZE = (960, 540)
+RHO = float(np.hypot(*SIZE) / 2.0)
+SPREAD = np.array(
+    [0.01, 0.01, 0.01, 0.02, 1.0, 1.0, 1.0, 5.0, 5.0, 0.005, 0.02, 0.002]
+)  # of cameras around the true one
+
+
+@pytest.fixture
+def by_numpy(monkeypatch):
+    """Calls something as if Numba were not installed."""
+
+    def call(function, *arguments, **options):
+        with monkeypatch.context() as context:
+            context.setattr(compilation, "compiled", lambda: None)
+            return function(*arguments, **options)
+
+    return call
+
+
+def problem_of(camera, rng, lens=RadialLens, loss="cauchy", prior=True):
+    """A frame, some of its pixels past the ends of their segments, and cameras around the true one."""
+    layout = Layout.of(SIZE, lens(RHO))
+    true = Layout.of(SIZE).theta(camera)[: layout.size]
+    theta = true + SPREAD[: layout.size] * rng.normal(size=(3, layout.size))
+    if lens is RadialLens:
+        theta[:, -1] = np.abs(theta[:, -1])
+    frame = observe(FIELD, camera, rng, noise=2.0)
+    assume(frame)
+    problem = Problem(
+        pack(FIELD, 3 * [frame], SIZE),
+        layout,
+        RobustLoss(loss, 6.0),
+        prior=GaussianPrior(np.tile(true, (3, 1)), np.tile(5.0 * SPREAD[: layout.size], (3, 1))) if prior else None,
+    )
+    return with_segment_ends(FIELD, evaluate(problem, theta), 50.0)
+
+
+@settings(max_examples=30)
+@given(camera=cameras(lens=True, image_sizes=(SIZE,)), rng=generators(), lens=st.sampled_from([RadialLens, Pinhole]))
+def test_closest_points_and_their_derivatives(camera, rng, lens):
+    start = problem_of(camera, rng, lens)
+    compiled = evaluate(start.problem, start.theta)
+    with pytest.MonkeyPatch.context() as context:
+        context.setattr(compilation, "compiled", lambda: None)
+        numpy = evaluate(start.problem, start.theta)
+        JT, cost = numpy.JT, numpy.cost
+    seen = start.problem.observations.label >= 0
+    near = seen & (np.abs(numpy.r) < 200.0)  # far from a circle the closest of its points may be another one
+    np.testing.assert_allclose(compiled.r[near], numpy.r[near], atol=1e-7)
+    np.testing.assert_allclose(compiled.points.normal[:, near], numpy.points.normal[:, near], atol=1e-8)
+    moved = SPREAD[: JT.shape[1], None] * near[:, None]  # px for a step of that size
+    np.testing.assert_allclose(compiled.JT * moved, JT * moved, rtol=1e-7, atol=1e-7)
+    if np.array_equal(near, seen):
+        np.testing.assert_allclose(compiled.cost, cost, rtol=1e-9)
+
+
+@pytest.mark.parametrize("loss", LossName.__args__)
+@pytest.mark.parametrize("prior", [True, False])
+@pytest.mark.parametrize("lens", [RadialLens, Pinhole])
+def test_levenberg_marquardt(loss, prior, lens, by_numpy):
+    frames, true = random_frames(3, seed=3, noise=1.0, stands=("main center",))
+    layout = Layout.of(SIZE, lens(RHO)).fixed("aspect")
+    rng = np.random.default_rng(0)
+    theta = np.array([Layout.of(SIZE).theta(camera)[: layout.size] for camera in true])
+    sigma = np.tile(5.0 * SPREAD[: layout.size], (3, 1))
+    problem = Problem(
+        pack(FIELD, frames, SIZE),
+        layout,
+        RobustLoss(loss, 6.0),
+        prior=GaussianPrior(theta.copy(), sigma) if prior else None,
+    )
+    theta[:, :7] += SPREAD[:7] * rng.normal(size=(3, 7))
+    how = {"max_iterations": 30, "tolerance": 1e-10}
+    compiled = levenberg_marquardt(evaluate(problem, theta), **how)
+    numpy = by_numpy(lambda: levenberg_marquardt(evaluate(problem, theta), **how))
+    np.testing.assert_array_equal(compiled.converged, numpy.converged)
+    np.testing.assert_allclose(compiled.cost, numpy.cost, rtol=1e-9)
+    np.testing.assert_allclose(compiled.theta / SPREAD[: layout.size], numpy.theta / SPREAD[: layout.size], atol=1e-6)
+
+
+def test_a_start_outside_the_bounds_and_one_without_a_cost(by_numpy):
+    frames, true = random_frames(2, seed=4, noise=1.0, stands=("main center",))
+    theta = np.array([Layout.of(SIZE).theta(camera) for camera in true])
+    theta[0, -1] = -0.1  # b2 is not negative
+    theta[1, 3] = 100.0  # no focal length
+    problem = Problem(pack(FIELD, frames, SIZE), Layout.of(SIZE), RobustLoss("cauchy", 6.0))
+    compiled = levenberg_marquardt(evaluate(problem, theta), max_iterations=100, tolerance=1e-8)
+    numpy = by_numpy(lambda: levenberg_marquardt(evaluate(problem, theta), max_iterations=100, tolerance=1e-8))
+    assert compiled.converged.tolist() == numpy.converged.tolist() == [True, False]
+    np.testing.assert_allclose(compiled.theta[0], numpy.theta[0], rtol=1e-6, atol=1e-9)
+    np.testing.assert_array_equal(compiled.theta[1], theta[1])
+    assert compiled.iterations.tolist() == numpy.iterations.tolist()
+
+
+def difference(one, other):
+    """Between the cameras of calibrations, relative to their focal lengths and to 10 m."""
+    f = [c.camera.focal_length for c in (one, other)]
+    return max(abs(f[0] / f[1] - 1.0), np.abs(one.camera.C - other.camera.C).max() / 10.0)
+
+
+def test_calibrations_are_the_same(by_numpy):
+    frames, _ = random_frames(40, seed=5, noise=1.0)
+    frames[0] = {**frames[0], "Goal left crossbar": np.array([(100.0, 500.0), (300.0, 510.0)])}  # somewhere else
+    compiled, numpy = calibrate_batch(FIELD, frames, SIZE), by_numpy(calibrate_batch, FIELD, frames, SIZE)
+    assert [c.message for c in compiled] == [c.message for c in numpy]
+    assert [c.verdict for c in compiled] == [c.verdict for c in numpy]
+    assert max(map(difference, compiled, numpy)) < 1e-9
+    one = calibrate_from_segments(FIELD, frames[1], SIZE)
+    assert difference(one, by_numpy(calibrate_from_segments, FIELD, frames[1], SIZE)) < 1e-9
+
+
+def test_annotated_frames_are_the_same(shared_data, by_numpy):
+    from fieldcalib.io.soccernet import parse_annotation
+
+    files = sorted(f for f in (shared_data / "sncalib-test-center").glob("*.json") if f.stem.isdigit())[::5]
+    frames = [parse_annotation(f.read_text(), SIZE) for f in files]
+    compiled, numpy = calibrate_batch(FIELD, frames, SIZE), by_numpy(calibrate_batch, FIELD, frames, SIZE)
+    assert [c.message for c in compiled] == [c.message for c in numpy]
+    assert max(map(difference, compiled, numpy)) < 1e-9
+
+
+def test_what_is_left_to_numpy():
+    size = SizeBlock(np.array([105.0, 68.0]), np.ones(2), np.array([[90.0, 45.0], [120.0, 90.0]]))
+    considered = Layout.of(SIZE, field_size=size).with_roles(Role.CONSIDERED, "field size")
+    assert compilation.kernels(considered) is not None
+    assert compilation.kernels(Layout.of(SIZE, field_size=size)) is None
+    assert compilation.kernels(Layout.of(SIZE, BrownConradyLens(RHO))) is None
+    assert compilation.kernels(Layout.of(SIZE, zoom_law=ZoomLaw(7.0))) is None
+    cloud = {"balls": PointCloud([(0.0, 0.0, 0.0)])}
+    observed = pack(cloud, [{"balls": np.array([(10.0, 20.0)])}], SIZE)
+    assert compilation.kernels(Layout.of(SIZE), observed) is None
+
+
+def test_frames_that_share_their_centre_are_left_to_numpy():
+    frames, true = random_frames(2, seed=6, noise=1.0, stands=("main center",))
+    layout = Layout.of(SIZE).with_roles(Role.SHARED, "centre")
+    theta = np.array([layout.theta(camera) for camera in true])
+    theta[:, CENTER] = theta[0, CENTER]
+    problem = Problem(pack(FIELD, frames, SIZE), layout, RobustLoss("cauchy", 6.0), group=np.zeros(2, dtype=np.intp))
+    solved = levenberg_marquardt(evaluate(problem, theta), max_iterations=10, tolerance=1e-6)
+    np.testing.assert_array_equal(*solved.theta[:, CENTER])
+
+
+def test_numba_is_loaded_when_a_frame_is_solved_and_not_before():
+    code = "import sys, fieldcalib; fieldcalib.calibrate_from_segments; assert 'numba' not in sys.modules"
+    subprocess.run([sys.executable, "-c", code], check=True)
