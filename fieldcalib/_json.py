@@ -22,20 +22,23 @@ def to_json(values: ArrayLike) -> Any:
     >>> to_json(2.5), to_json([[1.0, np.nan], [-np.inf, 0.0]])
     (2.5, [[1, None], ['-inf', 0]])
     """
-    return _nested(np.asarray(values, dtype=float).tolist())
+    nested = values if type(values) is float else np.asarray(values, dtype=float).tolist()
+    return _of_list(nested) if isinstance(nested, list) else _of_number(nested)
 
 
-def _nested(values: Any) -> Any:
-    if isinstance(values, list):
-        return [int(one) if _is_whole(one) else _nested(one) for one in values]
-    if math.isfinite(values):
-        return values
-    return None if math.isnan(values) else str(values)
+def _of_list(values: list[Any]) -> list[Any]:
+    return [_of_list(one) if type(one) is list else int(one) if _is_whole(one) else _of_number(one) for one in values]
 
 
-def _is_whole(value: Any) -> bool:
-    """Whether it is a number that is the same as an integer: -0.0 is not."""
-    return isinstance(value, float) and value.is_integer() and (value != 0.0 or math.copysign(1.0, value) > 0.0)
+def _of_number(value: float) -> float | str | None:
+    if math.isfinite(value):
+        return value
+    return None if math.isnan(value) else str(value)
+
+
+def _is_whole(value: float) -> bool:
+    """Whether a number is the same as an integer: -0.0 is not."""
+    return value.is_integer() and (value != 0.0 or math.copysign(1.0, value) > 0.0)
 
 
 def from_json(values: Any) -> Array:

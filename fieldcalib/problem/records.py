@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from itertools import groupby
 from typing import Any
 
 import numpy as np
@@ -58,15 +59,15 @@ def _observations_to_record(observations: Observations) -> dict[str, Any]:
     labels: dict[str, Any] = dict.fromkeys(observations.labels)
     for kind in LEAST_DEPTH:
         rows = getattr(observations, kind)
-        for index in np.unique(rows.label[0]) if kind != "ends" else ():
-            member = rows.label[0] == index
-            weight = rows.weight[0, member]
+        xy, weights, geometry = rows.xy[0].tolist(), rows.weight[0].tolist(), rows.geometry[0]
+        for index, member in _runs(rows.label[0].tolist()) if kind != "ends" else ():
+            weight = weights[member]
             labels[observations.labels[index]] = {
                 "kind": kind,
-                "geometry": to_json(rows.geometry[0, member][0]),
+                "geometry": to_json(geometry[member.start]),
                 "motion": None if observations.motion is None else to_json(observations.motion[index]),
-                "xy": to_json(rows.xy[0, member]),
-                "weight": to_json(weight[0] if np.all(weight == weight[0]) else weight),
+                "xy": to_json(xy[member]),
+                "weight": to_json(weight[0] if weight.count(weight[0]) == len(weight) else weight),
             }
     ends = observations.ends
     return {
@@ -76,6 +77,14 @@ def _observations_to_record(observations: Observations) -> dict[str, Any]:
             **{name: to_json(getattr(ends, name)[0]) for name in ("xy", "weight", "geometry")},
         },
     }
+
+
+def _runs(labels: Sequence[int]) -> Iterator[tuple[int, slice]]:
+    """The labels of a frame's rows, and where the pixels of each stand: one label after the other."""
+    end = 0
+    for label, members in groupby(labels):
+        begin, end = end, end + len(list(members))
+        yield label, slice(begin, end)
 
 
 def _observations_from_record(record: Mapping[str, Any], image_size: tuple[int, int]) -> Observations:
