@@ -164,6 +164,10 @@ class Results:
         if self.squashed >= max(SUSPICIOUS[0], SUSPICIOUS[1] * self.verdicts.total()):
             seen = f"{self.squashed} of {counted(self.done, 'frame')} show pixels that are not square"
             print(f"{seen}: is the size right? --display-size declares squashed pictures", file=sys.stderr)
+        others = sum(1 for _ in self.out.glob(CAMERAS.file_name("*"))) - self.cameras
+        if others > 0:
+            verb = "is" if others == 1 else "are"
+            print(f"fieldcalib: {counted(others, 'camera')} in {self.out} {verb} not of this run", file=sys.stderr)
 
 
 @contextmanager
