@@ -141,17 +141,17 @@ class Results:
         """1 if files were broken."""
         return 1 if self.statuses[BROKEN] else 0
 
-    def summary(self, began: float, options: argparse.Namespace) -> dict[str, Any]:
-        """What summary.json says."""
+    def summary(self, options: Mapping[str, Any], seconds: float) -> dict[str, Any]:
+        """What summary.json says; `seconds` is how long everything took."""
         return {
             "frames": self.done,
             "cameras": self.cameras,
             "completeness": 100.0 * self.cameras / max(self.done, 1),
             "verdict": {verdict.value: self.verdicts[verdict] for verdict in Verdict},
             "status": dict(self.statuses),
-            "seconds": {"calibration": self.calibrating, "total": time.perf_counter() - began},
+            "seconds": {"calibration": self.calibrating, "total": seconds},
             "milliseconds_per_frame": 1e3 * self.calibrating / max(self.calibrated, 1),
-            "options": recorded(options),
+            "options": options,
             "version": fieldcalib.__version__,
         }
 
@@ -178,8 +178,7 @@ def result_folder(options: argparse.Namespace, record: RunRecord, began: float) 
     """
     with run_folder(options, record) as results:
         yield results
-        if not (options.out / SUMMARY).exists():  # of a run that was finished before
-            write_text(options.out / SUMMARY, json.dumps(results.summary(began, options), indent=2) + "\n")
+        finish(options.out, results.summary(recorded(options), time.perf_counter() - began))
         results.say()
 
 
@@ -218,6 +217,12 @@ def run_folder(options: argparse.Namespace, record: RunRecord, lines: str = LINE
                     _remove_frames(options.out, record)
                     _forget(options.out)
                 raise
+
+
+def finish(out: Path, summary: Mapping[str, Any]) -> None:
+    """Write the summary of a run, unless it was finished before."""
+    if not (out / SUMMARY).exists():
+        write_text(out / SUMMARY, json.dumps(summary, indent=2) + "\n")
 
 
 def is_unfinished(folder: Path) -> bool:
