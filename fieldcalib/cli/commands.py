@@ -6,7 +6,7 @@ import argparse
 from pathlib import Path
 
 import fieldcalib
-from fieldcalib.cli import calibrate, evaluate, localize, run
+from fieldcalib.cli import calibrate, evaluate, join, localize, run
 from fieldcalib.io.output_folder import output_folder
 
 
@@ -21,6 +21,7 @@ def command_parser() -> argparse.ArgumentParser:
     localize.add_parser(commands)
     calibrate.add_parser(commands)
     evaluate.add_parser(commands)
+    join.add_parser(commands)
 
     demo = commands.add_parser(
         "demo",

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import os
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
@@ -69,6 +70,24 @@ class Results(Mapping[str, Calibration]):
         return table
 
 
+def result_lines(path: Path) -> list[bytes]:
+    """The lines of a ``cameras.jsonl``, without the part of one that the end of a process has left.
+
+    Raises
+    ------
+    BrokenFileError
+        If it cannot be read.
+    """
+    content = read_regular_file(path, most_bytes=float("inf"))
+    lines = content.splitlines()
+    if lines and not content.endswith(b"\n"):
+        try:
+            json.loads(lines[-1])
+        except ValueError:
+            lines.pop()
+    return lines
+
+
 def read_results(folder: str | os.PathLike[str]) -> Results:
     """The results that `fieldcalib calibrate` or `fieldcalib run` wrote to a folder.
 
@@ -80,7 +99,8 @@ def read_results(folder: str | os.PathLike[str]) -> Results:
     Returns
     -------
     Results
-        A mapping of ids to `Calibration`; `Results.to_pandas` makes a table of it.
+        A mapping of ids to `Calibration`; `Results.to_pandas` makes a table of it. Of a run that is not finished, the
+        frames that it has done.
 
     Raises
     ------
@@ -106,7 +126,7 @@ def read_results(folder: str | os.PathLike[str]) -> Results:
         raise FileNotFoundError(f"{path} does not exist: expected the folder that a run wrote, with its {LINES}")
     lines: list[dict[str, Any]] = []
     calibrations: dict[str, Calibration] = {}
-    for number, text in enumerate(read_regular_file(path, most_bytes=float("inf")).splitlines(), 1):
+    for number, text in enumerate(result_lines(path), 1):
         try:
             line = parse_json_object(text, "a frame's result")
             for key in ("id", "status", "message"):
