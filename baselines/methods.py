@@ -17,7 +17,7 @@ from baselines.published import ANNOTATED, CHEN, DLT, FAR, OURS, OURS_PINHOLE, T
 from baselines.published import hdecomp as decomposed
 from fieldcalib._types import Array
 from fieldcalib.assess.result import Calibration
-from fieldcalib.calibrate.from_segments import calibrate_batch
+from fieldcalib.calibrate.batch import calibrate_batch
 from fieldcalib.calibrate.options import PINHOLE_FLAGS
 from fieldcalib.cli.predictions import read_files, read_ground_truth
 from fieldcalib.fields.field import Field

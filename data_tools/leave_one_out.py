@@ -17,9 +17,9 @@ from pathlib import Path
 import numpy as np
 
 from fieldcalib._types import Array
+from fieldcalib.calibrate.batch import calibrate_batch
 from fieldcalib.calibrate.field_size import estimate_field_size
 from fieldcalib.calibrate.from_homography import judged_camera
-from fieldcalib.calibrate.from_segments import calibrate_batch
 from fieldcalib.cli.arguments import LENSES, image_size
 from fieldcalib.cli.folder import read_frames
 from fieldcalib.cli.main import run_command

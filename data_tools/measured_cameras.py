@@ -20,7 +20,7 @@ import numpy as np
 
 from fieldcalib._types import Array
 from fieldcalib.assess.result import Calibration
-from fieldcalib.calibrate.from_segments import calibrate_batch
+from fieldcalib.calibrate.batch import calibrate_batch
 from fieldcalib.calibrate.options import CalibrationFlags
 from fieldcalib.cli.arguments import LENSES, count, positive
 from fieldcalib.cli.demo import observe

@@ -35,7 +35,7 @@ from data_tools.random_frames import RandomFrame, random_frame
 from fieldcalib._types import Array
 from fieldcalib.assess.probability import evidence, ground_in_view
 from fieldcalib.assess.result import Calibration
-from fieldcalib.calibrate.from_segments import calibrate_batch
+from fieldcalib.calibrate.batch import calibrate_batch
 from fieldcalib.calibrate.options import pixel_unit
 from fieldcalib.cli.arguments import count, image_size
 from fieldcalib.cli.folder import read_frames

@@ -24,7 +24,7 @@ from data_tools.measured_cameras import SIZE, camera_files
 from data_tools.synthetic.clips import background_matches, background_points, camera_path, flight, labelled, painted
 from data_tools.truth import Compared, by_basis, compared
 from fieldcalib._types import Array
-from fieldcalib.calibrate.from_segments import calibrate_batch
+from fieldcalib.calibrate.batch import calibrate_batch
 from fieldcalib.calibrate.options import PAINT
 from fieldcalib.calibrate.sequence import calibrate_sequence
 from fieldcalib.calibrate.sequence_solver import SHARED, SHARED_IN_MOTION

@@ -22,7 +22,7 @@ from data_tools.probability import largest_true_error
 from data_tools.random_frames import observed
 from fieldcalib._types import Array
 from fieldcalib.assess.result import Calibration
-from fieldcalib.calibrate.from_segments import calibrate_batch
+from fieldcalib.calibrate.batch import calibrate_batch
 from fieldcalib.cli.arguments import count, image_size
 from fieldcalib.cli.folder import read_frames
 from fieldcalib.cli.main import run_command

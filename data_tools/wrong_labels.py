@@ -22,7 +22,7 @@ from pathlib import Path
 import numpy as np
 
 from data_tools.random_frames import mislabelled
-from fieldcalib.calibrate.from_segments import calibrate_batch
+from fieldcalib.calibrate.batch import calibrate_batch
 from fieldcalib.calibrate.options import pixel_unit
 from fieldcalib.cli.arguments import image_size
 from fieldcalib.cli.folder import read_frames

@@ -6,13 +6,13 @@ from .assess.result import Calibration as Calibration
 from .assess.result import Status as Status
 from .assess.sequence import SequenceCalibration as SequenceCalibration
 from .assess.video import VideoCalibration as VideoCalibration
+from .calibrate.batch import calibrate_batch as calibrate_batch
 from .calibrate.decomposition import Decomposition as Decomposition
 from .calibrate.decomposition import camera_from_homography as camera_from_homography
 from .calibrate.field_size import FieldSize as FieldSize
 from .calibrate.field_size import estimate_field_size as estimate_field_size
 from .calibrate.from_homography import calibrate_from_homography as calibrate_from_homography
 from .calibrate.from_points import calibrate_from_points as calibrate_from_points
-from .calibrate.from_segments import calibrate_batch as calibrate_batch
 from .calibrate.from_segments import calibrate_from_segments as calibrate_from_segments
 from .calibrate.options import DEFAULT_FLAGS as DEFAULT_FLAGS
 from .calibrate.options import PINHOLE_FLAGS as PINHOLE_FLAGS
@@ -39,5 +39,6 @@ from .images.tracker import Tracker as Tracker
 from .io.results import read_results as read_results
 from .localize.network import SegmentationNetwork as SegmentationNetwork
 from .problem.losses import RobustLoss as RobustLoss
+from .processes.jobs import Processes as Processes
 
 __version__: str

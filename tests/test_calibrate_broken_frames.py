@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from commands import BROKEN_KEYS, SIZE, WITH_CAMERA, WITHOUT_CAMERA, calibrate, cameras_in, lines_of, summary_of
 
-from fieldcalib.calibrate.from_segments import calibrate_batch
+from fieldcalib.calibrate.batch import calibrate_batch
 from fieldcalib.io.formats import ANNOTATIONS
 from fieldcalib.io.soccernet import format_annotation
 

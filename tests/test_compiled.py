@@ -11,7 +11,8 @@ from hypothesis import strategies as st
 from strategies import cameras, generators
 from synthetic import observe, random_frames
 
-from fieldcalib.calibrate.from_segments import calibrate_batch, calibrate_from_segments
+from fieldcalib.calibrate.batch import calibrate_batch
+from fieldcalib.calibrate.from_segments import calibrate_from_segments
 from fieldcalib.fields.segments import PointCloud
 from fieldcalib.fields.soccer import soccer
 from fieldcalib.geometry.lens import BrownConradyLens, Pinhole, RadialLens

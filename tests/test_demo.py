@@ -9,7 +9,7 @@ import cv2
 import numpy as np
 import pytest
 
-from fieldcalib.calibrate.from_segments import calibrate_batch
+from fieldcalib.calibrate.batch import calibrate_batch
 from fieldcalib.cli import demo
 from fieldcalib.cli.demo import IMAGE_SIZE, CameraErrors, camera_errors, observe, pan_over_field, run_demo
 from fieldcalib.fields.segments import Arc

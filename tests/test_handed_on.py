@@ -1,19 +1,23 @@
 """What is computed once is handed on: searches of the closest points, and what a result keeps of its batch."""
 
 import pickle
+from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
 import pytest
 from synthetic import observe, random_frames, whole_circle_markings
 
-from fieldcalib.calibrate.from_segments import calibrate_batch, calibrate_from_segments
+from fieldcalib.calibrate.batch import calibrate_batch
+from fieldcalib.calibrate.from_segments import calibrate_from_segments
+from fieldcalib.calibrate.handed_over import HandedOver
 from fieldcalib.fields.soccer import soccer
 from fieldcalib.geometry.camera import Camera
-from fieldcalib.problem import closest_points, evaluation
+from fieldcalib.problem import closest_points, compilation, evaluation
 from fieldcalib.problem.evaluation import Problem, evaluate
 from fieldcalib.problem.layout import Layout, theta_from_camera
 from fieldcalib.problem.losses import RobustLoss
 from fieldcalib.problem.observations import pack
+from fieldcalib.processes.jobs import Processes
 
 FIELD, SIZE = soccer(), (960, 540)
 CAMERA = Camera.from_angles(-0.3, 1.35, 0.0, 1600.0, (0.0, 68.0, -17.0), SIZE)
@@ -22,7 +26,8 @@ LABELS = ("Side line left", "Side line top", "Big rect. left main", "Big rect. l
 
 @pytest.fixture
 def searches(monkeypatch):
-    """The searches of the closest points so far: of how many frames each was."""
+    """The searches of the closest points so far, of NumPy's way: of how many frames each was."""
+    monkeypatch.setattr(compilation, "compiled", lambda: None)
     found, search = [], closest_points.closest_points
 
     def counted(projection, observations):
@@ -97,3 +102,30 @@ def test_a_pickled_result_of_a_batch_is_the_same(batch):
         assert np.all(np.abs(back.covariance - one.covariance) <= 1e-5 * np.outer(sigma, sigma))
         assert back.probability() == pytest.approx(one.probability(), rel=1e-6)
         assert dict(back.field) == dict(one.field)
+
+
+@pytest.mark.parametrize("executor", [Processes, ThreadPoolExecutor])
+def test_frames_come_back_from_an_executor_as_they_are(executor, monkeypatch):
+    monkeypatch.setattr("fieldcalib.calibrate.batch.CHUNK", 4)
+    frames, _ = random_frames(10, seed=7, noise=1.0)
+    frames[3] = {}
+    alone = calibrate_batch(FIELD, frames, SIZE)
+    with executor(2) as workers:
+        found = calibrate_batch(FIELD, frames, SIZE, executor=workers)
+    for one, other in zip(alone, found, strict=True):
+        assert one == other
+        assert other.field is one.field
+        if one.camera is not None:
+            np.testing.assert_array_equal(one.camera.K, other.camera.K)
+            assert one.probability() == other.probability()
+    shared = [one.solved.evaluation for one in found if one.solved is not None]
+    assert len({id(evaluation) for evaluation in shared}) == 3, "what was solved together comes back together"
+
+
+def test_frames_of_several_problems_are_handed_over_in_any_order():
+    """As with CALIB_AUTO_LENS, where some frames of a batch are solved with another lens."""
+    frames, _ = random_frames(4, seed=8, noise=1.0)
+    some, others = (calibrate_batch(FIELD, frames[part], SIZE) for part in (slice(0, 2), slice(2, 4)))
+    nothing = calibrate_batch(FIELD, [{}], SIZE)
+    mixed = [*nothing, some[0], others[0], *nothing, some[1], others[1]]
+    assert pickle.loads(pickle.dumps(HandedOver.of(mixed))).received(FIELD) == mixed

@@ -13,7 +13,8 @@ from networks import CLASSES, FIELD, GRID, KnownCameras, band_maps, probabilitie
 from views import camera
 
 import fieldcalib
-from fieldcalib.calibrate.from_segments import calibrate_batch, calibrate_from_segments
+from fieldcalib.calibrate.batch import calibrate_batch
+from fieldcalib.calibrate.from_segments import calibrate_from_segments
 from fieldcalib.cli.demo import camera_errors
 from fieldcalib.io.files import BrokenFileError
 from fieldcalib.localize import SegmentationNetwork, localize, ridge_points, skeleton_points

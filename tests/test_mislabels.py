@@ -7,7 +7,7 @@ import pytest
 from synthetic import observe, whole_circle_markings
 
 from fieldcalib.assess.result import SuspectLabel
-from fieldcalib.calibrate.from_segments import calibrate_batch
+from fieldcalib.calibrate.batch import calibrate_batch
 from fieldcalib.calibrate.mislabels import renamed, without_mislabels
 from fieldcalib.calibrate.options import PINHOLE_FLAGS, checked_options
 from fieldcalib.calibrate.search import find_cameras

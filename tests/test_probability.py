@@ -10,7 +10,8 @@ from data_tools.probability import fitted, largest_true_error, reliability, risk
 from data_tools.random_frames import random_frame
 from fieldcalib.assess.probability import largest_error, probability_right
 from fieldcalib.assess.result import Status
-from fieldcalib.calibrate.from_segments import calibrate_batch, calibrate_from_segments
+from fieldcalib.calibrate.batch import calibrate_batch
+from fieldcalib.calibrate.from_segments import calibrate_from_segments
 from fieldcalib.fields.soccer import PROBABILITY, soccer
 from fieldcalib.geometry.camera import Camera
 

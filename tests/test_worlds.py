@@ -13,8 +13,9 @@ from synthetic import observe
 
 import fieldcalib
 from fieldcalib.assess.ndc import ndc_loss
+from fieldcalib.calibrate.batch import calibrate_batch
 from fieldcalib.calibrate.field_size import estimate_field_size
-from fieldcalib.calibrate.from_segments import calibrate_batch, calibrate_from_segments
+from fieldcalib.calibrate.from_segments import calibrate_from_segments
 from fieldcalib.draw.scene import render_field
 from fieldcalib.fields.field import Field
 from fieldcalib.fields.segments import Arc, Line

@@ -20,7 +20,7 @@ import numpy as np
 from fieldcalib._types import Array
 from fieldcalib.assess.result import Calibration, Status
 from fieldcalib.assess.shared import shared_covariance
-from fieldcalib.calibrate.from_segments import calibrate_batch
+from fieldcalib.calibrate.batch import calibrate_batch
 from fieldcalib.calibrate.options import DEFAULT_CRITERIA, DEFAULT_FLAGS, Prior
 from fieldcalib.calibrate.together import labels_of, put_together
 from fieldcalib.fields.field import Field

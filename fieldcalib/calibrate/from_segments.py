@@ -3,20 +3,20 @@
     checked pixels -> initial cameras -> wide loss, all of them -> the best plausible one -> narrow loss
                    -> mislabelled segments -> ends of segments -> verdict
 
-Many frames are solved by the batched Levenberg-Marquardt; one frame is finished by SciPy's `least_squares` from there.
-Both minimise the same cost.
+Many frames (`fieldcalib.calibrate.batch`) are solved by the batched Levenberg-Marquardt; one frame is finished by
+SciPy's `least_squares` from there. Both minimise the same cost.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import Protocol
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from fieldcalib._types import Array, IntArray
+from fieldcalib._types import Array
 from fieldcalib.assess.ndc import ndc_losses
 from fieldcalib.assess.observability import Information
 from fieldcalib.assess.result import Calibration, Solved, Status, SuspectLabel
@@ -25,17 +25,15 @@ from fieldcalib.calibrate.auto_lens import with_lens_as_called_for
 from fieldcalib.calibrate.mislabels import Relabelled, without_mislabels
 from fieldcalib.calibrate.options import (
     DEFAULT_CRITERIA,
-    CalibrationFlags,
     Criteria,
     Options,
     Prior,
     checked_options,
-    default_flags,
 )
 from fieldcalib.calibrate.search import find_cameras
 from fieldcalib.calibrate.symmetry import other_side
 from fieldcalib.fields.field import Field
-from fieldcalib.fields.segments import Line, ObjectSegments
+from fieldcalib.fields.segments import ObjectSegments
 from fieldcalib.geometry.camera import Camera
 from fieldcalib.problem.evaluation import Evaluation, evaluate
 from fieldcalib.problem.labelled_pixels import (
@@ -53,9 +51,6 @@ from fieldcalib.problem.losses import LossName, RobustLoss
 from fieldcalib.problem.observations import Observations, pack
 from fieldcalib.problem.segment_ends import with_segment_ends
 
-CHUNK = 128  # frames solved together: their arrays still fit the processor's cache
-CHUNK_PIXELS = 16384  # of them together, padding included: bounds the memory of densely labelled frames
-GUESS = CalibrationFlags.CALIB_USE_INTRINSIC_GUESS | CalibrationFlags.CALIB_USE_EXTRINSIC_GUESS
 POORLY_DETERMINED = 0.5  # share of k1 that comes from the labels, below which the message says so
 OTHER_SIDE_FITS = "the camera across the field, turned by 180 degrees, fits as well"
 NO_PIXELS = "no labelled pixels: nothing to calibrate from"
@@ -174,158 +169,10 @@ def calibrate_from_segments(
     frame, pixel_weights = check_weights(object_segments, frame, weights)
     if not frame:
         return Calibration.without_camera(Status.TOO_FEW_SEGMENTS, NO_PIXELS)
-    (calibration,) = _calibrate(object_segments, [frame], [pixel_weights], options, finished, trust_labels=trust_labels)
-    return calibration
-
-
-def calibrate_batch(
-    object_segments: ObjectSegments,
-    frames: Iterable[ImageSegments],
-    image_size: tuple[int, int],
-    camera_matrix: ArrayLike | None = None,
-    dist_coeffs: ArrayLike | None = None,
-    *,
-    flags: int | None = None,
-    criteria: Criteria = DEFAULT_CRITERIA,
-    prior: Prior = "all",
-    loss: LossName | RobustLoss = "cauchy",
-    tau: float | None = None,
-    trust_labels: bool = False,
-    weights: Iterable[Weights] | None = None,
-    paint: float = 0.0,
-    cameras: Iterable[Camera] | None = None,
-) -> list[Calibration]:
-    """Calibrate many independent frames at once: the same as `calibrate_from_segments` on each, much faster.
-
-    Parameters
-    ----------
-    object_segments : mapping of str to segment
-        The calibration object.
-    frames : iterable of mappings of str to (N, 2) array_like
-        Pixels of each frame.
-    image_size : (int, int)
-        Width and height of every frame, pixels.
-    camera_matrix, dist_coeffs, flags, criteria, prior, loss, tau, trust_labels, paint
-        As in `calibrate_from_segments`, for all frames alike.
-    weights : iterable of mappings, optional
-        As in `calibrate_from_segments`, for each frame.
-    cameras : iterable of Camera, optional
-        Initial cameras, one for each frame, as `CALIB_USE_INTRINSIC_GUESS` and `CALIB_USE_EXTRINSIC_GUESS` take one:
-        nothing else is searched, which is quicker where they are near. What the flags fix stays as it is in them.
-
-    Returns
-    -------
-    list of Calibration
-        In the order of `frames`.
-
-    Raises
-    ------
-    ValueError
-        As `calibrate_from_segments`; the message begins with the index of the frame.
-
-    Examples
-    --------
-    >>> from fieldcalib import soccer
-    >>> [str(calibration.status) for calibration in calibrate_batch(soccer(), [{}, {}], (960, 540))]
-    ['too few segments', 'too few segments']
-    """
-    initial = None if cameras is None else _checked_cameras(cameras)
-    rvec, tvec = None, None
-    if initial:
-        if camera_matrix is not None or dist_coeffs is not None:
-            raise ValueError("cameras say the intrinsics of each frame: leave camera_matrix and dist_coeffs out")
-        rvec, tvec, camera_matrix, dist_coeffs = max(initial, key=lambda camera: len(camera.lens.names)).to_opencv()
-        flags = (default_flags(prior) if flags is None else flags) | GUESS
-    check_object(object_segments)
-    options = checked_options(
-        image_size,
-        camera_matrix,
-        dist_coeffs,
-        rvec,
-        tvec,
-        flags=flags,
-        criteria=criteria,
-        prior=prior,
-        loss=loss,
-        tau=tau,
-        field=object_segments if isinstance(object_segments, Field) else None,
-        paint=paint,
+    (calibration,) = calibrate_checked(
+        object_segments, [frame], [pixel_weights], options, finished, trust_labels=trust_labels
     )
-    checked, pixel_weights = checked_frames(object_segments, frames, weights, options.image_size)
-    if initial is not None and len(initial) != len(checked):
-        raise ValueError(f"expected cameras for each of {len(checked)} frames, got {len(initial)}")
-    for index, camera in enumerate(initial or []):
-        if camera.image_size != options.image_size:
-            width, height = camera.image_size
-            raise ValueError(f"frame {index}: its camera is for images of {width} x {height}; see Camera.scaled")
-    given = np.array([options.layout.theta(camera) for camera in initial]) if initial else None
-    return calibrate_frames(object_segments, checked, pixel_weights, options, given=given, trust_labels=trust_labels)
-
-
-def checked_frames(
-    object_segments: ObjectSegments,
-    frames: Iterable[ImageSegments],
-    weights: Iterable[Weights] | None,
-    image_size: tuple[int, int],
-) -> tuple[list[Pixels], list[PixelWeights | None]]:
-    """The pixels of frames and what each weighs, or a ValueError that begins with the index of the frame."""
-    if isinstance(frames, Mapping):
-        raise ValueError("expected a sequence of frames, got one mapping: calibrate_from_segments takes a single frame")
-    if isinstance(frames, str | bytes) or not isinstance(frames, Iterable):
-        raise ValueError(f"expected a sequence of mappings of labels to (N, 2) pixels, got {frames!r}")
-    frames, weights = list(frames), None if weights is None else list(weights)
-    if weights is not None and len(weights) != len(frames):
-        raise ValueError(f"expected weights for each of {len(frames)} frames, got {len(weights)}")
-    checked: list[Pixels] = []
-    pixel_weights: list[PixelWeights | None] = []
-    for index, frame in enumerate(frames):
-        try:
-            pixels = check_segments(object_segments, frame, image_size)
-            pixels, weight = check_weights(object_segments, pixels, None if weights is None else weights[index])
-        except ValueError as error:
-            raise ValueError(f"frame {index}: {error}") from None
-        checked.append(pixels)
-        pixel_weights.append(weight)
-    return checked, pixel_weights
-
-
-def calibrate_frames(
-    object_segments: ObjectSegments,
-    checked: Sequence[Pixels],
-    pixel_weights: Sequence[PixelWeights | None],
-    options: Options,
-    *,
-    given: Array | None = None,
-    trust_labels: bool = False,
-) -> list[Calibration]:
-    """`calibrate_batch` of checked frames, from `given` cameras (T, n) if there are."""
-    calibrations = [Calibration.without_camera(Status.TOO_FEW_SEGMENTS, NO_PIXELS) for _ in checked]
-    for chunk in _chunks(object_segments, checked):
-        members, their_weights = [checked[t] for t in chunk], [pixel_weights[t] for t in chunk]
-        found = _calibrate(
-            object_segments,
-            members,
-            their_weights,
-            options,
-            levenberg_marquardt,
-            given=None if given is None else given[chunk],
-            trust_labels=trust_labels,
-        )
-        for t, calibration in zip(chunk, found, strict=True):
-            calibrations[t] = calibration
-    return calibrations
-
-
-def _checked_cameras(cameras: Iterable[Camera]) -> list[Camera]:
-    if isinstance(cameras, Camera) or not isinstance(cameras, Iterable):
-        raise ValueError(f"expected cameras, one for each frame, got {cameras!r}")
-    found = list(cameras)
-    for index, camera in enumerate(found):
-        if not isinstance(camera, Camera):
-            raise ValueError(
-                f"frame {index}: expected a Camera, got {type(camera).__name__}; calibrate frames without one apart"
-            )
-    return found
+    return calibration
 
 
 def finished(start: Evaluation, *, max_iterations: int, tolerance: float) -> Solution:
@@ -335,27 +182,7 @@ def finished(start: Evaluation, *, max_iterations: int, tolerance: float) -> Sol
     return replace(solution, iterations=near.iterations + solution.iterations)
 
 
-def _chunks(object_segments: ObjectSegments, frames: Sequence[Pixels]) -> Iterator[IntArray]:
-    """Indices of the frames that have pixels, frames with like numbers of pixels together: less padding."""
-
-    def counts(frame: Pixels) -> tuple[int, int]:
-        lines = sum(len(xy) for label, xy in frame.items() if isinstance(object_segments[label], Line))
-        return lines, sum(len(xy) for xy in frame.values()) - lines
-
-    lines, others = np.array([counts(frame) for frame in frames], dtype=np.intp).reshape(-1, 2).T
-    order = np.lexsort((lines, others // 4))
-    order = order[lines[order] + others[order] > 0]
-    total = (lines + others)[order]
-    begin = 0
-    while begin < len(order):
-        ahead = total[begin : begin + CHUNK]
-        padded = np.maximum.accumulate(ahead) * np.arange(1, len(ahead) + 1)
-        size = max(1, int(np.searchsorted(padded, CHUNK_PIXELS, side="right")))
-        yield order[begin : begin + size]
-        begin += size
-
-
-def _calibrate(
+def calibrate_checked(
     object_segments: ObjectSegments,
     frames: list[Pixels],
     weights: list[PixelWeights | None],
@@ -365,7 +192,10 @@ def _calibrate(
     given: Array | None = None,
     trust_labels: bool = False,
 ) -> list[Calibration]:
-    """Calibrate frames that have pixels, from `given` cameras (B, n) if there are; `solve` finds the final optimum."""
+    """Calibrate checked frames that have pixels, from `given` cameras (B, n) if there are.
+
+    `solve` finds the final optimum.
+    """
     observations = pack(object_segments, frames, options.image_size, weights, motion_of(options))
     found = find_cameras(observations, options, given)
     solution = levenberg_marquardt(

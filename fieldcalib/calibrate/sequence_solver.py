@@ -24,9 +24,9 @@ from fieldcalib.assess.own_errors import OwnErrors, own_errors
 from fieldcalib.assess.result import Calibration, Status
 from fieldcalib.assess.sequence import LARGEST_ERROR, SequenceCalibration
 from fieldcalib.assess.shared import by_considered, shared_covariance
+from fieldcalib.calibrate.batch import CHUNK, calibrate_frames, checked_frames
 from fieldcalib.calibrate.centres import ACCELERATION, agreed_centre, expected_centres, near_path, on_path
 from fieldcalib.calibrate.frame_columns import FrameColumns
-from fieldcalib.calibrate.from_segments import CHUNK, calibrate_frames, checked_frames
 from fieldcalib.calibrate.initial_cameras import given_cameras
 from fieldcalib.calibrate.options import (
     DEFAULT_CRITERIA,

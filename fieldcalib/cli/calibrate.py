@@ -9,8 +9,8 @@ from dataclasses import dataclass
 from typing import Any
 
 from fieldcalib.assess.result import Calibration
+from fieldcalib.calibrate.batch import calibrate_batch
 from fieldcalib.calibrate.field_size import FieldSize, estimate_field_size
-from fieldcalib.calibrate.from_segments import calibrate_batch
 from fieldcalib.calibrate.options import ALL, Prior
 from fieldcalib.cli.arguments import (
     KNOWN,

@@ -14,7 +14,7 @@ import numpy as np
 
 from fieldcalib._types import Array, BoolArray
 from fieldcalib.assess.result import Calibration
-from fieldcalib.calibrate.from_segments import calibrate_batch
+from fieldcalib.calibrate.batch import calibrate_batch
 from fieldcalib.draw.contact_sheet import contact_sheet
 from fieldcalib.draw.overlays import add_minimap, draw_field, draw_segments
 from fieldcalib.draw.scene import render_field

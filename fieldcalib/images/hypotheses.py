@@ -14,7 +14,7 @@ import numpy as np
 
 from fieldcalib.assess.result import Calibration
 from fieldcalib.assess.verdict import segment_errors
-from fieldcalib.calibrate.from_segments import calibrate_batch
+from fieldcalib.calibrate.batch import calibrate_batch
 from fieldcalib.calibrate.options import CalibrationFlags, Prior, pixel_unit
 from fieldcalib.fields.segments import ObjectSegments
 from fieldcalib.geometry.camera import Camera

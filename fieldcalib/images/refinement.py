@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from fieldcalib.assess.result import Calibration
-from fieldcalib.calibrate.from_segments import calibrate_batch
+from fieldcalib.calibrate.batch import calibrate_batch
 from fieldcalib.calibrate.options import ALL, DEFAULT_FLAGS, PAINT, CalibrationFlags, Prior, pixel_unit
 from fieldcalib.fields.segments import ObjectSegments
 from fieldcalib.geometry.camera import Camera
