@@ -127,7 +127,7 @@ def fit(options: argparse.Namespace) -> int:
         parts.append(judged(field, [f.pixels for f in frames], [f.camera for f in frames], frames[0].camera.image_size))
     found, errors = parts[0]
     uncertainties = [c.solved.uncertainty for c in found if c.solved is not None]
-    coefficients = fitted(np.array([evidence(one, field)[0][0] for one in uncertainties]), errors)
+    coefficients = fitted(np.array([rows[0] for rows, _ in evidence(uncertainties, field)]), errors)
     print(json.dumps({"frames": len(found), "coefficients": coefficients.round(2).tolist()}))
     _print_reliability(*parts[1])
     return 0

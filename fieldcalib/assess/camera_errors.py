@@ -13,6 +13,7 @@ from numpy.typing import ArrayLike
 
 from fieldcalib._json import from_json, to_json
 from fieldcalib._types import Array, BoolArray
+from fieldcalib.assess.ground import ground_derivatives
 from fieldcalib.geometry.camera import Camera
 from fieldcalib.geometry.rotation import rotation_axes
 from fieldcalib.problem.layout import ANGLES, CENTER, LOG_ASPECT, LOG_F, PRINCIPAL_POINT, Layout
@@ -142,24 +143,11 @@ class CameraErrors(ABC):
         return GroundError(np.where(known[..., None, None], self.propagated(dX_dtheta), np.nan), self.dof)
 
     def ground_jacobian(self, X: Array) -> tuple[Array, BoolArray]:
-        """Derivatives (..., 2, n) of ground points (..., 3), and which exist, (...,).
-
-        A pixel is kept, ``pi(X, theta) = xy``, hence ``dX/dtheta = -(dpi/dX)^-1 dpi/dtheta``.
-        """
+        """Derivatives (..., 2, n) of ground points (..., 3), and which exist, (...,), see `ground_derivatives`."""
         known = np.asarray(np.isfinite(X).all(axis=-1))
-        ahead = self.camera.C + self.camera.R[2]  # stands in for points that do not exist
-        shape, X = X.shape[:-1], np.where(known[..., None], X, ahead).reshape(1, -1, 3)
-        projection = Projection(self.theta[None], self.layout)
-        h = projection.points(X)
-        s, inverse_depth = h[:2] / h[2], 1.0 / h[2]
-        every = np.ones(len(self.theta), dtype=bool)
-        zero, one = np.zeros_like(inverse_depth), np.ones_like(inverse_depth)
-        directions = (np.array([one, zero]), np.array([zero, one]))
-        rows = [projection.derivatives(s, inverse_depth, n, every)[0].T for n in directions]
-        dxy_dtheta = np.stack(rows, axis=1).reshape(*shape, 2, len(self.theta))
-        dxy_dX = -dxy_dtheta[..., CENTER]  # a point that moves is a centre that moves the other way
-        dxy_dX[~known, :, :2] = np.eye(2)
-        return -np.asarray(np.linalg.solve(dxy_dX[..., :2], dxy_dtheta)), known
+        projection, every = Projection(self.theta[None], self.layout), np.ones(len(self.theta), dtype=bool)
+        J = ground_derivatives(projection, X.reshape(1, -1, 3), known.reshape(1, -1), every)
+        return J.reshape(*known.shape, 2, len(self.theta)), known
 
     def _standard_deviations(self, J: Array) -> Array:
         """Standard deviations (m, 1) of quantities whose derivatives by theta are J (m, n)."""

@@ -52,6 +52,10 @@ class Information:
         matrix = evaluation.information * unit[:, :, None] * unit[:, None, :]
         return cls(matrix, names, evaluation.problem.prior is not None)
 
+    def take(self, frames: slice) -> Information:
+        """What those of some frames say."""
+        return Information(self.matrix[frames], self.names, self.has_prior)
+
     def about(self, some: BoolArray) -> Information:
         """About some of the parameters (P,), the others being under their prior: the Schur complement."""
         if np.all(some):

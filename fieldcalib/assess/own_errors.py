@@ -15,10 +15,11 @@ from typing import NamedTuple
 import numpy as np
 
 from fieldcalib._types import Array
+from fieldcalib.assess.ground import ground_derivatives, ground_of_pixels
 from fieldcalib.assess.noise import Noise, gram
 from fieldcalib.fields.field import Field
 from fieldcalib.problem.evaluation import Evaluation
-from fieldcalib.problem.layout import CENTER, Layout
+from fieldcalib.problem.layout import Layout
 from fieldcalib.problem.levenberg_marquardt import coupled
 from fieldcalib.problem.projection import Projection
 
@@ -117,25 +118,12 @@ def ground_errors(theta: Array, layout: Layout, errors: OwnErrors, V: Array, fie
     x, y = np.meshgrid(np.linspace(0.0, width - 1.0, GRID[0]), np.linspace(0.0, height - 1.0, GRID[1]))
     xy = np.broadcast_to(np.stack([x, y], axis=-1).reshape(-1, 2), (len(theta), GRID[0] * GRID[1], 2))
     projection = Projection(theta, layout)
-    s = projection.ideal_offset(projection.observed_offset(xy))
-    d = np.moveaxis(np.array([s[0] / projection.f, s[1] / projection.f, np.ones_like(s[0])]), 0, -1) @ projection.R
-    with np.errstate(divide="ignore", invalid="ignore"):
-        depth = -projection.C[..., 2] / d[..., 2]
-        X = projection.C[..., :2] + depth[..., None] * d[..., :2]
-        seen = (depth > 0.0) & np.all(np.abs(X) <= half, axis=-1)
-    every = layout.free | layout.considered | layout.is_centre
-    zero, one = np.zeros_like(s[0]), np.ones_like(s[0])
-    inverse_depth = 1.0 / np.where(seen, depth, 1.0)
-    by_theta = np.stack(
-        [projection.derivatives(s, inverse_depth, n, every) for n in (np.array([one, zero]), np.array([zero, one]))],
-        axis=1,
-    )
-    by_theta = np.moveaxis(by_theta, -1, 1)  # (B, N, 2, P)
-    names = np.flatnonzero(every)
-    ground = -by_theta[..., np.searchsorted(names, [CENTER.start, CENTER.start + 1])]  # a point moves against a centre
-    moved = -np.linalg.solve(np.where(seen[..., None, None], ground, np.eye(2)), by_theta)
-    own = moved[..., np.searchsorted(names, np.flatnonzero(layout.free))]
-    shared = moved[..., np.searchsorted(names, np.flatnonzero(layout.considered))] - own @ errors.following[:, None]
+    X, seen = ground_of_pixels(projection, xy)
+    seen &= np.all(np.abs(X[..., :2]) <= half, axis=-1)
+    some = layout.free | layout.considered
+    moved = ground_derivatives(projection, X, seen, some)
+    own = moved[..., layout.free[some]]
+    shared = moved[..., layout.considered[some]] - own @ errors.following[:, None]
     squares = np.einsum("bnij,bjk,bnik->bn", own, errors.own, own) + np.einsum("bnij,jk,bnik->bn", shared, V, shared)
     ordered = np.sort(np.where(seen, squares, np.inf), axis=1)
     count = np.sum(seen, axis=1)

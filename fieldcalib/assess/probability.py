@@ -14,14 +14,19 @@ coefficients belong to a field and its cameras (`fieldcalib.fields.traits.Probab
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 
-from fieldcalib._types import Array
+from fieldcalib._types import Array, BoolArray
 from fieldcalib.assess.camera_errors import CameraErrors
+from fieldcalib.assess.ground import ground_derivatives, ground_of_pixels, pixels_of_points
 from fieldcalib.assess.uncertainty import OTHER_FRAMES, Uncertainty
 from fieldcalib.fields.field import Field
 from fieldcalib.fields.traits import ProbabilityModel
 from fieldcalib.geometry.camera import Camera
+from fieldcalib.problem.layout import Layout
+from fieldcalib.problem.projection import Projection
 
 GRID = (17, 10)  # points along the image's width and height where errors are looked at,
 BORDER = 20  # and along each side of the field
@@ -54,35 +59,72 @@ def ground_in_view(camera: Camera, field: Field, finer: int = 1) -> Array:
 
     The border is what is farthest off in most views: there errors are largest, and between the rows of a grid.
     """
-    size = np.array(camera.image_size)
-    x, y = (np.linspace(0.0, side - 1.0, finer * count) for side, count in zip(size, GRID, strict=True))
-    on_grid = camera.image_to_field(np.stack(np.meshgrid(x, y), axis=-1).reshape(-1, 2))
+    layout = Layout.of(camera.image_size, camera.lens)
+    X, seen = _grounds_in_view(Projection(layout.theta(camera)[None], layout), field, finer)
+    return X[seen]
+
+
+def _grounds_in_view(projection: Projection, field: Field, finer: int = 1) -> tuple[Array, BoolArray]:
+    """The same points for B cameras, (B, N, 3), and which of them each sees, (B, N)."""
+    size = np.array(projection.layout.image_size)
     half = np.array([field.length, field.width]) / 2.0
+    x, y = (np.linspace(0.0, side - 1.0, finer * count) for side, count in zip(size, GRID, strict=True))
+    B = len(projection.theta)
+    on_grid, sees_ground = ground_of_pixels(projection, _repeated(np.stack(np.meshgrid(x, y), axis=-1), B))
     along = np.linspace(-1.0, 1.0, finer * BORDER)
     ones = np.ones_like(along)
-    border = np.concatenate(
-        [np.stack(pair, axis=1) for pair in ((along, ones), (along, -ones), (ones, along), (-ones, along))]
-    )
-    on_border = np.column_stack([border * half, np.zeros(len(border))])
-    seen = camera.project(on_border)
-    inside = np.all((seen >= 0.0) & (seen <= size - 1.0), axis=1)  # false for NaN
-    on_field = np.all(np.abs(on_grid[:, :2]) <= half, axis=1)
-    return np.concatenate([on_grid[on_field], on_border[inside]])
+    sides = [np.stack(pair, axis=1) for pair in ((along, ones), (along, -ones), (ones, along), (-ones, along))]
+    on_border = np.concatenate([half * np.concatenate(sides), np.zeros((4 * len(along), 1))], axis=1)
+    xy, has_pixel = pixels_of_points(projection, on_border[None])
+    in_image = np.all((xy >= 0.0) & (xy <= size - 1.0), axis=-1)
+    on_field = np.all(np.abs(on_grid[..., :2]) <= half, axis=-1)
+    seen = np.concatenate([sees_ground & on_field, has_pixel & in_image], axis=1)
+    return np.concatenate([on_grid, _repeated(on_border, B)], axis=1), seen
 
 
-def evidence(uncertainty: Uncertainty, field: Field) -> tuple[Array, Array]:
+def _repeated(points: Array, count: int) -> Array:
+    """Points (..., d) for each of several cameras, (count, n, d)."""
+    points = points.reshape(-1, points.shape[-1])
+    return np.broadcast_to(points, (count, *points.shape))
+
+
+def evidence(uncertainties: Sequence[Uncertainty], field: Field) -> list[tuple[Array, Array]]:
     """What the log odds are linear in, (K, 5), for d = 1 m: ``1, log m, log sigma, log nu, log(1 + z . z)``.
 
-    There is one row for each possibility for the field's size, and their probabilities (K,) come with them.
+    There is one row for each possibility for the field's size, and their probabilities (K,) come with them; that of
+    each of several estimates of one layout.
     """
-    problem = uncertainty.problem
-    z = np.minimum(np.abs(problem.prior_residuals(uncertainty.evaluation.theta)), LARGEST_SCORE)
-    sigma = uncertainty.sigma / problem.noise
-    weights = np.ones(1) if uncertainty.size is None else uncertainty.size.weights
-    X = ground_in_view(uncertainty.camera, field)
-    largest = [np.max(error.rms, initial=0.0) if len(X) else np.nan for error in uncertainty.at_field_by_size(X)]
-    common = [*np.log([sigma, degrees_of_freedom(uncertainty), 1.0 + np.sum(np.square(z))])]
-    return np.array([[1.0, np.log(one), *common] for one in largest]), weights
+    if not uncertainties:
+        return []
+    found = []
+    for one, largest in zip(uncertainties, _largest_errors(uncertainties, field), strict=True):
+        problem = one.problem
+        z = np.minimum(np.abs(problem.prior_residuals(one.evaluation.theta)), LARGEST_SCORE)
+        weights = np.ones(1) if one.size is None else one.size.weights
+        common = np.log([one.sigma / problem.noise, degrees_of_freedom(one), 1.0 + np.sum(np.square(z))])
+        rows = np.empty((len(largest), 5))
+        rows[:, 0], rows[:, 1], rows[:, 2:] = 1.0, np.log(largest), common
+        found.append((rows, weights))
+    return found
+
+
+def _largest_errors(uncertainties: Sequence[Uncertainty], field: Field) -> list[Array]:
+    """Root mean square errors (K,) of the worst ground point in view, NaN if there is none, under each possibility."""
+    layout = uncertainties[0].layout
+    projection = Projection(np.array([one.theta for one in uncertainties]), layout)
+    X, seen = _grounds_in_view(projection, field)
+    J = ground_derivatives(projection, X, seen, np.ones(layout.size, dtype=bool))
+    found = []
+    for one, dX_dtheta, is_seen in zip(uncertainties, J, seen, strict=True):
+        if not np.any(is_seen):
+            found.append(np.full(len(one.moments), np.nan))
+            continue
+        rows = dX_dtheta[is_seen]  # (N, 2, n)
+        squares = np.sum((rows[None] @ one.by_possibility[:, None]) * rows, axis=(-2, -1))
+        if one.open.shape[1]:
+            squares[:, np.any(one.is_open(rows), axis=-1)] = np.inf
+        found.append(np.sqrt(np.max(squares, axis=1)))
+    return found
 
 
 def probability_by_covariance(errors: CameraErrors, field: Field, metres: float) -> float:

@@ -362,7 +362,19 @@ class Calibration:
     @cached_property
     def _evidence(self) -> tuple[Array, Array]:
         assert self.field is not None
-        return evidence(self._solved_uncertainty, self.field)
+        (found,) = evidence([self._solved_uncertainty], self.field)
+        return found
+
+    @property
+    def has_errors(self) -> bool:
+        """Whether the errors were computed already."""
+        return "_solved_uncertainty" in self.__dict__
+
+    def keep_errors(self, uncertainty: Uncertainty, evidence: tuple[Array, Array] | None) -> None:
+        """Keep what was computed with that of other calibrations, see `fieldcalib.assess.together`."""
+        self.__dict__["_solved_uncertainty"] = uncertainty
+        if evidence is not None:
+            self.__dict__["_evidence"] = evidence
 
     def __iter__(self) -> Iterator[Any]:
         """``rms, K (3, 3), dist (1, 5), rvec (3, 1), tvec (3, 1)``, as `cv2.calibrateCamera` returns them.

@@ -29,7 +29,7 @@ from functools import cached_property
 import numpy as np
 
 from fieldcalib._types import Array, BoolArray
-from fieldcalib.assess.camera_errors import CameraErrors, GroundError
+from fieldcalib.assess.camera_errors import CameraErrors
 from fieldcalib.assess.noise import Noise, gram, size_and_curvature
 from fieldcalib.assess.observability import OPEN_DIRECTION, Direction, Information
 from fieldcalib.assess.size_evidence import FAINT, SizeEvidence
@@ -81,8 +81,8 @@ class Uncertainty(CameraErrors):
     """As `determined`, without the prior."""
     open_to_labels: Array
     """As `open`, without the prior."""
-    observability: tuple[Direction, ...]
-    """Directions of the free parameters, what the labels determine least first."""
+    information: Information
+    """What the labels say."""
     by_considered: Array
     """How the error of the estimate grows with the true values of the considered parameters less those that they are
     kept at, (n, c): length and width of the field, or what many frames share; (n, 0) if nothing is considered."""
@@ -96,8 +96,8 @@ class Uncertainty(CameraErrors):
         return np.asarray(self.by_considered @ moment @ self.by_considered.T)
 
     @cached_property
-    def _moments(self) -> Array:
-        """Second moments (K, c, c) of the considered parameters under each possibility."""
+    def moments(self) -> Array:
+        """Second moments (K, c, c) of the considered parameters under each possibility for the size of the field."""
         if self.size is not None:
             return self.size.moments
         c = self.by_considered.shape[1]
@@ -106,7 +106,12 @@ class Uncertainty(CameraErrors):
     @cached_property
     def _of_any_considered(self) -> Array:
         weights = np.ones(1) if self.size is None else self.size.weights
-        return self._of_considered(np.tensordot(weights, self._moments, axes=1))
+        return self._of_considered(np.tensordot(weights, self.moments, axes=1))
+
+    @cached_property
+    def observability(self) -> tuple[Direction, ...]:
+        """Directions of the free parameters, what the labels determine least first."""
+        return self.information.directions(0)
 
     @property
     def problem(self) -> Problem:
@@ -126,6 +131,15 @@ class Uncertainty(CameraErrors):
     def propagated(self, J: Array) -> Array:
         """Covariance (..., m, m) of quantities whose derivatives by theta are J (..., m, n)."""
         return _propagated(J, self.determined + self._of_any_considered, self.open, self.unit)
+
+    @property
+    def by_possibility(self) -> Array:
+        """Covariances (K, n, n) of what is determined, if each possibility for the field's size were true."""
+        return np.array([self.determined + self._of_considered(moment) for moment in self.moments])
+
+    def is_open(self, J: Array) -> BoolArray:
+        """Which quantities of derivatives J (..., n) nothing determines, (...)."""
+        return _touched(J, self.open, self.unit)
 
     @property
     def covariance_by_labels(self) -> Array:
@@ -154,15 +168,6 @@ class Uncertainty(CameraErrors):
         scale = 1.0 / np.sqrt(np.diagonal(V))
         g = scale * there.gradient[0]
         return float(np.sqrt(g @ np.linalg.lstsq(scale[:, None] * V * scale, g, rcond=None)[0]))
-
-    def at_field_by_size(self, X: Array) -> list[GroundError]:
-        """As `at_field`, (n, 3), if each possibility for the field's size were true; one if the size is exact."""
-        dX_dtheta, known = self.ground_jacobian(X)
-        found = []
-        for moment in self._moments:
-            covariance = _propagated(dX_dtheta, self.determined + self._of_considered(moment), self.open, self.unit)
-            found.append(GroundError(np.where(known[..., None, None], covariance, np.nan), self.dof))
-        return found
 
     def __str__(self) -> str:
         """What the labels determine and what came from the prior, in words."""
@@ -257,7 +262,7 @@ def uncertainties(evaluation: Evaluation, unit: Array) -> list[Uncertainty]:
         open_to_labels[free] = theta_of[t][:, is_open[t]]
         found.append(
             Uncertainty(
-                evaluation=evaluation.take(np.array([t])),
+                evaluation=evaluation.take(slice(t, t + 1)),
                 sigma=float(sigma[t]),
                 bent_sigma=float(np.sqrt(variance[t])),
                 curvature=float(kappa[t]),
@@ -267,7 +272,7 @@ def uncertainties(evaluation: Evaluation, unit: Array) -> list[Uncertainty]:
                 open=open_to_labels[:, :0] if has_prior else open_to_labels,
                 determined_by_labels=determined_by_labels[t],
                 open_to_labels=open_to_labels,
-                observability=labels.directions(t),
+                information=labels.take(slice(t, t + 1)),
                 by_considered=by_true_value[t],
                 size=None
                 if problem.layout.field_size is None or not sizes or problem.considered is not None
@@ -306,9 +311,14 @@ def _propagated(J: Array, determined: Array, open_directions: Array, unit: Array
     covariance = J @ determined @ np.swapaxes(J, -2, -1)
     if not open_directions.shape[1]:
         return np.asarray(covariance)
-    along = np.linalg.norm(J @ open_directions, axis=-1)
-    touched = along > TOUCHED * np.linalg.norm(J * unit, axis=-1)
+    touched = _touched(J, open_directions, unit)
     covariance = np.where(touched[..., :, None] | touched[..., None, :], np.nan, covariance)
     diagonal = np.arange(J.shape[-2])
     covariance[..., diagonal, diagonal] = np.where(touched, np.inf, covariance[..., diagonal, diagonal])
     return covariance
+
+
+def _touched(J: Array, open_directions: Array, unit: Array) -> BoolArray:
+    """Whether quantities of derivatives J (..., n) move along open directions (n, k)."""
+    along = np.linalg.norm(J @ open_directions, axis=-1)
+    return np.asarray(along > TOUCHED * np.linalg.norm(J * unit, axis=-1))

@@ -45,7 +45,7 @@ class ClosestPoints:
         """Of some of the residuals."""
         return ClosestPoints(*(getattr(self, name.name)[..., part] for name in fields(self)))
 
-    def take(self, index: IntArray) -> ClosestPoints:
+    def take(self, index: IntArray | slice) -> ClosestPoints:
         """Of the frames `index`."""
         return ClosestPoints(self.r[index], self.s[:, index], self.inverse_depth[index], self.normal[:, index])
 

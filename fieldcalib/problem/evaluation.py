@@ -74,7 +74,7 @@ class Problem:
         """Which parameters are estimated, (n,)."""
         return self.layout.free
 
-    def take(self, index: IntArray) -> Problem:
+    def take(self, index: IntArray | slice) -> Problem:
         """The problems `index`, in that order, repeated where `index` repeats.
 
         Raises
@@ -86,7 +86,7 @@ class Problem:
             raise ValueError("frames on one path cannot be taken apart")
         prior = None if self.prior is None else self.prior.take(index)
         group = None if self.group is None else self.group[index]
-        background = None if self.background is None else self.background.take(index)
+        background = None if self.background is None else self.background.take(np.arange(len(self))[index])
         return replace(
             self, observations=self.observations.take(index), prior=prior, group=group, background=background
         )
@@ -282,7 +282,7 @@ class Evaluation:
             points = ClosestPoints.joined([points, end_points(self.projection, ends)])
         return Evaluation(problem, self.theta, points)
 
-    def take(self, index: IntArray) -> Evaluation:
+    def take(self, index: IntArray | slice) -> Evaluation:
         """The evaluations `index`, in that order, repeated where `index` repeats."""
         return Evaluation(self.problem.take(index), self.theta[index], self.points.take(index))
 

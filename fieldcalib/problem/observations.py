@@ -44,7 +44,7 @@ class Rows:
     def __bool__(self) -> bool:
         return bool(self.xy.shape[1] > 0)
 
-    def take(self, index: IntArray) -> Rows:
+    def take(self, index: IntArray | slice) -> Rows:
         """The rows of frames `index`, in that order, repeated where `index` repeats."""
         return Rows(*(getattr(self, name.name)[index] for name in fields(self)))
 
@@ -81,7 +81,7 @@ class Observations:
     def __len__(self) -> int:
         return len(self.lines.xy)
 
-    def take(self, index: IntArray) -> Observations:
+    def take(self, index: IntArray | slice) -> Observations:
         """The observations of frames `index`, in that order, repeated where `index` repeats."""
         return replace(self, **{kind: getattr(self, kind).take(index) for kind in LEAST_DEPTH})
 

@@ -48,7 +48,7 @@ class GaussianPrior:
         difference[..., [PAN, ROLL]] = turns - 2.0 * np.pi * np.round(turns / (2.0 * np.pi))
         return np.asarray(difference / self.sigma)
 
-    def take(self, index: IntArray) -> GaussianPrior:
+    def take(self, index: IntArray | slice) -> GaussianPrior:
         """The priors `index` of several."""
         return GaussianPrior(self.mean[index], self.sigma[index])
 

@@ -1,0 +1,63 @@
+"""The ground that cameras see: where pixels meet it, and how its points move with the parameters of the camera."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from fieldcalib._types import Array, BoolArray
+from fieldcalib.problem.layout import CENTER, PRINCIPAL_POINT
+from fieldcalib.problem.projection import Projection
+
+
+def ground_of_pixels(projection: Projection, xy: Array) -> tuple[Array, BoolArray]:
+    """Ground points (B, N, 3) of pixels (B, N, 2), and which pixels show the ground, (B, N).
+
+    Those of the others are anywhere.
+    """
+    dx, dy = projection.observed_offset(xy)
+    isotropic = np.array([dx, dy / projection.aspect])
+    s = isotropic if projection.is_pinhole else projection.layout.lens.undistort(isotropic, projection.lens)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        ray = np.stack([s[0] / projection.f, s[1] / projection.f, np.ones_like(s[0])], axis=-1) @ projection.R
+        depth = -projection.C[..., 2] / ray[..., 2]
+        X = projection.C + depth[..., None] * ray
+    X[..., 2] = 0.0
+    return X, np.asarray(np.isfinite(X).all(axis=-1) & (depth > 0.0))
+
+
+def pixels_of_points(projection: Projection, X: Array) -> tuple[Array, BoolArray]:
+    """Pixels (B, N, 2) of world points (B, N, 3), and which have one, (B, N).
+
+    These are in front of the camera, and where its lens is monotone.
+    """
+    h = projection.points(X)
+    seen = h[2] > 0.0
+    s = h[:2] / np.where(seen, h[2], 1.0)
+    if not projection.is_pinhole:
+        seen &= projection.layout.lens.is_monotone(s, projection.lens)
+    d = projection.real_offset(s)
+    cx, cy = projection.theta[:, PRINCIPAL_POINT].T[..., None]
+    return np.stack([d[0] + cx, d[1] + cy], axis=-1), np.asarray(seen)
+
+
+def ground_derivatives(projection: Projection, X: Array, known: BoolArray, some: BoolArray) -> Array:
+    """Derivatives (B, N, 2, P) of ground points (B, N, 3) by some parameters (n,) while their pixels are kept.
+
+    ``pi(X, theta) = xy``, hence ``dX/dtheta = -(dpi/dX)^-1 dpi/dtheta``. Of points that are not `known`, (B, N), they
+    are something finite.
+    """
+    ahead = projection.C + projection.R[:, None, 2]  # stands in for points that do not exist
+    h = projection.points(np.where(known[..., None], X, ahead))
+    s, inverse_depth = h[:2] / h[2], 1.0 / h[2]
+    zero, one = np.zeros_like(inverse_depth), np.ones_like(inverse_depth)
+    needed = some | projection.layout.is_centre
+    across, down = (
+        projection.derivatives(s, inverse_depth, n, needed) for n in (np.array([one, zero]), np.array([zero, one]))
+    )
+    x, y = np.searchsorted(np.flatnonzero(needed), [CENTER.start, CENTER.start + 1])
+    # a point that moves is a centre that moves the other way: dpi/dX = -(a b; c d)
+    a, b = np.where(known, across[:, x], 1.0), np.where(known, across[:, y], 0.0)
+    c, d = np.where(known, down[:, x], 0.0), np.where(known, down[:, y], 1.0)
+    across, down = (rows[:, some[needed]] / (a * d - b * c)[:, None] for rows in (across, down))
+    moved = d[:, None] * across - b[:, None] * down, a[:, None] * down - c[:, None] * across
+    return np.moveaxis(np.array(moved), (0, 2), (2, 3))
