@@ -10,6 +10,7 @@ from data_tools.probability import fitted, largest_true_error, reliability, risk
 from data_tools.random_frames import random_frame
 from fieldcalib.assess.probability import largest_error, probability_right
 from fieldcalib.assess.result import Status
+from fieldcalib.assess.together import compute_errors
 from fieldcalib.calibrate.batch import calibrate_batch
 from fieldcalib.calibrate.from_segments import calibrate_from_segments
 from fieldcalib.fields.soccer import PROBABILITY, soccer
@@ -135,3 +136,30 @@ def test_possibilities_for_the_size_weigh_as_they_are_probable():
     both = probability_right(PROBABILITY, np.concatenate([sharp, blurred]), np.array([0.7, 0.3]), 1.0)
     assert q < 0.3 < 0.7 < p
     assert both == pytest.approx(0.7 * p + 0.3 * q)
+
+
+def test_errors_of_many_calibrations_at_once_are_those_of_each():
+    frames, _ = random_frames(12, seed=11, noise=1.0)
+    frames[4] = {}
+    first, second = (calibrate_batch(FIELD, frames, (960, 540)) for _ in range(2))
+    more = calibrate_batch(FIELD, frames[:2], (960, 540), prior=None)
+    together = [*second, *more]
+    compute_errors(together)
+    for one, other in zip([*first, *calibrate_batch(FIELD, frames[:2], (960, 540), prior=None)], together, strict=True):
+        assert one.verdict == other.verdict
+        assert one.reason == other.reason
+        if one.camera is not None:
+            assert other.has_errors
+            np.testing.assert_allclose(other.covariance, one.covariance, rtol=1e-5, atol=1e-12)
+            np.testing.assert_allclose(other.probability(0.5), one.probability(0.5), rtol=1e-7)
+            assert [d.parameters for d in other.observability] == [d.parameters for d in one.observability]
+
+
+def test_errors_that_are_known_are_not_computed_again(monkeypatch):
+    frames, _ = random_frames(3, seed=12, noise=1.0)
+    calibrations = calibrate_batch(FIELD, frames, (960, 540))
+    known = calibrations[1].uncertainty
+    compute_errors(calibrations)
+    assert calibrations[1].uncertainty is known
+    monkeypatch.setattr("fieldcalib.assess.together.uncertainties", lambda *arguments: pytest.fail("computed again"))
+    compute_errors(calibrations)

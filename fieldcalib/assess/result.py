@@ -97,11 +97,10 @@ class Solved:
 
     def to_dict(self) -> dict[str, Any]:
         """The problem of the frame and its solution, for `json.dumps`."""
-        alone = self.alone
         return {
-            "problem": problem_to_record(alone.evaluation.problem),
-            "theta": to_json(alone.evaluation.theta[0]),
-            "unit": to_json(alone.unit[0]),
+            "problem": problem_to_record(self.evaluation.problem, self.frame),
+            "theta": to_json(self.evaluation.theta[self.frame]),
+            "unit": to_json(self.unit[self.frame]),
         }
 
     @classmethod

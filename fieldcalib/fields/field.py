@@ -165,7 +165,7 @@ class Field(Mapping[str, Segment]):
     def __len__(self) -> int:
         return len(self.segments)
 
-    @property
+    @cached_property
     def is_built(self) -> bool:
         """Whether this is what its `size_model` builds of its length and width, in everything but `size_known`."""
         if self.size_model is None:

@@ -24,15 +24,15 @@ LENSES: Mapping[str, Callable[[float], Lens]] = {
 }
 
 
-def problem_to_record(problem: Problem) -> dict[str, Any]:
-    """The problem of one frame without padding."""
+def problem_to_record(problem: Problem, frame: int) -> dict[str, Any]:
+    """The problem of one of the frames, without padding."""
     prior = problem.prior
     return {
-        "observations": _observations_to_record(problem.observations),
+        "observations": _observations_to_record(problem.observations, frame),
         "layout": layout_to_record(problem.layout),
         "loss": {"name": problem.loss.name, "scale": to_json(problem.loss.scale)},
         "noise": to_json(problem.noise),
-        "prior": None if prior is None else {"mean": to_json(prior.mean[0]), "sigma": to_json(prior.sigma[0])},
+        "prior": None if prior is None else {"mean": to_json(prior.mean[frame]), "sigma": to_json(prior.sigma[frame])},
         "paint": to_json(problem.paint),
         "considered": None if problem.considered is None else to_json(problem.considered),
         "scale": to_json(problem.scale),
@@ -54,15 +54,15 @@ def problem_from_record(record: Mapping[str, Any]) -> Problem:
     )
 
 
-def _observations_to_record(observations: Observations) -> dict[str, Any]:
+def _observations_to_record(observations: Observations, frame: int) -> dict[str, Any]:
     """Pixels and weights of each label, the vectors of its segment, and how that moves with the size of the field."""
-    labels: dict[str, Any] = dict.fromkeys(observations.labels)
+    found: dict[int, Any] = {}
     for kind in LEAST_DEPTH:
         rows = getattr(observations, kind)
-        xy, weights, geometry = rows.xy[0].tolist(), rows.weight[0].tolist(), rows.geometry[0]
-        for index, member in _runs(rows.label[0].tolist()) if kind != "ends" else ():
+        xy, weights, geometry = rows.xy[frame].tolist(), rows.weight[frame].tolist(), rows.geometry[frame]
+        for index, member in _runs(rows.label[frame].tolist()) if kind != "ends" else ():
             weight = weights[member]
-            labels[observations.labels[index]] = {
+            found[index] = {
                 "kind": kind,
                 "geometry": to_json(geometry[member.start]),
                 "motion": None if observations.motion is None else to_json(observations.motion[index]),
@@ -70,21 +70,23 @@ def _observations_to_record(observations: Observations) -> dict[str, Any]:
                 "weight": to_json(weight[0] if weight.count(weight[0]) == len(weight) else weight),
             }
     ends = observations.ends
+    seen = ends.label[frame] >= 0
     return {
-        "labels": labels,
+        "labels": {observations.labels[index]: found[index] for index in sorted(found)},
         "ends": {
-            "label": [observations.labels[index] for index in ends.label[0]],
-            **{name: to_json(getattr(ends, name)[0]) for name in ("xy", "weight", "geometry")},
+            "label": [observations.labels[index] for index in ends.label[frame, seen]],
+            **{name: to_json(getattr(ends, name)[frame, seen]) for name in ("xy", "weight", "geometry")},
         },
     }
 
 
 def _runs(labels: Sequence[int]) -> Iterator[tuple[int, slice]]:
-    """The labels of a frame's rows, and where the pixels of each stand: one label after the other."""
+    """The labels of a frame's rows, and where the pixels of each stand: one label after the other, padding left out."""
     end = 0
     for label, members in groupby(labels):
         begin, end = end, end + len(list(members))
-        yield label, slice(begin, end)
+        if label >= 0:
+            yield label, slice(begin, end)
 
 
 def _observations_from_record(record: Mapping[str, Any], image_size: tuple[int, int]) -> Observations:
