@@ -2,13 +2,17 @@
 
 import subprocess
 import sys
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
-from commands import SIZE
+from commands import SIZE, calibrate
 from synthetic import random_frames
 
 import fieldcalib
+from fieldcalib.cli import units
+from fieldcalib.cli.results import Results
+from fieldcalib.io.formats import ANNOTATIONS
 from fieldcalib.io.soccernet import format_annotation
 
 PEAK = """
@@ -43,6 +47,26 @@ def written(folder, count):
     return folder
 
 
+def test_frames_are_read_unit_by_unit(tmp_path, monkeypatch):
+    monkeypatch.setattr(units, "SMALLEST_UNIT", 2)
+    monkeypatch.setattr(units, "LARGEST_UNIT", 2)
+    read, ahead = [], []
+
+    def reading(content, size):
+        read.append(content)
+        return {}
+
+    def adding(results, outcome):
+        ahead.append(len(read) - results.done)
+        results.done += 1
+
+    monkeypatch.setattr("fieldcalib.cli.folder.ANNOTATIONS", replace(ANNOTATIONS, read=reading))
+    monkeypatch.setattr(Results, "add", adding)
+    assert calibrate(tmp_path / "out", written(tmp_path / "in", 9)) == 0
+    assert ahead == [2, 1] * 4 + [1]
+
+
+@pytest.mark.slow
 @pytest.mark.skipif(sys.platform == "win32", reason="needs getrusage")
 def test_it_does_not_grow(tmp_path):
     """Of the quickest method; both numbers of frames are worked on in units of the same size."""
