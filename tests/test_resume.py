@@ -19,6 +19,7 @@ from fieldcalib.cli import units, waiting
 from fieldcalib.cli.results import Outcome, Results
 from fieldcalib.cli.units import Made, work
 from fieldcalib.io import line_log
+from fieldcalib.io.files import write_bytes
 from fieldcalib.io.line_log import LineLog
 from fieldcalib.io.soccernet import format_annotation
 
@@ -120,6 +121,34 @@ def test_what_was_done_is_not_lost(annotated_folder, small_units, tmp_path, monk
     assert not (out / "summary.json").exists()
     assert calibrate(out, annotated_folder, options=["--resume"]) == 0
     assert content_of(out) == content_of(tmp_path / "whole")
+
+
+def test_a_camera_that_has_no_room_is_written_later(annotated_folder, tmp_path, monkeypatch):
+    """Its line is there already."""
+    out = tmp_path / "out"
+    with monkeypatch.context() as patch:
+
+        def write(path, content):
+            if path.name == "camera_c.json":
+                raise NO_SPACE
+            write_bytes(path, content)
+
+        patch.setattr(results_of_commands, "write_bytes", write)
+        assert calibrate(out, annotated_folder) == 2
+    assert [line["id"] for line in lines_of(out)] == list("abc")
+    assert set(cameras_in(out)) == {"a", "b"}
+    assert calibrate(out, annotated_folder, options=["--resume"]) == 0
+    assert calibrate(tmp_path / "whole", annotated_folder) == 0
+    assert content_of(out) == content_of(tmp_path / "whole")
+
+
+def test_a_line_that_cannot_be_read_removes_nothing(annotated_folder, tmp_path, capsys):
+    assert calibrate(tmp_path, annotated_folder) == 0
+    lines = (tmp_path / "cameras.jsonl").read_text().splitlines()
+    (tmp_path / "cameras.jsonl").write_text("\n".join(["no JSON", *lines[1:]]) + "\n")
+    before = {path.name: path.read_bytes() for path in tmp_path.iterdir()}
+    assert calibrate(tmp_path, annotated_folder, options=["--resume"]) == 2
+    assert {path.name: path.read_bytes() for path in tmp_path.iterdir()} == before
 
 
 def test_a_run_that_did_nothing_leaves_nothing(annotated_folder, tmp_path, monkeypatch, capsys):
@@ -273,6 +302,7 @@ def test_another_command_or_version_is_not_resumed(annotated_folder, tmp_path, c
     (tmp_path / "run.json").write_text("{}")
     assert calibrate(tmp_path, annotated_folder, options=["--resume"]) == 2
     assert f"{tmp_path / 'run.json'}: is no record of a run" in capsys.readouterr().err
+    assert calibrate(tmp_path, annotated_folder, options=["--overwrite"]) == 0
 
 
 def test_a_frame_that_vanishes_meanwhile_is_broken(annotated_folder, small_units, tmp_path, monkeypatch):

@@ -24,11 +24,11 @@ from fieldcalib.cli.results import (
     MOTION,
     OVERLAY,
     PART_OF_CLIP,
-    SUMMARY,
     TRIPODS,
     WORST,
     Outcome,
     calibration_line,
+    is_finished,
     result_folder,
 )
 from fieldcalib.cli.run_record import RunRecord
@@ -159,7 +159,7 @@ def run_clip(options: argparse.Namespace, place: Callable[[Image], Placement]) -
     clip = ClipInput(options, place)
     record = RunRecord.of(options, clip.files, unit=PART, writes=[CAMERAS.file_name("<id>")])
     with result_folder(options, record, began) as results:
-        if (options.out / SUMMARY).exists():
+        if is_finished(options.out):
             return results.exit_code
         parts = KeptParts(options.out)
         found = calibrate_video(

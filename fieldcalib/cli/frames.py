@@ -111,8 +111,13 @@ def opened(
 
 def checked_frames(path: Path, images: Iterable[Image], check: Callable[[Image], object]) -> Iterator[Image]:
     """The images of a video; what `check` raises a BrokenFileError for is said of its path."""
+    frames = iter(images)
     try:
-        for image in images:
+        while True:
+            with waiting_for(path):
+                image = next(frames, None)
+            if image is None:
+                return
             check(image)
             yield image
     except BrokenFileError as error:

@@ -28,7 +28,7 @@ from fieldcalib.assess.result import ANGLE_NAMES, Calibration, Verdict
 from fieldcalib.assess.surprises import SQUASHED
 from fieldcalib.cli.run_record import RECORD, RunRecord, recorded
 from fieldcalib.geometry.camera import Camera
-from fieldcalib.io.files import parse_json_object, remove_temporaries, write_bytes, write_text
+from fieldcalib.io.files import BrokenFileError, remove_temporaries, write_bytes, write_text
 from fieldcalib.io.formats import CAMERAS, OVERLAYS, VIDEOS
 from fieldcalib.io.image import Image
 from fieldcalib.io.line_log import LineLog, whole_lines
@@ -193,54 +193,56 @@ def run_folder(options: argparse.Namespace, record: RunRecord, lines: str = LINE
     ValueError
         If the run to go on with had other options, or another input.
     """
-    with output_folder(options.out):
-        earlier = _earlier(options, record)
+    out = options.out
+    with output_folder(out):
+        earlier = None if options.overwrite else _earlier(out, record, resume=options.resume)
         if options.overwrite:
-            _clear(options.out, earlier)
-            earlier = None
-        remove_temporaries(options.out)
-        written = _lines(options.out / lines) if earlier is not None else 0
-        kept = written if (options.out / SUMMARY).exists() else max(written - 1, 0)
-        if earlier is None:
-            record.write(options.out)
-        with LineLog(options.out / lines, kept) as log:
-            results = Results(options.out, log)
-            for text in whole_lines(options.out / lines):
-                results.take_up(parse_json_object(text, "a frame's result"))
-            try:
+            _clear(out)
+        remove_temporaries(out)
+        count = _count(out / lines)
+        results: Results | None = None
+        try:
+            if earlier is None:
+                record.write(out)
+            with LineLog(out / lines, count if is_finished(out) else max(count - 1, 0)) as log:
+                results = Results(out, log)
+                for text in whole_lines(out / lines):
+                    results.take_up(json.loads(text))
                 yield results
-            except BaseException:
-                if results.done or any(options.out.glob(f"{PART_OF_CLIP}*")):
-                    done = f"{counted(results.done, 'frame')} done in {options.out}"
-                    print(f"fieldcalib: {done}: --resume goes on with the run", file=sys.stderr)
-                else:
-                    _remove_frames(options.out, record)
-                    _forget(options.out)
-                raise
+        except BaseException:
+            if earlier is None and (results is None or not results.done) and not any(out.glob(f"{PART_OF_CLIP}*")):
+                _remove_frames(out, record)
+                _forget(out)
+            elif results is not None:
+                done = f"{counted(results.done, 'frame')} done in {out}"
+                print(f"fieldcalib: {done}: --resume goes on with the run", file=sys.stderr)
+            raise
 
 
 def finish(out: Path, summary: Mapping[str, Any]) -> None:
     """Write the summary of a run, unless it was finished before."""
-    if not (out / SUMMARY).exists():
+    if not is_finished(out):
         write_text(out / SUMMARY, json.dumps(summary, indent=2) + "\n")
+
+
+def is_finished(folder: Path) -> bool:
+    """Whether it holds the results of a run that has come to its end."""
+    return (folder / SUMMARY).is_file()
 
 
 def is_unfinished(folder: Path) -> bool:
     """Whether it holds the results of a run that has not come to its end."""
-    return (folder / RECORD).is_file() and not (folder / SUMMARY).is_file()
+    return (folder / RECORD).is_file() and not is_finished(folder)
 
 
-def _earlier(options: argparse.Namespace, record: RunRecord) -> RunRecord | None:
-    """The run in a folder, if there is one that may be gone on with or replaced."""
-    out = options.out
+def _earlier(out: Path, record: RunRecord, *, resume: bool) -> RunRecord | None:
+    """The run in a folder that is to be gone on with, if there is one."""
     earlier = RunRecord.read(out)
-    if options.overwrite:
-        return earlier
     if earlier is None:
         if _used(out):
             raise FileExistsError(f"{out} holds results of an earlier version or of others: --overwrite replaces them")
         return None
-    if not options.resume:
+    if not resume:
         state = "a run that is not finished" if is_unfinished(out) else "a run"
         raise FileExistsError(f"{out} holds the results of {state}: {AGAIN}")
     other = earlier.differences(record)
@@ -254,12 +256,16 @@ def _used(out: Path) -> bool:
     return any((out / name).exists() for name in (LINES, SUMMARY, LOCALIZED)) or any(out.glob(CAMERAS.file_name("*")))
 
 
-def _lines(path: Path) -> int:
-    return sum(1 for _ in whole_lines(path)) if path.exists() else 0
+def _count(log: Path) -> int:
+    return sum(1 for _ in whole_lines(log)) if log.exists() else 0
 
 
-def _clear(out: Path, earlier: RunRecord | None) -> None:
+def _clear(out: Path) -> None:
     """Remove what an earlier run has written; the names of its frames and its record go last."""
+    try:
+        earlier = RunRecord.read(out)
+    except BrokenFileError:
+        earlier = None
     (out / SUMMARY).unlink(missing_ok=True)
     if earlier is not None:
         replace(earlier, contents="replaced").write(out)  # is not resumed from here on

@@ -30,7 +30,7 @@ from fieldcalib.cli.frames import (
     opened,
     say_note,
 )
-from fieldcalib.cli.results import OVERLAY, Outcome, Results, calibration_line, result_folder
+from fieldcalib.cli.results import OVERLAY, Outcome, Results, calibration_line, is_finished, result_folder
 from fieldcalib.cli.run_record import RunRecord
 from fieldcalib.cli.units import Made, add_jobs, work
 from fieldcalib.draw.overlays import draw_calibration
@@ -104,6 +104,8 @@ def run(options: argparse.Namespace) -> int:
         writes = [form.file_name("<id>") for form in (CAMERAS, OVERLAYS)]
         record = RunRecord.of(options, source.files, unit=IMAGES_AT_ONCE, writes=writes)
         with result_folder(options, record, began) as results:
+            if is_finished(options.out):
+                return results.exit_code
             if source.frames_per_second is None:
                 work(options, results, source.files, IMAGES_AT_ONCE, function, lost, source.count)
             else:

@@ -38,7 +38,8 @@ class ProcessEndedError(RuntimeError):
 class OtherProcess:
     """A process that runs functions of importable modules, one at a time; it ends with this object.
 
-    Its libraries use one thread each. It ignores interrupts (Ctrl-C), which are for the one that started it.
+    Its libraries use one thread each. Interrupts (Ctrl-C) and requests to end (SIGTERM), which often go to all
+    processes of a group, are for the one that started it.
 
     Parameters
     ----------
@@ -156,7 +157,8 @@ def _answer(request: bytes) -> bytes:
 
 def main() -> None:
     """Answer requests until there are no more."""
-    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    for number in (signal.SIGINT, signal.SIGTERM):
+        signal.signal(number, signal.SIG_IGN)
     if hasattr(os, "nice"):
         os.nice(int(sys.argv[1]))
     for module in sys.argv[2:]:
