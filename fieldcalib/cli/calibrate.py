@@ -9,6 +9,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from fieldcalib.assess.result import Calibration
+from fieldcalib.assess.together import compute_errors
 from fieldcalib.calibrate.batch import calibrate_batch
 from fieldcalib.calibrate.field_size import FieldSize, estimate_field_size
 from fieldcalib.calibrate.options import ALL, Prior
@@ -112,7 +113,10 @@ class _Method:
         frames = {id: self.placement.to_frame(pixels) for id, pixels in pictures.items()}
         if self.free_field_size is not None:
             return self._on_free_field(frames)
-        return [Found(self._of_picture(found)) for found in by_prior(frames, self._prior_of, self._calibrated)]
+        found = by_prior(frames, self._prior_of, self._calibrated)
+        if self.least_probability is not None:
+            compute_errors(found)
+        return [Found(self._of_picture(one)) for one in found]
 
     def _prior_of(self, id: str) -> Prior:
         return self.prior if self.types is None else DISTRIBUTIONS_OF_TYPE.get(self.types.get(id, ""), ALL)

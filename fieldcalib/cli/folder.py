@@ -13,6 +13,7 @@ from typing import Any, TypeAlias, TypeVar
 
 from fieldcalib.assess.ndc import ndc_loss
 from fieldcalib.assess.result import Calibration, Status
+from fieldcalib.assess.together import compute_errors
 from fieldcalib.cli.results import LOCALIZED, SUMMARY, Outcome, calibration_line, result_folder
 from fieldcalib.cli.run_record import RECORD, RunRecord
 from fieldcalib.cli.units import Made, processes_of, unit_size, units_of, work
@@ -133,6 +134,7 @@ class FromAnnotations:
         start = time.perf_counter()
         found = dict(zip(frames.pixels, self.method(dict(frames.pixels)) if frames.pixels else (), strict=True))
         seconds = time.perf_counter() - start
+        compute_errors([one.calibration for one in found.values()])
         eq3 = _eq3_losses(self.field, frames.pixels, {id: one.calibration for id, one in found.items()})
         outcomes = []
         for file in files:
