@@ -15,13 +15,11 @@ from fieldcalib.io.output_folder import output_folder
 from fieldcalib.localize import localize
 
 
-def add_parser(commands: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
-    """Add the command to the command line."""
-    parser = commands.add_parser(
-        "localize",
-        help="find the markings in images",
-        description="Find the markings of the field in images, and write them as SoccerNet annotations (<id>.json: "
-        "label -> normalised points), as fieldcalib calibrate reads them.",
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Describe the command, add its arguments and set ``run``, a function of them that gives the exit code."""
+    parser.description = (
+        "Find the markings of the field in images, and write them as SoccerNet annotations (<id>.json: "
+        "label -> normalised points), as fieldcalib calibrate reads them."
     )
     parser.add_argument("input", nargs="+", type=Path, metavar="INPUT", help="images, or a folder or a zip of them")
     parser.add_argument("--out", required=True, type=Path, metavar="DIR", help="where the annotations go")

@@ -29,9 +29,12 @@ def run_command(options: argparse.Namespace) -> int:
 
 
 def _run(arguments: Sequence[str] | None) -> int:
+    given = sys.argv[1:] if arguments is None else arguments
     with interrupts_end_the_process():
         from fieldcalib.cli.commands import command_parser
-    options = command_parser().parse_args(arguments)
+
+        parser = command_parser(given)
+    options = parser.parse_args(given)
     return int(options.run(options))
 
 

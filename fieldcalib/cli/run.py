@@ -35,16 +35,14 @@ from fieldcalib.io.images import IMAGES_AT_ONCE, check_pixels, in_parts, write_i
 Write: TypeAlias = Callable[[str, Image], None]
 
 
-def add_parser(commands: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
-    """Add the command to the command line."""
-    parser = commands.add_parser(
-        "run",
-        help="calibrate images or a video",
-        description="Find the markings in images or in a video, calibrate a camera for every frame and refine it on "
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Describe the command, add its arguments and set ``run``, a function of them that gives the exit code."""
+    parser.description = (
+        "Find the markings in images or in a video, calibrate a camera for every frame and refine it on "
         "its image; the frames of a video are calibrated together. Writes camera_<id>.json in SoccerNet's format, "
         "cameras.jsonl with one line a frame, summary.json, and overlays: overlay_<id>.jpg of images, overlay.mp4 of a "
         "video, whose ids are numbers of frames. Of a clip also tripods.json with its shots and what their frames "
-        "share, motion.png with the cameras over time, and worst_frames.jpg.",
+        "share, motion.png with the cameras over time, and worst_frames.jpg."
     )
     parser.add_argument(
         "input", nargs="+", type=Path, metavar="INPUT", help="images, a folder or a zip of them, or one video"
