@@ -13,6 +13,7 @@ from __future__ import annotations
 
 import argparse
 from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -22,12 +23,13 @@ from fieldcalib.calibrate.decomposition import NO_FOCAL_LENGTH, closed_form
 from fieldcalib.calibrate.from_homography import judged_camera
 from fieldcalib.calibrate.initial_cameras import ground_homographies
 from fieldcalib.cli.arguments import add_field_size, add_input_and_output
-from fieldcalib.cli.folder import calibrate_folder
+from fieldcalib.cli.folder import Found, calibrate_folder
 from fieldcalib.cli.main import run_command
+from fieldcalib.cli.units import add_jobs
 from fieldcalib.fields.field import Field
 from fieldcalib.fields.soccer import soccer
 from fieldcalib.geometry.projective import SINGULAR
-from fieldcalib.io.files import write_text
+from fieldcalib.io.formats import CAMERAS, HOMOGRAPHIES
 from fieldcalib.io.wc14 import format_homography
 from fieldcalib.problem.labelled_pixels import Pixels
 from fieldcalib.problem.observations import pack
@@ -110,28 +112,39 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser = argparse.ArgumentParser(prog="python -m baselines.dlt_lines", description=__doc__.splitlines()[0])
     add_input_and_output(parser)
     add_field_size(parser)
-    parser.set_defaults(run=_run)
+    add_jobs(parser)
+    parser.set_defaults(run=_run, command="baselines.dlt_lines")
     return run_command(parser.parse_args(arguments))
 
 
 def _run(options: argparse.Namespace) -> int:
     field = soccer(options.field_length, options.field_width)
+    writes = [form.file_name("<id>") for form in (CAMERAS, HOMOGRAPHIES)]
+    return calibrate_folder(options, field, _Method(field, options.size), writes=writes)
 
-    def method(frames: dict[str, Pixels]) -> list[Calibration]:
-        options.out.mkdir(parents=True, exist_ok=True)
+
+@dataclass(frozen=True)
+class _Method:
+    """How annotated frames are calibrated."""
+
+    field: Field
+    image_size: tuple[int, int]
+
+    def __call__(self, frames: dict[str, Pixels]) -> list[Found]:
         members = list(frames.values())
-        H, found = homographies(field, members, options.size)
+        H, found = homographies(self.field, members, self.image_size)
         by_lines = [H[t] if found[t] else None for t in range(len(H))]
-        for id, matrix in zip(frames, by_lines, strict=True):
-            path = options.out / f"{id}.homographyMatrix"
-            if matrix is None:
-                path.unlink(missing_ok=True)  # an earlier run's
-            else:
-                write_text(path, format_homography(matrix, image_size=options.size))
-        return calibrate(by_lines, field, members, options.size)
+        calibrations = calibrate(by_lines, self.field, members, self.image_size)
+        return [
+            Found(calibration, files={} if matrix is None else {HOMOGRAPHIES.file_name(id): self._file(matrix)})
+            for id, calibration, matrix in zip(frames, calibrations, by_lines, strict=True)
+        ]
 
-    return calibrate_folder(options, field, method)
+    def _file(self, H: Array) -> bytes:
+        return format_homography(H, image_size=self.image_size).encode()
 
 
 if __name__ == "__main__":
-    raise SystemExit(main())
+    from baselines.dlt_lines import main as main_of_module  # other processes find its classes there
+
+    raise SystemExit(main_of_module())

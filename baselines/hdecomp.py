@@ -10,10 +10,9 @@ decompose the homographies that `baselines.dlt_lines` finds in the annotations o
 from __future__ import annotations
 
 import argparse
-import sys
 import time
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from typing import get_args
 
 from baselines import dlt_lines
@@ -22,10 +21,14 @@ from fieldcalib.assess.result import Calibration, Status
 from fieldcalib.calibrate.decomposition import camera_from_homography
 from fieldcalib.calibrate.from_homography import judged_camera, judged_decomposition
 from fieldcalib.cli.arguments import add_field_size, add_input_and_output, positive
-from fieldcalib.cli.folder import broken_line, calibrate_folder, calibration_line, name_skipped, result_folder
+from fieldcalib.cli.folder import Found, calibrate_files, calibrate_folder, lost, name_skipped, outcome_of
 from fieldcalib.cli.main import run_command
+from fieldcalib.cli.results import calibration_line
+from fieldcalib.cli.units import Made, add_jobs, unit_size
+from fieldcalib.fields.field import Field
 from fieldcalib.fields.soccer import soccer
-from fieldcalib.io.formats import HOMOGRAPHIES
+from fieldcalib.io.files import FrameFile
+from fieldcalib.io.formats import CAMERAS, HOMOGRAPHIES
 from fieldcalib.io.wc14 import AlignmentName
 from fieldcalib.problem.labelled_pixels import Pixels
 
@@ -89,57 +92,87 @@ def main(arguments: Sequence[str] | None = None) -> int:
         metavar="SHARE",
         help="how far outside the image field points count, in widths and heights (0.1)",
     )
-    parser.set_defaults(run=_run)
+    add_jobs(parser)
+    parser.set_defaults(run=_run, command="baselines.hdecomp")
     return run_command(parser.parse_args(arguments))
 
 
 def _run(options: argparse.Namespace) -> int:
     if options.homographies:
-        return _decompose_files(options)
+        files = HOMOGRAPHIES.find(options.input)
+        name_skipped(options.input, files)
+        made = _FromHomographies(options.size, options.alignment, options.most_bytes, options.zeta, options.tolerance)
+        writes = [CAMERAS.file_name("<id>")]
+        return calibrate_files(options, files, made, made.first_broken, unit_size(len(files)), writes)
     if options.alignment != "wc14":
         raise ValueError("--alignment is about homography files: it needs --homographies")
     field = soccer(options.field_length, options.field_width)
+    return calibrate_folder(options, field, _Method(field, options.size, options.zeta, options.tolerance))
 
-    def method(frames: dict[str, Pixels]) -> list[Calibration]:
-        H, found = dlt_lines.homographies(field, list(frames.values()), options.size)
+
+@dataclass(frozen=True)
+class _Method:
+    """How annotated frames are calibrated."""
+
+    field: Field
+    image_size: tuple[int, int]
+    zeta: float
+    tolerance: float
+
+    def __call__(self, frames: dict[str, Pixels]) -> list[Found]:
+        H, found = dlt_lines.homographies(self.field, list(frames.values()), self.image_size)
         by_lines = [H[t] if found[t] else None for t in range(len(H))]
-        calibrations = calibrate(by_lines, options.size, zeta=options.zeta, tolerance=options.tolerance)
+        calibrations = calibrate(by_lines, self.image_size, zeta=self.zeta, tolerance=self.tolerance)
         return [  # judged by the annotated pixels, which do not come from the homography
-            judged_camera(c.camera, field, frame, c.message) if c.camera else c
+            Found(judged_camera(c.camera, self.field, frame, c.message) if c.camera else c)
             for c, frame in zip(calibrations, frames.values(), strict=True)
         ]
 
-    return calibrate_folder(options, field, method)
 
+@dataclass(frozen=True)
+class _FromHomographies:
+    """What is written of frames whose homographies are in files."""
 
-def _decompose_files(options: argparse.Namespace) -> int:
-    began = time.perf_counter()
-    files = HOMOGRAPHIES.find(options.input)
-    name_skipped(options.input, files)
-    homographies: dict[str, Array] = {}
-    broken: dict[str, str] = {}
-    for file in files:
-        try:
-            content = file.read(options.most_bytes)
-            homographies[file.id] = HOMOGRAPHIES.read(content, options.alignment, image_size=options.size)
-        except ValueError as error:
-            print(f"fieldcalib: {file.path}: {error}", file=sys.stderr)
-            broken[file.id] = str(error)
-            if options.strict:
-                return 1
-    with result_folder(options, began) as results:
-        decomposing = time.perf_counter()
+    image_size: tuple[int, int]
+    alignment: AlignmentName
+    most_bytes: float
+    zeta: float
+    tolerance: float
+
+    def __call__(self, files: tuple[FrameFile, ...]) -> Made:
+        homographies, broken = self._read(files)
+        start = time.perf_counter()
         members = list(homographies.values())
-        found = calibrate(members, options.size, zeta=options.zeta, tolerance=options.tolerance)
-        results.calibrating = time.perf_counter() - decomposing
+        found = calibrate(members, self.image_size, zeta=self.zeta, tolerance=self.tolerance)
+        seconds = time.perf_counter() - start
         calibrations = dict(zip(homographies, found, strict=True))
+        outcomes = []
         for file in files:
             if file.id in broken:
-                results.add(broken_line(file.id, broken[file.id]), None)
-            else:
-                results.add(calibration_line(file.id, calibrations[file.id], None), calibrations[file.id])
-    return 1 if broken else 0
+                outcomes.append(lost(file, broken[file.id]))
+                continue
+            calibration = calibrations[file.id]
+            outcomes.append(outcome_of(file.id, Found(calibration), calibration_line(file.id, calibration, None)))
+        return Made(outcomes, seconds)
+
+    def first_broken(self, files: tuple[FrameFile, ...]) -> str:
+        """The first broken file and what is wrong with it; empty if there is none."""
+        _, broken = self._read(files)
+        return next((f"{file.path}: {broken[file.id]}" for file in files if file.id in broken), "")
+
+    def _read(self, files: tuple[FrameFile, ...]) -> tuple[dict[str, Array], dict[str, str]]:
+        homographies: dict[str, Array] = {}
+        broken: dict[str, str] = {}
+        for file in files:
+            try:
+                content = file.read(self.most_bytes)
+                homographies[file.id] = HOMOGRAPHIES.read(content, self.alignment, image_size=self.image_size)
+            except ValueError as error:
+                broken[file.id] = str(error)
+        return homographies, broken
 
 
 if __name__ == "__main__":
-    raise SystemExit(main())
+    from baselines.hdecomp import main as main_of_module  # other processes find its classes there
+
+    raise SystemExit(main_of_module())

@@ -34,8 +34,10 @@ from fieldcalib.assess.result import Calibration, Status
 from fieldcalib.calibrate.from_homography import judged_camera
 from fieldcalib.calibrate.from_segments import NO_PIXELS
 from fieldcalib.cli.arguments import add_field_size, add_input_and_output, positive
-from fieldcalib.cli.folder import by_prior, calibrate_folder
+from fieldcalib.cli.folder import Found, by_prior, calibrate_folder
 from fieldcalib.cli.main import run_command
+from fieldcalib.cli.units import add_jobs
+from fieldcalib.fields.field import Field
 from fieldcalib.fields.segments import Line, ObjectSegments, Segment
 from fieldcalib.fields.soccer import soccer
 from fieldcalib.fields.stands import MAIN_CENTER, MAIN_LEFT, MAIN_RIGHT, CameraDistribution, focal_length_from_fov
@@ -391,25 +393,46 @@ def main(arguments: Sequence[str] | None = None) -> int:
     )
     parser.add_argument("--steps", type=int, default=STEPS, metavar="N", help=f"of the optimiser ({STEPS})")
     parser.add_argument("--tau", type=positive, metavar="T", help="reject frames whose loss is above, e.g. 0.019 (off)")
-    parser.set_defaults(run=_run)
+    add_jobs(parser)
+    parser.set_defaults(run=_run, command="baselines.tvcalib")
     return run_command(parser.parse_args(arguments))
 
 
 def _run(options: argparse.Namespace) -> int:
     field = soccer(options.field_length, options.field_width)
     types = read_camera_types(options.input) if options.initial_cameras == "stacked" else {}
+    method = _Method(field, options.size, options.steps, options.tau, options.initial_cameras == "argmin", types)
+    return calibrate_folder(options, field, method, more=types)
 
-    def distributions_of(id: str) -> tuple[str, ...]:
-        if options.initial_cameras == "argmin":
+
+@dataclass(frozen=True)
+class _Method:
+    """How annotated frames are calibrated."""
+
+    field: Field
+    image_size: tuple[int, int]
+    steps: int
+    tau: float | None
+    tries_all: bool
+    types: Mapping[str, str]
+    """Of the frames' cameras."""
+
+    def __call__(self, frames: dict[str, Pixels]) -> list[Found]:
+        return [Found(calibration) for calibration in by_prior(frames, self._distributions_of, self._calibrated)]
+
+    def _distributions_of(self, id: str) -> tuple[str, ...]:
+        if self.tries_all:
             return tuple(DISTRIBUTIONS)
-        known = DISTRIBUTIONS_OF_TYPE.get(types.get(id, ""), ())
+        known = DISTRIBUTIONS_OF_TYPE.get(self.types.get(id, ""), ())
         return known if set(known) <= set(DISTRIBUTIONS) and known else (MAIN_CENTER.name,)
 
-    def calibrate_part(frames: list[Pixels], distributions: tuple[str, ...]) -> list[Calibration]:
-        return calibrate(field, frames, options.size, steps=options.steps, tau=options.tau, distributions=distributions)
-
-    return calibrate_folder(options, field, lambda frames: by_prior(frames, distributions_of, calibrate_part))
+    def _calibrated(self, frames: list[Pixels], distributions: tuple[str, ...]) -> list[Calibration]:
+        return calibrate(
+            self.field, frames, self.image_size, steps=self.steps, tau=self.tau, distributions=distributions
+        )
 
 
 if __name__ == "__main__":
-    raise SystemExit(main())
+    from baselines.tvcalib import main as main_of_module  # other processes find its classes there
+
+    raise SystemExit(main_of_module())

@@ -8,7 +8,7 @@ import sys
 import numpy as np
 import pytest
 
-from fieldcalib.images.other_process import OtherProcess
+from fieldcalib.processes.other_process import OtherProcess
 
 
 @pytest.fixture
@@ -76,7 +76,7 @@ def test_it_ends_with_a_script_that_does_not_close_it(tmp_path):
     """Such a script needs no guard, and is not run again."""
     script = tmp_path / "script.py"
     script.write_text(
-        "import os\nfrom fieldcalib.images.other_process import OtherProcess\n"
+        "import os\nfrom fieldcalib.processes.other_process import OtherProcess\n"
         "other = OtherProcess()\nprint(other.run(os.getpid))\n"
     )
     environment = {**os.environ, "PYTHONPATH": os.pathsep.join(sys.path)}

@@ -16,7 +16,7 @@ from fieldcalib import Status, soccer
 from fieldcalib.assess.sequence import Basis
 from fieldcalib.calibrate.options import ALL, DEFAULT_FLAGS
 from fieldcalib.images.keyframes import KeyframeTracker
-from fieldcalib.images.other_process import OtherProcess
+from fieldcalib.processes.other_process import OtherProcess
 from fieldcalib.images.shot_solver import KeyframeOptions, Seen, ShotProblem, solve_shot
 from fieldcalib.images.tracker import LOST_FOR, Tracker
 

@@ -74,7 +74,7 @@ def add_input_and_output(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("input", nargs="+", type=Path, metavar="INPUT", help="a folder, a zip of one, or single files")
     parser.add_argument("--size", required=True, type=image_size, metavar="WxH", help="of the images, e.g. 960x540")
     parser.add_argument("--out", required=True, type=Path, metavar="DIR", help="where the results go")
-    parser.add_argument("--strict", action="store_true", help="stop at the first broken file, write nothing")
+    parser.add_argument("--strict", action="store_true", help="read all files first, and do nothing if one is broken")
     add_most_bytes(parser)
 
 

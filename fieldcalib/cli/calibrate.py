@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import argparse
 import sys
-from collections.abc import Sequence
+from collections.abc import Mapping
+from dataclasses import dataclass
 from typing import Any
 
 from fieldcalib.assess.result import Calibration
@@ -23,7 +24,9 @@ from fieldcalib.cli.arguments import (
     probability,
 )
 from fieldcalib.cli.declared import Placement, add_declarations
-from fieldcalib.cli.folder import FRAMES_AT_ONCE, by_prior, calibrate_folder
+from fieldcalib.cli.folder import Found, by_prior, calibrate_folder
+from fieldcalib.cli.units import add_jobs
+from fieldcalib.fields.field import Field
 from fieldcalib.io.files import BrokenFileError
 from fieldcalib.io.soccernet import CAMERA_TYPES, DISTRIBUTIONS_OF_TYPE, read_camera_types
 from fieldcalib.problem.labelled_pixels import Pixels
@@ -58,13 +61,16 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         metavar="P",
         help="reject cameras that are less probably right to 1 m everywhere in view (off)",
     )
-    parser.set_defaults(run=run)
+    add_jobs(parser)
+    parser.set_defaults(run=run, command="calibrate")
 
 
 def run(options: argparse.Namespace) -> int:
     """Calibrate; returns the exit code."""
     if options.free_field_size == SHARED and options.prior == STACKED:
         raise ValueError(f"--prior {STACKED} goes with --free-field-size each: {SHARED} has one prior for all frames")
+    if options.free_field_size == SHARED and options.shard is not None:
+        raise ValueError(f"--free-field-size {SHARED} is of all frames together: leave --shard out")
     if options.free_field_size is not None and options.field_size == KNOWN:
         raise ValueError(f"--field-size {KNOWN} leaves nothing to --free-field-size: give one of them")
     try:
@@ -73,36 +79,64 @@ def run(options: argparse.Namespace) -> int:
         raise ValueError(f"--size {error}") from None
     field = field_of(options)
     types = read_camera_types(options.input) if options.prior == STACKED else {}
+    method = _Method(
+        field,
+        placement,
+        None if options.prior == STACKED else prior_of(options),
+        types if options.prior == STACKED else None,
+        LENSES[options.lens],
+        options.tau,
+        options.least_probability,
+        options.free_field_size,
+    )
+    return calibrate_folder(options, field, method, at_once=SEE_ONE_PITCH.get(options.free_field_size), more=types)
 
-    def prior_of_frame(id: str) -> Prior:
-        if options.prior == STACKED:
-            return DISTRIBUTIONS_OF_TYPE.get(types.get(id, ""), ALL)
-        return prior_of(options)
 
-    how = {"flags": LENSES[options.lens], "tau": options.tau}
-    details: dict[str, dict[str, Any]] = {}
+@dataclass(frozen=True)
+class _Method:
+    """How labelled pixels of pictures are calibrated."""
 
-    def calibrate_part(frames: list[Pixels], prior: Prior) -> list[Calibration]:
-        return calibrate_batch(field, frames, placement.frame_size, prior=prior, **how)
+    field: Field
+    placement: Placement
+    prior: Prior
+    types: Mapping[str, str] | None
+    """Of the frames' cameras, where these say the prior."""
+    flags: int
+    tau: float | None
+    least_probability: float | None
+    free_field_size: str | None
 
-    def on_free_field(frames: dict[str, Pixels]) -> Sequence[Calibration]:
-        (prior,) = {prior_of_frame(id) for id in frames}
-        found = estimate_field_size(field, list(frames.values()), placement.frame_size, prior=prior, **how)
-        details.update(dict.fromkeys(frames, _of_field_size(found)))
-        if options.free_field_size == SHARED:
-            print(found)
-        return found.calibrations
+    def __call__(self, pictures: dict[str, Pixels]) -> list[Found]:
+        frames = {id: self.placement.to_frame(pixels) for id, pixels in pictures.items()}
+        if self.free_field_size is not None:
+            return self._on_free_field(frames)
+        return [Found(self._of_picture(found)) for found in by_prior(frames, self._prior_of, self._calibrated)]
 
-    def method(pictures: dict[str, Pixels]) -> Sequence[Calibration]:
-        frames = {id: placement.to_frame(pixels) for id, pixels in pictures.items()}
-        free = options.free_field_size is not None
-        found = on_free_field(frames) if free else by_prior(frames, prior_of_frame, calibrate_part)
-        if options.least_probability is not None:
-            found = [calibration.doubted(options.least_probability) for calibration in found]
-        return [placement.from_frame(calibration) for calibration in found]
+    def _prior_of(self, id: str) -> Prior:
+        return self.prior if self.types is None else DISTRIBUTIONS_OF_TYPE.get(self.types.get(id, ""), ALL)
 
-    at_once = SEE_ONE_PITCH.get(options.free_field_size, FRAMES_AT_ONCE)
-    return calibrate_folder(options, field, method, at_once=at_once, details=details)
+    def _calibrated(self, frames: list[Pixels], prior: Prior) -> list[Calibration]:
+        return calibrate_batch(
+            self.field, frames, self.placement.frame_size, prior=prior, flags=self.flags, tau=self.tau
+        )
+
+    def _on_free_field(self, frames: dict[str, Pixels]) -> list[Found]:
+        (prior,) = {self._prior_of(id) for id in frames}
+        size = self.placement.frame_size
+        found = estimate_field_size(
+            self.field, list(frames.values()), size, prior=prior, flags=self.flags, tau=self.tau
+        )
+        said = str(found) if self.free_field_size == SHARED else ""
+        details = _of_field_size(found)
+        return [
+            Found(self._of_picture(one), details, said=said if index == 0 else "")
+            for index, one in enumerate(found.calibrations)
+        ]
+
+    def _of_picture(self, calibration: Calibration) -> Calibration:
+        if self.least_probability is not None:
+            calibration = calibration.doubted(self.least_probability)
+        return self.placement.from_frame(calibration)
 
 
 def _of_field_size(found: FieldSize) -> dict[str, Any]:

@@ -7,7 +7,8 @@ import json
 import sys
 import time
 from collections.abc import Callable, Iterator
-from contextlib import ExitStack
+from dataclasses import replace
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -17,20 +18,30 @@ from fieldcalib.assess.sequence import SequenceCalibration
 from fieldcalib.assess.video import VideoCalibration
 from fieldcalib.cli.arguments import LENSES, field_of, prior_of
 from fieldcalib.cli.declared import Placement
-from fieldcalib.cli.folder import broken_line, calibration_line, name_skipped, result_folder
-from fieldcalib.cli.frames import Frame, checked_frames, load_network, read_image, say_note
+from fieldcalib.cli.folder import name_skipped
+from fieldcalib.cli.frames import Frame, ReadImage, checked_frames, load_network, lost, say_note
+from fieldcalib.cli.results import (
+    MOTION,
+    OVERLAY,
+    PART_OF_CLIP,
+    SUMMARY,
+    TRIPODS,
+    WORST,
+    Outcome,
+    calibration_line,
+    result_folder,
+)
+from fieldcalib.cli.run_record import RunRecord
 from fieldcalib.draw.clip_plot import plot_sequence
 from fieldcalib.draw.contact_sheet import contact_sheet, worst_frames
 from fieldcalib.draw.overlays import draw_calibration
-from fieldcalib.images.from_video import calibrate_video
+from fieldcalib.images.from_video import PART, calibrate_video
 from fieldcalib.io.clips import OneSize, in_order
-from fieldcalib.io.files import write_text
-from fieldcalib.io.formats import IMAGES, VIDEOS
+from fieldcalib.io.files import FrameFile, parse_json_object, read_regular_file, write_text
+from fieldcalib.io.formats import CAMERAS, IMAGES, VIDEOS
 from fieldcalib.io.image import Image
 from fieldcalib.io.images import write_image
 
-MOTION, WORST, TRIPODS = "motion.png", "worst_frames.jpg", "tripods.json"
-OF_CLIPS = (MOTION, WORST, TRIPODS)  # files that only clips have
 IN_SHEET = 12  # frames
 USUAL_RATE = 25.0  # frames per second of the overlay of images
 PASSES = ("matching", "finding lines", "drawing")  # what the frames are read for
@@ -55,13 +66,15 @@ class ClipInput:
         self.frames_per_second = USUAL_RATE
         self._passes = iter(PASSES)
         self._files = None
+        self.files = [FrameFile(options.input[0].stem, options.input[0])]
+        """What they are read from."""
         if VIDEOS.recognises(options.input[0]):
             with VIDEOS.read(options.input[0], options.most_pixels) as video:
                 next(checked_frames(options.input[0], video, place))  # before anything is written
         else:
             files = IMAGES.find(options.input)
             name_skipped(options.input, files)
-            self._files = in_order(files)
+            self._files = self.files = in_order(files)
 
     def __iter__(self) -> Iterator[Image]:
         """The images that can be read, as parts of their frames."""
@@ -95,14 +108,42 @@ class ClipInput:
 
     def _from_files(self) -> Iterator[Frame]:
         one_size = OneSize()
+        read = ReadImage(self.options.most_bytes, self.options.most_pixels, self.place)
         for file in self._files or ():
             if file.id in self.broken:
-                yield Frame(file.id, None, self.broken[file.id])
+                yield Frame(file.id, None, self.broken[file.id], file.path)
                 continue
-            frame = read_image(file, self.options.most_bytes, self.options.most_pixels, self.place)
-            if frame.image is not None:
+            frame = read(file)
+            if frame.image is None:
+                print(f"fieldcalib: {frame.path}: {frame.problem}", file=sys.stderr)
+            else:
                 one_size.check(file, frame.image)
             yield frame
+
+
+class KeptParts:
+    """Calibrations of parts of a clip, each in a file, for a run that goes on."""
+
+    def __init__(self, out: Path) -> None:
+        self._out = out
+
+    def _path(self, index: int) -> Path:
+        return self._out / f"{PART_OF_CLIP}{index:04d}.json"
+
+    def get(self, index: int) -> VideoCalibration | None:
+        """That of a part, None if it is not calibrated yet."""
+        path = self._path(index)
+        if not path.exists():
+            return None
+        return VideoCalibration.from_dict(parse_json_object(read_regular_file(path, most_bytes=np.inf), "a part"))
+
+    def __setitem__(self, index: int, part: VideoCalibration) -> None:
+        write_text(self._path(index), json.dumps(part.to_dict()))
+
+    def remove(self) -> None:
+        """Remove the files."""
+        for path in self._out.glob(f"{PART_OF_CLIP}*"):
+            path.unlink()
 
 
 def run_clip(options: argparse.Namespace, place: Callable[[Image], Placement]) -> int:
@@ -111,39 +152,54 @@ def run_clip(options: argparse.Namespace, place: Callable[[Image], Placement]) -
         raise ValueError("expected one video, or images and folders of them, got a video and more: run them one by one")
     if not options.refine:
         raise ValueError("--clip calibrates frames together from the lines in them: leave --no-refinement out")
+    if options.shard is not None:
+        raise ValueError("--shard is of images that are calibrated one by one: give every machine some of the clips")
     began = time.perf_counter()
     field, network = field_of(options), load_network(options)
     clip = ClipInput(options, place)
-    with result_folder(options, began, lambda c: options.keep_rejected or bool(c)) as results:
+    record = RunRecord.of(options, clip.files, unit=PART, writes=[CAMERAS.file_name("<id>")])
+    with result_folder(options, record, began) as results:
+        if (options.out / SUMMARY).exists():
+            return results.exit_code
+        parts = KeptParts(options.out)
         found = calibrate_video(
-            field, clip, network, flags=LENSES[options.lens], prior=prior_of(options), camera=options.camera
+            field,
+            clip,
+            network,
+            flags=LENSES[options.lens],
+            prior=prior_of(options),
+            camera=options.camera,
+            parts=parts,
         )
         results.calibrating = time.perf_counter() - began
         calibrations, basis = list(found), found.basis
         worst = worst_frames(calibrations, IN_SHEET)
         pictures: dict[int, Image] = {}
-        readable = 0
-        with ExitStack() as stack:
-            video = stack.enter_context(VIDEOS.write(options.out / VIDEOS.file_name("overlay"), clip.frames_per_second))
-            for frame in clip.frames():
+        readable, done = 0, results.done
+        with VIDEOS.write(options.out / OVERLAY, clip.frames_per_second) as video:
+            for index, frame in enumerate(clip.frames()):
                 if frame.image is None:
-                    results.add(broken_line(frame.id, frame.problem), None)
+                    if index >= done:  # what is wrong with it was said when it was read first
+                        results.add(replace(lost(frame, frame.problem), complaint=""))
                     continue
                 calibration = place(frame.image).from_frame(calibrations[readable])
-                line = calibration_line(frame.id, calibration, None) | {"basis": str(basis[readable])}
-                results.add(line, calibration)
+                if index >= done:
+                    line = calibration_line(frame.id, calibration, None) | {"basis": str(basis[readable])}
+                    keeps = options.keep_rejected or bool(calibration)
+                    results.add(Outcome.of(frame.id, calibration, line, keeps=keeps))
                 picture = draw_calibration(frame.image, calibration, calibration.field or field)
                 video.write(picture)
                 if readable in worst:
                     pictures[readable] = picture
                 readable += 1
-        say_note(options.out / VIDEOS.file_name("overlay"), video)
+        say_note(options.out / OVERLAY, video)
         write_text(options.out / TRIPODS, json.dumps(_tripods(found), indent=2) + "\n")
         if pictures:
             write_image(options.out / MOTION, plot_sequence(found, frames_per_second=clip.frames_per_second))
             ids = [id for id in clip.ids if id not in clip.broken]
             captions = [_caption(ids[index], calibrations[index]) for index in worst]
             write_image(options.out / WORST, contact_sheet([pictures[index] for index in worst], captions))
+        parts.remove()
     return 1 if clip.broken or clip.loss else 0
 
 

@@ -7,13 +7,14 @@ import sys
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
-from functools import partial
+from functools import lru_cache
 from pathlib import Path
-from typing import TypeVar
 
 from fieldcalib.cli.arguments import add_most_bytes, count, millions
 from fieldcalib.cli.folder import name_skipped, problem
 from fieldcalib.cli.interrupts import interrupts_end_the_process
+from fieldcalib.cli.results import Outcome
+from fieldcalib.cli.waiting import waiting_for
 from fieldcalib.io.files import BrokenFileError, FrameFile
 from fieldcalib.io.formats import IMAGES, VIDEOS
 from fieldcalib.io.image import Image
@@ -24,8 +25,6 @@ from fieldcalib.localize.network import CPU
 
 MOST_BYTES = 256_000_000  # of an image file
 
-Item = TypeVar("Item")
-
 
 @dataclass(frozen=True)
 class Frame:
@@ -34,32 +33,60 @@ class Frame:
     id: str
     image: Image | None
     problem: str = ""
+    path: Path | str = ""
+    """Of its file, for messages."""
+    is_of_video: bool = False
+    line: str = ""
+    """What is written of it already, if anything."""
 
 
 @dataclass(frozen=True)
 class Source:
     """Frames to be read one after the other."""
 
-    frames: Iterable[Frame]
+    files: Sequence[FrameFile]
+    """Of images, or that of a video."""
     count: int
     """How many there are, of a video as its file says."""
+    frames: Iterable[Frame] = ()
+    """Of a video; images are read from their files where they are worked on."""
     frames_per_second: float | None = None
     """Of a video."""
     loss: Callable[[], str] = lambda: ""
     """What to say if some of them are not among `frames`, to be asked at the end."""
 
 
+@dataclass(frozen=True)
+class ReadImage:
+    """Reads an image, whose `check` may raise a BrokenFileError; those of a video are read already."""
+
+    most_bytes: float = MOST_BYTES
+    most_pixels: float = MOST_PIXELS
+    check: Callable[[Image], object] | None = None
+
+    def __call__(self, item: FrameFile | Frame) -> Frame:
+        """The image, or what is wrong with it."""
+        if isinstance(item, Frame):
+            return item
+        try:
+            with waiting_for(item.path):
+                content = item.read(self.most_bytes)
+            image = IMAGES.read(content, self.most_pixels)
+            if self.check is not None:
+                self.check(image)
+            return Frame(item.id, image, path=item.path)
+        except (BrokenFileError, MemoryError) as error:
+            return Frame(item.id, None, problem(error), item.path)
+
+
 @contextmanager
 def opened(
     inputs: Sequence[Path],
-    most_bytes: float = MOST_BYTES,
     most_pixels: float = MOST_PIXELS,
     *,
     check: Callable[[Image], object] = lambda image: None,
 ) -> Iterator[Source]:
-    """The frames of images, folders and zips of them, or of one video, whose ids are six-digit numbers from 0.
-
-    An image that `check` raises a BrokenFileError for is broken.
+    """The files of images, in folders and zips too, or the frames of one video, whose ids are numbers of six digits.
 
     Raises
     ------
@@ -71,15 +98,15 @@ def opened(
     if not any(map(VIDEOS.recognises, inputs)):
         files = IMAGES.find(inputs)
         name_skipped(inputs, files)
-        read = partial(read_image, most_bytes=most_bytes, most_pixels=most_pixels, check=check)
-        yield Source(map(read, files), len(files))
+        yield Source(files, len(files))
         return
     if len(inputs) > 1:
         raise ValueError("expected one video, or images and folders of them, got a video and more: run them one by one")
     with VIDEOS.read(inputs[0], most_pixels) as video:
         images = checked_frames(inputs[0], video, check)
-        frames = (Frame(f"{index:06d}", image) for index, image in enumerate(images))
-        yield Source(frames, video.count, video.frames_per_second, video.loss)
+        frames = (Frame(f"{index:06d}", image, path=inputs[0], is_of_video=True) for index, image in enumerate(images))
+        file = FrameFile(inputs[0].stem, inputs[0])
+        yield Source([file], video.count, frames, video.frames_per_second, video.loss)
 
 
 def checked_frames(path: Path, images: Iterable[Image], check: Callable[[Image], object]) -> Iterator[Image]:
@@ -92,23 +119,17 @@ def checked_frames(path: Path, images: Iterable[Image], check: Callable[[Image],
         raise BrokenFileError(f"{path}: {error}") from None
 
 
-def read_image(file: FrameFile, most_bytes: float, most_pixels: float, check: Callable[[Image], object]) -> Frame:
-    """An image; what is wrong with it is said on stderr too."""
-    try:
-        image = IMAGES.read(file.read(most_bytes), most_pixels)
-        check(image)
-        return Frame(file.id, image)
-    except (BrokenFileError, MemoryError) as error:
-        print(f"fieldcalib: {file.path}: {problem(error)}", file=sys.stderr)
-        return Frame(file.id, None, problem(error))
-
-
 def frames_lost(source: Source) -> bool:
     """Whether frames were lost that the input announced; it is said on stderr."""
     loss = source.loss()
     if loss:
         print(f"fieldcalib: {loss}", file=sys.stderr)
     return bool(loss)
+
+
+def lost(item: FrameFile | Frame, what: str) -> Outcome:
+    """What is written of a frame that is broken."""
+    return Outcome.broken(item.id, item.path, what)
 
 
 def say_note(path: Path, video: VideoWriter) -> None:
@@ -154,6 +175,16 @@ def add_refinement(parser: argparse.ArgumentParser) -> None:
         action="store_false",
         help="do not look for the white lines in the image: quicker, and less exact",
     )
+
+
+def network_in_process(options: argparse.Namespace) -> SegmentationNetwork:
+    """The network of one of several processes, with one thread; it is loaded once."""
+    return _loaded(options.model, options.provider)
+
+
+@lru_cache(maxsize=1)
+def _loaded(model: Path | None, provider: str) -> SegmentationNetwork:
+    return SegmentationNetwork.load(model, provider=provider, threads=1)
 
 
 def load_network(options: argparse.Namespace) -> SegmentationNetwork:

@@ -1,4 +1,4 @@
-"""Interrupts (Ctrl-C) while there is nothing to tidy up."""
+"""Interrupts (Ctrl-C), while there is nothing to tidy up and while there is, and requests to end (SIGTERM)."""
 
 from __future__ import annotations
 
@@ -6,6 +6,31 @@ import signal
 import threading
 from collections.abc import Iterator
 from contextlib import contextmanager
+
+
+class Terminated(KeyboardInterrupt):
+    """Somebody has asked the process to end, as `kill`, a scheduler or a shutdown does."""
+
+
+@contextmanager
+def requests_to_end_interrupt() -> Iterator[None]:
+    """SIGTERM raises `Terminated`, so that everything is tidied up as after Ctrl-C.
+
+    Nothing changes where it is ignored or handled by somebody else, or in another thread than the main one.
+    """
+    is_main = threading.current_thread() is threading.main_thread()
+    if not is_main or signal.getsignal(signal.SIGTERM) is not signal.SIG_DFL:
+        yield
+        return
+    signal.signal(signal.SIGTERM, _terminate)
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGTERM, signal.SIG_DFL)
+
+
+def _terminate(*_: object) -> None:
+    raise Terminated
 
 
 @contextmanager

@@ -3,16 +3,37 @@
 from __future__ import annotations
 
 import argparse
-import sys
+import json
+import time
+from collections.abc import Sequence
+from dataclasses import dataclass
 from pathlib import Path
 
-from fieldcalib.cli.frames import add_limits, add_network, load_network, opened, pixels_of
+import fieldcalib
+from fieldcalib.cli.frames import (
+    Frame,
+    ReadImage,
+    add_limits,
+    add_network,
+    load_network,
+    lost,
+    network_in_process,
+    opened,
+    pixels_of,
+)
+from fieldcalib.cli.results import LOCALIZED, SUMMARY, Outcome, run_folder
+from fieldcalib.cli.run_record import RunRecord, recorded
+from fieldcalib.cli.units import Made, add_jobs, work
 from fieldcalib.fields.soccer import soccer
-from fieldcalib.io.files import write_text
+from fieldcalib.io.files import FrameFile, write_text
 from fieldcalib.io.formats import ANNOTATIONS, VIDEOS
+from fieldcalib.io.image import Image
 from fieldcalib.io.images import IMAGES_AT_ONCE, in_parts
-from fieldcalib.io.output_folder import output_folder
-from fieldcalib.localize import localize
+from fieldcalib.io.line_log import whole_lines
+from fieldcalib.io.results import BROKEN
+from fieldcalib.localize import Localization, Network, localize
+
+LOCALIZED_STATUS = "localized"
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -25,36 +46,71 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--out", required=True, type=Path, metavar="DIR", help="where the annotations go")
     add_network(parser)
     add_limits(parser)
-    parser.set_defaults(run=run)
+    add_jobs(parser)
+    parser.set_defaults(run=run, command="localize")
 
 
 def run(options: argparse.Namespace) -> int:
     """Localize; returns the exit code."""
-    from tqdm import tqdm
-
+    began = time.perf_counter()
     if any(map(VIDEOS.recognises, options.input)):
         raise ValueError("expected images: fieldcalib run takes videos")
-    field, network = soccer(), load_network(options)
-    segments = broken = 0
-    with (
-        opened(options.input, options.most_bytes, options.most_pixels) as source,
-        output_folder(options.out),
-        tqdm(total=source.count, unit="frame", disable=None) as progress,
-    ):
-        for part in in_parts(source.frames, IMAGES_AT_ONCE, pixels_of):
-            read = [(frame.id, frame.image) for frame in part if frame.image is not None]
-            broken += len(part) - len(read)
-            found = localize(field, [image for _, image in read], network)
-            for (id, image), one in zip(read, found, strict=True):
-                try:
-                    annotation = ANNOTATIONS.write(one.pixels, (image.shape[1], image.shape[0]))
-                except ValueError as error:
-                    print(f"fieldcalib: {id}: {error}", file=sys.stderr)
-                    broken += 1
-                    continue
-                write_text(options.out / ANNOTATIONS.file_name(id), annotation + "\n")
-                segments += len(one.pixels)
-            progress.update(len(part))
-    frames = source.count - broken
+    function = FromImages(options, load_network(options))
+    with opened(options.input, options.most_pixels) as source:
+        record = RunRecord.of(options, source.files, unit=IMAGES_AT_ONCE, writes=[ANNOTATIONS.file_name("<id>")])
+        with run_folder(options, record, LOCALIZED) as results:
+            work(options, results, source.files, IMAGES_AT_ONCE, function, lost, source.count)
+            segments = sum(json.loads(line).get("segments", 0) for line in whole_lines(options.out / LOCALIZED))
+            broken = results.statuses[BROKEN]
+            summary = {
+                "frames": results.done,
+                "annotations": results.done - broken,
+                "segments": segments,
+                "seconds": {"total": time.perf_counter() - began},
+                "options": recorded(options),
+                "version": fieldcalib.__version__,
+            }
+            if not (options.out / SUMMARY).exists():  # of a run that was finished before
+                write_text(options.out / SUMMARY, json.dumps(summary, indent=2) + "\n")
+    frames = results.done - broken
     print(f"{segments / max(frames, 1):.1f} segments a frame in {frames} frames in {options.out}")
-    return 1 if broken else 0
+    return results.exit_code
+
+
+@dataclass(frozen=True)
+class FromImages:
+    """The annotations of some images."""
+
+    options: argparse.Namespace
+    network: Network
+    """Other processes load their own."""
+
+    def __reduce__(self) -> tuple[object, ...]:
+        return _in_process, (self.options,)
+
+    def __call__(self, files: tuple[FrameFile, ...]) -> Made:
+        """Read the images and find the markings."""
+        read = ReadImage(self.options.most_bytes, self.options.most_pixels)
+        parts = in_parts(map(read, files), IMAGES_AT_ONCE, pixels_of)
+        return Made([outcome for part in parts for outcome in self._of_part(part)])
+
+    def _of_part(self, frames: Sequence[Frame]) -> list[Outcome]:
+        images = [frame.image for frame in frames if frame.image is not None]
+        found = iter(localize(soccer(), images, self.network))
+        return [
+            lost(frame, frame.problem) if frame.image is None else self._outcome(frame, frame.image, next(found))
+            for frame in frames
+        ]
+
+    def _outcome(self, frame: Frame, image: Image, found: Localization) -> Outcome:
+        try:
+            annotation = ANNOTATIONS.write(found.pixels, (image.shape[1], image.shape[0])) + "\n"
+        except ValueError as error:
+            return lost(frame, str(error))
+        line = {"id": frame.id, "status": LOCALIZED_STATUS, "message": "", "segments": len(found.pixels)}
+        files = {ANNOTATIONS.file_name(frame.id): annotation.encode()}
+        return Outcome(frame.id, json.dumps(line), LOCALIZED_STATUS, files=files)
+
+
+def _in_process(options: argparse.Namespace) -> FromImages:
+    return FromImages(options, network_in_process(options))

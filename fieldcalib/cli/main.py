@@ -12,7 +12,8 @@ from collections.abc import Callable, Sequence
 from functools import partial
 from typing import TYPE_CHECKING
 
-from fieldcalib.cli.interrupts import interrupts_end_the_process
+from fieldcalib.cli.interrupts import Terminated, interrupts_end_the_process, requests_to_end_interrupt
+from fieldcalib.processes.threads import one_thread_for_blas
 
 if TYPE_CHECKING:
     import argparse
@@ -29,6 +30,7 @@ def run_command(options: argparse.Namespace) -> int:
 
 
 def _run(arguments: Sequence[str] | None) -> int:
+    one_thread_for_blas()
     given = sys.argv[1:] if arguments is None else arguments
     with interrupts_end_the_process():
         from fieldcalib.cli.commands import command_parser
@@ -44,12 +46,16 @@ def _exit_code(work: Callable[[], int]) -> int:
         if isinstance(stream, io.TextIOWrapper):
             stream.reconfigure(errors="backslashreplace")  # a terminal without "±" is no reason to fail after the work
     try:
-        code = int(work())
+        with requests_to_end_interrupt():
+            code = int(work())
         sys.stdout.flush()
         return code
     except BrokenPipeError:  # whoever reads has seen enough
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return 1
+    except Terminated:
+        print("fieldcalib: terminated, nothing more is written", file=sys.stderr)
+        return 143
     except KeyboardInterrupt:
         print("fieldcalib: interrupted, nothing more is written", file=sys.stderr)
         return 130

@@ -3,36 +3,46 @@
 from __future__ import annotations
 
 import argparse
+import json
 import math
 import time
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 from functools import partial
+from itertools import islice
 from pathlib import Path
-from typing import TypeAlias
 
 from fieldcalib.assess.result import Calibration
 from fieldcalib.cli.arguments import LENSES, add_camera, add_field, field_of, prior_of
-from fieldcalib.cli.clips import OF_CLIPS, is_clip, run_clip
+from fieldcalib.cli.clips import is_clip, run_clip
 from fieldcalib.cli.declared import Placement, add_declarations
-from fieldcalib.cli.folder import broken_line, calibration_line, result_folder
 from fieldcalib.cli.frames import (
     Frame,
+    ReadImage,
+    Source,
     add_limits,
     add_network,
     add_refinement,
     frames_lost,
     load_network,
+    lost,
+    network_in_process,
     opened,
     say_note,
 )
+from fieldcalib.cli.results import OVERLAY, Outcome, Results, calibration_line, result_folder
+from fieldcalib.cli.run_record import RunRecord
+from fieldcalib.cli.units import Made, add_jobs, work
 from fieldcalib.draw.overlays import draw_calibration
+from fieldcalib.fields.field import Field
 from fieldcalib.images.from_images import calibrate_from_images
-from fieldcalib.io.formats import OVERLAYS, VIDEOS
+from fieldcalib.io.files import FrameFile
+from fieldcalib.io.formats import CAMERAS, OVERLAYS, VIDEOS
 from fieldcalib.io.image import Image
-from fieldcalib.io.images import IMAGES_AT_ONCE, check_pixels, in_parts, write_image
-
-Write: TypeAlias = Callable[[str, Image], None]
+from fieldcalib.io.images import IMAGES_AT_ONCE, check_pixels, in_parts
+from fieldcalib.io.line_log import whole_lines
+from fieldcalib.io.results import LINES
+from fieldcalib.localize import Network
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -73,70 +83,112 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--keep-rejected", action="store_true", help="write the best camera of every frame, whatever the verdict says"
     )
     add_limits(parser)
-    parser.set_defaults(run=run)
+    add_jobs(parser)
+    parser.set_defaults(run=run, command="run")
 
 
 def run(options: argparse.Namespace) -> int:
     """Calibrate; returns the exit code."""
-    from tqdm import tqdm
-
     began = time.perf_counter()
     if options.camera != "tripod" and not is_clip(options):
         raise ValueError("--camera is of clips: give a video, or images with --clip, without --independent")
+    place = partial(placed, options)
     if is_clip(options):
-        return run_clip(options, partial(_place, options))
-    field, network = field_of(options), load_network(options)
-    how = {"flags": LENSES[options.lens], "prior": prior_of(options), "refine": options.refine}
-
-    place = partial(_place, options)
-
-    def pixels_in_frame(frame: Frame) -> int:
-        return 0 if frame.image is None else math.prod(place(frame.image).frame_size)
-
-    def keeps(calibration: Calibration) -> bool:
-        return options.keep_rejected or bool(calibration)
-
-    broken = False
-    with (
-        opened(options.input, options.most_bytes, options.most_pixels, check=place) as source,
-        result_folder(options, began, keeps) as results,
-        overlays(options.out, source.frames_per_second) as write_overlay,
-        tqdm(total=source.count, unit="frame", disable=None) as progress,
-    ):
-        for name in OF_CLIPS:  # of an earlier run
-            (options.out / name).unlink(missing_ok=True)
-        for part in in_parts(source.frames, IMAGES_AT_ONCE, pixels_in_frame):
-            images = [place(frame.image).image_in_frame(frame.image) for frame in part if frame.image is not None]
-            start = time.perf_counter()
-            calibrations = iter(calibrate_from_images(field, images, network, **how))
-            results.calibrating += time.perf_counter() - start
-            for frame in part:
-                if frame.image is None:
-                    results.add(broken_line(frame.id, frame.problem), None)
-                    broken = True
-                    continue
-                calibration = place(frame.image).from_frame(next(calibrations))
-                results.add(calibration_line(frame.id, calibration, None), calibration)
-                write_overlay(frame.id, draw_calibration(frame.image, calibration, field))
-            progress.update(len(part))
-        broken |= frames_lost(source)
-    return 1 if broken else 0
+        return run_clip(options, place)
+    function = FromImages(options, load_network(options))
+    with opened(options.input, options.most_pixels, check=place) as source:
+        if source.frames_per_second is not None and options.shard is not None:
+            raise ValueError("--shard is of images: give every machine some of the videos")
+        writes = [form.file_name("<id>") for form in (CAMERAS, OVERLAYS)]
+        record = RunRecord.of(options, source.files, unit=IMAGES_AT_ONCE, writes=writes)
+        with result_folder(options, record, began) as results:
+            if source.frames_per_second is None:
+                work(options, results, source.files, IMAGES_AT_ONCE, function, lost, source.count)
+            else:
+                _run_video(options, results, source, source.frames_per_second, function)
+        is_cut = frames_lost(source)
+    return 1 if is_cut else results.exit_code
 
 
-def _place(options: argparse.Namespace, image: Image) -> Placement:
+def _run_video(
+    options: argparse.Namespace, results: Results, source: Source, rate: float, function: FromImages
+) -> None:
+    """Calibrate each frame by itself. The overlay has all frames: those that are written already are drawn again."""
+    lines = islice(whole_lines(options.out / LINES), results.done)
+    frames = (replace(frame, line=next(lines, b"").decode()) for frame in source.frames)
+    path = options.out / OVERLAY
+
+    with VIDEOS.write(path, rate) as video:
+
+        def write(outcome: Outcome) -> None:
+            if not outcome.is_written:
+                results.add(outcome)
+            if outcome.picture is not None:
+                video.write(outcome.picture)
+
+        work(options, results, frames, IMAGES_AT_ONCE, function, lost, source.count, write)
+    say_note(path, video)
+
+
+@dataclass(frozen=True)
+class FromImages:
+    """What is written of some images."""
+
+    options: argparse.Namespace
+    network: Network
+    """Other processes load their own."""
+
+    def __reduce__(self) -> tuple[object, ...]:
+        return _in_process, (self.options,)
+
+    def __call__(self, items: tuple[FrameFile | Frame, ...]) -> Made:
+        """Read the images and calibrate."""
+        place = partial(placed, self.options)
+        read = ReadImage(self.options.most_bytes, self.options.most_pixels, place)
+
+        def pixels_in_frame(frame: Frame) -> int:
+            return 0 if frame.image is None else math.prod(place(frame.image).frame_size)
+
+        parts = [self._of_part(part) for part in in_parts(map(read, items), IMAGES_AT_ONCE, pixels_in_frame)]
+        return Made([outcome for part in parts for outcome in part.outcomes], sum(part.seconds for part in parts))
+
+    def _of_part(self, frames: Sequence[Frame]) -> Made:
+        options, field = self.options, field_of(self.options)
+        start = time.perf_counter()
+        if all(frame.line for frame in frames):
+            calibrations = [Calibration.from_dict(json.loads(frame.line)) for frame in frames]
+        else:
+            seen = [(frame.image, placed(options, frame.image)) for frame in frames if frame.image is not None]
+            images = [placement.image_in_frame(image) for image, placement in seen]
+            how = {"flags": LENSES[options.lens], "prior": prior_of(options), "refine": options.refine}
+            found = calibrate_from_images(field, images, self.network, **how)
+            calibrations = [placement.from_frame(one) for one, (_, placement) in zip(found, seen, strict=True)]
+        seconds = time.perf_counter() - start
+        rest = iter(calibrations)
+        outcomes = [
+            lost(frame, frame.problem) if frame.image is None else self._outcome(frame, frame.image, next(rest), field)
+            for frame in frames
+        ]
+        return Made(outcomes, seconds)
+
+    def _outcome(self, frame: Frame, image: Image, calibration: Calibration, field: Field) -> Outcome:
+        picture = draw_calibration(image, calibration, field)
+        if frame.line:
+            return Outcome(frame.id, frame.line, str(calibration.status), picture=picture, is_written=True)
+        keeps = self.options.keep_rejected or bool(calibration)
+        line = calibration_line(frame.id, calibration, None)
+        if frame.is_of_video:
+            return Outcome.of(frame.id, calibration, line, keeps=keeps, picture=picture)
+        files = {OVERLAYS.file_name(frame.id): OVERLAYS.write(picture)}
+        return Outcome.of(frame.id, calibration, line, keeps=keeps, files=files)
+
+
+def _in_process(options: argparse.Namespace) -> FromImages:
+    return FromImages(options, network_in_process(options))
+
+
+def placed(options: argparse.Namespace, image: Image) -> Placement:
     """Where an image lies in its frame."""
     placement = Placement.declared(options, (image.shape[1], image.shape[0]))
     check_pixels(placement.frame_size, options.most_pixels)
     return placement
-
-
-@contextmanager
-def overlays(out: Path, frames_per_second: float | None) -> Iterator[Write]:
-    """Writes pictures by the ids of their frames: of a video, into one, otherwise each on its own."""
-    if frames_per_second is None:
-        yield lambda id, picture: write_image(out / OVERLAYS.file_name(id), picture)
-        return
-    path = out / VIDEOS.file_name("overlay")
-    with VIDEOS.write(path, frames_per_second) as video:
-        yield lambda id, picture: video.write(picture)
-    say_note(path, video)

@@ -14,7 +14,7 @@ import warnings
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import AbstractContextManager
 from itertools import islice
-from typing import Literal
+from typing import Literal, Protocol
 
 from fieldcalib.assess.video import VideoCalibration
 from fieldcalib.calibrate.options import ALL, DEFAULT_FLAGS, Prior
@@ -37,6 +37,15 @@ SHARED_BY: dict[Mount, tuple[str, ...]] = {"tripod": SHARED, "moving": SHARED_IN
 PART = 3000  # frames, two minutes, after which the video is cut at a keyframe
 
 
+class Parts(Protocol):
+    """Calibrations of parts of a video by their number: a dict, or what keeps them elsewhere."""
+
+    def get(self, index: int, /) -> VideoCalibration | None:
+        """That of a part, None if it is not calibrated yet."""
+
+    def __setitem__(self, index: int, part: VideoCalibration, /) -> None: ...
+
+
 def calibrate_video(
     object_segments: ObjectSegments,
     source: str | os.PathLike[str] | Iterable[Image],
@@ -46,6 +55,7 @@ def calibrate_video(
     prior: Prior = ALL,
     every: int = EVERY,
     camera: Mount = "tripod",
+    parts: Parts | None = None,
 ) -> VideoCalibration:
     """Calibrate the frames of a video together.
 
@@ -70,6 +80,9 @@ def calibrate_video(
     camera : {"tripod", "moving"}
         What takes the video. A camera that moves, a drone, one on wires, a hand, has a smooth path instead of one
         place, and its frames are tied by the ground alone; each of its shots is calibrated by itself.
+    parts : mapping of int to VideoCalibration, optional
+        Calibrations of parts of the video (`PART` frames) by their number, e.g. of an earlier call that was
+        interrupted: these are not calibrated again, and the others are added when they are done.
 
     Returns
     -------
@@ -88,7 +101,8 @@ def calibrate_video(
     FileNotFoundError, BrokenFileError
         As `fieldcalib.io.videos.VideoReader`; if a folder has no image, or a broken one.
     ValueError
-        If the frames are of several sizes or an iterator, which can be read once only, or as `calibrate_from_images`.
+        If the frames are of several sizes or an iterator, which can be read once only, if `parts` are of another video,
+        or as `calibrate_from_images`.
 
     Examples
     --------
@@ -103,7 +117,7 @@ def calibrate_video(
         raise ValueError(f'camera must be "tripod" or "moving", got {camera!r}')
     network = SegmentationNetwork.load() if network is None else network
     check_network(network)
-    return _calibrated(object_segments, clip_reader(source), network, flags, prior, every, camera)
+    return _calibrated(object_segments, clip_reader(source), network, flags, prior, every, camera, parts)
 
 
 def _calibrated(
@@ -114,18 +128,30 @@ def _calibrated(
     prior: Prior,
     every: int,
     camera: Mount,
+    kept: Parts | None,
 ) -> VideoCalibration:
     """Part by part, so that matches and lines of a long video do not pile up; two readers go along with one another."""
     parts = []
     with opened() as images, opened() as again:
         tied = tied_frames(read_ahead(images), every=every, moving=camera == "moving")
         second = read_ahead(again)
-        for part in _in_parts(tied):
+        for index, part in enumerate(_in_parts(tied)):
+            before = None if kept is None else kept.get(index)
+            if before is not None:
+                count = sum(1 for _ in part)
+                if count != len(before) or sum(1 for _ in islice(second, count)) != count:
+                    raise ValueError(
+                        f"part {index} has {len(before)} frames, that of the video {count}: another video?"
+                    )
+                parts.append(before)
+                continue
             clip = ClipSolver(object_segments, flags, prior, SHARED_BY[camera])
             clip.read(part, network)
             tripods = clip.tripods()
             lines = clip.lines_in(islice(second, len(clip.piece)), tripods)
             parts.append(clip.finished(tripods, lines))
+            if kept is not None:
+                kept[index] = parts[-1]
         if isinstance(images, VideoReader) and (loss := images.loss()):
             warnings.warn(loss, stacklevel=3)
     return VideoCalibration.joined(parts)

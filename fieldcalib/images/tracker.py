@@ -32,7 +32,6 @@ from fieldcalib.images.frame_lines import frame_lines, per_pixel
 from fieldcalib.images.frames_together import Cells, cells_of
 from fieldcalib.images.keyframes import EVERY, KeyframePair, KeyframeTracker
 from fieldcalib.images.line_profiles import Markings
-from fieldcalib.images.other_process import OtherProcess
 from fieldcalib.images.shot_solver import (
     MOST_KEYS,
     KeyframeOptions,
@@ -49,7 +48,10 @@ from fieldcalib.localize import Network
 from fieldcalib.localize.flow import check_network
 from fieldcalib.localize.network import SegmentationNetwork
 from fieldcalib.problem.labelled_pixels import check_object
+from fieldcalib.processes.other_process import OtherProcess
 
+NICENESS = 2  # of the process that solves keyframes: `update` comes first where there are few cores
+NEEDED = ("cv2", "fieldcalib.images.shot_solver")  # in that process
 LOOKED_AT = 4  # keyframes of a shot that the network sees in any case,
 SOLVE_AGAIN, LOOK_AGAIN = 3, 6  # then all are solved again, and the network sees one, every so many
 LOST_FOR = 12  # frames that nothing ties for which a camera is extrapolated: half a second
@@ -136,7 +138,7 @@ class Tracker:
         check_object(object_segments)
         if network is not None:
             check_network(network)
-        self._other = None if wait else OtherProcess()  # it starts while the network is loaded
+        self._other = None if wait else OtherProcess(NICENESS, NEEDED)  # it starts while the network is loaded
         self._thread = ThreadPoolExecutor(max_workers=1)
         self._options = KeyframeOptions(object_segments, flags, prior)
         # one core is left to `update`

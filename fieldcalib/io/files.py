@@ -12,12 +12,14 @@ from collections import Counter
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
+from functools import lru_cache
 from pathlib import Path
 from typing import IO, Any, BinaryIO, TypeAlias
 
 HIDDEN = re.compile(r"\.")
 MOST_BYTES = 64_000_000  # of a file: a million labelled pixels are 50 MB of JSON
 LONGEST_ID = 240  # bytes: with "overlay_" and ".jpg" around it, it is still a file's name (255)
+TEMPORARY = ".unfinished-"  # what the names of temporary files begin with
 READ_AT_ONCE = 4096  # bytes: bzip2 and LZMA unpack all that was read, however much that becomes
 
 Zipped: TypeAlias = tuple[zipfile.ZipFile, zipfile.ZipInfo]
@@ -59,6 +61,35 @@ class FrameFile:
             raise
         except Exception as error:  # the decompressors' errors have no class in common
             raise BrokenFileError(f"cannot be read: {str(error) or type(error).__name__}") from error
+
+    @property
+    def state(self) -> tuple[int, int]:
+        """What changes with the content: size and time of the last change, in a zip size and CRC; -1 if missing."""
+        if self.zipped is not None:
+            return self.zipped[1].file_size, self.zipped[1].CRC
+        try:
+            status = self.path.stat()
+        except OSError:
+            return -1, -1
+        return status.st_size, status.st_mtime_ns
+
+    def __reduce__(self) -> tuple[object, ...]:
+        """For other processes, which open the zip themselves."""
+        if self.zipped is None:
+            return FrameFile, (self.id, self.path)
+        archive, member = self.zipped
+        return _of_zip, (self.id, self.path, archive.filename, member.filename)
+
+
+def _of_zip(id: str, path: Path, archive: str, member: str) -> FrameFile:
+    opened = _opened(archive)
+    return FrameFile(id, path, (opened, opened.getinfo(member)))
+
+
+@lru_cache(maxsize=4)
+def _opened(archive: str) -> zipfile.ZipFile:
+    """A zip of another process, once for all of its members."""
+    return zipfile.ZipFile(archive)
 
 
 def read_regular_file(path: Path, most_bytes: float = MOST_BYTES) -> bytes:
@@ -215,13 +246,19 @@ def _without_repeats(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
     return value
 
 
+def remove_temporaries(folder: Path) -> None:
+    """Remove the temporary files of `replacement` that a killed process has left; nobody else may write there."""
+    for path in folder.glob(f"{TEMPORARY}*"):
+        path.unlink(missing_ok=True)
+
+
 @contextmanager
 def replacement(path: Path) -> Iterator[tuple[int, Path]]:
     """A temporary file beside a path, open for writing, that takes the path's place when all went well.
 
     Its name cannot be foreseen, and a link at `path` is replaced, not followed.
     """
-    handle, name = tempfile.mkstemp(dir=path.parent, prefix=".unfinished-", suffix=path.suffix)
+    handle, name = tempfile.mkstemp(dir=path.parent, prefix=TEMPORARY, suffix=path.suffix)
     temporary = Path(name)
     try:
         yield handle, temporary

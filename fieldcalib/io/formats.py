@@ -66,7 +66,7 @@ ANNOTATIONS = Format(
     (".json",),
     parse_annotation,
     format_annotation,
-    others=re.compile(r".*match_info|camera_|summary|tripods|per_sample_output|\."),
+    others=re.compile(r".*match_info|camera_|summary|run\.json$|tripods|per_sample_output|\."),
 )
 """SoccerNet's labelled points, normalised: ``<id>.json``."""
 

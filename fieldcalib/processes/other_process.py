@@ -14,20 +14,38 @@ import subprocess
 import sys
 import traceback
 import weakref
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from contextlib import suppress
+from importlib import import_module
 from typing import Any, BinaryIO, ParamSpec, TypeVar
+
+from fieldcalib.processes.threads import ONE_THREAD
 
 P = ParamSpec("P")
 T = TypeVar("T")
 
 LENGTH = struct.Struct("<Q")
-NICENESS = 2  # of 19: this process comes first where there are few cores
-ONE_THREAD = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")  # of the libraries that NumPy may use
+
+
+class ProcessEndedError(RuntimeError):
+    """The process that ran a function has ended, by itself or by somebody else: no memory was left, say."""
+
+    def __init__(self, exit_code: int) -> None:
+        super().__init__(f"the other process has ended, with exit code {exit_code}")
+        self.exit_code = exit_code
 
 
 class OtherProcess:
     """A process that runs functions of importable modules, one at a time; it ends with this object.
+
+    Its libraries use one thread each. It ignores interrupts (Ctrl-C), which are for the one that started it.
+
+    Parameters
+    ----------
+    niceness : int
+        How much later than this process it comes where there are few cores, from 0 to 19.
+    imports : sequence of str
+        Modules that it imports while nobody waits for it.
 
     Raises
     ------
@@ -47,16 +65,16 @@ class OtherProcess:
     >>> other.close()
     """
 
-    def __init__(self) -> None:
+    def __init__(self, niceness: int = 0, imports: Sequence[str] = ()) -> None:
         if not sys.executable or hasattr(sys, "frozen"):  # of a frozen program that is the program itself
             raise RuntimeError(f"no Python to start another process with: sys.executable is {sys.executable!r}")
         path = os.pathsep.join(str(folder) or os.getcwd() for folder in sys.path)
         try:
             self._process = subprocess.Popen(
-                [sys.executable, "-P", "-m", __name__],
+                [sys.executable, "-P", "-m", __name__, str(niceness), *imports],
                 stdin=subprocess.PIPE,
                 stdout=subprocess.PIPE,
-                env={**os.environ, **dict.fromkeys(ONE_THREAD, "1"), "PYTHONPATH": path},
+                env={**os.environ, **ONE_THREAD, "PYTHONPATH": path},
             )
         except OSError as error:
             raise RuntimeError(f"another process cannot be started: {error}") from error
@@ -69,7 +87,7 @@ class OtherProcess:
         ------
         ValueError
             If it or an argument is of the script, which is not run there.
-        RuntimeError
+        ProcessEndedError
             If the process has ended.
         """
         assert self._process.stdin is not None
@@ -78,7 +96,7 @@ class OtherProcess:
             _send(self._process.stdin, pickle.dumps((function, args, kwargs), pickle.HIGHEST_PROTOCOL))
             answer = _received(self._process.stdout)
         except (OSError, EOFError, ValueError):  # of a broken pipe, of one with nothing in it, of a closed one
-            raise RuntimeError(f"the other process has ended, with exit code {self._process.wait()}") from None
+            raise ProcessEndedError(self._process.wait()) from None
         done, value = pickle.loads(answer)
         if done:
             return value  # type: ignore[no-any-return]
@@ -133,12 +151,11 @@ def _answer(request: bytes) -> bytes:
 
 def main() -> None:
     """Answer requests until there are no more."""
-    import cv2
-
-    signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is for the one that started this
-    cv2.setNumThreads(1)
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
     if hasattr(os, "nice"):
-        os.nice(NICENESS)
+        os.nice(int(sys.argv[1]))
+    for module in sys.argv[2:]:
+        import_module(module)
     with suppress(EOFError, BrokenPipeError), os.fdopen(os.dup(1), "wb") as answers:
         os.dup2(2, 1)  # what libraries print is no answer
         while True:

@@ -1,0 +1,327 @@
+"""The folder that a run writes: frame by frame, so that an end at any time leaves what another run can go on with.
+
+``run.json`` comes first and ``summary.json`` last. In between each frame gets its line in ``cameras.jsonl`` and then
+its files. So a frame has all of its files if another line follows; the last one is done again. And no file is without
+a line, which says what belongs to the run.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import sys
+import time
+from collections import Counter
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from dataclasses import dataclass, replace
+from dataclasses import field as attribute
+from pathlib import Path
+from types import MappingProxyType
+from typing import Any
+
+import numpy as np
+
+import fieldcalib
+from fieldcalib._types import Array
+from fieldcalib.assess.result import ANGLE_NAMES, Calibration, Verdict
+from fieldcalib.assess.surprises import SQUASHED
+from fieldcalib.cli.run_record import RECORD, RunRecord, recorded
+from fieldcalib.geometry.camera import Camera
+from fieldcalib.io.files import parse_json_object, remove_temporaries, write_bytes, write_text
+from fieldcalib.io.formats import CAMERAS, OVERLAYS, VIDEOS
+from fieldcalib.io.image import Image
+from fieldcalib.io.line_log import LineLog, whole_lines
+from fieldcalib.io.output_folder import output_folder
+from fieldcalib.io.results import BROKEN, LINES
+from fieldcalib.problem.layout import ANGLES, CENTER, LOG_F
+
+SUMMARY = "summary.json"  # of a run that is finished
+MOTION, WORST, TRIPODS = "motion.png", "worst_frames.jpg", "tripods.json"
+LOCALIZED = "localized.jsonl"
+OVERLAY = VIDEOS.file_name("overlay")
+OF_RUNS = (SUMMARY, MOTION, WORST, TRIPODS, OVERLAY)  # names of files that are of no single frame
+PART_OF_CLIP = ".part-"  # what the names of files begin with that keep parts of a clip until all are done
+METRES = (0.5, 1.0)  # that the probabilities in cameras.jsonl are about
+# Frames with pixels that are not square, least number and share: of 728 annotated frames none, of the same squashed to
+# 640x640 one in fifteen, with width and height swapped more than half.
+SUSPICIOUS = 3, 0.05
+AGAIN = "--resume goes on with it, --overwrite begins anew"
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """What is written of a frame."""
+
+    id: str
+    line: str
+    """Of cameras.jsonl."""
+    status: str
+    verdict: str = ""
+    """Empty without a calibration."""
+    squashed: bool = False
+    """Whether the labels say that the pixels are not square."""
+    files: Mapping[str, bytes] = attribute(default_factory=dict)
+    """Content by name."""
+    complaint: str = ""
+    """For stderr: which file is broken, and why."""
+    picture: Image | None = None
+    """For the overlay of a video."""
+    is_written: bool = False
+    """By an earlier part of the run."""
+
+    @classmethod
+    def broken(cls, id: str, path: Path | str, problem: str) -> Outcome:
+        """That of a file that cannot be read."""
+        line = {"id": id, "status": BROKEN, "message": problem}
+        return cls(id, json.dumps(line), BROKEN, complaint=f"{path}: {problem}")
+
+    @classmethod
+    def of(
+        cls,
+        id: str,
+        calibration: Calibration,
+        line: Mapping[str, Any],
+        *,
+        keeps: bool,
+        files: Mapping[str, bytes] = MappingProxyType({}),
+        picture: Image | None = None,
+    ) -> Outcome:
+        """That of a calibration, whose camera has a file if there is one and the run `keeps` it."""
+        written = dict(files)
+        if keeps and calibration.camera is not None:
+            written[CAMERAS.file_name(id)] = (CAMERAS.write(calibration.camera) + "\n").encode()
+        squashed = SQUASHED in calibration.concerns
+        status, verdict = str(calibration.status), str(calibration.verdict)
+        return cls(id, json.dumps(line), status, verdict, squashed, written, picture=picture)
+
+
+@dataclass
+class Results:
+    """What is written of frames, and counted."""
+
+    out: Path
+    log: LineLog
+    done: int = 0
+    """Frames that are written."""
+    statuses: Counter[str] = attribute(default_factory=Counter)
+    verdicts: Counter[str] = attribute(default_factory=Counter)
+    cameras: int = 0
+    squashed: int = 0
+    calibrated: int = 0
+    """Frames that were calibrated now, not in an earlier part of the run."""
+    calibrating: float = 0.0
+    """Seconds that these took, without files and pictures."""
+
+    def add(self, outcome: Outcome) -> None:
+        """Write the line of the next frame, and its files; what is wrong with it is said on stderr."""
+        if outcome.complaint:
+            print(f"fieldcalib: {outcome.complaint}", file=sys.stderr)
+        self.log.append(outcome.line)
+        for name, content in outcome.files.items():
+            write_bytes(self.out / name, content)
+        self._count(outcome.status, outcome.verdict, CAMERAS.file_name(outcome.id) in outcome.files)
+        self.squashed += outcome.squashed
+        self.calibrated += bool(outcome.verdict)
+
+    def take_up(self, line: Mapping[str, Any]) -> None:
+        """Count a frame that is written already."""
+        self._count(line["status"], line.get("verdict", ""), (self.out / CAMERAS.file_name(line["id"])).exists())
+        self.squashed += SQUASHED in line.get("reason", "")
+
+    def _count(self, status: str, verdict: str, has_camera: bool) -> None:
+        self.done += 1
+        self.statuses[status] += 1
+        if verdict:
+            self.verdicts[verdict] += 1
+        self.cameras += has_camera
+
+    @property
+    def exit_code(self) -> int:
+        """1 if files were broken."""
+        return 1 if self.statuses[BROKEN] else 0
+
+    def summary(self, began: float, options: argparse.Namespace) -> dict[str, Any]:
+        """What summary.json says."""
+        return {
+            "frames": self.done,
+            "cameras": self.cameras,
+            "completeness": 100.0 * self.cameras / max(self.done, 1),
+            "verdict": {verdict.value: self.verdicts[verdict] for verdict in Verdict},
+            "status": dict(self.statuses),
+            "seconds": {"calibration": self.calibrating, "total": time.perf_counter() - began},
+            "milliseconds_per_frame": 1e3 * self.calibrating / max(self.calibrated, 1),
+            "options": recorded(options),
+            "version": fieldcalib.__version__,
+        }
+
+    def say(self) -> None:
+        """Say how many cameras there are."""
+        statuses = ", ".join(f"{count} {status}" for status, count in self.statuses.most_common())
+        verdicts = ", ".join(f"{self.verdicts[verdict]} {verdict}" for verdict in Verdict if self.verdicts[verdict])
+        counts = "; ".join(filter(None, (statuses, verdicts)))
+        print(f"{counted(self.cameras, 'camera')} of {counted(self.done, 'frame')} in {self.out}: {counts}")
+        if self.squashed >= max(SUSPICIOUS[0], SUSPICIOUS[1] * self.verdicts.total()):
+            seen = f"{self.squashed} of {counted(self.done, 'frame')} show pixels that are not square"
+            print(f"{seen}: is the size right? --display-size declares squashed pictures", file=sys.stderr)
+
+
+@contextmanager
+def result_folder(options: argparse.Namespace, record: RunRecord, began: float) -> Iterator[Results]:
+    """``options.out``, for cameras frame by frame; when all went well it gets its summary.json.
+
+    `began` is what `time.perf_counter` said at the start.
+    """
+    with run_folder(options, record) as results:
+        yield results
+        if not (options.out / SUMMARY).exists():  # of a run that was finished before
+            write_text(options.out / SUMMARY, json.dumps(results.summary(began, options), indent=2) + "\n")
+        results.say()
+
+
+@contextmanager
+def run_folder(options: argparse.Namespace, record: RunRecord, lines: str = LINES) -> Iterator[Results]:
+    """``options.out``, kept from other runs, with what a run that is gone on with has done; `lines` is its log.
+
+    Raises
+    ------
+    FileExistsError
+        If the folder holds the results of a run and neither --resume nor --overwrite is given.
+    ValueError
+        If the run to go on with had other options, or another input.
+    """
+    with output_folder(options.out):
+        earlier = _earlier(options, record)
+        if options.overwrite:
+            _clear(options.out, earlier)
+            earlier = None
+        remove_temporaries(options.out)
+        written = _lines(options.out / lines) if earlier is not None else 0
+        kept = written if (options.out / SUMMARY).exists() else max(written - 1, 0)
+        if earlier is None:
+            record.write(options.out)
+        with LineLog(options.out / lines, kept) as log:
+            results = Results(options.out, log)
+            for text in whole_lines(options.out / lines):
+                results.take_up(parse_json_object(text, "a frame's result"))
+            try:
+                yield results
+            except BaseException:
+                if results.done or any(options.out.glob(f"{PART_OF_CLIP}*")):
+                    done = f"{counted(results.done, 'frame')} done in {options.out}"
+                    print(f"fieldcalib: {done}: --resume goes on with the run", file=sys.stderr)
+                else:
+                    _remove_frames(options.out, record)
+                    _forget(options.out)
+                raise
+
+
+def is_unfinished(folder: Path) -> bool:
+    """Whether it holds the results of a run that has not come to its end."""
+    return (folder / RECORD).is_file() and not (folder / SUMMARY).is_file()
+
+
+def _earlier(options: argparse.Namespace, record: RunRecord) -> RunRecord | None:
+    """The run in a folder, if there is one that may be gone on with or replaced."""
+    out = options.out
+    earlier = RunRecord.read(out)
+    if options.overwrite:
+        return earlier
+    if earlier is None:
+        if _used(out):
+            raise FileExistsError(f"{out} holds results of an earlier version or of others: --overwrite replaces them")
+        return None
+    if not options.resume:
+        state = "a run that is not finished" if is_unfinished(out) else "a run"
+        raise FileExistsError(f"{out} holds the results of {state}: {AGAIN}")
+    other = earlier.differences(record)
+    if other:
+        raise ValueError(f"the run in {out} cannot be resumed: {other}; --overwrite begins anew")
+    return earlier
+
+
+def _used(out: Path) -> bool:
+    """Whether there are results in a folder."""
+    return any((out / name).exists() for name in (LINES, SUMMARY, LOCALIZED)) or any(out.glob(CAMERAS.file_name("*")))
+
+
+def _lines(path: Path) -> int:
+    return sum(1 for _ in whole_lines(path)) if path.exists() else 0
+
+
+def _clear(out: Path, earlier: RunRecord | None) -> None:
+    """Remove what an earlier run has written; the names of its frames and its record go last."""
+    (out / SUMMARY).unlink(missing_ok=True)
+    if earlier is not None:
+        replace(earlier, contents="replaced").write(out)  # is not resumed from here on
+        _remove_frames(out, earlier)
+    else:
+        for pattern in (CAMERAS.file_name("*"), OVERLAYS.file_name("*")):
+            for path in out.glob(pattern):
+                path.unlink(missing_ok=True)
+    for name in OF_RUNS:
+        (out / name).unlink(missing_ok=True)
+    _forget(out)
+
+
+def _remove_frames(out: Path, record: RunRecord) -> None:
+    """Remove the files of the frames that a run has written, and of no others."""
+    for log in (LINES, LOCALIZED):
+        for id in _ids(out / log):
+            for name in record.writes:
+                (out / name.replace("<id>", id)).unlink(missing_ok=True)
+
+
+def _forget(out: Path) -> None:
+    """Remove what is kept of a run."""
+    remove_temporaries(out)
+    for path in (*out.glob(f"{PART_OF_CLIP}*"), out / LINES, out / LOCALIZED, out / RECORD):
+        path.unlink(missing_ok=True)
+
+
+def _ids(log: Path) -> Iterator[str]:
+    """The frames in a log, as far as these can name files."""
+    for text in whole_lines(log) if log.exists() else ():
+        id = json.loads(text).get("id", "")
+        if id and Path(id).name == id:
+            yield id
+
+
+def counted(number: int, noun: str) -> str:
+    """A number of things.
+
+    Examples
+    --------
+    >>> counted(1, "frame"), counted(2, "frame")
+    ('1 frame', '2 frames')
+    """
+    return f"{number} {noun}{'' if number == 1 else 's'}"
+
+
+def calibration_line(id: str, calibration: Calibration, eq3: float | None) -> dict[str, Any]:
+    """One frame's line of cameras.jsonl."""
+    line: dict[str, Any] = {"id": id, "status": str(calibration.status), "message": calibration.message}
+    line |= {"verdict": str(calibration.verdict), "reason": calibration.reason}
+    line |= calibration.to_dict()
+    if calibration.camera is not None:
+        line |= {"rms_as_labelled_px": _number(calibration.rms_as_labelled), "loss_ndc_eq3": eq3}
+    if calibration.camera is not None and calibration.knows_errors:
+        line["standard_deviations"] = _standard_deviations(calibration.camera, calibration.covariance)
+    if calibration.has_probability:
+        line |= {f"probability_right_{metres:g}m": _number(calibration.probability(metres)) for metres in METRES}
+    return line
+
+
+def _standard_deviations(camera: Camera, covariance: Array) -> dict[str, Any]:
+    sigma = np.sqrt(np.diagonal(covariance))
+    degrees = map(_number, np.degrees(sigma[ANGLES]))
+    return {
+        "focal_length_px": _number(camera.focal_length * sigma[LOG_F]),
+        "C": [_number(metres) for metres in sigma[CENTER]],
+        "angles_degrees": dict(zip(ANGLE_NAMES, degrees, strict=True)),
+    }
+
+
+def _number(value: float) -> float | None:
+    """For JSON, which knows neither infinity nor NaN."""
+    return float(value) if np.isfinite(value) else None

@@ -1,0 +1,116 @@
+"""What a run is: its options and its input, written before the work, so that another process can go on with it."""
+
+from __future__ import annotations
+
+import argparse
+import json
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import asdict, dataclass
+from hashlib import sha256
+from pathlib import Path
+from typing import Any
+
+import fieldcalib
+from fieldcalib.io.files import BrokenFileError, FrameFile, parse_json_object, read_regular_file, write_text
+
+RECORD = "run.json"
+# options that change nothing in what is written of a frame, or that the record has elsewhere
+OF_THE_WAY = frozenset(
+    {"run", "command", "out", "strict", "most_bytes", "most_pixels", "jobs", "resume", "overwrite", "shard"}
+)
+ELSEWHERE = frozenset({"input", "threads"})
+
+
+@dataclass(frozen=True)
+class RunRecord:
+    """A run, as its folder keeps it."""
+
+    command: str
+    options: Mapping[str, Any]
+    """Those that change what is written."""
+    frames: int
+    """In the input; 0 if that is not known before it is read."""
+    names: str
+    """Digest of the names of the input's files."""
+    contents: str
+    """Digest of their sizes and times."""
+    unit: int
+    """Frames that are worked on together."""
+    shard: str | None
+    """Which of the units these are."""
+    writes: tuple[str, ...]
+    """Names of a frame's files, with <id> for its id."""
+    version: str = fieldcalib.__version__
+
+    @classmethod
+    def of(
+        cls,
+        options: argparse.Namespace,
+        files: Sequence[FrameFile],
+        *,
+        unit: int,
+        writes: Iterable[str],
+        more: Any = None,
+    ) -> RunRecord:
+        """The run of some options on some files; `more` is what else it depends on, as JSON."""
+        kept = {name: value for name, value in recorded(options).items() if name not in ELSEWHERE}
+        names = _digest([file.id for file in files])
+        contents = _digest([[*(file.state for file in files)], more])
+        shard = None if options.shard is None else str(options.shard)
+        return cls(options.command, kept, len(files), names, contents, unit, shard, tuple(writes))
+
+    @classmethod
+    def read(cls, folder: Path) -> RunRecord | None:
+        """That of a folder, None if it has none.
+
+        Raises
+        ------
+        BrokenFileError
+            If it is none; the message begins with its path.
+        """
+        path = folder / RECORD
+        if not path.exists():
+            return None
+        try:
+            record = parse_json_object(read_regular_file(path), "a run")
+            return cls(**{**record, "writes": tuple(record["writes"])})
+        except (BrokenFileError, KeyError, TypeError) as error:
+            raise BrokenFileError(f"{path}: is no record of a run: {error}") from None
+
+    def write(self, folder: Path) -> None:
+        """Keep it in a folder."""
+        write_text(folder / RECORD, json.dumps(asdict(self), indent=2) + "\n")
+
+    def differences(self, other: RunRecord, *, of_shards: bool = False) -> str:
+        """What another run, `other`, does otherwise; empty if it is the same. Shards of one run are the same too."""
+        if self.command != other.command:
+            return f"it is of {self.command}, not of {other.command}"
+        if self.version != other.version:
+            return f"it is of version {self.version}, this is {other.version}"
+        names = [name for name in {**self.options, **other.options} if self._at(name) != other._at(name)]
+        if names:
+            return "; ".join(f"{_option(name)} was {self._at(name)!r}, is {other._at(name)!r}" for name in names)
+        if not of_shards and self.shard != other.shard:
+            return f"--shard was {self.shard}, is {other.shard}"
+        if (self.frames, self.names) != (other.frames, other.names):
+            return f"the input has other frames: there were {self.frames}, there are {other.frames}"
+        if self.contents != other.contents:
+            return "the files of the input have other sizes or times"
+        return ""
+
+    def _at(self, name: str) -> Any:
+        return self.options.get(name)
+
+
+def recorded(options: argparse.Namespace) -> dict[str, Any]:
+    """The options of a run as JSON, without where its results go and what changes nothing in them."""
+    named = {name: value for name, value in vars(options).items() if name not in OF_THE_WAY}
+    return json.loads(json.dumps(named, default=str))  # type: ignore[no-any-return]
+
+
+def _digest(what: Any) -> str:
+    return sha256(json.dumps(what).encode()).hexdigest()[:32]
+
+
+def _option(name: str) -> str:
+    return f"--{name.replace('_', '-')}"

@@ -1,0 +1,75 @@
+"""A file of lines that grows while a run goes on, so that what was done survives the end of the process."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterator
+from pathlib import Path
+from types import TracebackType
+from typing import Self
+
+BLOCK = 65_536  # bytes
+
+
+class LineLog:
+    """Appends lines to a file, each at once; a context manager. What an earlier end left of a last line is removed.
+
+    Parameters
+    ----------
+    path : Path
+    count : int, optional
+        Lines to keep of those that are there; all by default.
+
+    Examples
+    --------
+    >>> import tempfile
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     path = Path(folder) / "log.jsonl"
+    ...     _ = path.write_text('{"id": 1}\\n{"id"')
+    ...     with LineLog(path) as log:
+    ...         log.append('{"id": 2}')
+    ...     path.read_text()
+    '{"id": 1}\\n{"id": 2}\\n'
+    """
+
+    def __init__(self, path: Path, count: int | None = None) -> None:
+        self._file = path.open("ab", buffering=0)
+        try:
+            size = sum(len(line) for index, line in enumerate(whole_lines(path)) if count is None or index < count)
+            self._file.truncate(size)
+        except BaseException:
+            self._file.close()
+            raise
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, traceback: TracebackType | None
+    ) -> None:
+        self._file.close()
+
+    def append(self, line: str) -> None:
+        """Write a line.
+
+        Raises
+        ------
+        OSError
+            If there is no room for it, say; nothing of it is in the file then.
+        """
+        content = memoryview(f"{line}\n".encode())
+        size = os.fstat(self._file.fileno()).st_size
+        try:
+            while content:
+                content = content[self._file.write(content) :]
+        except BaseException:
+            self._file.truncate(size)
+            raise
+
+
+def whole_lines(path: Path) -> Iterator[bytes]:
+    """The lines of a file, with their ends; without the last one if it has no end."""
+    with path.open("rb", buffering=BLOCK) as file:
+        for line in file:
+            if line.endswith(b"\n"):
+                yield line

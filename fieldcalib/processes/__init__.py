@@ -1,0 +1,1 @@
+"""Work in other processes: a Python process that runs functions, an executor of several, and results in order."""

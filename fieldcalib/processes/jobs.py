@@ -1,0 +1,155 @@
+"""Several Python processes as an executor, and results in the order of what they are made of, by any executor."""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Callable, Iterable, Iterator
+from concurrent.futures import Executor, Future, ThreadPoolExecutor
+from queue import SimpleQueue
+from threading import Lock
+from types import TracebackType
+from typing import ParamSpec, TypeVar
+
+from fieldcalib.processes.other_process import OtherProcess, ProcessEndedError
+
+P = ParamSpec("P")
+T = TypeVar("T")
+Item = TypeVar("Item")
+
+AHEAD = 16  # items that are worked on while others are waited for
+
+
+class Processes(Executor):
+    """An executor of Python processes with one thread each, which start when there is something to do.
+
+    Unlike `concurrent.futures.ProcessPoolExecutor` it needs no guard in the caller's script, and a process that dies
+    takes only its task with it: that raises a `ProcessEndedError`, and the next one gets a new process. Functions must
+    be those of modules, not of the script.
+
+    Parameters
+    ----------
+    jobs : int
+        Number of processes.
+
+    Examples
+    --------
+    >>> with Processes(2) as processes:
+    ...     list(processes.map(abs, [-1, 2, -3]))
+    [1, 2, 3]
+    """
+
+    def __init__(self, jobs: int) -> None:
+        if jobs < 1:
+            raise ValueError(f"jobs must be at least 1, got {jobs}")
+        self.jobs = jobs
+        self._threads = ThreadPoolExecutor(jobs, "process")
+        self._idle: SimpleQueue[OtherProcess | None] = SimpleQueue()
+        self._all: set[OtherProcess] = set()
+        self._lock = Lock()
+        self._is_closed = False
+        for _ in range(jobs):
+            self._idle.put(None)  # to be started
+
+    def submit(self, function: Callable[P, T], /, *args: P.args, **kwargs: P.kwargs) -> Future[T]:
+        """The result to come of a function in one of the processes."""
+        return self._threads.submit(self._run, function, *args, **kwargs)
+
+    def _run(self, function: Callable[P, T], /, *args: P.args, **kwargs: P.kwargs) -> T:
+        process = self._idle.get()
+        try:
+            process = process or self._started()
+            return process.run(function, *args, **kwargs)
+        except ProcessEndedError:
+            if process is not None:
+                self._drop(process)
+            process = None
+            raise
+        finally:
+            self._idle.put(process)
+
+    def _started(self) -> OtherProcess:
+        process = OtherProcess()
+        with self._lock:
+            self._all.add(process)
+            is_closed = self._is_closed
+        if is_closed:  # in the meantime
+            self._drop(process)
+        return process
+
+    def _drop(self, process: OtherProcess) -> None:
+        with self._lock:
+            self._all.discard(process)
+        process.close()
+
+    def shutdown(self, wait: bool = True, *, cancel_futures: bool = False) -> None:
+        """End the processes, after what they do if that is waited for."""
+        self._threads.shutdown(wait, cancel_futures=cancel_futures)
+        with self._lock:
+            self._is_closed = True
+            left = list(self._all)
+            self._all.clear()
+        for process in left:
+            process.close()
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, traceback: TracebackType | None
+    ) -> None:
+        """End the processes; after an error, an interrupt say, at once."""
+        if error is not None:
+            self.shutdown(wait=False, cancel_futures=True)
+        self.shutdown()
+
+
+def in_order(
+    executor: Executor | None,
+    function: Callable[[Item], T],
+    items: Iterable[Item],
+    *,
+    ahead: int = AHEAD,
+    rescue: Callable[[Item, ProcessEndedError], T] | None = None,
+) -> Iterator[T]:
+    """The results of a function, in the order of its arguments, whatever executes it.
+
+    Items are taken, and results held, up to `ahead` in advance, so that memory does not grow with their number.
+
+    Parameters
+    ----------
+    executor : Executor, optional
+        Any of `concurrent.futures`, or another with `submit`: that of dask's clients. None calls the function here.
+    function, items
+        As of `map`.
+    ahead : int
+        Items that are worked on while others are waited for.
+    rescue : callable, optional
+        The result of an item whose process has ended, if that can be had otherwise.
+
+    Examples
+    --------
+    >>> with ThreadPoolExecutor() as threads:
+    ...     list(in_order(threads, abs, [-1, 2, -3]))
+    [1, 2, 3]
+    """
+    if executor is None:
+        yield from map(function, items)
+        return
+    waiting: deque[tuple[Item, Future[T]]] = deque()
+
+    def first() -> T:
+        item, future = waiting.popleft()
+        try:
+            return future.result()
+        except ProcessEndedError as error:
+            if rescue is None:
+                raise
+            return rescue(item, error)
+
+    try:
+        for item in items:
+            waiting.append((item, executor.submit(function, item)))
+            if len(waiting) > ahead:
+                yield first()
+        while waiting:
+            yield first()
+    finally:
+        for _, future in waiting:
+            future.cancel()
