@@ -21,6 +21,7 @@ from fieldcalib.cli.frames import (
     opened,
     pixels_of,
 )
+from fieldcalib.cli.inputs import add_inputs
 from fieldcalib.cli.results import LOCALIZED, SUMMARY, Outcome, run_folder
 from fieldcalib.cli.run_record import RunRecord, recorded
 from fieldcalib.cli.units import Made, add_jobs, work
@@ -42,7 +43,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "Find the markings of the field in images, and write them as SoccerNet annotations (<id>.json: "
         "label -> normalised points), as fieldcalib calibrate reads them."
     )
-    parser.add_argument("input", nargs="+", type=Path, metavar="INPUT", help="images, or a folder or a zip of them")
+    add_inputs(parser, "images, folders and zips of them")
     parser.add_argument("--out", required=True, type=Path, metavar="DIR", help="where the annotations go")
     add_network(parser)
     add_limits(parser)

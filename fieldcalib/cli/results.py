@@ -26,14 +26,16 @@ import fieldcalib
 from fieldcalib._types import Array
 from fieldcalib.assess.result import ANGLE_NAMES, Calibration, Verdict
 from fieldcalib.assess.surprises import SQUASHED
+from fieldcalib.cli.arguments import PARQUET
 from fieldcalib.cli.run_record import RECORD, RunRecord, recorded
 from fieldcalib.geometry.camera import Camera
-from fieldcalib.io.files import parse_json_object, remove_temporaries, write_bytes, write_text
+from fieldcalib.io.files import parse_json_object, remove_temporaries, whole_file, write_bytes, write_text
 from fieldcalib.io.formats import CAMERAS, OVERLAYS, VIDEOS
 from fieldcalib.io.image import Image
 from fieldcalib.io.line_log import LineLog, whole_lines
 from fieldcalib.io.output_folder import output_folder
-from fieldcalib.io.results import BROKEN, LINES
+from fieldcalib.io.parquet import write_parquet
+from fieldcalib.io.results import BROKEN, LINES, TABLE, lines_file, read_lines
 from fieldcalib.problem.layout import ANGLES, CENTER, LOG_F
 
 SUMMARY = "summary.json"  # of a run that is finished
@@ -172,11 +174,17 @@ def result_folder(options: argparse.Namespace, record: RunRecord, began: float) 
 
     `began` is what `time.perf_counter` said at the start.
     """
+    if options.format == PARQUET and options.shard is not None:
+        raise ValueError(f"--format {PARQUET} is of whole runs: --shard writes cameras.jsonl")
     with run_folder(options, record) as results:
         yield results
         if not (options.out / SUMMARY).exists():  # of a run that was finished before
             write_text(options.out / SUMMARY, json.dumps(results.summary(began, options), indent=2) + "\n")
         results.say()
+    if options.format == PARQUET:
+        with output_folder(options.out):
+            write_parquet(whole_lines(options.out / LINES), options.out / TABLE)
+            (options.out / LINES).unlink()
 
 
 @contextmanager
@@ -191,6 +199,7 @@ def run_folder(options: argparse.Namespace, record: RunRecord, lines: str = LINE
         If the run to go on with had other options, or another input.
     """
     with output_folder(options.out):
+        _restore_lines(options)
         earlier = _earlier(options, record)
         if options.overwrite:
             _clear(options.out, earlier)
@@ -214,6 +223,14 @@ def run_folder(options: argparse.Namespace, record: RunRecord, lines: str = LINE
                     _remove_frames(options.out, record)
                     _forget(options.out)
                 raise
+
+
+def _restore_lines(options: argparse.Namespace) -> None:
+    """The ``cameras.jsonl`` of a run that is gone on with or replaced and has left it as a table."""
+    path = options.out / LINES
+    if (options.resume or options.overwrite) and lines_file(options.out) != path:
+        with whole_file(path) as file:
+            file.writelines(text + b"\n" for text in read_lines(lines_file(options.out)))
 
 
 def is_unfinished(folder: Path) -> bool:
@@ -242,7 +259,9 @@ def _earlier(options: argparse.Namespace, record: RunRecord) -> RunRecord | None
 
 def _used(out: Path) -> bool:
     """Whether there are results in a folder."""
-    return any((out / name).exists() for name in (LINES, SUMMARY, LOCALIZED)) or any(out.glob(CAMERAS.file_name("*")))
+    return any((out / name).exists() for name in (LINES, TABLE, SUMMARY, LOCALIZED)) or any(
+        out.glob(CAMERAS.file_name("*"))
+    )
 
 
 def _lines(path: Path) -> int:
@@ -275,7 +294,7 @@ def _remove_frames(out: Path, record: RunRecord) -> None:
 def _forget(out: Path) -> None:
     """Remove what is kept of a run."""
     remove_temporaries(out)
-    for path in (*out.glob(f"{PART_OF_CLIP}*"), out / LINES, out / LOCALIZED, out / RECORD):
+    for path in (*out.glob(f"{PART_OF_CLIP}*"), out / LINES, out / TABLE, out / LOCALIZED, out / RECORD):
         path.unlink(missing_ok=True)
 
 

@@ -12,11 +12,12 @@ from typing import TYPE_CHECKING, Any
 from fieldcalib._pandas import imported_pandas
 from fieldcalib.assess.result import Calibration
 from fieldcalib.io.files import BrokenFileError, parse_json_object, read_regular_file
+from fieldcalib.io.parquet import read_parquet
 
 if TYPE_CHECKING:
     import pandas
 
-LINES = "cameras.jsonl"
+LINES, TABLE = "cameras.jsonl", "cameras.parquet"
 BROKEN = "broken file"  # status of a frame whose file could not be read
 # keys that are no columns
 FOR_READING_BACK = frozenset({"version", "image_size", "field", "solved", "errors", "pixel_counts"})
@@ -69,13 +70,34 @@ class Results(Mapping[str, Calibration]):
         return table
 
 
+def lines_file(folder: Path) -> Path:
+    """The file in the folder of a run that has the lines of its frames; ``cameras.jsonl`` if there is none."""
+    is_table = (folder / TABLE).is_file() and not (folder / LINES).is_file()
+    return folder / (TABLE if is_table else LINES)
+
+
+def read_lines(path: Path) -> Iterator[bytes]:
+    """The lines of a ``cameras.jsonl``, or of a ``cameras.parquet`` that was made of it.
+
+    Raises
+    ------
+    BrokenFileError
+        If the file cannot be read.
+    ImportError
+        If that needs pyarrow, which is not installed.
+    """
+    if path.suffix == Path(TABLE).suffix:
+        return read_parquet(path)
+    return iter(read_regular_file(path, most_bytes=float("inf")).splitlines())
+
+
 def read_results(folder: str | os.PathLike[str]) -> Results:
     """The results that `fieldcalib calibrate` or `fieldcalib run` wrote to a folder.
 
     Parameters
     ----------
     folder : path
-        With a ``cameras.jsonl``; or the path of that file.
+        With a ``cameras.jsonl`` or ``cameras.parquet``; or the path of that file.
 
     Returns
     -------
@@ -85,7 +107,9 @@ def read_results(folder: str | os.PathLike[str]) -> Results:
     Raises
     ------
     FileNotFoundError
-        If there is no ``cameras.jsonl``.
+        If there is neither.
+    ImportError
+        If it is a ``cameras.parquet`` and pyarrow is not installed.
     BrokenFileError
         If a line is no result, or of another version; the message begins with file and line.
 
@@ -101,12 +125,12 @@ def read_results(folder: str | os.PathLike[str]) -> Results:
     """
     path = Path(folder)
     if path.is_dir():
-        path /= LINES
+        path = lines_file(path)
     if not path.exists():
         raise FileNotFoundError(f"{path} does not exist: expected the folder that a run wrote, with its {LINES}")
     lines: list[dict[str, Any]] = []
     calibrations: dict[str, Calibration] = {}
-    for number, text in enumerate(read_regular_file(path, most_bytes=float("inf")).splitlines(), 1):
+    for number, text in enumerate(read_lines(path), 1):
         try:
             line = parse_json_object(text, "a frame's result")
             for key in ("id", "status", "message"):
