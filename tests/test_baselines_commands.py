@@ -98,9 +98,15 @@ def test_homographies_are_written_in_wc14s_format_and_read_back(truth, folder, t
 
 
 def test_homographies_of_an_earlier_run_are_removed(folder, tmp_path):
-    (tmp_path / "circle.homographyMatrix").write_text("old")
-    assert run(dlt_lines.main, folder, "--size", "960x540", "--out", tmp_path) == 0
-    assert not (tmp_path / "circle.homographyMatrix").exists()
+    (tmp_path / "elsewhere").mkdir()
+    for name in "ab":
+        (tmp_path / "elsewhere" / f"{name}_.json").write_bytes((folder / f"{name}.json").read_bytes())
+    out = tmp_path / "out"
+    assert run(dlt_lines.main, tmp_path / "elsewhere", "--size", "960x540", "--out", out) == 0
+    assert (out / "a_.homographyMatrix").exists()
+    (out / "mine.homographyMatrix").write_text("of somebody else")
+    assert run(dlt_lines.main, folder, "--size", "960x540", "--out", out, "--overwrite") == 0
+    assert {path.stem for path in out.glob("*.homographyMatrix")} == {"a", "b", "c", "mine"}
 
 
 @pytest.mark.parametrize("alignment", ["chen", "jiang"])

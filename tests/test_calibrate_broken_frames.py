@@ -88,7 +88,7 @@ def test_files_that_are_too_large_are_broken(annotated_folder, tmp_path, capsys)
     assert calibrate(tmp_path / "out", tmp_path, options=["--max-megabytes", 0.1]) == 1
     assert "b.json: has more than 0.1 MB; --max-megabytes allows more" in capsys.readouterr().err
     assert list(cameras_in(tmp_path / "out")) == ["a"]
-    assert calibrate(tmp_path / "out", tmp_path) == 0
+    assert calibrate(tmp_path / "out", tmp_path, options=["--overwrite"]) == 0
     assert set(cameras_in(tmp_path / "out")) == {"a", "b"}
 
 
@@ -146,5 +146,5 @@ def test_a_frame_that_broke_since_loses_its_camera(annotated_folder, tmp_path):
     assert calibrate(tmp_path / "out", tmp_path) == 0
     assert list(cameras_in(tmp_path / "out")) == ["a"]
     (tmp_path / "a.json").write_text("{")
-    assert calibrate(tmp_path / "out", tmp_path) == 1
+    assert calibrate(tmp_path / "out", tmp_path, options=["--overwrite"]) == 1
     assert cameras_in(tmp_path / "out") == {}

@@ -15,7 +15,7 @@ from fieldcalib.io.soccernet import camera_from_record
 
 
 def test_files(calibrated_folder):
-    expected = {f"camera_{name}.json" for name in "abcd"} | {"cameras.jsonl", "summary.json"}
+    expected = {f"camera_{name}.json" for name in "abcd"} | {"cameras.jsonl", "run.json", "summary.json"}
     assert {path.name for path in calibrated_folder.iterdir()} == expected
 
 
@@ -99,7 +99,7 @@ def test_the_total_time_is_that_of_everything(annotated_folder, tmp_path, monkey
 
         return slept
 
-    for name in ("calibration_line", "ndc_loss", "whole_file"):
+    for name in ("calibration_line", "ndc_loss", "outcome_of"):
         monkeypatch.setattr(f"fieldcalib.cli.folder.{name}", slow(getattr(commands_on_folders, name)))
     assert calibrate(tmp_path, annotated_folder / "a.json") == 0
     seconds = summary_of(tmp_path)["seconds"]
@@ -119,7 +119,7 @@ def test_the_same_again_gives_the_same_files(annotated_folder, calibrated_folder
     for path in annotated_folder.glob("?.json"):
         (tmp_path / path.name).write_bytes(path.read_bytes())
     for _ in range(2):
-        assert calibrate(tmp_path, tmp_path) == 0
+        assert calibrate(tmp_path, tmp_path, options=["--overwrite"]) == 0
         assert cameras_in(tmp_path) == cameras_in(calibrated_folder)
         assert (tmp_path / "cameras.jsonl").read_bytes() == (calibrated_folder / "cameras.jsonl").read_bytes()
 

@@ -15,15 +15,18 @@ from fieldcalib.geometry.camera import Camera
 from fieldcalib.io.soccernet import camera_from_record, format_annotation
 
 
-def test_tau_withholds_cameras_and_removes_those_of_an_earlier_run(annotated_folder, calibrated_folder, tmp_path):
+def test_tau_withholds_cameras_and_removes_those_of_an_earlier_run(
+    annotated_folder, calibrated_folder, tmp_path, capsys
+):
     assert calibrate(tmp_path, annotated_folder) == 0
     (tmp_path / "camera_other.json").write_text("not of this run")
     losses = {line["id"]: line["loss_ndc"] for line in lines_of(calibrated_folder)}
     tau = float(np.median(list(losses.values())))
-    assert calibrate(tmp_path, annotated_folder, options=["--tau", tau]) == 0
+    assert calibrate(tmp_path, annotated_folder, options=["--tau", tau, "--overwrite"]) == 0
     kept = {name for name, loss in losses.items() if loss <= tau}
     assert 0 < len(kept) < 4
     assert set(cameras_in(tmp_path)) == kept | {"other"}
+    assert capsys.readouterr().err.endswith(f"fieldcalib: 1 camera in {tmp_path} is not of this run\n")
     assert {line["id"] for line in lines_of(tmp_path) if line["status"] == "rejected by tau"} == set("abcd") - kept
     assert summary_of(tmp_path)["cameras"] == len(kept)
     assert summary_of(tmp_path)["options"]["tau"] == tau

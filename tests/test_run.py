@@ -17,7 +17,7 @@ from views import camera
 from fieldcalib.assess.result import Status
 from fieldcalib.cli import frames as frames_of_commands
 from fieldcalib.cli.demo import camera_errors
-from fieldcalib.cli.frames import Frame, opened
+from fieldcalib.cli.frames import Frame, ReadImage, opened
 from fieldcalib.draw.overlays import draw_calibration
 from fieldcalib.draw.scene import render_field
 from fieldcalib.images.from_images import calibrate_from_images
@@ -141,7 +141,7 @@ def test_rejected_cameras_are_written_on_request_only(know, tmp_path, capsys):
     cameras = {}
     for options in (["--keep-rejected"], []):  # the camera of the run before is removed
         know([TRUTHS[0]])
-        assert run("run", tmp_path / "a.png", "--out", tmp_path, *options) == 0
+        assert run("run", tmp_path / "a.png", "--out", tmp_path, "--overwrite", *options) == 0
         (line,) = lines_of(tmp_path)
         assert line["verdict"] == "reject"
         assert line["reason"] == line["message"]
@@ -187,7 +187,7 @@ def test_a_folder_of_images(know, tmp_path, capsys):
     assert [line["id"] for line in lines] == ["a", "b", "c", "d"]
     assert [line["status"] for line in lines] == ["accepted", "too few segments", "broken file", "accepted"]
     assert {path.name for path in out.iterdir()} == {
-        *("camera_a.json", "camera_d.json", "cameras.jsonl", "summary.json"),
+        *("camera_a.json", "camera_d.json", "cameras.jsonl", "run.json", "summary.json"),
         *("overlay_a.jpg", "overlay_b.jpg", "overlay_d.jpg"),
     }
     for id, truth in (("a", TRUTHS[0]), ("d", TRUTHS[1])):
@@ -318,7 +318,7 @@ def test_a_video(know, tmp_path):
         assert line["status"] == "accepted"
         np.testing.assert_allclose(line["angles_degrees"]["pan"], np.degrees(truth.angles[0]), atol=0.1)
     assert {path.name for path in out.iterdir()} == {
-        *("camera_000000.json", "camera_000001.json", "cameras.jsonl", "summary.json", "overlay.mp4"),
+        *("camera_000000.json", "camera_000001.json", "cameras.jsonl", "run.json", "summary.json", "overlay.mp4"),
         *("tripods.json", "motion.png", "worst_frames.jpg"),
     }
     assert all(line["basis"].startswith("lines") for line in lines)
@@ -429,7 +429,12 @@ def test_an_interrupted_video_leaves_nothing_half(know, tmp_path, monkeypatch, c
     for command in ("run", "clips"):
         monkeypatch.setattr(f"fieldcalib.cli.{command}.draw_calibration", interrupt)
     assert run("run", tmp_path / "a.mp4", "--out", tmp_path / "out", *how) == 130
-    assert list((tmp_path / "out").iterdir()) == []
+    left = {path.name for path in (tmp_path / "out").iterdir()}
+    if how:  # its first unit was not done
+        assert left == set()
+    else:  # the clip is calibrated, and some of its frames are written
+        assert left == {"run.json", "cameras.jsonl", ".part-0000.json"}
+        assert "4 frames done" in capsys.readouterr().err
 
 
 def test_a_broken_video_is_one_line(know, tmp_path, capfd):
@@ -461,7 +466,7 @@ def test_broken_images_are_named_by_localize(know, tmp_path, capsys):
     know([None])
     assert run("localize", tmp_path, "--out", tmp_path / "out") == 1
     assert "a.png: is no image that OpenCV can read" in capsys.readouterr().err
-    assert {path.name: path.read_text() for path in (tmp_path / "out").iterdir()} == {"b.json": "{}\n"}
+    assert {path.name: path.read_text() for path in (tmp_path / "out").glob("?.json")} == {"b.json": "{}\n"}
 
 
 def test_an_image_one_pixel_wide_has_no_annotation(know, tmp_path, capsys):
@@ -469,8 +474,11 @@ def test_an_image_one_pixel_wide_has_no_annotation(know, tmp_path, capsys):
     (tmp_path / "b.png").write_bytes(encoded(np.zeros((300, 1, 3), np.uint8)))
     know([TRUTHS[0], None])  # in the second one nothing is seen
     assert run("localize", tmp_path, "--out", tmp_path / "out") == 1
-    assert "fieldcalib: a: pixels of an image of 1 x 300 cannot be normalised" in capsys.readouterr().err
-    assert {path.name: path.read_text() for path in (tmp_path / "out").iterdir()} == {"b.json": "{}\n"}
+    assert (
+        f"fieldcalib: {tmp_path / 'a.png'}: pixels of an image of 1 x 300 cannot be normalised"
+        in capsys.readouterr().err
+    )
+    assert {path.name: path.read_text() for path in (tmp_path / "out").glob("?.json")} == {"b.json": "{}\n"}
 
 
 # --- wrong usage ---
@@ -506,7 +514,7 @@ def test_frames_are_read_when_they_are_asked_for(tmp_path):
         assert source.count == 2
         assert source.frames_per_second is None
         (tmp_path / "a.png").unlink()
-        first, second = source.frames
-    assert first == Frame("a", None, first.problem)
+        first, second = map(ReadImage(), source.files)
+    assert first == Frame("a", None, first.problem, tmp_path / "a.png")
     assert "cannot be read" in first.problem
     assert second.problem == "is no image that OpenCV can read"

@@ -16,9 +16,9 @@ from fieldcalib import Status, soccer
 from fieldcalib.assess.sequence import Basis
 from fieldcalib.calibrate.options import ALL, DEFAULT_FLAGS
 from fieldcalib.images.keyframes import KeyframeTracker
-from fieldcalib.processes.other_process import OtherProcess
 from fieldcalib.images.shot_solver import KeyframeOptions, Seen, ShotProblem, solve_shot
 from fieldcalib.images.tracker import LOST_FOR, Tracker
+from fieldcalib.processes.other_process import OtherProcess
 
 SIZE = (480, 270)
 FIELD = soccer(size_known=True)

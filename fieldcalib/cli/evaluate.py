@@ -15,6 +15,7 @@ from fieldcalib._types import Array
 from fieldcalib.cli.arguments import add_most_bytes, image_size, positive
 from fieldcalib.cli.folder import name_skipped
 from fieldcalib.cli.predictions import GroundTruth, read_ground_truth, read_predictions
+from fieldcalib.cli.results import is_unfinished
 from fieldcalib.io.soccernet import CAMERA_TYPES
 from fieldcalib.metrics import (
     THRESHOLDS,
@@ -98,6 +99,9 @@ def _report(options: argparse.Namespace, broken: list[str]) -> dict[str, Any]:
     )
     name_skipped([options.predictions], predictions.files)
     name_skipped([options.ground_truth], truth.files)
+    if is_unfinished(options.predictions):
+        state = f"the run in {options.predictions} is not finished: frames without a camera may have one later"
+        print(f"fieldcalib: {state}", file=sys.stderr)
     if predictions.of_other_sizes:
         sizes = ", ".join(f"{w}x{h}" for w, h in predictions.of_other_sizes)
         print(

@@ -5,9 +5,10 @@ from __future__ import annotations
 import argparse
 import json
 import time
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import fieldcalib
 from fieldcalib.cli.frames import (
@@ -22,11 +23,11 @@ from fieldcalib.cli.frames import (
     pixels_of,
 )
 from fieldcalib.cli.inputs import add_inputs
-from fieldcalib.cli.results import LOCALIZED, SUMMARY, Outcome, run_folder
+from fieldcalib.cli.results import LOCALIZED, Outcome, Results, finish, run_folder
 from fieldcalib.cli.run_record import RunRecord, recorded
 from fieldcalib.cli.units import Made, add_jobs, work
 from fieldcalib.fields.soccer import soccer
-from fieldcalib.io.files import FrameFile, write_text
+from fieldcalib.io.files import FrameFile
 from fieldcalib.io.formats import ANNOTATIONS, VIDEOS
 from fieldcalib.io.image import Image
 from fieldcalib.io.images import IMAGES_AT_ONCE, in_parts
@@ -61,21 +62,24 @@ def run(options: argparse.Namespace) -> int:
         record = RunRecord.of(options, source.files, unit=IMAGES_AT_ONCE, writes=[ANNOTATIONS.file_name("<id>")])
         with run_folder(options, record, LOCALIZED) as results:
             work(options, results, source.files, IMAGES_AT_ONCE, function, lost, source.count)
-            segments = sum(json.loads(line).get("segments", 0) for line in whole_lines(options.out / LOCALIZED))
-            broken = results.statuses[BROKEN]
-            summary = {
-                "frames": results.done,
-                "annotations": results.done - broken,
-                "segments": segments,
-                "seconds": {"total": time.perf_counter() - began},
-                "options": recorded(options),
-                "version": fieldcalib.__version__,
-            }
-            if not (options.out / SUMMARY).exists():  # of a run that was finished before
-                write_text(options.out / SUMMARY, json.dumps(summary, indent=2) + "\n")
-    frames = results.done - broken
+            summary = localized_summary(results, recorded(options), time.perf_counter() - began)
+            finish(options.out, summary)
+    frames, segments = summary["annotations"], summary["segments"]
     print(f"{segments / max(frames, 1):.1f} segments a frame in {frames} frames in {options.out}")
     return results.exit_code
+
+
+def localized_summary(results: Results, options: Mapping[str, Any], seconds: float) -> dict[str, Any]:
+    """What summary.json says; `seconds` is how long everything took."""
+    lines = map(json.loads, whole_lines(results.out / LOCALIZED))
+    return {
+        "frames": results.done,
+        "annotations": results.done - results.statuses[BROKEN],
+        "segments": sum(line.get("segments", 0) for line in lines),
+        "seconds": {"total": seconds},
+        "options": options,
+        "version": fieldcalib.__version__,
+    }
 
 
 @dataclass(frozen=True)

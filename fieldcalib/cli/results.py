@@ -34,8 +34,8 @@ from fieldcalib.io.formats import CAMERAS, OVERLAYS, VIDEOS
 from fieldcalib.io.image import Image
 from fieldcalib.io.line_log import LineLog, whole_lines
 from fieldcalib.io.output_folder import output_folder
-from fieldcalib.io.parquet import write_parquet
-from fieldcalib.io.results import BROKEN, LINES, TABLE, lines_file, read_lines
+from fieldcalib.io.parquet import read_parquet, write_parquet
+from fieldcalib.io.results import BROKEN, LINES, TABLE, lines_file
 from fieldcalib.problem.layout import ANGLES, CENTER, LOG_F
 
 SUMMARY = "summary.json"  # of a run that is finished
@@ -143,17 +143,17 @@ class Results:
         """1 if files were broken."""
         return 1 if self.statuses[BROKEN] else 0
 
-    def summary(self, began: float, options: argparse.Namespace) -> dict[str, Any]:
-        """What summary.json says."""
+    def summary(self, options: Mapping[str, Any], seconds: float) -> dict[str, Any]:
+        """What summary.json says; `seconds` is how long everything took."""
         return {
             "frames": self.done,
             "cameras": self.cameras,
             "completeness": 100.0 * self.cameras / max(self.done, 1),
             "verdict": {verdict.value: self.verdicts[verdict] for verdict in Verdict},
             "status": dict(self.statuses),
-            "seconds": {"calibration": self.calibrating, "total": time.perf_counter() - began},
+            "seconds": {"calibration": self.calibrating, "total": seconds},
             "milliseconds_per_frame": 1e3 * self.calibrating / max(self.calibrated, 1),
-            "options": recorded(options),
+            "options": options,
             "version": fieldcalib.__version__,
         }
 
@@ -166,6 +166,10 @@ class Results:
         if self.squashed >= max(SUSPICIOUS[0], SUSPICIOUS[1] * self.verdicts.total()):
             seen = f"{self.squashed} of {counted(self.done, 'frame')} show pixels that are not square"
             print(f"{seen}: is the size right? --display-size declares squashed pictures", file=sys.stderr)
+        others = sum(1 for _ in self.out.glob(CAMERAS.file_name("*"))) - self.cameras
+        if others > 0:
+            verb = "is" if others == 1 else "are"
+            print(f"fieldcalib: {counted(others, 'camera')} in {self.out} {verb} not of this run", file=sys.stderr)
 
 
 @contextmanager
@@ -178,8 +182,7 @@ def result_folder(options: argparse.Namespace, record: RunRecord, began: float) 
         raise ValueError(f"--format {PARQUET} is of whole runs: --shard writes cameras.jsonl")
     with run_folder(options, record) as results:
         yield results
-        if not (options.out / SUMMARY).exists():  # of a run that was finished before
-            write_text(options.out / SUMMARY, json.dumps(results.summary(began, options), indent=2) + "\n")
+        finish(options.out, results.summary(recorded(options), time.perf_counter() - began))
         results.say()
     if options.format == PARQUET:
         with output_folder(options.out):
@@ -230,7 +233,13 @@ def _restore_lines(options: argparse.Namespace) -> None:
     path = options.out / LINES
     if (options.resume or options.overwrite) and lines_file(options.out) != path:
         with whole_file(path) as file:
-            file.writelines(text + b"\n" for text in read_lines(lines_file(options.out)))
+            file.writelines(text + b"\n" for text in read_parquet(lines_file(options.out)))
+
+
+def finish(out: Path, summary: Mapping[str, Any]) -> None:
+    """Write the summary of a run, unless it was finished before."""
+    if not (out / SUMMARY).exists():
+        write_text(out / SUMMARY, json.dumps(summary, indent=2) + "\n")
 
 
 def is_unfinished(folder: Path) -> bool:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import os
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
@@ -76,19 +77,26 @@ def lines_file(folder: Path) -> Path:
     return folder / (TABLE if is_table else LINES)
 
 
-def read_lines(path: Path) -> Iterator[bytes]:
-    """The lines of a ``cameras.jsonl``, or of a ``cameras.parquet`` that was made of it.
+def result_lines(path: Path) -> list[bytes]:
+    """The lines of a ``cameras.jsonl``, without the part of one that the end of a process has left, or of its table.
 
     Raises
     ------
     BrokenFileError
-        If the file cannot be read.
+        If it cannot be read.
     ImportError
-        If that needs pyarrow, which is not installed.
+        If it is a table and pyarrow is not installed.
     """
     if path.suffix == Path(TABLE).suffix:
-        return read_parquet(path)
-    return iter(read_regular_file(path, most_bytes=float("inf")).splitlines())
+        return list(read_parquet(path))
+    content = read_regular_file(path, most_bytes=float("inf"))
+    lines = content.splitlines()
+    if lines and not content.endswith(b"\n"):
+        try:
+            json.loads(lines[-1])
+        except ValueError:
+            lines.pop()
+    return lines
 
 
 def read_results(folder: str | os.PathLike[str]) -> Results:
@@ -102,7 +110,8 @@ def read_results(folder: str | os.PathLike[str]) -> Results:
     Returns
     -------
     Results
-        A mapping of ids to `Calibration`; `Results.to_pandas` makes a table of it.
+        A mapping of ids to `Calibration`; `Results.to_pandas` makes a table of it. Of a run that is not finished, the
+        frames that it has done.
 
     Raises
     ------
@@ -130,7 +139,7 @@ def read_results(folder: str | os.PathLike[str]) -> Results:
         raise FileNotFoundError(f"{path} does not exist: expected the folder that a run wrote, with its {LINES}")
     lines: list[dict[str, Any]] = []
     calibrations: dict[str, Calibration] = {}
-    for number, text in enumerate(read_lines(path), 1):
+    for number, text in enumerate(result_lines(path), 1):
         try:
             line = parse_json_object(text, "a frame's result")
             for key in ("id", "status", "message"):

@@ -57,6 +57,9 @@ class Processes(Executor):
     def _run(self, function: Callable[P, T], /, *args: P.args, **kwargs: P.kwargs) -> T:
         process = self._idle.get()
         try:
+            if process is not None and process.has_ended:  # while it had nothing to do
+                self._drop(process)
+                process = None
             process = process or self._started()
             return process.run(function, *args, **kwargs)
         except ProcessEndedError:

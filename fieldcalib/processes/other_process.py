@@ -102,6 +102,11 @@ class OtherProcess:
             return value  # type: ignore[no-any-return]
         raise value
 
+    @property
+    def has_ended(self) -> bool:
+        """Whether the process has ended, of which nothing was heard yet."""
+        return self._process.poll() is not None
+
     def close(self) -> None:
         """End the process, whatever it does."""
         self._end()

@@ -1,0 +1,99 @@
+"""`fieldcalib join`: the results of shards as one run would have written them."""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Iterator, Sequence
+from dataclasses import replace
+from itertools import islice
+from pathlib import Path
+from typing import Any
+
+from fieldcalib.assess.surprises import SQUASHED
+from fieldcalib.cli.localize import localized_summary
+from fieldcalib.cli.results import LOCALIZED, SUMMARY, Outcome, Results, finish, is_unfinished, run_folder
+from fieldcalib.cli.run_record import RunRecord
+from fieldcalib.cli.units import Shard, add_again
+from fieldcalib.io.files import parse_json_object
+from fieldcalib.io.line_log import whole_lines
+from fieldcalib.io.results import LINES
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Describe the command, add its arguments and set ``run``, a function of them that gives the exit code."""
+    parser.description = (
+        "Put the folders that runs with --shard 1/N to N/N wrote together into what one run would have written."
+    )
+    parser.add_argument("shards", nargs="+", type=Path, metavar="SHARD", help="the folders, in any order")
+    parser.add_argument("--out", required=True, type=Path, metavar="DIR", help="where the results go")
+    add_again(parser)
+    parser.set_defaults(run=run)
+
+
+def run(options: argparse.Namespace) -> int:
+    """Join; returns the exit code."""
+    record, shards = _in_order(options.shards)
+    lines = LOCALIZED if record.command == "localize" else LINES
+    summaries = [parse_json_object((folder / SUMMARY).read_bytes(), "a summary") for folder in shards]
+    with run_folder(options, record, lines) as results:
+        for folder, text in islice(_lines(shards, lines, record.unit), results.done, None):
+            results.add(_outcome(folder, text, record))
+        results.calibrating = sum(summary["seconds"].get("calibration", 0.0) for summary in summaries)
+        results.calibrated = results.verdicts.total()
+        seconds = sum(summary["seconds"]["total"] for summary in summaries)
+        made = localized_summary if lines == LOCALIZED else Results.summary
+        finish(options.out, made(results, summaries[0]["options"], seconds))
+    if lines == LINES:
+        results.say()
+    return results.exit_code
+
+
+def _in_order(folders: Sequence[Path]) -> tuple[RunRecord, list[Path]]:
+    """The run that folders are the shards of, and these in order.
+
+    Raises
+    ------
+    ValueError
+        If they are not all of the shards of one run, each once and finished.
+    """
+    found: dict[int, Path] = {}
+    first: RunRecord | None = None
+    of = 0
+    for folder in folders:
+        record = RunRecord.read(folder)
+        if record is None or record.shard is None:
+            raise ValueError(f"{folder} is no shard: expected the folder of a run with --shard K/N")
+        shard = Shard.parse(record.shard)
+        first, of = first or record, of or shard.of
+        other = first.differences(record, of_shards=True) or ("" if shard.of == of else f"it is one of {of}")
+        if other:
+            raise ValueError(f"{folder} and {folders[0]} are not of the same run: {other}")
+        if shard.number in found:
+            raise ValueError(f"{folder} and {found[shard.number]} are both shard {shard}")
+        if is_unfinished(folder):
+            raise ValueError(f"{folder}, shard {shard}, is not finished: --resume goes on with it")
+        found[shard.number] = folder
+    missing = [f"{number}/{of}" for number in range(1, of + 1) if number not in found]
+    if missing:
+        raise ValueError(f"expected all shards of the run, missing: {', '.join(missing)}")
+    assert first is not None
+    return replace(first, shard=None), [found[number] for number in sorted(found)]
+
+
+def _lines(shards: Sequence[Path], log: str, unit: int) -> Iterator[tuple[Path, bytes]]:
+    """The lines of all shards in the order of the frames, with the folder of each."""
+    readers = [(folder, whole_lines(folder / log)) for folder in shards]
+    while readers:
+        for folder, reader in list(readers):
+            lines = list(islice(reader, unit))
+            yield from ((folder, line) for line in lines)
+            if len(lines) < unit:
+                readers.remove((folder, reader))
+
+
+def _outcome(folder: Path, text: bytes, record: RunRecord) -> Outcome:
+    line: dict[str, Any] = parse_json_object(text, "a frame's result")
+    names = [name.replace("<id>", line["id"]) for name in record.writes]
+    files = {name: (folder / name).read_bytes() for name in names if (folder / name).exists()}
+    squashed = SQUASHED in line.get("reason", "")
+    return Outcome(line["id"], text.decode().rstrip("\n"), line["status"], line.get("verdict", ""), squashed, files)

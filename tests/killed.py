@@ -1,0 +1,71 @@
+"""Runs of the command line that are ended at random moments, and gone on with."""
+
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import fieldcalib
+
+SIGNALS = (signal.SIGKILL, signal.SIGTERM, signal.SIGINT)
+EXIT_CODES = {signal.SIGKILL: {-9}, signal.SIGTERM: {143, -15}, signal.SIGINT: {130, -2}}
+
+
+def started(*arguments):
+    """A process of the command line; in the background of a shell interrupts are ignored, here they are not."""
+    code = (
+        "import signal; signal.signal(signal.SIGINT, signal.default_int_handler)\n"
+        "from fieldcalib.cli.main import main\nraise SystemExit(main())"
+    )
+    return subprocess.Popen(
+        [sys.executable, "-c", code, *map(str, arguments)],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+        env={**os.environ, "PYTHONPATH": str(Path(fieldcalib.__file__).parents[1])},
+    )
+
+
+def finished(*arguments):
+    """Exit code and stderr of the command line."""
+    run = started(*arguments)
+    _, errors = run.communicate()
+    return run.returncode, errors
+
+
+def killed(arguments, rng, longest):
+    """End a run at a random moment; whether it had not come to its end before."""
+    number = SIGNALS[int(rng.integers(len(SIGNALS)))]
+    run = started(*arguments)
+    time.sleep(float(rng.uniform(0.1, longest)))
+    run.send_signal(number)
+    _, errors = run.communicate()
+    assert run.returncode in EXIT_CODES[number] | {0}, (number, errors)
+    assert "Traceback" not in errors, errors
+    return run.returncode != 0
+
+
+def content_of(folder):
+    """What lies in a folder, but for the times in its summary."""
+    found = {str(path.relative_to(folder)): path.read_bytes() for path in folder.rglob("*") if path.is_file()}
+    summary = json.loads(found.pop("summary.json"))
+    for name in ("seconds", "milliseconds_per_frame"):
+        summary.pop(name, None)
+    return found, summary
+
+
+def check_that_kills_change_nothing(command, whole, out, rng, longest, kills=2):
+    """A run that is killed and resumed until it is done gives what it gives at once."""
+    for again in range(kills):
+        options = ["--resume"] if again or rng.random() < 0.5 else []
+        killed([*command, "--out", out, *options], rng, longest)
+        if not options and (out / "run.json").exists():
+            code, errors = finished(*command, "--out", out)
+            assert code == 2, errors
+            assert "--resume goes on with it, --overwrite begins anew" in errors
+    code, errors = finished(*command, "--out", out, "--resume")
+    assert code == 0, errors
+    assert content_of(out) == content_of(whole)

@@ -1,0 +1,165 @@
+"""An executor of processes, and results in order by any executor."""
+
+import os
+import signal
+import time
+from concurrent.futures import ProcessPoolExecutor, ThreadPoolExecutor
+from functools import partial
+from multiprocessing import get_context
+
+import cv2
+import pytest
+
+from fieldcalib.processes.jobs import Processes, in_order
+from fieldcalib.processes.other_process import ProcessEndedError
+from fieldcalib.processes.threads import ONE_THREAD
+
+
+def square(number):
+    return number * number
+
+
+def late_square(number):
+    time.sleep(0.02 * (number % 3))
+    return number * number
+
+
+def unless_seven(number):
+    if number == 7:
+        os._exit(3)
+    return number
+
+
+@pytest.fixture(scope="module")
+def processes():
+    with Processes(2) as executor:
+        yield executor
+
+
+def test_tasks_run_in_so_many_other_processes(processes):
+    pids = {future.result() for future in [processes.submit(os.getpid) for _ in range(20)]}
+    assert os.getpid() not in pids
+    assert 1 <= len(pids) <= 2
+
+
+def test_libraries_use_one_thread(processes):
+    assert processes.submit(cv2.getNumThreads).result() == 1
+    for name in ONE_THREAD:
+        assert processes.submit(os.getenv, name).result() == "1"
+
+
+def test_a_task_raises_its_error_and_the_next_ones_run(processes):
+    with pytest.raises(ValueError, match="invalid literal"):
+        processes.submit(int, "three").result()
+    assert processes.submit(int, "3").result() == 3
+
+
+def test_a_process_that_ends_takes_only_its_task_with_it(processes):
+    futures = [processes.submit(unless_seven, number) for number in range(20)]
+    with pytest.raises(ProcessEndedError) as raised:
+        futures[7].result()
+    assert raised.value.exit_code == 3
+    assert [future.result() for number, future in enumerate(futures) if number != 7] == [*range(7), *range(8, 20)]
+
+
+def test_a_process_that_is_killed(processes):
+    future = processes.submit(time.sleep, 60)
+    while not future.running():
+        time.sleep(0.01)
+    time.sleep(0.1)
+    for process in list(processes._all):
+        os.kill(process._process.pid, signal.SIGKILL)
+    with pytest.raises(ProcessEndedError, match="exit code -9"):
+        future.result(timeout=10)
+    assert processes.submit(square, 3).result() == 9
+
+
+def test_an_error_ends_the_processes_at_once():
+    began = time.monotonic()
+
+    def interrupted():
+        with Processes(1) as executor:
+            future = executor.submit(time.sleep, 60)
+            executor.submit(time.sleep, 60)
+            while not future.running():
+                time.sleep(0.01)
+            raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        interrupted()
+    assert time.monotonic() - began < 20.0
+
+
+def test_the_end_waits_for_what_is_done():
+    with Processes(1) as executor:
+        future = executor.submit(late_square, 2)
+    assert future.result() == 4
+
+
+def test_no_processes():
+    with pytest.raises(ValueError, match="jobs must be at least 1, got 0"):
+        Processes(0)
+
+
+# --- in order ---
+
+
+EXECUTORS = {
+    "here": None,
+    "threads": partial(ThreadPoolExecutor, 3),
+    "multiprocessing": partial(ProcessPoolExecutor, 2, get_context("spawn")),
+    "ours": partial(Processes, 2),
+}
+
+
+@pytest.mark.parametrize("make", EXECUTORS.values(), ids=EXECUTORS)
+def test_results_are_in_order_whatever_the_executor(make):
+    numbers = range(40)
+    if make is None:
+        assert list(in_order(None, late_square, numbers)) == [n * n for n in numbers]
+        return
+    with make() as executor:
+        assert list(in_order(executor, late_square, numbers, ahead=5)) == [n * n for n in numbers]
+
+
+def test_dask():
+    from distributed import Client, LocalCluster
+
+    with (
+        LocalCluster(n_workers=2, threads_per_worker=1, dashboard_address=None, processes=True) as cluster,
+        Client(cluster) as client,
+    ):
+        executor = client.get_executor()
+        assert list(in_order(executor, late_square, range(20), ahead=5)) == [n * n for n in range(20)]
+
+
+def test_only_some_items_are_taken_in_advance():
+    taken = []
+
+    def items():
+        for number in range(1000):
+            taken.append(number)
+            yield number
+
+    with ThreadPoolExecutor(2) as executor:
+        results = in_order(executor, square, items(), ahead=4)
+        assert [next(results) for _ in range(10)] == [n * n for n in range(10)]
+        assert len(taken) <= 10 + 4
+        results.close()
+    assert len(taken) <= 10 + 4
+
+
+def test_what_a_process_could_not_do_is_rescued():
+    with Processes(2) as executor:
+        rescue = lambda item, error: (item, error.exit_code)  # noqa: E731
+        assert list(in_order(executor, unless_seven, range(5, 10), rescue=rescue)) == [5, 6, (7, 3), 8, 9]
+        with pytest.raises(ProcessEndedError):
+            list(in_order(executor, unless_seven, range(5, 10)))
+
+
+def test_other_errors_are_raised():
+    with ThreadPoolExecutor(2) as executor:
+        results = in_order(executor, int, ["1", "2", "three", "4"])
+        assert [next(results), next(results)] == [1, 2]
+        with pytest.raises(ValueError, match="three"):
+            next(results)
