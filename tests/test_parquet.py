@@ -4,9 +4,11 @@ import json
 import sys
 
 import pytest
+from commands import calibrate, run
 
 from fieldcalib.io.files import BrokenFileError
 from fieldcalib.io.parquet import AT_ONCE, read_parquet, write_parquet
+from fieldcalib.io.results import read_results
 
 BROKEN = {"id": "b\udc80", "status": "broken file", "message": "is no JSON"}
 FRAME = {
@@ -119,3 +121,69 @@ def test_without_pyarrow_it_is_said_how_to_install_it(tmp_path, monkeypatch):
     with pytest.raises(ImportError, match=r"needs pyarrow: pip install 'fieldcalib\[parquet\]'"):
         write_parquet([], tmp_path / "cameras.parquet")
     assert list(tmp_path.iterdir()) == []
+
+
+# --- of a run ---
+
+
+def files_in(out):
+    return {path.name for path in out.iterdir()}
+
+
+def test_a_run_leaves_a_table_that_reads_back_the_same(annotated_folder, calibrated_folder, tmp_path):
+    import pyarrow  # noqa: F401
+
+    assert calibrate(tmp_path, annotated_folder, options=["--format", "parquet"]) == 0
+    assert files_in(tmp_path) == files_in(calibrated_folder) - {"cameras.jsonl"} | {"cameras.parquet"}
+    ours, theirs = read_results(tmp_path), read_results(calibrated_folder)
+    assert list(ours) == list(theirs)
+    assert dict(ours) == dict(theirs)
+    assert ours.lines == theirs.lines
+    assert read_results(tmp_path / "cameras.parquet").lines == theirs.lines
+    assert run("evaluate", tmp_path, annotated_folder) == 0
+
+
+def test_a_run_with_a_table_is_gone_on_with_and_replaced(annotated_folder, tmp_path, capsys):
+    import pyarrow  # noqa: F401
+
+    options = ["--format", "parquet"]
+    assert calibrate(tmp_path, annotated_folder, options=options) == 0
+    before = (tmp_path / "cameras.parquet").read_bytes()
+    files = files_in(tmp_path)
+    assert calibrate(tmp_path, annotated_folder, options=options) == 2
+    assert "--resume goes on with it, --overwrite begins anew" in capsys.readouterr().err
+    assert calibrate(tmp_path, annotated_folder, options=[*options, "--resume"]) == 0
+    assert (tmp_path / "cameras.parquet").read_bytes() == before
+    assert calibrate(tmp_path, annotated_folder / "b.json", options=[*options, "--overwrite"]) == 0
+    assert list(read_results(tmp_path)) == ["b"]
+    assert files_in(tmp_path) == files - {f"camera_{id}.json" for id in "acd"}
+
+
+def test_a_run_that_ended_before_its_table(annotated_folder, tmp_path, monkeypatch):
+    import pyarrow  # noqa: F401
+
+    def full(lines, path):
+        raise OSError("no space left on device")
+
+    options = ["--format", "parquet"]
+    monkeypatch.setattr("fieldcalib.cli.results.write_parquet", full)
+    assert calibrate(tmp_path, annotated_folder, options=options) == 2
+    assert {"cameras.jsonl"} <= files_in(tmp_path)
+    monkeypatch.undo()
+    assert calibrate(tmp_path, annotated_folder, options=[*options, "--resume"]) == 0
+    assert {"cameras.jsonl", "cameras.parquet"} & files_in(tmp_path) == {"cameras.parquet"}
+    assert len(read_results(tmp_path)) == 4
+
+
+def test_a_table_without_pyarrow_is_refused_before_the_work(annotated_folder, tmp_path, monkeypatch, capsys):
+    monkeypatch.setitem(sys.modules, "pyarrow", None)
+    assert calibrate(tmp_path, annotated_folder, options=["--format", "parquet"]) == 2
+    assert "pip install 'fieldcalib[parquet]'" in capsys.readouterr().err
+    assert files_in(tmp_path) == set()
+
+
+def test_shards_have_no_tables(annotated_folder, tmp_path, capsys):
+    import pyarrow  # noqa: F401
+
+    assert calibrate(tmp_path, annotated_folder, options=["--format", "parquet", "--shard", "1/2"]) == 2
+    assert "--shard writes cameras.jsonl" in capsys.readouterr().err

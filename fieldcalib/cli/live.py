@@ -55,7 +55,8 @@ def run_stream(options: argparse.Namespace, place: Callable[[Image], Placement])
     say_note(path, video)
     if isinstance(end, KeyboardInterrupt):
         raise end
-    print(f"fieldcalib: {reader.end()}{f': {end}' if end else ''}", file=sys.stderr)
+    if end or reader.end():
+        print(f"fieldcalib: {end or reader.end()}", file=sys.stderr)
     return 1 if end else 0
 
 

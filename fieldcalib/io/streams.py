@@ -32,7 +32,9 @@ class Stream:
         return text == STDIN or URL.fullmatch(text) is not None
 
     def __str__(self) -> str:
-        """As given, without user and password."""
+        """For messages: without user and password."""
+        if self.location == STDIN:
+            return "standard input"
         found = URL.fullmatch(self.location)
         return self.location if found is None else f"{found[1]}://{found[2]}"
 
@@ -75,5 +77,5 @@ class StreamReader(FrameReader):
         super().__init__(location, str(stream), most_pixels, cut, threads)
 
     def end(self) -> str:
-        """How the frames that were read ended, to be said."""
-        return f"{self._stream}: no more frames after {len(self._times)}"
+        """What to say where the stream ended before its cut; empty otherwise."""
+        return f"{self._stream}: no more frames after {len(self._times)}" * (len(self._times) < len(self.numbers))
