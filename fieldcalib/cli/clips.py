@@ -27,6 +27,7 @@ from fieldcalib.cli.frames import (
     load_network,
     lost,
     say_note,
+    video_threads,
 )
 from fieldcalib.cli.results import (
     MOTION,
@@ -86,7 +87,7 @@ class ClipInput:
 
     def _opened(self) -> VideoReader:
         options = self.options
-        return VIDEOS.read(options.input[0], options.most_pixels, cut=cut_of(options), threads=options.threads)
+        return VIDEOS.read(options.input[0], options.most_pixels, cut=cut_of(options), threads=video_threads(options))
 
     def __iter__(self) -> Iterator[Image]:
         """The images that can be read, as parts of their frames."""
@@ -185,7 +186,7 @@ def run_clip(options: argparse.Namespace, place: Callable[[Image], Placement]) -
         pictures: dict[int, Image] = {}
         readable, done = 0, results.done
         path = options.out / OVERLAY
-        with VIDEOS.write(path, clip.frames_per_second, threads=options.threads) as video:
+        with VIDEOS.write(path, clip.frames_per_second, threads=video_threads(options)) as video:
             for index, frame in enumerate(clip.frames()):
                 if frame.image is None:
                     if index >= done:  # what is wrong with it was said when it was read first

@@ -190,6 +190,11 @@ def add_network(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--threads", type=count, default=2, metavar="N", help="of the processor (2)")
 
 
+def video_threads(options: argparse.Namespace) -> int:
+    """For decoding or encoding a video: two are open at a time, of the input or of input and overlay."""
+    return max(options.threads // 2, 1)
+
+
 def add_refinement(parser: argparse.ArgumentParser) -> None:
     """--no-refinement."""
     parser.add_argument(

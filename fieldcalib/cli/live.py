@@ -9,7 +9,7 @@ from collections.abc import Callable
 
 from fieldcalib.cli.arguments import LENSES, cut_of, field_of, prior_of
 from fieldcalib.cli.declared import Placement
-from fieldcalib.cli.frames import Frame, checked_frames, load_network, say_note
+from fieldcalib.cli.frames import Frame, checked_frames, load_network, say_note, video_threads
 from fieldcalib.cli.results import OVERLAY, Outcome, Results, calibration_line, result_folder
 from fieldcalib.cli.run_record import RunRecord
 from fieldcalib.draw.overlays import draw_calibration
@@ -31,14 +31,14 @@ def run_stream(options: argparse.Namespace, place: Callable[[Image], Placement])
     _check(options, stream)
     began = time.perf_counter()
     field, network = field_of(options), load_network(options)
-    reader = StreamReader(stream, options.most_pixels, cut=cut_of(options), threads=options.threads)
+    reader = StreamReader(stream, options.most_pixels, cut=cut_of(options), threads=video_threads(options))
     record = RunRecord.of(options, [], unit=1, writes=[CAMERAS.file_name("<id>")])
     path = options.out / OVERLAY
     end: Exception | KeyboardInterrupt | None = None
     with (
         reader,
         result_folder(options, record, began) as results,
-        VIDEOS.write(path, reader.frames_per_second, threads=options.threads) as video,
+        VIDEOS.write(path, reader.frames_per_second, threads=video_threads(options)) as video,
         Tracker(
             field,
             network,

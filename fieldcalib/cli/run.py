@@ -39,6 +39,7 @@ from fieldcalib.cli.frames import (
     network_in_process,
     opened,
     say_note,
+    video_threads,
 )
 from fieldcalib.cli.inputs import add_inputs, runs_of
 from fieldcalib.cli.live import is_stream, run_stream
@@ -137,7 +138,7 @@ def _run(options: argparse.Namespace) -> int:
     if is_clip(options):
         return run_clip(options, place)
     function, cut = FromImages(options, load_network(options)), cut_of(options)
-    with opened(options.input, options.most_pixels, check=place, cut=cut, threads=options.threads) as source:
+    with opened(options.input, options.most_pixels, check=place, cut=cut, threads=video_threads(options)) as source:
         if source.frames_per_second is not None and options.shard is not None:
             raise ValueError("--shard is of images: give every machine some of the videos")
         writes = [form.file_name("<id>") for form in (CAMERAS, OVERLAYS)]
@@ -159,7 +160,7 @@ def _run_video(
     frames = (replace(frame, line=next(lines, b"").decode()) for frame in source.frames)
     path = options.out / OVERLAY
 
-    with VIDEOS.write(path, rate, threads=options.threads) as video:
+    with VIDEOS.write(path, rate, threads=video_threads(options)) as video:
 
         def write(outcome: Outcome) -> None:
             if not outcome.is_written:
