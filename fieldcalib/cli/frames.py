@@ -192,7 +192,7 @@ def add_network(parser: argparse.ArgumentParser) -> None:
 
 def video_threads(options: argparse.Namespace) -> int:
     """For decoding or encoding a video: two are open at a time, of the input or of input and overlay."""
-    return max(options.threads // 2, 1)
+    return max(int(options.threads) // 2, 1)
 
 
 def add_refinement(parser: argparse.ArgumentParser) -> None:
