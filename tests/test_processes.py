@@ -8,11 +8,19 @@ from functools import partial
 from multiprocessing import get_context
 
 import cv2
+import numpy as np
 import pytest
+from networks import CLASSES, FIELD, band_maps, probabilities
+from views import camera
 
+from fieldcalib import calibrate_from_images
+from fieldcalib.draw.scene import render_field
+from fieldcalib.localize import localize
 from fieldcalib.processes.jobs import Processes, in_order
 from fieldcalib.processes.other_process import ProcessEndedError
 from fieldcalib.processes.threads import ONE_THREAD
+
+TRUTH = camera(24, 78, 700, (0, 68, -17)).scaled((480, 270))
 
 
 def square(number):
@@ -163,3 +171,29 @@ def test_other_errors_are_raised():
         assert [next(results), next(results)] == [1, 2]
         with pytest.raises(ValueError, match="three"):
             next(results)
+
+
+# --- what is calibrated with an executor ---
+
+
+class Seeing:
+    """A network that finds the same camera in every image, wherever it runs."""
+
+    classes = CLASSES
+
+    def __call__(self, images):
+        return np.stack([probabilities(band_maps(TRUTH))] * len(images))
+
+
+@pytest.mark.parametrize("make", [partial(ThreadPoolExecutor, 2), partial(Processes, 2)], ids=["threads", "processes"])
+def test_images_are_calibrated_the_same_by_any_executor(make):
+    image = render_field(TRUTH, FIELD, rng=np.random.default_rng(0))
+    images = [np.roll(image, shift, axis=0) for shift in range(0, 20, 2)]
+    here = calibrate_from_images(FIELD, images, Seeing())
+    assert here[0].accepted
+    with make() as executor:
+        there = calibrate_from_images(FIELD, images, Seeing(), executor=executor)
+        localized = localize(FIELD, images, Seeing(), executor=executor)
+    assert there == here
+    assert len(localized) == len(images)
+    assert [one.pixels.keys() for one in localized] == [one.pixels.keys() for one in localize(FIELD, images, Seeing())]

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
+from concurrent.futures import Executor
 from dataclasses import replace
 from functools import partial
 
@@ -15,8 +16,12 @@ from fieldcalib.geometry.camera import Camera
 from fieldcalib.images.hypotheses import calibrate_from_consensus, calibrate_localized, near_labels
 from fieldcalib.images.line_profiles import Markings
 from fieldcalib.images.refinement import SEARCH_RANGES, Refined, ToRefine, line_support, refine_all, unrefined
-from fieldcalib.io.image import Image, checked_images
+from fieldcalib.io.image import Image, each_checked
+from fieldcalib.io.images import IMAGES_AT_ONCE, in_parts
 from fieldcalib.localize import Localization, Network, localize
+from fieldcalib.localize.flow import check_network
+from fieldcalib.problem.labelled_pixels import check_object
+from fieldcalib.processes.jobs import in_order
 
 LEAST_WEIGHT = 0.7  # of a segment (1 if it is labelled by hand): those below are mostly false detections
 LEAST_SEGMENTS = 3  # determine a camera; where fewer have that weight, all segments are used
@@ -36,6 +41,7 @@ def calibrate_from_images(
     flags: int = DEFAULT_FLAGS,
     prior: Prior = ALL,
     refine: bool = True,
+    executor: Executor | None = None,
 ) -> list[Calibration]:
     """Calibrate a camera for each of several images.
 
@@ -44,13 +50,16 @@ def calibrate_from_images(
     object_segments : mapping of str to segment
         The calibration object that the network was trained for, e.g. `soccer()`.
     images : iterable of (height, width, 3) uint8 arrays
-        Blue, green, red; of any sizes. All are held in memory at once: pass a long video in parts.
+        Blue, green, red; of any sizes. They are taken and worked on `IMAGES_AT_ONCE` by `IMAGES_AT_ONCE`.
     network : Network
         Finds the markings, e.g. `SegmentationNetwork.load()`.
     flags, prior
         As in `calibrate_from_segments`, the same for all images.
     refine : bool
         Whether cameras are refined on the lines in the images (`refine_on_image`): more accurate, twice as slow.
+    executor : concurrent.futures.Executor, optional
+        What works on the images, e.g. `Processes`, or that of a cluster (dask's ``Client.get_executor()``); other
+        processes must be able to import the classes of what is given. The results are the same.
 
     Returns
     -------
@@ -76,7 +85,23 @@ def calibrate_from_images(
     >>> str(calibration.status), calibration.message
     ('too few segments', 'no labelled pixels: nothing to calibrate from')
     """
-    images = checked_images(images)
+    check_object(object_segments)
+    check_network(network)
+    of_part = partial(_calibrated, object_segments, network=network, flags=flags, prior=prior, refine=refine)
+    parts = in_parts(each_checked(images), IMAGES_AT_ONCE, lambda image: image.shape[0] * image.shape[1])
+    return [calibration for part in in_order(executor, of_part, parts) for calibration in part]
+
+
+def _calibrated(
+    object_segments: ObjectSegments,
+    images: Sequence[Image],
+    *,
+    network: Network,
+    flags: int,
+    prior: Prior,
+    refine: bool,
+) -> list[Calibration]:
+    """The calibrations of images that are worked on together."""
     found = [_without_weak(part) for part in localize(object_segments, images, network)]
     by_size: dict[tuple[int, int], list[int]] = {}
     for index, image in enumerate(images):

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
 from typing import Any, TypeAlias
 
 import numpy as np
@@ -58,16 +58,16 @@ cv2.cvtColor(image, cv2.COLOR_GRAY2BGR) or cv2.COLOR_BGRA2BGR makes it so
     return array
 
 
-def checked_images(images: Iterable[Any]) -> list[Image]:
-    """Several images as a list of arrays, of a generator too; see `checked_image`.
+def each_checked(images: Iterable[Any]) -> Iterator[Image]:
+    """Several images as arrays, of a generator too, each when it is asked for; see `checked_image`.
 
     Examples
     --------
-    >>> len(checked_images(np.zeros((540, 960, 3), np.uint8) for _ in range(2)))
+    >>> len(list(each_checked(np.zeros((540, 960, 3), np.uint8) for _ in range(2))))
     2
     """
     if isinstance(images, np.ndarray) and images.ndim < 4:
         raise ValueError(f"expected a list of images, got one array of shape {images.shape}: give [image]")
     if isinstance(images, str | os.PathLike) or not isinstance(images, Iterable):
         raise ValueError(f"expected a list of images, got {images!r}")
-    return [checked_image(image) for image in images]
+    return map(checked_image, images)

@@ -3,14 +3,18 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Sequence
+from concurrent.futures import Executor
+from functools import partial
 from typing import Protocol, TypeAlias
 
 from fieldcalib._types import Float32
 from fieldcalib.fields.segments import ObjectSegments
-from fieldcalib.io.image import Image, checked_images
+from fieldcalib.io.image import Image, each_checked
+from fieldcalib.io.images import IMAGES_AT_ONCE, in_parts
 from fieldcalib.localize.grid import Localization
 from fieldcalib.localize.ridges import ridge_points
 from fieldcalib.problem.labelled_pixels import check_object
+from fieldcalib.processes.jobs import in_order
 
 PointSelection: TypeAlias = Callable[[Float32, Sequence[str], ObjectSegments, tuple[int, int]], Localization]
 
@@ -38,6 +42,7 @@ def localize(
     network: Network,
     *,
     select: PointSelection = ridge_points,
+    executor: Executor | None = None,
 ) -> list[Localization]:
     """Labelled pixels of images.
 
@@ -46,11 +51,13 @@ def localize(
     object_segments : mapping of str to segment
         The calibration object that the network was trained for, e.g. `soccer()`.
     images : iterable of (height, width, 3) uint8 arrays
-        Blue, green, red; of any sizes. The network gets all of them in one call.
+        Blue, green, red; of any sizes. The network gets `IMAGES_AT_ONCE` of them in one call.
     network : Network
         A `SegmentationNetwork`, or another source of class probabilities.
     select : callable
         `ridge_points`, or `skeleton_points` as in the paper.
+    executor : concurrent.futures.Executor, optional
+        What works on the images, as in `calibrate_from_images`.
 
     Returns
     -------
@@ -76,9 +83,15 @@ def localize(
     """
     check_object(object_segments)
     check_network(network)
-    images = checked_images(images)
-    if not images:
-        return []
+    of_part = partial(_localized, object_segments, network=network, select=select)
+    parts = in_parts(each_checked(images), IMAGES_AT_ONCE, lambda image: image.shape[0] * image.shape[1])
+    return [found for part in in_order(executor, of_part, parts) for found in part]
+
+
+def _localized(
+    object_segments: ObjectSegments, images: Sequence[Image], *, network: Network, select: PointSelection
+) -> list[Localization]:
+    """Of images that the network gets in one call."""
     return [
         select(probability, network.classes, object_segments, (image.shape[1], image.shape[0]))
         for image, probability in zip(images, network(images), strict=True)

@@ -1,0 +1,146 @@
+"""Clips, and videos whose frames are calibrated by themselves, that are gone on with."""
+
+import numpy as np
+import pytest
+from commands import lines_of, run
+from killed import content_of
+from networks import FIELD, looked_at
+
+from fieldcalib import Camera, calibrate_video
+from fieldcalib.assess.video import VideoCalibration
+from fieldcalib.draw.scene import render_field
+from fieldcalib.images import from_video
+from fieldcalib.io.videos import VideoWriter
+
+TRUTHS = [
+    Camera.from_angles(pan, 1.32, 0.0, 475.0, (1.0, 66.0, -16.0), (480, 270)) for pan in np.linspace(0.1, 0.4, 30)
+]
+
+
+@pytest.fixture(scope="module")
+def rendered():
+    return [render_field(camera, FIELD, rng=np.random.default_rng(0)) for camera in TRUTHS]
+
+
+@pytest.fixture(scope="module")
+def video(rendered, tmp_path_factory):
+    path = tmp_path_factory.mktemp("video") / "clip.mp4"
+    with VideoWriter(path, 25.0) as video:
+        for image in rendered:
+            video.write(image)
+    return path
+
+
+@pytest.fixture(autouse=True)
+def small_parts(monkeypatch):
+    """Parts of some frames, until the next keyframe."""
+    monkeypatch.setattr(from_video, "PART", 5)
+
+
+@pytest.fixture
+def network(know, rendered):
+    """A network that knows the cameras of the keyframes, anew for each run."""
+    return lambda: know([TRUTHS[t] for t in looked_at(rendered)])
+
+
+class Interrupting:
+    """Raises a KeyboardInterrupt at the n-th call of a function, before it."""
+
+    def __init__(self, function, count):
+        self.function, self.left = function, count
+
+    def __call__(self, *arguments, **options):
+        if not self.left:
+            raise KeyboardInterrupt
+        self.left -= 1
+        return self.function(*arguments, **options)
+
+
+@pytest.fixture(scope="module")
+def whole(video, rendered, tmp_path_factory):
+    """What an uninterrupted run writes."""
+    from networks import KnownCameras
+
+    out = tmp_path_factory.mktemp("whole") / "out"
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(from_video, "PART", 5)
+        patch.setattr(
+            "fieldcalib.cli.clips.load_network", lambda o: KnownCameras([TRUTHS[t] for t in looked_at(rendered)])
+        )
+        assert run("run", video, "--out", out) == 0
+    return out
+
+
+def test_parts_that_are_kept_are_not_calibrated_again(rendered, network, monkeypatch):
+    kept = {}
+    whole = calibrate_video(FIELD, rendered, network(), parts=kept)
+    assert len(kept) >= 2
+    assert sum(map(len, kept.values())) == len(rendered)
+    read_back = {index: VideoCalibration.from_dict(part.to_dict()) for index, part in kept.items()}
+    monkeypatch.setattr(from_video.ClipSolver, "tripods", lambda *_: pytest.fail("has worked"))
+    again = calibrate_video(FIELD, rendered, network(), parts=read_back)
+    assert again == whole
+    assert [camera.K.tolist() for camera in again.cameras] == [camera.K.tolist() for camera in whole.cameras]
+    with pytest.raises(ValueError, match="another video"):
+        calibrate_video(FIELD, rendered[:8], network(), parts=read_back)
+
+
+@pytest.mark.parametrize("count", [1, 2])
+def test_a_clip_goes_on_after_its_parts(video, whole, network, tmp_path, monkeypatch, capsys, count):
+    with monkeypatch.context() as patch:
+        finished = from_video.ClipSolver.finished
+        ending = Interrupting(finished, count)
+        patch.setattr(from_video.ClipSolver, "finished", lambda *arguments: ending(*arguments))
+        network()
+        assert run("run", video, "--out", tmp_path) == 130
+    assert "--resume goes on with the run" in capsys.readouterr().err
+    parts = sorted(path.name for path in tmp_path.glob(".part-*"))
+    assert parts == [f".part-{index:04d}.json" for index in range(count)]
+    solved = []
+    with monkeypatch.context() as patch:
+        patch.setattr(from_video.ClipSolver, "finished", lambda *arguments: solved.append(1) or finished(*arguments))
+        network_of_rest = network()
+        network_of_rest.maps = network_of_rest.maps[count:]  # one keyframe a part
+        assert run("run", video, "--out", tmp_path, "--resume") == 0
+    assert len(solved) == 3 - count
+    assert content_of(tmp_path) == content_of(whole)
+
+
+@pytest.mark.parametrize("count", [0, 7, 29])
+def test_a_clip_goes_on_with_its_frames(video, whole, network, tmp_path, monkeypatch, count):
+    from fieldcalib.draw.overlays import draw_calibration
+
+    with monkeypatch.context() as patch:
+        patch.setattr("fieldcalib.cli.clips.draw_calibration", Interrupting(draw_calibration, count))
+        network()
+        assert run("run", video, "--out", tmp_path) == 130
+    assert len(lines_of(tmp_path)) == count + 1
+    assert run("run", video, "--out", tmp_path, "--resume") == 0
+    assert content_of(tmp_path) == content_of(whole)
+
+
+@pytest.mark.parametrize("count", [8, 17])
+def test_a_video_by_itself_goes_on(video, know, tmp_path, monkeypatch, count):
+    from fieldcalib.cli.results import Results
+
+    know(TRUTHS)
+    assert run("run", video, "--independent", "--out", tmp_path / "whole") == 0
+    out = tmp_path / "out"
+    with monkeypatch.context() as patch:
+        ending = Interrupting(Results.add, count)
+        patch.setattr(Results, "add", lambda *arguments: ending(*arguments))
+        know(TRUTHS)
+        assert run("run", video, "--independent", "--out", out) == 130
+    assert len(lines_of(out)) == count
+    assert not (out / "overlay.mp4").exists()
+    know(TRUTHS[8 * ((count - 1) // 8) :])  # the last line is written again
+    assert run("run", video, "--independent", "--out", out, "--resume") == 0
+    assert content_of(out) == content_of(tmp_path / "whole")
+
+
+@pytest.mark.parametrize("options", [[], ["--independent"]])
+def test_a_video_has_no_shards(video, know, tmp_path, capsys, options):
+    know([])
+    assert run("run", video, "--shard", "1/2", "--out", tmp_path / "out", *options) == 2
+    assert "--shard is of images" in capsys.readouterr().err
+    assert not (tmp_path / "out").exists()
