@@ -182,6 +182,16 @@ def test_a_table_without_pyarrow_is_refused_before_the_work(annotated_folder, tm
     assert files_in(tmp_path) == set()
 
 
+def test_a_table_that_cannot_be_read_without_pyarrow_is_one_line(annotated_folder, tmp_path, monkeypatch, capsys):
+    import pyarrow  # noqa: F401
+
+    assert calibrate(tmp_path, annotated_folder, options=["--format", "parquet"]) == 0
+    monkeypatch.setitem(sys.modules, "pyarrow", None)
+    capsys.readouterr()
+    assert run("evaluate", tmp_path, annotated_folder) == 2
+    assert capsys.readouterr().err == "fieldcalib: Parquet needs pyarrow: pip install 'fieldcalib[parquet]'\n"
+
+
 def test_shards_have_no_tables(annotated_folder, tmp_path, capsys):
     import pyarrow  # noqa: F401
 

@@ -62,7 +62,7 @@ def _exit_code(work: Callable[[], int]) -> int:
     except MemoryError:
         print("fieldcalib: there is not enough memory", file=sys.stderr)
         return 2
-    except (OSError, ValueError) as error:
+    except (OSError, ValueError, ImportError) as error:  # the last one of an extra that is not installed
         print(f"fieldcalib: {error}", file=sys.stderr)
         return 2
 

@@ -43,7 +43,7 @@ class Position:
 
     def __str__(self) -> str:
         """As it is parsed."""
-        return f"{self.seconds:g}" if self.frame is None else f"{self.frame}f"
+        return f"{self.seconds:.10g}" if self.frame is None else f"{self.frame}f"
 
     def number(self, frames_per_second: float | None) -> int:
         """The number of the first frame that is not before it.

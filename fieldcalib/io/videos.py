@@ -118,6 +118,12 @@ class FrameReader:
 class VideoReader(FrameReader):
     """Frames of a video file, one after the other; a context manager.
 
+    Parameters
+    ----------
+    path : Path
+    most_pixels, cut, threads
+        As of a `FrameReader`.
+
     Raises
     ------
     FileNotFoundError
