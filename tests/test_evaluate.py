@@ -532,3 +532,18 @@ def test_help(capsys):
     printed = capsys.readouterr().out
     for word in ("--size", "--thresholds", "--planar", "--homographies", "--camera-type", "camera_<id>.json"):
         assert word in printed
+
+
+# --- several processes ---
+
+
+@pytest.mark.parametrize("size", [None, "1280x720"])
+def test_the_report_is_the_same_with_any_number_of_jobs(truth, cameras, capsys, monkeypatch, size):
+    monkeypatch.setattr("fieldcalib.cli.predictions.READ_AT_ONCE", 2)
+    monkeypatch.setattr("fieldcalib.metrics.accuracy.CHUNK", 3)
+    (cameras / "camera_a.json").write_text("{")
+    (truth / "d.json").write_text("{")
+    options = [] if size is None else ["--size", size]
+    alone = report_of(capsys, cameras, truth, *options, code=1)
+    assert report_of(capsys, cameras, truth, *options, "--jobs", 2, code=1) == alone
+    assert alone[0]["frames"] == 3

@@ -6,6 +6,7 @@ import argparse
 import json
 import sys
 from collections.abc import Mapping, Sequence
+from concurrent.futures import Executor
 from pathlib import Path
 from typing import Any
 
@@ -16,6 +17,7 @@ from fieldcalib.cli.arguments import add_most_bytes, image_size, positive
 from fieldcalib.cli.folder import name_skipped
 from fieldcalib.cli.predictions import GroundTruth, read_ground_truth, read_predictions
 from fieldcalib.cli.results import is_unfinished
+from fieldcalib.cli.units import add_processes, processes_of
 from fieldcalib.io.soccernet import CAMERA_TYPES
 from fieldcalib.metrics import (
     THRESHOLDS,
@@ -68,6 +70,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--camera-type", metavar="NAME", help=f"only frames that {CAMERA_TYPES} calls so, e.g. 'Main camera center'"
     )
     parser.add_argument("--json", action="store_true", help="print JSON")
+    add_processes(parser)
     add_most_bytes(parser)
     parser.set_defaults(run=run)
 
@@ -80,7 +83,8 @@ def run(options: argparse.Namespace) -> int:
     """Evaluate and print; returns the exit code."""
     broken: list[str] = []
     try:
-        report = _report(options, broken)
+        with processes_of(options) as executor:
+            report = _report(options, broken, executor)
     finally:  # broken files may be why there is nothing to evaluate
         for message in broken:
             print(f"fieldcalib: {message}", file=sys.stderr)
@@ -88,14 +92,24 @@ def run(options: argparse.Namespace) -> int:
     return 1 if broken else 0
 
 
-def _report(options: argparse.Namespace, broken: list[str]) -> dict[str, Any]:
+def _report(options: argparse.Namespace, broken: list[str], executor: Executor | None) -> dict[str, Any]:
     most_bytes = options.most_bytes
     predictions = read_predictions(
-        options.predictions, broken, size=options.size, homographies=options.homographies, most_bytes=most_bytes
+        options.predictions,
+        broken,
+        size=options.size,
+        homographies=options.homographies,
+        most_bytes=most_bytes,
+        executor=executor,
     )
     width, height = predictions.size
     truth = read_ground_truth(
-        options.ground_truth, predictions.size, broken, camera_type=options.camera_type, most_bytes=most_bytes
+        options.ground_truth,
+        predictions.size,
+        broken,
+        camera_type=options.camera_type,
+        most_bytes=most_bytes,
+        executor=executor,
     )
     name_skipped([options.predictions], predictions.files)
     name_skipped([options.ground_truth], truth.files)
@@ -116,7 +130,7 @@ def _report(options: argparse.Namespace, broken: list[str]) -> dict[str, Any]:
             f"no frame in common, do the ids agree?"
         )
     planar = options.planar or any(is_homography(prediction) for prediction in by_frame.values())
-    return evaluate(by_frame, truth, predictions.size, thresholds=options.thresholds, planar=planar)
+    return evaluate(by_frame, truth, predictions.size, thresholds=options.thresholds, planar=planar, executor=executor)
 
 
 def _some(frames: Mapping[str, Any]) -> str:
@@ -132,6 +146,7 @@ def evaluate(
     *,
     thresholds: Sequence[float] = THRESHOLDS,
     planar: bool = False,
+    executor: Executor | None = None,
 ) -> dict[str, Any]:
     """All metrics that the ground truth allows, as JSON: ratios in percent, the rest with its unit in the name."""
     ids = list(truth.annotations)
@@ -141,6 +156,7 @@ def evaluate(
         size,
         thresholds=thresholds,
         planar=planar,
+        executor=executor,
     )
     names = [f"{t:g}" for t in evaluation.thresholds]
     report: dict[str, Any] = {

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
+from concurrent.futures import Executor
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
@@ -13,6 +14,9 @@ import numpy as np
 
 from fieldcalib._types import Array
 from fieldcalib.cli.folder import problem
+from fieldcalib.cli.units import units_of
+from fieldcalib.cli.waiting import waiting_for
+from fieldcalib.fields.field import Field
 from fieldcalib.fields.soccer import soccer
 from fieldcalib.geometry.rational import RationalCamera
 from fieldcalib.io.files import MOST_BYTES, BrokenFileError, FrameFile, parse_json_object, read_regular_file
@@ -24,9 +28,11 @@ from fieldcalib.io.wc14 import IMAGE_SIZE
 from fieldcalib.metrics import Prediction
 from fieldcalib.metrics.accuracy import check_annotation
 from fieldcalib.problem.labelled_pixels import Pixels
+from fieldcalib.processes.jobs import in_order
 
 OFF_CENTRE = 0.1  # of the image's size: a principal point further off belongs to an image of another size
 LARGEST_SIZE = 100_000  # px: beyond, a principal point says nothing about an image
+READ_AT_ONCE = 256  # files, by one of several processes
 MOST_PIXELS = 20_000  # of an annotation: their distances to projected segments take 200 MB
 SEVERAL_SIZES = "the predictions are for images of several sizes: say by --size which one the annotations have"
 
@@ -67,6 +73,7 @@ def read_predictions(
     size: tuple[int, int] | None = None,
     homographies: bool = False,
     most_bytes: float = MOST_BYTES,
+    executor: Executor | None = None,
 ) -> Predictions:
     """Cameras of a folder, a zip or a TVCalib output by frame, or homographies if asked for or if there are no cameras.
 
@@ -83,13 +90,13 @@ def read_predictions(
         found, own_size = _read_tvcalib(path, broken, size, homographies=homographies, most_bytes=most_bytes)
     elif files := _camera_files(path, homographies=homographies):
         parse_camera = partial(CAMERAS.read, image_size=size or IMAGE_SIZE)
-        cameras = read_files(files, parse_camera, broken, most_bytes=most_bytes)
+        cameras = read_files(files, parse_camera, broken, most_bytes=most_bytes, executor=executor)
         found = dict(cameras)
         own_size = _size_of_run(path) or _only({natural_size(camera) for camera in cameras.values()})
     else:
         files, own_size = _homography_files(path, homographies=homographies), size or IMAGE_SIZE
         parse = partial(HOMOGRAPHIES.read, image_size=own_size)
-        found = dict(read_files(files, parse, broken, most_bytes=most_bytes))
+        found = dict(read_files(files, parse, broken, most_bytes=most_bytes, executor=executor))
     if not found:
         raise ValueError(f"{path} holds no prediction that can be evaluated")
     if size is None and own_size is None:
@@ -113,7 +120,7 @@ def _size_of_run(path: Path) -> tuple[int, int] | None:
     """The size of the images that `fieldcalib calibrate` or `run` wrote cameras of into a folder, if it is one."""
     if not lines_file(path).is_file():
         return None
-    lines = [parse_json_object(text, "a frame's result") for text in result_lines(lines_file(path))]
+    lines = (parse_json_object(text, "a frame's result") for text in result_lines(lines_file(path)))
     return _only({(int(w), int(h)) for w, h in (line["image_size"] for line in lines if line.get("image_size"))})
 
 
@@ -183,6 +190,7 @@ def read_ground_truth(
     *,
     camera_type: str | None = None,
     most_bytes: float = MOST_BYTES,
+    executor: Executor | None = None,
 ) -> GroundTruth:
     """Annotations of a folder or a zip, and homographies that lie beside them.
 
@@ -196,20 +204,21 @@ def read_ground_truth(
         chosen = [file for file in files if types.get(file.id) == camera_type]
         if not chosen:
             raise ValueError(f"no frame is of type {camera_type!r}; there are {', '.join(sorted(set(types.values())))}")
-    field = soccer()
-
-    def annotation(content: bytes) -> Pixels:
-        pixels = ANNOTATIONS.read(content, size, unknown=True)
-        count = sum(map(len, pixels.values()))
-        if count > MOST_PIXELS:
-            raise BrokenFileError(f"has {count} labelled pixels: up to {MOST_PIXELS} are evaluated")
-        return check_annotation(pixels, field)
-
     ids = {file.id for file in chosen}
-    annotations = read_files(chosen, annotation, broken, most_bytes=most_bytes)
+    parse = partial(_annotation, field=soccer(), size=size)
+    annotations = read_files(chosen, parse, broken, most_bytes=most_bytes, executor=executor)
     found = [file for file in beside if file.id in ids]
-    homographies = read_files(found, partial(HOMOGRAPHIES.read, image_size=size), broken, most_bytes=most_bytes)
+    of_size = partial(HOMOGRAPHIES.read, image_size=size)
+    homographies = read_files(found, of_size, broken, most_bytes=most_bytes, executor=executor)
     return GroundTruth(annotations, homographies, len(chosen) / len(files), [*files, *beside])
+
+
+def _annotation(content: bytes, *, field: Field, size: tuple[int, int]) -> Pixels:
+    pixels = ANNOTATIONS.read(content, size, unknown=True)
+    count = sum(map(len, pixels.values()))
+    if count > MOST_PIXELS:
+        raise BrokenFileError(f"has {count} labelled pixels: up to {MOST_PIXELS} are evaluated")
+    return check_annotation(pixels, field)
 
 
 def _beside(path: Path) -> list[FrameFile]:
@@ -226,12 +235,27 @@ def read_files(
     broken: list[str],
     *,
     most_bytes: float = MOST_BYTES,
+    executor: Executor | None = None,
 ) -> dict[str, Parsed]:
     """Parsed content of files by frame; messages about broken ones go to `broken`."""
     found: dict[str, Parsed] = {}
+    of_part = partial(_read, parse=parse, most_bytes=most_bytes)
+    for parsed, messages in in_order(executor, of_part, units_of(files, READ_AT_ONCE)):
+        found |= parsed
+        broken += messages
+    return found
+
+
+def _read(
+    files: Sequence[FrameFile], *, parse: Callable[[bytes], Parsed], most_bytes: float
+) -> tuple[dict[str, Parsed], list[str]]:
+    found: dict[str, Parsed] = {}
+    broken: list[str] = []
     for file in files:
         try:
-            found[file.id] = parse(file.read(most_bytes))
+            with waiting_for(file.path):
+                content = file.read(most_bytes)
+            found[file.id] = parse(content)
         except (ValueError, MemoryError) as error:
             broken.append(f"{file.path}: {problem(error)}")
-    return found
+    return found, broken

@@ -29,7 +29,7 @@ from fieldcalib.assess.surprises import SQUASHED
 from fieldcalib.cli.arguments import PARQUET
 from fieldcalib.cli.run_record import RECORD, RunRecord, recorded
 from fieldcalib.geometry.camera import Camera
-from fieldcalib.io.files import parse_json_object, remove_temporaries, whole_file, write_bytes, write_text
+from fieldcalib.io.files import remove_temporaries, whole_file, write_bytes, write_text
 from fieldcalib.io.formats import CAMERAS, OVERLAYS, VIDEOS
 from fieldcalib.io.image import Image
 from fieldcalib.io.line_log import LineLog, whole_lines
@@ -215,7 +215,7 @@ def run_folder(options: argparse.Namespace, record: RunRecord, lines: str = LINE
         with LineLog(options.out / lines, kept) as log:
             results = Results(options.out, log)
             for text in whole_lines(options.out / lines):
-                results.take_up(parse_json_object(text, "a frame's result"))
+                results.take_up(json.loads(text))
             try:
                 yield results
             except BaseException:

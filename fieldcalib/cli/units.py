@@ -68,8 +68,8 @@ def add_again(parser: argparse.ArgumentParser) -> None:
     again.add_argument("--overwrite", action="store_true", help="remove the results of an earlier run in DIR first")
 
 
-def add_jobs(parser: argparse.ArgumentParser) -> None:
-    """--jobs, --shard, --resume and --overwrite of everything that works on frames one by one."""
+def add_processes(parser: argparse.ArgumentParser) -> None:
+    """--jobs."""
     parser.add_argument(
         "--jobs",
         type=count,
@@ -77,6 +77,11 @@ def add_jobs(parser: argparse.ArgumentParser) -> None:
         metavar="N",
         help="processes, each with one thread; the results are the same (1)",
     )
+
+
+def add_jobs(parser: argparse.ArgumentParser) -> None:
+    """--jobs, --shard, --resume and --overwrite of everything that works on frames one by one."""
+    add_processes(parser)
     parser.add_argument(
         "--shard",
         type=Shard.parse,

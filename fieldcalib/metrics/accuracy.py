@@ -9,7 +9,9 @@ its labels and with those of the field turned by 180 degrees, and the better of 
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
+from concurrent.futures import Executor
 from dataclasses import dataclass
+from functools import partial
 from itertools import pairwise
 from typing import NamedTuple
 
@@ -21,9 +23,10 @@ from fieldcalib.fields.segments import Segment
 from fieldcalib.fields.soccer import soccer
 from fieldcalib.geometry.camera import checked_image_size
 from fieldcalib.io.soccernet import UNKNOWN_LABELS
-from fieldcalib.metrics.polylines import Polylines, distances_to_polylines, project_segments, sample_segments
+from fieldcalib.metrics.polylines import Polylines, Samples, distances_to_polylines, project_segments, sample_segments
 from fieldcalib.metrics.views import Prediction, checked_prediction, is_homography
 from fieldcalib.problem.labelled_pixels import ImageSegments, Pixels
+from fieldcalib.processes.jobs import in_order
 
 THRESHOLDS = (5.0, 10.0, 20.0)  # px
 CHUNK = 64  # frames projected together
@@ -170,6 +173,7 @@ def evaluate_segments(
     thresholds: Sequence[float] = THRESHOLDS,
     planar: bool = False,
     field: Field | None = None,
+    executor: Executor | None = None,
 ) -> SegmentEvaluation:
     """Compare predictions with annotated segments, as SoccerNet's evaluation does.
 
@@ -189,6 +193,8 @@ def evaluate_segments(
         Whether to leave out segments above the ground (goals), as the paper does for homographies.
     field : Field, optional
         The field that is projected; SoccerNet's by default, a soccer field of 105 x 68 m.
+    executor : concurrent.futures.Executor, optional
+        What works on the frames, in parts; the result is the same.
 
     Returns
     -------
@@ -240,14 +246,11 @@ def evaluate_segments(
     segments, points = np.zeros((2, F, T, L, 3), dtype=np.intp)
     errors: list[tuple[Mapping[str, Array], Mapping[str, Array]]] = [({}, {})] * F
     samples = sample_segments(classes.segments)
-    for begin in range(0, len(given), CHUNK):
-        chunk = list(given)[begin : begin + CHUNK]
-        polylines = project_segments([given[f] for f in chunk], samples, size)
-        xy, label = (np.concatenate(parts) for parts in zip(*(annotated[f] for f in chunk), strict=True))
-        frame = np.repeat(np.arange(len(chunk)), [len(annotated[f][0]) for f in chunk])
-        straight, turned = (
-            _compare(xy, frame, names, polylines, classes, limits.tolist()) for names in (label, classes.turned[label])
-        )
+    frames = list(given)
+    chunks = [frames[begin : begin + CHUNK] for begin in range(0, len(frames), CHUNK)]
+    of_chunk = partial(_compared, samples=samples, size=size, classes=classes, thresholds=limits.tolist())
+    items = (([given[f] for f in chunk], [annotated[f] for f in chunk]) for chunk in chunks)
+    for chunk, (straight, turned) in zip(chunks, in_order(executor, of_chunk, items), strict=True):
         better = _accuracy(straight.segments) > _accuracy(turned.segments)
         is_turned[chunk], is_nearer_turned[chunk] = ~better, turned.median < straight.median
         segments[chunk] = np.where(better[:, :, None, None], straight.segments, turned.segments)
@@ -348,6 +351,25 @@ class _Comparison(NamedTuple):
     """Distances of the points of each label that is projected, for each frame."""
     median: Array
     """Median distance of all annotated points, (F,); infinite for points whose label is not projected."""
+
+
+def _compared(
+    frames: tuple[Sequence[Prediction], Sequence[tuple[Array, IntArray]]],
+    *,
+    samples: Samples,
+    size: tuple[int, int],
+    classes: _Classes,
+    thresholds: Sequence[float],
+) -> tuple[_Comparison, _Comparison]:
+    """Scores of some frames with their labels as they are, and with those of the field turned by 180 degrees."""
+    predictions, annotated = frames
+    polylines = project_segments(predictions, samples, size)
+    xy, label = (np.concatenate(parts) for parts in zip(*annotated, strict=True))
+    frame = np.repeat(np.arange(len(predictions)), [len(points) for points, _ in annotated])
+    return (
+        _compare(xy, frame, label, polylines, classes, thresholds),
+        _compare(xy, frame, classes.turned[label], polylines, classes, thresholds),
+    )
 
 
 def _compare(

@@ -1,0 +1,62 @@
+"""What the command line holds in memory does not grow with the number of frames."""
+
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+from commands import SIZE
+from synthetic import random_frames
+
+import fieldcalib
+from fieldcalib.io.soccernet import format_annotation
+
+PEAK = """
+import resource, sys
+from importlib import import_module
+code = import_module(sys.argv[1]).main(sys.argv[2:])
+print(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / (2**20 if sys.platform == "darwin" else 2**10))
+raise SystemExit(code)
+"""
+SAME = ("--size", "960x540")
+
+
+def peak_of(module, *arguments):
+    """Megabytes (MiB) that the command line of a module held at most."""
+    done = subprocess.run(
+        [sys.executable, "-c", PEAK, module, *map(str, arguments)],
+        capture_output=True,
+        text=True,
+        check=True,
+        cwd=Path(fieldcalib.__file__).parents[1],
+    )
+    return float(done.stdout.splitlines()[-1])
+
+
+def written(folder, count):
+    """A folder of small annotations."""
+    folder.mkdir()
+    frames, _ = random_frames(10, seed=4, noise=0.5)
+    contents = [format_annotation({label: xy[:3] for label, xy in frame.items()}, SIZE) for frame in frames]
+    for number in range(count):
+        (folder / f"{number:06d}.json").write_text(contents[number % len(contents)])
+    return folder
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="needs getrusage")
+def test_it_does_not_grow(tmp_path):
+    """Of the quickest method; both numbers of frames are worked on in units of the same size."""
+    few, many = (
+        peak_of("baselines.dlt_lines", written(tmp_path / str(count), count), *SAME, "--out", tmp_path / f"{count} out")
+        for count in (1100, 3300)
+    )
+    assert many < few + 20.0  # 2200 frames that are held take 80 MiB
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(sys.platform == "win32", reason="needs getrusage")
+@pytest.mark.parametrize("jobs", [1, 2])
+def test_twenty_thousand_frames(tmp_path, jobs):
+    folder = written(tmp_path / "in", 20_000)
+    arguments = ["calibrate", folder, *SAME, "--out", tmp_path / "out", "--jobs", jobs]
+    assert peak_of("fieldcalib.cli.main", *arguments) < 500.0
