@@ -39,7 +39,7 @@ def know(monkeypatch):
 
     def install(cameras):
         network = KnownCameras(cameras)
-        for command in ("run", "clips", "localize"):
+        for command in ("run", "clips", "live", "localize"):
             monkeypatch.setattr(f"fieldcalib.cli.{command}.load_network", lambda options: network)
         return network
 

@@ -75,6 +75,7 @@ def test_summary(calibrated_folder, annotated_folder):
     assert summary["version"] == fieldcalib.__version__
     assert summary["options"] == {
         "input": [str(annotated_folder)],
+        "format": "jsonl",
         "size": [960, 540],
         "display_size": None,
         "crop_of": None,

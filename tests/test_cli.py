@@ -161,7 +161,7 @@ def test_an_interrupt_during_the_start_leaves_no_traceback(name):
     code = "import signal; signal.signal(signal.SIGINT, signal.default_int_handler)" + INTERRUPTED_IMPORT.format(
         name=name
     )
-    done = in_a_process(code, "--version")
+    done = in_a_process(code, "calibrate", "--help")
     assert (done.returncode, done.stdout, done.stderr) == (-signal.SIGINT, "", "")
 
 
@@ -169,7 +169,7 @@ def test_an_interrupt_during_the_start_leaves_no_traceback(name):
 def test_an_interrupt_that_is_ignored_stays_so():
     """As for a job in the background of a shell."""
     code = "import signal; signal.signal(signal.SIGINT, signal.SIG_IGN)" + INTERRUPTED_IMPORT.format(name="numpy")
-    done = in_a_process(code, "--version")
+    done = in_a_process(code, "calibrate", "--help")
     assert (done.returncode, done.stderr) == (0, "")
 
 

@@ -6,10 +6,13 @@ from pathlib import Path
 import numpy as np
 
 from fieldcalib.calibrate.options import ALL, DEFAULT_FLAGS, CalibrationFlags, Prior
+from fieldcalib.cli.inputs import add_inputs
 from fieldcalib.fields.field import Field
 from fieldcalib.fields.soccer import soccer
 from fieldcalib.fields.stands import DISTRIBUTIONS
+from fieldcalib.io.cuts import Cut, Position
 from fieldcalib.io.files import MOST_BYTES
+from fieldcalib.io.parquet import imported_pyarrow
 
 _F = CalibrationFlags
 LENSES = {
@@ -20,6 +23,7 @@ LENSES = {
     "auto": DEFAULT_FLAGS | _F.CALIB_AUTO_LENS,
 }
 NO_PRIOR = "none"
+JSON_LINES, PARQUET = "jsonl", "parquet"
 KNOWN = "known"
 FIELD_SIZES = ("nominal", KNOWN)
 
@@ -71,11 +75,53 @@ def image_size(text: str) -> tuple[int, int]:
 
 def add_input_and_output(parser: argparse.ArgumentParser) -> None:
     """INPUT, --size, --out and --strict of everything that calibrates annotated frames."""
-    parser.add_argument("input", nargs="+", type=Path, metavar="INPUT", help="a folder, a zip of one, or single files")
+    add_inputs(parser, "folders, zips of them, single files")
     parser.add_argument("--size", required=True, type=image_size, metavar="WxH", help="of the images, e.g. 960x540")
     parser.add_argument("--out", required=True, type=Path, metavar="DIR", help="where the results go")
+    add_format(parser)
     parser.add_argument("--strict", action="store_true", help="read all files first, and do nothing if one is broken")
     add_most_bytes(parser)
+
+
+def add_format(parser: argparse.ArgumentParser) -> None:
+    """--format."""
+    parser.add_argument(
+        "--format",
+        type=_format,
+        choices=(JSON_LINES, PARQUET),
+        default=JSON_LINES,
+        help=f"of the lines of all frames: cameras.jsonl, or at the end a table, cameras.parquet ({JSON_LINES})",
+    )
+
+
+def _format(text: str) -> str:
+    if text == PARQUET:
+        try:
+            imported_pyarrow()
+        except ImportError as error:  # before the work
+            raise argparse.ArgumentTypeError(str(error)) from None
+    return text
+
+
+def add_cut(parser: argparse.ArgumentParser) -> None:
+    """--start, --end and --step."""
+    where = "a time, [[H:]M:]S, or the number of a frame from 0, as 750f"
+    parser.add_argument("--start", type=position, metavar="T", help=f"first frame: {where}")
+    parser.add_argument("--end", type=position, metavar="T", help="the frame after the last one, as --start")
+    parser.add_argument("--step", type=count, default=1, metavar="N", help="take every N-th frame (1)")
+
+
+def position(text: str) -> Position:
+    """A time or a frame, for argparse."""
+    try:
+        return Position.parse(text)
+    except ValueError as error:
+        raise argparse.ArgumentTypeError(str(error)) from None
+
+
+def cut_of(options: argparse.Namespace) -> Cut:
+    """The part that the options of `add_cut` describe."""
+    return Cut(options.start or Position(frame=0), options.end, options.step)
 
 
 def add_most_bytes(parser: argparse.ArgumentParser, most: float = MOST_BYTES, files: str = "files") -> None:

@@ -37,13 +37,11 @@ SHARED = "shared"
 SEE_ONE_PITCH = {"each": 1, SHARED: sys.maxsize}  # frames at once
 
 
-def add_parser(commands: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
-    """Add the command to the command line."""
-    parser = commands.add_parser(
-        "calibrate",
-        help="calibrate annotated frames",
-        description="Calibrate frames from SoccerNet annotations (<id>.json: label -> normalised points). Writes "
-        "camera_<id>.json in SoccerNet's format, cameras.jsonl with one line a frame, and summary.json.",
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Describe the command, add its arguments and set ``run``, a function of them that gives the exit code."""
+    parser.description = (
+        "Calibrate frames from SoccerNet annotations (<id>.json: label -> normalised points). Writes "
+        "camera_<id>.json in SoccerNet's format, cameras.jsonl with one line a frame, and summary.json."
     )
     add_input_and_output(parser)
     add_declarations(parser)

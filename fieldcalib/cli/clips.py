@@ -16,10 +16,19 @@ import numpy as np
 from fieldcalib.assess.result import Calibration
 from fieldcalib.assess.sequence import SequenceCalibration
 from fieldcalib.assess.video import VideoCalibration
-from fieldcalib.cli.arguments import LENSES, field_of, prior_of
+from fieldcalib.cli.arguments import LENSES, cut_of, field_of, prior_of
 from fieldcalib.cli.declared import Placement
-from fieldcalib.cli.folder import name_skipped
-from fieldcalib.cli.frames import Frame, ReadImage, checked_frames, load_network, lost, say_note
+from fieldcalib.cli.frames import (
+    Frame,
+    ReadImage,
+    checked_frames,
+    image_files,
+    in_cut,
+    load_network,
+    lost,
+    say_note,
+    video_threads,
+)
 from fieldcalib.cli.results import (
     MOTION,
     OVERLAY,
@@ -38,9 +47,10 @@ from fieldcalib.draw.overlays import draw_calibration
 from fieldcalib.images.from_video import PART, calibrate_video
 from fieldcalib.io.clips import OneSize, in_order
 from fieldcalib.io.files import FrameFile, parse_json_object, read_regular_file, write_text
-from fieldcalib.io.formats import CAMERAS, IMAGES, VIDEOS
+from fieldcalib.io.formats import CAMERAS, VIDEOS
 from fieldcalib.io.image import Image
 from fieldcalib.io.images import write_image
+from fieldcalib.io.videos import VideoReader
 
 IN_SHEET = 12  # frames
 USUAL_RATE = 25.0  # frames per second of the overlay of images
@@ -69,12 +79,15 @@ class ClipInput:
         self.files = [FrameFile(options.input[0].stem, options.input[0])]
         """What they are read from."""
         if VIDEOS.recognises(options.input[0]):
-            with VIDEOS.read(options.input[0], options.most_pixels) as video:
+            with self._opened() as video:
                 next(checked_frames(options.input[0], video, place))  # before anything is written
         else:
-            files = IMAGES.find(options.input)
-            name_skipped(options.input, files)
-            self._files = self.files = in_order(files)
+            files = in_order(image_files(options.input))
+            self._files = self.files = in_cut(files, cut_of(options))
+
+    def _opened(self) -> VideoReader:
+        options = self.options
+        return VIDEOS.read(options.input[0], options.most_pixels, cut=cut_of(options), threads=video_threads(options))
 
     def __iter__(self) -> Iterator[Image]:
         """The images that can be read, as parts of their frames."""
@@ -97,11 +110,9 @@ class ClipInput:
                 progress.update()
 
     def _from_video(self) -> Iterator[Frame]:
-        (path,) = self.options.input
-        with VIDEOS.read(path, self.options.most_pixels) as video:
+        with self._opened() as video:
             self.frames_per_second = video.frames_per_second
-            for index, image in enumerate(checked_frames(path, video, self.place)):
-                yield Frame(f"{index:06d}", image)
+            yield from checked_frames(self.options.input[0], video, self.place)
             if not self.loss and (loss := video.loss()):
                 self.loss = loss
                 print(f"fieldcalib: {loss}", file=sys.stderr)
@@ -148,8 +159,6 @@ class KeptParts:
 
 def run_clip(options: argparse.Namespace, place: Callable[[Image], Placement]) -> int:
     """Calibrate; returns the exit code."""
-    if len(options.input) > 1 and any(map(VIDEOS.recognises, options.input)):
-        raise ValueError("expected one video, or images and folders of them, got a video and more: run them one by one")
     if not options.refine:
         raise ValueError("--clip calibrates frames together from the lines in them: leave --no-refinement out")
     if options.shard is not None:
@@ -176,7 +185,8 @@ def run_clip(options: argparse.Namespace, place: Callable[[Image], Placement]) -
         worst = worst_frames(calibrations, IN_SHEET)
         pictures: dict[int, Image] = {}
         readable, done = 0, results.done
-        with VIDEOS.write(options.out / OVERLAY, clip.frames_per_second) as video:
+        path = options.out / OVERLAY
+        with VIDEOS.write(path, clip.frames_per_second, threads=video_threads(options)) as video:
             for index, frame in enumerate(clip.frames()):
                 if frame.image is None:
                     if index >= done:  # what is wrong with it was said when it was read first
@@ -192,7 +202,7 @@ def run_clip(options: argparse.Namespace, place: Callable[[Image], Placement]) -
                 if readable in worst:
                     pictures[readable] = picture
                 readable += 1
-        say_note(options.out / OVERLAY, video)
+        say_note(path, video)
         write_text(options.out / TRIPODS, json.dumps(_tripods(found), indent=2) + "\n")
         if pictures:
             write_image(options.out / MOTION, plot_sequence(found, frames_per_second=clip.frames_per_second))

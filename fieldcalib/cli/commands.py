@@ -1,42 +1,36 @@
-"""The commands, and their arguments."""
+"""The commands. Each one is a module of this package, which is imported when the command is given."""
 
 from __future__ import annotations
 
 import argparse
-from pathlib import Path
+from collections.abc import Sequence
+from importlib import import_module
 
 import fieldcalib
-from fieldcalib.cli import calibrate, evaluate, join, localize, run
-from fieldcalib.io.output_folder import output_folder
+
+COMMANDS = {
+    "run": "calibrate images or a video",
+    "localize": "find the markings in images",
+    "calibrate": "calibrate annotated frames",
+    "evaluate": "score cameras or homographies against annotations",
+    "join": "put the results of shards together",
+    "demo": "calibrate a synthetic pan over a pitch and draw it",
+}
 
 
-def command_parser() -> argparse.ArgumentParser:
-    """What reads the command line; each command sets ``run``, a function of the options that gives the exit code."""
+def command_parser(arguments: Sequence[str]) -> argparse.ArgumentParser:
+    """What reads the command line `arguments`: it knows the arguments of the command that they begin with.
+
+    A command's module takes as long to import as all that it works with: ``add_arguments`` of the others is not called.
+    """
     parser = argparse.ArgumentParser(
         prog="fieldcalib", description="Calibrate cameras from the markings of a sports field."
     )
     parser.add_argument("--version", action="version", version=f"fieldcalib {fieldcalib.__version__}")
     commands = parser.add_subparsers(required=True, metavar="COMMAND")
-    run.add_parser(commands)
-    localize.add_parser(commands)
-    calibrate.add_parser(commands)
-    evaluate.add_parser(commands)
-    join.add_parser(commands)
-
-    demo = commands.add_parser(
-        "demo",
-        help="calibrate a synthetic pan over a pitch and draw it",
-        description="Render a pan over a pitch with known cameras, calibrate it from noisy pixels, print the errors "
-        "and write overlays. Needs no data and no network.",
-    )
-    demo.add_argument("--out", required=True, type=Path, metavar="DIR", help="where the pictures go")
-    demo.set_defaults(run=_demo)
+    given = next((argument for argument in arguments if not argument.startswith("-")), None)
+    for name, help in COMMANDS.items():
+        command = commands.add_parser(name, help=help)
+        if name == given:
+            import_module(f"fieldcalib.cli.{name}").add_arguments(command)
     return parser
-
-
-def _demo(options: argparse.Namespace) -> int:
-    from fieldcalib.cli.demo import run_demo
-
-    with output_folder(options.out):
-        run_demo(options.out)
-    return 0

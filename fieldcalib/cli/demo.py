@@ -5,6 +5,7 @@ It needs no data: the cameras are made up, the frames are rendered, the labels a
 
 from __future__ import annotations
 
+import argparse
 import json
 from collections.abc import Sequence
 from dataclasses import astuple, dataclass
@@ -26,6 +27,7 @@ from fieldcalib.geometry.lens import RadialLens
 from fieldcalib.io.files import write_text
 from fieldcalib.io.image import Image
 from fieldcalib.io.images import write_image
+from fieldcalib.io.output_folder import output_folder
 from fieldcalib.io.soccernet import camera_to_record, format_annotation
 from fieldcalib.problem.labelled_pixels import Pixels
 
@@ -34,6 +36,23 @@ PIXELS_PER_CIRCLE = 9
 SHORTEST_SEGMENT = 15.0  # px: what shows less in the image is not labelled
 TITLE = "fieldcalib: one pan, every frame on its own"
 LEGEND = "dots: labelled pixels    magenta: the markings as calibrated from them    inset: what the camera sees"
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Describe the command, add its arguments and set ``run``, a function of them that gives the exit code."""
+    parser.description = (
+        "Render a pan over a pitch with known cameras, calibrate it from noisy pixels, print the errors "
+        "and write overlays. Needs no data and no network."
+    )
+    parser.add_argument("--out", required=True, type=Path, metavar="DIR", help="where the pictures go")
+    parser.set_defaults(run=run)
+
+
+def run(options: argparse.Namespace) -> int:
+    """Demonstrate; returns the exit code."""
+    with output_folder(options.out):
+        run_demo(options.out)
+    return 0
 
 
 @dataclass(frozen=True)

@@ -36,15 +36,13 @@ from fieldcalib.metrics.views import is_homography
 PERCENT = 100.0
 
 
-def add_parser(commands: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
-    """Add the command to the command line."""
-    parser = commands.add_parser(
-        "evaluate",
-        help="score cameras or homographies against annotations",
-        description="Score cameras (camera_<id>.json in SoccerNet's format, or TVCalib's per_sample_output.json) or "
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Describe the command, add its arguments and set ``run``, a function of them that gives the exit code."""
+    parser.description = (
+        "Score cameras (camera_<id>.json in SoccerNet's format, or TVCalib's per_sample_output.json) or "
         "homographies (<id>.homographyMatrix, 1280x720 image to field in yards as in WC14) against annotated segments "
         "(<id>.json), as SoccerNet's evaluation does. Where the ground truth has homographies too, what is seen of the "
-        "field is compared with them. Pixels are those of --size: at a smaller one every prediction looks better.",
+        "field is compared with them. Pixels are those of --size: at a smaller one every prediction looks better."
     )
     parser.add_argument("predictions", type=Path, metavar="PREDICTIONS", help="a folder, a zip or a file")
     parser.add_argument("ground_truth", type=Path, metavar="GROUND_TRUTH", help="a folder or a zip of annotations")

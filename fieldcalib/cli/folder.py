@@ -23,14 +23,14 @@ from fieldcalib.fields.soccer import soccer
 from fieldcalib.geometry.camera import Camera
 from fieldcalib.io.files import MOST_BYTES, FrameFile, files_beside
 from fieldcalib.io.formats import ANNOTATIONS, CAMERAS
-from fieldcalib.io.results import LINES
+from fieldcalib.io.results import LINES, TABLE
 from fieldcalib.problem.labelled_pixels import Pixels, check_segments, thinned
 from fieldcalib.processes.jobs import in_order
 
 P = TypeVar("P")  # a prior, in whatever form
 
 WITHHELD = (Status.REJECTED, Status.IMPROBABLE)  # cameras that the user of `calibrate` did not want
-OF_RUN = frozenset({LINES, SUMMARY, RECORD, LOCALIZED})
+OF_RUN = frozenset({LINES, TABLE, SUMMARY, RECORD, LOCALIZED})
 NAMED = 3  # skipped files of a kind
 
 

@@ -12,14 +12,16 @@ from pathlib import Path
 
 from fieldcalib.cli.arguments import add_most_bytes, count, millions
 from fieldcalib.cli.folder import name_skipped, problem
+from fieldcalib.cli.inputs import Input
 from fieldcalib.cli.interrupts import interrupts_end_the_process
 from fieldcalib.cli.results import Outcome
 from fieldcalib.cli.waiting import waiting_for
+from fieldcalib.io.cuts import WHOLE, Cut
 from fieldcalib.io.files import BrokenFileError, FrameFile
 from fieldcalib.io.formats import IMAGES, VIDEOS
 from fieldcalib.io.image import Image
 from fieldcalib.io.images import MOST_PIXELS
-from fieldcalib.io.videos import VideoWriter
+from fieldcalib.io.videos import FrameReader, VideoWriter
 from fieldcalib.localize import SegmentationNetwork
 from fieldcalib.localize.network import CPU
 
@@ -85,43 +87,64 @@ def opened(
     most_pixels: float = MOST_PIXELS,
     *,
     check: Callable[[Image], object] = lambda image: None,
+    cut: Cut = WHOLE,
+    threads: int | None = None,
 ) -> Iterator[Source]:
-    """The files of images, in folders and zips too, or the frames of one video, whose ids are numbers of six digits.
+    """The files of images, in folders and zips too, or the frames of one video.
 
     Raises
     ------
-    ValueError
-        If a video comes with other inputs.
-    FileNotFoundError, BrokenFileError
-        As `find_files` and `VideoReader`, and as `check` for the frames of a video.
+    FileNotFoundError, BrokenFileError, ValueError
+        As `find_files`, `in_cut` and `VideoReader`, and as `check` for the frames of a video.
     """
-    if not any(map(VIDEOS.recognises, inputs)):
-        files = IMAGES.find(inputs)
-        name_skipped(inputs, files)
+    if not VIDEOS.recognises(inputs[0]):
+        files = in_cut(image_files(inputs), cut)
         yield Source(files, len(files))
         return
-    if len(inputs) > 1:
-        raise ValueError("expected one video, or images and folders of them, got a video and more: run them one by one")
-    with VIDEOS.read(inputs[0], most_pixels) as video:
-        images = checked_frames(inputs[0], video, check)
-        frames = (Frame(f"{index:06d}", image, path=inputs[0], is_of_video=True) for index, image in enumerate(images))
+    with VIDEOS.read(inputs[0], most_pixels, cut=cut, threads=threads) as video:
+        frames = checked_frames(inputs[0], video, check)
         file = FrameFile(inputs[0].stem, inputs[0])
         yield Source([file], video.count, frames, video.frames_per_second, video.loss)
 
 
-def checked_frames(path: Path, images: Iterable[Image], check: Callable[[Image], object]) -> Iterator[Image]:
-    """The images of a video; what `check` raises a BrokenFileError for is said of its path."""
-    frames = iter(images)
+def image_files(inputs: Sequence[Path]) -> list[FrameFile]:
+    """The files of images in folders and zips, and single ones; what else lies there is named on stderr."""
+    files = IMAGES.find(inputs)
+    name_skipped(inputs, files)
+    return files
+
+
+def in_cut(files: Sequence[FrameFile], cut: Cut) -> list[FrameFile]:
+    """Those of some images that are in a cut.
+
+    Raises
+    ------
+    ValueError
+        If there is none, or the cut is one of times.
+    """
+    numbers = cut.numbers()
+    found = list(files[numbers.start : numbers.stop : numbers.step])
+    if not found:
+        raise ValueError(f"there are {len(files)} images, the first that is asked for is {cut.start}")
+    return found
+
+
+def checked_frames(name: Input, reader: FrameReader, check: Callable[[Image], object]) -> Iterator[Frame]:
+    """The frames of a video, whose ids are their numbers with six digits.
+
+    What `check` raises a BrokenFileError for is said of the video's name.
+    """
+    frames = zip(reader.numbers, reader, strict=False)
     try:
         while True:
-            with waiting_for(path):
-                image = next(frames, None)
+            with waiting_for(str(name)):
+                number, image = next(frames, (0, None))
             if image is None:
                 return
             check(image)
-            yield image
+            yield Frame(f"{number:06d}", image, path=str(name), is_of_video=True)
     except BrokenFileError as error:
-        raise BrokenFileError(f"{path}: {error}") from None
+        raise BrokenFileError(f"{name}: {error}") from None
 
 
 def frames_lost(source: Source) -> bool:
@@ -169,7 +192,12 @@ def add_network(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--provider", default=CPU, metavar="NAME", help=f"onnxruntime's name of what runs the network ({CPU})"
     )
-    parser.add_argument("--threads", type=count, default=2, metavar="N", help="of the processor, for the network (2)")
+    parser.add_argument("--threads", type=count, default=2, metavar="N", help="of the processor (2)")
+
+
+def video_threads(options: argparse.Namespace) -> int:
+    """For decoding or encoding a video: two are open at a time, of the input or of input and overlay."""
+    return max(int(options.threads) // 2, 1)
 
 
 def add_refinement(parser: argparse.ArgumentParser) -> None:
@@ -193,8 +221,9 @@ def _loaded(model: Path | None, provider: str) -> SegmentationNetwork:
 
 
 def load_network(options: argparse.Namespace) -> SegmentationNetwork:
-    """The network that the options ask for, and OpenCV, which reads the images."""
+    """The network that the options ask for, and OpenCV, which reads the images: both with that many threads."""
     with interrupts_end_the_process():
-        import cv2  # noqa: F401
+        import cv2
 
+        cv2.setNumThreads(options.threads)
         return SegmentationNetwork.load(options.model, provider=options.provider, threads=options.threads)

@@ -19,13 +19,10 @@ from fieldcalib.io.line_log import whole_lines
 from fieldcalib.io.results import LINES
 
 
-def add_parser(commands: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
-    """Add the command to the command line."""
-    parser = commands.add_parser(
-        "join",
-        help="put the results of shards together",
-        description="Put the folders that runs with --shard 1/N to N/N wrote together into what one run would have "
-        "written.",
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Describe the command, add its arguments and set ``run``, a function of them that gives the exit code."""
+    parser.description = (
+        "Put the folders that runs with --shard 1/N to N/N wrote together into what one run would have written."
     )
     parser.add_argument("shards", nargs="+", type=Path, metavar="SHARD", help="the folders, in any order")
     parser.add_argument("--out", required=True, type=Path, metavar="DIR", help="where the results go")

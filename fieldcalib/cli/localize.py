@@ -22,6 +22,7 @@ from fieldcalib.cli.frames import (
     opened,
     pixels_of,
 )
+from fieldcalib.cli.inputs import add_inputs
 from fieldcalib.cli.results import LOCALIZED, Outcome, Results, finish, run_folder
 from fieldcalib.cli.run_record import RunRecord, recorded
 from fieldcalib.cli.units import Made, add_jobs, work
@@ -37,15 +38,13 @@ from fieldcalib.localize import Localization, Network, localize
 LOCALIZED_STATUS = "localized"
 
 
-def add_parser(commands: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
-    """Add the command to the command line."""
-    parser = commands.add_parser(
-        "localize",
-        help="find the markings in images",
-        description="Find the markings of the field in images, and write them as SoccerNet annotations (<id>.json: "
-        "label -> normalised points), as fieldcalib calibrate reads them.",
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Describe the command, add its arguments and set ``run``, a function of them that gives the exit code."""
+    parser.description = (
+        "Find the markings of the field in images, and write them as SoccerNet annotations (<id>.json: "
+        "label -> normalised points), as fieldcalib calibrate reads them."
     )
-    parser.add_argument("input", nargs="+", type=Path, metavar="INPUT", help="images, or a folder or a zip of them")
+    add_inputs(parser, "images, folders and zips of them")
     parser.add_argument("--out", required=True, type=Path, metavar="DIR", help="where the annotations go")
     add_network(parser)
     add_limits(parser)

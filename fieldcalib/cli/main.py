@@ -31,9 +31,12 @@ def run_command(options: argparse.Namespace) -> int:
 
 def _run(arguments: Sequence[str] | None) -> int:
     one_thread_for_blas()
+    given = sys.argv[1:] if arguments is None else arguments
     with interrupts_end_the_process():
         from fieldcalib.cli.commands import command_parser
-    options = command_parser().parse_args(arguments)
+
+        parser = command_parser(given)
+    options = parser.parse_args(given)
     return int(options.run(options))
 
 
@@ -59,7 +62,7 @@ def _exit_code(work: Callable[[], int]) -> int:
     except MemoryError:
         print("fieldcalib: there is not enough memory", file=sys.stderr)
         return 2
-    except (OSError, ValueError) as error:
+    except (OSError, ValueError, ImportError) as error:  # the last one of an extra that is not installed
         print(f"fieldcalib: {error}", file=sys.stderr)
         return 2
 

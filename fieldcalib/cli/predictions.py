@@ -21,7 +21,7 @@ from fieldcalib.fields.soccer import soccer
 from fieldcalib.geometry.rational import RationalCamera
 from fieldcalib.io.files import MOST_BYTES, BrokenFileError, FrameFile, parse_json_object, read_regular_file
 from fieldcalib.io.formats import ANNOTATIONS, CAMERAS, HOMOGRAPHIES, RECORDS
-from fieldcalib.io.results import LINES, result_lines
+from fieldcalib.io.results import lines_file, result_lines
 from fieldcalib.io.soccernet import read_camera_types
 from fieldcalib.io.tvcalib import TVCalibRecord
 from fieldcalib.io.wc14 import IMAGE_SIZE
@@ -118,9 +118,9 @@ def _camera_files(path: Path, *, homographies: bool) -> list[FrameFile]:
 
 def _size_of_run(path: Path) -> tuple[int, int] | None:
     """The size of the images that `fieldcalib calibrate` or `run` wrote cameras of into a folder, if it is one."""
-    if not (path / LINES).is_file():
+    if not lines_file(path).is_file():
         return None
-    lines = (parse_json_object(text, "a frame's result") for text in result_lines(path / LINES))
+    lines = (parse_json_object(text, "a frame's result") for text in result_lines(lines_file(path)))
     return _only({(int(w), int(h)) for w, h in (line["image_size"] for line in lines if line.get("image_size"))})
 
 

@@ -26,14 +26,16 @@ import fieldcalib
 from fieldcalib._types import Array
 from fieldcalib.assess.result import ANGLE_NAMES, Calibration, Verdict
 from fieldcalib.assess.surprises import SQUASHED
+from fieldcalib.cli.arguments import PARQUET
 from fieldcalib.cli.run_record import RECORD, RunRecord, recorded
 from fieldcalib.geometry.camera import Camera
-from fieldcalib.io.files import BrokenFileError, remove_temporaries, write_bytes, write_text
+from fieldcalib.io.files import BrokenFileError, remove_temporaries, whole_file, write_bytes, write_text
 from fieldcalib.io.formats import CAMERAS, OVERLAYS, VIDEOS
 from fieldcalib.io.image import Image
 from fieldcalib.io.line_log import LineLog, whole_lines
 from fieldcalib.io.output_folder import output_folder
-from fieldcalib.io.results import BROKEN, LINES
+from fieldcalib.io.parquet import read_parquet, write_parquet
+from fieldcalib.io.results import BROKEN, LINES, TABLE, lines_file
 from fieldcalib.problem.layout import ANGLES, CENTER, LOG_F
 
 SUMMARY = "summary.json"  # of a run that is finished
@@ -176,10 +178,16 @@ def result_folder(options: argparse.Namespace, record: RunRecord, began: float) 
 
     `began` is what `time.perf_counter` said at the start.
     """
+    if options.format == PARQUET and options.shard is not None:
+        raise ValueError(f"--format {PARQUET} is of whole runs: --shard writes cameras.jsonl")
     with run_folder(options, record) as results:
         yield results
         finish(options.out, results.summary(recorded(options), time.perf_counter() - began))
         results.say()
+    if options.format == PARQUET:
+        with output_folder(options.out):
+            write_parquet(whole_lines(options.out / LINES), options.out / TABLE)
+            (options.out / LINES).unlink()
 
 
 @contextmanager
@@ -195,6 +203,7 @@ def run_folder(options: argparse.Namespace, record: RunRecord, lines: str = LINE
     """
     out = options.out
     with output_folder(out):
+        _restore_lines(options)
         earlier = None if options.overwrite else _earlier(out, record, resume=options.resume)
         if options.overwrite:
             _clear(out)
@@ -217,6 +226,14 @@ def run_folder(options: argparse.Namespace, record: RunRecord, lines: str = LINE
                 done = f"{counted(results.done, 'frame')} done in {out}"
                 print(f"fieldcalib: {done}: --resume goes on with the run", file=sys.stderr)
             raise
+
+
+def _restore_lines(options: argparse.Namespace) -> None:
+    """The ``cameras.jsonl`` of a run that is gone on with or replaced and has left it as a table."""
+    path = options.out / LINES
+    if (options.resume or options.overwrite) and lines_file(options.out) != path:
+        with whole_file(path) as file:
+            file.writelines(text + b"\n" for text in read_parquet(lines_file(options.out)))
 
 
 def finish(out: Path, summary: Mapping[str, Any]) -> None:
@@ -253,7 +270,9 @@ def _earlier(out: Path, record: RunRecord, *, resume: bool) -> RunRecord | None:
 
 def _used(out: Path) -> bool:
     """Whether there are results in a folder."""
-    return any((out / name).exists() for name in (LINES, SUMMARY, LOCALIZED)) or any(out.glob(CAMERAS.file_name("*")))
+    return any((out / name).exists() for name in (LINES, TABLE, SUMMARY, LOCALIZED)) or any(
+        out.glob(CAMERAS.file_name("*"))
+    )
 
 
 def _count(log: Path) -> int:
@@ -290,7 +309,7 @@ def _remove_frames(out: Path, record: RunRecord) -> None:
 def _forget(out: Path) -> None:
     """Remove what is kept of a run."""
     remove_temporaries(out)
-    for path in (*out.glob(f"{PART_OF_CLIP}*"), out / LINES, out / LOCALIZED, out / RECORD):
+    for path in (*out.glob(f"{PART_OF_CLIP}*"), out / LINES, out / TABLE, out / LOCALIZED, out / RECORD):
         path.unlink(missing_ok=True)
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 import json
 import math
+import sys
 import time
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -13,7 +14,16 @@ from itertools import islice
 from pathlib import Path
 
 from fieldcalib.assess.result import Calibration
-from fieldcalib.cli.arguments import LENSES, add_camera, add_field, field_of, prior_of
+from fieldcalib.cli.arguments import (
+    LENSES,
+    add_camera,
+    add_cut,
+    add_field,
+    add_format,
+    cut_of,
+    field_of,
+    prior_of,
+)
 from fieldcalib.cli.clips import is_clip, run_clip
 from fieldcalib.cli.declared import Placement, add_declarations
 from fieldcalib.cli.frames import (
@@ -29,7 +39,10 @@ from fieldcalib.cli.frames import (
     network_in_process,
     opened,
     say_note,
+    video_threads,
 )
+from fieldcalib.cli.inputs import add_inputs, runs_of
+from fieldcalib.cli.live import is_stream, run_stream
 from fieldcalib.cli.results import OVERLAY, Outcome, Results, calibration_line, is_finished, result_folder
 from fieldcalib.cli.run_record import RunRecord
 from fieldcalib.cli.units import Made, add_jobs, work
@@ -45,21 +58,29 @@ from fieldcalib.io.results import LINES
 from fieldcalib.localize import Network
 
 
-def add_parser(commands: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
-    """Add the command to the command line."""
-    parser = commands.add_parser(
-        "run",
-        help="calibrate images or a video",
-        description="Find the markings in images or in a video, calibrate a camera for every frame and refine it on "
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Describe the command, add its arguments and set ``run``, a function of them that gives the exit code."""
+    parser.description = (
+        "Find the markings in images or in a video, calibrate a camera for every frame and refine it on "
         "its image; the frames of a video are calibrated together. Writes camera_<id>.json in SoccerNet's format, "
         "cameras.jsonl with one line a frame, summary.json, and overlays: overlay_<id>.jpg of images, overlay.mp4 of a "
         "video, whose ids are numbers of frames. Of a clip also tripods.json with its shots and what their frames "
-        "share, motion.png with the cameras over time, and worst_frames.jpg.",
+        "share, motion.png with the cameras over time, and worst_frames.jpg."
+    )
+    add_inputs(
+        parser,
+        "images, folders and zips of them, videos, folders of them, -: a video on standard input, URLs of streams",
+        streams=True,
     )
     parser.add_argument(
-        "input", nargs="+", type=Path, metavar="INPUT", help="images, a folder or a zip of them, or one video"
+        "--out",
+        required=True,
+        type=Path,
+        metavar="DIR",
+        help="where the results go; those of several videos into folders in it, by their names",
     )
-    parser.add_argument("--out", required=True, type=Path, metavar="DIR", help="where the results go")
+    add_format(parser)
+    add_cut(parser)
     add_network(parser)
     add_declarations(parser)
     add_field(parser)
@@ -91,14 +112,33 @@ def add_parser(commands: argparse._SubParsersAction[argparse.ArgumentParser]) ->
 
 def run(options: argparse.Namespace) -> int:
     """Calibrate; returns the exit code."""
+    runs = runs_of(options)
+    if len(runs) == 1:
+        return _run(runs[0])
+    codes = []
+    for one in runs:
+        try:
+            codes.append(_run(one))
+        except BrokenPipeError:
+            raise
+        except (OSError, ValueError) as error:
+            print(f"fieldcalib: {error}", file=sys.stderr)
+            codes.append(2)
+    return max(codes)
+
+
+def _run(options: argparse.Namespace) -> int:
+    """One video or stream, or images."""
     began = time.perf_counter()
+    place = partial(placed, options)
+    if is_stream(options):
+        return run_stream(options, place)
     if options.camera != "tripod" and not is_clip(options):
         raise ValueError("--camera is of clips: give a video, or images with --clip, without --independent")
-    place = partial(placed, options)
     if is_clip(options):
         return run_clip(options, place)
-    function = FromImages(options, load_network(options))
-    with opened(options.input, options.most_pixels, check=place) as source:
+    function, cut = FromImages(options, load_network(options)), cut_of(options)
+    with opened(options.input, options.most_pixels, check=place, cut=cut, threads=video_threads(options)) as source:
         if source.frames_per_second is not None and options.shard is not None:
             raise ValueError("--shard is of images: give every machine some of the videos")
         writes = [form.file_name("<id>") for form in (CAMERAS, OVERLAYS)]
@@ -122,7 +162,7 @@ def _run_video(
     frames = (replace(frame, line=next(lines, b"").decode()) for frame in source.frames)
     path = options.out / OVERLAY
 
-    with VIDEOS.write(path, rate) as video:
+    with VIDEOS.write(path, rate, threads=video_threads(options)) as video:
 
         def write(outcome: Outcome) -> None:
             if not outcome.is_written:

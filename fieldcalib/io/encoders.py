@@ -35,15 +35,19 @@ class Encoder(Protocol):
         """Finish the file. An encoder does not say whether every frame is in it: the disk may be full."""
 
 
-def open_encoder(path: Path, frames_per_second: float, size: tuple[int, int]) -> Encoder:
+def open_encoder(path: Path, frames_per_second: float, size: tuple[int, int], threads: int | None = None) -> Encoder:
     """The best encoder that is installed, for frames of a size (width, height), both even.
+
+    H.264 is compressed by that many threads, as many as it likes by default; MPEG-4 by one.
 
     Raises
     ------
     OSError
         If no video can be written there.
     """
-    return (X264Encoder if _has_x264() else OpenCVEncoder)(path, frames_per_second, size)
+    if _has_x264():
+        return X264Encoder(path, frames_per_second, size, threads)
+    return OpenCVEncoder(path, frames_per_second, size)
 
 
 class X264Encoder:
@@ -51,7 +55,7 @@ class X264Encoder:
 
     note = ""
 
-    def __init__(self, path: Path, frames_per_second: float, size: tuple[int, int]) -> None:
+    def __init__(self, path: Path, frames_per_second: float, size: tuple[int, int], threads: int | None) -> None:
         import av
 
         self._container = av.open(str(path), "w", options={"movflags": "faststart"})
@@ -60,6 +64,7 @@ class X264Encoder:
         self._stream.width, self._stream.height = size
         self._stream.pix_fmt = "yuv420p"
         context = self._stream.codec_context
+        context.thread_count = threads or 0  # 0: by the number of cores
         context.color_primaries, context.color_trc, context.colorspace = BT709_PRIMARIES, BT709_CURVE, BT601
         self._full = False
 

@@ -13,11 +13,12 @@ from typing import TYPE_CHECKING, Any
 from fieldcalib._pandas import imported_pandas
 from fieldcalib.assess.result import Calibration
 from fieldcalib.io.files import BrokenFileError, parse_json_object, read_regular_file
+from fieldcalib.io.parquet import read_parquet
 
 if TYPE_CHECKING:
     import pandas
 
-LINES = "cameras.jsonl"
+LINES, TABLE = "cameras.jsonl", "cameras.parquet"
 BROKEN = "broken file"  # status of a frame whose file could not be read
 # keys that are no columns
 FOR_READING_BACK = frozenset({"version", "image_size", "field", "solved", "errors", "pixel_counts"})
@@ -70,14 +71,24 @@ class Results(Mapping[str, Calibration]):
         return table
 
 
+def lines_file(folder: Path) -> Path:
+    """The file in the folder of a run that has the lines of its frames; ``cameras.jsonl`` if there is none."""
+    is_table = (folder / TABLE).is_file() and not (folder / LINES).is_file()
+    return folder / (TABLE if is_table else LINES)
+
+
 def result_lines(path: Path) -> list[bytes]:
-    """The lines of a ``cameras.jsonl``, without the part of one that the end of a process has left.
+    """The lines of a ``cameras.jsonl``, without the part of one that the end of a process has left, or of its table.
 
     Raises
     ------
     BrokenFileError
         If it cannot be read.
+    ImportError
+        If it is a table and pyarrow is not installed.
     """
+    if path.suffix == Path(TABLE).suffix:
+        return list(read_parquet(path))
     content = read_regular_file(path, most_bytes=float("inf"))
     lines = content.splitlines()
     if lines and not content.endswith(b"\n"):
@@ -94,7 +105,7 @@ def read_results(folder: str | os.PathLike[str]) -> Results:
     Parameters
     ----------
     folder : path
-        With a ``cameras.jsonl``; or the path of that file.
+        With a ``cameras.jsonl`` or ``cameras.parquet``; or the path of that file.
 
     Returns
     -------
@@ -105,7 +116,9 @@ def read_results(folder: str | os.PathLike[str]) -> Results:
     Raises
     ------
     FileNotFoundError
-        If there is no ``cameras.jsonl``.
+        If there is neither.
+    ImportError
+        If it is a ``cameras.parquet`` and pyarrow is not installed.
     BrokenFileError
         If a line is no result, or of another version; the message begins with file and line.
 
@@ -121,7 +134,7 @@ def read_results(folder: str | os.PathLike[str]) -> Results:
     """
     path = Path(folder)
     if path.is_dir():
-        path /= LINES
+        path = lines_file(path)
     if not path.exists():
         raise FileNotFoundError(f"{path} does not exist: expected the folder that a run wrote, with its {LINES}")
     lines: list[dict[str, Any]] = []

@@ -10,11 +10,12 @@ from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager
 from pathlib import Path
 from types import TracebackType
-from typing import Self
+from typing import Any, Self
 
 import numpy as np
 
 from fieldcalib._types import Array
+from fieldcalib.io.cuts import WHOLE, Cut
 from fieldcalib.io.encoders import Encoder, open_encoder
 from fieldcalib.io.files import BrokenFileError, replacement
 from fieldcalib.io.image import Image
@@ -24,46 +25,66 @@ WITH_COUNT = (".mp4", ".m4v", ".mov", ".avi")  # these store how many frames the
 ESTIMATE = 1.0  # seconds that the sound may go on after the last frame
 IRREGULAR = 0.1  # of the time between two frames: times are rounded to milliseconds
 FASTEST = 1000.0  # frames per second: what is more was never measured
+FAR = 100  # frames: what is nearer is decoded rather than jumped over
 USUAL = 25.0  # frames per second, where the file says nothing
 CAPTURE_OPTIONS = "OPENCV_FFMPEG_CAPTURE_OPTIONS"  # environment variable that OpenCV reads when it opens a video
 
 
-class VideoReader:
-    """Frames of a video, one after the other; a context manager.
+class FrameReader:
+    """Frames of whatever OpenCV opens as a video, one after the other; a context manager.
+
+    Parameters
+    ----------
+    location : str
+        A path, a URL, or what else OpenCV takes.
+    name : str
+        What messages call it.
+    most_pixels : float
+        Of a frame.
+    cut : Cut
+        Which of its frames.
+    threads : int, optional
+        That decode it; as many as there are cores by default.
 
     Raises
     ------
-    FileNotFoundError
-        If there is no such file.
     BrokenFileError
-        If it is no video, has no frame, or frames with too many pixels (`fieldcalib.io.images.check_pixels`).
+        If it is no video, has no frame in the cut, or too large ones (`fieldcalib.io.images.check_pixels`).
+    ValueError
+        If there can be no frame in the cut.
     """
 
-    count: int
-    """Number of frames, as the file says: often right; 0 if it does not say."""
     frames_per_second: float
+    """Of the frames that are read: of every `step`-th one."""
+    numbers: range
+    """Of the frames that are read, as far as there are such; the first frame of the video is 0."""
 
-    def __init__(self, path: Path, most_pixels: float = MOST_PIXELS) -> None:
+    def __init__(
+        self, location: str, name: str, most_pixels: float = MOST_PIXELS, cut: Cut = WHOLE, threads: int | None = None
+    ) -> None:
         import cv2
 
-        if not path.is_file():
-            raise FileNotFoundError(f"{path} does not exist: expected a video")
-        self._path = path
+        self._location, self._name, self._threads = location, name, threads
         self._times: list[float] = []  # seconds, of the frames that were read
-        self._capture = cv2.VideoCapture(str(path))
+        self._capture, self._number = _opened(location, threads), -1
         try:
             width, height = (self._capture.get(p) for p in (cv2.CAP_PROP_FRAME_WIDTH, cv2.CAP_PROP_FRAME_HEIGHT))
             check_pixels((int(width), int(height)), most_pixels)
+            rate = float(self._capture.get(cv2.CAP_PROP_FPS))
+            self._rate = rate if 0.0 < rate <= FASTEST else USUAL
+            self.numbers = cut.numbers(self._rate)
+            self.frames_per_second = self._rate / cut.step
+            if not self._grab(1):
+                raise BrokenFileError("is no video that OpenCV can read, or its end is missing")
+            if not self._grab(self.numbers.start):
+                raise BrokenFileError(f"has no frame {self.numbers.start}, the first that is asked for")
+            self._has_frame, self._frame = self._capture.retrieve()
         except BrokenFileError as error:
             self._capture.release()
-            raise BrokenFileError(f"{path}: {error}") from None
-        self._has_frame, self._frame = self._capture.read()
-        if not self._has_frame:
+            raise BrokenFileError(f"{name}: {error}") from None
+        except ValueError:
             self._capture.release()
-            raise BrokenFileError(f"{path}: is no video that OpenCV can read, or its end is missing")
-        self.count = max(int(self._capture.get(cv2.CAP_PROP_FRAME_COUNT)), 0)
-        rate = float(self._capture.get(cv2.CAP_PROP_FPS))
-        self.frames_per_second = rate if 0.0 < rate <= FASTEST else USUAL
+            raise
 
     def __enter__(self) -> Self:
         return self
@@ -72,12 +93,74 @@ class VideoReader:
         self._capture.release()
 
     def __iter__(self) -> Iterator[Image]:
+        for number in self.numbers:
+            if not self._has_frame:
+                return
+            self._times.append(self._time())
+            yield np.asarray(self._frame, dtype=np.uint8)
+            if number + self.numbers.step < self.numbers.stop:
+                self._has_frame = self._grab(self.numbers.step)
+                if self._has_frame:
+                    self._has_frame, self._frame = self._capture.retrieve()
+
+    def _grab(self, count: int) -> bool:
+        """Go on by so many frames; whether there are so many."""
+        self._number += count
+        return all(self._capture.grab() for _ in range(count))
+
+    def _time(self) -> float:
+        """Of the frame that was read last, in seconds."""
         import cv2
 
-        while self._has_frame:
-            self._times.append(self._capture.get(cv2.CAP_PROP_POS_MSEC) / 1e3)
-            yield np.asarray(self._frame, dtype=np.uint8)
-            self._has_frame, self._frame = self._capture.read()
+        return float(self._capture.get(cv2.CAP_PROP_POS_MSEC)) / 1e3
+
+
+class VideoReader(FrameReader):
+    """Frames of a video file, one after the other; a context manager.
+
+    Parameters
+    ----------
+    path : Path
+    most_pixels, cut, threads
+        As of a `FrameReader`.
+
+    Raises
+    ------
+    FileNotFoundError
+        If there is no such file.
+    BrokenFileError, ValueError
+        As of a `FrameReader`.
+    """
+
+    count: int
+    """Number of frames that are read, as the file says: often right; 0 if it does not say."""
+
+    def __init__(
+        self, path: Path, most_pixels: float = MOST_PIXELS, *, cut: Cut = WHOLE, threads: int | None = None
+    ) -> None:
+        import cv2
+
+        if not path.is_file():
+            raise FileNotFoundError(f"{path} does not exist: expected a video")
+        self._path = path
+        super().__init__(str(path), str(path), most_pixels, cut, threads)
+        self._announced = max(int(self._capture.get(cv2.CAP_PROP_FRAME_COUNT)), 0)
+        self.count = len(self.numbers[: max(-(-(self._announced - self.numbers.start) // self.numbers.step), 0)])
+
+    def _grab(self, count: int) -> bool:
+        """Go on by so many frames, by a jump if they are many and it arrives where it should."""
+        import cv2
+
+        if count < FAR:
+            return super()._grab(count)
+        number, there = self._number + count, self._time() + count / self._rate
+        jumped = self._capture.set(cv2.CAP_PROP_POS_FRAMES, number) and self._capture.grab()
+        if jumped and abs(self._time() - there) * self._rate < 0.5:
+            self._number = number
+            return True
+        self._capture.release()  # its times are not regular, or it has no index
+        self._capture, self._number = _opened(self._location, self._threads), -1
+        return super()._grab(number + 1)
 
     def loss(self) -> str:
         """What to say where frames that the file announces cannot be read, empty otherwise; asked as `lost_frames`."""
@@ -88,14 +171,24 @@ class VideoReader:
 
         An MP4 may announce frames before its edit list begins, which are decoded but not shown: they are not lost.
         """
+        left = self.count - len(self._times)
         if self._path.suffix.lower() not in WITH_COUNT:
             missed = _missed(np.array(self._times), self.frames_per_second)
-            after = self.count - len(self._times) - missed
+            after = left - missed
             return missed + (after if after > ESTIMATE * self.frames_per_second else 0)
-        if len(self._times) >= self.count:
+        if left <= 0:
             return 0
         with _environment(CAPTURE_OPTIONS, "ignore_editlist;1"):
-            return max(self.count - count_frames(self._path), 0)
+            return min(max(self._announced - count_frames(self._path, self._threads), 0), left)
+
+
+def _opened(location: str, threads: int | None) -> Any:
+    """OpenCV's reader of a video, with that many threads for decoding."""
+    import cv2
+
+    if threads is None:
+        return cv2.VideoCapture(location)
+    return cv2.VideoCapture(location, cv2.CAP_ANY, [cv2.CAP_PROP_N_THREADS, threads])
 
 
 def _missed(times: Array, rate: float) -> int:
@@ -112,11 +205,9 @@ def _missed(times: Array, rate: float) -> int:
     return int(np.sum(np.rint(steps[steps > 1.5]) - 1.0))
 
 
-def count_frames(path: Path) -> int:
+def count_frames(path: Path, threads: int | None = None) -> int:
     """How many frames of a video can be decoded; 0 if it is none."""
-    import cv2
-
-    capture = cv2.VideoCapture(str(path))
+    capture = _opened(str(path), threads)
     count = 0
     while capture.grab():
         count += 1
@@ -153,8 +244,8 @@ class VideoWriter:
     note: str = ""
     """What to know about the file, to be said after its name; empty if nothing, and until there is an image."""
 
-    def __init__(self, path: Path, frames_per_second: float) -> None:
-        self._path, self._frames_per_second = path, frames_per_second
+    def __init__(self, path: Path, frames_per_second: float, *, threads: int | None = None) -> None:
+        self._path, self._frames_per_second, self._threads = path, frames_per_second, threads
         self._replacement = ExitStack()
         self._encoder: Encoder | None = None
         self._size = (0, 0)
@@ -179,7 +270,7 @@ class VideoWriter:
             self._size = (image.shape[1], image.shape[0])
             width, height = (length + length % 2 for length in self._size)
             try:
-                self._encoder = open_encoder(self._unfinished, self._frames_per_second, (width, height))
+                self._encoder = open_encoder(self._unfinished, self._frames_per_second, (width, height), self._threads)
             except OSError as error:
                 raise OSError(f"{self._path}: {error}") from None
             self.note = self._encoder.note
@@ -196,6 +287,6 @@ class VideoWriter:
             self._replacement.__exit__(kind, error, traceback)
             return
         with self._replacement:
-            found = count_frames(self._unfinished) if self._written else 0
+            found = count_frames(self._unfinished, self._threads) if self._written else 0
             if found != self._written:
                 raise OSError(f"{self._path}: {found} of {self._written} frames were written: is the disk full?")

@@ -7,12 +7,15 @@ by `std`. Its first output is (N, K, h, w): logits of the K classes on a grid of
 
 from __future__ import annotations
 
+import hashlib
 import os
 from collections.abc import Sequence
+from contextlib import nullcontext
 from dataclasses import dataclass
+from functools import lru_cache
 from importlib.resources import as_file, files
 from pathlib import Path
-from typing import Any
+from typing import Any, Self
 
 import numpy as np
 
@@ -26,12 +29,30 @@ SHIPPED = files("fieldcalib") / "models" / "soccer.onnx"
 
 
 @dataclass(frozen=True)
+class NetworkSource:
+    """What a network is loaded from, and how."""
+
+    model: Path | None
+    """The ONNX file; None for the one that comes with the package."""
+    provider: str
+    threads: int
+    digest: str
+    """SHA-256 of the ONNX file and its JSON file."""
+
+
+@dataclass(frozen=True)
 class SegmentationNetwork:
-    """A segmentation network, ready to run."""
+    """A segmentation network, ready to run.
+
+    A pickle of it says where its files are. Another process loads them when it runs the network for the first time,
+    once for all pickles of it; they must be there, and be the same. A copy is the network itself.
+    """
 
     description: NetworkDescription
     session: Any
     """onnxruntime's InferenceSession."""
+    source: NetworkSource | None = None
+    """None for a session that was made elsewhere: it cannot be pickled."""
 
     @classmethod
     def load(cls, model: Path | str | None = None, *, provider: str = CPU, threads: int = 2) -> SegmentationNetwork:
@@ -62,26 +83,35 @@ class SegmentationNetwork:
             ...
         FileNotFoundError: no.onnx does not exist: expected a network in ONNX
         """
-        if model is None:
-            if not SHIPPED.is_file():
-                raise FileNotFoundError(
-                    f"this installation has no network ({SHIPPED} is missing): give the path of one"
-                )
-            with as_file(SHIPPED) as path:
-                return cls.load(path, provider=provider, threads=threads)
-        path = Path(model)
-        if not path.is_file():
-            raise FileNotFoundError(f"{path} does not exist: expected a network in ONNX")
-        beside = path.with_suffix(".json")
-        if not beside.is_file():
-            raise FileNotFoundError(f"{beside} does not exist: expected the description of {path.name}")
-        try:
-            description = NetworkDescription.parse(beside.read_bytes())
-        except BrokenFileError as error:
-            raise BrokenFileError(f"{beside}: {error}") from None
-        session = _session(path, provider, threads)
-        _check_input(session, path, description.input_size)
-        return cls(description, session)
+        if model is None and not SHIPPED.is_file():
+            raise FileNotFoundError(f"this installation has no network ({SHIPPED} is missing): give the path of one")
+        with as_file(SHIPPED) if model is None else nullcontext(Path(model)) as path:
+            if not path.is_file():
+                raise FileNotFoundError(f"{path} does not exist: expected a network in ONNX")
+            beside = path.with_suffix(".json")
+            if not beside.is_file():
+                raise FileNotFoundError(f"{beside} does not exist: expected the description of {path.name}")
+            json = beside.read_bytes()
+            try:
+                description = NetworkDescription.parse(json)
+            except BrokenFileError as error:
+                raise BrokenFileError(f"{beside}: {error}") from None
+            digest = hashlib.sha256(path.read_bytes() + json).hexdigest()
+            session = _session(path, provider, threads)
+            _check_input(session, path, description.input_size)
+        source = NetworkSource(None if model is None else Path(model).absolute(), provider, threads, digest)
+        return cls(description, session, source)
+
+    def __copy__(self) -> Self:
+        return self  # its session may be run by several threads at once
+
+    def __deepcopy__(self, memo: object) -> Self:
+        return self
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        if self.source is None:
+            raise TypeError("this network cannot be pickled: SegmentationNetwork.load gives one that can")
+        return SegmentationNetwork, (self.description, _LateSession(self.source), self.source)
 
     @property
     def classes(self) -> tuple[str, ...]:
@@ -130,6 +160,31 @@ class SegmentationNetwork:
         return np.asarray(logits, dtype=np.float32)
 
 
+@dataclass(frozen=True)
+class _LateSession:
+    """A session that begins when it is run: an error while a pickle is read ends the processes of an executor."""
+
+    source: NetworkSource
+
+    def get_inputs(self) -> Any:
+        return _session_of_process(self.source, os.getpid()).get_inputs()
+
+    def run(self, *arguments: Any) -> Any:
+        return _session_of_process(self.source, os.getpid()).run(*arguments)
+
+
+@lru_cache
+def _session_of_process(source: NetworkSource, process: int) -> Any:
+    """The session of a network that another process had; the threads of one do not survive a fork."""
+    try:
+        network = SegmentationNetwork.load(source.model, provider=source.provider, threads=source.threads)
+    except (OSError, ValueError) as error:
+        raise type(error)(f"a network of another process cannot be loaded here: {error}") from error
+    if network.source != source:
+        raise BrokenFileError(f"{source.model or SHIPPED} is not the network that was pickled: it has changed")
+    return network.session
+
+
 def softmax(logits: Float32) -> Float32:
     """Probabilities (N, K, h, w) of logits over the K classes.
 
@@ -158,6 +213,8 @@ def _session(path: Path, provider: str, threads: int) -> Any:
         )
     options = onnxruntime.SessionOptions()
     options.intra_op_num_threads = min(threads, os.cpu_count() or 1)
+    options.inter_op_num_threads = 1
+    options.add_session_config_entry("session.intra_op.allow_spinning", "0")  # no quicker here, and takes a core
     options.log_severity_level = 3  # errors
     try:
         session = onnxruntime.InferenceSession(str(path), options, providers=[provider])

@@ -1,0 +1,95 @@
+"""`fieldcalib run` of a stream: each frame gets its camera as it comes, from those before it."""
+
+from __future__ import annotations
+
+import argparse
+import sys
+import time
+from collections.abc import Callable
+
+from fieldcalib.cli.arguments import LENSES, cut_of, field_of, prior_of
+from fieldcalib.cli.declared import Placement
+from fieldcalib.cli.frames import Frame, checked_frames, load_network, say_note, video_threads
+from fieldcalib.cli.results import OVERLAY, Outcome, Results, calibration_line, result_folder
+from fieldcalib.cli.run_record import RunRecord
+from fieldcalib.draw.overlays import draw_calibration
+from fieldcalib.images.tracker import Tracker
+from fieldcalib.io.formats import CAMERAS, VIDEOS
+from fieldcalib.io.image import Image
+from fieldcalib.io.streams import Stream, StreamReader
+from fieldcalib.io.videos import VideoWriter
+
+
+def is_stream(options: argparse.Namespace) -> bool:
+    """Whether the input is a stream."""
+    return isinstance(options.input[0], Stream)
+
+
+def run_stream(options: argparse.Namespace, place: Callable[[Image], Placement]) -> int:
+    """Calibrate until nothing comes any more; returns the exit code. An interrupt is an end too."""
+    stream: Stream = options.input[0]
+    _check(options, stream)
+    began = time.perf_counter()
+    field, network = field_of(options), load_network(options)
+    reader = StreamReader(stream, options.most_pixels, cut=cut_of(options), threads=video_threads(options))
+    record = RunRecord.of(options, [], unit=1, writes=[CAMERAS.file_name("<id>")])
+    path = options.out / OVERLAY
+    end: Exception | KeyboardInterrupt | None = None
+    with (
+        reader,
+        result_folder(options, record, began) as results,
+        VIDEOS.write(path, reader.frames_per_second, threads=video_threads(options)) as video,
+        Tracker(
+            field,
+            network,
+            flags=LENSES[options.lens],
+            prior=prior_of(options),
+            wait=not stream.is_live,
+        ) as tracker,
+    ):
+        try:
+            for frame in checked_frames(stream, reader, place):
+                _add(options, frame, place, tracker, results, video)
+        except (KeyboardInterrupt, ValueError) as error:  # of a frame that is not as those before
+            end = error
+    say_note(path, video)
+    if isinstance(end, KeyboardInterrupt):
+        raise end
+    if end or reader.end():
+        print(f"fieldcalib: {end or reader.end()}", file=sys.stderr)
+    return 1 if end else 0
+
+
+def _check(options: argparse.Namespace, stream: Stream) -> None:
+    """Refuse options that a stream has no use for."""
+    if options.resume:
+        raise ValueError(f"--resume is of files: {stream} cannot be read again")
+    for given, name in (
+        (options.camera != "tripod", "--camera"),
+        (options.clip, "--clip"),
+        (options.independent, "--independent"),
+        (not options.refine, "--no-refinement"),
+        (options.shard is not None, "--shard"),
+    ):
+        if given:
+            raise ValueError(f"{name} is not of streams: each frame of {stream} is calibrated from those before it")
+
+
+def _add(
+    options: argparse.Namespace,
+    frame: Frame,
+    place: Callable[[Image], Placement],
+    tracker: Tracker,
+    results: Results,
+    video: VideoWriter,
+) -> None:
+    """Calibrate the next frame, and write what is written of it."""
+    assert frame.image is not None
+    start = time.perf_counter()
+    placement = place(frame.image)
+    calibration = placement.from_frame(tracker.update(placement.image_in_frame(frame.image)))
+    results.calibrating += time.perf_counter() - start
+    line = calibration_line(frame.id, calibration, None) | {"basis": str(tracker.basis)}
+    keeps = options.keep_rejected or bool(calibration)
+    results.add(Outcome.of(frame.id, calibration, line, keeps=keeps))
+    video.write(draw_calibration(frame.image, calibration, calibration.field or field_of(options)))

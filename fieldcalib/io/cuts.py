@@ -1,0 +1,96 @@
+"""Parts of an input: from which of its frames to which, and every how many of them."""
+
+from __future__ import annotations
+
+import math
+import re
+import sys
+from dataclasses import dataclass
+from typing import Self
+
+ROUNDED = 1e-6  # frames: of a time that is written in decimals
+TIME = re.compile(r"(?:(?:(\d+):)?(\d+):)?(\d+(?:\.\d*)?)", re.ASCII)
+FRAME = re.compile(r"(\d+)f", re.ASCII)
+
+
+@dataclass(frozen=True)
+class Position:
+    """A place in an input: a time from its beginning, or the number of a frame, from 0."""
+
+    seconds: float | None = None
+    frame: int | None = None
+
+    @classmethod
+    def parse(cls, text: str) -> Self:
+        """What ``[[H:]M:]S`` or ``Nf`` says.
+
+        Raises
+        ------
+        ValueError
+            If it is neither.
+
+        Examples
+        --------
+        >>> Position.parse("1:30.5"), Position.parse("750f")
+        (Position(seconds=90.5, frame=None), Position(seconds=None, frame=750))
+        """
+        if found := FRAME.fullmatch(text):
+            return cls(frame=int(found[1]))
+        if found := TIME.fullmatch(text):
+            hours, minutes, seconds = (float(part or 0.0) for part in found.groups())
+            return cls(seconds=3600.0 * hours + 60.0 * minutes + seconds)
+        raise ValueError(f"expected a time, as 90, 1:30 or 1:01:30.5, or a frame, as 750f, got {text!r}")
+
+    def __str__(self) -> str:
+        """As it is parsed."""
+        return f"{self.seconds:.10g}" if self.frame is None else f"{self.frame}f"
+
+    def number(self, frames_per_second: float | None) -> int:
+        """The number of the first frame that is not before it.
+
+        Raises
+        ------
+        ValueError
+            If it is a time, and the frames have none.
+
+        Examples
+        --------
+        >>> Position(seconds=1.21).number(25.0)
+        31
+        """
+        if self.frame is not None:
+            return self.frame
+        if frames_per_second is None or self.seconds is None:
+            raise ValueError(f"images have no times: give the number of one, as 750f, not {self}")
+        return math.ceil(self.seconds * frames_per_second - ROUNDED)
+
+
+@dataclass(frozen=True)
+class Cut:
+    """Every `step`-th frame from `start` on, up to `end`, which is not among them."""
+
+    start: Position = Position(frame=0)
+    end: Position | None = None
+    step: int = 1
+
+    def numbers(self, frames_per_second: float | None = None) -> range:
+        """The numbers of its frames, those after the end of the input included; images have no frames per second.
+
+        Raises
+        ------
+        ValueError
+            If there is no frame from start to end, or one of them is a time of images.
+
+        Examples
+        --------
+        >>> Cut(Position(seconds=2.0), Position(seconds=3.0), 10).numbers(25.0)
+        range(50, 75, 10)
+        """
+        start = self.start.number(frames_per_second)
+        end = sys.maxsize if self.end is None else self.end.number(frames_per_second)
+        if end <= start:
+            raise ValueError(f"there is no frame from {self.start} to {self.end}")
+        return range(start, end, self.step)
+
+
+WHOLE = Cut()

@@ -1,0 +1,111 @@
+"""The lines of ``cameras.jsonl`` as a table in Parquet, which pandas, DuckDB and others query, many folders at once.
+
+The columns are the keys of the lines that have the same meaning in every frame, and ``line``: the text as it was, from
+which everything is read back.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+from collections.abc import Iterable, Iterator, Mapping
+from itertools import islice
+from pathlib import Path
+from types import ModuleType
+from typing import Any
+
+from fieldcalib.io.files import BrokenFileError, replacement
+
+AT_ONCE = 1000  # lines of a row group: 10 MB in memory
+TEXT = "line"
+TEXTS = ("id", "status", "message", "verdict", "reason", "basis")
+NUMBERS = ("rms_px", "rms_as_labelled_px", "loss_ndc", "loss_ndc_eq3", "probability_right_0.5m", "probability_right_1m")
+
+
+def write_parquet(lines: Iterable[bytes], path: Path) -> None:
+    """Write lines of ``cameras.jsonl`` as a table, whole or not at all.
+
+    Raises
+    ------
+    ImportError
+        If pyarrow is not installed.
+    OSError
+        If the file cannot be written.
+    """
+    pyarrow, parquet = imported_pyarrow()
+    schema, texts = _schema(pyarrow), iter(lines)
+    with replacement(path) as (handle, temporary):
+        os.close(handle)
+        with parquet.ParquetWriter(temporary, schema, compression="zstd") as writer:
+            while rows := [_row(text) for text in islice(texts, AT_ONCE)]:
+                writer.write_table(pyarrow.Table.from_pylist(rows, schema))
+
+
+def read_parquet(path: Path) -> Iterator[bytes]:
+    """The lines that `write_parquet` was given, one after the other.
+
+    Raises
+    ------
+    ImportError
+        If pyarrow is not installed.
+    BrokenFileError
+        If the file is no such table.
+    """
+    pyarrow, parquet = imported_pyarrow()
+    try:
+        with parquet.ParquetFile(path) as file:
+            if TEXT not in file.schema_arrow.names:
+                raise BrokenFileError(f"{path}: has no column {TEXT!r}: is it a cameras.parquet?")
+            for batch in file.iter_batches(AT_ONCE, columns=[TEXT]):
+                for text in batch.column(0).to_pylist():
+                    yield text.encode()
+    except pyarrow.ArrowException as error:
+        raise BrokenFileError(f"{path}: cannot be read as Parquet: {error}") from error
+
+
+def imported_pyarrow() -> tuple[ModuleType, ModuleType]:
+    """``pyarrow`` and ``pyarrow.parquet``.
+
+    Raises
+    ------
+    ImportError
+        If it is not installed, with how to install it.
+    """
+    try:
+        import pyarrow
+        import pyarrow.parquet
+    except ImportError as error:
+        raise ImportError("Parquet needs pyarrow: pip install 'fieldcalib[parquet]'") from error
+    return pyarrow, pyarrow.parquet
+
+
+def _schema(pyarrow: ModuleType) -> Any:
+    """The same for every run: tables of many of them are one table."""
+    real, text = pyarrow.float64(), pyarrow.string()
+    vector = pyarrow.list_(real, 3)
+    angles = pyarrow.struct([(name, real) for name in ("pan", "tilt", "roll")])
+    deviations = pyarrow.struct([("focal_length_px", real), ("C", vector), ("angles_degrees", angles)])
+    field = pyarrow.struct([("length", real), ("width", real)])
+    columns = dict.fromkeys(TEXTS, text) | dict.fromkeys(NUMBERS, real)
+    columns |= {"image_size": pyarrow.list_(pyarrow.int64(), 2), "field": field}
+    columns |= {"K": pyarrow.list_(vector, 3), "dist": pyarrow.list_(real), "R": pyarrow.list_(vector, 3), "C": vector}
+    columns |= {"angles_degrees": angles, "standard_deviations": deviations}
+    columns |= {"segment_errors_px": pyarrow.map_(text, real), "suspect_labels": pyarrow.list_(text)}
+    columns |= {"complaints": pyarrow.list_(text), TEXT: text}
+    return pyarrow.schema(list(columns.items()))
+
+
+def _row(text: bytes) -> dict[str, Any]:
+    """The columns of a line; what it does not have is null."""
+    line: Mapping[str, Any] = json.loads(text)
+    row = dict(line) | {name: _number(line.get(name)) for name in NUMBERS} | {TEXT: text.decode().rstrip("\n")}
+    row |= {name: line[name].encode(errors="backslashreplace").decode() for name in TEXTS if name in line}
+    errors = line.get("segment_errors_px") or {}
+    row["segment_errors_px"] = [(label, _number(error)) for label, error in errors.items()]
+    row["suspect_labels"] = [suspect["label"] for suspect in line.get("suspect_labels") or ()]
+    return row
+
+
+def _number(value: Any) -> float | None:
+    """Of JSON, where infinity is a text."""
+    return None if value is None else float(value)

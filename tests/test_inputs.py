@@ -1,0 +1,282 @@
+"""What `fieldcalib run` reads: lists, several videos, parts of them, streams; and the folders of their results."""
+
+import http.server
+import json
+import os
+import subprocess
+import sys
+import threading
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+from commands import lines_of, run
+from networks import FIELD
+
+import fieldcalib
+from fieldcalib import Camera
+from fieldcalib.draw.scene import render_field
+from fieldcalib.io.streams import Stream
+from fieldcalib.io.videos import VideoReader
+
+TRUTH = Camera.from_angles(0.2, 1.32, 0.0, 950.0, (1.0, 66.0, -16.0), (960, 540))
+SMALL = np.zeros((36, 64, 3), np.uint8)
+
+
+@pytest.fixture(scope="module")
+def picture():
+    return render_field(TRUTH, FIELD, rng=np.random.default_rng(0))
+
+
+def write_video(path, images):
+    path.parent.mkdir(exist_ok=True)
+    height, width = images[0].shape[:2]
+    writer = cv2.VideoWriter(str(path), cv2.VideoWriter.fourcc(*"mp4v"), 25.0, (width, height))
+    for image in images:
+        writer.write(image)
+    writer.release()
+    return path
+
+
+def ids_of(out):
+    return [line["id"] for line in lines_of(out)]
+
+
+# --- lists ---
+
+
+def test_a_list_of_paths_relative_to_its_folder(know, tmp_path):
+    know([None] * 20)
+    (tmp_path / "lists" / "images").mkdir(parents=True)
+    for name in "abc":
+        cv2.imwrite(str(tmp_path / "lists" / "images" / f"{name}.png"), SMALL)
+    text = f"\ufeffimages/b.png\r\n\n  {tmp_path / 'lists' / 'images' / 'a.png'}\n"
+    (tmp_path / "lists" / "some.txt").write_text(text, encoding="utf-8")
+    assert run("run", f"@{tmp_path / 'lists' / 'some.txt'}", "--out", tmp_path / "out") == 0
+    assert ids_of(tmp_path / "out") == ["b", "a"]
+
+
+def test_lists_of_annotations(annotated_folder, tmp_path):
+    (tmp_path / "list.txt").write_text(f"{annotated_folder / 'b.json'}\n")
+    assert run("calibrate", f"@{tmp_path / 'list.txt'}", "--size", "960x540", "--out", tmp_path / "out") == 0
+    assert ids_of(tmp_path / "out") == ["b"]
+
+
+def test_lists_that_are_none(tmp_path, capsys):
+    (tmp_path / "empty.txt").write_text("\n")
+    for name, complaint in (("empty.txt", "lists nothing: expected a path on each line"), ("none.txt", "No such file")):
+        assert run("run", f"@{tmp_path / name}", "--out", tmp_path / "out") == 2
+        assert complaint in capsys.readouterr().err
+
+
+# --- several ---
+
+
+def test_each_video_has_its_own_folder_and_the_rest_is_done(know, tmp_path, capfd):
+    know([None] * 20)
+    write_video(tmp_path / "a.mp4", [SMALL] * 2)
+    (tmp_path / "b.mp4").write_bytes(b"no video")
+    season = tmp_path / "season"
+    for name in ("c.mp4", "d.avi"):
+        write_video(season / name, [SMALL] * 3)
+    cv2.imwrite(str(tmp_path / "e.png"), SMALL)
+    inputs = [tmp_path / name for name in ("a.mp4", "b.mp4", "season", "e.png")]
+    assert run("run", *inputs, "--independent", "--out", tmp_path / "out") == 2
+    assert "b.mp4: is no video that OpenCV can read" in capfd.readouterr().err
+    written = {path.name: len(lines_of(path)) for path in (tmp_path / "out").iterdir()}
+    assert written == {"images": 1, "a": 2, "c": 3, "d": 3}
+
+
+def test_a_folder_with_one_video_is_that_video(know, tmp_path):
+    know([None] * 20)
+    write_video(tmp_path / "season" / "c.mp4", [SMALL] * 2)
+    assert run("run", tmp_path / "season", "--independent", "--out", tmp_path / "out") == 0
+    assert ids_of(tmp_path / "out") == ["000000", "000001"]
+
+
+def test_videos_of_one_name(know, tmp_path, capsys):
+    know([None] * 20)
+    paths = [write_video(tmp_path / folder / "match.mp4", [SMALL]) for folder in ("one", "two")]
+    assert run("run", *paths, "--independent", "--out", tmp_path / "out") == 2
+    assert f"{paths[0]} and {paths[1]} would both write to {tmp_path / 'out' / 'match'}" in capsys.readouterr().err
+    assert not (tmp_path / "out").exists()
+
+
+# --- parts ---
+
+
+@pytest.mark.parametrize("independent", [True, False])
+def test_a_part_of_a_video(know, tmp_path, picture, independent):
+    know([TRUTH] * 3)
+    video = write_video(tmp_path / "a.mp4", [picture] * 10)
+    options = ["--start", "0.08", "--end", "8f", "--step", "2", *(["--independent"] * independent)]
+    assert run("run", video, *options, "--out", tmp_path / "out") == 0
+    assert ids_of(tmp_path / "out") == ["000002", "000004", "000006"]
+    with VideoReader(tmp_path / "out" / "overlay.mp4") as overlay:
+        assert (len(list(overlay)), overlay.frames_per_second) == (3, 12.5)
+
+
+def test_a_part_of_images(know, tmp_path, capsys):
+    know([None] * 20)
+    for number in range(7):
+        cv2.imwrite(str(tmp_path / f"{number}.png"), SMALL)
+    assert run("run", tmp_path, "--start", "1f", "--end", "6f", "--step", "2", "--out", tmp_path / "out") == 0
+    assert ids_of(tmp_path / "out") == ["1", "3", "5"]
+    for start, complaint in (
+        ("1:00", "images have no times"),
+        ("7f", "there are 7 images, the first"),
+        ("x", "a time"),
+    ):
+        assert run("run", tmp_path, "--start", start, "--out", tmp_path / "other") == 2
+        assert complaint in capsys.readouterr().err
+
+
+# --- streams ---
+
+
+@pytest.fixture
+def on_stdin():
+    """Puts a file on standard input, as FFmpeg finds it."""
+    kept = os.dup(0)
+
+    def put(path):
+        handle = os.open(path, os.O_RDONLY)
+        os.dup2(handle, 0)
+        os.close(handle)
+
+    yield put
+    os.dup2(kept, 0)
+    os.close(kept)
+
+
+@pytest.fixture(scope="module")
+def film(picture, tmp_path_factory):
+    return write_video(tmp_path_factory.mktemp("film") / "film.mkv", [picture] * 6)
+
+
+def test_a_video_on_standard_input(know, film, tmp_path, on_stdin, capfd):
+    know([TRUTH] * 6)
+    on_stdin(film)
+    assert run("run", "-", "--out", tmp_path) == 0
+    assert "standard input: no more frames after 6" in capfd.readouterr().err
+    lines = lines_of(tmp_path)
+    assert [line["id"] for line in lines] == [f"{number:06d}" for number in range(6)]
+    for line in lines:
+        np.testing.assert_allclose(line["angles_degrees"]["pan"], np.degrees(TRUTH.angles[0]), atol=0.1)
+        assert line["basis"]
+    assert json.loads((tmp_path / "summary.json").read_text())["cameras"] == 6
+    with VideoReader(tmp_path / "overlay.mp4") as overlay:
+        assert len(list(overlay)) == 6
+
+
+def test_a_part_of_a_stream(know, film, tmp_path, on_stdin, capfd):
+    know([TRUTH] * 6)
+    on_stdin(film)
+    assert run("run", "-", "--start", "2f", "--end", "4f", "--out", tmp_path) == 0
+    assert ids_of(tmp_path) == ["000002", "000003"]
+    assert "no more frames" not in capfd.readouterr().err
+
+
+def test_a_stream_that_breaks_off_keeps_what_came(know, film, tmp_path, on_stdin, capfd):
+    know([TRUTH] * 6)
+    (tmp_path / "cut.mkv").write_bytes(film.read_bytes()[: int(0.97 * film.stat().st_size)])
+    on_stdin(tmp_path / "cut.mkv")
+    assert run("run", "-", "--out", tmp_path / "out") == 0
+    count = len(lines_of(tmp_path / "out"))
+    assert 0 < count < 6
+    assert f"standard input: no more frames after {count}" in capfd.readouterr().err
+
+
+def test_an_interrupt_ends_a_stream_with_all_that_came(know, film, tmp_path, on_stdin, monkeypatch, capfd):
+    know([TRUTH] * 6)
+    on_stdin(film)
+    from fieldcalib.images.tracker import Tracker
+
+    update, seen = Tracker.update, []
+
+    def interrupted(tracker, image):
+        seen.append(image)
+        if len(seen) == 4:
+            raise KeyboardInterrupt
+        return update(tracker, image)
+
+    monkeypatch.setattr(Tracker, "update", interrupted)
+    assert run("run", "-", "--out", tmp_path) == 130
+    assert len(lines_of(tmp_path)) == 3
+    assert json.loads((tmp_path / "summary.json").read_text())["frames"] == 3
+    with VideoReader(tmp_path / "overlay.mp4") as overlay:
+        assert len(list(overlay)) == 3
+
+
+def test_nothing_on_standard_input(know, tmp_path, on_stdin, capfd):
+    know([None] * 20)
+    on_stdin(os.devnull)
+    assert run("run", "-", "--out", tmp_path / "out") == 2
+    assert "fieldcalib: standard input: is no video that OpenCV can read" in capfd.readouterr().err
+    assert not (tmp_path / "out").exists()
+
+
+@pytest.mark.parametrize("option", ["--resume", "--independent", "--no-refinement", "--clip", "--shard=1/2"])
+def test_what_streams_have_no_use_for(know, tmp_path, capsys, option):
+    know([None] * 20)
+    assert run("run", "-", option, "--out", tmp_path) == 2
+    assert option.split("=")[0] in capsys.readouterr().err
+
+
+def test_a_stream_by_http(know, film, tmp_path):
+    know([TRUTH] * 6)
+
+    class Quiet(http.server.SimpleHTTPRequestHandler):
+        def __init__(self, *arguments):
+            super().__init__(*arguments, directory=film.parent)
+
+        def log_message(self, *arguments):
+            pass
+
+    with http.server.ThreadingHTTPServer(("127.0.0.1", 0), Quiet) as server:
+        thread = threading.Thread(target=server.serve_forever)
+        thread.start()
+        try:
+            url = f"http://127.0.0.1:{server.server_port}/film.mkv"
+            assert run("run", url, "--out", tmp_path / "out") == 0
+        finally:
+            server.shutdown()
+            thread.join()
+    assert len(lines_of(tmp_path / "out")) == 6
+
+
+def test_which_streams_are_live_and_what_they_are_called():
+    live = Stream("rtsp://user:word@host:554/live/1")
+    assert (str(live), live.name, live.is_live) == ("rtsp://host:554/live/1", "host_554_live_1", True)
+    assert not Stream("-").is_live
+    assert not Stream("https://host/a.mkv").is_live
+
+
+# --- threads ---
+
+COUNTING = """
+import os, sys, threading, time
+from fieldcalib.cli.main import main
+most = 0
+def count():
+    global most
+    while True:
+        most = max(most, len(os.listdir("/proc/self/task")))
+        time.sleep(0.005)
+threading.Thread(target=count, daemon=True).start()
+code = main()
+print("threads", most - 1)
+sys.exit(code)
+"""
+
+
+@pytest.mark.skipif(not Path("/proc/self/task").exists(), reason="counts threads as Linux has them")
+def test_one_thread_is_one_that_computes(tmp_path, picture):
+    write_video(tmp_path / "a.mp4", [picture] * 12)
+    command = [sys.executable, "-c", COUNTING, "run", tmp_path / "a.mp4", "--out", tmp_path / "out", "--threads", "1"]
+    environment = {name: value for name, value in os.environ.items() if not name.endswith("_NUM_THREADS")}
+    folder = Path(fieldcalib.__file__).parents[1]
+    done = subprocess.run(command, capture_output=True, text=True, env=environment, cwd=folder, check=True)
+    threads = int(done.stdout.split()[-1])
+    assert threads <= 4  # beside it one reads ahead, tqdm has one that sleeps, and so may PyAV
