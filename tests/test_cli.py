@@ -7,6 +7,8 @@ import sys
 from functools import partial
 from pathlib import Path
 
+import cv2
+import numpy as np
 import pytest
 from commands import calibrate, run
 
@@ -163,6 +165,31 @@ def test_an_interrupt_during_the_start_leaves_no_traceback(name):
     )
     done = in_a_process(code, "calibrate", "--help")
     assert (done.returncode, done.stdout, done.stderr) == (-signal.SIGINT, "", "")
+
+
+@pytest.mark.skipif(os.name != "posix", reason="needs POSIX signals")
+@pytest.mark.parametrize("name", ["numpy", "onnxruntime", "cv2"])
+def test_so_does_a_request_to_end(annotated_folder, tmp_path, name):
+    (tmp_path / "a.png").write_bytes(cv2.imencode(".png", np.zeros((54, 96, 3), np.uint8))[1].tobytes())
+    code = INTERRUPTED_IMPORT.format(name=name).replace("SIGINT", "SIGTERM")
+    done = in_a_process(code, "run", tmp_path / "a.png", "--out", tmp_path / "out")
+    assert (done.returncode, done.stdout, done.stderr) == (-signal.SIGTERM, "", "")
+    assert not (tmp_path / "out").exists()
+
+
+REQUESTED = """
+import os, signal, fieldcalib.cli.units as units
+def work(*arguments):
+    os.kill(os.getpid(), signal.SIGTERM)
+units.work = work
+"""
+
+
+@pytest.mark.skipif(os.name != "posix", reason="needs POSIX signals")
+def test_a_request_to_end_tidies_up(annotated_folder, tmp_path):
+    done = in_a_process(REQUESTED, "calibrate", annotated_folder / "a.json", "--size", "960x540", "--out", tmp_path)
+    assert (done.returncode, done.stderr) == (143, "fieldcalib: terminated, nothing more is written\n")
+    assert list(tmp_path.iterdir()) == []
 
 
 @pytest.mark.skipif(os.name != "posix", reason="needs POSIX signals")

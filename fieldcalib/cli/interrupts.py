@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import signal
 import threading
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 
 
@@ -39,12 +39,16 @@ def interrupts_end_the_process() -> Iterator[None]:
 
     Nothing changes where interrupts are ignored or handled by somebody else, or in another thread than the main one.
     """
-    handled = signal.getsignal(signal.SIGINT)
-    if handled is not signal.default_int_handler or threading.current_thread() is not threading.main_thread():
-        yield
-        return
-    signal.signal(signal.SIGINT, signal.SIG_DFL)
+    own: dict[signal.Signals, Callable[..., object]] = {
+        signal.SIGINT: signal.default_int_handler,
+        signal.SIGTERM: _terminate,
+    }
+    is_main = threading.current_thread() is threading.main_thread()
+    changed = [number for number, handler in own.items() if is_main and signal.getsignal(number) is handler]
+    for number in changed:
+        signal.signal(number, signal.SIG_DFL)
     try:
         yield
     finally:
-        signal.signal(signal.SIGINT, handled)
+        for number in changed:
+            signal.signal(number, own[number])
