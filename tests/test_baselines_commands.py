@@ -1,12 +1,17 @@
 """The baselines' command lines, on synthetic annotations: what they write, and that others can read it."""
 
 import json
+import subprocess
+import sys
+from pathlib import Path
 
 import numpy as np
 import pytest
+from killed import content_of
 from synthetic import random_frames
 
 from baselines import dlt_lines, hdecomp, tvcalib
+from fieldcalib.cli import units
 from fieldcalib.cli.main import main as fieldcalib_main
 from fieldcalib.io.formats import HOMOGRAPHIES
 from fieldcalib.io.soccernet import camera_from_record, format_annotation, format_camera_types
@@ -188,6 +193,25 @@ def test_tau_rejects(folder, tmp_path):
     assert not list(tmp_path.glob("camera_*.json"))
     statuses = {json.loads(line)["status"] for line in (tmp_path / "cameras.jsonl").read_text().splitlines()}
     assert statuses == {"rejected by tau"}
+
+
+@pytest.mark.parametrize("name", COMMANDS)
+def test_the_files_are_the_same_with_any_number_of_jobs(name, folder, tmp_path, monkeypatch):
+    monkeypatch.setattr(units, "SMALLEST_UNIT", 1)
+    main, options = COMMANDS[name]
+    for jobs in (1, 2):
+        arguments = (folder, "--size", "960x540", "--out", tmp_path / str(jobs), *options, "--jobs", jobs)
+        assert run(main, *arguments) == 0
+    assert content_of(tmp_path / "1") == content_of(tmp_path / "2")
+
+
+@pytest.mark.parametrize("name", COMMANDS)
+def test_modules_that_are_run_have_jobs_too(name, folder, tmp_path):
+    """What they ask other processes for must not be of the script."""
+    command = [sys.executable, "-m", f"baselines.{name}", folder, "--size", "960x540", "--out", tmp_path, "--jobs", "2"]
+    root = Path(dlt_lines.__file__).parents[1]
+    subprocess.run([*command, *COMMANDS[name][1]], check=True, cwd=root, capture_output=True)
+    assert len((tmp_path / "cameras.jsonl").read_text().splitlines()) == 4
 
 
 # --- cameras of known type ---
