@@ -5,6 +5,7 @@ from . import metrics as metrics
 from .assess.result import Calibration as Calibration
 from .assess.result import Status as Status
 from .assess.sequence import SequenceCalibration as SequenceCalibration
+from .assess.together import compute_errors as compute_errors
 from .assess.video import VideoCalibration as VideoCalibration
 from .calibrate.batch import calibrate_batch as calibrate_batch
 from .calibrate.decomposition import Decomposition as Decomposition

@@ -11,9 +11,10 @@ import cv2
 import numpy as np
 import pytest
 from networks import CLASSES, FIELD, band_maps, probabilities
+from synthetic import random_frames
 from views import camera
 
-from fieldcalib import calibrate_from_images
+from fieldcalib import calibrate_batch, calibrate_from_images, soccer
 from fieldcalib.draw.scene import render_field
 from fieldcalib.localize import localize
 from fieldcalib.processes.jobs import Processes, in_order
@@ -139,6 +140,9 @@ def test_dask():
     ):
         executor = client.get_executor()
         assert list(in_order(executor, late_square, range(20), ahead=5)) == [n * n for n in range(20)]
+        frames, _ = random_frames(3, seed=13, noise=1.0)
+        found = calibrate_batch(soccer(), frames, (960, 540), executor=executor)
+        assert found == calibrate_batch(soccer(), frames, (960, 540))
 
 
 def test_only_some_items_are_taken_in_advance():
