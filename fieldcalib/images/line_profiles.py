@@ -10,6 +10,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
+from numpy.typing import ArrayLike
 
 from fieldcalib._types import Array, BoolArray, Float32, IntArray
 from fieldcalib.calibrate.options import pixel_unit
@@ -85,7 +86,7 @@ class Markings:
             np.repeat(np.arange(len(points)), counts),
             np.concatenate([np.zeros((0, 3)), *points]),
             np.concatenate([np.zeros((0, 3)), *(d / np.linalg.norm(d, axis=1, keepdims=True) for d in along)]),
-            np.repeat([not np.any(X[:, 2]) for X in points], counts),
+            np.repeat(np.array([not np.any(X[:, 2]) for X in points], dtype=bool), counts),
             look,
         )
 
@@ -129,11 +130,12 @@ def profiles_along(camera: Camera, markings: Markings) -> Profiles:
     """Profiles across the markings in view, evenly spaced on each."""
     unit = pixel_unit(camera.image_size)
     xy = camera.project(markings.X)
-    low = MARGIN * unit
-    inside = np.all((xy >= low) & (xy <= np.subtract(camera.image_size, 1.0) - low), axis=1)  # false for NaN
+    x, y = xy.T
+    low, (right, bottom) = MARGIN * unit, np.subtract(camera.image_size, 1.0) - MARGIN * unit
+    inside = (x >= low) & (y >= low) & (x <= right) & (y <= bottom)  # false for NaN
     joined = inside[1:] & inside[:-1] & (markings.member[1:] == markings.member[:-1])
     step = np.zeros(len(xy))
-    step[1:][joined] = np.linalg.norm(xy[1:][joined] - xy[:-1][joined], axis=1)
+    step[1:][joined] = np.hypot(np.diff(x)[joined], np.diff(y)[joined])
 
     length = np.bincount(markings.member, step, len(markings.labels))
     many = np.clip(np.floor(length / (SPACING * unit)), LEAST_PROFILES, MOST_PROFILES)
@@ -144,18 +146,32 @@ def profiles_along(camera: Camera, markings: Markings) -> Profiles:
     place = np.flatnonzero(joined & (np.diff(cell) > 0.0)) + 1
 
     X, along, on_ground = markings.X[place], markings.along[place], markings.on_ground[place]
-    towards = camera.project(X + 0.1 * along) - camera.project(X - 0.1 * along)
-    across = np.where(on_ground[:, None], np.cross(along, (0.0, 0.0, 1.0)), np.cross(along, X - camera.C))
+    across = np.where(on_ground[:, None], _cross(along, (0.0, 0.0, 1.0)), _cross(along, X - camera.C))
     with np.errstate(divide="ignore", invalid="ignore"):  # where a line points at the camera
-        normal = np.column_stack([-towards[:, 1], towards[:, 0]]) / np.linalg.norm(towards, axis=1, keepdims=True)
         across *= 0.5 * markings.look.width / np.linalg.norm(across, axis=1, keepdims=True)
-    width = np.abs(np.sum((camera.project(X + across) - camera.project(X - across)) * normal, axis=1))
+        one_end, other_end, one_side, other_side = camera.project(X + [0.1 * along, -0.1 * along, across, -across])
+        towards = one_end - other_end
+        normal = np.column_stack([-towards[:, 1], towards[:, 0]]) / np.linalg.norm(towards, axis=1, keepdims=True)
+    width = np.abs(np.sum((one_side - other_side) * normal, axis=1))
     good = np.isfinite(width) & np.all(np.isfinite(normal), axis=1)
     place, normal, width, on_ground = place[good], normal[good], width[good], on_ground[good]
     member, xy = markings.member[place], xy[place]
-    distance = np.hypot(xy[:, None, 0] - xy[:, 0], xy[:, None, 1] - xy[:, 1])
-    distance[member[:, None] == member] = np.inf
-    return Profiles(member, xy, normal, width, 0.5 * np.min(distance, axis=1, initial=np.inf), on_ground, markings.look)
+    return Profiles(member, xy, normal, width, _room(member, xy), on_ground, markings.look)
+
+
+def _cross(a: Array, b: ArrayLike) -> Array:
+    """Cross products (n, 3); np.cross takes five times as long."""
+    (ax, ay, az), (bx, by, bz) = a.T, np.asarray(b).T
+    return np.column_stack([ay * bz - az * by, az * bx - ax * bz, ax * by - ay * bx])
+
+
+def _room(member: IntArray, xy: Array) -> Array:
+    """Half the distance (n,) of points to the nearest one of another marking; infinite if there is none."""
+    x, y = xy.T
+    squared = np.square(x[:, None] - x)
+    squared += np.square(y[:, None] - y)
+    squared[member[:, None] == member] = np.inf
+    return np.asarray(0.5 * np.sqrt(np.min(squared, axis=1, initial=np.inf)))
 
 
 def lines_near(image: Image, camera: Camera, markings: Markings, search_range: float) -> tuple[Pixels, int]:
@@ -164,10 +180,14 @@ def lines_near(image: Image, camera: Camera, markings: Markings, search_range: f
     The range is that of `find_lines`.
     """
     profiles = profiles_along(camera, markings)
-    offset = find_lines(image, profiles, search_range)
+    return pixels_of_lines(markings, profiles, find_lines(image, profiles, search_range)), len(profiles)
+
+
+def pixels_of_lines(markings: Markings, profiles: Profiles, offset: Array) -> Pixels:
+    """Pixels (N, 2) of the line of each marking, from what `find_lines` returns."""
     found = np.isfinite(offset)
     xy, member = profiles.xy[found] + offset[found, None] * profiles.normal[found], profiles.member[found]
-    return {markings.labels[k]: xy[member == k] for k in np.unique(member)}, len(profiles)
+    return {markings.labels[k]: xy[member == k] for k in np.unique(member)}
 
 
 def find_lines(image: Image, profiles: Profiles, search_range: float) -> Array:
@@ -188,71 +208,134 @@ def find_lines(image: Image, profiles: Profiles, search_range: float) -> Array:
     is located at the largest contrast, which must exceed a threshold and the noise of the
     profile, and most neighbouring profiles of the segment must show it at the same offset.
     """
-    if not len(profiles):
-        return np.zeros(0)
-    unit = pixel_unit((image.shape[1], image.shape[0]))
-    width = np.hypot(profiles.width, BLUR)
-    gate = np.minimum(search_range * unit, profiles.room)
-    spacing = width / 3.0
-    half = np.max(np.maximum(gate, NOISE_WINDOW * unit) / spacing)
-    strips, offset = _strips(image, profiles, spacing, int(half) + FLANK + 2)
-
-    colour = (strips[:, :-2] + strips[:, 1:-1] + strips[:, 2:]) / np.float32(3.0)
-    one_side, line, other_side = colour[:, : -2 * FLANK], colour[:, FLANK:-FLANK], colour[:, 2 * FLANK :]
-    look = profiles.look
-    luma = LUMA if look.lighter else -LUMA
-    contrast = line @ luma - np.maximum(one_side @ luma, other_side @ luma)
-    offset = offset[:, FLANK + 1 : -FLANK - 1]
-    allowed = np.abs(offset) <= gate[:, None]
-    near = np.any(allowed, axis=0)  # columns in the middle: elsewhere colours do not matter
-    sides = np.array([_chromaticity(one_side[:, near]), _chromaticity(other_side[:, near])])
-    alike = np.max(np.abs(sides[0] - sides[1]), axis=-1) < look.ground_difference
-    is_ground = alike & _like_most(sides, profiles.on_ground, 2.0 * look.ground_difference)
-    allowed[:, near] &= is_ground | ~profiles.on_ground[:, None]
-
-    row = np.arange(len(profiles))
-    best = np.argmax(np.where(allowed, contrast, -np.inf)[:, 1:-1], axis=1) + 1
-    before, peak, after = contrast[row, best - 1], contrast[row, best], contrast[row, best + 1]
-    curvature = 2.0 * peak - before - after
-    deviation = np.median(np.abs(contrast - np.median(contrast, axis=1, keepdims=True)), axis=1)
-    least = np.where(profiles.on_ground, look.contrast, look.contrast_raised)
-    seen = allowed[row, best] & (peak >= np.maximum(before, after)) & (curvature > 0.0)
-    seen &= (peak > np.maximum(least, LEAST_SIGNAL * deviation)) & (profiles.room > width)
-    vertex = 0.5 * (after - before) / np.where(curvature > 0.0, curvature, 1.0)
-    found = np.where(seen, offset[row, best] + vertex * spacing, np.nan)
-    return np.where(_consistent(found, profiles.member, SAME_LINE * unit), found, np.nan)
+    return Strips.of(image, profiles, search_range).lines(search_range)
 
 
-def _like_most(sides: Float32, on_ground: BoolArray, least: float) -> BoolArray:
-    """Which samples (n, m) have on both sides (2, n, m, 3) about the colour that most markings on the ground have."""
-    if not np.any(on_ground):
-        return np.ones(sides.shape[1:3], dtype=bool)
-    middle = sides[:, on_ground, sides.shape[2] // 2].reshape(-1, 3)
-    usual = np.median(middle, axis=0)
-    spread = np.median(np.max(np.abs(middle - usual), axis=1))
-    difference = np.max(np.abs(sides - usual.astype(np.float32)), axis=(0, 3))
-    return np.asarray(difference < max(OTHER_COLOUR * spread, least))
+@dataclass(frozen=True, eq=False)
+class Strips:
+    """What an image shows across the projected markings, sampled once for several search ranges."""
+
+    profiles: Profiles
+    unit: float
+    """Pixels of the image per pixel of a 960 x 540 image."""
+    width: Array
+    """Expected width of the line in the image, px, (n,)."""
+    spacing: Array
+    """Of the samples, px, (n,)."""
+    offset: Array
+    """Distance of each sample from the marking, px, (n, m)."""
+    contrast: Float32
+    """By how much each sample is lighter than both sides, or darker where lines are, (n, m)."""
+    deviation: Float32
+    """Median absolute deviation of the contrast, (n,)."""
+    may_be_line: BoolArray
+    """Whether a sample has on both sides the colour of the ground beside most markings, or is not on the ground."""
+    is_black: BoolArray
+    """Whether the marking is in the middle of black, (n,): beside the part of a frame that is shown."""
+
+    @classmethod
+    def of(cls, image: Image, profiles: Profiles, search_range: float) -> Strips:
+        """Strips that are long enough for search ranges up to one, in pixels of a 960 x 540 image."""
+        unit = pixel_unit((image.shape[1], image.shape[0]))
+        width = np.hypot(profiles.width, BLUR)
+        spacing = width / 3.0
+        reach = np.maximum(np.minimum(search_range * unit, profiles.room), NOISE_WINDOW * unit)
+        half = int(np.max(reach / spacing, initial=0.0))
+        colour = _colours(image, profiles, spacing, half + FLANK + 2)
+        look = profiles.look
+        luma = np.tensordot(LUMA if look.lighter else -LUMA, colour, axes=1)
+        contrast = luma[:, FLANK:-FLANK] - np.maximum(luma[:, : -2 * FLANK], luma[:, 2 * FLANK :])
+        column, row = np.round(profiles.xy).astype(int).T
+        return cls(
+            profiles,
+            unit,
+            width,
+            spacing,
+            np.arange(-half - 1, half + 2) * spacing[:, None],
+            contrast,
+            _median(np.abs(contrast - _median(contrast)[:, None])),
+            _is_ground(colour, profiles.on_ground, look.ground_difference) | ~profiles.on_ground[:, None],
+            ~np.any(image[row, column], axis=-1),
+        )
+
+    def lines(self, search_range: float) -> Array:
+        """As `find_lines`."""
+        profiles, contrast = self.profiles, self.contrast
+        if not len(profiles):
+            return np.zeros(0)
+        gate = np.minimum(search_range * self.unit, profiles.room)
+        allowed = (np.abs(self.offset) <= gate[:, None]) & self.may_be_line
+        row = np.arange(len(profiles))
+        best = np.argmax(np.where(allowed, contrast, -np.inf)[:, 1:-1], axis=1) + 1
+        before, peak, after = contrast[row, best - 1], contrast[row, best], contrast[row, best + 1]
+        curvature = 2.0 * peak - before - after
+        least = np.where(profiles.on_ground, profiles.look.contrast, profiles.look.contrast_raised)
+        seen = allowed[row, best] & (peak >= np.maximum(before, after)) & (curvature > 0.0)
+        seen &= (peak > np.maximum(least, LEAST_SIGNAL * self.deviation)) & (profiles.room > self.width)
+        vertex = 0.5 * (after - before) / np.where(curvature > 0.0, curvature, 1.0)
+        found = np.where(seen, self.offset[row, best] + vertex * self.spacing, np.nan)
+        return np.where(_consistent(found, profiles.member, SAME_LINE * self.unit), found, np.nan)
 
 
-def _strips(image: Image, profiles: Profiles, spacing: Array, half: int) -> tuple[Float32, Array]:
-    """Colours (n, m, 3) along the profiles, and the distance (n, m) from the marking of each sample."""
+def _colours(image: Image, profiles: Profiles, spacing: Array, half: int) -> Float32:
+    """Channels (3, n, m) along the profiles: the mean of `ROWS` rows, and of three samples along them."""
     import cv2
 
-    offset = np.arange(-half, half + 1) * spacing[:, None]
-    tangent = np.column_stack([profiles.normal[:, 1], -profiles.normal[:, 0]])
+    n, m = len(profiles), 2 * half + 1
+    if not n:
+        return np.zeros((3, 0, m - 2), np.float32)
     along = ROW_SPACING * pixel_unit((image.shape[1], image.shape[0])) * (np.arange(ROWS) - (ROWS - 1) / 2.0)
-    middle = profiles.xy[:, None] + along[:, None] * tangent[:, None]
-    xy = middle[:, :, None] + (offset[:, :, None] * profiles.normal[:, None])[:, None]
-    places = xy.reshape(-1, offset.shape[1], 2).astype(np.float32)
-    how, border = cv2.INTER_LINEAR, cv2.BORDER_REPLICATE
-    samples = cv2.remap(image, places[..., 0], places[..., 1], how, borderMode=border)
-    return samples.reshape(len(profiles), ROWS, -1, 3).mean(axis=1, dtype=np.float32), offset
+    offset = np.arange(-half, half + 1) * spacing[:, None]
+    (x, y), (nx, ny) = profiles.xy.T[..., None], profiles.normal.T[..., None]
+    map_x, map_y = (
+        (middle.astype(np.float32)[..., None] + step.astype(np.float32)[:, None]).reshape(-1, m)
+        for middle, step in ((x + along * ny, offset * nx), (y - along * nx, offset * ny))
+    )
+    samples = cv2.remap(image, map_x, map_y, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE).reshape(n, ROWS, -1)
+    rows = np.sum(samples, axis=1, dtype=np.uint16).reshape(n, m, 3)
+    channels = cv2.split(rows[:, :-2] + rows[:, 1:-1] + rows[:, 2:])
+    return np.array(channels, np.float32) * np.float32(1.0 / (3 * ROWS))
 
 
-def _chromaticity(colour: Float32) -> Float32:
-    """Share of each channel in the sum of the three, for colours (..., 3)."""
-    colour = colour + np.float32(1.0)  # the chromaticity of black is not defined
-    return np.asarray(colour / np.sum(colour, axis=-1, keepdims=True))
+def _is_ground(colour: Float32, on_ground: BoolArray, largest: float) -> BoolArray:
+    """Whether the ground has about the same colour on both sides of each sample, and that beside most other markings.
+
+    Chromaticities are compared: the share of each channel in the sum of the three.
+
+    Parameters
+    ----------
+    colour : (3, n, m) array
+        Blue, green, red.
+    on_ground : (n,) array
+        Which profiles cross a marking on the ground.
+    largest : float
+        Difference between both sides.
+
+    Returns
+    -------
+    (n, m - 2 * FLANK) array
+    """
+    share = colour + np.float32(1.0)  # that of black is not defined
+    share /= np.sum(share, axis=0)
+    one_side, other_side = share[..., : -2 * FLANK], share[..., 2 * FLANK :]
+    alike = np.max(np.abs(one_side - other_side), axis=0) < largest
+    if not np.any(on_ground):
+        return np.asarray(alike)
+    centre = alike.shape[1] // 2
+    beside = np.concatenate([side[:, on_ground, centre] for side in (one_side, other_side)], axis=1)
+    usual = _median(beside)[:, None]
+    spread = float(_median(np.max(np.abs(beside - usual), axis=0)))
+    difference = np.max(np.abs(share - usual[..., None]), axis=0)
+    usual_colour = difference < max(OTHER_COLOUR * spread, 2.0 * largest)
+    return np.asarray(alike & usual_colour[:, : -2 * FLANK] & usual_colour[:, 2 * FLANK :])
+
+
+def _median(values: Float32) -> Float32:
+    """Median over the last axis; np.median spends more time on checks than on computing."""
+    count = values.shape[-1]
+    parted = np.partition(values, count // 2, axis=-1)
+    upper = parted[..., count // 2]
+    return np.asarray(upper if count % 2 else 0.5 * (np.max(parted[..., : count // 2], axis=-1) + upper))
 
 
 def _consistent(found: Array, member: IntArray, tolerance: float) -> BoolArray:

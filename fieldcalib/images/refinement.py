@@ -5,7 +5,7 @@ Lines are located with sub-pixel accuracy, including those that neither a networ
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -15,7 +15,7 @@ from fieldcalib.calibrate.batch import calibrate_batch
 from fieldcalib.calibrate.options import ALL, DEFAULT_FLAGS, PAINT, CalibrationFlags, Prior, pixel_unit
 from fieldcalib.fields.segments import ObjectSegments
 from fieldcalib.geometry.camera import Camera
-from fieldcalib.images.line_profiles import Markings, find_lines, lines_near, profiles_along
+from fieldcalib.images.line_profiles import Markings, Strips, pixels_of_lines, profiles_along
 from fieldcalib.io.image import Image, checked_image
 from fieldcalib.problem.labelled_pixels import ImageSegments, Pixels, Weights, check_segments
 from fieldcalib.problem.losses import RobustLoss
@@ -118,32 +118,51 @@ def refine_all(
     prior: Prior,
 ) -> list[Refined]:
     """`refine_on_image` for images of one size, solved together."""
-    best = unrefined(markings, given)
-    found = {t: one.calibration for t, one in enumerate(given) if one.calibration.camera is not None}
+    found = {t: one.calibration for t, one in enumerate(given)}
+    strips = _strips(given, found, markings)
+    best = _with_support(given, strips)
     # lines that are found far away may be others: a principal point that is free would absorb them
     flags_of_passes = flags | CalibrationFlags.CALIB_FIX_PRINCIPAL_POINT, flags
     for search_range, kept in zip(SEARCH_RANGES, flags_of_passes, strict=True):
-        lines = {
-            t: lines_near(given[t].image, calibration.camera, markings, search_range)[0]
-            for t, calibration in found.items()
-            if calibration.camera is not None
-        }
-        again = _calibrated(object_segments, [(found[t], lines[t], given[t]) for t in lines], kept, prior)
-        found = {t: calibration for t, calibration in zip(lines, again, strict=True) if calibration.accepted}
-    for t, calibration in found.items():
-        support = _support(given[t].image, calibration, markings)
+        members = [
+            (found[t], pixels_of_lines(markings, one.profiles, one.lines(search_range)), given[t])
+            for t, one in strips.items()
+        ]
+        again = _calibrated(object_segments, members, kept, prior)
+        found = {t: calibration for t, calibration in zip(strips, again, strict=True) if calibration.accepted}
+        strips = _strips(given, found, markings)
+    for t, one in strips.items():
+        support = _support(one)
         if support >= max(LEAST_SUPPORT_REFINED, best[t].support):
-            best[t] = Refined(calibration, support)
+            best[t] = Refined(found[t], support)
     return best
+
+
+def _strips(
+    given: Sequence[ToRefine], calibrations: Mapping[int, Calibration], markings: Markings
+) -> dict[int, Strips]:
+    """Strips of the images whose calibrations have a camera."""
+    return {
+        t: Strips.of(given[t].image, profiles_along(calibration.camera, markings), max(SEARCH_RANGES))
+        for t, calibration in calibrations.items()
+        if calibration.camera is not None
+    }
+
+
+def _support(strips: Strips, search_range: float = SEARCH_RANGES[-1]) -> float:
+    """`line_support` of the camera whose projected markings the strips cross."""
+    offset = strips.lines(search_range)[~strips.is_black]
+    share = np.maximum(1.0 - np.abs(offset) / (0.5 * search_range * strips.unit), 0.0)
+    return float(np.mean(np.nan_to_num(share))) if len(share) else 0.0
+
+
+def _with_support(given: Sequence[ToRefine], strips: Mapping[int, Strips]) -> list[Refined]:
+    return [Refined(one.calibration, _support(strips[t]) if t in strips else np.nan) for t, one in enumerate(given)]
 
 
 def unrefined(markings: Markings, given: Sequence[ToRefine]) -> list[Refined]:
     """Calibrations as they are, with their line support."""
-    return [Refined(one.calibration, _support(one.image, one.calibration, markings)) for one in given]
-
-
-def _support(image: Image, calibration: Calibration, markings: Markings) -> float:
-    return np.nan if calibration.camera is None else line_support(image, calibration.camera, markings)
+    return _with_support(given, _strips(given, {t: one.calibration for t, one in enumerate(given)}, markings))
 
 
 def line_support(image: Image, camera: Camera, markings: Markings, search_range: float = SEARCH_RANGES[-1]) -> float:
@@ -162,12 +181,7 @@ def line_support(image: Image, camera: Camera, markings: Markings, search_range:
     search_range : float
         Pixels of a 960 x 540 image.
     """
-    profiles = profiles_along(camera, markings)
-    offset = find_lines(image, profiles, search_range)
-    share = np.maximum(1.0 - np.abs(offset) / (0.5 * search_range * pixel_unit(camera.image_size)), 0.0)
-    column, row = np.round(profiles.xy).astype(int).T
-    share = share[np.any(image[row, column], axis=-1)]
-    return float(np.mean(np.nan_to_num(share))) if len(share) else 0.0
+    return _support(Strips.of(image, profiles_along(camera, markings), search_range), search_range)
 
 
 def _calibrated(
