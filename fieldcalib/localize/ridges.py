@@ -9,11 +9,12 @@ centroid of its probability. The ruler need not fit exactly: the curvature of a 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
 
 from fieldcalib._types import Array, BoolArray, Float32, IntArray
-from fieldcalib.fields.segments import Arc, ObjectSegments, Segment
+from fieldcalib.fields.segments import Arc, ObjectSegments
 from fieldcalib.localize.grid import BACKGROUND, Localization, check_classes, image_from_grid
 from fieldcalib.localize.rulers import EllipseRuler, Ruler, StraightRuler
 
@@ -72,89 +73,158 @@ def ridge_points(
     array([717., 717., 717., 717.])
     """
     check_classes(probability, classes, object_segments)
-    height, width = probability.shape[1:]
+    grid_size = probability.shape[2], probability.shape[1]
+    bands = _chains(_bands(probability, classes))
+    is_arc = [isinstance(object_segments[classes[k]], Arc) for k in bands.classes]
+    lines = _lines(bands)
+    arcs = {k: _arc(bands.xy[bands.of(k)], bands.p[bands.of(k)]) for k in np.flatnonzero(is_arc).tolist()}
+    s, d = lines.of(bands.member).measure(bands.xy)
+    for k, ruler in arcs.items():
+        s[bands.of(k)], d[bands.of(k)] = ruler.measure(bands.xy[bands.of(k)])
+    cut = np.any((bands.xy == 0.0) | (bands.xy == np.subtract(grid_size, 1)), axis=1)
+    member, s, d, p = _slices(bands, s, d, cut, np.where(is_arc, MOST_ARC_SLICES, MOST_SLICES))
+    points = lines.of(member).place(s, d)
+    found = Localization({}, {})
+    for k, number in enumerate(bands.classes):
+        here = slice(*np.searchsorted(member, (k, k + 1)).tolist())
+        count = here.stop - here.start
+        if count < LEAST_SLICES:
+            continue
+        if k in arcs:
+            points[here] = arcs[k].place(s[here], d[here])
+        found.pixels[classes[number]] = image_from_grid(points[here], grid_size, image_size)
+        found.weights[classes[number]] = p[here] * count / POINTS_PER_SEGMENT
+    return found
+
+
+@dataclass(frozen=True, eq=False)
+class _Bands:
+    """The pixels of all detected classes, class after class, so that one call serves all of them."""
+
+    classes: list[int]
+    """Of S bands, as the network numbers them."""
+    member: IntArray
+    """Which band each pixel belongs to, (m,), ascending."""
+    xy: Array
+    """(m, 2)."""
+    p: Array
+    """Probability, (m,)."""
+
+    def of(self, k: int) -> slice:
+        """The pixels of one band."""
+        return slice(*np.searchsorted(self.member, (k, k + 1)).tolist())
+
+    def where(self, mask: BoolArray) -> _Bands:
+        """Some of the pixels (m,); bands may be left without any."""
+        return _Bands(self.classes, self.member[mask], self.xy[mask], self.p[mask])
+
+
+def _bands(probability: Float32, classes: Sequence[str]) -> _Bands:
+    """The classes with enough pixels."""
+    _, height, width = probability.shape
     seen = probability > LEAST_PIXEL_PROBABILITY
     seen[[name == BACKGROUND for name in classes]] = False
     index = np.flatnonzero(seen)
     member, pixel = np.divmod(index, height * width)
-    y, x = np.divmod(pixel, width)
     p = probability.ravel()[index].astype(float)
-    mass = np.bincount(member, p, len(classes))
-    found = Localization({}, {})
-    for k in np.flatnonzero(mass > LEAST_MASS).tolist():
-        here = slice(*np.searchsorted(member, (k, k + 1)))
-        label = classes[k]
-        points, mean_probability = _middle(x[here], y[here], p[here], (width, height), object_segments[label])
-        if len(points) >= LEAST_SLICES:
-            found.pixels[label] = image_from_grid(points, (width, height), image_size)
-            found.weights[label] = mean_probability * len(points) / POINTS_PER_SEGMENT
-    return found
+    enough = np.bincount(member, p, len(classes)) > LEAST_MASS
+    kept = enough[member]
+    y, x = np.divmod(pixel[kept], width)
+    number = np.cumsum(enough) - 1
+    return _Bands(np.flatnonzero(enough).tolist(), number[member[kept]], np.column_stack([x, y]).astype(float), p[kept])
 
 
-def _middle(x: IntArray, y: IntArray, p: Array, grid_size: tuple[int, int], segment: Segment) -> tuple[Array, Array]:
-    """Points (n, 2) along the middle of a segment from the pixels (m,) of its class, and their probabilities (n,)."""
-    chain = _chain(x, y, p)
-    xy, p = np.column_stack([x[chain], y[chain]]).astype(float), p[chain]
-    if not len(p):
-        return xy, p
-    is_arc = isinstance(segment, Arc)
-    ruler = _ruler(xy, p, is_arc=is_arc)
-    cut = np.any((xy == 0.0) | (xy == np.subtract(grid_size, 1)), axis=1)
-    return _slices(ruler, xy, p, cut, MOST_ARC_SLICES if is_arc else MOST_SLICES)
-
-
-def _chain(x: IntArray, y: IntArray, p: Array) -> BoolArray:
-    """Which pixels (m,) belong to the heaviest blob, or to blobs near enough to be parts of the same segment."""
+def _chains(bands: _Bands) -> _Bands:
+    """Of each band the heaviest blob, and those near enough to be parts of the same segment."""
     import cv2
 
-    mask = np.zeros((np.ptp(y) + 1, np.ptp(x) + 1), np.uint8)
-    mask[y - y.min(), x - x.min()] = 1
+    if not len(bands.p):
+        return bands
+    x, y = bands.xy.T.astype(np.intp)
+    row = bands.member * (np.max(y) + 2) + y  # the bands on top of each other, with an empty row in between
+    mask = np.zeros((row[-1] + 1, np.max(x) + 1), np.uint8)
+    mask[row, x] = 1
     count, blobs = cv2.connectedComponents(mask)
-    if count == 2:  # the background and a single blob
-        return np.full(len(p), p.max() >= LEAST_PEAK)
-    blob = blobs[y - y.min(), x - x.min()]
-    mass, peak = np.bincount(blob, p, count), np.zeros(count)
-    np.maximum.at(peak, blob, p)
+    blob = blobs[row, x]
+    mass, peak, owner = np.bincount(blob, bands.p, count), np.zeros(count), np.zeros(count, dtype=np.intp)
+    np.maximum.at(peak, blob, bands.p)
+    owner[blob] = bands.member
     mass[peak < LEAST_PEAK] = 0.0
-    low, high = np.full((count, 2), np.inf), np.full((count, 2), -np.inf)
-    np.minimum.at(low, blob, np.column_stack([x, y]))
-    np.maximum.at(high, blob, np.column_stack([x, y]))
-    heavy = mass > LEAST_BLOB_SHARE * mass.max()
-    chain = heavy & (mass == mass.max())
-    while np.any(heavy & ~chain):
+    heaviest = np.zeros(len(bands.classes))
+    np.maximum.at(heaviest, owner, mass)
+    heavy = mass > LEAST_BLOB_SHARE * heaviest[owner]
+    chain = heavy & (mass == heaviest[owner])
+    for k in np.unique(owner[heavy & ~chain]):
+        here = bands.of(k)
+        pieces = np.flatnonzero(heavy & (owner == k))
+        boxes = np.array([(xy.min(axis=0), xy.max(axis=0)) for xy in (bands.xy[here][blob[here] == i] for i in pieces)])
+        chain[pieces] = _joined(boxes[:, 0], boxes[:, 1], chain[pieces])
+    return bands.where(chain[blob])
+
+
+def _joined(low: Array, high: Array, chain: BoolArray) -> BoolArray:
+    """Which of n pieces with boxes from `low` (n, 2) to `high` join the `chain` (n,), one after the other."""
+    while not np.all(chain):
         start, end = low[chain].min(axis=0), high[chain].max(axis=0)
         gap = np.linalg.norm(np.maximum(np.maximum(low - end, start - high), 0.0), axis=1)
-        more = heavy & ~chain & (gap < LARGEST_GAP * np.linalg.norm(end - start))
+        more = ~chain & (gap < LARGEST_GAP * np.linalg.norm(end - start))
         if not np.any(more):
             break
-        chain |= more
-    return np.asarray(chain[blob])
+        chain = chain | more
+    return chain
 
 
-def _ruler(xy: Array, p: Array, *, is_arc: bool) -> Ruler:
-    """A curve near the pixels (m, 2), fitted robustly."""
+def _lines(bands: _Bands) -> StraightRuler:
+    """A line near the pixels of each band, fitted robustly."""
+    weight = bands.p
+    for _ in range(RULER_FITS):
+        lines = StraightRuler.fit_each(bands.xy, weight, bands.member, len(bands.classes))
+        weight = _reweighted(bands.p, lines.of(bands.member).measure(bands.xy)[1])
+    return lines
+
+
+def _arc(xy: Array, p: Array) -> Ruler:
+    """An ellipse near pixels (m, 2), fitted robustly; a line if they are too few or do not show its curvature."""
     weight = p
     for _ in range(RULER_FITS):
         try:
-            ruler: Ruler = EllipseRuler.fit(xy, weight) if is_arc else StraightRuler.fit(xy, weight)
-        except np.linalg.LinAlgError:  # an arc too short to show its curvature
+            ruler: Ruler = EllipseRuler.fit(xy, weight)
+        except np.linalg.LinAlgError:
             ruler = StraightRuler.fit(xy, weight)
-        weight = p / (1.0 + np.square(ruler.measure(xy)[1] / HALF_WEIGHT_DISTANCE))
+        weight = _reweighted(p, ruler.measure(xy)[1])
     return ruler
 
 
-def _slices(ruler: Ruler, xy: Array, p: Array, cut: BoolArray, most: int) -> tuple[Array, Array]:
-    """Centroids (n, 2) of slices, and the mean probability in each, (n,)."""
-    s, d = ruler.measure(xy)
-    inner = np.abs(d) < LARGEST_DISTANCE + LARGEST_SAG * np.ptp(s)
-    low, high = s[inner].min(initial=np.inf) + END_MARGIN, s[inner].max(initial=-np.inf) - END_MARGIN
-    inner &= (s > low) & (s < high)
-    if not np.any(inner):
-        return np.zeros((0, 2)), np.zeros(0)
-    s, d, p, cut = s[inner], d[inner], p[inner], cut[inner]
-    count = int(np.clip((high - low) / SHORTEST_SLICE, 1, most))
-    slot = np.minimum((s - low) * (count / (high - low)), count - 1).astype(np.intp)
-    mass = np.bincount(slot, p, count)
-    usable = (mass > LEAST_SLICE_SHARE * np.mean(mass)) & (np.bincount(slot, cut, count) == 0)
-    mean_s, mean_d, mean_p = (np.bincount(slot, p * v, count)[usable] / mass[usable] for v in (s, d, p))
-    return ruler.place(mean_s, mean_d), mean_p
+def _reweighted(p: Array, d: Array) -> Array:
+    """What pixels of probability p and distance d from their ruler weigh in the next fit."""
+    return np.asarray(p / (1.0 + np.square(d / HALF_WEIGHT_DISTANCE)))
+
+
+def _slices(bands: _Bands, s: Array, d: Array, cut: BoolArray, most: IntArray) -> tuple[IntArray, Array, Array, Array]:
+    """Of n slices the band, the coordinates of the centroid, and the mean probability, each (n,)."""
+    count = len(bands.classes)
+    least, largest = _range(s, bands.member, count)
+    sag = LARGEST_SAG * np.maximum(largest - least, 0.0)
+    inner = np.abs(d) < LARGEST_DISTANCE + sag[bands.member]
+    least, largest = _range(s[inner], bands.member[inner], count)
+    low, high = least + END_MARGIN, largest - END_MARGIN
+    inner &= (s > low[bands.member]) & (s < high[bands.member])
+    bands, s, d, cut = bands.where(inner), s[inner], d[inner], cut[inner]
+    member, p = bands.member, bands.p
+    slots = np.clip((high - low) / SHORTEST_SLICE, 1, most).astype(np.intp)
+    slot = np.minimum((s - low[member]) * (slots / (high - low))[member], slots[member] - 1).astype(np.intp)
+    slot += (np.cumsum(slots) - slots)[member]
+    band, total = np.repeat(np.arange(count), slots), int(np.sum(slots))
+    mass = np.bincount(slot, p, total)
+    mean = np.bincount(member, p, count) / slots
+    usable = (mass > LEAST_SLICE_SHARE * mean[band]) & (np.bincount(slot, cut, total) == 0)
+    mean_s, mean_d, mean_p = (np.bincount(slot, p * v, total)[usable] / mass[usable] for v in (s, d, p))
+    return band[usable], mean_s, mean_d, mean_p
+
+
+def _range(s: Array, member: IntArray, count: int) -> tuple[Array, Array]:
+    """Least and largest value of each of so many bands, (S,); infinite and minus infinite without any."""
+    least, largest = np.full(count, np.inf), np.full(count, -np.inf)
+    np.minimum.at(least, member, s)
+    np.maximum.at(largest, member, s)
+    return least, largest

@@ -7,9 +7,10 @@ from typing import Protocol, Self
 
 import numpy as np
 
-from fieldcalib._types import Array
+from fieldcalib._types import Array, IntArray
 
 LEAST_RADIUS = 1e-9  # of an ellipse mapped to the unit circle: avoids a division by zero at its centre
+LEAST_WEIGHT = 1e-9  # of the pixels of a line: avoids a division by zero where there are none
 
 
 class Ruler(Protocol):
@@ -24,7 +25,7 @@ class Ruler(Protocol):
 
 @dataclass(frozen=True)
 class StraightRuler:
-    """A straight line.
+    """A straight line, or several.
 
     Examples
     --------
@@ -35,28 +36,43 @@ class StraightRuler:
     """
 
     origin: Array
-    """A point on the line, (2,)."""
+    """A point on the line, (2,); of several (..., 2)."""
     direction: Array
-    """Unit vector, (2,)."""
+    """Unit vector, (2,); of several (..., 2)."""
 
     @classmethod
     def fit(cls, xy: Array, weight: Array) -> Self:
         """The total least squares line through weighted pixels (n, 2)."""
-        origin = weight @ xy / np.sum(weight)
-        offset = xy - origin
-        _, axes = np.linalg.eigh((weight * offset.T) @ offset)
-        return cls(origin, axes[:, 1])
+        each = cls.fit_each(xy, weight, np.zeros(len(xy), dtype=np.intp), 1)
+        return cls(each.origin[0], each.direction[0])
+
+    @classmethod
+    def fit_each(cls, xy: Array, weight: Array, member: IntArray, count: int) -> Self:
+        """Lines through the pixels of each `member` (n,) below a count; any line through none."""
+
+        def summed(values: Array) -> Array:
+            return np.asarray(np.bincount(member, weight * values, count), dtype=float)
+
+        mass = np.maximum(np.bincount(member, weight, count), LEAST_WEIGHT)
+        origin = np.stack([summed(xy[:, 0]), summed(xy[:, 1])], axis=1) / mass[:, None]
+        x, y = (xy - origin[member]).T
+        moment = np.moveaxis(np.array([[summed(x * x), summed(x * y)], [summed(x * y), summed(y * y)]]), -1, 0)
+        return cls(origin, np.linalg.eigh(moment)[1][..., 1])
+
+    def of(self, member: IntArray) -> Self:
+        """Of several lines one for each pixel, (n,)."""
+        return type(self)(self.origin[member], self.direction[member])
 
     def measure(self, xy: Array) -> tuple[Array, Array]:
         """See `Ruler`."""
-        x, y = self.direction
-        offset = xy - self.origin
-        return offset @ (x, y), offset @ (-y, x)
+        x, y = np.moveaxis(self.direction, -1, 0)
+        offset_x, offset_y = (xy - self.origin).T
+        return offset_x * x + offset_y * y, offset_y * x - offset_x * y
 
     def place(self, s: Array, d: Array) -> Array:
         """See `Ruler`."""
-        x, y = self.direction
-        return np.asarray(self.origin + np.outer(s, (x, y)) + np.outer(d, (-y, x)))
+        x, y = np.moveaxis(self.direction, -1, 0)
+        return np.asarray(self.origin + np.stack([s * x - d * y, s * y + d * x], axis=-1))
 
 
 @dataclass(frozen=True)
