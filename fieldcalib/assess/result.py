@@ -88,7 +88,7 @@ class Solved:
         one = np.array([self.frame])
         return Solved(self.evaluation.take(one).trimmed, self.unit[one])
 
-    @property
+    @cached_property
     def uncertainty(self) -> Uncertainty:
         """How far the camera of the frame may be off."""
         alone = self.alone
@@ -261,7 +261,7 @@ class Calibration:
         """
         return self._solved_uncertainty if self.errors is None else self.errors
 
-    @cached_property
+    @property
     def _solved_uncertainty(self) -> Uncertainty:
         if self.errors is not None:
             raise ValueError("expected a calibration of a single frame: of a sequence only the covariance is kept")
@@ -367,13 +367,14 @@ class Calibration:
     @property
     def has_errors(self) -> bool:
         """Whether the errors were computed already."""
-        return "_solved_uncertainty" in self.__dict__
+        return self.solved is None or "uncertainty" in vars(self.solved)
 
     def keep_errors(self, uncertainty: Uncertainty, evidence: tuple[Array, Array] | None) -> None:
         """Keep what was computed with that of other calibrations, see `fieldcalib.assess.together`."""
-        self.__dict__["_solved_uncertainty"] = uncertainty
+        assert self.solved is not None
+        self.solved.uncertainty = uncertainty
         if evidence is not None:
-            self.__dict__["_evidence"] = evidence
+            vars(self)["_evidence"] = evidence
 
     def __iter__(self) -> Iterator[Any]:
         """``rms, K (3, 3), dist (1, 5), rvec (3, 1), tvec (3, 1)``, as `cv2.calibrateCamera` returns them.

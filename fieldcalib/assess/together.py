@@ -29,7 +29,7 @@ def compute_errors(calibrations: Sequence[Calibration]) -> None:
     """
     groups: dict[int, list[Calibration]] = {}
     for one in calibrations:
-        if one.solved is not None and one.errors is None and not one.has_errors:
+        if one.solved is not None and not one.has_errors:
             groups.setdefault(id(one.solved.evaluation), []).append(one)
     for members in groups.values():
         solved = [one.solved for one in members if one.solved is not None]

@@ -10,6 +10,7 @@ from functools import partial
 import numpy as np
 
 from fieldcalib.assess.result import LEAST_PROBABILITY, Calibration, Status
+from fieldcalib.assess.together import compute_errors
 from fieldcalib.calibrate.options import ALL, DEFAULT_FLAGS, Prior
 from fieldcalib.fields.segments import ObjectSegments
 from fieldcalib.geometry.camera import Camera
@@ -148,10 +149,13 @@ def _verified(
         ToRefine(image, calibration, part.pixels, part.weights)
         for image, calibration, part in zip(images, calibrations, found, strict=True)
     ]
-    refined = refine_all(object_segments, markings, given, flags=flags, prior=prior) if refine else None
+    refined = (
+        refine_all(object_segments, markings, given, flags=flags, prior=prior) if refine else unrefined(markings, given)
+    )
+    compute_errors([one.calibration for one in refined if one.calibration.accepted])
     return [
         _judged(object_segments, part, one, refine=refine, least_support=least_support)
-        for part, one in zip(found, refined or unrefined(markings, given), strict=True)
+        for part, one in zip(found, refined, strict=True)
     ]
 
 
