@@ -77,7 +77,8 @@ def ridge_points(
     bands = _chains(_bands(probability, classes))
     is_arc = [isinstance(object_segments[classes[k]], Arc) for k in bands.classes]
     lines = _lines(bands)
-    arcs = {k: _arc(bands.xy[bands.of(k)], bands.p[bands.of(k)]) for k in np.flatnonzero(is_arc).tolist()}
+    seen = np.unique(bands.member).tolist()
+    arcs = {k: _arc(bands.xy[bands.of(k)], bands.p[bands.of(k)]) for k in seen if is_arc[k]}
     s, d = lines.of(bands.member).measure(bands.xy)
     for k, ruler in arcs.items():
         s[bands.of(k)], d[bands.of(k)] = ruler.measure(bands.xy[bands.of(k)])
