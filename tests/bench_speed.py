@@ -5,18 +5,20 @@ Frames are synthetic, or SoccerNet's annotations where they lie beside the check
 
 import subprocess
 import sys
+import time
 from pathlib import Path
 
 import numpy as np
 import pytest
 from networks import CLASSES, band_maps, probabilities
 from synthetic import random_frames
+from test_memory import PEAK
 from views import BROADCAST
 
-from fieldcalib import calibrate_batch, calibrate_from_segments, refine_on_image, soccer
+from fieldcalib import Processes, calibrate_batch, calibrate_from_segments, compute_errors, refine_on_image, soccer
 from fieldcalib.calibrate.options import PINHOLE_FLAGS, CalibrationFlags
 from fieldcalib.draw.scene import render_field
-from fieldcalib.io.soccernet import parse_annotation
+from fieldcalib.io.soccernet import format_annotation, parse_annotation
 from fieldcalib.localize import ridge_points
 from fieldcalib.metrics import evaluate_segments
 
@@ -67,6 +69,45 @@ def test_annotated_batch_with_all_starts(benchmark, annotated, say):
     taken = milliseconds_a_frame(benchmark, len(annotated))
     say(f"{taken:.2f} ms a frame")
     assert taken <= 6.0
+
+
+def test_annotated_batch_by_two_processes(benchmark, annotated, say):
+    with Processes(2) as executor:
+        how = {"executor": executor}
+        benchmark.pedantic(calibrate_batch, (FIELD, annotated, SIZE), how, rounds=5, warmup_rounds=2)
+    say(f"{milliseconds_a_frame(benchmark, len(annotated)):.2f} ms a frame")
+
+
+def test_errors_of_an_annotated_batch(benchmark, annotated, say):
+    """Uncertainty, probability and verdict of every frame."""
+
+    def calibrated():
+        return (calibrate_batch(FIELD, annotated, SIZE),), {}
+
+    benchmark.pedantic(compute_errors, setup=calibrated, rounds=3, warmup_rounds=1)
+    say(f"{milliseconds_a_frame(benchmark, len(annotated)):.2f} ms a frame")
+
+
+@pytest.mark.parametrize("jobs", [1, 2])
+@pytest.mark.parametrize("count", [100, 1000, 10_000, 100_000])
+def test_command_line(frames, count, jobs, tmp_path, say):
+    """Time of a frame and peak memory of `calibrate`, everything written."""
+    (tmp_path / "in").mkdir()
+    contents = [format_annotation(frame, SIZE) for frame in frames]
+    for number in range(count):
+        (tmp_path / "in" / f"{number:06d}.json").write_text(contents[number % len(contents)])
+    command = [sys.executable, "-c", PEAK, "fieldcalib.cli.main", "calibrate", tmp_path / "in", "--size", "960x540"]
+    start = time.perf_counter()
+    done = subprocess.run(
+        [*map(str, command), "--out", str(tmp_path / "out"), "--jobs", str(jobs)],
+        capture_output=True,
+        text=True,
+        check=True,
+        cwd=Path(__file__).parents[1],
+    )
+    taken, peak = 1e3 * (time.perf_counter() - start) / count, float(done.stdout.splitlines()[-1])
+    say(f"{taken:.2f} ms a frame, {peak:.0f} MiB")
+    assert peak < 500.0
 
 
 def test_one_cold_frame(benchmark, frames):
