@@ -5,7 +5,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from enum import IntFlag
 from functools import cached_property
@@ -90,6 +90,18 @@ class CalibrationFlags(IntFlag):
     that makes the labels much more likely; the message says so."""
 
 
+# What each flag keeps as it is known, as blocks of the layout.
+BLOCKS_OF_FLAGS: Mapping[CalibrationFlags, tuple[str, ...]] = {
+    CalibrationFlags.CALIB_FIX_ASPECT_RATIO: ("aspect",),
+    CalibrationFlags.CALIB_FIX_PRINCIPAL_POINT: ("principal point",),
+    CalibrationFlags.CALIB_FIX_FOCAL_LENGTH: ("focal length",),
+    CalibrationFlags.CALIB_FIX_K1: ("k1",),
+    CalibrationFlags.CALIB_FIX_K2: ("k2",),
+    CalibrationFlags.CALIB_FIX_K3: ("k3",),
+    CalibrationFlags.CALIB_FIX_TANGENT_DIST: ("p1", "p2"),
+    CalibrationFlags.CALIB_FIX_POSITION: ("centre",),
+    CalibrationFlags.CALIB_FIX_ROLL: ("roll",),
+}
 DEFAULT_FLAGS = (
     CalibrationFlags.CALIB_FIX_ASPECT_RATIO
     | CalibrationFlags.CALIB_FIX_K2
@@ -361,17 +373,5 @@ def _layout(
         model = field.size_model
         size = SizeBlock(np.array([field.length, field.width]), model.sigma, model.limits, model.possibilities)
     layout = Layout.of(image_size, lens, size).with_roles(Role.CONSIDERED, "field size")
-    for flag, blocks in (
-        (F.CALIB_FIX_ASPECT_RATIO, ("aspect",)),
-        (F.CALIB_FIX_PRINCIPAL_POINT, ("principal point",)),
-        (F.CALIB_FIX_FOCAL_LENGTH, ("focal length",)),
-        (F.CALIB_FIX_K1, ("k1",)),
-        (F.CALIB_FIX_K2, ("k2",)),
-        (F.CALIB_FIX_K3, ("k3",)),
-        (F.CALIB_FIX_TANGENT_DIST, ("p1", "p2")),
-        (F.CALIB_FIX_POSITION, ("centre",)),
-        (F.CALIB_FIX_ROLL, ("roll",)),
-    ):
-        if flags & flag:
-            layout = layout.fixed(*(block for block in blocks if block in layout.blocks))
-    return layout
+    known = [block for flag, blocks in BLOCKS_OF_FLAGS.items() if flags & flag for block in blocks]
+    return layout.fixed(*(block for block in known if block in layout.blocks))
