@@ -7,6 +7,7 @@ import sys
 from pathlib import Path
 from types import SimpleNamespace
 
+import cv2
 import numpy as np
 import pytest
 from networks import CLASSES, FIELD, GRID, KnownCameras, band_maps, probabilities
@@ -21,6 +22,7 @@ from fieldcalib.io.files import BrokenFileError
 from fieldcalib.localize import SegmentationNetwork, localize, ridge_points, skeleton_points
 from fieldcalib.localize.description import NetworkDescription
 from fieldcalib.localize.grid import image_from_grid
+from fieldcalib.localize.network import resized
 from fieldcalib.problem.evaluation import Problem, evaluate
 from fieldcalib.problem.layout import Layout, theta_from_camera
 from fieldcalib.problem.losses import RobustLoss
@@ -76,8 +78,6 @@ def two_maps(plane, label="Middle line"):
 
 
 def test_grid_pixels_lie_where_resizing_puts_them():
-    import cv2
-
     image = np.zeros((90, 160), np.float32)
     image[40:50, 60:70] = 1.0  # centred at (64.5, 44.5)
     small = cv2.resize(image, (32, 18), interpolation=cv2.INTER_AREA)
@@ -139,6 +139,17 @@ def test_a_line_that_players_interrupt_is_one_line():
     np.testing.assert_allclose(y, 89.0, atol=1e-6)
     assert x.min() < 40
     assert x.max() > 280
+
+
+@any_view
+def test_points_of_a_class_do_not_depend_on_other_classes(truth):
+    maps = probabilities(band_maps(truth), np.random.default_rng(0), noise=0.7)
+    together = found_by(ridge_points, maps)
+    for label, xy in together.pixels.items():
+        k = CLASSES.index(label)
+        alone = ridge_points(maps[[0, k]], (CLASSES[0], label), FIELD, HD)
+        np.testing.assert_allclose(alone.pixels[label], xy, atol=1e-6)
+        np.testing.assert_allclose(alone.weights[label], together.weights[label], atol=1e-9)
 
 
 def test_slices_that_the_border_cuts_are_left_out():
@@ -287,6 +298,22 @@ def test_a_network_finds_colours_where_they_are(tmp_path, batch):
         grid_pixel = image.shape[1] / 32
         np.testing.assert_allclose(found.pixels["Middle line"][:, 0], x, atol=0.05 * grid_pixel)
         np.testing.assert_allclose(found.pixels["Side line top"][:, 1], y, atol=0.05 * grid_pixel)
+
+
+@pytest.mark.parametrize("size", [(1080, 1920), (1081, 1921), (2160, 3840), (720, 1280), (540, 960)])
+def test_a_smaller_image_has_means_of_pixels(size):
+    """To what rounding twice does."""
+    rng = np.random.default_rng(0)
+    image = cv2.GaussianBlur(rng.integers(0, 256, (*size, 3), dtype=np.uint8), (0, 0), 4.0)
+    exact = cv2.resize(image.astype(np.float32), (320, 192), interpolation=cv2.INTER_AREA)
+    difference = resized(image, (320, 192)) - exact
+    assert abs(np.mean(difference)) < 0.35  # a mean of four that ends in a half is rounded up
+    assert np.sqrt(np.mean(np.square(difference))) < 0.6
+
+
+def test_a_larger_image_is_interpolated():
+    assert resized(np.full((20, 30, 3), 7, np.uint8), (320, 192)).shape == (192, 320, 3)
+    assert np.all(resized(np.full((20, 30, 3), 7, np.uint8), (320, 192)) == 7)
 
 
 def test_channels_are_the_networks(tmp_path):

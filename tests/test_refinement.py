@@ -9,12 +9,13 @@ from views import SIZE, camera
 
 from fieldcalib.assess.result import Calibration, Status
 from fieldcalib.calibrate.from_segments import calibrate_from_segments
+from fieldcalib.calibrate.options import ALL, DEFAULT_FLAGS
 from fieldcalib.draw.scene import render_field
 from fieldcalib.fields.segments import Line, Point, PointCloud
 from fieldcalib.fields.soccer import soccer
 from fieldcalib.geometry.camera import Camera
-from fieldcalib.images.line_profiles import Markings, find_lines, profiles_along
-from fieldcalib.images.refinement import line_support, refine_on_image
+from fieldcalib.images.line_profiles import Markings, Strips, find_lines, profiles_along
+from fieldcalib.images.refinement import ToRefine, line_support, refine_all, refine_on_image
 from fieldcalib.problem.layout import CENTER, LOG_F, camera_from_theta, theta_from_camera
 
 FIELD = soccer()
@@ -240,3 +241,29 @@ def test_a_shifted_line_is_found_where_it_is():
     assert np.mean(found) > 0.7
     np.testing.assert_allclose(offset[found], 6.0 * profiles.normal[middle, 0][found], atol=0.3)
     assert not np.any(np.isfinite(find_lines(image, profiles, 3.0)[middle]))
+
+
+@any_view
+@pytest.mark.parametrize("search_range", [3.0, 4.0, 12.0])
+def test_one_look_serves_all_search_ranges(truth, search_range):
+    profiles, image = profiles_along(moved(truth, 2.0), MARKINGS), picture(truth)
+    offset = Strips.of(image, profiles, 12.0).lines(search_range)
+    assert np.isfinite(offset).any()
+    np.testing.assert_array_equal(offset, find_lines(image, profiles, search_range))
+
+
+def test_room_is_half_the_distance_to_the_nearest_profile_of_another_marking():
+    profiles = profiles_along(VIEWS["penalty area"], MARKINGS)
+    distance = np.linalg.norm(profiles.xy[:, None] - profiles.xy, axis=-1)
+    distance[profiles.member[:, None] == profiles.member] = np.inf
+    np.testing.assert_allclose(profiles.room, 0.5 * distance.min(axis=1), atol=1e-3)
+
+
+def test_images_refined_together_are_refined_as_alone():
+    starts = [replace(calibrated(truth), camera=moved(truth, 5.0, seed=1)) for truth in VIEWS.values()]
+    given = [ToRefine(picture(truth), start, {}, {}) for truth, start in zip(VIEWS.values(), starts, strict=True)]
+    together = refine_all(FIELD, MARKINGS, given, flags=DEFAULT_FLAGS, prior=ALL)
+    for one, found in zip(given, together, strict=True):
+        alone = refine_on_image(FIELD, one.image, one.calibration)
+        assert found.support == pytest.approx(line_support(one.image, found.calibration.camera, MARKINGS), abs=1e-9)
+        np.testing.assert_allclose(found.calibration.camera.C, alone.camera.C, atol=1e-6)

@@ -212,8 +212,9 @@ def _slices(bands: _Bands, s: Array, d: Array, cut: BoolArray, most: IntArray) -
     inner &= (s > low[bands.member]) & (s < high[bands.member])
     bands, s, d, cut = bands.where(inner), s[inner], d[inner], cut[inner]
     member, p = bands.member, bands.p
-    slots = np.clip((high - low) / SHORTEST_SLICE, 1, most).astype(np.intp)
-    slot = np.minimum((s - low[member]) * (slots / (high - low))[member], slots[member] - 1).astype(np.intp)
+    length = np.where(high > low, high - low, 1.0)  # where it is 0 there is nothing to cut
+    slots = np.clip(length / SHORTEST_SLICE, 1, most).astype(np.intp)
+    slot = np.minimum((s - low[member]) * (slots / length)[member], slots[member] - 1).astype(np.intp)
     slot += (np.cumsum(slots) - slots)[member]
     band, total = np.repeat(np.arange(count), slots), int(np.sum(slots))
     mass = np.bincount(slot, p, total)
