@@ -142,8 +142,11 @@ def _chains(bands: _Bands) -> _Bands:
     if not len(bands.p):
         return bands
     x, y = bands.xy.T.astype(np.intp)
-    row = bands.member * (np.max(y) + 2) + y  # the bands on top of each other, with an empty row in between
-    mask = np.zeros((row[-1] + 1, np.max(x) + 1), np.uint8)
+    # the bands on top of each other, each in as many rows as it needs and an empty one
+    top, bottom = _range(bands.xy[:, 1], bands.member, len(bands.classes))
+    rows = bottom - top + 2.0
+    row = y + (np.cumsum(rows) - rows - top).astype(np.intp)[bands.member]
+    mask = np.zeros((int(np.sum(rows)), np.max(x) + 1), np.uint8)
     mask[row, x] = 1
     count, blobs = cv2.connectedComponents(mask)
     blob = blobs[row, x]
