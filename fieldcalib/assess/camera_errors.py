@@ -196,7 +196,7 @@ class KnownErrors(CameraErrors):
 
     @property
     def uncertainty(self) -> KnownErrors:
-        """Itself: as `fieldcalib.assess.result.Solved` has one."""
+        """Itself: as `fieldcalib.assess.solved.Solved` has one."""
         return self
 
     def to_dict(self) -> dict[str, Any]:

@@ -9,7 +9,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from fieldcalib._types import Array
-from fieldcalib.assess.result import Calibration, Solved, Status
+from fieldcalib.assess.result import Calibration, Status
+from fieldcalib.assess.solved import Solved
 from fieldcalib.calibrate.from_segments import calibrate_from_segments
 from fieldcalib.calibrate.options import (
     ALL,

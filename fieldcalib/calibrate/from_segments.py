@@ -19,7 +19,8 @@ from numpy.typing import ArrayLike
 from fieldcalib._types import Array
 from fieldcalib.assess.ndc import ndc_losses
 from fieldcalib.assess.observability import Information
-from fieldcalib.assess.result import Calibration, Solved, Status, SuspectLabel
+from fieldcalib.assess.result import Calibration, Status, SuspectLabel
+from fieldcalib.assess.solved import Solved
 from fieldcalib.assess.verdict import Evidence, implausibilities, segment_errors, verdict
 from fieldcalib.calibrate.auto_lens import with_lens_as_called_for
 from fieldcalib.calibrate.mislabels import Relabelled, without_mislabels

@@ -6,7 +6,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 from fieldcalib._types import Array
-from fieldcalib.assess.result import Calibration, Solved
+from fieldcalib.assess.result import Calibration
+from fieldcalib.assess.solved import Solved
 from fieldcalib.fields.field import Field
 from fieldcalib.problem.evaluation import Evaluation
 

@@ -57,7 +57,8 @@ def calibrate_from_images(
     flags, prior
         As in `calibrate_from_segments`, the same for all images.
     refine : bool
-        Whether cameras are refined on the lines in the images (`refine_on_image`): more accurate, in 1.4 times the time.
+        Whether cameras are refined on the lines in the images (`refine_on_image`): more accurate, and takes 1.4 times
+        as long.
     executor : concurrent.futures.Executor, optional
         What works on the images, e.g. `Processes`, or that of a cluster (dask's ``Client.get_executor()``); other
         processes must be able to import the classes of what is given. The results are the same.

@@ -186,19 +186,11 @@ def _session_of_process(source: NetworkSource, process: int) -> Any:
 
 
 def resized(image: Image, size: tuple[int, int]) -> Image:
-    """An image in another width and height; where it shrinks, a pixel is the mean of those that it covers.
-
-    Images of four times the size and more are halved first, by a loop over whole pixels that is three times as fast.
-    (1920x1080 to 320x192 takes 2.6 instead of 6.2 ms; values differ by 0.5 of 255, root mean square, as rounding does.)
-    """
+    """An image in another width and height; where it shrinks, a pixel is the mean of those that it covers."""
     import cv2
 
-    (height, width), how = image.shape[:2], cv2.INTER_AREA
-    if height < size[1] or width < size[0]:
-        return np.asarray(cv2.resize(image, size, interpolation=cv2.INTER_LINEAR), np.uint8)
-    while width % 2 == 0 and height % 2 == 0 and width >= 4 * size[0] and height >= 4 * size[1]:
-        width, height = width // 2, height // 2
-        image = np.asarray(cv2.resize(image, (width, height), interpolation=how), np.uint8)
+    shrinks = image.shape[0] >= size[1] and image.shape[1] >= size[0]
+    how = cv2.INTER_AREA if shrinks else cv2.INTER_LINEAR
     return np.asarray(cv2.resize(image, size, interpolation=how), np.uint8)
 
 
