@@ -68,3 +68,11 @@ def check_that_kills_change_nothing(command, whole, out, rng, longest, kills=2, 
     came, errors = finished(*command, "--out", out, "--resume")
     assert came == code, errors
     assert content_of(out) == content_of(whole)
+
+
+def ends_on_dies(options):
+    """A run that ends its process where the input says so."""
+    if options.input[0].stem == "dies":
+        os._exit(9)
+    print(f"{options.input[0]} done")
+    return 0

@@ -1,5 +1,6 @@
 """What `fieldcalib run` reads: lists, several videos, parts of them, streams; and the folders of their results."""
 
+import argparse
 import http.server
 import json
 import os
@@ -9,6 +10,7 @@ import threading
 from pathlib import Path
 
 import cv2
+import killed
 import numpy as np
 import pytest
 from commands import lines_of, run
@@ -16,6 +18,7 @@ from networks import FIELD
 
 import fieldcalib
 from fieldcalib import Camera
+from fieldcalib.cli.several import run_several
 from fieldcalib.draw.scene import render_field
 from fieldcalib.io.streams import Stream
 from fieldcalib.io.videos import VideoReader
@@ -86,6 +89,33 @@ def test_each_video_has_its_own_folder_and_the_rest_is_done(know, tmp_path, capf
     assert "b.mp4: is no video that OpenCV can read" in capfd.readouterr().err
     written = {path.name: len(lines_of(path)) for path in (tmp_path / "out").iterdir()}
     assert written == {"images": 1, "a": 2, "c": 3, "d": 3}
+
+
+def test_clips_side_by_side(picture, tmp_path, capfd):
+    """With the network that comes along: other processes know no other."""
+    season = tmp_path / "season"
+    for name, count in (("a.mp4", 4), ("b.mp4", 3)):
+        write_video(season / name, [picture] * count)
+    (tmp_path / "c.mp4").write_bytes(b"no video")
+    for jobs in (1, 2):
+        out = tmp_path / f"out{jobs}"
+        assert run("run", season, tmp_path / "c.mp4", "--out", out, "--jobs", jobs) == 2
+        said = capfd.readouterr()
+        assert "c.mp4: is no video that OpenCV can read" in said.err
+        assert "4 cameras of 4 frames" in said.out
+        assert "3 cameras of 3 frames" in said.out
+    for name in ("a", "b"):
+        one, other = (tmp_path / f"out{jobs}" / name for jobs in (1, 2))
+        assert (one / "cameras.jsonl").read_bytes() == (other / "cameras.jsonl").read_bytes()
+        assert (one / "tripods.json").read_bytes() == (other / "tripods.json").read_bytes()
+
+
+def test_a_process_that_ends_costs_its_clip_alone(tmp_path, capfd):
+    options = [argparse.Namespace(jobs=2, threads=2, input=[Path(name)]) for name in ("a.mp4", "dies.mp4", "b.mp4")]
+    assert run_several(options, killed.ends_on_dies, lambda one: True) == 2
+    said = capfd.readouterr()
+    assert said.out == "a.mp4 done\nb.mp4 done\n"
+    assert "dies.mp4: the process that worked on it ended with exit code 9: --resume goes on with it" in said.err
 
 
 def test_a_folder_with_one_video_is_that_video(know, tmp_path):

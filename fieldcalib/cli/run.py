@@ -5,7 +5,6 @@ from __future__ import annotations
 import argparse
 import json
 import math
-import sys
 import time
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -45,6 +44,7 @@ from fieldcalib.cli.inputs import add_inputs, runs_of
 from fieldcalib.cli.live import is_stream, run_stream
 from fieldcalib.cli.results import OVERLAY, Outcome, Results, calibration_line, is_finished, result_folder
 from fieldcalib.cli.run_record import RunRecord
+from fieldcalib.cli.several import run_several
 from fieldcalib.cli.units import Made, add_jobs, work
 from fieldcalib.draw.overlays import draw_calibration
 from fieldcalib.fields.field import Field
@@ -113,18 +113,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(options: argparse.Namespace) -> int:
     """Calibrate; returns the exit code."""
     runs = runs_of(options)
-    if len(runs) == 1:
-        return _run(runs[0])
-    codes = []
-    for one in runs:
-        try:
-            codes.append(_run(one))
-        except BrokenPipeError:
-            raise
-        except (OSError, ValueError) as error:
-            print(f"fieldcalib: {error}", file=sys.stderr)
-            codes.append(2)
-    return max(codes)
+    return _run(runs[0]) if len(runs) == 1 else run_several(runs, _run, lambda one: not is_stream(one) and is_clip(one))
 
 
 def _run(options: argparse.Namespace) -> int:

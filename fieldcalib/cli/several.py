@@ -1,0 +1,85 @@
+"""Several videos: each is a run of its own, and what fails does not stop the others.
+
+Clips are worked on by one process each, with `--jobs` several of them side by side.
+"""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from collections.abc import Callable, Sequence
+from contextlib import redirect_stderr, redirect_stdout
+from dataclasses import dataclass
+from functools import partial
+from io import StringIO
+from typing import TypeAlias
+
+from fieldcalib.processes.jobs import Processes, in_order
+from fieldcalib.processes.other_process import ProcessEndedError
+
+Run: TypeAlias = Callable[[argparse.Namespace], int]
+
+
+@dataclass(frozen=True)
+class Ended:
+    """A run that came to its end in another process."""
+
+    code: int
+    out: str
+    """What it has said."""
+    err: str
+
+
+def run_several(
+    runs: Sequence[argparse.Namespace], run: Run, side_by_side: Callable[[argparse.Namespace], bool]
+) -> int:
+    """Run all, those that can be `side_by_side` by ``--jobs`` processes; returns the largest exit code."""
+    jobs = runs[0].jobs
+    alone: list[argparse.Namespace] = []
+    together: list[argparse.Namespace] = []
+    for one in runs:
+        (together if jobs > 1 and side_by_side(one) else alone).append(one)
+    codes = [_code(run, one) for one in alone]
+    if together:
+        codes += _by_processes(together, run, jobs)
+    return max(codes)
+
+
+def _by_processes(runs: Sequence[argparse.Namespace], run: Run, jobs: int) -> list[int]:
+    from tqdm import tqdm
+
+    codes = []
+    with (
+        Processes(min(jobs, len(runs))) as executor,
+        tqdm(total=len(runs), unit="video", disable=None) as progress,  # None: only on a terminal
+    ):
+        own = [argparse.Namespace(**{**vars(one), "jobs": 1, "threads": 1}) for one in runs]
+        for ended in in_order(executor, partial(_ended, run), own, ahead=jobs, rescue=_lost):
+            sys.stdout.write(ended.out)
+            sys.stderr.write(ended.err)
+            codes.append(ended.code)
+            progress.update()
+    return codes
+
+
+def _ended(run: Run, options: argparse.Namespace) -> Ended:
+    out, err = StringIO(), StringIO()
+    with redirect_stdout(out), redirect_stderr(err):
+        code = _code(run, options)
+    return Ended(code, out.getvalue(), err.getvalue())
+
+
+def _code(run: Run, options: argparse.Namespace) -> int:
+    """The exit code of a run; an error that ends it is said on stderr."""
+    try:
+        return run(options)
+    except BrokenPipeError:
+        raise
+    except (OSError, ValueError) as error:
+        print(f"fieldcalib: {error}", file=sys.stderr)
+        return 2
+
+
+def _lost(options: argparse.Namespace, error: ProcessEndedError) -> Ended:
+    problem = f"the process that worked on it ended with exit code {error.exit_code}"
+    return Ended(2, "", f"fieldcalib: {options.input[0]}: {problem}: --resume goes on with it\n")
