@@ -22,6 +22,7 @@ from fieldcalib.problem.losses import LossName, RobustLoss
 from fieldcalib.problem.projection import UNDISTORTING_STEPS
 
 compiled = njit(cache=True, error_model="numpy")  # a division by zero is infinite, as in NumPy
+inlined = njit(cache=True, error_model="numpy", inline="always")  # a camera as an argument is forty numbers
 
 Vector = tuple[float, float, float]
 
@@ -63,6 +64,7 @@ class View(NamedTuple):
     a2: float
     da2_da1: float
     rho: float
+    per_rho2: float
     is_pinhole: bool
     cos_roll: float
     sin_roll: float
@@ -110,6 +112,7 @@ def view_of(theta: Array, rho: float, limits: Limits) -> View:
         b2 + limits.fold * barrel * barrel,
         2.0 * limits.fold * barrel,
         rho,
+        1.0 / (rho * rho),
         a1 == 0.0 and b2 == 0.0 and theta[LOG_ASPECT] == 0.0,
         c_roll,
         s_roll,
@@ -117,41 +120,41 @@ def view_of(theta: Array, rho: float, limits: Limits) -> View:
     )
 
 
-@compiled
+@inlined
 def _direction(view: View, x: float, y: float, z: float) -> Vector:
     """A world direction in scaled camera coordinates."""
     a, b, c = view.scaled_R
     return a[0] * x + a[1] * y + a[2] * z, b[0] * x + b[1] * y + b[2] * z, c[0] * x + c[1] * y + c[2] * z
 
 
-@compiled
-def _point(view: View, X: Array) -> Vector:
-    """A world point in scaled camera coordinates."""
-    return _direction(view, X[0] - view.C[0], X[1] - view.C[1], X[2] - view.C[2])
+@inlined
+def _point(view: View, geometry: Array, b: int, i: int) -> Vector:
+    """The first of the vectors of a row, a world point, in scaled camera coordinates."""
+    x, y, z = geometry[b, i, 0, 0], geometry[b, i, 0, 1], geometry[b, i, 0, 2]
+    return _direction(view, x - view.C[0], y - view.C[1], z - view.C[2])
 
 
-@compiled
+@inlined
 def _gain(view: View, x: float, y: float) -> tuple[float, float]:
     """``1 + a1 q + a2 q^2`` of the lens at an ideal offset, and ``2 / rho^2`` times its derivative by q."""
-    unit = 1.0 / (view.rho * view.rho)
-    q = (x * x + y * y) * unit
-    return 1.0 + q * (view.a1 + q * view.a2), 2.0 * unit * (view.a1 + 2.0 * view.a2 * q)
+    q = (x * x + y * y) * view.per_rho2
+    return 1.0 + q * (view.a1 + q * view.a2), 2.0 * view.per_rho2 * (view.a1 + 2.0 * view.a2 * q)
 
 
-@compiled
+@inlined
 def _push(view: View, gain: float, slope: float, sx: float, sy: float, x: float, y: float) -> tuple[float, float]:
     """The image of a small step (x, y) from an ideal offset s."""
     inner = slope * (sx * x + sy * y)
     return gain * x + inner * sx, view.aspect * (gain * y + inner * sy)
 
 
-@compiled
+@inlined
 def _unit(x: float, y: float, limits: Limits) -> tuple[float, float]:
     scale = 1.0 / (math.sqrt(x * x + y * y) + limits.least_length)
     return x * scale, y * scale
 
 
-@compiled
+@inlined
 def _nearly_ideal(view: View, dx: float, dy: float) -> tuple[float, float]:
     """The ideal offset of a real one, by a few fixed-point steps."""
     dy = dy / view.aspect
@@ -163,15 +166,15 @@ def _nearly_ideal(view: View, dx: float, dy: float) -> tuple[float, float]:
     return sx, sy
 
 
-@compiled
-def on_line(view: View, xy: Array, geometry: Array) -> Foot:
+@inlined
+def on_line(view: View, xy: Array, geometry: Array, b: int, i: int) -> Foot:
     """On an infinite line."""
-    ax, ay, az = _point(view, geometry[0])
-    bx, by, bz = _direction(view, geometry[1, 0], geometry[1, 1], geometry[1, 2])
+    ax, ay, az = _point(view, geometry, b, i)
+    bx, by, bz = _direction(view, geometry[b, i, 1, 0], geometry[b, i, 1, 1], geometry[b, i, 1, 2])
     lx, ly, lz = ay * bz - az * by, az * bx - ax * bz, ax * by - ay * bx
     scale = 1.0 / (math.sqrt(lx * lx + ly * ly) + view.limits.least_length)
     nx, ny = lx * scale, ly * scale
-    dx, dy = xy[0] - view.cx, xy[1] - view.cy
+    dx, dy = xy[b, i, 0] - view.cx, xy[b, i, 1] - view.cy
     px, py = _nearly_ideal(view, dx, dy)
     r = nx * px + ny * py + lz * scale
     sx, sy = px - r * nx, py - r * ny
@@ -194,14 +197,14 @@ def on_line(view: View, xy: Array, geometry: Array) -> Foot:
     return Foot(r, sx, sy, (along * bz - nx * by + ny * bx) * scale, normal_x, normal_y)
 
 
-@compiled
-def on_arc(view: View, xy: Array, geometry: Array) -> Foot:
+@inlined
+def on_arc(view: View, xy: Array, geometry: Array, b: int, i: int) -> Foot:
     """On a whole circle."""
     limits = view.limits
-    ax, ay, az = _point(view, geometry[0])
-    ux, uy, uz = _direction(view, geometry[1, 0], geometry[1, 1], geometry[1, 2])
-    vx, vy, vz = _direction(view, geometry[2, 0], geometry[2, 1], geometry[2, 2])
-    dx, dy = xy[0] - view.cx, xy[1] - view.cy
+    ax, ay, az = _point(view, geometry, b, i)
+    ux, uy, uz = _direction(view, geometry[b, i, 1, 0], geometry[b, i, 1, 1], geometry[b, i, 1, 2])
+    vx, vy, vz = _direction(view, geometry[b, i, 2, 0], geometry[b, i, 2, 1], geometry[b, i, 2, 2])
+    dx, dy = xy[b, i, 0] - view.cx, xy[b, i, 1] - view.cy
     px, py = _nearly_ideal(view, dx, dy)
     # V x A and A x U
     VAx, VAy, VAz = vy * az - vz * ay, vz * ax - vx * az, vx * ay - vy * ax
@@ -237,32 +240,32 @@ def on_arc(view: View, xy: Array, geometry: Array) -> Foot:
     return Foot(r, sx, sy, inverse_depth / (1.0 + step * (dz + 0.5 * step * ddz) * inverse_depth), nx, ny)
 
 
-@compiled
-def at_point(view: View, xy: Array, X: Array, nx: float, ny: float) -> Foot:
+@inlined
+def at_point(view: View, xy: Array, geometry: Array, b: int, i: int, nx: float, ny: float) -> Foot:
     """At a world point, along a direction n of the image."""
-    hx, hy, hz = _point(view, X)
+    hx, hy, hz = _point(view, geometry, b, i)
     inverse_depth = 1.0 / (view.limits.least_depth if abs(hz) < view.limits.least_depth else hz)
     sx, sy = hx * inverse_depth, hy * inverse_depth
     gain, _ = _gain(view, sx, sy)
-    r = nx * (xy[0] - view.cx - gain * sx) + ny * (xy[1] - view.cy - view.aspect * gain * sy)
+    r = nx * (xy[b, i, 0] - view.cx - gain * sx) + ny * (xy[b, i, 1] - view.cy - view.aspect * gain * sy)
     return Foot(r, sx, sy, inverse_depth, nx, ny)
 
 
-@compiled
-def foot_of(kind: int, view: View, xy: Array, geometry: Array) -> Foot:
+@inlined
+def foot_of(kind: int, view: View, xy: Array, geometry: Array, b: int, i: int) -> Foot:
     """The closest point of a residual of a kind."""
     if kind == LINES:
-        return on_line(view, xy, geometry)
+        return on_line(view, xy, geometry, b, i)
     if kind == ARCS:
-        return on_arc(view, xy, geometry)
+        return on_arc(view, xy, geometry, b, i)
     if kind == ALONG_X:
-        return at_point(view, xy, geometry[0], 1.0, 0.0)
+        return at_point(view, xy, geometry, b, i, 1.0, 0.0)
     if kind == ALONG_Y:
-        return at_point(view, xy, geometry[0], 0.0, 1.0)
-    return at_point(view, xy, geometry[0], geometry[1, 0], geometry[1, 1])
+        return at_point(view, xy, geometry, b, i, 0.0, 1.0)
+    return at_point(view, xy, geometry, b, i, geometry[b, i, 1, 0], geometry[b, i, 1, 1])
 
 
-@compiled
+@inlined
 def set_derivatives(view: View, foot: Foot, row: Array) -> None:
     """Derivatives of a residual by the parameters of its camera into a row (n,): ``-n . dpi(X*) / dtheta``."""
     sx, sy, w = foot.sx, foot.sy, foot.inverse_depth
@@ -285,7 +288,7 @@ def set_derivatives(view: View, foot: Foot, row: Array) -> None:
     row[7], row[8] = -foot.nx, -foot.ny
     row[LOG_ASPECT] = -foot.ny * view.aspect * gain * sy
     if len(row) > A1:
-        q = (sx * sx + sy * sy) / (view.rho * view.rho)
+        q = (sx * sx + sy * sy) * view.per_rho2
         row[A1], row[A1 + 1] = -q * inner * (1.0 + view.da2_da1 * q), -q * q * inner
 
 
@@ -294,7 +297,7 @@ def loss_of(loss: RobustLoss) -> Loss:
     return Loss(get_args(LossName).index(loss.name), loss.scale**2)
 
 
-@compiled
+@inlined
 def rho_of(loss: Loss, squared: float) -> tuple[float, float]:
     """A robust loss at a squared residual, and its derivative by that, see `RobustLoss.evaluate`."""
     z = squared / loss.scale2
@@ -369,9 +372,10 @@ def closest_points(frames: Frames, theta: Array, r: Array, s: Array, inverse_dep
         view = view_of(theta[b], frames.rho, frames.limits)
         m = 0
         for k in range(len(frames.kinds)):
-            for i in range(frames.label[k].shape[1]):
-                if frames.label[k][b, i] >= 0:
-                    foot = foot_of(frames.kinds[k], view, frames.xy[k][b, i], frames.geometry[k][b, i])
+            kind, label, xy, geometry = frames.kinds[k], frames.label[k], frames.xy[k], frames.geometry[k]
+            for i in range(label.shape[1]):
+                if label[b, i] >= 0:
+                    foot = foot_of(kind, view, xy, geometry, b, i)
                     r[b, m], inverse_depth[b, m] = foot.r, foot.inverse_depth
                     s[0, b, m], s[1, b, m] = foot.sx, foot.sy
                     normal[0, b, m], normal[1, b, m] = foot.nx, foot.ny
@@ -408,20 +412,23 @@ def normal_equations(
     cost = 0.0
     view = view_of(theta, frames.rho, frames.limits)
     for k in range(len(frames.kinds)):
-        for i in range(frames.label[k].shape[1]):
-            weight = frames.weight[k][b, i]
+        kind, weights, xy, geometry = frames.kinds[k], frames.weight[k], frames.xy[k], frames.geometry[k]
+        for i in range(weights.shape[1]):
+            weight = weights[b, i]
             if weight == 0.0:
                 continue
-            foot = foot_of(frames.kinds[k], view, frames.xy[k][b, i], frames.geometry[k][b, i])
+            foot = foot_of(kind, view, xy, geometry, b, i)
             rho, slope = rho_of(terms.loss, foot.r * foot.r)
             cost += 0.5 * weight * rho
             set_derivatives(view, foot, row)
             pull = weight * slope
             for j in range(P):
-                scaled = pull * row[free[j]]
+                row[j] = row[free[j]]  # the free ones are ascending
+            for j in range(P):
+                scaled = pull * row[j]
                 gradient[j] += scaled * foot.r
                 for c in range(j + 1):
-                    hessian[j, c] += scaled * row[free[c]]
+                    hessian[j, c] += scaled * row[c]
     if terms.has_prior:
         for j in range(P):
             n = free[j]
