@@ -215,3 +215,12 @@ def test_no_memory_left_is_one_line(annotated_folder, tmp_path, monkeypatch, cap
     assert calibrate(tmp_path, annotated_folder / "a.json") == 2
     assert capsys.readouterr().err == "fieldcalib: there is not enough memory\n"
     assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize("command", ["calibrate", "run", "localize", "join", "demo"])
+def test_an_unset_variable_is_no_folder(command, tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    inputs = [] if command == "demo" else ["in"]
+    assert run(command, *inputs, *(["--size", "960x540"] if command == "calibrate" else []), "--out", "") == 2
+    assert "expected the name of a folder, got nothing" in capsys.readouterr().err
+    assert not list(tmp_path.iterdir())

@@ -1,12 +1,13 @@
 """Shards of a run, and what they are put together to."""
 
 import pytest
-from commands import calibrate, run
+from commands import calibrate, lines_of, run
 from killed import content_of
 from synthetic import random_frames
 
 from baselines import dlt_lines
 from fieldcalib.cli import units
+from fieldcalib.io.results import read_results
 from fieldcalib.io.soccernet import format_annotation
 
 
@@ -38,6 +39,17 @@ def test_shards_together_are_the_whole(folder, tmp_path, count):
     shards = shards_of(folder, tmp_path, count)
     assert run("join", *shards[::-1], "--out", tmp_path / "joined") == 0
     assert content_of(tmp_path / "joined") == content_of(tmp_path / "whole")
+
+
+def test_shards_as_one_table(folder, tmp_path):
+    from pyarrow.parquet import read_table
+
+    assert calibrate(tmp_path / "whole", folder) == 0
+    shards = shards_of(folder, tmp_path, 2)
+    assert run("join", *shards, "--out", tmp_path / "joined", "--format", "parquet") == 0
+    assert not (tmp_path / "joined" / "cameras.jsonl").exists()
+    assert read_table(tmp_path / "joined" / "cameras.parquet").num_rows == len(lines_of(tmp_path / "whole"))
+    assert read_results(tmp_path / "joined") == read_results(tmp_path / "whole")
 
 
 def test_broken_files_and_the_files_of_baselines(folder, tmp_path):

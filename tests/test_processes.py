@@ -78,6 +78,7 @@ def test_a_process_that_is_killed(processes):
     time.sleep(0.1)
     for process in list(processes._all):
         os.kill(process._process.pid, signal.SIGKILL)
+        process._process.wait()
     with pytest.raises(ProcessEndedError, match="exit code -9"):
         future.result(timeout=10)
     assert processes.submit(square, 3).result() == 9
@@ -143,6 +144,11 @@ def test_dask():
         frames, _ = random_frames(3, seed=13, noise=1.0)
         found = calibrate_batch(soccer(), frames, (960, 540), executor=executor)
         assert found == calibrate_batch(soccer(), frames, (960, 540))
+
+
+def test_what_is_no_executor():
+    with pytest.raises(ValueError, match=r"expected an executor, as fieldcalib.Processes\(2\), got 4"):
+        list(in_order(4, square, [1]))
 
 
 def test_only_some_items_are_taken_in_advance():

@@ -39,6 +39,13 @@ def positive(text: str) -> float:
     return value
 
 
+def folder_name(text: str) -> Path:
+    """The path of a folder for results, for argparse: not what an unset variable of a shell leaves."""
+    if not text:
+        raise argparse.ArgumentTypeError("expected the name of a folder, got nothing; . is this one")
+    return Path(text)
+
+
 def millions(text: str) -> float:
     """A positive number of millions, for argparse."""
     return positive(text) * 1e6
@@ -77,7 +84,7 @@ def add_input_and_output(parser: argparse.ArgumentParser) -> None:
     """INPUT, --size, --out and --strict of everything that calibrates annotated frames."""
     add_inputs(parser, "folders, zips of them, single files")
     parser.add_argument("--size", required=True, type=image_size, metavar="WxH", help="of the images, e.g. 960x540")
-    parser.add_argument("--out", required=True, type=Path, metavar="DIR", help="where the results go")
+    parser.add_argument("--out", required=True, type=folder_name, metavar="DIR", help="where the results go")
     add_format(parser)
     parser.add_argument("--strict", action="store_true", help="read all files first, and do nothing if one is broken")
     add_most_bytes(parser)

@@ -16,6 +16,7 @@ import numpy as np
 from fieldcalib._types import Array, BoolArray
 from fieldcalib.assess.result import Calibration
 from fieldcalib.calibrate.batch import calibrate_batch
+from fieldcalib.cli.arguments import folder_name
 from fieldcalib.draw.contact_sheet import contact_sheet
 from fieldcalib.draw.overlays import add_minimap, draw_field, draw_segments
 from fieldcalib.draw.scene import render_field
@@ -44,7 +45,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "Render a pan over a pitch with known cameras, calibrate it from noisy pixels, print the errors "
         "and write overlays. Needs no data and no network."
     )
-    parser.add_argument("--out", required=True, type=Path, metavar="DIR", help="where the pictures go")
+    parser.add_argument("--out", required=True, type=folder_name, metavar="DIR", help="where the pictures go")
     parser.set_defaults(run=run)
 
 

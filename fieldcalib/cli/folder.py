@@ -107,6 +107,9 @@ def name_skipped(inputs: Iterable[Path], used: Iterable[FrameFile]) -> None:
     for path in files_beside(inputs, used):
         if path.name not in OF_RUN:
             by_suffix.setdefault(path.suffix or "without ending", []).append(path)
+    folders = [member for path in inputs if path.is_dir() for member in sorted(path.iterdir()) if member.is_dir()]
+    if folders:
+        by_suffix["folders"] = folders
     if by_suffix:
         kinds = (f"{len(paths)} {suffix} ({_first(paths)})" for suffix, paths in by_suffix.items())
         print(f"fieldcalib: skipped {', '.join(kinds)}", file=sys.stderr)

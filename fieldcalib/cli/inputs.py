@@ -62,7 +62,8 @@ def _input(text: str, folder: Path, streams: bool) -> Input:
 def runs_of(options: argparse.Namespace) -> list[argparse.Namespace]:
     """The options of each run: one for each video and stream, and one for all images.
 
-    Where there are several, each has its own folder in ``options.out``, by the name of its video.
+    Where there are several, or they come from a folder, each has its own folder in ``options.out``, by the name of its
+    video.
 
     Raises
     ------
@@ -74,7 +75,7 @@ def runs_of(options: argparse.Namespace) -> list[argparse.Namespace]:
     groups = [(one.stem if isinstance(one, Path) else one.name, [one]) for one in inputs if _is_video(one)]
     if images:
         groups.insert(0, (OF_IMAGES, images))
-    if len(groups) == 1:
+    if len(groups) == 1 and inputs == options.input:  # one video of a folder may be joined by others
         return [argparse.Namespace(**{**vars(options), "input": groups[0][1]})]
     seen: dict[str, Sequence[Input]] = {}
     for name, (first, *_) in groups:

@@ -10,8 +10,18 @@ from pathlib import Path
 from typing import Any
 
 from fieldcalib.assess.surprises import SQUASHED
+from fieldcalib.cli.arguments import PARQUET, add_format, folder_name
 from fieldcalib.cli.localize import localized_summary
-from fieldcalib.cli.results import LOCALIZED, SUMMARY, Outcome, Results, finish, is_unfinished, run_folder
+from fieldcalib.cli.results import (
+    LOCALIZED,
+    SUMMARY,
+    Outcome,
+    Results,
+    finish,
+    is_unfinished,
+    leave_table,
+    run_folder,
+)
 from fieldcalib.cli.run_record import RunRecord
 from fieldcalib.cli.units import Shard, add_again
 from fieldcalib.io.files import parse_json_object
@@ -25,7 +35,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "Put the folders that runs with --shard 1/N to N/N wrote together into what one run would have written."
     )
     parser.add_argument("shards", nargs="+", type=Path, metavar="SHARD", help="the folders, in any order")
-    parser.add_argument("--out", required=True, type=Path, metavar="DIR", help="where the results go")
+    parser.add_argument("--out", required=True, type=folder_name, metavar="DIR", help="where the results go")
+    add_format(parser)
     add_again(parser)
     parser.set_defaults(run=run)
 
@@ -34,6 +45,8 @@ def run(options: argparse.Namespace) -> int:
     """Join; returns the exit code."""
     record, shards = _in_order(options.shards)
     lines = LOCALIZED if record.command == "localize" else LINES
+    if lines == LOCALIZED and options.format == PARQUET:
+        raise ValueError(f"--format {PARQUET} is of cameras: these shards are of localize")
     summaries = [parse_json_object((folder / SUMMARY).read_bytes(), "a summary") for folder in shards]
     with run_folder(options, record, lines) as results:
         for folder, text in islice(_lines(shards, lines, record.unit), results.done, None):
@@ -45,6 +58,7 @@ def run(options: argparse.Namespace) -> int:
         finish(options.out, made(results, summaries[0]["options"], seconds))
     if lines == LINES:
         results.say()
+        leave_table(options)
     return results.exit_code
 
 

@@ -7,10 +7,10 @@ import json
 import time
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Any
 
 import fieldcalib
+from fieldcalib.cli.arguments import folder_name
 from fieldcalib.cli.frames import (
     Frame,
     ReadImage,
@@ -45,7 +45,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "label -> normalised points), as fieldcalib calibrate reads them."
     )
     add_inputs(parser, "images, folders and zips of them")
-    parser.add_argument("--out", required=True, type=Path, metavar="DIR", help="where the annotations go")
+    parser.add_argument("--out", required=True, type=folder_name, metavar="DIR", help="where the annotations go")
     add_network(parser)
     add_limits(parser)
     add_jobs(parser)

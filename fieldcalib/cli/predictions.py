@@ -48,11 +48,14 @@ class Predictions:
     """Of the images that they are scored on."""
     files: Sequence[FrameFile] = ()
     """Where they were read, of folders and zips."""
+    made_for: tuple[int, int] | None = None
+    """Size of the images that they are of, where a run has said it."""
 
     @property
     def of_other_sizes(self) -> list[tuple[int, int]]:
         """Sizes of the images that some of the cameras are made for, if those are others."""
-        made_for = {natural_size(p) for p in self.by_frame.values() if isinstance(p, RationalCamera)}
+        cameras = [p for p in self.by_frame.values() if isinstance(p, RationalCamera)]
+        made_for = {natural_size(p) for p in cameras} if self.made_for is None else {self.made_for}
         size = np.array(self.size)
         return sorted(s for s in made_for if s and np.any(np.abs(s - size) > OFF_CENTRE * size))
 
@@ -86,13 +89,15 @@ def read_predictions(
         If there is no prediction, or no size is given and they do not agree on one.
     """
     files: Sequence[FrameFile] = ()
+    of_run = None
     if path.is_file() and RECORDS.recognises(path):
         found, own_size = _read_tvcalib(path, broken, size, homographies=homographies, most_bytes=most_bytes)
     elif files := _camera_files(path, homographies=homographies):
         parse_camera = partial(CAMERAS.read, image_size=size or IMAGE_SIZE)
         cameras = read_files(files, parse_camera, broken, most_bytes=most_bytes, executor=executor)
         found = dict(cameras)
-        own_size = _size_of_run(path) or _only({natural_size(camera) for camera in cameras.values()})
+        of_run = _size_of_run(path)
+        own_size = of_run or _only({natural_size(camera) for camera in cameras.values()})
     else:
         files, own_size = _homography_files(path, homographies=homographies), size or IMAGE_SIZE
         parse = partial(HOMOGRAPHIES.read, image_size=own_size)
@@ -101,7 +106,7 @@ def read_predictions(
         raise ValueError(f"{path} holds no prediction that can be evaluated")
     if size is None and own_size is None:
         raise ValueError(SEVERAL_SIZES)
-    return Predictions(found, size or own_size or IMAGE_SIZE, files)
+    return Predictions(found, size or own_size or IMAGE_SIZE, files, of_run)
 
 
 def _camera_files(path: Path, *, homographies: bool) -> list[FrameFile]:

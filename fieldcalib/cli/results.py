@@ -179,11 +179,16 @@ def result_folder(options: argparse.Namespace, record: RunRecord, began: float) 
     `began` is what `time.perf_counter` said at the start.
     """
     if options.format == PARQUET and options.shard is not None:
-        raise ValueError(f"--format {PARQUET} is of whole runs: --shard writes cameras.jsonl")
+        raise ValueError(f"--format {PARQUET} is of whole runs: --shard writes {LINES}, fieldcalib join makes a table")
     with run_folder(options, record) as results:
         yield results
         finish(options.out, results.summary(recorded(options), time.perf_counter() - began))
         results.say()
+    leave_table(options)
+
+
+def leave_table(options: argparse.Namespace) -> None:
+    """Put a table in the place of ``cameras.jsonl``, if that is asked for."""
     if options.format == PARQUET:
         with output_folder(options.out):
             write_parquet(whole_lines(options.out / LINES), options.out / TABLE)
@@ -219,6 +224,7 @@ def run_folder(options: argparse.Namespace, record: RunRecord, lines: str = LINE
                     results.take_up(json.loads(text))
                 yield results
         except BaseException:
+            remove_temporaries(out)  # of an interrupt between the making of one and its use
             if earlier is None and (results is None or not results.done) and not any(out.glob(f"{PART_OF_CLIP}*")):
                 _remove_frames(out, record)
                 _forget(out)

@@ -10,7 +10,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from itertools import islice
-from pathlib import Path
 
 from fieldcalib.assess.result import Calibration
 from fieldcalib.cli.arguments import (
@@ -21,6 +20,7 @@ from fieldcalib.cli.arguments import (
     add_format,
     cut_of,
     field_of,
+    folder_name,
     prior_of,
 )
 from fieldcalib.cli.clips import is_clip, run_clip
@@ -75,7 +75,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--out",
         required=True,
-        type=Path,
+        type=folder_name,
         metavar="DIR",
         help="where the results go; those of several videos into folders in it, by their names",
     )

@@ -14,6 +14,7 @@ from functools import partial
 from io import StringIO
 from typing import TypeAlias
 
+from fieldcalib.io.files import BrokenFileError
 from fieldcalib.processes.jobs import Processes, in_order
 from fieldcalib.processes.other_process import ProcessEndedError
 
@@ -77,9 +78,9 @@ def _code(run: Run, options: argparse.Namespace) -> int:
         raise
     except (OSError, ValueError) as error:
         print(f"fieldcalib: {error}", file=sys.stderr)
-        return 2
+        return 1 if isinstance(error, BrokenFileError) else 2
 
 
 def _lost(options: argparse.Namespace, error: ProcessEndedError) -> Ended:
     problem = f"the process that worked on it ended with exit code {error.exit_code}"
-    return Ended(2, "", f"fieldcalib: {options.input[0]}: {problem}: --resume goes on with it\n")
+    return Ended(1, "", f"fieldcalib: {options.input[0]}: {problem}: --resume goes on with it\n")

@@ -179,8 +179,13 @@ def find_files(
             found[file.id] = file
         if len(found) == count:
             names = " or ".join(f"{prefix}<id>{ending}" for ending in suffixes)
-            raise FileNotFoundError(f"{path} holds no {what}: expected files named {names}")
+            hint = "; folders in it are not searched" if _has_folders(path) else ""
+            raise FileNotFoundError(f"{path} holds no {what}: expected files named {names}{hint}")
     return list(found.values())
+
+
+def _has_folders(path: Path) -> bool:
+    return path.is_dir() and any(member.is_dir() for member in path.iterdir())
 
 
 def is_named(name: str, prefix: str, suffixes: tuple[str, ...], others: re.Pattern[str]) -> bool:

@@ -6,12 +6,14 @@ import re
 from dataclasses import dataclass
 
 from fieldcalib.io.cuts import WHOLE, Cut
+from fieldcalib.io.files import BrokenFileError
 from fieldcalib.io.images import MOST_PIXELS
-from fieldcalib.io.videos import FrameReader
+from fieldcalib.io.videos import NO_VIDEO, FrameReader
 
 STDIN = "-"
 URL = re.compile(r"([a-z][a-z0-9+.-]*)://(?:[^/@]*@)?(.+)", re.IGNORECASE)
 WAITING = ("http", "https")  # send on when there is room
+STREAMABLE = "Matroska and MPEG-TS can be streamed, MP4 if its index comes first (ffmpeg -movflags faststart)"
 
 
 @dataclass(frozen=True)
@@ -74,7 +76,12 @@ class StreamReader(FrameReader):
     ) -> None:
         self._stream = stream
         location = "pipe:0" if stream.location == STDIN else stream.location
-        super().__init__(location, str(stream), most_pixels, cut, threads)
+        try:
+            super().__init__(location, str(stream), most_pixels, cut, threads)
+        except BrokenFileError as error:
+            if NO_VIDEO not in str(error):
+                raise
+            raise BrokenFileError(f"{error}; {STREAMABLE}") from None
 
     def end(self) -> str:
         """What to say where the stream ended before its cut; empty otherwise."""

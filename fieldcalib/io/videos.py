@@ -28,6 +28,7 @@ FASTEST = 1000.0  # frames per second: what is more was never measured
 FAR = 100  # frames: what is nearer is decoded rather than jumped over
 USUAL = 25.0  # frames per second, where the file says nothing
 CAPTURE_OPTIONS = "OPENCV_FFMPEG_CAPTURE_OPTIONS"  # environment variable that OpenCV reads when it opens a video
+NO_VIDEO = "is no video that OpenCV can read, or its end is missing"
 
 
 class FrameReader:
@@ -75,7 +76,7 @@ class FrameReader:
             self.numbers = cut.numbers(self._rate)
             self.frames_per_second = self._rate / cut.step
             if not self._grab(1):
-                raise BrokenFileError("is no video that OpenCV can read, or its end is missing")
+                raise BrokenFileError(NO_VIDEO)
             if not self._grab(self.numbers.start):
                 raise BrokenFileError(f"has no frame {self.numbers.start}, the first that is asked for")
             self._has_frame, self._frame = self._capture.retrieve()

@@ -132,6 +132,8 @@ def in_order(
     ...     list(in_order(threads, abs, [-1, 2, -3]))
     [1, 2, 3]
     """
+    if executor is not None and not hasattr(executor, "submit"):
+        raise ValueError(f"expected an executor, as fieldcalib.Processes(2), got {executor!r}")
     if executor is None:
         yield from map(function, items)
         return
