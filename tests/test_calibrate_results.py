@@ -5,8 +5,7 @@ import pytest
 from one_camera import CAMERA, FIELD, FRAME, MARKINGS, SIZE, F, relative_error
 from synthetic import observe, random_frames
 
-from fieldcalib import Camera, Line, Point, Status, calibrate_batch, calibrate_from_segments
-from fieldcalib.assess.result import estimate_errors
+from fieldcalib import Camera, Line, Point, Status, calibrate_batch, calibrate_from_segments, compute_errors
 from fieldcalib.calibrate.options import DEFAULT_FLAGS
 
 # --- what comes back ---
@@ -169,7 +168,7 @@ def test_errors_of_several_are_those_of_each_alone():
     frames, _ = random_frames(6, seed=3, noise=1.0)
     one_by_one, together = (calibrate_batch(FIELD, frames, SIZE) for _ in range(2))
     nothing = calibrate_batch(FIELD, [{}], SIZE)
-    estimate_errors([*reversed(together[1:]), *nothing])
+    compute_errors([*reversed(together[1:]), *nothing])
     for alone, other in zip(one_by_one, together, strict=True):
         scale = np.sqrt(np.outer(np.diagonal(alone.covariance), np.diagonal(alone.covariance)))
         assert np.max(np.abs(other.covariance - alone.covariance)) < 1e-9 * np.max(scale)
