@@ -25,10 +25,6 @@ from fieldcalib.io.soccernet import format_annotation
 
 SIZE = (960, 540)
 
-same_bits = pytest.mark.skipif(
-    np.lib.NumpyVersion(np.__version__) < "2.0.0", reason="before NumPy 2 the last bits differ between processes"
-)
-
 
 @pytest.fixture(scope="module")
 def many(tmp_path_factory):
@@ -53,7 +49,6 @@ def command(folder, *options):
     return ["calibrate", folder, "--size", "960x540", *options]
 
 
-@same_bits
 @pytest.mark.parametrize("seed", range(3))
 def test_kills_change_nothing(many, whole, tmp_path, seed):
     out, seconds = whole
@@ -72,7 +67,6 @@ def test_twenty_kills_change_nothing(many, whole, tmp_path, seed):
 # --- any number of jobs ---
 
 
-@same_bits
 @pytest.mark.parametrize("jobs", [2, 3])
 def test_the_files_are_the_same_with_any_number_of_jobs(many, whole, tmp_path, jobs):
     assert calibrate(tmp_path / "out", many, options=["--jobs", jobs]) == 0

@@ -16,10 +16,6 @@ TRUTHS = [
     Camera.from_angles(pan, 1.32, 0.0, 475.0, (1.0, 66.0, -16.0), (480, 270)) for pan in np.linspace(0.1, 0.4, 30)
 ]
 
-same_bits = pytest.mark.skipif(
-    np.lib.NumpyVersion(np.__version__) < "2.0.0", reason="before NumPy 2 the last bits differ between processes"
-)
-
 
 @pytest.fixture(scope="module")
 def rendered():
@@ -89,7 +85,6 @@ def test_parts_that_are_kept_are_not_calibrated_again(rendered, network, monkeyp
         calibrate_video(FIELD, rendered[:8], network(), parts=read_back)
 
 
-@same_bits
 @pytest.mark.parametrize("count", [1, 2])
 def test_a_clip_goes_on_after_its_parts(video, whole, network, tmp_path, monkeypatch, capsys, count):
     with monkeypatch.context() as patch:

@@ -20,7 +20,7 @@ from fieldcalib.assess.own_errors import OwnErrors, ground_errors, whole_covaria
 from fieldcalib.assess.result import Calibration, Status, SuspectLabel
 from fieldcalib.fields.field import Field
 from fieldcalib.fields.records import field_from_record, field_to_record
-from fieldcalib.problem.layout import ANGLES, CENTER, LOG_F, Layout
+from fieldcalib.problem.layout import ANGLES, CENTER, LOG_F, Layout, exp_of
 from fieldcalib.problem.records import layout_from_record, layout_to_record
 
 if TYPE_CHECKING:
@@ -300,7 +300,7 @@ class SequenceCalibration(FrameSequence):
         pandas = imported_pandas()
         frames, T = self.frames, len(self)
         theta = np.full((T, CENTER.stop), np.nan) if self.layout is None else self.layout.at_zoom(frames.theta)
-        angles, f, C = np.degrees(theta[:, ANGLES]), np.exp(theta[:, LOG_F]), theta[:, CENTER]
+        angles, f, C = np.degrees(theta[:, ANGLES]), exp_of(theta, LOG_F), theta[:, CENTER]
         numbers = np.column_stack([angles, f, C, frames.rms, frames.ground_error])
         words = {"status": [str(STATUSES[one]) for one in frames.status], "basis": [str(one) for one in self.basis]}
         return pandas.DataFrame({**words, **dict(zip(NUMBERS, numbers.T, strict=True))})

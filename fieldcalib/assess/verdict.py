@@ -15,7 +15,7 @@ from fieldcalib.fields.segments import Arc, Line, ObjectSegments, Point, PointCl
 from fieldcalib.geometry.rotation import angles_from_rotation, rotation_from_angles
 from fieldcalib.problem.evaluation import Evaluation
 from fieldcalib.problem.labelled_pixels import Pixels
-from fieldcalib.problem.layout import ANGLES, CENTER, LOG_F
+from fieldcalib.problem.layout import ANGLES, CENTER, LOG_F, exp_of
 
 LARGEST_ROLL = np.radians(45.0)
 FIELD_OF_VIEW = np.radians((0.5, 150.0))
@@ -138,7 +138,7 @@ def implausibilities(
     """
     theta, points, observations = evaluation.theta, evaluation.points, evaluation.problem.observations
     width = observations.image_size[0]
-    fov = 2.0 * np.arctan(0.5 * width / np.exp(theta[:, LOG_F]))
+    fov = 2.0 * np.arctan(0.5 * width / exp_of(theta, LOG_F))
     near = observations.weight * (np.abs(points.r) <= far)
     behind = np.sum(near * (points.inverse_depth < 0.0), axis=1)
     others = (observations.lines, observations.arcs, observations.curves, observations.clouds)

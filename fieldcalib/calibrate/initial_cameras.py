@@ -24,6 +24,7 @@ from fieldcalib.problem.layout import (
     PRINCIPAL_POINT,
     ROLL,
     TILT,
+    exp_of,
 )
 from fieldcalib.problem.observations import Observations, Rows
 from fieldcalib.problem.prior import GaussianPrior
@@ -118,7 +119,7 @@ def pointed_camera(
     if np.isnan(known[PAN]):
         # the target shall not appear in the middle of the image but where the pixels are
         offset = np.sum(weight * xy, axis=1) - theta[..., PRINCIPAL_POINT]
-        angle = np.arctan(offset / np.exp(theta[..., LOG_F, None]))
+        angle = np.arctan(offset / exp_of(theta, LOG_F)[..., None])
         theta[..., PAN] -= angle[..., 0] / np.maximum(np.sin(theta[..., TILT]), 0.3)
         theta[..., TILT] += angle[..., 1]
     return theta

@@ -45,6 +45,19 @@ OPENCV_NAMES = {"a1": "k1", "b2": "k2", "a3": "k3", "a4": "k4", "a5": "k5", "a6"
 LARGEST_STEP = {"pan": 0.4, "tilt": 0.4, "roll": 0.4, "log f": 0.7, "x": 1.0, "y": 1.0, "z": 1.0}  # x, y, z: of a scale
 
 
+def exp_of(theta: Array, column: int) -> Array:
+    """``exp`` of a parameter, `LOG_F` or `LOG_ASPECT`, of parameter vectors (..., n).
+
+    It is taken of a copy: where the column of an array ends close to the result in memory, NumPy 1.26 rounds otherwise.
+
+    Examples
+    --------
+    >>> exp_of(np.full((2, 14), np.log(1000.0)), LOG_F).round(9)
+    array([1000., 1000.])
+    """
+    return np.asarray(np.exp(np.ascontiguousarray(theta[..., column])))
+
+
 class Role(IntEnum):
     """What a solver does with a parameter."""
 
@@ -289,9 +302,9 @@ class Layout:
     def cameras(self, theta: Array) -> list[Camera]:
         """The cameras of parameter vectors (B, n)."""
         theta = self.at_zoom(theta)
-        fx = np.exp(theta[:, LOG_F])
+        fx = exp_of(theta, LOG_F)
         K = np.zeros((len(theta), 3, 3))
-        K[:, 0, 0], K[:, 1, 1], K[:, 2, 2] = fx, fx * np.exp(theta[:, LOG_ASPECT]), 1.0
+        K[:, 0, 0], K[:, 1, 1], K[:, 2, 2] = fx, fx * exp_of(theta, LOG_ASPECT), 1.0
         K[:, :2, 2] = theta[:, PRINCIPAL_POINT]
         R, C = rotation_from_angles(theta[:, ANGLES]), theta[:, CENTER]
         dist = self.lens.to_opencv(theta[:, self.lens_block].T, fx).T

@@ -13,7 +13,7 @@ import numpy as np
 
 from fieldcalib._types import Array, BoolArray
 from fieldcalib.geometry.rotation import rotation_axes, rotation_from_angles
-from fieldcalib.problem.layout import ANGLES, CENTER, LOG_ASPECT, LOG_F, PRINCIPAL_POINT, Layout
+from fieldcalib.problem.layout import ANGLES, CENTER, LOG_ASPECT, LOG_F, PRINCIPAL_POINT, Layout, exp_of
 
 TIMES_E3 = np.array([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 0.0]])  # a @ TIMES_E3 = a x e3
 UNDISTORTING_STEPS = 3  # of the fixed point with which a search begins
@@ -33,8 +33,8 @@ class Projection:
         theta = self.theta
         self.R = rotation_from_angles(theta[:, ANGLES])
         self.C = theta[:, None, CENTER]
-        self.f = np.exp(theta[:, LOG_F, None])
-        self.aspect = np.exp(theta[:, LOG_ASPECT, None])
+        self.f = exp_of(theta, LOG_F)[:, None]
+        self.aspect = exp_of(theta, LOG_ASPECT)[:, None]
         self.lens = np.ascontiguousarray(theta[:, layout.lens_block].T)[..., None]
         # without lens and aspect the real offset is the ideal one, and half of the work falls away
         self.is_pinhole = layout.lens.is_identity(self.lens) and not np.any(theta[:, LOG_ASPECT])
