@@ -11,6 +11,7 @@ from pathlib import Path
 import fieldcalib
 
 SIGNALS = (signal.SIGKILL, signal.SIGTERM, signal.SIGINT)
+LONGEST = 300.0  # seconds of a run, on the busiest machine
 EXIT_CODES = {signal.SIGKILL: {-9}, signal.SIGTERM: {143, -15}, signal.SIGINT: {130, -2}}
 
 
@@ -25,15 +26,24 @@ def started(*arguments):
         stdout=subprocess.PIPE,
         stderr=subprocess.PIPE,
         text=True,
-        env={**os.environ, "PYTHONPATH": str(Path(fieldcalib.__file__).parents[1])},
+        env={**os.environ, "PYTHONPATH": str(Path(fieldcalib.__file__).parents[1]), "PYTHONFAULTHANDLER": "1"},
+        start_new_session=True,
     )
+
+
+def ended(run):
+    """Exit code and stderr of a run; one that hangs fails the test, with the stacks of all its processes."""
+    try:
+        _, errors = run.communicate(timeout=LONGEST)
+    except subprocess.TimeoutExpired:
+        os.killpg(run.pid, signal.SIGABRT)
+        raise AssertionError(f"it hangs: {run.communicate()[1]}") from None
+    return run.returncode, errors
 
 
 def finished(*arguments):
     """Exit code and stderr of the command line."""
-    run = started(*arguments)
-    _, errors = run.communicate()
-    return run.returncode, errors
+    return ended(started(*arguments))
 
 
 def killed(arguments, rng, longest):
@@ -42,8 +52,8 @@ def killed(arguments, rng, longest):
     run = started(*arguments)
     time.sleep(float(rng.uniform(0.1, longest)))
     run.send_signal(number)
-    _, errors = run.communicate()
-    assert run.returncode in EXIT_CODES[number] | {0, 1}, (number, errors)
+    code, errors = ended(run)
+    assert code in EXIT_CODES[number] | {0, 1}, (number, errors)
     assert "Traceback" not in errors, errors
 
 
