@@ -4,11 +4,12 @@ import gc
 import os
 import subprocess
 import sys
+from pathlib import Path
 
 import numpy as np
 import pytest
 
-from fieldcalib.processes.other_process import OtherProcess
+from fieldcalib.processes.other_process import LENGTH, OtherProcess
 
 
 @pytest.fixture
@@ -70,6 +71,33 @@ def test_what_is_of_the_script_is_not_known_there(other, monkeypatch):
 def test_a_process_that_dies_is_an_error(other):
     with pytest.raises(RuntimeError, match="has ended, with exit code 3"):
         other.run(os._exit, 3)
+
+
+def cut_off():
+    """Ends the process in the middle of an answer."""
+    os.write(1, b"not here")  # where its answers go is the highest descriptor
+    answers = max(int(name) for name in os.listdir("/proc/self/fd") if os.path.exists(f"/proc/self/fd/{name}"))
+    os.write(answers, LENGTH.pack(1000) + b"half")
+    os._exit(4)
+
+
+@pytest.mark.skipif(not Path("/proc/self/fd").is_dir(), reason="finds the pipe as Linux has it")
+def test_half_an_answer_is_none(other):
+    with pytest.raises(RuntimeError, match="has ended, with exit code 4"):
+        other.run(cut_off)
+
+
+class NotToBePickled:
+    def __reduce__(self):
+        raise ValueError("cannot be pickled")
+
+
+def test_what_cannot_be_sent_is_said_and_it_goes_on(other):
+    with pytest.raises(ValueError, match="cannot be pickled"):
+        other.run(repr, NotToBePickled())
+    with pytest.raises(ValueError, match="cannot be pickled"):
+        other.run(NotToBePickled)  # it cannot be sent back either
+    assert other.run(abs, -1) == 1
 
 
 def test_it_ends_with_a_script_that_does_not_close_it(tmp_path):

@@ -93,8 +93,9 @@ class OtherProcess:
         """
         assert self._process.stdin is not None
         assert self._process.stdout is not None
+        request = pickle.dumps((function, args, kwargs), pickle.HIGHEST_PROTOCOL)
         try:
-            _send(self._process.stdin, pickle.dumps((function, args, kwargs), pickle.HIGHEST_PROTOCOL))
+            _send(self._process.stdin, request)
             answer = _received(self._process.stdout)
         except (OSError, EOFError, ValueError):  # of a broken pipe, of one with nothing in it, of a closed one
             raise ProcessEndedError(self._process.wait()) from None
@@ -134,13 +135,17 @@ def _received(pipe: BinaryIO | Any) -> bytes:
     Raises
     ------
     EOFError
-        If there is none any more.
+        If there is none any more, or it is cut off.
     """
-    head = pipe.read(LENGTH.size)
-    content = pipe.read(*LENGTH.unpack(head)) if len(head) == LENGTH.size else b""
-    if not content:
+    (size,) = LENGTH.unpack(_exactly(pipe, LENGTH.size))
+    return _exactly(pipe, size)
+
+
+def _exactly(pipe: BinaryIO | Any, size: int) -> bytes:
+    content = bytes(pipe.read(size))
+    if len(content) < size:
         raise EOFError
-    return bytes(content)
+    return content
 
 
 def _answer(request: bytes) -> bytes:
@@ -171,3 +176,4 @@ def main() -> None:
 
 if __name__ == "__main__":
     main()
+    os._exit(0)  # nothing is left to do, and what libraries do at their end may hang
