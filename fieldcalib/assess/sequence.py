@@ -11,8 +11,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from fieldcalib._extras import imported
 from fieldcalib._json import from_json, to_json
-from fieldcalib._pandas import imported_pandas
 from fieldcalib._types import Array, BoolArray, Float32, IntArray
 from fieldcalib.assess.camera_errors import KnownErrors
 from fieldcalib.assess.frame_sequence import FrameSequence, read_record
@@ -297,7 +297,7 @@ class SequenceCalibration(FrameSequence):
         ImportError
             Without pandas, ``pip install fieldcalib[pandas]``.
         """
-        pandas = imported_pandas()
+        pandas = imported("pandas", "pandas", "to_pandas")
         frames, T = self.frames, len(self)
         theta = np.full((T, CENTER.stop), np.nan) if self.layout is None else self.layout.at_zoom(frames.theta)
         angles, f, C = np.degrees(theta[:, ANGLES]), exp_of(theta, LOG_F), theta[:, CENTER]

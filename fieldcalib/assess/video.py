@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from fieldcalib._pandas import imported_pandas
+from fieldcalib._extras import imported
 from fieldcalib._types import IntArray
 from fieldcalib.assess.frame_sequence import FrameSequence, read_record
 from fieldcalib.assess.result import Calibration, Status
@@ -125,7 +125,7 @@ class VideoCalibration(FrameSequence):
         ImportError
             Without pandas, ``pip install fieldcalib[pandas]``.
         """
-        pandas = imported_pandas()
+        pandas = imported("pandas", "pandas", "to_pandas")
         table = pandas.DataFrame({"shot": self.shot, "tripod": self.tripod})
         nothing = {"status": str(Status.TOO_FEW_SEGMENTS), "basis": str(Basis.NOTHING)}
         parts = []

@@ -14,6 +14,7 @@ from pathlib import Path
 from types import ModuleType
 from typing import Any
 
+from fieldcalib._extras import imported
 from fieldcalib.io.files import BrokenFileError, replacement
 
 AT_ONCE = 1000  # lines of a row group: 10 MB in memory
@@ -71,12 +72,8 @@ def imported_pyarrow() -> tuple[ModuleType, ModuleType]:
     ImportError
         If it is not installed, with how to install it.
     """
-    try:
-        import pyarrow
-        import pyarrow.parquet
-    except ImportError as error:
-        raise ImportError("Parquet needs pyarrow: pip install 'fieldcalib[parquet]'") from error
-    return pyarrow, pyarrow.parquet
+    pyarrow, parquet = (imported(name, "parquet", "Parquet") for name in ("pyarrow", "pyarrow.parquet"))
+    return pyarrow, parquet
 
 
 def _schema(pyarrow: ModuleType) -> Any:

@@ -10,7 +10,7 @@ from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from fieldcalib._pandas import imported_pandas
+from fieldcalib._extras import imported
 from fieldcalib.assess.result import Calibration
 from fieldcalib.io.files import BrokenFileError, parse_json_object, read_regular_file
 from fieldcalib.io.parquet import read_parquet
@@ -63,7 +63,7 @@ class Results(Mapping[str, Calibration]):
         ImportError
             If pandas is not installed.
         """
-        pandas = imported_pandas()
+        pandas = imported("pandas", "pandas", "to_pandas")
         rows = [{key: value for key, value in line.items() if key not in FOR_READING_BACK} for line in self.lines]
         table = pandas.json_normalize(rows) if rows else pandas.DataFrame(columns=["id"])
         table = table.set_index("id")
