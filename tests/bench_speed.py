@@ -6,8 +6,10 @@ Frames are synthetic, or SoccerNet's annotations where they lie beside the check
 import subprocess
 import sys
 import time
+from contextlib import nullcontext
 from pathlib import Path
 
+import cv2
 import numpy as np
 import pytest
 from networks import CLASSES, band_maps, probabilities
@@ -15,9 +17,19 @@ from synthetic import random_frames
 from test_memory import PEAK
 from views import BROADCAST
 
-from fieldcalib import Processes, calibrate_batch, calibrate_from_segments, compute_errors, refine_on_image, soccer
+from fieldcalib import (
+    Processes,
+    SegmentationNetwork,
+    calibrate_batch,
+    calibrate_from_images,
+    calibrate_from_segments,
+    compute_errors,
+    refine_on_image,
+    soccer,
+)
 from fieldcalib.calibrate.options import PINHOLE_FLAGS, CalibrationFlags
 from fieldcalib.draw.scene import render_field
+from fieldcalib.io.images import parse_image
 from fieldcalib.io.soccernet import format_annotation, parse_annotation
 from fieldcalib.localize import ridge_points
 from fieldcalib.metrics import evaluate_segments
@@ -40,6 +52,22 @@ def frames():
 def annotated(shared_data):
     files = sorted(f for f in (shared_data / "sncalib-test-center").glob("*.json") if f.stem.isdigit())
     return [parse_annotation(f.read_text(), SIZE) for f in files]
+
+
+@pytest.fixture(scope="module")
+def images(shared_data):
+    """Frames of many matches, enlarged to 1920x1080."""
+    files = sorted((shared_data / "sncalib-images").rglob("*.jpg"))[:40]
+    return [cv2.resize(parse_image(file.read_bytes()), (1920, 1080)) for file in files]
+
+
+@pytest.fixture
+def one_thread():
+    """Of OpenCV."""
+    threads = cv2.getNumThreads()
+    cv2.setNumThreads(1)
+    yield
+    cv2.setNumThreads(threads)
 
 
 @pytest.fixture
@@ -159,6 +187,16 @@ def test_refinement_in_full_hd(benchmark):
     start = calibrate_from_segments(FIELD, found.pixels, truth.image_size, weights=found.weights)
     benchmark.pedantic(refine_on_image, (FIELD, image, start), rounds=20, warmup_rounds=2)
     assert benchmark.stats.stats.median <= 0.060
+
+
+@pytest.mark.parametrize("processes", [1, 2])
+def test_images_in_full_hd(benchmark, images, processes, one_thread, say):
+    """Images that have nothing to do with one another, network and refinement included."""
+    network = SegmentationNetwork.load(threads=1)
+    with nullcontext() if processes == 1 else Processes(processes) as executor:
+        how = {"executor": executor}
+        benchmark.pedantic(calibrate_from_images, (FIELD, images, network), how, rounds=3, warmup_rounds=1)
+    say(f"{milliseconds_a_frame(benchmark, len(images)):.1f} ms an image")
 
 
 def test_evaluation_of_728_frames(benchmark, say):
