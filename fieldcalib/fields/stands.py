@@ -90,6 +90,7 @@ DISTRIBUTIONS: Mapping[str, CameraDistribution] = MappingProxyType(
     }
 )
 
+SOCCER_LENGTH = 105.0  # metres: of the field that the stands above are around
 SOCCER_SCALE = 40.0  # metres: size of the part of a soccer field that is usually in view
 
 # Where a broadcast camera may stand when nobody says: tried one by one, the best is kept.
@@ -111,3 +112,37 @@ def stands_around(scale: float) -> tuple[CameraDistribution, ...]:
         return range[0] * (scale / SOCCER_SCALE), range[1] * (scale / SOCCER_SCALE)
 
     return tuple(replace(stand, x=scaled(stand.x), y=scaled(stand.y), z=scaled(stand.z)) for stand in ALL_STANDS)
+
+
+def stands_beside(
+    length: float, width: float, away: tuple[float, float], up: tuple[float, float]
+) -> tuple[CameraDistribution, ...]:
+    """Where cameras of a court or a rink stand: the stands of a soccer field, moved to another size and distance.
+
+    Parameters
+    ----------
+    length, width : float
+        Size of the field, metres.
+    away : (float, float)
+        From and to how far from the lines around the field cameras stand, metres.
+    up : (float, float)
+        From and to how high above the ground, metres.
+
+    Examples
+    --------
+    >>> [stand.name for stand in stands_beside(28.0, 15.0, away=(4.0, 30.0), up=(1.5, 12.0))][:3]
+    ['main center', 'main left', 'main right']
+    >>> stands_beside(28.0, 15.0, away=(4.0, 30.0), up=(1.5, 12.0))[0].y
+    (11.5, 37.5)
+    """
+    along, beside, behind = length / SOCCER_LENGTH, 0.5 * width + np.array(away), 0.5 * length + np.array(away)
+
+    def moved(stand: CameraDistribution) -> CameraDistribution:
+        z = -up[1], -up[0]
+        if stand.y[0] * stand.y[1] > 0.0:  # beside the field, not behind it
+            y = beside if stand.y[0] > 0.0 else -beside[::-1]
+            return replace(stand, x=(along * stand.x[0], along * stand.x[1]), y=tuple(y.tolist()), z=z)
+        x = behind if stand.x[0] > 0.0 else -behind[::-1]
+        return replace(stand, x=tuple(x.tolist()), y=(-0.3 * width, 0.3 * width), z=z)
+
+    return tuple(map(moved, ALL_STANDS))

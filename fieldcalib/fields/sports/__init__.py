@@ -1,0 +1,1 @@
+"""The fields of other sports than soccer, from their rule books."""
