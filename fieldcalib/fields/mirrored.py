@@ -57,7 +57,8 @@ def _mirrored(segments: Mapping[str, Segment], signs: Vector, word: str, other: 
 
 def _mirror(segment: Segment, signs: Vector) -> Segment:
     def mirror(X: Vector) -> Vector:
-        return signs[0] * X[0], signs[1] * X[1], signs[2] * X[2]
+        x, y, z = (sign * one + 0.0 for sign, one in zip(signs, X, strict=True))  # + 0.0: no negative zeros
+        return x, y, z
 
     match segment:
         case Point(X):
