@@ -22,12 +22,12 @@ from fieldcalib.assess.result import Calibration, Status
 from fieldcalib.calibrate.decomposition import NO_FOCAL_LENGTH, closed_form
 from fieldcalib.calibrate.from_homography import judged_camera
 from fieldcalib.calibrate.initial_cameras import ground_homographies
-from fieldcalib.cli.arguments import add_field_size, add_input_and_output
+from fieldcalib.cli.arguments import add_input_and_output
+from fieldcalib.cli.fields import add_sized_field, field_of
 from fieldcalib.cli.folder import Found, calibrate_folder
 from fieldcalib.cli.main import run_command
 from fieldcalib.cli.units import add_jobs
 from fieldcalib.fields.field import Field
-from fieldcalib.fields.soccer import soccer
 from fieldcalib.geometry.projective import SINGULAR
 from fieldcalib.io.formats import CAMERAS, HOMOGRAPHIES
 from fieldcalib.io.wc14 import format_homography
@@ -111,14 +111,14 @@ def main(arguments: Sequence[str] | None = None) -> int:
     """The command line; returns the exit code."""
     parser = argparse.ArgumentParser(prog="python -m baselines.dlt_lines", description=__doc__.splitlines()[0])
     add_input_and_output(parser)
-    add_field_size(parser)
+    add_sized_field(parser)
     add_jobs(parser)
     parser.set_defaults(run=_run, command="baselines.dlt_lines")
     return run_command(parser.parse_args(arguments))
 
 
 def _run(options: argparse.Namespace) -> int:
-    field = soccer(options.field_length, options.field_width)
+    field = field_of(options)
     writes = [form.file_name("<id>") for form in (CAMERAS, HOMOGRAPHIES)]
     return calibrate_folder(options, field, _Method(field, options.size), writes=writes)
 

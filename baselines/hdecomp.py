@@ -20,13 +20,13 @@ from fieldcalib._types import Array
 from fieldcalib.assess.result import Calibration, Status
 from fieldcalib.calibrate.decomposition import camera_from_homography
 from fieldcalib.calibrate.from_homography import judged_camera, judged_decomposition
-from fieldcalib.cli.arguments import add_field_size, add_input_and_output, positive
+from fieldcalib.cli.arguments import add_input_and_output, positive
+from fieldcalib.cli.fields import add_sized_field, field_of
 from fieldcalib.cli.folder import Found, calibrate_files, calibrate_folder, lost, name_skipped, outcome_of
 from fieldcalib.cli.main import run_command
 from fieldcalib.cli.results import calibration_line
 from fieldcalib.cli.units import Made, add_jobs, unit_size
 from fieldcalib.fields.field import Field
-from fieldcalib.fields.soccer import soccer
 from fieldcalib.io.files import FrameFile
 from fieldcalib.io.formats import CAMERAS, HOMOGRAPHIES
 from fieldcalib.io.wc14 import AlignmentName
@@ -74,7 +74,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     """The command line; returns the exit code."""
     parser = argparse.ArgumentParser(prog="python -m baselines.hdecomp", description=__doc__.splitlines()[0])
     add_input_and_output(parser)
-    add_field_size(parser)
+    add_sized_field(parser)
     parser.add_argument("--homographies", action="store_true", help="decompose INPUT's <id>.homographyMatrix files")
     parser.add_argument(
         "--alignment",
@@ -106,7 +106,7 @@ def _run(options: argparse.Namespace) -> int:
         return calibrate_files(options, files, made, made.first_broken, unit_size(len(files)), writes)
     if options.alignment != "wc14":
         raise ValueError("--alignment is about homography files: it needs --homographies")
-    field = soccer(options.field_length, options.field_width)
+    field = field_of(options)
     return calibrate_folder(options, field, _Method(field, options.size, options.zeta, options.tolerance))
 
 

@@ -89,7 +89,7 @@ def read_dataset(
     """
     broken: list[str] = []
     types = read_camera_types([path]) if (path / CAMERA_TYPES).is_file() else None
-    truth = read_ground_truth(path, size, broken, camera_type=MAIN_CAMERA if types else None)
+    truth = read_ground_truth(path, size, broken, field=soccer(), camera_type=MAIN_CAMERA if types else None)
     ids = list(truth.annotations)
     homographies: dict[str, Homographies] = {}
     if truth.homographies:

@@ -33,13 +33,13 @@ from fieldcalib.assess.ndc import cloud
 from fieldcalib.assess.result import Calibration, Status
 from fieldcalib.calibrate.from_homography import judged_camera
 from fieldcalib.calibrate.from_segments import NO_PIXELS
-from fieldcalib.cli.arguments import add_field_size, add_input_and_output, positive
+from fieldcalib.cli.arguments import add_input_and_output, positive
+from fieldcalib.cli.fields import add_sized_field, field_of
 from fieldcalib.cli.folder import Found, by_prior, calibrate_folder
 from fieldcalib.cli.main import run_command
 from fieldcalib.cli.units import add_jobs
 from fieldcalib.fields.field import Field
 from fieldcalib.fields.segments import Line, ObjectSegments, Segment
-from fieldcalib.fields.soccer import soccer
 from fieldcalib.fields.stands import MAIN_CENTER, MAIN_LEFT, MAIN_RIGHT, CameraDistribution, focal_length_from_fov
 from fieldcalib.geometry.projective import TINY, homogenize
 from fieldcalib.geometry.rotation import rotation_axes, rotation_from_angles
@@ -383,7 +383,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     """The command line; returns the exit code."""
     parser = argparse.ArgumentParser(prog="python -m baselines.tvcalib", description=__doc__.splitlines()[0])
     add_input_and_output(parser)
-    add_field_size(parser)
+    add_sized_field(parser)
     parser.add_argument(
         "--initial-cameras",
         choices=["center", "stacked", "argmin"],
@@ -399,7 +399,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 
 def _run(options: argparse.Namespace) -> int:
-    field = soccer(options.field_length, options.field_width)
+    field = field_of(options)
     types = read_camera_types(options.input) if options.initial_cameras == "stacked" else {}
     method = _Method(field, options.size, options.steps, options.tau, options.initial_cameras == "argmin", types)
     return calibrate_folder(options, field, method, more=types)

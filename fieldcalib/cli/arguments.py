@@ -5,10 +5,8 @@ from pathlib import Path
 
 import numpy as np
 
-from fieldcalib.calibrate.options import ALL, DEFAULT_FLAGS, CalibrationFlags, Prior
+from fieldcalib.calibrate.options import ALL, DEFAULT_FLAGS, CalibrationFlags
 from fieldcalib.cli.inputs import add_inputs
-from fieldcalib.fields.field import Field
-from fieldcalib.fields.soccer import soccer
 from fieldcalib.fields.stands import DISTRIBUTIONS
 from fieldcalib.io.cuts import Cut, Position
 from fieldcalib.io.files import MOST_BYTES
@@ -24,8 +22,6 @@ LENSES = {
 }
 NO_PRIOR = "none"
 JSON_LINES, PARQUET = "jsonl", "parquet"
-KNOWN = "known"
-FIELD_SIZES = ("nominal", KNOWN)
 
 
 def positive(text: str) -> float:
@@ -149,7 +145,6 @@ def add_camera(parser: argparse.ArgumentParser, **more_priors: str) -> None:
     parser.add_argument(
         "--prior",
         default=ALL,
-        choices=[ALL, *DISTRIBUTIONS, *more_priors, NO_PRIOR],
         metavar="NAME",
         help=f"where the camera stands: {'; '.join(meanings)}; {NO_PRIOR}: solve without a prior ({ALL})",
     )
@@ -160,31 +155,3 @@ def add_camera(parser: argparse.ArgumentParser, **more_priors: str) -> None:
         help="what is estimated of the lens: nothing, k1, k1 and k2, OpenCV's k1 k2 p1 p2 k3, or as much as the labels "
         "call for (k1)",
     )
-
-
-def prior_of(options: argparse.Namespace) -> Prior:
-    """What --prior asks for."""
-    return None if options.prior == NO_PRIOR else str(options.prior)
-
-
-def add_field_size(parser: argparse.ArgumentParser) -> None:
-    """--field-length and --field-width."""
-    parser.add_argument("--field-length", type=positive, default=105.0, metavar="M", help="touchline in metres (105)")
-    parser.add_argument("--field-width", type=positive, default=68.0, metavar="M", help="goal line in metres (68)")
-
-
-def add_field(parser: argparse.ArgumentParser) -> None:
-    """--field-length, --field-width and --field-size."""
-    add_field_size(parser)
-    parser.add_argument(
-        "--field-size",
-        choices=FIELD_SIZES,
-        default="nominal",
-        help="how well length and width are known; nominal: pitches differ, and the probabilities allow for that; "
-        "known: they were measured (nominal)",
-    )
-
-
-def field_of(options: argparse.Namespace) -> Field:
-    """The field that the options of `add_field` describe."""
-    return soccer(options.field_length, options.field_width, size_known=options.field_size == KNOWN)

@@ -14,17 +14,14 @@ from fieldcalib.calibrate.batch import calibrate_batch
 from fieldcalib.calibrate.field_size import FieldSize, estimate_field_size
 from fieldcalib.calibrate.options import ALL, Prior
 from fieldcalib.cli.arguments import (
-    KNOWN,
     LENSES,
     add_camera,
-    add_field,
     add_input_and_output,
-    field_of,
     positive,
-    prior_of,
     probability,
 )
 from fieldcalib.cli.declared import Placement, add_declarations
+from fieldcalib.cli.fields import KNOWN, add_field, field_of, prior_of
 from fieldcalib.cli.folder import Found, by_prior, calibrate_folder
 from fieldcalib.cli.units import add_jobs
 from fieldcalib.fields.field import Field

@@ -16,8 +16,9 @@ import numpy as np
 from fieldcalib.assess.result import Calibration
 from fieldcalib.assess.sequence import SequenceCalibration
 from fieldcalib.assess.video import VideoCalibration
-from fieldcalib.cli.arguments import LENSES, cut_of, field_of, prior_of
+from fieldcalib.cli.arguments import LENSES, cut_of
 from fieldcalib.cli.declared import Placement
+from fieldcalib.cli.fields import field_of, prior_of
 from fieldcalib.cli.frames import (
     Frame,
     ReadImage,

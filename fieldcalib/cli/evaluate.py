@@ -14,10 +14,12 @@ import numpy as np
 
 from fieldcalib._types import Array
 from fieldcalib.cli.arguments import add_most_bytes, image_size, positive
+from fieldcalib.cli.fields import add_sized_field, field_of
 from fieldcalib.cli.folder import name_skipped
 from fieldcalib.cli.predictions import GroundTruth, read_ground_truth, read_predictions
 from fieldcalib.cli.results import is_unfinished
 from fieldcalib.cli.units import add_processes, processes_of
+from fieldcalib.fields.field import Field
 from fieldcalib.io.soccernet import CAMERA_TYPES
 from fieldcalib.metrics import (
     THRESHOLDS,
@@ -69,6 +71,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--camera-type", metavar="NAME", help=f"only frames that {CAMERA_TYPES} calls so, e.g. 'Main camera center'"
     )
+    add_sized_field(parser)
     parser.add_argument("--json", action="store_true", help="print JSON")
     add_processes(parser)
     add_most_bytes(parser)
@@ -93,7 +96,7 @@ def run(options: argparse.Namespace) -> int:
 
 
 def _report(options: argparse.Namespace, broken: list[str], executor: Executor | None) -> dict[str, Any]:
-    most_bytes = options.most_bytes
+    most_bytes, field = options.most_bytes, field_of(options)
     predictions = read_predictions(
         options.predictions,
         broken,
@@ -107,6 +110,7 @@ def _report(options: argparse.Namespace, broken: list[str], executor: Executor |
         options.ground_truth,
         predictions.size,
         broken,
+        field=field,
         camera_type=options.camera_type,
         most_bytes=most_bytes,
         executor=executor,
@@ -130,7 +134,15 @@ def _report(options: argparse.Namespace, broken: list[str], executor: Executor |
             f"no frame in common, do the ids agree?"
         )
     planar = options.planar or any(is_homography(prediction) for prediction in by_frame.values())
-    return evaluate(by_frame, truth, predictions.size, thresholds=options.thresholds, planar=planar, executor=executor)
+    return evaluate(
+        by_frame,
+        truth,
+        predictions.size,
+        field=field,
+        thresholds=options.thresholds,
+        planar=planar,
+        executor=executor,
+    )
 
 
 def _some(frames: Mapping[str, Any]) -> str:
@@ -144,6 +156,7 @@ def evaluate(
     truth: GroundTruth,
     size: tuple[int, int],
     *,
+    field: Field | None = None,
     thresholds: Sequence[float] = THRESHOLDS,
     planar: bool = False,
     executor: Executor | None = None,
@@ -154,6 +167,7 @@ def evaluate(
         [predictions.get(id) for id in ids],
         list(truth.annotations.values()),
         size,
+        field=field,
         thresholds=thresholds,
         planar=planar,
         executor=executor,
@@ -174,7 +188,7 @@ def evaluate(
     report["segments"] = _per_segment(evaluation)
     compared = {id: (predictions[id], H) for id, H in truth.homographies.items() if id in predictions}
     if compared:
-        report["against_homographies"] = _against_homographies(list(compared.values()), size)
+        report["against_homographies"] = _against_homographies(list(compared.values()), size, field)
     return report
 
 
@@ -219,12 +233,14 @@ def _per_segment(evaluation: SegmentEvaluation) -> dict[str, dict[str, Any]]:
     return rows
 
 
-def _against_homographies(pairs: Sequence[tuple[Prediction, Array]], size: tuple[int, int]) -> dict[str, Any]:
+def _against_homographies(
+    pairs: Sequence[tuple[Prediction, Array]], size: tuple[int, int], field: Field | None
+) -> dict[str, Any]:
     """What is seen of the field, and where: means and medians over the frames."""
-    part = [PERCENT * iou_part(prediction, H, size) for prediction, H in pairs]
-    whole = [PERCENT * iou_whole(prediction, H, size) for prediction, H in pairs]
-    whole_image = [PERCENT * iou_whole(prediction, H, size, kind="image") for prediction, H in pairs]
-    errors = [projection_error(prediction, H, size) for prediction, H in pairs]
+    part = [PERCENT * iou_part(prediction, H, size, field=field) for prediction, H in pairs]
+    whole = [PERCENT * iou_whole(prediction, H, size, field=field) for prediction, H in pairs]
+    whole_image = [PERCENT * iou_whole(prediction, H, size, kind="image", field=field) for prediction, H in pairs]
+    errors = [projection_error(prediction, H, size, field=field) for prediction, H in pairs]
     metres = [error.mean for error in errors if np.isfinite(error.mean)]
     unseen = [PERCENT * error.unseen for error in errors if np.isfinite(error.unseen)]
     values = {"IoU_part": part, "IoU_whole": whole, "IoU_whole_image": whole_image, "projection_error_m": metres}

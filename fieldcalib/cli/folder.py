@@ -19,7 +19,6 @@ from fieldcalib.cli.run_record import RECORD, RunRecord
 from fieldcalib.cli.units import Made, processes_of, unit_size, units_of, work
 from fieldcalib.cli.waiting import waiting_for
 from fieldcalib.fields.field import Field
-from fieldcalib.fields.soccer import soccer
 from fieldcalib.geometry.camera import Camera
 from fieldcalib.io.files import MOST_BYTES, FrameFile, files_beside
 from fieldcalib.io.formats import ANNOTATIONS, CAMERAS
@@ -230,13 +229,12 @@ def _eq3_losses(
     field: Field, frames: Mapping[str, Pixels], calibrations: Mapping[str, Calibration]
 ) -> dict[str, float]:
     """The loss that the paper prints, for the frames that have a camera, each on the field that it was found on."""
-    cameras_on: dict[tuple[float, float], dict[str, Camera]] = {}
+    cameras_on: dict[Field, dict[str, Camera]] = {}
     for id, calibration in calibrations.items():
         if calibration.camera is not None:
-            pitch = calibration.field or field
-            cameras_on.setdefault((pitch.length, pitch.width), {})[id] = calibration.camera
+            cameras_on.setdefault(calibration.field or field, {})[id] = calibration.camera
     losses: dict[str, float] = {}
-    for size, cameras in cameras_on.items():
-        values = ndc_loss(list(cameras.values()), soccer(*size), [frames[id] for id in cameras], kind="eq3")
+    for pitch, cameras in cameras_on.items():
+        values = ndc_loss(list(cameras.values()), pitch, [frames[id] for id in cameras], kind="eq3")
         losses.update(zip(cameras, values.tolist(), strict=True))
     return losses

@@ -7,8 +7,9 @@ import sys
 import time
 from collections.abc import Callable
 
-from fieldcalib.cli.arguments import LENSES, cut_of, field_of, prior_of
+from fieldcalib.cli.arguments import LENSES, cut_of
 from fieldcalib.cli.declared import Placement
+from fieldcalib.cli.fields import field_of, prior_of
 from fieldcalib.cli.frames import Frame, checked_frames, load_network, say_note, video_threads
 from fieldcalib.cli.results import OVERLAY, Outcome, Results, calibration_line, result_folder
 from fieldcalib.cli.run_record import RunRecord

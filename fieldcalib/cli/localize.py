@@ -11,6 +11,7 @@ from typing import Any
 
 import fieldcalib
 from fieldcalib.cli.arguments import folder_name
+from fieldcalib.cli.fields import add_sized_field, field_of
 from fieldcalib.cli.frames import (
     Frame,
     ReadImage,
@@ -26,7 +27,6 @@ from fieldcalib.cli.inputs import add_inputs
 from fieldcalib.cli.results import LOCALIZED, Outcome, Results, finish, run_folder
 from fieldcalib.cli.run_record import RunRecord, recorded
 from fieldcalib.cli.units import Made, add_jobs, work
-from fieldcalib.fields.soccer import soccer
 from fieldcalib.io.files import FrameFile
 from fieldcalib.io.formats import ANNOTATIONS, VIDEOS
 from fieldcalib.io.image import Image
@@ -46,6 +46,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     add_inputs(parser, "images, folders and zips of them")
     parser.add_argument("--out", required=True, type=folder_name, metavar="DIR", help="where the annotations go")
+    add_sized_field(parser)
     add_network(parser)
     add_limits(parser)
     add_jobs(parser)
@@ -101,7 +102,7 @@ class FromImages:
 
     def _of_part(self, frames: Sequence[Frame]) -> list[Outcome]:
         images = [frame.image for frame in frames if frame.image is not None]
-        found = iter(localize(soccer(), images, self.network))
+        found = iter(localize(field_of(self.options), images, self.network))
         return [
             lost(frame, frame.problem) if frame.image is None else self._outcome(frame, frame.image, next(found))
             for frame in frames

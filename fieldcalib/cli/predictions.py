@@ -17,7 +17,6 @@ from fieldcalib.cli.folder import problem
 from fieldcalib.cli.units import units_of
 from fieldcalib.cli.waiting import waiting_for
 from fieldcalib.fields.field import Field
-from fieldcalib.fields.soccer import soccer
 from fieldcalib.geometry.rational import RationalCamera
 from fieldcalib.io.files import MOST_BYTES, BrokenFileError, FrameFile, parse_json_object, read_regular_file
 from fieldcalib.io.formats import ANNOTATIONS, CAMERAS, HOMOGRAPHIES, RECORDS
@@ -193,6 +192,7 @@ def read_ground_truth(
     size: tuple[int, int],
     broken: list[str],
     *,
+    field: Field,
     camera_type: str | None = None,
     most_bytes: float = MOST_BYTES,
     executor: Executor | None = None,
@@ -210,7 +210,7 @@ def read_ground_truth(
         if not chosen:
             raise ValueError(f"no frame is of type {camera_type!r}; there are {', '.join(sorted(set(types.values())))}")
     ids = {file.id for file in chosen}
-    parse = partial(_annotation, field=soccer(), size=size)
+    parse = partial(_annotation, field=field, size=size)
     annotations = read_files(chosen, parse, broken, most_bytes=most_bytes, executor=executor)
     found = [file for file in beside if file.id in ids]
     of_size = partial(HOMOGRAPHIES.read, image_size=size)

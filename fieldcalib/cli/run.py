@@ -16,15 +16,13 @@ from fieldcalib.cli.arguments import (
     LENSES,
     add_camera,
     add_cut,
-    add_field,
     add_format,
     cut_of,
-    field_of,
     folder_name,
-    prior_of,
 )
 from fieldcalib.cli.clips import is_clip, run_clip
 from fieldcalib.cli.declared import Placement, add_declarations
+from fieldcalib.cli.fields import add_field, field_of, prior_of
 from fieldcalib.cli.frames import (
     Frame,
     ReadImage,
@@ -112,6 +110,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(options: argparse.Namespace) -> int:
     """Calibrate; returns the exit code."""
+    prior_of(options)  # what is wrong with field and prior is said before the network is loaded
     runs = runs_of(options)
     return _run(runs[0]) if len(runs) == 1 else run_several(runs, _run, lambda one: not is_stream(one) and is_clip(one))
 

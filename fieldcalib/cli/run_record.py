@@ -55,7 +55,8 @@ class RunRecord:
         """The run of some options on some files; `more` is what else it depends on, as JSON."""
         kept = {name: value for name, value in recorded(options).items() if name not in ELSEWHERE}
         names = _digest([file.id for file in files])
-        contents = _digest([[*(file.state for file in files)], more])
+        of_field = FrameFile("", Path(getattr(options, "field", ""))).state  # -1 unless that is a file
+        contents = _digest([[*(file.state for file in files)], of_field, more])
         shard = None if options.shard is None else str(options.shard)
         return cls(options.command, kept, len(files), names, contents, unit, shard, tuple(writes))
 

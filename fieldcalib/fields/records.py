@@ -2,19 +2,21 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
-from dataclasses import asdict
-from typing import Any
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import MISSING, asdict, fields
+from typing import Any, TypeVar
 
 from fieldcalib._json import from_json, to_json
 from fieldcalib.fields.field import Field, built
-from fieldcalib.fields.segments import Arc, Line, Point, PointCloud
+from fieldcalib.fields.segments import Arc, Line, Point, PointCloud, Segment
 from fieldcalib.fields.soccer import soccer
 from fieldcalib.fields.stands import CameraDistribution
-from fieldcalib.fields.traits import LineLook, ProbabilityModel, SizePrior
+from fieldcalib.fields.traits import Halves, LineLook, ProbabilityModel, SizePrior
 
 BUILDERS: Mapping[str, Callable[..., Field]] = {"soccer": soccer}
-SEGMENTS = {kind.__name__: kind for kind in (Point, Line, Arc, PointCloud)}
+SEGMENTS: Mapping[str, type[Segment]] = {kind.__name__: kind for kind in (Point, Line, Arc, PointCloud)}
+
+T = TypeVar("T")
 
 
 def field_to_record(field: Field) -> dict[str, Any]:
@@ -46,34 +48,64 @@ def field_to_record(field: Field) -> dict[str, Any]:
 
 
 def field_from_record(record: Mapping[str, Any]) -> Field:
-    """The inverse of `field_to_record`.
+    """The inverse of `field_to_record`; what has a default in `Field` may be left out.
 
     Raises
     ------
     ValueError
-        If the builder is none of this package.
+        If the builder is none of this package, or what is wrong with which key.
+
+    Examples
+    --------
+    >>> line = {"kind": "Line", "start": [0, -5, 0], "end": [0, 5, 0]}
+    >>> field_from_record({"length": 20, "width": 10, "segments": {"Middle line": line}})
+    Field(length=20.0, width=10.0)
+    >>> field_from_record({"length": 20, "width": 10, "segments": {"Middle line": {"kind": "Line"}}})
+    Traceback (most recent call last):
+        ...
+    ValueError: segments: Middle line: expected start, end
     """
-    if "builder" in record:
-        return built(_builder(record["builder"]), record["length"], record["width"], record["size_known"])
-    model, probability = record["size_model"], record["probability"]
-    if model is not None:
-        ranges = {name: _ranges(model[name]) for name in ("legal", "usual")}
-        model = SizePrior(**{**model, **ranges, "build": _builder(model["build"])})
-    lines = {name: float(from_json(value)) for name, value in record["lines"].items() if name != "lighter"}
-    return Field(
-        record["length"],
-        record["width"],
-        {label: _segment(**one) for label, one in record["segments"].items()},
-        stands=tuple(_stand(**one) for one in record["stands"]),
-        more_stands=tuple(_stand(**one) for one in record["more_stands"]),
-        farthest_camera=float(from_json(record["farthest_camera"])),
-        scale=float(from_json(record["scale"])),
-        lines=LineLook(lighter=record["lines"]["lighter"], **lines),
-        halves=record["halves"],
-        size_model=model,
-        size_known=record["size_known"],
-        probability=None if probability is None else ProbabilityModel(tuple(probability)),
-    )
+    if isinstance(record, Mapping) and "builder" in record:
+        _check_keys(record, ("builder", "length", "width"), ("size_known",))
+        size = (_named("length", _number, record["length"]), _named("width", _number, record["width"]))
+        return built(_builder(record["builder"]), *size, _named("size_known", _truth, record.get("size_known", False)))
+    _check_keys(record, ("length", "width", "segments"), OPTIONAL)
+    length, width = (_named(name, _number, record[name]) for name in ("length", "width"))
+    segments = _named("segments", _segments, record["segments"])
+    more = {name: _named(name, parse, record[name]) for name, parse in OPTIONAL.items() if name in record}
+    return Field(length, width, segments, **more)
+
+
+def _named(name: str, parse: Callable[[Any], T], value: Any) -> T:
+    """What is parsed; errors name what it is."""
+    try:
+        return parse(value)
+    except (TypeError, ValueError, AttributeError) as error:
+        raise ValueError(f"{name}: {error}") from None
+
+
+def _check_keys(record: Mapping[str, Any], needed: Iterable[str], more: Iterable[str] = ()) -> None:
+    if not isinstance(record, Mapping):
+        raise ValueError(f"expected names with values, got {record!r}")
+    missing = [name for name in needed if name not in record]
+    if missing:
+        raise ValueError(f"expected {', '.join(missing)}")
+    unknown = record.keys() - {*needed, *more}
+    if unknown:
+        raise ValueError(f"unknown {', '.join(sorted(map(str, unknown)))}: expected {', '.join([*needed, *more])}")
+
+
+def _number(value: Any) -> float:
+    number = from_json(value)
+    if number.ndim:
+        raise ValueError(f"expected a number, got {value!r}")
+    return float(number)
+
+
+def _truth(value: Any) -> bool:
+    if not isinstance(value, bool):
+        raise ValueError(f"expected true or false, got {value!r}")
+    return value
 
 
 def _builder(name: str) -> Callable[..., Field]:
@@ -82,13 +114,60 @@ def _builder(name: str) -> Callable[..., Field]:
     return BUILDERS[name]
 
 
-def _segment(kind: str, **values: Any) -> Point | Line | Arc | PointCloud:
-    return SEGMENTS[kind](**values)
+def _segments(records: Any) -> dict[str, Segment]:
+    return {str(label): _named(str(label), _segment, one) for label, one in records.items()}
 
 
-def _stand(name: str, **ranges: Any) -> CameraDistribution:
-    return CameraDistribution(name, **{key: tuple(value) for key, value in ranges.items()})
+def _segment(record: Any) -> Segment:
+    _check_keys(record, ("kind",), record)
+    if record["kind"] not in SEGMENTS:
+        raise ValueError(f"expected a kind that is one of {', '.join(SEGMENTS)}, got {record['kind']!r}")
+    return _made(SEGMENTS[record["kind"]], {name: value for name, value in record.items() if name != "kind"})
 
 
-def _ranges(pairs: Any) -> Any:
-    return tuple(tuple(pair) for pair in pairs)
+def _made(kind: type[T], values: Any) -> T:
+    """A dataclass from its attributes."""
+    attributes = fields(kind)  # type: ignore[arg-type]
+    needed = [one.name for one in attributes if one.default is MISSING]
+    _check_keys(values, needed, [one.name for one in attributes if one.default is not MISSING])
+    return kind(**values)
+
+
+def _stands(records: Any) -> tuple[CameraDistribution, ...]:
+    return tuple(_named(f"stand {number}", _stand, one) for number, one in enumerate(records, 1))
+
+
+def _stand(record: Any) -> CameraDistribution:
+    return _made(CameraDistribution, {name: v if isinstance(v, str) else tuple(v) for name, v in record.items()})
+
+
+def _lines(record: Any) -> LineLook:
+    return _made(LineLook, {name: _truth(v) if name == "lighter" else _number(v) for name, v in record.items()})
+
+
+def _halves(record: Any) -> dict[str, Halves]:
+    return {circle: Halves(*parts) for circle, parts in record.items()}
+
+
+def _size_model(record: Any) -> SizePrior | None:
+    if record is None:
+        return None
+    ranges = {name: tuple(tuple(pair) for pair in record[name]) for name in ("legal", "usual") if name in record}
+    return _made(SizePrior, {**record, **ranges, "build": _builder(record.get("build"))})
+
+
+def _probability(coefficients: Any) -> ProbabilityModel | None:
+    return None if coefficients is None else ProbabilityModel(tuple(map(_number, coefficients)))  # type: ignore[arg-type]
+
+
+OPTIONAL: Mapping[str, Callable[[Any], Any]] = {
+    "stands": _stands,
+    "more_stands": _stands,
+    "farthest_camera": _number,
+    "scale": _number,
+    "lines": _lines,
+    "halves": _halves,
+    "size_model": _size_model,
+    "size_known": _truth,
+    "probability": _probability,
+}

@@ -1,0 +1,98 @@
+"""--field, --field-length, --field-width and --field-size: which field it is, and so which stands --prior may name."""
+
+from __future__ import annotations
+
+import argparse
+from dataclasses import replace
+from functools import lru_cache
+
+from fieldcalib.calibrate.options import ALL, Prior, checked_prior
+from fieldcalib.cli.arguments import NO_PRIOR, positive
+from fieldcalib.fields.catalogue import FIELDS, field_named
+from fieldcalib.fields.field import Field
+from fieldcalib.io.field_files import is_field_file, read_field
+from fieldcalib.io.files import BrokenFileError
+
+SOCCER = "soccer"
+KNOWN = "known"
+FIELD_SIZES = ("nominal", KNOWN)
+
+
+def add_field(parser: argparse.ArgumentParser) -> None:
+    """--field, --field-length, --field-width and --field-size."""
+    add_sized_field(parser)
+    parser.add_argument(
+        "--field-size",
+        choices=FIELD_SIZES,
+        default="nominal",
+        help="how well length and width are known; nominal: pitches differ, and the probabilities allow for that; "
+        "known: they were measured (nominal)",
+    )
+
+
+def add_sized_field(parser: argparse.ArgumentParser) -> None:
+    """--field, --field-length and --field-width."""
+    parser.add_argument(
+        "--field",
+        type=_name,
+        default=SOCCER,
+        metavar="NAME",
+        help=f"{', '.join(FIELDS)}, or a .yaml or .json file with one of your own ({SOCCER})",
+    )
+    sizes = {"length": "touchline in metres, where fields differ (soccer: 105)", "width": "goal line in metres (68)"}
+    for name, help in sizes.items():
+        parser.add_argument(f"--field-{name}", type=positive, metavar="M", help=help)
+
+
+def _name(text: str) -> str:
+    if text not in FIELDS and not is_field_file(text):
+        known = ", ".join(FIELDS)
+        raise argparse.ArgumentTypeError(f"expected {known}, or a .yaml or .json file, got {text!r}")
+    return text
+
+
+def field_of(options: argparse.Namespace) -> Field:
+    """The field that the options of `add_field` or `add_sized_field` describe.
+
+    Raises
+    ------
+    ValueError
+        If its file is none, or a size is given of a field that has one size.
+    """
+    field = _field(options.field)
+    length, width = options.field_length, options.field_width
+    if length is not None or width is not None:
+        if field.size_model is None:
+            raise ValueError(
+                f"--field {options.field} has one size, {field.length:g} x {field.width:g} m: leave out --field-length "
+                f"and --field-width"
+            )
+        field = field.resized(field.length if length is None else length, field.width if width is None else width)
+    known = getattr(options, "field_size", None) == KNOWN
+    return replace(field, size_known=True) if known else field
+
+
+def prior_of(options: argparse.Namespace) -> Prior:
+    """What --prior asks for.
+
+    Raises
+    ------
+    ValueError
+        If the field has no such stand.
+    """
+    if options.prior == NO_PRIOR:
+        return None
+    field, prior = field_of(options), str(options.prior)
+    known = (ALL, *field.named_stands)
+    if prior not in known:
+        raise ValueError(f"--prior {prior}: expected {', '.join(known)} or {NO_PRIOR}")
+    checked_prior(prior, field)
+    return prior
+
+
+@lru_cache(maxsize=1)
+def _field(name: str) -> Field:
+    try:
+        return field_named(name) if name in FIELDS else read_field(name)
+    except BrokenFileError as error:  # of the command line, not of the input
+        raise ValueError(str(error)) from None

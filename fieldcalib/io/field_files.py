@@ -1,0 +1,86 @@
+"""Fields in files of one's own: YAML or JSON, with the names that `Field` has."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+from fieldcalib.fields.field import Field
+from fieldcalib.fields.records import field_from_record, field_to_record
+from fieldcalib.io.files import BrokenFileError, parse_json_object, read_regular_file, write_text
+
+JSON, YAML = (".json",), (".yaml", ".yml")
+
+
+def is_field_file(name: str) -> bool:
+    """Whether a name is that of a file with a field, by its ending."""
+    return Path(name).suffix.lower() in (*JSON, *YAML)
+
+
+def read_field(path: Path | str) -> Field:
+    """A field from a file: its length, width and segments, and what else `Field` takes.
+
+    Parameters
+    ----------
+    path : path
+        A ``.yaml``, ``.yml`` or ``.json`` file with these names: `length` and `width` (metres), `segments` (label ->
+        `kind`, which is Point, Line, Arc or PointCloud, and what that takes), and, where they are not as by default,
+        `stands` and `more_stands` (lists of what `CameraDistribution` takes), `farthest_camera`, `scale`, `lines` (what
+        `LineLook` takes), `halves` and `size_known`.
+
+    Raises
+    ------
+    BrokenFileError
+        If it cannot be read, or is no field; the message begins with the path, and says what is wrong with what.
+
+    Examples
+    --------
+    >>> import tempfile
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     path = Path(folder) / "court.json"
+    ...     _ = path.write_text('{"length": 20, "width": 10, "segments": {"mark": {"kind": "Point", "X": [0, 0, 0]}}}')
+    ...     read_field(path)["mark"]
+    Point(X=(0.0, 0.0, 0.0))
+    """
+    path = Path(path)
+    try:
+        content = read_regular_file(path)
+        record = parse_json_object(content, "a field") if path.suffix.lower() in JSON else _parse_yaml(content)
+        return field_from_record(record)
+    except (BrokenFileError, ValueError) as error:
+        raise BrokenFileError(f"{path}: {error}") from None
+
+
+def write_field(path: Path | str, field: Field) -> None:
+    """Write a field, for `read_field`: a start for one's own.
+
+    Raises
+    ------
+    ValueError
+        If the file's name ends neither in .json nor in .yaml.
+    """
+    path = Path(path)
+    if not is_field_file(path.name):
+        raise ValueError(f"expected a name that ends in .yaml or .json, got {path.name!r}")
+    write_text(path, (_format_json if path.suffix.lower() in JSON else _format_yaml)(field_to_record(field)))
+
+
+def _format_json(record: Any) -> str:
+    return json.dumps(record, indent=2, allow_nan=False) + "\n"
+
+
+def _format_yaml(record: Any) -> str:
+    import yaml
+
+    plain = json.loads(json.dumps(record, allow_nan=False))  # lists for tuples
+    return str(yaml.safe_dump(plain, sort_keys=False, default_flow_style=None, width=120))
+
+
+def _parse_yaml(content: bytes) -> Any:
+    import yaml
+
+    try:
+        return yaml.safe_load(content)
+    except yaml.YAMLError as error:
+        raise BrokenFileError(f"is no YAML: {error}") from None

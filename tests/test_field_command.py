@@ -1,0 +1,96 @@
+"""Other fields than soccer's on the command line."""
+
+import json
+
+import numpy as np
+import pytest
+from commands import lines_of, run
+
+from fieldcalib import Camera
+from fieldcalib.fields import tennis
+from fieldcalib.io.field_files import write_field
+from fieldcalib.io.results import read_results
+from fieldcalib.io.soccernet import format_annotation
+
+SIZE = (1280, 720)
+TRUTH = Camera.from_angles(np.pi / 2.0, 1.2, 0.0, 1500.0, (-30.0, 0.0, -8.0), SIZE)
+
+
+def labelled(camera, field):
+    pixels = {label: camera.project(segment.sample(1.0)) for label, segment in field.items()}
+    inside = {label: xy[np.all((xy > 0) & (xy < np.array(SIZE) - 1), axis=1)] for label, xy in pixels.items()}
+    return {label: xy for label, xy in inside.items() if len(xy) > 1}
+
+
+@pytest.fixture
+def court(tmp_path):
+    """A frame of a tennis court."""
+    folder = tmp_path / "in"
+    folder.mkdir()
+    (folder / "a.json").write_text(format_annotation(labelled(TRUTH, tennis()), SIZE))
+    return folder
+
+
+@pytest.fixture
+def own(tmp_path):
+    write_field(tmp_path / "own.yaml", tennis())
+    return tmp_path / "own.yaml"
+
+
+def calibrate(court, out, *options):
+    return run("calibrate", court, "--size", "1280x720", "--out", out, *options)
+
+
+def test_a_court_by_name_and_by_file(court, own, tmp_path, capsys):
+    assert calibrate(court, tmp_path / "named", "--field", "tennis") == 0
+    assert calibrate(court, tmp_path / "own", "--field", own) == 0
+    (named,), (of_file,) = lines_of(tmp_path / "named"), lines_of(tmp_path / "own")
+    assert named["verdict"] == "good"
+    np.testing.assert_allclose(named["C"], TRUTH.C, atol=0.05)
+    assert named["C"] == of_file["C"]
+    assert read_results(tmp_path / "own")["a"].field == tennis()
+    capsys.readouterr()
+    assert run("evaluate", tmp_path / "named", court, "--field", "tennis", "--json") == 0
+    report = json.loads(capsys.readouterr().out)
+    assert report["AC"]["5"] == 100.0
+    assert "Net bottom" in report["segments"]
+
+
+@pytest.mark.parametrize("method", ["baselines.dlt_lines", "baselines.tvcalib"])
+def test_baselines_take_it_too(court, tmp_path, method):
+    from importlib import import_module
+
+    out = tmp_path / "out"
+    options = ["--size", "1280x720", "--field", "tennis", "--out", str(out)]
+    assert import_module(method).main([str(court), *options]) == 0
+    assert len(lines_of(out)) == 1
+
+
+def test_another_file_is_another_run(court, own, tmp_path, capsys):
+    out = tmp_path / "out"
+    assert calibrate(court, out, "--field", own) == 0
+    own.write_text(own.read_text() + "# changed\n")
+    assert calibrate(court, out, "--field", own, "--resume") == 2
+    assert "have other sizes or times" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        (["--field", "golf"], "argument --field: expected soccer, "),
+        (["--field", "none.yaml"], "fieldcalib: none.yaml: cannot be read"),
+        (["--field", "tennis", "--field-length", "20"], "--field tennis has one size, 23.77 x 10.97 m"),
+        (["--field", "tennis", "--prior", "umpire"], "--prior umpire: expected all, main center, "),
+    ],
+)
+def test_what_cannot_be(court, tmp_path, capsys, options, message):
+    assert calibrate(court, tmp_path / "out", *options) == 2
+    assert message in capsys.readouterr().err
+    assert not (tmp_path / "out").exists()
+
+
+def test_a_network_for_another_field(tmp_path, capsys):
+    (tmp_path / "a.png").write_bytes(b"")
+    assert run("run", tmp_path / "a.png", "--field", "tennis", "--out", tmp_path / "out") in (1, 2)
+    assert run("run", tmp_path / "a.png", "--field", "tennis", "--prior", "x", "--out", tmp_path / "out") == 2
+    assert "--prior x: expected all" in capsys.readouterr().err

@@ -1,0 +1,111 @@
+"""Fields in files of one's own: what is read is what was written, and errors say what is wrong with what."""
+
+import json
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from fieldcalib import soccer
+from fieldcalib.fields import FIELDS, field_named
+from fieldcalib.io.field_files import read_field, write_field
+from fieldcalib.io.files import BrokenFileError
+
+COURT = """
+length: 28.0
+width: 15
+segments:
+  Middle line: {kind: Line, start: [0, -7.65, 0], end: [0, 7.65, 0]}
+  Circle central: {kind: Arc, center: [0, 0, 0], radius: 1.775}
+  Three-point arc right: {kind: Arc, center: [12.425, 0, 0], radius: 6.725, start: 1.75, stop: 4.53}
+  Centre: {kind: Point, X: [0, 0, 0]}
+  Logo: {kind: PointCloud, points: [[0, 0, 0], [1, 0.1, 0], [2, 0.4, 0]], ordered: true}
+stands:
+  - {name: seats, pan: [-40, 40], tilt: [50, 88], roll: [-5, 5], fov: [15, 70], x: [-14, 14], y: [12, 35], z: [-12, -2]}
+farthest_camera: 60
+lines: {width: 0.05, ground_difference: inf}
+size_known: true
+"""
+
+
+@pytest.mark.parametrize("suffix", [".yaml", ".yml", ".json"])
+@pytest.mark.parametrize("name", FIELDS)
+def test_every_field_is_read_as_it_was_written(tmp_path, name, suffix):
+    field, path = field_named(name), tmp_path / f"field{suffix}"
+    write_field(path, field)
+    assert read_field(path) == field
+    write_field(path, replace(field, size_model=None))  # with all segments in the file
+    assert read_field(path) == replace(field, size_model=None)
+
+
+def test_a_court_of_ones_own(tmp_path):
+    path = tmp_path / "court.yaml"
+    path.write_text(COURT)
+    field = read_field(path)
+    assert (field.length, field.width, field.farthest_camera, field.size_known) == (28.0, 15.0, 60.0, True)
+    assert list(field) == ["Middle line", "Circle central", "Three-point arc right", "Centre", "Logo"]
+    assert field["Three-point arc right"].radius == 6.725
+    assert field.stands[0].y == (12, 35)
+    assert (field.lines.width, field.lines.ground_difference, field.lines.lighter) == (0.05, np.inf, True)
+    assert field.scale == pytest.approx(0.32 * np.hypot(28.0, 15.0))
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "message"),
+    [
+        ("length: 28.0", "", "expected length$"),
+        ("length: 28.0", "length: long", "length: could not convert string to float: 'long'"),
+        ("length: 28.0", "length: [1, 2]", "length: expected a number"),
+        ("length: 28.0", "length: -28.0", "a Field needs a positive length in metres, got -28.0"),
+        ("width: 15", "witdh: 15", "expected width$"),
+        ("size_known: true", "colour: red", "unknown colour: expected length, width, segments, stands"),
+        ("size_known: true", "size_known: 1", "size_known: expected true or false, got 1"),
+        (
+            "kind: Line",
+            "kind: Lin",
+            "segments: Middle line: expected a kind that is one of Point, Line, Arc, PointCloud",
+        ),
+        (", end: [0, 7.65, 0]", "", "segments: Middle line: expected end$"),
+        ("[0, 7.65, 0]", "[0, 7.65]", "segments: Middle line: the end of a Line needs three finite coordinates"),
+        ("[0, 7.65, 0]", "[0, -7.65, 0]", "segments: Middle line: a Line needs two different end points"),
+        ("radius: 1.775", "radius: round", "segments: Circle central: "),
+        (
+            "radius: 1.775",
+            "radius: 1.775, colour: red",
+            "segments: Circle central: unknown colour: expected center, radius",
+        ),
+        ("pan: [-40, 40], ", "", "stands: stand 1: expected pan$"),
+        ("pan: [-40, 40]", "pan: 40", "stands: stand 1: "),
+        ("width: 0.05", "width: 0", "lines: the width of a LineLook must be positive"),
+        ("length: 28.0", "length: [28.0", "is no YAML"),
+    ],
+)
+def test_what_is_wrong_is_said(tmp_path, old, new, message):
+    path = tmp_path / "court.yaml"
+    assert old in COURT
+    path.write_text(COURT.replace(old, new, 1))
+    with pytest.raises(BrokenFileError, match=message) as raised:
+        read_field(path)
+    assert str(raised.value).startswith(f"{path}: ")
+
+
+@pytest.mark.parametrize(("name", "content"), [("a.yaml", ""), ("a.yaml", "- 1"), ("a.json", "[1]"), ("a.json", "{")])
+def test_what_is_no_field(tmp_path, name, content):
+    (tmp_path / name).write_text(content)
+    with pytest.raises(BrokenFileError, match=r"a\.yaml: expected|a\.json: "):
+        read_field(tmp_path / name)
+
+
+def test_what_a_field_is_written_to(tmp_path):
+    with pytest.raises(ValueError, match=r"expected a name that ends in .yaml or .json, got 'field.txt'"):
+        write_field(tmp_path / "field.txt", soccer())
+    assert list(tmp_path.iterdir()) == []
+    write_field(tmp_path / "field.json", soccer(100, 64))
+    assert json.loads((tmp_path / "field.json").read_text())["builder"] == "soccer"
+
+
+def test_python_objects_in_yaml_are_not_made(tmp_path):
+    path = tmp_path / "court.yaml"
+    path.write_text("!!python/object/apply:os.system ['true']")
+    with pytest.raises(BrokenFileError, match="is no YAML"):
+        read_field(path)
