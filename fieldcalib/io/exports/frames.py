@@ -1,0 +1,94 @@
+"""Frames with and without cameras as they are exported, and what a format cannot hold of a camera."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import TypeAlias
+
+import numpy as np
+
+from fieldcalib._types import Array
+from fieldcalib.geometry.camera import Camera
+from fieldcalib.geometry.lens import COEFFICIENTS, opencv_vector
+from fieldcalib.geometry.projective import dehomogenize, homogenize
+
+Frames: TypeAlias = Mapping[str, Camera | None]  # by id, in the order of the frames; None: without camera
+
+IMAGE_NAMES = "<id>.jpg"
+PIXELS_PER_AXIS = 17  # of the grid on which two cameras are compared
+
+
+def with_cameras(frames: Frames) -> dict[str, Camera]:
+    """The frames that have a camera.
+
+    Raises
+    ------
+    ValueError
+        If there is none.
+    """
+    found = {id: camera for id, camera in frames.items() if camera is not None}
+    if not found:
+        raise ValueError(f"there is no camera to export: none of {len(frames)} frames has one")
+    return found
+
+
+def image_name(pattern: str, id: str) -> str:
+    """The name of a frame's image: the pattern with the id in place of ``<id>``.
+
+    Raises
+    ------
+    ValueError
+        If the pattern has no ``<id>``.
+
+    Examples
+    --------
+    >>> image_name("images/<id>.png", "00001")
+    'images/00001.png'
+    """
+    if "<id>" not in pattern:
+        raise ValueError(f"expected a name with <id> in it, as images/<id>.png, got {pattern!r}")
+    return pattern.replace("<id>", id)
+
+
+def lens_coefficients(id: str, camera: Camera, names: Sequence[str], tool: str) -> list[float]:
+    """The coefficients of the lens that a format has, by OpenCV's names.
+
+    Raises
+    ------
+    ValueError
+        If the lens has others that are not 0.
+
+    Examples
+    --------
+    >>> camera = Camera.from_angles(0.0, 1.3, 0.0, 1500.0, (0, 56, -15), (960, 540), k=(0.1, 0, 0, 0, 0.2))
+    >>> lens_coefficients("00001", camera, ("k1", "k2"), "the format")
+    Traceback (most recent call last):
+        ...
+    ValueError: frame 00001: the format has k1, k2 of a lens, this one has k3 = 0.2 too: undistort the images, or ...
+    """
+    values = dict(zip(COEFFICIENTS, opencv_vector(camera.dist).tolist(), strict=True))
+    others = [f"{name} = {value:.4g}" for name, value in values.items() if value and name not in names]
+    if others:
+        raise ValueError(
+            f"frame {id}: {tool} has {', '.join(names)} of a lens, this one has {', '.join(others)} too: undistort the "
+            f"images, or calibrate with a simpler lens"
+        )
+    return [values[name] for name in names]
+
+
+def farthest_shift(camera: Camera, K: Array) -> float:
+    """By how many pixels at most a point of the image moves if intrinsics K without a lens take the camera's place.
+
+    NaN where no ray through the lens meets any pixel.
+
+    Examples
+    --------
+    >>> camera = Camera.from_angles(0.0, 1.3, 0.0, 1500.0, (0, 56, -15), (960, 540))
+    >>> farthest_shift(camera, camera.K + [[0.0, 0.0, 3.0], [0.0, 0.0, 4.0], [0.0, 0.0, 0.0]])
+    5.0
+    """
+    axes = (np.linspace(0.0, size - 1.0, PIXELS_PER_AXIS) for size in camera.image_size)
+    xy = np.stack(np.meshgrid(*axes), axis=-1).reshape(-1, 2)
+    moved = dehomogenize(homogenize(camera.normalized(xy)) @ K.T)
+    distances = np.linalg.norm(moved - xy, axis=-1)
+    return float(np.max(distances[np.isfinite(distances)], initial=-np.inf)) if np.isfinite(distances).any() else np.nan
