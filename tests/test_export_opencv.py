@@ -41,7 +41,8 @@ def test_files_of_the_calibration_sample(tmp_path, ending):
     np.testing.assert_array_equal(found.camera_matrix, K)
     np.testing.assert_array_equal(found.dist_coeffs, DIST)
     assert found.image_size == (960, 540)
-    assert found.rvec is None and found.tvec is None
+    assert found.rvec is None
+    assert found.tvec is None
     with pytest.raises(ValueError, match="the file has intrinsics only"):
         _ = found.camera
 

@@ -13,6 +13,7 @@ COMMANDS = {
     "localize": "find the markings in images",
     "calibrate": "calibrate annotated frames",
     "evaluate": "score cameras or homographies against annotations",
+    "export": "write cameras in the formats of other tools",
     "join": "put the results of shards together",
     "demo": "calibrate a synthetic pan over a pitch and draw it",
 }

@@ -1,0 +1,159 @@
+"""`fieldcalib export`: the cameras of a run in the formats of other tools."""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from collections.abc import Callable, Mapping
+from pathlib import Path
+
+import numpy as np
+
+from fieldcalib.assess.result import Verdict
+from fieldcalib.cli.arguments import folder_name, positive
+from fieldcalib.cli.results import counted
+from fieldcalib.geometry.camera import Camera
+from fieldcalib.io.exports.blender import blender_error, blender_files
+from fieldcalib.io.exports.colmap import colmap_files
+from fieldcalib.io.exports.frames import IMAGE_NAMES, Frames, with_cameras
+from fieldcalib.io.exports.freed import freed_error, freed_files
+from fieldcalib.io.exports.nerfstudio import nerfstudio_files
+from fieldcalib.io.exports.opencv import opencv_files
+from fieldcalib.io.exports.soccernet import gamestate_files, soccernet_files, tvcalib_files
+from fieldcalib.io.exports.table import table_files
+from fieldcalib.io.files import remove_temporaries, write_bytes
+from fieldcalib.io.output_folder import output_folder
+from fieldcalib.io.results import Results, read_results
+
+FORMATS: Mapping[str, Callable[..., dict[str, bytes]]] = {
+    "opencv": opencv_files,
+    "colmap": colmap_files,
+    "nerfstudio": nerfstudio_files,
+    "blender": blender_files,
+    "freed": freed_files,
+    "soccernet": soccernet_files,
+    "tvcalib": tvcalib_files,
+    "gsr": gamestate_files,
+    "csv": table_files,
+}
+# Options of the command that are a function's keyword, and the formats that have them.
+OPTIONS = {
+    "image_names": ("colmap", "nerfstudio"),
+    "fps": ("blender",),
+    "sensor_width": ("blender", "freed"),
+    "sequence": ("gsr",),
+}
+# What formats cannot hold at all: by how many pixels the image moves without it.
+LOST: Mapping[str, tuple[str, Callable[[Camera], float]]] = {
+    "blender": ("Blender's camera has no lens distortion", blender_error),
+    "freed": ("FreeD has neither lens distortion nor principal point", freed_error),
+}
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Describe the command, add its arguments and set ``run``, a function of them that gives the exit code."""
+    parser.description = "Write the cameras that calibrate or run found in the format of another tool."
+    parser.add_argument("folder", type=Path, metavar="DIR", help="what calibrate or run wrote")
+    parser.add_argument("--format", required=True, choices=FORMATS, help="of the files")
+    parser.add_argument("--out", type=folder_name, metavar="PATH", help="folder for the files (DIR/FORMAT)")
+    parser.add_argument("--overwrite", action="store_true", help="replace files that are there")
+    parser.add_argument("--frames", nargs="+", metavar="ID", help="these only (all)")
+    parser.add_argument(
+        "--keep-rejected", action="store_true", help='also cameras whose verdict is "reject"; else these are gaps'
+    )
+    parser.add_argument(
+        "--image-names",
+        metavar="NAME",
+        help=f"of colmap and nerfstudio: names of the images, with <id> in it ({IMAGE_NAMES})",
+    )
+    parser.add_argument("--fps", type=positive, metavar="N", help="of blender: frames per second (25)")
+    parser.add_argument(
+        "--sensor-width",
+        type=positive,
+        metavar="MM",
+        help="of blender and freed: width of the sensor, to which the focal length in mm refers (36)",
+    )
+    parser.add_argument(
+        "--sequence",
+        metavar="DIGITS",
+        help="of gsr: what ids of images begin with, the digit of the split and the number of the video, as 3116",
+    )
+    parser.set_defaults(run=run)
+
+
+def run(options: argparse.Namespace) -> int:
+    """Export; returns the exit code."""
+    keywords = _keywords(options)
+    results = read_results(options.folder)
+    frames = _frames(results, options)
+    if options.format == "csv":
+        keywords["about"] = {line["id"]: line for line in results.lines}
+    try:
+        files = FORMATS[options.format](frames, **keywords)
+    except ValueError as error:
+        raise ValueError(f"{options.folder}: {error}") from error
+    base = options.folder if options.folder.is_dir() else options.folder.parent
+    out = options.out or base / options.format
+    _write(files, out, options.overwrite)
+    _say(frames, out, options.format)
+    return 0
+
+
+def _keywords(options: argparse.Namespace) -> dict[str, object]:
+    """What is passed on to the format's function.
+
+    Raises
+    ------
+    ValueError
+        If an option is of other formats.
+    """
+    given = {name: getattr(options, name) for name in OPTIONS if getattr(options, name) is not None}
+    for name in given:
+        if options.format not in OPTIONS[name]:
+            raise ValueError(f"--{name.replace('_', '-')} is of {' and '.join(OPTIONS[name])}, not of {options.format}")
+    return given
+
+
+def _frames(results: Results, options: argparse.Namespace) -> Frames:
+    """The frames that are asked for, with the cameras that may be used."""
+    lines = {line["id"]: line for line in results.lines}
+    ids = list(lines) if options.frames is None else list(dict.fromkeys(options.frames))
+    unknown = [id for id in ids if id not in lines]
+    if unknown:
+        known = f", its frames are {next(iter(lines))} to {next(reversed(lines))}" if lines else ", it has none"
+        raise ValueError(f"{options.folder} has no frame {', '.join(unknown)}{known}")
+    rejected = {id for id in ids if lines[id].get("verdict") == Verdict.REJECT and results[id].camera is not None}
+    if rejected and not options.keep_rejected:
+        print(
+            f'fieldcalib: {counted(len(rejected), "camera")} left out, whose verdict is "{Verdict.REJECT}"; '
+            f"--keep-rejected exports them too",
+            file=sys.stderr,
+        )
+    left_out = set() if options.keep_rejected else rejected
+    return {id: results[id].camera if id in results and id not in left_out else None for id in ids}
+
+
+def _write(files: Mapping[str, bytes], out: Path, overwrite: bool) -> None:
+    for name in files:
+        if Path(name).name != name:
+            raise ValueError(f"{name!r} is no name of a file: rename the frame, or choose a format with one file")
+    with output_folder(out):
+        remove_temporaries(out)
+        there = [name for name in files if (out / name).exists()]
+        if there and not overwrite:
+            raise FileExistsError(f"{out} has {there[0]} already: give --overwrite to replace it, or another --out")
+        for name, content in files.items():
+            write_bytes(out / name, content)
+
+
+def _say(frames: Frames, out: Path, format: str) -> None:
+    cameras = with_cameras(frames)
+    print(f"{counted(len(cameras), 'camera')} of {counted(len(frames), 'frame')} in {out}")
+    if format in LOST:
+        what, error = LOST[format]
+        shifts = [error(camera) for camera in cameras.values()]
+        worst, at = max(zip(shifts, cameras, strict=True), key=lambda one: np.nan_to_num(one[0], nan=np.inf))
+        if worst > 0.0:
+            print(
+                f"fieldcalib: {what}: without it the image moves by up to {worst:.1f} px (frame {at})", file=sys.stderr
+            )

@@ -1,0 +1,164 @@
+"""A script for Blender that makes an animated camera: ``blender --python camera.py``, or run in its text editor.
+
+World: metres, x right, y away from the main camera, z up. The edges of Blender's image are half a pixel outside the
+centres of the outermost pixels, so that with a principal point c of ours and an image of w x h
+
+    lens = fx sensor_width / w      shift_x = (w / 2 - (cx + 1/2)) / w
+    fy / fx = pixel_aspect_x / pixel_aspect_y      shift_y = (cy + 1/2 - h / 2) / w pixel_aspect_y / pixel_aspect_x
+
+Blender's camera has no distortion: see `blender_error`.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterable
+from typing import Any
+
+import numpy as np
+
+from fieldcalib._types import Array
+from fieldcalib.geometry.camera import Camera
+from fieldcalib.io.exports.axes import camera_to_world
+from fieldcalib.io.exports.frames import Frames, farthest_shift, with_cameras
+
+SAME_ASPECT = 1e-9  # relative
+FIRST_FRAME = 1  # Blender's number of a film's first frame
+
+SCRIPT = '''\
+"""An animated camera, calibrated by fieldcalib: run it in Blender, or `blender --python camera.py`.
+
+World: metres, origin at the centre of the field, x right, y away from the main camera, z up. Frames without a key had
+no camera: Blender interpolates there. The lens distortion (k1, k2, p1, p2, k3, ... of OpenCV) is in CAMERAS only.
+"""
+
+import json
+
+import bpy
+
+SETTINGS = json.loads("""%(settings)s""")
+CAMERAS = json.loads("""
+%(cameras)s
+""")
+
+
+def main():
+    scene = bpy.context.scene
+    render = scene.render
+    render.resolution_x, render.resolution_y = SETTINGS["image_size"]
+    render.resolution_percentage = 100
+    render.pixel_aspect_x, render.pixel_aspect_y = SETTINGS["pixel_aspect"]
+    render.fps, render.fps_base = SETTINGS["fps"], SETTINGS["fps_base"]
+    scene.unit_settings.system, scene.unit_settings.scale_length = "METRIC", 1.0
+    scene.frame_start, scene.frame_end = CAMERAS[0]["frame"], CAMERAS[-1]["frame"]
+
+    lens = bpy.data.cameras.new("fieldcalib")
+    lens.sensor_fit, lens.sensor_width = "HORIZONTAL", SETTINGS["sensor_width"]
+    lens.clip_start, lens.clip_end = 0.1, 1000.0
+    camera = bpy.data.objects.new("fieldcalib", lens)
+    camera.rotation_mode = "QUATERNION"
+    scene.collection.objects.link(camera)
+    scene.camera = camera
+
+    edit = bpy.context.preferences.edit
+    interpolation, edit.keyframe_new_interpolation_type = edit.keyframe_new_interpolation_type, "LINEAR"
+    for one in CAMERAS:
+        camera.location, camera.rotation_quaternion = one["location"], one["quaternion"]
+        lens.lens, (lens.shift_x, lens.shift_y) = one["lens"], one["shift"]
+        for path in ("location", "rotation_quaternion"):
+            camera.keyframe_insert(path, frame=one["frame"])
+        for path in ("lens", "shift_x", "shift_y"):
+            lens.keyframe_insert(path, frame=one["frame"])
+    edit.keyframe_new_interpolation_type = interpolation
+    scene.frame_set(scene.frame_start)
+
+
+main()
+'''
+
+
+def blender_files(frames: Frames, fps: float = 25.0, sensor_width: float = 36.0) -> dict[str, bytes]:
+    """``camera.py``: a script that makes the camera, with a key for every frame that has one.
+
+    Frames that are numbers, as those of videos, keep them: frame 0 is Blender's frame 1. Others are counted from 1.
+
+    Parameters
+    ----------
+    frames : mapping of str to Camera or None
+    fps : float
+        Frames per second.
+    sensor_width : float
+        Width of the sensor in mm. The picture does not depend on it, but the focal length in mm does.
+
+    Raises
+    ------
+    ValueError
+        If no frame has a camera, or cameras differ in the size of the image or in fy / fx: a scene has one of each.
+    """
+    cameras = with_cameras(frames)
+    first_id, first = next(iter(cameras.items()))
+    aspect = first.K[1, 1] / first.K[0, 0]
+    for id, camera in cameras.items():
+        if camera.image_size != first.image_size:
+            raise ValueError(
+                f"Blender has one size of images: {first_id} has {first.image_size}, {id} {camera.image_size}; "
+                f"export them one by one"
+            )
+        if abs(camera.K[1, 1] / camera.K[0, 0] / aspect - 1.0) > SAME_ASPECT:
+            raise ValueError(
+                f"Blender has one aspect ratio of pixels: {first_id} and {id} differ; export them one by one"
+            )
+    whole = max(round(fps), 1)
+    settings = {
+        "image_size": first.image_size,
+        "pixel_aspect": (aspect, 1.0) if aspect >= 1.0 else (1.0, 1.0 / aspect),  # Blender's are 1 or more
+        "sensor_width": sensor_width,
+        "fps": whole,
+        "fps_base": whole / fps,
+    }
+    numbers = _frame_numbers(frames)
+    poses = {id: camera_to_world(camera) for id, camera in cameras.items()}
+    quaternions = _continuous_quaternions(poses.values())
+    keys = [
+        {"frame": numbers[id], **_key(camera, sensor_width, poses[id], quaternion, aspect)}
+        for (id, camera), quaternion in zip(cameras.items(), quaternions, strict=True)
+    ]
+    keys.sort(key=lambda one: one["frame"])
+    lines = "[\n" + ",\n".join(json.dumps(one) for one in keys) + "\n]"
+    return {"camera.py": (SCRIPT % {"settings": json.dumps(settings), "cameras": lines}).encode()}
+
+
+def blender_error(camera: Camera) -> float:
+    """By how many pixels at most a point of the image moves without the lens: Blender's camera has none."""
+    return farthest_shift(camera, camera.K)
+
+
+def _frame_numbers(frames: Frames) -> dict[str, int]:
+    if all(id.isdecimal() for id in frames):
+        numbers = {id: int(id) + FIRST_FRAME for id in frames}
+        if len(set(numbers.values())) == len(numbers):  # not "1" and "01"
+            return numbers
+    return {id: number for number, id in enumerate(frames, start=FIRST_FRAME)}
+
+
+def _key(camera: Camera, sensor_width: float, pose: Array, quaternion: Array, aspect: float) -> dict[str, Any]:
+    width, height = camera.image_size
+    x, y = camera.principal_point + 0.5  # from the edges of the image
+    return {
+        "lens": camera.focal_length * sensor_width / width,
+        "shift": [float((width / 2 - x) / width), float((y - height / 2) / width / aspect)],
+        "location": pose[:3, 3].tolist(),
+        "quaternion": quaternion.tolist(),
+        "distortion": camera.dist[0].tolist(),
+    }
+
+
+def _continuous_quaternions(poses: Iterable[Array]) -> list[Array]:
+    """Quaternions (w, x, y, z) of 4 x 4 poses, each with the sign that is nearer to the one before."""
+    from scipy.spatial.transform import Rotation  # a slow import
+
+    quaternions: list[Array] = []
+    for pose in poses:
+        q = Rotation.from_matrix(pose[:3, :3]).as_quat()[[3, 0, 1, 2]]
+        quaternions.append(-q if quaternions and np.dot(q, quaternions[-1]) < 0.0 else q)
+    return quaternions

@@ -1,0 +1,94 @@
+"""Files of the SoccerNet family: its cameras, those of TVCalib, and those of a game state (sn-gamestate, tracklab)."""
+
+from __future__ import annotations
+
+import json
+from typing import Any
+
+from fieldcalib.geometry.camera import Camera
+from fieldcalib.io.exports.frames import Frames, with_cameras
+from fieldcalib.io.formats import CAMERAS
+from fieldcalib.io.soccernet import camera_to_record, format_camera
+from fieldcalib.io.tvcalib import TVCalibRecord, format_per_sample_output
+
+GAMESTATE_SIZE = (1920, 1080)  # of its images; its tools take no size from the file
+CAMERA_CATEGORY = 6
+
+
+def soccernet_files(frames: Frames) -> dict[str, bytes]:
+    """``camera_<id>.json`` for every camera, for images of the camera's own size.
+
+    Raises
+    ------
+    ValueError
+        If no frame has a camera.
+    """
+    return {CAMERAS.file_name(id): format_camera(camera).encode() for id, camera in with_cameras(frames).items()}
+
+
+def tvcalib_files(frames: Frames) -> dict[str, bytes]:
+    """``per_sample_output.json``, a line for every frame; one without camera has neither camera nor homography.
+
+    The homography is that of the pinhole, as in TVCalib's own files.
+
+    Raises
+    ------
+    ValueError
+        If no frame has a camera.
+    """
+    with_cameras(frames)
+    records = [
+        TVCalibRecord(id, camera, None if camera is None else camera.homography) for id, camera in frames.items()
+    ]
+    return {"per_sample_output.json": format_per_sample_output(records).encode()}
+
+
+def gamestate_files(frames: Frames, sequence: str = "") -> dict[str, bytes]:
+    """Predictions of a game state, ``SNGS-<video>.json``, as tracklab writes them.
+
+    Cameras are scaled to images of 1920 x 1080. Frames without camera have no parameters. Without a sequence the file
+    is called ``gamestate.json``.
+
+    Parameters
+    ----------
+    frames : mapping of str to Camera or None
+        Ids are those of the files in ``img1``, or whole ids of images where no sequence is given.
+    sequence : str
+        What ids of images begin with: the digit of the split and the number of the video, as 3116.
+
+    Raises
+    ------
+    ValueError
+        If no frame has a camera, an image is not 16:9, or the sequence is no number.
+
+    Examples
+    --------
+    >>> camera = Camera.from_angles(0.0, 1.3, 0.0, 1500.0, C=(0, 60, -15), image_size=(960, 540))
+    >>> content = gamestate_files({"000001": camera}, "3116")["SNGS-116.json"]
+    >>> (prediction,) = json.loads(content)["predictions"]
+    >>> prediction["image_id"], prediction["video_id"], prediction["parameters"]["x_focal_length"]
+    ('3116000001', '116', 3000.0)
+    """
+    if sequence and not sequence.isdecimal():
+        raise ValueError(f"expected the digit of the split and the number of the video, as 3116, got {sequence!r}")
+    for id, camera in with_cameras(frames).items():
+        width, height = camera.image_size
+        if width * GAMESTATE_SIZE[1] != height * GAMESTATE_SIZE[0]:
+            raise ValueError(
+                f"frame {id}: a game state has images of 1920x1080, this one is {width}x{height}: not 16:9"
+            )
+    predictions = [_prediction(sequence + id, sequence[1:], camera) for id, camera in frames.items()]
+    name = f"SNGS-{sequence[1:]}.json" if sequence else "gamestate.json"
+    return {name: (json.dumps({"predictions": predictions}, indent=2) + "\n").encode()}
+
+
+def _prediction(image_id: str, video_id: str, camera: Camera | None) -> dict[str, Any]:
+    parameters = {} if camera is None else {"parameters": camera_to_record(camera.scaled(GAMESTATE_SIZE))}
+    return {
+        "id": f"{image_id}01",
+        "image_id": image_id,
+        "video_id": video_id,
+        "supercategory": "camera",
+        "category_id": CAMERA_CATEGORY,
+        **parameters,
+    }

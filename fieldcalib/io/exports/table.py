@@ -1,0 +1,63 @@
+"""Cameras as a table: ``cameras.csv``, a row for every frame."""
+
+from __future__ import annotations
+
+import csv
+import io
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+
+from fieldcalib.geometry.camera import Camera
+from fieldcalib.geometry.lens import COEFFICIENTS, opencv_vector
+from fieldcalib.io.exports.frames import Frames, with_cameras
+
+CAMERA_COLUMNS = (
+    *("width", "height", "fx", "fy", "cx", "cy"),  # pixels
+    *("pan_degrees", "tilt_degrees", "roll_degrees"),
+    *("x", "y", "z"),  # metres
+    *COEFFICIENTS,
+)
+ABOUT = ("status", "verdict", "basis", "rms_px", "probability_right_1m")  # of the lines of a run
+
+
+def table_files(frames: Frames, about: Mapping[str, Mapping[str, Any]] | None = None) -> dict[str, bytes]:
+    """``cameras.csv``: id, what is known about the frame (`ABOUT`), and the camera (`CAMERA_COLUMNS`).
+
+    Axes are those of this package. What a frame does not have is empty.
+
+    Parameters
+    ----------
+    frames : mapping of str to Camera or None
+    about : mapping of str to mapping, optional
+        The line of every frame's result, by id.
+
+    Raises
+    ------
+    ValueError
+        If no frame has a camera.
+
+    Examples
+    --------
+    >>> camera = Camera.from_angles(0.0, 1.3, 0.0, 1500.0, C=(0, 60, -15), image_size=(960, 540))
+    >>> rows = table_files({"1": camera, "2": None})["cameras.csv"].decode().splitlines()
+    >>> rows[1][:40], rows[2][:40]
+    ('1,,,,,,960,540,1500.0,1500.0,480.0,270.0', '2,,,,,,,,,,,,,,,,,,,,,,,,,,,,,')
+    """
+    with_cameras(frames)
+    lines = about or {}
+    text = io.StringIO()
+    writer = csv.writer(text, lineterminator="\n")
+    writer.writerow(["id", *ABOUT, *CAMERA_COLUMNS])
+    for id, camera in frames.items():
+        known = lines.get(id, {})
+        cells = [""] * len(CAMERA_COLUMNS) if camera is None else _camera_cells(camera)
+        writer.writerow([id, *(known.get(name) for name in ABOUT), *cells])
+    return {"cameras.csv": text.getvalue().encode()}
+
+
+def _camera_cells(camera: Camera) -> list[float]:
+    (fx, _, cx), (_, fy, cy), _ = camera.K.tolist()
+    angles = np.degrees(camera.angles).tolist()
+    return [*camera.image_size, fx, fy, cx, cy, *angles, *camera.C.tolist(), *opencv_vector(camera.dist).tolist()]
