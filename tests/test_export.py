@@ -440,6 +440,9 @@ def test_blender_itself_makes_the_camera():
     }
     exec(compile(blender_files(frames, fps=29.97)["camera.py"], "camera.py", "exec"), {"__name__": "camera"})
     scene = bpy.context.scene
+    scene.frame_set(5)  # the gap, between frames 3 and 5 of ours
+    assert scene.camera.location[0] == pytest.approx(2.4, abs=1e-6)  # as on a straight line
+    assert scene.camera.data.lens == pytest.approx((900.0 + 2100.0 * 4 / 9) * 36 / 960, abs=1e-4)
     assert (scene.frame_start, scene.frame_end) == (1, 10)
     assert scene.render.fps / scene.render.fps_base == pytest.approx(29.97)
     errors = []

@@ -29,7 +29,8 @@ SCRIPT = '''\
 """An animated camera, calibrated by fieldcalib: run it in Blender, or `blender --python camera.py`.
 
 World: metres, origin at the centre of the field, x right, y away from the main camera, z up. Frames without a key had
-no camera: Blender interpolates there. The lens distortion (k1, k2, p1, p2, k3, ... of OpenCV) is in CAMERAS only.
+no camera: Blender interpolates there, linearly. The lens distortion (k1, k2, p1, p2, k3, ... of OpenCV) is in CAMERAS
+only.
 """
 
 import json
@@ -40,6 +41,13 @@ SETTINGS = json.loads("""%(settings)s""")
 CAMERAS = json.loads("""
 %(cameras)s
 """)
+
+
+def curves(action):
+    if not hasattr(action, "layers"):  # before Blender 4.4
+        return action.fcurves
+    bags = [bag for layer in action.layers for strip in layer.strips for bag in strip.channelbags]
+    return [curve for bag in bags for curve in bag.fcurves]
 
 
 def main():
@@ -60,8 +68,6 @@ def main():
     scene.collection.objects.link(camera)
     scene.camera = camera
 
-    edit = bpy.context.preferences.edit
-    interpolation, edit.keyframe_new_interpolation_type = edit.keyframe_new_interpolation_type, "LINEAR"
     for one in CAMERAS:
         camera.location, camera.rotation_quaternion = one["location"], one["quaternion"]
         lens.lens, (lens.shift_x, lens.shift_y) = one["lens"], one["shift"]
@@ -69,7 +75,10 @@ def main():
             camera.keyframe_insert(path, frame=one["frame"])
         for path in ("lens", "shift_x", "shift_y"):
             lens.keyframe_insert(path, frame=one["frame"])
-    edit.keyframe_new_interpolation_type = interpolation
+    for owner in (camera, lens):
+        for curve in curves(owner.animation_data.action):
+            for point in curve.keyframe_points:
+                point.interpolation = "LINEAR"
     scene.frame_set(scene.frame_start)
 
 
