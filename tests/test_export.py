@@ -523,6 +523,21 @@ def test_the_table_has_what_the_run_says(calibrated_folder, tmp_path):
         )
 
 
+def test_tvcalib_gets_the_loss(calibrated_folder, tmp_path):
+    records = parse_per_sample_output(
+        exported(calibrated_folder, tmp_path / "out", "tvcalib")["per_sample_output.json"]
+    )
+    assert {one.id: one.loss_ndc_total for one in records} == {
+        id: found.loss_ndc for id, found in read_results(calibrated_folder).items()
+    }
+
+
+def test_a_file_of_results_will_do(calibrated_folder, tmp_path):
+    folder = rewritten(calibrated_folder, tmp_path / "results")
+    assert run("export", folder / "cameras.jsonl", "--format", "freed") == 0
+    assert len((folder / "freed" / "camera.freed").read_bytes()) == 4 * 29
+
+
 def rewritten(folder, out, **changes):
     """The results of a folder with other values in the line of frame a."""
     out.mkdir()

@@ -7,8 +7,6 @@ import sys
 from collections.abc import Callable, Mapping
 from pathlib import Path
 
-import numpy as np
-
 from fieldcalib.assess.result import Verdict
 from fieldcalib.cli.arguments import folder_name, positive
 from fieldcalib.cli.results import counted
@@ -43,6 +41,7 @@ OPTIONS = {
     "sensor_width": ("blender", "freed"),
     "sequence": ("gsr",),
 }
+WITH_LINES = ("csv", "tvcalib")  # formats that say more about a frame than its camera
 # What formats cannot hold at all: by how many pixels the image moves without it.
 LOST: Mapping[str, tuple[str, Callable[[Camera], float]]] = {
     "blender": ("Blender's camera has no lens distortion", blender_error),
@@ -86,7 +85,7 @@ def run(options: argparse.Namespace) -> int:
     keywords = _keywords(options)
     results = read_results(options.folder)
     frames = _frames(results, options)
-    if options.format == "csv":
+    if options.format in WITH_LINES:
         keywords["about"] = {line["id"]: line for line in results.lines}
     try:
         files = FORMATS[options.format](frames, **keywords)
@@ -152,7 +151,7 @@ def _say(frames: Frames, out: Path, format: str) -> None:
     if format in LOST:
         what, error = LOST[format]
         shifts = [error(camera) for camera in cameras.values()]
-        worst, at = max(zip(shifts, cameras, strict=True), key=lambda one: np.nan_to_num(one[0], nan=np.inf))
+        worst, at = max(zip(shifts, cameras, strict=True))
         if worst > 0.0:
             print(
                 f"fieldcalib: {what}: without it the image moves by up to {worst:.1f} px (frame {at})", file=sys.stderr

@@ -7,16 +7,23 @@ is ours + 0.5. Every image has a camera of its own, as the zoom changes.
 from __future__ import annotations
 
 from fieldcalib.geometry.camera import Camera
-from fieldcalib.io.exports.frames import IMAGE_NAMES, Frames, image_name, lens_coefficients, with_cameras
+from fieldcalib.io.exports.frames import (
+    IMAGE_NAMES,
+    Frames,
+    image_name,
+    lens_coefficients,
+    nonzero_coefficients,
+    with_cameras,
+)
 
-# Coefficients of COLMAP's models in its order, smallest model first. SIMPLE_RADIAL has one focal length.
+# Coefficients of COLMAP's models in its order, smallest model first.
 MODELS = {
     "PINHOLE": (),
     "SIMPLE_RADIAL": ("k1",),
     "OPENCV": ("k1", "k2", "p1", "p2"),
     "FULL_OPENCV": ("k1", "k2", "p1", "p2", "k3", "k4", "k5", "k6"),
 }
-LARGEST = "FULL_OPENCV"
+ONE_FOCAL_LENGTH, LARGEST = "SIMPLE_RADIAL", "FULL_OPENCV"
 HALF_PIXEL = 0.5
 
 
@@ -57,23 +64,17 @@ def colmap_files(frames: Frames, image_names: str = IMAGE_NAMES) -> dict[str, by
 
 def _intrinsics(id: str, camera: Camera) -> str:
     """``MODEL WIDTH HEIGHT PARAMS...`` with the smallest model that holds the lens."""
-    lens_coefficients(id, camera, MODELS[LARGEST], "COLMAP")
     fx, fy = camera.K[0, 0], camera.K[1, 1]
-    model = next(model for model in MODELS if _holds(model, camera))
-    focal_lengths = [fx] if model == "SIMPLE_RADIAL" else [fx, fy]
-    values = [*focal_lengths, *(camera.principal_point + HALF_PIXEL), *lens_coefficients(id, camera, MODELS[model], "")]
+    needed = nonzero_coefficients(camera).keys()
+    fitting = (
+        model for model, names in MODELS.items() if needed <= set(names) and (fx == fy or model != ONE_FOCAL_LENGTH)
+    )
+    model = next(fitting, LARGEST)
+    lens = lens_coefficients(id, camera, MODELS[model], "COLMAP")
+    focal_lengths = [fx] if model == ONE_FOCAL_LENGTH else [fx, fy]
+    values = [*focal_lengths, *(camera.principal_point + HALF_PIXEL), *lens]
     width, height = camera.image_size
     return f"{model} {width} {height} {_numbers(values)}"
-
-
-def _holds(model: str, camera: Camera) -> bool:
-    if model == "SIMPLE_RADIAL" and camera.K[0, 0] != camera.K[1, 1]:
-        return False
-    try:
-        lens_coefficients("", camera, MODELS[model], model)
-    except ValueError:
-        return False
-    return True
 
 
 def _pose(camera: Camera) -> str:

@@ -50,6 +50,12 @@ def image_name(pattern: str, id: str) -> str:
     return pattern.replace("<id>", id)
 
 
+def nonzero_coefficients(camera: Camera) -> dict[str, float]:
+    """The coefficients of a lens that are not 0, by OpenCV's names."""
+    values = zip(COEFFICIENTS, opencv_vector(camera.dist).tolist(), strict=True)
+    return {name: value for name, value in values if value}
+
+
 def lens_coefficients(id: str, camera: Camera, names: Sequence[str], tool: str) -> list[float]:
     """The coefficients of the lens that a format has, by OpenCV's names.
 
@@ -66,20 +72,18 @@ def lens_coefficients(id: str, camera: Camera, names: Sequence[str], tool: str) 
         ...
     ValueError: frame 00001: the format has k1, k2 of a lens, this one has k3 = 0.2 too: undistort the images, or ...
     """
-    values = dict(zip(COEFFICIENTS, opencv_vector(camera.dist).tolist(), strict=True))
-    others = [f"{name} = {value:.4g}" for name, value in values.items() if value and name not in names]
+    values = nonzero_coefficients(camera)
+    others = [f"{name} = {value:.4g}" for name, value in values.items() if name not in names]
     if others:
         raise ValueError(
             f"frame {id}: {tool} has {', '.join(names)} of a lens, this one has {', '.join(others)} too: undistort the "
             f"images, or calibrate with a simpler lens"
         )
-    return [values[name] for name in names]
+    return [values.get(name, 0.0) for name in names]
 
 
 def farthest_shift(camera: Camera, K: Array) -> float:
     """By how many pixels at most a point of the image moves if intrinsics K without a lens take the camera's place.
-
-    NaN where no ray through the lens meets any pixel.
 
     Examples
     --------
@@ -90,5 +94,4 @@ def farthest_shift(camera: Camera, K: Array) -> float:
     axes = (np.linspace(0.0, size - 1.0, PIXELS_PER_AXIS) for size in camera.image_size)
     xy = np.stack(np.meshgrid(*axes), axis=-1).reshape(-1, 2)
     moved = dehomogenize(homogenize(camera.normalized(xy)) @ K.T)
-    distances = np.linalg.norm(moved - xy, axis=-1)
-    return float(np.max(distances[np.isfinite(distances)], initial=-np.inf)) if np.isfinite(distances).any() else np.nan
+    return float(np.nanmax(np.linalg.norm(moved - xy, axis=-1)))  # NaN: no ray through the lens meets the pixel

@@ -16,7 +16,7 @@ from fieldcalib.io.exports.axes import TURN
 from fieldcalib.io.exports.frames import Frames, farthest_shift, with_cameras
 
 D1 = 0xD1
-CAMERA = 1  # number of the camera
+CAMERA_NUMBER = 1
 COUNTS_PER_DEGREE = 32768
 COUNTS_PER_MM = 64
 COUNTS_OF_ZOOM_PER_MM = 1000  # focal length in micrometres; FreeD leaves it to the vendor
@@ -68,7 +68,7 @@ def freed_packet(camera: Camera, sensor_width: float) -> bytes:
         raise ValueError(
             f"a focal length of {zoom / 1e6:.1f} m on a sensor of {sensor_width:g} mm does not fit into FreeD"
         )
-    packet = bytes([D1, CAMERA]) + b"".join(count.to_bytes(3, "big", signed=True) for count in counts)
+    packet = bytes([D1, CAMERA_NUMBER]) + b"".join(count.to_bytes(3, "big", signed=True) for count in counts)
     packet += round(zoom).to_bytes(3, "big") + bytes(5)  # focus and spare: nothing is known of them
     return packet + bytes([(0x40 - sum(packet)) & 0xFF])
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Mapping
 from typing import Any
 
 from fieldcalib.geometry.camera import Camera
@@ -26,10 +27,16 @@ def soccernet_files(frames: Frames) -> dict[str, bytes]:
     return {CAMERAS.file_name(id): format_camera(camera).encode() for id, camera in with_cameras(frames).items()}
 
 
-def tvcalib_files(frames: Frames) -> dict[str, bytes]:
+def tvcalib_files(frames: Frames, about: Mapping[str, Mapping[str, Any]] | None = None) -> dict[str, bytes]:
     """``per_sample_output.json``, a line for every frame; one without camera has neither camera nor homography.
 
     The homography is that of the pinhole, as in TVCalib's own files.
+
+    Parameters
+    ----------
+    frames : mapping of str to Camera or None
+    about : mapping of str to mapping, optional
+        The line of every frame's result, by id: its ``loss_ndc`` is what TVCalib's evaluation compares with tau.
 
     Raises
     ------
@@ -37,10 +44,18 @@ def tvcalib_files(frames: Frames) -> dict[str, bytes]:
         If no frame has a camera.
     """
     with_cameras(frames)
+    lines = about or {}
     records = [
-        TVCalibRecord(id, camera, None if camera is None else camera.homography) for id, camera in frames.items()
+        TVCalibRecord(id) if camera is None else TVCalibRecord(id, camera, camera.homography, _loss(lines.get(id, {})))
+        for id, camera in frames.items()
     ]
     return {"per_sample_output.json": format_per_sample_output(records).encode()}
+
+
+def _loss(line: Mapping[str, Any]) -> float | None:
+    """Of the line of a frame, where infinity is a text."""
+    loss = line.get("loss_ndc")
+    return loss if isinstance(loss, float) else None
 
 
 def gamestate_files(frames: Frames, sequence: str = "") -> dict[str, bytes]:
