@@ -121,15 +121,16 @@ def _frames(results: Results, options: argparse.Namespace) -> Frames:
     if unknown:
         known = f", its frames are {next(iter(lines))} to {next(reversed(lines))}" if lines else ", it has none"
         raise ValueError(f"{options.folder} has no frame {', '.join(unknown)}{known}")
-    rejected = {id for id in ids if lines[id].get("verdict") == Verdict.REJECT and results[id].camera is not None}
+    cameras = {id: results[id].camera if id in results else None for id in ids}
+    rejected = [id for id in ids if cameras[id] is not None and lines[id].get("verdict") == Verdict.REJECT]
     if rejected and not options.keep_rejected:
+        cameras |= dict.fromkeys(rejected)
         print(
             f'fieldcalib: {counted(len(rejected), "camera")} left out, whose verdict is "{Verdict.REJECT}"; '
             f"--keep-rejected exports them too",
             file=sys.stderr,
         )
-    left_out = set() if options.keep_rejected else rejected
-    return {id: results[id].camera if id in results and id not in left_out else None for id in ids}
+    return cameras
 
 
 def _write(files: Mapping[str, bytes], out: Path, overwrite: bool) -> None:
