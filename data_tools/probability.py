@@ -1,6 +1,6 @@
 """The probability that a camera is right: where its coefficients come from, and whether it is calibrated.
 
-    python -m data_tools.probability fit [--frames N]
+    python -m data_tools.probability fit [--field NAME] [--frames N]
     python -m data_tools.probability sizes [--frames N]
     python -m data_tools.probability measured CAMERAS
     python -m data_tools.probability annotated ANNOTATIONS --size WxH
@@ -25,6 +25,7 @@ from __future__ import annotations
 import argparse
 import json
 from collections.abc import Sequence
+from dataclasses import replace
 from itertools import pairwise
 from pathlib import Path
 
@@ -40,8 +41,10 @@ from fieldcalib.calibrate.options import pixel_unit
 from fieldcalib.cli.arguments import count, image_size
 from fieldcalib.cli.folder import read_frames
 from fieldcalib.cli.main import run_command
+from fieldcalib.fields.catalogue import FIELDS, field_named
 from fieldcalib.fields.field import Field
 from fieldcalib.fields.soccer import soccer
+from fieldcalib.fields.traits import ProbabilityModel
 from fieldcalib.geometry.camera import Camera
 from fieldcalib.metrics import compound_score, evaluate_segments
 from fieldcalib.problem.labelled_pixels import Pixels
@@ -120,16 +123,19 @@ def risk_coverage_area(score: Array, risk: Array) -> float:
 
 def fit(options: argparse.Namespace) -> int:
     """Print coefficients, and their reliability on other frames."""
-    rng, field = np.random.default_rng(options.seed), soccer(size_known=True)
-    parts = []
-    for _ in range(2):
+    rng, field = np.random.default_rng(options.seed), replace(field_named(options.field), size_known=True)
+
+    def judged_frames(coefficients: Array) -> tuple[list[Calibration], Array]:
+        b0, b1, b2, b3, b4 = coefficients.tolist()
+        modelled = replace(field, probability=ProbabilityModel((b0, b1, b2, b3, b4)))
         frames = [random_frame(field, rng) for _ in range(options.frames)]
-        parts.append(judged(field, [f.pixels for f in frames], [f.camera for f in frames], frames[0].camera.image_size))
-    found, errors = parts[0]
+        return judged(modelled, [f.pixels for f in frames], [f.camera for f in frames], frames[0].camera.image_size)
+
+    found, errors = judged_frames(np.zeros(5))
     uncertainties = [c.solved.uncertainty for c in found if c.solved is not None]
-    coefficients = fitted(np.array([rows[0] for rows, _ in evidence(uncertainties, field)]), errors)
-    print(json.dumps({"frames": len(found), "coefficients": coefficients.round(2).tolist()}))
-    _print_reliability(*parts[1])
+    coefficients = fitted(np.array([rows[0] for rows, _ in evidence(uncertainties, field)]), errors).round(2)
+    print(json.dumps({"frames": len(found), "coefficients": coefficients.tolist()}))
+    _print_reliability(*judged_frames(coefficients))
     return 0
 
 
@@ -227,6 +233,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
         command.set_defaults(run=run)
         if repeats is not None:
             command.add_argument("--repeats", type=count, default=repeats, help=f"of each camera or frame ({repeats})")
+        if run is fit:
+            command.add_argument("--field", choices=FIELDS, default="soccer", help="(soccer)")
         if run in (fit, sizes):
             command.add_argument("--frames", type=count, default=6000, help="to fit to, and as many others (6000)")
         elif run is measured:

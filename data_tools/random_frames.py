@@ -1,6 +1,6 @@
 """Random frames of known cameras: labelled pixels with the errors of annotators and networks, and with wrong labels.
 
-Cameras come from all stands of `fieldcalib.fields.stands`, most of them from the centre of the main one, with the
+Cameras come from all stands of the field, most of them from the first one, the centre of the main stand, with the
 lenses and the principal points of broadcasts. Some visible markings are left out, pixels are noisy, and the pixels of a
 segment share a part of their noise.
 """
@@ -16,13 +16,12 @@ from fieldcalib.assess.noise import SHARED_NOISE
 from fieldcalib.cli.demo import SHORTEST_SEGMENT
 from fieldcalib.fields.field import Field
 from fieldcalib.fields.segments import Arc
-from fieldcalib.fields.stands import ALL_STANDS, CameraDistribution
 from fieldcalib.geometry.camera import Camera
 from fieldcalib.problem.labelled_pixels import Pixels
 from fieldcalib.problem.layout import PRINCIPAL_POINT, ROLL, Layout
 from fieldcalib.problem.prior import sample_theta
 
-MAIN_CENTER_SHARE = 0.4  # of the cameras; the other stands share the rest
+FIRST_STAND_SHARE = 0.4  # of the cameras; the other stands share the rest
 ROLL_SIGMA = np.radians(1.0)
 LENS_SPREAD, STRONGEST_LENS = 0.018, 0.1  # of a1, about its mean on annotated frames
 PRINCIPAL_POINT_SPREAD = (0.010, 0.015)  # of the width, along x and y: measured cameras are up to 0.035 off
@@ -65,7 +64,7 @@ def random_frame(field: Field, rng: np.random.Generator) -> RandomFrame:
     (True, {})
     """
     while True:
-        camera = random_camera(rng)
+        camera = random_camera(field, rng)
         noise = float(np.exp(rng.normal(0.0, NOISE_SPREAD)))
         pixels = observed(camera, field, rng, noise, float(rng.uniform(*KEPT)))
         if len(pixels) >= LEAST_SEGMENTS:
@@ -74,10 +73,10 @@ def random_frame(field: Field, rng: np.random.Generator) -> RandomFrame:
     return RandomFrame(camera, *mislabelled(pixels, field, int(count), rng))
 
 
-def random_camera(rng: np.random.Generator) -> Camera:
-    """A camera on one of the stands, with a lens and a principal point as broadcasts have them."""
-    first, *others = ALL_STANDS
-    stand: CameraDistribution = first if rng.random() < MAIN_CENTER_SHARE else others[rng.integers(len(others))]
+def random_camera(field: Field, rng: np.random.Generator) -> Camera:
+    """A camera on one of the stands of a field, with a lens and a principal point as broadcasts have them."""
+    first, *others = field.stands
+    stand = first if rng.random() < FIRST_STAND_SHARE else others[rng.integers(len(others))]
     layout = Layout.of(SIZE)
     (theta,) = sample_theta(stand, 1, rng, layout)
     theta[ROLL] = rng.normal(0.0, ROLL_SIGMA)
