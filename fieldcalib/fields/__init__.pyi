@@ -1,3 +1,9 @@
 from .catalogue import FIELDS as FIELDS
 from .catalogue import field_named as field_named
+from .sports.badminton import badminton as badminton
+from .sports.basketball import basketball as basketball
+from .sports.futsal import futsal as futsal
+from .sports.handball import handball as handball
+from .sports.padel import padel as padel
 from .sports.tennis import tennis as tennis
+from .sports.volleyball import volleyball as volleyball

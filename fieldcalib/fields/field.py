@@ -24,6 +24,7 @@ from fieldcalib.fields.stands import DISTRIBUTIONS, CameraDistribution
 from fieldcalib.fields.traits import Halves, LineLook, ProbabilityModel, SizePrior
 
 SCALE = 0.32  # of the diagonal: about what is in view of a soccer field, 40 of 125 m
+ALIKE = 0.005  # metres: what ends there ends at the same place
 
 
 V = TypeVar("V")
@@ -215,16 +216,18 @@ class Field(Mapping[str, Segment]):
         Segments that have no counterpart are left out: all of them on a field without this symmetry.
         """
 
-        def key(segment: Segment, turn: float) -> tuple[object, ...]:
-            X = segment.sample(spacing=0.05) * (turn, turn, 1.0)
-            box = np.concatenate([X.min(axis=0), X.max(axis=0)]).round(2) + 0.0  # + 0.0: no negative zeros
-            return (type(segment), *box.tolist())
-
-        found: dict[tuple[object, ...], str] = {}
-        for name, segment in self.segments.items():
-            found.setdefault(key(segment, turn=1.0), name)  # the field's own name, should another one be added to it
-        turned = {name: key(segment, turn=-1.0) for name, segment in self.segments.items()}
-        return MappingProxyType({name: found[other] for name, other in turned.items() if other in found})
+        if not self.segments:
+            return MappingProxyType({})
+        names, kinds = list(self.segments), np.array([type(segment).__name__ for segment in self.segments.values()])
+        samples = [segment.sample(spacing=0.05) for segment in self.segments.values()]
+        here, turned = (
+            np.array([[X.min(axis=0), X.max(axis=0)] for X in (turn * X for X in samples)])
+            for turn in (np.ones(3), np.array([-1.0, -1.0, 1.0]))
+        )
+        alike = np.max(np.abs(turned[:, None] - here), axis=(2, 3)) < ALIKE
+        alike &= kinds[:, None] == kinds
+        first = np.argmax(alike, axis=1)  # the field's own name, should another one be added to it
+        return MappingProxyType({names[i]: names[first[i]] for i in np.flatnonzero(np.any(alike, axis=1))})
 
     @cached_property
     def self_symmetric(self) -> frozenset[str]:

@@ -10,10 +10,11 @@ from fieldcalib._json import from_json, to_json
 from fieldcalib.fields.field import Field, built
 from fieldcalib.fields.segments import Arc, Line, Point, PointCloud, Segment
 from fieldcalib.fields.soccer import soccer
+from fieldcalib.fields.sports.futsal import futsal
 from fieldcalib.fields.stands import CameraDistribution
 from fieldcalib.fields.traits import Halves, LineLook, ProbabilityModel, SizePrior
 
-BUILDERS: Mapping[str, Callable[..., Field]] = {"soccer": soccer}
+BUILDERS: Mapping[str, Callable[..., Field]] = {"soccer": soccer, "futsal": futsal}
 SEGMENTS: Mapping[str, type[Segment]] = {kind.__name__: kind for kind in (Point, Line, Arc, PointCloud)}
 
 T = TypeVar("T")

@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+import numpy as np
+
 from fieldcalib.fields.field import Field
 from fieldcalib.fields.mirrored import with_left, with_top
 from fieldcalib.fields.segments import Line, Segment
+from fieldcalib.fields.sports.lines import across, along, hanging_net
 from fieldcalib.fields.stands import stands_beside
 from fieldcalib.fields.traits import LineLook
 
@@ -13,7 +16,7 @@ LENGTH, DOUBLES_WIDTH, SINGLES_WIDTH = 23.77, 10.97, 8.23
 SERVICE_LINE = 6.40  # from the net
 LINE_WIDTH = 0.05  # 0.025 to 0.05
 BASE_LINE_WIDTH = 0.10  # as wide as is allowed, which it mostly is
-CENTRE_MARK = 0.10  # inwards from the outer edge of the base line
+CENTRE_MARK = 0.10  # inwards from the inner edge of the base line
 NET_CENTRE, NET_POSTS = 0.914, 1.07  # height
 POST_DISTANCE = 0.914  # of a post from the outer edge of the doubles side line
 
@@ -23,33 +26,32 @@ def tennis() -> Field:
 
     Lines are where the middle of the paint is. "left" and "right" are the sides of the net as the main camera sees
     them, who looks across the court; most cameras of tennis stand behind a base line: "behind left goal" is the stand
-    there.
+    there. A court that is turned by 180 degrees is the same court.
 
     Examples
     --------
     >>> tennis()["Service line right"].start[0]
     6.375
     """
-    half = 0.5 * LINE_WIDTH
+    half, inside = 0.5 * LINE_WIDTH, 0.5 * LENGTH - BASE_LINE_WIDTH
     base, service = 0.5 * LENGTH - 0.5 * BASE_LINE_WIDTH, SERVICE_LINE - half
     doubles, singles, post = 0.5 * DOUBLES_WIDTH - half, 0.5 * SINGLES_WIDTH - half, 0.5 * DOUBLES_WIDTH + POST_DISTANCE
     segments: dict[str, Segment] = {
         **with_left(
             {
-                "Base line right": Line((base, -doubles, 0.0), (base, doubles, 0.0)),
-                "Service line right": Line((service, -singles, 0.0), (service, singles, 0.0)),
-                "Centre mark right": Line((0.5 * LENGTH - CENTRE_MARK, 0.0, 0.0), (0.5 * LENGTH, 0.0, 0.0)),
+                "Base line right": across(base, doubles),
+                "Service line right": across(service, singles),
+                "Centre mark right": Line((inside - CENTRE_MARK, 0.0, 0.0), (inside, 0.0, 0.0)),
             }
         ),
-        "Centre service line": Line((-service, 0.0, 0.0), (service, 0.0, 0.0)),
+        "Centre service line": along(service, 0.0),
         **with_top(
             {
-                "Side line bottom": Line((-base, doubles, 0.0), (base, doubles, 0.0)),
-                "Singles side line bottom": Line((-base, singles, 0.0), (base, singles, 0.0)),
-                "Net post bottom": Line((0.0, post, -NET_POSTS), (0.0, post, 0.0)),
-                "Net bottom": Line((0.0, 0.0, -NET_CENTRE), (0.0, post, -NET_POSTS)),
+                "Side line bottom": along(base, doubles),
+                "Singles side line bottom": along(base, singles),
             }
         ),
+        **hanging_net(post, NET_CENTRE, NET_POSTS),
     }
     return Field(
         LENGTH,
@@ -57,6 +59,6 @@ def tennis() -> Field:
         segments,
         stands=stands_beside(LENGTH, DOUBLES_WIDTH, away=(5.0, 40.0), up=(1.0, 20.0)),
         farthest_camera=80.0,
-        lines=LineLook(width=LINE_WIDTH, ground_difference=1.0),
+        lines=LineLook(width=LINE_WIDTH, ground_difference=np.inf),
         size_known=True,
     )

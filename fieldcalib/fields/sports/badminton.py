@@ -1,0 +1,64 @@
+"""The badminton court (BWF Laws of Badminton, law 1), with its net."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from fieldcalib.fields.field import Field
+from fieldcalib.fields.mirrored import with_left, with_top
+from fieldcalib.fields.segments import Line, Segment
+from fieldcalib.fields.sports.lines import across, along, hanging_net
+from fieldcalib.fields.stands import stands_beside
+from fieldcalib.fields.traits import LineLook
+
+# In metres. Lines belong to the areas that they bound: to the outer edges.
+LENGTH, WIDTH, SINGLES_WIDTH = 13.40, 6.10, 5.18
+LINE_WIDTH = 0.04
+SHORT_SERVICE = 1.98  # from the net to the edge towards it
+LONG_SERVICE = 0.76  # from the back line
+NET_CENTRE, NET_POSTS = 1.524, 1.55  # height
+
+
+def badminton() -> Field:
+    """A badminton court for doubles and singles: all lines, and the net with its posts on the doubles side lines.
+
+    Lines are where the middle of the paint is. "left" and "right" are the sides of the net as the main camera sees
+    them, who looks across the court, "top" is the far side and "bottom" the near one; a net is seen in two halves,
+    since it hangs through. Most cameras of badminton stand behind a back line: "behind left goal" is the stand there.
+
+    A court that is turned by 180 degrees is the same court.
+
+    Examples
+    --------
+    >>> badminton()["Short service line right"].start[0]
+    2.0
+    """
+    half, end = 0.5 * LINE_WIDTH, 0.5 * LENGTH
+    back, short, long = end - half, SHORT_SERVICE + half, end - LONG_SERVICE - half
+    side, singles = 0.5 * WIDTH - half, 0.5 * SINGLES_WIDTH - half
+    segments: dict[str, Segment] = {
+        **with_left(
+            {
+                "Back line right": across(back, side),
+                "Long service line right": across(long, side),
+                "Short service line right": across(short, side),
+                "Centre line right": Line((short, 0.0, 0.0), (back, 0.0, 0.0)),
+            }
+        ),
+        **with_top(
+            {
+                "Side line bottom": along(back, side),
+                "Singles side line bottom": along(back, singles),
+            }
+        ),
+        **hanging_net(side, NET_CENTRE, NET_POSTS),
+    }
+    return Field(
+        LENGTH,
+        WIDTH,
+        segments,
+        stands=stands_beside(LENGTH, WIDTH, away=(3.0, 30.0), up=(1.5, 12.0)),
+        farthest_camera=60.0,
+        lines=LineLook(width=LINE_WIDTH, ground_difference=np.inf),
+        size_known=True,
+    )

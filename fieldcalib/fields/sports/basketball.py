@@ -1,0 +1,222 @@
+"""The basketball courts of FIBA (Official Basketball Rules, art. 2 and 3) and of the NBA (rule 1)."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from fieldcalib.fields.field import Field
+from fieldcalib.fields.mirrored import with_left, with_top
+from fieldcalib.fields.segments import Arc, Line, Segment
+from fieldcalib.fields.sports.lines import across, along
+from fieldcalib.fields.stands import stands_beside
+from fieldcalib.fields.traits import LineLook
+
+FOOT, INCH = 0.3048, 0.0254
+RING_STEEL = 0.018  # thickness: 16 to 20 mm
+
+
+@dataclass(frozen=True)
+class Measures:
+    """What both rule books have, in metres; distances along the court are from the inner edge of the end line."""
+
+    length: float
+    """Between the inner edges of the end lines."""
+    width: float
+    """Between the inner edges of the side lines."""
+    line_width: float
+    beyond: float
+    """How far the centre line goes on beyond the side lines."""
+    circle: float
+    """Radius of centre and free-throw circles, to the outer edge."""
+    basket: float
+    """Distance of its centre."""
+    backboard: float
+    """Distance of its face."""
+    board: tuple[float, float, float]
+    """Width of the backboard, heights of its lower and its upper edge."""
+    ring: tuple[float, float]
+    """Inner radius and height."""
+    three_point: tuple[float, float]
+    """Radius of the arc, and distance of the straight lines from the middle of the court, to the outer edges."""
+    lane_width: float
+    """Between outer edges."""
+    free_throw_line: float
+    """Distance of its outer edge."""
+    no_charge: float
+    """Radius to the inner edge."""
+
+
+FIBA = Measures(
+    length=28.0,
+    width=15.0,
+    line_width=0.05,
+    beyond=0.15,
+    circle=1.80,
+    basket=1.575,
+    backboard=1.20,
+    board=(1.80, 2.90, 3.95),
+    ring=(0.225, 3.05),
+    three_point=(6.75, 6.60),
+    lane_width=4.90,
+    free_throw_line=5.80,
+    no_charge=1.25,
+)
+NBA = Measures(
+    length=94 * FOOT,
+    width=50 * FOOT,
+    line_width=2 * INCH,
+    beyond=0.0,
+    circle=6 * FOOT,
+    basket=5.25 * FOOT,
+    backboard=4 * FOOT,
+    board=(6 * FOOT, 9.5 * FOOT, 13 * FOOT),
+    ring=(9 * INCH, 10 * FOOT),
+    three_point=(23.75 * FOOT, 22 * FOOT),
+    lane_width=16 * FOOT,
+    free_throw_line=19 * FOOT,
+    no_charge=4 * FOOT,
+)
+THROW_IN = (8.325, 0.15)  # FIBA: from the end line to the outer edge, length beyond the side line
+TEAM_BENCH = (5.0, 2.0)  # FIBA: from the centre to the inner edge, length beyond the side line
+INNER_CIRCLE = 2 * FOOT  # NBA: radius of the inner edge
+INNER_LANE = 12 * FOOT  # NBA: width between outer edges
+HASH_MARK = (28 * FOOT, 3 * FOOT)  # NBA: from the end line, length into the court
+SUBSTITUTION = (4 * FOOT, 4 * FOOT)  # NBA: from the centre line, length beyond the side line; between the inner edges
+
+
+def basketball(rules: str = "fiba") -> Field:
+    """A basketball court: all lines and circles, backboards and rims.
+
+    Lines are where the middle of the paint is. "left" and "right" are the baskets as the main camera sees them, "top"
+    is the far side and "bottom" the near one, but "upper" and "lower" are the edges of a backboard, between its
+    vertical ones. The free-throw circle stands for its dashed half too. Marks along the lane are left out: they are
+    10 cm long.
+
+    A court that is turned by 180 degrees is the same court. What is on one side only, the side of the scorer's table
+    or the other one, is therefore on both sides here: the throw-in and team bench lines of FIBA and the substitution
+    marks of the NBA.
+
+    Parameters
+    ----------
+    rules : {"fiba", "nba"}
+        FIBA: 28 x 15 m. NBA: 94 x 50 ft, with the inner circle and the inner lane lines, and with 28-foot marks.
+
+    Raises
+    ------
+    ValueError
+        If the rules are others.
+
+    Examples
+    --------
+    >>> basketball("fiba")["End line right"].start
+    (14.025, -7.525, 0.0)
+    >>> sorted(basketball("nba").keys() - basketball("fiba").keys())[0]
+    '28-foot mark left bottom'
+    """
+    match rules:
+        case "fiba":
+            measures, more = FIBA, _only_fiba()
+        case "nba":
+            measures, more = NBA, _only_nba()
+        case _:
+            raise ValueError(f"expected the rules of a basketball court, 'fiba' or 'nba', got {rules!r}")
+    return Field(
+        measures.length,
+        measures.width,
+        {**_court(measures), **more},
+        stands=stands_beside(measures.length, measures.width, away=(4.0, 35.0), up=(1.5, 15.0)),
+        farthest_camera=80.0,
+        lines=LineLook(width=measures.line_width, ground_difference=np.inf),
+        size_known=True,
+    )
+
+
+def _court(m: Measures) -> dict[str, Segment]:
+    half = 0.5 * m.line_width
+    end, side, beyond = 0.5 * m.length + half, 0.5 * m.width + half, 0.5 * m.width + m.line_width + m.beyond
+    centre_line = beyond if m.beyond else side
+    return {
+        **with_top({"Side line bottom": along(end, side)}),
+        "Centre line": across(0.0, centre_line),
+        "Centre circle": Arc((0.0, 0.0, 0.0), m.circle - half),
+        **with_left(
+            {
+                "End line right": across(end, side),
+                **_three_points(m, end),
+                **_lane(m, end),
+                **_basket(m),
+            }
+        ),
+    }
+
+
+def _three_points(m: Measures, end: float) -> dict[str, Segment]:
+    half, basket = 0.5 * m.line_width, 0.5 * m.length - m.basket
+    radius, y = (outer - half for outer in m.three_point)
+    turn = float(np.arcsin(y / radius))
+    return {
+        "Three-point arc right": Arc((basket, 0.0, 0.0), radius, np.pi - turn, np.pi + turn),
+        **with_top(
+            {"Three-point line right bottom": Line((basket - radius * float(np.cos(turn)), y, 0.0), (end, y, 0.0))}
+        ),
+    }
+
+
+def _lane(m: Measures, end: float) -> dict[str, Segment]:
+    half = 0.5 * m.line_width
+    y, x = 0.5 * m.lane_width - half, 0.5 * m.length - m.free_throw_line + half
+    return {
+        **with_top({"Lane right bottom": Line((x, y, 0.0), (end, y, 0.0))}),
+        "Free-throw line right": across(x, y),
+        "Free-throw circle right": Arc((x, 0.0, 0.0), m.circle - half, 0.5 * np.pi, 1.5 * np.pi),
+    }
+
+
+def _basket(m: Measures) -> dict[str, Segment]:
+    """The basket, and the lines below it within which a defender stands in vain."""
+    basket, board = 0.5 * m.length - m.basket, 0.5 * m.length - m.backboard
+    radius, y, (lower, upper) = m.no_charge + 0.5 * m.line_width, 0.5 * m.board[0], m.board[1:]
+    ring, height = m.ring
+    return {
+        "No-charge arc right": Arc((basket, 0.0, 0.0), radius, 0.5 * np.pi, 1.5 * np.pi),
+        **with_top({"No-charge line right bottom": Line((basket, radius, 0.0), (board, radius, 0.0))}),
+        "Rim right": Arc((basket, 0.0, -height), ring + 0.5 * RING_STEEL),
+        "Backboard right upper": across(board, y, -upper),
+        "Backboard right lower": across(board, y, -lower),
+        **with_top({"Backboard right bottom": Line((board, y, -upper), (board, y, -lower))}),
+    }
+
+
+def _only_fiba() -> dict[str, Segment]:
+    half, side = 0.5 * FIBA.line_width, 0.5 * FIBA.width + 0.5 * FIBA.line_width
+    throw_in, bench = 0.5 * FIBA.length - THROW_IN[0] + half, TEAM_BENCH[0] + half
+    return with_left(
+        with_top(
+            {
+                "Throw-in line right bottom": Line((throw_in, side, 0.0), (throw_in, side + half + THROW_IN[1], 0.0)),
+                "Team bench line right bottom": Line((bench, side, 0.0), (bench, side + half + TEAM_BENCH[1], 0.0)),
+            }
+        )
+    )
+
+
+def _only_nba() -> dict[str, Segment]:
+    half, end, side = 0.5 * NBA.line_width, *(0.5 * (size + NBA.line_width) for size in (NBA.length, NBA.width))
+    lane, free_throw = 0.5 * INNER_LANE - half, 0.5 * NBA.length - NBA.free_throw_line + half
+    mark, substitution = 0.5 * NBA.length - HASH_MARK[0] - half, half + SUBSTITUTION[0] + half
+    return {
+        "Inner centre circle": Arc((0.0, 0.0, 0.0), INNER_CIRCLE + half),
+        **with_left(
+            with_top(
+                {
+                    "Inner lane right bottom": Line((free_throw, lane, 0.0), (end, lane, 0.0)),
+                    "28-foot mark right bottom": Line((mark, side - half - HASH_MARK[1], 0.0), (mark, side, 0.0)),
+                    "Substitution mark right bottom": Line(
+                        (substitution, side, 0.0), (substitution, side + half + SUBSTITUTION[1], 0.0)
+                    ),
+                }
+            )
+        ),
+    }

@@ -1,0 +1,111 @@
+"""The futsal pitch (FIFA Futsal Laws of the Game, law 1), with its goals."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from fieldcalib.fields.field import Field
+from fieldcalib.fields.mirrored import with_left, with_top
+from fieldcalib.fields.segments import Arc, Line, Point, Segment
+from fieldcalib.fields.sports.goals import right_area, right_goal
+from fieldcalib.fields.sports.lines import across, along
+from fieldcalib.fields.stands import stands_beside
+from fieldcalib.fields.traits import LineLook, SizePrior
+
+# In metres. Lines belong to the areas that they bound, so that areas end at outer edges.
+LINE_WIDTH = 0.08
+POST = 0.08  # thickness of posts and crossbar
+GOAL_WIDTH, GOAL_HEIGHT = 3.0, 2.0  # inside
+CENTRE_CIRCLE = 3.0
+PENALTY_AREA = 6.0  # from the goal line, and from the outside of the posts
+PENALTY_MARK, SECOND_PENALTY_MARK = 6.0, 10.0
+CORNER_ARC = 0.25
+SUBSTITUTION_ZONE = (5.0, 10.0)  # from the halfway line, from and to
+SUBSTITUTION_MARK = 0.40  # to either side of the touchline's edges
+ALL_MATCHES = ((25.0, 42.0), (16.0, 25.0))  # length and width, from and to
+INTERNATIONAL_MATCHES = ((38.0, 42.0), (20.0, 25.0))
+LARGEST = 60.0  # metres: what is longer was not given in metres
+
+
+def futsal(length: float = 40.0, width: float = 20.0, *, size_known: bool = False) -> Field:
+    """A futsal pitch: all lines, arcs and marks, and the goals.
+
+    Lines are where the middle of the paint is. "left" and "right" are the goals as the main camera sees them, "top" is
+    the far side and "bottom" the near one, also of posts. A pitch that is turned by 180 degrees is the same pitch:
+    the marks of the substitution zones, which are on one side only, are on both sides here. The marks 5 m from
+    corners and from the second penalty marks are left out.
+
+    Parameters
+    ----------
+    length, width : float
+        Size of the pitch between the outer edges of its lines, metres. The law allows 25 to 42 and 16 to 25, for
+        international matches 38 to 42 and 20 to 25.
+    size_known : bool
+        Whether this is the size of the pitch in view, and not only a likely one.
+
+    Raises
+    ------
+    ValueError
+        If the penalty areas and the second penalty marks do not fit into the pitch, if length and width are swapped,
+        or if they are not in metres.
+
+    Examples
+    --------
+    >>> futsal()["Penalty area right line"].start
+    (14.04, -1.58, 0.0)
+    >>> futsal(38.0, 18.0)["Goal line right"].end
+    (18.96, 8.96, 0.0)
+    """
+    posts = 0.5 * GOAL_WIDTH + POST
+    if not (length > 2.0 * SECOND_PENALTY_MARK and width > 2.0 * (posts + PENALTY_AREA)):
+        raise ValueError(
+            f"a futsal pitch of {length} x {width} m has no room for its penalty areas and marks: "
+            f"expected metres, length about 40 and width about 20"
+        )
+    if max(length, width) > LARGEST:
+        raise ValueError(
+            f"a futsal pitch of {length} x {width} m is larger than any: expected metres (not centimetres or feet), "
+            f"length about 40 and width about 20"
+        )
+    if length < width:
+        raise ValueError(
+            f"a futsal pitch is longer than wide, got length = {length} and width = {width}: give the touchline first, "
+            f"futsal({width}, {length})"
+        )
+    half, end, side = 0.5 * LINE_WIDTH, 0.5 * length, 0.5 * width  # outer edges
+    right: dict[str, Segment] = {
+        "Goal line right": across(end - half, side - half),
+        **right_area("Penalty area", end, posts, PENALTY_AREA - half),
+        "Penalty mark right": Point((end - PENALTY_MARK, 0.0, 0.0)),
+        "Second penalty mark right": Point((end - SECOND_PENALTY_MARK, 0.0, 0.0)),
+        **with_top({"Corner arc right bottom": Arc((end, side, 0.0), CORNER_ARC - half, np.pi, 1.5 * np.pi)}),
+        **with_top(_substitution_marks(side)),
+        **right_goal(end - half, GOAL_WIDTH, GOAL_HEIGHT, POST),
+    }
+    segments: dict[str, Segment] = {
+        **with_top({"Side line bottom": along(end - half, side - half)}),
+        "Halfway line": across(0.0, side - half),
+        "Centre circle": Arc((0.0, 0.0, 0.0), CENTRE_CIRCLE - half),
+        "Centre mark": Point((0.0, 0.0, 0.0)),
+        **with_left(right),
+    }
+    return Field(
+        float(length),
+        float(width),
+        segments,
+        stands=stands_beside(40.0, 20.0, away=(4.0, 40.0), up=(1.5, 18.0)),
+        farthest_camera=100.0,
+        lines=LineLook(width=LINE_WIDTH, ground_difference=np.inf),
+        size_model=SizePrior(ALL_MATCHES, INTERNATIONAL_MATCHES, build=futsal, rules="law 1 of futsal"),
+        size_known=size_known,
+    )
+
+
+def _substitution_marks(side: float) -> dict[str, Segment]:
+    """Those of the right half at the near side, whose outer edge is at y = side."""
+    near, far = (at + inwards * 0.5 * LINE_WIDTH for at, inwards in zip(SUBSTITUTION_ZONE, (1.0, -1.0), strict=True))
+    y = side - LINE_WIDTH - SUBSTITUTION_MARK, side + SUBSTITUTION_MARK
+    return {
+        "Inner substitution mark right bottom": Line((near, y[0], 0.0), (near, y[1], 0.0)),
+        "Outer substitution mark right bottom": Line((far, y[0], 0.0), (far, y[1], 0.0)),
+    }

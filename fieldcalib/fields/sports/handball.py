@@ -1,0 +1,75 @@
+"""The handball court (IHF Rules of the Game, rule 1), with its goals."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from fieldcalib.fields.field import Field
+from fieldcalib.fields.mirrored import with_left, with_top
+from fieldcalib.fields.segments import Arc, Line, Segment
+from fieldcalib.fields.sports.goals import right_area, right_goal
+from fieldcalib.fields.sports.lines import across, along
+from fieldcalib.fields.stands import stands_beside
+from fieldcalib.fields.traits import LineLook
+
+# In metres. Lines belong to the areas that they bound, so that areas end at outer edges.
+LENGTH, WIDTH = 40.0, 20.0
+LINE_WIDTH = 0.05
+POST = 0.08  # thickness of posts and crossbar, and width of the goal line between the posts
+GOAL_WIDTH, GOAL_HEIGHT = 3.0, 2.0  # inside
+GOAL_AREA, FREE_THROW = 6.0, 9.0  # from the goal line, and from the inner rear edges of the posts
+SEVEN_METRES, SEVEN_METRE_LINE = 7.0, 1.0  # from the goal line to the edge towards the centre, length
+FOUR_METRES, FOUR_METRE_LINE = 4.0, 0.15
+SUBSTITUTION, SUBSTITUTION_MARK = 4.5, 0.15  # from the centre line, length to either side of the side line's edges
+THROW_OFF_CIRCLE = 4.0  # diameter
+
+
+def handball() -> Field:
+    """A handball court: all lines, the goal areas, the dashed free-throw lines, and the goals.
+
+    Lines are where the middle of the paint is. "left" and "right" are the goals as the main camera sees them, "top" is
+    the far side and "bottom" the near one, also of posts. The line from corner to corner is the goal line between the
+    posts, where it is wider, and the outer goal line beside them. Goal area and free-throw line are one straight line
+    and two arcs each. The throw-off circle is there since 2022, and not on every court.
+
+    A court that is turned by 180 degrees is the same court: the substitution marks, which are on the side of the
+    benches only, are on both sides here.
+
+    Examples
+    --------
+    >>> handball()["Free-throw right line"].start
+    (11.025, -1.5, 0.0)
+    """
+    half, end, side = 0.5 * LINE_WIDTH, 0.5 * LENGTH, 0.5 * WIDTH  # outer edges
+    inner, outer = 0.5 * GOAL_WIDTH, 0.5 * GOAL_WIDTH + POST  # edges of the posts
+    seven, four, substitution = end - SEVEN_METRES + half, end - FOUR_METRES + half, SUBSTITUTION - half
+    edges = side - LINE_WIDTH - SUBSTITUTION_MARK, side + SUBSTITUTION_MARK
+    right: dict[str, Segment] = {
+        "Goal line right": across(end - 0.5 * POST, inner),
+        **right_area("Goal area", end, inner, GOAL_AREA - half),
+        **right_area("Free-throw", end, inner, FREE_THROW - half, reach=side - half),
+        "Seven-metre line right": across(seven, 0.5 * SEVEN_METRE_LINE),
+        "Four-metre line right": across(four, 0.5 * FOUR_METRE_LINE),
+        **with_top(
+            {
+                "Outer goal line right bottom": Line((end - half, outer, 0.0), (end - half, side - half, 0.0)),
+                "Substitution mark right bottom": Line((substitution, edges[0], 0.0), (substitution, edges[1], 0.0)),
+            }
+        ),
+        **right_goal(end - 0.5 * POST, GOAL_WIDTH, GOAL_HEIGHT, POST),
+    }
+    segments: dict[str, Segment] = {
+        **with_top({"Side line bottom": along(end - half, side - half)}),
+        "Centre line": across(0.0, side - half),
+        "Throw-off circle": Arc((0.0, 0.0, 0.0), 0.5 * THROW_OFF_CIRCLE - half),
+        **with_left(right),
+    }
+    return Field(
+        LENGTH,
+        WIDTH,
+        segments,
+        stands=stands_beside(LENGTH, WIDTH, away=(4.0, 40.0), up=(1.5, 18.0)),
+        farthest_camera=100.0,
+        lines=LineLook(width=LINE_WIDTH, ground_difference=np.inf),
+        size_known=True,
+    )

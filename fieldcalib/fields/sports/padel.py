@@ -1,0 +1,63 @@
+"""The padel court (FIP Rules of Padel, rule 1), with its net and its walls."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from fieldcalib.fields.field import Field
+from fieldcalib.fields.mirrored import with_left, with_top
+from fieldcalib.fields.segments import Line, Segment
+from fieldcalib.fields.sports.lines import across, along, hanging_net
+from fieldcalib.fields.stands import stands_beside
+from fieldcalib.fields.traits import LineLook
+
+# In metres.
+LENGTH, WIDTH = 20.0, 10.0  # between the walls
+LINE_WIDTH = 0.05
+SERVICE_LINE = 6.95  # from the net to the edge towards it: the other edge is 3 m from the back wall
+OVERLAP = 0.20  # of the central service line beyond the service line
+NET_CENTRE, NET_POSTS = 0.88, 0.92  # height
+GLASS, FENCE = 3.0, 4.0  # heights of the back walls: glass, and wire mesh above it
+
+
+def padel() -> Field:
+    """A padel court: service lines, the net with its posts, and the walls, of which the court has no lines.
+
+    Lines are where the middle of the paint is, walls where their inner side is. "left" and "right" are the sides of
+    the net as the main camera sees them, who looks across the court, "top" is the far side and "bottom" the near one.
+    "Back wall" and "Side wall" are the feet of the walls, "Glass" and "Fence" the upper edges of a back wall's glass
+    and of the mesh above it, and "Corner" the vertical line where two walls meet. A net is seen in two halves, since
+    it hangs through. Most cameras of padel stand behind a back wall: "behind left goal" is the stand there.
+
+    A court that is turned by 180 degrees is the same court.
+
+    Examples
+    --------
+    >>> padel()["Corner right bottom"]
+    Line(start=(10.0, 5.0, -4.0), end=(10.0, 5.0, 0.0))
+    """
+    end, side, service = 0.5 * LENGTH, 0.5 * WIDTH, SERVICE_LINE + 0.5 * LINE_WIDTH
+    overlap = SERVICE_LINE + LINE_WIDTH + OVERLAP
+    segments: dict[str, Segment] = {
+        "Central service line": along(overlap, 0.0),
+        **with_left(
+            {
+                "Service line right": across(service, side),
+                "Back wall right": across(end, side),
+                "Glass right": across(end, side, -GLASS),
+                "Fence right": across(end, side, -FENCE),
+                **with_top({"Corner right bottom": Line((end, side, -FENCE), (end, side, 0.0))}),
+            }
+        ),
+        **with_top({"Side wall bottom": along(end, side)}),
+        **hanging_net(side, NET_CENTRE, NET_POSTS),
+    }
+    return Field(
+        LENGTH,
+        WIDTH,
+        segments,
+        stands=stands_beside(LENGTH, WIDTH, away=(2.0, 25.0), up=(1.5, 12.0)),
+        farthest_camera=60.0,
+        lines=LineLook(width=LINE_WIDTH, ground_difference=np.inf),
+        size_known=True,
+    )

@@ -1,0 +1,88 @@
+"""The volleyball court (FIVB Official Volleyball Rules, rules 1 and 2), with its net."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from fieldcalib.fields.field import Field
+from fieldcalib.fields.mirrored import with_left, with_top
+from fieldcalib.fields.segments import Line, Segment
+from fieldcalib.fields.sports.lines import across, along
+from fieldcalib.fields.stands import stands_beside
+from fieldcalib.fields.traits import LineLook
+
+# In metres, to the outer edges of the lines.
+LENGTH, WIDTH = 18.0, 9.0
+LINE_WIDTH = 0.05
+ATTACK_LINE = 3.0  # from the middle of the centre line to the rear edge
+ATTACK_EXTENSION = (0.20, 1.75)  # dashes, from and to this distance from the side line
+SERVICE_MARK = (0.20, 0.15)  # behind the end line, length
+NET_HEIGHTS = {"men": 2.43, "women": 2.24}
+NET_DEPTH = 1.0  # from the upper to the lower edge
+ANTENNA = (1.80, 0.80)  # length, and the part above the net
+
+
+def volleyball(net: str = "men") -> Field:
+    """A volleyball court: all lines, the net's edges between the antennae, and the antennae.
+
+    Lines are where the middle of the paint is. "left" and "right" are the sides of the net as the main camera sees
+    them, "top" is the far side and "bottom" the near one. The dashes that go on with an attack line beyond a side line
+    are an extension of their own. Posts are left out: the rules let them stand 0.5 to 1 m from the court.
+
+    A court that is turned by 180 degrees is the same court.
+
+    Parameters
+    ----------
+    net : {"men", "women"}
+        Whose net it is: 2.43 m high, or 2.24 m.
+
+    Raises
+    ------
+    ValueError
+        If the net is another one.
+
+    Examples
+    --------
+    >>> volleyball()["Attack line right"].start
+    (2.975, -4.475, 0.0)
+    >>> volleyball("women")["Net upper edge"].start
+    (0.0, -4.5, -2.24)
+    """
+    if net not in NET_HEIGHTS:
+        raise ValueError(f"expected the net of a volleyball court, 'men' or 'women', got {net!r}")
+    half, end, side = 0.5 * LINE_WIDTH, 0.5 * LENGTH, 0.5 * WIDTH  # outer edges
+    attack, upper, lower = ATTACK_LINE - half, -NET_HEIGHTS[net], NET_DEPTH - NET_HEIGHTS[net]
+    behind, (length, above) = end + SERVICE_MARK[0], ANTENNA
+    extension = side + ATTACK_EXTENSION[0], side + ATTACK_EXTENSION[1]
+    segments: dict[str, Segment] = {
+        **with_top({"Side line bottom": along(end - half, side - half)}),
+        "Centre line": across(0.0, side - half),
+        **with_left(
+            {
+                "End line right": across(end - half, side - half),
+                "Attack line right": across(attack, side - half),
+                **with_top(
+                    {
+                        "Attack line extension right bottom": Line(
+                            (attack, extension[0], 0.0), (attack, extension[1], 0.0)
+                        ),
+                        "Service mark right bottom": Line(
+                            (behind, side - half, 0.0), (behind + SERVICE_MARK[1], side - half, 0.0)
+                        ),
+                    }
+                ),
+            }
+        ),
+        "Net upper edge": across(0.0, side, upper),
+        "Net lower edge": across(0.0, side, lower),
+        **with_top({"Antenna bottom": Line((0.0, side, upper - above), (0.0, side, upper - above + length))}),
+    }
+    return Field(
+        LENGTH,
+        WIDTH,
+        segments,
+        stands=stands_beside(LENGTH, WIDTH, away=(4.0, 35.0), up=(1.5, 15.0)),
+        farthest_camera=80.0,
+        lines=LineLook(width=LINE_WIDTH, ground_difference=np.inf),
+        size_known=True,
+    )
