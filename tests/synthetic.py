@@ -17,9 +17,8 @@ GOLDEN_ANGLE = 2.399963  # rad: directions that never repeat and are even on the
 
 
 def random_camera(stand, rng, image_size=SIZE, a1=(0.0, 0.0)):
-    """A camera of a named distribution, uniform in its ranges, with a lens of normally distributed a1 (mean, sigma)."""
-    ranges = DISTRIBUTIONS[stand]
-    ranges = np.array([ranges.pan, ranges.tilt, ranges.roll, ranges.fov, ranges.x, ranges.y, ranges.z])
+    """A camera of a distribution, uniform in its ranges, with a lens of normally distributed a1 (mean, sigma)."""
+    ranges = np.array([stand.pan, stand.tilt, stand.roll, stand.fov, stand.x, stand.y, stand.z])
     pan, tilt, roll, fov, *C = rng.uniform(ranges[:, 0], ranges[:, 1])
     f = float(focal_length_from_fov(np.radians(fov), image_size[0]))
     camera = Camera.from_angles(*np.radians([pan, tilt, roll]), f, C, image_size)
@@ -109,12 +108,13 @@ def random_frames(
 ):
     """`count` frames of random cameras, one stand after the other, with so many segments or more: (frames, cameras).
 
-    `seed` may be a generator, which goes on where it is.
+    `seed` may be a generator, which goes on where it is; `stands` are names of stands of the field.
     """
-    rng, markings = np.random.default_rng(seed), whole_circle_markings(soccer() if field is None else field)
+    field = soccer() if field is None else field
+    rng, markings = np.random.default_rng(seed), whole_circle_markings(field)
     frames, cameras = [], []
     while len(frames) < count:
-        camera = random_camera(stands[len(frames) % len(stands)], rng, image_size, a1)
+        camera = random_camera(field.named_stands[stands[len(frames) % len(stands)]], rng, image_size, a1)
         frame = observe(markings, camera, rng, noise)
         if len(frame) >= least_segments:
             frames.append(frame)

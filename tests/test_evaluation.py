@@ -152,7 +152,7 @@ def random_evaluation(stand, lens, count, distance=20.0, seed=2, with_size=False
     if with_size:
         layout = Layout.of(SIZE, layout.lens, SIZES, layout.zoom_law)
     while len(frames) < count:
-        camera = random_camera(stand, rng)
+        camera = random_camera(DISTRIBUTIONS[stand], rng)
         if lens in ("radial lens", "Brown-Conrady lens", "zoom law"):
             camera = random_distorted(camera, rng)
         theta = layout.theta(camera)
