@@ -23,7 +23,7 @@ def badminton() -> Field:
     """A badminton court for doubles and singles: all lines, and the net with its posts on the doubles side lines.
 
     Lines are where the middle of the paint is. "left" and "right" are the sides of the net as the main camera sees
-    them, who looks across the court, "top" is the far side and "bottom" the near one; a net is seen in two halves,
+    them, which looks across the court, "top" is the far side and "bottom" the near one; a net is seen in two halves,
     since it hangs through. Most cameras of badminton stand behind a back line: "behind left goal" is the stand there.
 
     A court that is turned by 180 degrees is the same court.

@@ -25,8 +25,10 @@ def tennis() -> Field:
     """A tennis court for doubles: base, side and service lines, centre marks, and the net with its posts.
 
     Lines are where the middle of the paint is. "left" and "right" are the sides of the net as the main camera sees
-    them, who looks across the court; most cameras of tennis stand behind a base line: "behind left goal" is the stand
-    there. A court that is turned by 180 degrees is the same court.
+    them, which looks across the court, "top" is the far side and "bottom" the near one; a net is seen in two halves,
+    since it hangs through. Most cameras of tennis stand behind a base line: "behind left goal" is the stand there.
+
+    A court that is turned by 180 degrees is the same court.
 
     Examples
     --------
