@@ -1,9 +1,14 @@
 from .catalogue import FIELDS as FIELDS
 from .catalogue import field_named as field_named
+from .sports.american_football import american_football as american_football
 from .sports.badminton import badminton as badminton
 from .sports.basketball import basketball as basketball
+from .sports.field_hockey import field_hockey as field_hockey
 from .sports.futsal import futsal as futsal
 from .sports.handball import handball as handball
+from .sports.ice_hockey import ice_hockey as ice_hockey
+from .sports.ice_hockey import ice_hockey_iihf as ice_hockey_iihf
 from .sports.padel import padel as padel
+from .sports.rugby_union import rugby_union as rugby_union
 from .sports.tennis import tennis as tennis
 from .sports.volleyball import volleyball as volleyball

@@ -11,10 +11,17 @@ from fieldcalib.fields.field import Field, built
 from fieldcalib.fields.segments import Arc, Line, Point, PointCloud, Segment
 from fieldcalib.fields.soccer import soccer
 from fieldcalib.fields.sports.futsal import futsal
+from fieldcalib.fields.sports.ice_hockey import ice_hockey_iihf
+from fieldcalib.fields.sports.rugby_union import rugby_union
 from fieldcalib.fields.stands import CameraDistribution
 from fieldcalib.fields.traits import Halves, LineLook, ProbabilityModel, SizePrior
 
-BUILDERS: Mapping[str, Callable[..., Field]] = {"soccer": soccer, "futsal": futsal}
+BUILDERS: Mapping[str, Callable[..., Field]] = {
+    "soccer": soccer,
+    "futsal": futsal,
+    "ice-hockey-iihf": ice_hockey_iihf,
+    "rugby-union": rugby_union,
+}
 SEGMENTS: Mapping[str, type[Segment]] = {kind.__name__: kind for kind in (Point, Line, Arc, PointCloud)}
 
 T = TypeVar("T")

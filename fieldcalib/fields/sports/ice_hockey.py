@@ -1,0 +1,342 @@
+"""Rinks of ice hockey: NHL (rule book, rule 1), as before the season of 2014, and IIHF (rule book, section 1)."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from itertools import product
+from types import MappingProxyType
+
+import numpy as np
+
+from fieldcalib.fields.field import Field
+from fieldcalib.fields.mirrored import with_left, with_top
+from fieldcalib.fields.segments import Arc, Line, Point, Segment
+from fieldcalib.fields.sports.goals import right_goal
+from fieldcalib.fields.sports.lines import across, along
+from fieldcalib.fields.stands import stands_beside
+from fieldcalib.fields.traits import LineLook, SizePrior
+
+FEET = 0.3048
+POST = 0.06  # metres: diameter of the goal's tubes, 2 3/8 in
+LEGAL_IIHF = ((56.0, 61.0), (26.0, 30.0))  # length and width; since 2021 rinks of tournaments are 60 m long
+USUAL_IIHF = ((59.5, 60.5), (26.0, 30.0))
+
+
+@dataclass(frozen=True)
+class Rules:
+    """What rule books say of a rink, in metres; edges of the paint as they say it."""
+
+    length: float
+    width: float
+    corner_radius: float
+    line: float
+    """Width of goal lines, circles and marks."""
+    wide_line: float
+    """Width of the blue lines and of the centre line."""
+    goal_line: float
+    """Middle of the line, from the end boards."""
+    blue_line: float
+    """Middle of the line, from the end boards."""
+    circle: float
+    """Outer radius of all face-off circles."""
+    circle_x: float
+    """Spot of an end, from the end boards."""
+    spots_y: float
+    """Spots of ends and neutral zone, from the middle of the rink."""
+    neutral_spot: float
+    """Spot of the neutral zone, from the nearer edge of the blue line."""
+    hashes_apart: float
+    """Between the inner edges of two hash marks."""
+    hash_length: float
+    l_corner: tuple[float, float]
+    """Edges of an L mark that face the spot, from its centre, along the rink and across."""
+    l_legs: tuple[float, float]
+    """From the middle of the paint at the corner."""
+    crease: float
+    """Outer radius, around the middle of the goal line."""
+    crease_width: float
+    """Between the outer edges of the straight sides; infinite where the crease is a half circle."""
+    trapezoid: tuple[float, float]
+    """Half of its width at the goal line and at the end boards."""
+    referee: float
+    """Outer radius of the referee's crease."""
+    goal: tuple[float, float]
+    """Width and height inside the posts and below the crossbar."""
+
+
+NHL = Rules(
+    length=200.0 * FEET,
+    width=85.0 * FEET,
+    corner_radius=28.0 * FEET,
+    line=FEET / 6.0,
+    wide_line=FEET,
+    goal_line=11.0 * FEET,
+    blue_line=74.5 * FEET,  # its edge towards the centre is 64 ft from the goal line
+    circle=15.0 * FEET,
+    circle_x=31.0 * FEET,
+    spots_y=22.0 * FEET,
+    neutral_spot=5.0 * FEET,
+    hashes_apart=(5.0 + 7.0 / 12.0) * FEET,  # 5 ft 7 in
+    hash_length=2.0 * FEET,
+    l_corner=(2.0 * FEET, 0.75 * FEET),
+    l_legs=(4.0 * FEET, 34.0 / 12.0 * FEET),  # 4 ft and 2 ft 10 in
+    crease=6.0 * FEET,
+    crease_width=8.0 * FEET,
+    trapezoid=(11.0 * FEET, 14.0 * FEET),
+    referee=10.0 * FEET,
+    goal=(6.0 * FEET, 4.0 * FEET),
+)
+NHL_2013 = replace(NHL, hashes_apart=3.0 * FEET, trapezoid=(9.0 * FEET, 14.0 * FEET))
+IIHF = Rules(
+    length=60.0,
+    width=30.0,
+    corner_radius=8.5,
+    line=0.05,
+    wide_line=0.30,
+    goal_line=4.0,
+    blue_line=22.86,
+    circle=4.5,
+    circle_x=10.0,
+    spots_y=7.0,
+    neutral_spot=1.5,
+    hashes_apart=1.70,
+    hash_length=0.60,
+    l_corner=(0.60, 0.225),
+    l_legs=(1.20, 0.90),
+    crease=1.80,
+    crease_width=np.inf,
+    trapezoid=(3.4, 4.3),
+    referee=3.0,
+    goal=(1.83, 1.22),
+)
+FIXED: Mapping[str, Rules] = MappingProxyType({"nhl": NHL, "nhl-2013": NHL_2013})
+
+
+def ice_hockey(rules: str = "nhl") -> Field:
+    """A rink with its boards, lines, face-off circles and goals.
+
+    "left" and "right" are the ends as the main camera sees them, "top" is its far side, "bottom" the near one.
+
+    * Boards, where they meet the ice: "End board left", "Side board top", "Corner board right bottom" (an arc).
+    * "Goal line left", "Centre line", "Blue line left" at the middle of their paint; of wide lines there are the edges
+      too: "Blue line left inner edge", which faces the centre, and "outer edge", "Centre line left edge" and "right
+      edge".
+    * "Centre circle", "Face-off circle right bottom"; at each of the four "Hash mark right bottom TL" (far and left of
+      its spot; TR, BL, BR) and an L, "L mark right bottom TL along" the rink and "across".
+    * "Crease left" and its straight sides "Crease left top", "Trapezoid left top" behind the goal, and the referee's
+      crease, "Referee crease top" or "bottom": the side of the timekeeper, whichever that is.
+    * "Goal left crossbar", "Goal left post top".
+    * Points: "Centre spot", "Neutral spot right bottom", "Face-off spot right bottom", "L mark right bottom TL corner",
+      "along end" and "across end", "Hash mark right bottom TL inner end" (on the circle) and "outer end", and where
+      lines meet: "Goal line and boards right bottom", "Goal line and trapezoid right bottom", "Blue line and boards
+      right bottom", "Centre line and boards bottom", "Centre line and centre circle bottom".
+
+    Parameters
+    ----------
+    rules : {"nhl", "nhl-2013", "iihf"}
+        Of which rule book. Until 2014 the hash marks of the NHL were 3 ft apart, and the trapezoid 18 ft wide at the
+        goal line. Rinks of the IIHF vary: `ice_hockey_iihf` has their size.
+
+    Raises
+    ------
+    ValueError
+        If there are no such rules.
+
+    Notes
+    -----
+    Nothing but the labels tells the two ends apart: a rink that is turned by 180 degrees looks the same.
+
+    The measures of the IIHF's trapezoid are from sportypy, not from the rule book's text.
+
+    Examples
+    --------
+    >>> [round(x, 4) for x in ice_hockey("nhl")["Face-off spot right bottom"].X]  # 69 and 22 ft
+    [21.0312, 6.7056, 0.0]
+    >>> round(ice_hockey("iihf")["Blue line left"].start[0], 2)
+    -7.14
+    """
+    if rules == "iihf":
+        return ice_hockey_iihf()
+    if rules not in FIXED:
+        raise ValueError(f"expected rules of ice hockey among {', '.join(FIXED)}, iihf, got {rules!r}")
+    return replace(_rink(FIXED[rules]), size_known=True)
+
+
+def ice_hockey_iihf(
+    length: float = IIHF.length,
+    width: float = IIHF.width,
+    *,
+    corner_radius: float = IIHF.corner_radius,
+    size_known: bool = False,
+) -> Field:
+    """A rink of the IIHF, whose width is 26 to 30 m. Labels are those of `ice_hockey`.
+
+    Parameters
+    ----------
+    length, width : float
+        Between the boards, metres.
+    corner_radius : float
+        Of the boards, 7.0 to 8.5 m.
+    size_known : bool
+        Whether this is the size of the rink in view, and not only a likely one.
+
+    Raises
+    ------
+    ValueError
+        If the rules do not allow such a size.
+
+    Examples
+    --------
+    >>> ice_hockey_iihf(width=28.0)["Side board bottom"].start[1]
+    14.0
+    """
+    for name, value, (low, high) in (
+        ("long", length, LEGAL_IIHF[0]),
+        ("wide", width, LEGAL_IIHF[1]),
+    ):
+        if not low - 1.0 <= value <= high + 1.0:  # a solver may look a little beyond
+            raise ValueError(f"a rink of the IIHF is {low:g} to {high:g} m {name}, got {value}")
+    if not 7.0 <= corner_radius <= 8.5:
+        raise ValueError(f"the corners of an IIHF rink have a radius of 7.0 to 8.5 m, got {corner_radius}")
+    rink = _rink(replace(IIHF, length=length, width=width, corner_radius=corner_radius))
+    model = SizePrior(LEGAL_IIHF, USUAL_IIHF, build=ice_hockey_iihf, rules="the rule book")
+    return replace(rink, size_model=model, size_known=size_known)
+
+
+def _rink(rules: Rules) -> Field:
+    segments: dict[str, Segment] = {
+        **_boards(rules),
+        **_lines(rules),
+        **_ends(rules),
+        **_goals(rules),
+        **_intersections(rules),
+        "Centre circle": Arc((0.0, 0.0, 0.0), rules.circle - 0.5 * rules.line),
+        "Centre spot": Point((0.0, 0.0, 0.0)),
+    }
+    return Field(
+        float(rules.length),
+        float(rules.width),
+        segments,
+        stands=stands_beside(rules.length, rules.width, away=(5.0, 45.0), up=(3.0, 25.0)),
+        farthest_camera=120.0,
+        lines=LineLook(width=rules.line, lighter=False, ground_difference=np.inf),
+    )
+
+
+def _boards(rules: Rules) -> dict[str, Segment]:
+    end, side, r = 0.5 * rules.length, 0.5 * rules.width, rules.corner_radius
+    centre = (end - r, side - r, 0.0)
+    return {
+        **with_left({"End board right": across(end, side - r)}),
+        **with_top({"Side board bottom": along(end - r, side)}),
+        **with_left(with_top({"Corner board right bottom": Arc(centre, r, 0.0, 0.5 * np.pi)})),
+    }
+
+
+def _lines(rules: Rules) -> dict[str, Segment]:
+    side, half = 0.5 * rules.width, 0.5 * rules.wide_line
+    goal, blue, goal_end = 0.5 * rules.length - rules.goal_line, _blue_line(rules), _end_of_goal_line(rules)
+
+    return {
+        "Centre line": across(0.0, side),
+        **with_left(
+            {
+                "Goal line right": across(goal, goal_end),
+                "Blue line right": across(blue, side),
+                "Blue line right inner edge": across(blue - half, side),
+                "Blue line right outer edge": across(blue + half, side),
+                "Centre line right edge": across(half, side),
+            }
+        ),
+    }
+
+
+def _blue_line(rules: Rules) -> float:
+    return 0.5 * rules.length - rules.blue_line
+
+
+def _end_of_goal_line(rules: Rules) -> float:
+    """Where the goal line meets the corner of the boards, from the middle of the rink."""
+    r = rules.corner_radius
+    return 0.5 * rules.width - r + float(np.sqrt(r**2 - (r - rules.goal_line) ** 2))
+
+
+def _ends(rules: Rules) -> dict[str, Segment]:
+    """Spots and circles of ends and neutral zone, hash marks and L marks."""
+    neutral = _blue_line(rules) - 0.5 * rules.wide_line - rules.neutral_spot
+    found: dict[str, Segment] = {}
+    for (side, left), (end, top) in product((("left", -1.0), ("right", 1.0)), (("top", -1.0), ("bottom", 1.0))):
+        x, y = left * (0.5 * rules.length - rules.circle_x), top * rules.spots_y
+        found[f"Face-off circle {side} {end}"] = Arc((x, y, 0.0), rules.circle - 0.5 * rules.line)
+        found[f"Face-off spot {side} {end}"] = Point((x, y, 0.0))
+        found[f"Neutral spot {side} {end}"] = Point((left * neutral, y, 0.0))
+        for (tb, sy), (lr, sx) in product((("T", -1.0), ("B", 1.0)), (("L", -1.0), ("R", 1.0))):
+            found.update(_marks(rules, (x, y), (sx, sy), f"{side} {end} {tb}{lr}"))
+    return found
+
+
+def _marks(rules: Rules, spot: tuple[float, float], signs: tuple[float, float], name: str) -> dict[str, Segment]:
+    """Hash mark and L mark in one quarter around a spot."""
+    half = 0.5 * rules.line
+
+    def place(x: float, y: float) -> tuple[float, float, float]:
+        return spot[0] + signs[0] * x, spot[1] + signs[1] * y, 0.0
+
+    x = 0.5 * rules.hashes_apart + half
+    hash_mark = Line(place(x, rules.circle), place(x, rules.circle + rules.hash_length))
+    x, y = rules.l_corner[0] + half, rules.l_corner[1] + half
+    along = Line(place(x, y), place(x + rules.l_legs[0], y))
+    across = Line(place(x, y), place(x, y + rules.l_legs[1]))
+    return {
+        f"Hash mark {name}": hash_mark,
+        f"Hash mark {name} inner end": Point(hash_mark.start),
+        f"Hash mark {name} outer end": Point(hash_mark.end),
+        f"L mark {name} along": along,
+        f"L mark {name} across": across,
+        f"L mark {name} corner": Point(along.start),
+        f"L mark {name} along end": Point(along.end),
+        f"L mark {name} across end": Point(across.end),
+    }
+
+
+def _goals(rules: Rules) -> dict[str, Segment]:
+    """Goals, creases, trapezoids and the referee's crease."""
+    half, end = 0.5 * rules.line, 0.5 * rules.length
+    goal, radius = end - rules.goal_line, rules.crease - half
+    y = min(0.5 * rules.crease_width - half, radius)
+    angle = float(np.arcsin(y / radius))
+    at_goal, at_boards = rules.trapezoid
+    right: dict[str, Segment] = {
+        "Crease right": Arc((goal, 0.0, 0.0), radius, np.pi - angle, np.pi + angle),
+        **right_goal(goal, *rules.goal, POST),
+    }
+    bottom: dict[str, Segment] = {
+        "Trapezoid right bottom": Line((goal, at_goal, 0.0), (end, at_boards, 0.0)),
+        "Goal line and trapezoid right bottom": Point((goal, at_goal, 0.0)),
+    }
+    if y < radius:
+        bottom["Crease right bottom"] = Line((goal - radius * np.cos(angle), y, 0.0), (goal, y, 0.0))
+    referee = Arc((0.0, 0.5 * rules.width, 0.0), rules.referee - half, -np.pi, 0.0)
+    return {**with_left(right), **with_left(with_top(bottom)), **with_top({"Referee crease bottom": referee})}
+
+
+def _intersections(rules: Rules) -> dict[str, Segment]:
+    side, goal = 0.5 * rules.width, 0.5 * rules.length - rules.goal_line
+    circle = rules.circle - 0.5 * rules.line
+    return {
+        **with_left(
+            with_top(
+                {
+                    "Goal line and boards right bottom": Point((goal, _end_of_goal_line(rules), 0.0)),
+                    "Blue line and boards right bottom": Point((_blue_line(rules), side, 0.0)),
+                }
+            )
+        ),
+        **with_top(
+            {
+                "Centre line and boards bottom": Point((0.0, side, 0.0)),
+                "Centre line and centre circle bottom": Point((0.0, circle, 0.0)),
+            }
+        ),
+    }

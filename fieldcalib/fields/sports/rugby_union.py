@@ -1,0 +1,109 @@
+"""The field of rugby union (World Rugby, Laws of the Game, law 1), with its goals."""
+
+from __future__ import annotations
+
+from fieldcalib.fields.field import Field
+from fieldcalib.fields.mirrored import with_left, with_top
+from fieldcalib.fields.segments import Line, Point, Segment
+from fieldcalib.fields.sports.lines import across, along
+from fieldcalib.fields.stands import stands_beside
+from fieldcalib.fields.traits import LineLook, SizePrior
+
+# Law 1, in metres.
+LEGAL = ((94.0, 100.0), (68.0, 70.0))  # length and width of the field of play
+IN_GOAL = (6.0, 22.0)  # depth
+LINE_WIDTH = 0.10  # the law says nothing; as is usual
+TWENTY_TWO, TEN = 22.0, 10.0  # from the goal line, from the halfway line
+FIVE, FIFTEEN = 5.0, 15.0  # from touch, and the dashes in front of the goal line
+POSTS_APART, CROSSBAR = 5.6, 3.0  # between the posts; the top of the crossbar
+POSTS = 0.12  # diameter
+POSTS_HEIGHT = 15.0  # at least 3.4; those of stadiums reach 10 to 17
+
+
+def rugby_union(
+    length: float = 100.0, width: float = 70.0, *, in_goal: float = 10.0, size_known: bool = False
+) -> Field:
+    """A field for rugby union: outline, goal lines, 22s, halfway line, the dashed lines, in-goal areas and goals.
+
+    Lines are where the middle of the paint is. Goal lines and touchlines lie outside the field of play, the lines of
+    the 22s inside these; of the others the law names no edge. "left" and "right" are the ends as the main camera sees
+    them, "top" is its far side, "bottom" the near one.
+
+    * "Touchline top", "Goal line left", "22-metre line left", "Halfway line", "Dead-ball line left", "Touch-in-goal
+      line left top".
+    * Dashed: "10-metre line left", "5-metre line top" and "15-metre line top" along the touchlines, and "5-metre dashes
+      left", a row in front of the goal line.
+    * "Goal left crossbar", "Goal left post top".
+    * Points: "Halfway line and touchline top", "Goal line and touchline left top", "22-metre line and touchline left
+      top", "Dead-ball corner left top".
+
+    Nothing but the labels tells the two ends apart: a field that is turned by 180 degrees looks the same.
+
+    Parameters
+    ----------
+    length, width : float
+        Of the field of play, from goal line to goal line and from touch to touch, metres.
+    in_goal : float
+        Depth of each in-goal area, 6 to 22 m.
+    size_known : bool
+        Whether this is the size of the field in view, and not only a likely one.
+
+    Raises
+    ------
+    ValueError
+        If the law does not allow such a size.
+
+    Examples
+    --------
+    >>> rugby_union(length=98.0)["22-metre line right"].start[0]
+    27.05
+    """
+    for name, value, (low, high), beyond in (
+        ("long", length, LEGAL[0], 2.0),  # a solver may look a little beyond
+        ("wide", width, LEGAL[1], 2.0),
+        ("deep in goal", in_goal, IN_GOAL, 0.0),
+    ):
+        if not low - beyond <= value <= high + beyond:
+            raise ValueError(f"a field of rugby union is {low:g} to {high:g} m {name}, got {value}")
+    half = 0.5 * LINE_WIDTH
+    goal, touch = 0.5 * length + half, 0.5 * width + half
+    x22, dead = 0.5 * length - TWENTY_TWO + half, 0.5 * length + in_goal + half
+    five, fifteen, dashes = 0.5 * width - FIVE, 0.5 * width - FIFTEEN, 0.5 * length - FIVE
+    post, bar = 0.5 * (POSTS_APART + POSTS), CROSSBAR - 0.5 * POSTS
+
+    right: dict[str, Segment] = {
+        "Goal line right": across(goal, touch),
+        "22-metre line right": across(x22, touch),
+        "10-metre line right": across(TEN, touch),
+        "Dead-ball line right": across(dead, touch),
+        "5-metre dashes right": across(dashes, five + 0.5),
+        "Goal right crossbar": across(goal, post, -bar),
+    }
+    bottom: dict[str, Segment] = {
+        "Touchline bottom": along(goal, touch),
+        "5-metre line bottom": along(dashes, five),
+        "15-metre line bottom": along(dashes, fifteen),
+        "Halfway line and touchline bottom": Point((0.0, touch, 0.0)),
+    }
+    corner: dict[str, Segment] = {
+        "Touch-in-goal line right bottom": Line((goal, touch, 0.0), (dead, touch, 0.0)),
+        "Goal right post bottom": Line((goal, post, -POSTS_HEIGHT), (goal, post, 0.0)),
+        "Goal line and touchline right bottom": Point((goal, touch, 0.0)),
+        "22-metre line and touchline right bottom": Point((x22, touch, 0.0)),
+        "Dead-ball corner right bottom": Point((dead, touch, 0.0)),
+    }
+    return Field(
+        float(length),
+        float(width),
+        {
+            **with_left(right),
+            **with_top(bottom),
+            **with_left(with_top(corner)),
+            "Halfway line": across(0.0, touch),
+        },
+        stands=stands_beside(length, width, away=(5.0 + in_goal, 75.0), up=(3.0, 40.0)),
+        farthest_camera=300.0,
+        lines=LineLook(width=LINE_WIDTH),
+        size_model=SizePrior(LEGAL, LEGAL, build=rugby_union, rules="law 1"),
+        size_known=size_known,
+    )
