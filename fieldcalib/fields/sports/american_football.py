@@ -21,6 +21,7 @@ GOAL_LINE = 50.0 * YARD  # its edge towards the field, from midfield
 LINE_WIDTH, GOAL_LINE_WIDTH = 4.0 * INCH, 8.0 * INCH
 HASH_LENGTH = 2.0 * FEET
 TRY_MARK_LENGTH = 1.0 * YARD
+NUMBER_HEIGHT = 2.0 * YARD
 POSTS_APART, CROSSBAR = 18.5 * FEET, 10.0 * FEET  # between the uprights; the top of the crossbar
 POST = 4.0 * INCH  # diameter of uprights and crossbar
 POSTS_HEIGHT = CROSSBAR + 35.0 * FEET  # NFL; 30 ft above the ground at least in the NCAA
@@ -40,7 +41,6 @@ class Rules:
     """From the edge of the goal line towards the field."""
 
 
-NUMBER_HEIGHT = 2.0 * YARD
 RULES: Mapping[str, Rules] = MappingProxyType(
     {
         "nfl": Rules(hashes=18.5 * FEET, gap=8.0 * INCH, numbers=12.0 * YARD, try_mark=2.0 * YARD),

@@ -191,11 +191,8 @@ def ice_hockey_iihf(
     >>> ice_hockey_iihf(width=28.0)["Side board bottom"].start[1]
     14.0
     """
-    for name, value, (low, high) in (
-        ("long", length, LEGAL_IIHF[0]),
-        ("wide", width, LEGAL_IIHF[1]),
-    ):
-        if not low - 1.0 <= value <= high + 1.0:  # a solver may look a little beyond
+    for name, value, (low, high) in (("long", length, LEGAL_IIHF[0]), ("wide", width, LEGAL_IIHF[1])):
+        if not low - 1.0 <= value <= high + 1.0:  # `Field.motion` looks a metre beyond
             raise ValueError(f"a rink of the IIHF is {low:g} to {high:g} m {name}, got {value}")
     if not 7.0 <= corner_radius <= 8.5:
         raise ValueError(f"the corners of an IIHF rink have a radius of 7.0 to 8.5 m, got {corner_radius}")

@@ -59,8 +59,8 @@ def rugby_union(
     27.05
     """
     for name, value, (low, high), beyond in (
-        ("long", length, LEGAL[0], 2.0),  # a solver may look a little beyond
-        ("wide", width, LEGAL[1], 2.0),
+        ("long", length, LEGAL[0], 1.0),  # `Field.motion` looks a metre beyond
+        ("wide", width, LEGAL[1], 1.0),
         ("deep in goal", in_goal, IN_GOAL, 0.0),
     ):
         if not low - beyond <= value <= high + beyond:
