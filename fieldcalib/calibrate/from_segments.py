@@ -246,7 +246,9 @@ def _judged(
     losses = ndc_losses(theta, layout, object_segments, solved.frames)
     wrong = implausibilities(evaluation, far=far, field=options.field, may_be_inside=options.may_be_inside)
     labels = Information.of(evaluation, prior.sigma[:, layout.free])
-    needed = labels.about(options.is_camera)
+    # ends are seen from the camera that was found: they confirm it wherever it is
+    lines_alone = evaluation.with_ends(evaluation.problem.observations.without_ends.ends)
+    needed = Information.of(lines_alone, prior.sigma[:, layout.free]).about(options.is_camera)
     lens_is_prior = _lens_is_prior(labels, options)
     fitted = segment_errors(evaluation, solved.frames)
     given = fitted
