@@ -392,6 +392,74 @@ def test_an_unknown_prior_raises(prior, message):
         calibrate_from_points(X4, XY4, SIZE, prior=prior)
 
 
+# weights
+
+
+@pytest.mark.parametrize("prior", ["all", None])
+def test_a_point_of_weight_2_counts_as_two(prior):
+    X, xy = seen(CAMERA)
+    xy = displaced({"points": xy}, 3.0)["points"]
+    twice = np.r_[np.arange(len(X)), 2, 5]
+    weights = np.ones(len(X))
+    weights[[2, 5]] = 2.0
+    plain = calibrate_from_points(X, xy, SIZE, prior=prior)
+    weighted = calibrate_from_points(X, xy, SIZE, prior=prior, weights=weights)
+    repeated = calibrate_from_points(X[twice], xy[twice], SIZE, prior=prior)
+    assert (
+        relative_error(weighted.camera, repeated.camera) < 1e-6 < 1e-4 < relative_error(weighted.camera, plain.camera)
+    )
+
+
+@pytest.mark.parametrize("prior", ["all", None])
+def test_points_of_weight_0_are_not_there(prior):
+    X, xy = seen(CAMERA)
+    kept = np.arange(len(X)) % 3 != 1
+    xy = np.where(kept[:, None], xy, 0.0)
+    weighted = calibrate_from_points(X, xy, SIZE, prior=prior, weights=1.0 * kept)
+    without = calibrate_from_points(X[kept], xy[kept], SIZE, prior=prior)
+    assert weighted.camera == without.camera
+    assert list(weighted.per_segment_errors) == [f"point {i}" for i in np.flatnonzero(kept)]
+
+
+@given(scale=st.sampled_from([1e-3, 0.2, 50.0]))
+@settings(max_examples=3)
+def test_without_a_prior_only_the_ratio_of_the_weights_matters(scale):
+    X, xy = seen(CAMERA)
+    xy = displaced({"points": xy}, 2.0)["points"]
+    weights = np.linspace(0.2, 1.0, len(X))
+    first, second = (calibrate_from_points(X, xy, SIZE, prior=None, weights=w) for w in (weights, scale * weights))
+    assert relative_error(first.camera, second.camera) < 1e-5
+    one, none = (calibrate_from_points(X, xy, SIZE, weights=w) for w in (1.0, None))
+    assert one.camera == none.camera
+
+
+def test_doubted_points_do_little_harm():
+    """Four gross errors of eleven: more than a robust loss takes among equals."""
+    X, xy = seen(CAMERA)
+    rng = np.random.default_rng(5)
+    wrong = rng.choice(len(X), len(X) // 2, replace=False)
+    xy[wrong] += (90.0, 60.0)
+    weights = np.ones(len(X))
+    weights[wrong] = 0.05
+    trusted, doubted = (calibrate_from_points(X, xy, SIZE, prior=None, weights=w) for w in (None, weights))
+    assert relative_error(doubted.camera, CAMERA) < 0.02 < relative_error(trusted.camera, CAMERA)
+
+
+@pytest.mark.parametrize(
+    ("weights", "message"),
+    [
+        ([1.0, 2.0], r"weights: expected one weight or 4, one for each point, got shape \(2,\)"),
+        ([1.0, 1.0, -1.0, 1.0], "weights: a weight must be finite and not negative, got -1.0; 0 leaves a point out"),
+        ([1.0, np.nan, 1.0, 1.0], "weights: a weight must be finite"),
+        ("heavy", "weights: expected a weight, or one for each point, got 'heavy'"),
+        (np.zeros(4), "every point has the weight 0"),
+    ],
+)
+def test_weights_that_are_none_raise(weights, message):
+    with pytest.raises(ValueError, match=message):
+        calibrate_from_points(X4, XY4, SIZE, weights=weights)
+
+
 # the start
 
 
@@ -400,7 +468,8 @@ def started(X, xy, K, dist):
     flags = PINHOLE_FLAGS | F.CALIB_FIX_FOCAL_LENGTH
     common = {"criteria": DEFAULT_CRITERIA, "prior": None, "loss": "cauchy", "tau": None}
     options = checked_options(SIZE, K, dist, None, None, flags=flags, **common)
-    return _start(Points(X, xy, K, dist, None, None, flags), options)
+    names = tuple(f"point {i}" for i in range(len(X)))
+    return _start(Points(names, X, xy, np.ones(len(X)), K, dist, None, None, flags), options)
 
 
 @given(

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from itertools import compress
 from typing import TypedDict
 
 import numpy as np
@@ -29,7 +30,7 @@ from fieldcalib.fields.stands import CameraDistribution
 from fieldcalib.geometry.camera import Camera
 from fieldcalib.geometry.rotation import angles_from_rotation, rotation_from_angles
 from fieldcalib.problem.evaluation import evaluate
-from fieldcalib.problem.labelled_pixels import Pixels
+from fieldcalib.problem.labelled_pixels import Pixels, checked_weight
 from fieldcalib.problem.layout import ANGLES, CENTER, LOG_ASPECT, LOG_F, PRINCIPAL_POINT
 from fieldcalib.problem.losses import LossName, RobustLoss
 from fieldcalib.problem.observations import pack
@@ -52,6 +53,7 @@ def calibrate_from_points(
     prior: Prior = ALL,
     loss: LossName | RobustLoss = "cauchy",
     tau: float | None = None,
+    weights: ArrayLike | None = None,
 ) -> Calibration:
     """Calibrate a camera from points of one frame: `calibrate_from_segments` with a `Point` for each pixel.
 
@@ -75,18 +77,21 @@ def calibrate_from_points(
     prior : str, CameraDistribution, an iterable of them, or None
         As in `calibrate_from_segments`; None for any object that is no soccer field. Four points on a plane or six in
         space are then needed, unless `rvec` and `tvec` give the start.
+    weights : float or (N,) array_like, optional
+        What the points count against others, as in `calibrate_from_segments`: one over the variance of the pixels, in
+        units of that of a point of weight 1. A point of weight 2 counts as two, one of weight 0 is left out.
 
     Returns
     -------
     Calibration
-        `per_segment_errors` are the distances in pixels, named "point 0", "point 1", ... Without any start there is no
-        camera.
+        `per_segment_errors` are the distances in pixels, named "point 0", "point 1", ... as given, without those of
+        weight 0. Without any start there is no camera.
 
     Raises
     ------
     ValueError
-        As `calibrate_from_segments`; or if points and pixels are no lists of one length, or, with the default prior,
-        lie outside any soccer field.
+        As `calibrate_from_segments`; or if points, pixels and weights are no lists of one length, or, with the default
+        prior, points lie outside any soccer field.
 
     Examples
     --------
@@ -100,11 +105,13 @@ def calibrate_from_points(
     X, xy = _checked_points(object_points, 3, "object_points"), _checked_points(image_points, 2, "image_points")
     if len(X) != len(xy):
         raise ValueError(f"object_points and image_points must be of one length, got {len(X)} and {len(xy)}")
+    weight = _checked_weights(weights, len(X))
     members = _checked_members(prior)
     common: _Common = {"criteria": criteria, "loss": loss, "tau": tau}
     known = camera_matrix, dist_coeffs, rvec, tvec
     options = checked_options(image_size, *known, flags=flags, prior=members, field=soccer(), **common)
-    points = Points(X, xy, camera_matrix, dist_coeffs, rvec, tvec, flags)
+    names = tuple(f"point {i}" for i in range(len(X)))
+    points = Points(names, X, xy, weight, camera_matrix, dist_coeffs, rvec, tvec, flags).seen()
     if members is None:
         return _calibrate_without_prior(points, options, common)
     if members == ALL:
@@ -122,8 +129,10 @@ class _Common(TypedDict):
 class Points:
     """Points, their pixels, and what is known of the camera: arguments of `calibrate_from_points`."""
 
+    names: tuple[str, ...]
     X: Array
     xy: Array
+    weights: Array
     camera_matrix: ArrayLike | None
     dist_coeffs: ArrayLike | None
     rvec: ArrayLike | None
@@ -134,7 +143,13 @@ class Points:
         """The same points with a camera to start from."""
         rvec, tvec, K, dist = start.to_opencv()
         guess = CalibrationFlags.CALIB_USE_INTRINSIC_GUESS | CalibrationFlags.CALIB_USE_EXTRINSIC_GUESS
-        return Points(self.X, self.xy, K, dist, rvec, tvec, self.flags | guess)
+        return replace(self, camera_matrix=K, dist_coeffs=dist, rvec=rvec, tvec=tvec, flags=self.flags | guess)
+
+    def seen(self) -> Points:
+        """Those that weigh anything."""
+        seen = self.weights > 0.0
+        names = tuple(compress(self.names, seen))
+        return replace(self, names=names, X=self.X[seen], xy=self.xy[seen], weights=self.weights[seen])
 
 
 def _checked_points(values: ArrayLike, size: int, name: str) -> Array:
@@ -154,6 +169,16 @@ def _checked_points(values: ArrayLike, size: int, name: str) -> Array:
         first = int(np.flatnonzero(~np.isfinite(array).all(axis=1))[0])
         raise ValueError(f"{name}: point {first} is not finite: {array[first].tolist()}; leave it out")
     return array
+
+
+def _checked_weights(weights: ArrayLike | None, count: int) -> Array:
+    """The weights of `count` points, (count,)."""
+    if weights is None:
+        return np.ones(count)
+    weight = checked_weight("weights", weights, count, each="point")
+    if count and not np.any(weight > 0.0):
+        raise ValueError("every point has the weight 0: nothing is left to calibrate from")
+    return weight
 
 
 def _checked_members(prior: Prior) -> str | CameraDistribution | tuple[str | CameraDistribution, ...] | None:
@@ -192,6 +217,7 @@ def _calibrate(points: Points, options: Options, prior: Prior, common: _Common, 
         points.tvec,
         flags=points.flags,
         prior=prior,
+        weights=dict(zip(points.names, points.weights.tolist(), strict=True)),
         **common,
     )
 
@@ -211,12 +237,21 @@ def _calibrate_on_field(points: Points, options: Options, prior: Prior, common: 
     if start is None:
         return found
     second = _calibrate(points.started(start), options, prior, common, on_field=on_field)
-    return min(found, second, key=_badness)
+
+    def badness(calibration: Calibration) -> tuple[bool, float]:
+        """What orders calibrations of the same points: the verdict first, then how far most of them are off."""
+        errors = np.array([calibration.per_segment_errors[name] for name in points.names])
+        return not calibration.accepted, _median(errors, points.weights)
+
+    return min(found, second, key=badness)
 
 
-def _badness(calibration: Calibration) -> tuple[bool, float]:
-    """What orders calibrations of the same points: the verdict first, then how far most of them are off."""
-    return not calibration.accepted, float(np.median(list(calibration.per_segment_errors.values())))
+def _median(values: Array, weights: Array) -> float:
+    """The median of values that are there as often as they weigh."""
+    order = np.argsort(values)
+    cumulative = np.cumsum(weights[order])
+    middle = np.searchsorted(cumulative, 0.5 * cumulative[-1])
+    return float(values[order[middle]])
 
 
 def _calibrate_without_prior(points: Points, options: Options, common: _Common) -> Calibration:
@@ -266,7 +301,8 @@ def _moved_back(solved: Solved | None, camera: Camera, points: Points, scale: fl
         return None
     segments, pixels = _as_segments(points)
     problem = solved.evaluation.problem
-    problem = replace(problem, observations=pack(segments, [pixels], camera.image_size))
+    weights = {name: np.array([weight]) for name, weight in zip(points.names, points.weights, strict=True)}
+    problem = replace(problem, observations=pack(segments, [pixels], camera.image_size, [weights]))
     unit = solved.unit.copy()
     unit[:, CENTER] = unit[:, CENTER].max() / scale  # in any direction
     return Solved(evaluate(problem, problem.layout.theta(camera)[None]), unit)
@@ -274,7 +310,7 @@ def _moved_back(solved: Solved | None, camera: Camera, points: Points, scale: fl
 
 def _as_segments(points: Points) -> tuple[dict[str, Point], Pixels]:
     """Each point as a segment of its own, and its pixel."""
-    segments = {f"point {i}": Point((x, y, z)) for i, (x, y, z) in enumerate(points.X.tolist())}
+    segments = {name: Point((x, y, z)) for name, (x, y, z) in zip(points.names, points.X.tolist(), strict=True)}
     return segments, {name: xy[None] for name, xy in zip(segments, points.xy, strict=True)}
 
 
@@ -285,7 +321,8 @@ def _start(points: Points, options: Options) -> Camera | None:
     d[:, 1] /= np.exp(known[LOG_ASPECT])
     u = layout.lens.undistort(d.T, known[layout.lens_block, None]).T
     seen = np.isfinite(u).all(axis=1)  # no ray of the known lens reaches the others
-    found = resect(points.X[seen], u[seen], options.wide_loss, size[0], float(np.exp(known[LOG_F])))
+    focal_length = float(np.exp(known[LOG_F]))
+    found = resect(points.X[seen], u[seen], options.wide_loss, size[0], focal_length, points.weights[seen])
     if found is None:
         return None
     start = np.zeros(len(known))

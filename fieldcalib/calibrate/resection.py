@@ -47,18 +47,20 @@ class Cameras:
         error = np.where(front[..., 0], np.sum(np.square(x - u), axis=-1), FARTHEST**2)
         return np.asarray(np.minimum(error, FARTHEST**2) + 0.0 * self.f[:, None])  # NaN stays NaN
 
-    def costs(self, X: Array, u: Array, loss: RobustLoss) -> Array:
-        """Robust cost of each camera, (n,); infinity where there is none."""
-        cost = np.sum(loss.evaluate(self.squared_errors(X, u))[0], axis=-1)
+    def costs(self, X: Array, u: Array, weight: Array, loss: RobustLoss) -> Array:
+        """Robust cost of each camera, (n,), for points with weights (N,); infinity where there is none."""
+        cost = np.sum(weight * loss.evaluate(self.squared_errors(X, u))[0], axis=-1)
         return np.where(np.isfinite(cost), cost, np.inf)
 
-    def cheapest(self, X: Array, u: Array, loss: RobustLoss, count: int) -> Cameras:
+    def cheapest(self, X: Array, u: Array, weight: Array, loss: RobustLoss, count: int) -> Cameras:
         """The `count` best of them, the best first."""
-        best = np.argsort(self.costs(X, u, loss), kind="stable")[:count]
+        best = np.argsort(self.costs(X, u, weight, loss), kind="stable")[:count]
         return Cameras(self.f[best], self.R[best], self.C[best])
 
 
-def resect(X: Array, u: Array, loss: RobustLoss, width: float, focal_length: float = np.nan) -> Cameras | None:
+def resect(
+    X: Array, u: Array, loss: RobustLoss, width: float, focal_length: float = np.nan, weight: Array | None = None
+) -> Cameras | None:
     """The camera that fits most points best, among many DLTs.
 
     DLTs of all points, and of many subsets that a few gross errors do not reach: on the plane next to the points and,
@@ -76,6 +78,8 @@ def resect(X: Array, u: Array, loss: RobustLoss, width: float, focal_length: flo
         Of the image, pixels: no focal length is far from it, and where all do alike (a plane seen head-on) it is taken.
     focal_length : float
         If it is known, pixels; NaN if not.
+    weight : (N,) array, optional
+        What each point adds to the cost; 1 each by default.
 
     Returns
     -------
@@ -93,6 +97,7 @@ def resect(X: Array, u: Array, loss: RobustLoss, width: float, focal_length: flo
     """
     if len(X) < LEAST_ON_PLANE:
         return None
+    weight = np.ones(len(X)) if weight is None else weight
     origin = X.mean(axis=0)
     _, extent, axes = np.linalg.svd(X - origin, full_matrices=False)
     if extent[1] <= FLAT * extent[0]:
@@ -119,7 +124,8 @@ def resect(X: Array, u: Array, loss: RobustLoss, width: float, focal_length: flo
     for f in (focal_length, width):
         found = cameras(all_points, f).joined(cameras(subsets, f))
         if np.isfinite(found.f).any():
-            best = found.cheapest(x[scored], u[scored], loss, FINALISTS).cheapest(x, u, loss, 1)
+            best = found.cheapest(x[scored], u[scored], weight[scored], loss, FINALISTS)
+            best = best.cheapest(x, u, weight, loss, 1)
             return Cameras(best.f, best.R @ axes.T, origin + best.C @ axes.T)
     return None
 

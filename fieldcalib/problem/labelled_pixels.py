@@ -148,7 +148,7 @@ def check_weights(
         count = len(pixels.get(label, ()))
         if label in given:
             raise ValueError(f"{label!r} has two weights, with and without surrounding blanks")
-        given[label] = _checked_weight(label, values, count)
+        given[label] = checked_weight(repr(label), values, count)
     kept: Pixels = {}
     pixel_weights: PixelWeights = {}
     for label, xy in pixels.items():
@@ -188,17 +188,23 @@ def _thinned(xy: Array, weight: Array) -> tuple[Array, Array]:
     return xy[chosen], times * (cumulative[-1] / MOST_PIXELS * unit)
 
 
-def _checked_weight(label: str, values: ArrayLike, count: int) -> Array:
-    """Weights of the `count` pixels of a label, (count,)."""
+def checked_weight(name: str, values: ArrayLike, count: int, *, each: str = "pixel") -> Array:
+    """A weight, or one for each of `count` pixels or points, as (count,).
+
+    Raises
+    ------
+    ValueError
+        A wrong length, or a weight that is negative or not finite; the message begins with `name`.
+    """
     try:
         weight = np.asarray(values, dtype=float)
     except (TypeError, ValueError):
-        raise ValueError(f"{label!r}: expected a weight, or one for each pixel, got {values!r}") from None
+        raise ValueError(f"{name}: expected a weight, or one for each {each}, got {values!r}") from None
     if weight.shape not in ((), (count,)):
-        raise ValueError(f"{label!r}: expected one weight or {count}, one for each pixel, got shape {weight.shape}")
+        raise ValueError(f"{name}: expected one weight or {count}, one for each {each}, got shape {weight.shape}")
     wrong = weight[~(np.isfinite(weight) & (weight >= 0.0))]
     if wrong.size:
-        raise ValueError(f"{label!r}: a weight must be finite and not negative, got {wrong[0]}; 0 leaves a pixel out")
+        raise ValueError(f"{name}: a weight must be finite and not negative, got {wrong[0]}; 0 leaves a {each} out")
     return np.broadcast_to(weight, count)
 
 
