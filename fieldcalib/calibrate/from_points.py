@@ -12,6 +12,7 @@ from numpy.typing import ArrayLike
 from fieldcalib._types import Array
 from fieldcalib.assess.result import Calibration, Status
 from fieldcalib.assess.solved import Solved
+from fieldcalib.calibrate.coordinates import check_coordinates
 from fieldcalib.calibrate.from_segments import calibrate_from_segments
 from fieldcalib.calibrate.options import (
     ALL,
@@ -25,7 +26,7 @@ from fieldcalib.calibrate.options import (
 )
 from fieldcalib.calibrate.resection import LEAST_IN_SPACE, LEAST_ON_PLANE, resect
 from fieldcalib.fields.segments import Point
-from fieldcalib.fields.soccer import LARGEST_FIELD, soccer, soccer_points
+from fieldcalib.fields.soccer import soccer, soccer_points
 from fieldcalib.fields.stands import CameraDistribution
 from fieldcalib.geometry.camera import Camera
 from fieldcalib.geometry.rotation import angles_from_rotation, rotation_from_angles
@@ -91,7 +92,9 @@ def calibrate_from_points(
     ------
     ValueError
         As `calibrate_from_segments`; or if points, pixels and weights are no lists of one length, or, with the default
-        prior, points lie outside any soccer field.
+        prior, points lie outside any soccer field; or if, of a field, they lie on its markings only if their origin is
+        a corner or their unit is another (yards, feet, centimetres). Where that is likely and no more, there is a
+        warning.
 
     Examples
     --------
@@ -114,8 +117,8 @@ def calibrate_from_points(
     points = Points(names, X, xy, weight, camera_matrix, dist_coeffs, rvec, tvec, flags).seen()
     if members is None:
         return _calibrate_without_prior(points, options, common)
-    if members == ALL:
-        _check_extent(X)
+    if _on_field(members):
+        check_coordinates(X, anywhere=members != ALL)
     return _calibrate_on_field(points, options, members, common)
 
 
@@ -194,14 +197,10 @@ def _checked_members(prior: Prior) -> str | CameraDistribution | tuple[str | Cam
         ) from None
 
 
-def _check_extent(X: Array) -> None:
-    """The default prior has a field around the centre mark in mind: any other object would be nonsense for it."""
-    outside = np.flatnonzero(~np.all(np.abs(X[:, :2]) <= np.divide(LARGEST_FIELD, 2.0), axis=1))
-    if len(outside):
-        raise ValueError(
-            f"point {outside[0]} at {X[outside[0]].tolist()} is on no soccer field: expected metres from the centre "
-            f"mark; without a field, prior=None is for any object"
-        )
+def _on_field(prior: Prior) -> bool:
+    """Whether the points are of a field: the stands that have a name are, whose ground is below the camera."""
+    members = prior if isinstance(prior, tuple) else (prior,)
+    return any(isinstance(member, str) for member in members)
 
 
 def _calibrate(points: Points, options: Options, prior: Prior, common: _Common, *, on_field: bool) -> Calibration:
@@ -228,9 +227,7 @@ def _calibrate_on_field(points: Points, options: Options, prior: Prior, common: 
     With a fifth of the points anywhere in the image, the second start brings the cameras that are more than 10 % off
     from 7 to 4 %.
     """
-    # the stands that have a name are those of a field, whose ground is below the camera
-    names = prior if isinstance(prior, tuple) else (prior,)
-    on_field = any(isinstance(name, str) for name in names)
+    on_field = _on_field(prior)
     found = _calibrate(points, options, prior, common, on_field=on_field)
     misses = max(found.per_segment_errors.values(), default=0.0) > options.wide_loss.scale
     start = _start(points, options) if misses and points.rvec is None else None

@@ -1,0 +1,172 @@
+"""Field points that were not given in metres from the centre mark: found by the markings that they then lie on.
+
+Across the field the markings lie at fixed distances from its middle, along it at fixed distances from its goal lines,
+whatever its size. Points whose origin is a corner, or whose unit is the yard, lie on none of them as they are, and on
+all of them once moved and scaled.
+"""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Iterable
+from dataclasses import dataclass
+
+import numpy as np
+
+from fieldcalib._types import Array, BoolArray
+from fieldcalib.fields.soccer import (
+    ALL_MATCHES,
+    CIRCLE_RADIUS,
+    GOAL_AREA_DEPTH,
+    GOAL_AREA_WIDTH,
+    GOAL_WIDTH,
+    LARGEST_FIELD,
+    PENALTY_AREA_DEPTH,
+    PENALTY_AREA_WIDTH,
+    PENALTY_MARK_DISTANCE,
+)
+from fieldcalib.geometry.homography import YARD
+
+UNITS = {"metres": 1.0, "yards": YARD, "feet": YARD / 3.0, "centimetres": 0.01, "millimetres": 0.001}
+# Metres from the axis through both goals, and from a goal line; the last of each is of roboflow/sports' template.
+ACROSS = np.array([0.0, GOAL_WIDTH / 2.0, 7.31, CIRCLE_RADIUS, GOAL_AREA_WIDTH / 2.0, PENALTY_AREA_WIDTH / 2.0, 20.5])
+ALONG = np.array([0.0, GOAL_AREA_DEPTH, PENALTY_MARK_DISTANCE, PENALTY_AREA_DEPTH, 20.15])
+MIDDLE = np.array([0.0, CIRCLE_RADIUS])  # metres from the halfway line
+SIZES = ((105.0, 68.0), (120.0, 70.0), (115.0 * YARD, 74.0 * YARD))  # SoccerNet's, roboflow/sports', World Cup 2014's
+NEAR = 0.07  # metres: yards of a field that is measured in metres, and edges in place of middles of lines
+LEAST_POINTS = 4
+LEAST_EXTENT = 5.0  # metres: within less, anything lies near the markings
+EXPLAINED, UNEXPLAINED = 0.9, 0.5  # shares of the points on markings: with the other origin and unit, and as given
+LEAST_EVIDENCE = 4  # different coordinates that lie on markings, less two for each dimension of the field that was free
+
+
+@dataclass(frozen=True)
+class Reading:
+    """How field points may have been meant."""
+
+    unit: str
+    corner: bool
+    """Whether the origin is a corner."""
+    length: float
+    width: float
+    hits: int
+    """Number of points that lie on markings then."""
+
+    def __str__(self) -> str:
+        """For messages."""
+        return f"{self.unit} from {'a corner' if self.corner else 'the centre mark'}"
+
+    @property
+    def remedy(self) -> str:
+        """What makes of the points metres from the centre mark."""
+        scaled = "X" if self.unit == "metres" else f"{UNITS[self.unit]:.6g} * X"
+        return f"{scaled} - ({self.length / 2.0:g}, {self.width / 2.0:g}, 0)" if self.corner else scaled
+
+
+def check_coordinates(X: Array, *, anywhere: bool) -> None:
+    """Raise a ValueError, or warn, if field points (N, 3) seem not to be metres from the centre mark.
+
+    Beyond any field they may only be if they may be `anywhere`: where cameras stand is known then.
+    """
+    reading = other_reading(X)
+    if reading is not None:
+        raise ValueError(
+            f"object_points look like {reading}: {reading.hits} of {len(X)} lie on markings then, and "
+            f"{_best(X[:, :2], corner=False)[0]} as metres from the centre mark, which are expected; give "
+            f"{reading.remedy}, with y growing towards the main camera, or prior=None for what is no field"
+        )
+    outside = np.flatnonzero(~np.all(np.abs(X[:, :2]) <= np.divide(LARGEST_FIELD, 2.0), axis=1))
+    if len(outside) and not anywhere:
+        raise ValueError(
+            f"point {outside[0]} at {X[outside[0]].tolist()} is on no soccer field: expected metres from the centre "
+            f"mark; without a field, prior=None is for any object"
+        )
+    if looks_like_a_quadrant(X):
+        warnings.warn(
+            "all object_points lie on one side of both axes and reach farther than half a field: if their origin is a "
+            "corner of the field, subtract half its length and width; expected are metres from the centre mark",
+            stacklevel=3,
+        )
+
+
+def looks_like_a_quadrant(X: Array) -> bool:
+    """Whether points are all positive, and some farther out than any field reaches from its centre mark."""
+    (_, length), (_, width) = ALL_MATCHES
+    return len(X) >= LEAST_POINTS and bool(np.all(X[:, :2] >= 0.0) and np.any(X[:, :2] > (length / 2.0, width / 2.0)))
+
+
+def other_reading(X: Array) -> Reading | None:
+    """The origin and the unit with which points (N, 3) lie on the markings of a field, if as they are they do not.
+
+    Examples
+    --------
+    >>> from fieldcalib import soccer
+    >>> X = np.array([point.X for point in soccer().points.values() if point.X[2] == 0.0])
+    >>> other_reading(X), str(other_reading((X + (52.5, 34.0, 0.0)) / 0.9144))
+    (None, 'yards from a corner')
+    """
+    x = np.unique(X[:, :2], axis=0)
+    if len(x) < LEAST_POINTS or _best(x, corner=False)[0] >= UNEXPLAINED * len(x):
+        return None
+    best = None
+    for unit, metres in UNITS.items():
+        if metres * np.max(np.ptp(x, axis=0)) < LEAST_EXTENT:
+            continue
+        for corner in (True, False):
+            hits, evidence, size = _best(metres * x, corner=corner)
+            if hits >= EXPLAINED * len(x) and evidence >= LEAST_EVIDENCE and (best is None or evidence > best[0]):
+                best = evidence, unit, corner, size
+    if best is None:
+        return None
+    _, unit, corner, (length, width) = best
+    hits = _best(UNITS[unit] * X[:, :2], corner=corner)[0]
+    return Reading(unit, corner, length, width, hits)
+
+
+def _best(x: Array, *, corner: bool) -> tuple[int, int, tuple[float, float]]:
+    """How many points (N, 2) in metres lie on markings, the evidence, and the field's size, of the best size."""
+    lengths = _candidates(x[:, 0], corner, 0)
+    widths = _candidates(x[:, 1], corner, 1)
+    found = [_score(x, corner, size, free=0) for size in SIZES]
+    # along and across are independent: each dimension by itself
+    length = max(lengths, key=lambda value: int(_along(x[:, 0], value, corner).sum()), default=SIZES[0][0])
+    width = max(widths, key=lambda value: int(_across(x[:, 1], value, corner).sum()), default=SIZES[0][1])
+    for free_length, free_width in ((length, SIZES[0][1]), (SIZES[0][0], width), (length, width)):
+        free = (free_length == length) + (free_width == width)
+        found.append(_score(x, corner, (free_length, free_width), free=free))
+    return max(found)
+
+
+def _score(x: Array, corner: bool, size: tuple[float, float], *, free: int) -> tuple[int, int, tuple[float, float]]:
+    on = _along(x[:, 0], size[0], corner) & _across(x[:, 1], size[1], corner)
+    different = sum(len(np.unique(np.round(values[on], 1))) for values in x.T)
+    return int(on.sum()), different - 2 * free, size
+
+
+def _candidates(values: Array, corner: bool, axis: int) -> list[float]:
+    """Lengths (axis 0) or widths (axis 1) of fields that put one of the coordinates on a marking."""
+    low, high = ALL_MATCHES[axis]
+    marks = ALONG if axis == 0 else ACROSS
+    if corner:
+        far = [values + mark for mark in ALONG] if axis == 0 else [values]  # from the other goal line, or touchline
+        middle = MIDDLE if axis == 0 else marks
+        found = np.concatenate([*far, *(2.0 * (values + sign * mark) for mark in middle for sign in (-1.0, 1.0))])
+    else:
+        found = 2.0 * np.concatenate([np.abs(values) + mark for mark in (ALONG if axis == 0 else (0.0,))])
+    return sorted(set(np.round(found[(found >= low) & (found <= high)], 3).tolist()))
+
+
+def _along(values: Array, length: float, corner: bool) -> BoolArray:
+    """Which coordinates along the field lie on a marking."""
+    from_middle = np.abs(values - length / 2.0 if corner else values)
+    return _near(from_middle, MIDDLE) | _near(length / 2.0 - from_middle, ALONG)
+
+
+def _across(values: Array, width: float, corner: bool) -> BoolArray:
+    """Which coordinates across the field lie on a marking."""
+    from_middle = np.abs(values - width / 2.0 if corner else values)
+    return _near(from_middle, [*ACROSS, width / 2.0])
+
+
+def _near(values: Array, marks: Iterable[float]) -> BoolArray:
+    return np.asarray(np.any([np.abs(values - mark) <= NEAR for mark in marks], axis=0))

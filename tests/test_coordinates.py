@@ -1,0 +1,118 @@
+"""Field points whose origin is a corner, or whose unit is not the metre, are found out; others are left alone."""
+
+import json
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from strategies import generators, numbers
+
+from fieldcalib import Camera, CameraDistribution, calibrate_from_points, soccer
+from fieldcalib.calibrate.coordinates import LEAST_POINTS, UNITS, looks_like_a_quadrant, other_reading
+
+SIZE = (960, 540)
+CAMERA = Camera.from_angles(-0.35, 1.36, 0.01, 1500.0, (1.5, 68.0, -17.0), SIZE)
+LEFT_AREA = np.array([p.X for name, p in soccer().points.items() if name.startswith(("L_PENALTY", "L_GOAL_AREA"))])
+XY = CAMERA.project(LEFT_AREA)
+
+
+def points_of(length, width):
+    return np.array([point.X for point in soccer(length, width).points.values()])
+
+
+@given(length=numbers(90.0, 120.0), width=numbers(46.0, 89.0), count=st.integers(1, 39), rng=generators())
+@settings(max_examples=200)
+def test_true_points_are_never_complained_about(length, width, count, rng):
+    """Any part of any field, from one point to all of them, of one quadrant too."""
+    X = points_of(length, width)
+    if rng.random() < 0.5:
+        X = X[np.all(X[:, :2] * rng.choice([-1.0, 1.0], size=2) >= 0.0, axis=1)]
+    X = X[rng.permutation(len(X))[:count]]
+    assert other_reading(X) is None
+    assert not looks_like_a_quadrant(X)
+
+
+@given(count=st.integers(1, 30), extent=numbers(0.1, 60.0), digits=st.integers(0, 3), rng=generators())
+@settings(max_examples=200)
+def test_points_of_anything_else_are_left_alone(count, extent, digits, rng):
+    X = (rng.uniform(-30.0, 30.0, 3) + rng.uniform(-extent, extent, size=(count, 3))).round(digits)
+    assert other_reading(X) is None
+
+
+@pytest.mark.parametrize("spacing", [0.025, 0.5, 1.0, 5.0, 10.0])
+def test_a_grid_is_left_alone(spacing):
+    x, y = np.meshgrid(np.arange(6.0), np.arange(5.0))
+    grid = spacing * np.column_stack([x.ravel(), y.ravel(), np.zeros(30)])
+    for origin in ((0.0, 0.0, 0.0), (24.0, 26.0, 0.0), (-20.0, -12.0, 0.0)):
+        assert other_reading(grid + origin) is None
+
+
+@given(
+    unit=st.sampled_from(list(UNITS)),
+    corner=st.booleans(),
+    length=numbers(90.0, 120.0),
+    width=numbers(46.0, 89.0),
+    rng=generators(),
+)
+@settings(max_examples=100)
+def test_other_origins_and_units_are_named(unit, corner, length, width, rng):
+    if not corner and unit == "metres":
+        return
+    X = points_of(length, width)
+    X = X[rng.permutation(len(X))[: rng.integers(15, 39)]]
+    given_as = (X + (corner * length / 2.0, corner * width / 2.0, 0.0)) / UNITS[unit]
+    reading = other_reading(given_as)
+    assert (reading.unit, reading.corner) == (unit, corner)
+    if corner:
+        assert (reading.length, reading.width) == pytest.approx((length, width), abs=0.3)
+
+
+@pytest.mark.parametrize(
+    ("factor", "origin", "message"),
+    [
+        (1.0, (52.5, 34.0, 0.0), r"look like metres from a corner: 9 of 9 lie on markings then, and [01] as metres .* "
+         r"give X - \(52.5, 34, 0\), with y growing towards the main camera"),
+        (1.0 / 0.9144, (52.5, 34.0, 0.0), r"look like yards from a corner: .* give 0.9144 \* X - "),
+        (100.0, (52.5, 34.0, 0.0), r"look like centimetres from a corner: .* give 0.01 \* X - \(52.5, 34, 0\)"),
+        (100.0, (0.0, 0.0, 0.0), r"look like centimetres from the centre mark: .* give 0.01 \* X, with"),
+        (1.0 / 0.3048, (0.0, 0.0, 0.0), r"look like feet from the centre mark: .* give 0.3048 \* X, with"),
+    ],
+)  # fmt: skip
+@pytest.mark.parametrize("prior", ["all", "main center"])
+def test_the_message_says_what_to_subtract_and_to_multiply(factor, origin, message, prior):
+    X = factor * (LEFT_AREA + origin)
+    with pytest.raises(ValueError, match=message):
+        calibrate_from_points(X, XY, SIZE, prior=prior)
+
+
+def test_without_a_field_in_mind_nothing_is_asked():
+    X = LEFT_AREA + (52.5, 34.0, 0.0)
+    assert calibrate_from_points(X, XY, SIZE, prior=None).accepted
+    own = CameraDistribution("tower", (-45, 45), (45, 90), (-10, 10), (8.2, 90), (30, 80), (80, 120), (-40, -5))
+    assert calibrate_from_points(X, XY, SIZE, prior=own).accepted
+
+
+def test_points_that_hit_no_marking_but_reach_beyond_half_a_field_get_a_warning():
+    X = np.array([(1.0, 2.0, 0.0), (30.0, 20.0, 0.0), (3.0, 60.0, 0.0), (27.0, 52.0, 0.0), (8.0, 40.0, 0.0)])
+    xy = Camera.from_angles(-0.35, 1.36, 0.01, 900.0, (52.5, 102.0, -17.0), SIZE).project(X)
+    with pytest.warns(UserWarning, match="if their origin is a corner of the field, subtract half its length"):
+        calibrate_from_points(X - (0.0, 2.0, 0.0), xy, SIZE)
+
+
+def test_real_points_from_a_corner(shared_data):
+    """Labelled points of real frames, as every other tool would give them."""
+    folder = shared_data / "pitch-keypoints"
+    places = json.loads((folder / "keypoints_105x68.json").read_text())
+    places = np.array([[*places[str(index)], 0.0] for index in range(len(places))])
+    frames = missed = 0
+    for path in sorted((folder / "valid").glob("*.txt")):
+        seen = np.array(path.read_text().split(), dtype=float)[5:].reshape(-1, 3)[:, 2] == 2
+        X = places[seen]
+        if len(X) < LEAST_POINTS:
+            continue
+        frames += 1
+        assert other_reading(X - (52.5, 34.0, 0.0)) is None
+        missed += sum(other_reading(factor * X) is None for factor in (1.0, 1.0 / 0.9144, 100.0))
+    assert frames > 50
+    assert missed <= 0.05 * 3 * frames
