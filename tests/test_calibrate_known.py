@@ -5,7 +5,7 @@ import pytest
 from one_camera import CAMERA, FIELD, FRAME, LITTLE_OF_THE_LENS, MARKINGS, SIZE, F, relative_error, with_lens
 from synthetic import observe, random_frames, whole_circle_markings
 
-from fieldcalib import Camera, Status, calibrate_batch, calibrate_from_segments, soccer
+from fieldcalib import Camera, Point, Status, calibrate_batch, calibrate_from_segments, soccer
 from fieldcalib.calibrate.options import DEFAULT_FLAGS, PINHOLE_FLAGS, CalibrationFlags
 from fieldcalib.geometry.lens import RADIAL_MEAN, RadialLens
 
@@ -186,6 +186,19 @@ def test_a_lens_that_is_given_is_the_prior():
     flags = DEFAULT_FLAGS | CalibrationFlags.CALIB_USE_INTRINSIC_GUESS
     found = calibrate_from_segments(FIELD, frame, SIZE, truth.K, truth.k, flags=flags).camera
     assert found.corner_distortion[0] == pytest.approx(-0.1, abs=0.01)
+
+
+# --- points of one's own ---
+
+
+def test_points_of_ones_own_are_labels_like_others():
+    """How they move with the size of the field is not known: it is taken as it is."""
+    field = FIELD.with_segments({"corner flag": Point((-52.5, -34.0, -1.5))})
+    frame = observe(MARKINGS, CAMERA)
+    frame["corner flag"] = CAMERA.project([field["corner flag"].X])
+    found = calibrate_from_segments(field, frame, SIZE, flags=PINHOLE_FLAGS)
+    assert found.accepted
+    assert found.per_segment_errors["corner flag"] < 0.5
 
 
 # --- weights ---

@@ -369,8 +369,8 @@ def _layout(
     is_full = not flags & F.CALIB_FIX_K3 or not flags & F.CALIB_FIX_TANGENT_DIST or lens_of(dist_coeffs, rho) == full
     lens = full if is_full else RadialLens(rho)
     size = None
-    if field is not None and field.size_model is not None and has_prior and not field.size_known:
-        model = field.size_model
+    model = None if field is None or not field.moves_with_size else field.size_model
+    if field is not None and model is not None and has_prior and not field.size_known:
         size = SizeBlock(np.array([field.length, field.width]), model.sigma, model.limits, model.possibilities)
     layout = Layout.of(image_size, lens, size).with_roles(Role.CONSIDERED, "field size")
     known = [block for flag, blocks in BLOCKS_OF_FLAGS.items() if flags & flag for block in blocks]

@@ -177,6 +177,13 @@ class Field(Mapping[str, Segment]):
             return False
 
     @cached_property
+    def moves_with_size(self) -> bool:
+        """Whether it is known how the segments move with the size: they are those that the `size_model` builds."""
+        if self.size_model is None:
+            return False
+        return self.is_built or dict(self) == dict(self.size_model.build(self.length, self.width))
+
+    @cached_property
     def boxes(self) -> tuple[Array, Array]:
         """Least and largest coordinates (L, 3) of each segment, metres."""
         return boxes(self.segments)
@@ -251,7 +258,8 @@ class Field(Mapping[str, Segment]):
     def with_segments(self, extra: Mapping[str, Segment]) -> Field:
         """The field with more segments: points of one's own, say, that are still points of a field.
 
-        A plain dict of both is no `Field`: it knows nothing of the field's world.
+        A plain dict of both is no `Field`: it knows nothing of the field's world. How the others move with the size of
+        the field is not known, so that the size counts as known.
 
         Raises
         ------
@@ -285,7 +293,7 @@ class Field(Mapping[str, Segment]):
         >>> soccer().resized(100.0, 64.0) == soccer(100.0, 64.0)
         True
         """
-        if self.size_model is None or dict(self) != dict(self.size_model.build(self.length, self.width)):
+        if self.size_model is None or not self.moves_with_size:
             raise ValueError("expected a field as soccer(length, width) makes it: how other segments move is not known")
         return built(self.size_model.build, length, width, self.size_known)
 
