@@ -37,6 +37,8 @@ from .images.matches import match_background as match_background
 from .images.matches import match_far as match_far
 from .images.refinement import refine_on_image as refine_on_image
 from .images.tracker import Tracker as Tracker
+from .io.key_points import KeyPoints as KeyPoints
+from .io.key_points import key_points as key_points
 from .io.results import read_results as read_results
 from .localize.network import SegmentationNetwork as SegmentationNetwork
 from .problem.losses import RobustLoss as RobustLoss

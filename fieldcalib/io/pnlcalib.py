@@ -16,6 +16,7 @@ the weights were compared there. Chosen on half of the frames they reach 91.9 / 
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from types import MappingProxyType
 from typing import Any
@@ -140,24 +141,35 @@ def parse_detections(content: bytes | str, image_size: tuple[int, int]) -> Detec
     ({'CENTER_MARK': array([[640., 360.]])}, {'CENTER_MARK': 0.25})
     """
     record = parse_json_object(content, "keypoints and lines")
-    found = Detections({}, {})
-    for id, point in _members(record, "kp", WITHOUT_PAINT):
-        xy, p = _detected(point, ("x", "y", "p"), f"keypoint {id}", image_size)
-        if p != COMPUTED and id <= KEYPOINTS:
-            found.image_segments[keypoint_name(id)] = xy[None]
-            found.weights[keypoint_name(id)] = p**2
-    for id, ends in _members(record, "lines", len(LINES)):
+    found = keypoints_by_name(record.get("kp"), image_size)
+    for id, ends in _members(record.get("lines"), "lines", len(LINES)):
         pixels = [_detected(ends, (f"x_{i}", f"y_{i}", f"p_{i}"), f"line {id}", image_size)[0] for i in (1, 2)]
         found.image_segments[LINES[id]] = np.array(pixels)
     return found
 
 
-def _members(record: dict[str, Any], key: str, last: int) -> list[tuple[int, Any]]:
-    """What the record has under a key, by id from 1 to `last`."""
-    members = record.get(key)
-    if not isinstance(members, dict):
+def keypoints_by_name(keypoints: Any, image_size: tuple[int, int]) -> Detections:
+    """The detected ones of keypoint id -> x, y, p, as the networks' code has them in a dict and in a file.
+
+    Raises
+    ------
+    BrokenFileError
+        As `parse_detections`.
+    """
+    found = Detections({}, {})
+    for id, point in _members(keypoints, "kp", WITHOUT_PAINT):
+        xy, p = _detected(point, ("x", "y", "p"), f"keypoint {id}", image_size)
+        if p != COMPUTED and id <= KEYPOINTS:
+            found.image_segments[keypoint_name(id)] = xy[None]
+            found.weights[keypoint_name(id)] = p**2
+    return found
+
+
+def _members(members: Any, key: str, last: int) -> list[tuple[int, Any]]:
+    """Detections by id from 1 to `last`, of what a record has under a key."""
+    if not isinstance(members, Mapping):
         raise BrokenFileError(f"expected an object {key!r} of detections by id, got {members!r}")
-    wrong = [id for id in members if not (id.isdecimal() and 1 <= int(id) <= last)]
+    wrong = [id for id in members if not (str(id).isdecimal() and 1 <= int(id) <= last)]
     if wrong:
         raise BrokenFileError(f"{key!r}: expected ids from 1 to {last}, got {wrong[0]!r}")
     return [(int(id), member) for id, member in members.items()]
