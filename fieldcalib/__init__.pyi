@@ -35,6 +35,7 @@ from .images.from_video import calibrate_video as calibrate_video
 from .images.matches import Matches as Matches
 from .images.matches import match_background as match_background
 from .images.matches import match_far as match_far
+from .images.refinement import refine_homography_on_image as refine_homography_on_image
 from .images.refinement import refine_on_image as refine_on_image
 from .images.tracker import Tracker as Tracker
 from .io.key_points import KeyPoints as KeyPoints

@@ -8,8 +8,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from strategies import generators, numbers
 
-from fieldcalib import Camera, CameraDistribution, calibrate_from_points, soccer
+from fieldcalib import Camera, CameraDistribution, calibrate_from_homography, calibrate_from_points, soccer
 from fieldcalib.calibrate.coordinates import LEAST_POINTS, UNITS, looks_like_a_quadrant, other_reading
+from fieldcalib.io.wc14 import parse_homography
 
 SIZE = (960, 540)
 CAMERA = Camera.from_angles(-0.35, 1.36, 0.01, 1500.0, (1.5, 68.0, -17.0), SIZE)
@@ -98,6 +99,30 @@ def test_points_that_hit_no_marking_but_reach_beyond_half_a_field_get_a_warning(
     xy = Camera.from_angles(-0.35, 1.36, 0.01, 900.0, (52.5, 102.0, -17.0), SIZE).project(X)
     with pytest.warns(UserWarning, match="if their origin is a corner of the field, subtract half its length"):
         calibrate_from_points(X - (0.0, 2.0, 0.0), xy, SIZE)
+
+
+FROM_CORNER = np.array([[1.0, 0.0, -52.5], [0.0, 1.0, -34.0], [0.0, 0.0, 1.0]])
+
+
+@pytest.mark.parametrize("pan", [-0.35, 0.0, 0.3])
+def test_a_homography_from_a_corner_is_said_to_be_one(pan):
+    camera = Camera.from_angles(pan, 1.36, 0.01, 1500.0, (1.5, 68.0, -17.0), SIZE)
+    assert "origin" not in calibrate_from_homography(camera.homography, SIZE).message
+    moved = calibrate_from_homography(camera.homography @ FROM_CORNER, SIZE)
+    assert moved.message.endswith("give H @ [[1, 0, length / 2], [0, 1, width / 2], [0, 0, 1]]")
+
+
+def test_real_homographies_from_a_corner(shared_data):
+    said = accepted = 0
+    paths = sorted((shared_data / "wc14-test").glob("*.homographyMatrix"))
+    for path in paths:
+        H = parse_homography(path.read_bytes())
+        assert "origin of H" not in calibrate_from_homography(H, (1280, 720)).message
+        moved = calibrate_from_homography(H @ FROM_CORNER, (1280, 720))
+        accepted += moved.accepted
+        said += moved.accepted and "origin of H" in moved.message
+    assert len(paths) == 93
+    assert said > 0.85 * accepted > 30
 
 
 def test_real_points_from_a_corner(shared_data):

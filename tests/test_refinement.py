@@ -2,12 +2,14 @@
 
 from dataclasses import replace
 
+import cv2
 import numpy as np
 import pytest
 from synthetic import observe, whole_circle_markings
 from views import SIZE, camera
 
 from fieldcalib.assess.result import Calibration, Status
+from fieldcalib.calibrate.from_homography import calibrate_from_homography
 from fieldcalib.calibrate.from_segments import calibrate_from_segments
 from fieldcalib.calibrate.options import ALL, DEFAULT_FLAGS
 from fieldcalib.draw.scene import render_field
@@ -15,7 +17,13 @@ from fieldcalib.fields.segments import Line, Point, PointCloud
 from fieldcalib.fields.soccer import soccer
 from fieldcalib.geometry.camera import Camera
 from fieldcalib.images.line_profiles import Markings, Strips, find_lines, profiles_along
-from fieldcalib.images.refinement import ToRefine, line_support, refine_all, refine_on_image
+from fieldcalib.images.refinement import (
+    ToRefine,
+    line_support,
+    refine_all,
+    refine_homography_on_image,
+    refine_on_image,
+)
 from fieldcalib.problem.layout import CENTER, LOG_F, camera_from_theta, theta_from_camera
 
 FIELD = soccer()
@@ -267,3 +275,31 @@ def test_images_refined_together_are_refined_as_alone():
         alone = refine_on_image(FIELD, one.image, one.calibration)
         assert found.support == pytest.approx(line_support(one.image, found.calibration.camera, MARKINGS), abs=1e-9)
         np.testing.assert_allclose(found.calibration.camera.C, alone.camera.C, atol=1e-6)
+
+
+# --- homographies of anybody ---
+
+
+@any_view
+def test_a_homography_becomes_a_camera_with_a_lens(truth):
+    """A homography has no lens and is off by some pixels; the lines of the image say both."""
+    image = picture(truth)
+    width, height = truth.image_size
+    corners = np.array([[0, 0], [width, 0], [width, height], [0, height]], np.float32)
+    moved_corners = corners + np.random.default_rng(3).normal(scale=3.0, size=(4, 2)).astype(np.float32)
+    H = cv2.getPerspectiveTransform(corners, moved_corners) @ truth.homography
+    start = calibrate_from_homography(H, truth.image_size)
+    refined = refine_homography_on_image(FIELD, image, H)
+    assert refined.accepted
+    assert distance(refined.camera, truth) < 1.0 < 2.0 < distance(start.camera, truth)
+    assert refined.knows_errors
+    assert refined.camera.k[0] == pytest.approx(truth.k[0], abs=0.25 * abs(truth.k[0]) + 0.2)
+
+
+def test_a_homography_of_another_image_stays_as_it_is_and_says_so():
+    truth, other = VIEWS["penalty area"], VIEWS["midfield"]
+    kept = refine_homography_on_image(FIELD, picture(truth), other.homography)
+    assert kept.camera == calibrate_from_homography(other.homography, other.image_size).camera
+    assert kept.message.endswith("not refined: the image shows too few lines at its markings")
+    nothing = refine_homography_on_image(FIELD, picture(truth), np.diag([10.0, 1.0, 1.0]))
+    assert nothing.camera is None

@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 from numpy.typing import ArrayLike
 
 from fieldcalib.assess.ndc import ndc_loss
 from fieldcalib.assess.result import Calibration, Status
 from fieldcalib.assess.verdict import disagreement, implausibilities, segment_errors
+from fieldcalib.calibrate.coordinates import may_be_from_a_corner
 from fieldcalib.calibrate.decomposition import Decomposition, camera_from_homography
 from fieldcalib.calibrate.options import WIDE_SCALE, pixel_unit
 from fieldcalib.fields.field import Field
@@ -17,6 +20,10 @@ from fieldcalib.problem.evaluation import evaluate_camera
 from fieldcalib.problem.labelled_pixels import Pixels
 
 NAN = float("nan")
+FROM_A_CORNER = (
+    "it stands beside a corner and sees little of the field: if the origin of H is the far left corner, give "
+    "H @ [[1, 0, length / 2], [0, 1, width / 2], [0, 0, 1]]"
+)
 
 
 def calibrate_from_homography(
@@ -51,7 +58,8 @@ def calibrate_from_homography(
     -------
     Calibration
         "implausible" without a camera where the homography has no real focal length, and with the unrefined one where
-        fewer than three points are near enough: the paper rejects those.
+        fewer than three points are near enough: the paper rejects those. The message says so where the origin of H
+        seems to be a corner of the field.
 
     Raises
     ------
@@ -78,13 +86,14 @@ def judged_decomposition(found: Decomposition) -> Calibration:
     camera = found.camera or found.initial
     if camera is None:
         return Calibration.without_camera(Status.IMPLAUSIBLE, found.message)
-    calibration = judged_camera(camera, found.points, found.pixels, found.message, field=soccer())
-    if found.camera is not None:
-        return calibration
-    message = f"not refined: {found.message}"
-    return Calibration(
-        camera, Status.IMPLAUSIBLE, message, calibration.rms, calibration.loss_ndc, calibration.per_segment_errors
-    )
+    field = soccer()
+    calibration = judged_camera(camera, found.points, found.pixels, found.message, field=field)
+    if found.camera is None:
+        message = f"not refined: {found.message}"
+        calibration = replace(calibration, status=Status.IMPLAUSIBLE, message=message)
+    if may_be_from_a_corner(camera, field):
+        return replace(calibration, message=f"{calibration.message}; {FROM_A_CORNER}")
+    return calibration
 
 
 def judged_camera(

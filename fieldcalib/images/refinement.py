@@ -6,12 +6,14 @@ Lines are located with sub-pixel accuracy, including those that neither a networ
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from fieldcalib.assess.result import Calibration
 from fieldcalib.calibrate.batch import calibrate_batch
+from fieldcalib.calibrate.from_homography import calibrate_from_homography
 from fieldcalib.calibrate.options import ALL, DEFAULT_FLAGS, PAINT, CalibrationFlags, Prior, pixel_unit
 from fieldcalib.fields.segments import ObjectSegments
 from fieldcalib.geometry.camera import Camera
@@ -88,6 +90,62 @@ def refine_on_image(
     one = ToRefine(checked_image(image, size), calibration, labelled, weights or {})
     (refined,) = refine_all(object_segments, Markings.of(object_segments), [one], flags=flags, prior=prior)
     return refined.calibration
+
+
+def refine_homography_on_image(
+    object_segments: ObjectSegments,
+    image: Image,
+    H: ArrayLike,
+    *,
+    flags: int = DEFAULT_FLAGS,
+    prior: Prior = ALL,
+) -> Calibration:
+    """Calibrate a camera, lens included, from a homography of anybody and its image.
+
+    `calibrate_from_homography`, which has a camera without a lens, and then `refine_on_image`.
+
+    Parameters
+    ----------
+    object_segments : mapping of str to segment
+        The field, e.g. `soccer()`.
+    image : (height, width, 3) uint8 array
+        Blue, green, red.
+    H : (3, 3) array_like
+        Maps field points (x, y, 1) in metres, origin at the centre mark, y towards the main camera, to pixels of the
+        image; `ALIGNMENTS` translates the homographies of others.
+    flags, prior
+        As in `calibrate_from_segments`.
+
+    Returns
+    -------
+    Calibration
+        The refined one, or that of the homography, whose message says so, where the image does not support it: the
+        markings must be within about 12 px of the lines in an image of 960x540.
+
+    Raises
+    ------
+    ValueError
+        As `calibrate_from_homography` and `refine_on_image`.
+
+    Examples
+    --------
+    >>> from fieldcalib import Camera, soccer
+    >>> from fieldcalib.draw.scene import render_field
+    >>> truth = Camera.from_angles(0.3, 1.36, 0.0, 1300.0, (0.0, 66.0, -16.0), (960, 540), k=(0.1, 0.0))
+    >>> H = np.array([[1.0, 0, 4], [0, 1, -3], [0, 0, 1]]) @ truth.homography  # off by 5 px, and without its lens
+    >>> refined = refine_homography_on_image(soccer(), render_field(truth, soccer()), H)
+    >>> mark = (41.5, 0.0, 0.0)
+    >>> bool(np.linalg.norm(refined.camera.project(mark) - truth.project(mark)) < 0.5)
+    True
+    """
+    height, width = np.shape(image)[:2]
+    start = calibrate_from_homography(H, (width, height))
+    if start.camera is None:
+        return start
+    refined = refine_on_image(object_segments, image, start, flags=flags, prior=prior)
+    if refined is start:
+        return replace(start, message=f"{start.message}; not refined: the image shows too few lines at its markings")
+    return refined
 
 
 @dataclass(frozen=True, eq=False)
