@@ -37,7 +37,7 @@ ALONG = np.array([0.0, GOAL_AREA_DEPTH, PENALTY_MARK_DISTANCE, PENALTY_AREA_DEPT
 MIDDLE = np.array([0.0, CIRCLE_RADIUS])  # metres from the halfway line
 SIZES = ((105.0, 68.0), (120.0, 70.0), (115.0 * YARD, 74.0 * YARD))  # SoccerNet's, roboflow/sports', World Cup 2014's
 NEAR = 0.07  # metres: yards of a field that is measured in metres, and edges in place of middles of lines
-LEAST_POINTS = 4
+LEAST_POINTS, MOST_POINTS = 4, 60  # different ones; more say no more
 LEAST_EXTENT = 5.0  # metres: within less, anything lies near the markings
 EXPLAINED, UNEXPLAINED = 0.9, 0.5  # shares of the points on markings: with the other origin and unit, and as given
 LEAST_EVIDENCE = 4  # different coordinates that lie on markings, less two for each dimension of the field that was free
@@ -56,7 +56,10 @@ class Reading:
     length: float
     width: float
     hits: int
-    """Number of points that lie on markings then."""
+    """Number of points that lie on markings then, and"""
+    hits_as_given: int
+    """as metres from the centre mark, of"""
+    points: int
 
     def __str__(self) -> str:
         """For messages."""
@@ -77,8 +80,8 @@ def check_coordinates(X: Array, *, anywhere: bool) -> None:
     reading = other_reading(X)
     if reading is not None:
         raise ValueError(
-            f"object_points look like {reading}: {reading.hits} of {len(X)} lie on markings then, and "
-            f"{_best(X[:, :2], corner=False)[0]} as metres from the centre mark, which are expected; give "
+            f"object_points look like {reading}: {reading.hits} of {reading.points} lie on markings then, and "
+            f"{reading.hits_as_given} as metres from the centre mark, which are expected; give "
             f"{reading.remedy}, with y growing towards the main camera, or prior=None for what is no field"
         )
     outside = np.flatnonzero(~np.all(np.abs(X[:, :2]) <= np.divide(LARGEST_FIELD, 2.0), axis=1))
@@ -112,21 +115,22 @@ def other_reading(X: Array) -> Reading | None:
     (None, 'yards from a corner')
     """
     x = np.unique(X[:, :2], axis=0)
-    if len(x) < LEAST_POINTS or _best(x, corner=False)[0] >= UNEXPLAINED * len(x):
+    if len(x) > MOST_POINTS:
+        x = x[np.random.default_rng(0).choice(len(x), MOST_POINTS, replace=False)]
+    if len(x) < LEAST_POINTS:
         return None
-    best = None
+    hits_as_given = _best(x, corner=False)[0]
+    if hits_as_given >= UNEXPLAINED * len(x):
+        return None
+    found: list[tuple[int, Reading]] = []
     for unit, metres in UNITS.items():
         if metres * np.max(np.ptp(x, axis=0)) < LEAST_EXTENT:
             continue
         for corner in (True, False):
-            hits, evidence, size = _best(metres * x, corner=corner)
-            if hits >= EXPLAINED * len(x) and evidence >= LEAST_EVIDENCE and (best is None or evidence > best[0]):
-                best = evidence, unit, corner, size
-    if best is None:
-        return None
-    _, unit, corner, (length, width) = best
-    hits = _best(UNITS[unit] * X[:, :2], corner=corner)[0]
-    return Reading(unit, corner, length, width, hits)
+            hits, evidence, (length, width) = _best(metres * x, corner=corner)
+            if hits >= EXPLAINED * len(x) and evidence >= LEAST_EVIDENCE:
+                found.append((evidence, Reading(unit, corner, length, width, hits, hits_as_given, len(x))))
+    return max(found, key=lambda one: one[0])[1] if found else None
 
 
 def may_be_from_a_corner(camera: Camera, field: Field) -> bool:
