@@ -88,6 +88,17 @@ def test_the_message_says_what_to_subtract_and_to_multiply(factor, origin, messa
         calibrate_from_points(X, XY, SIZE, prior=prior)
 
 
+@pytest.mark.parametrize("unit", ["metres", "centimetres"])
+def test_the_points_of_roboflow_are_better_named(unit):
+    """Its `vertices`: 41 x 20.15 m penalty areas on 120 x 70 m."""
+    metres = np.array(
+        [(0.0, 14.5), (0.0, 25.84), (5.5, 25.84), (11.0, 35.0), (20.15, 14.5), (20.15, 55.5), (60.0, 25.85)]
+    )
+    X = np.column_stack([metres, np.zeros(7)]) / UNITS[unit]
+    with pytest.raises(ValueError, match=rf"look like {unit} from a corner: 7 of 7 .* `key_points` has its points"):
+        calibrate_from_points(X, XY[:7], SIZE)
+
+
 def test_without_a_field_in_mind_nothing_is_asked():
     X = LEFT_AREA + (52.5, 34.0, 0.0)
     assert calibrate_from_points(X, XY, SIZE, prior=None).accepted

@@ -35,7 +35,8 @@ UNITS = {"metres": 1.0, "yards": YARD, "feet": YARD / 3.0, "centimetres": 0.01, 
 ACROSS = np.array([0.0, GOAL_WIDTH / 2.0, 7.31, CIRCLE_RADIUS, GOAL_AREA_WIDTH / 2.0, PENALTY_AREA_WIDTH / 2.0, 20.5])
 ALONG = np.array([0.0, GOAL_AREA_DEPTH, PENALTY_MARK_DISTANCE, PENALTY_AREA_DEPTH, 20.15])
 MIDDLE = np.array([0.0, CIRCLE_RADIUS])  # metres from the halfway line
-SIZES = ((105.0, 68.0), (120.0, 70.0), (115.0 * YARD, 74.0 * YARD))  # SoccerNet's, roboflow/sports', World Cup 2014's
+ROBOFLOW_SIZE = (120.0, 70.0)
+SIZES = ((105.0, 68.0), ROBOFLOW_SIZE, (115.0 * YARD, 74.0 * YARD))  # SoccerNet's, roboflow/sports', World Cup 2014's
 NEAR = 0.07  # metres: yards of a field that is measured in metres, and edges in place of middles of lines
 LEAST_POINTS, MOST_POINTS = 4, 60  # different ones; more say no more
 LEAST_EXTENT = 5.0  # metres: within less, anything lies near the markings
@@ -79,10 +80,12 @@ def check_coordinates(X: Array, *, anywhere: bool) -> None:
     """
     reading = other_reading(X)
     if reading is not None:
+        template = reading.corner and (reading.length, reading.width) == ROBOFLOW_SIZE
+        hint = "; the pitch of roboflow/sports is no real one: `key_points` has its points where they are" * template
         raise ValueError(
             f"object_points look like {reading}: {reading.hits} of {reading.points} lie on markings then, and "
             f"{reading.hits_as_given} as metres from the centre mark, which are expected; give "
-            f"{reading.remedy}, with y growing towards the main camera, or prior=None for what is no field"
+            f"{reading.remedy}, with y growing towards the main camera, or prior=None for what is no field{hint}"
         )
     outside = np.flatnonzero(~np.all(np.abs(X[:, :2]) <= np.divide(LARGEST_FIELD, 2.0), axis=1))
     if len(outside) and not anywhere:
