@@ -303,3 +303,5 @@ def test_a_homography_of_another_image_stays_as_it_is_and_says_so():
     assert kept.message.endswith("not refined: the image shows too few lines at its markings")
     nothing = refine_homography_on_image(FIELD, picture(truth), np.diag([10.0, 1.0, 1.0]))
     assert nothing.camera is None
+    with pytest.raises(ValueError, match="image is None"):
+        refine_homography_on_image(FIELD, None, other.homography)

@@ -138,7 +138,8 @@ def refine_homography_on_image(
     >>> bool(np.linalg.norm(refined.camera.project(mark) - truth.project(mark)) < 0.5)
     True
     """
-    height, width = np.shape(image)[:2]
+    image = checked_image(image)
+    height, width = image.shape[:2]
     start = calibrate_from_homography(H, (width, height))
     if start.camera is None:
         return start
