@@ -3,6 +3,7 @@
 With FIELDCALIB_ALL_EXTRAS=1 nothing is skipped for that: the missing package is an error.
 """
 
+import doctest
 import os
 import re
 import tomllib
@@ -39,7 +40,9 @@ def _skip_without_extra(report: pytest.CollectReport | pytest.TestReport, call: 
     """Turn a report that failed because a package of an extra is missing into a skip with its reason."""
     if call is None or call.excinfo is None or os.environ.get("FIELDCALIB_ALL_EXTRAS") == "1":
         return
-    error = call.excinfo.value.__cause__ or call.excinfo.value  # pytest wraps what the import of a test module raises
+    error = call.excinfo.value
+    error = error.exc_info[1] if isinstance(error, doctest.UnexpectedException) else error
+    error = error.__cause__ or error  # pytest wraps what the import of a test module raises
     if isinstance(error, ModuleNotFoundError) and error.name in EXTRAS:
         report.outcome = "skipped"
         reason = f"Skipped: needs {error.name}: pip install 'fieldcalib[{EXTRAS[error.name]}]'"

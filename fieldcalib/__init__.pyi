@@ -2,6 +2,7 @@ from . import draw as draw
 from . import io as io
 from . import localize as localize
 from . import metrics as metrics
+from .assess.ground_points import locate_on_ground as locate_on_ground
 from .assess.result import Calibration as Calibration
 from .assess.result import Status as Status
 from .assess.sequence import SequenceCalibration as SequenceCalibration

@@ -33,6 +33,14 @@ def inside(test):
     return f"def test_it():\n    {test}"
 
 
+def test_examples_that_need_an_extra_are_skipped_with_the_reason(run):
+    example = [">>> try:", f"...     {absent('torch')}", "... except ImportError as error:"]
+    example += ["...     raise ImportError('as fieldcalib._extras says it') from error"]
+    counts, text = run(shown="\n".join(['"""', *example, '"""']))
+    assert counts == {"skipped": 1}, text
+    assert "shown.py: needs torch: pip install 'fieldcalib[train]'" in text
+
+
 def test_modules_and_tests_that_need_an_extra_are_skipped_with_the_reason(run):
     counts, text = run(learner=absent("torch"), test_learner="import learner", test_referee=inside(absent("SoccerNet")))
     assert counts == {"skipped": 4}, text  # a test module is asked for its doctests too

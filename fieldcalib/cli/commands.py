@@ -14,6 +14,8 @@ COMMANDS = {
     "calibrate": "calibrate annotated frames",
     "evaluate": "score cameras or homographies against annotations",
     "export": "write cameras in the formats of other tools",
+    "project": "boxes of players to metres on the field",
+    "topview": "the field as seen from above, of an image or a clip",
     "join": "put the results of shards together",
     "demo": "calibrate a synthetic pan over a pitch and draw it",
 }

@@ -14,6 +14,7 @@ from fieldcalib.draw.overlays import (
     label_colour,
 )
 from fieldcalib.draw.scene import render_field
+from fieldcalib.draw.topview import mosaic, overhead_camera, top_view
 
 __all__ = [
     "add_minimap",
@@ -23,7 +24,10 @@ __all__ = [
     "draw_minimap",
     "draw_segments",
     "label_colour",
+    "mosaic",
+    "overhead_camera",
     "plot_sequence",
     "render_field",
+    "top_view",
     "worst_frames",
 ]

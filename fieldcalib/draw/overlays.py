@@ -5,10 +5,13 @@ Images are OpenCV's: uint8, (height, width, 3), blue, green, red. Every function
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from functools import lru_cache
+from itertools import pairwise
 from zlib import crc32
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from fieldcalib._types import Array
 from fieldcalib.assess.result import Calibration
@@ -51,6 +54,7 @@ PALETTE: tuple[Colour, ...] = (
 )
 PALETTE_SALT = 1952  # chosen so that neighbouring labels of a soccer field have different colours
 DARK: Colour = (24, 24, 24)
+POINT: Colour = (40, 40, 235)
 SPOTLIGHT: Colour = (90, 225, 255)
 MAP_MARGIN = 7.0  # m around the field
 
@@ -171,8 +175,16 @@ def label_colour(label: str) -> Colour:
     return PALETTE[crc32(label.strip().encode(), PALETTE_SALT) % len(PALETTE)]
 
 
-def draw_minimap(camera: Camera | RationalCamera, field: Field, *, size: tuple[int, int] = (336, 228)) -> Image:
-    """A map of the field with the ground in view and the position of the camera.
+def draw_minimap(
+    camera: Camera | RationalCamera,
+    field: Field,
+    *,
+    size: tuple[int, int] = (336, 228),
+    points: ArrayLike | None = None,
+    colours: Colour | Sequence[Colour] = POINT,
+    trails: Sequence[ArrayLike] = (),
+) -> Image:
+    """A map of the field with the ground in view and the position of the camera, and of players if they are given.
 
     For a camera outside the map, an arrow at the border points towards it.
 
@@ -182,10 +194,22 @@ def draw_minimap(camera: Camera | RationalCamera, field: Field, *, size: tuple[i
     field : Field
     size : (int, int)
         Width and height of the map in pixels; the field is centred in it.
+    points : (N, 2) or (N, 3) array_like, optional
+        On the field, metres: dots with a dark rim. NaN, as of pixels above the horizon, and what is off the map is left
+        out.
+    colours : (int, int, int) or sequence of them
+        Blue, green, red: of all points and trails, or of each.
+    trails : sequence of (M, 2) or (M, 3) array_like
+        Where each of the points came from, oldest first; they fade towards the past.
 
     Returns
     -------
     (height, width, 3) uint8 array
+
+    Raises
+    ------
+    ValueError
+        If the field is none, points or trails have another shape, or there are more of them than colours.
 
     Examples
     --------
@@ -193,6 +217,13 @@ def draw_minimap(camera: Camera | RationalCamera, field: Field, *, size: tuple[i
     >>> camera = Camera.from_angles(0.0, np.radians(75), 0.0, 1500.0, C=(0, 56, -15), image_size=(960, 540))
     >>> draw_minimap(camera, soccer(), size=(240, 160)).shape
     (160, 240, 3)
+
+    With two players, the first of whom came from the right:
+
+    >>> players = camera.image_to_field([(300, 300), (600, 250)])
+    >>> trails = [players[0] + [(6, 0, 0), (3, 1, 0), (0, 0, 0)]]
+    >>> draw_minimap(camera, soccer(), points=players, colours=[(0, 0, 255), (255, 0, 0)], trails=trails).shape
+    (228, 336, 3)
     """
     if not isinstance(field, Field):
         raise ValueError(f"expected a Field, whose length and width are known, got {type(field).__name__}")
@@ -210,7 +241,47 @@ def draw_minimap(camera: Camera | RationalCamera, field: Field, *, size: tuple[i
     mix(picture, SPOTLIGHT, 0.9 * rim)
     result = to_uint8(picture)
     _mark_camera(result, overhead.project(camera.C * (1.0, 1.0, 0.0)), overhead.principal_point)
+    on_map = np.empty((0, 2)) if points is None else _on_map(overhead, points)
+    past = [_on_map(overhead, trail) for trail in trails]
+    shades = _each_colour(colours, max(len(on_map), len(past)))
+    for trail, shade in zip(past, shades, strict=False):
+        _draw_trail(result, trail, shade, size[0] / 336.0)
+    radius = max(2.5, size[0] / 110.0)
+    for xy, shade in zip(on_map, shades, strict=False):
+        _dot(result, xy, radius + max(1.0, 0.25 * radius), DARK)
+        _dot(result, xy, radius, shade)
     return result
+
+
+def _on_map(overhead: Camera, points: ArrayLike) -> Array:
+    """Pixels (N, 2) of field points on the map."""
+    X = np.asarray(points, dtype=float)
+    if X.ndim != 2 or X.shape[1] not in (2, 3):
+        raise ValueError(f"expected field points of shape (N, 2) or (N, 3), got {X.shape}")
+    return overhead.project(np.column_stack([X[:, :2], np.zeros(len(X))]))
+
+
+def _each_colour(colours: Colour | Sequence[Colour], count: int) -> list[Colour]:
+    """A colour for each of so many points."""
+    values = np.asarray(colours)
+    if values.shape != (3,) and (values.ndim != 2 or values.shape[1] != 3 or len(values) < count):
+        raise ValueError(f"expected a colour (blue, green, red) or {count} of them, got shape {values.shape}")
+    shades = np.broadcast_to(values, (count, 3)) if values.ndim == 1 else values
+    return [(int(blue), int(green), int(red)) for blue, green, red in shades]
+
+
+def _draw_trail(picture: Image, trail: Array, colour: Colour, unit: float) -> None:
+    """A polyline that fades towards its beginning; gaps where points are missing."""
+    import cv2
+
+    thickness = max(1, round(1.5 * unit))
+    for step, (start, end) in enumerate(pairwise(trail), 1):
+        if np.all(np.abs([start, end]) < 1e6):  # not NaN, and within OpenCV's integers
+            layer = picture.copy()
+            first, last = (tuple(fixed_point(xy).tolist()) for xy in (start, end))
+            cv2.line(layer, first, last, colour, thickness, cv2.LINE_AA, SHIFT)
+            share = 0.15 + 0.85 * step / (len(trail) - 1)
+            picture[:] = cv2.addWeighted(layer, share, picture, 1.0 - share, 0.0)
 
 
 @lru_cache(maxsize=4)  # it takes longer than to draw what a camera sees, and is the same in every frame of a video

@@ -1,0 +1,96 @@
+"""Where on the field pixels are, and how well that is known: of players whose feet are seen."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from fieldcalib._types import Array
+from fieldcalib.assess.result import Calibration
+from fieldcalib.geometry.camera import Camera
+
+STEP = 0.01  # px: of the central differences; their error is its square over that of the distance to the horizon
+
+
+@dataclass(frozen=True)
+class GroundPoints:
+    """Points on the field with their errors."""
+
+    X: Array
+    """(..., 3) metres, z = 0; NaN for pixels that do not show the ground."""
+    covariance: Array
+    """Of x and y, (..., 2, 2), square metres; NaN where there is no point or the errors of the camera are not known,
+    infinite what nothing determines."""
+
+    @property
+    def standard_deviations(self) -> Array:
+        """Of x and y, (..., 2), metres."""
+        return np.asarray(np.sqrt(np.diagonal(self.covariance, axis1=-2, axis2=-1)))
+
+    @property
+    def correlation(self) -> Array:
+        """Between the errors of x and y, (...,); NaN where a standard deviation is 0, infinite or not known."""
+        with np.errstate(invalid="ignore", divide="ignore"):
+            return np.asarray(self.covariance[..., 0, 1] / self.standard_deviations.prod(axis=-1))
+
+
+def locate_on_ground(calibration: Calibration, xy: ArrayLike, *, pixel_sd: float = 0.0) -> GroundPoints:
+    """The ground points that are seen at pixels, with the errors of the camera and of the pixels.
+
+    ``covariance = J_theta V J_theta^T + sd^2 J_xy J_xy^T`` with V the covariance of the camera's parameters and J the
+    derivatives of the ground points by them and by the pixels. The errors of the camera are those of all points of a
+    frame together: players who stand beside each other are off in the same direction.
+
+    Parameters
+    ----------
+    calibration : Calibration
+        With a camera.
+    xy : (..., 2) array_like
+        Pixels, such as those of `fieldcalib.io.boxes.foot_points`.
+    pixel_sd : float
+        Standard deviation of each coordinate of the pixels; 0 leaves the errors of the camera alone.
+
+    Returns
+    -------
+    GroundPoints
+
+    Raises
+    ------
+    ValueError
+        If there is no camera, `pixel_sd` is negative, or the pixels have another shape.
+
+    Examples
+    --------
+    >>> from fieldcalib import calibrate_from_segments, soccer
+    >>> truth = Camera.from_angles(0.2, 1.35, 0.01, 1400.0, (1.0, 65.0, -16.0), (960, 540))
+    >>> labels = ("Side line top", "Side line right", "Big rect. right main", "Big rect. right top")
+    >>> pixels = {label: truth.project(soccer()[label].sample(9.0)) for label in labels}
+    >>> found = locate_on_ground(calibrate_from_segments(soccer(), pixels, (960, 540)), [[480, 300], [480, -300]])
+    >>> np.isfinite(found.standard_deviations).all(axis=-1)  # the second one is above the horizon
+    array([ True, False])
+    """
+    camera = calibration.camera
+    if camera is None:
+        raise ValueError(f"there is no camera to locate pixels with: {calibration.message}")
+    if not pixel_sd >= 0.0:
+        raise ValueError(f"pixel_sd must be a standard deviation in pixels, 0 or more, got {pixel_sd}")
+    X = camera.image_to_field(xy)
+    if calibration.knows_errors:
+        # of the field's points, not of the pixels: of a squashed or cropped picture the errors are in its frame's
+        on_ground = np.concatenate([X[..., :2], np.zeros_like(X[..., :1])], axis=-1)  # 0 also where X is NaN
+        covariance = calibration.uncertainty.at_field(on_ground).covariance
+    else:
+        covariance = np.full((*X.shape[:-1], 2, 2), np.nan)
+    if pixel_sd > 0.0:
+        J = _by_pixel(camera, np.asarray(xy, dtype=float))
+        covariance = covariance + pixel_sd**2 * J @ np.swapaxes(J, -2, -1)
+    return GroundPoints(X, covariance)
+
+
+def _by_pixel(camera: Camera, xy: Array) -> Array:
+    """Derivatives (..., 2, 2) of ground points by their pixels (..., 2)."""
+    steps = STEP * np.eye(2)
+    columns = [(camera.image_to_field(xy + step) - camera.image_to_field(xy - step)) / (2.0 * STEP) for step in steps]
+    return np.stack(columns, axis=-1)[..., :2, :]

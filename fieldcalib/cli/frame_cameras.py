@@ -1,0 +1,98 @@
+"""The cameras of a run, found by how others name or number its frames."""
+
+from __future__ import annotations
+
+import re
+from collections import Counter
+from functools import lru_cache
+from pathlib import Path
+
+from fieldcalib.assess.result import Calibration, Status
+from fieldcalib.io.files import BrokenFileError, parse_json_object
+from fieldcalib.io.results import BROKEN, lines_file, result_lines
+
+KEPT = 1024  # calibrations, 20 kB each: of a table that is sorted by player, frames come again and again
+
+
+class Cameras:
+    """Calibrations of a folder of results by frame, each read when it is asked for.
+
+    Parameters
+    ----------
+    path : Path
+        The folder, or its ``cameras.jsonl`` or ``cameras.parquet``.
+
+    Raises
+    ------
+    FileNotFoundError
+        If there is none.
+    BrokenFileError
+        If a line is no result.
+    """
+
+    def __init__(self, path: Path) -> None:
+        self._path = lines_file(path) if path.is_dir() else path
+        if not self._path.is_file():
+            raise FileNotFoundError(f"{self._path} does not exist: expected the folder that calibrate or run wrote")
+        self.accepted: list[str] = []
+        """Ids of the frames whose camera is accepted, in the order of the run."""
+        self._lines: dict[str, tuple[int, bytes]] = {}
+        for number, text in enumerate(result_lines(self._path), 1):
+            try:
+                line = parse_json_object(text, "a frame's result")
+                self._lines[str(line["id"])] = number, text
+                if line.get("status") == Status.ACCEPTED and line.get("K") is not None:
+                    self.accepted.append(str(line["id"]))
+            except (KeyError, BrokenFileError) as error:
+                raise BrokenFileError(f"{self._path}, line {number}: is no result of a frame: {error}") from None
+        numbers = [number for number in map(_number, self._lines) if number is not None]
+        once = {number for number, count in Counter(numbers).items() if count == 1}
+        self._by_number = {n: id for id in self._lines if (n := _number(id)) in once}
+        self._read = lru_cache(maxsize=KEPT)(self._calibration)
+
+    @property
+    def first(self) -> int | None:
+        """The least number of a frame."""
+        return min(self._by_number, default=None)
+
+    def of(self, frame: str, offset: int = 0) -> Calibration | None:
+        """The calibration of a frame that boxes are of, None if there is no camera.
+
+        Its id, with or without folder and ending, or its number: frame 12 is "000012", or "image-12".
+        """
+        name = Path(frame).stem if re.search(r"\.[A-Za-z]", frame) else Path(frame).name
+        number = _number(frame if re.fullmatch(r"[-+]?\d+(\.0*)?", frame) else name)
+        if offset and number is not None:
+            found = self._by_number.get(number + offset)
+        else:
+            found = next((id for id in (frame, name) if id in self._lines), None)
+            found = found if found is not None or number is None else self._by_number.get(number)
+        return None if found is None else self._read(found)
+
+    def _calibration(self, id: str) -> Calibration | None:
+        number, text = self._lines[id]
+        line = parse_json_object(text, "a frame's result")
+        if line.get("status") == BROKEN:
+            return None
+        try:
+            found = Calibration.from_dict(line)
+        except ValueError as error:
+            raise BrokenFileError(f"{self._path}, line {number}: {error}") from None
+        return found if found.camera is not None else None
+
+    def said(self, frame: str) -> str:
+        """For messages: how frames are called here and there."""
+        ids = [*self._lines, "none"]
+        return f"boxes are of frames as {frame!r}, cameras of frames as {ids[0]!r}"
+
+
+def _number(id: str) -> int | None:
+    """The number of a frame: the last one in its id.
+
+    Examples
+    --------
+    >>> _number("000012"), _number("clip2_frame_7"), _number("12.0"), _number("a")
+    (12, 7, 12, None)
+    """
+    found = re.findall(r"\d+", re.sub(r"\.0*$", "", id))
+    return int(found[-1]) if found else None

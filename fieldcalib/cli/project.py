@@ -1,0 +1,177 @@
+"""`fieldcalib project`: boxes of players to metres on the field, with their errors."""
+
+from __future__ import annotations
+
+import argparse
+import csv
+import io
+from collections import Counter
+from collections.abc import Iterator, Sequence
+from itertools import groupby
+from pathlib import Path
+
+import numpy as np
+
+from fieldcalib.assess.ground_points import locate_on_ground
+from fieldcalib.assess.result import Calibration
+from fieldcalib.cli.arguments import add_most_bytes, image_size
+from fieldcalib.cli.frame_cameras import Cameras
+from fieldcalib.cli.game_state import write_game_state
+from fieldcalib.fields.soccer import soccer
+from fieldcalib.io.boxes import BoxRow, BoxTable, foot_points, open_boxes
+from fieldcalib.io.coordinates import OWN, check_system, scale_of_system, to_system
+from fieldcalib.io.files import whole_file
+
+COLUMNS = ("field_x", "field_y", "field_x_sd", "field_y_sd", "field_correlation", "problem")
+NO_CAMERA, REJECTED, NO_BOX = "no camera", "camera rejected", "no box"
+HORIZON, NO_RAY = "above the horizon", "outside the lens"
+OFF_PITCH, CUT = "off the pitch", "cut by the image"
+EDGE = 1.0  # px: a box that ends nearer to the lower edge of the image ends there because the image does
+AT_ONCE = 10_000  # rows of a frame
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Describe the command, add its arguments and set ``run``, a function of them that gives the exit code."""
+    parser.description = "Boxes of players to points on the field, with their standard deviations, as a table."
+    parser.add_argument(
+        "boxes", type=Path, metavar="BOXES", help="a table (CSV), a file of MOTChallenge, or game state JSON"
+    )
+    parser.add_argument("--cameras", required=True, type=Path, metavar="DIR", help="results of calibrate or run")
+    parser.add_argument(
+        "--out",
+        required=True,
+        type=Path,
+        metavar="FILE",
+        help="the table with the points, CSV; of game state JSON also .json, with bbox_pitch",
+    )
+    parser.add_argument(
+        "--to",
+        default=OWN[0],
+        metavar="SYSTEM",
+        help=f"coordinates: {', '.join(OWN)}, or those of kloppy: skillcorner, tracab, statsbomb, opta, ... ({OWN[0]})",
+    )
+    parser.add_argument(
+        "--size", type=image_size, metavar="WxH", help="of the images that boxes are in pixels of (as the cameras')"
+    )
+    parser.add_argument(
+        "--frame-offset",
+        type=int,
+        metavar="N",
+        help="added to the numbers of frames: -1 where boxes count from 1 and cameras from 0 (0)",
+    )
+    parser.add_argument(
+        "--box-noise",
+        type=_noise,
+        default=0.0,
+        metavar="PX",
+        help="standard deviation of the foot point in the image, pixels of the boxes (0: errors of the camera alone)",
+    )
+    parser.add_argument("--keep-rejected", action="store_true", help='use cameras whose verdict is "reject" too')
+    add_most_bytes(parser, files="files of JSON")
+    parser.set_defaults(run=run)
+
+
+def _noise(text: str) -> float:
+    """A number from 0, for argparse."""
+    try:
+        value = float(text)
+    except ValueError:
+        value = np.nan
+    if not 0.0 <= value < np.inf:
+        raise argparse.ArgumentTypeError(f"expected a number of pixels, 0 or more, got {text!r}")
+    return value
+
+
+def run(options: argparse.Namespace) -> int:
+    """Project; returns the exit code."""
+    check_system(options.to, soccer())
+    if options.out.exists() and options.out.samefile(options.boxes):
+        raise ValueError(f"{options.out} is the file of the boxes: give the table another name")
+    cameras = Cameras(options.cameras)
+    if options.out.suffix.lower() == ".json":
+        count, placed = write_game_state(options, cameras, options.frame_offset or 0)
+        print(f"{count} boxes in {options.out}, {placed} on the pitch")
+        return 0
+    problems: Counter[str] = Counter()
+    with open_boxes(options.boxes, options.most_bytes) as table:
+        offset = _offset(options, table, cameras)
+        taken = [name for name in COLUMNS if name in table.columns]
+        if taken:
+            raise ValueError(
+                f"{options.boxes} has the column {taken[0]!r} already: is it a table that this command wrote?"
+            )
+        with whole_file(options.out) as file, io.TextIOWrapper(file, "utf-8", newline="") as text:
+            writer = csv.writer(text, lineterminator="\n")
+            writer.writerow([*table.columns, *COLUMNS])
+            for frame, rows in groupby(table.rows, key=lambda row: row.frame):
+                found = cameras.of(frame, offset)
+                for part in _parts(rows):
+                    for row, cells in zip(part, _projected(part, found, options), strict=True):
+                        problems.update([cells[-1]])
+                        writer.writerow([*row.values, *cells])
+            if problems and set(problems) == {NO_CAMERA}:
+                raise ValueError(
+                    f"no frame of {options.boxes} has a camera in {options.cameras}: {cameras.said(frame)}"
+                )
+    total = problems.total()
+    said = ", ".join(f"{count} {problem}" for problem, count in problems.most_common() if problem)
+    boxes = "1 box" if total == 1 else f"{total} boxes"
+    print(f"{boxes} in {options.out}{': ' * bool(said)}{said}")
+    return 0
+
+
+def _parts(rows: Iterator[BoxRow]) -> Iterator[list[BoxRow]]:
+    part: list[BoxRow] = []
+    for row in rows:
+        part.append(row)
+        if len(part) == AT_ONCE:
+            yield part
+            part = []
+    if part:
+        yield part
+
+
+def _offset(options: argparse.Namespace, table: BoxTable, cameras: Cameras) -> int:
+    if options.frame_offset is None and table.is_mot and cameras.first == 0:
+        raise ValueError(
+            f"frames of MOTChallenge count from 1, those in {options.cameras} from 0: --frame-offset -1 makes frame 1 "
+            f"the first one, --frame-offset 0 takes the numbers as they are"
+        )
+    return options.frame_offset or 0
+
+
+def _projected(
+    rows: Sequence[BoxRow], calibration: Calibration | None, options: argparse.Namespace
+) -> Iterator[list[str]]:
+    """The cells of `COLUMNS` for the boxes of a frame."""
+    rejected = calibration is not None and not calibration.accepted and not options.keep_rejected
+    if calibration is None or calibration.camera is None or rejected:
+        for row in rows:
+            yield _cells(NO_BOX if row.box is None else REJECTED if rejected else NO_CAMERA)
+        return
+    camera, field = calibration.camera, calibration.field or soccer()
+    scale = np.ones(2) if options.size is None else np.divide(camera.image_size, options.size)
+    boxes = np.array([row.box or (np.nan,) * 4 for row in rows]) * np.tile(scale, 2)
+    xy = foot_points(boxes)
+    found = locate_on_ground(calibration, xy, pixel_sd=options.box_noise * float(scale.mean()))
+    points = to_system(found.X, options.to, field)
+    stretch = scale_of_system(found.X, options.to, field)
+    deviations = np.abs(stretch) * found.standard_deviations
+    correlations = np.prod(np.sign(stretch), axis=-1) * found.correlation
+    is_off = np.asarray(np.any(np.abs(found.X[:, :2]) > (field.length / 2.0, field.width / 2.0), axis=-1))
+    is_cut = boxes[:, 3] > camera.image_size[1] - EDGE
+    has_ray = np.asarray(np.isfinite(camera.normalized(xy)).all(axis=-1))
+    numbers = np.column_stack([points, deviations, correlations])
+    for row, cells, ray, off, cut in zip(rows, numbers, has_ray, is_off, is_cut, strict=True):
+        if row.box is None:
+            yield _cells(NO_BOX)
+        elif np.isnan(cells[0]):
+            yield _cells(HORIZON if ray else NO_RAY)
+        else:
+            yield _cells("; ".join(text for text, has in ((OFF_PITCH, off), (CUT, cut)) if has), *cells)
+
+
+def _cells(problem: str, *numbers: float) -> list[str]:
+    """Cells of a row; those of numbers that are not known are empty."""
+    texts = ["" if np.isnan(number) else f"{number:.6f}" for number in numbers]
+    return [*texts, *[""] * (len(COLUMNS) - 1 - len(texts)), problem]

@@ -1,0 +1,131 @@
+"""`fieldcalib topview`: the field of images or of a clip as seen from above, in one picture."""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+from typing import TypeVar
+
+import numpy as np
+
+from fieldcalib.cli.arguments import add_most_bytes, positive
+from fieldcalib.cli.frame_cameras import Cameras
+from fieldcalib.cli.inputs import add_inputs
+from fieldcalib.cli.results import counted
+from fieldcalib.draw import draw_field, mosaic, overhead_camera
+from fieldcalib.fields.field import Field
+from fieldcalib.fields.soccer import soccer
+from fieldcalib.geometry.camera import Camera
+from fieldcalib.io.cuts import Cut, Position
+from fieldcalib.io.files import BrokenFileError
+from fieldcalib.io.formats import IMAGES, VIDEOS
+from fieldcalib.io.image import Image
+from fieldcalib.io.images import write_image
+from fieldcalib.io.videos import VideoReader
+
+MOST_VIEWS = 31  # of a clip: players hide a place in some of them only
+MOST_BYTES = 400e6  # of all views together, four bytes a pixel
+LINES = (96, 92, 90)  # colour of the markings where nothing is seen
+PICTURES = (".png", ".jpg", ".jpeg", ".tif", ".tiff", ".webp")
+
+Item = TypeVar("Item")
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Describe the command, add its arguments and set ``run``, a function of them that gives the exit code."""
+    parser.description = (
+        "The field as seen from above, from an image, or from many images of one field or a video: then the median of "
+        "what they show at each place, from which most players are gone."
+    )
+    add_inputs(parser, "images, folders or zips of them, or one video; of one field")
+    parser.add_argument("--cameras", required=True, type=Path, metavar="DIR", help="results of run or calibrate")
+    parser.add_argument("--out", required=True, type=Path, metavar="FILE", help="the picture, e.g. PNG")
+    parser.add_argument(
+        "--metres-per-pixel", type=positive, default=0.1, metavar="M", help="of the picture, on the ground (0.1)"
+    )
+    parser.add_argument(
+        "--margin", type=positive, default=5.0, metavar="M", help="what is shown around the field, metres (5)"
+    )
+    add_most_bytes(parser)
+    parser.set_defaults(run=run)
+
+
+def run(options: argparse.Namespace) -> int:
+    """Draw; returns the exit code."""
+    if options.out.suffix.lower() not in PICTURES:
+        raise ValueError(f"{options.out} is no picture: expected a name that ends with {', '.join(PICTURES)}")
+    cameras = Cameras(options.cameras)
+    views = _of_video if VIDEOS.recognises(options.input[0]) else _of_images
+    field = _field(cameras, options.cameras)
+    overhead = overhead_camera(field, options.metres_per_pixel, options.margin)
+    width, height = overhead.image_size
+    most = int(min(MOST_VIEWS, max(1.0, MOST_BYTES / (4 * width * height))))
+    shown: list[str] = []
+    picture, seen = mosaic(views(options, cameras, most, shown), overhead)
+    lines = draw_field(picture, overhead, field, colour=LINES, thickness=1)
+    write_image(options.out, np.where(seen[..., None], picture, lines))
+    share = f"{100.0 * seen.mean():.0f} % of the picture seen"
+    print(f"{options.out}: {width} x {height} pixels of {counted(len(shown), 'frame')}, {share}")
+    return 0
+
+
+def _field(cameras: Cameras, path: Path) -> Field:
+    """The field of the first frame that has an accepted camera."""
+    first = cameras.of(cameras.accepted[0]) if cameras.accepted else None
+    if first is None:
+        raise ValueError(f"no frame of {path} has an accepted camera")
+    return first.field or soccer()
+
+
+def _of_images(
+    options: argparse.Namespace, cameras: Cameras, most: int, shown: list[str]
+) -> Iterator[tuple[Image, Camera]]:
+    """Images and their cameras; the ids of the frames are added to `shown`."""
+    accepted = set(cameras.accepted)
+    files = [file for file in IMAGES.find(options.input) if file.id in accepted]
+    if not files:
+        raise ValueError(f"no image that is given has an accepted camera in {options.cameras}")
+    for file in _spread(files, most):
+        try:
+            yield IMAGES.read(file.read(options.most_bytes)), _camera(cameras, file.id)
+        except BrokenFileError as error:
+            raise BrokenFileError(f"{file.path}: {error}") from None
+        shown.append(file.id)
+
+
+def _of_video(
+    options: argparse.Namespace, cameras: Cameras, most: int, shown: list[str]
+) -> Iterator[tuple[Image, Camera]]:
+    """Frames of a video, evenly spread over those with accepted cameras; as `_of_images`."""
+    if len(options.input) > 1:
+        raise ValueError(f"expected one video, got {len(options.input)} inputs")
+    numbers = {int(id): id for id in cameras.accepted if id.isdecimal()}
+    if not numbers:
+        raise ValueError(f"expected numbers as the ids of frames in {options.cameras}: are they of this video?")
+    chosen = _spread(sorted(numbers), most)
+    with VideoReader(options.input[0], cut=Cut(Position(frame=chosen[0]), Position(frame=chosen[-1] + 1))) as reader:
+        for number, image in zip(reader.numbers, reader, strict=False):
+            if number in chosen:
+                yield image, _camera(cameras, numbers[number])
+                shown.append(numbers[number])
+
+
+def _camera(cameras: Cameras, id: str) -> Camera:
+    found = cameras.of(id)
+    assert found is not None  # it is accepted
+    assert found.camera is not None
+    return found.camera
+
+
+def _spread(items: Sequence[Item], most: int) -> list[Item]:
+    """At most so many of the items, evenly spread.
+
+    Examples
+    --------
+    >>> _spread(range(10), 4)
+    [0, 3, 6, 9]
+    """
+    if len(items) <= most:
+        return list(items)
+    return [items[index] for index in np.rint(np.linspace(0, len(items) - 1, most)).astype(int).tolist()]

@@ -1,0 +1,189 @@
+"""The field as seen from above: the ground of a frame, or of many frames of a clip, in one picture.
+
+Images are OpenCV's: uint8, (height, width, 3), blue, green, red.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+
+import numpy as np
+
+from fieldcalib._types import Array, BoolArray
+from fieldcalib.draw.scene import Colour
+from fieldcalib.fields.field import Field
+from fieldcalib.geometry.camera import Camera
+from fieldcalib.io.image import Image, checked_image
+from fieldcalib.io.images import LONGEST_SIDE
+
+ABOVE = 100.0  # m: the height of the camera above the field, which the picture of the ground does not depend on
+COARSEST = 2.0  # m of ground per pixel of the image: what is further away is smeared, up to the horizon
+EDGE = 2.0  # px: the outermost rows and columns of broadcasts are often dark
+UNSEEN: Colour = (40, 36, 34)
+ROWS_AT_ONCE = 32  # of all views, when their median is taken
+UNKNOWN = 256  # above all values of pixels
+
+
+def overhead_camera(field: Field, metres_per_pixel: float = 0.1, margin: float = 5.0) -> Camera:
+    """A camera that looks down on a field: x to the right, the side of the main camera below.
+
+    Parameters
+    ----------
+    field : Field
+    metres_per_pixel : float
+        On the ground.
+    margin : float
+        Metres around the field.
+
+    Returns
+    -------
+    Camera
+        ``project`` of it places points of the ground in the picture, `fieldcalib.draw.draw_field` draws the lines.
+
+    Raises
+    ------
+    ValueError
+        If the numbers are not positive (margin: negative), or the picture would have a side of more than 32766 pixels.
+
+    Examples
+    --------
+    >>> from fieldcalib.fields.soccer import soccer
+    >>> overhead = overhead_camera(soccer(), 0.1, margin=5.0)
+    >>> overhead.image_size, overhead.project([0.0, 0.0, 0.0])
+    ((1150, 780), array([574.5, 389.5]))
+    """
+    if not (0.0 < metres_per_pixel < np.inf and 0.0 <= margin < np.inf):
+        raise ValueError(f"expected positive metres per pixel and a margin, got {metres_per_pixel} and {margin}")
+    sides = [max(round((side + 2.0 * margin) / metres_per_pixel), 1) for side in (field.length, field.width)]
+    if max(sides) > LONGEST_SIDE:
+        raise ValueError(
+            f"the picture would have {sides[0]} x {sides[1]} pixels, up to {LONGEST_SIDE} a side are drawn"
+        )
+    size = sides[0], sides[1]
+    middle = (np.array(size) - 1.0) / 2.0
+    return Camera.from_angles(0.0, 0.0, 0.0, ABOVE / metres_per_pixel, (0.0, 0.0, -ABOVE), size, middle)
+
+
+def top_view(image: Image, camera: Camera, overhead: Camera) -> tuple[Image, BoolArray]:
+    """The ground of an image as a camera above the field sees it; the lens is respected.
+
+    What stands on the ground, as players and goals, is smeared away from the camera: only the ground is in its place.
+
+    Parameters
+    ----------
+    image : (height, width, 3) uint8 array
+        In OpenCV's order: blue, green, red.
+    camera : Camera
+        Of that image.
+    overhead : Camera
+        As `overhead_camera` makes it; any other will do.
+
+    Returns
+    -------
+    picture : (height, width, 3) uint8 array
+        Of the size of `overhead`; dark where nothing is seen.
+    seen : (height, width) bool array
+        What the image shows, up to where a pixel of it covers 2 m of the ground; nothing above the horizon.
+
+    Raises
+    ------
+    ValueError
+        If the image is not of the camera's size, or is none.
+
+    Examples
+    --------
+    >>> from fieldcalib.draw.scene import render_field
+    >>> from fieldcalib.fields.soccer import soccer
+    >>> camera = Camera.from_angles(0.0, np.radians(75), 0.0, 1500.0, C=(0, 56, -15), image_size=(960, 540))
+    >>> picture, seen = top_view(render_field(camera, soccer()), camera, overhead_camera(soccer(), 0.2))
+    >>> picture.shape, bool(seen[195, 287]), bool(seen[0, 0])
+    ((390, 575, 3), True, False)
+    """
+    import cv2
+
+    picture = checked_image(image, camera.image_size)
+    xy = camera.project(_ground_of(overhead))
+    width, height = camera.image_size
+    inside = np.all((xy >= EDGE - 0.5) & (xy <= (width - EDGE - 0.5, height - EDGE - 0.5)), axis=-1)
+    seen = inside & (_metres_per_pixel(xy, overhead) < COARSEST)
+    x, y = np.moveaxis(np.where(seen[..., None], xy, -1.0).astype(np.float32), -1, 0)
+    warped = np.asarray(cv2.remap(picture, x, y, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE), dtype=np.uint8)
+    return np.where(seen[..., None], warped, np.array(UNSEEN, np.uint8)), seen
+
+
+def mosaic(views: Iterable[tuple[Image, Camera]], overhead: Camera) -> tuple[Image, BoolArray]:
+    """One top view of many images of a field: the median of what they show at each place.
+
+    What moves disappears where more than half of the views show the ground. All views are kept until the end, four
+    bytes for each pixel of the picture.
+
+    Parameters
+    ----------
+    views : iterable of (image, Camera)
+        Images of one field, with their cameras; a generator will do.
+    overhead : Camera
+        As `overhead_camera` makes it.
+
+    Returns
+    -------
+    picture, seen
+        As of `top_view`; seen is what at least one view shows.
+
+    Raises
+    ------
+    ValueError
+        If there is no view, or as `top_view`.
+
+    Examples
+    --------
+    Two halves of a field:
+
+    >>> from fieldcalib.draw.scene import render_field
+    >>> from fieldcalib.fields.soccer import soccer
+    >>> pans = [Camera.from_angles(pan, 1.3, 0.0, 700.0, (0, 60, -18), (960, 540)) for pan in (-0.4, 0.4)]
+    >>> overhead = overhead_camera(soccer(), 0.5)
+    >>> _, seen = mosaic(((render_field(camera, soccer()), camera) for camera in pans), overhead)
+    >>> bool(seen[78, 40]), bool(seen[78, 190])
+    (True, True)
+    """
+    pictures, masks = [], []
+    for image, camera in views:
+        picture, seen = top_view(image, camera, overhead)
+        pictures.append(picture)
+        masks.append(seen)
+    if not pictures:
+        raise ValueError("expected at least one image with its camera")
+    result = np.empty_like(pictures[0])
+    for row in range(0, len(result), ROWS_AT_ONCE):
+        rows = slice(row, row + ROWS_AT_ONCE)
+        seen = np.array([mask[rows] for mask in masks])
+        values = np.where(seen[..., None], np.array([picture[rows] for picture in pictures]), np.int16(UNKNOWN))
+        values.sort(axis=0)  # those that are not seen come last
+        count = seen.sum(axis=0)
+        low, high = (
+            np.take_along_axis(values, index[None, ..., None], axis=0)[0]
+            for index in (np.maximum(count - 1, 0) // 2, count // 2)
+        )
+        median = (low + high + 1) // 2
+        result[rows] = np.where((count > 0)[..., None], median, np.array(UNSEEN, np.int16))
+    return result, np.any(masks, axis=0)
+
+
+def _ground_of(overhead: Camera) -> Array:
+    """Ground points (height, width, 3) of the pixels of the picture."""
+    width, height = overhead.image_size
+    return overhead.image_to_field(np.stack(np.meshgrid(np.arange(width), np.arange(height)), axis=-1))
+
+
+def _metres_per_pixel(xy: Array, overhead: Camera) -> Array:
+    """How much ground a pixel of the image covers, along the longer side of what it covers, (height, width).
+
+    NaN beside pixels that have no place in the image.
+    """
+    if min(xy.shape[:2]) < 2:
+        raise ValueError(f"expected a picture of 2 x 2 pixels or more, got {overhead.image_size}")
+    down, across = (np.gradient(xy, axis=axis) for axis in (0, 1))  # pixels of the image for each of the picture
+    area = np.abs(across[..., 0] * down[..., 1] - across[..., 1] * down[..., 0])
+    longest = np.sqrt(np.sum(across**2 + down**2, axis=-1))
+    with np.errstate(divide="ignore", invalid="ignore"):
+        return np.asarray(-overhead.C[2] / overhead.focal_length * longest / area)

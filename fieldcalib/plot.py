@@ -1,0 +1,203 @@
+"""Players, their errors and what a camera sees, on the pitches of mplsoccer (extra `plot`).
+
+Points are those of this package, with y towards the main camera; mplsoccer's y is up. The pitches here are of
+mplsoccer's type "skillcorner": metres from the centre mark, (x, -y).
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from fieldcalib._extras import imported
+from fieldcalib._types import Array
+from fieldcalib.assess.camera_errors import GroundError
+from fieldcalib.fields.field import Field
+from fieldcalib.geometry.camera import Camera
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.collections import EllipseCollection, PathCollection
+    from matplotlib.patches import Polygon
+
+PITCH_TYPES = ("skillcorner", "secondspectrum")  # metres from the centre mark, y up
+FARTHEST = 300.0  # m from the centre mark: what is seen further away, up to the horizon, is cut off
+
+
+def soccer_pitch(field: Field, **options: Any) -> Any:
+    """An `mplsoccer.Pitch` of a field's length and width, in metres from the centre mark.
+
+    Parameters
+    ----------
+    field : Field
+        Of soccer.
+    **options
+        Of `mplsoccer.Pitch`, such as ``pitch_color="grass"``.
+
+    Returns
+    -------
+    mplsoccer.Pitch
+
+    Raises
+    ------
+    ImportError
+        If mplsoccer is not installed: ``pip install 'fieldcalib[plot]'``.
+
+    Examples
+    --------
+    >>> from fieldcalib import soccer
+    >>> figure, ax = soccer_pitch(soccer(), line_color="gray").draw()
+    >>> [round(float(limit)) for limit in (*ax.get_xlim(), *ax.get_ylim())]
+    [-56, 56, -38, 38]
+    """
+    mplsoccer: Any = imported("mplsoccer", "plot", "fieldcalib.plot")
+    return mplsoccer.Pitch("skillcorner", pitch_length=field.length, pitch_width=field.width, **options)
+
+
+def on_pitch(X: ArrayLike) -> tuple[Array, Array]:
+    """Field points in the coordinates of `soccer_pitch`: x and y, as the methods of mplsoccer take them.
+
+    Parameters
+    ----------
+    X : (..., 2) or (..., 3) array_like
+        Metres.
+
+    Examples
+    --------
+    >>> on_pitch([[10.0, 5.0]])
+    (array([10.]), array([-5.]))
+    """
+    points = np.asarray(X, dtype=float)
+    if points.ndim == 0 or points.shape[-1] not in (2, 3):
+        raise ValueError(f"expected field points of shape (..., 2) or (..., 3), got {points.shape}")
+    return points[..., 0], -points[..., 1]
+
+
+def draw_players(pitch: Any, ax: Axes, X: ArrayLike, **options: Any) -> PathCollection:
+    """Dots on a pitch.
+
+    Parameters
+    ----------
+    pitch : mplsoccer.Pitch
+        As `soccer_pitch` makes it; a `VerticalPitch` of that type will do.
+    ax : matplotlib.axes.Axes
+    X : (N, 2) or (N, 3) array_like
+        Field points, metres; NaN is left out.
+    **options
+        Of ``pitch.scatter``, such as `color` or `s`.
+
+    Raises
+    ------
+    ValueError
+        If the pitch is of another type, or the points have another shape.
+    """
+    _check(pitch)
+    x, y = on_pitch(X)
+    drawn: PathCollection = pitch.scatter(x, y, ax=ax, **{"s": 60, "edgecolors": "black", "zorder": 4, **options})
+    return drawn
+
+
+def draw_errors(pitch: Any, ax: Axes, X: ArrayLike, covariance: ArrayLike, level: float = 0.95) -> EllipseCollection:
+    """Ellipses that hold the true points with a probability.
+
+    Parameters
+    ----------
+    pitch, ax
+        As of `draw_players`; a pitch whose x is horizontal.
+    X : (N, 2) or (N, 3) array_like
+        Field points, metres.
+    covariance : (N, 2, 2) array_like
+        As `fieldcalib.locate_on_ground` gives it.
+    level : float
+        The probability, of normal errors.
+
+    Raises
+    ------
+    ValueError
+        If the pitch is of another type or vertical, or an array has another shape.
+    """
+    _check(pitch)
+    if pitch.vertical:
+        raise ValueError("expected a Pitch whose x is horizontal, got a VerticalPitch")
+    ellipses: Any = imported("matplotlib.collections", "plot", "fieldcalib.plot")
+    x, y = on_pitch(X)
+    axes, angles = GroundError(np.asarray(covariance, dtype=float), np.inf).ellipse(level)
+    drawn: EllipseCollection = ellipses.EllipseCollection(
+        2.0 * axes[:, 0],
+        2.0 * axes[:, 1],
+        -np.degrees(angles),  # y is up here
+        units="xy",
+        offsets=np.column_stack([x, y]),
+        offset_transform=ax.transData,
+        facecolors="none",
+        edgecolors="black",
+        linewidths=1.0,
+        zorder=3,
+    )
+    ax.add_collection(drawn)
+    return drawn
+
+
+def draw_visible_area(pitch: Any, ax: Axes, camera: Camera, **options: Any) -> Polygon:
+    """The ground that a camera sees.
+
+    Parameters
+    ----------
+    pitch, ax
+        As of `draw_players`.
+    camera : Camera
+        What is further than 300 m from the centre mark, as the ground towards the horizon, is cut off.
+    **options
+        Of ``pitch.polygon``, such as `color` or `alpha`.
+
+    Raises
+    ------
+    ValueError
+        If the pitch is of another type, or the camera sees no ground.
+    """
+    _check(pitch)
+    outline = visible_ground(camera)
+    drawn: Polygon
+    (drawn,) = pitch.polygon(
+        [np.column_stack(on_pitch(outline))], ax=ax, **{"color": "gold", "alpha": 0.25, "zorder": 2, **options}
+    )
+    return drawn
+
+
+def visible_ground(camera: Camera) -> Array:
+    """The outline (N, 2) of the ground that a camera sees, metres, up to 300 m from the centre mark.
+
+    Raises
+    ------
+    ValueError
+        If it sees no ground.
+
+    Examples
+    --------
+    >>> camera = Camera.from_angles(0.0, np.radians(75), 0.0, 1500.0, C=(0, 56, -15), image_size=(960, 540))
+    >>> left, top = visible_ground(camera).min(axis=0)
+    >>> bool(-80 < left < -40), bool(top < 0)
+    (True, True)
+    """
+    import cv2
+
+    columns, rows = (np.arange(side + 1) - 0.5 for side in camera.image_size)
+    across, down = (np.repeat(along[[0, -1]], len(other)) for along, other in ((columns, rows), (rows, columns)))
+    border = np.column_stack([np.append(across, np.tile(columns, 2)), np.append(np.tile(rows, 2), down)])
+    X = camera.image_to_field(border)[:, :2]
+    X = X[np.linalg.norm(X, axis=-1) <= FARTHEST]  # not those above the horizon, which are NaN
+    if len(X) < 3:
+        raise ValueError("the camera sees no ground within 300 m of the centre mark")
+    return np.asarray(cv2.convexHull(X.astype(np.float32))[:, 0], dtype=float)
+
+
+def _check(pitch: Any) -> None:
+    """Raise a ValueError unless the points of `on_pitch` are those of a pitch."""
+    kind = getattr(pitch, "pitch_type", type(pitch).__name__)
+    if kind not in PITCH_TYPES:
+        raise ValueError(
+            f"expected a pitch of type {PITCH_TYPES[0]!r}, as soccer_pitch makes it, got {kind!r}; for others "
+            f"fieldcalib.io.coordinates.to_system has points, and the pitch their methods"
+        )
