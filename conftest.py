@@ -12,8 +12,9 @@ from pathlib import Path
 import pytest
 
 PROJECT = tomllib.loads((Path(__file__).parent / "pyproject.toml").read_text(encoding="utf-8"))["project"]
-EXTRAS = {  # package -> the first extra that brings it; each is imported by the name that it is installed by
-    re.split(r"[^\w-]", requirement)[0]: extra
+MODULES = {"PyYAML": "yaml"}  # what is imported by another name than it is installed by
+EXTRAS = {  # module -> the first extra that brings it
+    MODULES.get(name := re.split(r"[^\w-]", requirement)[0], name): extra
     for extra, requirements in reversed(PROJECT["optional-dependencies"].items())
     for requirement in requirements
     if not requirement.startswith(PROJECT["name"])

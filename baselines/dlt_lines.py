@@ -120,7 +120,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
 def _run(options: argparse.Namespace) -> int:
     field = field_of(options)
     writes = [form.file_name("<id>") for form in (CAMERAS, HOMOGRAPHIES)]
-    return calibrate_folder(options, field, _Method(field, options.size), writes=writes)
+    return calibrate_folder(options, field, _Method(field), writes=writes)
 
 
 @dataclass(frozen=True)
@@ -128,20 +128,21 @@ class _Method:
     """How annotated frames are calibrated."""
 
     field: Field
-    image_size: tuple[int, int]
 
-    def __call__(self, frames: dict[str, Pixels]) -> list[Found]:
+    def __call__(self, frames: dict[str, Pixels], size: tuple[int, int]) -> list[Found]:
         members = list(frames.values())
-        H, found = homographies(self.field, members, self.image_size)
+        H, found = homographies(self.field, members, size)
         by_lines = [H[t] if found[t] else None for t in range(len(H))]
-        calibrations = calibrate(by_lines, self.field, members, self.image_size)
+        calibrations = calibrate(by_lines, self.field, members, size)
         return [
-            Found(calibration, files={} if matrix is None else {HOMOGRAPHIES.file_name(id): self._file(matrix)})
+            Found(
+                calibration,
+                files={}
+                if matrix is None
+                else {HOMOGRAPHIES.file_name(id): format_homography(matrix, image_size=size).encode()},
+            )
             for id, calibration, matrix in zip(frames, calibrations, by_lines, strict=True)
         ]
-
-    def _file(self, H: Array) -> bytes:
-        return format_homography(H, image_size=self.image_size).encode()
 
 
 if __name__ == "__main__":

@@ -99,6 +99,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 def _run(options: argparse.Namespace) -> int:
     if options.homographies:
+        if options.size is None:
+            raise ValueError("--homographies needs --size: those files do not say how large the images are")
         files = HOMOGRAPHIES.find(options.input)
         name_skipped(options.input, files)
         made = _FromHomographies(options.size, options.alignment, options.most_bytes, options.zeta, options.tolerance)
@@ -107,7 +109,7 @@ def _run(options: argparse.Namespace) -> int:
     if options.alignment != "wc14":
         raise ValueError("--alignment is about homography files: it needs --homographies")
     field = field_of(options)
-    return calibrate_folder(options, field, _Method(field, options.size, options.zeta, options.tolerance))
+    return calibrate_folder(options, field, _Method(field, options.zeta, options.tolerance))
 
 
 @dataclass(frozen=True)
@@ -115,14 +117,13 @@ class _Method:
     """How annotated frames are calibrated."""
 
     field: Field
-    image_size: tuple[int, int]
     zeta: float
     tolerance: float
 
-    def __call__(self, frames: dict[str, Pixels]) -> list[Found]:
-        H, found = dlt_lines.homographies(self.field, list(frames.values()), self.image_size)
+    def __call__(self, frames: dict[str, Pixels], size: tuple[int, int]) -> list[Found]:
+        H, found = dlt_lines.homographies(self.field, list(frames.values()), size)
         by_lines = [H[t] if found[t] else None for t in range(len(H))]
-        calibrations = calibrate(by_lines, self.image_size, zeta=self.zeta, tolerance=self.tolerance)
+        calibrations = calibrate(by_lines, size, zeta=self.zeta, tolerance=self.tolerance)
         return [  # judged by the annotated pixels, which do not come from the homography
             Found(judged_camera(c.camera, self.field, frame, c.message) if c.camera else c)
             for c, frame in zip(calibrations, frames.values(), strict=True)

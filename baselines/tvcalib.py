@@ -24,6 +24,7 @@ from __future__ import annotations
 import argparse
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 
@@ -401,7 +402,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
 def _run(options: argparse.Namespace) -> int:
     field = field_of(options)
     types = read_camera_types(options.input) if options.initial_cameras == "stacked" else {}
-    method = _Method(field, options.size, options.steps, options.tau, options.initial_cameras == "argmin", types)
+    method = _Method(field, options.steps, options.tau, options.initial_cameras == "argmin", types)
     return calibrate_folder(options, field, method, more=types)
 
 
@@ -410,15 +411,15 @@ class _Method:
     """How annotated frames are calibrated."""
 
     field: Field
-    image_size: tuple[int, int]
     steps: int
     tau: float | None
     tries_all: bool
     types: Mapping[str, str]
     """Of the frames' cameras."""
 
-    def __call__(self, frames: dict[str, Pixels]) -> list[Found]:
-        return [Found(calibration) for calibration in by_prior(frames, self._distributions_of, self._calibrated)]
+    def __call__(self, frames: dict[str, Pixels], size: tuple[int, int]) -> list[Found]:
+        of_size = partial(self._calibrated, size=size)
+        return [Found(calibration) for calibration in by_prior(frames, self._distributions_of, of_size)]
 
     def _distributions_of(self, id: str) -> tuple[str, ...]:
         if self.tries_all:
@@ -426,10 +427,10 @@ class _Method:
         known = DISTRIBUTIONS_OF_TYPE.get(self.types.get(id, ""), ())
         return known if set(known) <= set(DISTRIBUTIONS) and known else (MAIN_CENTER.name,)
 
-    def _calibrated(self, frames: list[Pixels], distributions: tuple[str, ...]) -> list[Calibration]:
-        return calibrate(
-            self.field, frames, self.image_size, steps=self.steps, tau=self.tau, distributions=distributions
-        )
+    def _calibrated(
+        self, frames: list[Pixels], distributions: tuple[str, ...], size: tuple[int, int]
+    ) -> list[Calibration]:
+        return calibrate(self.field, frames, size, steps=self.steps, tau=self.tau, distributions=distributions)
 
 
 if __name__ == "__main__":

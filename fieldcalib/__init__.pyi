@@ -39,6 +39,7 @@ from .images.matches import match_far as match_far
 from .images.refinement import refine_homography_on_image as refine_homography_on_image
 from .images.refinement import refine_on_image as refine_on_image
 from .images.tracker import Tracker as Tracker
+from .io.annotation_files import read_annotations as read_annotations
 from .io.key_points import KeyPoints as KeyPoints
 from .io.key_points import key_points as key_points
 from .io.results import read_results as read_results

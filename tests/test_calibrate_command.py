@@ -77,6 +77,7 @@ def test_summary(calibrated_folder, annotated_folder):
         "input": [str(annotated_folder)],
         "format": "jsonl",
         "size": [960, 540],
+        "labels": None,
         "display_size": None,
         "crop_of": None,
         "field_size": "nominal",

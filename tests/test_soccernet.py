@@ -215,7 +215,9 @@ def test_inputs_in_their_order(tmp_path):
 
 
 def test_an_input_that_does_not_exist(tmp_path):
-    with pytest.raises(FileNotFoundError, match=r"missing does not exist: expected a folder, a zip or a \.json file"):
+    with pytest.raises(
+        FileNotFoundError, match=r"missing does not exist: expected a folder, a zip or a \.json or \.xml file"
+    ):
         ANNOTATIONS.find([fill(tmp_path, "1.json"), tmp_path / "missing"])
 
 

@@ -8,6 +8,7 @@ import numpy as np
 from fieldcalib.calibrate.options import ALL, DEFAULT_FLAGS, CalibrationFlags
 from fieldcalib.cli.inputs import add_inputs
 from fieldcalib.fields.stands import DISTRIBUTIONS
+from fieldcalib.io.annotation_files import read_labels
 from fieldcalib.io.cuts import Cut, Position
 from fieldcalib.io.files import MOST_BYTES
 from fieldcalib.io.parquet import imported_pyarrow
@@ -76,10 +77,29 @@ def image_size(text: str) -> tuple[int, int]:
     return width, height
 
 
+def labels(text: str) -> dict[str, str | None]:
+    """What a mapping of labels says, for argparse."""
+    try:
+        return read_labels(Path(text))
+    except (ValueError, ImportError) as error:
+        raise argparse.ArgumentTypeError(str(error)) from None
+
+
 def add_input_and_output(parser: argparse.ArgumentParser) -> None:
-    """INPUT, --size, --out and --strict of everything that calibrates annotated frames."""
+    """INPUT, --size, --labels, --out and --strict of everything that calibrates annotated frames."""
     add_inputs(parser, "folders, zips of them, single files")
-    parser.add_argument("--size", required=True, type=image_size, metavar="WxH", help="of the images, e.g. 960x540")
+    parser.add_argument(
+        "--size",
+        type=image_size,
+        metavar="WxH",
+        help="of the images, e.g. 960x540; SoccerNet's annotations do not say it (as the files say)",
+    )
+    parser.add_argument(
+        "--labels",
+        type=labels,
+        metavar="FILE",
+        help="JSON or YAML that maps labels of the annotations to those of the field, or to null (they are the same)",
+    )
     parser.add_argument("--out", required=True, type=folder_name, metavar="DIR", help="where the results go")
     add_format(parser)
     parser.add_argument("--strict", action="store_true", help="read all files first, and do nothing if one is broken")

@@ -6,6 +6,7 @@ import argparse
 import sys
 from collections.abc import Mapping
 from dataclasses import dataclass
+from functools import partial
 from typing import Any
 
 from fieldcalib.assess.result import Calibration
@@ -37,8 +38,9 @@ SEE_ONE_PITCH = {"each": 1, SHARED: sys.maxsize}  # frames at once
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Describe the command, add its arguments and set ``run``, a function of them that gives the exit code."""
     parser.description = (
-        "Calibrate frames from SoccerNet annotations (<id>.json: label -> normalised points). Writes "
-        "camera_<id>.json in SoccerNet's format, cameras.jsonl with one line a frame, and summary.json."
+        "Calibrate frames from annotations of SoccerNet (<id>.json: label -> normalised points), CVAT, labelme, Label "
+        "Studio or COCO. Writes camera_<id>.json in SoccerNet's format, cameras.jsonl with one line a frame, and "
+        "summary.json."
     )
     add_input_and_output(parser)
     add_declarations(parser)
@@ -71,15 +73,16 @@ def run(options: argparse.Namespace) -> int:
         raise ValueError(f"--free-field-size {SHARED} is of all frames together: leave --shard out")
     if options.free_field_size is not None and options.field_size == KNOWN:
         raise ValueError(f"--field-size {KNOWN} leaves nothing to --free-field-size: give one of them")
-    try:
-        placement = Placement.declared(options, options.size)
-    except BrokenFileError as error:
-        raise ValueError(f"--size {error}") from None
+    if options.size is not None:
+        try:
+            Placement.declared(options, options.size)
+        except BrokenFileError as error:
+            raise ValueError(f"--size {error}") from None
     field = field_of(options)
     types = read_camera_types(options.input) if options.prior == STACKED else {}
     method = _Method(
         field,
-        placement,
+        options,
         None if options.prior == STACKED else prior_of(options),
         types if options.prior == STACKED else None,
         LENSES[options.lens],
@@ -95,7 +98,8 @@ class _Method:
     """How labelled pixels of pictures are calibrated."""
 
     field: Field
-    placement: Placement
+    options: argparse.Namespace
+    """Say how pictures lie in their frames."""
     prior: Prior
     types: Mapping[str, str] | None
     """Of the frames' cameras, where these say the prior."""
@@ -104,40 +108,39 @@ class _Method:
     least_probability: float | None
     free_field_size: str | None
 
-    def __call__(self, pictures: dict[str, Pixels]) -> list[Found]:
-        frames = {id: self.placement.to_frame(pixels) for id, pixels in pictures.items()}
+    def __call__(self, pictures: dict[str, Pixels], size: tuple[int, int]) -> list[Found]:
+        placement = Placement.declared(self.options, size)
+        frames = {id: placement.to_frame(pixels) for id, pixels in pictures.items()}
         if self.free_field_size is not None:
-            return self._on_free_field(frames)
-        found = by_prior(frames, self._prior_of, self._calibrated)
+            return self._on_free_field(frames, placement)
+        found = by_prior(frames, self._prior_of, partial(self._calibrated, size=placement.frame_size))
         if self.least_probability is not None:
             compute_errors(found)
-        return [Found(self._of_picture(one)) for one in found]
+        return [Found(self._of_picture(one, placement)) for one in found]
 
     def _prior_of(self, id: str) -> Prior:
         return self.prior if self.types is None else DISTRIBUTIONS_OF_TYPE.get(self.types.get(id, ""), ALL)
 
-    def _calibrated(self, frames: list[Pixels], prior: Prior) -> list[Calibration]:
-        return calibrate_batch(
-            self.field, frames, self.placement.frame_size, prior=prior, flags=self.flags, tau=self.tau
-        )
+    def _calibrated(self, frames: list[Pixels], prior: Prior, size: tuple[int, int]) -> list[Calibration]:
+        return calibrate_batch(self.field, frames, size, prior=prior, flags=self.flags, tau=self.tau)
 
-    def _on_free_field(self, frames: dict[str, Pixels]) -> list[Found]:
+    def _on_free_field(self, frames: dict[str, Pixels], placement: Placement) -> list[Found]:
         (prior,) = {self._prior_of(id) for id in frames}
-        size = self.placement.frame_size
+        size = placement.frame_size
         found = estimate_field_size(
             self.field, list(frames.values()), size, prior=prior, flags=self.flags, tau=self.tau
         )
         said = str(found) if self.free_field_size == SHARED else ""
         details = _of_field_size(found)
         return [
-            Found(self._of_picture(one), details, said=said if index == 0 else "")
+            Found(self._of_picture(one, placement), details, said=said if index == 0 else "")
             for index, one in enumerate(found.calibrations)
         ]
 
-    def _of_picture(self, calibration: Calibration) -> Calibration:
+    def _of_picture(self, calibration: Calibration, placement: Placement) -> Calibration:
         if self.least_probability is not None:
             calibration = calibration.doubted(self.least_probability)
-        return self.placement.from_frame(calibration)
+        return placement.from_frame(calibration)
 
 
 def _of_field_size(found: FieldSize) -> dict[str, Any]:

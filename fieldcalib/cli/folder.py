@@ -9,21 +9,25 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from dataclasses import field as attribute
 from pathlib import Path
+from types import MappingProxyType
 from typing import Any, TypeAlias, TypeVar
 
 from fieldcalib.assess.ndc import ndc_loss
 from fieldcalib.assess.result import Calibration, Status
 from fieldcalib.assess.together import compute_errors
-from fieldcalib.cli.results import LOCALIZED, SUMMARY, Outcome, calibration_line, result_folder
+from fieldcalib.cli.results import LOCALIZED, SUMMARY, Outcome, calibration_line, counted, result_folder
 from fieldcalib.cli.run_record import RECORD, RunRecord
 from fieldcalib.cli.units import Made, processes_of, unit_size, units_of, work
 from fieldcalib.cli.waiting import waiting_for
 from fieldcalib.fields.field import Field
 from fieldcalib.geometry.camera import Camera
-from fieldcalib.io.files import MOST_BYTES, FrameFile, files_beside
+from fieldcalib.io.annotation_files import NO_SIZE, AnnotatedFrame, FramesFound, frames_in, is_of_soccernet, parse_frame
+from fieldcalib.io.annotations import Labels
+from fieldcalib.io.files import MOST_BYTES, BrokenFileError, FrameFile, files_beside
 from fieldcalib.io.formats import ANNOTATIONS, CAMERAS
 from fieldcalib.io.results import LINES, TABLE
-from fieldcalib.problem.labelled_pixels import Pixels, check_segments, thinned
+from fieldcalib.io.soccernet import UNKNOWN_LABELS
+from fieldcalib.problem.labelled_pixels import Pixels, check_segments, nearest_label, thinned
 from fieldcalib.processes.jobs import in_order
 
 P = TypeVar("P")  # a prior, in whatever form
@@ -41,6 +45,15 @@ class Frames:
     pixels: Mapping[str, Pixels]
     broken: Mapping[str, str]
     """What is wrong with the files that could not be read."""
+    sizes: Mapping[str, tuple[int, int]]
+    """Width and height (px) of the images of `pixels`."""
+
+    def by_size(self) -> dict[tuple[int, int], dict[str, Pixels]]:
+        """The frames that were read, those of one size together."""
+        groups: dict[tuple[int, int], dict[str, Pixels]] = {}
+        for id, pixels in self.pixels.items():
+            groups.setdefault(self.sizes[id], {})[id] = pixels
+        return groups
 
 
 @dataclass(frozen=True)
@@ -56,12 +69,12 @@ class Found:
     """For stdout."""
 
 
-Method: TypeAlias = Callable[[dict[str, Pixels]], Sequence[Found]]
+Method: TypeAlias = Callable[[dict[str, Pixels], tuple[int, int]], Sequence[Found]]
 
 
 def read_frames(inputs: Sequence[Path], field: Field, image_size: tuple[int, int]) -> Frames:
     """Find, read and check annotations; broken files are named on stderr."""
-    files = found_annotations(inputs)
+    files = found_annotations(inputs, field, image_size)
     frames = read_annotations(files, field, image_size)
     for file in files:
         if file.id in frames.broken:
@@ -69,27 +82,69 @@ def read_frames(inputs: Sequence[Path], field: Field, image_size: tuple[int, int
     return frames
 
 
-def found_annotations(inputs: Sequence[Path]) -> list[FrameFile]:
-    """The annotations in folders and zips; what else lies there is named on stderr."""
+def found_annotations(
+    inputs: Sequence[Path],
+    field: Field,
+    image_size: tuple[int, int] | None,
+    labels: Labels = MappingProxyType({}),
+    most_bytes: float = MOST_BYTES,
+) -> list[FrameFile]:
+    """The frames of annotations in folders and zips; what else is there is named on stderr.
+
+    Raises
+    ------
+    ValueError
+        If the size of the images is not given, and there are files of SoccerNet, which do not say it; or if labels are
+        mapped to what the field does not have.
+    """
     files = ANNOTATIONS.find(inputs)
     name_skipped(inputs, files)
-    return files
+    wrong = [ours for ours in labels.values() if ours is not None and ours not in {*field, *UNKNOWN_LABELS}]
+    if wrong:
+        raise ValueError(f"--labels maps to {wrong[0]!r}, which is no label; {nearest_label(wrong[0], field)}")
+    found = frames_in(files, labels, field, most_bytes)
+    if image_size is None:
+        nameless = [one for one in found.frames if not isinstance(one, AnnotatedFrame) and is_of_soccernet(one)]
+        if nameless:
+            raise ValueError(f"{nameless[0].path}: {NO_SIZE}")
+    name_left_out(found, field)
+    return found.frames
+
+
+def name_left_out(found: FramesFound, field: Field) -> None:
+    """Say on stderr which labels and shapes of other tools are left out, each once."""
+    for label, count in found.unknown.items():
+        hint = f"{nearest_label(label, field)}; --labels says what it is called here"
+        print(f"fieldcalib: {label!r} in {counted(count, 'frame')} is left out: unknown; {hint}", file=sys.stderr)
+    if found.left_out:
+        shapes = ", ".join(
+            f"{shape} in {counted(count, 'frame')}" for shape, count in found.left_out.most_common(NAMED)
+        )
+        more = len(found.left_out) - NAMED
+        print(f"fieldcalib: left out {shapes}{f' and {more} more' if more > 0 else ''}", file=sys.stderr)
 
 
 def read_annotations(
-    files: Sequence[FrameFile], field: Field, image_size: tuple[int, int], most_bytes: float = MOST_BYTES
+    files: Sequence[FrameFile],
+    field: Field,
+    image_size: tuple[int, int] | None,
+    most_bytes: float = MOST_BYTES,
+    labels: Labels = MappingProxyType({}),
 ) -> Frames:
     """Read and check annotations."""
     pixels: dict[str, Pixels] = {}
+    sizes: dict[str, tuple[int, int]] = {}
     broken: dict[str, str] = {}
     for file in files:
         try:
             with waiting_for(file.path):
-                content = file.read(most_bytes)
-            pixels[file.id] = thinned(check_segments(field, ANNOTATIONS.read(content, image_size), image_size))
+                found = parse_frame(file, image_size, labels, most_bytes)
+            assert found.image_size is not None
+            pixels[file.id] = thinned(check_segments(field, found.pixels, found.image_size))
+            sizes[file.id] = found.image_size
         except (ValueError, MemoryError) as error:
             broken[file.id] = problem(error)
-    return Frames(tuple(file.id for file in files), pixels, broken)
+    return Frames(tuple(file.id for file in files), pixels, broken, sizes)
 
 
 def problem(error: Exception) -> str:
@@ -125,23 +180,37 @@ class FromAnnotations:
     """What is written of some annotated frames."""
 
     field: Field
-    image_size: tuple[int, int]
+    image_size: tuple[int, int] | None
+    """None: as the files say."""
     most_bytes: float
     method: Method
-    """Gives the calibrations of frames, by id, in their order."""
+    """Gives the calibrations of frames of one size, by id, in their order; may raise a BrokenFileError about them."""
+    labels: Labels = attribute(default_factory=dict)
+    """What labels are called here."""
 
     def __call__(self, files: tuple[FrameFile, ...]) -> Made:
         """Read the files and calibrate."""
-        frames = read_annotations(files, self.field, self.image_size, self.most_bytes)
-        start = time.perf_counter()
-        found = dict(zip(frames.pixels, self.method(dict(frames.pixels)) if frames.pixels else (), strict=True))
-        seconds = time.perf_counter() - start
-        compute_errors([one.calibration for one in found.values()])
-        eq3 = _eq3_losses(self.field, frames.pixels, {id: one.calibration for id, one in found.items()})
+        frames = self._read(files)
+        broken = dict(frames.broken)
+        found: dict[str, Found] = {}
+        eq3: dict[str, float] = {}
+        seconds = 0.0
+        for size, pixels in frames.by_size().items():
+            start = time.perf_counter()
+            try:
+                of_size = dict(zip(pixels, self.method(pixels, size), strict=True))
+            except BrokenFileError as error:
+                broken |= dict.fromkeys(pixels, str(error))
+                continue
+            seconds += time.perf_counter() - start
+            calibrations = {id: one.calibration for id, one in of_size.items()}
+            compute_errors(list(calibrations.values()))
+            eq3 |= _eq3_losses(self.field, pixels, calibrations)
+            found |= of_size
         outcomes = []
         for file in files:
-            if file.id in frames.broken:
-                outcomes.append(lost(file, frames.broken[file.id]))
+            if file.id in broken:
+                outcomes.append(lost(file, broken[file.id]))
                 continue
             one = found[file.id]
             line = calibration_line(file.id, one.calibration, eq3.get(file.id)) | dict(one.details)
@@ -150,8 +219,11 @@ class FromAnnotations:
 
     def first_broken(self, files: tuple[FrameFile, ...]) -> str:
         """The first broken file and what is wrong with it; empty if there is none."""
-        broken = read_annotations(files, self.field, self.image_size, self.most_bytes).broken
+        broken = self._read(files).broken
         return next((f"{file.path}: {broken[file.id]}" for file in files if file.id in broken), "")
+
+    def _read(self, files: Sequence[FrameFile]) -> Frames:
+        return read_annotations(files, self.field, self.image_size, self.most_bytes, self.labels)
 
 
 def calibrate_folder(
@@ -165,13 +237,21 @@ def calibrate_folder(
 ) -> int:
     """Read ``options.input``, calibrate by `method`, write to ``options.out``; returns the exit code.
 
-    `method` gets `at_once` frames; it can be pickled. Of each frame there may be files that are named as `writes`
-    says. `more` is what the method depends on beside the options, as JSON.
+    `method` gets `at_once` frames, or those of them that are of one size; it can be pickled. Of each frame there may
+    be files that are named as `writes` says. `more` is what the method depends on beside the options, as JSON.
     """
-    files = found_annotations(options.input)
-    made = FromAnnotations(field, options.size, options.most_bytes, method)
+    labels = options.labels or {}
+    files = found_annotations(options.input, field, options.size, labels, options.most_bytes)
+    sizes = {file.annotation.image_size for file in files if isinstance(file, AnnotatedFrame)} - {None}
+    if at_once is not None and at_once > 1 and len(sizes) > 1:
+        raise ValueError(f"images of several sizes are not calibrated together: there are {_of_sizes(sizes)}")
+    made = FromAnnotations(field, options.size, options.most_bytes, method, labels)
     size = unit_size(len(files)) if at_once is None else at_once
     return calibrate_files(options, files, made, made.first_broken, size, writes, more)
+
+
+def _of_sizes(sizes: Iterable[tuple[int, int] | None]) -> str:
+    return ", ".join(sorted("{}x{}".format(*size) for size in sizes if size))
 
 
 def calibrate_files(

@@ -11,7 +11,7 @@ from typing import Any
 
 from fieldcalib.assess.surprises import SQUASHED
 from fieldcalib.cli.arguments import PARQUET, add_format, folder_name
-from fieldcalib.cli.localize import localized_summary
+from fieldcalib.cli.localize import localized_summary, write_all
 from fieldcalib.cli.results import (
     LOCALIZED,
     SUMMARY,
@@ -54,6 +54,8 @@ def run(options: argparse.Namespace) -> int:
         results.calibrating = sum(summary["seconds"].get("calibration", 0.0) for summary in summaries)
         results.calibrated = results.verdicts.total()
         seconds = sum(summary["seconds"]["total"] for summary in summaries)
+        if lines == LOCALIZED:
+            write_all(options.out, record.options["format"])
         made = localized_summary if lines == LOCALIZED else Results.summary
         finish(options.out, made(results, summaries[0]["options"], seconds))
     if lines == LINES:

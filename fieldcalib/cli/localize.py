@@ -4,12 +4,17 @@ from __future__ import annotations
 
 import argparse
 import json
+import os
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 import fieldcalib
+from fieldcalib._types import Array, IntArray
 from fieldcalib.cli.arguments import folder_name
 from fieldcalib.cli.fields import add_sized_field, field_of
 from fieldcalib.cli.frames import (
@@ -27,26 +32,43 @@ from fieldcalib.cli.inputs import add_inputs
 from fieldcalib.cli.results import LOCALIZED, Outcome, Results, finish, run_folder
 from fieldcalib.cli.run_record import RunRecord, recorded
 from fieldcalib.cli.units import Made, add_jobs, work
-from fieldcalib.io.files import FrameFile
-from fieldcalib.io.formats import ANNOTATIONS, VIDEOS
+from fieldcalib.fields.field import Field
+from fieldcalib.fields.segments import Arc
+from fieldcalib.io.annotation_files import ONE_IMAGE
+from fieldcalib.io.annotations import Annotation
+from fieldcalib.io.files import FrameFile, write_text
+from fieldcalib.io.formats import ANNOTATIONS, OTHER_ANNOTATIONS, VIDEOS
 from fieldcalib.io.image import Image
 from fieldcalib.io.images import IMAGES_AT_ONCE, in_parts
 from fieldcalib.io.line_log import whole_lines
 from fieldcalib.io.results import BROKEN
 from fieldcalib.localize import Localization, Network, localize
+from fieldcalib.problem.labelled_pixels import Pixels
 
 LOCALIZED_STATUS = "localized"
+SOCCERNET = "soccernet"
+FORMATS = (SOCCERNET, *OTHER_ANNOTATIONS)
+OF_ALL = frozenset(OTHER_ANNOTATIONS) - {ONE_IMAGE}  # have one file for all frames
+OF_ALL_FRAMES = Path(LOCALIZED).stem  # its name
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Describe the command, add its arguments and set ``run``, a function of them that gives the exit code."""
     parser.description = (
         "Find the markings of the field in images, and write them as SoccerNet annotations (<id>.json: "
-        "label -> normalised points), as fieldcalib calibrate reads them."
+        "label -> normalised points), or as those of other tools, to be corrected there. fieldcalib calibrate reads "
+        "them."
     )
     add_inputs(parser, "images, folders and zips of them")
     parser.add_argument("--out", required=True, type=folder_name, metavar="DIR", help="where the annotations go")
     add_sized_field(parser)
+    parser.add_argument(
+        "--format",
+        choices=FORMATS,
+        default=SOCCERNET,
+        help=f"of the annotations; labelme: <id>.json; others: one file of all frames, localized.xml or localized.json "
+        f"({SOCCERNET})",
+    )
     add_network(parser)
     add_limits(parser)
     add_jobs(parser)
@@ -60,14 +82,39 @@ def run(options: argparse.Namespace) -> int:
         raise ValueError("expected images: fieldcalib run takes videos")
     function = FromImages(options, load_network(options))
     with opened(options.input, options.most_pixels) as source:
-        record = RunRecord.of(options, source.files, unit=IMAGES_AT_ONCE, writes=[ANNOTATIONS.file_name("<id>")])
+        writes = [_file_name(options.format, "<id>")]
+        record = RunRecord.of(options, source.files, unit=IMAGES_AT_ONCE, writes=writes)
         with run_folder(options, record, LOCALIZED) as results:
             work(options, results, source.files, IMAGES_AT_ONCE, function, lost, source.count)
             summary = localized_summary(results, recorded(options), time.perf_counter() - began)
+            if options.shard is None:
+                write_all(options.out, options.format)
             finish(options.out, summary)
     frames, segments = summary["annotations"], summary["segments"]
     print(f"{segments / max(frames, 1):.1f} segments a frame in {frames} frames in {options.out}")
     return results.exit_code
+
+
+def write_all(out: Path, format: str) -> None:
+    """Write the file of all frames in ``localized.jsonl``, where the format has one."""
+    if format in OF_ALL:
+        content = OTHER_ANNOTATIONS[format].write(_annotations(out / LOCALIZED))
+        write_text(out / _file_name(format, ""), content)
+
+
+def _annotations(log: Path) -> Iterator[Annotation]:
+    for line in map(json.loads, whole_lines(log)):
+        if line["status"] != BROKEN:
+            pixels = {label: np.array(xy) for label, xy in line["pixels"].items()}
+            width, height = line["image_size"]
+            yield Annotation(line["id"], pixels, (width, height), line["image"])
+
+
+def _file_name(format: str, id: str) -> str:
+    """Of a frame's annotation, or of those of all frames."""
+    if format == SOCCERNET:
+        return ANNOTATIONS.file_name(id)
+    return OTHER_ANNOTATIONS[format].file_name(OF_ALL_FRAMES if format in OF_ALL else id)
 
 
 def localized_summary(results: Results, options: Mapping[str, Any], seconds: float) -> dict[str, Any]:
@@ -109,13 +156,57 @@ class FromImages:
         ]
 
     def _outcome(self, frame: Frame, image: Image, found: Localization) -> Outcome:
+        format, size, field = self.options.format, (image.shape[1], image.shape[0]), field_of(self.options)
+        line: dict[str, Any] = {"id": frame.id, "status": LOCALIZED_STATUS, "message": ""}
+        line["segments"] = len(found.pixels)
+        content = ""
         try:
-            annotation = ANNOTATIONS.write(found.pixels, (image.shape[1], image.shape[0])) + "\n"
+            if format == SOCCERNET:
+                content = ANNOTATIONS.write(found.pixels, size) + "\n"
+            elif format in OF_ALL:
+                line |= {"image": Path(frame.path).name, "image_size": size}
+                line["pixels"] = {label: xy.tolist() for label, xy in _paths(found, field).items()}
+            else:
+                of_frame = Annotation(
+                    frame.id, _paths(found, field), size, _seen_from(self.options.out, Path(frame.path))
+                )
+                content = OTHER_ANNOTATIONS[format].write([of_frame])
         except ValueError as error:
             return lost(frame, str(error))
-        line = {"id": frame.id, "status": LOCALIZED_STATUS, "message": "", "segments": len(found.pixels)}
-        files = {ANNOTATIONS.file_name(frame.id): annotation.encode()}
+        files = {_file_name(format, frame.id): content.encode()} if content else {}
         return Outcome(frame.id, json.dumps(line), LOCALIZED_STATUS, files=files)
+
+
+def _paths(found: Localization, field: Field) -> Pixels:
+    """The pixels of each segment in their order along it: other tools draw lines between them."""
+    return {label: xy[_order(xy, isinstance(field[label], Arc))] for label, xy in found.pixels.items()}
+
+
+def _order(xy: Array, is_arc: bool) -> IntArray:
+    """Of pixels along a line or an arc.
+
+    Examples
+    --------
+    >>> _order(np.array([(0.0, 0.0), (2.0, 2.0), (1.0, 1.0)]), False).tolist() in ([0, 2, 1], [1, 2, 0])
+    True
+    """
+    offset = xy - xy.mean(axis=0)
+    if not is_arc:
+        return np.argsort(offset @ np.linalg.svd(offset, full_matrices=False)[2][0], kind="stable")
+    angle = np.arctan2(offset[:, 1], offset[:, 0])
+    order = np.argsort(angle, kind="stable")
+    gaps = np.diff(angle[order], append=angle[order[0]] + 2.0 * np.pi)
+    return np.roll(order, -int(np.argmax(gaps)) - 1)
+
+
+def _seen_from(folder: Path, image: Path) -> str:
+    """The path of an image from a folder, so that the image is found; its name if it lies in a zip."""
+    if not image.exists():
+        return image.name
+    try:
+        return Path(os.path.relpath(image, folder)).as_posix()
+    except ValueError:  # another drive
+        return str(image.absolute())
 
 
 def _in_process(options: argparse.Namespace) -> FromImages:

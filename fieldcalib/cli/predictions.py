@@ -13,11 +13,12 @@ from typing import TypeVar
 import numpy as np
 
 from fieldcalib._types import Array
-from fieldcalib.cli.folder import problem
+from fieldcalib.cli.folder import name_left_out, problem
 from fieldcalib.cli.units import units_of
 from fieldcalib.cli.waiting import waiting_for
 from fieldcalib.fields.field import Field
 from fieldcalib.geometry.rational import RationalCamera
+from fieldcalib.io.annotation_files import frames_in, parse_frame
 from fieldcalib.io.files import MOST_BYTES, BrokenFileError, FrameFile, parse_json_object, read_regular_file
 from fieldcalib.io.formats import ANNOTATIONS, CAMERAS, HOMOGRAPHIES, RECORDS
 from fieldcalib.io.results import lines_file, result_lines
@@ -201,7 +202,9 @@ def read_ground_truth(
 
     With `camera_type`, only frames that were filmed by such a camera, as match_info_cam_gt.json says.
     """
-    files = ANNOTATIONS.find([path])
+    found = frames_in(ANNOTATIONS.find([path]), known=field, most_bytes=most_bytes)
+    name_left_out(found, field)
+    files = found.frames
     beside = _beside(path)
     chosen = files
     if camera_type is not None:
@@ -210,16 +213,16 @@ def read_ground_truth(
         if not chosen:
             raise ValueError(f"no frame is of type {camera_type!r}; there are {', '.join(sorted(set(types.values())))}")
     ids = {file.id for file in chosen}
-    parse = partial(_annotation, field=field, size=size)
-    annotations = read_files(chosen, parse, broken, most_bytes=most_bytes, executor=executor)
-    found = [file for file in beside if file.id in ids]
+    parse = partial(_annotation, field=field, size=size, most_bytes=most_bytes)
+    annotations = parse_files(chosen, parse, broken, executor)
+    scored = [file for file in beside if file.id in ids]
     of_size = partial(HOMOGRAPHIES.read, image_size=size)
-    homographies = read_files(found, of_size, broken, most_bytes=most_bytes, executor=executor)
+    homographies = read_files(scored, of_size, broken, most_bytes=most_bytes, executor=executor)
     return GroundTruth(annotations, homographies, len(chosen) / len(files), [*files, *beside])
 
 
-def _annotation(content: bytes, *, field: Field, size: tuple[int, int]) -> Pixels:
-    pixels = ANNOTATIONS.read(content, size, unknown=True)
+def _annotation(file: FrameFile, *, field: Field, size: tuple[int, int], most_bytes: float) -> Pixels:
+    pixels = parse_frame(file, size, most_bytes=most_bytes, unknown=True).pixels
     count = sum(map(len, pixels.values()))
     if count > MOST_PIXELS:
         raise BrokenFileError(f"has {count} labelled pixels: up to {MOST_PIXELS} are evaluated")
@@ -243,24 +246,35 @@ def read_files(
     executor: Executor | None = None,
 ) -> dict[str, Parsed]:
     """Parsed content of files by frame; messages about broken ones go to `broken`."""
+    return parse_files(files, partial(_parsed, parse=parse, most_bytes=most_bytes), broken, executor)
+
+
+def _parsed(file: FrameFile, *, parse: Callable[[bytes], Parsed], most_bytes: float) -> Parsed:
+    return parse(file.read(most_bytes))
+
+
+def parse_files(
+    files: Sequence[FrameFile],
+    parse: Callable[[FrameFile], Parsed],
+    broken: list[str],
+    executor: Executor | None = None,
+) -> dict[str, Parsed]:
+    """What is parsed of files by frame; messages about broken ones go to `broken`."""
     found: dict[str, Parsed] = {}
-    of_part = partial(_read, parse=parse, most_bytes=most_bytes)
+    of_part = partial(_read, parse=parse)
     for parsed, messages in in_order(executor, of_part, units_of(files, READ_AT_ONCE)):
         found |= parsed
         broken += messages
     return found
 
 
-def _read(
-    files: Sequence[FrameFile], *, parse: Callable[[bytes], Parsed], most_bytes: float
-) -> tuple[dict[str, Parsed], list[str]]:
+def _read(files: Sequence[FrameFile], *, parse: Callable[[FrameFile], Parsed]) -> tuple[dict[str, Parsed], list[str]]:
     found: dict[str, Parsed] = {}
     broken: list[str] = []
     for file in files:
         try:
             with waiting_for(file.path):
-                content = file.read(most_bytes)
-            found[file.id] = parse(content)
+                found[file.id] = parse(file)
         except (ValueError, MemoryError) as error:
             broken.append(f"{file.path}: {problem(error)}")
     return found, broken

@@ -8,9 +8,9 @@ from typing import Any
 
 from fieldcalib.fields.field import Field
 from fieldcalib.fields.records import field_from_record, field_to_record
-from fieldcalib.io.files import BrokenFileError, parse_json_object, read_regular_file, write_text
+from fieldcalib.io.files import YAML, BrokenFileError, read_json_or_yaml, write_text
 
-JSON, YAML = (".json",), (".yaml", ".yml")
+JSON = (".json",)
 
 
 def is_field_file(name: str) -> bool:
@@ -45,9 +45,7 @@ def read_field(path: Path | str) -> Field:
     """
     path = Path(path)
     try:
-        content = read_regular_file(path)
-        record = parse_json_object(content, "a field") if path.suffix.lower() in JSON else _parse_yaml(content)
-        return field_from_record(record)
+        return field_from_record(read_json_or_yaml(path))
     except (BrokenFileError, ValueError) as error:
         raise BrokenFileError(f"{path}: {error}") from None
 
@@ -75,12 +73,3 @@ def _format_yaml(record: Any) -> str:
 
     plain = json.loads(json.dumps(record, allow_nan=False))  # lists for tuples
     return str(yaml.safe_dump(plain, sort_keys=False, default_flow_style=None, width=120))
-
-
-def _parse_yaml(content: bytes) -> Any:
-    import yaml
-
-    try:
-        return yaml.safe_load(content)
-    except yaml.YAMLError as error:
-        raise BrokenFileError(f"is no YAML: {error}") from None

@@ -17,6 +17,7 @@ from pathlib import Path
 from typing import IO, Any, BinaryIO, TypeAlias
 
 HIDDEN = re.compile(r"\.")
+YAML = (".yaml", ".yml")
 MOST_BYTES = 64_000_000  # of a file: a million labelled pixels are 50 MB of JSON
 LONGEST_ID = 240  # bytes: with "overlay_" and ".jpg" around it, it is still a file's name (255)
 TEMPORARY = ".unfinished-"  # what the names of temporary files begin with
@@ -61,6 +62,20 @@ class FrameFile:
             raise
         except Exception as error:  # the decompressors' errors have no class in common
             raise BrokenFileError(f"cannot be read: {str(error) or type(error).__name__}") from error
+
+    def read_beginning(self, count: int) -> bytes:
+        """The first bytes; none if it cannot be read."""
+        try:
+            if self.zipped is not None:
+                archive, member = self.zipped
+                with archive.open(member) as file:
+                    return file.read(count)
+            if not stat.S_ISREG(self.path.stat().st_mode):
+                return b""
+            with self.path.open("rb") as file:
+                return file.read(count)
+        except Exception:  # `read` says what is wrong
+            return b""
 
     @property
     def state(self) -> tuple[int, int]:
@@ -218,6 +233,22 @@ def _members(path: Path) -> Iterator[tuple[Path, Zipped | None]]:
         yield path, None
 
 
+def parse_json(content: bytes | str) -> Any:
+    """What JSON says.
+
+    Raises
+    ------
+    BrokenFileError
+        If it is no JSON, or if an object in it has a key twice.
+    """
+    try:
+        return json.loads(content, object_pairs_hook=_without_repeats)
+    except BrokenFileError:
+        raise
+    except (ValueError, RecursionError) as error:
+        raise BrokenFileError(f"is no JSON: {error}") from error
+
+
 def parse_json_object(content: bytes | str, what: str) -> dict[str, Any]:
     """A JSON object as a dict; `what` says what is in it, for messages.
 
@@ -231,15 +262,29 @@ def parse_json_object(content: bytes | str, what: str) -> dict[str, Any]:
     >>> parse_json_object('{"Middle line": []}', "labels")
     {'Middle line': []}
     """
-    try:
-        value = json.loads(content, object_pairs_hook=_without_repeats)
-    except BrokenFileError:
-        raise
-    except (ValueError, RecursionError) as error:
-        raise BrokenFileError(f"is no JSON: {error}") from error
+    value = parse_json(content)
     if not isinstance(value, dict):
         raise BrokenFileError(f"expected a JSON object of {what}, got {type(value).__name__}")
     return value
+
+
+def read_json_or_yaml(path: Path) -> Any:
+    """What is in a file of JSON, or of YAML if its name ends so.
+
+    Raises
+    ------
+    BrokenFileError
+        If it cannot be read, or is neither.
+    """
+    import yaml
+
+    content = read_regular_file(path)
+    if path.suffix.lower() not in YAML:
+        return parse_json(content)
+    try:
+        return yaml.safe_load(content)
+    except (yaml.YAMLError, ValueError, RecursionError) as error:
+        raise BrokenFileError(f"is no YAML: {error}") from None
 
 
 def _without_repeats(pairs: list[tuple[str, Any]]) -> dict[str, Any]:

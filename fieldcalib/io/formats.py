@@ -6,13 +6,19 @@ The commands look here, and nowhere else, for what a file is.
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Generic, TypeVar
+from types import MappingProxyType
+from typing import Any, Generic, TypeAlias, TypeVar
 
+from fieldcalib.io.annotations import Annotation
+from fieldcalib.io.coco import format_coco, parse_coco
+from fieldcalib.io.cvat import format_cvat, parse_cvat
 from fieldcalib.io.files import HIDDEN, FrameFile, find_files, is_named
 from fieldcalib.io.images import encode_image, parse_image
+from fieldcalib.io.label_studio import format_label_studio, parse_label_studio
+from fieldcalib.io.labelme import format_labelme, parse_labelme
 from fieldcalib.io.pnlcalib import parse_detections
 from fieldcalib.io.soccernet import format_annotation, format_camera, parse_annotation, parse_camera
 from fieldcalib.io.tvcalib import format_per_sample_output, parse_per_sample_output
@@ -63,12 +69,23 @@ class Format(Generic[Read, Write]):
 # What lies beside annotations: match_info_cam_gt.json, test_match_info_cam_gt.json, results of this package and others.
 ANNOTATIONS = Format(
     "annotation",
-    (".json",),
+    (".json", ".xml"),
     parse_annotation,
     format_annotation,
     others=re.compile(r".*match_info|camera_|summary|run\.json$|tripods|per_sample_output|\."),
 )
-"""SoccerNet's labelled points, normalised: ``<id>.json``."""
+"""SoccerNet's labelled points, normalised: ``<id>.json``. Files of `OTHER_ANNOTATIONS` lie where these do."""
+
+OtherAnnotations: TypeAlias = Format[Callable[[bytes | str], list[Annotation]], Callable[[Iterable[Annotation]], str]]
+OTHER_ANNOTATIONS: Mapping[str, OtherAnnotations] = MappingProxyType(
+    {
+        "cvat": Format("CVAT annotations", (".xml",), parse_cvat, format_cvat),
+        "labelme": Format("labelme annotation", (".json",), parse_labelme, format_labelme),
+        "labelstudio": Format("Label Studio annotations", (".json",), parse_label_studio, format_label_studio),
+        "coco": Format("COCO annotations", (".json",), parse_coco, format_coco),
+    }
+)
+"""Labelled pixels as other tools keep them, by the name of the tool; labelme has a file for each image."""
 
 CAMERAS = Format("camera", (".json",), parse_camera, format_camera, prefix="camera_")
 """SoccerNet's cameras: ``camera_<id>.json``."""

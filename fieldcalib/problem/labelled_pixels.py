@@ -215,10 +215,11 @@ def _known_label(raw_label: str, object_segments: ObjectSegments) -> str:
         return label
     if raw_label in object_segments:
         return raw_label
-    raise ValueError(f"unknown label {raw_label!r}; {_nearest(label, object_segments)}")
+    raise ValueError(f"unknown label {raw_label!r}; {nearest_label(label, object_segments)}")
 
 
-def _nearest(label: str, object_segments: ObjectSegments) -> str:
+def nearest_label(label: str, object_segments: ObjectSegments) -> str:
+    """What to say of a label that an object does not have."""
     known = [str(name) for name in object_segments]
     close = difflib.get_close_matches(str(label), known, n=1, cutoff=0.5)
     if close:

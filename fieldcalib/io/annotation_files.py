@@ -1,0 +1,269 @@
+"""Annotations of any tool: whose file it is, which frames it has, and what these are called here."""
+
+from __future__ import annotations
+
+import re
+from collections import Counter
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass, replace
+from dataclasses import field as attribute
+from pathlib import Path
+from types import MappingProxyType
+from typing import Any
+
+from fieldcalib.fields.segments import ObjectSegments
+from fieldcalib.io.annotations import Annotation, Labels, renamed
+from fieldcalib.io.files import (
+    MOST_BYTES,
+    BrokenFileError,
+    FrameFile,
+    parse_json,
+    parse_json_object,
+    read_json_or_yaml,
+)
+from fieldcalib.io.formats import ANNOTATIONS, OTHER_ANNOTATIONS
+from fieldcalib.io.soccernet import UNKNOWN_LABELS
+
+# Of SoccerNet's annotations, which are read frame by frame: the first label, and a list of points.
+OF_SOCCERNET = re.compile(rb'\s*\{\s*(\}|"[^"]*"\s*:\s*\[\s*(\]|\{\s*"[xy]"))')
+BEGINNING = 256  # bytes
+KEYS = {"labelme": {"shapes", "imagePath"}, "coco": {"images", "annotations"}, "labelstudio": {"data"}}
+ONE_IMAGE = "labelme"  # has a file for each image
+NO_SIZE = "SoccerNet's annotations do not say the size of their images: give it by --size"
+
+
+@dataclass(frozen=True)
+class AnnotatedFrame(FrameFile):
+    """A frame that was read already, of a file that may have several."""
+
+    annotation: Annotation = attribute(default_factory=lambda: Annotation("", {}))
+
+    def __reduce__(self) -> tuple[object, ...]:
+        """For other processes."""
+        return AnnotatedFrame, (self.id, self.path, None, self.annotation)
+
+
+@dataclass(frozen=True)
+class FramesFound:
+    """The frames of annotations, and what was left out of them."""
+
+    frames: list[FrameFile]
+    unknown: Counter[str]
+    """Labels that the object does not have, with the number of frames that have them."""
+    left_out: Counter[str]
+    """Shapes that are no points or lines, with the number of frames that have them."""
+
+
+def frames_in(
+    files: Iterable[FrameFile],
+    labels: Labels = MappingProxyType({}),
+    known: ObjectSegments | None = None,
+    most_bytes: float = MOST_BYTES,
+) -> FramesFound:
+    """The frames of annotations: each file of SoccerNet is one and is not read yet, those of other tools are read.
+
+    Parameters
+    ----------
+    files : iterable of FrameFile
+        As `fieldcalib.io.formats.ANNOTATIONS` finds them.
+    labels : mapping of str to str or None
+        What labels in files of other tools are called here; None for those that are left out.
+    known : mapping of str to segment, optional
+        The calibration object: other labels are left out, and counted (all are kept).
+    most_bytes : float
+        Larger files are broken. A file that is broken is one frame: `parse_frame` says what is wrong with it.
+
+    Raises
+    ------
+    BrokenFileError
+        If two files have the same frame.
+    ImportError
+        If there is XML, and no defusedxml.
+    """
+    found: dict[str, FrameFile] = {}
+    unknown: Counter[str] = Counter()
+    left_out: Counter[str] = Counter()
+    for file in files:
+        for frame in _frames_of(file, most_bytes):
+            if frame.id in found:
+                raise BrokenFileError(
+                    f"{frame.path} and {found[frame.id].path} have the same frame {frame.id}: rename one of them"
+                )
+            if isinstance(frame, AnnotatedFrame):
+                pixels = renamed(frame.annotation.pixels, labels)
+                kept = {name: xy for name, xy in pixels.items() if _is_known(name, known)}
+                unknown.update(pixels.keys() - kept.keys())
+                left_out.update(frame.annotation.left_out)
+                frame = replace(frame, annotation=replace(frame.annotation, pixels=kept))
+            found[frame.id] = frame
+    return FramesFound(list(found.values()), unknown, left_out)
+
+
+def _is_known(label: str, known: ObjectSegments | None) -> bool:
+    return known is None or label in known or label in UNKNOWN_LABELS
+
+
+def is_of_soccernet(file: FrameFile) -> bool:
+    """Whether a file begins as SoccerNet's annotations do."""
+    return OF_SOCCERNET.match(file.read_beginning(BEGINNING)) is not None
+
+
+def _frames_of(file: FrameFile, most_bytes: float) -> Iterator[FrameFile]:
+    tool = ""
+    if not is_of_soccernet(file):
+        try:
+            content = file.read(most_bytes)
+            tool = tool_of(content, file.path)
+        except (BrokenFileError, MemoryError):
+            pass  # whoever reads the frame learns what is wrong with it
+    if not tool:
+        yield file
+        return
+    try:
+        annotations = OTHER_ANNOTATIONS[tool].read(content)
+    except (BrokenFileError, MemoryError) as error:
+        annotations = [Annotation(file.id, {}, problem=str(error) or "there is not enough memory for it")]
+    for annotation in annotations:
+        id = file.id if tool == ONE_IMAGE else annotation.id
+        yield AnnotatedFrame(id, file.path, file.zipped, annotation)
+
+
+def tool_of(content: bytes | str, path: Path) -> str:
+    """The tool of `OTHER_ANNOTATIONS` whose file it is; empty for SoccerNet's.
+
+    Raises
+    ------
+    BrokenFileError
+        If it is neither XML nor JSON.
+
+    Examples
+    --------
+    >>> tool_of('{"shapes": [], "imagePath": "a.jpg"}', Path("a.json")), tool_of('{"Middle line": []}', Path("b.json"))
+    ('labelme', '')
+    """
+    if OTHER_ANNOTATIONS["cvat"].recognises(path):
+        return "cvat"
+    value = parse_json(content)
+    if isinstance(value, list):
+        return "labelstudio"
+    keys = value.keys() if isinstance(value, dict) else set()
+    return next((tool for tool, needed in KEYS.items() if needed <= keys), "")
+
+
+def parse_frame(
+    file: FrameFile,
+    image_size: tuple[int, int] | None,
+    labels: Labels = MappingProxyType({}),
+    most_bytes: float = MOST_BYTES,
+    *,
+    unknown: bool = False,
+) -> Annotation:
+    """The annotation of a frame, whose size is known then.
+
+    Parameters
+    ----------
+    file : FrameFile
+        As `frames_in` gives it.
+    image_size : (int, int), optional
+        Width and height, where they are known: SoccerNet's files do not say them.
+    labels : mapping of str to str or None
+        As of `frames_in`, for the files that were not read there.
+    most_bytes : float
+        Larger files are broken.
+    unknown : bool
+        Whether to keep "Line unknown" and "Goal unknown", see `fieldcalib.io.soccernet.parse_annotation`.
+
+    Raises
+    ------
+    BrokenFileError
+        If it is broken, its size is not known, or is another than the file says.
+    """
+    if not isinstance(file, AnnotatedFrame):
+        content = file.read(most_bytes)
+        if image_size is None:
+            parse_json_object(content, "labels")
+            raise BrokenFileError(NO_SIZE)
+        how = {"unknown": True} if unknown else {}
+        return Annotation(file.id, renamed(ANNOTATIONS.read(content, image_size, **how), labels), image_size)
+    annotation = file.annotation
+    which = "" if file.id == file.path.stem else f"{file.id}: "
+    if annotation.problem:
+        raise BrokenFileError(f"{which}{annotation.problem}")
+    size = annotation.image_size or image_size
+    if size is None:
+        raise BrokenFileError(f"{which}nothing is annotated that would say the size of the image: give it by --size")
+    if image_size not in (None, size):
+        given, came = ("{} x {}".format(*one) for one in (image_size or size, size))
+        raise BrokenFileError(f"{which}is of an image of {came}, not of {given}: leave the size out, or mend it")
+    pixels = {name: xy for name, xy in annotation.pixels.items() if unknown or name not in UNKNOWN_LABELS}
+    return replace(annotation, pixels=pixels, image_size=size)
+
+
+def read_annotations(
+    path: str | Path,
+    image_size: tuple[int, int] | None = None,
+    *,
+    labels: Labels | str | Path = MappingProxyType({}),
+) -> dict[str, Annotation]:
+    """Labelled pixels of SoccerNet's annotations, or those of CVAT, labelme, Label Studio and COCO.
+
+    Parameters
+    ----------
+    path : str or Path
+        A file, or a folder or a zip of files, whose formats are found out.
+    image_size : (int, int), optional
+        Width and height in pixels; only SoccerNet's files do not say them.
+    labels : mapping of str to str or None, or path of one
+        What their labels are called here; None leaves one out. A file is JSON or YAML.
+
+    Returns
+    -------
+    dict of str to Annotation
+        By the name of the image: `pixels`, label -> (N, 2), and `image_size`. Labels are not compared with a field's.
+
+    Raises
+    ------
+    FileNotFoundError
+        If there are no annotations.
+    BrokenFileError
+        If one is broken, of another size, or of a size that nobody says; the message begins with the path.
+
+    Examples
+    --------
+    >>> import tempfile
+    >>> of_labelme = '''{"imagePath": "7.jpg", "imageWidth": 960, "imageHeight": 540, "shapes": [
+    ...     {"label": "halfway", "shape_type": "line", "points": [[480.5, 0.5], [470.5, 530.5]]}]}'''
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     path = Path(folder) / "7.json"
+    ...     _ = path.write_text(of_labelme)
+    ...     found = read_annotations(path, labels={"halfway": "Middle line"})
+    >>> found["7"].image_size, found["7"].pixels
+    ((960, 540), {'Middle line': array([[480.,   0.],
+           [470., 530.]])})
+    """
+    names = read_labels(Path(labels)) if isinstance(labels, str | Path) else labels
+    annotations = {}
+    for frame in frames_in(ANNOTATIONS.find([Path(path)]), names).frames:
+        try:
+            annotations[frame.id] = parse_frame(frame, image_size, names)
+        except BrokenFileError as error:
+            raise BrokenFileError(f"{frame.path}: {error}") from None
+    return annotations
+
+
+def read_labels(path: Path) -> dict[str, str | None]:
+    """A mapping of the labels in files of other tools to ours, from JSON or YAML.
+
+    Raises
+    ------
+    BrokenFileError
+        If it is none; the message begins with its path.
+    """
+    try:
+        value = read_json_or_yaml(path)
+    except BrokenFileError as error:
+        raise BrokenFileError(f"{path}: {error}") from None
+    pairs: list[tuple[Any, Any]] = list(value.items()) if isinstance(value, dict) else [(None, None)]
+    if not all(isinstance(theirs, str) and isinstance(ours, str | None) for theirs, ours in pairs):
+        raise BrokenFileError(f"{path}: expected their labels, each with one of ours or null, as halfway: Middle line")
+    return {theirs.strip(): ours.strip() if ours else None for theirs, ours in pairs}

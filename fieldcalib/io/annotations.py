@@ -1,0 +1,221 @@
+"""Annotations of other tools: what their formats have in common."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass
+from pathlib import PureWindowsPath
+from typing import Any, TypeAlias
+
+import numpy as np
+
+from fieldcalib._types import Array
+from fieldcalib.io.files import LONGEST_ID, BrokenFileError
+from fieldcalib.problem.labelled_pixels import Pixels
+
+# px: other tools count from the corner of the image, where the centre of the first pixel is at (0.5, 0.5); here that
+# is at (0, 0). So pixels = theirs - CORNER.
+CORNER = 0.5
+LARGEST_SIZE = 100_000  # px, of an image
+
+Labels: TypeAlias = Mapping[str, str | None]
+
+
+@dataclass(frozen=True)
+class Annotation:
+    """Labelled pixels of one image, as a file of some tool has them.
+
+    Examples
+    --------
+    >>> Annotation("00001", {"Middle line": np.array([[480.0, 0.0], [480.0, 539.0]])}, (960, 540)).image_size
+    (960, 540)
+    """
+
+    id: str
+    """Name of the image, without folder and ending."""
+    pixels: Pixels
+    """Label -> (N, 2) pixels, the first pixel's centre at (0, 0)."""
+    image_size: tuple[int, int] | None = None
+    """Width and height (px); None where the file does not say it."""
+    image: str = ""
+    """The image, as the file names it; for writing."""
+    problem: str = ""
+    """What is wrong with it; then there are no pixels."""
+    left_out: tuple[str, ...] = ()
+    """Kinds of shapes with their labels that say nothing about lines and points, as "box of 'ball'"."""
+
+
+@dataclass
+class Shapes:
+    """The shapes of an image as they are gathered: those with the same label are one segment."""
+
+    image_size: tuple[int, int] | None
+    points: dict[str, list[Array]]
+    left_out: dict[str, None]
+
+    @classmethod
+    def of(cls, width: Any, height: Any) -> Shapes:
+        """Those of an image of a size, none so far.
+
+        Raises
+        ------
+        BrokenFileError
+            If that is no size.
+        """
+        return cls(checked_size(width, height), {}, {})
+
+    def add(self, label: Any, points: Any, shift: float = CORNER) -> None:
+        """A shape with its points (N, 2), `shift` more than pixels.
+
+        Raises
+        ------
+        BrokenFileError
+            If the label is no text, or the points are not pairs of finite numbers.
+        """
+        name = self._name(label)
+        try:
+            xy = np.array([(float(x), float(y)) for x, y in points])
+        except (TypeError, ValueError, OverflowError):
+            raise BrokenFileError(f"{name!r}: expected points (x, y), got {_short(points)}") from None
+        if not np.all(np.isfinite(xy)):
+            raise BrokenFileError(f"{name!r}: a coordinate is not finite")
+        if len(xy):
+            self.points.setdefault(name, []).append(xy - shift)
+
+    def leave_out(self, kind: Any, label: Any) -> None:
+        """A shape that is neither points nor lines."""
+        self.left_out[f"{kind} of {self._name(label)!r}"] = None
+
+    @staticmethod
+    def _name(label: Any) -> str:
+        if not isinstance(label, str) or not label.strip():
+            raise BrokenFileError(f"expected the label of a shape, got {_short(label)}")
+        return label.strip()
+
+
+def annotation_of(image: Any, shapes: Callable[[], Shapes], what: str) -> Annotation:
+    """The annotation of an image from its shapes, or what is wrong with these.
+
+    Parameters
+    ----------
+    image : str
+        Its name or path.
+    shapes : callable
+        Reads the shapes; may raise a BrokenFileError.
+    what : str
+        Which image it is, for messages.
+
+    Raises
+    ------
+    BrokenFileError
+        If the image has no name: nobody could tell which frame it is.
+
+    Examples
+    --------
+    >>> def shapes():
+    ...     found = Shapes.of(960, 540)
+    ...     found.add("Middle line", [(480.5, 0.5), (480.5, 539.5)])
+    ...     return found
+    >>> annotation_of("frames/00001.jpg", shapes, "the first image").pixels
+    {'Middle line': array([[480.,   0.],
+           [480., 539.]])}
+    """
+    if not isinstance(image, str):
+        raise BrokenFileError(f"{what}: expected the name of the image, got {_short(image)}")
+    id = PureWindowsPath(image).stem  # knows both kinds of slashes
+    if not id or not id.isprintable() or len(os.fsencode(id)) > LONGEST_ID:
+        raise BrokenFileError(f"{what}: no result could be named after the image {_short(image)}")
+    try:
+        found = shapes()
+    except BrokenFileError as error:
+        return Annotation(id, {}, image=image, problem=str(error))
+    pixels = {label: np.concatenate(parts) for label, parts in found.points.items()}
+    return Annotation(id, pixels, found.image_size, image, left_out=tuple(found.left_out))
+
+
+def checked_size(width: Any, height: Any) -> tuple[int, int]:
+    """Width and height as a file has them, numbers or text.
+
+    Raises
+    ------
+    BrokenFileError
+        If they are missing or no positive whole numbers.
+
+    Examples
+    --------
+    >>> checked_size("960", 540.0)
+    (960, 540)
+    """
+    try:
+        size = float(width), float(height)
+    except (TypeError, ValueError, OverflowError):
+        size = np.nan, np.nan
+    if not all(value.is_integer() and 1 <= value <= LARGEST_SIZE for value in size):
+        came = f"{_short(width)} and {_short(height)}"
+        raise BrokenFileError(f"expected the size of the image as width and height in pixels, got {came}")
+    return int(size[0]), int(size[1])
+
+
+def member(record: Any, key: str, kind: type, what: str) -> Any:
+    """A value of a JSON object that must be a list or an object.
+
+    Raises
+    ------
+    BrokenFileError
+        If it is missing or something else; `what` has it, for messages.
+    """
+    value = record.get(key) if isinstance(record, dict) else None
+    if not isinstance(value, kind):
+        names: dict[type, str] = {list: "a list", dict: "an object"}
+        raise BrokenFileError(f"{what}: expected {names[kind]} {key!r}, got {_short(value)}")
+    return value
+
+
+def renamed(pixels: Pixels, labels: Labels) -> Pixels:
+    """Labelled pixels with the labels that a mapping has for theirs; without those that it maps to None.
+
+    Examples
+    --------
+    >>> list(renamed({"halfway": np.zeros((2, 2)), "ball": np.zeros((1, 2))}, {"halfway": "Middle line", "ball": None}))
+    ['Middle line']
+    """
+    parts: dict[str, list[Array]] = {}
+    for label, xy in pixels.items():
+        name = labels.get(label, label)
+        if name is not None:
+            parts.setdefault(name, []).append(xy)
+    return {name: np.concatenate(members) for name, members in parts.items()}
+
+
+def to_be_written(annotation: Annotation) -> Iterable[tuple[str, list[list[float]]]]:
+    """The labels of an annotation with their points as other tools count them, from the corner of the image.
+
+    Raises
+    ------
+    ValueError
+        If a pixel is not finite.
+    """
+    for label, xy in annotation.pixels.items():
+        if not np.all(np.isfinite(xy)):
+            raise ValueError(f"{label!r}: a pixel is not finite")
+        if len(xy):
+            yield label, (np.asarray(xy, dtype=float) + CORNER).tolist()
+
+
+def size_of(annotation: Annotation) -> tuple[int, int]:
+    """The size of an annotation's image, which the file of another tool needs.
+
+    Raises
+    ------
+    ValueError
+        If it is not known.
+    """
+    if annotation.image_size is None:
+        raise ValueError(f"{annotation.id}: the file needs the size of the image, which is not known")
+    return annotation.image_size
+
+
+def _short(value: Any) -> str:
+    text = "nothing" if value is None else repr(value)
+    return text if len(text) <= 60 else text[:57] + "..."
