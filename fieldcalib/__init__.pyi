@@ -17,6 +17,7 @@ from .calibrate.from_homography import calibrate_from_homography as calibrate_fr
 from .calibrate.from_points import calibrate_from_points as calibrate_from_points
 from .calibrate.from_segments import calibrate_from_segments as calibrate_from_segments
 from .calibrate.options import DEFAULT_FLAGS as DEFAULT_FLAGS
+from .calibrate.options import KNOWN_INTRINSICS_FLAGS as KNOWN_INTRINSICS_FLAGS
 from .calibrate.options import PINHOLE_FLAGS as PINHOLE_FLAGS
 from .calibrate.options import CalibrationFlags as CalibrationFlags
 from .calibrate.sequence import calibrate_sequence as calibrate_sequence

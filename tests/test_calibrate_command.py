@@ -88,6 +88,9 @@ def test_summary(calibrated_folder, annotated_folder):
         "tau": None,
         "least_probability": None,
         "lens": "k1",
+        "intrinsics": None,
+        "position": None,
+        "rotation": None,
     }
 
 

@@ -290,6 +290,17 @@ def test_a_known_position_is_kept(prior):
     assert calibration.accepted
 
 
+@pytest.mark.parametrize("prior", ["all", None])
+def test_a_known_rotation_is_kept(prior):
+    X, xy = seen(CAMERA)
+    rvec, *_ = CAMERA.to_opencv()
+    noisy = xy + np.random.default_rng(0).normal(size=xy.shape)
+    flags = PINHOLE_FLAGS | F.CALIB_FIX_ROTATION
+    calibration = calibrate_from_points(X, noisy, SIZE, None, None, rvec, flags=flags, prior=prior)
+    np.testing.assert_allclose(calibration.camera.R, CAMERA.R, atol=1e-9)
+    assert calibration.accepted
+
+
 def test_a_roll_that_is_fixed_is_about_the_axes_of_the_object():
     camera = Camera.from_angles(-0.35, 1.36, 0.0, 1500.0, (1.5, 68.0, -17.0), SIZE)
     X, xy = seen(camera)

@@ -200,6 +200,25 @@ def test_a_video_on_standard_input(know, film, tmp_path, on_stdin, capfd):
         assert len(list(overlay)) == 6
 
 
+def test_a_stream_of_a_known_camera(know, film, tmp_path, on_stdin, capfd):
+    know([TRUTH] * 6)
+    lens = cv2.FileStorage(str(tmp_path / "cam.yml"), cv2.FILE_STORAGE_WRITE)
+    lens.write("camera_matrix", TRUTH.scaled((1920, 1080)).K)
+    lens.write("distortion_coefficients", TRUTH.dist)
+    lens.write("image_width", 1920)
+    lens.write("image_height", 1080)
+    lens.release()
+    on_stdin(film)
+    known = ["--intrinsics", tmp_path / "cam.yml", "--position", ",".join(map(str, TRUTH.C))]
+    assert run("run", "-", "--out", tmp_path / "out", *known) == 0
+    for line in lines_of(tmp_path / "out"):
+        assert line["C"] == TRUTH.C.tolist()
+        np.testing.assert_allclose(line["K"], TRUTH.K, rtol=1e-12)
+    on_stdin(film)
+    assert run("run", "-", "--out", tmp_path / "other", "--rotation", "0,78,0") == 2
+    assert "a rotation is of one frame" in capfd.readouterr().err
+
+
 def test_a_part_of_a_stream(know, film, tmp_path, on_stdin, capfd):
     know([TRUTH] * 6)
     on_stdin(film)

@@ -13,6 +13,7 @@ from numpy.typing import ArrayLike
 from fieldcalib._types import Array, IntArray
 from fieldcalib.assess.result import Calibration, Status
 from fieldcalib.calibrate.from_segments import NO_PIXELS, calibrate_checked
+from fieldcalib.calibrate.given_camera import GivenCamera, as_fixed
 from fieldcalib.calibrate.handed_over import HandedOver
 from fieldcalib.calibrate.options import (
     DEFAULT_CRITERIA,
@@ -50,6 +51,8 @@ def calibrate_batch(
     image_size: tuple[int, int],
     camera_matrix: ArrayLike | None = None,
     dist_coeffs: ArrayLike | None = None,
+    rvec: ArrayLike | None = None,
+    tvec: ArrayLike | None = None,
     *,
     flags: int | None = None,
     criteria: Criteria = DEFAULT_CRITERIA,
@@ -72,7 +75,7 @@ def calibrate_batch(
         Pixels of each frame.
     image_size : (int, int)
         Width and height of every frame, pixels.
-    camera_matrix, dist_coeffs, flags, criteria, prior, loss, tau, trust_labels, paint
+    camera_matrix, dist_coeffs, rvec, tvec, flags, criteria, prior, loss, tau, trust_labels, paint
         As in `calibrate_from_segments`, for all frames alike.
     weights : iterable of mappings, optional
         As in `calibrate_from_segments`, for each frame.
@@ -100,10 +103,11 @@ def calibrate_batch(
     ['too few segments', 'too few segments']
     """
     initial = None if cameras is None else _checked_cameras(cameras)
-    rvec, tvec = None, None
     if initial:
         if camera_matrix is not None or dist_coeffs is not None:
             raise ValueError("cameras say the intrinsics of each frame: leave camera_matrix and dist_coeffs out")
+        if rvec is not None or tvec is not None:
+            raise ValueError("cameras say the pose of each frame: leave rvec and tvec out")
         rvec, tvec, camera_matrix, dist_coeffs = max(initial, key=lambda camera: len(camera.lens.names)).to_opencv()
         flags = (default_flags(prior) if flags is None else flags) | GUESS
     check_object(object_segments)
@@ -129,9 +133,13 @@ def calibrate_batch(
             width, height = camera.image_size
             raise ValueError(f"frame {index}: its camera is for images of {width} x {height}; see Camera.scaled")
     given = np.array([options.layout.theta(camera) for camera in initial]) if initial else None
-    return calibrate_frames(
+    found = calibrate_frames(
         object_segments, checked, pixel_weights, options, given=given, trust_labels=trust_labels, executor=executor
     )
+    if flags is None:
+        return found
+    known = initial or [GivenCamera(camera_matrix, dist_coeffs, rvec, tvec).camera(options.image_size)] * len(found)
+    return [as_fixed(one, camera, flags) for one, camera in zip(found, known, strict=True)]
 
 
 def checked_frames(

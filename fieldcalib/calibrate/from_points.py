@@ -144,6 +144,9 @@ class Points:
 
     def started(self, start: Camera) -> Points:
         """The same points with a camera to start from."""
+        if self.flags & CalibrationFlags.CALIB_FIX_ROTATION and self.rvec is not None:
+            R = Camera.from_opencv(self.rvec, np.zeros(3), start.K, None, start.image_size).R
+            start = Camera(start.K, R, start.C, start.image_size, start.dist)
         rvec, tvec, K, dist = start.to_opencv()
         guess = CalibrationFlags.CALIB_USE_INTRINSIC_GUESS | CalibrationFlags.CALIB_USE_EXTRINSIC_GUESS
         return replace(self, camera_matrix=K, dist_coeffs=dist, rvec=rvec, tvec=tvec, flags=self.flags | guess)

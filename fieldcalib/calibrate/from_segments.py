@@ -23,6 +23,7 @@ from fieldcalib.assess.result import Calibration, Status, SuspectLabel
 from fieldcalib.assess.solved import Solved
 from fieldcalib.assess.verdict import Evidence, implausibilities, segment_errors, verdict
 from fieldcalib.calibrate.auto_lens import with_lens_as_called_for
+from fieldcalib.calibrate.given_camera import GivenCamera, as_fixed
 from fieldcalib.calibrate.mislabels import Relabelled, without_mislabels
 from fieldcalib.calibrate.options import (
     DEFAULT_CRITERIA,
@@ -102,7 +103,8 @@ def calibrate_from_segments(
         Known lens (k1, k2, 0, ...) at the focal length of `camera_matrix`. If the focal length changes, the lens bends
         the image as before: k1 f^-2 is kept.
     rvec, tvec : (3,) array_like, optional
-        Start of the pose, with `CALIB_USE_EXTRINSIC_GUESS` or `CALIB_FIX_POSITION`.
+        Start of the pose, with `CALIB_USE_EXTRINSIC_GUESS`, or what is known of it, with `CALIB_FIX_POSITION` or
+        `CALIB_FIX_ROTATION`. What flags fix is in the result to the last bit.
     flags : int, optional
         `CalibrationFlags`; equal in value to cv2's. They replace the default, which is `DEFAULT_FLAGS`; without a prior
         that fixes the principal point too.
@@ -173,7 +175,8 @@ def calibrate_from_segments(
     (calibration,) = calibrate_checked(
         object_segments, [frame], [pixel_weights], options, finished, trust_labels=trust_labels
     )
-    return calibration
+    given = GivenCamera(camera_matrix, dist_coeffs, rvec, tvec)
+    return calibration if flags is None else as_fixed(calibration, given.camera(options.image_size), flags)
 
 
 def finished(start: Evaluation, *, max_iterations: int, tolerance: float) -> Solution:

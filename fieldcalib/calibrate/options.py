@@ -82,12 +82,15 @@ class CalibrationFlags(IntFlag):
     CALIB_USE_EXTRINSIC_GUESS = 1 << 22
     """Start from `rvec` and `tvec`."""
     CALIB_FIX_POSITION = 1 << 28
-    """Keep the camera centre of `rvec` and `tvec`: a tripod that was measured."""
+    """Keep the camera centre ``-R^T t`` of `rvec` and `tvec`: a tripod that was measured. The rotation is found, from
+    `rvec` only with CALIB_USE_EXTRINSIC_GUESS; where just the centre C is known, let `rvec` be 0 and `tvec` be -C."""
     CALIB_FIX_ROLL = 1 << 29
     """Keep the roll of `rvec`, or 0."""
     CALIB_AUTO_LENS = 1 << 30
     """Estimate as much of the lens as the labels call for: k2, then k3 and the tangential coefficients, are freed where
     that makes the labels much more likely; the message says so."""
+    CALIB_FIX_ROTATION = 1 << 27
+    """Keep the rotation of `rvec`: a head that says where it points."""
 
 
 # What each flag keeps as it is known, as blocks of the layout.
@@ -101,6 +104,7 @@ BLOCKS_OF_FLAGS: Mapping[CalibrationFlags, tuple[str, ...]] = {
     CalibrationFlags.CALIB_FIX_TANGENT_DIST: ("p1", "p2"),
     CalibrationFlags.CALIB_FIX_POSITION: ("centre",),
     CalibrationFlags.CALIB_FIX_ROLL: ("roll",),
+    CalibrationFlags.CALIB_FIX_ROTATION: ("angles",),
 }
 DEFAULT_FLAGS = (
     CalibrationFlags.CALIB_FIX_ASPECT_RATIO
@@ -111,6 +115,13 @@ DEFAULT_FLAGS = (
 PINHOLE_FLAGS = (
     DEFAULT_FLAGS | CalibrationFlags.CALIB_FIX_K1 | CalibrationFlags.CALIB_FIX_PRINCIPAL_POINT
 )  # K has f alone
+KNOWN_INTRINSICS_FLAGS = PINHOLE_FLAGS | CalibrationFlags.CALIB_FIX_FOCAL_LENGTH  # all that K and dist say
+WHOLE_LENS = (
+    CalibrationFlags.CALIB_FIX_K1
+    | CalibrationFlags.CALIB_FIX_K2
+    | CalibrationFlags.CALIB_FIX_K3
+    | CalibrationFlags.CALIB_FIX_TANGENT_DIST
+)
 
 
 @dataclass(frozen=True)
@@ -213,6 +224,11 @@ def checked_options(
     image_size = checked_image_size(image_size)
     flags = _checked_flags(default_flags(prior) if flags is None else flags)
     layout = _layout(image_size, dist_coeffs, flags, field, has_prior=prior is not None)
+    if not np.any(layout.free[POSE_AND_ZOOM]):
+        raise ValueError(
+            "the flags leave nothing to estimate: focal length, position and rotation are all fixed; leave out one of "
+            "CALIB_FIX_FOCAL_LENGTH, CALIB_FIX_POSITION and CALIB_FIX_ROTATION"
+        )
     known = _known_parameters(layout, camera_matrix, dist_coeffs, rvec, tvec, flags)
     max_iterations, tolerance = _checked_criteria(criteria)
     if prior is not None:
@@ -288,6 +304,8 @@ def _checked_flags(flags: int) -> CalibrationFlags:
             f"flags {flags & ~supported:#x} are not supported: expected a combination of "
             f"{', '.join(str(flag.name) for flag in CalibrationFlags)}"
         )
+    if flags & CalibrationFlags.CALIB_AUTO_LENS and flags & CalibrationFlags.CALIB_FIX_K1:
+        raise ValueError("CALIB_FIX_K1 and CALIB_AUTO_LENS contradict each other: one keeps the lens, one estimates it")
     return CalibrationFlags(flags)
 
 
@@ -315,7 +333,8 @@ def _known_parameters(
 ) -> Array:
     F = CalibrationFlags
     wants_intrinsics = bool(flags & (F.CALIB_USE_INTRINSIC_GUESS | F.CALIB_FIX_FOCAL_LENGTH))
-    wants_extrinsics = bool(flags & (F.CALIB_USE_EXTRINSIC_GUESS | F.CALIB_FIX_POSITION))
+    wants_position = bool(flags & (F.CALIB_USE_EXTRINSIC_GUESS | F.CALIB_FIX_POSITION))
+    wants_rotation = bool(flags & (F.CALIB_USE_EXTRINSIC_GUESS | F.CALIB_FIX_ROTATION))
     if wants_intrinsics != (camera_matrix is not None):
         raise ValueError(
             "camera_matrix and the flags CALIB_USE_INTRINSIC_GUESS or CALIB_FIX_FOCAL_LENGTH go together: "
@@ -323,15 +342,15 @@ def _known_parameters(
         )
     if dist_coeffs is not None and camera_matrix is None:
         raise ValueError("dist_coeffs belong to a focal length: give camera_matrix with them")
-    given = (rvec is not None) + (tvec is not None)
-    if given == 1 or wants_extrinsics != (given == 2):
+    is_given = rvec is not None, tvec is not None
+    if is_given != (wants_position or wants_rotation, wants_position):
         problem = {
-            0: "rvec and tvec are missing",
-            1: "give both rvec and tvec",
-            2: "without a flag they would be ignored",
+            (False, False): "rvec and tvec are missing" if wants_position else "rvec is missing",
+            (True, True): "without a flag they would be ignored" if not wants_rotation else "tvec would be ignored",
         }
         raise ValueError(
-            "rvec, tvec and the flags CALIB_USE_EXTRINSIC_GUESS or CALIB_FIX_POSITION go together: " + problem[given]
+            "rvec, tvec and the flags CALIB_USE_EXTRINSIC_GUESS or CALIB_FIX_POSITION go together, as do rvec alone "
+            f"and CALIB_FIX_ROTATION: {problem.get(is_given, 'give both rvec and tvec')}"
         )
     image_size = layout.image_size
     known = np.full(layout.size, np.nan)
@@ -345,9 +364,15 @@ def _known_parameters(
         theta = layout.theta(Camera(camera_matrix, np.eye(3), np.zeros(3), image_size, opencv_vector(dist_coeffs)))
         for block in (slice(LOG_F, LOG_F + 1), PRINCIPAL_POINT, slice(LOG_ASPECT, LOG_ASPECT + 1), layout.lens_block):
             known[block] = theta[block]
-    if rvec is not None and tvec is not None:
-        theta = layout.theta(Camera.from_opencv(rvec, tvec, np.eye(3), None, image_size))
-        known[ANGLES], known[CENTER] = theta[ANGLES], theta[CENTER]
+    if rvec is not None:
+        pose = Camera.from_opencv(rvec, np.zeros(3) if tvec is None else tvec, np.eye(3), None, image_size)
+        theta = layout.theta(pose)
+        if wants_rotation:
+            known[ANGLES] = theta[ANGLES]
+        elif flags & F.CALIB_FIX_ROLL:
+            known[ROLL] = theta[ROLL]
+        if wants_position:
+            known[CENTER] = theta[CENTER]
     return known
 
 

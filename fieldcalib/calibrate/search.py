@@ -12,7 +12,7 @@ from fieldcalib.calibrate.initial_cameras import given_cameras, initial_cameras
 from fieldcalib.calibrate.options import Options
 from fieldcalib.calibrate.symmetry import on_main_side
 from fieldcalib.problem.evaluation import Evaluation, Problem, evaluate
-from fieldcalib.problem.layout import Layout
+from fieldcalib.problem.layout import ANGLES, CENTER, PAN, Layout, Role, turned_around
 from fieldcalib.problem.levenberg_marquardt import FAR, levenberg_marquardt
 from fieldcalib.problem.observations import Observations
 from fieldcalib.problem.prior import GaussianPrior
@@ -37,17 +37,20 @@ class Found:
 
 def find_cameras(observations: Observations, options: Options, given: Array | None = None) -> Found:
     """Search a camera for each of B frames, each with at least one pixel, near `given` ones (B, n) if there are any."""
+    layout, known = _without_lens(options), options.known
+    only_turned = given is None and not np.any(options.layout.free[ANGLES]) and np.isnan(known[CENTER]).any()
+    if only_turned:  # at the middle of a stand, a camera that is turned like that sees something else
+        layout, known = layout.with_roles(Role.FRAME, "angles"), known.copy()
+        known[ANGLES] = np.nan
     if given is None:
-        start = initial_cameras(observations, options.stands, options.known, options.scale)
+        start = initial_cameras(observations, options.stands, known, options.scale)
         prior = _around_known_lens(start.prior, options)
     else:  # only a start: nothing is known of them
         start = given_cameras(given, options.stands)
         prior = start.prior
     theta, frame = start.theta, start.frame
     several = len(theta) > len(observations)
-    wide = Problem(
-        observations.take(frame), _without_lens(options), options.wide_loss, options.noise, scale=options.scale
-    )
+    wide = Problem(observations.take(frame), layout, options.wide_loss, options.noise, scale=options.scale)
     if several or options.use_prior:  # initial cameras far from the data need the prior to converge
         wide = replace(wide, prior=prior)
     evaluation = evaluate(wide, theta)  # a lens that is not known yet is none: that is quicker, and finds the same
@@ -63,6 +66,9 @@ def find_cameras(observations: Observations, options: Options, given: Array | No
     else:  # a camera that is close already is left as it is
         evaluation = _approached(evaluation, WIDE_ITERATIONS, ~_fits_most(evaluation, options.wide_loss.scale))
     theta, prior = on_main_side(observations, evaluation.theta, prior, options)
+    if only_turned:
+        theta = _turned_as_known(theta, options.known[ANGLES])
+        prior = _around_known_lens(given_cameras(theta, options.stands).prior, options)
     problem = Problem(
         observations,
         options.layout,
@@ -75,6 +81,14 @@ def find_cameras(observations: Observations, options: Options, given: Array | No
     )
     found = evaluation.of(problem) if theta is evaluation.theta else evaluate(problem, theta)
     return Found(found, prior)
+
+
+def _turned_as_known(theta: Array, angles: Array) -> Array:
+    """Cameras (B, n) with known angles (3,), on the side of the field from where these look at it."""
+    across = np.cos(theta[:, PAN] - angles[PAN]) < 0.0
+    turned = np.where(across[:, None], turned_around(theta), theta)
+    turned[:, ANGLES] = angles
+    return turned
 
 
 def _approached(

@@ -27,6 +27,7 @@ from fieldcalib.assess.shared import by_considered, shared_covariance
 from fieldcalib.calibrate.batch import CHUNK, calibrate_frames, checked_frames
 from fieldcalib.calibrate.centres import ACCELERATION, agreed_centre, expected_centres, near_path, on_path
 from fieldcalib.calibrate.frame_columns import FrameColumns
+from fieldcalib.calibrate.given_camera import NOTHING_GIVEN, GivenCamera
 from fieldcalib.calibrate.initial_cameras import given_cameras
 from fieldcalib.calibrate.options import (
     DEFAULT_CRITERIA,
@@ -75,6 +76,7 @@ def sequence_solver(
     shared: Sequence[str],
     paint: float,
     matches: Matched | None,
+    given: GivenCamera = NOTHING_GIVEN,
 ) -> SequenceSolver:
     """The checked arguments of `calibrate_sequence`, before anything is solved."""
     if isinstance(shared, str):
@@ -87,10 +89,7 @@ def sequence_solver(
         flags = default_flags(prior) & ~CalibrationFlags.CALIB_FIX_K2
     options = checked_options(
         image_size,
-        None,
-        None,
-        None,
-        None,
+        *given,
         flags=flags,
         criteria=DEFAULT_CRITERIA,
         prior=prior,
@@ -191,7 +190,7 @@ class SequenceSolver:
 
     def calibrated(self, before: SequenceCalibration | None = None) -> SequenceCalibration:
         """All frames, from a calibration of the same frames if there is one."""
-        if before is not None and before.names:
+        if before is not None and before.together:
             assert before.layout is not None
             cameras = {int(t): before.frames.theta[t] for t in np.flatnonzero(before.usable)}
             return self.calibrated_from(before.layout, cameras, before)
@@ -216,11 +215,14 @@ class SequenceSolver:
         """Cameras of some frames, from the place that they agree on or along a path; None if there is none."""
         if self.moves:
             return self._start_of(self._alone(some, self.options))
+        if not np.any(self.options.layout.free[CENTER]):
+            return self._start_of(self._alone(some, self.options))
         first = [c for c in self._alone(self._spread(FIRST), self.options).values() if c.accepted]
         centre = agreed_centre(first)
         if centre is None:
             return None
-        known = np.where(np.arange(len(self.options.known)) < CENTER.stop, np.nan, self.options.known)
+        is_pose = np.arange(len(self.options.known)) < CENTER.stop
+        known = np.where(is_pose & self.options.layout.free, np.nan, self.options.known)
         known[CENTER] = centre
         from_there = replace(self.options, layout=self.options.layout.fixed("centre"), known=known)
         return self._start_of(self._alone(some, from_there))
@@ -296,14 +298,14 @@ class SequenceSolver:
         if "field size" in self.shared and base.field_size is not None and field is not None:
             assert field.size_model is not None
             size = SizeBlock(np.array([field.length, field.width]), field.size_model.sigma, field.size_model.limits)
-        law = ZoomLaw(reference) if "zoom law" in self.shared else None
+        law = ZoomLaw(reference) if "zoom law" in self.shared and base.free[LOG_F] else None
         layout = Layout.of(base.image_size, base.lens, size, law)
         layout.roles[: base.lens_block.stop] = base.roles[: base.lens_block.stop]
         blocks = {*self.shared, *(("aspect",) if "principal point" in self.shared else ())}
         for name in blocks & layout.blocks.keys():
             block = layout.blocks[name]
             layout.roles[block] = np.where(layout.roles[block] == Role.FRAME, Role.SHARED, Role.FIXED)
-        if self.moves and law is not None:
+        if law is not None and (self.moves or not np.any(base.free[CENTER])):  # a known centre is that of projection
             layout.roles[layout.names.index("axis offset")] = Role.FIXED
         for name in self.kept:
             layout.roles[layout.names.index(name)] = Role.CONSIDERED

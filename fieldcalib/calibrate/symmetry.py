@@ -12,7 +12,7 @@ import numpy as np
 from fieldcalib._types import Array, BoolArray
 from fieldcalib.calibrate.options import CERTAIN, Options
 from fieldcalib.fields.field import Field
-from fieldcalib.problem.layout import CENTER, POSE_AND_ZOOM, turned_around
+from fieldcalib.problem.layout import CENTER, PAN, POSE_AND_ZOOM, turned_around
 from fieldcalib.problem.observations import Observations
 from fieldcalib.problem.prior import GaussianPrior
 
@@ -36,7 +36,8 @@ def other_side(observations: Observations, theta: Array, options: Options) -> Ot
     here, there = (
         np.sum(np.square(prior.z_scores(camera[:, None])[..., POSE_AND_ZOOM]), axis=-1) for camera in (theta, turned)
     )
-    fits = _look_alike(options.field, observations) & bool(np.all(options.layout.free[CENTER]))
+    free = options.layout.free
+    fits = _look_alike(options.field, observations) & bool(np.all(free[CENTER]) and free[PAN])
     if options.use_prior:
         fits &= 0.5 * (there.min(axis=1) - here.min(axis=1)) < CERTAIN
     return OtherSide(turned, prior.take(np.argmin(there, axis=1)), fits)

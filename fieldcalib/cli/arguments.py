@@ -21,6 +21,7 @@ LENSES = {
     "opencv": DEFAULT_FLAGS & ~(_F.CALIB_FIX_K2 | _F.CALIB_FIX_K3 | _F.CALIB_FIX_TANGENT_DIST),
     "auto": DEFAULT_FLAGS | _F.CALIB_AUTO_LENS,
 }
+USUAL_LENS = "k1"
 NO_PRIOR = "none"
 JSON_LINES, PARQUET = "jsonl", "parquet"
 
@@ -171,7 +172,7 @@ def add_camera(parser: argparse.ArgumentParser, **more_priors: str) -> None:
     parser.add_argument(
         "--lens",
         choices=LENSES,
-        default="k1",
+        default=USUAL_LENS,
         help="what is estimated of the lens: nothing, k1, k1 and k2, OpenCV's k1 k2 p1 p2 k3, or as much as the labels "
-        "call for (k1)",
+        f"call for ({USUAL_LENS})",
     )

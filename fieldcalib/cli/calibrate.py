@@ -15,7 +15,6 @@ from fieldcalib.calibrate.batch import calibrate_batch
 from fieldcalib.calibrate.field_size import FieldSize, estimate_field_size
 from fieldcalib.calibrate.options import ALL, Prior
 from fieldcalib.cli.arguments import (
-    LENSES,
     add_camera,
     add_input_and_output,
     positive,
@@ -24,6 +23,7 @@ from fieldcalib.cli.arguments import (
 from fieldcalib.cli.declared import Placement, add_declarations
 from fieldcalib.cli.fields import KNOWN, add_field, field_of, prior_of
 from fieldcalib.cli.folder import Found, by_prior, calibrate_folder
+from fieldcalib.cli.known_camera import KnownCamera, add_known_camera
 from fieldcalib.cli.units import add_jobs
 from fieldcalib.fields.field import Field
 from fieldcalib.io.files import BrokenFileError
@@ -52,6 +52,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "the one pitch that all frames show (off)",
     )
     add_camera(parser, **{STACKED: f"as {CAMERA_TYPES} in INPUT says of each frame"})
+    add_known_camera(parser)
     parser.add_argument(
         "--tau", type=positive, metavar="T", help="reject frames whose NDC loss is above; the paper's is 0.019 (off)"
     )
@@ -73,11 +74,14 @@ def run(options: argparse.Namespace) -> int:
         raise ValueError(f"--free-field-size {SHARED} is of all frames together: leave --shard out")
     if options.free_field_size is not None and options.field_size == KNOWN:
         raise ValueError(f"--field-size {KNOWN} leaves nothing to --free-field-size: give one of them")
+    known = KnownCamera.of(options)
     if options.size is not None:
         try:
-            Placement.declared(options, options.size)
+            known.given(Placement.declared(options, options.size).frame_size)
         except BrokenFileError as error:
             raise ValueError(f"--size {error}") from None
+    if known.is_any and options.free_field_size is not None:
+        raise ValueError("--free-field-size finds the pitch with cameras of which nothing is known: leave it out")
     field = field_of(options)
     types = read_camera_types(options.input) if options.prior == STACKED else {}
     method = _Method(
@@ -85,7 +89,7 @@ def run(options: argparse.Namespace) -> int:
         options,
         None if options.prior == STACKED else prior_of(options),
         types if options.prior == STACKED else None,
-        LENSES[options.lens],
+        known,
         options.tau,
         options.least_probability,
         options.free_field_size,
@@ -103,7 +107,7 @@ class _Method:
     prior: Prior
     types: Mapping[str, str] | None
     """Of the frames' cameras, where these say the prior."""
-    flags: int
+    known: KnownCamera
     tau: float | None
     least_probability: float | None
     free_field_size: str | None
@@ -122,13 +126,14 @@ class _Method:
         return self.prior if self.types is None else DISTRIBUTIONS_OF_TYPE.get(self.types.get(id, ""), ALL)
 
     def _calibrated(self, frames: list[Pixels], prior: Prior, size: tuple[int, int]) -> list[Calibration]:
-        return calibrate_batch(self.field, frames, size, prior=prior, flags=self.flags, tau=self.tau)
+        given = self.known.given(size)
+        return calibrate_batch(self.field, frames, size, *given, prior=prior, flags=self.known.flags, tau=self.tau)
 
     def _on_free_field(self, frames: dict[str, Pixels], placement: Placement) -> list[Found]:
         (prior,) = {self._prior_of(id) for id in frames}
         size = placement.frame_size
         found = estimate_field_size(
-            self.field, list(frames.values()), size, prior=prior, flags=self.flags, tau=self.tau
+            self.field, list(frames.values()), size, prior=prior, flags=self.known.flags, tau=self.tau
         )
         said = str(found) if self.free_field_size == SHARED else ""
         details = _of_field_size(found)

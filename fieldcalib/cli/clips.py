@@ -16,7 +16,8 @@ import numpy as np
 from fieldcalib.assess.result import Calibration
 from fieldcalib.assess.sequence import SequenceCalibration
 from fieldcalib.assess.video import VideoCalibration
-from fieldcalib.cli.arguments import LENSES, cut_of
+from fieldcalib.calibrate.given_camera import check_of_clip
+from fieldcalib.cli.arguments import cut_of
 from fieldcalib.cli.declared import Placement
 from fieldcalib.cli.fields import field_of, prior_of
 from fieldcalib.cli.frames import (
@@ -30,6 +31,7 @@ from fieldcalib.cli.frames import (
     say_note,
     video_threads,
 )
+from fieldcalib.cli.known_camera import KnownCamera
 from fieldcalib.cli.results import (
     MOTION,
     OVERLAY,
@@ -85,6 +87,18 @@ class ClipInput:
         else:
             files = in_order(image_files(options.input))
             self._files = self.files = in_cut(files, cut_of(options))
+
+    def frame_size(self) -> tuple[int, int]:
+        """Width and height of the frames, by the first one that can be read."""
+        if self._files is None:
+            with self._opened() as video:
+                images: Iterator[Image | None] = iter(video)
+                first = next(images)
+        else:
+            read = ReadImage(self.options.most_bytes, self.options.most_pixels, self.place)
+            images = (read(file).image for file in self._files)
+            first = next((image for image in images if image is not None), None)
+        return (0, 0) if first is None else self.place(first).frame_size
 
     def _opened(self) -> VideoReader:
         options = self.options
@@ -165,8 +179,11 @@ def run_clip(options: argparse.Namespace, place: Callable[[Image], Placement]) -
     if options.shard is not None:
         raise ValueError("--shard is of images that are calibrated one by one: give every machine some of the clips")
     began = time.perf_counter()
+    known = KnownCamera.of(options)
+    check_of_clip(known.flags)
     field, network = field_of(options), load_network(options)
     clip = ClipInput(options, place)
+    given = known.given((0, 0) if known.intrinsics is None else clip.frame_size())
     record = RunRecord.of(options, clip.files, unit=PART, writes=[CAMERAS.file_name("<id>")])
     with result_folder(options, record, began) as results:
         if is_finished(options.out):
@@ -176,7 +193,8 @@ def run_clip(options: argparse.Namespace, place: Callable[[Image], Placement]) -
             field,
             clip,
             network,
-            flags=LENSES[options.lens],
+            *given,
+            flags=known.flags,
             prior=prior_of(options),
             camera=options.camera,
             parts=parts,

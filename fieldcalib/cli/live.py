@@ -6,11 +6,14 @@ import argparse
 import sys
 import time
 from collections.abc import Callable
+from itertools import chain, islice
 
-from fieldcalib.cli.arguments import LENSES, cut_of
+from fieldcalib.calibrate.given_camera import check_of_clip
+from fieldcalib.cli.arguments import cut_of
 from fieldcalib.cli.declared import Placement
 from fieldcalib.cli.fields import field_of, prior_of
 from fieldcalib.cli.frames import Frame, checked_frames, load_network, say_note, video_threads
+from fieldcalib.cli.known_camera import KnownCamera
 from fieldcalib.cli.results import OVERLAY, Outcome, Results, calibration_line, result_folder
 from fieldcalib.cli.run_record import RunRecord
 from fieldcalib.draw.overlays import draw_calibration
@@ -36,23 +39,25 @@ def run_stream(options: argparse.Namespace, place: Callable[[Image], Placement])
     record = RunRecord.of(options, [], unit=1, writes=[CAMERAS.file_name("<id>")])
     path = options.out / OVERLAY
     end: Exception | KeyboardInterrupt | None = None
+    known, size = KnownCamera.of(options), (0, 0)
+    check_of_clip(known.flags)
     with (
         reader,
         result_folder(options, record, began) as results,
         VIDEOS.write(path, reader.frames_per_second, threads=video_threads(options)) as video,
-        Tracker(
-            field,
-            network,
-            flags=LENSES[options.lens],
-            prior=prior_of(options),
-            wait=not stream.is_live,
-        ) as tracker,
     ):
-        try:
-            for frame in checked_frames(stream, reader, place):
-                _add(options, frame, place, tracker, results, video)
-        except (KeyboardInterrupt, ValueError) as error:  # of a frame that is not as those before
-            end = error
+        frames = checked_frames(stream, reader, place)
+        if known.intrinsics is not None:  # these are for the size of the frames, which the first one tells
+            first = list(islice(frames, 1))
+            size = next((place(frame.image).frame_size for frame in first if frame.image is not None), size)
+            frames = chain(first, frames)
+        given, prior = known.given(size), prior_of(options)
+        with Tracker(field, network, *given, flags=known.flags, prior=prior, wait=not stream.is_live) as tracker:
+            try:
+                for frame in frames:
+                    _add(options, frame, place, tracker, results, video)
+            except (KeyboardInterrupt, ValueError) as error:  # of a frame that is not as those before
+                end = error
     say_note(path, video)
     if isinstance(end, KeyboardInterrupt):
         raise end

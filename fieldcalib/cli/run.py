@@ -13,7 +13,6 @@ from itertools import islice
 
 from fieldcalib.assess.result import Calibration
 from fieldcalib.cli.arguments import (
-    LENSES,
     add_camera,
     add_cut,
     add_format,
@@ -39,6 +38,7 @@ from fieldcalib.cli.frames import (
     video_threads,
 )
 from fieldcalib.cli.inputs import add_inputs, runs_of
+from fieldcalib.cli.known_camera import KnownCamera, add_known_camera
 from fieldcalib.cli.live import is_stream, run_stream
 from fieldcalib.cli.results import OVERLAY, Outcome, Results, calibration_line, is_finished, result_folder
 from fieldcalib.cli.run_record import RunRecord
@@ -83,6 +83,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_declarations(parser)
     add_field(parser)
     add_camera(parser)
+    add_known_camera(parser)
     add_refinement(parser)
     together = parser.add_mutually_exclusive_group()
     together.add_argument(
@@ -118,6 +119,7 @@ def run(options: argparse.Namespace) -> int:
 def _run(options: argparse.Namespace) -> int:
     """One video or stream, or images."""
     began = time.perf_counter()
+    KnownCamera.of(options)  # a ValueError if that cannot be
     place = partial(placed, options)
     if is_stream(options):
         return run_stream(options, place)
@@ -192,8 +194,7 @@ class FromImages:
         else:
             seen = [(frame.image, placed(options, frame.image)) for frame in frames if frame.image is not None]
             images = [placement.image_in_frame(image) for image, placement in seen]
-            how = {"flags": LENSES[options.lens], "prior": prior_of(options), "refine": options.refine}
-            found = calibrate_from_images(field, images, self.network, **how)
+            found = self._calibrated(field, images)
             calibrations = [placement.from_frame(one) for one, (_, placement) in zip(found, seen, strict=True)]
         seconds = time.perf_counter() - start
         rest = iter(calibrations)
@@ -202,6 +203,23 @@ class FromImages:
             for frame in frames
         ]
         return Made(outcomes, seconds)
+
+    def _calibrated(self, field: Field, images: Sequence[Image]) -> list[Calibration]:
+        known, prior = KnownCamera.of(self.options), prior_of(self.options)
+        refine = self.options.refine
+        by_size: dict[tuple[int, int], list[int]] = {}
+        for index, image in enumerate(images):  # known intrinsics are of one size, nothing else depends on it
+            size = (image.shape[1], image.shape[0]) if known.intrinsics is not None else (0, 0)
+            by_size.setdefault(size, []).append(index)
+        found: dict[int, Calibration] = {}
+        for size, members in by_size.items():
+            of_size = [images[index] for index in members]
+            given = known.given(size)
+            calibrations = calibrate_from_images(
+                field, of_size, self.network, *given, flags=known.flags, prior=prior, refine=refine
+            )
+            found.update(zip(members, calibrations, strict=True))
+        return [found[index] for index in range(len(images))]
 
     def _outcome(self, frame: Frame, image: Image, calibration: Calibration, field: Field) -> Outcome:
         picture = draw_calibration(image, calibration, field)
@@ -223,4 +241,5 @@ def placed(options: argparse.Namespace, image: Image) -> Placement:
     """Where an image lies in its frame."""
     placement = Placement.declared(options, (image.shape[1], image.shape[0]))
     check_pixels(placement.frame_size, options.most_pixels)
+    KnownCamera.of(options).given(placement.frame_size)  # a BrokenFileError if it is of other images
     return placement

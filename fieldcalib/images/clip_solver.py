@@ -10,7 +10,8 @@ import numpy as np
 from fieldcalib._types import IntArray
 from fieldcalib.assess.sequence import SequenceCalibration
 from fieldcalib.assess.video import NO_TRIPOD, Shot, VideoCalibration
-from fieldcalib.calibrate.options import Prior
+from fieldcalib.calibrate.given_camera import NOTHING_GIVEN, GivenCamera
+from fieldcalib.calibrate.options import CalibrationFlags, Prior
 from fieldcalib.calibrate.together import labels_of
 from fieldcalib.calibrate.tripod import Labels
 from fieldcalib.fields.segments import ObjectSegments
@@ -43,11 +44,19 @@ class TripodOfClip:
 class ClipSolver:
     """The frames of a video while they are calibrated."""
 
-    def __init__(self, object_segments: ObjectSegments, flags: int, prior: Prior, shared: Sequence[str]) -> None:
+    def __init__(
+        self,
+        object_segments: ObjectSegments,
+        flags: int,
+        prior: Prior,
+        shared: Sequence[str],
+        given: GivenCamera = NOTHING_GIVEN,
+    ) -> None:
         self.object_segments = object_segments
         self.shared = shared
         self.flags = flags
         self.prior = prior
+        self.given = given
         self.size = (0, 0)
         self.piece: list[int] = []  # of each frame
         self.matches: dict[tuple[int, int], Cells] = {}
@@ -73,7 +82,9 @@ class ClipSolver:
         held: list[Image] = []
 
         def look() -> None:
-            found = calibrate_from_images(self.object_segments, held, network, flags=self.flags, prior=self.prior)
+            found = calibrate_from_images(
+                self.object_segments, held, network, *self.given, flags=self.flags, prior=self.prior
+            )
             for key, calibration in zip(keys, found, strict=True):
                 if calibration.solved is not None:
                     labels = labels_of(calibration.solved.alone.evaluation)
@@ -118,13 +129,20 @@ class ClipSolver:
             flags=self.flags,
             prior=self.prior,
             shared=self.shared,
+            given=self.given,
         ).calibrated(start)
 
     def tripods(self) -> list[TripodOfClip]:
         """The tripods of the pieces, the one with most frames first."""
         shots = {piece: self.together([piece], self.seen) for piece in self.pieces}
         stands = "centre" in self.shared
-        groups = grouped(shots) if stands else [[piece] for piece, shot in shots.items() if shot.names]
+        found_pieces = [piece for piece, shot in shots.items() if shot.together]
+        if stands and self.flags & CalibrationFlags.CALIB_FIX_POSITION:  # one place, as the user says
+            groups = [found_pieces] if found_pieces else []
+        elif stands:
+            groups = grouped(shots)
+        else:
+            groups = [[piece] for piece in found_pieces]
         found = [
             TripodOfClip(pieces, self.together(pieces, self.seen) if len(pieces) > 1 else shots[pieces[0]])
             for pieces in groups

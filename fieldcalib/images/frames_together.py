@@ -5,7 +5,15 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 
 from fieldcalib._types import Array
-from fieldcalib.calibrate.options import DEFAULT_FLAGS, PAINT, CalibrationFlags, Prior, pixel_unit
+from fieldcalib.calibrate.given_camera import NOTHING_GIVEN, GivenCamera
+from fieldcalib.calibrate.options import (
+    DEFAULT_FLAGS,
+    PAINT,
+    CalibrationFlags,
+    Prior,
+    default_flags,
+    pixel_unit,
+)
 from fieldcalib.calibrate.sequence_solver import SequenceSolver, sequence_solver
 from fieldcalib.calibrate.ties import LEAST_CELLS, thinned
 from fieldcalib.calibrate.tripod import Labels
@@ -36,6 +44,7 @@ def solver_of_lines(
     flags: int,
     prior: Prior,
     shared: Sequence[str],
+    given: GivenCamera = NOTHING_GIVEN,
 ) -> SequenceSolver:
     """The solver of some frames, from the lines in them and from those of the matches that are between them.
 
@@ -51,12 +60,14 @@ def solver_of_lines(
     """
     number = {frame: k for k, frame in enumerate(frames)}
     found = [labels.get(frame, ({}, {})) for frame in frames]
-    is_usual = flags == DEFAULT_FLAGS or flags & CalibrationFlags.CALIB_AUTO_LENS
+    position = flags & CalibrationFlags.CALIB_FIX_POSITION
+    if flags == DEFAULT_FLAGS | position or flags & CalibrationFlags.CALIB_AUTO_LENS:
+        flags = default_flags(prior) & ~CalibrationFlags.CALIB_FIX_K2 | position
     return sequence_solver(
         object_segments,
         [pixels for pixels, _ in found],
         image_size,
-        flags=None if is_usual else flags,
+        flags=flags,
         prior=prior,
         loss=RobustLoss("cauchy", LOSS_SCALE * pixel_unit(image_size)),
         trust_labels=True,
@@ -64,4 +75,5 @@ def solver_of_lines(
         shared=shared,
         paint=PAINT,
         matches={(number[i], number[j]): cells for (i, j), cells in matches.items() if i in number and j in number},
+        given=given,
     )

@@ -2,15 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from concurrent.futures import Executor
 from dataclasses import replace
 from functools import partial
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from fieldcalib.assess.result import LEAST_PROBABILITY, Calibration, Status
 from fieldcalib.assess.together import compute_errors
+from fieldcalib.calibrate.given_camera import GivenCamera
 from fieldcalib.calibrate.options import ALL, DEFAULT_FLAGS, Prior
 from fieldcalib.fields.segments import ObjectSegments
 from fieldcalib.geometry.camera import Camera
@@ -38,6 +40,10 @@ def calibrate_from_images(
     object_segments: ObjectSegments,
     images: Iterable[Image],
     network: Network,
+    camera_matrix: ArrayLike | None = None,
+    dist_coeffs: ArrayLike | None = None,
+    rvec: ArrayLike | None = None,
+    tvec: ArrayLike | None = None,
     *,
     flags: int = DEFAULT_FLAGS,
     prior: Prior = ALL,
@@ -54,8 +60,9 @@ def calibrate_from_images(
         Blue, green, red; of any sizes. They are taken and worked on `IMAGES_AT_ONCE` by `IMAGES_AT_ONCE`.
     network : Network
         Finds the markings, e.g. `SegmentationNetwork.load()`.
-    flags, prior
-        As in `calibrate_from_segments`, the same for all images.
+    camera_matrix, dist_coeffs, rvec, tvec, flags, prior
+        As in `calibrate_from_segments`, the same for all images; with `camera_matrix` these must be of one size. What
+        flags fix holds in the refinement too, and is in the results to the last bit.
     refine : bool
         Whether cameras are refined on the lines in the images (`refine_on_image`): more accurate, and takes 1.4 times
         as long.
@@ -73,7 +80,7 @@ def calibrate_from_images(
     Raises
     ------
     ValueError
-        As `localize` and `calibrate_from_segments`.
+        As `localize` and `calibrate_from_segments`, and if images of several sizes come with one `camera_matrix`.
 
     Examples
     --------
@@ -89,9 +96,27 @@ def calibrate_from_images(
     """
     check_object(object_segments)
     check_network(network)
-    of_part = partial(_calibrated, object_segments, network=network, flags=flags, prior=prior, refine=refine)
-    parts = in_parts(each_checked(images), IMAGES_AT_ONCE, lambda image: image.shape[0] * image.shape[1])
+    given = GivenCamera(camera_matrix, dist_coeffs, rvec, tvec)
+    of_part = partial(
+        _calibrated, object_segments, network=network, flags=flags, prior=prior, given=given, refine=refine
+    )
+    checked = each_checked(images) if camera_matrix is None else _of_one_size(each_checked(images))
+    parts = in_parts(checked, IMAGES_AT_ONCE, lambda image: image.shape[0] * image.shape[1])
     return [calibration for part in in_order(executor, of_part, parts) for calibration in part]
+
+
+def _of_one_size(images: Iterable[Image]) -> Iterator[Image]:
+    """The images, if one camera matrix can be that of all of them."""
+    first: tuple[int, int] | None = None
+    for image in images:
+        size = image.shape[1], image.shape[0]
+        first = first or size
+        if size != first:
+            raise ValueError(
+                f"camera_matrix is of images of one size, got {first[0]} x {first[1]} and {size[0]} x {size[1]}: "
+                "calibrate each size by itself, with the matrix of that size (Camera.scaled)"
+            )
+        yield image
 
 
 def _calibrated(
@@ -101,6 +126,7 @@ def _calibrated(
     network: Network,
     flags: int,
     prior: Prior,
+    given: GivenCamera,
     refine: bool,
 ) -> list[Calibration]:
     """The calibrations of images that are worked on together."""
@@ -112,14 +138,14 @@ def _calibrated(
     calibrations: dict[int, Calibration] = {}
     for size, members in by_size.items():
         parts = [found[index] for index in members]
-        from_labels = calibrate_localized(object_segments, parts, size, flags=flags, prior=prior)
+        from_labels = calibrate_localized(object_segments, parts, size, flags=flags, prior=prior, given=given)
         seen = [images[index] for index in members]
         verified = partial(_verified, object_segments, markings, flags=flags, prior=prior, refine=refine)
         first = verified(seen, parts, from_labels, least_support=LEAST_SUPPORT)
         for index, image, part, (calibration, is_sure) in zip(members, seen, parts, first, strict=True):
             calibrations[index] = calibration
             if not is_sure:
-                others = calibrate_from_consensus(object_segments, image, part, flags=flags, prior=prior)
+                others = calibrate_from_consensus(object_segments, image, part, flags=flags, prior=prior, given=given)
                 least, count = LEAST_SUPPORT_CHOSEN if refine else LEAST_SUPPORT, len(others)
                 second = verified(count * [image], count * [part], others, least_support=least)
                 candidates = [calibration, *(other for other, _ in second)]

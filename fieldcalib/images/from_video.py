@@ -16,8 +16,11 @@ from contextlib import AbstractContextManager
 from itertools import islice
 from typing import Literal, Protocol
 
+from numpy.typing import ArrayLike
+
 from fieldcalib.assess.video import VideoCalibration
-from fieldcalib.calibrate.options import ALL, DEFAULT_FLAGS, Prior
+from fieldcalib.calibrate.given_camera import GivenCamera, check_of_clip
+from fieldcalib.calibrate.options import ALL, DEFAULT_FLAGS, CalibrationFlags, Prior
 from fieldcalib.calibrate.sequence_solver import SHARED, SHARED_IN_MOTION
 from fieldcalib.fields.segments import ObjectSegments
 from fieldcalib.images.clip_solver import ClipSolver
@@ -50,6 +53,10 @@ def calibrate_video(
     object_segments: ObjectSegments,
     source: str | os.PathLike[str] | Iterable[Image],
     network: Network | None = None,
+    camera_matrix: ArrayLike | None = None,
+    dist_coeffs: ArrayLike | None = None,
+    rvec: ArrayLike | None = None,
+    tvec: ArrayLike | None = None,
     *,
     flags: int = DEFAULT_FLAGS,
     prior: Prior = ALL,
@@ -73,8 +80,9 @@ def calibrate_video(
         blue, green, red. All are of one size. It is read twice.
     network : Network, optional
         Finds the markings; by default the one that comes with the package.
-    flags, prior
-        As in `calibrate_from_images`.
+    camera_matrix, dist_coeffs, rvec, tvec, flags, prior
+        As in `calibrate_from_images`. A position is that of all frames, which then share no other; so is a focal
+        length (no zoom). A rotation is of one frame, and cannot be given.
     every : int
         Frames from one keyframe to the next, at most.
     camera : {"tripod", "moving"}
@@ -115,9 +123,13 @@ def calibrate_video(
     check_object(object_segments)
     if camera not in SHARED_BY:
         raise ValueError(f'camera must be "tripod" or "moving", got {camera!r}')
+    given = GivenCamera(camera_matrix, dist_coeffs, rvec, tvec)
+    check_of_clip(flags)
+    if camera == "moving" and flags & CalibrationFlags.CALIB_FIX_POSITION:
+        raise ValueError('CALIB_FIX_POSITION is of a camera on a tripod: leave camera="moving" out')
     network = SegmentationNetwork.load() if network is None else network
     check_network(network)
-    return _calibrated(object_segments, clip_reader(source), network, flags, prior, every, camera, parts)
+    return _calibrated(object_segments, clip_reader(source), network, flags, prior, given, every, camera, parts)
 
 
 def _calibrated(
@@ -126,6 +138,7 @@ def _calibrated(
     network: Network,
     flags: int,
     prior: Prior,
+    given: GivenCamera,
     every: int,
     camera: Mount,
     kept: Parts | None,
@@ -145,7 +158,7 @@ def _calibrated(
                     )
                 parts.append(before)
                 continue
-            clip = ClipSolver(object_segments, flags, prior, SHARED_BY[camera])
+            clip = ClipSolver(object_segments, flags, prior, SHARED_BY[camera], given)
             clip.read(part, network)
             tripods = clip.tripods()
             lines = clip.lines_in(islice(second, len(clip.piece)), tripods)

@@ -15,6 +15,7 @@ import numpy as np
 from fieldcalib.assess.result import Calibration
 from fieldcalib.assess.verdict import segment_errors
 from fieldcalib.calibrate.batch import calibrate_batch
+from fieldcalib.calibrate.given_camera import NOTHING_GIVEN, GivenCamera
 from fieldcalib.calibrate.options import CalibrationFlags, Prior, pixel_unit
 from fieldcalib.fields.segments import ObjectSegments
 from fieldcalib.geometry.camera import Camera
@@ -36,6 +37,7 @@ def calibrate_from_consensus(
     *,
     flags: int,
     prior: Prior,
+    given: GivenCamera = NOTHING_GIVEN,
 ) -> list[Calibration]:
     """Calibrate from subsets of the labelled pixels that are consistent with the lines in the image.
 
@@ -52,6 +54,8 @@ def calibrate_from_consensus(
         Labelled pixels of the image.
     flags, prior
         As in `calibrate_from_segments`.
+    given : GivenCamera
+        What is known of the camera.
 
     Returns
     -------
@@ -71,7 +75,7 @@ def calibrate_from_consensus(
 
     def calibrated(chosen: Iterable[Iterable[str]]) -> list[Calibration]:
         parts = [found.only(labels) for labels in chosen]
-        return calibrate_localized(object_segments, parts, size, flags=flags, prior=prior)
+        return calibrate_localized(object_segments, parts, size, flags=flags, prior=prior, given=given)
 
     hypotheses = [hypothesis.camera for hypothesis in calibrated(combinations(heaviest, PER_HYPOTHESIS))]
     cameras = [camera for camera in hypotheses if camera is not None]
@@ -81,13 +85,20 @@ def calibrate_from_consensus(
 
 
 def calibrate_localized(
-    object_segments: ObjectSegments, parts: Sequence[Localization], size: tuple[int, int], *, flags: int, prior: Prior
+    object_segments: ObjectSegments,
+    parts: Sequence[Localization],
+    size: tuple[int, int],
+    *,
+    flags: int,
+    prior: Prior,
+    given: GivenCamera = NOTHING_GIVEN,
 ) -> list[Calibration]:
     """`calibrate_batch` of localized images of one size, without the search for mislabelled segments."""
     return calibrate_batch(
         object_segments,
         [part.pixels for part in parts],
         size,
+        *given,
         flags=flags | CalibrationFlags.CALIB_FIX_PRINCIPAL_POINT,  # these pixels are too coarse to tell it
         prior=prior,
         weights=[part.weights for part in parts],

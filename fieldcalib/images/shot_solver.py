@@ -16,6 +16,7 @@ import numpy as np
 
 from fieldcalib._types import Array, Float32
 from fieldcalib.assess.sequence import SequenceCalibration
+from fieldcalib.calibrate.given_camera import NOTHING_GIVEN, GivenCamera
 from fieldcalib.calibrate.options import Prior
 from fieldcalib.calibrate.sequence_solver import SHARED
 from fieldcalib.calibrate.together import labels_of
@@ -80,6 +81,7 @@ class KeyframeOptions:
     object_segments: ObjectSegments
     flags: int
     prior: Prior
+    given: GivenCamera = NOTHING_GIVEN
 
 
 @dataclass(frozen=True, eq=False)
@@ -133,7 +135,7 @@ def solve_shot(problem: ShotProblem, seen: Seen | None) -> ShotSolution:
 def _labels(options: KeyframeOptions, seen: Seen) -> Labels | None:
     """The labels of a picture as its camera has them; None if it has none that is accepted."""
     (found,) = calibrate_from_images(
-        options.object_segments, [seen.image], seen, flags=options.flags, prior=options.prior
+        options.object_segments, [seen.image], seen, *options.given, flags=options.flags, prior=options.prior
     )
     if not found.accepted or found.solved is None:
         return None
@@ -154,6 +156,7 @@ def _solved(
         flags=problem.options.flags,
         prior=problem.options.prior,
         shared=SHARED,
+        given=problem.options.given,
     )
     if problem.layout is None:
         sequence = solver.calibrated()

@@ -16,12 +16,14 @@ from types import TracebackType
 from typing import Self
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from fieldcalib._types import Array
 from fieldcalib.assess.own_errors import OwnErrors
 from fieldcalib.assess.result import Calibration, Status
 from fieldcalib.assess.sequence import STEP, Basis
 from fieldcalib.calibrate.frame_columns import FrameColumns
+from fieldcalib.calibrate.given_camera import GivenCamera, check_of_clip
 from fieldcalib.calibrate.options import ALL, DEFAULT_FLAGS, Prior
 from fieldcalib.calibrate.ties import Ties, stepped, with_tied
 from fieldcalib.calibrate.tripod import Labels
@@ -100,8 +102,8 @@ class Tracker:
         The calibration object that the network was trained for, e.g. `soccer()`.
     network : Network, optional
         Finds the markings of keyframes; by default the one that comes with the package.
-    flags, prior
-        As in `calibrate_from_images`.
+    camera_matrix, dist_coeffs, rvec, tvec, flags, prior
+        As in `calibrate_video`.
     every : int
         Frames from one keyframe to the next, at most.
     wait : bool
@@ -112,7 +114,7 @@ class Tracker:
     Raises
     ------
     ValueError
-        If the object or the network is none.
+        If the object or the network is none, or as `calibrate_video` for what is known of the camera.
     RuntimeError
         If no other process can be started, and it does not `wait`.
 
@@ -129,6 +131,10 @@ class Tracker:
         self,
         object_segments: ObjectSegments,
         network: Network | None = None,
+        camera_matrix: ArrayLike | None = None,
+        dist_coeffs: ArrayLike | None = None,
+        rvec: ArrayLike | None = None,
+        tvec: ArrayLike | None = None,
         *,
         flags: int = DEFAULT_FLAGS,
         prior: Prior = ALL,
@@ -138,9 +144,11 @@ class Tracker:
         check_object(object_segments)
         if network is not None:
             check_network(network)
+        check_of_clip(flags)
+        given = GivenCamera(camera_matrix, dist_coeffs, rvec, tvec)
         self._other = None if wait else OtherProcess(NICENESS, NEEDED)  # it starts while the network is loaded
         self._thread = ThreadPoolExecutor(max_workers=1)
-        self._options = KeyframeOptions(object_segments, flags, prior)
+        self._options = KeyframeOptions(object_segments, flags, prior, given)
         # one core is left to `update`
         self._network = SegmentationNetwork.load(threads=2 if wait else 1) if network is None else network
         if self._other is not None:

@@ -1,0 +1,170 @@
+"""What is known of the camera: --intrinsics, --position, --rotation."""
+
+from __future__ import annotations
+
+import argparse
+from dataclasses import dataclass
+
+import numpy as np
+
+from fieldcalib._types import Array
+from fieldcalib.calibrate.given_camera import NOTHING_GIVEN, GivenCamera
+from fieldcalib.calibrate.options import KNOWN_INTRINSICS_FLAGS, CalibrationFlags
+from fieldcalib.cli.arguments import LENSES, USUAL_LENS
+from fieldcalib.geometry.camera import Camera
+from fieldcalib.geometry.rotation import rotation_from_angles
+from fieldcalib.io.files import BrokenFileError
+from fieldcalib.io.intrinsics import Intrinsics, read_intrinsics
+
+SAME_SHAPE = 0.005  # relative difference of two aspect ratios: sizes are whole numbers
+OFF_MIDDLE = 0.25  # of width and height, beyond which a principal point belongs to images of another size
+
+
+def add_known_camera(parser: argparse.ArgumentParser) -> None:
+    """--intrinsics, --position and --rotation."""
+    parser.add_argument(
+        "--intrinsics",
+        type=_intrinsics,
+        metavar="FILE",
+        help="known focal length, principal point and lens: YAML, XML or JSON of OpenCV's calibration sample, or a "
+        "camera_<id>.json; of whole frames as shown, scaled to their size",
+    )
+    parser.add_argument(
+        "--position",
+        type=_position,
+        metavar="X,Y,Z",
+        help="known position of the camera in metres: from the centre mark, y towards the main stand, z down; "
+        "--position=-3,62,-17 where x is negative",
+    )
+    parser.add_argument(
+        "--rotation",
+        type=_rotation,
+        metavar="PAN,TILT,ROLL",
+        help="known rotation of the camera, degrees, as in camera_<id>.json; --rotation=-20,78,0 where pan is negative",
+    )
+
+
+@dataclass(frozen=True)
+class KnownCamera:
+    """What the options say of the camera."""
+
+    intrinsics: Intrinsics | None
+    position: tuple[float, float, float] | None
+    rotation: tuple[float, float, float] | None
+    """Degrees."""
+    lens: str
+
+    @classmethod
+    def of(cls, options: argparse.Namespace) -> KnownCamera:
+        """That of the options of `add_known_camera` and --lens.
+
+        Raises
+        ------
+        ValueError
+            If they contradict each other, or leave nothing to estimate.
+        """
+        if options.intrinsics is not None and options.lens != USUAL_LENS:
+            raise ValueError("--intrinsics says what the lens is: leave --lens out")
+        known = cls(options.intrinsics, options.position, options.rotation, options.lens)
+        if None not in (known.intrinsics, known.position, known.rotation):
+            raise ValueError(
+                "--intrinsics, --position and --rotation together leave nothing to estimate: leave one out"
+            )
+        return known
+
+    @property
+    def is_any(self) -> bool:
+        """Whether they say anything."""
+        return any(part is not None for part in (self.intrinsics, self.position, self.rotation))
+
+    @property
+    def flags(self) -> CalibrationFlags:
+        """What is known and what is estimated."""
+        F = CalibrationFlags
+        flags = KNOWN_INTRINSICS_FLAGS if self.intrinsics is not None else LENSES[self.lens]
+        if self.position is not None:
+            flags |= F.CALIB_FIX_POSITION
+        if self.rotation is not None:
+            flags |= F.CALIB_FIX_ROTATION
+        return flags
+
+    def given(self, frame_size: tuple[int, int]) -> GivenCamera:
+        """The values, for frames of a size.
+
+        Raises
+        ------
+        BrokenFileError
+            If the intrinsics cannot be those of such frames.
+        """
+        if not self.is_any:
+            return NOTHING_GIVEN
+        K, dist = (None, None) if self.intrinsics is None else _of_size(self.intrinsics, frame_size)
+        rvec = tvec = None
+        if self.rotation is not None:
+            rvec = _rvec(np.radians(self.rotation))
+        if self.position is not None:
+            rvec = np.zeros(3) if rvec is None else rvec
+            R = np.eye(3) if self.rotation is None else rotation_from_angles(np.radians(self.rotation))
+            tvec = -R @ self.position
+        return GivenCamera(K, dist, rvec, tvec)
+
+
+def _rvec(angles: Array) -> Array:
+    """OpenCV's rotation vector of pan, tilt and roll in radians."""
+    camera = Camera(np.eye(3), rotation_from_angles(angles), np.zeros(3), (1, 1))
+    return camera.to_opencv()[0].ravel()
+
+
+def _of_size(intrinsics: Intrinsics, size: tuple[int, int]) -> tuple[Array, Array]:
+    """Camera matrix and coefficients for frames of a size."""
+    width, height = size
+    if not width:  # no frame at all
+        return intrinsics.camera_matrix, intrinsics.dist_coeffs
+    own = intrinsics.image_size
+    if own is None:
+        cx, cy = intrinsics.camera_matrix[:2, 2]
+        if abs(cx / width - 0.5) > OFF_MIDDLE or abs(cy / height - 0.5) > OFF_MIDDLE:
+            raise BrokenFileError(
+                f"has {width} x {height} pixels, but the principal point of --intrinsics is ({cx:.0f}, {cy:.0f}): "
+                "they are of images of another size; write image_width and image_height into that file"
+            )
+        own = size
+    if abs(width * own[1] / (height * own[0]) - 1.0) > SAME_SHAPE:
+        raise BrokenFileError(
+            f"has {width} x {height} pixels, and --intrinsics is of images of {own[0]} x {own[1]}: of another shape, "
+            "so they are no scaled copies; see --display-size and --crop-of"
+        )
+    camera = Camera(intrinsics.camera_matrix, np.eye(3), np.zeros(3), own, intrinsics.dist_coeffs)
+    return (camera if own == size else camera.scaled(size)).K, camera.dist[0]
+
+
+def _intrinsics(text: str) -> Intrinsics:
+    try:
+        found = read_intrinsics(text)
+        Camera(found.camera_matrix, np.eye(3), np.zeros(3), found.image_size or (1, 1), found.dist_coeffs)
+    except BrokenFileError as error:
+        raise argparse.ArgumentTypeError(str(error)) from None
+    except ValueError as error:  # of the camera
+        raise argparse.ArgumentTypeError(f"{text}: {error}") from None
+    return found
+
+
+def _position(text: str) -> tuple[float, float, float]:
+    x, y, z = _three(text, "X,Y,Z in metres, as 0,62,-17")
+    if z >= 0.0:
+        raise argparse.ArgumentTypeError(f"z points down, so a camera that is 17 m up has z = -17; got {text!r}")
+    return x, y, z
+
+
+def _rotation(text: str) -> tuple[float, float, float]:
+    return _three(text, "PAN,TILT,ROLL in degrees, as 12,78,0")
+
+
+def _three(text: str, what: str) -> tuple[float, float, float]:
+    try:
+        first, second, third = (float(part) for part in text.split(","))
+        if np.all(np.isfinite((first, second, third))):
+            return first, second, third
+    except ValueError:
+        pass
+    raise argparse.ArgumentTypeError(f"expected {what}, got {text!r}")
