@@ -77,7 +77,7 @@ def test_another_file_is_another_run(court, own, tmp_path, capsys):
 @pytest.mark.parametrize(
     ("options", "message"),
     [
-        (["--field", "golf"], "argument --field: expected soccer, "),
+        (["--field", "golf"], "argument --field: expected american-football-ncaa, "),
         (["--field", "none.yaml"], "fieldcalib: none.yaml: cannot be read"),
         (["--field", "tennis", "--field-length", "20"], "--field tennis has one size, 23.77 x 10.97 m"),
         (["--field", "tennis", "--prior", "umpire"], "--prior umpire: expected all, main center, "),
