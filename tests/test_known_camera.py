@@ -173,7 +173,7 @@ def test_camera_files_are_intrinsics_too(tmp_path):
     [
         ("", "is no YAML, XML or JSON of cv2.FileStorage"),
         ("<html", "is no YAML, XML or JSON of cv2.FileStorage"),
-        ("focal: 3", 'has no key "camera_matrix", only focal'),
+        ("focal: 3", 'is no YAML|has no key "camera_matrix", only focal'),
         ("{broken", "is no JSON"),
         ("%YAML:1.0\n---\nK: 3\n", 'has no key "camera_matrix", only K'),
         ("%YAML:1.0\n---\ncamera_matrix: 3\n", "camera_matrix is no matrix"),

@@ -145,3 +145,15 @@ def test_batches_equal_one_by_one(shape):
         np.testing.assert_array_equal(R[index], rotation_from_angles(angles[index]))
         np.testing.assert_array_equal(found[index], angles_from_rotation(R[index]))
         np.testing.assert_array_equal(axes[index], rotation_axes(angles[index], R[index]))
+
+
+def test_angles_do_not_depend_on_where_an_array_lies():
+    """Of matrices that are parts of larger ones, at every distance from what comes behind them."""
+    rng = np.random.default_rng(0)
+    R = rotation_from_angles(rng.uniform(-1.0, 1.0, size=(200, 3)))
+    expected = angles_from_rotation(R)
+    for gap in range(12):
+        memory = np.zeros(200 * 16 + gap + 200)
+        parts = memory[: 200 * 16].reshape(200, 4, 4)[:, :3, :3]
+        parts[:] = R
+        np.testing.assert_array_equal(angles_from_rotation(parts), expected)

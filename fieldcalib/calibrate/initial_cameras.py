@@ -107,9 +107,9 @@ def pointed_camera(
     theta = np.repeat(start[..., None, :], len(X), axis=-2)
     if np.isnan(known[PAN]):
         theta[..., ROLL] = 0.0 if np.isnan(known[ROLL]) else known[ROLL]
-        target = np.sum(weight * X, axis=1) - theta[..., CENTER]
-        theta[..., PAN] = np.arctan2(target[..., 0], -target[..., 1])
-        theta[..., TILT] = np.arctan2(np.hypot(target[..., 0], target[..., 1]), target[..., 2])
+        # a copy, see `exp_of`
+        x, y, z = np.ascontiguousarray(np.moveaxis(np.sum(weight * X, axis=1) - theta[..., CENTER], -1, 0))
+        theta[..., PAN], theta[..., TILT] = np.arctan2(x, -y), np.arctan2(np.hypot(x, y), z)
     if np.isnan(known[LOG_F]):
         Xc = (X - theta[..., None, CENTER]) @ np.swapaxes(rotation_from_angles(theta[..., ANGLES]), -1, -2)
         x = Xc[..., :2] / np.maximum(Xc[..., 2:], NEAREST * scale)

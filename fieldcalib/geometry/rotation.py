@@ -70,15 +70,17 @@ def angles_from_rotation(R: Array) -> Array:
     >>> bool(np.allclose(angles_from_rotation(rotation_from_angles(angles)), angles))
     True
     """
-    sin_tilt = np.hypot(R[..., 0, 2], R[..., 1, 2])
+    # copies: NumPy 1.26 and 2.0 round otherwise where the result lies close to the end of what has gaps
+    r = np.ascontiguousarray(np.moveaxis(R, (-2, -1), (0, 1)))
+    sin_tilt = np.hypot(r[0, 2], r[1, 2])
     # the roll of the solution with sin(tilt) > 0; the other one has pan and roll turned by pi and the tilt negated
-    roll = np.arctan2(R[..., 0, 2], R[..., 1, 2])
+    roll = np.arctan2(r[0, 2], r[1, 2])
     sign = np.where(np.abs(roll) <= np.pi / 2, 1.0, -1.0)
-    roll = np.where(sin_tilt < 1e-12, 0.0, np.arctan2(sign * R[..., 0, 2], sign * R[..., 1, 2]))
-    tilt = np.arctan2(sign * sin_tilt, R[..., 2, 2])
+    roll = np.where(sin_tilt < 1e-12, 0.0, np.arctan2(sign * r[0, 2], sign * r[1, 2]))
+    tilt = np.arctan2(sign * sin_tilt, r[2, 2])
     # without the roll, the first row is (cos pan, sin pan, 0): well defined even when the camera looks straight down
     c, s = np.cos(roll), np.sin(roll)
-    pan = np.arctan2(c * R[..., 0, 1] - s * R[..., 1, 1], c * R[..., 0, 0] - s * R[..., 1, 0])
+    pan = np.arctan2(c * r[0, 1] - s * r[1, 1], c * r[0, 0] - s * r[1, 0])
     return np.stack([pan, tilt, roll], axis=-1)
 
 

@@ -48,7 +48,8 @@ LARGEST_STEP = {"pan": 0.4, "tilt": 0.4, "roll": 0.4, "log f": 0.7, "x": 1.0, "y
 def exp_of(theta: Array, column: int) -> Array:
     """``exp`` of a parameter, `LOG_F` or `LOG_ASPECT`, of parameter vectors (..., n).
 
-    It is taken of a copy: where the column of an array ends close to the result in memory, NumPy 1.26 rounds otherwise.
+    It is taken of a copy: NumPy 1.26 and 2.0 (not 2.4) round ``exp``, ``arctan2`` and others otherwise where the result
+    lies close to the end of a column in memory, and results would depend on where that is.
 
     Examples
     --------
