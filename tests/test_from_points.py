@@ -13,6 +13,7 @@ from synthetic import displaced, in_image, random_camera
 from test_homography import points_in_view, without_focal_length
 
 from fieldcalib import (
+    DISTRIBUTIONS,
     PINHOLE_FLAGS,
     Camera,
     CameraDistribution,
@@ -148,7 +149,7 @@ def test_gross_errors_under_the_prior_call_for_the_dlt():
     rng, wrong, names = np.random.default_rng(0), 0, ("main center", "behind left goal", "opposite tribune")
     frames = 0
     while frames < 60:
-        camera = random_camera(names[frames % 3], rng)
+        camera = random_camera(DISTRIBUTIONS[names[frames % 3]], rng)
         X, xy = seen(camera)
         if len(X) < 8:
             continue
