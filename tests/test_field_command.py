@@ -74,6 +74,13 @@ def test_another_file_is_another_run(court, own, tmp_path, capsys):
     assert "have other sizes or times" in capsys.readouterr().err
 
 
+def test_a_folder_with_the_name_of_a_sport_is_no_field(court, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    assert calibrate(court, "tennis", "--field", "tennis") == 0
+    (tmp_path / "tennis" / "notes.txt").write_text("of somebody else")
+    assert calibrate(court, "tennis", "--field", "tennis", "--resume") == 0
+
+
 @pytest.mark.parametrize(
     ("options", "message"),
     [

@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import Any
 
 import fieldcalib
+from fieldcalib.io.field_files import is_field_file
 from fieldcalib.io.files import BrokenFileError, FrameFile, parse_json_object, read_regular_file, write_text
 
 RECORD = "run.json"
@@ -55,7 +56,8 @@ class RunRecord:
         """The run of some options on some files; `more` is what else it depends on, as JSON."""
         kept = {name: value for name, value in recorded(options).items() if name not in ELSEWHERE}
         names = _digest([file.id for file in files])
-        of_field = FrameFile("", Path(getattr(options, "field", ""))).state  # -1 unless that is a file
+        field = getattr(options, "field", "")  # not a folder that has the name of a sport
+        of_field = FrameFile(field, Path(field)).state if is_field_file(field) else None
         contents = _digest([[*(file.state for file in files)], of_field, more])
         shard = None if options.shard is None else str(options.shard)
         return cls(options.command, kept, len(files), names, contents, unit, shard, tuple(writes))
