@@ -8,6 +8,7 @@ import pytest
 
 from fieldcalib import soccer
 from fieldcalib.fields import FIELDS, field_named
+from fieldcalib.fields.traits import Paint
 from fieldcalib.io.field_files import read_field, write_field
 from fieldcalib.io.files import BrokenFileError
 
@@ -24,6 +25,10 @@ stands:
   - {name: seats, pan: [-40, 40], tilt: [50, 88], roll: [-5, 5], fov: [15, 70], x: [-14, 14], y: [12, 35], z: [-12, -2]}
 farthest_camera: 60
 lines: {width: 0.05, ground_difference: inf}
+paint:
+  Middle line: {width: 0.1, colour: "#c8102e", dashes: [0.5, 0.25]}
+  Logo: {width: 0, outwards: 0.3}
+surface: wood
 size_known: true
 """
 
@@ -47,6 +52,9 @@ def test_a_court_of_ones_own(tmp_path):
     assert field["Three-point arc right"].radius == 6.725
     assert field.stands[0].y == (12, 35)
     assert (field.lines.width, field.lines.ground_difference, field.lines.lighter) == (0.05, np.inf, True)
+    assert field.paint_of("Middle line") == Paint(0.1, "#c8102e", (0.5, 0.25))
+    assert field.paint_of("Circle central") == Paint(0.05)
+    assert (field.paint_of("Logo").width, field.paint_of("Centre").width, field.surface) == (0.0, 0.0, "wood")
     assert field.scale == pytest.approx(0.32 * np.hypot(28.0, 15.0))
 
 
@@ -77,6 +85,11 @@ def test_a_court_of_ones_own(tmp_path):
         ("pan: [-40, 40], ", "", "stands: stand 1: expected pan$"),
         ("pan: [-40, 40]", "pan: 40", "stands: stand 1: "),
         ("width: 0.05", "width: 0", "lines: the width of a LineLook must be positive"),
+        ("#c8102e", "red", "paint: Middle line: expected a colour as "),
+        ("dashes: [0.5, 0.25]", "dashes: [0.0, 0.25]", "paint: Middle line: expected the length of dashes"),
+        ("width: 0.1", "width: -0.1", "paint: Middle line: expected finite numbers"),
+        ("Logo: {width", "Loggia: {width", "paint: 'Loggia' is none of the segments"),
+        ("surface: wood", "surface: parquet", "expected a surface among grass, turf, ice"),
         ("length: 28.0", "length: [28.0", "is no YAML"),
     ],
 )

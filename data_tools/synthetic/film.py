@@ -22,7 +22,8 @@ from data_tools.synthetic.pictures import add_graphics
 from data_tools.synthetic.surroundings import add_surroundings
 from data_tools.synthetic.textures import BOARD_SCALE, boards_texture
 from fieldcalib._types import Array, Float32
-from fieldcalib.draw.scene import Ground, rays, to_uint8
+from fieldcalib.draw.ground import Ground, rays
+from fieldcalib.draw.scene import to_uint8
 from fieldcalib.fields.field import Field
 from fieldcalib.geometry.camera import Camera
 from fieldcalib.io.files import write_text

@@ -12,7 +12,8 @@ from data_tools.synthetic.masks import Mask, markings_mask
 from data_tools.synthetic.objects import add_objects
 from data_tools.synthetic.pictures import add_graphics, degraded, random_picture
 from data_tools.synthetic.surroundings import add_surroundings
-from fieldcalib.draw.scene import Ground, rays, to_uint8
+from fieldcalib.draw.ground import Ground, rays
+from fieldcalib.draw.scene import to_uint8
 from fieldcalib.fields.field import Field
 from fieldcalib.geometry.camera import Camera
 from fieldcalib.io.image import Image

@@ -11,7 +11,7 @@ import numpy as np
 
 from data_tools.synthetic.colours import noise_at, random_colour
 from fieldcalib._types import Float32
-from fieldcalib.draw.scene import Ground, mix, painted
+from fieldcalib.draw.ground import Ground, mix, painted
 from fieldcalib.fields.field import Field
 from fieldcalib.fields.segments import Arc, Line, Segment
 from fieldcalib.fields.soccer import CIRCLE_RADIUS, GOAL_AREA_DEPTH, GOAL_WIDTH
@@ -37,9 +37,9 @@ def random_ground(ground: Ground, field: Field, rng: np.random.Generator) -> Flo
     segments = {**field.segments, **_unlabelled(field, rng)}
     low, high = np.nanmin(ground.xy, axis=(1, 2)) - 1.0, np.nanmax(ground.xy, axis=(1, 2)) + 1.0
     in_view = {name: segment for name, segment in segments.items() if _reaches(segment, low, high)}
-    # a field that is wide enough for what is beside the real one
-    everything = Field(field.length + 30.0, field.width + 30.0, in_view)
-    mix(picture, paint, opacity * painted(ground, everything, line_width))
+    everything = Field(field.length, field.width, in_view, paint=field.paint)
+    for share in painted(ground, everything, line_width).values():
+        mix(picture, paint, opacity * share)
     return picture
 
 

@@ -14,7 +14,7 @@ import numpy as np
 from data_tools.synthetic.colours import random_colour, wrapped
 from data_tools.synthetic.textures import BOARD_SCALE, STAND_HEIGHT, STAND_SCALE, boards_texture, stand_texture
 from fieldcalib._types import BoolArray, Float32
-from fieldcalib.draw.scene import Ground
+from fieldcalib.draw.ground import Ground
 from fieldcalib.fields.field import Field
 from fieldcalib.geometry.camera import Camera
 

@@ -13,22 +13,10 @@ from zlib import crc32
 import numpy as np
 from numpy.typing import ArrayLike
 
-from fieldcalib._types import Array
+from fieldcalib._types import Array, Float32
 from fieldcalib.assess.result import Calibration
-from fieldcalib.draw.scene import (
-    SHIFT,
-    WHITE,
-    Colour,
-    Float32,
-    Ground,
-    fixed_point,
-    grass,
-    image_curves,
-    mix,
-    painted,
-    rays,
-    to_uint8,
-)
+from fieldcalib.draw.ground import Colour, Ground, add_paint, grass, mix, rays
+from fieldcalib.draw.scene import SHIFT, fixed_point, image_curves, to_uint8
 from fieldcalib.fields.field import Field
 from fieldcalib.fields.segments import ObjectSegments, PointCloud
 from fieldcalib.geometry.camera import Camera, checked_image_size
@@ -294,7 +282,7 @@ def _map_of(field: Field, size: tuple[int, int]) -> tuple[Camera, Array, Float32
     overhead = Camera.from_angles(0.0, 0.0, 0.0, scale * above, (0.0, 0.0, -above), size, middle)
     ground = Ground.of_rays(overhead, rays(overhead))
     picture = grass(ground, field)
-    mix(picture, WHITE, 0.9 * painted(ground, field, line_width=1.3 / scale))
+    add_paint(picture, ground, field, 0.9, least=1.3 / scale)
     return overhead, np.stack([*ground.xy, np.zeros((height, width))], axis=-1), picture
 
 

@@ -6,31 +6,22 @@ Images are OpenCV's: uint8, (height, width, 3), blue, green, red. `fieldcalib.dr
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
-from dataclasses import dataclass
-from typing import Any, TypeAlias
+from collections.abc import Iterator
 
 import numpy as np
 from numpy.typing import NDArray
 
-from fieldcalib._types import Array, BoolArray, IntArray
+from fieldcalib._types import Array
 from fieldcalib._types import Float32 as Float32  # re-exported
+from fieldcalib.draw.ground import Colour as Colour  # re-exported
+from fieldcalib.draw.ground import Ground, add_paint, grass, mix, rays, smooth_curve
 from fieldcalib.fields.field import Field
-from fieldcalib.fields.segments import Arc, Line, Point, PointCloud, Segment
-from fieldcalib.fields.soccer import GOAL_AREA_DEPTH
+from fieldcalib.fields.segments import Line, Point, PointCloud, Segment
 from fieldcalib.geometry.camera import Camera
 from fieldcalib.geometry.rational import RationalCamera
 from fieldcalib.io.image import Image as Image  # re-exported: the type of the pictures made here
 
-Colour: TypeAlias = tuple[int, int, int]
-
 WHITE: Colour = (242, 248, 244)
-LIGHT_GRASS: Colour = (60, 141, 80)
-DARK_GRASS: Colour = (50, 123, 66)
-TRACK: Colour = (52, 74, 56)
-RUN_OFF = 3.0  # m of grass around the field
-STRIPE = GOAL_AREA_DEPTH  # m: width of mown stripes, which then end at the lines of the goal and the penalty area
-SPOT_RADIUS = 0.11  # m, of penalty and centre marks
 BOARDS = (6.5, 0.95)  # m behind the lines, and their height
 BOARD_COLOURS = np.array([(104, 58, 32), (46, 42, 126), (84, 80, 74), (110, 96, 30)], np.float32)
 STAND: Colour = (58, 48, 44)
@@ -76,7 +67,7 @@ def render_field(
     ray = rays(camera)
     ground = Ground.of_rays(camera, ray)
     picture = grass(ground, field)
-    mix(picture, WHITE, 0.92 * painted(ground, field, line_width))
+    add_paint(picture, ground, field, 0.92, line_width)
     _add_stands(picture, camera, ray, field, rng)
     _add_goals(picture, camera, field, line_width)
     across, down = (np.square(np.linspace(-1.0, 1.0, count, dtype=np.float32)) for count in (width, height))
@@ -84,127 +75,6 @@ def render_field(
     if rng is not None:
         picture += 2.0 * rng.standard_normal((height, width), dtype=np.float32)
     return to_uint8(picture)
-
-
-# The ground and its markings. Components of vectors and colours come first: (2, ...) or (3, ...).
-
-
-def rays(camera: Camera) -> Float32:
-    """World direction of the ray of every pixel, (3, height, width); NaN where there is none (`Camera.normalized`)."""
-    width, height = camera.image_size
-    pixels = np.stack(np.meshgrid(np.arange(width), np.arange(height)), axis=-1)
-    x, y = np.moveaxis(camera.normalized(pixels).astype(np.float32), -1, 0)
-    right, down, forward = camera.R.astype(np.float32)
-    return np.stack([x * right[i] + (y * down[i] + forward[i]) for i in range(3)])
-
-
-@dataclass(frozen=True)
-class Ground:
-    """The ground points of pixels, metres, and their derivatives along the image's rows and columns; each (2, ...)."""
-
-    xy: Float32
-    along_row: Float32
-    along_column: Float32
-
-    @classmethod
-    def of_rays(cls, camera: Camera, ray: Float32) -> Ground:
-        """Where the rays of a camera's pixels meet the ground; NaN for those above the horizon."""
-        C = camera.C.astype(np.float32)
-        with np.errstate(divide="ignore", invalid="ignore"):
-            scale = -C[2] / ray[2]
-            scale[~(scale > 0.0)] = np.nan
-            xy = C[:2, None, None] + scale * ray[:2]
-            along_column, along_row = np.gradient(xy, axis=(1, 2))
-        return cls(xy, along_row, along_column)
-
-    def __getitem__(self, index: IntArray | BoolArray) -> Ground:
-        return Ground(self.xy[:, index], self.along_row[:, index], self.along_column[:, index])
-
-    def pixel_size(self, normal: Any) -> Float32:
-        """Size of a pixel in metres along the direction `normal` (2,) or (2, ...) of the ground."""
-        x, y = (np.asarray(n, np.float32) for n in normal)
-        u = x * self.along_row[0] + y * self.along_row[1]
-        v = x * self.along_column[0] + y * self.along_column[1]
-        return np.asarray(np.sqrt(u * u + v * v) + 1e-9, np.float32)
-
-    @property
-    def largest_pixel_size(self) -> Float32:
-        """An upper bound of `pixel_size` over all directions."""
-        return np.asarray(np.sqrt(np.sum(np.square(self.along_row) + np.square(self.along_column), axis=0)))
-
-
-def _band(distance: Float32, half_width: float, pixel_size: Float32) -> Float32:
-    """Share of a pixel within `half_width` of a line at `distance` from the pixel's centre; all in metres."""
-    high = np.minimum((distance + half_width) / pixel_size, 0.5)
-    low = np.maximum((distance - half_width) / pixel_size, -0.5)
-    return np.asarray(np.maximum(high - low, 0.0), np.float32)
-
-
-def painted(ground: Ground, field: Field, line_width: float) -> Float32:
-    """Share of every pixel that is covered by a marking on the ground."""
-    on_field = (np.abs(ground.xy[0]) < field.length / 2.0 + 1.0) & (np.abs(ground.xy[1]) < field.width / 2.0 + 1.0)
-    patch = ground[on_field]
-    margin, half = patch.largest_pixel_size, line_width / 2.0
-    cover = np.zeros_like(margin)
-    on_ground = [segment for segment in field.markings.values() if _on_ground(segment)]
-    for start, end in _straight_pieces(on_ground):
-        length = np.hypot(*(end - start))
-        along = (end - start) / length
-        across = np.array([-along[1], along[0]])
-        distance = across[0] * patch.xy[0] + (across[1] * patch.xy[1] - across @ start)
-        near = np.flatnonzero(np.abs(distance) < margin + half)
-        here = patch[near]
-        share = _band(distance[near], half, here.pixel_size(across))
-        share *= _band(along @ here.xy - along @ (start + end) / 2.0, length / 2.0 + half, here.pixel_size(along))
-        cover[near] = np.maximum(cover[near], share)
-    rings = [(segment, half) for segment in on_ground if isinstance(segment, Arc)]
-    rings += [(Arc(point.X, 1e-3), SPOT_RADIUS) for name, point in field.points.items() if name.endswith("_MARK")]
-    for arc, half in rings:
-        offset = patch.xy - np.array(arc.center[:2], np.float32)[:, None]
-        distance = np.hypot(*offset) - arc.radius
-        near = np.flatnonzero(np.abs(distance) < margin + half)
-        offset, distance = offset[:, near], distance[near]
-        phi = np.arctan2(np.array(arc.v[:2]) @ offset, np.array(arc.u[:2]) @ offset)
-        within = np.mod(phi - min(arc.start, arc.stop), 2.0 * np.pi) <= abs(arc.stop - arc.start)
-        share = within * _band(distance, half, patch[near].pixel_size(offset / (distance + arc.radius + 1e-6)))
-        cover[near] = np.maximum(cover[near], share)
-    whole = np.zeros(on_field.shape, np.float32)
-    whole[on_field] = cover
-    return whole
-
-
-def _on_ground(segment: Segment) -> bool:
-    return not np.any(segment.sample()[:, 2])
-
-
-def _straight_pieces(segments: Iterable[Segment]) -> Iterator[tuple[Float32, Float32]]:
-    """End points on the ground of lines, and of the pieces of ordered clouds."""
-    for segment in segments:
-        if isinstance(segment, Line) or (isinstance(segment, PointCloud) and segment.ordered):
-            X = np.array([segment.start, segment.end]) if isinstance(segment, Line) else _smooth_curve(segment.X)
-            yield from zip(X[:-1, :2].astype(np.float32), X[1:, :2].astype(np.float32), strict=True)
-
-
-def grass(ground: Ground, field: Field) -> Float32:
-    """Colours (3, ...) of a mown field with its run-off, and of the track around it."""
-    x, y = np.abs(ground.xy)
-    pixel_x, pixel_y = ground.pixel_size((1.0, 0.0)), ground.pixel_size((0.0, 1.0))
-    stripe = (x - field.length / 2.0) / STRIPE
-    from_edge = np.abs(stripe - np.rint(stripe)) * STRIPE / pixel_x
-    light = 0.5 + (1.0 - 2.0 * np.mod(np.floor(stripe), 2.0)) * np.minimum(from_edge, 0.5)
-    outside_x = (x - field.length / 2.0 - RUN_OFF) / pixel_x
-    outside_y = (y - field.width / 2.0 - RUN_OFF) / pixel_y
-    picture = np.full((3, *x.shape), np.reshape(DARK_GRASS, (3, 1, 1)), np.float32)
-    mix(picture, LIGHT_GRASS, light)
-    mix(picture, TRACK, np.clip(np.maximum(outside_x, outside_y) + 0.5, 0.0, 1.0))
-    return picture
-
-
-def mix(picture: Float32, colour: Colour, share: Float32) -> None:
-    """Blend `colour` into every pixel by its share, in place; NaN, as above the horizon, counts as 1."""
-    share = np.nan_to_num(share, nan=1.0)
-    for plane, value in zip(picture, colour, strict=True):
-        plane += share * (np.float32(value) - plane)
 
 
 def to_uint8(planes: Float32) -> Image:
@@ -257,7 +127,7 @@ def _crowd(rng: np.random.Generator) -> Float32:
 
 def _add_goals(picture: Float32, camera: Camera, field: Field, width: float) -> None:
     """Segments above the ground as round white bars, with a net behind horizontal ones, the crossbars."""
-    raised = [s for s in field.markings.values() if not _on_ground(s)]
+    raised = [s for s in field.markings.values() if np.any(s.sample()[:, 2])]
     crossbars = [s for s in raised if isinstance(s, Line) and s.start[2] == s.end[2]]
     nets = [curve for bar in crossbars for strand in _net(bar) for curve in image_curves(camera, strand)]
     bars = []
@@ -322,7 +192,7 @@ def image_curves(camera: Camera | RationalCamera, segment: Segment) -> Iterator[
 
     if isinstance(segment, Point):
         return
-    X = _smooth_curve(segment.X) if isinstance(segment, PointCloud) else segment.sample(SAMPLE_SPACING)
+    X = smooth_curve(segment.X) if isinstance(segment, PointCloud) else segment.sample(SAMPLE_SPACING)
     xy = camera.project(X)
     # OpenCV's coordinates are 32-bit integers; points near the camera's plane may exceed them
     drawable = (camera.depth(X) >= NEAR_PLANE) & np.all(np.abs(xy) < 1e6, axis=-1)
@@ -340,22 +210,6 @@ def image_curves(camera: Camera | RationalCamera, segment: Segment) -> Iterator[
         halves = (run[: middle + 1], run[middle:])
         simple = [cv2.approxPolyDP(half[:, None], 0.1, False).reshape(-1, 2) for half in halves]
         yield np.concatenate([simple[0][:-1], simple[1]])
-
-
-def _smooth_curve(X: Array) -> Array:
-    """Points on the curve of an ordered cloud: parabolas through each three neighbours, blended."""
-    middle = np.clip(np.arange(len(X)), 1, len(X) - 2)
-    t = np.linspace(0.0, 1.0, 9)[:-1, None, None]
-
-    def parabola(index: IntArray, s: Array) -> Array:
-        m = middle[index]
-        s = s + (index - m)[:, None]
-        before, at, after = X[m - 1], X[m], X[m + 1]
-        return np.asarray(at + s * (after - before) / 2.0 + s * s * (after - 2.0 * at + before) / 2.0)
-
-    start = np.arange(len(X) - 1)
-    pieces = (1.0 - t) * parabola(start, t) + t * parabola(start + 1, t - 1.0)
-    return np.concatenate([pieces.swapaxes(0, 1).reshape(-1, 3), X[-1:]])
 
 
 def fixed_point(xy: Array) -> NDArray[np.int32]:

@@ -21,7 +21,7 @@ import numpy as np
 from fieldcalib._types import Array
 from fieldcalib.fields.segments import Arc, Line, Point, Segment, boxes, check_members
 from fieldcalib.fields.stands import DISTRIBUTIONS, CameraDistribution
-from fieldcalib.fields.traits import Halves, LineLook, ProbabilityModel, SizePrior
+from fieldcalib.fields.traits import SURFACES, UNPAINTED, Halves, LineLook, Paint, ProbabilityModel, SizePrior
 
 SCALE = 0.32  # of the diagonal: about what is in view of a soccer field, 40 of 125 m
 ALIKE = 0.005  # metres: what ends there ends at the same place
@@ -79,6 +79,11 @@ class Field(Mapping[str, Segment]):
         Size of what is usually in view, metres: the unit of the solver's steps. By default 0.32 of the diagonal.
     lines : LineLook
         How the lines look in images.
+    paint : mapping of str to Paint
+        What is painted for the segments of these labels. For others it is a white line; for points nothing. Labels
+        that are no segments change nothing.
+    surface : str
+        What the ground is, for drawing: grass, turf (artificial), ice, wood, floor (of a hall), hard court or clay.
     halves : mapping of str to (str, str, str)
         For a circle whose halves are segments too: their labels, left and right, and that of the line between them.
     size_model : SizePrior, optional
@@ -91,8 +96,8 @@ class Field(Mapping[str, Segment]):
     Raises
     ------
     ValueError
-        If the size, the scale or the farthest camera is not positive, a segment is none, two stands share a name, or
-        `halves` names what is no segment of the field.
+        If the size, the scale or the farthest camera is not positive, a segment is none, two stands share a name, the
+        surface is unknown, or `halves` names what is no segment of the field.
 
     Examples
     --------
@@ -120,6 +125,8 @@ class Field(Mapping[str, Segment]):
     farthest_camera: float = field(default=np.inf, repr=False)
     scale: float = field(default=np.nan, repr=False)
     lines: LineLook = field(default=LineLook(), repr=False)
+    paint: Mapping[str, Paint] = field(default_factory=ReadOnly, repr=False)
+    surface: str = field(default=SURFACES[0], repr=False)
     halves: Mapping[str, Halves] = field(default_factory=ReadOnly, repr=False)
     size_model: SizePrior | None = field(default=None, repr=False)
     size_known: bool = field(default=False, repr=False)
@@ -132,6 +139,7 @@ class Field(Mapping[str, Segment]):
             "stands": tuple(self.stands),
             "more_stands": tuple(self.more_stands),
             "scale": scale,
+            "paint": ReadOnly(self.paint),
             "halves": ReadOnly({label: Halves(*parts) for label, parts in self.halves.items()}),
         }
         for name, value in given.items():
@@ -144,6 +152,8 @@ class Field(Mapping[str, Segment]):
         names = [stand.name for stand in (*self.stands, *self.more_stands)]
         if len(set(names)) < len(names):
             raise ValueError(f"the stands of a Field need different names, got {names}")
+        if self.surface not in SURFACES:
+            raise ValueError(f"expected a surface among {', '.join(SURFACES)}, got {self.surface!r}")
         unknown = [label for circle, parts in self.halves.items() for label in (circle, *parts) if label not in self]
         if unknown:
             raise ValueError(f"halves name {unknown[0]!r}, which is no segment of the field")
@@ -165,6 +175,20 @@ class Field(Mapping[str, Segment]):
 
     def __len__(self) -> int:
         return len(self.segments)
+
+    def paint_of(self, label: str) -> Paint:
+        """What is painted for a segment, with its width: the field's `paint`, or a line as all others.
+
+        Examples
+        --------
+        >>> from fieldcalib import soccer
+        >>> soccer().paint_of("Middle line").width, soccer().paint_of("CENTER_MARK").width
+        (0.12, 0.22)
+        """
+        segment, paint = self[label], self.paint.get(label.strip())
+        if paint is None:
+            paint = UNPAINTED if isinstance(segment, Point) else Paint()
+        return replace(paint, width=self.lines.width) if paint.width is None else paint
 
     @cached_property
     def is_built(self) -> bool:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import MISSING, asdict, fields
+from functools import partial
 from typing import Any, TypeVar
 
 from fieldcalib._json import from_json, to_json
@@ -14,7 +15,7 @@ from fieldcalib.fields.sports.futsal import futsal
 from fieldcalib.fields.sports.ice_hockey import ice_hockey_iihf
 from fieldcalib.fields.sports.rugby_union import rugby_union
 from fieldcalib.fields.stands import CameraDistribution
-from fieldcalib.fields.traits import Halves, LineLook, ProbabilityModel, SizePrior
+from fieldcalib.fields.traits import Halves, LineLook, Paint, ProbabilityModel, SizePrior
 
 BUILDERS: Mapping[str, Callable[..., Field]] = {
     "soccer": soccer,
@@ -49,6 +50,8 @@ def field_to_record(field: Field) -> dict[str, Any]:
         "farthest_camera": to_json(field.farthest_camera),
         "scale": to_json(field.scale),
         "lines": {name: value if name == "lighter" else to_json(value) for name, value in asdict(field.lines).items()},
+        "paint": {label: asdict(one) for label, one in field.paint.items()},
+        "surface": field.surface,
         "halves": {circle: list(parts) for circle, parts in field.halves.items()},
         "size_model": None if model is None or builder is None else {**asdict(model), "build": builder},
         "probability": None if field.probability is None else list(field.probability.coefficients),
@@ -81,6 +84,9 @@ def field_from_record(record: Mapping[str, Any]) -> Field:
     length, width = (_named(name, _number, record[name]) for name in ("length", "width"))
     segments = _named("segments", _segments, record["segments"])
     more = {name: _named(name, parse, record[name]) for name, parse in OPTIONAL.items() if name in record}
+    unknown = sorted(more.get("paint", {}).keys() - segments.keys())
+    if unknown:
+        raise ValueError(f"paint: {unknown[0]!r} is none of the segments")
     return Field(length, width, segments, **more)
 
 
@@ -153,6 +159,10 @@ def _lines(record: Any) -> LineLook:
     return _made(LineLook, {name: _truth(v) if name == "lighter" else _number(v) for name, v in record.items()})
 
 
+def _paint(records: Any) -> dict[str, Paint]:
+    return {str(label): _named(str(label), partial(_made, Paint), one) for label, one in records.items()}
+
+
 def _halves(record: Any) -> dict[str, Halves]:
     return {circle: Halves(*parts) for circle, parts in record.items()}
 
@@ -174,6 +184,8 @@ OPTIONAL: Mapping[str, Callable[[Any], Any]] = {
     "farthest_camera": _number,
     "scale": _number,
     "lines": _lines,
+    "paint": _paint,
+    "surface": str,
     "halves": _halves,
     "size_model": _size_model,
     "size_known": _truth,

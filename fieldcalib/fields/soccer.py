@@ -10,7 +10,7 @@ import numpy as np
 from fieldcalib.fields.field import Field
 from fieldcalib.fields.segments import Arc, Line, Point, Segment
 from fieldcalib.fields.stands import ALL_STANDS, MAIN_TRIBUNE, SOCCER_SCALE
-from fieldcalib.fields.traits import Halves, LineLook, ProbabilityModel, SizePrior
+from fieldcalib.fields.traits import Halves, LineLook, Paint, ProbabilityModel, SizePrior
 
 # Laws of the Game, law 1, in metres.
 PENALTY_AREA_DEPTH = 16.5
@@ -18,6 +18,7 @@ PENALTY_AREA_WIDTH = 40.32
 GOAL_AREA_DEPTH = 5.5
 GOAL_AREA_WIDTH = 18.32
 PENALTY_MARK_DISTANCE = 11.0
+SPOT_DIAMETER = 0.22
 CIRCLE_RADIUS = 9.15  # centre circle and penalty arcs
 GOAL_WIDTH = 7.32
 GOAL_HEIGHT = 2.44
@@ -89,6 +90,7 @@ def soccer(length: float = 105.0, width: float = 68.0, *, size_known: bool = Fal
         farthest_camera=FARTHEST_CAMERA,
         scale=SOCCER_SCALE,
         lines=LineLook(width=LINE_WIDTH),
+        paint={name: Paint(width=SPOT_DIAMETER) for name in ("CENTER_MARK", "L_PENALTY_MARK", "R_PENALTY_MARK")},
         halves={"Circle central": Halves("Circle central left", "Circle central right", line="Middle line")},
         size_model=SizePrior(ALL_MATCHES, INTERNATIONAL_MATCHES, build=soccer, rules="law 1"),
         size_known=size_known,
@@ -99,7 +101,7 @@ def soccer(length: float = 105.0, width: float = 68.0, *, size_known: bool = Fal
 def soccer_points(points: Mapping[str, Point]) -> Field:
     """Points of a soccer field of unknown size: nothing but these, in the world of `soccer`."""
     length, width = LARGEST_FIELD
-    return replace(soccer(), length=length, width=width, segments=points, halves={}, size_model=None)
+    return replace(soccer(), length=length, width=width, segments=points, paint={}, halves={}, size_model=None)
 
 
 def _outline(x_goal: float, y_side: float) -> dict[str, Segment]:

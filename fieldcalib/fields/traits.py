@@ -1,7 +1,9 @@
-"""What may be known of a field beyond its segments: the look of its lines, its sizes, how probable a camera is."""
+"""What may be known of a field beyond its segments: the look of its lines, what is painted, its sizes, how probable a
+camera is."""
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, NamedTuple
@@ -13,6 +15,8 @@ from fieldcalib._types import Array
 if TYPE_CHECKING:
     from fieldcalib.fields.field import Field
 
+WHITE = "#f4f8f2"  # of paint in daylight
+SURFACES = ("grass", "turf", "ice", "wood", "floor", "hard court", "clay")
 DEVIATIONS = 1.96  # to either side: what holds 95 % of a normal distribution
 
 
@@ -59,6 +63,53 @@ class LineLook:
     def __post_init__(self) -> None:
         for name in ("width", "contrast", "contrast_raised", "ground_difference"):
             _check_positive(getattr(self, name), f"the {name} of a LineLook")
+
+
+@dataclass(frozen=True)
+class Paint:
+    """What is painted for a segment, where that is not one white line of the width that `LineLook` says.
+
+    A segment without paint of its own (width 0) is there all the same: a line through the ends of marks, the edge of a
+    wide line. A row of marks that are painted across it is a wide line in short dashes.
+
+    Raises
+    ------
+    ValueError
+        If a number is negative or not finite, a dash has no length, or the colour is none.
+
+    Examples
+    --------
+    >>> Paint(width=0.3, colour="#0033a0")  # a blue line of 30 cm
+    Paint(width=0.3, colour='#0033a0', dashes=None, outwards=0.0)
+    >>> Paint(colour="blue")
+    Traceback (most recent call last):
+        ...
+    ValueError: expected a colour as "#rrggbb", in hexadecimal digits, got 'blue'
+    """
+
+    width: float | None = None
+    """Metres; of a point the diameter of its spot. None is the width of the field's lines, 0 nothing painted."""
+    colour: str = WHITE
+    """Red, green and blue, as in HTML."""
+    dashes: tuple[float, float] | None = None
+    """Lengths of dashes and of the gaps between them, metres; the middle of one dash is that of the segment."""
+    outwards: float = 0.0
+    """How much further from the centre mark the middle of the paint is than the segment, metres; for arcs, further from
+    their own centre."""
+
+    def __post_init__(self) -> None:
+        if self.dashes is not None:
+            object.__setattr__(self, "dashes", tuple(map(float, self.dashes)))
+        numbers = (self.width or 0.0, *(self.dashes or ()))
+        if not all(0.0 <= number < np.inf for number in numbers) or not np.isfinite(self.outwards):
+            raise ValueError(f"expected finite numbers from 0 on for paint, in metres, got {self}")
+        if self.dashes is not None and (len(self.dashes) != 2 or not self.dashes[0] > 0.0):
+            raise ValueError(f"expected the length of dashes and that of gaps, in metres, got {self.dashes}")
+        if not re.fullmatch("#[0-9a-f]{6}", self.colour):
+            raise ValueError(f'expected a colour as "#rrggbb", in hexadecimal digits, got {self.colour!r}')
+
+
+UNPAINTED = Paint(width=0.0)
 
 
 @dataclass(frozen=True)

@@ -27,7 +27,7 @@ def read_field(path: Path | str) -> Field:
         A ``.yaml``, ``.yml`` or ``.json`` file with these names: `length` and `width` (metres), `segments` (label ->
         `kind`, which is Point, Line, Arc or PointCloud, and what that takes), and, where they are not as by default,
         `stands` and `more_stands` (lists of what `CameraDistribution` takes), `farthest_camera`, `scale`, `lines` (what
-        `LineLook` takes), `halves` and `size_known`.
+        `LineLook` takes), `paint` (label -> what `Paint` takes), `surface`, `halves` and `size_known`.
 
     Raises
     ------

@@ -13,13 +13,14 @@ from fieldcalib.fields.mirrored import with_left, with_top
 from fieldcalib.fields.segments import Line, Point, Segment
 from fieldcalib.fields.sports.lines import across, along
 from fieldcalib.fields.stands import stands_beside
-from fieldcalib.fields.traits import LineLook
+from fieldcalib.fields.traits import UNPAINTED, LineLook, Paint
 
 FEET, YARD, INCH = 0.3048, 0.9144, 0.0254
 LENGTH, WIDTH = 120.0 * YARD, 160.0 * FEET  # between the inner edges of the border, end zones included
 GOAL_LINE = 50.0 * YARD  # its edge towards the field, from midfield
 LINE_WIDTH, GOAL_LINE_WIDTH = 4.0 * INCH, 8.0 * INCH
 HASH_LENGTH = 2.0 * FEET
+BORDER = 6.0 * FEET
 TRY_MARK_LENGTH = 1.0 * YARD
 NUMBER_HEIGHT = 2.0 * YARD
 POSTS_APART, CROSSBAR = 18.5 * FEET, 10.0 * FEET  # between the uprights; the top of the crossbar
@@ -98,6 +99,7 @@ def american_football(rules: str = "nfl") -> Field:
         stands=stands_beside(LENGTH, WIDTH, away=(5.0, 75.0), up=(3.0, 50.0)),
         farthest_camera=300.0,
         lines=LineLook(width=LINE_WIDTH, ground_difference=np.inf),
+        paint=_paint(one),
         size_known=True,
     )
 
@@ -138,6 +140,17 @@ def _rows(rules: Rules) -> dict[str, Segment]:
             "Number row bottom outer": along(42.0 * YARD, numbers),
         }
     )
+
+
+def _paint(rules: Rules) -> dict[str, Paint]:
+    """The border outside its inner edge, the marks of the rows."""
+    border = Paint(width=BORDER, outwards=0.5 * BORDER)
+    marks = Paint(width=HASH_LENGTH, dashes=(LINE_WIDTH, YARD - LINE_WIDTH), outwards=0.5 * HASH_LENGTH)
+    found = {label: Paint(width=GOAL_LINE_WIDTH) for label in ("Goal line left", "Goal line right")}
+    found |= dict.fromkeys(("Side line top", "Side line bottom", "End line left", "End line right"), border)
+    for label in _rows(rules):
+        found[label] = marks if label.startswith(("Side hash", "Hash")) and "outer" not in label else UNPAINTED
+    return found
 
 
 def _goals() -> dict[str, Segment]:

@@ -60,5 +60,6 @@ def badminton() -> Field:
         stands=stands_beside(LENGTH, WIDTH, away=(3.0, 30.0), up=(1.5, 12.0)),
         farthest_camera=60.0,
         lines=LineLook(width=LINE_WIDTH, ground_difference=np.inf),
+        surface="floor",
         size_known=True,
     )

@@ -129,6 +129,7 @@ def basketball(rules: str = "fiba") -> Field:
         stands=stands_beside(measures.length, measures.width, away=(4.0, 35.0), up=(1.5, 15.0)),
         farthest_camera=80.0,
         lines=LineLook(width=measures.line_width, ground_difference=np.inf),
+        surface="wood",
         size_known=True,
     )
 

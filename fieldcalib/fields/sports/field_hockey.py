@@ -10,7 +10,7 @@ from fieldcalib.fields.segments import Line, Point, Segment
 from fieldcalib.fields.sports.goals import right_area, right_goal
 from fieldcalib.fields.sports.lines import across, along
 from fieldcalib.fields.stands import stands_beside
-from fieldcalib.fields.traits import LineLook
+from fieldcalib.fields.traits import LineLook, Paint
 
 # Outer edges of the lines, in metres.
 LENGTH, WIDTH = 91.40, 55.00
@@ -19,6 +19,8 @@ TWENTY_THREE = 22.90  # from the back line to the far edge of the 23-metre line
 CIRCLE = 14.63  # outer radius, around the inner sides of the posts, and the straight part's distance
 CIRCLE_STRAIGHT = 3.66
 BROKEN_CIRCLE = CIRCLE + 5.0
+BROKEN = (0.30, 3.0)  # its dashes, and the gaps between them
+SPOT_DIAMETER = 0.15
 SPOT = 6.40  # of its centre, from the inner edge of the goal line
 SIDE_MARKS = (("5 m", 5.0), ("14.63 m", CIRCLE))  # outside the side lines, from the back line
 BACK_MARKS = (("5 m", 5.0), ("10 m", 10.0))  # outside the back lines, from the outer edge of the nearer post
@@ -90,5 +92,10 @@ def field_hockey() -> Field:
         stands=stands_beside(LENGTH, WIDTH, away=(5.0, 60.0), up=(3.0, 30.0)),
         farthest_camera=200.0,
         lines=LineLook(width=LINE_WIDTH, ground_difference=np.inf),
+        paint={
+            **{label: Paint(width=SPOT_DIAMETER) for label in ("Penalty spot left", "Penalty spot right")},
+            **{label: Paint(dashes=BROKEN) for label in segments if label.startswith("Broken circle")},
+        },
+        surface="turf",
         size_known=True,
     )

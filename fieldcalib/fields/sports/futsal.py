@@ -10,7 +10,7 @@ from fieldcalib.fields.segments import Arc, Line, Point, Segment
 from fieldcalib.fields.sports.goals import right_area, right_goal
 from fieldcalib.fields.sports.lines import across, along
 from fieldcalib.fields.stands import stands_beside
-from fieldcalib.fields.traits import LineLook, SizePrior
+from fieldcalib.fields.traits import LineLook, Paint, SizePrior
 
 # In metres. Lines belong to the areas that they bound, so that areas end at outer edges.
 LINE_WIDTH = 0.08
@@ -19,6 +19,7 @@ GOAL_WIDTH, GOAL_HEIGHT = 3.0, 2.0  # inside
 CENTRE_CIRCLE = 3.0
 PENALTY_AREA = 6.0  # from the goal line, and from the outside of the posts
 PENALTY_MARK, SECOND_PENALTY_MARK = 6.0, 10.0
+SPOT_DIAMETER = 0.12
 CORNER_ARC = 0.25
 SUBSTITUTION_ZONE = (5.0, 10.0)  # from the halfway line, from and to
 SUBSTITUTION_MARK = 0.40  # to either side of the touchline's edges
@@ -96,6 +97,8 @@ def futsal(length: float = 40.0, width: float = 20.0, *, size_known: bool = Fals
         stands=stands_beside(40.0, 20.0, away=(4.0, 40.0), up=(1.5, 18.0)),
         farthest_camera=100.0,
         lines=LineLook(width=LINE_WIDTH, ground_difference=np.inf),
+        paint={label: Paint(width=SPOT_DIAMETER) for label, one in segments.items() if isinstance(one, Point)},
+        surface="floor",
         size_model=SizePrior(ALL_MATCHES, INTERNATIONAL_MATCHES, build=futsal, rules="law 1 of futsal"),
         size_known=size_known,
     )

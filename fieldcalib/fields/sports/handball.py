@@ -10,7 +10,7 @@ from fieldcalib.fields.segments import Arc, Line, Segment
 from fieldcalib.fields.sports.goals import right_area, right_goal
 from fieldcalib.fields.sports.lines import across, along
 from fieldcalib.fields.stands import stands_beside
-from fieldcalib.fields.traits import LineLook
+from fieldcalib.fields.traits import LineLook, Paint
 
 # In metres. Lines belong to the areas that they bound, so that areas end at outer edges.
 LENGTH, WIDTH = 40.0, 20.0
@@ -18,6 +18,7 @@ LINE_WIDTH = 0.05
 POST = 0.08  # thickness of posts and crossbar, and width of the goal line between the posts
 GOAL_WIDTH, GOAL_HEIGHT = 3.0, 2.0  # inside
 GOAL_AREA, FREE_THROW = 6.0, 9.0  # from the goal line, and from the inner rear edges of the posts
+DASHES = (0.15, 0.15)  # of the free-throw line, and the gaps between them
 SEVEN_METRES, SEVEN_METRE_LINE = 7.0, 1.0  # from the goal line to the edge towards the centre, length
 FOUR_METRES, FOUR_METRE_LINE = 4.0, 0.15
 SUBSTITUTION, SUBSTITUTION_MARK = 4.5, 0.15  # from the centre line, length to either side of the side line's edges
@@ -71,5 +72,10 @@ def handball() -> Field:
         stands=stands_beside(LENGTH, WIDTH, away=(4.0, 40.0), up=(1.5, 18.0)),
         farthest_camera=100.0,
         lines=LineLook(width=LINE_WIDTH, ground_difference=np.inf),
+        paint={
+            **{label: Paint(width=POST) for label in ("Goal line left", "Goal line right")},
+            **{label: Paint(dashes=DASHES) for label in segments if label.startswith("Free-throw")},
+        },
+        surface="floor",
         size_known=True,
     )

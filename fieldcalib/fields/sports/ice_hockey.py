@@ -15,10 +15,13 @@ from fieldcalib.fields.segments import Arc, Line, Point, Segment
 from fieldcalib.fields.sports.goals import right_goal
 from fieldcalib.fields.sports.lines import across, along
 from fieldcalib.fields.stands import stands_beside
-from fieldcalib.fields.traits import LineLook, SizePrior
+from fieldcalib.fields.traits import UNPAINTED, LineLook, Paint, SizePrior
 
 FEET = 0.3048
 POST = 0.06  # metres: diameter of the goal's tubes, 2 3/8 in
+RED, BLUE, YELLOW = "#c8102e", "#1040a8", "#e3b92c"  # of lines and spots, of the kick plate
+KICK_PLATE = 0.10  # metres: how wide it is drawn from above
+SPOTS = ("Face-off spot", "Neutral spot")
 LEGAL_IIHF = ((56.0, 61.0), (26.0, 30.0))  # length and width; since 2021 rinks of tournaments are 60 m long
 USUAL_IIHF = ((59.5, 60.5), (26.0, 30.0))
 
@@ -57,6 +60,9 @@ class Rules:
     """Outer radius, around the middle of the goal line."""
     crease_width: float
     """Between the outer edges of the straight sides; infinite where the crease is a half circle."""
+    spot: float
+    """Diameter of all face-off spots but that of the centre."""
+    centre_spot: float
     trapezoid: tuple[float, float]
     """Half of its width at the goal line and at the end boards."""
     referee: float
@@ -83,6 +89,8 @@ NHL = Rules(
     l_legs=(4.0 * FEET, 34.0 / 12.0 * FEET),  # 4 ft and 2 ft 10 in
     crease=6.0 * FEET,
     crease_width=8.0 * FEET,
+    spot=2.0 * FEET,
+    centre_spot=1.0 * FEET,
     trapezoid=(11.0 * FEET, 14.0 * FEET),
     referee=10.0 * FEET,
     goal=(6.0 * FEET, 4.0 * FEET),
@@ -106,6 +114,8 @@ IIHF = Rules(
     l_legs=(1.20, 0.90),
     crease=1.80,
     crease_width=np.inf,
+    spot=0.60,
+    centre_spot=0.30,
     trapezoid=(3.4, 4.3),
     referee=3.0,
     goal=(1.83, 1.22),
@@ -218,7 +228,20 @@ def _rink(rules: Rules) -> Field:
         stands=stands_beside(rules.length, rules.width, away=(5.0, 45.0), up=(3.0, 25.0)),
         farthest_camera=120.0,
         lines=LineLook(width=rules.line, lighter=False, ground_difference=np.inf),
+        paint=_paint(rules, segments),
+        surface="ice",
     )
+
+
+def _paint(rules: Rules, segments: Mapping[str, Segment]) -> dict[str, Paint]:
+    """Red lines but for the blue ones and the centre circle, spots, and the kick plate of the boards."""
+    found = {label: Paint(colour=RED) for label, one in segments.items() if not isinstance(one, Point)}
+    found |= {label: UNPAINTED for label in segments if label.endswith("edge")}
+    found |= {label: Paint(width=KICK_PLATE, colour=YELLOW) for label in _boards(rules)}
+    found |= {label: Paint(width=rules.wide_line, colour=BLUE) for label in ("Blue line left", "Blue line right")}
+    found |= {"Centre line": Paint(width=rules.wide_line, colour=RED), "Centre circle": Paint(colour=BLUE)}
+    found |= {label: Paint(width=rules.spot, colour=RED) for label in segments if label.startswith(SPOTS)}
+    return found | {"Centre spot": Paint(width=rules.centre_spot, colour=BLUE)}
 
 
 def _boards(rules: Rules) -> dict[str, Segment]:

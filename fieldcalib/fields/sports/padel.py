@@ -9,7 +9,7 @@ from fieldcalib.fields.mirrored import with_left, with_top
 from fieldcalib.fields.segments import Line, Segment
 from fieldcalib.fields.sports.lines import across, along, hanging_net
 from fieldcalib.fields.stands import stands_beside
-from fieldcalib.fields.traits import LineLook
+from fieldcalib.fields.traits import LineLook, Paint
 
 # In metres.
 LENGTH, WIDTH = 20.0, 10.0  # between the walls
@@ -17,6 +17,7 @@ LINE_WIDTH = 0.05
 SERVICE_LINE = 6.95  # from the net to the edge towards it: the other edge is 3 m from the back wall
 OVERLAP = 0.20  # of the central service line beyond the service line
 NET_CENTRE, NET_POSTS = 0.88, 0.92  # height
+WALL, STEEL = 0.10, "#30363c"  # what is seen of the walls from above; colour
 GLASS, FENCE = 3.0, 4.0  # heights of the back walls: glass, and wire mesh above it
 
 
@@ -59,5 +60,7 @@ def padel() -> Field:
         stands=stands_beside(LENGTH, WIDTH, away=(2.0, 25.0), up=(1.5, 12.0)),
         farthest_camera=60.0,
         lines=LineLook(width=LINE_WIDTH, ground_difference=np.inf),
+        paint={label: Paint(width=WALL, colour=STEEL) for label in segments if "wall" in label},
+        surface="turf",
         size_known=True,
     )

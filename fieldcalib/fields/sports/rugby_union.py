@@ -7,7 +7,7 @@ from fieldcalib.fields.mirrored import with_left, with_top
 from fieldcalib.fields.segments import Line, Point, Segment
 from fieldcalib.fields.sports.lines import across, along
 from fieldcalib.fields.stands import stands_beside
-from fieldcalib.fields.traits import LineLook, SizePrior
+from fieldcalib.fields.traits import LineLook, Paint, SizePrior
 
 # Law 1, in metres.
 LEGAL = ((94.0, 100.0), (68.0, 70.0))  # length and width of the field of play
@@ -15,6 +15,8 @@ IN_GOAL = (6.0, 22.0)  # depth
 LINE_WIDTH = 0.10  # the law says nothing; as is usual
 TWENTY_TWO, TEN = 22.0, 10.0  # from the goal line, from the halfway line
 FIVE, FIFTEEN = 5.0, 15.0  # from touch, and the dashes in front of the goal line
+DASHED = ("10-metre line", "5-metre line", "15-metre line")
+DASHES, ROW = (5.0, 5.0), (1.0, 9.0)  # of these lines, of the row in front of a goal line: dashes and gaps, about
 POSTS_APART, CROSSBAR = 5.6, 3.0  # between the posts; the top of the crossbar
 POSTS = 0.12  # diameter
 POSTS_HEIGHT = 15.0  # at least 3.4; those of stadiums reach 10 to 17
@@ -92,18 +94,23 @@ def rugby_union(
         "22-metre line and touchline right bottom": Point((x22, touch, 0.0)),
         "Dead-ball corner right bottom": Point((dead, touch, 0.0)),
     }
+    segments: dict[str, Segment] = {
+        **with_left(right),
+        **with_top(bottom),
+        **with_left(with_top(corner)),
+        "Halfway line": across(0.0, touch),
+    }
     return Field(
         float(length),
         float(width),
-        {
-            **with_left(right),
-            **with_top(bottom),
-            **with_left(with_top(corner)),
-            "Halfway line": across(0.0, touch),
-        },
+        segments,
         stands=stands_beside(length, width, away=(5.0 + in_goal, 75.0), up=(3.0, 40.0)),
         farthest_camera=300.0,
         lines=LineLook(width=LINE_WIDTH),
+        paint={
+            **{label: Paint(dashes=DASHES) for label in segments if label.startswith(DASHED)},
+            **{label: Paint(dashes=ROW) for label in ("5-metre dashes left", "5-metre dashes right")},
+        },
         size_model=SizePrior(LEGAL, LEGAL, build=rugby_union, rules="law 1"),
         size_known=size_known,
     )

@@ -9,7 +9,7 @@ from fieldcalib.fields.mirrored import with_left, with_top
 from fieldcalib.fields.segments import Line, Segment
 from fieldcalib.fields.sports.lines import across, along, hanging_net
 from fieldcalib.fields.stands import stands_beside
-from fieldcalib.fields.traits import LineLook
+from fieldcalib.fields.traits import LineLook, Paint
 
 # Outer edges of the lines, in metres.
 LENGTH, DOUBLES_WIDTH, SINGLES_WIDTH = 23.77, 10.97, 8.23
@@ -62,5 +62,7 @@ def tennis() -> Field:
         stands=stands_beside(LENGTH, DOUBLES_WIDTH, away=(5.0, 40.0), up=(1.0, 20.0)),
         farthest_camera=80.0,
         lines=LineLook(width=LINE_WIDTH, ground_difference=np.inf),
+        paint={label: Paint(width=BASE_LINE_WIDTH) for label in ("Base line left", "Base line right")},
+        surface="hard court",
         size_known=True,
     )

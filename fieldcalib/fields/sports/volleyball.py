@@ -9,13 +9,14 @@ from fieldcalib.fields.mirrored import with_left, with_top
 from fieldcalib.fields.segments import Line, Segment
 from fieldcalib.fields.sports.lines import across, along
 from fieldcalib.fields.stands import stands_beside
-from fieldcalib.fields.traits import LineLook
+from fieldcalib.fields.traits import LineLook, Paint
 
 # In metres, to the outer edges of the lines.
 LENGTH, WIDTH = 18.0, 9.0
 LINE_WIDTH = 0.05
 ATTACK_LINE = 3.0  # from the middle of the centre line to the rear edge
 ATTACK_EXTENSION = (0.20, 1.75)  # dashes, from and to this distance from the side line
+ATTACK_DASHES = (0.15, 0.20)  # and the gaps between them
 SERVICE_MARK = (0.20, 0.15)  # behind the end line, length
 NET_HEIGHTS = {"men": 2.43, "women": 2.24}
 NET_DEPTH = 1.0  # from the upper to the lower edge
@@ -84,5 +85,7 @@ def volleyball(net: str = "men") -> Field:
         stands=stands_beside(LENGTH, WIDTH, away=(4.0, 35.0), up=(1.5, 15.0)),
         farthest_camera=80.0,
         lines=LineLook(width=LINE_WIDTH, ground_difference=np.inf),
+        paint={label: Paint(dashes=ATTACK_DASHES) for label in segments if "extension" in label},
+        surface="floor",
         size_known=True,
     )
