@@ -131,12 +131,39 @@ def test_a_homography_from_a_corner_is_said_to_be_one(pan):
     assert moved.message.endswith("give H @ [[1, 0, length / 2], [0, 1, width / 2], [0, 0, 1]]")
 
 
+@pytest.mark.parametrize(("unit", "per_metre"), [("feet", 3.28084), ("centimetres", 100), ("millimetres", 1000)])
+@pytest.mark.parametrize("corner", [False, True])
+def test_a_homography_in_another_unit_is_said_to_be_one(unit, per_metre, corner):
+    moved = (
+        CAMERA.homography @ (FROM_CORNER if corner else np.eye(3)) @ np.diag([1.0 / per_metre, 1.0 / per_metre, 1.0])
+    )
+    message = calibrate_from_homography(moved, SIZE).message
+    origin = "far left corner" if corner else "centre mark"
+    remedy = f"give H @ np.diag([{per_metre:g}, {per_metre:g}, 1])" + corner * (
+        " @ [[1, 0, length / 2], [0, 1, width / 2], [0, 0, 1]]"
+    )
+    assert message.endswith(f"if H maps {unit} from the {origin}: then {remedy}")
+    names = {"length": 105.0, "width": 68.0, "np": np, "H": moved}
+    mended = eval(remedy.removeprefix("give "), names)  # what the message says, to the letter
+    np.testing.assert_allclose(calibrate_from_homography(mended, SIZE).camera.C, CAMERA.C, rtol=1e-4)
+
+
+def test_a_homography_in_yards_could_be_of_metres():
+    message = calibrate_from_homography(CAMERA.homography @ np.diag([0.9144, 0.9144, 1.0]), SIZE).message
+    assert "if H maps" not in message
+
+
 def test_real_homographies_from_a_corner(shared_data):
     said = accepted = 0
     paths = sorted((shared_data / "wc14-test").glob("*.homographyMatrix"))
     for path in paths:
         H = parse_homography(path.read_bytes())
         assert "origin of H" not in calibrate_from_homography(H, (1280, 720)).message
+        for unit in UNITS:
+            scaled = calibrate_from_homography(H @ np.diag([UNITS[unit], UNITS[unit], 1.0]), (1280, 720))
+            assert (f"maps {unit} from the centre mark" in scaled.message) == (unit not in ("metres", "yards"))
+            assert "pixels to metres" not in scaled.message
+        assert "pixels to metres" in calibrate_from_homography(np.linalg.inv(H), (1280, 720)).message
         moved = calibrate_from_homography(H @ FROM_CORNER, (1280, 720))
         accepted += moved.accepted
         said += moved.accepted and "origin of H" in moved.message

@@ -1,16 +1,13 @@
-"""From points, and from the homography of the ground, to a calibration."""
-
-import time
-import tracemalloc
+"""From points to a calibration."""
 
 import cv2
 import numpy as np
 import pytest
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
-from strategies import any_angles, cameras, generators, numbers, vectors
+from objects import SIZE, any_object, objects, relative_error
+from strategies import any_angles, cameras, numbers, vectors
 from synthetic import displaced, in_image, random_camera
-from test_homography import points_in_view, without_focal_length
 
 from fieldcalib import (
     DISTRIBUTIONS,
@@ -18,19 +15,12 @@ from fieldcalib import (
     Camera,
     CameraDistribution,
     Status,
-    calibrate_from_homography,
     calibrate_from_points,
     soccer,
 )
-from fieldcalib.calibrate.from_points import Points, _start
-from fieldcalib.calibrate.options import DEFAULT_CRITERIA, CalibrationFlags, checked_options
-from fieldcalib.calibrate.resection import resect
-from fieldcalib.geometry.projective import dehomogenize, homogenize
+from fieldcalib.calibrate.options import CalibrationFlags
 from fieldcalib.geometry.rotation import rotation_from_angles
-from fieldcalib.problem.evaluation import LOG_F_RANGE
-from fieldcalib.problem.losses import RobustLoss
 
-SIZE = (960, 540)
 FIELD_POINTS = np.array([point.X for point in soccer().points.values()])
 CAMERA = Camera.from_angles(-0.35, 1.36, 0.01, 1500.0, (1.5, 68.0, -17.0), SIZE)
 F = CalibrationFlags
@@ -41,53 +31,6 @@ def seen(camera, points=FIELD_POINTS):
     xy = camera.project(points)
     inside = in_image(xy, camera.image_size)
     return points[inside], xy[inside]
-
-
-def relative_error(found, truth, extent=None):
-    """The largest of the relative errors of focal length and position and of the rotation."""
-    distance = np.linalg.norm(truth.C) if extent is None else extent
-    return max(
-        abs(found.focal_length / truth.focal_length - 1.0),
-        np.linalg.norm(found.C - truth.C) / distance,
-        np.linalg.norm(found.R - truth.R),
-    )
-
-
-# How a camera looks at an object of size 1: slant off the plane's normal, so that the focal length shows, azimuth,
-# roll, distance; and how the object is turned and where it lies.
-LEAST_VIEW = np.array([0.5, -np.pi, -np.pi, 2.5, *[-np.pi] * 3, *[-30.0] * 3])
-LARGEST_VIEW = np.array([1.0, np.pi, np.pi, 6.0, *[np.pi] * 3, *[30.0] * 3])
-
-
-def seen_object(X, view, *, planar, unit=1.0):
-    """An object of points (N, 3) of size 1, flattened if planar and placed as `view` says: (X, camera, distance)."""
-    slant, around, roll, distance = view[:4]
-    turn, origin = rotation_from_angles(view[4:7]), view[7:]
-    towards = np.array([np.sin(slant) * np.cos(around), np.sin(slant) * np.sin(around), np.cos(slant)])
-    right = np.cross(-towards, [0.3, 1.0, 0.1])
-    right /= np.linalg.norm(right)
-    R = rotation_from_angles(np.array([0.0, 0.0, roll])) @ np.array([right, np.cross(-towards, right), -towards])
-    f = 170.0 * distance
-    K = np.array([[f, 0.0, 480.0], [0.0, f, 270.0], [0.0, 0.0, 1.0]])
-    camera = Camera(K, R @ turn.T, unit * (turn @ (distance * towards) + origin), SIZE)
-    return unit * (X * (1.0, 1.0, 0.0 if planar else 1.0) @ turn.T + origin), camera, unit * distance
-
-
-def any_object(rng, *, planar, count, placed=True):
-    """An object of random points, and a camera that looks at it."""
-    view = rng.uniform(LEAST_VIEW, LARGEST_VIEW) * np.where(np.arange(10) < 4, 1.0, placed)
-    return seen_object(rng.uniform(-1.0, 1.0, size=(count, 3)), view, planar=planar)
-
-
-@st.composite
-def objects(draw, *, planar, count, unit=1.0):
-    """The same, of points in general position: near the corners of a square or an octahedron, and near others."""
-    corners = [(-0.8, -0.7, 0), (0.7, -0.8, 0), (0.9, 0.7, 0), (-0.6, 0.8, 0)]
-    octahedron = [(0.9, 0.1, 0.1), (-0.8, 0.2, -0.2), (0.2, 0.9, -0.1), (0.1, -0.7, 0.1), (0.1, 0.2, 0.8), (0, 0, -0.9)]
-    X = np.random.default_rng(0).uniform(-1.0, 1.0, size=(count, 3))
-    X[: 4 if planar else 6] = corners if planar else octahedron
-    X += draw(vectors([-0.2] * 3, [0.2] * 3, count=count))
-    return seen_object(X, draw(vectors(LEAST_VIEW, LARGEST_VIEW)), planar=planar, unit=unit)
 
 
 # points of a field
@@ -119,12 +62,12 @@ def test_cameras_of_all_stands_come_back(camera):
 def test_opencv_shapes_are_one_view():
     X, xy = seen(CAMERA)
     expected = calibrate_from_points(X, xy, SIZE)
-    for objects, images in (
+    for given_as, images in (
         (X.tolist(), xy.tolist()),
         ([X.astype(np.float64)], [xy]),
         (X[:, None], xy[:, None]),
     ):
-        assert calibrate_from_points(objects, images, SIZE).camera == expected.camera
+        assert calibrate_from_points(given_as, images, SIZE).camera == expected.camera
 
 
 @pytest.mark.parametrize("prior", ["all", None])
@@ -173,6 +116,13 @@ def test_tau_rejects():
     calibration = calibrate_from_points(X, xy + np.random.default_rng(0).normal(size=xy.shape), SIZE, tau=1e-6)
     assert calibration.status is Status.REJECTED
     assert calibration.camera is not None
+
+
+def test_points_alone_do_not_say_where_the_touch_line_is():
+    """Nor then whether the camera stands on the field."""
+    X = np.array([point.X for name, point in soccer().points.items() if name.startswith("L_")])
+    truth = Camera.from_angles(-0.5, 1.35, 0.0, 1000.0, (0.0, 58.0, -18.0), SIZE)
+    assert calibrate_from_points(X, truth.project(X), SIZE).accepted
 
 
 # points of anything
@@ -469,176 +419,3 @@ def test_doubted_points_do_little_harm():
 def test_weights_that_are_none_raise(weights, message):
     with pytest.raises(ValueError, match=message):
         calibrate_from_points(X4, XY4, SIZE, weights=weights)
-
-
-# the start
-
-
-def started(X, xy, K, dist):
-    """What `_start` makes of points, with K given, focal length included, and everything else open."""
-    flags = PINHOLE_FLAGS | F.CALIB_FIX_FOCAL_LENGTH
-    common = {"criteria": DEFAULT_CRITERIA, "prior": None, "loss": "cauchy", "tau": None}
-    options = checked_options(SIZE, K, dist, None, None, flags=flags, **common)
-    names = tuple(f"point {i}" for i in range(len(X)))
-    return _start(Points(names, X, xy, np.ones(len(X)), K, dist, None, None, flags), options)
-
-
-@given(
-    drawn=objects(planar=False, count=12),
-    offset=vectors((-40.0, -40.0), (40.0, 40.0)),
-    aspect=numbers(0.8, 1.25),
-    k1=numbers(-0.2, 0.2),
-)
-@settings(max_examples=20)
-def test_what_is_known_is_taken_out_before_the_dlt(drawn, offset, aspect, k1):
-    """Lens, aspect ratio and principal point: the DLT of what is left is exact."""
-    X, camera, distance = drawn
-    K = camera.K * [[1.0], [aspect], [1.0]]
-    K[:2, 2] += offset
-    camera = Camera(K, camera.R, camera.C, SIZE, (k1, 0.0))
-    start = started(X, camera.project(X), K, (k1, 0.0))
-    np.testing.assert_allclose(start.K, K, rtol=1e-9)
-    assert relative_error(start, camera, distance) < 1e-5
-
-
-def test_a_known_focal_length_decides_the_distance():
-    """Seen head-on a plane has a camera at any distance, each with its focal length."""
-    X = np.array([[-1.0, -1, 0], [1, -1, 0], [1, 1, 0], [-1, 1, 0], [0.5, 0, 0]])
-    camera = Camera(np.array([[2500.0, 0, 480], [0, 2500.0, 270], [0, 0, 1]]), np.eye(3), (0.1, 0.2, -20.0), SIZE)
-    assert relative_error(started(X, camera.project(X), camera.K, None), camera) < 1e-5
-
-
-@pytest.mark.parametrize("planar", [True, False])
-@given(
-    data=st.data(),
-    wrong=st.sets(st.integers(0, 19), min_size=6, max_size=6),
-    by=vectors((100.0, 100.0), (300.0, 300.0), count=6),
-)
-@settings(max_examples=10)
-def test_resection_finds_the_camera_among_gross_errors(planar, data, wrong, by):
-    X, camera, distance = data.draw(objects(planar=planar, count=20))
-    u = camera.project(X) - camera.principal_point
-    u[sorted(wrong)] += by
-    found = resect(X, u, RobustLoss("cauchy", 20.0), 960.0)
-    assert found.f[0] == pytest.approx(camera.focal_length, rel=0.05)
-    np.testing.assert_allclose(found.R[0], camera.R, atol=0.05)
-    np.testing.assert_allclose(found.C[0], camera.C, atol=0.1 * distance)
-
-
-@pytest.mark.parametrize("planar", [True, False])
-@given(data=st.data())
-@settings(max_examples=10)
-def test_of_points_that_look_orthographic_the_focal_length_is_possible_still(planar, data):
-    """From 1e5 times as far away, with a lens as long."""
-    X, camera, _ = data.draw(objects(planar=planar, count=12))
-    centroid = X.mean(axis=0)
-    K = camera.K * [[1e5, 0.0, 1.0], [0.0, 1e5, 1.0], [0.0, 0.0, 1.0]]
-    far = Camera(K, camera.R, centroid + 1e5 * (camera.C - centroid), SIZE)
-    found = resect(X, far.project(X) - far.principal_point, RobustLoss("cauchy", 20.0), 960.0)
-    low, high = LOG_F_RANGE
-    assert low < np.log(found.f[0] / 960.0) < high
-
-
-@given(rng=generators())
-@settings(max_examples=20)
-def test_resection_has_most_points_in_front(rng):
-    """Behind a camera its homography maps points into the image too, but it does not see them."""
-    camera = Camera.from_angles(0.0, 1.3, 0.0, 900.0, (0.0, 0.0, -5.0), SIZE)
-    x = rng.uniform(-1.0, 1.0, size=20)
-    y = np.concatenate([rng.uniform(-80.0, -40.0, size=6), rng.uniform(5.0, 10.0, size=14)])
-    X = np.column_stack([x * np.abs(y) / 2.0, y, np.zeros(20)])
-    assert np.sum(camera.depth(X) > 0.0) == 6 < np.sum(camera.depth(X) < 0.0)
-    assert camera.depth(X.mean(axis=0)) > 0.0
-    u = dehomogenize(homogenize(X[:, :2]) @ camera.homography.T) - camera.principal_point
-    found = resect(X, u, RobustLoss("cauchy", 20.0), 960.0)
-    assert np.sum((X - found.C[0]) @ found.R[0][2] > 0.0) >= 14
-
-
-@pytest.mark.parametrize("planar", [True, False])
-def test_many_points_cost_little(planar):
-    X, camera, distance = any_object(np.random.default_rng(0), planar=planar, count=5000)
-    u = camera.project(X) - camera.principal_point
-    u[::3] += (200.0, -100.0)
-    tracemalloc.start()
-    try:
-        began = time.perf_counter()
-        found = resect(X, u, RobustLoss("cauchy", 20.0), 960.0)
-        seconds = time.perf_counter() - began
-        _, peak = tracemalloc.get_traced_memory()
-    finally:
-        tracemalloc.stop()
-    assert seconds < 1.0
-    assert peak < 100 * 2**20
-    assert found.f[0] == pytest.approx(camera.focal_length, rel=1e-6)
-    np.testing.assert_allclose(found.C[0], camera.C, atol=1e-5 * distance)
-
-
-# homographies
-
-
-@given(camera=cameras(lens=False))
-def test_a_homography_gives_its_camera(camera):
-    assume(len(points_in_view(camera, 0.1)) >= 3)
-    calibration = calibrate_from_homography(camera.homography, camera.image_size)
-    assert calibration.accepted
-    assert relative_error(calibration.camera, camera) < 1e-5
-    assert calibration.rms < 1e-3
-    assert calibration.loss_ndc < 1e-5
-    assert set(calibration.per_segment_errors) == points_in_view(camera, 0.1)
-
-
-def test_rms_says_how_far_a_homography_is_from_being_a_cameras():
-    H = CAMERA.homography * (1.0 + 0.003 * np.random.default_rng(5).normal(size=(3, 3)))
-    calibration = calibrate_from_homography(H, SIZE)
-    X = np.array([soccer()[name].X for name in calibration.per_segment_errors])
-    xy = dehomogenize(homogenize(X[:, :2]) @ H.T)
-    distance = np.linalg.norm(calibration.camera.project(X) - xy, axis=1)
-    np.testing.assert_allclose(list(calibration.per_segment_errors.values()), distance)
-    assert calibration.rms == pytest.approx(np.sqrt(np.mean(distance**2)))
-    assert calibration.rms > 0.03
-
-
-def test_a_homography_without_focal_length_has_no_camera():
-    calibration = calibrate_from_homography(without_focal_length(), SIZE, principal_point=(0.0, 0.0))
-    assert calibration.status is Status.IMPLAUSIBLE
-    assert calibration.camera is None
-    assert "no real focal length" in calibration.message
-
-
-def test_a_rejected_homography_has_the_closed_form():
-    camera = Camera.from_angles(0.2, 1.36, 0.0, 12000.0, (1.5, 68.0, -17.0), SIZE)
-    calibration = calibrate_from_homography(camera.homography, SIZE)
-    assert calibration.status is Status.IMPLAUSIBLE
-    assert relative_error(calibration.camera, camera) < 1e-6
-    assert calibration.message.startswith("not refined: of ")
-
-
-def test_a_field_seen_from_below_is_implausible():
-    """The camera above the ground of that homography has the field behind it."""
-    camera = Camera.from_angles(0.3, np.pi - 1.3, 0.0, 900.0, (2.0, 70.0, 18.0), SIZE)
-    calibration = calibrate_from_homography(camera.homography, SIZE)
-    assert calibration.status is Status.IMPLAUSIBLE
-    assert "the camera of the homography has 0 within" in calibration.message
-    np.testing.assert_allclose(calibration.camera.C, camera.C * (1, 1, -1), rtol=1e-6)
-
-
-@pytest.mark.parametrize(
-    ("camera", "complaint"),
-    [
-        (Camera.from_angles(-0.35, 1.36, np.radians(60.0), 1500.0, (1.5, 68.0, -17.0), SIZE), "rolled by more than 45"),
-        (Camera.from_angles(0.0, 1.36, 0.0, 9000.0, (0.0, 380.0, -80.0), SIZE), "more than 300 m away"),
-    ],
-)
-def test_a_homography_is_of_a_field(camera, complaint):
-    """What no camera of a stadium is, an object of another kind could have been seen by."""
-    calibration = calibrate_from_homography(camera.homography, SIZE)
-    assert calibration.status is Status.IMPLAUSIBLE
-    assert complaint in calibration.message
-    assert relative_error(calibration.camera, camera) < 1e-4
-
-
-def test_points_alone_do_not_say_where_the_touch_line_is():
-    """Nor then whether the camera stands on the field."""
-    X = np.array([point.X for name, point in soccer().points.items() if name.startswith("L_")])
-    truth = Camera.from_angles(-0.5, 1.35, 0.0, 1000.0, (0.0, 58.0, -18.0), SIZE)
-    assert calibrate_from_points(X, truth.project(X), SIZE).accepted

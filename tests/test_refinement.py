@@ -305,3 +305,9 @@ def test_a_homography_of_another_image_stays_as_it_is_and_says_so():
     assert nothing.camera is None
     with pytest.raises(ValueError, match="image is None"):
         refine_homography_on_image(FIELD, None, other.homography)
+
+
+def test_a_homography_in_yards_is_told_by_the_image():
+    truth = VIEWS["penalty area"]
+    found = refine_homography_on_image(FIELD, picture(truth), truth.homography @ np.diag([0.9144, 0.9144, 1.0]))
+    assert found.message.endswith("if H maps yards: then give H @ np.diag([1.09361, 1.09361, 1])")

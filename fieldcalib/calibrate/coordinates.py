@@ -45,6 +45,7 @@ LEAST_EVIDENCE = 4  # different coordinates that lie on markings, less two for e
 
 MAIN_STAND_X = 25.0  # metres from the halfway line: main cameras of the World Cup 2014
 MUCH_LESS = 0.8  # share of the ground in view that is field, as given against from the corner
+BEYOND_STANDS = 160.0  # metres from the axis through both goals: main stands reach 110, from a corner 160 yards
 
 
 @dataclass(frozen=True)
@@ -152,6 +153,29 @@ def may_be_from_a_corner(camera: Camera, field: Field) -> bool:
     ground = ground[np.linalg.norm(ground - camera.C[:2], axis=1) < field.farthest_camera]  # false for NaN
     as_given, moved = (np.mean(np.all(np.abs(ground - origin) <= corner, axis=1)) for origin in ((0.0, 0.0), corner))
     return bool(as_given < MUCH_LESS * moved)
+
+
+def reading_of_camera(camera: Camera, field: Field) -> tuple[str, bool] | None:
+    """Unit and whether the origin is the far left corner, if a camera stands with the main cameras only then.
+
+    None of a camera that could stand where it is: yards are too near to metres to be told by it.
+
+    Examples
+    --------
+    >>> from fieldcalib import soccer
+    >>> in_centimetres = Camera.from_angles(0.3, 1.3, 0.01, 1800.0, (200.0, 7000.0, -1800.0), (960, 540))
+    >>> reading_of_camera(in_centimetres, soccer())
+    ('centimetres', False)
+    """
+    if not camera.C[1] > BEYOND_STANDS:
+        return None
+    for unit, metres in UNITS.items():
+        for corner in (False, True):
+            x, y, z = metres * camera.C - corner * np.array([field.length / 2.0, field.width / 2.0, 0.0])
+            at_height = MAIN_CENTER.z[0] < z < MAIN_CENTER.z[1]
+            if abs(x) < MAIN_STAND_X and MAIN_CENTER.y[0] < y < MAIN_CENTER.y[1] and at_height:
+                return unit, corner
+    return None
 
 
 def _best(x: Array, *, corner: bool) -> tuple[int, int, tuple[float, float]]:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from types import MappingProxyType
 
 import numpy as np
@@ -21,6 +21,7 @@ GROUND_POINTS: Mapping[str, Point] = MappingProxyType(
 )
 LEAST_POINTS = 3  # that cv2.solvePnPRefineLM takes
 NO_FOCAL_LENGTH = "no real focal length fits the homography: it is no camera's"
+INVERSE = "its inverse is a camera's: H seems to map pixels to metres, give np.linalg.inv(H)"
 
 
 @dataclass(frozen=True)
@@ -73,6 +74,7 @@ def camera_from_homography(
     Returns
     -------
     Decomposition
+        Its message says so where H has no camera and its inverse has one: it maps pixels to the field then.
 
     Raises
     ------
@@ -92,13 +94,32 @@ def camera_from_homography(
     """
     if not (zeta > 0.0 and tolerance >= 0.0):
         raise ValueError(f"zeta must be positive and tolerance at least 0, got {zeta} and {tolerance}")
+    H = finite_homography(H)
+    found = _in_five_steps(H, image_size, points, zeta, tolerance, principal_point)
+    if found.camera is not None:
+        return found
+    # not swapped without asking: a video would change its convention with the frames that happen to fail
+    adjugate = np.cross(H[:, [1, 2, 0]], H[:, [2, 0, 1]], axis=0).T  # the inverse up to scale, also of a singular H
+    other = _in_five_steps(adjugate, image_size, points, zeta, tolerance, principal_point)
+    return found if other.camera is None else replace(found, message=f"{found.message}; {INVERSE}")
+
+
+def _in_five_steps(
+    H: Array,
+    image_size: tuple[int, int],
+    points: Mapping[str, Point],
+    zeta: float,
+    tolerance: float,
+    principal_point: ArrayLike | None,
+) -> Decomposition:
+    """`camera_from_homography` of H as it is."""
     X = _ground_points(points)
     initial = closed_form(H, image_size, principal_point=principal_point)
     if initial is None:
         return Decomposition(None, None, {}, {}, NO_FOCAL_LENGTH)
     size = np.array(initial.image_size)
     with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
-        xy = dehomogenize(homogenize(X[:, :2]) @ finite_homography(H).T)
+        xy = dehomogenize(homogenize(X[:, :2]) @ H.T)
         in_image = np.all(np.abs(xy / size - 0.5) <= 0.5 + tolerance, axis=1)
         near = np.linalg.norm(initial.project(X) - xy, axis=1) < zeta  # false behind the camera
     used = np.flatnonzero(in_image & near)

@@ -4,12 +4,13 @@ from __future__ import annotations
 
 from dataclasses import replace
 
+import numpy as np
 from numpy.typing import ArrayLike
 
 from fieldcalib.assess.ndc import ndc_loss
 from fieldcalib.assess.result import Calibration, Status
 from fieldcalib.assess.verdict import disagreement, implausibilities, segment_errors
-from fieldcalib.calibrate.coordinates import may_be_from_a_corner
+from fieldcalib.calibrate.coordinates import UNITS, may_be_from_a_corner, reading_of_camera
 from fieldcalib.calibrate.decomposition import Decomposition, camera_from_homography
 from fieldcalib.calibrate.options import WIDE_SCALE, pixel_unit
 from fieldcalib.fields.field import Field
@@ -20,9 +21,10 @@ from fieldcalib.problem.evaluation import evaluate_camera
 from fieldcalib.problem.labelled_pixels import Pixels
 
 NAN = float("nan")
+TO_CORNER = "[[1, 0, length / 2], [0, 1, width / 2], [0, 0, 1]]"
 FROM_A_CORNER = (
-    "it stands beside a corner and sees little of the field: if the origin of H is the far left corner, give "
-    "H @ [[1, 0, length / 2], [0, 1, width / 2], [0, 0, 1]]"
+    f"it stands beside a corner and sees little of the field: if the origin of H is the far left corner, give "
+    f"H @ {TO_CORNER}"
 )
 
 
@@ -58,8 +60,9 @@ def calibrate_from_homography(
     -------
     Calibration
         "implausible" without a camera where the homography has no real focal length, and with the unrefined one where
-        fewer than three points are near enough: the paper rejects those. The message says so where the origin of H
-        seems to be a corner of the field.
+        fewer than three points are near enough: the paper rejects those. The message says so where H seems to map
+        pixels to the field, its origin a corner of the field, or its unit feet, centimetres or millimetres. Yards are
+        not told from metres: the camera of either could be; `refine_homography_on_image` has the image to tell.
 
     Raises
     ------
@@ -91,9 +94,25 @@ def judged_decomposition(found: Decomposition) -> Calibration:
     if found.camera is None:
         message = f"not refined: {found.message}"
         calibration = replace(calibration, status=Status.IMPLAUSIBLE, message=message)
+    hint = _other_coordinates(camera, field)
+    return replace(calibration, message=f"{calibration.message}; {hint}") if hint else calibration
+
+
+def _other_coordinates(camera: Camera, field: Field) -> str:
+    """What the coordinates of a homography seem to be, and what mends that, if not metres from the centre mark."""
     if may_be_from_a_corner(camera, field):
-        return replace(calibration, message=f"{calibration.message}; {FROM_A_CORNER}")
-    return calibration
+        return FROM_A_CORNER
+    reading = reading_of_camera(camera, field)
+    if reading is None:
+        return ""
+    unit, corner = reading
+    per_metre = f"{1.0 / UNITS[unit]:.6g}"
+    return (
+        f"it stands {np.linalg.norm(camera.C):.0f} m away, and with the main cameras if H maps {unit} from the "
+        f"{'far left corner' if corner else 'centre mark'}: then give H @ np.diag([{per_metre}, {per_metre}, 1])"
+        + corner
+        * f" @ {TO_CORNER}"
+    )
 
 
 def judged_camera(

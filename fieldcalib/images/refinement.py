@@ -17,6 +17,7 @@ from fieldcalib.calibrate.from_homography import calibrate_from_homography
 from fieldcalib.calibrate.options import ALL, DEFAULT_FLAGS, PAINT, CalibrationFlags, Prior, pixel_unit
 from fieldcalib.fields.segments import ObjectSegments
 from fieldcalib.geometry.camera import Camera
+from fieldcalib.geometry.homography import YARD
 from fieldcalib.images.line_profiles import Markings, Strips, pixels_of_lines, profiles_along
 from fieldcalib.io.image import Image, checked_image
 from fieldcalib.problem.labelled_pixels import ImageSegments, Pixels, Weights, check_segments
@@ -120,7 +121,8 @@ def refine_homography_on_image(
     -------
     Calibration
         The refined one, or that of the homography, whose message says so, where the image does not support it: the
-        markings must be within about 12 px of the lines in an image of 960x540.
+        markings must be within about 12 px of the lines in an image of 960x540. The message also says so where the
+        image supports the homography with yards for metres.
 
     Raises
     ------
@@ -144,9 +146,13 @@ def refine_homography_on_image(
     if start.camera is None:
         return start
     refined = refine_on_image(object_segments, image, start, flags=flags, prior=prior)
-    if refined is start:
-        return replace(start, message=f"{start.message}; not refined: the image shows too few lines at its markings")
-    return refined
+    if refined is not start:
+        return refined
+    complaint = "not refined: the image shows too few lines at its markings"
+    in_yards = calibrate_from_homography(np.asarray(H) @ np.diag([1.0 / YARD, 1.0 / YARD, 1.0]), (width, height))
+    if refine_on_image(object_segments, image, in_yards, flags=flags, prior=prior) is not in_yards:
+        complaint += f"; it shows them if H maps yards: then give H @ np.diag([{1 / YARD:.6g}, {1 / YARD:.6g}, 1])"
+    return replace(start, message=f"{start.message}; {complaint}")
 
 
 @dataclass(frozen=True, eq=False)
