@@ -1,16 +1,20 @@
 """Other fields than soccer's on the command line."""
 
 import json
+from dataclasses import replace
+from pathlib import Path
+from shutil import copy
 
 import numpy as np
 import pytest
 from commands import lines_of, run
 
-from fieldcalib import Camera
+from fieldcalib import Camera, soccer
 from fieldcalib.fields import tennis
 from fieldcalib.io.field_files import write_field
 from fieldcalib.io.results import read_results
 from fieldcalib.io.soccernet import format_annotation
+from fieldcalib.localize.network import SHIPPED
 
 SIZE = (1280, 720)
 TRUTH = Camera.from_angles(np.pi / 2.0, 1.2, 0.0, 1500.0, (-30.0, 0.0, -8.0), SIZE)
@@ -96,8 +100,38 @@ def test_what_cannot_be(court, tmp_path, capsys, options, message):
     assert not (tmp_path / "out").exists()
 
 
-def test_a_network_for_another_field(tmp_path, capsys):
+def test_a_field_without_stands_says_what_to_do(court, tmp_path, capsys):
+    path = tmp_path / "own.yaml"
+    write_field(path, replace(tennis(), stands=()))
+    assert calibrate(court, tmp_path / "out", "--field", path) == 2
+    said = capsys.readouterr().err
+    assert f"--field {path} does not say where its cameras stand: add `stands` to it, or give --prior none" in said
+    assert calibrate(court, tmp_path / "out", "--field", path, "--prior", "none") == 0
+
+
+def test_a_field_that_was_edited_has_one_size(court, tmp_path, capsys):
+    path = tmp_path / "own.yaml"
+    write_field(path, soccer())
+    path.write_text(path.read_text().replace("Middle line", "Halfway line"))
+    assert calibrate(court, tmp_path / "out", "--field", path, "--field-length", "100") == 2
+    assert f"--field {path} has one size, 105 x 68 m" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("command", ["run", "localize"])
+def test_a_network_for_another_field(tmp_path, capsys, command):
     (tmp_path / "a.png").write_bytes(b"")
-    assert run("run", tmp_path / "a.png", "--field", "tennis", "--out", tmp_path / "out") in (1, 2)
+    assert run(command, tmp_path / "a.png", "--field", "tennis", "--out", tmp_path / "out") == 2
+    said = capsys.readouterr().err
+    assert "knows soccer fields only: --field tennis needs one that was trained for it, --model NETWORK.onnx" in said
+    assert not (tmp_path / "out").exists()
+    model = tmp_path / "mine.onnx"
+    copy(Path(SHIPPED), model)
+    copy(Path(SHIPPED).with_suffix(".json"), model.with_suffix(".json"))
+    assert run(command, tmp_path / "a.png", "--field", "tennis", "--model", model, "--out", tmp_path / "out") == 2
+    assert f"which is a class of --model {model}: give the field that it was trained for" in capsys.readouterr().err
+
+
+def test_a_prior_that_is_none_of_the_fields(tmp_path, capsys):
+    (tmp_path / "a.png").write_bytes(b"")
     assert run("run", tmp_path / "a.png", "--field", "tennis", "--prior", "x", "--out", tmp_path / "out") == 2
     assert "--prior x: expected all" in capsys.readouterr().err

@@ -1,13 +1,18 @@
 """Fields in files of one's own: what is read is what was written, and errors say what is wrong with what."""
 
 import json
+import pickle
 from dataclasses import replace
 
 import numpy as np
 import pytest
+import yaml
 
 from fieldcalib import soccer
 from fieldcalib.fields import FIELDS, field_named
+from fieldcalib.fields.records import field_from_record, field_to_record
+from fieldcalib.fields.segments import Point
+from fieldcalib.fields.sports.rugby_union import rugby_union
 from fieldcalib.fields.traits import Paint
 from fieldcalib.io.field_files import read_field, write_field
 from fieldcalib.io.files import BrokenFileError
@@ -37,10 +42,42 @@ size_known: true
 @pytest.mark.parametrize("name", FIELDS)
 def test_every_field_is_read_as_it_was_written(tmp_path, name, suffix):
     field, path = field_named(name), tmp_path / f"field{suffix}"
-    write_field(path, field)
-    assert read_field(path) == field
-    write_field(path, replace(field, size_model=None))  # with all segments in the file
-    assert read_field(path) == replace(field, size_model=None)
+    for one in (field, replace(field, size_model=None)):
+        write_field(path, one)
+        assert read_field(path) == one
+
+
+def test_what_is_written_is_an_example_with_everything(tmp_path):
+    path = tmp_path / "field.yaml"
+    write_field(path, soccer())
+    record = yaml.safe_load(path.read_text())
+    assert list(record["segments"]) == list(soccer())
+    assert record["segments"]["Middle line"] == {"kind": "Line", "start": [0.0, -34.0, 0.0], "end": [0.0, 34.0, 0.0]}
+    record["segments"]["Middle line"]["start"] = [0.0, -35.0, 0.0]
+    path.write_text(yaml.safe_dump(record))
+    mine = read_field(path)
+    assert mine["Middle line"].start == (0.0, -35.0, 0.0)
+    assert mine.stands == soccer().stands
+    assert not mine.moves_with_size
+
+
+@pytest.mark.parametrize("in_goal", [10.0, 8.0])
+def test_a_field_of_rugby_keeps_its_in_goal(tmp_path, in_goal):
+    field = rugby_union(98.0, 69.0, in_goal=in_goal)
+    assert field.resized(100.0, 70.0) == rugby_union(in_goal=in_goal)
+    assert field.motion[list(field).index("Dead-ball line right"), 0, 0].tolist() == [0.5, 0.0]
+    short = field_to_record(field)
+    assert short["builder"] == "rugby-union"
+    moved = field.with_segments({"mine": Point((0.0, 0.0, 0.0))})
+    write_field(tmp_path / "field.json", moved)
+    for again in (field_from_record(json.loads(json.dumps(short))), pickle.loads(pickle.dumps(field))):
+        assert again == field
+        assert (
+            again.resized(100.0, 70.0)["Dead-ball line right"] == rugby_union(in_goal=in_goal)["Dead-ball line right"]
+        )
+    assert read_field(tmp_path / "field.json") == moved
+    with pytest.raises(ValueError, match="unknown in_gaol: expected builder, length, width, size_known, in_goal"):
+        field_from_record({**short, "in_gaol": 8.0})
 
 
 def test_a_court_of_ones_own(tmp_path):
@@ -114,7 +151,7 @@ def test_what_a_field_is_written_to(tmp_path):
         write_field(tmp_path / "field.txt", soccer())
     assert list(tmp_path.iterdir()) == []
     write_field(tmp_path / "field.json", soccer(100, 64))
-    assert json.loads((tmp_path / "field.json").read_text())["builder"] == "soccer"
+    assert json.loads((tmp_path / "field.json").read_text())["width"] == 64.0
 
 
 def test_python_objects_in_yaml_are_not_made(tmp_path):

@@ -6,7 +6,7 @@ import argparse
 from dataclasses import replace
 from functools import lru_cache
 
-from fieldcalib.calibrate.options import ALL, Prior, checked_prior
+from fieldcalib.calibrate.options import ALL, Prior
 from fieldcalib.cli.arguments import NO_PRIOR, positive
 from fieldcalib.fields.catalogue import FIELDS, field_named
 from fieldcalib.fields.field import Field
@@ -62,7 +62,7 @@ def field_of(options: argparse.Namespace) -> Field:
     field = _field(options.field)
     length, width = options.field_length, options.field_width
     if length is not None or width is not None:
-        if field.size_model is None:
+        if not field.moves_with_size:
             raise ValueError(
                 f"--field {options.field} has one size, {field.length:g} x {field.width:g} m: leave out --field-length "
                 f"and --field-width"
@@ -78,7 +78,7 @@ def prior_of(options: argparse.Namespace) -> Prior:
     Raises
     ------
     ValueError
-        If the field has no such stand.
+        If the field has no such stand, or none at all.
     """
     if options.prior == NO_PRIOR:
         return None
@@ -86,7 +86,11 @@ def prior_of(options: argparse.Namespace) -> Prior:
     known = (ALL, *field.named_stands)
     if prior not in known:
         raise ValueError(f"--prior {prior}: expected {', '.join(known)} or {NO_PRIOR}")
-    checked_prior(prior, field)
+    if prior == ALL and not field.stands:
+        raise ValueError(
+            f"--field {options.field} does not say where its cameras stand: add `stands` to it, or give --prior "
+            f"{NO_PRIOR} to calibrate without (docs/custom-fields.md has an example)"
+        )
     return prior
 
 

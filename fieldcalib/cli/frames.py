@@ -11,6 +11,7 @@ from functools import lru_cache
 from pathlib import Path
 
 from fieldcalib.cli.arguments import add_most_bytes, count, millions
+from fieldcalib.cli.fields import field_of
 from fieldcalib.cli.folder import name_skipped, problem
 from fieldcalib.cli.inputs import Input
 from fieldcalib.cli.interrupts import interrupts_end_the_process
@@ -23,6 +24,7 @@ from fieldcalib.io.image import Image
 from fieldcalib.io.images import MOST_PIXELS
 from fieldcalib.io.videos import FrameReader, VideoWriter
 from fieldcalib.localize import SegmentationNetwork
+from fieldcalib.localize.grid import BACKGROUND, classes_without_segment
 from fieldcalib.localize.network import CPU
 
 MOST_BYTES = 256_000_000  # of an image file
@@ -221,9 +223,28 @@ def _loaded(model: Path | None, provider: str) -> SegmentationNetwork:
 
 
 def load_network(options: argparse.Namespace) -> SegmentationNetwork:
-    """The network that the options ask for, and OpenCV, which reads the images: both with that many threads."""
+    """The network that the options ask for, and OpenCV, which reads the images: both with that many threads.
+
+    Raises
+    ------
+    ValueError
+        If it is for another field than --field.
+    """
     with interrupts_end_the_process():
         import cv2
 
         cv2.setNumThreads(options.threads)
-        return SegmentationNetwork.load(options.model, provider=options.provider, threads=options.threads)
+        network = SegmentationNetwork.load(options.model, provider=options.provider, threads=options.threads)
+    unknown = classes_without_segment(network.classes, field_of(options))
+    if unknown and options.model is None:
+        raise ValueError(
+            f"the network that comes with fieldcalib knows soccer fields only: --field {options.field} needs one that "
+            f"was trained for it, --model NETWORK.onnx; labelled pixels need none, see fieldcalib calibrate"
+        )
+    if unknown:
+        raise ValueError(
+            f"--field {options.field} has no segment {unknown[0]!r}, which is a class of --model {options.model}: give "
+            f"the field that it was trained for, or name the class {BACKGROUND!r} in "
+            f"{options.model.with_suffix('.json')}"
+        )
+    return network

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping
-from dataclasses import MISSING, asdict, fields
+from dataclasses import MISSING, asdict, fields, is_dataclass, replace
 from functools import partial
-from typing import Any, TypeVar
+from typing import Any, TypeAlias, TypeVar
 
 from fieldcalib._json import from_json, to_json
 from fieldcalib.fields.field import Field, built
@@ -13,15 +13,16 @@ from fieldcalib.fields.segments import Arc, Line, Point, PointCloud, Segment
 from fieldcalib.fields.soccer import soccer
 from fieldcalib.fields.sports.futsal import futsal
 from fieldcalib.fields.sports.ice_hockey import ice_hockey_iihf
-from fieldcalib.fields.sports.rugby_union import rugby_union
+from fieldcalib.fields.sports.rugby_union import OfInGoal
 from fieldcalib.fields.stands import CameraDistribution
 from fieldcalib.fields.traits import Halves, LineLook, Paint, ProbabilityModel, SizePrior
 
-BUILDERS: Mapping[str, Callable[..., Field]] = {
+Build: TypeAlias = Callable[[float, float], Field]
+BUILDERS: Mapping[str, Build] = {  # a dataclass has more parameters
     "soccer": soccer,
     "futsal": futsal,
     "ice-hockey-iihf": ice_hockey_iihf,
-    "rugby-union": rugby_union,
+    "rugby-union": OfInGoal(),
 }
 SEGMENTS: Mapping[str, type[Segment]] = {kind.__name__: kind for kind in (Point, Line, Arc, PointCloud)}
 
@@ -29,21 +30,31 @@ T = TypeVar("T")
 
 
 def field_to_record(field: Field) -> dict[str, Any]:
-    """A field for `json.dumps`.
-
-    Its `size_model` is left out if that builds fields by a function of somebody else: JSON has none.
+    """A field for `json.dumps`, as short as it can be: a builder of this package where it has one.
 
     Examples
     --------
     >>> field_to_record(soccer(100, 64))
     {'builder': 'soccer', 'length': 100.0, 'width': 64.0, 'size_known': False}
     """
-    size = {"length": float(field.length), "width": float(field.width), "size_known": field.size_known}
-    model = field.size_model
-    builder = next((name for name, build in BUILDERS.items() if model is not None and build is model.build), None)
+    builder = _builder_of(field)
     if builder is not None and field.is_built:
-        return {"builder": builder, **size}
-    return size | {
+        return {"builder": builder.pop("build"), **builder, **_size_of(field)}
+    return whole_record(field)
+
+
+def whole_record(field: Field) -> dict[str, Any]:
+    """A field for `json.dumps` with all that is known of it, segment by segment.
+
+    Its `size_model` is left out if that builds fields by a function of somebody else: JSON has none.
+
+    Examples
+    --------
+    >>> whole_record(soccer(100, 64))["segments"]["Middle line"]
+    {'kind': 'Line', 'start': (0.0, -32.0, 0.0), 'end': (0.0, 32.0, 0.0)}
+    """
+    model, builder = field.size_model, _builder_of(field)
+    return _size_of(field) | {
         "segments": {label: {"kind": type(one).__name__, **asdict(one)} for label, one in field.items()},
         "stands": [asdict(stand) for stand in field.stands],
         "more_stands": [asdict(stand) for stand in field.more_stands],
@@ -53,9 +64,24 @@ def field_to_record(field: Field) -> dict[str, Any]:
         "paint": {label: asdict(one) for label, one in field.paint.items()},
         "surface": field.surface,
         "halves": {circle: list(parts) for circle, parts in field.halves.items()},
-        "size_model": None if model is None or builder is None else {**asdict(model), "build": builder},
+        "size_model": None if model is None or builder is None else {**asdict(model), **builder},
         "probability": None if field.probability is None else list(field.probability.coefficients),
     }
+
+
+def _size_of(field: Field) -> dict[str, Any]:
+    return {"length": float(field.length), "width": float(field.width), "size_known": field.size_known}
+
+
+def _builder_of(field: Field) -> dict[str, Any] | None:
+    """What builds it and those of other sizes: the name, and its parameters."""
+    build = None if field.size_model is None else field.size_model.build
+    for name, usual in BUILDERS.items():
+        if build == usual:
+            return {"build": name}
+        if is_dataclass(build) and type(build) is type(usual):
+            return {"build": name, **asdict(build)}  # type: ignore[call-overload]
+    return None
 
 
 def field_from_record(record: Mapping[str, Any]) -> Field:
@@ -77,9 +103,10 @@ def field_from_record(record: Mapping[str, Any]) -> Field:
     ValueError: segments: Middle line: expected start, end
     """
     if isinstance(record, Mapping) and "builder" in record:
-        _check_keys(record, ("builder", "length", "width"), ("size_known",))
+        build = _builder(record["builder"], record)
+        _check_keys(record, ("builder", "length", "width"), ("size_known", *_parameters(build)))
         size = (_named("length", _number, record["length"]), _named("width", _number, record["width"]))
-        return built(_builder(record["builder"]), *size, _named("size_known", _truth, record.get("size_known", False)))
+        return built(build, *size, _named("size_known", _truth, record.get("size_known", False)))
     _check_keys(record, ("length", "width", "segments"), OPTIONAL)
     length, width = (_named(name, _number, record[name]) for name in ("length", "width"))
     segments = _named("segments", _segments, record["segments"])
@@ -122,10 +149,17 @@ def _truth(value: Any) -> bool:
     return value
 
 
-def _builder(name: str) -> Callable[..., Field]:
+def _builder(name: str, record: Mapping[str, Any]) -> Build:
+    """What builds fields, with the parameters that the record has."""
     if name not in BUILDERS:
         raise ValueError(f"expected a field that is one of {', '.join(BUILDERS)}, got {name!r}")
-    return BUILDERS[name]
+    build = BUILDERS[name]
+    given = {one: _named(one, _number, record[one]) for one in _parameters(build) if one in record}
+    return replace(build, **given) if given else build  # type: ignore[type-var]
+
+
+def _parameters(build: Build) -> list[str]:
+    return [one.name for one in fields(build)] if is_dataclass(build) else []
 
 
 def _segments(records: Any) -> dict[str, Segment]:
@@ -171,7 +205,9 @@ def _size_model(record: Any) -> SizePrior | None:
     if record is None:
         return None
     ranges = {name: tuple(tuple(pair) for pair in record[name]) for name in ("legal", "usual") if name in record}
-    return _made(SizePrior, {**record, **ranges, "build": _builder(record.get("build"))})
+    build = _builder(record.get("build"), record)
+    own = {name: value for name, value in record.items() if name not in _parameters(build)}
+    return _made(SizePrior, {**own, **ranges, "build": build})
 
 
 def _probability(coefficients: Any) -> ProbabilityModel | None:

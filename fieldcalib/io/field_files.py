@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from fieldcalib.fields.field import Field
-from fieldcalib.fields.records import field_from_record, field_to_record
+from fieldcalib.fields.records import field_from_record, whole_record
 from fieldcalib.io.files import YAML, BrokenFileError, read_json_or_yaml, write_text
 
 JSON = (".json",)
@@ -51,7 +51,7 @@ def read_field(path: Path | str) -> Field:
 
 
 def write_field(path: Path | str, field: Field) -> None:
-    """Write a field, for `read_field`: a start for one's own.
+    """Write a field with all its segments, for `read_field`: a start for one's own.
 
     Raises
     ------
@@ -61,7 +61,7 @@ def write_field(path: Path | str, field: Field) -> None:
     path = Path(path)
     if not is_field_file(path.name):
         raise ValueError(f"expected a name that ends in .yaml or .json, got {path.name!r}")
-    write_text(path, (_format_json if path.suffix.lower() in JSON else _format_yaml)(field_to_record(field)))
+    write_text(path, (_format_json if path.suffix.lower() in JSON else _format_yaml)(whole_record(field)))
 
 
 def _format_json(record: Any) -> str:

@@ -62,9 +62,14 @@ def check_classes(probability: Float32, classes: Sequence[str], object_segments:
         raise ValueError(
             f"expected probabilities of shape ({len(classes)}, height, width), one per class, got {probability.shape}"
         )
-    unknown = [name for name in classes if name != BACKGROUND and name not in object_segments]
+    unknown = classes_without_segment(classes, object_segments)
     if unknown:
         raise ValueError(
             f"the network's class {unknown[0]!r} is not a segment of the object: give the object that the network was "
             f"trained for, or name the class {BACKGROUND!r} to ignore it"
         )
+
+
+def classes_without_segment(classes: Sequence[str], object_segments: ObjectSegments) -> list[str]:
+    """Classes of a network that are neither a segment of the object nor the background."""
+    return [name for name in classes if name != BACKGROUND and name not in object_segments]

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 from fieldcalib.fields.field import Field
 from fieldcalib.fields.mirrored import with_left, with_top
 from fieldcalib.fields.segments import Line, Point, Segment
@@ -12,6 +14,7 @@ from fieldcalib.fields.traits import LineLook, Paint, SizePrior
 # Law 1, in metres.
 LEGAL = ((94.0, 100.0), (68.0, 70.0))  # length and width of the field of play
 IN_GOAL = (6.0, 22.0)  # depth
+USUAL_IN_GOAL = 10.0
 LINE_WIDTH = 0.10  # the law says nothing; as is usual
 TWENTY_TWO, TEN = 22.0, 10.0  # from the goal line, from the halfway line
 FIVE, FIFTEEN = 5.0, 15.0  # from touch, and the dashes in front of the goal line
@@ -22,8 +25,19 @@ POSTS = 0.12  # diameter
 POSTS_HEIGHT = 15.0  # at least 3.4; those of stadiums reach 10 to 17
 
 
+@dataclass(frozen=True)
+class OfInGoal:
+    """Builds fields of any length and width whose in-goal areas have one depth."""
+
+    in_goal: float = USUAL_IN_GOAL
+
+    def __call__(self, length: float, width: float) -> Field:
+        """`rugby_union` of a length and a width."""
+        return rugby_union(length, width, in_goal=self.in_goal)
+
+
 def rugby_union(
-    length: float = 100.0, width: float = 70.0, *, in_goal: float = 10.0, size_known: bool = False
+    length: float = 100.0, width: float = 70.0, *, in_goal: float = USUAL_IN_GOAL, size_known: bool = False
 ) -> Field:
     """A field for rugby union: outline, goal lines, 22s, halfway line, the dashed lines, in-goal areas and goals.
 
@@ -111,6 +125,6 @@ def rugby_union(
             **{label: Paint(dashes=DASHES) for label in segments if label.startswith(DASHED)},
             **{label: Paint(dashes=ROW) for label in ("5-metre dashes left", "5-metre dashes right")},
         },
-        size_model=SizePrior(LEGAL, LEGAL, build=rugby_union, rules="law 1"),
+        size_model=SizePrior(LEGAL, LEGAL, build=OfInGoal(in_goal), rules="law 1"),
         size_known=size_known,
     )
