@@ -157,6 +157,17 @@ def test_labels_are_mapped_and_others_named_once(annotations, calibrated_folder,
     assert "none.json: cannot be read" in capsys.readouterr().err
 
 
+def test_a_label_that_is_mapped_to_nothing_is_not_spoken_of(annotations, tmp_path, capsys):
+    path = put(tmp_path / "in", "cvat", annotations)
+    box = '<box label="{}" source="manual" occluded="0" xtl="1" ytl="2" xbr="3" ybr="4" z_order="0" />\n  </image>'
+    path.write_text(path.read_text().replace("</image>", box.format("player")).replace("</image>", box.format("ball")))
+    (tmp_path / "map.yaml").write_text("player:\n")
+    assert calibrate(path, out=tmp_path / "out", options=["--labels", tmp_path / "map.yaml"]) == 0
+    said = capsys.readouterr().err
+    assert "left out box of 'ball' in 4 frames\n" in said
+    assert "player" not in said
+
+
 def test_soccernets_labels_are_mapped_too(annotated_folder, tmp_path):
     (tmp_path / "in").mkdir()
     text = (annotated_folder / "a.json").read_text().replace("Side line top", "far touchline")

@@ -229,6 +229,7 @@ def test_names_of_images_in_label_studio(image, id):
 
 def test_shapes_that_are_no_lines_are_named():
     found = {tool: read(tool, text_of(tool))[0].left_out for tool in ("cvat", "labelme", "coco")}
+    found = {tool: tuple(map(str, shapes)) for tool, shapes in found.items()}
     assert found == dict.fromkeys(("cvat", "coco"), ("box of 'player'",)) | {"labelme": ("rectangle of 'player'",)}
 
 

@@ -238,7 +238,7 @@ def test_a_run_is_resumed_with_the_same_known_camera_only(know, folder, tmp_path
     opencv_file(path, NARROW)  # the same file with another content
     assert run("run", folder, "--out", out, "--intrinsics", path, "--resume") == 2
     assert "--intrinsics was " in capsys.readouterr().err
-    assert run("run", folder, "--out", out, "--intrinsics", path, "--position=-1,60,-15", "--resume") == 2
+    assert run("run", folder, "--out", out, "--intrinsics", path, "--position", "-1,60,-15", "--resume") == 2
     assert "--position was None, is [-1.0, 60.0, -15.0]" in capsys.readouterr().err
 
 
@@ -266,6 +266,8 @@ def test_intrinsics_without_a_size(know, folder, tmp_path, capsys):
         (["--rotation", "a,b,c"], "argument --rotation: expected PAN,TILT,ROLL in degrees, as 12,78,0, got 'a,b,c'"),
         (["--intrinsics", "nowhere.yml"], "argument --intrinsics: nowhere.yml: cannot be read"),
         (["--intrinsics", "{}", "--lens", "auto"], "--intrinsics says what the lens is: leave --lens out"),
+        (["--intrinsics", "{}", "--lens", "k1"], "--intrinsics says what the lens is: leave --lens out"),
+        (["--rotation", "-20,78"], "argument --rotation: expected PAN,TILT,ROLL in degrees, as 12,78,0, got '-20,78'"),
         (["--intrinsics", "{}", "--position", "0,60,-9", "--rotation", "0,80,0"], "leave nothing to estimate"),
     ],
 )

@@ -297,6 +297,10 @@ def test_an_uncertainty_that_is_not_known_is_left_empty(calibration):
     assert np.isnan(found.standard_deviations).all()
     with pytest.raises(ValueError, match="there is no camera"):
         locate_on_ground(Calibration.without_camera(Status.TOO_FEW_SEGMENTS, "none"), [[1.0, 2.0]])
+    with pytest.raises(
+        ValueError, match=r"expected a Calibration, got a Camera; camera.image_to_field\(xy\) gives the"
+    ):
+        locate_on_ground(calibration.camera, [[1.0, 2.0]])
 
 
 # Coordinate systems

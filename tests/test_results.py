@@ -368,10 +368,16 @@ def test_results_as_a_table(written):
     results = read_results(written)
     assert table.loc["0", "angles_degrees.pan"] == pytest.approx(np.degrees(results["0"].camera.angles[0]))
     assert table.loc["9", "status"] == "broken file"
-    assert table.loc["9", "calibration"] is None
-    assert table.loc["1", "calibration"] == results["1"]
+    assert table.loc["1", "image_size"] == list(SIZE)
+    label = next(iter(results["1"].pixel_counts))
+    assert table.loc["1", f"pixel_counts.{label}"] == results["1"].pixel_counts[label]
     assert table.loc["0", "rms_px"] == results["0"].rms
     assert not any("solved" in column for column in table.columns)
+    assert json.loads(table.to_json(orient="index"))["1"]["C"] == pytest.approx(results["1"].camera.C.tolist())
+    table.to_parquet(written / "table.parquet")
+    again = pandas.read_parquet(written / "table.parquet")
+    assert again.loc["1", "K"][0][0] == results["1"].camera.K[0, 0]
+    assert list(again.columns) == list(table.columns)
 
 
 def test_without_pandas_the_message_says_how_to_get_it(written, monkeypatch):

@@ -59,7 +59,7 @@ def locate_on_ground(calibration: Calibration, xy: ArrayLike, *, pixel_sd: float
     Raises
     ------
     ValueError
-        If there is no camera, `pixel_sd` is negative, or the pixels have another shape.
+        If it is no calibration, there is no camera, `pixel_sd` is negative, or the pixels have another shape.
 
     Examples
     --------
@@ -71,6 +71,11 @@ def locate_on_ground(calibration: Calibration, xy: ArrayLike, *, pixel_sd: float
     >>> np.isfinite(found.standard_deviations).all(axis=-1)  # the second one is above the horizon
     array([ True, False])
     """
+    if not isinstance(calibration, Calibration):
+        hint = "; camera.image_to_field(xy) gives the points, a camera alone has no errors" * isinstance(
+            calibration, Camera
+        )
+        raise ValueError(f"expected a Calibration, got a {type(calibration).__name__}{hint}")
     camera = calibration.camera
     if camera is None:
         raise ValueError(f"there is no camera to locate pixels with: {calibration.message}")

@@ -21,7 +21,13 @@ LENSES = {
     "opencv": DEFAULT_FLAGS & ~(_F.CALIB_FIX_K2 | _F.CALIB_FIX_K3 | _F.CALIB_FIX_TANGENT_DIST),
     "auto": DEFAULT_FLAGS | _F.CALIB_AUTO_LENS,
 }
-USUAL_LENS = "k1"
+
+
+class Unsaid(str):
+    """The default of an option: the same text, given by the user, is none."""
+
+
+USUAL_LENS = Unsaid("k1")
 NO_PRIOR = "none"
 JSON_LINES, PARQUET = "jsonl", "parquet"
 

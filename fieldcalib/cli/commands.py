@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import argparse
+import re
 from collections.abc import Sequence
 from importlib import import_module
 
 import fieldcalib
 
+NEGATIVE = re.compile(r"-\.?\d")  # how a negative number begins
 COMMANDS = {
     "run": "calibrate images or a video",
     "localize": "find the markings in images",
@@ -19,6 +21,26 @@ COMMANDS = {
     "join": "put the results of shards together",
     "demo": "calibrate a synthetic pan over a pitch and draw it",
 }
+
+
+def with_values_joined(arguments: Sequence[str]) -> list[str]:
+    """The arguments with values that begin with a minus sign and a digit joined to their option.
+
+    argparse takes such values for options, unless they are plain numbers.
+
+    Examples
+    --------
+    >>> with_values_joined(["run", "clip.mp4", "--position", "-3,62,-17", "--strict"])
+    ['run', 'clip.mp4', '--position=-3,62,-17', '--strict']
+    """
+    joined: list[str] = []
+    for argument in arguments:
+        last = joined[-1] if joined else ""
+        if NEGATIVE.match(argument) and last.startswith("--") and last != "--" and "=" not in last:
+            joined[-1] = f"{last}={argument}"
+        else:
+            joined.append(argument)
+    return joined
 
 
 def command_parser(arguments: Sequence[str]) -> argparse.ArgumentParser:

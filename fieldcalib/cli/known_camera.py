@@ -10,7 +10,7 @@ import numpy as np
 from fieldcalib._types import Array
 from fieldcalib.calibrate.given_camera import NOTHING_GIVEN, GivenCamera
 from fieldcalib.calibrate.options import KNOWN_INTRINSICS_FLAGS, CalibrationFlags
-from fieldcalib.cli.arguments import LENSES, USUAL_LENS
+from fieldcalib.cli.arguments import LENSES, Unsaid
 from fieldcalib.geometry.camera import Camera
 from fieldcalib.geometry.rotation import rotation_from_angles
 from fieldcalib.io.files import BrokenFileError
@@ -33,14 +33,13 @@ def add_known_camera(parser: argparse.ArgumentParser) -> None:
         "--position",
         type=_position,
         metavar="X,Y,Z",
-        help="known position of the camera in metres: from the centre mark, y towards the main stand, z down; "
-        "--position=-3,62,-17 where x is negative",
+        help="known position of the camera in metres: from the centre mark, y towards the main stand, z down",
     )
     parser.add_argument(
         "--rotation",
         type=_rotation,
         metavar="PAN,TILT,ROLL",
-        help="known rotation of the camera, degrees, as in camera_<id>.json; --rotation=-20,78,0 where pan is negative",
+        help="known rotation of the camera, degrees, as in camera_<id>.json",
     )
 
 
@@ -63,7 +62,7 @@ class KnownCamera:
         ValueError
             If they contradict each other, or leave nothing to estimate.
         """
-        if options.intrinsics is not None and options.lens != USUAL_LENS:
+        if options.intrinsics is not None and not isinstance(options.lens, Unsaid):
             raise ValueError("--intrinsics says what the lens is: leave --lens out")
         known = cls(options.intrinsics, options.position, options.rotation, options.lens)
         if None not in (known.intrinsics, known.position, known.rotation):

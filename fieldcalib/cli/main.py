@@ -33,10 +33,10 @@ def _run(arguments: Sequence[str] | None) -> int:
     one_thread_for_blas()
     given = sys.argv[1:] if arguments is None else arguments
     with interrupts_end_the_process():
-        from fieldcalib.cli.commands import command_parser
+        from fieldcalib.cli.commands import command_parser, with_values_joined
 
         parser = command_parser(given)
-    options = parser.parse_args(given)
+    options = parser.parse_args(with_values_joined(given))
     return int(options.run(options))
 
 

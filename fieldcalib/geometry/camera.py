@@ -334,7 +334,9 @@ def _vectors(values: ArrayLike, size: int, what: str) -> Array:
     """Points with `size` coordinates as a float array (..., size), or a ValueError."""
     array = np.asarray(values, dtype=float)
     if array.ndim == 0 or array.shape[-1] != size:
-        raise ValueError(f"expected {what} of shape (..., {size}), got shape {array.shape}")
+        ground = size == 3 and array.ndim > 0 and array.shape[-1] == 2
+        hint = "; points on the ground have z = 0: append a column of zeros" * ground
+        raise ValueError(f"expected {what} of shape (..., {size}), got shape {array.shape}{hint}")
     return array
 
 

@@ -12,7 +12,7 @@ from types import MappingProxyType
 from typing import Any
 
 from fieldcalib.fields.segments import ObjectSegments
-from fieldcalib.io.annotations import Annotation, Labels, renamed
+from fieldcalib.io.annotations import Annotation, Labels, LeftOut, renamed
 from fieldcalib.io.files import (
     MOST_BYTES,
     BrokenFileError,
@@ -50,7 +50,7 @@ class FramesFound:
     frames: list[FrameFile]
     unknown: Counter[str]
     """Labels that the object does not have, with the number of frames that have them."""
-    left_out: Counter[str]
+    left_out: Counter[LeftOut]
     """Shapes that are no points or lines, with the number of frames that have them."""
 
 
@@ -82,7 +82,7 @@ def frames_in(
     """
     found: dict[str, FrameFile] = {}
     unknown: Counter[str] = Counter()
-    left_out: Counter[str] = Counter()
+    left_out: Counter[LeftOut] = Counter()
     for file in files:
         for frame in _frames_of(file, most_bytes):
             if frame.id in found:
@@ -93,7 +93,7 @@ def frames_in(
                 pixels = renamed(frame.annotation.pixels, labels)
                 kept = {name: xy for name, xy in pixels.items() if _is_known(name, known)}
                 unknown.update(pixels.keys() - kept.keys())
-                left_out.update(frame.annotation.left_out)
+                left_out.update(one for one in frame.annotation.left_out if labels.get(one.label, one.label))
                 frame = replace(frame, annotation=replace(frame.annotation, pixels=kept))
             found[frame.id] = frame
     return FramesFound(list(found.values()), unknown, left_out)

@@ -6,7 +6,7 @@ import os
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 from pathlib import PureWindowsPath
-from typing import Any, TypeAlias
+from typing import Any, NamedTuple, TypeAlias
 
 import numpy as np
 
@@ -20,6 +20,23 @@ CORNER = 0.5
 LARGEST_SIZE = 100_000  # px, of an image
 
 Labels: TypeAlias = Mapping[str, str | None]
+
+
+class LeftOut(NamedTuple):
+    """A shape that says nothing about lines and points.
+
+    Examples
+    --------
+    >>> print(LeftOut("box", "ball"))
+    box of 'ball'
+    """
+
+    kind: str
+    label: str
+
+    def __str__(self) -> str:
+        """For messages."""
+        return f"{self.kind} of {self.label!r}"
 
 
 @dataclass(frozen=True)
@@ -42,8 +59,8 @@ class Annotation:
     """The image, as the file names it; for writing."""
     problem: str = ""
     """What is wrong with it; then there are no pixels."""
-    left_out: tuple[str, ...] = ()
-    """Kinds of shapes with their labels that say nothing about lines and points, as "box of 'ball'"."""
+    left_out: tuple[LeftOut, ...] = ()
+    """Shapes that say nothing about lines and points, each kind once a label."""
 
 
 @dataclass
@@ -52,7 +69,7 @@ class Shapes:
 
     image_size: tuple[int, int] | None
     points: dict[str, list[Array]]
-    left_out: dict[str, None]
+    left_out: dict[LeftOut, None]
 
     @classmethod
     def of(cls, width: Any, height: Any) -> Shapes:
@@ -85,7 +102,7 @@ class Shapes:
 
     def leave_out(self, kind: Any, label: Any) -> None:
         """A shape that is neither points nor lines."""
-        self.left_out[f"{kind} of {self._name(label)!r}"] = None
+        self.left_out[LeftOut(str(kind), self._name(label))] = None
 
     @staticmethod
     def _name(label: Any) -> str:

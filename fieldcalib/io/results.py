@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 LINES, TABLE = "cameras.jsonl", "cameras.parquet"
 BROKEN = "broken file"  # status of a frame whose file could not be read
 # keys that are no columns
-FOR_READING_BACK = frozenset({"version", "image_size", "field", "solved", "errors", "pixel_counts"})
+FOR_READING_BACK = frozenset({"version", "field", "solved", "errors"})
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -55,8 +55,9 @@ class Results(Mapping[str, Calibration]):
     def to_pandas(self) -> pandas.DataFrame:
         """A table with a row for each frame, broken ones included, indexed by id.
 
-        Columns are the keys of ``cameras.jsonl``; what is nested has names as "angles_degrees.pan", and matrices and
-        lists are one cell. The last column, `calibration`, has the `Calibration`, None for broken files.
+        Columns are the keys of ``cameras.jsonl`` without those that are there to read it back; what is nested has names
+        as "angles_degrees.pan", and matrices and lists are one cell. All are plain values, which pandas writes to any
+        format; the `Calibration` of a row is ``results[id]``.
 
         Raises
         ------
@@ -66,9 +67,7 @@ class Results(Mapping[str, Calibration]):
         pandas = imported("pandas", "pandas", "to_pandas")
         rows = [{key: value for key, value in line.items() if key not in FOR_READING_BACK} for line in self.lines]
         table = pandas.json_normalize(rows) if rows else pandas.DataFrame(columns=["id"])
-        table = table.set_index("id")
-        table["calibration"] = pandas.Series([self.get(id) for id in table.index], index=table.index, dtype=object)
-        return table
+        return table.set_index("id")
 
 
 def lines_file(folder: Path) -> Path:
