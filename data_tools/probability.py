@@ -6,7 +6,8 @@
     python -m data_tools.probability annotated ANNOTATIONS --size WxH
 
 `fit` calibrates random synthetic frames and prints the coefficients of `fieldcalib.assess.probability`: logistic
-regression on whether the largest error in view is below 0.5 m and below 1 m. It ends with the reliability on as many
+regression on whether the largest error in view is below the field's tolerance (1 m on a soccer pitch, less on courts)
+and below half of it. It ends with the reliability on as many
 other frames.
 
 `sizes` draws pitches, 70 % of 105 x 68 m and 30 % of a random legal size, and calibrates their frames as 105 x 68 m.
@@ -49,7 +50,7 @@ from fieldcalib.geometry.camera import Camera
 from fieldcalib.metrics import compound_score, evaluate_segments
 from fieldcalib.problem.labelled_pixels import Pixels
 
-METRES = (0.5, 1.0)
+TOLERANCES = (0.5, 1.0)  # of the field's, that right and wrong are about
 BINS = (0.0, 0.05, 0.2, 0.4, 0.6, 0.8, 0.95, 1.0)
 FINER = 4  # the true largest error is looked for on a grid finer than the one of `fieldcalib.assess.probability`
 RIDGE = 1e-3  # keeps the regression from infinite coefficients; too small to matter
@@ -78,12 +79,13 @@ def judged(
     return [found[i] for i in seen], errors[seen]
 
 
-def fitted(features: Array, errors: Array) -> Array:
-    """Coefficients (5,) of `fieldcalib.assess.probability` from features (n, 5) and errors (n,): log odds."""
+def fitted(features: Array, errors: Array, tolerance: float) -> Array:
+    """Coefficients (5,) of `fieldcalib.assess.probability` from features (n, 5) and errors (n,), metres: log odds."""
     from scipy.optimize import minimize
 
-    A = np.concatenate([features - [0.0, np.log(metres), 0.0, 0.0, 0.0] for metres in METRES])
-    right = np.concatenate([errors < metres for metres in METRES])
+    limits = tolerance * np.array(TOLERANCES)
+    A = np.concatenate([features - [0.0, np.log(metres), 0.0, 0.0, 0.0] for metres in limits])
+    right = np.concatenate([errors < metres for metres in limits])
     known = np.isfinite(A).all(axis=1)  # what is infinitely uncertain has probability 0, whatever the coefficients
     A, right = A[known], right[known]
 
@@ -133,9 +135,10 @@ def fit(options: argparse.Namespace) -> int:
 
     found, errors = judged_frames(np.zeros(5))
     uncertainties = [c.solved.uncertainty for c in found if c.solved is not None]
-    coefficients = fitted(np.array([rows[0] for rows, _ in evidence(uncertainties, field)]), errors).round(2)
+    features = np.array([rows[0] for rows, _ in evidence(uncertainties, field)])
+    coefficients = fitted(features, errors, field.tolerance).round(2)
     print(json.dumps({"frames": len(found), "coefficients": coefficients.tolist()}))
-    _print_reliability(*judged_frames(coefficients))
+    _print_reliability(*judged_frames(coefficients), field.tolerance)
     return 0
 
 
@@ -152,7 +155,8 @@ def sizes(options: argparse.Namespace) -> int:
         elif length > width:
             frames.append(random_frame(field.resized(length, width), rng))
     _print_reliability(
-        *judged(field, [f.pixels for f in frames], [f.camera for f in frames], frames[0].camera.image_size)
+        *judged(field, [f.pixels for f in frames], [f.camera for f in frames], frames[0].camera.image_size),
+        field.tolerance,
     )
     return 0
 
@@ -163,7 +167,7 @@ def measured(options: argparse.Namespace) -> int:
     cameras = [read_camera(path) for path in camera_files(options.cameras)]
     pairs = observed(cameras, field, options.noise, options.repeats, options.seed)
     parts = [_part(frame, int(rng.integers(1, len(frame), endpoint=True)), rng) for _, frame in pairs]
-    _print_reliability(*judged(field, parts, [truth for truth, _ in pairs], SIZE))
+    _print_reliability(*judged(field, parts, [truth for truth, _ in pairs], SIZE), field.tolerance)
     return 0
 
 
@@ -181,7 +185,7 @@ def annotated(options: argparse.Namespace) -> int:
                 parts.append(_part(frame, int(rng.integers(*FEW_LABELS, endpoint=True)), rng))
                 truths.append(whole.camera)
     few, errors = judged(field, parts, truths, size)
-    _print_reliability(few, errors)
+    _print_reliability(few, errors, field.tolerance)
     _print_areas("few labels", few, {"more than 1 m off": (errors > 1.0).astype(float)})
 
     evaluation = evaluate_segments([c.camera for c in found], frames, size)
@@ -212,9 +216,10 @@ def _scores(found: Sequence[Calibration]) -> dict[str, Array]:
     }
 
 
-def _print_reliability(found: Sequence[Calibration], errors: Array) -> None:
-    for metres in METRES:
-        print(json.dumps(reliability(found, errors, metres)))
+def _print_reliability(found: Sequence[Calibration], errors: Array, tolerance: float) -> None:
+    tolerance = 1.0 if found[0].field is None else found[0].field.tolerance
+    for share in TOLERANCES:
+        print(json.dumps(reliability(found, errors, share * tolerance)))
 
 
 def _print_areas(frames: str, found: Sequence[Calibration], risks: dict[str, Array]) -> None:

@@ -39,6 +39,8 @@ CONFUSED = (
     ("bottom", "main"),
     ("left", "central"),
     ("right", "central"),
+    ("inner", "outer"),
+    ("upper", "lower"),
 )
 SIZE = (960, 540)
 

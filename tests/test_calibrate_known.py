@@ -6,6 +6,7 @@ from one_camera import CAMERA, FIELD, FRAME, LITTLE_OF_THE_LENS, MARKINGS, SIZE,
 from synthetic import observe, random_frames, whole_circle_markings
 
 from fieldcalib import Camera, Point, Status, calibrate_batch, calibrate_from_segments, soccer
+from fieldcalib.assess.result import Verdict
 from fieldcalib.calibrate.options import DEFAULT_FLAGS, PINHOLE_FLAGS, CalibrationFlags
 from fieldcalib.geometry.lens import RADIAL_MEAN, RadialLens
 
@@ -19,6 +20,18 @@ def test_a_guess_is_enough_to_start_from():
     flags = DEFAULT_FLAGS | F.CALIB_FIX_PRINCIPAL_POINT | guess  # these few labels do not tell it
     found = calibrate_from_segments(FIELD, FRAME, SIZE, near, None, rvec + 0.01, tvec + 0.5, flags=flags, prior=None)
     assert relative_error(found.camera, CAMERA) < 1e-6
+
+
+def test_a_place_that_the_labels_contradict_is_not_good():
+    """The fit is bent over a wrong place; what is left is larger than any annotator's errors."""
+    found = {}
+    for off in (0.0, 5.0):
+        tvec = -(CAMERA.C + (0.0, off, -0.6 * off))
+        flags = DEFAULT_FLAGS | F.CALIB_FIX_POSITION
+        found[off] = calibrate_from_segments(FIELD, FRAME, SIZE, rvec=np.zeros(3), tvec=tvec, flags=flags)
+    assert found[0.0].verdict is Verdict.GOOD
+    assert found[5.0].verdict is not Verdict.GOOD
+    assert "check the size of field and image, and what was given of the camera" in found[5.0].reason
 
 
 @pytest.mark.parametrize("fixed", [0, F.CALIB_FIX_FOCAL_LENGTH, F.CALIB_FIX_POSITION])

@@ -112,7 +112,7 @@ def test_the_fit_finds_the_coefficients_that_made_the_errors():
     features = np.concatenate([np.ones((20_000, 1)), rng.normal(size=(20_000, 4))], axis=1)
     # a logistic error whose odds to be below d metres are those of the model
     log_error = (rng.logistic(size=20_000) - features @ truth) / -truth[1]
-    np.testing.assert_allclose(fitted(features, np.exp(log_error)), truth, atol=0.1)
+    np.testing.assert_allclose(fitted(features, np.exp(log_error), 1.0), truth, atol=0.1)
 
 
 def test_reliability_counts(random_calibrations):

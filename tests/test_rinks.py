@@ -15,6 +15,7 @@ from fieldcalib.calibrate.batch import calibrate_batch
 from fieldcalib.calibrate.field_size import estimate_field_size
 from fieldcalib.calibrate.from_segments import calibrate_from_segments
 from fieldcalib.calibrate.mislabels import renamed
+from fieldcalib.calibrate.options import DEFAULT_FLAGS, CalibrationFlags
 from fieldcalib.fields.catalogue import FIELDS, field_named
 from fieldcalib.fields.records import field_from_record, field_to_record
 from fieldcalib.fields.segments import Point
@@ -275,7 +276,7 @@ def test_the_middle_of_a_rink_does_not_tell_the_sides_apart():
 
 
 def test_labels_that_are_5_yards_off_fit_a_camera_that_is_5_yards_off():
-    """As the documentation says: only goal lines and numbers tell."""
+    """Only goal lines and what stands at them tell, and the message says that nothing does."""
     field = american_football("nfl")
     camera = Camera.from_angles(0.1, 1.25, 0.0, 1200.0, (-10.0, 60.0, -22.0), SIZE)
     seen = observe(field.markings, camera)
@@ -285,6 +286,33 @@ def test_labels_that_are_5_yards_off_fit_a_camera_that_is_5_yards_off():
     found = calibrate_from_segments(field, frame, SIZE, prior=None)
     assert found.verdict is Verdict.GOOD
     np.testing.assert_allclose(found.camera.C, camera.C - (4.572, 0.0, 0.0), atol=1e-3)
+    assert "all 4.572 m off along the field fit as well" in found.message
+    known = calibrate_from_segments(
+        field,
+        frame,
+        SIZE,
+        rvec=np.zeros(3),
+        tvec=-found.camera.C,
+        flags=DEFAULT_FLAGS | CalibrationFlags.CALIB_FIX_POSITION,
+    )
+    assert known.accepted
+    assert "fit as well" not in known.message  # where the camera stands is known
+
+
+@pytest.mark.parametrize("side", [0, 1])
+def test_what_is_alike_further_on_has_a_segment_there(side):
+    field = american_football("nfl")
+    alike = field.alike_further_on[side]
+    step = np.array([(-1.0, 1.0)[side] * field.repeats, 0.0, 0.0])
+    for label in alike:
+        ends = field[label].sample(1e3)[[0, -1]] + step
+        there = [one.sample(1e3)[[0, -1]] for one in field.values() if type(one) is type(field[label])]
+        lies_along = np.ptp(ends[:, 1]) == np.ptp(ends[:, 2]) == 0.0 and np.ptp(ends[:, 0]) > 2.0 * field.repeats
+        assert lies_along or min(np.abs(ends - one).max() for one in there) < 0.01, label
+    ends_of_field = {"Goal line left", "Goal line right", "End line left", "Goal left crossbar", "Try mark right"}
+    assert not alike & ends_of_field
+    assert ("Yard line left 5" in alike, "Yard line right 5" in alike) == ((False, True), (True, False))[side]
+    assert not any(ice_hockey("nhl").alike_further_on)
 
 
 # Names, sizes and records

@@ -29,7 +29,7 @@ ANGLE_NAMES = ("pan", "tilt", "roll")
 VERSION = 1  # of `Calibration.to_dict`
 
 BESIDE = 5.0  # px: pixels that are nearer to a line lie on it
-LEAST_PROBABILITY = 0.5  # of being right to 1 m: else a camera is more probably wrong
+LEAST_PROBABILITY = 0.5  # of being right to the field's tolerance: else a camera is more probably wrong
 
 
 class Verdict(StrEnum):
@@ -182,7 +182,7 @@ class Calibration:
         if self.has_probability:
             probability = self.probability()
             if not probability >= LEAST_PROBABILITY:
-                doubts.append(f"right to 1 m with a probability of {probability:.2f}")
+                doubts.append(f"right to {self._tolerance:g} m with a probability of {probability:.2f}")
         unusual = () if self.solved is None else surprises(self._solved_uncertainty)
         return (*doubts, *unusual, *self.complaints)
 
@@ -236,9 +236,10 @@ class Calibration:
         """Errors in metres of the ground points seen at pixels (..., 2)."""
         return self.uncertainty.at_image(xy)
 
-    def probability(self, metres: float = 1.0, *, size_known: bool = False) -> float:
+    def probability(self, metres: float | None = None, *, size_known: bool = False) -> float:
         """Probability that the camera is right: no point of the field in view is off by more than some metres.
 
+        By default that is the field's `tolerance`, 1 m on a soccer pitch.
         Fitted on synthetic frames of the field, see `fieldcalib.assess.probability`; of frames of a sequence it follows
         from their covariance. NaN where no part of the field is
         in view or the camera does not come from labelled pixels, 0 where there is no camera or it is implausible: of 22
@@ -260,7 +261,7 @@ class Calibration:
         >>> calibration.probability(0.1) < 0.5 < calibration.probability(2.0)
         True
         """
-        if not metres > 0.0:
+        if metres is not None and not metres > 0.0:
             raise ValueError(f"metres must be positive, got {metres}")
         if self.camera is None:
             return 0.0
@@ -275,6 +276,7 @@ class Calibration:
             )
         if self.status is Status.IMPLAUSIBLE:
             return 0.0
+        metres = self._tolerance if metres is None else metres
         if self.errors is not None:
             return probability_by_covariance(self.errors, self.field, metres)
         rows, weights = self._evidence
@@ -282,7 +284,7 @@ class Calibration:
             rows, weights = rows[:1], np.ones(1)
         return probability_right(self.field.probability, rows, weights, metres) / (1 + len(self.alternatives))
 
-    def doubted(self, least: float, metres: float = 1.0, *, size_known: bool = False) -> Calibration:
+    def doubted(self, least: float, metres: float | None = None, *, size_known: bool = False) -> Calibration:
         """The same, with the verdict that it is probably wrong if its `probability` is below `least`.
 
         What has no camera with an uncertainty, or was rejected already, stays as it is.
@@ -303,8 +305,15 @@ class Calibration:
         probability = self.probability(metres, size_known=size_known)
         if probability >= least:
             return self
+        metres = self._tolerance if metres is None else metres
         doubt = f"right to {metres:g} m with a probability of {probability:.2f}, below {least:g}"
         return replace(self, status=Status.IMPROBABLE, message=f"{doubt}; {self.message}")
+
+    @property
+    def _tolerance(self) -> float:
+        """Metres to which a camera of this field is right or wrong."""
+        assert self.field is not None
+        return self.field.tolerance
 
     @cached_property
     def _evidence(self) -> tuple[Array, Array]:
@@ -430,7 +439,7 @@ class Calibration:
                 "rms": f"{self.rms:.2f} px",
             }
         if self.has_probability:
-            rows["right to 1 m"] = f"{self.probability():.2f}"
+            rows[f"right to {self._tolerance:g} m"] = f"{self.probability():.2f}"
         cells = (f"<tr><th>{escape(name)}</th><td>{escape(value)}</td></tr>" for name, value in rows.items())
         return f"<table>{''.join(cells)}</table>"
 

@@ -1,10 +1,12 @@
-"""The other side: a field turned by 180 degrees is the same field, and some frames do not tell the two apart.
+"""Cameras that see the same: across the field, or a few steps along it.
 
-A frame that shows nothing but the middle line and the centre circle fits a camera and the one across the field alike.
+A field turned by 180 degrees is the same field: a frame that shows nothing but the middle line and the centre circle
+fits a camera and the one across the field alike. And where lines repeat, as yard lines do, one may have miscounted.
 """
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass
 
 import numpy as np
@@ -58,6 +60,16 @@ def on_main_side(
         return theta, prior
     mean, sigma = np.where(turn, other.prior.mean, prior.mean), np.where(turn, other.prior.sigma, prior.sigma)
     return np.where(turn, other.theta, theta), GaussianPrior(mean, sigma)
+
+
+def repeats(labels: Iterable[str], options: Options) -> bool:
+    """Whether a frame that is labelled like that looks the same a step of `Field.repeats` along the field.
+
+    Then labels that are all a step off fit as well. Not so if the position is given.
+    """
+    if options.field is None or not np.all(options.layout.free[CENTER]):
+        return False
+    return any(set(labels) <= alike for alike in options.field.alike_further_on)
 
 
 def _look_alike(field: Field | None, observations: Observations) -> BoolArray:

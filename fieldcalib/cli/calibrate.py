@@ -60,7 +60,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--least-probability",
         type=probability,
         metavar="P",
-        help="reject cameras that are less probably right to 1 m everywhere in view (off)",
+        help="reject cameras that are less probably right to 1 m everywhere in view, on courts to less (off)",
     )
     add_jobs(parser)
     parser.set_defaults(run=run, command="calibrate")

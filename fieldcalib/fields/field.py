@@ -76,7 +76,8 @@ class Field(Mapping[str, Segment]):
     farthest_camera : float
         Distance from the origin beyond which no camera stands, metres.
     scale : float
-        Size of what is usually in view, metres: the unit of the solver's steps. By default 0.32 of the diagonal.
+        Size of what is usually in view, metres: the unit of the solver's steps, and of `tolerance`. By default 0.32 of
+        the diagonal.
     lines : LineLook
         How the lines look in images.
     paint : mapping of str to Paint
@@ -92,12 +93,14 @@ class Field(Mapping[str, Segment]):
         Whether length and width are exact; None is ever built to the centimetre, so by default they are not.
     probability : ProbabilityModel, optional
         How probable it is that a camera is right; None where nobody has fitted it.
+    repeats : float, optional
+        Metres along x after which markings look alike, as yard lines do: 4.572 on a field of American football.
 
     Raises
     ------
     ValueError
-        If the size, the scale or the farthest camera is not positive, a segment is none, two stands share a name, the
-        surface is unknown, or `halves` names what is no segment of the field.
+        If the size, the scale, the farthest camera or `repeats` is not positive, a segment is none, two stands share a
+        name, the surface is unknown, or `halves` names what is no segment of the field.
 
     Examples
     --------
@@ -131,6 +134,7 @@ class Field(Mapping[str, Segment]):
     size_model: SizePrior | None = field(default=None, repr=False)
     size_known: bool = field(default=False, repr=False)
     probability: ProbabilityModel | None = field(default=None, repr=False)
+    repeats: float | None = field(default=None, repr=False)
 
     def __post_init__(self) -> None:
         scale = SCALE * float(np.hypot(self.length, self.width)) if np.isnan(self.scale) else self.scale
@@ -145,9 +149,9 @@ class Field(Mapping[str, Segment]):
         for name, value in given.items():
             object.__setattr__(self, name, value)
         check_members(self.segments)
-        for name in ("length", "width", "scale", "farthest_camera"):
+        for name in ("length", "width", "scale", "farthest_camera", "repeats"):
             value = getattr(self, name)
-            if not value > 0.0:
+            if value is not None and not value > 0.0:
                 raise ValueError(f"a Field needs a positive {name} in metres, got {value}")
         names = [stand.name for stand in (*self.stands, *self.more_stands)]
         if len(set(names)) < len(names):
@@ -212,6 +216,19 @@ class Field(Mapping[str, Segment]):
         """Least and largest coordinates (L, 3) of each segment, metres."""
         return boxes(self.segments)
 
+    @property
+    def tolerance(self) -> float:
+        """How far off a good camera may be, anywhere in view, metres: a fortieth of `scale`, 1 m on a soccer pitch.
+
+        Examples
+        --------
+        >>> from fieldcalib import soccer
+        >>> from fieldcalib.fields import tennis
+        >>> soccer().tolerance, tennis().tolerance
+        (1.0, 0.21)
+        """
+        return round(self.scale / 40.0, 2)
+
     @cached_property
     def points(self) -> Mapping[str, Point]:
         """The named points alone."""
@@ -247,15 +264,47 @@ class Field(Mapping[str, Segment]):
         Segments that have no counterpart are left out: all of them on a field without this symmetry.
         """
 
+        return self._counterparts(turn=(-1.0, -1.0, 1.0))
+
+    @cached_property
+    def alike_further_on(self) -> tuple[frozenset[str], frozenset[str]]:
+        """Labels of what looks the same one step of `repeats` to the left, and to the right: empty without one.
+
+        Of a line along x that is at least two steps long nobody sees where it ends, so that it is among them.
+
+        Examples
+        --------
+        >>> from fieldcalib.fields import american_football
+        >>> to_the_left, to_the_right = american_football("nfl").alike_further_on
+        >>> "Yard line 50" in to_the_left, "Side line top" in to_the_left, "Goal line left" in to_the_right
+        (True, True, False)
+        """
+        if self.repeats is None:
+            return frozenset(), frozenset()
+        step = self.repeats
+        along = {
+            label
+            for label, segment in self.items()
+            if isinstance(segment, Line)
+            and segment.start[1:] == segment.end[1:]
+            and abs(segment.end[0] - segment.start[0]) >= 2.0 * step
+        }
+        left, right = (frozenset(along | self._counterparts(move=(x, 0.0, 0.0)).keys()) for x in (-step, step))
+        return left, right
+
+    def _counterparts(
+        self, turn: tuple[float, float, float] = (1.0, 1.0, 1.0), move: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    ) -> Mapping[str, str]:
+        """Label -> label of the segment that is where this one comes to lie by a turn and a move, if there is one."""
         if not self.segments:
             return MappingProxyType({})
         names, kinds = list(self.segments), np.array([type(segment).__name__ for segment in self.segments.values()])
         samples = [segment.sample(spacing=0.05) for segment in self.segments.values()]
-        here, turned = (
-            np.array([[X.min(axis=0), X.max(axis=0)] for X in (turn * X for X in samples)])
-            for turn in (np.ones(3), np.array([-1.0, -1.0, 1.0]))
+        here, there = (
+            np.array([[X.min(axis=0), X.max(axis=0)] for X in some])
+            for some in (samples, [np.array(turn) * X + move for X in samples])
         )
-        alike = np.max(np.abs(turned[:, None] - here), axis=(2, 3)) < ALIKE
+        alike = np.max(np.abs(there[:, None] - here), axis=(2, 3)) < ALIKE
         alike &= kinds[:, None] == kinds
         first = np.argmax(alike, axis=1)  # the field's own name, should another one be added to it
         return MappingProxyType({names[i]: names[first[i]] for i in np.flatnonzero(np.any(alike, axis=1))})

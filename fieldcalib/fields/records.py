@@ -66,6 +66,7 @@ def whole_record(field: Field) -> dict[str, Any]:
         "halves": {circle: list(parts) for circle, parts in field.halves.items()},
         "size_model": None if model is None or builder is None else {**asdict(model), **builder},
         "probability": None if field.probability is None else list(field.probability.coefficients),
+        "repeats": field.repeats,
     }
 
 
@@ -210,6 +211,10 @@ def _size_model(record: Any) -> SizePrior | None:
     return _made(SizePrior, {**own, **ranges, "build": build})
 
 
+def _repeats(metres: Any) -> float | None:
+    return None if metres is None else _number(metres)
+
+
 def _probability(coefficients: Any) -> ProbabilityModel | None:
     return None if coefficients is None else ProbabilityModel(tuple(map(_number, coefficients)))  # type: ignore[arg-type]
 
@@ -226,4 +231,5 @@ OPTIONAL: Mapping[str, Callable[[Any], Any]] = {
     "size_model": _size_model,
     "size_known": _truth,
     "probability": _probability,
+    "repeats": _repeats,
 }

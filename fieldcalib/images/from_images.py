@@ -33,7 +33,7 @@ LEAST_SEGMENTS = 3  # determine a camera; where fewer have that weight, all segm
 SURE_SUPPORT, LEAST_EXPLAINED_SURE = 0.45, 0.5
 LEAST_SUPPORT, LEAST_EXPLAINED = 0.2, 0.75
 LEAST_SUPPORT_CHOSEN = 0.35  # where a camera was chosen by its support: the largest of several is biased upwards
-LARGEST_ERROR, LARGEST_ERROR_REFINED = 3.0, 2.0  # m anywhere in view, to which `LEAST_PROBABILITY` applies
+LARGEST_ERROR, LARGEST_ERROR_REFINED = 3.0, 2.0  # of the field's tolerance, to which `LEAST_PROBABILITY` applies
 
 
 def calibrate_from_images(
@@ -204,7 +204,8 @@ def _judged(
         return replace(calibration, status=Status.IMPROBABLE, message=f"{doubt}; {calibration.message}"), False
     if calibration.has_probability:
         # a field of another size is no reason to give up a camera that fits its image
-        metres = LARGEST_ERROR_REFINED if refine else LARGEST_ERROR
+        assert calibration.field is not None
+        metres = (LARGEST_ERROR_REFINED if refine else LARGEST_ERROR) * calibration.field.tolerance
         calibration = calibration.doubted(LEAST_PROBABILITY, metres, size_known=True)
     return calibration, calibration.accepted and (is_sure or not refine)
 

@@ -79,8 +79,8 @@ def american_football(rules: str = "nfl") -> Field:
     Notes
     -----
     Yard lines look alike: labels that are all 5 yards off, and show neither goal line nor numbers, fit a camera that
-    stands 5 yards further along the field. Nothing in the residuals tells that, and a weak prior does not either. Nor
-    does anything but the labels tell the two ends apart.
+    stands 5 yards further along the field. Nothing in the residuals tells that, and a weak prior does not either: the
+    message of such a calibration says so. Nor does anything but the labels tell the two ends apart.
 
     Examples
     --------
@@ -101,6 +101,7 @@ def american_football(rules: str = "nfl") -> Field:
         lines=LineLook(width=LINE_WIDTH, ground_difference=np.inf),
         paint=_paint(one),
         size_known=True,
+        repeats=5.0 * YARD,
     )
 
 
