@@ -1,5 +1,6 @@
 """What Numba compiles against NumPy's way: the same closest points, derivatives, solutions and calibrations."""
 
+import os
 import subprocess
 import sys
 
@@ -172,3 +173,19 @@ def test_frames_that_share_their_centre_are_left_to_numpy():
 def test_numba_is_loaded_when_a_frame_is_solved_and_not_before():
     code = "import sys, fieldcalib; fieldcalib.calibrate_from_segments; assert 'numba' not in sys.modules"
     subprocess.run([sys.executable, "-c", code], check=True)
+
+
+def test_the_command_line_says_that_it_compiles(tmp_path):
+    """Once, where something is not in the cache. A small function stands in."""
+    code = (
+        "from fieldcalib.cli.main import log_on_stderr\n"
+        "from fieldcalib.problem.compilation import compiled\n"
+        "with log_on_stderr():\n"
+        "    module = compiled()\n"
+        "    for one in (float, int):\n"  # compiled for each
+        "        module._unit(one(3), one(4), module.Limits())\n"
+    )
+    environment = {**os.environ, "NUMBA_CACHE_DIR": str(tmp_path)}
+    for times in (1, 0):
+        done = subprocess.run([sys.executable, "-c", code], check=True, capture_output=True, env=environment)
+        assert done.stderr.count(b"fieldcalib: compiling the solver with Numba, which may take half a minute") == times

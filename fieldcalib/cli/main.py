@@ -6,9 +6,11 @@ Only little is imported before `main` runs: until then an interrupt would end in
 from __future__ import annotations
 
 import io
+import logging
 import os
 import sys
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
 from functools import partial
 from typing import TYPE_CHECKING
 
@@ -40,13 +42,28 @@ def _run(arguments: Sequence[str] | None) -> int:
     return int(options.run(options))
 
 
+@contextmanager
+def log_on_stderr() -> Iterator[None]:
+    """What the library logs goes to stderr meanwhile."""
+    handler, log = logging.StreamHandler(), logging.getLogger("fieldcalib")
+    handler.setFormatter(logging.Formatter("fieldcalib: %(message)s"))
+    level = log.level
+    log.addHandler(handler)
+    log.setLevel(logging.INFO)
+    try:
+        yield
+    finally:
+        log.setLevel(level)
+        log.removeHandler(handler)
+
+
 def _exit_code(work: Callable[[], int]) -> int:
     """Of some work whose errors become a line on stderr."""
     for stream in (sys.stdout, sys.stderr):
         if isinstance(stream, io.TextIOWrapper):
             stream.reconfigure(errors="backslashreplace")  # a terminal without "±" is no reason to fail after the work
     try:
-        with requests_to_end_interrupt():
+        with requests_to_end_interrupt(), log_on_stderr():
             code = int(work())
         sys.stdout.flush()
         return code

@@ -27,7 +27,9 @@ def compiled() -> ModuleType | None:
     if find_spec("numba") is None:
         return None
     from fieldcalib.problem import compiled as module
+    from fieldcalib.problem.compile_log import log_compilation
 
+    log_compilation(module.__name__)
     return module
 
 

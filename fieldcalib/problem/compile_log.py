@@ -1,0 +1,32 @@
+"""Says to the log that Numba compiles: the first calibration after an installation takes long, and nobody sees why."""
+
+import logging
+from typing import Any
+
+from numba.core import event
+
+LOG = logging.getLogger(__name__)
+COMPILING = (
+    "compiling the solver with Numba, which may take half a minute: once after an installation, it is kept for later"
+)
+
+
+class _Said(event.Listener):
+    """Hears of the first function of one module that is not in Numba's cache."""
+
+    def __init__(self, module: str) -> None:
+        self.module = module
+        self.done = False
+
+    def on_start(self, event: Any) -> None:
+        if not self.done and event.data["dispatcher"].py_func.__module__ == self.module:
+            self.done = True
+            LOG.info(COMPILING)
+
+    def on_end(self, event: Any) -> None:
+        """Nothing is said of that."""
+
+
+def log_compilation(module: str) -> None:
+    """Log once, as information, when the first function of a module is about to be compiled."""
+    event.register("numba:compile", _Said(module))
