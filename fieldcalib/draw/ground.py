@@ -5,9 +5,10 @@ Pictures are (3, height, width) planes here, blue, green, red. Components of vec
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
+from types import MappingProxyType
 from typing import Any, TypeAlias
 
 import numpy as np
@@ -24,7 +25,18 @@ Colour: TypeAlias = tuple[int, int, int]
 LIGHT_GRASS: Colour = (60, 141, 80)
 DARK_GRASS: Colour = (50, 123, 66)
 TRACK: Colour = (52, 74, 56)
-RUN_OFF = 3.0  # m of grass around the field
+SURFACES: Mapping[str, Colour] = MappingProxyType(  # but grass
+    {
+        "turf": (146, 92, 38),
+        "ice": (248, 244, 239),
+        "wood": (112, 163, 208),
+        "floor": (166, 118, 62),
+        "hard court": (150, 90, 50),
+        "clay": (62, 92, 178),
+    }
+)
+OUTSIDE = 0.72  # of the light of these, beyond the run-off
+RUN_OFF = 3.0  # m of the surface around the field
 MARGIN = 1.0  # m around the paint: pixels whose centres are further away have none of it
 STRIPE = GOAL_AREA_DEPTH  # m: width of mown stripes, which then end at the lines of the goal and the penalty area
 
@@ -73,18 +85,22 @@ class Ground:
         return np.asarray(np.sqrt(np.sum(np.square(self.along_row) + np.square(self.along_column), axis=0)))
 
 
-def grass(ground: Ground, field: Field) -> Float32:
-    """Colours (3, ...) of a mown field with its run-off, and of the track around it."""
+def surface(ground: Ground, field: Field) -> Float32:
+    """Colours (3, ...) of the ground of a field with its run-off, and of what is around it."""
     x, y = np.abs(ground.xy)
     pixel_x, pixel_y = ground.pixel_size((1.0, 0.0)), ground.pixel_size((0.0, 1.0))
+    end, side = field.half_extent.tolist()
+    outside_x, outside_y = (x - end - RUN_OFF) / pixel_x, (y - side - RUN_OFF) / pixel_y
+    outside = np.clip(np.maximum(outside_x, outside_y) + 0.5, 0.0, 1.0)
+    if field.surface in SURFACES:
+        colour = np.reshape(SURFACES[field.surface], (3, 1, 1))
+        return np.asarray(colour * (1.0 - (1.0 - OUTSIDE) * np.nan_to_num(outside, nan=1.0)), np.float32)
     stripe = (x - field.length / 2.0) / STRIPE
     from_edge = np.abs(stripe - np.rint(stripe)) * STRIPE / pixel_x
     light = 0.5 + (1.0 - 2.0 * np.mod(np.floor(stripe), 2.0)) * np.minimum(from_edge, 0.5)
-    outside_x = (x - field.length / 2.0 - RUN_OFF) / pixel_x
-    outside_y = (y - field.width / 2.0 - RUN_OFF) / pixel_y
     picture = np.full((3, *x.shape), np.reshape(DARK_GRASS, (3, 1, 1)), np.float32)
     mix(picture, LIGHT_GRASS, light)
-    mix(picture, TRACK, np.clip(np.maximum(outside_x, outside_y) + 0.5, 0.0, 1.0))
+    mix(picture, TRACK, outside)
     return picture
 
 

@@ -15,7 +15,7 @@ from numpy.typing import ArrayLike
 
 from fieldcalib._types import Array, Float32
 from fieldcalib.assess.result import Calibration
-from fieldcalib.draw.ground import Colour, Ground, add_paint, grass, mix, rays
+from fieldcalib.draw.ground import Colour, Ground, add_paint, mix, rays, surface
 from fieldcalib.draw.scene import SHIFT, fixed_point, image_curves, to_uint8
 from fieldcalib.fields.field import Field
 from fieldcalib.fields.segments import ObjectSegments, PointCloud
@@ -44,7 +44,7 @@ PALETTE_SALT = 1952  # chosen so that neighbouring labels of a soccer field have
 DARK: Colour = (24, 24, 24)
 POINT: Colour = (40, 40, 235)
 SPOTLIGHT: Colour = (90, 225, 255)
-MAP_MARGIN = 7.0  # m around the field
+MAP_MARGIN = 7.0 / np.hypot(105.0, 68.0)  # around the field, in shares of its diagonal
 
 
 def draw_field(
@@ -58,6 +58,7 @@ def draw_field(
     """Draw the projected markings, with distortion, onto a copy of an image.
 
     Lines, arcs and ordered point clouds become anti-aliased curves, unordered clouds become dots; points are left out.
+    Labels of a `Field` along which nothing is painted, as rows of marks and edges of wide lines, are drawn darker.
     Parts behind the camera, or so far out that the lens is not monotone, have no image and are not drawn.
 
     Parameters
@@ -94,13 +95,20 @@ def draw_field(
     import cv2
 
     picture = np.array(checked_image(image, camera.image_size), order="C")
-    for segment in object_segments.values():
+    dark: Colour = (colour[0] // 2, colour[1] // 2, colour[2] // 2)
+    rows = [
+        label
+        for label in object_segments
+        if isinstance(object_segments, Field) and not object_segments.paint_of(label).is_along
+    ]
+    for label in sorted(object_segments, key=rows.__contains__, reverse=True):  # lines over rows
+        segment, shade = object_segments[label], dark if label in rows else colour
         if isinstance(segment, PointCloud) and not segment.ordered:
             for xy in camera.project(segment.X):
-                _dot(picture, xy, float(thickness), colour)
+                _dot(picture, xy, float(thickness), shade)
         else:
             curves = [fixed_point(curve) for curve in image_curves(camera, segment)]
-            cv2.polylines(picture, curves, False, colour, thickness, cv2.LINE_AA, SHIFT)
+            cv2.polylines(picture, curves, False, shade, thickness, cv2.LINE_AA, SHIFT)
     return picture
 
 
@@ -164,7 +172,7 @@ def label_colour(label: str) -> Colour:
 
 
 def draw_minimap(
-    camera: Camera | RationalCamera,
+    camera: Camera | RationalCamera | None,
     field: Field,
     *,
     size: tuple[int, int] = (336, 228),
@@ -178,7 +186,8 @@ def draw_minimap(
 
     Parameters
     ----------
-    camera : Camera or RationalCamera
+    camera : Camera or RationalCamera, optional
+        None leaves out what it sees.
     field : Field
     size : (int, int)
         Width and height of the map in pixels; the field is centred in it.
@@ -217,18 +226,11 @@ def draw_minimap(
         raise ValueError(f"expected a Field, whose length and width are known, got {type(field).__name__}")
     overhead, X, empty = _map_of(field, checked_image_size(size))
     picture = empty.copy()
-    centre = (np.array(camera.image_size) - 1.0) / 2.0
-    inside = np.min(centre + 0.5 - np.abs(camera.project(X) - centre), axis=-1)  # px to the image's border, < 0 outside
-    inside = np.maximum(inside, -centre[0])  # it is not linear far outside, below the camera
-    with np.errstate(divide="ignore", invalid="ignore"):
-        inside /= np.hypot(*np.gradient(inside))  # pixels of the map
-    seen = np.clip(np.nan_to_num(inside + 0.5, nan=0.0), 0.0, 1.0).astype(np.float32)
-    rim = np.clip(np.nan_to_num(1.2 - np.abs(inside), nan=0.0), 0.0, 1.0).astype(np.float32)
-    picture *= 0.62 + 0.38 * seen
-    mix(picture, SPOTLIGHT, 0.22 * seen)
-    mix(picture, SPOTLIGHT, 0.9 * rim)
+    if camera is not None:
+        _light_view(picture, camera, X)
     result = to_uint8(picture)
-    _mark_camera(result, overhead.project(camera.C * (1.0, 1.0, 0.0)), overhead.principal_point)
+    if camera is not None:
+        _mark_camera(result, overhead.project(camera.C * (1.0, 1.0, 0.0)), overhead.principal_point)
     on_map = np.empty((0, 2)) if points is None else _on_map(overhead, points)
     past = [_on_map(overhead, trail) for trail in trails]
     shades = _each_colour(colours, max(len(on_map), len(past)))
@@ -239,6 +241,20 @@ def draw_minimap(
         _dot(result, xy, radius + max(1.0, 0.25 * radius), DARK)
         _dot(result, xy, radius, shade)
     return result
+
+
+def _light_view(picture: Float32, camera: Camera | RationalCamera, X: Array) -> None:
+    """Light the ground that a camera sees on a map whose pixels are at X (height, width, 3), in place."""
+    centre = (np.array(camera.image_size) - 1.0) / 2.0
+    inside = np.min(centre + 0.5 - np.abs(camera.project(X) - centre), axis=-1)  # px to the image's border, < 0 outside
+    inside = np.maximum(inside, -centre[0])  # it is not linear far outside, below the camera
+    with np.errstate(divide="ignore", invalid="ignore"):
+        inside /= np.hypot(*np.gradient(inside))  # pixels of the map
+    seen = np.clip(np.nan_to_num(inside + 0.5, nan=0.0), 0.0, 1.0).astype(np.float32)
+    rim = np.clip(np.nan_to_num(1.2 - np.abs(inside), nan=0.0), 0.0, 1.0).astype(np.float32)
+    picture *= 0.62 + 0.38 * seen
+    mix(picture, SPOTLIGHT, 0.22 * seen)
+    mix(picture, SPOTLIGHT, 0.9 * rim)
 
 
 def _on_map(overhead: Camera, points: ArrayLike) -> Array:
@@ -276,12 +292,14 @@ def _draw_trail(picture: Image, trail: Array, colour: Colour, unit: float) -> No
 def _map_of(field: Field, size: tuple[int, int]) -> tuple[Camera, Array, Float32]:
     """A camera high above a field, the ground points of its pixels (height, width, 3), and its colours (3, ...)."""
     width, height = size
-    scale = min(width / (field.length + 2.0 * MAP_MARGIN), height / (field.width + 2.0 * MAP_MARGIN))
+    margin = MAP_MARGIN * np.hypot(field.length, field.width)
+    half = np.maximum(field.half_extent + 0.5 * margin, np.array([field.length, field.width]) / 2.0 + margin)
+    scale = float(np.min(np.array(size) / (2.0 * half)))
     above = 100.0  # m; the map does not depend on it
     middle = ((width - 1) / 2.0, (height - 1) / 2.0)
     overhead = Camera.from_angles(0.0, 0.0, 0.0, scale * above, (0.0, 0.0, -above), size, middle)
     ground = Ground.of_rays(overhead, rays(overhead))
-    picture = grass(ground, field)
+    picture = surface(ground, field)
     add_paint(picture, ground, field, 0.9, least=1.3 / scale)
     return overhead, np.stack([*ground.xy, np.zeros((height, width))], axis=-1), picture
 

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from fieldcalib._types import Array
 from fieldcalib._types import Float32 as Float32  # re-exported
 from fieldcalib.draw.ground import Colour as Colour  # re-exported
-from fieldcalib.draw.ground import Ground, add_paint, grass, mix, rays, smooth_curve
+from fieldcalib.draw.ground import Ground, add_paint, bgr, mix, rays, smooth_curve, surface
 from fieldcalib.fields.field import Field
 from fieldcalib.fields.segments import Line, Point, PointCloud, Segment
 from fieldcalib.geometry.camera import Camera
@@ -36,7 +36,7 @@ SHIFT = 4  # fractional bits of the coordinates that OpenCV draws with: 1/16 px
 def render_field(
     camera: Camera, field: Field, *, line_width: float | None = None, rng: np.random.Generator | None = None
 ) -> Image:
-    """A synthetic broadcast picture: mown grass, painted lines, goals with nets, boards and stands.
+    """A synthetic broadcast picture: grass or another ground, what is painted on it, goals, boards and stands.
 
     The markings have their true width and perspective, with distortion: each pixel is traced to the ground, and its
     colour is mixed by the share of it that a marking covers.
@@ -66,7 +66,7 @@ def render_field(
     line_width = field.lines.width if line_width is None else line_width
     ray = rays(camera)
     ground = Ground.of_rays(camera, ray)
-    picture = grass(ground, field)
+    picture = surface(ground, field)
     add_paint(picture, ground, field, 0.92, line_width)
     _add_stands(picture, camera, ray, field, rng)
     _add_goals(picture, camera, field, line_width)
@@ -93,8 +93,7 @@ def _add_stands(picture: Float32, camera: Camera, ray: Float32, field: Field, rn
     behind, board_height = BOARDS
     with np.errstate(divide="ignore", invalid="ignore"):
         to_end, to_side = (
-            ((half + behind) * np.sign(ray[i]) - C[i]) / ray[i]
-            for i, half in ((0, field.length / 2.0), (1, field.width / 2.0))
+            ((half + behind) * np.sign(ray[i]) - C[i]) / ray[i] for i, half in enumerate(field.half_extent.tolist())
         )
         at_end = to_end < to_side  # the ray meets the boards behind a goal line, otherwise behind a touchline
         scale = np.maximum(np.where(at_end, to_end, to_side), 0.0)
@@ -126,12 +125,17 @@ def _crowd(rng: np.random.Generator) -> Float32:
 
 
 def _add_goals(picture: Float32, camera: Camera, field: Field, width: float) -> None:
-    """Segments above the ground as round white bars, with a net behind horizontal ones, the crossbars."""
-    raised = [s for s in field.markings.values() if np.any(s.sample()[:, 2])]
-    crossbars = [s for s in raised if isinstance(s, Line) and s.start[2] == s.end[2]]
+    """Segments above the ground as round bars, with a net behind crossbars above which there is nothing."""
+    raised = {label: s for label, s in field.markings.items() if np.any(s.sample()[:, 2])}
+    if not raised:
+        return
+    highest = min(s.sample()[:, 2].min() for s in raised.values())
+    crossbars = [s for label, s in raised.items() if isinstance(s, Line) and _is_crossbar(label, s, highest)]
     nets = [curve for bar in crossbars for strand in _net(bar) for curve in image_curves(camera, strand)]
-    bars = []
-    for segment in raised:
+    if nets:
+        mix(picture, WHITE, 0.8 * _coverage(camera.image_size, nets, filled=False))
+    bars: dict[str, list[Array]] = {}
+    for label, segment in raised.items():
         X = segment.sample(spacing=0.25)
         X = X[camera.depth(X) > NEAR_PLANE]
         if len(X) < 2:
@@ -140,10 +144,14 @@ def _add_goals(picture: Float32, camera: Camera, field: Field, width: float) -> 
         across *= 0.5 * width / np.maximum(np.linalg.norm(across, axis=1, keepdims=True), 1e-9)
         outline = camera.project(np.concatenate([X - across, (X + across)[::-1]]))
         if np.all(np.abs(outline) < 1e6):
-            bars.append(outline)
-    for shapes, filled, opacity in ((nets, False, 0.8), (bars, True, 1.0)):
-        if shapes:
-            mix(picture, WHITE, opacity * _coverage(camera.image_size, shapes, filled=filled))
+            bars.setdefault(field.paint_of(label).colour, []).append(outline)
+    for colour, shapes in bars.items():
+        mix(picture, bgr(colour), _coverage(camera.image_size, shapes, filled=True))
+
+
+def _is_crossbar(label: str, segment: Line, highest: float) -> bool:
+    """Whether it is the crossbar of a goal as in soccer, the highest of what stands there."""
+    return "crossbar" in label and segment.start[2] == segment.end[2] and segment.start[2] <= highest + 0.2
 
 
 def _net(crossbar: Line) -> Iterator[Line]:

@@ -230,6 +230,22 @@ class Field(Mapping[str, Segment]):
         return round(self.scale / 40.0, 2)
 
     @cached_property
+    def half_extent(self) -> Array:
+        """How far from the centre mark the field and its markings on the ground reach along x and along y, (2,) metres.
+
+        Examples
+        --------
+        >>> from fieldcalib.fields import rugby_union
+        >>> rugby_union().half_extent  # with the in-goal areas
+        array([60.05, 35.05])
+        """
+        reach = np.array([self.length, self.width]) / 2.0
+        for low, high in zip(*self.boxes, strict=True):
+            if not (low[2] or high[2]):
+                reach = np.maximum(reach, np.maximum(-low, high)[:2])
+        return reach
+
+    @cached_property
     def points(self) -> Mapping[str, Point]:
         """The named points alone."""
         return MappingProxyType({name: s for name, s in self.segments.items() if isinstance(s, Point)})

@@ -97,6 +97,11 @@ class Paint:
     """How much further from the centre mark the middle of the paint is than the segment, metres; for arcs, further from
     their own centre."""
 
+    @property
+    def is_along(self) -> bool:
+        """Whether there is paint along the segment: not where it is none, or a row of marks that begin there."""
+        return self.width != 0.0 and not (self.dashes and self.outwards)
+
     def __post_init__(self) -> None:
         if self.dashes is not None:
             object.__setattr__(self, "dashes", tuple(map(float, self.dashes)))

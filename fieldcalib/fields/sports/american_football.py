@@ -23,6 +23,7 @@ HASH_LENGTH = 2.0 * FEET
 BORDER = 6.0 * FEET
 TRY_MARK_LENGTH = 1.0 * YARD
 NUMBER_HEIGHT = 2.0 * YARD
+YELLOW = "#f2cf2e"  # of the goals
 POSTS_APART, CROSSBAR = 18.5 * FEET, 10.0 * FEET  # between the uprights; the top of the crossbar
 POST = 4.0 * INCH  # diameter of uprights and crossbar
 POSTS_HEIGHT = CROSSBAR + 35.0 * FEET  # NFL; 30 ft above the ground at least in the NCAA
@@ -149,6 +150,7 @@ def _paint(rules: Rules) -> dict[str, Paint]:
     marks = Paint(width=HASH_LENGTH, dashes=(LINE_WIDTH, YARD - LINE_WIDTH), outwards=0.5 * HASH_LENGTH)
     found = {label: Paint(width=GOAL_LINE_WIDTH) for label in ("Goal line left", "Goal line right")}
     found |= dict.fromkeys(("Side line top", "Side line bottom", "End line left", "End line right"), border)
+    found |= {label: Paint(colour=YELLOW) for label in _goals()}
     for label in _rows(rules):
         found[label] = marks if label.startswith(("Side hash", "Hash")) and "outer" not in label else UNPAINTED
     return found
