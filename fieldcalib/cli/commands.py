@@ -17,6 +17,7 @@ COMMANDS = {
     "evaluate": "score cameras or homographies against annotations",
     "export": "write cameras in the formats of other tools",
     "project": "boxes of players to metres on the field",
+    "minimap": "maps with players and what the camera sees, of images or a clip",
     "topview": "the field as seen from above, of an image or a clip",
     "join": "put the results of shards together",
     "demo": "calibrate a synthetic pan over a pitch and draw it",

@@ -8,6 +8,8 @@ from functools import lru_cache
 from pathlib import Path
 
 from fieldcalib.assess.result import Calibration, Status
+from fieldcalib.fields.field import Field
+from fieldcalib.fields.soccer import soccer
 from fieldcalib.io.files import BrokenFileError, parse_json_object
 from fieldcalib.io.results import BROKEN, lines_file, result_lines
 
@@ -51,23 +53,31 @@ class Cameras:
         self._read = lru_cache(maxsize=KEPT)(self._calibration)
 
     @property
+    def ids(self) -> list[str]:
+        """Ids of all frames, in the order of the run."""
+        return list(self._lines)
+
+    @property
     def first(self) -> int | None:
         """The least number of a frame."""
         return min(self._by_number, default=None)
 
     def of(self, frame: str, offset: int = 0) -> Calibration | None:
-        """The calibration of a frame that boxes are of, None if there is no camera.
+        """The calibration of a frame that boxes are of, None if there is no camera."""
+        found = self.id_of(frame, offset)
+        return None if found is None else self._read(found)
 
-        Its id, with or without folder and ending, or its number: frame 12 is "000012", or "image-12".
+    def id_of(self, frame: str, offset: int = 0) -> str | None:
+        """The id of a frame that boxes are of, None if it is not among these.
+
+        It is given by its id, with or without folder and ending, or its number: frame 12 is "000012", or "image-12".
         """
         name = Path(frame).stem if re.search(r"\.[A-Za-z]", frame) else Path(frame).name
         number = _number(frame if re.fullmatch(r"[-+]?\d+(\.0*)?", frame) else name)
         if offset and number is not None:
-            found = self._by_number.get(number + offset)
-        else:
-            found = next((id for id in (frame, name) if id in self._lines), None)
-            found = found if found is not None or number is None else self._by_number.get(number)
-        return None if found is None else self._read(found)
+            return self._by_number.get(number + offset)
+        found = next((id for id in (frame, name) if id in self._lines), None)
+        return found if found is not None or number is None else self._by_number.get(number)
 
     def _calibration(self, id: str) -> Calibration | None:
         number, text = self._lines[id]
@@ -84,6 +94,20 @@ class Cameras:
         """For messages: how frames are called here and there."""
         ids = [*self._lines, "none"]
         return f"boxes are of frames as {frame!r}, cameras of frames as {ids[0]!r}"
+
+
+def field_of(cameras: Cameras, path: Path) -> Field:
+    """The field of the first frame that has an accepted camera.
+
+    Raises
+    ------
+    ValueError
+        If there is none.
+    """
+    first = cameras.of(cameras.accepted[0]) if cameras.accepted else None
+    if first is None:
+        raise ValueError(f"no frame of {path} has an accepted camera")
+    return first.field or soccer()
 
 
 def _number(id: str) -> int | None:

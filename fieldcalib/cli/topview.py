@@ -10,12 +10,11 @@ from typing import TypeVar
 import numpy as np
 
 from fieldcalib.cli.arguments import add_most_bytes, positive
-from fieldcalib.cli.frame_cameras import Cameras
+from fieldcalib.cli.frame_cameras import Cameras, field_of
 from fieldcalib.cli.inputs import add_inputs
+from fieldcalib.cli.players import PlayersOnMaps, add_players
 from fieldcalib.cli.results import counted
-from fieldcalib.draw import draw_field, mosaic, overhead_camera
-from fieldcalib.fields.field import Field
-from fieldcalib.fields.soccer import soccer
+from fieldcalib.draw import draw_field, draw_players, mosaic, overhead_camera
 from fieldcalib.geometry.camera import Camera
 from fieldcalib.io.cuts import Cut, Position
 from fieldcalib.io.files import BrokenFileError
@@ -47,6 +46,13 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--margin", type=positive, default=5.0, metavar="M", help="what is shown around the field, metres (5)"
     )
+    parser.add_argument(
+        "--players",
+        type=Path,
+        metavar="FILE",
+        help="the table of project: draws the players, of the last frame that is shown",
+    )
+    add_players(parser)
     add_most_bytes(parser)
     parser.set_defaults(run=run)
 
@@ -57,25 +63,24 @@ def run(options: argparse.Namespace) -> int:
         raise ValueError(f"{options.out} is no picture: expected a name that ends with {', '.join(PICTURES)}")
     cameras = Cameras(options.cameras)
     views = _of_video if VIDEOS.recognises(options.input[0]) else _of_images
-    field = _field(cameras, options.cameras)
+    field = field_of(cameras, options.cameras)
+    players = None if options.players is None else PlayersOnMaps(options.players, cameras, field, options)
     overhead = overhead_camera(field, options.metres_per_pixel, options.margin)
     width, height = overhead.image_size
     most = int(min(MOST_VIEWS, max(1.0, MOST_BYTES / (4 * width * height))))
     shown: list[str] = []
     picture, seen = mosaic(views(options, cameras, most, shown), overhead)
     lines = draw_field(picture, overhead, field, colour=LINES, thickness=1)
-    write_image(options.out, np.where(seen[..., None], picture, lines))
+    picture = np.where(seen[..., None], picture, lines)
+    if players is not None:
+        points, colours, trails = players.of(shown[-1])
+        picture = draw_players(picture, overhead, points, colours=colours, trails=trails)
+    write_image(options.out, picture)
     share = f"{100.0 * seen.mean():.0f} % of the picture seen"
     print(f"{options.out}: {width} x {height} pixels of {counted(len(shown), 'frame')}, {share}")
+    if players is not None and players.said():
+        print(players.said())
     return 0
-
-
-def _field(cameras: Cameras, path: Path) -> Field:
-    """The field of the first frame that has an accepted camera."""
-    first = cameras.of(cameras.accepted[0]) if cameras.accepted else None
-    if first is None:
-        raise ValueError(f"no frame of {path} has an accepted camera")
-    return first.field or soccer()
 
 
 def _of_images(

@@ -10,6 +10,7 @@ from fieldcalib.draw.overlays import (
     draw_calibration,
     draw_field,
     draw_minimap,
+    draw_players,
     draw_segments,
     label_colour,
 )
@@ -22,6 +23,7 @@ __all__ = [
     "draw_calibration",
     "draw_field",
     "draw_minimap",
+    "draw_players",
     "draw_segments",
     "label_colour",
     "mosaic",

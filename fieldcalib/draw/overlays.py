@@ -231,16 +231,62 @@ def draw_minimap(
     result = to_uint8(picture)
     if camera is not None:
         _mark_camera(result, overhead.project(camera.C * (1.0, 1.0, 0.0)), overhead.principal_point)
-    on_map = np.empty((0, 2)) if points is None else _on_map(overhead, points)
-    past = [_on_map(overhead, trail) for trail in trails]
-    shades = _each_colour(colours, max(len(on_map), len(past)))
+    points = np.empty((0, 2)) if points is None else points
+    return draw_players(result, overhead, points, colours=colours, trails=trails)
+
+
+def draw_players(
+    image: Image,
+    camera: Camera | RationalCamera,
+    points: ArrayLike,
+    *,
+    colours: Colour | Sequence[Colour] = POINT,
+    trails: Sequence[ArrayLike] = (),
+) -> Image:
+    """Draw points of the ground onto a copy of an image: dots with a dark rim, and where they came from.
+
+    Parameters
+    ----------
+    image : (height, width, 3) uint8 array
+        In OpenCV's order: blue, green, red. A top view, or a frame.
+    camera : Camera or RationalCamera
+        Of that image, such as that of `fieldcalib.draw.overhead_camera`.
+    points : (N, 2) or (N, 3) array_like
+        Metres; NaN and what is outside the image is left out.
+    colours, trails
+        As of `draw_minimap`.
+
+    Returns
+    -------
+    (height, width, 3) uint8 array
+
+    Raises
+    ------
+    ValueError
+        If the image is not of the camera's size, or as `draw_minimap`.
+
+    Examples
+    --------
+    >>> from fieldcalib.draw import overhead_camera
+    >>> from fieldcalib.fields.soccer import soccer
+    >>> overhead = overhead_camera(soccer(), 0.2)
+    >>> width, height = overhead.image_size
+    >>> grass = np.full((height, width, 3), (60, 130, 70), np.uint8)
+    >>> draw_players(grass, overhead, [(0.0, 0.0)], colours=(0, 0, 255))[height // 2, width // 2].tolist()
+    [0, 0, 255]
+    """
+    picture = np.array(checked_image(image, camera.image_size), order="C")
+    places = _on_image(camera, points)
+    past = [_on_image(camera, trail) for trail in trails]
+    shades = _each_colour(colours, max(len(places), len(past)))
+    width = camera.image_size[0]
     for trail, shade in zip(past, shades, strict=False):
-        _draw_trail(result, trail, shade, size[0] / 336.0)
-    radius = max(2.5, size[0] / 110.0)
-    for xy, shade in zip(on_map, shades, strict=False):
-        _dot(result, xy, radius + max(1.0, 0.25 * radius), DARK)
-        _dot(result, xy, radius, shade)
-    return result
+        _draw_trail(picture, trail, shade, max(1, round(width / 224.0)))
+    radius = max(2.5, width / 110.0)
+    for xy, shade in zip(places, shades, strict=False):
+        _dot(picture, xy, radius + max(1.0, 0.25 * radius), DARK)
+        _dot(picture, xy, radius, shade)
+    return picture
 
 
 def _light_view(picture: Float32, camera: Camera | RationalCamera, X: Array) -> None:
@@ -257,12 +303,13 @@ def _light_view(picture: Float32, camera: Camera | RationalCamera, X: Array) -> 
     mix(picture, SPOTLIGHT, 0.9 * rim)
 
 
-def _on_map(overhead: Camera, points: ArrayLike) -> Array:
-    """Pixels (N, 2) of field points on the map."""
+def _on_image(camera: Camera | RationalCamera, points: ArrayLike) -> Array:
+    """Pixels (N, 2) of points of the ground; NaN of those behind the camera."""
     X = np.asarray(points, dtype=float)
     if X.ndim != 2 or X.shape[1] not in (2, 3):
         raise ValueError(f"expected field points of shape (N, 2) or (N, 3), got {X.shape}")
-    return overhead.project(np.column_stack([X[:, :2], np.zeros(len(X))]))
+    on_ground = np.column_stack([X[:, :2], np.zeros(len(X))])
+    return np.where(camera.depth(on_ground)[:, None] > 0.0, camera.project(on_ground), np.nan)
 
 
 def _each_colour(colours: Colour | Sequence[Colour], count: int) -> list[Colour]:
@@ -274,18 +321,25 @@ def _each_colour(colours: Colour | Sequence[Colour], count: int) -> list[Colour]
     return [(int(blue), int(green), int(red)) for blue, green, red in shades]
 
 
-def _draw_trail(picture: Image, trail: Array, colour: Colour, unit: float) -> None:
-    """A polyline that fades towards its beginning; gaps where points are missing."""
+def _draw_trail(picture: Image, trail: Array, colour: Colour, thickness: int) -> None:
+    """A polyline that fades towards its beginning, in place; gaps where points are missing."""
     import cv2
 
-    thickness = max(1, round(1.5 * unit))
+    size, margin = np.array(picture.shape[1::-1]), thickness + 2
     for step, (start, end) in enumerate(pairwise(trail), 1):
-        if np.all(np.abs([start, end]) < 1e6):  # not NaN, and within OpenCV's integers
-            layer = picture.copy()
-            first, last = (tuple(fixed_point(xy).tolist()) for xy in (start, end))
-            cv2.line(layer, first, last, colour, thickness, cv2.LINE_AA, SHIFT)
-            share = 0.15 + 0.85 * step / (len(trail) - 1)
-            picture[:] = cv2.addWeighted(layer, share, picture, 1.0 - share, 0.0)
+        if not np.all(np.abs([start, end]) < 1e6):  # NaN, or beyond OpenCV's integers
+            continue
+        low, high = np.minimum(start, end).astype(int) - margin, np.maximum(start, end).astype(int) + margin + 1
+        left, top = np.clip(low, 0, size).tolist()
+        right, bottom = np.clip(high, 0, size).tolist()
+        if left >= right or top >= bottom:
+            continue
+        around = picture[top:bottom, left:right]
+        layer = around.copy()
+        first, last = (tuple(fixed_point(xy - (left, top)).tolist()) for xy in (start, end))
+        cv2.line(layer, first, last, colour, thickness, cv2.LINE_AA, SHIFT)
+        share = 0.15 + 0.85 * step / (len(trail) - 1)
+        around[:] = cv2.addWeighted(layer, share, around, 1.0 - share, 0.0)
 
 
 @lru_cache(maxsize=4)  # it takes longer than to draw what a camera sees, and is the same in every frame of a video

@@ -1,0 +1,85 @@
+"""`fieldcalib minimap`: a map of each frame, with what its camera sees and with players, as pictures or as a video."""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Iterator
+from pathlib import Path
+
+from fieldcalib.cli.arguments import image_size, positive
+from fieldcalib.cli.frame_cameras import Cameras, field_of
+from fieldcalib.cli.frames import say_note
+from fieldcalib.cli.players import PlayersOnMaps, add_players
+from fieldcalib.cli.results import counted
+from fieldcalib.draw import draw_minimap
+from fieldcalib.io.image import Image
+from fieldcalib.io.images import write_image
+from fieldcalib.io.videos import USUAL, VideoWriter
+
+PICTURE, VIDEO = ".png", ".mp4"
+SIZE = (672, 456)
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Describe the command, add its arguments and set ``run``, a function of them that gives the exit code."""
+    parser.description = (
+        "Maps of the field, one for each frame: the ground that the camera sees, its position, and players with their "
+        "trails."
+    )
+    parser.add_argument(
+        "players", nargs="?", type=Path, metavar="PLAYERS", help="the table that project wrote (none: views alone)"
+    )
+    parser.add_argument("--cameras", required=True, type=Path, metavar="DIR", help="results of run or calibrate")
+    parser.add_argument(
+        "--out",
+        required=True,
+        type=Path,
+        metavar="PATH",
+        help=f"a video ({VIDEO}), a picture of a single frame ({PICTURE}), or a folder for minimap_<id>{PICTURE}",
+    )
+    add_players(parser)
+    parser.add_argument(
+        "--size", type=image_size, default=SIZE, metavar="WxH", help=f"of the maps, pixels ({SIZE[0]}x{SIZE[1]})"
+    )
+    parser.add_argument(
+        "--frames-per-second", type=positive, default=USUAL, metavar="R", help=f"of the video ({USUAL:g})"
+    )
+    parser.set_defaults(run=run)
+
+
+def run(options: argparse.Namespace) -> int:
+    """Draw; returns the exit code."""
+    suffix = options.out.suffix.lower()
+    if suffix not in (PICTURE, VIDEO, "") and not options.out.is_dir():
+        raise ValueError(f"{options.out}: expected a name that ends with {VIDEO} or {PICTURE}, or a folder")
+    cameras = Cameras(options.cameras)
+    field = field_of(cameras, options.cameras)
+    players = None if options.players is None else PlayersOnMaps(options.players, cameras, field, options)
+    ids = cameras.ids if players is None else players.ids
+    if suffix == PICTURE and len(ids) > 1:
+        raise ValueError(f"{options.out} is one picture, and there are {len(ids)} frames: give a folder or {VIDEO}")
+
+    def maps() -> Iterator[tuple[str, Image]]:
+        for id in ids:
+            found = cameras.of(id)
+            camera = found.camera if found is not None and found.accepted else None
+            if players is None:
+                yield id, draw_minimap(camera, field, size=options.size)
+            else:
+                points, colours, trails = players.of(id)
+                yield id, draw_minimap(camera, field, size=options.size, points=points, colours=colours, trails=trails)
+
+    if suffix == VIDEO:
+        with VideoWriter(options.out, options.frames_per_second) as video:
+            for _, picture in maps():
+                video.write(picture)
+        say_note(options.out, video)
+    else:
+        if suffix != PICTURE:
+            options.out.mkdir(parents=True, exist_ok=True)
+        for id, picture in maps():
+            write_image(options.out if suffix == PICTURE else options.out / f"minimap_{id}{PICTURE}", picture)
+    print(f"{options.out}: {counted(len(ids), 'map')} of {options.size[0]} x {options.size[1]} pixels")
+    if players is not None and players.said():
+        print(players.said())
+    return 0

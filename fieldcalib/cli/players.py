@@ -1,0 +1,130 @@
+"""Players of `fieldcalib project` for pictures of the field: where they are in a frame, their colours and trails."""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Mapping
+from pathlib import Path
+from types import MappingProxyType
+
+import numpy as np
+
+from fieldcalib._types import Array
+from fieldcalib.cli.arguments import count
+from fieldcalib.cli.frame_cameras import Cameras
+from fieldcalib.draw.ground import Colour
+from fieldcalib.fields.field import Field
+from fieldcalib.io.players import Player, read_players
+
+COLOURS: Mapping[str, Colour] = MappingProxyType(
+    {
+        "red": (50, 50, 230),
+        "blue": (235, 125, 40),
+        "yellow": (40, 220, 250),
+        "white": (245, 245, 245),
+        "black": (25, 25, 25),
+        "violet": (220, 70, 150),
+        "orange": (20, 140, 255),
+        "cyan": (225, 220, 40),
+        "pink": (190, 140, 255),
+        "green": (70, 230, 120),
+    }
+)
+ONE, NO_GROUP = "red", (150, 150, 150)  # where nothing tells players apart, and of those without a group
+
+
+def add_players(parser: argparse.ArgumentParser) -> None:
+    """--trails, --colour-by and --frame-offset of what draws players."""
+    parser.add_argument(
+        "--trails", type=count, default=0, metavar="N", help="draw where each player came from, over N frames (none)"
+    )
+    parser.add_argument(
+        "--colour-by",
+        metavar="COLUMN",
+        help="of the table, whose values get colours: team, class, id (the first there is of team, class, role)",
+    )
+    parser.add_argument(
+        "--frame-offset",
+        type=int,
+        default=0,
+        metavar="N",
+        help="added to the numbers of frames, as of project (0)",
+    )
+
+
+class PlayersOnMaps:
+    """Players by the ids of frames in a folder of results.
+
+    Parameters
+    ----------
+    path : Path
+        What `project` wrote.
+    cameras : Cameras
+    field : Field
+    options : argparse.Namespace
+        Those of `add_players`.
+
+    Raises
+    ------
+    ValueError
+        If no frame is among the results, there are no tracks for trails, or most players are off the field.
+    """
+
+    def __init__(self, path: Path, cameras: Cameras, field: Field, options: argparse.Namespace) -> None:
+        self._table = read_players(path, options.colour_by)
+        self._count = options.trails
+        if self._count and self._table.track_column is None:
+            raise ValueError(f"{path} has no column track_id, tracker_id or id: --trails needs one")
+        self._order = {id: index for index, id in enumerate(cameras.ids)}
+        self._at: dict[int, list[Player]] = {}
+        for frame, players in self._table.frames.items():
+            id = cameras.id_of(frame, options.frame_offset)
+            if id is not None:
+                self._at.setdefault(self._order[id], []).extend(players)
+        if not self._at:
+            frame = next(iter(self._table.frames), "none")
+            raise ValueError(f"no frame of {path} is among those of {options.cameras}: {cameras.said(frame)}")
+        _check_on_field(self._table.X, field, path)
+        names = list(COLOURS)
+        self._colours = {group: names[i % len(names)] for i, group in enumerate(self._table.groups)}
+
+    @property
+    def ids(self) -> list[str]:
+        """The frames of the results from the first to the last one with players."""
+        ids = list(self._order)
+        return ids[min(self._at) : max(self._at) + 1]
+
+    def of(self, id: str) -> tuple[Array, list[Colour], list[Array]]:
+        """Points (N, 2) of the players in a frame, their colours, and their trails; NaN where there is no point."""
+        place = self._order[id]
+        players = self._at.get(place, [])
+        points = np.array([player.X for player in players]).reshape(-1, 2)
+        colours = [self._colour(player) for player in players]
+        if not self._count:
+            return points, colours, []
+        past = [
+            {player.track: player.X for player in self._at.get(index, ()) if player.track}
+            for index in range(max(place - self._count, 0), place + 1)
+        ]
+        trails = [np.array([there.get(player.track, (np.nan, np.nan)) for there in past]) for player in players]
+        return points, colours, trails
+
+    def _colour(self, player: Player) -> Colour:
+        if not self._colours:
+            return COLOURS[ONE]
+        return COLOURS[self._colours[player.group]] if player.group else NO_GROUP
+
+    def said(self) -> str:
+        """Which colours are of what, for a line of output; empty if there is one."""
+        groups = [f"{group} is {colour}" for group, colour in list(self._colours.items())[: len(COLOURS)]]
+        more = ", ..." if len(self._colours) > len(COLOURS) else ""
+        return f"{self._table.group_column}: {', '.join(groups)}{more}" if groups else ""
+
+
+def _check_on_field(X: Array, field: Field, path: Path) -> None:
+    X = X[np.isfinite(X).all(axis=-1)]
+    if len(X) and np.mean(np.any(np.abs(X) > field.half_extent, axis=-1)) > 0.5:
+        raise ValueError(
+            f"most points of {path} are off a field of {field.length:g} x {field.width:g} m: expected metres from the "
+            f"centre mark, as project writes them without --to"
+        )

@@ -1,0 +1,134 @@
+"""Players on the field, frame by frame, as `fieldcalib project` writes them."""
+
+from __future__ import annotations
+
+import csv
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from fieldcalib._types import Array
+from fieldcalib.io.boxes import FRAME_COLUMNS
+from fieldcalib.io.files import BrokenFileError
+
+POINT = ("field_x", "field_y")
+GROUPS = ("team", "team_id", "class", "class_name", "role")  # what players are told apart by, the first that is there
+TRACKS = ("track_id", "tracker_id", "player_id", "id")
+
+NO_TRACK = ("-1", "-1.0", "nan", "None")  # as trackers write that there is none
+
+
+@dataclass(frozen=True)
+class Player:
+    """A row: one player in one frame."""
+
+    X: tuple[float, float]
+    """Metres; NaN where there is no point."""
+    group: str
+    """Such as the team; empty if nothing is said."""
+    track: str
+    """The same in all frames; empty if nothing is said."""
+
+
+@dataclass(frozen=True)
+class Players:
+    """The players of many frames."""
+
+    frames: Mapping[str, Sequence[Player]]
+    """By the names of the frames, as they are written; in the order of the file."""
+    group_column: str | None
+    """Of `Player.group`."""
+    track_column: str | None
+
+    @property
+    def groups(self) -> list[str]:
+        """All of them, numbers by their size; without the empty one."""
+        found = {player.group for players in self.frames.values() for player in players}
+        return sorted(found - {""}, key=lambda name: (len(name), name) if name.isdecimal() else (0, name))
+
+    @property
+    def X(self) -> Array:
+        """All points, (N, 2)."""
+        return np.array([player.X for players in self.frames.values() for player in players]).reshape(-1, 2)
+
+
+def read_players(path: Path | str, group_column: str | None = None) -> Players:
+    """Players from the table of `fieldcalib project`, or any with a frame and a point in each row.
+
+    Parameters
+    ----------
+    path : path
+        A CSV file with the columns `frame` (or another name that `fieldcalib.io.boxes` knows), `field_x` and `field_y`,
+        metres from the centre mark.
+    group_column : str, optional
+        What players are told apart by; by default the first of team, team_id, class, class_name and role that is there.
+
+    Raises
+    ------
+    FileNotFoundError
+        If there is no such file.
+    BrokenFileError
+        If a column is missing, or a row is malformed; the message begins with the path and the line.
+
+    Examples
+    --------
+    >>> import tempfile
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     path = Path(folder) / "players.csv"
+    ...     _ = path.write_text("frame,id,team,field_x,field_y\\n0,7,left,11.8,-8.7\\n0,9,right,,\\n")
+    ...     players = read_players(path)
+    >>> players.frames["0"][0]
+    Player(X=(11.8, -8.7), group='left', track='7')
+    >>> players.groups, players.track_column
+    (['left', 'right'], 'id')
+    """
+    path = Path(path)
+    if not path.is_file():
+        raise FileNotFoundError(f"{path} does not exist: expected the table that fieldcalib project wrote")
+    with path.open(encoding="utf-8-sig", newline="") as file:
+        reader = csv.reader(file, strict=True)
+        try:
+            columns = [name.strip() for name in next(reader, [])]
+            frame, group, track = _columns(columns, group_column)
+            x, y = (columns.index(name) for name in POINT)
+            frames: dict[str, list[Player]] = {}
+            for values in reader:
+                if len(values) not in (0, len(columns)):
+                    raise BrokenFileError(f"expected {len(columns)} columns, got {len(values)}")
+                if values:
+                    said = ["" if column is None else values[column].strip() for column in (group, track)]
+                    X = _number(values[x]), _number(values[y])
+                    player = Player(X, said[0], "" if said[1] in NO_TRACK else said[1])
+                    frames.setdefault(values[frame].strip(), []).append(player)
+        except UnicodeDecodeError:
+            raise BrokenFileError(f"{path}: is no text in UTF-8") from None
+        except (csv.Error, BrokenFileError) as error:
+            raise BrokenFileError(f"{path}, line {max(reader.line_num, 1)}: {error}") from None
+    names = [None if column is None else columns[column] for column in (group, track)]
+    return Players(frames, *names)
+
+
+def _columns(columns: Sequence[str], group_column: str | None) -> tuple[int, int | None, int | None]:
+    """Places of the frame, of the group and of the track."""
+    lower = [name.lower() for name in columns]
+    frame, group, track = (
+        next((lower.index(name) for name in names if name in lower), None) for names in (FRAME_COLUMNS, GROUPS, TRACKS)
+    )
+    missing = [name for name in POINT if name not in columns]
+    if frame is None or missing:
+        wanted = "frame" if frame is None else missing[0]
+        raise BrokenFileError(f"expected a column {wanted!r}, as project writes it, got {', '.join(columns)}")
+    if group_column is not None:
+        if group_column not in columns:
+            raise BrokenFileError(f"expected a column {group_column!r}, got {', '.join(columns)}")
+        group = columns.index(group_column)
+    return frame, group, track
+
+
+def _number(text: str) -> float:
+    try:
+        return float(text) if text.strip() else np.nan
+    except ValueError:
+        raise BrokenFileError(f"expected metres, got {text!r}") from None

@@ -1,0 +1,194 @@
+"""Players on maps and top views, from the command line: places, colours, trails, and what is wrong with a table."""
+
+import csv
+import json
+
+import cv2
+import numpy as np
+import pytest
+
+from fieldcalib import Calibration, Camera, Status, soccer
+from fieldcalib.cli.main import main
+from fieldcalib.cli.players import COLOURS
+from fieldcalib.draw import draw_minimap, draw_players, overhead_camera, render_field
+from fieldcalib.fields.sports.tennis import tennis
+from fieldcalib.io.players import Player, read_players
+from fieldcalib.io.videos import VideoReader
+
+SIZE = (640, 360)
+CAMERA = Camera.from_angles(0.1, np.radians(78), 0.0, 700.0, (0.0, 62.0, -18.0), SIZE)
+HEADER = ("frame", "track_id", "team", "field_x", "field_y")
+RED, BLUE = COLOURS["red"], COLOURS["blue"]
+
+
+@pytest.fixture
+def folder(tmp_path):
+    """Results of five frames, of which one is rejected and one has no camera, and a picture of the second one."""
+    good = Calibration(CAMERA, Status.ACCEPTED, "", 0.0, 0.0, {}, field=soccer())
+    rejected = Calibration.from_dict(good.to_dict() | {"status": str(Status.IMPROBABLE)})
+    nothing = Calibration.without_camera(Status.TOO_FEW_SEGMENTS, "no labelled pixels")
+    lines = [
+        json.dumps({"id": f"{index:06d}", **found.to_dict()}) + "\n"
+        for index, found in enumerate((good, good, rejected, nothing, good))
+    ]
+    (tmp_path / "cameras").mkdir()
+    (tmp_path / "cameras" / "cameras.jsonl").write_text("".join(lines))
+    cv2.imwrite(str(tmp_path / "000001.png"), render_field(CAMERA, soccer()))
+    return tmp_path
+
+
+def table(folder, rows, header=HEADER):
+    path = folder / "players.csv"
+    with path.open("w", newline="") as file:
+        csv.writer(file).writerows([header, *rows])
+    return path
+
+
+ROWS = (
+    (0, 1, "left", 10.0, -5.0),
+    (0, 2, "right", 20.0, 5.0),
+    (1, 1, "left", 12.0, -5.0),
+    (1, 2, "right", "", ""),
+    (2, 1, "left", 14.0, -5.0),
+    (3, 3, "", -30.0, 0.0),
+)
+
+
+def command(name, folder, *options):
+    return main([name, *map(str, options), "--cameras", str(folder / "cameras")])
+
+
+def is_at(picture, colour, xy):
+    x, y = np.rint(xy).astype(int)
+    return np.abs(picture[y, x].astype(int) - colour).max() <= 2
+
+
+def test_maps_have_players_in_the_colours_of_their_teams(folder, capsys):
+    out = folder / "maps"
+    assert command("minimap", folder, table(folder, ROWS), "--out", out) == 0
+    assert "4 maps of 672 x 456 pixels\nteam: left is red, right is blue" in capsys.readouterr().out
+    assert sorted(path.name for path in out.iterdir()) == [f"minimap_00000{index}.png" for index in range(4)]
+    first, second, third, fourth = (cv2.imread(str(out / f"minimap_00000{index}.png")) for index in range(4))
+    plain, dark = draw_minimap(CAMERA, soccer(), size=(672, 456)), draw_minimap(None, soccer(), size=(672, 456))
+
+    expected = draw_minimap(CAMERA, soccer(), size=(672, 456), points=[(10.0, -5.0), (20.0, 5.0)], colours=[RED, BLUE])
+    np.testing.assert_array_equal(first, expected)
+    assert np.any(second != plain)
+    changed = np.nonzero(np.any(second != plain, axis=-1))
+    assert max(np.ptp(side) for side in changed) < 20  # one player: the other one has no point
+    assert np.any(third != dark)  # rejected: the view is not drawn, what the table says is
+    np.testing.assert_array_equal(third[:50], dark[:50])
+    assert np.any(np.all(fourth == (150, 150, 150), axis=-1))  # of no team
+
+
+def test_colours_by_any_column(folder, capsys):
+    path = table(folder, ROWS[:2])
+    assert command("minimap", folder, path, "--out", folder / "one.png", "--colour-by", "track_id") == 0
+    assert "track_id: 1 is red, 2 is blue" in capsys.readouterr().out
+    assert command("minimap", folder, path, "--out", folder / "one.png", "--colour-by", "shirt") == 2
+    assert "line 1: expected a column 'shirt', got frame, track_id" in capsys.readouterr().err
+
+
+def test_trails_go_back_so_many_frames_of_the_clip(folder):
+    path = table(folder, ROWS)
+    for frames, reach in ((1, 12.0), (5, 10.0)):
+        assert command("minimap", folder, path, "--out", folder / "maps", "--trails", frames) == 0
+        picture = cv2.imread(str(folder / "maps" / "minimap_000002.png"))
+        trail = [(x, -5.0) for x in np.arange(reach, 14.5, 2.0)]
+        expected = draw_minimap(
+            None, soccer(), size=(672, 456), points=[(14.0, -5.0)], colours=RED, trails=[[*trail[:-1], (14.0, -5.0)]]
+        )
+        shown = np.any(picture != draw_minimap(None, soccer(), size=(672, 456)), axis=-1)
+        wanted = np.any(expected != draw_minimap(None, soccer(), size=(672, 456)), axis=-1)
+        assert np.mean(shown[wanted]) > 0.99
+        assert np.mean(wanted[shown]) > 0.99
+
+
+def test_trails_need_tracks(folder, capsys):
+    path = table(folder, [(0, 1.0, 2.0)], ("frame", "field_x", "field_y"))
+    assert command("minimap", folder, path, "--out", folder / "maps", "--trails", 3) == 2
+    assert "has no column track_id, tracker_id or id: --trails needs one" in capsys.readouterr().err
+    assert command("minimap", folder, path, "--out", folder / "maps") == 0
+
+
+def test_a_video_has_a_map_for_each_frame(folder):
+    path = table(folder, [*ROWS, (4, 1, "left", 16.0, -5.0)])
+    out = folder / "maps.mp4"
+    assert command("minimap", folder, path, "--out", out, "--size", "336x228", "--frames-per-second", 10) == 0
+    with VideoReader(out) as video:
+        assert video.frames_per_second == pytest.approx(10.0)
+        assert [image.shape for image in video] == [(228, 336, 3)] * 5
+
+
+def test_maps_without_players_are_of_all_frames(folder):
+    assert command("minimap", folder, "--out", folder / "maps", "--size", "336x228") == 0
+    assert len(list((folder / "maps").iterdir())) == 5
+    np.testing.assert_array_equal(
+        cv2.imread(str(folder / "maps" / "minimap_000004.png")), draw_minimap(CAMERA, soccer())
+    )
+
+
+@pytest.mark.parametrize(
+    ("rows", "header", "message"),
+    [
+        (ROWS, ("frame", "track_id", "team", "x", "y"), "line 1: expected a column 'field_x', as project writes it"),
+        (ROWS, ("time", "track_id", "team", "field_x", "field_y"), "line 1: expected a column 'frame'"),
+        ([(0, 1, "a", "far", 2)], HEADER, "line 2: expected metres, got 'far'"),
+        ([(0, 1, "a", 2)], HEADER, "line 2: expected 5 columns, got 4"),
+        ([(77, 1, "a", 2, 3)], HEADER, "no frame of"),
+        ([(0, 1, "a", 60, 40)], HEADER, "most points of"),
+        ([], HEADER, "boxes are of frames as 'none'"),
+    ],
+)
+def test_what_is_wrong_with_a_table_is_said(folder, rows, header, message, capsys):
+    assert command("minimap", folder, table(folder, rows, header), "--out", folder / "maps") == 2
+    assert message in capsys.readouterr().err
+    assert not (folder / "maps").exists()
+
+
+def test_what_cannot_be_written_is_said_first(folder, capsys):
+    path = table(folder, ROWS)
+    assert command("minimap", folder, path, "--out", folder / "maps.gif") == 2
+    assert "expected a name that ends with .mp4 or .png, or a folder" in capsys.readouterr().err
+    assert command("minimap", folder, path, "--out", folder / "map.png") == 2
+    assert "is one picture, and there are 4 frames" in capsys.readouterr().err
+    assert command("minimap", folder, folder / "none.csv", "--out", folder / "maps") == 2
+    assert "none.csv does not exist" in capsys.readouterr().err
+
+
+def test_players_on_a_top_view(folder, capsys):
+    path, out = table(folder, ROWS), folder / "top.png"
+    options = (folder / "000001.png", "--out", out, "--metres-per-pixel", 0.25)
+    assert command("topview", folder, *options) == 0
+    plain = cv2.imread(str(out))
+    assert command("topview", folder, *options, "--players", path, "--trails", 1) == 0
+    assert "team: left is red, right is blue" in capsys.readouterr().out
+    picture = cv2.imread(str(out))
+    overhead = overhead_camera(soccer(), 0.25)
+    trails = [[(10.0, -5.0), (12.0, -5.0)], [(20.0, 5.0), (np.nan, np.nan)]]
+    expected = draw_players(plain, overhead, [(12.0, -5.0), (np.nan, np.nan)], colours=[RED, BLUE], trails=trails)
+    np.testing.assert_array_equal(picture, expected)
+    assert is_at(picture, RED, overhead.project([12.0, -5.0, 0.0]))
+
+
+def test_players_are_drawn_where_a_camera_sees_them():
+    image = np.zeros((*SIZE[::-1], 3), np.uint8)
+    behind = CAMERA.C[:2] + 10.0 * (CAMERA.C[:2] - CAMERA.image_to_field([320, 180])[:2])
+    picture = draw_players(
+        image, CAMERA, [(5.0, 3.0), behind, (np.nan, 0.0)], colours=RED, trails=[[behind, (5.0, 3.0)]]
+    )
+    assert is_at(picture, RED, CAMERA.project([5.0, 3.0, 0.0]))
+    assert np.count_nonzero(picture.any(axis=-1)) < 300  # a dot and no trail
+    assert not image.any()
+    on_court = draw_players(image, CAMERA.scaled(SIZE), tennis()["Base line left"].sample(1.0))
+    assert on_court.any()
+
+
+def test_players_of_a_table(tmp_path):
+    path = table(tmp_path, [("a", -1, "x", 1, 2), ("b", 5, "", "", "nan"), ("a", 6, "10", 3, 4), ("a", 7, "9", 3, 4)])
+    players = read_players(path)
+    assert list(players.frames) == ["a", "b"]
+    assert players.frames["a"][0] == Player((1.0, 2.0), "x", "")  # -1 is no track
+    assert np.isnan(players.frames["b"][0].X).all()
+    assert players.groups == ["x", "9", "10"]
+    assert (players.group_column, players.track_column, players.X.shape) == ("team", "track_id", (4, 2))
