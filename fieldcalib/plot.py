@@ -6,6 +6,7 @@ mplsoccer's type "skillcorner": metres from the centre mark, (x, -y).
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -20,6 +21,7 @@ from fieldcalib.geometry.camera import Camera
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.collections import EllipseCollection, PathCollection
+    from matplotlib.lines import Line2D
     from matplotlib.patches import Polygon
 
 PITCH_TYPES = ("skillcorner", "secondspectrum")  # metres from the centre mark, y up
@@ -96,6 +98,31 @@ def draw_players(pitch: Any, ax: Axes, X: ArrayLike, **options: Any) -> PathColl
     _check(pitch)
     x, y = on_pitch(X)
     drawn: PathCollection = pitch.scatter(x, y, ax=ax, **{"s": 60, "edgecolors": "black", "zorder": 4, **options})
+    return drawn
+
+
+def draw_trails(pitch: Any, ax: Axes, trails: Sequence[ArrayLike], **options: Any) -> list[Line2D]:
+    """Lines on a pitch: where players came from.
+
+    Parameters
+    ----------
+    pitch, ax
+        As of `draw_players`.
+    trails : sequence of (M, 2) or (M, 3) array_like
+        Field points of each player, metres; NaN is a gap.
+    **options
+        Of ``pitch.plot``, such as `color` or `linewidth`.
+
+    Raises
+    ------
+    ValueError
+        As `draw_players`.
+    """
+    _check(pitch)
+    drawn: list[Line2D] = []
+    for trail in trails:
+        x, y = on_pitch(trail)
+        drawn += pitch.plot(x, y, ax=ax, **{"linewidth": 1.5, "alpha": 0.7, "zorder": 3, **options})
     return drawn
 
 

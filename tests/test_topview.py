@@ -1,6 +1,8 @@
 """The field from above: top views of images, mosaics of clips, maps with players, plots on mplsoccer's pitches."""
 
 import json
+import re
+from pathlib import Path
 
 import cv2
 import numpy as np
@@ -232,6 +234,15 @@ def test_players_are_plotted_with_y_up(drawn):
     np.testing.assert_array_equal(np.ma.filled(dots.get_offsets(), np.nan)[0], [10.0, -5.0])
 
 
+def test_trails_are_plotted_with_y_up(drawn):
+    plot, pitch, ax = drawn
+    first, second = plot.draw_trails(
+        pitch, ax, [[(0.0, 1.0), (np.nan, 2.0), (3.0, 4.0)], [(5.0, 6.0, 0.0)]], color="red"
+    )
+    np.testing.assert_array_equal(first.get_xydata(), [(0.0, -1.0), (np.nan, -2.0), (3.0, -4.0)])
+    np.testing.assert_array_equal(second.get_xydata(), [(5.0, -6.0)])
+
+
 def test_what_a_camera_sees_is_plotted(drawn):
     plot, pitch, ax = drawn
     down = Camera.from_angles(0.0, 0.0, 0.0, 100.0, (5.0, 10.0, -20.0), (100, 50))  # sees 20 x 10 m
@@ -278,3 +289,15 @@ def test_top_views_are_of_any_field():
     camera = Camera.from_angles(0.0, 1.0, 0.0, 500.0, (0.0, 20.0, -12.0), SIZE)
     _, seen = top_view(coded(camera), camera, overhead)
     assert seen.mean() > 0.3
+
+
+def test_the_example_of_the_documentation_draws_a_picture(drawn, tmp_path, monkeypatch):
+    page = (Path(__file__).parents[1] / "docs" / "detections.md").read_text(encoding="utf-8")
+    blocks = re.findall(r"```python\n(.*?)```", page, flags=re.DOTALL)
+    monkeypatch.chdir(tmp_path)
+    names = {}
+    for code in blocks:
+        if "top_view" not in code:  # that one is of an image
+            exec(compile(code, "detections.md", "exec"), names)
+    assert cv2.imread("players.png") is not None
+    assert len(names["ax"].collections) >= 2  # dots and ellipses
