@@ -52,7 +52,7 @@ class GroundError:
         known = np.asarray(np.isfinite(self.covariance).all(axis=(-2, -1)))
         values, vectors = np.linalg.eigh(np.where(known[..., None, None], self.covariance, np.eye(2)))
         half_axes = region_radius(2, self.dof, level) * np.sqrt(np.maximum(values[..., ::-1], 0.0))
-        y, x = np.ascontiguousarray(np.moveaxis(vectors[..., 1], -1, 0)[::-1])
+        y, x = np.moveaxis(vectors[..., 1], -1, 0)[::-1].copy()
         angle = np.arctan2(y, x)
         return np.where(known[..., None], half_axes, np.nan), np.where(known, angle, np.nan)
 

@@ -108,7 +108,7 @@ def pointed_camera(
     if np.isnan(known[PAN]):
         theta[..., ROLL] = 0.0 if np.isnan(known[ROLL]) else known[ROLL]
         # a copy, see `exp_of`
-        x, y, z = np.ascontiguousarray(np.moveaxis(np.sum(weight * X, axis=1) - theta[..., CENTER], -1, 0))
+        x, y, z = np.moveaxis(np.sum(weight * X, axis=1) - theta[..., CENTER], -1, 0).copy()
         theta[..., PAN], theta[..., TILT] = np.arctan2(x, -y), np.arctan2(np.hypot(x, y), z)
     if np.isnan(known[LOG_F]):
         Xc = (X - theta[..., None, CENTER]) @ np.swapaxes(rotation_from_angles(theta[..., ANGLES]), -1, -2)

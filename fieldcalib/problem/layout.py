@@ -49,14 +49,15 @@ def exp_of(theta: Array, column: int) -> Array:
     """``exp`` of a parameter, `LOG_F` or `LOG_ASPECT`, of parameter vectors (..., n).
 
     It is taken of a copy: NumPy 1.26 and 2.0 (not 2.4) round ``exp``, ``arctan2`` and others otherwise where the result
-    lies close to the end of a column in memory, and results would depend on where that is.
+    lies close to the end of a column in memory, and results would depend on where that is. (`ascontiguousarray` makes
+    no copy of a single number, whose stride is still that of the column.)
 
     Examples
     --------
     >>> exp_of(np.full((2, 14), np.log(1000.0)), LOG_F).round(9)
     array([1000., 1000.])
     """
-    return np.asarray(np.exp(np.ascontiguousarray(theta[..., column])))
+    return np.asarray(np.exp(theta[..., column].copy()))
 
 
 class Role(IntEnum):
