@@ -1,6 +1,7 @@
 """The probability that a camera is right: where its coefficients come from, and whether it is calibrated.
 
     python -m data_tools.probability fit [--field NAME] [--frames N]
+    python -m data_tools.probability verdicts [--field NAME] [--frames N]
     python -m data_tools.probability sizes [--frames N]
     python -m data_tools.probability measured CAMERAS
     python -m data_tools.probability annotated ANNOTATIONS --size WxH
@@ -9,6 +10,9 @@
 regression on whether the largest error in view is below the field's tolerance (1 m on a soccer pitch, less on courts)
 and below half of it. It ends with the reliability on as many
 other frames.
+
+`verdicts` prints, with the default prior and without one, how many of such frames are good, to be checked and rejected
+among those that are right to the tolerance, wrong, and off by more than ten times that.
 
 `sizes` draws pitches, 70 % of 105 x 68 m and 30 % of a random legal size, and calibrates their frames as 105 x 68 m.
 
@@ -25,6 +29,7 @@ from __future__ import annotations
 
 import argparse
 import json
+from collections import Counter
 from collections.abc import Sequence
 from dataclasses import replace
 from itertools import pairwise
@@ -142,6 +147,24 @@ def fit(options: argparse.Namespace) -> int:
     return 0
 
 
+def verdicts(options: argparse.Namespace) -> int:
+    """Print verdicts on cameras that are right, wrong and very wrong."""
+    rng, field = np.random.default_rng(options.seed), replace(field_named(options.field), size_known=True)
+    frames = [random_frame(field, rng) for _ in range(options.frames)]
+    for prior in ("all", None):
+        counts: dict[str, Counter[str]] = {name: Counter() for name in ("right", "wrong", "very wrong")}
+        found = calibrate_batch(field, [f.pixels for f in frames], frames[0].camera.image_size, prior=prior)
+        for one, frame in zip(found, frames, strict=True):
+            error = np.inf if one.camera is None else largest_true_error(one.camera, frame.camera, field)
+            if not np.isnan(error):
+                kind = (
+                    "right" if error < field.tolerance else "wrong" if error < 10.0 * field.tolerance else "very wrong"
+                )
+                counts[kind][str(one.verdict)] += 1
+        print(json.dumps({"field": options.field, "prior": prior, **counts}))
+    return 0
+
+
 def sizes(options: argparse.Namespace) -> int:
     """Print the reliability where nobody has measured the pitch."""
     rng, field = np.random.default_rng(options.seed), soccer()
@@ -233,15 +256,15 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--seed", type=int, default=0)
     commands = parser.add_subparsers(required=True)
-    for run, repeats in ((fit, None), (sizes, None), (measured, 100), (annotated, 2)):
+    for run, repeats in ((fit, None), (verdicts, None), (sizes, None), (measured, 100), (annotated, 2)):
         command = commands.add_parser(run.__name__, help=run.__doc__)
         command.set_defaults(run=run)
         if repeats is not None:
             command.add_argument("--repeats", type=count, default=repeats, help=f"of each camera or frame ({repeats})")
-        if run is fit:
+        if run in (fit, verdicts):
             command.add_argument("--field", choices=FIELDS, default="soccer", help="(soccer)")
-        if run in (fit, sizes):
-            command.add_argument("--frames", type=count, default=6000, help="to fit to, and as many others (6000)")
+        if run in (fit, verdicts, sizes):
+            command.add_argument("--frames", type=count, default=6000, help="frames; to fit, as many others too (6000)")
         elif run is measured:
             command.add_argument("cameras", type=Path, help="folder of <name>.npz")
             command.add_argument("--noise", type=float, default=2.0, help="pixels at 1920x1080 (2)")

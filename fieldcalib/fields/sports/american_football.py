@@ -13,7 +13,7 @@ from fieldcalib.fields.mirrored import with_left, with_top
 from fieldcalib.fields.segments import Line, Point, Segment
 from fieldcalib.fields.sports.lines import across, along
 from fieldcalib.fields.stands import stands_beside
-from fieldcalib.fields.traits import UNPAINTED, LineLook, Paint
+from fieldcalib.fields.traits import UNPAINTED, LineLook, Paint, ProbabilityModel
 
 FEET, YARD, INCH = 0.3048, 0.9144, 0.0254
 LENGTH, WIDTH = 120.0 * YARD, 160.0 * FEET  # between the inner edges of the border, end zones included
@@ -41,12 +41,26 @@ class Rules:
     """Bottoms of the numbers, from the side line."""
     try_mark: float
     """From the edge of the goal line towards the field."""
+    probability: ProbabilityModel
+    """Fitted to 1,500 synthetic frames: `python -m data_tools.probability fit --field american-football-nfl`."""
 
 
 RULES: Mapping[str, Rules] = MappingProxyType(
     {
-        "nfl": Rules(hashes=18.5 * FEET, gap=8.0 * INCH, numbers=12.0 * YARD, try_mark=2.0 * YARD),
-        "ncaa": Rules(hashes=40.0 * FEET, gap=4.0 * INCH, numbers=7.0 * YARD, try_mark=3.0 * YARD),
+        "nfl": Rules(
+            hashes=18.5 * FEET,
+            gap=8.0 * INCH,
+            numbers=12.0 * YARD,
+            try_mark=2.0 * YARD,
+            probability=ProbabilityModel((1.87, -3.41, -0.54, -0.32, -0.2)),
+        ),
+        "ncaa": Rules(
+            hashes=40.0 * FEET,
+            gap=4.0 * INCH,
+            numbers=7.0 * YARD,
+            try_mark=3.0 * YARD,
+            probability=ProbabilityModel((1.49, -3.19, -0.61, 0.02, -0.62)),
+        ),
     }
 )
 
@@ -102,6 +116,7 @@ def american_football(rules: str = "nfl") -> Field:
         lines=LineLook(width=LINE_WIDTH, ground_difference=np.inf),
         paint=_paint(one),
         size_known=True,
+        probability=one.probability,
         repeats=5.0 * YARD,
     )
 

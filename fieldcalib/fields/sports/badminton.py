@@ -9,7 +9,7 @@ from fieldcalib.fields.mirrored import with_left, with_top
 from fieldcalib.fields.segments import Line, Segment
 from fieldcalib.fields.sports.lines import across, along, hanging_net
 from fieldcalib.fields.stands import stands_beside
-from fieldcalib.fields.traits import LineLook
+from fieldcalib.fields.traits import LineLook, ProbabilityModel
 
 # In metres. Lines belong to the areas that they bound: to the outer edges.
 LENGTH, WIDTH, SINGLES_WIDTH = 13.40, 6.10, 5.18
@@ -17,6 +17,8 @@ LINE_WIDTH = 0.04
 SHORT_SERVICE = 1.98  # from the net to the edge towards it
 LONG_SERVICE = 0.76  # from the back line
 NET_CENTRE, NET_POSTS = 1.524, 1.55  # height
+# Fitted to 1,500 synthetic frames: `python -m data_tools.probability fit --field badminton`.
+PROBABILITY = ProbabilityModel((1.07, -3.31, -1.18, -0.28, -0.12))
 
 
 def badminton() -> Field:
@@ -62,4 +64,5 @@ def badminton() -> Field:
         lines=LineLook(width=LINE_WIDTH, ground_difference=np.inf),
         surface="floor",
         size_known=True,
+        probability=PROBABILITY,
     )

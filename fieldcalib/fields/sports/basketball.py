@@ -11,10 +11,15 @@ from fieldcalib.fields.mirrored import with_left, with_top
 from fieldcalib.fields.segments import Arc, Line, Segment
 from fieldcalib.fields.sports.lines import across, along
 from fieldcalib.fields.stands import stands_beside
-from fieldcalib.fields.traits import LineLook
+from fieldcalib.fields.traits import LineLook, ProbabilityModel
 
 FOOT, INCH = 0.3048, 0.0254
 RING_STEEL = 0.018  # thickness: 16 to 20 mm
+# Fitted to 1,500 synthetic frames: `python -m data_tools.probability fit --field basketball-fiba`.
+PROBABILITY = {
+    "fiba": ProbabilityModel((1.48, -3.26, -1.04, -0.27, -0.14)),
+    "nba": ProbabilityModel((1.23, -3.38, -0.73, -0.02, -0.45)),
+}
 
 
 @dataclass(frozen=True)
@@ -131,6 +136,7 @@ def basketball(rules: str = "fiba") -> Field:
         lines=LineLook(width=measures.line_width, ground_difference=np.inf),
         surface="wood",
         size_known=True,
+        probability=PROBABILITY[rules],
     )
 
 

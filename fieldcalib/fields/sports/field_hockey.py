@@ -10,7 +10,7 @@ from fieldcalib.fields.segments import Line, Point, Segment
 from fieldcalib.fields.sports.goals import right_area, right_goal
 from fieldcalib.fields.sports.lines import across, along
 from fieldcalib.fields.stands import stands_beside
-from fieldcalib.fields.traits import LineLook, Paint
+from fieldcalib.fields.traits import LineLook, Paint, ProbabilityModel
 
 # Outer edges of the lines, in metres.
 LENGTH, WIDTH = 91.40, 55.00
@@ -27,6 +27,8 @@ BACK_MARKS = (("5 m", 5.0), ("10 m", 10.0))  # outside the back lines, from the 
 MARK_LENGTH = 0.30
 GOAL_WIDTH, GOAL_HEIGHT = 3.66, 2.14  # inside
 POST = 0.05  # width of posts and crossbar
+# Fitted to 1,500 synthetic frames: `python -m data_tools.probability fit --field field-hockey`.
+PROBABILITY = ProbabilityModel((1.45, -2.96, -1.18, -0.06, -0.4))
 
 
 def field_hockey() -> Field:
@@ -98,4 +100,5 @@ def field_hockey() -> Field:
         },
         surface="turf",
         size_known=True,
+        probability=PROBABILITY,
     )

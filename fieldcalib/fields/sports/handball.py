@@ -10,7 +10,7 @@ from fieldcalib.fields.segments import Arc, Line, Segment
 from fieldcalib.fields.sports.goals import right_area, right_goal
 from fieldcalib.fields.sports.lines import across, along
 from fieldcalib.fields.stands import stands_beside
-from fieldcalib.fields.traits import LineLook, Paint
+from fieldcalib.fields.traits import LineLook, Paint, ProbabilityModel
 
 # In metres. Lines belong to the areas that they bound, so that areas end at outer edges.
 LENGTH, WIDTH = 40.0, 20.0
@@ -23,6 +23,8 @@ SEVEN_METRES, SEVEN_METRE_LINE = 7.0, 1.0  # from the goal line to the edge towa
 FOUR_METRES, FOUR_METRE_LINE = 4.0, 0.15
 SUBSTITUTION, SUBSTITUTION_MARK = 4.5, 0.15  # from the centre line, length to either side of the side line's edges
 THROW_OFF_CIRCLE = 4.0  # diameter
+# Fitted to 1,500 synthetic frames: `python -m data_tools.probability fit --field handball`.
+PROBABILITY = ProbabilityModel((1.41, -3.31, -0.84, -0.2, -0.36))
 
 
 def handball() -> Field:
@@ -78,4 +80,5 @@ def handball() -> Field:
         },
         surface="floor",
         size_known=True,
+        probability=PROBABILITY,
     )

@@ -15,7 +15,7 @@ from fieldcalib.fields.segments import Arc, Line, Point, Segment
 from fieldcalib.fields.sports.goals import right_goal
 from fieldcalib.fields.sports.lines import across, along
 from fieldcalib.fields.stands import stands_beside
-from fieldcalib.fields.traits import UNPAINTED, LineLook, Paint, SizePrior
+from fieldcalib.fields.traits import UNPAINTED, LineLook, Paint, ProbabilityModel, SizePrior
 
 FEET = 0.3048
 POST = 0.06  # metres: diameter of the goal's tubes, 2 3/8 in
@@ -69,6 +69,8 @@ class Rules:
     """Outer radius of the referee's crease."""
     goal: tuple[float, float]
     """Width and height inside the posts and below the crossbar."""
+    probability: ProbabilityModel
+    """Fitted to 1,500 synthetic frames: `python -m data_tools.probability fit --field ice-hockey-nhl`."""
 
 
 NHL = Rules(
@@ -94,6 +96,7 @@ NHL = Rules(
     trapezoid=(11.0 * FEET, 14.0 * FEET),
     referee=10.0 * FEET,
     goal=(6.0 * FEET, 4.0 * FEET),
+    probability=ProbabilityModel((1.13, -3.08, -0.94, 0.0, -0.34)),
 )
 NHL_2013 = replace(NHL, hashes_apart=3.0 * FEET, trapezoid=(9.0 * FEET, 14.0 * FEET))
 IIHF = Rules(
@@ -119,6 +122,7 @@ IIHF = Rules(
     trapezoid=(3.4, 4.3),
     referee=3.0,
     goal=(1.83, 1.22),
+    probability=ProbabilityModel((1.07, -3.18, -0.81, 0.04, -0.43)),
 )
 FIXED: Mapping[str, Rules] = MappingProxyType({"nhl": NHL, "nhl-2013": NHL_2013})
 
@@ -230,6 +234,7 @@ def _rink(rules: Rules) -> Field:
         lines=LineLook(width=rules.line, lighter=False, ground_difference=np.inf),
         paint=_paint(rules, segments),
         surface="ice",
+        probability=rules.probability,
     )
 
 

@@ -9,7 +9,7 @@ from fieldcalib.fields.mirrored import with_left, with_top
 from fieldcalib.fields.segments import Line, Segment
 from fieldcalib.fields.sports.lines import across, along, hanging_net
 from fieldcalib.fields.stands import stands_beside
-from fieldcalib.fields.traits import LineLook, Paint
+from fieldcalib.fields.traits import LineLook, Paint, ProbabilityModel
 
 # In metres.
 LENGTH, WIDTH = 20.0, 10.0  # between the walls
@@ -19,6 +19,8 @@ OVERLAP = 0.20  # of the central service line beyond the service line
 NET_CENTRE, NET_POSTS = 0.88, 0.92  # height
 WALL, STEEL = 0.10, "#30363c"  # what is seen of the walls from above; colour
 GLASS, FENCE = 3.0, 4.0  # heights of the back walls: glass, and wire mesh above it
+# Fitted to 1,500 synthetic frames: `python -m data_tools.probability fit --field padel`.
+PROBABILITY = ProbabilityModel((1.66, -3.04, -0.73, -0.35, -0.16))
 
 
 def padel() -> Field:
@@ -63,4 +65,5 @@ def padel() -> Field:
         paint={label: Paint(width=WALL, colour=STEEL) for label in segments if "wall" in label},
         surface="turf",
         size_known=True,
+        probability=PROBABILITY,
     )

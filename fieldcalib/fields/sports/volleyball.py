@@ -9,7 +9,7 @@ from fieldcalib.fields.mirrored import with_left, with_top
 from fieldcalib.fields.segments import Line, Segment
 from fieldcalib.fields.sports.lines import across, along
 from fieldcalib.fields.stands import stands_beside
-from fieldcalib.fields.traits import LineLook, Paint
+from fieldcalib.fields.traits import LineLook, Paint, ProbabilityModel
 
 # In metres, to the outer edges of the lines.
 LENGTH, WIDTH = 18.0, 9.0
@@ -21,6 +21,8 @@ SERVICE_MARK = (0.20, 0.15)  # behind the end line, length
 NET_HEIGHTS = {"men": 2.43, "women": 2.24}
 NET_DEPTH = 1.0  # from the upper to the lower edge
 ANTENNA = (1.80, 0.80)  # length, and the part above the net
+# Fitted to 1,500 synthetic frames: `python -m data_tools.probability fit --field volleyball`.
+PROBABILITY = ProbabilityModel((0.14, -2.83, -1.34, -0.02, 0.06))
 
 
 def volleyball(net: str = "men") -> Field:
@@ -88,4 +90,5 @@ def volleyball(net: str = "men") -> Field:
         paint={label: Paint(dashes=ATTACK_DASHES) for label in segments if "extension" in label},
         surface="floor",
         size_known=True,
+        probability=PROBABILITY,
     )
