@@ -1,6 +1,8 @@
-"""Turn a published segmentation checkpoint into ONNX: DeepLabV3 with ResNet-101 on SoccerNet's classes, 455 x 256.
+"""Turn a segmentation checkpoint into ONNX: DeepLabV3 with ResNet-101, 455 x 256, as those published for soccer.
 
     python -m data_tools.export_onnx CHECKPOINT.pt --out MODEL.onnx
+
+Its classes are SoccerNet's, or, with --field, those of the masks of `data_tools.synthetic --field` in their order.
 
 A checkpoint is a state dict with torchvision's names, or holds one as "model"; a prefix "module." is removed, and
 the auxiliary classifier, which is used in training only, is ignored.
@@ -18,6 +20,8 @@ from torch import Tensor
 from data_tools.deeplab import DeepLabV3
 from data_tools.onnx_model import write_model
 from data_tools.synthetic import CLASSES
+from data_tools.synthetic.games import game_named
+from fieldcalib.cli.fields import SOCCER, add_named_field
 from fieldcalib.localize import BACKGROUND
 
 SIZE = (455, 256)
@@ -28,8 +32,8 @@ SOCCERNET_CLASSES = tuple(sorted((*CLASSES, *UNKNOWN)))
 AUXILIARY = "aux_classifier."
 
 
-def network_of(checkpoint: Mapping[str, object]) -> DeepLabV3:
-    """The network with the weights of a checkpoint, in evaluation mode.
+def network_of(checkpoint: Mapping[str, object], classes: int = len(SOCCERNET_CLASSES)) -> DeepLabV3:
+    """The network with the weights of a checkpoint for so many classes beside the background, in evaluation mode.
 
     Raises
     ------
@@ -41,12 +45,12 @@ def network_of(checkpoint: Mapping[str, object]) -> DeepLabV3:
         raise ValueError(f'expected a state dict as "model", got {type(state).__name__}')
     weights: dict[str, Tensor] = {name.removeprefix("module."): value for name, value in state.items()}
     weights = {name: value for name, value in weights.items() if not name.startswith(AUXILIARY)}
-    network = DeepLabV3(1 + len(SOCCERNET_CLASSES))
+    network = DeepLabV3(1 + classes)
     try:
         network.load_state_dict(weights)
     except RuntimeError as error:
         raise ValueError(
-            f"the checkpoint is not a DeepLabV3 with ResNet-101 and {1 + len(SOCCERNET_CLASSES)} classes: {error}"
+            f"the checkpoint is not a DeepLabV3 with ResNet-101 and {1 + classes} classes: {error}"
         ) from error
     network.eval()
     return network
@@ -57,10 +61,12 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("checkpoint", type=Path)
     parser.add_argument("--out", type=Path, required=True, metavar="MODEL.onnx")
+    add_named_field(parser)
     options = parser.parse_args(arguments)
     checkpoint = torch.load(options.checkpoint, map_location="cpu", weights_only=True)
-    names = [BACKGROUND if name in UNKNOWN else name for name in SOCCERNET_CLASSES]
-    write_model(network_of(checkpoint), options.out, names, SIZE)
+    classes = SOCCERNET_CLASSES if options.field == SOCCER else game_named(options.field).classes
+    names = [BACKGROUND if name in UNKNOWN else name for name in classes]
+    write_model(network_of(checkpoint, len(classes)), options.out, names, SIZE)
     return 0
 
 

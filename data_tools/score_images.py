@@ -3,6 +3,7 @@
     python -m data_tools.score_images keypoints FOLDER [--unlike TRAIN]
     python -m data_tools.score_images homographies IMAGES ANNOTATIONS
     python -m data_tools.score_images clip VIDEO CAMERAS.npz
+    python -m data_tools.score_images frames FOLDER --model FILE [--field NAME]
     python -m data_tools.score_images nonsense [--frames N]
 
 each with [--model FILE] [--no-refinement]; each prints a line of JSON.
@@ -17,6 +18,10 @@ as of the World Cup 2014. IoU_part against the homographies, AC against the anno
 `clip`: a video of one static camera: K of its first frames is known, R and t of the first one. Errors of
 focal length (percent) and position (metres), of the medians over these frames, each with the median standard deviation
 that the calibrations state.
+
+`frames`: what `data_tools.synthetic --out` made. Of each frame that shows a field the median distance between where its
+true camera and the calibrated one see the points of the field, in pixels of 1280x720; how many of those without a
+field get an accepted camera.
 
 `nonsense`: the number of pictures without a field (`data_tools.nonsense`) that get an accepted camera.
 
@@ -37,16 +42,21 @@ import numpy as np
 from data_tools.labelled import clip_of, labelled_points
 from data_tools.measured_cameras import read_camera
 from data_tools.nonsense import nonsense
+from data_tools.synthetic import SIZE as SYNTHETIC_SIZE
+from data_tools.truth import compared
 from fieldcalib._types import Array
 from fieldcalib.assess.result import Calibration
 from fieldcalib.cli.arguments import count
+from fieldcalib.cli.fields import add_named_field, named_field
 from fieldcalib.cli.frames import add_network, add_refinement, load_network
 from fieldcalib.cli.main import run_command
+from fieldcalib.fields.field import Field
 from fieldcalib.fields.soccer import soccer
 from fieldcalib.images.from_images import calibrate_from_images
+from fieldcalib.io.formats import CAMERAS
 from fieldcalib.io.image import Image
 from fieldcalib.io.images import IMAGES_AT_ONCE, in_parts, parse_image
-from fieldcalib.io.soccernet import parse_annotation
+from fieldcalib.io.soccernet import camera_from_record, parse_annotation
 from fieldcalib.io.videos import VideoReader
 from fieldcalib.io.wc14 import parse_homography
 from fieldcalib.metrics import evaluate_segments, iou_part
@@ -57,9 +67,11 @@ REPORTED_WIDTH = 1920.0
 LEAST_POINTS = 4
 
 
-def calibrated(images: Iterable[Image], options: argparse.Namespace) -> Iterator[Calibration]:
-    """The camera of each image, a few images at a time."""
-    field, network = soccer(), load_network(options)
+def calibrated(
+    images: Iterable[Image], options: argparse.Namespace, field: Field | None = None
+) -> Iterator[Calibration]:
+    """The camera of each image, a few images at a time; of soccer, unless another field is given."""
+    field, network = field or soccer(), load_network(options)
     for part in in_parts(images, IMAGES_AT_ONCE):
         yield from calibrate_from_images(field, part, network, refine=options.refine)
 
@@ -127,6 +139,25 @@ def clip(options: argparse.Namespace) -> int:
     return 0
 
 
+def synthetic_frames(options: argparse.Namespace) -> int:
+    """Score frames of data_tools.synthetic --out."""
+    field = named_field(options.field)
+    names = sorted(path.stem for path in options.folder.glob("*.jpg"))
+    images = (parse_image((options.folder / f"{name}.jpg").read_bytes()) for name in names)
+    found = list(calibrated(images, options, field))
+    cameras = [options.folder / CAMERAS.file_name(name) for name in names]  # none where no field is in view
+    shown = [(c, path) for c, path in zip(found, cameras, strict=True) if path.is_file()]
+    accepted = [(c, path) for c, path in shown if c.accepted]
+    off = []
+    for calibration, path in accepted:
+        truth = camera_from_record(json.loads(path.read_text()), SYNTHETIC_SIZE)
+        off.append(compared(calibration, truth, field, "lines").image_px)
+    without = [c for c, path in zip(found, cameras, strict=True) if not path.is_file()]
+    result = {"frames": len(shown), "lost": len(shown) - len(accepted), **_quantiles("px", off, (0.5, 0.9))}
+    print(json.dumps({**result, "without_field": len(without), "accepted_without": sum(c.accepted for c in without)}))
+    return 0
+
+
 def no_field(options: argparse.Namespace) -> int:
     """Count the cameras of pictures that show no field."""
     images = (nonsense(seed) for seed in range(options.seed, options.seed + options.frames))
@@ -150,7 +181,13 @@ def main(arguments: Sequence[str] | None = None) -> int:
     """Print a line of JSON."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     commands = parser.add_subparsers(required=True, metavar="COMMAND")
-    for name, run in {"keypoints": keypoints, "homographies": homographies, "clip": clip, "nonsense": no_field}.items():
+    for name, run in {
+        "keypoints": keypoints,
+        "homographies": homographies,
+        "clip": clip,
+        "frames": synthetic_frames,
+        "nonsense": no_field,
+    }.items():
         command = commands.add_parser(name, help=run.__doc__)
         command.set_defaults(run=run)
         add_network(command)
@@ -161,6 +198,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
         elif name == "homographies":
             command.add_argument("images", type=Path, help="<id>.png")
             command.add_argument("annotations", type=Path, help="<id>.homographyMatrix and <id>.json")
+        elif name == "frames":
+            command.add_argument("folder", type=Path, help="<id>.jpg and camera_<id>.json")
+            add_named_field(command)
         elif name == "clip":
             command.add_argument("video", type=Path)
             command.add_argument("cameras", type=Path, help="<name>.npz")

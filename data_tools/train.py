@@ -3,6 +3,12 @@
     python -m data_tools.synthetic --cache FRAMES --count 20000
     python -m data_tools.train OUT --cache FRAMES --labelled KEYPOINTS/train --held-out KEYPOINTS/valid
 
+Networks of other fields learn from synthetic frames alone:
+
+    python -m data_tools.synthetic --field basketball-fiba --cache FRAMES --count 20000
+    python -m data_tools.train OUT --field basketball-fiba --cache FRAMES
+    fieldcalib run GAME.mp4 --field basketball-fiba --model OUT/model.onnx --out CAMERAS
+
 OUT receives model.onnx with model.json (`data_tools.onnx_model`), checkpoint.pt to go on from, and log.jsonl: every
 ten minutes, and at the end, the loss and the intersection over union on synthetic frames that are never trained on.
 """
@@ -30,9 +36,12 @@ from data_tools.labelled import clip_of, labelled_frames
 from data_tools.network import MarkingsNet
 from data_tools.onnx_model import write_model
 from data_tools.synthetic import CLASSES, Mask, frame
+from data_tools.synthetic.cache import check_classes
+from data_tools.synthetic.games import game_named
 from data_tools.training_data import Batches, normalised, stacked, whole
 from fieldcalib._types import Array
 from fieldcalib.cli.arguments import image_size
+from fieldcalib.cli.fields import SOCCER, add_named_field
 from fieldcalib.io.files import write_bytes
 from fieldcalib.io.image import Image
 
@@ -56,10 +65,10 @@ class Training:
     step: int = 0
 
     @classmethod
-    def begin(cls, seed: int, device: torch.device) -> Training:
-        """Random weights, the same for the same seed."""
+    def begin(cls, seed: int, device: torch.device, classes: int = len(CLASSES)) -> Training:
+        """Random weights, the same for the same seed, for so many classes beside the background."""
         torch.manual_seed(seed)
-        network = MarkingsNet(1 + len(CLASSES)).to(device)
+        network = MarkingsNet(1 + classes).to(device)
         averaged = AveragedModel(network, multi_avg_fn=_average, use_buffers=True)
         optimizer = torch.optim.AdamW(network.parameters(), LEARNING_RATE, weight_decay=WEIGHT_DECAY)
         return cls(network, averaged, optimizer, device)
@@ -124,15 +133,17 @@ def _loss(network: nn.Module, images: Tensor, classes: Tensor, chosen: Tensor) -
     """Cross-entropy over the chosen pixels, with a lower weight for the background."""
     with torch.autocast(images.device.type, torch.bfloat16):  # half the time, where the processor has it
         logits = network(normalised(images).contiguous(memory_format=torch.channels_last))
-    weight = torch.ones(1 + len(CLASSES), device=images.device)
+    weight = torch.ones(logits.shape[1], device=images.device)
     weight[0] = BACKGROUND_WEIGHT / BACKGROUND_SAMPLED
-    by_pixel = logits.permute(0, 2, 3, 1).reshape(-1, 1 + len(CLASSES))
+    by_pixel = logits.permute(0, 2, 3, 1).reshape(-1, len(weight))
     return cross_entropy(by_pixel[chosen].float(), classes.flatten()[chosen], weight)
 
 
-def intersection_over_union(network: nn.Module, samples: Samples, size: tuple[int, int], device: torch.device) -> Array:
-    """Of the pixels of every class in `CLASSES`, (26,); NaN for those that no mask holds."""
-    count = 1 + len(CLASSES)
+def intersection_over_union(
+    network: nn.Module, samples: Samples, size: tuple[int, int], device: torch.device, known: int = len(CLASSES)
+) -> Array:
+    """Of the pixels of every class, (known,); NaN for those that no mask holds."""
+    count = 1 + known
     confusion = np.zeros((count, count))
     network.eval()
     with torch.inference_mode():
@@ -160,24 +171,25 @@ def train(
         if now - start > 60.0 * options.minutes:
             break
         if now - reported > 60.0 * REPORT_MINUTES:
-            _report(training, out, validation, losses, options.size)
+            _report(training, out, validation, losses, options)
             reported, losses = now, []
-    _report(training, out, validation, losses, options.size)
+    _report(training, out, validation, losses, options)
 
 
 def _report(
-    training: Training, out: Path, validation: dict[str, Samples], losses: Sequence[float], size: tuple[int, int]
+    training: Training, out: Path, validation: dict[str, Samples], losses: Sequence[float], options: argparse.Namespace
 ) -> None:
     """Keep a checkpoint and the model, and add a line to the log."""
+    size, classes = options.size, game_named(options.field).classes
     training.save(out / "checkpoint.pt")
     network = training.averaged.module
     row: dict[str, object] = {"step": training.step, "loss": round(float(np.mean(losses)), 4) if losses else None}
     for name, samples in validation.items():
-        values = intersection_over_union(network, samples, size, training.device)
+        values = intersection_over_union(network, samples, size, training.device, len(classes))
         row[f"iou_{name}"] = round(float(np.nanmean(values)), 4)
-        shown = {label: round(float(v), 3) for label, v in zip(CLASSES, values, strict=True) if np.isfinite(v)}
+        shown = {label: round(float(v), 3) for label, v in zip(classes, values, strict=True) if np.isfinite(v)}
         row[f"iou_{name}_classes"] = shown
-    write_model(network.cpu().eval(), out / "model.onnx", CLASSES, size)
+    write_model(network.cpu().eval(), out / "model.onnx", classes, size)
     network.to(training.device)
     with (out / "log.jsonl").open("a") as log:
         print(json.dumps(row), file=log)
@@ -187,8 +199,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
     """Train a model."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("out", type=Path, help="folder of the model, the checkpoint and the log")
+    add_named_field(parser)
     parser.add_argument("--cache", type=Path, metavar="DIR", help="frames of data_tools.synthetic --cache")
-    parser.add_argument("--labelled", type=Path, metavar="DIR", help="real frames, see data_tools.labelled")
+    parser.add_argument("--labelled", type=Path, metavar="DIR", help="real frames of soccer, see data_tools.labelled")
     parser.add_argument("--held-out", type=Path, metavar="DIR", help="real frames whose clips are only measured")
     parser.add_argument(
         "--steps", type=int, default=40000, help="steps; the learning rate falls to 0 at the last one (40000)"
@@ -203,14 +216,22 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--resume", action="store_true", help="go on from the checkpoint in OUT")
     options = parser.parse_args(arguments)
+    if options.field != SOCCER and (options.labelled or options.held_out):
+        parser.error("--labelled and --held-out are frames of soccer")
+    try:
+        classes = game_named(options.field).classes
+        if options.cache:
+            check_classes(options.cache, classes)
+    except ValueError as error:
+        parser.error(str(error))
     torch.set_num_threads(options.threads)
     cv2.setNumThreads(1)
     options.out.mkdir(parents=True, exist_ok=True)
 
-    training = Training.begin(options.seed, torch.device("cuda" if torch.cuda.is_available() else "cpu"))
+    training = Training.begin(options.seed, torch.device("cuda" if torch.cuda.is_available() else "cpu"), len(classes))
     if options.resume:
         training.load(options.out / "checkpoint.pt")
-    made = [frame(seed) for seed in VALIDATION_SEEDS]
+    made = [frame(seed, name=options.field) for seed in VALIDATION_SEEDS]
     validation: dict[str, Samples] = {"synthetic": [(one.image, one.mask) for one in made]}
     clips: set[str] = set()
     if options.held_out:
@@ -218,7 +239,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         validation["held_out"] = [whole(one) for one in labelled_frames(options.held_out)]
     labelled = [one for one in labelled_frames(options.labelled) if one.clip not in clips] if options.labelled else []
     cached = sorted(options.cache.glob("*.jpg")) if options.cache else []
-    batches = Batches(options.seed, options.batch, options.size, cached, labelled)
+    batches = Batches(options.seed, options.batch, options.size, cached, labelled, options.field)
     train(training, batches, options.out, validation, options)
     return 0
 

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 from pathlib import Path
 
 import cv2
@@ -18,10 +19,12 @@ from torch.utils.data import Dataset
 from data_tools.labelled import LabelledFrame
 from data_tools.network import STRIDE
 from data_tools.onnx_model import MEAN, STD
-from data_tools.synthetic import SIZE, Mask, frame, mirrored_values
+from data_tools.synthetic import SIZE, Mask, frame
 from data_tools.synthetic.cache import read_frame
+from data_tools.synthetic.games import game_named
 from data_tools.synthetic.masks import markings_mask
 from data_tools.synthetic.pictures import degraded
+from fieldcalib.cli.fields import SOCCER
 from fieldcalib.fields.soccer import soccer
 from fieldcalib.geometry.camera import Camera
 from fieldcalib.io.image import Image
@@ -30,7 +33,6 @@ LABELLED_SHARE = 1.0 / 3.0
 OVERSAMPLING = 4  # of masks against the grid of the classes
 SMALLEST_WINDOW = 0.6  # of a real frame's width and height
 GAIN, GAIN_OF_CHANNEL = 0.12, 0.04  # standard deviations of the logarithm
-MIRROR = {behind_goal: mirrored_values(behind_goal=behind_goal) for behind_goal in (False, True)}
 
 
 @dataclass(frozen=True)
@@ -45,6 +47,9 @@ class Batches(Dataset[tuple[Tensor, Tensor]]):
     cached: Sequence[Path] = ()
     """Images of a cache, see `data_tools.synthetic.cache`; without any, frames are generated."""
     labelled: Sequence[LabelledFrame] = ()
+    """Real frames, of soccer."""
+    field: str = SOCCER
+    """Name of the field, see `data_tools.synthetic.frame`."""
 
     def __getitem__(self, step: int) -> tuple[Tensor, Tensor]:
         rng = np.random.default_rng((self.seed, step))
@@ -57,17 +62,26 @@ class Batches(Dataset[tuple[Tensor, Tensor]]):
         elif self.cached:
             image, mask, behind_goal = read_frame(self.cached[int(rng.integers(len(self.cached)))])
         else:
-            made = frame(int(rng.integers(1 << 62)))
+            made = frame(int(rng.integers(1 << 62)), name=self.field)
             image, mask, behind_goal = made.image, made.mask, made.behind_goal
         if rng.random() < 0.5:
-            image, mask = mirrored(image, mask, behind_goal=behind_goal)
+            image, mask = mirrored(image, mask, behind_goal=behind_goal, name=self.field)
         gain = np.exp(rng.normal(0.0, GAIN) + rng.normal(0.0, GAIN_OF_CHANNEL, size=3))
         return np.clip(image * gain.astype(np.float32), 0.0, 255.0).astype(np.uint8), mask
 
 
-def mirrored(image: Image, mask: Mask, *, behind_goal: bool) -> tuple[Image, Mask]:
-    """Image and mask mirrored left to right; labels swap left and right, or far and near behind the goal."""
-    return np.ascontiguousarray(image[:, ::-1]), MIRROR[behind_goal][mask[:, ::-1]]
+def mirrored(image: Image, mask: Mask, *, behind_goal: bool, name: str = SOCCER) -> tuple[Image, Mask]:
+    """Image and mask mirrored left to right; labels swap left and right, or far and near behind the goal.
+
+    Of a field that is not its own mirror image they stay as they are.
+    """
+    values = _mirrored_values(name, behind_goal)
+    return (image, mask) if values is None else (np.ascontiguousarray(image[:, ::-1]), values[mask[:, ::-1]])
+
+
+@lru_cache(maxsize=8)
+def _mirrored_values(name: str, behind_goal: bool) -> Mask | None:
+    return game_named(name).mirrored_values(behind_goal=behind_goal)
 
 
 def window(labelled: LabelledFrame, rng: np.random.Generator) -> tuple[Image, Mask]:

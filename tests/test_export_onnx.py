@@ -8,6 +8,7 @@ import torch
 
 from data_tools import deeplab
 from data_tools.export_onnx import SOCCERNET_CLASSES, main, network_of
+from data_tools.synthetic.games import game_named
 from fieldcalib.fields.soccer import soccer
 from fieldcalib.localize import SegmentationNetwork, localize, ridge_points, skeleton_points
 
@@ -103,3 +104,14 @@ def test_other_networks_are_refused(shallow):
         network_of({"model": deeplab.DeepLabV3(3).state_dict()})
     with pytest.raises(ValueError, match="expected a state dict"):
         network_of({"model": 3})
+
+
+def test_networks_of_other_fields_have_their_classes(shallow, tmp_path):
+    classes = game_named("padel").classes
+    state = deeplab.DeepLabV3(1 + len(classes)).state_dict()
+    torch.save(state, tmp_path / "checkpoint.pt")
+    out = tmp_path / "model.onnx"
+    assert main([str(tmp_path / "checkpoint.pt"), "--out", str(out), "--field", "padel"]) == 0
+    assert SegmentationNetwork.load(out).classes == ("background", *classes)
+    with pytest.raises(ValueError, match="29 classes"):
+        network_of(state)

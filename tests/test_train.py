@@ -11,8 +11,12 @@ from data_tools.labelled import clip_of, labelled_frames
 from data_tools.network import MarkingsNet
 from data_tools.synthetic import CLASSES, SIZE, frame
 from data_tools.synthetic.cache import write_cache
+from data_tools.synthetic.games import game_named
 from data_tools.train import Training, intersection_over_union, learning_rate, main
 from data_tools.training_data import Batches, mirrored, normalised, stacked, whole, window
+from fieldcalib import Arc, Field, Line
+from fieldcalib.cli.main import main as fieldcalib
+from fieldcalib.io.field_files import write_field
 
 STEPS = 3
 SMALL = (160, 96)
@@ -99,6 +103,29 @@ def test_the_command(tmp_path, monkeypatch):
     assert np.abs(logits - expected).max() < 1e-4 * max(1.0, np.abs(expected).max())
 
 
+def test_a_network_of_another_field(tmp_path, monkeypatch, capsys):
+    """From synthetic frames to annotations by the command line."""
+    monkeypatch.setattr("data_tools.train.VALIDATION_SEEDS", range(1_000_000_000, 1_000_000_002))
+    frames, out, found = tmp_path / "frames", tmp_path / "out", tmp_path / "found"
+    write_cache(frames, range(2), processes=1, name="tennis")
+    common = ["--batch", "2", "--size", "160x96", "--workers", "0", "--minutes", "0"]
+    assert main([str(out), "--field", "tennis", "--cache", str(frames), *common]) == 0
+    about = json.loads((out / "model.json").read_text())
+    assert about["classes"] == ["background", *game_named("tennis").classes]
+    images = sorted(map(str, frames.glob("*.jpg")))
+    command = ["localize", *images, "--field", "tennis", "--model", str(out / "model.onnx"), "--out", str(found)]
+    assert fieldcalib(command) == 0
+    assert {path.stem for path in frames.glob("*.jpg")} <= {path.stem for path in found.glob("*.json")}
+
+    for wrong, message in (
+        (["--field", "handball", "--cache", str(frames)], "frames of the field tennis"),
+        (["--field", "tennis", "--labelled", str(frames)], "frames of soccer"),
+    ):
+        with pytest.raises(SystemExit):
+            main([str(out), *wrong, *common])
+        assert message in capsys.readouterr().err
+
+
 # data
 
 
@@ -137,6 +164,15 @@ def test_mirroring_swaps_labels(behind_goal, other):
     assert np.array_equal(picture[:, 0], image[:, 2])
     assert CLASSES[swapped[0, 2] - 1] == other
     assert np.count_nonzero(swapped) == 1
+
+
+def test_what_is_no_mirror_image_of_itself_is_not_mirrored(tmp_path):
+    path = tmp_path / "court.yaml"
+    write_field(path, Field(8.0, 4.0, {"far": Line((-4.0, -2.0, 0.0), (4.0, -2.0, 0.0)), "hoop": Arc((2.0, 0, 0), 1)}))
+    image, mask = np.arange(18, dtype=np.uint8).reshape(2, 3, 3), np.eye(2, 3, dtype=np.uint8)
+    picture, same = mirrored(image, mask, behind_goal=False, name=str(path))
+    assert np.array_equal(picture, image)
+    assert np.array_equal(same, mask)
 
 
 def test_the_measure_is_one_for_a_perfect_network():

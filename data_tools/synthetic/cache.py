@@ -1,11 +1,14 @@
 """Synthetic frames kept in a folder: ``<seed>_main.jpg`` or ``<seed>_goal.jpg``, with the mask in a PNG beside it.
 
-The name says where the camera stands, since that is what mirroring must know (`mirrored_values`).
+The name says where the camera stands, since that is what mirroring must know (`mirrored_values`). ``summary.json`` says
+of which field they are, and the classes of the masks, from 1 on. With the truth there is ``camera_<name>.json``, and
+what is in view of the classes in ``<name>.json``, both as SoccerNet writes them.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+import json
+from collections.abc import Iterable, Sequence
 from functools import partial
 from multiprocessing import get_context
 from pathlib import Path
@@ -13,22 +16,64 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from data_tools.synthetic.frames import frame
-from data_tools.synthetic.masks import Mask
-from fieldcalib.io.files import write_bytes
+from data_tools.synthetic.frames import SyntheticFrame, frame
+from data_tools.synthetic.games import game_named
+from data_tools.synthetic.masks import CLASSES, Mask
+from fieldcalib.cli.fields import SOCCER
+from fieldcalib.io.files import parse_json_object, write_bytes, write_text
+from fieldcalib.io.formats import ANNOTATIONS, CAMERAS
 from fieldcalib.io.image import Image
+from fieldcalib.io.soccernet import format_annotation, format_camera
+from fieldcalib.problem.labelled_pixels import Pixels
 
 QUALITY = 95  # of the JPEG; what a broadcast chain does to the image has been done
+SUMMARY = "summary.json"
+MOST_POINTS = 20  # of a marking in an annotation
 
 
-def write_cache(folder: Path, seeds: Iterable[int], processes: int) -> None:
-    """Make the frames of these seeds; those that are there are kept, so an interrupted run goes on."""
+def write_cache(folder: Path, seeds: Iterable[int], processes: int, name: str = SOCCER, *, truth: bool = False) -> None:
+    """Make the frames of these seeds; those that are there are kept, so an interrupted run goes on.
+
+    Parameters
+    ----------
+    folder : Path
+    seeds : iterable of int
+    processes : int
+    name : str
+        Of the field, see `frame`.
+    truth : bool
+        Whether cameras and annotations are written too.
+
+    Raises
+    ------
+    ValueError
+        If the folder has frames with other classes.
+    """
     folder.mkdir(parents=True, exist_ok=True)
     present = {int(path.stem.split("_")[0]) for path in folder.glob("*.jpg")}
+    classes = game_named(name).classes
+    if present:
+        check_classes(folder, classes)
+    if not (folder / SUMMARY).exists():
+        about = {"field": name, "classes": classes}
+        write_text(folder / SUMMARY, json.dumps(about, indent=1, ensure_ascii=False) + "\n")
     missing = [seed for seed in seeds if seed not in present]
+    make = partial(_write_frame, folder, name, truth)
     with get_context("spawn").Pool(processes, initializer=cv2.setNumThreads, initargs=(1,)) as pool:
-        for _ in pool.imap_unordered(partial(_write_frame, folder), missing, chunksize=8):
+        for _ in pool.imap_unordered(make, missing, chunksize=8):
             pass
+
+
+def check_classes(folder: Path, classes: Sequence[str]) -> None:
+    """Raise a ValueError unless the masks in a folder have these classes: soccer's where it does not say so."""
+    path = folder / SUMMARY
+    about = parse_json_object(path.read_bytes(), "field and classes") if path.is_file() else {}
+    found = about.get("classes", list(CLASSES))
+    if found != list(classes):
+        raise ValueError(
+            f"{folder} has frames of the field {about.get('field', SOCCER)} with {len(found)} classes, expected "
+            f"{len(classes)} others: give that --field, or another folder"
+        )
 
 
 def read_frame(path: Path) -> tuple[Image, Mask, bool]:
@@ -38,8 +83,37 @@ def read_frame(path: Path) -> tuple[Image, Mask, bool]:
     return np.asarray(image, np.uint8), np.asarray(mask, np.uint8), path.stem.endswith("_goal")
 
 
-def _write_frame(folder: Path, seed: int) -> None:
-    made = frame(seed)
+def in_view(made: SyntheticFrame, classes: Iterable[str]) -> Pixels:
+    """Points along the markings where nothing but people and nets is before them, label -> (N, 2) pixels.
+
+    Examples
+    --------
+    >>> made = frame(1)
+    >>> found = in_view(made, CLASSES)
+    >>> all(len(xy) <= MOST_POINTS for xy in found.values())
+    True
+    """
+    if made.camera is None:
+        return {}
+    found: Pixels = {}
+    size = np.array(made.camera.image_size)
+    for label in classes:
+        xy = made.camera.project(made.field[label].sample(spacing=made.field.scale / 400.0))
+        xy = xy[np.all((xy >= 0.0) & (xy <= size - 1.0), axis=1)]  # false for NaN
+        x, y = np.rint(xy).astype(int).T
+        xy = xy[made.mask[y, x] > 0]
+        if len(xy) > 1:
+            chosen = np.linspace(0.0, len(xy) - 1.0, min(len(xy), MOST_POINTS))
+            found[label] = xy[np.rint(chosen).astype(int)]
+    return found
+
+
+def _write_frame(folder: Path, name: str, truth: bool, seed: int) -> None:
+    made = frame(seed, name=name)
     path = folder / f"{seed:07d}_{'goal' if made.behind_goal else 'main'}.jpg"
+    if truth and made.camera is not None:
+        pixels = in_view(made, game_named(name).classes)
+        write_text(folder / ANNOTATIONS.file_name(path.stem), format_annotation(pixels, made.camera.image_size))
+        write_text(folder / CAMERAS.file_name(path.stem), format_camera(made.camera))
     write_bytes(path.with_suffix(".png"), cv2.imencode(".png", made.mask)[1].tobytes())
     write_bytes(path, cv2.imencode(".jpg", made.image, [cv2.IMWRITE_JPEG_QUALITY, QUALITY])[1].tobytes())

@@ -8,6 +8,9 @@ turned to stand behind the left goal.
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+from types import MappingProxyType
+
 import numpy as np
 
 from data_tools.random_frames import LENS_SPREAD, PRINCIPAL_POINT_SPREAD, STRONGEST_LENS
@@ -51,6 +54,7 @@ SQUEEZED_SHARE, SQUEEZE = 0.08, 4.0 / 3.0  # fy / fx of 4:3 pictures stretched t
 STANDARD_SHARE, LAW_SHARE = 0.5, 0.15  # 105 x 68 m; anything that the law allows; the rest is international
 LEAST_MARKINGS, LEAST_EXTENT = 2, 0.04  # in view, and how much of the image's width each spans
 LEAST_FIELD = 0.2  # of the image
+SAMPLES = 2.0, 0.05  # along markings: metres, and shares of `Field.scale`, whichever is finer; 2 m on soccer fields
 
 
 def random_field(rng: np.random.Generator) -> Field:
@@ -63,8 +67,15 @@ def random_field(rng: np.random.Generator) -> Field:
     return soccer(rng.uniform(100.0, 110.0), rng.uniform(64.0, 75.0))
 
 
-def random_camera(field: Field, size: tuple[int, int], rng: np.random.Generator) -> Camera:
+def random_camera(
+    field: Field,
+    size: tuple[int, int],
+    rng: np.random.Generator,
+    stands: Mapping[CameraDistribution, float] = MappingProxyType(STANDS),
+) -> Camera:
     """A camera on its canonical side, outside the field, that sees enough of it and at least two markings.
+
+    It stands on one of `stands`, each of which is drawn in proportion to its number.
 
     Examples
     --------
@@ -72,9 +83,9 @@ def random_camera(field: Field, size: tuple[int, int], rng: np.random.Generator)
     >>> camera == on_canonical_side(camera, soccer())
     True
     """
-    shares = np.array(list(STANDS.values()))
+    shares = np.array(list(stands.values()))
     while True:
-        stand = list(STANDS)[rng.choice(len(STANDS), p=shares / shares.sum())]
+        stand = list(stands)[rng.choice(len(stands), p=shares / shares.sum())]
         camera = on_canonical_side(_drawn(stand, field, size, rng), field)
         if _is_outside(camera, field) and _shows_field(camera, field) and _shows_markings(camera, field):
             return camera
@@ -83,13 +94,16 @@ def random_camera(field: Field, size: tuple[int, int], rng: np.random.Generator)
 def on_canonical_side(camera: Camera, field: Field) -> Camera:
     """The camera, turned by 180 degrees about the field's centre if it is not on the side that the labels follow.
 
+    A field that does not look the same then has a left and a right of its own, and cameras on all sides.
+
     Examples
     --------
     >>> opposite = Camera.from_angles(np.pi, 1.3, 0.0, 900.0, C=(10, -60, -15), image_size=(512, 288))
     >>> on_canonical_side(opposite, soccer()).C
     array([-10.,  60., -15.])
     """
-    if camera.C[0] > 0.0 if is_behind_goal(camera, field) else camera.C[1] < 0.0:
+    turned = camera.C[0] > 0.0 if is_behind_goal(camera, field) else camera.C[1] < 0.0
+    if turned and len(field.symmetric) == len(field):
         turn = np.array([-1.0, -1.0, 1.0])
         return Camera(camera.K, camera.R * turn, camera.C * turn, camera.image_size, camera.dist)
     return camera
@@ -134,9 +148,10 @@ def _shows_field(camera: Camera, field: Field) -> bool:
 
 def _shows_markings(camera: Camera, field: Field) -> bool:
     width, height = camera.image_size
+    spacing = min(SAMPLES[0], SAMPLES[1] * field.scale)
     count = 0
     for segment in field.markings.values():
-        xy = camera.project(segment.sample(spacing=2.0))
+        xy = camera.project(segment.sample(spacing=spacing))
         xy = xy[np.all((xy >= 0.0) & (xy <= (width - 1.0, height - 1.0)), axis=1)]  # false for NaN
         count += len(xy) > 1 and bool(np.max(np.ptp(xy, axis=0)) > LEAST_EXTENT * width)
     return count >= LEAST_MARKINGS

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import colorsys
+from collections.abc import Sequence
 from functools import lru_cache
+from typing import TypeVar
 
 import cv2
 import numpy as np
@@ -11,10 +13,17 @@ import numpy as np
 from fieldcalib._types import Float32
 from fieldcalib.draw.scene import Colour
 
+V = TypeVar("V")
 Range = tuple[float, float]
+Hsv = tuple[Range, Range, Range]  # hue in degrees, saturation, value
 GREY = np.full(3, 1.0 / 3.0, np.float32)  # a colour times this is how light it is
 NOISE_SIZE = 512  # px: side of the noise tile
 OCTAVES = 7  # its coarsest spots are 64 px wide
+
+
+def one_of(choices: Sequence[V], rng: np.random.Generator) -> V:
+    """Any of them, with equal probability."""
+    return choices[int(rng.integers(len(choices)))]
 
 
 def random_colour(

@@ -8,7 +8,7 @@ from __future__ import annotations
 import json
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
-from functools import lru_cache
+from functools import lru_cache, partial
 from pathlib import Path
 
 import cv2
@@ -16,7 +16,7 @@ import numpy as np
 
 from data_tools.synthetic.clips import RATE, between, camera_path, flight, seen_far_away
 from data_tools.synthetic.ground import random_ground, random_light
-from data_tools.synthetic.objects import TEAM_SHARES, add_far_to_near, random_goals
+from data_tools.synthetic.objects import TEAM_SHARES, Thing, add_far_to_near, random_goals, soccer_goals
 from data_tools.synthetic.people import Kit, Person, add_person, random_kit, random_suns
 from data_tools.synthetic.pictures import add_graphics
 from data_tools.synthetic.surroundings import add_surroundings
@@ -113,7 +113,8 @@ class Scene:
             running = replace(person, stride=STRIDE * step, swing=SWING * step, heading=heading)
             add_person(image, light, camera, X[who], running, kit, suns)
 
-        add_far_to_near(image, camera, self.field, *goals, list(X), draw)
+        people = [Thing(place, partial(draw, who)) for who, place in enumerate(X)]
+        add_far_to_near(camera, [*people, *soccer_goals(image, camera, self.field, *goals)])
 
     def _rng(self, what: int) -> np.random.Generator:
         return np.random.default_rng((self.seed, what))

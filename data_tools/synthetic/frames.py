@@ -6,12 +6,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from data_tools.synthetic.cameras import is_behind_goal, random_camera, random_field
-from data_tools.synthetic.ground import random_ground, random_light
+from data_tools.synthetic.cameras import is_behind_goal, random_camera
+from data_tools.synthetic.games import game_named
 from data_tools.synthetic.masks import Mask, markings_mask
-from data_tools.synthetic.objects import add_objects
 from data_tools.synthetic.pictures import add_graphics, degraded, random_picture
-from data_tools.synthetic.surroundings import add_surroundings
+from fieldcalib.cli.fields import SOCCER
 from fieldcalib.draw.ground import Ground, rays
 from fieldcalib.draw.scene import to_uint8
 from fieldcalib.fields.field import Field
@@ -29,7 +28,7 @@ class SyntheticFrame:
     image: Image
     """(height, width, 3), blue, green, red."""
     mask: Mask
-    """(height, width): 0 for the background, 1 + index in `CLASSES` for markings.
+    """(height, width): 0 for the background, 1 + index in the game's classes (soccer's: `CLASSES`) for markings.
 
     Markings behind people and nets are marked, as if these were glass: they hide a few pixels of a curve that goes on
     on both sides, and a network that is to bridge such gaps must be told so. What graphics, boards or spectators in the
@@ -45,7 +44,7 @@ class SyntheticFrame:
         return self.camera is not None and is_behind_goal(self.camera, self.field)
 
 
-def frame(seed: int, size: tuple[int, int] = SIZE) -> SyntheticFrame:
+def frame(seed: int, size: tuple[int, int] = SIZE, name: str = SOCCER) -> SyntheticFrame:
     """A frame of a random game, the same for the same seed.
 
     Parameters
@@ -53,6 +52,8 @@ def frame(seed: int, size: tuple[int, int] = SIZE) -> SyntheticFrame:
     seed : int
     size : (int, int)
         Width and height in pixels. Noise, blur and what is written on the picture are made for sizes near the default.
+    name : str
+        Of the field: one of `fieldcalib.fields.catalogue.FIELDS`, or a file with one (`fieldcalib.io.field_files`).
 
     Examples
     --------
@@ -60,20 +61,20 @@ def frame(seed: int, size: tuple[int, int] = SIZE) -> SyntheticFrame:
     >>> made.image.shape, made.mask.shape, bool(made.mask.any())
     ((288, 512, 3), (288, 512), True)
     """
-    rng = np.random.default_rng(seed)
-    field = random_field(rng)
+    rng, game = np.random.default_rng(seed), game_named(name)
+    field = game.random_field(rng)
     if rng.random() < EMPTY_SHARE:
         image = random_picture(size, rng)
         add_graphics(image, rng)
         return SyntheticFrame(degraded(image, rng), np.zeros(size[::-1], np.uint8), None, field)
-    camera = random_camera(field, size, rng)
+    camera = random_camera(field, size, rng, game.stands)
     ray = rays(camera)
     ground = Ground.of_rays(camera, ray)
-    light = random_light(ground, field, rng)
-    picture = random_ground(ground, field, rng) * light
-    hidden = add_surroundings(picture, camera, ray, ground, field, rng)
+    light = game.light(ground, field, rng)
+    picture = game.ground(ground, field, rng) * light
+    hidden = game.surround(picture, camera, ray, ground, field, rng)
     image = to_uint8(picture)
-    add_objects(image, light, camera, field, rng)
+    game.add_objects(image, light, camera, field, rng)
     hidden |= add_graphics(image, rng)
-    mask = np.where(hidden, np.uint8(0), markings_mask(camera, field))
+    mask = np.where(hidden, np.uint8(0), markings_mask(camera, field, game.classes))
     return SyntheticFrame(degraded(image, rng), mask, camera, field)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 from itertools import pairwise
 
 import cv2
@@ -14,17 +15,31 @@ from fieldcalib.fields.soccer import GOAL_HEIGHT, GOAL_WIDTH
 from fieldcalib.geometry.camera import Camera
 from fieldcalib.io.image import Image
 
-POST_WIDTH = 0.12  # m, law 1
 FINER = 4  # px across which a pixel's share of a thin bar is counted
 FARTHEST = 1e4  # px: what reaches farther out of the image is too close to the camera to be drawn
 
 
+@dataclass(frozen=True)
+class GoalFrame:
+    """Posts and crossbar: size of the goal, thickness and colour; those of law 1 of soccer."""
+
+    width: float = GOAL_WIDTH
+    height: float = GOAL_HEIGHT
+    bars: float = 0.12
+    colour: Colour = (245, 245, 245)
+
+
 def add_goal(
-    image: Image, camera: Camera, middle: Array, net: tuple[Colour, float], depth: tuple[float, float]
+    image: Image,
+    camera: Camera,
+    middle: Array,
+    net: tuple[Colour, float],
+    depth: tuple[float, float],
+    goal: GoalFrame = GoalFrame(),
 ) -> None:
-    """White posts and a crossbar, `POST_WIDTH` wide, before a net: (colour, opacity) and (depth below, depth above)."""
+    """Posts and a crossbar before a net: (colour, opacity) and (depth below, depth above)."""
     back = np.sign(middle[0]) * np.array([1.0, 0.0, 0.0])
-    up, side = np.array([0.0, 0.0, -GOAL_HEIGHT]), np.array([0.0, GOAL_WIDTH / 2.0, 0.0])
+    up, side = np.array([0.0, 0.0, -goal.height]), np.array([0.0, goal.width / 2.0, 0.0])
     frame = middle + np.array([-side, -side + up, side + up, side])
     xy = camera.project(frame)
     if np.any(np.max(xy, axis=0) < 0.0) or np.any(np.min(xy, axis=0) > camera.image_size):
@@ -37,12 +52,12 @@ def add_goal(
         behind = middle + below + t * (up + above - below)
         strands.append([frame[0] + t * up, behind - side, behind + side, frame[3] + t * up])
     stays = [[frame[0] + up + above, middle + below - side, middle + below + side, frame[3] + up + above]]
-    _mix_curves(image, camera, strands, 0.03, *net)
-    _mix_curves(image, camera, stays, 0.06, net[0], 0.7)
-    _mix_curves(image, camera, [frame], POST_WIDTH, (245, 245, 245), 1.0)
+    mix_bars(image, camera, strands, 0.03, *net)
+    mix_bars(image, camera, stays, 0.06, net[0], 0.7)
+    mix_bars(image, camera, [frame], goal.bars, goal.colour, 1.0)
 
 
-def _mix_curves(
+def mix_bars(
     image: Image,
     camera: Camera,
     curves: Sequence[Sequence[Array] | Array],

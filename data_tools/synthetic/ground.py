@@ -27,8 +27,8 @@ FADES = 0.35  # m of ground per pixel from which fine texture averages out
 
 def random_ground(ground: Ground, field: Field, rng: np.random.Generator) -> Float32:
     """Grass with its markings, and what lies around, in plain light; (3, height, width)."""
-    picture = _grass(ground, field, rng)
-    _surround(picture, ground, field, rng)
+    picture = grass(ground, field, rng)
+    surround(picture, ground, field, rng)
     (x, y), opacity = ground.xy, np.full_like(ground.xy[0], rng.uniform(0.55, 1.0))
     if rng.random() < 0.5:  # worn or wet paint
         opacity *= np.clip(0.9 + 0.15 * noise_at(x, y, rng.uniform(0.05, 0.5), rng), 0.3, 1.0)
@@ -36,14 +36,14 @@ def random_ground(ground: Ground, field: Field, rng: np.random.Generator) -> Flo
     line_width = rng.uniform(*LINE_WIDTH)
     segments = {**field.segments, **_unlabelled(field, rng)}
     low, high = np.nanmin(ground.xy, axis=(1, 2)) - 1.0, np.nanmax(ground.xy, axis=(1, 2)) + 1.0
-    in_view = {name: segment for name, segment in segments.items() if _reaches(segment, low, high)}
+    in_view = {name: segment for name, segment in segments.items() if reaches(segment, low, high)}
     everything = Field(field.length, field.width, in_view, paint=field.paint)
     for share in painted(ground, everything, line_width).values():
         mix(picture, paint, opacity * share)
     return picture
 
 
-def _reaches(segment: Segment, low: Float32, high: Float32) -> bool:
+def reaches(segment: Segment, low: Float32, high: Float32) -> bool:
     """Whether a segment may lie in a rectangle of the ground; painting those that do not takes long."""
     X = segment.sample(spacing=1.0)[:, :2]
     return bool(np.all(X.max(axis=0) >= low) and np.all(X.min(axis=0) <= high))
@@ -73,7 +73,7 @@ def random_light(ground: Ground, field: Field, rng: np.random.Generator) -> Floa
     return np.stack([light * (1.0 + tint * shade) for tint in (blue, 0.2 * blue, -0.2 * blue)])
 
 
-def _grass(ground: Ground, field: Field, rng: np.random.Generator) -> Float32:
+def grass(ground: Ground, field: Field, rng: np.random.Generator) -> Float32:
     """Mown grass with wear and texture."""
     x, y = ground.xy
     kind = rng.random()
@@ -132,7 +132,7 @@ def _wear(ground: Ground, field: Field, rng: np.random.Generator) -> Float32:
     return np.asarray(np.nan_to_num(share * patches), np.float32)
 
 
-def _surround(picture: Float32, ground: Ground, field: Field, rng: np.random.Generator) -> None:
+def surround(picture: Float32, ground: Ground, field: Field, rng: np.random.Generator) -> None:
     """What lies beyond the run-off: a running track with its lanes, turf, tarmac or concrete."""
     x, y = np.abs(ground.xy)
     margin_x, margin_y = rng.uniform(*RUN_OFF, size=2).astype(np.float32)

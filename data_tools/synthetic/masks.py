@@ -2,23 +2,42 @@
 
 from __future__ import annotations
 
+from collections.abc import Collection, Sequence
+
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
 from fieldcalib.draw.scene import SHIFT, fixed_point, image_curves
-from fieldcalib.fields.field import Field
+from fieldcalib.fields.field import ALIKE, Field
 from fieldcalib.fields.soccer import soccer
 from fieldcalib.geometry.camera import Camera
 
-CLASSES = tuple(sorted(label for label in soccer().markings if label not in soccer().half_labels))
-"""The 26 segments that SoccerNet annotates, in its order; a mask holds 0 for the background and 1 + index."""
+MOST_CLASSES = 255  # of a mask, beside the background
 THICKNESS = 3.0 / 512.0  # of the image's width, for all: a network sees far lines that are thinner than a pixel
 
 Mask = NDArray[np.uint8]
 
 
-def markings_mask(camera: Camera, field: Field) -> Mask:
+def classes_of(field: Field, left_out: Collection[str] = ()) -> tuple[str, ...]:
+    """Labels of the markings that masks tell apart, sorted; halves of a circle that has a label itself are left out.
+
+    Raises
+    ------
+    ValueError
+        If the field has none, or more than a mask can hold.
+    """
+    classes = tuple(sorted(set(field.markings) - field.half_labels - set(left_out)))
+    if not 0 < len(classes) <= MOST_CLASSES:
+        raise ValueError(f"masks hold 1 to {MOST_CLASSES} lines, arcs and curves of a field, it has {len(classes)}")
+    return classes
+
+
+CLASSES = classes_of(soccer())
+"""The 26 segments that SoccerNet annotates, in its order; a mask holds 0 for the background and 1 + index."""
+
+
+def markings_mask(camera: Camera, field: Field, classes: Sequence[str] = CLASSES) -> Mask:
     """Every marking in view, (height, width), as a curve of constant thickness; of two that cross, either.
 
     Examples
@@ -30,18 +49,31 @@ def markings_mask(camera: Camera, field: Field) -> Mask:
     """
     width, height = camera.image_size
     mask = np.zeros((height, width), np.uint8)
-    for value, label in enumerate(CLASSES, start=1):
+    for value, label in enumerate(classes, start=1):
         curves = [fixed_point(curve) for curve in image_curves(camera, field[label])]
         cv2.polylines(mask, curves, False, value, 1, cv2.LINE_8, SHIFT)
     side = max(1, round(THICKNESS * width))  # OpenCV's own thick lines are wider than they are said to be
     return np.asarray(cv2.dilate(mask, np.ones((side, side), np.uint8)), np.uint8)
 
 
-def mirrored_values(*, behind_goal: bool) -> Mask:
-    """What every value of a mask, (27,), becomes when the image is mirrored left to right.
+def mirrored_values(*, behind_goal: bool, field: Field | None = None, classes: Sequence[str] = CLASSES) -> Mask | None:
+    """What every value of a mask, (classes + 1,), becomes when the image is mirrored left to right.
 
     A mirrored image is that of the mirrored field, whose left is right. Behind the left goal, though, the camera stays
     there, see `data_tools.synthetic.cameras`: far and near swap, and the posts of each goal.
+
+    Parameters
+    ----------
+    behind_goal : bool
+    field : Field, optional
+        By default that of soccer.
+    classes : sequence of str
+        Of its masks.
+
+    Returns
+    -------
+    (classes + 1,) array, or None
+        None for a field that is not its own mirror image.
 
     Examples
     --------
@@ -49,11 +81,12 @@ def mirrored_values(*, behind_goal: bool) -> Mask:
     >>> CLASSES[mirrored_values(behind_goal=False)[value] - 1], CLASSES[mirrored_values(behind_goal=True)[value] - 1]
     ('Big rect. right top', 'Big rect. left bottom')
     """
-    field, mirror = soccer(), (1.0, -1.0, 1.0) if behind_goal else (-1.0, 1.0, 1.0)
-
-    def box(label: str, signs: tuple[float, float, float]) -> tuple[float, ...]:
-        X = field[label].sample(spacing=0.05) * signs
-        return tuple(np.concatenate([X.min(axis=0), X.max(axis=0)]).round(1) + 0.0)  # + 0.0: no negative zeros
-
-    values = {box(label, (1.0, 1.0, 1.0)): value for value, label in enumerate(CLASSES, start=1)}
-    return np.array([0, *(values[box(label, mirror)] for label in CLASSES)], np.uint8)
+    field, mirror = field or soccer(), np.array((1.0, -1.0, 1.0) if behind_goal else (-1.0, 1.0, 1.0))
+    samples = [field[label].sample(spacing=0.05) for label in classes]
+    here, there = (
+        np.array([[X.min(axis=0), X.max(axis=0)] for X in (signs * X for X in samples)]) for signs in (1.0, mirror)
+    )
+    alike = np.max(np.abs(there[:, None] - here), axis=(2, 3)) < ALIKE
+    if not np.all(np.any(alike, axis=1)):
+        return None
+    return np.array([0, *(1 + np.argmax(alike, axis=1))], np.uint8)

@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable
+from functools import partial
+from typing import NamedTuple
 
 import numpy as np
 
 from data_tools.synthetic.colours import random_colour
 from data_tools.synthetic.goals import add_goal
-from data_tools.synthetic.people import Person, add_person, random_kit, random_positions, random_suns
+from data_tools.synthetic.people import Person, Sun, add_person, random_kit, random_positions, random_suns
 from fieldcalib._types import Array, Float32
 from fieldcalib.draw.scene import Colour
 from fieldcalib.fields.field import Field
@@ -18,17 +20,41 @@ from fieldcalib.io.image import Image
 TEAM_SHARES = (0.42, 0.42, 0.03, 0.03, 0.1)  # of the people: two teams, two keepers, the referees
 
 
+class Thing(NamedTuple):
+    """Somebody or something that stands on the field."""
+
+    X: Array
+    """Where, (3,)."""
+    draw: Callable[[], object]
+    """Draws it onto the image."""
+
+
 def add_objects(image: Image, light: Float32, camera: Camera, field: Field, rng: np.random.Generator) -> None:
     """Goals and people onto an image, in place; `light` is that of the ground, (3, height, width)."""
-    net, depth = random_goals(rng)
-    kits, suns = [random_kit(rng) for _ in TEAM_SHARES], random_suns(rng)
-    people = random_positions(field, rng)
+    goals = soccer_goals(image, camera, field, *random_goals(rng))
+    people = players(image, light, camera, rng, lambda rng: random_positions(field, rng))
+    add_far_to_near(camera, [*people, *goals])
 
-    def draw(index: int) -> None:
-        person, kit = Person.random(rng), kits[rng.choice(len(kits), p=TEAM_SHARES)]
-        add_person(image, light, camera, people[index], person, kit, suns)
 
-    add_far_to_near(image, camera, field, net, depth, people, draw)
+def players(
+    image: Image,
+    light: Float32,
+    camera: Camera,
+    rng: np.random.Generator,
+    positions: Callable[[np.random.Generator], Iterable[Array]],
+    shadows: Callable[[np.random.Generator], list[Sun]] = random_suns,
+) -> list[Thing]:
+    """Players of two teams and referees, to be drawn onto an image."""
+    kits, suns = [random_kit(rng) for _ in TEAM_SHARES], shadows(rng)
+
+    def standing(X: Array) -> Thing:
+        def draw() -> None:
+            person, kit = Person.random(rng), kits[rng.choice(len(kits), p=TEAM_SHARES)]
+            add_person(image, light, camera, X, person, kit, suns)
+
+        return Thing(X, draw)
+
+    return [standing(X) for X in positions(rng)]
 
 
 def random_goals(rng: np.random.Generator) -> tuple[tuple[Colour, float], tuple[float, float]]:
@@ -37,20 +63,15 @@ def random_goals(rng: np.random.Generator) -> tuple[tuple[Colour, float], tuple[
     return net, (rng.uniform(1.5, 2.5), rng.uniform(0.0, 1.5))
 
 
-def add_far_to_near(
-    image: Image,
-    camera: Camera,
-    field: Field,
-    net: tuple[Colour, float],
-    depth: tuple[float, float],
-    people: Sequence[Array],
-    draw: Callable[[int], None],
-) -> None:
-    """Goals as `random_goals` makes them, and people, of whom `draw` draws one by its index."""
-    goals = [np.array([sign * field.length / 2.0, 0.0, 0.0]) for sign in (-1.0, 1.0)]
-    distances = [float(np.linalg.norm(X - camera.C)) for X in (*people, *goals)]
-    for index in sorted(range(len(distances)), key=distances.__getitem__, reverse=True):
-        if index < len(people):
-            draw(index)
-        else:
-            add_goal(image, camera, goals[index - len(people)], net, depth)
+def soccer_goals(
+    image: Image, camera: Camera, field: Field, net: tuple[Colour, float], depth: tuple[float, float]
+) -> list[Thing]:
+    """Both goals as `random_goals` makes them, to be drawn onto an image."""
+    middles = [np.array([sign * field.length / 2.0, 0.0, 0.0]) for sign in (-1.0, 1.0)]
+    return [Thing(X, partial(add_goal, image, camera, X, net, depth)) for X in middles]
+
+
+def add_far_to_near(camera: Camera, things: list[Thing]) -> None:
+    """Draw things, the farthest first."""
+    for thing in sorted(things, key=lambda thing: float(np.linalg.norm(thing.X - camera.C)), reverse=True):
+        thing.draw()

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 
-from data_tools.synthetic.colours import random_colour, wrapped
+from data_tools.synthetic.colours import Range, random_colour, wrapped
 from data_tools.synthetic.textures import BOARD_SCALE, STAND_HEIGHT, STAND_SCALE, boards_texture, stand_texture
 from fieldcalib._types import BoolArray, Float32
 from fieldcalib.draw.ground import Ground
@@ -24,7 +24,25 @@ DUGOUT_HEIGHT = (1.5, 2.8)  # m
 STAND_AWAY = (0.5, 8.0)  # m behind the boards
 FLOOR_AWAY = (0.0, 6.0)  # m behind the boards: where the foreground begins to hide the ground
 OPEN_SHARE, OPEN_DROP = 0.1, 30.0  # of the grounds have no stands: only the uppermost 10 m of them are seen, as trees
+NOWHERE = (0.0, 0.0)
 SIDES = ((0, -1.0), (0, 1.0), (1, -1.0), (1, 1.0))  # coordinate and sign: behind the goals, along the touchlines
+
+
+@dataclass(frozen=True)
+class Around:
+    """How far away things stand around a field, as ranges in metres; by default as around soccer pitches."""
+
+    boards: Range | None = BOARDS_AWAY
+    """Behind the lines; None where boards or walls are the field's own border."""
+    stands: Range = STAND_AWAY
+    """Behind the boards."""
+    floor: Range = FLOOR_AWAY
+    """Behind the boards: where the foreground begins to hide the ground."""
+    past: tuple[float, float] = (0.0, 0.0)
+    """How far the field's paint goes on past its length and its width, at each end."""
+
+
+SOCCER = Around()
 
 
 @dataclass(frozen=True)
@@ -67,6 +85,7 @@ def add_surroundings(
     field: Field,
     rng: np.random.Generator,
     shown: Float32 | None = None,
+    around: Around = SOCCER,
 ) -> BoolArray:
     """Put stands and boards around the field onto planes (3, height, width), in place.
 
@@ -80,26 +99,28 @@ def add_surroundings(
     boards, board_height, stand = boards_texture(rng), rng.uniform(*BOARD_HEIGHT), stand_texture(rng)
     boards = boards if shown is None else shown
     drop = OPEN_DROP if rng.random() < OPEN_SHARE else 0.0
-    half = np.array([field.length, field.width]) / 2.0 + rng.uniform(*BOARDS_AWAY, size=2)
-    behind = half + rng.uniform(*STAND_AWAY)
+    half = np.array([field.length, field.width]) / 2.0 + around.past + rng.uniform(*(around.boards or NOWHERE), size=2)
+    behind = half + rng.uniform(*around.stands)
     beyond = [side for side in SIDES if side[1] * camera.C[side[0]] < half[side[0]]]  # past the field
     for axis, sign in beyond:
         wall = Wall.of_rays(camera, ray, axis, sign * behind[axis], behind[1 - axis] + 1.0)
         rows = np.clip((STAND_HEIGHT - drop - wall.height) * STAND_SCALE, 0.0, len(stand) - 1.0)
-        _cover(picture, wrapped(stand, wall.along * STAND_SCALE, rows), wall.up_to(np.inf))
-    for axis, sign in beyond:
+        cover(picture, wrapped(stand, wall.along * STAND_SCALE, rows), wall.up_to(np.inf))
+    for axis, sign in beyond if around.boards else ():
         wall = Wall.of_rays(camera, ray, axis, sign * half[axis], half[1 - axis])
         rows = np.clip((1.0 - wall.height / board_height) * len(boards), 0.0, len(boards) - 1.0)
-        _cover(picture, wrapped(boards, wall.along * BOARD_SCALE, rows), wall.up_to(board_height))
+        cover(picture, wrapped(boards, wall.along * BOARD_SCALE, rows), wall.up_to(board_height))
     hidden = np.zeros(picture.shape[1:], bool)
     for axis, sign in (side for side in SIDES if side not in beyond):
         wall = Wall.of_rays(camera, ray, axis, sign * half[axis], half[1 - axis])
         past, along = sign * ground.xy[axis] - half[axis], ground.xy[1 - axis]
-        hidden |= _add_floor(picture, past, along, stand, rng) | _add_near_wall(picture, wall, rng)
+        hidden |= _add_floor(picture, past, along, stand, around.floor, rng)
+        if around.boards:
+            hidden |= _add_near_wall(picture, wall, rng)
     return hidden
 
 
-def _cover(picture: Float32, texture: Float32, share: Float32) -> None:
+def cover(picture: Float32, texture: Float32, share: Float32) -> None:
     """Texture (height, width, 3) over every pixel by its share."""
     for plane, colour in zip(picture, np.moveaxis(texture, -1, 0), strict=True):
         plane += share * (colour - plane)
@@ -109,12 +130,14 @@ def _softened(shown: BoolArray) -> Float32:
     return np.asarray(cv2.GaussianBlur(shown.astype(np.float32), (3, 3), 0.5))
 
 
-def _add_floor(picture: Float32, past: Float32, along: Float32, stand: Float32, rng: np.random.Generator) -> BoolArray:
+def _add_floor(
+    picture: Float32, past: Float32, along: Float32, stand: Float32, away: Range, rng: np.random.Generator
+) -> BoolArray:
     """Spectators, or the ground as it is, from somewhat behind the boards on; `past` is metres behind them."""
-    floor = past > rng.uniform(*FLOOR_AWAY)  # false above the horizon
+    floor = past > rng.uniform(*away)  # false above the horizon
     if rng.random() < 0.5:
         rows = np.clip(0.9 * STAND_HEIGHT - past, 0.0, STAND_HEIGHT - 1.0) * STAND_SCALE
-        _cover(picture, rng.uniform(0.3, 1.0) * wrapped(stand, along * STAND_SCALE, rows), _softened(floor))
+        cover(picture, rng.uniform(0.3, 1.0) * wrapped(stand, along * STAND_SCALE, rows), _softened(floor))
     return np.asarray(floor)
 
 
@@ -128,7 +151,7 @@ def _add_near_wall(picture: Float32, wall: Wall, rng: np.random.Generator) -> Bo
     share = wall.up_to(top)
     panel = np.mod(np.floor(along / rng.uniform(3.0, 12.0)), 2.0)
     colour = np.array(random_colour(rng, saturation=(0.0, 0.5), value=(0.05, 0.95)), np.float32)
-    _cover(picture, (1.0 - rng.uniform(0.0, 0.6) * panel)[..., None] * colour, share)
+    cover(picture, (1.0 - rng.uniform(0.0, 0.6) * panel)[..., None] * colour, share)
     return np.asarray(share > 0.5)
 
 

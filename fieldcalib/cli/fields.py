@@ -32,6 +32,14 @@ def add_field(parser: argparse.ArgumentParser) -> None:
 
 def add_sized_field(parser: argparse.ArgumentParser) -> None:
     """--field, --field-length and --field-width."""
+    add_named_field(parser)
+    sizes = {"length": "touchline in metres, where fields differ (soccer: 105)", "width": "goal line in metres (68)"}
+    for name, help in sizes.items():
+        parser.add_argument(f"--field-{name}", type=positive, metavar="M", help=help)
+
+
+def add_named_field(parser: argparse.ArgumentParser) -> None:
+    """--field."""
     parser.add_argument(
         "--field",
         type=_name,
@@ -39,9 +47,6 @@ def add_sized_field(parser: argparse.ArgumentParser) -> None:
         metavar="NAME",
         help=f"{', '.join(FIELDS)}, or a .yaml or .json file with one of your own ({SOCCER})",
     )
-    sizes = {"length": "touchline in metres, where fields differ (soccer: 105)", "width": "goal line in metres (68)"}
-    for name, help in sizes.items():
-        parser.add_argument(f"--field-{name}", type=positive, metavar="M", help=help)
 
 
 def _name(text: str) -> str:
@@ -59,7 +64,7 @@ def field_of(options: argparse.Namespace) -> Field:
     ValueError
         If its file is none, or a size is given of a field that has one size.
     """
-    field = _field(options.field)
+    field = named_field(options.field)
     length, width = options.field_length, options.field_width
     if length is not None or width is not None:
         if not field.moves_with_size:
@@ -95,7 +100,14 @@ def prior_of(options: argparse.Namespace) -> Prior:
 
 
 @lru_cache(maxsize=1)
-def _field(name: str) -> Field:
+def named_field(name: str) -> Field:
+    """The field that --field names, of the catalogue or of a file.
+
+    Raises
+    ------
+    ValueError
+        If its file is none.
+    """
     try:
         return field_named(name) if name in FIELDS else read_field(name)
     except BrokenFileError as error:  # of the command line, not of the input

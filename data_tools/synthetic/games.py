@@ -1,0 +1,155 @@
+"""Games by the name of their field: what frames of each are made of."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from functools import lru_cache, partial
+
+import numpy as np
+
+from data_tools.synthetic.cameras import STANDS, random_field
+from data_tools.synthetic.floors import hall_light, random_floor
+from data_tools.synthetic.furniture import furniture
+from data_tools.synthetic.ground import random_ground, random_light
+from data_tools.synthetic.looks import Look, look_of
+from data_tools.synthetic.masks import Mask, classes_of, mirrored_values
+from data_tools.synthetic.objects import add_far_to_near, add_objects, players
+from data_tools.synthetic.people import Sun, random_suns
+from data_tools.synthetic.rink import add_boards
+from data_tools.synthetic.surroundings import add_surroundings
+from fieldcalib._types import Array, BoolArray, Float32
+from fieldcalib.cli.fields import SOCCER, named_field
+from fieldcalib.draw.ground import Ground
+from fieldcalib.fields.field import Field
+from fieldcalib.fields.soccer import soccer
+from fieldcalib.fields.stands import CameraDistribution, stands_around
+from fieldcalib.geometry.camera import Camera
+from fieldcalib.io.image import Image
+
+NOMINAL_SHARE = 0.5  # of the fields whose size varies have the nominal one
+NEAR_PLAY = 0.3  # standard deviation around the play, in shares of the field's size
+AROUND_PLAY = 0.25  # share of the people who stand around the field
+AWAY = (0.5, 2.0)  # m: how far from it
+
+Surrounds = Callable[[Float32, Camera, Float32, Ground, Field, np.random.Generator], BoolArray]
+
+
+@dataclass(frozen=True)
+class Game:
+    """What a frame is made of, in the order in which it is drawn."""
+
+    field: Field
+    """The nominal one."""
+    classes: tuple[str, ...]
+    """Of its masks, see `data_tools.synthetic.masks.classes_of`."""
+    random_field: Callable[[np.random.Generator], Field]
+    stands: Mapping[CameraDistribution, float]
+    """Where its cameras are, in which proportion."""
+    light: Callable[[Ground, Field, np.random.Generator], Float32]
+    ground: Callable[[Ground, Field, np.random.Generator], Float32]
+    surround: Surrounds
+    """Puts stands and boards around the field; what they hide."""
+    add_objects: Callable[[Image, Float32, Camera, Field, np.random.Generator], None]
+
+    def mirrored_values(self, *, behind_goal: bool) -> Mask | None:
+        """See `data_tools.synthetic.masks.mirrored_values`."""
+        return mirrored_values(behind_goal=behind_goal, field=self.field, classes=self.classes)
+
+
+@lru_cache(maxsize=8)
+def game_named(name: str) -> Game:
+    """The game of a field of the catalogue, or of a file with one.
+
+    Raises
+    ------
+    ValueError
+        If the file is none, or the field has no markings to be told apart.
+
+    Examples
+    --------
+    >>> game_named("tennis").classes[:3]
+    ('Base line left', 'Base line right', 'Centre mark left')
+    """
+    if name == SOCCER:
+        field = soccer()
+        return Game(
+            field, classes_of(field), random_field, STANDS, random_light, random_ground, add_surroundings, add_objects
+        )
+    field = named_field(name)
+    look = look_of(name, field)
+    edges = [label for label in field.markings if look.is_edge(label)]
+    return Game(
+        field,
+        classes_of(field, edges),
+        partial(_sized, field),
+        _stands(field, look.behind),
+        (lambda ground, field, rng: hall_light(ground, rng)) if look.indoors else random_light,
+        lambda ground, field, rng: random_floor(ground, field, look, rng),
+        partial(_surround, look),
+        partial(_add_objects, look),
+    )
+
+
+def _sized(field: Field, rng: np.random.Generator) -> Field:
+    """The field, in a size that is usual where sizes vary."""
+    if field.size_model is None or rng.random() < NOMINAL_SHARE:
+        return field
+    length, width = (float(rng.uniform(*usual)) for usual in field.size_model.usual)
+    return field.resized(length, width)
+
+
+def _stands(field: Field, behind: float) -> Mapping[CameraDistribution, float]:
+    """The field's own, a share of them behind its ends; around it where it has none, or all are of one kind."""
+    stands = field.stands or stands_around(field.scale)
+    is_behind = [abs(sum(stand.x)) > field.length for stand in stands]
+    count = sum(is_behind)
+    if count in (0, len(stands)):
+        return dict.fromkeys(stands, 1.0)
+    shares = {True: behind / count, False: (1.0 - behind) / (len(stands) - count)}
+    return {stand: shares[one] for stand, one in zip(stands, is_behind, strict=True)}
+
+
+def _surround(
+    look: Look,
+    picture: Float32,
+    camera: Camera,
+    ray: Float32,
+    ground: Ground,
+    field: Field,
+    rng: np.random.Generator,
+) -> BoolArray:
+    hidden = add_surroundings(picture, camera, ray, ground, field, rng, around=look.around)
+    return hidden | add_boards(picture, camera, ray, field, look.boards, rng) if look.boards else hidden
+
+
+def _add_objects(
+    look: Look, image: Image, light: Float32, camera: Camera, field: Field, rng: np.random.Generator
+) -> None:
+    things = furniture(image, camera, field, look, rng)
+    people = players(
+        image, light, camera, rng, partial(_positions, look, field), _lamps if look.indoors else random_suns
+    )
+    add_far_to_near(camera, [*people, *things])
+
+
+def _lamps(rng: np.random.Generator) -> list[Sun]:
+    """Shadows in a hall are short and weak."""
+    if rng.random() < 0.5:
+        return []
+    return [(rng.normal(0.0, 0.3, size=2), rng.uniform(0.05, 0.2)) for _ in range(2)]
+
+
+def _positions(look: Look, field: Field, rng: np.random.Generator) -> list[Array]:
+    """Where people stand: most near the play, some around the field where nothing is in their way."""
+    half = 0.5 * np.array([field.length, field.width])
+    play = rng.uniform(-0.7, 0.7, size=2) * half
+    X = np.clip(
+        play + rng.normal(size=(rng.integers(*look.people, endpoint=True), 2)) * NEAR_PLAY * 2.0 * half, -half, half
+    )
+    if look.around.boards is not None:
+        away = rng.random(len(X)) < AROUND_PLAY
+        side = rng.integers(2, size=len(X))
+        who = np.flatnonzero(away)
+        X[who, side[who]] = np.copysign(half[side[who]] + rng.uniform(*AWAY, size=len(who)), X[who, side[who]])
+    return [np.array([x, y, 0.0]) for x, y in X]

@@ -1,0 +1,296 @@
+"""How fields look beyond what they say themselves (`Field.paint`): grounds, painted areas, bars, what is around.
+
+What rule books leave open (floors, turf, the colour of the areas) is drawn from what is usual. Tables go by the
+beginnings of labels, the first that fits.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from functools import partial
+from types import MappingProxyType
+from typing import Literal, TypeVar, get_args
+
+from data_tools.synthetic import marks
+from data_tools.synthetic.areas import Area, Fill
+from data_tools.synthetic.colours import Hsv
+from data_tools.synthetic.surroundings import Around
+from fieldcalib.fields.field import Field
+from fieldcalib.fields.segments import Arc, Line
+from fieldcalib.fields.sports import american_football as football
+from fieldcalib.fields.sports import ice_hockey as rink
+from fieldcalib.fields.sports.handball import POST as HANDBALL_POST
+
+Surface = Literal["wood", "floor", "ice", "hard court", "clay", "turf", "blue turf", "grass"]
+V = TypeVar("V")
+ByLabel = tuple[tuple[str, V], ...]
+
+WHITE: Hsv = (20.0, 220.0), (0.0, 0.06), (0.85, 1.0)
+YELLOW: Hsv = (45.0, 60.0), (0.5, 0.9), (0.85, 1.0)
+ORANGE: Hsv = (12.0, 30.0), (0.6, 0.9), (0.75, 0.95)
+RED: Hsv = (-8.0, 8.0), (0.65, 0.95), (0.55, 0.85)
+BLUE: Hsv = (205.0, 235.0), (0.6, 0.95), (0.4, 0.75)
+LIGHT_BLUE: Hsv = (190.0, 215.0), (0.25, 0.55), (0.8, 0.95)
+GREEN: Hsv = (95.0, 165.0), (0.4, 0.85), (0.25, 0.6)
+DARK: Hsv = (0.0, 360.0), (0.0, 0.4), (0.08, 0.3)
+STEEL: Hsv = (180.0, 240.0), (0.0, 0.15), (0.25, 0.65)
+ANY: Hsv = (0.0, 360.0), (0.3, 0.9), (0.2, 0.65)
+
+LIGHT_LINES = (WHITE, WHITE, WHITE, WHITE, YELLOW)
+SMALL = 50.0  # m: around shorter fields of one's own there is less room
+INDOORS = ("wood", "floor", "ice")
+MEDIUM = Around((1.5, 5.0), (0.3, 4.0), (0.0, 3.0))  # around courts in halls
+
+
+@dataclass(frozen=True)
+class Look:
+    """What is drawn of a kind of field, beyond where its segments are."""
+
+    surfaces: Sequence[Surface]
+    """Of which one is drawn."""
+    around: Around = MEDIUM
+    colours: Sequence[Hsv] = (WHITE,)
+    """One of them is that of all lines that are white by the rules."""
+    coloured: ByLabel[Hsv] = ()
+    """Bars above the ground that are not white."""
+    widths: ByLabel[float] = ()
+    """Of bars above the ground, metres."""
+    striped: tuple[str, ...] = ()
+    """Beginnings of labels of bars with white stripes."""
+    edges: str | None = None
+    """Ending of labels that are the edges of a wide line: no classes beside that line."""
+    marks: Callable[[Field], marks.Marks] = marks.no_marks
+    """What is painted and has no label."""
+    fills: Callable[[Field], Sequence[Fill]] = lambda field: ()
+    """Painted areas, one on top of the other."""
+    people: tuple[int, int] = (4, 20)
+    """At least and at most."""
+    behind: float = 0.2
+    """Share of the cameras behind the ends of the field."""
+    indoors: bool = True
+    nets: bool = True
+    """Whether goals have them."""
+    boards: float = 0.0
+    """Height of boards that are the border of a rink, metres."""
+    overlaid: float = 0.0
+    """Share of the floors with the lines of another court, too."""
+
+    def width(self, label: str, default: float) -> float:
+        """Of a bar, metres."""
+        return _first(self.widths, label, default)
+
+    def colour(self, label: str, default: Hsv) -> Hsv:
+        """Of a bar."""
+        return _first(self.coloured, label, default)
+
+    def is_edge(self, label: str) -> bool:
+        """Whether a label is an edge of a wide line that has a label itself."""
+        return self.edges is not None and label.endswith(self.edges)
+
+
+def _first(table: ByLabel[V], label: str, default: V) -> V:
+    return next((value for start, value in table if label.startswith(start)), default)
+
+
+def look_of(name: str, field: Field) -> Look:
+    """That of a field of the catalogue, by its name, or of any other, on the ground that it says."""
+    if name in LOOKS:
+        return LOOKS[name]
+    ground = next(one for one in get_args(Surface) if one == field.surface)
+    return Look(
+        (ground,),
+        around=MEDIUM if max(field.length, field.width) < SMALL else Around(),
+        colours=(WHITE,) if field.lines.lighter else (DARK, BLUE, RED),
+        indoors=ground in INDOORS,
+    )
+
+
+def _line(field: Field, label: str) -> Line:
+    line = field[label]
+    assert isinstance(line, Line)
+    return line
+
+
+def _radius(field: Field, label: str) -> float:
+    arc = field[label]
+    assert isinstance(arc, Arc)
+    return arc.radius
+
+
+def _basketball(field: Field) -> Sequence[Fill]:
+    """Keys, the area within the three-point line, and the centre circle."""
+    free_throw, lane, end = _line(field, "Free-throw line right"), _line(field, "Lane right bottom"), 0.5 * field.length
+    key, arc = Area((free_throw.start[0], 0.0), (end, lane.start[1])), field["Three-point arc right"]
+    assert isinstance(arc, Arc)
+    limits = end, _line(field, "Three-point line right bottom").start[1]
+    colours = (ANY, BLUE, RED, DARK)
+    return (
+        Fill(Area((arc.center[0], 0.0), (end, 0.0), arc.radius, limits), (ANY, ORANGE), 0.3, 0.7),
+        Fill(key, colours, 0.6, 0.9),
+        Fill(Area((0.0, 0.0), (0.0, 0.0), _radius(field, "Centre circle")), colours, 0.4, 0.9),
+    )
+
+
+def _before_goals(name: str, field: Field) -> Sequence[Fill]:
+    """The area before each goal."""
+    line, end = _line(field, f"{name} right line"), 0.5 * field.length
+    area = Area((end, 0.0), (end, line.end[1]), end - line.start[0], (end, 0.5 * field.width))
+    return (Fill(area, (ANY, BLUE, ORANGE, RED), 0.6, 0.9),)
+
+
+def _volleyball(field: Field) -> Sequence[Fill]:
+    attack = _line(field, "Attack line right").start[0]
+    return (Fill(Area((0.0, 0.0), (attack, 0.5 * field.width)), (ORANGE, ANY), 0.3, 0.8),)
+
+
+def _american_football(field: Field) -> Sequence[Fill]:
+    """End zones."""
+    zone = Area((football.GOAL_LINE, 0.0), (0.5 * field.length, 0.5 * field.width))
+    return (Fill(zone, (ANY, BLUE, RED, GREEN), 0.7, 0.85),)
+
+
+def _rugby(field: Field) -> Sequence[Fill]:
+    """In-goal areas, which are often mown otherwise."""
+    dead = _line(field, "Dead-ball line right").start[0]
+    return (Fill(Area((0.5 * field.length, 0.0), (dead, 0.5 * field.width)), (GREEN,), 0.3, 0.5),)
+
+
+def _ice(rules: rink.Rules, field: Field) -> Sequence[Fill]:
+    """Creases."""
+    goal = _line(field, "Goal line right").start[0]
+    half = min(0.5 * rules.crease_width, rules.crease)
+    return (Fill(Area((goal, 0.0), (goal, 0.0), rules.crease, (goal, half)), (LIGHT_BLUE,), 1.0, 0.9),)
+
+
+def _ice_hockey(rules: rink.Rules) -> Look:
+    return Look(
+        ("ice",),
+        around=Around(None, (0.0, 2.5), (0.0, 2.0)),
+        coloured=(("Goal", RED),),
+        widths=(("Goal", rink.POST),),
+        edges="edge",
+        fills=partial(_ice, rules),
+        people=(6, 14),
+        boards=1.07,
+    )
+
+
+BASKETBALL_BARS: ByLabel[float] = (("Rim", 0.018), ("Backboard", 0.05))
+BASKETBALL_COLOURS: ByLabel[Hsv] = (("Rim", ORANGE),)
+NET_BARS: ByLabel[float] = (("Net post", 0.08), ("Net", 0.06))
+NET_COLOURS: ByLabel[Hsv] = (("Net post", STEEL),)
+
+
+def _basketball_look(marks_of: Callable[[Field], marks.Marks], overlaid: float) -> Look:
+    return Look(
+        ("wood", "wood", "wood", "floor"),
+        around=Around((1.5, 4.0), (0.3, 4.0), (0.0, 2.0)),
+        colours=LIGHT_LINES,
+        coloured=BASKETBALL_COLOURS,
+        widths=BASKETBALL_BARS,
+        marks=marks_of,
+        fills=_basketball,
+        people=(6, 16),
+        overlaid=overlaid,
+    )
+
+
+def _football_look() -> Look:
+    return Look(
+        ("grass", "turf"),
+        around=Around((3.0, 9.0), past=(football.BORDER, football.BORDER)),
+        coloured=(("Goal left", YELLOW), ("Goal right", YELLOW)),
+        widths=(("Goal", football.POST),),
+        marks=marks.american_football,
+        fills=_american_football,
+        people=(8, 26),
+        indoors=False,
+        nets=False,
+    )
+
+
+LOOKS: Mapping[str, Look] = MappingProxyType(
+    {
+        "american-football-ncaa": _football_look(),
+        "american-football-nfl": _football_look(),
+        "badminton": Look(
+            ("floor", "floor", "wood"),
+            around=Around((1.5, 3.0), (0.3, 4.0), (0.0, 2.0)),
+            colours=LIGHT_LINES,
+            coloured=NET_COLOURS,
+            widths=(("Net post", 0.04), ("Net", 0.075)),
+            people=(2, 6),
+            behind=0.6,
+            overlaid=0.2,
+        ),
+        "basketball-fiba": _basketball_look(marks.basketball_fiba, 0.2),
+        "basketball-nba": _basketball_look(marks.basketball_nba, 0.0),
+        "field-hockey": Look(
+            ("blue turf", "blue turf", "grass"),
+            around=Around((3.0, 6.0)),
+            widths=(("Goal", 0.05),),
+            people=(8, 24),
+            indoors=False,
+        ),
+        "futsal": Look(
+            ("floor", "wood", "floor"),
+            colours=LIGHT_LINES,
+            widths=(("Goal", 0.08),),
+            fills=partial(_before_goals, "Penalty area"),
+            people=(6, 14),
+            overlaid=0.2,
+        ),
+        "handball": Look(
+            ("floor", "floor", "wood"),
+            colours=LIGHT_LINES,
+            widths=(("Goal", HANDBALL_POST),),
+            coloured=(("Goal left", RED), ("Goal right", RED)),
+            striped=("Goal left", "Goal right"),
+            fills=partial(_before_goals, "Goal area"),
+            people=(8, 18),
+            overlaid=0.2,
+        ),
+        "ice-hockey-iihf": _ice_hockey(rink.IIHF),
+        "ice-hockey-nhl": _ice_hockey(rink.NHL),
+        "ice-hockey-nhl-2013": _ice_hockey(rink.NHL_2013),
+        "padel": Look(
+            ("blue turf",),
+            around=Around(None, (1.0, 6.0), (1.0, 5.0)),
+            coloured=(("Glass", STEEL), ("Fence", STEEL), ("Corner", STEEL), *NET_COLOURS),
+            widths=(("Glass", 0.06), ("Fence", 0.06), ("Corner", 0.08), *NET_BARS),
+            people=(2, 5),
+            behind=0.7,
+        ),
+        "rugby-union": Look(
+            ("grass",),
+            around=Around((3.0, 8.0), past=(11.0, 0.5)),
+            widths=(("Goal", 0.12),),
+            fills=_rugby,
+            people=(10, 34),
+            indoors=False,
+            nets=False,
+        ),
+        "tennis": Look(
+            ("hard court", "hard court", "clay", "grass"),
+            around=Around((3.0, 8.0), (0.3, 4.0), (0.0, 3.0)),
+            coloured=NET_COLOURS,
+            widths=NET_BARS,
+            people=(2, 8),
+            behind=0.75,
+            indoors=False,
+        ),
+        "volleyball": Look(
+            ("floor", "floor", "wood"),
+            around=Around((3.0, 6.0), (0.3, 4.0), (0.0, 2.0)),
+            colours=LIGHT_LINES,
+            coloured=(("Antenna", RED),),
+            striped=("Antenna",),
+            widths=(("Antenna", 0.02), ("Net upper", 0.07), ("Net lower", 0.05)),
+            fills=_volleyball,
+            people=(6, 16),
+            behind=0.35,
+            overlaid=0.2,
+        ),
+    }
+)
