@@ -175,7 +175,7 @@ def test_rows_of_american_football_are_marks_and_numbers_and_no_lines():
         above = Camera.from_angles(0.0, 1e-6, 0.0, 1500.0, over, SIZE)
         cover = coverage(Ground.of_rays(above, rays(above)), field, look)[WHITE]
         x, y = np.rint(in_image(above, field[label].sample(0.02))).astype(int).T
-        assert 0.02 < np.mean(cover[y, x] > 0.5) < most, label
+        assert np.mean(cover[y, x] > 0.5) < most, label
 
 
 def test_tables_go_by_labels_that_there_are():
