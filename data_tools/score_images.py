@@ -47,11 +47,9 @@ from data_tools.truth import compared
 from fieldcalib._types import Array
 from fieldcalib.assess.result import Calibration
 from fieldcalib.cli.arguments import count
-from fieldcalib.cli.fields import add_named_field, named_field
+from fieldcalib.cli.fields import SOCCER, add_named_field, field_of
 from fieldcalib.cli.frames import add_network, add_refinement, load_network
 from fieldcalib.cli.main import run_command
-from fieldcalib.fields.field import Field
-from fieldcalib.fields.soccer import soccer
 from fieldcalib.images.from_images import calibrate_from_images
 from fieldcalib.io.formats import CAMERAS
 from fieldcalib.io.image import Image
@@ -67,11 +65,9 @@ REPORTED_WIDTH = 1920.0
 LEAST_POINTS = 4
 
 
-def calibrated(
-    images: Iterable[Image], options: argparse.Namespace, field: Field | None = None
-) -> Iterator[Calibration]:
-    """The camera of each image, a few images at a time; of soccer, unless another field is given."""
-    field, network = field or soccer(), load_network(options)
+def calibrated(images: Iterable[Image], options: argparse.Namespace) -> Iterator[Calibration]:
+    """The camera of each image, a few images at a time."""
+    field, network = field_of(options), load_network(options)
     for part in in_parts(images, IMAGES_AT_ONCE):
         yield from calibrate_from_images(field, part, network, refine=options.refine)
 
@@ -141,10 +137,10 @@ def clip(options: argparse.Namespace) -> int:
 
 def synthetic_frames(options: argparse.Namespace) -> int:
     """Score frames of data_tools.synthetic --out."""
-    field = named_field(options.field)
+    field = field_of(options)
     names = sorted(path.stem for path in options.folder.glob("*.jpg"))
     images = (parse_image((options.folder / f"{name}.jpg").read_bytes()) for name in names)
-    found = list(calibrated(images, options, field))
+    found = list(calibrated(images, options))
     cameras = [options.folder / CAMERAS.file_name(name) for name in names]  # none where no field is in view
     shown = [(c, path) for c, path in zip(found, cameras, strict=True) if path.is_file()]
     accepted = [(c, path) for c, path in shown if c.accepted]
@@ -189,7 +185,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         "nonsense": no_field,
     }.items():
         command = commands.add_parser(name, help=run.__doc__)
-        command.set_defaults(run=run)
+        command.set_defaults(run=run, field=SOCCER)
         add_network(command)
         add_refinement(command)
         if name == "keypoints":

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 import torch
 
+from data_tools import score_images
 from data_tools.labelled import clip_of, labelled_frames
 from data_tools.network import MarkingsNet
 from data_tools.synthetic import CLASSES, SIZE, frame
@@ -107,7 +108,7 @@ def test_a_network_of_another_field(tmp_path, monkeypatch, capsys):
     """From synthetic frames to annotations by the command line."""
     monkeypatch.setattr("data_tools.train.VALIDATION_SEEDS", range(1_000_000_000, 1_000_000_002))
     frames, out, found = tmp_path / "frames", tmp_path / "out", tmp_path / "found"
-    write_cache(frames, range(2), processes=1, name="tennis")
+    write_cache(frames, range(2), processes=1, name="tennis", truth=True)
     common = ["--batch", "2", "--size", "160x96", "--workers", "0", "--minutes", "0"]
     assert main([str(out), "--field", "tennis", "--cache", str(frames), *common]) == 0
     about = json.loads((out / "model.json").read_text())
@@ -116,6 +117,11 @@ def test_a_network_of_another_field(tmp_path, monkeypatch, capsys):
     command = ["localize", *images, "--field", "tennis", "--model", str(out / "model.onnx"), "--out", str(found)]
     assert fieldcalib(command) == 0
     assert {path.stem for path in frames.glob("*.jpg")} <= {path.stem for path in found.glob("*.json")}
+    capsys.readouterr()
+    assert score_images.main(["frames", str(frames), "--field", "tennis", "--model", str(out / "model.onnx")]) == 0
+    row = json.loads(capsys.readouterr().out)
+    assert row["frames"] == len(list(frames.glob("camera_*.json")))
+    assert row["frames"] + row["without_field"] == 2
 
     for wrong, message in (
         (["--field", "handball", "--cache", str(frames)], "frames of the field tennis"),

@@ -57,7 +57,7 @@ def _name(text: str) -> str:
 
 
 def field_of(options: argparse.Namespace) -> Field:
-    """The field that the options of `add_field` or `add_sized_field` describe.
+    """The field that the options of `add_field`, `add_sized_field` or `add_named_field` describe.
 
     Raises
     ------
@@ -65,7 +65,7 @@ def field_of(options: argparse.Namespace) -> Field:
         If its file is none, or a size is given of a field that has one size.
     """
     field = named_field(options.field)
-    length, width = options.field_length, options.field_width
+    length, width = (getattr(options, name, None) for name in ("field_length", "field_width"))
     if length is not None or width is not None:
         if not field.moves_with_size:
             raise ValueError(
