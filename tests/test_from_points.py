@@ -125,6 +125,23 @@ def test_points_alone_do_not_say_where_the_touch_line_is():
     assert calibrate_from_points(X, truth.project(X), SIZE).accepted
 
 
+@pytest.mark.parametrize("size", [(640, 640), (480, 270)])
+def test_points_of_a_resized_image_are_spoken_of(size):
+    X, xy = seen(CAMERA)
+    shrunk = xy * np.divide(size, SIZE)
+    given = (1920, 1080)
+    assert "were they found in one of another size" in calibrate_from_points(X, shrunk, given).message
+    assert "another size" not in calibrate_from_points(X, xy, SIZE).message
+    assert "another size" not in calibrate_from_points(X, 2.0 * xy, given).message
+
+
+def test_points_past_the_image_are_spoken_of():
+    """Of a frame of 16:9 that was squashed to a square, given with the height of the frame."""
+    X, xy = seen(CAMERA)
+    message = calibrate_from_points(X, xy * np.divide((640, 640), SIZE), (640, 360)).message
+    assert "in an image of 640 x 360: were they found in one of another size" in message
+
+
 # points of anything
 
 

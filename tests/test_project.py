@@ -290,6 +290,20 @@ def rng():
     return np.random.default_rng(0)
 
 
+@pytest.mark.parametrize(
+    ("count", "size", "said"), [(120, SIZE, False), (120, (640, 360), True), (50, (640, 360), False)]
+)
+def test_boxes_of_images_of_another_size_are_spoken_of(tmp_path, cameras, capsys, rng, count, size, said):
+    corner = rng.uniform((0.0, 0.0), np.array(size) - 60.0, size=(count, 2))
+    rows = [["0", *map(repr, xy), "20", "55"] for xy in corner.tolist()]
+    path = written(tmp_path / "boxes.csv", rows, ["frame", "x", "y", "width", "height"])
+    assert projected(path, cameras)
+    printed = capsys.readouterr().err
+    assert ("in an image of 1280 x 720: were they found in one of another size" in printed) == said
+    assert projected(path, cameras, "--size", f"{size[0]}x{size[1]}")
+    assert capsys.readouterr().err == ""
+
+
 def test_an_uncertainty_that_is_not_known_is_left_empty(calibration):
     closed = Calibration(calibration.camera, Status.ACCEPTED, "", 0.0, 0.0, {})
     found = locate_on_ground(closed, calibration.camera.project(PLAYERS))

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from fieldcalib._types import Array
-from fieldcalib.assess.result import Calibration, Status
+from fieldcalib.assess.result import Calibration, Status, Verdict
 from fieldcalib.assess.solved import Solved
 from fieldcalib.calibrate.coordinates import check_coordinates
 from fieldcalib.calibrate.from_segments import calibrate_from_segments
@@ -29,6 +29,7 @@ from fieldcalib.fields.segments import Point
 from fieldcalib.fields.soccer import soccer, soccer_points
 from fieldcalib.fields.stands import CameraDistribution
 from fieldcalib.geometry.camera import Camera
+from fieldcalib.geometry.image_extent import hint_of_another_size
 from fieldcalib.geometry.rotation import angles_from_rotation, rotation_from_angles
 from fieldcalib.problem.evaluation import evaluate
 from fieldcalib.problem.labelled_pixels import Pixels, checked_weight
@@ -86,7 +87,8 @@ def calibrate_from_points(
     -------
     Calibration
         `per_segment_errors` are the distances in pixels, named "point 0", "point 1", ... as given, without those of
-        weight 0. Without any start there is no camera.
+        weight 0. Without any start there is no camera. Where the verdict is not good and the points of a field fill
+        only a part of the image, or lie beyond it, the message asks whether they are of an image of another size.
 
     Raises
     ------
@@ -119,7 +121,11 @@ def calibrate_from_points(
         return _calibrate_without_prior(points, options, common)
     if _on_field(members):
         check_coordinates(X, anywhere=members != ALL)
-    return _calibrate_on_field(points, options, members, common)
+    found = _calibrate_on_field(points, options, members, common)
+    hint = hint_of_another_size(points.xy.max(axis=0, initial=0.0), len(points.xy), options.image_size)
+    if not hint or found.verdict == Verdict.GOOD:
+        return found
+    return replace(found, message=f"{found.message}; of the points, {hint}")
 
 
 class _Common(TypedDict):

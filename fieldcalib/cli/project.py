@@ -5,20 +5,25 @@ from __future__ import annotations
 import argparse
 import csv
 import io
+import sys
 from collections import Counter
 from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from dataclasses import field as attribute
 from itertools import groupby
 from pathlib import Path
 
 import numpy as np
 
+from fieldcalib._types import Array
 from fieldcalib.assess.ground_points import locate_on_ground
 from fieldcalib.assess.result import Calibration
 from fieldcalib.cli.arguments import add_most_bytes, image_size
 from fieldcalib.cli.frame_cameras import Cameras
 from fieldcalib.cli.game_state import write_game_state
 from fieldcalib.fields.soccer import soccer
-from fieldcalib.io.boxes import BoxRow, BoxTable, foot_points, open_boxes
+from fieldcalib.geometry.image_extent import hint_of_another_size
+from fieldcalib.io.boxes import Box, BoxRow, BoxTable, foot_points, open_boxes
 from fieldcalib.io.coordinates import OWN, check_system, scale_of_system, to_system
 from fieldcalib.io.files import whole_file
 
@@ -27,6 +32,7 @@ NO_CAMERA, REJECTED, NO_BOX = "no camera", "camera rejected", "no box"
 HORIZON, NO_RAY = "above the horizon", "outside the lens"
 OFF_PITCH, CUT = "off the pitch", "cut by the image"
 EDGE = 1.0  # px: a box that ends nearer to the lower edge of the image ends there because the image does
+LEAST_BOXES = 100  # of which it is said if they seem to be of images of another size
 AT_ONCE = 10_000  # rows of a frame
 
 
@@ -93,6 +99,7 @@ def run(options: argparse.Namespace) -> int:
         print(f"{count} boxes in {options.out}, {placed} on the pitch")
         return 0
     problems: Counter[str] = Counter()
+    extents: dict[tuple[int, int], Extent] = {}
     with open_boxes(options.boxes, options.most_bytes) as table:
         offset = _offset(options, table, cameras)
         taken = [name for name in COLUMNS if name in table.columns]
@@ -105,7 +112,10 @@ def run(options: argparse.Namespace) -> int:
             writer.writerow([*table.columns, *COLUMNS])
             for frame, rows in groupby(table.rows, key=lambda row: row.frame):
                 found = cameras.of(frame, offset)
+                size = options.size or (found and found.camera and found.camera.image_size)
                 for part in _parts(rows):
+                    if size:
+                        extents.setdefault(size, Extent()).add([row.box for row in part if row.box is not None])
                     for row, cells in zip(part, _projected(part, found, options), strict=True):
                         problems.update([cells[-1]])
                         writer.writerow([*row.values, *cells])
@@ -117,7 +127,24 @@ def run(options: argparse.Namespace) -> int:
     said = ", ".join(f"{count} {problem}" for problem, count in problems.most_common() if problem)
     boxes = "1 box" if total == 1 else f"{total} boxes"
     print(f"{boxes} in {options.out}{': ' * bool(said)}{said}")
+    for size, extent in extents.items():
+        hint = hint_of_another_size(extent.farthest, extent.count, size)
+        if hint and extent.count >= LEAST_BOXES:
+            print(f"fieldcalib: of the boxes, {hint} --size says which", file=sys.stderr)
     return 0
+
+
+@dataclass
+class Extent:
+    """How far boxes reach to the right and down."""
+
+    farthest: Array = attribute(default_factory=lambda: np.zeros(2))
+    count: int = 0
+
+    def add(self, boxes: Sequence[Box]) -> None:
+        """Take in some."""
+        self.count += len(boxes)
+        self.farthest = np.array([self.farthest, *(box[2:] for box in boxes)]).max(axis=0)
 
 
 def _parts(rows: Iterator[BoxRow]) -> Iterator[list[BoxRow]]:

@@ -261,7 +261,8 @@ def _check_scale(xy: Array, image_size: tuple[int, int]) -> None:
     if inside < 0.5:
         share = f"{100 * (1 - inside):.0f} % of the pixels"
         raise ValueError(
-            f"{share} lie far outside an image of {width} x {height}, up to {xy.max():.0f}: is image_size right?"
+            f"{share} lie far outside an image of {width} x {height}, up to {xy.max():.0f}: is image_size right, and "
+            f"were they found in an image of that size?"
         )
 
 
