@@ -2,6 +2,7 @@
 
 import csv
 import json
+import tracemalloc
 from datetime import timedelta
 
 import numpy as np
@@ -10,6 +11,7 @@ import pytest
 from fieldcalib import Calibration, Camera, Status, calibrate_from_segments, soccer
 from fieldcalib.assess.camera_errors import KnownErrors
 from fieldcalib.assess.ground_points import locate_on_ground
+from fieldcalib.cli.frame_cameras import Cameras
 from fieldcalib.cli.main import main
 from fieldcalib.fields.sports.tennis import tennis
 from fieldcalib.io.boxes import foot_points, open_boxes
@@ -302,6 +304,26 @@ def test_boxes_of_images_of_another_size_are_spoken_of(tmp_path, cameras, capsys
     assert ("in an image of 1280 x 720: were they found in one of another size" in printed) == said
     assert projected(path, cameras, "--size", f"{size[0]}x{size[1]}")
     assert capsys.readouterr().err == ""
+
+
+def test_cameras_are_read_again_when_they_are_asked_for(tmp_path, cameras, calibration):
+    """What is held of a frame is its place in the file, wherever it is: lines of other lengths, one cut off."""
+    path = cameras / "cameras.jsonl"
+    long = json.dumps({"id": "000009", "message": "ü" * 50_000, "status": "broken file"}, ensure_ascii=False)
+    path.write_bytes(f"{long}\n".encode() + path.read_bytes() + b'{"id": "0000')
+    found = Cameras(cameras)
+    assert found.of("000009") is None
+    assert found.of("1").camera == calibration.camera
+    assert found.of("3").status is Status.IMPROBABLE
+    assert found.of("000010") is None
+    many = path.read_bytes().splitlines(keepends=True)[1].replace(b"000000", b"%06d")
+    path.write_bytes(b"".join(many.replace(b"%06d", b"%06d" % number) for number in range(500)))
+    tracemalloc.start()
+    found = Cameras(cameras)
+    held, _ = tracemalloc.get_traced_memory()
+    tracemalloc.stop()
+    assert found.of("499").camera == calibration.camera
+    assert held < 0.2 * path.stat().st_size
 
 
 def test_an_uncertainty_that_is_not_known_is_left_empty(calibration):

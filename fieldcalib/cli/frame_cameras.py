@@ -10,8 +10,8 @@ from pathlib import Path
 from fieldcalib.assess.result import Calibration, Status
 from fieldcalib.fields.field import Field
 from fieldcalib.fields.soccer import soccer
-from fieldcalib.io.files import BrokenFileError, parse_json_object
-from fieldcalib.io.results import BROKEN, lines_file, result_lines
+from fieldcalib.io.files import BrokenFileError, open_regular_file, parse_json_object
+from fieldcalib.io.results import BROKEN, is_table, lines_file, result_lines
 
 KEPT = 1024  # calibrations, 20 kB each: of a table that is sorted by player, frames come again and again
 
@@ -38,11 +38,13 @@ class Cameras:
             raise FileNotFoundError(f"{self._path} does not exist: expected the folder that calibrate or run wrote")
         self.accepted: list[str] = []
         """Ids of the frames whose camera is accepted, in the order of the run."""
-        self._lines: dict[str, tuple[int, bytes]] = {}
+        self._lines: dict[str, tuple[int, int | bytes]] = {}  # number, and where it begins; of a table, itself
+        begin = 0  # byte
         for number, text in enumerate(result_lines(self._path), 1):
             try:
                 line = parse_json_object(text, "a frame's result")
-                self._lines[str(line["id"])] = number, text
+                self._lines[str(line["id"])] = number, text if is_table(self._path) else begin
+                begin += len(text)
                 if line.get("status") == Status.ACCEPTED and line.get("K") is not None:
                     self.accepted.append(str(line["id"]))
             except (KeyError, BrokenFileError) as error:
@@ -80,7 +82,13 @@ class Cameras:
         return found if found is not None or number is None else self._by_number.get(number)
 
     def _calibration(self, id: str) -> Calibration | None:
-        number, text = self._lines[id]
+        number, place = self._lines[id]
+        if isinstance(place, bytes):
+            text = place
+        else:
+            with open_regular_file(self._path) as file:
+                file.seek(place)
+                text = file.readline()
         line = parse_json_object(text, "a frame's result")
         if line.get("status") == BROKEN:
             return None

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 import os
 import re
 import stat
@@ -122,13 +123,26 @@ def read_regular_file(path: Path, most_bytes: float = MOST_BYTES) -> bytes:
         ...
     fieldcalib.io.files.BrokenFileError: cannot be read: it is no regular file
     """
+    with open_regular_file(path, most_bytes) as file:
+        return _read_all(file, most_bytes)
+
+
+@contextmanager
+def open_regular_file(path: Path, most_bytes: float = math.inf) -> Iterator[IO[bytes]]:
+    """A file that is read in parts, open while the context lasts.
+
+    Raises
+    ------
+    BrokenFileError
+        If it cannot be read, is no regular file, or has more than `most_bytes`.
+    """
     try:
         status = path.stat()
         if not stat.S_ISREG(status.st_mode):  # before it is opened: opening a pipe waits for a writer
             raise BrokenFileError("cannot be read: it is no regular file")
         _check_bytes(status.st_size, most_bytes)
         with path.open("rb") as file:
-            return _read_all(file, most_bytes)
+            yield file
     except OSError as error:
         raise BrokenFileError(f"cannot be read: {error}") from error
 

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 
 from fieldcalib._extras import imported
 from fieldcalib.assess.result import Calibration
-from fieldcalib.io.files import BrokenFileError, parse_json_object, read_regular_file
+from fieldcalib.io.files import BrokenFileError, open_regular_file, parse_json_object
 from fieldcalib.io.parquet import read_parquet
 
 if TYPE_CHECKING:
@@ -76,8 +76,10 @@ def lines_file(folder: Path) -> Path:
     return folder / (TABLE if is_table else LINES)
 
 
-def result_lines(path: Path) -> list[bytes]:
+def result_lines(path: Path) -> Iterator[bytes]:
     """The lines of a ``cameras.jsonl``, without the part of one that the end of a process has left, or of its table.
+
+    They are read one by one: those of a match are larger than the memory of some machines.
 
     Raises
     ------
@@ -86,16 +88,26 @@ def result_lines(path: Path) -> list[bytes]:
     ImportError
         If it is a table and pyarrow is not installed.
     """
-    if path.suffix == Path(TABLE).suffix:
-        return list(read_parquet(path))
-    content = read_regular_file(path, most_bytes=float("inf"))
-    lines = content.splitlines()
-    if lines and not content.endswith(b"\n"):
-        try:
-            json.loads(lines[-1])
-        except ValueError:
-            lines.pop()
-    return lines
+    if is_table(path):
+        yield from read_parquet(path)
+        return
+    with open_regular_file(path) as file:
+        for line in file:
+            if line.endswith(b"\n") or _is_json(line):
+                yield line
+
+
+def is_table(path: Path) -> bool:
+    """Whether the lines of a run are in a table."""
+    return path.suffix == Path(TABLE).suffix
+
+
+def _is_json(text: bytes) -> bool:
+    try:
+        json.loads(text)
+    except ValueError:
+        return False
+    return True
 
 
 def read_results(folder: str | os.PathLike[str]) -> Results:
