@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import PureWindowsPath
 from typing import Any, NamedTuple, TypeAlias
@@ -205,32 +205,39 @@ def renamed(pixels: Pixels, labels: Labels) -> Pixels:
     return {name: np.concatenate(members) for name, members in parts.items()}
 
 
-def to_be_written(annotation: Annotation) -> Iterable[tuple[str, list[list[float]]]]:
-    """The labels of an annotation with their points as other tools count them, from the corner of the image.
+class Written(NamedTuple):
+    """What the file of another tool says of one image."""
+
+    image: str
+    """Its name or path."""
+    size: tuple[int, int]
+    """Width and height (px)."""
+    shapes: list[tuple[str, list[list[float]]]]
+    """Each label that has pixels, and its points (x, y) counted from the corner of the image."""
+
+
+def to_be_written(annotation: Annotation) -> Written:
+    """An annotation as other tools have it.
 
     Raises
     ------
     ValueError
-        If a pixel is not finite.
+        If the size of the image is not known, or a pixel is not finite.
+
+    Examples
+    --------
+    >>> to_be_written(Annotation("1", {"Middle line": [(10.0, 20.0), (10.5, 40.0)]}, (96, 54), "1.jpg")).shapes
+    [('Middle line', [[10.5, 20.5], [11.0, 40.5]])]
     """
+    if annotation.image_size is None:
+        raise ValueError(f"{annotation.id}: the file needs the size of the image, which is not known")
+    shapes = []
     for label, xy in annotation.pixels.items():
         if not np.all(np.isfinite(xy)):
             raise ValueError(f"{label!r}: a pixel is not finite")
         if len(xy):
-            yield label, (np.asarray(xy, dtype=float) + CORNER).tolist()
-
-
-def size_of(annotation: Annotation) -> tuple[int, int]:
-    """The size of an annotation's image, which the file of another tool needs.
-
-    Raises
-    ------
-    ValueError
-        If it is not known.
-    """
-    if annotation.image_size is None:
-        raise ValueError(f"{annotation.id}: the file needs the size of the image, which is not known")
-    return annotation.image_size
+            shapes.append((label, (np.asarray(xy, dtype=float) + CORNER).tolist()))
+    return Written(annotation.image or annotation.id, annotation.image_size, shapes)
 
 
 def _short(value: Any) -> str:

@@ -11,7 +11,7 @@ from typing import Any
 from xml.etree import ElementTree  # to write; what others wrote is read through defusedxml
 
 from fieldcalib._extras import imported
-from fieldcalib.io.annotations import Annotation, Shapes, annotation_of, size_of, to_be_written
+from fieldcalib.io.annotations import Annotation, Shapes, annotation_of, to_be_written
 from fieldcalib.io.files import BrokenFileError
 
 READ = ("polyline", "polygon", "points")
@@ -79,7 +79,7 @@ def format_cvat(annotations: Iterable[Annotation]) -> str:
     Raises
     ------
     ValueError
-        If a pixel is not finite, or an image has no size.
+        As `to_be_written`.
 
     Examples
     --------
@@ -87,22 +87,20 @@ def format_cvat(annotations: Iterable[Annotation]) -> str:
     >>> print(text.splitlines()[-3])
         <polyline label="Middle line" source="auto" occluded="0" points="10.5,20.5;11.0,40.5" z_order="0" />
     """
-    made = list(annotations)
+    made = [to_be_written(annotation) for annotation in annotations]
     root = ElementTree.Element("annotations")
     ElementTree.SubElement(root, "version").text = "1.1"
     task = ElementTree.SubElement(ElementTree.SubElement(root, "meta"), "task")
     ElementTree.SubElement(task, "size").text = str(len(made))
     ElementTree.SubElement(task, "mode").text = "annotation"
     labels = ElementTree.SubElement(task, "labels")
-    for name in dict.fromkeys(label for annotation in made for label in annotation.pixels):
+    for name in dict.fromkeys(label for _, _, shapes in made for label, _ in shapes):
         label = ElementTree.SubElement(labels, "label")
         ElementTree.SubElement(label, "name").text = name
         ElementTree.SubElement(label, "attributes")
-    for number, annotation in enumerate(made):
-        width, height = map(str, size_of(annotation))
-        file = annotation.image or annotation.id
-        image = ElementTree.SubElement(root, "image", id=str(number), name=file, width=width, height=height)
-        for name, points in to_be_written(annotation):
+    for number, (file, (w, h), shapes) in enumerate(made):
+        image = ElementTree.SubElement(root, "image", id=str(number), name=file, width=str(w), height=str(h))
+        for name, points in shapes:
             ElementTree.SubElement(
                 image,
                 "polyline" if len(points) > 1 else "points",

@@ -15,7 +15,7 @@ from urllib.parse import parse_qs, quote, unquote, urlsplit
 import numpy as np
 
 import fieldcalib
-from fieldcalib.io.annotations import Annotation, Shapes, annotation_of, checked_size, member, size_of, to_be_written
+from fieldcalib.io.annotations import Annotation, Shapes, annotation_of, checked_size, member, to_be_written
 from fieldcalib.io.files import BrokenFileError, parse_json
 
 PERCENT = 100.0
@@ -140,7 +140,7 @@ def format_label_studio(annotations: Iterable[Annotation]) -> str:
     Raises
     ------
     ValueError
-        If a pixel is not finite, or an image has no size.
+        As `to_be_written`.
 
     Examples
     --------
@@ -149,13 +149,12 @@ def format_label_studio(annotations: Iterable[Annotation]) -> str:
     {'x': 10.0, 'y': 41.0, 'id': '1-0', 'prevPointId': None, 'isBezier': False}
     """
     tasks = []
-    for annotation in annotations:
+    for image, size, shapes in map(to_be_written, annotations):
         regions = [
-            _region(str(number), label, np.array(points), size_of(annotation))
-            for number, (label, points) in enumerate(to_be_written(annotation), 1)
+            _region(str(number), label, np.array(points), size) for number, (label, points) in enumerate(shapes, 1)
         ]
         prediction = {"model_version": f"fieldcalib {fieldcalib.__version__}", "result": regions}
-        data = {"image": LOCAL_FILES + quote(annotation.image or annotation.id)}
+        data = {"image": LOCAL_FILES + quote(image)}
         tasks.append({"data": data, "predictions": [prediction]})
     return json.dumps(tasks, indent=1) + "\n"
 

@@ -10,7 +10,7 @@ from collections.abc import Iterable
 from functools import partial
 from typing import Any
 
-from fieldcalib.io.annotations import Annotation, Shapes, annotation_of, member, size_of, to_be_written
+from fieldcalib.io.annotations import Annotation, Shapes, annotation_of, member, to_be_written
 from fieldcalib.io.files import BrokenFileError, parse_json_object
 
 READ = ("line", "linestrip", "polygon", "point", "points")
@@ -49,7 +49,7 @@ def format_labelme(annotations: Iterable[Annotation]) -> str:
     Raises
     ------
     ValueError
-        If a pixel is not finite, the image has no size, or there is not just one annotation.
+        As `to_be_written`, or if there is not just one annotation.
 
     Examples
     --------
@@ -57,8 +57,7 @@ def format_labelme(annotations: Iterable[Annotation]) -> str:
     >>> json.loads(text)["shapes"][0]["points"]
     [[10.5, 20.5], [11.0, 40.5]]
     """
-    (annotation,) = annotations
-    width, height = size_of(annotation)
+    ((image, (width, height), written),) = map(to_be_written, annotations)
     shapes: list[dict[str, Any]] = [
         {
             "label": label,
@@ -69,9 +68,9 @@ def format_labelme(annotations: Iterable[Annotation]) -> str:
             "flags": {},
             "mask": None,
         }
-        for label, points in to_be_written(annotation)
+        for label, points in written
     ]
     record: dict[str, Any] = {"version": "5.0.0", "flags": {}, "shapes": shapes}
-    record |= {"imagePath": annotation.image or annotation.id, "imageData": None}
+    record |= {"imagePath": image, "imageData": None}
     record |= {"imageHeight": height, "imageWidth": width}
     return json.dumps(record, indent=2) + "\n"
