@@ -4,14 +4,16 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from synthetic import observe
 
-from fieldcalib import Camera
+from fieldcalib import Camera, calibrate_from_segments, refine_on_image
 from fieldcalib.draw import draw_field, draw_minimap, overhead_camera, render_field
 from fieldcalib.draw.ground import Ground, bgr, painted, rays
 from fieldcalib.fields import FIELDS, american_football, field_named, ice_hockey, rugby_union
 from fieldcalib.fields.field import Field
 from fieldcalib.fields.segments import Arc, Line, Point
 from fieldcalib.fields.traits import WHITE, Paint
+from fieldcalib.images.line_profiles import Markings, find_lines, pixels_of_lines, profiles_along
 
 PIXEL = 0.02  # m
 
@@ -154,3 +156,44 @@ def test_overlays_draw_rows_of_marks_darker_than_lines():
 
 def test_colours_are_those_of_html():
     assert bgr(WHITE) == (242, 248, 244)
+
+
+# In images
+
+
+SIZE = (960, 540)
+
+
+def seen(name):
+    """A camera at the side of a field, and its picture."""
+    field = field_named(name)
+    f = 900.0 * (0.5 * field.width + 20.0) / field.scale / 1.5
+    camera = Camera.from_angles(0.3, 1.25, 0.0, f, (2.0, 0.5 * field.width + 20.0, -12.0), SIZE)
+    return field, camera, render_field(camera, field)
+
+
+@pytest.mark.parametrize("name", ["american-football-nfl", "basketball-nba", "ice-hockey-nhl", "rugby-union"])
+def test_a_camera_is_refined_on_the_paint(name):
+    field, camera, picture = seen(name)
+    shifted = {label: xy + (3.0, 2.0) for label, xy in observe(field.markings, camera).items()}
+    start = calibrate_from_segments(field, shifted, SIZE)
+    X = np.concatenate([one.sample(1.0) for one in field.markings.values()])
+    xy = camera.project(X)
+    inside = np.all((xy >= 0.0) & (xy < SIZE), axis=1)
+    before, after = (
+        np.median(np.linalg.norm(one.camera.project(X) - xy, axis=1)[inside])
+        for one in (start, refine_on_image(field, picture, start))
+    )
+    assert before > 2.0
+    assert after < 0.5
+
+
+def test_a_border_is_found_at_its_inner_edge_and_what_is_not_painted_nowhere():
+    field, camera, picture = seen("american-football-nfl")
+    markings = Markings.of(field)
+    assert not {"Hash row bottom inner", "Number row top outer"} & set(markings.labels)
+    profiles = profiles_along(camera, markings)
+    found = pixels_of_lines(markings, profiles, find_lines(picture, profiles, 8.0))
+    X = camera.image_to_field(found["Side line top"])
+    np.testing.assert_allclose(X[:, 1], -0.5 * field.width, atol=0.15)
+    assert not any("edge" in label for label in Markings.of(ice_hockey("nhl")).labels)

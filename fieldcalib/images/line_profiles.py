@@ -17,7 +17,7 @@ from fieldcalib.calibrate.options import pixel_unit
 from fieldcalib.fields.field import Field
 from fieldcalib.fields.segments import Arc, ObjectSegments, Point, PointCloud, Segment
 from fieldcalib.fields.stands import SOCCER_SCALE
-from fieldcalib.fields.traits import LineLook
+from fieldcalib.fields.traits import LineLook, Paint
 from fieldcalib.geometry.camera import Camera
 from fieldcalib.io.image import Image
 from fieldcalib.problem.labelled_pixels import Pixels
@@ -49,7 +49,7 @@ NOISE_WINDOW = 12.0  # px on both sides, at least, in which that deviation is me
 
 @dataclass(frozen=True)
 class Markings:
-    """Points along the markings of an object, segment by segment."""
+    """Points along the middle of the paint of an object's markings, segment by segment."""
 
     labels: tuple[str, ...]
     member: IntArray
@@ -60,35 +60,56 @@ class Markings:
     """Unit vectors along the segments, (N, 3)."""
     on_ground: BoolArray
     """Whether the whole segment is on the ground, (N,)."""
+    width: Array
+    """Of the paint, metres, (N,)."""
+    inwards: Array
+    """From the middle of the paint to the segment, where that is elsewhere, as the edge of a border: metres, (N, 3)."""
     look: LineLook
     """Appearance of their lines."""
 
     @classmethod
     def of(cls, object_segments: ObjectSegments) -> Markings:
-        """The markings of an object: all segments but points, and of a circle and its halves only the circle.
+        """The markings of an object: what is painted along segments, and of a circle and its halves only the circle.
 
         An object that is no `Field` gets the default `LineLook`.
         """
         look, scale = LineLook(), SOCCER_SCALE
+        paint = dict.fromkeys(object_segments, Paint(width=look.width))
         if isinstance(object_segments, Field):
             look, scale = object_segments.lines, object_segments.scale
+            paint = {label: object_segments.paint_of(label) for label in object_segments}
         whole = {_circle(segment) for segment in object_segments.values() if _is_whole(segment)}
         markings = {
             label: segment
             for label, segment in object_segments.items()
-            if _is_curve(segment) and (_is_whole(segment) or _circle(segment) not in whole)
+            if paint[label].is_along and _is_curve(segment) and (_is_whole(segment) or _circle(segment) not in whole)
         }
         points = [segment.sample(POINT_SPACING * scale) for segment in markings.values()]
-        along = [np.gradient(X, axis=0) for X in points]
+        along = [d / np.linalg.norm(d, axis=1, keepdims=True) for d in (np.gradient(X, axis=0) for X in points)]
+        outwards = [
+            paint[label].outwards * _away(markings[label], X, d)
+            for label, X, d in zip(markings, points, along, strict=True)
+        ]
         counts = [len(X) for X in points]
+        inwards = -np.concatenate([np.zeros((0, 3)), *outwards])
         return cls(
             tuple(markings),
             np.repeat(np.arange(len(points)), counts),
-            np.concatenate([np.zeros((0, 3)), *points]),
-            np.concatenate([np.zeros((0, 3)), *(d / np.linalg.norm(d, axis=1, keepdims=True) for d in along)]),
+            np.concatenate([np.zeros((0, 3)), *points]) - inwards,
+            np.concatenate([np.zeros((0, 3)), *along]),
             np.repeat(np.array([not np.any(X[:, 2]) for X in points], dtype=bool), counts),
+            np.repeat(np.array([paint[label].width for label in markings], dtype=float), counts),
+            inwards,
             look,
         )
+
+
+def _away(segment: Segment, X: Array, along: Array) -> Array:
+    """Unit vectors on the ground across a segment at points X, away from its centre or, of lines, from the origin."""
+    across = _cross(along, (0.0, 0.0, 1.0))
+    from_centre = X - segment.center if isinstance(segment, Arc) else X
+    away = np.sign(np.sum(across * from_centre, axis=1, keepdims=True)) * across
+    return np.asarray(away / np.maximum(np.linalg.norm(across, axis=1, keepdims=True), 1e-9))
 
 
 def _is_curve(segment: Segment) -> bool:
@@ -119,6 +140,8 @@ class Profiles:
     """Half the distance to the next marking, px, (n,)."""
     on_ground: BoolArray
     """(n,)."""
+    inwards: Array
+    """From the middle of the paint to the segment, pixels, (n, 2)."""
     look: LineLook
     """Appearance of the lines."""
 
@@ -148,7 +171,7 @@ def profiles_along(camera: Camera, markings: Markings) -> Profiles:
     X, along, on_ground = markings.X[place], markings.along[place], markings.on_ground[place]
     across = np.where(on_ground[:, None], _cross(along, (0.0, 0.0, 1.0)), _cross(along, X - camera.C))
     with np.errstate(divide="ignore", invalid="ignore"):  # where a line points at the camera
-        across *= 0.5 * markings.look.width / np.linalg.norm(across, axis=1, keepdims=True)
+        across *= 0.5 * markings.width[place, None] / np.linalg.norm(across, axis=1, keepdims=True)
         one_end, other_end, one_side, other_side = camera.project(X + [0.1 * along, -0.1 * along, across, -across])
         towards = one_end - other_end
         normal = np.column_stack([-towards[:, 1], towards[:, 0]]) / np.linalg.norm(towards, axis=1, keepdims=True)
@@ -156,7 +179,10 @@ def profiles_along(camera: Camera, markings: Markings) -> Profiles:
     good = np.isfinite(width) & np.all(np.isfinite(normal), axis=1)
     place, normal, width, on_ground = place[good], normal[good], width[good], on_ground[good]
     member, xy = markings.member[place], xy[place]
-    return Profiles(member, xy, normal, width, _room(member, xy), on_ground, markings.look)
+    inwards = np.zeros_like(xy)
+    if np.any(markings.inwards):
+        inwards = camera.project(markings.X[place] + markings.inwards[place]) - xy
+    return Profiles(member, xy, normal, width, _room(member, xy), on_ground, inwards, markings.look)
 
 
 def _cross(a: Array, b: ArrayLike) -> Array:
@@ -189,6 +215,7 @@ def pixels_of_lines(markings: Markings, profiles: Profiles, offset: Array) -> Pi
     """Pixels (N, 2) of the line of each marking, from what `find_lines` returns."""
     found = np.isfinite(offset)
     xy, member = profiles.xy[found] + offset[found, None] * profiles.normal[found], profiles.member[found]
+    xy += profiles.inwards[found]
     return {markings.labels[k]: xy[member == k] for k in np.unique(member)}
 
 
