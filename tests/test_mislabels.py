@@ -12,6 +12,7 @@ from fieldcalib.calibrate.mislabels import renamed, without_mislabels
 from fieldcalib.calibrate.options import PINHOLE_FLAGS, checked_options
 from fieldcalib.calibrate.search import find_cameras
 from fieldcalib.fields.soccer import soccer
+from fieldcalib.fields.sports.handball import handball
 from fieldcalib.fields.stands import MAIN_CENTER
 from fieldcalib.geometry.camera import Camera
 from fieldcalib.problem.evaluation import Problem, evaluate
@@ -157,3 +158,20 @@ def test_trusted_labels_are_not_doubted():
     doubted, trusted = (calibrate_batch(FIELD, [frame], SIZE, trust_labels=trust)[0] for trust in (False, True))
     assert [suspect.label for suspect in doubted.suspect_labels] == ["Goal right post left"]
     assert trusted.suspect_labels == ()
+
+
+def test_a_wrong_label_that_an_absurd_lens_sends_to_infinity():
+    """The camera that explains the other labels has no image of that one; its cost is infinite, and nobody warns."""
+    frame = {
+        "Side line top": [(955.7, 345.7), (453.9, 311.6), (81.1, 291.9)],
+        "Goal line left": [(275.1, 282.3), (302.1, 279.4), (331.3, 278.5)],  # of the right goal
+        "Goal area right line": [(443.3, 291.5), (469.2, 290.4), (492.3, 287.4)],
+        "Goal area right arc bottom": [(422.3, 274.9), (484.4, 278.5), (509.3, 282.2), (490.8, 288.0)],
+        "Goal area right arc top": [(145.4, 289.1), (251.4, 293.4), (364.2, 294.6), (443.1, 286.8)],
+        "Free-throw right arc bottom": [(528.5, 274.6), (572.8, 279.3), (599.8, 282.4), (605.0, 287.1), (581.0, 290.1)],
+        "Seven-metre line right": [(489.7, 291.5), (494.9, 290.7), (499.8, 290.7), (507.1, 289.1)],
+        "Goal right crossbar": [(276.0, 214.8), (293.9, 215.4), (314.6, 214.8), (330.8, 216.0)],
+    }
+    (found,) = calibrate_batch(handball(), [frame], (960, 540), prior=None)
+    assert [suspect.label for suspect in found.suspect_labels] == ["Goal line left"]
+    assert found.rms < 2.0

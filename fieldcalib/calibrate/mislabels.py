@@ -186,6 +186,7 @@ class _Costs:
         # a segment that is elsewhere has no pixel here: at least as bad as one that is missed
         elsewhere = self.share_on_segment(evaluation) == 0.0
         costs = evaluation.problem.observations.by_label(evaluation.costs)
+        costs[np.isnan(costs)] = np.inf
         return np.asarray(np.maximum(costs, elsewhere * self.missed))
 
     def share_on_segment(self, evaluation: Evaluation) -> Array:
@@ -309,6 +310,7 @@ class _Search:
     def _solved(self, start: Evaluation) -> Evaluation:
         return levenberg_marquardt(start, max_iterations=ITERATIONS, tolerance=TOLERANCE).evaluation
 
+    @np.errstate(over="ignore", invalid="ignore")  # labels that were left out may be where an absurd lens has no images
     def _explained(self, frame: IntArray, evaluation: Evaluation, believed: Evaluation) -> _Explanations:
         """The cheapest explanation of every segment by each of K cameras of some frames.
 
