@@ -5,7 +5,8 @@ import pytest
 from scipy.spatial import cKDTree
 from views import BROADCAST, CAMERAS, SIZE, any_camera, camera, inside
 
-from fieldcalib.draw.overlays import PALETTE, draw_field, draw_minimap, draw_segments, label_colour
+from fieldcalib.draw.minimap import draw_minimap
+from fieldcalib.draw.overlays import PALETTE, draw_field, draw_segments, label_colour
 from fieldcalib.fields.segments import Arc, Line, PointCloud
 from fieldcalib.fields.soccer import soccer
 from fieldcalib.geometry.camera import Camera

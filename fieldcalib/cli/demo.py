@@ -18,7 +18,8 @@ from fieldcalib.assess.result import Calibration
 from fieldcalib.calibrate.batch import calibrate_batch
 from fieldcalib.cli.arguments import folder_name
 from fieldcalib.draw.contact_sheet import contact_sheet
-from fieldcalib.draw.overlays import add_minimap, draw_field, draw_segments
+from fieldcalib.draw.minimap import add_minimap
+from fieldcalib.draw.overlays import draw_field, draw_segments
 from fieldcalib.draw.scene import render_field
 from fieldcalib.fields.field import Field
 from fieldcalib.fields.segments import Arc

@@ -5,15 +5,8 @@ Images are OpenCV's: uint8, (height, width, 3), blue, green, red. Every function
 
 from fieldcalib.draw.clip_plot import plot_sequence
 from fieldcalib.draw.contact_sheet import contact_sheet, worst_frames
-from fieldcalib.draw.overlays import (
-    add_minimap,
-    draw_calibration,
-    draw_field,
-    draw_minimap,
-    draw_players,
-    draw_segments,
-    label_colour,
-)
+from fieldcalib.draw.minimap import add_minimap, draw_minimap, draw_players
+from fieldcalib.draw.overlays import draw_calibration, draw_field, draw_segments, label_colour
 from fieldcalib.draw.scene import render_field
 from fieldcalib.draw.topview import mosaic, overhead_camera, top_view
 

@@ -223,3 +223,12 @@ def image_curves(camera: Camera | RationalCamera, segment: Segment) -> Iterator[
 def fixed_point(xy: Array) -> NDArray[np.int32]:
     """Pixels in the fixed-point units of OpenCV's drawing functions."""
     return np.asarray(np.rint(xy * (1 << SHIFT)), dtype=np.int32)
+
+
+def draw_dot(picture: Image, xy: Array, radius: float, colour: Colour) -> None:
+    """A filled circle around a pixel, in place; none where that is NaN."""
+    import cv2
+
+    if np.all(np.abs(xy) < 1e6):  # not NaN, and within OpenCV's integers
+        x, y = fixed_point(xy).tolist()
+        cv2.circle(picture, (x, y), round(radius * (1 << SHIFT)), colour, cv2.FILLED, cv2.LINE_AA, SHIFT)

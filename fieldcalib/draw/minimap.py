@@ -1,0 +1,258 @@
+"""The field from above, as a map: what a camera sees, where it stands, players and where they came from.
+
+Images are OpenCV's: uint8, (height, width, 3), blue, green, red. Every function returns a new image.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from functools import lru_cache
+from itertools import pairwise
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from fieldcalib._types import Array, Float32
+from fieldcalib.draw.ground import Colour, Ground, add_paint, mix, rays, surface
+from fieldcalib.draw.scene import SHIFT, draw_dot, fixed_point, to_uint8
+from fieldcalib.fields.field import Field
+from fieldcalib.geometry.camera import Camera, checked_image_size
+from fieldcalib.geometry.rational import RationalCamera
+from fieldcalib.io.image import Image, checked_image
+
+DARK: Colour = (24, 24, 24)
+POINT: Colour = (40, 40, 235)
+SPOTLIGHT: Colour = (90, 225, 255)
+MAP_MARGIN = 7.0 / np.hypot(105.0, 68.0)  # around the field, in shares of its diagonal
+
+
+def draw_minimap(
+    camera: Camera | RationalCamera | None,
+    field: Field,
+    *,
+    size: tuple[int, int] = (336, 228),
+    points: ArrayLike | None = None,
+    colours: Colour | Sequence[Colour] = POINT,
+    trails: Sequence[ArrayLike] = (),
+) -> Image:
+    """A map of the field with the ground in view and the position of the camera, and of players if they are given.
+
+    For a camera outside the map, an arrow at the border points towards it.
+
+    Parameters
+    ----------
+    camera : Camera or RationalCamera, optional
+        None leaves out what it sees.
+    field : Field
+    size : (int, int)
+        Width and height of the map in pixels; the field is centred in it.
+    points : (N, 2) or (N, 3) array_like, optional
+        On the field, metres: dots with a dark rim. NaN, as of pixels above the horizon, and what is off the map is left
+        out.
+    colours : (int, int, int) or sequence of them
+        Blue, green, red: of all points and trails, or of each.
+    trails : sequence of (M, 2) or (M, 3) array_like
+        Where each of the points came from, oldest first; they fade towards the past.
+
+    Returns
+    -------
+    (height, width, 3) uint8 array
+
+    Raises
+    ------
+    ValueError
+        If the field is none, points or trails have another shape, or there are more of them than colours.
+
+    Examples
+    --------
+    >>> from fieldcalib.fields.soccer import soccer
+    >>> camera = Camera.from_angles(0.0, np.radians(75), 0.0, 1500.0, C=(0, 56, -15), image_size=(960, 540))
+    >>> draw_minimap(camera, soccer(), size=(240, 160)).shape
+    (160, 240, 3)
+
+    With two players, the first of whom came from the right:
+
+    >>> players = camera.image_to_field([(300, 300), (600, 250)])
+    >>> trails = [players[0] + [(6, 0, 0), (3, 1, 0), (0, 0, 0)]]
+    >>> draw_minimap(camera, soccer(), points=players, colours=[(0, 0, 255), (255, 0, 0)], trails=trails).shape
+    (228, 336, 3)
+    """
+    if not isinstance(field, Field):
+        raise ValueError(f"expected a Field, whose length and width are known, got {type(field).__name__}")
+    overhead, X, empty = _map_of(field, checked_image_size(size))
+    picture = empty.copy()
+    if camera is not None:
+        _light_view(picture, camera, X)
+    result = to_uint8(picture)
+    if camera is not None:
+        _mark_camera(result, overhead.project(camera.C * (1.0, 1.0, 0.0)), overhead.principal_point)
+    points = np.empty((0, 2)) if points is None else points
+    return draw_players(result, overhead, points, colours=colours, trails=trails)
+
+
+def draw_players(
+    image: Image,
+    camera: Camera | RationalCamera,
+    points: ArrayLike,
+    *,
+    colours: Colour | Sequence[Colour] = POINT,
+    trails: Sequence[ArrayLike] = (),
+) -> Image:
+    """Draw points of the ground onto a copy of an image: dots with a dark rim, and where they came from.
+
+    Parameters
+    ----------
+    image : (height, width, 3) uint8 array
+        In OpenCV's order: blue, green, red. A top view, or a frame.
+    camera : Camera or RationalCamera
+        Of that image, such as that of `fieldcalib.draw.overhead_camera`.
+    points : (N, 2) or (N, 3) array_like
+        Metres; NaN and what is outside the image is left out.
+    colours, trails
+        As of `draw_minimap`.
+
+    Returns
+    -------
+    (height, width, 3) uint8 array
+
+    Raises
+    ------
+    ValueError
+        If the image is not of the camera's size, or as `draw_minimap`.
+
+    Examples
+    --------
+    >>> from fieldcalib.draw import overhead_camera
+    >>> from fieldcalib.fields.soccer import soccer
+    >>> overhead = overhead_camera(soccer(), 0.2)
+    >>> width, height = overhead.image_size
+    >>> grass = np.full((height, width, 3), (60, 130, 70), np.uint8)
+    >>> draw_players(grass, overhead, [(0.0, 0.0)], colours=(0, 0, 255))[height // 2, width // 2].tolist()
+    [0, 0, 255]
+    """
+    picture = np.array(checked_image(image, camera.image_size), order="C")
+    places = _on_image(camera, points)
+    past = [_on_image(camera, trail) for trail in trails]
+    shades = _each_colour(colours, max(len(places), len(past)))
+    width = camera.image_size[0]
+    for trail, shade in zip(past, shades, strict=False):
+        _draw_trail(picture, trail, shade, max(1, round(width / 224.0)))
+    radius = max(2.5, width / 110.0)
+    for xy, shade in zip(places, shades, strict=False):
+        draw_dot(picture, xy, radius + max(1.0, 0.25 * radius), DARK)
+        draw_dot(picture, xy, radius, shade)
+    return picture
+
+
+def add_minimap(image: Image, camera: Camera | RationalCamera, field: Field) -> Image:
+    """A copy of an image with `draw_minimap` in its upper right corner, or without it if the image is too small.
+
+    Examples
+    --------
+    >>> from fieldcalib import soccer
+    >>> camera = Camera.from_angles(0.0, np.radians(75), 0.0, 1500.0, C=(0, 56, -15), image_size=(960, 540))
+    >>> picture = add_minimap(np.zeros((540, 960, 3), np.uint8), camera, soccer())
+    >>> bool(picture[100, 900].any()), bool(picture[300].any())
+    (True, False)
+    """
+    picture = np.array(checked_image(image), order="C")
+    unit = picture.shape[1] / 960.0
+    width, height = min(round(224.0 * unit), 336), min(round(152.0 * unit), 228)  # larger ones are slow to render
+    gap, rim = round(12.0 * unit), 2
+    left, bottom = picture.shape[1] - width - gap, gap + height
+    if gap < rim or bottom + gap > picture.shape[0]:
+        return picture
+    picture[gap - rim : bottom + rim, left - rim : left + width + rim] = (200, 200, 200)
+    picture[gap:bottom, left : left + width] = draw_minimap(camera, field, size=(width, height))
+    return picture
+
+
+def _light_view(picture: Float32, camera: Camera | RationalCamera, X: Array) -> None:
+    """Light the ground that a camera sees on a map whose pixels are at X (height, width, 3), in place."""
+    centre = (np.array(camera.image_size) - 1.0) / 2.0
+    inside = np.min(centre + 0.5 - np.abs(camera.project(X) - centre), axis=-1)  # px to the image's border, < 0 outside
+    inside = np.maximum(inside, -centre[0])  # it is not linear far outside, below the camera
+    with np.errstate(divide="ignore", invalid="ignore"):
+        inside /= np.hypot(*np.gradient(inside))  # pixels of the map
+    seen = np.clip(np.nan_to_num(inside + 0.5, nan=0.0), 0.0, 1.0).astype(np.float32)
+    rim = np.clip(np.nan_to_num(1.2 - np.abs(inside), nan=0.0), 0.0, 1.0).astype(np.float32)
+    picture *= 0.62 + 0.38 * seen
+    mix(picture, SPOTLIGHT, 0.22 * seen)
+    mix(picture, SPOTLIGHT, 0.9 * rim)
+
+
+def _on_image(camera: Camera | RationalCamera, points: ArrayLike) -> Array:
+    """Pixels (N, 2) of points of the ground; NaN of those behind the camera."""
+    X = np.asarray(points, dtype=float)
+    if X.ndim != 2 or X.shape[1] not in (2, 3):
+        raise ValueError(f"expected field points of shape (N, 2) or (N, 3), got {X.shape}")
+    on_ground = np.column_stack([X[:, :2], np.zeros(len(X))])
+    return np.where(camera.depth(on_ground)[:, None] > 0.0, camera.project(on_ground), np.nan)
+
+
+def _each_colour(colours: Colour | Sequence[Colour], count: int) -> list[Colour]:
+    """A colour for each of so many points."""
+    values = np.asarray(colours)
+    if values.shape != (3,) and (values.ndim != 2 or values.shape[1] != 3 or len(values) < count):
+        raise ValueError(f"expected a colour (blue, green, red) or {count} of them, got shape {values.shape}")
+    shades = np.broadcast_to(values, (count, 3)) if values.ndim == 1 else values
+    return [(int(blue), int(green), int(red)) for blue, green, red in shades]
+
+
+def _draw_trail(picture: Image, trail: Array, colour: Colour, thickness: int) -> None:
+    """A polyline that fades towards its beginning, in place; gaps where points are missing."""
+    import cv2
+
+    size, margin = np.array(picture.shape[1::-1]), thickness + 2
+    for step, (start, end) in enumerate(pairwise(trail), 1):
+        if not np.all(np.abs([start, end]) < 1e6):  # NaN, or beyond OpenCV's integers
+            continue
+        low, high = np.minimum(start, end).astype(int) - margin, np.maximum(start, end).astype(int) + margin + 1
+        left, top = np.clip(low, 0, size).tolist()
+        right, bottom = np.clip(high, 0, size).tolist()
+        if left >= right or top >= bottom:
+            continue
+        around = picture[top:bottom, left:right]
+        layer = around.copy()
+        first, last = (tuple(fixed_point(xy - (left, top)).tolist()) for xy in (start, end))
+        cv2.line(layer, first, last, colour, thickness, cv2.LINE_AA, SHIFT)
+        share = 0.15 + 0.85 * step / (len(trail) - 1)
+        around[:] = cv2.addWeighted(layer, share, around, 1.0 - share, 0.0)
+
+
+@lru_cache(maxsize=4)  # it takes longer than to draw what a camera sees, and is the same in every frame of a video
+def _map_of(field: Field, size: tuple[int, int]) -> tuple[Camera, Array, Float32]:
+    """A camera high above a field, the ground points of its pixels (height, width, 3), and its colours (3, ...)."""
+    width, height = size
+    margin = MAP_MARGIN * np.hypot(field.length, field.width)
+    half = np.maximum(field.half_extent + 0.5 * margin, np.array([field.length, field.width]) / 2.0 + margin)
+    scale = float(np.min(np.array(size) / (2.0 * half)))
+    above = 100.0  # m; the map does not depend on it
+    middle = ((width - 1) / 2.0, (height - 1) / 2.0)
+    overhead = Camera.from_angles(0.0, 0.0, 0.0, scale * above, (0.0, 0.0, -above), size, middle)
+    ground = Ground.of_rays(overhead, rays(overhead))
+    picture = surface(ground, field)
+    add_paint(picture, ground, field, 0.9, least=1.3 / scale)
+    return overhead, np.stack([*ground.xy, np.zeros((height, width))], axis=-1), picture
+
+
+def _mark_camera(picture: Image, position: Array, centre: Array) -> None:
+    """Draw a dot at the position of the camera or, if it is outside, an arrow at the border towards it."""
+    import cv2
+
+    inset = 9.0  # px
+    towards = position - centre
+    room = centre - inset
+    beyond = float(np.max(np.abs(towards) / room))
+    if beyond <= 1.0:
+        draw_dot(picture, position, 5.0, DARK)
+        draw_dot(picture, position, 3.5, (255, 255, 255))
+        return
+    tip = centre + towards / beyond
+    heading = towards / np.linalg.norm(towards)
+    side = np.array([-heading[1], heading[0]])
+    for size, colour in ((9.0, DARK), (6.0, (255, 255, 255))):
+        corners = np.array(
+            [tip + size * heading, tip - 0.7 * size * (heading - side), tip - 0.7 * size * (heading + side)]
+        )
+        cv2.fillConvexPoly(picture, fixed_point(corners), colour, cv2.LINE_AA, SHIFT)
