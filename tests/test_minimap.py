@@ -81,6 +81,11 @@ def test_maps_have_players_in_the_colours_of_their_teams(folder, capsys):
     assert np.any(np.all(fourth == (150, 150, 150), axis=-1))  # of no team
 
 
+def test_tables_may_say_that_the_coordinates_are_ours(folder):
+    rows = [(*row, system) for row, system in zip(ROWS, ("fieldcalib", "soccernet", "", "", "", ""), strict=True)]
+    assert command("minimap", folder, table(folder, rows, (*HEADER, "field_system")), "--out", folder / "maps") == 0
+
+
 def test_colours_by_any_column(folder, capsys):
     path = table(folder, ROWS[:2])
     assert command("minimap", folder, path, "--out", folder / "one.png", "--colour-by", "track_id") == 0
@@ -136,6 +141,11 @@ def test_maps_without_players_are_of_all_frames(folder):
         ([(0, 1, "a", "far", 2)], HEADER, "line 2: expected metres, got 'far'"),
         ([(0, 1, "a", 2)], HEADER, "line 2: expected 5 columns, got 4"),
         ([(77, 1, "a", 2, 3)], HEADER, "no frame of"),
+        (
+            [(0, 1, "a", 2, 3, "fieldcalib"), (0, 1, "a", 2, 3, "skillcorner")],
+            (*HEADER, "field_system"),
+            "line 3: the points are in the coordinates of 'skillcorner', expected those of 'fieldcalib'",
+        ),
         ([(0, 1, "a", 60, 40)], HEADER, "most points of"),
         ([], HEADER, "boxes are of frames as 'none'"),
     ],

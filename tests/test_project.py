@@ -446,6 +446,21 @@ def test_standard_deviations_are_in_the_unit_of_the_system(tmp_path, cameras, ca
         assert float(theirs["field_y"]) == pytest.approx(-100.0 * float(ours["field_y"]), abs=1e-3)
         assert float(theirs["field_y_sd"]) == pytest.approx(100.0 * float(ours["field_y_sd"]), abs=1e-3)
         assert float(theirs["field_correlation"]) == pytest.approx(-float(ours["field_correlation"]), abs=1e-5)
+        assert (ours["field_system"], theirs["field_system"]) == ("fieldcalib", "tracab")
+
+
+def test_tables_in_other_coordinates_are_not_drawn(tmp_path, cameras, calibration, capsys):
+    import kloppy  # noqa: F401
+
+    rows = [["0", *box] for box in boxes_of(calibration.camera)]
+    path = written(tmp_path / "boxes.csv", rows, ["frame", "x", "y", "width", "height"])
+    draw = ["minimap", str(tmp_path / "players.csv"), "--cameras", str(cameras), "--out", str(tmp_path / "map.png")]
+    projected(path, cameras)
+    assert main(draw) == 0
+    projected(path, cameras, "--to", "skillcorner")  # metres too, y the other way round
+    capsys.readouterr()
+    assert main(draw) == 2
+    assert "are in the coordinates of 'skillcorner', expected those of 'fieldcalib'" in capsys.readouterr().err
 
 
 def test_systems_that_nobody_has_are_refused(tmp_path, cameras, capsys):

@@ -26,8 +26,10 @@ from fieldcalib.geometry.image_extent import hint_of_another_size
 from fieldcalib.io.boxes import Box, BoxRow, BoxTable, foot_points, open_boxes
 from fieldcalib.io.coordinates import OWN, check_system, scale_of_system, to_system
 from fieldcalib.io.files import whole_file
+from fieldcalib.io.players import POINT, SYSTEM
 
-COLUMNS = ("field_x", "field_y", "field_x_sd", "field_y_sd", "field_correlation", "problem")
+NUMBERS = (*POINT, "field_x_sd", "field_y_sd", "field_correlation")
+COLUMNS = (*NUMBERS, SYSTEM, "problem")
 NO_CAMERA, REJECTED, NO_BOX = "no camera", "camera rejected", "no box"
 HORIZON, NO_RAY = "above the horizon", "outside the lens"
 OFF_PITCH, CUT = "off the pitch", "cut by the image"
@@ -174,7 +176,7 @@ def _projected(
     rejected = calibration is not None and not calibration.accepted and not options.keep_rejected
     if calibration is None or calibration.camera is None or rejected:
         for row in rows:
-            yield _cells(NO_BOX if row.box is None else REJECTED if rejected else NO_CAMERA)
+            yield _cells(options.to, NO_BOX if row.box is None else REJECTED if rejected else NO_CAMERA)
         return
     camera, field = calibration.camera, calibration.field or soccer()
     scale = np.ones(2) if options.size is None else np.divide(camera.image_size, options.size)
@@ -191,14 +193,15 @@ def _projected(
     numbers = np.column_stack([points, deviations, correlations])
     for row, cells, ray, off, cut in zip(rows, numbers, has_ray, is_off, is_cut, strict=True):
         if row.box is None:
-            yield _cells(NO_BOX)
+            yield _cells(options.to, NO_BOX)
         elif np.isnan(cells[0]):
-            yield _cells(HORIZON if ray else NO_RAY)
+            yield _cells(options.to, HORIZON if ray else NO_RAY)
         else:
-            yield _cells("; ".join(text for text, has in ((OFF_PITCH, off), (CUT, cut)) if has), *cells)
+            problem = "; ".join(text for text, has in ((OFF_PITCH, off), (CUT, cut)) if has)
+            yield _cells(options.to, problem, *cells)
 
 
-def _cells(problem: str, *numbers: float) -> list[str]:
+def _cells(system: str, problem: str, *numbers: float) -> list[str]:
     """Cells of a row; those of numbers that are not known are empty."""
     texts = ["" if np.isnan(number) else f"{number:.6f}" for number in numbers]
-    return [*texts, *[""] * (len(COLUMNS) - 1 - len(texts)), problem]
+    return [*texts, *[""] * (len(NUMBERS) - len(texts)), system, problem]

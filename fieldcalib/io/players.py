@@ -11,9 +11,11 @@ import numpy as np
 
 from fieldcalib._types import Array
 from fieldcalib.io.boxes import FRAME_COLUMNS
+from fieldcalib.io.coordinates import OWN
 from fieldcalib.io.files import BrokenFileError
 
 POINT = ("field_x", "field_y")
+SYSTEM = "field_system"  # whose coordinates they are; where that is not said, our own
 GROUPS = ("team", "team_id", "class", "class_name", "role")  # what players are told apart by, the first that is there
 TRACKS = ("track_id", "tracker_id", "player_id", "id")
 
@@ -61,7 +63,7 @@ def read_players(path: Path | str, group_column: str | None = None) -> Players:
     ----------
     path : path
         A CSV file with the columns `frame` (or another name that `fieldcalib.io.boxes` knows), `field_x` and `field_y`,
-        metres from the centre mark.
+        metres from the centre mark. `field_system`, if it is there, says so ("fieldcalib" or "soccernet").
     group_column : str, optional
         What players are told apart by; by default the first of team, team_id, class, class_name and role that is there.
 
@@ -70,7 +72,8 @@ def read_players(path: Path | str, group_column: str | None = None) -> Players:
     FileNotFoundError
         If there is no such file.
     BrokenFileError
-        If a column is missing, or a row is malformed; the message begins with the path and the line.
+        If a column is missing, a row is malformed, or its point is in another coordinate system; the message begins
+        with the path and the line.
 
     Examples
     --------
@@ -93,11 +96,13 @@ def read_players(path: Path | str, group_column: str | None = None) -> Players:
             columns = [name.strip() for name in next(reader, [])]
             frame, group, track = _columns(columns, group_column)
             x, y = (columns.index(name) for name in POINT)
+            system = columns.index(SYSTEM) if SYSTEM in columns else None
             frames: dict[str, list[Player]] = {}
             for values in reader:
                 if len(values) not in (0, len(columns)):
                     raise BrokenFileError(f"expected {len(columns)} columns, got {len(values)}")
                 if values:
+                    _check_system("" if system is None else values[system].strip())
                     said = ["" if column is None else values[column].strip() for column in (group, track)]
                     X = _number(values[x]), _number(values[y])
                     player = Player(X, said[0], "" if said[1] in NO_TRACK else said[1])
@@ -125,6 +130,14 @@ def _columns(columns: Sequence[str], group_column: str | None) -> tuple[int, int
             raise BrokenFileError(f"expected a column {group_column!r}, got {', '.join(columns)}")
         group = columns.index(group_column)
     return frame, group, track
+
+
+def _check_system(system: str) -> None:
+    if system and system not in OWN:
+        raise BrokenFileError(
+            f"the points are in the coordinates of {system!r}, expected those of {OWN[0]!r}, metres from the centre "
+            f"mark: write the table again, without --to"
+        )
 
 
 def _number(text: str) -> float:
