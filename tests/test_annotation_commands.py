@@ -248,6 +248,42 @@ def test_what_localize_writes_is_calibrated(tool, images, know, tmp_path):
     assert set(cameras_in(tmp_path / "cameras")) == {"a", "b"}
 
 
+@pytest.mark.parametrize("format", ["soccernet", "labelme", "coco"])
+def test_localize_writes_the_names_that_calibrate_reads(format, images, know, tmp_path):
+    names = tmp_path / "names.yaml"
+    names.write_text("halfway: Middle line\nhalf: Middle line\nfar touchline: Side line top\nball:\n")
+    out = {key: tmp_path / key for key in ("plain", "named")}
+    for key, options in (("plain", ()), ("named", ("--labels", names))):
+        know(TRUTHS)
+        assert run("localize", images, "--out", out[key], "--format", format, *options) == 0
+    expected, as_written = (read_annotations(out[key], SIZE) for key in out)
+    found = read_annotations(out["named"], SIZE, labels=names)
+    theirs = {"Middle line": "halfway", "Side line top": "far touchline"}
+    assert any(theirs.keys() & one.pixels.keys() for one in expected.values())
+    for id, one in expected.items():
+        assert list(as_written[id].pixels) == [theirs.get(label, label) for label in one.pixels]
+        for label, xy in one.pixels.items():
+            np.testing.assert_array_equal(found[id].pixels[label], xy)
+
+
+@pytest.mark.parametrize(
+    ("names", "message"),
+    [
+        ("halfway: Midle line", "--labels maps to 'Midle line', which is no label; did you mean 'Middle line'?"),
+        (
+            "Middle line: Side line top",
+            "call 'Side line top' 'Middle line', so 'Middle line' needs another name: map one to it too",
+        ),
+    ],
+)
+def test_names_that_could_not_be_read_back_are_refused(names, message, images, tmp_path, capsys):
+    path = tmp_path / "names.yaml"
+    path.write_text(names)
+    assert run("localize", images, "--out", tmp_path / "out", "--labels", path) == 2
+    assert message in capsys.readouterr().err
+    assert not (tmp_path / "out").exists()
+
+
 def test_labelme_finds_the_images(images, know, tmp_path):
     know(TRUTHS)
     assert run("localize", images, "--out", tmp_path / "out", "--format", "labelme") == 0

@@ -101,16 +101,22 @@ def add_input_and_output(parser: argparse.ArgumentParser) -> None:
         metavar="WxH",
         help="of the images, e.g. 960x540; SoccerNet's annotations do not say it (as the files say)",
     )
-    parser.add_argument(
-        "--labels",
-        type=labels,
-        metavar="FILE",
-        help="JSON or YAML that maps labels of the annotations to those of the field, or to null (they are the same)",
-    )
+    add_labels(parser)
     parser.add_argument("--out", required=True, type=folder_name, metavar="DIR", help="where the results go")
     add_format(parser)
     parser.add_argument("--strict", action="store_true", help="read all files first, and do nothing if one is broken")
     add_most_bytes(parser)
+
+
+def add_labels(parser: argparse.ArgumentParser) -> None:
+    """--labels."""
+    parser.add_argument(
+        "--labels",
+        type=labels,
+        default={},
+        metavar="FILE",
+        help="JSON or YAML that maps labels of the annotations to those of the field, or to null (they are the same)",
+    )
 
 
 def add_format(parser: argparse.ArgumentParser) -> None:

@@ -99,9 +99,7 @@ def found_annotations(
     """
     files = ANNOTATIONS.find(inputs)
     name_skipped(inputs, files)
-    wrong = [ours for ours in labels.values() if ours is not None and ours not in {*field, *UNKNOWN_LABELS}]
-    if wrong:
-        raise ValueError(f"--labels maps to {wrong[0]!r}, which is no label; {nearest_label(wrong[0], field)}")
+    check_labels(labels, field)
     found = frames_in(files, labels, field, most_bytes)
     if image_size is None:
         nameless = [one for one in found.frames if not isinstance(one, AnnotatedFrame) and is_of_soccernet(one)]
@@ -109,6 +107,13 @@ def found_annotations(
             raise ValueError(f"{nameless[0].path}: {NO_SIZE}")
     name_left_out(found, field)
     return found.frames
+
+
+def check_labels(labels: Labels, field: Field) -> None:
+    """Raise a ValueError if labels are mapped to what the field does not have."""
+    wrong = [ours for ours in labels.values() if ours is not None and ours not in {*field, *UNKNOWN_LABELS}]
+    if wrong:
+        raise ValueError(f"--labels maps to {wrong[0]!r}, which is no label; {nearest_label(wrong[0], field)}")
 
 
 def name_left_out(found: FramesFound, field: Field) -> None:
@@ -240,7 +245,7 @@ def calibrate_folder(
     `method` gets `at_once` frames, or those of them that are of one size; it can be pickled. Of each frame there may
     be files that are named as `writes` says. `more` is what the method depends on beside the options, as JSON.
     """
-    labels = options.labels or {}
+    labels = options.labels
     files = found_annotations(options.input, field, options.size, labels, options.most_bytes)
     sizes = {file.annotation.image_size for file in files if isinstance(file, AnnotatedFrame)} - {None}
     if at_once is not None and at_once > 1 and len(sizes) > 1:

@@ -15,8 +15,9 @@ import numpy as np
 
 import fieldcalib
 from fieldcalib._types import Array, IntArray
-from fieldcalib.cli.arguments import folder_name
+from fieldcalib.cli.arguments import add_labels, folder_name
 from fieldcalib.cli.fields import add_sized_field, field_of
+from fieldcalib.cli.folder import check_labels
 from fieldcalib.cli.frames import (
     Frame,
     ReadImage,
@@ -35,7 +36,7 @@ from fieldcalib.cli.units import Made, add_jobs, work
 from fieldcalib.fields.field import Field
 from fieldcalib.fields.segments import Arc
 from fieldcalib.io.annotation_files import ONE_IMAGE
-from fieldcalib.io.annotations import Annotation
+from fieldcalib.io.annotations import Annotation, names_of, renamed
 from fieldcalib.io.files import FrameFile, write_text
 from fieldcalib.io.formats import ANNOTATIONS, OTHER_ANNOTATIONS, VIDEOS
 from fieldcalib.io.image import Image
@@ -69,6 +70,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help=f"of the annotations; labelme: <id>.json; others: one file of all frames, localized.xml or localized.json "
         f"({SOCCERNET})",
     )
+    add_labels(parser)
     add_network(parser)
     add_limits(parser)
     add_jobs(parser)
@@ -80,6 +82,8 @@ def run(options: argparse.Namespace) -> int:
     began = time.perf_counter()
     if any(map(VIDEOS.recognises, options.input)):
         raise ValueError("expected images: fieldcalib run takes videos")
+    check_labels(options.labels, field_of(options))
+    names_of(options.labels, field_of(options))  # a ValueError if that cannot be
     function = FromImages(options, load_network(options))
     with opened(options.input, options.most_pixels) as source:
         writes = [_file_name(options.format, "<id>")]
@@ -159,16 +163,16 @@ class FromImages:
         format, size, field = self.options.format, (image.shape[1], image.shape[0]), field_of(self.options)
         line: dict[str, Any] = {"id": frame.id, "status": LOCALIZED_STATUS, "message": ""}
         line["segments"] = len(found.pixels)
-        content = ""
+        names, content = names_of(self.options.labels, field), ""
         try:
             if format == SOCCERNET:
-                content = ANNOTATIONS.write(found.pixels, size) + "\n"
+                content = ANNOTATIONS.write(renamed(found.pixels, names), size) + "\n"
             elif format in OF_ALL:
                 line |= {"image": Path(frame.path).name, "image_size": size}
-                line["pixels"] = {label: xy.tolist() for label, xy in _paths(found, field).items()}
+                line["pixels"] = {label: xy.tolist() for label, xy in _paths(found, field, names).items()}
             else:
                 of_frame = Annotation(
-                    frame.id, _paths(found, field), size, _seen_from(self.options.out, Path(frame.path))
+                    frame.id, _paths(found, field, names), size, _seen_from(self.options.out, Path(frame.path))
                 )
                 content = OTHER_ANNOTATIONS[format].write([of_frame])
         except ValueError as error:
@@ -177,9 +181,9 @@ class FromImages:
         return Outcome(frame.id, json.dumps(line), LOCALIZED_STATUS, files=files)
 
 
-def _paths(found: Localization, field: Field) -> Pixels:
-    """The pixels of each segment in their order along it: other tools draw lines between them."""
-    return {label: xy[_order(xy, isinstance(field[label], Arc))] for label, xy in found.pixels.items()}
+def _paths(found: Localization, field: Field, names: Mapping[str, str]) -> Pixels:
+    """The pixels of each segment, by its name, in their order along it: other tools draw lines between them."""
+    return {names[label]: xy[_order(xy, isinstance(field[label], Arc))] for label, xy in found.pixels.items()}
 
 
 def _order(xy: Array, is_arc: bool) -> IntArray:

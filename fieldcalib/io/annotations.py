@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 from pathlib import PureWindowsPath
 from typing import Any, NamedTuple, TypeAlias
@@ -203,6 +203,38 @@ def renamed(pixels: Pixels, labels: Labels) -> Pixels:
         if name is not None:
             parts.setdefault(name, []).append(xy)
     return {name: np.concatenate(members) for name, members in parts.items()}
+
+
+def names_of(labels: Labels, known: Iterable[str]) -> dict[str, str]:
+    """What labels are called in files that a mapping is made for: its inverse.
+
+    Parameters
+    ----------
+    labels : mapping of str to str or None
+        What theirs are called here. Of several for one of ours the first counts; those that are left out do not.
+    known : iterable of str
+        Our labels.
+
+    Raises
+    ------
+    ValueError
+        If a label, which has no name of theirs, would be read as another one.
+
+    Examples
+    --------
+    >>> names_of({"halfway": "Middle line", "half": "Middle line", "ball": None}, ["Middle line", "Side line top"])
+    {'Middle line': 'halfway', 'Side line top': 'Side line top'}
+    """
+    names: dict[str, str] = {}
+    for theirs, ours in labels.items():
+        if ours is not None:
+            names.setdefault(ours, theirs)
+    names = {label: names.get(label, label) for label in known}
+    for label, name in names.items():
+        read = labels.get(name)
+        if read not in (None, label):
+            raise ValueError(f"the labels call {read!r} {name!r}, so {label!r} needs another name: map one to it too")
+    return names
 
 
 class Written(NamedTuple):
