@@ -139,6 +139,8 @@ def test_a_model_of_ones_own():
         (SimpleNamespace(keypoints=None), "roboflow-32", "the result has no keypoints: expected one of a pose model"),
         (SimpleNamespace(xy=XY[None, None]), "roboflow-32", r"of shape \(n, K, 2\), got \(1, 1, 32, 2\)"),
         ("points", "roboflow-32", r"or an array of shape \(K, 2\) or \(K, 3\), got str"),
+        (np.ones((2, 32, 3)), "roboflow-32", r"got ndarray of shape \(2, 32, 3\): give the points of one pitch in one"),
+        ([[1.0, 2.0, 3.0, 4.0]], "roboflow-32", r"\(K, 3\), got list of shape \(1, 4\)$"),
         (3, "roboflow-32", r"or an array of shape \(K, 2\) or \(K, 3\), got int"),
     ],
 )  # fmt: skip

@@ -11,6 +11,7 @@ import pytest
 from fieldcalib import Calibration, Camera, Status, soccer
 from fieldcalib.cli.main import main
 from fieldcalib.draw import draw_minimap, mosaic, overhead_camera, render_field, top_view
+from fieldcalib.fields.catalogue import FIELDS
 from fieldcalib.fields.sports.tennis import tennis
 from fieldcalib.io.videos import VideoWriter
 
@@ -57,6 +58,13 @@ def test_what_is_seen_ends_with_the_image_and_before_the_horizon():
     coarse = distance * (60.0 - ground(overhead)[..., 1]) / (500.0 * 4.0)  # m of ground along a ray, for a pixel
     assert not np.any(seen & (coarse > 2.1))
     assert np.mean(seen[in_image & (coarse < 1.9)]) > 0.95
+
+
+def test_pictures_of_courts_are_as_large_as_those_of_pitches():
+    assert overhead_camera(soccer()).image_size == overhead_camera(soccer(), 0.1).image_size == (1150, 780)
+    for field in FIELDS.values():
+        assert 1000 < max(overhead_camera(field()).image_size) < 2500
+    assert overhead_camera(tennis()).focal_length == pytest.approx(100.0 / 0.021)
 
 
 def test_overhead_cameras_have_the_far_side_above_and_metres_as_pixels():

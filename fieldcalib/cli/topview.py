@@ -41,7 +41,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--cameras", required=True, type=Path, metavar="DIR", help="results of run or calibrate")
     parser.add_argument("--out", required=True, type=Path, metavar="FILE", help="the picture, e.g. PNG")
     parser.add_argument(
-        "--metres-per-pixel", type=positive, default=0.1, metavar="M", help="of the picture, on the ground (0.1)"
+        "--metres-per-pixel",
+        type=positive,
+        metavar="M",
+        help="of the picture, on the ground (0.1 for soccer, less for smaller fields)",
     )
     parser.add_argument(
         "--margin", type=positive, default=5.0, metavar="M", help="what is shown around the field, metres (5)"

@@ -17,6 +17,7 @@ from fieldcalib.io.image import Image, checked_image
 from fieldcalib.io.images import LONGEST_SIDE
 
 ABOVE = 100.0  # m: the height of the camera above the field, which the picture of the ground does not depend on
+PIXELS_OF_SCALE = 400.0  # that the length scale of a field has, by default
 COARSEST = 2.0  # m of ground per pixel of the image: what is further away is smeared, up to the horizon
 EDGE = 2.0  # px: the outermost rows and columns of broadcasts are often dark
 UNSEEN: Colour = (40, 36, 34)
@@ -24,14 +25,14 @@ ROWS_AT_ONCE = 32  # of all views, when their median is taken
 UNKNOWN = 256  # above all values of pixels
 
 
-def overhead_camera(field: Field, metres_per_pixel: float = 0.1, margin: float = 5.0) -> Camera:
+def overhead_camera(field: Field, metres_per_pixel: float | None = None, margin: float = 5.0) -> Camera:
     """A camera that looks down on a field: x to the right, the side of the main camera below.
 
     Parameters
     ----------
     field : Field
-    metres_per_pixel : float
-        On the ground.
+    metres_per_pixel : float, optional
+        On the ground. By default ``field.scale / 400``, to two digits: 0.1 on soccer pitches, 0.021 on tennis courts.
     margin : float
         Metres around the field.
 
@@ -48,10 +49,12 @@ def overhead_camera(field: Field, metres_per_pixel: float = 0.1, margin: float =
     Examples
     --------
     >>> from fieldcalib.fields.soccer import soccer
-    >>> overhead = overhead_camera(soccer(), 0.1, margin=5.0)
+    >>> overhead = overhead_camera(soccer(), margin=5.0)
     >>> overhead.image_size, overhead.project([0.0, 0.0, 0.0])
     ((1150, 780), array([574.5, 389.5]))
     """
+    if metres_per_pixel is None:
+        metres_per_pixel = float(f"{field.scale / PIXELS_OF_SCALE:.1e}")
     if not (0.0 < metres_per_pixel < np.inf and 0.0 <= margin < np.inf):
         raise ValueError(f"expected positive metres per pixel and a margin, got {metres_per_pixel} and {margin}")
     sides = [max(round((side + 2.0 * margin) / metres_per_pixel), 1) for side in (field.length, field.width)]

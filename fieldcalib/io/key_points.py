@@ -215,11 +215,13 @@ def _of_array(values: Any) -> tuple[Array, Array]:
     try:
         points = _array(values)
     except (TypeError, ValueError):
-        points = np.empty(0)
+        points = np.empty(())
     if points.ndim != 2 or points.shape[1] not in (2, 3):
+        shape = f" of shape {points.shape}" if points.ndim else ""
+        several = ": give the points of one pitch in one image" if points.ndim > 2 else ""
         raise ValueError(
             f"expected a result with `keypoints` or `xy`, or an array of shape (K, 2) or (K, 3), got "
-            f"{type(values).__name__}"
+            f"{type(values).__name__}{shape}{several}"
         )
     confidence = points[:, 2] if points.shape[1] == 3 else np.ones(len(points))
     return points[:, :2], confidence
