@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from data_tools.synthetic.cameras import is_behind_goal, random_camera
-from data_tools.synthetic.games import game_named
+from data_tools.synthetic.games import Game, game_named
 from data_tools.synthetic.masks import Mask, markings_mask
 from data_tools.synthetic.pictures import add_graphics, degraded, random_picture
 from fieldcalib.cli.fields import SOCCER
@@ -67,7 +67,11 @@ def frame(seed: int, size: tuple[int, int] = SIZE, name: str = SOCCER) -> Synthe
         image = random_picture(size, rng)
         add_graphics(image, rng)
         return SyntheticFrame(degraded(image, rng), np.zeros(size[::-1], np.uint8), None, field)
-    camera = random_camera(field, size, rng, game.stands)
+    return seen_by(random_camera(field, size, rng, game.stands), field, rng, game)
+
+
+def seen_by(camera: Camera, field: Field, rng: np.random.Generator, game: Game) -> SyntheticFrame:
+    """A frame of a random game as a given camera sees it; its size is the camera's."""
     ray = rays(camera)
     ground = Ground.of_rays(camera, ray)
     light = game.light(ground, field, rng)
