@@ -23,6 +23,16 @@ def from_above(scale, x=0.0, y=0.0):
     return np.array([[scale, 0.0, 479.5 - scale * x], [0.0, scale, 269.5 - scale * y], [0.0, 0.0, 1.0]])
 
 
+def test_the_cells_of_iou_part_may_be_of_another_size():
+    views = from_above(9.0), from_above(9.0, x=0.4)  # 106.6 m wide: the left end of one is not in view
+    fine, yards = (iou_part(*views, SIZE, cell=cell) for cell in (0.25, 0.9144))
+    assert fine == iou_part(*views, SIZE)
+    assert yards == pytest.approx(fine, abs=0.02)
+    for cell in (0.0, 100.0, np.nan):
+        with pytest.raises(ValueError, match="cell must be metres"):
+            iou_part(*views, SIZE, cell=cell)
+
+
 # --- exact areas ---
 
 

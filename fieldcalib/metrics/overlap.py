@@ -33,7 +33,12 @@ CELLS = (210, 136)  # of the true rectangle: half a metre each on a soccer field
 
 
 def iou_part(
-    prediction: Prediction, truth: Prediction, image_size: tuple[int, int], *, field: Field | None = None
+    prediction: Prediction,
+    truth: Prediction,
+    image_size: tuple[int, int],
+    *,
+    field: Field | None = None,
+    cell: float = CELL,
 ) -> float:
     """IoU of the parts of the field in view of two cameras (paper, section "Metrics").
 
@@ -45,6 +50,8 @@ def iou_part(
         Width and height in pixels.
     field : Field, optional
         By default a soccer field of 105 x 68 m.
+    cell : float
+        Metres: size of the raster's cells. Others count cells of a yard.
 
     Returns
     -------
@@ -54,7 +61,8 @@ def iou_part(
     Raises
     ------
     ValueError
-        If one of the two is neither a camera of this size nor a homography, or `image_size` is not valid.
+        If one of the two is neither a camera of this size nor a homography, `image_size` is not valid, or `cell` is no
+        part of the field's sides.
 
     Examples
     --------
@@ -64,8 +72,10 @@ def iou_part(
     (1.0, 0.87)
     """
     field = soccer() if field is None else field
+    if not 0.0 < cell <= min(field.length, field.width):
+        raise ValueError(f"cell must be metres, at most the field's width, got {cell}")
     x, y = (
-        (np.arange(round(side / CELL)) + 0.5) * (side / round(side / CELL)) - side / 2.0
+        (np.arange(round(side / cell)) + 0.5) * (side / round(side / cell)) - side / 2.0
         for side in (field.length, field.width)
     )
     X = np.stack([*np.meshgrid(x, y), np.zeros((len(y), len(x)))], axis=-1).reshape(-1, 3)
