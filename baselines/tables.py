@@ -79,7 +79,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument("--sncalib-pred", type=Path, metavar="DIR", help="segments that a network found in SN-Calib")
     parser.add_argument("--wc14-pred", type=Path, metavar="DIR", help="segments that a network found in WC14")
     parser.add_argument("--chen", type=Path, metavar="DIR", help="Chen's homographies of WC14, <id>.homographyMatrix")
-    parser.add_argument("--jiang", type=Path, metavar="DIR", help="Jiang's homographies of WC14")
+    parser.add_argument(
+        "--jiang", type=Path, metavar="DIR", help="Jiang's homographies, as baselines.jiang writes them"
+    )
     parser.add_argument(
         "--steps", type=int, default=tvcalib.STEPS, help=f"of TVCalib's optimiser ({tvcalib.STEPS}, the paper's)"
     )

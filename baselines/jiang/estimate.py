@@ -1,0 +1,106 @@
+"""Homographies of pictures: the guess, and the points that one of the two costs leads to from there."""
+
+from __future__ import annotations
+
+import io
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from pickle import UnpicklingError
+from typing import Any, Literal, TypeAlias
+
+import cv2
+import numpy as np
+import torch
+from torch import Tensor
+from torch.nn.utils import parametrize
+
+from baselines.jiang import optimiser
+from baselines.jiang.four_points import homography_of_points
+from baselines.jiang.lines import LineCost
+from baselines.jiang.networks import ErrorNetwork, GuessNetwork, squashed
+from baselines.jiang.training import ERROR, GUESS
+from fieldcalib._types import Array
+from fieldcalib.fields.soccer import soccer
+from fieldcalib.geometry.homography import ALIGNMENTS
+from fieldcalib.io.files import read_regular_file
+from fieldcalib.io.image import Image
+from fieldcalib.localize import SegmentationNetwork, localize
+
+CostName: TypeAlias = Literal["learned", "lines"]
+
+
+@dataclass(frozen=True)
+class Estimator:
+    """Paths of the points of pictures, from the guess on."""
+
+    guess: GuessNetwork
+    error: ErrorNetwork | None
+    """None where the cost is that of lines."""
+    markings: SegmentationNetwork | None
+    """Labels the pixels for the cost of lines, otherwise None."""
+
+    @classmethod
+    def load(cls, weights: Path, cost: CostName = "learned") -> Estimator:
+        """The networks of a folder that `training` has filled.
+
+        Raises
+        ------
+        FileNotFoundError, ValueError
+            If they are not there, or are others.
+        """
+        guess = _loaded(GuessNetwork, weights / GUESS)
+        if cost == "lines":
+            return cls(guess, None, SegmentationNetwork.load(threads=1))
+        return cls(guess, _loaded(ErrorNetwork, weights / ERROR), None)
+
+    def __call__(
+        self, images: Sequence[Image], image_size: tuple[int, int], steps: int = optimiser.STEPS
+    ) -> optimiser.Path:
+        """The paths of images (height, width, 3), blue, green, red, which `image_size` stretches to their true shape.
+
+        The points are in the coordinates of `four_points`.
+        """
+        bgr = np.stack([squashed(image) for image in images])
+        pictures = torch.from_numpy(np.ascontiguousarray(bgr[..., ::-1].transpose(0, 3, 1, 2))).float()
+        with torch.inference_mode():
+            initial = self.guess(pictures)
+        return optimiser.optimise(self._cost(images, pictures, image_size), initial.clone(), steps=steps)
+
+    def _cost(self, images: Sequence[Image], pictures: Tensor, image_size: tuple[int, int]) -> optimiser.Cost:
+        if self.error is not None:
+            error = self.error
+            return lambda points: error(pictures, points)
+        assert self.markings is not None
+        stretched = [
+            np.asarray(cv2.resize(image, image_size, interpolation=cv2.INTER_CUBIC), np.uint8) for image in images
+        ]
+        return LineCost.of(localize(soccer(), stretched, self.markings), image_size)
+
+
+def homographies(points: Tensor, image_size: tuple[int, int]) -> list[Array | None]:
+    """From the field in metres to pixels of the images, (3, 3) each; None where four points (N, 4, 2) give none."""
+    alignment = ALIGNMENTS["jiang"]
+    to_image = np.diag([*np.divide(image_size, alignment.image_size), 1.0])
+    found: list[Array | None] = []
+    for H in homography_of_points(points.double()).numpy():
+        regular = np.all(np.isfinite(H)) and np.linalg.matrix_rank(H) == 3
+        found.append(to_image @ alignment.to_fieldcalib(H) if regular else None)
+    return found
+
+
+def _loaded(kind: type[GuessNetwork] | type[ErrorNetwork], path: Path) -> Any:
+    """A network in evaluation mode, with constant weights."""
+    if not path.is_file():
+        raise FileNotFoundError(f"{path}: there are no weights; python -m baselines.jiang train makes them")
+    try:
+        kept = torch.load(io.BytesIO(read_regular_file(path)), map_location="cpu", weights_only=True)
+        network = kind(kept["width"], kept["size"])
+        network.load_state_dict(kept["state"])
+    except (RuntimeError, UnpicklingError, EOFError, LookupError, TypeError) as error:
+        raise ValueError(f"{path}: is no {kind.__name__} that baselines.jiang train has written: {error}") from None
+    network.eval()
+    for module in network.modules():  # spectral normalisation is of the training: the normalised weights stay
+        if parametrize.is_parametrized(module, "weight"):
+            parametrize.remove_parametrizations(module, "weight")
+    return network.requires_grad_(False)
