@@ -198,13 +198,14 @@ DECLARED = {  # the camera of the picture, and what is said of it
 
 
 @pytest.mark.parametrize(("true_camera", "declaration"), DECLARED.values(), ids=DECLARED)
-def test_squashed_and_cropped_pictures(true_camera, declaration, tmp_path):
+def test_squashed_and_cropped_pictures(true_camera, declaration, tmp_path, capsys):
     width, height = true_camera.image_size
     pixels = observe(whole_circle_markings(soccer()), true_camera, np.random.default_rng(0), 0.3, per_line=9)
     shown = {label: xy[in_image(xy, true_camera.image_size)] for label, xy in pixels.items()}
     (tmp_path / "a.json").write_text(format_annotation(shown, true_camera.image_size))
     options = ["--size", f"{width}x{height}", "--prior", "main center"]
     assert run("calibrate", tmp_path / "a.json", *options, *declaration, "--out", tmp_path / "out") == 0
+    assert "nearly square" not in capsys.readouterr().err
     (line,) = lines_of(tmp_path / "out")
     found = camera_from_record(json.loads((tmp_path / "out" / "camera_a.json").read_text()), true_camera.image_size)
     np.testing.assert_allclose(found.K, line["K"])
@@ -219,6 +220,29 @@ def test_squashed_and_cropped_pictures(true_camera, declaration, tmp_path):
     np.testing.assert_allclose(found.project(X)[visible], true_camera.project(X)[visible], atol=0.6)
     assert line["loss_ndc_eq3"] < 0.005
     assert line["verdict"] == "good"
+
+
+NOTE = (
+    "1 of 1 frame is nearly square: pictures of broadcasts of that shape were squashed, which --display-size declares"
+)
+
+
+@pytest.mark.parametrize(
+    ("size", "options", "is_said"),
+    [
+        (SQUARE, [], True),
+        ((1440, 1080), [], False),  # 4:3
+        (SQUARE, ["--crop-of", "960x640+0+0"], False),
+    ],
+)
+def test_pictures_that_are_nearly_square_are_asked_about(size, options, is_said, tmp_path, capsys):
+    pixels = observe(whole_circle_markings(soccer()), WHOLE.scaled(size))
+    (tmp_path / "a.json").write_text(format_annotation(pixels, size))
+    command = ["calibrate", tmp_path / "a.json", "--size", "{}x{}".format(*size), "--out", tmp_path / "out", *options]
+    assert run(*command) == 0
+    assert (NOTE in capsys.readouterr().err) is is_said
+    assert run(*command, "--resume") == 0
+    assert (NOTE in capsys.readouterr().err) is is_said
 
 
 def test_a_size_that_squashes_the_frames_is_doubted(tmp_path, capsys):

@@ -41,6 +41,16 @@ def test_shards_together_are_the_whole(folder, tmp_path, count):
     assert content_of(tmp_path / "joined") == content_of(tmp_path / "whole")
 
 
+def test_joined_shards_are_asked_about_their_pictures(folder, tmp_path, capsys):
+    size = ["--size", "540x540"]
+    for name, options in (("squashed", size), ("declared", [*size, "--display-size", "960x540"])):
+        shards = shards_of(folder, tmp_path / name, 2, options)
+        capsys.readouterr()
+        assert run("join", *shards, "--out", tmp_path / name / "joined") == 0
+        said = capsys.readouterr().err
+        assert ("--display-size declares" in said) is (name == "squashed")
+
+
 def test_shards_as_one_table(folder, tmp_path):
     from pyarrow.parquet import read_table
 

@@ -94,11 +94,12 @@ def test_a_network_that_mistakes_other_lines_for_penalty_areas_is_corrected():
     ],
     ids=["squashed", "cropped"],
 )
-def test_declared_pictures(know, tmp_path, true_camera, declaration):
+def test_declared_pictures(know, tmp_path, true_camera, declaration, capsys):
     image = picture(true_camera)
     (tmp_path / "a.png").write_bytes(encoded(image))
     know([true_camera.scaled(SIZE) if true_camera.image_size == (640, 640) else true_camera.cropped((-320, 0), SIZE)])
     assert run("run", tmp_path / "a.png", "--out", tmp_path / "out", *declaration) == 0
+    assert "nearly square" not in capsys.readouterr().err
     (line,) = lines_of(tmp_path / "out")
     assert line["verdict"] in ("good", "check")
     record = json.loads((tmp_path / "out" / "camera_a.json").read_text())
@@ -106,6 +107,16 @@ def test_declared_pictures(know, tmp_path, true_camera, declaration):
     assert camera_errors(found, true_camera, FIELD).reprojection < 1.5
     overlay = parse_image((tmp_path / "out" / "overlay_a.jpg").read_bytes())
     assert overlay.shape == image.shape
+
+
+def test_pictures_that_are_nearly_square_are_asked_about(know, tmp_path, capsys):
+    truth = TRUTHS[0].scaled((640, 640))
+    (tmp_path / "a.png").write_bytes(encoded(picture(truth)))
+    know([truth])
+    assert run("run", tmp_path / "a.png", "--out", tmp_path / "out") == 0
+    said = capsys.readouterr().err
+    assert "1 of 1 frame is nearly square" in said
+    assert "squashed, which --display-size declares, or cropped, which --crop-of does" in said
 
 
 def test_pictures_that_do_not_fit_are_broken(know, tmp_path, capsys):

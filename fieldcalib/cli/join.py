@@ -18,6 +18,7 @@ from fieldcalib.cli.results import (
     Outcome,
     Results,
     finish,
+    is_nearly_square,
     is_unfinished,
     leave_table,
     run_folder,
@@ -59,7 +60,7 @@ def run(options: argparse.Namespace) -> int:
         made = localized_summary if lines == LOCALIZED else Results.summary
         finish(options.out, made(results, summaries[0]["options"], seconds))
     if lines == LINES:
-        results.say()
+        results.say(record.options)
         leave_table(options)
     return results.exit_code
 
@@ -111,5 +112,6 @@ def _outcome(folder: Path, text: bytes, record: RunRecord) -> Outcome:
     line: dict[str, Any] = parse_json_object(text, "a frame's result")
     names = [name.replace("<id>", line["id"]) for name in record.writes]
     files = {name: (folder / name).read_bytes() for name in names if (folder / name).exists()}
-    squashed = SQUASHED in line.get("reason", "")
-    return Outcome(line["id"], text.decode().rstrip("\n"), line["status"], line.get("verdict", ""), squashed, files)
+    squashed, square = SQUASHED in line.get("reason", ""), is_nearly_square(line)
+    said = text.decode().rstrip("\n")
+    return Outcome(line["id"], said, line["status"], line.get("verdict", ""), squashed, square, files)

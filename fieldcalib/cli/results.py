@@ -48,6 +48,9 @@ METRES = (0.5, 1.0)  # that the probabilities in cameras.jsonl are about
 # Frames with pixels that are not square, least number and share: of 728 annotated frames none, of the same squashed to
 # 640x640 one in fifteen, with width and height swapped more than half.
 SUSPICIOUS = 3, 0.05
+# Width / height of pictures of which it is asked whether they were squashed or cropped: broadcasts have 4:3 and more.
+NEARLY_SQUARE = 0.9, 1.3
+DECLARATIONS = ("display_size", "crop_of", "intrinsics")  # options that say what such pictures are
 AGAIN = "--resume goes on with it, --overwrite begins anew"
 
 
@@ -63,6 +66,8 @@ class Outcome:
     """Empty without a calibration."""
     squashed: bool = False
     """Whether the labels say that the pixels are not square."""
+    nearly_square: bool = False
+    """Whether the picture is; known where there is a camera."""
     files: Mapping[str, bytes] = attribute(default_factory=dict)
     """Content by name."""
     complaint: str = ""
@@ -95,7 +100,8 @@ class Outcome:
             written[CAMERAS.file_name(id)] = (CAMERAS.write(calibration.camera) + "\n").encode()
         squashed = SQUASHED in calibration.concerns
         status, verdict = str(calibration.status), str(calibration.verdict)
-        return cls(id, json.dumps(line), status, verdict, squashed, written, picture=picture)
+        square = is_nearly_square(line)
+        return cls(id, json.dumps(line), status, verdict, squashed, square, written, picture=picture)
 
 
 @dataclass
@@ -110,6 +116,7 @@ class Results:
     verdicts: Counter[str] = attribute(default_factory=Counter)
     cameras: int = 0
     squashed: int = 0
+    nearly_square: int = 0
     calibrated: int = 0
     """Frames that were calibrated now, not in an earlier part of the run."""
     calibrating: float = 0.0
@@ -124,12 +131,14 @@ class Results:
             write_bytes(self.out / name, content)
         self._count(outcome.status, outcome.verdict, CAMERAS.file_name(outcome.id) in outcome.files)
         self.squashed += outcome.squashed
+        self.nearly_square += outcome.nearly_square
         self.calibrated += bool(outcome.verdict)
 
     def take_up(self, line: Mapping[str, Any]) -> None:
         """Count a frame that is written already."""
         self._count(line["status"], line.get("verdict", ""), (self.out / CAMERAS.file_name(line["id"])).exists())
         self.squashed += SQUASHED in line.get("reason", "")
+        self.nearly_square += is_nearly_square(line)
 
     def _count(self, status: str, verdict: str, has_camera: bool) -> None:
         self.done += 1
@@ -157,8 +166,8 @@ class Results:
             "version": fieldcalib.__version__,
         }
 
-    def say(self) -> None:
-        """Say how many cameras there are."""
+    def say(self, options: Mapping[str, Any]) -> None:
+        """Say how many cameras there are, and what makes one doubt that the options say what the pictures are."""
         statuses = ", ".join(f"{count} {status}" for status, count in self.statuses.most_common())
         verdicts = ", ".join(f"{self.verdicts[verdict]} {verdict}" for verdict in Verdict if self.verdicts[verdict])
         counts = "; ".join(filter(None, (statuses, verdicts)))
@@ -166,6 +175,13 @@ class Results:
         if self.squashed >= max(SUSPICIOUS[0], SUSPICIOUS[1] * self.verdicts.total()):
             seen = f"{self.squashed} of {counted(self.done, 'frame')} show pixels that are not square"
             print(f"{seen}: is the size right? --display-size declares squashed pictures", file=sys.stderr)
+        elif self.nearly_square and all(options.get(name, "") is None for name in DECLARATIONS):
+            verb = "is" if self.nearly_square == 1 else "are"
+            print(
+                f"{self.nearly_square} of {counted(self.done, 'frame')} {verb} nearly square: pictures of broadcasts "
+                f"of that shape were squashed, which --display-size declares, or cropped, which --crop-of does",
+                file=sys.stderr,
+            )
         others = sum(1 for _ in self.out.glob(CAMERAS.file_name("*"))) - self.cameras
         if others > 0:
             verb = "is" if others == 1 else "are"
@@ -183,7 +199,7 @@ def result_folder(options: argparse.Namespace, record: RunRecord, began: float) 
     with run_folder(options, record) as results:
         yield results
         finish(options.out, results.summary(recorded(options), time.perf_counter() - began))
-        results.say()
+        results.say(recorded(options))
     leave_table(options)
 
 
@@ -336,6 +352,18 @@ def counted(number: int, noun: str) -> str:
     ('1 frame', '2 frames')
     """
     return f"{number} {noun}{'' if number == 1 else 's'}"
+
+
+def is_nearly_square(line: Mapping[str, Any]) -> bool:
+    """Whether a frame's line of cameras.jsonl is of a picture that no broadcast has.
+
+    Examples
+    --------
+    >>> is_nearly_square({"image_size": [640, 640]}), is_nearly_square({"image_size": [1440, 1080]})
+    (True, False)
+    """
+    size = line.get("image_size")
+    return size is not None and NEARLY_SQUARE[0] <= size[0] / size[1] <= NEARLY_SQUARE[1]
 
 
 def calibration_line(id: str, calibration: Calibration, eq3: float | None) -> dict[str, Any]:
