@@ -86,6 +86,17 @@ def test_tables_may_say_that_the_coordinates_are_ours(folder):
     assert command("minimap", folder, table(folder, rows, (*HEADER, "field_system")), "--out", folder / "maps") == 0
 
 
+def test_teams_that_are_called_as_a_colour_have_it(folder, capsys):
+    rows = [(0, track, team, 10.0 * track, 0.0) for track, team in enumerate(("White", "black", "referee"))]
+    out = folder / "map.png"
+    assert command("minimap", folder, table(folder, rows), "--out", out) == 0
+    assert "White is white, black is black, referee is red" in capsys.readouterr().out
+    colours = [COLOURS[name] for name in ("white", "black", "red")]
+    points = [(0.0, 0.0), (10.0, 0.0), (20.0, 0.0)]
+    expected = draw_minimap(CAMERA, soccer(), size=(672, 456), points=points, colours=colours)
+    np.testing.assert_array_equal(cv2.imread(str(out)), expected)
+
+
 def test_colours_by_any_column(folder, capsys):
     path = table(folder, ROWS[:2])
     assert command("minimap", folder, path, "--out", folder / "one.png", "--colour-by", "track_id") == 0

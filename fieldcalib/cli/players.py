@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import argparse
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
+from itertools import cycle
 from pathlib import Path
 from types import MappingProxyType
 
@@ -30,6 +31,7 @@ COLOURS: Mapping[str, Colour] = MappingProxyType(
         "green": (70, 230, 120),
     }
 )
+SYNONYMS = {"purple": "violet"}
 ONE, NO_GROUP = "red", (150, 150, 150)  # where nothing tells players apart, and of those without a group
 
 
@@ -85,8 +87,7 @@ class PlayersOnMaps:
             frame = next(iter(self._table.frames), "none")
             raise ValueError(f"no frame of {path} is among those of {options.cameras}: {cameras.said(frame)}")
         _check_on_field(self._table.X, field, path)
-        names = list(COLOURS)
-        self._colours = {group: names[i % len(names)] for i, group in enumerate(self._table.groups)}
+        self._colours = colours_of(self._table.groups)
 
     @property
     def ids(self) -> list[str]:
@@ -119,6 +120,20 @@ class PlayersOnMaps:
         groups = [f"{group} is {colour}" for group, colour in list(self._colours.items())[: len(COLOURS)]]
         more = ", ..." if len(self._colours) > len(COLOURS) else ""
         return f"{self._table.group_column}: {', '.join(groups)}{more}" if groups else ""
+
+
+def colours_of(groups: Sequence[str]) -> dict[str, str]:
+    """Names of colours for groups: what a group is called itself, if that is a colour, or else one that none is called.
+
+    Examples
+    --------
+    >>> colours_of(["home", "Red", "purple", "away"])
+    {'home': 'blue', 'Red': 'red', 'purple': 'violet', 'away': 'yellow'}
+    """
+    called = {group: SYNONYMS.get(group.lower(), group.lower()) for group in groups}
+    own = {group: name for group, name in called.items() if name in COLOURS}
+    others = cycle([name for name in COLOURS if name not in own.values()] or list(COLOURS))
+    return {group: own[group] if group in own else next(others) for group in groups}
 
 
 def _check_on_field(X: Array, field: Field, path: Path) -> None:
