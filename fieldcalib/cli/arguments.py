@@ -113,7 +113,6 @@ def add_labels(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--labels",
         type=labels,
-        default={},
         metavar="FILE",
         help="JSON or YAML that maps labels of the annotations to those of the field, or to null (they are the same)",
     )

@@ -245,7 +245,7 @@ def calibrate_folder(
     `method` gets `at_once` frames, or those of them that are of one size; it can be pickled. Of each frame there may
     be files that are named as `writes` says. `more` is what the method depends on beside the options, as JSON.
     """
-    labels = options.labels
+    labels = options.labels or {}
     files = found_annotations(options.input, field, options.size, labels, options.most_bytes)
     sizes = {file.annotation.image_size for file in files if isinstance(file, AnnotatedFrame)} - {None}
     if at_once is not None and at_once > 1 and len(sizes) > 1:

@@ -82,8 +82,8 @@ def run(options: argparse.Namespace) -> int:
     began = time.perf_counter()
     if any(map(VIDEOS.recognises, options.input)):
         raise ValueError("expected images: fieldcalib run takes videos")
-    check_labels(options.labels, field_of(options))
-    names_of(options.labels, field_of(options))  # a ValueError if that cannot be
+    check_labels(options.labels or {}, field_of(options))
+    _names(options)  # a ValueError if that cannot be
     function = FromImages(options, load_network(options))
     with opened(options.input, options.most_pixels) as source:
         writes = [_file_name(options.format, "<id>")]
@@ -163,7 +163,7 @@ class FromImages:
         format, size, field = self.options.format, (image.shape[1], image.shape[0]), field_of(self.options)
         line: dict[str, Any] = {"id": frame.id, "status": LOCALIZED_STATUS, "message": ""}
         line["segments"] = len(found.pixels)
-        names, content = names_of(self.options.labels, field), ""
+        names, content = _names(self.options), ""
         try:
             if format == SOCCERNET:
                 content = ANNOTATIONS.write(renamed(found.pixels, names), size) + "\n"
@@ -179,6 +179,11 @@ class FromImages:
             return lost(frame, str(error))
         files = {_file_name(format, frame.id): content.encode()} if content else {}
         return Outcome(frame.id, json.dumps(line), LOCALIZED_STATUS, files=files)
+
+
+def _names(options: argparse.Namespace) -> dict[str, str]:
+    """What labels are called in the annotations."""
+    return names_of(options.labels or {}, field_of(options))
 
 
 def _paths(found: Localization, field: Field, names: Mapping[str, str]) -> Pixels:
