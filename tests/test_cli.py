@@ -14,6 +14,7 @@ from commands import calibrate, run
 
 import fieldcalib
 import fieldcalib.cli.demo
+from fieldcalib.cli.progress import progress_bar
 from fieldcalib.fields.stands import DISTRIBUTIONS
 from fieldcalib.io.output_folder import output_folder
 
@@ -224,3 +225,11 @@ def test_an_unset_variable_is_no_folder(command, tmp_path, monkeypatch, capsys):
     assert run(command, *inputs, *(["--size", "960x540"] if command == "calibrate" else []), "--out", "") == 2
     assert "expected the name of a folder, got nothing" in capsys.readouterr().err
     assert not list(tmp_path.iterdir())
+
+
+def test_a_bar_whose_making_is_interrupted_is_closed_without_a_word():
+    """The interpreter closes it, whatever it has and has not."""
+    with progress_bar(unit="frame") as made:
+        pass
+    half = type(made).__new__(type(made))
+    half.__del__()

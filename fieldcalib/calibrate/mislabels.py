@@ -245,6 +245,7 @@ class _Search:
     """As if all labels were right."""
     options: Options
 
+    @np.errstate(over="ignore", invalid="ignore")  # labels that were left out may be where an absurd lens has no images
     def suspects(self) -> list[tuple[SuspectLabel, ...]]:
         """The mislabelled segments of each frame.
 
@@ -310,7 +311,6 @@ class _Search:
     def _solved(self, start: Evaluation) -> Evaluation:
         return levenberg_marquardt(start, max_iterations=ITERATIONS, tolerance=TOLERANCE).evaluation
 
-    @np.errstate(over="ignore", invalid="ignore")  # labels that were left out may be where an absurd lens has no images
     def _explained(self, frame: IntArray, evaluation: Evaluation, believed: Evaluation) -> _Explanations:
         """The cheapest explanation of every segment by each of K cameras of some frames.
 

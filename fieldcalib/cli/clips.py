@@ -32,6 +32,7 @@ from fieldcalib.cli.frames import (
     video_threads,
 )
 from fieldcalib.cli.known_camera import KnownCamera
+from fieldcalib.cli.progress import progress_bar
 from fieldcalib.cli.results import (
     MOTION,
     OVERLAY,
@@ -112,10 +113,8 @@ class ClipInput:
 
     def frames(self) -> Iterator[Frame]:
         """The images as they are; what is wrong with one is said on stderr, once."""
-        from tqdm import tqdm
-
         first = not self.ids
-        with tqdm(desc=next(self._passes, ""), total=len(self.ids) or None, unit="frame", disable=None) as progress:
+        with progress_bar(desc=next(self._passes, ""), total=len(self.ids) or None, unit="frame") as progress:
             for frame in self._from_video() if self._files is None else self._from_files():
                 if first:
                     self.ids.append(frame.id)

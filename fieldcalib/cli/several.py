@@ -14,6 +14,7 @@ from functools import partial
 from io import StringIO
 from typing import TypeAlias
 
+from fieldcalib.cli.progress import progress_bar
 from fieldcalib.io.files import BrokenFileError
 from fieldcalib.processes.jobs import Processes, in_order
 from fieldcalib.processes.other_process import ProcessEndedError
@@ -47,12 +48,10 @@ def run_several(
 
 
 def _by_processes(runs: Sequence[argparse.Namespace], run: Run, jobs: int) -> list[int]:
-    from tqdm import tqdm
-
     codes = []
     with (
         Processes(min(jobs, len(runs))) as executor,
-        tqdm(total=len(runs), unit="video", disable=None) as progress,  # None: only on a terminal
+        progress_bar(total=len(runs), unit="video") as progress,
     ):
         own = [argparse.Namespace(**{**vars(one), "jobs": 1, "threads": 1}) for one in runs]
         for ended in in_order(executor, partial(_ended, run), own, ahead=jobs, rescue=_lost):

@@ -12,6 +12,7 @@ from itertools import chain, islice
 from typing import TypeVar
 
 from fieldcalib.cli.arguments import count
+from fieldcalib.cli.progress import progress_bar
 from fieldcalib.cli.results import Outcome, Results
 from fieldcalib.processes.jobs import Processes, in_order
 from fieldcalib.processes.other_process import ProcessEndedError
@@ -148,12 +149,9 @@ def work(
     With `write` it gets all of them. A frame whose process ends is `lost`, with what is wrong with it; the others of
     its unit are done.
     """
-    from tqdm import tqdm
-
     with (
         processes_of(options) as executor,
-        # None: only on a terminal
-        tqdm(total=frames_of_shard(total, size, options.shard), unit="frame", disable=None) as progress,
+        progress_bar(total=frames_of_shard(total, size, options.shard), unit="frame") as progress,
     ):
         units = units_of(items, size, options.shard)
         done = results.done if write is None else 0
