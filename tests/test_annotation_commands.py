@@ -13,7 +13,7 @@ from views import camera
 
 from baselines import dlt_lines, hdecomp
 from fieldcalib.cli import units
-from fieldcalib.cli.localize import _order
+from fieldcalib.cli.localize import order_along
 from fieldcalib.draw.scene import render_field
 from fieldcalib.io.annotation_files import read_annotations
 from fieldcalib.io.annotations import Annotation
@@ -339,5 +339,5 @@ def test_points_along_lines_and_arcs():
     arc = np.column_stack([50.0 + 40.0 * np.cos(angle), 20.0 + 5.0 * np.sin(angle)])
     for xy, is_arc in ((line, False), (arc, True)):
         mixed = rng.permutation(xy)
-        ordered = mixed[_order(mixed, is_arc)]
+        ordered = mixed[order_along(mixed, is_arc)]
         assert np.array_equal(ordered, xy) or np.array_equal(ordered, xy[::-1])

@@ -188,15 +188,15 @@ def _names(options: argparse.Namespace) -> dict[str, str]:
 
 def _paths(found: Localization, field: Field, names: Mapping[str, str]) -> Pixels:
     """The pixels of each segment, by its name, in their order along it: other tools draw lines between them."""
-    return {names[label]: xy[_order(xy, isinstance(field[label], Arc))] for label, xy in found.pixels.items()}
+    return {names[label]: xy[order_along(xy, isinstance(field[label], Arc))] for label, xy in found.pixels.items()}
 
 
-def _order(xy: Array, is_arc: bool) -> IntArray:
+def order_along(xy: Array, is_arc: bool) -> IntArray:
     """Of pixels along a line or an arc.
 
     Examples
     --------
-    >>> _order(np.array([(0.0, 0.0), (2.0, 2.0), (1.0, 1.0)]), False).tolist() in ([0, 2, 1], [1, 2, 0])
+    >>> order_along(np.array([(0.0, 0.0), (2.0, 2.0), (1.0, 1.0)]), False).tolist() in ([0, 2, 1], [1, 2, 0])
     True
     """
     offset = xy - xy.mean(axis=0)

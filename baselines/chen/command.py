@@ -1,0 +1,281 @@
+"""The command line of Chen and Little's method.
+
+    python -m baselines.chen INPUT --size WxH --database FILE --out DIR [--from annotations|masks|images]
+    python -m baselines.chen database FILE [--cameras chen|uniform] [--features siamese|hog]
+    python -m baselines.chen train MODEL
+
+The first writes what `fieldcalib calibrate` writes, with the homographies as ``<id>.homographyMatrix``; its cameras are
+their decomposition, the paper's "HDecomp + Chen".
+"""
+
+from __future__ import annotations
+
+import argparse
+import hashlib
+import sys
+import time
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import lru_cache
+from pathlib import Path
+from typing import get_args
+
+import cv2
+import numpy as np
+
+from baselines import hdecomp
+from baselines.chen.cameras import CHEN, DRAWS
+from baselines.chen.database import CAMERAS, Database
+from baselines.chen.edges import Edges, edges_of_mask, edges_of_pixels, edges_of_probabilities
+from baselines.chen.features import HOG, SIAMESE, Siamese
+from baselines.chen.search import PUBLISHED, WIDER, Recipe, homography
+from fieldcalib.calibrate.from_homography import judged_camera
+from fieldcalib.cli.arguments import add_input_and_output, count
+from fieldcalib.cli.fields import add_sized_field, field_of
+from fieldcalib.cli.folder import Found, calibrate_files, calibrate_folder, lost, outcome_of
+from fieldcalib.cli.frames import Frame, ReadImage, image_files
+from fieldcalib.cli.main import run_command
+from fieldcalib.cli.results import calibration_line
+from fieldcalib.cli.units import Made, add_jobs
+from fieldcalib.fields.field import Field
+from fieldcalib.io.files import FrameFile
+from fieldcalib.io.formats import CAMERAS as CAMERA_FILES
+from fieldcalib.io.formats import HOMOGRAPHIES
+from fieldcalib.io.image import Image
+from fieldcalib.io.images import IMAGES_AT_ONCE
+from fieldcalib.io.wc14 import AlignmentName, format_homography
+from fieldcalib.localize import SegmentationNetwork
+from fieldcalib.problem.labelled_pixels import Pixels
+
+PROG = "python -m baselines.chen"
+ANNOTATED, MASKS, IMAGES = "annotations", "masks", "images"
+RECIPES = {"wider": WIDER, "published": PUBLISHED}
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """The command line; returns the exit code."""
+    given = list(sys.argv[1:] if arguments is None else arguments)
+    commands = {"database": _database_parser, "train": _training_parser}
+    if given and given[0] in commands:
+        return run_command(commands[given[0]]().parse_args(given[1:]))
+    return run_command(_parser().parse_args(given))
+
+
+def _parser() -> argparse.ArgumentParser:
+    parser = argparse.ArgumentParser(
+        prog=PROG,
+        description="Homographies and their cameras by retrieval from a database and alignment of distance images. "
+        f"{PROG} database --help and {PROG} train --help say how the database is made.",
+    )
+    add_input_and_output(parser)
+    parser.add_argument(
+        "--database", type=Path, required=True, metavar="FILE", help=f"made by {PROG} database FILE, of the same field"
+    )
+    parser.add_argument(
+        "--from",
+        dest="source",
+        choices=(ANNOTATED, MASKS, IMAGES),
+        default=ANNOTATED,
+        help="what INPUT holds: labelled pixels; pictures of white lines on black; or images, whose markings the "
+        f"network that comes along finds ({ANNOTATED})",
+    )
+    parser.add_argument(
+        "--recipe",
+        choices=tuple(RECIPES),
+        default="wider",
+        help="published: the nearest camera, aligned once; wider: three of twenty cameras, each aligned three times "
+        "(wider)",
+    )
+    parser.add_argument(
+        "--alignment",
+        choices=get_args(AlignmentName),
+        default="wc14",
+        help="whose axes the homography files have (wc14: pixels to yards)",
+    )
+    add_sized_field(parser)
+    add_jobs(parser)
+    parser.set_defaults(run=_run, command="baselines.chen")
+    return parser
+
+
+def _database_parser() -> argparse.ArgumentParser:
+    parser = argparse.ArgumentParser(
+        prog=f"{PROG} database", description="Make the database: random cameras and the features of what they see."
+    )
+    parser.add_argument("file", type=Path, metavar="FILE", help="where it goes, e.g. chen.npz; 11 MB")
+    add_cameras(parser)
+    parser.add_argument("--count", type=count, default=CAMERAS, metavar="N", help=f"of cameras ({CAMERAS})")
+    parser.add_argument(
+        "--features",
+        choices=(SIAMESE, HOG),
+        default=SIAMESE,
+        help=f"by the network of {PROG} train, or histograms of gradients, which need no training ({SIAMESE})",
+    )
+    parser.add_argument("--model", type=Path, metavar="FILE", help="that network (the one that comes along)")
+    add_sized_field(parser)
+    parser.set_defaults(run=_make_database)
+    return parser
+
+
+def _training_parser() -> argparse.ArgumentParser:
+    parser = argparse.ArgumentParser(
+        prog=f"{PROG} train", description="Train the network of the features on drawn edge images (PyTorch)."
+    )
+    parser.add_argument("model", type=Path, metavar="MODEL", help="where it goes, in ONNX")
+    add_cameras(parser)
+    parser.add_argument("--steps", type=count, metavar="N", help="of 64 pairs of each kind (1280)")
+    add_sized_field(parser)
+    parser.set_defaults(run=_train)
+    return parser
+
+
+def add_cameras(parser: argparse.ArgumentParser) -> None:
+    """--cameras and --seed."""
+    parser.add_argument(
+        "--cameras",
+        choices=tuple(DRAWS),
+        default=CHEN,
+        help="chen: their distribution, fitted to WC14; uniform: fields of view and positions of any main stand "
+        "in the centre (chen)",
+    )
+    parser.add_argument("--seed", type=int, default=0, metavar="N", help="of the random numbers (0)")
+
+
+def _make_database(options: argparse.Namespace) -> int:
+    from tqdm import tqdm
+
+    extract = None
+    if options.features == SIAMESE:
+        extract = Siamese.shipped() if options.model is None else Siamese(options.model.read_bytes())
+    elif options.model is not None:
+        raise ValueError("--model is about --features siamese: histograms of gradients have none")
+    with tqdm(total=options.count, unit="camera", disable=None) as progress:
+        database = Database.made(
+            field_of(options),
+            options.cameras,
+            DRAWS[options.cameras],
+            extract,
+            count=options.count,
+            seed=options.seed,
+            progress=progress.update,
+        )
+    database.write(options.file)
+    print(f"{options.file}: {options.count} cameras")
+    return 0
+
+
+def _train(options: argparse.Namespace) -> int:
+    from baselines.chen import training  # imports torch
+
+    steps = training.STEPS if options.steps is None else options.steps
+
+    def report(step: int, loss: float) -> None:
+        if step % 100 == 0 or step == steps:
+            print(f"step {step} of {steps}: loss {loss:.4f}", file=sys.stderr)
+
+    draw = DRAWS[options.cameras]
+    network = training.trained(field_of(options), draw, steps=steps, seed=options.seed, progress=report)
+    training.write_model(network, options.model)
+    print(options.model)
+    return 0
+
+
+def _run(options: argparse.Namespace) -> int:
+    database = _database(options.database)
+    if options.source != MASKS:  # which show what their network was taught
+        database.check_field(field_of(options))
+    more = {"database": hashlib.sha256(options.database.read_bytes()).hexdigest()}
+    found = _Found(options.database, RECIPES[options.recipe], options.alignment)
+    writes = [form.file_name("<id>") for form in (CAMERA_FILES, HOMOGRAPHIES)]
+    if options.source == ANNOTATED:
+        return calibrate_folder(
+            options, field_of(options), _FromPixels(field_of(options), found), writes=writes, more=more
+        )
+    if options.size is None:
+        raise ValueError(f"--from {options.source} needs --size: homographies are for images of that size")
+    network = SegmentationNetwork.load(threads=1) if options.source == IMAGES else None
+    made = _FromImages(field_of(options), found, options.size, options.most_bytes, network)
+    files = image_files(options.input)
+    return calibrate_files(options, files, made, made.first_broken, IMAGES_AT_ONCE, writes, more)
+
+
+@lru_cache(maxsize=1)
+def _database(path: Path) -> Database:
+    """The database, read once by each process."""
+    return Database.read(path)
+
+
+@dataclass(frozen=True)
+class _Found:
+    """From edge images to homographies and cameras."""
+
+    database: Path
+    recipe: Recipe
+    alignment: AlignmentName
+
+    def __call__(self, id: str, edges: Edges, size: tuple[int, int]) -> Found:
+        H = homography(_database(self.database), edges, size, self.recipe)
+        (calibration,) = hdecomp.calibrate([H], size)
+        if H is None:
+            return Found(calibration)
+        text = format_homography(H, self.alignment, image_size=size)
+        return Found(calibration, files={HOMOGRAPHIES.file_name(id): text.encode()})
+
+
+@dataclass(frozen=True)
+class _FromPixels:
+    """How annotated frames are calibrated."""
+
+    field: Field
+    found: _Found
+
+    def __call__(self, frames: dict[str, Pixels], size: tuple[int, int]) -> list[Found]:
+        return [self._of_frame(id, pixels, size) for id, pixels in frames.items()]
+
+    def _of_frame(self, id: str, pixels: Pixels, size: tuple[int, int]) -> Found:
+        found = self.found(id, edges_of_pixels(self.field, pixels, size), size)
+        calibration = found.calibration
+        if calibration.camera is not None:
+            calibration = judged_camera(calibration.camera, self.field, pixels, calibration.message)
+        return Found(calibration, files=found.files)
+
+
+@dataclass(frozen=True)
+class _FromImages:
+    """What is written of masks, or of images if there is a network that finds their markings."""
+
+    field: Field
+    found: _Found
+    size: tuple[int, int]
+    most_bytes: float
+    network: SegmentationNetwork | None
+
+    def __call__(self, files: tuple[FrameFile, ...]) -> Made:
+        frames = [self._read(file) for file in files]
+        start = time.perf_counter()
+        found = {frame.id: self._found(frame.id, frame.image) for frame in frames if frame.image is not None}
+        seconds = time.perf_counter() - start
+        outcomes = []
+        for file, frame in zip(files, frames, strict=True):
+            if frame.image is None:
+                outcomes.append(lost(file, frame.problem))
+                continue
+            one = found[frame.id]
+            outcomes.append(outcome_of(frame.id, one, calibration_line(frame.id, one.calibration, None)))
+        return Made(outcomes, seconds)
+
+    def first_broken(self, files: tuple[FrameFile, ...]) -> str:
+        """The first broken file and what is wrong with it; empty if there is none."""
+        frames = map(self._read, files)
+        return next((f"{frame.path}: {frame.problem}" for frame in frames if frame.image is None), "")
+
+    def _read(self, file: FrameFile) -> Frame:
+        return ReadImage(self.most_bytes)(file)
+
+    def _found(self, id: str, image: Image) -> Found:
+        if self.network is None:
+            edges = edges_of_mask(np.asarray(cv2.cvtColor(image, cv2.COLOR_BGR2GRAY), np.uint8))
+        else:
+            (probability,) = self.network([image])
+            edges = edges_of_probabilities(probability, self.network.classes, self.field)
+        return self.found(id, edges, self.size)

@@ -1,0 +1,77 @@
+"""From an edge image to a homography: the nearest cameras of the database, and their refinement."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+
+from baselines.chen.database import Database
+from baselines.chen.edges import EDGE_SIZE, Edges, edge_images, scaling
+from baselines.chen.refinement import HALF_SIZE, Step, mismatch, refined
+from fieldcalib._types import Array
+
+COMPARED_UP_TO, JUDGED_UP_TO = 12.5, 5.0  # truncation of distances, pixels of EDGE_SIZE
+
+
+@dataclass(frozen=True)
+class Recipe:
+    """How a homography is found."""
+
+    nearest: int
+    """How many cameras of the nearest features are compared with the edge image by distance images."""
+    refined: int
+    """How many of these, the most alike, are refined; the one that is most alike then is the result."""
+    steps: tuple[Step, ...]
+    """Of the refinement."""
+
+
+PUBLISHED = Recipe(1, 1, (Step(EDGE_SIZE, 12.5, cv2.MOTION_HOMOGRAPHY, 50),))
+"""Chen and Little's: the nearest camera, one alignment of distances up to 50 px of 1280 x 720."""
+
+WIDER = Recipe(
+    20,
+    3,
+    (
+        Step(HALF_SIZE, 25.0, cv2.MOTION_AFFINE, 50),
+        Step(HALF_SIZE, 12.5, cv2.MOTION_HOMOGRAPHY, 50),
+        Step(EDGE_SIZE, 5.0, cv2.MOTION_HOMOGRAPHY, 20),
+    ),
+)
+"""Several cameras, each aligned from wide to narrow with a new distance image at each step: more frames converge, and
+the lines end up nearer."""
+
+
+def homography(database: Database, edges: Edges, image_size: tuple[int, int], recipe: Recipe = WIDER) -> Array | None:
+    """The homography of an edge image; None where it shows no line.
+
+    Parameters
+    ----------
+    database : Database
+        Of the field that the edge image shows.
+    edges : (180, 320) uint8 array
+    image_size : (int, int)
+        Width and height of the image in pixels.
+    recipe : Recipe
+
+    Returns
+    -------
+    (3, 3) array or None
+        Field points (x, y, 1) in metres to pixels of the image.
+    """
+    if not np.any(edges):
+        return None
+    found = refined(retrieved(database, edges, recipe), edges, database.pieces, recipe.steps)
+    best = np.argmin(mismatch(edge_images(found, database.pieces), edges, JUDGED_UP_TO)) if len(found) > 1 else 0
+    return np.asarray(scaling(image_size) @ found[best])
+
+
+def retrieved(database: Database, edges: Edges, recipe: Recipe = WIDER) -> Array:
+    """Homographies (K, 3, 3) of the cameras of a database that see most likely what the edge image shows, in order."""
+    (feature,) = database.extract(edges[None])
+    H = database.cameras[database.nearest(feature, recipe.nearest)].homographies
+    if recipe.nearest == 1:
+        return H
+    alike = mismatch(edge_images(H, database.pieces, HALF_SIZE), edges, COMPARED_UP_TO)
+    return np.asarray(H[np.argsort(alike, kind="stable")[: recipe.refined]])
