@@ -8,15 +8,18 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
-from typing import Literal, TypeAlias
+from typing import Literal, TypeAlias, TypeVar
 
 import numpy as np
 
 from baselines import dlt_lines, hdecomp, tvcalib
-from baselines.published import ANNOTATED, CHEN, DLT, FAR, OURS, OURS_PINHOLE, TVCALIB, DatasetName
+from baselines.chen import cameras as chen_cameras
+from baselines.chen.database import Database
+from baselines.chen.edges import edges_of_pixels
+from baselines.chen.search import homography
+from baselines.published import ANNOTATED, CHEN, CHEN_WIDER, DLT, FAR, OURS, OURS_PINHOLE, TVCALIB, DatasetName
 from baselines.published import hdecomp as decomposed
 from fieldcalib._types import Array
-from fieldcalib.assess.result import Calibration
 from fieldcalib.calibrate.batch import calibrate_batch
 from fieldcalib.calibrate.options import PINHOLE_FLAGS
 from fieldcalib.cli.predictions import read_files, read_ground_truth
@@ -30,6 +33,7 @@ from fieldcalib.problem.labelled_pixels import Pixels, check_segments
 
 Segments: TypeAlias = Literal["GT", "pred", "-"]
 Homographies: TypeAlias = Sequence[Array | None]
+T = TypeVar("T")
 
 MAIN_CAMERA = "Main camera center"
 ZETA, FAR_ZETA = 100.0, 1000.0  # px
@@ -133,8 +137,18 @@ Runs: TypeAlias = Mapping[tuple[str, Segments], Run]
 """By method and source of the segments."""
 
 
-def run_methods(dataset: Dataset, field: Field, steps: int) -> Runs:
-    """Run every method that the data set has the input for; `steps` are those of TVCalib's optimiser."""
+def run_methods(dataset: Dataset, field: Field, steps: int, databases: Sequence[Database] = ()) -> Runs:
+    """Run every method that the data set has the input for.
+
+    Parameters
+    ----------
+    dataset : Dataset
+    field : Field
+    steps : int
+        Of TVCalib's optimiser.
+    databases : sequence of Database
+        Of Chen and Little's method, of the same field and each of another distribution of cameras.
+    """
     runs: dict[tuple[str, Segments], Run] = {}
     for method, homographies in dataset.homographies.items():
         runs[method, "-"] = Run(list(homographies))
@@ -148,24 +162,36 @@ def run_methods(dataset: Dataset, field: Field, steps: int) -> Runs:
         ours = partial(calibrate_batch, field, frames, dataset.size)
         pinhole = partial(ours, flags=PINHOLE_FLAGS)
         theirs = partial(tvcalib.calibrate, field, frames, dataset.size, steps=steps)
-        runs[OURS, segments] = _timed(f"{dataset.name}: {OURS}", len(frames), ours)
-        runs[OURS_PINHOLE, segments] = _timed(f"{dataset.name}: {OURS_PINHOLE}", len(frames), pinhole)
-        runs[TVCALIB, segments] = _timed(f"{dataset.name}: {TVCALIB}", len(frames), theirs)
+        for method, calibrate in ((OURS, ours), (OURS_PINHOLE, pinhole), (TVCALIB, theirs)):
+            calibrations, milliseconds = _timed(f"{dataset.name}: {method}", len(frames), calibrate)
+            losses = np.array([c.loss_ndc for c in calibrations])
+            runs[method, segments] = Run([c.camera for c in calibrations], losses, milliseconds)
         H, found = dlt_lines.homographies(field, frames, dataset.size)
         by_lines = [H[t] if found[t] else None for t in range(len(H))]
         runs[DLT, segments] = Run(list(by_lines))
         runs[decomposed(DLT), segments] = _decompose(by_lines, dataset, ZETA)
         runs[decomposed(DLT) + FAR, segments] = _decompose(by_lines, dataset, FAR_ZETA)
+        for database in databases:
+            method = CHEN if database.distribution == chen_cameras.CHEN else CHEN_WIDER
+            retrieve = partial(_retrieved, database, field, frames, dataset.size)
+            retrieved, milliseconds = _timed(f"{dataset.name}: {method}", len(frames), retrieve)
+            runs[method, segments] = Run(list(retrieved), milliseconds=milliseconds)
+            runs[decomposed(method), segments] = _decompose(retrieved, dataset, ZETA)
+            runs[decomposed(method) + FAR, segments] = _decompose(retrieved, dataset, FAR_ZETA)
     return runs
+
+
+def _retrieved(database: Database, field: Field, frames: Sequence[Pixels], size: tuple[int, int]) -> list[Array | None]:
+    return [homography(database, edges_of_pixels(field, frame, size), size) for frame in frames]
 
 
 def _decompose(homographies: Homographies, dataset: Dataset, zeta: float) -> Run:
     return Run([c.camera for c in hdecomp.calibrate(homographies, dataset.size, zeta=zeta)])
 
 
-def _timed(what: str, count: int, calibrate: Callable[[], list[Calibration]]) -> Run:
+def _timed(what: str, count: int, method: Callable[[], T]) -> tuple[T, float]:
+    """What a method gives of some frames, and its milliseconds per frame."""
     print(f"{what}, {count} frames", file=sys.stderr)
     began = time.perf_counter()
-    calibrations = calibrate()
-    milliseconds = 1e3 * (time.perf_counter() - began) / max(count, 1)
-    return Run([c.camera for c in calibrations], np.array([c.loss_ndc for c in calibrations]), milliseconds)
+    result = method()
+    return result, 1e3 * (time.perf_counter() - began) / max(count, 1)

@@ -22,6 +22,7 @@ import numpy as np
 
 import fieldcalib
 from baselines import tvcalib
+from baselines.chen.database import Database
 from baselines.methods import Dataset, Runs, Segments, read_dataset, run_methods
 from baselines.published import (
     ANNOTATED,
@@ -49,6 +50,7 @@ from fieldcalib.metrics import compound_score, evaluate_segments, iou_part
 SIZES: dict[DatasetName, tuple[int, int]] = {"SN-Calib-test-center": (960, 540), "WC14-test": (1280, 720)}
 SHARES: dict[DatasetName, float] = {"SN-Calib-test-center": SN_TEST_CENTER / SN_TEST, "WC14-test": 1.0}
 TITLES: dict[Evaluated, str] = {"camera": "cameras", "homography": "homographies, segments on the ground only"}
+ONLY_HOMOGRAPHIES = (DLT, ANNOTATED, CHEN, CHEN_WIDER, JIANG)
 COLUMNS = ("AC@5", "AC@10", "AC@20", "CR", "CS", "IoU_part mean", "median")
 
 
@@ -80,6 +82,14 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument("--wc14-pred", type=Path, metavar="DIR", help="segments that a network found in WC14")
     parser.add_argument("--chen", type=Path, metavar="DIR", help="Chen's homographies of WC14, <id>.homographyMatrix")
     parser.add_argument(
+        "--chen-database",
+        type=Path,
+        action="append",
+        default=[],
+        metavar="FILE",
+        help="run Chen's method with this database of python -m baselines.chen; again for one of other cameras",
+    )
+    parser.add_argument(
         "--jiang", type=Path, metavar="DIR", help="Jiang's homographies, as baselines.jiang writes them"
     )
     parser.add_argument(
@@ -100,13 +110,16 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 def _run(options: argparse.Namespace) -> int:
     field = soccer()
+    databases = [Database.read(path) for path in options.chen_database]
+    for database in databases:
+        database.check_field(field)
     datasets: list[Dataset] = []
     if options.sncalib is not None:
         datasets.append(_read("SN-Calib-test-center", options.sncalib, options.sncalib_pred, {}))
     if options.wc14 is not None:
         others = {m: path for m, path in ((CHEN, options.chen), (JIANG, options.jiang)) if path is not None}
         datasets.append(_read("WC14-test", options.wc14, options.wc14_pred, others))
-    runs = {dataset.name: run_methods(dataset, field, options.steps) for dataset in datasets}
+    runs = {dataset.name: run_methods(dataset, field, options.steps, databases) for dataset in datasets}
     rows = [row for dataset in datasets for row in measure(dataset, runs[dataset.name], field)]
     statistics = [dataset_statistics(dataset) for dataset in datasets]
     if options.json:
@@ -143,7 +156,7 @@ def measure(dataset: Dataset, runs: Runs, field: Field) -> list[Measured]:
             for tau in (TAU, None)
         }
         wanted |= {(r.method, r.segments, r.tau): r for r in published if r.evaluated == evaluated}
-        extra = [key for key in runs if evaluated == "homography" or key[0] not in (DLT, ANNOTATED, CHEN, JIANG)]
+        extra = [key for key in runs if evaluated == "homography" or key[0] not in ONLY_HOMOGRAPHIES]
         taus = {key: (TAU, None) if runs[key].losses is not None else (None,) for key in extra}
         wanted |= {(*key, tau): None for key in extra for tau in taus[key] if (*key, tau) not in wanted}
         rows += [_measure(key, row, evaluated, dataset, runs, field) for key, row in wanted.items()]
@@ -194,6 +207,10 @@ def _reason(method: str, segments: Segments, dataset: Dataset) -> str:
         if network in method:
             if segments == "-" and option:
                 return f"needs their homographies: {option} DIR"
+            if network in (CHEN, CHEN_WIDER) and segments == "GT":
+                return "needs their database: --chen-database FILE"
+            if network in (CHEN, CHEN_WIDER):
+                return f"needs segments that a network found, and their database: {name} DIR --chen-database FILE"
             return "needs their network, run on these segments"
     if segments == "pred":
         return f"needs segments that a network found: {name} DIR"

@@ -1,14 +1,19 @@
 """The paper's tables: the published numbers, and measured ones on synthetic frames."""
 
+import io
 import json
+from contextlib import redirect_stdout
 
 import numpy as np
 import pytest
 from synthetic import random_frames
 
 from baselines import tables
+from baselines.chen.cameras import DRAWS
+from baselines.chen.database import Database
+from baselines.chen.features import Siamese
 from baselines.methods import read_dataset, run_methods
-from baselines.published import ANNOTATED, CHEN, DLT, FAR, JIANG, OURS, ROWS, TAU, TVCALIB, hdecomp
+from baselines.published import ANNOTATED, CHEN, CHEN_WIDER, DLT, FAR, JIANG, OURS, ROWS, TAU, TVCALIB, hdecomp
 from fieldcalib.fields.soccer import soccer
 from fieldcalib.geometry.camera import Camera
 from fieldcalib.io.soccernet import format_annotation, format_camera_types
@@ -74,11 +79,9 @@ def everything(sncalib, wc14):
     """Rows of a run on all that the tables can use."""
     arguments = ["--sncalib", sncalib, "--sncalib-pred", sncalib, "--wc14", wc14, "--wc14-pred", wc14]
     arguments += ["--chen", wc14 / "chen", "--jiang", wc14 / "jiang", *STEPS, "--json"]
-    with pytest.MonkeyPatch.context() as patch:
-        printed = []
-        patch.setattr("builtins.print", lambda *text, **_: printed.extend(text))
+    with redirect_stdout(io.StringIO()) as printed:
         assert tables.main([str(argument) for argument in arguments]) == 0
-    return rows_of("".join(text for text in printed if text.startswith("{")))
+    return rows_of(printed.getvalue())
 
 
 def test_every_published_row_is_there_with_its_numbers(everything):
@@ -124,7 +127,7 @@ def test_predicted_segments_score_as_what_they_are(everything):
 def test_rows_that_cannot_be_measured_say_why(sncalib, capsys):
     text = run(capsys, "--sncalib", sncalib, *STEPS)
     assert "TVCalib (pred): needs segments that a network found: --sncalib-pred DIR" in text
-    assert "needs their network" in text
+    assert "Chen and Little (U_FoV + U_xyz) (GT): needs their database: --chen-database FILE" in text
     assert "WC14-test" not in text.split("SN-Calib-test-center, 960x540")[1]
     rows = rows_of(run(capsys, "--sncalib", sncalib, *STEPS, "--json"))
     unmeasured = [row for row in rows.values() if row["values"] is None]
@@ -190,3 +193,30 @@ def test_zeta_100_rejects_what_zeta_1000_takes(tmp_path):
     runs = run_methods(read_dataset("WC14-test", tmp_path, (1280, 720)), soccer(), steps=3)
     assert runs[hdecomp(ANNOTATED), "-"].predictions == [None]
     assert runs[hdecomp(ANNOTATED) + FAR, "-"].predictions != [None]
+
+
+def test_chens_method_runs_with_a_database(wc14, tmp_path, capsys):
+    for name, extract in (("chen", Siamese.shipped()), ("uniform", None)):
+        Database.made(soccer(), name, DRAWS[name], extract, count=1500).write(tmp_path / f"{name}.npz")
+    options = ["--chen-database", tmp_path / "chen.npz", "--chen-database", tmp_path / "uniform.npz"]
+    rows = rows_of(run(capsys, "--wc14", wc14, *STEPS, "--json", *options))
+    for method in (CHEN, CHEN_WIDER):
+        row = rows["WC14-test", "homography", method, "GT", None]
+        assert row["values"]["CR"] == 100.0
+        assert row["values"]["IoU_part mean"] > 50.0
+        assert row["milliseconds"] > 0.0
+        assert rows["WC14-test", "camera", hdecomp(method), "GT", None]["values"] is not None
+        assert ("WC14-test", "camera", method, "GT", None) not in rows
+    assert rows["WC14-test", "homography", CHEN, "GT", None]["published"]["AC@5"] == 61.2
+    reasons = {key[2:4]: row["reason"] for key, row in rows.items()}
+    assert "--wc14-pred DIR --chen-database FILE" in reasons[CHEN, "pred"]
+    assert "--chen DIR" in reasons[CHEN, "-"]
+
+
+def test_a_database_of_another_field_is_refused(wc14, tmp_path, capsys):
+    Database.made(soccer(100.0, 64.0), "chen", DRAWS["chen"], None, count=10).write(tmp_path / "small.npz")
+    options = ["--wc14", wc14, *STEPS, "--chen-database", tmp_path / "small.npz"]
+    assert tables.main([str(option) for option in options]) != 0
+    said = capsys.readouterr().err
+    assert "of another field" in said
+    assert OURS not in said.replace("fieldcalib: ", "")  # nothing has been run
