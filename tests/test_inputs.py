@@ -328,5 +328,5 @@ def test_one_thread_is_one_that_computes(tmp_path, picture):
     folder = Path(fieldcalib.__file__).parents[1]
     done = subprocess.run(command, capture_output=True, text=True, env=environment, cwd=folder, check=True)
     threads = int(done.stdout.split()[-1])
-    # beside it one reads ahead, one looks whether reads come back, tqdm has one that sleeps, and so may PyAV
-    assert threads <= 5
+    # beside it one reads ahead, one looks whether reads come back, and PyAV may have one
+    assert threads <= 4

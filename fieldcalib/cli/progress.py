@@ -20,5 +20,6 @@ def progress_bar(*, unit: str, total: int | None = None, desc: str = "") -> tqdm
 
     class Bar(tqdm):  # type: ignore[misc]
         disable = True
+        monitor_interval = 0  # no thread that looks whether it moves: each bar would have one
 
     return Bar(unit=unit, total=total, desc=desc, disable=None)  # None: only on a terminal
