@@ -4,34 +4,51 @@ from __future__ import annotations
 
 import sys
 import time
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
-from typing import Literal, TypeAlias, TypeVar
+from typing import TypeAlias, TypeVar
 
 import numpy as np
 
 from baselines import dlt_lines, hdecomp, tvcalib
 from baselines.chen import cameras as chen_cameras
 from baselines.chen.database import Database
-from baselines.chen.edges import edges_of_pixels
+from baselines.chen.edges import edges_of_pixels, edges_of_probabilities
 from baselines.chen.search import homography
-from baselines.published import ANNOTATED, CHEN, CHEN_WIDER, DLT, FAR, OURS, OURS_PINHOLE, TVCALIB, DatasetName
+from baselines.published import (
+    ANNOTATED,
+    CHEN,
+    CHEN_WIDER,
+    DLT,
+    FAR,
+    OURS,
+    OURS_PINHOLE,
+    TVCALIB,
+    DatasetName,
+    Segments,
+)
 from baselines.published import hdecomp as decomposed
 from fieldcalib._types import Array
+from fieldcalib.assess.result import Calibration
 from fieldcalib.calibrate.batch import calibrate_batch
 from fieldcalib.calibrate.options import PINHOLE_FLAGS
+from fieldcalib.cli.frames import image_files
 from fieldcalib.cli.predictions import read_files, read_ground_truth
 from fieldcalib.fields.field import Field
 from fieldcalib.fields.soccer import soccer
+from fieldcalib.images.from_images import calibrate_from_images
 from fieldcalib.io.formats import ANNOTATIONS, HOMOGRAPHIES
+from fieldcalib.io.image import Image
+from fieldcalib.io.images import parse_image
+from fieldcalib.io.pnlcalib import Detections, keypoint_field, parse_detections
 from fieldcalib.io.soccernet import CAMERA_TYPES, UNKNOWN_LABELS, read_camera_types
 from fieldcalib.io.wc14 import AlignmentName
+from fieldcalib.localize import SegmentationNetwork
 from fieldcalib.metrics import Prediction
 from fieldcalib.problem.labelled_pixels import Pixels, check_segments
 
-Segments: TypeAlias = Literal["GT", "pred", "-"]
 Homographies: TypeAlias = Sequence[Array | None]
 T = TypeVar("T")
 
@@ -53,6 +70,10 @@ class Dataset:
     """From the field to the image, by their source."""
     types: Mapping[str, str] | None
     """Camera type of every image in the folder, if known."""
+    detections: Sequence[Detections] | None = None
+    """What PnLCalib's networks found, if it is there."""
+    pictures: Sequence[Image] | None = None
+    """Pictures of the frames, of the data set's size: then methods begin with these."""
 
     @property
     def frames(self) -> list[Pixels]:
@@ -67,6 +88,8 @@ def read_dataset(
     *,
     predicted: Path | None = None,
     others: Mapping[str, Path] | None = None,
+    detections: Path | None = None,
+    pictures: Path | None = None,
 ) -> Dataset:
     """Read a folder of annotations, homographies beside them included.
 
@@ -85,16 +108,24 @@ def read_dataset(
         Folder of ``<id>.json`` with segments that a network found.
     others : mapping of str to Path, optional
         Folders of other systems' ``<id>.homographyMatrix``, by method.
+    detections : Path, optional
+        Folder of ``<id>.json`` with the points and lines that PnLCalib's networks found.
+    pictures : Path, optional
+        Folder of ``<id>.jpg`` or ``<id>.png``, squashed or not; frames without one are left out.
 
     Raises
     ------
     ValueError
-        If a file is broken: tables of the other frames would not be comparable.
+        If no frame has a picture, or a file is broken: tables of the other frames would not be comparable.
     """
     broken: list[str] = []
     types = read_camera_types([path]) if (path / CAMERA_TYPES).is_file() else None
     truth = read_ground_truth(path, size, broken, field=soccer(), camera_type=MAIN_CAMERA if types else None)
-    ids = list(truth.annotations)
+    images = {} if pictures is None else _read_pictures(pictures, truth.annotations, size, broken)
+    annotations = {id: one for id, one in truth.annotations.items() if pictures is None or id in images}
+    if not annotations:
+        raise ValueError(f"{pictures}: expected pictures of the annotated frames, <id>.jpg or <id>.png")
+    ids = list(annotations)
     homographies: dict[str, Homographies] = {}
     if truth.homographies:
         homographies[ANNOTATED] = [truth.homographies.get(id) for id in ids]
@@ -110,9 +141,24 @@ def read_dataset(
             files, lambda content: check_segments(soccer(), ANNOTATIONS.read(content, size), size), broken
         )
         segments = {id: parsed.get(id, {}) for id in ids}
+    found_by_pnlcalib = None
+    if detections is not None:
+        files = [file for file in ANNOTATIONS.find([detections]) if file.id in annotations]
+        parsed_detections = read_files(files, lambda content: parse_detections(content, size), broken)
+        found_by_pnlcalib = [parsed_detections.get(id, Detections({}, {})) for id in ids]
     if broken:
         raise ValueError(f"broken files: {'; '.join(broken)}")
-    return Dataset(name, size, truth.annotations, segments, homographies, types)
+    views = None if pictures is None else list(images.values())
+    return Dataset(name, size, annotations, segments, homographies, types, found_by_pnlcalib, views)
+
+
+def _read_pictures(folder: Path, ids: Iterable[str], size: tuple[int, int], broken: list[str]) -> dict[str, Image]:
+    """Pictures by id, in the order of `ids`, stretched to a size if they have another one."""
+    import cv2
+
+    files = [file for file in image_files([folder]) if file.id in set(ids)]
+    found = read_files(files, parse_image, broken)
+    return {id: np.asarray(cv2.resize(found[id], size, interpolation=cv2.INTER_CUBIC)) for id in ids if id in found}
 
 
 @dataclass(frozen=True)
@@ -149,7 +195,14 @@ def run_methods(dataset: Dataset, field: Field, steps: int, databases: Sequence[
     databases : sequence of Database
         Of Chen and Little's method, of the same field and each of another distribution of cameras.
     """
+    if dataset.pictures is not None:
+        return _from_pictures(dataset, dataset.pictures, field, databases)
     runs: dict[tuple[str, Segments], Run] = {}
+    if dataset.detections is not None:
+        detected = partial(_from_detections, keypoint_field(field), dataset.detections, dataset.size)
+        what = f"{dataset.name}: {OURS}, PnLCalib's detections"
+        calibrations, milliseconds = _timed(what, len(dataset.detections), detected)
+        runs[OURS, "PnLCalib"] = Run([c.camera for c in calibrations], milliseconds=milliseconds)
     for method, homographies in dataset.homographies.items():
         runs[method, "-"] = Run(list(homographies))
         runs[decomposed(method), "-"] = _decompose(homographies, dataset, ZETA)
@@ -160,6 +213,7 @@ def run_methods(dataset: Dataset, field: Field, steps: int, databases: Sequence[
     for segments, raw in inputs.items():
         frames = [check_segments(field, frame, dataset.size) for frame in raw]
         ours = partial(calibrate_batch, field, frames, dataset.size)
+        calibrate_batch(field, frames[:1], dataset.size)  # what is compiled is compiled before the clock starts
         pinhole = partial(ours, flags=PINHOLE_FLAGS)
         theirs = partial(tvcalib.calibrate, field, frames, dataset.size, steps=steps)
         for method, calibrate in ((OURS, ours), (OURS_PINHOLE, pinhole), (TVCALIB, theirs)):
@@ -172,13 +226,52 @@ def run_methods(dataset: Dataset, field: Field, steps: int, databases: Sequence[
         runs[decomposed(DLT), segments] = _decompose(by_lines, dataset, ZETA)
         runs[decomposed(DLT) + FAR, segments] = _decompose(by_lines, dataset, FAR_ZETA)
         for database in databases:
-            method = CHEN if database.distribution == chen_cameras.CHEN else CHEN_WIDER
+            method = _method_of(database)
             retrieve = partial(_retrieved, database, field, frames, dataset.size)
             retrieved, milliseconds = _timed(f"{dataset.name}: {method}", len(frames), retrieve)
             runs[method, segments] = Run(list(retrieved), milliseconds=milliseconds)
             runs[decomposed(method), segments] = _decompose(retrieved, dataset, ZETA)
             runs[decomposed(method) + FAR, segments] = _decompose(retrieved, dataset, FAR_ZETA)
     return runs
+
+
+def _from_pictures(
+    dataset: Dataset, pictures: Sequence[Image], field: Field, databases: Sequence[Database]
+) -> dict[tuple[str, Segments], Run]:
+    """The methods that take images: the whole of fieldcalib, and Chen and Little's on what its network finds."""
+    network = SegmentationNetwork.load()
+    ours = partial(calibrate_from_images, field, pictures, network)
+    calibrate_from_images(field, pictures[:1], network)  # what is compiled is compiled before the clock starts
+    calibrations, milliseconds = _timed(f"{dataset.name}: {OURS}", len(pictures), ours)
+    cameras = [c.camera if c.accepted else None for c in calibrations]
+    runs: dict[tuple[str, Segments], Run] = {(OURS, "images"): Run(list(cameras), milliseconds=milliseconds)}
+    for database in databases:
+        method = _method_of(database)
+        retrieve = partial(_retrieved_from_pictures, database, field, pictures, network)
+        retrieved, milliseconds = _timed(f"{dataset.name}: {method}", len(pictures), retrieve)
+        runs[method, "images"] = Run(list(retrieved), milliseconds=milliseconds)
+        runs[decomposed(method), "images"] = _decompose(retrieved, dataset, ZETA)
+    return runs
+
+
+def _retrieved_from_pictures(
+    database: Database, field: Field, pictures: Sequence[Image], network: SegmentationNetwork
+) -> list[Array | None]:
+    found = []
+    for picture in pictures:
+        (probability,) = network([picture])
+        edges = edges_of_probabilities(probability, network.classes, field)
+        found.append(homography(database, edges, (picture.shape[1], picture.shape[0])))
+    return found
+
+
+def _from_detections(field: Field, detections: Sequence[Detections], size: tuple[int, int]) -> list[Calibration]:
+    frames = [check_segments(field, one.image_segments, size) for one in detections]
+    return calibrate_batch(field, frames, size, weights=[one.weights for one in detections])
+
+
+def _method_of(database: Database) -> str:
+    return CHEN if database.distribution == chen_cameras.CHEN else CHEN_WIDER
 
 
 def _retrieved(database: Database, field: Field, frames: Sequence[Pixels], size: tuple[int, int]) -> list[Array | None]:

@@ -2,6 +2,8 @@
 
     python -m baselines.tables --sncalib DIR --wc14 DIR [--markdown | --json] [--figures DIR]
 
+    python -m baselines.tables --sncalib DIR --sncalib-images DIR --wc14 DIR --wc14-images DIR --wc14-pnlcalib DIR
+
 SN-Calib-test-center is scored at 960x540, WC14-test at 1280x720. CS is the variant that made the paper's tables
 (`fieldcalib.metrics.compound_score`). Rows for which the data lacks the input are listed with the reason.
 """
@@ -16,14 +18,14 @@ from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
 from importlib.util import find_spec
 from pathlib import Path
-from typing import Any
+from typing import Any, get_args
 
 import numpy as np
 
 import fieldcalib
 from baselines import tvcalib
 from baselines.chen.database import Database
-from baselines.methods import Dataset, Runs, Segments, read_dataset, run_methods
+from baselines.methods import Dataset, Runs, read_dataset, run_methods
 from baselines.published import (
     ANNOTATED,
     CHEN,
@@ -34,6 +36,8 @@ from baselines.published import (
     LENS,
     OURS,
     OURS_PINHOLE,
+    PNLCALIB,
+    RELEASED,
     ROWS,
     SN_TEST,
     SN_TEST_CENTER,
@@ -41,14 +45,21 @@ from baselines.published import (
     DatasetName,
     Evaluated,
     Published,
+    Segments,
 )
 from fieldcalib.cli.main import run_command
 from fieldcalib.fields.field import Field
 from fieldcalib.fields.soccer import soccer
 from fieldcalib.metrics import compound_score, evaluate_segments, iou_part
 
-SIZES: dict[DatasetName, tuple[int, int]] = {"SN-Calib-test-center": (960, 540), "WC14-test": (1280, 720)}
-SHARES: dict[DatasetName, float] = {"SN-Calib-test-center": SN_TEST_CENTER / SN_TEST, "WC14-test": 1.0}
+SN, WC, SN_PICTURES, WC_PICTURES = get_args(DatasetName)
+SIZES: dict[DatasetName, tuple[int, int]] = {
+    SN: (960, 540),
+    WC: (1280, 720),
+    SN_PICTURES: (960, 540),
+    WC_PICTURES: (1280, 720),
+}
+SHARES: dict[DatasetName, float] = {SN: SN_TEST_CENTER / SN_TEST, WC: 1.0, SN_PICTURES: 1.0, WC_PICTURES: 1.0}
 TITLES: dict[Evaluated, str] = {"camera": "cameras", "homography": "homographies, segments on the ground only"}
 ONLY_HOMOGRAPHIES = (DLT, ANNOTATED, CHEN, CHEN_WIDER, JIANG)
 COLUMNS = ("AC@5", "AC@10", "AC@20", "CR", "CS", "IoU_part mean", "median")
@@ -80,6 +91,16 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument("--wc14", type=Path, metavar="DIR", help="WC14 test annotations and homographies")
     parser.add_argument("--sncalib-pred", type=Path, metavar="DIR", help="segments that a network found in SN-Calib")
     parser.add_argument("--wc14-pred", type=Path, metavar="DIR", help="segments that a network found in WC14")
+    parser.add_argument(
+        "--sncalib-images",
+        type=Path,
+        metavar="DIR",
+        help="pictures of some of these frames: a table of methods from images",
+    )
+    parser.add_argument("--wc14-images", type=Path, metavar="DIR", help="the same of WC14, squashed or not")
+    parser.add_argument(
+        "--wc14-pnlcalib", type=Path, metavar="DIR", help="points and lines that PnLCalib's networks found in WC14"
+    )
     parser.add_argument("--chen", type=Path, metavar="DIR", help="Chen's homographies of WC14, <id>.homographyMatrix")
     parser.add_argument(
         "--chen-database",
@@ -103,6 +124,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
     options = parser.parse_args(arguments)
     if options.sncalib is None and options.wc14 is None:
         parser.error("nothing to measure: give --sncalib, --wc14 or both")
+    for name in ("sncalib", "wc14"):
+        if getattr(options, name) is None and getattr(options, f"{name}_images") is not None:
+            parser.error(f"--{name}-images needs --{name}: pictures are scored with the annotations of their frames")
     if options.figures is not None and find_spec("matplotlib") is None:
         parser.error("drawing figures needs matplotlib: pip install 'fieldcalib[figures]'")
     return run_command(options)
@@ -115,10 +139,16 @@ def _run(options: argparse.Namespace) -> int:
         database.check_field(field)
     datasets: list[Dataset] = []
     if options.sncalib is not None:
-        datasets.append(_read("SN-Calib-test-center", options.sncalib, options.sncalib_pred, {}))
+        datasets.append(_read(SN, options.sncalib, predicted=options.sncalib_pred))
+    if options.sncalib_images is not None:
+        datasets.append(_read(SN_PICTURES, options.sncalib, pictures=options.sncalib_images))
     if options.wc14 is not None:
         others = {m: path for m, path in ((CHEN, options.chen), (JIANG, options.jiang)) if path is not None}
-        datasets.append(_read("WC14-test", options.wc14, options.wc14_pred, others))
+        datasets.append(
+            _read(WC, options.wc14, predicted=options.wc14_pred, others=others, detections=options.wc14_pnlcalib)
+        )
+    if options.wc14_images is not None:
+        datasets.append(_read(WC_PICTURES, options.wc14, pictures=options.wc14_images))
     runs = {dataset.name: run_methods(dataset, field, options.steps, databases) for dataset in datasets}
     rows = [row for dataset in datasets for row in measure(dataset, runs[dataset.name], field)]
     statistics = [dataset_statistics(dataset) for dataset in datasets]
@@ -135,24 +165,25 @@ def _run(options: argparse.Namespace) -> int:
     if options.figures is not None:
         from baselines import figures  # imports matplotlib
 
-        for path in figures.draw(options.figures, datasets, runs):
+        annotated = [dataset for dataset in datasets if dataset.pictures is None]
+        for path in figures.draw(options.figures, annotated, runs):
             print(f"fieldcalib: {path}", file=sys.stderr)
     return 0
 
 
-def _read(name: DatasetName, path: Path, predicted: Path | None, others: Mapping[str, Path]) -> Dataset:
-    return read_dataset(name, path, SIZES[name], predicted=predicted, others=others)
+def _read(name: DatasetName, path: Path, **more: Any) -> Dataset:
+    return read_dataset(name, path, SIZES[name], **more)
 
 
 def measure(dataset: Dataset, runs: Runs, field: Field) -> list[Measured]:
     """All rows of a data set: those of fieldcalib, the published ones, and methods that the paper does not have."""
     rows: list[Measured] = []
-    published = [row for row in ROWS if row.dataset == dataset.name]
+    published = [row for row in (*ROWS, *RELEASED) if row.dataset == dataset.name]
     for evaluated in TITLES:
         wanted: dict[tuple[str, Segments, float | None], Published | None] = {
             (method, segments, tau): None
             for (method, segments) in runs
-            if method in (OURS, OURS_PINHOLE)
+            if method in (OURS, OURS_PINHOLE) and segments in ("GT", "pred")
             for tau in (TAU, None)
         }
         wanted |= {(r.method, r.segments, r.tau): r for r in published if r.evaluated == evaluated}
@@ -200,6 +231,8 @@ def _measure(
 
 def _reason(method: str, segments: Segments, dataset: Dataset) -> str:
     """Reason why a row cannot be measured."""
+    if method == PNLCALIB:
+        return "their solver is not part of this project; fieldcalib's row has the same input"
     if method.endswith(LENS):
         return "the lens of TVCalib's own optimiser is not part of this project; fieldcalib's row has one"
     name = "--sncalib-pred" if dataset.name == "SN-Calib-test-center" else "--wc14-pred"
@@ -259,7 +292,8 @@ def as_text(statistics: Sequence[Mapping[str, Any]], rows: Sequence[Measured], s
             parts.append(_heading(f"{dataset}, {width}x{height}: {title}", markdown))
             parts.append(
                 f"Measured, in brackets published; percent. TVCalib with {steps} steps (published: {tvcalib.STEPS}). "
-                f"Segments: GT annotated, pred found by a network, - not used."
+                f"Segments: GT annotated, pred found by a network, PnLCalib points and lines that its networks found, "
+                "images found by the method itself, - not used."
             )
             members = [row for row in rows if (row.dataset, row.evaluated) == (dataset, evaluated)]
             parts.append(_table(*_results_table(members), markdown=markdown))

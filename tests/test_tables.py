@@ -4,6 +4,7 @@ import io
 import json
 from contextlib import redirect_stdout
 
+import cv2
 import numpy as np
 import pytest
 from synthetic import random_frames
@@ -13,9 +14,24 @@ from baselines.chen.cameras import DRAWS
 from baselines.chen.database import Database
 from baselines.chen.features import Siamese
 from baselines.methods import read_dataset, run_methods
-from baselines.published import ANNOTATED, CHEN, CHEN_WIDER, DLT, FAR, JIANG, OURS, ROWS, TAU, TVCALIB, hdecomp
+from baselines.published import (
+    ANNOTATED,
+    CHEN,
+    CHEN_WIDER,
+    DLT,
+    FAR,
+    JIANG,
+    OURS,
+    PNLCALIB,
+    ROWS,
+    TAU,
+    TVCALIB,
+    hdecomp,
+)
+from fieldcalib.draw.scene import render_field
 from fieldcalib.fields.soccer import soccer
 from fieldcalib.geometry.camera import Camera
+from fieldcalib.io.pnlcalib import keypoint_field, keypoint_name
 from fieldcalib.io.soccernet import format_annotation, format_camera_types
 from fieldcalib.io.wc14 import format_homography
 from fieldcalib.metrics import compound_score
@@ -211,6 +227,62 @@ def test_chens_method_runs_with_a_database(wc14, tmp_path, capsys):
     reasons = {key[2:4]: row["reason"] for key, row in rows.items()}
     assert "--wc14-pred DIR --chen-database FILE" in reasons[CHEN, "pred"]
     assert "--chen DIR" in reasons[CHEN, "-"]
+
+
+def detections_of(camera):
+    """What PnLCalib's networks would find without errors: some of its points, and one line."""
+    width, height = camera.image_size
+    field, found = keypoint_field(soccer()), {}
+    for id in range(1, 58):
+        x, y = camera.project(np.array(field[keypoint_name(id)].X))
+        if 0.0 <= x < width and 0.0 <= y < height:
+            found[str(id)] = {"x": x / width, "y": y / height, "p": 0.9}
+    return json.dumps({"kp": found, "lines": {}})
+
+
+def test_pictures_and_detections_have_rows_of_their_own(wc14, tmp_path, capsys):
+    """Three of five frames have a picture, drawn and squashed; the table of pictures counts these alone."""
+    _, cameras = random_frames(COUNT, seed=5, noise=0.5, stands=("main center",), image_size=(1280, 720))
+    pictures, detections = tmp_path / "pictures", tmp_path / "detections"
+    pictures.mkdir()
+    detections.mkdir()
+    (detections / "legend.json").write_text('{"points": []}')  # of no frame
+    for index, camera in enumerate(cameras):
+        (detections / f"{index}.json").write_text(detections_of(camera))
+        if index < 3:
+            cv2.imwrite(str(pictures / f"{index}.png"), cv2.resize(render_field(camera, soccer()), (640, 640)))
+    options = ["--wc14-images", pictures, "--wc14-pnlcalib", detections]
+    text = run(capsys, "--wc14", wc14, *options, *STEPS, "--json")
+    rows, sizes = rows_of(text), {one["dataset"]: one["images"] for one in json.loads(text)["datasets"]}
+    assert sizes == {"WC14-test": COUNT, "WC14-test, pictures": 3}
+    found = rows["WC14-test", "camera", OURS, "PnLCalib", None]
+    assert found["values"]["CR"] == 100.0
+    assert found["values"]["AC@20"] > 85.0
+    assert rows["WC14-test", "camera", PNLCALIB, "PnLCalib", None]["published"]["AC@5"] == 73.9
+    seen = rows["WC14-test, pictures", "homography", OURS, "images", None]
+    assert seen["values"]["CR"] > 60.0
+    assert seen["values"]["IoU_part mean"] > 90.0
+    assert seen["milliseconds"] > 0.0
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        (["--wc14-images", "."], "--wc14-images needs --wc14"),
+        (["--sncalib-images", "."], "--sncalib-images needs --sncalib"),
+    ],
+)
+def test_pictures_need_their_annotations(wc14, sncalib, capsys, options, message):
+    other = ["--sncalib", sncalib] if "--wc14-images" in options else ["--wc14", wc14]
+    with pytest.raises(SystemExit):
+        tables.main([str(one) for one in [*other, *options]])
+    assert message in capsys.readouterr().err
+
+
+def test_a_folder_without_pictures_of_the_frames_is_refused(wc14, tmp_path, capsys):
+    cv2.imwrite(str(tmp_path / "another.png"), np.zeros((36, 64, 3), np.uint8))
+    assert tables.main(["--wc14", str(wc14), "--wc14-images", str(tmp_path), *STEPS]) == 2
+    assert "expected pictures of the annotated frames" in capsys.readouterr().err
 
 
 def test_a_database_of_another_field_is_refused(wc14, tmp_path, capsys):
