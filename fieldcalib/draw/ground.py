@@ -15,7 +15,7 @@ import numpy as np
 
 from fieldcalib._types import Array, BoolArray, Float32, IntArray
 from fieldcalib.fields.field import Field
-from fieldcalib.fields.segments import Arc, Line, Point, PointCloud, Segment
+from fieldcalib.fields.segments import Arc, Line, Point, PointCloud, Segment, outwards
 from fieldcalib.fields.soccer import GOAL_AREA_DEPTH
 from fieldcalib.fields.traits import Paint
 from fieldcalib.geometry.camera import Camera
@@ -186,17 +186,11 @@ def _strokes(segment: Segment, paint: Paint, field: Field, least: float) -> Iter
             ends = X[:, :2]
             lengths = np.hypot(*np.diff(ends, axis=0).T)
             begins = np.cumsum(lengths) - lengths - 0.5 * lengths.sum()  # from the middle of the segment
+            moves = paint.outwards * outwards(segment, 0.5 * (X[:-1] + X[1:]), np.diff(X, axis=0))[:, :2]
             if paint.outwards:
                 cap = paint.outwards + half  # a border closes its corners
-            for start, end, begin in zip(ends[:-1], ends[1:], begins, strict=True):
-                yield _Straight(paint.colour, *_moved(start, end, paint.outwards), half, cap, begin, dashes)
-
-
-def _moved(start: Array, end: Array, outwards: float) -> tuple[Array, Array]:
-    """A line, further away from the origin."""
-    across = np.array([start[1] - end[1], end[0] - start[0]]) / np.hypot(*(end - start))
-    shift = np.copysign(outwards, across @ (start + end)) * across
-    return start + shift, end + shift
+            for start, end, move, begin in zip(ends[:-1], ends[1:], moves, begins, strict=True):
+                yield _Straight(paint.colour, start + move, end + move, half, cap, begin, dashes)
 
 
 @dataclass(frozen=True)

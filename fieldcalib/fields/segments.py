@@ -144,6 +144,24 @@ Segment: TypeAlias = Point | Line | Arc | PointCloud
 ObjectSegments: TypeAlias = Mapping[str, Segment]
 
 
+def outwards(segment: Segment, X: Array, along: Array) -> Array:
+    """Unit vectors (N, 3) on the ground across a segment at points (N, 3), away from the middle of the field.
+
+    Of an arc they point away from its own centre. `along` are vectors along the segment there, (N, 3).
+
+    Examples
+    --------
+    >>> line = Line((-52.5, -34.0, 0.0), (52.5, -34.0, 0.0))
+    >>> outwards(line, line.sample(105.0), np.array([[1.0, 0.0, 0.0]])).tolist()
+    [[0.0, -1.0, 0.0], [0.0, -1.0, 0.0]]
+    """
+    across = np.column_stack([along[:, 1], -along[:, 0], np.zeros(len(along))])
+    across /= np.maximum(np.linalg.norm(across, axis=1, keepdims=True), 1e-9)
+    centre = segment.center if isinstance(segment, Arc) else (0.0, 0.0, 0.0)
+    inside = np.sum(across * (X - centre), axis=1, keepdims=True) < 0.0
+    return np.asarray(np.where(inside, -across, across) + 0.0)
+
+
 def boxes(segments: ObjectSegments) -> tuple[Array, Array]:
     """Least and largest coordinates (L, 3) of each segment, metres."""
     samples = [segment.sample() for segment in segments.values()]

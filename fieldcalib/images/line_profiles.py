@@ -6,6 +6,7 @@ lines at any distance. (skimage.measure.profile_line samples one profile per cal
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -15,7 +16,7 @@ from numpy.typing import ArrayLike
 from fieldcalib._types import Array, BoolArray, Float32, IntArray
 from fieldcalib.calibrate.options import pixel_unit
 from fieldcalib.fields.field import Field
-from fieldcalib.fields.segments import Arc, ObjectSegments, Point, PointCloud, Segment
+from fieldcalib.fields.segments import Arc, ObjectSegments, Point, PointCloud, Segment, outwards
 from fieldcalib.fields.stands import SOCCER_SCALE
 from fieldcalib.fields.traits import LineLook, Paint
 from fieldcalib.geometry.camera import Camera
@@ -74,24 +75,26 @@ class Markings:
         An object that is no `Field` gets the default `LineLook`.
         """
         look, scale = LineLook(), SOCCER_SCALE
-        paint = dict.fromkeys(object_segments, Paint(width=look.width))
+        paint_of: Callable[[str], Paint] = dict.fromkeys(object_segments, Paint(width=look.width)).__getitem__
         if isinstance(object_segments, Field):
             look, scale = object_segments.lines, object_segments.scale
-            paint = {label: object_segments.paint_of(label) for label in object_segments}
+            paint_of = object_segments.paint_of
         whole = {_circle(segment) for segment in object_segments.values() if _is_whole(segment)}
         markings = {
             label: segment
             for label, segment in object_segments.items()
-            if paint[label].is_along and _is_curve(segment) and (_is_whole(segment) or _circle(segment) not in whole)
+            if _is_curve(segment) and (_is_whole(segment) or _circle(segment) not in whole)
         }
+        paint = {label: paint_of(label) for label in markings}
+        markings = {label: segment for label, segment in markings.items() if paint[label].is_along}
         points = [segment.sample(POINT_SPACING * scale) for segment in markings.values()]
         along = [d / np.linalg.norm(d, axis=1, keepdims=True) for d in (np.gradient(X, axis=0) for X in points)]
-        outwards = [
-            paint[label].outwards * _away(markings[label], X, d)
+        counts = [len(X) for X in points]
+        parts = [
+            -paint[label].outwards * outwards(markings[label], X, d) if paint[label].outwards else np.zeros_like(X)
             for label, X, d in zip(markings, points, along, strict=True)
         ]
-        counts = [len(X) for X in points]
-        inwards = -np.concatenate([np.zeros((0, 3)), *outwards])
+        inwards = np.concatenate([np.zeros((0, 3)), *parts])
         return cls(
             tuple(markings),
             np.repeat(np.arange(len(points)), counts),
@@ -102,14 +105,6 @@ class Markings:
             inwards,
             look,
         )
-
-
-def _away(segment: Segment, X: Array, along: Array) -> Array:
-    """Unit vectors on the ground across a segment at points X, away from its centre or, of lines, from the origin."""
-    across = _cross(along, (0.0, 0.0, 1.0))
-    from_centre = X - segment.center if isinstance(segment, Arc) else X
-    away = np.sign(np.sum(across * from_centre, axis=1, keepdims=True)) * across
-    return np.asarray(away / np.maximum(np.linalg.norm(across, axis=1, keepdims=True), 1e-9))
 
 
 def _is_curve(segment: Segment) -> bool:
