@@ -35,6 +35,7 @@ from fieldcalib.cli.fields import add_sized_field, field_of
 from fieldcalib.cli.folder import Found, calibrate_files, calibrate_folder, lost, outcome_of
 from fieldcalib.cli.frames import Frame, ReadImage, image_files
 from fieldcalib.cli.main import run_command
+from fieldcalib.cli.progress import progress_bar
 from fieldcalib.cli.results import calibration_line
 from fieldcalib.cli.units import Made, add_jobs
 from fieldcalib.fields.field import Field
@@ -142,14 +143,12 @@ def add_cameras(parser: argparse.ArgumentParser) -> None:
 
 
 def _make_database(options: argparse.Namespace) -> int:
-    from tqdm import tqdm
-
     extract = None
     if options.features == SIAMESE:
         extract = Siamese.shipped() if options.model is None else Siamese(options.model.read_bytes())
     elif options.model is not None:
         raise ValueError("--model is about --features siamese: histograms of gradients have none")
-    with tqdm(total=options.count, unit="camera", disable=None) as progress:
+    with progress_bar(total=options.count, unit="camera") as progress:
         database = Database.made(
             field_of(options),
             options.cameras,
