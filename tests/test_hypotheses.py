@@ -10,7 +10,8 @@ from fieldcalib.calibrate.options import ALL, DEFAULT_FLAGS
 from fieldcalib.cli.demo import camera_errors
 from fieldcalib.draw.scene import render_field
 from fieldcalib.fields.soccer import soccer
-from fieldcalib.images.hypotheses import calibrate_from_consensus, near_labels
+from fieldcalib.images.hypotheses import calibrate_from_consensus
+from fieldcalib.images.refinement import near_labels
 from fieldcalib.localize import Localization
 
 FIELD = soccer()
@@ -61,8 +62,8 @@ def test_without_lines_in_the_image_there_are_answers_all_the_same():
 def test_near_labels_are_those_that_a_camera_explains():
     elsewhere = camera(12, 75, 1000, (-2, 66, -16))
     labels = labelled(elsewhere)
-    near = set(near_labels(FIELD, TRUTH, labels))
+    near = set(near_labels(FIELD, TRUTH, labels.pixels, 12.0))
     assert near >= set(SEEN)
     assert not near & {"Big rect. right main", "Circle right"}
-    assert not set(near_labels(FIELD, elsewhere, labels)) & {"Circle central", "Middle line"}
-    assert set(near_labels(FIELD, TRUTH, labelled(TRUTH))) == set(labels.pixels)
+    assert not set(near_labels(FIELD, elsewhere, labels.pixels, 12.0)) & {"Circle central", "Middle line"}
+    assert set(near_labels(FIELD, TRUTH, labelled(TRUTH).pixels, 12.0)) == set(labels.pixels)

@@ -308,6 +308,12 @@ def test_a_homography_of_another_image_stays_as_it_is_and_says_so():
 
 
 def test_a_homography_in_yards_is_told_by_the_image():
-    truth = VIEWS["penalty area"]
+    truth = VIEWS["close"]
     found = refine_homography_on_image(FIELD, picture(truth), truth.homography @ np.diag([0.9144, 0.9144, 1.0]))
     assert found.message.endswith("if H maps yards: then give H @ np.diag([1.09361, 1.09361, 1])")
+
+
+def test_a_homography_in_yards_is_mended_where_the_paint_is_near():
+    truth = VIEWS["penalty area"]
+    found = refine_homography_on_image(FIELD, picture(truth), truth.homography @ np.diag([0.9144, 0.9144, 1.0]))
+    assert distance(found.camera, truth) < 1.0

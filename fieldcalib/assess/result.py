@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, fields, replace
 from dataclasses import field as attribute
 from enum import StrEnum
@@ -16,6 +16,7 @@ from numpy.typing import ArrayLike
 from fieldcalib._json import from_json, to_json
 from fieldcalib._types import Array
 from fieldcalib.assess.camera_errors import CameraErrors, GroundError, KnownErrors
+from fieldcalib.assess.markings import MarkingInView, is_contradicted, paint_complaints
 from fieldcalib.assess.observability import Direction
 from fieldcalib.assess.probability import evidence, probability_by_covariance, probability_right
 from fieldcalib.assess.solved import Solved
@@ -130,6 +131,8 @@ class Calibration:
     """What `uncertainty` is computed from; None where there is no camera, or it came from a closed form."""
     errors: KnownErrors | None = attribute(default=None, repr=False)
     """How far the camera may be off, where it was estimated with other frames and what was solved is not kept."""
+    markings: tuple[MarkingInView, ...] = attribute(default=(), repr=False)
+    """What the image shows of each painted marking in view; empty where no image was looked at."""
 
     @classmethod
     def without_camera(cls, status: Status, message: str) -> Calibration:
@@ -184,7 +187,7 @@ class Calibration:
             if not probability >= LEAST_PROBABILITY:
                 doubts.append(f"right to {self._tolerance:g} m with a probability of {probability:.2f}")
         unusual = () if self.solved is None else surprises(self._solved_uncertainty)
-        return (*doubts, *unusual, *self.complaints)
+        return (*paint_complaints(self.markings), *doubts, *unusual, *self.complaints)
 
     @property
     def knows_errors(self) -> bool:
@@ -309,6 +312,24 @@ class Calibration:
         doubt = f"right to {metres:g} m with a probability of {probability:.2f}, below {least:g}"
         return replace(self, status=Status.IMPROBABLE, message=f"{doubt}; {self.message}")
 
+    def seen_in_image(self, markings: Sequence[MarkingInView]) -> Calibration:
+        """The same with what its image shows of the markings in view.
+
+        A camera that was accepted is "probably wrong" if more of the paint lies beside its markings than on them.
+
+        Examples
+        --------
+        >>> from fieldcalib import calibrate_from_homography
+        >>> found = calibrate_from_homography([[8.0, 2, 480], [0, 3, 270], [0, 0.004, 1]], (960, 540))
+        >>> found.seen_in_image([MarkingInView("Middle line", 300.0, 25, share=0.1, offset=21.4)]).message
+        "most of the paint lies beside the markings: 'Middle line' lies 21 px beside its paint"
+        """
+        seen = replace(self, markings=tuple(markings))
+        if not self.accepted or not is_contradicted(markings):
+            return seen
+        reason = "; ".join(paint_complaints(markings))
+        return replace(seen, status=Status.IMPROBABLE, message=f"most of the paint lies beside the markings: {reason}")
+
     @property
     def _tolerance(self) -> float:
         """Metres to which a camera of this field is right or wrong."""
@@ -375,6 +396,7 @@ class Calibration:
             "field": None if self.field is None else field_to_record(self.field),
             "solved": None if self.solved is None else self.solved.to_dict(),
             **({} if self.errors is None else {"errors": self.errors.to_dict()}),
+            **({} if not self.markings else {"markings": [asdict(one) for one in self.markings]}),
             "version": VERSION,
         }
 
@@ -412,6 +434,7 @@ class Calibration:
                 None if record["field"] is None else field_from_record(record["field"]),
                 None if record["solved"] is None else Solved.from_dict(record["solved"]),
                 KnownErrors.from_dict(record["errors"]) if "errors" in record else None,
+                tuple(MarkingInView(**one) for one in record.get("markings", ())),
             )
         except KeyError as error:
             raise ValueError(f"is no calibration: the key {error} is missing") from None

@@ -16,9 +16,17 @@ from fieldcalib.calibrate.given_camera import GivenCamera
 from fieldcalib.calibrate.options import ALL, DEFAULT_FLAGS, Prior
 from fieldcalib.fields.segments import ObjectSegments
 from fieldcalib.geometry.camera import Camera
-from fieldcalib.images.hypotheses import calibrate_from_consensus, calibrate_localized, near_labels
+from fieldcalib.images.hypotheses import calibrate_from_consensus, calibrate_localized
 from fieldcalib.images.line_profiles import Markings
-from fieldcalib.images.refinement import SEARCH_RANGES, Refined, ToRefine, line_support, refine_all, unrefined
+from fieldcalib.images.refinement import (
+    SEARCH_RANGES,
+    Refined,
+    ToRefine,
+    line_support,
+    near_labels,
+    refine_all,
+    unrefined,
+)
 from fieldcalib.io.image import Image, each_checked
 from fieldcalib.io.images import IMAGES_AT_ONCE, in_parts
 from fieldcalib.localize import Localization, Network, localize
@@ -173,7 +181,7 @@ def _verified(
 ) -> list[tuple[Calibration, bool]]:
     """The refined calibrations of images of one size, as `_judged`; and whether each is sure."""
     given = [
-        ToRefine(image, calibration, part.pixels, part.weights)
+        ToRefine(image, calibration, part.pixels, part.weights, are_detected=True)
         for image, calibration, part in zip(images, calibrations, found, strict=True)
     ]
     refined = (
@@ -190,11 +198,12 @@ def _judged(
     object_segments: ObjectSegments, found: Localization, refined: Refined, *, refine: bool, least_support: float
 ) -> tuple[Calibration, bool]:
     """The calibration, "probably wrong" if its support or its probability is low; and whether it is sure."""
-    calibration, share = refined.calibration, refined.support
+    calibration, share = refined.judged, refined.support
     if calibration.camera is None or not calibration.accepted:
         return calibration, False
     explained = _explained(object_segments, calibration.camera, found)
-    is_sure = refine and share >= SURE_SUPPORT and explained >= LEAST_EXPLAINED_SURE
+    on_paint = not any(one.is_beside for one in calibration.markings)
+    is_sure = refine and share >= SURE_SUPPORT and explained >= LEAST_EXPLAINED_SURE and on_paint
     doubt = ""
     if share < least_support:
         doubt = f"only {100.0 * share:.0f} % line support: the image has few lines at the projected markings"
@@ -213,7 +222,7 @@ def _judged(
 def _explained(object_segments: ObjectSegments, camera: Camera, found: Localization) -> float:
     """Share of the labels' weight that belongs to labels near the projections of their segments."""
     weight = found.weight
-    near = near_labels(object_segments, camera, found)
+    near = near_labels(object_segments, camera, found.pixels, max(SEARCH_RANGES))
     return sum(weight[label] for label in near) / max(sum(weight.values()), 1e-9)
 
 

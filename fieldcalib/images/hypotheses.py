@@ -13,17 +13,14 @@ from itertools import combinations
 import numpy as np
 
 from fieldcalib.assess.result import Calibration
-from fieldcalib.assess.verdict import segment_errors
 from fieldcalib.calibrate.batch import calibrate_batch
 from fieldcalib.calibrate.given_camera import NOTHING_GIVEN, GivenCamera
-from fieldcalib.calibrate.options import CalibrationFlags, Prior, pixel_unit
+from fieldcalib.calibrate.options import CalibrationFlags, Prior
 from fieldcalib.fields.segments import ObjectSegments
-from fieldcalib.geometry.camera import Camera
 from fieldcalib.images.line_profiles import Markings
-from fieldcalib.images.refinement import SEARCH_RANGES, line_support
+from fieldcalib.images.refinement import SEARCH_RANGES, line_support, near_labels
 from fieldcalib.io.image import Image
 from fieldcalib.localize import Localization
-from fieldcalib.problem.evaluation import evaluate_camera
 
 HEAVIEST = 5  # segments, by the weight of their pixels
 PER_HYPOTHESIS = 3  # of them, the fewest that determine a camera: 10 hypotheses
@@ -81,7 +78,8 @@ def calibrate_from_consensus(
     cameras = [camera for camera in hypotheses if camera is not None]
     share = [line_support(image, camera, markings, max(SEARCH_RANGES)) for camera in cameras]
     best = [cameras[index] for index in np.argsort(share)[::-1][:VERIFIED]]
-    return calibrated(dict.fromkeys(near_labels(object_segments, camera, found) for camera in best))
+    near = (near_labels(object_segments, camera, found.pixels, max(SEARCH_RANGES)) for camera in best)
+    return calibrated(dict.fromkeys(near))
 
 
 def calibrate_localized(
@@ -104,9 +102,3 @@ def calibrate_localized(
         weights=[part.weights for part in parts],
         trust_labels=True,
     )
-
-
-def near_labels(object_segments: ObjectSegments, camera: Camera, found: Localization) -> tuple[str, ...]:
-    """Labels whose pixels lie within 12 px (in an image of 960x540) of their segments, root mean square."""
-    ((errors, _),) = segment_errors(evaluate_camera(camera, object_segments, found.pixels), [found.pixels])
-    return tuple(label for label, px in errors.items() if px < max(SEARCH_RANGES) * pixel_unit(camera.image_size))

@@ -7,7 +7,7 @@ lines at any distance. (skimage.measure.profile_line samples one profile per cal
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, fields, replace
 
 import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
@@ -45,6 +45,7 @@ LUMA = np.array(
 )  # of blue, green, red (Rec. 601): video has less resolution in colour
 LEAST_SIGNAL = 2.5  # times the median absolute deviation of the contrast in a profile; 5: 8 not accepted
 OTHER_COLOUR = 4.0  # times the median difference in colour from the ground is another thing: 0.99 of markings are below
+SAME_GROUND = 0.2  # of the contrast of a line: a smaller difference between both sides is that of lossy compression
 NOISE_WINDOW = 12.0  # px on both sides, at least, in which that deviation is measured; 6: 6 not accepted
 
 
@@ -65,6 +66,8 @@ class Markings:
     """Of the paint, metres, (N,)."""
     inwards: Array
     """From the middle of the paint to the segment, where that is elsewhere, as the edge of a border: metres, (N, 3)."""
+    is_arc: BoolArray
+    """Whether each segment is an arc, (len(labels),)."""
     look: LineLook
     """Appearance of their lines."""
 
@@ -103,6 +106,7 @@ class Markings:
             np.repeat(np.array([not np.any(X[:, 2]) for X in points], dtype=bool), counts),
             np.repeat(np.array([paint[label].width for label in markings], dtype=float), counts),
             inwards,
+            np.array([isinstance(segment, Arc) for segment in markings.values()], dtype=bool),
             look,
         )
 
@@ -137,11 +141,20 @@ class Profiles:
     """(n,)."""
     inwards: Array
     """From the middle of the paint to the segment, pixels, (n, 2)."""
+    spacing: Array
+    """Length of the projected marking for each profile, px, (n,)."""
     look: LineLook
     """Appearance of the lines."""
 
     def __len__(self) -> int:
         return len(self.xy)
+
+    @property
+    def on_ground_only(self) -> Profiles:
+        """Those across markings on the ground."""
+        some = self.on_ground
+        arrays = {one.name: getattr(self, one.name)[some] for one in fields(self) if one.name != "look"}
+        return replace(self, **arrays)
 
 
 def profiles_along(camera: Camera, markings: Markings) -> Profiles:
@@ -177,7 +190,8 @@ def profiles_along(camera: Camera, markings: Markings) -> Profiles:
     inwards = np.zeros_like(xy)
     if np.any(markings.inwards):
         inwards = camera.project(markings.X[place] + markings.inwards[place]) - xy
-    return Profiles(member, xy, normal, width, _room(member, xy), on_ground, inwards, markings.look)
+    spacing = (length / np.maximum(count, 1.0))[member]
+    return Profiles(member, xy, normal, width, _room(member, xy), on_ground, inwards, spacing, markings.look)
 
 
 def _cross(a: Array, b: ArrayLike) -> Array:
@@ -258,12 +272,16 @@ class Strips:
     """Whether the marking is in the middle of black, (n,): beside the part of a frame that is shown."""
 
     @classmethod
-    def of(cls, image: Image, profiles: Profiles, search_range: float) -> Strips:
-        """Strips that are long enough for search ranges up to one, in pixels of a 960 x 540 image."""
+    def of(cls, image: Image, profiles: Profiles, search_range: float, *, past_others: bool = False) -> Strips:
+        """Strips that are long enough for search ranges up to one, in pixels of a 960 x 540 image.
+
+        They end halfway to the next marking, unless they are to go `past_others`.
+        """
         unit = pixel_unit((image.shape[1], image.shape[0]))
         width = np.hypot(profiles.width, BLUR)
         spacing = width / 3.0
-        reach = np.maximum(np.minimum(search_range * unit, profiles.room), NOISE_WINDOW * unit)
+        room = np.inf if past_others else profiles.room
+        reach = np.maximum(np.minimum(search_range * unit, room), NOISE_WINDOW * unit)
         half = int(np.max(reach / spacing, initial=0.0))
         colour = _colours(image, profiles, spacing, half + FLANK + 2)
         look = profiles.look
@@ -278,7 +296,7 @@ class Strips:
             np.arange(-half - 1, half + 2) * spacing[:, None],
             contrast,
             _median(np.abs(contrast - _median(contrast)[:, None])),
-            _is_ground(colour, profiles.on_ground, look.ground_difference) | ~profiles.on_ground[:, None],
+            _is_ground(colour, contrast, profiles.on_ground, look.ground_difference) | ~profiles.on_ground[:, None],
             ~np.any(image[row, column], axis=-1),
         )
 
@@ -299,6 +317,25 @@ class Strips:
         vertex = 0.5 * (after - before) / np.where(curvature > 0.0, curvature, 1.0)
         found = np.where(seen, self.offset[row, best] + vertex * self.spacing, np.nan)
         return np.where(_consistent(found, profiles.member, SAME_LINE * self.unit), found, np.nan)
+
+    def ridges(self, search_range: float, count: int) -> tuple[Array, BoolArray]:
+        """Signed distances (n, count) of the strongest ridges from the marking, and which may be lines by their sides.
+
+        Nothing is said about neighbours and other markings; NaN stands for none.
+        """
+        profiles, contrast = self.profiles, self.contrast
+        middle, before, after = contrast[:, 1:-1], contrast[:, :-2], contrast[:, 2:]
+        least = np.where(profiles.on_ground, profiles.look.contrast, profiles.look.contrast_raised)
+        least = np.maximum(least, LEAST_SIGNAL * self.deviation)
+        top = (middle >= before) & (middle > after) & (middle > least[:, None])
+        top &= np.abs(self.offset[:, 1:-1]) <= search_range * self.unit
+        best = np.argpartition(-np.where(top, middle, -np.inf), count, axis=1)[:, :count]
+        row = np.arange(len(profiles))[:, None]
+        peak, left, right = middle[row, best], before[row, best], after[row, best]
+        curvature = 2.0 * peak - left - right
+        vertex = 0.5 * (right - left) / np.where(curvature > 0.0, curvature, 1.0)
+        offset = np.where(top[row, best], self.offset[row, best + 1] + vertex * self.spacing[:, None], np.nan)
+        return offset, self.may_be_line[row, best + 1]
 
 
 def _colours(image: Image, profiles: Profiles, spacing: Array, half: int) -> Float32:
@@ -321,15 +358,18 @@ def _colours(image: Image, profiles: Profiles, spacing: Array, half: int) -> Flo
     return np.array(channels, np.float32) * np.float32(1.0 / (3 * ROWS))
 
 
-def _is_ground(colour: Float32, on_ground: BoolArray, largest: float) -> BoolArray:
+def _is_ground(colour: Float32, contrast: Float32, on_ground: BoolArray, largest: float) -> BoolArray:
     """Whether the ground has about the same colour on both sides of each sample, and that beside most other markings.
 
-    Chromaticities are compared: the share of each channel in the sum of the three.
+    Chromaticities are compared: the share of each channel in the sum of the three. Where the colours are saturated and
+    compressed these differ by much although the ground is the same; then both sides are alike beside the line.
 
     Parameters
     ----------
     colour : (3, n, m) array
         Blue, green, red.
+    contrast : (n, m - 2 * FLANK) array
+        By how much each sample is lighter than both sides.
     on_ground : (n,) array
         Which profiles cross a marking on the ground.
     largest : float
@@ -343,6 +383,8 @@ def _is_ground(colour: Float32, on_ground: BoolArray, largest: float) -> BoolArr
     share /= np.sum(share, axis=0)
     one_side, other_side = share[..., : -2 * FLANK], share[..., 2 * FLANK :]
     alike = np.max(np.abs(one_side - other_side), axis=0) < largest
+    difference = np.max(np.abs(colour[..., : -2 * FLANK] - colour[..., 2 * FLANK :]), axis=0)
+    alike |= difference < SAME_GROUND * contrast
     if not np.any(on_ground):
         return np.asarray(alike)
     centre = alike.shape[1] // 2

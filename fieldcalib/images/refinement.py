@@ -11,21 +11,26 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import ArrayLike
 
+from fieldcalib.assess.markings import paint_share
 from fieldcalib.assess.result import Calibration
+from fieldcalib.assess.verdict import segment_errors
 from fieldcalib.calibrate.batch import calibrate_batch
 from fieldcalib.calibrate.from_homography import calibrate_from_homography
 from fieldcalib.calibrate.options import ALL, DEFAULT_FLAGS, PAINT, CalibrationFlags, Prior, pixel_unit
 from fieldcalib.fields.segments import ObjectSegments
 from fieldcalib.geometry.camera import Camera
 from fieldcalib.geometry.homography import YARD
-from fieldcalib.images.line_profiles import Markings, Strips, pixels_of_lines, profiles_along
+from fieldcalib.images.line_profiles import Markings, Strips, lines_near, pixels_of_lines, profiles_along
+from fieldcalib.images.paint_evidence import PaintEvidence, paint_evidence
 from fieldcalib.io.image import Image, checked_image
+from fieldcalib.problem.evaluation import evaluate_camera
 from fieldcalib.problem.labelled_pixels import ImageSegments, Pixels, Weights, check_segments
 from fieldcalib.problem.losses import RobustLoss
 
 # Lengths are in pixels of a 960 x 540 image and grow with the image.
 SEARCH_RANGES = (12.0, 4.0)  # px from the projected markings, in the first and the second pass
 LOSS_SCALE = 2.0  # px: detected lines are more accurate than that, others are outliers
+STRAY = 8.0  # px: pixels that a network labelled are that far off in 1 of 100 segments that are there
 PROFILES_PER_SEGMENT = 5.0  # number of profiles that carries the weight of one segment without a weight
 LEAST_SUPPORT_REFINED = 0.35  # broadcast frames: 0.36 to 0.9 for cameras within 3 px, below 0.38 for 95 % of wrong ones
 
@@ -90,7 +95,7 @@ def refine_on_image(
     labelled = check_segments(object_segments, image_segments or {}, size)
     one = ToRefine(checked_image(image, size), calibration, labelled, weights or {})
     (refined,) = refine_all(object_segments, Markings.of(object_segments), [one], flags=flags, prior=prior)
-    return refined.calibration
+    return calibration if refined.calibration is calibration else refined.judged
 
 
 def refine_homography_on_image(
@@ -163,6 +168,8 @@ class ToRefine:
     calibration: Calibration
     labelled: Pixels
     weights: Weights
+    are_detected: bool = False
+    """Whether a network labelled the pixels: what it mistook for a segment is no evidence against the camera."""
 
 
 @dataclass(frozen=True)
@@ -172,6 +179,13 @@ class Refined:
     calibration: Calibration
     support: float
     """NaN where there is no camera."""
+    paint: PaintEvidence | None = None
+    """What the image shows of the markings in view; None where that was not looked at."""
+
+    @property
+    def judged(self) -> Calibration:
+        """The calibration with what the image shows of the markings."""
+        return self.calibration if self.paint is None else self.calibration.seen_in_image(self.paint.markings)
 
 
 def refine_all(
@@ -182,13 +196,69 @@ def refine_all(
     flags: int,
     prior: Prior,
 ) -> list[Refined]:
-    """`refine_on_image` for images of one size, solved together."""
+    """`refine_on_image` for images of one size, solved together.
+
+    Where markings lie beside their paint, cameras that begin from that paint are tried too.
+    """
+    refined = _in_passes(object_segments, markings, given, flags, prior)
+    refined = [_with_paint(one, image.image, markings) for one, image in zip(refined, given, strict=True)]
+    off = [t for t, one in enumerate(refined) if one.calibration.accepted and one.paint and one.paint.beside]
+    if off:
+        moved = _moved_to_paint(
+            object_segments, markings, [refined[t] for t in off], [given[t] for t in off], flags, prior
+        )
+        for t, one in zip(off, moved, strict=True):
+            refined[t] = one
+    return refined
+
+
+def _with_paint(one: Refined, image: Image, markings: Markings) -> Refined:
+    camera = one.calibration.camera
+    return one if camera is None else replace(one, paint=paint_evidence(image, camera, markings))
+
+
+def _moved_to_paint(
+    object_segments: ObjectSegments,
+    markings: Markings,
+    refined: Sequence[Refined],
+    given: Sequence[ToRefine],
+    flags: int,
+    prior: Prior,
+) -> list[Refined]:
+    """Cameras that are also fitted to the paint beside their markings, where more of the markings lie on paint then."""
+    members = []
+    for one, image in zip(refined, given, strict=True):
+        assert one.paint is not None
+        assert one.calibration.camera is not None
+        lines, _ = lines_near(image.image, one.calibration.camera, markings, SEARCH_RANGES[-1])
+        members.append((one.calibration, {**lines, **one.paint.beside}, replace(image, labelled={}, weights={})))
+    fixed = flags | CalibrationFlags.CALIB_FIX_PRINCIPAL_POINT
+    starts = _calibrated(object_segments, members, fixed, prior, loss_scale=max(SEARCH_RANGES))
+    again = [replace(image, calibration=start) for image, start in zip(given, starts, strict=True)]
+    found = _in_passes(object_segments, markings, again, flags, prior)
+    moved = [_with_paint(one, image.image, markings) for one, image in zip(found, given, strict=True)]
+    return [
+        new if new.calibration.accepted and _paint_share(new) > _paint_share(old) else old
+        for old, new in zip(refined, moved, strict=True)
+    ]
+
+
+def _paint_share(one: Refined) -> float:
+    return 0.0 if one.paint is None else paint_share(one.paint.markings)
+
+
+def _in_passes(
+    object_segments: ObjectSegments, markings: Markings, given: Sequence[ToRefine], flags: int, prior: Prior
+) -> list[Refined]:
+    """Cameras fitted to the lines near their markings, in two passes, or as they were."""
     found = {t: one.calibration for t, one in enumerate(given)}
     strips = _strips(given, found, markings)
     best = _with_support(given, strips)
     # lines that are found far away may be others: a principal point that is free would absorb them
     flags_of_passes = flags | CalibrationFlags.CALIB_FIX_PRINCIPAL_POINT, flags
     for search_range, kept in zip(SEARCH_RANGES, flags_of_passes, strict=True):
+        if search_range < SEARCH_RANGES[0]:
+            given = [_without_stray(object_segments, one, found.get(t)) for t, one in enumerate(given)]
         members = [
             (found[t], pixels_of_lines(markings, one.profiles, one.lines(search_range)), given[t])
             for t, one in strips.items()
@@ -201,6 +271,21 @@ def refine_all(
         if support >= max(LEAST_SUPPORT_REFINED, best[t].support):
             best[t] = Refined(found[t], support)
     return best
+
+
+def near_labels(object_segments: ObjectSegments, camera: Camera, pixels: Pixels, distance: float) -> tuple[str, ...]:
+    """Labels whose pixels lie near their segments, root mean square; the distance is that in an image of 960x540."""
+    ((errors, _),) = segment_errors(evaluate_camera(camera, object_segments, pixels), [pixels])
+    return tuple(label for label, px in errors.items() if px < distance * pixel_unit(camera.image_size))
+
+
+def _without_stray(object_segments: ObjectSegments, one: ToRefine, found: Calibration | None) -> ToRefine:
+    """The same without segments that a network saw elsewhere than a camera that fits the lines of the image."""
+    if not one.are_detected or found is None or found.camera is None or not one.labelled:
+        return one
+    near = near_labels(object_segments, found.camera, one.labelled, STRAY)
+    weights = {label: weight for label, weight in one.weights.items() if label in near}
+    return replace(one, labelled={label: one.labelled[label] for label in near}, weights=weights)
 
 
 def _strips(
@@ -254,6 +339,7 @@ def _calibrated(
     given: Sequence[tuple[Calibration, Pixels, ToRefine]],
     flags: int,
     prior: Prior,
+    loss_scale: float = LOSS_SCALE,
 ) -> list[Calibration]:
     """The cameras fitted to detected lines, and to labelled pixels of segments without one, from those of before."""
     cameras = [calibration.camera for calibration, _, _ in given if calibration.camera is not None]
@@ -272,7 +358,7 @@ def _calibrated(
         cameras=cameras,
         flags=flags,
         prior=prior,
-        loss=RobustLoss("cauchy", LOSS_SCALE * pixel_unit(size)),
+        loss=RobustLoss("cauchy", loss_scale * pixel_unit(size)),
         weights=weights,
         trust_labels=True,
         paint=PAINT,

@@ -1,0 +1,148 @@
+"""Paint beside projected markings: which markings lie on paint, which lie beside it, and which show none.
+
+Refinement looks for lines close to the projected markings. A marking whose paint lies further off is not used there,
+and the others fit, so that a camera may be consistent and wrong. Here the paint of every marking in view is looked for
+in a wide band. Ridges across the marking, with the same ground on both sides, that lie along a straight line (or a
+shifted arc), and are clearly more than those where it is projected, are its paint.
+
+Posts and crossbars are left out: nets and stands behind them are full of lines.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from fieldcalib._types import Array, BoolArray, IntArray
+from fieldcalib.assess.markings import MarkingInView
+from fieldcalib.geometry.camera import Camera
+from fieldcalib.images.line_profiles import SPACING, Markings, Profiles, Strips, profiles_along
+from fieldcalib.io.image import Image
+from fieldcalib.problem.labelled_pixels import Pixels
+
+# Lengths are in pixels of a 960 x 540 image and grow with the image.
+BAND = 30.0  # px to both sides of a marking in which its paint is looked for
+ON_PAINT = 2.25  # px: nearer ridges are the paint of the marking
+BESIDE = 3.0  # px: what is found in right cameras of 98 broadcast frames is at most 2.9 px off
+SAME_RUN = 1.2  # px from the line or arc that the paint follows
+PEAKS = 5  # ridges of a profile, the strongest ones
+LEAST_PLACES = 6  # profiles of a marking: fewer show no run
+SEEN = 0.5  # share of the profiles that paint beside a marking must have,
+MORE, MORE_SHARE = 3, 0.25  # and by how many and by which share of the profiles it must exceed what lies on the marking
+NEARER = 0.2  # share of the profiles that paint at the end of the band must have more than paint at the marking
+PAIRS = 150  # of ridges of a marking, each of which gives a line or an arc
+APART = 0.3  # least share of the profiles of a marking between the two of a pair
+LEAST_DETERMINANT = 0.1  # of their directions: two ridges with parallel normals do not tell how an arc is shifted
+
+
+@dataclass(frozen=True, eq=False)
+class PaintEvidence:
+    """What an image shows of the markings on the ground that a camera sees."""
+
+    markings: tuple[MarkingInView, ...]
+    beside: Pixels
+    """Pixels (N, 2) of the paint of markings that lie beside it."""
+
+
+def paint_evidence(image: Image, camera: Camera, markings: Markings) -> PaintEvidence:
+    """Look for the paint of every marking in view, up to 30 px (in an image of 960 x 540) beside its projection.
+
+    Parameters
+    ----------
+    image : (height, width, 3) uint8 array
+        Blue, green, red.
+    camera : Camera
+    markings : Markings
+        Lighter or darker than the ground, as the field's `LineLook` says.
+
+    Examples
+    --------
+    >>> from fieldcalib import soccer
+    >>> from fieldcalib.draw.scene import render_field
+    >>> truth = Camera.from_angles(0.3, 1.36, 0.0, 1300.0, (0.0, 66.0, -16.0), (960, 540))
+    >>> wider = Markings.of(soccer(105.0, 72.0))  # the camera is right, the size of the pitch is not
+    >>> found = {one.label: one for one in paint_evidence(render_field(truth, soccer()), truth, wider).markings}
+    >>> found["Big rect. right main"].share, round(found["Side line top"].offset)
+    (1.0, 4)
+    """
+    profiles = profiles_along(camera, markings).on_ground_only
+    strips = Strips.of(image, profiles, BAND, past_others=True)
+    offset, may_be_line = strips.ridges(BAND, PEAKS)
+    unit, shown = strips.unit, ~strips.is_black
+    is_on = shown & np.any(np.abs(offset) < ON_PAINT * unit, axis=1)
+    found, beside = [], {}
+    for k in np.unique(profiles.member[shown]):
+        at = np.flatnonzero(shown & (profiles.member == k))
+        on, off = int(np.count_nonzero(is_on[at])), 0.0
+        if len(at) >= LEAST_PLACES and on < (1.0 - MORE_SHARE) * len(at):
+            others = np.flatnonzero(is_on & (profiles.member != k))
+            free = may_be_line[at] & ~_is_paint_of(profiles, others, _pixels(profiles, at, offset[at]), unit)
+            ridges = np.where(free, offset[at], np.nan)
+            basis = profiles.normal[at] if markings.is_arc[k] else _along(len(at))
+            off, run = _run_beside(ridges, basis, on, unit)
+            if np.isfinite(run).any():
+                seen = np.isfinite(run)
+                xy = _pixels(profiles, at[seen], run[seen, None])[:, 0]
+                beside[markings.labels[k]] = xy + profiles.inwards[at[seen]]
+        length = float(np.sum(profiles.spacing[at]))
+        found.append(MarkingInView(markings.labels[k], length, len(at), on / len(at), off))
+    return PaintEvidence(tuple(found), beside)
+
+
+def _along(count: int) -> Array:
+    """Basis (n, 2) of offsets of a line that is moved and turned."""
+    return np.column_stack([np.ones(count), np.linspace(-1.0, 1.0, count)])
+
+
+def _pixels(profiles: Profiles, at: IntArray, offset: Array) -> Array:
+    """Pixels (n, k, 2) at offsets (n, k) from the markings of profiles `at` (n,)."""
+    return np.asarray(profiles.xy[at][:, None] + offset[..., None] * profiles.normal[at][:, None])
+
+
+def _is_paint_of(profiles: Profiles, others: IntArray, xy: Array, unit: float) -> BoolArray:
+    """Which pixels (n, k, 2) lie on the markings of `others` (m,), profiles that show paint at their place."""
+    dx, dy = np.moveaxis(xy[:, :, None] - profiles.xy[others], -1, 0)
+    nx, ny = profiles.normal[others].T
+    with np.errstate(invalid="ignore"):
+        across, along = np.abs(dx * nx + dy * ny), np.abs(dx * ny - dy * nx)
+        return np.asarray(np.any((across < ON_PAINT * unit) & (along < SPACING * unit), axis=-1))
+
+
+def _run_beside(offset: Array, basis: Array, on: int, unit: float) -> tuple[float, Array]:
+    """Largest distance of the paint beside a marking, 0 without any, and its offset in each profile, (n,) or NaN.
+
+    Lines or arcs through pairs of ridges are compared by the number of profiles with a ridge on them. The pairs are the
+    same in every run.
+
+    Parameters
+    ----------
+    offset : (n, k) array
+        Ridges of the profiles of the marking, in their order along it; NaN for none.
+    basis : (n, 2) array
+        Offsets that a moved marking has are combinations of these columns.
+    on : int
+        Number of profiles with a ridge where the marking is projected.
+    """
+    n, nothing = len(offset), np.full(len(offset), np.nan)
+    place, peak = np.nonzero(np.isfinite(offset))
+    if len(np.unique(place)) < max(LEAST_PLACES, SEEN * n):
+        return 0.0, nothing
+    i, j = np.random.default_rng(0).integers(len(place), size=(2, PAIRS))
+    pairs = np.stack([basis[place[i]], basis[place[j]]], axis=1)
+    good = (np.abs(place[i] - place[j]) >= APART * n) & (np.abs(np.linalg.det(pairs)) > LEAST_DETERMINANT)
+    if not np.any(good):
+        return 0.0, nothing
+    values = np.stack([offset[place[i], peak[i]], offset[place[j], peak[j]]], axis=1)
+    predicted = np.linalg.solve(pairs[good], values[good][..., None])[..., 0] @ basis.T  # (pairs, n)
+    near = np.any(np.abs(offset - predicted[..., None]) < SAME_RUN * unit, axis=2)
+    count = np.sum(near, axis=1)
+    # of parallel markings, the nearer one: that another one is seen as well is no reason to take it
+    best = int(np.argmax(count - NEARER * n * np.mean(np.abs(predicted), axis=1) / (BAND * unit)))
+    if count[best] < max(SEEN * n, on + max(MORE, MORE_SHARE * n)):
+        return 0.0, nothing
+    distance = np.where(np.isfinite(offset), np.abs(offset - predicted[best][:, None]), np.inf)
+    run = np.where(near[best], offset[np.arange(n), np.argmin(distance, axis=1)], np.nan)
+    fitted, *_ = np.linalg.lstsq(basis[near[best]], run[near[best]], rcond=None)
+    largest = float(np.max(np.abs(basis @ fitted)))
+    return (largest, run) if largest > BESIDE * unit else (0.0, nothing)

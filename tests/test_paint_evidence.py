@@ -1,0 +1,150 @@
+"""Paint beside projected markings: found where it is, on rendered pictures, and nothing where markings lie on paint."""
+
+import json
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from strategies import numbers
+from synthetic import observe, whole_circle_markings
+from views import camera
+
+from fieldcalib.assess.markings import MarkingInView, is_contradicted, paint_complaints
+from fieldcalib.assess.result import Calibration, Status, Verdict
+from fieldcalib.calibrate.from_segments import calibrate_from_segments
+from fieldcalib.calibrate.options import ALL, DEFAULT_FLAGS
+from fieldcalib.draw.scene import render_field
+from fieldcalib.fields.soccer import soccer
+from fieldcalib.fields.sports.ice_hockey import ice_hockey
+from fieldcalib.fields.sports.tennis import tennis
+from fieldcalib.geometry.camera import Camera
+from fieldcalib.images.line_profiles import Markings
+from fieldcalib.images.paint_evidence import paint_evidence
+from fieldcalib.images.refinement import ToRefine, refine_all
+
+FIELD = soccer()
+MARKINGS = Markings.of(FIELD)
+PENALTY_AREA = camera(24, 78, 1400, (0, 68, -17), k=(0.06, 0.0))
+
+
+def picture(truth, field=FIELD, seed=0):
+    return render_field(truth, field, rng=np.random.default_rng(seed))
+
+
+PICTURE = picture(PENALTY_AREA)
+
+
+def turned(truth, pan=0.0, tilt=0.0):
+    """A camera that looks some pixels aside."""
+    a, b, c = truth.angles
+    f = truth.focal_length
+    return Camera.from_angles(a + pan / f, b + tilt / f, c, f, truth.C, truth.image_size, k=truth.dist[0, :2])
+
+
+@pytest.mark.parametrize(
+    ("field", "truth"),
+    [
+        (FIELD, PENALTY_AREA),
+        (FIELD, camera(3, 75, 1000, (-2, 66, -16), roll=0.5)),
+        (tennis(), camera(0, 65, 1400, (0, 28, -9))),
+        (ice_hockey(), camera(0, 65, 700, (0, 35, -14))),  # dark lines on ice
+    ],
+    ids=["penalty area", "midfield", "tennis", "ice hockey"],
+)
+def test_true_camera_lies_on_its_paint(field, truth):
+    found = paint_evidence(picture(truth, field), truth, Markings.of(field))
+    assert len(found.markings) > 4
+    assert not found.beside
+    assert paint_complaints(found.markings) == ()
+    assert np.mean([one.share for one in found.markings]) > 0.8
+
+
+@settings(max_examples=15, deadline=None)
+@given(pan=numbers(-22.0, 22.0), tilt=numbers(-22.0, 22.0))
+def test_what_is_found_beside_markings_is_paint(pan, tilt):
+    """A camera that looks aside: all that is found lies where the true camera projects markings."""
+    found = paint_evidence(PICTURE, turned(PENALTY_AREA, pan, tilt), MARKINGS)
+    paint = PENALTY_AREA.project(np.concatenate([s.sample(0.1) for s in FIELD.markings.values()]))
+    paint = paint[np.isfinite(paint).all(axis=1)]
+    for label, xy in found.beside.items():
+        distance = np.min(np.linalg.norm(xy[:, None] - paint, axis=-1), axis=1)
+        assert np.max(distance) < 2.0, label
+
+
+@settings(max_examples=15, deadline=None)
+@given(tilt=numbers(5.0, 15.0))
+def test_distance_of_paint_is_that_of_the_projections(tilt):
+    wrong, label = turned(PENALTY_AREA, tilt=tilt), "Side line top"  # nothing is painted beyond
+    (found,) = (one for one in paint_evidence(PICTURE, wrong, MARKINGS).markings if one.label == label)
+    X = FIELD[label].sample(0.2)
+    at, true = wrong.project(X), PENALTY_AREA.project(X)
+    seen = np.all((at > 2.0) & (at < np.subtract(wrong.image_size, 3.0)), axis=1)
+    along = np.gradient(at[seen], axis=0)
+    normal = np.column_stack([-along[:, 1], along[:, 0]]) / np.linalg.norm(along, axis=1, keepdims=True)
+    distance = np.abs(np.sum((true[seen] - at[seen]) * normal, axis=1))
+    assert found.offset == pytest.approx(np.max(distance), abs=1.5)
+
+
+@settings(max_examples=10, deadline=None)
+@given(side=st.sampled_from((-1.0, 1.0)), pixels=numbers(8.0, 22.0))
+def test_camera_that_looks_aside_is_contradicted(side, pixels):
+    found = paint_evidence(PICTURE, turned(PENALTY_AREA, tilt=side * pixels), MARKINGS)
+    assert is_contradicted(found.markings)
+
+
+def test_refinement_uses_paint_beyond_its_search_range():
+    """The far touchline and the goal line are 16 px and more beside a camera that fits the penalty area alone."""
+    labels = ("Big rect. right main", "Big rect. right bottom", "Circle right")
+    pixels = observe(whole_circle_markings(FIELD), PENALTY_AREA)
+    rng = np.random.default_rng(4)
+    near = {label: pixels[label] + rng.normal(0.0, 2.5, pixels[label].shape) for label in labels}
+    start = calibrate_from_segments(FIELD, near, PENALTY_AREA.image_size)
+    before = paint_evidence(PICTURE, start.camera, MARKINGS)
+    assert before.beside, "the case has no marking beside its paint"
+    given_ = ToRefine(PICTURE, replace(start, status=Status.ACCEPTED), {}, {})
+    (refined,) = refine_all(FIELD, MARKINGS, [given_], flags=DEFAULT_FLAGS, prior=ALL)
+    assert refined.judged.accepted
+    assert not any(one.is_beside for one in refined.judged.markings)
+    X = FIELD["Side line top"].sample(2.0)
+    at, true = refined.calibration.camera.project(X), PENALTY_AREA.project(X)
+    seen = np.all((true > 0.0) & (true < PENALTY_AREA.image_size), axis=1)
+    assert np.max(np.linalg.norm(at[seen] - true[seen], axis=1)) < 1.5
+
+
+def accepted():
+    labels = ("Side line top", "Side line right", "Big rect. right main", "Big rect. right top", "Circle right")
+    pixels = {label: PENALTY_AREA.project(FIELD[label].sample(4.0)) for label in labels}
+    found = calibrate_from_segments(FIELD, pixels, PENALTY_AREA.image_size)
+    assert found.verdict is Verdict.GOOD
+    return found
+
+
+def test_marking_beside_its_paint_is_a_concern():
+    on = MarkingInView("Side line top", 700.0, 30, 0.95, 0.0)
+    found = accepted().seen_in_image([on, MarkingInView("Middle line", 200.0, 12, 0.1, 17.2)])
+    assert found.verdict is Verdict.CHECK
+    assert found.reason.startswith("'Middle line' lies 17 px beside its paint; ")
+    assert accepted().seen_in_image([on]).verdict is Verdict.GOOD
+
+
+def test_long_marking_without_paint_is_a_concern():
+    unseen = MarkingInView("Side line bottom", 700.0, 30, 0.1, 0.0)
+    assert accepted().seen_in_image([unseen]).verdict is Verdict.CHECK
+    assert accepted().seen_in_image([replace(unseen, places=8)]).verdict is Verdict.GOOD
+
+
+def test_camera_with_most_of_its_paint_elsewhere_is_rejected():
+    on, beside = MarkingInView("A", 90.0, 9, 1.0, 0.0), MarkingInView("B", 300.0, 25, 0.1, 21.4)
+    found = accepted().seen_in_image([on, beside])
+    assert found.status is Status.IMPROBABLE
+    assert not found
+    assert accepted().seen_in_image([replace(on, places=30), beside]).accepted
+
+
+def test_markings_are_written_and_read():
+    found = accepted().seen_in_image(paint_evidence(PICTURE, accepted().camera, MARKINGS).markings)
+    again = Calibration.from_dict(json.loads(json.dumps(found.to_dict())))
+    assert again.markings == found.markings
+    assert len(again.markings) > 4
