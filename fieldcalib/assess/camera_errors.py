@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike
 
 from fieldcalib._json import from_json, to_json
 from fieldcalib._types import Array, BoolArray
-from fieldcalib.assess.datum import MARKINGS_IN_VIEW, RelativeTo, by_parameters, checked
+from fieldcalib.assess.datum import MARKINGS_IN_VIEW, RelativeTo, by_parameters, checked, in_words
 from fieldcalib.assess.ground import ground_derivatives
 from fieldcalib.fields.field import Field
 from fieldcalib.geometry.camera import Camera
@@ -153,6 +153,16 @@ class CameraErrors(ABC):
     def motion_of_markings(self) -> Array:
         """Derivatives (2, n) by theta of the frame that the markings in view are, see `fieldcalib.assess.datum`."""
         return np.asarray(by_parameters(Projection(self.theta[None], self.layout), self.field)[0])
+
+    @property
+    def remedy(self) -> str:
+        """What would give metres from the centre mark; empty where they are, see `fieldcalib.assess.datum`."""
+        if not np.any(self.motion_of_markings):
+            return ""
+        block = self.layout.field_size_block
+        return in_words(
+            self.motion_of_markings[:, block], self._standard_deviations(np.eye(self.layout.size)[block])[:, 0]
+        )
 
     def _of_ground(self, X: Array, relative_to: RelativeTo) -> GroundError:
         """Errors at ground points (..., 3)."""

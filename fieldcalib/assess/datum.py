@@ -39,6 +39,11 @@ CENTRE_MARK: RelativeTo = "centre mark"
 
 SPACING = 1.0  # m along the markings, from one place to the next that is looked at
 FAINT = 1e-3  # m of marking: what is told by less is told by nothing
+APART = 0.5  # m: by as much as the centre mark must be unknown, from the markings in view, to speak of it
+SIDES = (
+    ("length", ("left end", "right end")),
+    ("width", ("far side", "near side")),
+)  # of a field, as the main camera sees
 
 
 class _Places(NamedTuple):
@@ -140,3 +145,33 @@ def checked(relative_to: RelativeTo) -> RelativeTo:
     if relative_to not in (MARKINGS_IN_VIEW, CENTRE_MARK):
         raise ValueError(f"relative_to must be {MARKINGS_IN_VIEW!r} or {CENTRE_MARK!r}, got {relative_to!r}")
     return relative_to
+
+
+def in_words(motion: Array, standard_deviations: Array) -> str:
+    """What positions are relative to, and what would help; nothing where that is the centre mark, or as good as that.
+
+    Parameters
+    ----------
+    motion : (2, 2) array
+        How the markings in view move with length and width, see `motion_in_view`.
+    standard_deviations : (2,) array
+        Of length and width, metres.
+
+    Examples
+    --------
+    >>> print(in_words(np.diag([0.5, -0.5]), np.array([2.5, 0.1])))
+    the length is not visible: positions are relative to the right end; give --field-length for metres from the centre
+    """
+    found = []
+    for axis, (name, sides) in enumerate(SIDES):
+        if abs(motion[axis, axis]) * standard_deviations[axis] > APART:
+            side = sides[int(motion[axis, axis] > 0.0)]
+            found.append((name, side, f"--field-{name}"))
+    if not found:
+        return ""
+    names, sides_in_view, options = (" and ".join(one) for one in zip(*found, strict=True))
+    verb = "is" if len(found) == 1 else "are"
+    return (
+        f"the {names} {verb} not visible: positions are relative to the {sides_in_view}; give {options} for metres "
+        f"from the centre"
+    )

@@ -188,6 +188,16 @@ class Calibration:
         return (*doubts, *unusual, *self.complaints)
 
     @property
+    def remedy(self) -> str:
+        """What would help, in the user's terms; empty where nothing is known.
+
+        Where the size of the field is not visible, that is a camera whose metres are from the markings in view.
+        """
+        if self.camera is None or not self.knows_errors:
+            return ""
+        return self.uncertainty.remedy
+
+    @property
     def knows_errors(self) -> bool:
         """Whether `uncertainty` is known."""
         return self.solved is not None or self.errors is not None
