@@ -11,9 +11,9 @@ from strategies import cameras, generators
 from synthetic import observe
 from tripods import SIZE, chain, matched, panned
 
-from fieldcalib import Status, calibrate_from_segments, calibrate_sequence, locate_on_ground, soccer
+from fieldcalib import Calibration, Status, calibrate_from_segments, calibrate_sequence, locate_on_ground, soccer
 from fieldcalib.assess.camera_errors import KnownErrors
-from fieldcalib.assess.datum import CENTRE_MARK, motion_in_view, relative_to_markings
+from fieldcalib.assess.datum import CENTRE_MARK, in_words, motion_in_view, relative_to_markings
 from fieldcalib.assess.ground import ground_derivatives
 from fieldcalib.fields.traits import UNPAINTED
 from fieldcalib.geometry.camera import Camera
@@ -192,3 +192,23 @@ def test_frames_of_one_end_are_accepted():
         assert here < 0.3 < 1.0 < far
         assert one.probability() > 0.9
         assert str(one.verdict) == "good"
+        assert one.remedy.startswith("the length is not visible: positions are relative to the right end; give --field")
+
+
+def test_who_sees_the_whole_pitch_or_knows_its_size_needs_no_remedy():
+    rng = np.random.default_rng(0)
+    everything = Camera.from_angles(0.0, 1.2, 0.0, 500.0, (0.0, 80.0, -40.0), SIZE)
+    assert calibrate_from_segments(FIELD, observe(FIELD, everything, rng, 0.3, per_line=9), SIZE).remedy == ""
+    frame = observe(FIELD, at_the_right_end(), rng, 0.3, per_line=9)
+    assert calibrate_from_segments(soccer(size_known=True), frame, SIZE).remedy == ""
+    assert Calibration.without_camera(Status.DEGENERATE, "").remedy == ""
+
+
+def test_words_name_what_is_not_visible():
+    both = in_words(np.diag([-0.5, -0.5]), np.array([2.5, 2.8]))
+    assert both == (
+        "the length and width are not visible: positions are relative to the left end and far side; give "
+        "--field-length and --field-width for metres from the centre"
+    )
+    assert "near side" in in_words(np.diag([0.5, 0.5]), np.array([0.1, 2.0]))
+    assert in_words(np.diag([0.5, 0.5]), np.array([0.1, 0.1])) == ""
