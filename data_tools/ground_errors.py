@@ -6,8 +6,8 @@ Every annotated marking of the ground is left out once, from frames that keep at
 are located on the ground by the camera of the others, if that is accepted; how far they are from the marking, across
 it, is compared with two standard deviations:
 
-* "located": what `fieldcalib.locate_on_ground` says of the camera alone. That the pitch may have another size is in it,
-  though the marking moves with the pitch.
+* "located": what `fieldcalib.locate_on_ground` says of the camera alone, relative to the markings in view. That the one
+  left out may move otherwise than these with the size of the pitch is not in it.
 * "from the marking": of this very distance. The marking moves with the size of the pitch, and the annotated pixels have
   the noise of the others in their frame.
 

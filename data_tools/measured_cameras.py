@@ -19,6 +19,7 @@ from pathlib import Path
 import numpy as np
 
 from fieldcalib._types import Array
+from fieldcalib.assess.datum import CENTRE_MARK
 from fieldcalib.assess.result import Calibration
 from fieldcalib.calibrate.batch import calibrate_batch
 from fieldcalib.calibrate.options import CalibrationFlags
@@ -85,7 +86,7 @@ def held(found: Calibration, truth: Camera, field: Field) -> tuple[float, float,
     X = truth.image_to_field(xy)
     seen = np.all(np.abs(X[:, :2]) <= (field.length / 2.0, field.width / 2.0), axis=1)  # false for NaN
     off_ground = (uncertainty.camera.image_to_field(xy[seen]) - X[seen])[:, :2]
-    precision = np.linalg.inv(uncertainty.at_image(xy[seen]).covariance)
+    precision = np.linalg.inv(uncertainty.at_image(xy[seen], relative_to=CENTRE_MARK).covariance)
     distance = np.sqrt(np.einsum("ni,nij,nj->n", off_ground, precision, off_ground))
     return float(inside[0]), float(np.mean(inside[1:])), float(np.mean(distance <= uncertainty.radius(2)))
 

@@ -40,6 +40,7 @@ import numpy as np
 from data_tools.measured_cameras import SIZE, camera_files, observed, read_camera
 from data_tools.random_frames import RandomFrame, random_frame
 from fieldcalib._types import Array
+from fieldcalib.assess.datum import motion_in_view
 from fieldcalib.assess.probability import evidence, ground_in_view
 from fieldcalib.assess.result import Calibration
 from fieldcalib.calibrate.batch import calibrate_batch
@@ -54,6 +55,8 @@ from fieldcalib.fields.traits import ProbabilityModel
 from fieldcalib.geometry.camera import Camera
 from fieldcalib.metrics import compound_score, evaluate_segments
 from fieldcalib.problem.labelled_pixels import Pixels
+from fieldcalib.problem.layout import Layout
+from fieldcalib.problem.projection import Projection
 
 TOLERANCES = (0.5, 1.0)  # of the field's, that right and wrong are about
 BINS = (0.0, 0.05, 0.2, 0.4, 0.6, 0.8, 0.95, 1.0)
@@ -65,21 +68,44 @@ EXACT = 0.7  # share of the pitches of 105 x 68 m
 COVERAGES = (100, 98, 95, 90, 80)
 
 
-def largest_true_error(camera: Camera, truth: Camera, field: Field) -> float:
-    """How far a camera takes a point of the field for off, at most, over what is in view; metres."""
-    X = ground_in_view(truth, field, FINER)
+def largest_true_error(camera: Camera, truth: Camera, field: Field, pitch: Field | None = None) -> float:
+    """How far a camera takes a point of the field for off, at most, over what is in view; metres.
+
+    It is relative to the markings in view (`fieldcalib.assess.datum`): the camera was calibrated on a field, and what
+    the true one sees is a pitch, of another size perhaps.
+    """
+    pitch = field if pitch is None else pitch
+    X = ground_in_view(truth, pitch, FINER)
     if not len(X):
         return float("nan")
-    off = np.linalg.norm(camera.image_to_field(truth.project(X)) - X, axis=1)
-    return float(np.max(np.nan_to_num(off, nan=np.inf)))
+    off = (camera.image_to_field(truth.project(X)) - X)[:, :2]
+    wrong_by = np.array([field.length - pitch.length, field.width - pitch.width])
+    if np.any(wrong_by):
+        layout = Layout.of(truth.image_size, truth.lens)
+        (motion,) = motion_in_view(Projection(layout.theta(truth)[None], layout), pitch)
+        off -= motion @ wrong_by
+    return float(np.max(np.nan_to_num(np.linalg.norm(off, axis=1), nan=np.inf)))
 
 
 def judged(
-    field: Field, frames: Sequence[Pixels], truths: Sequence[Camera], size: tuple[int, int]
+    field: Field,
+    frames: Sequence[Pixels],
+    truths: Sequence[Camera],
+    size: tuple[int, int],
+    pitches: Sequence[Field] | None = None,
 ) -> tuple[list[Calibration], Array]:
-    """Calibrations, and their largest true errors (n,), of the frames whose camera sees the field."""
+    """Calibrations, and their largest true errors (n,), of the frames whose camera sees the field.
+
+    `pitches` are what the frames show, by default the field.
+    """
     found = calibrate_batch(field, frames, size)
-    errors = np.array([largest_true_error(c.uncertainty.camera, t, field) for c, t in zip(found, truths, strict=True)])
+    shown = [field] * len(found) if pitches is None else pitches
+    errors = np.array(
+        [
+            largest_true_error(c.uncertainty.camera, truth, field, pitch)
+            for c, truth, pitch in zip(found, truths, shown, strict=True)
+        ]
+    )
     seen = np.flatnonzero(~np.isnan([c.probability() for c in found]) & ~np.isnan(errors))
     return [found[i] for i in seen], errors[seen]
 
@@ -171,16 +197,17 @@ def sizes(options: argparse.Namespace) -> int:
     assert field.size_model is not None
     low, high = field.size_model.limits
     frames: list[RandomFrame] = []
+    pitches: list[Field] = []
     while len(frames) < options.frames:
         length, width = rng.uniform(low, high)
         if rng.random() < EXACT:
-            frames.append(random_frame(field, rng))
-        elif length > width:
-            frames.append(random_frame(field.resized(length, width), rng))
-    _print_reliability(
-        *judged(field, [f.pixels for f in frames], [f.camera for f in frames], frames[0].camera.image_size),
-        field.tolerance,
-    )
+            length, width = field.length, field.width
+        if length > width:
+            pitches.append(field.resized(length, width))
+            frames.append(random_frame(pitches[-1], rng))
+    image_size = frames[0].camera.image_size
+    found = judged(field, [f.pixels for f in frames], [f.camera for f in frames], image_size, pitches)
+    _print_reliability(*found, field.tolerance)
     return 0
 
 

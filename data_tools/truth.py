@@ -9,6 +9,7 @@ from typing import NamedTuple
 import numpy as np
 
 from fieldcalib._types import Array
+from fieldcalib.assess.datum import CENTRE_MARK
 from fieldcalib.assess.result import Calibration
 from fieldcalib.fields.field import Field
 from fieldcalib.geometry.camera import Camera
@@ -61,6 +62,7 @@ def compared(found: Calibration, truth: Camera, field: Field, basis: str) -> Com
     xy, X = _in_view(truth, field)
     seen = camera.image_to_field(xy)
     on_ground = (seen - X)[:, :2]
+    of_ground = errors.at_image(xy, relative_to=CENTRE_MARK).covariance
     return Compared(
         basis,
         100.0 * abs(camera.focal_length / truth.focal_length - 1.0),
@@ -70,7 +72,7 @@ def compared(found: Calibration, truth: Camera, field: Field, basis: str) -> Com
         float(_distances(own[LOG_F:], covariance[LOG_F:, LOG_F:]) <= errors.radius(1)),
         float(_distances(own, covariance) <= errors.radius(4)),
         float(_distances(off, errors.propagated(layout.zoom_jacobian(theta)[CENTER])) <= errors.radius(3)),
-        float(np.mean(_distances(on_ground, errors.at_image(xy).covariance) <= errors.radius(2))) if len(X) else np.nan,
+        float(np.mean(_distances(on_ground, of_ground) <= errors.radius(2))) if len(X) else np.nan,
     )
 
 

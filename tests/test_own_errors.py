@@ -260,7 +260,7 @@ def test_ground_errors_are_the_median_over_the_picture(rng, layout, field):
         if not len(X):
             assert np.isnan(found[t])
             continue
-        rms = np.sort(known.at_field(X * (1.0, 1.0, 0.0)).rms)
+        rms = np.sort(known.on(field).at_field(X * (1.0, 1.0, 0.0)).rms)
         np.testing.assert_allclose(found[t], rms[(len(rms) - 1) // 2], rtol=1e-5)
 
 

@@ -163,3 +163,31 @@ def test_errors_that_are_known_are_not_computed_again(monkeypatch):
     assert calibrations[1].uncertainty is known
     monkeypatch.setattr("fieldcalib.assess.together.uncertainties", lambda *arguments: pytest.fail("computed again"))
     compute_errors(calibrations)
+
+
+@pytest.mark.parametrize("dl", [-4.0, 4.0])
+def test_true_errors_are_relative_to_the_markings_in_view(dl):
+    """Of one end of a pitch of another length that a camera was fitted to as if it were the usual one."""
+    pitch = soccer(105.0 + dl, 68.0)
+    truth = Camera.from_angles(0.62, 1.31, 0.0, 2600.0, (0.0, 66.0, -17.0), SIZE)
+    (found,) = calibrate_batch(soccer(), [observe(pitch, truth, per_line=12, per_curve=12)], SIZE)
+    assert largest_true_error(found.camera, truth, soccer(), pitch) < 0.4
+    assert largest_true_error(found.camera, truth, soccer()) > 1.9
+
+
+@pytest.mark.slow
+def test_it_keeps_its_word_of_one_end_of_pitches_of_other_lengths():
+    rng, field = np.random.default_rng(5), soccer()
+    pitches = [soccer(*size) for size in rng.uniform((95.0, 64.0), (112.0, 72.0), (150, 2))]
+    truths = [
+        Camera.from_angles(rng.uniform(0.4, 0.7), rng.uniform(1.3, 1.38), 0.0, 2200.0, (0.0, 66.0, -17.0), SIZE)
+        for _ in pitches
+    ]
+    frames = [observe(pitch, truth, rng, 1.0) for pitch, truth in zip(pitches, truths, strict=True)]
+    found = calibrate_batch(field, frames, SIZE)
+    p = np.array([one.probability() for one in found])
+    errors = [
+        largest_true_error(one.camera, truth, field, pitch)
+        for one, truth, pitch in zip(found, truths, pitches, strict=True)
+    ]
+    assert abs(p.mean() - np.mean(np.array(errors) < 1.0)) < 0.1

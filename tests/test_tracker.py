@@ -15,6 +15,7 @@ from data_tools.synthetic.film import Scene, TrueFrame, film
 from fieldcalib import Status, soccer
 from fieldcalib.assess.sequence import Basis
 from fieldcalib.calibrate.options import ALL, DEFAULT_FLAGS
+from fieldcalib.geometry.camera import Camera
 from fieldcalib.images.keyframes import KeyframeTracker
 from fieldcalib.images.shot_solver import KeyframeOptions, Seen, ShotProblem, solve_shot
 from fieldcalib.images.tracker import LOST_FOR, Tracker
@@ -23,6 +24,7 @@ from fieldcalib.processes.other_process import OtherProcess
 SIZE = (480, 270)
 FIELD = soccer(size_known=True)
 EVERY = 6
+RELATIVE_TO = ("markings in view", "centre mark")
 
 
 @pytest.fixture(scope="module")
@@ -65,6 +67,21 @@ def test_every_frame_has_its_camera_at_once(clip):
     assert all(calibration.accepted for calibration, _ in found)
     assert max(off(one, camera) for (one, _), camera in zip(found, cameras, strict=True)) < 2.0
     assert [basis for _, basis in found][1:] == [Basis.BOTH] * (len(cameras) - 1)
+
+
+def test_clips_of_one_end_are_accepted():
+    """Of a pitch of unknown length: what is in view is known well relative to its markings."""
+    pans = np.linspace(0.5, 0.6, 20)
+    cameras = [Camera.from_angles(pan, 1.34, 0.0, 700.0, (0.0, 66.0, -17.0), SIZE) for pan in pans]
+    pictures = list(film(Scene.random(FIELD, 3, cameras), [TrueFrame(camera, 0, 0) for camera in cameras]))
+    with Tracker(soccer(), KnownCameras(cameras[::EVERY]), every=EVERY, wait=True) as tracker:
+        found = [tracker.update(picture) for picture in pictures]
+    assert all(one.accepted for one in found), [one.reason for one in found]
+    assert all(str(one.verdict) == "good" for one in found[1:])
+    here = (480.0 / 2.0, 150.0)
+    assert (
+        found[-1].field_uncertainty(here).rms < 0.5 < found[-1].field_uncertainty(here, relative_to="centre mark").rms
+    )
 
 
 def test_keyframes_that_are_known_too_badly_to_be_accepted_have_cameras(clip, monkeypatch):

@@ -6,14 +6,16 @@ from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any
+from typing import Any, Self
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from fieldcalib._json import from_json, to_json
 from fieldcalib._types import Array, BoolArray
+from fieldcalib.assess.datum import MARKINGS_IN_VIEW, RelativeTo, by_parameters, checked, in_words
 from fieldcalib.assess.ground import ground_derivatives
+from fieldcalib.fields.field import Field
 from fieldcalib.geometry.camera import Camera
 from fieldcalib.geometry.rotation import rotation_axes
 from fieldcalib.problem.layout import ANGLES, CENTER, LOG_ASPECT, LOG_F, PRINCIPAL_POINT, Layout
@@ -62,6 +64,12 @@ class CameraErrors(ABC):
 
     dof: float
     """Degrees of freedom of Student's and Fisher's distributions, of which regions are."""
+    field: Field | None
+    """What is in view; None if that is no `Field`: then errors are relative to its origin."""
+
+    @abstractmethod
+    def on(self, field: Field | None) -> Self:
+        """The same of a camera that sees a field."""
 
     @property
     @abstractmethod
@@ -120,31 +128,54 @@ class CameraErrors(ABC):
         """How many standard deviations hold the truth with a probability, see `region_radius`."""
         return region_radius(dimensions, self.dof, level)
 
-    def at_image(self, xy: ArrayLike) -> GroundError:
-        """Errors of the ground points that are seen at pixels (..., 2)."""
-        return self._of_ground(self.camera.image_to_field(xy))
+    def at_image(self, xy: ArrayLike, *, relative_to: RelativeTo = MARKINGS_IN_VIEW) -> GroundError:
+        """Errors of the ground points that are seen at pixels (..., 2), see `at_field`."""
+        return self._of_ground(self.camera.image_to_field(xy), relative_to)
 
-    def at_field(self, X: ArrayLike) -> GroundError:
+    def at_field(self, X: ArrayLike, *, relative_to: RelativeTo = MARKINGS_IN_VIEW) -> GroundError:
         """Errors of ground points (..., 3), z = 0: of where the camera, given their true pixels, takes them to be.
+
+        Relative to the "markings in view" they do not have what moves these with a size of the field that is not known
+        (`fieldcalib.assess.datum`); relative to the "centre mark" they do.
 
         Raises
         ------
         ValueError
-            If a point is not on the ground.
+            If a point is not on the ground, or `relative_to` is something else.
         """
         X = np.asarray(X, dtype=float)
         if X.shape[-1:] != (3,) or np.any(X[..., 2] != 0.0):
             raise ValueError(f"expected ground points of shape (..., 3) with z = 0, got {X.tolist()}; append a zero")
         seen = np.isfinite(self.camera.project(X)).all(axis=-1, keepdims=True)
-        return self._of_ground(np.where(seen, X, np.nan))
+        return self._of_ground(np.where(seen, X, np.nan), relative_to)
 
-    def _of_ground(self, X: Array) -> GroundError:
+    @cached_property
+    def motion_of_markings(self) -> Array:
+        """Derivatives (2, n) by theta of the frame that the markings in view are, see `fieldcalib.assess.datum`."""
+        return np.asarray(by_parameters(Projection(self.theta[None], self.layout), self.field)[0])
+
+    @property
+    def remedy(self) -> str:
+        """What would give metres from the centre mark; empty where they are, see `fieldcalib.assess.datum`."""
+        if not np.any(self.motion_of_markings):
+            return ""
+        block = self.layout.field_size_block
+        return in_words(
+            self.motion_of_markings[:, block], self._standard_deviations(np.eye(self.layout.size)[block])[:, 0]
+        )
+
+    def _of_ground(self, X: Array, relative_to: RelativeTo) -> GroundError:
         """Errors at ground points (..., 3)."""
         dX_dtheta, known = self.ground_jacobian(X)
+        if checked(relative_to) == MARKINGS_IN_VIEW:
+            dX_dtheta = dX_dtheta - self.motion_of_markings
         return GroundError(np.where(known[..., None, None], self.propagated(dX_dtheta), np.nan), self.dof)
 
     def ground_jacobian(self, X: Array) -> tuple[Array, BoolArray]:
-        """Derivatives (..., 2, n) of ground points (..., 3), and which exist, (...,), see `ground_derivatives`."""
+        """Derivatives (..., 2, n) of ground points (..., 3), and which exist, (...,), see `ground_derivatives`.
+
+        They are those of places from the centre mark on.
+        """
         known = np.asarray(np.isfinite(X).all(axis=-1))
         projection, every = Projection(self.theta[None], self.layout), np.ones(len(self.theta), dtype=bool)
         J = ground_derivatives(projection, X.reshape(1, -1, 3), known.reshape(1, -1), every)
@@ -167,6 +198,8 @@ class KnownErrors(CameraErrors):
     covariance : (n, n) array
     dof : float
         Degrees of freedom that the covariance rests on.
+    field : Field, optional
+        What the camera sees; it is not written with the errors.
 
     Examples
     --------
@@ -178,8 +211,14 @@ class KnownErrors(CameraErrors):
     2.874
     """
 
-    def __init__(self, layout: Layout, theta: Array, covariance: Array, dof: float = np.inf) -> None:
-        self._layout, self._theta, self._covariance, self.dof = layout, theta, covariance, dof
+    def __init__(
+        self, layout: Layout, theta: Array, covariance: Array, dof: float = np.inf, field: Field | None = None
+    ) -> None:
+        self._layout, self._theta, self._covariance, self.dof, self.field = layout, theta, covariance, dof, field
+
+    def on(self, field: Field | None) -> KnownErrors:
+        """The same of a camera that sees a field."""
+        return KnownErrors(self._layout, self._theta, self._covariance, self.dof, field)
 
     @property
     def layout(self) -> Layout:

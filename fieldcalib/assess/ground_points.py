@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from fieldcalib._types import Array
+from fieldcalib.assess.datum import MARKINGS_IN_VIEW, RelativeTo
 from fieldcalib.assess.result import Calibration
 from fieldcalib.geometry.camera import Camera
 
@@ -36,7 +37,9 @@ class GroundPoints:
             return np.asarray(self.covariance[..., 0, 1] / self.standard_deviations.prod(axis=-1))
 
 
-def locate_on_ground(calibration: Calibration, xy: ArrayLike, *, pixel_sd: float = 0.0) -> GroundPoints:
+def locate_on_ground(
+    calibration: Calibration, xy: ArrayLike, *, pixel_sd: float = 0.0, relative_to: RelativeTo = MARKINGS_IN_VIEW
+) -> GroundPoints:
     """The ground points that are seen at pixels, with the errors of the camera and of the pixels.
 
     ``covariance = J_theta V J_theta^T + sd^2 J_xy J_xy^T`` with V the covariance of the camera's parameters and J the
@@ -51,6 +54,9 @@ def locate_on_ground(calibration: Calibration, xy: ArrayLike, *, pixel_sd: float
         Pixels, such as those of `fieldcalib.io.boxes.foot_points`.
     pixel_sd : float
         Standard deviation of each coordinate of the pixels; 0 leaves the errors of the camera alone.
+    relative_to : "markings in view" or "centre mark"
+        What the errors are relative to (`fieldcalib.assess.datum`). They differ where the size of the field is not
+        known; the points are metres from the centre mark of the assumed field either way.
 
     Returns
     -------
@@ -59,7 +65,8 @@ def locate_on_ground(calibration: Calibration, xy: ArrayLike, *, pixel_sd: float
     Raises
     ------
     ValueError
-        If it is no calibration, there is no camera, `pixel_sd` is negative, or the pixels have another shape.
+        If it is no calibration, there is no camera, `pixel_sd` is negative, the pixels have another shape, or
+        `relative_to` is something else.
 
     Examples
     --------
@@ -85,7 +92,7 @@ def locate_on_ground(calibration: Calibration, xy: ArrayLike, *, pixel_sd: float
     if calibration.knows_errors:
         # of the field's points, not of the pixels: of a squashed or cropped picture the errors are in its frame's
         on_ground = np.concatenate([X[..., :2], np.zeros_like(X[..., :1])], axis=-1)  # 0 also where X is NaN
-        covariance = calibration.uncertainty.at_field(on_ground).covariance
+        covariance = calibration.uncertainty.at_field(on_ground, relative_to=relative_to).covariance
     else:
         covariance = np.full((*X.shape[:-1], 2, 2), np.nan)
     if pixel_sd > 0.0:

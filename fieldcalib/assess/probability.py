@@ -1,9 +1,9 @@
 """How probable it is that a camera is right: a number from what the labels tell about it.
 
-A camera is right to d metres if it takes no point of the field that is in view for one further off than that. With m
-the largest root mean square error that its covariance expects among them, sigma the noise of the labelled pixels (in
-units of the usual one), nu the degrees of freedom that sigma rests on, and z the z-scores of the camera under its
-prior, the log odds of that are
+A camera is right to d metres if it takes no point of the field that is in view for one further off than that, relative
+to the markings in view (`fieldcalib.assess.datum`). With m the largest root mean square error that its covariance
+expects among them, sigma the noise of the labelled pixels (in units of the usual one), nu the degrees of freedom that
+sigma rests on, and z the z-scores of the camera under its prior, the log odds of that are
 
     b0 + b1 log(m / d) + b2 log sigma + b3 log nu + b4 log(1 + z . z).
 
@@ -20,6 +20,7 @@ import numpy as np
 
 from fieldcalib._types import Array, BoolArray
 from fieldcalib.assess.camera_errors import CameraErrors
+from fieldcalib.assess.datum import relative_to_markings
 from fieldcalib.assess.ground import ground_derivatives, ground_of_pixels, pixels_of_points
 from fieldcalib.assess.uncertainty import OTHER_FRAMES, Uncertainty
 from fieldcalib.fields.field import Field
@@ -36,7 +37,7 @@ LEAST_ERROR = 1e-6  # m
 
 
 def largest_error(uncertainty: CameraErrors, field: Field) -> float:
-    """Expected (root mean square) error of the worst point of a field in view, metres.
+    """Expected (root mean square) error of the worst point of a field in view, relative to the markings there, metres.
 
     NaN where no part of the field is in view, infinite where the labels leave it open.
 
@@ -51,7 +52,7 @@ def largest_error(uncertainty: CameraErrors, field: Field) -> float:
     True
     """
     X = ground_in_view(uncertainty.camera, field)
-    return float(np.max(uncertainty.at_field(X).rms)) if len(X) else float("nan")
+    return float(np.max(uncertainty.on(field).at_field(X).rms)) if len(X) else float("nan")
 
 
 def ground_in_view(camera: Camera, field: Field, finer: int = 1) -> Array:
@@ -114,6 +115,7 @@ def _largest_errors(uncertainties: Sequence[Uncertainty], field: Field) -> list[
     projection = Projection(np.array([one.theta for one in uncertainties]), layout)
     X, seen = _grounds_in_view(projection, field)
     J = ground_derivatives(projection, X, seen, np.ones(layout.size, dtype=bool))
+    J = relative_to_markings(J, projection, field)
     found = []
     for one, dX_dtheta, is_seen in zip(uncertainties, J, seen, strict=True):
         if not np.any(is_seen):

@@ -16,6 +16,7 @@ from numpy.typing import ArrayLike
 from fieldcalib._json import from_json, to_json
 from fieldcalib._types import Array
 from fieldcalib.assess.camera_errors import CameraErrors, GroundError, KnownErrors
+from fieldcalib.assess.datum import MARKINGS_IN_VIEW, RelativeTo
 from fieldcalib.assess.markings import MarkingInView, is_contradicted, paint_complaints
 from fieldcalib.assess.observability import Direction
 from fieldcalib.assess.probability import evidence, probability_by_covariance, probability_right
@@ -190,6 +191,16 @@ class Calibration:
         return (*paint_complaints(self.markings), *doubts, *unusual, *self.complaints)
 
     @property
+    def remedy(self) -> str:
+        """What would help, in the user's terms; empty where nothing is known.
+
+        Where the size of the field is not visible, that is a camera whose metres are from the markings in view.
+        """
+        if self.camera is None or not self.knows_errors:
+            return ""
+        return self.uncertainty.remedy
+
+    @property
     def knows_errors(self) -> bool:
         """Whether `uncertainty` is known."""
         return self.solved is not None or self.errors is not None
@@ -210,15 +221,20 @@ class Calibration:
         ValueError
             If the camera was not fitted to labelled pixels.
         """
-        return self._solved_uncertainty if self.errors is None else self.errors
+        return self._solved_uncertainty if self.errors is None else self._known_errors
 
-    @property
+    @cached_property
+    def _known_errors(self) -> KnownErrors:
+        assert self.errors is not None
+        return self.errors.on(self.field)
+
+    @cached_property
     def _solved_uncertainty(self) -> Uncertainty:
         if self.errors is not None:
             raise ValueError("expected a calibration of a single frame: of a sequence only the covariance is kept")
         if self.solved is None:
             raise ValueError(f"expected a calibration from labelled pixels, this one knows no errors: {self.message}")
-        return self.solved.uncertainty
+        return self.solved.uncertainty.on(self.field)
 
     @property
     def covariance(self) -> Array:
@@ -235,19 +251,23 @@ class Calibration:
         """What the labels determine and what came from the prior, least determined first."""
         return self._solved_uncertainty.observability
 
-    def field_uncertainty(self, xy: ArrayLike) -> GroundError:
-        """Errors in metres of the ground points seen at pixels (..., 2)."""
-        return self.uncertainty.at_image(xy)
+    def field_uncertainty(self, xy: ArrayLike, *, relative_to: RelativeTo = MARKINGS_IN_VIEW) -> GroundError:
+        """Errors in metres of the ground points seen at pixels (..., 2).
+
+        By default they are relative to the markings in view: where one end of a pitch of unknown length is seen, places
+        from the "centre mark" on are known to half of that only.
+        """
+        return self.uncertainty.at_image(xy, relative_to=relative_to)
 
     def probability(self, metres: float | None = None, *, size_known: bool = False) -> float:
         """Probability that the camera is right: no point of the field in view is off by more than some metres.
 
-        By default that is the field's `tolerance`, 1 m on a soccer pitch.
-        Fitted on synthetic frames of the field, see `fieldcalib.assess.probability`; of frames of a sequence it follows
-        from their covariance. NaN where no part of the field is
-        in view or the camera does not come from labelled pixels, 0 where there is no camera or it is implausible: of 22
-        such ones on synthetic frames none was right. With `size_known` it is that if the field had just the given size:
-        where it has another one, the camera may fit its image well and be wrong in metres.
+        That is meant relative to the markings in view, see `field_uncertainty`. By default it is the field's
+        `tolerance`, 1 m on a soccer pitch. Fitted on synthetic frames of the field, see
+        `fieldcalib.assess.probability`; of frames of a sequence it follows from their covariance. NaN where no part of
+        the field is in view or the camera does not come from labelled pixels, 0 where there is no camera or it is
+        implausible: of 22 such ones on synthetic frames none was right. With `size_known` it is that if the field had
+        just the given size: where it has another one, the camera may fit its image well and be wrong in metres.
 
         Raises
         ------
@@ -281,7 +301,7 @@ class Calibration:
             return 0.0
         metres = self._tolerance if metres is None else metres
         if self.errors is not None:
-            return probability_by_covariance(self.errors, self.field, metres)
+            return probability_by_covariance(self._known_errors, self.field, metres)
         rows, weights = self._evidence
         if size_known:
             rows, weights = rows[:1], np.ones(1)

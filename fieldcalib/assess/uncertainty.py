@@ -23,7 +23,7 @@ Empirical Bayes Methods, 2004, section 3 (moderated variances).
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -33,6 +33,7 @@ from fieldcalib.assess.camera_errors import CameraErrors
 from fieldcalib.assess.noise import Noise, gram, size_and_curvature
 from fieldcalib.assess.observability import OPEN_DIRECTION, Direction, Information
 from fieldcalib.assess.size_evidence import FAINT, SizeEvidence
+from fieldcalib.fields.field import Field
 from fieldcalib.geometry.camera import Camera
 from fieldcalib.problem.evaluation import Evaluation, Problem, evaluate
 from fieldcalib.problem.layout import Layout
@@ -91,6 +92,12 @@ class Uncertainty(CameraErrors):
     offsets: Mapping[str, tuple[float, float]]
     """How far off the labels would put what was kept fixed, to first order, and the standard deviation of that: of
     "log aspect" and of "b2", the second radial coefficient."""
+    field: Field | None = None
+    """What is in view; None if that is no `Field`, or not known."""
+
+    def on(self, field: Field | None) -> Uncertainty:
+        """The same of a camera that sees a field."""
+        return replace(self, field=field)
 
     def _of_considered(self, moment: Array) -> Array:
         return np.asarray(self.by_considered @ moment @ self.by_considered.T)

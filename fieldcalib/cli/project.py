@@ -16,6 +16,7 @@ from pathlib import Path
 import numpy as np
 
 from fieldcalib._types import Array
+from fieldcalib.assess.datum import CENTRE_MARK
 from fieldcalib.assess.ground_points import locate_on_ground
 from fieldcalib.assess.result import Calibration
 from fieldcalib.cli.arguments import add_most_bytes, image_size
@@ -28,7 +29,8 @@ from fieldcalib.io.coordinates import OWN, check_system, scale_of_system, to_sys
 from fieldcalib.io.files import whole_file
 from fieldcalib.io.players import POINT, SYSTEM
 
-NUMBERS = (*POINT, "field_x_sd", "field_y_sd", "field_correlation")
+FROM_CENTRE = ("field_x_sd_from_centre", "field_y_sd_from_centre")
+NUMBERS = (*POINT, "field_x_sd", "field_y_sd", "field_correlation", *FROM_CENTRE)
 COLUMNS = (*NUMBERS, SYSTEM, "problem")
 NO_CAMERA, REJECTED, NO_BOX = "no camera", "camera rejected", "no box"
 HORIZON, NO_RAY = "above the horizon", "outside the lens"
@@ -182,15 +184,17 @@ def _projected(
     scale = np.ones(2) if options.size is None else np.divide(camera.image_size, options.size)
     boxes = np.array([row.box or (np.nan,) * 4 for row in rows]) * np.tile(scale, 2)
     xy = foot_points(boxes)
-    found = locate_on_ground(calibration, xy, pixel_sd=options.box_noise * float(scale.mean()))
+    noise = options.box_noise * float(scale.mean())
+    found = locate_on_ground(calibration, xy, pixel_sd=noise)
     points = to_system(found.X, options.to, field)
     stretch = scale_of_system(found.X, options.to, field)
-    deviations = np.abs(stretch) * found.standard_deviations
+    from_centre = locate_on_ground(calibration, xy, pixel_sd=noise, relative_to=CENTRE_MARK)
+    deviations, others = (np.abs(stretch) * of.standard_deviations for of in (found, from_centre))
     correlations = np.prod(np.sign(stretch), axis=-1) * found.correlation
     is_off = np.asarray(np.any(np.abs(found.X[:, :2]) > (field.length / 2.0, field.width / 2.0), axis=-1))
     is_cut = boxes[:, 3] > camera.image_size[1] - EDGE
     has_ray = np.asarray(np.isfinite(camera.normalized(xy)).all(axis=-1))
-    numbers = np.column_stack([points, deviations, correlations])
+    numbers = np.column_stack([points, deviations, correlations, others])
     for row, cells, ray, off, cut in zip(rows, numbers, has_ray, is_off, is_cut, strict=True):
         if row.box is None:
             yield _cells(options.to, NO_BOX)

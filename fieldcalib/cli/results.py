@@ -370,6 +370,7 @@ def calibration_line(id: str, calibration: Calibration, eq3: float | None) -> di
     """One frame's line of cameras.jsonl."""
     line: dict[str, Any] = {"id": id, "status": str(calibration.status), "message": calibration.message}
     line |= {"verdict": str(calibration.verdict), "reason": calibration.reason}
+    line |= {"remedy": calibration.remedy} if calibration.remedy else {}
     line |= calibration.to_dict()
     if calibration.camera is not None:
         line |= {"rms_as_labelled_px": _number(calibration.rms_as_labelled), "loss_ndc_eq3": eq3}
