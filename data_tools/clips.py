@@ -145,8 +145,8 @@ class Clip:
         solver = self.solver
         solver.seen = _kept(self.seen, withheld)
         tripods = solver.tripods()
-        self.lines = solver.lines_in(read_ahead(self.images()), tripods)
-        return solver.finished(tripods, _kept(self.lines, withheld))
+        self.lines, ridges = solver.lines_in(read_ahead(self.images()), tripods)
+        return solver.finished(tripods, _kept(self.lines, withheld), ridges)
 
 
 def _flow(clip: Clip, found: VideoCalibration) -> str:

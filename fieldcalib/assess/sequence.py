@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, fields, replace
+from dataclasses import asdict, dataclass, fields, replace
 from dataclasses import field as attribute
 from enum import StrEnum
 from typing import TYPE_CHECKING, Any
@@ -16,6 +16,7 @@ from fieldcalib._json import from_json, to_json
 from fieldcalib._types import Array, BoolArray, Float32, IntArray
 from fieldcalib.assess.camera_errors import KnownErrors
 from fieldcalib.assess.frame_sequence import FrameSequence, read_record
+from fieldcalib.assess.markings import MarkingInView, is_contradicted, paint_complaints
 from fieldcalib.assess.own_errors import OwnErrors, ground_errors, whole_covariance
 from fieldcalib.assess.result import Calibration, Status, SuspectLabel
 from fieldcalib.fields.field import Field
@@ -82,6 +83,8 @@ class Frames:
     """Messages of frames for which the numbers do not say everything."""
     suspects: Mapping[int, tuple[SuspectLabel, ...]]
     """Labels that the rest of a frame contradicts."""
+    markings: Mapping[int, tuple[MarkingInView, ...]] = attribute(default_factory=dict)
+    """What the images of frames show of the markings in view."""
 
     def __len__(self) -> int:
         return len(self.theta)
@@ -96,6 +99,7 @@ class Frames:
             **columns,
             notes={k: self.notes[t] for k, t in place if t in self.notes},
             suspects={k: self.suspects[t] for k, t in place if t in self.suspects},
+            markings={k: self.markings[t] for k, t in place if t in self.markings},
         )
 
     def message(self, t: int) -> str:
@@ -118,6 +122,7 @@ class Frames:
             "labels": list(self.labels),
             "notes": [[t, note] for t, note in self.notes.items()],
             "suspects": [[t, found] for t, found in suspects.items()],
+            "markings": [[t, [asdict(one) for one in found]] for t, found in self.markings.items()],
         }
 
     @classmethod
@@ -130,7 +135,9 @@ class Frames:
             t: tuple(SuspectLabel(label, fits, float(from_json(error))) for label, fits, error in found)
             for t, found in record["suspects"]
         }
-        return cls(**arrays, labels=tuple(record["labels"]), notes=dict(record["notes"]), suspects=suspects)
+        markings = {t: tuple(MarkingInView(**one) for one in found) for t, found in record.get("markings", ())}
+        notes = dict(record["notes"])
+        return cls(**arrays, labels=tuple(record["labels"]), notes=notes, suspects=suspects, markings=markings)
 
 
 def _to_record(array: NDArray[Any]) -> dict[str, Any]:
@@ -200,6 +207,7 @@ class SequenceCalibration(FrameSequence):
             pixel_counts={frames.labels[k]: int(frames.label_counts[t, k]) for k in labelled},
             field=self.field,
             errors=errors,
+            markings=frames.markings.get(t, ()),
         )
 
     def _at(self, index: IntArray) -> SequenceCalibration:
@@ -267,6 +275,17 @@ class SequenceCalibration(FrameSequence):
         columns["status"][index] = status
         notes = {t: note for t, note in frames.notes.items() if t not in set(index.tolist())}
         return replace(self, frames=replace(frames, notes=notes, **columns))
+
+    def seen_in_images(self, markings: Mapping[int, tuple[MarkingInView, ...]]) -> SequenceCalibration:
+        """The same with what the images of frames show of their markings, as `Calibration.seen_in_image`."""
+        frames = self.frames
+        status, notes = frames.status.copy(), dict(frames.notes)
+        for t, seen in markings.items():
+            if self.accepted[t] and is_contradicted(seen):
+                status[t] = STATUSES.index(Status.IMPROBABLE)
+                words = "; ".join([*paint_complaints(seen), *([notes[t]] if t in notes else [])])
+                notes[t] = f"most of the paint lies beside the markings: {words}"
+        return replace(self, frames=replace(frames, status=status, notes=notes, markings=markings))
 
     @property
     def accepted(self) -> BoolArray:

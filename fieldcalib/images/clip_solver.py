@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from fieldcalib._types import IntArray
+from fieldcalib.assess.markings import MarkingInView
 from fieldcalib.assess.sequence import SequenceCalibration
 from fieldcalib.assess.video import NO_TRIPOD, Shot, VideoCalibration
 from fieldcalib.calibrate.given_camera import NOTHING_GIVEN, GivenCamera
@@ -15,12 +16,13 @@ from fieldcalib.calibrate.options import CalibrationFlags, Prior
 from fieldcalib.calibrate.together import labels_of
 from fieldcalib.calibrate.tripod import Labels
 from fieldcalib.fields.segments import ObjectSegments
-from fieldcalib.images.frame_lines import as_given, frame_lines
+from fieldcalib.images.frame_lines import as_given, frame_lines, with_paint
 from fieldcalib.images.frames_together import Cells, cells_of, solver_of_lines
 from fieldcalib.images.from_images import calibrate_from_images
 from fieldcalib.images.keyframes import Tied
 from fieldcalib.images.line_profiles import Markings
 from fieldcalib.images.matches import Matches
+from fieldcalib.images.paint_evidence import Ridges, evidence_of
 from fieldcalib.images.same_tripod import grouped
 from fieldcalib.io.image import Image
 from fieldcalib.io.images import IMAGES_AT_ONCE
@@ -29,6 +31,7 @@ from fieldcalib.localize import Network
 LONGEST_GAP = 25  # frames without a camera in a row that are interpolated: a second
 BETWEEN = (4, 8)  # frames after a keyframe that the network sees too while no keyframe of the piece is accepted,
 MOST_MORE = 6  # and how many of these: most pieces without a camera show no field
+PAINT_EVERY = 5  # frames, besides keyframes, in which paint beside the markings is looked for
 LEAST_SHARE = 0.2  # of the profiles of a shot must show a line where its cameras have markings
 
 
@@ -168,8 +171,13 @@ class ClipSolver:
             if set(fitting) > set(tripod.pieces):
                 tripod.pieces, tripod.calibration = fitting, self.together(fitting, {**self.seen, **doubtful})
 
-    def lines_in(self, images: Iterable[Image], tripods: Sequence[TripodOfClip]) -> dict[int, Labels]:
-        """The lines at the projected markings of every frame; tripods lose pieces that show hardly any."""
+    def lines_in(
+        self, images: Iterable[Image], tripods: Sequence[TripodOfClip]
+    ) -> tuple[dict[int, Labels], dict[int, Ridges]]:
+        """The lines at the projected markings of every frame, and the ridges beside those of some frames.
+
+        What is paint beside markings is among the lines of these frames. Tripods lose pieces that show hardly any line.
+        """
         cameras, markings = {}, []
         for tripod in tripods:
             field = tripod.calibration.field
@@ -177,6 +185,8 @@ class ClipSolver:
             for t, calibration in zip(self.frames(tripod.pieces).tolist(), tripod.calibration, strict=True):
                 cameras[t] = calibration, markings[-1]
         lines: dict[int, Labels] = {}
+        ridges: dict[int, Ridges] = {}
+        keys = {key for key, _ in self.matches}
         count = np.zeros((2, 1 + max(self.piece, default=0)))  # of profiles with a line and of all, by piece
         for t, image in enumerate(images):
             if t not in cameras:
@@ -186,14 +196,19 @@ class ClipSolver:
                 continue
             sigma = calibration.camera.focal_length * np.sqrt(np.max(np.diagonal(calibration.covariance)[:2]))
             lines[t], profiles = frame_lines(image, calibration.camera, of_field, float(sigma))
+            if t in keys or t % PAINT_EVERY == 0:
+                ridges[t] = Ridges.of(image, calibration.camera, of_field)
+                lines[t] = with_paint(lines[t], evidence_of(ridges[t], of_field).beside)
             count[:, self.piece[t]] += sum(map(len, lines[t][0].values())), profiles
         share = count[0] / np.maximum(count[1], 1.0)
         for tripod in tripods:
             tripod.pieces = [p for p in tripod.pieces if share[p] >= LEAST_SHARE]
-        return lines
+        return lines, ridges
 
-    def finished(self, tripods: Sequence[TripodOfClip], lines: Mapping[int, Labels]) -> VideoCalibration:
-        """All frames of every tripod, from the lines in all of them."""
+    def finished(
+        self, tripods: Sequence[TripodOfClip], lines: Mapping[int, Labels], ridges: Mapping[int, Ridges]
+    ) -> VideoCalibration:
+        """All frames of every tripod, from the lines in them; ridges beside their markings speak against cameras."""
         tripod, number = np.full(len(self.piece), NO_TRIPOD), np.zeros(len(self.piece), dtype=np.intp)
         calibrations: list[SequenceCalibration] = []
         for one in tripods:
@@ -203,7 +218,8 @@ class ClipSolver:
             tripod[frames], number[frames] = len(calibrations), np.arange(len(frames))
             before = one.calibration if len(one.calibration) == len(frames) else None
             calibration = self.together(one.pieces, lines, before)
-            calibrations.append(calibration.interpolated(np.array(self.piece)[frames], LONGEST_GAP))
+            calibration = calibration.interpolated(np.array(self.piece)[frames], LONGEST_GAP)
+            calibrations.append(calibration.seen_in_images(self._paint(calibration, frames, ridges)))
         shots = [(frames[0], frames[-1] + 1) for p in self.pieces if len(frames := self.frames([p]))]
         return VideoCalibration(
             tuple(calibrations),
@@ -211,3 +227,24 @@ class ClipSolver:
             tripod,
             number,
         )
+
+    def _paint(
+        self, calibration: SequenceCalibration, frames: IntArray, ridges: Mapping[int, Ridges]
+    ) -> dict[int, tuple[MarkingInView, ...]]:
+        """What frames of a tripod show of their markings, by their numbers in it: of others it is as of the nearest."""
+        field = calibration.field
+        markings = Markings.of(self.object_segments if field is None else field)
+        seen: dict[int, tuple[MarkingInView, ...]] = {}
+        for k, t in enumerate(frames.tolist()):
+            camera = calibration[k].camera
+            if t in ridges and camera is not None:
+                seen[k] = evidence_of(ridges[t].seen_by(camera, markings), markings).markings
+        if not seen:
+            return {}
+        looked_at = np.array(sorted(seen))
+        piece, found = np.array(self.piece)[frames], {}
+        for k in range(len(frames)):
+            near = int(looked_at[np.argmin(np.abs(frames[looked_at] - frames[k]))])
+            if abs(frames[near] - frames[k]) < PAINT_EVERY and piece[near] == piece[k]:
+                found[k] = seen[near]
+        return found

@@ -10,6 +10,7 @@ from fieldcalib.geometry.camera import Camera
 from fieldcalib.images.line_profiles import Markings, lines_near
 from fieldcalib.images.refinement import PROFILES_PER_SEGMENT, SEARCH_RANGES
 from fieldcalib.io.image import Image
+from fieldcalib.problem.labelled_pixels import Pixels, PixelWeights
 
 SIGMAS = 3.0  # of the predicted error of a marking, within which its line is searched
 
@@ -30,8 +31,17 @@ def frame_lines(image: Image, camera: Camera, markings: Markings, sigma: float =
     """
     search_range = np.clip(SIGMAS * sigma / pixel_unit(camera.image_size), SEARCH_RANGES[1], SEARCH_RANGES[0])
     pixels, profiles = lines_near(image, camera, markings, float(search_range))
-    weights = {label: np.full(len(xy), len(xy) / PROFILES_PER_SEGMENT) for label, xy in pixels.items()}
-    return (pixels, weights), profiles
+    return (pixels, _weights(pixels)), profiles
+
+
+def with_paint(lines: Labels, beside: Pixels) -> Labels:
+    """Lines of a frame with the paint (N, 2) that lies beside some markings, in place of what is near these."""
+    pixels, weights = lines
+    return {**pixels, **beside}, {**weights, **_weights(beside)}
+
+
+def _weights(pixels: Pixels) -> PixelWeights:
+    return {label: np.full(len(xy), len(xy) / PROFILES_PER_SEGMENT) for label, xy in pixels.items()}
 
 
 def as_given(labels: Labels) -> Labels:

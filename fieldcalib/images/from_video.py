@@ -161,8 +161,8 @@ def _calibrated(
             clip = ClipSolver(object_segments, flags, prior, SHARED_BY[camera], given)
             clip.read(part, network)
             tripods = clip.tripods()
-            lines = clip.lines_in(islice(second, len(clip.piece)), tripods)
-            parts.append(clip.finished(tripods, lines))
+            lines, ridges = clip.lines_in(islice(second, len(clip.piece)), tripods)
+            parts.append(clip.finished(tripods, lines, ridges))
             if kept is not None:
                 kept[index] = parts[-1]
         if isinstance(images, VideoReader) and (loss := images.loss()):

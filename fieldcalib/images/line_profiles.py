@@ -152,9 +152,11 @@ class Profiles:
     @property
     def on_ground_only(self) -> Profiles:
         """Those across markings on the ground."""
-        some = self.on_ground
-        arrays = {one.name: getattr(self, one.name)[some] for one in fields(self) if one.name != "look"}
-        return replace(self, **arrays)
+        return self.take(np.flatnonzero(self.on_ground))
+
+    def take(self, index: IntArray) -> Profiles:
+        """Some of the profiles (k,), in that order."""
+        return replace(self, **{one.name: getattr(self, one.name)[index] for one in fields(self) if one.name != "look"})
 
 
 def profiles_along(camera: Camera, markings: Markings) -> Profiles:

@@ -10,11 +10,11 @@ Posts and crossbars are left out: nets and stands behind them are full of lines.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
-from fieldcalib._types import Array, BoolArray, IntArray
+from fieldcalib._types import Array, BoolArray, Float32, IntArray
 from fieldcalib.assess.markings import MarkingInView
 from fieldcalib.geometry.camera import Camera
 from fieldcalib.images.line_profiles import SPACING, Markings, Profiles, Strips, profiles_along
@@ -45,6 +45,46 @@ class PaintEvidence:
     """Pixels (N, 2) of the paint of markings that lie beside it."""
 
 
+@dataclass(frozen=True, eq=False)
+class Ridges:
+    """Ridges in an image beside the markings on the ground that a camera projected, and where these were."""
+
+    profiles: Profiles
+    xy: Float32
+    """Pixels (n, k, 2) of the ridges in each profile, NaN for none."""
+    may_be_line: BoolArray
+    """Whether each has the same ground on both sides, (n, k)."""
+    unit: float
+    """Pixels of the image per pixel of a 960 x 540 image."""
+
+    @classmethod
+    def of(cls, image: Image, camera: Camera, markings: Markings) -> Ridges:
+        """Look for ridges up to 30 px (in an image of 960 x 540) beside the projected markings."""
+        profiles = profiles_along(camera, markings).on_ground_only
+        strips = Strips.of(image, profiles, BAND, past_others=True)
+        offset, may_be_line = strips.ridges(BAND, PEAKS)
+        shown = np.flatnonzero(~strips.is_black)
+        xy = profiles.xy[:, None] + offset[..., None] * profiles.normal[:, None]
+        return cls(profiles.take(shown), xy[shown].astype(np.float32), may_be_line[shown], strips.unit)
+
+    @property
+    def offset(self) -> Array:
+        """Signed distances (n, k) of the ridges from the markings, pixels; NaN for none."""
+        return np.asarray(np.sum((self.xy - self.profiles.xy[:, None]) * self.profiles.normal[:, None], axis=-1))
+
+    def seen_by(self, camera: Camera, markings: Markings) -> Ridges:
+        """The same beside the markings that another camera projects; without those that it does not see near them."""
+        old, new = self.profiles, profiles_along(camera, markings).on_ground_only
+        pairs = [np.zeros((2, 0), dtype=np.intp)]
+        for k in np.intersect1d(old.member, new.member):
+            here, there = np.flatnonzero(old.member == k), np.flatnonzero(new.member == k)
+            distance = np.linalg.norm(old.xy[here][:, None] - new.xy[there], axis=-1)
+            near = np.min(distance, axis=1) < (BAND + SPACING) * self.unit
+            pairs.append(np.stack([here[near], there[np.argmin(distance, axis=1)][near]]))
+        kept, at = np.concatenate(pairs, axis=1)
+        return replace(self, profiles=new.take(at), xy=self.xy[kept], may_be_line=self.may_be_line[kept])
+
+
 def paint_evidence(image: Image, camera: Camera, markings: Markings) -> PaintEvidence:
     """Look for the paint of every marking in view, up to 30 px (in an image of 960 x 540) beside its projection.
 
@@ -66,24 +106,25 @@ def paint_evidence(image: Image, camera: Camera, markings: Markings) -> PaintEvi
     >>> found["Big rect. right main"].share, round(found["Side line top"].offset)
     (1.0, 4)
     """
-    profiles = profiles_along(camera, markings).on_ground_only
-    strips = Strips.of(image, profiles, BAND, past_others=True)
-    offset, may_be_line = strips.ridges(BAND, PEAKS)
-    unit, shown = strips.unit, ~strips.is_black
-    is_on = shown & np.any(np.abs(offset) < ON_PAINT * unit, axis=1)
+    return evidence_of(Ridges.of(image, camera, markings), markings)
+
+
+def evidence_of(ridges: Ridges, markings: Markings) -> PaintEvidence:
+    """The markings at the places where ridges were looked for, and which of them are paint."""
+    profiles, offset, unit = ridges.profiles, ridges.offset, ridges.unit
+    is_on = np.any(np.abs(offset) < ON_PAINT * unit, axis=1)
     found, beside = [], {}
-    for k in np.unique(profiles.member[shown]):
-        at = np.flatnonzero(shown & (profiles.member == k))
+    for k in np.unique(profiles.member):
+        at = np.flatnonzero(profiles.member == k)
         on, off = int(np.count_nonzero(is_on[at])), 0.0
         if len(at) >= LEAST_PLACES and on < (1.0 - MORE_SHARE) * len(at):
             others = np.flatnonzero(is_on & (profiles.member != k))
-            free = may_be_line[at] & ~_is_paint_of(profiles, others, _pixels(profiles, at, offset[at]), unit)
-            ridges = np.where(free, offset[at], np.nan)
+            free = ridges.may_be_line[at] & ~_is_paint_of(profiles, others, ridges.xy[at].astype(float), unit)
             basis = profiles.normal[at] if markings.is_arc[k] else _along(len(at))
-            off, run = _run_beside(ridges, basis, on, unit)
-            if np.isfinite(run).any():
-                seen = np.isfinite(run)
-                xy = _pixels(profiles, at[seen], run[seen, None])[:, 0]
+            off, run = _run_beside(np.where(free, offset[at], np.nan), basis, on, unit)
+            seen = np.isfinite(run)
+            if np.any(seen):
+                xy = profiles.xy[at[seen]] + run[seen, None] * profiles.normal[at[seen]]
                 beside[markings.labels[k]] = xy + profiles.inwards[at[seen]]
         length = float(np.sum(profiles.spacing[at]))
         found.append(MarkingInView(markings.labels[k], length, len(at), on / len(at), off))
@@ -93,11 +134,6 @@ def paint_evidence(image: Image, camera: Camera, markings: Markings) -> PaintEvi
 def _along(count: int) -> Array:
     """Basis (n, 2) of offsets of a line that is moved and turned."""
     return np.column_stack([np.ones(count), np.linspace(-1.0, 1.0, count)])
-
-
-def _pixels(profiles: Profiles, at: IntArray, offset: Array) -> Array:
-    """Pixels (n, k, 2) at offsets (n, k) from the markings of profiles `at` (n,)."""
-    return np.asarray(profiles.xy[at][:, None] + offset[..., None] * profiles.normal[at][:, None])
 
 
 def _is_paint_of(profiles: Profiles, others: IntArray, xy: Array, unit: float) -> BoolArray:
