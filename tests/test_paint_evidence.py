@@ -144,6 +144,7 @@ def test_long_marking_without_paint_is_a_concern():
     unseen = MarkingInView("Side line bottom", 700.0, 30, 0.1, 0.0)
     assert accepted().seen_in_image([unseen]).verdict is Verdict.CHECK
     assert accepted().seen_in_image([replace(unseen, places=8)]).verdict is Verdict.GOOD
+    assert accepted().seen_in_image([replace(unseen, is_expected=False)]).verdict is Verdict.GOOD
 
 
 def test_camera_with_most_of_its_paint_elsewhere_is_rejected():

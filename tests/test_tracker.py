@@ -13,10 +13,14 @@ from networks import KnownCameras
 from data_tools.synthetic.clips import camera_path
 from data_tools.synthetic.film import Scene, TrueFrame, film
 from fieldcalib import Status, soccer
+from fieldcalib.assess.markings import MarkingInView
+from fieldcalib.assess.result import Verdict
 from fieldcalib.assess.sequence import Basis
 from fieldcalib.calibrate.options import ALL, DEFAULT_FLAGS
 from fieldcalib.geometry.camera import Camera
+from fieldcalib.images import tracker as tracker_module
 from fieldcalib.images.keyframes import KeyframeTracker
+from fieldcalib.images.paint_evidence import PaintEvidence
 from fieldcalib.images.shot_solver import KeyframeOptions, Seen, ShotProblem, solve_shot
 from fieldcalib.images.tracker import LOST_FOR, Tracker
 from fieldcalib.processes.other_process import OtherProcess
@@ -91,6 +95,19 @@ def test_keyframes_that_are_known_too_badly_to_be_accepted_have_cameras(clip, mo
     found = tracked(pictures[: 2 * EVERY], [None, cameras[EVERY]])
     shown = [one for one, _ in found[EVERY + 1 :]]  # the first keyframe tells nothing
     assert max(off(one, camera) for one, camera in zip(shown, cameras[EVERY + 1 :], strict=False)) < 2.0
+
+
+def test_verdicts_rest_on_the_paint_in_the_images(clip, monkeypatch):
+    cameras, pictures = clip
+    found = tracked(pictures, cameras[::EVERY])
+    looked_at = [one for one, _ in found if one.camera is not None]
+    assert all(len(one.markings) > 3 for one in looked_at)
+    assert not any(marking.is_beside for one in looked_at for marking in one.markings)
+    beside = MarkingInView("Middle line", 300.0, 25, share=0.1, offset=21.4), *looked_at[0].markings
+    monkeypatch.setattr(tracker_module, "paint_evidence", lambda *_: PaintEvidence(beside, {}))
+    again = [one for one, _ in tracked(pictures, cameras[::EVERY]) if one.camera is not None]
+    assert {one.verdict for one in again} == {Verdict.CHECK}
+    assert again[0].reason.startswith("'Middle line' lies 21 px beside its paint")
 
 
 def test_errors_grow_while_nothing_ties_the_frames(clip, monkeypatch):

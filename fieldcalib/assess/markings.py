@@ -29,6 +29,8 @@ class MarkingInView:
     """Share of these that show paint where the marking is projected."""
     offset: float
     """Largest distance of its paint in view where this lies beside the marking, pixels; 0 if none was found there."""
+    is_expected: bool = True
+    """Whether paint that is as narrow in the image is seen at other markings, so that its own should be."""
 
     @property
     def is_beside(self) -> bool:
@@ -38,7 +40,7 @@ class MarkingInView:
     @property
     def is_unseen(self) -> bool:
         """Whether it is long and shows no paint, neither where it is projected nor beside that."""
-        return self.places >= LONG and self.share < UNSEEN and not self.is_beside
+        return self.is_expected and self.places >= LONG and self.share < UNSEEN and not self.is_beside
 
 
 def paint_complaints(markings: Sequence[MarkingInView]) -> tuple[str, ...]:

@@ -15,7 +15,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from fieldcalib._types import Array, BoolArray, Float32, IntArray
-from fieldcalib.assess.markings import MarkingInView
+from fieldcalib.assess.markings import LONG, MarkingInView
 from fieldcalib.geometry.camera import Camera
 from fieldcalib.images.line_profiles import SPACING, Markings, Profiles, Strips, profiles_along
 from fieldcalib.io.image import Image
@@ -31,6 +31,8 @@ LEAST_PLACES = 6  # profiles of a marking: fewer show no run
 SEEN = 0.5  # share of the profiles that paint beside a marking must have,
 MORE, MORE_SHARE = 3, 0.25  # and by how many and by which share of the profiles it must exceed what lies on the marking
 NEARER = 0.2  # share of the profiles that paint at the end of the band must have more than paint at the marking
+AS_NARROW = 1.2  # times the width of a marking in the image: where paint of other markings
+EXPECTED = 0.6  # is seen in that share of the places, its own should be seen too
 PAIRS = 150  # of ridges of a marking, each of which gives a line or an arc
 APART = 0.3  # least share of the profiles of a marking between the two of a pair
 LEAST_DETERMINANT = 0.1  # of their directions: two ridges with parallel normals do not tell how an arc is shifted
@@ -127,7 +129,9 @@ def evidence_of(ridges: Ridges, markings: Markings) -> PaintEvidence:
                 xy = profiles.xy[at[seen]] + run[seen, None] * profiles.normal[at[seen]]
                 beside[markings.labels[k]] = xy + profiles.inwards[at[seen]]
         length = float(np.sum(profiles.spacing[at]))
-        found.append(MarkingInView(markings.labels[k], length, len(at), on / len(at), off))
+        narrow = (profiles.member != k) & (profiles.width < AS_NARROW * np.median(profiles.width[at]))
+        expected = bool(np.count_nonzero(narrow) >= LONG and np.mean(is_on[narrow]) > EXPECTED)
+        found.append(MarkingInView(markings.labels[k], length, len(at), on / len(at), off, expected))
     return PaintEvidence(tuple(found), beside)
 
 

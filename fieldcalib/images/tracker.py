@@ -19,6 +19,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from fieldcalib._types import Array
+from fieldcalib.assess.markings import MarkingInView
 from fieldcalib.assess.own_errors import OwnErrors
 from fieldcalib.assess.result import Calibration, Status
 from fieldcalib.assess.sequence import STEP, Basis
@@ -34,6 +35,7 @@ from fieldcalib.images.frame_lines import frame_lines, per_pixel
 from fieldcalib.images.frames_together import Cells, cells_of
 from fieldcalib.images.keyframes import EVERY, KeyframePair, KeyframeTracker
 from fieldcalib.images.line_profiles import Markings
+from fieldcalib.images.paint_evidence import paint_evidence
 from fieldcalib.images.shot_solver import (
     MOST_KEYS,
     KeyframeOptions,
@@ -56,6 +58,7 @@ NICENESS = 2  # of the process that solves keyframes: `update` comes first where
 NEEDED = ("cv2", "fieldcalib.images.shot_solver")  # in that process
 LOOKED_AT = 4  # keyframes of a shot that the network sees in any case,
 SOLVE_AGAIN, LOOK_AGAIN = 3, 6  # then all are solved again, and the network sees one, every so many
+PAINT_EVERY = 25  # frames, a second, after which paint beside the markings is looked for again: 5 ms
 LOST_FOR = 12  # frames that nothing ties for which a camera is extrapolated: half a second
 
 
@@ -161,6 +164,7 @@ class Tracker:
         self._index = 0
         self._last: list[tuple[int, KnownCamera]] = []  # the last two frames that were tied, for the motion
         self._basis = Basis.NOTHING
+        self._paint: tuple[int, tuple[MarkingInView, ...]] | None = None  # of the shot, when it was looked at
 
     def __enter__(self) -> Self:
         return self
@@ -209,7 +213,7 @@ class Tracker:
         index, self._index = self._index, self._index + 1
         tied = next((one for one in self._keyframes.update(image) if one.index == index), None)
         if tied is not None and tied.piece != self._shot.piece:
-            self._shot, self._last = _Shot(tied.piece), []
+            self._shot, self._last, self._paint = _Shot(tied.piece), [], None
         size = (image.shape[1], image.shape[0])
         found = {} if tied is None else {key: cells_of(matches, size) for key, matches in tied.ties}
         ties = {key: cells for key, cells in found.items() if cells is not None}
@@ -227,7 +231,15 @@ class Tracker:
             self._add(index, image, lines)
             if self._other is None and own is None and self._shot.solved is not None:
                 calibration, _, _ = self._followed(self._shot.solved, index, image, ties)
-        return calibration
+        return self._with_paint(calibration, index, image)
+
+    def _with_paint(self, calibration: Calibration, index: int, image: Image) -> Calibration:
+        """A calibration with what this or one of the last images shows of the markings."""
+        if calibration.camera is None or self._shot.solved is None:
+            return calibration
+        if self._paint is None or index - self._paint[0] >= PAINT_EVERY:
+            self._paint = index, paint_evidence(image, calibration.camera, self._shot.solved.markings).markings
+        return calibration.seen_in_image(self._paint[1])
 
     def _add(self, index: int, image: Image, lines: Labels | None) -> None:
         """A keyframe, which is calibrated if it is time to; one that is not begun yet gives way to it."""
