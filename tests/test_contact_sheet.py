@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from fieldcalib import Camera, Status, calibrate_batch, soccer
+from fieldcalib.assess.markings import MarkingInView
 from fieldcalib.assess.probability import largest_error
 from fieldcalib.assess.result import Calibration
 from fieldcalib.draw.contact_sheet import BACKGROUND, contact_sheet, worst_frames
@@ -125,3 +126,13 @@ def test_all_frames_if_there_are_no_more():
     assert worst_frames([], 12) == worst_frames([None], 0) == []
     with pytest.raises(ValueError, match="count must not be negative, got -1"):
         worst_frames([None], -1)
+
+
+def test_frames_with_markings_beside_their_paint_come_before_others():
+    camera = Camera.from_angles(0.2, 1.35, 0.01, 1400.0, (1.0, 65.0, -16.0), (960, 540))
+    labels = ("Side line top", "Side line right", "Big rect. right main", "Big rect. right top")
+    pixels = {label: camera.project(soccer()[label].sample(9.0)) for label in labels}
+    (good,) = calibrate_batch(soccer(), [pixels], (960, 540))
+    on = MarkingInView("Side line top", 700.0, 30, 1.0, 0.0)
+    off = [good.seen_in_image([on, MarkingInView("Middle line", 90.0, 9, 0.1, px)]) for px in (5.0, 17.0)]
+    assert worst_frames([good, off[0], NOTHING, good, off[1]], 3) == [2, 4, 1]

@@ -1,12 +1,15 @@
 """What is drawn lies where the markings are, to fractions of a pixel, and nothing lies elsewhere."""
 
+import cv2
 import numpy as np
 import pytest
 from scipy.spatial import cKDTree
 from views import BROADCAST, CAMERAS, SIZE, any_camera, camera, inside
 
+from fieldcalib.assess.markings import MarkingInView
+from fieldcalib.calibrate.from_homography import calibrate_from_homography
 from fieldcalib.draw.minimap import draw_minimap
-from fieldcalib.draw.overlays import PALETTE, draw_field, draw_segments, label_colour
+from fieldcalib.draw.overlays import PALETTE, draw_calibration, draw_field, draw_segments, label_colour
 from fieldcalib.fields.segments import Arc, Line, PointCloud
 from fieldcalib.fields.soccer import soccer
 from fieldcalib.geometry.camera import Camera
@@ -294,3 +297,24 @@ def test_a_map_is_not_drawn_over_the_one_before():
 def test_wrong_size_of_the_map():
     with pytest.raises(ValueError, match="image_size must be"):
         draw_minimap(BROADCAST, FIELD, size=(100, 0))
+
+
+def test_markings_of_a_rejected_camera_are_dashed():
+    image = black()
+    whole, dashed = (draw_field(image, BROADCAST, soccer(), dashed=one).any(axis=2) for one in (False, True))
+    assert 0.35 < np.count_nonzero(dashed) / np.count_nonzero(whole) < 0.8
+    assert not np.any(dashed & ~cv2.dilate(whole.astype(np.uint8), np.ones((3, 3))).astype(bool))
+
+
+def test_markings_off_their_paint_have_a_colour_of_their_own():
+    image = black()
+    found = calibrate_from_homography(BROADCAST.homography, BROADCAST.image_size)
+    beside = [MarkingInView("Side line top", 600.0, 30, 0.1, 17.0), MarkingInView("Middle line", 300.0, 25, 1.0, 0.0)]
+    beside.append(MarkingInView("Side line left", 900.0, 200, 1.0, 0.0))  # most of the paint is where it should be
+    seen = found.seen_in_image(beside)
+    shown, plain = (draw_calibration(image, seen, soccer(), show_paint=one) for one in (True, False))
+    changed = np.any(shown != plain, axis=2)
+    assert farthest(changed, true_pixels(BROADCAST, FIELD["Side line top"].sample(0.05))) < 2.0
+    blue, _, red = np.moveaxis(shown[changed].astype(int), -1, 0)
+    assert np.count_nonzero(changed) > 500
+    assert np.mean(red - blue) > 100  # magenta has as much of both

@@ -431,7 +431,7 @@ def test_an_interrupted_video_leaves_nothing_half(know, tmp_path, monkeypatch, c
     know([None] * (IMAGES_AT_ONCE + 1))
     calls = []
 
-    def interrupt(*arguments):
+    def interrupt(*arguments, **_):
         calls.append(arguments)
         if len(calls) > 3:
             raise KeyboardInterrupt

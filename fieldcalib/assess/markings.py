@@ -42,6 +42,11 @@ class MarkingInView:
         """Whether it is long and shows no paint, neither where it is projected nor beside that."""
         return self.is_expected and self.places >= LONG and self.share < UNSEEN and not self.is_beside
 
+    @property
+    def is_off(self) -> bool:
+        """Whether it speaks against the camera: its paint lies beside it, or it shows none."""
+        return self.is_beside or self.is_unseen
+
 
 def paint_complaints(markings: Sequence[MarkingInView]) -> tuple[str, ...]:
     """What the paint in an image says against a camera, in words: nothing if every marking may lie on its paint.

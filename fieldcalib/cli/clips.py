@@ -215,7 +215,8 @@ def run_clip(options: argparse.Namespace, place: Callable[[Image], Placement]) -
                     line = calibration_line(frame.id, calibration, None) | {"basis": str(basis[readable])}
                     keeps = options.keep_rejected or bool(calibration)
                     results.add(Outcome.of(frame.id, calibration, line, keeps=keeps))
-                picture = draw_calibration(frame.image, calibration, calibration.field or field)
+                shown = calibration.field or field
+                picture = draw_calibration(frame.image, calibration, shown, show_paint=options.show_paint)
                 video.write(picture)
                 if readable in worst:
                     pictures[readable] = picture

@@ -98,4 +98,5 @@ def _add(
     line = calibration_line(frame.id, calibration, None) | {"basis": str(tracker.basis)}
     keeps = options.keep_rejected or bool(calibration)
     results.add(Outcome.of(frame.id, calibration, line, keeps=keeps))
-    video.write(draw_calibration(frame.image, calibration, calibration.field or field_of(options)))
+    field = calibration.field or field_of(options)
+    video.write(draw_calibration(frame.image, calibration, field, show_paint=options.show_paint))

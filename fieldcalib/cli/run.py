@@ -104,6 +104,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--keep-rejected", action="store_true", help="write the best camera of every frame, whatever the verdict says"
     )
+    parser.add_argument(
+        "--show-paint",
+        action="store_true",
+        help="draw markings that lie beside their paint in orange, and those without any in grey",
+    )
     add_limits(parser)
     add_jobs(parser)
     parser.set_defaults(run=run, command="run")
@@ -222,7 +227,7 @@ class FromImages:
         return [found[index] for index in range(len(images))]
 
     def _outcome(self, frame: Frame, image: Image, calibration: Calibration, field: Field) -> Outcome:
-        picture = draw_calibration(image, calibration, field)
+        picture = draw_calibration(image, calibration, field, show_paint=self.options.show_paint)
         if frame.line:
             return Outcome(frame.id, frame.line, str(calibration.status), picture=picture, is_written=True)
         keeps = self.options.keep_rejected or bool(calibration)

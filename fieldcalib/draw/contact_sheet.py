@@ -89,10 +89,10 @@ def contact_sheet(
 def worst_frames(calibrations: Sequence[Calibration | None], count: int = 12) -> list[int]:
     """The frames of a clip to look at first, worst first.
 
-    Frames without camera come first, then those whose camera is not accepted, then by the largest error that is
-    expected in the part of the field in view (`fieldcalib.assess.probability.largest_error`). Neighbours of a frame
-    that was chosen wait until no others are left, so that one bad moment does not take all places; frames that are
-    equally bad are chosen all over the clip.
+    Frames without camera come first, then those whose camera is not accepted, then by the largest distance of paint
+    from its marking (`Calibration.markings`), then by the largest error that is expected in the part of the field in
+    view (`fieldcalib.assess.probability.largest_error`). Neighbours of a frame that was chosen wait until no others are
+    left, so that one bad moment does not take all places; frames that are equally bad are chosen all over the clip.
 
     Parameters
     ----------
@@ -135,14 +135,15 @@ def worst_frames(calibrations: Sequence[Calibration | None], count: int = 12) ->
     return chosen
 
 
-def _rank(calibration: Calibration | None) -> tuple[int, float]:
+def _rank(calibration: Calibration | None) -> tuple[int, float, float]:
     """Small for what is bad."""
     if calibration is None or calibration.camera is None:
-        return 0, 0.0
+        return 0, 0.0, 0.0
+    off = max((one.offset for one in calibration.markings), default=0.0)
     error = np.nan
     if calibration.knows_errors and calibration.field is not None:
         error = largest_error(calibration.uncertainty, calibration.field)
-    return (2 if calibration.accepted else 1), -float(np.nan_to_num(error, nan=np.inf))
+    return (2 if calibration.accepted else 1), -off, -float(np.nan_to_num(error, nan=np.inf))
 
 
 def _wrapped(text: str, width: int) -> list[str]:

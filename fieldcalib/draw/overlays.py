@@ -5,6 +5,8 @@ Images are OpenCV's: uint8, (height, width, 3), blue, green, red. Every function
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+from types import MappingProxyType
 from zlib import crc32
 
 import numpy as np
@@ -13,7 +15,7 @@ from fieldcalib._types import Array
 from fieldcalib.assess.result import Calibration
 from fieldcalib.draw.ground import Colour
 from fieldcalib.draw.minimap import DARK, add_minimap
-from fieldcalib.draw.scene import SHIFT, draw_dot, fixed_point, image_curves
+from fieldcalib.draw.scene import SHIFT, dashes, draw_dot, fixed_point, image_curves
 from fieldcalib.fields.field import Field
 from fieldcalib.fields.segments import ObjectSegments, PointCloud
 from fieldcalib.geometry.camera import Camera
@@ -22,6 +24,10 @@ from fieldcalib.io.image import Image, checked_image
 from fieldcalib.problem.labelled_pixels import ImageSegments
 
 MAGENTA: Colour = (220, 40, 255)
+ORANGE: Colour = (0, 140, 255)  # of markings that lie beside their paint,
+GREY: Colour = (170, 170, 170)  # and of those that show none
+NO_COLOURS: Mapping[str, Colour] = MappingProxyType({})
+DASH = 6.0  # times the thickness of a line: its dashes and the gaps between them
 # Far from the green of grass and the white of lines, and far from each other.
 PALETTE: tuple[Colour, ...] = (
     (64, 64, 255),  # red
@@ -47,6 +53,8 @@ def draw_field(
     *,
     colour: Colour = MAGENTA,
     thickness: int = 2,
+    dashed: bool = False,
+    colours: Mapping[str, Colour] = NO_COLOURS,
 ) -> Image:
     """Draw the projected markings, with distortion, onto a copy of an image.
 
@@ -67,6 +75,10 @@ def draw_field(
         Blue, green, red.
     thickness : int
         Pixels.
+    dashed : bool
+        Whether curves are dashed, as those of a camera that is not to be used.
+    colours : mapping of str to (int, int, int)
+        Of labels that are drawn in another colour.
 
     Returns
     -------
@@ -95,13 +107,14 @@ def draw_field(
         if isinstance(object_segments, Field) and not object_segments.paint_of(label).is_along
     ]
     for label in sorted(object_segments, key=rows.__contains__, reverse=True):  # lines over rows
-        segment, shade = object_segments[label], dark if label in rows else colour
+        segment, shade = object_segments[label], colours.get(label, dark if label in rows else colour)
         if isinstance(segment, PointCloud) and not segment.ordered:
             for xy in camera.project(segment.X):
                 draw_dot(picture, xy, float(thickness), shade)
         else:
-            curves = [fixed_point(curve) for curve in image_curves(camera, segment)]
-            cv2.polylines(picture, curves, False, shade, thickness, cv2.LINE_AA, SHIFT)
+            curves = list(image_curves(camera, segment))
+            parts = [part for curve in curves for part in dashes(curve, DASH * thickness)] if dashed else curves
+            cv2.polylines(picture, [fixed_point(part) for part in parts], False, shade, thickness, cv2.LINE_AA, SHIFT)
     return picture
 
 
@@ -164,10 +177,10 @@ def label_colour(label: str) -> Colour:
     return PALETTE[crc32(label.strip().encode(), PALETTE_SALT) % len(PALETTE)]
 
 
-def draw_calibration(image: Image, calibration: Calibration, field: Field) -> Image:
+def draw_calibration(image: Image, calibration: Calibration, field: Field, *, show_paint: bool = False) -> Image:
     """Draw a calibration onto a copy of its image: the projected markings, and a map in a corner.
 
-    If it is not accepted, its status and the reason are written instead.
+    If it is not accepted, its markings are dashed, and its status and the reason are written instead of the map.
 
     Parameters
     ----------
@@ -176,6 +189,9 @@ def draw_calibration(image: Image, calibration: Calibration, field: Field) -> Im
     calibration : Calibration
         Of this image.
     field : Field
+    show_paint : bool
+        Whether markings that lie beside their paint are drawn in orange, and those without any in grey
+        (`Calibration.markings`).
 
     Returns
     -------
@@ -195,15 +211,20 @@ def draw_calibration(image: Image, calibration: Calibration, field: Field) -> Im
     False
     """
     picture = np.array(checked_image(image), order="C")
-    height = picture.shape[0]
-    if calibration.camera is None or not calibration.accepted:
-        scale = height / 900.0
-        place = (round(20.0 * scale), height - round(20.0 * scale))
-        reason = calibration.message.partition(";")[0]
-        _write(picture, f"no camera: {calibration.status}, {reason}", place, scale, (255, 255, 255))
-        return picture
-    picture = draw_field(picture, calibration.camera, field, thickness=max(1, round(height / 540.0)))
-    return add_minimap(picture, calibration.camera, field)
+    height, camera, accepted = picture.shape[0], calibration.camera, calibration.accepted
+    if camera is not None:
+        colours = {one.label: ORANGE if one.is_beside else GREY for one in calibration.markings if one.is_off}
+        thickness = max(1, round(height / 540.0))
+        picture = draw_field(
+            picture, camera, field, thickness=thickness, dashed=not accepted, colours=colours if show_paint else {}
+        )
+        if accepted:
+            return add_minimap(picture, camera, field)
+    scale = height / 900.0
+    place = (round(20.0 * scale), height - round(20.0 * scale))
+    reason = calibration.message.partition(";")[0]
+    _write(picture, f"no camera: {calibration.status}, {reason}", place, scale, (255, 255, 255))
+    return picture
 
 
 def _write_names(picture: Image, pixels: dict[str, Array], radius: float) -> None:

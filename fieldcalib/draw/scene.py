@@ -220,6 +220,21 @@ def image_curves(camera: Camera | RationalCamera, segment: Segment) -> Iterator[
         yield np.concatenate([simple[0][:-1], simple[1]])
 
 
+def dashes(curve: Array, length: float) -> Iterator[Array]:
+    """Parts of a polyline (N, 2) that are `length` pixels long, with gaps as long between them.
+
+    Examples
+    --------
+    >>> [part[:, 0].tolist() for part in dashes(np.array([[0.0, 0.0], [10.0, 0.0]]), 4.0)]
+    [[0.0, 4.0], [8.0, 10.0]]
+    """
+    at = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(curve, axis=0), axis=1))])
+    for start in np.arange(0.0, at[-1], 2.0 * length):
+        stop = min(start + length, at[-1])
+        s = np.concatenate([[start], at[(at > start) & (at < stop)], [stop]])
+        yield np.column_stack([np.interp(s, at, x) for x in curve.T])
+
+
 def fixed_point(xy: Array) -> NDArray[np.int32]:
     """Pixels in the fixed-point units of OpenCV's drawing functions."""
     return np.asarray(np.rint(xy * (1 << SHIFT)), dtype=np.int32)

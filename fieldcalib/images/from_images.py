@@ -199,7 +199,7 @@ def _judged(
 ) -> tuple[Calibration, bool]:
     """The calibration, "probably wrong" if its support or its probability is low; and whether it is sure."""
     calibration, share = refined.judged, refined.support
-    if calibration.camera is None or not calibration.accepted:
+    if calibration.camera is None or not refined.calibration.accepted:
         return calibration, False
     explained = _explained(object_segments, calibration.camera, found)
     on_paint = not any(one.is_beside for one in calibration.markings)
@@ -210,7 +210,10 @@ def _judged(
     elif explained < LEAST_EXPLAINED and not is_sure:
         doubt = f"only {100.0 * explained:.0f} % of the detected segments, by weight, are near their projections"
     if doubt:
-        return replace(calibration, status=Status.IMPROBABLE, message=f"{doubt}; {calibration.message}"), False
+        message = f"{doubt}; {refined.calibration.message}"
+        return replace(calibration, status=Status.IMPROBABLE, message=message), False
+    if not calibration.accepted:
+        return calibration, False
     if calibration.has_probability:
         # a field of another size is no reason to give up a camera that fits its image
         assert calibration.field is not None
