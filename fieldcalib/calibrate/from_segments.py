@@ -24,6 +24,7 @@ from fieldcalib.assess.solved import Solved
 from fieldcalib.assess.verdict import Evidence, implausibilities, segment_errors, verdict
 from fieldcalib.calibrate.auto_lens import with_lens_as_called_for
 from fieldcalib.calibrate.given_camera import GivenCamera, as_fixed
+from fieldcalib.calibrate.label_ends import other_border
 from fieldcalib.calibrate.mislabels import Relabelled, without_mislabels
 from fieldcalib.calibrate.options import (
     DEFAULT_CRITERIA,
@@ -202,6 +203,29 @@ def calibrate_checked(
 
     `solve` finds the final optimum.
     """
+    found = _solved(object_segments, frames, weights, options, solve, given, trust_labels)
+    if trust_labels:
+        return found
+    borders = [
+        other_border(object_segments, frame, options.image_size, one.camera)
+        for frame, one in zip(frames, found, strict=True)
+    ]
+    return [
+        replace(one, complaints=(*one.complaints, border)) if border is not None else one
+        for one, border in zip(found, borders, strict=True)
+    ]
+
+
+def _solved(
+    object_segments: ObjectSegments,
+    frames: list[Pixels],
+    weights: list[PixelWeights | None],
+    options: Options,
+    solve: Solver,
+    given: Array | None,
+    trust_labels: bool,
+) -> list[Calibration]:
+    """Calibrations of checked frames by their labels, wherever these end."""
     observations = pack(object_segments, frames, options.image_size, weights, motion_of(options))
     found = find_cameras(observations, options, given)
     solution = levenberg_marquardt(
