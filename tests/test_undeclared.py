@@ -11,7 +11,7 @@ from synthetic import observe, whole_circle_markings
 from data_tools.undeclared import basketball_cameras, calibrated, changed, counts, part_of
 from fieldcalib import calibrate_from_segments, soccer
 from fieldcalib.assess.result import Verdict
-from fieldcalib.assess.whole_picture import CUT, PrincipalPointEvidence, seems_part
+from fieldcalib.assess.whole_picture import CUT, SHAPE, PrincipalPointEvidence, seems_part
 from fieldcalib.calibrate.options import DEFAULT_FLAGS, CalibrationFlags
 from fieldcalib.fields.catalogue import field_named
 from fieldcalib.geometry.camera import Camera
@@ -71,7 +71,7 @@ def test_a_half_must_be_surer_of_its_camera_than_a_whole_frame():
     assert seems_part(whole.uncertainty, 0.8) == ()
     half = part_of(frame_of(), CAMERA, (480, 0), (480, 540))
     uncertainty = calibrate_from_segments(FIELD, half.pixels, half.image_size).uncertainty
-    assert seems_part(uncertainty, 0.8) == (CUT,)
+    assert seems_part(uncertainty, 0.8) == (SHAPE,)
     assert seems_part(uncertainty, 0.95) == ()
 
 

@@ -19,7 +19,7 @@ import numpy as np
 from fieldcalib._types import Array
 from fieldcalib.assess.uncertainty import Uncertainty
 from fieldcalib.problem.layout import PRINCIPAL_POINT, ROLL
-from fieldcalib.problem.prior import frame_around
+from fieldcalib.problem.prior import BROADCAST_SHAPE, frame_around
 
 FAINT = 1e-6  # information, in units of the prior's, that keeps what no label tells in the system
 PART_SCALE = 10.0  # times as far from the middle as in whole frames: a fifth of the width
@@ -34,8 +34,10 @@ SURE = 0.92
 # of the latter have a positive score.
 SCORE = (0.45, -1.25, 0.6, 1.4)
 LARGEST_SPREAD = 0.05  # share of the width: cameras of which more is expected show no whole frames
+SQUASH_SIGMAS = 3.0  # that the pixels of a squashed picture are off, by what the labels tell
 LEAST_CUT = 0.05  # share of a frame's width or height: of less it is a whole one
 CUT = "the picture may be a part of a frame, whose middle the labels do not tell: say which part (--crop-of)"
+SHAPE = "the picture is not 16:9, and the labels do not tell whether it was squashed (--aspect) or cut out (--crop-of)"
 
 
 @dataclass(frozen=True, eq=False)
@@ -103,9 +105,33 @@ def seems_part(uncertainty: Uncertainty, probability: float) -> tuple[str, ...]:
     own_spread = uncertainty.unit[PRINCIPAL_POINT.start : PRINCIPAL_POINT.stop]
     if evidence is None or np.min(own_spread) > LARGEST_SPREAD * frame[0]:
         return ()
-    if width < (1.0 - LEAST_CUT) * frame[0] or height < (1.0 - LEAST_CUT) * frame[1]:
-        return () if probability >= SURE else (CUT,)
+    if not is_whole_shape((width, height)):
+        return () if probability >= SURE and _tells_aspect(uncertainty) else (SHAPE,)
     return (CUT,) if score(uncertainty, evidence, probability) > 0.0 else ()
+
+
+def is_whole_shape(image_size: tuple[int, int]) -> bool:
+    """Whether a picture has the shape of a broadcast frame.
+
+    Examples
+    --------
+    >>> is_whole_shape((1366, 768)), is_whole_shape((640, 640)), is_whole_shape((480, 540))
+    (True, False, False)
+    """
+    return bool(np.all(np.divide(image_size, frame_around(image_size)) >= 1.0 - LEAST_CUT))
+
+
+def _tells_aspect(uncertainty: Uncertainty) -> bool:
+    """Whether the labels say that pixels are square, and not as they are if a frame of 16:9 was squashed to this shape.
+
+    What was estimated or given is known.
+    """
+    if "log aspect" not in uncertainty.offsets:
+        return True
+    width, height = uncertainty.layout.image_size
+    squash = np.log(BROADCAST_SHAPE * height / width)  # log aspect of the picture if it was
+    offset, sigma = uncertainty.offsets["log aspect"]
+    return bool(abs(offset) < abs(offset - squash) and SQUASH_SIGMAS * sigma < abs(squash))
 
 
 def features(uncertainty: Uncertainty, evidence: PrincipalPointEvidence, probability: float) -> Array:
