@@ -84,7 +84,9 @@ def _border(brightness: NDArray[np.uint8]) -> int:
     count = len(brightness)
     most = int(LARGEST * count)
     least = max(round(LEAST * count), 2)
-    if count < 2 * least or np.median(brightness[0]) > BLACK or np.median(brightness[-1]) > BLACK:  # quick: most have none
+    if (
+        count < 2 * least or np.median(brightness[0]) > BLACK or np.median(brightness[-1]) > BLACK
+    ):  # quick: most have none
         return 0
     first, last = (_black_rows(side) for side in (brightness[: most + 1], brightness[: -most - 2 : -1]))
     border = min(first, last)
