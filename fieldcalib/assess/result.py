@@ -23,6 +23,7 @@ from fieldcalib.assess.probability import evidence, probability_by_covariance, p
 from fieldcalib.assess.solved import Solved
 from fieldcalib.assess.surprises import surprises
 from fieldcalib.assess.uncertainty import Uncertainty
+from fieldcalib.assess.whole_picture import seems_part
 from fieldcalib.fields.field import Field
 from fieldcalib.fields.records import field_from_record, field_to_record
 from fieldcalib.geometry.camera import Camera
@@ -188,6 +189,8 @@ class Calibration:
             if not probability >= LEAST_PROBABILITY:
                 doubts.append(f"right to {self._tolerance:g} m with a probability of {probability:.2f}")
         unusual = () if self.solved is None else surprises(self._solved_uncertainty)
+        if not doubts and self.solved is not None and self.has_probability:
+            doubts.extend(seems_part(self._solved_uncertainty, self.probability(size_known=True)))
         return (*paint_complaints(self.markings), *doubts, *unusual, *self.complaints)
 
     @property

@@ -12,6 +12,7 @@ from numpy.typing import ArrayLike
 
 from fieldcalib._types import Array, IntArray
 from fieldcalib.assess.result import Calibration, Status
+from fieldcalib.calibrate.aspect import with_aspect_as_told
 from fieldcalib.calibrate.from_segments import NO_PIXELS, calibrate_checked
 from fieldcalib.calibrate.given_camera import GivenCamera, as_fixed
 from fieldcalib.calibrate.handed_over import HandedOver
@@ -102,6 +103,25 @@ def calibrate_batch(
     >>> [str(calibration.status) for calibration in calibrate_batch(soccer(), [{}, {}], (960, 540))]
     ['too few segments', 'too few segments']
     """
+    if flags is not None and flags & CalibrationFlags.CALIB_AUTO_ASPECT:
+        flags &= ~CalibrationFlags.CALIB_AUTO_ASPECT
+        if cameras is None and camera_matrix is None:
+            again = partial(
+                calibrate_batch,
+                object_segments,
+                rvec=rvec,
+                tvec=tvec,
+                flags=flags,
+                criteria=criteria,
+                prior=prior,
+                loss=loss,
+                tau=tau,
+                trust_labels=trust_labels,
+                weights=None if weights is None else list(weights),
+                paint=paint,
+                executor=executor,
+            )
+            return with_aspect_as_told(again, _several(frames), image_size)
     initial = None if cameras is None else _checked_cameras(cameras)
     if initial:
         if camera_matrix is not None or dist_coeffs is not None:
@@ -149,11 +169,7 @@ def checked_frames(
     image_size: tuple[int, int],
 ) -> tuple[list[Pixels], list[PixelWeights | None]]:
     """The pixels of frames and what each weighs, or a ValueError that begins with the index of the frame."""
-    if isinstance(frames, Mapping):
-        raise ValueError("expected a sequence of frames, got one mapping: calibrate_from_segments takes a single frame")
-    if isinstance(frames, str | bytes) or not isinstance(frames, Iterable):
-        raise ValueError(f"expected a sequence of mappings of labels to (N, 2) pixels, got {frames!r}")
-    frames, weights = list(frames), None if weights is None else list(weights)
+    frames, weights = _several(frames), None if weights is None else list(weights)
     if weights is not None and len(weights) != len(frames):
         raise ValueError(f"expected weights for each of {len(frames)} frames, got {len(weights)}")
     checked: list[Pixels] = []
@@ -167,6 +183,14 @@ def checked_frames(
         checked.append(pixels)
         pixel_weights.append(weight)
     return checked, pixel_weights
+
+
+def _several(frames: Iterable[ImageSegments]) -> list[ImageSegments]:
+    if isinstance(frames, Mapping):
+        raise ValueError("expected a sequence of frames, got one mapping: calibrate_from_segments takes a single frame")
+    if isinstance(frames, str | bytes) or not isinstance(frames, Iterable):
+        raise ValueError(f"expected a sequence of mappings of labels to (N, 2) pixels, got {frames!r}")
+    return list(frames)
 
 
 def calibrate_frames(

@@ -11,6 +11,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
+from functools import partial
 from typing import Protocol
 
 import numpy as np
@@ -22,11 +23,14 @@ from fieldcalib.assess.observability import Information
 from fieldcalib.assess.result import Calibration, Status, SuspectLabel
 from fieldcalib.assess.solved import Solved
 from fieldcalib.assess.verdict import Evidence, implausibilities, segment_errors, verdict
+from fieldcalib.calibrate.aspect import with_aspect_as_told
 from fieldcalib.calibrate.auto_lens import with_lens_as_called_for
 from fieldcalib.calibrate.given_camera import GivenCamera, as_fixed
+from fieldcalib.calibrate.label_ends import other_border
 from fieldcalib.calibrate.mislabels import Relabelled, without_mislabels
 from fieldcalib.calibrate.options import (
     DEFAULT_CRITERIA,
+    CalibrationFlags,
     Criteria,
     Options,
     Prior,
@@ -156,6 +160,25 @@ def calibrate_from_segments(
     ('accepted', 1600.0)
     """
     check_object(object_segments)
+    if flags is not None and flags & CalibrationFlags.CALIB_AUTO_ASPECT:
+        flags &= ~CalibrationFlags.CALIB_AUTO_ASPECT
+        if camera_matrix is None:
+            again = partial(
+                calibrate_from_segments,
+                object_segments,
+                rvec=rvec,
+                tvec=tvec,
+                flags=flags,
+                criteria=criteria,
+                prior=prior,
+                loss=loss,
+                tau=tau,
+                trust_labels=trust_labels,
+                weights=weights,
+                paint=paint,
+            )
+            (found,) = with_aspect_as_told(lambda some, size: [again(some[0], size)], [image_segments], image_size)
+            return found
     options = checked_options(
         image_size,
         camera_matrix,
@@ -202,6 +225,29 @@ def calibrate_checked(
 
     `solve` finds the final optimum.
     """
+    found = _solved(object_segments, frames, weights, options, solve, given, trust_labels)
+    if trust_labels:
+        return found
+    borders = [
+        other_border(object_segments, frame, options.image_size, one.camera)
+        for frame, one in zip(frames, found, strict=True)
+    ]
+    return [
+        replace(one, complaints=(*one.complaints, border)) if border is not None else one
+        for one, border in zip(found, borders, strict=True)
+    ]
+
+
+def _solved(
+    object_segments: ObjectSegments,
+    frames: list[Pixels],
+    weights: list[PixelWeights | None],
+    options: Options,
+    solve: Solver,
+    given: Array | None,
+    trust_labels: bool,
+) -> list[Calibration]:
+    """Calibrations of checked frames by their labels, wherever these end."""
     observations = pack(object_segments, frames, options.image_size, weights, motion_of(options))
     found = find_cameras(observations, options, given)
     solution = levenberg_marquardt(

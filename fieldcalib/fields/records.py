@@ -187,7 +187,9 @@ def _stands(records: Any) -> tuple[CameraDistribution, ...]:
 
 
 def _stand(record: Any) -> CameraDistribution:
-    return _made(CameraDistribution, {name: v if isinstance(v, str) else tuple(v) for name, v in record.items()})
+    return _made(
+        CameraDistribution, {name: tuple(v) if isinstance(v, list | tuple) else v for name, v in record.items()}
+    )
 
 
 def _lines(record: Any) -> LineLook:

@@ -44,6 +44,9 @@ class CameraDistribution:
     x: tuple[float, float]
     y: tuple[float, float]
     z: tuple[float, float]
+    principal_point: float = 0.02
+    """Standard deviation of the principal point from the middle of a whole picture, in shares of its width: measured
+    broadcast cameras are up to 0.035 off. More where pictures are views cut out of larger ones."""
 
     def __post_init__(self) -> None:
         for name in ("pan", "tilt", "roll", "fov", "x", "y", "z"):
@@ -55,6 +58,8 @@ class CameraDistribution:
             object.__setattr__(self, name, (low, high))  # hashable, whatever came
         if not 0.0 < self.fov[0] < self.fov[1] < 180.0:
             raise ValueError(f"{self.name!r}: fov must lie between 0 and 180 degrees, got {self.fov}")
+        if not 0.0 < self.principal_point < np.inf:
+            raise ValueError(f"{self.name!r}: principal_point must be a positive share, got {self.principal_point}")
 
 
 def _main(name: str, x: tuple[float, float]) -> CameraDistribution:
@@ -115,7 +120,11 @@ def stands_around(scale: float) -> tuple[CameraDistribution, ...]:
 
 
 def stands_beside(
-    length: float, width: float, away: tuple[float, float], up: tuple[float, float]
+    length: float,
+    width: float,
+    away: tuple[float, float],
+    up: tuple[float, float],
+    principal_point: float = MAIN_CENTER.principal_point,
 ) -> tuple[CameraDistribution, ...]:
     """Where cameras of a court or a rink stand: the stands of a soccer field, moved to another size and distance.
 
@@ -127,6 +136,8 @@ def stands_beside(
         From and to how far from the lines around the field cameras stand, metres.
     up : (float, float)
         From and to how high above the ground, metres.
+    principal_point : float
+        Its standard deviation, see `CameraDistribution`.
 
     Examples
     --------
@@ -138,7 +149,7 @@ def stands_beside(
     along, beside, behind = length / SOCCER_LENGTH, 0.5 * width + np.array(away), 0.5 * length + np.array(away)
 
     def moved(stand: CameraDistribution) -> CameraDistribution:
-        z = -up[1], -up[0]
+        stand, z = replace(stand, principal_point=principal_point), (-up[1], -up[0])
         if stand.y[0] * stand.y[1] > 0.0:  # beside the field, not behind it
             y = beside if stand.y[0] > 0.0 else -beside[::-1]
             return replace(stand, x=(along * stand.x[0], along * stand.x[1]), y=tuple(y.tolist()), z=z)

@@ -13,11 +13,12 @@ from numpy.typing import ArrayLike
 from fieldcalib.assess.result import LEAST_PROBABILITY, Calibration, Status
 from fieldcalib.assess.together import compute_errors
 from fieldcalib.calibrate.given_camera import GivenCamera
-from fieldcalib.calibrate.options import ALL, DEFAULT_FLAGS, Prior
+from fieldcalib.calibrate.options import ALL, PICTURE_FLAGS, CalibrationFlags, Prior
 from fieldcalib.fields.segments import ObjectSegments
 from fieldcalib.geometry.camera import Camera
 from fieldcalib.images.hypotheses import calibrate_from_consensus, calibrate_localized
 from fieldcalib.images.line_profiles import Markings
+from fieldcalib.images.pictures import Method, with_aspect_told, without_borders
 from fieldcalib.images.refinement import (
     SEARCH_RANGES,
     Refined,
@@ -53,9 +54,10 @@ def calibrate_from_images(
     rvec: ArrayLike | None = None,
     tvec: ArrayLike | None = None,
     *,
-    flags: int = DEFAULT_FLAGS,
+    flags: int = PICTURE_FLAGS,
     prior: Prior = ALL,
     refine: bool = True,
+    take_off_borders: bool = True,
     executor: Executor | None = None,
 ) -> list[Calibration]:
     """Calibrate a camera for each of several images.
@@ -70,10 +72,14 @@ def calibrate_from_images(
         Finds the markings, e.g. `SegmentationNetwork.load()`.
     camera_matrix, dist_coeffs, rvec, tvec, flags, prior
         As in `calibrate_from_segments`, the same for all images; with `camera_matrix` these must be of one size. What
-        flags fix holds in the refinement too, and is in the results to the last bit.
+        flags fix holds in the refinement too, and is in the results to the last bit. By default it is estimated whether
+        pictures were squashed (`CALIB_AUTO_ASPECT`): `DEFAULT_FLAGS` say that their pixels are square.
     refine : bool
         Whether cameras are refined on the lines in the images (`refine_on_image`): more accurate, and takes 1.4 times
         as long.
+    take_off_borders : bool
+        Whether black borders are left out, where no `camera_matrix` is given: cameras are in pixels of the whole
+        pictures, with the principal point near the middle of what is shown.
     executor : concurrent.futures.Executor, optional
         What works on the images, e.g. `Processes`, or that of a cluster (dask's ``Client.get_executor()``); other
         processes must be able to import the classes of what is given. The results are the same.
@@ -105,9 +111,14 @@ def calibrate_from_images(
     check_object(object_segments)
     check_network(network)
     given = GivenCamera(camera_matrix, dist_coeffs, rvec, tvec)
-    of_part = partial(
-        _calibrated, object_segments, network=network, flags=flags, prior=prior, given=given, refine=refine
+    kept = flags & ~CalibrationFlags.CALIB_AUTO_ASPECT
+    of_part: Method = partial(
+        _calibrated, object_segments, network=network, flags=kept, prior=prior, given=given, refine=refine
     )
+    if flags != kept and camera_matrix is None and prior is not None:
+        of_part = partial(with_aspect_told, of_part, object_segments=object_segments, flags=kept, prior=prior)
+    if take_off_borders and camera_matrix is None:
+        of_part = partial(without_borders, of_part)
     checked = each_checked(images) if camera_matrix is None else _of_one_size(each_checked(images))
     parts = in_parts(checked, IMAGES_AT_ONCE, lambda image: image.shape[0] * image.shape[1])
     return [calibration for part in in_order(executor, of_part, parts) for calibration in part]

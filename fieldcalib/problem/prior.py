@@ -23,7 +23,8 @@ from fieldcalib.problem.layout import (
     Layout,
 )
 
-PRINCIPAL_POINT_SIGMA = 0.02  # of the image's width: measured broadcast cameras are up to 67 px off at 1920
+BROADCAST_SHAPE = 16.0 / 9.0  # width by height of a whole frame
+PART_SIGMA = 0.5  # of what is cut off: a part may lie anywhere in its frame, most often at one of its sides
 # Slopes of the principal point in image widths, of a1, its bend, and the offset in metres: on ten measured cameras the
 # principal point moves by up to 0.011 widths where the focal length grows by e, a1 by 0.04, and its bend is up to 0.14.
 # A tripod head holds a camera near its centre of gravity: the pupil is a decimetre or two off.
@@ -67,7 +68,8 @@ def gaussian_prior(distribution: CameraDistribution, layout: Layout) -> Gaussian
     width = layout.image_size[0]
     mean, sigma = np.zeros(layout.size), np.ones(layout.size)
     mean[POSE_AND_ZOOM], sigma[POSE_AND_ZOOM] = _pose_and_zoom(distribution, width)
-    mean[PRINCIPAL_POINT], sigma[PRINCIPAL_POINT] = np.divide(layout.image_size, 2.0), PRINCIPAL_POINT_SIGMA * width
+    mean[PRINCIPAL_POINT] = np.divide(layout.image_size, 2.0)
+    sigma[PRINCIPAL_POINT] = principal_point_sigma(distribution.principal_point, layout.image_size)
     sigma[LOG_ASPECT] = LOG_ASPECT_SIGMA
     if layout.field_size is not None:
         mean[layout.field_size_block] = layout.field_size.given
@@ -76,6 +78,33 @@ def gaussian_prior(distribution: CameraDistribution, layout: Layout) -> Gaussian
     if layout.zoom_law is not None:
         sigma[layout.zoom_law_block] = np.multiply(ZOOM_LAW_SIGMA, (width, width, 1.0, 1.0, 1.0))
     return GaussianPrior(mean, sigma)
+
+
+def frame_around(image_size: tuple[int, int]) -> tuple[float, float]:
+    """Width and height of the smallest frame of 16:9 that a picture may be a part of.
+
+    Examples
+    --------
+    >>> frame_around((480, 540)), frame_around((1280, 720))
+    ((960.0, 540.0), (1280.0, 720.0))
+    """
+    width, height = image_size
+    return max(float(width), BROADCAST_SHAPE * height), max(float(height), width / BROADCAST_SHAPE)
+
+
+def principal_point_sigma(share: float, image_size: tuple[int, int]) -> Array:
+    """Standard deviations (2,) of a principal point from the middle of a picture, pixels.
+
+    They are a `share` of the width in a frame of 16:9. Another picture may be a whole one or a part of such a frame: of
+    half its width the principal point lies at a border.
+
+    Examples
+    --------
+    >>> principal_point_sigma(0.02, (960, 540)).round(1), principal_point_sigma(0.02, (480, 540)).round(1)
+    (array([19.2, 19.2]), array([240.8,  19.2]))
+    """
+    frame = np.array(frame_around(image_size))
+    return np.asarray(np.hypot(share * frame[0], PART_SIGMA * (frame - image_size)))
 
 
 @lru_cache(maxsize=64)

@@ -1,0 +1,217 @@
+"""What the verdict says of pictures that are not what they seem: parts of frames, and labels of another size.
+
+    python -m data_tools.undeclared ANNOTATIONS --size WxH
+    python -m data_tools.undeclared --basketball CAMERAS.json
+
+The camera of a frame is true where its labels, as they are, give a good one. The labels are then changed as a user may
+change a picture without saying so: its left or right half, a corner of three quarters, an upright part of 9:16, a size
+of the picture that is a third larger or smaller than it is, squashed to a square or to 3:2. Of each kind one line of
+JSON: how many frames keep three labels, which share of all is good, and good though it is off by more than 1 m
+somewhere in view.
+
+`--basketball` takes real cameras whose principal point is far from the centre of their views: K, R, T of each in
+centimetres, origin at a corner of the court. Its lines are projected with noise; wrong is off by more than the
+tolerance of the field.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from data_tools.probability import largest_true_error
+from fieldcalib.assess.result import Calibration, Verdict
+from fieldcalib.assess.together import compute_errors
+from fieldcalib.calibrate.batch import calibrate_batch
+from fieldcalib.cli.arguments import image_size
+from fieldcalib.cli.folder import read_frames
+from fieldcalib.cli.main import run_command
+from fieldcalib.fields.catalogue import field_named
+from fieldcalib.fields.field import Field
+from fieldcalib.fields.soccer import soccer
+from fieldcalib.geometry.camera import Camera
+from fieldcalib.problem.labelled_pixels import Pixels, check_segments
+
+LEAST_LABELS = 3
+CORNER = 0.75  # of width and height
+UPRIGHT = 9.0 / 16.0
+SAID_SIZES = {"a third larger": 4.0 / 3.0, "a third smaller": 2.0 / 3.0}
+BASKETBALL, COURT_CORNER = "basketball-fiba", (14.0, 7.5, 0.0)
+NOISE, SPACING = 1.5, 0.5  # px, metres
+SQUASHED = {"squashed to a square": 1.0, "squashed to 3:2": 1.5}  # width by height
+
+
+@dataclass(frozen=True)
+class Picture:
+    """Labels of a picture, and what is true of it."""
+
+    pixels: Pixels
+    image_size: tuple[int, int]
+    """That the user says."""
+    truth: Camera
+    """Of the picture as it is."""
+
+
+def part_of(pixels: Pixels, camera: Camera, corner: tuple[int, int], size: tuple[int, int]) -> Picture:
+    """The part of a frame whose upper left corner is at a pixel of it."""
+    inside = {
+        label: (xy - corner)[np.all((xy >= corner) & (xy <= np.add(corner, size) - 1), axis=1)]
+        for label, xy in pixels.items()
+    }
+    return Picture({label: xy for label, xy in inside.items() if len(xy)}, size, camera.cropped(corner, size))
+
+
+def changed(pixels: Pixels, camera: Camera, rng: np.random.Generator) -> dict[str, Picture]:
+    """A frame changed in each way, by its name.
+
+    Examples
+    --------
+    >>> camera = Camera.from_angles(0.2, 1.35, 0.0, 1400.0, (1.0, 65.0, -16.0), (960, 540))
+    >>> halves = changed({"Middle line": np.array([[100.0, 20.0], [500.0, 300.0]])}, camera, np.random.default_rng(0))
+    >>> halves["right half"].pixels, halves["right half"].image_size
+    ({'Middle line': array([[ 20., 300.]])}, (480, 540))
+    """
+    width, height = camera.image_size
+    half, (w, h) = width // 2, (round(CORNER * width), round(CORNER * height))
+    x, y = (rng.integers(2, size=2) * (width - w, height - h)).tolist()
+    upright = round(UPRIGHT * height)
+    left = int(rng.integers(width - upright, endpoint=True))
+    found = {
+        "as they are": Picture(pixels, camera.image_size, camera),
+        "left half": part_of(pixels, camera, (0, 0), (half, height)),
+        "right half": part_of(pixels, camera, (half, 0), (width - half, height)),
+        "corner": part_of(pixels, camera, (x, y), (w, h)),
+        "upright": part_of(pixels, camera, (left, 0), (upright, height)),
+    }
+    for name, factor in SAID_SIZES.items():
+        found[name] = Picture(pixels, (round(factor * width), round(factor * height)), camera)
+    for name, shape in SQUASHED.items():
+        size = round(shape * height), height
+        squashed = {label: xy * np.divide(size, camera.image_size) for label, xy in pixels.items()}
+        found[name] = Picture(squashed, size, camera.scaled(size))
+    return found
+
+
+def counts(pictures: Sequence[Picture], found: Sequence[Calibration], field: Field) -> Mapping[str, object]:
+    """How many pictures are good, and how many good ones are off by more than the field's tolerance, percent of all."""
+    good = [one.verdict is Verdict.GOOD for one in found]
+    wrong = [
+        is_good
+        and one.camera is not None
+        and not largest_true_error(one.camera, picture.truth, field) <= field.tolerance
+        for is_good, one, picture in zip(good, found, pictures, strict=True)
+    ]
+    share = 100.0 / max(len(pictures), 1)
+    return {
+        "count": len(pictures),
+        "good_percent": round(share * sum(good), 1),
+        "good_and_wrong_percent": round(share * sum(wrong), 1),
+    }
+
+
+def calibrated(pictures: Sequence[Picture], field: Field) -> list[Calibration]:
+    """The calibrations of pictures of any sizes."""
+    by_size: dict[tuple[int, int], list[int]] = {}
+    for index, picture in enumerate(pictures):
+        by_size.setdefault(picture.image_size, []).append(index)
+    found: dict[int, Calibration] = {}
+    for size, members in by_size.items():
+        frames = [pictures[index].pixels for index in members]
+        calibrations = calibrate_batch(field, frames, size)
+        compute_errors([one for one in calibrations if one.accepted])
+        found.update(zip(members, calibrations, strict=True))
+    return [found[index] for index in range(len(pictures))]
+
+
+def of_annotations(options: argparse.Namespace) -> int:
+    """Annotated frames, each changed in every way."""
+    rng, field = np.random.default_rng(options.seed), soccer()
+    frames = list(read_frames([options.annotations], field, options.size).pixels.values())
+    by_kind: dict[str, list[Picture]] = {}
+    truths = calibrate_batch(field, frames, options.size)
+    compute_errors([one for one in truths if one.accepted])
+    for pixels, one in zip(frames, truths, strict=True):
+        if one.verdict is not Verdict.GOOD or one.camera is None:
+            continue
+        for kind, picture in changed(pixels, one.camera, rng).items():
+            by_kind.setdefault(kind, []).append(picture)
+    print(json.dumps({"frames": len(frames), "good": len(by_kind.get("as they are", []))}))
+    for kind, pictures in by_kind.items():
+        enough = [
+            picture for picture in pictures if len(picture.pixels) >= LEAST_LABELS and _is_possible(field, picture)
+        ]
+        _print_counts(kind, enough, field)
+    return 0
+
+
+def _is_possible(field: Field, picture: Picture) -> bool:
+    """Whether the labels are taken at all: not if most of them lie outside the picture."""
+    try:
+        check_segments(field, picture.pixels, picture.image_size)
+    except ValueError:
+        return False
+    return True
+
+
+def _print_counts(kind: str, pictures: Sequence[Picture], field: Field) -> None:
+    print(json.dumps({"pictures": kind, **counts(pictures, calibrated(pictures, field), field)}), flush=True)
+
+
+def of_basketball(options: argparse.Namespace) -> int:
+    """Views of basketball games, whose principal point may be far from the middle."""
+    rng, field = np.random.default_rng(options.seed), field_named(BASKETBALL)
+    pictures = [
+        Picture(projected(camera, field, rng), camera.image_size, camera)
+        for camera in basketball_cameras(json.loads(options.basketball.read_bytes()))
+    ]
+    _print_counts("basketball", [picture for picture in pictures if len(picture.pixels) >= LEAST_LABELS], field)
+    return 0
+
+
+def basketball_cameras(records: Sequence[Mapping[str, Any]]) -> list[Camera]:
+    """Cameras of records with K, R and T in centimetres, from the corner of a court; the first says the size."""
+    width, height = int(records[0]["width"]), int(records[0]["height"])
+    found = []
+    for record in records[1:]:
+        K, R = np.reshape(record["K"], (3, 3)), np.reshape(record["R"], (3, 3))
+        U, _, V = np.linalg.svd(R)  # rounded numbers
+        K = np.array([[K[0, 0], 0.0, K[0, 2]], [0.0, K[1, 1], K[1, 2]], [0.0, 0.0, 1.0]])
+        C = -R.T @ np.array(record["T"]) / 100.0 - COURT_CORNER
+        found.append(Camera(K, U @ V, C, (width, height)))
+    return found
+
+
+def projected(camera: Camera, field: Field, rng: np.random.Generator) -> Pixels:
+    """Pixels of the markings in view, with noise."""
+    found: Pixels = {}
+    largest = np.array(camera.image_size) - 1.0
+    for label, segment in field.markings.items():
+        xy = camera.project(segment.sample(SPACING))
+        xy = xy[np.all((xy >= 0.0) & (xy <= largest), axis=1)]
+        if len(xy) > 1 and label not in field.half_labels:
+            found[label] = xy + rng.normal(0.0, NOISE, xy.shape)
+    return found
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Print a line of JSON for each kind of pictures."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("annotations", type=Path, nargs="?", help="folder or zip of <id>.json")
+    parser.add_argument("--size", type=image_size, metavar="WxH", help="of the images")
+    parser.add_argument("--basketball", type=Path, metavar="FILE", help="cameras of basketball games, instead")
+    parser.add_argument("--seed", type=int, default=0)
+    options = parser.parse_args(arguments)
+    if (options.basketball is None) == (options.annotations is None or options.size is None):
+        parser.error("expected ANNOTATIONS and --size, or --basketball")
+    options.run = of_annotations if options.basketball is None else of_basketball
+    return run_command(options)
+
+
+if __name__ == "__main__":
+    raise SystemExit(main())

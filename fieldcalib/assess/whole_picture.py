@@ -1,0 +1,148 @@
+"""Is a picture a whole frame, or a part of one? What the labels say of the principal point, and when that is a doubt.
+
+A whole frame has its principal point near the middle, a part of one anywhere. The labels of a frame put it, to first
+order, at an offset delta from the middle with a covariance V, with everything else free as it is. With S the covariance
+of a whole frame's and 100 S that of a part's (ten times as far from the middle), the log likelihood ratio of a part is
+that of delta under normal distributions of covariance V + 100 S and V + S.
+
+Few labels tell the principal point. That a picture is a part of a frame also shows in a camera that seems rolled, as
+heads of tripods are level. The score of `seems_part` is linear in both and in the log odds that the camera is right: a
+camera that hardly depends on the principal point is right wherever it is.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from fieldcalib._types import Array
+from fieldcalib.assess.uncertainty import Uncertainty
+from fieldcalib.problem.layout import PRINCIPAL_POINT, ROLL
+from fieldcalib.problem.prior import BROADCAST_SHAPE, frame_around
+
+FAINT = 1e-6  # information, in units of the prior's, that keeps what no label tells in the system
+PART_SCALE = 10.0  # times as far from the middle as in whole frames: a fifth of the width
+LEVEL = np.radians(0.5)  # of annotated broadcast frames 95 % are rolled by less than 0.7 degrees
+LARGEST_ROLL_SCORE = 4.0  # squared z-score: more says no more,
+LARGEST_ROLL = np.radians(2.5)  # and a larger roll comes from no part of a frame, but from a head that was not level
+LARGEST_LOG_RATIO = 8.0
+# A picture that has not the shape of a frame needs this probability of being right. Of halves and upright parts of
+# annotated frames 1 to 2 % are good and wrong then, 6 to 7 % with the 0.5 of whole pictures.
+SURE = 0.92
+# Fitted to 663 annotated frames as they are and to corners of them that are good and wrong: 2 % of the former and 60 %
+# of the latter have a positive score.
+SCORE = (0.45, -1.25, 0.6, 1.4)
+LARGEST_SPREAD = 0.05  # share of the width: cameras of which more is expected show no whole frames
+SQUASH_SIGMAS = 3.0  # that the pixels of a squashed picture are off, by what the labels tell
+LEAST_CUT = 0.05  # share of a frame's width or height: of less it is a whole one
+CUT = "the picture may be a part of a frame, whose middle the labels do not tell: say which part (--crop-of)"
+SHAPE = "the picture is not 16:9, and the labels do not tell whether it was squashed (--aspect) or cut out (--crop-of)"
+
+
+@dataclass(frozen=True, eq=False)
+class PrincipalPointEvidence:
+    """What the labels of a frame say about its principal point, in standard deviations of that of whole frames."""
+
+    offset: Array
+    """(2,) from the middle of the picture."""
+    covariance: Array
+    """Of that, (2, 2)."""
+
+    @property
+    def log_ratio_of_part(self) -> float:
+        """Log likelihood of a part of a frame less that of a whole one."""
+        log = []
+        for scale in (PART_SCALE, 1.0):
+            total = self.covariance + scale**2 * np.eye(2)
+            log.append(-0.5 * (self.offset @ np.linalg.solve(total, self.offset) + np.linalg.slogdet(total)[1]))
+        return float(log[0] - log[1])
+
+    @classmethod
+    def of(cls, uncertainty: Uncertainty) -> PrincipalPointEvidence | None:
+        """The evidence of a frame whose principal point was free under its prior; None of others.
+
+        Examples
+        --------
+        >>> from fieldcalib import Camera, calibrate_from_segments, soccer
+        >>> truth = Camera.from_angles(0.2, 1.35, 0.0, 1400.0, (1.0, 65.0, -16.0), (960, 540))
+        >>> labels = ("Side line top", "Side line right", "Big rect. right main", "Big rect. right top", "Circle right")
+        >>> pixels = {label: truth.project(soccer()[label].sample(4.0)) for label in labels}
+        >>> evidence = PrincipalPointEvidence.of(calibrate_from_segments(soccer(), pixels, (960, 540)).uncertainty)
+        >>> evidence.log_ratio_of_part < 0.0
+        True
+        """
+        problem = uncertainty.problem
+        free = np.flatnonzero(problem.free)
+        own = np.isin(free, np.arange(PRINCIPAL_POINT.start, PRINCIPAL_POINT.stop))
+        if problem.prior is None or np.count_nonzero(own) != 2:
+            return None
+        unit = uncertainty.unit[free]
+        determined = uncertainty.determined[np.ix_(free, free)] / (unit[:, None] * unit)
+        A = uncertainty.curvature * uncertainty.information.matrix[0] + np.eye(len(free))
+        z = problem.prior_residuals(uncertainty.evaluation.theta)[0]
+        # the same without the prior of the principal point
+        without = A - np.diag(own * (1.0 - FAINT))
+        spread = A @ determined @ A - np.diag(own * (1.0 - FAINT))
+        inverse = np.linalg.inv(without)
+        offset = z + inverse @ (own * z)
+        covariance = inverse @ spread @ inverse.T
+        return cls(offset[own], covariance[np.ix_(own, own)])
+
+
+def seems_part(uncertainty: Uncertainty, probability: float) -> tuple[str, ...]:
+    """In words, that a picture may be a part of a frame, if its camera would be wrong then; nothing of others.
+
+    Parameters
+    ----------
+    uncertainty : Uncertainty
+    probability : float
+        That the camera is right to the field's tolerance, for a field of the given size.
+    """
+    width, height = uncertainty.layout.image_size
+    frame = frame_around((width, height))
+    evidence = PrincipalPointEvidence.of(uncertainty)
+    own_spread = uncertainty.unit[PRINCIPAL_POINT.start : PRINCIPAL_POINT.stop]
+    if evidence is None or np.min(own_spread) > LARGEST_SPREAD * frame[0]:
+        return ()
+    if not is_whole_shape((width, height)):
+        return () if probability >= SURE and _tells_aspect(uncertainty) else (SHAPE,)
+    return (CUT,) if score(uncertainty, evidence, probability) > 0.0 else ()
+
+
+def is_whole_shape(image_size: tuple[int, int]) -> bool:
+    """Whether a picture has the shape of a broadcast frame.
+
+    Examples
+    --------
+    >>> is_whole_shape((1366, 768)), is_whole_shape((640, 640)), is_whole_shape((480, 540))
+    (True, False, False)
+    """
+    return bool(np.all(np.divide(image_size, frame_around(image_size)) >= 1.0 - LEAST_CUT))
+
+
+def _tells_aspect(uncertainty: Uncertainty) -> bool:
+    """Whether the labels say that pixels are square, and not as they are if a frame of 16:9 was squashed to this shape.
+
+    What was estimated or given is known.
+    """
+    if "log aspect" not in uncertainty.offsets:
+        return True
+    width, height = uncertainty.layout.image_size
+    squash = np.log(BROADCAST_SHAPE * height / width)  # log aspect of the picture if it was
+    offset, sigma = uncertainty.offsets["log aspect"]
+    return bool(abs(offset) < abs(offset - squash) and SQUASH_SIGMAS * sigma < abs(squash))
+
+
+def features(uncertainty: Uncertainty, evidence: PrincipalPointEvidence, probability: float) -> Array:
+    """What the score is linear in: 1, log odds of being right, log ratio of a part, square of the roll's z-score."""
+    p = np.clip(probability, 1e-3, 1.0 - 1e-3)
+    roll = np.square(uncertainty.theta[ROLL]) / (LEVEL**2 + uncertainty.covariance[ROLL, ROLL])
+    roll *= abs(uncertainty.theta[ROLL]) <= LARGEST_ROLL
+    ratio = np.clip(evidence.log_ratio_of_part, -LARGEST_LOG_RATIO, LARGEST_LOG_RATIO)
+    return np.array([1.0, np.log(p / (1.0 - p)), ratio, min(roll, LARGEST_ROLL_SCORE)])
+
+
+def score(uncertainty: Uncertainty, evidence: PrincipalPointEvidence, probability: float) -> float:
+    """Positive where a picture is doubted to be a whole frame."""
+    return float(np.array(SCORE) @ features(uncertainty, evidence, probability))

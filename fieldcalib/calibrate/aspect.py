@@ -1,0 +1,103 @@
+"""Was a picture squashed from 16:9? It is calibrated as it is and as it would be shown, and the likelihoods compared.
+
+A picture of another shape than 16:9 is a whole frame or a part of one with square pixels, or a whole frame that was
+squashed. The first has a principal point that may lie anywhere (`fieldcalib.problem.prior`), the second pixels that are
+not square. The evidence for each, by Laplace's approximation, is ``-cost - 1/2 log det A``, with A the information of
+labels and prior in units of the prior's: what fits no better with more freedom is less likely.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from fieldcalib._types import Array
+from fieldcalib.assess.result import Calibration
+from fieldcalib.assess.whole_picture import SHAPE, is_whole_shape
+from fieldcalib.calibrate.options import CERTAIN
+from fieldcalib.problem.labelled_pixels import ImageSegments
+from fieldcalib.problem.prior import frame_around
+
+WAS_SQUASHED = "the picture was squashed from 16:9: its pixels are not square"
+
+
+def may_be_squashed(image_size: tuple[int, int]) -> bool:
+    """Whether a picture has another shape than 16:9."""
+    return not is_whole_shape(image_size)
+
+
+def shown_size(image_size: tuple[int, int]) -> tuple[int, int]:
+    """At which a picture that was squashed from 16:9 has square pixels.
+
+    Examples
+    --------
+    >>> shown_size((640, 640)), shown_size((1920, 800))
+    ((1138, 640), (1920, 1080))
+    """
+    width, height = frame_around(image_size)
+    return round(width), round(height)
+
+
+def log_evidence(calibration: Calibration) -> float:
+    """Log of the likelihood of the labels under all cameras, up to a constant; minus infinity without a camera."""
+    if calibration.solved is None:
+        return -np.inf
+    uncertainty = calibration.solved.uncertainty
+    evaluation = uncertainty.evaluation
+    information = uncertainty.information.matrix[0]
+    return float(-evaluation.cost[0] - 0.5 * np.linalg.slogdet(information + np.eye(len(information)))[1])
+
+
+def told(as_it_is: Calibration, shown: Calibration, log_ratio: float, image_size: tuple[int, int]) -> Calibration:
+    """The calibration of a picture of a shape, of two: as it is, and as shown where it was squashed.
+
+    Parameters
+    ----------
+    as_it_is, shown : Calibration
+        In pixels of the picture, and in those of `shown_size`.
+    log_ratio : float
+        Log evidence for `shown` less that for `as_it_is`.
+    image_size : (int, int)
+        Of the picture.
+    """
+    if log_ratio > 0.0 and shown.camera is not None:
+        found = in_pixels_of(shown, image_size)
+        found = replace(found, message=f"{found.message}; {WAS_SQUASHED}")
+    else:
+        found = as_it_is
+    if abs(log_ratio) > CERTAIN or not found.accepted or SHAPE in found.complaints:
+        return found
+    return replace(found, complaints=(*found.complaints, SHAPE))
+
+
+def in_pixels_of(shown: Calibration, image_size: tuple[int, int]) -> Calibration:
+    """A calibration with its cameras in the pixels of the squashed picture, and its errors in those as shown."""
+    if shown.camera is None:
+        return shown
+    others = tuple(camera.scaled(image_size) for camera in shown.alternatives)
+    return replace(shown, camera=shown.camera.scaled(image_size), alternatives=others)
+
+
+def with_aspect_as_told(
+    calibrate: Callable[[Sequence[ImageSegments], tuple[int, int]], list[Calibration]],
+    frames: Sequence[ImageSegments],
+    image_size: tuple[int, int],
+) -> list[Calibration]:
+    """What a method makes of frames of one size, each as it is or as shown, whichever its labels make more likely."""
+    found = calibrate(frames, image_size)
+    if not may_be_squashed(image_size):
+        return found
+    size = shown_size(image_size)
+    shown = calibrate([stretched(frame, np.divide(size, image_size)) for frame in frames], size)
+    return [
+        told(one, other, log_evidence(other) - log_evidence(one), image_size) if one.solved or other.solved else one
+        for one, other in zip(found, shown, strict=True)
+    ]
+
+
+def stretched(frame: Mapping[str, ArrayLike], scale: Array) -> dict[str, Array]:
+    """The pixels of a frame, scaled along x and y."""
+    return {label: np.reshape(np.asarray(xy, dtype=float), (-1, 2)) * scale for label, xy in frame.items()}

@@ -1,0 +1,133 @@
+"""Pictures that are not what they seem: parts of frames, sizes that are not theirs, and how they are measured."""
+
+import json
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from synthetic import observe, whole_circle_markings
+
+from data_tools.undeclared import basketball_cameras, calibrated, changed, counts, part_of
+from fieldcalib import calibrate_from_segments, soccer
+from fieldcalib.assess.result import Verdict
+from fieldcalib.assess.whole_picture import CUT, SHAPE, PrincipalPointEvidence, seems_part
+from fieldcalib.calibrate.options import DEFAULT_FLAGS, CalibrationFlags
+from fieldcalib.fields.catalogue import field_named
+from fieldcalib.geometry.camera import Camera
+from fieldcalib.problem.prior import frame_around, principal_point_sigma
+
+FIELD, SIZE = soccer(), (960, 540)
+CAMERA = Camera.from_angles(0.3, 1.35, 0.0, 1300.0, (0.0, 62.0, -15.0), SIZE)
+
+
+def frame_of(camera=CAMERA, noise=1.0, seed=0):
+    return observe(whole_circle_markings(FIELD), camera, np.random.default_rng(seed), noise)
+
+
+@given(st.integers(100, 4000), st.integers(100, 4000))
+def test_a_picture_fits_into_its_frame_which_is_one_of_16_to_9(width, height):
+    frame = frame_around((width, height))
+    assert frame[0] / frame[1] == pytest.approx(16.0 / 9.0)
+    assert min(frame[0] - width, frame[1] - height) == pytest.approx(0.0, abs=1e-9)
+    assert frame[0] >= width
+    assert frame[1] >= height
+
+
+@given(st.floats(0.01, 0.3), st.integers(1, 120))
+def test_a_principal_point_of_16_to_9_is_as_its_camera_has_it_and_further_off_in_a_part(share, unit):
+    whole, half = (16 * unit, 9 * unit), (8 * unit, 9 * unit)
+    np.testing.assert_allclose(principal_point_sigma(share, whole), share * whole[0])
+    x, y = principal_point_sigma(share, half)
+    assert x > half[0] / 2.0  # that of a half lies at its border
+    assert y == pytest.approx(share * whole[0])
+
+
+def test_labels_of_a_whole_frame_speak_against_a_part():
+    evidence = PrincipalPointEvidence.of(calibrate_from_segments(FIELD, frame_of(), SIZE).uncertainty)
+    assert evidence.log_ratio_of_part < -1.0
+
+
+@settings(max_examples=10, deadline=None)
+@given(st.integers(0, 1000))
+def test_the_principal_point_lies_where_labels_put_it_within_what_they_tell(seed):
+    """Half of the prior's width off the middle: the offset to first order is that, within three sigma."""
+    camera = CAMERA.cropped((40, 0), SIZE)  # its principal point is 40 px, two standard deviations, to the left
+    found = calibrate_from_segments(FIELD, frame_of(camera, 0.5, seed), SIZE, flags=DEFAULT_FLAGS)
+    evidence = PrincipalPointEvidence.of(found.uncertainty)
+    off = evidence.offset - [-40.0 / 19.2, 0.0]
+    assert np.all(np.abs(off) < 4.0 * np.sqrt(np.diagonal(evidence.covariance)) + 0.2)
+
+
+def test_a_principal_point_that_is_known_is_not_asked_for():
+    flags = DEFAULT_FLAGS | CalibrationFlags.CALIB_FIX_PRINCIPAL_POINT
+    found = calibrate_from_segments(FIELD, frame_of(), SIZE, flags=flags)
+    assert PrincipalPointEvidence.of(found.uncertainty) is None
+    assert seems_part(found.uncertainty, 0.5) == ()
+
+
+def test_a_half_must_be_surer_of_its_camera_than_a_whole_frame():
+    whole = calibrate_from_segments(FIELD, frame_of(), SIZE)
+    assert seems_part(whole.uncertainty, 0.8) == ()
+    half = part_of(frame_of(), CAMERA, (480, 0), (480, 540))
+    uncertainty = calibrate_from_segments(FIELD, half.pixels, half.image_size).uncertainty
+    assert seems_part(uncertainty, 0.8) == (SHAPE,)
+    assert seems_part(uncertainty, 0.95) == ()
+
+
+def test_a_corner_whose_labels_tell_the_principal_point_is_no_good_whole_frame():
+    corner = part_of(frame_of(noise=0.5), CAMERA, (240, 135), (720, 405))
+    found = calibrate_from_segments(FIELD, corner.pixels, corner.image_size)
+    assert PrincipalPointEvidence.of(found.uncertainty).log_ratio_of_part > 2.0
+    assert found.verdict is not Verdict.GOOD
+
+
+def test_a_large_roll_is_no_sign_of_a_part():
+    rolled = Camera.from_angles(0.3, 1.35, np.radians(4.0), 1300.0, (0.0, 62.0, -15.0), SIZE)
+    found = calibrate_from_segments(FIELD, frame_of(rolled), SIZE)
+    assert CUT not in found.concerns
+
+
+@pytest.mark.parametrize("factor", [4.0 / 3.0, 2.0 / 3.0])
+def test_labels_of_another_size_end_where_its_picture_ends(factor):
+    rng, markings = np.random.default_rng(0), whole_circle_markings(FIELD)
+    size = round(factor * SIZE[0]), round(factor * SIZE[1])
+    clipped = {}
+    for label, segment in markings.items():
+        xy = CAMERA.project(segment.sample(0.05))
+        xy = xy[np.all((xy >= 0.0) & (xy <= np.subtract(SIZE, 1)), axis=1)]
+        if len(xy) > 20:
+            clipped[label] = xy[np.linspace(0, len(xy) - 1, 5).astype(int)] + rng.normal(0.0, 0.1, (5, 2))
+    as_it_is = calibrate_from_segments(FIELD, clipped, SIZE)
+    assert not [one for one in as_it_is.complaints if "end at column" in one]
+    found = calibrate_from_segments(FIELD, clipped, size)
+    assert [one for one in found.complaints if "end at column 95" in one]
+    assert found.verdict is not Verdict.GOOD
+
+
+def test_pictures_are_counted():
+    kinds = changed(frame_of(), CAMERA, np.random.default_rng(0))
+    assert {"as they are", "left half", "corner", "upright", "squashed to 3:2"} <= kinds.keys()
+    pictures = [kinds["as they are"], kinds["corner"]]
+    rows = counts(pictures, calibrated(pictures, FIELD), FIELD)
+    assert rows["count"] == 2
+    assert rows["good_and_wrong_percent"] <= rows["good_percent"]
+
+
+def test_a_squashed_picture_has_its_camera():
+    picture = changed(frame_of(noise=0.0), CAMERA, np.random.default_rng(0))["squashed to a square"]
+    assert picture.image_size == (540, 540)
+    label, xy = next(iter(picture.pixels.items()))
+    np.testing.assert_allclose(xy, frame_of(noise=0.0)[label] * (540 / 960, 1.0))
+    assert picture.truth.K[0, 0] / picture.truth.K[1, 1] == pytest.approx(540 / 960)
+
+
+def test_cameras_of_basketball_games_are_read():
+    court = field_named("basketball-fiba")
+    camera = Camera.from_angles(0.1, 1.1, 0.02, 1500.0, (0.0, 22.0, -9.0), SIZE, principal_point=(700.0, 200.0))
+    T = 100.0 * (-camera.R @ (camera.C + (14.0, 7.5, 0.0)))
+    record = {"K": camera.K.ravel().tolist(), "R": camera.R.ravel().tolist(), "T": T.tolist()}
+    (found,) = basketball_cameras(json.loads(json.dumps([{"width": 960, "height": 540}, record])))
+    np.testing.assert_allclose(
+        found.project(court["Centre line"].sample(1.0)), camera.project(court["Centre line"].sample(1.0))
+    )
