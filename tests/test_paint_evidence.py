@@ -11,7 +11,7 @@ from strategies import numbers
 from synthetic import observe, whole_circle_markings
 from views import camera
 
-from fieldcalib.assess.markings import MarkingInView, is_contradicted, paint_complaints
+from fieldcalib.assess.markings import MarkingInView, paint_complaints, paint_contradicts
 from fieldcalib.assess.result import Calibration, Status, Verdict
 from fieldcalib.calibrate.from_segments import calibrate_from_segments
 from fieldcalib.calibrate.options import ALL, DEFAULT_FLAGS
@@ -100,9 +100,9 @@ def test_distance_of_paint_is_that_of_the_projections(tilt):
 
 @settings(max_examples=10, deadline=None)
 @given(side=st.sampled_from((-1.0, 1.0)), pixels=numbers(8.0, 22.0))
-def test_camera_that_looks_aside_is_contradicted(side, pixels):
+def test_camera_that_looks_aside_paint_contradicts(side, pixels):
     found = paint_evidence(PICTURE, turned(PENALTY_AREA, tilt=side * pixels), MARKINGS)
-    assert is_contradicted(found.markings)
+    assert paint_contradicts(found.markings)
 
 
 def test_refinement_uses_paint_beyond_its_search_range():

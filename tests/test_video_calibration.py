@@ -239,6 +239,7 @@ def moving(sequence, motion, known):
         label_errors=np.zeros((T, len(frames.labels)), np.float32),
         label_counts=np.zeros((T, len(frames.labels)), np.uint16),
         notes=dict.fromkeys(np.flatnonzero(~known).tolist(), "no labelled pixels"),
+        misfit=np.where(known, 0.2, np.nan),
     )
     return replace(sequence, frames=columns)
 

@@ -62,7 +62,7 @@ def paint_complaints(markings: Sequence[MarkingInView]) -> tuple[str, ...]:
     return (*found, *(f"the image shows no paint at {one.label!r}" for one in markings if one.is_unseen))
 
 
-def is_contradicted(markings: Sequence[MarkingInView]) -> bool:
+def paint_contradicts(markings: Sequence[MarkingInView]) -> bool:
     """Whether more of the paint in view lies beside the markings than on them."""
     on = sum(one.share * one.places for one in markings)
     return sum((1.0 - one.share) * one.places for one in markings if one.is_beside) > on

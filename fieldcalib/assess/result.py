@@ -17,7 +17,7 @@ from fieldcalib._json import from_json, to_json
 from fieldcalib._types import Array
 from fieldcalib.assess.camera_errors import CameraErrors, GroundError, KnownErrors
 from fieldcalib.assess.datum import MARKINGS_IN_VIEW, RelativeTo
-from fieldcalib.assess.markings import MarkingInView, is_contradicted, paint_complaints
+from fieldcalib.assess.markings import MarkingInView, paint_complaints, paint_contradicts
 from fieldcalib.assess.observability import Direction
 from fieldcalib.assess.probability import evidence, probability_by_covariance, probability_right
 from fieldcalib.assess.solved import Solved
@@ -348,7 +348,7 @@ class Calibration:
         "most of the paint lies beside the markings: 'Middle line' lies 21 px beside its paint"
         """
         seen = replace(self, markings=tuple(markings))
-        if not self.accepted or not is_contradicted(markings):
+        if not self.accepted or not paint_contradicts(markings):
             return seen
         reason = "; ".join(paint_complaints(markings))
         return replace(seen, status=Status.IMPROBABLE, message=f"most of the paint lies beside the markings: {reason}")

@@ -16,7 +16,8 @@ from fieldcalib._json import from_json, to_json
 from fieldcalib._types import Array, BoolArray, Float32, IntArray
 from fieldcalib.assess.camera_errors import KnownErrors
 from fieldcalib.assess.frame_sequence import FrameSequence, read_record
-from fieldcalib.assess.markings import MarkingInView, is_contradicted, paint_complaints
+from fieldcalib.assess.markings import MarkingInView, paint_complaints, paint_contradicts
+from fieldcalib.assess.misfit import is_contradicted
 from fieldcalib.assess.own_errors import OwnErrors, ground_errors, whole_covariance
 from fieldcalib.assess.result import Calibration, Status, SuspectLabel
 from fieldcalib.fields.field import Field
@@ -27,7 +28,7 @@ from fieldcalib.problem.records import layout_from_record, layout_to_record
 if TYPE_CHECKING:
     import pandas
 
-VERSION = 2  # of `SequenceCalibration.to_dict`
+VERSION = 3  # of `SequenceCalibration.to_dict`
 SURE = 0.5  # m: what is known of the field in view to no better than that is to be looked at
 LARGEST_ERROR = 1.0  # m over the field in view: frames that others tell are accepted up to that
 STEP = 1e-3  # radians, or of log f, by which a frame may be off an even motion, for each frame that is missing,
@@ -83,6 +84,9 @@ class Frames:
     """Messages of frames for which the numbers do not say everything."""
     suspects: Mapping[int, tuple[SuspectLabel, ...]]
     """Labels that the rest of a frame contradicts."""
+    misfit: Array
+    """By how much the labels of each frame lie farther off its camera than off one with a place of its own, pixels, or
+    those of the frames around it, (T,); NaN where that is unknown (`fieldcalib.assess.misfit`)."""
     markings: Mapping[int, tuple[MarkingInView, ...]] = attribute(default_factory=dict)
     """What the images of frames show of the markings in view."""
 
@@ -195,6 +199,8 @@ class SequenceCalibration(FrameSequence):
         suspects, metres = frames.suspects.get(t, ()), float(frames.ground_error[t])
         doubts = [f"{len(suspects)} of {len(labelled)} labels are suspect"] if suspects else []
         doubts += [f"the field in view is known to {metres:.1f} m only"] if metres > SURE else []
+        if self.layout is not None and is_contradicted(frames.misfit[t], self.layout.image_size):
+            doubts.append(f"what the frames share brings its lines {frames.misfit[t]:.0f} px off")
         return Calibration(
             camera,
             status,
@@ -281,7 +287,7 @@ class SequenceCalibration(FrameSequence):
         frames = self.frames
         status, notes = frames.status.copy(), dict(frames.notes)
         for t, seen in markings.items():
-            if self.accepted[t] and is_contradicted(seen):
+            if self.accepted[t] and paint_contradicts(seen):
                 status[t] = STATUSES.index(Status.IMPROBABLE)
                 words = "; ".join([*paint_complaints(seen), *([notes[t]] if t in notes else [])])
                 notes[t] = f"most of the paint lies beside the markings: {words}"

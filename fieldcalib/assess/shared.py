@@ -73,3 +73,23 @@ def by_considered(evaluation: Evaluation, kappa: Array, inverse: Array) -> Array
     following, _ = eliminated(hessian, evaluation.gradient, own, evaluation.coupling)
     right = border[:, layout.shared] - np.swapaxes(following, 1, 2) @ border[:, own]
     return np.asarray(-inverse @ np.sum(right, axis=0))
+
+
+def gradients_by_shared(evaluation: Evaluation, kappa: Array) -> Array:
+    """Of what the labels of each frame cost, by the shared parameters, the frames' own following them, (T, S).
+
+    At the solution their sum vanishes, but for what the prior and links of the frames pull.
+
+    Parameters
+    ----------
+    evaluation : Evaluation
+        Of T frames at the solution.
+    kappa : (T,) array
+        As in `shared_covariance`.
+    """
+    shared = evaluation.problem.layout.shared
+    hessian = evaluation.hessian + (kappa - 1.0)[:, None, None] * evaluation.information
+    following, _ = eliminated(hessian, evaluation.gradient, ~shared, evaluation.coupling)
+    gradient = (evaluation.JT @ (evaluation.pull * evaluation.r)[..., None])[..., 0]
+    through_own = (np.swapaxes(following, 1, 2) @ gradient[:, ~shared, None])[..., 0]
+    return np.asarray(gradient[:, shared] - through_own)

@@ -43,13 +43,22 @@ class Centres(NamedTuple):
 
 def agreed_centre(calibrations: Sequence[Calibration]) -> Array | None:
     """The centre (3,) that most frames of one tripod agree on within their covariances; None without any."""
-    if not calibrations:
-        return None
+    voted = voted_centres(calibrations, 1)
+    return voted[0] if voted else None
+
+
+def voted_centres(calibrations: Sequence[Calibration], most: int) -> list[Array]:
+    """Up to `most` centres (3,) that frames of one tripod agree on: of most of them, of most of the rest, and so on."""
+    found: list[Array] = []
     C, V = _centres(calibrations)
-    distance = _squared(C[:, None] - C, V[:, None] + V, np.sqrt(2.0) * NEAR * np.ones(3))
-    agree = distance[np.argmax(np.sum(distance < AGREE, axis=1))] < AGREE
-    precision = np.linalg.inv(V[agree] + NEAR**2 * np.eye(3))
-    return np.asarray(np.linalg.solve(np.sum(precision, axis=0), np.einsum("nij,nj->i", precision, C[agree])))
+    while len(C) and len(found) < most:
+        distance = _squared(C[:, None] - C, V[:, None] + V, np.sqrt(2.0) * NEAR * np.ones(3))
+        agree = distance[np.argmax(np.sum(distance < AGREE, axis=1))] < AGREE
+        precision = np.linalg.inv(V[agree] + NEAR**2 * np.eye(3))
+        mean = np.linalg.solve(np.sum(precision, axis=0), np.einsum("nij,nj->i", precision, C[agree]))
+        found.append(np.asarray(mean))
+        C, V = C[~agree], V[~agree]
+    return found
 
 
 def expected_centres(columns: FrameColumns, done: BoolArray, index: IntArray) -> Centres:

@@ -55,6 +55,7 @@ class FrameColumns:
         self.label_counts = np.zeros((count, len(labels)), np.uint16)
         self.notes = dict.fromkeys(range(count), message)
         self.suspects: dict[int, tuple[SuspectLabel, ...]] = {}
+        self.misfit = np.full(count, np.nan)
 
     def fill(
         self,
@@ -127,6 +128,13 @@ class FrameColumns:
             status = Status.IMPROBABLE
         self.status[t] = STATUSES.index(status)
 
+    def set_misfit(self, misfit: Mapping[int, float]) -> None:
+        """That of some frames, pixels; others that have a camera are between these, or beside the nearest one."""
+        known = sorted(t for t, excess in misfit.items() if np.isfinite(excess))
+        if known:
+            has = np.flatnonzero(np.isfinite(self.theta).all(axis=1))
+            self.misfit[has] = np.interp(has, known, [misfit[t] for t in known])
+
     def without_camera(self, t: int, alone: Calibration) -> None:
         """A frame of which not even a wrong camera is known."""
         self.status[t], self.notes[t] = STATUSES.index(alone.status), alone.message
@@ -146,4 +154,5 @@ class FrameColumns:
             self.label_counts,
             self.notes,
             self.suspects,
+            self.misfit,
         )

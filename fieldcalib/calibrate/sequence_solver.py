@@ -14,18 +14,20 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
 
 from fieldcalib._types import Array, BoolArray, IntArray
+from fieldcalib.assess.misfit import Misfit, inflation, is_contradicted, misfit
 from fieldcalib.assess.noise import pooled_noise
 from fieldcalib.assess.own_errors import OwnErrors, own_errors
 from fieldcalib.assess.result import Calibration, Status
 from fieldcalib.assess.sequence import LARGEST_ERROR, SequenceCalibration
 from fieldcalib.assess.shared import by_considered, shared_covariance
 from fieldcalib.calibrate.batch import CHUNK, calibrate_frames, checked_frames
-from fieldcalib.calibrate.centres import ACCELERATION, agreed_centre, expected_centres, near_path, on_path
+from fieldcalib.calibrate.centres import ACCELERATION, expected_centres, near_path, on_path, voted_centres
 from fieldcalib.calibrate.frame_columns import FrameColumns
 from fieldcalib.calibrate.given_camera import NOTHING_GIVEN, GivenCamera
 from fieldcalib.calibrate.initial_cameras import given_cameras
@@ -37,6 +39,7 @@ from fieldcalib.calibrate.options import (
     checked_options,
     default_flags,
 )
+from fieldcalib.calibrate.shared_starts import WIDTHS, followed, minima, narrowing
 from fieldcalib.calibrate.ties import Matched, Ties, contradicted, with_tied
 from fieldcalib.calibrate.together import labels_of, put_together
 from fieldcalib.calibrate.tripod import KnownTripod, Labels, PixelNoise
@@ -60,6 +63,9 @@ TIED_TOGETHER = 100  # and that if matches tie them: these make one system of al
 NO_NOISE = PixelNoise(1.0, 1.0)
 ROUNDS = 3  # of solving together, and every frame again
 TOLD = 0.4  # m: standard deviation of length or width; clips that show a penalty area and the middle tell it to 0.2
+MOST_CENTRES = 2  # that frames vote for, from which they are solved together where one of them does not explain all
+OTHER_SIZES = ((0.0, 0.0), (0.0, -3.0), (0.0, 3.0))  # m: of starts, beside the given size
+RUNS = 4  # of frames; without one of them the others may agree
 OFF_PATH = "its centre is not where the frames around it let it be"
 
 
@@ -116,6 +122,11 @@ class _Together:
     labelled: int
     """How many of them have labels that took part."""
 
+    @cached_property
+    def misfit(self) -> Misfit:
+        """Of their labels."""
+        return misfit(self.evaluation)
+
     @property
     def layout(self) -> Layout:
         """Of their parameters."""
@@ -162,6 +173,16 @@ class _Start(NamedTuple):
             layout, {t: part.theta[0] for t, part in parts.items()}, {t: labels_of(part) for t, part in parts.items()}
         )
 
+    def moved(self, centre: Array, size: tuple[float, float]) -> _Start:
+        """At another centre (3,), with a field whose length and width are so much larger."""
+        theta, model = {t: one.copy() for t, one in self.theta.items()}, self.layout.field_size
+        for one in theta.values():
+            one[CENTER] = centre
+            if model is not None:
+                block = self.layout.field_size_block
+                one[block] = np.clip(one[block] + size, *model.limits)
+        return self._replace(theta=theta)
+
 
 class SequenceSolver:
     """The frames of one tripod while they are calibrated."""
@@ -187,6 +208,9 @@ class SequenceSolver:
         self.tripod: KnownTripod | None = None  # when it was found
         # variance of what the frames hardly tell of length and width: these stay as they are given
         self.kept: dict[str, float] = {}
+        self.first: dict[int, Calibration] = {}  # some frames by themselves
+        self.left_out: dict[int, float] = {}  # frames whose labels contradict the others, and their misfit, pixels
+        self.alternatives: tuple[Array, ...] = ()  # other places of the tripod that explain the labels as well
 
     def calibrated(self, before: SequenceCalibration | None = None) -> SequenceCalibration:
         """All frames, from a calibration of the same frames if there is one."""
@@ -199,6 +223,8 @@ class SequenceSolver:
         if start is None:
             return self._one_by_one()
         together = self._together_but_hardly_told(some, start)
+        if self._may_be_elsewhere and together.misfit.is_of_wrong_model(self.options.layout.image_size):
+            together = self._from_other_starts(some, together)
         for _ in range(ROUNDS - 1):
             count = together.labelled
             tripod = self._known(together)
@@ -217,19 +243,81 @@ class SequenceSolver:
             return self._start_of(self._alone(some, self.options))
         if not np.any(self.options.layout.free[CENTER]):
             return self._start_of(self._alone(some, self.options))
-        first = [c for c in self._alone(self._spread(FIRST), self.options).values() if c.accepted]
-        centre = agreed_centre(first)
-        if centre is None:
-            return None
+        self.first = self._alone(self._spread(FIRST), self.options)
+        voted = voted_centres([c for c in self.first.values() if c.accepted], 1)
+        return self._start_of(self._alone(some, self._from_there(voted[0]))) if voted else None
+
+    def _from_there(self, centre: Array) -> Options:
+        """The options with a known centre (3,)."""
         is_pose = np.arange(len(self.options.known)) < CENTER.stop
         known = np.where(is_pose & self.options.layout.free, np.nan, self.options.known)
         known[CENTER] = centre
-        from_there = replace(self.options, layout=self.options.layout.fixed("centre"), known=known)
-        return self._start_of(self._alone(some, from_there))
+        return replace(self.options, layout=self.options.layout.fixed("centre"), known=known)
+
+    @property
+    def _may_be_elsewhere(self) -> bool:
+        """Whether the frames share a centre that is estimated."""
+        return not self.moves and bool(np.any(self.options.layout.free[CENTER]))
+
+    def _from_other_starts(self, some: IntArray, together: _Together) -> _Together:
+        """The best solution of the labels from several places and sizes; that of before if none is better.
+
+        Places are those that single frames vote for, and those of all frames but a run of them.
+        """
+        accepted = {t: c for t, c in self.first.items() if c.accepted}
+        alone = _Start.of(accepted)
+        if alone is None:
+            return together
+        self.kept = {}
+        cameras = dict(zip(together.index.tolist(), together.evaluation.theta, strict=True))
+        before = _Start(together.layout, cameras, alone.labels)
+        found = [self._of_all(some, before, ())]
+        for centre in voted_centres(list(accepted.values()), MOST_CENTRES):
+            found += [self._of_all(some, alone.moved(centre, size), WIDTHS) for size in OTHER_SIZES]
+        for run in np.array_split(np.array(sorted(alone.theta)), RUNS):
+            found.append(self._of_all(some, self._without(alone, run), ()))
+        most = max(len(index) for index, _ in found)
+        alike = [one for one in found if len(one[0]) == most]
+        best = minima([evaluation for _, evaluation in alike])
+        self.alternatives = best.others
+        index = next(index for index, evaluation in alike if evaluation is best.best)
+        cameras = dict(zip(index.tolist(), best.best.theta, strict=True))
+        excess = misfit(best.best).excess
+        wrong = is_contradicted(excess, self.options.layout.image_size)
+        self.left_out = dict(zip(index[wrong].tolist(), excess[wrong].tolist(), strict=True))
+        labels = {t: one for t, one in alone.labels.items() if t not in self.left_out}
+        if not labels:
+            return together
+        return self._together_but_hardly_told(some, _Start(best.best.problem.layout, cameras, labels))
+
+    def _of_all(self, some: IntArray, start: _Start, widths: Sequence[float]) -> tuple[IntArray, Evaluation]:
+        """Frames solved together with all their labels, and which they are."""
+        index, evaluation = self._before_together(some, start, agreeing=False)
+        return index, narrowing(evaluation, widths, self.options.max_iterations, self.options.tolerance)
+
+    def _without(self, start: _Start, run: IntArray) -> _Start:
+        """What frames share as all but a run of them tell it, and cameras that follow."""
+        theta = {t: one for t, one in start.theta.items() if t not in set(run.tolist())}
+        if not theta:
+            return start
+        middle = np.median([one[CENTER] for one in theta.values()], axis=0)
+        rest = start._replace(theta=theta).moved(middle, (0.0, 0.0))
+        _, solved = self._of_all(np.array(sorted(theta)), rest, WIDTHS)
+        layout = solved.problem.layout
+        shared = layout.roles != Role.FRAME
+        column = [layout.names.index(name) for name in start.layout.names]
+        every = np.array([solved.theta[0]] * len(start.theta))
+        every[:, column] = [start.theta[t] for t in sorted(start.theta)]
+        every[:, shared] = solved.theta[0, shared]
+        index = np.array(sorted(start.theta))
+        again = start._replace(layout=layout, theta=dict(zip(index.tolist(), every, strict=True)))
+        _, evaluation = self._before_together(index, again, agreeing=False)
+        following = followed(evaluation, self.options.max_iterations)
+        return again._replace(theta=dict(zip(index.tolist(), following.theta, strict=True)))
 
     def _start_of(self, alone: Mapping[int, Calibration]) -> _Start | None:
         """The cameras of frames that were accepted by themselves, of a camera that moves those on its path."""
-        accepted = {t: c for t, c in alone.items() if c.accepted and c.solved is not None}
+        accepted = {t: c for t, c in alone.items() if c.accepted and c.solved is not None and t not in self.left_out}
         return _Start.of(on_path(accepted) if self.moves else accepted)
 
     def calibrated_from(
@@ -311,8 +399,11 @@ class SequenceSolver:
             layout.roles[layout.names.index(name)] = Role.CONSIDERED
         return _law_of_what_is_free(layout)
 
-    def _together(self, some: IntArray, start: _Start) -> _Together:
-        """Some frames solved together: those that have a camera, and those that are tied to them."""
+    def _before_together(self, some: IntArray, start: _Start, agreeing: bool = True) -> tuple[IntArray, Evaluation]:
+        """The frames that are solved together, those that have a camera and those that are tied to them, at a start.
+
+        Labels of frames whose cameras the ties contradict do not count if these must be `agreeing`.
+        """
         labelled, old = np.array(sorted(start.theta)), start.layout
         theirs = np.array([start.theta[t] for t in labelled.tolist()])
         layout = self._layout(float(np.median(theirs[:, LOG_F])) if old.zoom_law is None else old.zoom_law.reference)
@@ -329,7 +420,8 @@ class SequenceSolver:
         if len(self.ties):
             each = layout.with_roles_of(layout.roles == Role.SHARED, Role.CONSIDERED)
             theta, known, right = self._agreeing(theta, known, some, each)
-            labels = {t: one for t, one in labels.items() if right[t]}
+            if agreeing:
+                labels = {t: one for t, one in labels.items() if right[t]}
             some = some[known[some]]
         else:
             some = labelled
@@ -346,15 +438,23 @@ class SequenceSolver:
             background=self.ties.among(some),
             path=SmoothPath(some, ACCELERATION) if self.moves else None,
         )
+        return some, together
+
+    def _together(self, some: IntArray, start: _Start) -> _Together:
+        """Some frames solved together."""
+        some, together = self._before_together(some, start)
+        layout = together.problem.layout
         solved = levenberg_marquardt(
             together, max_iterations=self.options.max_iterations, tolerance=self.options.tolerance
         ).evaluation
         sigma, kappa = pooled_noise(solved)
         covariance, inverse = shared_covariance(solved, sigma, kappa)
+        covariance = inflation(solved, covariance, inverse, kappa) * covariance
         kept = self._kept_variance(layout)
         by_kept = by_considered(solved, kappa, inverse)
         whole = np.block([[covariance + by_kept @ kept @ by_kept.T, by_kept @ kept], [kept @ by_kept.T, kept]])
-        return _Together(some, solved, whole, PixelNoise(float(sigma[0]), float(kappa[0])), len(labels))
+        labelled = int(np.count_nonzero(np.any(solved.problem.observations.weight > 0.0, axis=1)))
+        return _Together(some, solved, whole, PixelNoise(float(sigma[0]), float(kappa[0])), labelled)
 
     def _kept_variance(self, layout: Layout) -> Array:
         """Covariance (c, c) of what is kept of the size: what the frames tell of it, or what is known anyway."""
@@ -474,6 +574,8 @@ class SequenceSolver:
                 centres = expected_centres(columns, done, part) if self.moves else None
                 tripod.follow(columns, part, theta[part], labels, pairs, of_first, alone, centres)
             done[layer] = True
+        known_misfit = dict(zip(together.index.tolist(), together.misfit.excess.tolist(), strict=True)) | self.left_out
+        columns.set_misfit(known_misfit)
         is_shared = together.layout.roles == Role.SHARED
         return SequenceCalibration(
             columns.frames,

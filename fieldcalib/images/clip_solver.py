@@ -24,6 +24,7 @@ from fieldcalib.images.line_profiles import Markings
 from fieldcalib.images.matches import Matches
 from fieldcalib.images.paint_evidence import Ridges, evidence_of
 from fieldcalib.images.same_tripod import grouped
+from fieldcalib.images.witnesses import with_witnesses, witnessed_misfit
 from fieldcalib.io.image import Image
 from fieldcalib.io.images import IMAGES_AT_ONCE
 from fieldcalib.localize import Network
@@ -123,7 +124,7 @@ class ClipSolver:
     ) -> SequenceCalibration:
         """All frames of some pieces, from the lines in some of them and from matches."""
         frames = self.frames(pieces).tolist()
-        return solver_of_lines(
+        calibration = solver_of_lines(
             self.object_segments,
             frames,
             lines,
@@ -134,6 +135,11 @@ class ClipSolver:
             shared=self.shared,
             given=self.given,
         ).calibrated(start)
+        number = {frame: k for k, frame in enumerate(frames)}
+        seen, doubtful = (
+            {number[t]: labels for t, labels in some.items() if t in number} for some in (self.seen, self.doubtful)
+        )
+        return with_witnesses(calibration, *witnessed_misfit(self.object_segments, calibration, seen, doubtful))
 
     def tripods(self) -> list[TripodOfClip]:
         """The tripods of the pieces, the one with most frames first."""

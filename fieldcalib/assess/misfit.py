@@ -1,0 +1,138 @@
+"""Frames that what they share cannot explain: their labels fit a camera with a place of its own much better.
+
+Noise of the labels is in both fits; what remains of the difference is the error of the model. Where that is large, the
+model does not hold: the camera moves, the window of a cut-out does, the ground is not flat, or the shared parameters
+sit in a wrong minimum.
+
+What is shared is then known worse than white noise of the pixels says, since errors of a model are alike in frames that
+follow one another. So the frames are divided into runs. At the solution the gradients of all runs by what is shared
+cancel; how large each of them is says how much the estimate would move without that run (a block jackknife).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from fieldcalib._types import Array, BoolArray
+from fieldcalib.assess.shared import gradients_by_shared
+from fieldcalib.problem.evaluation import Evaluation, evaluate
+from fieldcalib.problem.layout import POSE_AND_ZOOM, Role
+from fieldcalib.problem.levenberg_marquardt import levenberg_marquardt
+
+# Share of the image's diagonal, 2 px of 960 x 540. On eight clips whose tripod holds, 329 of 330 keyframes with what a
+# network has found there have at most 1.9 px, 326 of them 1.2; with a place of the tripod that is 5 m wrong it is 2.5
+# to 40.
+LARGEST_EXCESS = 2.0 / 1101.0
+LEAST_FRAMES = 5  # of fewer nobody knows what is wrong
+LEAST_SHARE = 0.15  # of the frames: so many that the model does not explain are no chance, it does not hold
+RUNS = 8  # of frames, whose errors are taken for independent
+ITERATIONS = 8  # of each frame by itself, from where all frames together have it
+TOLERANCE = 1e-3  # of its cost
+
+
+@dataclass(frozen=True, eq=False)
+class Misfit:
+    """How far the labels of B frames lie off their cameras, root mean squares in pixels; NaN without labels."""
+
+    together: Array
+    """(B,), with the cameras that share what they share."""
+    alone: Array
+    """(B,), with a place and a zoom of their own."""
+
+    @property
+    def excess(self) -> Array:
+        """What the model adds to the distance of the labels, pixels, (B,)."""
+        return np.asarray(np.sqrt(np.maximum(np.square(self.together) - np.square(self.alone), 0.0)))
+
+    def is_of_wrong_model(self, image_size: tuple[int, int]) -> bool:
+        """Whether so many of the labelled frames are not explained that the model does not hold."""
+        labelled = int(np.count_nonzero(np.isfinite(self.together)))
+        contradicting = int(np.count_nonzero(is_contradicted(self.excess, image_size)))
+        return labelled >= LEAST_FRAMES and contradicting >= LEAST_SHARE * labelled
+
+
+def is_contradicted(excess: Array, image_size: tuple[int, int]) -> BoolArray:
+    """Which frames (B,) the model does not explain, whose labels it brings so much (B,) farther off, in pixels.
+
+    Examples
+    --------
+    >>> is_contradicted(np.array([0.9, 2.5, np.nan]), (960, 540))
+    array([False,  True, False])
+    """
+    with np.errstate(invalid="ignore"):
+        return np.asarray(excess > LARGEST_EXCESS * np.hypot(*image_size))
+
+
+def misfit(evaluation: Evaluation) -> Misfit:
+    """That of frames at their common solution: each is fitted again, by itself.
+
+    Lens, principal point and size of the field stay as they are, so that a frame cannot explain by these what its place
+    does not.
+    """
+    layout = evaluation.problem.layout
+    free = np.zeros(layout.size, dtype=bool)
+    free[POSE_AND_ZOOM] = layout.roles[POSE_AND_ZOOM] != Role.FIXED
+    own = replace(layout, roles=np.where(free, Role.FRAME, Role.FIXED))
+    observations = evaluation.problem.observations.without_ends
+    if layout.field_size is not None and np.any(layout.free[layout.field_size_block]):
+        size = evaluation.theta[:, layout.field_size_block]
+        observations = observations.moved(size - layout.field_size.given)
+    problem = replace(
+        evaluation.problem,
+        observations=observations,
+        layout=own,
+        prior=None,
+        group=None,
+        considered=None,
+        background=None,
+        path=None,
+    )
+    start = evaluate(problem, evaluation.theta)
+    alone = levenberg_marquardt(start, max_iterations=ITERATIONS, tolerance=TOLERANCE).evaluation
+    return Misfit(rms_of_labels(evaluation), rms_of_labels(alone))
+
+
+def rms_of_labels(evaluation: Evaluation) -> Array:
+    """Root mean square distance of the labelled pixels of each frame, (B,); NaN where there are none."""
+    squares, count = _squares_by_label(evaluation)
+    with np.errstate(invalid="ignore"):
+        return np.asarray(np.sqrt(np.sum(squares, axis=1) / np.sum(count, axis=1)))
+
+
+def rms_by_label(evaluation: Evaluation) -> Array:
+    """The same of each label by itself, (B, L)."""
+    squares, count = _squares_by_label(evaluation)
+    with np.errstate(invalid="ignore"):
+        return np.asarray(np.sqrt(squares / count))
+
+
+def _squares_by_label(evaluation: Evaluation) -> tuple[Array, Array]:
+    """Sums of squared distances, and numbers of pixels, (B, L)."""
+    observations = evaluation.problem.observations.without_ends
+    squares = np.square(evaluation.r[:, : observations.weight.shape[1]])
+    return observations.by_label(np.where(observations.label >= 0, squares, 0.0)), observations.pixels_by_label
+
+
+def inflation(evaluation: Evaluation, covariance: Array, inverse: Array, kappa: Array) -> float:
+    """By what the covariance (S, S) of what frames share is to be multiplied: 1 where their noise is white.
+
+    The mean, over directions in units of that covariance, of the variance that runs of frames show.
+
+    Parameters
+    ----------
+    evaluation : Evaluation
+        Of T frames at the solution.
+    covariance, inverse : (S, S) arrays
+        As `fieldcalib.assess.shared.shared_covariance` gives them.
+    kappa : (T,) array
+        As it takes it.
+    """
+    runs = [run for run in np.array_split(np.arange(len(evaluation.theta)), RUNS) if len(run)]
+    if len(runs) < 3 or not len(covariance):
+        return 1.0
+    pulls = gradients_by_shared(evaluation, kappa)
+    moved = np.array([np.sum(pulls[run], axis=0) for run in runs]) @ inverse
+    squares = np.sum(moved * np.linalg.solve(covariance, moved.T).T)
+    return max(1.0, float(squares) * len(runs) / (len(runs) - 1) / len(covariance))

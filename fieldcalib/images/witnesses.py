@@ -1,0 +1,73 @@
+"""What a network saw in keyframes, held against the cameras that all frames have together.
+
+Lines are searched near the markings that a camera projects, and found lines confirm it: a line that lies elsewhere is
+not found, and contradicts nothing. The labels of the network were found without that camera. So they are its witnesses.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import replace
+
+import numpy as np
+
+from fieldcalib._types import Array, IntArray
+from fieldcalib.assess.misfit import misfit, rms_by_label
+from fieldcalib.assess.sequence import SequenceCalibration
+from fieldcalib.calibrate.options import pixel_unit
+from fieldcalib.calibrate.tripod import Labels
+from fieldcalib.fields.segments import ObjectSegments
+from fieldcalib.images.frame_lines import per_pixel
+from fieldcalib.images.refinement import LOSS_SCALE
+from fieldcalib.problem.evaluation import Problem, evaluate
+from fieldcalib.problem.losses import RobustLoss
+from fieldcalib.problem.observations import pack
+
+EXPLAINED = 6.0  # px of 960 x 540: right cameras of nine clips have every label of their keyframes within 3 px
+
+
+def witnessed_misfit(
+    object_segments: ObjectSegments,
+    calibration: SequenceCalibration,
+    seen: Mapping[int, Labels],
+    doubtful: Mapping[int, Labels],
+) -> tuple[IntArray, Array]:
+    """The frames in which something was seen and that have a camera, and how far the cameras contradict it, pixels.
+
+    Parameters
+    ----------
+    seen : mapping of int to Labels
+        By frame, of keyframes that had a camera by themselves: their labels agree with one another, and count as those
+        of `fieldcalib.assess.misfit`.
+    doubtful : mapping of int to Labels
+        Of the others, where labels contradict one another. A camera is contradicted by these where it explains fewer
+        than half of them, by as much as their median lies off.
+    """
+    usable = set(np.flatnonzero(calibration.usable).tolist())
+    found = {t: labels for t, labels in {**doubtful, **seen}.items() if t in usable and labels[0]}
+    frames = np.array(sorted(found), dtype=np.intp)
+    layout = calibration.layout
+    if layout is None or not len(frames):
+        return frames[:0], np.zeros(0)
+    segments = object_segments if calibration.field is None else calibration.field
+    pixels, weights = zip(*(per_pixel(found[t]) for t in frames.tolist()), strict=True)
+    unit = pixel_unit(layout.image_size)
+    problem = Problem(
+        pack(segments, pixels, layout.image_size, weights), layout, RobustLoss("cauchy", LOSS_SCALE * unit)
+    )
+    evaluation = evaluate(problem, calibration.frames.theta[frames])
+    by_label = rms_by_label(evaluation)
+    labelled = np.isfinite(by_label)
+    explained = np.sum(labelled & (by_label < EXPLAINED * unit), axis=1)
+    off = np.where(explained < 0.5 * np.sum(labelled, axis=1), np.nanmedian(by_label, axis=1), 0.0)
+    return frames, np.where([t in seen for t in frames.tolist()], misfit(evaluation).excess, off)
+
+
+def with_witnesses(calibration: SequenceCalibration, frames: IntArray, excess: Array) -> SequenceCalibration:
+    """With the misfit of `witnessed_misfit` where it is larger; frames in between are between these."""
+    if not len(frames):
+        return calibration
+    between = np.interp(np.arange(len(calibration)), frames, excess)
+    has_camera = np.isfinite(calibration.frames.theta).all(axis=1)
+    found = np.where(has_camera, np.fmax(calibration.frames.misfit, between), np.nan)
+    return replace(calibration, frames=replace(calibration.frames, misfit=found))
