@@ -11,6 +11,7 @@ from views import camera
 
 from data_tools.synthetic.film import Scene, TrueFrame, film
 from fieldcalib import Camera, Tracker, calibrate_batch, calibrate_from_images, calibrate_from_segments, calibrate_video
+from fieldcalib.assess.result import Verdict
 from fieldcalib.calibrate.options import DEFAULT_FLAGS, KNOWN_INTRINSICS_FLAGS
 from fieldcalib.calibrate.options import CalibrationFlags as F
 from fieldcalib.cli.demo import camera_errors
@@ -384,3 +385,16 @@ def test_a_live_camera_whose_place_is_known():
         assert one.accepted
         np.testing.assert_array_equal(one.camera.C, cameras[0].C)
     assert largest_error(found, cameras) < 2.0
+
+
+@pytest.mark.parametrize("off", [(5.0, 0.0, 0.0), (0.0, 5.0, 0.0), (-3.5, 3.5, 0.0), (0.0, 0.0, -5.0)])
+def test_paint_tells_a_position_that_is_wrong_by_five_metres(off):
+    """What contradicts a given position is left out of the fit, and must not be forgotten."""
+    wrong = Camera(WIDE.K, WIDE.R, WIDE.C + off, SIZE, WIDE.dist)
+    verdicts = []
+    for given in (wrong, WIDE):
+        network, flags = KnownCameras([WIDE]), DEFAULT_FLAGS | PLACE
+        (found,) = calibrate_from_images(FIELD, [picture(WIDE)], network, **position(given), flags=flags)
+        verdicts.append(found.verdict)
+    assert verdicts[0] is not Verdict.GOOD
+    assert verdicts[1] is Verdict.GOOD

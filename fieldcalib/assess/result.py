@@ -8,6 +8,7 @@ from dataclasses import field as attribute
 from enum import StrEnum
 from functools import cached_property
 from html import escape
+from types import MappingProxyType
 from typing import Any
 
 import numpy as np
@@ -62,6 +63,20 @@ class Status(StrEnum):
     NOT_CONVERGED = "not converged"
     IMPLAUSIBLE = "implausible"
     """The best fit is no camera that could stand there."""
+
+
+REMEDIES: Mapping[Status, str] = MappingProxyType(
+    {
+        Status.REJECTED: "check the labels of the segments with the largest errors, or give a larger tau",
+        Status.IMPROBABLE: "look at the overlay; label markings by hand, or give what is known of the camera",
+        Status.TOO_FEW_SEGMENTS: "more markings in view, or labelled by hand; frames around it tell its camera where "
+        "it is one of a clip",
+        Status.DEGENERATE: "a marking elsewhere in view, or labelled by hand, that is not parallel to the others",
+        Status.NOT_CONVERGED: "check the labels, or allow more iterations (criteria)",
+        Status.IMPLAUSIBLE: "check the labels, the field and its size; say if the picture was cropped or squashed",
+    }
+)
+OFF_PAINT = "look at the overlay (run --show-paint); give --field-length and --field-width if you know them"
 
 
 @dataclass(frozen=True)
@@ -195,13 +210,21 @@ class Calibration:
 
     @property
     def remedy(self) -> str:
-        """What would help, in the user's terms; empty where nothing is known.
+        """What would help, in the user's terms; empty where nothing is known, or needed.
 
-        Where the size of the field is not visible, that is a camera whose metres are from the markings in view.
+        Of a camera that is not accepted it goes with the status. Otherwise it goes with markings that lie off their
+        paint or, where the size of the field is not visible, with metres that are from the markings in view.
+
+        Examples
+        --------
+        >>> Calibration.without_camera(Status.TOO_FEW_SEGMENTS, "no labelled pixels").remedy
+        'more markings in view, or labelled by hand; frames around it tell its camera where it is one of a clip'
         """
-        if self.camera is None or not self.knows_errors:
-            return ""
-        return self.uncertainty.remedy
+        if not self.accepted:
+            return REMEDIES[self.status]
+        if any(one.is_off for one in self.markings):
+            return OFF_PAINT
+        return self.uncertainty.remedy if self.camera is not None and self.knows_errors else ""
 
     @property
     def knows_errors(self) -> bool:
