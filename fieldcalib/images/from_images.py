@@ -14,8 +14,11 @@ from fieldcalib.assess.result import LEAST_PROBABILITY, Calibration, Status
 from fieldcalib.assess.together import compute_errors
 from fieldcalib.calibrate.given_camera import GivenCamera
 from fieldcalib.calibrate.options import ALL, DEFAULT_FLAGS, Prior
+from fieldcalib.calibrate.told_size import on_told_size
+from fieldcalib.fields.field import Field
 from fieldcalib.fields.segments import ObjectSegments
 from fieldcalib.geometry.camera import Camera
+from fieldcalib.images.found_lines import on_found_lines
 from fieldcalib.images.hypotheses import calibrate_from_consensus, calibrate_localized, near_labels
 from fieldcalib.images.line_profiles import Markings
 from fieldcalib.images.refinement import SEARCH_RANGES, Refined, ToRefine, line_support, refine_all, unrefined
@@ -48,6 +51,7 @@ def calibrate_from_images(
     flags: int = DEFAULT_FLAGS,
     prior: Prior = ALL,
     refine: bool = True,
+    estimate_size: bool = True,
     executor: Executor | None = None,
 ) -> list[Calibration]:
     """Calibrate a camera for each of several images.
@@ -66,6 +70,10 @@ def calibrate_from_images(
     refine : bool
         Whether cameras are refined on the lines in the images (`refine_on_image`): more accurate, and takes 1.4 times
         as long.
+    estimate_size : bool
+        Whether an image that tells another size of a field than the given one, which is not said to be known
+        (`size_known`), is calibrated on a field of that size: `Calibration.field`. It takes a refinement, and a camera
+        of which nothing is known.
     executor : concurrent.futures.Executor, optional
         What works on the images, e.g. `Processes`, or that of a cluster (dask's ``Client.get_executor()``); other
         processes must be able to import the classes of what is given. The results are the same.
@@ -100,6 +108,7 @@ def calibrate_from_images(
     of_part = partial(
         _calibrated, object_segments, network=network, flags=flags, prior=prior, given=given, refine=refine
     )
+    of_part = partial(of_part, estimate_size=estimate_size)
     checked = each_checked(images) if camera_matrix is None else _of_one_size(each_checked(images))
     parts = in_parts(checked, IMAGES_AT_ONCE, lambda image: image.shape[0] * image.shape[1])
     return [calibration for part in in_order(executor, of_part, parts) for calibration in part]
@@ -128,6 +137,7 @@ def _calibrated(
     prior: Prior,
     given: GivenCamera,
     refine: bool,
+    estimate_size: bool,
 ) -> list[Calibration]:
     """The calibrations of images that are worked on together."""
     found = [_without_weak(part) for part in localize(object_segments, images, network)]
@@ -135,6 +145,7 @@ def _calibrated(
     for index, image in enumerate(images):
         by_size.setdefault((image.shape[1], image.shape[0]), []).append(index)
     markings = Markings.of(object_segments)
+    sizes = estimate_size and refine and all(one is None for one in given)
     calibrations: dict[int, Calibration] = {}
     for size, members in by_size.items():
         parts = [found[index] for index in members]
@@ -150,7 +161,27 @@ def _calibrated(
                 second = verified(count * [image], count * [part], others, least_support=least)
                 candidates = [calibration, *(other for other, _ in second)]
                 calibrations[index] = _best_supported(markings, image, candidates)
+            if sizes:
+                again = partial(_on_another_field, image, part, calibrations[index], flags=flags, prior=prior)
+                calibrations[index] = on_told_size(calibrations[index], again)
     return [calibrations[index] for index in range(len(images))]
+
+
+def _on_another_field(
+    image: Image,
+    found: Localization,
+    calibration: Calibration,
+    field: Field,
+    camera: Camera,
+    *,
+    flags: int,
+    prior: Prior,
+) -> Calibration:
+    """An image on a field of another size, from a camera that sees it there."""
+    start = on_found_lines(calibration, field, camera, flags=flags, prior=prior)
+    verified = partial(_verified, field, Markings.of(field), flags=flags, prior=prior, refine=True)
+    ((again, _),) = verified([image], [found], [start], least_support=LEAST_SUPPORT)
+    return again
 
 
 def _without_weak(found: Localization) -> Localization:
