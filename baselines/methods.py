@@ -240,7 +240,8 @@ def _from_pictures(
 ) -> dict[tuple[str, Segments], Run]:
     """The methods that take images: the whole of fieldcalib, and Chen and Little's on what its network finds."""
     network = SegmentationNetwork.load()
-    ours = partial(calibrate_from_images, field, pictures, network)
+    # what is scored is projected from a field of the given size
+    ours = partial(calibrate_from_images, field, pictures, network, estimate_size=False)
     calibrate_from_images(field, pictures[:1], network)  # what is compiled is compiled before the clock starts
     calibrations, milliseconds = _timed(f"{dataset.name}: {OURS}", len(pictures), ours)
     cameras = [c.camera if c.accepted else None for c in calibrations]

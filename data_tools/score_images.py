@@ -69,7 +69,7 @@ def calibrated(images: Iterable[Image], options: argparse.Namespace) -> Iterator
     """The camera of each image, a few images at a time."""
     field, network = field_of(options), load_network(options)
     for part in in_parts(images, IMAGES_AT_ONCE):
-        yield from calibrate_from_images(field, part, network, refine=options.refine)
+        yield from calibrate_from_images(field, part, network, refine=options.refine, estimate_size=False)
 
 
 def stretched(path: Path) -> Image:

@@ -81,6 +81,7 @@ def test_summary(calibrated_folder, annotated_folder):
         "display_size": None,
         "crop_of": None,
         "field_size": "nominal",
+        "same_field": False,
         "field": "soccer",
         "field_length": None,
         "field_width": None,

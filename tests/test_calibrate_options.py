@@ -111,8 +111,21 @@ def sizes_in(out):
     return np.array([(line["field_length"], line["field_width"]) for line in lines_of(out)])
 
 
+SAME_FIELD = ["--field-size", "estimated", "--same-field"]
+
+
+@pytest.mark.parametrize(("old", "new"), [("shared", SAME_FIELD), ("each", SAME_FIELD[:2])], ids=["shared", "each"])
+def test_the_names_of_before_still_work_and_say_so(small_pitch, tmp_path, capsys, old, new):
+    frames = small_pitch / "a.json", small_pitch / "d.json"
+    assert calibrate(tmp_path / "new", *frames, options=new) == 0
+    assert "deprecated" not in capsys.readouterr().err
+    assert calibrate(tmp_path / "old", *frames, options=["--free-field-size", old]) == 0
+    assert f"--free-field-size is deprecated, {' '.join(new)} does the same" in capsys.readouterr().err
+    assert lines_of(tmp_path / "new") == lines_of(tmp_path / "old")
+
+
 def test_one_size_of_the_field_for_all_frames(small_pitch, tmp_path, capsys):
-    assert calibrate(tmp_path / "free", small_pitch, options=["--free-field-size", "shared"]) == 0
+    assert calibrate(tmp_path / "free", small_pitch, options=SAME_FIELD) == 0
     printed = capsys.readouterr().out.splitlines()
     lines = lines_of(tmp_path / "free")
     for line in lines:
@@ -125,7 +138,7 @@ def test_one_size_of_the_field_for_all_frames(small_pitch, tmp_path, capsys):
     assert min(lines[0]["field_from_labels"]) > 0.95
     assert printed[0].startswith(f"length: {length:.2f} ± {deviations[0]:.2f} m from the labels; width: {width:.2f} ± ")
     assert printed[1].startswith("4 cameras of 5 frames")
-    assert summary_of(tmp_path / "free")["options"]["free_field_size"] == "shared"
+    assert summary_of(tmp_path / "free")["options"]["same_field"] is True
     # from there on it is as if the size had been known
     known = ["--field-length", length, "--field-width", width]
     for out, options in (("known", known), ("default", [])):
@@ -140,14 +153,14 @@ def test_one_size_of_the_field_for_all_frames(small_pitch, tmp_path, capsys):
 
 
 def test_a_size_of_the_field_for_each_frame(small_pitch, tmp_path, capsys):
-    assert calibrate(tmp_path / "all", small_pitch, options=["--free-field-size", "each"]) == 0
+    assert calibrate(tmp_path / "all", small_pitch, options=["--field-size", "estimated"]) == 0
     assert capsys.readouterr().out.startswith("4 cameras of 5 frames")
     sizes = sizes_in(tmp_path / "all")
     assert len(set(map(tuple, sizes))) == 5
     ids = [line["id"] for line in lines_of(tmp_path / "all")]
     np.testing.assert_array_equal(sizes[ids.index("empty")], (105.0, 68.0))
     for id in ("a", "d"):
-        assert calibrate(tmp_path / id, small_pitch / f"{id}.json", options=["--free-field-size", "shared"]) == 0
+        assert calibrate(tmp_path / id, small_pitch / f"{id}.json", options=SAME_FIELD) == 0
         assert lines_of(tmp_path / id) == [lines_of(tmp_path / "all")[ids.index(id)]]
 
 

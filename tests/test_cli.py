@@ -54,7 +54,8 @@ def test_an_unknown_prior(annotated_folder, tmp_path, capsys):
         (["--crop-of", "1920x1080"], "argument --crop-of: expected WIDTHxHEIGHT+X+Y, as 1920x1080+960+0, got '19"),
         (["--crop-of", "0x1080+0+0"], "argument --crop-of: expected positive numbers"),
         (["--crop-of", "1280x720+330+0"], "--size does not fit, with 960 x 540 pixels, into the frame of --crop-of 12"),
-        (["--free-field-size", "shared", "--prior", "stacked"], "--prior stacked goes with --free-field-size each"),
+        (["--free-field-size", "shared", "--prior", "stacked"], "--prior stacked has a prior for each frame"),
+        (["--same-field"], "give --field-size estimated with it"),
     ],
 )
 def test_wrong_options(annotated_folder, tmp_path, capsys, options, message):
@@ -202,7 +203,7 @@ def test_an_interrupt_that_is_ignored_stays_so():
 
 
 def test_a_terminal_without_unicode(annotated_folder, tmp_path):
-    options = ("--size", "960x540", "--free-field-size", "shared", "--out", tmp_path / "out")
+    options = ("--size", "960x540", "--field-size", "estimated", "--same-field", "--out", tmp_path / "out")
     done = in_a_process("", "calibrate", annotated_folder / "a.json", *options, PYTHONIOENCODING="ascii")
     assert (done.returncode, done.stderr) == (0, "")
     assert r" \xb1 " in done.stdout  # ±

@@ -7,7 +7,9 @@ that weighs the possibilities anew, and leaves of the size the second moment
 
     M_k = m m^T + S_k - S_k (V + S_k)^-1 S_k,        m = S_k (V + S_k)^-1 delta.
 
-A frame that shows both touchlines knows the width; one that cannot tell keeps what was known before.
+A frame that shows both touchlines knows the width; one that cannot tell keeps what was known before. No field has a
+size that the rules forbid: a possibility counts by the share of it, given the labels, that is legal. Where none is,
+labels are wrong, and nothing is known but what was known before: that is one possibility more.
 """
 
 from __future__ import annotations
@@ -19,6 +21,10 @@ import numpy as np
 from fieldcalib._types import Array
 
 FAINT = 1e-6  # 1 / m^2: information that keeps what no label tells in the system
+# Labels that are wrong: probability, of which 1 in 50 frames of good cameras has one that bends the size, and standard
+# deviation in metres of the size that fits best then.
+WRONG, FAR_OFF = 0.02, 30.0
+LEAST_ROOM = 1.0  # m: the given size is possible, whatever the rules say
 
 
 @dataclass(frozen=True, eq=False)
@@ -30,17 +36,29 @@ class SizeEvidence:
     covariance: Array
     """Of that, (2, 2)."""
     weights: Array
-    """Probabilities of the possibilities, (K,)."""
+    """Probabilities of the possibilities, (K + 1,), the last one of wrong labels."""
+    means: Array
+    """Of the true size less the given one under each, (K + 1, 2)."""
     moments: Array
-    """Second moments of the true size around the given one under each, (K, 2, 2)."""
+    """Second moments of the same, (K + 1, 2, 2)."""
+    as_given: float
+    """Probability that the field has the given size."""
 
     @property
     def moment(self) -> Array:
         """Second moment over all possibilities, (2, 2)."""
         return np.asarray(np.tensordot(self.weights, self.moments, axes=1))
 
+    @property
+    def mean(self) -> Array:
+        """Expected size less the given one, where it is not the given one and no label is wrong, (2,)."""
+        some = np.where(np.any(self.means != 0.0, axis=1), self.weights, 0.0)
+        return np.asarray(some @ self.means / max(float(np.sum(some)), FAINT))
+
     @classmethod
-    def of(cls, information: Array, gradient: Array, spread: Array, prior: tuple[Array, Array]) -> SizeEvidence:
+    def of(
+        cls, information: Array, gradient: Array, spread: Array, prior: tuple[Array, Array], room: Array | None = None
+    ) -> SizeEvidence:
         """The evidence of a frame.
 
         Parameters
@@ -53,27 +71,52 @@ class SizeEvidence:
             Covariance of that gradient.
         prior : (K,) array, (K, 2) array
             Probabilities and standard deviations of the possibilities.
+        room : (2, 2) array, optional
+            How much smaller and larger than given the rules let the field be, metres; rows are (length, width).
 
         Examples
         --------
         >>> prior = np.array([0.7, 0.3]), np.array([[0.0, 0.0], [5.0, 5.0]])
         >>> silent = SizeEvidence.of(np.zeros((2, 2)), np.zeros(2), np.zeros((2, 2)), prior)
         >>> silent.weights.round(3), np.sqrt(np.diagonal(silent.moment)).round(2)  # sqrt(0.3) x 5 m
-        (array([0.7, 0.3]), array([2.74, 2.74]))
+        (array([0.686, 0.294, 0.02 ]), array([2.74, 2.74]))
         >>> certain = SizeEvidence.of(100.0 * np.eye(2), np.array([300.0, 0.0]), 100.0 * np.eye(2), prior)
-        >>> certain.offset.round(1), certain.weights.round(3)  # 3 m shorter, to 0.1 m
-        (array([-3.,  0.]), array([0., 1.]))
+        >>> certain.offset.round(1), certain.weights.round(3), certain.mean.round(1)  # 3 m shorter, to 0.1 m
+        (array([-3.,  0.]), array([0.   , 0.998, 0.002]), array([-3.,  0.]))
         """
         weights, sigmas = prior
         inverse = np.linalg.inv(information + FAINT * np.eye(2))
         offset = -inverse @ gradient
         V = inverse @ (spread + FAINT * np.eye(2)) @ inverse
         S = np.square(sigmas)[:, :, None] * np.eye(2)
-        total = V + S
-        shrunk = S @ np.linalg.inv(total)  # S (V + S)^-1
+        total = np.concatenate([V + S, V[None] + FAR_OFF**2 * np.eye(2)])
+        shrunk = S @ np.linalg.inv(total[:-1])  # S (V + S)^-1
         mean = shrunk @ offset
-        moments = mean[:, :, None] * mean[:, None, :] + S - shrunk @ S
+        left = S - shrunk @ S
+        moments = mean[:, :, None] * mean[:, None, :] + left
+        before = np.tensordot(weights, S, axes=1)
         distance = np.einsum("i,kij,j->k", offset, np.linalg.inv(total), offset)
-        log = np.log(weights) - 0.5 * (distance + np.linalg.slogdet(total)[1])
+        prior_of_each = np.array([*((1.0 - WRONG) * weights), WRONG])
+        log = np.log(prior_of_each) - 0.5 * (distance + np.linalg.slogdet(total)[1])
         posterior = np.exp(log - np.max(log))
-        return cls(offset, V, posterior / np.sum(posterior), moments)
+        if room is not None:
+            posterior[:-1] *= _legal_share(mean, left, room) / _legal_share(np.zeros_like(mean), S, room)
+        posterior /= np.sum(posterior)
+        given = float(posterior[0] + posterior[-1] * weights[0])
+        return cls(
+            offset,
+            V,
+            posterior,
+            np.concatenate([mean, np.zeros((1, 2))]),
+            np.concatenate([moments, before[None]]),
+            given,
+        )
+
+
+def _legal_share(mean: Array, covariance: Array, room: Array) -> Array:
+    """Share (K,) of normal distributions that is legal, length and width taken by themselves."""
+    from scipy.special import ndtr  # a slow import
+
+    sigma = np.sqrt(np.maximum(np.diagonal(covariance, axis1=-2, axis2=-1), FAINT))
+    low, high = np.minimum(room[0], -LEAST_ROOM), np.maximum(room[1], LEAST_ROOM)
+    return np.asarray(np.prod(ndtr((high - mean) / sigma) - ndtr((low - mean) / sigma), axis=-1))

@@ -54,7 +54,7 @@ def surprises(uncertainty: Uncertainty) -> tuple[str, ...]:
         if abs(offset) > max(least, CONTRADICTED * sigma):
             found[words] = None
     given = problem.layout.field_size
-    if uncertainty.size is not None and given is not None and uncertainty.size.weights[0] < LEAST_SIZE:
-        length, width = given.given + uncertainty.size.offset
+    if uncertainty.size is not None and given is not None and uncertainty.size.as_given < LEAST_SIZE:
+        length, width = np.clip(given.given + uncertainty.size.mean, *given.limits)
         found[f"the field is more probably of another size, about {length:.0f} x {width:.0f} m"] = None
     return tuple(found)

@@ -288,6 +288,7 @@ def uncertainties(evaluation: Evaluation, unit: Array) -> list[Uncertainty]:
                     gradient[t, :sizes],
                     spread_of_kept[t, :sizes, :sizes],
                     problem.layout.field_size.possibilities,
+                    problem.layout.field_size.limits - problem.layout.field_size.given,
                 ),
                 offsets={
                     name: (

@@ -176,6 +176,23 @@ def estimate_field_size(
     return FieldSize(field.resized(*size.tolist()), covariance, share, tuple(calibrations))
 
 
+def shared_size(field: Field, calibrations: Sequence[Calibration]) -> Field:
+    """A field of the size that calibrations of frames of it tell together; as it is if none of them is accepted.
+
+    Parameters
+    ----------
+    field : Field
+        Of the most likely size, as for `estimate_field_size`.
+    calibrations : sequence of Calibration
+        Of images of one size, on a field of one size that they take as known.
+    """
+    mean, sizes = _checked_size(field)
+    accepted = _with_status(calibrations, Status.ACCEPTED)
+    if not accepted:
+        return field
+    return field.resized(*_solved_together(accepted, mean, sizes).theta[0, -2:].tolist())
+
+
 def _checked_size(field: Field) -> tuple[Array, SizePrior]:
     """(length, width) of a field that is of a legal size and knows how its segments move, and its prior."""
     if not isinstance(field, Field):

@@ -51,9 +51,9 @@ def calibrate_sequence(
     shared : sequence of str
         What the frames share, of ``"centre"``, ``"principal point"``, ``"lens"``, ``"zoom law"`` and ``"field size"``
         (unless that is said to be known, or the frames hardly tell it). What they do not share is each frame's own,
-        under its prior; without a zoom law nothing follows the zoom, and a size that is not shared is that of the
-        field. Without the centre the camera moves, on a smooth path: the frames must be in order, evenly spaced in
-        time, about 25 a second.
+        under its prior; without a zoom law nothing follows the zoom, and a size that is not shared is the given one, as
+        well as it is known a priori. Without the centre the camera moves, on a smooth path: the frames must be in
+        order, evenly spaced in time, about 25 a second.
     paint : float
         Standard deviation, in metres, of where a line is painted as a whole: however many frames see it, that stays.
     matches : mapping of (int, int) to pair of (N, 2) array_like, optional

@@ -48,14 +48,15 @@ from fieldcalib.fields.segments import ObjectSegments
 from fieldcalib.problem.background import BackgroundEvaluation, BackgroundPairs
 from fieldcalib.problem.evaluation import Evaluation, Problem
 from fieldcalib.problem.labelled_pixels import ImageSegments, Pixels, PixelWeights, Weights
-from fieldcalib.problem.layout import CENTER, LOG_F, Layout, Role, SizeBlock, ZoomLaw
+from fieldcalib.problem.layout import CENTER, FIELD_SIZE, LOG_F, Layout, Role, SizeBlock, ZoomLaw
 from fieldcalib.problem.levenberg_marquardt import levenberg_marquardt
 from fieldcalib.problem.losses import LossName, RobustLoss
 from fieldcalib.problem.observations import pack
 from fieldcalib.problem.prior import gaussian_priors
 from fieldcalib.problem.smooth_path import SmoothPath
 
-SHARED = ("centre", "principal point", "lens", "zoom law", "field size")
+SIZE = "field size"
+SHARED = ("centre", "principal point", "lens", "zoom law", SIZE)
 SHARED_IN_MOTION = SHARED[1:]  # by the frames of a camera that moves
 FIRST = 60  # frames that are calibrated one by one, to find the place of the tripod
 TOGETHER = 400  # frames that are solved together,
@@ -206,8 +207,10 @@ class SequenceSolver:
         self.trust_labels = trust_labels
         self.moves = "centre" not in shared
         self.tripod: KnownTripod | None = None  # when it was found
-        # variance of what the frames hardly tell of length and width: these stay as they are given
-        self.kept: dict[str, float] = {}
+        # variance of what the frames hardly tell of length and width, or are not asked: these stay as they are given
+        is_asked = SIZE in shared or options.layout.field_size is None
+        self.not_asked: dict[str, float] = {} if is_asked else dict.fromkeys(FIELD_SIZE, np.inf)
+        self.kept = self.not_asked
         self.first: dict[int, Calibration] = {}  # some frames by themselves
         self.left_out: dict[int, float] = {}  # frames whose labels contradict the others, and their misfit, pixels
         self.alternatives: tuple[Array, ...] = ()  # other places of the tripod that explain the labels as well
@@ -337,8 +340,9 @@ class SequenceSolver:
     def _together_but_hardly_told(self, some: IntArray, start: _Start) -> _Together:
         """Without what the frames hardly tell of the field's size."""
         together = self._together(some, start)
-        self.kept = self._hardly_told(together)
-        return self._together(some, start) if self.kept else together
+        hardly_told = self._hardly_told(together)
+        self.kept = {**self.not_asked, **hardly_told}
+        return self._together(some, start) if hardly_told else together
 
     def _spread(self, count: int) -> IntArray:
         """Up to `count` labelled frames, evenly spread, each the one with most labels of its part of the sequence."""
@@ -383,7 +387,7 @@ class SequenceSolver:
         """Blocks of the frames together: what the flags fix stays fixed, what is shared is shared."""
         base, field = self.options.layout, self.options.field
         size = None
-        if "field size" in self.shared and base.field_size is not None and field is not None:
+        if base.field_size is not None and field is not None:
             assert field.size_model is not None
             size = SizeBlock(np.array([field.length, field.width]), field.size_model.sigma, field.size_model.limits)
         law = ZoomLaw(reference) if "zoom law" in self.shared and base.free[LOG_F] else None

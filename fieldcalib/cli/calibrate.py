@@ -21,7 +21,7 @@ from fieldcalib.cli.arguments import (
     probability,
 )
 from fieldcalib.cli.declared import Placement, add_declarations
-from fieldcalib.cli.fields import KNOWN, add_field, field_of, prior_of
+from fieldcalib.cli.fields import ESTIMATED, KNOWN, add_field, field_of, prior_of
 from fieldcalib.cli.folder import Found, by_prior, calibrate_folder
 from fieldcalib.cli.known_camera import KnownCamera, add_known_camera
 from fieldcalib.cli.units import add_jobs
@@ -31,8 +31,8 @@ from fieldcalib.io.soccernet import CAMERA_TYPES, DISTRIBUTIONS_OF_TYPE, read_ca
 from fieldcalib.problem.labelled_pixels import Pixels
 
 STACKED = "stacked"  # the paper's name for the case that the kind of camera is known frame by frame
-SHARED = "shared"
-SEE_ONE_PITCH = {"each": 1, SHARED: sys.maxsize}  # frames at once
+EACH, SHARED = "each", "shared"
+SEE_ONE_PITCH = {EACH: 1, SHARED: sys.maxsize}  # frames at once
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -48,8 +48,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--free-field-size",
         choices=SEE_ONE_PITCH,
-        help="estimate length and width too, near --field-length and --field-width; each: frame by frame; shared: of "
-        "the one pitch that all frames show (off)",
+        help=f"deprecated: each is --field-size {ESTIMATED}, shared is --field-size {ESTIMATED} --same-field",
     )
     add_camera(parser, **{STACKED: f"as {CAMERA_TYPES} in INPUT says of each frame"})
     add_known_camera(parser)
@@ -68,20 +67,17 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(options: argparse.Namespace) -> int:
     """Calibrate; returns the exit code."""
-    if options.free_field_size == SHARED and options.prior == STACKED:
-        raise ValueError(f"--prior {STACKED} goes with --free-field-size each: {SHARED} has one prior for all frames")
-    if options.free_field_size == SHARED and options.shard is not None:
-        raise ValueError(f"--free-field-size {SHARED} is of all frames together: leave --shard out")
-    if options.free_field_size is not None and options.field_size == KNOWN:
-        raise ValueError(f"--field-size {KNOWN} leaves nothing to --free-field-size: give one of them")
+    free = _free_field_size(options)
     known = KnownCamera.of(options)
     if options.size is not None:
         try:
             known.given(Placement.declared(options, options.size).frame_size)
         except BrokenFileError as error:
             raise ValueError(f"--size {error}") from None
-    if known.is_any and options.free_field_size is not None:
-        raise ValueError("--free-field-size finds the pitch with cameras of which nothing is known: leave it out")
+    if known.is_any and free is not None:
+        raise ValueError(
+            f"--field-size {ESTIMATED} finds the pitch with cameras of which nothing is known: leave it out"
+        )
     field = field_of(options)
     types = read_camera_types(options.input) if options.prior == STACKED else {}
     method = _Method(
@@ -92,9 +88,31 @@ def run(options: argparse.Namespace) -> int:
         known,
         options.tau,
         options.least_probability,
-        options.free_field_size,
+        free,
     )
-    return calibrate_folder(options, field, method, at_once=SEE_ONE_PITCH.get(options.free_field_size), more=types)
+    return calibrate_folder(options, field, method, at_once=SEE_ONE_PITCH.get(free or ""), more=types)
+
+
+def _free_field_size(options: argparse.Namespace) -> str | None:
+    """Which frames see one pitch of a size that is estimated: each by itself, or all; None where it is not."""
+    if options.free_field_size is not None:
+        if options.field_size == KNOWN:
+            raise ValueError(f"--field-size {KNOWN} leaves nothing to --free-field-size: give one of them")
+        same = " --same-field" * (options.free_field_size == SHARED)
+        print(
+            f"fieldcalib: --free-field-size is deprecated, --field-size {ESTIMATED}{same} does the same",
+            file=sys.stderr,
+        )
+    elif options.same_field and options.field_size != ESTIMATED:
+        raise ValueError(f"--same-field says what the size is estimated from: give --field-size {ESTIMATED} with it")
+    free: str | None = options.free_field_size
+    if free is None and options.field_size == ESTIMATED:
+        free = SHARED if options.same_field else EACH
+    if free == SHARED and options.prior == STACKED:
+        raise ValueError(f"--prior {STACKED} has a prior for each frame, and --same-field one for all: leave one out")
+    if free == SHARED and options.shard is not None:
+        raise ValueError("--same-field is of all frames together: leave --shard out")
+    return free
 
 
 @dataclass(frozen=True)

@@ -19,7 +19,7 @@ from fieldcalib.assess.video import VideoCalibration
 from fieldcalib.calibrate.given_camera import check_of_clip
 from fieldcalib.cli.arguments import cut_of
 from fieldcalib.cli.declared import Placement
-from fieldcalib.cli.fields import field_of, prior_of
+from fieldcalib.cli.fields import ESTIMATED, field_of, prior_of
 from fieldcalib.cli.frames import (
     Frame,
     ReadImage,
@@ -195,6 +195,7 @@ def run_clip(options: argparse.Namespace, place: Callable[[Image], Placement]) -
             *given,
             flags=known.flags,
             prior=prior_of(options),
+            estimate_size=options.field_size == ESTIMATED,
             camera=options.camera,
             parts=parts,
         )

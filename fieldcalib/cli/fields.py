@@ -15,18 +15,22 @@ from fieldcalib.io.files import BrokenFileError
 
 SOCCER = "soccer"
 KNOWN = "known"
-FIELD_SIZES = ("nominal", KNOWN)
+NOMINAL, ESTIMATED = "nominal", "estimated"
+FIELD_SIZES = (ESTIMATED, NOMINAL, KNOWN)
 
 
-def add_field(parser: argparse.ArgumentParser) -> None:
-    """--field, --field-length, --field-width and --field-size."""
+def add_field(parser: argparse.ArgumentParser, default: str = NOMINAL) -> None:
+    """--field, --field-length, --field-width, --field-size and --same-field."""
     add_sized_field(parser)
     parser.add_argument(
         "--field-size",
         choices=FIELD_SIZES,
-        default="nominal",
-        help="how well length and width are known; nominal: pitches differ, and the probabilities allow for that; "
-        "known: they were measured (nominal)",
+        default=default,
+        help="how well length and width are known; estimated: near the given ones, as far as frames tell them; "
+        f"nominal: they stay as given, and probabilities allow for other ones; known: they were measured ({default})",
+    )
+    parser.add_argument(
+        "--same-field", action="store_true", help="the frames show one pitch: its size is estimated from all together"
     )
 
 

@@ -11,7 +11,7 @@ from itertools import chain, islice
 from fieldcalib.calibrate.given_camera import check_of_clip
 from fieldcalib.cli.arguments import cut_of
 from fieldcalib.cli.declared import Placement
-from fieldcalib.cli.fields import field_of, prior_of
+from fieldcalib.cli.fields import ESTIMATED, field_of, prior_of
 from fieldcalib.cli.frames import Frame, checked_frames, load_network, say_note, video_threads
 from fieldcalib.cli.known_camera import KnownCamera
 from fieldcalib.cli.results import OVERLAY, Outcome, Results, calibration_line, result_folder
@@ -52,7 +52,16 @@ def run_stream(options: argparse.Namespace, place: Callable[[Image], Placement])
             size = next((place(frame.image).frame_size for frame in first if frame.image is not None), size)
             frames = chain(first, frames)
         given, prior = known.given(size), prior_of(options)
-        with Tracker(field, network, *given, flags=known.flags, prior=prior, wait=not stream.is_live) as tracker:
+        estimate_size = options.field_size == ESTIMATED
+        with Tracker(
+            field,
+            network,
+            *given,
+            flags=known.flags,
+            prior=prior,
+            estimate_size=estimate_size,
+            wait=not stream.is_live,
+        ) as tracker:
             try:
                 for frame in frames:
                     _add(options, frame, place, tracker, results, video)

@@ -45,6 +45,7 @@ OVERLAY = VIDEOS.file_name("overlay")
 OF_RUNS = (SUMMARY, MOTION, WORST, TRIPODS, OVERLAY)  # names of files that are of no single frame
 PART_OF_CLIP = ".part-"  # what the names of files begin with that keep parts of a clip until all are done
 METRES = (0.5, 1.0)  # that the probabilities in cameras.jsonl are about
+SIZE_KEYS = ("field_length", "field_width", "field_standard_deviations")
 # Frames with pixels that are not square, least number and share: of 728 annotated frames none, of the same squashed to
 # 640x640 one in fifteen, with width and height swapped more than half.
 SUSPICIOUS = 3, 0.05
@@ -369,16 +370,26 @@ def is_nearly_square(line: Mapping[str, Any]) -> bool:
 def calibration_line(id: str, calibration: Calibration, eq3: float | None) -> dict[str, Any]:
     """One frame's line of cameras.jsonl."""
     line: dict[str, Any] = {"id": id, "status": str(calibration.status), "message": calibration.message}
-    line |= {"verdict": str(calibration.verdict), "reason": calibration.reason}
-    line |= {"remedy": calibration.remedy} if calibration.remedy else {}
+    line |= {"verdict": str(calibration.verdict), "reason": calibration.reason, "remedy": calibration.remedy}
     line |= calibration.to_dict()
     if calibration.camera is not None:
         line |= {"rms_as_labelled_px": _number(calibration.rms_as_labelled), "loss_ndc_eq3": eq3}
     if calibration.camera is not None and calibration.knows_errors:
         line["standard_deviations"] = _standard_deviations(calibration.camera, calibration.covariance)
+    line |= _of_told_size(calibration)
     if calibration.has_probability:
         line |= {f"probability_right_{metres:g}m": _number(calibration.probability(metres)) for metres in METRES}
     return line
+
+
+def _of_told_size(calibration: Calibration) -> dict[str, Any]:
+    """The size of the field where the frame tells another one than it was given."""
+    layout = None if calibration.solved is None else calibration.uncertainty.layout
+    if calibration.field is None or layout is None or not np.any(layout.free[layout.field_size_block]):
+        return {}
+    size = calibration.field.length, calibration.field.width
+    deviations = np.sqrt(np.diagonal(calibration.covariance))[layout.field_size_block]
+    return dict(zip(SIZE_KEYS, (*size, deviations.tolist()), strict=True))
 
 
 def _standard_deviations(camera: Camera, covariance: Array) -> dict[str, Any]:

@@ -5,13 +5,17 @@ from __future__ import annotations
 import argparse
 import json
 import math
+import sys
 import time
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from itertools import islice
 
+import numpy as np
+
 from fieldcalib.assess.result import Calibration
+from fieldcalib.calibrate.field_size import shared_size
 from fieldcalib.cli.arguments import (
     add_camera,
     add_cut,
@@ -21,7 +25,7 @@ from fieldcalib.cli.arguments import (
 )
 from fieldcalib.cli.clips import is_clip, run_clip
 from fieldcalib.cli.declared import Placement, add_declarations
-from fieldcalib.cli.fields import add_field, field_of, prior_of
+from fieldcalib.cli.fields import ESTIMATED, KNOWN, add_field, field_of, prior_of
 from fieldcalib.cli.frames import (
     Frame,
     ReadImage,
@@ -55,6 +59,9 @@ from fieldcalib.io.line_log import whole_lines
 from fieldcalib.io.results import LINES
 from fieldcalib.localize import Network
 
+TOGETHER = 40  # images of one field that tell its size,
+ROUNDS = 2  # of calibrating them, and estimating it
+
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Describe the command, add its arguments and set ``run``, a function of them that gives the exit code."""
@@ -81,7 +88,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_cut(parser)
     add_network(parser)
     add_declarations(parser)
-    add_field(parser)
+    add_field(parser, ESTIMATED)
     add_camera(parser)
     add_known_camera(parser)
     add_refinement(parser)
@@ -130,6 +137,8 @@ def _run(options: argparse.Namespace) -> int:
         return run_stream(options, place)
     if options.camera != "tripod" and not is_clip(options):
         raise ValueError("--camera is of clips: give a video, or images with --clip, without --independent")
+    if options.same_field and (options.field_size != ESTIMATED or VIDEOS.recognises(options.input[0])):
+        raise ValueError(f"--same-field is of images, with --field-size {ESTIMATED}: a clip shows one field anyway")
     if is_clip(options):
         return run_clip(options, place)
     function, cut = FromImages(options, load_network(options)), cut_of(options)
@@ -141,6 +150,8 @@ def _run(options: argparse.Namespace) -> int:
         with result_folder(options, record, began) as results:
             if is_finished(options.out):
                 return results.exit_code
+            if options.same_field:
+                function = function.on_one_field(source.files)
             if source.frames_per_second is None:
                 work(options, results, source.files, IMAGES_AT_ONCE, function, lost, source.count)
             else:
@@ -209,6 +220,22 @@ class FromImages:
         ]
         return Made(outcomes, seconds)
 
+    def on_one_field(self, files: Sequence[FrameFile]) -> FromImages:
+        """The same on the field that some of the images tell together, evenly spread ones of the commonest size."""
+        read = ReadImage(self.options.most_bytes, self.options.most_pixels, partial(placed, self.options))
+        some = [files[k] for k in np.linspace(0, len(files) - 1, min(len(files), TOGETHER)).round().astype(int)]
+        images = [image for image in (read(file).image for file in some) if image is not None]
+        by_size: dict[tuple[int, ...], list[Image]] = {}
+        for image in images:
+            by_size.setdefault(image.shape, []).append(placed(self.options, image).image_in_frame(image))
+        alike = max(by_size.values(), key=len, default=[])
+        given = field = field_of(self.options)
+        for _ in range(ROUNDS if alike else 0):
+            field = shared_size(given, self._calibrated(replace(field, size_known=True), alike))
+        sizes = {"field_length": field.length, "field_width": field.width, "field_size": KNOWN}
+        print(f"fieldcalib: the images show a field of {field.length:.1f} x {field.width:.1f} m", file=sys.stderr)
+        return replace(self, options=argparse.Namespace(**vars(self.options) | sizes))
+
     def _calibrated(self, field: Field, images: Sequence[Image]) -> list[Calibration]:
         known, prior = KnownCamera.of(self.options), prior_of(self.options)
         refine = self.options.refine
@@ -221,13 +248,21 @@ class FromImages:
             of_size = [images[index] for index in members]
             given = known.given(size)
             calibrations = calibrate_from_images(
-                field, of_size, self.network, *given, flags=known.flags, prior=prior, refine=refine
+                field,
+                of_size,
+                self.network,
+                *given,
+                flags=known.flags,
+                prior=prior,
+                refine=refine,
+                estimate_size=self.options.field_size == ESTIMATED,
             )
             found.update(zip(members, calibrations, strict=True))
         return [found[index] for index in range(len(images))]
 
     def _outcome(self, frame: Frame, image: Image, calibration: Calibration, field: Field) -> Outcome:
-        picture = draw_calibration(image, calibration, field, show_paint=self.options.show_paint)
+        shown = calibration.field or field
+        picture = draw_calibration(image, calibration, shown, show_paint=self.options.show_paint)
         if frame.line:
             return Outcome(frame.id, frame.line, str(calibration.status), picture=picture, is_written=True)
         keeps = self.options.keep_rejected or bool(calibration)

@@ -17,6 +17,7 @@ if TYPE_CHECKING:
 
 WHITE = "#f4f8f2"  # of paint in daylight
 SURFACES = ("grass", "turf", "ice", "wood", "floor", "hard court", "clay")
+OTHERS = (1 / 6, 1 / 6, 1 / 3, 1 / 3)  # shares of fields of another width, of another length, of both: usual, legal
 DEVIATIONS = 1.96  # to either side: what holds 95 % of a normal distribution
 
 
@@ -140,8 +141,9 @@ class SizePrior:
     build: Callable[[float, float], Field]
     """The field of a length and a width."""
     exact: float = 0.7
-    """Probability that a field of which nobody measured the size has the one that it is taken for. Of the others half
-    are normal with the usual ranges, half with the legal ones: that has heavy tails."""
+    """Probability that a field of which nobody measured the size has the one that it is taken for. A sixth of the rest
+    has that length and a sixth that width; in a third each both are normal with the usual ranges and with the legal
+    ones: that has heavy tails."""
     rules: str = "the rules"
     """What the legal sizes are from, for messages."""
 
@@ -158,10 +160,12 @@ class SizePrior:
 
     @property
     def possibilities(self) -> tuple[Array, Array]:
-        """Probabilities (3,) of the given size, a usual one and a legal one, and the standard deviations, (3, 2)."""
+        """Probabilities (5,) of the given size, of others with its length and with its width, of a usual and of a legal
+        one, and the standard deviations of length and width around the given ones, (5, 2)."""
         legal = np.diff(self.legal, axis=1)[:, 0] / np.sqrt(12.0)  # of a uniform distribution
-        rest = 0.5 * (1.0 - self.exact)
-        return np.array([self.exact, rest, rest]), np.array([np.zeros(2), self.sigma, legal])
+        alone = np.diag(self.sigma)[::-1]
+        rest = 1.0 - self.exact
+        return np.array([self.exact, *(rest * np.array(OTHERS))]), np.array([np.zeros(2), *alone, self.sigma, legal])
 
     @property
     def sigma(self) -> Array:

@@ -87,7 +87,13 @@ class ClipSolver:
 
         def look() -> None:
             found = calibrate_from_images(
-                self.object_segments, held, network, *self.given, flags=self.flags, prior=self.prior
+                self.object_segments,
+                held,
+                network,
+                *self.given,
+                flags=self.flags,
+                prior=self.prior,
+                estimate_size=False,  # all frames together tell it
             )
             for key, calibration in zip(keys, found, strict=True):
                 if calibration.solved is not None:

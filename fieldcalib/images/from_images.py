@@ -14,8 +14,11 @@ from fieldcalib.assess.result import LEAST_PROBABILITY, Calibration, Status
 from fieldcalib.assess.together import compute_errors
 from fieldcalib.calibrate.given_camera import GivenCamera
 from fieldcalib.calibrate.options import ALL, PICTURE_FLAGS, CalibrationFlags, Prior
+from fieldcalib.calibrate.told_size import on_told_size
+from fieldcalib.fields.field import Field
 from fieldcalib.fields.segments import ObjectSegments
 from fieldcalib.geometry.camera import Camera
+from fieldcalib.images.found_lines import on_found_lines
 from fieldcalib.images.hypotheses import calibrate_from_consensus, calibrate_localized
 from fieldcalib.images.line_profiles import Markings
 from fieldcalib.images.pictures import Method, with_aspect_told, without_borders
@@ -58,6 +61,7 @@ def calibrate_from_images(
     prior: Prior = ALL,
     refine: bool = True,
     take_off_borders: bool = True,
+    estimate_size: bool = True,
     executor: Executor | None = None,
 ) -> list[Calibration]:
     """Calibrate a camera for each of several images.
@@ -80,6 +84,10 @@ def calibrate_from_images(
     take_off_borders : bool
         Whether black borders are left out, where no `camera_matrix` is given: cameras are in pixels of the whole
         pictures, with the principal point near the middle of what is shown.
+    estimate_size : bool
+        Whether an image that tells another size of a field than the given one, which is not said to be known
+        (`size_known`), is calibrated on a field of that size: `Calibration.field`. It takes a refinement, and a camera
+        of which nothing is known.
     executor : concurrent.futures.Executor, optional
         What works on the images, e.g. `Processes`, or that of a cluster (dask's ``Client.get_executor()``); other
         processes must be able to import the classes of what is given. The results are the same.
@@ -113,7 +121,14 @@ def calibrate_from_images(
     given = GivenCamera(camera_matrix, dist_coeffs, rvec, tvec)
     kept = flags & ~CalibrationFlags.CALIB_AUTO_ASPECT
     of_part: Method = partial(
-        _calibrated, object_segments, network=network, flags=kept, prior=prior, given=given, refine=refine
+        _calibrated,
+        object_segments,
+        network=network,
+        flags=kept,
+        prior=prior,
+        given=given,
+        refine=refine,
+        estimate_size=estimate_size,
     )
     if flags != kept and camera_matrix is None and prior is not None:
         of_part = partial(with_aspect_told, of_part, object_segments=object_segments, flags=kept, prior=prior)
@@ -147,6 +162,7 @@ def _calibrated(
     prior: Prior,
     given: GivenCamera,
     refine: bool,
+    estimate_size: bool,
 ) -> list[Calibration]:
     """The calibrations of images that are worked on together."""
     found = [_without_weak(part) for part in localize(object_segments, images, network)]
@@ -154,6 +170,7 @@ def _calibrated(
     for index, image in enumerate(images):
         by_size.setdefault((image.shape[1], image.shape[0]), []).append(index)
     markings = Markings.of(object_segments)
+    sizes = estimate_size and refine and all(one is None for one in given)
     calibrations: dict[int, Calibration] = {}
     for size, members in by_size.items():
         parts = [found[index] for index in members]
@@ -169,7 +186,27 @@ def _calibrated(
                 second = verified(count * [image], count * [part], others, least_support=least)
                 candidates = [calibration, *(other for other, _ in second)]
                 calibrations[index] = _best_supported(markings, image, candidates)
+            if sizes:
+                again = partial(_on_another_field, image, part, calibrations[index], flags=flags, prior=prior)
+                calibrations[index] = on_told_size(calibrations[index], again)
     return [calibrations[index] for index in range(len(images))]
+
+
+def _on_another_field(
+    image: Image,
+    found: Localization,
+    calibration: Calibration,
+    field: Field,
+    camera: Camera,
+    *,
+    flags: int,
+    prior: Prior,
+) -> Calibration:
+    """An image on a field of another size, from a camera that sees it there."""
+    start = on_found_lines(calibration, field, camera, flags=flags, prior=prior)
+    verified = partial(_verified, field, Markings.of(field), flags=flags, prior=prior, refine=True)
+    ((again, _),) = verified([image], [found], [start], least_support=LEAST_SUPPORT)
+    return again
 
 
 def _without_weak(found: Localization) -> Localization:

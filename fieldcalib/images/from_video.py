@@ -21,7 +21,7 @@ from numpy.typing import ArrayLike
 from fieldcalib.assess.video import VideoCalibration
 from fieldcalib.calibrate.given_camera import GivenCamera, check_of_clip
 from fieldcalib.calibrate.options import ALL, DEFAULT_FLAGS, CalibrationFlags, Prior
-from fieldcalib.calibrate.sequence_solver import SHARED, SHARED_IN_MOTION
+from fieldcalib.calibrate.sequence_solver import SHARED, SHARED_IN_MOTION, SIZE
 from fieldcalib.fields.segments import ObjectSegments
 from fieldcalib.images.clip_solver import ClipSolver
 from fieldcalib.images.keyframes import EVERY, Tied, tied_frames
@@ -35,8 +35,8 @@ from fieldcalib.localize.network import SegmentationNetwork
 from fieldcalib.problem.labelled_pixels import check_object
 
 Mount = Literal["tripod", "moving"]
-
 SHARED_BY: dict[Mount, tuple[str, ...]] = {"tripod": SHARED, "moving": SHARED_IN_MOTION}
+
 PART = 3000  # frames, two minutes, after which the video is cut at a keyframe
 
 
@@ -60,6 +60,7 @@ def calibrate_video(
     *,
     flags: int = DEFAULT_FLAGS,
     prior: Prior = ALL,
+    estimate_size: bool = True,
     every: int = EVERY,
     camera: Mount = "tripod",
     parts: Parts | None = None,
@@ -83,6 +84,10 @@ def calibrate_video(
     camera_matrix, dist_coeffs, rvec, tvec, flags, prior
         As in `calibrate_from_images`. A position is that of all frames, which then share no other; so is a focal
         length (no zoom). A rotation is of one frame, and cannot be given.
+    estimate_size : bool
+        Whether length and width of a field that are not said to be known are estimated from the frames of a tripod
+        together, as far as they tell them. Otherwise they stay as they are given, and what is not known of them is in
+        the errors from the centre mark.
     every : int
         Frames from one keyframe to the next, at most.
     camera : {"tripod", "moving"}
@@ -129,7 +134,8 @@ def calibrate_video(
         raise ValueError('CALIB_FIX_POSITION is of a camera on a tripod: leave camera="moving" out')
     network = SegmentationNetwork.load() if network is None else network
     check_network(network)
-    return _calibrated(object_segments, clip_reader(source), network, flags, prior, given, every, camera, parts)
+    shared = tuple(name for name in SHARED_BY[camera] if estimate_size or name != SIZE)
+    return _calibrated(object_segments, clip_reader(source), network, flags, prior, given, every, shared, parts)
 
 
 def _calibrated(
@@ -140,13 +146,13 @@ def _calibrated(
     prior: Prior,
     given: GivenCamera,
     every: int,
-    camera: Mount,
+    shared: tuple[str, ...],
     kept: Parts | None,
 ) -> VideoCalibration:
     """Part by part, so that matches and lines of a long video do not pile up; two readers go along with one another."""
     parts = []
     with opened() as images, opened() as again:
-        tied = tied_frames(read_ahead(images), every=every, moving=camera == "moving")
+        tied = tied_frames(read_ahead(images), every=every, moving="centre" not in shared)
         second = read_ahead(again)
         for index, part in enumerate(_in_parts(tied)):
             before = None if kept is None else kept.get(index)
@@ -158,7 +164,7 @@ def _calibrated(
                     )
                 parts.append(before)
                 continue
-            clip = ClipSolver(object_segments, flags, prior, SHARED_BY[camera], given)
+            clip = ClipSolver(object_segments, flags, prior, shared, given)
             clip.read(part, network)
             tripods = clip.tripods()
             lines, ridges = clip.lines_in(islice(second, len(clip.piece)), tripods)

@@ -82,6 +82,8 @@ class KeyframeOptions:
     flags: int
     prior: Prior
     given: GivenCamera = NOTHING_GIVEN
+    shared: tuple[str, ...] = SHARED
+    """As in `calibrate_sequence`."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -135,7 +137,13 @@ def solve_shot(problem: ShotProblem, seen: Seen | None) -> ShotSolution:
 def _labels(options: KeyframeOptions, seen: Seen) -> Labels | None:
     """The labels of a picture as its camera has them; None if it has none that is accepted."""
     (found,) = calibrate_from_images(
-        options.object_segments, [seen.image], seen, *options.given, flags=options.flags, prior=options.prior
+        options.object_segments,
+        [seen.image],
+        seen,
+        *options.given,
+        flags=options.flags,
+        prior=options.prior,
+        estimate_size=False,  # all keyframes together tell it
     )
     if not found.accepted or found.solved is None:
         return None
@@ -155,7 +163,7 @@ def _solved(
         problem.image_size,
         flags=problem.options.flags,
         prior=problem.options.prior,
-        shared=SHARED,
+        shared=problem.options.shared,
         given=problem.options.given,
     )
     if problem.layout is None:

@@ -26,6 +26,7 @@ from fieldcalib.assess.sequence import STEP, Basis
 from fieldcalib.calibrate.frame_columns import FrameColumns
 from fieldcalib.calibrate.given_camera import GivenCamera, check_of_clip
 from fieldcalib.calibrate.options import ALL, DEFAULT_FLAGS, Prior
+from fieldcalib.calibrate.sequence_solver import SHARED, SIZE
 from fieldcalib.calibrate.ties import Ties, stepped, with_tied
 from fieldcalib.calibrate.tripod import Labels
 from fieldcalib.fields.segments import ObjectSegments
@@ -107,6 +108,8 @@ class Tracker:
         Finds the markings of keyframes; by default the one that comes with the package.
     camera_matrix, dist_coeffs, rvec, tvec, flags, prior
         As in `calibrate_video`.
+    estimate_size : bool
+        As in `calibrate_video`.
     every : int
         Frames from one keyframe to the next, at most.
     wait : bool
@@ -141,6 +144,7 @@ class Tracker:
         *,
         flags: int = DEFAULT_FLAGS,
         prior: Prior = ALL,
+        estimate_size: bool = True,
         every: int = EVERY,
         wait: bool = False,
     ) -> None:
@@ -151,7 +155,8 @@ class Tracker:
         given = GivenCamera(camera_matrix, dist_coeffs, rvec, tvec)
         self._other = None if wait else OtherProcess(NICENESS, NEEDED)  # it starts while the network is loaded
         self._thread = ThreadPoolExecutor(max_workers=1)
-        self._options = KeyframeOptions(object_segments, flags, prior, given)
+        shared = tuple(name for name in SHARED if estimate_size or name != SIZE)
+        self._options = KeyframeOptions(object_segments, flags, prior, given, shared)
         # one core is left to `update`
         self._network = SegmentationNetwork.load(threads=2 if wait else 1) if network is None else network
         if self._other is not None:

@@ -1,0 +1,143 @@
+"""The size of its field that one frame tells, estimated together with its camera.
+
+A frame is calibrated on a field of the given size, and what it says about another one is known to first order
+(`fieldcalib.assess.size_evidence`). Where the given size is improbable, length and width, or the one of them that
+the frame tells, become free parameters of its camera: solved from several starts under the prior of the sizes that
+there are, within those that the rules allow. What the frame does not tell stays as it is given.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from fieldcalib._types import Array, BoolArray
+from fieldcalib.assess.result import Calibration
+from fieldcalib.assess.size_evidence import SizeEvidence
+from fieldcalib.assess.solved import Solved
+from fieldcalib.calibrate.options import DEFAULT_CRITERIA
+from fieldcalib.fields.field import Field
+from fieldcalib.geometry.camera import Camera
+from fieldcalib.problem.evaluation import Evaluation, evaluate
+from fieldcalib.problem.layout import Layout, Role, SizeBlock
+from fieldcalib.problem.levenberg_marquardt import levenberg_marquardt
+from fieldcalib.problem.prior import GaussianPrior
+
+LIKELY = 0.5  # probability of the given size from which on a frame is calibrated on it
+TOLD = 2.0  # m: standard deviation of a length or width that a frame tells; less than what is known of them anyway
+STILL = 0.05  # m: a size that moves by less stays
+ROUNDS = 2  # of finding lines on a field of the size, and solving for it
+
+
+def on_told_size(calibration: Calibration, again: Callable[[Field, Camera], Calibration]) -> Calibration:
+    """The calibration of a frame on a field of the size that it tells, or itself where that is the given one.
+
+    Parameters
+    ----------
+    calibration : Calibration
+        On a field of the given size.
+    again : callable
+        Calibrates the frame on another field, from a camera that sees it there.
+    """
+    told = _Told.of(calibration)
+    if told is None or calibration.solved is None:
+        return calibration
+    sized, found = told.best(calibration.solved), calibration
+    for _ in range(ROUNDS):
+        one = again(sized.field, sized.camera)
+        if not one.accepted or one.solved is None or one.solved is calibration.solved:
+            break
+        found, before, sized = one, sized, told.solved(one.solved, sized.size)
+        if np.max(np.abs(sized.size - before.size)) < STILL:
+            break
+    if found is calibration:
+        return calibration
+    unit = np.where(sized.layout.free, sized.prior_sigma, 0.0)[None]
+    return replace(found, camera=sized.camera, field=sized.field, solved=Solved(sized.evaluation, unit))
+
+
+@dataclass(frozen=True, eq=False)
+class _Sized:
+    """A frame that was solved with a free size of its field."""
+
+    like: Field
+    evaluation: Evaluation
+
+    @property
+    def layout(self) -> Layout:
+        return self.evaluation.problem.layout
+
+    @property
+    def size(self) -> Array:
+        """(length, width)."""
+        return np.asarray(self.evaluation.theta[0, self.layout.field_size_block])
+
+    @property
+    def field(self) -> Field:
+        return self.like.resized(*self.size.tolist())
+
+    @property
+    def camera(self) -> Camera:
+        return self.layout.camera(self.evaluation.theta[0])
+
+    @property
+    def prior_sigma(self) -> Array:
+        assert self.evaluation.problem.prior is not None
+        return np.asarray(self.evaluation.problem.prior.sigma[0])
+
+
+@dataclass(frozen=True, eq=False)
+class _Told:
+    """What one frame tells of the size of its field, to first order."""
+
+    field: Field
+    """Of the given size."""
+    size: SizeBlock
+    evidence: SizeEvidence
+    told: BoolArray
+    """Which of length and width the frame tells, (2,)."""
+    wide: BoolArray
+    """Which possibilities leave both open, (K,)."""
+
+    @classmethod
+    def of(cls, calibration: Calibration) -> _Told | None:
+        """None where the given size is as likely as others, or nothing is known of these."""
+        field, solved = calibration.field, calibration.solved
+        if field is None or solved is None or not calibration.accepted:
+            return None
+        problem, evidence = solved.evaluation.problem, solved.uncertainty.size
+        size = problem.layout.field_size
+        if evidence is None or size is None or problem.prior is None or evidence.as_given > LIKELY:
+            return None
+        told = np.sqrt(np.diagonal(evidence.covariance)) < TOLD
+        wide = np.all(size.possibilities[1] > 0.0, axis=1)
+        return cls(field, size, evidence, told, wide) if np.any(told) and np.any(wide) else None
+
+    def best(self, solved: Solved) -> _Sized:
+        """The size of least cost, from the given one, the one that fits best to first order, and the expected one."""
+        offsets = np.zeros(2), self.evidence.offset, self.evidence.mean
+        found = [self.solved(solved, self.size.given + offset) for offset in offsets]
+        return min(found, key=lambda one: float(one.evaluation.cost[0]))
+
+    def solved(self, solved: Solved, start: Array) -> _Sized:
+        """The frame with what it tells of the size free, from a size."""
+        alone = solved.alone.evaluation
+        layout, prior, block = alone.problem.layout, alone.problem.prior, alone.problem.layout.field_size_block
+        assert prior is not None
+        for role, which in ((Role.FRAME, self.told), (Role.CONSIDERED, ~self.told)):
+            some = np.zeros(layout.size, dtype=bool)
+            some[block] = which
+            layout = layout.with_roles_of(some, role)
+        likely = int(np.argmax(np.where(self.wide, self.evidence.weights[:-1], -1.0)))
+        mean, sigma = prior.mean.copy(), prior.sigma.copy()
+        mean[:, block], sigma[:, block] = self.size.given, self.size.possibilities[1][likely]
+        kept = np.diag(np.diagonal(self.evidence.moment)[~self.told])
+        considered = None if np.all(self.told) else kept
+        problem = replace(alone.problem, layout=layout, prior=GaussianPrior(mean, sigma), considered=considered)
+        theta = alone.theta.copy()
+        theta[:, block] = np.where(self.told, np.clip(start, *self.size.limits), self.size.given)
+        _, iterations, tolerance = DEFAULT_CRITERIA
+        solution = levenberg_marquardt(evaluate(problem, theta), max_iterations=iterations, tolerance=tolerance)
+        return _Sized(self.field, solution.evaluation)

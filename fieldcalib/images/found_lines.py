@@ -1,0 +1,32 @@
+"""The lines that were found in an image, on a field of another size."""
+
+from __future__ import annotations
+
+from fieldcalib.assess.result import Calibration
+from fieldcalib.calibrate.batch import calibrate_batch
+from fieldcalib.calibrate.options import PAINT, Prior, pixel_unit
+from fieldcalib.calibrate.together import labels_of
+from fieldcalib.fields.field import Field
+from fieldcalib.geometry.camera import Camera
+from fieldcalib.images.frame_lines import as_given
+from fieldcalib.images.refinement import LOSS_SCALE
+from fieldcalib.problem.losses import RobustLoss
+
+
+def on_found_lines(calibration: Calibration, field: Field, camera: Camera, *, flags: int, prior: Prior) -> Calibration:
+    """A calibration from the same lines on a field of another size, from a camera that sees them there."""
+    assert calibration.solved is not None
+    pixels, weights = as_given(labels_of(calibration.solved.alone.evaluation))
+    (found,) = calibrate_batch(
+        field,
+        [pixels],
+        camera.image_size,
+        cameras=[camera],
+        flags=flags,
+        prior=prior,
+        loss=RobustLoss("cauchy", LOSS_SCALE * pixel_unit(camera.image_size)),
+        weights=[weights],
+        trust_labels=True,
+        paint=PAINT,
+    )
+    return found

@@ -1,0 +1,163 @@
+"""The size of a field that single frames tell, and what the rules allow."""
+
+import json
+
+import cv2
+import numpy as np
+import pytest
+from commands import lines_of, run
+from hypothesis import given
+from hypothesis import strategies as st
+from strategies import generators
+from synthetic import observe
+from tripods import SIZE, panned
+
+from fieldcalib import Calibration, Camera, SegmentationNetwork, calibrate_from_images, calibrate_sequence, soccer
+from fieldcalib.assess.size_evidence import SizeEvidence
+from fieldcalib.calibrate.batch import calibrate_batch
+from fieldcalib.calibrate.field_size import shared_size
+from fieldcalib.calibrate.told_size import on_told_size
+from fieldcalib.draw import render_field
+
+FIELD = soccer()
+WIDE = Camera.from_angles(0.0, 1.2, 0.0, 560.0, (0.0, 80.0, -40.0), SIZE)  # sees all of a pitch
+SIDE = Camera.from_angles(0.7, 1.25, 0.0, 1000.0, (0.0, 66.0, -25.0), SIZE)  # both touchlines and one end
+POSSIBLE, LIMITS = FIELD.size_model.possibilities, FIELD.size_model.limits
+ROOM = LIMITS - np.array([105.0, 68.0])
+
+
+def told(pitch, camera, rng, noise=0.5, field=FIELD):
+    """A frame of a pitch, calibrated on a field, and then on the one that it tells."""
+    frame = observe(pitch, camera, rng, noise, per_line=9, per_curve=12)
+    (found,) = calibrate_batch(field, [frame], SIZE)
+
+    def again(field, start):
+        (one,) = calibrate_batch(field, [frame], SIZE, cameras=[start])
+        return one
+
+    return found, on_told_size(found, again)
+
+
+@given(generators(), st.floats(97.0, 112.0), st.floats(62.0, 74.0))
+def test_a_frame_of_the_whole_pitch_tells_its_size(rng, length, width):
+    given, found = told(soccer(length, width), WIDE, rng)
+    assert found.accepted
+    off = np.array([found.field.length - length, found.field.width - width])
+    assert np.all(np.abs(off) < 0.6) or found is given  # the given size, where that is likely
+    if found is not given:
+        sigma = np.sqrt(np.diagonal(found.covariance))[found.uncertainty.layout.field_size_block]
+        assert np.all(np.abs(off) < 5.0 * sigma)
+        assert np.all(sigma < 0.5)
+        X = np.array([[40.0, 20.0, 0.0], [-40.0, -20.0, 0.0], [10.0, 30.0, 0.0]])
+        error = (found.camera.image_to_field(WIDE.project(X)) - X)[:, :2]
+        of_ground = found.uncertainty.at_field(X, relative_to="centre mark")
+        assert np.all(np.linalg.norm(error, axis=1) < 5.0 * of_ground.rms)
+
+
+def test_the_usual_size_is_left_alone():
+    rng = np.random.default_rng(0)
+    for _ in range(5):
+        given, found = told(FIELD, WIDE, rng)
+        assert found is given
+    given, found = told(soccer(100.0, 64.0), WIDE, rng, field=soccer(size_known=True))
+    assert found is given
+
+
+def test_what_a_frame_does_not_tell_stays_as_it_is_given():
+    given, found = told(soccer(101.0, 62.0), SIDE, np.random.default_rng(1))
+    assert found.field.length == 105.0
+    assert abs(found.field.width - 62.0) < 1.0
+    assert found.rms < given.rms
+    assert found.remedy.startswith("the length is not visible: positions are relative to the right end")
+
+
+def test_calibrations_with_a_size_of_their_own_survive_json():
+    _, found = told(soccer(100.0, 64.0), WIDE, np.random.default_rng(2))
+    assert found.field.length < 102.0
+    back = Calibration.from_dict(json.loads(json.dumps(found.to_dict())))
+    np.testing.assert_allclose(back.covariance, found.covariance, rtol=1e-6, atol=1e-12)
+    assert back.field == found.field
+    assert back.probability() == pytest.approx(found.probability(), rel=1e-6)
+
+
+@given(
+    st.floats(-45.0, 45.0), st.floats(-45.0, 45.0), st.floats(0.05, 40.0), st.floats(0.05, 40.0), st.floats(-0.9, 0.9)
+)
+def test_no_size_is_proposed_that_the_rules_forbid(dl, dw, sl, sw, correlation):
+    V = np.array([[sl**2, correlation * sl * sw], [correlation * sl * sw, sw**2]])
+    information = np.linalg.inv(V)
+    found = SizeEvidence.of(information, -information @ (dl, dw), information, POSSIBLE, ROOM)
+    assert found.weights.sum() == pytest.approx(1.0)
+    assert 0.0 <= found.as_given <= 1.0
+    assert np.isfinite(found.mean).all()
+    assert np.all(np.linalg.eigvalsh(found.moment) > -1e-6)
+    if found.as_given < 0.1:  # as `surprises` says
+        size = np.array([105.0, 68.0]) + found.mean
+        assert np.all((size > LIMITS[0] - 2.0) & (size < LIMITS[1] + 2.0))
+
+
+def test_a_pitch_of_thirty_metres_is_none():
+    information = np.diag([1.0 / 17.0**2, 1.0])
+    absurd, small = (
+        SizeEvidence.of(information, -information @ (0.0, dw), information, POSSIBLE, ROOM) for dw in (-38.0, -6.0)
+    )
+    assert absurd.as_given > 0.6
+    assert small.as_given < 0.1
+    assert -6.0 < small.mean[1] < -5.0
+
+
+@pytest.fixture(scope="module")
+def network():
+    return SegmentationNetwork.load()
+
+
+@pytest.fixture(scope="module")
+def pictures():
+    cameras = [Camera.from_angles(pan, 1.3, 0.0, 850.0, (0.0, 66.0, -25.0), SIZE) for pan in (-0.25, 0.0, 0.25)]
+    return [render_field(camera, soccer(105.0, 63.0)) for camera in cameras]
+
+
+def test_pictures_tell_the_width_of_their_pitch(network, pictures):
+    found = calibrate_from_images(FIELD, pictures, network)
+    nominal = calibrate_from_images(FIELD, pictures, network, estimate_size=False)
+    known = calibrate_from_images(soccer(size_known=True), pictures, network)
+    assert all(one.accepted for one in found)
+    assert np.all(np.abs([one.field.width - 63.0 for one in found]) < 0.7)
+    assert [one.field.width for one in (*nominal, *known)] == 6 * [68.0]
+    assert np.median([one.rms for one in found]) < np.median([one.rms for one in nominal])
+
+
+def test_run_estimates_unless_it_is_told_not_to(tmp_path, pictures, capsys):
+    for index, picture in enumerate(pictures):
+        cv2.imwrite(str(tmp_path / f"{index}.png"), picture)
+    inputs = sorted(tmp_path.glob("*.png"))
+    widths = {}
+    for name, options in (("own", []), ("nominal", ["--field-size", "nominal"]), ("one", ["--same-field"])):
+        assert run("run", *inputs, "--out", tmp_path / name, *options) == 0
+        widths[name] = [line["field"]["width"] for line in lines_of(tmp_path / name)]
+    assert np.all(np.abs(np.array(widths["own"]) - 63.0) < 0.7)
+    assert widths["nominal"] == 3 * [68.0]
+    assert len(set(widths["one"])) == 1
+    assert abs(widths["one"][0] - 63.0) < 0.4
+    assert "the images show a field of 105." in capsys.readouterr().err
+    assert len(lines_of(tmp_path / "own")[0]["field_standard_deviations"]) == 2
+    assert run("run", *inputs, "--out", tmp_path / "no", "--same-field", "--field-size", "known") == 2
+
+
+def test_a_field_that_no_frame_tells_keeps_its_size():
+    nothing = calibrate_batch(soccer(size_known=True), [{}], SIZE)
+    assert shared_size(FIELD, nothing) is FIELD
+
+
+def test_a_size_that_is_not_shared_is_nominal():
+    """Not estimated, and not known: it is in the errors from the centre mark."""
+    rng, tripod = np.random.default_rng(0), panned(8, first=-0.5, last=0.5)
+    frames = [observe(soccer(101.0, 68.0), camera, rng, 0.3) for camera in tripod]
+    shared = ("centre", "principal point", "lens", "zoom law")
+    free, nominal = (calibrate_sequence(FIELD, frames, SIZE, **how) for how in ({}, {"shared": shared}))
+    assert abs(free.field.length - 101.0) < 0.5
+    assert (nominal.field.length, nominal.field.width) == (105.0, 68.0)
+    assert "length" not in nominal.shared
+    block = nominal.layout.field_size_block
+    deviations = np.sqrt(np.diagonal(nominal[0].covariance))[block]
+    assert np.all(deviations > 2.0)
