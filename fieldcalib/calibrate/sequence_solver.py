@@ -311,7 +311,7 @@ class SequenceSolver:
         every[:, shared] = solved.theta[0, shared]
         index = np.array(sorted(start.theta))
         again = start._replace(layout=layout, theta=dict(zip(index.tolist(), every, strict=True)))
-        _, evaluation = self._before_together(index, again, agreeing=False)
+        index, evaluation = self._before_together(index, again, agreeing=False)
         following = followed(evaluation, self.options.max_iterations)
         return again._replace(theta=dict(zip(index.tolist(), following.theta, strict=True)))
 
@@ -586,6 +586,7 @@ class SequenceSolver:
             len(together.index),
             options.layout,
             tripod.considered,
+            np.reshape(self.alternatives, (-1, 3)),
         )
 
     def _next(self, done: BoolArray, known: BoolArray) -> IntArray:
