@@ -78,6 +78,18 @@ def test_what_the_network_saw_contradicts_cameras_that_lines_confirm():
     assert not is_contradicted(tripod.calibration.frames.misfit, SIZE).any()
 
 
+def test_a_camera_that_moves_is_found_out():
+    cameras = [moved(camera, (0.4 * t, 0.0, 0.0)) for t, camera in enumerate(panned(16, -0.3, 0.3))]
+    clip = clip_of(cameras)
+    tripods = clip.tripods()
+    calibrated = {t: one.calibration[k] for one in tripods for k, t in enumerate(clip.frames(one.pieces).tolist())}
+    off = [far_off(calibrated[t], camera) for t, camera in enumerate(cameras) if calibrated[t].camera is not None]
+    good = [t for t in calibrated if calibrated[t].verdict is Verdict.GOOD]
+    assert all(far_off(calibrated[t], cameras[t]) < 3.0 for t in good)
+    print(clip.notes, np.round(off, 1), len(good))
+    assert len(clip.notes) == 1
+
+
 def test_left_out_labels_are_predicted_by_the_right_cameras_only():
     cameras = panned(8, -0.4, 0.4)
     clip = clip_of(cameras)
@@ -93,7 +105,15 @@ def test_left_out_labels_are_predicted_by_the_right_cameras_only():
 
 @pytest.mark.parametrize(
     ("contradicted", "expected"),
-    [("..", []), ("xx....", [24]), ("....xx", [48]), ("..x...", []), ("x.....", []), ("..xx..", [24, 48]), ("x.xx", [])],
+    [
+        ("..", []),
+        ("xx....", [24]),
+        ("....xx", [48]),
+        ("..x...", []),
+        ("x.....", []),
+        ("..xx..", [24, 48]),
+        ("x.xx", []),
+    ],
 )
 def test_runs_of_keyframes_are_parts(contradicted, expected):
     some = np.array([one == "x" for one in contradicted])
