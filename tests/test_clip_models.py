@@ -11,7 +11,7 @@ from fieldcalib.assess.result import Verdict
 from fieldcalib.calibrate.options import ALL, DEFAULT_FLAGS
 from fieldcalib.calibrate.sequence_solver import SHARED
 from fieldcalib.calibrate.ties import thinned
-from fieldcalib.images.clip_models import LeftOut, is_contradicted_often, parts
+from fieldcalib.images.clip_models import LeftOut, parts
 from fieldcalib.images.clip_solver import ClipSolver
 
 FIELD = soccer()
@@ -81,13 +81,14 @@ def test_what_the_network_saw_contradicts_cameras_that_lines_confirm():
 def test_a_camera_that_moves_is_found_out():
     cameras = [moved(camera, (0.4 * t, 0.0, 0.0)) for t, camera in enumerate(panned(16, -0.3, 0.3))]
     clip = clip_of(cameras)
-    tripods = clip.tripods()
-    calibrated = {t: one.calibration[k] for one in tripods for k, t in enumerate(clip.frames(one.pieces).tolist())}
-    off = [far_off(calibrated[t], camera) for t, camera in enumerate(cameras) if calibrated[t].camera is not None]
-    good = [t for t in calibrated if calibrated[t].verdict is Verdict.GOOD]
-    assert all(far_off(calibrated[t], cameras[t]) < 3.0 for t in good)
-    print(clip.notes, np.round(off, 1), len(good))
-    assert len(clip.notes) == 1
+    (tripod,) = clip.tripods()
+    assert clip.moving == {0}
+    assert "--camera moving" in clip.notes[0]
+    # from one place, which explains the labels to 2 px, the middle of the picture is 3 to 8 px off in most frames
+    assert max(far_off(one, camera) for one, camera in zip(tripod.calibration, cameras, strict=True)) < 0.7
+    assert [one.verdict for one in tripod.calibration] == [Verdict.GOOD] * 16
+    video = clip.finished([tripod], clip.seen)
+    assert max(far_off(one, camera) for one, camera in zip(video, cameras, strict=True)) < 0.7
 
 
 def test_left_out_labels_are_predicted_by_the_right_cameras_only():
@@ -118,4 +119,3 @@ def test_left_out_labels_are_predicted_by_the_right_cameras_only():
 def test_runs_of_keyframes_are_parts(contradicted, expected):
     some = np.array([one == "x" for one in contradicted])
     assert parts(12 * np.arange(len(some)), some) == expected
-    assert is_contradicted_often(some) == (len(some) > 4 and some.mean() > 0.15)

@@ -20,7 +20,7 @@ from typing import NamedTuple
 import numpy as np
 
 from fieldcalib._types import Array, BoolArray, IntArray
-from fieldcalib.assess.misfit import Misfit, inflation, is_contradicted, misfit
+from fieldcalib.assess.misfit import Misfit, inflation, is_contradicted, is_of_wrong_model, misfit
 from fieldcalib.assess.noise import pooled_noise
 from fieldcalib.assess.own_errors import OwnErrors, own_errors
 from fieldcalib.assess.result import Calibration, Status
@@ -223,7 +223,7 @@ class SequenceSolver:
         if start is None:
             return self._one_by_one()
         together = self._together_but_hardly_told(some, start)
-        if self._may_be_elsewhere and together.misfit.is_of_wrong_model(self.options.layout.image_size):
+        if self._may_be_elsewhere and is_of_wrong_model(together.misfit.excess, self.options.layout.image_size):
             together = self._from_other_starts(some, together)
         for _ in range(ROUNDS - 1):
             count = together.labelled

@@ -14,7 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from fieldcalib._types import Array, BoolArray, IntArray
-from fieldcalib.assess.misfit import LEAST_FRAMES, LEAST_SHARE, rms_by_label
+from fieldcalib.assess.misfit import rms_by_label
 from fieldcalib.assess.sequence import SequenceCalibration
 from fieldcalib.calibrate.options import pixel_unit
 from fieldcalib.calibrate.tripod import Labels
@@ -85,12 +85,6 @@ class LeftOut:
                     off = min(float(np.nanmax(by_label)) / pixel_unit(camera.image_size), LOST)
                 scores.append(np.log1p(np.square(off / NEAR)))
         return float(np.mean(scores)) if scores else np.inf
-
-
-def is_contradicted_often(contradicted: BoolArray) -> bool:
-    """Whether so many keyframes are contradicted that what they are to share does not hold."""
-    count = int(np.count_nonzero(contradicted))
-    return len(contradicted) >= LEAST_FRAMES and count >= LEAST_SHARE * len(contradicted)
 
 
 def parts(keyframes: IntArray, contradicted: BoolArray) -> list[int]:

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from fieldcalib._types import Array, IntArray
-from fieldcalib.assess.misfit import LEAST_FRAMES, is_contradicted
+from fieldcalib.assess.misfit import LEAST_FRAMES, is_contradicted, is_of_wrong_model
 from fieldcalib.assess.sequence import SequenceCalibration
 from fieldcalib.assess.video import NO_TRIPOD, Shot, VideoCalibration
 from fieldcalib.calibrate.given_camera import NOTHING_GIVEN, GivenCamera
@@ -20,7 +20,6 @@ from fieldcalib.fields.segments import ObjectSegments
 from fieldcalib.images.clip_models import (
     CLEARLY,
     LeftOut,
-    is_contradicted_often,
     parts,
     said_of_misfit,
     said_of_motion,
@@ -169,7 +168,8 @@ class ClipSolver:
         frames = self.frames([piece])
         labels = {t: one for t, one in self.seen.items() if self.piece[t] == piece}
         fixed = "centre" not in self.shared or self.flags & CalibrationFlags.CALIB_FIX_POSITION
-        if fixed or not self._is_contradicted(shots) or len(labels) < LEAST_FRAMES:
+        keyframes, excess = self._witnessed([piece], shots[piece])
+        if fixed or len(labels) < LEAST_FRAMES or not is_of_wrong_model(excess, self.size):
             return shots
         left_out, of_pieces = LeftOut.of(labels), list(self.piece)
 
@@ -177,7 +177,6 @@ class ClipSolver:
             found = [(self.frames([p]), self.together([p], left_out.kept, one)) for p, one in shots.items()]
             return left_out.misprediction(self.object_segments, found)
 
-        keyframes, excess = self._witnessed([piece], shots[piece])
         contradicted = is_contradicted(excess, self.size)
         at_one_place = misprediction(shots)
         if first := parts(frames[keyframes], contradicted):
@@ -197,11 +196,6 @@ class ClipSolver:
         self.moving.discard(piece)
         self.notes.append(said_of_misfit(self.begin + frames))
         return shots
-
-    def _is_contradicted(self, shots: Mapping[int, SequenceCalibration]) -> bool:
-        """Whether what was seen in keyframes contradicts many of the cameras of some pieces, each by itself."""
-        excess = [self._witnessed([piece], shot)[1] for piece, shot in shots.items()]
-        return is_contradicted_often(is_contradicted(np.concatenate(excess), self.size))
 
     def tripods(self) -> list[TripodOfClip]:
         """The tripods of the pieces, the one with most frames first."""
