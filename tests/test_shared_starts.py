@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from fieldcalib import Camera, calibrate_sequence, soccer
-from fieldcalib.assess.misfit import LARGEST_EXCESS, Misfit, is_contradicted
+from fieldcalib.assess.misfit import LARGEST_EXCESS, Misfit, is_contradicted, is_of_wrong_model
 from fieldcalib.calibrate.centres import voted_centres
 
 SIZE = (1920, 1080)
@@ -68,8 +68,8 @@ def test_centres_are_voted_for_one_after_the_other():
 def test_excess_is_what_the_model_adds():
     misfit = Misfit(np.array([5.0, 1.0, np.nan]), np.array([3.0, 1.2, np.nan]))
     np.testing.assert_allclose(misfit.excess, [4.0, 0.0, np.nan])
-    many = Misfit(np.full(10, 5.0), np.concatenate([np.full(8, 5.0), np.zeros(2)]))
-    assert many.is_of_wrong_model((960, 540))
-    assert not Misfit(many.together[:4], np.zeros(4)).is_of_wrong_model((960, 540))  # too few
-    one = Misfit(np.full(10, 5.0), np.append(np.full(9, 5.0), 0.0))
-    assert not one.is_of_wrong_model((960, 540))
+    size = (960, 540)
+    assert is_of_wrong_model(np.array([0.3] * 8 + [9.0, 9.0]), size)
+    assert is_of_wrong_model(np.array([0.3] * 4 + [1.3] * 6), size)  # somewhat, but in most of them
+    assert not is_of_wrong_model(np.array([0.3] * 9 + [9.0]), size)
+    assert not is_of_wrong_model(np.array([9.0] * 4), size)  # too few

@@ -144,6 +144,10 @@ class Frames:
         return cls(**arrays, labels=tuple(record["labels"]), notes=notes, suspects=suspects, markings=markings)
 
 
+def _place(centre: Array) -> str:
+    return "({:.1f}, {:.1f}, {:.1f})".format(*centre.tolist())
+
+
 def _to_record(array: NDArray[Any]) -> dict[str, Any]:
     return {"shape": array.shape, "type": array.dtype.str, "values": to_json(array.ravel())}
 
@@ -185,6 +189,8 @@ class SequenceCalibration(FrameSequence):
     """Of the parameters of a frame; None where there is no camera."""
     considered: Array = attribute(default_factory=lambda: np.zeros((0, 0)), repr=False)
     """Covariance of all parameters that the layout considers: the shared ones, and a size that is hardly told."""
+    alternatives: Array = attribute(default_factory=lambda: np.zeros((0, 3)), repr=False)
+    """Other centres that explain the frames as well, (A, 3); known only where the first solution was doubted."""
 
     def __len__(self) -> int:
         return len(self.frames)
@@ -201,6 +207,7 @@ class SequenceCalibration(FrameSequence):
         doubts += [f"the field in view is known to {metres:.1f} m only"] if metres > SURE else []
         if self.layout is not None and is_contradicted(frames.misfit[t], self.layout.image_size):
             doubts.append(f"what the frames share brings its lines {frames.misfit[t]:.0f} px off")
+        doubts += [f"its camera may as well stand at {_place(centre)}" for centre in self.alternatives]
         return Calibration(
             camera,
             status,
@@ -342,6 +349,7 @@ class SequenceCalibration(FrameSequence):
             "together": self.together,
             "layout": None if self.layout is None else layout_to_record(self.layout),
             "considered": _to_record(self.considered),
+            "alternatives": _to_record(self.alternatives),
         }
 
     @classmethod
@@ -366,4 +374,5 @@ class SequenceCalibration(FrameSequence):
             record["together"],
             None if record["layout"] is None else layout_from_record(record["layout"]),
             _from_record(record["considered"]),
+            _from_record(record["alternatives"]),
         )

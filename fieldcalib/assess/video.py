@@ -18,7 +18,7 @@ from fieldcalib.assess.sequence import NUMBERS, Basis, SequenceCalibration
 if TYPE_CHECKING:
     import pandas
 
-VERSION = 1  # of `VideoCalibration.to_dict`
+VERSION = 2  # of `VideoCalibration.to_dict`
 NO_TRIPOD = -1
 
 
@@ -57,6 +57,9 @@ class VideoCalibration(FrameSequence):
     """Index of the tripod of each frame, (T,); -1 for none."""
     number: IntArray = attribute(repr=False)
     """Index of each frame among those of its tripod, (T,)."""
+    notes: tuple[str, ...] = ()
+    """What was found of the camera where its frames do not share what they are to share: which model was taken, and why
+    (`fieldcalib.images.clip_models`)."""
 
     @classmethod
     def joined(cls, parts: Sequence[VideoCalibration]) -> VideoCalibration:
@@ -75,6 +78,7 @@ class VideoCalibration(FrameSequence):
             tuple(shots),
             np.concatenate(tripod),
             np.concatenate([np.zeros(0, dtype=np.intp), *(part.number for part in parts)]),
+            tuple(note for part in parts for note in part.notes),
         )
 
     def __len__(self) -> int:
@@ -101,6 +105,7 @@ class VideoCalibration(FrameSequence):
             tuple(Shot(start, stop, place[self.shots[shot[start]].tripod]) for start, stop in ends),
             np.array([place[k] for k in tripod.tolist()], dtype=np.intp),
             number,
+            self.notes,
         )
 
     @property
@@ -145,6 +150,7 @@ class VideoCalibration(FrameSequence):
             "shots": [list(shot) for shot in self.shots],
             "tripod": self.tripod.tolist(),
             "number": self.number.tolist(),
+            "notes": list(self.notes),
         }
 
     @classmethod
@@ -165,4 +171,5 @@ class VideoCalibration(FrameSequence):
             tuple(Shot(*shot) for shot in record["shots"]),
             np.array(record["tripod"], dtype=np.intp),
             np.array(record["number"], dtype=np.intp),
+            tuple(record["notes"]),
         )

@@ -20,7 +20,7 @@ from typing import NamedTuple
 import numpy as np
 
 from fieldcalib._types import Array, BoolArray, IntArray
-from fieldcalib.assess.misfit import Misfit, inflation, is_contradicted, misfit
+from fieldcalib.assess.misfit import Misfit, inflation, is_contradicted, is_of_wrong_model, misfit
 from fieldcalib.assess.noise import pooled_noise
 from fieldcalib.assess.own_errors import OwnErrors, own_errors
 from fieldcalib.assess.result import Calibration, Status
@@ -226,7 +226,7 @@ class SequenceSolver:
         if start is None:
             return self._one_by_one()
         together = self._together_but_hardly_told(some, start)
-        if self._may_be_elsewhere and together.misfit.is_of_wrong_model(self.options.layout.image_size):
+        if self._may_be_elsewhere and is_of_wrong_model(together.misfit.excess, self.options.layout.image_size):
             together = self._from_other_starts(some, together)
         for _ in range(ROUNDS - 1):
             count = together.labelled
@@ -314,7 +314,7 @@ class SequenceSolver:
         every[:, shared] = solved.theta[0, shared]
         index = np.array(sorted(start.theta))
         again = start._replace(layout=layout, theta=dict(zip(index.tolist(), every, strict=True)))
-        _, evaluation = self._before_together(index, again, agreeing=False)
+        index, evaluation = self._before_together(index, again, agreeing=False)
         following = followed(evaluation, self.options.max_iterations)
         return again._replace(theta=dict(zip(index.tolist(), following.theta, strict=True)))
 
@@ -590,6 +590,7 @@ class SequenceSolver:
             len(together.index),
             options.layout,
             tripod.considered,
+            np.reshape(self.alternatives, (-1, 3)),
         )
 
     def _next(self, done: BoolArray, known: BoolArray) -> IntArray:

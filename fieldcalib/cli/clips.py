@@ -200,6 +200,9 @@ def run_clip(options: argparse.Namespace, place: Callable[[Image], Placement]) -
             parts=parts,
         )
         results.calibrating = time.perf_counter() - began
+        results.notes = found.notes
+        for note in found.notes:
+            print(f"fieldcalib: {note}", file=sys.stderr)
         calibrations, basis = list(found), found.basis
         worst = worst_frames(calibrations, IN_SHEET)
         pictures: dict[int, Image] = {}
@@ -237,6 +240,7 @@ def _tripods(found: VideoCalibration) -> dict[str, Any]:
     """What the frames of each tripod share, and which frames these are."""
     return {
         "shots": [shot._asdict() for shot in found.shots],
+        "notes": list(found.notes),
         "tripods": [
             {
                 "frames": len(tripod),

@@ -12,7 +12,7 @@ import json
 import sys
 import time
 from collections import Counter
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from dataclasses import field as attribute
@@ -122,6 +122,8 @@ class Results:
     """Frames that were calibrated now, not in an earlier part of the run."""
     calibrating: float = 0.0
     """Seconds that these took, without files and pictures."""
+    notes: Sequence[str] = ()
+    """What was found of the camera of a clip."""
 
     def add(self, outcome: Outcome) -> None:
         """Write the line of the next frame, and its files; what is wrong with it is said on stderr."""
@@ -161,6 +163,7 @@ class Results:
             "completeness": 100.0 * self.cameras / max(self.done, 1),
             "verdict": {verdict.value: self.verdicts[verdict] for verdict in Verdict},
             "status": dict(self.statuses),
+            "notes": list(self.notes),
             "seconds": {"calibration": self.calibrating, "total": seconds},
             "milliseconds_per_frame": 1e3 * self.calibrating / max(self.calibrated, 1),
             "options": options,

@@ -7,15 +7,25 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from fieldcalib._types import IntArray
+from fieldcalib._types import Array, IntArray
 from fieldcalib.assess.markings import MarkingInView
+from fieldcalib.assess.misfit import LEAST_FRAMES, is_contradicted, is_of_wrong_model
 from fieldcalib.assess.sequence import SequenceCalibration
 from fieldcalib.assess.video import NO_TRIPOD, Shot, VideoCalibration
 from fieldcalib.calibrate.given_camera import NOTHING_GIVEN, GivenCamera
 from fieldcalib.calibrate.options import CalibrationFlags, Prior
+from fieldcalib.calibrate.sequence_solver import SHARED_IN_MOTION
 from fieldcalib.calibrate.together import labels_of
 from fieldcalib.calibrate.tripod import Labels
 from fieldcalib.fields.segments import ObjectSegments
+from fieldcalib.images.clip_models import (
+    CLEARLY,
+    LeftOut,
+    parts,
+    said_of_misfit,
+    said_of_motion,
+    said_of_parts,
+)
 from fieldcalib.images.frame_lines import as_given, frame_lines, with_paint
 from fieldcalib.images.frames_together import Cells, cells_of, solver_of_lines
 from fieldcalib.images.from_images import calibrate_from_images
@@ -62,10 +72,13 @@ class ClipSolver:
         self.prior = prior
         self.given = given
         self.size = (0, 0)
+        self.begin = 0  # number of the first frame in the video
         self.piece: list[int] = []  # of each frame
         self.matches: dict[tuple[int, int], Cells] = {}
         self.seen: dict[int, Labels] = {}  # in keyframes whose camera was accepted
         self.doubtful: dict[int, Labels] = {}  # in the others
+        self.moving: set[int] = set()  # pieces whose camera is found to move
+        self.notes: list[str] = []  # what was found of the camera beyond that
 
     @property
     def pieces(self) -> list[int]:
@@ -104,7 +117,7 @@ class ClipSolver:
 
         more: dict[int, int] = {}  # looks that pieces have left
         for image, tied in frames:
-            first = tied.index if first is None else first
+            first = self.begin = tied.index if first is None else first
             index = tied.index - first
             self.size = image.shape[1], image.shape[0]
             self.piece.append(tied.piece)
@@ -138,26 +151,73 @@ class ClipSolver:
             self.size,
             flags=self.flags,
             prior=self.prior,
-            shared=self.shared,
+            shared=SHARED_IN_MOTION if set(pieces) <= self.moving else self.shared,
             given=self.given,
         ).calibrated(start)
-        number = {frame: k for k, frame in enumerate(frames)}
+        return with_witnesses(calibration, *self._witnessed(pieces, calibration))
+
+    def _witnessed(self, pieces: Sequence[int], calibration: SequenceCalibration) -> tuple[IntArray, Array]:
+        """How far the cameras of some pieces contradict what was seen in keyframes; frames are numbered from 0."""
+        number = {frame: k for k, frame in enumerate(self.frames(pieces).tolist())}
         seen, doubtful = (
             {number[t]: labels for t, labels in some.items() if t in number} for some in (self.seen, self.doubtful)
         )
-        return with_witnesses(calibration, *witnessed_misfit(self.object_segments, calibration, seen, doubtful))
+        return witnessed_misfit(self.object_segments, calibration, seen, doubtful)
+
+    def _shots(self) -> dict[int, SequenceCalibration]:
+        """Each piece by itself; those that one place does not explain in parts, or from a camera that moves."""
+        shots: dict[int, SequenceCalibration] = {}
+        while left := [piece for piece in self.pieces if piece > max(shots, default=-1)]:
+            shots |= self._explained(left[0])
+        return shots
+
+    def _explained(self, piece: int) -> dict[int, SequenceCalibration]:
+        """A piece, or the parts that it is divided into: their numbers begin with its own."""
+        shots = {piece: self.together([piece], self.seen)}
+        frames = self.frames([piece])
+        labels = {t: one for t, one in self.seen.items() if self.piece[t] == piece}
+        fixed = "centre" not in self.shared or self.flags & CalibrationFlags.CALIB_FIX_POSITION
+        keyframes, excess = self._witnessed([piece], shots[piece])
+        if fixed or len(labels) < LEAST_FRAMES or not is_of_wrong_model(excess, self.size):
+            return shots
+        left_out, of_pieces = LeftOut.of(labels), list(self.piece)
+
+        def misprediction(shots: Mapping[int, SequenceCalibration]) -> float:
+            found = [(self.frames([p]), self.together([p], left_out.kept, one)) for p, one in shots.items()]
+            return left_out.misprediction(self.object_segments, found)
+
+        contradicted = is_contradicted(excess, self.size)
+        at_one_place = misprediction(shots)
+        if first := parts(frames[keyframes], contradicted):
+            self.piece = (np.array(self.piece) + np.searchsorted(first, np.arange(len(self.piece)), "right")).tolist()
+            divided = {p: self.together([p], self.seen) for p in range(piece, piece + len(first) + 1)}
+            apart = misprediction(divided)
+            if apart < CLEARLY * at_one_place:
+                self.notes.append(said_of_parts([self.begin + t for t in first], at_one_place, apart))
+                return divided
+            self.piece = of_pieces
+        self.moving.add(piece)
+        moved = {piece: self.together([piece], self.seen)}
+        on_its_way = misprediction(moved)
+        if on_its_way < CLEARLY * at_one_place:
+            self.notes.append(said_of_motion(self.begin + frames, at_one_place, on_its_way))
+            return moved
+        self.moving.discard(piece)
+        self.notes.append(said_of_misfit(self.begin + frames))
+        return shots
 
     def tripods(self) -> list[TripodOfClip]:
         """The tripods of the pieces, the one with most frames first."""
-        shots = {piece: self.together([piece], self.seen) for piece in self.pieces}
+        shots = self._shots()
         stands = "centre" in self.shared
         found_pieces = [piece for piece, shot in shots.items() if shot.together]
         if stands and self.flags & CalibrationFlags.CALIB_FIX_POSITION:  # one place, as the user says
             groups = [found_pieces] if found_pieces else []
         elif stands:
-            groups = grouped(shots)
+            groups = grouped({piece: shot for piece, shot in shots.items() if piece not in self.moving})
         else:
             groups = [[piece] for piece in found_pieces]
+        groups += [[piece] for piece in found_pieces if piece in self.moving]
         found = [
             TripodOfClip(pieces, self.together(pieces, self.seen) if len(pieces) > 1 else shots[pieces[0]])
             for pieces in groups
@@ -238,6 +298,7 @@ class ClipSolver:
             tuple(Shot(int(start), int(stop), int(tripod[start])) for start, stop in shots),
             tripod,
             number,
+            tuple(self.notes),
         )
 
     def _paint(

@@ -34,6 +34,8 @@ def witnessed_misfit(
 ) -> tuple[IntArray, Array]:
     """The frames in which something was seen and that have a camera, and how far the cameras contradict it, pixels.
 
+    What one keyframe says counts as far as the one before or after it says so too.
+
     Parameters
     ----------
     seen : mapping of int to Labels
@@ -60,7 +62,16 @@ def witnessed_misfit(
     labelled = np.isfinite(by_label)
     explained = np.sum(labelled & (by_label < EXPLAINED * unit), axis=1)
     off = np.where(explained < 0.5 * np.sum(labelled, axis=1), np.nanmedian(by_label, axis=1), 0.0)
-    return frames, np.where([t in seen for t in frames.tolist()], misfit(evaluation).excess, off)
+    excess = np.where([t in seen for t in frames.tolist()], misfit(evaluation).excess, off)
+    return frames, _confirmed(excess)
+
+
+def _confirmed(excess: Array) -> Array:
+    """No more than the larger one of the two beside each: in one keyframe of forty labels lie beside the paint."""
+    if len(excess) < 2:
+        return np.zeros_like(excess)
+    before, after = np.concatenate([[0.0], excess[:-1]]), np.concatenate([excess[1:], [0.0]])
+    return np.asarray(np.minimum(excess, np.maximum(before, after)))
 
 
 def with_witnesses(calibration: SequenceCalibration, frames: IntArray, excess: Array) -> SequenceCalibration:
