@@ -301,6 +301,15 @@ class ClipSolver:
             tuple(self.notes),
         )
 
+    def looked_at_again(
+        self, found: VideoCalibration, tripods: Sequence[TripodOfClip], images: Iterable[Image]
+    ) -> VideoCalibration:
+        """All frames once more, from lines near the markings of their cameras, if more of these lie on paint then."""
+        members = [tripod for tripod in tripods if tripod.pieces]
+        again = [TripodOfClip(one.pieces, found.tripods[k]) for k, one in enumerate(members)]
+        second = self.finished(again, *self.lines_in(images, again))
+        return second if off_paint(second) < off_paint(found) else found
+
     def _paint(
         self, calibration: SequenceCalibration, frames: IntArray, ridges: Mapping[int, Ridges]
     ) -> dict[int, tuple[MarkingInView, ...]]:
@@ -321,3 +330,10 @@ class ClipSolver:
             if abs(frames[near] - frames[k]) < PAINT_EVERY and piece[near] == piece[k]:
                 found[k] = seen[near]
         return found
+
+
+def off_paint(video: VideoCalibration) -> float:
+    """Share of the frames with a camera in which a marking lies beside its paint; 0 without any."""
+    cameras = sum(int(np.count_nonzero(tripod.usable)) for tripod in video.tripods)
+    off = [any(one.is_beside for one in seen) for tripod in video.tripods for seen in tripod.frames.markings.values()]
+    return sum(off) / max(cameras, 1)

@@ -23,7 +23,7 @@ from fieldcalib.calibrate.given_camera import GivenCamera, check_of_clip
 from fieldcalib.calibrate.options import ALL, DEFAULT_FLAGS, CalibrationFlags, Prior
 from fieldcalib.calibrate.sequence_solver import SHARED, SHARED_IN_MOTION, SIZE
 from fieldcalib.fields.segments import ObjectSegments
-from fieldcalib.images.clip_solver import ClipSolver
+from fieldcalib.images.clip_solver import ClipSolver, off_paint
 from fieldcalib.images.keyframes import EVERY, Tied, tied_frames
 from fieldcalib.io.clips import clip_reader
 from fieldcalib.io.image import Image
@@ -37,6 +37,7 @@ from fieldcalib.problem.labelled_pixels import check_object
 Mount = Literal["tripod", "moving"]
 SHARED_BY: dict[Mount, tuple[str, ...]] = {"tripod": SHARED, "moving": SHARED_IN_MOTION}
 
+LOOK_AGAIN = 0.05  # share of frames with a marking beside its paint, from which on lines are searched once more
 PART = 3000  # frames, two minutes, after which the video is cut at a keyframe
 
 
@@ -169,6 +170,10 @@ def _calibrated(
             tripods = clip.tripods()
             lines, ridges = clip.lines_in(islice(second, len(clip.piece)), tripods)
             parts.append(clip.finished(tripods, lines, ridges))
+            if off_paint(parts[-1]) > LOOK_AGAIN:
+                with opened() as third:
+                    frames = islice(read_ahead(third), clip.begin, clip.begin + len(clip.piece))
+                    parts[-1] = clip.looked_at_again(parts[-1], tripods, frames)
             if kept is not None:
                 kept[index] = parts[-1]
         if isinstance(images, VideoReader) and (loss := images.loss()):
