@@ -13,14 +13,12 @@ linear in the number of frames.
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, replace
-from functools import cached_property
-from typing import NamedTuple
+from dataclasses import replace
 
 import numpy as np
 
 from fieldcalib._types import Array, BoolArray, IntArray
-from fieldcalib.assess.misfit import Misfit, inflation, is_contradicted, is_of_wrong_model, misfit
+from fieldcalib.assess.misfit import inflation, is_contradicted, is_of_wrong_model, misfit
 from fieldcalib.assess.noise import pooled_noise
 from fieldcalib.assess.own_errors import OwnErrors, own_errors
 from fieldcalib.assess.result import Calibration, Status
@@ -40,6 +38,7 @@ from fieldcalib.calibrate.options import (
     default_flags,
 )
 from fieldcalib.calibrate.shared_starts import WIDTHS, followed, minima, narrowing
+from fieldcalib.calibrate.solved_together import SolvedTogether, Start
 from fieldcalib.calibrate.ties import Matched, Ties, contradicted, with_tied
 from fieldcalib.calibrate.together import labels_of, put_together
 from fieldcalib.calibrate.tripod import KnownTripod, Labels, PixelNoise
@@ -110,81 +109,6 @@ def sequence_solver(
     return SequenceSolver(object_segments, pixels, pixel_weights, ties, options, tuple(shared), trust_labels)
 
 
-@dataclass(frozen=True, eq=False)
-class _Together:
-    """Frames that were solved together."""
-
-    index: IntArray
-    """Which they are, (B,)."""
-    evaluation: Evaluation
-    whole: Array
-    """Covariance of what they share, and then of what is kept of the field's size, (S + c, S + c)."""
-    noise: PixelNoise
-    labelled: int
-    """How many of them have labels that took part."""
-
-    @cached_property
-    def misfit(self) -> Misfit:
-        """Of their labels."""
-        return misfit(self.evaluation)
-
-    @property
-    def layout(self) -> Layout:
-        """Of their parameters."""
-        return self.evaluation.problem.layout
-
-    @property
-    def covariance(self) -> Array:
-        """Of what they share, (S, S)."""
-        shared = int(np.count_nonzero(self.layout.shared))
-        return self.whole[:shared, :shared]
-
-    @property
-    def is_tied(self) -> BoolArray:
-        """Which of them are tied to others, (B,)."""
-        pairs = self.evaluation.problem.background
-        tied = np.zeros(len(self.index), dtype=bool)
-        if pairs is not None:
-            tied[pairs.first] = tied[pairs.second] = True
-        return tied
-
-    @property
-    def cameras(self) -> dict[int, Array]:
-        """Parameters of the frames that are tied."""
-        return {int(self.index[k]): self.evaluation.theta[k] for k in np.flatnonzero(self.is_tied)}
-
-
-class _Start(NamedTuple):
-    """Cameras of some frames, from which they are solved together."""
-
-    layout: Layout
-    theta: Mapping[int, Array]
-    """Parameters (n,), by frame."""
-    labels: Mapping[int, Labels]
-    """Of frames among these."""
-
-    @classmethod
-    def of(cls, found: Mapping[int, Calibration]) -> _Start | None:
-        """Those of frames that were calibrated by themselves; None without any."""
-        parts = {t: c.solved.alone.evaluation for t, c in found.items() if c.solved is not None}
-        if not parts:
-            return None
-        layout = next(iter(parts.values())).problem.layout
-        return cls(
-            layout, {t: part.theta[0] for t, part in parts.items()}, {t: labels_of(part) for t, part in parts.items()}
-        )
-
-    def moved(self, centre: Array, size: tuple[float, float]) -> _Start:
-        """At another centre (3,), with a field whose length and width are so much larger."""
-        theta, model = {t: one.copy() for t, one in self.theta.items()}, self.layout.field_size
-        for one in theta.values():
-            one[CENTER] = centre
-            if model is not None:
-                block = self.layout.field_size_block
-                one[block] = np.clip(one[block] + size, *model.limits)
-        return self._replace(theta=theta)
-
-
 class SequenceSolver:
     """The frames of one tripod while they are calibrated."""
 
@@ -240,7 +164,7 @@ class SequenceSolver:
                 break
         return self._every(together)
 
-    def _start(self, some: IntArray) -> _Start | None:
+    def _start(self, some: IntArray) -> Start | None:
         """Cameras of some frames, from the place that they agree on or along a path; None if there is none."""
         if self.moves:
             return self._start_of(self._alone(some, self.options))
@@ -262,18 +186,18 @@ class SequenceSolver:
         """Whether the frames share a centre that is estimated."""
         return not self.moves and bool(np.any(self.options.layout.free[CENTER]))
 
-    def _from_other_starts(self, some: IntArray, together: _Together) -> _Together:
+    def _from_other_starts(self, some: IntArray, together: SolvedTogether) -> SolvedTogether:
         """The best solution of the labels from several places and sizes; that of before if none is better.
 
         Places are those that single frames vote for, and those of all frames but a run of them.
         """
         accepted = {t: c for t, c in self.first.items() if c.accepted}
-        alone = _Start.of(accepted)
+        alone = Start.of(accepted)
         if alone is None:
             return together
         self.kept = {}
         cameras = dict(zip(together.index.tolist(), together.evaluation.theta, strict=True))
-        before = _Start(together.layout, cameras, alone.labels)
+        before = Start(together.layout, cameras, alone.labels)
         found = [self._of_all(some, before, ())]
         for centre in voted_centres(list(accepted.values()), MOST_CENTRES):
             found += [self._of_all(some, alone.moved(centre, size), WIDTHS) for size in OTHER_SIZES]
@@ -291,14 +215,14 @@ class SequenceSolver:
         labels = {t: one for t, one in alone.labels.items() if t not in self.left_out}
         if not labels:
             return together
-        return self._together_but_hardly_told(some, _Start(best.best.problem.layout, cameras, labels))
+        return self._together_but_hardly_told(some, Start(best.best.problem.layout, cameras, labels))
 
-    def _of_all(self, some: IntArray, start: _Start, widths: Sequence[float]) -> tuple[IntArray, Evaluation]:
+    def _of_all(self, some: IntArray, start: Start, widths: Sequence[float]) -> tuple[IntArray, Evaluation]:
         """Frames solved together with all their labels, and which they are."""
         index, evaluation = self._before_together(some, start, agreeing=False)
         return index, narrowing(evaluation, widths, self.options.max_iterations, self.options.tolerance)
 
-    def _without(self, start: _Start, run: IntArray) -> _Start:
+    def _without(self, start: Start, run: IntArray) -> Start:
         """What frames share as all but a run of them tell it, and cameras that follow."""
         theta = {t: one for t, one in start.theta.items() if t not in set(run.tolist())}
         if not theta:
@@ -318,10 +242,10 @@ class SequenceSolver:
         following = followed(evaluation, self.options.max_iterations)
         return again._replace(theta=dict(zip(index.tolist(), following.theta, strict=True)))
 
-    def _start_of(self, alone: Mapping[int, Calibration]) -> _Start | None:
+    def _start_of(self, alone: Mapping[int, Calibration]) -> Start | None:
         """The cameras of frames that were accepted by themselves, of a camera that moves those on its path."""
         accepted = {t: c for t, c in alone.items() if c.accepted and c.solved is not None and t not in self.left_out}
-        return _Start.of(on_path(accepted) if self.moves else accepted)
+        return Start.of(on_path(accepted) if self.moves else accepted)
 
     def calibrated_from(
         self, layout: Layout, cameras: Mapping[int, Array], before: SequenceCalibration | None = None
@@ -332,12 +256,12 @@ class SequenceSolver:
         """
         labels = {t: self._labels(t, None) for t in cameras if self.frames[t]}
         some = self._solved_together()
-        start = _Start(layout, {t: cameras[t] for t in some.tolist() if t in cameras}, labels)
+        start = Start(layout, {t: cameras[t] for t in some.tolist() if t in cameras}, labels)
         if not any(t in labels for t in start.theta):
             return self.calibrated()
         return self._every(self._together_but_hardly_told(some, start), before)
 
-    def _together_but_hardly_told(self, some: IntArray, start: _Start) -> _Together:
+    def _together_but_hardly_told(self, some: IntArray, start: Start) -> SolvedTogether:
         """Without what the frames hardly tell of the field's size."""
         together = self._together(some, start)
         hardly_told = self._hardly_told(together)
@@ -403,7 +327,7 @@ class SequenceSolver:
             layout.roles[layout.names.index(name)] = Role.CONSIDERED
         return _law_of_what_is_free(layout)
 
-    def _before_together(self, some: IntArray, start: _Start, agreeing: bool = True) -> tuple[IntArray, Evaluation]:
+    def _before_together(self, some: IntArray, start: Start, agreeing: bool = True) -> tuple[IntArray, Evaluation]:
         """The frames that are solved together, those that have a camera and those that are tied to them, at a start.
 
         Labels of frames whose cameras the ties contradict do not count if these must be `agreeing`.
@@ -444,7 +368,7 @@ class SequenceSolver:
         )
         return some, together
 
-    def _together(self, some: IntArray, start: _Start) -> _Together:
+    def _together(self, some: IntArray, start: Start) -> SolvedTogether:
         """Some frames solved together."""
         some, together = self._before_together(some, start)
         layout = together.problem.layout
@@ -458,7 +382,7 @@ class SequenceSolver:
         by_kept = by_considered(solved, kappa, inverse)
         whole = np.block([[covariance + by_kept @ kept @ by_kept.T, by_kept @ kept], [kept @ by_kept.T, kept]])
         labelled = int(np.count_nonzero(np.any(solved.problem.observations.weight > 0.0, axis=1)))
-        return _Together(some, solved, whole, PixelNoise(float(sigma[0]), float(kappa[0])), labelled)
+        return SolvedTogether(some, solved, whole, PixelNoise(float(sigma[0]), float(kappa[0])), labelled)
 
     def _kept_variance(self, layout: Layout) -> Array:
         """Covariance (c, c) of what is kept of the size: what the frames tell of it, or what is known anyway."""
@@ -491,7 +415,7 @@ class SequenceSolver:
                 return tied, reached, right
             right = right & ~contradicted
 
-    def _hardly_told(self, together: _Together) -> dict[str, float]:
+    def _hardly_told(self, together: SolvedTogether) -> dict[str, float]:
         """Of length and width, what the frames hardly tell: estimated, it would absorb errors of lens and zoom.
 
         With it comes the mean square distance from what is given, as the frames tell it.
@@ -510,7 +434,7 @@ class SequenceSolver:
             if layout.free[index] and sigma[index] > TOLD
         }
 
-    def _known(self, together: _Together) -> KnownTripod:
+    def _known(self, together: SolvedTogether) -> KnownTripod:
         """What the frames share, with its covariance."""
         layout, theta = together.layout, together.evaluation.theta[0]
         object_segments, field, size = self.object_segments, self.options.field, layout.field_size
@@ -532,7 +456,7 @@ class SequenceSolver:
         )
         return KnownTripod(object_segments, options, together.noise)
 
-    def _every(self, together: _Together, before: SequenceCalibration | None = None) -> SequenceCalibration:
+    def _every(self, together: SolvedTogether, before: SequenceCalibration | None = None) -> SequenceCalibration:
         """All frames, from what some share; those that are tied from their cameras of before, if they had any."""
         self.tripod = tripod = self._known(together)
         options, object_segments = tripod.options, tripod.object_segments

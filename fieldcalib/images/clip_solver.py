@@ -176,33 +176,34 @@ class ClipSolver:
         shots = {piece: self.together([piece], self.seen)}
         frames = self.frames([piece])
         labels = {t: one for t, one in self.seen.items() if self.piece[t] == piece}
-        fixed = "centre" not in self.shared or self.flags & CalibrationFlags.CALIB_FIX_POSITION
         keyframes, excess = self._witnessed([piece], shots[piece])
+        fixed = "centre" not in self.shared or self.flags & CalibrationFlags.CALIB_FIX_POSITION
         if fixed or len(labels) < LEAST_FRAMES or not is_of_wrong_model(excess, self.size):
             return shots
-        left_out, of_pieces = LeftOut.of(labels), list(self.piece)
+        left_out, of_pieces = LeftOut.of(labels), self.piece
 
         def misprediction(shots: Mapping[int, SequenceCalibration]) -> float:
             found = [(self.frames([p]), self.together([p], left_out.kept, one)) for p, one in shots.items()]
             return left_out.misprediction(self.object_segments, found)
 
-        contradicted = is_contradicted(excess, self.size)
         at_one_place = misprediction(shots)
-        if first := parts(frames[keyframes], contradicted):
-            self.piece = (np.array(self.piece) + np.searchsorted(first, np.arange(len(self.piece)), "right")).tolist()
-            divided = {p: self.together([p], self.seen) for p in range(piece, piece + len(first) + 1)}
-            apart = misprediction(divided)
-            if apart < CLEARLY * at_one_place:
-                self.notes.append(said_of_parts([self.begin + t for t in first], at_one_place, apart))
-                return divided
-            self.piece = of_pieces
         self.moving.add(piece)
         moved = {piece: self.together([piece], self.seen)}
         on_its_way = misprediction(moved)
+        self.moving.discard(piece)
+        divided, apart = shots, np.inf
+        if first := parts(frames[keyframes], is_contradicted(excess, self.size)):
+            self.piece = (np.array(self.piece) + np.searchsorted(first, np.arange(len(self.piece)), "right")).tolist()
+            divided = {p: self.together([p], self.seen) for p in range(piece, piece + len(first) + 1)}
+            apart = misprediction(divided)
+        if apart < min(CLEARLY * at_one_place, on_its_way):
+            self.notes.append(said_of_parts([self.begin + t for t in first], at_one_place, apart))
+            return divided
+        self.piece = of_pieces
         if on_its_way < CLEARLY * at_one_place:
+            self.moving.add(piece)
             self.notes.append(said_of_motion(self.begin + frames, at_one_place, on_its_way))
             return moved
-        self.moving.discard(piece)
         self.notes.append(said_of_misfit(self.begin + frames))
         return shots
 
