@@ -222,9 +222,7 @@ def test_squashed_and_cropped_pictures(true_camera, declaration, tmp_path, capsy
     assert line["verdict"] == "good"
 
 
-NOTE = (
-    "1 of 1 frame is nearly square: pictures of broadcasts of that shape were squashed, which --display-size declares"
-)
+NOTE = "1 of 1 frame is nearly square: pictures of broadcasts of that shape were squashed, which --aspect declares"
 
 
 @pytest.mark.parametrize(

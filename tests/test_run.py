@@ -116,7 +116,7 @@ def test_pictures_that_are_nearly_square_are_asked_about(know, tmp_path, capsys)
     assert run("run", tmp_path / "a.png", "--out", tmp_path / "out") == 0
     said = capsys.readouterr().err
     assert "1 of 1 frame is nearly square" in said
-    assert "squashed, which --display-size declares, or cropped, which --crop-of does" in said
+    assert "squashed, which --aspect declares, or cropped, which --crop-of does" in said
 
 
 def test_pictures_that_do_not_fit_are_broken(know, tmp_path, capsys):

@@ -12,6 +12,7 @@ from functools import partial
 from itertools import islice
 
 from fieldcalib.assess.result import Calibration
+from fieldcalib.calibrate.options import CalibrationFlags
 from fieldcalib.cli.arguments import (
     add_camera,
     add_cut,
@@ -20,7 +21,7 @@ from fieldcalib.cli.arguments import (
     folder_name,
 )
 from fieldcalib.cli.clips import is_clip, run_clip
-from fieldcalib.cli.declared import Placement, add_declarations
+from fieldcalib.cli.declared import Placement, add_declarations, is_aspect_estimated
 from fieldcalib.cli.fields import add_field, field_of, prior_of
 from fieldcalib.cli.frames import (
     Frame,
@@ -206,7 +207,8 @@ class FromImages:
 
     def _calibrated(self, field: Field, images: Sequence[Image]) -> list[Calibration]:
         known, prior = KnownCamera.of(self.options), prior_of(self.options)
-        refine = self.options.refine
+        refine, has_borders = self.options.refine, self.options.crop_of is None
+        flags = known.flags | (CalibrationFlags.CALIB_AUTO_ASPECT if is_aspect_estimated(self.options) else 0)
         by_size: dict[tuple[int, int], list[int]] = {}
         for index, image in enumerate(images):  # known intrinsics are of one size, nothing else depends on it
             size = (image.shape[1], image.shape[0]) if known.intrinsics is not None else (0, 0)
@@ -216,7 +218,14 @@ class FromImages:
             of_size = [images[index] for index in members]
             given = known.given(size)
             calibrations = calibrate_from_images(
-                field, of_size, self.network, *given, flags=known.flags, prior=prior, refine=refine
+                field,
+                of_size,
+                self.network,
+                *given,
+                flags=flags,
+                prior=prior,
+                refine=refine,
+                take_off_borders=has_borders,
             )
             found.update(zip(members, calibrations, strict=True))
         return [found[index] for index in range(len(images))]
