@@ -79,6 +79,7 @@ def test_summary(calibrated_folder, annotated_folder):
         "size": [960, 540],
         "labels": None,
         "display_size": None,
+        "aspect": "estimated",
         "crop_of": None,
         "field_size": "nominal",
         "same_field": False,

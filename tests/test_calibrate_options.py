@@ -235,15 +235,14 @@ def test_squashed_and_cropped_pictures(true_camera, declaration, tmp_path, capsy
     assert line["verdict"] == "good"
 
 
-NOTE = (
-    "1 of 1 frame is nearly square: pictures of broadcasts of that shape were squashed, which --display-size declares"
-)
+NOTE = "1 of 1 frame is nearly square: pictures of broadcasts of that shape were squashed, which --aspect declares"
 
 
 @pytest.mark.parametrize(
     ("size", "options", "is_said"),
     [
-        (SQUARE, [], True),
+        (SQUARE, [], False),  # its labels tell that it was squashed
+        (SQUARE, ["--aspect", "square"], False),
         ((1440, 1080), [], False),  # 4:3
         (SQUARE, ["--crop-of", "960x640+0+0"], False),
     ],

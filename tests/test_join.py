@@ -48,7 +48,7 @@ def test_joined_shards_are_asked_about_their_pictures(folder, tmp_path, capsys):
         capsys.readouterr()
         assert run("join", *shards, "--out", tmp_path / name / "joined") == 0
         said = capsys.readouterr().err
-        assert ("--display-size declares" in said) is (name == "squashed")
+        assert ("--aspect declares" in said) is (name == "squashed")
 
 
 def test_shards_as_one_table(folder, tmp_path):

@@ -110,13 +110,38 @@ def test_declared_pictures(know, tmp_path, true_camera, declaration, capsys):
 
 
 def test_pictures_that_are_nearly_square_are_asked_about(know, tmp_path, capsys):
-    truth = TRUTHS[0].scaled((640, 640))
+    truth = TRUTHS[0].cropped((160, -50), (640, 640))
     (tmp_path / "a.png").write_bytes(encoded(picture(truth)))
-    know([truth])
+    know([truth, None])  # nothing is found in it if it is taken for squashed
     assert run("run", tmp_path / "a.png", "--out", tmp_path / "out") == 0
     said = capsys.readouterr().err
     assert "1 of 1 frame is nearly square" in said
-    assert "squashed, which --display-size declares, or cropped, which --crop-of does" in said
+    assert "squashed, which --aspect declares, or cropped, which --crop-of does" in said
+
+
+def test_a_squashed_picture_has_the_camera_of_its_pixels(know, tmp_path, capsys):
+    truth = TRUTHS[0].scaled((640, 640))
+    (tmp_path / "a.png").write_bytes(encoded(picture(truth)))
+    know([truth, TRUTHS[0].scaled((1138, 640))])
+    assert run("run", tmp_path / "a.png", "--out", tmp_path / "out") == 0
+    assert "nearly square" not in capsys.readouterr().err
+    (line,) = lines_of(tmp_path / "out")
+    assert "was squashed from 16:9" in line["message"]
+    found = camera_from_record(json.loads((tmp_path / "out" / "camera_a.json").read_text()), (640, 640))
+    assert found.K[1, 1] / found.K[0, 0] == pytest.approx(16 / 9, rel=1e-3)
+    assert camera_errors(found, truth, FIELD).reprojection < 1.5
+
+
+def test_black_borders_are_left_out(know, tmp_path):
+    image = np.zeros((720, 960, 3), np.uint8)
+    image[90:630] = picture(TRUTHS[0])
+    (tmp_path / "a.png").write_bytes(encoded(image))
+    know([TRUTHS[0]])
+    assert run("run", tmp_path / "a.png", "--out", tmp_path / "out") == 0
+    (line,) = lines_of(tmp_path / "out")
+    assert "without black borders: 960 x 540 at 0, 90" in line["message"]
+    found = camera_from_record(json.loads((tmp_path / "out" / "camera_a.json").read_text()), (960, 720))
+    assert camera_errors(found, TRUTHS[0].cropped((0, -90), (960, 720)), FIELD).reprojection < 2.0
 
 
 def test_pictures_that_do_not_fit_are_broken(know, tmp_path, capsys):
@@ -241,7 +266,7 @@ def test_kinds_of_images(know, tmp_path, convert):
 @pytest.mark.parametrize("size", [(1, 1), (7, 300), (2000, 3), (90, 160)])
 def test_odd_images_have_a_verdict(know, tmp_path, size):
     (tmp_path / "a.png").write_bytes(encoded(np.full((*size, 3), 90, np.uint8)))
-    know([TRUTHS[0]])
+    know(2 * [TRUTHS[0]])  # one of 1 x 1 may be squashed
     assert run("run", tmp_path / "a.png", "--out", tmp_path) == 0
     (line,) = lines_of(tmp_path)
     assert line["status"] != "broken file"

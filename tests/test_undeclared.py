@@ -1,7 +1,10 @@
 """Pictures that are not what they seem: parts of frames, sizes that are not theirs, and how they are measured."""
 
+import argparse
 import json
+from dataclasses import replace
 
+import cv2
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -12,9 +15,14 @@ from data_tools.undeclared import basketball_cameras, calibrated, changed, count
 from fieldcalib import calibrate_from_segments, soccer
 from fieldcalib.assess.result import Verdict
 from fieldcalib.assess.whole_picture import CUT, SHAPE, PrincipalPointEvidence, seems_part
-from fieldcalib.calibrate.options import DEFAULT_FLAGS, CalibrationFlags
+from fieldcalib.calibrate.aspect import WAS_SQUASHED, told
+from fieldcalib.calibrate.batch import calibrate_batch
+from fieldcalib.calibrate.options import DEFAULT_FLAGS, PICTURE_FLAGS, CalibrationFlags
+from fieldcalib.cli.seen_shape import placement_seen
+from fieldcalib.draw.scene import render_field
 from fieldcalib.fields.catalogue import field_named
 from fieldcalib.geometry.camera import Camera
+from fieldcalib.images.borders import Shown, shown_part
 from fieldcalib.problem.prior import frame_around, principal_point_sigma
 
 FIELD, SIZE = soccer(), (960, 540)
@@ -66,13 +74,15 @@ def test_a_principal_point_that_is_known_is_not_asked_for():
     assert seems_part(found.uncertainty, 0.5) == ()
 
 
-def test_a_half_must_be_surer_of_its_camera_than_a_whole_frame():
+def test_a_part_must_be_surer_of_its_camera_than_a_whole_frame():
     whole = calibrate_from_segments(FIELD, frame_of(), SIZE)
     assert seems_part(whole.uncertainty, 0.8) == ()
-    half = part_of(frame_of(), CAMERA, (480, 0), (480, 540))
-    uncertainty = calibrate_from_segments(FIELD, half.pixels, half.image_size).uncertainty
-    assert seems_part(uncertainty, 0.8) == (SHAPE,)
-    assert seems_part(uncertainty, 0.95) == ()
+    part = part_of(frame_of(), CAMERA, (240, 0), (720, 540))
+    uncertainty = calibrate_from_segments(FIELD, part.pixels, part.image_size).uncertainty
+    square, squashed = (replace(uncertainty, offsets={"log aspect": (off, 0.02)}) for off in (0.0, np.log(4.0 / 3.0)))
+    assert seems_part(square, 0.8) == (SHAPE,)
+    assert seems_part(square, 0.95) == ()
+    assert seems_part(squashed, 0.95) == (SHAPE,)
 
 
 def test_a_corner_whose_labels_tell_the_principal_point_is_no_good_whole_frame():
@@ -131,3 +141,86 @@ def test_cameras_of_basketball_games_are_read():
     np.testing.assert_allclose(
         found.project(court["Centre line"].sample(1.0)), camera.project(court["Centre line"].sample(1.0))
     )
+
+
+@pytest.mark.parametrize("shape", [(540, 540), (810, 540), (960, 720)])
+def test_a_squashed_picture_is_told_by_its_labels(shape):
+    pixels = {label: xy * np.divide(shape, SIZE) for label, xy in frame_of(noise=0.5).items()}
+    found = calibrate_from_segments(FIELD, pixels, shape, flags=PICTURE_FLAGS)
+    assert WAS_SQUASHED in found.message
+    aspect = found.camera.K[1, 1] / found.camera.K[0, 0]
+    assert aspect == pytest.approx(SIZE[0] / SIZE[1] * shape[1] / shape[0], rel=0.01)
+    assert found.camera.C[2] == pytest.approx(CAMERA.C[2], rel=0.1)
+    (again,) = calibrate_batch(FIELD, [pixels], shape, flags=PICTURE_FLAGS)
+    assert again.camera.C[2] == pytest.approx(found.camera.C[2], rel=0.01)
+
+
+def test_a_frame_of_16_to_9_is_calibrated_as_it_is():
+    one, other = (
+        calibrate_from_segments(FIELD, frame_of(), SIZE, flags=flags) for flags in (PICTURE_FLAGS, DEFAULT_FLAGS)
+    )
+    assert one == other
+
+
+def test_of_two_ways_the_likelier_one_counts_and_doubt_is_said():
+    found = calibrate_from_segments(FIELD, frame_of(), SIZE)
+    squashed = told(found, found, 5.0, (640, 640))
+    assert WAS_SQUASHED in squashed.message
+    assert squashed.camera.image_size == (640, 640)
+    assert told(found, found, -5.0, (640, 640)) is found
+    assert told(found, found, 1.0, (640, 640)).verdict is Verdict.CHECK
+    assert told(found, found, -1.0, (640, 640)).verdict is Verdict.CHECK
+
+
+def bordered(image, border, noise=0):
+    """A picture between black bars above and below (border > 0) or left and right."""
+    x, y = (0, border) if border > 0 else (-border, 0)
+    picture = np.zeros((image.shape[0] + 2 * y, image.shape[1] + 2 * x, 3), np.uint8)
+    picture[y : y + image.shape[0], x : x + image.shape[1]] = image
+    bright = np.random.default_rng(0).integers(0, noise + 1, picture.shape)
+    return cv2.imdecode(cv2.imencode(".jpg", np.clip(picture + bright, 0, 255).astype(np.uint8))[1], cv2.IMREAD_COLOR)
+
+
+@pytest.mark.parametrize("border", [90, -160])
+@pytest.mark.parametrize("noise", [0, 8])
+def test_black_borders_are_seen(border, noise):
+    image = render_field(CAMERA, FIELD, rng=np.random.default_rng(0))
+    shown = shown_part(bordered(image, border, noise))
+    corner = (0, border) if border > 0 else (-border, 0)
+    assert np.abs(np.subtract(shown.corner, corner)).max() <= 1
+    assert np.abs(np.subtract(shown.size, SIZE)).max() <= 2
+    assert shown.part(bordered(image, border, noise)).shape[1::-1] == shown.size
+
+
+@pytest.mark.parametrize("where", ["sky", "stands", "all"])
+def test_a_dark_part_of_a_picture_is_no_border(where):
+    image = render_field(CAMERA, FIELD, rng=np.random.default_rng(0))
+    rng = np.random.default_rng(0)
+    if where == "sky":
+        image[:150] = 3
+    elif where == "stands":  # above and below, dark with lights
+        image[:100], image[-100:] = (rng.integers(0, 60, (100, 960, 1)) for _ in range(2))
+    else:
+        image[:] = 0
+    assert shown_part(image).is_whole
+
+
+def test_a_camera_of_what_is_shown_sees_the_same_in_the_whole_picture():
+    shown = Shown((960, 720), (0, 90), (960, 540))
+    found = calibrate_from_segments(FIELD, frame_of(), SIZE)
+    moved = shown.in_picture(found)
+    X = FIELD["Middle line"].sample(3.0)
+    np.testing.assert_allclose(moved.camera.project(X), found.camera.project(X) + (0.0, 90.0))
+    assert moved.camera.image_size == (960, 720)
+
+
+def test_the_frames_of_a_clip_lie_where_they_are_shown():
+    image = render_field(CAMERA, FIELD, rng=np.random.default_rng(0))
+    options = argparse.Namespace()
+    place = placement_seen(options, [np.zeros((720, 960, 3), np.uint8), bordered(image, 90)], None)
+    assert place.frame_size == SIZE
+    np.testing.assert_allclose(place.to_frame({"a": np.array([[5.0, 95.0]])})["a"], [[5.0, 5.0]])
+    assert place.image_in_frame(bordered(image, 90)).shape == image.shape
+    assert np.mean(np.abs(place.image_in_frame(bordered(image, 90)).astype(float) - image)) < 6.0
+    assert placement_seen(options, [image], None) is None
+    assert placement_seen(options, [np.zeros((720, 960, 3), np.uint8)], None) is None

@@ -21,12 +21,20 @@ from fieldcalib.calibrate.options import CERTAIN
 from fieldcalib.problem.labelled_pixels import ImageSegments
 from fieldcalib.problem.prior import frame_around
 
+SQUASHED_RATIOS = 0.5, 3.2  # of width and height
 WAS_SQUASHED = "the picture was squashed from 16:9: its pixels are not square"
 
 
 def may_be_squashed(image_size: tuple[int, int]) -> bool:
-    """Whether a picture has another shape than 16:9."""
-    return not is_whole_shape(image_size)
+    """Whether a picture has another shape than 16:9, and one that frames are squashed to.
+
+    Examples
+    --------
+    >>> may_be_squashed((640, 640)), may_be_squashed((1280, 720)), may_be_squashed((2000, 3))
+    (True, False, False)
+    """
+    ratio = image_size[0] / image_size[1]
+    return SQUASHED_RATIOS[0] <= ratio <= SQUASHED_RATIOS[1] and not is_whole_shape(image_size)
 
 
 def shown_size(image_size: tuple[int, int]) -> tuple[int, int]:

@@ -13,14 +13,14 @@ from fieldcalib.assess.result import Calibration
 from fieldcalib.assess.together import compute_errors
 from fieldcalib.calibrate.batch import calibrate_batch
 from fieldcalib.calibrate.field_size import FieldSize, estimate_field_size
-from fieldcalib.calibrate.options import ALL, Prior
+from fieldcalib.calibrate.options import ALL, CalibrationFlags, Prior
 from fieldcalib.cli.arguments import (
     add_camera,
     add_input_and_output,
     positive,
     probability,
 )
-from fieldcalib.cli.declared import Placement, add_declarations
+from fieldcalib.cli.declared import Placement, add_declarations, is_aspect_estimated
 from fieldcalib.cli.fields import ESTIMATED, KNOWN, add_field, field_of, prior_of
 from fieldcalib.cli.folder import Found, by_prior, calibrate_folder
 from fieldcalib.cli.known_camera import KnownCamera, add_known_camera
@@ -144,8 +144,10 @@ class _Method:
         return self.prior if self.types is None else DISTRIBUTIONS_OF_TYPE.get(self.types.get(id, ""), ALL)
 
     def _calibrated(self, frames: list[Pixels], prior: Prior, size: tuple[int, int]) -> list[Calibration]:
-        given = self.known.given(size)
-        return calibrate_batch(self.field, frames, size, *given, prior=prior, flags=self.known.flags, tau=self.tau)
+        given, flags = self.known.given(size), self.known.flags
+        if is_aspect_estimated(self.options):
+            flags |= CalibrationFlags.CALIB_AUTO_ASPECT
+        return calibrate_batch(self.field, frames, size, *given, prior=prior, flags=flags, tau=self.tau)
 
     def _on_free_field(self, frames: dict[str, Pixels], placement: Placement) -> list[Found]:
         (prior,) = {self._prior_of(id) for id in frames}

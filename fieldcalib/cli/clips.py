@@ -8,6 +8,8 @@ import sys
 import time
 from collections.abc import Callable, Iterator
 from dataclasses import replace
+from functools import partial
+from itertools import islice
 from pathlib import Path
 from typing import Any
 
@@ -18,7 +20,7 @@ from fieldcalib.assess.sequence import SequenceCalibration
 from fieldcalib.assess.video import VideoCalibration
 from fieldcalib.calibrate.given_camera import check_of_clip
 from fieldcalib.cli.arguments import cut_of
-from fieldcalib.cli.declared import Placement
+from fieldcalib.cli.declared import Placement, is_aspect_estimated
 from fieldcalib.cli.fields import ESTIMATED, field_of, prior_of
 from fieldcalib.cli.frames import (
     Frame,
@@ -45,6 +47,7 @@ from fieldcalib.cli.results import (
     result_folder,
 )
 from fieldcalib.cli.run_record import RunRecord
+from fieldcalib.cli.seen_shape import APART, SEEN, placement_seen
 from fieldcalib.draw.clip_plot import plot_sequence
 from fieldcalib.draw.contact_sheet import contact_sheet, worst_frames
 from fieldcalib.draw.overlays import draw_calibration
@@ -100,6 +103,15 @@ class ClipInput:
             images = (read(file).image for file in self._files)
             first = next((image for image in images if image is not None), None)
         return (0, 0) if first is None else self.place(first).frame_size
+
+    def some(self) -> list[Image]:
+        """Some of the first frames, as they are."""
+        if self._files is None:
+            with self._opened() as video:
+                return list(islice(video, 0, SEEN * APART, APART))
+        read = ReadImage(self.options.most_bytes, self.options.most_pixels, self.place)
+        images = (read(file).image for file in self._files[: SEEN * APART : APART])
+        return [image for image in images if image is not None]
 
     def _opened(self) -> VideoReader:
         options = self.options
@@ -182,6 +194,8 @@ def run_clip(options: argparse.Namespace, place: Callable[[Image], Placement]) -
     check_of_clip(known.flags)
     field, network = field_of(options), load_network(options)
     clip = ClipInput(options, place)
+    if is_aspect_estimated(options) and (seen := placement_seen(options, clip.some(), network)) is not None:
+        place = clip.place = partial(_as_seen, seen)
     given = known.given((0, 0) if known.intrinsics is None else clip.frame_size())
     record = RunRecord.of(options, clip.files, unit=PART, writes=[CAMERAS.file_name("<id>")])
     with result_folder(options, record, began) as results:
@@ -234,6 +248,11 @@ def run_clip(options: argparse.Namespace, place: Callable[[Image], Placement]) -
             write_image(options.out / WORST, contact_sheet([pictures[index] for index in worst], captions))
         parts.remove()
     return 1 if clip.broken or clip.loss else 0
+
+
+def _as_seen(placement: Placement, image: Image) -> Placement:
+    """The place of an image like those that were looked at."""
+    return placement
 
 
 def _tripods(found: VideoCalibration) -> dict[str, Any]:

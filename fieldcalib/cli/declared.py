@@ -20,6 +20,9 @@ from fieldcalib.io.files import BrokenFileError
 from fieldcalib.io.image import Image
 from fieldcalib.problem.labelled_pixels import Pixels
 
+ESTIMATED, SQUARE = "estimated", "square"
+LEAST_RATIO = 0.2  # of width and height: no picture is narrower
+
 
 @dataclass(frozen=True)
 class Crop:
@@ -49,14 +52,40 @@ def crop(text: str) -> Crop:
     return Crop(image_size(found[1]), (int(found[2]), int(found[3])))
 
 
+def aspect(text: str) -> str | float:
+    """What "estimated", "square" or "16:9" says, for argparse.
+
+    Examples
+    --------
+    >>> aspect("square"), aspect("3:2"), aspect("1.5")
+    ('square', 1.5, 1.5)
+    """
+    if text in (ESTIMATED, SQUARE):
+        return text
+    found = re.fullmatch(r"([0-9]+(?:\.[0-9]+)?)(?::([0-9]+(?:\.[0-9]+)?))?", text)
+    ratio = float(found[1]) / (float(found[2] or 1.0) or np.inf) if found else 0.0
+    if not LEAST_RATIO <= ratio <= 1.0 / LEAST_RATIO:
+        raise argparse.ArgumentTypeError(f"expected {ESTIMATED}, {SQUARE} or width:height as 16:9, got {text!r}")
+    return ratio
+
+
 def add_declarations(parser: argparse.ArgumentParser) -> None:
-    """--display-size and --crop-of."""
-    parser.add_argument(
+    """--display-size or --aspect, and --crop-of."""
+    pixels = parser.add_mutually_exclusive_group()
+    pixels.add_argument(
         "--display-size",
         type=image_size,
         metavar="WxH",
         help="at which the pictures are shown, if their pixels are not square: 1920x1080 for a broadcast that was "
         "squashed to 640x640 (that of the pictures)",
+    )
+    pixels.add_argument(
+        "--aspect",
+        type=aspect,
+        default=ESTIMATED,
+        metavar="estimated|square|W:H",
+        help="estimated: pictures of another shape than 16:9 were squashed from it where their lines say so (default); "
+        "square: their pixels are square; 16:9: they are shown like that",
     )
     parser.add_argument(
         "--crop-of",
@@ -65,6 +94,20 @@ def add_declarations(parser: argparse.ArgumentParser) -> None:
         help="the pictures are parts of frames of this size, where their upper left corners are at X, Y; in pixels as "
         "shown (the pictures are whole frames)",
     )
+
+
+def is_aspect_estimated(options: argparse.Namespace) -> bool:
+    """Whether nothing is declared that says how pixels are shown."""
+    known = options.display_size, options.crop_of, options.intrinsics
+    return bool(options.aspect == ESTIMATED and all(one is None for one in known))
+
+
+def _of_ratio(ratio: str | float, size: tuple[int, int]) -> tuple[int, int]:
+    """At which size pictures of a size are shown, no side being shortened."""
+    if isinstance(ratio, str):
+        return size
+    width, height = size
+    return (round(ratio * height), height) if ratio * height >= width else (width, round(width / ratio))
 
 
 @dataclass(frozen=True)
@@ -95,7 +138,7 @@ class Placement:
         BrokenFileError
             If they cannot be a part of the frame.
         """
-        display_size, part = options.display_size or size, options.crop_of
+        display_size, part = options.display_size or _of_ratio(options.aspect, size), options.crop_of
         if part is not None and np.any(np.add(part.corner, display_size) > part.frame_size):
             width, height = display_size
             raise BrokenFileError(f"does not fit, with {width} x {height} pixels, into the frame of --crop-of {part}")

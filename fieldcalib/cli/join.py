@@ -9,7 +9,6 @@ from itertools import islice
 from pathlib import Path
 from typing import Any
 
-from fieldcalib.assess.surprises import SQUASHED
 from fieldcalib.cli.arguments import PARQUET, add_format, folder_name
 from fieldcalib.cli.localize import localized_summary, write_all
 from fieldcalib.cli.results import (
@@ -19,6 +18,7 @@ from fieldcalib.cli.results import (
     Results,
     finish,
     is_nearly_square,
+    is_squashed,
     is_unfinished,
     leave_table,
     run_folder,
@@ -112,6 +112,6 @@ def _outcome(folder: Path, text: bytes, record: RunRecord) -> Outcome:
     line: dict[str, Any] = parse_json_object(text, "a frame's result")
     names = [name.replace("<id>", line["id"]) for name in record.writes]
     files = {name: (folder / name).read_bytes() for name in names if (folder / name).exists()}
-    squashed, square = SQUASHED in line.get("reason", ""), is_nearly_square(line)
+    squashed, square = is_squashed(line), is_nearly_square(line)
     said = text.decode().rstrip("\n")
     return Outcome(line["id"], said, line["status"], line.get("verdict", ""), squashed, square, files)

@@ -26,7 +26,9 @@ import fieldcalib
 from fieldcalib._types import Array
 from fieldcalib.assess.result import ANGLE_NAMES, Calibration, Verdict
 from fieldcalib.assess.surprises import SQUASHED
+from fieldcalib.calibrate.aspect import WAS_SQUASHED
 from fieldcalib.cli.arguments import PARQUET
+from fieldcalib.cli.declared import ESTIMATED
 from fieldcalib.cli.run_record import RECORD, RunRecord, recorded
 from fieldcalib.geometry.camera import Camera
 from fieldcalib.io.files import BrokenFileError, remove_temporaries, whole_file, write_bytes, write_text
@@ -51,7 +53,8 @@ SIZE_KEYS = ("field_length", "field_width", "field_standard_deviations")
 SUSPICIOUS = 3, 0.05
 # Width / height of pictures of which it is asked whether they were squashed or cropped: broadcasts have 4:3 and more.
 NEARLY_SQUARE = 0.9, 1.3
-DECLARATIONS = ("display_size", "crop_of", "intrinsics")  # options that say what such pictures are
+DECLARATIONS = ("display_size", "crop_of", "intrinsics")  # options that say what such pictures are,
+ASPECT = "aspect"  # as this one does where it is not estimated
 AGAIN = "--resume goes on with it, --overwrite begins anew"
 
 
@@ -99,7 +102,7 @@ class Outcome:
         written = dict(files)
         if keeps and calibration.camera is not None:
             written[CAMERAS.file_name(id)] = (CAMERAS.write(calibration.camera) + "\n").encode()
-        squashed = SQUASHED in calibration.concerns
+        squashed = SQUASHED in calibration.concerns or WAS_SQUASHED in calibration.message
         status, verdict = str(calibration.status), str(calibration.verdict)
         square = is_nearly_square(line)
         return cls(id, json.dumps(line), status, verdict, squashed, square, written, picture=picture)
@@ -140,7 +143,7 @@ class Results:
     def take_up(self, line: Mapping[str, Any]) -> None:
         """Count a frame that is written already."""
         self._count(line["status"], line.get("verdict", ""), (self.out / CAMERAS.file_name(line["id"])).exists())
-        self.squashed += SQUASHED in line.get("reason", "")
+        self.squashed += is_squashed(line)
         self.nearly_square += is_nearly_square(line)
 
     def _count(self, status: str, verdict: str, has_camera: bool) -> None:
@@ -178,12 +181,16 @@ class Results:
         print(f"{counted(self.cameras, 'camera')} of {counted(self.done, 'frame')} in {self.out}: {counts}")
         if self.squashed >= max(SUSPICIOUS[0], SUSPICIOUS[1] * self.verdicts.total()):
             seen = f"{self.squashed} of {counted(self.done, 'frame')} show pixels that are not square"
-            print(f"{seen}: is the size right? --display-size declares squashed pictures", file=sys.stderr)
-        elif self.nearly_square and all(options.get(name, "") is None for name in DECLARATIONS):
+            print(f"{seen}: is the size right? --aspect declares squashed pictures", file=sys.stderr)
+        elif (
+            self.nearly_square
+            and all(options.get(name, "") is None for name in DECLARATIONS)
+            and options.get(ASPECT) in (None, ESTIMATED)
+        ):
             verb = "is" if self.nearly_square == 1 else "are"
             print(
                 f"{self.nearly_square} of {counted(self.done, 'frame')} {verb} nearly square: pictures of broadcasts "
-                f"of that shape were squashed, which --display-size declares, or cropped, which --crop-of does",
+                f"of that shape were squashed, which --aspect declares, or cropped, which --crop-of does",
                 file=sys.stderr,
             )
         others = sum(1 for _ in self.out.glob(CAMERAS.file_name("*"))) - self.cameras
@@ -358,8 +365,13 @@ def counted(number: int, noun: str) -> str:
     return f"{number} {noun}{'' if number == 1 else 's'}"
 
 
+def is_squashed(line: Mapping[str, Any]) -> bool:
+    """Whether a frame's line of cameras.jsonl says that the pixels of the picture are not square."""
+    return any(words in line.get("reason", "") for words in (SQUASHED, WAS_SQUASHED))
+
+
 def is_nearly_square(line: Mapping[str, Any]) -> bool:
-    """Whether a frame's line of cameras.jsonl is of a picture that no broadcast has.
+    """Whether a frame's line of cameras.jsonl is of a picture of a shape that no broadcast has, and not said squashed.
 
     Examples
     --------
@@ -367,6 +379,8 @@ def is_nearly_square(line: Mapping[str, Any]) -> bool:
     (True, False)
     """
     size = line.get("image_size")
+    if WAS_SQUASHED in line.get("message", ""):
+        return False
     return size is not None and NEARLY_SQUARE[0] <= size[0] / size[1] <= NEARLY_SQUARE[1]
 
 

@@ -16,6 +16,7 @@ import numpy as np
 
 from fieldcalib.assess.result import Calibration
 from fieldcalib.calibrate.field_size import shared_size
+from fieldcalib.calibrate.options import CalibrationFlags
 from fieldcalib.cli.arguments import (
     add_camera,
     add_cut,
@@ -24,7 +25,7 @@ from fieldcalib.cli.arguments import (
     folder_name,
 )
 from fieldcalib.cli.clips import is_clip, run_clip
-from fieldcalib.cli.declared import Placement, add_declarations
+from fieldcalib.cli.declared import Placement, add_declarations, is_aspect_estimated
 from fieldcalib.cli.fields import ESTIMATED, KNOWN, add_field, field_of, prior_of
 from fieldcalib.cli.frames import (
     Frame,
@@ -238,7 +239,8 @@ class FromImages:
 
     def _calibrated(self, field: Field, images: Sequence[Image]) -> list[Calibration]:
         known, prior = KnownCamera.of(self.options), prior_of(self.options)
-        refine = self.options.refine
+        refine, has_borders = self.options.refine, self.options.crop_of is None
+        flags = known.flags | (CalibrationFlags.CALIB_AUTO_ASPECT if is_aspect_estimated(self.options) else 0)
         by_size: dict[tuple[int, int], list[int]] = {}
         for index, image in enumerate(images):  # known intrinsics are of one size, nothing else depends on it
             size = (image.shape[1], image.shape[0]) if known.intrinsics is not None else (0, 0)
@@ -252,9 +254,10 @@ class FromImages:
                 of_size,
                 self.network,
                 *given,
-                flags=known.flags,
+                flags=flags,
                 prior=prior,
                 refine=refine,
+                take_off_borders=has_borders,
                 estimate_size=self.options.field_size == ESTIMATED,
             )
             found.update(zip(members, calibrations, strict=True))

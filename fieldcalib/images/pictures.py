@@ -41,7 +41,7 @@ def with_aspect_told(
 ) -> list[Calibration]:
     """What a method makes of pictures, of those of another shape than 16:9 as they are or as they would be shown."""
     found = calibrate(images)
-    odd = [index for index, image in enumerate(images) if may_be_squashed(_size(image))]
+    odd = [i for i, image in enumerate(images) if found[i].camera is not None and may_be_squashed(_size(image))]
     if not odd:
         return found
     others = calibrate([_shown(images[index]) for index in odd])
