@@ -5,10 +5,12 @@ from __future__ import annotations
 import numpy as np
 
 from fieldcalib.assess.uncertainty import Uncertainty
+from fieldcalib.problem.prior import is_whole_shape
 
 UNUSUAL = 2.8  # z-score under the prior: 1 in 200 of a normal one; 8 of 728 annotated frames have one above 2.5
 CONTRADICTED = 5.0  # standard deviations from the value that a parameter was fixed at: on annotated frames up to 4.4
 LEAST_ASPECT = 0.02  # log aspect: what annotation and resampling leave is less
+LEAST_SQUASH = 0.08  # log aspect: other pictures that are shown as 16:9 come from 16:10 (0.105) or 4:3 (0.29)
 LEAST_LENS = 0.01  # relative displacement at the corner by k2
 LEAST_SIZE = 0.1  # probability of the given size of the field
 SQUASHED = "the pixels are not square: was the picture squashed?"
@@ -46,8 +48,9 @@ def surprises(uncertainty: Uncertainty) -> tuple[str, ...]:
         for name, z in zip(names, problem.prior_residuals(uncertainty.evaluation.theta)[0], strict=True):
             if abs(z) > UNUSUAL and name in NAMES:
                 found[NAMES[name]] = None
+    whole = is_whole_shape(problem.layout.image_size)
     for name, least, words in (
-        ("log aspect", LEAST_ASPECT, SQUASHED),
+        ("log aspect", LEAST_SQUASH if whole else LEAST_ASPECT, SQUASHED),
         ("b2", LEAST_LENS, "the labels call for more of the lens than k1"),
     ):
         offset, sigma = uncertainty.offsets.get(name, (0.0, 1.0))

@@ -19,7 +19,7 @@ import numpy as np
 from fieldcalib._types import Array
 from fieldcalib.assess.uncertainty import Uncertainty
 from fieldcalib.problem.layout import PRINCIPAL_POINT, ROLL
-from fieldcalib.problem.prior import BROADCAST_SHAPE, frame_around
+from fieldcalib.problem.prior import BROADCAST_SHAPE, frame_around, is_whole_shape
 
 FAINT = 1e-6  # information, in units of the prior's, that keeps what no label tells in the system
 PART_SCALE = 10.0  # times as far from the middle as in whole frames: a fifth of the width
@@ -35,7 +35,6 @@ SURE = 0.92
 SCORE = (0.45, -1.25, 0.6, 1.4)
 LARGEST_SPREAD = 0.05  # share of the width: cameras of which more is expected show no whole frames
 SQUASH_SIGMAS = 3.0  # that the pixels of a squashed picture are off, by what the labels tell
-LEAST_CUT = 0.05  # share of a frame's width or height: of less it is a whole one
 CUT = "the picture may be a part of a frame, whose middle the labels do not tell: say which part (--crop-of)"
 SHAPE = "the picture is not 16:9, and the labels do not tell whether it was squashed (--aspect) or cut out (--crop-of)"
 
@@ -108,17 +107,6 @@ def seems_part(uncertainty: Uncertainty, probability: float) -> tuple[str, ...]:
     if not is_whole_shape((width, height)):
         return () if probability >= SURE and _tells_aspect(uncertainty) else (SHAPE,)
     return (CUT,) if score(uncertainty, evidence, probability) > 0.0 else ()
-
-
-def is_whole_shape(image_size: tuple[int, int]) -> bool:
-    """Whether a picture has the shape of a broadcast frame.
-
-    Examples
-    --------
-    >>> is_whole_shape((1366, 768)), is_whole_shape((640, 640)), is_whole_shape((480, 540))
-    (True, False, False)
-    """
-    return bool(np.all(np.divide(image_size, frame_around(image_size)) >= 1.0 - LEAST_CUT))
 
 
 def _tells_aspect(uncertainty: Uncertainty) -> bool:

@@ -16,7 +16,7 @@ from numpy.typing import ArrayLike
 
 from fieldcalib._types import Array
 from fieldcalib.assess.result import Calibration
-from fieldcalib.assess.whole_picture import SHAPE, is_whole_shape
+from fieldcalib.assess.whole_picture import SHAPE
 from fieldcalib.calibrate.options import CERTAIN
 from fieldcalib.problem.labelled_pixels import ImageSegments
 from fieldcalib.problem.prior import frame_around

@@ -21,6 +21,7 @@ from fieldcalib.geometry.camera import Camera
 from fieldcalib.images.found_lines import on_found_lines
 from fieldcalib.images.hypotheses import calibrate_from_consensus, calibrate_localized
 from fieldcalib.images.line_profiles import Markings
+from fieldcalib.images.paint_evidence import paint_evidence
 from fieldcalib.images.pictures import Method, with_aspect_told, without_borders
 from fieldcalib.images.refinement import (
     SEARCH_RANGES,
@@ -188,8 +189,15 @@ def _calibrated(
                 calibrations[index] = _best_supported(markings, image, candidates)
             if sizes:
                 again = partial(_on_another_field, image, part, calibrations[index], flags=flags, prior=prior)
-                calibrations[index] = on_told_size(calibrations[index], again)
+                calibrations[index] = _seen(image, on_told_size(calibrations[index], again), calibrations[index])
     return [calibrations[index] for index in range(len(images))]
+
+
+def _seen(image: Image, calibration: Calibration, before: Calibration) -> Calibration:
+    """A calibration with what its image shows of the markings, if it is not the one of before."""
+    if calibration is before or calibration.camera is None or calibration.field is None:
+        return calibration
+    return calibration.seen_in_image(paint_evidence(image, calibration.camera, Markings.of(calibration.field)).markings)
 
 
 def _on_another_field(

@@ -24,6 +24,7 @@ from fieldcalib.problem.layout import (
 )
 
 BROADCAST_SHAPE = 16.0 / 9.0  # width by height of a whole frame
+LEAST_CUT = 0.05  # share of a frame's width or height: of less it is a whole one
 PART_SIGMA = 0.5  # of what is cut off: a part may lie anywhere in its frame, most often at one of its sides
 # Slopes of the principal point in image widths, of a1, its bend, and the offset in metres: on ten measured cameras the
 # principal point moves by up to 0.011 widths where the focal length grows by e, a1 by 0.04, and its bend is up to 0.14.
@@ -90,6 +91,17 @@ def frame_around(image_size: tuple[int, int]) -> tuple[float, float]:
     """
     width, height = image_size
     return max(float(width), BROADCAST_SHAPE * height), max(float(height), width / BROADCAST_SHAPE)
+
+
+def is_whole_shape(image_size: tuple[int, int]) -> bool:
+    """Whether a picture has the shape of a broadcast frame.
+
+    Examples
+    --------
+    >>> is_whole_shape((1366, 768)), is_whole_shape((640, 640)), is_whole_shape((480, 540))
+    (True, False, False)
+    """
+    return bool(np.all(np.divide(image_size, frame_around(image_size)) >= 1.0 - LEAST_CUT))
 
 
 def principal_point_sigma(share: float, image_size: tuple[int, int]) -> Array:
