@@ -19,7 +19,7 @@ from fieldcalib.assess.result import Calibration
 from fieldcalib.assess.whole_picture import SHAPE
 from fieldcalib.calibrate.options import CERTAIN
 from fieldcalib.problem.labelled_pixels import ImageSegments
-from fieldcalib.problem.prior import frame_around
+from fieldcalib.problem.prior import frame_around, is_whole_shape
 
 SQUASHED_RATIOS = 0.5, 3.2  # of width and height
 WAS_SQUASHED = "the picture was squashed from 16:9: its pixels are not square"
