@@ -22,6 +22,8 @@ from fieldcalib.problem.labelled_pixels import ImageSegments
 from fieldcalib.problem.prior import frame_around, is_whole_shape
 
 SQUASHED_RATIOS = 0.5, 3.2  # of width and height
+# Squares are what networks are trained with, and nothing that is filmed: prior log odds that one was squashed.
+SQUARE_LOG_ODDS = 1.5
 WAS_SQUASHED = "the picture was squashed from 16:9: its pixels are not square"
 
 
@@ -71,7 +73,9 @@ def told(as_it_is: Calibration, shown: Calibration, log_ratio: float, image_size
     image_size : (int, int)
         Of the picture.
     """
-    if log_ratio > 0.0 and shown.camera is not None:
+    log_ratio += SQUARE_LOG_ODDS * (image_size[0] == image_size[1])
+    only_one = abs(log_ratio) <= CERTAIN and shown.accepted != as_it_is.accepted
+    if shown.camera is not None and (shown.accepted if only_one else log_ratio > 0.0):
         found = in_pixels_of(shown, image_size)
         found = replace(found, message=f"{found.message}; {WAS_SQUASHED}")
     else:
