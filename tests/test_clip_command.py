@@ -143,6 +143,7 @@ def test_a_clip_without_a_pitch(know, tmp_path):
     assert [line["status"] for line in lines_of(out)] == ["too few segments"] * 3
     assert json.loads((out / "tripods.json").read_text()) == {
         "shots": [{"start": 0, "stop": 3, "tripod": -1}],
+        "notes": [],
         "tripods": [],
     }
 
