@@ -195,12 +195,12 @@ class SequenceSolver:
         alone = Start.of(accepted)
         if alone is None:
             return together
-        self.kept = {}
+        self.kept, sizes = self.not_asked, OTHER_SIZES[:1] if self.not_asked else OTHER_SIZES
         cameras = dict(zip(together.index.tolist(), together.evaluation.theta, strict=True))
         before = Start(together.layout, cameras, alone.labels)
         found = [self._of_all(some, before, ())]
         for centre in voted_centres(list(accepted.values()), MOST_CENTRES):
-            found += [self._of_all(some, alone.moved(centre, size), WIDTHS) for size in OTHER_SIZES]
+            found += [self._of_all(some, alone.moved(centre, size), WIDTHS) for size in sizes]
         for run in np.array_split(np.array(sorted(alone.theta)), RUNS):
             found.append(self._of_all(some, self._without(alone, run), ()))
         most = max(len(index) for index, _ in found)

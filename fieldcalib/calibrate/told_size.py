@@ -14,7 +14,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from fieldcalib._types import Array, BoolArray
-from fieldcalib.assess.result import Calibration
+from fieldcalib.assess.result import Calibration, Status
 from fieldcalib.assess.size_evidence import SizeEvidence
 from fieldcalib.assess.solved import Solved
 from fieldcalib.calibrate.options import DEFAULT_CRITERIA
@@ -105,7 +105,7 @@ class _Told:
     def of(cls, calibration: Calibration) -> _Told | None:
         """None where the given size is as likely as others, or nothing is known of these."""
         field, solved = calibration.field, calibration.solved
-        if field is None or solved is None or not calibration.accepted:
+        if field is None or solved is None or calibration.status not in (Status.ACCEPTED, Status.IMPROBABLE):
             return None
         problem, evidence = solved.evaluation.problem, solved.uncertainty.size
         size = problem.layout.field_size
