@@ -166,7 +166,7 @@ class Results:
             "completeness": 100.0 * self.cameras / max(self.done, 1),
             "verdict": {verdict.value: self.verdicts[verdict] for verdict in Verdict},
             "status": dict(self.statuses),
-            "notes": list(self.notes),
+            **({"notes": list(self.notes)} if self.notes else {}),
             "seconds": {"calibration": self.calibrating, "total": seconds},
             "milliseconds_per_frame": 1e3 * self.calibrating / max(self.calibrated, 1),
             "options": options,
