@@ -125,7 +125,9 @@ def evidence_of(ridges: Ridges, markings: Markings) -> PaintEvidence:
             basis = profiles.normal[at] if markings.is_arc[k] else _along(len(at))
             off, run = _run_beside(np.where(free, offset[at], np.nan), basis, on, unit)
             seen = np.isfinite(run)
-            if np.any(seen):
+            if off <= BESIDE * unit:  # the paint of the marking after all
+                off, on = 0.0, max(on, int(np.count_nonzero(seen)))
+            elif np.any(seen):
                 xy = profiles.xy[at[seen]] + run[seen, None] * profiles.normal[at[seen]]
                 beside[markings.labels[k]] = xy + profiles.inwards[at[seen]]
         length = float(np.sum(profiles.spacing[at]))
@@ -150,7 +152,7 @@ def _is_paint_of(profiles: Profiles, others: IntArray, xy: Array, unit: float) -
 
 
 def _run_beside(offset: Array, basis: Array, on: int, unit: float) -> tuple[float, Array]:
-    """Largest distance of the paint beside a marking, 0 without any, and its offset in each profile, (n,) or NaN.
+    """Largest distance of the paint of a marking, 0 without any, and its offset in each profile, (n,) or NaN.
 
     Lines or arcs through pairs of ridges are compared by the number of profiles with a ridge on them. The pairs are the
     same in every run.
@@ -184,5 +186,4 @@ def _run_beside(offset: Array, basis: Array, on: int, unit: float) -> tuple[floa
     distance = np.where(np.isfinite(offset), np.abs(offset - predicted[best][:, None]), np.inf)
     run = np.where(near[best], offset[np.arange(n), np.argmin(distance, axis=1)], np.nan)
     fitted, *_ = np.linalg.lstsq(basis[near[best]], run[near[best]], rcond=None)
-    largest = float(np.max(np.abs(basis @ fitted)))
-    return (largest, run) if largest > BESIDE * unit else (0.0, nothing)
+    return float(np.max(np.abs(basis @ fitted))), run
