@@ -1,6 +1,7 @@
 """What the verdict says of pictures that are not what they seem: parts of frames, and labels of another size.
 
     python -m data_tools.undeclared ANNOTATIONS --size WxH
+    python -m data_tools.undeclared --images FOLDER
     python -m data_tools.undeclared --basketball CAMERAS.json
 
 The camera of a frame is true where its labels, as they are, give a good one. The labels are then changed as a user may
@@ -8,6 +9,9 @@ change a picture without saying so: its left or right half, a corner of three qu
 of the picture that is a third larger or smaller than it is, squashed to a square or to 3:2. Of each kind one line of
 JSON: how many frames keep three labels, which share of all is good, and good though it is off by more than 1 m
 somewhere in view.
+
+`--images` does the same with pictures, from which cameras are calibrated on a field of the given size: parts of them,
+squashed ones, and pictures between black bars. Changed pictures are not stored.
 
 `--basketball` takes real cameras whose principal point is far from the centre of their views: K, R, T of each in
 centimetres, origin at a corner of the court. Its lines are projected with noise; wrong is off by more than the
@@ -20,13 +24,14 @@ import argparse
 import json
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from data_tools.probability import largest_true_error
-from fieldcalib.assess.result import Calibration, Verdict
+from fieldcalib.assess.result import LEAST_PROBABILITY, Calibration, Verdict
 from fieldcalib.assess.together import compute_errors
 from fieldcalib.calibrate.batch import calibrate_batch
 from fieldcalib.cli.arguments import image_size
@@ -36,6 +41,10 @@ from fieldcalib.fields.catalogue import field_named
 from fieldcalib.fields.field import Field
 from fieldcalib.fields.soccer import soccer
 from fieldcalib.geometry.camera import Camera
+from fieldcalib.images.from_images import calibrate_from_images
+from fieldcalib.io.image import Image
+from fieldcalib.io.images import parse_image
+from fieldcalib.localize.network import SegmentationNetwork
 from fieldcalib.problem.labelled_pixels import Pixels, check_segments
 
 LEAST_LABELS = 3
@@ -44,7 +53,10 @@ UPRIGHT = 9.0 / 16.0
 SAID_SIZES = {"a third larger": 4.0 / 3.0, "a third smaller": 2.0 / 3.0}
 BASKETBALL, COURT_CORNER = "basketball-fiba", (14.0, 7.5, 0.0)
 NOISE, SPACING = 1.5, 0.5  # px, metres
-SQUASHED = {"squashed to a square": 1.0, "squashed to 3:2": 1.5}  # width by height
+BAR = 1.0 / 6.0  # of the height, on each side: 540 rows in a picture of 720
+LARGEST_HEIGHT_ERROR = 0.1  # share of the camera's height
+SUFFIXES = (".jpg", ".png")
+SQUASHED = {"squashed to a square": 1.0, "squashed to 3:2": 1.5, "squashed to 4:3": 4.0 / 3.0}  # width by height
 
 
 @dataclass(frozen=True)
@@ -163,6 +175,70 @@ def _print_counts(kind: str, pictures: Sequence[Picture], field: Field) -> None:
     print(json.dumps({"pictures": kind, **counts(pictures, calibrated(pictures, field), field)}), flush=True)
 
 
+def of_images(options: argparse.Namespace) -> int:
+    """Pictures, each changed in every way."""
+    field, network = soccer(), SegmentationNetwork.load()
+    paths = sorted(path for path in options.images.iterdir() if path.suffix in SUFFIXES)
+    images = [parse_image(path.read_bytes()) for path in paths]
+    calibrate = partial(calibrate_from_images, field, network=network, estimate_size=False)
+    whole = calibrate(images)
+    # the camera of a picture that is not good may be right all the same
+    pairs = [
+        (image, one.camera)
+        for image, one in zip(images, whole, strict=True)
+        if one.camera is not None and one.accepted and one.probability(size_known=True) >= LEAST_PROBABILITY
+    ]
+    for kind in changed_image(*pairs[0]) if pairs else ():
+        made = [changed_image(image, camera)[kind] for image, camera in pairs]
+        found = calibrate([image for image, _ in made])
+        pictures = [Picture({}, truth.image_size, truth) for _, truth in made]
+        heights = [
+            abs(one.camera.C[2] / truth.C[2] - 1.0) > LARGEST_HEIGHT_ERROR
+            for one, (_, truth) in zip(found, made, strict=True)
+            if one.verdict is Verdict.GOOD and one.camera is not None
+        ]
+        row = {**counts(pictures, found, field), "good_and_height_wrong": sum(heights)}
+        print(json.dumps({"pictures": kind, **row}), flush=True)
+    return 0
+
+
+def changed_image(image: Image, camera: Camera) -> dict[str, tuple[Image, Camera]]:
+    """A picture and its camera changed in each way, by its name.
+
+    Examples
+    --------
+    >>> camera = Camera.from_angles(0.2, 1.35, 0.0, 1400.0, (1.0, 65.0, -16.0), (960, 540))
+    >>> image, letterboxed = changed_image(np.full((540, 960, 3), 90, np.uint8), camera)["letterboxed"]
+    >>> image.shape, letterboxed.principal_point
+    ((720, 960, 3), array([480., 360.]))
+    """
+    import cv2
+
+    width, height = camera.image_size
+    two, upright, bar = 2 * width // 3, round(UPRIGHT * height), round(BAR * height)
+    parts = {
+        "as they are": (0, 0, width, height),
+        "left two thirds": (0, 0, two, height),
+        "right two thirds": (width - two, 0, two, height),
+        "upright": ((width - upright) // 2, 0, upright, height),
+    }
+    w, h = round(CORNER * width), round(CORNER * height)
+    for y, upper in ((0, "upper"), (height - h, "lower")):
+        parts |= {f"{upper} left corner": (0, y, w, h), f"{upper} right corner": (width - w, y, w, h)}
+    found = {
+        name: (np.ascontiguousarray(image[y : y + h, x : x + w]), camera.cropped((x, y), (w, h)))
+        for name, (x, y, w, h) in parts.items()
+    }
+    for name, shape in SQUASHED.items():
+        size = round(shape * height), height
+        found[name] = np.asarray(cv2.resize(image, size, interpolation=cv2.INTER_AREA), np.uint8), camera.scaled(size)
+    for name, (x, y) in {"letterboxed": (0, bar), "pillarboxed": (bar, 0)}.items():
+        size = width + 2 * x, height + 2 * y
+        bars = cv2.copyMakeBorder(image, y, y, x, x, cv2.BORDER_CONSTANT, value=(0, 0, 0))
+        found[name] = np.asarray(bars, np.uint8), camera.cropped((-x, -y), size)
+    return found
+
+
 def of_basketball(options: argparse.Namespace) -> int:
     """Views of basketball games, whose principal point may be far from the middle."""
     rng, field = np.random.default_rng(options.seed), field_named(BASKETBALL)
@@ -206,10 +282,12 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument("--size", type=image_size, metavar="WxH", help="of the images")
     parser.add_argument("--basketball", type=Path, metavar="FILE", help="cameras of basketball games, instead")
     parser.add_argument("--seed", type=int, default=0)
+    parser.add_argument("--images", type=Path, metavar="FOLDER", help="pictures, instead")
     options = parser.parse_args(arguments)
-    if (options.basketball is None) == (options.annotations is None or options.size is None):
-        parser.error("expected ANNOTATIONS and --size, or --basketball")
-    options.run = of_annotations if options.basketball is None else of_basketball
+    given = [options.annotations is not None, options.images is not None, options.basketball is not None]
+    if sum(given) != 1 or given[0] != (options.size is not None):
+        parser.error("expected ANNOTATIONS and --size, or --images, or --basketball")
+    options.run = (of_annotations, of_images, of_basketball)[given.index(True)]
     return run_command(options)
 
 

@@ -11,7 +11,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from synthetic import observe, whole_circle_markings
 
-from data_tools.undeclared import basketball_cameras, calibrated, changed, counts, part_of
+from data_tools.undeclared import basketball_cameras, calibrated, changed, changed_image, counts, part_of
 from fieldcalib import calibrate_from_segments, soccer
 from fieldcalib.assess.result import Verdict
 from fieldcalib.assess.whole_picture import CUT, SHAPE, PrincipalPointEvidence, seems_part
@@ -122,6 +122,21 @@ def test_pictures_are_counted():
     rows = counts(pictures, calibrated(pictures, FIELD), FIELD)
     assert rows["count"] == 2
     assert rows["good_and_wrong_percent"] <= rows["good_percent"]
+
+
+def test_changed_pictures_have_their_cameras():
+    """A bright spot of the field is where the camera of the changed picture sees it."""
+    mark = CAMERA.project((20.0, 0.0, 0.0))
+    image = np.zeros((540, 960, 3), np.uint8)
+    cv2.circle(image, tuple(np.rint(mark).astype(int).tolist()), 6, (255, 255, 255), -1)
+    made = changed_image(image, CAMERA)
+    assert {"letterboxed", "squashed to 3:2", "right two thirds", "upper left corner"} <= made.keys()
+    for picture, camera in made.values():
+        x, y = camera.project((20.0, 0.0, 0.0))
+        width, height = camera.image_size
+        assert picture.shape == (height, width, 3)
+        if 10 < x < width - 10 and 10 < y < height - 10:
+            assert picture[round(y), round(x)].min() > 128
 
 
 def test_a_squashed_picture_has_its_camera():
