@@ -197,7 +197,7 @@ def of_images(options: argparse.Namespace) -> int:
             for one, (_, truth) in zip(found, made, strict=True)
             if one.verdict is Verdict.GOOD and one.camera is not None
         ]
-        row = {**counts(pictures, found, field), "good_and_height_wrong": sum(heights)}
+        row = {**counts(pictures, found, field), "good_and_height_wrong": int(sum(heights))}
         print(json.dumps({"pictures": kind, **row}), flush=True)
     return 0
 
