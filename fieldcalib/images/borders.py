@@ -71,28 +71,25 @@ def shown_part(image: Image) -> Shown:
     True
     """
     height, width = image.shape[:2]
-    brightness = np.asarray(image.max(axis=2))
-    rows = _border(brightness[:, ::STEP])
-    columns = _border(brightness[rows : height - rows : STEP].T)
+    rows = _border(image[:, ::STEP])
+    columns = _border(np.swapaxes(image[rows : height - rows : STEP], 0, 1))
     if not (rows or columns):
         return Shown((width, height))
     return Shown((width, height), (columns, rows), (width - 2 * columns, height - 2 * rows))
 
 
-def _border(brightness: NDArray[np.uint8]) -> int:
-    """Rows (N, M) of the smaller one of two opposite borders, 0 if there are none."""
-    count = len(brightness)
+def _border(pixels: Image) -> int:
+    """Rows (N, M, 3) of the smaller one of two opposite borders, 0 if there are none."""
+    count = len(pixels)
     most = int(LARGEST * count)
     least = max(round(LEAST * count), 2)
-    if (
-        count < 2 * least or np.median(brightness[0]) > BLACK or np.median(brightness[-1]) > BLACK
-    ):  # quick: most have none
+    if any(np.median(pixels[end].max(axis=1)) > BLACK for end in (0, -1)):  # quick: most pictures have none
         return 0
-    first, last = (_black_rows(side) for side in (brightness[: most + 1], brightness[: -most - 2 : -1]))
+    first, last = (_black_rows(side.max(axis=2)) for side in (pixels[: most + 1], pixels[: -most - 2 : -1]))
     border = min(first, last)
     if not least <= border <= most:
         return 0
-    ends = np.concatenate([brightness[:border], brightness[count - border :]]).astype(float)
+    ends = np.concatenate([pixels[:border], pixels[count - border :]]).max(axis=2).astype(float)
     return border if np.std(np.minimum(ends, BLACK)) <= EVEN else 0
 
 
