@@ -48,7 +48,7 @@ def test_one_place_that_holds_stays():
 
 def test_parts_have_places_of_their_own():
     cameras = panned(14, -0.45, 0.45)
-    cameras = [*cameras[:6], *(moved(camera, (7.0, 0.0, 0.0)) for camera in cameras[6:])]
+    cameras = [*cameras[:6], *(moved(camera, (25.0, 0.0, 0.0)) for camera in cameras[6:])]
     clip = clip_of(cameras)
     tripods = clip.tripods()
     assert len(clip.notes) == 1
@@ -57,7 +57,7 @@ def test_parts_have_places_of_their_own():
     assert sum(far_off(calibrated[t], camera) < 1.5 for t, camera in enumerate(cameras)) >= 12
     assert len({clip.piece[t] for t in (0, 13)}) == 2
     assert sorted(clip.piece) == clip.piece
-    video = clip.finished(tripods, clip.seen)
+    video = clip.finished(tripods, clip.seen, {})
     assert video.notes == tuple(clip.notes)
     assert type(video).from_dict(video.to_dict()).notes == video.notes
 
@@ -87,7 +87,7 @@ def test_a_camera_that_moves_is_found_out():
     # from one place, which explains the labels to 2 px, the middle of the picture is 3 to 8 px off in most frames
     assert max(far_off(one, camera) for one, camera in zip(tripod.calibration, cameras, strict=True)) < 0.7
     assert [one.verdict for one in tripod.calibration] == [Verdict.GOOD] * 16
-    video = clip.finished([tripod], clip.seen)
+    video = clip.finished([tripod], clip.seen, {})
     assert max(far_off(one, camera) for one, camera in zip(video, cameras, strict=True)) < 0.7
 
 

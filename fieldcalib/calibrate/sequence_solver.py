@@ -37,7 +37,7 @@ from fieldcalib.calibrate.options import (
     checked_options,
     default_flags,
 )
-from fieldcalib.calibrate.shared_starts import WIDTHS, followed, minima, narrowing
+from fieldcalib.calibrate.shared_starts import SAME, WIDTHS, elsewhere, followed, narrowing
 from fieldcalib.calibrate.solved_together import SolvedTogether, Start
 from fieldcalib.calibrate.ties import Matched, Ties, contradicted, with_tied
 from fieldcalib.calibrate.together import labels_of, put_together
@@ -205,17 +205,23 @@ class SequenceSolver:
             found.append(self._of_all(some, self._without(alone, run), ()))
         most = max(len(index) for index, _ in found)
         alike = [one for one in found if len(one[0]) == most]
-        best = minima([evaluation for _, evaluation in alike])
-        self.alternatives = best.others
-        index = next(index for index, evaluation in alike if evaluation is best.best)
-        cameras = dict(zip(index.tolist(), best.best.theta, strict=True))
-        excess = misfit(best.best).excess
+        index, best = min(alike, key=lambda one: float(np.sum(one[1].cost)))
+        cameras = dict(zip(index.tolist(), best.theta, strict=True))
+        excess = misfit(best).excess
         wrong = is_contradicted(excess, self.options.layout.image_size)
         self.left_out = dict(zip(index[wrong].tolist(), excess[wrong].tolist(), strict=True))
         labels = {t: one for t, one in alone.labels.items() if t not in self.left_out}
         if not labels:
             return together
-        return self._together_but_hardly_told(some, Start(best.best.problem.layout, cameras, labels))
+        solved = self._together_but_hardly_told(some, Start(best.problem.layout, cameras, labels))
+        others = [
+            self._together(some, Start(one.problem.layout, dict(zip(where.tolist(), one.theta, strict=True)), labels))
+            for where, one in alike
+            if np.linalg.norm(one.theta[0, CENTER] - best.theta[0, CENTER]) > SAME
+        ]
+        same = [one.evaluation for one in others if np.array_equal(one.index, solved.index)]
+        self.alternatives = elsewhere(same, solved.evaluation, solved.covariance[:3, :3])
+        return solved
 
     def _of_all(self, some: IntArray, start: Start, widths: Sequence[float]) -> tuple[IntArray, Evaluation]:
         """Frames solved together with all their labels, and which they are."""

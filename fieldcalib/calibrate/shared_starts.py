@@ -8,7 +8,7 @@ first, where they do, and becomes narrow.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
@@ -23,16 +23,8 @@ FEW = 30  # iterations with each,
 APPROACHED = 1e-3  # or share of the cost, at which the next loss takes over
 HELD = 1e-6  # standard deviation, in any unit, of what is to stay
 SAME = 0.3  # m: centres that are this near are the same minimum
+APART = 11.3  # squared distance in standard deviations: 99 % of chi-squared with three degrees of freedom
 AS_GOOD = 4.0  # difference in cost that noise explains: three standard deviations, a probability of one in fifty
-
-
-@dataclass(frozen=True, eq=False)
-class Minima:
-    """Solutions from several starts, of the same labels."""
-
-    best: Evaluation
-    others: tuple[Array, ...]
-    """Centres (3,) of other ones that explain the labels as well."""
 
 
 def narrowing(start: Evaluation, widths: Sequence[float], max_iterations: int, tolerance: float) -> Evaluation:
@@ -59,14 +51,13 @@ def followed(start: Evaluation, max_iterations: int) -> Evaluation:
     return narrowing(start.of(problem), WIDTHS, max_iterations, APPROACHED)
 
 
-def minima(found: Sequence[Evaluation]) -> Minima:
-    """The best of several solutions of frames that share a centre, and the centres of others that are as good."""
-    cost = np.array([np.sum(one.cost) for one in found])
-    best = found[int(np.argmin(cost))]
+def elsewhere(found: Sequence[Evaluation], best: Evaluation, covariance: Array) -> tuple[Array, ...]:
+    """Centres (3,) of other solutions that explain the same labels as well as the best one, of covariance (3, 3)."""
     others: list[Array] = []
-    for k in np.argsort(cost)[1:].tolist():
-        centre = found[k].theta[0, CENTER]
-        apart = all(np.linalg.norm(centre - one) > SAME for one in (best.theta[0, CENTER], *others))
-        if apart and cost[k] - np.min(cost) < AS_GOOD:
+    least, V = float(np.sum(best.cost)), covariance + SAME**2 * np.eye(3)
+    for one in sorted(found, key=lambda one: float(np.sum(one.cost))):
+        centre = one.theta[0, CENTER]
+        away = [centre - known for known in (best.theta[0, CENTER], *others)]
+        if all(way @ np.linalg.solve(V, way) > APART for way in away) and np.sum(one.cost) - least < AS_GOOD:
             others.append(centre)
-    return Minima(best, tuple(others))
+    return tuple(others)

@@ -177,6 +177,7 @@ class ClipSolver:
         frames = self.frames([piece])
         labels = {t: one for t, one in self.seen.items() if self.piece[t] == piece}
         keyframes, excess = self._witnessed([piece], shots[piece])
+        excess = np.fmax(excess, shots[piece].frames.misfit[keyframes])
         fixed = "centre" not in self.shared or self.flags & CalibrationFlags.CALIB_FIX_POSITION
         if fixed or len(labels) < LEAST_FRAMES or not is_of_wrong_model(excess, self.size):
             return shots

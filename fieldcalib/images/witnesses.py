@@ -19,10 +19,13 @@ from fieldcalib.calibrate.tripod import Labels
 from fieldcalib.fields.segments import ObjectSegments
 from fieldcalib.images.frame_lines import per_pixel
 from fieldcalib.images.refinement import LOSS_SCALE
-from fieldcalib.problem.evaluation import Problem, evaluate
+from fieldcalib.problem.evaluation import Evaluation, Problem, evaluate
 from fieldcalib.problem.losses import RobustLoss
 from fieldcalib.problem.observations import pack
 
+ENOUGH = (
+    6  # labels in a keyframe, of which the worst does not count: a board is taken for the far touchline for a while
+)
 EXPLAINED = 6.0  # px of 960 x 540: right cameras of nine clips have every label of their keyframes within 3 px
 
 
@@ -52,18 +55,33 @@ def witnessed_misfit(
     if layout is None or not len(frames):
         return frames[:0], np.zeros(0)
     segments = object_segments if calibration.field is None else calibration.field
-    pixels, weights = zip(*(per_pixel(found[t]) for t in frames.tolist()), strict=True)
     unit = pixel_unit(layout.image_size)
-    problem = Problem(
-        pack(segments, pixels, layout.image_size, weights), layout, RobustLoss("cauchy", LOSS_SCALE * unit)
-    )
-    evaluation = evaluate(problem, calibration.frames.theta[frames])
+    theta = calibration.frames.theta[frames]
+
+    def at_cameras(labels: list[Labels]) -> Evaluation:
+        pixels, weights = zip(*labels, strict=True)
+        observations = pack(segments, pixels, layout.image_size, weights)
+        return evaluate(Problem(observations, layout, RobustLoss("cauchy", LOSS_SCALE * unit)), theta)
+
+    labels = [per_pixel(found[t]) for t in frames.tolist()]
+    by_label = rms_by_label(at_cameras(labels))
+    names = list(segments)
+    spared = [
+        _without(one, names[int(np.nanargmax(of_frame))]) if len(one[0]) >= ENOUGH else one
+        for one, of_frame in zip(labels, by_label, strict=True)
+    ]
+    evaluation = at_cameras(spared)
     by_label = rms_by_label(evaluation)
     labelled = np.isfinite(by_label)
     explained = np.sum(labelled & (by_label < EXPLAINED * unit), axis=1)
     off = np.where(explained < 0.5 * np.sum(labelled, axis=1), np.nanmedian(by_label, axis=1), 0.0)
     excess = np.where([t in seen for t in frames.tolist()], misfit(evaluation).excess, off)
     return frames, _confirmed(excess)
+
+
+def _without(labels: Labels, label: str) -> Labels:
+    pixels, weights = ({name: one[name] for name in one if name != label} for one in labels)
+    return pixels, weights
 
 
 def _confirmed(excess: Array) -> Array:
