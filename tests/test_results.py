@@ -29,6 +29,7 @@ from fieldcalib import (
     soccer,
 )
 from fieldcalib.assess.camera_errors import KnownErrors
+from fieldcalib.assess.markings import MarkingInView
 from fieldcalib.assess.result import SuspectLabel, Verdict
 from fieldcalib.cli.main import main
 from fieldcalib.draw import draw_calibration, draw_field, draw_minimap, render_field
@@ -291,6 +292,7 @@ def test_equality_sees_every_part(batch):
         "field": soccer(100.0, 64.0),
         "solved": batch[1].solved,
         "errors": KnownErrors(batch[1].uncertainty.layout, batch[1].uncertainty.theta, batch[1].covariance),
+        "markings": (MarkingInView("Middle line", 300.0, 25, 0.1, 21.4),),
     }
     assert set(others) == {one.name for one in dataclasses.fields(Calibration)}
     for name, value in others.items():

@@ -183,7 +183,7 @@ def test_json(video):
 def test_what_is_no_record_of_a_video(video):
     for record, message in (
         ({}, "is no calibration of a video: the key 'version' is missing"),
-        (video[0].to_dict(), "is no calibration of a video: the key 'tripods' is missing"),
+        ({**video[0].to_dict(), "version": 2}, "is no calibration of a video: the key 'tripods' is missing"),
         ({**video.to_dict(), "version": 0}, "expected a video of version 2, got 0"),
         ([1], "is no calibration of a video: list indices must be integers"),
     ):
