@@ -13,8 +13,10 @@ from views import camera
 
 from fieldcalib.assess.markings import MarkingInView, paint_complaints, paint_contradicts
 from fieldcalib.assess.result import Calibration, Status, Verdict
+from fieldcalib.assess.sequence import SequenceCalibration
 from fieldcalib.calibrate.from_segments import calibrate_from_segments
 from fieldcalib.calibrate.options import ALL, DEFAULT_FLAGS
+from fieldcalib.calibrate.sequence import calibrate_sequence
 from fieldcalib.draw.scene import render_field
 from fieldcalib.fields.soccer import soccer
 from fieldcalib.fields.sports.ice_hockey import ice_hockey
@@ -160,3 +162,28 @@ def test_markings_are_written_and_read():
     again = Calibration.from_dict(json.loads(json.dumps(found.to_dict())))
     assert again.markings == found.markings
     assert len(again.markings) > 4
+
+
+def test_paint_has_the_last_word_on_frames_of_a_sequence():
+    """Labels of a network that contradict what frames share are wrong where the image shows paint at all markings."""
+    cameras = [turned(PENALTY_AREA, pan=pan) for pan in (0.0, 20.0, 40.0)]
+    labelled = [observe(whole_circle_markings(FIELD), one) for one in cameras]
+    found = calibrate_sequence(soccer(size_known=True), labelled, PENALTY_AREA.image_size)
+    assert {str(one.verdict) for one in found} == {"good"}
+    pulled = replace(found, frames=replace(found.frames, misfit=np.full(3, 30.0)))
+    assert [one.complaints for one in pulled] == 3 * [("what the frames share brings its lines 30 px off",)]
+    on = tuple(MarkingInView(name, 400.0, 30, share=0.95, offset=0.0) for name in ("front", "side", "arc"))
+    off = (*on, MarkingInView("near", 400.0, 30, share=0.1, offset=9.0))
+    seen = pulled.seen_in_images({0: on, 1: off, 2: on[:2]})
+    assert [str(one.verdict) for one in seen] == ["good", "check", "check"]
+    again = SequenceCalibration.from_dict(json.loads(json.dumps(seen.to_dict())))
+    assert [one.markings for one in again] == [on, off, on[:2]]
+
+
+def test_frames_with_most_of_their_paint_elsewhere_are_rejected():
+    labelled = [observe(whole_circle_markings(FIELD), PENALTY_AREA)] * 2
+    found = calibrate_sequence(soccer(size_known=True), labelled, PENALTY_AREA.image_size)
+    beside = (MarkingInView("front", 400.0, 30, share=0.1, offset=9.0),)
+    seen = found.seen_in_images({1: beside})
+    assert [str(one.status) for one in seen] == ["accepted", "probably wrong"]
+    assert seen[1].message.startswith("most of the paint lies beside the markings: 'front' lies 9 px beside its paint")

@@ -7,6 +7,8 @@ from dataclasses import dataclass
 
 UNSEEN = 0.2  # share of a marking with paint on it, below which there is none: 1 of 600 markings of 98 right pictures,
 LONG = 15  # of that many places or more
+CONFIRMED = 0.85  # share of the places with paint, in right frames of clips 0.85 to 1,
+LEAST_MARKINGS, LEAST_PLACES = 3, 8  # of as many markings, which determine a camera, with as many places each
 
 
 @dataclass(frozen=True)
@@ -66,6 +68,20 @@ def paint_contradicts(markings: Sequence[MarkingInView]) -> bool:
     """Whether more of the paint in view lies beside the markings than on them."""
     on = sum(one.share * one.places for one in markings)
     return sum((1.0 - one.share) * one.places for one in markings if one.is_beside) > on
+
+
+def paint_confirms(markings: Sequence[MarkingInView]) -> bool:
+    """Whether an image shows paint nearly everywhere along several markings in view, and nothing against any of them.
+
+    Examples
+    --------
+    >>> lines = [MarkingInView(name, 400.0, 30, share=0.95, offset=0.0) for name in ("front", "side", "arc")]
+    >>> paint_confirms(lines), paint_confirms(lines[:2])
+    (True, False)
+    """
+    on = [one for one in markings if one.share >= CONFIRMED and one.places >= LEAST_PLACES]
+    off = any(one.is_off for one in markings)
+    return len(on) >= LEAST_MARKINGS and paint_share(markings) >= CONFIRMED and not off
 
 
 def paint_share(markings: Sequence[MarkingInView]) -> float:

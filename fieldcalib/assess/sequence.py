@@ -16,7 +16,7 @@ from fieldcalib._json import from_json, to_json
 from fieldcalib._types import Array, BoolArray, Float32, IntArray
 from fieldcalib.assess.camera_errors import KnownErrors
 from fieldcalib.assess.frame_sequence import FrameSequence, read_record
-from fieldcalib.assess.markings import MarkingInView, paint_complaints, paint_contradicts
+from fieldcalib.assess.markings import MarkingInView, paint_complaints, paint_confirms, paint_contradicts
 from fieldcalib.assess.misfit import is_contradicted
 from fieldcalib.assess.own_errors import OwnErrors, ground_errors, whole_covariance
 from fieldcalib.assess.result import Calibration, Status, SuspectLabel
@@ -205,7 +205,9 @@ class SequenceCalibration(FrameSequence):
         suspects, metres = frames.suspects.get(t, ()), float(frames.ground_error[t])
         doubts = [f"{len(suspects)} of {len(labelled)} labels are suspect"] if suspects else []
         doubts += [f"the field in view is known to {metres:.1f} m only"] if metres > SURE else []
-        if self.layout is not None and is_contradicted(frames.misfit[t], self.layout.image_size):
+        markings = frames.markings.get(t, ())
+        is_misfit = self.layout is not None and is_contradicted(frames.misfit[t], self.layout.image_size)
+        if is_misfit and not paint_confirms(markings):  # paint has the last word
             doubts.append(f"what the frames share brings its lines {frames.misfit[t]:.0f} px off")
         doubts += [f"its camera may as well stand at {_place(centre)}" for centre in self.alternatives]
         return Calibration(
@@ -220,7 +222,7 @@ class SequenceCalibration(FrameSequence):
             pixel_counts={frames.labels[k]: int(frames.label_counts[t, k]) for k in labelled},
             field=self.field,
             errors=errors,
-            markings=frames.markings.get(t, ()),
+            markings=markings,
         )
 
     def _at(self, index: IntArray) -> SequenceCalibration:
