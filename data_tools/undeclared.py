@@ -65,9 +65,9 @@ class Picture:
 
     pixels: Pixels
     image_size: tuple[int, int]
-    """That the user says."""
+    """Size that the user says, (width, height)."""
     truth: Camera
-    """Of the picture as it is."""
+    """Camera of the picture as it is."""
 
 
 def part_of(pixels: Pixels, camera: Camera, corner: tuple[int, int], size: tuple[int, int]) -> Picture:

@@ -69,7 +69,7 @@ class CameraErrors(ABC):
 
     @abstractmethod
     def on(self, field: Field | None) -> Self:
-        """The same of a camera that sees a field."""
+        """Name the field that is in view: errors are then relative to its markings."""
 
     @property
     @abstractmethod
@@ -217,7 +217,7 @@ class KnownErrors(CameraErrors):
         self._layout, self._theta, self._covariance, self.dof, self.field = layout, theta, covariance, dof, field
 
     def on(self, field: Field | None) -> KnownErrors:
-        """The same of a camera that sees a field."""
+        """Name the field that is in view: errors are then relative to its markings."""
         return KnownErrors(self._layout, self._theta, self._covariance, self.dof, field)
 
     @property

@@ -54,7 +54,7 @@ class _Places(NamedTuple):
     telling: Array
     """Metres that each of them is for, across the marking, (N, 4): ``w n n^T`` row by row."""
     moving: Array
-    """The same of the motion, ``w n n^T M``."""
+    """Motion across the marking, (N, 4): ``w n n^T M``."""
 
 
 @lru_cache(maxsize=64)
@@ -115,7 +115,7 @@ def motion_in_view(projection: Projection, field: Field) -> Array:
 
 
 def by_parameters(projection: Projection, field: Field | None) -> Array:
-    """The same as derivatives (B, 2, n) by all parameters: 0 but for the size, and where that is no parameter."""
+    """Motion of the markings in view as derivatives (B, 2, n) by all parameters; 0 but for those of the size."""
     layout = projection.layout
     moved = np.zeros((len(projection.theta), 2, layout.size))
     if field is not None and layout.field_size is not None:

@@ -24,7 +24,7 @@ class MarkingInView:
 
     label: str
     length: float
-    """Of its projection, pixels."""
+    """Length of its projection, pixels."""
     places: int
     """Number of places along it where paint was looked for."""
     share: float

@@ -78,7 +78,7 @@ def is_of_wrong_model(excess: Array, image_size: tuple[int, int]) -> bool:
 
 
 def misfit(evaluation: Evaluation) -> Misfit:
-    """That of frames at their common solution: each is fitted again, by itself.
+    """Misfit of frames at their common solution: each is fitted again, by itself.
 
     Lens, principal point and size of the field stay as they are, so that a frame cannot explain by these what its place
     does not.
@@ -114,7 +114,7 @@ def rms_of_labels(evaluation: Evaluation) -> Array:
 
 
 def rms_by_label(evaluation: Evaluation) -> Array:
-    """The same of each label by itself, (B, L)."""
+    """Root mean square distance of the pixels of each label, (B, L)."""
     squares, count = _squares_by_label(evaluation)
     with np.errstate(invalid="ignore"):
         return np.asarray(np.sqrt(squares / count))

@@ -359,7 +359,7 @@ class Calibration:
         return replace(self, status=Status.IMPROBABLE, message=f"{doubt}; {self.message}")
 
     def seen_in_image(self, markings: Sequence[MarkingInView]) -> Calibration:
-        """The same with what its image shows of the markings in view.
+        """Add what its image shows of the markings in view.
 
         A camera that was accepted is "probably wrong" if more of the paint lies beside its markings than on them.
 

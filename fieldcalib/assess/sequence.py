@@ -292,7 +292,7 @@ class SequenceCalibration(FrameSequence):
         return replace(self, frames=replace(frames, notes=notes, **columns))
 
     def seen_in_images(self, markings: Mapping[int, tuple[MarkingInView, ...]]) -> SequenceCalibration:
-        """The same with what the images of frames show of their markings, as `Calibration.seen_in_image`."""
+        """Add what the images of frames show of their markings, as `Calibration.seen_in_image`."""
         frames = self.frames
         status, notes = frames.status.copy(), dict(frames.notes)
         for t, seen in markings.items():

@@ -76,7 +76,7 @@ def by_considered(evaluation: Evaluation, kappa: Array, inverse: Array) -> Array
 
 
 def gradients_by_shared(evaluation: Evaluation, kappa: Array) -> Array:
-    """Of what the labels of each frame cost, by the shared parameters, the frames' own following them, (T, S).
+    """Gradients (T, S) of the cost of each frame's labels by the shared parameters, its own following them.
 
     At the solution their sum vanishes, but for what the prior and links of the frames pull.
 

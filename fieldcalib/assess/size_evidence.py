@@ -38,7 +38,7 @@ class SizeEvidence:
     weights: Array
     """Probabilities of the possibilities, (K + 1,), the last one of wrong labels."""
     means: Array
-    """Of the true size less the given one under each, (K + 1, 2)."""
+    """Mean of the true size less the given one under each, (K + 1, 2)."""
     moments: Array
     """Second moments of the same, (K + 1, 2, 2)."""
     as_given: float

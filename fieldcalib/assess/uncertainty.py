@@ -96,7 +96,7 @@ class Uncertainty(CameraErrors):
     """What is in view; None if that is no `Field`, or not known."""
 
     def on(self, field: Field | None) -> Uncertainty:
-        """The same of a camera that sees a field."""
+        """Name the field that is in view: errors are then relative to its markings."""
         return replace(self, field=field)
 
     def _of_considered(self, moment: Array) -> Array:

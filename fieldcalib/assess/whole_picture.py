@@ -46,7 +46,7 @@ class PrincipalPointEvidence:
     offset: Array
     """(2,) from the middle of the picture."""
     covariance: Array
-    """Of that, (2, 2)."""
+    """Covariance of the offset, (2, 2)."""
 
     @property
     def log_ratio_of_part(self) -> float:

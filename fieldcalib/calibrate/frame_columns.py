@@ -129,7 +129,7 @@ class FrameColumns:
         self.status[t] = STATUSES.index(status)
 
     def set_misfit(self, misfit: Mapping[int, float]) -> None:
-        """That of some frames, pixels; others that have a camera are between these, or beside the nearest one."""
+        """Set the misfit of some frames, pixels, and interpolate that of the others that have a camera."""
         known = sorted(t for t, excess in misfit.items() if np.isfinite(excess))
         if known:
             has = np.flatnonzero(np.isfinite(self.theta).all(axis=1))

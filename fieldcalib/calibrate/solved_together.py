@@ -33,17 +33,17 @@ class SolvedTogether:
 
     @cached_property
     def misfit(self) -> Misfit:
-        """Of their labels."""
+        """Misfit of their labels."""
         return misfit(self.evaluation)
 
     @property
     def layout(self) -> Layout:
-        """Of their parameters."""
+        """Layout of their parameters."""
         return self.evaluation.problem.layout
 
     @property
     def covariance(self) -> Array:
-        """Of what they share, (S, S)."""
+        """Covariance of what they share, (S, S)."""
         shared = int(np.count_nonzero(self.layout.shared))
         return self.whole[:shared, :shared]
 
@@ -69,11 +69,11 @@ class Start(NamedTuple):
     theta: Mapping[int, Array]
     """Parameters (n,), by frame."""
     labels: Mapping[int, Labels]
-    """Of frames among these."""
+    """Labels of some of these frames."""
 
     @classmethod
     def of(cls, found: Mapping[int, Calibration]) -> Start | None:
-        """Those of frames that were calibrated by themselves; None without any."""
+        """Start from frames that were calibrated by themselves; None without any."""
         parts = {t: c.solved.alone.evaluation for t, c in found.items() if c.solved is not None}
         if not parts:
             return None

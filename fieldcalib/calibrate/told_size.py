@@ -93,7 +93,7 @@ class _Told:
     """What one frame tells of the size of its field, to first order."""
 
     field: Field
-    """Of the given size."""
+    """Field of the given size."""
     size: SizeBlock
     evidence: SizeEvidence
     told: BoolArray

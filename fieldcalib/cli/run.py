@@ -222,7 +222,7 @@ class FromImages:
         return Made(outcomes, seconds)
 
     def on_one_field(self, files: Sequence[FrameFile]) -> FromImages:
-        """The same on the field that some of the images tell together, evenly spread ones of the commonest size."""
+        """Take the field that some of the images tell together, evenly spread ones of the commonest size."""
         read = ReadImage(self.options.most_bytes, self.options.most_pixels, partial(placed, self.options))
         some = [files[k] for k in np.linspace(0, len(files) - 1, min(len(files), TOGETHER)).round().astype(int)]
         images = [image for image in (read(file).image for file in some) if image is not None]

@@ -27,11 +27,11 @@ class Shown:
     """The part of a picture that is shown."""
 
     image_size: tuple[int, int]
-    """Of the whole picture."""
+    """Size of the whole picture."""
     corner: tuple[int, int] = (0, 0)
     """Pixel of the picture that is the part's first one."""
     size: tuple[int, int] | None = None
-    """Of the part; None if it is the whole picture."""
+    """Size of the part; None if it is the whole picture."""
 
     @property
     def is_whole(self) -> bool:

@@ -38,7 +38,7 @@ class LeftOut:
 
     @classmethod
     def of(cls, labels: Mapping[int, Labels]) -> LeftOut:
-        """Of the labels of frames; which one is left out changes from frame to frame.
+        """Leave one label out of each frame; which one changes from frame to frame.
 
         Examples
         --------

@@ -151,7 +151,7 @@ class Profiles:
 
     @property
     def on_ground_only(self) -> Profiles:
-        """Those across markings on the ground."""
+        """Profiles across markings on the ground."""
         return self.take(np.flatnonzero(self.on_ground))
 
     def take(self, index: IntArray) -> Profiles:

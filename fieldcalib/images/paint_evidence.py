@@ -75,7 +75,7 @@ class Ridges:
         return np.asarray(np.sum((self.xy - self.profiles.xy[:, None]) * self.profiles.normal[:, None], axis=-1))
 
     def seen_by(self, camera: Camera, markings: Markings) -> Ridges:
-        """The same beside the markings that another camera projects; without those that it does not see near them."""
+        """Measure the ridges from the markings that another camera projects; those far from any are left out."""
         old, new = self.profiles, profiles_along(camera, markings).on_ground_only
         pairs = [np.zeros((2, 0), dtype=np.intp)]
         for k in np.intersect1d(old.member, new.member):

@@ -280,7 +280,7 @@ def near_labels(object_segments: ObjectSegments, camera: Camera, pixels: Pixels,
 
 
 def _without_stray(object_segments: ObjectSegments, one: ToRefine, found: Calibration | None) -> ToRefine:
-    """The same without segments that a network saw elsewhere than a camera that fits the lines of the image."""
+    """Leave out segments that a network saw elsewhere than a camera that fits the lines of the image."""
     if not one.are_detected or found is None or found.camera is None or not one.labelled:
         return one
     near = near_labels(object_segments, found.camera, one.labelled, STRAY)
