@@ -203,7 +203,8 @@ def test_a_database_is_read_back(extract, tmp_path):
     assert read.distribution == "uniform"
     np.testing.assert_array_equal(read.features, made.features)
     np.testing.assert_array_equal(read.extract(view[None]), made.extract(view[None]))
-    np.testing.assert_array_equal(homography(read, view, IMAGE_SIZE), homography(made, view, IMAGE_SIZE))
+    # OpenCV's ECC may differ from run to run in the seventh digit
+    np.testing.assert_allclose(*(homography(one, view, IMAGE_SIZE) for one in (read, made)), rtol=1e-5)
     assert [path.name for path in tmp_path.iterdir()] == ["some.npz"]
 
 
