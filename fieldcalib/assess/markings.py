@@ -5,9 +5,9 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-UNSEEN = 0.2  # share of a marking with paint on it, below which there is none: 1 of 600 markings of 98 right pictures,
-LONG = 15  # of that many places or more
-CONFIRMED = 0.85  # share of the places with paint, in right frames of clips 0.85 to 1,
+UNSEEN = 0.2  # share of a marking with paint on it, below which there is none: of one marking in 93 right pictures,
+LONG = 15  # of those with that many places or more
+CONFIRMED = 0.85  # share of the places with paint, which right frames of a hard clip have (0.83 to 0.97),
 LEAST_MARKINGS, LEAST_PLACES = 3, 8  # of as many markings, which determine a camera, with as many places each
 
 

@@ -15,7 +15,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from fieldcalib._types import Array, BoolArray, Float32, IntArray
-from fieldcalib.assess.markings import LONG, MarkingInView
+from fieldcalib.assess.markings import LEAST_PLACES, LONG, MarkingInView
 from fieldcalib.geometry.camera import Camera
 from fieldcalib.images.line_profiles import SPACING, Markings, Profiles, Strips, profiles_along
 from fieldcalib.io.image import Image
@@ -27,7 +27,6 @@ ON_PAINT = 2.25  # px: nearer ridges are the paint of the marking
 BESIDE = 3.0  # px: what is found in right cameras of 98 broadcast frames is at most 2.9 px off
 SAME_RUN = 1.2  # px from the line or arc that the paint follows
 PEAKS = 5  # ridges of a profile, the strongest ones
-LEAST_PLACES = 8  # profiles of a marking: fewer show no run
 SEEN = 0.5  # share of the profiles that paint beside a marking must have,
 MORE, MORE_SHARE = 3, 0.25  # and by how many and by which share of the profiles it must exceed what lies on the marking
 NEARER = 0.2  # share of the profiles that paint at the end of the band must have more than paint at the marking
