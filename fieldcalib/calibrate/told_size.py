@@ -27,8 +27,6 @@ from fieldcalib.problem.prior import GaussianPrior
 
 LIKELY = 0.5  # probability of the given size from which on a frame is calibrated on it
 TOLD = 2.0  # m: standard deviation of a length or width that a frame tells; less than what is known of them anyway
-STILL = 0.05  # m: a size that moves by less stays
-ROUNDS = 2  # of finding lines on a field of the size, and solving for it
 
 
 def on_told_size(calibration: Calibration, again: Callable[[Field, Camera], Calibration]) -> Calibration:
@@ -39,21 +37,16 @@ def on_told_size(calibration: Calibration, again: Callable[[Field, Camera], Cali
     calibration : Calibration
         On a field of the given size.
     again : callable
-        Calibrates the frame on another field, from a camera that sees it there.
+        Calibrates the frame on another field, from a camera that fits its lines there.
     """
     told = _Told.of(calibration)
     if told is None or calibration.solved is None:
         return calibration
-    sized, found = told.best(calibration.solved), calibration
-    for _ in range(ROUNDS):
-        one = again(sized.field, sized.camera)
-        if not one.accepted or one.solved is None or one.solved is calibration.solved:
-            break
-        found, before, sized = one, sized, told.solved(one.solved, sized.size)
-        if np.max(np.abs(sized.size - before.size)) < STILL:
-            break
-    if found is calibration:
+    sized = told.solved(calibration.solved, told.starts)
+    found = again(sized.field, sized.camera)
+    if not found.accepted or found.solved is None or found.solved is calibration.solved:
         return calibration
+    sized = told.solved(found.solved, sized.size[None])
     unit = np.where(sized.layout.free, sized.prior_sigma, 0.0)[None]
     return replace(found, camera=sized.camera, field=sized.field, solved=Solved(sized.evaluation, unit))
 
@@ -115,14 +108,13 @@ class _Told:
         wide = np.all(size.possibilities[1] > 0.0, axis=1)
         return cls(field, size, evidence, told, wide) if np.any(told) and np.any(wide) else None
 
-    def best(self, solved: Solved) -> _Sized:
-        """The size of least cost, from the given one, the one that fits best to first order, and the expected one."""
-        offsets = np.zeros(2), self.evidence.offset, self.evidence.mean
-        found = [self.solved(solved, self.size.given + offset) for offset in offsets]
-        return min(found, key=lambda one: float(one.evaluation.cost[0]))
+    @property
+    def starts(self) -> Array:
+        """Sizes (3, 2): the given one, the one that fits best to first order, and the expected one."""
+        return self.size.given + np.stack([np.zeros(2), self.evidence.offset, self.evidence.mean])
 
-    def solved(self, solved: Solved, start: Array) -> _Sized:
-        """The frame with what it tells of the size free, from a size."""
+    def solved(self, solved: Solved, starts: Array) -> _Sized:
+        """The frame with what it tells of the size free: the solution of least cost from several sizes (S, 2)."""
         alone = solved.alone.evaluation
         layout, prior, block = alone.problem.layout, alone.problem.prior, alone.problem.layout.field_size_block
         assert prior is not None
@@ -136,8 +128,9 @@ class _Told:
         kept = np.diag(np.diagonal(self.evidence.moment)[~self.told])
         considered = None if np.all(self.told) else kept
         problem = replace(alone.problem, layout=layout, prior=GaussianPrior(mean, sigma), considered=considered)
-        theta = alone.theta.copy()
-        theta[:, block] = np.where(self.told, np.clip(start, *self.size.limits), self.size.given)
+        theta = np.repeat(alone.theta, len(starts), axis=0)
+        theta[:, block] = np.where(self.told, np.clip(starts, *self.size.limits), self.size.given)
+        start = evaluate(problem.take(np.zeros(len(starts), dtype=np.intp)), theta)
         _, iterations, tolerance = DEFAULT_CRITERIA
-        solution = levenberg_marquardt(evaluate(problem, theta), max_iterations=iterations, tolerance=tolerance)
-        return _Sized(self.field, solution.evaluation)
+        found = levenberg_marquardt(start, max_iterations=iterations, tolerance=tolerance).evaluation
+        return _Sized(self.field, found.take(np.array([np.argmin(found.cost)])))

@@ -210,11 +210,19 @@ def _on_another_field(
     flags: int,
     prior: Prior,
 ) -> Calibration:
-    """An image on a field of another size, from a camera that sees it there."""
-    start = on_found_lines(calibration, field, camera, flags=flags, prior=prior)
-    verified = partial(_verified, field, Markings.of(field), flags=flags, prior=prior, refine=True)
-    ((again, _),) = verified([image], [found], [start], least_support=LEAST_SUPPORT)
-    return again
+    """An image on a field of another size, from a camera that fits the lines that were found in it."""
+    markings = Markings.of(field)
+
+    def refined(start: Calibration) -> Refined:
+        given = ToRefine(image, start, found.pixels, found.weights, are_detected=True)
+        (one,) = refine_all(field, markings, [given], flags=flags, prior=prior, search_ranges=SEARCH_RANGES[-1:])
+        return one
+
+    again = refined(start := replace(calibration, camera=camera, field=field))
+    if again.calibration is start:  # lines that are found anew are no better than those of before
+        again = refined(on_found_lines(calibration, field, camera, flags=flags, prior=prior))
+    ((one, _),) = _judged(field, [found], [again], refine=True, least_support=LEAST_SUPPORT)
+    return one
 
 
 def _without_weak(found: Localization) -> Localization:
@@ -235,7 +243,7 @@ def _verified(
     refine: bool,
     least_support: float,
 ) -> list[tuple[Calibration, bool]]:
-    """The refined calibrations of images of one size, as `_judged`; and whether each is sure."""
+    """The refined calibrations of images of one size, as `_one_judged`; and whether each is sure."""
     given = [
         ToRefine(image, calibration, part.pixels, part.weights, are_detected=True)
         for image, calibration, part in zip(images, calibrations, found, strict=True)
@@ -243,14 +251,26 @@ def _verified(
     refined = (
         refine_all(object_segments, markings, given, flags=flags, prior=prior) if refine else unrefined(markings, given)
     )
+    return _judged(object_segments, found, refined, refine=refine, least_support=least_support)
+
+
+def _judged(
+    object_segments: ObjectSegments,
+    found: Sequence[Localization],
+    refined: Sequence[Refined],
+    *,
+    refine: bool,
+    least_support: float,
+) -> list[tuple[Calibration, bool]]:
+    """`_one_judged` for several images."""
     compute_errors([one.calibration for one in refined if one.calibration.accepted])
     return [
-        _judged(object_segments, part, one, refine=refine, least_support=least_support)
+        _one_judged(object_segments, part, one, refine=refine, least_support=least_support)
         for part, one in zip(found, refined, strict=True)
     ]
 
 
-def _judged(
+def _one_judged(
     object_segments: ObjectSegments, found: Localization, refined: Refined, *, refine: bool, least_support: float
 ) -> tuple[Calibration, bool]:
     """The calibration, "probably wrong" if its support or its probability is low; and whether it is sure."""

@@ -61,7 +61,12 @@ class Ridges:
     @classmethod
     def of(cls, image: Image, camera: Camera, markings: Markings) -> Ridges:
         """Look for ridges up to 30 px (in an image of 960 x 540) beside the projected markings."""
-        profiles = profiles_along(camera, markings).on_ground_only
+        return cls.across(image, profiles_along(camera, markings))
+
+    @classmethod
+    def across(cls, image: Image, profiles: Profiles) -> Ridges:
+        """Look for ridges in the profiles on the ground."""
+        profiles = profiles.on_ground_only
         strips = Strips.of(image, profiles, BAND, past_others=True)
         offset, may_be_line = strips.ridges(BAND, PEAKS)
         shown = np.flatnonzero(~strips.is_black)

@@ -20,8 +20,8 @@ from fieldcalib.calibrate.options import ALL, DEFAULT_FLAGS, PAINT, CalibrationF
 from fieldcalib.fields.segments import ObjectSegments
 from fieldcalib.geometry.camera import Camera
 from fieldcalib.geometry.homography import YARD
-from fieldcalib.images.line_profiles import Markings, Strips, lines_near, pixels_of_lines, profiles_along
-from fieldcalib.images.paint_evidence import PaintEvidence, paint_evidence
+from fieldcalib.images.line_profiles import Markings, Profiles, Strips, lines_near, pixels_of_lines, profiles_along
+from fieldcalib.images.paint_evidence import PaintEvidence, Ridges, evidence_of
 from fieldcalib.io.image import Image, checked_image
 from fieldcalib.problem.evaluation import evaluate_camera
 from fieldcalib.problem.labelled_pixels import ImageSegments, Pixels, Weights, check_segments
@@ -179,6 +179,8 @@ class Refined:
     calibration: Calibration
     support: float
     """NaN where there is no camera."""
+    profiles: Profiles | None = None
+    """Across its markings; None where there is no camera."""
     paint: PaintEvidence | None = None
     """What the image shows of the markings in view; None where that was not looked at."""
 
@@ -195,12 +197,14 @@ def refine_all(
     *,
     flags: int,
     prior: Prior,
+    search_ranges: Sequence[float] = SEARCH_RANGES,
 ) -> list[Refined]:
     """`refine_on_image` for images of one size, solved together.
 
-    Where markings lie beside their paint, cameras that begin from that paint are tried too.
+    Where markings lie beside their paint, cameras that begin from that paint are tried too. Cameras that fit the lines
+    already need the last of the `search_ranges` only.
     """
-    refined = _in_passes(object_segments, markings, given, flags, prior)
+    refined = _in_passes(object_segments, markings, given, flags, prior, search_ranges)
     refined = [_with_paint(one, image.image, markings) for one, image in zip(refined, given, strict=True)]
     off = [t for t, one in enumerate(refined) if one.calibration.accepted and one.paint and one.paint.beside]
     if off:
@@ -213,8 +217,9 @@ def refine_all(
 
 
 def _with_paint(one: Refined, image: Image, markings: Markings) -> Refined:
-    camera = one.calibration.camera
-    return one if camera is None else replace(one, paint=paint_evidence(image, camera, markings))
+    if one.profiles is None:
+        return one
+    return replace(one, paint=evidence_of(Ridges.across(image, one.profiles), markings))
 
 
 def _moved_to_paint(
@@ -248,16 +253,23 @@ def _paint_share(one: Refined) -> float:
 
 
 def _in_passes(
-    object_segments: ObjectSegments, markings: Markings, given: Sequence[ToRefine], flags: int, prior: Prior
+    object_segments: ObjectSegments,
+    markings: Markings,
+    given: Sequence[ToRefine],
+    flags: int,
+    prior: Prior,
+    search_ranges: Sequence[float] = SEARCH_RANGES,
 ) -> list[Refined]:
     """Cameras fitted to the lines near their markings, in two passes, or as they were."""
     found = {t: one.calibration for t, one in enumerate(given)}
     strips = _strips(given, found, markings)
     best = _with_support(given, strips)
-    # lines that are found far away may be others: a principal point that is free would absorb them
-    flags_of_passes = flags | CalibrationFlags.CALIB_FIX_PRINCIPAL_POINT, flags
-    for search_range, kept in zip(SEARCH_RANGES, flags_of_passes, strict=True):
-        if search_range < SEARCH_RANGES[0]:
+    for search_range in search_ranges:
+        kept = flags
+        if search_range > SEARCH_RANGES[-1]:
+            # lines that are found far away may be others: a principal point that is free would absorb them
+            kept |= CalibrationFlags.CALIB_FIX_PRINCIPAL_POINT
+        else:
             given = [_without_stray(object_segments, one, found.get(t)) for t, one in enumerate(given)]
         members = [
             (found[t], pixels_of_lines(markings, one.profiles, one.lines(search_range)), given[t])
@@ -269,7 +281,7 @@ def _in_passes(
     for t, one in strips.items():
         support = _support(one)
         if support >= max(LEAST_SUPPORT_REFINED, best[t].support):
-            best[t] = Refined(found[t], support)
+            best[t] = Refined(found[t], support, one.profiles)
     return best
 
 
@@ -307,7 +319,11 @@ def _support(strips: Strips, search_range: float = SEARCH_RANGES[-1]) -> float:
 
 
 def _with_support(given: Sequence[ToRefine], strips: Mapping[int, Strips]) -> list[Refined]:
-    return [Refined(one.calibration, _support(strips[t]) if t in strips else np.nan) for t, one in enumerate(given)]
+    without = [Refined(one.calibration, np.nan) for one in given]
+    return [
+        replace(one, support=_support(strips[t]), profiles=strips[t].profiles) if t in strips else one
+        for t, one in enumerate(without)
+    ]
 
 
 def unrefined(markings: Markings, given: Sequence[ToRefine]) -> list[Refined]:
