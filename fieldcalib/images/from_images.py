@@ -21,7 +21,6 @@ from fieldcalib.geometry.camera import Camera
 from fieldcalib.images.found_lines import on_found_lines
 from fieldcalib.images.hypotheses import calibrate_from_consensus, calibrate_localized
 from fieldcalib.images.line_profiles import Markings
-from fieldcalib.images.paint_evidence import paint_evidence
 from fieldcalib.images.pictures import Method, with_aspect_told, without_borders
 from fieldcalib.images.refinement import (
     SEARCH_RANGES,
@@ -189,15 +188,8 @@ def _calibrated(
                 calibrations[index] = _best_supported(markings, image, candidates)
             if sizes:
                 again = partial(_on_another_field, image, part, calibrations[index], flags=flags, prior=prior)
-                calibrations[index] = _seen(image, on_told_size(calibrations[index], again), calibrations[index])
+                calibrations[index] = on_told_size(calibrations[index], again)
     return [calibrations[index] for index in range(len(images))]
-
-
-def _seen(image: Image, calibration: Calibration, before: Calibration) -> Calibration:
-    """A calibration with what its image shows of the markings, if it is not the one of before."""
-    if calibration is before or calibration.camera is None or calibration.field is None:
-        return calibration
-    return calibration.seen_in_image(paint_evidence(image, calibration.camera, Markings.of(calibration.field)).markings)
 
 
 def _on_another_field(
@@ -212,15 +204,12 @@ def _on_another_field(
 ) -> Calibration:
     """An image on a field of another size, from a camera that fits the lines that were found in it."""
     markings = Markings.of(field)
-
-    def refined(start: Calibration) -> Refined:
-        given = ToRefine(image, start, found.pixels, found.weights, are_detected=True)
-        (one,) = refine_all(field, markings, [given], flags=flags, prior=prior, search_ranges=SEARCH_RANGES[-1:])
-        return one
-
-    again = refined(start := replace(calibration, camera=camera, field=field))
+    start = replace(calibration, camera=camera, field=field)
+    given = ToRefine(image, start, found.pixels, found.weights, are_detected=True)
+    (again,) = refine_all(field, markings, [given], flags=flags, prior=prior, search_ranges=SEARCH_RANGES[-1:])
     if again.calibration is start:  # lines that are found anew are no better than those of before
-        again = refined(on_found_lines(calibration, field, camera, flags=flags, prior=prior))
+        kept = on_found_lines(calibration, field, camera, flags=flags, prior=prior)
+        (again,) = unrefined(markings, [replace(given, calibration=kept)], paint=True)
     ((one, _),) = _judged(field, [found], [again], refine=True, least_support=LEAST_SUPPORT)
     return one
 
