@@ -37,6 +37,7 @@ from pathlib import Path
 
 import numpy as np
 
+from data_tools.crown import on_crown
 from data_tools.measured_cameras import SIZE, camera_files, observed, read_camera
 from data_tools.random_frames import RandomFrame, random_frame
 from fieldcalib._types import Array
@@ -68,17 +69,19 @@ EXACT = 0.7  # share of the pitches of 105 x 68 m
 COVERAGES = (100, 98, 95, 90, 80)
 
 
-def largest_true_error(camera: Camera, truth: Camera, field: Field, pitch: Field | None = None) -> float:
+def largest_true_error(
+    camera: Camera, truth: Camera, field: Field, pitch: Field | None = None, *, crown: float = 0.0
+) -> float:
     """How far a camera takes a point of the field for off, at most, over what is in view; metres.
 
     It is relative to the markings in view (`fieldcalib.assess.datum`): the camera was calibrated on a field, and what
-    the true one sees is a pitch, of another size perhaps.
+    the true one sees is a pitch, of another size perhaps, and crowned by so many metres.
     """
     pitch = field if pitch is None else pitch
     X = ground_in_view(truth, pitch, FINER)
     if not len(X):
         return float("nan")
-    off = (camera.image_to_field(truth.project(X)) - X)[:, :2]
+    off = (camera.image_to_field(truth.project(on_crown(X, pitch, crown))) - X)[:, :2]
     wrong_by = np.array([field.length - pitch.length, field.width - pitch.width])
     if np.any(wrong_by):
         layout = Layout.of(truth.image_size, truth.lens)

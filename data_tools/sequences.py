@@ -69,7 +69,7 @@ def run(options: argparse.Namespace) -> int:
         lines = painted(field, rng, options.paint)
         empty = EMPTY_SHARE if options.matches else 0.0
         frames = [frame.pixels for frame in labelled(cameras, lines, rng, options.noise, empty_share=empty)]
-        matches = _matches(cameras, rng, options.flies) if options.matches else None
+        matches = tied(cameras, rng, options.flies) if options.matches else None
         shared = SHARED_IN_MOTION if options.flies else SHARED
         found = calibrate_sequence(field, frames, SIZE, shared=shared, matches=matches)
         together += [
@@ -87,10 +87,10 @@ def run(options: argparse.Namespace) -> int:
     return 0
 
 
-def _matches(
+def tied(
     cameras: Sequence[Camera], rng: np.random.Generator, on_ground: bool
 ) -> dict[tuple[int, int], tuple[Array, Array]]:
-    """Of every frame with the keyframe before it, and of keyframes with those before them."""
+    """Static points that every frame shares with the keyframe before it, and keyframes with those before them."""
     keys = range(0, len(cameras), KEY_EVERY)
     pairs = [(t // KEY_EVERY * KEY_EVERY, t) for t in range(len(cameras)) if t not in keys]
     pairs += [(keys[k - back], keys[k]) for k in range(len(keys)) for back in BACK if k >= back]

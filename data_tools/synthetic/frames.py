@@ -10,6 +10,7 @@ from data_tools.synthetic.cameras import is_behind_goal, random_camera
 from data_tools.synthetic.games import Game, game_named
 from data_tools.synthetic.masks import Mask, markings_mask
 from data_tools.synthetic.pictures import add_graphics, degraded, random_picture
+from fieldcalib._types import BoolArray, Float32
 from fieldcalib.cli.fields import SOCCER
 from fieldcalib.draw.ground import Ground, rays
 from fieldcalib.draw.scene import to_uint8
@@ -73,12 +74,19 @@ def frame(seed: int, size: tuple[int, int] = SIZE, name: str = SOCCER) -> Synthe
 def seen_by(camera: Camera, field: Field, rng: np.random.Generator, game: Game) -> SyntheticFrame:
     """A frame of a random game as a given camera sees it; its size is the camera's."""
     ray = rays(camera)
-    ground = Ground.of_rays(camera, ray)
+    image, hidden = filmed(camera, ray, Ground.of_rays(camera, ray), field, rng, game)
+    mask = np.where(hidden, np.uint8(0), markings_mask(camera, field, game.classes))
+    return SyntheticFrame(image, mask, camera, field)
+
+
+def filmed(
+    camera: Camera, ray: Float32, ground: Ground, field: Field, rng: np.random.Generator, game: Game
+) -> tuple[Image, BoolArray]:
+    """A random game on the ground that the rays of a camera meet, and which pixels hide the field."""
     light = game.light(ground, field, rng)
     picture = game.ground(ground, field, rng) * light
     hidden = game.surround(picture, camera, ray, ground, field, rng)
     image = to_uint8(picture)
     game.add_objects(image, light, camera, field, rng)
     hidden |= add_graphics(image, rng)
-    mask = np.where(hidden, np.uint8(0), markings_mask(camera, field, game.classes))
-    return SyntheticFrame(degraded(image, rng), mask, camera, field)
+    return degraded(image, rng), hidden

@@ -1,0 +1,80 @@
+"""Pitches that are crowned: built higher in the middle than at the touchlines, so that rain runs off.
+
+The ground is at height ``h (1 - (2 y / W)^2)`` above the touchlines, which are W apart; beside them it is level.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from fieldcalib._types import Array, Float32
+from fieldcalib.draw.ground import Ground
+from fieldcalib.fields.field import Field
+from fieldcalib.fields.segments import Point, PointCloud, Segment
+from fieldcalib.geometry.camera import Camera
+
+SPACING = 0.1  # m between the points of a curve
+ROUNDS = 4  # of following a ray to the height where it meets the ground: to a millimetre from any camera on a stand
+
+
+def on_crown(X: Array, field: Field, crown: float) -> Array:
+    """Points (..., 3) of a level field where they are on one that is crowned by so many metres.
+
+    Examples
+    --------
+    >>> from fieldcalib.fields.soccer import soccer
+    >>> on_crown(np.array([[3.0, 0.0, 0.0], [3.0, 34.0, 0.0]]), soccer(), 0.3)  # z points down
+    array([[ 3. ,  0. , -0.3],
+           [ 3. , 34. ,  0. ]])
+    """
+    return np.concatenate([X[..., :2], X[..., 2:] - _height(X[..., 1:2], field, crown)], axis=-1) + 0.0
+
+
+def crowned(field: Field, crown: float) -> Field:
+    """A field with the segments on its ground on a crowned one; halves of circles are left out.
+
+    Examples
+    --------
+    >>> from fieldcalib.fields.soccer import soccer
+    >>> float(crowned(soccer(), 0.3)["Middle line"].sample()[:, 2].min().round(3))  # z points down
+    -0.3
+    """
+
+    def raised(segment: Segment) -> Segment:
+        X = segment.sample(SPACING)
+        if isinstance(segment, Point) or np.any(X[:, 2]):
+            return segment
+        return PointCloud(tuple(map(tuple, on_crown(X, field, crown).tolist())), ordered=True)
+
+    kept = {label: raised(one) for label, one in field.segments.items() if label not in field.half_labels}
+    return replace(field, segments=kept, halves={})
+
+
+def crowned_ground(camera: Camera, ray: Float32, field: Field, crown: float) -> Ground:
+    """Where the rays of a camera's pixels meet a crowned ground; NaN for those above the horizon.
+
+    Examples
+    --------
+    >>> from fieldcalib.draw.ground import rays
+    >>> from fieldcalib.fields.soccer import soccer
+    >>> camera = Camera.from_angles(0.0, 1.3, 0.0, 1500.0, (0.0, 60.0, -15.0), (960, 540))
+    >>> x, y = crowned_ground(camera, rays(camera), soccer(), 0.3).xy[:, 260, 480]
+    >>> bool(np.allclose(camera.project(on_crown(np.array([x, y, 0.0]), soccer(), 0.3)), (480, 260), atol=0.01))
+    True
+    """
+    C = camera.C.astype(np.float32)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        xy = Ground.of_rays(camera, ray).xy
+        for _ in range(ROUNDS):
+            scale = (-_height(xy[1], field, crown).astype(np.float32) - C[2]) / ray[2]
+            scale[~(scale > 0.0)] = np.nan
+            xy = C[:2, None, None] + scale * ray[:2]
+        along_column, along_row = np.gradient(xy, axis=(1, 2))
+    return Ground(xy, np.asarray(along_row, np.float32), np.asarray(along_column, np.float32))
+
+
+def _height(y: Array | Float32, field: Field, crown: float) -> Array:
+    """Of the ground at y, metres."""
+    return np.asarray(crown * np.maximum(1.0 - np.square(2.0 * y / field.width), 0.0))

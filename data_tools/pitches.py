@@ -1,0 +1,168 @@
+"""The probability that a camera is right on pitches of any size, seen from one end or both, level and crowned.
+
+    python -m data_tools.pitches pictures [--frames N]
+    python -m data_tools.pitches clips [--clips N]
+
+Of the pitches 60 % are 105 x 68 m, 30 % of a size for international matches, and 10 % of any legal one up to 115 m; a
+third is crowned by up to 0.35 m.
+`pictures` renders them from random stands and calibrates the images (`calibrate_from_images`). `clips` draws cameras
+that pan, half of them over one end alone, and labels of their frames, half of which have none and are tied to others by
+static points; these are calibrated together, with the pitch's size (`calibrate_sequence`).
+
+Of each kind the frames are ordered by their probability and divided into bins of 500. Printed are, for 0.5 and 1 m, of
+each bin the mean probability and the share that is right, percent, and the gap between both: its mean and its largest
+one. A camera is right if it takes no point in view for farther off than that, relative to the markings in view.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+from collections.abc import Iterator, Sequence
+from typing import NamedTuple
+
+import numpy as np
+
+from data_tools.crown import crowned, crowned_ground
+from data_tools.probability import TOLERANCES, largest_true_error
+from data_tools.sequences import EMPTY_SHARE, tied
+from data_tools.synthetic.cameras import random_camera
+from data_tools.synthetic.clips import camera_path, labelled, painted
+from data_tools.synthetic.frames import filmed
+from data_tools.synthetic.games import Game, game_named
+from fieldcalib.assess.result import Calibration, Verdict
+from fieldcalib.calibrate.sequence import calibrate_sequence
+from fieldcalib.cli.arguments import count
+from fieldcalib.cli.fields import SOCCER
+from fieldcalib.cli.main import run_command
+from fieldcalib.draw.ground import rays
+from fieldcalib.fields.field import Field
+from fieldcalib.fields.soccer import soccer
+from fieldcalib.geometry.camera import Camera
+from fieldcalib.images.from_images import calibrate_from_images
+from fieldcalib.io.image import Image
+from fieldcalib.io.images import IMAGES_AT_ONCE
+from fieldcalib.localize.network import SegmentationNetwork
+
+SIZE = (960, 540)
+# Ranges of length and width, m: the usual size, those of international matches, and others that law 1 allows
+SIZES = ((105.0, 105.0), (68.0, 68.0)), ((100.0, 110.0), (64.0, 75.0)), ((90.0, 115.0), (45.0, 90.0))
+SHARES = (0.6, 0.3, 0.1)
+CROWNED_SHARE, HIGHEST = 1.0 / 3.0, 0.35  # of the pitches, and metres
+PATH, FRAMES = 300, 20  # frames of a clip, and of these calibrated
+ONE_END, BOTH_ENDS = (-0.75, -0.35), (-0.6, 0.6)  # radians of pan
+BIN = 500
+
+
+class Judged(NamedTuple):
+    """A camera that was found, and how far it takes a point in view for off, metres."""
+
+    kind: str
+    found: Calibration
+    error: float
+
+
+def random_pitch(rng: np.random.Generator) -> tuple[Field, float]:
+    """A pitch and its crown, metres.
+
+    Examples
+    --------
+    >>> rng = np.random.default_rng(0)
+    >>> pitches = [random_pitch(rng) for _ in range(1000)]
+    >>> round(np.mean([field.length == 105.0 for field, _ in pitches]), 1), max(crown for _, crown in pitches) < 0.35
+    (np.float64(0.6), True)
+    """
+    length, width = SIZES[rng.choice(len(SIZES), p=SHARES)]
+    crown = rng.uniform(0.0, HIGHEST) if rng.random() < CROWNED_SHARE else 0.0
+    return soccer(rng.uniform(*length), rng.uniform(*width)), crown
+
+
+def judged(found: Calibration, truth: Camera, pitch: Field, crown: float, kind: str) -> Iterator[Judged]:
+    """One, if a camera with a probability was found and the field is in view."""
+    if found.camera is None or not found.has_probability or found.field is None:
+        return
+    error = largest_true_error(found.camera, truth, found.field, pitch, crown=crown)
+    if not np.isnan([error, found.probability()]).any():
+        yield Judged(kind + (", crowned" if crown else ", level"), found, error)
+
+
+def of_pictures(frames: int, rng: np.random.Generator) -> Iterator[Judged]:
+    """Rendered pictures, calibrated by themselves."""
+    network, game = SegmentationNetwork.load(), game_named(SOCCER)
+    left = frames
+    while left:
+        shown = [_picture(game, rng) for _ in range(min(left, IMAGES_AT_ONCE))]
+        left -= len(shown)
+        calibrations = calibrate_from_images(soccer(), [image for image, *_ in shown], network)
+        for found, (_, camera, pitch, crown) in zip(calibrations, shown, strict=True):
+            yield from judged(found, camera, pitch, crown, "pictures")
+
+
+def _picture(game: Game, rng: np.random.Generator) -> tuple[Image, Camera, Field, float]:
+    pitch, crown = random_pitch(rng)
+    camera = random_camera(pitch, SIZE, rng, game.stands)
+    ray = rays(camera)
+    image, _ = filmed(camera, ray, crowned_ground(camera, ray, pitch, crown), pitch, rng, game)
+    return image, camera, pitch, crown
+
+
+def of_clips(clips: int, rng: np.random.Generator) -> Iterator[Judged]:
+    """Labelled clips, whose frames are calibrated together."""
+    for number in range(clips):
+        pitch, crown = random_pitch(rng)
+        ends = ONE_END if number % 2 else BOTH_ENDS
+        cameras = camera_path(rng, PATH, pan_range=ends, image_size=SIZE)[:: PATH // FRAMES]
+        lines = painted(pitch, rng)
+        frames = labelled(cameras, crowned(lines, crown) if crown else lines, rng, empty_share=EMPTY_SHARE)
+        matches = tied(cameras, rng, on_ground=False)
+        pixels = [one.pixels for one in frames]
+        found = calibrate_sequence(soccer(), pixels, SIZE, matches=matches, trust_labels=True)  # no label is wrong
+        kind = "clips, one end" if number % 2 else "clips, both ends"
+        for one, camera in zip(found, cameras, strict=True):
+            yield from judged(one, camera, pitch, crown, kind)
+
+
+def reliability(found: Sequence[Judged], metres: float) -> dict[str, object]:
+    """Mean probability and share that is right of each bin, and the gaps between them, percent."""
+    p = np.array([one.found.probability(metres) for one in found])
+    right = np.array([one.error < metres for one in found])
+    order = np.argsort(p, kind="stable")
+    bins = np.array_split(order, max(len(order) // BIN, 1))
+    rows = np.array([[100.0 * np.mean(p[some]), 100.0 * np.mean(right[some])] for some in bins])
+    gaps = np.abs(rows[:, 0] - rows[:, 1])
+    of_bins = rows.round(1).tolist()
+    return {
+        "metres": metres,
+        "probability_right": of_bins,
+        "gap": [round(float(f(gaps)), 1) for f in (np.mean, np.max)],
+    }
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Print lines of JSON."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("what", choices=("pictures", "clips"))
+    parser.add_argument("--frames", type=count, default=3000, help="pictures (3000)")
+    parser.add_argument("--clips", type=count, default=300, help="clips, of 20 frames each (300)")
+    parser.add_argument("--seed", type=int, default=0)
+    parser.set_defaults(run=run)
+    return run_command(parser.parse_args(arguments))
+
+
+def run(options: argparse.Namespace) -> int:
+    """Measure and print; returns the exit code."""
+    rng = np.random.default_rng(options.seed)
+    all_of = list(of_pictures(options.frames, rng) if options.what == "pictures" else of_clips(options.clips, rng))
+    for kind in ("", *sorted({one.kind for one in all_of})):
+        some = [one for one in all_of if one.kind.startswith(kind)]
+        good = [one for one in some if one.found.verdict == Verdict.GOOD]
+        wrong = sum(one.error > max(TOLERANCES) for one in good)
+        kind = kind or options.what
+        print(json.dumps({"kind": kind, "frames": len(some), "good": len(good), "good_and_wrong": wrong}))
+        for metres in TOLERANCES:
+            print(json.dumps(reliability(some, metres)))
+    return 0
+
+
+if __name__ == "__main__":
+    raise SystemExit(main())
