@@ -17,7 +17,7 @@ from fieldcalib.assess.result import Verdict
 from fieldcalib.assess.whole_picture import CUT, SHAPE, PrincipalPointEvidence, seems_part
 from fieldcalib.calibrate.aspect import WAS_SQUASHED, told
 from fieldcalib.calibrate.batch import calibrate_batch
-from fieldcalib.calibrate.options import DEFAULT_FLAGS, PICTURE_FLAGS, CalibrationFlags
+from fieldcalib.calibrate.options import DEFAULT_FLAGS, CalibrationFlags
 from fieldcalib.cli.seen_shape import placement_seen
 from fieldcalib.draw.scene import render_field
 from fieldcalib.fields.catalogue import field_named
@@ -161,18 +161,18 @@ def test_cameras_of_basketball_games_are_read():
 @pytest.mark.parametrize("shape", [(540, 540), (810, 540), (960, 720)])
 def test_a_squashed_picture_is_told_by_its_labels(shape):
     pixels = {label: xy * np.divide(shape, SIZE) for label, xy in frame_of(noise=0.5).items()}
-    found = calibrate_from_segments(FIELD, pixels, shape, flags=PICTURE_FLAGS)
+    found = calibrate_from_segments(FIELD, pixels, shape, estimate_aspect=True)
     assert WAS_SQUASHED in found.message
     aspect = found.camera.K[1, 1] / found.camera.K[0, 0]
     assert aspect == pytest.approx(SIZE[0] / SIZE[1] * shape[1] / shape[0], rel=0.01)
     assert found.camera.C[2] == pytest.approx(CAMERA.C[2], rel=0.1)
-    (again,) = calibrate_batch(FIELD, [pixels], shape, flags=PICTURE_FLAGS)
+    (again,) = calibrate_batch(FIELD, [pixels], shape, estimate_aspect=True)
     assert again.camera.C[2] == pytest.approx(found.camera.C[2], rel=0.01)
 
 
 def test_a_frame_of_16_to_9_is_calibrated_as_it_is():
     one, other = (
-        calibrate_from_segments(FIELD, frame_of(), SIZE, flags=flags) for flags in (PICTURE_FLAGS, DEFAULT_FLAGS)
+        calibrate_from_segments(FIELD, frame_of(), SIZE, estimate_aspect=estimated) for estimated in (True, False)
     )
     assert one == other
 

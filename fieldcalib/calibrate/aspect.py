@@ -97,10 +97,15 @@ def with_aspect_as_told(
     calibrate: Callable[[Sequence[ImageSegments], tuple[int, int]], list[Calibration]],
     frames: Sequence[ImageSegments],
     image_size: tuple[int, int],
+    *,
+    estimated: bool,
 ) -> list[Calibration]:
-    """What a method makes of frames of one size, each as it is or as shown, whichever its labels make more likely."""
+    """What a method makes of frames of one size, each as it is or as shown, whichever its labels make more likely.
+
+    If the aspect ratio is not to be `estimated`, all are taken as they are.
+    """
     found = calibrate(frames, image_size)
-    if not may_be_squashed(image_size):
+    if not (estimated and may_be_squashed(image_size)):
         return found
     size = shown_size(image_size)
     shown = calibrate([stretched(frame, np.divide(size, image_size)) for frame in frames], size)

@@ -63,6 +63,7 @@ def calibrate_batch(
     trust_labels: bool = False,
     weights: Iterable[Weights] | None = None,
     paint: float = 0.0,
+    estimate_aspect: bool = False,
     cameras: Iterable[Camera] | None = None,
     executor: Executor | None = None,
 ) -> list[Calibration]:
@@ -76,13 +77,14 @@ def calibrate_batch(
         Pixels of each frame.
     image_size : (int, int)
         Width and height of every frame, pixels.
-    camera_matrix, dist_coeffs, rvec, tvec, flags, criteria, prior, loss, tau, trust_labels, paint
+    camera_matrix, dist_coeffs, rvec, tvec, flags, criteria, prior, loss, tau, trust_labels, paint, estimate_aspect
         As in `calibrate_from_segments`, for all frames alike.
     weights : iterable of mappings, optional
         As in `calibrate_from_segments`, for each frame.
     cameras : iterable of Camera, optional
         Initial cameras, one for each frame, as `CALIB_USE_INTRINSIC_GUESS` and `CALIB_USE_EXTRINSIC_GUESS` take one:
-        nothing else is searched, which is quicker where they are near. What the flags fix stays as it is in them.
+        nothing else is searched, which is quicker where they are near. What the flags fix stays as it is in them, and
+        they say the aspect ratio.
     executor : concurrent.futures.Executor, optional
         What works on the frames, 128 at once, e.g. `Processes`, or that of a cluster (dask's
         ``Client.get_executor()``); the results are the same.
@@ -103,25 +105,6 @@ def calibrate_batch(
     >>> [str(calibration.status) for calibration in calibrate_batch(soccer(), [{}, {}], (960, 540))]
     ['too few segments', 'too few segments']
     """
-    if flags is not None and flags & CalibrationFlags.CALIB_AUTO_ASPECT:
-        flags &= ~CalibrationFlags.CALIB_AUTO_ASPECT
-        if cameras is None and camera_matrix is None:
-            again = partial(
-                calibrate_batch,
-                object_segments,
-                rvec=rvec,
-                tvec=tvec,
-                flags=flags,
-                criteria=criteria,
-                prior=prior,
-                loss=loss,
-                tau=tau,
-                trust_labels=trust_labels,
-                weights=None if weights is None else list(weights),
-                paint=paint,
-                executor=executor,
-            )
-            return with_aspect_as_told(again, _several(frames), image_size)
     initial = None if cameras is None else _checked_cameras(cameras)
     if initial:
         if camera_matrix is not None or dist_coeffs is not None:
@@ -131,35 +114,46 @@ def calibrate_batch(
         rvec, tvec, camera_matrix, dist_coeffs = max(initial, key=lambda camera: len(camera.lens.names)).to_opencv()
         flags = (default_flags(prior) if flags is None else flags) | GUESS
     check_object(object_segments)
-    options = checked_options(
-        image_size,
-        camera_matrix,
-        dist_coeffs,
-        rvec,
-        tvec,
-        flags=flags,
-        criteria=criteria,
-        prior=prior,
-        loss=loss,
-        tau=tau,
-        field=object_segments if isinstance(object_segments, Field) else None,
-        paint=paint,
-    )
-    checked, pixel_weights = checked_frames(object_segments, frames, weights, options.image_size)
-    if initial is not None and len(initial) != len(checked):
-        raise ValueError(f"expected cameras for each of {len(checked)} frames, got {len(initial)}")
-    for index, camera in enumerate(initial or []):
+    each_weights = None if weights is None else list(weights)
+
+    def calibrated(some: Sequence[ImageSegments], size: tuple[int, int]) -> list[Calibration]:
+        options = checked_options(
+            size,
+            camera_matrix,
+            dist_coeffs,
+            rvec,
+            tvec,
+            flags=flags,
+            criteria=criteria,
+            prior=prior,
+            loss=loss,
+            tau=tau,
+            field=object_segments if isinstance(object_segments, Field) else None,
+            paint=paint,
+        )
+        checked, pixel_weights = checked_frames(object_segments, some, each_weights, options.image_size)
+        given = None if initial is None else _given(initial, len(checked), options)
+        found = calibrate_frames(
+            object_segments, checked, pixel_weights, options, given=given, trust_labels=trust_labels, executor=executor
+        )
+        if flags is None:
+            return found
+        known = initial or [GivenCamera(camera_matrix, dist_coeffs, rvec, tvec).camera(options.image_size)] * len(found)
+        return [as_fixed(one, camera, flags) for one, camera in zip(found, known, strict=True)]
+
+    is_estimated = estimate_aspect and camera_matrix is None
+    return with_aspect_as_told(calibrated, _several(frames), image_size, estimated=is_estimated)
+
+
+def _given(cameras: Sequence[Camera], count: int, options: Options) -> Array:
+    """Initial cameras as parameters, or a ValueError if they are not those of the frames."""
+    if len(cameras) != count:
+        raise ValueError(f"expected cameras for each of {count} frames, got {len(cameras)}")
+    for index, camera in enumerate(cameras):
         if camera.image_size != options.image_size:
             width, height = camera.image_size
             raise ValueError(f"frame {index}: its camera is for images of {width} x {height}; see Camera.scaled")
-    given = np.array([options.layout.theta(camera) for camera in initial]) if initial else None
-    found = calibrate_frames(
-        object_segments, checked, pixel_weights, options, given=given, trust_labels=trust_labels, executor=executor
-    )
-    if flags is None:
-        return found
-    known = initial or [GivenCamera(camera_matrix, dist_coeffs, rvec, tvec).camera(options.image_size)] * len(found)
-    return [as_fixed(one, camera, flags) for one, camera in zip(found, known, strict=True)]
+    return np.array([options.layout.theta(camera) for camera in cameras])
 
 
 def checked_frames(

@@ -11,7 +11,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
-from functools import partial
 from typing import Protocol
 
 import numpy as np
@@ -30,7 +29,6 @@ from fieldcalib.calibrate.label_ends import other_border
 from fieldcalib.calibrate.mislabels import Relabelled, without_mislabels
 from fieldcalib.calibrate.options import (
     DEFAULT_CRITERIA,
-    CalibrationFlags,
     Criteria,
     Options,
     Prior,
@@ -88,6 +86,7 @@ def calibrate_from_segments(
     trust_labels: bool = False,
     weights: Weights | None = None,
     paint: float = 0.0,
+    estimate_aspect: bool = False,
 ) -> Calibration:
     """Calibrate a camera from labelled pixels of one frame.
 
@@ -132,6 +131,10 @@ def calibrate_from_segments(
     paint : float
         Standard deviation, in metres, of where a line is painted as a whole. It is in the uncertainty: many pixels on
         one line do not average it out.
+    estimate_aspect : bool
+        Whether a picture of another shape than 16:9 may have been squashed from it: it is calibrated as it is and as it
+        would be shown, and what the labels make more likely is given, with the aspect ratio of its pixels. Where they
+        do not tell, the verdict is "check". A `camera_matrix` says the aspect ratio: then nothing is estimated.
 
     Returns
     -------
@@ -160,48 +163,34 @@ def calibrate_from_segments(
     ('accepted', 1600.0)
     """
     check_object(object_segments)
-    if flags is not None and flags & CalibrationFlags.CALIB_AUTO_ASPECT:
-        flags &= ~CalibrationFlags.CALIB_AUTO_ASPECT
-        if camera_matrix is None:
-            again = partial(
-                calibrate_from_segments,
-                object_segments,
-                rvec=rvec,
-                tvec=tvec,
-                flags=flags,
-                criteria=criteria,
-                prior=prior,
-                loss=loss,
-                tau=tau,
-                trust_labels=trust_labels,
-                weights=weights,
-                paint=paint,
-            )
-            (found,) = with_aspect_as_told(lambda some, size: [again(some[0], size)], [image_segments], image_size)
-            return found
-    options = checked_options(
-        image_size,
-        camera_matrix,
-        dist_coeffs,
-        rvec,
-        tvec,
-        flags=flags,
-        criteria=criteria,
-        prior=prior,
-        loss=loss,
-        tau=tau,
-        field=object_segments if isinstance(object_segments, Field) else None,
-        paint=paint,
-    )
-    frame = check_segments(object_segments, image_segments, options.image_size)
-    frame, pixel_weights = check_weights(object_segments, frame, weights)
-    if not frame:
-        return Calibration.without_camera(Status.TOO_FEW_SEGMENTS, NO_PIXELS)
-    (calibration,) = calibrate_checked(
-        object_segments, [frame], [pixel_weights], options, finished, trust_labels=trust_labels
-    )
-    given = GivenCamera(camera_matrix, dist_coeffs, rvec, tvec)
-    return calibration if flags is None else as_fixed(calibration, given.camera(options.image_size), flags)
+
+    def calibrated(frames: Sequence[ImageSegments], size: tuple[int, int]) -> list[Calibration]:
+        options = checked_options(
+            size,
+            camera_matrix,
+            dist_coeffs,
+            rvec,
+            tvec,
+            flags=flags,
+            criteria=criteria,
+            prior=prior,
+            loss=loss,
+            tau=tau,
+            field=object_segments if isinstance(object_segments, Field) else None,
+            paint=paint,
+        )
+        frame = check_segments(object_segments, frames[0], options.image_size)
+        frame, pixel_weights = check_weights(object_segments, frame, weights)
+        if not frame:
+            return [Calibration.without_camera(Status.TOO_FEW_SEGMENTS, NO_PIXELS)]
+        found = calibrate_checked(
+            object_segments, [frame], [pixel_weights], options, finished, trust_labels=trust_labels
+        )
+        camera = GivenCamera(camera_matrix, dist_coeffs, rvec, tvec).camera(options.image_size)
+        return found if flags is None else [as_fixed(one, camera, flags) for one in found]
+
+    is_estimated = estimate_aspect and camera_matrix is None
+    return with_aspect_as_told(calibrated, [image_segments], image_size, estimated=is_estimated)[0]
 
 
 def finished(start: Evaluation, *, max_iterations: int, tolerance: float) -> Solution:

@@ -89,11 +89,6 @@ class CalibrationFlags(IntFlag):
     CALIB_AUTO_LENS = 1 << 30
     """Estimate as much of the lens as the labels call for: k2, then k3 and the tangential coefficients, are freed where
     that makes the labels much more likely; the message says so."""
-    CALIB_AUTO_ASPECT = 1 << 31
-    """Estimate whether pictures of another shape than 16:9 were squashed from it: they are calibrated as they are and
-    as they would be shown, and what the labels make more likely is given, with the aspect ratio of their pixels. Where
-    they do not tell, the verdict is "check". What is given of the camera's matrix says the aspect ratio, and so do
-    initial cameras: then it does nothing."""
     CALIB_FIX_ROTATION = 1 << 27
     """Keep the rotation of `rvec`: a head that says where it points."""
 
@@ -117,7 +112,6 @@ DEFAULT_FLAGS = (
     | CalibrationFlags.CALIB_FIX_K3
     | CalibrationFlags.CALIB_FIX_TANGENT_DIST
 )
-PICTURE_FLAGS = DEFAULT_FLAGS | CalibrationFlags.CALIB_AUTO_ASPECT  # of pictures that nobody has said anything of
 PINHOLE_FLAGS = (
     DEFAULT_FLAGS | CalibrationFlags.CALIB_FIX_K1 | CalibrationFlags.CALIB_FIX_PRINCIPAL_POINT
 )  # K has f alone

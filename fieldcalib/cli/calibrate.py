@@ -13,7 +13,7 @@ from fieldcalib.assess.result import Calibration
 from fieldcalib.assess.together import compute_errors
 from fieldcalib.calibrate.batch import calibrate_batch
 from fieldcalib.calibrate.field_size import FieldSize, estimate_field_size
-from fieldcalib.calibrate.options import ALL, CalibrationFlags, Prior
+from fieldcalib.calibrate.options import ALL, Prior
 from fieldcalib.cli.arguments import (
     add_camera,
     add_input_and_output,
@@ -144,10 +144,16 @@ class _Method:
         return self.prior if self.types is None else DISTRIBUTIONS_OF_TYPE.get(self.types.get(id, ""), ALL)
 
     def _calibrated(self, frames: list[Pixels], prior: Prior, size: tuple[int, int]) -> list[Calibration]:
-        given, flags = self.known.given(size), self.known.flags
-        if is_aspect_estimated(self.options):
-            flags |= CalibrationFlags.CALIB_AUTO_ASPECT
-        return calibrate_batch(self.field, frames, size, *given, prior=prior, flags=flags, tau=self.tau)
+        return calibrate_batch(
+            self.field,
+            frames,
+            size,
+            *self.known.given(size),
+            flags=self.known.flags,
+            prior=prior,
+            tau=self.tau,
+            estimate_aspect=is_aspect_estimated(self.options),
+        )
 
     def _on_free_field(self, frames: dict[str, Pixels], placement: Placement) -> list[Found]:
         (prior,) = {self._prior_of(id) for id in frames}

@@ -16,7 +16,6 @@ import numpy as np
 
 from fieldcalib.assess.result import Calibration
 from fieldcalib.calibrate.field_size import shared_size
-from fieldcalib.calibrate.options import CalibrationFlags
 from fieldcalib.cli.arguments import (
     add_camera,
     add_cut,
@@ -240,7 +239,6 @@ class FromImages:
     def _calibrated(self, field: Field, images: Sequence[Image]) -> list[Calibration]:
         known, prior = KnownCamera.of(self.options), prior_of(self.options)
         refine, has_borders = self.options.refine, self.options.crop_of is None
-        flags = known.flags | (CalibrationFlags.CALIB_AUTO_ASPECT if is_aspect_estimated(self.options) else 0)
         by_size: dict[tuple[int, int], list[int]] = {}
         for index, image in enumerate(images):  # known intrinsics are of one size, nothing else depends on it
             size = (image.shape[1], image.shape[0]) if known.intrinsics is not None else (0, 0)
@@ -254,10 +252,11 @@ class FromImages:
                 of_size,
                 self.network,
                 *given,
-                flags=flags,
+                flags=known.flags,
                 prior=prior,
                 refine=refine,
                 take_off_borders=has_borders,
+                estimate_aspect=is_aspect_estimated(self.options),
                 estimate_size=self.options.field_size == ESTIMATED,
             )
             found.update(zip(members, calibrations, strict=True))

@@ -9,7 +9,6 @@ import numpy as np
 
 from fieldcalib.assess.whole_picture import SHAPE
 from fieldcalib.calibrate.aspect import WAS_SQUASHED, may_be_squashed, shown_size
-from fieldcalib.calibrate.options import CalibrationFlags
 from fieldcalib.cli.declared import Crop, Placement
 from fieldcalib.cli.fields import field_of, prior_of
 from fieldcalib.cli.known_camera import KnownCamera
@@ -35,7 +34,7 @@ def placement_seen(options: argparse.Namespace, images: Sequence[Image], network
         return Placement(size, size, Crop((size[0] - 2 * x, size[1] - 2 * y), (-x, -y)))
     if not may_be_squashed(size):
         return None
-    flags = KnownCamera.of(options).flags | CalibrationFlags.CALIB_AUTO_ASPECT
+    flags = KnownCamera.of(options).flags
     found = calibrate_from_images(field_of(options), images, network, flags=flags, prior=prior_of(options))
     squashed = [WAS_SQUASHED in one.message and SHAPE not in one.complaints for one in found]
     return Placement(size, shown_size(size), None) if np.mean(squashed) >= MOST else None

@@ -106,6 +106,8 @@ class ClipSolver:
                 *self.given,
                 flags=self.flags,
                 prior=self.prior,
+                take_off_borders=False,
+                estimate_aspect=False,
                 estimate_size=False,  # all frames together tell it
             )
             for key, calibration in zip(keys, found, strict=True):

@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike
 from fieldcalib.assess.result import LEAST_PROBABILITY, Calibration, Status
 from fieldcalib.assess.together import compute_errors
 from fieldcalib.calibrate.given_camera import GivenCamera
-from fieldcalib.calibrate.options import ALL, PICTURE_FLAGS, CalibrationFlags, Prior
+from fieldcalib.calibrate.options import ALL, DEFAULT_FLAGS, Prior
 from fieldcalib.calibrate.told_size import on_told_size
 from fieldcalib.fields.field import Field
 from fieldcalib.fields.segments import ObjectSegments
@@ -57,10 +57,11 @@ def calibrate_from_images(
     rvec: ArrayLike | None = None,
     tvec: ArrayLike | None = None,
     *,
-    flags: int = PICTURE_FLAGS,
+    flags: int = DEFAULT_FLAGS,
     prior: Prior = ALL,
     refine: bool = True,
     take_off_borders: bool = True,
+    estimate_aspect: bool = True,
     estimate_size: bool = True,
     executor: Executor | None = None,
 ) -> list[Calibration]:
@@ -76,14 +77,16 @@ def calibrate_from_images(
         Finds the markings, e.g. `SegmentationNetwork.load()`.
     camera_matrix, dist_coeffs, rvec, tvec, flags, prior
         As in `calibrate_from_segments`, the same for all images; with `camera_matrix` these must be of one size. What
-        flags fix holds in the refinement too, and is in the results to the last bit. By default it is estimated whether
-        pictures were squashed (`CALIB_AUTO_ASPECT`): `DEFAULT_FLAGS` say that their pixels are square.
+        flags fix holds in the refinement too, and is in the results to the last bit.
     refine : bool
         Whether cameras are refined on the lines in the images (`refine_on_image`): more accurate, and takes 1.4 times
         as long.
     take_off_borders : bool
         Whether black borders are left out, where no `camera_matrix` is given: cameras are in pixels of the whole
         pictures, with the principal point near the middle of what is shown.
+    estimate_aspect : bool
+        Whether pictures of another shape than 16:9 may have been squashed from it, as in `calibrate_from_segments`; not
+        without a prior. Otherwise their pixels are square, or as the `camera_matrix` says.
     estimate_size : bool
         Whether an image that tells another size of a field than the given one, which is not said to be known
         (`size_known`), is calibrated on a field of that size: `Calibration.field`. It takes a refinement, and a camera
@@ -119,19 +122,18 @@ def calibrate_from_images(
     check_object(object_segments)
     check_network(network)
     given = GivenCamera(camera_matrix, dist_coeffs, rvec, tvec)
-    kept = flags & ~CalibrationFlags.CALIB_AUTO_ASPECT
     of_part: Method = partial(
         _calibrated,
         object_segments,
         network=network,
-        flags=kept,
+        flags=flags,
         prior=prior,
         given=given,
         refine=refine,
         estimate_size=estimate_size,
     )
-    if flags != kept and camera_matrix is None and prior is not None:
-        of_part = partial(with_aspect_told, of_part, object_segments=object_segments, flags=kept, prior=prior)
+    if estimate_aspect and camera_matrix is None and prior is not None:
+        of_part = partial(with_aspect_told, of_part, object_segments=object_segments, flags=flags, prior=prior)
     if take_off_borders and camera_matrix is None:
         of_part = partial(without_borders, of_part)
     checked = each_checked(images) if camera_matrix is None else _of_one_size(each_checked(images))

@@ -143,6 +143,8 @@ def _labels(options: KeyframeOptions, seen: Seen) -> Labels | None:
         *options.given,
         flags=options.flags,
         prior=options.prior,
+        take_off_borders=False,
+        estimate_aspect=False,
         estimate_size=False,  # all keyframes together tell it
     )
     if not found.accepted or found.solved is None:
