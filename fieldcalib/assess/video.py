@@ -12,6 +12,7 @@ import numpy as np
 from fieldcalib._extras import imported
 from fieldcalib._types import IntArray
 from fieldcalib.assess.frame_sequence import FrameSequence, read_record
+from fieldcalib.assess.placement import Shape
 from fieldcalib.assess.result import Calibration, Status
 from fieldcalib.assess.sequence import NUMBERS, Basis, SequenceCalibration
 
@@ -60,6 +61,9 @@ class VideoCalibration(FrameSequence):
     notes: tuple[str, ...] = ()
     """What was found of the camera where its frames do not share what they are to share: which model was taken, and why
     (`fieldcalib.images.clip_models`)."""
+    shape: Shape | None = None
+    """Black borders that were left out, and pixels that are not square: `tripods` are in pixels of what is shown, the
+    frames of this sequence in those of the pictures. None where pictures are as they seem."""
 
     @classmethod
     def joined(cls, parts: Sequence[VideoCalibration]) -> VideoCalibration:
@@ -79,6 +83,7 @@ class VideoCalibration(FrameSequence):
             np.concatenate(tripod),
             np.concatenate([np.zeros(0, dtype=np.intp), *(part.number for part in parts)]),
             tuple(note for part in parts for note in part.notes),
+            next((part.shape for part in parts), None),
         )
 
     def __len__(self) -> int:
@@ -88,7 +93,8 @@ class VideoCalibration(FrameSequence):
         if self.tripod[t] == NO_TRIPOD:
             return Calibration.without_camera(Status.TOO_FEW_SEGMENTS, "nothing in this shot tells the camera")
         tripod: SequenceCalibration = self.tripods[self.tripod[t]]
-        return tripod[int(self.number[t])]
+        found = tripod[int(self.number[t])]
+        return found if self.shape is None else self.shape.in_picture(found)
 
     def _at(self, index: IntArray) -> VideoCalibration:
         shot, tripod = self.shot[index], self.tripod[index]
@@ -106,6 +112,7 @@ class VideoCalibration(FrameSequence):
             np.array([place[k] for k in tripod.tolist()], dtype=np.intp),
             number,
             self.notes,
+            self.shape,
         )
 
     @property
@@ -151,6 +158,7 @@ class VideoCalibration(FrameSequence):
             "tripod": self.tripod.tolist(),
             "number": self.number.tolist(),
             "notes": list(self.notes),
+            "shape": None if self.shape is None else self.shape.to_dict(),
         }
 
     @classmethod
@@ -172,4 +180,5 @@ class VideoCalibration(FrameSequence):
             np.array(record["tripod"], dtype=np.intp),
             np.array(record["number"], dtype=np.intp),
             tuple(record["notes"]),
+            None if record.get("shape") is None else Shape.from_dict(record["shape"]),
         )

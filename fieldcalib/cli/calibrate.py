@@ -9,6 +9,7 @@ from dataclasses import dataclass
 from functools import partial
 from typing import Any
 
+from fieldcalib.assess.placement import Placement
 from fieldcalib.assess.result import Calibration
 from fieldcalib.assess.together import compute_errors
 from fieldcalib.calibrate.batch import calibrate_batch
@@ -20,7 +21,7 @@ from fieldcalib.cli.arguments import (
     positive,
     probability,
 )
-from fieldcalib.cli.declared import Placement, add_declarations, is_aspect_estimated
+from fieldcalib.cli.declared import add_declarations, declared_placement, is_aspect_estimated
 from fieldcalib.cli.fields import ESTIMATED, KNOWN, add_field, field_of, prior_of
 from fieldcalib.cli.folder import Found, by_prior, calibrate_folder
 from fieldcalib.cli.known_camera import KnownCamera, add_known_camera
@@ -71,7 +72,7 @@ def run(options: argparse.Namespace) -> int:
     known = KnownCamera.of(options)
     if options.size is not None:
         try:
-            known.given(Placement.declared(options, options.size).frame_size)
+            known.given(declared_placement(options, options.size).frame_size)
         except BrokenFileError as error:
             raise ValueError(f"--size {error}") from None
     if known.is_any and free is not None:
@@ -131,7 +132,7 @@ class _Method:
     free_field_size: str | None
 
     def __call__(self, pictures: dict[str, Pixels], size: tuple[int, int]) -> list[Found]:
-        placement = Placement.declared(self.options, size)
+        placement = declared_placement(self.options, size)
         frames = {id: placement.to_frame(pixels) for id, pixels in pictures.items()}
         if self.free_field_size is not None:
             return self._on_free_field(frames, placement)

@@ -8,19 +8,18 @@ import sys
 import time
 from collections.abc import Callable, Iterator
 from dataclasses import replace
-from functools import partial
-from itertools import islice
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from fieldcalib.assess.placement import Placement
 from fieldcalib.assess.result import Calibration
 from fieldcalib.assess.sequence import SequenceCalibration
 from fieldcalib.assess.video import VideoCalibration
 from fieldcalib.calibrate.given_camera import check_of_clip
 from fieldcalib.cli.arguments import cut_of
-from fieldcalib.cli.declared import Placement, is_aspect_estimated
+from fieldcalib.cli.declared import is_aspect_estimated
 from fieldcalib.cli.fields import ESTIMATED, field_of, prior_of
 from fieldcalib.cli.frames import (
     Frame,
@@ -47,7 +46,6 @@ from fieldcalib.cli.results import (
     result_folder,
 )
 from fieldcalib.cli.run_record import RunRecord
-from fieldcalib.cli.seen_shape import APART, SEEN, placement_seen
 from fieldcalib.draw.clip_plot import plot_sequence
 from fieldcalib.draw.contact_sheet import contact_sheet, worst_frames
 from fieldcalib.draw.overlays import draw_calibration
@@ -61,7 +59,7 @@ from fieldcalib.io.videos import VideoReader
 
 IN_SHEET = 12  # frames
 USUAL_RATE = 25.0  # frames per second of the overlay of images
-PASSES = ("matching", "finding lines", "drawing")  # what the frames are read for
+PASSES = ("looking", "matching", "finding lines", "drawing")  # what the frames are read for
 
 
 def is_clip(options: argparse.Namespace) -> bool:
@@ -104,15 +102,6 @@ class ClipInput:
             first = next((image for image in images if image is not None), None)
         return (0, 0) if first is None else self.place(first).frame_size
 
-    def some(self) -> list[Image]:
-        """Some of the first frames, as they are."""
-        if self._files is None:
-            with self._opened() as video:
-                return list(islice(video, 0, SEEN * APART, APART))
-        read = ReadImage(self.options.most_bytes, self.options.most_pixels, self.place)
-        images = (read(file).image for file in self._files[: SEEN * APART : APART])
-        return [image for image in images if image is not None]
-
     def _opened(self) -> VideoReader:
         options = self.options
         return VIDEOS.read(options.input[0], options.most_pixels, cut=cut_of(options), threads=video_threads(options))
@@ -125,15 +114,15 @@ class ClipInput:
 
     def frames(self) -> Iterator[Frame]:
         """The images as they are; what is wrong with one is said on stderr, once."""
-        first = not self.ids
+        ids = []
         with progress_bar(desc=next(self._passes, ""), total=len(self.ids) or None, unit="frame") as progress:
             for frame in self._from_video() if self._files is None else self._from_files():
-                if first:
-                    self.ids.append(frame.id)
-                    if frame.image is None:
-                        self.broken[frame.id] = frame.problem
+                ids.append(frame.id)
+                if frame.image is None:
+                    self.broken[frame.id] = frame.problem
                 yield frame
                 progress.update()
+        self.ids = ids
 
     def _from_video(self) -> Iterator[Frame]:
         with self._opened() as video:
@@ -194,8 +183,6 @@ def run_clip(options: argparse.Namespace, place: Callable[[Image], Placement]) -
     check_of_clip(known.flags)
     field, network = field_of(options), load_network(options)
     clip = ClipInput(options, place)
-    if is_aspect_estimated(options) and (seen := placement_seen(options, clip.some(), network)) is not None:
-        place = clip.place = partial(_as_seen, seen)
     given = known.given((0, 0) if known.intrinsics is None else clip.frame_size())
     record = RunRecord.of(options, clip.files, unit=PART, writes=[CAMERAS.file_name("<id>")])
     with result_folder(options, record, began) as results:
@@ -209,6 +196,8 @@ def run_clip(options: argparse.Namespace, place: Callable[[Image], Placement]) -
             *given,
             flags=known.flags,
             prior=prior_of(options),
+            take_off_borders=options.crop_of is None,
+            estimate_aspect=is_aspect_estimated(options),
             estimate_size=options.field_size == ESTIMATED,
             camera=options.camera,
             parts=parts,
@@ -248,11 +237,6 @@ def run_clip(options: argparse.Namespace, place: Callable[[Image], Placement]) -
             write_image(options.out / WORST, contact_sheet([pictures[index] for index in worst], captions))
         parts.remove()
     return 1 if clip.broken or clip.loss else 0
-
-
-def _as_seen(placement: Placement, image: Image) -> Placement:
-    """The place of an image like those that were looked at."""
-    return placement
 
 
 def _tripods(found: VideoCalibration) -> dict[str, Any]:

@@ -8,9 +8,10 @@ import time
 from collections.abc import Callable
 from itertools import chain, islice
 
+from fieldcalib.assess.placement import Placement
 from fieldcalib.calibrate.given_camera import check_of_clip
 from fieldcalib.cli.arguments import cut_of
-from fieldcalib.cli.declared import Placement
+from fieldcalib.cli.declared import is_aspect_estimated
 from fieldcalib.cli.fields import ESTIMATED, field_of, prior_of
 from fieldcalib.cli.frames import Frame, checked_frames, load_network, say_note, video_threads
 from fieldcalib.cli.known_camera import KnownCamera
@@ -52,14 +53,15 @@ def run_stream(options: argparse.Namespace, place: Callable[[Image], Placement])
             size = next((place(frame.image).frame_size for frame in first if frame.image is not None), size)
             frames = chain(first, frames)
         given, prior = known.given(size), prior_of(options)
-        estimate_size = options.field_size == ESTIMATED
         with Tracker(
             field,
             network,
             *given,
             flags=known.flags,
             prior=prior,
-            estimate_size=estimate_size,
+            take_off_borders=options.crop_of is None,
+            estimate_aspect=is_aspect_estimated(options),
+            estimate_size=options.field_size == ESTIMATED,
             wait=not stream.is_live,
         ) as tracker:
             try:

@@ -14,6 +14,7 @@ from itertools import islice
 
 import numpy as np
 
+from fieldcalib.assess.placement import Placement
 from fieldcalib.assess.result import Calibration
 from fieldcalib.calibrate.field_size import shared_size
 from fieldcalib.cli.arguments import (
@@ -24,7 +25,7 @@ from fieldcalib.cli.arguments import (
     folder_name,
 )
 from fieldcalib.cli.clips import is_clip, run_clip
-from fieldcalib.cli.declared import Placement, add_declarations, is_aspect_estimated
+from fieldcalib.cli.declared import add_declarations, declared_placement, is_aspect_estimated
 from fieldcalib.cli.fields import ESTIMATED, KNOWN, add_field, field_of, prior_of
 from fieldcalib.cli.frames import (
     Frame,
@@ -281,7 +282,7 @@ def _in_process(options: argparse.Namespace) -> FromImages:
 
 def placed(options: argparse.Namespace, image: Image) -> Placement:
     """Where an image lies in its frame."""
-    placement = Placement.declared(options, (image.shape[1], image.shape[0]))
+    placement = declared_placement(options, (image.shape[1], image.shape[0]))
     check_pixels(placement.frame_size, options.most_pixels)
     KnownCamera.of(options).given(placement.frame_size)  # a BrokenFileError if it is of other images
     return placement

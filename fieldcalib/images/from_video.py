@@ -13,20 +13,24 @@ import os
 import warnings
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import AbstractContextManager
+from dataclasses import replace
+from functools import partial
 from itertools import islice
 from typing import Literal, Protocol
 
 from numpy.typing import ArrayLike
 
+from fieldcalib.assess.placement import Placement
 from fieldcalib.assess.video import VideoCalibration
 from fieldcalib.calibrate.given_camera import GivenCamera, check_of_clip
 from fieldcalib.calibrate.options import ALL, DEFAULT_FLAGS, CalibrationFlags, Prior
 from fieldcalib.calibrate.sequence_solver import SHARED, SHARED_IN_MOTION, SIZE
 from fieldcalib.fields.segments import ObjectSegments
+from fieldcalib.images.clip_shape import LookedAt
 from fieldcalib.images.clip_solver import ClipSolver, off_paint
 from fieldcalib.images.keyframes import EVERY, Tied, tied_frames
 from fieldcalib.io.clips import clip_reader
-from fieldcalib.io.image import Image
+from fieldcalib.io.image import Image, checked_image
 from fieldcalib.io.images import read_ahead
 from fieldcalib.io.videos import VideoReader
 from fieldcalib.localize import Network
@@ -61,6 +65,8 @@ def calibrate_video(
     *,
     flags: int = DEFAULT_FLAGS,
     prior: Prior = ALL,
+    take_off_borders: bool = True,
+    estimate_aspect: bool = True,
     estimate_size: bool = True,
     every: int = EVERY,
     camera: Mount = "tripod",
@@ -85,6 +91,13 @@ def calibrate_video(
     camera_matrix, dist_coeffs, rvec, tvec, flags, prior
         As in `calibrate_from_images`. A position is that of all frames, which then share no other; so is a focal
         length (no zoom). A rotation is of one frame, and cannot be given.
+    take_off_borders : bool
+        Whether black borders that all of some of its first frames have are left out, unless there is a `camera_matrix`.
+        Cameras are in pixels of the whole pictures (`VideoCalibration.shape`).
+    estimate_aspect : bool
+        Whether frames of another shape than 16:9 may have been squashed from it: some of them are calibrated together
+        as they are and as they would be shown, and what their lines make more likely is taken. Where they do not tell,
+        all cameras are to be checked. Not with a `camera_matrix`, or without a prior.
     estimate_size : bool
         Whether length and width of a field that are not said to be known are estimated from the frames of a tripod
         together, as far as they tell them. Otherwise they stay as they are given, and what is not known of them is in
@@ -136,25 +149,42 @@ def calibrate_video(
     network = SegmentationNetwork.load() if network is None else network
     check_network(network)
     shared = tuple(name for name in SHARED_BY[camera] if estimate_size or name != SIZE)
-    return _calibrated(object_segments, clip_reader(source), network, flags, prior, given, every, shared, parts)
+    opened, is_asked = clip_reader(source), camera_matrix is None
+    asked = take_off_borders and is_asked, estimate_aspect and is_asked and prior is not None
+    with opened() as images:
+        shape = LookedAt(object_segments, network, flags, prior, given, *asked).shape(images)
+    placed = _as_it_is if shape is None else partial(_in_frame, shape.placement)
+    solver = partial(ClipSolver, object_segments, flags, prior, shared, given)
+    tied = partial(tied_frames, every=every, moving="centre" not in shared)
+    found = _calibrated(opened, network, solver, tied, placed, parts)
+    if shape is None:
+        return found
+    notes = (*found.notes, *filter(None, (shape.message, *shape.complaints)))
+    return replace(found, shape=shape, notes=notes)
+
+
+def _as_it_is(image: Image) -> Image:
+    return image
+
+
+def _in_frame(placement: Placement, image: Image) -> Image:
+    """The frame in a picture of the size that the others have, or a ValueError."""
+    return placement.image_in_frame(checked_image(image, placement.size))
 
 
 def _calibrated(
-    object_segments: ObjectSegments,
     opened: Callable[[], AbstractContextManager[Iterable[Image]]],
     network: Network,
-    flags: int,
-    prior: Prior,
-    given: GivenCamera,
-    every: int,
-    shared: tuple[str, ...],
+    solver: Callable[[], ClipSolver],
+    tied_frames: Callable[[Iterator[Image]], Iterator[tuple[Image, Tied]]],
+    placed: Callable[[Image], Image],
     kept: Parts | None,
 ) -> VideoCalibration:
     """Part by part, so that matches and lines of a long video do not pile up; two readers go along with one another."""
     parts = []
     with opened() as images, opened() as again:
-        tied = tied_frames(read_ahead(images), every=every, moving="centre" not in shared)
-        second = read_ahead(again)
+        tied = tied_frames(read_ahead(map(placed, images)))
+        second = read_ahead(map(placed, again))
         for index, part in enumerate(_in_parts(tied)):
             before = None if kept is None else kept.get(index)
             if before is not None:
@@ -165,14 +195,14 @@ def _calibrated(
                     )
                 parts.append(before)
                 continue
-            clip = ClipSolver(object_segments, flags, prior, shared, given)
+            clip = solver()
             clip.read(part, network)
             tripods = clip.tripods()
             lines, ridges = clip.lines_in(islice(second, len(clip.piece)), tripods)
             parts.append(clip.finished(tripods, lines, ridges))
             if off_paint(parts[-1]) > LOOK_AGAIN:
                 with opened() as third:
-                    frames = islice(read_ahead(third), clip.begin, clip.begin + len(clip.piece))
+                    frames = islice(read_ahead(map(placed, third)), clip.begin, clip.begin + len(clip.piece))
                     parts[-1] = clip.looked_at_again(parts[-1], tripods, frames)
             if kept is not None:
                 kept[index] = parts[-1]

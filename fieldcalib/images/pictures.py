@@ -44,18 +44,16 @@ def with_aspect_told(
     odd = [i for i, image in enumerate(images) if found[i].camera is not None and may_be_squashed(_size(image))]
     if not odd:
         return found
-    others = calibrate([_shown(images[index]) for index in odd])
+    others = calibrate([as_shown(images[index]) for index in odd])
     for index, shown in zip(odd, others, strict=True):
         size = _size(images[index])
-        again = partial(_calibrated, object_segments, flags=flags, prior=prior)
-        found[index] = told(found[index], shown, _log_ratio(again, found[index], shown), size)
+        log_ratio = log_ratio_of_squash(object_segments, found[index], shown, flags=flags, prior=prior)
+        found[index] = told(found[index], shown, log_ratio, size)
     return found
 
 
-def _log_ratio(
-    calibrate: Callable[[Pixels, Mapping[str, Array], tuple[int, int]], Calibration],
-    as_it_is: Calibration,
-    shown: Calibration,
+def log_ratio_of_squash(
+    object_segments: ObjectSegments, as_it_is: Calibration, shown: Calibration, *, flags: int, prior: Prior
 ) -> float:
     """Log evidence that a picture was squashed, from the lines that were found in it as it is and as shown.
 
@@ -63,6 +61,7 @@ def _log_ratio(
     """
     if as_it_is.camera is None or shown.camera is None or as_it_is.solved is None or shown.solved is None:
         return 0.0
+    calibrate = partial(_calibrated, object_segments, flags=flags, prior=prior)
     size, other = as_it_is.camera.image_size, shown.camera.image_size
     ratios = []
     for own in (as_it_is, shown):
@@ -113,7 +112,7 @@ def _size(image: Image) -> tuple[int, int]:
     return image.shape[1], image.shape[0]
 
 
-def _shown(image: Image) -> Image:
+def as_shown(image: Image) -> Image:
     """A picture as it would be shown if it had been squashed."""
     import cv2
 

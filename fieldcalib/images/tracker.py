@@ -9,7 +9,7 @@ keyframes share is as old as the last keyframe that is done.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import dataclass, field, replace
 from types import TracebackType
@@ -31,11 +31,13 @@ from fieldcalib.calibrate.ties import Ties, stepped, with_tied
 from fieldcalib.calibrate.tripod import Labels
 from fieldcalib.fields.segments import ObjectSegments
 from fieldcalib.geometry.camera import Camera
+from fieldcalib.images.clip_shape import LookedAt
 from fieldcalib.images.clip_solver import LEAST_SHARE
 from fieldcalib.images.frame_lines import frame_lines, per_pixel
 from fieldcalib.images.frames_together import Cells, cells_of
 from fieldcalib.images.keyframes import EVERY, KeyframePair, KeyframeTracker
 from fieldcalib.images.line_profiles import Markings
+from fieldcalib.images.live_shape import LiveShape
 from fieldcalib.images.paint_evidence import paint_evidence
 from fieldcalib.images.shot_solver import (
     MOST_KEYS,
@@ -48,7 +50,7 @@ from fieldcalib.images.shot_solver import (
     prepare,
     solve_shot,
 )
-from fieldcalib.io.image import Image
+from fieldcalib.io.image import Image, checked_image
 from fieldcalib.localize import Network
 from fieldcalib.localize.flow import check_network
 from fieldcalib.localize.network import SegmentationNetwork
@@ -108,6 +110,10 @@ class Tracker:
         Finds the markings of keyframes; by default the one that comes with the package.
     camera_matrix, dist_coeffs, rvec, tvec, flags, prior
         As in `calibrate_video`.
+    take_off_borders, estimate_aspect : bool
+        As in `calibrate_video`, of the images so far. Where they turn out to lie elsewhere in the pictures, it begins
+        anew. Until it is known whether pictures of another shape than 16:9 were squashed, all cameras are to be
+        checked.
     estimate_size : bool
         As in `calibrate_video`.
     every : int
@@ -144,6 +150,8 @@ class Tracker:
         *,
         flags: int = DEFAULT_FLAGS,
         prior: Prior = ALL,
+        take_off_borders: bool = True,
+        estimate_aspect: bool = True,
         estimate_size: bool = True,
         every: int = EVERY,
         wait: bool = False,
@@ -161,15 +169,32 @@ class Tracker:
         self._network = SegmentationNetwork.load(threads=2 if wait else 1) if network is None else network
         if self._other is not None:
             self._other.run(prepare, self._options)
-        self._keyframes = KeyframeTracker(every, leave_pairs=True)
-        self._next: _Keyframe | None = None
+        is_asked = camera_matrix is None
+        asked = take_off_borders and is_asked, estimate_aspect and is_asked and prior is not None
+        self._shape = LiveShape(LookedAt(object_segments, self._network, flags, prior, given, *asked), self._submit)
+        self._size: tuple[int, int] | None = None  # of the images
+        self._every = every
         self._running: tuple[_Keyframe, Future[ShotSolution]] | None = None
         self._is_closed = False
+        self._basis = Basis.NOTHING
+        self._begin()
+
+    def _begin(self) -> None:
+        """Forget all images so far."""
+        self._keyframes = KeyframeTracker(self._every, leave_pairs=True)
+        self._next: _Keyframe | None = None
         self._shot = _Shot(0)
         self._index = 0
         self._last: list[tuple[int, KnownCamera]] = []  # the last two frames that were tied, for the motion
-        self._basis = Basis.NOTHING
         self._paint: tuple[int, tuple[MarkingInView, ...]] | None = None  # of the shot, when it was looked at
+
+    def _submit(self, function: Callable[[Sequence[Image]], float], images: list[Image]) -> Future[float]:
+        """Begin to work on images, in the thread unless it waits."""
+        if self._other is not None:
+            return self._thread.submit(function, images)
+        done: Future[float] = Future()
+        done.set_result(function(images))
+        return done
 
     def __enter__(self) -> Self:
         return self
@@ -215,6 +240,18 @@ class Tracker:
         """
         if self._is_closed:
             raise ValueError("the tracker is closed: it takes no more images")
+        image = checked_image(image)
+        size = image.shape[1], image.shape[0]
+        if self._size is None or size == self._size:  # what is of another size is named below
+            self._size = size
+            if self._shape.update(image):
+                self._begin()
+            image = self._shape.image_in_frame(image)
+        calibration = self._updated(image)
+        return calibration if self._shape.shape is None else self._shape.shape.in_picture(calibration)
+
+    def _updated(self, image: Image) -> Calibration:
+        """The camera of the next image, in its frame."""
         index, self._index = self._index, self._index + 1
         tied = next((one for one in self._keyframes.update(image) if one.index == index), None)
         if tied is not None and tied.piece != self._shot.piece:

@@ -1,0 +1,138 @@
+"""Pictures that are not whole frames with square pixels: where they lie in such a frame, and the way to it and back.
+
+A camera is calibrated in a frame with square pixels and the principal point near the middle. A squashed picture is
+stretched to that, a cropped one put in its place, black borders are left out; the camera found there is then expressed
+in the picture's own pixels.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fieldcalib._types import Array
+from fieldcalib.assess.result import Calibration
+from fieldcalib.geometry.camera import Camera
+from fieldcalib.problem.labelled_pixels import Pixels
+
+
+@dataclass(frozen=True)
+class Crop:
+    """A part of a frame."""
+
+    frame_size: tuple[int, int]
+    corner: tuple[int, int]
+    """Pixel of the frame that is the part's first one."""
+
+    def __str__(self) -> str:
+        """As on the command line."""
+        (width, height), (x, y) = self.frame_size, self.corner
+        return f"{width}x{height}+{x}+{y}"
+
+
+@dataclass(frozen=True)
+class Placement:
+    """Where pictures of one size lie in their frame: ``xy_frame = scale * xy + corner``.
+
+    Examples
+    --------
+    The right half of a frame of 1920 x 1080, squashed to a square:
+
+    >>> placement = Placement((540, 540), (960, 1080), Crop((1920, 1080), (960, 0)))
+    >>> placement.frame_size, placement.to_frame({"Middle line": [(10.0, 20.0)]})
+    ((1920, 1080), {'Middle line': array([[977.77777778,  40.        ]])})
+    """
+
+    size: tuple[int, int]
+    """Of the pictures."""
+    display_size: tuple[int, int]
+    """At which their pixels are square."""
+    crop: Crop | None
+
+    @property
+    def frame_size(self) -> tuple[int, int]:
+        """Width and height of the frame."""
+        return self.display_size if self.crop is None else self.crop.frame_size
+
+    @property
+    def is_whole(self) -> bool:
+        """Whether pictures are frames as they are."""
+        return self.size == self.display_size == self.frame_size
+
+    @property
+    def scale(self) -> Array:
+        """Pixels as shown for each of the picture's, along x and y."""
+        return np.divide(self.display_size, self.size)
+
+    @property
+    def corner(self) -> tuple[int, int]:
+        """Pixel of the frame that is the picture's first one."""
+        return (0, 0) if self.crop is None else self.crop.corner
+
+    def to_frame(self, pixels: Pixels) -> Pixels:
+        """Labelled pixels of a picture in the frame."""
+        return {label: self.scale * xy + self.corner for label, xy in pixels.items()}
+
+    def image_in_frame(self, image: NDArray[np.uint8]) -> NDArray[np.uint8]:
+        """The frame with the picture in its place, black elsewhere."""
+        import cv2
+
+        if self.is_whole:
+            return image
+        # not cv2.resize, which maps corners of pixels: (0, 0) is the middle of the first one
+        M = np.column_stack([np.diag(self.scale), self.corner])
+        return np.asarray(cv2.warpAffine(image, M, self.frame_size, flags=cv2.INTER_LINEAR), dtype=np.uint8)
+
+    def from_frame(self, calibration: Calibration) -> Calibration:
+        """A calibration of the frame with its cameras in the picture's pixels, and its errors in the frame's."""
+        if self.is_whole or calibration.camera is None:
+            return calibration
+        others = tuple(map(self._camera, calibration.alternatives))
+        return replace(calibration, camera=self._camera(calibration.camera), alternatives=others)
+
+    def _camera(self, camera: Camera) -> Camera:
+        return camera.cropped(self.corner, self.display_size).scaled(self.size)
+
+
+@dataclass(frozen=True)
+class Shape:
+    """What was seen of the shape of the frames of a clip: black borders, pixels that are not square.
+
+    Examples
+    --------
+    >>> shape = Shape(Placement((1280, 960), (1280, 960), Crop((1280, 720), (0, -120))), "without black borders")
+    >>> shape == Shape.from_dict(shape.to_dict())
+    True
+    """
+
+    placement: Placement
+    message: str = ""
+    """Of frames that are not as they seem; it is added to that of each."""
+    complaints: tuple[str, ...] = ()
+    """What speaks against every camera."""
+
+    def in_picture(self, calibration: Calibration) -> Calibration:
+        """A calibration of a frame with its cameras in the picture's pixels, and its errors in the frame's."""
+        if calibration.camera is None:
+            return calibration
+        found = self.placement.from_frame(calibration)
+        message = "; ".join(filter(None, (found.message, self.message)))
+        return replace(found, message=message, complaints=(*found.complaints, *self.complaints))
+
+    def to_dict(self) -> dict[str, Any]:
+        """Everything, for `json.dumps`."""
+        one = self.placement
+        part = None if one.crop is None else [list(one.crop.frame_size), list(one.crop.corner)]
+        said = {"message": self.message, "complaints": list(self.complaints)}
+        return {"size": list(one.size), "display_size": list(one.display_size), "crop": part, **said}
+
+    @classmethod
+    def from_dict(cls, record: Mapping[str, Any]) -> Shape:
+        """The inverse of `to_dict`."""
+        (a, b), (c, d) = record["size"], record["display_size"]
+        part = None if record["crop"] is None else Crop(*(tuple(pair) for pair in record["crop"]))
+        return cls(Placement((a, b), (c, d), part), record["message"], tuple(record["complaints"]))
