@@ -1,6 +1,5 @@
 """Pictures that are not what they seem: parts of frames, sizes that are not theirs, and how they are measured."""
 
-import argparse
 import json
 from dataclasses import replace
 
@@ -18,7 +17,6 @@ from fieldcalib.assess.whole_picture import CUT, SHAPE, PrincipalPointEvidence, 
 from fieldcalib.calibrate.aspect import WAS_SQUASHED, told
 from fieldcalib.calibrate.batch import calibrate_batch
 from fieldcalib.calibrate.options import DEFAULT_FLAGS, CalibrationFlags
-from fieldcalib.cli.seen_shape import placement_seen
 from fieldcalib.draw.scene import render_field
 from fieldcalib.fields.catalogue import field_named
 from fieldcalib.geometry.camera import Camera
@@ -227,15 +225,3 @@ def test_a_camera_of_what_is_shown_sees_the_same_in_the_whole_picture():
     X = FIELD["Middle line"].sample(3.0)
     np.testing.assert_allclose(moved.camera.project(X), found.camera.project(X) + (0.0, 90.0))
     assert moved.camera.image_size == (960, 720)
-
-
-def test_the_frames_of_a_clip_lie_where_they_are_shown():
-    image = render_field(CAMERA, FIELD, rng=np.random.default_rng(0))
-    options = argparse.Namespace()
-    place = placement_seen(options, [np.zeros((720, 960, 3), np.uint8), bordered(image, 90)], None)
-    assert place.frame_size == SIZE
-    np.testing.assert_allclose(place.to_frame({"a": np.array([[5.0, 95.0]])})["a"], [[5.0, 5.0]])
-    assert place.image_in_frame(bordered(image, 90)).shape == image.shape
-    assert np.mean(np.abs(place.image_in_frame(bordered(image, 90)).astype(float) - image)) < 6.0
-    assert placement_seen(options, [image], None) is None
-    assert placement_seen(options, [np.zeros((720, 960, 3), np.uint8)], None) is None
