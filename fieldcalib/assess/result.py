@@ -17,6 +17,7 @@ from numpy.typing import ArrayLike
 from fieldcalib._json import from_json, to_json
 from fieldcalib._types import Array
 from fieldcalib.assess.camera_errors import CameraErrors, GroundError, KnownErrors
+from fieldcalib.assess.cut_labels import log_ratio_of_cut
 from fieldcalib.assess.datum import MARKINGS_IN_VIEW, RelativeTo
 from fieldcalib.assess.markings import MarkingInView, paint_complaints, paint_contradicts
 from fieldcalib.assess.observability import Direction
@@ -150,6 +151,9 @@ class Calibration:
     """How far the camera may be off, where it was estimated with other frames and what was solved is not kept."""
     markings: tuple[MarkingInView, ...] = attribute(default=(), repr=False)
     """What the image shows of each painted marking in view; empty where no image was looked at."""
+    are_annotated: bool = attribute(default=False, repr=False)
+    """Whether somebody labelled the pixels, who followed markings to the border of the picture: labels that are neither
+    weighted nor trusted."""
 
     @classmethod
     def without_camera(cls, status: Status, message: str) -> Calibration:
@@ -205,7 +209,8 @@ class Calibration:
                 doubts.append(f"right to {self._tolerance:g} m with a probability of {probability:.2f}")
         unusual = () if self.solved is None else surprises(self._solved_uncertainty)
         if not doubts and self.solved is not None and self.has_probability:
-            doubts.extend(seems_part(self._solved_uncertainty, self.probability(size_known=True)))
+            cut = self._log_ratio_of_cut
+            doubts.extend(seems_part(self._solved_uncertainty, self.probability(size_known=True), cut))
         return (*paint_complaints(self.markings), *doubts, *unusual, *self.complaints)
 
     @property
@@ -225,6 +230,14 @@ class Calibration:
         if any(one.is_off for one in self.markings):
             return OFF_PAINT
         return self.uncertainty.remedy if self.camera is not None and self.knows_errors else ""
+
+    @property
+    def _log_ratio_of_cut(self) -> float:
+        """Of labels by hand, `fieldcalib.assess.cut_labels`."""
+        if not self.are_annotated or self.solved is None or self.field is None:
+            return 0.0
+        pixels, _ = self.solved.evaluation.problem.observations.without_ends.unpacked(self.solved.frame)
+        return log_ratio_of_cut(self.field, pixels, self._solved_uncertainty.camera)
 
     @property
     def knows_errors(self) -> bool:
@@ -443,6 +456,7 @@ class Calibration:
             "solved": None if self.solved is None else self.solved.to_dict(),
             **({} if self.errors is None else {"errors": self.errors.to_dict()}),
             **({} if not self.markings else {"markings": [asdict(one) for one in self.markings]}),
+            **({} if not self.are_annotated else {"are_annotated": True}),
             "version": VERSION,
         }
 
@@ -481,6 +495,7 @@ class Calibration:
                 None if record["solved"] is None else Solved.from_dict(record["solved"]),
                 KnownErrors.from_dict(record["errors"]) if "errors" in record else None,
                 tuple(MarkingInView(**one) for one in record.get("markings", ())),
+                bool(record.get("are_annotated", False)),
             )
         except KeyError as error:
             raise ValueError(f"is no calibration: the key {error} is missing") from None

@@ -89,7 +89,7 @@ class PrincipalPointEvidence:
         return cls(offset[own], covariance[np.ix_(own, own)])
 
 
-def seems_part(uncertainty: Uncertainty, probability: float) -> tuple[str, ...]:
+def seems_part(uncertainty: Uncertainty, probability: float, log_ratio_of_cut: float = 0.0) -> tuple[str, ...]:
     """In words, that a picture may be a part of a frame, if its camera would be wrong then; nothing of others.
 
     Parameters
@@ -97,6 +97,8 @@ def seems_part(uncertainty: Uncertainty, probability: float) -> tuple[str, ...]:
     uncertainty : Uncertainty
     probability : float
         That the camera is right to the field's tolerance, for a field of the given size.
+    log_ratio_of_cut : float
+        What the ends of labels say (`fieldcalib.assess.cut_labels`).
     """
     width, height = uncertainty.layout.image_size
     frame = frame_around((width, height))
@@ -106,7 +108,7 @@ def seems_part(uncertainty: Uncertainty, probability: float) -> tuple[str, ...]:
         return ()
     if not is_whole_shape((width, height)):
         return () if probability >= SURE and _tells_aspect(uncertainty) else (SHAPE,)
-    return (CUT,) if score(uncertainty, evidence, probability) > 0.0 else ()
+    return (CUT,) if score(uncertainty, evidence, probability) + log_ratio_of_cut > 0.0 else ()
 
 
 def _tells_aspect(uncertainty: Uncertainty) -> bool:

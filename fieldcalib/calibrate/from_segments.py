@@ -247,14 +247,16 @@ def _solved(
         solved = without_mislabels(object_segments, frames, weights, solution.evaluation, found.prior, options)
     start = with_segment_ends(object_segments, solved.evaluation, options.wide_loss.scale)
     solution = solve(start, max_iterations=options.max_iterations, tolerance=options.tolerance)
+    are_annotated = [weight is None and not trust_labels for weight in weights]
     if not options.auto_lens:
-        return _judged(object_segments, frames, observations, solved, solution, options)
+        return _judged(object_segments, frames, observations, solved, solution, options, are_annotated)
     calibrations: dict[int, Calibration] = {}
     for part in with_lens_as_called_for(object_segments, solution, solved.prior, options):
         index = part.frames
         some = solved.take(index, part.prior)
         members = [frames[t] for t in index]
-        judged = _judged(object_segments, members, observations.take(index), some, part.solution, part.options)
+        seen, by_hand = observations.take(index), [are_annotated[t] for t in index]
+        judged = _judged(object_segments, members, seen, some, part.solution, part.options, by_hand)
         extra = f"; {', '.join(part.freed)} estimated too, as the labels call for it" if part.freed else ""
         for t, one in zip(index.tolist(), judged, strict=True):
             calibrations[t] = replace(one, message=one.message + extra) if extra else one
@@ -275,6 +277,7 @@ def _judged(
     solved: Relabelled,
     solution: Solution,
     options: Options,
+    are_annotated: Sequence[bool],
 ) -> list[Calibration]:
     """Cameras, errors and verdicts of solved frames.
 
@@ -331,6 +334,7 @@ def _judged(
                 {label: len(xy) for label, xy in frames[t].items()},
                 options.field,
                 Solved(evaluation, prior.sigma, t),
+                are_annotated=are_annotated[t],
             )
         )
     return calibrations
