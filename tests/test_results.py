@@ -293,6 +293,7 @@ def test_equality_sees_every_part(batch):
         "solved": batch[1].solved,
         "errors": KnownErrors(batch[1].uncertainty.layout, batch[1].uncertainty.theta, batch[1].covariance),
         "markings": (MarkingInView("Middle line", 300.0, 25, 0.1, 21.4),),
+        "are_annotated": False,
     }
     assert set(others) == {one.name for one in dataclasses.fields(Calibration)}
     for name, value in others.items():

@@ -12,13 +12,15 @@ from synthetic import observe, whole_circle_markings
 
 from data_tools.undeclared import basketball_cameras, calibrated, changed, changed_image, counts, part_of
 from fieldcalib import calibrate_from_segments, soccer
-from fieldcalib.assess.result import Verdict
+from fieldcalib.assess.cut_labels import log_ratio_of_cut
+from fieldcalib.assess.result import Calibration, Verdict
 from fieldcalib.assess.whole_picture import CUT, SHAPE, PrincipalPointEvidence, seems_part
 from fieldcalib.calibrate.aspect import WAS_SQUASHED, told
 from fieldcalib.calibrate.batch import calibrate_batch
 from fieldcalib.calibrate.options import DEFAULT_FLAGS, CalibrationFlags
 from fieldcalib.draw.scene import render_field
 from fieldcalib.fields.catalogue import field_named
+from fieldcalib.fields.segments import Line
 from fieldcalib.geometry.camera import Camera
 from fieldcalib.images.borders import Shown, shown_part
 from fieldcalib.problem.prior import frame_around, principal_point_sigma
@@ -94,6 +96,64 @@ def test_a_large_roll_is_no_sign_of_a_part():
     rolled = Camera.from_angles(0.3, 1.35, np.radians(4.0), 1300.0, (0.0, 62.0, -15.0), SIZE)
     found = calibrate_from_segments(FIELD, frame_of(rolled), SIZE)
     assert CUT not in found.concerns
+
+
+def labelled_to_the_border(camera=CAMERA, count=6):
+    """A few pixels along each straight marking, from border to border."""
+    found = {}
+    for label, segment in whole_circle_markings(FIELD).items():
+        xy = camera.project(segment.sample(0.05))
+        xy = xy[np.all((xy >= 0.0) & (xy <= np.subtract(SIZE, 1)), axis=1)]
+        if len(xy) > 1 and isinstance(segment, Line):
+            found[label] = xy[np.linspace(0, len(xy) - 1, count).astype(int)]
+    return found
+
+
+@settings(max_examples=20, deadline=None)
+@given(st.floats(-0.6, 0.6), st.integers(0, 240), st.integers(0, 135))
+def test_labels_that_stop_short_tell_that_they_were_cut(pan, x, y):
+    camera = Camera.from_angles(pan, 1.35, 0.0, 1300.0, (0.0, 62.0, -15.0), SIZE)
+    labels = labelled_to_the_border(camera)
+    whole = log_ratio_of_cut(FIELD, labels, camera)
+    assert np.log(0.5) - 1e-9 <= whole <= 0.0
+    part = part_of(labels, camera, (x, y), (720, 405))
+    assert log_ratio_of_cut(FIELD, part.pixels, part.truth) >= np.log(0.5) - 1e-9
+
+
+def test_the_sides_that_were_cut_are_told():
+    camera = Camera.from_angles(-0.4, 1.35, 0.0, 1000.0, (0.0, 62.0, -15.0), SIZE)
+    part = part_of(labelled_to_the_border(camera, 4), camera, (0, 0), (720, 540))
+    assert log_ratio_of_cut(FIELD, part.pixels, part.truth) > 3.0
+
+
+def test_who_clicks_here_and_there_on_a_marking_reaches_no_border():
+    inside = {}
+    for label, xy in labelled_to_the_border(count=9).items():
+        inside[label] = xy[2:-2]
+    assert log_ratio_of_cut(FIELD, inside, CAMERA) == 0.0
+    assert log_ratio_of_cut(FIELD, {}, CAMERA) == 0.0
+    assert (
+        log_ratio_of_cut(FIELD, {"Goal left post left": np.zeros((2, 2)), "nothing": np.zeros((1, 2))}, CAMERA) == 0.0
+    )
+
+
+def test_ends_of_labels_count_in_the_verdict():
+    found = calibrate_from_segments(FIELD, frame_of(), SIZE)
+    assert seems_part(found.uncertainty, 0.9) == ()
+    assert seems_part(found.uncertainty, 0.9, 20.0) == (CUT,)
+
+
+def test_only_labels_by_hand_end_where_their_picture_does():
+    labels = labelled_to_the_border()
+    found = calibrate_from_segments(FIELD, labels, SIZE)
+    assert found.are_annotated
+    assert Calibration.from_dict(json.loads(json.dumps(found.to_dict()))).are_annotated
+    (again,) = calibrate_batch(FIELD, [labels], SIZE)
+    assert again.are_annotated
+    assert not calibrate_from_segments(FIELD, labels, SIZE, trust_labels=True).are_annotated
+    alike, weighted = dict.fromkeys(labels, 1.0), dict.fromkeys(labels, 0.5)
+    assert calibrate_from_segments(FIELD, labels, SIZE, weights=alike).are_annotated
+    assert not calibrate_from_segments(FIELD, labels, SIZE, weights=weighted).are_annotated
 
 
 @pytest.mark.parametrize("factor", [4.0 / 3.0, 2.0 / 3.0])

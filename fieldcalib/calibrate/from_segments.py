@@ -247,7 +247,7 @@ def _solved(
         solved = without_mislabels(object_segments, frames, weights, solution.evaluation, found.prior, options)
     start = with_segment_ends(object_segments, solved.evaluation, options.wide_loss.scale)
     solution = solve(start, max_iterations=options.max_iterations, tolerance=options.tolerance)
-    are_annotated = [weight is None and not trust_labels for weight in weights]
+    are_annotated = [not trust_labels and _weigh_alike(weight) for weight in weights]
     if not options.auto_lens:
         return _judged(object_segments, frames, observations, solved, solution, options, are_annotated)
     calibrations: dict[int, Calibration] = {}
@@ -261,6 +261,11 @@ def _solved(
         for t, one in zip(index.tolist(), judged, strict=True):
             calibrations[t] = replace(one, message=one.message + extra) if extra else one
     return [calibrations[t] for t in range(len(frames))]
+
+
+def _weigh_alike(weights: PixelWeights | None) -> bool:
+    """Whether all labels of a frame count alike, as without weights."""
+    return weights is None or all(np.allclose(of_label, 1.0 / len(of_label)) for of_label in weights.values())
 
 
 def motion_of(options: Options) -> Array | None:
