@@ -14,18 +14,31 @@ from data_tools.undeclared import basketball_cameras, calibrated, changed, chang
 from fieldcalib import calibrate_from_segments, soccer
 from fieldcalib.assess.cut_labels import log_ratio_of_cut
 from fieldcalib.assess.result import Calibration, Verdict
-from fieldcalib.assess.whole_picture import CUT, SHAPE, PrincipalPointEvidence, seems_part
+from fieldcalib.assess.whole_picture import (
+    CUT,
+    PART_SCALE,
+    SCORE,
+    SHAPE,
+    PrincipalPointEvidence,
+    _freed,
+    features,
+    largest_error_of_part,
+    score,
+    seems_part,
+)
 from fieldcalib.calibrate.aspect import WAS_SQUASHED, told
 from fieldcalib.calibrate.batch import calibrate_batch
 from fieldcalib.calibrate.options import DEFAULT_FLAGS, CalibrationFlags
 from fieldcalib.draw.scene import render_field
 from fieldcalib.fields.catalogue import field_named
 from fieldcalib.fields.segments import Line
+from fieldcalib.fields.stands import DISTRIBUTIONS
 from fieldcalib.geometry.camera import Camera
 from fieldcalib.images.borders import Shown, shown_part
 from fieldcalib.problem.prior import frame_around, principal_point_sigma
 
-FIELD, SIZE = soccer(), (960, 540)
+FIELD, KNOWN, SIZE = soccer(), soccer(size_known=True), (960, 540)
+GROUND = np.array([[0.0, 0.0, 0.0], [30.0, 0.0, 0.0]])
 CAMERA = Camera.from_angles(0.3, 1.35, 0.0, 1300.0, (0.0, 62.0, -15.0), SIZE)
 
 
@@ -49,6 +62,34 @@ def test_a_principal_point_of_16_to_9_is_as_its_camera_has_it_and_further_off_in
     x, y = principal_point_sigma(share, half)
     assert x > half[0] / 2.0  # that of a half lies at its border
     assert y == pytest.approx(share * whole[0])
+
+
+def test_without_the_narrow_prior_the_camera_moves_as_first_order_says():
+    """A frame whose principal point is off, solved with a prior that is ten times as wide: the same to a half."""
+    frame = frame_of(CAMERA.cropped((8, -4), SIZE), 0.1)
+    narrow = DISTRIBUTIONS["main center"]
+    wide = replace(narrow, principal_point=PART_SCALE * narrow.principal_point)
+    found, other = (calibrate_from_segments(KNOWN, frame, SIZE, prior=prior) for prior in (narrow, wide))
+    uncertainty = found.uncertainty
+    own, _, shift, _ = _freed(uncertainty, 1.0 / PART_SCALE**2)
+    free = np.flatnonzero(uncertainty.problem.free)
+    moved = (other.uncertainty.theta - uncertainty.theta)[free] / uncertainty.unit[free]
+    assert np.linalg.norm(moved[own]) > 0.05
+    np.testing.assert_allclose(shift[own], moved[own], rtol=0.5, atol=0.02)
+    assert largest_error_of_part(uncertainty) > 0.5 * np.max(other.uncertainty.at_field(GROUND).rms)
+    _, _, shift, covariance = _freed(uncertainty, 1.0)
+    np.testing.assert_allclose(shift, 0.0, atol=1e-12)
+    unit = uncertainty.unit[free]
+    as_it_is = uncertainty.determined[np.ix_(free, free)] / (unit[:, None] * unit)
+    np.testing.assert_allclose(covariance, as_it_is, rtol=1e-6, atol=1e-9)
+
+
+def test_what_depends_on_the_principal_point_is_doubted_sooner():
+    found = calibrate_from_segments(FIELD, frame_of(), SIZE)
+    uncertainty, evidence = found.uncertainty, PrincipalPointEvidence.of(found.uncertainty)
+    row = features(uncertainty, evidence, 0.9)
+    assert row[-1] == pytest.approx(np.log(largest_error_of_part(uncertainty)))
+    assert np.array(SCORE) @ (row + [0.0, 0.0, 0.0, 0.0, 1.0]) > score(uncertainty, evidence, 0.9)
 
 
 def test_labels_of_a_whole_frame_speak_against_a_part():
