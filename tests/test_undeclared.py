@@ -88,7 +88,7 @@ def test_what_depends_on_the_principal_point_is_doubted_sooner():
     found = calibrate_from_segments(FIELD, frame_of(), SIZE)
     uncertainty, evidence = found.uncertainty, PrincipalPointEvidence.of(found.uncertainty)
     row = features(uncertainty, evidence, 0.9)
-    assert row[-1] == pytest.approx(np.log(largest_error_of_part(uncertainty)))
+    assert row[-1] == pytest.approx(min(np.log(largest_error_of_part(uncertainty)), np.log(2.0)))
     assert np.array(SCORE) @ (row + [0.0, 0.0, 0.0, 0.0, 1.0]) > score(uncertainty, evidence, 0.9)
 
 

@@ -29,14 +29,14 @@ LEVEL = np.radians(0.5)  # of annotated broadcast frames 95 % are rolled by less
 LARGEST_ROLL_SCORE = 4.0  # squared z-score: more says no more,
 LARGEST_ROLL = np.radians(2.5)  # and a larger roll comes from no part of a frame, but from a head that was not level
 LARGEST_LOG_RATIO = 8.0
-ERRORS_OF_PART = 0.05, 20.0  # m: less is right in any case, more says no more
+ERRORS_OF_PART = 0.05, 2.0  # of the field's tolerance: less is right in any case, more is wrong in any case
 # A picture that has not the shape of a frame needs this probability of being right. Of halves and upright parts of
 # annotated frames 1 to 2 % are good and wrong then, 6 to 7 % with the 0.5 of whole pictures.
 SURE = 0.92
 # Fitted to 667 annotated frames as they are and to corners of them that would be good and wrong: 2 % of the former and
-# 62 % of the latter have a positive score. To find 90 % of these without the ends of their labels would cost 16 % of
+# 59 % of the latter have a positive score. To find 90 % of these without the ends of their labels would cost 16 % of
 # the frames: where the labels fit a wrong camera as well as the right one, nothing else tells it.
-SCORE = (-0.5, -0.5, 0.55, 1.2, 1.9)
+SCORE = (-0.5, -0.5, 0.55, 1.2, 1.95)
 LARGEST_SPREAD = 0.05  # share of the width: cameras of which more is expected show no whole frames
 SQUASH_SIGMAS = 3.0  # that the pixels of a squashed picture are off, by what the labels tell
 CUT = "the picture may be a part of a frame, whose middle the labels do not tell: say which part (--crop-of)"
@@ -169,14 +169,15 @@ def features(uncertainty: Uncertainty, evidence: PrincipalPointEvidence, probabi
     """What the score is linear in.
 
     It is 1, the log odds of being right, the log ratio of a part, the square of the roll's z-score, and the log of the
-    error that is expected of a part.
+    error that is expected of a part, in units of the field's tolerance.
     """
     p = np.clip(probability, 1e-3, 1.0 - 1e-3)
     roll = np.square(uncertainty.theta[ROLL]) / (LEVEL**2 + uncertainty.covariance[ROLL, ROLL])
     roll *= abs(uncertainty.theta[ROLL]) <= LARGEST_ROLL
     ratio = np.clip(evidence.log_ratio_of_part, -LARGEST_LOG_RATIO, LARGEST_LOG_RATIO)
-    metres = np.clip(np.nan_to_num(largest_error_of_part(uncertainty), nan=1.0), *ERRORS_OF_PART)
-    return np.array([1.0, np.log(p / (1.0 - p)), ratio, min(roll, LARGEST_ROLL_SCORE), np.log(metres)])
+    error = 1.0 if uncertainty.field is None else largest_error_of_part(uncertainty) / uncertainty.field.tolerance
+    error = np.clip(np.nan_to_num(error, nan=1.0), *ERRORS_OF_PART)
+    return np.array([1.0, np.log(p / (1.0 - p)), ratio, min(roll, LARGEST_ROLL_SCORE), np.log(error)])
 
 
 def score(uncertainty: Uncertainty, evidence: PrincipalPointEvidence, probability: float) -> float:
