@@ -19,7 +19,7 @@ SIZE_KEYS = ["field_length", "field_width", "field_standard_deviations", "field_
 BROKEN_KEYS = ["id", "status", "message"]
 LINE_KEYS = [*BROKEN_KEYS, "verdict", "reason", "remedy"]
 WITHOUT_CAMERA = LINE_KEYS + [key for key in FITTED_KEYS if key not in ("rms_px", "loss_ndc")] + KEPT_KEYS
-WITH_CAMERA = LINE_KEYS + CAMERA_KEYS + FITTED_KEYS + KEPT_KEYS + ACCURACY_KEYS
+WITH_CAMERA = LINE_KEYS + CAMERA_KEYS + FITTED_KEYS + KEPT_KEYS[:-1] + ["are_annotated", "version"] + ACCURACY_KEYS
 
 
 def run(*arguments):

@@ -5,7 +5,7 @@ from __future__ import annotations
 import argparse
 import sys
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from typing import Any
 
@@ -145,7 +145,7 @@ class _Method:
         return self.prior if self.types is None else DISTRIBUTIONS_OF_TYPE.get(self.types.get(id, ""), ALL)
 
     def _calibrated(self, frames: list[Pixels], prior: Prior, size: tuple[int, int]) -> list[Calibration]:
-        return calibrate_batch(
+        found = calibrate_batch(
             self.field,
             frames,
             size,
@@ -155,6 +155,9 @@ class _Method:
             tau=self.tau,
             estimate_aspect=is_aspect_estimated(self.options),
         )
+        if self.options.crop_of is None:
+            return found
+        return [replace(one, are_annotated=False) for one in found]  # labels of a part stop short of the whole frame
 
     def _on_free_field(self, frames: dict[str, Pixels], placement: Placement) -> list[Found]:
         (prior,) = {self._prior_of(id) for id in frames}
