@@ -26,7 +26,7 @@ from fieldcalib.assess.whole_picture import (
     score,
     seems_part,
 )
-from fieldcalib.calibrate.aspect import WAS_SQUASHED, told
+from fieldcalib.calibrate.aspect import WAS_SQUASHED, in_pixels_of, told
 from fieldcalib.calibrate.batch import calibrate_batch
 from fieldcalib.calibrate.options import DEFAULT_FLAGS, CalibrationFlags
 from fieldcalib.draw.scene import render_field
@@ -267,6 +267,15 @@ def test_a_squashed_picture_is_told_by_its_labels(shape):
     assert found.camera.C[2] == pytest.approx(CAMERA.C[2], rel=0.1)
     (again,) = calibrate_batch(FIELD, [pixels], shape, estimate_aspect=True)
     assert again.camera.C[2] == pytest.approx(found.camera.C[2], rel=0.01)
+
+
+def test_what_was_squashed_was_a_whole_frame():
+    """The same labels are doubted to be of a part less where the picture was squashed."""
+    found = calibrate_from_segments(FIELD, frame_of(), SIZE)
+    thin = in_pixels_of(found, (540, 540))
+    assert (found._was_squashed, thin._was_squashed) == (False, True)
+    moved = replace(found, camera=found.camera.cropped((0, -90), (960, 720)))
+    assert not moved._was_squashed
 
 
 def test_a_frame_of_16_to_9_is_calibrated_as_it_is():

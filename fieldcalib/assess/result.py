@@ -23,9 +23,9 @@ from fieldcalib.assess.markings import MarkingInView, paint_complaints, paint_co
 from fieldcalib.assess.observability import Direction
 from fieldcalib.assess.probability import evidence, probability_by_covariance, probability_right
 from fieldcalib.assess.solved import Solved
-from fieldcalib.assess.surprises import surprises
+from fieldcalib.assess.surprises import LEAST_ASPECT, surprises
 from fieldcalib.assess.uncertainty import Uncertainty
-from fieldcalib.assess.whole_picture import seems_part
+from fieldcalib.assess.whole_picture import SQUASHED_LOG_ODDS, seems_part
 from fieldcalib.fields.field import Field
 from fieldcalib.fields.records import field_from_record, field_to_record
 from fieldcalib.geometry.camera import Camera
@@ -209,7 +209,7 @@ class Calibration:
                 doubts.append(f"right to {self._tolerance:g} m with a probability of {probability:.2f}")
         unusual = () if self.solved is None else surprises(self._solved_uncertainty)
         if not doubts and self.solved is not None and self.has_probability:
-            cut = self._log_ratio_of_cut
+            cut = self._log_ratio_of_cut + SQUASHED_LOG_ODDS * self._was_squashed
             doubts.extend(seems_part(self._solved_uncertainty, self.probability(size_known=True), cut))
         return (*paint_complaints(self.markings), *doubts, *unusual, *self.complaints)
 
@@ -230,6 +230,13 @@ class Calibration:
         if any(one.is_off for one in self.markings):
             return OFF_PAINT
         return self.uncertainty.remedy if self.camera is not None and self.knows_errors else ""
+
+    @property
+    def _was_squashed(self) -> bool:
+        """Whether the picture has other pixels than the frame with square ones that was solved."""
+        assert self.camera is not None
+        (a, b), (c, d) = np.diagonal(self.camera.K)[:2], np.diagonal(self._solved_uncertainty.camera.K)[:2]
+        return bool(abs(np.log(a * d / (b * c))) > LEAST_ASPECT)
 
     @property
     def _log_ratio_of_cut(self) -> float:

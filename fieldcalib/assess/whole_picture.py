@@ -37,6 +37,7 @@ SURE = 0.92
 # 59 % of the latter have a positive score. To find 90 % of these without the ends of their labels would cost 16 % of
 # the frames: where the labels fit a wrong camera as well as the right one, nothing else tells it.
 SCORE = (-0.5, -0.5, 0.55, 1.2, 1.95)
+SQUASHED_LOG_ODDS = -2.0  # of a part: what was squashed from 16:9 was a whole frame, few pictures are changed twice
 LARGEST_SPREAD = 0.05  # share of the width: cameras of which more is expected show no whole frames
 SQUASH_SIGMAS = 3.0  # that the pixels of a squashed picture are off, by what the labels tell
 CUT = "the picture may be a part of a frame, whose middle the labels do not tell: say which part (--crop-of)"
