@@ -56,7 +56,8 @@ from fieldcalib.problem.smooth_path import SmoothPath
 
 SIZE = "field size"
 SHARED = ("centre", "principal point", "lens", "zoom law", SIZE)
-SHARED_IN_MOTION = SHARED[1:]  # by the frames of a camera that moves
+SHARED_IN_MOTION = SHARED[1:]  # by the frames of a camera that moves,
+SHARED_IN_WINDOW = tuple(name for name in SHARED if name != "principal point")  # and of a window that moves
 FIRST = 60  # frames that are calibrated one by one, to find the place of the tripod
 TOGETHER = 400  # frames that are solved together,
 TIED_TOGETHER = 100  # and that if matches tie them: these make one system of all of them
@@ -323,7 +324,7 @@ class SequenceSolver:
         law = ZoomLaw(reference) if "zoom law" in self.shared and base.free[LOG_F] else None
         layout = Layout.of(base.image_size, base.lens, size, law)
         layout.roles[: base.lens_block.stop] = base.roles[: base.lens_block.stop]
-        blocks = {*self.shared, *(("aspect",) if "principal point" in self.shared else ())}
+        blocks = {*self.shared, *(("aspect",) if {"principal point", "lens"} & set(self.shared) else ())}
         for name in blocks & layout.blocks.keys():
             block = layout.blocks[name]
             layout.roles[block] = np.where(layout.roles[block] == Role.FRAME, Role.SHARED, Role.FIXED)
@@ -578,11 +579,11 @@ class SequenceSolver:
 
 
 def _law_of_what_is_free(layout: Layout) -> Layout:
-    """Without the parts of the zoom law of what is fixed itself."""
+    """Without the parts of the zoom law of what is fixed itself, or each frame's own."""
     if layout.zoom_law is None:
         return layout
     names, roles = layout.names, layout.roles.copy()
     for name, of in (("cx slope", "cx"), ("cy slope", "cy"), ("a1 slope", "a1"), ("a1 bend", "a1")):
-        if of not in names or roles[names.index(of)] == Role.FIXED:
+        if of not in names or roles[names.index(of)] != Role.SHARED:
             roles[names.index(name)] = Role.FIXED
     return replace(layout, roles=roles)

@@ -1,44 +1,64 @@
 """What a run of frames of a clip shares, where one place of a tripod does not explain what is seen in its keyframes.
 
-    one place -> does it bring the lines of many keyframes off? -> parts with a place of their own, a camera that moves
+    one place -> does it bring the lines of many keyframes off? -> a window that moves over the picture of one place,
+                                                                   parts with a place of their own, a camera that moves
 
-Each of them is solved without some of the labels and predicts these. The one that predicts best wins, the first one
-unless another is clearly better.
+Each of them is solved without some of the labels and matches, and predicts these. The one that predicts best wins, the
+first one unless another is clearly better. A clip that is narrower than a broadcast was cut out of one, and windows
+that are cut out often follow the play: there the window is tried in any case.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from itertools import groupby
 
 import numpy as np
 
 from fieldcalib._types import Array, BoolArray, IntArray
 from fieldcalib.assess.misfit import rms_by_label
 from fieldcalib.assess.sequence import SequenceCalibration
-from fieldcalib.calibrate.options import pixel_unit
+from fieldcalib.calibrate.options import Prior, checked_prior, pixel_unit
+from fieldcalib.calibrate.ties import Ties
 from fieldcalib.calibrate.tripod import Labels
+from fieldcalib.fields.field import Field
 from fieldcalib.fields.segments import ObjectSegments
+from fieldcalib.images.frames_together import Cells
+from fieldcalib.problem.background import BackgroundEvaluation
 from fieldcalib.problem.evaluation import evaluate_camera
+from fieldcalib.problem.prior import is_whole_shape
 
 LEAST_LABELS = 4  # in a keyframe of which one is left out
 LEAST_PIXELS = 3  # of a label that is left out
 NEAR = 2.0  # px of 960 x 540: labels that are predicted to that are predicted well
 LOST = 960.0  # px of these: as far off a frame without a camera has its labels
-CLEARLY = 0.8  # share of the mean logarithm of the misprediction, below which a model is better than another one
+CLEARLY = 0.8  # share of the mean logarithm of the misprediction, below which a model is better than another one,
+LEAST_GAIN = 0.02  # if that is also so much less: 0.3 px of 960 x 540 from none, as far as matches err anyway
+MOST_KEPT = 2  # matches of a keyframe with earlier ones, of which the farthest is left out
+WINDOW_SHARE = 0.15  # of the width: principal point in a window cut out of a broadcast and shown as large as that
 LEAST_RUN = 2  # keyframes in a row that make a part
+
+Model = tuple[list[int], set[int], set[int]]
+"""Number of the piece of each frame; the pieces whose camera moves, and those that are a window which moves."""
+Said = Callable[[IntArray, float, float], str]
+"""What a user is told of frames, from the mispredictions at one place of the camera and by another model."""
 
 
 @dataclass(frozen=True)
 class LeftOut:
-    """Labels of keyframes without one of each, and those."""
+    """Labels and matches of keyframes without one of each, and those."""
 
     kept: Mapping[int, Labels]
     left: Mapping[int, tuple[str, Array]]
+    pairs: Mapping[tuple[int, int], Cells] = field(default_factory=dict)
+    """Matches that are left out."""
 
     @classmethod
-    def of(cls, labels: Mapping[int, Labels]) -> LeftOut:
+    def of(cls, labels: Mapping[int, Labels], matches: Mapping[tuple[int, int], Cells] | None = None) -> LeftOut:
         """Leave one label out of each frame; which one changes from frame to frame.
+
+        Of frames that are matched with several others, the match with the farthest one is left out too.
 
         Examples
         --------
@@ -58,12 +78,14 @@ class LeftOut:
             left[t] = out, pixels[out]
             some, of_these = ({label: one[label] for label in one if label != out} for one in (pixels, weights))
             kept[t] = some, of_these
-        return cls(kept, left)
+        by_frame = groupby(sorted(matches or {}, key=lambda pair: pair[::-1]), key=lambda pair: pair[1])
+        ties = [list(pairs) for _, pairs in by_frame]
+        return cls(kept, left, {pairs[0]: matches[pairs[0]] for pairs in ties if matches and len(pairs) >= MOST_KEPT})
 
     def misprediction(
         self, object_segments: ObjectSegments, found: Sequence[tuple[IntArray, SequenceCalibration]]
     ) -> float:
-        """Mean ``log(1 + (d / NEAR)^2)`` of the labels left out, which lie d from where cameras have them.
+        """Mean ``log(1 + (d / NEAR)^2)`` of the labels and matches left out, which lie d from where cameras have them.
 
         Parameters
         ----------
@@ -83,8 +105,57 @@ class LeftOut:
                 if camera is not None:
                     by_label = rms_by_label(evaluate_camera(camera, segments, {label: xy}))
                     off = min(float(np.nanmax(by_label)) / pixel_unit(camera.image_size), LOST)
-                scores.append(np.log1p(np.square(off / NEAR)))
-        return float(np.mean(scores)) if scores else np.inf
+                scores.append(off)
+            scores += self._of_matches(object_segments, frames, calibration)
+        return float(np.mean(np.log1p(np.square(np.divide(scores, NEAR))))) if scores else np.inf
+
+    def _of_matches(
+        self, object_segments: ObjectSegments, frames: IntArray, calibration: SequenceCalibration
+    ) -> list[float]:
+        """How far the matches left out lie off, the median of each pair of frames, pixels of 960 x 540."""
+        number = {t: k for k, t in enumerate(frames.tolist())}
+        inside = {(number[i], number[j]): one for (i, j), one in self.pairs.items() if i in number and j in number}
+        usable = calibration.usable
+        known = {pair: one for pair, one in inside.items() if usable[list(pair)].all()}
+        lost = (len(inside) - len(known)) * [LOST]
+        if not known or calibration.layout is None:
+            return lost
+        size = calibration.layout.image_size
+        index = np.array(sorted({t for pair in known for t in pair}))
+        pairs = Ties.of(object_segments, known, len(frames), size).among(index)
+        if pairs is None:
+            return lost
+        r = BackgroundEvaluation(pairs, calibration.layout, calibration.frames.theta[index]).r
+        off = np.where(pairs.weight > 0.0, np.linalg.norm(r, axis=0), np.nan) / pixel_unit(size)
+        return [*lost, *np.minimum(np.nanmedian(off, axis=1), LOST).tolist()]
+
+
+def is_better(score: float, than: float) -> bool:
+    """Whether a misprediction is clearly less than another one.
+
+    Examples
+    --------
+    >>> is_better(0.1, 0.2), is_better(0.19, 0.2), is_better(0.001, 0.01)
+    (True, False, False)
+    """
+    return score < min(CLEARLY * than, than - LEAST_GAIN)
+
+
+def of_window(prior: Prior, object_segments: ObjectSegments, image_size: tuple[int, int]) -> Prior:
+    """The prior of cameras that are seen through a window which moves: of a whole shape, it was cut out and enlarged.
+
+    That of narrower pictures allows for what is cut off already (`fieldcalib.problem.prior`).
+
+    Examples
+    --------
+    >>> from fieldcalib import soccer
+    >>> of_window("main center", soccer(), (960, 540))[0].principal_point
+    0.15
+    """
+    if prior is None or not is_whole_shape(image_size):
+        return prior
+    stands = checked_prior(prior, object_segments if isinstance(object_segments, Field) else None)
+    return tuple(replace(one, principal_point=max(one.principal_point, WINDOW_SHARE)) for one in stands)
 
 
 def parts(keyframes: IntArray, contradicted: BoolArray) -> list[int]:
@@ -107,21 +178,30 @@ def parts(keyframes: IntArray, contradicted: BoolArray) -> list[int]:
     return first
 
 
-def said_of_parts(first: Sequence[int], before: float, after: float) -> str:
+def said_of_parts(first: IntArray, before: float, after: float) -> str:
     """What a user is told of a run of frames that is divided before these keyframes."""
-    where = ", ".join(map(str, first))
+    where = ", ".join(map(str, first.tolist()))
     return (
         f"no one place of the camera explains the frames before and after {where}: each part has one of its own, "
-        f"which predicts lines that were left out better ({_gain(before, after)}). The ground may not be flat, or the "
-        f"picture a window that moves"
+        f"which predicts lines and matches that were left out better ({_gain(before, after)}). The ground may not be "
+        f"flat"
     )
 
 
 def said_of_motion(frames: IntArray, before: float, after: float) -> str:
     """What a user is told of frames whose camera moves."""
     return (
-        f"frames {frames[0]} to {frames[-1]}: the camera moves, which predicts lines that were left out better than a "
-        f"tripod ({_gain(before, after)}); --camera moving says so from the beginning"
+        f"frames {frames[0]} to {frames[-1]}: the camera moves, which predicts lines and matches that were left out "
+        f"better than a tripod ({_gain(before, after)}); --camera moving says so from the beginning"
+    )
+
+
+def said_of_window(frames: IntArray, before: float, after: float) -> str:
+    """What a user is told of frames that are a window which moves."""
+    return (
+        f"frames {frames[0]} to {frames[-1]}: the picture is a window that moves over a larger one: each frame has a "
+        f"principal point of its own, which predicts lines and matches that were left out better than one for all "
+        f"({_gain(before, after)})"
     )
 
 

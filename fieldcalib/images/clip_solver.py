@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -10,21 +10,25 @@ import numpy as np
 from fieldcalib._types import Array, IntArray
 from fieldcalib.assess.markings import MarkingInView
 from fieldcalib.assess.misfit import LEAST_FRAMES, is_contradicted, is_of_wrong_model
+from fieldcalib.assess.result import Calibration
 from fieldcalib.assess.sequence import SequenceCalibration
 from fieldcalib.assess.video import NO_TRIPOD, Shot, VideoCalibration
 from fieldcalib.calibrate.given_camera import NOTHING_GIVEN, GivenCamera
 from fieldcalib.calibrate.options import CalibrationFlags, Prior
-from fieldcalib.calibrate.sequence_solver import SHARED_IN_MOTION
 from fieldcalib.calibrate.together import labels_of
 from fieldcalib.calibrate.tripod import Labels
 from fieldcalib.fields.segments import ObjectSegments
 from fieldcalib.images.clip_models import (
-    CLEARLY,
     LeftOut,
+    Model,
+    Said,
+    is_better,
+    of_window,
     parts,
     said_of_misfit,
     said_of_motion,
     said_of_parts,
+    said_of_window,
 )
 from fieldcalib.images.frame_lines import as_given, frame_lines, with_paint
 from fieldcalib.images.frames_together import Cells, cells_of, solver_of_lines
@@ -38,6 +42,10 @@ from fieldcalib.images.witnesses import with_witnesses, witnessed_misfit
 from fieldcalib.io.image import Image
 from fieldcalib.io.images import IMAGES_AT_ONCE
 from fieldcalib.localize import Network
+from fieldcalib.localize.padding import Padded
+from fieldcalib.problem.layout import PRINCIPAL_POINT
+from fieldcalib.problem.prior import is_whole_shape
+from fieldcalib.problem.projection import Projection
 
 LONGEST_GAP = 25  # frames without a camera in a row that are interpolated: a second
 BETWEEN = (4, 8)  # frames after a keyframe that the network sees too while no keyframe of the piece is accepted,
@@ -77,7 +85,8 @@ class ClipSolver:
         self.matches: dict[tuple[int, int], Cells] = {}
         self.seen: dict[int, Labels] = {}  # in keyframes whose camera was accepted
         self.doubtful: dict[int, Labels] = {}  # in the others
-        self.moving: set[int] = set()  # pieces whose camera is found to move
+        self.moving: set[int] = set()  # pieces whose camera is found to move,
+        self.windows: set[int] = set()  # and those that are a window which moves
         self.notes: list[str] = []  # what was found of the camera beyond that
 
     @property
@@ -97,6 +106,7 @@ class ClipSolver:
         first: int | None = None
         keys: list[int] = []
         held: list[Image] = []
+        network = Padded(network)  # pixels of clips are square
 
         def look() -> None:
             found = calibrate_from_images(
@@ -139,19 +149,25 @@ class ClipSolver:
         return cells_of(matches, self.size)
 
     def together(
-        self, pieces: Sequence[int], lines: Mapping[int, Labels], start: SequenceCalibration | None = None
+        self,
+        pieces: Sequence[int],
+        lines: Mapping[int, Labels],
+        start: SequenceCalibration | None = None,
+        left_out: Collection[tuple[int, int]] = (),
     ) -> SequenceCalibration:
-        """All frames of some pieces, from the lines in some of them and from matches."""
+        """All frames of some pieces, from the lines in some of them and from matches, but for those left out."""
         frames = self.frames(pieces).tolist()
+        is_window = not self.windows.isdisjoint(pieces)
+        not_shared = "centre" if set(pieces) <= self.moving else "principal point" if is_window else ""
         calibration = solver_of_lines(
             self.object_segments,
             frames,
             lines,
-            self.matches,
+            {pair: cells for pair, cells in self.matches.items() if pair not in left_out},
             self.size,
             flags=self.flags,
-            prior=self.prior,
-            shared=SHARED_IN_MOTION if set(pieces) <= self.moving else self.shared,
+            prior=of_window(self.prior, self.object_segments, self.size) if is_window else self.prior,
+            shared=tuple(name for name in self.shared if name != not_shared),
             given=self.given,
         ).calibrated(start)
         return with_witnesses(calibration, *self._witnessed(pieces, calibration))
@@ -174,39 +190,54 @@ class ClipSolver:
     def _explained(self, piece: int) -> dict[int, SequenceCalibration]:
         """A piece, or the parts that it is divided into: their numbers begin with its own."""
         shots = {piece: self.together([piece], self.seen)}
-        frames = self.frames([piece])
-        labels = {t: one for t, one in self.seen.items() if self.piece[t] == piece}
+        frames, labels = self.frames([piece]), {t: one for t, one in self.seen.items() if self.piece[t] == piece}
         keyframes, excess = self._witnessed([piece], shots[piece])
         excess = np.fmax(excess, shots[piece].frames.misfit[keyframes])
-        fixed = "centre" not in self.shared or self.flags & CalibrationFlags.CALIB_FIX_POSITION
-        if fixed or len(labels) < LEAST_FRAMES or not is_of_wrong_model(excess, self.size):
+        is_wrong = len(labels) >= LEAST_FRAMES and is_of_wrong_model(excess, self.size)
+        is_free = "centre" in self.shared and not self.flags & CalibrationFlags.CALIB_FIX_POSITION
+        if not is_free or not shots[piece].together or not (is_wrong or not is_whole_shape(self.size)):
             return shots
-        left_out, of_pieces = LeftOut.of(labels), self.piece
+        first = parts(frames[keyframes], is_contradicted(excess, self.size)) if is_wrong else []
+        left_out, before = LeftOut.of(labels, self._between_keyframes(piece)), (self.piece, self.moving, self.windows)
+        at_one_place = best = self._misprediction(left_out, shots)
+        notes = [said_of_misfit(self.begin + frames)] if is_wrong else []
+        found, model = shots, before
+        for said, tried in self._other_models(piece, first, is_wrong).items():
+            self.piece, self.moving, self.windows = tried
+            others = {
+                p: self.together([p], self.seen) for p in range(piece, piece + 1 + max(self.piece) - max(before[0]))
+            }
+            score = self._misprediction(left_out, others)
+            if score < best and is_better(score, at_one_place):
+                best, found, model = score, others, tried
+                where = np.array(first) if said is said_of_parts else frames
+                notes = [said(self.begin + where, at_one_place, score)]
+        self.piece, self.moving, self.windows = model
+        self.notes += notes
+        return found
 
-        def misprediction(shots: Mapping[int, SequenceCalibration]) -> float:
-            found = [(self.frames([p]), self.together([p], left_out.kept, one)) for p, one in shots.items()]
-            return left_out.misprediction(self.object_segments, found)
+    def _other_models(self, piece: int, first: Sequence[int], is_wrong: bool) -> dict[Said, Model]:
+        """What else may hold for a piece, and what is said of it then; `first` are the keyframes before parts of it."""
+        models: dict[Said, Model] = {}
+        lets_move = self.prior is not None and not self.flags & CalibrationFlags.CALIB_FIX_PRINCIPAL_POINT
+        if lets_move and self.given.camera_matrix is None:
+            models[said_of_window] = self.piece, self.moving, self.windows | {piece}
+        if is_wrong:
+            models[said_of_motion] = self.piece, self.moving | {piece}, self.windows
+        if first:
+            part = np.searchsorted(first, np.arange(len(self.piece)), "right")
+            models[said_of_parts] = (np.array(self.piece) + part).tolist(), self.moving, self.windows
+        return models
 
-        at_one_place = misprediction(shots)
-        self.moving.add(piece)
-        moved = {piece: self.together([piece], self.seen)}
-        on_its_way = misprediction(moved)
-        self.moving.discard(piece)
-        divided, apart = shots, np.inf
-        if first := parts(frames[keyframes], is_contradicted(excess, self.size)):
-            self.piece = (np.array(self.piece) + np.searchsorted(first, np.arange(len(self.piece)), "right")).tolist()
-            divided = {p: self.together([p], self.seen) for p in range(piece, piece + len(first) + 1)}
-            apart = misprediction(divided)
-        if apart < min(CLEARLY * at_one_place, on_its_way):
-            self.notes.append(said_of_parts([self.begin + t for t in first], at_one_place, apart))
-            return divided
-        self.piece = of_pieces
-        if on_its_way < CLEARLY * at_one_place:
-            self.moving.add(piece)
-            self.notes.append(said_of_motion(self.begin + frames, at_one_place, on_its_way))
-            return moved
-        self.notes.append(said_of_misfit(self.begin + frames))
-        return shots
+    def _between_keyframes(self, piece: int) -> dict[tuple[int, int], Cells]:
+        """Matches of the keyframes of a piece with one another."""
+        keys = {key for key, _ in self.matches}
+        return {pair: one for pair, one in self.matches.items() if pair[1] in keys and self.piece[pair[1]] == piece}
+
+    def _misprediction(self, left_out: LeftOut, shots: Mapping[int, SequenceCalibration]) -> float:
+        """That of labels and matches left out, by shots that are solved again without them."""
+        found = [(self.frames([p]), self.together([p], left_out.kept, one, left_out.pairs)) for p, one in shots.items()]
+        return left_out.misprediction(self.object_segments, found)
 
     def tripods(self) -> list[TripodOfClip]:
         """The tripods of the pieces, the one with most frames first."""
@@ -268,8 +299,7 @@ class ClipSolver:
             calibration, of_field = cameras.pop(t)
             if calibration.camera is None:
                 continue
-            sigma = calibration.camera.focal_length * np.sqrt(np.max(np.diagonal(calibration.covariance)[:2]))
-            lines[t], profiles = frame_lines(image, calibration.camera, of_field, float(sigma))
+            lines[t], profiles = frame_lines(image, calibration.camera, of_field, _shift_sigma(calibration))
             if t in keys or t % PAINT_EVERY == 0:
                 ridges[t] = Ridges.of(image, calibration.camera, of_field)
                 lines[t] = with_paint(lines[t], evidence_of(ridges[t], of_field).beside)
@@ -332,6 +362,23 @@ class ClipSolver:
             if abs(frames[near] - frames[k]) < PAINT_EVERY and piece[near] == piece[k]:
                 found[k] = seen[near]
         return found
+
+
+def _shift_sigma(calibration: Calibration) -> float:
+    """Standard deviation of where the picture as a whole lies, pixels.
+
+    Where a window moves, the turn of the camera and the shift of the window are known much worse than both together.
+    """
+    assert calibration.camera is not None
+    errors, f = calibration.uncertainty, calibration.camera.focal_length
+    layout = errors.layout
+    if not np.any(layout.free[PRINCIPAL_POINT]):
+        return float(f * np.sqrt(np.max(np.diagonal(errors.covariance)[:2])))
+    projection = Projection(errors.theta[None], layout)
+    middle = np.divide(layout.image_size, 2.0).reshape(1, 1, 2).repeat(2, axis=1)
+    s = projection.ideal_offset(projection.observed_offset(middle))
+    (J,) = projection.derivatives(s, np.zeros((1, 2)), np.eye(2)[:, None], np.ones(layout.size, dtype=bool))
+    return float(np.sqrt(np.max(np.diagonal(J.T @ errors.covariance @ J))))
 
 
 def off_paint(video: VideoCalibration) -> float:
