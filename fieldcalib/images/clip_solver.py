@@ -38,7 +38,7 @@ from fieldcalib.images.line_profiles import Markings
 from fieldcalib.images.matches import Matches
 from fieldcalib.images.paint_evidence import Ridges, evidence_of
 from fieldcalib.images.same_tripod import grouped
-from fieldcalib.images.witnesses import with_witnesses, witnessed_misfit
+from fieldcalib.images.witnesses import agree, with_witnesses, witnessed_misfit
 from fieldcalib.io.image import Image
 from fieldcalib.io.images import IMAGES_AT_ONCE
 from fieldcalib.localize import Network
@@ -84,7 +84,8 @@ class ClipSolver:
         self.piece: list[int] = []  # of each frame
         self.matches: dict[tuple[int, int], Cells] = {}
         self.seen: dict[int, Labels] = {}  # in keyframes whose camera was accepted
-        self.doubtful: dict[int, Labels] = {}  # in the others
+        self.doubtful: dict[int, Labels] = {}  # in the others,
+        self.garbled: set[int] = set()  # and those of these whose labels no camera explains together
         self.moving: set[int] = set()  # pieces whose camera is found to move,
         self.windows: set[int] = set()  # and those that are a window which moves
         self.notes: list[str] = []  # what was found of the camera beyond that
@@ -120,8 +121,10 @@ class ClipSolver:
             )
             for key, calibration in zip(keys, found, strict=True):
                 if calibration.solved is not None:
-                    labels = labels_of(calibration.solved.alone.evaluation)
-                    (self.seen if calibration.accepted else self.doubtful)[key] = as_given(labels)
+                    alone = calibration.solved.alone.evaluation
+                    (self.seen if calibration.accepted else self.doubtful)[key] = as_given(labels_of(alone))
+                    if not calibration.accepted and not agree(alone):
+                        self.garbled.add(key)
             keys.clear()
             held.clear()
 
@@ -176,7 +179,8 @@ class ClipSolver:
         """How far the cameras of some pieces contradict what was seen in keyframes; frames are numbered from 0."""
         number = {frame: k for k, frame in enumerate(self.frames(pieces).tolist())}
         seen, doubtful = (
-            {number[t]: labels for t, labels in some.items() if t in number} for some in (self.seen, self.doubtful)
+            {number[t]: labels for t, labels in some.items() if t in number and t not in self.garbled}
+            for some in (self.seen, self.doubtful)
         )
         return witnessed_misfit(self.object_segments, calibration, seen, doubtful)
 
