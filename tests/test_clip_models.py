@@ -100,8 +100,8 @@ def test_left_out_labels_are_predicted_by_the_right_cameras_only():
     calibration = clip.together([0], left_out.kept)
     frames = clip.frames([0])
     right = left_out.misprediction(FIELD, [(frames, calibration)])
-    assert right < np.log1p(0.5)
-    assert left_out.misprediction(FIELD, [(frames[::-1], calibration)]) > 3.0 * right
+    assert right.score < np.log1p(0.5)
+    assert left_out.misprediction(FIELD, [(frames[::-1], calibration)]).score > 3.0 * right.score
 
 
 @pytest.mark.parametrize(

@@ -13,6 +13,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from itertools import groupby
+from typing import NamedTuple
 
 import numpy as np
 
@@ -41,8 +42,43 @@ LEAST_RUN = 2  # keyframes in a row that make a part
 
 Model = tuple[list[int], set[int], set[int]]
 """Number of the piece of each frame; the pieces whose camera moves, and those that are a window which moves."""
-Said = Callable[[IntArray, float, float], str]
+Said = Callable[[IntArray, "Misprediction", "Misprediction"], str]
 """What a user is told of frames, from the mispredictions at one place of the camera and by another model."""
+
+
+class Misprediction(NamedTuple):
+    """How far what was left out lies from where it is predicted, pixels of 960 x 540.
+
+    Examples
+    --------
+    >>> near, far = (Misprediction(np.full(9, d), np.full(9, d)) for d in (0.5, 1.0))
+    >>> near.is_better(far), far.is_better(near), near.is_better(far._replace(matches=near.matches), of_matches=True)
+    (True, False, False)
+    """
+
+    labels: Array
+    """Of each label."""
+    matches: Array
+    """Of each pair of frames, the median."""
+
+    @property
+    def score(self) -> float:
+        """Mean ``log(1 + (d / NEAR)^2)`` of distances d; infinite without any."""
+        return _score(np.concatenate(self))
+
+    @property
+    def typical(self) -> float:
+        """The distance that has this score."""
+        return NEAR * float(np.sqrt(np.expm1(self.score)))
+
+    def is_better(self, than: Misprediction, of_matches: bool = False) -> bool:
+        """Whether it is clearly less than another one, and that of the matches by itself too if that is asked."""
+        both = [(self.score, than.score), *([(_score(self.matches), _score(than.matches))] if of_matches else [])]
+        return all(score < min(CLEARLY * other, other - LEAST_GAIN) for score, other in both)
+
+
+def _score(distances: Array) -> float:
+    return float(np.mean(np.log1p(np.square(distances / NEAR)))) if len(distances) else np.inf
 
 
 @dataclass(frozen=True)
@@ -84,8 +120,8 @@ class LeftOut:
 
     def misprediction(
         self, object_segments: ObjectSegments, found: Sequence[tuple[IntArray, SequenceCalibration]]
-    ) -> float:
-        """Mean ``log(1 + (d / NEAR)^2)`` of the labels and matches left out, which lie d from where cameras have them.
+    ) -> Misprediction:
+        """How far the labels and matches left out lie from where cameras have them.
 
         Parameters
         ----------
@@ -93,7 +129,8 @@ class LeftOut:
             Numbers of frames (T,), and their calibration without these labels. A frame without a camera is as bad as
             one that is a picture's width off.
         """
-        scores = []
+        labels: list[float] = []
+        matches: list[float] = []
         for frames, calibration in found:
             segments = object_segments if calibration.field is None else calibration.field
             for k, t in enumerate(frames.tolist()):
@@ -105,9 +142,9 @@ class LeftOut:
                 if camera is not None:
                     by_label = rms_by_label(evaluate_camera(camera, segments, {label: xy}))
                     off = min(float(np.nanmax(by_label)) / pixel_unit(camera.image_size), LOST)
-                scores.append(off)
-            scores += self._of_matches(object_segments, frames, calibration)
-        return float(np.mean(np.log1p(np.square(np.divide(scores, NEAR))))) if scores else np.inf
+                labels.append(off)
+            matches += self._of_matches(object_segments, frames, calibration)
+        return Misprediction(np.array(labels), np.array(matches))
 
     def _of_matches(
         self, object_segments: ObjectSegments, frames: IntArray, calibration: SequenceCalibration
@@ -128,17 +165,6 @@ class LeftOut:
         r = BackgroundEvaluation(pairs, calibration.layout, calibration.frames.theta[index]).r
         off = np.where(pairs.weight > 0.0, np.linalg.norm(r, axis=0), np.nan) / pixel_unit(size)
         return [*lost, *np.minimum(np.nanmedian(off, axis=1), LOST).tolist()]
-
-
-def is_better(score: float, than: float) -> bool:
-    """Whether a misprediction is clearly less than another one.
-
-    Examples
-    --------
-    >>> is_better(0.1, 0.2), is_better(0.19, 0.2), is_better(0.001, 0.01)
-    (True, False, False)
-    """
-    return score < min(CLEARLY * than, than - LEAST_GAIN)
 
 
 def of_window(prior: Prior, object_segments: ObjectSegments, image_size: tuple[int, int]) -> Prior:
@@ -178,7 +204,7 @@ def parts(keyframes: IntArray, contradicted: BoolArray) -> list[int]:
     return first
 
 
-def said_of_parts(first: IntArray, before: float, after: float) -> str:
+def said_of_parts(first: IntArray, before: Misprediction, after: Misprediction) -> str:
     """What a user is told of a run of frames that is divided before these keyframes."""
     where = ", ".join(map(str, first.tolist()))
     return (
@@ -188,7 +214,7 @@ def said_of_parts(first: IntArray, before: float, after: float) -> str:
     )
 
 
-def said_of_motion(frames: IntArray, before: float, after: float) -> str:
+def said_of_motion(frames: IntArray, before: Misprediction, after: Misprediction) -> str:
     """What a user is told of frames whose camera moves."""
     return (
         f"frames {frames[0]} to {frames[-1]}: the camera moves, which predicts lines and matches that were left out "
@@ -196,7 +222,7 @@ def said_of_motion(frames: IntArray, before: float, after: float) -> str:
     )
 
 
-def said_of_window(frames: IntArray, before: float, after: float) -> str:
+def said_of_window(frames: IntArray, before: Misprediction, after: Misprediction) -> str:
     """What a user is told of frames that are a window which moves."""
     return (
         f"frames {frames[0]} to {frames[-1]}: the picture is a window that moves over a larger one: each frame has a "
@@ -213,8 +239,5 @@ def said_of_misfit(frames: IntArray) -> str:
     )
 
 
-def _gain(before: float, after: float) -> str:
-    def typical(score: float) -> float:
-        return NEAR * float(np.sqrt(np.expm1(score)))
-
-    return f"typically to {typical(after):.1f} instead of {typical(before):.1f} px of a picture 960 wide"
+def _gain(before: Misprediction, after: Misprediction) -> str:
+    return f"typically to {after.typical:.1f} instead of {before.typical:.1f} px of a picture 960 wide"

@@ -20,9 +20,9 @@ from fieldcalib.calibrate.tripod import Labels
 from fieldcalib.fields.segments import ObjectSegments
 from fieldcalib.images.clip_models import (
     LeftOut,
+    Misprediction,
     Model,
     Said,
-    is_better,
     of_window,
     parts,
     said_of_misfit,
@@ -176,12 +176,14 @@ class ClipSolver:
         return with_witnesses(calibration, *self._witnessed(pieces, calibration))
 
     def _witnessed(self, pieces: Sequence[int], calibration: SequenceCalibration) -> tuple[IntArray, Array]:
-        """How far the cameras of some pieces contradict what was seen in keyframes; frames are numbered from 0."""
+        """How far the cameras of some pieces contradict what was seen in keyframes; frames are numbered from 0.
+
+        Labels that contradict one another do not count where others tell enough of the place of the camera.
+        """
         number = {frame: k for k, frame in enumerate(self.frames(pieces).tolist())}
-        seen, doubtful = (
-            {number[t]: labels for t, labels in some.items() if t in number and t not in self.garbled}
-            for some in (self.seen, self.doubtful)
-        )
+        seen = {number[t]: labels for t, labels in self.seen.items() if t in number}
+        spared = self.garbled if len(seen) >= LEAST_FRAMES else set()
+        doubtful = {number[t]: labels for t, labels in self.doubtful.items() if t in number and t not in spared}
         return witnessed_misfit(self.object_segments, calibration, seen, doubtful)
 
     def _shots(self) -> dict[int, SequenceCalibration]:
@@ -212,7 +214,8 @@ class ClipSolver:
                 p: self.together([p], self.seen) for p in range(piece, piece + 1 + max(self.piece) - max(before[0]))
             }
             score = self._misprediction(left_out, others)
-            if score < best and is_better(score, at_one_place):
+            # a principal point of its own absorbs what is wrong with labels, so matches must tell that a window moves
+            if score.score < best.score and score.is_better(at_one_place, of_matches=said is said_of_window):
                 best, found, model = score, others, tried
                 where = np.array(first) if said is said_of_parts else frames
                 notes = [said(self.begin + where, at_one_place, score)]
@@ -238,7 +241,7 @@ class ClipSolver:
         keys = {key for key, _ in self.matches}
         return {pair: one for pair, one in self.matches.items() if pair[1] in keys and self.piece[pair[1]] == piece}
 
-    def _misprediction(self, left_out: LeftOut, shots: Mapping[int, SequenceCalibration]) -> float:
+    def _misprediction(self, left_out: LeftOut, shots: Mapping[int, SequenceCalibration]) -> Misprediction:
         """That of labels and matches left out, by shots that are solved again without them."""
         found = [(self.frames([p]), self.together([p], left_out.kept, one, left_out.pairs)) for p, one in shots.items()]
         return left_out.misprediction(self.object_segments, found)
