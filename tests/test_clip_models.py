@@ -21,12 +21,19 @@ def clip_of(cameras, seed=0, noise=0.5):
     """What is read of a clip with these cameras, all keyframes: labels, and matches of each with the two before."""
     rng = np.random.default_rng(seed)
     clip = ClipSolver(FIELD, DEFAULT_FLAGS, ALL, SHARED)
-    clip.size, clip.piece = SIZE, [0] * len(cameras)
+    clip.size, clip.piece = cameras[0].image_size, [0] * len(cameras)
     found = matched(cameras, chain(len(cameras), 1, 2), rng)
-    clip.matches = {pair: thinned(p, q, SIZE) for pair, (p, q) in found.items()}
+    clip.matches = {pair: thinned(p, q, clip.size) for pair, (p, q) in found.items()}
     for t, frame in enumerate(labelled(cameras, FIELD, rng, noise)):
         clip.seen[t] = frame.pixels, {label: np.ones(len(xy)) for label, xy in frame.pixels.items()}
     return clip
+
+
+def seen_through(camera, left, top, size):
+    """The part of a picture that a window shows."""
+    K = camera.K.copy()
+    K[:2, 2] -= left, top
+    return Camera(K, camera.R, camera.C, size)
 
 
 def moved(camera, way):
@@ -35,7 +42,8 @@ def moved(camera, way):
 
 def far_off(found, camera):
     """Pixels by which the ground in the middle of the picture is elsewhere."""
-    return float(np.linalg.norm(found.camera.project(camera.image_to_field([480.0, 300.0])) - [480.0, 300.0]))
+    middle = np.multiply(camera.image_size, (0.5, 0.55))
+    return float(np.linalg.norm(found.camera.project(camera.image_to_field(middle)) - middle))
 
 
 def test_one_place_that_holds_stays():
@@ -60,6 +68,47 @@ def test_parts_have_places_of_their_own():
     video = clip.finished(tripods, clip.seen, {})
     assert video.notes == tuple(clip.notes)
     assert type(video).from_dict(video.to_dict()).notes == video.notes
+
+
+WAY = 210.0 - 200.0 * np.cos(np.linspace(0.0, 2.0 * np.pi, 16))
+
+
+@pytest.mark.parametrize("size", [(540, 540), (640, 360)])
+def test_a_window_that_moves_is_found_out(size):
+    tops = np.linspace(40.0, 100.0, 16) if size == (640, 360) else np.zeros(16)
+    lefts = WAY * (960 - size[0]) / 420.0
+    whole = panned(16, -0.3, 0.3)
+    cameras = [seen_through(one, *place, size) for one, *place in zip(whole, lefts, tops, strict=True)]
+    clip = clip_of(cameras)
+    (tripod,) = clip.tripods()
+    assert clip.windows == {0}
+    assert "window that moves" in clip.notes[0]
+    found = tripod.calibration
+    np.testing.assert_allclose(found.values[:3], whole[0].C, atol=1.0)
+    off = [one.camera.principal_point - truth.principal_point for one, truth in zip(found, cameras, strict=True)]
+    assert np.median(np.abs(off)) < 12.0
+    assert max(far_off(one, camera) for one, camera in zip(found, cameras, strict=True)) < 1.0
+    assert [one.verdict for one in found] == [Verdict.GOOD] * 16
+
+
+@pytest.mark.parametrize("seed", [0, 1])
+def test_a_window_that_stays_is_a_tripod(seed):
+    cameras = [seen_through(one, 60.0, 0.0, (540, 540)) for one in panned(16, -0.3, 0.3)]
+    clip = clip_of(cameras, seed)
+    (tripod,) = clip.tripods()
+    assert (clip.windows, clip.notes) == (set(), [])
+    assert max(far_off(one, camera) for one, camera in zip(tripod.calibration, cameras, strict=True)) < 1.0
+
+
+def test_labels_without_sense_are_no_witnesses_where_others_tell_the_camera():
+    clip = clip_of(panned(12, -0.4, 0.4))
+    for t in (5, 6, 7):
+        pixels, weights = clip.seen.pop(t)
+        clip.doubtful[t] = {label: xy + (150.0, 60.0) for label, xy in pixels.items()}, weights
+    clip.garbled = {5, 6, 7}
+    assert not is_contradicted(clip.together([0], clip.seen).frames.misfit, SIZE).any()
+    few = {t: clip.seen.pop(t) for t in sorted(clip.seen)[4:]}
+    assert is_contradicted(clip.together([0], {**clip.seen, **few}).frames.misfit, SIZE)[5:8].any()
 
 
 def test_what_the_network_saw_contradicts_cameras_that_lines_confirm():
