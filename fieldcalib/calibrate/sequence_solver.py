@@ -149,7 +149,7 @@ class SequenceSolver:
         some = self._solved_together()
         start = self._start(some)
         if start is None:
-            return self._one_by_one()
+            return self.one_by_one()
         together = self._together_but_hardly_told(some, start)
         if self._may_be_elsewhere and is_of_wrong_model(together.misfit.excess, self.options.layout.image_size):
             together = self._from_other_starts(some, together)
@@ -563,7 +563,8 @@ class SequenceSolver:
             return {}, {}
         return labels_of(alone.solved.alone.evaluation)
 
-    def _one_by_one(self) -> SequenceCalibration:
+    def one_by_one(self) -> SequenceCalibration:
+        """Labelled frames by themselves, which share nothing."""
         alone = self._alone(np.arange(len(self.frames)), self.options)
         solved = [c.solved.alone for c in alone.values() if c.solved is not None]
         variance = np.zeros(2 * (int(np.count_nonzero(self.options.layout.considered)),))

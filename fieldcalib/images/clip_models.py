@@ -1,7 +1,8 @@
 """What a run of frames of a clip shares, where one place of a tripod does not explain what is seen in its keyframes.
 
     one place -> does it bring the lines of many keyframes off? -> a window that moves over the picture of one place,
-                                                                   parts with a place of their own, a camera that moves
+                                                                   parts with a place of their own, a camera that moves,
+                                                                   frames one by one
 
 Each of them is solved without some of the labels and matches, and predicts these. The one that predicts best wins, the
 first one unless another is clearly better. A clip that is narrower than a broadcast was cut out of one, and windows
@@ -40,8 +41,20 @@ MOST_KEPT = 2  # matches of a keyframe with earlier ones, of which the farthest 
 WINDOW_SHARE = 0.15  # of the width: principal point in a window cut out of a broadcast and shown as large as that
 LEAST_RUN = 2  # keyframes in a row that make a part
 
-Model = tuple[list[int], set[int], set[int]]
-"""Number of the piece of each frame; the pieces whose camera moves, and those that are a window which moves."""
+
+class Model(NamedTuple):
+    """What the frames of a clip share."""
+
+    piece: list[int]
+    """Number of the piece of each frame."""
+    moving: frozenset[int] = frozenset()
+    """Pieces whose camera moves,"""
+    windows: frozenset[int] = frozenset()
+    """those that are a window which moves,"""
+    alone: frozenset[int] = frozenset()
+    """and those whose frames share nothing."""
+
+
 Said = Callable[[IntArray, "Misprediction", "Misprediction"], str]
 """What a user is told of frames, from the mispredictions at one place of the camera and by another model."""
 
@@ -52,7 +65,7 @@ class Misprediction(NamedTuple):
     Examples
     --------
     >>> near, far = (Misprediction(np.full(9, d), np.full(9, d)) for d in (0.5, 1.0))
-    >>> near.is_better(far), far.is_better(near), near.is_better(far._replace(matches=near.matches), of_matches=True)
+    >>> near.is_better(far), far.is_better(near), near.of_labels.is_better(near.of_matches)
     (True, False, False)
     """
 
@@ -64,21 +77,27 @@ class Misprediction(NamedTuple):
     @property
     def score(self) -> float:
         """Mean ``log(1 + (d / NEAR)^2)`` of distances d; infinite without any."""
-        return _score(np.concatenate(self))
+        distances = np.concatenate(self)
+        return float(np.mean(np.log1p(np.square(distances / NEAR)))) if len(distances) else np.inf
 
     @property
     def typical(self) -> float:
         """The distance that has this score."""
         return NEAR * float(np.sqrt(np.expm1(self.score)))
 
-    def is_better(self, than: Misprediction, of_matches: bool = False) -> bool:
-        """Whether it is clearly less than another one, and that of the matches by itself too if that is asked."""
-        both = [(self.score, than.score), *([(_score(self.matches), _score(than.matches))] if of_matches else [])]
-        return all(score < min(CLEARLY * other, other - LEAST_GAIN) for score, other in both)
+    @property
+    def of_labels(self) -> Misprediction:
+        """That of the labels alone."""
+        return self._replace(matches=self.matches[:0])
 
+    @property
+    def of_matches(self) -> Misprediction:
+        """That of the matches alone."""
+        return self._replace(labels=self.labels[:0])
 
-def _score(distances: Array) -> float:
-    return float(np.mean(np.log1p(np.square(distances / NEAR)))) if len(distances) else np.inf
+    def is_better(self, than: Misprediction) -> bool:
+        """Whether it is clearly less than another one."""
+        return self.score < min(CLEARLY * than.score, than.score - LEAST_GAIN)
 
 
 @dataclass(frozen=True)
@@ -231,6 +250,14 @@ def said_of_window(frames: IntArray, before: Misprediction, after: Misprediction
     )
 
 
+def said_of_frames_alone(frames: IntArray, before: Misprediction, after: Misprediction) -> str:
+    """What a user is told of frames that are calibrated one by one."""
+    return (
+        f"frames {frames[0]} to {frames[-1]} are calibrated one by one, as with --independent: each by itself predicts "
+        f"lines that were left out better than one place of the camera ({_gain(before.of_labels, after.of_labels)})"
+    )
+
+
 def said_of_misfit(frames: IntArray) -> str:
     """What a user is told of frames that nothing explains together."""
     return (
@@ -241,3 +268,16 @@ def said_of_misfit(frames: IntArray) -> str:
 
 def _gain(before: Misprediction, after: Misprediction) -> str:
     return f"typically to {after.typical:.1f} instead of {before.typical:.1f} px of a picture 960 wide"
+
+
+def is_taken(said: Said, score: Misprediction, best: Misprediction, at_one_place: Misprediction) -> bool:
+    """Whether the model of which that is said is taken, after the best one so far.
+
+    A principal point of its own absorbs what is wrong with the labels of a frame, so the matches must tell by
+    themselves that a window moves. Matches say nothing of frames that share no place: points before and behind one
+    another move differently.
+    """
+    if said is said_of_frames_alone:
+        return score.of_labels.is_better(best.of_labels)
+    tells = said is not said_of_window or score.of_matches.is_better(at_one_place.of_matches)
+    return tells and score.score < best.score and score.is_better(at_one_place)

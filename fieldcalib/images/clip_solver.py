@@ -23,8 +23,10 @@ from fieldcalib.images.clip_models import (
     Misprediction,
     Model,
     Said,
+    is_taken,
     of_window,
     parts,
+    said_of_frames_alone,
     said_of_misfit,
     said_of_motion,
     said_of_parts,
@@ -86,8 +88,10 @@ class ClipSolver:
         self.seen: dict[int, Labels] = {}  # in keyframes whose camera was accepted
         self.doubtful: dict[int, Labels] = {}  # in the others,
         self.garbled: set[int] = set()  # and those of these whose labels no camera explains together
-        self.moving: set[int] = set()  # pieces whose camera is found to move,
-        self.windows: set[int] = set()  # and those that are a window which moves
+        self.moving: frozenset[int] = frozenset()  # pieces whose camera is found to move,
+        self.windows: frozenset[int] = frozenset()  # those that are a window which moves,
+        self.alone: frozenset[int] = frozenset()  # and those whose frames share nothing
+        self.network: Network | None = None  # by which it is read
         self.notes: list[str] = []  # what was found of the camera beyond that
 
     @property
@@ -107,19 +111,10 @@ class ClipSolver:
         first: int | None = None
         keys: list[int] = []
         held: list[Image] = []
-        network = Padded(network)  # pixels of clips are square
+        self.network = Padded(network)  # pixels of clips are square
 
         def look() -> None:
-            found = calibrate_from_images(
-                self.object_segments,
-                held,
-                network,
-                *self.given,
-                flags=self.flags,
-                prior=self.prior,
-                estimate_size=False,  # all frames together tell it
-            )
-            for key, calibration in zip(keys, found, strict=True):
+            for key, calibration in zip(keys, self._by_themselves(held), strict=True):
                 if calibration.solved is not None:
                     alone = calibration.solved.alone.evaluation
                     (self.seen if calibration.accepted else self.doubtful)[key] = as_given(labels_of(alone))
@@ -147,6 +142,19 @@ class ClipSolver:
                     look()
         look()
 
+    def _by_themselves(self, images: Sequence[Image]) -> list[Calibration]:
+        """Images as single ones."""
+        assert self.network is not None
+        return calibrate_from_images(
+            self.object_segments,
+            images,
+            self.network,
+            *self.given,
+            flags=self.flags,
+            prior=self.prior,
+            estimate_size=False,  # all frames together tell it
+        )
+
     def cells(self, key: int, index: int, matches: Matches) -> Cells | None:
         """What is kept of the matches from a keyframe to a frame; None if they tie nothing."""
         return cells_of(matches, self.size)
@@ -161,8 +169,8 @@ class ClipSolver:
         """All frames of some pieces, from the lines in some of them and from matches, but for those left out."""
         frames = self.frames(pieces).tolist()
         is_window = not self.windows.isdisjoint(pieces)
-        not_shared = "centre" if set(pieces) <= self.moving else "principal point" if is_window else ""
-        calibration = solver_of_lines(
+        not_shared = "centre" if self.moving.issuperset(pieces) else "principal point" if is_window else ""
+        solver = solver_of_lines(
             self.object_segments,
             frames,
             lines,
@@ -172,7 +180,8 @@ class ClipSolver:
             prior=of_window(self.prior, self.object_segments, self.size) if is_window else self.prior,
             shared=tuple(name for name in self.shared if name != not_shared),
             given=self.given,
-        ).calibrated(start)
+        )
+        calibration = solver.one_by_one() if self.alone.issuperset(pieces) else solver.calibrated(start)
         return with_witnesses(calibration, *self._witnessed(pieces, calibration))
 
     def _witnessed(self, pieces: Sequence[int], calibration: SequenceCalibration) -> tuple[IntArray, Array]:
@@ -204,36 +213,39 @@ class ClipSolver:
         if not is_free or not shots[piece].together or not (is_wrong or not is_whole_shape(self.size)):
             return shots
         first = parts(frames[keyframes], is_contradicted(excess, self.size)) if is_wrong else []
-        left_out, before = LeftOut.of(labels, self._between_keyframes(piece)), (self.piece, self.moving, self.windows)
+        left_out = LeftOut.of(labels, self._between_keyframes(piece))
+        before = Model(self.piece, self.moving, self.windows, self.alone)
         at_one_place = best = self._misprediction(left_out, shots)
         notes = [said_of_misfit(self.begin + frames)] if is_wrong else []
         found, model = shots, before
-        for said, tried in self._other_models(piece, first, is_wrong).items():
-            self.piece, self.moving, self.windows = tried
-            others = {
-                p: self.together([p], self.seen) for p in range(piece, piece + 1 + max(self.piece) - max(before[0]))
-            }
+        for said, tried in self._other_models(before, piece, first, is_wrong).items():
+            self.piece, self.moving, self.windows, self.alone = tried
+            members = range(piece, piece + 1 + max(self.piece) - max(before.piece))
+            others = {p: self.together([p], self.seen) for p in members}
+            if not any(one.together for one in others.values()) and said is not said_of_frames_alone:
+                continue
             score = self._misprediction(left_out, others)
-            # a principal point of its own absorbs what is wrong with labels, so matches must tell that a window moves
-            if score.score < best.score and score.is_better(at_one_place, of_matches=said is said_of_window):
+            if is_taken(said, score, best, at_one_place):
                 best, found, model = score, others, tried
                 where = np.array(first) if said is said_of_parts else frames
                 notes = [said(self.begin + where, at_one_place, score)]
-        self.piece, self.moving, self.windows = model
+        self.piece, self.moving, self.windows, self.alone = model
         self.notes += notes
         return found
 
-    def _other_models(self, piece: int, first: Sequence[int], is_wrong: bool) -> dict[Said, Model]:
+    def _other_models(self, before: Model, piece: int, first: Sequence[int], is_wrong: bool) -> dict[Said, Model]:
         """What else may hold for a piece, and what is said of it then; `first` are the keyframes before parts of it."""
         models: dict[Said, Model] = {}
         lets_move = self.prior is not None and not self.flags & CalibrationFlags.CALIB_FIX_PRINCIPAL_POINT
         if lets_move and self.given.camera_matrix is None:
-            models[said_of_window] = self.piece, self.moving, self.windows | {piece}
+            models[said_of_window] = before._replace(windows=before.windows | {piece})
         if is_wrong:
-            models[said_of_motion] = self.piece, self.moving | {piece}, self.windows
+            models[said_of_motion] = before._replace(moving=before.moving | {piece})
         if first:
             part = np.searchsorted(first, np.arange(len(self.piece)), "right")
-            models[said_of_parts] = (np.array(self.piece) + part).tolist(), self.moving, self.windows
+            models[said_of_parts] = before._replace(piece=(np.array(self.piece) + part).tolist())
+        if is_wrong and self.network is not None:
+            models[said_of_frames_alone] = before._replace(alone=before.alone | {piece})
         return models
 
     def _between_keyframes(self, piece: int) -> dict[tuple[int, int], Cells]:
@@ -258,6 +270,7 @@ class ClipSolver:
         else:
             groups = [[piece] for piece in found_pieces]
         groups += [[piece] for piece in found_pieces if piece in self.moving]
+        groups += [[piece] for piece in shots if piece in self.alone]
         found = [
             TripodOfClip(pieces, self.together(pieces, self.seen) if len(pieces) > 1 else shots[pieces[0]])
             for pieces in groups
@@ -270,6 +283,8 @@ class ClipSolver:
     def _join_the_others(self, tripods: list[TripodOfClip]) -> None:
         """Pieces that tell no place by themselves, with the tripod from which they show what was found in them."""
         for tripod in tripods:
+            if self.alone.issuperset(tripod.pieces):
+                continue
             others = [p for p in self.pieces if not any(p in one.pieces for one in tripods)]
             frames = set(self.frames(others).tolist())
             doubtful = {t: lines for t, lines in self.doubtful.items() if t in frames}
@@ -301,6 +316,13 @@ class ClipSolver:
         keys = {key for key, _ in self.matches}
         count = np.zeros((2, 1 + max(self.piece, default=0)))  # of profiles with a line and of all, by piece
         for t, image in enumerate(images):
+            if self.piece[t] in self.alone:
+                (by_itself,) = self._by_themselves([image])
+                if by_itself.camera is not None and by_itself.solved is not None:
+                    lines[t] = as_given(labels_of(by_itself.solved.alone.evaluation))
+                    ridges[t] = Ridges.of(image, by_itself.camera, Markings.of(self.object_segments))
+                    count[:, self.piece[t]] += 1.0
+                continue
             if t not in cameras:
                 continue
             calibration, of_field = cameras.pop(t)
@@ -329,7 +351,8 @@ class ClipSolver:
             tripod[frames], number[frames] = len(calibrations), np.arange(len(frames))
             before = one.calibration if len(one.calibration) == len(frames) else None
             calibration = self.together(one.pieces, lines, before)
-            calibration = calibration.interpolated(np.array(self.piece)[frames], LONGEST_GAP)
+            if not self.alone.issuperset(one.pieces):
+                calibration = calibration.interpolated(np.array(self.piece)[frames], LONGEST_GAP)
             calibrations.append(calibration.seen_in_images(self._paint(calibration, frames, ridges)))
         shots = [(frames[0], frames[-1] + 1) for p in self.pieces if len(frames := self.frames([p]))]
         return VideoCalibration(
