@@ -228,8 +228,8 @@ def said_of_parts(first: IntArray, before: Misprediction, after: Misprediction) 
     where = ", ".join(map(str, first.tolist()))
     return (
         f"no one place of the camera explains the frames before and after {where}: each part has one of its own, "
-        f"which predicts lines and matches that were left out better ({_gain(before, after)}). The ground may not be "
-        f"flat"
+        f"which predicts lines and matches that were left out better ({_gain(before, after)}). Several cameras "
+        f"may take turns, or the ground may not be flat"
     )
 
 
@@ -271,7 +271,7 @@ def _gain(before: Misprediction, after: Misprediction) -> str:
 
 
 def is_taken(said: Said, score: Misprediction, best: Misprediction, at_one_place: Misprediction) -> bool:
-    """Whether the model of which that is said is taken, after the best one so far.
+    """Whether the model of which that is said is taken instead of the best one so far, a simpler one.
 
     A principal point of its own absorbs what is wrong with the labels of a frame, so the matches must tell by
     themselves that a window moves. Matches say nothing of frames that share no place: points before and behind one
@@ -280,4 +280,4 @@ def is_taken(said: Said, score: Misprediction, best: Misprediction, at_one_place
     if said is said_of_frames_alone:
         return score.of_labels.is_better(best.of_labels)
     tells = said is not said_of_window or score.of_matches.is_better(at_one_place.of_matches)
-    return tells and score.score < best.score and score.is_better(at_one_place)
+    return tells and score.is_better(best)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterable, Mapping, Sequence
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -13,6 +13,7 @@ from fieldcalib.assess.misfit import LEAST_FRAMES, is_contradicted, is_of_wrong_
 from fieldcalib.assess.result import Calibration
 from fieldcalib.assess.sequence import SequenceCalibration
 from fieldcalib.assess.video import NO_TRIPOD, Shot, VideoCalibration
+from fieldcalib.calibrate.centres import nearest_places
 from fieldcalib.calibrate.given_camera import NOTHING_GIVEN, GivenCamera
 from fieldcalib.calibrate.options import CalibrationFlags, Prior
 from fieldcalib.calibrate.together import labels_of
@@ -212,13 +213,15 @@ class ClipSolver:
         is_free = "centre" in self.shared and not self.flags & CalibrationFlags.CALIB_FIX_POSITION
         if not is_free or not shots[piece].together or not (is_wrong or not is_whole_shape(self.size)):
             return shots
-        first = parts(frames[keyframes], is_contradicted(excess, self.size)) if is_wrong else []
+        first: list[list[int]] = []
+        if is_wrong:
+            first = [parts(frames[keyframes], is_contradicted(excess, self.size)), self._parts_of_two_places(piece)]
         left_out = LeftOut.of(labels, self._between_keyframes(piece))
         before = Model(self.piece, self.moving, self.windows, self.alone)
         at_one_place = best = self._misprediction(left_out, shots)
         notes = [said_of_misfit(self.begin + frames)] if is_wrong else []
         found, model = shots, before
-        for said, tried in self._other_models(before, piece, first, is_wrong).items():
+        for said, where, tried in self._other_models(before, piece, first, is_wrong):
             self.piece, self.moving, self.windows, self.alone = tried
             members = range(piece, piece + 1 + max(self.piece) - max(before.piece))
             others = {p: self.together([p], self.seen) for p in members}
@@ -227,26 +230,40 @@ class ClipSolver:
             score = self._misprediction(left_out, others)
             if is_taken(said, score, best, at_one_place):
                 best, found, model = score, others, tried
-                where = np.array(first) if said is said_of_parts else frames
                 notes = [said(self.begin + where, at_one_place, score)]
         self.piece, self.moving, self.windows, self.alone = model
         self.notes += notes
         return found
 
-    def _other_models(self, before: Model, piece: int, first: Sequence[int], is_wrong: bool) -> dict[Said, Model]:
-        """What else may hold for a piece, and what is said of it then; `first` are the keyframes before parts of it."""
-        models: dict[Said, Model] = {}
+    def _other_models(
+        self, before: Model, piece: int, first: Sequence[Sequence[int]], is_wrong: bool
+    ) -> Iterator[tuple[Said, IntArray, Model]]:
+        """What else may hold for a piece, and what is said of which frames then; the simplest one first.
+
+        `first` are the keyframes before which it may be divided into parts.
+        """
+        frames = self.frames([piece])
         lets_move = self.prior is not None and not self.flags & CalibrationFlags.CALIB_FIX_PRINCIPAL_POINT
         if lets_move and self.given.camera_matrix is None:
-            models[said_of_window] = before._replace(windows=before.windows | {piece})
+            yield said_of_window, frames, before._replace(windows=before.windows | {piece})
+        for k, some in enumerate(first):
+            if some and some not in first[:k]:
+                part = np.searchsorted(some, np.arange(len(before.piece)), "right")
+                yield said_of_parts, np.array(some), before._replace(piece=(np.array(before.piece) + part).tolist())
         if is_wrong:
-            models[said_of_motion] = before._replace(moving=before.moving | {piece})
-        if first:
-            part = np.searchsorted(first, np.arange(len(self.piece)), "right")
-            models[said_of_parts] = before._replace(piece=(np.array(self.piece) + part).tolist())
+            yield said_of_motion, frames, before._replace(moving=before.moving | {piece})
         if is_wrong and self.network is not None:
-            models[said_of_frames_alone] = before._replace(alone=before.alone | {piece})
-        return models
+            yield said_of_frames_alone, frames, before._replace(alone=before.alone | {piece})
+
+    def _parts_of_two_places(self, piece: int) -> list[int]:
+        """First keyframes of the parts whose single frames stand nearer to one or to the other of two places."""
+        before, self.alone = self.alone, self.alone | {piece}
+        by_themselves = self.together([piece], self.seen)
+        self.alone = before
+        keyframes = np.flatnonzero(by_themselves.accepted)
+        return parts(
+            self.frames([piece])[keyframes], nearest_places([by_themselves[k] for k in keyframes.tolist()]) > 0
+        )
 
     def _between_keyframes(self, piece: int) -> dict[tuple[int, int], Cells]:
         """Matches of the keyframes of a piece with one another."""
