@@ -13,6 +13,8 @@ from fieldcalib.calibrate.sequence_solver import SHARED
 from fieldcalib.calibrate.ties import thinned
 from fieldcalib.images.clip_models import LeftOut, parts
 from fieldcalib.images.clip_solver import ClipSolver
+from fieldcalib.images.witnesses import agree
+from fieldcalib.problem.evaluation import evaluate_camera
 
 FIELD = soccer()
 
@@ -159,6 +161,17 @@ def test_frames_that_share_nothing_are_calibrated_one_by_one(monkeypatch):
     video = clip.finished(tripods, lines, {})
     assert np.median([far_off(one, camera) for one, camera in zip(video, cameras, strict=True)]) < 1.0
     assert video.basis == ["lines"] * 14
+
+
+@pytest.mark.parametrize(("right", "wrong", "expected"), [(6, 0, True), (4, 3, True), (3, 0, False), (4, 5, False)])
+def test_labels_agree_that_one_camera_explains(right, wrong, expected):
+    (camera,) = panned(1)
+    seen = {label: camera.project(FIELD[label].sample(2.0)) for label in FIELD}
+    seen = {label: xy[((xy > 0.0) & (xy < SIZE)).all(axis=1)] for label, xy in seen.items()}
+    names = [label for label, xy in seen.items() if len(xy) > 2]
+    assert len(names) >= right + wrong
+    labels = {label: seen[label] + (0.0, 90.0 * (k >= right)) for k, label in enumerate(names[: right + wrong])}
+    assert agree(evaluate_camera(camera, FIELD, labels)) is expected
 
 
 def test_alternating_places_make_two_tripods():

@@ -56,8 +56,7 @@ from fieldcalib.problem.smooth_path import SmoothPath
 
 SIZE = "field size"
 SHARED = ("centre", "principal point", "lens", "zoom law", SIZE)
-SHARED_IN_MOTION = SHARED[1:]  # by the frames of a camera that moves,
-SHARED_IN_WINDOW = tuple(name for name in SHARED if name != "principal point")  # and of a window that moves
+SHARED_IN_MOTION = SHARED[1:]  # by the frames of a camera that moves
 FIRST = 60  # frames that are calibrated one by one, to find the place of the tripod
 TOGETHER = 400  # frames that are solved together,
 TIED_TOGETHER = 100  # and that if matches tie them: these make one system of all of them
