@@ -22,7 +22,7 @@ from fieldcalib.assess.own_errors import OwnErrors, ground_errors, whole_covaria
 from fieldcalib.assess.result import Calibration, Status, SuspectLabel
 from fieldcalib.fields.field import Field
 from fieldcalib.fields.records import field_from_record, field_to_record
-from fieldcalib.problem.layout import ANGLES, CENTER, LOG_F, Layout, exp_of
+from fieldcalib.problem.layout import ANGLES, CENTER, LOG_F, PRINCIPAL_POINT, Layout, exp_of
 from fieldcalib.problem.records import layout_from_record, layout_to_record
 
 if TYPE_CHECKING:
@@ -32,7 +32,8 @@ VERSION = 3  # of `SequenceCalibration.to_dict`
 SURE = 0.5  # m: what is known of the field in view to no better than that is to be looked at
 LARGEST_ERROR = 1.0  # m over the field in view: frames that others tell are accepted up to that
 STEP = 1e-3  # radians, or of log f, by which a frame may be off an even motion, for each frame that is missing,
-STEP_OF_CENTRE = 0.05  # and m, of a camera that moves
+STEP_OF_CENTRE = 0.05  # and m, of a camera that moves,
+STEP_OF_POINT = 2e-3  # and widths of the picture, of the principal point where a window moves
 STATUSES = tuple(Status)
 NUMBERS = (  # columns of the table of frames, NaN of those without a camera
     *("pan_degrees", "tilt_degrees", "roll_degrees", "focal_length_px", "x_m", "y_m", "z_m"),
@@ -269,7 +270,9 @@ class SequenceCalibration(FrameSequence):
         bend[:, ~self.layout.free] = 0.0
         theta = at_both[0] + share * change + bend
         free = self.layout.free
-        step = np.where(self.layout.is_centre[free], STEP_OF_CENTRE, STEP)
+        step = np.where(self.layout.is_centre, STEP_OF_CENTRE, STEP)
+        step[PRINCIPAL_POINT] = STEP_OF_POINT * self.layout.image_size[0]
+        step = step[free]
         spread = 0.5 * np.abs(bend[:, free]) + share * (1.0 - share) * step * gap
         share = share[..., None]
         own = (

@@ -61,6 +61,16 @@ def voted_centres(calibrations: Sequence[Calibration], most: int) -> list[Array]
     return found
 
 
+def nearest_places(calibrations: Sequence[Calibration]) -> IntArray:
+    """Which of the two places that frames vote for is nearer to each of B frames, (B,): all 0 where it is one only."""
+    places = voted_centres(calibrations, 2)
+    if len(places) < 2:
+        return np.zeros(len(calibrations), dtype=np.intp)
+    C, V = _centres(calibrations)
+    distance = [_squared(C - place, V, NEAR * np.ones(3)) for place in places]
+    return np.asarray(np.argmin(distance, axis=0))
+
+
 def expected_centres(columns: FrameColumns, done: BoolArray, index: IntArray) -> Centres:
     """The centres of frames `index` (B,), from those (T,) that are done.
 

@@ -148,7 +148,7 @@ class SequenceSolver:
         some = self._solved_together()
         start = self._start(some)
         if start is None:
-            return self._one_by_one()
+            return self.one_by_one()
         together = self._together_but_hardly_told(some, start)
         if self._may_be_elsewhere and is_of_wrong_model(together.misfit.excess, self.options.layout.image_size):
             together = self._from_other_starts(some, together)
@@ -323,7 +323,7 @@ class SequenceSolver:
         law = ZoomLaw(reference) if "zoom law" in self.shared and base.free[LOG_F] else None
         layout = Layout.of(base.image_size, base.lens, size, law)
         layout.roles[: base.lens_block.stop] = base.roles[: base.lens_block.stop]
-        blocks = {*self.shared, *(("aspect",) if "principal point" in self.shared else ())}
+        blocks = {*self.shared, *(("aspect",) if {"principal point", "lens"} & set(self.shared) else ())}
         for name in blocks & layout.blocks.keys():
             block = layout.blocks[name]
             layout.roles[block] = np.where(layout.roles[block] == Role.FRAME, Role.SHARED, Role.FIXED)
@@ -562,7 +562,8 @@ class SequenceSolver:
             return {}, {}
         return labels_of(alone.solved.alone.evaluation)
 
-    def _one_by_one(self) -> SequenceCalibration:
+    def one_by_one(self) -> SequenceCalibration:
+        """Labelled frames by themselves, which share nothing."""
         alone = self._alone(np.arange(len(self.frames)), self.options)
         solved = [c.solved.alone for c in alone.values() if c.solved is not None]
         variance = np.zeros(2 * (int(np.count_nonzero(self.options.layout.considered)),))
@@ -578,11 +579,11 @@ class SequenceSolver:
 
 
 def _law_of_what_is_free(layout: Layout) -> Layout:
-    """Without the parts of the zoom law of what is fixed itself."""
+    """Without the parts of the zoom law of what is fixed itself, or each frame's own."""
     if layout.zoom_law is None:
         return layout
     names, roles = layout.names, layout.roles.copy()
     for name, of in (("cx slope", "cx"), ("cy slope", "cy"), ("a1 slope", "a1"), ("a1 bend", "a1")):
-        if of not in names or roles[names.index(of)] == Role.FIXED:
+        if of not in names or roles[names.index(of)] != Role.SHARED:
             roles[names.index(name)] = Role.FIXED
     return replace(layout, roles=roles)

@@ -18,10 +18,11 @@ from fieldcalib.fields.field import Field
 from fieldcalib.fields.segments import ObjectSegments
 from fieldcalib.problem.background import BackgroundEvaluation, BackgroundPairs
 from fieldcalib.problem.evaluation import Problem, evaluate
-from fieldcalib.problem.layout import Layout
+from fieldcalib.problem.layout import PRINCIPAL_POINT, Layout
 from fieldcalib.problem.levenberg_marquardt import levenberg_marquardt
 from fieldcalib.problem.losses import RobustLoss
 from fieldcalib.problem.observations import pack
+from fieldcalib.problem.prior import GaussianPrior
 
 # Lengths are in pixels of a 960 x 540 image and grow with the image.
 CELLS = (10, 6)  # across and down the picture
@@ -32,6 +33,7 @@ BEHIND_LINES = 10.0  # m from the lines of a field to the boards and stands arou
 LEAST_CELLS = 5  # that make a tie
 APPROACHED = 1e-3  # of the cost: cameras that are tied are where others begin
 MOST_ITERATIONS = 50
+POINT_MOVES = 0.1  # of width and height: so far a window goes from a frame to one that is tied to it
 DAMPING = 1e-4  # share of the diagonal
 FROM_AFAR = RobustLoss("linear", 1.0)  # frames that are tied may be far apart: a loss that bends has no gradient there
 
@@ -228,8 +230,11 @@ def with_tied(
         _, one = np.unique(pairs.second[nearest], return_index=True)
         theta[frames] = theta[first[nearest[one]]]
         observations = pack(object_segments, [{}] * len(frames), layout.image_size)
+        prior = _near_point(theta[frames], layout)
         for loss in (FROM_AFAR, ties.loss):
-            problem = Problem(observations, layout, loss, scale=scale, background=replace(pairs, loss=loss))
+            problem = Problem(
+                observations, layout, loss, prior=prior, scale=scale, background=replace(pairs, loss=loss)
+            )
             start = evaluate(problem, theta[frames])
             found = levenberg_marquardt(start, max_iterations=MOST_ITERATIONS, tolerance=APPROACHED)
             theta[frames] = found.theta
@@ -238,6 +243,18 @@ def with_tied(
         left_out[frames] = contradicted(background)
         known[frames] = ~left_out[frames]
     return theta, known
+
+
+def _near_point(theta: Array, layout: Layout) -> GaussianPrior | None:
+    """Principal points near those of cameras (B, n): static points tell a turn from a shift of the picture hardly.
+
+    None where frames have no principal point of their own.
+    """
+    if not np.any(layout.free[PRINCIPAL_POINT]):
+        return None
+    sigma = np.full_like(theta, np.inf)
+    sigma[:, PRINCIPAL_POINT] = POINT_MOVES * np.asarray(layout.image_size)
+    return GaussianPrior(theta, sigma)
 
 
 def stepped(pairs: BackgroundPairs, layout: Layout, theta: Array) -> tuple[Array, BoolArray]:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -10,21 +10,28 @@ import numpy as np
 from fieldcalib._types import Array, IntArray
 from fieldcalib.assess.markings import MarkingInView
 from fieldcalib.assess.misfit import LEAST_FRAMES, is_contradicted, is_of_wrong_model
+from fieldcalib.assess.result import Calibration
 from fieldcalib.assess.sequence import SequenceCalibration
 from fieldcalib.assess.video import NO_TRIPOD, Shot, VideoCalibration
+from fieldcalib.calibrate.centres import nearest_places
 from fieldcalib.calibrate.given_camera import NOTHING_GIVEN, GivenCamera
 from fieldcalib.calibrate.options import CalibrationFlags, Prior
-from fieldcalib.calibrate.sequence_solver import SHARED_IN_MOTION
 from fieldcalib.calibrate.together import labels_of
 from fieldcalib.calibrate.tripod import Labels
 from fieldcalib.fields.segments import ObjectSegments
 from fieldcalib.images.clip_models import (
-    CLEARLY,
     LeftOut,
+    Misprediction,
+    Model,
+    Said,
+    is_taken,
+    of_window,
     parts,
+    said_of_frames_alone,
     said_of_misfit,
     said_of_motion,
     said_of_parts,
+    said_of_window,
 )
 from fieldcalib.images.frame_lines import as_given, frame_lines, with_paint
 from fieldcalib.images.frames_together import Cells, cells_of, solver_of_lines
@@ -34,10 +41,14 @@ from fieldcalib.images.line_profiles import Markings
 from fieldcalib.images.matches import Matches
 from fieldcalib.images.paint_evidence import Ridges, evidence_of
 from fieldcalib.images.same_tripod import grouped
-from fieldcalib.images.witnesses import with_witnesses, witnessed_misfit
+from fieldcalib.images.witnesses import agree, with_witnesses, witnessed_misfit
 from fieldcalib.io.image import Image
 from fieldcalib.io.images import IMAGES_AT_ONCE
 from fieldcalib.localize import Network
+from fieldcalib.localize.padding import Padded
+from fieldcalib.problem.layout import PRINCIPAL_POINT
+from fieldcalib.problem.prior import is_whole_shape
+from fieldcalib.problem.projection import Projection
 
 LONGEST_GAP = 25  # frames without a camera in a row that are interpolated: a second
 BETWEEN = (4, 8)  # frames after a keyframe that the network sees too while no keyframe of the piece is accepted,
@@ -76,8 +87,12 @@ class ClipSolver:
         self.piece: list[int] = []  # of each frame
         self.matches: dict[tuple[int, int], Cells] = {}
         self.seen: dict[int, Labels] = {}  # in keyframes whose camera was accepted
-        self.doubtful: dict[int, Labels] = {}  # in the others
-        self.moving: set[int] = set()  # pieces whose camera is found to move
+        self.doubtful: dict[int, Labels] = {}  # in the others,
+        self.garbled: set[int] = set()  # and those of these whose labels no camera explains together
+        self.moving: frozenset[int] = frozenset()  # pieces whose camera is found to move,
+        self.windows: frozenset[int] = frozenset()  # those that are a window which moves,
+        self.alone: frozenset[int] = frozenset()  # and those whose frames share nothing
+        self.network: Network | None = None  # by which it is read
         self.notes: list[str] = []  # what was found of the camera beyond that
 
     @property
@@ -97,23 +112,15 @@ class ClipSolver:
         first: int | None = None
         keys: list[int] = []
         held: list[Image] = []
+        self.network = Padded(network)  # pixels of clips are square
 
         def look() -> None:
-            found = calibrate_from_images(
-                self.object_segments,
-                held,
-                network,
-                *self.given,
-                flags=self.flags,
-                prior=self.prior,
-                take_off_borders=False,
-                estimate_aspect=False,
-                estimate_size=False,  # all frames together tell it
-            )
-            for key, calibration in zip(keys, found, strict=True):
+            for key, calibration in zip(keys, self._by_themselves(held), strict=True):
                 if calibration.solved is not None:
-                    labels = labels_of(calibration.solved.alone.evaluation)
-                    (self.seen if calibration.accepted else self.doubtful)[key] = as_given(labels)
+                    alone = calibration.solved.alone.evaluation
+                    (self.seen if calibration.accepted else self.doubtful)[key] = as_given(labels_of(alone))
+                    if not calibration.accepted and not agree(alone):
+                        self.garbled.add(key)
             keys.clear()
             held.clear()
 
@@ -136,34 +143,59 @@ class ClipSolver:
                     look()
         look()
 
+    def _by_themselves(self, images: Sequence[Image]) -> list[Calibration]:
+        """Images as single ones."""
+        assert self.network is not None
+        return calibrate_from_images(
+            self.object_segments,
+            images,
+            self.network,
+            *self.given,
+            flags=self.flags,
+            prior=self.prior,
+            take_off_borders=False,
+            estimate_aspect=False,
+            estimate_size=False,  # all frames together tell it
+        )
+
     def cells(self, key: int, index: int, matches: Matches) -> Cells | None:
         """What is kept of the matches from a keyframe to a frame; None if they tie nothing."""
         return cells_of(matches, self.size)
 
     def together(
-        self, pieces: Sequence[int], lines: Mapping[int, Labels], start: SequenceCalibration | None = None
+        self,
+        pieces: Sequence[int],
+        lines: Mapping[int, Labels],
+        start: SequenceCalibration | None = None,
+        left_out: Collection[tuple[int, int]] = (),
     ) -> SequenceCalibration:
-        """All frames of some pieces, from the lines in some of them and from matches."""
+        """All frames of some pieces, from the lines in some of them and from matches, but for those left out."""
         frames = self.frames(pieces).tolist()
-        calibration = solver_of_lines(
+        is_window = not self.windows.isdisjoint(pieces)
+        not_shared = "centre" if self.moving.issuperset(pieces) else "principal point" if is_window else ""
+        solver = solver_of_lines(
             self.object_segments,
             frames,
             lines,
-            self.matches,
+            {pair: cells for pair, cells in self.matches.items() if pair not in left_out},
             self.size,
             flags=self.flags,
-            prior=self.prior,
-            shared=SHARED_IN_MOTION if set(pieces) <= self.moving else self.shared,
+            prior=of_window(self.prior, self.object_segments, self.size) if is_window else self.prior,
+            shared=tuple(name for name in self.shared if name != not_shared),
             given=self.given,
-        ).calibrated(start)
+        )
+        calibration = solver.one_by_one() if self.alone.issuperset(pieces) else solver.calibrated(start)
         return with_witnesses(calibration, *self._witnessed(pieces, calibration))
 
     def _witnessed(self, pieces: Sequence[int], calibration: SequenceCalibration) -> tuple[IntArray, Array]:
-        """How far the cameras of some pieces contradict what was seen in keyframes; frames are numbered from 0."""
+        """How far the cameras of some pieces contradict what was seen in keyframes; frames are numbered from 0.
+
+        Labels that contradict one another do not count where others tell enough of the place of the camera.
+        """
         number = {frame: k for k, frame in enumerate(self.frames(pieces).tolist())}
-        seen, doubtful = (
-            {number[t]: labels for t, labels in some.items() if t in number} for some in (self.seen, self.doubtful)
-        )
+        seen = {number[t]: labels for t, labels in self.seen.items() if t in number}
+        spared = self.garbled if len(seen) >= LEAST_FRAMES else set()
+        doubtful = {number[t]: labels for t, labels in self.doubtful.items() if t in number and t not in spared}
         return witnessed_misfit(self.object_segments, calibration, seen, doubtful)
 
     def _shots(self) -> dict[int, SequenceCalibration]:
@@ -176,39 +208,74 @@ class ClipSolver:
     def _explained(self, piece: int) -> dict[int, SequenceCalibration]:
         """A piece, or the parts that it is divided into: their numbers begin with its own."""
         shots = {piece: self.together([piece], self.seen)}
-        frames = self.frames([piece])
-        labels = {t: one for t, one in self.seen.items() if self.piece[t] == piece}
+        frames, labels = self.frames([piece]), {t: one for t, one in self.seen.items() if self.piece[t] == piece}
         keyframes, excess = self._witnessed([piece], shots[piece])
         excess = np.fmax(excess, shots[piece].frames.misfit[keyframes])
-        fixed = "centre" not in self.shared or self.flags & CalibrationFlags.CALIB_FIX_POSITION
-        if fixed or len(labels) < LEAST_FRAMES or not is_of_wrong_model(excess, self.size):
+        is_wrong = len(labels) >= LEAST_FRAMES and is_of_wrong_model(excess, self.size)
+        is_free = "centre" in self.shared and not self.flags & CalibrationFlags.CALIB_FIX_POSITION
+        if not is_free or not shots[piece].together or not (is_wrong or not is_whole_shape(self.size)):
             return shots
-        left_out, of_pieces = LeftOut.of(labels), self.piece
+        first: list[list[int]] = []
+        if is_wrong:
+            first = [parts(frames[keyframes], is_contradicted(excess, self.size)), self._parts_of_two_places(piece)]
+        left_out = LeftOut.of(labels, self._between_keyframes(piece))
+        before = Model(self.piece, self.moving, self.windows, self.alone)
+        at_one_place = best = self._misprediction(left_out, shots)
+        notes = [said_of_misfit(self.begin + frames)] if is_wrong else []
+        found, model = shots, before
+        for said, where, tried in self._other_models(before, piece, first, is_wrong):
+            self.piece, self.moving, self.windows, self.alone = tried
+            members = range(piece, piece + 1 + max(self.piece) - max(before.piece))
+            others = {p: self.together([p], self.seen) for p in members}
+            if not any(one.together for one in others.values()) and said is not said_of_frames_alone:
+                continue
+            score = self._misprediction(left_out, others)
+            if is_taken(said, score, best, at_one_place):
+                best, found, model = score, others, tried
+                notes = [said(self.begin + where, at_one_place, score)]
+        self.piece, self.moving, self.windows, self.alone = model
+        self.notes += notes
+        return found
 
-        def misprediction(shots: Mapping[int, SequenceCalibration]) -> float:
-            found = [(self.frames([p]), self.together([p], left_out.kept, one)) for p, one in shots.items()]
-            return left_out.misprediction(self.object_segments, found)
+    def _other_models(
+        self, before: Model, piece: int, first: Sequence[Sequence[int]], is_wrong: bool
+    ) -> Iterator[tuple[Said, IntArray, Model]]:
+        """What else may hold for a piece, and what is said of which frames then; the simplest one first.
 
-        at_one_place = misprediction(shots)
-        self.moving.add(piece)
-        moved = {piece: self.together([piece], self.seen)}
-        on_its_way = misprediction(moved)
-        self.moving.discard(piece)
-        divided, apart = shots, np.inf
-        if first := parts(frames[keyframes], is_contradicted(excess, self.size)):
-            self.piece = (np.array(self.piece) + np.searchsorted(first, np.arange(len(self.piece)), "right")).tolist()
-            divided = {p: self.together([p], self.seen) for p in range(piece, piece + len(first) + 1)}
-            apart = misprediction(divided)
-        if apart < min(CLEARLY * at_one_place, on_its_way):
-            self.notes.append(said_of_parts([self.begin + t for t in first], at_one_place, apart))
-            return divided
-        self.piece = of_pieces
-        if on_its_way < CLEARLY * at_one_place:
-            self.moving.add(piece)
-            self.notes.append(said_of_motion(self.begin + frames, at_one_place, on_its_way))
-            return moved
-        self.notes.append(said_of_misfit(self.begin + frames))
-        return shots
+        `first` are the keyframes before which it may be divided into parts.
+        """
+        frames = self.frames([piece])
+        lets_move = self.prior is not None and not self.flags & CalibrationFlags.CALIB_FIX_PRINCIPAL_POINT
+        if lets_move and self.given.camera_matrix is None:
+            yield said_of_window, frames, before._replace(windows=before.windows | {piece})
+        for k, some in enumerate(first):
+            if some and some not in first[:k]:
+                part = np.searchsorted(some, np.arange(len(before.piece)), "right")
+                yield said_of_parts, np.array(some), before._replace(piece=(np.array(before.piece) + part).tolist())
+        if is_wrong:
+            yield said_of_motion, frames, before._replace(moving=before.moving | {piece})
+        if is_wrong and self.network is not None:
+            yield said_of_frames_alone, frames, before._replace(alone=before.alone | {piece})
+
+    def _parts_of_two_places(self, piece: int) -> list[int]:
+        """First keyframes of the parts whose single frames stand nearer to one or to the other of two places."""
+        before, self.alone = self.alone, self.alone | {piece}
+        by_themselves = self.together([piece], self.seen)
+        self.alone = before
+        keyframes = np.flatnonzero(by_themselves.accepted)
+        return parts(
+            self.frames([piece])[keyframes], nearest_places([by_themselves[k] for k in keyframes.tolist()]) > 0
+        )
+
+    def _between_keyframes(self, piece: int) -> dict[tuple[int, int], Cells]:
+        """Matches of the keyframes of a piece with one another."""
+        keys = {key for key, _ in self.matches}
+        return {pair: one for pair, one in self.matches.items() if pair[1] in keys and self.piece[pair[1]] == piece}
+
+    def _misprediction(self, left_out: LeftOut, shots: Mapping[int, SequenceCalibration]) -> Misprediction:
+        """That of labels and matches left out, by shots that are solved again without them."""
+        found = [(self.frames([p]), self.together([p], left_out.kept, one, left_out.pairs)) for p, one in shots.items()]
+        return left_out.misprediction(self.object_segments, found)
 
     def tripods(self) -> list[TripodOfClip]:
         """The tripods of the pieces, the one with most frames first."""
@@ -222,6 +289,7 @@ class ClipSolver:
         else:
             groups = [[piece] for piece in found_pieces]
         groups += [[piece] for piece in found_pieces if piece in self.moving]
+        groups += [[piece] for piece in shots if piece in self.alone]
         found = [
             TripodOfClip(pieces, self.together(pieces, self.seen) if len(pieces) > 1 else shots[pieces[0]])
             for pieces in groups
@@ -234,6 +302,8 @@ class ClipSolver:
     def _join_the_others(self, tripods: list[TripodOfClip]) -> None:
         """Pieces that tell no place by themselves, with the tripod from which they show what was found in them."""
         for tripod in tripods:
+            if self.alone.issuperset(tripod.pieces):
+                continue
             others = [p for p in self.pieces if not any(p in one.pieces for one in tripods)]
             frames = set(self.frames(others).tolist())
             doubtful = {t: lines for t, lines in self.doubtful.items() if t in frames}
@@ -265,13 +335,19 @@ class ClipSolver:
         keys = {key for key, _ in self.matches}
         count = np.zeros((2, 1 + max(self.piece, default=0)))  # of profiles with a line and of all, by piece
         for t, image in enumerate(images):
+            if self.piece[t] in self.alone:
+                (by_itself,) = self._by_themselves([image])
+                if by_itself.camera is not None and by_itself.solved is not None:
+                    lines[t] = as_given(labels_of(by_itself.solved.alone.evaluation))
+                    ridges[t] = Ridges.of(image, by_itself.camera, Markings.of(self.object_segments))
+                    count[:, self.piece[t]] += 1.0
+                continue
             if t not in cameras:
                 continue
             calibration, of_field = cameras.pop(t)
             if calibration.camera is None:
                 continue
-            sigma = calibration.camera.focal_length * np.sqrt(np.max(np.diagonal(calibration.covariance)[:2]))
-            lines[t], profiles = frame_lines(image, calibration.camera, of_field, float(sigma))
+            lines[t], profiles = frame_lines(image, calibration.camera, of_field, _shift_sigma(calibration))
             if t in keys or t % PAINT_EVERY == 0:
                 ridges[t] = Ridges.of(image, calibration.camera, of_field)
                 lines[t] = with_paint(lines[t], evidence_of(ridges[t], of_field).beside)
@@ -294,7 +370,8 @@ class ClipSolver:
             tripod[frames], number[frames] = len(calibrations), np.arange(len(frames))
             before = one.calibration if len(one.calibration) == len(frames) else None
             calibration = self.together(one.pieces, lines, before)
-            calibration = calibration.interpolated(np.array(self.piece)[frames], LONGEST_GAP)
+            if not self.alone.issuperset(one.pieces):
+                calibration = calibration.interpolated(np.array(self.piece)[frames], LONGEST_GAP)
             calibrations.append(calibration.seen_in_images(self._paint(calibration, frames, ridges)))
         shots = [(frames[0], frames[-1] + 1) for p in self.pieces if len(frames := self.frames([p]))]
         return VideoCalibration(
@@ -334,6 +411,23 @@ class ClipSolver:
             if abs(frames[near] - frames[k]) < PAINT_EVERY and piece[near] == piece[k]:
                 found[k] = seen[near]
         return found
+
+
+def _shift_sigma(calibration: Calibration) -> float:
+    """Standard deviation of where the picture as a whole lies, pixels.
+
+    Where a window moves, the turn of the camera and the shift of the window are known much worse than both together.
+    """
+    assert calibration.camera is not None
+    errors, f = calibration.uncertainty, calibration.camera.focal_length
+    layout = errors.layout
+    if not np.any(layout.free[PRINCIPAL_POINT]):
+        return float(f * np.sqrt(np.max(np.diagonal(errors.covariance)[:2])))
+    projection = Projection(errors.theta[None], layout)
+    middle = np.divide(layout.image_size, 2.0).reshape(1, 1, 2).repeat(2, axis=1)
+    s = projection.ideal_offset(projection.observed_offset(middle))
+    (J,) = projection.derivatives(s, np.zeros((1, 2)), np.eye(2)[:, None], np.ones(layout.size, dtype=bool))
+    return float(np.sqrt(np.max(np.diagonal(J.T @ errors.covariance @ J))))
 
 
 def off_paint(video: VideoCalibration) -> float:

@@ -28,6 +28,19 @@ ENOUGH = (
 )
 EXPLAINED = 6.0  # px of 960 x 540: right cameras of nine clips have every label of their keyframes within 3 px
 
+LEAST_AGREEING = 4  # labels: fewer are explained by some camera wherever they lie
+
+
+def agree(alone: Evaluation) -> bool:
+    """Whether the camera of a keyframe by itself explains enough of its labels, and half of them, for a witness.
+
+    Otherwise they contradict one another, as those of a narrow picture without corners often do, whatever the camera.
+    """
+    (by_label,) = rms_by_label(alone)
+    by_label = by_label[np.isfinite(by_label)]
+    explained = int(np.count_nonzero(by_label < EXPLAINED * pixel_unit(alone.problem.layout.image_size)))
+    return explained >= max(LEAST_AGREEING, 0.5 * len(by_label))
+
 
 def witnessed_misfit(
     object_segments: ObjectSegments,
@@ -45,7 +58,7 @@ def witnessed_misfit(
         By frame, of keyframes that had a camera by themselves: their labels agree with one another, and count as those
         of `fieldcalib.assess.misfit`.
     doubtful : mapping of int to Labels
-        Of the others, where labels contradict one another. A camera is contradicted by these where it explains fewer
+        Of others, some of whose labels contradict the others. A camera is contradicted by these where it explains fewer
         than half of them, by as much as their median lies off.
     """
     usable = set(np.flatnonzero(calibration.usable).tolist())
