@@ -93,6 +93,19 @@ def test_a_window_that_moves_is_found_out(size):
     assert [one.verdict for one in found] == [Verdict.GOOD] * 16
 
 
+def test_static_points_alone_do_not_tell_where_a_window_is():
+    whole = panned(16, -0.3, 0.3)
+    cameras = [seen_through(one, left, 0.0, (540, 540)) for one, left in zip(whole, WAY, strict=True)]
+    clip = clip_of(cameras)
+    del clip.seen[8]
+    (tripod,) = clip.tripods()
+    assert clip.windows == {0}
+    found = tripod.calibration
+    assert found[8].accepted
+    assert [t for t, one in enumerate(found) if one.verdict is not Verdict.GOOD] == [8]
+    assert "no line of it" in found[8].reason
+
+
 @pytest.mark.parametrize("seed", [0, 1])
 def test_a_window_that_stays_is_a_tripod(seed):
     cameras = [seen_through(one, 60.0, 0.0, (540, 540)) for one in panned(16, -0.3, 0.3)]

@@ -206,6 +206,8 @@ class SequenceCalibration(FrameSequence):
         suspects, metres = frames.suspects.get(t, ()), float(frames.ground_error[t])
         doubts = [f"{len(suspects)} of {len(labelled)} labels are suspect"] if suspects else []
         doubts += [f"the field in view is known to {metres:.1f} m only"] if metres > SURE else []
+        if not len(labelled) and self.layout is not None and np.any(self.layout.free[PRINCIPAL_POINT]):
+            doubts.append("no line of it tells where its window is: static points hardly tell that from a turn")
         markings = frames.markings.get(t, ())
         is_misfit = self.layout is not None and is_contradicted(frames.misfit[t], self.layout.image_size)
         if is_misfit and not paint_confirms(markings):  # paint has the last word
