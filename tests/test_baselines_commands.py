@@ -52,7 +52,7 @@ def folder(truth, tmp_path_factory):
     return path
 
 
-KNOWN_BY_OUR_SOLVER = {"standard_deviations", "probability_right_0.5m", "probability_right_1m"}
+KNOWN_BY_OUR_SOLVER = {"are_annotated", "standard_deviations", "probability_right_0.5m", "probability_right_1m"}
 
 
 @pytest.mark.parametrize("name", COMMANDS)
