@@ -63,6 +63,22 @@ def test_true_camera_lies_on_its_paint(field, truth):
     assert np.mean([one.share for one in found.markings]) > 0.8
 
 
+@given(numbers(6.0, 12.0))
+def test_paint_that_bends_away_from_its_marking_lies_beside_it(end):
+    """The lines of a pitch that is not flat: most of one lies on its marking, and its end beside that."""
+    ridges = Ridges.of(PICTURE, PENALTY_AREA, MARKINGS)
+    at = np.flatnonzero(ridges.profiles.member == MARKINGS.labels.index("Big rect. right main"))
+    t = np.linspace(-1.0, 1.0, len(at))
+    bend = end * np.square((t - 0.3) / 1.3)  # 0.3 of it at the other end
+    xy = ridges.xy.copy()
+    xy[at] += (bend[:, None] * ridges.profiles.normal[at])[:, None].astype(np.float32)
+    found = {one.label: one for one in evidence_of(replace(ridges, xy=xy), MARKINGS).markings}
+    front = found.pop("Big rect. right main")
+    assert 0.4 < front.share < 0.8
+    assert front.offset == pytest.approx(end, abs=1.0)
+    assert not any(one.is_beside for one in found.values())
+
+
 @settings(max_examples=15, deadline=None)
 @given(pan=numbers(-22.0, 22.0), tilt=numbers(-22.0, 22.0))
 def test_what_is_found_beside_markings_is_paint(pan, tilt):

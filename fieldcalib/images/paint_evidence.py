@@ -2,8 +2,9 @@
 
 Refinement looks for lines close to the projected markings. A marking whose paint lies further off is not used there,
 and the others fit, so that a camera may be consistent and wrong. Here the paint of every marking in view is looked for
-in a wide band. Ridges across the marking, with the same ground on both sides, that lie along a straight line (or a
-shifted arc), and are clearly more than those where it is projected, are its paint.
+in a wide band. Ridges across the marking, with the same ground on both sides, that lie along a straight or evenly bent
+line (or a shifted arc), and are clearly more than those where it is projected, are its paint. Lines are bent where the
+ground is not flat or the lens is another one.
 
 Posts and crossbars are left out: nets and stands behind them are full of lines.
 """
@@ -32,8 +33,9 @@ MORE, MORE_SHARE = 3, 0.25  # and by how many and by which share of the profiles
 NEARER = 0.2  # share of the profiles that paint at the end of the band must have more than paint at the marking
 AS_NARROW = 1.2  # times the width of a marking in the image: where paint of other markings
 EXPECTED = 0.6  # is seen in that share of the places, its own should be seen too
-PAIRS = 150  # of ridges of a marking, each of which gives a line or an arc
-APART = 0.3  # least share of the profiles of a marking between the two of a pair
+NEARLY_ALL = 0.9  # share of the profiles on one line or arc, from which the first of these numbers is enough
+DRAWS = 200  # of ridges of a marking, each of which gives a line or an arc
+APART = 0.3  # least share of the profiles of a marking between the outer ones of a draw
 LEAST_DETERMINANT = 0.1  # of their directions: two ridges with parallel normals do not tell how an arc is shifted
 
 
@@ -123,11 +125,15 @@ def evidence_of(ridges: Ridges, markings: Markings) -> PaintEvidence:
     for k in np.unique(profiles.member):
         at = np.flatnonzero(profiles.member == k)
         on, off = int(np.count_nonzero(is_on[at])), 0.0
-        if len(at) >= LEAST_PLACES and on < (1.0 - MORE_SHARE) * len(at):
+        if len(at) >= LEAST_PLACES and on <= len(at) - MORE:
             others = np.flatnonzero(is_on & (profiles.member != k))
             free = ridges.may_be_line[at] & ~_is_paint_of(profiles, others, ridges.xy[at].astype(float), unit)
-            basis = profiles.normal[at] if markings.is_arc[k] else _along(len(at))
-            off, run = _run_beside(np.where(free, offset[at], np.nan), basis, on, unit)
+            for basis in (
+                (profiles.normal[at],) if markings.is_arc[k] else (_along(len(at)), _along(len(at), bent=True))
+            ):
+                off, run = _run_beside(np.where(free, offset[at], np.nan), basis, on, unit)
+                if off > 0.0:
+                    break
             seen = np.isfinite(run)
             if off <= BESIDE * unit:  # the paint of the marking after all
                 off, on = 0.0, max(on, int(np.count_nonzero(seen)))
@@ -141,9 +147,10 @@ def evidence_of(ridges: Ridges, markings: Markings) -> PaintEvidence:
     return PaintEvidence(tuple(found), beside)
 
 
-def _along(count: int) -> Array:
-    """Basis (n, 2) of offsets of a line that is moved and turned."""
-    return np.column_stack([np.ones(count), np.linspace(-1.0, 1.0, count)])
+def _along(count: int, *, bent: bool = False) -> Array:
+    """Basis (n, 2) of offsets of a line that is moved and turned; (n, 3) if it is bent too."""
+    t = np.linspace(-1.0, 1.0, count)
+    return np.column_stack([np.ones(count), t, t * t][: 2 + bent])
 
 
 def _is_paint_of(profiles: Profiles, others: IntArray, xy: Array, unit: float) -> BoolArray:
@@ -158,14 +165,14 @@ def _is_paint_of(profiles: Profiles, others: IntArray, xy: Array, unit: float) -
 def _run_beside(offset: Array, basis: Array, on: int, unit: float) -> tuple[float, Array]:
     """Largest distance of the paint of a marking, 0 without any, and its offset in each profile, (n,) or NaN.
 
-    Lines or arcs through pairs of ridges are compared by the number of profiles with a ridge on them. The pairs are the
-    same in every run.
+    Lines or arcs through a few ridges, as many as there are unknowns, are compared by the number of profiles with a
+    ridge on them. These few are the same in every run.
 
     Parameters
     ----------
     offset : (n, k) array
         Ridges of the profiles of the marking, in their order along it; NaN for none.
-    basis : (n, 2) array
+    basis : (n, d) array
         Offsets that a moved marking has are combinations of these columns.
     on : int
         Number of profiles with a ridge where the marking is projected.
@@ -174,18 +181,19 @@ def _run_beside(offset: Array, basis: Array, on: int, unit: float) -> tuple[floa
     place, peak = np.nonzero(np.isfinite(offset))
     if len(np.unique(place)) < max(LEAST_PLACES, SEEN * n):
         return 0.0, nothing
-    i, j = np.random.default_rng(0).integers(len(place), size=(2, PAIRS))
-    pairs = np.stack([basis[place[i]], basis[place[j]]], axis=1)
-    good = (np.abs(place[i] - place[j]) >= APART * n) & (np.abs(np.linalg.det(pairs)) > LEAST_DETERMINANT)
+    some = np.random.default_rng(0).integers(len(place), size=(basis.shape[1], DRAWS))
+    few = np.moveaxis(basis[place[some]], 0, 1)  # (draws, d, d)
+    good = (np.ptp(place[some], axis=0) >= APART * n) & (np.abs(np.linalg.det(few)) > LEAST_DETERMINANT)
     if not np.any(good):
         return 0.0, nothing
-    values = np.stack([offset[place[i], peak[i]], offset[place[j], peak[j]]], axis=1)
-    predicted = np.linalg.solve(pairs[good], values[good][..., None])[..., 0] @ basis.T  # (pairs, n)
+    values = offset[place[some], peak[some]].T[good]
+    predicted = np.linalg.solve(few[good], values[..., None])[..., 0] @ basis.T  # (draws, n)
     near = np.any(np.abs(offset - predicted[..., None]) < SAME_RUN * unit, axis=2)
     count = np.sum(near, axis=1)
     # of parallel markings, the nearer one: that another one is seen as well is no reason to take it
     best = int(np.argmax(count - NEARER * n * np.mean(np.abs(predicted), axis=1) / (BAND * unit)))
-    if count[best] < max(SEEN * n, on + max(MORE, MORE_SHARE * n)):
+    least = on + (MORE if count[best] >= NEARLY_ALL * n else max(MORE, MORE_SHARE * n))
+    if count[best] < max(SEEN * n, least):
         return 0.0, nothing
     distance = np.where(np.isfinite(offset), np.abs(offset - predicted[best][:, None]), np.inf)
     run = np.where(near[best], offset[np.arange(n), np.argmin(distance, axis=1)], np.nan)
