@@ -76,6 +76,8 @@ def test_paint_that_bends_away_from_its_marking_lies_beside_it(end):
     front = found.pop("Big rect. right main")
     assert 0.4 < front.share < 0.8
     assert front.offset == pytest.approx(end, abs=1.0)
+    assert front.is_bent
+    assert not paint_contradicts([front])
     assert not any(one.is_beside for one in found.values())
 
 

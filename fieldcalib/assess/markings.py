@@ -33,6 +33,8 @@ class MarkingInView:
     """Largest distance of its paint in view where this lies beside the marking, pixels; 0 if none was found there."""
     is_expected: bool = True
     """Whether paint that is as narrow in the image is seen at other markings, so that its own should be."""
+    is_bent: bool = False
+    """Whether its paint bends away from it: a part lies on it, and the rest beside it."""
 
     @property
     def is_beside(self) -> bool:
@@ -65,9 +67,12 @@ def paint_complaints(markings: Sequence[MarkingInView]) -> tuple[str, ...]:
 
 
 def paint_contradicts(markings: Sequence[MarkingInView]) -> bool:
-    """Whether more of the paint in view lies beside the markings than on them."""
+    """Whether more of the paint in view lies beside the markings than on them.
+
+    Paint that bends away does not count: no other place of the camera would bring it there.
+    """
     on = sum(one.share * one.places for one in markings)
-    return sum((1.0 - one.share) * one.places for one in markings if one.is_beside) > on
+    return sum((1.0 - one.share) * one.places for one in markings if one.is_beside and not one.is_bent) > on
 
 
 def paint_confirms(markings: Sequence[MarkingInView]) -> bool:

@@ -389,7 +389,7 @@ class ClipSolver:
         members = [tripod for tripod in tripods if tripod.pieces]
         again = [TripodOfClip(one.pieces, found.tripods[k]) for k, one in enumerate(members)]
         second = self.finished(again, *self.lines_in(images, again))
-        return second if off_paint(second) < off_paint(found) else found
+        return second if _cameras(second) >= _cameras(found) and off_paint(second) < off_paint(found) else found
 
     def _paint(
         self, calibration: SequenceCalibration, frames: IntArray, ridges: Mapping[int, Ridges]
@@ -432,6 +432,10 @@ def _shift_sigma(calibration: Calibration) -> float:
 
 def off_paint(video: VideoCalibration) -> float:
     """Share of the frames with a camera in which a marking lies beside its paint; 0 without any."""
-    cameras = sum(int(np.count_nonzero(tripod.usable)) for tripod in video.tripods)
     off = [any(one.is_beside for one in seen) for tripod in video.tripods for seen in tripod.frames.markings.values()]
-    return sum(off) / max(cameras, 1)
+    return sum(off) / max(_cameras(video), 1)
+
+
+def _cameras(video: VideoCalibration) -> int:
+    """Number of frames with a camera."""
+    return sum(int(np.count_nonzero(tripod.usable)) for tripod in video.tripods)

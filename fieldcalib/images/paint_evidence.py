@@ -26,6 +26,7 @@ from fieldcalib.problem.labelled_pixels import Pixels
 BAND = 30.0  # px to both sides of a marking in which its paint is looked for
 ON_PAINT = 2.25  # px: nearer ridges are the paint of the marking
 BESIDE = 3.0  # px: what is found in right cameras of 98 broadcast frames is at most 2.9 px off
+BENT = 4.25  # px, and paint that bends away: lines of a clip on a crowned pitch, good by eye, bend by up to 4
 SAME_RUN = 1.2  # px from the line or arc that the paint follows
 PEAKS = 5  # ridges of a profile, the strongest ones
 SEEN = 0.5  # share of the profiles that paint beside a marking must have,
@@ -124,26 +125,26 @@ def evidence_of(ridges: Ridges, markings: Markings) -> PaintEvidence:
     found, beside = [], {}
     for k in np.unique(profiles.member):
         at = np.flatnonzero(profiles.member == k)
-        on, off = int(np.count_nonzero(is_on[at])), 0.0
+        on, off, is_bent = int(np.count_nonzero(is_on[at])), 0.0, False
         if len(at) >= LEAST_PLACES and on <= len(at) - MORE:
             others = np.flatnonzero(is_on & (profiles.member != k))
             free = ridges.may_be_line[at] & ~_is_paint_of(profiles, others, ridges.xy[at].astype(float), unit)
-            for basis in (
-                (profiles.normal[at],) if markings.is_arc[k] else (_along(len(at)), _along(len(at), bent=True))
-            ):
-                off, run = _run_beside(np.where(free, offset[at], np.nan), basis, on, unit)
-                if off > 0.0:
-                    break
+            may_be = np.where(free, offset[at], np.nan)
+            off, run = _run_beside(may_be, profiles.normal[at] if markings.is_arc[k] else _along(len(at)), on, unit)
+            most = BESIDE
+            if off == 0.0 and not markings.is_arc[k]:
+                off, run = _run_beside(may_be, _along(len(at), bent=True), on, unit)
+                most, is_bent = BENT, off > BENT * unit
             seen = np.isfinite(run)
-            if off <= BESIDE * unit:  # the paint of the marking after all
+            if off <= most * unit:  # the paint of the marking after all
                 off, on = 0.0, max(on, int(np.count_nonzero(seen)))
-            elif np.any(seen):
+            elif np.any(seen) and not is_bent:
                 xy = profiles.xy[at[seen]] + run[seen, None] * profiles.normal[at[seen]]
                 beside[markings.labels[k]] = xy + profiles.inwards[at[seen]]
         length = float(np.sum(profiles.spacing[at]))
         narrow = (profiles.member != k) & (profiles.width < AS_NARROW * np.median(profiles.width[at]))
         expected = bool(np.count_nonzero(narrow) >= LONG and np.mean(is_on[narrow]) > EXPECTED)
-        found.append(MarkingInView(markings.labels[k], length, len(at), on / len(at), off, expected))
+        found.append(MarkingInView(markings.labels[k], length, len(at), on / len(at), off, expected, is_bent))
     return PaintEvidence(tuple(found), beside)
 
 

@@ -9,6 +9,7 @@ import os
 from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager
 from pathlib import Path
+from threading import Lock
 from types import TracebackType
 from typing import Any, Self
 
@@ -27,6 +28,7 @@ IRREGULAR = 0.1  # of the time between two frames: times are rounded to millisec
 FASTEST = 1000.0  # frames per second: what is more was never measured
 FAR = 100  # frames: what is nearer is decoded rather than jumped over
 USUAL = 25.0  # frames per second, where the file says nothing
+_OPENING = Lock()  # videos are opened by several threads, and all of them would read what one has set there
 CAPTURE_OPTIONS = "OPENCV_FFMPEG_CAPTURE_OPTIONS"  # environment variable that OpenCV reads when it opens a video
 NO_VIDEO = "is no video that OpenCV can read, or its end is missing"
 
@@ -179,17 +181,17 @@ class VideoReader(FrameReader):
             return missed + (after if after > ESTIMATE * self.frames_per_second else 0)
         if left <= 0:
             return 0
-        with _environment(CAPTURE_OPTIONS, "ignore_editlist;1"):
-            return min(max(self._announced - count_frames(self._path, self._threads), 0), left)
+        can_be_decoded = count_frames(self._path, self._threads, "ignore_editlist;1")
+        return min(max(self._announced - can_be_decoded, 0), left)
 
 
-def _opened(location: str, threads: int | None) -> Any:
-    """OpenCV's reader of a video, with that many threads for decoding."""
+def _opened(location: str, threads: int | None, options: str = "") -> Any:
+    """OpenCV's reader of a video, with that many threads for decoding, and options of FFmpeg."""
     import cv2
 
-    if threads is None:
-        return cv2.VideoCapture(location)
-    return cv2.VideoCapture(location, cv2.CAP_ANY, [cv2.CAP_PROP_N_THREADS, threads])
+    parameters = [] if threads is None else [cv2.CAP_PROP_N_THREADS, threads]
+    with _OPENING, _environment(CAPTURE_OPTIONS, options):
+        return cv2.VideoCapture(location, cv2.CAP_ANY, parameters)
 
 
 def _missed(times: Array, rate: float) -> int:
@@ -206,9 +208,9 @@ def _missed(times: Array, rate: float) -> int:
     return int(np.sum(np.rint(steps[steps > 1.5]) - 1.0))
 
 
-def count_frames(path: Path, threads: int | None = None) -> int:
-    """How many frames of a video can be decoded; 0 if it is none."""
-    capture = _opened(str(path), threads)
+def count_frames(path: Path, threads: int | None = None, options: str = "") -> int:
+    """How many frames of a video can be decoded, with options of FFmpeg; 0 if it is none."""
+    capture = _opened(str(path), threads, options)
     count = 0
     while capture.grab():
         count += 1
@@ -218,15 +220,16 @@ def count_frames(path: Path, threads: int | None = None) -> int:
 
 @contextmanager
 def _environment(name: str, value: str) -> Iterator[None]:
-    """An environment variable, put back as it was."""
+    """An environment variable, put back as it was; as it is where the value is empty."""
     old = os.environ.get(name)
-    os.environ[name] = value
+    if value:
+        os.environ[name] = value
     try:
         yield
     finally:
-        if old is None:
+        if value and old is None:
             del os.environ[name]
-        else:
+        elif value and old is not None:
             os.environ[name] = old
 
 
