@@ -29,6 +29,8 @@ from fieldcalib.assess.whole_picture import (
 from fieldcalib.calibrate.aspect import WAS_SQUASHED, in_pixels_of, told
 from fieldcalib.calibrate.batch import calibrate_batch
 from fieldcalib.calibrate.options import DEFAULT_FLAGS, CalibrationFlags
+from fieldcalib.cli.demo import observe as demo_labels
+from fieldcalib.cli.demo import pan_over_field
 from fieldcalib.draw.scene import render_field
 from fieldcalib.fields.catalogue import field_named
 from fieldcalib.fields.segments import Line
@@ -162,9 +164,16 @@ def test_labels_that_stop_short_tell_that_they_were_cut(pan, x, y):
 
 
 def test_the_sides_that_were_cut_are_told():
-    camera = Camera.from_angles(-0.4, 1.35, 0.0, 1000.0, (0.0, 62.0, -15.0), SIZE)
+    camera = Camera.from_angles(-0.4, 1.35, 0.0, 800.0, (0.0, 62.0, -15.0), SIZE)
     part = part_of(labelled_to_the_border(camera, 4), camera, (0, 0), (720, 540))
     assert log_ratio_of_cut(FIELD, part.pixels, part.truth) > 3.0
+
+
+def test_one_marking_that_was_not_followed_to_the_border_is_no_cut():
+    """Nor are circles, of which nobody clicks the ends: the labels of the demonstration are of whole pictures."""
+    for camera in pan_over_field(6):
+        pixels = demo_labels(camera, FIELD, np.random.default_rng(0), 1.0)
+        assert calibrate_from_segments(FIELD, pixels, SIZE).verdict is Verdict.GOOD
 
 
 def test_who_clicks_here_and_there_on_a_marking_reaches_no_border():

@@ -2,8 +2,8 @@
 
 Annotators follow a marking to the border of the picture. Of 5.5 places in an annotated frame where a marking leaves the
 picture, labels end within 1.2 % of its width of 98 %; where a picture with its labels was cut out of a larger one, of
-5 %. The likelihoods are counted for the places at one side of the picture, where the labels of the others reach the
-border: whoever clicks here and there on a marking reaches none.
+5 %. The likelihoods are counted for the places of several straight markings at one side of the picture, where the labels
+of the others reach the border: whoever clicks here and there on a marking reaches none.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ import numpy as np
 
 from fieldcalib._types import Array
 from fieldcalib.fields.field import Field
-from fieldcalib.fields.segments import Segment
+from fieldcalib.fields.segments import Arc, Segment
 from fieldcalib.geometry.camera import Camera
 from fieldcalib.problem.labelled_pixels import Pixels
 
@@ -23,6 +23,7 @@ REACHED, SHORT = 0.012, 0.02  # of the width: labels end at the border up to the
 # annotated frames 98.2, 1.0, 0.9 % of 3657 do, of their corners, at sides that were cut, 4.9, 3.1, 92 % of 4187.
 LOG_RATIOS = (-3.0, 1.2, 4.6)
 MOST_LOG_RATIO = 8.0  # whatever the labels say, one picture in some thousand is odd in another way
+LEAST_PLACES = 2  # at one side: one marking may have been followed less far than the others
 HABIT = 0.5  # share of the other places where labels must reach the border
 WITH_LABELS = 0.5  # of the parts that are labelled: they were cut out with their labels, the others labelled anew
 SPACING = 0.5  # m, of points on a segment
@@ -44,13 +45,13 @@ def log_ratio_of_cut(field: Field, pixels: Pixels, camera: Camera) -> float:
     Examples
     --------
     >>> from fieldcalib import soccer
-    >>> whole = Camera.from_angles(0.0, 1.35, 0.0, 1400.0, (0.0, 65.0, -16.0), (1280, 720))
-    >>> xy = {label: whole.project(soccer()[label].sample(0.1)) for label in ("Side line top", "Circle central")}
+    >>> whole = Camera.from_angles(0.0, 1.3, 0.0, 1000.0, (0.0, 65.0, -16.0), (1280, 720))
+    >>> lines = ("Side line top", "Side line bottom", "Big rect. right top")
+    >>> xy = {label: whole.project(soccer()[label].sample(0.1)) for label in lines}
     >>> labels = {label: some[np.all((some > 0.0) & (some < (1279.0, 719.0)), axis=1)] for label, some in xy.items()}
     >>> log_ratio_of_cut(soccer(), labels, whole) < 0.0
     True
-    >>> left = {label: some[(some[:, 0] < 850.0) | (some[:, 0] > 960.0)] for label, some in labels.items()}
-    >>> left = {label: some[some[:, 0] < 960.0] for label, some in left.items()}  # of sparse labels, cut at column 960
+    >>> left = {label: some[some[:, 0] < 900.0] for label, some in labels.items()}  # sparse ones, cut at column 960
     >>> log_ratio_of_cut(soccer(), left, whole.cropped((0, 0), (960, 720))) > 3.0
     True
     """
@@ -60,7 +61,7 @@ def log_ratio_of_cut(field: Field, pixels: Pixels, camera: Camera) -> float:
         own = [gap for where, gap in places if where == side]
         others = [gap for where, gap in places if where != side]
         reached = sum(gap < REACHED for gap in others)
-        if own and reached >= max(HABIT * len(others), 1):
+        if len(own) >= LEAST_PLACES and reached >= max(HABIT * len(others), 1):
             best = max(best, sum(LOG_RATIOS[int(np.searchsorted((REACHED, SHORT), gap, side="right"))] for gap in own))
     if not np.isfinite(best):
         return 0.0
@@ -70,7 +71,7 @@ def log_ratio_of_cut(field: Field, pixels: Pixels, camera: Camera) -> float:
 def _ends(field: Field, label: str, xy: Array, camera: Camera) -> list[tuple[int, float]]:
     """Where a marking on the ground leaves the picture: at which side, and how far from its label, of the width."""
     segment = _on_ground(field.segments, label)
-    if segment is None or not len(xy):
+    if segment is None or isinstance(segment, Arc) or not len(xy):  # nobody need follow a circle to the border
         return []
     points = camera.project(segment.sample(SPACING))
     last = np.array(camera.image_size) - 1.0

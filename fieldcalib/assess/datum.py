@@ -160,7 +160,8 @@ def in_words(motion: Array, standard_deviations: Array) -> str:
     Examples
     --------
     >>> print(in_words(np.diag([0.5, -0.5]), np.array([2.5, 0.1])))
-    the length is not visible: positions are relative to the right end; give --field-length for metres from the centre
+    the length is not visible: positions are relative to the right end; --field-length with --field-size known gives \
+metres from the centre
     """
     found = []
     for axis, (name, sides) in enumerate(SIDES):
@@ -170,8 +171,8 @@ def in_words(motion: Array, standard_deviations: Array) -> str:
     if not found:
         return ""
     names, sides_in_view, options = (" and ".join(one) for one in zip(*found, strict=True))
-    verb = "is" if len(found) == 1 else "are"
+    verb, gives = ("is", "gives") if len(found) == 1 else ("are", "give")
     return (
-        f"the {names} {verb} not visible: positions are relative to the {sides_in_view}; give {options} for metres "
-        f"from the centre"
+        f"the {names} {verb} not visible: positions are relative to the {sides_in_view}; {options} with --field-size "
+        f"known {gives} metres from the centre"
     )

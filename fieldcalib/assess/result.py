@@ -25,7 +25,7 @@ from fieldcalib.assess.probability import evidence, probability_by_covariance, p
 from fieldcalib.assess.solved import Solved
 from fieldcalib.assess.surprises import LEAST_ASPECT, surprises
 from fieldcalib.assess.uncertainty import Uncertainty
-from fieldcalib.assess.whole_picture import SQUASHED_LOG_ODDS, seems_part
+from fieldcalib.assess.whole_picture import CUT, SHAPE, SQUASHED_LOG_ODDS, seems_part
 from fieldcalib.fields.field import Field
 from fieldcalib.fields.records import field_from_record, field_to_record
 from fieldcalib.geometry.camera import Camera
@@ -77,7 +77,9 @@ REMEDIES: Mapping[Status, str] = MappingProxyType(
         Status.IMPLAUSIBLE: "check the labels, the field and its size; say if the picture was cropped or squashed",
     }
 )
-OFF_PAINT = "look at the overlay (run --show-paint); give --field-length and --field-width if you know them"
+OFF_PAINT = "look at the overlay (run --show-paint); give --field-length and --field-width with --field-size known"
+NOT_WHOLE_FRAMES = frozenset([CUT, SHAPE])
+NOT_WHOLE = "say what the picture is of: --crop-of for a part of a frame, --aspect or --display-size for a squashed one"
 
 
 @dataclass(frozen=True)
@@ -218,7 +220,8 @@ class Calibration:
         """What would help, in the user's terms; empty where nothing is known, or needed.
 
         Of a camera that is not accepted it goes with the status. Otherwise it goes with markings that lie off their
-        paint or, where the size of the field is not visible, with metres that are from the markings in view.
+        paint, with a picture that may be no whole frame or, where the size of the field is not visible, with metres
+        that are from the markings in view: where positions from the centre are known to more than half a metre.
 
         Examples
         --------
@@ -229,6 +232,8 @@ class Calibration:
             return REMEDIES[self.status]
         if any(one.is_off for one in self.markings):
             return OFF_PAINT
+        if not NOT_WHOLE_FRAMES.isdisjoint(self.concerns):
+            return NOT_WHOLE
         return self.uncertainty.remedy if self.camera is not None and self.knows_errors else ""
 
     @property
