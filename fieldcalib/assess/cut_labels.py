@@ -2,8 +2,8 @@
 
 Annotators follow a marking to the border of the picture. Of 5.5 places in an annotated frame where a marking leaves the
 picture, labels end within 1.2 % of its width of 98 %; where a picture with its labels was cut out of a larger one, of
-5 %. The likelihoods are counted for the places of several straight markings at one side of the picture, where the labels
-of the others reach the border: whoever clicks here and there on a marking reaches none.
+5 %. The likelihoods are counted for the places of several straight markings at one side of the picture, where labels of
+the others reach the border: whoever clicks here and there on a marking reaches none.
 """
 
 from __future__ import annotations
@@ -46,7 +46,7 @@ def log_ratio_of_cut(field: Field, pixels: Pixels, camera: Camera) -> float:
     --------
     >>> from fieldcalib import soccer
     >>> whole = Camera.from_angles(0.0, 1.3, 0.0, 1000.0, (0.0, 65.0, -16.0), (1280, 720))
-    >>> lines = ("Side line top", "Side line bottom", "Big rect. right top")
+    >>> lines = ("Side line top", "Side line bottom", "Big rect. right main", "Big rect. right top")
     >>> xy = {label: whole.project(soccer()[label].sample(0.1)) for label in lines}
     >>> labels = {label: some[np.all((some > 0.0) & (some < (1279.0, 719.0)), axis=1)] for label, some in xy.items()}
     >>> log_ratio_of_cut(soccer(), labels, whole) < 0.0
