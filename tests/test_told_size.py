@@ -146,7 +146,8 @@ def test_run_estimates_unless_it_is_told_not_to(tmp_path, pictures, capsys):
 
 def test_a_field_that_no_frame_tells_keeps_its_size():
     nothing = calibrate_batch(soccer(size_known=True), [{}], SIZE)
-    assert shared_size(FIELD, nothing) is FIELD
+    assert shared_size(FIELD, nothing).field is FIELD
+    assert not shared_size(FIELD, nothing).is_told
 
 
 def test_a_size_that_is_not_shared_is_nominal():

@@ -36,6 +36,7 @@ ROUNDS = 10
 # Share below which the labels count as silent: a frame of one half has 2 % of the length, since the prior knows roughly
 # where the camera stands.
 SILENT = 0.05
+TOLD = 0.5  # share from which on it comes from the labels
 
 
 @dataclass(frozen=True, eq=False)
@@ -63,6 +64,11 @@ class FieldSize:
         return self.field.width
 
     @property
+    def is_told(self) -> bool:
+        """Whether the labels tell length and width, not the prior."""
+        return bool(np.all(self.from_labels >= TOLD))
+
+    @property
     def std_deviations(self) -> Array:
         """Standard deviations, (2,) metres: the prior's where the labels say nothing."""
         return np.asarray(np.sqrt(np.diagonal(self.covariance)))
@@ -84,7 +90,7 @@ class FieldSize:
 def _in_words(name: str, metres: float, deviation: float, share: float) -> str:
     if share < SILENT:
         return f"{name}: the labels say nothing, {metres:.1f} ± {deviation:.1f} m is from the prior"
-    origin = "from the labels" if share >= 0.5 else f"mostly from the prior ({100.0 * share:.0f} % from the labels)"
+    origin = "from the labels" if share >= TOLD else f"mostly from the prior ({100.0 * share:.0f} % from the labels)"
     return f"{name}: {metres:.2f} ± {deviation:.2f} m {origin}"
 
 
@@ -176,8 +182,8 @@ def estimate_field_size(
     return FieldSize(field.resized(*size.tolist()), covariance, share, tuple(calibrations))
 
 
-def shared_size(field: Field, calibrations: Sequence[Calibration]) -> Field:
-    """A field of the size that calibrations of frames of it tell together; as it is if none of them is accepted.
+def shared_size(field: Field, calibrations: Sequence[Calibration]) -> FieldSize:
+    """The size that calibrations of frames of a field tell together; the given one if none of them is accepted.
 
     Parameters
     ----------
@@ -187,10 +193,10 @@ def shared_size(field: Field, calibrations: Sequence[Calibration]) -> Field:
         Of images of one size, on a field of one size that they take as known.
     """
     mean, sizes = _checked_size(field)
-    accepted = _with_status(calibrations, Status.ACCEPTED)
-    if not accepted:
-        return field
-    return field.resized(*_solved_together(accepted, mean, sizes).theta[0, -2:].tolist())
+    accepted, sized = _with_status(calibrations, Status.ACCEPTED), field
+    if accepted:
+        sized = field.resized(*_solved_together(accepted, mean, sizes).theta[0, -2:].tolist())
+    return FieldSize(sized, *_uncertainty(accepted, mean, sizes), tuple(calibrations))
 
 
 def _checked_size(field: Field) -> tuple[Array, SizePrior]:

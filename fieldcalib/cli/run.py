@@ -26,7 +26,7 @@ from fieldcalib.cli.arguments import (
 )
 from fieldcalib.cli.clips import is_clip, run_clip
 from fieldcalib.cli.declared import add_declarations, declared_placement, is_aspect_estimated
-from fieldcalib.cli.fields import ESTIMATED, KNOWN, add_field, field_of, prior_of
+from fieldcalib.cli.fields import ESTIMATED, KNOWN, NOMINAL, add_field, field_of, prior_of
 from fieldcalib.cli.frames import (
     Frame,
     ReadImage,
@@ -230,11 +230,16 @@ class FromImages:
         for image in images:
             by_size.setdefault(image.shape, []).append(placed(self.options, image).image_in_frame(image))
         alike = max(by_size.values(), key=len, default=[])
-        given = field = field_of(self.options)
+        given = field_of(self.options)
+        found = shared_size(given, [])
         for _ in range(ROUNDS if alike else 0):
-            field = shared_size(given, self._calibrated(replace(field, size_known=True), alike))
-        sizes = {"field_length": field.length, "field_width": field.width, "field_size": KNOWN}
-        print(f"fieldcalib: the images show a field of {field.length:.1f} x {field.width:.1f} m", file=sys.stderr)
+            found = shared_size(given, self._calibrated(replace(found.field, size_known=True), alike))
+        kind = KNOWN if found.is_told else NOMINAL  # what no image shows is not known
+        sizes = {"field_length": found.length, "field_width": found.width, "field_size": kind}
+        print(
+            f"fieldcalib: the images show a field of {found.length:.1f} x {found.width:.1f} m ({found})",
+            file=sys.stderr,
+        )
         return replace(self, options=argparse.Namespace(**vars(self.options) | sizes))
 
     def _calibrated(self, field: Field, images: Sequence[Image]) -> list[Calibration]:
