@@ -218,7 +218,7 @@ def calibrate_checked(
     if trust_labels:
         return found
     borders = [
-        other_border(object_segments, frame, options.image_size, one.camera)
+        other_border(object_segments, frame, options.image_size, one.camera) if one.are_annotated else None
         for frame, one in zip(frames, found, strict=True)
     ]
     return [
