@@ -3,11 +3,14 @@
 import os
 import struct
 import sys
+import time
+from concurrent.futures import ThreadPoolExecutor
 
 import cv2
 import numpy as np
 import pytest
 
+from fieldcalib.io import videos
 from fieldcalib.io.files import BrokenFileError
 from fieldcalib.io.videos import VideoReader, VideoWriter
 
@@ -248,3 +251,20 @@ def test_an_opencv_that_has_h264(tmp_path, monkeypatch):
     assert codec_of(tmp_path / "a.mp4").lower() == "vp90"
     with VideoReader(tmp_path / "a.mp4") as written:
         assert [image.shape for image in written] == [(92, 162, 3)]
+
+
+def test_options_of_one_video_are_not_those_of_another_thread(monkeypatch):
+    """OpenCV reads them from the environment, which all threads share."""
+    seen = {}
+
+    def opening(location, *_):
+        time.sleep(0.05)
+        seen[location] = os.environ.get(videos.CAPTURE_OPTIONS)
+
+    monkeypatch.setattr(cv2, "VideoCapture", opening)
+    with ThreadPoolExecutor(2) as threads:
+        counted = threads.submit(videos._opened, "counted", None, "ignore_editlist;1")
+        read = threads.submit(videos._opened, "read", None)
+        counted.result()
+        read.result()
+    assert seen == {"counted": "ignore_editlist;1", "read": None}
