@@ -1,18 +1,21 @@
 """Clips whose frames do not share one place: parts with places of their own, a camera that moves, or nothing."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from tripods import SIZE, chain, matched, panned
 
 from data_tools.synthetic.clips import labelled
 from fieldcalib import Camera, calibrate_from_segments, soccer
+from fieldcalib.assess.markings import MarkingInView
 from fieldcalib.assess.misfit import is_contradicted
 from fieldcalib.assess.result import Verdict
 from fieldcalib.calibrate.options import ALL, DEFAULT_FLAGS
 from fieldcalib.calibrate.sequence_solver import SHARED
 from fieldcalib.calibrate.ties import thinned
 from fieldcalib.images.clip_models import LeftOut, parts
-from fieldcalib.images.clip_solver import ClipSolver
+from fieldcalib.images.clip_solver import ClipSolver, off_paint
 from fieldcalib.images.witnesses import agree
 from fieldcalib.problem.evaluation import evaluate_camera
 
@@ -91,6 +94,19 @@ def test_a_window_that_moves_is_found_out(size):
     assert np.median(np.abs(off)) < 12.0
     assert max(far_off(one, camera) for one, camera in zip(found, cameras, strict=True)) < 1.0
     assert [one.verdict for one in found] == [Verdict.GOOD] * 16
+
+
+def test_a_second_look_that_loses_cameras_is_not_taken(monkeypatch):
+    clip = clip_of(panned(10, -0.4, 0.4))
+    tripods = clip.tripods()
+    found = clip.finished(tripods, clip.seen, {})
+    beside = MarkingInView("Middle line", 300.0, 25, share=0.1, offset=21.4)
+    found = replace(found, tripods=tuple(one.seen_in_images({0: (beside,)}) for one in found.tripods))
+    nothing = clip.finished([], {}, {})
+    monkeypatch.setattr(clip, "lines_in", lambda images, tripods: ({}, {}))
+    monkeypatch.setattr(clip, "finished", lambda *_: nothing)
+    assert off_paint(found) > off_paint(nothing) == 0.0
+    assert clip.looked_at_again(found, tripods, []) is found
 
 
 def test_static_points_alone_do_not_tell_where_a_window_is():

@@ -34,9 +34,7 @@ MORE, MORE_SHARE = 3, 0.25  # and by how many and by which share of the profiles
 NEARER = 0.2  # share of the profiles that paint at the end of the band must have more than paint at the marking
 AS_NARROW = 1.2  # times the width of a marking in the image: where paint of other markings
 EXPECTED = 0.6  # is seen in that share of the places, its own should be seen too
-LOOKED_AT = (
-    0.87  # share of the profiles with a ridge where the marking is projected, above which no other is looked for
-)
+LOOKED_AT = 0.87  # share of the profiles with paint where a marking is projected, above which no other is looked for
 NEARLY_ALL = 0.9  # share of the profiles on one line or arc, from which the first of these numbers is enough
 DRAWS = 200  # of ridges of a marking, each of which gives a line or an arc
 APART = 0.3  # least share of the profiles of a marking between the outer ones of a draw
