@@ -33,7 +33,7 @@ from fieldcalib.fields.segments import ObjectSegments
 from fieldcalib.images.borders import shown_part
 from fieldcalib.images.frame_lines import as_given, per_pixel
 from fieldcalib.images.frames_together import solver_of_lines
-from fieldcalib.images.from_images import calibrate_from_images
+from fieldcalib.images.from_images import calibrate_frames_alone
 from fieldcalib.images.pictures import as_shown, log_ratio_of_squash
 from fieldcalib.images.refinement import LOSS_SCALE
 from fieldcalib.io.image import Image, each_checked
@@ -97,16 +97,8 @@ class LookedAt:
         return log_odds + sum(float(np.mean(some)) for some in (alone, together) if some)
 
     def _each(self, images: Sequence[Image]) -> list[Calibration]:
-        return calibrate_from_images(
-            self.object_segments,
-            images,
-            self.network,
-            *self.given,
-            flags=self.flags,
-            prior=self.prior,
-            take_off_borders=False,
-            estimate_aspect=False,
-            estimate_size=False,
+        return calibrate_frames_alone(
+            self.object_segments, images, self.network, flags=self.flags, prior=self.prior, given=self.given
         )
 
     def _distances(

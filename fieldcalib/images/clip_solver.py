@@ -35,7 +35,7 @@ from fieldcalib.images.clip_models import (
 )
 from fieldcalib.images.frame_lines import as_given, frame_lines, with_paint
 from fieldcalib.images.frames_together import Cells, cells_of, solver_of_lines
-from fieldcalib.images.from_images import calibrate_from_images
+from fieldcalib.images.from_images import calibrate_frames_alone
 from fieldcalib.images.keyframes import Tied
 from fieldcalib.images.line_profiles import Markings
 from fieldcalib.images.matches import Matches
@@ -146,16 +146,8 @@ class ClipSolver:
     def _by_themselves(self, images: Sequence[Image]) -> list[Calibration]:
         """Images as single ones."""
         assert self.network is not None
-        return calibrate_from_images(
-            self.object_segments,
-            images,
-            self.network,
-            *self.given,
-            flags=self.flags,
-            prior=self.prior,
-            take_off_borders=False,
-            estimate_aspect=False,
-            estimate_size=False,  # all frames together tell it
+        return calibrate_frames_alone(
+            self.object_segments, images, self.network, flags=self.flags, prior=self.prior, given=self.given
         )
 
     def cells(self, key: int, index: int, matches: Matches) -> Cells | None:
@@ -324,10 +316,10 @@ class ClipSolver:
 
         What is paint beside markings is among the lines of these frames. Tripods lose pieces that show hardly any line.
         """
-        cameras, markings = {}, []
+        cameras, markings, of_object = {}, [], Markings.of(self.object_segments)
         for tripod in tripods:
             field = tripod.calibration.field
-            markings.append(Markings.of(self.object_segments if field is None else field))
+            markings.append(of_object if field is None else Markings.of(field))
             for t, calibration in zip(self.frames(tripod.pieces).tolist(), tripod.calibration, strict=True):
                 cameras[t] = calibration, markings[-1]
         lines: dict[int, Labels] = {}
@@ -339,7 +331,7 @@ class ClipSolver:
                 (by_itself,) = self._by_themselves([image])
                 if by_itself.camera is not None and by_itself.solved is not None:
                     lines[t] = as_given(labels_of(by_itself.solved.alone.evaluation))
-                    ridges[t] = Ridges.of(image, by_itself.camera, Markings.of(self.object_segments))
+                    ridges[t] = Ridges.of(image, by_itself.camera, of_object)
                     count[:, self.piece[t]] += 1.0
                 continue
             if t not in cameras:

@@ -141,6 +141,29 @@ def calibrate_from_images(
     return [calibration for part in in_order(executor, of_part, parts) for calibration in part]
 
 
+def calibrate_frames_alone(
+    object_segments: ObjectSegments,
+    images: Sequence[Image],
+    network: Network,
+    *,
+    flags: int,
+    prior: Prior,
+    given: GivenCamera,
+) -> list[Calibration]:
+    """Calibrate frames of a clip as single images, as they are: all of them together tell size, borders and aspect."""
+    return calibrate_from_images(
+        object_segments,
+        images,
+        network,
+        *given,
+        flags=flags,
+        prior=prior,
+        take_off_borders=False,
+        estimate_aspect=False,
+        estimate_size=False,
+    )
+
+
 def _of_one_size(images: Iterable[Image]) -> Iterator[Image]:
     """The images, if one camera matrix can be that of all of them."""
     first: tuple[int, int] | None = None

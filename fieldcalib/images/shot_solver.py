@@ -24,7 +24,7 @@ from fieldcalib.calibrate.tripod import KnownTripod, Labels
 from fieldcalib.fields.segments import ObjectSegments
 from fieldcalib.images.frame_lines import as_given
 from fieldcalib.images.frames_together import Cells, cells_of, solver_of_lines
-from fieldcalib.images.from_images import calibrate_from_images
+from fieldcalib.images.from_images import calibrate_frames_alone
 from fieldcalib.images.keyframes import KeyframePair
 from fieldcalib.images.line_profiles import Markings
 from fieldcalib.io.image import Image
@@ -136,16 +136,8 @@ def solve_shot(problem: ShotProblem, seen: Seen | None) -> ShotSolution:
 
 def _labels(options: KeyframeOptions, seen: Seen) -> Labels | None:
     """The labels of a picture as its camera has them; None if it has none that is accepted."""
-    (found,) = calibrate_from_images(
-        options.object_segments,
-        [seen.image],
-        seen,
-        *options.given,
-        flags=options.flags,
-        prior=options.prior,
-        take_off_borders=False,
-        estimate_aspect=False,
-        estimate_size=False,  # all keyframes together tell it
+    (found,) = calibrate_frames_alone(
+        options.object_segments, [seen.image], seen, flags=options.flags, prior=options.prior, given=options.given
     )
     if not found.accepted or found.solved is None:
         return None
