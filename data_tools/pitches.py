@@ -69,8 +69,8 @@ def random_pitch(rng: np.random.Generator) -> tuple[Field, float]:
     --------
     >>> rng = np.random.default_rng(0)
     >>> pitches = [random_pitch(rng) for _ in range(1000)]
-    >>> round(np.mean([field.length == 105.0 for field, _ in pitches]), 1), max(crown for _, crown in pitches) < 0.35
-    (np.float64(0.6), True)
+    >>> float(round(np.mean([field.length == 105.0 for field, _ in pitches]), 1)), max(h for _, h in pitches) < 0.35
+    (0.6, True)
     """
     length, width = SIZES[rng.choice(len(SIZES), p=SHARES)]
     crown = rng.uniform(0.0, HIGHEST) if rng.random() < CROWNED_SHARE else 0.0
