@@ -1,7 +1,4 @@
-"""Pitches that are crowned: built higher in the middle than at the touchlines, so that rain runs off.
-
-The ground is at height ``h (1 - (2 y / W)^2)`` above the touchlines, which are W apart; beside them it is level.
-"""
+"""Pitches that are crowned (`fieldcalib.fields.crown`), to be drawn and to be labelled."""
 
 from __future__ import annotations
 
@@ -11,6 +8,7 @@ import numpy as np
 
 from fieldcalib._types import Array, Float32
 from fieldcalib.draw.ground import Ground
+from fieldcalib.fields.crown import share_of_crown
 from fieldcalib.fields.field import Field
 from fieldcalib.fields.segments import Point, PointCloud, Segment
 from fieldcalib.geometry.camera import Camera
@@ -77,4 +75,4 @@ def crowned_ground(camera: Camera, ray: Float32, field: Field, crown: float) -> 
 
 def _height(y: Array | Float32, field: Field, crown: float) -> Array:
     """Of the ground at y, metres."""
-    return np.asarray(crown * np.maximum(1.0 - np.square(2.0 * y / field.width), 0.0))
+    return crown * share_of_crown(y, field.width)

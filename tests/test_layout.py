@@ -7,6 +7,7 @@ from hypothesis import strategies as st
 from strategies import anywhere, cameras, numbers, thetas, vectors
 from synthetic import visible_field_points
 
+from fieldcalib.fields.traits import Crown
 from fieldcalib.geometry.camera import Camera
 from fieldcalib.geometry.lens import BrownConradyLens, Pinhole, RadialLens
 from fieldcalib.problem.layout import (
@@ -30,7 +31,8 @@ RHO = float(np.hypot(*SIZE) / 2.0)
 LENSES = (Pinhole(RHO), RadialLens(RHO), BrownConradyLens(RHO))
 FIELD_SIZE = SizeBlock(np.array([100.0, 66.0]), np.array([2.0, 3.0]), np.array([[90.0, 45.0], [120.0, 90.0]]))
 every_lens = pytest.mark.parametrize("lens", LENSES, ids=lambda lens: type(lens).__name__)
-every_size = pytest.mark.parametrize("field_size", [None, FIELD_SIZE], ids=["known size", "field size"])
+CROWNED = FIELD_SIZE._replace(crown=Crown(0.5, 0.2))
+every_size = pytest.mark.parametrize("field_size", [None, FIELD_SIZE, CROWNED], ids=["known size", "size", "crown"])
 
 
 def assert_same_camera(theta, expected):
@@ -151,10 +153,12 @@ def test_a_lens_that_the_layout_does_not_have_is_refused():
 def test_blocks_cover_theta_once(lens, field_size):
     layout = Layout.of(SIZE, lens, field_size)
     sizes = () if field_size is None else ("length", "width")
-    assert layout.size == len(layout.names) == 10 + len(lens.names) + len(sizes)
+    crown = ("crown",) if field_size is CROWNED else ()
+    assert layout.size == len(layout.names) == 10 + len(lens.names) + len(sizes) + len(crown)
     assert layout.names[layout.lens_block] == lens.names
     assert layout.names[layout.field_size_block] == sizes
-    parts = ("angles", "focal length", "centre", "principal point", "aspect", "lens", "field size")
+    assert layout.names[layout.crown_block] == crown
+    parts = ("angles", "focal length", "centre", "principal point", "aspect", "lens", "field size", "crown")
     covered = np.concatenate([np.arange(layout.size)[layout.blocks[name]] for name in parts])
     np.testing.assert_array_equal(covered, np.arange(layout.size))  # in this order, each once
     np.testing.assert_array_equal(np.flatnonzero(layout.is_lens), np.arange(layout.size)[layout.lens_block])
@@ -173,9 +177,9 @@ def test_coefficients_are_blocks_by_opencvs_names():
 def test_what_can_be_estimated_is_free_at_first(lens, field_size):
     layout = Layout.of(SIZE, lens, field_size)
     fixed = [name for name, free in zip(layout.names, layout.free, strict=True) if not free]
-    assert fixed == list(lens.names[lens.estimable :])
+    assert fixed == [*lens.names[lens.estimable :], *(["crown"] if field_size is CROWNED else [])]
     assert not np.any(layout.shared)
-    assert not np.any(layout.considered)
+    np.testing.assert_array_equal(layout.considered, layout.is_crown)  # that is never estimated
 
 
 def test_roles():
@@ -214,8 +218,8 @@ def test_bounds_are_those_of_the_lens_and_of_the_legal_sizes(lens, field_size):
     assert np.all(np.isposinf(layout.largest[: layout.lens_block.stop]))
     np.testing.assert_array_equal(layout.least[layout.lens_block], lens.least)
     if field_size is not None:
-        np.testing.assert_array_equal(layout.least[-2:], [90.0, 45.0])
-        np.testing.assert_array_equal(layout.largest[-2:], [120.0, 90.0])
+        np.testing.assert_array_equal(layout.least[layout.field_size_block], [90.0, 45.0])
+        np.testing.assert_array_equal(layout.largest[layout.field_size_block], [120.0, 90.0])
 
 
 def test_longest_steps():

@@ -77,10 +77,10 @@ def test_the_size_of_a_field_is_considered_unless_it_is_known():
     assert not np.any(options(prior=None).layout.considered)
     assert options(field=soccer(size_known=True)).layout.field_size is None
     layout = options(field=soccer(100.0, 66.0)).layout
-    assert np.array(layout.names)[layout.considered].tolist() == ["length", "width"]
+    assert np.array(layout.names)[layout.considered].tolist() == ["length", "width", "crown"]
     np.testing.assert_array_equal(layout.field_size.given, (100.0, 66.0))
     np.testing.assert_array_equal(layout.field_size.sigma, soccer().size_model.sigma)
-    np.testing.assert_array_equal(options(field=soccer(100.0, 66.0)).known[-2:], (100.0, 66.0))
+    np.testing.assert_array_equal(options(field=soccer(100.0, 66.0)).known[-3:], (100.0, 66.0, 0.0))
 
 
 @pytest.mark.parametrize(

@@ -19,7 +19,7 @@ HERE = np.array([1.0, 66.0, -16.0])
 
 def place(values, covariance, names=PLACE):
     """What a shot of one frame says."""
-    return replace(NOTHING, names=names, values=np.array(values, dtype=float), covariance=covariance)
+    return replace(NOTHING, names=names, values=np.array(values, dtype=float), covariance=covariance, layout=None)
 
 
 def covariance(rng, sigma, size=3):

@@ -15,6 +15,7 @@ from fieldcalib._json import from_json, to_json
 from fieldcalib._types import Array, BoolArray
 from fieldcalib.assess.datum import MARKINGS_IN_VIEW, RelativeTo, by_parameters, checked, in_words
 from fieldcalib.assess.ground import ground_derivatives
+from fieldcalib.assess.level import if_level
 from fieldcalib.fields.field import Field
 from fieldcalib.geometry.camera import Camera
 from fieldcalib.geometry.rotation import rotation_axes
@@ -70,6 +71,11 @@ class CameraErrors(ABC):
     @abstractmethod
     def on(self, field: Field | None) -> Self:
         """Name the field that is in view: errors are then relative to its markings."""
+
+    @property
+    @abstractmethod
+    def if_level(self) -> Self:
+        """The errors if the field were known to be level (`fieldcalib.fields.crown`)."""
 
     @property
     @abstractmethod
@@ -219,6 +225,12 @@ class KnownErrors(CameraErrors):
     def on(self, field: Field | None) -> KnownErrors:
         """Name the field that is in view: errors are then relative to its markings."""
         return KnownErrors(self._layout, self._theta, self._covariance, self.dof, field)
+
+    @property
+    def if_level(self) -> KnownErrors:
+        """The errors if the field were known to be level."""
+        covariance = if_level(self._covariance, self._layout.is_crown)
+        return KnownErrors(self._layout, self._theta, covariance, self.dof, self.field)
 
     @property
     def layout(self) -> Layout:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from fieldcalib._types import Array, BoolArray
+from fieldcalib.fields.crown import share_of_crown
 from fieldcalib.problem.layout import CENTER, PRINCIPAL_POINT
 from fieldcalib.problem.projection import Projection
 
@@ -60,4 +61,14 @@ def ground_derivatives(projection: Projection, X: Array, known: BoolArray, some:
     c, d = np.where(known, down[:, x], 0.0), np.where(known, down[:, y], 1.0)
     across, down = (rows[:, some[needed]] / (a * d - b * c)[:, None] for rows in (across, down))
     moved = d[:, None] * across - b[:, None] * down, a[:, None] * down - c[:, None] * across
-    return np.moveaxis(np.array(moved), (0, 2), (2, 3))
+    derivatives = np.moveaxis(np.array(moved), (0, 2), (2, 3))
+    size = projection.layout.field_size
+    if size is not None and np.any(some[projection.layout.crown_block]):
+        derivatives[..., -1] = _by_crown(projection, np.where(known[..., None], X, 0.0), size.given[1])
+    return derivatives
+
+
+def _by_crown(projection: Projection, X: Array, width: float) -> Array:
+    """Derivatives (B, N, 2) of ground points (B, N, 3) by the crown of the field: their pixels see what is higher."""
+    towards = (projection.C[..., :2] - X[..., :2]) / np.abs(projection.C[..., 2:])
+    return np.asarray(share_of_crown(X[..., 1], width)[..., None] * towards)

@@ -17,6 +17,7 @@ import numpy as np
 from fieldcalib._types import Array
 from fieldcalib.assess.datum import relative_to_markings
 from fieldcalib.assess.ground import ground_derivatives, ground_of_pixels
+from fieldcalib.assess.level import if_level
 from fieldcalib.assess.noise import Noise, gram
 from fieldcalib.fields.field import Field
 from fieldcalib.problem.evaluation import Evaluation
@@ -111,6 +112,7 @@ def whole_covariance(E: Array, F: Array, V: Array, layout: Layout) -> Array:
 def ground_errors(theta: Array, layout: Layout, errors: OwnErrors, V: Array, field: Field | None) -> Array:
     """Root mean square error, metres, of the field that each of B cameras sees, relative to the markings in view, (B,).
 
+    The field is taken for level, whatever is known of its crown.
     It is the median over a grid of pixels that see the ground within the field, or anywhere if there is none; NaN where
     none does.
     """
@@ -122,6 +124,7 @@ def ground_errors(theta: Array, layout: Layout, errors: OwnErrors, V: Array, fie
     X, seen = ground_of_pixels(projection, xy)
     seen &= np.all(np.abs(X[..., :2]) <= half, axis=-1)
     some = layout.free | layout.considered
+    V = if_level(V, layout.is_crown[layout.considered])
     moved = relative_to_markings(ground_derivatives(projection, X, seen, some), projection, field, some)
     own = moved[..., layout.free[some]]
     shared = moved[..., layout.considered[some]] - own @ errors.following[:, None]

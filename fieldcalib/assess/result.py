@@ -206,7 +206,7 @@ class Calibration:
             return ("its errors are not known, as it does not come from labelled pixels",)
         doubts = []
         if self.has_probability:
-            probability = self.probability()
+            probability = self.probability(level=True)  # a camera that lies on the paint is right, whatever the ground
             if not probability >= LEAST_PROBABILITY:
                 doubts.append(f"right to {self._tolerance:g} m with a probability of {probability:.2f}")
         unusual = () if self.solved is None else surprises(self._solved_uncertainty)
@@ -310,7 +310,7 @@ class Calibration:
         """
         return self.uncertainty.at_image(xy, relative_to=relative_to)
 
-    def probability(self, metres: float | None = None, *, size_known: bool = False) -> float:
+    def probability(self, metres: float | None = None, *, size_known: bool = False, level: bool = False) -> float:
         """Probability that the camera is right: no point of the field in view is off by more than some metres.
 
         That is meant relative to the markings in view, see `field_uncertainty`. By default it is the field's
@@ -318,7 +318,9 @@ class Calibration:
         `fieldcalib.assess.probability`; of frames of a sequence it follows from their covariance. NaN where no part of
         the field is in view or the camera does not come from labelled pixels, 0 where there is no camera or it is
         implausible: of 22 such ones on synthetic frames none was right. With `size_known` it is that if the field had
-        just the given size: where it has another one, the camera may fit its image well and be wrong in metres.
+        just the given size: where it has another one, the camera may fit its image well and be wrong in metres. With
+        `level` it is that if the ground were flat; otherwise it may be higher in the middle than at the touchlines
+        (`fieldcalib.fields.crown`), where cameras of a flat one fit their image too.
 
         Raises
         ------
@@ -352,8 +354,9 @@ class Calibration:
             return 0.0
         metres = self._tolerance if metres is None else metres
         if self.errors is not None:
-            return probability_by_covariance(self._known_errors, self.field, metres)
-        rows, weights = self._evidence
+            errors = self._known_errors.if_level if level else self._known_errors
+            return probability_by_covariance(errors, self.field, metres)
+        rows, weights = self._evidence_if_level if level else self._evidence
         if size_known:
             rows, weights = rows[:1], np.ones(1)
         return probability_right(self.field.probability, rows, weights, metres) / (1 + len(self.alternatives))
@@ -411,6 +414,17 @@ class Calibration:
     def _evidence(self) -> tuple[Array, Array]:
         assert self.field is not None
         (found,) = evidence([self._solved_uncertainty], self.field)
+        return found
+
+    @cached_property
+    def _evidence_if_level(self) -> tuple[Array, Array]:
+        assert self.field is not None
+        uncertainty = self._solved_uncertainty
+        if uncertainty.size is not None:
+            return self._evidence[0], uncertainty.size.if_level.weights
+        if uncertainty.problem.considered is None:
+            return self._evidence
+        (found,) = evidence([uncertainty.if_level], self.field)
         return found
 
     @property

@@ -16,6 +16,7 @@ from fieldcalib._json import from_json, to_json
 from fieldcalib._types import Array, BoolArray, Float32, IntArray
 from fieldcalib.assess.camera_errors import KnownErrors
 from fieldcalib.assess.frame_sequence import FrameSequence, read_record
+from fieldcalib.assess.level import if_level
 from fieldcalib.assess.markings import MarkingInView, paint_complaints, paint_confirms, paint_contradicts
 from fieldcalib.assess.misfit import is_contradicted
 from fieldcalib.assess.own_errors import OwnErrors, ground_errors, whole_covariance
@@ -306,6 +307,15 @@ class SequenceCalibration(FrameSequence):
                 words = "; ".join([*paint_complaints(seen), *([notes[t]] if t in notes else [])])
                 notes[t] = f"most of the paint lies beside the markings: {words}"
         return replace(self, frames=replace(frames, status=status, notes=notes, markings=markings))
+
+    @property
+    def covariance_if_level(self) -> Array:
+        """`covariance` if the field were known to be level (`fieldcalib.fields.crown`), (S, S)."""
+        if self.layout is None or not np.any(self.layout.is_crown):
+            return self.covariance
+        names = np.array(self.layout.names)[self.layout.considered].tolist()
+        index = [names.index(name) for name in self.names]
+        return if_level(self.considered, self.layout.is_crown[self.layout.considered])[np.ix_(index, index)]
 
     @property
     def accepted(self) -> BoolArray:

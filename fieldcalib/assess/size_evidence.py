@@ -14,46 +14,55 @@ labels are wrong, and nothing is known but what was known before: that is one po
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
-from fieldcalib._types import Array
+from fieldcalib._types import Array, BoolArray
 
 FAINT = 1e-6  # 1 / m^2: information that keeps what no label tells in the system
 # Labels that are wrong: probability, of which 1 in 50 frames of good cameras has one that bends the size, and standard
-# deviation in metres of the size that fits best then.
-WRONG, FAR_OFF = 0.02, 30.0
+# deviations in metres of the length, width and crown that fit best then.
+WRONG, FAR_OFF = 0.02, np.array([30.0, 30.0, 3.0])
 LEAST_ROOM = 1.0  # m: the given size is possible, whatever the rules say
 
 
 @dataclass(frozen=True, eq=False)
 class SizeEvidence:
-    """What one frame says about length and width of its field."""
+    """What one frame says about length, width and, where fields may be crowned, crown of its field: c quantities."""
 
     offset: Array
-    """Of the size that fits best from the given one, (2,) metres."""
+    """Of the size that fits best from the given one, (2,) metres, with a crown as likely as it is a priori."""
     covariance: Array
     """Of that, (2, 2)."""
     weights: Array
     """Probabilities of the possibilities, (K + 1,), the last one of wrong labels."""
     means: Array
-    """Mean of the true size less the given one under each, (K + 1, 2)."""
+    """Mean of the true quantities less the given ones under each, (K + 1, c)."""
     moments: Array
-    """Second moments of the same, (K + 1, 2, 2)."""
+    """Second moments of the same, (K + 1, c, c)."""
     as_given: float
     """Probability that the field has the given size."""
+    level: BoolArray
+    """Which possibilities are those of a level field, or of wrong labels, (K + 1,)."""
 
     @property
     def moment(self) -> Array:
-        """Second moment over all possibilities, (2, 2)."""
+        """Second moment over all possibilities, (c, c)."""
         return np.asarray(np.tensordot(self.weights, self.moments, axes=1))
 
     @property
     def mean(self) -> Array:
         """Expected size less the given one, where it is not the given one and no label is wrong, (2,)."""
-        some = np.where(np.any(self.means != 0.0, axis=1), self.weights, 0.0)
-        return np.asarray(some @ self.means / max(float(np.sum(some)), FAINT))
+        size = self.means[:, :2]
+        some = np.where(np.any(size != 0.0, axis=1), self.weights, 0.0)
+        return np.asarray(some @ size / max(float(np.sum(some)), FAINT))
+
+    @property
+    def if_level(self) -> SizeEvidence:
+        """What the frame says if the field is known to be level."""
+        weights = np.where(self.level, self.weights, 0.0)
+        return replace(self, weights=weights / np.sum(weights))
 
     @classmethod
     def of(
@@ -63,13 +72,13 @@ class SizeEvidence:
 
         Parameters
         ----------
-        information : (2, 2) array
-            Of the labels about the size, the camera following.
-        gradient : (2,) array
-            Of the cost by the size.
-        spread : (2, 2) array
+        information : (c, c) array
+            Of the labels about length, width and crown, the camera following.
+        gradient : (c,) array
+            Of the cost by these.
+        spread : (c, c) array
             Covariance of that gradient.
-        prior : (K,) array, (K, 2) array
+        prior : (K,) array, (K, c) array
             Probabilities and standard deviations of the possibilities.
         room : (2, 2) array, optional
             How much smaller and larger than given the rules let the field be, metres; rows are (length, width).
@@ -85,11 +94,12 @@ class SizeEvidence:
         (array([-3.,  0.]), array([0.   , 0.998, 0.002]), array([-3.,  0.]))
         """
         weights, sigmas = prior
-        inverse = np.linalg.inv(information + FAINT * np.eye(2))
+        identity = np.eye(len(gradient))
+        inverse = np.linalg.inv(information + FAINT * identity)
         offset = -inverse @ gradient
-        V = inverse @ (spread + FAINT * np.eye(2)) @ inverse
-        S = np.square(sigmas)[:, :, None] * np.eye(2)
-        total = np.concatenate([V + S, V[None] + FAR_OFF**2 * np.eye(2)])
+        V = inverse @ (spread + FAINT * identity) @ inverse
+        S = np.square(sigmas)[:, :, None] * identity
+        total = np.concatenate([V + S, V[None] + np.diag(np.square(FAR_OFF[: len(gradient)]))])
         shrunk = S @ np.linalg.inv(total[:-1])  # S (V + S)^-1
         mean = shrunk @ offset
         left = S - shrunk @ S
@@ -102,21 +112,25 @@ class SizeEvidence:
         if room is not None:
             posterior[:-1] *= _legal_share(mean, left, room) / _legal_share(np.zeros_like(mean), S, room)
         posterior /= np.sum(posterior)
-        given = float(posterior[0] + posterior[-1] * weights[0])
+        is_given = ~np.any(sigmas[:, :2], axis=1)
+        given = float(is_given @ posterior[:-1] + posterior[-1] * (is_given @ weights))
+        by_crown = V[:2, 2:] @ np.linalg.inv(V[2:, 2:] + before[2:, 2:])
         return cls(
-            offset,
-            V,
+            offset[:2] - by_crown @ offset[2:],
+            V[:2, :2] - by_crown @ V[2:, :2],
             posterior,
-            np.concatenate([mean, np.zeros((1, 2))]),
+            np.concatenate([mean, np.zeros((1, len(gradient)))]),
             np.concatenate([moments, before[None]]),
             given,
+            np.append(~np.any(sigmas[:, 2:], axis=1), True),
         )
 
 
 def _legal_share(mean: Array, covariance: Array, room: Array) -> Array:
-    """Share (K,) of normal distributions that is legal, length and width taken by themselves."""
+    """Share (K,) of normal distributions (K, c) that is legal, length and width taken by themselves."""
     from scipy.special import ndtr  # a slow import
 
     sigma = np.sqrt(np.maximum(np.diagonal(covariance, axis1=-2, axis2=-1), FAINT))
     low, high = np.minimum(room[0], -LEAST_ROOM), np.maximum(room[1], LEAST_ROOM)
+    mean, sigma = mean[:, :2], sigma[:, :2]
     return np.asarray(np.prod(ndtr((high - mean) / sigma) - ndtr((low - mean) / sigma), axis=-1))

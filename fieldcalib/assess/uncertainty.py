@@ -30,6 +30,7 @@ import numpy as np
 
 from fieldcalib._types import Array, BoolArray
 from fieldcalib.assess.camera_errors import CameraErrors
+from fieldcalib.assess.level import if_level
 from fieldcalib.assess.noise import Noise, gram, size_and_curvature
 from fieldcalib.assess.observability import OPEN_DIRECTION, Direction, Information
 from fieldcalib.assess.size_evidence import FAINT, SizeEvidence
@@ -98,6 +99,17 @@ class Uncertainty(CameraErrors):
     def on(self, field: Field | None) -> Uncertainty:
         """Name the field that is in view: errors are then relative to its markings."""
         return replace(self, field=field)
+
+    @property
+    def if_level(self) -> Uncertainty:
+        """The errors if the field were known to be level."""
+        if self.size is not None:
+            return replace(self, size=self.size.if_level)
+        problem = self.problem
+        if problem.considered is None or not np.any(problem.layout.is_crown):
+            return self
+        considered = if_level(problem.considered, problem.layout.is_crown[problem.layout.considered])
+        return replace(self, evaluation=self.evaluation.of(replace(problem, considered=considered)))
 
     def _of_considered(self, moment: Array) -> Array:
         return np.asarray(self.by_considered @ moment @ self.by_considered.T)
@@ -287,7 +299,7 @@ def uncertainties(evaluation: Evaluation, unit: Array) -> list[Uncertainty]:
                     of_kept[t, :sizes, :sizes],
                     gradient[t, :sizes],
                     spread_of_kept[t, :sizes, :sizes],
-                    problem.layout.field_size.possibilities,
+                    problem.layout.field_size.possibilities_with_crown,
                     problem.layout.field_size.limits - problem.layout.field_size.given,
                 ),
                 offsets={

@@ -113,7 +113,7 @@ def near_path(found: Mapping[int, Calibration], columns: FrameColumns, done: Boo
 def _centres(calibrations: Sequence[Calibration]) -> tuple[Array, Array]:
     """Of N frames (N, 3), and their covariances (N, 3, 3)."""
     C = [calibration.uncertainty.theta[CENTER] for calibration in calibrations]
-    V = [calibration.covariance[CENTER, CENTER] for calibration in calibrations]
+    V = [calibration.uncertainty.if_level.covariance[CENTER, CENTER] for calibration in calibrations]
     return np.reshape(C, (-1, 3)), np.reshape(V, (-1, 3, 3))
 
 

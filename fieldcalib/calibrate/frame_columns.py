@@ -7,6 +7,7 @@ from collections.abc import Mapping
 import numpy as np
 
 from fieldcalib._types import Array, BoolArray, IntArray
+from fieldcalib.assess.level import if_level
 from fieldcalib.assess.own_errors import OwnErrors, ground_errors
 from fieldcalib.assess.result import Calibration, Status, SuspectLabel
 from fieldcalib.assess.sequence import BASES, LARGEST_ERROR, STATUSES, Basis, Frames
@@ -105,7 +106,8 @@ class FrameColumns:
         """Standard deviations (B, 3) of the centres of frames `index` that have one of their own."""
         centre = self.options.layout.is_centre[self.options.layout.free]
         E, F = self.errors.own[index], self.errors.following[index][:, centre]
-        variance = np.diagonal(E, axis1=1, axis2=2)[:, centre] + np.einsum("bij,jk,bik->bi", F, self.considered, F)
+        V = if_level(self.considered, self.options.layout.is_crown[self.options.layout.considered])
+        variance = np.diagonal(E, axis1=1, axis2=2)[:, centre] + np.einsum("bij,jk,bik->bi", F, V, F)
         return np.asarray(np.sqrt(variance))
 
     def _ground_errors(self, theta: Array, errors: OwnErrors) -> Array:

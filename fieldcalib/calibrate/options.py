@@ -358,6 +358,7 @@ def _known_parameters(
     known[layout.lens_block] = known[LOG_ASPECT] = 0.0
     if layout.field_size is not None:
         known[layout.field_size_block] = layout.field_size.given
+        known[layout.crown_block] = 0.0
     if flags & F.CALIB_FIX_ROLL:
         known[ROLL] = 0.0
     if camera_matrix is not None:
@@ -396,7 +397,9 @@ def _layout(
     size = None
     model = None if field is None or not field.moves_with_size else field.size_model
     if field is not None and model is not None and has_prior and not field.size_known:
-        size = SizeBlock(np.array([field.length, field.width]), model.sigma, model.limits, model.possibilities)
+        size = SizeBlock(
+            np.array([field.length, field.width]), model.sigma, model.limits, model.possibilities, model.crown
+        )
     layout = Layout.of(image_size, lens, size).with_roles(Role.CONSIDERED, "field size")
     known = [block for flag, blocks in BLOCKS_OF_FLAGS.items() if flags & flag for block in blocks]
     return layout.fixed(*(block for block in known if block in layout.blocks))

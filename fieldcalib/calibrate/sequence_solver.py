@@ -18,6 +18,7 @@ from dataclasses import replace
 import numpy as np
 
 from fieldcalib._types import Array, BoolArray, IntArray
+from fieldcalib.assess.crown import moment_of_crown
 from fieldcalib.assess.misfit import inflation, is_contradicted, is_of_wrong_model, misfit
 from fieldcalib.assess.noise import pooled_noise
 from fieldcalib.assess.own_errors import OwnErrors, own_errors
@@ -220,7 +221,7 @@ class SequenceSolver:
             if np.linalg.norm(one.theta[0, CENTER] - best.theta[0, CENTER]) > SAME
         ]
         same = [one.evaluation for one in others if np.array_equal(one.index, solved.index)]
-        self.alternatives = elsewhere(same, solved.evaluation, solved.covariance[:3, :3])
+        self.alternatives = elsewhere(same, solved.evaluation, solved.covariance_if_level[:3, :3])
         return solved
 
     def _of_all(self, some: IntArray, start: Start, widths: Sequence[float]) -> tuple[IntArray, Evaluation]:
@@ -319,7 +320,8 @@ class SequenceSolver:
         size = None
         if base.field_size is not None and field is not None:
             assert field.size_model is not None
-            size = SizeBlock(np.array([field.length, field.width]), field.size_model.sigma, field.size_model.limits)
+            model = field.size_model
+            size = SizeBlock(np.array([field.length, field.width]), model.sigma, model.limits, crown=model.crown)
         law = ZoomLaw(reference) if "zoom law" in self.shared and base.free[LOG_F] else None
         layout = Layout.of(base.image_size, base.lens, size, law)
         layout.roles[: base.lens_block.stop] = base.roles[: base.lens_block.stop]
@@ -385,20 +387,22 @@ class SequenceSolver:
         covariance, inverse = shared_covariance(solved, sigma, kappa)
         covariance = inflation(solved, covariance, inverse, kappa) * covariance
         kept = self._kept_variance(layout)
+        if np.any(layout.is_crown):
+            kept[-1, -1] = moment_of_crown(solved, sigma, kappa)
         by_kept = by_considered(solved, kappa, inverse)
         whole = np.block([[covariance + by_kept @ kept @ by_kept.T, by_kept @ kept], [kept @ by_kept.T, kept]])
         labelled = int(np.count_nonzero(np.any(solved.problem.observations.weight > 0.0, axis=1)))
         return SolvedTogether(some, solved, whole, PixelNoise(float(sigma[0]), float(kappa[0])), labelled)
 
     def _kept_variance(self, layout: Layout) -> Array:
-        """Covariance (c, c) of what is kept of the size: what the frames tell of it, or what is known anyway."""
+        """Covariance (c, c) of what is kept of the field: what the frames tell of its size, or what is known anyway."""
         index = np.flatnonzero(layout.considered)
         if not len(index):
             return np.zeros((0, 0))
         assert self.options.layout.field_size is not None
-        probability, sigma = self.options.layout.field_size.possibilities
+        probability, sigma = self.options.layout.field_size.possibilities_with_crown
         known = probability @ np.square(sigma[:, index - layout.field_size_block.start])
-        return np.diag(np.minimum(known, [self.kept[layout.names[k]] for k in index]))
+        return np.diag(np.minimum(known, [self.kept.get(layout.names[k], np.inf) for k in index]))
 
     def _problem(self, layout: Layout) -> Problem:
         """That of no frame."""
@@ -428,7 +432,7 @@ class SequenceSolver:
         """
         layout = together.layout
         sigma = np.full(layout.size, np.inf)
-        sigma[layout.roles == Role.SHARED] = np.sqrt(np.diagonal(together.covariance))
+        sigma[layout.roles == Role.SHARED] = np.sqrt(np.diagonal(together.covariance_if_level))
         block = range(layout.size)[layout.field_size_block]
         theta = together.evaluation.theta[0]
         given = np.zeros(layout.size)
@@ -568,7 +572,7 @@ class SequenceSolver:
         solved = [c.solved.alone for c in alone.values() if c.solved is not None]
         variance = np.zeros(2 * (int(np.count_nonzero(self.options.layout.considered)),))
         if self.options.layout.field_size is not None:
-            probability, sigma = self.options.layout.field_size.possibilities
+            probability, sigma = self.options.layout.field_size.possibilities_with_crown
             np.fill_diagonal(variance, probability @ np.square(sigma))
         options = replace(self.options, considered=variance)
         columns = KnownTripod(self.object_segments, options, NO_NOISE).columns(len(self.frames), np.inf)

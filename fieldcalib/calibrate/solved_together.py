@@ -10,12 +10,13 @@ from typing import NamedTuple
 import numpy as np
 
 from fieldcalib._types import Array, BoolArray, IntArray
+from fieldcalib.assess.level import if_level
 from fieldcalib.assess.misfit import Misfit, misfit
 from fieldcalib.assess.result import Calibration
 from fieldcalib.calibrate.together import labels_of
 from fieldcalib.calibrate.tripod import Labels, PixelNoise
 from fieldcalib.problem.evaluation import Evaluation
-from fieldcalib.problem.layout import CENTER, Layout
+from fieldcalib.problem.layout import CENTER, Layout, Role
 
 
 @dataclass(frozen=True, eq=False)
@@ -46,6 +47,14 @@ class SolvedTogether:
         """Covariance of what they share, (S, S)."""
         shared = int(np.count_nonzero(self.layout.shared))
         return self.whole[:shared, :shared]
+
+    @property
+    def covariance_if_level(self) -> Array:
+        """Covariance of what they share if the field were known to be level, (S, S)."""
+        layout = self.layout
+        index = np.concatenate([np.flatnonzero(layout.roles == role) for role in (Role.SHARED, Role.CONSIDERED)])
+        shared = len(self.covariance)
+        return if_level(self.whole, layout.is_crown[index])[:shared, :shared]
 
     @property
     def is_tied(self) -> BoolArray:

@@ -15,7 +15,7 @@ from fieldcalib.fields.sports.futsal import futsal
 from fieldcalib.fields.sports.ice_hockey import ice_hockey_iihf
 from fieldcalib.fields.sports.rugby_union import OfInGoal
 from fieldcalib.fields.stands import CameraDistribution
-from fieldcalib.fields.traits import Halves, LineLook, Paint, ProbabilityModel, SizePrior
+from fieldcalib.fields.traits import Crown, Halves, LineLook, Paint, ProbabilityModel, SizePrior
 
 Build: TypeAlias = Callable[[float, float], Field]
 BUILDERS: Mapping[str, Build] = {  # a dataclass has more parameters
@@ -210,7 +210,8 @@ def _size_model(record: Any) -> SizePrior | None:
     ranges = {name: tuple(tuple(pair) for pair in record[name]) for name in ("legal", "usual") if name in record}
     build = _builder(record.get("build"), record)
     own = {name: value for name, value in record.items() if name not in _parameters(build)}
-    return _made(SizePrior, {**own, **ranges, "build": build})
+    crown = record.get("crown")
+    return _made(SizePrior, {**own, **ranges, "build": build, "crown": crown and Crown(*crown)})
 
 
 def _repeats(metres: Any) -> float | None:

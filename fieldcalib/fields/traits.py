@@ -118,6 +118,20 @@ class Paint:
 UNPAINTED = Paint(width=0.0)
 
 
+class Crown(NamedTuple):
+    """How high the middle of a kind of fields is above their touchlines (`fieldcalib.fields.crown`)."""
+
+    share: float
+    """Share of the fields that are crowned; the others are level."""
+    height: float
+    """Root mean square height of these, metres."""
+
+    @property
+    def possibilities(self) -> tuple[Array, Array]:
+        """Probabilities (2,) of a level and of a crowned field, and standard deviations of its height, (2,)."""
+        return np.array([1.0 - self.share, self.share]), np.array([0.0, self.height])
+
+
 @dataclass(frozen=True)
 class SizePrior:
     """Which sizes fields of a kind have, and how their segments move with the size. Pairs are (length, width).
@@ -146,6 +160,8 @@ class SizePrior:
     ones: that has heavy tails."""
     rules: str = "the rules"
     """What the legal sizes are from, for messages."""
+    crown: Crown | None = None
+    """How high the middle of fields is above their touchlines; None where all are level."""
 
     def __post_init__(self) -> None:
         for what in ("legal", "usual"):

@@ -411,7 +411,7 @@ def _shift_sigma(calibration: Calibration) -> float:
     Where a window moves, the turn of the camera and the shift of the window are known much worse than both together.
     """
     assert calibration.camera is not None
-    errors, f = calibration.uncertainty, calibration.camera.focal_length
+    errors, f = calibration.uncertainty.if_level, calibration.camera.focal_length
     layout = errors.layout
     if not np.any(layout.free[PRINCIPAL_POINT]):
         return float(f * np.sqrt(np.max(np.diagonal(errors.covariance)[:2])))

@@ -21,6 +21,7 @@ from functools import cached_property
 import numpy as np
 
 from fieldcalib._types import Array, BoolArray, IntArray
+from fieldcalib.fields.crown import share_of_crown
 from fieldcalib.fields.segments import ObjectSegments
 from fieldcalib.fields.stands import SOCCER_SCALE
 from fieldcalib.geometry.camera import Camera
@@ -152,19 +153,29 @@ class Evaluation:
 
     def derivatives(self, free: BoolArray) -> Array:
         """Derivatives of the residuals by any of the parameters, (B, P, M)."""
-        points, size = self.points, self.problem.layout.field_size_block
+        points, first = self.points, self.problem.layout.field_size_block.start
         JT = compiled_derivatives(self.theta, self.problem.layout, points, free)
         if JT is None:
             JT = -self.projection.derivatives(points.s, points.inverse_depth, points.normal, free)
-        moving = free[size]
+        moving = free[first:]  # length, width and crown
         if np.any(moving):
             # a segment that moves is a camera that moves the other way
             is_centre = self.problem.layout.is_centre
             dxy_dC = self.projection.derivatives(points.s, points.inverse_depth, points.normal, is_centre)
-            motion = self.problem.observations.motion_of_residuals
-            by_size = np.einsum("bcm,bmcs->bsm", dxy_dC, motion)[:, moving]
-            JT[:, JT.shape[1] - by_size.shape[1] :] = by_size
+            by_field = np.einsum("bcm,bmcs->bsm", dxy_dC, self.motion_of_points[..., moving])
+            JT[:, JT.shape[1] - by_field.shape[1] :] = by_field
         return JT
+
+    @cached_property
+    def motion_of_points(self) -> Array:
+        """How the closest points move with length, width and, where that is a parameter, crown, (B, M, 3, 2 or 3)."""
+        motion, size = self.problem.observations.motion_of_residuals, self.problem.layout.field_size
+        if size is None or size.crown is None:
+            return motion
+        raised = np.zeros((*motion.shape[:-1], 1))
+        y = np.nan_to_num(self.world_points[..., 1], nan=np.inf)  # there the ground is level
+        raised[..., 2, 0] = -share_of_crown(y, size.given[1])  # z points down
+        return np.concatenate([motion, raised], axis=-1)
 
     @cached_property
     def _losses(self) -> tuple[Array, Array]:

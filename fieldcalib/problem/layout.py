@@ -1,11 +1,12 @@
 """The parameter vector theta of a camera: its blocks, and which of them are estimated.
 
-    theta = (pan, tilt, roll, log f, x, y, z, cx, cy, log aspect, lens..., [zoom law...], [length, width])
+    theta = (pan, tilt, roll, log f, x, y, z, cx, cy, log aspect, lens..., [zoom law...], [length, width], [crown])
 
 Angles in radians, f the focal length along rows in pixels, (x, y, z) the camera centre in metres, (cx, cy) the
 principal point in pixels, aspect fy / fx, the coefficients of a lens (`fieldcalib.geometry.lens`), and, where the
-object is a field whose size may change, its length and width in metres. What is not estimated stays in theta at its
-known value.
+object is a field whose size may change, its length and width in metres, and how much higher it is in the middle than at
+the touchlines (`fieldcalib.fields.crown`). What is not estimated stays in theta at its known value; a crown is never
+estimated.
 
 Where one camera takes many frames, its principal point and its lens follow the zoom, and its centre of projection lies
 off the axes that it turns about. With u = log f - reference and the zoom law (m_x, m_y, l, q, o), the camera of a theta
@@ -24,6 +25,7 @@ from typing import NamedTuple
 import numpy as np
 
 from fieldcalib._types import Array, BoolArray
+from fieldcalib.fields.traits import Crown
 from fieldcalib.geometry.camera import Camera
 from fieldcalib.geometry.lens import Lens, RadialLens
 from fieldcalib.geometry.rotation import rotation_axes, rotation_from_angles
@@ -38,6 +40,7 @@ LOG_ASPECT = 9
 POSE_AND_ZOOM = slice(0, 7)  # what camera distributions are about
 COMMON = ("pan", "tilt", "roll", "log f", "x", "y", "z", "cx", "cy", "log aspect")
 FIELD_SIZE = ("length", "width")
+CROWN = ("crown",)
 ZOOM_LAW = ("cx slope", "cy slope", "a1 slope", "a1 bend", "axis offset")
 OPENCV_NAMES = {"a1": "k1", "b2": "k2", "a3": "k3", "a4": "k4", "a5": "k5", "a6": "k6"}
 
@@ -84,6 +87,17 @@ class SizeBlock(NamedTuple):
     """Least and largest, (2, 2)."""
     possibilities: tuple[Array, Array] = (np.ones(1), np.zeros((1, 2)))
     """When it is considered: probabilities (K,), and standard deviations around the given one under each, (K, 2)."""
+    crown: Crown | None = None
+    """How high the middle of fields is above their touchlines, which is considered; None where all are level."""
+
+    @property
+    def possibilities_with_crown(self) -> tuple[Array, Array]:
+        """`possibilities` for length, width and crown, (2 K, 3): of a level field, then of a crowned one."""
+        if self.crown is None:
+            return self.possibilities
+        (size_probability, size_sigma), (probability, sigma) = self.possibilities, self.crown.possibilities
+        both = [np.insert(size_sigma, 2, height, axis=1) for height in sigma]
+        return np.outer(probability, size_probability).ravel(), np.concatenate(both)
 
 
 class ZoomLaw(NamedTuple):
@@ -123,11 +137,13 @@ class Layout:
         field_size: SizeBlock | None = None,
         zoom_law: ZoomLaw | None = None,
     ) -> Layout:
-        """A layout in which every parameter is one of the frame; by default with a radial lens."""
+        """A layout in which every parameter is one of the frame, but for a crown; by default with a radial lens."""
         lens = RadialLens(float(np.hypot(*image_size) / 2.0)) if lens is None else lens
         size = len(COMMON) + len(lens.names)
-        size += (len(ZOOM_LAW) if zoom_law is not None else 0) + (len(FIELD_SIZE) if field_size is not None else 0)
+        size += (len(ZOOM_LAW) if zoom_law is not None else 0) + len(_of_field(field_size))
         roles = np.full(size, Role.FRAME)
+        if field_size is not None and field_size.crown is not None:
+            roles[-1] = Role.CONSIDERED
         roles[len(COMMON) + lens.estimable : len(COMMON) + len(lens.names)] = Role.FIXED
         return cls(image_size, lens, roles, field_size, zoom_law)
 
@@ -135,7 +151,7 @@ class Layout:
     def names(self) -> tuple[str, ...]:
         """Of the parameters, in the order of theta."""
         law = ZOOM_LAW if self.zoom_law is not None else ()
-        return (*COMMON, *self.lens.names, *law, *(FIELD_SIZE if self.field_size is not None else ()))
+        return (*COMMON, *self.lens.names, *law, *_of_field(self.field_size))
 
     @property
     def size(self) -> int:
@@ -155,7 +171,13 @@ class Layout:
     @cached_property
     def field_size_block(self) -> slice:
         """Of length and width; empty where the size is no parameter."""
-        return slice(self.zoom_law_block.stop, self.size)
+        first = self.zoom_law_block.stop
+        return slice(first, first + (len(FIELD_SIZE) if self.field_size is not None else 0))
+
+    @cached_property
+    def crown_block(self) -> slice:
+        """Of the height of the field; empty where it is no parameter."""
+        return slice(self.field_size_block.stop, self.size)
 
     @cached_property
     def blocks(self) -> dict[str, slice]:
@@ -174,6 +196,7 @@ class Layout:
             "lens": self.lens_block,
             "zoom law": self.zoom_law_block,
             "field size": self.field_size_block,
+            "crown": self.crown_block,
         }
 
     @cached_property
@@ -203,6 +226,13 @@ class Layout:
         """Which parameters are the lens, (n,)."""
         mask = np.zeros(self.size, dtype=bool)
         mask[self.lens_block] = True
+        return mask
+
+    @cached_property
+    def is_crown(self) -> BoolArray:
+        """Which parameters are the crown of the field, (n,): one at most."""
+        mask = np.zeros(self.size, dtype=bool)
+        mask[self.crown_block] = True
         return mask
 
     @cached_property
@@ -311,6 +341,13 @@ class Layout:
         R, C = rotation_from_angles(theta[:, ANGLES]), theta[:, CENTER]
         dist = self.lens.to_opencv(theta[:, self.lens_block].T, fx).T
         return [Camera(K[b], R[b], C[b], self.image_size, dist[b]) for b in range(len(theta))]
+
+
+def _of_field(field_size: SizeBlock | None) -> tuple[str, ...]:
+    """Names of the parameters of a field."""
+    if field_size is None:
+        return ()
+    return FIELD_SIZE if field_size.crown is None else (*FIELD_SIZE, *CROWN)
 
 
 def theta_from_camera(camera: Camera) -> Array:

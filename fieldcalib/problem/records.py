@@ -10,6 +10,7 @@ import numpy as np
 
 from fieldcalib._json import from_json, to_json
 from fieldcalib._types import Array, IntArray
+from fieldcalib.fields.traits import Crown
 from fieldcalib.geometry.lens import BrownConradyLens, Lens, Pinhole, RadialLens
 from fieldcalib.problem.evaluation import Problem
 from fieldcalib.problem.layout import Layout, SizeBlock, ZoomLaw
@@ -139,6 +140,7 @@ def layout_to_record(layout: Layout) -> dict[str, Any]:
             "limits": to_json(size.limits),
             "probabilities": to_json(size.possibilities[0]),
             "sigmas": to_json(size.possibilities[1]),
+            "crown": None if size.crown is None else size.crown._asdict(),
         },
     }
 
@@ -152,7 +154,8 @@ def layout_from_record(record: Mapping[str, Any]) -> Layout:
         given, sigma, limits, *possible = (
             from_json(size[name]) for name in ("given", "sigma", "limits", "probabilities", "sigmas")
         )
-        size = SizeBlock(given, sigma, limits, (possible[0], possible[1]))
+        crown = size.get("crown")  # there is none in older files
+        size = SizeBlock(given, sigma, limits, (possible[0], possible[1]), crown and Crown(**crown))
     law = record.get("zoom_law")
     zoom_law = None if law is None else ZoomLaw(float(from_json(law)))
     return Layout((width, height), lens, np.array(record["roles"]), size, zoom_law)

@@ -1,0 +1,148 @@
+"""Fields that may be higher in the middle than at their touchlines: derivatives, evidence, errors."""
+
+import json
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from strategies import cameras, numbers
+
+from data_tools.crown import crowned, on_crown
+from data_tools.synthetic.clips import camera_path, labelled
+from fieldcalib import Camera, calibrate_from_segments, calibrate_sequence, soccer
+from fieldcalib.assess.ground import ground_derivatives, ground_of_pixels
+from fieldcalib.assess.level import if_level
+from fieldcalib.assess.result import Calibration, Verdict
+from fieldcalib.fields.records import field_from_record, whole_record
+from fieldcalib.fields.segments import PointCloud
+from fieldcalib.problem.evaluation import Problem, evaluate
+from fieldcalib.problem.layout import Layout, SizeBlock
+from fieldcalib.problem.losses import RobustLoss
+from fieldcalib.problem.observations import pack
+from fieldcalib.problem.projection import Projection
+from fieldcalib.problem.records import layout_from_record, layout_to_record
+
+SIZE = (960, 540)
+FIELD = soccer()
+MODEL = FIELD.size_model
+BLOCK = SizeBlock(np.array([105.0, 68.0]), MODEL.sigma, MODEL.limits, MODEL.possibilities, MODEL.crown)
+LOW = 1e-3  # m: a crown that is so low acts to first order
+
+
+def layout_of(camera):
+    return Layout.of(camera.image_size, camera.lens, BLOCK)
+
+
+@given(cameras(lens=True))
+def test_pixels_of_a_crowned_field_lie_off_a_level_one_as_the_derivative_says(camera):
+    raised = crowned(FIELD, LOW)
+    frame = {}
+    for label, segment in raised.items():
+        xy = camera.project(segment.sample(3.0))
+        inside = np.all((xy > 0.0) & (xy < np.array(camera.image_size) - 1.0), axis=-1)  # NaN: behind the camera
+        if np.any(inside) and isinstance(segment, PointCloud):  # posts and points are not raised there
+            frame[label] = xy[inside]
+    layout = layout_of(camera)
+    observations = pack(FIELD, [frame], camera.image_size, motion=FIELD.motion)
+    found = evaluate(Problem(observations, layout, RobustLoss("linear", 1.0)), layout.theta(camera)[None])
+    (by_crown,) = found.derivatives(layout.is_crown)[0]
+    np.testing.assert_allclose(
+        found.r[0], -LOW * by_crown, atol=0.05 * LOW * max(np.max(np.abs(by_crown), initial=0.0), 1.0)
+    )
+
+
+@given(cameras(lens=True), st.floats(-50.0, 50.0), st.floats(-33.0, 33.0))
+def test_a_camera_of_a_level_field_takes_points_of_a_crowned_one_for_others(camera, x, y):
+    X = np.array([x, y, 0.0])
+    xy = camera.project(on_crown(X, FIELD, LOW))
+    layout = layout_of(camera)
+    projection = Projection(layout.theta(camera)[None], layout)
+    taken_for, known = ground_of_pixels(projection, np.reshape(xy, (1, 1, 2)))
+    if not known[0, 0]:
+        return
+    by_crown = ground_derivatives(projection, taken_for, known, layout.is_crown)[0, 0, :, 0]
+    off = X[:2] - taken_for[0, 0, :2]
+    np.testing.assert_allclose(LOW * by_crown, off, atol=1e-3 * np.linalg.norm(off) + 1e-9)
+
+
+def test_a_crown_is_considered_and_never_estimated():
+    layout = layout_of(Camera.from_angles(0.0, 1.3, 0.0, 1500.0, (0.0, 60.0, -15.0), SIZE))
+    assert layout.names[-3:] == ("length", "width", "crown")
+    assert np.array(layout.names)[layout.considered].tolist() == ["crown"]
+    assert not np.any(layout.free[layout.crown_block])
+    assert soccer(size_known=True).size_model.crown is not None  # and yet a field that is known is level:
+    frame = {"Side line top": [(10.0, 100.0), (900.0, 110.0)], "Middle line": [(400.0, 100.0), (300.0, 500.0)]}
+    found = calibrate_from_segments(soccer(size_known=True), frame, SIZE)
+    assert not np.any(found.uncertainty.layout.is_crown)
+
+
+def test_layouts_and_fields_keep_their_crown_in_records():
+    layout = layout_of(Camera.from_angles(0.0, 1.3, 0.0, 1500.0, (0.0, 60.0, -15.0), SIZE))
+    record = json.loads(json.dumps(layout_to_record(layout)))
+    back = layout_from_record(record)
+    assert back.names == layout.names
+    assert back.field_size.crown == MODEL.crown
+    del record["field_size"]["crown"], record["roles"][-1]
+    assert layout_from_record(record).names == layout.names[:-1]  # files of before: level
+    assert field_from_record(json.loads(json.dumps(whole_record(FIELD)))).size_model == MODEL
+
+
+@given(st.integers(1, 4), st.data())
+def test_what_is_known_of_a_level_field_is_the_conditional_covariance(count, data):
+    root = np.array(data.draw(st.lists(numbers(-2.0, 2.0), min_size=(count + 1) ** 2, max_size=(count + 1) ** 2)))
+    root = root.reshape(count + 1, count + 1) + 3.0 * np.eye(count + 1)
+    covariance = root @ root.T + 1e-3 * np.eye(count + 1)
+    is_crown = np.arange(count + 1) == data.draw(st.integers(0, count))
+    level = if_level(covariance, is_crown)
+    np.testing.assert_allclose(level[is_crown], 0.0, atol=1e-9)
+    inverse = np.linalg.inv(covariance)[np.ix_(~is_crown, ~is_crown)]
+    np.testing.assert_allclose(level[np.ix_(~is_crown, ~is_crown)] @ inverse, np.eye(count), atol=1e-8)
+    np.testing.assert_array_equal(if_level(covariance, np.zeros(count + 1, dtype=bool)), covariance)
+
+
+def clip(crown, pan_range=(-0.6, 0.6)):
+    """Frames of a clip over a pitch that is crowned, calibrated together, and their cameras."""
+    rng = np.random.default_rng(3)
+    path = camera_path(rng, 300, pan_range=pan_range, image_size=SIZE)[::25]
+    pixels = [one.pixels for one in labelled(path, crowned(FIELD, crown) if crown else FIELD, rng)]
+    return calibrate_sequence(FIELD, pixels, SIZE, trust_labels=True)
+
+
+def crown_of(found):
+    return np.sqrt(found.considered[-1, -1])
+
+
+@pytest.mark.parametrize("crown", [0.2, 0.35])
+def test_frames_of_a_clip_tell_how_high_their_pitch_is(crown):
+    assert crown_of(clip(crown)) == pytest.approx(crown, rel=0.3)
+
+
+def test_a_clip_of_a_level_pitch_is_known_as_well_as_if_that_were_known():
+    found = clip(0.0)
+    assert crown_of(found) < 0.04
+    one = found[0]
+    assert one.probability(0.5) > one.probability(0.5, level=True) - 0.01
+
+
+def test_a_crown_is_in_the_probability_and_not_in_the_verdict():
+    found = clip(0.35)
+    for one in found:
+        assert one.probability() < one.probability(level=True) - 0.1
+        assert one.verdict is Verdict.GOOD
+        middle = one.camera.image_to_field((480.0, 270.0))
+        assert one.uncertainty.at_field(middle).rms > one.uncertainty.if_level.at_field(middle).rms
+
+
+def test_a_picture_of_a_crowned_pitch_is_less_probably_right_in_metres():
+    camera = Camera.from_angles(0.3, 1.32, 0.0, 1300.0, (3.0, 62.0, -17.0), SIZE)
+    rng = np.random.default_rng(0)
+    level, raised = (
+        calibrate_from_segments(FIELD, labelled([camera], pitch, rng)[0].pixels, SIZE)
+        for pitch in (FIELD, crowned(FIELD, 0.35))
+    )
+    assert raised.probability() < level.probability()
+    assert raised.probability() < raised.probability(level=True)
+    back = Calibration.from_dict(json.loads(json.dumps(raised.to_dict())))
+    assert back.probability() == pytest.approx(raised.probability(), abs=1e-6)
+    assert back.probability(level=True) == pytest.approx(raised.probability(level=True), abs=1e-6)
