@@ -33,7 +33,7 @@ GRID = (17, 10)  # points along the image's width and height where errors are lo
 BORDER = 20  # and along each side of the field
 LARGEST_SCORE = 5.0  # z-scores beyond say no more
 MOST_PIXELS = 3.0  # of a segment
-LEAST_ERROR = 1e-6  # m
+LEAST_NOISE = 1e-3  # of the square of an error: with less a probability is 0 or 1
 
 
 def largest_error(uncertainty: CameraErrors, field: Field) -> float:
@@ -130,12 +130,21 @@ def _largest_errors(uncertainties: Sequence[Uncertainty], field: Field) -> list[
 
 
 def probability_by_covariance(errors: CameraErrors, field: Field, metres: float) -> float:
-    """Probability that the ground point in view with the largest error is off by no more than some metres.
+    """Probability that no ground point in view is off by more than some metres, as the worst of them tells it.
 
-    ``1 - exp(-metres^2 / rms^2)``, Rayleigh's distribution; NaN where no part of the field is in view.
+    On level ground it is ``1 - exp(-metres^2 / rms^2)``, Rayleigh's distribution. What the crown of a field adds to the
+    square of the error is no noise: it is the same in all frames, and the distribution is that of Rice. NaN where no
+    part of the field is in view.
     """
-    rms = largest_error(errors, field)
-    return rms if np.isnan(rms) else float(-np.expm1(-np.square(metres / max(rms, LEAST_ERROR))))
+    from scipy.special import chndtr  # a slow import
+
+    X, errors = ground_in_view(errors.camera, field), errors.on(field)
+    if not len(X):
+        return float("nan")
+    whole, level = (np.square(one.at_field(X).rms) for one in (errors, errors.if_level))
+    by_crown = np.where(np.isfinite(level), np.maximum(whole - level, 0.0), 0.0)
+    level = np.maximum(level, LEAST_NOISE * np.maximum(metres**2, by_crown))
+    return float(np.min(chndtr(2.0 * metres**2 / level, 2.0, 2.0 * by_crown / level)))
 
 
 def degrees_of_freedom(uncertainty: Uncertainty) -> float:
