@@ -101,11 +101,10 @@ def evidence(uncertainties: Sequence[Uncertainty], field: Field) -> list[tuple[A
     for one, largest in zip(uncertainties, _largest_errors(uncertainties, field), strict=True):
         problem = one.problem
         z = np.minimum(np.abs(problem.prior_residuals(one.evaluation.theta)), LARGEST_SCORE)
-        weights = np.ones(1) if one.size is None else one.size.weights
         common = np.log([one.sigma / problem.noise, degrees_of_freedom(one), 1.0 + np.sum(np.square(z))])
         rows = np.empty((len(largest), 5))
         rows[:, 0], rows[:, 1], rows[:, 2:] = 1.0, np.log(largest), common
-        found.append((rows, weights))
+        found.append((rows, one.possibilities[0]))
     return found
 
 
@@ -119,7 +118,7 @@ def _largest_errors(uncertainties: Sequence[Uncertainty], field: Field) -> list[
     found = []
     for one, dX_dtheta, is_seen in zip(uncertainties, J, seen, strict=True):
         if not np.any(is_seen):
-            found.append(np.full(len(one.moments), np.nan))
+            found.append(np.full(len(one.possibilities[0]), np.nan))
             continue
         rows = dX_dtheta[is_seen]  # (N, 2, n)
         squares = np.sum((rows[None] @ one.by_possibility[:, None]) * rows, axis=(-2, -1))

@@ -356,7 +356,7 @@ class Calibration:
         if self.errors is not None:
             errors = self._known_errors.if_level if level else self._known_errors
             return probability_by_covariance(errors, self.field, metres)
-        rows, weights = self._evidence_if_level if level else self._evidence
+        rows, weights = self._evidence_if_level if level or size_known else self._evidence
         if size_known:
             rows, weights = rows[:1], np.ones(1)
         return probability_right(self.field.probability, rows, weights, metres) / (1 + len(self.alternatives))
@@ -419,12 +419,7 @@ class Calibration:
     @cached_property
     def _evidence_if_level(self) -> tuple[Array, Array]:
         assert self.field is not None
-        uncertainty = self._solved_uncertainty
-        if uncertainty.size is not None:
-            return self._evidence[0], uncertainty.size.if_level.weights
-        if uncertainty.problem.considered is None:
-            return self._evidence
-        (found,) = evidence([uncertainty.if_level], self.field)
+        (found,) = evidence([self._solved_uncertainty.if_level], self.field)
         return found
 
     @property
@@ -432,12 +427,14 @@ class Calibration:
         """Whether the errors were computed already."""
         return self.solved is None or "uncertainty" in vars(self.solved)
 
-    def keep_errors(self, uncertainty: Uncertainty, evidence: tuple[Array, Array] | None) -> None:
+    def keep_errors(
+        self, uncertainty: Uncertainty, whole: tuple[Array, Array] | None, if_level: tuple[Array, Array] | None
+    ) -> None:
         """Keep what was computed with that of other calibrations, see `fieldcalib.assess.together`."""
         assert self.solved is not None
         self.solved.uncertainty = uncertainty
-        if evidence is not None:
-            vars(self)["_evidence"] = evidence
+        if whole is not None:
+            vars(self)["_evidence"], vars(self)["_evidence_if_level"] = whole, if_level
 
     def __iter__(self) -> Iterator[Any]:
         """``rms, K (3, 3), dist (1, 5), rvec (3, 1), tvec (3, 1)``, as `cv2.calibrateCamera` returns them.

@@ -14,11 +14,11 @@ labels are wrong, and nothing is known but what was known before: that is one po
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
-from fieldcalib._types import Array, BoolArray
+from fieldcalib._types import Array
 
 FAINT = 1e-6  # 1 / m^2: information that keeps what no label tells in the system
 # Labels that are wrong: probability, of which 1 in 50 frames of good cameras has one that bends the size, and standard
@@ -29,12 +29,15 @@ LEAST_ROOM = 1.0  # m: the given size is possible, whatever the rules say
 
 @dataclass(frozen=True, eq=False)
 class SizeEvidence:
-    """What one frame says about length, width and, where fields may be crowned, crown of its field: c quantities."""
+    """What one frame says about length and width of its field, and, if that is asked too, about its crown.
+
+    These are c quantities, 2 or 3.
+    """
 
     offset: Array
-    """Of the size that fits best from the given one, (2,) metres, with a crown as likely as it is a priori."""
+    """Of what fits best from what is given, (c,) metres."""
     covariance: Array
-    """Of that, (2, 2)."""
+    """Of that, (c, c)."""
     weights: Array
     """Probabilities of the possibilities, (K + 1,), the last one of wrong labels."""
     means: Array
@@ -43,8 +46,6 @@ class SizeEvidence:
     """Second moments of the same, (K + 1, c, c)."""
     as_given: float
     """Probability that the field has the given size."""
-    level: BoolArray
-    """Which possibilities are those of a level field, or of wrong labels, (K + 1,)."""
 
     @property
     def moment(self) -> Array:
@@ -53,16 +54,9 @@ class SizeEvidence:
 
     @property
     def mean(self) -> Array:
-        """Expected size less the given one, where it is not the given one and no label is wrong, (2,)."""
-        size = self.means[:, :2]
-        some = np.where(np.any(size != 0.0, axis=1), self.weights, 0.0)
-        return np.asarray(some @ size / max(float(np.sum(some)), FAINT))
-
-    @property
-    def if_level(self) -> SizeEvidence:
-        """What the frame says if the field is known to be level."""
-        weights = np.where(self.level, self.weights, 0.0)
-        return replace(self, weights=weights / np.sum(weights))
+        """Expected size less the given one, where it is not the given one and no label is wrong, (c,)."""
+        some = np.where(np.any(self.means != 0.0, axis=1), self.weights, 0.0)
+        return np.asarray(some @ self.means / max(float(np.sum(some)), FAINT))
 
     @classmethod
     def of(
@@ -73,7 +67,7 @@ class SizeEvidence:
         Parameters
         ----------
         information : (c, c) array
-            Of the labels about length, width and crown, the camera following.
+            Of the labels about length, width and perhaps crown, the camera following.
         gradient : (c,) array
             Of the cost by these.
         spread : (c, c) array
@@ -94,12 +88,12 @@ class SizeEvidence:
         (array([-3.,  0.]), array([0.   , 0.998, 0.002]), array([-3.,  0.]))
         """
         weights, sigmas = prior
-        identity = np.eye(len(gradient))
-        inverse = np.linalg.inv(information + FAINT * identity)
+        count = len(gradient)
+        inverse = np.linalg.inv(information + FAINT * np.eye(count))
         offset = -inverse @ gradient
-        V = inverse @ (spread + FAINT * identity) @ inverse
-        S = np.square(sigmas)[:, :, None] * identity
-        total = np.concatenate([V + S, V[None] + np.diag(np.square(FAR_OFF[: len(gradient)]))])
+        V = inverse @ (spread + FAINT * np.eye(count)) @ inverse
+        S = np.square(sigmas)[:, :, None] * np.eye(count)
+        total = np.concatenate([V + S, V[None] + np.diag(np.square(FAR_OFF[:count]))])
         shrunk = S @ np.linalg.inv(total[:-1])  # S (V + S)^-1
         mean = shrunk @ offset
         left = S - shrunk @ S
@@ -112,17 +106,14 @@ class SizeEvidence:
         if room is not None:
             posterior[:-1] *= _legal_share(mean, left, room) / _legal_share(np.zeros_like(mean), S, room)
         posterior /= np.sum(posterior)
-        is_given = ~np.any(sigmas[:, :2], axis=1)
-        given = float(is_given @ posterior[:-1] + posterior[-1] * (is_given @ weights))
-        by_crown = V[:2, 2:] @ np.linalg.inv(V[2:, 2:] + before[2:, 2:])
+        given = float(posterior[0] + posterior[-1] * weights[0])
         return cls(
-            offset[:2] - by_crown @ offset[2:],
-            V[:2, :2] - by_crown @ V[2:, :2],
+            offset,
+            V,
             posterior,
-            np.concatenate([mean, np.zeros((1, len(gradient)))]),
+            np.concatenate([mean, np.zeros((1, count))]),
             np.concatenate([moments, before[None]]),
             given,
-            np.append(~np.any(sigmas[:, 2:], axis=1), True),
         )
 
 

@@ -36,6 +36,10 @@ def compute_errors(calibrations: Sequence[Calibration]) -> None:
         index = np.array([one.frame for one in solved])
         found = uncertainties(solved[0].evaluation.take(index), solved[0].unit[index])
         field = members[0].field
-        rows = evidence(found, field) if field is not None and members[0].has_probability else len(found) * [None]
-        for one, uncertainty, its_rows in zip(members, found, rows, strict=True):
-            one.keep_errors(uncertainty, its_rows)
+        if field is None or not members[0].has_probability:
+            whole = level = len(found) * [None]
+        else:
+            rows = evidence([*found, *(one.if_level for one in found)], field)
+            whole, level = rows[: len(found)], rows[len(found) :]
+        for one, *its_errors in zip(members, found, whole, level, strict=True):
+            one.keep_errors(*its_errors)

@@ -89,7 +89,10 @@ class Uncertainty(CameraErrors):
     """How the error of the estimate grows with the true values of the considered parameters less those that they are
     kept at, (n, c): length and width of the field, or what many frames share; (n, 0) if nothing is considered."""
     size: SizeEvidence | None
-    """What the frame says about the size of its field; None if that is exact, or known with a covariance."""
+    """What the frame says about the size of its field, if that is level; None if the size is exact, or known with a
+    covariance."""
+    with_crown: SizeEvidence | None
+    """What it says about size and crown together; None if all such fields are level, or as `size`."""
     offsets: Mapping[str, tuple[float, float]]
     """How far off the labels would put what was kept fixed, to first order, and the standard deviation of that: of
     "log aspect" and of "b2", the second radial coefficient."""
@@ -104,7 +107,7 @@ class Uncertainty(CameraErrors):
     def if_level(self) -> Uncertainty:
         """The errors if the field were known to be level."""
         if self.size is not None:
-            return replace(self, size=self.size.if_level)
+            return replace(self, with_crown=None)
         problem = self.problem
         if problem.considered is None or not np.any(problem.layout.is_crown):
             return self
@@ -115,17 +118,17 @@ class Uncertainty(CameraErrors):
         return np.asarray(self.by_considered @ moment @ self.by_considered.T)
 
     @cached_property
-    def moments(self) -> Array:
-        """Second moments (K, c, c) of the considered parameters under each possibility for the size of the field."""
-        if self.size is not None:
-            return self.size.moments
-        c = self.by_considered.shape[1]
-        return np.zeros((1, c, c)) if self.problem.considered is None else self.problem.considered[None]
+    def possibilities(self) -> tuple[Array, Array]:
+        """Probabilities (K,) of what the field may be, and second moments of the considered parameters, (K, c, c)."""
+        c, found = self.by_considered.shape[1], self.with_crown or self.size
+        if found is None:
+            return np.ones(1), np.zeros((1, c, c)) if self.problem.considered is None else self.problem.considered[None]
+        level = c - found.moments.shape[1]  # quantities that are 0
+        return found.weights, np.pad(found.moments, ((0, 0), (0, level), (0, level)))
 
     @cached_property
     def _of_any_considered(self) -> Array:
-        weights = np.ones(1) if self.size is None else self.size.weights
-        return self._of_considered(np.tensordot(weights, self.moments, axes=1))
+        return self._of_considered(np.tensordot(*self.possibilities, axes=1))
 
     @cached_property
     def observability(self) -> tuple[Direction, ...]:
@@ -154,7 +157,7 @@ class Uncertainty(CameraErrors):
     @property
     def by_possibility(self) -> Array:
         """Covariances (K, n, n) of what is determined, if each possibility for the field's size were true."""
-        return np.array([self.determined + self._of_considered(moment) for moment in self.moments])
+        return np.array([self.determined + self._of_considered(moment) for moment in self.possibilities[1]])
 
     def is_open(self, J: Array) -> BoolArray:
         """Which quantities of derivatives J (..., n) nothing determines, (...)."""
@@ -275,6 +278,15 @@ def uncertainties(evaluation: Evaluation, unit: Array) -> list[Uncertainty]:
     by_true_value[:, problem.layout.considered] = -np.eye(sizes)
     units = np.zeros_like(evaluation.theta)
     units[:, free] = scale
+    layout, size = problem.layout, problem.layout.field_size
+    if problem.considered is not None or not np.all(layout.considered[layout.field_size_block]):
+        size = None  # it is known with a covariance, or estimated
+
+    def evidence_of(t: int, c: int, prior: tuple[Array, Array]) -> SizeEvidence:
+        assert size is not None
+        information, spread = of_kept[t, :c, :c], spread_of_kept[t, :c, :c]
+        return SizeEvidence.of(information, gradient[t, :c], spread, prior, size.limits - size.given)
+
     found = []
     for t in range(len(problem)):
         open_to_labels = np.zeros((problem.layout.size, np.count_nonzero(is_open[t])))
@@ -293,15 +305,8 @@ def uncertainties(evaluation: Evaluation, unit: Array) -> list[Uncertainty]:
                 open_to_labels=open_to_labels,
                 information=labels.take(slice(t, t + 1)),
                 by_considered=by_true_value[t],
-                size=None
-                if problem.layout.field_size is None or not sizes or problem.considered is not None
-                else SizeEvidence.of(
-                    of_kept[t, :sizes, :sizes],
-                    gradient[t, :sizes],
-                    spread_of_kept[t, :sizes, :sizes],
-                    problem.layout.field_size.possibilities_with_crown,
-                    problem.layout.field_size.limits - problem.layout.field_size.given,
-                ),
+                size=size and evidence_of(t, 2, size.possibilities),
+                with_crown=size and size.crown and evidence_of(t, 3, size.possibilities_with_crown),
                 offsets={
                     name: (
                         float(-gradient[t, i] / max(of_kept[t, i, i], FAINT)),

@@ -93,6 +93,8 @@ class _Told:
     """Which of length and width the frame tells, (2,)."""
     wide: BoolArray
     """Which possibilities leave both open, (K,)."""
+    of_crown: Array
+    """Second moment of the crown, (1,); (0,) where all fields are level."""
 
     @classmethod
     def of(cls, calibration: Calibration) -> _Told | None:
@@ -105,8 +107,10 @@ class _Told:
         if evidence is None or size is None or problem.prior is None or evidence.as_given > LIKELY:
             return None
         told = np.sqrt(np.diagonal(evidence.covariance)) < TOLD
-        wide = np.all(size.possibilities_with_crown[1][:, :2] > 0.0, axis=1)
-        return cls(field, size, evidence, told, wide) if np.any(told) and np.any(wide) else None
+        wide = np.all(size.possibilities[1] > 0.0, axis=1)
+        with_crown = solved.uncertainty.with_crown
+        of_crown = np.zeros(0) if with_crown is None else with_crown.moment[2:, 2]
+        return cls(field, size, evidence, told, wide, of_crown) if np.any(told) and np.any(wide) else None
 
     @property
     def starts(self) -> Array:
@@ -124,9 +128,9 @@ class _Told:
             layout = layout.with_roles_of(some, role)
         likely = int(np.argmax(np.where(self.wide, self.evidence.weights[:-1], -1.0)))
         mean, sigma = prior.mean.copy(), prior.sigma.copy()
-        mean[:, block], sigma[:, block] = self.size.given, self.size.possibilities_with_crown[1][likely, :2]
-        kept = np.diag(np.diagonal(self.evidence.moment)[layout.considered[block.start :]])
-        considered = kept if len(kept) else None
+        mean[:, block], sigma[:, block] = self.size.given, self.size.possibilities[1][likely]
+        kept = np.append(np.diagonal(self.evidence.moment)[~self.told], self.of_crown)
+        considered = np.diag(kept) if len(kept) else None
         problem = replace(alone.problem, layout=layout, prior=GaussianPrior(mean, sigma), considered=considered)
         theta = np.repeat(alone.theta, len(starts), axis=0)
         theta[:, block] = np.where(self.told, np.clip(starts, *self.size.limits), self.size.given)
