@@ -156,7 +156,7 @@ def test_a_calibration_knows_how_far_it_may_be_off():
     assert 0.0 < intrinsics[0, 0] < 0.05 * CAMERA.focal_length
     assert abs(one.camera.focal_length - CAMERA.focal_length) < 4.0 * intrinsics[0, 0]
     np.testing.assert_allclose(many.std_deviations[0], intrinsics, rtol=1e-2, atol=1e-9)
-    assert one.covariance.shape == (14, 14)  # length and width of the field, which are considered, come last
+    assert one.covariance.shape == (15, 15)  # length, width and crown of the field, which are considered, come last
     error = one.field_uncertainty([[480.0, 300.0], [480.0, -2000.0]])
     assert 0.0 < error.rms[0] < 1.0
     assert np.isnan(error.rms[1])  # above the horizon

@@ -27,14 +27,16 @@ SIZE = (960, 540)
 FIELD = soccer()
 MODEL = FIELD.size_model
 BLOCK = SizeBlock(np.array([105.0, 68.0]), MODEL.sigma, MODEL.limits, MODEL.possibilities, MODEL.crown)
-LOW = 1e-3  # m: a crown that is so low acts to first order
+LOW = 1e-4  # m: a crown that is so low acts to first order
+
+high_cameras = cameras(lens=True, stands=("main tribune",)).filter(lambda camera: camera.C[2] < -8.0)
 
 
 def layout_of(camera):
     return Layout.of(camera.image_size, camera.lens, BLOCK)
 
 
-@given(cameras(lens=True))
+@given(high_cameras)
 def test_pixels_of_a_crowned_field_lie_off_a_level_one_as_the_derivative_says(camera):
     raised = crowned(FIELD, LOW)
     frame = {}
@@ -52,7 +54,7 @@ def test_pixels_of_a_crowned_field_lie_off_a_level_one_as_the_derivative_says(ca
     )
 
 
-@given(cameras(lens=True), st.floats(-50.0, 50.0), st.floats(-33.0, 33.0))
+@given(high_cameras, st.floats(-50.0, 50.0), st.floats(-33.0, 33.0))
 def test_a_camera_of_a_level_field_takes_points_of_a_crowned_one_for_others(camera, x, y):
     X = np.array([x, y, 0.0])
     xy = camera.project(on_crown(X, FIELD, LOW))

@@ -427,14 +427,14 @@ class Calibration:
         """Whether the errors were computed already."""
         return self.solved is None or "uncertainty" in vars(self.solved)
 
-    def keep_errors(
-        self, uncertainty: Uncertainty, whole: tuple[Array, Array] | None, if_level: tuple[Array, Array] | None
-    ) -> None:
+    def keep_uncertainty(self, uncertainty: Uncertainty) -> None:
         """Keep what was computed with that of other calibrations, see `fieldcalib.assess.together`."""
         assert self.solved is not None
         self.solved.uncertainty = uncertainty
-        if whole is not None:
-            vars(self)["_evidence"], vars(self)["_evidence_if_level"] = whole, if_level
+
+    def keep_evidence(self, whole: tuple[Array, Array], if_level: tuple[Array, Array]) -> None:
+        """Keep what the probability rests on, on any and on level ground, see `fieldcalib.assess.together`."""
+        vars(self)["_evidence"], vars(self)["_evidence_if_level"] = whole, if_level
 
     def __iter__(self) -> Iterator[Any]:
         """``rms, K (3, 3), dist (1, 5), rvec (3, 1), tvec (3, 1)``, as `cv2.calibrateCamera` returns them.

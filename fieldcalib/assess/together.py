@@ -36,10 +36,9 @@ def compute_errors(calibrations: Sequence[Calibration]) -> None:
         index = np.array([one.frame for one in solved])
         found = uncertainties(solved[0].evaluation.take(index), solved[0].unit[index])
         field = members[0].field
-        if field is None or not members[0].has_probability:
-            whole = level = len(found) * [None]
-        else:
-            rows = evidence([*found, *(one.if_level for one in found)], field)
-            whole, level = rows[: len(found)], rows[len(found) :]
-        for one, *its_errors in zip(members, found, whole, level, strict=True):
-            one.keep_errors(*its_errors)
+        for one, uncertainty in zip(members, found, strict=True):
+            one.keep_uncertainty(uncertainty)
+        if field is not None and members[0].has_probability:
+            rows = evidence([*found, *(uncertainty.if_level for uncertainty in found)], field)
+            for one, whole, if_level in zip(members, rows[: len(found)], rows[len(found) :], strict=True):
+                one.keep_evidence(whole, if_level)
