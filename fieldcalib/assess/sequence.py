@@ -309,6 +309,17 @@ class SequenceCalibration(FrameSequence):
         return replace(self, frames=replace(frames, status=status, notes=notes, markings=markings))
 
     @property
+    def crown(self) -> float:
+        """Root mean square height, metres, that the middle of the field may have above its touchlines.
+
+        It is what the frames tell of it (`fieldcalib.assess.crown`), 0 where all such fields are level. Their cameras
+        are those of a level field.
+        """
+        if self.layout is None or not np.any(self.layout.is_crown):
+            return 0.0
+        return float(np.sqrt(self.considered[-1, -1]))  # it is the last parameter
+
+    @property
     def covariance_if_level(self) -> Array:
         """`covariance` if the field were known to be level (`fieldcalib.fields.crown`), (S, S)."""
         if self.layout is None or not np.any(self.layout.is_crown):

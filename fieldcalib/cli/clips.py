@@ -248,6 +248,7 @@ def _tripods(found: VideoCalibration) -> dict[str, Any]:
             {
                 "frames": len(tripod),
                 "reference_focal_length_px": _reference(tripod),
+                "crown": tripod.crown,
                 "shared": {name: {"value": v, "standard_deviation": s} for name, (v, s) in tripod.shared.items()},
             }
             for tripod in found.tripods

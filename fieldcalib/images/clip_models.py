@@ -11,7 +11,7 @@ that are cut out often follow the play: there the window is tried in any case.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from itertools import groupby
 from typing import NamedTuple
@@ -40,6 +40,7 @@ LEAST_GAIN = 0.02  # if that is also so much less: 0.3 px of 960 x 540 from none
 MOST_KEPT = 2  # matches of a keyframe with earlier ones, of which the farthest is left out
 WINDOW_SHARE = 0.15  # of the width: principal point in a window cut out of a broadcast and shown as large as that
 LEAST_RUN = 2  # keyframes in a row that make a part
+NOT_LEVEL = 0.15  # m: a crown that a user is told of; lines of level fields are off by a tenth of that
 
 
 class Model(NamedTuple):
@@ -264,6 +265,18 @@ def said_of_misfit(frames: IntArray) -> str:
         f"frames {frames[0]} to {frames[-1]}: no place of the camera explains the lines of all of them; --independent "
         f"calibrates them one by one"
     )
+
+
+def said_of_crown(tripods: Iterable[SequenceCalibration]) -> list[str]:
+    """What a user is told of clips whose field is not level, if it is not."""
+    crown = max((tripod.crown for tripod in tripods), default=0.0)
+    if crown < NOT_LEVEL:
+        return []
+    return [
+        f"the ground seems to be higher in the middle of the field than at its touchlines, by about {crown:.1f} m: "
+        "cameras of a level field lie on its markings all the same, but places between them are known less well "
+        "(probability_right_1m)"
+    ]
 
 
 def _gain(before: Misprediction, after: Misprediction) -> str:

@@ -26,6 +26,7 @@ from fieldcalib.calibrate.given_camera import GivenCamera, check_of_clip
 from fieldcalib.calibrate.options import ALL, DEFAULT_FLAGS, CalibrationFlags, Prior
 from fieldcalib.calibrate.sequence_solver import SHARED, SHARED_IN_MOTION, SIZE
 from fieldcalib.fields.segments import ObjectSegments
+from fieldcalib.images.clip_models import said_of_crown
 from fieldcalib.images.clip_shape import LookedAt
 from fieldcalib.images.clip_solver import ClipSolver, off_paint
 from fieldcalib.images.keyframes import EVERY, Tied, tied_frames
@@ -157,10 +158,8 @@ def calibrate_video(
     solver = partial(ClipSolver, object_segments, flags, prior, shared, given)
     tied = partial(tied_frames, every=every, moving="centre" not in shared)
     found = _calibrated(opened, network, solver, tied, placed, parts)
-    if shape is None:
-        return found
-    notes = (*found.notes, *filter(None, (shape.message, *shape.complaints)))
-    return replace(found, shape=shape, notes=notes)
+    of_shape = () if shape is None else filter(None, (shape.message, *shape.complaints))
+    return replace(found, shape=shape, notes=(*found.notes, *said_of_crown(found.tripods), *of_shape))
 
 
 def _as_it_is(image: Image) -> Image:
