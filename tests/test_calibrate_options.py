@@ -235,6 +235,37 @@ def test_squashed_and_cropped_pictures(true_camera, declaration, tmp_path, capsy
     assert line["verdict"] == "good"
 
 
+@pytest.mark.parametrize(
+    ("options", "is_asked"),
+    [
+        ([], "(--aspect)"),
+        (["--aspect", "square"], ""),  # right wherever its principal point is
+        (["--crop-of", "720x540+0+0"], ""),
+        (["--aspect", "square", "--crop-of", "720x540+0+0"], ""),
+    ],
+)
+def test_a_whole_picture_of_another_shape_is_asked_about_until_that_is_said(options, is_asked, tmp_path):
+    camera = views.camera(24, 78, 1400, (0, 68, -17)).cropped((120, 0), (720, 540))
+    labels = ("Side line top", "Side line right", "Big rect. right main", "Big rect. right top")
+    pixels = observe(whole_circle_markings(soccer()), camera, np.random.default_rng(0), 1.5, per_line=4)
+    (tmp_path / "a.json").write_text(format_annotation({label: pixels[label] for label in labels}, (720, 540)))
+    assert run("calibrate", tmp_path / "a.json", "--size", "720x540", *options, "--out", tmp_path / "out") == 0
+    (line,) = lines_of(tmp_path / "out")
+    asked = [words for words in ("(--aspect)", "may be a part of a frame") if words in line["reason"]]
+    assert asked == ([is_asked] if is_asked else [])
+    assert ("--crop-of" in line["remedy"]) is bool(is_asked)
+
+
+def test_labels_of_a_declared_part_end_where_it_ends(tmp_path):
+    """Those of a left half: its last column is no doubt that the size is right."""
+    left = WHOLE.cropped((0, 0), HALF)
+    pixels = observe(whole_circle_markings(soccer()), left, np.random.default_rng(0), 0.0, per_line=200)
+    (tmp_path / "a.json").write_text(format_annotation(pixels, HALF))
+    declared = ["--size", "480x540", "--crop-of", "960x540+0+0", "--out", tmp_path / "out"]
+    assert run("calibrate", tmp_path / "a.json", *declared) == 0
+    assert "the labels end at column" not in lines_of(tmp_path / "out")[0]["reason"]
+
+
 NOTE = "1 of 1 frame is nearly square: pictures of broadcasts of that shape were squashed, which --aspect declares"
 
 

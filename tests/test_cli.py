@@ -37,6 +37,33 @@ def test_an_unknown_prior(annotated_folder, tmp_path, capsys):
 
 
 @pytest.mark.parametrize(
+    ("arguments", "hint"),
+    [
+        (["run", "a.jpg", "--out", "o", "--feild-size", "known"], "--feild-size known; did you mean --field-size?"),
+        (["run", "a.jpg", "--out", "o", "--feild-size=known"], "; did you mean --field-size?"),
+        (["run", "a.jpg", "--ot", "o"], "required: --out; there is no --ot; did you mean --out?"),
+        (["run", "a.jpg", "--out", "o", "--field-size", "estimatd"], "; did you mean estimated?"),
+        (["calibrate", "a.json", "--out", "o", "--lens", "opencw"], "; did you mean opencv?"),
+        (["run", "a.jpg", "--out", "o", "--field", "socer"], "got 'socer'; did you mean soccer?"),
+        (["run", "a.jpg", "--out", "o", "--aspect", "squar"], "got 'squar'; did you mean square?"),
+        (["calibrate", "a.json", "--out", "o", "--prior", "main centre"], "or none; did you mean main center?"),
+        (["topview", "a", "--outt", "o"], "did you mean --out?"),
+        (["calibrat", "a.json"], "; did you mean calibrate?"),
+        (["--versoin"], "there is no --versoin; did you mean --version?"),
+    ],
+)
+def test_what_is_mistyped_is_asked_about(arguments, hint, capsys):
+    assert run(*arguments) == 2
+    assert hint in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("option", ["--zzz", "--", "-3"])
+def test_what_is_like_no_option_is_not_guessed(option, capsys):
+    assert run("run", "a.jpg", "--out", "o", "--field-size", "x", option) == 2
+    assert "did you mean" not in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
     ("options", "message"),
     [
         (["--field-length", "40"], "no room for its penalty areas"),

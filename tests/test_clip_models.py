@@ -215,6 +215,28 @@ def test_alternating_places_make_two_tripods():
     assert sum(far_off(calibrated[t], camera) < 1.0 for t, camera in enumerate(cameras)) >= 22
 
 
+def test_a_piece_that_contradicts_the_others_is_no_part_of_their_tripod(monkeypatch):
+    """Whatever the places of the pieces say."""
+    monkeypatch.setattr("fieldcalib.images.clip_solver.grouped", lambda shots: [sorted(shots)])
+    one = panned(10, -0.4, 0.4)
+    cameras = [*one[:6], *(moved(camera, (9.0, 6.0, 0.0)) for camera in panned(8, -0.3, 0.3)), *one[6:]]
+    clip = clip_of(cameras)
+    clip.piece = [0] * 6 + [1] * 8 + [2] * 4
+    clip.matches = {(i, j): one for (i, j), one in clip.matches.items() if clip.piece[i] == clip.piece[j]}
+    assert sorted(tripod.pieces for tripod in clip.tripods()) == [[0, 2], [1]]
+
+
+@pytest.mark.parametrize(("way", "pieces"), [(0.0, [[0]]), (25.0, [[0], [1]])])
+def test_frames_that_nothing_ties_join_the_piece_before_where_it_explains_them(way, pieces):
+    cameras = panned(10, -0.4, 0.4)
+    cameras = [*cameras[:7], *(moved(camera, (way, 0.0, 0.0)) for camera in cameras[7:])]
+    clip = clip_of(cameras)
+    clip.piece, clip.in_transition = [0] * 7 + [1] * 3, [False] * 7 + [True] * 3
+    clip.matches = {(i, j): one for (i, j), one in clip.matches.items() if j < 7}
+    assert sorted(tripod.pieces for tripod in clip.tripods()) == pieces
+    assert set(clip.piece) == {number for one in pieces for number in one}
+
+
 def test_left_out_labels_are_predicted_by_the_right_cameras_only():
     cameras = panned(8, -0.4, 0.4)
     clip = clip_of(cameras)

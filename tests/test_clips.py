@@ -11,9 +11,10 @@ from tripods import far_off
 from data_tools.synthetic.clips import camera_path
 from data_tools.synthetic.film import BESIDE, Scene, TrueFrame, film
 from fieldcalib import Camera, calibrate_video, soccer
+from fieldcalib.assess.result import Verdict
 from fieldcalib.assess.sequence import Basis
 from fieldcalib.assess.video import NO_TRIPOD, Shot, VideoCalibration
-from fieldcalib.images.clip_solver import BETWEEN, MOST_MORE
+from fieldcalib.images.clip_solver import BETWEEN, MIXED, MOST_MORE
 from fieldcalib.images.keyframes import EVERY, tied_frames
 
 KNOWN = soccer(size_known=True)
@@ -100,6 +101,29 @@ def test_shots_of_two_tripods_do_not(two_tripods):
     assert all(frame.accepted for frame in found)
     assert max(off(found, cameras)) < 0.8
     assert set(found.basis) == {Basis.BOTH}
+
+
+def dissolved(one, other, count):
+    """Two runs of pictures, the last ones of the first mixed with the first ones of the second."""
+    share = np.arange(1, count + 1) / (count + 1)
+    mixed = [cv2.addWeighted(a, 1.0 - s, b, s, 0.0) for a, b, s in zip(one[-count:], other, share, strict=False)]
+    return [*one[:-count], *mixed, *other[count:]]
+
+
+def test_a_dissolve_belongs_to_neither_shot(two_tripods):
+    """What is seen in pictures that nothing ties is of the second camera: it says nothing of the first shot."""
+    mixed = 6
+    one, other = two_tripods[:SHOT], two_tripods[SHOT:]
+    pictures = dissolved([*one, *one[::-1]], [*other, *other[::-1]], mixed)
+    begin, end = 2 * SHOT - mixed, 2 * SHOT
+    seen_later = [(ELSEWHERE + ELSEWHERE[::-1])[t - begin].camera for t in range(begin, len(pictures))]
+    cameras = [*[None] * begin, *seen_later]
+    found = calibrated(pictures, cameras)
+    assert all(frame.camera is None for frame in found[:begin])
+    assert all(frame.verdict is not Verdict.GOOD for frame in found[:end])
+    assert any(MIXED in frame.complaints for frame in found[begin:end])
+    assert all(frame.verdict is Verdict.GOOD for frame in found[end + 1 :])
+    assert max(off(found[end + 1 :], cameras[end + 1 :])) < 0.8
 
 
 def test_a_shot_that_shows_no_pitch_has_no_tripod(one_tripod):

@@ -102,6 +102,7 @@ def test_a_frame_of_another_place_is_off_the_path(cameras):
     assert calibrate_batch(FIELD, [elsewhere.pixels], SIZE)[0].accepted
     found = calibrate_sequence(FIELD, [*labels[:7], elsewhere.pixels, *labels[8:]], SIZE, shared=SHARED_IN_MOTION)
     assert (found[7].camera, found[7].message) == (None, OFF_PATH)
+    assert not found.usable[7]  # where there is no camera, none is taken up by the next solution
     others = [t for t in range(20) if t != 7 and found[t].accepted]
     assert len(others) > 10
     assert max(np.linalg.norm(found[t].camera.C - cameras[t].C) for t in others) < 2.0
@@ -119,6 +120,19 @@ def test_a_path_goes_on_between_frames_with_cameras(cameras, frames, matches):
         sigma, before = (np.sqrt(np.diagonal(one[t].covariance)[CENTER]) for one in (found, known))
         assert np.all(np.abs(error) < 3.0 * sigma)
         assert np.all(sigma > before)
+
+
+def test_frames_between_share_the_misfit_of_those_around_them(cameras, frames, matches):
+    """Interpolated cameras were good between frames that what is shared does not explain."""
+    known = calibrate_sequence(FIELD, frames, SIZE, shared=SHARED_IN_MOTION, matches=matches)
+    own = np.arange(COUNT) % 6 == 0
+    theta = np.where(own[:, None], known.frames.theta, np.nan)
+    misfit = np.where(own, 0.1, np.nan)
+    misfit[30] = 40.0
+    found = replace(known, frames=replace(known.frames, theta=theta, misfit=misfit))
+    found = found.interpolated(np.zeros(COUNT, dtype=int), 25)
+    assert all("brings its lines 40 px off" in found[t].reason for t in range(25, 36))
+    assert "brings its lines" not in found[20].reason
 
 
 # centres

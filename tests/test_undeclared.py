@@ -19,6 +19,7 @@ from fieldcalib.assess.whole_picture import (
     PART_SCALE,
     SCORE,
     SHAPE,
+    Declared,
     PrincipalPointEvidence,
     _freed,
     features,
@@ -28,6 +29,7 @@ from fieldcalib.assess.whole_picture import (
 )
 from fieldcalib.calibrate.aspect import WAS_SQUASHED, in_pixels_of, told
 from fieldcalib.calibrate.batch import calibrate_batch
+from fieldcalib.calibrate.label_ends import ENDS
 from fieldcalib.calibrate.options import DEFAULT_FLAGS, CalibrationFlags
 from fieldcalib.cli.demo import observe as demo_labels
 from fieldcalib.cli.demo import pan_over_field
@@ -204,6 +206,48 @@ def test_only_labels_by_hand_end_where_their_picture_does():
     alike, weighted = dict.fromkeys(labels, 1.0), dict.fromkeys(labels, 0.5)
     assert calibrate_from_segments(FIELD, labels, SIZE, weights=alike).are_annotated
     assert not calibrate_from_segments(FIELD, labels, SIZE, weights=weighted).are_annotated
+
+
+@pytest.mark.parametrize(
+    ("size", "declared", "doubts"),
+    [
+        (SIZE, Declared.NOTHING, (CUT,)),
+        (SIZE, Declared.PIXELS, (CUT,)),
+        (SIZE, Declared.FRAME, ()),
+        ((640, 540), Declared.NOTHING, (SHAPE,)),
+        ((640, 540), Declared.PIXELS, (CUT,)),
+        ((640, 540), Declared.FRAME, ()),
+    ],
+)
+def test_what_is_declared_is_not_asked(size, declared, doubts):
+    camera = CAMERA.cropped((320, 0), size) if size != SIZE else CAMERA
+    labels = {label: xy[np.all((xy > 0.0) & (xy < size), axis=1)] for label, xy in frame_of(camera).items()}
+    found = calibrate_from_segments(FIELD, {label: xy for label, xy in labels.items() if len(xy)}, size)
+    assert seems_part(found.uncertainty, 0.6, 20.0, declared) == doubts
+    said = replace(found, declared=declared)
+    assert Calibration.from_dict(json.loads(json.dumps(said.to_dict()))).declared == declared
+
+
+@pytest.mark.parametrize("estimate_aspect", [True, False])
+def test_where_labels_end_is_told_in_pixels_of_the_picture(estimate_aspect):
+    """Of a squashed picture too, which is calibrated as it would be shown."""
+    size, end = (640, 640), 480
+    squashed = CAMERA.scaled(size)
+    labels = observe(whole_circle_markings(FIELD), squashed, np.random.default_rng(0), 0.0, per_line=200)
+    cut = {label: xy[xy[:, 0] <= end - 1.0] for label, xy in labels.items()}
+    cut["Side line top"] = np.concatenate(
+        [cut["Side line top"], [squashed_point(squashed, "Side line top", end - 1.0)]]
+    )
+    (found,) = calibrate_batch(FIELD, [cut], size, estimate_aspect=estimate_aspect)
+    (said,) = [one for one in found.complaints if one.startswith(ENDS)]
+    assert said == "the labels end at column 479 of 640: are they of a picture that is 480 pixels wide?"
+    assert (WAS_SQUASHED in found.message) is estimate_aspect
+
+
+def squashed_point(camera, label, column):
+    """Where a segment is in a column."""
+    xy = camera.project(FIELD[label].sample(0.01))
+    return xy[np.argmin(np.abs(xy[:, 0] - column))]
 
 
 @pytest.mark.parametrize("factor", [4.0 / 3.0, 2.0 / 3.0])

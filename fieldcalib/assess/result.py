@@ -25,7 +25,7 @@ from fieldcalib.assess.probability import evidence, probability_by_covariance, p
 from fieldcalib.assess.solved import Solved
 from fieldcalib.assess.surprises import LEAST_ASPECT, surprises
 from fieldcalib.assess.uncertainty import Uncertainty
-from fieldcalib.assess.whole_picture import CUT, SHAPE, SQUASHED_LOG_ODDS, seems_part
+from fieldcalib.assess.whole_picture import CUT, SHAPE, SQUASHED_LOG_ODDS, Declared, seems_part
 from fieldcalib.fields.field import Field
 from fieldcalib.fields.records import field_from_record, field_to_record
 from fieldcalib.geometry.camera import Camera
@@ -79,7 +79,10 @@ REMEDIES: Mapping[Status, str] = MappingProxyType(
 )
 OFF_PAINT = "look at the overlay (run --show-paint); give --field-length and --field-width with --field-size known"
 NOT_WHOLE_FRAMES = frozenset([CUT, SHAPE])
-NOT_WHOLE = "say what the picture is of: --crop-of for a part of a frame, --aspect or --display-size for a squashed one"
+NOT_WHOLE = (
+    "say what the picture is of: --crop-of for a part of a frame (its own size with +0+0 if nothing is cut off), "
+    "--aspect or --display-size for a squashed one"
+)
 
 
 @dataclass(frozen=True)
@@ -156,6 +159,8 @@ class Calibration:
     are_annotated: bool = attribute(default=False, repr=False)
     """Whether somebody labelled the pixels, who followed markings to the border of the picture: labels that are neither
     weighted nor trusted."""
+    declared: Declared = attribute(default=Declared.NOTHING, repr=False)
+    """What the user has said of the picture: it is not doubted."""
 
     @classmethod
     def without_camera(cls, status: Status, message: str) -> Calibration:
@@ -212,7 +217,8 @@ class Calibration:
         unusual = () if self.solved is None else surprises(self._solved_uncertainty)
         if not doubts and self.solved is not None and self.has_probability:
             cut = self._log_ratio_of_cut + SQUASHED_LOG_ODDS * self._was_squashed
-            doubts.extend(seems_part(self._solved_uncertainty, self.probability(size_known=True), cut))
+            known = self.probability(size_known=True)
+            doubts.extend(seems_part(self._solved_uncertainty, known, cut, self.declared))
         return (*paint_complaints(self.markings), *doubts, *unusual, *self.complaints)
 
     @property
@@ -480,6 +486,7 @@ class Calibration:
             **({} if self.errors is None else {"errors": self.errors.to_dict()}),
             **({} if not self.markings else {"markings": [asdict(one) for one in self.markings]}),
             **({} if not self.are_annotated else {"are_annotated": True}),
+            **({} if self.declared == Declared.NOTHING else {"declared": str(self.declared)}),
             "version": VERSION,
         }
 
@@ -519,6 +526,7 @@ class Calibration:
                 KnownErrors.from_dict(record["errors"]) if "errors" in record else None,
                 tuple(MarkingInView(**one) for one in record.get("markings", ())),
                 bool(record.get("are_annotated", False)),
+                Declared(record.get("declared", Declared.NOTHING)),
             )
         except KeyError as error:
             raise ValueError(f"is no calibration: the key {error} is missing") from None

@@ -91,6 +91,8 @@ class Frames:
     those of the frames around it, (T,); NaN where that is unknown (`fieldcalib.assess.misfit`)."""
     markings: Mapping[int, tuple[MarkingInView, ...]] = attribute(default_factory=dict)
     """What the images of frames show of the markings in view."""
+    doubts: Mapping[int, str] = attribute(default_factory=dict)
+    """What else speaks against the cameras of frames."""
 
     def __len__(self) -> int:
         return len(self.theta)
@@ -106,6 +108,7 @@ class Frames:
             notes={k: self.notes[t] for k, t in place if t in self.notes},
             suspects={k: self.suspects[t] for k, t in place if t in self.suspects},
             markings={k: self.markings[t] for k, t in place if t in self.markings},
+            doubts={k: self.doubts[t] for k, t in place if t in self.doubts},
         )
 
     def message(self, t: int) -> str:
@@ -129,6 +132,7 @@ class Frames:
             "notes": [[t, note] for t, note in self.notes.items()],
             "suspects": [[t, found] for t, found in suspects.items()],
             "markings": [[t, [asdict(one) for one in found]] for t, found in self.markings.items()],
+            "doubts": [[t, doubt] for t, doubt in self.doubts.items()],
         }
 
     @classmethod
@@ -142,8 +146,10 @@ class Frames:
             for t, found in record["suspects"]
         }
         markings = {t: tuple(MarkingInView(**one) for one in found) for t, found in record.get("markings", ())}
-        notes = dict(record["notes"])
-        return cls(**arrays, labels=tuple(record["labels"]), notes=notes, suspects=suspects, markings=markings)
+        notes, doubts = dict(record["notes"]), dict(record.get("doubts", ()))
+        return cls(
+            **arrays, labels=tuple(record["labels"]), notes=notes, suspects=suspects, markings=markings, doubts=doubts
+        )
 
 
 def _place(centre: Array) -> str:
@@ -214,6 +220,7 @@ class SequenceCalibration(FrameSequence):
         if is_misfit and not paint_confirms(markings):  # paint has the last word
             doubts.append(f"what the frames share brings its lines {frames.misfit[t]:.0f} px off")
         doubts += [f"its camera may as well stand at {_place(centre)}" for centre in self.alternatives]
+        doubts += [frames.doubts[t]] if t in frames.doubts else []
         return Calibration(
             camera,
             status,
@@ -285,17 +292,30 @@ class SequenceCalibration(FrameSequence):
         )
         following = (1.0 - share) * frames.following[before] + share * frames.following[after]
         metres = ground_errors(theta, self.layout, OwnErrors(own, following), self.considered, self.field)
-        columns = {
-            name: getattr(frames, name).copy()
-            for name in ("theta", "own", "following", "status", "basis", "ground_error")
+        values = {
+            "theta": theta,
+            "own": own,
+            "following": following,
+            "ground_error": metres,
+            "misfit": np.fmax(frames.misfit[before], frames.misfit[after]),  # a wrong camera makes others wrong
         }
-        for name, values in (("theta", theta), ("own", own), ("following", following), ("ground_error", metres)):
-            columns[name][index] = values
+        columns = {name: getattr(frames, name).copy() for name in (*values, "status", "basis")}
+        for name, one in values.items():
+            columns[name][index] = one
         columns["basis"][index] = BASES.index(Basis.INTERPOLATED)
         status = np.where(metres > LARGEST_ERROR, STATUSES.index(Status.IMPROBABLE), STATUSES.index(Status.ACCEPTED))
         columns["status"][index] = status
         notes = {t: note for t, note in frames.notes.items() if t not in set(index.tolist())}
         return replace(self, frames=replace(frames, notes=notes, **columns))
+
+    def with_notes(self, others: Mapping[str, str]) -> SequenceCalibration:
+        """With other messages of frames for which the numbers do not say everything, by those of before."""
+        notes = {t: others.get(note, note) for t, note in self.frames.notes.items()}
+        return replace(self, frames=replace(self.frames, notes=notes))
+
+    def doubted(self, doubts: Mapping[int, str]) -> SequenceCalibration:
+        """With what else speaks against the cameras of some frames."""
+        return replace(self, frames=replace(self.frames, doubts={**self.frames.doubts, **doubts}))
 
     def seen_in_images(self, markings: Mapping[int, tuple[MarkingInView, ...]]) -> SequenceCalibration:
         """Add what the images of frames show of their markings, as `Calibration.seen_in_image`."""
@@ -336,7 +356,8 @@ class SequenceCalibration(FrameSequence):
     @property
     def usable(self) -> BoolArray:
         """Which frames have a camera that fits, though it may be known too badly to be accepted, (T,)."""
-        return np.asarray(self.accepted | (self.frames.status == STATUSES.index(Status.IMPROBABLE)))
+        fits = self.accepted | (self.frames.status == STATUSES.index(Status.IMPROBABLE))
+        return np.asarray(fits & np.isfinite(self.frames.theta).all(axis=1))
 
     @property
     def basis(self) -> list[Basis]:

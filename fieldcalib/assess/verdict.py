@@ -20,6 +20,7 @@ from fieldcalib.problem.layout import ANGLES, CENTER, LOG_F, exp_of
 LARGEST_ROLL = np.radians(45.0)
 FIELD_OF_VIEW = np.radians((0.5, 150.0))
 LARGEST_SHARE_BEHIND = 0.1  # of the fitting segments' weight; 0.05 and 0.2 give the same verdicts on annotated frames
+LABEL_MORE = "label more {}s, or fix what is known with flags"
 AGREEING = 2.0 / 3.0  # share of the labelled segments that must fit: a robust loss always has some minimum
 
 
@@ -83,8 +84,7 @@ def verdict(
     equations = constraints(object_segments, frame)
     if equations < evidence.unknowns:
         return Status.TOO_FEW_SEGMENTS, (
-            f"{labelled}: {equations} equations for {evidence.unknowns} unknowns; "
-            f"label more {noun}s, or fix what is known with flags"
+            f"{labelled}: {equations} equations for {evidence.unknowns} unknowns; {LABEL_MORE.format(noun)}"
         )
     if evidence.weakest.information < OPEN_DIRECTION:
         return Status.DEGENERATE, degeneracy(object_segments, frame) or (

@@ -14,6 +14,7 @@ whole frame is right.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from enum import StrEnum
 
 import numpy as np
 
@@ -42,6 +43,16 @@ LARGEST_SPREAD = 0.05  # share of the width: cameras of which more is expected s
 SQUASH_SIGMAS = 3.0  # that the pixels of a squashed picture are off, by what the labels tell
 CUT = "the picture may be a part of a frame, whose middle the labels do not tell: say which part (--crop-of)"
 SHAPE = "the picture is not 16:9, and the labels do not tell whether it was squashed (--aspect) or cut out (--crop-of)"
+
+
+class Declared(StrEnum):
+    """What a user has said of a picture, so that it is not asked."""
+
+    NOTHING = "nothing"
+    PIXELS = "pixels"
+    """How its pixels are shown."""
+    FRAME = "frame"
+    """Which part of a frame it is, if not all of it, and how its pixels are shown."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -131,7 +142,12 @@ def _freed(uncertainty: Uncertainty, precision: float) -> tuple[BoolArray, Array
     return own, z, inverse @ (less * z), inverse @ (A @ determined @ A - np.diag(less)) @ inverse.T
 
 
-def seems_part(uncertainty: Uncertainty, probability: float, log_ratio_of_cut: float = 0.0) -> tuple[str, ...]:
+def seems_part(
+    uncertainty: Uncertainty,
+    probability: float,
+    log_ratio_of_cut: float = 0.0,
+    declared: Declared = Declared.NOTHING,
+) -> tuple[str, ...]:
     """In words, that a picture may be a part of a frame, if its camera would be wrong then; nothing of others.
 
     Parameters
@@ -141,7 +157,11 @@ def seems_part(uncertainty: Uncertainty, probability: float, log_ratio_of_cut: f
         That the camera is right to the field's tolerance, for a field of the given size.
     log_ratio_of_cut : float
         What the ends of labels say (`fieldcalib.assess.cut_labels`).
+    declared : Declared
+        What the user has said.
     """
+    if declared == Declared.FRAME:
+        return ()
     width, height = uncertainty.layout.image_size
     frame = frame_around((width, height))
     evidence = PrincipalPointEvidence.of(uncertainty)
@@ -149,7 +169,10 @@ def seems_part(uncertainty: Uncertainty, probability: float, log_ratio_of_cut: f
     if evidence is None or np.min(own_spread) > LARGEST_SPREAD * frame[0]:
         return ()
     if not is_whole_shape((width, height)):
-        return () if probability >= SURE and _tells_aspect(uncertainty) else (SHAPE,)
+        is_square = declared == Declared.PIXELS
+        if probability >= SURE and (is_square or _tells_aspect(uncertainty)):
+            return ()
+        return (CUT if is_square else SHAPE,)
     return (CUT,) if score(uncertainty, evidence, probability) + log_ratio_of_cut > 0.0 else ()
 
 

@@ -17,7 +17,9 @@ from numpy.typing import ArrayLike
 from fieldcalib._types import Array
 from fieldcalib.assess.result import Calibration
 from fieldcalib.assess.whole_picture import SHAPE
+from fieldcalib.calibrate.label_ends import with_border_asked
 from fieldcalib.calibrate.options import CERTAIN
+from fieldcalib.fields.segments import ObjectSegments
 from fieldcalib.problem.labelled_pixels import ImageSegments
 from fieldcalib.problem.prior import frame_around, is_whole_shape
 
@@ -94,6 +96,7 @@ def in_pixels_of(shown: Calibration, image_size: tuple[int, int]) -> Calibration
 
 
 def with_aspect_as_told(
+    object_segments: ObjectSegments,
     calibrate: Callable[[Sequence[ImageSegments], tuple[int, int]], list[Calibration]],
     frames: Sequence[ImageSegments],
     image_size: tuple[int, int],
@@ -109,10 +112,12 @@ def with_aspect_as_told(
         return found
     size = shown_size(image_size)
     shown = calibrate([stretched(frame, np.divide(size, image_size)) for frame in frames], size)
-    return [
+    likelier = [
         told(one, other, log_evidence(other) - log_evidence(one), image_size) if one.solved or other.solved else one
         for one, other in zip(found, shown, strict=True)
     ]
+    in_picture = [stretched(frame, np.ones(2)) for frame in frames]  # as the user knows them
+    return [with_border_asked(object_segments, *pair) for pair in zip(in_picture, likelier, strict=True)]
 
 
 def stretched(frame: Mapping[str, ArrayLike], scale: Array) -> dict[str, Array]:

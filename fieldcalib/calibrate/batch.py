@@ -142,7 +142,7 @@ def calibrate_batch(
         return [as_fixed(one, camera, flags) for one, camera in zip(found, known, strict=True)]
 
     is_estimated = estimate_aspect and camera_matrix is None
-    return with_aspect_as_told(calibrated, _several(frames), image_size, estimated=is_estimated)
+    return with_aspect_as_told(object_segments, calibrated, _several(frames), image_size, estimated=is_estimated)
 
 
 def _given(cameras: Sequence[Camera], count: int, options: Options) -> Array:

@@ -25,7 +25,7 @@ from fieldcalib.assess.verdict import Evidence, implausibilities, segment_errors
 from fieldcalib.calibrate.aspect import with_aspect_as_told
 from fieldcalib.calibrate.auto_lens import with_lens_as_called_for
 from fieldcalib.calibrate.given_camera import GivenCamera, as_fixed
-from fieldcalib.calibrate.label_ends import other_border
+from fieldcalib.calibrate.label_ends import with_border_asked
 from fieldcalib.calibrate.mislabels import Relabelled, without_mislabels
 from fieldcalib.calibrate.options import (
     DEFAULT_CRITERIA,
@@ -190,7 +190,7 @@ def calibrate_from_segments(
         return found if flags is None else [as_fixed(one, camera, flags) for one in found]
 
     is_estimated = estimate_aspect and camera_matrix is None
-    return with_aspect_as_told(calibrated, [image_segments], image_size, estimated=is_estimated)[0]
+    return with_aspect_as_told(object_segments, calibrated, [image_segments], image_size, estimated=is_estimated)[0]
 
 
 def finished(start: Evaluation, *, max_iterations: int, tolerance: float) -> Solution:
@@ -217,14 +217,7 @@ def calibrate_checked(
     found = _solved(object_segments, frames, weights, options, solve, given, trust_labels)
     if trust_labels:
         return found
-    borders = [
-        other_border(object_segments, frame, options.image_size, one.camera) if one.are_annotated else None
-        for frame, one in zip(frames, found, strict=True)
-    ]
-    return [
-        replace(one, complaints=(*one.complaints, border)) if border is not None else one
-        for one, border in zip(found, borders, strict=True)
-    ]
+    return [with_border_asked(object_segments, frame, one) for frame, one in zip(frames, found, strict=True)]
 
 
 def _solved(

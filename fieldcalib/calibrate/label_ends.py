@@ -6,8 +6,11 @@ Annotators follow a marking to the border of the picture. Labels of a picture of
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
+from fieldcalib.assess.result import Calibration
 from fieldcalib.fields.segments import ObjectSegments, Point, Segment
 from fieldcalib.geometry.camera import Camera
 from fieldcalib.problem.labelled_pixels import Pixels
@@ -20,6 +23,19 @@ AWAY = 0.02  # of a side, from the picture's own border; labels that end at one 
 WIDTHS = (480, 512, 640, 720, 854, 960, 1024, 1280, 1366, 1600, 1920, 2560, 3840)
 ROUNDED = 0.6  # px
 SPACING = 1.0  # m, of points on a segment
+ENDS = "the labels end at column"
+
+
+def with_border_asked(object_segments: ObjectSegments, frame: Pixels, calibration: Calibration) -> Calibration:
+    """A calibration with what `other_border` says of the labels of its picture, instead of what it said before.
+
+    Nothing is said of labels that nobody set by hand.
+    """
+    others = tuple(one for one in calibration.complaints if not one.startswith(ENDS))
+    if calibration.camera is not None and calibration.are_annotated:
+        said = other_border(object_segments, frame, calibration.camera.image_size, calibration.camera)
+        others = others if said is None else (*others, said)
+    return calibration if others == calibration.complaints else replace(calibration, complaints=others)
 
 
 def other_border(
@@ -46,7 +62,7 @@ def other_border(
     ends = {
         label: xy[np.argmax(xy[:, 0])]
         for label, xy in frame.items()
-        if not isinstance(object_segments[label], Point) and np.ptp(xy[:, 0]) > AWAY * width  # no posts
+        if len(xy) and not isinstance(object_segments[label], Point) and np.ptp(xy[:, 0]) > AWAY * width  # no posts
     }
     if camera is None or not ends:
         return None
@@ -61,7 +77,7 @@ def other_border(
     if not (together or np.min(np.abs(end + 1.0 - np.array(WIDTHS))) < ROUNDED):
         return None
     column = round(end)
-    return f"the labels end at column {column} of {width}: are they of a picture that is {column + 1} pixels wide?"
+    return f"{ENDS} {column} of {width}: are they of a picture that is {column + 1} pixels wide?"
 
 
 def _goes_on(segment: Segment, camera: Camera, column: float) -> bool:

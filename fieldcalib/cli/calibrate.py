@@ -14,6 +14,7 @@ from fieldcalib.assess.result import Calibration
 from fieldcalib.assess.together import compute_errors
 from fieldcalib.calibrate.batch import calibrate_batch
 from fieldcalib.calibrate.field_size import FieldSize, estimate_field_size
+from fieldcalib.calibrate.label_ends import with_border_asked
 from fieldcalib.calibrate.options import ALL, Prior
 from fieldcalib.cli.arguments import (
     add_camera,
@@ -21,7 +22,7 @@ from fieldcalib.cli.arguments import (
     positive,
     probability,
 )
-from fieldcalib.cli.declared import add_declarations, declared_placement, is_aspect_estimated
+from fieldcalib.cli.declared import add_declarations, declared, declared_placement, is_aspect_estimated
 from fieldcalib.cli.fields import ESTIMATED, KNOWN, add_field, field_of, prior_of
 from fieldcalib.cli.folder import Found, by_prior, calibrate_folder
 from fieldcalib.cli.known_camera import KnownCamera, add_known_camera
@@ -135,17 +136,20 @@ class _Method:
         placement = declared_placement(self.options, size)
         frames = {id: placement.to_frame(pixels) for id, pixels in pictures.items()}
         if self.free_field_size is not None:
-            return self._on_free_field(frames, placement)
+            return self._on_free_field(pictures, frames, placement)
         found = by_prior(frames, self._prior_of, partial(self._calibrated, size=placement.frame_size))
         if self.least_probability is not None:
             compute_errors(found)
-        return [Found(self._of_picture(one, placement)) for one in found]
+        return [
+            Found(self._of_picture(one, placement, labels))
+            for one, labels in zip(found, pictures.values(), strict=True)
+        ]
 
     def _prior_of(self, id: str) -> Prior:
         return self.prior if self.types is None else DISTRIBUTIONS_OF_TYPE.get(self.types.get(id, ""), ALL)
 
     def _calibrated(self, frames: list[Pixels], prior: Prior, size: tuple[int, int]) -> list[Calibration]:
-        found = calibrate_batch(
+        return calibrate_batch(
             self.field,
             frames,
             size,
@@ -155,11 +159,10 @@ class _Method:
             tau=self.tau,
             estimate_aspect=is_aspect_estimated(self.options),
         )
-        if self.options.crop_of is None:
-            return found
-        return [replace(one, are_annotated=False) for one in found]  # labels of a part stop short of the whole frame
 
-    def _on_free_field(self, frames: dict[str, Pixels], placement: Placement) -> list[Found]:
+    def _on_free_field(
+        self, pictures: dict[str, Pixels], frames: dict[str, Pixels], placement: Placement
+    ) -> list[Found]:
         (prior,) = {self._prior_of(id) for id in frames}
         size = placement.frame_size
         found = estimate_field_size(
@@ -168,14 +171,17 @@ class _Method:
         said = str(found) if self.free_field_size == SHARED else ""
         details = _of_field_size(found)
         return [
-            Found(self._of_picture(one, placement), details, said=said if index == 0 else "")
-            for index, one in enumerate(found.calibrations)
+            Found(self._of_picture(one, placement, labels), details, said=said if index == 0 else "")
+            for index, (one, labels) in enumerate(zip(found.calibrations, pictures.values(), strict=True))
         ]
 
-    def _of_picture(self, calibration: Calibration, placement: Placement) -> Calibration:
+    def _of_picture(self, calibration: Calibration, placement: Placement, labels: Pixels) -> Calibration:
+        calibration = replace(calibration, declared=declared(self.options))
+        if self.options.crop_of is not None:  # labels of a part stop short of the whole frame
+            calibration = replace(calibration, are_annotated=False)
         if self.least_probability is not None:
             calibration = calibration.doubted(self.least_probability)
-        return placement.from_frame(calibration)
+        return with_border_asked(self.field, labels, placement.from_frame(calibration))
 
 
 def _of_field_size(found: FieldSize) -> dict[str, Any]:

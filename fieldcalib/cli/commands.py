@@ -2,14 +2,12 @@
 
 from __future__ import annotations
 
-import argparse
-import re
 from collections.abc import Sequence
 from importlib import import_module
 
 import fieldcalib
+from fieldcalib.cli.parser import NEGATIVE, Parser
 
-NEGATIVE = re.compile(r"-\.?\d")  # how a negative number begins
 COMMANDS = {
     "run": "calibrate images or a video",
     "localize": "find the markings in images",
@@ -44,14 +42,12 @@ def with_values_joined(arguments: Sequence[str]) -> list[str]:
     return joined
 
 
-def command_parser(arguments: Sequence[str]) -> argparse.ArgumentParser:
+def command_parser(arguments: Sequence[str]) -> Parser:
     """What reads the command line `arguments`: it knows the arguments of the command that they begin with.
 
     A command's module takes as long to import as all that it works with: ``add_arguments`` of the others is not called.
     """
-    parser = argparse.ArgumentParser(
-        prog="fieldcalib", description="Calibrate cameras from the markings of a sports field."
-    )
+    parser = Parser(prog="fieldcalib", description="Calibrate cameras from the markings of a sports field.")
     parser.add_argument("--version", action="version", version=f"fieldcalib {fieldcalib.__version__}")
     commands = parser.add_subparsers(required=True, metavar="COMMAND")
     given = next((argument for argument in arguments if not argument.startswith("-")), None)
@@ -59,4 +55,5 @@ def command_parser(arguments: Sequence[str]) -> argparse.ArgumentParser:
         command = commands.add_parser(name, help=help)
         if name == given:
             import_module(f"fieldcalib.cli.{name}").add_arguments(command)
+            parser.chosen = command
     return parser

@@ -8,7 +8,9 @@ import re
 import numpy as np
 
 from fieldcalib.assess.placement import Crop, Placement
+from fieldcalib.assess.whole_picture import Declared
 from fieldcalib.cli.arguments import image_size
+from fieldcalib.cli.parser import did_you_mean
 from fieldcalib.io.files import BrokenFileError
 
 ESTIMATED, SQUARE = "estimated", "square"
@@ -42,7 +44,8 @@ def aspect(text: str) -> str | float:
     found = re.fullmatch(r"([0-9]+(?:\.[0-9]+)?)(?::([0-9]+(?:\.[0-9]+)?))?", text)
     ratio = float(found[1]) / (float(found[2] or 1.0) or np.inf) if found else 0.0
     if not LEAST_RATIO <= ratio <= 1.0 / LEAST_RATIO:
-        raise argparse.ArgumentTypeError(f"expected {ESTIMATED}, {SQUARE} or width:height as 16:9, got {text!r}")
+        hint = did_you_mean(text, (ESTIMATED, SQUARE))
+        raise argparse.ArgumentTypeError(f"expected {ESTIMATED}, {SQUARE} or width:height as 16:9, got {text!r}{hint}")
     return ratio
 
 
@@ -69,7 +72,7 @@ def add_declarations(parser: argparse.ArgumentParser) -> None:
         type=crop,
         metavar="WxH+X+Y",
         help="the pictures are parts of frames of this size, where their upper left corners are at X, Y; in pixels as "
-        "shown (the pictures are whole frames)",
+        "shown; their own size with +0+0 says that nothing is cut off (where their lines do not tell, that is asked)",
     )
 
 
@@ -77,6 +80,13 @@ def is_aspect_estimated(options: argparse.Namespace) -> bool:
     """Whether nothing is declared that says how pixels are shown."""
     known = options.display_size, options.crop_of, options.intrinsics
     return bool(options.aspect == ESTIMATED and all(one is None for one in known))
+
+
+def declared(options: argparse.Namespace) -> Declared:
+    """What the options say of the pictures."""
+    if options.crop_of is not None:
+        return Declared.FRAME
+    return Declared.NOTHING if is_aspect_estimated(options) else Declared.PIXELS
 
 
 def _of_ratio(ratio: str | float, size: tuple[int, int]) -> tuple[int, int]:

@@ -8,6 +8,7 @@ from functools import lru_cache
 
 from fieldcalib.calibrate.options import ALL, Prior
 from fieldcalib.cli.arguments import NO_PRIOR, positive
+from fieldcalib.cli.parser import did_you_mean
 from fieldcalib.fields.catalogue import FIELDS, field_named
 from fieldcalib.fields.field import Field
 from fieldcalib.io.field_files import is_field_file, read_field
@@ -56,7 +57,8 @@ def add_named_field(parser: argparse.ArgumentParser) -> None:
 def _name(text: str) -> str:
     if text not in FIELDS and not is_field_file(text):
         known = ", ".join(FIELDS)
-        raise argparse.ArgumentTypeError(f"expected {known}, or a .yaml or .json file, got {text!r}")
+        hint = did_you_mean(text, FIELDS)
+        raise argparse.ArgumentTypeError(f"expected {known}, or a .yaml or .json file, got {text!r}{hint}")
     return text
 
 
@@ -94,7 +96,8 @@ def prior_of(options: argparse.Namespace) -> Prior:
     field, prior = field_of(options), str(options.prior)
     known = (ALL, *field.named_stands)
     if prior not in known:
-        raise ValueError(f"--prior {prior}: expected {', '.join(known)} or {NO_PRIOR}")
+        hint = did_you_mean(prior, (*known, NO_PRIOR))
+        raise ValueError(f"--prior {prior}: expected {', '.join(known)} or {NO_PRIOR}{hint}")
     if prior == ALL and not field.stands:
         raise ValueError(
             f"--field {options.field} does not say where its cameras stand: add `stands` to it, or give --prior "

@@ -114,4 +114,6 @@ def _outcome(folder: Path, text: bytes, record: RunRecord) -> Outcome:
     files = {name: (folder / name).read_bytes() for name in names if (folder / name).exists()}
     squashed, square = is_squashed(line), is_nearly_square(line)
     said = text.decode().rstrip("\n")
-    return Outcome(line["id"], said, line["status"], line.get("verdict", ""), squashed, square, files)
+    return Outcome(
+        line["id"], said, line["status"], line.get("verdict", ""), line.get("reason", ""), squashed, square, files
+    )

@@ -30,6 +30,7 @@ from fieldcalib.calibrate.aspect import WAS_SQUASHED
 from fieldcalib.cli.arguments import PARQUET
 from fieldcalib.cli.declared import ESTIMATED
 from fieldcalib.cli.run_record import RECORD, RunRecord, recorded
+from fieldcalib.cli.to_look_at import ToLookAt
 from fieldcalib.geometry.camera import Camera
 from fieldcalib.io.files import BrokenFileError, remove_temporaries, whole_file, write_bytes, write_text
 from fieldcalib.io.formats import CAMERAS, OVERLAYS, VIDEOS
@@ -68,6 +69,8 @@ class Outcome:
     status: str
     verdict: str = ""
     """Empty without a calibration."""
+    reason: str = ""
+    """Of the verdict."""
     squashed: bool = False
     """Whether the labels say that the pixels are not square."""
     nearly_square: bool = False
@@ -105,7 +108,8 @@ class Outcome:
         squashed = SQUASHED in calibration.concerns or WAS_SQUASHED in calibration.message
         status, verdict = str(calibration.status), str(calibration.verdict)
         square = is_nearly_square(line)
-        return cls(id, json.dumps(line), status, verdict, squashed, square, written, picture=picture)
+        reason = calibration.reason
+        return cls(id, json.dumps(line), status, verdict, reason, squashed, square, written, picture=picture)
 
 
 @dataclass
@@ -119,6 +123,7 @@ class Results:
     statuses: Counter[str] = attribute(default_factory=Counter)
     verdicts: Counter[str] = attribute(default_factory=Counter)
     cameras: int = 0
+    to_look_at: ToLookAt = attribute(default_factory=ToLookAt)
     squashed: int = 0
     nearly_square: int = 0
     calibrated: int = 0
@@ -136,6 +141,7 @@ class Results:
         for name, content in outcome.files.items():
             write_bytes(self.out / name, content)
         self._count(outcome.status, outcome.verdict, CAMERAS.file_name(outcome.id) in outcome.files)
+        self.to_look_at.add(outcome.id, outcome.verdict, outcome.reason)
         self.squashed += outcome.squashed
         self.nearly_square += outcome.nearly_square
         self.calibrated += bool(outcome.verdict)
@@ -143,6 +149,7 @@ class Results:
     def take_up(self, line: Mapping[str, Any]) -> None:
         """Count a frame that is written already."""
         self._count(line["status"], line.get("verdict", ""), (self.out / CAMERAS.file_name(line["id"])).exists())
+        self.to_look_at.add(line["id"], line.get("verdict", ""), line.get("reason", ""))
         self.squashed += is_squashed(line)
         self.nearly_square += is_nearly_square(line)
 
@@ -179,6 +186,7 @@ class Results:
         verdicts = ", ".join(f"{self.verdicts[verdict]} {verdict}" for verdict in Verdict if self.verdicts[verdict])
         counts = "; ".join(filter(None, (statuses, verdicts)))
         print(f"{counted(self.cameras, 'camera')} of {counted(self.done, 'frame')} in {self.out}: {counts}")
+        self._say_what_to_look_at(options)
         if self.squashed >= max(SUSPICIOUS[0], SUSPICIOUS[1] * self.verdicts.total()):
             seen = f"{self.squashed} of {counted(self.done, 'frame')} show pixels that are not square"
             print(f"{seen}: is the size right? --aspect declares squashed pictures", file=sys.stderr)
@@ -197,6 +205,17 @@ class Results:
         if others > 0:
             verb = "is" if others == 1 else "are"
             print(f"fieldcalib: {counted(others, 'camera')} in {self.out} {verb} not of this run", file=sys.stderr)
+
+    def _say_what_to_look_at(self, options: Mapping[str, Any]) -> None:
+        """Name the first frames that are not good on stderr, and where all are to be seen."""
+        where = [self.out / (TABLE if options.get("format") == PARQUET else LINES)]
+        if (self.out / WORST).exists():
+            where.append(self.out / WORST)
+        elif any((self.out / OVERLAYS.file_name(run.first)).exists() for run in self.to_look_at.runs):
+            where.append(self.out / OVERLAYS.file_name("<id>"))
+        said = self.to_look_at.said(*map(str, where))
+        if said:
+            print(f"fieldcalib: {said}", file=sys.stderr)
 
 
 @contextmanager

@@ -25,7 +25,7 @@ from fieldcalib.cli.arguments import (
     folder_name,
 )
 from fieldcalib.cli.clips import is_clip, run_clip
-from fieldcalib.cli.declared import add_declarations, declared_placement, is_aspect_estimated
+from fieldcalib.cli.declared import add_declarations, declared, declared_placement, is_aspect_estimated
 from fieldcalib.cli.fields import ESTIMATED, KNOWN, NOMINAL, add_field, field_of, prior_of
 from fieldcalib.cli.frames import (
     Frame,
@@ -266,7 +266,8 @@ class FromImages:
                 estimate_size=self.options.field_size == ESTIMATED,
             )
             found.update(zip(members, calibrations, strict=True))
-        return [found[index] for index in range(len(images))]
+        said = declared(self.options)
+        return [replace(found[index], declared=said) for index in range(len(images))]
 
     def _outcome(self, frame: Frame, image: Image, calibration: Calibration, field: Field) -> Outcome:
         shown = calibration.field or field

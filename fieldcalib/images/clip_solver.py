@@ -4,16 +4,19 @@ from __future__ import annotations
 
 from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from itertools import accumulate, pairwise
 
 import numpy as np
 
 from fieldcalib._types import Array, IntArray
 from fieldcalib.assess.markings import MarkingInView
 from fieldcalib.assess.misfit import LEAST_FRAMES, is_contradicted, is_of_wrong_model
+from fieldcalib.assess.misfit import LEAST_SHARE as LEAST_CONTRADICTED
 from fieldcalib.assess.result import Calibration
 from fieldcalib.assess.sequence import SequenceCalibration
 from fieldcalib.assess.video import NO_TRIPOD, Shot, VideoCalibration
 from fieldcalib.calibrate.centres import nearest_places
+from fieldcalib.calibrate.from_segments import NO_PIXELS
 from fieldcalib.calibrate.given_camera import NOTHING_GIVEN, GivenCamera
 from fieldcalib.calibrate.options import CalibrationFlags, Prior
 from fieldcalib.calibrate.together import labels_of
@@ -36,6 +39,7 @@ from fieldcalib.images.clip_models import (
 from fieldcalib.images.frame_lines import as_given, frame_lines, with_paint
 from fieldcalib.images.frames_together import Cells, cells_of, solver_of_lines
 from fieldcalib.images.from_images import calibrate_frames_alone
+from fieldcalib.images.hypotheses import NO_MARKING
 from fieldcalib.images.keyframes import Tied
 from fieldcalib.images.line_profiles import Markings
 from fieldcalib.images.matches import Matches
@@ -54,6 +58,7 @@ LONGEST_GAP = 25  # frames without a camera in a row that are interpolated: a se
 BETWEEN = (4, 8)  # frames after a keyframe that the network sees too while no keyframe of the piece is accepted,
 MOST_MORE = 6  # and how many of these: most pieces without a camera show no field
 PAINT_EVERY = 5  # frames, besides keyframes, in which paint beside the markings is looked for
+MIXED = "the picture may be mixed with that of another camera"
 LEAST_SHARE = 0.2  # of the profiles of a shot must show a line where its cameras have markings
 
 
@@ -85,6 +90,8 @@ class ClipSolver:
         self.size = (0, 0)
         self.begin = 0  # number of the first frame in the video
         self.piece: list[int] = []  # of each frame
+        self.linked: list[bool] = []  # whether something ties each frame to its piece
+        self.in_transition: list[bool] = []  # whether each frame is one that nothing ties after all others of its piece
         self.matches: dict[tuple[int, int], Cells] = {}
         self.seen: dict[int, Labels] = {}  # in keyframes whose camera was accepted
         self.doubtful: dict[int, Labels] = {}  # in the others,
@@ -130,6 +137,7 @@ class ClipSolver:
             index = tied.index - first
             self.size = image.shape[1], image.shape[0]
             self.piece.append(tied.piece)
+            self.linked.append(tied.is_key or bool(tied.ties))
             found = {key - first: self.cells(key - first, index, matches) for key, matches in tied.ties if key >= first}
             ties = {(key, index): cells for key, cells in found.items() if cells is not None}
             self.matches.update(ties)
@@ -142,6 +150,8 @@ class ClipSolver:
                 if len(held) == IMAGES_AT_ONCE or unsure:
                     look()
         look()
+        self.in_transition = at_end_of_piece(self.piece, self.linked)
+        self.piece = numbered(self.piece, self.in_transition)
 
     def _by_themselves(self, images: Sequence[Image]) -> list[Calibration]:
         """Images as single ones."""
@@ -192,10 +202,24 @@ class ClipSolver:
 
     def _shots(self) -> dict[int, SequenceCalibration]:
         """Each piece by itself; those that one place does not explain in parts, or from a camera that moves."""
+        self._join_transitions()
         shots: dict[int, SequenceCalibration] = {}
         while left := [piece for piece in self.pieces if piece > max(shots, default=-1)]:
             shots |= self._explained(left[0])
         return shots
+
+    def _join_transitions(self) -> None:
+        """Let frames that nothing ties at the end of a piece belong to it where its camera explains what they show."""
+        told = {self.piece[t] for t in self.seen}
+        for piece in sorted({p for p, is_loose in zip(self.piece, self.in_transition, strict=False) if is_loose})[::-1]:
+            if not told.issuperset({piece - 1, piece}):
+                continue
+            frames = self.frames([piece - 1, piece])
+            found = self.together([piece - 1, piece], self.seen)
+            wrong = is_contradicted(found.frames.misfit, self.size) | ~found.usable
+            labelled, is_own = np.isin(frames, list(self.seen)), np.array(self.piece)[frames] == piece
+            if not np.any(wrong[labelled & is_own]) and np.mean(wrong[labelled & ~is_own]) < LEAST_CONTRADICTED:
+                self.piece = [number - (number >= piece) for number in self.piece]
 
     def _explained(self, piece: int) -> dict[int, SequenceCalibration]:
         """A piece, or the parts that it is divided into: their numbers begin with its own."""
@@ -282,14 +306,43 @@ class ClipSolver:
             groups = [[piece] for piece in found_pieces]
         groups += [[piece] for piece in found_pieces if piece in self.moving]
         groups += [[piece] for piece in shots if piece in self.alone]
-        found = [
-            TripodOfClip(pieces, self.together(pieces, self.seen) if len(pieces) > 1 else shots[pieces[0]])
-            for pieces in groups
-        ]
+        found = self._agreeing(groups, shots)
         found.sort(key=lambda tripod: -len(tripod.calibration))
         if stands:
             self._join_the_others(found)
         return found
+
+    def _agreeing(self, groups: Sequence[list[int]], shots: Mapping[int, SequenceCalibration]) -> list[TripodOfClip]:
+        """The tripods of groups of pieces, without pieces that have another camera after all: these make others.
+
+        A piece that hardly tells a place joins any group; with its own lines the others then contradict it.
+        """
+        found, left = [], list(groups)
+        while left:
+            pieces = left.pop(0)
+            calibration = shots[pieces[0]] if len(pieces) == 1 else self.together(pieces, self.seen)
+            others = self._contradicted(pieces, calibration, shots)
+            if others:
+                rest = [piece for piece in pieces if piece not in others]
+                left += [rest, *grouped({piece: shots[piece] for piece in others})]
+            else:
+                found.append(TripodOfClip(pieces, calibration))
+        return found
+
+    def _contradicted(
+        self, pieces: Sequence[int], calibration: SequenceCalibration, shots: Mapping[int, SequenceCalibration]
+    ) -> list[int]:
+        """Pieces whose lines are brought off by what they share, and are not by themselves; never all of them."""
+        if len(pieces) == 1 or self.flags & CalibrationFlags.CALIB_FIX_POSITION:
+            return []
+        piece = np.array(self.piece)[self.frames(pieces)]
+        excess = {p: calibration.frames.misfit[piece == p] for p in pieces}
+        wrong = [
+            p
+            for p in pieces
+            if is_of_wrong_model(excess[p], self.size) and not is_of_wrong_model(shots[p].frames.misfit, self.size)
+        ]
+        return wrong if len(wrong) < len(pieces) else [max(wrong, key=lambda p: float(np.nanmedian(excess[p])))]
 
     def _join_the_others(self, tripods: list[TripodOfClip]) -> None:
         """Pieces that tell no place by themselves, with the tripod from which they show what was found in them."""
@@ -364,7 +417,11 @@ class ClipSolver:
             calibration = self.together(one.pieces, lines, before)
             if not self.alone.issuperset(one.pieces):
                 calibration = calibration.interpolated(np.array(self.piece)[frames], LONGEST_GAP)
+            calibration = calibration.with_notes({NO_PIXELS: f"{NO_MARKING}, and no frame around it tells its camera"})
             calibrations.append(calibration.seen_in_images(self._paint(calibration, frames, ridges)))
+        for t in self._mixed(tripod):
+            if tripod[t] != NO_TRIPOD:
+                calibrations[tripod[t]] = calibrations[tripod[t]].doubted({int(number[t]): MIXED})
         shots = [(frames[0], frames[-1] + 1) for p in self.pieces if len(frames := self.frames([p]))]
         return VideoCalibration(
             tuple(calibrations),
@@ -373,6 +430,13 @@ class ClipSolver:
             number,
             tuple(self.notes),
         )
+
+    def _mixed(self, tripod: IntArray) -> list[int]:
+        """Frames between those of two cameras that nothing ties; the tripod (T,) of each frame is known."""
+        loose = np.array(self.in_transition, dtype=bool)
+        edges = np.flatnonzero(np.diff(loose, prepend=False, append=False)).tolist()
+        runs = [range(a, b) for a, b in zip(edges[::2], edges[1::2], strict=True) if b < len(loose)]
+        return [t for run in runs if tripod[run.start - 1] != tripod[run.stop] for t in run]
 
     def looked_at_again(
         self, found: VideoCalibration, tripods: Sequence[TripodOfClip], images: Iterable[Image]
@@ -403,6 +467,39 @@ class ClipSolver:
             if abs(frames[near] - frames[k]) < PAINT_EVERY and piece[near] == piece[k]:
                 found[k] = seen[near]
         return found
+
+
+def at_end_of_piece(piece: Sequence[int], linked: Sequence[bool]) -> list[bool]:
+    """Which frames nothing ties, nor one after them in their piece: of a dissolve, or of a pan too fast to follow.
+
+    They may show the next camera: what is seen in them says nothing of the frames before.
+
+    Parameters
+    ----------
+    piece : (T,) sequence of int
+        Ascending.
+    linked : (T,) sequence of bool
+        Whether something ties a frame to its piece; the first frame of a piece is tied to it.
+
+    Examples
+    --------
+    >>> at_end_of_piece([0, 0, 0, 0, 3, 3], [True, False, True, False, True, True])
+    [False, False, False, True, False, False]
+    """
+    last = {p: t for t, (p, is_linked) in enumerate(zip(piece, linked, strict=True)) if is_linked}
+    return [t > last[p] for t, p in enumerate(piece)]
+
+
+def numbered(piece: Sequence[int], apart: Sequence[bool]) -> list[int]:
+    """Numbers of pieces from 0, with some of their frames apart.
+
+    Examples
+    --------
+    >>> numbered([0, 0, 0, 0, 3, 3], [False, False, False, True, False, False])
+    [0, 0, 0, 1, 2, 2]
+    """
+    both = list(zip(piece, apart, strict=True))
+    return list(accumulate((one != other for one, other in pairwise(both)), initial=0))[: len(both)]
 
 
 def _shift_sigma(calibration: Calibration) -> float:

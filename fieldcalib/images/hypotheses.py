@@ -8,11 +8,13 @@ with one another but have no line support.
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
+from dataclasses import replace
 from itertools import combinations
 
 import numpy as np
 
-from fieldcalib.assess.result import Calibration
+from fieldcalib.assess.result import Calibration, Status
+from fieldcalib.assess.verdict import LABEL_MORE
 from fieldcalib.calibrate.batch import calibrate_batch
 from fieldcalib.calibrate.given_camera import NOTHING_GIVEN, GivenCamera
 from fieldcalib.calibrate.options import CalibrationFlags, Prior
@@ -25,6 +27,8 @@ from fieldcalib.localize import Localization
 HEAVIEST = 5  # segments, by the weight of their pixels
 PER_HYPOTHESIS = 3  # of them, the fewest that determine a camera: 10 hypotheses
 VERIFIED = 2  # hypotheses that are calibrated again from all segments near them
+NO_MARKING = "no marking was found in the image"
+SHOW_MORE = "show more of the field, in a sharper or larger picture, or say what is known of the camera"
 
 
 def calibrate_from_consensus(
@@ -92,7 +96,7 @@ def calibrate_localized(
     given: GivenCamera = NOTHING_GIVEN,
 ) -> list[Calibration]:
     """`calibrate_batch` of localized images of one size, without the search for mislabelled segments."""
-    return calibrate_batch(
+    found = calibrate_batch(
         object_segments,
         [part.pixels for part in parts],
         size,
@@ -102,3 +106,13 @@ def calibrate_localized(
         weights=[part.weights for part in parts],
         trust_labels=True,
     )
+    return [_of_an_image(one) for one in found]
+
+
+def _of_an_image(calibration: Calibration) -> Calibration:
+    """With what would help where nobody has labelled the few pixels."""
+    if calibration.status is not Status.TOO_FEW_SEGMENTS:
+        return calibration
+    if not calibration.pixel_counts:
+        return replace(calibration, message=f"{NO_MARKING}: {SHOW_MORE}")
+    return replace(calibration, message=calibration.message.replace(LABEL_MORE.format("segment"), SHOW_MORE))
