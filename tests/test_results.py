@@ -31,6 +31,7 @@ from fieldcalib import (
 from fieldcalib.assess.camera_errors import KnownErrors
 from fieldcalib.assess.markings import MarkingInView
 from fieldcalib.assess.result import SuspectLabel, Verdict
+from fieldcalib.assess.whole_picture import Declared
 from fieldcalib.cli.main import main
 from fieldcalib.draw import draw_calibration, draw_field, draw_minimap, render_field
 from fieldcalib.fields.records import field_from_record, field_to_record
@@ -294,6 +295,7 @@ def test_equality_sees_every_part(batch):
         "errors": KnownErrors(batch[1].uncertainty.layout, batch[1].uncertainty.theta, batch[1].covariance),
         "markings": (MarkingInView("Middle line", 300.0, 25, 0.1, 21.4),),
         "are_annotated": False,
+        "declared": Declared.FRAME,
     }
     assert set(others) == {one.name for one in dataclasses.fields(Calibration)}
     for name, value in others.items():

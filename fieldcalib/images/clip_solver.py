@@ -209,17 +209,19 @@ class ClipSolver:
         return shots
 
     def _join_transitions(self) -> None:
-        """Let frames that nothing ties at the end of a piece belong to it where its camera explains what they show."""
+        """Let frames that nothing ties at the end of a piece belong to it, unless they show what contradicts it."""
         told = {self.piece[t] for t in self.seen}
         for piece in sorted({p for p, is_loose in zip(self.piece, self.in_transition, strict=False) if is_loose})[::-1]:
-            if not told.issuperset({piece - 1, piece}):
-                continue
-            frames = self.frames([piece - 1, piece])
-            found = self.together([piece - 1, piece], self.seen)
-            wrong = is_contradicted(found.frames.misfit, self.size) | ~found.usable
-            labelled, is_own = np.isin(frames, list(self.seen)), np.array(self.piece)[frames] == piece
-            if not np.any(wrong[labelled & is_own]) and np.mean(wrong[labelled & ~is_own]) < LEAST_CONTRADICTED:
+            if piece not in told or (piece - 1 in told and self._belongs(piece)):
                 self.piece = [number - (number >= piece) for number in self.piece]
+
+    def _belongs(self, piece: int) -> bool:
+        """Whether one place explains what is seen in a piece and in the one before."""
+        frames = self.frames([piece - 1, piece])
+        found = self.together([piece - 1, piece], self.seen)
+        wrong = is_contradicted(found.frames.misfit, self.size) | ~found.usable
+        labelled, is_own = np.isin(frames, list(self.seen)), np.array(self.piece)[frames] == piece
+        return not np.any(wrong[labelled & is_own]) and bool(np.mean(wrong[labelled & ~is_own]) < LEAST_CONTRADICTED)
 
     def _explained(self, piece: int) -> dict[int, SequenceCalibration]:
         """A piece, or the parts that it is divided into: their numbers begin with its own."""
