@@ -107,6 +107,43 @@ def test_levenberg_marquardt(loss, prior, lens, by_numpy):
     np.testing.assert_allclose(compiled.theta / SPREAD[: layout.size], numpy.theta / SPREAD[: layout.size], atol=1e-6)
 
 
+@pytest.mark.parametrize("told", [(True, True), (False, True)])
+def test_levenberg_marquardt_with_the_size_of_the_field(told, by_numpy):
+    frames, true = random_frames(3, seed=3, noise=1.0, stands=("main center",))
+    limits = np.array([[90.0, 45.0], [120.0, 90.0]])
+    layout = Layout.of(SIZE, field_size=SizeBlock(np.array([105.0, 68.0]), np.ones(2), limits)).fixed("aspect")
+    known = np.zeros(layout.size, dtype=bool)
+    known[layout.field_size_block] = ~np.array(told)
+    layout = layout.with_roles_of(known, Role.CONSIDERED)
+    spread = np.append(SPREAD, [2.0, 2.0])
+    mean = np.array([layout.theta(camera) for camera in true])
+    mean[:, layout.field_size_block] = 105.0, 68.0
+    theta = mean + spread * np.random.default_rng(0).normal(size=mean.shape)
+    theta[:, known] = mean[:, known]
+    theta[:, 11] = np.abs(theta[:, 11])
+    problem = Problem(
+        pack(FIELD, frames, SIZE, motion=FIELD.motion),
+        layout,
+        RobustLoss("cauchy", 6.0),
+        prior=GaussianPrior(mean, np.tile(5.0 * spread, (3, 1))),
+    )
+
+    def both():
+        start = with_segment_ends(FIELD, evaluate(problem, theta), 50.0)
+        return start, start.JT, levenberg_marquardt(start, max_iterations=60, tolerance=1e-10)
+
+    (start, JT, compiled), (numpy_start, numpy_JT, numpy) = both(), by_numpy(both)
+    seen = start.problem.observations.label >= 0
+    np.testing.assert_allclose(start.r[seen], numpy_start.r[seen], atol=1e-7)
+    step = spread[layout.free, None] * seen[:, None]
+    np.testing.assert_allclose(JT * step, numpy_JT * step, rtol=1e-7, atol=1e-7)
+    np.testing.assert_array_equal(compiled.converged, numpy.converged)
+    np.testing.assert_allclose(compiled.cost, numpy.cost, rtol=1e-9)
+    np.testing.assert_allclose(compiled.theta / spread, numpy.theta / spread, atol=1e-5)
+    assert np.all(np.ptp(compiled.theta[:, layout.field_size_block], axis=0)[np.array(told)] > 0.0)
+    assert np.all(compiled.theta[:, known] == mean[:, known])
+
+
 def test_a_start_outside_the_bounds_and_one_without_a_cost(by_numpy):
     frames, true = random_frames(2, seed=4, noise=1.0, stands=("main center",))
     theta = np.array([Layout.of(SIZE).theta(camera) for camera in true])
@@ -149,10 +186,6 @@ def test_annotated_frames_are_the_same(shared_data, by_numpy):
 
 
 def test_what_is_left_to_numpy():
-    size = SizeBlock(np.array([105.0, 68.0]), np.ones(2), np.array([[90.0, 45.0], [120.0, 90.0]]))
-    considered = Layout.of(SIZE, field_size=size).with_roles(Role.CONSIDERED, "field size")
-    assert compilation.kernels(considered) is not None
-    assert compilation.kernels(Layout.of(SIZE, field_size=size)) is None
     assert compilation.kernels(Layout.of(SIZE, BrownConradyLens(RHO))) is None
     assert compilation.kernels(Layout.of(SIZE, zoom_law=ZoomLaw(7.0))) is None
     cloud = {"balls": PointCloud([(0.0, 0.0, 0.0)])}

@@ -277,18 +277,25 @@ def _judged(
     least_support: float,
 ) -> list[tuple[Calibration, bool]]:
     """`_one_judged` for several images."""
-    compute_errors([one.calibration for one in refined if one.calibration.accepted])
+    judged = [one.judged for one in refined]
+    compute_errors([seen for seen, one in zip(judged, refined, strict=True) if one.calibration.accepted])
     return [
-        _one_judged(object_segments, part, one, refine=refine, least_support=least_support)
-        for part, one in zip(found, refined, strict=True)
+        _one_judged(object_segments, part, seen, one, refine=refine, least_support=least_support)
+        for part, seen, one in zip(found, judged, refined, strict=True)
     ]
 
 
 def _one_judged(
-    object_segments: ObjectSegments, found: Localization, refined: Refined, *, refine: bool, least_support: float
+    object_segments: ObjectSegments,
+    found: Localization,
+    calibration: Calibration,
+    refined: Refined,
+    *,
+    refine: bool,
+    least_support: float,
 ) -> tuple[Calibration, bool]:
     """The calibration, "probably wrong" if its support or its probability is low; and whether it is sure."""
-    calibration, share = refined.judged, refined.support
+    share = refined.support
     if calibration.camera is None or not refined.calibration.accepted:
         return calibration, False
     explained = _explained(object_segments, calibration.camera, found)

@@ -1,8 +1,8 @@
 """What is compiled where Numba is installed, and what is left to NumPy.
 
 Compiled are independent frames of lines, arcs and points under a radial lens or none: what is calibrated frame by
-frame. Frames that share parameters or are tied to each other, point clouds, other lenses and fields whose size is
-estimated stay with NumPy, which does the same: results differ by rounding.
+frame, on fields whose size is known or estimated. Frames that share parameters or are tied to each other, point clouds
+and other lenses stay with NumPy, which does the same: results differ by rounding.
 """
 
 from __future__ import annotations
@@ -36,7 +36,7 @@ def compiled() -> ModuleType | None:
 def kernels(layout: Layout, observations: Observations | None = None) -> ModuleType | None:
     """The compiled functions, if they know such cameras and such rows."""
     plain = isinstance(layout.lens, RadialLens | Pinhole) and layout.zoom_law is None
-    if not plain or np.any(layout.free[layout.field_size_block]):
+    if not plain:
         return None
     if observations is not None and (observations.curves or observations.clouds):
         return None
@@ -51,7 +51,7 @@ def compiled_closest_points(theta: Array, layout: Layout, observations: Observat
     shape = observations.label.shape
     found = ClosestPoints(np.zeros(shape), np.zeros((2, *shape)), np.ones(shape), np.ones((2, *shape)))
     frames = packed_frames(module, layout, observations)
-    module.closest_points(frames, cameras(layout, theta), found.r, found.s, found.inverse_depth, found.normal)
+    module.closest_points(frames, unknowns(layout, theta), found.r, found.s, found.inverse_depth, found.normal)
     return found
 
 
@@ -64,25 +64,38 @@ def compiled_derivatives(theta: Array, layout: Layout, points: ClosestPoints, fr
     B, M = points.r.shape
     JT = np.zeros((B, len(index), M))
     s, inverse_depth, normal = map(np.ascontiguousarray, (points.s, points.inverse_depth, points.normal))
-    module.derivatives(cameras(layout, theta), layout.lens.rho, module.Limits(), s, inverse_depth, normal, index, JT)
+    cameras = theta[:, : layout.lens_block.stop].copy()
+    module.derivatives(cameras, layout.lens.rho, module.Limits(), s, inverse_depth, normal, index, JT)
     return JT
 
 
-def cameras(layout: Layout, theta: Array) -> Array:
-    """The parameters (B, n) of the cameras alone, as arrays of their own."""
-    return theta[:, : layout.lens_block.stop].copy()
+def _is_sized(layout: Layout) -> bool:
+    return bool(np.any(layout.free[layout.field_size_block]))
+
+
+def unknowns(layout: Layout, theta: Array) -> Array:
+    """The parameters (B, n) of the cameras and, where it is estimated, of the size of the field, as a new array."""
+    last = layout.field_size_block if _is_sized(layout) else layout.lens_block
+    return theta[:, : last.stop].copy()
 
 
 def packed_frames(module: ModuleType, layout: Layout, observations: Observations, noise: float = 1.0) -> Any:
     """Observations as `fieldcalib.problem.compiled.Frames`, with weights for pixels of some noise."""
-    o = observations
-    rows = (o.lines, o.arcs, o.points, o.points, o.ends)
+    kinds = ("lines", "arcs", "points", "points", "ends")
+    rows = [getattr(observations, kind) for kind in kinds]
+    motion, given = len(kinds) * (np.zeros((1, 1, 3, 0)),), np.zeros(0)
+    if _is_sized(layout):
+        assert layout.field_size is not None
+        motion = tuple(np.ascontiguousarray(observations.motion_of_rows[kind]) for kind in kinds)
+        given = np.array(layout.field_size.given, dtype=float)
     return module.Frames(
         (module.LINES, module.ARCS, module.ALONG_X, module.ALONG_Y, module.ENDS),
         tuple(np.ascontiguousarray(one.xy) for one in rows),
         tuple(one.weight / noise**2 for one in rows),
         tuple(np.ascontiguousarray(one.label) for one in rows),
         tuple(np.ascontiguousarray(one.geometry) for one in rows),
+        motion,
+        given,
         layout.lens.rho,
         module.Limits(),
     )

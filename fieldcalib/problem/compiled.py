@@ -121,6 +121,34 @@ def view_of(theta: Array, rho: float, limits: Limits) -> View:
 
 
 @inlined
+def moved(view: View, motion: Array, b: int, i: int, change: Array) -> View:
+    """The camera before which a row moves as its segment does: the other way, as the size of the field changes."""
+    x, y, z = view.C
+    for s in range(len(change)):
+        x -= motion[b, i, 0, s] * change[s]
+        y -= motion[b, i, 1, s] * change[s]
+        z -= motion[b, i, 2, s] * change[s]
+    return View(
+        view.R,
+        view.scaled_R,
+        (x, y, z),
+        view.f,
+        view.cx,
+        view.cy,
+        view.aspect,
+        view.a1,
+        view.a2,
+        view.da2_da1,
+        view.rho,
+        view.per_rho2,
+        view.is_pinhole,
+        view.cos_roll,
+        view.sin_roll,
+        view.limits,
+    )
+
+
+@inlined
 def _direction(view: View, x: float, y: float, z: float) -> Vector:
     """A world direction in scaled camera coordinates."""
     a, b, c = view.scaled_R
@@ -324,6 +352,10 @@ class Frames(NamedTuple):
     """(B, N); -1 where there is only padding."""
     geometry: tuple[Array, ...]
     """(B, N, G, 3)."""
+    motion: tuple[Array, ...]
+    """How segments move with the size of the field, (B, N, 3, S)."""
+    given: Array
+    """The size (S,) that they have; (0,) where it is no unknown, which follows those of the camera."""
     rho: float
     limits: Limits
 
@@ -368,14 +400,16 @@ class Criteria(NamedTuple):
 @compiled
 def closest_points(frames: Frames, theta: Array, r: Array, s: Array, inverse_depth: Array, normal: Array) -> None:
     """The closest points of all residuals (B, M), kind after kind, into four arrays; padding is left as it is."""
+    camera = theta.shape[1] - len(frames.given)
     for b in range(len(theta)):
-        view = view_of(theta[b], frames.rho, frames.limits)
+        view = view_of(theta[b, :camera], frames.rho, frames.limits)
+        change = theta[b, camera:] - frames.given
         m = 0
         for k in range(len(frames.kinds)):
             kind, label, xy, geometry = frames.kinds[k], frames.label[k], frames.xy[k], frames.geometry[k]
             for i in range(label.shape[1]):
                 if label[b, i] >= 0:
-                    foot = foot_of(kind, view, xy, geometry, b, i)
+                    foot = foot_of(kind, moved(view, frames.motion[k], b, i, change), xy, geometry, b, i)
                     r[b, m], inverse_depth[b, m] = foot.r, foot.inverse_depth
                     s[0, b, m], s[1, b, m] = foot.sx, foot.sy
                     normal[0, b, m], normal[1, b, m] = foot.nx, foot.ny
@@ -402,25 +436,32 @@ def derivatives(
 def normal_equations(
     frames: Frames, terms: Terms, b: int, theta: Array, row: Array, gradient: Array, hessian: Array
 ) -> float:
-    """The cost of frame b at a camera (n,), infinite if that is none; its gradient (P,) and Hessian (P, P) are set."""
+    """The cost of frame b at its parameters (n,), infinite if they are no camera; its gradient (P,) and Hessian (P, P)
+    are set."""
     free = terms.free
     P = len(free)
     gradient[:] = 0.0
     hessian[:] = 0.0
     if not terms.log_f_range[0] < theta[LOG_F] < terms.log_f_range[1]:
         return np.inf
-    cost = 0.0
-    view = view_of(theta, frames.rho, frames.limits)
+    cost, camera = 0.0, len(theta) - len(frames.given)
+    view = view_of(theta[:camera], frames.rho, frames.limits)
+    change = theta[camera:] - frames.given
     for k in range(len(frames.kinds)):
         kind, weights, xy, geometry = frames.kinds[k], frames.weight[k], frames.xy[k], frames.geometry[k]
+        motion = frames.motion[k]
         for i in range(weights.shape[1]):
             weight = weights[b, i]
             if weight == 0.0:
                 continue
-            foot = foot_of(kind, view, xy, geometry, b, i)
+            foot = foot_of(kind, moved(view, motion, b, i, change), xy, geometry, b, i)
             rho, slope = rho_of(terms.loss, foot.r * foot.r)
             cost += 0.5 * weight * rho
-            set_derivatives(view, foot, row)
+            set_derivatives(view, foot, row[:camera])
+            for s in range(len(change)):
+                row[camera + s] = -(
+                    row[4] * motion[b, i, 0, s] + row[5] * motion[b, i, 1, s] + row[6] * motion[b, i, 2, s]
+                )
             pull = weight * slope
             for j in range(P):
                 row[j] = row[free[j]]  # the free ones are ascending
@@ -436,7 +477,7 @@ def normal_equations(
             if n in (PAN, ROLL):
                 difference -= 2.0 * math.pi * np.rint(difference / (2.0 * math.pi))
             z = difference / sigma
-            rho, slope = rho_of(terms.tails, z * z) if n >= A1 else (z * z, 1.0)
+            rho, slope = rho_of(terms.tails, z * z) if A1 <= n < camera else (z * z, 1.0)
             cost += 0.5 * rho
             gradient[j] += slope * z / sigma
             hessian[j, j] += slope / (sigma * sigma)

@@ -153,18 +153,20 @@ class Evaluation:
 
     def derivatives(self, free: BoolArray) -> Array:
         """Derivatives of the residuals by any of the parameters, (B, P, M)."""
-        points, first = self.points, self.problem.layout.field_size_block.start
-        JT = compiled_derivatives(self.theta, self.problem.layout, points, free)
-        if JT is None:
-            JT = -self.projection.derivatives(points.s, points.inverse_depth, points.normal, free)
-        moving = free[first:]  # length, width and crown
+        JT = self._by_camera(free)
+        moving = free[self.problem.layout.field_size_block.start :]  # length, width and crown
         if np.any(moving):
             # a segment that moves is a camera that moves the other way
-            is_centre = self.problem.layout.is_centre
-            dxy_dC = self.projection.derivatives(points.s, points.inverse_depth, points.normal, is_centre)
-            by_field = np.einsum("bcm,bmcs->bsm", dxy_dC, self.motion_of_points[..., moving])
+            by_centre = self._by_camera(self.problem.layout.is_centre)
+            by_field = -np.einsum("bcm,bmcs->bsm", by_centre, self.motion_of_points[..., moving])
             JT[:, JT.shape[1] - by_field.shape[1] :] = by_field
         return JT
+
+    def _by_camera(self, free: BoolArray) -> Array:
+        """`derivatives` of a field that stays as it is."""
+        points = self.points
+        JT = compiled_derivatives(self.theta, self.problem.layout, points, free)
+        return -self.projection.derivatives(points.s, points.inverse_depth, points.normal, free) if JT is None else JT
 
     @cached_property
     def motion_of_points(self) -> Array:

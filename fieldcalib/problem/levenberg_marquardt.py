@@ -24,7 +24,7 @@ from numpy.typing import NDArray
 
 from fieldcalib._types import Array, BoolArray, IntArray
 from fieldcalib.problem.closest_points import ClosestPoints
-from fieldcalib.problem.compilation import cameras, kernels, packed_frames
+from fieldcalib.problem.compilation import kernels, packed_frames, unknowns
 from fieldcalib.problem.coupling import Coupling
 from fieldcalib.problem.evaluation import LENS_TAILS, LOG_F_RANGE, Evaluation, Problem, evaluate
 from fieldcalib.problem.prior import GaussianPrior
@@ -207,7 +207,7 @@ def _compiled_solution(
     module = kernels(layout, problem.observations)
     if module is None or not Groups.of(problem).is_trivial or problem.background or problem.path:
         return None
-    free, theta = np.flatnonzero(layout.free), cameras(layout, start.theta)
+    free, theta = np.flatnonzero(layout.free), unknowns(layout, start.theta)
     prior = problem.prior or GaussianPrior(theta, np.ones_like(theta))
     converged, iterations = np.zeros(len(problem), dtype=bool), np.zeros(len(problem), dtype=np.intp)
     module.levenberg_marquardt(
