@@ -19,9 +19,14 @@ from fieldcalib._types import Array
 from fieldcalib.assess.camera_errors import CameraErrors, GroundError, KnownErrors
 from fieldcalib.assess.cut_labels import log_ratio_of_cut
 from fieldcalib.assess.datum import MARKINGS_IN_VIEW, RelativeTo
-from fieldcalib.assess.markings import MarkingInView, paint_complaints, paint_contradicts
+from fieldcalib.assess.markings import MarkingInView, paint_complaints, paint_contradicts, paint_share
 from fieldcalib.assess.observability import Direction
-from fieldcalib.assess.probability import evidence, probability_by_covariance, probability_right
+from fieldcalib.assess.probability import (
+    evidence,
+    probability_by_covariance,
+    probability_given_paint,
+    probability_right,
+)
 from fieldcalib.assess.solved import Solved
 from fieldcalib.assess.surprises import LEAST_ASPECT, surprises
 from fieldcalib.assess.uncertainty import Uncertainty
@@ -217,7 +222,7 @@ class Calibration:
         unusual = () if self.solved is None else surprises(self._solved_uncertainty)
         if not doubts and self.solved is not None and self.has_probability:
             cut = self._log_ratio_of_cut + SQUASHED_LOG_ODDS * self._was_squashed
-            known = self.probability(size_known=True)
+            known = self._probability_by_labels(self._tolerance, size_known=True)
             doubts.extend(seems_part(self._solved_uncertainty, known, cut, self.declared))
         return (*paint_complaints(self.markings), *doubts, *unusual, *self.complaints)
 
@@ -326,7 +331,8 @@ class Calibration:
         implausible: of 22 such ones on synthetic frames none was right. With `size_known` it is that if the field had
         just the given size: where it has another one, the camera may fit its image well and be wrong in metres. With
         `level` it is that if the ground were flat; otherwise it may be higher in the middle than at the touchlines
-        (`fieldcalib.fields.crown`), where cameras of a flat one fit their image too.
+        (`fieldcalib.fields.crown`), where cameras of a flat one fit their image too. Of a single picture it also rests
+        on the share of its markings where paint is seen.
 
         Raises
         ------
@@ -362,6 +368,15 @@ class Calibration:
         if self.errors is not None:
             errors = self._known_errors.if_level if level else self._known_errors
             return probability_by_covariance(errors, self.field, metres)
+        by_labels = self._probability_by_labels(metres, size_known=size_known, level=level)
+        return probability_given_paint(by_labels, paint_share(self.markings)) if self.markings else by_labels
+
+    def _probability_by_labels(self, metres: float, *, size_known: bool = False, level: bool = False) -> float:
+        """`probability` of a single frame, whatever its image shows of the markings."""
+        assert self.field is not None
+        assert self.field.probability is not None
+        if self.status is Status.IMPLAUSIBLE:
+            return 0.0
         rows, weights = self._evidence_if_level if level or size_known else self._evidence
         if size_known:
             rows, weights = rows[:1], np.ones(1)
