@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, fields, replace
+from functools import cached_property
 
 import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
@@ -266,8 +267,6 @@ class Strips:
     """Distance of each sample from the marking, px, (n, m)."""
     contrast: Float32
     """By how much each sample is lighter than both sides, or darker where lines are, (n, m)."""
-    deviation: Float32
-    """Median absolute deviation of the contrast, (n,)."""
     may_be_line: BoolArray
     """Whether a sample has on both sides the colour of the ground beside most markings, or is not on the ground."""
     is_black: BoolArray
@@ -282,9 +281,7 @@ class Strips:
         unit = pixel_unit((image.shape[1], image.shape[0]))
         width = np.hypot(profiles.width, BLUR)
         spacing = width / 3.0
-        room = np.inf if past_others else profiles.room
-        reach = np.maximum(np.minimum(search_range * unit, room), NOISE_WINDOW * unit)
-        half = int(np.max(reach / spacing, initial=0.0))
+        half = _half(profiles, spacing, unit, search_range, past_others=past_others)
         colour = _colours(image, profiles, spacing, half + FLANK + 2)
         look = profiles.look
         luma = np.tensordot(LUMA if look.lighter else -LUMA, colour, axes=1)
@@ -297,9 +294,30 @@ class Strips:
             spacing,
             np.arange(-half - 1, half + 2) * spacing[:, None],
             contrast,
-            _median(np.abs(contrast - _median(contrast)[:, None])),
             _is_ground(colour, contrast, profiles.on_ground, look.ground_difference) | ~profiles.on_ground[:, None],
             ~np.any(image[row, column], axis=-1),
+        )
+
+    @cached_property
+    def deviation(self) -> Float32:
+        """Median absolute deviation of the contrast, (n,)."""
+        return _median(np.abs(self.contrast - _median(self.contrast)[:, None]))
+
+    def part(self, index: IntArray, search_range: float, *, past_others: bool = False) -> Strips:
+        """Strips (k,) of some profiles, cut to what `of` samples for a search range that is not longer."""
+        profiles, spacing = self.profiles.take(index), self.spacing[index]
+        half = _half(profiles, spacing, self.unit, search_range, past_others=past_others)
+        middle = self.contrast.shape[1] // 2
+        of_samples = index[:, None], np.arange(middle - half - 1, middle + half + 2)
+        return Strips(
+            profiles,
+            self.unit,
+            self.width[index],
+            spacing,
+            self.offset[of_samples],
+            self.contrast[of_samples],
+            self.may_be_line[of_samples],
+            self.is_black[index],
         )
 
     def lines(self, search_range: float) -> Array:
@@ -338,6 +356,13 @@ class Strips:
         vertex = 0.5 * (right - left) / np.where(curvature > 0.0, curvature, 1.0)
         offset = np.where(top[row, best], self.offset[row, best + 1] + vertex * self.spacing[:, None], np.nan)
         return offset, self.may_be_line[row, best + 1]
+
+
+def _half(profiles: Profiles, spacing: Array, unit: float, search_range: float, *, past_others: bool) -> int:
+    """Number of samples between the middle of the longest strip and its end."""
+    room = np.inf if past_others else profiles.room
+    reach = np.maximum(np.minimum(search_range * unit, room), NOISE_WINDOW * unit)
+    return int(np.max(reach / spacing, initial=0.0))
 
 
 def _colours(image: Image, profiles: Profiles, spacing: Array, half: int) -> Float32:

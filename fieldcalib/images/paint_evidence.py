@@ -65,13 +65,13 @@ class Ridges:
     @classmethod
     def of(cls, image: Image, camera: Camera, markings: Markings) -> Ridges:
         """Look for ridges up to 30 px (in an image of 960 x 540) beside the projected markings."""
-        return cls.across(image, profiles_along(camera, markings))
+        return cls.across(wide_strips(image, profiles_along(camera, markings)))
 
     @classmethod
-    def across(cls, image: Image, profiles: Profiles) -> Ridges:
-        """Look for ridges in the profiles on the ground."""
-        profiles = profiles.on_ground_only
-        strips = Strips.of(image, profiles, BAND, past_others=True)
+    def across(cls, wide: Strips) -> Ridges:
+        """Look for ridges in the wide strips that are on the ground."""
+        strips = wide.part(np.flatnonzero(wide.profiles.on_ground), BAND, past_others=True)
+        profiles = strips.profiles
         offset, may_be_line = strips.ridges(BAND, PEAKS)
         shown = np.flatnonzero(~strips.is_black)
         xy = profiles.xy[:, None] + offset[..., None] * profiles.normal[:, None]
@@ -93,6 +93,11 @@ class Ridges:
             pairs.append(np.stack([here[near], there[np.argmin(distance, axis=1)][near]]))
         kept, at = np.concatenate(pairs, axis=1)
         return replace(self, profiles=new.take(at), xy=self.xy[kept], may_be_line=self.may_be_line[kept])
+
+
+def wide_strips(image: Image, profiles: Profiles) -> Strips:
+    """Strips in which paint beside markings is looked for."""
+    return Strips.of(image, profiles, BAND, past_others=True)
 
 
 def paint_evidence(image: Image, camera: Camera, markings: Markings) -> PaintEvidence:

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -21,7 +22,7 @@ from fieldcalib.fields.segments import ObjectSegments
 from fieldcalib.geometry.camera import Camera
 from fieldcalib.geometry.homography import YARD
 from fieldcalib.images.line_profiles import Markings, Profiles, Strips, lines_near, pixels_of_lines, profiles_along
-from fieldcalib.images.paint_evidence import PaintEvidence, Ridges, evidence_of
+from fieldcalib.images.paint_evidence import PaintEvidence, Ridges, evidence_of, wide_strips
 from fieldcalib.io.image import Image, checked_image
 from fieldcalib.problem.evaluation import evaluate_camera
 from fieldcalib.problem.labelled_pixels import ImageSegments, Pixels, Weights, check_segments
@@ -181,6 +182,8 @@ class Refined:
     """NaN where there is no camera."""
     profiles: Profiles | None = None
     """Across its markings; None where there is no camera."""
+    wide: Strips | None = None
+    """What its image shows there, as `wide_strips`, where that is known already."""
     paint: PaintEvidence | None = None
     """What the image shows of the markings in view; None where that was not looked at."""
 
@@ -219,7 +222,8 @@ def refine_all(
 def _with_paint(one: Refined, image: Image, markings: Markings) -> Refined:
     if one.profiles is None:
         return one
-    return replace(one, paint=evidence_of(Ridges.across(image, one.profiles), markings))
+    wide = wide_strips(image, one.profiles) if one.wide is None else one.wide
+    return replace(one, paint=evidence_of(Ridges.across(wide), markings))
 
 
 def _moved_to_paint(
@@ -277,11 +281,11 @@ def _in_passes(
         ]
         again = _calibrated(object_segments, members, kept, prior)
         found = {t: calibration for t, calibration in zip(strips, again, strict=True) if calibration.accepted}
-        strips = _strips(given, found, markings)
+        strips = _strips(given, found, markings, are_wide=search_range == search_ranges[-1])
     for t, one in strips.items():
-        support = _support(one)
+        support = _support(one.part(np.arange(len(one.profiles)), max(SEARCH_RANGES)))
         if support >= max(LEAST_SUPPORT_REFINED, best[t].support):
-            best[t] = Refined(found[t], support, one.profiles)
+            best[t] = Refined(found[t], support, one.profiles, one)
     return best
 
 
@@ -301,11 +305,12 @@ def _without_stray(object_segments: ObjectSegments, one: ToRefine, found: Calibr
 
 
 def _strips(
-    given: Sequence[ToRefine], calibrations: Mapping[int, Calibration], markings: Markings
+    given: Sequence[ToRefine], calibrations: Mapping[int, Calibration], markings: Markings, *, are_wide: bool = False
 ) -> dict[int, Strips]:
     """Strips of the images whose calibrations have a camera."""
+    sampled = wide_strips if are_wide else partial(Strips.of, search_range=max(SEARCH_RANGES))
     return {
-        t: Strips.of(given[t].image, profiles_along(calibration.camera, markings), max(SEARCH_RANGES))
+        t: sampled(given[t].image, profiles_along(calibration.camera, markings))
         for t, calibration in calibrations.items()
         if calibration.camera is not None
     }
