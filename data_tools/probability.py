@@ -169,7 +169,7 @@ def fit(options: argparse.Namespace) -> int:
 
     found, errors = judged_frames(np.zeros(5))
     uncertainties = [c.solved.uncertainty for c in found if c.solved is not None]
-    features = np.array([rows[0] for rows, _ in evidence(uncertainties, field)])
+    features = np.array([rows[0] for (rows, _), _ in evidence(uncertainties, field)])
     coefficients = fitted(features, errors, field.tolerance).round(2)
     print(json.dumps({"frames": len(found), "coefficients": coefficients.tolist()}))
     _print_reliability(*judged_frames(coefficients), field.tolerance)

@@ -14,7 +14,7 @@ coefficients belong to a field and its cameras (`fieldcalib.fields.traits.Probab
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 
 import numpy as np
 
@@ -91,43 +91,54 @@ def _repeated(points: Array, count: int) -> Array:
     return np.broadcast_to(points, (count, *points.shape))
 
 
-def evidence(uncertainties: Sequence[Uncertainty], field: Field) -> list[tuple[Array, Array]]:
-    """What the log odds are linear in, (K, 5), for d = 1 m: ``1, log m, log sigma, log nu, log(1 + z . z)``.
+Evidence = tuple[Array, Array]
+"""What the log odds are linear in, (K, 5), for d = 1 m: ``1, log m, log sigma, log nu, log(1 + z . z)``.
 
-    There is one row for each possibility for the field's size, and their probabilities (K,) come with them; that of
-    each of several estimates of one layout.
-    """
+There is one row for each possibility for the field's size, and their probabilities (K,) come with them.
+"""
+
+
+def evidence(uncertainties: Sequence[Uncertainty], field: Field) -> list[tuple[Evidence, Evidence]]:
+    """The evidence for each of several estimates of one layout: as it is, and if the field were known to be level."""
     if not uncertainties:
         return []
     found = []
-    for one, largest in zip(uncertainties, _largest_errors(uncertainties, field), strict=True):
+    for one, in_view in zip(uncertainties, _squares_in_view(uncertainties, field), strict=True):
         problem = one.problem
         z = np.minimum(np.abs(problem.prior_residuals(one.evaluation.theta)), LARGEST_SCORE)
         common = np.log([one.sigma / problem.noise, degrees_of_freedom(one), 1.0 + np.sum(np.square(z))])
-        rows = np.empty((len(largest), 5))
-        rows[:, 0], rows[:, 1], rows[:, 2:] = 1.0, np.log(largest), common
-        found.append((rows, one.possibilities[0]))
+        found.append((_evidence(one, *in_view, common), _evidence(one.if_level, *in_view, common)))
     return found
 
 
-def _largest_errors(uncertainties: Sequence[Uncertainty], field: Field) -> list[Array]:
-    """Root mean square errors (K,) of the worst ground point in view, NaN if there is none, under each possibility."""
+def _evidence(one: Uncertainty, determined: Array, by_considered: Array, common: Array) -> Evidence:
+    """The evidence, with what all possibilities have in `common`, from `_squares_in_view`."""
+    weights, moments = one.possibilities
+    rows = np.empty((len(weights), 5))
+    squares = determined + np.tensordot(moments, by_considered, axes=((1, 2), (1, 2)))  # (K, N)
+    largest = np.sqrt(np.max(squares, axis=1)) if len(determined) else np.nan
+    rows[:, 0], rows[:, 1], rows[:, 2:] = 1.0, np.log(largest), common
+    return rows, weights
+
+
+def _squares_in_view(uncertainties: Sequence[Uncertainty], field: Field) -> Iterator[tuple[Array, Array]]:
+    """Mean squares of the errors of N ground points in view, as each of several estimates tells them.
+
+    These are (N,), infinite where nothing determines the point, and what they grow by with second moments of the
+    considered parameters, (N, c, c).
+    """
     layout = uncertainties[0].layout
     projection = Projection(np.array([one.theta for one in uncertainties]), layout)
     X, seen = _grounds_in_view(projection, field)
     J = ground_derivatives(projection, X, seen, np.ones(layout.size, dtype=bool))
     J = relative_to_markings(J, projection, field)
-    found = []
     for one, dX_dtheta, is_seen in zip(uncertainties, J, seen, strict=True):
-        if not np.any(is_seen):
-            found.append(np.full(len(one.possibilities[0]), np.nan))
-            continue
         rows = dX_dtheta[is_seen]  # (N, 2, n)
-        squares = np.sum((rows[None] @ one.by_possibility[:, None]) * rows, axis=(-2, -1))
+        determined = np.sum((rows @ one.determined) * rows, axis=(-2, -1))
         if one.open.shape[1]:
-            squares[:, np.any(one.is_open(rows), axis=-1)] = np.inf
-        found.append(np.sqrt(np.max(squares, axis=1)))
-    return found
+            determined[np.any(one.is_open(rows), axis=-1)] = np.inf
+        of_considered = rows @ one.by_considered
+        yield determined, np.swapaxes(of_considered, 1, 2) @ of_considered
 
 
 def probability_by_covariance(errors: CameraErrors, field: Field, metres: float) -> float:

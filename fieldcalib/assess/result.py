@@ -22,6 +22,7 @@ from fieldcalib.assess.datum import MARKINGS_IN_VIEW, RelativeTo
 from fieldcalib.assess.markings import MarkingInView, paint_complaints, paint_contradicts, paint_share
 from fieldcalib.assess.observability import Direction
 from fieldcalib.assess.probability import (
+    Evidence,
     evidence,
     probability_by_covariance,
     probability_given_paint,
@@ -377,7 +378,7 @@ class Calibration:
         assert self.field.probability is not None
         if self.status is Status.IMPLAUSIBLE:
             return 0.0
-        rows, weights = self._evidence_if_level if level or size_known else self._evidence
+        rows, weights = self._evidence[level or size_known]
         if size_known:
             rows, weights = rows[:1], np.ones(1)
         return probability_right(self.field.probability, rows, weights, metres) / (1 + len(self.alternatives))
@@ -432,15 +433,10 @@ class Calibration:
         return self.field.tolerance
 
     @cached_property
-    def _evidence(self) -> tuple[Array, Array]:
+    def _evidence(self) -> tuple[Evidence, Evidence]:
+        """On any and on level ground."""
         assert self.field is not None
         (found,) = evidence([self._solved_uncertainty], self.field)
-        return found
-
-    @cached_property
-    def _evidence_if_level(self) -> tuple[Array, Array]:
-        assert self.field is not None
-        (found,) = evidence([self._solved_uncertainty.if_level], self.field)
         return found
 
     @property
@@ -453,9 +449,9 @@ class Calibration:
         assert self.solved is not None
         self.solved.uncertainty = uncertainty
 
-    def keep_evidence(self, whole: tuple[Array, Array], if_level: tuple[Array, Array]) -> None:
+    def keep_evidence(self, found: tuple[Evidence, Evidence]) -> None:
         """Keep what the probability rests on, on any and on level ground, see `fieldcalib.assess.together`."""
-        vars(self)["_evidence"], vars(self)["_evidence_if_level"] = whole, if_level
+        vars(self)["_evidence"] = found
 
     def __iter__(self) -> Iterator[Any]:
         """``rms, K (3, 3), dist (1, 5), rvec (3, 1), tvec (3, 1)``, as `cv2.calibrateCamera` returns them.

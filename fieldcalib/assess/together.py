@@ -39,6 +39,5 @@ def compute_errors(calibrations: Sequence[Calibration]) -> None:
         for one, uncertainty in zip(members, found, strict=True):
             one.keep_uncertainty(uncertainty)
         if field is not None and members[0].has_probability:
-            rows = evidence([*found, *(uncertainty.if_level for uncertainty in found)], field)
-            for one, whole, if_level in zip(members, rows[: len(found)], rows[len(found) :], strict=True):
-                one.keep_evidence(whole, if_level)
+            for one, its_evidence in zip(members, evidence(found, field), strict=True):
+                one.keep_evidence(its_evidence)

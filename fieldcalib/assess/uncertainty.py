@@ -107,15 +107,12 @@ class Uncertainty(CameraErrors):
     def if_level(self) -> Uncertainty:
         """The errors if the field were known to be level."""
         if self.size is not None:
-            return replace(self, with_crown=None)
+            return self if self.with_crown is None else replace(self, with_crown=None)
         problem = self.problem
         if problem.considered is None or not np.any(problem.layout.is_crown):
             return self
         considered = if_level(problem.considered, problem.layout.is_crown[problem.layout.considered])
         return replace(self, evaluation=self.evaluation.of(replace(problem, considered=considered)))
-
-    def _of_considered(self, moment: Array) -> Array:
-        return np.asarray(self.by_considered @ moment @ self.by_considered.T)
 
     @cached_property
     def possibilities(self) -> tuple[Array, Array]:
@@ -128,7 +125,8 @@ class Uncertainty(CameraErrors):
 
     @cached_property
     def _of_any_considered(self) -> Array:
-        return self._of_considered(np.tensordot(*self.possibilities, axes=1))
+        moment = np.tensordot(*self.possibilities, axes=1)
+        return np.asarray(self.by_considered @ moment @ self.by_considered.T)
 
     @cached_property
     def observability(self) -> tuple[Direction, ...]:
@@ -153,11 +151,6 @@ class Uncertainty(CameraErrors):
     def propagated(self, J: Array) -> Array:
         """Covariance (..., m, m) of quantities whose derivatives by theta are J (..., m, n)."""
         return _propagated(J, self.determined + self._of_any_considered, self.open, self.unit)
-
-    @property
-    def by_possibility(self) -> Array:
-        """Covariances (K, n, n) of what is determined, if each possibility for the field's size were true."""
-        return np.array([self.determined + self._of_considered(moment) for moment in self.possibilities[1]])
 
     def is_open(self, J: Array) -> BoolArray:
         """Which quantities of derivatives J (..., n) nothing determines, (...)."""
@@ -281,6 +274,7 @@ def uncertainties(evaluation: Evaluation, unit: Array) -> list[Uncertainty]:
     layout, size = problem.layout, problem.layout.field_size
     if problem.considered is not None or not np.all(layout.considered[layout.field_size_block]):
         size = None  # it is known with a covariance, or estimated
+    with_crown = size and size.crown and size.possibilities_with_crown
 
     def evidence_of(t: int, c: int, prior: tuple[Array, Array]) -> SizeEvidence:
         assert size is not None
@@ -306,7 +300,7 @@ def uncertainties(evaluation: Evaluation, unit: Array) -> list[Uncertainty]:
                 information=labels.take(slice(t, t + 1)),
                 by_considered=by_true_value[t],
                 size=size and evidence_of(t, 2, size.possibilities),
-                with_crown=size and size.crown and evidence_of(t, 3, size.possibilities_with_crown),
+                with_crown=with_crown and evidence_of(t, 3, with_crown),
                 offsets={
                     name: (
                         float(-gradient[t, i] / max(of_kept[t, i, i], FAINT)),
