@@ -62,8 +62,10 @@ def test_without_lines_in_the_image_there_are_answers_all_the_same():
 def test_near_labels_are_those_that_a_camera_explains():
     elsewhere = camera(12, 75, 1000, (-2, 66, -16))
     labels = labelled(elsewhere)
-    near = set(near_labels(FIELD, TRUTH, labels.pixels, 12.0))
+    frames = [labels.pixels, labels.pixels, labelled(TRUTH).pixels]
+    near, far, every = map(set, near_labels(FIELD, [TRUTH, elsewhere, TRUTH], frames, 12.0))
     assert near >= set(SEEN)
     assert not near & {"Big rect. right main", "Circle right"}
-    assert not set(near_labels(FIELD, elsewhere, labels.pixels, 12.0)) & {"Circle central", "Middle line"}
-    assert set(near_labels(FIELD, TRUTH, labelled(TRUTH).pixels, 12.0)) == set(labels.pixels)
+    assert not far & {"Circle central", "Middle line"}
+    assert every == set(labels.pixels)
+    assert near_labels(FIELD, [], [], 12.0) == []

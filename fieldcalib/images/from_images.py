@@ -212,9 +212,26 @@ def _calibrated(
                 candidates = [calibration, *(other for other, _ in second)]
                 calibrations[index] = _best_supported(markings, image, candidates)
             if sizes:
-                again = partial(_on_another_field, image, part, calibrations[index], flags=flags, prior=prior)
-                calibrations[index] = on_told_size(calibrations[index], again)
+                calibrations[index] = _on_told_size(image, part, calibrations[index], flags=flags, prior=prior)
     return [calibrations[index] for index in range(len(images))]
+
+
+def _on_told_size(
+    image: Image, found: Localization, calibration: Calibration, *, flags: int, prior: Prior
+) -> Calibration:
+    """An image on a field of the size that it tells, or as it was calibrated on that of the given size."""
+    seen: list[Refined] = []
+
+    def again(field: Field, camera: Camera) -> Calibration:
+        seen.append(_on_another_field(image, found, calibration, field, camera, flags=flags, prior=prior))
+        return seen[0].calibration
+
+    sized = on_told_size(calibration, again)
+    if sized is calibration or sized.field is None:
+        return calibration
+    refined = [replace(one, calibration=sized) for one in seen]
+    ((judged, _),) = _judged(sized.field, [found], refined, refine=True, least_support=LEAST_SUPPORT)
+    return judged if judged.accepted else calibration
 
 
 def _on_another_field(
@@ -226,7 +243,7 @@ def _on_another_field(
     *,
     flags: int,
     prior: Prior,
-) -> Calibration:
+) -> Refined:
     """An image on a field of another size, from a camera that fits the lines that were found in it."""
     markings = Markings.of(field)
     start = replace(calibration, camera=camera, field=field)
@@ -235,8 +252,7 @@ def _on_another_field(
     if again.calibration is start:  # lines that are found anew are no better than those of before
         kept = on_found_lines(calibration, field, camera, flags=flags, prior=prior)
         (again,) = unrefined(markings, [replace(given, calibration=kept)], paint=True)
-    ((one, _),) = _judged(field, [found], [again], refine=True, least_support=LEAST_SUPPORT)
-    return one
+    return again
 
 
 def _without_weak(found: Localization) -> Localization:
@@ -279,26 +295,20 @@ def _judged(
     """`_one_judged` for several images."""
     judged = [one.judged for one in refined]
     compute_errors([seen for seen, one in zip(judged, refined, strict=True) if one.calibration.accepted])
+    explained = _explained(object_segments, judged, found)
     return [
-        _one_judged(object_segments, part, seen, one, refine=refine, least_support=least_support)
-        for part, seen, one in zip(found, judged, refined, strict=True)
+        _one_judged(seen, one, share, refine=refine, least_support=least_support)
+        for seen, one, share in zip(judged, refined, explained, strict=True)
     ]
 
 
 def _one_judged(
-    object_segments: ObjectSegments,
-    found: Localization,
-    calibration: Calibration,
-    refined: Refined,
-    *,
-    refine: bool,
-    least_support: float,
+    calibration: Calibration, refined: Refined, explained: float, *, refine: bool, least_support: float
 ) -> tuple[Calibration, bool]:
     """The calibration, "probably wrong" if its support or its probability is low; and whether it is sure."""
     share = refined.support
     if calibration.camera is None or not refined.calibration.accepted:
         return calibration, False
-    explained = _explained(object_segments, calibration.camera, found)
     on_paint = not any(one.is_beside for one in calibration.markings)
     is_sure = refine and share >= SURE_SUPPORT and explained >= LEAST_EXPLAINED_SURE and on_paint
     doubt = ""
@@ -319,11 +329,18 @@ def _one_judged(
     return calibration, calibration.accepted and (is_sure or not refine)
 
 
-def _explained(object_segments: ObjectSegments, camera: Camera, found: Localization) -> float:
-    """Share of the labels' weight that belongs to labels near the projections of their segments."""
-    weight = found.weight
-    near = near_labels(object_segments, camera, found.pixels, max(SEARCH_RANGES))
-    return sum(weight[label] for label in near) / max(sum(weight.values()), 1e-9)
+def _explained(
+    object_segments: ObjectSegments, calibrations: Sequence[Calibration], found: Sequence[Localization]
+) -> list[float]:
+    """Shares of the labels' weight that belong to labels near the projections of their segments; 0 without a camera."""
+    cameras = {t: one.camera for t, one in enumerate(calibrations) if one.camera is not None}
+    frames = [found[t].pixels for t in cameras]
+    shares = len(found) * [0.0]
+    near = near_labels(object_segments, list(cameras.values()), frames, max(SEARCH_RANGES))
+    for t, labels in zip(cameras, near, strict=True):
+        weight = found[t].weight
+        shares[t] = sum(weight[label] for label in labels) / max(sum(weight.values()), 1e-9)
+    return shares
 
 
 def _best_supported(markings: Markings, image: Image, calibrations: Sequence[Calibration]) -> Calibration:

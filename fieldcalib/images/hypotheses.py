@@ -82,7 +82,7 @@ def calibrate_from_consensus(
     cameras = [camera for camera in hypotheses if camera is not None]
     share = [line_support(image, camera, markings, max(SEARCH_RANGES)) for camera in cameras]
     best = [cameras[index] for index in np.argsort(share)[::-1][:VERIFIED]]
-    near = (near_labels(object_segments, camera, found.pixels, max(SEARCH_RANGES)) for camera in best)
+    near = near_labels(object_segments, best, len(best) * [found.pixels], max(SEARCH_RANGES))
     return calibrated(dict.fromkeys(near))
 
 

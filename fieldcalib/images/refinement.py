@@ -24,7 +24,7 @@ from fieldcalib.geometry.homography import YARD
 from fieldcalib.images.line_profiles import Markings, Profiles, Strips, lines_near, pixels_of_lines, profiles_along
 from fieldcalib.images.paint_evidence import PaintEvidence, Ridges, evidence_of, wide_strips
 from fieldcalib.io.image import Image, checked_image
-from fieldcalib.problem.evaluation import evaluate_camera
+from fieldcalib.problem.evaluation import evaluate_cameras
 from fieldcalib.problem.labelled_pixels import ImageSegments, Pixels, Weights, check_segments
 from fieldcalib.problem.losses import RobustLoss
 
@@ -274,7 +274,7 @@ def _in_passes(
             # lines that are found far away may be others: a principal point that is free would absorb them
             kept |= CalibrationFlags.CALIB_FIX_PRINCIPAL_POINT
         else:
-            given = [_without_stray(object_segments, one, found.get(t)) for t, one in enumerate(given)]
+            given = _without_stray(object_segments, given, found)
         members = [
             (found[t], pixels_of_lines(markings, one.profiles, one.lines(search_range)), given[t])
             for t, one in strips.items()
@@ -289,19 +289,31 @@ def _in_passes(
     return best
 
 
-def near_labels(object_segments: ObjectSegments, camera: Camera, pixels: Pixels, distance: float) -> tuple[str, ...]:
-    """Labels whose pixels lie near their segments, root mean square; the distance is that in an image of 960x540."""
-    ((errors, _),) = segment_errors(evaluate_camera(camera, object_segments, pixels), [pixels])
-    return tuple(label for label, px in errors.items() if px < distance * pixel_unit(camera.image_size))
+def near_labels(
+    object_segments: ObjectSegments, cameras: Sequence[Camera], frames: Sequence[Pixels], distance: float
+) -> list[tuple[str, ...]]:
+    """Labels of each frame whose pixels lie near their segments, root mean square, as its camera sees them.
+
+    The images are of one size, the distance is that in one of 960x540.
+    """
+    if not frames:
+        return []
+    errors = segment_errors(evaluate_cameras(cameras, object_segments, frames), frames)
+    least = distance * pixel_unit(cameras[0].image_size)
+    return [tuple(label for label, px in of_frame.items() if px < least) for of_frame, _ in errors]
 
 
-def _without_stray(object_segments: ObjectSegments, one: ToRefine, found: Calibration | None) -> ToRefine:
-    """Leave out segments that a network saw elsewhere than a camera that fits the lines of the image."""
-    if not one.are_detected or found is None or found.camera is None or not one.labelled:
-        return one
-    near = near_labels(object_segments, found.camera, one.labelled, STRAY)
-    weights = {label: weight for label, weight in one.weights.items() if label in near}
-    return replace(one, labelled={label: one.labelled[label] for label in near}, weights=weights)
+def _without_stray(
+    object_segments: ObjectSegments, given: Sequence[ToRefine], found: Mapping[int, Calibration]
+) -> list[ToRefine]:
+    """Leave out segments that a network saw elsewhere than cameras that fit the lines of the images."""
+    cameras = {t: one.camera for t, one in found.items() if given[t].are_detected and one.camera is not None}
+    near = near_labels(object_segments, list(cameras.values()), [given[t].labelled for t in cameras], STRAY)
+    left = list(given)
+    for t, labels in zip(cameras, near, strict=True):
+        weights = {label: weight for label, weight in given[t].weights.items() if label in labels}
+        left[t] = replace(given[t], labelled={label: given[t].labelled[label] for label in labels}, weights=weights)
+    return left
 
 
 def _strips(

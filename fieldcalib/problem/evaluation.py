@@ -15,6 +15,7 @@ path of a camera that moves (`fieldcalib.problem.smooth_path`).
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -334,6 +335,14 @@ def evaluate(problem: Problem, theta: Array) -> Evaluation:
 
 def evaluate_camera(camera: Camera, object_segments: ObjectSegments, frame: Pixels) -> Evaluation:
     """One frame's labels at a camera, without a prior and a robust loss."""
-    layout = Layout.of(camera.image_size, camera.lens)
-    problem = Problem(pack(object_segments, [frame], camera.image_size), layout, RobustLoss("linear", 1.0))
-    return evaluate(problem, layout.theta(camera)[None])
+    return evaluate_cameras([camera], object_segments, [frame])
+
+
+def evaluate_cameras(
+    cameras: Sequence[Camera], object_segments: ObjectSegments, frames: Sequence[Pixels]
+) -> Evaluation:
+    """The labels of frames of one size, each at a camera of its own, without a prior and a robust loss."""
+    size, lens = cameras[0].image_size, max((camera.lens for camera in cameras), key=lambda lens: len(lens.names))
+    layout = Layout.of(size, lens)
+    problem = Problem(pack(object_segments, frames, size), layout, RobustLoss("linear", 1.0))
+    return evaluate(problem, np.array([layout.theta(camera) for camera in cameras]))
