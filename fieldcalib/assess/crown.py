@@ -18,6 +18,7 @@ from fieldcalib.assess.misfit import inflation
 from fieldcalib.assess.shared import shared_covariance
 from fieldcalib.problem.evaluation import Evaluation
 from fieldcalib.problem.layout import Role
+from fieldcalib.problem.prior import GaussianPrior
 
 
 def moment_of_crown(evaluation: Evaluation, sigma: Array, kappa: Array) -> float:
@@ -34,13 +35,17 @@ def moment_of_crown(evaluation: Evaluation, sigma: Array, kappa: Array) -> float
     size = problem.layout.field_size
     assert size is not None
     assert size.crown is not None
-    freed = evaluation.of(replace(problem, layout=problem.layout.with_roles(Role.SHARED, "crown")))
+    prior = problem.prior  # each frame has one, but they see one field: what is known of it comes in below, once
+    if prior is not None:
+        prior = GaussianPrior(prior.mean, np.where(problem.layout.is_crown, np.inf, prior.sigma))
+    layout = problem.layout.with_roles(Role.SHARED, "crown")
+    freed = evaluation.of(replace(problem, layout=layout, prior=prior))
     covariance, inverse = shared_covariance(freed, sigma, kappa)
     variance = inflation(freed, covariance, inverse, kappa) * covariance[-1, -1]
     offset = -inverse[-1, -1] * np.sum(freed.gradient[:, -1])  # with a gradient of 0 by all other parameters
     weights, sigma_of_crown = size.crown.possibilities
-    prior = np.square(sigma_of_crown)
-    log = np.log(weights) - 0.5 * (np.square(offset) / (prior + variance) + np.log(prior + variance))
+    before = np.square(sigma_of_crown)
+    log = np.log(weights) - 0.5 * (np.square(offset) / (before + variance) + np.log(before + variance))
     posterior = np.exp(log - np.max(log))
-    share = prior / (prior + variance)
+    share = before / (before + variance)
     return float(posterior @ (np.square(share * offset) + share * variance) / np.sum(posterior))

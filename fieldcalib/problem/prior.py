@@ -75,7 +75,6 @@ def gaussian_prior(distribution: CameraDistribution, layout: Layout) -> Gaussian
     if layout.field_size is not None:
         mean[layout.field_size_block] = layout.field_size.given
         sigma[layout.field_size_block] = layout.field_size.sigma
-        sigma[layout.crown_block] = np.inf  # it is not estimated
     mean[layout.lens_block], sigma[layout.lens_block] = layout.lens.mean, layout.lens.sigma
     if layout.zoom_law is not None:
         sigma[layout.zoom_law_block] = np.multiply(ZOOM_LAW_SIGMA, (width, width, 1.0, 1.0, 1.0))
