@@ -92,24 +92,33 @@ class Markings:
         paint = {label: paint_of(label) for label in markings}
         markings = {label: segment for label, segment in markings.items() if paint[label].is_along}
         points = [segment.sample(POINT_SPACING * scale) for segment in markings.values()]
-        along = [d / np.linalg.norm(d, axis=1, keepdims=True) for d in (np.gradient(X, axis=0) for X in points)]
         counts = [len(X) for X in points]
-        parts = [
-            -paint[label].outwards * outwards(markings[label], X, d) if paint[label].outwards else np.zeros_like(X)
-            for label, X, d in zip(markings, points, along, strict=True)
-        ]
-        inwards = np.concatenate([np.zeros((0, 3)), *parts])
+        member, X = np.repeat(np.arange(len(points)), counts), np.concatenate([np.zeros((0, 3)), *points])
+        along, inwards = _along(member, X), np.zeros_like(X)
+        for index, (label, segment) in enumerate(markings.items()):
+            if paint[label].outwards:
+                own = member == index
+                inwards[own] = -paint[label].outwards * outwards(segment, X[own], along[own])
         return cls(
             tuple(markings),
-            np.repeat(np.arange(len(points)), counts),
-            np.concatenate([np.zeros((0, 3)), *points]) - inwards,
-            np.concatenate([np.zeros((0, 3)), *along]),
+            member,
+            X - inwards,
+            along,
             np.repeat(np.array([not np.any(X[:, 2]) for X in points], dtype=bool), counts),
             np.repeat(np.array([paint[label].width for label in markings], dtype=float), counts),
             inwards,
             np.array([isinstance(segment, Arc) for segment in markings.values()], dtype=bool),
             look,
         )
+
+
+def _along(member: IntArray, X: Array) -> Array:
+    """Unit vectors (N, 3) along curves at their points X (N, 3), from one neighbour on the same curve to the other."""
+    index = np.arange(len(X))
+    before, after = np.maximum(index - 1, 0), np.minimum(index + 1, len(X) - 1)
+    before, after = (np.where(member[at] == member, at, index) for at in (before, after))
+    d = X[after] - X[before]
+    return np.asarray(d / np.linalg.norm(d, axis=1, keepdims=True))
 
 
 def _is_curve(segment: Segment) -> bool:
