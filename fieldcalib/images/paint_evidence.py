@@ -134,7 +134,8 @@ def evidence_of(ridges: Ridges, markings: Markings) -> PaintEvidence:
         on, off, is_bent = int(np.count_nonzero(is_on[at])), 0.0, False
         if len(at) >= LEAST_PLACES and on <= min(LOOKED_AT * len(at), len(at) - MORE):
             others = np.flatnonzero(is_on & (profiles.member != k))
-            free = ridges.may_be_line[at] & ~_is_paint_of(profiles, others, ridges.xy[at].astype(float), unit)
+            free = ridges.may_be_line[at] & np.isfinite(offset[at])
+            free[free] = ~_is_paint_of(profiles, others, ridges.xy[at][free].astype(float), unit)
             may_be = np.where(free, offset[at], np.nan)
             off, run = _run_beside(may_be, profiles.normal[at] if markings.is_arc[k] else _along(len(at)), on, unit)
             most = BESIDE
@@ -161,12 +162,11 @@ def _along(count: int, *, bent: bool = False) -> Array:
 
 
 def _is_paint_of(profiles: Profiles, others: IntArray, xy: Array, unit: float) -> BoolArray:
-    """Which pixels (n, k, 2) lie on the markings of `others` (m,), profiles that show paint at their place."""
-    dx, dy = np.moveaxis(xy[:, :, None] - profiles.xy[others], -1, 0)
-    nx, ny = profiles.normal[others].T
-    with np.errstate(invalid="ignore"):
-        across, along = np.abs(dx * nx + dy * ny), np.abs(dx * ny - dy * nx)
-        return np.asarray(np.any((across < ON_PAINT * unit) & (along < SPACING * unit), axis=-1))
+    """Which pixels (N, 2) lie on the markings of `others` (m,), profiles that show paint at their place."""
+    (x, y), (nx, ny) = profiles.xy[others].T, profiles.normal[others].T
+    dx, dy = xy[:, :1] - x, xy[:, 1:] - y
+    across, along = np.abs(dx * nx + dy * ny), np.abs(dx * ny - dy * nx)
+    return np.asarray(np.any((across < ON_PAINT * unit) & (along < SPACING * unit), axis=-1))
 
 
 def _run_beside(offset: Array, basis: Array, on: int, unit: float) -> tuple[float, Array]:
@@ -186,7 +186,7 @@ def _run_beside(offset: Array, basis: Array, on: int, unit: float) -> tuple[floa
     """
     n, nothing = len(offset), np.full(len(offset), np.nan)
     place, peak = np.nonzero(np.isfinite(offset))
-    if len(np.unique(place)) < max(LEAST_PLACES, SEEN * n):
+    if len(np.unique(place)) < max(LEAST_PLACES, SEEN * n, on + MORE):
         return 0.0, nothing
     some = np.random.default_rng(0).integers(len(place), size=(basis.shape[1], DRAWS))
     few = np.moveaxis(basis[place[some]], 0, 1)  # (draws, d, d)
