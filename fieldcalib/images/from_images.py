@@ -249,10 +249,10 @@ def _on_another_field(
     start = replace(calibration, camera=camera, field=field)
     given = ToRefine(image, start, found.pixels, found.weights, are_detected=True)
     (again,) = refine_all(field, markings, [given], flags=flags, prior=prior, search_ranges=SEARCH_RANGES[-1:])
-    if again.calibration is start:  # lines that are found anew are no better than those of before
-        kept = on_found_lines(calibration, field, camera, flags=flags, prior=prior)
-        (again,) = unrefined(markings, [replace(given, calibration=kept)], paint=True)
-    return again
+    if again.calibration is not start:
+        return again
+    # lines that are found anew are no better than those of before, which this camera fits
+    return replace(again, calibration=on_found_lines(calibration, field, camera, flags=flags, prior=prior))
 
 
 def _without_weak(found: Localization) -> Localization:

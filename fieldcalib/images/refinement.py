@@ -343,12 +343,9 @@ def _with_support(given: Sequence[ToRefine], strips: Mapping[int, Strips]) -> li
     ]
 
 
-def unrefined(markings: Markings, given: Sequence[ToRefine], *, paint: bool = False) -> list[Refined]:
-    """Calibrations as they are, with their line support and, if asked for, the paint at their markings."""
-    found = _with_support(given, _strips(given, {t: one.calibration for t, one in enumerate(given)}, markings))
-    return (
-        [_with_paint(one, image.image, markings) for one, image in zip(found, given, strict=True)] if paint else found
-    )
+def unrefined(markings: Markings, given: Sequence[ToRefine]) -> list[Refined]:
+    """Calibrations as they are, with their line support."""
+    return _with_support(given, _strips(given, {t: one.calibration for t, one in enumerate(given)}, markings))
 
 
 def line_support(image: Image, camera: Camera, markings: Markings, search_range: float = SEARCH_RANGES[-1]) -> float:
