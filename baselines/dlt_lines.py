@@ -19,9 +19,6 @@ import numpy as np
 
 from fieldcalib._types import Array, BoolArray
 from fieldcalib.assess.result import Calibration, Status
-from fieldcalib.calibrate.decomposition import NO_FOCAL_LENGTH, closed_form
-from fieldcalib.calibrate.from_homography import judged_camera
-from fieldcalib.calibrate.initial_cameras import ground_homographies
 from fieldcalib.cli.arguments import add_input_and_output
 from fieldcalib.cli.fields import add_sized_field, field_of
 from fieldcalib.cli.folder import Found, calibrate_folder
@@ -33,6 +30,9 @@ from fieldcalib.io.formats import CAMERAS, HOMOGRAPHIES
 from fieldcalib.io.wc14 import format_homography
 from fieldcalib.problem.labelled_pixels import Pixels
 from fieldcalib.problem.observations import pack
+from fieldcalib.solve.decomposition import NO_FOCAL_LENGTH, closed_form
+from fieldcalib.solve.from_homography import judged_camera
+from fieldcalib.solve.initial_cameras import ground_homographies
 
 
 def homographies(field: Field, frames: Sequence[Pixels], image_size: tuple[int, int]) -> tuple[Array, BoolArray]:

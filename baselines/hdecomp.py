@@ -18,8 +18,6 @@ from typing import get_args
 from baselines import dlt_lines
 from fieldcalib._types import Array
 from fieldcalib.assess.result import Calibration, Status
-from fieldcalib.calibrate.decomposition import camera_from_homography
-from fieldcalib.calibrate.from_homography import judged_camera, judged_decomposition
 from fieldcalib.cli.arguments import add_input_and_output, positive
 from fieldcalib.cli.fields import add_sized_field, field_of
 from fieldcalib.cli.folder import Found, calibrate_files, calibrate_folder, lost, name_skipped, outcome_of
@@ -31,6 +29,8 @@ from fieldcalib.io.files import FrameFile
 from fieldcalib.io.formats import CAMERAS, HOMOGRAPHIES
 from fieldcalib.io.wc14 import AlignmentName
 from fieldcalib.problem.labelled_pixels import Pixels
+from fieldcalib.solve.decomposition import camera_from_homography
+from fieldcalib.solve.from_homography import judged_camera, judged_decomposition
 
 
 def calibrate(

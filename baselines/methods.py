@@ -32,8 +32,6 @@ from baselines.published import (
 from baselines.published import hdecomp as decomposed
 from fieldcalib._types import Array
 from fieldcalib.assess.result import Calibration
-from fieldcalib.calibrate.batch import calibrate_batch
-from fieldcalib.calibrate.options import PINHOLE_FLAGS
 from fieldcalib.cli.frames import image_files
 from fieldcalib.cli.predictions import read_files, read_ground_truth
 from fieldcalib.fields.field import Field
@@ -48,6 +46,8 @@ from fieldcalib.io.wc14 import AlignmentName
 from fieldcalib.localize import SegmentationNetwork
 from fieldcalib.metrics import Prediction
 from fieldcalib.problem.labelled_pixels import Pixels, check_segments
+from fieldcalib.solve.batch import calibrate_batch
+from fieldcalib.solve.options import PINHOLE_FLAGS
 
 Homographies: TypeAlias = Sequence[Array | None]
 T = TypeVar("T")

@@ -32,8 +32,6 @@ from baselines.adamw import minimise
 from fieldcalib._types import Array, BoolArray, IntArray
 from fieldcalib.assess.ndc import cloud
 from fieldcalib.assess.result import Calibration, Status
-from fieldcalib.calibrate.from_homography import judged_camera
-from fieldcalib.calibrate.from_segments import NO_PIXELS
 from fieldcalib.cli.arguments import add_input_and_output, positive
 from fieldcalib.cli.fields import add_sized_field, field_of
 from fieldcalib.cli.folder import Found, by_prior, calibrate_folder
@@ -47,6 +45,8 @@ from fieldcalib.geometry.rotation import rotation_axes, rotation_from_angles
 from fieldcalib.io.soccernet import CAMERA_TYPES, DISTRIBUTIONS_OF_TYPE, read_camera_types
 from fieldcalib.problem.labelled_pixels import Pixels, split_circles
 from fieldcalib.problem.layout import ANGLES, CENTER, LOG_F, PRINCIPAL_POINT, ROLL, Layout, camera_from_theta
+from fieldcalib.solve.from_homography import judged_camera
+from fieldcalib.solve.from_segments import NO_PIXELS
 
 FOV = LOG_F  # phi is ordered as theta, with the field of view in the place of the focal length
 STEPS = 2000

@@ -31,9 +31,6 @@ from fieldcalib._types import Array, BoolArray
 from fieldcalib.assess.camera_errors import region_radius
 from fieldcalib.assess.sequence import Basis
 from fieldcalib.assess.video import VideoCalibration
-from fieldcalib.calibrate.options import ALL, DEFAULT_FLAGS
-from fieldcalib.calibrate.sequence_solver import SHARED
-from fieldcalib.calibrate.tripod import Labels
 from fieldcalib.cli.main import run_command
 from fieldcalib.fields.soccer import soccer
 from fieldcalib.geometry.camera import Camera
@@ -46,6 +43,9 @@ from fieldcalib.io.images import read_ahead
 from fieldcalib.io.videos import VideoReader
 from fieldcalib.localize.network import SegmentationNetwork
 from fieldcalib.problem.evaluation import evaluate_camera
+from fieldcalib.solve.options import ALL, DEFAULT_FLAGS
+from fieldcalib.solve.sequence_solver import SHARED
+from fieldcalib.solve.tripod import Labels
 
 GRID = (9, 7)  # pixels across and down, where field points are looked at
 UNIT = 1280.0  # columns

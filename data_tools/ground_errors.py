@@ -29,7 +29,6 @@ from fieldcalib._types import Array
 from fieldcalib.assess.ground_points import locate_on_ground
 from fieldcalib.assess.result import Calibration
 from fieldcalib.assess.uncertainty import Uncertainty
-from fieldcalib.calibrate.batch import calibrate_batch
 from fieldcalib.cli.arguments import image_size
 from fieldcalib.cli.folder import read_frames
 from fieldcalib.cli.main import run_command
@@ -37,6 +36,7 @@ from fieldcalib.fields.field import Field
 from fieldcalib.fields.segments import Arc, Line, Segment
 from fieldcalib.fields.soccer import soccer
 from fieldcalib.problem.labelled_pixels import Pixels
+from fieldcalib.solve.batch import calibrate_batch
 
 LEAST = 3  # segments that remain for the calibration
 RANGES = (0.0, 2.0, 5.0, 10.0, 20.0, 40.0)  # m

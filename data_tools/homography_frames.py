@@ -19,7 +19,6 @@ import numpy as np
 
 from data_tools.synthetic.frames import SIZE, seen_by
 from data_tools.synthetic.games import game_named
-from fieldcalib.calibrate.decomposition import closed_form
 from fieldcalib.cli.arguments import count
 from fieldcalib.cli.fields import SOCCER
 from fieldcalib.cli.main import run_command
@@ -28,6 +27,7 @@ from fieldcalib.geometry.camera import Camera
 from fieldcalib.geometry.homography import ALIGNMENTS
 from fieldcalib.io.files import write_bytes, write_text
 from fieldcalib.io.formats import HOMOGRAPHIES
+from fieldcalib.solve.decomposition import closed_form
 
 SQUASHED = (256, 256)
 QUALITY = 95  # of the JPEG

@@ -16,10 +16,10 @@ from pathlib import Path
 import numpy as np
 
 from fieldcalib._types import Array
-from fieldcalib.calibrate.from_points import calibrate_from_points
-from fieldcalib.calibrate.options import DEFAULT_FLAGS
 from fieldcalib.fields.soccer import soccer
 from fieldcalib.geometry.camera import Camera
+from fieldcalib.solve.from_points import calibrate_from_points
+from fieldcalib.solve.options import DEFAULT_FLAGS
 
 POINTS_FILE = "keypoints_105x68.json"
 MISPLACED = (4, 5, 16, 28, 29, 30, 31)  # often labelled at the border of the frame or elsewhere: not used

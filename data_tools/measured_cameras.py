@@ -21,8 +21,6 @@ import numpy as np
 from fieldcalib._types import Array
 from fieldcalib.assess.datum import CENTRE_MARK
 from fieldcalib.assess.result import Calibration
-from fieldcalib.calibrate.batch import calibrate_batch
-from fieldcalib.calibrate.options import CalibrationFlags
 from fieldcalib.cli.arguments import LENSES, count, positive
 from fieldcalib.cli.demo import observe
 from fieldcalib.cli.main import run_command
@@ -30,6 +28,8 @@ from fieldcalib.fields.field import Field
 from fieldcalib.fields.soccer import soccer
 from fieldcalib.geometry.camera import Camera
 from fieldcalib.problem.layout import CENTER, LOG_F
+from fieldcalib.solve.batch import calibrate_batch
+from fieldcalib.solve.options import CalibrationFlags
 
 SIZE = (1920, 1080)
 FROM_Z_UP = np.diag([1.0, -1.0, -1.0])  # their world's axes in ours; its own inverse

@@ -31,7 +31,6 @@ from data_tools.synthetic.clips import camera_path, labelled, painted
 from data_tools.synthetic.frames import filmed
 from data_tools.synthetic.games import Game, game_named
 from fieldcalib.assess.result import Calibration, Verdict
-from fieldcalib.calibrate.sequence import calibrate_sequence
 from fieldcalib.cli.arguments import count
 from fieldcalib.cli.fields import SOCCER
 from fieldcalib.cli.main import run_command
@@ -43,6 +42,7 @@ from fieldcalib.images.from_images import calibrate_from_images
 from fieldcalib.io.image import Image
 from fieldcalib.io.images import IMAGES_AT_ONCE
 from fieldcalib.localize.network import SegmentationNetwork
+from fieldcalib.solve.sequence import calibrate_sequence
 
 SIZE = (960, 540)
 # Ranges of length and width, m: the usual size, those of international matches, and others that law 1 allows

@@ -44,8 +44,6 @@ from fieldcalib._types import Array
 from fieldcalib.assess.datum import motion_in_view
 from fieldcalib.assess.probability import evidence, ground_in_view
 from fieldcalib.assess.result import Calibration
-from fieldcalib.calibrate.batch import calibrate_batch
-from fieldcalib.calibrate.options import pixel_unit
 from fieldcalib.cli.arguments import count, image_size
 from fieldcalib.cli.folder import read_frames
 from fieldcalib.cli.main import run_command
@@ -58,6 +56,8 @@ from fieldcalib.metrics import compound_score, evaluate_segments
 from fieldcalib.problem.labelled_pixels import Pixels
 from fieldcalib.problem.layout import Layout
 from fieldcalib.problem.projection import Projection
+from fieldcalib.solve.batch import calibrate_batch
+from fieldcalib.solve.options import pixel_unit
 
 TOLERANCES = (0.5, 1.0)  # of the field's, that right and wrong are about
 BINS = (0.0, 0.05, 0.2, 0.4, 0.6, 0.8, 0.95, 1.0)

@@ -24,15 +24,15 @@ from data_tools.measured_cameras import SIZE, camera_files
 from data_tools.synthetic.clips import background_matches, background_points, camera_path, flight, labelled, painted
 from data_tools.truth import Compared, by_basis, compared
 from fieldcalib._types import Array
-from fieldcalib.calibrate.batch import calibrate_batch
-from fieldcalib.calibrate.options import PAINT
-from fieldcalib.calibrate.sequence import calibrate_sequence
-from fieldcalib.calibrate.sequence_solver import SHARED, SHARED_IN_MOTION
 from fieldcalib.cli.arguments import count, positive
 from fieldcalib.cli.main import run_command
 from fieldcalib.fields.soccer import soccer
 from fieldcalib.geometry.camera import Camera
 from fieldcalib.images.keyframes import BACK
+from fieldcalib.solve.batch import calibrate_batch
+from fieldcalib.solve.options import PAINT
+from fieldcalib.solve.sequence import calibrate_sequence
+from fieldcalib.solve.sequence_solver import SHARED, SHARED_IN_MOTION
 
 FRAMES = 300  # of a clip
 KEY_EVERY = 3  # of the frames that are calibrated

@@ -33,7 +33,6 @@ import numpy as np
 from data_tools.probability import largest_true_error
 from fieldcalib.assess.result import LEAST_PROBABILITY, Calibration, Verdict
 from fieldcalib.assess.together import compute_errors
-from fieldcalib.calibrate.batch import calibrate_batch
 from fieldcalib.cli.arguments import image_size
 from fieldcalib.cli.folder import read_frames
 from fieldcalib.cli.main import run_command
@@ -46,6 +45,7 @@ from fieldcalib.io.image import Image
 from fieldcalib.io.images import parse_image
 from fieldcalib.localize.network import SegmentationNetwork
 from fieldcalib.problem.labelled_pixels import Pixels, check_segments
+from fieldcalib.solve.batch import calibrate_batch
 
 LEAST_LABELS = 3
 CORNER = 0.75  # of width and height

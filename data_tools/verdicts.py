@@ -22,7 +22,6 @@ from data_tools.probability import largest_true_error
 from data_tools.random_frames import observed
 from fieldcalib._types import Array
 from fieldcalib.assess.result import Calibration
-from fieldcalib.calibrate.batch import calibrate_batch
 from fieldcalib.cli.arguments import count, image_size
 from fieldcalib.cli.folder import read_frames
 from fieldcalib.cli.main import run_command
@@ -30,6 +29,7 @@ from fieldcalib.fields.field import Field
 from fieldcalib.fields.soccer import soccer
 from fieldcalib.geometry.camera import Camera
 from fieldcalib.problem.labelled_pixels import Pixels
+from fieldcalib.solve.batch import calibrate_batch
 
 WRONG = 1.0  # m
 NOISE, KEPT = 2.0, 0.9  # px, share of the markings in view that is labelled

@@ -22,8 +22,6 @@ from pathlib import Path
 import numpy as np
 
 from data_tools.random_frames import mislabelled
-from fieldcalib.calibrate.batch import calibrate_batch
-from fieldcalib.calibrate.options import pixel_unit
 from fieldcalib.cli.arguments import image_size
 from fieldcalib.cli.folder import read_frames
 from fieldcalib.cli.main import run_command
@@ -31,6 +29,8 @@ from fieldcalib.fields.field import Field
 from fieldcalib.fields.soccer import soccer
 from fieldcalib.geometry.camera import Camera
 from fieldcalib.problem.labelled_pixels import Pixels
+from fieldcalib.solve.batch import calibrate_batch
+from fieldcalib.solve.options import pixel_unit
 
 LEAST_SEGMENTS, WELL_FITTED = 7, 2.0  # labels, px at 960 x 540
 SAME_CAMERA = 3.0  # px at 960 x 540

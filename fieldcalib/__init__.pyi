@@ -8,19 +8,6 @@ from .assess.result import Status as Status
 from .assess.sequence import SequenceCalibration as SequenceCalibration
 from .assess.together import compute_errors as compute_errors
 from .assess.video import VideoCalibration as VideoCalibration
-from .calibrate.batch import calibrate_batch as calibrate_batch
-from .calibrate.decomposition import Decomposition as Decomposition
-from .calibrate.decomposition import camera_from_homography as camera_from_homography
-from .calibrate.field_size import FieldSize as FieldSize
-from .calibrate.field_size import estimate_field_size as estimate_field_size
-from .calibrate.from_homography import calibrate_from_homography as calibrate_from_homography
-from .calibrate.from_points import calibrate_from_points as calibrate_from_points
-from .calibrate.from_segments import calibrate_from_segments as calibrate_from_segments
-from .calibrate.options import DEFAULT_FLAGS as DEFAULT_FLAGS
-from .calibrate.options import KNOWN_INTRINSICS_FLAGS as KNOWN_INTRINSICS_FLAGS
-from .calibrate.options import PINHOLE_FLAGS as PINHOLE_FLAGS
-from .calibrate.options import CalibrationFlags as CalibrationFlags
-from .calibrate.sequence import calibrate_sequence as calibrate_sequence
 from .fields.field import Field as Field
 from .fields.segments import Arc as Arc
 from .fields.segments import Line as Line
@@ -47,5 +34,18 @@ from .io.results import read_results as read_results
 from .localize.network import SegmentationNetwork as SegmentationNetwork
 from .problem.losses import RobustLoss as RobustLoss
 from .processes.jobs import Processes as Processes
+from .solve.batch import calibrate_batch as calibrate_batch
+from .solve.decomposition import Decomposition as Decomposition
+from .solve.decomposition import camera_from_homography as camera_from_homography
+from .solve.field_size import FieldSize as FieldSize
+from .solve.field_size import estimate_field_size as estimate_field_size
+from .solve.from_homography import calibrate_from_homography as calibrate_from_homography
+from .solve.from_points import calibrate_from_points as calibrate_from_points
+from .solve.from_segments import calibrate_from_segments as calibrate_from_segments
+from .solve.options import DEFAULT_FLAGS as DEFAULT_FLAGS
+from .solve.options import KNOWN_INTRINSICS_FLAGS as KNOWN_INTRINSICS_FLAGS
+from .solve.options import PINHOLE_FLAGS as PINHOLE_FLAGS
+from .solve.options import CalibrationFlags as CalibrationFlags
+from .solve.sequence import calibrate_sequence as calibrate_sequence
 
 __version__: str

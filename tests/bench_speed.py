@@ -27,12 +27,12 @@ from fieldcalib import (
     refine_on_image,
     soccer,
 )
-from fieldcalib.calibrate.options import PINHOLE_FLAGS, CalibrationFlags
 from fieldcalib.draw.scene import render_field
 from fieldcalib.io.images import parse_image
 from fieldcalib.io.soccernet import format_annotation, parse_annotation
 from fieldcalib.localize import ridge_points
 from fieldcalib.metrics import evaluate_segments
+from fieldcalib.solve.options import PINHOLE_FLAGS, CalibrationFlags
 
 FIELD, SIZE = soccer(), (960, 540)
 

@@ -4,8 +4,8 @@ import numpy as np
 from synthetic import observe, whole_circle_markings
 
 from fieldcalib import Camera, soccer
-from fieldcalib.calibrate.options import CalibrationFlags
 from fieldcalib.geometry.lens import RadialLens
+from fieldcalib.solve.options import CalibrationFlags
 
 FIELD, SIZE = soccer(), (960, 540)
 MARKINGS = whole_circle_markings(FIELD)

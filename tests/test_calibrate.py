@@ -18,13 +18,13 @@ from fieldcalib import (
     calibrate_batch,
     calibrate_from_segments,
 )
-from fieldcalib.calibrate.options import DEFAULT_FLAGS, PINHOLE_FLAGS, checked_options
-from fieldcalib.calibrate.search import _best, _without_lens
 from fieldcalib.fields.stands import MAIN_CENTER
 from fieldcalib.io.soccernet import parse_annotation
 from fieldcalib.problem.evaluation import Problem, evaluate
 from fieldcalib.problem.observations import pack
 from fieldcalib.problem.prior import GaussianPrior, gaussian_prior
+from fieldcalib.solve.options import DEFAULT_FLAGS, PINHOLE_FLAGS, checked_options
+from fieldcalib.solve.search import _best, _without_lens
 
 
 @pytest.mark.slow
@@ -147,7 +147,7 @@ def test_a_plausible_start_goes_before_a_cheaper_one_below_the_ground():
 
 
 def test_densely_labelled_frames_are_solved_a_few_at_a_time():
-    from fieldcalib.calibrate.batch import CHUNK, CHUNK_PIXELS, _chunks
+    from fieldcalib.solve.batch import CHUNK, CHUNK_PIXELS, _chunks
 
     frames = [{"Middle line": np.zeros((count, 2))} for count in [0, 3, 100, 5000, 20000, *[30] * 200]]
     chunks = list(_chunks(FIELD, frames))

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 from commands import BROKEN_KEYS, SIZE, WITH_CAMERA, WITHOUT_CAMERA, calibrate, cameras_in, lines_of, summary_of
 
-from fieldcalib.calibrate.batch import calibrate_batch
 from fieldcalib.io.formats import ANNOTATIONS
 from fieldcalib.io.soccernet import format_annotation
+from fieldcalib.solve.batch import calibrate_batch
 
 BROKEN = {
     "cut": ('{"Middle line": [{"x"', "is no JSON"),

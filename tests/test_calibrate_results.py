@@ -6,7 +6,7 @@ from one_camera import CAMERA, FIELD, FRAME, MARKINGS, SIZE, F, relative_error
 from synthetic import observe, random_frames
 
 from fieldcalib import Camera, Line, Point, Status, calibrate_batch, calibrate_from_segments, compute_errors
-from fieldcalib.calibrate.options import DEFAULT_FLAGS
+from fieldcalib.solve.options import DEFAULT_FLAGS
 
 # --- what comes back ---
 

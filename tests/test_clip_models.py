@@ -11,13 +11,13 @@ from fieldcalib import Camera, calibrate_from_segments, soccer
 from fieldcalib.assess.markings import MarkingInView
 from fieldcalib.assess.misfit import is_contradicted
 from fieldcalib.assess.result import Verdict
-from fieldcalib.calibrate.options import ALL, DEFAULT_FLAGS
-from fieldcalib.calibrate.sequence_solver import SHARED
-from fieldcalib.calibrate.ties import thinned
 from fieldcalib.images.clip_models import LeftOut, parts
 from fieldcalib.images.clip_solver import ClipSolver, off_paint
 from fieldcalib.images.witnesses import agree
 from fieldcalib.problem.evaluation import evaluate_camera
+from fieldcalib.solve.options import ALL, DEFAULT_FLAGS
+from fieldcalib.solve.sequence_solver import SHARED
+from fieldcalib.solve.ties import thinned
 
 FIELD = soccer()
 

@@ -16,12 +16,12 @@ from fieldcalib.assess.placement import Crop, Placement, Shape
 from fieldcalib.assess.result import Verdict
 from fieldcalib.assess.video import VideoCalibration
 from fieldcalib.assess.whole_picture import SHAPE
-from fieldcalib.calibrate.aspect import WAS_SQUASHED
-from fieldcalib.calibrate.options import ALL, DEFAULT_FLAGS, KNOWN_INTRINSICS_FLAGS
 from fieldcalib.images import clip_shape, live_shape
 from fieldcalib.images.clip_shape import LookedAt, between_borders, placement_within, shape_of_odds, some_of
 from fieldcalib.images.live_shape import LiveShape
 from fieldcalib.images.tracker import Tracker
+from fieldcalib.solve.aspect import WAS_SQUASHED
+from fieldcalib.solve.options import ALL, DEFAULT_FLAGS, KNOWN_INTRINSICS_FLAGS
 
 SIZE, BAR = (480, 270), 45
 LETTERBOXED, SQUASHED = (SIZE[0], SIZE[1] + 2 * BAR), (360, 270)

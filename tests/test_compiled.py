@@ -12,8 +12,6 @@ from hypothesis import strategies as st
 from strategies import cameras, generators
 from synthetic import observe, random_frames
 
-from fieldcalib.calibrate.batch import calibrate_batch
-from fieldcalib.calibrate.from_segments import calibrate_from_segments
 from fieldcalib.fields.segments import PointCloud
 from fieldcalib.fields.soccer import soccer
 from fieldcalib.geometry.lens import BrownConradyLens, Pinhole, RadialLens
@@ -25,6 +23,8 @@ from fieldcalib.problem.losses import LossName, RobustLoss
 from fieldcalib.problem.observations import pack
 from fieldcalib.problem.prior import GaussianPrior
 from fieldcalib.problem.segment_ends import with_segment_ends
+from fieldcalib.solve.batch import calibrate_batch
+from fieldcalib.solve.from_segments import calibrate_from_segments
 
 FIELD = soccer()
 SIZE = (960, 540)

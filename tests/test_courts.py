@@ -11,10 +11,10 @@ from one_camera import relative_error
 from synthetic import SIZE, observe, random_camera, random_frames
 
 from fieldcalib import calibrate_batch, calibrate_from_segments, fields
-from fieldcalib.calibrate.options import PINHOLE_FLAGS
 from fieldcalib.fields.catalogue import FIELDS, field_named
 from fieldcalib.fields.records import field_from_record, field_to_record
 from fieldcalib.fields.segments import Arc, Line
+from fieldcalib.solve.options import PINHOLE_FLAGS
 
 NAMES = (
     "badminton",

@@ -9,7 +9,6 @@ import cv2
 import numpy as np
 import pytest
 
-from fieldcalib.calibrate.batch import calibrate_batch
 from fieldcalib.cli import demo
 from fieldcalib.cli.demo import IMAGE_SIZE, CameraErrors, camera_errors, observe, pan_over_field, run_demo
 from fieldcalib.fields.segments import Arc
@@ -18,6 +17,7 @@ from fieldcalib.geometry.camera import Camera
 from fieldcalib.io import files
 from fieldcalib.io.images import write_image
 from fieldcalib.io.soccernet import camera_from_record, parse_annotation
+from fieldcalib.solve.batch import calibrate_batch
 
 FIELD = soccer()
 COUNT = 5

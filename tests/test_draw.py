@@ -7,12 +7,12 @@ from scipy.spatial import cKDTree
 from views import BROADCAST, CAMERAS, SIZE, any_camera, camera, inside
 
 from fieldcalib.assess.markings import MarkingInView
-from fieldcalib.calibrate.from_homography import calibrate_from_homography
 from fieldcalib.draw.minimap import draw_minimap
 from fieldcalib.draw.overlays import PALETTE, draw_calibration, draw_field, draw_segments, label_colour
 from fieldcalib.fields.segments import Arc, Line, PointCloud
 from fieldcalib.fields.soccer import soccer
 from fieldcalib.geometry.camera import Camera
+from fieldcalib.solve.from_homography import calibrate_from_homography
 
 FIELD = soccer()
 RED = (0, 0, 255)

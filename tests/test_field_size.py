@@ -10,9 +10,6 @@ from strategies import angle, cameras, numbers, vectors
 from synthetic import displaced, in_image, observe, random_frames, whole_circle_markings
 
 from fieldcalib.assess.noise import Noise
-from fieldcalib.calibrate.field_size import SILENT, _together, _uncertainty, estimate_field_size
-from fieldcalib.calibrate.from_segments import calibrate_from_segments
-from fieldcalib.calibrate.options import PINHOLE_FLAGS
 from fieldcalib.fields.segments import Point
 from fieldcalib.fields.soccer import soccer
 from fieldcalib.geometry.camera import Camera
@@ -20,6 +17,9 @@ from fieldcalib.problem.evaluation import Problem, evaluate
 from fieldcalib.problem.layout import Layout, SizeBlock, theta_from_camera
 from fieldcalib.problem.losses import RobustLoss
 from fieldcalib.problem.observations import pack
+from fieldcalib.solve.field_size import SILENT, _together, _uncertainty, estimate_field_size
+from fieldcalib.solve.from_segments import calibrate_from_segments
+from fieldcalib.solve.options import PINHOLE_FLAGS
 
 SIZE = (960, 540)
 MEAN, SIGMA = np.array([105.0, 68.0]), soccer().size_model.sigma

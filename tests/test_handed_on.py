@@ -7,9 +7,6 @@ import numpy as np
 import pytest
 from synthetic import observe, random_frames, whole_circle_markings
 
-from fieldcalib.calibrate.batch import calibrate_batch
-from fieldcalib.calibrate.from_segments import calibrate_from_segments
-from fieldcalib.calibrate.handed_over import HandedOver
 from fieldcalib.fields.soccer import soccer
 from fieldcalib.geometry.camera import Camera
 from fieldcalib.problem import closest_points, compilation, evaluation
@@ -18,6 +15,9 @@ from fieldcalib.problem.layout import Layout, theta_from_camera
 from fieldcalib.problem.losses import RobustLoss
 from fieldcalib.problem.observations import pack
 from fieldcalib.processes.jobs import Processes
+from fieldcalib.solve.batch import calibrate_batch
+from fieldcalib.solve.from_segments import calibrate_from_segments
+from fieldcalib.solve.handed_over import HandedOver
 
 FIELD, SIZE = soccer(), (960, 540)
 CAMERA = Camera.from_angles(-0.3, 1.35, 0.0, 1600.0, (0.0, 68.0, -17.0), SIZE)
@@ -106,7 +106,7 @@ def test_a_pickled_result_of_a_batch_is_the_same(batch):
 
 @pytest.mark.parametrize("executor", [Processes, ThreadPoolExecutor])
 def test_frames_come_back_from_an_executor_as_they_are(executor, monkeypatch):
-    monkeypatch.setattr("fieldcalib.calibrate.batch.CHUNK", 4)
+    monkeypatch.setattr("fieldcalib.solve.batch.CHUNK", 4)
     frames, _ = random_frames(10, seed=7, noise=1.0)
     frames[3] = {}
     alone = calibrate_batch(FIELD, frames, SIZE)

@@ -5,14 +5,14 @@ import pytest
 from synthetic import observe, whole_circle_markings
 from views import camera
 
-from fieldcalib.calibrate.from_segments import calibrate_from_segments
-from fieldcalib.calibrate.options import ALL, DEFAULT_FLAGS
 from fieldcalib.cli.demo import camera_errors
 from fieldcalib.draw.scene import render_field
 from fieldcalib.fields.soccer import soccer
 from fieldcalib.images.hypotheses import calibrate_from_consensus
 from fieldcalib.images.refinement import near_labels
 from fieldcalib.localize import Localization
+from fieldcalib.solve.from_segments import calibrate_from_segments
+from fieldcalib.solve.options import ALL, DEFAULT_FLAGS
 
 FIELD = soccer()
 TRUTH = camera(3, 75, 1000, (-2, 66, -16), k=(0.03, 0.0))

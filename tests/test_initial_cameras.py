@@ -4,12 +4,6 @@ import numpy as np
 import pytest
 from synthetic import observe, random_frames, whole_circle_markings
 
-from fieldcalib.calibrate.initial_cameras import (
-    camera_from_lines,
-    ground_homographies,
-    initial_cameras,
-    pointed_camera,
-)
 from fieldcalib.fields.segments import Line, PointCloud
 from fieldcalib.fields.soccer import soccer
 from fieldcalib.fields.stands import DISTRIBUTIONS, MAIN_CENTER, MAIN_LEFT
@@ -27,6 +21,12 @@ from fieldcalib.problem.layout import (
 )
 from fieldcalib.problem.observations import pack
 from fieldcalib.problem.prior import gaussian_prior, gaussian_priors
+from fieldcalib.solve.initial_cameras import (
+    camera_from_lines,
+    ground_homographies,
+    initial_cameras,
+    pointed_camera,
+)
 
 FIELD, SIZE = soccer(), (960, 540)
 LAYOUT = Layout.of(SIZE)

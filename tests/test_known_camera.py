@@ -12,14 +12,14 @@ from views import camera
 from data_tools.synthetic.film import Scene, TrueFrame, film
 from fieldcalib import Camera, Tracker, calibrate_batch, calibrate_from_images, calibrate_from_segments, calibrate_video
 from fieldcalib.assess.result import Verdict
-from fieldcalib.calibrate.options import DEFAULT_FLAGS, KNOWN_INTRINSICS_FLAGS
-from fieldcalib.calibrate.options import CalibrationFlags as F
 from fieldcalib.cli.demo import camera_errors
 from fieldcalib.draw.scene import render_field
 from fieldcalib.fields.soccer import soccer
 from fieldcalib.io.files import BrokenFileError
 from fieldcalib.io.intrinsics import read_intrinsics
 from fieldcalib.io.soccernet import format_camera
+from fieldcalib.solve.options import DEFAULT_FLAGS, KNOWN_INTRINSICS_FLAGS
+from fieldcalib.solve.options import CalibrationFlags as F
 
 SIZE = (960, 540)
 WIDE, NARROW = camera(24, 78, 1400.1, (3.3, 68.2, -17.1), k=(0.06, 0.0)), camera(-2, 78, 2500.7, (3.3, 68.2, -17.1))

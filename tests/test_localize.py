@@ -15,8 +15,6 @@ from onnx_networks import DESCRIPTION, coloured, write_network
 from views import camera
 
 import fieldcalib
-from fieldcalib.calibrate.batch import calibrate_batch
-from fieldcalib.calibrate.from_segments import calibrate_from_segments
 from fieldcalib.cli.demo import camera_errors
 from fieldcalib.io.files import BrokenFileError
 from fieldcalib.localize import SegmentationNetwork, localize, ridge_points, skeleton_points
@@ -27,6 +25,8 @@ from fieldcalib.problem.evaluation import Problem, evaluate
 from fieldcalib.problem.layout import Layout, theta_from_camera
 from fieldcalib.problem.losses import RobustLoss
 from fieldcalib.problem.observations import pack
+from fieldcalib.solve.batch import calibrate_batch
+from fieldcalib.solve.from_segments import calibrate_from_segments
 
 HD = (1920, 1080)
 VIEWS = {

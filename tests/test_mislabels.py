@@ -7,10 +7,6 @@ import pytest
 from synthetic import observe, whole_circle_markings
 
 from fieldcalib.assess.result import SuspectLabel
-from fieldcalib.calibrate.batch import calibrate_batch
-from fieldcalib.calibrate.mislabels import renamed, without_mislabels
-from fieldcalib.calibrate.options import PINHOLE_FLAGS, checked_options
-from fieldcalib.calibrate.search import find_cameras
 from fieldcalib.fields.soccer import soccer
 from fieldcalib.fields.sports.handball import handball
 from fieldcalib.fields.stands import MAIN_CENTER
@@ -19,6 +15,10 @@ from fieldcalib.problem.evaluation import Problem, evaluate
 from fieldcalib.problem.levenberg_marquardt import levenberg_marquardt
 from fieldcalib.problem.observations import pack
 from fieldcalib.problem.prior import GaussianPrior, gaussian_prior
+from fieldcalib.solve.batch import calibrate_batch
+from fieldcalib.solve.mislabels import renamed, without_mislabels
+from fieldcalib.solve.options import PINHOLE_FLAGS, checked_options
+from fieldcalib.solve.search import find_cameras
 
 FIELD, SIZE = soccer(), (960, 540)
 LEFT = Camera.from_angles(-0.65, 1.38, 0.01, 1500.0, (1.0, 66.0, -16.0), SIZE)
@@ -63,7 +63,7 @@ def resolved(frames, cameras, *, at_hand=None, weights=None):
     )
     start = np.stack([OPTIONS.layout.theta(camera) for camera in at_hand or cameras])
     given = solved(evaluate(problem, start))
-    with patch("fieldcalib.calibrate.mislabels.find_cameras", wraps=find_cameras) as search:
+    with patch("fieldcalib.solve.mislabels.find_cameras", wraps=find_cameras) as search:
         found = without_mislabels(FIELD, frames, weights, given, prior, OPTIONS)
     return found, given, [len(call.args[0]) for call in search.call_args_list]
 

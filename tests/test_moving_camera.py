@@ -14,12 +14,12 @@ from data_tools.synthetic.clips import background_matches, camera_path, flight, 
 from data_tools.synthetic.film import Scene, TrueFrame, film
 from fieldcalib import Camera, calibrate_batch, calibrate_sequence, calibrate_video, soccer
 from fieldcalib.assess.sequence import Basis
-from fieldcalib.calibrate.centres import ACCELERATION, SPEED, Centres, expected_centres, on_path
-from fieldcalib.calibrate.sequence_solver import OFF_PATH, SHARED_IN_MOTION
 from fieldcalib.images.background_motion import background_motion, mapped
 from fieldcalib.images.plane_motion import plane_motion
 from fieldcalib.problem.layout import CENTER
 from fieldcalib.problem.prior import GaussianPrior
+from fieldcalib.solve.centres import ACCELERATION, SPEED, Centres, expected_centres, on_path
+from fieldcalib.solve.sequence_solver import OFF_PATH, SHARED_IN_MOTION
 
 FIELD = soccer(size_known=True)
 COUNT = 61

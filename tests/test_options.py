@@ -4,7 +4,10 @@ import cv2
 import numpy as np
 import pytest
 
-from fieldcalib.calibrate.options import (
+from fieldcalib.fields.soccer import soccer
+from fieldcalib.fields.stands import ALL_STANDS, MAIN_LEFT, CameraDistribution
+from fieldcalib.problem.layout import LOG_ASPECT, LOG_F, PRINCIPAL_POINT
+from fieldcalib.solve.options import (
     DEFAULT_CRITERIA,
     DEFAULT_FLAGS,
     PINHOLE_FLAGS,
@@ -13,9 +16,6 @@ from fieldcalib.calibrate.options import (
     checked_prior,
     pixel_unit,
 )
-from fieldcalib.fields.soccer import soccer
-from fieldcalib.fields.stands import ALL_STANDS, MAIN_LEFT, CameraDistribution
-from fieldcalib.problem.layout import LOG_ASPECT, LOG_F, PRINCIPAL_POINT
 
 F = CalibrationFlags
 K = np.array([[1500.0, 0.0, 470.0], [0.0, 1530.0, 280.0], [0.0, 0.0, 1.0]])

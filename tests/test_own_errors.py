@@ -14,7 +14,6 @@ from tripods import SIZE, chain, matched, operated, panned
 from fieldcalib.assess.camera_errors import KnownErrors
 from fieldcalib.assess.noise import FOUND_BESIDE, Noise
 from fieldcalib.assess.own_errors import GRID, OwnErrors, ground_errors, own_errors, whole_covariance
-from fieldcalib.calibrate.sequence import calibrate_sequence
 from fieldcalib.fields.soccer import soccer
 from fieldcalib.problem.background import BackgroundEvaluation, BackgroundPairs
 from fieldcalib.problem.evaluation import Problem, evaluate
@@ -22,6 +21,7 @@ from fieldcalib.problem.layout import CENTER, LOG_F, Layout, Role, SizeBlock, Zo
 from fieldcalib.problem.losses import RobustLoss
 from fieldcalib.problem.observations import pack
 from fieldcalib.problem.prior import GaussianPrior
+from fieldcalib.solve.sequence import calibrate_sequence
 
 FIELD = soccer()
 LOSS = RobustLoss("cauchy", 3.0)

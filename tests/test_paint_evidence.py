@@ -14,9 +14,6 @@ from views import camera
 from fieldcalib.assess.markings import MarkingInView, paint_complaints, paint_contradicts
 from fieldcalib.assess.result import Calibration, Status, Verdict
 from fieldcalib.assess.sequence import SequenceCalibration
-from fieldcalib.calibrate.from_segments import calibrate_from_segments
-from fieldcalib.calibrate.options import ALL, DEFAULT_FLAGS
-from fieldcalib.calibrate.sequence import calibrate_sequence
 from fieldcalib.draw.scene import render_field
 from fieldcalib.fields.soccer import soccer
 from fieldcalib.fields.sports.ice_hockey import ice_hockey
@@ -25,6 +22,9 @@ from fieldcalib.geometry.camera import Camera
 from fieldcalib.images.line_profiles import Markings
 from fieldcalib.images.paint_evidence import Ridges, evidence_of, paint_evidence
 from fieldcalib.images.refinement import ToRefine, refine_all
+from fieldcalib.solve.from_segments import calibrate_from_segments
+from fieldcalib.solve.options import ALL, DEFAULT_FLAGS
+from fieldcalib.solve.sequence import calibrate_sequence
 
 FIELD = soccer()
 MARKINGS = Markings.of(FIELD)

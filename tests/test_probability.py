@@ -11,10 +11,10 @@ from data_tools.random_frames import random_frame
 from fieldcalib.assess.probability import largest_error, probability_right
 from fieldcalib.assess.result import Status
 from fieldcalib.assess.together import compute_errors
-from fieldcalib.calibrate.batch import calibrate_batch
-from fieldcalib.calibrate.from_segments import calibrate_from_segments
 from fieldcalib.fields.soccer import PROBABILITY, soccer
 from fieldcalib.geometry.camera import Camera
+from fieldcalib.solve.batch import calibrate_batch
+from fieldcalib.solve.from_segments import calibrate_from_segments
 
 FIELD, SIZE = soccer(size_known=True), (960, 540)  # of the synthetic frames
 MARKINGS = whole_circle_markings(FIELD)

@@ -9,9 +9,6 @@ from synthetic import observe, whole_circle_markings
 from views import SIZE, camera
 
 from fieldcalib.assess.result import Calibration, Status
-from fieldcalib.calibrate.from_homography import calibrate_from_homography
-from fieldcalib.calibrate.from_segments import calibrate_from_segments
-from fieldcalib.calibrate.options import ALL, DEFAULT_FLAGS
 from fieldcalib.draw.scene import render_field
 from fieldcalib.fields.segments import Line, Point, PointCloud
 from fieldcalib.fields.soccer import soccer
@@ -25,6 +22,9 @@ from fieldcalib.images.refinement import (
     refine_on_image,
 )
 from fieldcalib.problem.layout import CENTER, LOG_F, camera_from_theta, theta_from_camera
+from fieldcalib.solve.from_homography import calibrate_from_homography
+from fieldcalib.solve.from_segments import calibrate_from_segments
+from fieldcalib.solve.options import ALL, DEFAULT_FLAGS
 
 FIELD = soccer()
 MARKINGS = Markings.of(FIELD)

@@ -11,12 +11,12 @@ from objects import SIZE, any_object, objects, relative_error
 from strategies import generators, numbers, vectors
 
 from fieldcalib import PINHOLE_FLAGS, Camera
-from fieldcalib.calibrate.from_points import Points, _start
-from fieldcalib.calibrate.options import DEFAULT_CRITERIA, CalibrationFlags, checked_options
-from fieldcalib.calibrate.resection import resect
 from fieldcalib.geometry.projective import dehomogenize, homogenize
 from fieldcalib.problem.evaluation import LOG_F_RANGE
 from fieldcalib.problem.losses import RobustLoss
+from fieldcalib.solve.from_points import Points, _start
+from fieldcalib.solve.options import DEFAULT_CRITERIA, CalibrationFlags, checked_options
+from fieldcalib.solve.resection import resect
 
 F = CalibrationFlags
 

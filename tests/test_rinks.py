@@ -11,11 +11,6 @@ from one_camera import relative_error
 from synthetic import SIZE, observe, random_frames
 
 from fieldcalib.assess.result import Verdict
-from fieldcalib.calibrate.batch import calibrate_batch
-from fieldcalib.calibrate.field_size import estimate_field_size
-from fieldcalib.calibrate.from_segments import calibrate_from_segments
-from fieldcalib.calibrate.mislabels import renamed
-from fieldcalib.calibrate.options import DEFAULT_FLAGS, CalibrationFlags
 from fieldcalib.fields.catalogue import FIELDS, field_named
 from fieldcalib.fields.records import field_from_record, field_to_record
 from fieldcalib.fields.segments import Point
@@ -23,6 +18,11 @@ from fieldcalib.fields.sports.american_football import american_football
 from fieldcalib.fields.sports.ice_hockey import ice_hockey, ice_hockey_iihf
 from fieldcalib.fields.sports.rugby_union import rugby_union
 from fieldcalib.geometry.camera import Camera
+from fieldcalib.solve.batch import calibrate_batch
+from fieldcalib.solve.field_size import estimate_field_size
+from fieldcalib.solve.from_segments import calibrate_from_segments
+from fieldcalib.solve.mislabels import renamed
+from fieldcalib.solve.options import DEFAULT_FLAGS, CalibrationFlags
 
 NAMES = (
     "american-football-ncaa",

@@ -9,13 +9,13 @@ from strategies import angle, numbers, thetas
 from synthetic import displaced, observe, random_frames
 from test_evaluation import SIZES, at, jacobian_errors
 
-from fieldcalib.calibrate.batch import calibrate_batch
 from fieldcalib.fields.soccer import soccer
 from fieldcalib.geometry.camera import Camera
 from fieldcalib.problem.evaluation import evaluate
 from fieldcalib.problem.layout import Layout, camera_from_theta, theta_from_camera
 from fieldcalib.problem.observations import pack
 from fieldcalib.problem.segment_ends import pixels_past_ends, with_segment_ends
+from fieldcalib.solve.batch import calibrate_batch
 
 FIELD, SIZE, FAR = soccer(), (960, 540), 20.0
 CAMERA = Camera.from_angles(-0.55, 1.38, 0.0, 1300.0, (0.0, 60.0, -15.0), SIZE)

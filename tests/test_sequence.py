@@ -8,11 +8,11 @@ from synthetic import whole_circle_markings
 
 from data_tools.synthetic.clips import camera_path, labelled
 from fieldcalib import CalibrationFlags, Camera, SequenceCalibration, calibrate_batch, soccer
-from fieldcalib.calibrate.centres import agreed_centre
-from fieldcalib.calibrate.sequence import calibrate_sequence
 from fieldcalib.fields.field import Field
 from fieldcalib.fields.stands import CameraDistribution
 from fieldcalib.problem.layout import CENTER
+from fieldcalib.solve.centres import agreed_centre
+from fieldcalib.solve.sequence import calibrate_sequence
 
 FIELD = soccer()
 SIZE = (1920, 1080)

@@ -9,11 +9,11 @@ from hypothesis import strategies as st
 from strategies import generators
 from tripods import SIZE, chain, far_off, matched, panned
 
-from fieldcalib.calibrate.ties import CELLS, LEAST_CELLS, Ties, disagreeing, stepped, thinned, with_tied
 from fieldcalib.fields.soccer import soccer
 from fieldcalib.geometry.camera import Camera
 from fieldcalib.problem.background import BackgroundEvaluation
 from fieldcalib.problem.layout import Layout
+from fieldcalib.solve.ties import CELLS, LEAST_CELLS, Ties, disagreeing, stepped, thinned, with_tied
 
 FIELD = soccer()
 LAYOUT = Layout.of(SIZE).fixed("centre", "principal point", "aspect", "lens")

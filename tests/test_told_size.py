@@ -14,10 +14,10 @@ from tripods import SIZE, panned
 
 from fieldcalib import Calibration, Camera, SegmentationNetwork, calibrate_from_images, calibrate_sequence, soccer
 from fieldcalib.assess.size_evidence import SizeEvidence
-from fieldcalib.calibrate.batch import calibrate_batch
-from fieldcalib.calibrate.field_size import shared_size
-from fieldcalib.calibrate.told_size import on_told_size
 from fieldcalib.draw import render_field
+from fieldcalib.solve.batch import calibrate_batch
+from fieldcalib.solve.field_size import shared_size
+from fieldcalib.solve.told_size import on_told_size
 
 FIELD = soccer()
 WIDE = Camera.from_angles(0.0, 1.2, 0.0, 560.0, (0.0, 80.0, -40.0), SIZE)  # sees all of a pitch

@@ -16,7 +16,6 @@ from fieldcalib import Status, soccer
 from fieldcalib.assess.markings import MarkingInView
 from fieldcalib.assess.result import Verdict
 from fieldcalib.assess.sequence import Basis
-from fieldcalib.calibrate.options import ALL, DEFAULT_FLAGS
 from fieldcalib.geometry.camera import Camera
 from fieldcalib.images import tracker as tracker_module
 from fieldcalib.images.keyframes import KeyframeTracker
@@ -24,6 +23,7 @@ from fieldcalib.images.paint_evidence import PaintEvidence
 from fieldcalib.images.shot_solver import KeyframeOptions, Seen, ShotProblem, solve_shot
 from fieldcalib.images.tracker import LOST_FOR, Tracker
 from fieldcalib.processes.other_process import OtherProcess
+from fieldcalib.solve.options import ALL, DEFAULT_FLAGS
 
 SIZE = (480, 270)
 FIELD = soccer(size_known=True)
@@ -90,7 +90,7 @@ def test_clips_of_one_end_are_accepted():
 
 def test_keyframes_that_are_known_too_badly_to_be_accepted_have_cameras(clip, monkeypatch):
     """Frames follow from them, and say themselves how well they are known."""
-    monkeypatch.setattr("fieldcalib.calibrate.sequence_solver.LARGEST_ERROR", 1e-3)
+    monkeypatch.setattr("fieldcalib.solve.sequence_solver.LARGEST_ERROR", 1e-3)
     cameras, pictures = clip
     found = tracked(pictures[: 2 * EVERY], [None, cameras[EVERY]])
     shown = [one for one, _ in found[EVERY + 1 :]]  # the first keyframe tells nothing

@@ -10,7 +10,6 @@ from synthetic import observe, random_frames, whole_circle_markings
 from fieldcalib.assess.camera_errors import GroundError, region_radius
 from fieldcalib.assess.observability import OPEN_DIRECTION
 from fieldcalib.assess.uncertainty import uncertainties
-from fieldcalib.calibrate.from_segments import calibrate_from_segments
 from fieldcalib.fields.segments import Line
 from fieldcalib.fields.soccer import soccer
 from fieldcalib.fields.stands import DISTRIBUTIONS
@@ -21,6 +20,7 @@ from fieldcalib.problem.levenberg_marquardt import levenberg_marquardt
 from fieldcalib.problem.losses import RobustLoss
 from fieldcalib.problem.observations import pack
 from fieldcalib.problem.prior import GaussianPrior, gaussian_prior
+from fieldcalib.solve.from_segments import calibrate_from_segments
 
 FIELD, SIZE = soccer(), (960, 540)
 EVERYTHING = Layout.of(SIZE)

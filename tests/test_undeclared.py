@@ -27,10 +27,6 @@ from fieldcalib.assess.whole_picture import (
     score,
     seems_part,
 )
-from fieldcalib.calibrate.aspect import WAS_SQUASHED, in_pixels_of, told
-from fieldcalib.calibrate.batch import calibrate_batch
-from fieldcalib.calibrate.label_ends import ENDS
-from fieldcalib.calibrate.options import DEFAULT_FLAGS, CalibrationFlags
 from fieldcalib.cli.demo import observe as demo_labels
 from fieldcalib.cli.demo import pan_over_field
 from fieldcalib.draw.scene import render_field
@@ -40,6 +36,10 @@ from fieldcalib.fields.stands import DISTRIBUTIONS
 from fieldcalib.geometry.camera import Camera
 from fieldcalib.images.borders import Shown, shown_part
 from fieldcalib.problem.prior import frame_around, principal_point_sigma
+from fieldcalib.solve.aspect import WAS_SQUASHED, in_pixels_of, told
+from fieldcalib.solve.batch import calibrate_batch
+from fieldcalib.solve.label_ends import ENDS
+from fieldcalib.solve.options import DEFAULT_FLAGS, CalibrationFlags
 
 FIELD, KNOWN, SIZE = soccer(), soccer(size_known=True), (960, 540)
 GROUND = np.array([[0.0, 0.0, 0.0], [30.0, 0.0, 0.0]])

@@ -13,9 +13,6 @@ from synthetic import observe
 
 import fieldcalib
 from fieldcalib.assess.ndc import ndc_loss
-from fieldcalib.calibrate.batch import calibrate_batch
-from fieldcalib.calibrate.field_size import estimate_field_size
-from fieldcalib.calibrate.from_segments import calibrate_from_segments
 from fieldcalib.draw.scene import render_field
 from fieldcalib.fields.field import Field
 from fieldcalib.fields.segments import Arc, Line
@@ -31,6 +28,9 @@ from fieldcalib.problem.layout import Layout, theta_from_camera
 from fieldcalib.problem.levenberg_marquardt import levenberg_marquardt
 from fieldcalib.problem.losses import RobustLoss
 from fieldcalib.problem.observations import pack
+from fieldcalib.solve.batch import calibrate_batch
+from fieldcalib.solve.field_size import estimate_field_size
+from fieldcalib.solve.from_segments import calibrate_from_segments
 
 SIZE = (960, 540)
 PITCH = soccer()

@@ -29,7 +29,6 @@ from baselines.chen.database import CAMERAS, Database
 from baselines.chen.edges import Edges, edges_of_mask, edges_of_pixels, edges_of_probabilities
 from baselines.chen.features import HOG, SIAMESE, Siamese
 from baselines.chen.search import PUBLISHED, WIDER, Recipe, homography
-from fieldcalib.calibrate.from_homography import judged_camera
 from fieldcalib.cli.arguments import add_input_and_output, count
 from fieldcalib.cli.fields import add_sized_field, field_of
 from fieldcalib.cli.folder import Found, calibrate_files, calibrate_folder, lost, outcome_of
@@ -47,6 +46,7 @@ from fieldcalib.io.images import IMAGES_AT_ONCE
 from fieldcalib.io.wc14 import AlignmentName, format_homography
 from fieldcalib.localize import SegmentationNetwork
 from fieldcalib.problem.labelled_pixels import Pixels
+from fieldcalib.solve.from_homography import judged_camera
 
 PROG = "python -m baselines.chen"
 ANNOTATED, MASKS, IMAGES = "annotations", "masks", "images"

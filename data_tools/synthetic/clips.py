@@ -16,7 +16,6 @@ from numpy.typing import ArrayLike
 from data_tools.measured_cameras import SIZE, read_camera, read_zoom
 from data_tools.random_frames import RandomFrame, mislabelled
 from fieldcalib._types import Array, BoolArray
-from fieldcalib.calibrate.options import PAINT
 from fieldcalib.cli.demo import observe
 from fieldcalib.fields.field import Field
 from fieldcalib.fields.segments import Arc, Line, Segment
@@ -24,6 +23,7 @@ from fieldcalib.geometry.camera import Camera
 from fieldcalib.geometry.lens import POWERS
 from fieldcalib.geometry.projective import homogenize
 from fieldcalib.geometry.rotation import rotation_from_angles
+from fieldcalib.solve.options import PAINT
 
 Range = tuple[float, float]
 

@@ -5,13 +5,13 @@ from pathlib import Path
 
 import numpy as np
 
-from fieldcalib.calibrate.options import ALL, DEFAULT_FLAGS, CalibrationFlags
 from fieldcalib.cli.inputs import add_inputs
 from fieldcalib.fields.stands import DISTRIBUTIONS
 from fieldcalib.io.annotation_files import read_labels
 from fieldcalib.io.cuts import Cut, Position
 from fieldcalib.io.files import MOST_BYTES
 from fieldcalib.io.parquet import imported_pyarrow
+from fieldcalib.solve.options import ALL, DEFAULT_FLAGS, CalibrationFlags
 
 _F = CalibrationFlags
 LENSES = {

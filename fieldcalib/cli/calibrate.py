@@ -12,10 +12,6 @@ from typing import Any
 from fieldcalib.assess.placement import Placement
 from fieldcalib.assess.result import Calibration
 from fieldcalib.assess.together import compute_errors
-from fieldcalib.calibrate.batch import calibrate_batch
-from fieldcalib.calibrate.field_size import FieldSize, estimate_field_size
-from fieldcalib.calibrate.label_ends import with_border_asked
-from fieldcalib.calibrate.options import ALL, Prior
 from fieldcalib.cli.arguments import (
     add_camera,
     add_input_and_output,
@@ -31,6 +27,10 @@ from fieldcalib.fields.field import Field
 from fieldcalib.io.files import BrokenFileError
 from fieldcalib.io.soccernet import CAMERA_TYPES, DISTRIBUTIONS_OF_TYPE, read_camera_types
 from fieldcalib.problem.labelled_pixels import Pixels
+from fieldcalib.solve.batch import calibrate_batch
+from fieldcalib.solve.field_size import FieldSize, estimate_field_size
+from fieldcalib.solve.label_ends import with_border_asked
+from fieldcalib.solve.options import ALL, Prior
 
 STACKED = "stacked"  # the paper's name for the case that the kind of camera is known frame by frame
 EACH, SHARED = "each", "shared"

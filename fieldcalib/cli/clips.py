@@ -17,7 +17,6 @@ from fieldcalib.assess.placement import Placement
 from fieldcalib.assess.result import Calibration
 from fieldcalib.assess.sequence import SequenceCalibration
 from fieldcalib.assess.video import VideoCalibration
-from fieldcalib.calibrate.given_camera import check_of_clip
 from fieldcalib.cli.arguments import cut_of
 from fieldcalib.cli.declared import is_aspect_estimated
 from fieldcalib.cli.fields import ESTIMATED, field_of, prior_of
@@ -56,6 +55,7 @@ from fieldcalib.io.formats import CAMERAS, VIDEOS
 from fieldcalib.io.image import Image
 from fieldcalib.io.images import write_image
 from fieldcalib.io.videos import VideoReader
+from fieldcalib.solve.given_camera import check_of_clip
 
 IN_SHEET = 12  # frames
 USUAL_RATE = 25.0  # frames per second of the overlay of images

@@ -15,7 +15,6 @@ import numpy as np
 
 from fieldcalib._types import Array, BoolArray
 from fieldcalib.assess.result import Calibration
-from fieldcalib.calibrate.batch import calibrate_batch
 from fieldcalib.cli.arguments import folder_name
 from fieldcalib.draw.contact_sheet import contact_sheet
 from fieldcalib.draw.minimap import add_minimap
@@ -32,6 +31,7 @@ from fieldcalib.io.images import write_image
 from fieldcalib.io.output_folder import output_folder
 from fieldcalib.io.soccernet import camera_to_record, format_annotation
 from fieldcalib.problem.labelled_pixels import Pixels
+from fieldcalib.solve.batch import calibrate_batch
 
 IMAGE_SIZE = (960, 540)
 PIXELS_PER_CIRCLE = 9

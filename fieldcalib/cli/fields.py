@@ -6,13 +6,13 @@ import argparse
 from dataclasses import replace
 from functools import lru_cache
 
-from fieldcalib.calibrate.options import ALL, Prior
 from fieldcalib.cli.arguments import NO_PRIOR, positive
 from fieldcalib.cli.parser import did_you_mean
 from fieldcalib.fields.catalogue import FIELDS, field_named
 from fieldcalib.fields.field import Field
 from fieldcalib.io.field_files import is_field_file, read_field
 from fieldcalib.io.files import BrokenFileError
+from fieldcalib.solve.options import ALL, Prior
 
 SOCCER = "soccer"
 KNOWN = "known"

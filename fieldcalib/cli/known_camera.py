@@ -8,13 +8,13 @@ from dataclasses import dataclass
 import numpy as np
 
 from fieldcalib._types import Array
-from fieldcalib.calibrate.given_camera import NOTHING_GIVEN, GivenCamera
-from fieldcalib.calibrate.options import KNOWN_INTRINSICS_FLAGS, CalibrationFlags
 from fieldcalib.cli.arguments import LENSES, Unsaid
 from fieldcalib.geometry.camera import Camera
 from fieldcalib.geometry.rotation import rotation_from_angles
 from fieldcalib.io.files import BrokenFileError
 from fieldcalib.io.intrinsics import Intrinsics, read_intrinsics
+from fieldcalib.solve.given_camera import NOTHING_GIVEN, GivenCamera
+from fieldcalib.solve.options import KNOWN_INTRINSICS_FLAGS, CalibrationFlags
 
 SAME_SHAPE = 0.005  # relative difference of two aspect ratios: sizes are whole numbers
 OFF_MIDDLE = 0.25  # of width and height, beyond which a principal point belongs to images of another size

@@ -9,7 +9,6 @@ from collections.abc import Callable
 from itertools import chain, islice
 
 from fieldcalib.assess.placement import Placement
-from fieldcalib.calibrate.given_camera import check_of_clip
 from fieldcalib.cli.arguments import cut_of
 from fieldcalib.cli.declared import is_aspect_estimated
 from fieldcalib.cli.fields import ESTIMATED, field_of, prior_of
@@ -23,6 +22,7 @@ from fieldcalib.io.formats import CAMERAS, VIDEOS
 from fieldcalib.io.image import Image
 from fieldcalib.io.streams import Stream, StreamReader
 from fieldcalib.io.videos import VideoWriter
+from fieldcalib.solve.given_camera import check_of_clip
 
 
 def is_stream(options: argparse.Namespace) -> bool:

@@ -26,7 +26,6 @@ import fieldcalib
 from fieldcalib._types import Array
 from fieldcalib.assess.result import ANGLE_NAMES, Calibration, Verdict
 from fieldcalib.assess.surprises import SQUASHED
-from fieldcalib.calibrate.aspect import WAS_SQUASHED
 from fieldcalib.cli.arguments import PARQUET
 from fieldcalib.cli.declared import ESTIMATED
 from fieldcalib.cli.run_record import RECORD, RunRecord, recorded
@@ -40,6 +39,7 @@ from fieldcalib.io.output_folder import output_folder
 from fieldcalib.io.parquet import read_parquet, write_parquet
 from fieldcalib.io.results import BROKEN, LINES, TABLE, lines_file
 from fieldcalib.problem.layout import ANGLES, CENTER, LOG_F
+from fieldcalib.solve.aspect import WAS_SQUASHED
 
 SUMMARY = "summary.json"  # of a run that is finished
 MOTION, WORST, TRIPODS = "motion.png", "worst_frames.jpg", "tripods.json"

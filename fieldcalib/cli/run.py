@@ -16,7 +16,6 @@ import numpy as np
 
 from fieldcalib.assess.placement import Placement
 from fieldcalib.assess.result import Calibration
-from fieldcalib.calibrate.field_size import shared_size
 from fieldcalib.cli.arguments import (
     add_camera,
     add_cut,
@@ -59,6 +58,7 @@ from fieldcalib.io.images import IMAGES_AT_ONCE, check_pixels, in_parts
 from fieldcalib.io.line_log import whole_lines
 from fieldcalib.io.results import LINES
 from fieldcalib.localize import Network
+from fieldcalib.solve.field_size import shared_size
 
 TOGETHER = 40  # images of one field that tell its size,
 ROUNDS = 2  # of calibrating them, and estimating it

@@ -21,15 +21,15 @@ import numpy as np
 from fieldcalib._types import Array, BoolArray, IntArray
 from fieldcalib.assess.misfit import rms_by_label
 from fieldcalib.assess.sequence import SequenceCalibration
-from fieldcalib.calibrate.options import Prior, checked_prior, pixel_unit
-from fieldcalib.calibrate.ties import Ties
-from fieldcalib.calibrate.tripod import Labels
 from fieldcalib.fields.field import Field
 from fieldcalib.fields.segments import ObjectSegments
 from fieldcalib.images.frames_together import Cells
 from fieldcalib.problem.background import BackgroundEvaluation
 from fieldcalib.problem.evaluation import evaluate_camera
 from fieldcalib.problem.prior import is_whole_shape
+from fieldcalib.solve.options import Prior, checked_prior, pixel_unit
+from fieldcalib.solve.ties import Ties
+from fieldcalib.solve.tripod import Labels
 
 LEAST_LABELS = 4  # in a keyframe of which one is left out
 LEAST_PIXELS = 3  # of a label that is left out

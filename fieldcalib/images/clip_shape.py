@@ -23,12 +23,6 @@ from fieldcalib.assess.placement import Crop, Placement, Shape
 from fieldcalib.assess.result import Calibration
 from fieldcalib.assess.sequence import SequenceCalibration
 from fieldcalib.assess.whole_picture import SHAPE
-from fieldcalib.calibrate.aspect import SQUARE_LOG_ODDS, WAS_SQUASHED, may_be_squashed, shown_size, stretched
-from fieldcalib.calibrate.given_camera import NOTHING_GIVEN, GivenCamera
-from fieldcalib.calibrate.options import CERTAIN, Prior
-from fieldcalib.calibrate.sequence_solver import SHARED
-from fieldcalib.calibrate.together import labels_of
-from fieldcalib.calibrate.tripod import Labels
 from fieldcalib.fields.segments import ObjectSegments
 from fieldcalib.images.borders import shown_part
 from fieldcalib.images.frame_lines import as_given, per_pixel
@@ -42,6 +36,12 @@ from fieldcalib.problem.evaluation import Problem, evaluate
 from fieldcalib.problem.layout import Layout
 from fieldcalib.problem.losses import RobustLoss
 from fieldcalib.problem.observations import pack
+from fieldcalib.solve.aspect import SQUARE_LOG_ODDS, WAS_SQUASHED, may_be_squashed, shown_size, stretched
+from fieldcalib.solve.given_camera import NOTHING_GIVEN, GivenCamera
+from fieldcalib.solve.options import CERTAIN, Prior
+from fieldcalib.solve.sequence_solver import SHARED
+from fieldcalib.solve.together import labels_of
+from fieldcalib.solve.tripod import Labels
 
 SEEN, APART = 8, 12  # frames that are looked at, and how far they are from one another
 FURTHEST = 3000  # frames, two minutes, among which they are

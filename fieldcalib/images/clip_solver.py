@@ -15,12 +15,6 @@ from fieldcalib.assess.misfit import LEAST_SHARE as LEAST_CONTRADICTED
 from fieldcalib.assess.result import Calibration
 from fieldcalib.assess.sequence import SequenceCalibration
 from fieldcalib.assess.video import NO_TRIPOD, Shot, VideoCalibration
-from fieldcalib.calibrate.centres import nearest_places
-from fieldcalib.calibrate.from_segments import NO_PIXELS
-from fieldcalib.calibrate.given_camera import NOTHING_GIVEN, GivenCamera
-from fieldcalib.calibrate.options import CalibrationFlags, Prior
-from fieldcalib.calibrate.together import labels_of
-from fieldcalib.calibrate.tripod import Labels
 from fieldcalib.fields.segments import ObjectSegments
 from fieldcalib.images.clip_models import (
     LeftOut,
@@ -53,6 +47,12 @@ from fieldcalib.localize.padding import Padded
 from fieldcalib.problem.layout import PRINCIPAL_POINT
 from fieldcalib.problem.prior import is_whole_shape
 from fieldcalib.problem.projection import Projection
+from fieldcalib.solve.centres import nearest_places
+from fieldcalib.solve.from_segments import NO_PIXELS
+from fieldcalib.solve.given_camera import NOTHING_GIVEN, GivenCamera
+from fieldcalib.solve.options import CalibrationFlags, Prior
+from fieldcalib.solve.together import labels_of
+from fieldcalib.solve.tripod import Labels
 
 LONGEST_GAP = 25  # frames without a camera in a row that are interpolated: a second
 BETWEEN = (4, 8)  # frames after a keyframe that the network sees too while no keyframe of the piece is accepted,

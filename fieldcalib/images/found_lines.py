@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 from fieldcalib.assess.result import Calibration
-from fieldcalib.calibrate.batch import calibrate_batch
-from fieldcalib.calibrate.options import PAINT, Prior, pixel_unit
-from fieldcalib.calibrate.together import labels_of
 from fieldcalib.fields.field import Field
 from fieldcalib.geometry.camera import Camera
 from fieldcalib.images.frame_lines import as_given
 from fieldcalib.images.refinement import LOSS_SCALE
 from fieldcalib.problem.losses import RobustLoss
+from fieldcalib.solve.batch import calibrate_batch
+from fieldcalib.solve.options import PAINT, Prior, pixel_unit
+from fieldcalib.solve.together import labels_of
 
 
 def on_found_lines(calibration: Calibration, field: Field, camera: Camera, *, flags: int, prior: Prior) -> Calibration:

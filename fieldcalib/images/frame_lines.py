@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import numpy as np
 
-from fieldcalib.calibrate.options import pixel_unit
-from fieldcalib.calibrate.tripod import Labels
 from fieldcalib.geometry.camera import Camera
 from fieldcalib.images.line_profiles import Markings, lines_near
 from fieldcalib.images.refinement import PROFILES_PER_SEGMENT, SEARCH_RANGES
 from fieldcalib.io.image import Image
 from fieldcalib.problem.labelled_pixels import Pixels, PixelWeights
+from fieldcalib.solve.options import pixel_unit
+from fieldcalib.solve.tripod import Labels
 
 SIGMAS = 3.0  # of the predicted error of a marking, within which its line is searched
 

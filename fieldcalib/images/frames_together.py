@@ -5,8 +5,12 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 
 from fieldcalib._types import Array
-from fieldcalib.calibrate.given_camera import NOTHING_GIVEN, GivenCamera
-from fieldcalib.calibrate.options import (
+from fieldcalib.fields.segments import ObjectSegments
+from fieldcalib.images.matches import Matches
+from fieldcalib.images.refinement import LOSS_SCALE
+from fieldcalib.problem.losses import RobustLoss
+from fieldcalib.solve.given_camera import NOTHING_GIVEN, GivenCamera
+from fieldcalib.solve.options import (
     DEFAULT_FLAGS,
     PAINT,
     CalibrationFlags,
@@ -14,13 +18,9 @@ from fieldcalib.calibrate.options import (
     default_flags,
     pixel_unit,
 )
-from fieldcalib.calibrate.sequence_solver import SequenceSolver, sequence_solver
-from fieldcalib.calibrate.ties import LEAST_CELLS, thinned
-from fieldcalib.calibrate.tripod import Labels
-from fieldcalib.fields.segments import ObjectSegments
-from fieldcalib.images.matches import Matches
-from fieldcalib.images.refinement import LOSS_SCALE
-from fieldcalib.problem.losses import RobustLoss
+from fieldcalib.solve.sequence_solver import SequenceSolver, sequence_solver
+from fieldcalib.solve.ties import LEAST_CELLS, thinned
+from fieldcalib.solve.tripod import Labels
 
 Cells = tuple[Array, Array]
 """Matched pixels (n, 2) of two frames, averaged over cells."""

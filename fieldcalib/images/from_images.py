@@ -12,9 +12,6 @@ from numpy.typing import ArrayLike
 
 from fieldcalib.assess.result import LEAST_PROBABILITY, Calibration, Status
 from fieldcalib.assess.together import compute_errors
-from fieldcalib.calibrate.given_camera import GivenCamera
-from fieldcalib.calibrate.options import ALL, DEFAULT_FLAGS, Prior
-from fieldcalib.calibrate.told_size import on_told_size
 from fieldcalib.fields.field import Field
 from fieldcalib.fields.segments import ObjectSegments
 from fieldcalib.geometry.camera import Camera
@@ -37,6 +34,9 @@ from fieldcalib.localize import Localization, Network, localize
 from fieldcalib.localize.flow import check_network
 from fieldcalib.problem.labelled_pixels import check_object
 from fieldcalib.processes.jobs import in_order
+from fieldcalib.solve.given_camera import GivenCamera
+from fieldcalib.solve.options import ALL, DEFAULT_FLAGS, Prior
+from fieldcalib.solve.told_size import on_told_size
 
 LEAST_WEIGHT = 0.7  # of a segment (1 if it is labelled by hand): those below are mostly false detections
 LEAST_SEGMENTS = 3  # determine a camera; where fewer have that weight, all segments are used

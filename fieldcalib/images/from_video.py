@@ -22,9 +22,6 @@ from numpy.typing import ArrayLike
 
 from fieldcalib.assess.placement import Placement
 from fieldcalib.assess.video import VideoCalibration
-from fieldcalib.calibrate.given_camera import GivenCamera, check_of_clip
-from fieldcalib.calibrate.options import ALL, DEFAULT_FLAGS, CalibrationFlags, Prior
-from fieldcalib.calibrate.sequence_solver import SHARED, SHARED_IN_MOTION, SIZE
 from fieldcalib.fields.segments import ObjectSegments
 from fieldcalib.images.clip_models import said_of_crown
 from fieldcalib.images.clip_shape import LookedAt
@@ -38,6 +35,9 @@ from fieldcalib.localize import Network
 from fieldcalib.localize.flow import check_network
 from fieldcalib.localize.network import SegmentationNetwork
 from fieldcalib.problem.labelled_pixels import check_object
+from fieldcalib.solve.given_camera import GivenCamera, check_of_clip
+from fieldcalib.solve.options import ALL, DEFAULT_FLAGS, CalibrationFlags, Prior
+from fieldcalib.solve.sequence_solver import SHARED, SHARED_IN_MOTION, SIZE
 
 Mount = Literal["tripod", "moving"]
 SHARED_BY: dict[Mount, tuple[str, ...]] = {"tripod": SHARED, "moving": SHARED_IN_MOTION}

@@ -15,14 +15,14 @@ import numpy as np
 
 from fieldcalib.assess.result import Calibration, Status
 from fieldcalib.assess.verdict import LABEL_MORE
-from fieldcalib.calibrate.batch import calibrate_batch
-from fieldcalib.calibrate.given_camera import NOTHING_GIVEN, GivenCamera
-from fieldcalib.calibrate.options import CalibrationFlags, Prior
 from fieldcalib.fields.segments import ObjectSegments
 from fieldcalib.images.line_profiles import Markings
 from fieldcalib.images.refinement import SEARCH_RANGES, line_support, near_labels
 from fieldcalib.io.image import Image
 from fieldcalib.localize import Localization
+from fieldcalib.solve.batch import calibrate_batch
+from fieldcalib.solve.given_camera import NOTHING_GIVEN, GivenCamera
+from fieldcalib.solve.options import CalibrationFlags, Prior
 
 HEAVIEST = 5  # segments, by the weight of their pixels
 PER_HYPOTHESIS = 3  # of them, the fewest that determine a camera: 10 hypotheses

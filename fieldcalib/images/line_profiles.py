@@ -15,7 +15,6 @@ from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import ArrayLike
 
 from fieldcalib._types import Array, BoolArray, Float32, IntArray
-from fieldcalib.calibrate.options import pixel_unit
 from fieldcalib.fields.field import Field
 from fieldcalib.fields.segments import Arc, ObjectSegments, Point, PointCloud, Segment, outwards
 from fieldcalib.fields.stands import SOCCER_SCALE
@@ -23,6 +22,7 @@ from fieldcalib.fields.traits import LineLook, Paint
 from fieldcalib.geometry.camera import Camera
 from fieldcalib.io.image import Image
 from fieldcalib.problem.labelled_pixels import Pixels
+from fieldcalib.solve.options import pixel_unit
 
 POINT_SPACING = 1.0 / 160.0  # of the field's scale, along a marking: between points where a profile may be placed
 

@@ -15,10 +15,10 @@ import numpy as np
 
 from fieldcalib.assess.placement import Placement, Shape
 from fieldcalib.assess.whole_picture import SHAPE
-from fieldcalib.calibrate.aspect import may_be_squashed
 from fieldcalib.images.borders import shown_part
 from fieldcalib.images.clip_shape import APART, DARK, SEEN, LookedAt, placement_within, shape_of_odds, shape_within
 from fieldcalib.io.image import Image
+from fieldcalib.solve.aspect import may_be_squashed
 
 ASKED = SEEN // 2, SEEN  # pictures after which it is asked whether they were squashed
 SAME = 2  # px: borders that differ by no more are the same, up to compression

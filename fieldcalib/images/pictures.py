@@ -1,7 +1,7 @@
 """Pictures that are not whole frames with square pixels, without anybody saying so.
 
 Black borders are taken off. A picture of another shape than 16:9 is calibrated as it is and as it would be shown if it
-had been squashed, and what the lines in it make more likely is given (`fieldcalib.calibrate.aspect`). A picture that is
+had been squashed, and what the lines in it make more likely is given (`fieldcalib.solve.aspect`). A picture that is
 doubted to be a whole frame is calibrated again as a part of one.
 """
 
@@ -15,9 +15,6 @@ import numpy as np
 from fieldcalib._json import from_json
 from fieldcalib._types import Array
 from fieldcalib.assess.result import Calibration
-from fieldcalib.calibrate.aspect import log_evidence, may_be_squashed, shown_size, stretched, told
-from fieldcalib.calibrate.batch import calibrate_batch
-from fieldcalib.calibrate.options import PAINT, Prior, pixel_unit
 from fieldcalib.fields.segments import ObjectSegments
 from fieldcalib.images.borders import shown_part
 from fieldcalib.images.refinement import LOSS_SCALE
@@ -25,6 +22,9 @@ from fieldcalib.io.image import Image
 from fieldcalib.problem.labelled_pixels import Pixels
 from fieldcalib.problem.losses import RobustLoss
 from fieldcalib.problem.records import problem_to_record
+from fieldcalib.solve.aspect import log_evidence, may_be_squashed, shown_size, stretched, told
+from fieldcalib.solve.batch import calibrate_batch
+from fieldcalib.solve.options import PAINT, Prior, pixel_unit
 
 Method = Callable[[Sequence[Image]], list[Calibration]]
 

@@ -15,9 +15,6 @@ from numpy.typing import ArrayLike
 from fieldcalib.assess.markings import paint_share
 from fieldcalib.assess.result import Calibration
 from fieldcalib.assess.verdict import segment_errors
-from fieldcalib.calibrate.batch import calibrate_batch
-from fieldcalib.calibrate.from_homography import calibrate_from_homography
-from fieldcalib.calibrate.options import ALL, DEFAULT_FLAGS, PAINT, CalibrationFlags, Prior, pixel_unit
 from fieldcalib.fields.segments import ObjectSegments
 from fieldcalib.geometry.camera import Camera
 from fieldcalib.geometry.homography import YARD
@@ -27,6 +24,9 @@ from fieldcalib.io.image import Image, checked_image
 from fieldcalib.problem.evaluation import evaluate_cameras
 from fieldcalib.problem.labelled_pixels import ImageSegments, Pixels, Weights, check_segments
 from fieldcalib.problem.losses import RobustLoss
+from fieldcalib.solve.batch import calibrate_batch
+from fieldcalib.solve.from_homography import calibrate_from_homography
+from fieldcalib.solve.options import ALL, DEFAULT_FLAGS, PAINT, CalibrationFlags, Prior, pixel_unit
 
 # Lengths are in pixels of a 960 x 540 image and grow with the image.
 SEARCH_RANGES = (12.0, 4.0)  # px from the projected markings, in the first and the second pass

@@ -23,12 +23,6 @@ from fieldcalib.assess.markings import MarkingInView
 from fieldcalib.assess.own_errors import OwnErrors
 from fieldcalib.assess.result import Calibration, Status
 from fieldcalib.assess.sequence import STEP, Basis
-from fieldcalib.calibrate.frame_columns import FrameColumns
-from fieldcalib.calibrate.given_camera import GivenCamera, check_of_clip
-from fieldcalib.calibrate.options import ALL, DEFAULT_FLAGS, Prior
-from fieldcalib.calibrate.sequence_solver import SHARED, SIZE
-from fieldcalib.calibrate.ties import Ties, stepped, with_tied
-from fieldcalib.calibrate.tripod import Labels
 from fieldcalib.fields.segments import ObjectSegments
 from fieldcalib.geometry.camera import Camera
 from fieldcalib.images.clip_shape import LookedAt
@@ -56,6 +50,12 @@ from fieldcalib.localize.flow import check_network
 from fieldcalib.localize.network import SegmentationNetwork
 from fieldcalib.problem.labelled_pixels import check_object
 from fieldcalib.processes.other_process import OtherProcess
+from fieldcalib.solve.frame_columns import FrameColumns
+from fieldcalib.solve.given_camera import GivenCamera, check_of_clip
+from fieldcalib.solve.options import ALL, DEFAULT_FLAGS, Prior
+from fieldcalib.solve.sequence_solver import SHARED, SIZE
+from fieldcalib.solve.ties import Ties, stepped, with_tied
+from fieldcalib.solve.tripod import Labels
 
 NICENESS = 2  # of the process that solves keyframes: `update` comes first where there are few cores
 NEEDED = ("cv2", "fieldcalib.images.shot_solver")  # in that process

@@ -14,14 +14,14 @@ import numpy as np
 from fieldcalib._types import Array, IntArray
 from fieldcalib.assess.misfit import misfit, rms_by_label
 from fieldcalib.assess.sequence import SequenceCalibration
-from fieldcalib.calibrate.options import pixel_unit
-from fieldcalib.calibrate.tripod import Labels
 from fieldcalib.fields.segments import ObjectSegments
 from fieldcalib.images.frame_lines import per_pixel
 from fieldcalib.images.refinement import LOSS_SCALE
 from fieldcalib.problem.evaluation import Evaluation, Problem, evaluate
 from fieldcalib.problem.losses import RobustLoss
 from fieldcalib.problem.observations import pack
+from fieldcalib.solve.options import pixel_unit
+from fieldcalib.solve.tripod import Labels
 
 ENOUGH = (
     6  # labels in a keyframe, of which the worst does not count: a board is taken for the far touchline for a while

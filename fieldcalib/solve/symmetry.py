@@ -12,11 +12,11 @@ from dataclasses import dataclass
 import numpy as np
 
 from fieldcalib._types import Array, BoolArray
-from fieldcalib.calibrate.options import CERTAIN, Options
 from fieldcalib.fields.field import Field
 from fieldcalib.problem.layout import CENTER, PAN, POSE_AND_ZOOM, turned_around
 from fieldcalib.problem.observations import Observations
 from fieldcalib.problem.prior import GaussianPrior
+from fieldcalib.solve.options import CERTAIN, Options
 
 
 @dataclass(frozen=True)

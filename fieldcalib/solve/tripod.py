@@ -12,17 +12,17 @@ from fieldcalib._types import Array, IntArray
 from fieldcalib.assess.own_errors import OwnErrors, own_errors
 from fieldcalib.assess.result import Calibration
 from fieldcalib.assess.sequence import LARGEST_ERROR
-from fieldcalib.calibrate.centres import Centres
-from fieldcalib.calibrate.frame_columns import FrameColumns
-from fieldcalib.calibrate.from_segments import NO_PIXELS, motion_of
-from fieldcalib.calibrate.initial_cameras import given_cameras
-from fieldcalib.calibrate.options import Options
 from fieldcalib.fields.segments import ObjectSegments
 from fieldcalib.problem.background import BackgroundPairs
 from fieldcalib.problem.evaluation import Problem, evaluate
 from fieldcalib.problem.labelled_pixels import Pixels, PixelWeights
 from fieldcalib.problem.levenberg_marquardt import levenberg_marquardt
 from fieldcalib.problem.observations import pack
+from fieldcalib.solve.centres import Centres
+from fieldcalib.solve.frame_columns import FrameColumns
+from fieldcalib.solve.from_segments import NO_PIXELS, motion_of
+from fieldcalib.solve.initial_cameras import given_cameras
+from fieldcalib.solve.options import Options
 
 FOLLOWED = 1e-4  # of the cost, at which a frame that follows is done: a hundredth of its standard deviation
 

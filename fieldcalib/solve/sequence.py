@@ -1,7 +1,7 @@
 """Frames of one camera: what they share is estimated from all of them together.
 
 Over a shot the law by which principal point and lens follow the zoom and the size of the field do not change, and, on a
-tripod, the centre. `fieldcalib.calibrate.sequence_solver` has the flow.
+tripod, the centre. `fieldcalib.solve.sequence_solver` has the flow.
 """
 
 from __future__ import annotations
@@ -9,15 +9,15 @@ from __future__ import annotations
 from collections.abc import Iterable, Sequence
 
 from fieldcalib.assess.sequence import SequenceCalibration
-from fieldcalib.calibrate.options import (
-    PAINT,
-    Prior,
-)
-from fieldcalib.calibrate.sequence_solver import SHARED, sequence_solver
-from fieldcalib.calibrate.ties import Matched
 from fieldcalib.fields.segments import ObjectSegments
 from fieldcalib.problem.labelled_pixels import ImageSegments, Weights
 from fieldcalib.problem.losses import LossName, RobustLoss
+from fieldcalib.solve.options import (
+    PAINT,
+    Prior,
+)
+from fieldcalib.solve.sequence_solver import SHARED, sequence_solver
+from fieldcalib.solve.ties import Matched
 
 
 def calibrate_sequence(

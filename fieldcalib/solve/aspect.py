@@ -17,11 +17,11 @@ from numpy.typing import ArrayLike
 from fieldcalib._types import Array
 from fieldcalib.assess.result import Calibration
 from fieldcalib.assess.whole_picture import SHAPE
-from fieldcalib.calibrate.label_ends import with_border_asked
-from fieldcalib.calibrate.options import CERTAIN
 from fieldcalib.fields.segments import ObjectSegments
 from fieldcalib.problem.labelled_pixels import ImageSegments
 from fieldcalib.problem.prior import frame_around, is_whole_shape
+from fieldcalib.solve.label_ends import with_border_asked
+from fieldcalib.solve.options import CERTAIN
 
 SQUASHED_RATIOS = 0.5, 3.2  # of width and height
 # Squares are what networks are trained with, and nothing that is filmed: prior log odds that one was squashed.

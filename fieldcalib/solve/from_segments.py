@@ -3,7 +3,7 @@
     checked pixels -> initial cameras -> wide loss, all of them -> the best plausible one -> narrow loss
                    -> mislabelled segments -> ends of segments -> verdict
 
-Many frames (`fieldcalib.calibrate.batch`) are solved by the batched Levenberg-Marquardt; one frame is finished by
+Many frames (`fieldcalib.solve.batch`) are solved by the batched Levenberg-Marquardt; one frame is finished by
 SciPy's `least_squares` from there. Both minimise the same cost.
 """
 
@@ -22,20 +22,6 @@ from fieldcalib.assess.observability import Information
 from fieldcalib.assess.result import Calibration, Status, SuspectLabel
 from fieldcalib.assess.solved import Solved
 from fieldcalib.assess.verdict import Evidence, implausibilities, segment_errors, verdict
-from fieldcalib.calibrate.aspect import with_aspect_as_told
-from fieldcalib.calibrate.auto_lens import with_lens_as_called_for
-from fieldcalib.calibrate.given_camera import GivenCamera, as_fixed
-from fieldcalib.calibrate.label_ends import with_border_asked
-from fieldcalib.calibrate.mislabels import Relabelled, without_mislabels
-from fieldcalib.calibrate.options import (
-    DEFAULT_CRITERIA,
-    Criteria,
-    Options,
-    Prior,
-    checked_options,
-)
-from fieldcalib.calibrate.search import find_cameras
-from fieldcalib.calibrate.symmetry import other_side, repeats
 from fieldcalib.fields.field import Field
 from fieldcalib.fields.segments import ObjectSegments
 from fieldcalib.geometry.camera import Camera
@@ -54,6 +40,20 @@ from fieldcalib.problem.levenberg_marquardt import Solution, levenberg_marquardt
 from fieldcalib.problem.losses import LossName, RobustLoss
 from fieldcalib.problem.observations import Observations, pack
 from fieldcalib.problem.segment_ends import with_segment_ends
+from fieldcalib.solve.aspect import with_aspect_as_told
+from fieldcalib.solve.auto_lens import with_lens_as_called_for
+from fieldcalib.solve.given_camera import GivenCamera, as_fixed
+from fieldcalib.solve.label_ends import with_border_asked
+from fieldcalib.solve.mislabels import Relabelled, without_mislabels
+from fieldcalib.solve.options import (
+    DEFAULT_CRITERIA,
+    Criteria,
+    Options,
+    Prior,
+    checked_options,
+)
+from fieldcalib.solve.search import find_cameras
+from fieldcalib.solve.symmetry import other_side, repeats
 
 NOISY = 4.0  # times the usual noise: of 755 good cameras of annotated frames none misses its labels by more than 2.7
 POORLY_DETERMINED = 0.5  # share of k1 that comes from the labels, below which the message says so

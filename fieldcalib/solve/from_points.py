@@ -12,19 +12,6 @@ from numpy.typing import ArrayLike
 from fieldcalib._types import Array
 from fieldcalib.assess.result import Calibration, Status, Verdict
 from fieldcalib.assess.solved import Solved
-from fieldcalib.calibrate.coordinates import check_coordinates
-from fieldcalib.calibrate.from_segments import calibrate_from_segments
-from fieldcalib.calibrate.options import (
-    ALL,
-    DEFAULT_CRITERIA,
-    PINHOLE_FLAGS,
-    CalibrationFlags,
-    Criteria,
-    Options,
-    Prior,
-    checked_options,
-)
-from fieldcalib.calibrate.resection import LEAST_IN_SPACE, LEAST_ON_PLANE, resect
 from fieldcalib.fields.segments import Point
 from fieldcalib.fields.soccer import soccer, soccer_points
 from fieldcalib.fields.stands import CameraDistribution
@@ -36,6 +23,19 @@ from fieldcalib.problem.labelled_pixels import Pixels, checked_weight
 from fieldcalib.problem.layout import ANGLES, CENTER, LOG_ASPECT, LOG_F, PRINCIPAL_POINT
 from fieldcalib.problem.losses import LossName, RobustLoss
 from fieldcalib.problem.observations import pack
+from fieldcalib.solve.coordinates import check_coordinates
+from fieldcalib.solve.from_segments import calibrate_from_segments
+from fieldcalib.solve.options import (
+    ALL,
+    DEFAULT_CRITERIA,
+    PINHOLE_FLAGS,
+    CalibrationFlags,
+    Criteria,
+    Options,
+    Prior,
+    checked_options,
+)
+from fieldcalib.solve.resection import LEAST_IN_SPACE, LEAST_ON_PLANE, resect
 
 HORIZONTAL = rotation_from_angles(np.array([0.0, np.pi / 2.0, 0.0]))  # towards the far side, horizontally
 SOLVED_SIZE = 30.0  # metres: root mean square distance from the centroid, about that of the part of a field in view

@@ -8,14 +8,14 @@ import numpy as np
 
 from fieldcalib._types import Array, BoolArray, IntArray
 from fieldcalib.assess.verdict import implausibilities
-from fieldcalib.calibrate.initial_cameras import given_cameras, initial_cameras
-from fieldcalib.calibrate.options import Options
-from fieldcalib.calibrate.symmetry import on_main_side
 from fieldcalib.problem.evaluation import Evaluation, Problem, evaluate
 from fieldcalib.problem.layout import ANGLES, CENTER, PAN, Layout, Role, turned_around
 from fieldcalib.problem.levenberg_marquardt import FAR, levenberg_marquardt
 from fieldcalib.problem.observations import Observations
 from fieldcalib.problem.prior import GaussianPrior
+from fieldcalib.solve.initial_cameras import given_cameras, initial_cameras
+from fieldcalib.solve.options import Options
+from fieldcalib.solve.symmetry import on_main_side
 
 FIRST_ITERATIONS = 4  # of every initial camera
 PROMISING = 3  # cameras of a frame that go on,

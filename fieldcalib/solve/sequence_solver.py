@@ -2,7 +2,7 @@
 
     frames one by one -> the place of the tripod -> every frame from there -> all together -> every frame again
 
-A camera that moves has a smooth path instead of one place (`fieldcalib.calibrate.centres`).
+A camera that moves has a smooth path instead of one place (`fieldcalib.solve.centres`).
 
 What frames share are blocks that stand once (`fieldcalib.problem.layout`); pan, tilt, roll and zoom are each frame's
 own, and eliminated (`fieldcalib.problem.levenberg_marquardt`). A few hundred frames tell what is shared as well as all
@@ -25,24 +25,6 @@ from fieldcalib.assess.own_errors import OwnErrors, own_errors
 from fieldcalib.assess.result import Calibration, Status
 from fieldcalib.assess.sequence import LARGEST_ERROR, SequenceCalibration
 from fieldcalib.assess.shared import by_considered, shared_covariance
-from fieldcalib.calibrate.batch import CHUNK, calibrate_frames, checked_frames
-from fieldcalib.calibrate.centres import ACCELERATION, expected_centres, near_path, on_path, voted_centres
-from fieldcalib.calibrate.frame_columns import FrameColumns
-from fieldcalib.calibrate.given_camera import NOTHING_GIVEN, GivenCamera
-from fieldcalib.calibrate.initial_cameras import given_cameras
-from fieldcalib.calibrate.options import (
-    DEFAULT_CRITERIA,
-    CalibrationFlags,
-    Options,
-    Prior,
-    checked_options,
-    default_flags,
-)
-from fieldcalib.calibrate.shared_starts import SAME, WIDTHS, elsewhere, followed, narrowing
-from fieldcalib.calibrate.solved_together import SolvedTogether, Start
-from fieldcalib.calibrate.ties import Matched, Ties, contradicted, with_tied
-from fieldcalib.calibrate.together import labels_of, put_together
-from fieldcalib.calibrate.tripod import KnownTripod, Labels, PixelNoise
 from fieldcalib.fields.field import Field
 from fieldcalib.fields.segments import ObjectSegments
 from fieldcalib.problem.background import BackgroundEvaluation, BackgroundPairs
@@ -54,6 +36,24 @@ from fieldcalib.problem.losses import LossName, RobustLoss
 from fieldcalib.problem.observations import pack
 from fieldcalib.problem.prior import gaussian_priors
 from fieldcalib.problem.smooth_path import SmoothPath
+from fieldcalib.solve.batch import CHUNK, calibrate_frames, checked_frames
+from fieldcalib.solve.centres import ACCELERATION, expected_centres, near_path, on_path, voted_centres
+from fieldcalib.solve.frame_columns import FrameColumns
+from fieldcalib.solve.given_camera import NOTHING_GIVEN, GivenCamera
+from fieldcalib.solve.initial_cameras import given_cameras
+from fieldcalib.solve.options import (
+    DEFAULT_CRITERIA,
+    CalibrationFlags,
+    Options,
+    Prior,
+    checked_options,
+    default_flags,
+)
+from fieldcalib.solve.shared_starts import SAME, WIDTHS, elsewhere, followed, narrowing
+from fieldcalib.solve.solved_together import SolvedTogether, Start
+from fieldcalib.solve.ties import Matched, Ties, contradicted, with_tied
+from fieldcalib.solve.together import labels_of, put_together
+from fieldcalib.solve.tripod import KnownTripod, Labels, PixelNoise
 
 SIZE = "field size"
 SHARED = ("centre", "principal point", "lens", "zoom law", SIZE)

@@ -10,15 +10,15 @@ from numpy.typing import ArrayLike
 from fieldcalib.assess.ndc import ndc_loss
 from fieldcalib.assess.result import Calibration, Status
 from fieldcalib.assess.verdict import disagreement, implausibilities, segment_errors
-from fieldcalib.calibrate.coordinates import UNITS, may_be_from_a_corner, reading_of_camera
-from fieldcalib.calibrate.decomposition import Decomposition, camera_from_homography
-from fieldcalib.calibrate.options import WIDE_SCALE, pixel_unit
 from fieldcalib.fields.field import Field
 from fieldcalib.fields.segments import ObjectSegments
 from fieldcalib.fields.soccer import soccer
 from fieldcalib.geometry.camera import Camera
 from fieldcalib.problem.evaluation import evaluate_camera
 from fieldcalib.problem.labelled_pixels import Pixels
+from fieldcalib.solve.coordinates import UNITS, may_be_from_a_corner, reading_of_camera
+from fieldcalib.solve.decomposition import Decomposition, camera_from_homography
+from fieldcalib.solve.options import WIDE_SCALE, pixel_unit
 
 NAN = float("nan")
 TO_CORNER = "[[1, 0, length / 2], [0, 1, width / 2], [0, 0, 1]]"

@@ -12,7 +12,6 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from fieldcalib._types import IntArray
-from fieldcalib.calibrate.options import CERTAIN, Options
 from fieldcalib.fields.segments import ObjectSegments
 from fieldcalib.geometry.lens import BrownConradyLens
 from fieldcalib.problem.evaluation import Evaluation
@@ -20,6 +19,7 @@ from fieldcalib.problem.layout import Layout, Role
 from fieldcalib.problem.levenberg_marquardt import Solution, levenberg_marquardt
 from fieldcalib.problem.prior import GaussianPrior
 from fieldcalib.problem.segment_ends import with_segment_ends
+from fieldcalib.solve.options import CERTAIN, Options
 
 LEVELS = (("k2",), ("k2", "k3", "p1", "p2"))
 

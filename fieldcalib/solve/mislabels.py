@@ -27,8 +27,6 @@ import numpy as np
 from fieldcalib._types import Array, BoolArray, IntArray
 from fieldcalib.assess.result import SuspectLabel
 from fieldcalib.assess.verdict import disagreement, implausibilities
-from fieldcalib.calibrate.options import CERTAIN, Options
-from fieldcalib.calibrate.search import find_cameras
 from fieldcalib.fields.field import Field
 from fieldcalib.fields.segments import ObjectSegments, Point, boxes
 from fieldcalib.problem.evaluation import Evaluation, Problem, evaluate
@@ -36,6 +34,8 @@ from fieldcalib.problem.labelled_pixels import Pixels, PixelWeights
 from fieldcalib.problem.levenberg_marquardt import levenberg_marquardt
 from fieldcalib.problem.observations import pack
 from fieldcalib.problem.prior import GaussianPrior
+from fieldcalib.solve.options import CERTAIN, Options
+from fieldcalib.solve.search import find_cameras
 
 WRONG = 0.035  # share of labels that are wrong: 3 to 4 % of SoccerNet's test annotations
 LOG_ODDS = float(np.log((1.0 - WRONG) / WRONG))

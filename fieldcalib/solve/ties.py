@@ -13,7 +13,6 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from fieldcalib._types import Array, BoolArray, IntArray
-from fieldcalib.calibrate.options import pixel_unit
 from fieldcalib.fields.field import Field
 from fieldcalib.fields.segments import ObjectSegments
 from fieldcalib.problem.background import BackgroundEvaluation, BackgroundPairs
@@ -23,6 +22,7 @@ from fieldcalib.problem.levenberg_marquardt import levenberg_marquardt
 from fieldcalib.problem.losses import RobustLoss
 from fieldcalib.problem.observations import pack
 from fieldcalib.problem.prior import GaussianPrior
+from fieldcalib.solve.options import pixel_unit
 
 # Lengths are in pixels of a 960 x 540 image and grow with the image.
 CELLS = (10, 6)  # across and down the picture

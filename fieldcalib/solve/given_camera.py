@@ -9,8 +9,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from fieldcalib.assess.result import Calibration
-from fieldcalib.calibrate.options import WHOLE_LENS, CalibrationFlags
 from fieldcalib.geometry.camera import Camera
+from fieldcalib.solve.options import WHOLE_LENS, CalibrationFlags
 
 _F = CalibrationFlags
 

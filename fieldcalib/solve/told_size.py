@@ -17,13 +17,13 @@ from fieldcalib._types import Array, BoolArray
 from fieldcalib.assess.result import Calibration, Status
 from fieldcalib.assess.size_evidence import SizeEvidence
 from fieldcalib.assess.solved import Solved
-from fieldcalib.calibrate.options import DEFAULT_CRITERIA
 from fieldcalib.fields.field import Field
 from fieldcalib.geometry.camera import Camera
 from fieldcalib.problem.evaluation import Evaluation, evaluate
 from fieldcalib.problem.layout import Layout, Role, SizeBlock
 from fieldcalib.problem.levenberg_marquardt import levenberg_marquardt
 from fieldcalib.problem.prior import GaussianPrior
+from fieldcalib.solve.options import DEFAULT_CRITERIA
 
 LIKELY = 0.5  # probability of the given size from which on a frame is calibrated on it
 TOLD = 2.0  # m: standard deviation of a length or width that a frame tells; less than what is known of them anyway

@@ -20,9 +20,6 @@ import numpy as np
 from fieldcalib._types import Array
 from fieldcalib.assess.result import Calibration, Status
 from fieldcalib.assess.shared import shared_covariance
-from fieldcalib.calibrate.batch import calibrate_batch
-from fieldcalib.calibrate.options import DEFAULT_CRITERIA, DEFAULT_FLAGS, Prior
-from fieldcalib.calibrate.together import labels_of, put_together
 from fieldcalib.fields.field import Field
 from fieldcalib.fields.traits import DEVIATIONS, SizePrior
 from fieldcalib.problem.evaluation import Evaluation
@@ -30,6 +27,9 @@ from fieldcalib.problem.labelled_pixels import ImageSegments
 from fieldcalib.problem.layout import Layout, Role, SizeBlock
 from fieldcalib.problem.levenberg_marquardt import levenberg_marquardt
 from fieldcalib.problem.prior import GaussianPrior
+from fieldcalib.solve.batch import calibrate_batch
+from fieldcalib.solve.options import DEFAULT_CRITERIA, DEFAULT_FLAGS, Prior
+from fieldcalib.solve.together import labels_of, put_together
 
 STILL = 1e-3  # metres: a size that moves by less stays
 ROUNDS = 10

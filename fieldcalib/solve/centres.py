@@ -12,9 +12,9 @@ import numpy as np
 
 from fieldcalib._types import Array, BoolArray, IntArray
 from fieldcalib.assess.result import Calibration
-from fieldcalib.calibrate.frame_columns import FrameColumns
 from fieldcalib.problem.layout import CENTER
 from fieldcalib.problem.prior import GaussianPrior
+from fieldcalib.solve.frame_columns import FrameColumns
 
 # Per frame of 25 a second: a camera on wires or a drone speeds up by 5 m/s^2, and does not fly faster than 10 m/s.
 ACCELERATION = 0.008  # m per frame squared: standard deviation of a coordinate

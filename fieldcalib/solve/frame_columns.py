@@ -11,8 +11,8 @@ from fieldcalib.assess.level import if_level
 from fieldcalib.assess.own_errors import OwnErrors, ground_errors
 from fieldcalib.assess.result import Calibration, Status, SuspectLabel
 from fieldcalib.assess.sequence import BASES, LARGEST_ERROR, STATUSES, Basis, Frames
-from fieldcalib.calibrate.options import Options
 from fieldcalib.problem.evaluation import Evaluation
+from fieldcalib.solve.options import Options
 
 
 class FrameColumns:

@@ -13,10 +13,10 @@ from fieldcalib._types import Array, BoolArray, IntArray
 from fieldcalib.assess.level import if_level
 from fieldcalib.assess.misfit import Misfit, misfit
 from fieldcalib.assess.result import Calibration
-from fieldcalib.calibrate.together import labels_of
-from fieldcalib.calibrate.tripod import Labels, PixelNoise
 from fieldcalib.problem.evaluation import Evaluation
 from fieldcalib.problem.layout import CENTER, Layout, Role
+from fieldcalib.solve.together import labels_of
+from fieldcalib.solve.tripod import Labels, PixelNoise
 
 
 @dataclass(frozen=True, eq=False)

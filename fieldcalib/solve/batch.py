@@ -12,19 +12,6 @@ from numpy.typing import ArrayLike
 
 from fieldcalib._types import Array, IntArray
 from fieldcalib.assess.result import Calibration, Status
-from fieldcalib.calibrate.aspect import with_aspect_as_told
-from fieldcalib.calibrate.from_segments import NO_PIXELS, calibrate_checked
-from fieldcalib.calibrate.given_camera import GivenCamera, as_fixed
-from fieldcalib.calibrate.handed_over import HandedOver
-from fieldcalib.calibrate.options import (
-    DEFAULT_CRITERIA,
-    CalibrationFlags,
-    Criteria,
-    Options,
-    Prior,
-    checked_options,
-    default_flags,
-)
 from fieldcalib.fields.field import Field
 from fieldcalib.fields.segments import Line, ObjectSegments
 from fieldcalib.geometry.camera import Camera
@@ -40,6 +27,19 @@ from fieldcalib.problem.labelled_pixels import (
 from fieldcalib.problem.levenberg_marquardt import levenberg_marquardt
 from fieldcalib.problem.losses import LossName, RobustLoss
 from fieldcalib.processes.jobs import in_order
+from fieldcalib.solve.aspect import with_aspect_as_told
+from fieldcalib.solve.from_segments import NO_PIXELS, calibrate_checked
+from fieldcalib.solve.given_camera import GivenCamera, as_fixed
+from fieldcalib.solve.handed_over import HandedOver
+from fieldcalib.solve.options import (
+    DEFAULT_CRITERIA,
+    CalibrationFlags,
+    Criteria,
+    Options,
+    Prior,
+    checked_options,
+    default_flags,
+)
 
 CHUNK = 128  # frames solved together: their arrays still fit the processor's cache
 CHUNK_PIXELS = 16384  # of them together, padding included: bounds the memory of densely labelled frames
