@@ -260,7 +260,8 @@ class Calibration:
         """Of labels by hand, `fieldcalib.assess.cut_labels`."""
         if not self.are_annotated or self.solved is None or self.field is None:
             return 0.0
-        pixels, _ = self.solved.evaluation.problem.observations.without_ends.unpacked(self.solved.frame)
+        frame = slice(self.solved.frame, self.solved.frame + 1)
+        pixels, _ = next(self.solved.evaluation.problem.observations.take(frame).by_frame())
         return log_ratio_of_cut(self.field, pixels, self._solved_uncertainty.camera)
 
     @property
