@@ -15,7 +15,7 @@ import numpy as np
 from numba import njit
 
 from fieldcalib._types import Array, IntArray
-from fieldcalib.geometry.lens import FOLD
+from fieldcalib.geometry.lens.model import FOLD
 from fieldcalib.problem import closest_points as by_numpy
 from fieldcalib.problem.layout import LOG_ASPECT, LOG_F, PAN, ROLL
 from fieldcalib.problem.losses import LossName, RobustLoss

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from itertools import groupby
 from typing import Any
 
@@ -11,18 +11,12 @@ import numpy as np
 from fieldcalib._json import from_json, to_json
 from fieldcalib._types import Array, IntArray
 from fieldcalib.fields.traits import Crown
-from fieldcalib.geometry.lens import BrownConradyLens, Lens, Pinhole, RadialLens
+from fieldcalib.geometry.lens import LENSES
 from fieldcalib.problem.evaluation import Problem
 from fieldcalib.problem.layout import Layout, SizeBlock, ZoomLaw
 from fieldcalib.problem.losses import RobustLoss
 from fieldcalib.problem.observations import LEAST_DEPTH, Observations, Rows
 from fieldcalib.problem.prior import GaussianPrior
-
-LENSES: Mapping[str, Callable[[float], Lens]] = {
-    "pinhole": Pinhole,
-    "radial": RadialLens,
-    "brown conrady": BrownConradyLens,
-}
 
 
 def problem_to_record(problem: Problem, frame: int) -> dict[str, Any]:
@@ -126,10 +120,9 @@ def _joined(parts: list[tuple[Array | IntArray, ...]], depth: int) -> Rows:
 def layout_to_record(layout: Layout) -> dict[str, Any]:
     """The layout of a camera's parameters."""
     size = layout.field_size
-    (lens,) = (name for name, kind in LENSES.items() if kind is type(layout.lens))
     return {
         "image_size": list(layout.image_size),
-        "lens": {"name": lens, "rho": to_json(layout.lens.rho)},
+        "lens": {"name": layout.lens.name, "rho": to_json(layout.lens.rho)},
         "roles": layout.roles.tolist(),
         "zoom_law": None if layout.zoom_law is None else to_json(layout.zoom_law.reference),
         "field_size": None
