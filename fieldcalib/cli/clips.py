@@ -46,8 +46,8 @@ from fieldcalib.cli.results import (
 )
 from fieldcalib.cli.run_record import RunRecord
 from fieldcalib.draw.clip_plot import plot_sequence
-from fieldcalib.draw.contact_sheet import contact_sheet, worst_frames
 from fieldcalib.draw.overlays import draw_calibration
+from fieldcalib.draw.sheet import contact_sheet, worst_frames
 from fieldcalib.images.from_video import PART, calibrate_video
 from fieldcalib.io.clips import OneSize, in_order
 from fieldcalib.io.files import FrameFile, parse_json_object, read_regular_file, write_text

@@ -16,7 +16,7 @@ from numba import njit
 
 from fieldcalib._types import Array, IntArray
 from fieldcalib.fields.segments import closest as by_numpy
-from fieldcalib.geometry.lens import FOLD
+from fieldcalib.geometry.lens.model import FOLD
 from fieldcalib.problem.layout import LOG_ASPECT, LOG_F, PAN, ROLL
 from fieldcalib.problem.losses import LossName, RobustLoss
 from fieldcalib.problem.projection import UNDISTORTING_STEPS

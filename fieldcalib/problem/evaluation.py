@@ -27,6 +27,7 @@ from fieldcalib.fields.segments import EndRows, ObjectSegments
 from fieldcalib.fields.segments.closest import ClosestPoints
 from fieldcalib.fields.stands import SOCCER_SCALE
 from fieldcalib.geometry.camera import Camera
+from fieldcalib.geometry.lens import common_lens
 from fieldcalib.problem.background import BackgroundEvaluation, BackgroundPairs
 from fieldcalib.problem.closest_points import closest_points
 from fieldcalib.problem.compilation import compiled_closest_points, compiled_derivatives
@@ -343,7 +344,7 @@ def evaluate_cameras(
     cameras: Sequence[Camera], object_segments: ObjectSegments, frames: Sequence[Pixels]
 ) -> Evaluation:
     """The labels of frames of one size, each at a camera of its own, without a prior and a robust loss."""
-    size, lens = cameras[0].image_size, max((camera.lens for camera in cameras), key=lambda lens: len(lens.names))
-    layout = Layout.of(size, lens)
+    size = cameras[0].image_size
+    layout = Layout.of(size, common_lens([camera.lens for camera in cameras]))
     problem = Problem(pack(object_segments, frames, size), layout, RobustLoss("linear", 1.0))
     return evaluate(problem, np.array([layout.theta(camera) for camera in cameras]))

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
@@ -11,18 +11,12 @@ from fieldcalib._json import from_json, to_json
 from fieldcalib._types import Array, IntArray
 from fieldcalib.fields.segments import ROWS, EndRows, Rows
 from fieldcalib.fields.traits import Crown
-from fieldcalib.geometry.lens import BrownConradyLens, Lens, Pinhole, RadialLens
+from fieldcalib.geometry.lens import LENSES
 from fieldcalib.problem.evaluation import Problem
 from fieldcalib.problem.layout import Layout, SizeBlock, ZoomLaw
 from fieldcalib.problem.losses import RobustLoss
 from fieldcalib.problem.observations import Observations
 from fieldcalib.problem.prior import GaussianPrior
-
-LENSES: Mapping[str, Callable[[float], Lens]] = {
-    "pinhole": Pinhole,
-    "radial": RadialLens,
-    "brown conrady": BrownConradyLens,
-}
 
 
 def problem_to_record(problem: Problem, frame: int) -> dict[str, Any]:
@@ -120,10 +114,9 @@ def _joined(kind: type[Rows], parts: list[tuple[Array | IntArray, ...]]) -> Rows
 def layout_to_record(layout: Layout) -> dict[str, Any]:
     """The layout of a camera's parameters."""
     size = layout.field_size
-    (lens,) = (name for name, kind in LENSES.items() if kind is type(layout.lens))
     return {
         "image_size": list(layout.image_size),
-        "lens": {"name": lens, "rho": to_json(layout.lens.rho)},
+        "lens": {"name": layout.lens.name, "rho": to_json(layout.lens.rho)},
         "roles": layout.roles.tolist(),
         "zoom_law": None if layout.zoom_law is None else to_json(layout.zoom_law.reference),
         "field_size": None
