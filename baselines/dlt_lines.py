@@ -19,17 +19,17 @@ import numpy as np
 
 from fieldcalib._types import Array, BoolArray
 from fieldcalib.assess.result import Calibration, Status
-from fieldcalib.cli.arguments import add_input_and_output
-from fieldcalib.cli.fields import add_sized_field, field_of
-from fieldcalib.cli.folder import Found, calibrate_folder
-from fieldcalib.cli.main import run_command
-from fieldcalib.cli.units import add_jobs
+from fieldcalib.console.arguments import add_input_and_output
+from fieldcalib.console.field_options import add_sized_field, field_of
+from fieldcalib.console.program import run_command
 from fieldcalib.fields.field import Field
 from fieldcalib.geometry.projective import SINGULAR
 from fieldcalib.io.formats import CAMERAS, HOMOGRAPHIES
 from fieldcalib.io.wc14 import format_homography
 from fieldcalib.problem.labelled_pixels import Pixels
 from fieldcalib.problem.observations import pack
+from fieldcalib.run_folder.annotated import Found, calibrate_folder
+from fieldcalib.run_folder.units import add_jobs
 from fieldcalib.solve.decomposition import NO_FOCAL_LENGTH, closed_form
 from fieldcalib.solve.from_homography import judged_camera
 from fieldcalib.solve.initial_cameras import ground_homographies

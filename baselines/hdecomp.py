@@ -18,17 +18,17 @@ from typing import get_args
 from baselines import dlt_lines
 from fieldcalib._types import Array
 from fieldcalib.assess.result import Calibration, Status
-from fieldcalib.cli.arguments import add_input_and_output, positive
-from fieldcalib.cli.fields import add_sized_field, field_of
-from fieldcalib.cli.folder import Found, calibrate_files, calibrate_folder, lost, name_skipped, outcome_of
-from fieldcalib.cli.main import run_command
-from fieldcalib.cli.results import calibration_line
-from fieldcalib.cli.units import Made, add_jobs, unit_size
+from fieldcalib.console.arguments import add_input_and_output, positive
+from fieldcalib.console.field_options import add_sized_field, field_of
+from fieldcalib.console.program import run_command
 from fieldcalib.fields.field import Field
 from fieldcalib.io.files import FrameFile
 from fieldcalib.io.formats import CAMERAS, HOMOGRAPHIES
 from fieldcalib.io.wc14 import AlignmentName
 from fieldcalib.problem.labelled_pixels import Pixels
+from fieldcalib.run_folder.annotated import Found, calibrate_files, calibrate_folder, lost, name_skipped, outcome_of
+from fieldcalib.run_folder.results import calibration_line
+from fieldcalib.run_folder.units import Made, add_jobs, unit_size
 from fieldcalib.solve.decomposition import camera_from_homography
 from fieldcalib.solve.from_homography import judged_camera, judged_decomposition
 

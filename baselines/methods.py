@@ -32,8 +32,6 @@ from baselines.published import (
 from baselines.published import hdecomp as decomposed
 from fieldcalib._types import Array
 from fieldcalib.assess.result import Calibration
-from fieldcalib.cli.frames import image_files
-from fieldcalib.cli.predictions import read_files, read_ground_truth
 from fieldcalib.fields.field import Field
 from fieldcalib.fields.soccer import soccer
 from fieldcalib.images.from_images import calibrate_from_images
@@ -46,6 +44,8 @@ from fieldcalib.io.wc14 import AlignmentName
 from fieldcalib.localize import SegmentationNetwork
 from fieldcalib.metrics import Prediction
 from fieldcalib.problem.labelled_pixels import Pixels, check_segments
+from fieldcalib.run_folder.images import image_files
+from fieldcalib.run_folder.predictions import read_files, read_ground_truth
 from fieldcalib.solve.batch import calibrate_batch
 from fieldcalib.solve.options import PINHOLE_FLAGS
 

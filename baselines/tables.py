@@ -47,7 +47,7 @@ from baselines.published import (
     Published,
     Segments,
 )
-from fieldcalib.cli.main import run_command
+from fieldcalib.console.program import run_command
 from fieldcalib.fields.field import Field
 from fieldcalib.fields.soccer import soccer
 from fieldcalib.metrics import compound_score, evaluate_segments, iou_part

@@ -32,11 +32,9 @@ from baselines.adamw import minimise
 from fieldcalib._types import Array, BoolArray, IntArray
 from fieldcalib.assess.ndc import cloud
 from fieldcalib.assess.result import Calibration, Status
-from fieldcalib.cli.arguments import add_input_and_output, positive
-from fieldcalib.cli.fields import add_sized_field, field_of
-from fieldcalib.cli.folder import Found, by_prior, calibrate_folder
-from fieldcalib.cli.main import run_command
-from fieldcalib.cli.units import add_jobs
+from fieldcalib.console.arguments import add_input_and_output, positive
+from fieldcalib.console.field_options import add_sized_field, field_of
+from fieldcalib.console.program import run_command
 from fieldcalib.fields.field import Field
 from fieldcalib.fields.segments import Line, ObjectSegments, Segment
 from fieldcalib.fields.stands import MAIN_CENTER, MAIN_LEFT, MAIN_RIGHT, CameraDistribution, focal_length_from_fov
@@ -45,6 +43,8 @@ from fieldcalib.geometry.rotation import rotation_axes, rotation_from_angles
 from fieldcalib.io.soccernet import CAMERA_TYPES, DISTRIBUTIONS_OF_TYPE, read_camera_types
 from fieldcalib.problem.labelled_pixels import Pixels, split_circles
 from fieldcalib.problem.layout import ANGLES, CENTER, LOG_F, PRINCIPAL_POINT, ROLL, Layout, camera_from_theta
+from fieldcalib.run_folder.annotated import Found, by_prior, calibrate_folder
+from fieldcalib.run_folder.units import add_jobs
 from fieldcalib.solve.from_homography import judged_camera
 from fieldcalib.solve.from_segments import NO_PIXELS
 

@@ -46,10 +46,10 @@ from data_tools.synthetic import SIZE as SYNTHETIC_SIZE
 from data_tools.truth import compared
 from fieldcalib._types import Array
 from fieldcalib.assess.result import Calibration
-from fieldcalib.cli.arguments import count
-from fieldcalib.cli.fields import SOCCER, add_named_field, field_of
-from fieldcalib.cli.frames import add_network, add_refinement, load_network
-from fieldcalib.cli.main import run_command
+from fieldcalib.console.arguments import count
+from fieldcalib.console.field_options import SOCCER, add_named_field, field_of
+from fieldcalib.console.network import add_network, add_refinement, load_network
+from fieldcalib.console.program import run_command
 from fieldcalib.images.from_images import calibrate_from_images
 from fieldcalib.io.formats import CAMERAS
 from fieldcalib.io.image import Image

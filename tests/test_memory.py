@@ -10,10 +10,10 @@ from commands import SIZE, calibrate
 from synthetic import random_frames
 
 import fieldcalib
-from fieldcalib.cli import units
-from fieldcalib.cli.results import Results
 from fieldcalib.io.formats import ANNOTATIONS
 from fieldcalib.io.soccernet import format_annotation
+from fieldcalib.run_folder import units
+from fieldcalib.run_folder.results import Results
 
 PEAK = """
 import resource, sys

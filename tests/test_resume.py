@@ -14,14 +14,15 @@ from killed import check_that_kills_change_nothing, content_of, finished
 from synthetic import random_frames
 
 from fieldcalib import read_results
-from fieldcalib.cli import results as results_of_commands
-from fieldcalib.cli import units, waiting
-from fieldcalib.cli.results import Outcome, Results
-from fieldcalib.cli.units import Made, work
+from fieldcalib.console import waiting
 from fieldcalib.io import line_log
 from fieldcalib.io.files import write_bytes
 from fieldcalib.io.line_log import LineLog
 from fieldcalib.io.soccernet import format_annotation
+from fieldcalib.run_folder import results as results_of_commands
+from fieldcalib.run_folder import units
+from fieldcalib.run_folder.results import Outcome, Results
+from fieldcalib.run_folder.units import Made, work
 
 SIZE = (960, 540)
 

@@ -121,7 +121,7 @@ def test_a_clip_goes_on_with_its_frames(video, whole, network, tmp_path, monkeyp
 
 @pytest.mark.parametrize("count", [8, 17])
 def test_a_video_by_itself_goes_on(video, know, tmp_path, monkeypatch, count):
-    from fieldcalib.cli.results import Results
+    from fieldcalib.run_folder.results import Results
 
     know(TRUTHS)
     assert run("run", video, "--independent", "--out", tmp_path / "whole") == 0

@@ -29,14 +29,10 @@ from baselines.chen.database import CAMERAS, Database
 from baselines.chen.edges import Edges, edges_of_mask, edges_of_pixels, edges_of_probabilities
 from baselines.chen.features import HOG, SIAMESE, Siamese
 from baselines.chen.search import PUBLISHED, WIDER, Recipe, homography
-from fieldcalib.cli.arguments import add_input_and_output, count
-from fieldcalib.cli.fields import add_sized_field, field_of
-from fieldcalib.cli.folder import Found, calibrate_files, calibrate_folder, lost, outcome_of
-from fieldcalib.cli.frames import Frame, ReadImage, image_files
-from fieldcalib.cli.main import run_command
-from fieldcalib.cli.progress import progress_bar
-from fieldcalib.cli.results import calibration_line
-from fieldcalib.cli.units import Made, add_jobs
+from fieldcalib.console.arguments import add_input_and_output, count
+from fieldcalib.console.field_options import add_sized_field, field_of
+from fieldcalib.console.program import run_command
+from fieldcalib.console.progress import progress_bar
 from fieldcalib.fields.field import Field
 from fieldcalib.io.files import FrameFile
 from fieldcalib.io.formats import CAMERAS as CAMERA_FILES
@@ -46,6 +42,10 @@ from fieldcalib.io.images import IMAGES_AT_ONCE
 from fieldcalib.io.wc14 import AlignmentName, format_homography
 from fieldcalib.localize import SegmentationNetwork
 from fieldcalib.problem.labelled_pixels import Pixels
+from fieldcalib.run_folder.annotated import Found, calibrate_files, calibrate_folder, lost, outcome_of
+from fieldcalib.run_folder.images import Frame, ReadImage, image_files
+from fieldcalib.run_folder.results import calibration_line
+from fieldcalib.run_folder.units import Made, add_jobs
 from fieldcalib.solve.from_homography import judged_camera
 
 PROG = "python -m baselines.chen"

@@ -22,15 +22,15 @@ from baselines.jiang.estimate import CostName, Estimator, homographies
 from baselines.jiang.networks import SIZE, WIDTH
 from baselines.jiang.score import score
 from baselines.jiang.training_pairs import Batches, read_pairs
-from fieldcalib.cli.arguments import add_format, count, folder_name, image_size, positive
-from fieldcalib.cli.folder import Found, calibrate_files, outcome_of
-from fieldcalib.cli.frames import Frame, ReadImage, add_limits, image_files, lost
-from fieldcalib.cli.inputs import add_inputs
-from fieldcalib.cli.main import run_command
-from fieldcalib.cli.results import calibration_line
-from fieldcalib.cli.units import Made, add_jobs
+from fieldcalib.console.arguments import add_format, add_limits, count, folder_name, image_size, positive
+from fieldcalib.console.inputs import add_inputs
+from fieldcalib.console.program import run_command
 from fieldcalib.io.files import FrameFile
 from fieldcalib.io.formats import CAMERAS, HOMOGRAPHIES
+from fieldcalib.run_folder.annotated import Found, calibrate_files, outcome_of
+from fieldcalib.run_folder.images import Frame, ReadImage, image_files, lost
+from fieldcalib.run_folder.results import calibration_line
+from fieldcalib.run_folder.units import Made, add_jobs
 
 AT_ONCE = 16  # images that are optimised side by side
 COMMANDS = ("run", "train", "score", "figure")

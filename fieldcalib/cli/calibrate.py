@@ -12,21 +12,22 @@ from typing import Any
 from fieldcalib.assess.placement import Placement
 from fieldcalib.assess.result import Calibration
 from fieldcalib.assess.together import compute_errors
-from fieldcalib.cli.arguments import (
+from fieldcalib.cli.declared import add_declarations, declared, declared_placement, is_aspect_estimated
+from fieldcalib.cli.known_camera import KnownCamera, add_known_camera
+from fieldcalib.console.arguments import (
+    ESTIMATED,
     add_camera,
     add_input_and_output,
     positive,
     probability,
 )
-from fieldcalib.cli.declared import add_declarations, declared, declared_placement, is_aspect_estimated
-from fieldcalib.cli.fields import ESTIMATED, KNOWN, add_field, field_of, prior_of
-from fieldcalib.cli.folder import Found, by_prior, calibrate_folder
-from fieldcalib.cli.known_camera import KnownCamera, add_known_camera
-from fieldcalib.cli.units import add_jobs
+from fieldcalib.console.field_options import KNOWN, add_field, field_of, prior_of
 from fieldcalib.fields.field import Field
 from fieldcalib.io.files import BrokenFileError
 from fieldcalib.io.soccernet import CAMERA_TYPES, DISTRIBUTIONS_OF_TYPE, read_camera_types
 from fieldcalib.problem.labelled_pixels import Pixels
+from fieldcalib.run_folder.annotated import Found, by_prior, calibrate_folder
+from fieldcalib.run_folder.units import add_jobs
 from fieldcalib.solve.batch import calibrate_batch
 from fieldcalib.solve.field_size import FieldSize, estimate_field_size
 from fieldcalib.solve.label_ends import with_border_asked

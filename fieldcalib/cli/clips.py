@@ -17,34 +17,12 @@ from fieldcalib.assess.placement import Placement
 from fieldcalib.assess.result import Calibration
 from fieldcalib.assess.sequence import SequenceCalibration
 from fieldcalib.assess.video import VideoCalibration
-from fieldcalib.cli.arguments import cut_of
 from fieldcalib.cli.declared import is_aspect_estimated
-from fieldcalib.cli.fields import ESTIMATED, field_of, prior_of
-from fieldcalib.cli.frames import (
-    Frame,
-    ReadImage,
-    checked_frames,
-    image_files,
-    in_cut,
-    load_network,
-    lost,
-    say_note,
-    video_threads,
-)
 from fieldcalib.cli.known_camera import KnownCamera
-from fieldcalib.cli.progress import progress_bar
-from fieldcalib.cli.results import (
-    MOTION,
-    OVERLAY,
-    PART_OF_CLIP,
-    TRIPODS,
-    WORST,
-    Outcome,
-    calibration_line,
-    is_finished,
-    result_folder,
-)
-from fieldcalib.cli.run_record import RunRecord
+from fieldcalib.console.arguments import ESTIMATED, cut_of
+from fieldcalib.console.field_options import field_of, prior_of
+from fieldcalib.console.network import load_network
+from fieldcalib.console.progress import progress_bar
 from fieldcalib.draw.clip_plot import plot_sequence
 from fieldcalib.draw.contact_sheet import contact_sheet, worst_frames
 from fieldcalib.draw.overlays import draw_calibration
@@ -55,6 +33,28 @@ from fieldcalib.io.formats import CAMERAS, VIDEOS
 from fieldcalib.io.image import Image
 from fieldcalib.io.images import write_image
 from fieldcalib.io.videos import VideoReader
+from fieldcalib.run_folder.images import (
+    Frame,
+    ReadImage,
+    checked_frames,
+    image_files,
+    in_cut,
+    lost,
+    say_note,
+    video_threads,
+)
+from fieldcalib.run_folder.results import (
+    MOTION,
+    OVERLAY,
+    PART_OF_CLIP,
+    TRIPODS,
+    WORST,
+    Outcome,
+    calibration_line,
+    is_finished,
+    result_folder,
+)
+from fieldcalib.run_folder.run_record import RunRecord
 from fieldcalib.solve.given_camera import check_of_clip
 
 IN_SHEET = 12  # frames

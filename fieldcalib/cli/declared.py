@@ -9,11 +9,11 @@ import numpy as np
 
 from fieldcalib.assess.placement import Crop, Placement
 from fieldcalib.assess.whole_picture import Declared
-from fieldcalib.cli.arguments import image_size
-from fieldcalib.cli.parser import did_you_mean
+from fieldcalib.console.arguments import ESTIMATED, image_size
+from fieldcalib.console.parser import did_you_mean
 from fieldcalib.io.files import BrokenFileError
 
-ESTIMATED, SQUARE = "estimated", "square"
+SQUARE = "square"
 LEAST_RATIO = 0.2  # of width and height: no picture is narrower
 
 

@@ -13,12 +13,8 @@ from typing import Any
 import numpy as np
 
 from fieldcalib._types import Array
-from fieldcalib.cli.arguments import add_most_bytes, image_size, positive
-from fieldcalib.cli.fields import add_sized_field, field_of
-from fieldcalib.cli.folder import name_skipped
-from fieldcalib.cli.predictions import GroundTruth, read_ground_truth, read_predictions
-from fieldcalib.cli.results import is_unfinished
-from fieldcalib.cli.units import add_processes, processes_of
+from fieldcalib.console.arguments import add_most_bytes, image_size, positive
+from fieldcalib.console.field_options import add_sized_field, field_of
 from fieldcalib.fields.field import Field
 from fieldcalib.io.soccernet import CAMERA_TYPES
 from fieldcalib.metrics import (
@@ -34,6 +30,10 @@ from fieldcalib.metrics import (
 )
 from fieldcalib.metrics.scores import CompoundScore
 from fieldcalib.metrics.views import is_homography
+from fieldcalib.run_folder.annotated import name_skipped
+from fieldcalib.run_folder.predictions import GroundTruth, read_ground_truth, read_predictions
+from fieldcalib.run_folder.results import is_unfinished
+from fieldcalib.run_folder.units import add_processes, processes_of
 
 PERCENT = 100.0
 

@@ -8,8 +8,7 @@ from collections.abc import Callable, Mapping
 from pathlib import Path
 
 from fieldcalib.assess.result import Verdict
-from fieldcalib.cli.arguments import folder_name, positive
-from fieldcalib.cli.results import counted
+from fieldcalib.console.arguments import folder_name, positive
 from fieldcalib.geometry.camera import Camera
 from fieldcalib.io.exports.blender import blender_error, blender_files
 from fieldcalib.io.exports.colmap import colmap_files
@@ -22,6 +21,7 @@ from fieldcalib.io.exports.table import table_files
 from fieldcalib.io.files import remove_temporaries, write_bytes
 from fieldcalib.io.output_folder import output_folder
 from fieldcalib.io.results import Results, read_results
+from fieldcalib.run_folder.results import counted
 
 FORMATS: Mapping[str, Callable[..., dict[str, bytes]]] = {
     "opencv": opencv_files,

@@ -9,9 +9,12 @@ from itertools import islice
 from pathlib import Path
 from typing import Any
 
-from fieldcalib.cli.arguments import PARQUET, add_format, folder_name
 from fieldcalib.cli.localize import localized_summary, write_all
-from fieldcalib.cli.results import (
+from fieldcalib.console.arguments import PARQUET, add_format, folder_name
+from fieldcalib.io.files import parse_json_object
+from fieldcalib.io.line_log import whole_lines
+from fieldcalib.io.results import LINES
+from fieldcalib.run_folder.results import (
     LOCALIZED,
     SUMMARY,
     Outcome,
@@ -23,11 +26,8 @@ from fieldcalib.cli.results import (
     leave_table,
     run_folder,
 )
-from fieldcalib.cli.run_record import RunRecord
-from fieldcalib.cli.units import Shard, add_again
-from fieldcalib.io.files import parse_json_object
-from fieldcalib.io.line_log import whole_lines
-from fieldcalib.io.results import LINES
+from fieldcalib.run_folder.run_record import RunRecord
+from fieldcalib.run_folder.units import Shard, add_again
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from fieldcalib._types import Array
-from fieldcalib.cli.arguments import LENSES, Unsaid
+from fieldcalib.console.arguments import LENSES, Unsaid
 from fieldcalib.geometry.camera import Camera
 from fieldcalib.geometry.rotation import rotation_from_angles
 from fieldcalib.io.files import BrokenFileError

@@ -9,19 +9,20 @@ from collections.abc import Callable
 from itertools import chain, islice
 
 from fieldcalib.assess.placement import Placement
-from fieldcalib.cli.arguments import cut_of
 from fieldcalib.cli.declared import is_aspect_estimated
-from fieldcalib.cli.fields import ESTIMATED, field_of, prior_of
-from fieldcalib.cli.frames import Frame, checked_frames, load_network, say_note, video_threads
 from fieldcalib.cli.known_camera import KnownCamera
-from fieldcalib.cli.results import OVERLAY, Outcome, Results, calibration_line, result_folder
-from fieldcalib.cli.run_record import RunRecord
+from fieldcalib.console.arguments import ESTIMATED, cut_of
+from fieldcalib.console.field_options import field_of, prior_of
+from fieldcalib.console.network import load_network
 from fieldcalib.draw.overlays import draw_calibration
 from fieldcalib.images.tracker import Tracker
 from fieldcalib.io.formats import CAMERAS, VIDEOS
 from fieldcalib.io.image import Image
 from fieldcalib.io.streams import Stream, StreamReader
 from fieldcalib.io.videos import VideoWriter
+from fieldcalib.run_folder.images import Frame, checked_frames, say_note, video_threads
+from fieldcalib.run_folder.results import OVERLAY, Outcome, Results, calibration_line, result_folder
+from fieldcalib.run_folder.run_record import RunRecord
 from fieldcalib.solve.given_camera import check_of_clip
 
 

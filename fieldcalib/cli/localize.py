@@ -14,29 +14,14 @@ from typing import Any
 import numpy as np
 
 import fieldcalib
-from fieldcalib._types import Array, IntArray
-from fieldcalib.cli.arguments import add_labels, folder_name
-from fieldcalib.cli.fields import add_sized_field, field_of
-from fieldcalib.cli.folder import check_labels
-from fieldcalib.cli.frames import (
-    Frame,
-    ReadImage,
-    add_limits,
-    add_network,
-    load_network,
-    lost,
-    network_in_process,
-    opened,
-    pixels_of,
-)
-from fieldcalib.cli.inputs import add_inputs
-from fieldcalib.cli.results import LOCALIZED, Outcome, Results, finish, run_folder
-from fieldcalib.cli.run_record import RunRecord, recorded
-from fieldcalib.cli.units import Made, add_jobs, work
+from fieldcalib.console.arguments import add_labels, add_limits, folder_name
+from fieldcalib.console.field_options import add_sized_field, field_of
+from fieldcalib.console.inputs import add_inputs
+from fieldcalib.console.network import add_network, load_network, network_in_process
 from fieldcalib.fields.field import Field
 from fieldcalib.fields.segments import Arc
 from fieldcalib.io.annotation_files import ONE_IMAGE
-from fieldcalib.io.annotations import Annotation, names_of, renamed
+from fieldcalib.io.annotations import Annotation, names_of, order_along, renamed
 from fieldcalib.io.files import FrameFile, write_text
 from fieldcalib.io.formats import ANNOTATIONS, OTHER_ANNOTATIONS, VIDEOS
 from fieldcalib.io.image import Image
@@ -45,6 +30,11 @@ from fieldcalib.io.line_log import whole_lines
 from fieldcalib.io.results import BROKEN
 from fieldcalib.localize import Localization, Network, localize
 from fieldcalib.problem.labelled_pixels import Pixels
+from fieldcalib.run_folder.annotated import check_labels
+from fieldcalib.run_folder.images import Frame, ReadImage, lost, opened, pixels_of
+from fieldcalib.run_folder.results import LOCALIZED, Outcome, Results, finish, run_folder
+from fieldcalib.run_folder.run_record import RunRecord, recorded
+from fieldcalib.run_folder.units import Made, add_jobs, work
 
 LOCALIZED_STATUS = "localized"
 SOCCERNET = "soccernet"
@@ -189,23 +179,6 @@ def _names(options: argparse.Namespace) -> dict[str, str]:
 def _paths(found: Localization, field: Field, names: Mapping[str, str]) -> Pixels:
     """The pixels of each segment, by its name, in their order along it: other tools draw lines between them."""
     return {names[label]: xy[order_along(xy, isinstance(field[label], Arc))] for label, xy in found.pixels.items()}
-
-
-def order_along(xy: Array, is_arc: bool) -> IntArray:
-    """Of pixels along a line or an arc.
-
-    Examples
-    --------
-    >>> order_along(np.array([(0.0, 0.0), (2.0, 2.0), (1.0, 1.0)]), False).tolist() in ([0, 2, 1], [1, 2, 0])
-    True
-    """
-    offset = xy - xy.mean(axis=0)
-    if not is_arc:
-        return np.argsort(offset @ np.linalg.svd(offset, full_matrices=False)[2][0], kind="stable")
-    angle = np.arctan2(offset[:, 1], offset[:, 0])
-    order = np.argsort(angle, kind="stable")
-    gaps = np.diff(angle[order], append=angle[order[0]] + 2.0 * np.pi)
-    return np.roll(order, -int(np.argmax(gaps)) - 1)
 
 
 def _seen_from(folder: Path, image: Path) -> str:

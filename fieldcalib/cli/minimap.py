@@ -6,15 +6,15 @@ import argparse
 from collections.abc import Iterator
 from pathlib import Path
 
-from fieldcalib.cli.arguments import image_size, positive
 from fieldcalib.cli.frame_cameras import Cameras, field_of
-from fieldcalib.cli.frames import say_note
 from fieldcalib.cli.players import PlayersOnMaps, add_players
-from fieldcalib.cli.results import counted
+from fieldcalib.console.arguments import image_size, positive
 from fieldcalib.draw import draw_minimap
 from fieldcalib.io.image import Image
 from fieldcalib.io.images import write_image
 from fieldcalib.io.videos import USUAL, VideoWriter
+from fieldcalib.run_folder.images import say_note
+from fieldcalib.run_folder.results import counted
 
 PICTURE, VIDEO = ".png", ".mp4"
 SIZE = (672, 456)

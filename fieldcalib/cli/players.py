@@ -11,8 +11,8 @@ from types import MappingProxyType
 import numpy as np
 
 from fieldcalib._types import Array
-from fieldcalib.cli.arguments import count
 from fieldcalib.cli.frame_cameras import Cameras
+from fieldcalib.console.arguments import count
 from fieldcalib.draw.ground import Colour
 from fieldcalib.fields.field import Field
 from fieldcalib.io.players import Player, read_players

@@ -19,9 +19,9 @@ from fieldcalib._types import Array
 from fieldcalib.assess.datum import CENTRE_MARK
 from fieldcalib.assess.ground_points import locate_on_ground
 from fieldcalib.assess.result import Calibration
-from fieldcalib.cli.arguments import add_most_bytes, image_size
 from fieldcalib.cli.frame_cameras import Cameras
 from fieldcalib.cli.game_state import write_game_state
+from fieldcalib.console.arguments import add_most_bytes, image_size
 from fieldcalib.fields.soccer import soccer
 from fieldcalib.geometry.image_extent import hint_of_another_size
 from fieldcalib.io.boxes import Box, BoxRow, BoxTable, foot_points, open_boxes

@@ -16,38 +16,23 @@ import numpy as np
 
 from fieldcalib.assess.placement import Placement
 from fieldcalib.assess.result import Calibration
-from fieldcalib.cli.arguments import (
+from fieldcalib.cli.clips import is_clip, run_clip
+from fieldcalib.cli.declared import add_declarations, declared, declared_placement, is_aspect_estimated
+from fieldcalib.cli.known_camera import KnownCamera, add_known_camera
+from fieldcalib.cli.live import is_stream, run_stream
+from fieldcalib.cli.several import run_several, runs_of
+from fieldcalib.console.arguments import (
+    ESTIMATED,
     add_camera,
     add_cut,
     add_format,
+    add_limits,
     cut_of,
     folder_name,
 )
-from fieldcalib.cli.clips import is_clip, run_clip
-from fieldcalib.cli.declared import add_declarations, declared, declared_placement, is_aspect_estimated
-from fieldcalib.cli.fields import ESTIMATED, KNOWN, NOMINAL, add_field, field_of, prior_of
-from fieldcalib.cli.frames import (
-    Frame,
-    ReadImage,
-    Source,
-    add_limits,
-    add_network,
-    add_refinement,
-    frames_lost,
-    load_network,
-    lost,
-    network_in_process,
-    opened,
-    say_note,
-    video_threads,
-)
-from fieldcalib.cli.inputs import add_inputs, runs_of
-from fieldcalib.cli.known_camera import KnownCamera, add_known_camera
-from fieldcalib.cli.live import is_stream, run_stream
-from fieldcalib.cli.results import OVERLAY, Outcome, Results, calibration_line, is_finished, result_folder
-from fieldcalib.cli.run_record import RunRecord
-from fieldcalib.cli.several import run_several
-from fieldcalib.cli.units import Made, add_jobs, work
+from fieldcalib.console.field_options import KNOWN, NOMINAL, add_field, field_of, prior_of
+from fieldcalib.console.inputs import add_inputs
+from fieldcalib.console.network import add_network, add_refinement, load_network, network_in_process
 from fieldcalib.draw.overlays import draw_calibration
 from fieldcalib.fields.field import Field
 from fieldcalib.images.from_images import calibrate_from_images
@@ -58,6 +43,10 @@ from fieldcalib.io.images import IMAGES_AT_ONCE, check_pixels, in_parts
 from fieldcalib.io.line_log import whole_lines
 from fieldcalib.io.results import LINES
 from fieldcalib.localize import Network
+from fieldcalib.run_folder.images import Frame, ReadImage, Source, frames_lost, lost, opened, say_note, video_threads
+from fieldcalib.run_folder.results import OVERLAY, Outcome, Results, calibration_line, is_finished, result_folder
+from fieldcalib.run_folder.run_record import RunRecord
+from fieldcalib.run_folder.units import Made, add_jobs, work
 from fieldcalib.solve.field_size import shared_size
 
 TOGETHER = 40  # images of one field that tell its size,

@@ -12,12 +12,18 @@ from contextlib import redirect_stderr, redirect_stdout
 from dataclasses import dataclass
 from functools import partial
 from io import StringIO
+from pathlib import Path
 from typing import TypeAlias
 
-from fieldcalib.cli.progress import progress_bar
+from fieldcalib.console.inputs import Input
+from fieldcalib.console.progress import progress_bar
 from fieldcalib.io.files import BrokenFileError
+from fieldcalib.io.formats import IMAGES, VIDEOS
+from fieldcalib.io.streams import Stream
 from fieldcalib.processes.jobs import Processes, in_order
 from fieldcalib.processes.other_process import ProcessEndedError
+
+OF_IMAGES = "images"  # folder of their results, beside those of videos
 
 Run: TypeAlias = Callable[[argparse.Namespace], int]
 
@@ -83,3 +89,43 @@ def _code(run: Run, options: argparse.Namespace) -> int:
 def _lost(options: argparse.Namespace, error: ProcessEndedError) -> Ended:
     problem = f"the process that worked on it ended with exit code {error.exit_code}"
     return Ended(1, "", f"fieldcalib: {options.input[0]}: {problem}: --resume goes on with it\n")
+
+
+def runs_of(options: argparse.Namespace) -> list[argparse.Namespace]:
+    """The options of each run: one for each video and stream, and one for all images.
+
+    Where there are several, or they come from a folder, each has its own folder in ``options.out``, by the name of its
+    video.
+
+    Raises
+    ------
+    ValueError
+        If two of them have the same name.
+    """
+    inputs = [part for one in options.input for part in _parts(one)]
+    images = [one for one in inputs if not _is_video(one)]
+    groups = [(one.stem if isinstance(one, Path) else one.name, [one]) for one in inputs if _is_video(one)]
+    if images:
+        groups.insert(0, (OF_IMAGES, images))
+    if len(groups) == 1 and inputs == options.input:  # one video of a folder may be joined by others
+        return [argparse.Namespace(**{**vars(options), "input": groups[0][1]})]
+    seen: dict[str, Sequence[Input]] = {}
+    for name, (first, *_) in groups:
+        other = seen.setdefault(name.casefold(), [first])[0]
+        if other is not first:
+            raise ValueError(f"{other} and {first} would both write to {options.out / name}: run them one by one")
+    return [argparse.Namespace(**{**vars(options), "input": part, "out": options.out / name}) for name, part in groups]
+
+
+def _is_video(one: Input) -> bool:
+    return isinstance(one, Stream) or VIDEOS.recognises(one)
+
+
+def _parts(one: Input) -> list[Input]:
+    """The videos of a folder that has videos and no images; otherwise the input itself."""
+    if isinstance(one, Stream) or not one.is_dir():
+        return [one]
+    files = sorted(path for path in one.iterdir() if path.is_file())
+    if any(map(IMAGES.recognises, files)):
+        return [one]
+    return [path for path in files if VIDEOS.recognises(path)] or [one]

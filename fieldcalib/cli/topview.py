@@ -9,11 +9,10 @@ from typing import TypeVar
 
 import numpy as np
 
-from fieldcalib.cli.arguments import add_most_bytes, positive
 from fieldcalib.cli.frame_cameras import Cameras, field_of
-from fieldcalib.cli.inputs import add_inputs
 from fieldcalib.cli.players import PlayersOnMaps, add_players
-from fieldcalib.cli.results import counted
+from fieldcalib.console.arguments import add_most_bytes, positive
+from fieldcalib.console.inputs import add_inputs
 from fieldcalib.draw import draw_field, draw_players, mosaic, overhead_camera
 from fieldcalib.geometry.camera import Camera
 from fieldcalib.io.cuts import Cut, Position
@@ -22,6 +21,7 @@ from fieldcalib.io.formats import IMAGES, VIDEOS
 from fieldcalib.io.image import Image
 from fieldcalib.io.images import write_image
 from fieldcalib.io.videos import VideoReader
+from fieldcalib.run_folder.results import counted
 
 MOST_VIEWS = 31  # of a clip: players hide a place in some of them only
 MOST_BYTES = 400e6  # of all views together, four bytes a pixel

@@ -15,10 +15,7 @@ from typing import Any, TypeAlias, TypeVar
 from fieldcalib.assess.ndc import ndc_loss
 from fieldcalib.assess.result import Calibration, Status
 from fieldcalib.assess.together import compute_errors
-from fieldcalib.cli.results import LOCALIZED, SUMMARY, Outcome, calibration_line, counted, result_folder
-from fieldcalib.cli.run_record import RECORD, RunRecord
-from fieldcalib.cli.units import Made, processes_of, unit_size, units_of, work
-from fieldcalib.cli.waiting import waiting_for
+from fieldcalib.console.waiting import waiting_for
 from fieldcalib.fields.field import Field
 from fieldcalib.geometry.camera import Camera
 from fieldcalib.io.annotation_files import NO_SIZE, AnnotatedFrame, FramesFound, frames_in, is_of_soccernet, parse_frame
@@ -29,6 +26,9 @@ from fieldcalib.io.results import LINES, TABLE
 from fieldcalib.io.soccernet import UNKNOWN_LABELS
 from fieldcalib.problem.labelled_pixels import Pixels, check_segments, nearest_label, thinned
 from fieldcalib.processes.jobs import in_order
+from fieldcalib.run_folder.results import LOCALIZED, SUMMARY, Outcome, calibration_line, counted, result_folder
+from fieldcalib.run_folder.run_record import RECORD, RunRecord
+from fieldcalib.run_folder.units import Made, processes_of, unit_size, units_of, work
 
 P = TypeVar("P")  # a prior, in whatever form
 

@@ -13,9 +13,7 @@ from typing import TypeVar
 import numpy as np
 
 from fieldcalib._types import Array
-from fieldcalib.cli.folder import name_left_out, problem
-from fieldcalib.cli.units import units_of
-from fieldcalib.cli.waiting import waiting_for
+from fieldcalib.console.waiting import waiting_for
 from fieldcalib.fields.field import Field
 from fieldcalib.geometry.rational import RationalCamera
 from fieldcalib.io.annotation_files import frames_in, parse_frame
@@ -29,6 +27,8 @@ from fieldcalib.metrics import Prediction
 from fieldcalib.metrics.accuracy import check_annotation
 from fieldcalib.problem.labelled_pixels import Pixels
 from fieldcalib.processes.jobs import in_order
+from fieldcalib.run_folder.annotated import name_left_out, problem
+from fieldcalib.run_folder.units import units_of
 
 OFF_CENTRE = 0.1  # of the image's size: a principal point further off belongs to an image of another size
 LARGEST_SIZE = 100_000  # px: beyond, a principal point says nothing about an image

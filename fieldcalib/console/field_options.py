@@ -6,8 +6,8 @@ import argparse
 from dataclasses import replace
 from functools import lru_cache
 
-from fieldcalib.cli.arguments import NO_PRIOR, positive
-from fieldcalib.cli.parser import did_you_mean
+from fieldcalib.console.arguments import ESTIMATED, NO_PRIOR, positive
+from fieldcalib.console.parser import did_you_mean
 from fieldcalib.fields.catalogue import FIELDS, field_named
 from fieldcalib.fields.field import Field
 from fieldcalib.io.field_files import is_field_file, read_field
@@ -16,7 +16,7 @@ from fieldcalib.solve.options import ALL, Prior
 
 SOCCER = "soccer"
 KNOWN = "known"
-NOMINAL, ESTIMATED = "nominal", "estimated"
+NOMINAL = "nominal"
 FIELD_SIZES = (ESTIMATED, NOMINAL, KNOWN)
 
 

@@ -7,27 +7,19 @@ import sys
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
-from functools import lru_cache
 from pathlib import Path
 
-from fieldcalib.cli.arguments import add_most_bytes, count, millions
-from fieldcalib.cli.fields import field_of
-from fieldcalib.cli.folder import name_skipped, problem
-from fieldcalib.cli.inputs import Input
-from fieldcalib.cli.interrupts import interrupts_end_the_process
-from fieldcalib.cli.results import Outcome
-from fieldcalib.cli.waiting import waiting_for
+from fieldcalib.console.arguments import MOST_BYTES_OF_IMAGE
+from fieldcalib.console.inputs import Input
+from fieldcalib.console.waiting import waiting_for
 from fieldcalib.io.cuts import WHOLE, Cut
 from fieldcalib.io.files import BrokenFileError, FrameFile
 from fieldcalib.io.formats import IMAGES, VIDEOS
 from fieldcalib.io.image import Image
 from fieldcalib.io.images import MOST_PIXELS
 from fieldcalib.io.videos import FrameReader, VideoWriter
-from fieldcalib.localize import SegmentationNetwork
-from fieldcalib.localize.grid import BACKGROUND, classes_without_segment
-from fieldcalib.localize.network import CPU
-
-MOST_BYTES = 256_000_000  # of an image file
+from fieldcalib.run_folder.annotated import name_skipped, problem
+from fieldcalib.run_folder.results import Outcome
 
 
 @dataclass(frozen=True)
@@ -64,7 +56,7 @@ class Source:
 class ReadImage:
     """Reads an image, whose `check` may raise a BrokenFileError; those of a video are read already."""
 
-    most_bytes: float = MOST_BYTES
+    most_bytes: float = MOST_BYTES_OF_IMAGE
     most_pixels: float = MOST_PIXELS
     check: Callable[[Image], object] | None = None
 
@@ -173,78 +165,6 @@ def pixels_of(frame: Frame) -> int:
     return 0 if frame.image is None else frame.image.shape[0] * frame.image.shape[1]
 
 
-def add_limits(parser: argparse.ArgumentParser) -> None:
-    """--max-megabytes and --max-megapixels."""
-    add_most_bytes(parser, MOST_BYTES, "image files")
-    parser.add_argument(
-        "--max-megapixels",
-        dest="most_pixels",
-        type=millions,
-        default=MOST_PIXELS,
-        metavar="N",
-        help=f"larger images are broken ({MOST_PIXELS / 1e6:g})",
-    )
-
-
-def add_network(parser: argparse.ArgumentParser) -> None:
-    """--model, --provider and --threads."""
-    parser.add_argument(
-        "--model", type=Path, metavar="FILE", help="network in ONNX, FILE.json beside it (the one that comes along)"
-    )
-    parser.add_argument(
-        "--provider", default=CPU, metavar="NAME", help=f"onnxruntime's name of what runs the network ({CPU})"
-    )
-    parser.add_argument("--threads", type=count, default=2, metavar="N", help="of the processor (2)")
-
-
 def video_threads(options: argparse.Namespace) -> int:
     """For decoding or encoding a video: two are open at a time, of the input or of input and overlay."""
     return max(int(options.threads) // 2, 1)
-
-
-def add_refinement(parser: argparse.ArgumentParser) -> None:
-    """--no-refinement."""
-    parser.add_argument(
-        "--no-refinement",
-        dest="refine",
-        action="store_false",
-        help="do not look for the white lines in the image: quicker, and less exact",
-    )
-
-
-def network_in_process(options: argparse.Namespace) -> SegmentationNetwork:
-    """The network of one of several processes, with one thread; it is loaded once."""
-    return _loaded(options.model, options.provider)
-
-
-@lru_cache(maxsize=1)
-def _loaded(model: Path | None, provider: str) -> SegmentationNetwork:
-    return SegmentationNetwork.load(model, provider=provider, threads=1)
-
-
-def load_network(options: argparse.Namespace) -> SegmentationNetwork:
-    """The network that the options ask for, and OpenCV, which reads the images: both with that many threads.
-
-    Raises
-    ------
-    ValueError
-        If it is for another field than --field.
-    """
-    with interrupts_end_the_process():
-        import cv2
-
-        cv2.setNumThreads(options.threads)
-        network = SegmentationNetwork.load(options.model, provider=options.provider, threads=options.threads)
-    unknown = classes_without_segment(network.classes, field_of(options))
-    if unknown and options.model is None:
-        raise ValueError(
-            f"the network that comes with fieldcalib knows soccer fields only: --field {options.field} needs one that "
-            f"was trained for it, --model NETWORK.onnx; labelled pixels need none, see fieldcalib calibrate"
-        )
-    if unknown:
-        raise ValueError(
-            f"--field {options.field} has no segment {unknown[0]!r}, which is a class of --model {options.model}: give "
-            f"the field that it was trained for, or name the class {BACKGROUND!r} in "
-            f"{options.model.with_suffix('.json')}"
-        )
-    return network

@@ -5,11 +5,12 @@ from pathlib import Path
 
 import numpy as np
 
-from fieldcalib.cli.inputs import add_inputs
+from fieldcalib.console.inputs import add_inputs
 from fieldcalib.fields.stands import DISTRIBUTIONS
 from fieldcalib.io.annotation_files import read_labels
 from fieldcalib.io.cuts import Cut, Position
 from fieldcalib.io.files import MOST_BYTES
+from fieldcalib.io.images import MOST_PIXELS
 from fieldcalib.io.parquet import imported_pyarrow
 from fieldcalib.solve.options import ALL, DEFAULT_FLAGS, CalibrationFlags
 
@@ -29,6 +30,8 @@ class Unsaid(str):
 
 USUAL_LENS = Unsaid("k1")
 NO_PRIOR = "none"
+ESTIMATED = "estimated"  # of a size or a shape that the images tell
+MOST_BYTES_OF_IMAGE = 256_000_000
 JSON_LINES, PARQUET = "jsonl", "parquet"
 
 
@@ -186,4 +189,17 @@ def add_camera(parser: argparse.ArgumentParser, **more_priors: str) -> None:
         default=USUAL_LENS,
         help="what is estimated of the lens: nothing, k1, k1 and k2, OpenCV's k1 k2 p1 p2 k3, or as much as the labels "
         f"call for ({USUAL_LENS})",
+    )
+
+
+def add_limits(parser: argparse.ArgumentParser) -> None:
+    """--max-megabytes and --max-megapixels."""
+    add_most_bytes(parser, MOST_BYTES_OF_IMAGE, "image files")
+    parser.add_argument(
+        "--max-megapixels",
+        dest="most_pixels",
+        type=millions,
+        default=MOST_PIXELS,
+        metavar="N",
+        help=f"larger images are broken ({MOST_PIXELS / 1e6:g})",
     )

@@ -11,11 +11,11 @@ from functools import partial
 from itertools import chain, islice
 from typing import TypeVar
 
-from fieldcalib.cli.arguments import count
-from fieldcalib.cli.progress import progress_bar
-from fieldcalib.cli.results import Outcome, Results
+from fieldcalib.console.arguments import count
+from fieldcalib.console.progress import progress_bar
 from fieldcalib.processes.jobs import Processes, in_order
 from fieldcalib.processes.other_process import ProcessEndedError
+from fieldcalib.run_folder.results import Outcome, Results
 
 Item = TypeVar("Item")
 

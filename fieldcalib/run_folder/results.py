@@ -26,10 +26,7 @@ import fieldcalib
 from fieldcalib._types import Array
 from fieldcalib.assess.result import ANGLE_NAMES, Calibration, Verdict
 from fieldcalib.assess.surprises import SQUASHED
-from fieldcalib.cli.arguments import PARQUET
-from fieldcalib.cli.declared import ESTIMATED
-from fieldcalib.cli.run_record import RECORD, RunRecord, recorded
-from fieldcalib.cli.to_look_at import ToLookAt
+from fieldcalib.console.arguments import ESTIMATED, PARQUET
 from fieldcalib.geometry.camera import Camera
 from fieldcalib.io.files import BrokenFileError, remove_temporaries, whole_file, write_bytes, write_text
 from fieldcalib.io.formats import CAMERAS, OVERLAYS, VIDEOS
@@ -39,6 +36,8 @@ from fieldcalib.io.output_folder import output_folder
 from fieldcalib.io.parquet import read_parquet, write_parquet
 from fieldcalib.io.results import BROKEN, LINES, TABLE, lines_file
 from fieldcalib.problem.layout import ANGLES, CENTER, LOG_F
+from fieldcalib.run_folder.run_record import RECORD, RunRecord, recorded
+from fieldcalib.run_folder.to_look_at import ToLookAt
 from fieldcalib.solve.aspect import WAS_SQUASHED
 
 SUMMARY = "summary.json"  # of a run that is finished
