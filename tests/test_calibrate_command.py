@@ -107,7 +107,7 @@ def test_the_total_time_is_that_of_everything(annotated_folder, tmp_path, monkey
 
         return slept
 
-    for name in ("calibration_line", "ndc_loss", "outcome_of"):
+    for name in ("calibration_line", "ndc_loss", "compute_errors"):
         monkeypatch.setattr(f"fieldcalib.run_folder.annotated.{name}", slow(getattr(commands_on_folders, name)))
     assert calibrate(tmp_path, annotated_folder / "a.json") == 0
     seconds = summary_of(tmp_path)["seconds"]

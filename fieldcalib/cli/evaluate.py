@@ -31,9 +31,10 @@ from fieldcalib.metrics import (
 from fieldcalib.metrics.scores import CompoundScore
 from fieldcalib.metrics.views import is_homography
 from fieldcalib.run_folder.annotated import name_skipped
-from fieldcalib.run_folder.predictions import GroundTruth, read_ground_truth, read_predictions
+from fieldcalib.run_folder.options import add_processes
+from fieldcalib.run_folder.predictions import FileReader, GroundTruth, Predictions, read_ground_truth, read_predictions
 from fieldcalib.run_folder.results import is_unfinished
-from fieldcalib.run_folder.units import add_processes, processes_of
+from fieldcalib.run_folder.units import executor_of
 
 PERCENT = 100.0
 
@@ -86,8 +87,22 @@ def run(options: argparse.Namespace) -> int:
     """Evaluate and print; returns the exit code."""
     broken: list[str] = []
     try:
-        with processes_of(options) as executor:
-            report = _report(options, broken, executor)
+        with executor_of(options.jobs) as executor:
+            reader = FileReader(broken, options.most_bytes, executor)
+            field, ground_truth = field_of(options), options.ground_truth
+            predictions = read_predictions(reader, options.predictions, options.size, homographies=options.homographies)
+            truth = read_ground_truth(reader, ground_truth, predictions.size, field, options.camera_type)
+            _say(predictions, truth, options.predictions, ground_truth)
+            planar = options.planar or any(map(is_homography, predictions.by_frame.values()))
+            report = evaluate(
+                predictions.by_frame,
+                truth,
+                predictions.size,
+                field=field,
+                thresholds=options.thresholds,
+                planar=planar,
+                executor=executor,
+            )
     finally:  # broken files may be why there is nothing to evaluate
         for message in broken:
             print(f"fieldcalib: {message}", file=sys.stderr)
@@ -95,30 +110,13 @@ def run(options: argparse.Namespace) -> int:
     return 1 if broken else 0
 
 
-def _report(options: argparse.Namespace, broken: list[str], executor: Executor | None) -> dict[str, Any]:
-    most_bytes, field = options.most_bytes, field_of(options)
-    predictions = read_predictions(
-        options.predictions,
-        broken,
-        size=options.size,
-        homographies=options.homographies,
-        most_bytes=most_bytes,
-        executor=executor,
-    )
+def _say(predictions: Predictions, truth: GroundTruth, path: Path, truth_path: Path) -> None:
+    """Say on stderr what may be wrong with the input; a ValueError if they have no frame in common."""
     width, height = predictions.size
-    truth = read_ground_truth(
-        options.ground_truth,
-        predictions.size,
-        broken,
-        field=field,
-        camera_type=options.camera_type,
-        most_bytes=most_bytes,
-        executor=executor,
-    )
-    name_skipped([options.predictions], predictions.files)
-    name_skipped([options.ground_truth], truth.files)
-    if is_unfinished(options.predictions):
-        state = f"the run in {options.predictions} is not finished: frames without a camera may have one later"
+    name_skipped([path], predictions.files)
+    name_skipped([truth_path], truth.files)
+    if is_unfinished(path):
+        state = f"the run in {path} is not finished: frames without a camera may have one later"
         print(f"fieldcalib: {state}", file=sys.stderr)
     if predictions.of_other_sizes:
         sizes = ", ".join(f"{w}x{h}" for w, h in predictions.of_other_sizes)
@@ -130,19 +128,9 @@ def _report(options: argparse.Namespace, broken: list[str], executor: Executor |
     by_frame = predictions.by_frame
     if not set(by_frame) & set(truth.annotations):
         raise ValueError(
-            f"{options.predictions} has {_some(by_frame)}, {options.ground_truth} has {_some(truth.annotations)}: "
-            f"no frame in common, do the ids agree?"
+            f"{path} has {_some(by_frame)}, {truth_path} has {_some(truth.annotations)}: no frame in common, do the "
+            f"ids agree?"
         )
-    planar = options.planar or any(is_homography(prediction) for prediction in by_frame.values())
-    return evaluate(
-        by_frame,
-        truth,
-        predictions.size,
-        field=field,
-        thresholds=options.thresholds,
-        planar=planar,
-        executor=executor,
-    )
 
 
 def _some(frames: Mapping[str, Any]) -> str:

@@ -33,6 +33,7 @@ class Cameras:
     """
 
     def __init__(self, path: Path) -> None:
+        self.path = path
         self._path = lines_file(path) if path.is_dir() else path
         if not self._path.is_file():
             raise FileNotFoundError(f"{self._path} does not exist: expected the folder that calibrate or run wrote")
@@ -104,7 +105,7 @@ class Cameras:
         return f"boxes are of frames as {frame!r}, cameras of frames as {ids[0]!r}"
 
 
-def field_of(cameras: Cameras, path: Path) -> Field:
+def field_of(cameras: Cameras) -> Field:
     """The field of the first frame that has an accepted camera.
 
     Raises
@@ -114,7 +115,7 @@ def field_of(cameras: Cameras, path: Path) -> Field:
     """
     first = cameras.of(cameras.accepted[0]) if cameras.accepted else None
     if first is None:
-        raise ValueError(f"no frame of {path} has an accepted camera")
+        raise ValueError(f"no frame of {cameras.path} has an accepted camera")
     return first.field or soccer()
 
 

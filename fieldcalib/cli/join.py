@@ -14,20 +14,18 @@ from fieldcalib.console.arguments import PARQUET, add_format, folder_name
 from fieldcalib.io.files import parse_json_object
 from fieldcalib.io.line_log import whole_lines
 from fieldcalib.io.results import LINES
+from fieldcalib.run_folder.options import RunOptions, Shard, add_again
+from fieldcalib.run_folder.outcome import Outcome, is_squashed
+from fieldcalib.run_folder.record import RunRecord
 from fieldcalib.run_folder.results import (
     LOCALIZED,
     SUMMARY,
-    Outcome,
-    Results,
+    ResultsWriter,
     finish,
-    is_nearly_square,
-    is_squashed,
     is_unfinished,
-    leave_table,
     run_folder,
+    write_table,
 )
-from fieldcalib.run_folder.run_record import RunRecord
-from fieldcalib.run_folder.units import Shard, add_again
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -45,23 +43,24 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(options: argparse.Namespace) -> int:
     """Join; returns the exit code."""
     record, shards = _in_order(options.shards)
+    joined = RunOptions.of(options)
     lines = LOCALIZED if record.command == "localize" else LINES
-    if lines == LOCALIZED and options.format == PARQUET:
+    if lines == LOCALIZED and joined.writes_table:
         raise ValueError(f"--format {PARQUET} is of cameras: these shards are of localize")
     summaries = [parse_json_object((folder / SUMMARY).read_bytes(), "a summary") for folder in shards]
-    with run_folder(options, record, lines) as results:
+    with run_folder(joined, record, lines) as results:
         for folder, text in islice(_lines(shards, lines, record.unit), results.done, None):
             results.add(_outcome(folder, text, record))
         results.calibrating = sum(summary["seconds"].get("calibration", 0.0) for summary in summaries)
         results.calibrated = results.verdicts.total()
         seconds = sum(summary["seconds"]["total"] for summary in summaries)
         if lines == LOCALIZED:
-            write_all(options.out, record.options["format"])
-        made = localized_summary if lines == LOCALIZED else Results.summary
-        finish(options.out, made(results, summaries[0]["options"], seconds))
+            write_all(joined.out, record.options["format"])
+        made = localized_summary if lines == LOCALIZED else ResultsWriter.summary
+        finish(joined.out, made(results, summaries[0]["options"], seconds))
     if lines == LINES:
         results.say(record.options)
-        leave_table(options)
+        write_table(joined)
     return results.exit_code
 
 
@@ -112,8 +111,4 @@ def _outcome(folder: Path, text: bytes, record: RunRecord) -> Outcome:
     line: dict[str, Any] = parse_json_object(text, "a frame's result")
     names = [name.replace("<id>", line["id"]) for name in record.writes]
     files = {name: (folder / name).read_bytes() for name in names if (folder / name).exists()}
-    squashed, square = is_squashed(line), is_nearly_square(line)
-    said = text.decode().rstrip("\n")
-    return Outcome(
-        line["id"], said, line["status"], line.get("verdict", ""), line.get("reason", ""), squashed, square, files
-    )
+    return Outcome(line, is_squashed(line), files)

@@ -55,7 +55,7 @@ class KnownCamera:
 
     @classmethod
     def of(cls, options: argparse.Namespace) -> KnownCamera:
-        """That of the options of `add_known_camera` and --lens.
+        """Take the options of `add_known_camera`, and --lens.
 
         Raises
         ------
@@ -78,7 +78,7 @@ class KnownCamera:
 
     @property
     def flags(self) -> CalibrationFlags:
-        """What is known and what is estimated."""
+        """Flags of what is known and what is estimated."""
         F = CalibrationFlags
         flags = KNOWN_INTRINSICS_FLAGS if self.intrinsics is not None else LENSES[self.lens]
         if self.position is not None:

@@ -53,8 +53,8 @@ def run(options: argparse.Namespace) -> int:
     if suffix not in (PICTURE, VIDEO, "") and not options.out.is_dir():
         raise ValueError(f"{options.out}: expected a name that ends with {VIDEO} or {PICTURE}, or a folder")
     cameras = Cameras(options.cameras)
-    field = field_of(cameras, options.cameras)
-    players = None if options.players is None else PlayersOnMaps(options.players, cameras, field, options)
+    field = field_of(cameras)
+    players = PlayersOnMaps.from_options(options, cameras, field)
     ids = cameras.ids if players is None else players.ids
     if suffix == PICTURE and len(ids) > 1:
         raise ValueError(f"{options.out} is one picture, and there are {len(ids)} frames: give a folder or {VIDEO}")

@@ -63,8 +63,12 @@ class PlayersOnMaps:
         What `project` wrote.
     cameras : Cameras
     field : Field
-    options : argparse.Namespace
-        Those of `add_players`.
+    colour_by : str or None
+        Column whose values get colours, None to choose one.
+    trails : int
+        Number of frames that trails go back.
+    frame_offset : int
+        Added to the numbers of frames.
 
     Raises
     ------
@@ -72,22 +76,31 @@ class PlayersOnMaps:
         If no frame is among the results, there are no tracks for trails, or most players are off the field.
     """
 
-    def __init__(self, path: Path, cameras: Cameras, field: Field, options: argparse.Namespace) -> None:
-        self._table = read_players(path, options.colour_by)
-        self._count = options.trails
+    def __init__(
+        self, path: Path, cameras: Cameras, field: Field, colour_by: str | None, trails: int, frame_offset: int
+    ) -> None:
+        self._table = read_players(path, colour_by)
+        self._count = trails
         if self._count and self._table.track_column is None:
             raise ValueError(f"{path} has no column track_id, tracker_id or id: --trails needs one")
         self._order = {id: index for index, id in enumerate(cameras.ids)}
         self._at: dict[int, list[Player]] = {}
         for frame, players in self._table.frames.items():
-            id = cameras.id_of(frame, options.frame_offset)
+            id = cameras.id_of(frame, frame_offset)
             if id is not None:
                 self._at.setdefault(self._order[id], []).extend(players)
         if not self._at:
             frame = next(iter(self._table.frames), "none")
-            raise ValueError(f"no frame of {path} is among those of {options.cameras}: {cameras.said(frame)}")
+            raise ValueError(f"no frame of {path} is among those of {cameras.path}: {cameras.said(frame)}")
         _check_on_field(self._table.X, field, path)
         self._colours = colours_of(self._table.groups)
+
+    @classmethod
+    def from_options(cls, options: argparse.Namespace, cameras: Cameras, field: Field) -> PlayersOnMaps | None:
+        """Take the options of `add_players`; None if no table of players is given."""
+        if options.players is None:
+            return None
+        return cls(options.players, cameras, field, options.colour_by, options.trails, options.frame_offset)
 
     @property
     def ids(self) -> list[str]:

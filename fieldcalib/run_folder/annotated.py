@@ -1,4 +1,4 @@
-"""From a folder of annotated frames to a folder of cameras, whatever calibrates them."""
+"""From annotated frames to a folder of cameras, by any method."""
 
 from __future__ import annotations
 
@@ -8,9 +8,9 @@ import time
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from dataclasses import field as attribute
+from functools import partial
 from pathlib import Path
-from types import MappingProxyType
-from typing import Any, TypeAlias, TypeVar
+from typing import Any, Protocol, TypeAlias, TypeVar
 
 from fieldcalib.assess.ndc import ndc_loss
 from fieldcalib.assess.result import Calibration, Status
@@ -20,28 +20,30 @@ from fieldcalib.fields.field import Field
 from fieldcalib.geometry.camera import Camera
 from fieldcalib.io.annotation_files import NO_SIZE, AnnotatedFrame, FramesFound, frames_in, is_of_soccernet, parse_frame
 from fieldcalib.io.annotations import Labels
-from fieldcalib.io.files import MOST_BYTES, BrokenFileError, FrameFile, files_beside
+from fieldcalib.io.files import MOST_BYTES, BrokenFileError, FrameFile, files_beside, problem
 from fieldcalib.io.formats import ANNOTATIONS, CAMERAS
 from fieldcalib.io.results import LINES, TABLE
 from fieldcalib.io.soccernet import UNKNOWN_LABELS
 from fieldcalib.problem.labelled_pixels import Pixels, check_segments, nearest_label, thinned
 from fieldcalib.processes.jobs import in_order
-from fieldcalib.run_folder.results import LOCALIZED, SUMMARY, Outcome, calibration_line, counted, result_folder
-from fieldcalib.run_folder.run_record import RECORD, RunRecord
-from fieldcalib.run_folder.units import Made, processes_of, unit_size, units_of, work
+from fieldcalib.run_folder.options import RunOptions
+from fieldcalib.run_folder.outcome import Item, Outcome, calibration_line
+from fieldcalib.run_folder.record import RECORD, RunRecord
+from fieldcalib.run_folder.results import LOCALIZED, SUMMARY, counted, result_folder
+from fieldcalib.run_folder.units import UnitResult, executor_of, unit_size, units_of, work
 
 P = TypeVar("P")  # a prior, in whatever form
 
 WITHHELD = (Status.REJECTED, Status.IMPROBABLE)  # cameras that the user of `calibrate` did not want
-OF_RUN = frozenset({LINES, TABLE, SUMMARY, RECORD, LOCALIZED})
+RUN_FILES = frozenset({LINES, TABLE, SUMMARY, RECORD, LOCALIZED})
 NAMED = 3  # skipped files of a kind
+CAMERA_FILES = (CAMERAS.file_name("<id>"),)
 
 
 @dataclass(frozen=True)
-class Frames:
-    """What was read, by frame id in the order of the input."""
+class LabelledFrames:
+    """Labelled pixels that were read, by frame id in the order of the input."""
 
-    ids: tuple[str, ...]
     pixels: Mapping[str, Pixels]
     broken: Mapping[str, str]
     """What is wrong with the files that could not be read."""
@@ -57,56 +59,67 @@ class Frames:
 
 
 @dataclass(frozen=True)
-class Found:
-    """A calibration, and what else is written of its frame."""
+class AnnotationReader:
+    """Finds, reads and checks annotations of frames."""
 
-    calibration: Calibration
-    details: Mapping[str, Any] = attribute(default_factory=dict)
-    """More keys of its line in cameras.jsonl."""
-    files: Mapping[str, bytes] = attribute(default_factory=dict)
-    """Content by name."""
-    said: str = ""
-    """For stdout."""
+    field: Field
+    image_size: tuple[int, int] | None
+    """None: as the files say."""
+    labels: Labels = attribute(default_factory=dict)
+    """Names of the field's segments by labels in the files."""
+    most_bytes: float = MOST_BYTES
+
+    @classmethod
+    def of(cls, options: argparse.Namespace, field: Field) -> AnnotationReader:
+        """Take the options of `add_input_and_output`."""
+        return cls(field, options.size, options.labels or {}, options.most_bytes)
+
+    def find(self, inputs: Sequence[Path]) -> list[FrameFile]:
+        """Find the frames of annotations in folders and zips; what else is there is named on stderr.
+
+        Raises
+        ------
+        ValueError
+            If the size of the images is not given, and there are files of SoccerNet, which do not say it; or if labels
+            are mapped to what the field does not have.
+        """
+        files = ANNOTATIONS.find(inputs)
+        name_skipped(inputs, files)
+        check_labels(self.labels, self.field)
+        found = frames_in(files, self.labels, self.field, self.most_bytes)
+        if self.image_size is None:
+            nameless = [one for one in found.frames if not isinstance(one, AnnotatedFrame) and is_of_soccernet(one)]
+            if nameless:
+                raise ValueError(f"{nameless[0].path}: {NO_SIZE}")
+        name_left_out(found, self.field)
+        return found.frames
+
+    def read(self, files: Sequence[FrameFile]) -> LabelledFrames:
+        """Read and check annotations."""
+        pixels: dict[str, Pixels] = {}
+        sizes: dict[str, tuple[int, int]] = {}
+        broken: dict[str, str] = {}
+        for file in files:
+            try:
+                with waiting_for(file.path):
+                    found = parse_frame(file, self.image_size, self.labels, self.most_bytes)
+                assert found.image_size is not None
+                pixels[file.id] = thinned(check_segments(self.field, found.pixels, found.image_size))
+                sizes[file.id] = found.image_size
+            except (ValueError, MemoryError) as error:
+                broken[file.id] = problem(error)
+        return LabelledFrames(pixels, broken, sizes)
 
 
-Method: TypeAlias = Callable[[dict[str, Pixels], tuple[int, int]], Sequence[Found]]
-
-
-def read_frames(inputs: Sequence[Path], field: Field, image_size: tuple[int, int]) -> Frames:
+def read_frames(inputs: Sequence[Path], field: Field, image_size: tuple[int, int]) -> LabelledFrames:
     """Find, read and check annotations; broken files are named on stderr."""
-    files = found_annotations(inputs, field, image_size)
-    frames = read_annotations(files, field, image_size)
+    reader = AnnotationReader(field, image_size)
+    files = reader.find(inputs)
+    frames = reader.read(files)
     for file in files:
         if file.id in frames.broken:
             print(f"fieldcalib: {file.path}: {frames.broken[file.id]}", file=sys.stderr)
     return frames
-
-
-def found_annotations(
-    inputs: Sequence[Path],
-    field: Field,
-    image_size: tuple[int, int] | None,
-    labels: Labels = MappingProxyType({}),
-    most_bytes: float = MOST_BYTES,
-) -> list[FrameFile]:
-    """The frames of annotations in folders and zips; what else is there is named on stderr.
-
-    Raises
-    ------
-    ValueError
-        If the size of the images is not given, and there are files of SoccerNet, which do not say it; or if labels are
-        mapped to what the field does not have.
-    """
-    files = ANNOTATIONS.find(inputs)
-    name_skipped(inputs, files)
-    check_labels(labels, field)
-    found = frames_in(files, labels, field, most_bytes)
-    if image_size is None:
-        nameless = [one for one in found.frames if not isinstance(one, AnnotatedFrame) and is_of_soccernet(one)]
-        if nameless:
-            raise ValueError(f"{nameless[0].path}: {NO_SIZE}")
-    name_left_out(found, field)
-    return found.frames
 
 
 def check_labels(labels: Labels, field: Field) -> None:
@@ -129,34 +142,6 @@ def name_left_out(found: FramesFound, field: Field) -> None:
         print(f"fieldcalib: left out {shapes}{f' and {more} more' if more > 0 else ''}", file=sys.stderr)
 
 
-def read_annotations(
-    files: Sequence[FrameFile],
-    field: Field,
-    image_size: tuple[int, int] | None,
-    most_bytes: float = MOST_BYTES,
-    labels: Labels = MappingProxyType({}),
-) -> Frames:
-    """Read and check annotations."""
-    pixels: dict[str, Pixels] = {}
-    sizes: dict[str, tuple[int, int]] = {}
-    broken: dict[str, str] = {}
-    for file in files:
-        try:
-            with waiting_for(file.path):
-                found = parse_frame(file, image_size, labels, most_bytes)
-            assert found.image_size is not None
-            pixels[file.id] = thinned(check_segments(field, found.pixels, found.image_size))
-            sizes[file.id] = found.image_size
-        except (ValueError, MemoryError) as error:
-            broken[file.id] = problem(error)
-    return Frames(tuple(file.id for file in files), pixels, broken, sizes)
-
-
-def problem(error: Exception) -> str:
-    """What is wrong with a file; a MemoryError does not say it."""
-    return str(error) or "there is not enough memory for it"
-
-
 def name_skipped(inputs: Iterable[Path], used: Iterable[FrameFile]) -> None:
     """Say on stderr what lies in folders and zips and is not used, in one line: how many of each kind, and the first.
 
@@ -164,7 +149,7 @@ def name_skipped(inputs: Iterable[Path], used: Iterable[FrameFile]) -> None:
     """
     by_suffix: dict[str, list[Path]] = {}
     for path in files_beside(inputs, used):
-        if path.name not in OF_RUN:
+        if path.name not in RUN_FILES:
             by_suffix.setdefault(path.suffix or "without ending", []).append(path)
     folders = [member for path in inputs if path.is_dir() for member in sorted(path.iterdir()) if member.is_dir()]
     if folders:
@@ -181,23 +166,49 @@ def _first(paths: Sequence[Path]) -> str:
 
 
 @dataclass(frozen=True)
+class CalibratedFrame:
+    """A calibration, and what else is written of its frame."""
+
+    calibration: Calibration
+    details: Mapping[str, Any] = attribute(default_factory=dict)
+    """More keys of its line in cameras.jsonl."""
+    files: Mapping[str, bytes] = attribute(default_factory=dict)
+    """Content by name."""
+    message: str = ""
+    """For stdout."""
+
+    def outcome(self, id: str, eq3: float | None = None) -> Outcome:
+        """What is written of the frame; its camera, if it passes the thresholds that the user has set."""
+        line = calibration_line(id, self.calibration, eq3) | dict(self.details)
+        return Outcome.of(self.calibration, line, keeps=self.calibration.status not in WITHHELD, files=self.files)
+
+
+Method: TypeAlias = Callable[[dict[str, Pixels], tuple[int, int]], Sequence[CalibratedFrame]]
+
+
+class FileMethod(Protocol):
+    """Calibrates frames from their files; other processes get a copy."""
+
+    def __call__(self, files: tuple[FrameFile, ...]) -> UnitResult:
+        """Read and calibrate a unit of frames."""
+
+    def broken(self, files: tuple[FrameFile, ...]) -> Mapping[str, str]:
+        """Read the files only: what is wrong with those that are broken, by id."""
+
+
+@dataclass(frozen=True)
 class FromAnnotations:
-    """What is written of some annotated frames."""
+    """Calibrates annotated frames: a `FileMethod`."""
 
-    field: Field
-    image_size: tuple[int, int] | None
-    """None: as the files say."""
-    most_bytes: float
+    reader: AnnotationReader
     method: Method
-    """Gives the calibrations of frames of one size, by id, in their order; may raise a BrokenFileError about them."""
-    labels: Labels = attribute(default_factory=dict)
-    """What labels are called here."""
+    """Calibrates frames of one size, by id, in their order; may raise a BrokenFileError about them."""
 
-    def __call__(self, files: tuple[FrameFile, ...]) -> Made:
+    def __call__(self, files: tuple[FrameFile, ...]) -> UnitResult:
         """Read the files and calibrate."""
-        frames = self._read(files)
+        frames = self.reader.read(files)
         broken = dict(frames.broken)
-        found: dict[str, Found] = {}
+        found: dict[str, CalibratedFrame] = {}
         eq3: dict[str, float] = {}
         seconds = 0.0
         for size, pixels in frames.by_size().items():
@@ -210,89 +221,84 @@ class FromAnnotations:
             seconds += time.perf_counter() - start
             calibrations = {id: one.calibration for id, one in of_size.items()}
             compute_errors(list(calibrations.values()))
-            eq3 |= _eq3_losses(self.field, pixels, calibrations)
+            eq3 |= _eq3_losses(self.reader.field, pixels, calibrations)
             found |= of_size
-        outcomes = []
-        for file in files:
-            if file.id in broken:
-                outcomes.append(lost(file, broken[file.id]))
-                continue
-            one = found[file.id]
-            line = calibration_line(file.id, one.calibration, eq3.get(file.id)) | dict(one.details)
-            outcomes.append(outcome_of(file.id, one, line))
-        return Made(outcomes, seconds, "\n".join(one.said for one in found.values() if one.said))
+        return unit_result(files, found, broken, seconds, eq3)
 
-    def first_broken(self, files: tuple[FrameFile, ...]) -> str:
-        """The first broken file and what is wrong with it; empty if there is none."""
-        broken = self._read(files).broken
-        return next((f"{file.path}: {broken[file.id]}" for file in files if file.id in broken), "")
+    def broken(self, files: tuple[FrameFile, ...]) -> Mapping[str, str]:
+        """Read the files only: what is wrong with those that are broken, by id."""
+        return self.reader.read(files).broken
 
-    def _read(self, files: Sequence[FrameFile]) -> Frames:
-        return read_annotations(files, self.field, self.image_size, self.most_bytes, self.labels)
+
+def unit_result(
+    files: Sequence[Item],
+    found: Mapping[str, CalibratedFrame],
+    broken: Mapping[str, str],
+    seconds: float,
+    eq3: Mapping[str, float] | None = None,
+) -> UnitResult:
+    """The result of a unit whose frames, by id, are calibrated or broken."""
+    losses = eq3 or {}
+    outcomes = [
+        Outcome.broken(file, broken[file.id])
+        if file.id in broken
+        else found[file.id].outcome(file.id, losses.get(file.id))
+        for file in files
+    ]
+    return UnitResult(outcomes, seconds, "\n".join(one.message for one in found.values() if one.message))
 
 
 def calibrate_folder(
-    options: argparse.Namespace,
-    field: Field,
+    run: RunOptions,
+    inputs: Sequence[Path],
+    reader: AnnotationReader,
     method: Method,
     *,
     at_once: int | None = None,
-    writes: Sequence[str] = (CAMERAS.file_name("<id>"),),
+    writes: Sequence[str] = CAMERA_FILES,
     more: Any = None,
 ) -> int:
-    """Read ``options.input``, calibrate by `method`, write to ``options.out``; returns the exit code.
+    """Read annotations, calibrate by `method`, write to the folder of the run; returns the exit code.
 
     `method` gets `at_once` frames, or those of them that are of one size; it can be pickled. Of each frame there may
     be files that are named as `writes` says. `more` is what the method depends on beside the options, as JSON.
     """
-    labels = options.labels or {}
-    files = found_annotations(options.input, field, options.size, labels, options.most_bytes)
+    files = reader.find(inputs)
     sizes = {file.annotation.image_size for file in files if isinstance(file, AnnotatedFrame)} - {None}
     if at_once is not None and at_once > 1 and len(sizes) > 1:
-        raise ValueError(f"images of several sizes are not calibrated together: there are {_of_sizes(sizes)}")
-    made = FromAnnotations(field, options.size, options.most_bytes, method, labels)
+        there = ", ".join(sorted("{}x{}".format(*size) for size in sizes if size))
+        raise ValueError(f"images of several sizes are not calibrated together: there are {there}")
     size = unit_size(len(files)) if at_once is None else at_once
-    return calibrate_files(options, files, made, made.first_broken, size, writes, more)
-
-
-def _of_sizes(sizes: Iterable[tuple[int, int] | None]) -> str:
-    return ", ".join(sorted("{}x{}".format(*size) for size in sizes if size))
+    return calibrate_files(run, files, FromAnnotations(reader, method), size, writes, more)
 
 
 def calibrate_files(
-    options: argparse.Namespace,
+    run: RunOptions,
     files: Sequence[FrameFile],
-    function: Callable[[tuple[FrameFile, ...]], Made],
-    first_broken: Callable[[tuple[FrameFile, ...]], str],
+    method: FileMethod,
     size: int,
-    writes: Sequence[str],
+    writes: Sequence[str] = CAMERA_FILES,
     more: Any = None,
 ) -> int:
-    """Write what a function makes of files, `size` of them at once; returns the exit code."""
+    """Calibrate files, `size` of them at once, and write the results; returns the exit code."""
     began = time.perf_counter()
-    record = RunRecord.of(options, files, unit=size, writes=writes, more=more)
-    if options.strict:  # all are read before anything is written
-        with processes_of(options) as executor:
-            for broken in in_order(
-                executor, first_broken, units_of(files, size, options.shard), ahead=2 * options.jobs
-            ):
-                if broken:
-                    print(f"fieldcalib: {broken}", file=sys.stderr)
+    record = RunRecord.of(run, files, unit=size, writes=writes, more=more)
+    if run.strict:  # all are read before anything is written
+        units = units_of(files, size, run.shard)
+        with executor_of(run.jobs) as executor:
+            for complaint in in_order(executor, partial(_first_broken, method), units, ahead=2 * run.jobs):
+                if complaint:
+                    print(f"fieldcalib: {complaint}", file=sys.stderr)
                     return 1
-    with result_folder(options, record, began) as results:
-        work(options, results, files, size, function, lost, len(files))
+    with result_folder(run, record, began) as results:
+        work(run, results, files, size, method, len(files))
     return results.exit_code
 
 
-def lost(file: FrameFile, problem: str) -> Outcome:
-    """What is written of a file that is broken."""
-    return Outcome.broken(file.id, file.path, problem)
-
-
-def outcome_of(id: str, found: Found, line: Mapping[str, Any]) -> Outcome:
-    """What is written of a frame; its camera, if it passes the thresholds that the user has set."""
-    keeps = found.calibration.status not in WITHHELD
-    return Outcome.of(id, found.calibration, line, keeps=keeps, files=found.files)
+def _first_broken(method: FileMethod, files: tuple[FrameFile, ...]) -> str:
+    """The first broken file and what is wrong with it; empty if there is none."""
+    broken = method.broken(files)
+    return next((f"{file.path}: {broken[file.id]}" for file in files if file.id in broken), "")
 
 
 def by_prior(

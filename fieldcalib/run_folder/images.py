@@ -1,8 +1,7 @@
-"""What `fieldcalib run` and `fieldcalib localize` share: images one after the other, and the network."""
+"""Images of files or of a video, read one after the other."""
 
 from __future__ import annotations
 
-import argparse
 import sys
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager
@@ -13,13 +12,12 @@ from fieldcalib.console.arguments import MOST_BYTES_OF_IMAGE
 from fieldcalib.console.inputs import Input
 from fieldcalib.console.waiting import waiting_for
 from fieldcalib.io.cuts import WHOLE, Cut
-from fieldcalib.io.files import BrokenFileError, FrameFile
+from fieldcalib.io.files import BrokenFileError, FrameFile, problem
 from fieldcalib.io.formats import IMAGES, VIDEOS
 from fieldcalib.io.image import Image
 from fieldcalib.io.images import MOST_PIXELS
 from fieldcalib.io.videos import FrameReader, VideoWriter
-from fieldcalib.run_folder.annotated import name_skipped, problem
-from fieldcalib.run_folder.results import Outcome
+from fieldcalib.run_folder.annotated import name_skipped
 
 
 @dataclass(frozen=True)
@@ -149,22 +147,17 @@ def frames_lost(source: Source) -> bool:
     return bool(loss)
 
 
-def lost(item: FrameFile | Frame, what: str) -> Outcome:
-    """What is written of a frame that is broken."""
-    return Outcome.broken(item.id, item.path, what)
-
-
 def say_note(path: Path, video: VideoWriter) -> None:
     """Say on stderr what is to be known about a video that was written, if anything."""
     if video.note:
         print(f"fieldcalib: {path} {video.note}", file=sys.stderr)
 
 
+def broken_frames(frames: Iterable[Frame]) -> dict[str, str]:
+    """What is wrong with the frames that could not be read, by id."""
+    return {frame.id: frame.problem for frame in frames if frame.image is None}
+
+
 def pixels_of(frame: Frame) -> int:
     """How many pixels are in memory."""
     return 0 if frame.image is None else frame.image.shape[0] * frame.image.shape[1]
-
-
-def video_threads(options: argparse.Namespace) -> int:
-    """For decoding or encoding a video: two are open at a time, of the input or of input and overlay."""
-    return max(int(options.threads) // 2, 1)

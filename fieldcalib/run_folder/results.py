@@ -1,4 +1,4 @@
-"""The folder that a run writes: frame by frame, so that an end at any time leaves what another run can go on with.
+"""The folder of results of a run, written frame by frame, so that a run that ends at any time can be resumed.
 
 ``run.json`` comes first and ``summary.json`` last. In between each frame gets its line in ``cameras.jsonl`` and then
 its files. So a frame has all of its files if another line follows; the last one is done again. And no file is without
@@ -7,7 +7,6 @@ a line, which says what belongs to the run.
 
 from __future__ import annotations
 
-import argparse
 import json
 import sys
 import time
@@ -17,26 +16,20 @@ from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from dataclasses import field as attribute
 from pathlib import Path
-from types import MappingProxyType
 from typing import Any
 
-import numpy as np
-
 import fieldcalib
-from fieldcalib._types import Array
-from fieldcalib.assess.result import ANGLE_NAMES, Calibration, Verdict
-from fieldcalib.assess.surprises import SQUASHED
+from fieldcalib.assess.result import Verdict
 from fieldcalib.console.arguments import ESTIMATED, PARQUET
-from fieldcalib.geometry.camera import Camera
 from fieldcalib.io.files import BrokenFileError, remove_temporaries, whole_file, write_bytes, write_text
 from fieldcalib.io.formats import CAMERAS, OVERLAYS, VIDEOS
-from fieldcalib.io.image import Image
 from fieldcalib.io.line_log import LineLog, whole_lines
 from fieldcalib.io.output_folder import output_folder
 from fieldcalib.io.parquet import read_parquet, write_parquet
 from fieldcalib.io.results import BROKEN, LINES, TABLE, lines_file
-from fieldcalib.problem.layout import ANGLES, CENTER, LOG_F
-from fieldcalib.run_folder.run_record import RECORD, RunRecord, recorded
+from fieldcalib.run_folder.options import RunOptions
+from fieldcalib.run_folder.outcome import Outcome, is_squashed
+from fieldcalib.run_folder.record import RECORD, RunRecord
 from fieldcalib.run_folder.to_look_at import ToLookAt
 from fieldcalib.solve.aspect import WAS_SQUASHED
 
@@ -44,10 +37,8 @@ SUMMARY = "summary.json"  # of a run that is finished
 MOTION, WORST, TRIPODS = "motion.png", "worst_frames.jpg", "tripods.json"
 LOCALIZED = "localized.jsonl"
 OVERLAY = VIDEOS.file_name("overlay")
-OF_RUNS = (SUMMARY, MOTION, WORST, TRIPODS, OVERLAY)  # names of files that are of no single frame
-PART_OF_CLIP = ".part-"  # what the names of files begin with that keep parts of a clip until all are done
-METRES = (0.5, 1.0)  # that the probabilities in cameras.jsonl are about
-SIZE_KEYS = ("field_length", "field_width", "field_standard_deviations")
+SHARED_FILES = (SUMMARY, MOTION, WORST, TRIPODS, OVERLAY)  # files that are of no single frame
+PART_OF_CLIP = ".part-"  # prefix of files that keep parts of a clip until all are done
 # Frames with pixels that are not square, least number and share: of 728 annotated frames none, of the same squashed to
 # 640x640 one in fifteen, with width and height swapped more than half.
 SUSPICIOUS = 3, 0.05
@@ -58,62 +49,9 @@ ASPECT = "aspect"  # as this one does where it is not estimated
 AGAIN = "--resume goes on with it, --overwrite begins anew"
 
 
-@dataclass(frozen=True)
-class Outcome:
-    """What is written of a frame."""
-
-    id: str
-    line: str
-    """Of cameras.jsonl."""
-    status: str
-    verdict: str = ""
-    """Empty without a calibration."""
-    reason: str = ""
-    """Of the verdict."""
-    squashed: bool = False
-    """Whether the labels say that the pixels are not square."""
-    nearly_square: bool = False
-    """Whether the picture is; known where there is a camera."""
-    files: Mapping[str, bytes] = attribute(default_factory=dict)
-    """Content by name."""
-    complaint: str = ""
-    """For stderr: which file is broken, and why."""
-    picture: Image | None = None
-    """For the overlay of a video."""
-    is_written: bool = False
-    """By an earlier part of the run."""
-
-    @classmethod
-    def broken(cls, id: str, path: Path | str, problem: str) -> Outcome:
-        """That of a file that cannot be read."""
-        line = {"id": id, "status": BROKEN, "message": problem}
-        return cls(id, json.dumps(line), BROKEN, complaint=f"{path}: {problem}")
-
-    @classmethod
-    def of(
-        cls,
-        id: str,
-        calibration: Calibration,
-        line: Mapping[str, Any],
-        *,
-        keeps: bool,
-        files: Mapping[str, bytes] = MappingProxyType({}),
-        picture: Image | None = None,
-    ) -> Outcome:
-        """That of a calibration, whose camera has a file if there is one and the run `keeps` it."""
-        written = dict(files)
-        if keeps and calibration.camera is not None:
-            written[CAMERAS.file_name(id)] = (CAMERAS.write(calibration.camera) + "\n").encode()
-        squashed = SQUASHED in calibration.concerns or WAS_SQUASHED in calibration.message
-        status, verdict = str(calibration.status), str(calibration.verdict)
-        square = is_nearly_square(line)
-        reason = calibration.reason
-        return cls(id, json.dumps(line), status, verdict, reason, squashed, square, written, picture=picture)
-
-
 @dataclass
-class Results:
-    """What is written of frames, and counted."""
+class ResultsWriter:
+    """Writes the results of frames, and counts them."""
 
     out: Path
     log: LineLog
@@ -136,28 +74,26 @@ class Results:
         """Write the line of the next frame, and its files; what is wrong with it is said on stderr."""
         if outcome.complaint:
             print(f"fieldcalib: {outcome.complaint}", file=sys.stderr)
-        self.log.append(outcome.line)
+        self.log.append(json.dumps(outcome.line))
         for name, content in outcome.files.items():
             write_bytes(self.out / name, content)
-        self._count(outcome.status, outcome.verdict, CAMERAS.file_name(outcome.id) in outcome.files)
-        self.to_look_at.add(outcome.id, outcome.verdict, outcome.reason)
-        self.squashed += outcome.squashed
-        self.nearly_square += outcome.nearly_square
-        self.calibrated += bool(outcome.verdict)
+        self._count(outcome.line, outcome.squashed, CAMERAS.file_name(outcome.id) in outcome.files)
+        self.calibrated += bool(outcome.line.get("verdict"))
 
-    def take_up(self, line: Mapping[str, Any]) -> None:
-        """Count a frame that is written already."""
-        self._count(line["status"], line.get("verdict", ""), (self.out / CAMERAS.file_name(line["id"])).exists())
-        self.to_look_at.add(line["id"], line.get("verdict", ""), line.get("reason", ""))
-        self.squashed += is_squashed(line)
-        self.nearly_square += is_nearly_square(line)
+    def restore(self, line: Mapping[str, Any]) -> None:
+        """Count a frame that an earlier part of the run has written."""
+        self._count(line, is_squashed(line), (self.out / CAMERAS.file_name(line["id"])).exists())
 
-    def _count(self, status: str, verdict: str, has_camera: bool) -> None:
+    def _count(self, line: Mapping[str, Any], squashed: bool, has_camera: bool) -> None:
+        verdict = line.get("verdict", "")
         self.done += 1
-        self.statuses[status] += 1
+        self.statuses[line["status"]] += 1
         if verdict:
             self.verdicts[verdict] += 1
         self.cameras += has_camera
+        self.to_look_at.add(line["id"], verdict, line.get("reason", ""))
+        self.squashed += squashed
+        self.nearly_square += is_nearly_square(line)
 
     @property
     def exit_code(self) -> int:
@@ -165,7 +101,7 @@ class Results:
         return 1 if self.statuses[BROKEN] else 0
 
     def summary(self, options: Mapping[str, Any], seconds: float) -> dict[str, Any]:
-        """What summary.json says; `seconds` is how long everything took."""
+        """Content of summary.json; `seconds` is how long everything took."""
         return {
             "frames": self.done,
             "cameras": self.cameras,
@@ -180,30 +116,33 @@ class Results:
         }
 
     def say(self, options: Mapping[str, Any]) -> None:
-        """Say how many cameras there are, and what makes one doubt that the options say what the pictures are."""
+        """Print how many cameras there are; on stderr the frames to look at, and doubts about the options."""
         statuses = ", ".join(f"{count} {status}" for status, count in self.statuses.most_common())
         verdicts = ", ".join(f"{self.verdicts[verdict]} {verdict}" for verdict in Verdict if self.verdicts[verdict])
         counts = "; ".join(filter(None, (statuses, verdicts)))
         print(f"{counted(self.cameras, 'camera')} of {counted(self.done, 'frame')} in {self.out}: {counts}")
         self._say_what_to_look_at(options)
-        if self.squashed >= max(SUSPICIOUS[0], SUSPICIOUS[1] * self.verdicts.total()):
-            seen = f"{self.squashed} of {counted(self.done, 'frame')} show pixels that are not square"
-            print(f"{seen}: is the size right? --aspect declares squashed pictures", file=sys.stderr)
-        elif (
-            self.nearly_square
-            and all(options.get(name, "") is None for name in DECLARATIONS)
-            and options.get(ASPECT) in (None, ESTIMATED)
-        ):
-            verb = "is" if self.nearly_square == 1 else "are"
-            print(
-                f"{self.nearly_square} of {counted(self.done, 'frame')} {verb} nearly square: pictures of broadcasts "
-                f"of that shape were squashed, which --aspect declares, or cropped, which --crop-of does",
-                file=sys.stderr,
-            )
+        self._ask_about_shape(options)
         others = sum(1 for _ in self.out.glob(CAMERAS.file_name("*"))) - self.cameras
         if others > 0:
             verb = "is" if others == 1 else "are"
             print(f"fieldcalib: {counted(others, 'camera')} in {self.out} {verb} not of this run", file=sys.stderr)
+
+    def _ask_about_shape(self, options: Mapping[str, Any]) -> None:
+        """Ask on stderr whether the pictures were squashed or cropped, if they look so and the options do not say."""
+        frames = counted(self.done, "frame")
+        if self.squashed >= max(SUSPICIOUS[0], SUSPICIOUS[1] * self.verdicts.total()):
+            seen = f"{self.squashed} of {frames} show pixels that are not square"
+            print(f"{seen}: is the size right? --aspect declares squashed pictures", file=sys.stderr)
+            return
+        is_declared = any(options.get(name, "") is not None for name in DECLARATIONS)
+        if self.nearly_square and not is_declared and options.get(ASPECT) in (None, ESTIMATED):
+            verb = "is" if self.nearly_square == 1 else "are"
+            print(
+                f"{self.nearly_square} of {frames} {verb} nearly square: pictures of broadcasts "
+                f"of that shape were squashed, which --aspect declares, or cropped, which --crop-of does",
+                file=sys.stderr,
+            )
 
     def _say_what_to_look_at(self, options: Mapping[str, Any]) -> None:
         """Name the first frames that are not good on stderr, and where all are to be seen."""
@@ -218,55 +157,55 @@ class Results:
 
 
 @contextmanager
-def result_folder(options: argparse.Namespace, record: RunRecord, began: float) -> Iterator[Results]:
-    """``options.out``, for cameras frame by frame; when all went well it gets its summary.json.
+def result_folder(run: RunOptions, record: RunRecord, began: float) -> Iterator[ResultsWriter]:
+    """Open the folder of results for cameras, frame by frame; when all went well it gets its summary.json.
 
     `began` is what `time.perf_counter` said at the start.
     """
-    if options.format == PARQUET and options.shard is not None:
+    if run.writes_table and run.shard is not None:
         raise ValueError(f"--format {PARQUET} is of whole runs: --shard writes {LINES}, fieldcalib join makes a table")
-    with run_folder(options, record) as results:
+    with run_folder(run, record) as results:
         yield results
-        finish(options.out, results.summary(recorded(options), time.perf_counter() - began))
-        results.say(recorded(options))
-    leave_table(options)
+        finish(run.out, results.summary(run.recorded, time.perf_counter() - began))
+        results.say(run.recorded)
+    write_table(run)
 
 
-def leave_table(options: argparse.Namespace) -> None:
-    """Put a table in the place of ``cameras.jsonl``, if that is asked for."""
-    if options.format == PARQUET:
-        with output_folder(options.out):
-            write_parquet(whole_lines(options.out / LINES), options.out / TABLE)
-            (options.out / LINES).unlink()
+def write_table(run: RunOptions) -> None:
+    """Replace ``cameras.jsonl`` by a table, if that is asked for."""
+    if run.writes_table:
+        with output_folder(run.out):
+            write_parquet(whole_lines(run.out / LINES), run.out / TABLE)
+            (run.out / LINES).unlink()
 
 
 @contextmanager
-def run_folder(options: argparse.Namespace, record: RunRecord, lines: str = LINES) -> Iterator[Results]:
-    """``options.out``, kept from other runs, with what a run that is gone on with has done; `lines` is its log.
+def run_folder(run: RunOptions, record: RunRecord, lines: str = LINES) -> Iterator[ResultsWriter]:
+    """Lock the folder of results and restore a run that is resumed; `lines` is the name of its log.
 
     Raises
     ------
     FileExistsError
         If the folder holds the results of a run and neither --resume nor --overwrite is given.
     ValueError
-        If the run to go on with had other options, or another input.
+        If the run to be resumed had other options, or another input.
     """
-    out = options.out
+    out = run.out
     with output_folder(out):
-        _restore_lines(options)
-        earlier = None if options.overwrite else _earlier(out, record, resume=options.resume)
-        if options.overwrite:
+        _restore_lines(run)
+        earlier = None if run.overwrite else _earlier(out, record, resume=run.resume)
+        if run.overwrite:
             _clear(out)
         remove_temporaries(out)
         count = _count(out / lines)
-        results: Results | None = None
+        results: ResultsWriter | None = None
         try:
             if earlier is None:
                 record.write(out)
             with LineLog(out / lines, count if is_finished(out) else max(count - 1, 0)) as log:
-                results = Results(out, log)
+                results = ResultsWriter(out, log)
                 for text in whole_lines(out / lines):
-                    results.take_up(json.loads(text))
+                    results.restore(json.loads(text))
                 yield results
         except BaseException:
             remove_temporaries(out)  # of an interrupt between the making of one and its use
@@ -279,12 +218,12 @@ def run_folder(options: argparse.Namespace, record: RunRecord, lines: str = LINE
             raise
 
 
-def _restore_lines(options: argparse.Namespace) -> None:
-    """The ``cameras.jsonl`` of a run that is gone on with or replaced and has left it as a table."""
-    path = options.out / LINES
-    if (options.resume or options.overwrite) and lines_file(options.out) != path:
+def _restore_lines(run: RunOptions) -> None:
+    """Write the ``cameras.jsonl`` of a run that is resumed or replaced from the table that it has left."""
+    path = run.out / LINES
+    if (run.resume or run.overwrite) and lines_file(run.out) != path:
         with whole_file(path) as file:
-            file.writelines(text + b"\n" for text in read_parquet(lines_file(options.out)))
+            file.writelines(text + b"\n" for text in read_parquet(lines_file(run.out)))
 
 
 def finish(out: Path, summary: Mapping[str, Any]) -> None:
@@ -304,7 +243,7 @@ def is_unfinished(folder: Path) -> bool:
 
 
 def _earlier(out: Path, record: RunRecord, *, resume: bool) -> RunRecord | None:
-    """The run in a folder that is to be gone on with, if there is one."""
+    """The record of the run in a folder that is resumed, None if there is none."""
     earlier = RunRecord.read(out)
     if earlier is None:
         if _used(out):
@@ -344,7 +283,7 @@ def _clear(out: Path) -> None:
         for pattern in (CAMERAS.file_name("*"), OVERLAYS.file_name("*")):
             for path in out.glob(pattern):
                 path.unlink(missing_ok=True)
-    for name in OF_RUNS:
+    for name in SHARED_FILES:
         (out / name).unlink(missing_ok=True)
     _forget(out)
 
@@ -358,7 +297,7 @@ def _remove_frames(out: Path, record: RunRecord) -> None:
 
 
 def _forget(out: Path) -> None:
-    """Remove what is kept of a run."""
+    """Remove the log, the record and kept parts of a run."""
     remove_temporaries(out)
     for path in (*out.glob(f"{PART_OF_CLIP}*"), out / LINES, out / TABLE, out / LOCALIZED, out / RECORD):
         path.unlink(missing_ok=True)
@@ -373,7 +312,7 @@ def _ids(log: Path) -> Iterator[str]:
 
 
 def counted(number: int, noun: str) -> str:
-    """A number of things.
+    """A number with its noun.
 
     Examples
     --------
@@ -381,11 +320,6 @@ def counted(number: int, noun: str) -> str:
     ('1 frame', '2 frames')
     """
     return f"{number} {noun}{'' if number == 1 else 's'}"
-
-
-def is_squashed(line: Mapping[str, Any]) -> bool:
-    """Whether a frame's line of cameras.jsonl says that the pixels of the picture are not square."""
-    return any(words in line.get("reason", "") for words in (SQUASHED, WAS_SQUASHED))
 
 
 def is_nearly_square(line: Mapping[str, Any]) -> bool:
@@ -400,43 +334,3 @@ def is_nearly_square(line: Mapping[str, Any]) -> bool:
     if WAS_SQUASHED in line.get("message", ""):
         return False
     return size is not None and NEARLY_SQUARE[0] <= size[0] / size[1] <= NEARLY_SQUARE[1]
-
-
-def calibration_line(id: str, calibration: Calibration, eq3: float | None) -> dict[str, Any]:
-    """One frame's line of cameras.jsonl."""
-    line: dict[str, Any] = {"id": id, "status": str(calibration.status), "message": calibration.message}
-    line |= {"verdict": str(calibration.verdict), "reason": calibration.reason, "remedy": calibration.remedy}
-    line |= calibration.to_dict()
-    if calibration.camera is not None:
-        line |= {"rms_as_labelled_px": _number(calibration.rms_as_labelled), "loss_ndc_eq3": eq3}
-    if calibration.camera is not None and calibration.knows_errors:
-        line["standard_deviations"] = _standard_deviations(calibration.camera, calibration.covariance)
-    line |= _of_told_size(calibration)
-    if calibration.has_probability:
-        line |= {f"probability_right_{metres:g}m": _number(calibration.probability(metres)) for metres in METRES}
-    return line
-
-
-def _of_told_size(calibration: Calibration) -> dict[str, Any]:
-    """The size of the field where the frame tells another one than it was given."""
-    layout = None if calibration.solved is None else calibration.uncertainty.layout
-    if calibration.field is None or layout is None or not np.any(layout.free[layout.field_size_block]):
-        return {}
-    size = calibration.field.length, calibration.field.width
-    deviations = np.sqrt(np.diagonal(calibration.covariance))[layout.field_size_block]
-    return dict(zip(SIZE_KEYS, (*size, deviations.tolist()), strict=True))
-
-
-def _standard_deviations(camera: Camera, covariance: Array) -> dict[str, Any]:
-    sigma = np.sqrt(np.diagonal(covariance))
-    degrees = map(_number, np.degrees(sigma[ANGLES]))
-    return {
-        "focal_length_px": _number(camera.focal_length * sigma[LOG_F]),
-        "C": [_number(metres) for metres in sigma[CENTER]],
-        "angles_degrees": dict(zip(ANGLE_NAMES, degrees, strict=True)),
-    }
-
-
-def _number(value: float) -> float | None:
-    """For JSON, which knows neither infinity nor NaN."""
-    return float(value) if np.isfinite(value) else None

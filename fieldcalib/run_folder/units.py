@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import argparse
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from concurrent.futures import Executor
 from contextlib import contextmanager, nullcontext
@@ -11,89 +10,32 @@ from functools import partial
 from itertools import chain, islice
 from typing import TypeVar
 
-from fieldcalib.console.arguments import count
 from fieldcalib.console.progress import progress_bar
 from fieldcalib.processes.jobs import Processes, in_order
 from fieldcalib.processes.other_process import ProcessEndedError
-from fieldcalib.run_folder.results import Outcome, Results
+from fieldcalib.run_folder.options import RunOptions, Shard
+from fieldcalib.run_folder.outcome import Item, Outcome
+from fieldcalib.run_folder.results import ResultsWriter
 
-Item = TypeVar("Item")
+Member = TypeVar("Member")
+ItemT = TypeVar("ItemT", bound=Item)
 
 LARGEST_UNIT, LEAST_UNITS, SMALLEST_UNIT = 256, 4, 64
 
 
 @dataclass(frozen=True)
-class Shard:
-    """Every n-th unit."""
-
-    number: int
-    """From 1."""
-    of: int
-
-    def __str__(self) -> str:
-        """As on the command line."""
-        return f"{self.number}/{self.of}"
-
-    @classmethod
-    def parse(cls, text: str) -> Shard:
-        """What "K/N" says, for argparse.
-
-        Examples
-        --------
-        >>> Shard.parse("2/8")
-        Shard(number=2, of=8)
-        """
-        number, _, of = text.partition("/")
-        if not (number.isdecimal() and of.isdecimal() and 1 <= int(number) <= int(of)):
-            raise argparse.ArgumentTypeError(f"expected K/N with K from 1 to N, as 1/8, got {text!r}")
-        return cls(int(number), int(of))
-
-
-@dataclass(frozen=True)
-class Made:
-    """What was made of a unit."""
+class UnitResult:
+    """What was computed of a unit of frames."""
 
     outcomes: Sequence[Outcome]
     seconds: float = 0.0
-    """Of the calibrations."""
-    said: str = ""
+    """Time of the calibrations."""
+    message: str = ""
     """For stdout."""
 
 
-def add_again(parser: argparse.ArgumentParser) -> None:
-    """--resume and --overwrite, of everything that writes results."""
-    again = parser.add_mutually_exclusive_group()
-    again.add_argument(
-        "--resume", action="store_true", help="go on with the run in DIR where it stopped; the files are the same then"
-    )
-    again.add_argument("--overwrite", action="store_true", help="remove the results of an earlier run in DIR first")
-
-
-def add_processes(parser: argparse.ArgumentParser) -> None:
-    """--jobs."""
-    parser.add_argument(
-        "--jobs",
-        type=count,
-        default=1,
-        metavar="N",
-        help="processes, each with one thread; the results are the same (1)",
-    )
-
-
-def add_jobs(parser: argparse.ArgumentParser) -> None:
-    """--jobs, --shard, --resume and --overwrite of everything that works on frames one by one."""
-    add_processes(parser)
-    parser.add_argument(
-        "--shard",
-        type=Shard.parse,
-        metavar="K/N",
-        help="do only the K-th of N parts of the work, for several machines; fieldcalib join puts them together (all)",
-    )
-    add_again(parser)
-
-
 def unit_size(frames: int) -> int:
-    """How many frames are worked on together: many are quicker, and processes need some to share.
+    """Number of frames that are worked on together: many are quicker, and processes need some to share.
 
     Examples
     --------
@@ -103,8 +45,8 @@ def unit_size(frames: int) -> int:
     return min(max(-(-frames // LEAST_UNITS), SMALLEST_UNIT), LARGEST_UNIT)
 
 
-def units_of(items: Iterable[Item], size: int, shard: Shard | None = None) -> Iterator[tuple[Item, ...]]:
-    """Items in units of some size, the last one of what is left; of a shard every n-th.
+def units_of(items: Iterable[Member], size: int, shard: Shard | None = None) -> Iterator[tuple[Member, ...]]:
+    """Split items into units of some size, the last one of what is left; of a shard every n-th.
 
     Examples
     --------
@@ -117,7 +59,7 @@ def units_of(items: Iterable[Item], size: int, shard: Shard | None = None) -> It
 
 
 def frames_of_shard(frames: int, size: int, shard: Shard | None) -> int:
-    """How many of some frames are in the units of a shard.
+    """Number of frames in the units of a shard.
 
     Examples
     --------
@@ -128,47 +70,46 @@ def frames_of_shard(frames: int, size: int, shard: Shard | None) -> int:
 
 
 @contextmanager
-def processes_of(options: argparse.Namespace) -> Iterator[Executor | None]:
-    """What works on units; None with one job, which is done here."""
-    with nullcontext() if options.jobs == 1 else Processes(options.jobs) as executor:
+def executor_of(jobs: int) -> Iterator[Executor | None]:
+    """Start processes that work on units; None for one job, whose work is done here."""
+    with nullcontext() if jobs == 1 else Processes(jobs) as executor:
         yield executor
 
 
 def work(
-    options: argparse.Namespace,
-    results: Results,
-    items: Iterable[Item],
+    run: RunOptions,
+    results: ResultsWriter,
+    items: Iterable[ItemT],
     size: int,
-    function: Callable[[tuple[Item, ...]], Made],
-    lost: Callable[[Item, str], Outcome],
+    function: Callable[[tuple[ItemT, ...]], UnitResult],
     total: int,
     write: Callable[[Outcome], None] | None = None,
 ) -> None:
-    """Write what a function makes of items, `size` of them at once, in their order; those that are done are left out.
+    """Apply a function to units of `size` items and write the outcomes in order; those that are done are left out.
 
-    With `write` it gets all of them. A frame whose process ends is `lost`, with what is wrong with it; the others of
+    With `write`, that gets the outcomes of all items. A frame whose process ends is written as broken; the others of
     its unit are done.
     """
     with (
-        processes_of(options) as executor,
-        progress_bar(total=frames_of_shard(total, size, options.shard), unit="frame") as progress,
+        executor_of(run.jobs) as executor,
+        progress_bar(total=frames_of_shard(total, size, run.shard), unit="frame") as progress,
     ):
-        units = units_of(items, size, options.shard)
+        units = units_of(items, size, run.shard)
         done = results.done if write is None else 0
         progress.update(done)
         rest, half = _rest(units, done)
-        rescue = None if executor is None else partial(_rescued, executor, function, lost)
-        for made in in_order(executor, function, rest, ahead=2 * options.jobs, rescue=rescue):
-            if made.said:
-                print(made.said)
-            results.calibrating += made.seconds
-            for outcome in made.outcomes[half:]:
+        rescue = None if executor is None else partial(_rescued, executor, function)
+        for result in in_order(executor, function, rest, ahead=2 * run.jobs, rescue=rescue):
+            if result.message:
+                print(result.message)
+            results.calibrating += result.seconds
+            for outcome in result.outcomes[half:]:
                 (write or results.add)(outcome)
                 progress.update()
             half = 0
 
 
-def _rest(units: Iterable[tuple[Item, ...]], done: int) -> tuple[Iterable[tuple[Item, ...]], int]:
+def _rest(units: Iterable[tuple[Member, ...]], done: int) -> tuple[Iterable[tuple[Member, ...]], int]:
     """The units that are not done, and how many frames of the first of these are.
 
     That one is worked on as a whole again, for the same results.
@@ -183,19 +124,23 @@ def _rest(units: Iterable[tuple[Item, ...]], done: int) -> tuple[Iterable[tuple[
 
 def _rescued(
     executor: Executor,
-    function: Callable[[tuple[Item, ...]], Made],
-    lost: Callable[[Item, str], Outcome],
-    unit: tuple[Item, ...],
+    function: Callable[[tuple[ItemT, ...]], UnitResult],
+    unit: tuple[ItemT, ...],
     _: ProcessEndedError,
-) -> Made:
-    """What is made of a unit whose process has ended: once more as a whole, then frame by frame."""
+) -> UnitResult:
+    """The result of a unit whose process has ended: tried once more as a whole, then frame by frame."""
     try:
         return executor.submit(function, unit).result()
     except ProcessEndedError as error:
         if len(unit) == 1:
             problem = f"the process that worked on it ended with exit code {error.exit_code}"
-            return Made([lost(unit[0], problem)])
-        parts = [_rescued(executor, function, lost, (item,), error) for item in unit]
+            return UnitResult([Outcome.broken(unit[0], problem)])
+        parts = [_rescued(executor, function, (item,), error) for item in unit]
+    return joined(parts)
+
+
+def joined(parts: Sequence[UnitResult]) -> UnitResult:
+    """The results of parts of a unit as one."""
     outcomes = [outcome for part in parts for outcome in part.outcomes]
-    said = "\n".join(part.said for part in parts if part.said)
-    return Made(outcomes, sum(part.seconds for part in parts), said)
+    message = "\n".join(part.message for part in parts if part.message)
+    return UnitResult(outcomes, sum(part.seconds for part in parts), message)
