@@ -22,6 +22,7 @@ from fieldcalib.console.arguments import (
     probability,
 )
 from fieldcalib.console.field_options import KNOWN, add_field, field_of, prior_of
+from fieldcalib.console.program import say
 from fieldcalib.fields.field import Field
 from fieldcalib.io.files import BrokenFileError
 from fieldcalib.io.soccernet import CAMERA_TYPES, DISTRIBUTIONS_OF_TYPE, read_camera_types
@@ -91,15 +92,12 @@ def run(options: argparse.Namespace) -> int:
 
 
 def _free_field_size(options: argparse.Namespace) -> str | None:
-    """Which frames see one pitch of a size that is estimated: each by itself, or all; None where it is not."""
+    """Check the options of the field's size: the frames that share one estimated size, or None if none is estimated."""
     if options.free_field_size is not None:
         if options.field_size == KNOWN:
             raise ValueError(f"--field-size {KNOWN} leaves nothing to --free-field-size: give one of them")
         same = " --same-field" * (options.free_field_size == SHARED)
-        print(
-            f"fieldcalib: --free-field-size is deprecated, --field-size {ESTIMATED}{same} does the same",
-            file=sys.stderr,
-        )
+        say(f"--free-field-size is deprecated, --field-size {ESTIMATED}{same} does the same")
     elif options.same_field and options.field_size != ESTIMATED:
         raise ValueError(f"--same-field says what the size is estimated from: give --field-size {ESTIMATED} with it")
     free: str | None = options.free_field_size
@@ -120,7 +118,7 @@ class _Method:
     pictures: DeclaredPictures
     prior: Prior
     types: Mapping[str, str] | None
-    """Of the frames' cameras, where these say the prior."""
+    """Types of the frames' cameras, where these determine the prior."""
     known: KnownCamera
     tau: float | None
     least_probability: float | None

@@ -23,7 +23,7 @@ from fieldcalib.solve.options import Prior
 
 @dataclass(frozen=True)
 class CalibrationOptions:
-    """How frames are calibrated and drawn."""
+    """Options by which frames are calibrated and drawn."""
 
     field: Field
     prior: Prior
@@ -64,11 +64,11 @@ class CalibrationOptions:
 
     @property
     def read(self) -> ReadImage:
-        """What reads an image, and refuses one that cannot lie in a frame as declared."""
+        """Reader of images that refuses those that cannot lie in a frame as declared."""
         return ReadImage(self.most_bytes, self.most_pixels, self.placement)
 
     def placement(self, image: Image) -> Placement:
-        """Where an image lies in its frame; a BrokenFileError if that cannot be."""
+        """Placement of an image in its frame; a BrokenFileError if that is not possible."""
         placement = self.pictures.placement((image.shape[1], image.shape[0]))
         check_pixels(placement.frame_size, self.most_pixels)
         self.known.given(placement.frame_size)  # a BrokenFileError if it is of other images

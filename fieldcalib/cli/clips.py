@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import sys
 import time
 from collections.abc import Iterator
 from dataclasses import replace
@@ -17,6 +16,7 @@ from fieldcalib.assess.sequence import SequenceCalibration
 from fieldcalib.assess.video import VideoCalibration
 from fieldcalib.cli.run_request import RunRequest
 from fieldcalib.console.network import load_network
+from fieldcalib.console.program import say
 from fieldcalib.console.progress import progress_bar
 from fieldcalib.draw.clip_plot import plot_sequence
 from fieldcalib.draw.contact_sheet import contact_sheet, worst_frames
@@ -45,7 +45,7 @@ from fieldcalib.solve.given_camera import check_of_clip
 
 SHEET_FRAMES = 12  # in the contact sheet of the worst frames
 USUAL_RATE = 25.0  # frames per second of the overlay of images
-PASSES = ("looking", "matching", "finding lines", "drawing")  # over the frames
+PASSES = ("looking", "matching", "finding lines", "drawing")  # of the frames, in this order
 
 
 class ClipInput:
@@ -54,9 +54,9 @@ class ClipInput:
     def __init__(self, request: RunRequest) -> None:
         self._request, self._options = request, request.calibration
         self.ids: list[str] = []
-        """Of all frames, in order; known when they were read once."""
+        """Ids of all frames, in order; known after the first pass."""
         self.broken: dict[str, str] = {}
-        """What is wrong with those that cannot be read."""
+        """Problems of frames that cannot be read, by id."""
         self.loss = ""
         """Message about frames that the input announced and does not have."""
         self.frames_per_second = USUAL_RATE
@@ -106,7 +106,7 @@ class ClipInput:
             yield from checked_frames(self._request.path, video, self._options.placement)
             if not self.loss and (loss := video.loss()):
                 self.loss = loss
-                print(f"fieldcalib: {loss}", file=sys.stderr)
+                say(loss)
 
     def _from_files(self) -> Iterator[Frame]:
         one_size = OneSize()
@@ -116,7 +116,7 @@ class ClipInput:
                 continue
             frame = self._options.read(file)
             if frame.image is None:
-                print(f"fieldcalib: {frame.path}: {frame.problem}", file=sys.stderr)
+                say(f"{frame.path}: {frame.problem}")
             else:
                 one_size.check(file, frame.image)
             yield frame
@@ -168,7 +168,7 @@ def run_clip(request: RunRequest) -> int:
         results.calibrating = time.perf_counter() - began
         results.notes = found.notes
         for note in found.notes:
-            print(f"fieldcalib: {note}", file=sys.stderr)
+            say(note)
         worst = _write_frames(request, clip, found, results)
         write_text(run.out / TRIPODS, json.dumps(_tripods(found), indent=2) + "\n")
         if worst:

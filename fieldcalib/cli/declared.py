@@ -1,4 +1,4 @@
-"""Pictures that are not whole frames with square pixels: what the user declares (`fieldcalib.assess.placement`)."""
+"""Options for pictures that are not whole frames with square pixels (`fieldcalib.assess.placement`)."""
 
 from __future__ import annotations
 
@@ -79,7 +79,7 @@ def add_declarations(parser: argparse.ArgumentParser) -> None:
 
 @dataclass(frozen=True)
 class DeclaredPictures:
-    """What the user declares of pictures that are not whole frames with square pixels."""
+    """Options that say how pictures lie in whole frames with square pixels."""
 
     display_size: tuple[int, int] | None
     aspect: str | float
@@ -101,13 +101,13 @@ class DeclaredPictures:
 
     @property
     def declared(self) -> Declared:
-        """How much is declared."""
+        """Whether the frame, its pixels or nothing is declared."""
         if self.crop_of is not None:
             return Declared.FRAME
         return Declared.NOTHING if self.is_aspect_estimated else Declared.PIXELS
 
     def placement(self, size: tuple[int, int]) -> Placement:
-        """Where pictures of a size lie in their frames.
+        """Placement of pictures of a size in their frames.
 
         Raises
         ------

@@ -1,10 +1,9 @@
-"""`fieldcalib evaluate`: anybody's cameras or homographies against annotations."""
+"""`fieldcalib evaluate`: scores of cameras or homographies of any tool against annotations."""
 
 from __future__ import annotations
 
 import argparse
 import json
-import sys
 from collections.abc import Mapping, Sequence
 from concurrent.futures import Executor
 from pathlib import Path
@@ -15,6 +14,7 @@ import numpy as np
 from fieldcalib._types import Array
 from fieldcalib.console.arguments import add_most_bytes, image_size, positive
 from fieldcalib.console.field_options import add_sized_field, field_of
+from fieldcalib.console.program import say
 from fieldcalib.fields.field import Field
 from fieldcalib.io.soccernet import CAMERA_TYPES
 from fieldcalib.metrics import (
@@ -105,7 +105,7 @@ def run(options: argparse.Namespace) -> int:
             )
     finally:  # broken files may be why there is nothing to evaluate
         for message in broken:
-            print(f"fieldcalib: {message}", file=sys.stderr)
+            say(message)
     print(json.dumps(report, indent=2, allow_nan=False) if options.json else table(report))
     return 1 if broken else 0
 
@@ -117,13 +117,12 @@ def _say(predictions: Predictions, truth: GroundTruth, path: Path, truth_path: P
     name_skipped([truth_path], truth.files)
     if is_unfinished(path):
         state = f"the run in {path} is not finished: frames without a camera may have one later"
-        print(f"fieldcalib: {state}", file=sys.stderr)
+        say(state)
     if predictions.of_other_sizes:
         sizes = ", ".join(f"{w}x{h}" for w, h in predictions.of_other_sizes)
-        print(
-            f"fieldcalib: cameras for images of {sizes} are scored at {width}x{height} as they are: SoccerNet's "
-            f"evaluation does not rescale",
-            file=sys.stderr,
+        say(
+            f"cameras for images of {sizes} are scored at {width}x{height} as they are: SoccerNet's "
+            f"evaluation does not rescale"
         )
     by_frame = predictions.by_frame
     if not set(by_frame) & set(truth.annotations):
@@ -224,7 +223,7 @@ def _per_segment(evaluation: SegmentEvaluation) -> dict[str, dict[str, Any]]:
 def _against_homographies(
     pairs: Sequence[tuple[Prediction, Array]], size: tuple[int, int], field: Field | None
 ) -> dict[str, Any]:
-    """What is seen of the field, and where: means and medians over the frames."""
+    """Overlaps and errors against homographies: means and medians over the frames."""
     part = [PERCENT * iou_part(prediction, H, size, field=field) for prediction, H in pairs]
     whole = [PERCENT * iou_whole(prediction, H, size, field=field) for prediction, H in pairs]
     whole_image = [PERCENT * iou_whole(prediction, H, size, kind="image", field=field) for prediction, H in pairs]
@@ -239,7 +238,7 @@ def _against_homographies(
 
 
 def table(report: Mapping[str, Any]) -> str:
-    """A report for people."""
+    """A report as a table to read."""
     thresholds = list(report["AC"])
     width, height = report["size"]
     lines = [

@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import argparse
-import sys
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path
 
 from fieldcalib.assess.result import Verdict
 from fieldcalib.console.arguments import folder_name, positive
+from fieldcalib.console.program import say
 from fieldcalib.geometry.camera import Camera
 from fieldcalib.io.exports.blender import blender_error, blender_files
 from fieldcalib.io.exports.colmap import colmap_files
@@ -118,10 +118,9 @@ def _frames(results: Results, folder: Path, chosen: Sequence[str] | None, *, kee
     rejected = [id for id in ids if cameras[id] is not None and lines[id].get("verdict") == Verdict.REJECT]
     if rejected and not keep_rejected:
         cameras |= dict.fromkeys(rejected)
-        print(
-            f'fieldcalib: {counted(len(rejected), "camera")} left out, whose verdict is "{Verdict.REJECT}"; '
-            f"--keep-rejected exports them too",
-            file=sys.stderr,
+        say(
+            f'{counted(len(rejected), "camera")} left out, whose verdict is "{Verdict.REJECT}"; '
+            f"--keep-rejected exports them too"
         )
     return cameras
 
@@ -147,6 +146,4 @@ def _say(frames: Frames, out: Path, format: str) -> None:
         shifts = [error(camera) for camera in cameras.values()]
         worst, at = max(zip(shifts, cameras, strict=True))
         if worst > 0.0:
-            print(
-                f"fieldcalib: {what}: without it the image moves by up to {worst:.1f} px (frame {at})", file=sys.stderr
-            )
+            say(f"{what}: without it the image moves by up to {worst:.1f} px (frame {at})")

@@ -17,12 +17,16 @@ from fieldcalib.io.boxes import Box, open_boxes
 from fieldcalib.io.coordinates import OWN
 from fieldcalib.io.files import parse_json_object, read_regular_file, write_text
 
-PLACES = {"left": (1.0, 0.0), "right": (0.0, 1.0), "middle": (0.5, 0.5)}  # shares of the lower edge's ends
+PLACES = {
+    "left": (1.0, 0.0),
+    "right": (0.0, 1.0),
+    "middle": (0.5, 0.5),
+}  # weights of the left and right end
 
 
 @dataclass(frozen=True)
 class Projection:
-    """Which boxes are projected by which cameras, and how."""
+    """Boxes and cameras of a projection, and its options."""
 
     boxes: Path
     cameras: Cameras

@@ -1,4 +1,4 @@
-"""`fieldcalib join`: the results of shards as one run would have written them."""
+"""`fieldcalib join`: merge the results of shards into what one run would have written."""
 
 from __future__ import annotations
 
@@ -65,7 +65,7 @@ def run(options: argparse.Namespace) -> int:
 
 
 def _in_order(folders: Sequence[Path]) -> tuple[RunRecord, list[Path]]:
-    """The run that folders are the shards of, and these in order.
+    """The record of the run that was split into shards, and the folders of these in order.
 
     Raises
     ------
@@ -97,7 +97,7 @@ def _in_order(folders: Sequence[Path]) -> tuple[RunRecord, list[Path]]:
 
 
 def _lines(shards: Sequence[Path], log: str, unit: int) -> Iterator[tuple[Path, bytes]]:
-    """The lines of all shards in the order of the frames, with the folder of each."""
+    """Lines of all shards in the order of the frames, each with its folder."""
     readers = [(folder, whole_lines(folder / log)) for folder in shards]
     while readers:
         for folder, reader in list(readers):

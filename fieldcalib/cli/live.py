@@ -1,8 +1,7 @@
-"""`fieldcalib run` of a stream: each frame gets its camera as it comes, from those before it."""
+"""`fieldcalib run` of a stream: each frame is calibrated as it arrives, from those before it."""
 
 from __future__ import annotations
 
-import sys
 import time
 from itertools import chain, islice
 from typing import cast
@@ -10,6 +9,7 @@ from typing import cast
 from fieldcalib.cli.calibration_options import CalibrationOptions
 from fieldcalib.cli.run_request import TRIPOD, RunRequest
 from fieldcalib.console.network import load_network
+from fieldcalib.console.program import say
 from fieldcalib.images.tracker import Tracker
 from fieldcalib.io.formats import VIDEOS
 from fieldcalib.io.streams import Stream, StreamReader
@@ -23,7 +23,7 @@ from fieldcalib.solve.given_camera import check_of_clip
 
 
 def run_stream(request: RunRequest) -> int:
-    """Calibrate until nothing comes any more; returns the exit code. An interrupt is an end too."""
+    """Calibrate until the stream ends or is interrupted; returns the exit code."""
     stream, options = cast(Stream, request.input[0]), request.calibration
     _check(request, stream)
     began = time.perf_counter()
@@ -54,12 +54,12 @@ def run_stream(request: RunRequest) -> int:
     if isinstance(end, KeyboardInterrupt):
         raise end
     if end or reader.end():
-        print(f"fieldcalib: {end or reader.end()}", file=sys.stderr)
+        say(str(end or reader.end()))
     return 1 if end else 0
 
 
 def _check(request: RunRequest, stream: Stream) -> None:
-    """Refuse options that a stream has no use for."""
+    """Raise a ValueError for options that do not apply to streams."""
     if request.run.resume:
         raise ValueError(f"--resume is of files: {stream} cannot be read again")
     for given, name in (

@@ -40,8 +40,8 @@ from fieldcalib.run_folder.units import UnitResult, work
 LOCALIZED_STATUS = "localized"
 SOCCERNET = "soccernet"
 FORMATS = (SOCCERNET, *OTHER_ANNOTATIONS)
-OF_ALL = frozenset(OTHER_ANNOTATIONS) - {ONE_IMAGE}  # have one file for all frames
-OF_ALL_FRAMES = Path(LOCALIZED).stem  # its name
+OF_ALL = frozenset(OTHER_ANNOTATIONS) - {ONE_IMAGE}  # formats with one file for all frames
+OF_ALL_FRAMES = Path(LOCALIZED).stem  # name of that file
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -187,7 +187,7 @@ class FromImages:
 
 
 def _seen_from(folder: Path, image: Path) -> str:
-    """The path of an image from a folder, so that the image is found; its name if it lies in a zip."""
+    """The path of an image relative to a folder; its name if it lies in a zip."""
     if not image.exists():
         return image.name
     try:

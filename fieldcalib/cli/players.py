@@ -1,4 +1,4 @@
-"""Players of `fieldcalib project` for pictures of the field: where they are in a frame, their colours and trails."""
+"""Players of `fieldcalib project` in pictures of the field: their positions, colours and trails."""
 
 from __future__ import annotations
 
@@ -32,11 +32,11 @@ COLOURS: Mapping[str, Colour] = MappingProxyType(
     }
 )
 SYNONYMS = {"purple": "violet"}
-ONE, NO_GROUP = "red", (150, 150, 150)  # where nothing tells players apart, and of those without a group
+ONE, NO_GROUP = "red", (150, 150, 150)  # colours where there are no groups, and of players without one
 
 
 def add_players(parser: argparse.ArgumentParser) -> None:
-    """--trails, --colour-by and --frame-offset of what draws players."""
+    """--trails, --colour-by and --frame-offset, for commands that draw players."""
     parser.add_argument(
         "--trails", type=count, default=0, metavar="N", help="draw where each player came from, over N frames (none)"
     )
@@ -129,14 +129,14 @@ class PlayersOnMaps:
         return COLOURS[self._colours[player.group]] if player.group else NO_GROUP
 
     def said(self) -> str:
-        """Which colours are of what, for a line of output; empty if there is one."""
+        """A line of output that explains the colours; empty if there is only one."""
         groups = [f"{group} is {colour}" for group, colour in list(self._colours.items())[: len(COLOURS)]]
         more = ", ..." if len(self._colours) > len(COLOURS) else ""
         return f"{self._table.group_column}: {', '.join(groups)}{more}" if groups else ""
 
 
 def colours_of(groups: Sequence[str]) -> dict[str, str]:
-    """Names of colours for groups: what a group is called itself, if that is a colour, or else one that none is called.
+    """Choose a colour for each group: its own name if that is a colour, or else one that no group is named after.
 
     Examples
     --------

@@ -5,7 +5,6 @@ from __future__ import annotations
 import argparse
 import csv
 import io
-import sys
 from collections import Counter
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
@@ -22,6 +21,7 @@ from fieldcalib.assess.result import Calibration
 from fieldcalib.cli.frame_cameras import Cameras
 from fieldcalib.cli.game_state import Projection, write_game_state
 from fieldcalib.console.arguments import add_most_bytes, image_size
+from fieldcalib.console.program import say
 from fieldcalib.fields.soccer import soccer
 from fieldcalib.geometry.image_extent import hint_of_another_size
 from fieldcalib.io.boxes import Box, BoxRow, foot_points, open_boxes
@@ -36,7 +36,7 @@ NO_CAMERA, REJECTED, NO_BOX = "no camera", "camera rejected", "no box"
 HORIZON, NO_RAY = "above the horizon", "outside the lens"
 OFF_PITCH, CUT = "off the pitch", "cut by the image"
 EDGE = 1.0  # px: a box that ends nearer to the lower edge of the image ends there because the image does
-LEAST_BOXES = 100  # of which it is said if they seem to be of images of another size
+LEAST_BOXES = 100  # fewer do not show that they are of images of another size
 AT_ONCE = 10_000  # rows of a frame
 
 
@@ -120,7 +120,7 @@ def run(options: argparse.Namespace) -> int:
     for size, extent in extents.items():
         hint = hint_of_another_size(extent.farthest, extent.count, size)
         if hint and extent.count >= LEAST_BOXES:
-            print(f"fieldcalib: of the boxes, {hint} --size says which", file=sys.stderr)
+            say(f"of the boxes, {hint} --size says which")
     return 0
 
 
@@ -156,13 +156,13 @@ def _write_table(projection: Projection, out: Path, extents: dict[tuple[int, int
 
 @dataclass
 class Extent:
-    """How far boxes reach to the right and down."""
+    """Largest right and lower edges of boxes."""
 
     farthest: Array = attribute(default_factory=lambda: np.zeros(2))
     count: int = 0
 
     def add(self, boxes: Sequence[Box]) -> None:
-        """Take in some."""
+        """Include more boxes."""
         self.count += len(boxes)
         self.farthest = np.array([self.farthest, *(box[2:] for box in boxes)]).max(axis=0)
 
@@ -211,6 +211,6 @@ def _projected(rows: Sequence[BoxRow], calibration: Calibration | None, projecti
 
 
 def _cells(system: str, problem: str, *numbers: float) -> list[str]:
-    """Cells of a row; those of numbers that are not known are empty."""
+    """Cells of a row; unknown numbers are empty."""
     texts = ["" if np.isnan(number) else f"{number:.6f}" for number in numbers]
     return [*texts, *[""] * (len(NUMBERS) - len(texts)), system, problem]

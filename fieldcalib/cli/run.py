@@ -5,7 +5,6 @@ from __future__ import annotations
 import argparse
 import json
 import math
-import sys
 import time
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -26,6 +25,7 @@ from fieldcalib.console.arguments import ESTIMATED, add_camera, add_cut, add_for
 from fieldcalib.console.field_options import add_field
 from fieldcalib.console.inputs import add_inputs
 from fieldcalib.console.network import add_network, add_refinement, load_network, network_in_process
+from fieldcalib.console.program import say
 from fieldcalib.fields.field import Field
 from fieldcalib.images.from_images import calibrate_from_images
 from fieldcalib.images.from_video import Mount
@@ -123,7 +123,7 @@ def run(options: argparse.Namespace) -> int:
 
 
 def _run(request: RunRequest) -> int:
-    """One video or stream, or images."""
+    """Calibrate one video or stream, or images."""
     if request.is_stream:
         return run_stream(request)
     request.check()
@@ -160,7 +160,7 @@ def _run_one_by_one(request: RunRequest) -> int:
 
 
 def _run_video(request: RunRequest, results: ResultsWriter, source: Source, rate: float, method: FromImages) -> None:
-    """Calibrate each frame by itself. The overlay has all frames: those that are written already are drawn again."""
+    """Calibrate each frame on its own; frames of an earlier part of the run are only drawn again."""
     run = request.run
     lines = islice(whole_lines(run.out / LINES), results.done)
     frames = (replace(frame, line=next(lines, b"").decode()) for frame in source.frames)
@@ -218,7 +218,7 @@ class FromImages:
         return UnitResult(outcomes, seconds)
 
     def on_one_field(self, files: Sequence[FrameFile]) -> FromImages:
-        """Take the field that some of the images tell together, evenly spread ones of the commonest size."""
+        """Estimate the size of the field from some images together: evenly spread ones of the most common size."""
         some = [files[k] for k in np.linspace(0, len(files) - 1, min(len(files), SAMPLE)).round().astype(int)]
         images = [image for image in (self.options.read(file).image for file in some) if image is not None]
         by_size: dict[tuple[int, ...], list[Image]] = {}
@@ -229,10 +229,7 @@ class FromImages:
         found = shared_size(given, [])
         for _ in range(ROUNDS if alike else 0):
             found = shared_size(given, self._calibrated(replace(found.field, size_known=True), alike))
-        print(
-            f"fieldcalib: the images show a field of {found.length:.1f} x {found.width:.1f} m ({found})",
-            file=sys.stderr,
-        )
+        say(f"the images show a field of {found.length:.1f} x {found.width:.1f} m ({found})")
         field = replace(found.field, size_known=found.is_told)  # a size that no image shows is not known
         return replace(self, options=replace(self.options, field=field, estimate_size=False))
 

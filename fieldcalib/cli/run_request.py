@@ -1,4 +1,4 @@
-"""What `fieldcalib run` is asked for: its input, where the results go, and how frames are calibrated."""
+"""The request of `fieldcalib run`: its input, the folder of its results, and how frames are calibrated."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ TRIPOD = "tripod"
 
 @dataclass(frozen=True)
 class RunRequest:
-    """Images, or one video or stream, and all that is to be done with them."""
+    """Images, or one video or stream, and the options of their run."""
 
     input: Sequence[Input]
     cut: Cut
@@ -90,12 +90,12 @@ class RunRequest:
             raise ValueError(f"--same-field is of images, with --field-size {ESTIMATED}: a clip shows one field anyway")
 
     def of_input(self, input: Sequence[Input], folder: str = "") -> RunRequest:
-        """The same of another input, with results in a folder in --out."""
+        """A copy for another input, whose results go to a folder in --out."""
         run = self.run.changed(self.run.out / folder if folder else self.run.out, input=input)
         return replace(self, input=input, run=run)
 
     def in_one_thread(self) -> RunRequest:
-        """The same for one of several processes."""
+        """A copy for one of several processes, with one thread."""
         network = replace(self.calibration.network, threads=1)
         run = replace(self.run.changed(self.run.out, threads=1), jobs=1)
         return replace(self, run=run, calibration=replace(self.calibration, network=network))

@@ -14,6 +14,7 @@ from io import StringIO
 from typing import TypeAlias
 
 from fieldcalib.cli.run_request import RunRequest
+from fieldcalib.console.program import say
 from fieldcalib.console.progress import progress_bar
 from fieldcalib.io.files import BrokenFileError
 from fieldcalib.processes.jobs import Processes, in_order
@@ -74,7 +75,7 @@ def _code(run: Run, request: RunRequest) -> int:
     except BrokenPipeError:
         raise
     except (OSError, ValueError) as error:
-        print(f"fieldcalib: {error}", file=sys.stderr)
+        say(str(error))
         return 1 if isinstance(error, BrokenFileError) else 2
 
 

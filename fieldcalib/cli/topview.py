@@ -25,7 +25,7 @@ from fieldcalib.io.videos import VideoReader
 from fieldcalib.run_folder.results import counted
 
 MOST_VIEWS = 31  # of a clip: players hide a place in some of them only
-MOST_BYTES = 400e6  # of all views together, four bytes a pixel
+MOST_BYTES = 400e6  # of all views together, with four bytes per pixel
 LINES = (96, 92, 90)  # colour of the markings where nothing is seen
 PICTURES = (".png", ".jpg", ".jpeg", ".tif", ".tiff", ".webp")
 

@@ -1,4 +1,4 @@
-"""--field, --field-length, --field-width and --field-size: which field it is, and so which stands --prior may name."""
+"""Options for the field and the prior: --field, --field-length, --field-width, --field-size, --prior."""
 
 from __future__ import annotations
 
@@ -68,7 +68,7 @@ def field_of(options: argparse.Namespace) -> Field:
     Raises
     ------
     ValueError
-        If its file is none, or a size is given of a field that has one size.
+        If its file is no field, or a size is given for a field that has one size.
     """
     field = named_field(options.field)
     length, width = (getattr(options, name, None) for name in ("field_length", "field_width"))
@@ -84,7 +84,7 @@ def field_of(options: argparse.Namespace) -> Field:
 
 
 def prior_of(options: argparse.Namespace) -> Prior:
-    """What --prior asks for.
+    """The prior that --prior names.
 
     Raises
     ------
@@ -113,7 +113,7 @@ def named_field(name: str) -> Field:
     Raises
     ------
     ValueError
-        If its file is none.
+        If its file is no field.
     """
     try:
         return field_named(name) if name in FIELDS else read_field(name)

@@ -11,7 +11,7 @@ from fieldcalib.io.streams import Stream
 
 Input: TypeAlias = Path | Stream
 
-LIST = "@"  # what the name of a text file begins with that lists inputs
+LIST = "@"  # prefix of the name of a text file that lists inputs
 
 
 def add_inputs(parser: argparse.ArgumentParser, help: str, *, streams: bool = False) -> None:
@@ -22,7 +22,7 @@ def add_inputs(parser: argparse.ArgumentParser, help: str, *, streams: bool = Fa
 
 
 class _Inputs(argparse.Action):
-    """Makes paths of what is given, and reads lists."""
+    """Turns texts into paths and streams, and reads lists of them."""
 
     streams = False
 

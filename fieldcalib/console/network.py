@@ -39,13 +39,13 @@ def add_refinement(parser: argparse.ArgumentParser) -> None:
 
 @dataclass(frozen=True)
 class NetworkOptions:
-    """Which segmentation network finds the markings of which field, and what it runs on."""
+    """The segmentation network, its field, and what it runs on."""
 
     field: Field
     field_name: str
-    """As on the command line."""
+    """Name of the field on the command line."""
     model: Path | None
-    """None: the network that comes along."""
+    """File of the network; None for the one that is included."""
     provider: str = CPU
     threads: int = 2
 

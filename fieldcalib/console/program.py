@@ -1,4 +1,4 @@
-"""How a command-line program runs: exit codes, messages on stderr, interrupts.
+"""Running a command-line program: exit codes, messages on stderr, interrupts.
 
 Only little is imported here: an interrupt before a program runs would end in a traceback.
 """
@@ -18,6 +18,11 @@ from fieldcalib.console.interrupts import Terminated, requests_to_end_interrupt
 
 if TYPE_CHECKING:
     import argparse
+
+
+def say(message: str) -> None:
+    """Print a line on stderr, after the name of the program."""
+    print(f"fieldcalib: {message}", file=sys.stderr, flush=True)
 
 
 def run_command(options: argparse.Namespace) -> int:
@@ -54,14 +59,14 @@ def exit_code(work: Callable[[], int]) -> int:
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return 1
     except Terminated:
-        print("fieldcalib: terminated, nothing more is written", file=sys.stderr)
+        say("terminated, nothing more is written")
         return 143
     except KeyboardInterrupt:
-        print("fieldcalib: interrupted, nothing more is written", file=sys.stderr)
+        say("interrupted, nothing more is written")
         return 130
     except MemoryError:
-        print("fieldcalib: there is not enough memory", file=sys.stderr)
+        say("there is not enough memory")
         return 2
     except (OSError, ValueError, ImportError) as error:  # the last one of an extra that is not installed
-        print(f"fieldcalib: {error}", file=sys.stderr)
+        say(str(error))
         return 2

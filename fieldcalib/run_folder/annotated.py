@@ -1,9 +1,8 @@
-"""From annotated frames to a folder of cameras, by any method."""
+"""Annotated frames calibrated by any method, with the results in a folder."""
 
 from __future__ import annotations
 
 import argparse
-import sys
 import time
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
@@ -15,6 +14,7 @@ from typing import Any, Protocol, TypeAlias, TypeVar
 from fieldcalib.assess.ndc import ndc_loss
 from fieldcalib.assess.result import Calibration, Status
 from fieldcalib.assess.together import compute_errors
+from fieldcalib.console.program import say
 from fieldcalib.console.waiting import waiting_for
 from fieldcalib.fields.field import Field
 from fieldcalib.geometry.camera import Camera
@@ -32,9 +32,9 @@ from fieldcalib.run_folder.record import RECORD, RunRecord
 from fieldcalib.run_folder.results import LOCALIZED, SUMMARY, counted, result_folder
 from fieldcalib.run_folder.units import UnitResult, executor_of, unit_size, units_of, work
 
-P = TypeVar("P")  # a prior, in whatever form
+P = TypeVar("P")  # of any form
 
-WITHHELD = (Status.REJECTED, Status.IMPROBABLE)  # cameras that the user of `calibrate` did not want
+WITHHELD = (Status.REJECTED, Status.IMPROBABLE)  # statuses by thresholds of the user, whose cameras are not written
 RUN_FILES = frozenset({LINES, TABLE, SUMMARY, RECORD, LOCALIZED})
 NAMED = 3  # skipped files of a kind
 CAMERA_FILES = (CAMERAS.file_name("<id>"),)
@@ -46,7 +46,7 @@ class LabelledFrames:
 
     pixels: Mapping[str, Pixels]
     broken: Mapping[str, str]
-    """What is wrong with the files that could not be read."""
+    """Problems of files that could not be read, by frame id."""
     sizes: Mapping[str, tuple[int, int]]
     """Width and height (px) of the images of `pixels`."""
 
@@ -64,7 +64,7 @@ class AnnotationReader:
 
     field: Field
     image_size: tuple[int, int] | None
-    """None: as the files say."""
+    """Size of the images; None if the files have it."""
     labels: Labels = attribute(default_factory=dict)
     """Names of the field's segments by labels in the files."""
     most_bytes: float = MOST_BYTES
@@ -118,7 +118,7 @@ def read_frames(inputs: Sequence[Path], field: Field, image_size: tuple[int, int
     frames = reader.read(files)
     for file in files:
         if file.id in frames.broken:
-            print(f"fieldcalib: {file.path}: {frames.broken[file.id]}", file=sys.stderr)
+            say(f"{file.path}: {frames.broken[file.id]}")
     return frames
 
 
@@ -133,19 +133,19 @@ def name_left_out(found: FramesFound, field: Field) -> None:
     """Say on stderr which labels and shapes of other tools are left out, each once."""
     for label, count in found.unknown.items():
         hint = f"{nearest_label(label, field)}; --labels says what it is called here"
-        print(f"fieldcalib: {label!r} in {counted(count, 'frame')} is left out: unknown; {hint}", file=sys.stderr)
+        say(f"{label!r} in {counted(count, 'frame')} is left out: unknown; {hint}")
     if found.left_out:
         shapes = ", ".join(
             f"{shape} in {counted(count, 'frame')}" for shape, count in found.left_out.most_common(NAMED)
         )
         more = len(found.left_out) - NAMED
-        print(f"fieldcalib: left out {shapes}{f' and {more} more' if more > 0 else ''}", file=sys.stderr)
+        say(f"left out {shapes}{f' and {more} more' if more > 0 else ''}")
 
 
 def name_skipped(inputs: Iterable[Path], used: Iterable[FrameFile]) -> None:
-    """Say on stderr what lies in folders and zips and is not used, in one line: how many of each kind, and the first.
+    """Name unused files in folders and zips on stderr, in one line: how many of each kind, and the first.
 
-    A frame may be among them, under a name that no frame has.
+    A misnamed frame may be among them.
     """
     by_suffix: dict[str, list[Path]] = {}
     for path in files_beside(inputs, used):
@@ -156,7 +156,7 @@ def name_skipped(inputs: Iterable[Path], used: Iterable[FrameFile]) -> None:
         by_suffix["folders"] = folders
     if by_suffix:
         kinds = (f"{len(paths)} {suffix} ({_first(paths)})" for suffix, paths in by_suffix.items())
-        print(f"fieldcalib: skipped {', '.join(kinds)}", file=sys.stderr)
+        say(f"skipped {', '.join(kinds)}")
 
 
 def _first(paths: Sequence[Path]) -> str:
@@ -167,7 +167,7 @@ def _first(paths: Sequence[Path]) -> str:
 
 @dataclass(frozen=True)
 class CalibratedFrame:
-    """A calibration, and what else is written of its frame."""
+    """A calibration, and other results of its frame."""
 
     calibration: Calibration
     details: Mapping[str, Any] = attribute(default_factory=dict)
@@ -175,10 +175,10 @@ class CalibratedFrame:
     files: Mapping[str, bytes] = attribute(default_factory=dict)
     """Content by name."""
     message: str = ""
-    """For stdout."""
+    """Line for stdout."""
 
     def outcome(self, id: str, eq3: float | None = None) -> Outcome:
-        """What is written of the frame; its camera, if it passes the thresholds that the user has set."""
+        """The outcome of the frame; its camera gets a file if it passes the thresholds of the user."""
         line = calibration_line(id, self.calibration, eq3) | dict(self.details)
         return Outcome.of(self.calibration, line, keeps=self.calibration.status not in WITHHELD, files=self.files)
 
@@ -193,7 +193,7 @@ class FileMethod(Protocol):
         """Read and calibrate a unit of frames."""
 
     def broken(self, files: tuple[FrameFile, ...]) -> Mapping[str, str]:
-        """Read the files only: what is wrong with those that are broken, by id."""
+        """Read the files only; returns the problems of those that are broken, by id."""
 
 
 @dataclass(frozen=True)
@@ -226,7 +226,7 @@ class FromAnnotations:
         return unit_result(files, found, broken, seconds, eq3)
 
     def broken(self, files: tuple[FrameFile, ...]) -> Mapping[str, str]:
-        """Read the files only: what is wrong with those that are broken, by id."""
+        """Read the files only; returns the problems of those that are broken, by id."""
         return self.reader.read(files).broken
 
 
@@ -288,7 +288,7 @@ def calibrate_files(
         with executor_of(run.jobs) as executor:
             for complaint in in_order(executor, partial(_first_broken, method), units, ahead=2 * run.jobs):
                 if complaint:
-                    print(f"fieldcalib: {complaint}", file=sys.stderr)
+                    say(complaint)
                     return 1
     with result_folder(run, record, began) as results:
         work(run, results, files, size, method, len(files))
@@ -306,7 +306,7 @@ def by_prior(
     prior_of: Callable[[str], P],
     calibrate: Callable[[list[Pixels], P], Sequence[Calibration]],
 ) -> list[Calibration]:
-    """Calibrate frames, by id, together with those of the same prior; in the order of `frames`."""
+    """Calibrate frames in groups of the same prior; returns the calibrations in the order of `frames`."""
     ids_of: dict[P, list[str]] = {}
     for id in frames:
         ids_of.setdefault(prior_of(id), []).append(id)
@@ -319,7 +319,7 @@ def by_prior(
 def _eq3_losses(
     field: Field, frames: Mapping[str, Pixels], calibrations: Mapping[str, Calibration]
 ) -> dict[str, float]:
-    """The loss that the paper prints, for the frames that have a camera, each on the field that it was found on."""
+    """The paper's loss (eq. 3) of the frames that have a camera, each on its own field."""
     cameras_on: dict[Field, dict[str, Camera]] = {}
     for id, calibration in calibrations.items():
         if calibration.camera is not None:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import sys
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -10,6 +9,7 @@ from pathlib import Path
 
 from fieldcalib.console.arguments import MOST_BYTES_OF_IMAGE
 from fieldcalib.console.inputs import Input
+from fieldcalib.console.program import say
 from fieldcalib.console.waiting import waiting_for
 from fieldcalib.io.cuts import WHOLE, Cut
 from fieldcalib.io.files import BrokenFileError, FrameFile, problem
@@ -22,16 +22,16 @@ from fieldcalib.run_folder.annotated import name_skipped
 
 @dataclass(frozen=True)
 class Frame:
-    """An image, or what is wrong with it."""
+    """An image, or the reason why it cannot be read."""
 
     id: str
     image: Image | None
     problem: str = ""
     path: Path | str = ""
-    """Of its file, for messages."""
+    """Its file, for messages."""
     is_of_video: bool = False
     line: str = ""
-    """What is written of it already, if anything."""
+    """Its line of cameras.jsonl from an earlier part of the run, if any."""
 
 
 @dataclass(frozen=True)
@@ -39,27 +39,27 @@ class Source:
     """Frames to be read one after the other."""
 
     files: Sequence[FrameFile]
-    """Of images, or that of a video."""
+    """Files of images, or the file of a video."""
     count: int
-    """How many there are, of a video as its file says."""
+    """Number of frames; for a video the number that its file announces."""
     frames: Iterable[Frame] = ()
-    """Of a video; images are read from their files where they are worked on."""
+    """Frames of a video; images are read from their files by the processes that calibrate them."""
     frames_per_second: float | None = None
-    """Of a video."""
+    """Frame rate of a video."""
     loss: Callable[[], str] = lambda: ""
-    """What to say if some of them are not among `frames`, to be asked at the end."""
+    """Gives a message about announced frames that were not read; called at the end."""
 
 
 @dataclass(frozen=True)
 class ReadImage:
-    """Reads an image, whose `check` may raise a BrokenFileError; those of a video are read already."""
+    """Reads images of files; `check` may raise a BrokenFileError about one. Frames of a video pass through."""
 
     most_bytes: float = MOST_BYTES_OF_IMAGE
     most_pixels: float = MOST_PIXELS
     check: Callable[[Image], object] | None = None
 
     def __call__(self, item: FrameFile | Frame) -> Frame:
-        """The image, or what is wrong with it."""
+        """Read the image of a file."""
         if isinstance(item, Frame):
             return item
         try:
@@ -82,7 +82,7 @@ def opened(
     cut: Cut = WHOLE,
     threads: int | None = None,
 ) -> Iterator[Source]:
-    """The files of images, in folders and zips too, or the frames of one video.
+    """Open images in files, folders and zips, or the frames of one video.
 
     Raises
     ------
@@ -100,14 +100,14 @@ def opened(
 
 
 def image_files(inputs: Sequence[Path]) -> list[FrameFile]:
-    """The files of images in folders and zips, and single ones; what else lies there is named on stderr."""
+    """Find images in folders and zips, and single files; unused files are named on stderr."""
     files = IMAGES.find(inputs)
     name_skipped(inputs, files)
     return files
 
 
 def in_cut(files: Sequence[FrameFile], cut: Cut) -> list[FrameFile]:
-    """Those of some images that are in a cut.
+    """Select the images in a cut.
 
     Raises
     ------
@@ -124,7 +124,7 @@ def in_cut(files: Sequence[FrameFile], cut: Cut) -> list[FrameFile]:
 def checked_frames(name: Input, reader: FrameReader, check: Callable[[Image], object]) -> Iterator[Frame]:
     """The frames of a video, whose ids are their numbers with six digits.
 
-    What `check` raises a BrokenFileError for is said of the video's name.
+    A BrokenFileError of `check` gets the name of the video.
     """
     frames = zip(reader.numbers, reader, strict=False)
     try:
@@ -140,24 +140,24 @@ def checked_frames(name: Input, reader: FrameReader, check: Callable[[Image], ob
 
 
 def frames_lost(source: Source) -> bool:
-    """Whether frames were lost that the input announced; it is said on stderr."""
+    """Whether announced frames could not be read; says so on stderr."""
     loss = source.loss()
     if loss:
-        print(f"fieldcalib: {loss}", file=sys.stderr)
+        say(loss)
     return bool(loss)
 
 
 def say_note(path: Path, video: VideoWriter) -> None:
-    """Say on stderr what is to be known about a video that was written, if anything."""
+    """Print the note of a video that was written, if it has one, on stderr."""
     if video.note:
-        print(f"fieldcalib: {path} {video.note}", file=sys.stderr)
+        say(f"{path} {video.note}")
 
 
 def broken_frames(frames: Iterable[Frame]) -> dict[str, str]:
-    """What is wrong with the frames that could not be read, by id."""
+    """Problems of frames that could not be read, by id."""
     return {frame.id: frame.problem for frame in frames if frame.image is None}
 
 
 def pixels_of(frame: Frame) -> int:
-    """How many pixels are in memory."""
+    """Number of pixels in memory."""
     return 0 if frame.image is None else frame.image.shape[0] * frame.image.shape[1]

@@ -1,4 +1,4 @@
-"""How a run works and where its results go: --out, --format, --jobs, --shard, --resume, --overwrite, --strict."""
+"""Options of a run: --out, --format, --jobs, --shard, --resume, --overwrite, --strict."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from typing import Any
 from fieldcalib.console.arguments import JSON_LINES, PARQUET, count
 from fieldcalib.io.field_files import is_field_file
 
-# Options that change nothing in what is written of a frame, or that the record of a run has elsewhere.
+# Options that do not change the results of a frame, or that the record of a run has elsewhere.
 NOT_RECORDED = frozenset(
     {"run", "command", "out", "strict", "most_bytes", "most_pixels", "jobs", "resume", "overwrite", "shard"}
 )
@@ -23,11 +23,11 @@ class Shard:
     """Every n-th unit of the work."""
 
     number: int
-    """From 1."""
+    """Counted from 1."""
     of: int
 
     def __str__(self) -> str:
-        """As on the command line."""
+        """Format as on the command line."""
         return f"{self.number}/{self.of}"
 
     @classmethod

@@ -39,7 +39,7 @@ class Item(Protocol):
 
 @dataclass(frozen=True)
 class Outcome:
-    """What is written of a frame."""
+    """The results of a frame that are written."""
 
     line: Mapping[str, Any]
     """The frame's line of cameras.jsonl; it has the keys id and status."""

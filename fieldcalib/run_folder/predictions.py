@@ -45,15 +45,15 @@ class Predictions:
 
     by_frame: Mapping[str, Prediction]
     size: tuple[int, int]
-    """Of the images that they are scored on."""
+    """Size of the images that they are scored on."""
     files: Sequence[FrameFile] = ()
-    """Where they were read, of folders and zips."""
+    """Files that they were read from, in folders and zips."""
     made_for: tuple[int, int] | None = None
-    """Size of the images that they are of, where a run has said it."""
+    """Size of the images that they were calibrated on, if a run has recorded it."""
 
     @property
     def of_other_sizes(self) -> list[tuple[int, int]]:
-        """Sizes of the images that some of the cameras are made for, if those are others."""
+        """Sizes of images that cameras were made for and that differ from `size`."""
         cameras = [p for p in self.by_frame.values() if isinstance(p, RationalCamera)]
         made_for = {natural_size(p) for p in cameras} if self.made_for is None else {self.made_for}
         size = np.array(self.size)
@@ -61,7 +61,7 @@ class Predictions:
 
 
 def natural_size(camera: RationalCamera) -> tuple[int, int] | None:
-    """The image whose centre is the principal point, to the next even number: a camera file has no other size."""
+    """Size of the image whose centre is the principal point, even numbers: a camera file has no other size."""
     centre = camera.K[:2, 2]
     if not np.all((centre > 0.0) & (centre < LARGEST_SIZE)):
         return None
@@ -211,11 +211,11 @@ class GroundTruth:
 
     annotations: Mapping[str, Pixels]
     homographies: Mapping[str, Array]
-    """From the field to the image, of the frames that have one."""
+    """Homographies from the field to the image, of the frames that have one."""
     share: float = 1.0
-    """Of the data set that these frames are, broken ones counted."""
+    """Share of the data set's frames that these are, broken ones included."""
     files: Sequence[FrameFile] = ()
-    """What was found of the data set, frames of other camera types included."""
+    """All files of the data set, also frames of other camera types."""
 
 
 def read_ground_truth(

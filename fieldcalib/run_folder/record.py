@@ -19,21 +19,21 @@ ELSEWHERE = frozenset({"input", "threads"})  # the input is recorded by its dige
 
 @dataclass(frozen=True)
 class RunRecord:
-    """A run, as its folder keeps it."""
+    """The record of a run, as kept in its folder."""
 
     command: str
     options: Mapping[str, Any]
-    """Those that change what is written."""
+    """Options that change the results."""
     frames: int
-    """In the input; 0 if that is not known before it is read."""
+    """Number of frames in the input; 0 if it is not known before reading."""
     names: str
     """Digest of the names of the input's files."""
     contents: str
     """Digest of their sizes and times."""
     unit: int
-    """Frames that are worked on together."""
+    """Number of frames in a unit."""
     shard: str | None
-    """Which of the units these are."""
+    """The shard of the units, as K/N."""
     writes: tuple[str, ...]
     """Names of a frame's files, with <id> for its id."""
     version: str = fieldcalib.__version__

@@ -21,6 +21,7 @@ from typing import Any
 import fieldcalib
 from fieldcalib.assess.result import Verdict
 from fieldcalib.console.arguments import ESTIMATED, PARQUET
+from fieldcalib.console.program import say
 from fieldcalib.io.files import BrokenFileError, remove_temporaries, whole_file, write_bytes, write_text
 from fieldcalib.io.formats import CAMERAS, OVERLAYS, VIDEOS
 from fieldcalib.io.line_log import LineLog, whole_lines
@@ -42,10 +43,10 @@ PART_OF_CLIP = ".part-"  # prefix of files that keep parts of a clip until all a
 # Frames with pixels that are not square, least number and share: of 728 annotated frames none, of the same squashed to
 # 640x640 one in fifteen, with width and height swapped more than half.
 SUSPICIOUS = 3, 0.05
-# Width / height of pictures of which it is asked whether they were squashed or cropped: broadcasts have 4:3 and more.
+# Width / height of pictures that were probably squashed or cropped: broadcasts have 4:3 and more.
 NEARLY_SQUARE = 0.9, 1.3
-DECLARATIONS = ("display_size", "crop_of", "intrinsics")  # options that say what such pictures are,
-ASPECT = "aspect"  # as this one does where it is not estimated
+DECLARATIONS = ("display_size", "crop_of", "intrinsics")  # options that declare the shape of pictures,
+ASPECT = "aspect"  # as does this one, unless its value is "estimated"
 AGAIN = "--resume goes on with it, --overwrite begins anew"
 
 
@@ -68,12 +69,12 @@ class ResultsWriter:
     calibrating: float = 0.0
     """Seconds that these took, without files and pictures."""
     notes: Sequence[str] = ()
-    """What was found of the camera of a clip."""
+    """Notes about the camera of a clip."""
 
     def add(self, outcome: Outcome) -> None:
-        """Write the line of the next frame, and its files; what is wrong with it is said on stderr."""
+        """Write the line of the next frame, and its files; a complaint is printed on stderr."""
         if outcome.complaint:
-            print(f"fieldcalib: {outcome.complaint}", file=sys.stderr)
+            say(outcome.complaint)
         self.log.append(json.dumps(outcome.line))
         for name, content in outcome.files.items():
             write_bytes(self.out / name, content)
@@ -126,7 +127,7 @@ class ResultsWriter:
         others = sum(1 for _ in self.out.glob(CAMERAS.file_name("*"))) - self.cameras
         if others > 0:
             verb = "is" if others == 1 else "are"
-            print(f"fieldcalib: {counted(others, 'camera')} in {self.out} {verb} not of this run", file=sys.stderr)
+            say(f"{counted(others, 'camera')} in {self.out} {verb} not of this run")
 
     def _ask_about_shape(self, options: Mapping[str, Any]) -> None:
         """Ask on stderr whether the pictures were squashed or cropped, if they look so and the options do not say."""
@@ -153,7 +154,7 @@ class ResultsWriter:
             where.append(self.out / OVERLAYS.file_name("<id>"))
         said = self.to_look_at.said(*map(str, where))
         if said:
-            print(f"fieldcalib: {said}", file=sys.stderr)
+            say(said)
 
 
 @contextmanager
@@ -208,13 +209,13 @@ def run_folder(run: RunOptions, record: RunRecord, lines: str = LINES) -> Iterat
                     results.restore(json.loads(text))
                 yield results
         except BaseException:
-            remove_temporaries(out)  # of an interrupt between the making of one and its use
+            remove_temporaries(out)  # left by an interrupt between the creation of one and its use
             if earlier is None and (results is None or not results.done) and not any(out.glob(f"{PART_OF_CLIP}*")):
                 _remove_frames(out, record)
                 _forget(out)
             elif results is not None:
                 done = f"{counted(results.done, 'frame')} done in {out}"
-                print(f"fieldcalib: {done}: --resume goes on with the run", file=sys.stderr)
+                say(f"{done}: --resume goes on with the run")
             raise
 
 
@@ -270,14 +271,14 @@ def _count(log: Path) -> int:
 
 
 def _clear(out: Path) -> None:
-    """Remove what an earlier run has written; the names of its frames and its record go last."""
+    """Remove the results of an earlier run; the names of its frames and its record go last."""
     try:
         earlier = RunRecord.read(out)
     except BrokenFileError:
         earlier = None
     (out / SUMMARY).unlink(missing_ok=True)
     if earlier is not None:
-        replace(earlier, contents="replaced").write(out)  # is not resumed from here on
+        replace(earlier, contents="replaced").write(out)  # so that it cannot be resumed from here on
         _remove_frames(out, earlier)
     else:
         for pattern in (CAMERAS.file_name("*"), OVERLAYS.file_name("*")):
@@ -289,7 +290,7 @@ def _clear(out: Path) -> None:
 
 
 def _remove_frames(out: Path, record: RunRecord) -> None:
-    """Remove the files of the frames that a run has written, and of no others."""
+    """Remove the files of the frames that a run has written, and no others."""
     for log in (LINES, LOCALIZED):
         for id in _ids(out / log):
             for name in record.writes:

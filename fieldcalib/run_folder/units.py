@@ -1,4 +1,4 @@
-"""Frames in units that are worked on by several processes: the same units, and so the same results, with any number."""
+"""Frames in units for several processes: units, and so results, do not depend on the number of processes."""
 
 from __future__ import annotations
 
@@ -25,13 +25,13 @@ LARGEST_UNIT, LEAST_UNITS, SMALLEST_UNIT = 256, 4, 64
 
 @dataclass(frozen=True)
 class UnitResult:
-    """What was computed of a unit of frames."""
+    """The results of a unit of frames."""
 
     outcomes: Sequence[Outcome]
     seconds: float = 0.0
     """Time of the calibrations."""
     message: str = ""
-    """For stdout."""
+    """Line for stdout."""
 
 
 def unit_size(frames: int) -> int:
