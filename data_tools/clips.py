@@ -31,7 +31,7 @@ from fieldcalib._types import Array, BoolArray
 from fieldcalib.assess.camera_errors import region_radius
 from fieldcalib.assess.sequence import Basis
 from fieldcalib.assess.video import VideoCalibration
-from fieldcalib.cli.main import run_command
+from fieldcalib.console.program import run_command
 from fieldcalib.fields.soccer import soccer
 from fieldcalib.geometry.camera import Camera
 from fieldcalib.images.clip_solver import ClipSolver

@@ -211,7 +211,7 @@ def test_numba_is_loaded_when_a_frame_is_solved_and_not_before():
 def test_the_command_line_says_that_it_compiles(tmp_path):
     """Once, where something is not in the cache. A small function stands in."""
     code = (
-        "from fieldcalib.cli.main import log_on_stderr\n"
+        "from fieldcalib.console.program import log_on_stderr\n"
         "from fieldcalib.problem.compilation import compiled\n"
         "with log_on_stderr():\n"
         "    module = compiled()\n"

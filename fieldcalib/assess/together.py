@@ -20,7 +20,7 @@ def compute_errors(calibrations: Sequence[Calibration]) -> None:
     Examples
     --------
     >>> from fieldcalib import calibrate_batch, soccer
-    >>> from fieldcalib.cli.demo import observe, pan_over_field
+    >>> from fieldcalib.problem.simulated import observe, pan_over_field
     >>> frames = [observe(camera, soccer(), np.random.default_rng(0), noise=1.0) for camera in pan_over_field(3)]
     >>> calibrations = calibrate_batch(soccer(), frames, (960, 540))
     >>> compute_errors(calibrations)

@@ -1,4 +1,4 @@
-"""A parser that says what was perhaps meant by an option, a choice or a command that it does not know."""
+"""A parser that suggests what was meant by an unknown option, choice or command."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ LIKE = 0.6  # least similarity, from 0 to 1, of a name that is suggested; diffli
 
 
 def did_you_mean(text: str, known: Iterable[str]) -> str:
-    """A question after a message about a name that is none; empty if no known one is like it.
+    """A question to append to a message about an unknown name; empty if no known name is similar.
 
     Examples
     --------
@@ -27,7 +27,7 @@ def did_you_mean(text: str, known: Iterable[str]) -> str:
 
 
 class Parser(argparse.ArgumentParser):
-    """An `argparse.ArgumentParser` whose errors end with what was perhaps meant.
+    """An `argparse.ArgumentParser` whose errors end with a suggestion.
 
     Examples
     --------
@@ -46,12 +46,12 @@ class Parser(argparse.ArgumentParser):
     def parse_known_args(  # type: ignore[override]
         self, args: Sequence[str] | None = None, namespace: Any = None
     ) -> tuple[argparse.Namespace, list[str]]:
-        """As `argparse` does; the arguments are kept for what is said of them."""
+        """Parse as `argparse` does, and keep the arguments for error messages."""
         self._given = args or ()
         return cast(tuple[argparse.Namespace, list[str]], super().parse_known_args(args, namespace))
 
     def error(self, message: str) -> NoReturn:
-        """Say what is wrong, and of options that do not exist what was perhaps meant."""
+        """Say what is wrong, and suggest names for options that do not exist."""
         options = [name for action in (self.chosen or self)._actions for name in action.option_strings]
         unknown = [name for name in _options_in(self._given) if not _is_known(name, options)]
         hints = {name: did_you_mean(name, options) for name in unknown}
@@ -67,11 +67,11 @@ class Parser(argparse.ArgumentParser):
 
 
 def _options_in(arguments: Sequence[str]) -> list[str]:
-    """What looks like an option, without its value."""
+    """Arguments that look like options, without their values."""
     before = arguments[: arguments.index("--")] if "--" in arguments else arguments
     return [one.split("=")[0] for one in before if one.startswith("-") and len(one) > 1 and not NEGATIVE.match(one)]
 
 
 def _is_known(name: str, options: Iterable[str]) -> bool:
-    """Whether a name is that of an option, or how one begins."""
+    """Whether a name is an option or the beginning of one."""
     return any(option.startswith(name) for option in options)

@@ -1,24 +1,25 @@
-"""Reads that do not come back, as from a network drive that stalls: it is said which file is waited for."""
+"""Warnings about reads that take long, as from a network drive that stalls."""
 
 from __future__ import annotations
 
-import sys
 import threading
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
-FIRST, GROWTH = 30.0, 2.0  # seconds until it is said, and times so many until it is said again
-STEP = 30.0  # of `FIRST`: between two looks
+from fieldcalib.console.program import say
 
-_waits: dict[int, tuple[Path | str, float]] = {}  # by thread: what is read, and since when
+FIRST, GROWTH = 30.0, 2.0  # seconds until the first warning, and factor from each warning to the next
+STEP = 30.0  # checks during `FIRST`
+
+_waits: dict[int, tuple[Path | str, float]] = {}  # by thread: the file that is read, and the time at which that began
 _watcher: threading.Thread | None = None
 
 
 @contextmanager
 def waiting_for(path: Path | str) -> Iterator[None]:
-    """While a file is read: if that takes long, stderr says so, again and again at growing intervals."""
+    """Warn on stderr, with exponential back-off, while the reading of a file takes long."""
     global _watcher
     if _watcher is None:
         _watcher = threading.Thread(target=_watch, daemon=True)
@@ -31,7 +32,7 @@ def waiting_for(path: Path | str) -> Iterator[None]:
 
 
 def _watch() -> None:
-    next_time: dict[tuple[Path | str, float], float] = {}  # seconds of waiting after which it is said
+    next_time: dict[tuple[Path | str, float], float] = {}  # seconds of waiting until the next warning
     while True:
         time.sleep(FIRST / STEP)
         waits = list(_waits.values())
@@ -40,5 +41,5 @@ def _watch() -> None:
             path, since = one
             waited = time.monotonic() - since
             if waited >= next_time.get(one, FIRST):
-                print(f"fieldcalib: {path}: waiting for it for {waited:.0f} seconds", file=sys.stderr, flush=True)
+                say(f"{path}: waiting for it for {waited:.0f} seconds")
                 next_time[one] = GROWTH * waited

@@ -1,4 +1,4 @@
-"""--field, --field-length, --field-width and --field-size: which field it is, and so which stands --prior may name."""
+"""Options for the field and the prior: --field, --field-length, --field-width, --field-size, --prior."""
 
 from __future__ import annotations
 
@@ -6,8 +6,8 @@ import argparse
 from dataclasses import replace
 from functools import lru_cache
 
-from fieldcalib.cli.arguments import NO_PRIOR, positive
-from fieldcalib.cli.parser import did_you_mean
+from fieldcalib.console.arguments import ESTIMATED, NO_PRIOR, positive
+from fieldcalib.console.parser import did_you_mean
 from fieldcalib.fields.catalogue import FIELDS, field_named
 from fieldcalib.fields.field import Field
 from fieldcalib.io.field_files import is_field_file, read_field
@@ -16,7 +16,7 @@ from fieldcalib.solve.options import ALL, Prior
 
 SOCCER = "soccer"
 KNOWN = "known"
-NOMINAL, ESTIMATED = "nominal", "estimated"
+NOMINAL = "nominal"
 FIELD_SIZES = (ESTIMATED, NOMINAL, KNOWN)
 
 
@@ -68,7 +68,7 @@ def field_of(options: argparse.Namespace) -> Field:
     Raises
     ------
     ValueError
-        If its file is none, or a size is given of a field that has one size.
+        If its file is no field, or a size is given for a field that has one size.
     """
     field = named_field(options.field)
     length, width = (getattr(options, name, None) for name in ("field_length", "field_width"))
@@ -84,7 +84,7 @@ def field_of(options: argparse.Namespace) -> Field:
 
 
 def prior_of(options: argparse.Namespace) -> Prior:
-    """What --prior asks for.
+    """The prior that --prior names.
 
     Raises
     ------
@@ -113,7 +113,7 @@ def named_field(name: str) -> Field:
     Raises
     ------
     ValueError
-        If its file is none.
+        If its file is no field.
     """
     try:
         return field_named(name) if name in FIELDS else read_field(name)

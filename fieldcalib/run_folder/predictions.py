@@ -1,4 +1,4 @@
-"""What `fieldcalib evaluate` compares: anybody's cameras or homographies, and what is known of the frames."""
+"""Predictions and ground truth of frames: cameras or homographies of any tool, and annotations to score them by."""
 
 from __future__ import annotations
 
@@ -13,13 +13,11 @@ from typing import TypeVar
 import numpy as np
 
 from fieldcalib._types import Array
-from fieldcalib.cli.folder import name_left_out, problem
-from fieldcalib.cli.units import units_of
-from fieldcalib.cli.waiting import waiting_for
+from fieldcalib.console.waiting import waiting_for
 from fieldcalib.fields.field import Field
 from fieldcalib.geometry.rational import RationalCamera
 from fieldcalib.io.annotation_files import frames_in, parse_frame
-from fieldcalib.io.files import MOST_BYTES, BrokenFileError, FrameFile, parse_json_object, read_regular_file
+from fieldcalib.io.files import MOST_BYTES, BrokenFileError, FrameFile, parse_json_object, problem, read_regular_file
 from fieldcalib.io.formats import ANNOTATIONS, CAMERAS, HOMOGRAPHIES, RECORDS
 from fieldcalib.io.results import lines_file, result_lines
 from fieldcalib.io.soccernet import read_camera_types
@@ -29,6 +27,8 @@ from fieldcalib.metrics import Prediction
 from fieldcalib.metrics.accuracy import check_annotation
 from fieldcalib.problem.labelled_pixels import Pixels
 from fieldcalib.processes.jobs import in_order
+from fieldcalib.run_folder.annotated import name_left_out
+from fieldcalib.run_folder.units import units_of
 
 OFF_CENTRE = 0.1  # of the image's size: a principal point further off belongs to an image of another size
 LARGEST_SIZE = 100_000  # px: beyond, a principal point says nothing about an image
@@ -45,15 +45,15 @@ class Predictions:
 
     by_frame: Mapping[str, Prediction]
     size: tuple[int, int]
-    """Of the images that they are scored on."""
+    """Size of the images that they are scored on."""
     files: Sequence[FrameFile] = ()
-    """Where they were read, of folders and zips."""
+    """Files that they were read from, in folders and zips."""
     made_for: tuple[int, int] | None = None
-    """Size of the images that they are of, where a run has said it."""
+    """Size of the images that they were calibrated on, if a run has recorded it."""
 
     @property
     def of_other_sizes(self) -> list[tuple[int, int]]:
-        """Sizes of the images that some of the cameras are made for, if those are others."""
+        """Sizes of images that cameras were made for and that differ from `size`."""
         cameras = [p for p in self.by_frame.values() if isinstance(p, RationalCamera)]
         made_for = {natural_size(p) for p in cameras} if self.made_for is None else {self.made_for}
         size = np.array(self.size)
@@ -61,7 +61,7 @@ class Predictions:
 
 
 def natural_size(camera: RationalCamera) -> tuple[int, int] | None:
-    """The image whose centre is the principal point, to the next even number: a camera file has no other size."""
+    """Size of the image whose centre is the principal point, even numbers: a camera file has no other size."""
     centre = camera.K[:2, 2]
     if not np.all((centre > 0.0) & (centre < LARGEST_SIZE)):
         return None
@@ -69,19 +69,51 @@ def natural_size(camera: RationalCamera) -> tuple[int, int] | None:
     return width, height
 
 
-def read_predictions(
-    path: Path,
-    broken: list[str],
-    *,
-    size: tuple[int, int] | None = None,
-    homographies: bool = False,
-    most_bytes: float = MOST_BYTES,
-    executor: Executor | None = None,
-) -> Predictions:
-    """Cameras of a folder, a zip or a TVCalib output by frame, or homographies if asked for or if there are no cameras.
+@dataclass(frozen=True)
+class FileReader:
+    """Reads files, by several processes if there is an executor; messages about broken ones are collected."""
 
-    Cameras are taken as they are, homographies are scaled to `size` where it is known which images they are for. What
-    is wrong with files that cannot be read is added to `broken`; their frames have no prediction.
+    broken: list[str]
+    """Gets a message for each file that cannot be read."""
+    most_bytes: float = MOST_BYTES
+    executor: Executor | None = None
+
+    def read(self, files: Sequence[FrameFile], parse: Callable[[bytes], Parsed]) -> dict[str, Parsed]:
+        """Parse the content of files, by frame."""
+        return self.parse(files, partial(_parsed, parse=parse, most_bytes=self.most_bytes))
+
+    def parse(self, files: Sequence[FrameFile], parse: Callable[[FrameFile], Parsed]) -> dict[str, Parsed]:
+        """Parse files, by frame."""
+        found: dict[str, Parsed] = {}
+        for parsed, messages in in_order(self.executor, partial(_read, parse=parse), units_of(files, READ_AT_ONCE)):
+            found |= parsed
+            self.broken.extend(messages)
+        return found
+
+
+def _parsed(file: FrameFile, *, parse: Callable[[bytes], Parsed], most_bytes: float) -> Parsed:
+    return parse(file.read(most_bytes))
+
+
+def _read(files: Sequence[FrameFile], *, parse: Callable[[FrameFile], Parsed]) -> tuple[dict[str, Parsed], list[str]]:
+    found: dict[str, Parsed] = {}
+    broken: list[str] = []
+    for file in files:
+        try:
+            with waiting_for(file.path):
+                found[file.id] = parse(file)
+        except (ValueError, MemoryError) as error:
+            broken.append(f"{file.path}: {problem(error)}")
+    return found, broken
+
+
+def read_predictions(
+    reader: FileReader, path: Path, size: tuple[int, int] | None = None, *, homographies: bool = False
+) -> Predictions:
+    """Read cameras of a folder, a zip or a TVCalib output; homographies if asked for or if there are no cameras.
+
+    Cameras are taken as they are, homographies are scaled to `size` where it is known which images they are for. Frames
+    whose files are broken have no prediction.
 
     Raises
     ------
@@ -89,24 +121,22 @@ def read_predictions(
         If there is no prediction, or no size is given and they do not agree on one.
     """
     files: Sequence[FrameFile] = ()
-    of_run = None
+    size_of_run = None
     if path.is_file() and RECORDS.recognises(path):
-        found, own_size = _read_tvcalib(path, broken, size, homographies=homographies, most_bytes=most_bytes)
+        found, own_size = _read_tvcalib(reader, path, size, homographies=homographies)
     elif files := _camera_files(path, homographies=homographies):
-        parse_camera = partial(CAMERAS.read, image_size=size or IMAGE_SIZE)
-        cameras = read_files(files, parse_camera, broken, most_bytes=most_bytes, executor=executor)
+        cameras = reader.read(files, partial(CAMERAS.read, image_size=size or IMAGE_SIZE))
         found = dict(cameras)
-        of_run = _size_of_run(path)
-        own_size = of_run or _only({natural_size(camera) for camera in cameras.values()})
+        size_of_run = _size_of_run(path)
+        own_size = size_of_run or _only({natural_size(camera) for camera in cameras.values()})
     else:
         files, own_size = _homography_files(path, homographies=homographies), size or IMAGE_SIZE
-        parse = partial(HOMOGRAPHIES.read, image_size=own_size)
-        found = dict(read_files(files, parse, broken, most_bytes=most_bytes, executor=executor))
+        found = dict(reader.read(files, partial(HOMOGRAPHIES.read, image_size=own_size)))
     if not found:
         raise ValueError(f"{path} holds no prediction that can be evaluated")
     if size is None and own_size is None:
         raise ValueError(SEVERAL_SIZES)
-    return Predictions(found, size or own_size or IMAGE_SIZE, files, of_run)
+    return Predictions(found, size or own_size or IMAGE_SIZE, files, size_of_run)
 
 
 def _camera_files(path: Path, *, homographies: bool) -> list[FrameFile]:
@@ -143,15 +173,15 @@ def _homography_files(path: Path, *, homographies: bool) -> list[FrameFile]:
 
 
 def _read_tvcalib(
-    path: Path, broken: list[str], size: tuple[int, int] | None, *, homographies: bool, most_bytes: float
+    reader: FileReader, path: Path, size: tuple[int, int] | None, *, homographies: bool
 ) -> tuple[dict[str, Prediction], tuple[int, int] | None]:
     """Predictions of a per_sample_output.json, and the size of their images."""
     lines: list[str] = []
     try:
-        records = RECORDS.read(read_regular_file(path, most_bytes), broken=lines)
+        records = RECORDS.read(read_regular_file(path, reader.most_bytes), broken=lines)
     except BrokenFileError as error:
         raise BrokenFileError(f"{path}: {error}") from None
-    broken += [f"{path}: {line}" for line in lines]
+    reader.broken.extend(f"{path}: {line}" for line in lines)
     twice = [id for id, count in Counter(record.id for record in records).items() if count > 1]
     if twice:
         raise BrokenFileError(f"{path}: frame {twice[0]} has several records")
@@ -171,38 +201,31 @@ def _scaled(record: TVCalibRecord, size: tuple[int, int] | None) -> Array:
 
 
 def _only(sizes: set[tuple[int, int] | None]) -> tuple[int, int] | None:
-    """The size that all agree on, if they do."""
+    """The size that all agree on, None if they do not."""
     return sizes.pop() if len(sizes) == 1 else None
 
 
 @dataclass(frozen=True)
 class GroundTruth:
-    """What is known of the frames of a data set."""
+    """Annotations and homographies of the frames of a data set."""
 
     annotations: Mapping[str, Pixels]
     homographies: Mapping[str, Array]
-    """From the field to the image, of the frames that have one."""
+    """Homographies from the field to the image, of the frames that have one."""
     share: float = 1.0
-    """Of the data set that these frames are, broken ones counted."""
+    """Share of the data set's frames that these are, broken ones included."""
     files: Sequence[FrameFile] = ()
-    """What was found of the data set, frames of other camera types included."""
+    """All files of the data set, also frames of other camera types."""
 
 
 def read_ground_truth(
-    path: Path,
-    size: tuple[int, int],
-    broken: list[str],
-    *,
-    field: Field,
-    camera_type: str | None = None,
-    most_bytes: float = MOST_BYTES,
-    executor: Executor | None = None,
+    reader: FileReader, path: Path, size: tuple[int, int], field: Field, camera_type: str | None = None
 ) -> GroundTruth:
-    """Annotations of a folder or a zip, and homographies that lie beside them.
+    """Read annotations of a folder or a zip, and homographies that lie beside them.
 
     With `camera_type`, only frames that were filmed by such a camera, as match_info_cam_gt.json says.
     """
-    found = frames_in(ANNOTATIONS.find([path]), known=field, most_bytes=most_bytes)
+    found = frames_in(ANNOTATIONS.find([path]), known=field, most_bytes=reader.most_bytes)
     name_left_out(found, field)
     files = found.frames
     beside = _beside(path)
@@ -213,11 +236,10 @@ def read_ground_truth(
         if not chosen:
             raise ValueError(f"no frame is of type {camera_type!r}; there are {', '.join(sorted(set(types.values())))}")
     ids = {file.id for file in chosen}
-    parse = partial(_annotation, field=field, size=size, most_bytes=most_bytes)
-    annotations = parse_files(chosen, parse, broken, executor)
+    parse = partial(_annotation, field=field, size=size, most_bytes=reader.most_bytes)
+    annotations = reader.parse(chosen, parse)
     scored = [file for file in beside if file.id in ids]
-    of_size = partial(HOMOGRAPHIES.read, image_size=size)
-    homographies = read_files(scored, of_size, broken, most_bytes=most_bytes, executor=executor)
+    homographies = reader.read(scored, partial(HOMOGRAPHIES.read, image_size=size))
     return GroundTruth(annotations, homographies, len(chosen) / len(files), [*files, *beside])
 
 
@@ -235,46 +257,3 @@ def _beside(path: Path) -> list[FrameFile]:
         return [file for file in HOMOGRAPHIES.find([path]) if file.path != path]
     except FileNotFoundError:
         return []
-
-
-def read_files(
-    files: Sequence[FrameFile],
-    parse: Callable[[bytes], Parsed],
-    broken: list[str],
-    *,
-    most_bytes: float = MOST_BYTES,
-    executor: Executor | None = None,
-) -> dict[str, Parsed]:
-    """Parsed content of files by frame; messages about broken ones go to `broken`."""
-    return parse_files(files, partial(_parsed, parse=parse, most_bytes=most_bytes), broken, executor)
-
-
-def _parsed(file: FrameFile, *, parse: Callable[[bytes], Parsed], most_bytes: float) -> Parsed:
-    return parse(file.read(most_bytes))
-
-
-def parse_files(
-    files: Sequence[FrameFile],
-    parse: Callable[[FrameFile], Parsed],
-    broken: list[str],
-    executor: Executor | None = None,
-) -> dict[str, Parsed]:
-    """What is parsed of files by frame; messages about broken ones go to `broken`."""
-    found: dict[str, Parsed] = {}
-    of_part = partial(_read, parse=parse)
-    for parsed, messages in in_order(executor, of_part, units_of(files, READ_AT_ONCE)):
-        found |= parsed
-        broken += messages
-    return found
-
-
-def _read(files: Sequence[FrameFile], *, parse: Callable[[FrameFile], Parsed]) -> tuple[dict[str, Parsed], list[str]]:
-    found: dict[str, Parsed] = {}
-    broken: list[str] = []
-    for file in files:
-        try:
-            with waiting_for(file.path):
-                found[file.id] = parse(file)
-        except (ValueError, MemoryError) as error:
-            broken.append(f"{file.path}: {problem(error)}")
-    return found, broken

@@ -1,8 +1,7 @@
-"""What a run is: its options and its input, written before the work, so that another process can go on with it."""
+"""The record of a run, run.json: its options and its input, written before the work, for a run that resumes it."""
 
 from __future__ import annotations
 
-import argparse
 import json
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import asdict, dataclass
@@ -11,65 +10,54 @@ from pathlib import Path
 from typing import Any
 
 import fieldcalib
-from fieldcalib.io.field_files import is_field_file
 from fieldcalib.io.files import BrokenFileError, FrameFile, parse_json_object, read_regular_file, write_text
+from fieldcalib.run_folder.options import RunOptions
 
 RECORD = "run.json"
-# options that change nothing in what is written of a frame, or that the record has elsewhere
-OF_THE_WAY = frozenset(
-    {"run", "command", "out", "strict", "most_bytes", "most_pixels", "jobs", "resume", "overwrite", "shard"}
-)
-ELSEWHERE = frozenset({"input", "threads"})
+ELSEWHERE = frozenset({"input", "threads"})  # the input is recorded by its digests, threads change nothing
 
 
 @dataclass(frozen=True)
 class RunRecord:
-    """A run, as its folder keeps it."""
+    """The record of a run, as kept in its folder."""
 
     command: str
     options: Mapping[str, Any]
-    """Those that change what is written."""
+    """Options that change the results."""
     frames: int
-    """In the input; 0 if that is not known before it is read."""
+    """Number of frames in the input; 0 if it is not known before reading."""
     names: str
     """Digest of the names of the input's files."""
     contents: str
     """Digest of their sizes and times."""
     unit: int
-    """Frames that are worked on together."""
+    """Number of frames in a unit."""
     shard: str | None
-    """Which of the units these are."""
+    """The shard of the units, as K/N."""
     writes: tuple[str, ...]
     """Names of a frame's files, with <id> for its id."""
     version: str = fieldcalib.__version__
 
     @classmethod
     def of(
-        cls,
-        options: argparse.Namespace,
-        files: Sequence[FrameFile],
-        *,
-        unit: int,
-        writes: Iterable[str],
-        more: Any = None,
+        cls, run: RunOptions, files: Sequence[FrameFile], *, unit: int, writes: Iterable[str], more: Any = None
     ) -> RunRecord:
-        """The run of some options on some files; `more` is what else it depends on, as JSON."""
-        kept = {name: value for name, value in recorded(options).items() if name not in ELSEWHERE}
+        """Record a run on some files; `more` is what else it depends on, as JSON."""
+        kept = {name: value for name, value in run.recorded.items() if name not in ELSEWHERE}
         names = _digest([file.id for file in files])
-        field = getattr(options, "field", "")  # not a folder that has the name of a sport
-        of_field = FrameFile(field, Path(field)).state if is_field_file(field) else None
-        contents = _digest([[*(file.state for file in files)], of_field, more])
-        shard = None if options.shard is None else str(options.shard)
-        return cls(options.command, kept, len(files), names, contents, unit, shard, tuple(writes))
+        field = None if run.field_file is None else FrameFile(str(run.field_file), run.field_file).state
+        contents = _digest([[*(file.state for file in files)], field, more])
+        shard = None if run.shard is None else str(run.shard)
+        return cls(run.command, kept, len(files), names, contents, unit, shard, tuple(writes))
 
     @classmethod
     def read(cls, folder: Path) -> RunRecord | None:
-        """That of a folder, None if it has none.
+        """Read the record in a folder, None if there is none.
 
         Raises
         ------
         BrokenFileError
-            If it is none; the message begins with its path.
+            If the file is no record; the message begins with its path.
         """
         path = folder / RECORD
         if not path.exists():
@@ -81,11 +69,11 @@ class RunRecord:
             raise BrokenFileError(f"{path}: is no record of a run: {error}") from None
 
     def write(self, folder: Path) -> None:
-        """Keep it in a folder."""
+        """Write it to a folder."""
         write_text(folder / RECORD, json.dumps(asdict(self), indent=2) + "\n")
 
     def differences(self, other: RunRecord, *, of_shards: bool = False) -> str:
-        """What another run, `other`, does otherwise; empty if it is the same. Shards of one run are the same too."""
+        """Describe how another run differs, empty if it is the same; `of_shards`: but for the shard."""
         if self.command != other.command:
             return f"it is of {self.command}, not of {other.command}"
         if self.version != other.version:
@@ -103,12 +91,6 @@ class RunRecord:
 
     def _at(self, name: str) -> Any:
         return self.options.get(name)
-
-
-def recorded(options: argparse.Namespace) -> dict[str, Any]:
-    """The options of a run as JSON, without where its results go and what changes nothing in them."""
-    named = {name: value for name, value in vars(options).items() if name not in OF_THE_WAY}
-    return json.loads(json.dumps(named, default=str))  # type: ignore[no-any-return]
 
 
 def _digest(what: Any) -> str:

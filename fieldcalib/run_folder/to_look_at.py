@@ -1,4 +1,4 @@
-"""Which frames of a run a user should look at: the first few with their reasons, and where the others are."""
+"""Frames of a run that a user should look at: the first few with their reasons, and where to find the others."""
 
 from __future__ import annotations
 
@@ -8,33 +8,33 @@ from dataclasses import field as attribute
 
 from fieldcalib.assess.result import Verdict
 
-NAMED = 5  # frames, or runs of them with one reason, that are named
+NAMED = 5  # number of runs of frames that are named
 
 
 @dataclass(frozen=True)
 class Run:
-    """Frames that follow each other and have one reason, up to its numbers."""
+    """Consecutive frames with the same reason, up to its numbers."""
 
     first: str
-    """Id of the first one."""
+    """Id of the first frame."""
     verdict: str
     reason: str
-    """Of the first one."""
+    """Reason of the first frame."""
     count: int = 1
 
     def __str__(self) -> str:
-        """For stderr."""
+        """Format for stderr."""
         others = f" and {self.count - 1} after it" if self.count > 1 else ""
         return f"{self.first}{others}: {self.verdict}, {self.reason}"
 
     def goes_on(self, verdict: str, reason: str) -> bool:
-        """Whether a frame that follows belongs to it."""
+        """Whether the next frame belongs to the run."""
         return verdict == self.verdict and _without_numbers(reason) == _without_numbers(self.reason)
 
 
 @dataclass
 class ToLookAt:
-    """The frames of a run that are not good, as they come.
+    """Collects the frames of a run whose verdict is not good.
 
     Examples
     --------
@@ -48,15 +48,15 @@ class ToLookAt:
     """
 
     runs: list[Run] = attribute(default_factory=list)
-    """The first ones."""
+    """The first runs of such frames."""
     count: int = 0
-    """Of all frames that are not good."""
+    """Number of all such frames."""
     named: int = 0
-    """Frames in `runs`."""
+    """Number of frames in `runs`."""
     _is_next: bool = False
 
     def add(self, id: str, verdict: str, reason: str) -> None:
-        """Take the next frame; one without a verdict was no frame that could be calibrated."""
+        """Add the next frame; a frame without a verdict, which could not be read, is skipped."""
         if not verdict or verdict == Verdict.GOOD:
             self._is_next = False
             return
@@ -73,7 +73,7 @@ class ToLookAt:
         self.named += 1
 
     def said(self, *where: str) -> str:
-        """What to say of them, and where more is; empty if all are good."""
+        """Message with the frames, and where all are to be found; empty if all are good."""
         if not self.count:
             return ""
         noun = "frame" if self.count == 1 else "frames"

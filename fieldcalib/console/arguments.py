@@ -5,11 +5,12 @@ from pathlib import Path
 
 import numpy as np
 
-from fieldcalib.cli.inputs import add_inputs
+from fieldcalib.console.inputs import add_inputs
 from fieldcalib.fields.stands import DISTRIBUTIONS
 from fieldcalib.io.annotation_files import read_labels
 from fieldcalib.io.cuts import Cut, Position
 from fieldcalib.io.files import MOST_BYTES
+from fieldcalib.io.images import MOST_PIXELS
 from fieldcalib.io.parquet import imported_pyarrow
 from fieldcalib.solve.options import ALL, DEFAULT_FLAGS, CalibrationFlags
 
@@ -23,12 +24,14 @@ LENSES = {
 }
 
 
-class Unsaid(str):
-    """The default of an option: the same text, given by the user, is none."""
+class Default(str):
+    """The default value of an option, to be told from the same text given by the user."""
 
 
-USUAL_LENS = Unsaid("k1")
+USUAL_LENS = Default("k1")
 NO_PRIOR = "none"
+ESTIMATED = "estimated"  # value of options: a size or shape is estimated from the images
+MOST_BYTES_OF_IMAGE = 256_000_000
 JSON_LINES, PARQUET = "jsonl", "parquet"
 
 
@@ -44,7 +47,7 @@ def positive(text: str) -> float:
 
 
 def folder_name(text: str) -> Path:
-    """The path of a folder for results, for argparse: not what an unset variable of a shell leaves."""
+    """The path of a folder for results, for argparse; an empty text, as of an unset shell variable, is refused."""
     if not text:
         raise argparse.ArgumentTypeError("expected the name of a folder, got nothing; . is this one")
     return Path(text)
@@ -85,7 +88,7 @@ def image_size(text: str) -> tuple[int, int]:
 
 
 def labels(text: str) -> dict[str, str | None]:
-    """What a mapping of labels says, for argparse."""
+    """Read a file that maps labels, for argparse."""
     try:
         return read_labels(Path(text))
     except (ValueError, ImportError) as error:
@@ -93,7 +96,7 @@ def labels(text: str) -> dict[str, str | None]:
 
 
 def add_input_and_output(parser: argparse.ArgumentParser) -> None:
-    """INPUT, --size, --labels, --out and --strict of everything that calibrates annotated frames."""
+    """INPUT, --size, --labels, --out, --format, --strict and --max-megabytes, to calibrate annotated frames."""
     add_inputs(parser, "folders, zips of them, single files")
     parser.add_argument(
         "--size",
@@ -155,12 +158,12 @@ def position(text: str) -> Position:
 
 
 def cut_of(options: argparse.Namespace) -> Cut:
-    """The part that the options of `add_cut` describe."""
+    """The cut that the options of `add_cut` describe."""
     return Cut(options.start or Position(frame=0), options.end, options.step)
 
 
 def add_most_bytes(parser: argparse.ArgumentParser, most: float = MOST_BYTES, files: str = "files") -> None:
-    """--max-megabytes, of what is read into memory as a whole."""
+    """--max-megabytes, the limit for files that are read into memory as a whole."""
     parser.add_argument(
         "--max-megabytes",
         dest="most_bytes",
@@ -186,4 +189,17 @@ def add_camera(parser: argparse.ArgumentParser, **more_priors: str) -> None:
         default=USUAL_LENS,
         help="what is estimated of the lens: nothing, k1, k1 and k2, OpenCV's k1 k2 p1 p2 k3, or as much as the labels "
         f"call for ({USUAL_LENS})",
+    )
+
+
+def add_limits(parser: argparse.ArgumentParser) -> None:
+    """--max-megabytes and --max-megapixels."""
+    add_most_bytes(parser, MOST_BYTES_OF_IMAGE, "image files")
+    parser.add_argument(
+        "--max-megapixels",
+        dest="most_pixels",
+        type=millions,
+        default=MOST_PIXELS,
+        metavar="N",
+        help=f"larger images are broken ({MOST_PIXELS / 1e6:g})",
     )

@@ -1,4 +1,4 @@
-"""Interrupts (Ctrl-C), while there is nothing to tidy up and while there is, and requests to end (SIGTERM)."""
+"""Interrupts (Ctrl-C) and requests to end (SIGTERM), during imports and during the work."""
 
 from __future__ import annotations
 
@@ -9,14 +9,14 @@ from contextlib import contextmanager
 
 
 class Terminated(KeyboardInterrupt):
-    """Somebody has asked the process to end, as `kill`, a scheduler or a shutdown does."""
+    """The process was asked to end, by `kill`, a scheduler or a shutdown."""
 
 
 @contextmanager
 def requests_to_end_interrupt() -> Iterator[None]:
-    """SIGTERM raises `Terminated`, so that everything is tidied up as after Ctrl-C.
+    """Let SIGTERM raise `Terminated`, so that everything is cleaned up as after Ctrl-C.
 
-    Nothing changes where it is ignored or handled by somebody else, or in another thread than the main one.
+    Nothing changes where it is ignored or handled by other code, or in another thread than the main one.
     """
     is_main = threading.current_thread() is threading.main_thread()
     if not is_main or signal.getsignal(signal.SIGTERM) is not signal.SIG_DFL:
@@ -35,9 +35,9 @@ def _terminate(*_: object) -> None:
 
 @contextmanager
 def interrupts_end_the_process() -> Iterator[None]:
-    """For imports before anything is written: extension modules turn a KeyboardInterrupt into other errors, or lose it.
+    """Let interrupts end the process at once; for imports, in which extension modules lose a KeyboardInterrupt.
 
-    Nothing changes where interrupts are ignored or handled by somebody else, or in another thread than the main one.
+    Nothing changes where interrupts are ignored or handled by other code, or in another thread than the main one.
     """
     own: dict[signal.Signals, Callable[..., object]] = {
         signal.SIGINT: signal.default_int_handler,

@@ -9,7 +9,7 @@ if TYPE_CHECKING:
 
 
 def progress_bar(*, unit: str, total: int | None = None, desc: str = "") -> tqdm:
-    """A bar that is closed without a word also if its making was interrupted: tqdm's own says that it has no `disable`.
+    """Make a progress bar that prints no error if an interrupt hits its construction, as tqdm's own does.
 
     Examples
     --------
@@ -20,6 +20,6 @@ def progress_bar(*, unit: str, total: int | None = None, desc: str = "") -> tqdm
 
     class Bar(tqdm):  # type: ignore[misc]
         disable = True
-        monitor_interval = 0  # no thread that looks whether it moves: each bar would have one
+        monitor_interval = 0  # no monitor thread for each bar
 
     return Bar(unit=unit, total=total, desc=desc, disable=None)  # None: only on a terminal
