@@ -26,14 +26,12 @@ from fieldcalib.assess.whole_picture import SHAPE
 from fieldcalib.fields.segments import ObjectSegments
 from fieldcalib.images.borders import shape_within, shown_part, within_borders
 from fieldcalib.images.clip_problem import ClipOptions, ClipProblem
-from fieldcalib.images.fitted_lines import fitted_lines
+from fieldcalib.images.detected_lines import fitted_labels, line_loss
 from fieldcalib.images.pictures import as_shown, log_ratio_of_squash
-from fieldcalib.images.refinement import LOSS_SCALE
 from fieldcalib.io.image import Image, each_checked, size_of
 from fieldcalib.localize import Network
 from fieldcalib.problem.evaluation import Problem, evaluate
 from fieldcalib.problem.layout import Layout
-from fieldcalib.problem.losses import RobustLoss
 from fieldcalib.problem.observations import pack
 from fieldcalib.solve.aspect import SQUARE_LOG_ODDS, WAS_SQUASHED, may_be_squashed, shown_size, stretched
 from fieldcalib.solve.options import CERTAIN
@@ -185,7 +183,7 @@ def distances_in_pictures(
             continue
         camera = camera.scaled(size)
         layout, (pixels, weights) = Layout.of(size, camera.lens), labels
-        problem = Problem(pack(segments, [pixels], size, [weights]), layout, RobustLoss("cauchy", LOSS_SCALE))
+        problem = Problem(pack(segments, [pixels], size, [weights]), layout, line_loss(size))
         rms = rms_by_label(evaluate(problem, layout.theta(camera)[None]))[0]
         found.update({(t, names[k]): float(rms[k]) for k in np.flatnonzero(np.isfinite(rms)).tolist()})
     return found
@@ -201,5 +199,5 @@ def _log_ratio(as_it_is: Mapping[tuple[int, str], float], shown: Mapping[tuple[i
 def _labels(calibration: Calibration, size: tuple[int, int]) -> Labels:
     """The lines that a camera was fitted to, in pixels of pictures of a size."""
     assert calibration.camera is not None
-    pixels, weights = fitted_lines(calibration)
+    pixels, weights = fitted_labels(calibration)
     return stretched(pixels, np.divide(size, calibration.camera.image_size)), weights

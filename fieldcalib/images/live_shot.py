@@ -10,7 +10,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from fieldcalib._types import Array
+from fieldcalib._types import BoolArray
 from fieldcalib.assess.markings import MarkingInView
 from fieldcalib.assess.own_errors import OwnErrors
 from fieldcalib.assess.result import Calibration, Status
@@ -18,7 +18,7 @@ from fieldcalib.assess.sequence import STEP, Basis
 from fieldcalib.geometry.camera import Camera
 from fieldcalib.images.clip_lines import LEAST_SHARE
 from fieldcalib.images.clip_problem import Cells, ClipOptions, ClipProblem
-from fieldcalib.images.frame_lines import frame_lines
+from fieldcalib.images.detected_lines import detected_lines
 from fieldcalib.images.keyframes import KeyframePair
 from fieldcalib.images.line_profiles import Markings
 from fieldcalib.images.shot_solver import KnownCamera, ShotProblem, ShotSolution, SolvedShot
@@ -167,7 +167,7 @@ def _tied(
         contradicted = not reached[-1]
     if contradicted:
         return None
-    lines = NO_LINES if image is None else frame_lines(image, layout.camera(theta[-1]), solved.markings)[0]
+    lines = NO_LINES if image is None else detected_lines(image, layout.camera(theta[-1]), solved.markings)[0]
     of_keys = [known[keys[k]].errors for k in first.tolist()]
     of_first = OwnErrors(*(np.array(part) for part in zip(*of_keys, strict=True)))
     columns = tripod.columns(1)
@@ -195,11 +195,11 @@ def _without_camera(message: str) -> FollowedFrame:
 
 def _shows_lines(image: Image, camera: Camera, markings: Markings) -> bool:
     """Whether enough of the markings in view have a line in the image."""
-    (pixels, _), profiles = frame_lines(image, camera, markings, np.inf)
+    (pixels, _), profiles = detected_lines(image, camera, markings, np.inf)
     return sum(map(len, pixels.values())) >= LEAST_SHARE * max(profiles, 1)
 
 
-def _extrapolated(last: Sequence[tuple[int, KnownCamera]], index: int, free: Array) -> KnownCamera | None:
+def _extrapolated(last: Sequence[tuple[int, KnownCamera]], index: int, free: BoolArray) -> KnownCamera | None:
     """The camera that goes on moving as in the last two frames, with errors that grow; None after half a second."""
     if not last or index - last[-1][0] > LOST_FOR:
         return None

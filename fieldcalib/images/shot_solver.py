@@ -117,8 +117,8 @@ def solve_shot(shot: ShotProblem, segmented: SegmentedImage | None) -> ShotSolut
     }
     labels = None
     if segmented is not None:
-        (found,) = label_keyframes(problem.options, [segmented.image], segmented)
-        labels = found.labels if found is not None and found.accepted else None
+        (keyframe,) = label_keyframes(problem.options, [segmented.image], segmented)
+        labels = keyframe.labels if keyframe is not None and keyframe.accepted else None
     known = problem.labels if labels is None else {**problem.labels, shot.new: labels}
     problem = replace(problem, labels=known, matches={**problem.matches, **matches})
     tried = [pair.indices for pair in shot.pairs]
