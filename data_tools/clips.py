@@ -38,9 +38,10 @@ from fieldcalib.images.clip_keyframes import read_keyframes
 from fieldcalib.images.clip_lines import find_lines
 from fieldcalib.images.clip_problem import ClipOptions
 from fieldcalib.images.finished_clip import finish
+from fieldcalib.images.frame import Frame
 from fieldcalib.images.keyframe_labels import KeyframeLabels
 from fieldcalib.images.keyframes import TiedFrame, tied_frames
-from fieldcalib.images.matches import Frame, Matches, match_background
+from fieldcalib.images.matches import Matches, match_background
 from fieldcalib.images.solved_shots import solve_shots
 from fieldcalib.images.solved_tripods import solve_tripods
 from fieldcalib.io.image import Image

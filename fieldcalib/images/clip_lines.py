@@ -11,7 +11,7 @@ import numpy as np
 from fieldcalib._types import Array
 from fieldcalib.assess.result import Calibration
 from fieldcalib.images.detected_lines import detected_lines, fitted_labels, with_paint
-from fieldcalib.images.line_profiles import Markings
+from fieldcalib.images.field_markings import Markings
 from fieldcalib.images.paint_evidence import Ridges, evidence_of
 from fieldcalib.images.pieces import CameraModel
 from fieldcalib.images.solved_tripods import SolvedTripods
@@ -22,7 +22,7 @@ from fieldcalib.problem.projection import Projection
 from fieldcalib.solve.tripod import Labels
 
 PAINT_EVERY = 5  # frames, besides keyframes, in which paint beside the markings is looked for
-LEAST_SHARE = 0.2  # of the profiles of a shot must show a line where its cameras have markings
+LEAST_LINES = 0.2  # of the profiles of a shot must show a line where its cameras have markings
 
 
 @dataclass(frozen=True, eq=False)
@@ -73,7 +73,7 @@ def find_clip_lines(solved: SolvedTripods, images: Iterable[Image], network: Net
     count = np.zeros((len(pieces.number), 2))
     for t, one in found.items():
         count[t] = one.profiles
-    shown = {p for p in pieces.numbers if _share(count[pieces.number == p]) >= LEAST_SHARE}
+    shown = {p for p in pieces.numbers if _share(count[pieces.number == p]) >= LEAST_LINES}
     return ClipLines(
         solved,
         tuple(tuple(p for p in tripod.pieces if p in shown) for tripod in solved.tripods),

@@ -45,7 +45,7 @@ DARK = 10.0  # mean brightness: of a frame that shows nothing
 # 53 of 89 parts of frames are recognised, and none is taken for the other; with twice as much some parts nearly are.
 WEIGHT = 0.5  # of the labels of a frame
 UPRIGHT_LOG_ODDS = -3.0  # prior log odds of a squashed picture that is higher than wide: most were cut out for phones
-NEAR = 0.05  # px: smaller distances of lines are chance
+CHANCE = 0.05  # px: smaller distances of lines are chance
 
 
 @dataclass(frozen=True, eq=False)
@@ -192,7 +192,7 @@ def distances_in_pictures(
 def _log_ratio(as_it_is: Mapping[tuple[int, str], float], shown: Mapping[tuple[int, str], float]) -> float:
     """Log odds that frames were squashed, from the distances of their lines as they are and as shown."""
     both = sorted(as_it_is.keys() & shown.keys())
-    u, v = (np.hypot([some[key] for key in both], NEAR) for some in (as_it_is, shown))
+    u, v = (np.hypot([some[key] for key in both], CHANCE) for some in (as_it_is, shown))
     return float(WEIGHT * np.sum(np.log(u / v)))
 
 

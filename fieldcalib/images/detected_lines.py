@@ -9,7 +9,8 @@ import numpy as np
 from fieldcalib.assess.result import Calibration
 from fieldcalib.fields.segments import ObjectSegments
 from fieldcalib.geometry.camera import Camera
-from fieldcalib.images.line_profiles import Markings, lines_near
+from fieldcalib.images.field_markings import Markings
+from fieldcalib.images.line_profiles import lines_near
 from fieldcalib.io.image import Image
 from fieldcalib.problem.labelled_pixels import Pixels, PixelWeights, Weights
 from fieldcalib.problem.losses import RobustLoss

@@ -12,8 +12,8 @@ from fieldcalib.assess.markings import MarkingInView
 from fieldcalib.assess.sequence import SequenceCalibration
 from fieldcalib.assess.video import NO_TRIPOD, Shot, VideoCalibration
 from fieldcalib.images.clip_lines import PAINT_EVERY, ClipLines, find_clip_lines
+from fieldcalib.images.field_markings import Markings
 from fieldcalib.images.hypotheses import NO_MARKING
-from fieldcalib.images.line_profiles import Markings
 from fieldcalib.images.paint_evidence import evidence_of
 from fieldcalib.images.pieces import CameraModel
 from fieldcalib.images.solved_tripods import Tripod

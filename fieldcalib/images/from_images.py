@@ -16,8 +16,8 @@ from fieldcalib.fields.field import Field
 from fieldcalib.fields.segments import ObjectSegments
 from fieldcalib.geometry.camera import Camera
 from fieldcalib.images.detected_lines import SEARCH_RANGES, calibrate_on_lines, fitted_labels, per_label
+from fieldcalib.images.field_markings import Markings
 from fieldcalib.images.hypotheses import calibrate_from_consensus, calibrate_localized
-from fieldcalib.images.line_profiles import Markings
 from fieldcalib.images.pictures import Method, with_aspect_told, without_borders
 from fieldcalib.images.refinement import Refined, ToRefine, line_support, near_labels, refine_all, unrefined
 from fieldcalib.io.image import Image, each_checked

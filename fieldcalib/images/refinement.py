@@ -19,7 +19,8 @@ from fieldcalib.fields.segments import ObjectSegments
 from fieldcalib.geometry.camera import Camera
 from fieldcalib.geometry.homography import YARD
 from fieldcalib.images.detected_lines import LOSS_SCALE, PROFILES_PER_SEGMENT, SEARCH_RANGES, calibrate_on_lines
-from fieldcalib.images.line_profiles import Markings, Profiles, Strips, lines_near, pixels_of_lines, profiles_along
+from fieldcalib.images.field_markings import Markings
+from fieldcalib.images.line_profiles import Profiles, Strips, lines_near, pixels_of_lines, profiles_along
 from fieldcalib.images.paint_evidence import PaintEvidence, Ridges, evidence_of, wide_strips
 from fieldcalib.io.image import Image, checked_image
 from fieldcalib.problem.evaluation import evaluate_cameras
@@ -159,14 +160,14 @@ def refine_homography_on_image(
 
 @dataclass(frozen=True, eq=False)
 class ToRefine:
-    """A calibration and what it is refined on."""
+    """A calibration, with the image and the labels that it is refined on."""
 
     image: Image
     calibration: Calibration
     labelled: Pixels
     weights: Weights
     are_detected: bool = False
-    """Whether a network labelled the pixels: what it mistook for a segment is no evidence against the camera."""
+    """Whether a network labelled the pixels: those that it mistook for a segment say nothing against the camera."""
 
 
 @dataclass(frozen=True)
@@ -179,13 +180,13 @@ class Refined:
     profiles: Profiles | None = None
     """Across its markings; None where there is no camera."""
     wide: Strips | None = None
-    """What its image shows there, as `wide_strips`, where that is known already."""
+    """`wide_strips` of its image across these markings, where they are sampled already."""
     paint: PaintEvidence | None = None
-    """What the image shows of the markings in view; None where that was not looked at."""
+    """Paint of the markings in view; None where it was not looked for."""
 
     @property
     def judged(self) -> Calibration:
-        """The calibration with what the image shows of the markings."""
+        """The calibration with the evidence of paint in its image."""
         return self.calibration if self.paint is None else self.calibration.seen_in_image(self.paint.markings)
 
 

@@ -18,9 +18,9 @@ from fieldcalib._types import Array, Float32
 from fieldcalib.assess.own_errors import OwnErrors
 from fieldcalib.assess.sequence import SequenceCalibration
 from fieldcalib.images.clip_problem import Cells, ClipOptions, ClipProblem, cells_of
+from fieldcalib.images.field_markings import Markings
 from fieldcalib.images.keyframe_labels import label_keyframes
 from fieldcalib.images.keyframes import KeyframePair
-from fieldcalib.images.line_profiles import Markings
 from fieldcalib.io.image import Image
 from fieldcalib.problem.layout import Layout
 from fieldcalib.solve.tripod import KnownTripod, Labels

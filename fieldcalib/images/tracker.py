@@ -87,6 +87,7 @@ class Tracker:
 
     Examples
     --------
+    >>> import numpy as np
     >>> from fieldcalib import soccer
     >>> with Tracker(soccer()) as tracker:
     ...     calibration = tracker.update(np.zeros((540, 960, 3), np.uint8))
