@@ -35,7 +35,7 @@ from fieldcalib.cli.main import run_command
 from fieldcalib.fields.soccer import soccer
 from fieldcalib.geometry.camera import Camera
 from fieldcalib.images.clip_keyframes import read_keyframes
-from fieldcalib.images.clip_lines import find_lines
+from fieldcalib.images.clip_lines import find_clip_lines
 from fieldcalib.images.clip_problem import ClipOptions
 from fieldcalib.images.finished_clip import finish
 from fieldcalib.images.frame import Frame
@@ -147,7 +147,7 @@ class Clip:
         accepted = {t: KeyframeLabels(one) for t, one in _kept(self.keyframes.accepted, withheld).items()}
         doubtful = {t: one for t, one in self.keyframes.labels.items() if not one.accepted}
         solved = solve_tripods(solve_shots(replace(self.keyframes, labels={**doubtful, **accepted})))
-        lines = find_lines(solved, read_ahead(self.images()), self.network)
+        lines = find_clip_lines(solved, read_ahead(self.images()), self.network)
         self.lines = dict(lines.labels)
         return finish(replace(lines, labels=_kept(self.lines, withheld)))
 
