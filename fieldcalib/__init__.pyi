@@ -4,6 +4,7 @@ from . import localize as localize
 from . import metrics as metrics
 from .assess.ground_points import locate_on_ground as locate_on_ground
 from .assess.result import Calibration as Calibration
+from .assess.result import NoCameraError as NoCameraError
 from .assess.result import Status as Status
 from .assess.sequence import SequenceCalibration as SequenceCalibration
 from .assess.together import compute_errors as compute_errors

@@ -29,7 +29,7 @@ from functools import cached_property
 import numpy as np
 
 from fieldcalib._types import Array, BoolArray
-from fieldcalib.assess.camera_errors import CameraErrors
+from fieldcalib.assess.estimate import Estimate
 from fieldcalib.assess.level import if_level
 from fieldcalib.assess.noise import Noise, gram, size_and_curvature
 from fieldcalib.assess.observability import OPEN_DIRECTION, Direction, Information
@@ -47,7 +47,7 @@ TOUCHED = 1e-6  # share of a derivative along an open direction that is more tha
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Uncertainty(CameraErrors):
+class Uncertainty(Estimate):
     """How far a calibration may be off.
 
     Examples
