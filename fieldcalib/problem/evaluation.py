@@ -135,6 +135,8 @@ class Evaluation:
     theta: Array
     """(B, n)."""
     points: ClosestPoints
+    known_projection: Projection | None = None
+    """`projection`, if it was computed before."""
 
     @property
     def r(self) -> Array:
@@ -147,7 +149,7 @@ class Evaluation:
     @cached_property
     def projection(self) -> Projection:
         """The cameras."""
-        return Projection(self.theta, self.problem.layout)
+        return self.known_projection or Projection(self.theta, self.problem.layout)
 
     @cached_property
     def JT(self) -> Array:
@@ -330,9 +332,7 @@ def evaluate(problem: Problem, theta: Array) -> Evaluation:
     observations, size = problem.observations, problem.layout.field_size
     if size is not None and np.any(problem.free[problem.layout.field_size_block]):
         observations = observations.moved(theta[:, problem.layout.field_size_block] - size.given)
-    found = Evaluation(problem, theta, closest_points(projection, observations))
-    found.__dict__["projection"] = projection
-    return found
+    return Evaluation(problem, theta, closest_points(projection, observations), projection)
 
 
 def evaluate_camera(camera: Camera, object_segments: ObjectSegments, frame: Pixels) -> Evaluation:

@@ -115,6 +115,10 @@ class Observations:
             own = {self.labels[index]: label == index for index in dict.fromkeys(label.tolist())}
             yield {name: xy[at] for name, at in own.items()}, {name: weight[at] for name, at in own.items()}
 
+    def frame(self, t: int) -> tuple[Pixels, PixelWeights]:
+        """Pixels by label, and what they weigh, of frame t."""
+        return next(self.take(slice(t, t + 1)).by_frame())
+
     @cached_property
     def weigh_alike(self) -> BoolArray:
         """Whether all labels of a frame count alike, as without weights, (T,)."""
