@@ -170,8 +170,10 @@ class Evaluation:
     def _by_camera(self, free: BoolArray) -> Array:
         """`derivatives` of a field that stays as it is."""
         points = self.points
-        JT = compiled_derivatives(self.theta, self.problem.layout, points, free)
-        return -self.projection.derivatives(points.s, points.inverse_depth, points.normal, free) if JT is None else JT
+        of_images = compiled_derivatives(self.theta, self.problem.layout, points, free)
+        if of_images is None:
+            of_images = self.projection.derivatives(points.s, points.inverse_depth, points.normal, free)
+        return -of_images
 
     @cached_property
     def motion_of_points(self) -> Array:
