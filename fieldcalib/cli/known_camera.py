@@ -17,9 +17,7 @@ from fieldcalib.solve.given_camera import NOTHING_GIVEN, GivenCamera
 from fieldcalib.solve.options import KNOWN_INTRINSICS_FLAGS, CalibrationFlags
 
 SAME_SHAPE = 0.005  # relative difference of two aspect ratios: sizes are whole numbers
-OFF_MIDDLE = (
-    0.25  # share of width and height: a principal point farther off is of images of another size
-)
+OFF_MIDDLE = 0.25  # share of width and height: a principal point farther off is of images of another size
 
 
 def add_known_camera(parser: argparse.ArgumentParser) -> None:

@@ -30,7 +30,7 @@ from fieldcalib.io.results import BROKEN
 from fieldcalib.localize import Localization, Network, localize
 from fieldcalib.problem.labelled_pixels import Pixels
 from fieldcalib.run_folder.annotated import check_labels
-from fieldcalib.run_folder.images import Frame, ReadImage, opened, pixels_of
+from fieldcalib.run_folder.images import Frame, ReadImage, opened, outcomes_of, pixels_of
 from fieldcalib.run_folder.options import RunOptions, add_jobs
 from fieldcalib.run_folder.outcome import Outcome
 from fieldcalib.run_folder.record import RunRecord
@@ -151,13 +151,7 @@ class FromImages:
 
     def _of_part(self, frames: Sequence[Frame]) -> list[Outcome]:
         images = [frame.image for frame in frames if frame.image is not None]
-        found = iter(localize(self.network_options.field, images, self.network))
-        return [
-            Outcome.broken(frame, frame.problem)
-            if frame.image is None
-            else self._outcome(frame, frame.image, next(found))
-            for frame in frames
-        ]
+        return outcomes_of(frames, localize(self.network_options.field, images, self.network), self._outcome)
 
     def _outcome(self, frame: Frame, image: Image, found: Localization) -> Outcome:
         size = (image.shape[1], image.shape[0])

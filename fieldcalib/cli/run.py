@@ -36,7 +36,7 @@ from fieldcalib.io.images import IMAGES_AT_ONCE, in_parts
 from fieldcalib.io.line_log import whole_lines
 from fieldcalib.io.results import LINES
 from fieldcalib.localize import Network
-from fieldcalib.run_folder.images import Frame, Source, frames_lost, opened, say_note
+from fieldcalib.run_folder.images import Frame, Source, frames_lost, opened, outcomes_of, say_note
 from fieldcalib.run_folder.options import add_jobs
 from fieldcalib.run_folder.outcome import Outcome, calibration_line
 from fieldcalib.run_folder.record import RunRecord
@@ -208,14 +208,7 @@ class FromImages:
             found = self._calibrated(self.options.field, images)
             calibrations = [placement.from_frame(one) for one, (_, placement) in zip(found, seen, strict=True)]
         seconds = time.perf_counter() - start
-        rest = iter(calibrations)
-        outcomes = [
-            Outcome.broken(frame, frame.problem)
-            if frame.image is None
-            else self._outcome(frame, frame.image, next(rest))
-            for frame in frames
-        ]
-        return UnitResult(outcomes, seconds)
+        return UnitResult(outcomes_of(frames, calibrations, self._outcome), seconds)
 
     def on_one_field(self, files: Sequence[FrameFile]) -> FromImages:
         """Estimate the size of the field from some images together: evenly spread ones of the most common size."""

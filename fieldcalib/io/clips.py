@@ -20,7 +20,7 @@ from fieldcalib.io.videos import VideoReader
 
 
 def clip_reader(source: object) -> Callable[[], AbstractContextManager[Iterable[Image]]]:
-    """What opens a clip: the path of a video, of a folder or of a zip of images, or the images themselves.
+    """Make a function that opens a clip: a video, a folder or zip of images, or the images themselves.
 
     Raises
     ------
@@ -47,7 +47,7 @@ def clip_reader(source: object) -> Callable[[], AbstractContextManager[Iterable[
 
 
 class ImageFiles:
-    """The images of a folder or a zip; a broken one ends it with a BrokenFileError that names it."""
+    """The images of a folder or a zip; a broken image raises a BrokenFileError that names it."""
 
     def __init__(self, path: Path) -> None:
         self._files = in_order(IMAGES.find([path]))
@@ -64,7 +64,7 @@ class ImageFiles:
 
 
 class OneSize:
-    """Whether images have the size of the first one."""
+    """Checks that images have the size of the first one."""
 
     def __init__(self) -> None:
         self._first: tuple[FrameFile, tuple[int, int]] | None = None
@@ -81,7 +81,7 @@ class OneSize:
 
 
 def in_order(files: Iterable[FrameFile]) -> list[FrameFile]:
-    """Files in the order of the numbers in their names.
+    """Sort files by the numbers in their names.
 
     Examples
     --------

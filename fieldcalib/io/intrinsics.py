@@ -16,7 +16,7 @@ OF_CAMERA_FILE = "x_focal_length"  # a key of this package's own camera files
 
 @dataclass(frozen=True, eq=False)
 class Intrinsics:
-    """What a file says of a camera and its lens."""
+    """Focal length, principal point and lens of a camera in a file."""
 
     camera_matrix: Array
     """(3, 3)"""

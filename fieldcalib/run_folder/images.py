@@ -6,6 +6,7 @@ from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
+from typing import TypeVar
 
 from fieldcalib.console.arguments import MOST_BYTES_OF_IMAGE
 from fieldcalib.console.inputs import Input
@@ -18,6 +19,9 @@ from fieldcalib.io.image import Image
 from fieldcalib.io.images import MOST_PIXELS
 from fieldcalib.io.videos import FrameReader, VideoWriter
 from fieldcalib.run_folder.annotated import name_skipped
+from fieldcalib.run_folder.outcome import Outcome
+
+T = TypeVar("T")
 
 
 @dataclass(frozen=True)
@@ -156,6 +160,17 @@ def say_note(path: Path, video: VideoWriter) -> None:
 def broken_frames(frames: Iterable[Frame]) -> dict[str, str]:
     """Problems of frames that could not be read, by id."""
     return {frame.id: frame.problem for frame in frames if frame.image is None}
+
+
+def outcomes_of(
+    frames: Iterable[Frame], results: Iterable[T], outcome: Callable[[Frame, Image, T], Outcome]
+) -> list[Outcome]:
+    """The outcomes of frames, from results for those that could be read."""
+    rest = iter(results)
+    return [
+        Outcome.broken(frame, frame.problem) if frame.image is None else outcome(frame, frame.image, next(rest))
+        for frame in frames
+    ]
 
 
 def pixels_of(frame: Frame) -> int:
