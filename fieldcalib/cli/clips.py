@@ -19,7 +19,7 @@ from fieldcalib.console.network import load_network
 from fieldcalib.console.program import say
 from fieldcalib.console.progress import progress_bar
 from fieldcalib.draw.clip_plot import plot_sequence
-from fieldcalib.draw.contact_sheet import contact_sheet, worst_frames
+from fieldcalib.draw.sheet import contact_sheet, worst_frames
 from fieldcalib.images.from_video import PART, calibrate_video
 from fieldcalib.io.clips import OneSize, in_order
 from fieldcalib.io.files import FrameFile, parse_json_object, read_regular_file, write_text

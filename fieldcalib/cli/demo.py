@@ -16,10 +16,10 @@ import numpy as np
 from fieldcalib._types import Array
 from fieldcalib.assess.result import Calibration
 from fieldcalib.console.arguments import folder_name
-from fieldcalib.draw.contact_sheet import contact_sheet
 from fieldcalib.draw.minimap import add_minimap
 from fieldcalib.draw.overlays import draw_field, draw_segments
 from fieldcalib.draw.scene import render_field
+from fieldcalib.draw.sheet import contact_sheet
 from fieldcalib.fields.field import Field
 from fieldcalib.fields.soccer import soccer
 from fieldcalib.geometry.camera import Camera
