@@ -419,7 +419,7 @@ class _Method:
     """Types of the frames' cameras."""
 
     def __call__(self, frames: dict[str, Pixels], size: tuple[int, int]) -> list[CalibratedFrame]:
-        of_size = partial(self._calibrated, size=size)
+        of_size = partial(self._calibrate, size=size)
         return [CalibratedFrame(calibration) for calibration in by_prior(frames, self._distributions_of, of_size)]
 
     def _distributions_of(self, id: str) -> tuple[str, ...]:
@@ -428,7 +428,7 @@ class _Method:
         known = DISTRIBUTIONS_OF_TYPE.get(self.types.get(id, ""), ())
         return known if set(known) <= set(DISTRIBUTIONS) and known else (MAIN_CENTER.name,)
 
-    def _calibrated(
+    def _calibrate(
         self, frames: list[Pixels], distributions: tuple[str, ...], size: tuple[int, int]
     ) -> list[Calibration]:
         return calibrate(self.field, frames, size, steps=self.steps, tau=self.tau, distributions=distributions)

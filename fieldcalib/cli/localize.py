@@ -34,7 +34,7 @@ from fieldcalib.run_folder.images import Frame, ReadImage, opened, outcomes_of, 
 from fieldcalib.run_folder.options import RunOptions, add_jobs
 from fieldcalib.run_folder.outcome import Outcome
 from fieldcalib.run_folder.record import RunRecord
-from fieldcalib.run_folder.results import LOCALIZED, ResultsWriter, finish, run_folder
+from fieldcalib.run_folder.results import LOCALIZED, ResultsWriter, finish, open_run_folder
 from fieldcalib.run_folder.units import UnitResult, work
 
 LOCALIZED_STATUS = "localized"
@@ -78,10 +78,10 @@ def run(options: argparse.Namespace) -> int:
     check_labels(labels, field)
     read = ReadImage(options.most_bytes, options.most_pixels)
     names = names_of(labels, field)  # a ValueError if that cannot be
-    method = FromImages(network_options, read, names, format, run.out, load_network(network_options))
+    method = ImageLocalizer(network_options, read, names, format, run.out, load_network(network_options))
     with opened(options.input, options.most_pixels) as source:
         record = RunRecord.of(run, source.files, unit=IMAGES_AT_ONCE, writes=[_file_name(format, "<id>")])
-        with run_folder(run, record, LOCALIZED) as results:
+        with open_run_folder(run, record, LOCALIZED) as results:
             work(run, results, source.files, IMAGES_AT_ONCE, method, source.count)
             summary = localized_summary(results, run.recorded, time.perf_counter() - began)
             if run.shard is None:
@@ -129,7 +129,7 @@ def localized_summary(results: ResultsWriter, options: Mapping[str, Any], second
 
 
 @dataclass(frozen=True)
-class FromImages:
+class ImageLocalizer:
     """Finds the markings in images."""
 
     network_options: NetworkOptions
@@ -192,5 +192,5 @@ def _seen_from(folder: Path, image: Path) -> str:
 
 def _in_process(
     options: NetworkOptions, read: ReadImage, names: Mapping[str, str], format: str, out: Path
-) -> FromImages:
-    return FromImages(options, read, names, format, out, network_in_process(options))
+) -> ImageLocalizer:
+    return ImageLocalizer(options, read, names, format, out, network_in_process(options))

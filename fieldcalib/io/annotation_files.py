@@ -17,6 +17,7 @@ from fieldcalib.io.files import (
     MOST_BYTES,
     BrokenFileError,
     FrameFile,
+    named_in_errors,
     parse_json,
     parse_json_object,
     read_json_or_yaml,
@@ -244,10 +245,8 @@ def read_annotations(
     names = read_labels(Path(labels)) if isinstance(labels, str | Path) else labels
     annotations = {}
     for frame in frames_in(ANNOTATIONS.find([Path(path)]), names).frames:
-        try:
+        with named_in_errors(frame.path):
             annotations[frame.id] = parse_frame(frame, image_size, names)
-        except BrokenFileError as error:
-            raise BrokenFileError(f"{frame.path}: {error}") from None
     return annotations
 
 
@@ -259,10 +258,8 @@ def read_labels(path: Path) -> dict[str, str | None]:
     BrokenFileError
         If it is no such mapping; the message begins with its path.
     """
-    try:
+    with named_in_errors(path):
         value = read_json_or_yaml(path)
-    except BrokenFileError as error:
-        raise BrokenFileError(f"{path}: {error}") from None
     pairs: list[tuple[Any, Any]] = list(value.items()) if isinstance(value, dict) else [(None, None)]
     if not all(isinstance(theirs, str) and isinstance(ours, str | None) for theirs, ours in pairs):
         raise BrokenFileError(f"{path}: expected their labels, each with one of ours or null, as halfway: Middle line")

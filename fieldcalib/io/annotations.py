@@ -237,7 +237,7 @@ def names_of(labels: Labels, known: Iterable[str]) -> dict[str, str]:
     return names
 
 
-class Written(NamedTuple):
+class ExportedImage(NamedTuple):
     """Content of a file of another tool for one image."""
 
     image: str
@@ -248,7 +248,7 @@ class Written(NamedTuple):
     """Each label that has pixels, and its points (x, y) counted from the corner of the image."""
 
 
-def to_be_written(annotation: Annotation) -> Written:
+def exported(annotation: Annotation) -> ExportedImage:
     """Convert an annotation to the coordinates of other tools.
 
     Raises
@@ -258,7 +258,7 @@ def to_be_written(annotation: Annotation) -> Written:
 
     Examples
     --------
-    >>> to_be_written(Annotation("1", {"Middle line": [(10.0, 20.0), (10.5, 40.0)]}, (96, 54), "1.jpg")).shapes
+    >>> exported(Annotation("1", {"Middle line": [(10.0, 20.0), (10.5, 40.0)]}, (96, 54), "1.jpg")).shapes
     [('Middle line', [[10.5, 20.5], [11.0, 40.5]])]
     """
     if annotation.image_size is None:
@@ -269,7 +269,7 @@ def to_be_written(annotation: Annotation) -> Written:
             raise ValueError(f"{label!r}: a pixel is not finite")
         if len(xy):
             shapes.append((label, (np.asarray(xy, dtype=float) + CORNER).tolist()))
-    return Written(annotation.image or annotation.id, annotation.image_size, shapes)
+    return ExportedImage(annotation.image or annotation.id, annotation.image_size, shapes)
 
 
 def _short(value: Any) -> str:

@@ -20,7 +20,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from fieldcalib._types import Array
-from fieldcalib.io.files import MOST_BYTES, BrokenFileError, parse_json_object, read_regular_file
+from fieldcalib.io.files import MOST_BYTES, BrokenFileError, named_in_errors, parse_json_object, read_regular_file
 
 Box: TypeAlias = tuple[float, float, float, float]
 
@@ -115,10 +115,8 @@ def open_boxes(path: Path, most_bytes: float = MOST_BYTES) -> Iterator[BoxTable]
     if not path.is_file():
         raise FileNotFoundError(f"{path} does not exist: expected a file of boxes")
     if path.suffix.lower() == ".json":
-        try:
+        with named_in_errors(path):
             table = _game_state(path, read_regular_file(path, most_bytes))
-        except BrokenFileError as error:
-            raise BrokenFileError(f"{path}: {error}") from None
         yield table
         return
     with path.open(encoding="utf-8-sig", newline="") as file:

@@ -13,7 +13,7 @@ from pathlib import Path
 
 import numpy as np
 
-from fieldcalib.io.files import BrokenFileError, FrameFile
+from fieldcalib.io.files import FrameFile, named_in_errors
 from fieldcalib.io.formats import IMAGES
 from fieldcalib.io.image import Image
 from fieldcalib.io.videos import VideoReader
@@ -55,10 +55,8 @@ class ImageFiles:
     def __iter__(self) -> Iterator[Image]:
         one_size = OneSize()
         for file in self._files:
-            try:
+            with named_in_errors(file.path):
                 image = IMAGES.read(file.read(most_bytes=np.inf))
-            except BrokenFileError as error:
-                raise BrokenFileError(f"{file.path}: {error}") from None
             one_size.check(file, image)
             yield image
 

@@ -31,6 +31,15 @@ class BrokenFileError(ValueError):
     """A file that does not hold what its format promises; the message says what is wrong with it."""
 
 
+@contextmanager
+def named_in_errors(path: object) -> Iterator[None]:
+    """Let the message of a BrokenFileError begin with the path or name of its file."""
+    try:
+        yield
+    except BrokenFileError as error:
+        raise BrokenFileError(f"{path}: {error}") from None
+
+
 @dataclass(frozen=True)
 class FrameFile:
     """A file of one frame, in a folder or in a zip."""
@@ -366,6 +375,6 @@ def write_text(path: Path, text: str) -> None:
     write_bytes(path, text.encode())
 
 
-def problem(error: Exception) -> str:
+def error_message(error: Exception) -> str:
     """The problem of a file, for messages; a MemoryError has no text of its own."""
     return str(error) or "there is not enough memory for it"

@@ -15,7 +15,7 @@ from urllib.parse import parse_qs, quote, unquote, urlsplit
 import numpy as np
 
 import fieldcalib
-from fieldcalib.io.annotations import Annotation, Shapes, annotation_of, checked_size, member, to_be_written
+from fieldcalib.io.annotations import Annotation, Shapes, annotation_of, checked_size, exported, member
 from fieldcalib.io.files import BrokenFileError, parse_json
 
 PERCENT = 100.0
@@ -140,7 +140,7 @@ def format_label_studio(annotations: Iterable[Annotation]) -> str:
     Raises
     ------
     ValueError
-        As `to_be_written`.
+        As `exported`.
 
     Examples
     --------
@@ -149,7 +149,7 @@ def format_label_studio(annotations: Iterable[Annotation]) -> str:
     {'x': 10.0, 'y': 41.0, 'id': '1-0', 'prevPointId': None, 'isBezier': False}
     """
     tasks = []
-    for image, size, shapes in map(to_be_written, annotations):
+    for image, size, shapes in map(exported, annotations):
         regions = [
             _region(str(number), label, np.array(points), size) for number, (label, points) in enumerate(shapes, 1)
         ]

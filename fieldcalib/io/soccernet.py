@@ -20,7 +20,7 @@ from fieldcalib.geometry.camera import Camera
 from fieldcalib.geometry.rational import RationalCamera
 from fieldcalib.geometry.rotation import angles_from_rotation, rotation_from_angles
 from fieldcalib.io.files import BrokenFileError as BrokenFileError  # re-exported: every reader here raises it
-from fieldcalib.io.files import find_files, parse_json_object
+from fieldcalib.io.files import find_files, named_in_errors, parse_json_object
 from fieldcalib.problem.labelled_pixels import Pixels
 
 # Labels of annotators for segments that they could not identify.
@@ -272,10 +272,8 @@ def read_camera_types(inputs: Iterable[Path]) -> dict[str, str]:
             if file.path == path:  # a single annotation
                 continue
             found = True
-            try:
+            with named_in_errors(file.path):
                 types |= camera_types(file.read())
-            except BrokenFileError as error:
-                raise BrokenFileError(f"{file.path}: {error}") from None
     if not found:
         names = ", ".join(map(str, paths))
         raise FileNotFoundError(f"{names} has no {CAMERA_TYPES}, which would say the type of each frame's camera")

@@ -13,7 +13,7 @@ from fieldcalib.console.inputs import Input
 from fieldcalib.console.program import say
 from fieldcalib.console.waiting import waiting_for
 from fieldcalib.io.cuts import WHOLE, Cut
-from fieldcalib.io.files import BrokenFileError, FrameFile, problem
+from fieldcalib.io.files import BrokenFileError, FrameFile, error_message, named_in_errors
 from fieldcalib.io.formats import IMAGES, VIDEOS
 from fieldcalib.io.image import Image
 from fieldcalib.io.images import MOST_PIXELS
@@ -74,7 +74,7 @@ class ReadImage:
                 self.check(image)
             return Frame(item.id, image, path=item.path)
         except (BrokenFileError, MemoryError) as error:
-            return Frame(item.id, None, problem(error), item.path)
+            return Frame(item.id, None, error_message(error), item.path)
 
 
 @contextmanager
@@ -131,7 +131,7 @@ def checked_frames(name: Input, reader: FrameReader, check: Callable[[Image], ob
     A BrokenFileError of `check` gets the name of the video.
     """
     frames = zip(reader.numbers, reader, strict=False)
-    try:
+    with named_in_errors(name):
         while True:
             with waiting_for(str(name)):
                 number, image = next(frames, (0, None))
@@ -139,8 +139,6 @@ def checked_frames(name: Input, reader: FrameReader, check: Callable[[Image], ob
                 return
             check(image)
             yield Frame(f"{number:06d}", image, path=str(name), is_of_video=True)
-    except BrokenFileError as error:
-        raise BrokenFileError(f"{name}: {error}") from None
 
 
 def frames_lost(source: Source) -> bool:
