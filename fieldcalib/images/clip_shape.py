@@ -26,13 +26,11 @@ from fieldcalib.assess.whole_picture import SHAPE
 from fieldcalib.fields.segments import ObjectSegments
 from fieldcalib.images.borders import shape_within, shown_part, within_borders
 from fieldcalib.images.clip_problem import ClipOptions, ClipProblem
-from fieldcalib.images.detected_lines import fitted_labels, line_loss
+from fieldcalib.images.detected_lines import fitted_labels
 from fieldcalib.images.pictures import as_shown, log_ratio_of_squash
 from fieldcalib.io.image import Image, each_checked, size_of
 from fieldcalib.localize import Network
-from fieldcalib.problem.evaluation import Problem, evaluate
-from fieldcalib.problem.layout import Layout
-from fieldcalib.problem.observations import pack
+from fieldcalib.problem.evaluation import evaluate_cameras
 from fieldcalib.solve.aspect import SQUARE_LOG_ODDS, WAS_SQUASHED, may_be_squashed, shown_size, stretched
 from fieldcalib.solve.options import CERTAIN
 from fieldcalib.solve.sequence_solver import SHARED
@@ -176,17 +174,16 @@ def distances_in_pictures(
         Size of the pictures.
     """
     segments = object_segments if calibration.field is None else calibration.field
-    names, found = list(segments), {}
-    for t, labels in enumerate(frames):
-        camera = calibration[t].camera
-        if camera is None:
-            continue
-        camera = camera.scaled(size)
-        layout, (pixels, weights) = Layout.of(size, camera.lens), labels
-        problem = Problem(pack(segments, [pixels], size, [weights]), layout, line_loss(size))
-        rms = rms_by_label(evaluate(problem, layout.theta(camera)[None]))[0]
-        found.update({(t, names[k]): float(rms[k]) for k in np.flatnonzero(np.isfinite(rms)).tolist()})
-    return found
+    cameras = {t: camera.scaled(size) for t, one in enumerate(calibration) if (camera := one.camera) is not None}
+    if not cameras:
+        return {}
+    rms = rms_by_label(evaluate_cameras(list(cameras.values()), segments, [frames[t][0] for t in cameras]))
+    return {
+        (t, label): distance
+        for t, of_frame in zip(cameras, rms.tolist(), strict=True)
+        for label, distance in zip(segments, of_frame, strict=True)
+        if np.isfinite(distance)
+    }
 
 
 def _log_ratio(as_it_is: Mapping[tuple[int, str], float], shown: Mapping[tuple[int, str], float]) -> float:
