@@ -1,6 +1,6 @@
 """Choice of a camera model for a run of frames, where one tripod does not explain the labels of its keyframes.
 
-    a tripod -> does it bring the lines of many keyframes off? -> a window that moves over the picture of a tripod,
+    a tripod -> do many keyframes contradict it?               -> a window that moves over the picture of a tripod,
                                                                   parts with a place of their own, a camera that moves,
                                                                   frames one by one
 

@@ -1,9 +1,9 @@
 """The shape of the frames of a clip, from some of them: black borders, and whether they were squashed from 16:9.
 
-Borders are those that all frames that are looked at have. Frames of another shape than 16:9 are calibrated as they are
-and as they would be shown, in both ways as frames of one camera, whose place and lens cannot follow what each of them
-has wrong. The lines of the better way lie nearer to their markings: with u and v the distances of the lines of one
-label in one frame, in the picture's own pixels, as it is and as shown, the log odds that frames were squashed are
+Borders are the smallest among some frames. Frames of another shape than 16:9 are calibrated as they are and as they
+would be shown, both times as frames of one camera, whose place and lens cannot fit the errors of each. Where the shape
+is right the lines lie nearer to their markings: with u and v the distances of the lines of one label in one frame, in
+the picture's own pixels, as it is and as shown, the log odds that frames were squashed are
 
     1/2 sum log(u / v)  +  the mean over frames of the log odds of each by itself (`fieldcalib.images.pictures`)
 
@@ -57,7 +57,7 @@ class ShapeEstimator:
 
     @property
     def finds_borders(self) -> bool:
-        """Whether borders are looked for: a camera matrix that is given is one of whole pictures."""
+        """Whether borders are looked for; not with a camera matrix, which is given for whole pictures."""
         return self.take_off_borders and self.options.given.camera_matrix is None
 
     @property

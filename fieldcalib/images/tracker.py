@@ -1,4 +1,4 @@
-"""The cameras of a live video, frame by frame as the frames come.
+"""The cameras of a live video, each as soon as its frame comes.
 
     frame -> matches with its keyframe -> predicted camera -> lines at its projected markings -> camera
     keyframe -> (in a thread) network -> (in another process) all keyframes of the shot together
@@ -81,7 +81,7 @@ class Tracker:
     Raises
     ------
     ValueError
-        If the object or the network is none, or as `calibrate_video` for what is known of the camera.
+        If `object_segments` or `network` is not one, or as `calibrate_video` for what is known of the camera.
     RuntimeError
         If no other process can be started, and it does not `wait`.
 
@@ -177,8 +177,9 @@ class Tracker:
         Returns
         -------
         Calibration
-            Its errors grow while nothing ties the images to a keyframe but the lines are where it has the markings.
-            After a cut there is no camera until the first keyframe of the new shot is calibrated.
+            While nothing ties the images to a keyframe, the camera is extrapolated as long as lines lie near its
+            markings, and its errors grow. After a cut there is no camera until the first keyframe of the new shot is
+            calibrated.
 
         Raises
         ------
