@@ -230,8 +230,15 @@ class Strips:
         half = _half(profiles, self.spacing[index], self.unit, search_range, past_others)
         middle = self.contrast.shape[1] // 2
         samples = index[:, None], np.arange(middle - half - 1, middle + half + 2)
-        offset, contrast, may_be_line = (of[samples] for of in (self.offset, self.contrast, self.may_be_line))
-        return Strips(profiles, self.unit, self.width[index], offset, contrast, may_be_line, self.is_black[index])
+        return replace(
+            self,
+            profiles=profiles,
+            width=self.width[index],
+            offset=self.offset[samples],
+            contrast=self.contrast[samples],
+            may_be_line=self.may_be_line[samples],
+            is_black=self.is_black[index],
+        )
 
     def lines(self, search_range: float) -> Array:
         """Signed distances (n,) of the lines from the markings; see `find_lines`."""
