@@ -39,7 +39,7 @@ NICENESS = 2  # of the process that solves keyframes: `update` comes first where
 NEEDED = ("cv2", "fieldcalib.images.shot_solver")  # modules in that process
 SEGMENTED = 4  # keyframes of a shot that the network sees in any case,
 SOLVE_AGAIN, SEGMENT_AGAIN = 3, 6  # then all are solved again, and the network sees one, every so many
-PAINT_EVERY = 25  # frames, a second, after which paint beside the markings is looked for again: 5 ms
+PAINT_INTERVAL = 25  # frames, a second, after which paint beside the markings is looked for again: 5 ms
 
 
 @dataclass(frozen=True, eq=False)
@@ -236,7 +236,7 @@ class Tracker:
         if calibration.camera is None or shot.solved is None:
             return calibration
         paint = shot.paint
-        if paint is None or index - paint[0] >= PAINT_EVERY:
+        if paint is None or index - paint[0] >= PAINT_INTERVAL:
             paint = index, paint_evidence(image, calibration.camera, shot.solved.markings).markings
             self._shot = replace(shot, paint=paint)
         return calibration.seen_in_image(paint[1])
