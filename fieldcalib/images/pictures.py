@@ -1,8 +1,7 @@
-"""Pictures that are not whole frames with square pixels, without anybody saying so.
+"""Pictures of which nothing was declared, and that may not be whole frames with square pixels.
 
 Black borders are taken off. A picture of another shape than 16:9 is calibrated as it is and as it would be shown if it
-had been squashed, and what the lines in it make more likely is given (`fieldcalib.solve.aspect`). A picture that is
-doubted to be a whole frame is calibrated again as a part of one.
+had been squashed, and the calibration that the lines in it make more likely is returned (`fieldcalib.solve.aspect`).
 """
 
 from __future__ import annotations

@@ -104,9 +104,9 @@ def refine_homography_on_image(
     flags: int = DEFAULT_FLAGS,
     prior: Prior = ALL,
 ) -> Calibration:
-    """Calibrate a camera, lens included, from a homography of anybody and its image.
+    """Calibrate a camera, lens included, from any homography and its image.
 
-    `calibrate_from_homography`, which has a camera without a lens, and then `refine_on_image`.
+    The camera of `calibrate_from_homography`, which has no lens, is refined by `refine_on_image`.
 
     Parameters
     ----------
@@ -303,9 +303,9 @@ def _in_passes(
 def near_labels(
     object_segments: ObjectSegments, cameras: Sequence[Camera], frames: Sequence[Pixels], distance: float
 ) -> list[tuple[str, ...]]:
-    """Labels of each frame whose pixels lie near their segments, root mean square, as its camera sees them.
+    """Labels of each frame whose pixels lie near their projected segments, in the root mean square.
 
-    The images are of one size, the distance is that in one of 960x540.
+    The images are of one size, and the distance is in pixels of one of 960x540.
     """
     if not frames:
         return []
@@ -363,8 +363,8 @@ def line_support(image: Image, camera: Camera, markings: Markings, search_range:
     """How well the lines in an image support a camera, from 0 to 1.
 
     The mean over profiles across the projected markings of ``max(1 - 2 |offset| / search_range, 0)``, where the offset
-    is the distance of the line from the marking; a profile without a line counts 0. Profiles in
-    the middle of black, beside the part of a frame that is shown, do not count.
+    is the distance of the line from the marking; a profile without a line counts 0. Profiles in black borders do not
+    count.
 
     Parameters
     ----------
