@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from one_camera import CAMERA, FIELD, FRAME, MARKINGS, SIZE, F, relative_error
+from objects import relative_error
+from one_camera import CAMERA, FIELD, FRAME, MARKINGS, SIZE, F
 from strategies import labelled_frames, numbers
 from synthetic import observe, random_frames
 

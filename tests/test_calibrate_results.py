@@ -2,7 +2,8 @@
 
 import numpy as np
 import pytest
-from one_camera import CAMERA, FIELD, FRAME, MARKINGS, SIZE, F, relative_error
+from objects import relative_error
+from one_camera import CAMERA, FIELD, FRAME, MARKINGS, SIZE, F
 from synthetic import observe, random_frames
 
 from fieldcalib import Camera, Line, Point, Status, calibrate_batch, calibrate_from_segments, compute_errors

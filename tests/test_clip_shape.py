@@ -104,7 +104,7 @@ def test_a_squashed_clip_is_calibrated_as_shown(clip, often):
 
 def test_frames_together_tell_squashed_clips_from_parts(clip):
     cameras, pictures = clip
-    some = slice(0, COUNT, 2)
+    some = slice(0, COUNT, 4)
     network = Asked(cameras[some])
     asked = LookedAt(FIELD, network, DEFAULT_FLAGS, ALL)
     assert asked.log_odds([squashed(picture) for picture in pictures[some]]) > 3.0
