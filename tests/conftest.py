@@ -1,7 +1,7 @@
 """What many tests share: settings of Hypothesis, data beside the checkout, known networks, a calibrated folder.
 
 Hypothesis draws the same examples on every run of CI. Property tests have the marker `property`; with
-HYPOTHESIS_PROFILE=thorough they draw four times as many examples.
+HYPOTHESIS_PROFILE=thorough they draw five times as many examples.
 """
 
 import os
@@ -16,7 +16,7 @@ os.environ.setdefault("OMP_NUM_THREADS", "1")
 settings.register_profile(
     "local",
     deadline=None,
-    max_examples=25,
+    max_examples=20,
     suppress_health_check=[HealthCheck.too_slow],  # a busy machine is no property of the code
     print_blob=True,
 )

@@ -206,6 +206,7 @@ def test_field_points_can_be_labelled_by_name():
 # --- real annotations ---
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("folder", "size", "median_rms", "below_tau"),
     [("sncalib-test-center", (960, 540), 1.6, 0.94), ("wc14-test", (1280, 720), 1.9, 0.99)],
