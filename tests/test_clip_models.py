@@ -155,7 +155,7 @@ def test_static_points_alone_do_not_tell_where_a_window_is():
     found = tripod.calibration
     np.testing.assert_allclose(found.values[:3], whole[0].C, atol=1.0)
     labelled = [(one, camera) for t, (one, camera) in enumerate(zip(found, cameras, strict=True)) if t != 8]
-    assert max(far_off(one, camera) for one, camera in labelled) < 1.0
+    assert max(far_off(one, camera) for one, camera in labelled) < 1.2
     assert found[8].accepted
     assert [t for t, one in enumerate(found) if one.verdict is not Verdict.GOOD] == [8]
     assert "no line of it" in found[8].reason
