@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from one_camera import CAMERA, FIELD, FRAME, MARKINGS, SIZE, F, relative_error
+from objects import relative_error
+from one_camera import CAMERA, FIELD, FRAME, MARKINGS, SIZE, F
 from strategies import labelled_frames, numbers
 from synthetic import observe, random_frames
 
@@ -205,6 +206,7 @@ def test_field_points_can_be_labelled_by_name():
 # --- real annotations ---
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("folder", "size", "median_rms", "below_tau"),
     [("sncalib-test-center", (960, 540), 1.6, 0.94), ("wc14-test", (1280, 720), 1.9, 0.99)],
