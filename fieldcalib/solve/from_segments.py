@@ -194,10 +194,18 @@ def calibrate_from_segments(
 
 
 def finished(start: Evaluation, *, max_iterations: int, tolerance: float) -> Solution:
-    """One frame by both solvers: few steps of SciPy's, which are slower, are left where Levenberg-Marquardt ends."""
+    """One frame by both solvers: SciPy's `least_squares` goes on from where Levenberg-Marquardt ends.
+
+    Neither takes a last step that lowers the cost by less than the share `tolerance`. So where SciPy finds no better
+    minimum, the camera is that of `calibrate_batch`.
+    """
     near = levenberg_marquardt(start, max_iterations=max_iterations, tolerance=tolerance)
-    solution = least_squares(near.evaluation, max_iterations=max_iterations, tolerance=tolerance)
-    return replace(solution, iterations=near.iterations + solution.iterations)
+    found = least_squares(near.evaluation, max_iterations=max_iterations, tolerance=tolerance)
+    is_better = near.cost[0] - found.cost[0] > tolerance * near.cost[0]
+    return replace(
+        found if is_better else replace(found, evaluation=near.evaluation),
+        iterations=near.iterations + found.iterations,
+    )
 
 
 def calibrate_checked(
