@@ -23,8 +23,9 @@ from fieldcalib.io.soccernet import parse_annotation
 from fieldcalib.problem.evaluation import Problem, evaluate
 from fieldcalib.problem.observations import pack
 from fieldcalib.problem.prior import GaussianPrior, gaussian_prior
-from fieldcalib.solve.options import DEFAULT_FLAGS, PINHOLE_FLAGS, checked_options
+from fieldcalib.solve.options import DEFAULT_FLAGS, PINHOLE_FLAGS
 from fieldcalib.solve.search import _best, _without_lens
+from fieldcalib.solve.task import Task
 
 
 @pytest.mark.slow
@@ -131,8 +132,7 @@ def test_a_camera_below_the_ground_does_not_win():
 
 def test_a_plausible_start_goes_before_a_cheaper_one_below_the_ground():
     """Lines on a plane have the same image for the camera mirrored in it, which would look at them from behind."""
-    how = {"flags": DEFAULT_FLAGS, "criteria": (3, 50, 1e-9), "prior": "all", "loss": "cauchy", "tau": None}
-    options = checked_options(SIZE, None, None, None, None, field=FIELD, **how)
+    options = Task(FIELD, criteria=(3, 50, 1e-9)).options(SIZE)
     theta = options.layout.theta(CAMERA)
     below = Camera(CAMERA.K, CAMERA.R @ np.diag([-1.0, -1.0, 1.0]), CAMERA.C * (1.0, 1.0, -1.0), SIZE)
     flat = {label: xy for label, xy in FRAME.items() if "Goal" not in label and "Circle" not in label}

@@ -17,25 +17,14 @@ from fieldcalib.problem.observations import pack
 from fieldcalib.problem.prior import GaussianPrior, gaussian_prior
 from fieldcalib.solve.batch import calibrate_batch
 from fieldcalib.solve.mislabels import renamed, without_mislabels
-from fieldcalib.solve.options import PINHOLE_FLAGS, checked_options
+from fieldcalib.solve.options import PINHOLE_FLAGS
 from fieldcalib.solve.search import find_cameras
+from fieldcalib.solve.task import Task
 
 FIELD, SIZE = soccer(), (960, 540)
 LEFT = Camera.from_angles(-0.65, 1.38, 0.01, 1500.0, (1.0, 66.0, -16.0), SIZE)
 MIDDLE = Camera.from_angles(0.05, 1.32, 0.0, 1000.0, (-2.0, 60.0, -14.0), SIZE)
-OPTIONS = checked_options(
-    SIZE,
-    None,
-    None,
-    None,
-    None,
-    flags=PINHOLE_FLAGS,
-    criteria=(3, 50, 1e-8),
-    prior=MAIN_CENTER,
-    loss="cauchy",
-    tau=None,
-    field=FIELD,
-)
+OPTIONS = Task(FIELD, flags=PINHOLE_FLAGS, criteria=(3, 50, 1e-8), prior=MAIN_CENTER).options(SIZE)
 
 
 def clean(camera, noise=0.5):
@@ -64,7 +53,7 @@ def resolved(frames, cameras, *, at_hand=None, weights=None):
     start = np.stack([OPTIONS.layout.theta(camera) for camera in at_hand or cameras])
     given = solved(evaluate(problem, start))
     with patch("fieldcalib.solve.mislabels.find_cameras", wraps=find_cameras) as search:
-        found = without_mislabels(FIELD, frames, weights, given, prior, OPTIONS)
+        found = without_mislabels(frames, weights, given, prior, OPTIONS)
     return found, given, [len(call.args[0]) for call in search.call_args_list]
 
 

@@ -65,7 +65,6 @@ class Relabelled:
 
 
 def without_mislabels(
-    object_segments: ObjectSegments,
     frames: list[Pixels],
     weights: list[PixelWeights | None],
     evaluation: Evaluation,
@@ -76,8 +75,6 @@ def without_mislabels(
 
     Parameters
     ----------
-    object_segments : mapping of str to segment
-        The calibration object.
     frames : list of T dicts of str to (N, 2) array
         Pixels by label.
     weights : list of T dicts of str to (N,) array, or None
@@ -107,7 +104,7 @@ def without_mislabels(
     >>> calibrate_from_segments(soccer(), frame, (960, 540)).suspect_labels[0].fits
     'Goal left post right'
     """
-    costs = _Costs.of(object_segments, evaluation, options)
+    costs = _Costs.of(evaluation, options)
     doubtful = np.flatnonzero(np.any(costs.of_given(evaluation) > costs.renamed, axis=1))
     if not len(doubtful):
         return Relabelled(frames, evaluation, prior, [()] * len(frames))
@@ -123,7 +120,7 @@ def without_mislabels(
     believed = [renamed(frame, one) for frame, one in zip(frames, suspects, strict=True)]
     their_weights = [given and renamed(given, one) for given, one in zip(weights, suspects, strict=True)]
     observations = evaluation.problem.observations
-    packed = pack(object_segments, believed, observations.image_size, their_weights, observations.motion)
+    packed = pack(options.object_segments, believed, observations.image_size, their_weights, observations.motion)
     found = find_cameras(packed.take(index), options)
     solution = levenberg_marquardt(
         found.evaluation, max_iterations=options.max_iterations, tolerance=options.approach_tolerance
@@ -170,9 +167,9 @@ class _Costs:
     high: Array
 
     @classmethod
-    def of(cls, object_segments: ObjectSegments, evaluation: Evaluation, options: Options) -> _Costs:
+    def of(cls, evaluation: Evaluation, options: Options) -> _Costs:
         """Costs under the loss and the noise of a problem."""
-        problem = evaluation.problem
+        problem, object_segments = evaluation.problem, options.object_segments
         is_point = np.array([isinstance(segment, Point) for segment in object_segments.values()])
         others = np.where(is_point, np.sum(is_point), np.sum(~is_point)) - 1
         rho, _ = problem.loss.evaluate(np.array(options.wide_loss.scale**2))
