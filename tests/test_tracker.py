@@ -18,12 +18,13 @@ from fieldcalib.assess.result import Verdict
 from fieldcalib.assess.sequence import Basis
 from fieldcalib.geometry.camera import Camera
 from fieldcalib.images import tracker as tracker_module
+from fieldcalib.images.clip_problem import ClipOptions, ClipProblem
 from fieldcalib.images.keyframes import KeyframeTracker
+from fieldcalib.images.live_shot import LOST_FOR
 from fieldcalib.images.paint_evidence import PaintEvidence
-from fieldcalib.images.shot_solver import KeyframeOptions, Seen, ShotProblem, solve_shot
-from fieldcalib.images.tracker import LOST_FOR, Tracker
+from fieldcalib.images.shot_solver import SegmentedImage, ShotProblem, solve_shot
+from fieldcalib.images.tracker import Tracker
 from fieldcalib.processes.other_process import OtherProcess
-from fieldcalib.solve.options import ALL, DEFAULT_FLAGS
 
 SIZE = (480, 270)
 FIELD = soccer(size_known=True)
@@ -155,14 +156,13 @@ def test_another_process_calibrates_keyframes(clip):
 def test_it_gives_what_this_process_gives(clip):
     cameras, pictures = clip
     network = KnownCameras(cameras[:1])
-    seen = Seen(pictures[0], network.classes, network(pictures[:1]))
-    options = KeyframeOptions(FIELD, DEFAULT_FLAGS, ALL)
-    problem = ShotProblem(options, SIZE, 0, {0: ({}, {})}, {}, (), None, {})
+    seen = SegmentedImage(pictures[0], network.classes, network(pictures[:1]))
+    problem = ShotProblem(ClipProblem(ClipOptions(FIELD), SIZE, [0], {}, {}), 0)
     other = OtherProcess()
     there = other.run(solve_shot, problem, seen)
     other.close()
     here = solve_shot(problem, seen)
-    np.testing.assert_allclose(there.solved.keys[0].theta, here.solved.keys[0].theta, rtol=1e-9, atol=1e-9)
+    np.testing.assert_allclose(there.solved.cameras[0].theta, here.solved.cameras[0].theta, rtol=1e-9, atol=1e-9)
 
 
 def test_keyframes_that_came_in_the_meantime_have_cameras(clip):

@@ -18,8 +18,6 @@ SIGMAS = 3.0  # of the predicted error of a marking, within which its line is se
 def frame_lines(image: Image, camera: Camera, markings: Markings, sigma: float = 0.0) -> tuple[Labels, int]:
     """The lines near the projected markings, and the number of profiles in which they were searched.
 
-    Their weights are as arguments have them.
-
     Parameters
     ----------
     image : (height, width, 3) uint8 array
@@ -35,22 +33,10 @@ def frame_lines(image: Image, camera: Camera, markings: Markings, sigma: float =
 
 
 def with_paint(lines: Labels, beside: Pixels) -> Labels:
-    """Lines of a frame with the paint (N, 2) that lies beside some markings, in place of what is near these."""
+    """Lines of a frame, those of some markings replaced by the paint (N, 2) that lies beside them."""
     pixels, weights = lines
     return {**pixels, **beside}, {**weights, **_weights(beside)}
 
 
 def _weights(pixels: Pixels) -> PixelWeights:
-    return {label: np.full(len(xy), len(xy) / PROFILES_PER_SEGMENT) for label, xy in pixels.items()}
-
-
-def as_given(labels: Labels) -> Labels:
-    """Labels with weights as arguments have them: what a label counts, not what each of its pixels does."""
-    pixels, weights = labels
-    return pixels, {label: len(weight) * weight for label, weight in weights.items()}
-
-
-def per_pixel(labels: Labels) -> Labels:
-    """The inverse of `as_given`."""
-    pixels, weights = labels
-    return pixels, {label: weight / len(weight) for label, weight in weights.items()}
+    return {label: np.full(len(xy), 1.0 / PROFILES_PER_SEGMENT) for label, xy in pixels.items()}

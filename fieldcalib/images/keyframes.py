@@ -48,7 +48,7 @@ GRAPHIC = (4.0, 12.0, 5)  # grey levels: alike in place, unlike once moved; px a
 
 
 @dataclass(frozen=True, eq=False)
-class Tied:
+class TiedFrame:
     """A frame of a video and the keyframe that it is tied to."""
 
     index: int
@@ -86,8 +86,8 @@ class KeyframeTracker:
     every : int
         Frames from one keyframe to the next, at most.
     leave_pairs : bool
-        Whether the matches of keyframes with one another are left to be made elsewhere (`Tied.left`), since they take
-        as long as three ordinary frames. A keyframe is then tied to the one before it only.
+        Whether the matches of keyframes with one another are left to be made elsewhere (`TiedFrame.left`), since they
+        take as long as three ordinary frames. A keyframe is then tied to the one before it only.
     moving : bool
         As in `match_background`.
 
@@ -104,15 +104,15 @@ class KeyframeTracker:
     def __init__(self, every: int = EVERY, *, leave_pairs: bool = False, moving: bool = False) -> None:
         if not isinstance(every, int | np.integer) or every < 1:
             raise ValueError(f"every must be 1 or more frames, got {every}")
-        self._how = _How(every, leave_pairs, moving)
+        self._options = _PieceOptions(every, leave_pairs, moving)
         self._count = 0
         self._last: _View | None = None  # that is no duplicate
         self._piece: _Piece | None = None
         self._lost = 0  # frames since the last one that was tied to the piece
         self._candidate: _Piece | None = None  # for a new piece,
-        self._waiting: list[Tied] = []  # and its frames
+        self._waiting: list[TiedFrame] = []  # and its frames
 
-    def update(self, image: Image) -> list[Tied]:
+    def update(self, image: Image) -> list[TiedFrame]:
         """Take the next frame; those that are now known to belong to a piece, in order.
 
         Raises
@@ -129,7 +129,7 @@ class KeyframeTracker:
         if not view.duplicate:
             self._last = view
         if self._piece is None:
-            self._piece = _Piece(view, 0, self._how)
+            self._piece = _Piece(view, 0, self._options)
             return [self._piece.first]
         tied = self._piece.tied(view) if self._lost == 0 else None
         if tied is None and self._lost < LOST_FOR and not (view.duplicate and self._lost):
@@ -141,7 +141,7 @@ class KeyframeTracker:
         tied = self._candidate.tied(view, LEAST_LIKENESS_OF_KEY) if self._candidate is not None else None
         if tied is None:
             untied = self._untied()
-            self._candidate = _Piece(view, self._piece.number + 1, self._how)
+            self._candidate = _Piece(view, self._piece.number + 1, self._options)
             self._waiting = [self._candidate.first]
             return untied
         self._waiting.append(tied)
@@ -151,14 +151,14 @@ class KeyframeTracker:
         self._piece, self._candidate, self._waiting, self._lost = self._candidate, None, [], 0
         return new
 
-    def finish(self) -> list[Tied]:
+    def finish(self) -> list[TiedFrame]:
         """The frames that still wait, at the end of the video: a short piece if two of them or more are tied."""
         if len(self._waiting) == 1:
             return self._untied()
         new, self._waiting = self._waiting, []
         return new
 
-    def _untied(self) -> list[Tied]:
+    def _untied(self) -> list[TiedFrame]:
         """The waiting frames, of the piece before, which nothing ties."""
         assert self._piece is not None  # nothing waits before the first frame
         piece, waiting = self._piece, self._waiting
@@ -166,7 +166,9 @@ class KeyframeTracker:
         return [replace(tied, piece=piece.number, key=piece.key.index, ties=()) for tied in waiting]
 
 
-def tied_frames(images: Iterable[Image], *, every: int = EVERY, moving: bool = False) -> Iterator[tuple[Image, Tied]]:
+def tied_frames(
+    images: Iterable[Image], *, every: int = EVERY, moving: bool = False
+) -> Iterator[tuple[Image, TiedFrame]]:
     """The frames of a video with what ties them to keyframes, in one pass.
 
     Parameters
@@ -181,7 +183,7 @@ def tied_frames(images: Iterable[Image], *, every: int = EVERY, moving: bool = F
     Yields
     ------
     image, tied
-        Each frame and its `Tied`, in order. The generator is at most 8 frames ahead of what it yields.
+        Each frame and its `TiedFrame`, in order. The generator is at most 8 frames ahead of what it yields.
 
     Raises
     ------
@@ -260,7 +262,7 @@ class KeyframePair:
 
 
 @dataclass(frozen=True)
-class _How:
+class _PieceOptions:
     """The arguments of `KeyframeTracker`."""
 
     every: int
@@ -271,10 +273,10 @@ class _How:
 class _Piece:
     """Frames that matches connect: the last keyframes, and how the camera moved last."""
 
-    def __init__(self, view: _View, number: int, how: _How) -> None:
+    def __init__(self, view: _View, number: int, options: _PieceOptions) -> None:
         self.number = number
-        self.first = Tied(view.index, number, view.index, (), view.duplicate)
-        self._how = how
+        self.first = TiedFrame(view.index, number, view.index, (), view.duplicate)
+        self._options = options
         self._keys = deque([(view, np.eye(3))], maxlen=KEPT)  # each with the homography to the newest
         self._last = view
         self._matches: Matches | None = None  # from the newest keyframe to the last frame; None if they are the same
@@ -289,42 +291,42 @@ class _Piece:
         """Homography from the newest keyframe to the last frame."""
         return np.eye(3) if self._matches is None else self._matches.homography
 
-    def tied(self, view: _View, least: float = LEAST_LIKENESS) -> Tied | None:
+    def tied(self, view: _View, least: float = LEAST_LIKENESS) -> TiedFrame | None:
         """The frame after the last one, tied to the newest keyframe; None if nothing ties it."""
         if view.duplicate and self._matches is not None:
             return self._ordinary(view, self._matches)
-        corners = MOST_CORNERS if self._how.leave_pairs and self._is_due(view) else CORNERS
-        found = _matched(self.key, view, self._motion @ self._H, corners, self._how.moving)
+        corners = MOST_CORNERS if self._options.leave_pairs and self._is_due(view) else CORNERS
+        found = _matched(self.key, view, self._motion @ self._H, corners, self._options.moving)
         if found is None and self._matches is not None:
-            step = match_background(self._last.frame, view.frame, corners=CORNERS, moving=self._how.moving)
+            step = match_background(self._last.frame, view.frame, corners=CORNERS, moving=self._options.moving)
             H = None if step is None else step.homography @ self._H
-            found = None if H is None else _matched(self.key, view, H, CORNERS, self._how.moving)
+            found = None if H is None else _matched(self.key, view, H, CORNERS, self._options.moving)
         if found is None or found[1] < least:
             return None
         if not view.duplicate:
             self._motion = found[0].homography @ np.linalg.inv(self._H)
         return self._added(view, *found)
 
-    def found_again(self, view: _View, missed: int) -> Tied | None:
+    def found_again(self, view: _View, missed: int) -> TiedFrame | None:
         """A frame tied to the newest keyframe or to earlier ones, after some that nothing ties."""
         for start in (np.linalg.matrix_power(self._motion, missed + 1) @ self._H, self._H):
-            found = _matched(self.key, view, start, CORNERS, self._how.moving)
+            found = _matched(self.key, view, start, CORNERS, self._options.moving)
             if found is not None and found[1] >= LEAST_LIKENESS_OF_KEY:
                 return self._added(view, *found)
         back = BACK[missed % len(BACK)]  # one of them for each frame, since this takes long
         if back > len(self._keys):
             return None
         older, to_newest = self._keys[-back]
-        far = match_far(older.frame, view.frame, moving=self._how.moving)
+        far = match_far(older.frame, view.frame, moving=self._options.moving)
         if far is None or _likeness(older, view, far.homography) < LEAST_LIKENESS_OF_KEY:
             return None
         self._motion = np.eye(3)
         return self._keyframe(view, far.homography @ np.linalg.inv(to_newest))
 
     def _is_due(self, view: _View) -> bool:
-        return view.index - self.key.index >= self._how.every
+        return view.index - self.key.index >= self._options.every
 
-    def _added(self, view: _View, matches: Matches, likeness: float) -> Tied:
+    def _added(self, view: _View, matches: Matches, likeness: float) -> TiedFrame:
         due = (
             self._is_due(view)
             or len(matches) < FEW_MATCHES
@@ -335,11 +337,11 @@ class _Piece:
             key = self._keyframe(view, matches.homography, matches)
         return self._ordinary(view, matches) if key is None else key
 
-    def _ordinary(self, view: _View, matches: Matches) -> Tied:
+    def _ordinary(self, view: _View, matches: Matches) -> TiedFrame:
         self._last, self._matches = view, matches
-        return Tied(view.index, self.number, self.key.index, ((self.key.index, matches),), view.duplicate)
+        return TiedFrame(view.index, self.number, self.key.index, ((self.key.index, matches),), view.duplicate)
 
-    def _keyframe(self, view: _View, H: Array, matches: Matches | None = None) -> Tied | None:
+    def _keyframe(self, view: _View, H: Array, matches: Matches | None = None) -> TiedFrame | None:
         """The next keyframe, with the homography from the newest to it; None if it is unlike earlier ones.
 
         With it come its matches with the newest, if it was tied to that one as an ordinary frame.
@@ -350,8 +352,8 @@ class _Piece:
             if recent and _likeness(older, view, H @ to_newest) < LEAST_LIKENESS:
                 return None
         earlier = [self._keys[-back] for back in BACK if back <= len(self._keys)]
-        pairs = tuple(KeyframePair(older, view, H @ to_newest, self._how.moving) for older, to_newest in earlier)
-        if self._how.leave_pairs and matches is not None:
+        pairs = tuple(KeyframePair(older, view, H @ to_newest, self._options.moving) for older, to_newest in earlier)
+        if self._options.leave_pairs and matches is not None:
             ties: tuple[tuple[int, Matches], ...] = ((self.key.index, matches),)
             left = pairs[1:]
         else:
@@ -362,7 +364,7 @@ class _Piece:
         moved = [(older, H @ to_newest) for older, to_newest in self._keys]
         self._keys = deque([*moved, (view, np.eye(3))], maxlen=KEPT)
         self._last, self._matches = view, None
-        return Tied(view.index, self.number, view.index, ties, view.duplicate, left)
+        return TiedFrame(view.index, self.number, view.index, ties, view.duplicate, left)
 
 
 def _matched(first: _View, second: _View, start: Array, corners: int, moving: bool) -> tuple[Matches, float] | None:
