@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 from fieldcalib.assess.result import Calibration
-from fieldcalib.fields.segments import ObjectSegments
 from fieldcalib.geometry.camera import Camera
-from fieldcalib.images.refinement import LOSS_SCALE
+from fieldcalib.images.refinement import LOSS_SCALE, line_task
 from fieldcalib.problem.losses import RobustLoss
-from fieldcalib.solve.batch import calibrate_batch
-from fieldcalib.solve.options import PAINT, Prior, pixel_unit
+from fieldcalib.solve.batch import calibrate_labels
+from fieldcalib.solve.options import pixel_unit
+from fieldcalib.solve.task import Task
 from fieldcalib.solve.together import labels_of
 from fieldcalib.solve.tripod import Labels
 
@@ -31,26 +31,10 @@ def per_label(labels: Labels) -> Labels:
 
 
 def fitted_to_lines(
-    object_segments: ObjectSegments,
-    labels: Labels,
-    image_size: tuple[int, int],
-    camera: Camera | None = None,
-    *,
-    flags: int,
-    prior: Prior,
+    task: Task, labels: Labels, image_size: tuple[int, int], camera: Camera | None = None
 ) -> Calibration:
     """A calibration from the lines of one image, from a camera near them or from anywhere."""
     pixels, weights = per_label(labels)
-    (found,) = calibrate_batch(
-        object_segments,
-        [pixels],
-        image_size,
-        cameras=None if camera is None else [camera],
-        flags=flags,
-        prior=prior,
-        loss=line_loss(image_size),
-        weights=[weights],
-        trust_labels=True,
-        paint=PAINT,
-    )
+    cameras = None if camera is None else [camera]
+    (found,) = calibrate_labels(line_task(task, image_size), [pixels], image_size, [weights], cameras=cameras)
     return found

@@ -24,9 +24,10 @@ from fieldcalib.io.image import Image, checked_image
 from fieldcalib.problem.evaluation import evaluate_cameras
 from fieldcalib.problem.labelled_pixels import ImageSegments, Pixels, Weights, check_segments
 from fieldcalib.problem.losses import RobustLoss
-from fieldcalib.solve.batch import calibrate_batch
+from fieldcalib.solve.batch import calibrate_labels
 from fieldcalib.solve.from_homography import calibrate_from_homography
 from fieldcalib.solve.options import ALL, DEFAULT_FLAGS, PAINT, CalibrationFlags, Prior, pixel_unit
+from fieldcalib.solve.task import Task
 
 # Lengths are in pixels of a 960 x 540 image and grow with the image.
 SEARCH_RANGES = (12.0, 4.0)  # px from the projected markings, in the first and the second pass
@@ -95,7 +96,7 @@ def refine_on_image(
     size = calibration.camera.image_size
     labelled = check_segments(object_segments, image_segments or {}, size)
     one = ToRefine(checked_image(image, size), calibration, labelled, weights or {})
-    (refined,) = refine_all(object_segments, Markings.of(object_segments), [one], flags=flags, prior=prior)
+    (refined,) = refine_all(Task(object_segments, flags=flags, prior=prior), Markings.of(object_segments), [one])
     return calibration if refined.calibration is calibration else refined.judged
 
 
@@ -194,12 +195,9 @@ class Refined:
 
 
 def refine_all(
-    object_segments: ObjectSegments,
+    task: Task,
     markings: Markings,
     given: Sequence[ToRefine],
-    *,
-    flags: int,
-    prior: Prior,
     search_ranges: Sequence[float] = SEARCH_RANGES,
 ) -> list[Refined]:
     """`refine_on_image` for images of one size, solved together.
@@ -207,13 +205,11 @@ def refine_all(
     Where markings lie beside their paint, cameras that begin from that paint are tried too. Cameras that fit the lines
     already need the last of the `search_ranges` only.
     """
-    refined = _in_passes(object_segments, markings, given, flags, prior, search_ranges)
+    refined = _in_passes(task, markings, given, search_ranges)
     refined = [_with_paint(one, image.image, markings) for one, image in zip(refined, given, strict=True)]
     off = [t for t, one in enumerate(refined) if one.calibration.accepted and one.paint and one.paint.beside]
     if off:
-        moved = _moved_to_paint(
-            object_segments, markings, [refined[t] for t in off], [given[t] for t in off], flags, prior
-        )
+        moved = _moved_to_paint(task, markings, [refined[t] for t in off], [given[t] for t in off])
         for t, one in zip(off, moved, strict=True):
             refined[t] = one
     return refined
@@ -227,12 +223,7 @@ def _with_paint(one: Refined, image: Image, markings: Markings) -> Refined:
 
 
 def _moved_to_paint(
-    object_segments: ObjectSegments,
-    markings: Markings,
-    refined: Sequence[Refined],
-    given: Sequence[ToRefine],
-    flags: int,
-    prior: Prior,
+    task: Task, markings: Markings, refined: Sequence[Refined], given: Sequence[ToRefine]
 ) -> list[Refined]:
     """Cameras that are also fitted to the paint beside their markings, where more of the markings lie on paint then."""
     members = []
@@ -241,10 +232,9 @@ def _moved_to_paint(
         assert one.calibration.camera is not None
         lines, _ = lines_near(image.image, one.calibration.camera, markings, SEARCH_RANGES[-1])
         members.append((one.calibration, {**lines, **one.paint.beside}, replace(image, labelled={}, weights={})))
-    fixed = flags | CalibrationFlags.CALIB_FIX_PRINCIPAL_POINT
-    starts = _calibrated(object_segments, members, fixed, prior, loss_scale=max(SEARCH_RANGES))
+    starts = _fitted(task.with_flags(CalibrationFlags.CALIB_FIX_PRINCIPAL_POINT), members, max(SEARCH_RANGES))
     again = [replace(image, calibration=start) for image, start in zip(given, starts, strict=True)]
-    found = _in_passes(object_segments, markings, again, flags, prior)
+    found = _in_passes(task, markings, again)
     moved = [_with_paint(one, image.image, markings) for one, image in zip(found, given, strict=True)]
     return [
         new if new.calibration.accepted and _paint_share(new) > _paint_share(old) else old
@@ -257,11 +247,9 @@ def _paint_share(one: Refined) -> float:
 
 
 def _in_passes(
-    object_segments: ObjectSegments,
+    task: Task,
     markings: Markings,
     given: Sequence[ToRefine],
-    flags: int,
-    prior: Prior,
     search_ranges: Sequence[float] = SEARCH_RANGES,
 ) -> list[Refined]:
     """Cameras fitted to the lines near their markings, in two passes, or as they were."""
@@ -269,17 +257,17 @@ def _in_passes(
     strips = _strips(given, found, markings)
     best = _with_support(given, strips)
     for search_range in search_ranges:
-        kept = flags
+        in_this_pass = task
         if search_range > SEARCH_RANGES[-1]:
             # lines that are found far away may be others: a principal point that is free would absorb them
-            kept |= CalibrationFlags.CALIB_FIX_PRINCIPAL_POINT
+            in_this_pass = task.with_flags(CalibrationFlags.CALIB_FIX_PRINCIPAL_POINT)
         else:
-            given = _without_stray(object_segments, given, found)
+            given = _without_stray(task.object_segments, given, found)
         members = [
             (found[t], pixels_of_lines(markings, one.profiles, one.lines(search_range)), given[t])
             for t, one in strips.items()
         ]
-        again = _calibrated(object_segments, members, kept, prior)
+        again = _fitted(in_this_pass, members)
         found = {t: calibration for t, calibration in zip(strips, again, strict=True) if calibration.accepted}
         strips = _strips(given, found, markings, are_wide=search_range == search_ranges[-1])
     for t, one in strips.items():
@@ -367,12 +355,14 @@ def line_support(image: Image, camera: Camera, markings: Markings, search_range:
     return _support(Strips.of(image, profiles_along(camera, markings), search_range), search_range)
 
 
-def _calibrated(
-    object_segments: ObjectSegments,
-    given: Sequence[tuple[Calibration, Pixels, ToRefine]],
-    flags: int,
-    prior: Prior,
-    loss_scale: float = LOSS_SCALE,
+def line_task(task: Task, image_size: tuple[int, int], loss_scale: float = LOSS_SCALE) -> Task:
+    """The task for lines that are detected in images of a size: their labels are right, their places nearly so."""
+    loss = RobustLoss("cauchy", loss_scale * pixel_unit(image_size))
+    return replace(task, loss=loss, trust_labels=True, paint=PAINT)
+
+
+def _fitted(
+    task: Task, given: Sequence[tuple[Calibration, Pixels, ToRefine]], loss_scale: float = LOSS_SCALE
 ) -> list[Calibration]:
     """The cameras fitted to detected lines, and to labelled pixels of segments without one, from those of before."""
     cameras = [calibration.camera for calibration, _, _ in given if calibration.camera is not None]
@@ -384,15 +374,5 @@ def _calibrated(
         | {label: len(xy) / PROFILES_PER_SEGMENT for label, xy in lines.items()}
         for _, lines, one in given
     ]
-    return calibrate_batch(
-        object_segments,
-        [{**one.labelled, **lines} for _, lines, one in given],
-        size,
-        cameras=cameras,
-        flags=flags,
-        prior=prior,
-        loss=RobustLoss("cauchy", loss_scale * pixel_unit(size)),
-        weights=weights,
-        trust_labels=True,
-        paint=PAINT,
-    )
+    labels = [{**one.labelled, **lines} for _, lines, one in given]
+    return calibrate_labels(line_task(task, size, loss_scale), labels, size, weights, cameras=cameras)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import Executor
+from dataclasses import replace
 from functools import partial
 from typing import NamedTuple
 
@@ -33,7 +34,6 @@ from fieldcalib.solve.options import (
     Criteria,
     Options,
     Prior,
-    default_flags,
 )
 from fieldcalib.solve.task import Task
 
@@ -103,29 +103,43 @@ def calibrate_batch(
     initial = None if cameras is None else _checked_cameras(cameras)
     given = GivenCamera(camera_matrix, dist_coeffs, rvec, tvec)
     if initial:
-        given, flags = _start_of_all(initial, given), (default_flags(prior) if flags is None else flags) | GUESS
+        _check_nothing_given(given)
     task = Task(object_segments, given, flags, criteria, prior, loss, tau, paint, trust_labels)
     each_weights = None if weights is None else list(weights)
 
     def calibrated(some: Sequence[ImageSegments], size: tuple[int, int]) -> list[Calibration]:
-        options = task.options(size)
-        checked, pixel_weights = checked_frames(object_segments, some, each_weights, options.image_size)
-        start = None if initial is None else _thetas(initial, len(checked), options)
-        found = calibrate_frames(checked, pixel_weights, options, given=start, executor=executor)
-        return as_fixed(found, initial or given, options.flags)
+        return calibrate_labels(task, some, size, each_weights, cameras=initial, executor=executor)
 
     is_estimated = estimate_aspect and camera_matrix is None
     return with_aspect_as_told(object_segments, calibrated, _several(frames), image_size, estimated=is_estimated)
 
 
-def _start_of_all(cameras: Sequence[Camera], given: GivenCamera) -> GivenCamera:
-    """Values that say what is known of all frames with initial cameras: of the one with the most lens coefficients."""
+def calibrate_labels(
+    task: Task,
+    frames: Sequence[ImageSegments],
+    image_size: tuple[int, int],
+    weights: Sequence[Weights] | None,
+    *,
+    cameras: Sequence[Camera] | None = None,
+    executor: Executor | None = None,
+) -> list[Calibration]:
+    """Check the labels of frames of one size and calibrate them, from initial cameras if there are."""
+    if cameras:
+        # the layout needs the largest of their lenses
+        rvec, tvec, K, dist = max(cameras, key=lambda camera: len(camera.lens.names)).to_opencv()
+        task = replace(task.with_flags(GUESS), given=GivenCamera(K, dist, rvec, tvec))
+    options = task.options(image_size)
+    checked, pixel_weights = checked_frames(task.object_segments, frames, weights, options.image_size)
+    start = None if cameras is None else _thetas(cameras, len(checked), options)
+    found = calibrate_frames(checked, pixel_weights, options, given=start, executor=executor)
+    return as_fixed(found, cameras or task.given, options.flags)
+
+
+def _check_nothing_given(given: GivenCamera) -> None:
     if given.camera_matrix is not None or given.dist_coeffs is not None:
         raise ValueError("cameras say the intrinsics of each frame: leave camera_matrix and dist_coeffs out")
     if given.rvec is not None or given.tvec is not None:
         raise ValueError("cameras say the pose of each frame: leave rvec and tvec out")
-    rvec, tvec, K, dist = max(cameras, key=lambda camera: len(camera.lens.names)).to_opencv()
-    return GivenCamera(K, dist, rvec, tvec)
 
 
 def _thetas(cameras: Sequence[Camera], count: int, options: Options) -> Array:

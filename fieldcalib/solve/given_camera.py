@@ -24,6 +24,11 @@ class GivenCamera(NamedTuple):
     rvec: ArrayLike | None = None
     tvec: ArrayLike | None = None
 
+    @property
+    def is_empty(self) -> bool:
+        """Whether nothing is given."""
+        return all(value is None for value in self)
+
     def camera(self, image_size: tuple[int, int]) -> Camera:
         """A camera with the given values, and arbitrary ones for the others."""
         nothing = np.zeros(3)

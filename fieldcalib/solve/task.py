@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from numbers import Real
 
 import numpy as np
@@ -69,6 +69,10 @@ class Task:
     def field(self) -> Field | None:
         """The calibration object if it is a `Field`."""
         return self.object_segments if isinstance(self.object_segments, Field) else None
+
+    def with_flags(self, flags: CalibrationFlags) -> Task:
+        """The same task with these flags too."""
+        return replace(self, flags=(default_flags(self.prior) if self.flags is None else self.flags) | flags)
 
     def options(self, image_size: tuple[int, int]) -> Options:
         """The options for frames of one size; a ValueError says which arguments do not fit together.
