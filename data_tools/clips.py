@@ -28,19 +28,20 @@ import numpy as np
 
 from data_tools.synthetic.clips import seen_far_away
 from fieldcalib._types import Array, BoolArray
-from fieldcalib.assess.camera_errors import region_radius
+from fieldcalib.assess.estimate import region_radius
 from fieldcalib.assess.sequence import Basis
 from fieldcalib.assess.video import VideoCalibration
-from fieldcalib.cli.main import run_command
+from fieldcalib.console.program import run_command
 from fieldcalib.fields.soccer import soccer
 from fieldcalib.geometry.camera import Camera
 from fieldcalib.images.clip_keyframes import read_keyframes
-from fieldcalib.images.clip_lines import find_lines
+from fieldcalib.images.clip_lines import find_clip_lines
 from fieldcalib.images.clip_problem import ClipOptions
 from fieldcalib.images.finished_clip import finish
+from fieldcalib.images.frame import Frame
 from fieldcalib.images.keyframe_labels import KeyframeLabels
 from fieldcalib.images.keyframes import TiedFrame, tied_frames
-from fieldcalib.images.matches import Frame, Matches, match_background
+from fieldcalib.images.matches import Matches, match_background
 from fieldcalib.images.solved_shots import solve_shots
 from fieldcalib.images.solved_tripods import solve_tripods
 from fieldcalib.io.image import Image
@@ -146,7 +147,7 @@ class Clip:
         accepted = {t: KeyframeLabels(one) for t, one in _kept(self.keyframes.accepted, withheld).items()}
         doubtful = {t: one for t, one in self.keyframes.labels.items() if not one.accepted}
         solved = solve_tripods(solve_shots(replace(self.keyframes, labels={**doubtful, **accepted})))
-        lines = find_lines(solved, read_ahead(self.images()), self.network)
+        lines = find_clip_lines(solved, read_ahead(self.images()), self.network)
         self.lines = dict(lines.labels)
         return finish(replace(lines, labels=_kept(self.lines, withheld)))
 

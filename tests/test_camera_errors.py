@@ -148,7 +148,6 @@ def test_regions_of_known_covariances_are_those_of_a_normal_distribution():
     assert np.isfinite(half_axes).all()
 
 
-def test_they_are_their_own_uncertainty():
+def test_their_covariance_is_the_given_one():
     errors = KnownErrors(LAYOUT, drawn(np.random.default_rng(4)), np.eye(LAYOUT.size))
-    assert errors.uncertainty is errors
     np.testing.assert_array_equal(errors.covariance, np.eye(LAYOUT.size))

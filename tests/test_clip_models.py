@@ -12,7 +12,7 @@ from fieldcalib.assess.markings import MarkingInView
 from fieldcalib.assess.misfit import is_contradicted
 from fieldcalib.assess.result import Verdict
 from fieldcalib.images.clip_keyframes import Keyframes, Shots
-from fieldcalib.images.clip_lines import ClipLines, find_lines
+from fieldcalib.images.clip_lines import ClipLines, find_clip_lines
 from fieldcalib.images.clip_models import LeftOut, parts
 from fieldcalib.images.clip_problem import ClipOptions
 from fieldcalib.images.finished_clip import finish, finish_again, off_paint
@@ -137,7 +137,7 @@ def test_a_second_look_that_loses_cameras_is_not_taken(monkeypatch):
     beside = MarkingInView("Middle line", 300.0, 25, share=0.1, offset=21.4)
     found = replace(found, tripods=tuple(one.seen_in_images({0: (beside,)}) for one in found.tripods))
     nothing = finished(replace(result, tripods=()))
-    monkeypatch.setattr("fieldcalib.images.finished_clip.find_lines", lambda *_: None)
+    monkeypatch.setattr("fieldcalib.images.finished_clip.find_clip_lines", lambda *_: None)
     monkeypatch.setattr("fieldcalib.images.finished_clip.finish", lambda *_: nothing)
     assert off_paint(found) > off_paint(nothing) == 0.0
     assert finish_again(found, ClipLines(result, ((0,),), {}, {}), [], None) is found
@@ -214,7 +214,7 @@ def test_frames_that_share_nothing_are_calibrated_one_by_one(monkeypatch):
             calibrate_from_segments(FIELD, clip.accepted[next(by_itself)][0], SIZE) for _ in images
         ],
     )
-    lines = find_lines(found, images, None)
+    lines = find_clip_lines(found, images, None)
     assert set(lines.labels) == set(lines.ridges) == set(range(14))
     video = finish(replace(lines, ridges={}))
     assert np.median([far_off(one, camera) for one, camera in zip(video, cameras, strict=True)]) < 1.0

@@ -111,7 +111,7 @@ def test_a_clip_goes_on_with_its_frames(video, whole, network, tmp_path, monkeyp
     from fieldcalib.draw.overlays import draw_calibration
 
     with monkeypatch.context() as patch:
-        patch.setattr("fieldcalib.cli.clips.draw_calibration", Interrupting(draw_calibration, count))
+        patch.setattr("fieldcalib.cli.calibration_options.draw_calibration", Interrupting(draw_calibration, count))
         network()
         assert run("run", video, "--out", tmp_path) == 130
     assert len(lines_of(tmp_path)) == count + 1
@@ -121,14 +121,15 @@ def test_a_clip_goes_on_with_its_frames(video, whole, network, tmp_path, monkeyp
 
 @pytest.mark.parametrize("count", [8, 17])
 def test_a_video_by_itself_goes_on(video, know, tmp_path, monkeypatch, count):
-    from fieldcalib.cli.results import Results
 
     know(TRUTHS)
     assert run("run", video, "--independent", "--out", tmp_path / "whole") == 0
+    from fieldcalib.run_folder.results import ResultsWriter
+
     out = tmp_path / "out"
     with monkeypatch.context() as patch:
-        ending = Interrupting(Results.add, count)
-        patch.setattr(Results, "add", lambda *arguments: ending(*arguments))
+        ending = Interrupting(ResultsWriter.add, count)
+        patch.setattr(ResultsWriter, "add", lambda *arguments: ending(*arguments))
         know(TRUTHS)
         assert run("run", video, "--independent", "--out", out) == 130
     assert len(lines_of(out)) == count

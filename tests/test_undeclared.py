@@ -27,8 +27,6 @@ from fieldcalib.assess.whole_picture import (
     score,
     seems_part,
 )
-from fieldcalib.cli.demo import observe as demo_labels
-from fieldcalib.cli.demo import pan_over_field
 from fieldcalib.draw.scene import render_field
 from fieldcalib.fields.catalogue import field_named
 from fieldcalib.fields.segments import Line
@@ -36,6 +34,8 @@ from fieldcalib.fields.stands import DISTRIBUTIONS
 from fieldcalib.geometry.camera import Camera
 from fieldcalib.images.borders import shape_within, shown_part, within_borders
 from fieldcalib.problem.prior import frame_around, principal_point_sigma
+from fieldcalib.problem.simulated import observe as demo_labels
+from fieldcalib.problem.simulated import pan_over_field
 from fieldcalib.solve.aspect import WAS_SQUASHED, in_pixels_of, told
 from fieldcalib.solve.batch import calibrate_batch
 from fieldcalib.solve.label_ends import ENDS

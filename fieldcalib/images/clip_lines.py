@@ -10,9 +10,8 @@ import numpy as np
 
 from fieldcalib._types import Array
 from fieldcalib.assess.result import Calibration
-from fieldcalib.images.fitted_lines import fitted_lines
-from fieldcalib.images.frame_lines import frame_lines, with_paint
-from fieldcalib.images.line_profiles import Markings
+from fieldcalib.images.detected_lines import detected_lines, fitted_labels, with_paint
+from fieldcalib.images.field_markings import Markings
 from fieldcalib.images.paint_evidence import Ridges, evidence_of
 from fieldcalib.images.pieces import CameraModel
 from fieldcalib.images.solved_tripods import SolvedTripods
@@ -23,7 +22,7 @@ from fieldcalib.problem.projection import Projection
 from fieldcalib.solve.tripod import Labels
 
 PAINT_EVERY = 5  # frames, besides keyframes, in which paint beside the markings is looked for
-LEAST_SHARE = 0.2  # of the profiles of a shot must show a line where its cameras have markings
+LEAST_LINES = 0.2  # of the profiles of a shot must show a line where its cameras have markings
 
 
 @dataclass(frozen=True, eq=False)
@@ -44,11 +43,11 @@ class _InFrame(NamedTuple):
 
     labels: Labels
     ridges: Ridges | None
-    count: tuple[float, float]
+    profiles: tuple[float, float]
     """Number of profiles with a line, and of all profiles."""
 
 
-def find_lines(solved: SolvedTripods, images: Iterable[Image], network: Network) -> ClipLines:
+def find_clip_lines(solved: SolvedTripods, images: Iterable[Image], network: Network) -> ClipLines:
     """Find the lines in all frames; in keyframes and in every fifth frame, paint beside the markings too.
 
     The network sees the frames of pieces that are calibrated one by one.
@@ -73,8 +72,8 @@ def find_lines(solved: SolvedTripods, images: Iterable[Image], network: Network)
             found[t] = one
     count = np.zeros((len(pieces.number), 2))
     for t, one in found.items():
-        count[t] = one.count
-    shown = {p for p in pieces.numbers if _share(count[pieces.number == p]) >= LEAST_SHARE}
+        count[t] = one.profiles
+    shown = {p for p in pieces.numbers if _share(count[pieces.number == p]) >= LEAST_LINES}
     return ClipLines(
         solved,
         tuple(tuple(p for p in tripod.pieces if p in shown) for tripod in solved.tripods),
@@ -87,7 +86,7 @@ def _fitted(image: Image, calibration: Calibration, markings: Markings) -> _InFr
     """The lines that a frame by itself was calibrated from; None if it has no camera."""
     if calibration.camera is None or calibration.solved is None:
         return None
-    return _InFrame(fitted_lines(calibration), Ridges.of(image, calibration.camera, markings), (1.0, 1.0))
+    return _InFrame(fitted_labels(calibration), Ridges.of(image, calibration.camera, markings), (1.0, 1.0))
 
 
 def _near_markings(image: Image, calibration: Calibration, markings: Markings, with_ridges: bool) -> _InFrame | None:
@@ -95,7 +94,7 @@ def _near_markings(image: Image, calibration: Calibration, markings: Markings, w
     camera = calibration.camera
     if camera is None:
         return None
-    labels, profiles = frame_lines(image, camera, markings, _picture_sigma(calibration))
+    labels, profiles = detected_lines(image, camera, markings, _picture_sigma(calibration))
     ridges = Ridges.of(image, camera, markings) if with_ridges else None
     if ridges is not None:
         labels = with_paint(labels, evidence_of(ridges, markings).beside)

@@ -1,4 +1,4 @@
-"""What a run of frames of a clip shares, where one place of a tripod does not explain what is seen in its keyframes.
+"""Choice of a camera model for a run of frames, where one tripod does not explain the labels of its keyframes.
 
     a tripod -> does it bring the lines of many keyframes off? -> a window that moves over the picture of a tripod,
                                                                   parts with a place of their own, a camera that moves,
@@ -34,18 +34,18 @@ from fieldcalib.solve.tripod import Labels
 
 LEAST_LABELS = 4  # in a keyframe of which one is left out
 LEAST_PIXELS = 3  # of a label that is left out
-NEAR = 2.0  # px of 960 x 540: labels that are predicted to that are predicted well
-LOST = 960.0  # px of these: as far off a frame without a camera has its labels
-CLEARLY = 0.8  # share of the mean logarithm of the misprediction, below which a model is better than another one,
-LEAST_GAIN = 0.02  # if that is also so much less: 0.3 px of 960 x 540 from none, as far as matches err anyway
-MOST_KEPT = 2  # matches of a keyframe with earlier ones, of which the farthest is left out
-WINDOW_SHARE = 0.15  # of the width: principal point in a window cut out of a broadcast and shown as large as that
+WELL_PREDICTED = 2.0  # px of 960 x 540: labels that are predicted to that are predicted well
+LOST = 960.0  # px of 960 x 540: distance of labels and matches of a frame without a camera
+CLEARLY = 0.8  # a model is better than another one if its score is less than that share of the other's,
+LEAST_GAIN = 0.02  # and less by so much: from no misprediction to 0.3 px of 960 x 540, as matches err anyway
+LEAST_TIES = 2  # matches of a keyframe with earlier ones, from which on the farthest is left out
+WINDOW_SHARE = 0.15  # of the width: standard deviation of the principal point in a window that was cut out and enlarged
 LEAST_RUN = 2  # keyframes in a row that make a part
-NOT_LEVEL = 0.15  # m: a crown that a user is told of; lines of level fields are off by a tenth of that
+NOT_LEVEL = 0.15  # m: height of a crown that a user is told of; lines of level fields are off by a tenth of that
 
 
 class Misprediction(NamedTuple):
-    """How far what was left out lies from where it is predicted, pixels of 960 x 540.
+    """Distances of labels and matches that were left out from where they are predicted, pixels of 960 x 540.
 
     Examples
     --------
@@ -55,42 +55,44 @@ class Misprediction(NamedTuple):
     """
 
     labels: Array
-    """Of each label."""
+    """Root mean square distance of each label."""
     matches: Array
-    """Of each pair of frames, the median."""
+    """Median distance of the matches of each pair of frames."""
 
     @property
     def score(self) -> float:
-        """Mean ``log(1 + (d / NEAR)^2)`` of distances d; infinite without any."""
+        """Mean ``log(1 + (d / WELL_PREDICTED)^2)`` of distances d; infinite without any."""
         distances = np.concatenate(self)
-        return float(np.mean(np.log1p(np.square(distances / NEAR)))) if len(distances) else np.inf
+        return float(np.mean(np.log1p(np.square(distances / WELL_PREDICTED)))) if len(distances) else np.inf
 
     @property
     def typical(self) -> float:
         """The distance that has this score."""
-        return NEAR * float(np.sqrt(np.expm1(self.score)))
+        return WELL_PREDICTED * float(np.sqrt(np.expm1(self.score)))
 
     @property
     def of_labels(self) -> Misprediction:
-        """That of the labels alone."""
+        """The misprediction of labels alone."""
         return self._replace(matches=self.matches[:0])
 
     @property
     def of_matches(self) -> Misprediction:
-        """That of the matches alone."""
+        """The misprediction of matches alone."""
         return self._replace(labels=self.labels[:0])
 
     def is_better(self, than: Misprediction) -> bool:
-        """Whether it is clearly less than another one."""
+        """Whether it is clearly better than another one."""
         return self.score < min(CLEARLY * than.score, than.score - LEAST_GAIN)
 
 
 @dataclass(frozen=True)
 class LeftOut:
-    """Labels and matches of keyframes without one of each, and those."""
+    """Labels and matches of keyframes that are left out, to see how well a camera model predicts them."""
 
     kept: Mapping[int, Labels]
+    """The other labels, by frame."""
     left: Mapping[int, tuple[str, Array]]
+    """One label of each frame, and its pixels."""
     pairs: Mapping[tuple[int, int], Cells] = field(default_factory=dict)
     """Matches that are left out."""
 
@@ -98,7 +100,7 @@ class LeftOut:
     def of(cls, labels: Mapping[int, Labels], matches: Mapping[tuple[int, int], Cells] | None = None) -> LeftOut:
         """Leave one label out of each frame; which one changes from frame to frame.
 
-        Of frames that are matched with several others, the match with the farthest one is left out too.
+        If a frame is matched with several others, the match with the farthest one is left out too.
 
         Examples
         --------
@@ -120,7 +122,7 @@ class LeftOut:
             kept[t] = some, of_these
         by_frame = groupby(sorted(matches or {}, key=lambda pair: pair[::-1]), key=lambda pair: pair[1])
         ties = [list(pairs) for _, pairs in by_frame]
-        return cls(kept, left, {pairs[0]: matches[pairs[0]] for pairs in ties if matches and len(pairs) >= MOST_KEPT})
+        return cls(kept, left, {pairs[0]: matches[pairs[0]] for pairs in ties if matches and len(pairs) >= LEAST_TIES})
 
     def misprediction(
         self, object_segments: ObjectSegments, found: Sequence[tuple[IntArray, SequenceCalibration]]

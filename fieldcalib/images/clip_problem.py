@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 from fieldcalib._types import Array
 from fieldcalib.assess.result import Calibration
 from fieldcalib.fields.segments import ObjectSegments
-from fieldcalib.images.fitted_lines import line_loss, per_label
+from fieldcalib.images.detected_lines import line_loss, per_label
 from fieldcalib.images.from_images import ImageTask, calibrate_alone
 from fieldcalib.images.matches import Matches
 from fieldcalib.io.image import Image

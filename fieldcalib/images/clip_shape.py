@@ -26,14 +26,12 @@ from fieldcalib.assess.whole_picture import SHAPE
 from fieldcalib.fields.segments import ObjectSegments
 from fieldcalib.images.borders import shape_within, shown_part, within_borders
 from fieldcalib.images.clip_problem import ClipOptions, ClipProblem
-from fieldcalib.images.fitted_lines import fitted_lines
+from fieldcalib.images.detected_lines import fitted_labels, line_loss
 from fieldcalib.images.pictures import as_shown, log_ratio_of_squash
-from fieldcalib.images.refinement import LOSS_SCALE
 from fieldcalib.io.image import Image, each_checked, size_of
 from fieldcalib.localize import Network
 from fieldcalib.problem.evaluation import Problem, evaluate
 from fieldcalib.problem.layout import Layout
-from fieldcalib.problem.losses import RobustLoss
 from fieldcalib.problem.observations import pack
 from fieldcalib.solve.aspect import SQUARE_LOG_ODDS, WAS_SQUASHED, may_be_squashed, shown_size, stretched
 from fieldcalib.solve.options import CERTAIN
@@ -47,7 +45,7 @@ DARK = 10.0  # mean brightness: of a frame that shows nothing
 # 53 of 89 parts of frames are recognised, and none is taken for the other; with twice as much some parts nearly are.
 WEIGHT = 0.5  # of the labels of a frame
 UPRIGHT_LOG_ODDS = -3.0  # prior log odds of a squashed picture that is higher than wide: most were cut out for phones
-NEAR = 0.05  # px: smaller distances of lines are chance
+CHANCE = 0.05  # px: smaller distances of lines are chance
 
 
 @dataclass(frozen=True, eq=False)
@@ -183,7 +181,7 @@ def distances_in_pictures(
             continue
         camera = camera.scaled(size)
         layout, (pixels, weights) = Layout.of(size, camera.lens), labels
-        problem = Problem(pack(segments, [pixels], size, [weights]), layout, RobustLoss("cauchy", LOSS_SCALE))
+        problem = Problem(pack(segments, [pixels], size, [weights]), layout, line_loss(size))
         rms = rms_by_label(evaluate(problem, layout.theta(camera)[None]))[0]
         found.update({(t, names[k]): float(rms[k]) for k in np.flatnonzero(np.isfinite(rms)).tolist()})
     return found
@@ -192,12 +190,12 @@ def distances_in_pictures(
 def _log_ratio(as_it_is: Mapping[tuple[int, str], float], shown: Mapping[tuple[int, str], float]) -> float:
     """Log odds that frames were squashed, from the distances of their lines as they are and as shown."""
     both = sorted(as_it_is.keys() & shown.keys())
-    u, v = (np.hypot([some[key] for key in both], NEAR) for some in (as_it_is, shown))
+    u, v = (np.hypot([some[key] for key in both], CHANCE) for some in (as_it_is, shown))
     return float(WEIGHT * np.sum(np.log(u / v)))
 
 
 def _labels(calibration: Calibration, size: tuple[int, int]) -> Labels:
     """The lines that a camera was fitted to, in pixels of pictures of a size."""
     assert calibration.camera is not None
-    pixels, weights = fitted_lines(calibration)
+    pixels, weights = fitted_labels(calibration)
     return stretched(pixels, np.divide(size, calibration.camera.image_size)), weights

@@ -11,9 +11,9 @@ from fieldcalib._types import BoolArray, IntArray
 from fieldcalib.assess.markings import MarkingInView
 from fieldcalib.assess.sequence import SequenceCalibration
 from fieldcalib.assess.video import NO_TRIPOD, Shot, VideoCalibration
-from fieldcalib.images.clip_lines import PAINT_EVERY, ClipLines, find_lines
+from fieldcalib.images.clip_lines import PAINT_EVERY, ClipLines, find_clip_lines
+from fieldcalib.images.field_markings import Markings
 from fieldcalib.images.hypotheses import NO_MARKING
-from fieldcalib.images.line_profiles import Markings
 from fieldcalib.images.paint_evidence import evidence_of
 from fieldcalib.images.pieces import CameraModel
 from fieldcalib.images.solved_tripods import Tripod
@@ -60,7 +60,7 @@ def finish_again(
     """Find lines near the markings of finished cameras, and finish again if more markings lie on paint then."""
     kept = [members for members in lines.members if members]
     tripods = tuple(Tripod(*one) for one in zip(kept, first.tripods, strict=True))
-    second = finish(find_lines(replace(lines.solved, tripods=tripods), images, network))
+    second = finish(find_clip_lines(replace(lines.solved, tripods=tripods), images, network))
     return second if _cameras(second) >= _cameras(first) and off_paint(second) < off_paint(first) else first
 
 

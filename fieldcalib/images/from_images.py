@@ -15,19 +15,11 @@ from fieldcalib.assess.together import compute_errors
 from fieldcalib.fields.field import Field
 from fieldcalib.fields.segments import ObjectSegments
 from fieldcalib.geometry.camera import Camera
-from fieldcalib.images.fitted_lines import fitted_lines, fitted_to_lines
+from fieldcalib.images.detected_lines import SEARCH_RANGES, calibrate_on_lines, fitted_labels, per_label
+from fieldcalib.images.field_markings import Markings
 from fieldcalib.images.hypotheses import calibrate_from_consensus, calibrate_localized
-from fieldcalib.images.line_profiles import Markings
 from fieldcalib.images.pictures import Method, with_aspect_told, without_borders
-from fieldcalib.images.refinement import (
-    SEARCH_RANGES,
-    Refined,
-    ToRefine,
-    line_support,
-    near_labels,
-    refine_all,
-    unrefined,
-)
+from fieldcalib.images.refinement import Refined, ToRefine, line_support, near_labels, refine_all, unrefined
 from fieldcalib.io.image import Image, each_checked, size_of
 from fieldcalib.io.images import IMAGES_AT_ONCE, in_parts
 from fieldcalib.localize import Localization, Network, localize
@@ -221,7 +213,8 @@ def _on_another_field(
     if again.calibration is not start:
         return again
     # lines that are found anew are no better than those of before, which this camera fits
-    fitted = fitted_to_lines(task, fitted_lines(before), start.camera.image_size, start.camera)
+    lines = [per_label(fitted_labels(before))]
+    (fitted,) = calibrate_on_lines(task, lines, start.camera.image_size, [start.camera])
     return replace(again, calibration=fitted)
 
 

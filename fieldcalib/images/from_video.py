@@ -3,7 +3,7 @@
     frames                 -> Keyframes         read_keyframes   shots, matches of their frames, labels in keyframes
     Keyframes              -> SolvedShots       solve_shots      each shot, with the camera model that predicts best
     SolvedShots            -> SolvedTripods     solve_tripods    shots of one tripod together
-    SolvedTripods, frames  -> ClipLines         find_lines       lines near the projected markings of every frame
+    SolvedTripods, frames  -> ClipLines         find_clip_lines       lines near the projected markings of every frame
     ClipLines              -> VideoCalibration  finish           all frames of each tripod together
 
 The video is read twice: lines are found in a frame where its camera is known to some pixels, which the other frames
@@ -27,7 +27,7 @@ from fieldcalib.assess.placement import Placement, Shape
 from fieldcalib.assess.video import VideoCalibration
 from fieldcalib.fields.segments import ObjectSegments
 from fieldcalib.images.clip_keyframes import read_keyframes
-from fieldcalib.images.clip_lines import find_lines
+from fieldcalib.images.clip_lines import find_clip_lines
 from fieldcalib.images.clip_models import crown_notes
 from fieldcalib.images.clip_problem import ClipOptions, shared_parameters
 from fieldcalib.images.clip_shape import ShapeEstimator
@@ -216,7 +216,7 @@ def _calibrated_part(
     keyframes = read_keyframes(part, options, network)
     solved = solve_tripods(solve_shots(keyframes))
     count = len(solved.pieces.number)
-    lines = find_lines(solved, islice(second, count), network)
+    lines = find_clip_lines(solved, islice(second, count), network)
     found = finish(lines)
     if off_paint(found) <= LOOK_AGAIN:
         return found

@@ -9,7 +9,7 @@ import numpy as np
 
 from fieldcalib.assess.misfit import rms_by_label
 from fieldcalib.images.clip_problem import ClipOptions
-from fieldcalib.images.fitted_lines import fitted_lines
+from fieldcalib.images.detected_lines import fitted_labels
 from fieldcalib.io.image import Image
 from fieldcalib.localize import Network
 from fieldcalib.problem.evaluation import Evaluation
@@ -33,14 +33,14 @@ class KeyframeLabels:
 
 def label_keyframes(options: ClipOptions, images: Sequence[Image], network: Network) -> list[KeyframeLabels | None]:
     """The labels of keyframes, as single images have them; None where no camera could be fitted."""
-    found = []
-    for calibration in options.calibrate_alone(images, network):
-        if calibration.solved is None:
-            found.append(None)
-            continue
-        consistent = calibration.accepted or are_consistent(calibration.solved.alone.evaluation)
-        found.append(KeyframeLabels(fitted_lines(calibration), calibration.accepted, consistent))
-    return found
+    return [
+        None
+        if one.solved is None
+        else KeyframeLabels(
+            fitted_labels(one), one.accepted, one.accepted or are_consistent(one.solved.alone.evaluation)
+        )
+        for one in options.calibrate_alone(images, network)
+    ]
 
 
 def are_consistent(evaluation: Evaluation) -> bool:

@@ -10,17 +10,17 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from fieldcalib._types import Array
+from fieldcalib._types import BoolArray
 from fieldcalib.assess.markings import MarkingInView
 from fieldcalib.assess.own_errors import OwnErrors
 from fieldcalib.assess.result import Calibration, Status
 from fieldcalib.assess.sequence import STEP, Basis
 from fieldcalib.geometry.camera import Camera
-from fieldcalib.images.clip_lines import LEAST_SHARE
+from fieldcalib.images.clip_lines import LEAST_LINES
 from fieldcalib.images.clip_problem import Cells, ClipOptions, ClipProblem
-from fieldcalib.images.frame_lines import frame_lines
+from fieldcalib.images.detected_lines import detected_lines
+from fieldcalib.images.field_markings import Markings
 from fieldcalib.images.keyframes import KeyframePair
-from fieldcalib.images.line_profiles import Markings
 from fieldcalib.images.shot_solver import KnownCamera, ShotProblem, ShotSolution, SolvedShot
 from fieldcalib.io.image import Image
 from fieldcalib.solve.frame_columns import FrameColumns
@@ -28,7 +28,7 @@ from fieldcalib.solve.ties import Ties, stepped, with_tied
 from fieldcalib.solve.tripod import Labels
 
 MOST_KEYS = 40  # keyframes of a shot that are solved together: 20 seconds
-LOST_FOR = 12  # frames that nothing ties for which a camera is extrapolated: half a second
+MOST_EXTRAPOLATED = 12  # frames that nothing ties for which a camera is extrapolated: half a second
 NO_LINES: Labels = ({}, {})
 
 
@@ -167,7 +167,7 @@ def _tied(
         contradicted = not reached[-1]
     if contradicted:
         return None
-    lines = NO_LINES if image is None else frame_lines(image, layout.camera(theta[-1]), solved.markings)[0]
+    lines = NO_LINES if image is None else detected_lines(image, layout.camera(theta[-1]), solved.markings)[0]
     of_keys = [known[keys[k]].errors for k in first.tolist()]
     of_first = OwnErrors(*(np.array(part) for part in zip(*of_keys, strict=True)))
     columns = tripod.columns(1)
@@ -195,13 +195,13 @@ def _without_camera(message: str) -> FollowedFrame:
 
 def _shows_lines(image: Image, camera: Camera, markings: Markings) -> bool:
     """Whether enough of the markings in view have a line in the image."""
-    (pixels, _), profiles = frame_lines(image, camera, markings, np.inf)
-    return sum(map(len, pixels.values())) >= LEAST_SHARE * max(profiles, 1)
+    (pixels, _), profiles = detected_lines(image, camera, markings, np.inf)
+    return sum(map(len, pixels.values())) >= LEAST_LINES * max(profiles, 1)
 
 
-def _extrapolated(last: Sequence[tuple[int, KnownCamera]], index: int, free: Array) -> KnownCamera | None:
+def _extrapolated(last: Sequence[tuple[int, KnownCamera]], index: int, free: BoolArray) -> KnownCamera | None:
     """The camera that goes on moving as in the last two frames, with errors that grow; None after half a second."""
-    if not last or index - last[-1][0] > LOST_FOR:
+    if not last or index - last[-1][0] > MOST_EXTRAPOLATED:
         return None
     (before, other), (t, camera) = last[0], last[-1]
     gap = index - t

@@ -13,7 +13,7 @@ import numpy as np
 
 from fieldcalib.assess.result import Calibration
 from fieldcalib.images.borders import shape_within, shown_part
-from fieldcalib.images.fitted_lines import fitted_lines, fitted_to_lines
+from fieldcalib.images.detected_lines import calibrate_on_lines, fitted_labels, per_label
 from fieldcalib.io.image import Image, size_of
 from fieldcalib.solve.aspect import log_evidence, may_be_squashed, shown_size, stretched, told
 from fieldcalib.solve.task import Task
@@ -55,12 +55,11 @@ def log_ratio_of_squash(task: Task, as_it_is: Calibration, shown: Calibration) -
     for own in (as_it_is, shown):
         if not own.accepted or own.camera is None:
             continue
-        pixels, weights = fitted_lines(own)
+        pixels, weights = per_label(fitted_labels(own))
         evidence, evidence_shown = (
-            log_evidence(
-                fitted_to_lines(task, (stretched(pixels, np.divide(size, own.camera.image_size)), weights), size)
-            )
+            log_evidence(calibrate_on_lines(task, [(scaled, weights)], size)[0])
             for size in sizes
+            for scaled in [stretched(pixels, np.divide(size, own.camera.image_size))]
         )
         ratios.append(evidence_shown - evidence)
     return float(np.mean(ratios)) if ratios else 0.0

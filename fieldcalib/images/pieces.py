@@ -39,7 +39,7 @@ class Pieces:
     @property
     def numbers(self) -> list[int]:
         """The numbers of all pieces, ascending."""
-        return np.unique(self.number).tolist()
+        return sorted(set(self.number.tolist()))
 
     def frames(self, members: Sequence[int]) -> IntArray:
         """The frames of some pieces, in order."""

@@ -18,22 +18,19 @@ from fieldcalib.assess.verdict import segment_errors
 from fieldcalib.fields.segments import ObjectSegments
 from fieldcalib.geometry.camera import Camera
 from fieldcalib.geometry.homography import YARD
-from fieldcalib.images.line_profiles import Markings, Profiles, Strips, lines_near, pixels_of_lines, profiles_along
+from fieldcalib.images.detected_lines import LOSS_SCALE, PROFILES_PER_SEGMENT, SEARCH_RANGES, calibrate_on_lines
+from fieldcalib.images.field_markings import Markings
+from fieldcalib.images.line_profiles import Profiles, Strips, lines_near, pixels_of_lines, profiles_along
 from fieldcalib.images.paint_evidence import PaintEvidence, Ridges, evidence_of, wide_strips
 from fieldcalib.io.image import Image, checked_image
 from fieldcalib.problem.evaluation import evaluate_cameras
 from fieldcalib.problem.labelled_pixels import ImageSegments, Pixels, Weights, check_segments
-from fieldcalib.problem.losses import RobustLoss
-from fieldcalib.solve.batch import calibrate_labels
 from fieldcalib.solve.from_homography import calibrate_from_homography
-from fieldcalib.solve.options import ALL, DEFAULT_FLAGS, PAINT, CalibrationFlags, Prior, pixel_unit
+from fieldcalib.solve.options import ALL, DEFAULT_FLAGS, CalibrationFlags, Prior, pixel_unit
 from fieldcalib.solve.task import Task
 
 # Lengths are in pixels of a 960 x 540 image and grow with the image.
-SEARCH_RANGES = (12.0, 4.0)  # px from the projected markings, in the first and the second pass
-LOSS_SCALE = 2.0  # px: detected lines are more accurate than that, others are outliers
 STRAY = 8.0  # px from a camera that fits the lines: 6 to 12 give the same AC@10 and AC@20 on images of WC14
-PROFILES_PER_SEGMENT = 5.0  # number of profiles that carries the weight of one segment without a weight
 LEAST_SUPPORT_REFINED = 0.35  # broadcast frames: 0.36 to 0.9 for cameras within 3 px, below 0.38 for 95 % of wrong ones
 
 
@@ -164,14 +161,14 @@ def refine_homography_on_image(
 
 @dataclass(frozen=True, eq=False)
 class ToRefine:
-    """A calibration and what it is refined on."""
+    """A calibration, with the image and the labels that it is refined on."""
 
     image: Image
     calibration: Calibration
     labelled: Pixels
     weights: Weights
     are_detected: bool = False
-    """Whether a network labelled the pixels: what it mistook for a segment is no evidence against the camera."""
+    """Whether a network labelled the pixels: those that it mistook for a segment say nothing against the camera."""
 
 
 @dataclass(frozen=True)
@@ -184,13 +181,13 @@ class Refined:
     profiles: Profiles | None = None
     """Across its markings; None where there is no camera."""
     wide: Strips | None = None
-    """What its image shows there, as `wide_strips`, where that is known already."""
+    """`wide_strips` of its image across these markings, where they are sampled already."""
     paint: PaintEvidence | None = None
-    """What the image shows of the markings in view; None where that was not looked at."""
+    """Paint of the markings in view; None where it was not looked for."""
 
     @property
     def judged(self) -> Calibration:
-        """The calibration with what the image shows of the markings."""
+        """The calibration with the evidence of paint in its image."""
         return self.calibration if self.paint is None else self.calibration.seen_in_image(self.paint.markings)
 
 
@@ -206,13 +203,30 @@ def refine_all(
     already need the last of the `search_ranges` only.
     """
     refined = _in_passes(task, markings, given, search_ranges)
-    refined = [_with_paint(one, image.image, markings) for one, image in zip(refined, given, strict=True)]
     off = [t for t, one in enumerate(refined) if one.calibration.accepted and one.paint and one.paint.beside]
     if off:
         moved = _moved_to_paint(task, markings, [refined[t] for t in off], [given[t] for t in off])
         for t, one in zip(off, moved, strict=True):
             refined[t] = one
     return refined
+
+
+def _fitted(
+    task: Task, given: Sequence[tuple[Calibration, Pixels, ToRefine]], loss_scale: float = LOSS_SCALE
+) -> list[Calibration]:
+    """Fit cameras to detected lines, and to labelled pixels of segments without one, from those of before."""
+    cameras = [calibration.camera for calibration, _, _ in given if calibration.camera is not None]
+    if not cameras:
+        return []
+    labels = [
+        (
+            {**one.labelled, **lines},
+            {label.strip(): weight for label, weight in one.weights.items()}
+            | {label: len(xy) / PROFILES_PER_SEGMENT for label, xy in lines.items()},
+        )
+        for _, lines, one in given
+    ]
+    return calibrate_on_lines(task, labels, cameras[0].image_size, cameras, loss_scale)
 
 
 def _with_paint(one: Refined, image: Image, markings: Markings) -> Refined:
@@ -234,11 +248,9 @@ def _moved_to_paint(
         members.append((one.calibration, {**lines, **one.paint.beside}, replace(image, labelled={}, weights={})))
     starts = _fitted(task.with_flags(CalibrationFlags.CALIB_FIX_PRINCIPAL_POINT), members, max(SEARCH_RANGES))
     again = [replace(image, calibration=start) for image, start in zip(given, starts, strict=True)]
-    found = _in_passes(task, markings, again)
-    moved = [_with_paint(one, image.image, markings) for one, image in zip(found, given, strict=True)]
     return [
         new if new.calibration.accepted and _paint_share(new) > _paint_share(old) else old
-        for old, new in zip(refined, moved, strict=True)
+        for old, new in zip(refined, _in_passes(task, markings, again), strict=True)
     ]
 
 
@@ -247,12 +259,10 @@ def _paint_share(one: Refined) -> float:
 
 
 def _in_passes(
-    task: Task,
-    markings: Markings,
-    given: Sequence[ToRefine],
-    search_ranges: Sequence[float] = SEARCH_RANGES,
+    task: Task, markings: Markings, given: Sequence[ToRefine], search_ranges: Sequence[float] = SEARCH_RANGES
 ) -> list[Refined]:
-    """Cameras fitted to the lines near their markings, in two passes, or as they were."""
+    """Cameras fitted to the lines near their markings, in two passes, or as they were; and their paint."""
+    images = [one.image for one in given]
     found = {t: one.calibration for t, one in enumerate(given)}
     strips = _strips(given, found, markings)
     best = _with_support(given, strips)
@@ -274,7 +284,7 @@ def _in_passes(
         support = _support(one.part(np.arange(len(one.profiles)), max(SEARCH_RANGES)))
         if support >= max(LEAST_SUPPORT_REFINED, best[t].support):
             best[t] = Refined(found[t], support, one.profiles, one)
-    return best
+    return [_with_paint(one, image, markings) for one, image in zip(best, images, strict=True)]
 
 
 def near_labels(
@@ -353,26 +363,3 @@ def line_support(image: Image, camera: Camera, markings: Markings, search_range:
         Pixels of a 960 x 540 image.
     """
     return _support(Strips.of(image, profiles_along(camera, markings), search_range), search_range)
-
-
-def line_task(task: Task, image_size: tuple[int, int], loss_scale: float = LOSS_SCALE) -> Task:
-    """The task for lines that are detected in images of a size: their labels are right, their places nearly so."""
-    loss = RobustLoss("cauchy", loss_scale * pixel_unit(image_size))
-    return replace(task, loss=loss, trust_labels=True, paint=PAINT)
-
-
-def _fitted(
-    task: Task, given: Sequence[tuple[Calibration, Pixels, ToRefine]], loss_scale: float = LOSS_SCALE
-) -> list[Calibration]:
-    """The cameras fitted to detected lines, and to labelled pixels of segments without one, from those of before."""
-    cameras = [calibration.camera for calibration, _, _ in given if calibration.camera is not None]
-    if not cameras:
-        return []
-    size = cameras[0].image_size
-    weights = [
-        {label.strip(): weight for label, weight in one.weights.items()}
-        | {label: len(xy) / PROFILES_PER_SEGMENT for label, xy in lines.items()}
-        for _, lines, one in given
-    ]
-    labels = [{**one.labelled, **lines} for _, lines, one in given]
-    return calibrate_labels(line_task(task, size, loss_scale), labels, size, weights, cameras=cameras)

@@ -18,9 +18,9 @@ from fieldcalib._types import Array, Float32
 from fieldcalib.assess.own_errors import OwnErrors
 from fieldcalib.assess.sequence import SequenceCalibration
 from fieldcalib.images.clip_problem import Cells, ClipOptions, ClipProblem, cells_of
+from fieldcalib.images.field_markings import Markings
 from fieldcalib.images.keyframe_labels import label_keyframes
 from fieldcalib.images.keyframes import KeyframePair
-from fieldcalib.images.line_profiles import Markings
 from fieldcalib.io.image import Image
 from fieldcalib.problem.layout import Layout
 from fieldcalib.solve.tripod import KnownTripod, Labels
@@ -117,8 +117,8 @@ def solve_shot(shot: ShotProblem, segmented: SegmentedImage | None) -> ShotSolut
     }
     labels = None
     if segmented is not None:
-        (found,) = label_keyframes(problem.options, [segmented.image], segmented)
-        labels = found.labels if found is not None and found.accepted else None
+        (keyframe,) = label_keyframes(problem.options, [segmented.image], segmented)
+        labels = keyframe.labels if keyframe is not None and keyframe.accepted else None
     known = problem.labels if labels is None else {**problem.labels, shot.new: labels}
     problem = replace(problem, labels=known, matches={**problem.matches, **matches})
     tried = [pair.indices for pair in shot.pairs]

@@ -51,13 +51,13 @@ def solve_tripods(shots: SolvedShots) -> SolvedTripods:
         groups = grouped({piece: shot for piece, shot in shots.calibrations.items() if piece not in moving})
         groups += [[piece] for piece in moving]
     groups += [[piece] for piece in shots.calibrations if pieces.models.get(piece) is CameraModel.ALONE]
-    tripods = sorted(_consistent(shots, groups), key=lambda tripod: -len(tripod.calibration))
+    tripods = sorted(_consistent_tripods(shots, groups), key=lambda tripod: -len(tripod.calibration))
     if stands:
         tripods = _with_doubtful_pieces(shots.keyframes, pieces, tripods)
     return SolvedTripods(shots.keyframes, pieces, tuple(tripods), shots.notes)
 
 
-def _consistent(shots: SolvedShots, groups: Sequence[Sequence[int]]) -> list[Tripod]:
+def _consistent_tripods(shots: SolvedShots, groups: Sequence[Sequence[int]]) -> list[Tripod]:
     """The tripods of groups of pieces, without pieces that have another camera after all: these make others.
 
     A piece that hardly determines its place joins any group; solved together, its own lines may contradict the others.

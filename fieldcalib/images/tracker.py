@@ -87,6 +87,7 @@ class Tracker:
 
     Examples
     --------
+    >>> import numpy as np
     >>> from fieldcalib import soccer
     >>> with Tracker(soccer()) as tracker:
     ...     calibration = tracker.update(np.zeros((540, 960, 3), np.uint8))
@@ -233,10 +234,11 @@ class Tracker:
         shot = self._shot
         if calibration.camera is None or shot.solved is None:
             return calibration
-        if shot.paint is None or index - shot.paint[0] >= PAINT_EVERY:
-            markings = paint_evidence(image, calibration.camera, shot.solved.markings).markings
-            self._shot = shot = replace(shot, paint=(index, markings))
-        return calibration.seen_in_image(shot.paint[1])
+        paint = shot.paint
+        if paint is None or index - paint[0] >= PAINT_EVERY:
+            paint = index, paint_evidence(image, calibration.camera, shot.solved.markings).markings
+            self._shot = replace(shot, paint=paint)
+        return calibration.seen_in_image(paint[1])
 
     def _add(self, index: int, image: Image, *, has_lines: bool) -> None:
         """Calibrate the newest keyframe if it is time to; one that is not begun yet gives way to it."""

@@ -15,7 +15,7 @@ from fieldcalib._types import Array
 from fieldcalib.assess.misfit import LEAST_FRAMES, misfit, rms_by_label
 from fieldcalib.assess.sequence import SequenceCalibration
 from fieldcalib.fields.segments import ObjectSegments
-from fieldcalib.images.fitted_lines import line_loss
+from fieldcalib.images.detected_lines import line_loss
 from fieldcalib.images.keyframe_labels import EXPLAINED, KeyframeLabels
 from fieldcalib.problem.evaluation import Evaluation, Problem, evaluate
 from fieldcalib.problem.layout import Layout

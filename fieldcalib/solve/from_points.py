@@ -294,17 +294,15 @@ def _calibrated_nearby(points: Points, task: Task, pose: Camera) -> Calibration:
     moved = replace(points, X=scale * (points.X - origin) @ turn.T)
     task = replace(task, object_segments=moved.segments, given=task.given._replace(rvec=rvec, tvec=tvec))
     found = _calibrated(moved, task, pose.image_size)
-    if found.camera is None:
+    if found.camera is None or found.solved is None:
         return found
     C = origin + found.camera.C @ turn / scale
     camera = Camera(found.camera.K, found.camera.R @ turn, C, pose.image_size, found.camera.dist)
-    return replace(found, camera=camera, solved=_moved_back(found.solved, camera, points, scale))
+    return replace(found, camera=camera, errors=_moved_back(found.solved, camera, points, scale))
 
 
-def _moved_back(solved: Solved | None, camera: Camera, points: Points, scale: float) -> Solved | None:
+def _moved_back(solved: Solved, camera: Camera, points: Points, scale: float) -> Solved:
     """The solved problem with the given points in place of those that were moved for the solver."""
-    if solved is None:
-        return None
     observations = pack(points.segments, [points.pixels], camera.image_size, [points.pixel_weights])
     problem = replace(solved.evaluation.problem, observations=observations)
     unit = solved.unit.copy()

@@ -217,7 +217,7 @@ def calibrate_checked(
     relabelled = Relabelled(frames, approached, found.prior, [()] * len(frames))
     if not options.trust_labels:
         relabelled = without_mislabels(frames, weights, approached, found.prior, options)
-    start = with_segment_ends(options.object_segments, relabelled.evaluation, options.wide_loss.scale)
+    start = with_segment_ends(relabelled.evaluation, options.wide_loss.scale)
     solution = solve(start, max_iterations=options.max_iterations, tolerance=options.tolerance)
     are_annotated = [not options.trust_labels and _weigh_alike(weight) for weight in weights]
     solved = _Frames(frames, observations, are_annotated, relabelled, solution, options)
@@ -306,7 +306,7 @@ def _judged(frames: _Frames) -> list[Calibration]:
             complaints=_complaints(errors[t], suspects, alternatives, evidence.far) + _misfit(evidence.rms, options),
             pixel_counts={label: len(xy) for label, xy in frames.given[t].items()},
             field=options.field,
-            solved=Solved(evaluation, relabelled.prior.sigma, t),
+            errors=Solved(evaluation, relabelled.prior.sigma, t),
             are_annotated=frames.are_annotated[t],
         )
         calibrations.append(

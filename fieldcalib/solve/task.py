@@ -13,7 +13,8 @@ from fieldcalib.fields.field import Field
 from fieldcalib.fields.segments import ObjectSegments
 from fieldcalib.fields.stands import SOCCER_SCALE, CameraDistribution, stands_around
 from fieldcalib.geometry.camera import Camera, checked_image_size
-from fieldcalib.geometry.lens import BrownConradyLens, RadialLens, lens_of, opencv_vector
+from fieldcalib.geometry.lens import lens_with
+from fieldcalib.geometry.lens.opencv import COEFFICIENTS, nonzero_coefficients, opencv_vector
 from fieldcalib.problem.labelled_pixels import check_object
 from fieldcalib.problem.layout import (
     ANGLES,
@@ -216,8 +217,8 @@ def _layout(
     The size of a field that is not known is considered: kept, with its uncertainty in that of the camera.
     """
     rho = float(np.hypot(*image_size) / 2.0)
-    full = BrownConradyLens(rho)
-    is_full = not flags & F.CALIB_FIX_K3 or not flags & F.CALIB_FIX_TANGENT_DIST or lens_of(dist_coeffs, rho) == full
-    layout = Layout.of(image_size, full if is_full else RadialLens(rho), size).with_roles(Role.CONSIDERED, "field size")
+    freed = {block for flag, blocks in BLOCKS_OF_FLAGS.items() if not flags & flag for block in blocks}
+    lens = lens_with({"k1", *(freed & {*COEFFICIENTS}), *nonzero_coefficients(dist_coeffs)}, rho)
+    layout = Layout.of(image_size, lens, size).with_roles(Role.CONSIDERED, "field size")
     known = [block for flag, blocks in BLOCKS_OF_FLAGS.items() if flags & flag for block in blocks]
     return layout.fixed(*(block for block in known if block in layout.blocks))
