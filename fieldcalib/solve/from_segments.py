@@ -11,6 +11,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import Protocol
 
 import numpy as np
@@ -214,9 +215,9 @@ def calibrate_checked(
     approached = levenberg_marquardt(
         found.evaluation, max_iterations=options.max_iterations, tolerance=options.approach_tolerance
     ).evaluation
-    relabelled = Relabelled(frames, approached, found.prior, [()] * len(frames))
+    relabelled = Relabelled(approached, found.prior, [()] * len(frames))
     if not options.trust_labels:
-        relabelled = without_mislabels(frames, weights, approached, found.prior, options)
+        relabelled = without_mislabels(approached, found.prior, options)
     start = with_segment_ends(relabelled.evaluation, options.wide_loss.scale)
     solution = solve(start, max_iterations=options.max_iterations, tolerance=options.tolerance)
     are_annotated = [not options.trust_labels and _weigh_alike(weight) for weight in weights]
@@ -266,6 +267,15 @@ class _Frames:
         """At the solution."""
         return self.solution.evaluation
 
+    @cached_property
+    def fitted(self) -> list[Pixels]:
+        """The labels that they were solved with."""
+        observations = self.relabelled.evaluation.problem.observations
+        return [
+            observations.frame(t)[0] if suspects else self.given[t]
+            for t, suspects in enumerate(self.relabelled.suspects)
+        ]
+
     def errors_as_given(self, fitted: list[dict[str, float]]) -> list[dict[str, float]]:
         """Distances of the labels as given, by those of the labels that were solved with."""
         if not any(self.relabelled.suspects):
@@ -286,11 +296,11 @@ def _judged(frames: _Frames) -> list[Calibration]:
     errors = frames.errors_as_given([dict(evidence.errors) for evidence in evidences])
     calibrations = []
     for t, evidence in enumerate(evidences):
-        suspects = relabelled.suspects[t]
-        status, message = verdict(options.object_segments, relabelled.frames[t], evidence, options.tau)
+        suspects = tuple(sorted(relabelled.suspects[t], key=lambda one: list(frames.given[t]).index(one.label)))
+        status, message = verdict(options.object_segments, frames.fitted[t], evidence, options.tau)
         alternatives = (options.layout.camera(other.theta[t]),) if other.fits[t] else ()
         notes = [message, *map(str, suspects), *[OTHER_SIDE_FITS] * len(alternatives)]
-        if status is Status.ACCEPTED and options.field is not None and repeats(relabelled.frames[t], options):
+        if status is Status.ACCEPTED and options.field is not None and repeats(frames.fitted[t], options):
             notes.append(REPEATS.format(options.field.repeats))
         if frames.freed:
             notes.append(f"{', '.join(frames.freed)} estimated too, as the labels call for it")
@@ -319,7 +329,7 @@ def _evidence(frames: _Frames) -> list[Evidence]:
     """What the verdict on each frame rests on."""
     options, relabelled, evaluation = frames.options, frames.relabelled, frames.evaluation
     layout, far, sigma = options.layout, options.wide_loss.scale, relabelled.prior.sigma[:, options.layout.free]
-    losses = ndc_losses(evaluation.theta, layout, options.object_segments, relabelled.frames)
+    losses = ndc_losses(evaluation.theta, layout, options.object_segments, frames.fitted)
     wrong = implausibilities(evaluation, far=far, field=options.field, may_be_inside=options.may_be_inside)
     labels = without_ends = Information.of(evaluation, sigma)
     if evaluation.problem.observations.ends:
@@ -341,7 +351,7 @@ def _evidence(frames: _Frames) -> list[Evidence]:
             converged=bool(frames.solution.converged[t]),
             lens_is_prior=bool(lens_is_prior[t]),
         )
-        for t, (errors, rms) in enumerate(segment_errors(evaluation, relabelled.frames))
+        for t, (errors, rms) in enumerate(segment_errors(evaluation, frames.fitted))
     ]
 
 
