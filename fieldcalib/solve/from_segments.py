@@ -331,11 +331,12 @@ def _evidence(frames: _Frames) -> list[Evidence]:
     layout, far, sigma = options.layout, options.wide_loss.scale, relabelled.prior.sigma[:, options.layout.free]
     losses = ndc_losses(evaluation.theta, layout, options.object_segments, frames.fitted)
     wrong = implausibilities(evaluation, far=far, field=options.field, may_be_inside=options.may_be_inside)
-    labels = without_ends = Information.of(evaluation, sigma)
-    if evaluation.problem.observations.ends:
-        # ends are seen from the camera that was found: they confirm it wherever it is
-        no_ends = evaluation.problem.observations.without_ends.ends
-        without_ends = Information.of(evaluation.with_ends(no_ends), sigma)
+    labels = Information.of(evaluation, sigma)
+    # ends are seen from the camera that was found: they confirm it wherever it is
+    count = evaluation.r.shape[1] - evaluation.problem.observations.ends.xy.shape[1]
+    without_ends = replace(
+        labels, matrix=evaluation.information_of(slice(0, count)) * sigma[:, :, None] * sigma[:, None]
+    )
     needed, lens_is_prior = without_ends.about(options.left_to_labels), _lens_is_prior(labels, options)
     return [
         Evidence(

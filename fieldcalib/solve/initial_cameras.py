@@ -210,10 +210,9 @@ def ground_homographies(
     member = (rows.label[:, None] == labels[:, None]) & on_ground[:, None]  # (T, L, N)
     image_lines = fit_lines(rows.xy[:, None], member.astype(float))
     rho = np.hypot(*observations.image_size) / 2.0
-    visible = np.where(member[..., None], rows.xy[:, None] / rho, np.nan)
-    length = np.zeros(member.shape[:2])
-    seen = member.any(axis=-1)
-    length[seen] = np.linalg.norm(np.nanmax(visible[seen], axis=1) - np.nanmin(visible[seen], axis=1), axis=-1)
+    inside, x = member[..., None], rows.xy[:, None] / rho
+    extent = np.max(np.where(inside, x, -np.inf), axis=2) - np.min(np.where(inside, x, np.inf), axis=2)
+    length = np.where(member.any(axis=-1), np.linalg.norm(extent, axis=-1), 0.0)
 
     first = np.argmax(rows.label.ravel() == labels[:, None], axis=1)  # any row of each label knows its segment
     start, direction = np.moveaxis(rows.geometry.reshape(-1, 2, 3)[first], 1, 0)

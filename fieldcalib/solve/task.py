@@ -47,6 +47,7 @@ from fieldcalib.solve.options import (
 )
 
 F = CalibrationFlags
+SUPPORTED = sum(F)
 
 
 @dataclass(frozen=True, eq=False)
@@ -132,10 +133,9 @@ class Task:
 
 
 def _checked_flags(flags: int) -> CalibrationFlags:
-    supported = sum(CalibrationFlags)
-    if flags & ~supported:
+    if flags & ~SUPPORTED:
         raise ValueError(
-            f"flags {flags & ~supported:#x} are not supported: expected a combination of "
+            f"flags {flags & ~SUPPORTED:#x} are not supported: expected a combination of "
             f"{', '.join(str(flag.name) for flag in CalibrationFlags)}"
         )
     if flags & F.CALIB_AUTO_LENS and flags & F.CALIB_FIX_K1:
