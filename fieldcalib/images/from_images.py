@@ -1,4 +1,4 @@
-"""From images to cameras: labelled pixels by a network, a calibration, and its refinement on the image."""
+"""Calibration of images: pixels labelled by a network, a calibration, and its refinement on the image."""
 
 from __future__ import annotations
 
@@ -125,7 +125,7 @@ def calibrate_from_images(
 
 @dataclass(frozen=True, eq=False)
 class ImageTask:
-    """How images are calibrated."""
+    """A calibration task for images."""
 
     task: Task
     network: Network
@@ -219,7 +219,7 @@ def _on_another_field(
 
 
 def _without_weak(found: Localization) -> Localization:
-    """Without segments of low weight: most of them are false detections, and refinement finds the others."""
+    """Leave out segments of low weight: most are false detections, and refinement finds the others."""
     labels = [label for label, weight in found.weight.items() if weight >= LEAST_WEIGHT]
     return found.only(labels) if len(labels) >= LEAST_SEGMENTS else found
 

@@ -32,11 +32,11 @@ class Part:
     prior: GaussianPrior
     options: Options
     freed: tuple[str, ...] = ()
-    """What was estimated of the lens beyond what the user asked for."""
+    """Lens coefficients that were estimated beyond those that the user asked for."""
 
 
 def with_lens_as_called_for(solution: Solution, prior: GaussianPrior, options: Options) -> Iterator[Part]:
-    """Solved frames in parts, each with as much of the lens as its labels call for."""
+    """Divide solved frames into parts, each solved with as much of the lens as its labels call for."""
     part = Part(np.arange(len(prior.mean)), solution, prior, options)
     for freed in LEVELS:
         more = _solved_with(part, freed)

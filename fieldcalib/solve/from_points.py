@@ -1,4 +1,4 @@
-"""A calibration from points: of a soccer field with a prior, or of any object with a start from the DLT."""
+"""Calibration from points: of a soccer field with a prior, or of any object with a start from the DLT."""
 
 from __future__ import annotations
 
@@ -155,12 +155,12 @@ class Points:
 
     @property
     def pixels(self) -> Pixels:
-        """The pixel of each."""
+        """Pixel of each point, by name."""
         return {name: xy[None] for name, xy in zip(self.names, self.xy, strict=True)}
 
     @property
     def pixel_weights(self) -> PixelWeights:
-        """The weight of each."""
+        """Weight of each point, by name."""
         return {name: np.array([weight]) for name, weight in zip(self.names, self.weights, strict=True)}
 
 
@@ -194,7 +194,7 @@ def _checked_weights(weights: ArrayLike | None, count: int) -> Array:
 
 
 def _checked_members(prior: Prior) -> str | CameraDistribution | tuple[str | CameraDistribution, ...] | None:
-    """The prior, an iterable as a tuple: it is gone through more than once."""
+    """The prior; an iterable as a tuple, since it is read more than once."""
     if prior is None or isinstance(prior, str | CameraDistribution):
         return prior
     try:
@@ -207,7 +207,7 @@ def _checked_members(prior: Prior) -> str | CameraDistribution | tuple[str | Cam
 
 
 def _on_field(prior: Prior) -> bool:
-    """Whether the points are of a field: the stands that have a name are, whose ground is below the camera."""
+    """Whether the points are of a field: a stand that is given by its name is one of a field."""
     members = prior if isinstance(prior, tuple) else (prior,)
     return any(isinstance(member, str) for member in members)
 
@@ -240,7 +240,7 @@ def _calibrate_on_field(points: Points, task: Task, options: Options) -> Calibra
     second = _calibrated(points, _started(task, start), options.image_size)
 
     def badness(calibration: Calibration) -> tuple[bool, float]:
-        """What orders calibrations of the same points: the verdict first, then how far most of them are off."""
+        """Sort key of calibrations of the same points: the verdict first, then the median error."""
         errors = np.array([calibration.per_segment_errors[name] for name in points.names])
         return not calibration.accepted, _median(errors, points.weights)
 
@@ -248,7 +248,7 @@ def _calibrate_on_field(points: Points, task: Task, options: Options) -> Calibra
 
 
 def _median(values: Array, weights: Array) -> float:
-    """The median of values that are there as often as they weigh."""
+    """Weighted median."""
     order = np.argsort(values)
     cumulative = np.cumsum(weights[order])
     middle = np.searchsorted(cumulative, 0.5 * cumulative[-1])

@@ -1,4 +1,4 @@
-"""From labelled pixels to a camera: the whole flow.
+"""Calibration from labelled pixels: the whole flow from labels to a camera with a verdict.
 
     checked pixels -> initial cameras -> wide loss, all of them -> the best plausible one -> narrow loss
                    -> mislabelled segments -> ends of segments -> verdict
@@ -260,11 +260,11 @@ class _Frames:
     solution: Solution
     options: Options
     freed: tuple[str, ...] = ()
-    """What was estimated of the lens beyond what the flags say."""
+    """Lens coefficients that were estimated beyond those of the flags."""
 
     @property
     def evaluation(self) -> Evaluation:
-        """At the solution."""
+        """Evaluation at the solution."""
         return self.solution.evaluation
 
     @cached_property
@@ -277,7 +277,7 @@ class _Frames:
         ]
 
     def errors_as_given(self, fitted: list[dict[str, float]]) -> list[dict[str, float]]:
-        """Distances of the labels as given, by those of the labels that were solved with."""
+        """Errors of the labels as given, from those of the labels that were solved with (`fitted`)."""
         if not any(self.relabelled.suspects):
             return fitted
         problem = replace(self.evaluation.problem, observations=self.observations)
@@ -326,7 +326,7 @@ def _judged(frames: _Frames) -> list[Calibration]:
 
 
 def _evidence(frames: _Frames) -> list[Evidence]:
-    """What the verdict on each frame rests on."""
+    """The evidence for the verdict on each frame."""
     options, relabelled, evaluation = frames.options, frames.relabelled, frames.evaluation
     layout, far, sigma = options.layout, options.wide_loss.scale, relabelled.prior.sigma[:, options.layout.free]
     losses = ndc_losses(evaluation.theta, layout, options.object_segments, frames.fitted)
@@ -359,7 +359,7 @@ def _evidence(frames: _Frames) -> list[Evidence]:
 def _complaints(
     errors: Mapping[str, float], suspects: Sequence[SuspectLabel], alternatives: Sequence[Camera], far: float
 ) -> tuple[str, ...]:
-    """What the labels of one frame say against its camera, though most of them agree with it."""
+    """Complaints of the labels of one frame about a camera that most of them agree with."""
     suspected = {suspect.label for suspect in suspects}
     missed = [label for label, error in errors.items() if error > far and label not in suspected]
     found = [f"{len(suspects)} of {len(errors)} labels are suspect"] if suspects else []

@@ -84,12 +84,12 @@ def initial_cameras(
 
 
 def given_cameras(theta: Array, stands: GaussianPrior) -> InitialCameras:
-    """The initial cameras (T, n) that are known already, one of each frame."""
+    """Initial cameras (T, n) that are known already, one for each frame."""
     return InitialCameras(theta, np.arange(len(theta)), stands.take(_nearest_stand(theta, stands)))
 
 
 def _nearest_stand(theta: Array, stands: GaussianPrior) -> IntArray:
-    """Which of the stands each camera (N, n) is nearest to, by z-score, (N,)."""
+    """Index (N,) of the stand that each camera (N, n) is nearest to, by z-score."""
     z = stands.z_scores(theta[:, None])[..., POSE_AND_ZOOM]
     return np.asarray(np.argmin(np.sum(np.square(z), axis=-1), axis=-1))
 
@@ -228,5 +228,5 @@ def ground_homographies(
 
 
 def _ground_rows(rows: Rows) -> BoolArray:
-    """Which rows (T, N) are pixels of lines on the ground."""
+    """Mask (T, N) of the pixels on lines of the ground."""
     return np.asarray(np.all(np.abs(rows.geometry[..., 2]) < ON_GROUND, axis=-1) & (rows.weight > 0.0))

@@ -29,7 +29,7 @@ from fieldcalib._types import Array, BoolArray, IntArray
 from fieldcalib.assess.result import SuspectLabel
 from fieldcalib.assess.verdict import disagreement, implausibilities
 from fieldcalib.fields.field import Field
-from fieldcalib.fields.segments import Point, boxes
+from fieldcalib.fields.segments import boxes
 from fieldcalib.problem.evaluation import Evaluation, Problem, evaluate
 from fieldcalib.problem.labelled_pixels import Pixels
 from fieldcalib.problem.levenberg_marquardt import levenberg_marquardt
@@ -130,7 +130,7 @@ def _without(observations: Observations, suspects: Sequence[Sequence[SuspectLabe
 
 @dataclass(frozen=True, eq=False)
 class _Costs:
-    """What the explanations of an object's L labels cost, in units of the solver's cost."""
+    """Costs of the explanations of an object's L labels, in units of the solver's cost."""
 
     renamed: Array
     """(L,) of another label, to which what its segment costs is added."""
@@ -144,7 +144,7 @@ class _Costs:
     def of(cls, evaluation: Evaluation, options: Options) -> _Costs:
         """Costs under the loss and the noise of a problem."""
         problem, object_segments = evaluation.problem, options.object_segments
-        is_point = np.array([isinstance(segment, Point) for segment in problem.observations.segments])
+        is_point = np.array([segment.is_point for segment in problem.observations.segments])
         others = np.where(is_point, np.sum(is_point), np.sum(~is_point)) - 1
         rho, _ = problem.loss.evaluate(np.array(options.wide_loss.scale**2))
         missed = LOG_ODDS + 0.5 * float(rho) / problem.noise**2
@@ -178,15 +178,15 @@ class _Explanations:
     """K cameras that explain frames with L labels."""
 
     frame: IntArray
-    """Which frame each explains, (K,)."""
+    """Frame that each camera explains, (K,)."""
     theta: Array
     """(K, n)."""
     cost: Array
-    """(K,); infinite if the camera is implausible, or pruned: it cannot become the cheapest of its frame."""
+    """(K,); infinite if the camera is implausible, or if it cannot become the cheapest of its frame."""
     given: Array
-    """(K, L) if the label is kept."""
+    """Cost of each label if it is kept, (K, L)."""
     cheapest: Array
-    """(K, L)."""
+    """Cost of the cheapest explanation of each label, (K, L)."""
     fits: IntArray
     """(K, L) label of the cheapest explanation, -1 if that is none."""
     errors: Array
@@ -194,7 +194,7 @@ class _Explanations:
 
     @property
     def wrong(self) -> BoolArray:
-        """Which labels are not kept, (K, L)."""
+        """Mask (K, L) of the labels that are not kept."""
         return np.asarray(self.cheapest < self.given)
 
     def take(self, index: IntArray | BoolArray) -> _Explanations:
@@ -212,7 +212,7 @@ class _Search:
 
     costs: _Costs
     evaluation: Evaluation
-    """As if all labels were right."""
+    """The frames solved as if all labels were right."""
     options: Options
 
     @cached_property
@@ -238,7 +238,7 @@ class _Search:
         return [self._suspects(t, every.take(every.frame == t)) for t in range(len(self.frames))]
 
     def _at_hand(self) -> _Explanations:
-        """By the cameras at hand, and by the same solved without what they say is mislabelled."""
+        """Explanations by the cameras at hand, and by the same solved without the labels that these give up."""
         frame = np.arange(len(self.frames))
         first = self._explained(frame, self.evaluation, self.evaluation)
         problem = self.evaluation.problem
@@ -247,7 +247,7 @@ class _Search:
         return _Explanations.joined([first, self._explained(frame, again.of(problem), again)])
 
     def _from_anew(self, needy: list[int]) -> list[_Explanations]:
-        """By cameras that are searched for without one of the labels, for the frames that need it."""
+        """Explanations of `needy` frames by cameras that are searched without one of their labels."""
         labels = self.evaluation.problem.observations.labels
         number = {label: index for index, label in enumerate(labels)}
         left_out = [(t, number[label]) for t in needy for label in self.frames[t] if self._can_do_without(t, label)]
@@ -265,7 +265,7 @@ class _Search:
         return disagreement(self.options.object_segments, self.frames[t], [label], self.options.unknowns) is None
 
     def _refined(self, frame: IntArray, problem: Problem, theta: Array, wrong: BoolArray) -> list[_Explanations]:
-        """By K cameras that are solved without the labels `wrong` (K, L), then without what they say is mislabelled."""
+        """Explanations by K cameras, solved without labels `wrong` (K, L), then without those that these give up."""
         finished = []
         for turn in range(ROUNDS):
             # the lens comes second: a free lens would absorb mislabelled segments
@@ -329,8 +329,8 @@ class _Search:
             name = labels[index]
             xy = self.frames[t][name]
             xy = xy[np.linspace(0, len(xy) - 1, min(len(xy), PIXELS)).round().astype(int)]
-            kind = isinstance(object_segments[name], Point)
-            others = (a for a in labels if a != name and isinstance(object_segments[a], Point) == kind)
+            kind = object_segments[name].is_point
+            others = (a for a in labels if a != name and object_segments[a].is_point == kind)
             as_all_others.append(dict.fromkeys(others, xy))
         packed = pack(object_segments, as_all_others, observations.image_size, motion=observations.motion)
         problem = replace(evaluation.problem, observations=packed.take(which.ravel()))

@@ -113,7 +113,7 @@ WHOLE_LENS = (
 
 @dataclass(frozen=True, eq=False)
 class Options:
-    """How frames of one size are calibrated, in the solver's terms."""
+    """Options of the solver for frames of one size."""
 
     object_segments: ObjectSegments
     """The calibration object."""
@@ -153,7 +153,7 @@ class Options:
 
     @property
     def motion(self) -> Array | None:
-        """How the segments move with the size of the field, where that is a parameter (`Field.motion`)."""
+        """Motion of the segments with the size of the field (`Field.motion`); None where the size is no parameter."""
         return None if self.field is None or self.layout.field_size is None else self.field.motion
 
     @cached_property
@@ -163,7 +163,7 @@ class Options:
 
     @property
     def left_to_labels(self) -> BoolArray:
-        """Which free parameters (P,) the labels must determine, since no prior is good enough for them."""
+        """Mask (P,) of the free parameters that the labels must determine, since no prior is good enough for them."""
         free = np.flatnonzero(self.layout.free)
         known_enough = self.use_prior & (free >= POSE_AND_ZOOM.stop)  # principal point, aspect and lens
         return np.asarray(~known_enough)

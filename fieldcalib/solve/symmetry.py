@@ -26,7 +26,7 @@ class OtherSide:
     theta: Array
     """(B, n)."""
     prior: GaussianPrior
-    """Of the stands where they are then, (B, n); meaningless if none fits."""
+    """Prior of the stands where the turned cameras are, (B, n); meaningless if none fits."""
     fits: BoolArray
     """Whether the labels say nothing against them, and the prior hardly more than against the others, (B,)."""
 
@@ -73,7 +73,7 @@ def repeats(labels: Iterable[str], options: Options) -> bool:
 
 
 def _look_alike(field: Field | None, observations: Observations) -> BoolArray:
-    """Which frames (B,) are labelled with nothing but what is the same from the other side of the field."""
+    """Mask (B,) of the frames whose labels all look the same from the other side of the field."""
     if field is None:
         return np.zeros(len(observations), dtype=bool)
     alike = np.array([label in field.self_symmetric for label in observations.labels])

@@ -1,4 +1,4 @@
-"""What is calibrated, and how: the arguments that all methods share, checked and translated for the solver."""
+"""The task that all methods of calibration share: their common arguments, checked and translated for the solver."""
 
 from __future__ import annotations
 
@@ -73,7 +73,7 @@ class Task:
         return self.object_segments if isinstance(self.object_segments, Field) else None
 
     def with_flags(self, flags: CalibrationFlags) -> Task:
-        """The same task with these flags too."""
+        """Add flags to those of the task."""
         return replace(self, flags=(default_flags(self.prior) if self.flags is None else self.flags) | flags)
 
     def options(self, image_size: tuple[int, int]) -> Options:
