@@ -84,9 +84,7 @@ class ShapeEstimator:
             self.options.calibrate_alone(some, self.network) for some in (images, [as_shown(one) for one in images])
         ]
         alone = [
-            log_ratio_of_squash(
-                self.options.object_segments, one, other, flags=self.options.flags, prior=self.options.prior
-            )
+            log_ratio_of_squash(self.options.task, one, other)
             for one, other in zip(*both, strict=True)
             if one.accepted or other.accepted
         ]

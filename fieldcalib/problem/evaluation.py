@@ -224,7 +224,12 @@ class Evaluation:
     @cached_property
     def information(self) -> Array:
         """Gauss-Newton Hessian of the data alone, (B, P, P)."""
-        return np.asarray((self.JT * self.pull[:, None]) @ np.swapaxes(self.JT, 1, 2))
+        return self.information_of(slice(None))
+
+    def information_of(self, residuals: slice) -> Array:
+        """Gauss-Newton Hessian of some of the data, (B, P, P)."""
+        JT = self.JT[:, :, residuals]
+        return np.asarray((JT * self.pull[:, None, residuals]) @ np.swapaxes(JT, 1, 2))
 
     @cached_property
     def gradient(self) -> Array:
