@@ -10,10 +10,10 @@ import numpy as np
 from fieldcalib._json import from_json, to_json
 from fieldcalib._types import Array
 from fieldcalib.assess.cut_labels import log_ratio_of_cut
-from fieldcalib.assess.probability import Evidence, evidence, probability_right
-from fieldcalib.assess.surprises import LEAST_ASPECT, surprises
+from fieldcalib.assess.probability import OddsTerms, odds_terms, probability_right
+from fieldcalib.assess.surprises import surprises
 from fieldcalib.assess.uncertainty import Uncertainty, uncertainties
-from fieldcalib.assess.whole_picture import SQUASHED_LOG_ODDS, Picture, seems_part
+from fieldcalib.assess.whole_picture import SQUASHED_LOG_ODDS, Picture, is_squashed, seems_part
 from fieldcalib.fields.field import Field
 from fieldcalib.problem.evaluation import Evaluation, evaluate
 from fieldcalib.problem.records import problem_from_record, problem_to_record
@@ -38,24 +38,24 @@ class Solved:
 
     def __init__(self, evaluation: Evaluation, unit: Array, frame: int = 0) -> None:
         self.evaluation, self.unit, self.frame = evaluation, unit, frame
-        # remembered: the uncertainty, also on the last field that was asked for, and the evidence on that
+        # remembered: the uncertainty, also on the last field that was asked for, and the terms of the log odds there
         self._uncertainty: Uncertainty | None = None
         self._on: Uncertainty | None = None
-        self._evidence: tuple[Field, tuple[Evidence, Evidence]] | None = None
+        self._terms: tuple[Field, tuple[OddsTerms, OddsTerms]] | None = None
 
     @staticmethod
     def compute(several: Sequence[Solved], field: Field | None = None) -> None:
-        """Compute what frames of one evaluation are to remember, all at once.
+        """Compute and remember the uncertainties of frames of one evaluation, all at once.
 
-        That is their uncertainties and, on a field with a probability model, the evidence for their probabilities.
+        On a field with a probability model, compute the terms of their log odds of being right too.
         """
         first, index = several[0], np.array([one.frame for one in several])
         found = uncertainties(first.evaluation.take(index).trimmed, first.unit[index])
         for one, uncertainty in zip(several, found, strict=True):
             one._uncertainty = uncertainty
         if field is not None and field.probability is not None:
-            for one, its_evidence in zip(several, evidence(found, field), strict=True):
-                one._evidence = field, its_evidence
+            for one, terms in zip(several, odds_terms(found, field), strict=True):
+                one._terms = field, terms
 
     @property
     def alone(self) -> Solved:
@@ -85,9 +85,9 @@ class Solved:
     def probability(self, field: Field, metres: float, *, size_known: bool, level: bool) -> float:
         """Probability that no point of the field in view is off by more than some metres, by the labels."""
         assert field.probability is not None
-        if self._evidence is None or self._evidence[0] is not field:
-            self._evidence = field, evidence([self.uncertainty], field)[0]
-        rows, weights = self._evidence[1][level or size_known]
+        if self._terms is None or self._terms[0] is not field:
+            self._terms = field, odds_terms([self.uncertainty], field)[0]
+        rows, weights = self._terms[1][level or size_known]
         if size_known:
             rows, weights = rows[:1], np.ones(1)
         return probability_right(field.probability, rows, weights, metres)
@@ -98,8 +98,7 @@ class Solved:
         if picture is None:
             return unusual
         solved = self.uncertainty.camera  # in a frame with square pixels
-        (a, b), (c, d) = np.diagonal(picture.camera.K)[:2], np.diagonal(solved.K)[:2]
-        log_ratio = SQUASHED_LOG_ODDS * bool(abs(np.log(a * d / (b * c))) > LEAST_ASPECT)
+        log_ratio = SQUASHED_LOG_ODDS * is_squashed(picture.camera, solved)
         if picture.are_annotated:
             pixels, _ = self.evaluation.problem.observations.without_ends.unpacked(self.frame)
             log_ratio += log_ratio_of_cut(picture.field, pixels, solved)
