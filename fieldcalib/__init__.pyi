@@ -1,7 +1,15 @@
+from . import assess as assess
 from . import draw as draw
+from . import fields as fields
+from . import geometry as geometry
+from . import images as images
 from . import io as io
 from . import localize as localize
 from . import metrics as metrics
+from . import plot as plot
+from . import problem as problem
+from . import processes as processes
+from . import solve as solve
 from .assess.ground_points import locate_on_ground as locate_on_ground
 from .assess.result import Calibration as Calibration
 from .assess.result import NoCameraError as NoCameraError
@@ -9,6 +17,7 @@ from .assess.result import Status as Status
 from .assess.sequence import SequenceCalibration as SequenceCalibration
 from .assess.together import compute_errors as compute_errors
 from .assess.video import VideoCalibration as VideoCalibration
+from .fields.catalogue import field as field
 from .fields.field import Field as Field
 from .fields.segments import Arc as Arc
 from .fields.segments import Line as Line

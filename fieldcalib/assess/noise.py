@@ -26,14 +26,10 @@ class Noise:
     def __init__(self, evaluation: Evaluation) -> None:
         self.evaluation = evaluation
         observations = evaluation.problem.observations
-        label, columns = observations.label, observations.columns
-        ends = columns["ends"].start
+        label, share = observations.label, observations.pixel_share
         self.segment = (label[..., None] == np.unique(label[label >= 0])).astype(float)  # (B, M, segments)
-        count = (self.segment @ np.sum(self.segment[:, :ends], axis=1)[..., None])[..., 0]
-        # points have two residuals per pixel, one along each axis, as independent as two segments; so have ends
-        across = columns["points"].start
-        self.segment[:, across:] = 0.0
-        count[:, across:ends] /= 2.0
+        count = (self.segment @ (np.swapaxes(self.segment, 1, 2) @ share)[..., None])[..., 0]
+        self.segment[:, ~observations.shares_noise] = 0.0
         self.shared = SHARED_NOISE * np.sum(self.segment, axis=-1)
         # a weight is one over a variance; each of N pixels of a segment has an Nth of it
         self.relative_sigma = 1.0 / np.sqrt(np.where(label >= 0, observations.weight * count, 1.0))

@@ -48,7 +48,7 @@ def largest_error(uncertainty: Estimate, field: Field) -> float:
     Examples
     --------
     >>> from fieldcalib import calibrate_from_segments, soccer
-    >>> from fieldcalib.cli.demo import observe, pan_over_field
+    >>> from fieldcalib.problem.simulated import observe, pan_over_field
     >>> (camera,) = pan_over_field(1)
     >>> frame = observe(camera, soccer(), np.random.default_rng(0), noise=1.0)
     >>> calibration = calibrate_from_segments(soccer(size_known=True), frame, camera.image_size)

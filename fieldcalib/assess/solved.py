@@ -100,7 +100,7 @@ class Solved:
         solved = self.uncertainty.camera  # in a frame with square pixels
         log_ratio = SQUASHED_LOG_ODDS * is_squashed(picture.camera, solved)
         if picture.are_annotated:
-            pixels, _ = self.evaluation.problem.observations.without_ends.unpacked(self.frame)
+            pixels, _ = self.evaluation.problem.observations.frame(self.frame)
             log_ratio += log_ratio_of_cut(picture.field, pixels, solved)
         part = seems_part(self.on(picture.field), picture.probability, log_ratio, picture.declared)
         return (*part, *unusual)

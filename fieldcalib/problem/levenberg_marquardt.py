@@ -23,7 +23,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fieldcalib._types import Array, BoolArray, IntArray
-from fieldcalib.problem.closest_points import ClosestPoints
+from fieldcalib.fields.segments.closest import ClosestPoints
 from fieldcalib.problem.compilation import kernels, packed_frames, unknowns
 from fieldcalib.problem.coupling import Coupling
 from fieldcalib.problem.evaluation import LENS_TAILS, LOG_F_RANGE, Evaluation, Problem, evaluate
