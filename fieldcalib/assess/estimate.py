@@ -87,7 +87,7 @@ class Estimate(ABC):
     @property
     @abstractmethod
     def observability(self) -> tuple[Direction, ...]:
-        """What the labels determine and what came from the prior, least determined first."""
+        """Directions of the parameters, least determined by the labels first."""
 
     @abstractmethod
     def propagated(self, J: Array) -> Array:
@@ -164,7 +164,7 @@ class Estimate(ABC):
 
     @property
     def remedy(self) -> str:
-        """What would make positions known from the centre mark; empty where they are (`fieldcalib.assess.datum`)."""
+        """Advice where positions from the centre mark are not known, else empty (`fieldcalib.assess.datum`)."""
         if not np.any(self.motion_of_markings):
             return ""
         block = self.layout.field_size_block

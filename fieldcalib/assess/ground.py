@@ -11,7 +11,7 @@ from fieldcalib.problem.projection import Projection
 
 
 def ground_of_pixels(projection: Projection, xy: Array) -> tuple[Array, BoolArray]:
-    """Ground points (B, N, 3) of pixels (B, N, 2), and which pixels show the ground, (B, N): other points are void."""
+    """Ground points (B, N, 3) of pixels (B, N, 2), and which pixels show the ground, (B, N)."""
     dx, dy = projection.observed_offset(xy)
     isotropic = np.array([dx, dy / projection.aspect])
     s = isotropic if projection.is_pinhole else projection.layout.lens.undistort(isotropic, projection.lens)

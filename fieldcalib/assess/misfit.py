@@ -12,6 +12,7 @@ parameters cancel; the size of each gives how far the estimate would move withou
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 
@@ -89,7 +90,7 @@ def misfit(evaluation: Evaluation) -> Misfit:
     if layout.field_size is not None and np.any(layout.free[layout.field_size_block]):
         size = evaluation.theta[:, layout.field_size_block]
         observations = observations.moved(size - layout.field_size.given)
-    nothing = dict.fromkeys(("prior", "group", "considered", "background", "path"))
+    nothing: dict[str, Any] = dict.fromkeys(("prior", "group", "considered", "background", "path"))
     problem = replace(evaluation.problem, observations=observations, layout=own, **nothing)
     start = evaluate(problem, evaluation.theta)
     alone = levenberg_marquardt(start, max_iterations=ITERATIONS, tolerance=TOLERANCE).evaluation

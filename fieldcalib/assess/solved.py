@@ -1,4 +1,4 @@
-"""A frame that was solved by itself or in a batch: its errors are computed from its problem at the solution."""
+"""Errors of a frame that was solved by itself or in a batch, computed from its problem at the solution."""
 
 from __future__ import annotations
 
@@ -70,14 +70,14 @@ class Solved:
 
     @property
     def uncertainty(self) -> Uncertainty:
-        """How far the camera of the frame may be off, relative to the centre mark."""
+        """The estimate of the frame with no field in view: its errors are relative to the centre mark."""
         if self._uncertainty is None:
             self.compute([self])
         assert self._uncertainty is not None
         return self._uncertainty
 
     def on(self, field: Field | None) -> Uncertainty:
-        """How far the camera may be off with this field in view."""
+        """The estimate of the frame with this field in view."""
         if self._on is None or self._on.field is not field:
             self._on = self.uncertainty.on(field)
         return self._on
@@ -93,7 +93,7 @@ class Solved:
         return probability_right(field.probability, rows, weights, metres)
 
     def doubts(self, picture: Picture | None) -> tuple[str, ...]:
-        """What the labels say against an ordinary camera and, if a picture is given, against a whole frame."""
+        """Evidence of the labels against an ordinary camera and, if a picture is given, against a whole frame."""
         unusual = surprises(self.uncertainty)
         if picture is None:
             return unusual

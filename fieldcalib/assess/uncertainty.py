@@ -49,7 +49,7 @@ TOUCHED = 1e-6  # share of a derivative along an open direction above which it i
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Uncertainty(Estimate):
-    """How far the calibration of one frame may be off.
+    """An estimate from the labels of one frame, with its uncertainty.
 
     Examples
     --------
@@ -185,7 +185,7 @@ class Uncertainty(Estimate):
         return float(np.sqrt(g @ np.linalg.lstsq(scale[:, None] * V * scale, g, rcond=None)[0]))
 
     def __str__(self) -> str:
-        """Say what the labels determine and what comes from the prior."""
+        """Parameters by origin: from the labels, mostly from the prior, or open."""
         has_prior = self.problem.prior is not None
         groups: dict[str, list[str]] = {}
         for direction in self.observability:
@@ -313,7 +313,7 @@ def _variance(evaluation: Evaluation, noise: Noise, directions: _Directions) -> 
 
 
 class _Kept(NamedTuple):
-    """What the labels of B frames say of k parameters that are kept at given values, if the camera follows them."""
+    """Derivatives of the cost of B frames by k parameters that are kept at given values, with the camera following."""
 
     following: Array
     """Derivatives (B, P, k) of the camera, along the directions."""
@@ -338,13 +338,13 @@ class _Kept(NamedTuple):
         return cls(following, gradient, information, L @ noisy @ np.swapaxes(L, 1, 2))
 
     def offset(self, t: int, i: int) -> tuple[float, float]:
-        """How far off the labels of frame t put parameter i, to first order, and the standard deviation of that."""
+        """Error of parameter i by the labels of frame t, to first order, and its standard deviation."""
         information = max(self.information[t, i, i], FAINT)
         return float(-self.gradient[t, i] / information), float(np.sqrt(max(self.spread[t, i, i], 0.0)) / information)
 
 
 def _size_evidence(problem: Problem, kept: _Kept) -> tuple[list[SizeEvidence | None], list[SizeEvidence | None]]:
-    """What each frame says about the size of its field, if that is level, and about size and crown together."""
+    """Size of the field by each frame, if the ground is level, and size and crown together."""
     layout, size, B = problem.layout, problem.layout.field_size, len(problem)
     if size is None or problem.considered is not None or not np.all(layout.considered[layout.field_size_block]):
         return [None] * B, [None] * B  # the size is exact, known with a covariance, or estimated
