@@ -1,15 +1,16 @@
-"""What one frame says about the size of its field, which is calibrated at the given one.
+"""The size of a field, estimated from one frame that was calibrated at the given size.
 
-A priori the field has the given size, with a probability, or one that is normal around it (`fieldcalib.fields.traits`).
-To first order the labels of a frame put the size delta off the given one, with a covariance V that has the noise of the
-pixels and the freedom of the camera in it. Under the k-th possibility, of covariance S_k, delta is normal with V + S_k:
-that weighs the possibilities anew, and leaves of the size the second moment
+A priori the field has the given size, with some probability, or a size that is normal around it
+(`fieldcalib.fields.traits`). To first order the labels of a frame put the size delta off the given one, with a
+covariance V from the noise of the pixels and the freedom of the camera. Under the k-th possibility, of covariance S_k,
+delta is normal with covariance V + S_k. That gives the posterior probabilities of the possibilities, and the second
+moment of the size under each,
 
     M_k = m m^T + S_k - S_k (V + S_k)^-1 S_k,        m = S_k (V + S_k)^-1 delta.
 
-A frame that shows both touchlines knows the width; one that cannot tell keeps what was known before. No field has a
-size that the rules forbid: a possibility counts by the share of it, given the labels, that is legal. Where none is,
-labels are wrong, and nothing is known but what was known before: that is one possibility more.
+A frame that shows both touchlines determines the width; one that shows neither keeps the prior. Sizes that the rules
+forbid are excluded: the probability of a possibility is multiplied by its legal share, given the labels. One more
+possibility is that labels are wrong and the size is as uncertain as before.
 """
 
 from __future__ import annotations
@@ -20,41 +21,37 @@ import numpy as np
 
 from fieldcalib._types import Array
 
-FAINT = 1e-6  # 1 / m^2: information that keeps what no label tells in the system
-# Labels that are wrong: probability, of which 1 in 50 frames of good cameras has one that bends the size, and standard
-# deviations in metres of the length, width and crown that fit best then.
-WRONG, FAR_OFF = 0.02, np.array([30.0, 30.0, 3.0])
+FAINT = 1e-6  # 1 / m^2: information that is added so that the system is regular
+WRONG = 0.02  # probability of wrong labels: 1 in 50 frames of good cameras has one that bends the size
+FAR_OFF = np.array([30.0, 30.0, 3.0])  # m: standard deviations of the best fitting length, width and crown then
 LEAST_ROOM = 1.0  # m: the given size is possible, whatever the rules say
 
 
 @dataclass(frozen=True, eq=False)
 class SizeEvidence:
-    """What one frame says about length and width of its field, and, if that is asked too, about its crown.
-
-    These are c quantities, 2 or 3.
-    """
+    """Estimates of c quantities from one frame: length and width of its field and, if c is 3, its crown."""
 
     offset: Array
-    """Of what fits best from what is given, (c,) metres."""
+    """Best fitting quantities less the given ones, (c,) metres."""
     covariance: Array
-    """Of that, (c, c)."""
+    """Covariance of the offset, (c, c)."""
     weights: Array
-    """Probabilities of the possibilities, (K + 1,), the last one of wrong labels."""
+    """Probabilities of the possibilities, (K + 1,), the last one being wrong labels."""
     means: Array
-    """Mean of the true quantities less the given ones under each, (K + 1, c)."""
+    """Mean of the true quantities less the given ones under each possibility, (K + 1, c)."""
     moments: Array
-    """Second moments of the same, (K + 1, c, c)."""
+    """Second moment of that difference, (K + 1, c, c)."""
     as_given: float
     """Probability that the field has the given size."""
 
     @property
     def moment(self) -> Array:
-        """Second moment over all possibilities, (c, c)."""
+        """Second moment (c, c) over all possibilities."""
         return np.asarray(np.tensordot(self.weights, self.moments, axes=1))
 
     @property
     def mean(self) -> Array:
-        """Expected size less the given one, where it is not the given one and no label is wrong, (c,)."""
+        """Expected size less the given one, (c,), if the field has not the given size and no label is wrong."""
         some = np.where(np.any(self.means != 0.0, axis=1), self.weights, 0.0)
         return np.asarray(some @ self.means / max(float(np.sum(some)), FAINT))
 
@@ -62,20 +59,20 @@ class SizeEvidence:
     def of(
         cls, information: Array, gradient: Array, spread: Array, prior: tuple[Array, Array], room: Array | None = None
     ) -> SizeEvidence:
-        """The evidence of a frame.
+        """Estimate the quantities of a frame.
 
         Parameters
         ----------
         information : (c, c) array
-            Of the labels about length, width and perhaps crown, the camera following.
+            Information of the labels about them, with the camera free.
         gradient : (c,) array
-            Of the cost by these.
+            Gradient of the cost by them.
         spread : (c, c) array
             Covariance of that gradient.
         prior : (K,) array, (K, c) array
             Probabilities and standard deviations of the possibilities.
         room : (2, 2) array, optional
-            How much smaller and larger than given the rules let the field be, metres; rows are (length, width).
+            By how much the rules let length and width be smaller (first row) and larger than given, metres.
 
         Examples
         --------
@@ -118,7 +115,7 @@ class SizeEvidence:
 
 
 def _legal_share(mean: Array, covariance: Array, room: Array) -> Array:
-    """Share (K,) of normal distributions (K, c) that is legal, length and width taken by themselves."""
+    """Legal share (K,) of normal distributions (K, c), with length and width taken for independent."""
     from scipy.special import ndtr  # a slow import
 
     sigma = np.sqrt(np.maximum(np.diagonal(covariance, axis1=-2, axis2=-1), FAINT))
