@@ -31,8 +31,8 @@ from typing import Any
 import numpy as np
 
 from data_tools.probability import largest_true_error
+from fieldcalib.assess.compute_errors import compute_errors
 from fieldcalib.assess.result import LEAST_PROBABILITY, Calibration, Verdict
-from fieldcalib.assess.together import compute_errors
 from fieldcalib.cli.arguments import image_size
 from fieldcalib.cli.folder import read_frames
 from fieldcalib.cli.main import run_command

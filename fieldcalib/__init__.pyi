@@ -2,11 +2,11 @@ from . import draw as draw
 from . import io as io
 from . import localize as localize
 from . import metrics as metrics
+from .assess.compute_errors import compute_errors as compute_errors
 from .assess.ground_points import locate_on_ground as locate_on_ground
 from .assess.result import Calibration as Calibration
 from .assess.result import Status as Status
-from .assess.sequence import SequenceCalibration as SequenceCalibration
-from .assess.together import compute_errors as compute_errors
+from .assess.sequence_calibration import SequenceCalibration as SequenceCalibration
 from .assess.video import VideoCalibration as VideoCalibration
 from .fields.field import Field as Field
 from .fields.segments import Arc as Arc

@@ -13,7 +13,7 @@ from tripods import SIZE, far_off
 from data_tools.synthetic.clips import background_matches, camera_path, flight, labelled
 from data_tools.synthetic.film import Scene, TrueFrame, film
 from fieldcalib import Camera, calibrate_batch, calibrate_sequence, calibrate_video, soccer
-from fieldcalib.assess.sequence import Basis
+from fieldcalib.assess.sequence_calibration import Basis
 from fieldcalib.images.background_motion import background_motion, mapped
 from fieldcalib.images.plane_motion import plane_motion
 from fieldcalib.problem.layout import CENTER

@@ -8,9 +8,9 @@ from synthetic import observe, random_frames, whole_circle_markings
 
 from data_tools.probability import fitted, largest_true_error, reliability, risk_coverage_area
 from data_tools.random_frames import random_frame
+from fieldcalib.assess.compute_errors import compute_errors
 from fieldcalib.assess.probability import largest_error, probability_right
 from fieldcalib.assess.result import Status
-from fieldcalib.assess.together import compute_errors
 from fieldcalib.fields.soccer import PROBABILITY, soccer
 from fieldcalib.geometry.camera import Camera
 from fieldcalib.solve.batch import calibrate_batch
@@ -161,7 +161,9 @@ def test_errors_that_are_known_are_not_computed_again(monkeypatch):
     known = calibrations[1].uncertainty
     compute_errors(calibrations)
     assert calibrations[1].uncertainty is known
-    monkeypatch.setattr("fieldcalib.assess.together.uncertainties", lambda *arguments: pytest.fail("computed again"))
+    monkeypatch.setattr(
+        "fieldcalib.assess.compute_errors.uncertainties", lambda *arguments: pytest.fail("computed again")
+    )
     compute_errors(calibrations)
 
 

@@ -15,7 +15,7 @@ from data_tools.synthetic.film import Scene, TrueFrame, film
 from fieldcalib import Status, soccer
 from fieldcalib.assess.markings import MarkingInView
 from fieldcalib.assess.result import Verdict
-from fieldcalib.assess.sequence import Basis
+from fieldcalib.assess.sequence_calibration import Basis
 from fieldcalib.geometry.camera import Camera
 from fieldcalib.images import tracker as tracker_module
 from fieldcalib.images.keyframes import KeyframeTracker

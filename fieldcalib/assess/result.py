@@ -445,12 +445,12 @@ class Calibration:
         return self.solved is None or "uncertainty" in vars(self.solved)
 
     def keep_uncertainty(self, uncertainty: Uncertainty) -> None:
-        """Keep what was computed with that of other calibrations, see `fieldcalib.assess.together`."""
+        """Keep what was computed with that of other calibrations, see `fieldcalib.assess.compute_errors`."""
         assert self.solved is not None
         self.solved.uncertainty = uncertainty
 
     def keep_evidence(self, found: tuple[Evidence, Evidence]) -> None:
-        """Keep what the probability rests on, on any and on level ground, see `fieldcalib.assess.together`."""
+        """Keep what the probability rests on, on any and on level ground, see `fieldcalib.assess.compute_errors`."""
         vars(self)["_evidence"] = found
 
     def __iter__(self) -> Iterator[Any]:

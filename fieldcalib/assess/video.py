@@ -14,7 +14,7 @@ from fieldcalib._types import IntArray
 from fieldcalib.assess.frame_sequence import FrameSequence, read_record
 from fieldcalib.assess.placement import Shape
 from fieldcalib.assess.result import Calibration, Status
-from fieldcalib.assess.sequence import NUMBERS, Basis, SequenceCalibration
+from fieldcalib.assess.sequence_calibration import NUMBERS, Basis, SequenceCalibration
 
 if TYPE_CHECKING:
     import pandas

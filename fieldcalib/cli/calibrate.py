@@ -9,9 +9,9 @@ from dataclasses import dataclass, replace
 from functools import partial
 from typing import Any
 
+from fieldcalib.assess.compute_errors import compute_errors
 from fieldcalib.assess.placement import Placement
 from fieldcalib.assess.result import Calibration
-from fieldcalib.assess.together import compute_errors
 from fieldcalib.cli.arguments import (
     add_camera,
     add_input_and_output,

@@ -15,7 +15,7 @@ import numpy as np
 
 from fieldcalib.assess.placement import Placement
 from fieldcalib.assess.result import Calibration
-from fieldcalib.assess.sequence import SequenceCalibration
+from fieldcalib.assess.sequence_calibration import SequenceCalibration
 from fieldcalib.assess.video import VideoCalibration
 from fieldcalib.cli.arguments import cut_of
 from fieldcalib.cli.declared import is_aspect_estimated

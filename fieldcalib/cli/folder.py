@@ -12,9 +12,9 @@ from pathlib import Path
 from types import MappingProxyType
 from typing import Any, TypeAlias, TypeVar
 
+from fieldcalib.assess.compute_errors import compute_errors
 from fieldcalib.assess.ndc import ndc_loss
 from fieldcalib.assess.result import Calibration, Status
-from fieldcalib.assess.together import compute_errors
 from fieldcalib.cli.results import LOCALIZED, SUMMARY, Outcome, calibration_line, counted, result_folder
 from fieldcalib.cli.run_record import RECORD, RunRecord
 from fieldcalib.cli.units import Made, processes_of, unit_size, units_of, work

@@ -10,7 +10,7 @@ import numpy as np
 
 from fieldcalib._types import Array, BoolArray, IntArray
 from fieldcalib.assess.result import Calibration
-from fieldcalib.assess.sequence import Basis, SequenceCalibration
+from fieldcalib.assess.sequence_calibration import Basis, SequenceCalibration
 from fieldcalib.assess.video import VideoCalibration
 from fieldcalib.draw.scene import SHIFT, Colour, fixed_point
 from fieldcalib.io.image import Image

@@ -21,7 +21,7 @@ import numpy as np
 from fieldcalib.assess.misfit import rms_by_label
 from fieldcalib.assess.placement import Crop, Placement, Shape
 from fieldcalib.assess.result import Calibration
-from fieldcalib.assess.sequence import SequenceCalibration
+from fieldcalib.assess.sequence_calibration import SequenceCalibration
 from fieldcalib.assess.whole_picture import SHAPE
 from fieldcalib.fields.segments import ObjectSegments
 from fieldcalib.images.borders import shown_part
@@ -38,9 +38,9 @@ from fieldcalib.problem.losses import RobustLoss
 from fieldcalib.problem.observations import pack
 from fieldcalib.solve.aspect import SQUARE_LOG_ODDS, WAS_SQUASHED, may_be_squashed, shown_size, stretched
 from fieldcalib.solve.given_camera import NOTHING_GIVEN, GivenCamera
+from fieldcalib.solve.joint_problem import labels_of
 from fieldcalib.solve.options import CERTAIN, Prior
 from fieldcalib.solve.sequence_solver import SHARED
-from fieldcalib.solve.together import labels_of
 from fieldcalib.solve.tripod import Labels
 
 SEEN, APART = 8, 12  # frames that are looked at, and how far they are from one another

@@ -13,7 +13,7 @@ from fieldcalib.assess.markings import MarkingInView
 from fieldcalib.assess.misfit import LEAST_FRAMES, is_contradicted, is_of_wrong_model
 from fieldcalib.assess.misfit import LEAST_SHARE as LEAST_CONTRADICTED
 from fieldcalib.assess.result import Calibration
-from fieldcalib.assess.sequence import SequenceCalibration
+from fieldcalib.assess.sequence_calibration import SequenceCalibration
 from fieldcalib.assess.video import NO_TRIPOD, Shot, VideoCalibration
 from fieldcalib.fields.segments import ObjectSegments
 from fieldcalib.images.clip_models import (
@@ -50,8 +50,8 @@ from fieldcalib.problem.projection import Projection
 from fieldcalib.solve.centres import nearest_places
 from fieldcalib.solve.from_segments import NO_PIXELS
 from fieldcalib.solve.given_camera import NOTHING_GIVEN, GivenCamera
+from fieldcalib.solve.joint_problem import labels_of
 from fieldcalib.solve.options import CalibrationFlags, Prior
-from fieldcalib.solve.together import labels_of
 from fieldcalib.solve.tripod import Labels
 
 LONGEST_GAP = 25  # frames without a camera in a row that are interpolated: a second

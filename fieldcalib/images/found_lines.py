@@ -9,8 +9,8 @@ from fieldcalib.images.frame_lines import as_given
 from fieldcalib.images.refinement import LOSS_SCALE
 from fieldcalib.problem.losses import RobustLoss
 from fieldcalib.solve.batch import calibrate_batch
+from fieldcalib.solve.joint_problem import labels_of
 from fieldcalib.solve.options import PAINT, Prior, pixel_unit
-from fieldcalib.solve.together import labels_of
 
 
 def on_found_lines(calibration: Calibration, field: Field, camera: Camera, *, flags: int, prior: Prior) -> Calibration:

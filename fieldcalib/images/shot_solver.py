@@ -15,7 +15,7 @@ from typing import NamedTuple
 import numpy as np
 
 from fieldcalib._types import Array, Float32
-from fieldcalib.assess.sequence import SequenceCalibration
+from fieldcalib.assess.sequence_calibration import SequenceCalibration
 from fieldcalib.fields.segments import ObjectSegments
 from fieldcalib.images.frame_lines import as_given
 from fieldcalib.images.frames_together import Cells, cells_of, solver_of_lines
@@ -25,9 +25,9 @@ from fieldcalib.images.line_profiles import Markings
 from fieldcalib.io.image import Image
 from fieldcalib.problem.layout import Layout
 from fieldcalib.solve.given_camera import NOTHING_GIVEN, GivenCamera
+from fieldcalib.solve.joint_problem import labels_of
 from fieldcalib.solve.options import Prior
 from fieldcalib.solve.sequence_solver import SHARED
-from fieldcalib.solve.together import labels_of
 from fieldcalib.solve.tripod import KnownTripod, Labels
 
 MOST_KEYS = 40  # keyframes of a shot that are solved together: 20 seconds

@@ -22,7 +22,7 @@ from fieldcalib._types import Array
 from fieldcalib.assess.markings import MarkingInView
 from fieldcalib.assess.own_errors import OwnErrors
 from fieldcalib.assess.result import Calibration, Status
-from fieldcalib.assess.sequence import STEP, Basis
+from fieldcalib.assess.sequence_calibration import STEP, Basis
 from fieldcalib.fields.segments import ObjectSegments
 from fieldcalib.geometry.camera import Camera
 from fieldcalib.images.clip_shape import LookedAt

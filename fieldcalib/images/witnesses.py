@@ -13,7 +13,7 @@ import numpy as np
 
 from fieldcalib._types import Array, IntArray
 from fieldcalib.assess.misfit import misfit, rms_by_label
-from fieldcalib.assess.sequence import SequenceCalibration
+from fieldcalib.assess.sequence_calibration import SequenceCalibration
 from fieldcalib.fields.segments import ObjectSegments
 from fieldcalib.images.frame_lines import per_pixel
 from fieldcalib.images.refinement import LOSS_SCALE

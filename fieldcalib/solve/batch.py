@@ -30,7 +30,6 @@ from fieldcalib.processes.jobs import in_order
 from fieldcalib.solve.aspect import with_aspect_as_told
 from fieldcalib.solve.from_segments import NO_PIXELS, calibrate_checked
 from fieldcalib.solve.given_camera import GivenCamera, as_fixed
-from fieldcalib.solve.handed_over import HandedOver
 from fieldcalib.solve.options import (
     DEFAULT_CRITERIA,
     CalibrationFlags,
@@ -40,6 +39,7 @@ from fieldcalib.solve.options import (
     checked_options,
     default_flags,
 )
+from fieldcalib.solve.packed_calibrations import PackedCalibrations
 
 CHUNK = 128  # frames solved together: their arrays still fit the processor's cache
 CHUNK_PIXELS = 16384  # of them together, padding included: bounds the memory of densely labelled frames
@@ -207,8 +207,8 @@ def calibrate_frames(
     of_part = partial(_calibrate_part, object_segments, options, trust_labels)
     found: Iterable[list[Calibration]] = map(of_part, parts)
     if executor is not None:
-        handed_over = in_order(executor, partial(_handed_over, of_part), parts)
-        found = (one.received(options.field) for one in handed_over)
+        packed = in_order(executor, partial(_calibrate_and_pack, of_part), parts)
+        found = (one.unpacked(options.field) for one in packed)
     for chunk, some in zip(chunks, found, strict=True):
         for t, calibration in zip(chunk, some, strict=True):
             calibrations[t] = calibration
@@ -232,8 +232,8 @@ def _calibrate_part(
     )
 
 
-def _handed_over(of_part: Callable[[_Part], list[Calibration]], part: _Part) -> HandedOver:
-    return HandedOver.of(of_part(part))
+def _calibrate_and_pack(of_part: Callable[[_Part], list[Calibration]], part: _Part) -> PackedCalibrations:
+    return PackedCalibrations.of(of_part(part))
 
 
 def _checked_cameras(cameras: Iterable[Camera]) -> list[Camera]:

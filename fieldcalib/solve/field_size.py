@@ -28,8 +28,8 @@ from fieldcalib.problem.layout import Layout, Role, SizeBlock
 from fieldcalib.problem.levenberg_marquardt import levenberg_marquardt
 from fieldcalib.problem.prior import GaussianPrior
 from fieldcalib.solve.batch import calibrate_batch
+from fieldcalib.solve.joint_problem import joint_evaluation, labels_of
 from fieldcalib.solve.options import DEFAULT_CRITERIA, DEFAULT_FLAGS, Prior
-from fieldcalib.solve.together import labels_of, put_together
 
 STILL = 1e-3  # metres: a size that moves by less stays
 ROUNDS = 10
@@ -243,7 +243,7 @@ def _together(calibrations: Sequence[Calibration], mean: Array, sizes: SizePrior
     prior_mean[:, cameras:], prior_sigma[:, cameras:] = mean, sizes.sigma
     once = layout.is_centre | (np.arange(layout.size) >= cameras)
     theta = np.concatenate([np.concatenate([part.theta for part in parts]), np.tile(size, (count, 1))], axis=1)
-    return put_together(
+    return joint_evaluation(
         pitch, [labels_of(part) for part in parts], problem, layout, theta, GaussianPrior(prior_mean, prior_sigma), once
     )
 

@@ -10,7 +10,7 @@ from fieldcalib._types import Array, BoolArray, IntArray
 from fieldcalib.assess.level import if_level
 from fieldcalib.assess.own_errors import OwnErrors, ground_errors
 from fieldcalib.assess.result import Calibration, Status, SuspectLabel
-from fieldcalib.assess.sequence import BASES, LARGEST_ERROR, STATUSES, Basis, Frames
+from fieldcalib.assess.sequence_calibration import BASES, LARGEST_ERROR, STATUSES, Basis, Frames
 from fieldcalib.problem.evaluation import Evaluation
 from fieldcalib.solve.options import Options
 

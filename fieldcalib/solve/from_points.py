@@ -23,7 +23,6 @@ from fieldcalib.problem.labelled_pixels import Pixels, checked_weight
 from fieldcalib.problem.layout import ANGLES, CENTER, LOG_ASPECT, LOG_F, PRINCIPAL_POINT
 from fieldcalib.problem.losses import LossName, RobustLoss
 from fieldcalib.problem.observations import pack
-from fieldcalib.solve.coordinates import check_coordinates
 from fieldcalib.solve.from_segments import calibrate_from_segments
 from fieldcalib.solve.options import (
     ALL,
@@ -35,6 +34,7 @@ from fieldcalib.solve.options import (
     Prior,
     checked_options,
 )
+from fieldcalib.solve.origin_and_unit import check_coordinates
 from fieldcalib.solve.resection import LEAST_IN_SPACE, LEAST_ON_PLANE, resect
 
 HORIZONTAL = rotation_from_angles(np.array([0.0, np.pi / 2.0, 0.0]))  # towards the far side, horizontally

@@ -23,7 +23,7 @@ from fieldcalib.assess.misfit import inflation, is_contradicted, is_of_wrong_mod
 from fieldcalib.assess.noise import pooled_noise
 from fieldcalib.assess.own_errors import OwnErrors, own_errors
 from fieldcalib.assess.result import Calibration, Status
-from fieldcalib.assess.sequence import LARGEST_ERROR, SequenceCalibration
+from fieldcalib.assess.sequence_calibration import LARGEST_ERROR, SequenceCalibration
 from fieldcalib.assess.shared import by_considered, shared_covariance
 from fieldcalib.fields.field import Field
 from fieldcalib.fields.segments import ObjectSegments
@@ -41,6 +41,7 @@ from fieldcalib.solve.centres import ACCELERATION, expected_centres, near_path, 
 from fieldcalib.solve.frame_columns import FrameColumns
 from fieldcalib.solve.given_camera import NOTHING_GIVEN, GivenCamera
 from fieldcalib.solve.initial_cameras import given_cameras
+from fieldcalib.solve.joint_problem import joint_evaluation, labels_of
 from fieldcalib.solve.options import (
     DEFAULT_CRITERIA,
     CalibrationFlags,
@@ -52,7 +53,6 @@ from fieldcalib.solve.options import (
 from fieldcalib.solve.shared_starts import SAME, WIDTHS, elsewhere, followed, narrowing
 from fieldcalib.solve.solved_together import SolvedTogether, Start
 from fieldcalib.solve.ties import Matched, Ties, contradicted, with_tied
-from fieldcalib.solve.together import labels_of, put_together
 from fieldcalib.solve.tripod import KnownTripod, Labels, PixelNoise
 
 SIZE = "field size"
@@ -363,7 +363,7 @@ class SequenceSolver:
             some = labelled
         stands = gaussian_priors(self.options.distributions, layout)
         prior = given_cameras(theta[some], stands).prior if self.options.use_prior else None
-        together = put_together(
+        together = joint_evaluation(
             self.object_segments,
             [labels.get(t, ({}, {})) for t in some.tolist()],
             self._problem(layout),

@@ -15,7 +15,7 @@ from fieldcalib.assess.misfit import Misfit, misfit
 from fieldcalib.assess.result import Calibration
 from fieldcalib.problem.evaluation import Evaluation
 from fieldcalib.problem.layout import CENTER, Layout, Role
-from fieldcalib.solve.together import labels_of
+from fieldcalib.solve.joint_problem import labels_of
 from fieldcalib.solve.tripod import Labels, PixelNoise
 
 

@@ -11,7 +11,7 @@ import numpy as np
 from fieldcalib._types import Array, IntArray
 from fieldcalib.assess.own_errors import OwnErrors, own_errors
 from fieldcalib.assess.result import Calibration
-from fieldcalib.assess.sequence import LARGEST_ERROR
+from fieldcalib.assess.sequence_calibration import LARGEST_ERROR
 from fieldcalib.fields.segments import ObjectSegments
 from fieldcalib.problem.background import BackgroundPairs
 from fieldcalib.problem.evaluation import Problem, evaluate

@@ -19,7 +19,7 @@ from fieldcalib.problem.prior import GaussianPrior
 from fieldcalib.problem.smooth_path import SmoothPath
 
 
-def put_together(
+def joint_evaluation(
     object_segments: ObjectSegments,
     frames: Sequence[tuple[Pixels, PixelWeights]],
     like: Problem,
