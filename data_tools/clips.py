@@ -29,7 +29,7 @@ import numpy as np
 from data_tools.synthetic.clips import seen_far_away
 from fieldcalib._types import Array, BoolArray
 from fieldcalib.assess.camera_errors import region_radius
-from fieldcalib.assess.sequence_calibration import Basis
+from fieldcalib.assess.frame_table import Basis
 from fieldcalib.assess.video import VideoCalibration
 from fieldcalib.cli.main import run_command
 from fieldcalib.fields.soccer import soccer
@@ -44,7 +44,7 @@ from fieldcalib.io.videos import VideoReader
 from fieldcalib.localize.network import SegmentationNetwork
 from fieldcalib.problem.evaluation import evaluate_camera
 from fieldcalib.solve.options import ALL, DEFAULT_FLAGS
-from fieldcalib.solve.sequence_solver import SHARED
+from fieldcalib.solve.sequence_problem import SHARED
 from fieldcalib.solve.tripod import Labels
 
 GRID = (9, 7)  # pixels across and down, where field points are looked at

@@ -16,7 +16,7 @@ from fieldcalib.images.clip_solver import ClipSolver, off_paint
 from fieldcalib.images.witnesses import agree
 from fieldcalib.problem.evaluation import evaluate_camera
 from fieldcalib.solve.options import ALL, DEFAULT_FLAGS
-from fieldcalib.solve.sequence_solver import SHARED
+from fieldcalib.solve.sequence_problem import SHARED
 from fieldcalib.solve.ties import thinned
 
 FIELD = soccer()

@@ -12,6 +12,7 @@ from synthetic import observe
 from tripods import SIZE, chain, matched, operated, panned
 
 from fieldcalib.assess.camera_errors import KnownErrors
+from fieldcalib.assess.level import Considered
 from fieldcalib.assess.noise import FOUND_BESIDE, Noise
 from fieldcalib.assess.own_errors import GRID, OwnErrors, ground_errors, own_errors, whole_covariance
 from fieldcalib.fields.soccer import soccer
@@ -220,7 +221,7 @@ def test_the_whole_covariance_is_that_of_own_errors_and_shared_ones(rng):
     A[OWN, :4], A[OWN, 4:], A[SHARED, 4:] = np.eye(4), -F, np.eye(len(SHARED))
     both = np.zeros(2 * (A.shape[1],))
     both[:4, :4], both[4:, 4:] = E, V
-    found = whole_covariance(E, F, V, LAYOUT)
+    found = whole_covariance(E, F, Considered(LAYOUT, V))
     np.testing.assert_allclose(found, A @ both @ A.T, atol=1e-10)
     assert not found[[9, LAYOUT.lens_block.stop - 1]].any()  # what is fixed
 
@@ -248,13 +249,15 @@ def test_ground_errors_are_the_median_over_the_picture(rng, layout, field):
     o, S = (int(np.count_nonzero(part)) for part in (layout.free, layout.considered))
     root, root_V = rng.normal(size=(B, o, o)) * 1e-3, rng.normal(size=(S, S)) * 1e-2
     errors, V = OwnErrors(root @ np.swapaxes(root, 1, 2), rng.normal(size=(B, o, S)) * 1e-2), root_V @ root_V.T
-    found = ground_errors(theta, layout, errors, V, field)
+    found = ground_errors(theta, errors, Considered(layout, V), field)
     half = np.full(2, np.inf) if field is None else (52.5, 34.0)
     xy = np.stack(np.meshgrid(np.linspace(0.0, 959.0, GRID[0]), np.linspace(0.0, 539.0, GRID[1])), axis=-1).reshape(
         -1, 2
     )
     for t in range(B):
-        known = KnownErrors(layout, theta[t], whole_covariance(errors.own[t], errors.following[t], V, layout))
+        known = KnownErrors(
+            layout, theta[t], whole_covariance(errors.own[t], errors.following[t], Considered(layout, V))
+        )
         X = known.camera.image_to_field(xy)
         X = X[np.isfinite(X).all(axis=1) & np.all(np.abs(X[:, :2]) <= half, axis=1)]
         if not len(X):
@@ -268,10 +271,11 @@ def test_who_looks_at_the_sky_sees_no_field():
     theta = operated(np.random.default_rng(0), 2, LAYOUT)
     theta[1, 1] = 2.2
     errors = OwnErrors(np.tile(1e-6 * np.eye(4), (2, 1, 1)), np.zeros((2, 4, len(SHARED))))
-    found = ground_errors(theta, LAYOUT, errors, np.zeros(2 * (len(SHARED),)), FIELD)
+    exact = Considered(LAYOUT, np.zeros(2 * (len(SHARED),)))
+    found = ground_errors(theta, errors, exact, FIELD)
     assert np.isfinite(found).tolist() == [True, False]
     none = OwnErrors(*(part[:0] for part in errors))
-    assert len(ground_errors(theta[:0], LAYOUT, none, np.zeros(2 * (len(SHARED),)), FIELD)) == 0
+    assert len(ground_errors(theta[:0], none, exact, FIELD)) == 0
 
 
 # against truth

@@ -3,10 +3,6 @@
 Noise of the labels is in both fits; what remains of the difference is the error of the model. Where that is large, the
 model does not hold: the camera moves, the window of a cut-out does, the ground is not flat, or the shared parameters
 sit in a wrong minimum.
-
-What is shared is then known worse than white noise of the pixels says, since errors of a model are alike in frames that
-follow one another. So the frames are divided into runs. At the solution the gradients of all runs by what is shared
-cancel; how large each of them is says how much the estimate would move without that run (a block jackknife).
 """
 
 from __future__ import annotations
@@ -16,7 +12,6 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from fieldcalib._types import Array, BoolArray
-from fieldcalib.assess.shared import gradients_by_shared
 from fieldcalib.problem.evaluation import Evaluation, evaluate
 from fieldcalib.problem.layout import POSE_AND_ZOOM, Role
 from fieldcalib.problem.levenberg_marquardt import levenberg_marquardt
@@ -28,7 +23,6 @@ LARGEST_EXCESS = 2.5 / 1101.0
 LEAST_FRAMES = 5  # of fewer nobody knows what is wrong
 LEAST_SHARE = 0.15  # of the frames: so many that the model does not explain are no chance, it does not hold
 SOMEWHAT = 0.4  # of the largest excess: the median of keyframes of such clips is 0.6 px at most
-RUNS = 8  # of frames, whose errors are taken for independent
 ITERATIONS = 8  # of each frame by itself, from where all frames together have it
 TOLERANCE = 1e-3  # of its cost
 
@@ -108,43 +102,20 @@ def misfit(evaluation: Evaluation) -> Misfit:
 
 def rms_of_labels(evaluation: Evaluation) -> Array:
     """Root mean square distance of the labelled pixels of each frame, (B,); NaN where there are none."""
-    squares, count = _squares_by_label(evaluation)
+    squares, count = squares_by_label(evaluation)
     with np.errstate(invalid="ignore"):
         return np.asarray(np.sqrt(np.sum(squares, axis=1) / np.sum(count, axis=1)))
 
 
 def rms_by_label(evaluation: Evaluation) -> Array:
     """Root mean square distance of the pixels of each label, (B, L)."""
-    squares, count = _squares_by_label(evaluation)
+    squares, count = squares_by_label(evaluation)
     with np.errstate(invalid="ignore"):
         return np.asarray(np.sqrt(squares / count))
 
 
-def _squares_by_label(evaluation: Evaluation) -> tuple[Array, Array]:
+def squares_by_label(evaluation: Evaluation) -> tuple[Array, Array]:
     """Sums of squared distances, and numbers of pixels, (B, L)."""
     observations = evaluation.problem.observations.without_ends
     squares = np.square(evaluation.r[:, : observations.weight.shape[1]])
     return observations.by_label(np.where(observations.label >= 0, squares, 0.0)), observations.pixels_by_label
-
-
-def inflation(evaluation: Evaluation, covariance: Array, inverse: Array, kappa: Array) -> float:
-    """By what the covariance (S, S) of what frames share is to be multiplied: 1 where their noise is white.
-
-    The mean, over directions in units of that covariance, of the variance that runs of frames show.
-
-    Parameters
-    ----------
-    evaluation : Evaluation
-        Of T frames at the solution.
-    covariance, inverse : (S, S) arrays
-        As `fieldcalib.assess.shared.shared_covariance` gives them.
-    kappa : (T,) array
-        As it takes it.
-    """
-    runs = [run for run in np.array_split(np.arange(len(evaluation.theta)), RUNS) if len(run)]
-    if len(runs) < 3 or not len(covariance):
-        return 1.0
-    pulls = gradients_by_shared(evaluation, kappa)
-    moved = np.array([np.sum(pulls[run], axis=0) for run in runs]) @ inverse
-    squares = np.sum(moved * np.linalg.solve(covariance, moved.T).T)
-    return max(1.0, float(squares) * len(runs) / (len(runs) - 1) / len(covariance))

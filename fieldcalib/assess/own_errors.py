@@ -1,11 +1,11 @@
-"""What frames of one tripod leave open of their own parameters: pan, tilt, roll and zoom, where the rest is shared.
+"""Errors of the frames' own parameters, pan, tilt, roll and zoom, where frames of one camera share the rest.
 
 To first order the error of a frame's own parameters is
 
     own = e - F s,        e with covariance E, s that of what is shared, with covariance V,
 
-e being what the labels of the frame and what ties it leave open if all that is shared were exact. Where a frame is tied
-to others with own errors e_k - F_k s, these are handed on through the coupling C of both frames.
+e being the error if all that is shared were exact: of the frame's labels and of the matches that tie it. Where a frame
+is tied to others with own errors e_k - F_k s, these propagate through the coupling C of both frames.
 """
 
 from __future__ import annotations
@@ -17,11 +17,10 @@ import numpy as np
 from fieldcalib._types import Array
 from fieldcalib.assess.datum import relative_to_markings
 from fieldcalib.assess.ground import ground_derivatives, ground_of_pixels
-from fieldcalib.assess.level import if_level
+from fieldcalib.assess.level import Considered
 from fieldcalib.assess.noise import Noise, gram
 from fieldcalib.fields.field import Field
 from fieldcalib.problem.evaluation import Evaluation
-from fieldcalib.problem.layout import Layout
 from fieldcalib.problem.levenberg_marquardt import coupled
 from fieldcalib.problem.projection import Projection
 
@@ -29,7 +28,7 @@ GRID = (7, 5)  # pixels across and down the picture
 
 
 class OwnErrors(NamedTuple):
-    """Of B frames with o own parameters, which share S others."""
+    """Errors of B frames with o own parameters, which share S others."""
 
     own: Array
     """E, (B, o, o)."""
@@ -38,7 +37,7 @@ class OwnErrors(NamedTuple):
 
 
 def own_errors(evaluation: Evaluation, sigma: float, kappa: float, of_first: OwnErrors | None = None) -> OwnErrors:
-    """Of frames at their solution: what they share is considered, and pairs of the background tie them.
+    """Errors of frames at their solution, whose layout considers what they share; pairs of the background tie them.
 
     Parameters
     ----------
@@ -98,24 +97,25 @@ def _of_labels(evaluation: Evaluation, sigma: float, kappa: float) -> tuple[Arra
     return hessian, between, border, noise.by_line(JT, evaluation.pull)
 
 
-def whole_covariance(E: Array, F: Array, V: Array, layout: Layout) -> Array:
-    """Covariance (n, n) of all parameters of one frame, from E (o, o), F (o, S) and V (S, S)."""
-    own, considered = np.flatnonzero(layout.free), np.flatnonzero(layout.considered)
+def whole_covariance(E: Array, F: Array, considered: Considered) -> Array:
+    """Covariance (n, n) of all parameters of one frame, from E (o, o), F (o, S) and that of what frames share."""
+    layout, V = considered.layout, considered.covariance
+    own, shared = np.flatnonzero(layout.free), np.flatnonzero(layout.considered)
     covariance = np.zeros((layout.size, layout.size))
     covariance[np.ix_(own, own)] = E + F @ V @ F.T
-    covariance[np.ix_(own, considered)] = -F @ V
-    covariance[np.ix_(considered, own)] = -V @ F.T
-    covariance[np.ix_(considered, considered)] = V
+    covariance[np.ix_(own, shared)] = -F @ V
+    covariance[np.ix_(shared, own)] = -V @ F.T
+    covariance[np.ix_(shared, shared)] = V
     return covariance
 
 
-def ground_errors(theta: Array, layout: Layout, errors: OwnErrors, V: Array, field: Field | None) -> Array:
-    """Root mean square error, metres, of the field that each of B cameras sees, relative to the markings in view, (B,).
+def ground_errors(theta: Array, errors: OwnErrors, considered: Considered, field: Field | None) -> Array:
+    """Root mean square error of the field that each of B cameras sees, relative to the markings in view, metres, (B,).
 
-    The field is taken for level, whatever is known of its crown.
     It is the median over a grid of pixels that see the ground within the field, or anywhere if there is none; NaN where
-    none does.
+    none does. The field is taken for level, whatever is known of its crown.
     """
+    layout = considered.layout
     half = np.full(2, np.inf) if field is None else np.array([field.length, field.width]) / 2.0
     width, height = layout.image_size
     x, y = np.meshgrid(np.linspace(0.0, width - 1.0, GRID[0]), np.linspace(0.0, height - 1.0, GRID[1]))
@@ -124,10 +124,10 @@ def ground_errors(theta: Array, layout: Layout, errors: OwnErrors, V: Array, fie
     X, seen = ground_of_pixels(projection, xy)
     seen &= np.all(np.abs(X[..., :2]) <= half, axis=-1)
     some = layout.free | layout.considered
-    V = if_level(V, layout.is_crown[layout.considered])
     moved = relative_to_markings(ground_derivatives(projection, X, seen, some), projection, field, some)
     own = moved[..., layout.free[some]]
     shared = moved[..., layout.considered[some]] - own @ errors.following[:, None]
+    V = considered.if_level
     squares = np.einsum("bnij,bjk,bnik->bn", own, errors.own, own) + np.einsum("bnij,jk,bnik->bn", shared, V, shared)
     ordered = np.sort(np.where(seen, squares, np.inf), axis=1)
     count = np.sum(seen, axis=1)

@@ -26,7 +26,7 @@ from fieldcalib.assess.whole_picture import SHAPE
 from fieldcalib.fields.segments import ObjectSegments
 from fieldcalib.images.borders import shown_part
 from fieldcalib.images.frame_lines import as_given, per_pixel
-from fieldcalib.images.frames_together import solver_of_lines
+from fieldcalib.images.frames_together import problem_of_lines
 from fieldcalib.images.from_images import calibrate_frames_alone
 from fieldcalib.images.pictures import as_shown, log_ratio_of_squash
 from fieldcalib.images.refinement import LOSS_SCALE
@@ -40,7 +40,8 @@ from fieldcalib.solve.aspect import SQUARE_LOG_ODDS, WAS_SQUASHED, may_be_squash
 from fieldcalib.solve.given_camera import NOTHING_GIVEN, GivenCamera
 from fieldcalib.solve.joint_problem import labels_of
 from fieldcalib.solve.options import CERTAIN, Prior
-from fieldcalib.solve.sequence_solver import SHARED
+from fieldcalib.solve.sequence_problem import SHARED
+from fieldcalib.solve.sequence_solver import solve_sequence
 from fieldcalib.solve.tripod import Labels
 
 SEEN, APART = 8, 12  # frames that are looked at, and how far they are from one another
@@ -107,7 +108,7 @@ class LookedAt:
         """How far the lines of each label of each frame lie off in pictures that are shown at a size, together; px."""
         scale = np.divide(shown, size)
         labels = {t: (stretched(pixels, scale), weights) for t, (pixels, weights) in enumerate(frames)}
-        solver = solver_of_lines(
+        problem = problem_of_lines(
             self.object_segments,
             range(len(frames)),
             labels,
@@ -118,7 +119,7 @@ class LookedAt:
             shared=SHARED,
             given=self.given,
         )
-        return distances_in_pictures(self.object_segments, solver.calibrated(None), frames, size)
+        return distances_in_pictures(self.object_segments, solve_sequence(problem).calibration, frames, size)
 
 
 def some_of(images: Iterable[Image]) -> list[Image]:

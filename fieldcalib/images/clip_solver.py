@@ -31,7 +31,7 @@ from fieldcalib.images.clip_models import (
     said_of_window,
 )
 from fieldcalib.images.frame_lines import as_given, frame_lines, with_paint
-from fieldcalib.images.frames_together import Cells, cells_of, solver_of_lines
+from fieldcalib.images.frames_together import Cells, cells_of, problem_of_lines
 from fieldcalib.images.from_images import calibrate_frames_alone
 from fieldcalib.images.hypotheses import NO_MARKING
 from fieldcalib.images.keyframes import Tied
@@ -52,6 +52,7 @@ from fieldcalib.solve.from_segments import NO_PIXELS
 from fieldcalib.solve.given_camera import NOTHING_GIVEN, GivenCamera
 from fieldcalib.solve.joint_problem import labels_of
 from fieldcalib.solve.options import CalibrationFlags, Prior
+from fieldcalib.solve.sequence_solver import calibrate_one_by_one, solve_sequence
 from fieldcalib.solve.tripod import Labels
 
 LONGEST_GAP = 25  # frames without a camera in a row that are interpolated: a second
@@ -175,7 +176,7 @@ class ClipSolver:
         frames = self.frames(pieces).tolist()
         is_window = not self.windows.isdisjoint(pieces)
         not_shared = "centre" if self.moving.issuperset(pieces) else "principal point" if is_window else ""
-        solver = solver_of_lines(
+        problem = problem_of_lines(
             self.object_segments,
             frames,
             lines,
@@ -186,7 +187,10 @@ class ClipSolver:
             shared=tuple(name for name in self.shared if name != not_shared),
             given=self.given,
         )
-        calibration = solver.one_by_one() if self.alone.issuperset(pieces) else solver.calibrated(start)
+        if self.alone.issuperset(pieces):
+            calibration = calibrate_one_by_one(problem)
+        else:
+            calibration = solve_sequence(problem, start).calibration
         return with_witnesses(calibration, *self._witnessed(pieces, calibration))
 
     def _witnessed(self, pieces: Sequence[int], calibration: SequenceCalibration) -> tuple[IntArray, Array]:

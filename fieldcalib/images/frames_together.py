@@ -12,13 +12,12 @@ from fieldcalib.problem.losses import RobustLoss
 from fieldcalib.solve.given_camera import NOTHING_GIVEN, GivenCamera
 from fieldcalib.solve.options import (
     DEFAULT_FLAGS,
-    PAINT,
     CalibrationFlags,
     Prior,
     default_flags,
     pixel_unit,
 )
-from fieldcalib.solve.sequence_solver import SequenceSolver, sequence_solver
+from fieldcalib.solve.sequence_problem import SequenceOptions, SequenceProblem
 from fieldcalib.solve.ties import LEAST_CELLS, thinned
 from fieldcalib.solve.tripod import Labels
 
@@ -34,7 +33,7 @@ def cells_of(matches: Matches | None, image_size: tuple[int, int]) -> Cells | No
     return cells if len(cells[0]) >= LEAST_CELLS else None
 
 
-def solver_of_lines(
+def problem_of_lines(
     object_segments: ObjectSegments,
     frames: Sequence[int],
     labels: Mapping[int, Labels],
@@ -45,13 +44,13 @@ def solver_of_lines(
     prior: Prior,
     shared: Sequence[str],
     given: GivenCamera = NOTHING_GIVEN,
-) -> SequenceSolver:
-    """The solver of some frames, from the lines in them and from those of the matches that are between them.
+) -> SequenceProblem:
+    """The problem of some frames, from the lines in them and from those of the matches that are between them.
 
     Parameters
     ----------
     frames : sequence of int
-        Numbers of the frames, T of them; the solver counts them from 0.
+        Numbers of the frames, T of them; the problem counts them from 0.
     labels : mapping of int to Labels
         Of frames that have some, with weights as arguments have them.
     flags : int
@@ -63,17 +62,12 @@ def solver_of_lines(
     position = flags & CalibrationFlags.CALIB_FIX_POSITION
     if flags == DEFAULT_FLAGS | position or flags & CalibrationFlags.CALIB_AUTO_LENS:
         flags = default_flags(prior) & ~CalibrationFlags.CALIB_FIX_K2 | position
-    return sequence_solver(
+    loss = RobustLoss("cauchy", LOSS_SCALE * pixel_unit(image_size))
+    return SequenceProblem.of(
         object_segments,
         [pixels for pixels, _ in found],
         image_size,
-        flags=flags,
-        prior=prior,
-        loss=RobustLoss("cauchy", LOSS_SCALE * pixel_unit(image_size)),
-        trust_labels=True,
+        SequenceOptions(flags, prior, loss, trust_labels=True, shared=shared, given=given),
         weights=[weights for _, weights in found],
-        shared=shared,
-        paint=PAINT,
         matches={(number[i], number[j]): cells for (i, j), cells in matches.items() if i in number and j in number},
-        given=given,
     )

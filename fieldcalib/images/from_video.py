@@ -37,7 +37,7 @@ from fieldcalib.localize.network import SegmentationNetwork
 from fieldcalib.problem.labelled_pixels import check_object
 from fieldcalib.solve.given_camera import GivenCamera, check_of_clip
 from fieldcalib.solve.options import ALL, DEFAULT_FLAGS, CalibrationFlags, Prior
-from fieldcalib.solve.sequence_solver import SHARED, SHARED_IN_MOTION, SIZE
+from fieldcalib.solve.sequence_problem import SHARED, SHARED_IN_MOTION, SIZE
 
 Mount = Literal["tripod", "moving"]
 SHARED_BY: dict[Mount, tuple[str, ...]] = {"tripod": SHARED, "moving": SHARED_IN_MOTION}

@@ -18,7 +18,7 @@ from fieldcalib._types import Array, Float32
 from fieldcalib.assess.sequence_calibration import SequenceCalibration
 from fieldcalib.fields.segments import ObjectSegments
 from fieldcalib.images.frame_lines import as_given
-from fieldcalib.images.frames_together import Cells, cells_of, solver_of_lines
+from fieldcalib.images.frames_together import Cells, cells_of, problem_of_lines
 from fieldcalib.images.from_images import calibrate_frames_alone
 from fieldcalib.images.keyframes import KeyframePair
 from fieldcalib.images.line_profiles import Markings
@@ -27,7 +27,8 @@ from fieldcalib.problem.layout import Layout
 from fieldcalib.solve.given_camera import NOTHING_GIVEN, GivenCamera
 from fieldcalib.solve.joint_problem import labels_of
 from fieldcalib.solve.options import Prior
-from fieldcalib.solve.sequence_solver import SHARED
+from fieldcalib.solve.sequence_problem import SHARED
+from fieldcalib.solve.sequence_solver import solve_from_cameras, solve_sequence
 from fieldcalib.solve.tripod import KnownTripod, Labels
 
 MOST_KEYS = 40  # keyframes of a shot that are solved together: 20 seconds
@@ -149,7 +150,7 @@ def _solved(
 ) -> SolvedShot | None:
     keys = sorted(labels)[-MOST_KEYS:]
     number = {key: k for k, key in enumerate(keys)}
-    solver = solver_of_lines(
+    frames_together = problem_of_lines(
         problem.options.object_segments,
         keys,
         labels,
@@ -161,11 +162,11 @@ def _solved(
         given=problem.options.given,
     )
     if problem.layout is None:
-        sequence = solver.calibrated()
+        sequence, tripod = solve_sequence(frames_together)
     else:
         cameras = {number[key]: theta for key, theta in problem.cameras.items() if key in number}
-        sequence = solver.calibrated_from(problem.layout, cameras)
-    if solver.tripod is None or not np.any(sequence.usable):
+        sequence, tripod = solve_from_cameras(frames_together, problem.layout, cameras)
+    if tripod is None or not np.any(sequence.usable):
         return None
     frames = sequence.frames
     cameras_of_keys = {
@@ -173,4 +174,4 @@ def _solved(
         for key, k in number.items()
         if sequence.usable[k]
     }
-    return SolvedShot(solver.tripod, sequence, Markings.of(solver.tripod.object_segments), cameras_of_keys)
+    return SolvedShot(tripod, sequence, Markings.of(tripod.object_segments), cameras_of_keys)

@@ -19,10 +19,11 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from fieldcalib._types import Array
+from fieldcalib.assess.frame_table import Basis, FrameTable
+from fieldcalib.assess.interpolation import STEP
 from fieldcalib.assess.markings import MarkingInView
-from fieldcalib.assess.own_errors import OwnErrors
+from fieldcalib.assess.own_errors import OwnErrors, ground_errors
 from fieldcalib.assess.result import Calibration, Status
-from fieldcalib.assess.sequence_calibration import STEP, Basis
 from fieldcalib.fields.segments import ObjectSegments
 from fieldcalib.geometry.camera import Camera
 from fieldcalib.images.clip_shape import LookedAt
@@ -50,10 +51,10 @@ from fieldcalib.localize.flow import check_network
 from fieldcalib.localize.network import SegmentationNetwork
 from fieldcalib.problem.labelled_pixels import check_object
 from fieldcalib.processes.other_process import OtherProcess
-from fieldcalib.solve.frame_columns import FrameColumns
+from fieldcalib.solve.frame_rows import SolvedFrames, solved_rows, table_without_cameras
 from fieldcalib.solve.given_camera import GivenCamera, check_of_clip
 from fieldcalib.solve.options import ALL, DEFAULT_FLAGS, Prior
-from fieldcalib.solve.sequence_solver import SHARED, SIZE
+from fieldcalib.solve.sequence_problem import SHARED, SIZE
 from fieldcalib.solve.ties import Ties, stepped, with_tied
 from fieldcalib.solve.tripod import Labels
 
@@ -361,7 +362,6 @@ class Tracker:
         known = self._shot.known
         keys = sorted(key for key in ties if key in known)
         tripod, layout = solved.tripod, solved.tripod.options.layout
-        columns = tripod.columns(1)
         own = known.get(index)  # of a keyframe that was waited for
         if own is not None or not keys:
             basis = Basis.INTERPOLATED if own is None else Basis.LINES
@@ -372,20 +372,22 @@ class Tracker:
             if basis is Basis.INTERPOLATED and not self._shows_lines(image, layout.camera(own.theta), solved.markings):
                 nothing = "nothing ties this frame, and it shows no lines where the camera should have them: a cut?"
                 return Calibration.without_camera(Status.TOO_FEW_SEGMENTS, nothing), None, None
-            columns.fill_from(own.theta, OwnErrors(own.E, own.F), basis)
-            return self._of(solved, columns), None, None
+            theta, errors = own.theta[None], OwnErrors(own.E[None], own.F[None])
+            metres = ground_errors(theta, errors, tripod.considered, tripod.options.field)
+            rows = table_without_cameras(tripod, 1).with_cameras(theta, errors, metres, basis)
+            return self._of(solved, rows), None, None
         found = self._tied(solved, {key: ties[key] for key in keys}, image)
         if found is None:
             nothing = "what ties this frame contradicts its keyframes"
             return Calibration.without_camera(Status.TOO_FEW_SEGMENTS, nothing), None, None
-        columns, lines = found
-        own = _only(columns)
+        rows, lines = found
+        own = _only(rows)
         self._last = [*self._last[-1:], (index, own)]
-        return self._of(solved, columns), lines, own
+        return self._of(solved, rows), lines, own
 
     def _tied(
         self, solved: SolvedShot, ties: Mapping[int, Cells], image: Image | None
-    ) -> tuple[FrameColumns, Labels] | None:
+    ) -> tuple[FrameTable, Labels] | None:
         """A frame that is tied to some keyframes, with its lines; None if these contradict what ties it."""
         known = self._shot.known
         keys, tripod, layout = sorted(ties), solved.tripod, solved.tripod.options.layout
@@ -409,18 +411,18 @@ class Tracker:
             lines, _ = frame_lines(image, layout.camera(theta[-1]), solved.markings)
         of_keys = [known[keys[k]] for k in first.tolist()]
         of_first = OwnErrors(np.array([one.E for one in of_keys]), np.array([one.F for one in of_keys]))
-        columns = tripod.columns(1)
-        tripod.follow(columns, np.array([0]), theta[-1:], [per_pixel(lines)], towards, of_first, {})
-        return columns, lines
+        followed = tripod.solved(theta[-1:], [per_pixel(lines)], towards, tripod.prior(theta[-1:]))
+        tied = SolvedFrames(followed, tripod.errors(followed, of_first), np.array([True]))
+        return solved_rows(tripod, tied), lines
 
     def _shows_lines(self, image: Image, camera: Camera, markings: Markings) -> bool:
         """Whether enough of the markings in view have a line in the image."""
         (pixels, _), profiles = frame_lines(image, camera, markings, np.inf)
         return sum(map(len, pixels.values())) >= LEAST_SHARE * max(profiles, 1)
 
-    def _of(self, solved: SolvedShot, columns: FrameColumns) -> Calibration:
-        """The calibration in columns of one frame."""
-        one = replace(solved.sequence, frames=columns.frames)
+    def _of(self, solved: SolvedShot, rows: FrameTable) -> Calibration:
+        """The calibration in a table of one frame."""
+        one = replace(solved.sequence, frames=rows)
         self._basis = one.basis[0]
         return one[0]
 
@@ -436,6 +438,6 @@ class Tracker:
         return KnownCamera(own.theta + gap * np.where(free, motion, 0.0), own.E + np.diag(np.square(spread)), own.F)
 
 
-def _only(columns: FrameColumns) -> KnownCamera:
+def _only(rows: FrameTable) -> KnownCamera:
     """The camera of the only frame."""
-    return KnownCamera(columns.theta[0], columns.errors.own[0], columns.errors.following[0])
+    return KnownCamera(rows.theta[0], rows.own[0], rows.following[0])

@@ -12,11 +12,9 @@ from fieldcalib.assess.sequence_calibration import SequenceCalibration
 from fieldcalib.fields.segments import ObjectSegments
 from fieldcalib.problem.labelled_pixels import ImageSegments, Weights
 from fieldcalib.problem.losses import LossName, RobustLoss
-from fieldcalib.solve.options import (
-    PAINT,
-    Prior,
-)
-from fieldcalib.solve.sequence_solver import SHARED, sequence_solver
+from fieldcalib.solve.options import PAINT, Prior
+from fieldcalib.solve.sequence_problem import SHARED, SequenceOptions, SequenceProblem
+from fieldcalib.solve.sequence_solver import solve_sequence
 from fieldcalib.solve.ties import Matched
 
 
@@ -95,21 +93,10 @@ def calibrate_sequence(
     >>> found.values[1:3].round()  # y and z of the tripod
     array([ 66., -16.])
     """
-    solver = sequence_solver(
-        object_segments,
-        frames,
-        image_size,
-        flags=flags,
-        prior=prior,
-        loss=loss,
-        trust_labels=trust_labels,
-        weights=weights,
-        shared=shared,
-        paint=paint,
-        matches=matches,
-    )
+    how = SequenceOptions(flags, prior, loss, trust_labels, shared, paint)
+    problem = SequenceProblem.of(object_segments, frames, image_size, how, weights=weights, matches=matches)
     if start is not None and not trust_labels:
         raise ValueError("start needs trust_labels=True: from there labels are not doubted again")
-    if start is not None and len(start) != len(solver.frames):
-        raise ValueError(f"start must be a calibration of the same {len(solver.frames)} frames, got {len(start)}")
-    return solver.calibrated(start)
+    if start is not None and len(start) != len(problem):
+        raise ValueError(f"start must be a calibration of the same {len(problem)} frames, got {len(start)}")
+    return solve_sequence(problem, start).calibration
