@@ -88,11 +88,8 @@ def _of_labels(evaluation: Evaluation, sigma: float, kappa: float) -> tuple[Arra
     pull = evaluation.pull * noise.relative_sigma
     between = sigma**2 * noise.covariance(JT, pull, pull)
     hessian = kappa * gram(JT, evaluation.pull)
-    if problem.prior is not None:
-        precision = 1.0 / np.square(evaluation.pulling_prior_sigma)
-        diagonal = np.arange(JT.shape[1])
-        between[:, diagonal, diagonal] += precision
-        hessian[:, diagonal, diagonal] += precision
+    if evaluation.prior is not None:
+        between, hessian = between + evaluation.prior.hessian, hessian + evaluation.prior.hessian
     border = kappa * (JT * evaluation.pull[:, None]) @ np.swapaxes(by_shared, 1, 2)
     return hessian, between, border, noise.by_line(JT, evaluation.pull)
 

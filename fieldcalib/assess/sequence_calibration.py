@@ -139,8 +139,8 @@ class SequenceCalibration(FrameSequence):
         """
         if self.layout is None:
             return self
-        considered = Considered(self.layout, self.considered)
-        return replace(self, frames=interpolated(self.frames, run, longest, considered, self.field))
+        frames = interpolated(self.frames, run, longest, Considered(self.layout, self.considered), self.field)
+        return self if frames is self.frames else replace(self, frames=frames)
 
     def with_notes(self, others: Mapping[str, str]) -> SequenceCalibration:
         """Replace messages about frames, by a mapping from old to new ones."""

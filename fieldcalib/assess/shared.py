@@ -59,10 +59,7 @@ class ReducedSystem:
         """
         evaluation = _with_considered_as_shared(evaluation)
         shared = evaluation.problem.layout.shared
-        prior = np.zeros_like(evaluation.information)
-        if evaluation.problem.prior is not None:
-            diagonal = np.arange(len(shared))
-            prior[:, diagonal, diagonal] = 1.0 / np.square(evaluation.pulling_prior_sigma)
+        prior = np.zeros_like(evaluation.information) if evaluation.prior is None else evaluation.prior.hessian
         hessian = kappa[:, None, None] * evaluation.information + prior + evaluation.links_hessian
         following, _ = eliminated(hessian, evaluation.gradient, ~shared, evaluation.coupling)
         # L takes errors of the gradient to those by the shared parameters, with the cameras following
@@ -78,12 +75,11 @@ class ReducedSystem:
             first, second, blocks = evaluation.coupling
             crossed = np.sum(L[first][:, :, ~shared] @ blocks @ np.swapaxes(L[second][:, :, ~shared], 1, 2), axis=0)
             spread += crossed + crossed.T
-        of_labels = evaluation.JT @ (evaluation.pull * evaluation.r)[..., None]
         return cls(
             np.sum(L @ hessian[:, :, shared], axis=0),
             np.sum(evaluation.gradient[:, shared], axis=0),
             spread,
-            (L @ of_labels)[..., 0],
+            (L @ evaluation.pixels.gradient[..., None])[..., 0],
         )
 
     def take(self, index: IntArray) -> ReducedSystem:
