@@ -17,5 +17,5 @@ import lazy_loader
 
 __version__ = "0.1.0"
 
-# What there is stands in __init__.pyi, where editors and type checkers find it; it is imported when it is used.
+# The public names are listed in __init__.pyi, which editors and type checkers read; each is imported when first used.
 __getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

@@ -13,7 +13,7 @@ import numpy as np
 from synthetic import visible_field_points
 
 from fieldcalib.geometry.camera import Camera
-from fieldcalib.geometry.lens import COEFFICIENTS
+from fieldcalib.geometry.lens.opencv import COEFFICIENTS
 from fieldcalib.geometry.rational import RationalCamera, distort_rational
 from fieldcalib.io.exports.colmap import colmap_files
 from fieldcalib.io.exports.nerfstudio import nerfstudio_files

@@ -9,7 +9,7 @@ from fieldcalib import Camera, Status, calibrate_batch, soccer
 from fieldcalib.assess.markings import MarkingInView
 from fieldcalib.assess.probability import largest_error
 from fieldcalib.assess.result import Calibration
-from fieldcalib.draw.contact_sheet import BACKGROUND, contact_sheet, worst_frames
+from fieldcalib.draw.sheet import BACKGROUND, contact_sheet, worst_frames
 
 NOTHING = Calibration.without_camera(Status.TOO_FEW_SEGMENTS, "no labelled pixels")
 

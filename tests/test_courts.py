@@ -10,6 +10,7 @@ import pytest
 from one_camera import relative_error
 from synthetic import SIZE, observe, random_camera, random_frames
 
+import fieldcalib
 from fieldcalib import calibrate_batch, calibrate_from_segments, fields
 from fieldcalib.fields.catalogue import FIELDS, field_named
 from fieldcalib.fields.records import field_from_record, field_to_record
@@ -399,12 +400,25 @@ def test_courts_are_known_by_name_and_by_function():
         (lambda: fields.futsal(25.0, 30.0), r"longer than wide.*futsal\(30.0, 25.0\)"),
         (lambda: fields.futsal(4000.0, 2000.0), "larger than any: expected metres"),
         (lambda: fields.futsal(np.nan, 20.0), "no room for its penalty areas"),
-        (lambda: field_named("basketball"), "expected a field among .*basketball-fiba"),
+        (
+            lambda: field_named("basketball"),
+            "got .basketball.; did you mean basketball-nba or basketball-fiba",
+        ),
+        (lambda: fieldcalib.field("Tenis"), "got 'Tenis'; did you mean tennis"),
+        (lambda: fieldcalib.field("chess"), "got 'chess'$"),
+        (lambda: fieldcalib.field(None), "got None$"),
     ],
 )
 def test_what_no_rule_book_has_is_refused(build, message):
     with pytest.raises(ValueError, match=message):
         build()
+
+
+def test_a_field_takes_the_arguments_of_its_function():
+    assert fieldcalib.field("futsal", length=38.0, width=18.0) == fields.futsal(38.0, 18.0)
+    assert fieldcalib.field("soccer", length=104) == fieldcalib.soccer(length=104)
+    with pytest.raises(TypeError, match="length"):
+        fieldcalib.field("tennis", length=24.0)
 
 
 def test_futsal_of_another_size_keeps_its_areas():

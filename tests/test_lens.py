@@ -8,15 +8,10 @@ from hypothesis import strategies as st
 from numdiff import central_differences
 from strategies import angle, vectors
 
-from fieldcalib.geometry import lens as module
-from fieldcalib.geometry.lens import (
-    BrownConradyLens,
-    Pinhole,
-    RadialLens,
-    brown_conrady,
-    lens_of,
-    opencv_vector,
-)
+from fieldcalib.geometry.lens import BrownConradyLens, Pinhole, RadialLens, lens_of
+from fieldcalib.geometry.lens.brown_conrady import brown_conrady
+from fieldcalib.geometry.lens.model import FOLD
+from fieldcalib.geometry.lens.opencv import POWERS, opencv_vector
 
 RHO = 550.0  # half the diagonal of 960 x 540
 FAR = 3.0  # in units of RHO: as far outside the image as anything here looks
@@ -176,7 +171,7 @@ def test_opencv_jacobian_is_the_derivative(lens, data, f):
     def dist(b, log_f):
         return opencv_vector(lens.to_opencv(b, np.exp(log_f)))
 
-    scale = np.maximum((f / RHO) ** module.POWERS, 1.0)  # of the coefficients, from 1 to 1e7
+    scale = np.maximum((f / RHO) ** POWERS, 1.0)  # of the coefficients, from 1 to 1e7
     if len(b):
         numeric = central_differences(lambda b: dist(b, np.log(f)), b, 2e-4)
         np.testing.assert_allclose(by_b / scale[:, None], numeric / scale[:, None], rtol=0.0, atol=1e-9)
@@ -296,8 +291,8 @@ def test_lens_of_is_the_smallest(dist, expected):
 @pytest.mark.parametrize(
     ("lens", "dist", "message"),
     [
-        (Pinhole(RHO), [0.1], r"a pinhole has no distortion, got dist_coeffs = \[0\.1"),
-        (RadialLens(RHO), [0.1, 0.0, 0.0, 0.2], r"only the radial coefficients .*0\.2.*undistort"),
+        (Pinhole(RHO), [0.1], r"a pinhole lens has no coefficients but \(none\), got dist_coeffs = \[0\.1"),
+        (RadialLens(RHO), [0.1, 0.0, 0.0, 0.2], r"a radial lens has no coefficients but k1, k2, got .*0\.2.*undistort"),
         (BrownConradyLens(RHO), 12 * [0.0] + [0.1, 0.0], r"a tilted sensor \(tauX, tauY\) is not modelled, .*0\.1"),
         (BrownConradyLens(RHO), [0.1, 0.2, 0.3], r"1, 2, 4, 5, 8, 12 or 14 coefficients .* got \[0\.1, 0\.2, 0\.3\]"),
         (RadialLens(RHO), [np.nan, 0.0], r"dist_coeffs must be a finite array .*nan"),
@@ -325,12 +320,12 @@ def test_displacement_of_the_corner_by_hand(index, expected):
 def lens_parameters(a):
     """(a1, b2) of (a1, a2)."""
     a1, a2 = np.moveaxis(np.asarray(a, dtype=float), -1, 0)
-    return np.stack([a1, a2 - module.FOLD * np.minimum(a1, 0.0) ** 2], axis=-1)
+    return np.stack([a1, a2 - FOLD * np.minimum(a1, 0.0) ** 2], axis=-1)
 
 
 def lens_coefficients(b):
     """(a1, a2) of (a1, b2)."""
-    return np.array([b[0], b[1] + module.FOLD * min(b[0], 0.0) ** 2])
+    return np.array([b[0], b[1] + FOLD * min(b[0], 0.0) ** 2])
 
 
 def corner_coefficients(k, f, rho):

@@ -1,1 +1,6 @@
 """What a solved problem says: uncertainty, probability, the paper's losses, the verdict, the result."""
+
+import lazy_loader
+
+# The names are listed in __init__.pyi; each is imported when it is first used.
+__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

@@ -24,6 +24,7 @@ from fieldcalib._types import Array, BoolArray, IntArray
 from fieldcalib.fields.field import Field
 from fieldcalib.fields.segments import Arc, Line, ObjectSegments, PointCloud, Segment
 from fieldcalib.geometry.camera import Camera
+from fieldcalib.geometry.lens import common_lens
 from fieldcalib.problem.labelled_pixels import Pixels, split_circles
 from fieldcalib.problem.layout import PAN, Layout
 from fieldcalib.problem.projection import Projection
@@ -71,7 +72,7 @@ def ndc_loss(
         raise ValueError(f"kind must be one of {', '.join(get_args(NdcLoss))}, got {kind!r}")
     if not cameras:
         return np.zeros(0)
-    layout = Layout.of(cameras[0].image_size, max((c.lens for c in cameras), key=lambda lens: len(lens.names)))
+    layout = Layout.of(cameras[0].image_size, common_lens([camera.lens for camera in cameras]))
     theta = np.array([layout.theta(camera) for camera in cameras])
     return ndc_losses(theta, layout, object_segments, frames, kind)
 

@@ -12,10 +12,12 @@ from functools import cached_property
 import numpy as np
 
 from fieldcalib._types import Array, BoolArray
+from fieldcalib.geometry.lens import LENSES
 from fieldcalib.problem.evaluation import Evaluation
-from fieldcalib.problem.layout import OPENCV_NAMES
 
-READABLE = {"log f": "focal length", "log aspect": "aspect ratio", **OPENCV_NAMES}
+READABLE = {"log f": "focal length", "log aspect": "aspect ratio"} | {
+    name: opencv for lens in LENSES.values() for name, opencv in zip(lens.names, lens.opencv_names, strict=True)
+}
 OPEN_DIRECTION = 1e-3  # information from the labels, in units of the prior's, below which a direction counts as open
 
 

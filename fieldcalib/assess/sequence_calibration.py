@@ -12,7 +12,7 @@ import numpy as np
 from fieldcalib._extras import imported
 from fieldcalib._json import from_json, to_json
 from fieldcalib._types import Array, BoolArray, IntArray
-from fieldcalib.assess.camera_errors import KnownErrors
+from fieldcalib.assess.camera_errors import KnownErrors, NoErrors
 from fieldcalib.assess.frame_sequence import FrameSequence, read_record
 from fieldcalib.assess.frame_table import (
     ACCEPTED,
@@ -104,7 +104,7 @@ class SequenceCalibration(FrameSequence):
             complaints=self._complaints(t),
             pixel_counts={frames.labels[k]: int(frames.label_counts[t, k]) for k in labelled},
             field=self.field,
-            errors=errors,
+            errors=errors or NoErrors(),
             markings=frames.markings.get(t, ()),
         )
 

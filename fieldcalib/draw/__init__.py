@@ -3,26 +3,7 @@
 Images are OpenCV's: uint8, (height, width, 3), blue, green, red. Every function returns a new image.
 """
 
-from fieldcalib.draw.clip_plot import plot_sequence
-from fieldcalib.draw.contact_sheet import contact_sheet, worst_frames
-from fieldcalib.draw.minimap import add_minimap, draw_minimap, draw_players
-from fieldcalib.draw.overlays import draw_calibration, draw_field, draw_segments, label_colour
-from fieldcalib.draw.scene import render_field
-from fieldcalib.draw.topview import mosaic, overhead_camera, top_view
+import lazy_loader
 
-__all__ = [
-    "add_minimap",
-    "contact_sheet",
-    "draw_calibration",
-    "draw_field",
-    "draw_minimap",
-    "draw_players",
-    "draw_segments",
-    "label_colour",
-    "mosaic",
-    "overhead_camera",
-    "plot_sequence",
-    "render_field",
-    "top_view",
-    "worst_frames",
-]
+# The names are listed in __init__.pyi; each is imported when it is first used.
+__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

@@ -1,9 +1,10 @@
 """Calibration objects: segments, fields with their sizes and symmetry, and where their cameras stand.
 
-The fields of all sports are functions of this package: `fieldcalib.fields.basketball("fiba")`.
+The field of every sport is a function here, `fieldcalib.fields.basketball("fiba")`, and has a name:
+`fieldcalib.field("basketball-fiba")`.
 """
 
 import lazy_loader
 
-# What there is stands in __init__.pyi; it is imported when it is used.
+# The names are listed in __init__.pyi; each is imported when it is first used.
 __getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

@@ -1,3 +1,13 @@
+from . import catalogue as catalogue
+from . import crown as crown
+from . import field as field
+from . import mirrored as mirrored
+from . import records as records
+from . import segments as segments
+from . import soccer as soccer
+from . import sports as sports
+from . import stands as stands
+from . import traits as traits
 from .catalogue import FIELDS as FIELDS
 from .catalogue import field_named as field_named
 from .sports.american_football import american_football as american_football

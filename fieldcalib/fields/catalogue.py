@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
+from difflib import get_close_matches
 from functools import partial
 from types import MappingProxyType
+from typing import Any
 
 from fieldcalib.fields.field import Field
 from fieldcalib.fields.soccer import soccer
@@ -20,7 +22,7 @@ from fieldcalib.fields.sports.rugby_union import rugby_union
 from fieldcalib.fields.sports.tennis import tennis
 from fieldcalib.fields.sports.volleyball import volleyball
 
-FIELDS: Mapping[str, Callable[[], Field]] = MappingProxyType(
+FIELDS: Mapping[str, Callable[..., Field]] = MappingProxyType(
     {
         "american-football-ncaa": partial(american_football, "ncaa"),
         "american-football-nfl": partial(american_football, "nfl"),
@@ -42,19 +44,37 @@ FIELDS: Mapping[str, Callable[[], Field]] = MappingProxyType(
 )
 
 
-def field_named(name: str) -> Field:
-    """A field by its name in `FIELDS`.
+def field(name: str, **options: Any) -> Field:
+    """The field of a sport by its name.
+
+    Parameters
+    ----------
+    name : str
+        A key of `FIELDS`, such as ``"tennis"`` or ``"basketball-nba"``.
+    **options
+        Arguments of the sport's function, such as `length` and `width` of `soccer`.
 
     Raises
     ------
     ValueError
-        If there is none.
+        If there is no such field; the message names the nearest ones.
+    TypeError
+        If the function of the sport has no such argument.
 
     Examples
     --------
-    >>> field_named("tennis").length
-    23.77
+    >>> field("tennis").length, field("soccer", length=104).length
+    (23.77, 104.0)
+    >>> field("tenis")
+    Traceback (most recent call last):
+        ...
+    ValueError: expected a field among ..., volleyball, got 'tenis'; did you mean tennis?
     """
-    if name not in FIELDS:
-        raise ValueError(f"expected a field among {', '.join(FIELDS)}, got {name!r}")
-    return FIELDS[name]()
+    if name in FIELDS:
+        return FIELDS[name](**options)
+    nearest = " or ".join(get_close_matches(str(name).lower(), FIELDS))
+    hint = f"; did you mean {nearest}?" if nearest else ""
+    raise ValueError(f"expected a field among {', '.join(FIELDS)}, got {name!r}{hint}")
+
+
+field_named = field  # its name in `fieldcalib.fields`, where `field` is a module

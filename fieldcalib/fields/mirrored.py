@@ -3,10 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import replace
 from typing import TypeAlias
 
-from fieldcalib.fields.segments import Arc, Line, Point, PointCloud, Segment
+from fieldcalib.fields.segments import Segment
 
 Vector: TypeAlias = tuple[float, float, float]
 
@@ -51,21 +50,5 @@ def _mirrored(segments: Mapping[str, Segment], signs: Vector, word: str, other: 
         words = label.split(" ")
         if word not in words:
             raise ValueError(f"expected the word {word!r} in the label of what is mirrored, got {label!r}")
-        found[" ".join(other if one == word else one for one in words)] = _mirror(segment, signs)
+        found[" ".join(other if one == word else one for one in words)] = segment.mirrored(signs)
     return found
-
-
-def _mirror(segment: Segment, signs: Vector) -> Segment:
-    def mirror(X: Vector) -> Vector:
-        x, y, z = (sign * one + 0.0 for sign, one in zip(signs, X, strict=True))  # + 0.0: no negative zeros
-        return x, y, z
-
-    match segment:
-        case Point(X):
-            return Point(mirror(X))
-        case Line(start, end):
-            return Line(mirror(start), mirror(end))
-        case Arc(center, u=u, v=v):
-            return replace(segment, center=mirror(center), u=mirror(u), v=mirror(v))
-        case PointCloud(points, ordered):
-            return PointCloud(tuple(map(mirror, points)), ordered)

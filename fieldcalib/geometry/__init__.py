@@ -1,1 +1,6 @@
 """Geometry without fields: rotations, projective maps, the lens, the camera, homographies."""
+
+import lazy_loader
+
+# The names are listed in __init__.pyi; each is imported when it is first used.
+__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

@@ -14,7 +14,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from fieldcalib._types import Array
-from fieldcalib.geometry.lens import POWERS, Lens, lens_of, opencv_vector, shortest_opencv_vector
+from fieldcalib.geometry.lens import Lens, lens_of
+from fieldcalib.geometry.lens.opencv import POWERS, opencv_vector, shortest_opencv_vector
 from fieldcalib.geometry.projective import dehomogenize, homogenize
 from fieldcalib.geometry.rotation import angles_from_rotation, rotation_from_angles
 

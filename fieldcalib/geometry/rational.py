@@ -3,8 +3,8 @@
 They are projected and evaluated, never estimated: this package calibrates `fieldcalib.geometry.camera.Camera`. Any
 finite numbers are admitted, so that even an implausible result of another system can be scored.
 
-The lens is OpenCV's, `fieldcalib.geometry.lens.brown_conrady` in normalised image points ``(Xc / Zc, Yc / Zc)``. Unlike
-in `fieldcalib.geometry.lens.Lens`, it is not checked whether the lens is monotone.
+The lens is OpenCV's, `brown_conrady` of `fieldcalib.geometry.lens.brown_conrady` in normalised image points
+``(Xc / Zc, Yc / Zc)``. Unlike for a `Lens`, it is not checked whether it is monotone.
 """
 
 from __future__ import annotations
@@ -16,13 +16,13 @@ from numpy.typing import ArrayLike
 
 from fieldcalib._types import Array
 from fieldcalib.geometry.camera import Camera, _vectors, checked_image_size
-from fieldcalib.geometry.lens import COEFFICIENTS as COEFFICIENTS  # re-exported: the order of `RationalCamera.dist`
-from fieldcalib.geometry.lens import brown_conrady, brown_conrady_jacobian, opencv_vector
+from fieldcalib.geometry.lens.brown_conrady import brown_conrady, newton_step
+from fieldcalib.geometry.lens.opencv import COEFFICIENTS, opencv_vector
 from fieldcalib.geometry.projective import dehomogenize, homogenize
 
 
 def distort_rational(x: Array, dist: Array) -> Array:
-    """OpenCV's distortion of normalised image points: `fieldcalib.geometry.lens.brown_conrady` with the vector last.
+    """OpenCV's distortion of normalised image points: `brown_conrady` with the vector last.
 
     Parameters
     ----------
@@ -42,12 +42,6 @@ def distort_rational(x: Array, dist: Array) -> Array:
     array([0.303, 0.404])
     """
     return np.moveaxis(brown_conrady(np.moveaxis(x, -1, 0), np.moveaxis(dist, -1, 0)), 0, -1)
-
-
-def distort_rational_jacobian(x: Array, dist: Array) -> Array:
-    """Derivative (..., 2, 2) of `distort_rational` with respect to the point."""
-    rows = brown_conrady_jacobian(np.moveaxis(x, -1, 0), np.moveaxis(dist, -1, 0))
-    return np.stack([np.stack(row, axis=-1) for row in rows], axis=-2)
 
 
 def undistort_rational(d: Array, dist: Array) -> Array:
@@ -71,27 +65,18 @@ def undistort_rational(d: Array, dist: Array) -> Array:
     >>> undistort_rational(np.array([0.303, 0.404]), np.array([0.04, *np.zeros(11)])).round(12)
     array([0.3, 0.4])
     """
-    x = d.copy()
+    target, a = np.moveaxis(d, -1, 0), np.moveaxis(dist, -1, 0)
+    u = target.copy()
     with np.errstate(all="ignore"):  # iterations that do not converge may overflow
         for _ in range(40):
-            J = distort_rational_jacobian(x, dist)
-            e = distort_rational(x, dist) - d
-            determinant = J[..., 0, 0] * J[..., 1, 1] - J[..., 0, 1] * J[..., 1, 0]
-            step = np.stack(
-                [
-                    J[..., 1, 1] * e[..., 0] - J[..., 0, 1] * e[..., 1],
-                    J[..., 0, 0] * e[..., 1] - J[..., 1, 0] * e[..., 0],
-                ],
-                axis=-1,
-            )
-            step /= determinant[..., None]
-            x -= step
+            step, _ = newton_step(u, a, target)
+            u -= step
             if not np.any(np.abs(step) > 1e-15):
                 break
-        error = np.max(np.abs(distort_rational(x, dist) - d), axis=-1)
-        found = error <= 1e-9 * (1.0 + np.max(np.abs(d), axis=-1))
-    found &= np.sum(x * d, axis=-1) >= 0.0
-    return np.where(found[..., None], x, np.nan)
+        error = np.max(np.abs(brown_conrady(u, a) - target), axis=0)
+        found = error <= 1e-9 * (1.0 + np.max(np.abs(target), axis=0))
+    found &= np.sum(u * target, axis=0) >= 0.0
+    return np.moveaxis(np.where(found, u, np.nan), 0, -1)
 
 
 @dataclass(frozen=True, eq=False)

@@ -1,1 +1,6 @@
 """Files: foreign formats, one module each, where foreign conventions end; and writing whole or not at all."""
+
+import lazy_loader
+
+# The names are listed in __init__.pyi; each is imported when it is first used.
+__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

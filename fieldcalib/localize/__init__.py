@@ -7,18 +7,7 @@
 `ridge_points` (sub-pixel, the default) and `skeleton_points` (the paper's) select the points.
 """
 
-from fieldcalib.localize.flow import Network, localize
-from fieldcalib.localize.grid import BACKGROUND, Localization
-from fieldcalib.localize.network import SegmentationNetwork
-from fieldcalib.localize.ridges import ridge_points
-from fieldcalib.localize.skeletons import skeleton_points
+import lazy_loader
 
-__all__ = [
-    "BACKGROUND",
-    "Localization",
-    "Network",
-    "SegmentationNetwork",
-    "localize",
-    "ridge_points",
-    "skeleton_points",
-]
+# The names are listed in __init__.pyi; each is imported when it is first used.
+__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

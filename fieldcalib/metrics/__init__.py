@@ -4,21 +4,7 @@ Accuracy reproduces SoccerNet's evaluation (`fieldcalib.metrics.accuracy`), the 
 them. Predictions are cameras, with any lens, or homographies from the field to the image.
 """
 
-from fieldcalib.metrics.accuracy import THRESHOLDS, Confusion, SegmentEvaluation, evaluate_segments
-from fieldcalib.metrics.distance import ProjectionError, projection_error
-from fieldcalib.metrics.overlap import iou_part, iou_whole
-from fieldcalib.metrics.scores import compound_score
-from fieldcalib.metrics.views import Prediction
+import lazy_loader
 
-__all__ = [
-    "THRESHOLDS",
-    "Confusion",
-    "Prediction",
-    "ProjectionError",
-    "SegmentEvaluation",
-    "compound_score",
-    "evaluate_segments",
-    "iou_part",
-    "iou_whole",
-    "projection_error",
-]
+# The names are listed in __init__.pyi; each is imported when it is first used.
+__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

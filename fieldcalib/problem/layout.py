@@ -42,7 +42,6 @@ COMMON = ("pan", "tilt", "roll", "log f", "x", "y", "z", "cx", "cy", "log aspect
 FIELD_SIZE = ("length", "width")
 CROWN = ("crown",)
 ZOOM_LAW = ("cx slope", "cy slope", "a1 slope", "a1 bend", "axis offset")
-OPENCV_NAMES = {"a1": "k1", "b2": "k2", "a3": "k3", "a4": "k4", "a5": "k5", "a6": "k6"}
 
 # The longest step in one iteration: beyond it the linearisation says nothing about a camera.
 LARGEST_STEP = {"pan": 0.4, "tilt": 0.4, "roll": 0.4, "log f": 0.7, "x": 1.0, "y": 1.0, "z": 1.0}  # x, y, z: of a scale
@@ -183,9 +182,7 @@ class Layout:
     def blocks(self) -> dict[str, slice]:
         """By name; the coefficients of the lens are blocks of their own too, by OpenCV's names."""
         first = self.lens_block.start
-        coefficients = {
-            OPENCV_NAMES.get(name, name): slice(first + i, first + i + 1) for i, name in enumerate(self.lens.names)
-        }
+        coefficients = {name: slice(first + i, first + i + 1) for i, name in enumerate(self.lens.opencv_names)}
         return coefficients | {
             "angles": ANGLES,
             "roll": slice(ROLL, ROLL + 1),

@@ -13,7 +13,7 @@ import numpy as np
 
 from fieldcalib._types import IntArray
 from fieldcalib.fields.segments import ObjectSegments
-from fieldcalib.geometry.lens import BrownConradyLens
+from fieldcalib.geometry.lens import lens_with
 from fieldcalib.problem.evaluation import Evaluation
 from fieldcalib.problem.layout import Layout, Role
 from fieldcalib.problem.levenberg_marquardt import Solution, levenberg_marquardt
@@ -57,7 +57,8 @@ def _solved_with(part: Part, freed: tuple[str, ...]) -> Part:
     options = part.options
     layout = options.layout
     if any(name not in layout.blocks for name in freed):
-        layout = Layout.of(layout.image_size, BrownConradyLens(layout.lens.rho), layout.field_size).fixed("lens")
+        lens = lens_with({*layout.lens.opencv_names, *freed}, layout.lens.rho)
+        layout = Layout.of(layout.image_size, lens, layout.field_size).fixed("lens")
     index = [layout.names.index(name) for name in options.layout.names]
     roles = layout.roles.copy()
     roles[index] = options.layout.roles
@@ -83,7 +84,7 @@ def _solved_with(part: Part, freed: tuple[str, ...]) -> Part:
 def _with_ends_anew(object_segments: ObjectSegments, part: Part) -> Part:
     """The same with the ends of segments that the camera sees now."""
     options = part.options
-    start = with_segment_ends(object_segments, part.solution.evaluation, options.wide_loss.scale)
+    start = with_segment_ends(part.solution.evaluation, options.wide_loss.scale)
     solution = levenberg_marquardt(start, max_iterations=options.max_iterations, tolerance=options.tolerance)
     return replace(part, solution=solution)
 

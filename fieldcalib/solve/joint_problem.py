@@ -42,4 +42,4 @@ def joint_evaluation(
 
 def labels_of(solved: Evaluation) -> tuple[Pixels, PixelWeights]:
     """Pixels of one frame, and the weights that it was solved with."""
-    return solved.problem.observations.without_ends.unpacked(0)
+    return solved.problem.observations.frame(0)

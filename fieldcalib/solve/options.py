@@ -19,7 +19,8 @@ from fieldcalib._types import Array, BoolArray
 from fieldcalib.fields.field import Field
 from fieldcalib.fields.stands import DISTRIBUTIONS, SOCCER_SCALE, CameraDistribution, stands_around
 from fieldcalib.geometry.camera import Camera, checked_image_size
-from fieldcalib.geometry.lens import BrownConradyLens, RadialLens, lens_of, opencv_vector
+from fieldcalib.geometry.lens import lens_with
+from fieldcalib.geometry.lens.opencv import COEFFICIENTS, nonzero_coefficients, opencv_vector
 from fieldcalib.problem.layout import (
     ANGLES,
     CENTER,
@@ -389,11 +390,9 @@ def _layout(
 
     The size of a field that is not known is considered: kept, with its uncertainty in that of the camera.
     """
-    F = CalibrationFlags
     rho = float(np.hypot(*image_size) / 2.0)
-    full = BrownConradyLens(rho)
-    is_full = not flags & F.CALIB_FIX_K3 or not flags & F.CALIB_FIX_TANGENT_DIST or lens_of(dist_coeffs, rho) == full
-    lens = full if is_full else RadialLens(rho)
+    freed = {block for flag, blocks in BLOCKS_OF_FLAGS.items() if not flags & flag for block in blocks}
+    lens = lens_with({"k1", *(freed & {*COEFFICIENTS}), *nonzero_coefficients(dist_coeffs)}, rho)
     size = None
     model = None if field is None or not field.moves_with_size else field.size_model
     if field is not None and model is not None and has_prior and not field.size_known:

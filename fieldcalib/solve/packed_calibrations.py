@@ -6,6 +6,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 from fieldcalib._types import Array
+from fieldcalib.assess.camera_errors import NoErrors
 from fieldcalib.assess.result import Calibration
 from fieldcalib.assess.solved import Solved
 from fieldcalib.fields.field import Field
@@ -28,7 +29,7 @@ class PackedCalibrations:
         """Pack calibrations of one field, as `calibrate_batch` gives them."""
         solved = [one.solved for one in calibrations]
         return cls(
-            [replace(one, solved=None, field=None) for one in calibrations],
+            [replace(one, errors=NoErrors(), field=None) for one in calibrations],
             {id(one.evaluation): (one.evaluation, one.unit) for one in solved if one is not None},
             [None if one is None else (id(one.evaluation), one.frame) for one in solved],
         )
@@ -38,7 +39,7 @@ class PackedCalibrations:
         return [
             replace(
                 one,
-                solved=None if place is None else Solved(*self.states[place[0]], place[1]),
+                errors=NoErrors() if place is None else Solved(*self.states[place[0]], place[1]),
                 field=None if one.camera is None else field,
             )
             for one, place in zip(self.calibrations, self.places, strict=True)

@@ -3,3 +3,8 @@
 Every module has a function of named cameras, in the order of the frames, that gives the files of the format: a mapping
 of names to contents. None stands for a frame without camera.
 """
+
+import lazy_loader
+
+# The names are listed in __init__.pyi; each is imported when it is first used.
+__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

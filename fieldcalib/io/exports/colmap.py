@@ -7,12 +7,12 @@ is ours + 0.5. Every image has a camera of its own, as the zoom changes.
 from __future__ import annotations
 
 from fieldcalib.geometry.camera import Camera
+from fieldcalib.geometry.lens.opencv import nonzero_coefficients
 from fieldcalib.io.exports.frames import (
     IMAGE_NAMES,
     Frames,
     image_name,
     lens_coefficients,
-    nonzero_coefficients,
     with_cameras,
 )
 
@@ -65,7 +65,7 @@ def colmap_files(frames: Frames, image_names: str = IMAGE_NAMES) -> dict[str, by
 def _intrinsics(id: str, camera: Camera) -> str:
     """``MODEL WIDTH HEIGHT PARAMS...`` with the smallest model that holds the lens."""
     fx, fy = camera.K[0, 0], camera.K[1, 1]
-    needed = nonzero_coefficients(camera).keys()
+    needed = nonzero_coefficients(camera.dist).keys()
     fitting = (
         model for model, names in MODELS.items() if needed <= set(names) and (fx == fy or model != ONE_FOCAL_LENGTH)
     )

@@ -9,7 +9,7 @@ import numpy as np
 
 from fieldcalib._types import Array
 from fieldcalib.geometry.camera import Camera
-from fieldcalib.geometry.lens import COEFFICIENTS, opencv_vector
+from fieldcalib.geometry.lens.opencv import nonzero_coefficients
 from fieldcalib.geometry.projective import dehomogenize, homogenize
 
 Frames: TypeAlias = Mapping[str, Camera | None]  # by id, in the order of the frames; None: without camera
@@ -50,12 +50,6 @@ def image_name(pattern: str, id: str) -> str:
     return pattern.replace("<id>", id)
 
 
-def nonzero_coefficients(camera: Camera) -> dict[str, float]:
-    """The coefficients of a lens that are not 0, by OpenCV's names."""
-    values = zip(COEFFICIENTS, opencv_vector(camera.dist).tolist(), strict=True)
-    return {name: value for name, value in values if value}
-
-
 def lens_coefficients(id: str, camera: Camera, names: Sequence[str], tool: str) -> list[float]:
     """The coefficients of the lens that a format has, by OpenCV's names.
 
@@ -72,7 +66,7 @@ def lens_coefficients(id: str, camera: Camera, names: Sequence[str], tool: str) 
         ...
     ValueError: frame 00001: the format has k1, k2 of a lens, this one has k3 = 0.2 too: undistort the images, or ...
     """
-    values = nonzero_coefficients(camera)
+    values = nonzero_coefficients(camera.dist)
     others = [f"{name} = {value:.4g}" for name, value in values.items() if name not in names]
     if others:
         raise ValueError(

@@ -1,0 +1,151 @@
+"""The interface of a lens, and what all lenses share: the conversion to and from OpenCV's coefficients."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from dataclasses import dataclass
+from typing import ClassVar
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from fieldcalib._types import Array, BoolArray, IntArray
+from fieldcalib.geometry.lens.opencv import COEFFICIENTS, POWERS, opencv_vector, shortest_opencv_vector
+
+FOLD = 0.46  # a little above 9/20
+
+
+@dataclass(frozen=True)
+class Lens(ABC):
+    """A warp of the image around the principal point.
+
+    Offsets ``s`` (ideal) and ``d`` (real, distorted) are (2, ...) pixels, coefficients ``b`` are (n, ...) and broadcast
+    against their trailing axes. J is the derivative of `distort` by the offset.
+
+    Parameters
+    ----------
+    rho : float
+        Half the image's diagonal in pixels: the radius to which coefficients are normalised.
+    """
+
+    rho: float
+
+    name: ClassVar[str]
+    """In files."""
+    names: ClassVar[tuple[str, ...]]
+    """Names of the coefficients."""
+    opencv_names: ClassVar[tuple[str, ...]]
+    """OpenCV's name of each coefficient."""
+    estimable: ClassVar[int]
+    """Number of coefficients, the first ones, that can be estimated; the others are given or 0."""
+    least: ClassVar[Array]
+    """(n,) lower bounds of the coefficients when they are estimated, -inf where there is none."""
+    mean: ClassVar[Array]
+    """(n,) mean of broadcast lenses."""
+    sigma: ClassVar[Array]
+    """(n,) standard deviation of broadcast lenses."""
+
+    @abstractmethod
+    def distort(self, s: Array, b: Array) -> Array:
+        """Real offsets (2, ...) of ideal ones."""
+
+    @abstractmethod
+    def push(self, s: Array, b: Array, *steps: Array) -> tuple[Array, ...]:
+        """`distort`, and the images ``J step`` of small steps (2, ...) from s."""
+
+    @abstractmethod
+    def pull(self, s: Array, b: Array, n: Array) -> Array:
+        """Normals n (2, ...) of the real image as derivatives by the ideal offset: ``J^T n``."""
+
+    @abstractmethod
+    def pull_coefficients(self, s: Array, b: Array, n: Array) -> Array:
+        """Derivatives (n_coefficients, ...) of ``n . distort(s, b)`` by the coefficients, n held."""
+
+    @abstractmethod
+    def undistort(self, d: Array, b: Array) -> Array:
+        """Ideal offsets (2, ...) of real ones; NaN where no ray on the monotone part of the lens meets d."""
+
+    @abstractmethod
+    def is_monotone(self, s: Array, b: Array) -> BoolArray:
+        """Whether the lens is monotone from the centre to s: ``det J > 0`` on the whole straight path."""
+
+    def is_identity(self, b: Array) -> bool:
+        """Whether the coefficients give no distortion."""
+        return not np.any(b)
+
+    def corner(self, b: Array) -> Array:
+        """Corner-normalised coefficients (n, ...): of a lens with a1 and b2, a2 in the place of b2."""
+        if not self._is_radial:
+            return b
+        a = np.array(b, dtype=float)
+        a[1] += a2_of_a1(a)
+        return a
+
+    def to_opencv(self, b: Array, f: Array | float) -> Array:
+        """OpenCV's distortion coefficients (5, ...) at focal length f; (8, ...) or (12, ...) if these are needed.
+
+        They are ``(f / rho)^power`` times the corner-normalised coefficients.
+        """
+        a, scale = self.corner(b), np.asarray(f) / self.rho
+        dist = np.zeros((12, *np.broadcast_shapes(a.shape[1:], scale.shape)))
+        for index, a_i in zip(self._index, a, strict=True):
+            dist[index] = scale ** POWERS[index] * a_i
+        return shortest_opencv_vector(dist)
+
+    def opencv_jacobian(self, b: Array, f: float) -> tuple[Array, Array]:
+        """Derivatives of OpenCV's twelve coefficients, of one lens, by b (12, n) and by log f (12,)."""
+        by_a = (f / self.rho) ** POWERS
+        by_b = np.eye(12)[:, self._index] * by_a[:, None]
+        if self._is_radial:
+            by_b[1, 0] = by_a[1] * da2_da1(b)
+        return by_b, POWERS * opencv_vector(self.to_opencv(b, f))
+
+    def from_opencv(self, dist_coeffs: ArrayLike | None, f: float) -> Array:
+        """Coefficients (n,) of OpenCV's distortion coefficients, of any of its lengths, at focal length f.
+
+        Raises
+        ------
+        ValueError
+            If coefficients that this lens does not have are not 0.
+        """
+        dist = opencv_vector(dist_coeffs)
+        if np.any(np.delete(dist, self._index)):
+            raise ValueError(
+                f"a {self.name} lens has no coefficients but {', '.join(self.opencv_names) or '(none)'}, got "
+                f"dist_coeffs = {dist.tolist()}; undistort the pixels with cv2.undistortPoints first"
+            )
+        b = (dist * (self.rho / f) ** POWERS)[self._index]
+        if self._is_radial:
+            b[1] -= a2_of_a1(b)
+        return b
+
+    @property
+    def _is_radial(self) -> bool:
+        return self.names[:2] == ("a1", "b2")
+
+    @property
+    def _index(self) -> IntArray:
+        """Where the coefficients are among OpenCV's twelve."""
+        return np.array([COEFFICIENTS.index(name) for name in self.opencv_names], dtype=np.intp)
+
+
+def a2_of_a1(b: Array) -> Array:
+    """The part of a2 that keeps a lens with b2 >= 0 monotone, (...): ``FOLD min(a1, 0)^2``."""
+    return np.asarray(FOLD * np.square(np.minimum(b[0], 0.0)))
+
+
+def da2_da1(b: Array) -> Array:
+    """Derivative of a2 by a1, b2 held, (...)."""
+    return np.asarray(2.0 * FOLD * np.minimum(b[0], 0.0))
+
+
+def dot(a: Array, b: Array) -> Array:
+    """Inner products (...) of plane vectors (2, ...)."""
+    return np.asarray(a[0] * b[0] + a[1] * b[1])
+
+
+def constant(*values: float) -> Array:
+    """A read-only vector."""
+    array = np.array(values, dtype=float)
+    array.flags.writeable = False
+    return array

@@ -1,0 +1,9 @@
+from . import axes as axes
+from . import blender as blender
+from . import colmap as colmap
+from . import frames as frames
+from . import freed as freed
+from . import nerfstudio as nerfstudio
+from . import opencv as opencv
+from . import soccernet as soccernet
+from . import table as table

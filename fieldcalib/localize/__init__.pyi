@@ -1,0 +1,15 @@
+from . import description as description
+from . import flow as flow
+from . import grid as grid
+from . import network as network
+from . import padding as padding
+from . import ridges as ridges
+from . import rulers as rulers
+from . import skeletons as skeletons
+from .flow import Network as Network
+from .flow import localize as localize
+from .grid import BACKGROUND as BACKGROUND
+from .grid import Localization as Localization
+from .network import SegmentationNetwork as SegmentationNetwork
+from .ridges import ridge_points as ridge_points
+from .skeletons import skeleton_points as skeleton_points

@@ -1,0 +1,16 @@
+from . import accuracy as accuracy
+from . import distance as distance
+from . import overlap as overlap
+from . import polylines as polylines
+from . import scores as scores
+from . import views as views
+from .accuracy import THRESHOLDS as THRESHOLDS
+from .accuracy import Confusion as Confusion
+from .accuracy import SegmentEvaluation as SegmentEvaluation
+from .accuracy import evaluate_segments as evaluate_segments
+from .distance import ProjectionError as ProjectionError
+from .distance import projection_error as projection_error
+from .overlap import iou_part as iou_part
+from .overlap import iou_whole as iou_whole
+from .scores import compound_score as compound_score
+from .views import Prediction as Prediction
