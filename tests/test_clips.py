@@ -11,8 +11,8 @@ from tripods import far_off
 from data_tools.synthetic.clips import camera_path
 from data_tools.synthetic.film import BESIDE, Scene, TrueFrame, film
 from fieldcalib import Camera, calibrate_video, soccer
+from fieldcalib.assess.frame_table import Basis
 from fieldcalib.assess.result import Verdict
-from fieldcalib.assess.sequence import Basis
 from fieldcalib.assess.video import NO_TRIPOD, Shot, VideoCalibration
 from fieldcalib.images.clip_keyframes import BETWEEN, MOST_MORE
 from fieldcalib.images.finished_clip import MIXED

@@ -3,7 +3,7 @@ from . import closest_points as closest_points
 from . import compilation as compilation
 from . import compile_log as compile_log
 from . import compiled as compiled
-from . import coupling as coupling
+from . import cost_term as cost_term
 from . import evaluation as evaluation
 from . import labelled_pixels as labelled_pixels
 from . import layout as layout
@@ -12,6 +12,7 @@ from . import levenberg_marquardt as levenberg_marquardt
 from . import losses as losses
 from . import observations as observations
 from . import prior as prior
+from . import prior_term as prior_term
 from . import projection as projection
 from . import records as records
 from . import segment_ends as segment_ends
