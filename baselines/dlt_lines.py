@@ -19,17 +19,17 @@ import numpy as np
 
 from fieldcalib._types import Array, BoolArray
 from fieldcalib.assess.result import Calibration, Status
-from fieldcalib.cli.arguments import add_input_and_output
-from fieldcalib.cli.fields import add_sized_field, field_of
-from fieldcalib.cli.folder import Found, calibrate_folder
-from fieldcalib.cli.main import run_command
-from fieldcalib.cli.units import add_jobs
+from fieldcalib.console.arguments import add_input_and_output
+from fieldcalib.console.field_options import add_sized_field, field_of
+from fieldcalib.console.program import run_command
 from fieldcalib.fields.field import Field
 from fieldcalib.geometry.projective import SINGULAR
 from fieldcalib.io.formats import CAMERAS, HOMOGRAPHIES
 from fieldcalib.io.wc14 import format_homography
 from fieldcalib.problem.labelled_pixels import Pixels
 from fieldcalib.problem.observations import pack
+from fieldcalib.run_folder.annotated import AnnotationReader, CalibratedFrame, calibrate_folder
+from fieldcalib.run_folder.options import RunOptions, add_jobs
 from fieldcalib.solve.decomposition import NO_FOCAL_LENGTH, closed_form
 from fieldcalib.solve.from_homography import judged_camera
 from fieldcalib.solve.initial_cameras import ground_homographies
@@ -120,22 +120,23 @@ def main(arguments: Sequence[str] | None = None) -> int:
 def _run(options: argparse.Namespace) -> int:
     field = field_of(options)
     writes = [form.file_name("<id>") for form in (CAMERAS, HOMOGRAPHIES)]
-    return calibrate_folder(options, field, _Method(field), writes=writes)
+    reader = AnnotationReader.of(options, field)
+    return calibrate_folder(RunOptions.of(options), options.input, reader, _Method(field), writes=writes)
 
 
 @dataclass(frozen=True)
 class _Method:
-    """How annotated frames are calibrated."""
+    """Calibrates annotated frames."""
 
     field: Field
 
-    def __call__(self, frames: dict[str, Pixels], size: tuple[int, int]) -> list[Found]:
+    def __call__(self, frames: dict[str, Pixels], size: tuple[int, int]) -> list[CalibratedFrame]:
         members = list(frames.values())
         H, found = homographies(self.field, members, size)
         by_lines = [H[t] if found[t] else None for t in range(len(H))]
         calibrations = calibrate(by_lines, self.field, members, size)
         return [
-            Found(
+            CalibratedFrame(
                 calibration,
                 files={}
                 if matrix is None

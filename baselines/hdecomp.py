@@ -11,24 +11,31 @@ from __future__ import annotations
 
 import argparse
 import time
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import get_args
 
 from baselines import dlt_lines
 from fieldcalib._types import Array
 from fieldcalib.assess.result import Calibration, Status
-from fieldcalib.cli.arguments import add_input_and_output, positive
-from fieldcalib.cli.fields import add_sized_field, field_of
-from fieldcalib.cli.folder import Found, calibrate_files, calibrate_folder, lost, name_skipped, outcome_of
-from fieldcalib.cli.main import run_command
-from fieldcalib.cli.results import calibration_line
-from fieldcalib.cli.units import Made, add_jobs, unit_size
+from fieldcalib.console.arguments import add_input_and_output, positive
+from fieldcalib.console.field_options import add_sized_field, field_of
+from fieldcalib.console.program import run_command
 from fieldcalib.fields.field import Field
 from fieldcalib.io.files import FrameFile
-from fieldcalib.io.formats import CAMERAS, HOMOGRAPHIES
+from fieldcalib.io.formats import HOMOGRAPHIES
 from fieldcalib.io.wc14 import AlignmentName
 from fieldcalib.problem.labelled_pixels import Pixels
+from fieldcalib.run_folder.annotated import (
+    AnnotationReader,
+    CalibratedFrame,
+    calibrate_files,
+    calibrate_folder,
+    name_skipped,
+    unit_result,
+)
+from fieldcalib.run_folder.options import RunOptions, add_jobs
+from fieldcalib.run_folder.units import UnitResult, unit_size
 from fieldcalib.solve.decomposition import camera_from_homography
 from fieldcalib.solve.from_homography import judged_camera, judged_decomposition
 
@@ -98,41 +105,42 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 
 def _run(options: argparse.Namespace) -> int:
+    run = RunOptions.of(options)
     if options.homographies:
         if options.size is None:
             raise ValueError("--homographies needs --size: those files do not say how large the images are")
         files = HOMOGRAPHIES.find(options.input)
         name_skipped(options.input, files)
-        made = _FromHomographies(options.size, options.alignment, options.most_bytes, options.zeta, options.tolerance)
-        writes = [CAMERAS.file_name("<id>")]
-        return calibrate_files(options, files, made, made.first_broken, unit_size(len(files)), writes)
+        method = _FromHomographies(options.size, options.alignment, options.most_bytes, options.zeta, options.tolerance)
+        return calibrate_files(run, files, method, unit_size(len(files)))
     if options.alignment != "wc14":
         raise ValueError("--alignment is about homography files: it needs --homographies")
     field = field_of(options)
-    return calibrate_folder(options, field, _Method(field, options.zeta, options.tolerance))
+    method_of_lines = _Method(field, options.zeta, options.tolerance)
+    return calibrate_folder(run, options.input, AnnotationReader.of(options, field), method_of_lines)
 
 
 @dataclass(frozen=True)
 class _Method:
-    """How annotated frames are calibrated."""
+    """Calibrates annotated frames."""
 
     field: Field
     zeta: float
     tolerance: float
 
-    def __call__(self, frames: dict[str, Pixels], size: tuple[int, int]) -> list[Found]:
+    def __call__(self, frames: dict[str, Pixels], size: tuple[int, int]) -> list[CalibratedFrame]:
         H, found = dlt_lines.homographies(self.field, list(frames.values()), size)
         by_lines = [H[t] if found[t] else None for t in range(len(H))]
         calibrations = calibrate(by_lines, size, zeta=self.zeta, tolerance=self.tolerance)
         return [  # judged by the annotated pixels, which do not come from the homography
-            Found(judged_camera(c.camera, self.field, frame, c.message) if c.camera else c)
+            CalibratedFrame(judged_camera(c.camera, self.field, frame, c.message) if c.camera else c)
             for c, frame in zip(calibrations, frames.values(), strict=True)
         ]
 
 
 @dataclass(frozen=True)
 class _FromHomographies:
-    """What is written of frames whose homographies are in files."""
+    """Decomposes homographies in files."""
 
     image_size: tuple[int, int]
     alignment: AlignmentName
@@ -140,26 +148,19 @@ class _FromHomographies:
     zeta: float
     tolerance: float
 
-    def __call__(self, files: tuple[FrameFile, ...]) -> Made:
+    def __call__(self, files: tuple[FrameFile, ...]) -> UnitResult:
+        """Read the homographies and decompose them."""
         homographies, broken = self._read(files)
         start = time.perf_counter()
         members = list(homographies.values())
-        found = calibrate(members, self.image_size, zeta=self.zeta, tolerance=self.tolerance)
+        calibrations = calibrate(members, self.image_size, zeta=self.zeta, tolerance=self.tolerance)
         seconds = time.perf_counter() - start
-        calibrations = dict(zip(homographies, found, strict=True))
-        outcomes = []
-        for file in files:
-            if file.id in broken:
-                outcomes.append(lost(file, broken[file.id]))
-                continue
-            calibration = calibrations[file.id]
-            outcomes.append(outcome_of(file.id, Found(calibration), calibration_line(file.id, calibration, None)))
-        return Made(outcomes, seconds)
+        found = dict(zip(homographies, map(CalibratedFrame, calibrations), strict=True))
+        return unit_result(files, found, broken, seconds)
 
-    def first_broken(self, files: tuple[FrameFile, ...]) -> str:
-        """The first broken file and what is wrong with it; empty if there is none."""
-        _, broken = self._read(files)
-        return next((f"{file.path}: {broken[file.id]}" for file in files if file.id in broken), "")
+    def broken(self, files: tuple[FrameFile, ...]) -> Mapping[str, str]:
+        """Read the files only: what is wrong with those that are broken, by id."""
+        return self._read(files)[1]
 
     def _read(self, files: tuple[FrameFile, ...]) -> tuple[dict[str, Array], dict[str, str]]:
         homographies: dict[str, Array] = {}

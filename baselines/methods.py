@@ -32,8 +32,6 @@ from baselines.published import (
 from baselines.published import hdecomp as decomposed
 from fieldcalib._types import Array
 from fieldcalib.assess.result import Calibration
-from fieldcalib.cli.frames import image_files
-from fieldcalib.cli.predictions import read_files, read_ground_truth
 from fieldcalib.fields.field import Field
 from fieldcalib.fields.soccer import soccer
 from fieldcalib.images.from_images import calibrate_from_images
@@ -46,6 +44,8 @@ from fieldcalib.io.wc14 import AlignmentName
 from fieldcalib.localize import SegmentationNetwork
 from fieldcalib.metrics import Prediction
 from fieldcalib.problem.labelled_pixels import Pixels, check_segments
+from fieldcalib.run_folder.images import image_files
+from fieldcalib.run_folder.predictions import FileReader, read_ground_truth
 from fieldcalib.solve.batch import calibrate_batch
 from fieldcalib.solve.options import PINHOLE_FLAGS
 
@@ -120,8 +120,9 @@ def read_dataset(
     """
     broken: list[str] = []
     types = read_camera_types([path]) if (path / CAMERA_TYPES).is_file() else None
-    truth = read_ground_truth(path, size, broken, field=soccer(), camera_type=MAIN_CAMERA if types else None)
-    images = {} if pictures is None else _read_pictures(pictures, truth.annotations, size, broken)
+    reader = FileReader(broken)
+    truth = read_ground_truth(reader, path, size, soccer(), MAIN_CAMERA if types else None)
+    images = {} if pictures is None else _read_pictures(pictures, truth.annotations, size, reader)
     annotations = {id: one for id, one in truth.annotations.items() if pictures is None or id in images}
     if not annotations:
         raise ValueError(f"{pictures}: expected pictures of the annotated frames, <id>.jpg or <id>.png")
@@ -132,19 +133,17 @@ def read_dataset(
     for method, folder in (others or {}).items():
         alignment: AlignmentName = "chen" if method == CHEN else "jiang"
         parse = partial(HOMOGRAPHIES.read, alignment=alignment, image_size=size)
-        found = read_files(HOMOGRAPHIES.find([folder]), parse, broken)
+        found = reader.read(HOMOGRAPHIES.find([folder]), parse)
         homographies[method] = [found.get(id) for id in ids]
     segments = None
     if predicted is not None:
         files = ANNOTATIONS.find([predicted])
-        parsed = read_files(
-            files, lambda content: check_segments(soccer(), ANNOTATIONS.read(content, size), size), broken
-        )
+        parsed = reader.read(files, lambda content: check_segments(soccer(), ANNOTATIONS.read(content, size), size))
         segments = {id: parsed.get(id, {}) for id in ids}
     found_by_pnlcalib = None
     if detections is not None:
         files = [file for file in ANNOTATIONS.find([detections]) if file.id in annotations]
-        parsed_detections = read_files(files, lambda content: parse_detections(content, size), broken)
+        parsed_detections = reader.read(files, lambda content: parse_detections(content, size))
         found_by_pnlcalib = [parsed_detections.get(id, Detections({}, {})) for id in ids]
     if broken:
         raise ValueError(f"broken files: {'; '.join(broken)}")
@@ -152,12 +151,12 @@ def read_dataset(
     return Dataset(name, size, annotations, segments, homographies, types, found_by_pnlcalib, views)
 
 
-def _read_pictures(folder: Path, ids: Iterable[str], size: tuple[int, int], broken: list[str]) -> dict[str, Image]:
+def _read_pictures(folder: Path, ids: Iterable[str], size: tuple[int, int], reader: FileReader) -> dict[str, Image]:
     """Pictures by id, in the order of `ids`, stretched to a size if they have another one."""
     import cv2
 
     files = [file for file in image_files([folder]) if file.id in set(ids)]
-    found = read_files(files, parse_image, broken)
+    found = reader.read(files, parse_image)
     return {id: np.asarray(cv2.resize(found[id], size, interpolation=cv2.INTER_CUBIC)) for id in ids if id in found}
 
 

@@ -12,7 +12,6 @@ from __future__ import annotations
 
 import argparse
 import json
-import sys
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
@@ -47,7 +46,7 @@ from baselines.published import (
     Published,
     Segments,
 )
-from fieldcalib.cli.main import run_command
+from fieldcalib.console.program import run_command, say
 from fieldcalib.fields.field import Field
 from fieldcalib.fields.soccer import soccer
 from fieldcalib.metrics import compound_score, evaluate_segments, iou_part
@@ -167,7 +166,7 @@ def _run(options: argparse.Namespace) -> int:
 
         annotated = [dataset for dataset in datasets if dataset.pictures is None]
         for path in figures.draw(options.figures, annotated, runs):
-            print(f"fieldcalib: {path}", file=sys.stderr)
+            say(str(path))
     return 0
 
 

@@ -32,11 +32,9 @@ from baselines.adamw import minimise
 from fieldcalib._types import Array, BoolArray, IntArray
 from fieldcalib.assess.ndc import cloud
 from fieldcalib.assess.result import Calibration, Status
-from fieldcalib.cli.arguments import add_input_and_output, positive
-from fieldcalib.cli.fields import add_sized_field, field_of
-from fieldcalib.cli.folder import Found, by_prior, calibrate_folder
-from fieldcalib.cli.main import run_command
-from fieldcalib.cli.units import add_jobs
+from fieldcalib.console.arguments import add_input_and_output, positive
+from fieldcalib.console.field_options import add_sized_field, field_of
+from fieldcalib.console.program import run_command
 from fieldcalib.fields.field import Field
 from fieldcalib.fields.segments import Line, ObjectSegments, Segment
 from fieldcalib.fields.stands import MAIN_CENTER, MAIN_LEFT, MAIN_RIGHT, CameraDistribution, focal_length_from_fov
@@ -45,6 +43,8 @@ from fieldcalib.geometry.rotation import rotation_axes, rotation_from_angles
 from fieldcalib.io.soccernet import CAMERA_TYPES, DISTRIBUTIONS_OF_TYPE, read_camera_types
 from fieldcalib.problem.labelled_pixels import Pixels, split_circles
 from fieldcalib.problem.layout import ANGLES, CENTER, LOG_F, PRINCIPAL_POINT, ROLL, Layout, camera_from_theta
+from fieldcalib.run_folder.annotated import AnnotationReader, CalibratedFrame, by_prior, calibrate_folder
+from fieldcalib.run_folder.options import RunOptions, add_jobs
 from fieldcalib.solve.from_homography import judged_camera
 from fieldcalib.solve.from_segments import NO_PIXELS
 
@@ -403,12 +403,13 @@ def _run(options: argparse.Namespace) -> int:
     field = field_of(options)
     types = read_camera_types(options.input) if options.initial_cameras == "stacked" else {}
     method = _Method(field, options.steps, options.tau, options.initial_cameras == "argmin", types)
-    return calibrate_folder(options, field, method, more=types)
+    reader = AnnotationReader.of(options, field)
+    return calibrate_folder(RunOptions.of(options), options.input, reader, method, more=types)
 
 
 @dataclass(frozen=True)
 class _Method:
-    """How annotated frames are calibrated."""
+    """Calibrates annotated frames."""
 
     field: Field
     steps: int
@@ -417,9 +418,9 @@ class _Method:
     types: Mapping[str, str]
     """Of the frames' cameras."""
 
-    def __call__(self, frames: dict[str, Pixels], size: tuple[int, int]) -> list[Found]:
+    def __call__(self, frames: dict[str, Pixels], size: tuple[int, int]) -> list[CalibratedFrame]:
         of_size = partial(self._calibrated, size=size)
-        return [Found(calibration) for calibration in by_prior(frames, self._distributions_of, of_size)]
+        return [CalibratedFrame(calibration) for calibration in by_prior(frames, self._distributions_of, of_size)]
 
     def _distributions_of(self, id: str) -> tuple[str, ...]:
         if self.tries_all:

@@ -28,23 +28,28 @@ import numpy as np
 
 from data_tools.synthetic.clips import seen_far_away
 from fieldcalib._types import Array, BoolArray
-from fieldcalib.assess.camera_errors import region_radius
+from fieldcalib.assess.estimate import region_radius
 from fieldcalib.assess.sequence import Basis
 from fieldcalib.assess.video import VideoCalibration
-from fieldcalib.cli.main import run_command
+from fieldcalib.console.program import run_command
 from fieldcalib.fields.soccer import soccer
 from fieldcalib.geometry.camera import Camera
-from fieldcalib.images.clip_solver import ClipSolver
-from fieldcalib.images.frames_together import Cells
-from fieldcalib.images.keyframes import tied_frames
-from fieldcalib.images.matches import Frame, Matches, match_background
+from fieldcalib.images.clip_keyframes import read_keyframes
+from fieldcalib.images.clip_lines import find_clip_lines
+from fieldcalib.images.clip_problem import ClipOptions
+from fieldcalib.images.finished_clip import finish
+from fieldcalib.images.frame import Frame
+from fieldcalib.images.keyframe_labels import KeyframeLabels
+from fieldcalib.images.keyframes import TiedFrame, tied_frames
+from fieldcalib.images.matches import Matches, match_background
+from fieldcalib.images.solved_shots import solve_shots
+from fieldcalib.images.solved_tripods import solve_tripods
 from fieldcalib.io.image import Image
 from fieldcalib.io.images import read_ahead
 from fieldcalib.io.videos import VideoReader
 from fieldcalib.localize.network import SegmentationNetwork
+from fieldcalib.localize.padding import Padded
 from fieldcalib.problem.evaluation import evaluate_camera
-from fieldcalib.solve.options import ALL, DEFAULT_FLAGS
-from fieldcalib.solve.sequence_solver import SHARED
 from fieldcalib.solve.tripod import Labels
 
 GRID = (9, 7)  # pixels across and down, where field points are looked at
@@ -110,17 +115,14 @@ def _nothing(t: int, label: str) -> bool:
     return False
 
 
-class _Masked(ClipSolver):
-    """A clip without the matches on the field in some frames, by their cameras."""
+def _masked(tied: TiedFrame, cameras: dict[int, Camera | None]) -> TiedFrame:
+    """A frame without the matches on the field in some frames, by their cameras."""
 
-    def __init__(self, masked: dict[int, Camera | None]) -> None:
-        super().__init__(soccer(), DEFAULT_FLAGS, ALL, SHARED)
-        self.masked = masked
+    def off_field(key: int, matches: Matches) -> Matches:
+        usable = _off_field(matches.first, cameras.get(key)) & _off_field(matches.second, cameras.get(tied.index))
+        return replace(matches, first=matches.first[usable], second=matches.second[usable])
 
-    def cells(self, key: int, index: int, matches: Matches) -> Cells | None:
-        """What is kept of the matches from a keyframe to a frame; None if they tie nothing."""
-        usable = _off_field(matches.first, self.masked.get(key)) & _off_field(matches.second, self.masked.get(index))
-        return super().cells(key, index, replace(matches, first=matches.first[usable], second=matches.second[usable]))
+    return replace(tied, ties=tuple((key, off_field(key, matches)) for key, matches in tied.ties))
 
 
 class Clip:
@@ -130,9 +132,9 @@ class Clip:
         self, path: Path, start: int = 0, stop: int | None = None, masked: dict[int, Camera | None] | None = None
     ) -> None:
         self.path, self.start, self.stop, self.masked = path, start, stop, masked or {}
-        self.solver = _Masked(self.masked)
-        self.solver.read(tied_frames(read_ahead(self.images())), SegmentationNetwork.load())
-        self.seen = dict(self.solver.seen)
+        self.network = Padded(SegmentationNetwork.load())
+        tied = ((image, _masked(one, self.masked)) for image, one in tied_frames(read_ahead(self.images())))
+        self.keyframes = read_keyframes(tied, ClipOptions(soccer()), self.network)
         self.lines: dict[int, Labels] = {}
 
     def images(self) -> Iterator[Image]:
@@ -142,11 +144,12 @@ class Clip:
 
     def calibrated(self, withheld: Withheld = _nothing) -> VideoCalibration:
         """All frames, from the lines that are not withheld."""
-        solver = self.solver
-        solver.seen = _kept(self.seen, withheld)
-        tripods = solver.tripods()
-        self.lines, ridges = solver.lines_in(read_ahead(self.images()), tripods)
-        return solver.finished(tripods, _kept(self.lines, withheld), ridges)
+        accepted = {t: KeyframeLabels(one) for t, one in _kept(self.keyframes.accepted, withheld).items()}
+        doubtful = {t: one for t, one in self.keyframes.labels.items() if not one.accepted}
+        solved = solve_tripods(solve_shots(replace(self.keyframes, labels={**doubtful, **accepted})))
+        lines = find_clip_lines(solved, read_ahead(self.images()), self.network)
+        self.lines = dict(lines.labels)
+        return finish(replace(lines, labels=_kept(self.lines, withheld)))
 
 
 def _flow(clip: Clip, found: VideoCalibration) -> str:

@@ -28,6 +28,8 @@ import numpy as np
 
 import fieldcalib as fc
 from fieldcalib import fields
+from fieldcalib.io.images import parse_image
+from fieldcalib.io.videos import VideoReader
 
 Found: TypeAlias = list[Any]  # of one part: what is found of each frame, as JSON
 
@@ -107,7 +109,7 @@ def sports(data: Path) -> Found:
 
 def points(data: Path) -> Found:
     """Named points and homographies."""
-    found = []
+    found: Found = []
     for k in range(12):
         camera = fc.Camera.from_angles(0.1 * k - 0.5, 1.4, 0.0, 1500.0, (2.0, 65.0, -15.0), (960, 540))
         X = np.array([(x, y, 0.0) for x in np.linspace(-52.5, 52.5, 9) for y in np.linspace(-34.0, 34.0, 5)])
@@ -120,7 +122,8 @@ def points(data: Path) -> Found:
 
 def sequences(data: Path) -> Found:
     """Frames of one tripod, and of a camera that moves."""
-    field, rng, found = fc.soccer(), np.random.default_rng(5), []
+    found: Found = []
+    field, rng = fc.soccer(), np.random.default_rng(5)
     for shared in (None, ("principal point", "zoom law", "field size")):
         frames = []
         for t in range(40):
@@ -130,7 +133,7 @@ def sequences(data: Path) -> Found:
             inside = {label: xy[np.all((xy >= 0.0) & (xy <= (959, 539)), axis=1)] for label, xy in seen.items()}
             kept = {label: xy + rng.normal(0.0, 1.0, xy.shape) for label, xy in inside.items() if len(xy) > 1}
             frames.append(kept if t % 9 else {})
-        how = {} if shared is None else {"shared": shared}
+        how: dict[str, Any] = {} if shared is None else {"shared": shared}
         found += map(record, fc.calibrate_sequence(field, frames, (960, 540), **how))
     return found
 
@@ -139,7 +142,7 @@ def pictures(data: Path) -> Found:
     """`calibrate_from_images`, sizes not told and told."""
     network, found = fc.SegmentationNetwork.load(threads=1), []
     for folder in ("sncalib-images", "offside-stills", "images", "mls-squashed"):
-        images = [cv2.imread(str(path)) for path in sorted((data / folder).glob("*.jpg"))]
+        images = [parse_image(path.read_bytes()) for path in sorted((data / folder).glob("*.jpg"))]
         found += fc.calibrate_from_images(fc.soccer(), images, network)
         if folder == "sncalib-images":
             found += fc.calibrate_from_images(fc.soccer(length=105.0, width=68.0), images[::3], network)
@@ -150,7 +153,7 @@ def clips(data: Path) -> Found:
     """`calibrate_video` of pieces of all clips, `Tracker` on one of them."""
     network, found = fc.SegmentationNetwork.load(threads=1), []
     for path in sorted((data / "clips").glob("*.mp4")):
-        with fc.io.VideoReader(path) as video:
+        with VideoReader(path) as video:
             frames = list(islice(video, FRAMES))
         found += [[path.stem, record(one)] for one in fc.calibrate_video(fc.soccer(), frames, network)]
         if path.stem in ("el-clasico", "israel"):
@@ -280,7 +283,7 @@ def main() -> int:
         measure(options.data, options.parts, options.measure)
         return 0
     with tempfile.TemporaryDirectory() as folder:
-        files = []
+        files: list[Path] = []
         for commit in (options.old, options.new):
             out = Path(folder, f"{len(files)}.jsonl")
             if commit is not None and Path(commit).is_file():
@@ -295,7 +298,7 @@ def main() -> int:
             files.append(out)
         if options.keep is not None:
             options.keep.write_text(files[1].read_text())
-        return 0 if compare(*files, options.show) else 1
+        return 0 if compare(files[0], files[1], options.show) else 1
 
 
 if __name__ == "__main__":

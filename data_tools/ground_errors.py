@@ -29,13 +29,13 @@ from fieldcalib._types import Array
 from fieldcalib.assess.ground_points import locate_on_ground
 from fieldcalib.assess.result import Calibration
 from fieldcalib.assess.uncertainty import Uncertainty
-from fieldcalib.cli.arguments import image_size
-from fieldcalib.cli.folder import read_frames
-from fieldcalib.cli.main import run_command
+from fieldcalib.console.arguments import image_size
+from fieldcalib.console.program import run_command
 from fieldcalib.fields.field import Field
 from fieldcalib.fields.segments import Arc, Line, Segment
 from fieldcalib.fields.soccer import soccer
 from fieldcalib.problem.labelled_pixels import Pixels
+from fieldcalib.run_folder.annotated import read_frames
 from fieldcalib.solve.batch import calibrate_batch
 
 LEAST = 3  # segments that remain for the calibration

@@ -19,9 +19,9 @@ import numpy as np
 
 from data_tools.synthetic.frames import SIZE, seen_by
 from data_tools.synthetic.games import game_named
-from fieldcalib.cli.arguments import count
-from fieldcalib.cli.fields import SOCCER
-from fieldcalib.cli.main import run_command
+from fieldcalib.console.arguments import count
+from fieldcalib.console.field_options import SOCCER
+from fieldcalib.console.program import run_command
 from fieldcalib.fields.soccer import soccer
 from fieldcalib.geometry.camera import Camera
 from fieldcalib.geometry.homography import ALIGNMENTS

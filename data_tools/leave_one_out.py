@@ -17,12 +17,12 @@ from pathlib import Path
 import numpy as np
 
 from fieldcalib._types import Array
-from fieldcalib.cli.arguments import LENSES, image_size
-from fieldcalib.cli.folder import read_frames
-from fieldcalib.cli.main import run_command
+from fieldcalib.console.arguments import LENSES, image_size
+from fieldcalib.console.program import run_command
 from fieldcalib.fields.field import Field
 from fieldcalib.fields.soccer import soccer
 from fieldcalib.problem.labelled_pixels import Pixels
+from fieldcalib.run_folder.annotated import read_frames
 from fieldcalib.solve.batch import calibrate_batch
 from fieldcalib.solve.field_size import estimate_field_size
 from fieldcalib.solve.from_homography import judged_camera

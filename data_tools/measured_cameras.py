@@ -21,13 +21,13 @@ import numpy as np
 from fieldcalib._types import Array
 from fieldcalib.assess.datum import CENTRE_MARK
 from fieldcalib.assess.result import Calibration
-from fieldcalib.cli.arguments import LENSES, count, positive
-from fieldcalib.cli.demo import observe
-from fieldcalib.cli.main import run_command
+from fieldcalib.console.arguments import LENSES, count, positive
+from fieldcalib.console.program import run_command
 from fieldcalib.fields.field import Field
 from fieldcalib.fields.soccer import soccer
 from fieldcalib.geometry.camera import Camera
 from fieldcalib.problem.layout import CENTER, LOG_F
+from fieldcalib.problem.simulated import observe
 from fieldcalib.solve.batch import calibrate_batch
 from fieldcalib.solve.options import CalibrationFlags
 

@@ -31,9 +31,9 @@ from data_tools.synthetic.clips import camera_path, labelled, painted
 from data_tools.synthetic.frames import filmed
 from data_tools.synthetic.games import Game, game_named
 from fieldcalib.assess.result import Calibration, Verdict
-from fieldcalib.cli.arguments import count
-from fieldcalib.cli.fields import SOCCER
-from fieldcalib.cli.main import run_command
+from fieldcalib.console.arguments import count
+from fieldcalib.console.field_options import SOCCER
+from fieldcalib.console.program import run_command
 from fieldcalib.draw.ground import rays
 from fieldcalib.fields.field import Field
 from fieldcalib.fields.soccer import soccer

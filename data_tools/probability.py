@@ -44,9 +44,8 @@ from fieldcalib._types import Array
 from fieldcalib.assess.datum import motion_in_view
 from fieldcalib.assess.probability import evidence, ground_in_view
 from fieldcalib.assess.result import Calibration
-from fieldcalib.cli.arguments import count, image_size
-from fieldcalib.cli.folder import read_frames
-from fieldcalib.cli.main import run_command
+from fieldcalib.console.arguments import count, image_size
+from fieldcalib.console.program import run_command
 from fieldcalib.fields.catalogue import FIELDS, field_named
 from fieldcalib.fields.field import Field
 from fieldcalib.fields.soccer import soccer
@@ -56,6 +55,7 @@ from fieldcalib.metrics import compound_score, evaluate_segments
 from fieldcalib.problem.labelled_pixels import Pixels
 from fieldcalib.problem.layout import Layout
 from fieldcalib.problem.projection import Projection
+from fieldcalib.run_folder.annotated import read_frames
 from fieldcalib.solve.batch import calibrate_batch
 from fieldcalib.solve.options import pixel_unit
 

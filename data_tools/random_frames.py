@@ -13,13 +13,13 @@ from dataclasses import dataclass
 import numpy as np
 
 from fieldcalib.assess.noise import SHARED_NOISE
-from fieldcalib.cli.demo import SHORTEST_SEGMENT
 from fieldcalib.fields.field import Field
 from fieldcalib.fields.segments import Arc
 from fieldcalib.geometry.camera import Camera
 from fieldcalib.problem.labelled_pixels import Pixels
 from fieldcalib.problem.layout import PRINCIPAL_POINT, ROLL, Layout
 from fieldcalib.problem.prior import sample_theta
+from fieldcalib.problem.simulated import SHORTEST_SEGMENT
 
 FIRST_STAND_SHARE = 0.4  # of the cameras; the other stands share the rest
 ROLL_SIGMA = np.radians(1.0)

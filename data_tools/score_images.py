@@ -33,6 +33,7 @@ from __future__ import annotations
 import argparse
 import json
 from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass
 from itertools import islice
 from pathlib import Path
 
@@ -46,10 +47,10 @@ from data_tools.synthetic import SIZE as SYNTHETIC_SIZE
 from data_tools.truth import compared
 from fieldcalib._types import Array
 from fieldcalib.assess.result import Calibration
-from fieldcalib.cli.arguments import count
-from fieldcalib.cli.fields import SOCCER, add_named_field, field_of
-from fieldcalib.cli.frames import add_network, add_refinement, load_network
-from fieldcalib.cli.main import run_command
+from fieldcalib.console.arguments import count
+from fieldcalib.console.field_options import SOCCER, add_named_field, field_of
+from fieldcalib.console.network import NetworkOptions, add_network, add_refinement, load_network
+from fieldcalib.console.program import run_command
 from fieldcalib.images.from_images import calibrate_from_images
 from fieldcalib.io.formats import CAMERAS
 from fieldcalib.io.image import Image
@@ -65,11 +66,23 @@ REPORTED_WIDTH = 1920.0
 LEAST_POINTS = 4
 
 
-def calibrated(images: Iterable[Image], options: argparse.Namespace) -> Iterator[Calibration]:
-    """The camera of each image, a few images at a time."""
-    field, network = field_of(options), load_network(options)
-    for part in in_parts(images, IMAGES_AT_ONCE):
-        yield from calibrate_from_images(field, part, network, refine=options.refine, estimate_size=False)
+@dataclass(frozen=True)
+class Calibrator:
+    """Calibrates images on their own, a few at a time."""
+
+    network: NetworkOptions
+    refine: bool
+
+    @classmethod
+    def of(cls, options: argparse.Namespace) -> Calibrator:
+        """Take the options of a command line."""
+        return cls(NetworkOptions.of(options), options.refine)
+
+    def __call__(self, images: Iterable[Image]) -> Iterator[Calibration]:
+        """Calibrate images, in their order."""
+        field, network = self.network.field, load_network(self.network)
+        for part in in_parts(images, IMAGES_AT_ONCE):
+            yield from calibrate_from_images(field, part, network, refine=self.refine, estimate_size=False)
 
 
 def stretched(path: Path) -> Image:
@@ -86,7 +99,8 @@ def keypoints(options: argparse.Namespace) -> int:
         if len(X) >= LEAST_POINTS and clip_of(path) not in seen:
             frames[path] = X, xy * SIZE
     errors = []
-    for calibration, (X, xy) in zip(calibrated(map(stretched, frames), options), frames.values(), strict=True):
+    found = Calibrator.of(options)(map(stretched, frames))
+    for calibration, (X, xy) in zip(found, frames.values(), strict=True):
         if calibration.accepted and calibration.camera is not None:
             off = np.linalg.norm(calibration.camera.project(X) - xy, axis=1) * REPORTED_WIDTH / SIZE[0]
             errors.append(float(np.median(np.nan_to_num(off, nan=np.inf))))
@@ -98,7 +112,7 @@ def keypoints(options: argparse.Namespace) -> int:
 def homographies(options: argparse.Namespace) -> int:
     """Score frames with homographies and annotated segments."""
     paths = sorted(options.images.glob("*.png"))
-    found = list(calibrated(map(stretched, paths), options))
+    found = list(Calibrator.of(options)(map(stretched, paths)))
     truths = [parse_homography((options.annotations / f"{path.stem}.homographyMatrix").read_text()) for path in paths]
     both = zip(found, truths, strict=True)
     iou = [100.0 * iou_part(c.camera, H, SIZE) for c, H in both if c.accepted and c.camera is not None]
@@ -119,7 +133,7 @@ def clip(options: argparse.Namespace) -> int:
     with np.load(options.cameras) as arrays:
         f = arrays["K"][:, 0, 0]
     with VideoReader(options.video) as video:
-        found = list(calibrated(islice(video, len(f)), options))
+        found = list(Calibrator.of(options)(islice(video, len(f))))
     accepted = [(c, true) for c, true in zip(found, f, strict=True) if c.accepted]
     result: dict[str, object] = {"frames": len(found), "lost": len(found) - len(accepted)}
     if accepted:
@@ -140,7 +154,7 @@ def synthetic_frames(options: argparse.Namespace) -> int:
     field = field_of(options)
     names = sorted(path.stem for path in options.folder.glob("*.jpg"))
     images = (parse_image((options.folder / f"{name}.jpg").read_bytes()) for name in names)
-    found = list(calibrated(images, options))
+    found = list(Calibrator.of(options)(images))
     cameras = [options.folder / CAMERAS.file_name(name) for name in names]  # none where no field is in view
     shown = [(c, path) for c, path in zip(found, cameras, strict=True) if path.is_file()]
     accepted = [(c, path) for c, path in shown if c.accepted]
@@ -157,7 +171,7 @@ def synthetic_frames(options: argparse.Namespace) -> int:
 def no_field(options: argparse.Namespace) -> int:
     """Count the cameras of pictures that show no field."""
     images = (nonsense(seed) for seed in range(options.seed, options.seed + options.frames))
-    accepted = [c.probability() for c in calibrated(images, options) if c.accepted]
+    accepted = [c.probability() for c in Calibrator.of(options)(images) if c.accepted]
     print(
         json.dumps(
             {"frames": options.frames, "accepted": len(accepted), "probabilities": np.round(accepted, 2).tolist()}

@@ -18,7 +18,7 @@ from pathlib import Path
 
 import numpy as np
 
-from fieldcalib.cli.arguments import image_size
+from fieldcalib.console.arguments import image_size
 from fieldcalib.io.files import BrokenFileError
 from fieldcalib.io.formats import ANNOTATIONS
 

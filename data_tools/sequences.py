@@ -24,8 +24,8 @@ from data_tools.measured_cameras import SIZE, camera_files
 from data_tools.synthetic.clips import background_matches, background_points, camera_path, flight, labelled, painted
 from data_tools.truth import Compared, by_basis, compared
 from fieldcalib._types import Array
-from fieldcalib.cli.arguments import count, positive
-from fieldcalib.cli.main import run_command
+from fieldcalib.console.arguments import count, positive
+from fieldcalib.console.program import run_command
 from fieldcalib.fields.soccer import soccer
 from fieldcalib.geometry.camera import Camera
 from fieldcalib.images.keyframes import BACK

@@ -20,7 +20,7 @@ import io
 import json
 import math
 import time
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -40,8 +40,8 @@ from data_tools.synthetic.cache import check_classes
 from data_tools.synthetic.games import game_named
 from data_tools.training_data import Batches, normalised, stacked, whole
 from fieldcalib._types import Array
-from fieldcalib.cli.arguments import image_size
-from fieldcalib.cli.fields import SOCCER, add_named_field
+from fieldcalib.console.arguments import image_size
+from fieldcalib.console.field_options import SOCCER, add_named_field
 from fieldcalib.io.files import write_bytes
 from fieldcalib.io.image import Image
 
@@ -157,42 +157,46 @@ def intersection_over_union(
     return np.where(confusion.sum(axis=1) > 0.0, both / np.maximum(either, 1.0), np.nan)[1:]
 
 
-def train(
-    training: Training, batches: Batches, out: Path, validation: dict[str, Samples], options: argparse.Namespace
-) -> None:
-    """Train until `options.steps` or `options.minutes` are over, reporting into `out`."""
+@dataclass(frozen=True)
+class Report:
+    """Measures a network, and keeps it."""
+
+    out: Path
+    size: tuple[int, int]
+    classes: Sequence[str]
+    validation: Mapping[str, Samples]
+
+    def __call__(self, training: Training, losses: Sequence[float]) -> None:
+        """Keep a checkpoint and the model, and add a line to the log."""
+        training.save(self.out / "checkpoint.pt")
+        network = training.averaged.module
+        row: dict[str, object] = {"step": training.step, "loss": round(float(np.mean(losses)), 4) if losses else None}
+        for name, samples in self.validation.items():
+            values = intersection_over_union(network, samples, self.size, training.device, len(self.classes))
+            row[f"iou_{name}"] = round(float(np.nanmean(values)), 4)
+            shown = {label: round(float(v), 3) for label, v in zip(self.classes, values, strict=True) if np.isfinite(v)}
+            row[f"iou_{name}_classes"] = shown
+        write_model(network.cpu().eval(), self.out / "model.onnx", self.classes, self.size)
+        network.to(training.device)
+        with (self.out / "log.jsonl").open("a") as log:
+            print(json.dumps(row), file=log)
+
+
+def train(training: Training, batches: Batches, report: Report, steps: int, minutes: float, workers: int) -> None:
+    """Train until so many steps or minutes are over, reporting from time to time."""
     start = reported = time.monotonic()
     losses: list[float] = []
-    steps: Iterable[int] = range(training.step, options.steps)
-    loader = DataLoader(batches, batch_size=None, sampler=steps, num_workers=options.workers)
+    rest: Iterable[int] = range(training.step, steps)
+    loader = DataLoader(batches, batch_size=None, sampler=rest, num_workers=workers)
     for images, classes in loader:
-        losses.append(training.advance(images, classes, options.steps))
+        losses.append(training.advance(images, classes, steps))
         now = time.monotonic()
-        if now - start > 60.0 * options.minutes:
+        if now - start > 60.0 * minutes:
             break
         if now - reported > 60.0 * REPORT_MINUTES:
-            _report(training, out, validation, losses, options)
+            report(training, losses)
             reported, losses = now, []
-    _report(training, out, validation, losses, options)
-
-
-def _report(
-    training: Training, out: Path, validation: dict[str, Samples], losses: Sequence[float], options: argparse.Namespace
-) -> None:
-    """Keep a checkpoint and the model, and add a line to the log."""
-    size, classes = options.size, game_named(options.field).classes
-    training.save(out / "checkpoint.pt")
-    network = training.averaged.module
-    row: dict[str, object] = {"step": training.step, "loss": round(float(np.mean(losses)), 4) if losses else None}
-    for name, samples in validation.items():
-        values = intersection_over_union(network, samples, size, training.device, len(classes))
-        row[f"iou_{name}"] = round(float(np.nanmean(values)), 4)
-        shown = {label: round(float(v), 3) for label, v in zip(classes, values, strict=True) if np.isfinite(v)}
-        row[f"iou_{name}_classes"] = shown
-    write_model(network.cpu().eval(), out / "model.onnx", classes, size)
-    network.to(training.device)
-    with (out / "log.jsonl").open("a") as log:
-        print(json.dumps(row), file=log)
+    report(training, losses)
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -240,7 +244,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
     labelled = [one for one in labelled_frames(options.labelled) if one.clip not in clips] if options.labelled else []
     cached = sorted(options.cache.glob("*.jpg")) if options.cache else []
     batches = Batches(options.seed, options.batch, options.size, cached, labelled, options.field)
-    train(training, batches, options.out, validation, options)
+    report = Report(options.out, options.size, classes, validation)
+    train(training, batches, report, options.steps, options.minutes, options.workers)
     return 0
 
 

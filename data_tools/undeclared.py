@@ -33,9 +33,8 @@ import numpy as np
 from data_tools.probability import largest_true_error
 from fieldcalib.assess.result import LEAST_PROBABILITY, Calibration, Verdict
 from fieldcalib.assess.together import compute_errors
-from fieldcalib.cli.arguments import image_size
-from fieldcalib.cli.folder import read_frames
-from fieldcalib.cli.main import run_command
+from fieldcalib.console.arguments import image_size
+from fieldcalib.console.program import run_command
 from fieldcalib.fields.catalogue import field_named
 from fieldcalib.fields.field import Field
 from fieldcalib.fields.soccer import soccer
@@ -45,6 +44,7 @@ from fieldcalib.io.image import Image
 from fieldcalib.io.images import parse_image
 from fieldcalib.localize.network import SegmentationNetwork
 from fieldcalib.problem.labelled_pixels import Pixels, check_segments
+from fieldcalib.run_folder.annotated import read_frames
 from fieldcalib.solve.batch import calibrate_batch
 
 LEAST_LABELS = 3

@@ -22,13 +22,13 @@ from data_tools.probability import largest_true_error
 from data_tools.random_frames import observed
 from fieldcalib._types import Array
 from fieldcalib.assess.result import Calibration
-from fieldcalib.cli.arguments import count, image_size
-from fieldcalib.cli.folder import read_frames
-from fieldcalib.cli.main import run_command
+from fieldcalib.console.arguments import count, image_size
+from fieldcalib.console.program import run_command
 from fieldcalib.fields.field import Field
 from fieldcalib.fields.soccer import soccer
 from fieldcalib.geometry.camera import Camera
 from fieldcalib.problem.labelled_pixels import Pixels
+from fieldcalib.run_folder.annotated import read_frames
 from fieldcalib.solve.batch import calibrate_batch
 
 WRONG = 1.0  # m

@@ -12,6 +12,7 @@ from . import processes as processes
 from . import solve as solve
 from .assess.ground_points import locate_on_ground as locate_on_ground
 from .assess.result import Calibration as Calibration
+from .assess.result import NoCameraError as NoCameraError
 from .assess.result import Status as Status
 from .assess.sequence import SequenceCalibration as SequenceCalibration
 from .assess.together import compute_errors as compute_errors

@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike
 
 from fieldcalib._extras import imported
 from fieldcalib._types import Array
-from fieldcalib.assess.camera_errors import GroundError
+from fieldcalib.assess.estimate import GroundError
 from fieldcalib.fields.field import Field
 from fieldcalib.geometry.camera import Camera
 

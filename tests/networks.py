@@ -6,7 +6,7 @@ from synthetic import whole_circle_markings
 
 from fieldcalib.draw.scene import fixed_point, image_curves
 from fieldcalib.fields.soccer import soccer
-from fieldcalib.images.clip_solver import BETWEEN
+from fieldcalib.images.clip_keyframes import BETWEEN
 from fieldcalib.images.keyframes import tied_frames
 from fieldcalib.localize import BACKGROUND
 

@@ -1,7 +1,7 @@
 """Hypothesis strategies: what is drawn are the parameters themselves, so that a failure shrinks to a simple camera.
 
-Bulk data without structure, points in general position or noise, comes from `generators`: a seed is all that there is
-to say about it.
+Points in general position are a fixed set moved by drawn distances. A seed is drawn by `generators`, for noise whose
+values do not matter.
 """
 
 import numpy as np
@@ -27,6 +27,16 @@ def vectors(low, high, count=None):
     low, high = np.array(low, dtype=float), np.array(high, dtype=float)
     shape = low.shape if count is None else (count, *low.shape)
     return arrays(float, shape, elements=numbers(0.0, 1.0)).map(lambda share: low + share * (high - low))
+
+
+def bounded(shape, low, high):
+    """Arrays of a shape with `numbers` from low to high."""
+    return arrays(float, shape, elements=numbers(low, high))
+
+
+def moved(x, distance):
+    """Arrays like `x`, every entry moved by up to `distance`."""
+    return bounded(np.shape(x), -distance, distance).map(lambda by: x + by)
 
 
 def pixel_arrays(low, high, most=8):

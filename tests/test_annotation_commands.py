@@ -12,13 +12,12 @@ from networks import FIELD
 from views import camera
 
 from baselines import dlt_lines, hdecomp
-from fieldcalib.cli import units
-from fieldcalib.cli.localize import order_along
 from fieldcalib.draw.scene import render_field
 from fieldcalib.io.annotation_files import read_annotations
-from fieldcalib.io.annotations import Annotation
+from fieldcalib.io.annotations import Annotation, order_along
 from fieldcalib.io.formats import ANNOTATIONS, OTHER_ANNOTATIONS
 from fieldcalib.io.soccernet import parse_annotation
+from fieldcalib.run_folder import units
 
 TOOLS = pytest.mark.parametrize("tool", OTHER_ANNOTATIONS)
 TRUTHS = [camera(pan, 78, 1400, (0, 68, -17)) for pan in (24, -22)]

@@ -11,11 +11,11 @@ from killed import content_of
 from synthetic import random_frames
 
 from baselines import dlt_lines, hdecomp, tvcalib
-from fieldcalib.cli import units
 from fieldcalib.cli.main import main as fieldcalib_main
 from fieldcalib.io.formats import HOMOGRAPHIES
 from fieldcalib.io.soccernet import camera_from_record, format_annotation, format_camera_types
 from fieldcalib.io.wc14 import format_homography, parse_homography
+from fieldcalib.run_folder import units
 
 SIZE = (960, 540)
 NAMES = ("a", "b", "c")

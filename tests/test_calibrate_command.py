@@ -10,8 +10,8 @@ import pytest
 from commands import SIZE, WITH_CAMERA, calibrate, cameras_in, lines_of, summary_of
 
 import fieldcalib
-from fieldcalib.cli import folder as commands_on_folders
 from fieldcalib.io.soccernet import camera_from_record
+from fieldcalib.run_folder import annotated as commands_on_folders
 
 
 def test_files(calibrated_folder):
@@ -107,8 +107,8 @@ def test_the_total_time_is_that_of_everything(annotated_folder, tmp_path, monkey
 
         return slept
 
-    for name in ("calibration_line", "ndc_loss", "outcome_of"):
-        monkeypatch.setattr(f"fieldcalib.cli.folder.{name}", slow(getattr(commands_on_folders, name)))
+    for name in ("calibration_line", "ndc_loss", "compute_errors"):
+        monkeypatch.setattr(f"fieldcalib.run_folder.annotated.{name}", slow(getattr(commands_on_folders, name)))
     assert calibrate(tmp_path, annotated_folder / "a.json") == 0
     seconds = summary_of(tmp_path)["seconds"]
     assert seconds["total"] - seconds["calibration"] > 0.9

@@ -1,11 +1,26 @@
 """What a calibration says: errors, statuses and messages, uncertainty."""
 
+import copy
+import pickle
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from one_camera import CAMERA, FIELD, FRAME, MARKINGS, SIZE, F, relative_error
 from synthetic import observe, random_frames
 
-from fieldcalib import Camera, Line, Point, Status, calibrate_batch, calibrate_from_segments, compute_errors
+from fieldcalib import (
+    Camera,
+    Line,
+    Point,
+    Status,
+    calibrate_batch,
+    calibrate_from_homography,
+    calibrate_from_segments,
+    compute_errors,
+    locate_on_ground,
+)
+from fieldcalib.assess.result import NoCameraError
 from fieldcalib.solve.options import DEFAULT_FLAGS
 
 # --- what comes back ---
@@ -51,9 +66,50 @@ def test_too_few_labels(frame, status, message):
     assert (found.camera is None) == (not any(len(xy) for xy in frame.values()))
 
 
-def test_nothing_to_unpack_is_an_error_that_says_why():
-    with pytest.raises(ValueError, match="no camera to unpack: no labelled pixels"):
-        list(calibrate_from_segments(FIELD, {}, SIZE))
+USES_OF_A_CAMERA = {
+    "unpacked": list,
+    "required": lambda found: found.required_camera,
+    "K": lambda found: found.K,
+    "project": lambda found: found.project([0.0, 0.0, 0.0]),
+    "image_to_field": lambda found: found.image_to_field([480.0, 300.0]),
+    "located": lambda found: locate_on_ground(found, [480.0, 300.0]),
+    "uncertainty": lambda found: found.uncertainty,
+    "covariance": lambda found: found.covariance,
+    "std_deviations": lambda found: found.std_deviations,
+    "observability": lambda found: found.observability,
+    "field_uncertainty": lambda found: found.field_uncertainty([480.0, 300.0]),
+}
+
+
+@pytest.mark.parametrize("use", USES_OF_A_CAMERA.values(), ids=USES_OF_A_CAMERA)
+def test_the_use_of_a_missing_camera_is_an_error_that_says_why(use):
+    nothing = calibrate_from_segments(FIELD, {}, SIZE)
+    assert nothing.camera is None
+    assert not nothing
+    with pytest.raises(NoCameraError, match=r"no labelled pixels.*\(too few segments\).*more markings") as raised:
+        use(nothing)
+    error = pickle.loads(pickle.dumps(raised.value))
+    assert (error.status, error.reason, error.remedy) == (nothing.status, nothing.message, nothing.remedy)
+
+
+def test_a_camera_is_used_through_its_calibration_too():
+    found = calibrate_from_segments(FIELD, FRAME, SIZE)
+    assert found.required_camera is found.camera
+    np.testing.assert_array_equal(found.K, found.camera.K)
+    np.testing.assert_array_equal(found.project([0.0, 0.0, 0.0]), found.camera.project([0.0, 0.0, 0.0]))
+    np.testing.assert_array_equal(found.image_to_field([480, 300]), found.camera.image_to_field([480, 300]))
+
+
+def test_what_a_calibration_holds_cannot_be_written_to():
+    found = calibrate_from_segments(FIELD, FRAME, SIZE)
+    errors = dict(found.per_segment_errors)
+    for numbers in (found.per_segment_errors, found.pixel_counts):
+        with pytest.raises(TypeError):
+            numbers["Side line top"] = 0.0
+    assert found.per_segment_errors == errors
+    for copied in (pickle.loads(pickle.dumps(found)), copy.deepcopy(found), replace(found)):
+        assert copied == found
+        assert list(copied.per_segment_errors) == list(errors)
 
 
 def seen_by_a_wide_camera(labels):
@@ -187,8 +243,12 @@ def test_more_noise_makes_less_certain():
 
 def test_cameras_that_were_not_fitted_know_no_errors():
     (empty,) = calibrate_batch(FIELD, [{}], SIZE)
-    with pytest.raises(ValueError, match="expected a calibration from labelled pixels"):
+    with pytest.raises(NoCameraError, match="there is no camera: no labelled pixels"):
         _ = empty.uncertainty
+    of_homography = calibrate_from_homography([[8.0, 2, 480], [0, 3, 270], [0, 0.004, 1]], SIZE)
+    with pytest.raises(ValueError, match="expected a calibration from labelled pixels"):
+        _ = of_homography.uncertainty
+    assert np.isnan(of_homography.probability())
 
 
 # --- labels that lie ---

@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from numdiff import central_differences
-from strategies import generators
+from strategies import bounded, moved
 from tripods import SIZE, operated
 
 from fieldcalib.assess.camera_errors import KnownErrors
@@ -23,19 +23,23 @@ WITH_SIZE = Layout.of(SIZE, field_size=SIZE_BLOCK, zoom_law=LAW)
 STEPS = np.array([1e-6] * 3 + [1e-6] + [1e-4] * 3 + [1e-3] * 2 + [1e-6] * 3 + [1e-3] * 2 + [1e-5] * 2 + [1e-4])
 
 
-def drawn(rng, layout=LAYOUT):
-    """Parameters away from every special value, the law included."""
-    theta = operated(rng, 1, layout)[0]
-    theta[:3] += rng.uniform(-0.3, 0.3, 3) * (1.0, 0.3, 0.2)
-    theta[LOG_F] = LAW.reference + rng.uniform(-0.6, 0.6)
-    theta[layout.lens_block] = rng.uniform(-0.05, 0.08, 2)
-    theta[layout.zoom_law_block] = rng.uniform((-20, -20, -0.05, -0.05, -1.0), (20, 20, 0.05, 0.05, 1.0))
+def theta_at(share=0.7, layout=LAYOUT):
+    """Parameters somewhere in their ranges: `share`, from -1 to 1, of angles, log f, lens and zoom law (11,)."""
+    share = np.broadcast_to(share, 11)
+    theta = operated(np.random.default_rng(0), 1, layout)[0]
+    theta[:3] += share[:3] * (0.3, 0.1, 0.06)
+    theta[LOG_F] = LAW.reference + 0.6 * share[3]
+    theta[layout.lens_block] = 0.02 + 0.06 * share[4:6]
+    theta[layout.zoom_law_block] = share[6:] * (20.0, 20.0, 0.05, 0.05, 1.0)
     return theta
 
 
-def a_covariance(rng, layout):
-    """Of correlated parameters, each of the size of errors that there are."""
-    root = rng.normal(size=(layout.size, layout.size)) / np.sqrt(layout.size)
+shares = bounded(11, -1.0, 1.0)
+
+
+def covariance_of(root, layout):
+    """Covariance of correlated parameters, each with the standard deviations of real cameras, from a root (n, n)."""
+    root = root / np.sqrt(layout.size)
     scale = np.full(layout.size, 1e-3)
     scale[4:7], scale[7:9] = 0.1, 2.0
     if layout.zoom_law is not None:
@@ -43,15 +47,15 @@ def a_covariance(rng, layout):
     return scale[:, None] * (root @ root.T) * scale
 
 
-@given(generators())
-def test_the_zoom_jacobian_is_the_derivative_of_the_zoom_law(rng):
-    theta = drawn(rng)
+@given(shares)
+def test_the_zoom_jacobian_is_the_derivative_of_the_zoom_law(share):
+    theta = theta_at(share)
     numeric = central_differences(LAYOUT.at_zoom, theta, STEPS)
     np.testing.assert_allclose(LAYOUT.zoom_jacobian(theta), numeric, rtol=1e-6, atol=1e-7)
 
 
 def test_the_zoom_jacobian_has_the_size_of_the_field():
-    theta = drawn(np.random.default_rng(0), WITH_SIZE)
+    theta = theta_at(layout=WITH_SIZE)
     steps = np.concatenate([STEPS, [1e-3, 1e-3]])
     numeric = central_differences(WITH_SIZE.at_zoom, theta, steps)
     np.testing.assert_allclose(WITH_SIZE.zoom_jacobian(theta), numeric, rtol=1e-6, atol=1e-7)
@@ -59,22 +63,22 @@ def test_the_zoom_jacobian_has_the_size_of_the_field():
 
 def test_without_a_zoom_law_nothing_follows_the_zoom():
     layout = Layout.of(SIZE)
-    theta = drawn(np.random.default_rng(0))[: layout.size]
+    theta = theta_at()[: layout.size]
     np.testing.assert_array_equal(layout.zoom_jacobian(theta), np.eye(layout.size))
     assert layout.at_zoom(theta) is theta
 
 
 def test_without_a_lens_the_law_bends_none():
     layout = Layout.of(SIZE, lens=Pinhole(1.0), zoom_law=LAW)
-    theta = np.concatenate([drawn(np.random.default_rng(1))[:10], [5.0, -4.0, 0.0, 0.0, 0.6]])
+    theta = np.concatenate([theta_at()[:10], [5.0, -4.0, 0.0, 0.0, 0.6]])
     steps = np.concatenate([STEPS[:10], STEPS[12:]])
     numeric = central_differences(layout.at_zoom, theta, steps)
     np.testing.assert_allclose(layout.zoom_jacobian(theta), numeric, rtol=1e-6, atol=1e-7)
 
 
-@given(generators())
-def test_standard_deviations_follow_the_zoom_law(rng):
-    theta, covariance = drawn(rng), a_covariance(rng, LAYOUT)
+@given(shares, moved(np.eye(LAYOUT.size), 1.0))
+def test_standard_deviations_follow_the_zoom_law(share, root):
+    theta, covariance = theta_at(share), covariance_of(root, LAYOUT)
 
     def opencv(theta):
         rvec, tvec, K, dist = LAYOUT.camera(theta).to_opencv()
@@ -87,14 +91,14 @@ def test_standard_deviations_follow_the_zoom_law(rng):
     np.testing.assert_allclose(found, expected, rtol=2e-5)
 
 
-@given(generators(), st.sampled_from([LAYOUT, WITH_SIZE]))
-def test_ground_errors_follow_the_zoom_law(rng, layout):
-    theta, covariance = drawn(rng, layout), a_covariance(rng, layout)
+@given(shares, st.data(), st.sampled_from([LAYOUT, WITH_SIZE]))
+def test_ground_errors_follow_the_zoom_law(share, data, layout):
+    theta, covariance = theta_at(share, layout), covariance_of(data.draw(moved(np.eye(layout.size), 1.0)), layout)
     errors = KnownErrors(layout, theta, covariance)
     xy = np.array([[100.0, 500.0], [480.0, 400.0], [850.0, 330.0]])
     X = errors.camera.image_to_field(xy)
     J = central_differences(
-        lambda moved: layout.camera(moved).image_to_field(xy)[:, :2], theta, np.resize(STEPS, layout.size)
+        lambda theta: layout.camera(theta).image_to_field(xy)[:, :2], theta, np.resize(STEPS, layout.size)
     )
     expected = J @ covariance @ np.swapaxes(J, 1, 2)
     np.testing.assert_allclose(errors.at_image(xy).covariance, expected, rtol=1e-4, atol=1e-9)
@@ -113,10 +117,9 @@ def through_pickle(errors):
 @pytest.mark.parametrize("layout", [LAYOUT, WITH_SIZE, Layout.of(SIZE)], ids=["law", "law and size", "plain"])
 @pytest.mark.parametrize("dof", [7.5, np.inf])
 def test_errors_survive_json_and_pickle(copied, layout, dof):
-    rng = np.random.default_rng(2)
-    theta = drawn(rng, WITH_SIZE)
+    theta = theta_at(layout=WITH_SIZE)
     theta = np.concatenate([theta[:12], theta[12 : 17 * (layout.zoom_law is not None)], theta[17:]])[: layout.size]
-    covariance = a_covariance(rng, layout)
+    covariance = covariance_of(np.random.default_rng(2).normal(size=(layout.size, layout.size)), layout)
     layout = layout.with_roles(Role.CONSIDERED, "centre", "zoom law").fixed("aspect")
     errors = KnownErrors(layout, theta, covariance, dof)
     back = copied(errors)
@@ -133,14 +136,14 @@ def test_errors_survive_json_and_pickle(copied, layout, dof):
 
 
 def test_errors_that_nothing_determines_survive_json():
-    theta, covariance = drawn(np.random.default_rng(3)), np.zeros((LAYOUT.size, LAYOUT.size))
+    theta, covariance = theta_at(), np.zeros((LAYOUT.size, LAYOUT.size))
     covariance[4], covariance[:, 4], covariance[4, 4] = np.nan, np.nan, np.inf
     record = json.dumps(KnownErrors(LAYOUT, theta, covariance).to_dict(), allow_nan=False)
     np.testing.assert_array_equal(KnownErrors.from_dict(json.loads(record))._covariance, covariance)
 
 
 def test_regions_of_known_covariances_are_those_of_a_normal_distribution():
-    errors = KnownErrors(LAYOUT, drawn(np.random.default_rng(5)), np.eye(LAYOUT.size))
+    errors = KnownErrors(LAYOUT, theta_at(), np.eye(LAYOUT.size))
     np.testing.assert_allclose(
         [errors.radius(1), errors.radius(2), errors.radius(3)], [1.95996, 2.44775, 2.79548], 1e-5
     )
@@ -148,7 +151,6 @@ def test_regions_of_known_covariances_are_those_of_a_normal_distribution():
     assert np.isfinite(half_axes).all()
 
 
-def test_they_are_their_own_uncertainty():
-    errors = KnownErrors(LAYOUT, drawn(np.random.default_rng(4)), np.eye(LAYOUT.size))
-    assert errors.uncertainty is errors
+def test_their_covariance_is_the_given_one():
+    errors = KnownErrors(LAYOUT, theta_at(), np.eye(LAYOUT.size))
     np.testing.assert_array_equal(errors.covariance, np.eye(LAYOUT.size))

@@ -14,7 +14,7 @@ from commands import calibrate, run
 
 import fieldcalib
 import fieldcalib.cli.demo
-from fieldcalib.cli.progress import progress_bar
+from fieldcalib.console.progress import progress_bar
 from fieldcalib.fields.stands import DISTRIBUTIONS
 from fieldcalib.io.output_folder import output_folder
 
@@ -207,7 +207,7 @@ def test_so_does_a_request_to_end(annotated_folder, tmp_path, name):
 
 
 REQUESTED = """
-import os, signal, fieldcalib.cli.units as units
+import os, signal, fieldcalib.run_folder.units as units
 def work(*arguments):
     os.kill(os.getpid(), signal.SIGTERM)
 units.work = work

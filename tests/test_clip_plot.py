@@ -8,6 +8,7 @@ from tripods import matched, panned
 
 from data_tools.synthetic.clips import labelled
 from fieldcalib import Camera, Status, calibrate_batch, calibrate_sequence, soccer
+from fieldcalib.assess.camera_errors import NoErrors
 from fieldcalib.assess.result import Calibration
 from fieldcalib.assess.video import Shot, VideoCalibration
 from fieldcalib.draw.clip_plot import (
@@ -116,7 +117,7 @@ def test_a_frame_alone_between_gaps_is_seen(calibrations):
 
 def test_rejected_cameras_are_red_and_do_not_scale_the_panels(calibrations):
     far = Camera.from_angles(1.0, 0.7, 0.5, 9000.0, (300.0, 500.0, -200.0), (960, 540))
-    wrong = replace(calibrations[8], camera=far, status=Status.IMPLAUSIBLE, solved=None)
+    wrong = replace(calibrations[8], camera=far, status=Status.IMPLAUSIBLE, errors=NoErrors())
     picture = plot_sequence([*calibrations[:8], wrong, *calibrations[9:]])
     assert near(picture[PANELS, column(8)], REJECTED_LINE).any()
     assert not near(picture[PANELS, column(8)], LINE, 60).any()

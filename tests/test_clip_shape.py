@@ -17,11 +17,13 @@ from fieldcalib.assess.result import Verdict
 from fieldcalib.assess.video import VideoCalibration
 from fieldcalib.assess.whole_picture import SHAPE
 from fieldcalib.images import clip_shape, live_shape
-from fieldcalib.images.clip_shape import LookedAt, between_borders, placement_within, shape_of_odds, some_of
+from fieldcalib.images.borders import within_borders
+from fieldcalib.images.clip_problem import ClipOptions
+from fieldcalib.images.clip_shape import ShapeEstimator, common_borders, shape_of_odds, some_of
 from fieldcalib.images.live_shape import LiveShape
 from fieldcalib.images.tracker import Tracker
 from fieldcalib.solve.aspect import WAS_SQUASHED
-from fieldcalib.solve.options import ALL, DEFAULT_FLAGS, KNOWN_INTRINSICS_FLAGS
+from fieldcalib.solve.options import KNOWN_INTRINSICS_FLAGS
 
 SIZE, BAR = (480, 270), 45
 LETTERBOXED, SQUASHED = (SIZE[0], SIZE[1] + 2 * BAR), (360, 270)
@@ -106,7 +108,7 @@ def test_frames_together_tell_squashed_clips_from_parts(clip):
     cameras, pictures = clip
     some = slice(0, COUNT, 2)
     network = Asked(cameras[some])
-    asked = LookedAt(FIELD, network, DEFAULT_FLAGS, ALL)
+    asked = ShapeEstimator(ClipOptions(FIELD), network)
     assert asked.log_odds([squashed(picture) for picture in pictures[some]]) > 3.0
     corner = SIZE[0] - SQUASHED[0], 0
     parts = [camera.cropped(corner, SQUASHED) for camera in cameras[some]]
@@ -116,7 +118,7 @@ def test_frames_together_tell_squashed_clips_from_parts(clip):
 
 def test_what_is_not_told_is_to_be_checked(clip, monkeypatch):
     cameras, pictures = clip
-    monkeypatch.setattr(LookedAt, "log_odds", lambda asked, images: -1.0)
+    monkeypatch.setattr(ShapeEstimator, "log_odds", lambda asked, images: -1.0)
     thin = [squashed(picture) for picture in pictures]
     seen = [cameras[t] for t in looked_at(pictures, cameras)]
     found = calibrate_video(FIELD, thin, KnownCameras(seen))
@@ -132,23 +134,23 @@ def test_borders_are_those_of_all_pictures_that_show_something(clip):
     black = np.zeros_like(boxed[0])
     assert some_of([black] * 60) == []
     assert len(some_of([black] * 24 + boxed * 10)) > 1
-    assert between_borders(some_of([black] * 24 + boxed * 10)).frame_size == SIZE
+    assert common_borders(some_of([black] * 24 + boxed * 10)).frame_size == SIZE
     bright = boxed[0].copy()
     bright[:20] = 90
-    assert between_borders([*boxed, bright]) is None
+    assert common_borders([*boxed, bright]).is_whole
 
 
 def test_a_sky_that_is_black_is_no_border(clip):
     night = [picture.copy() for picture in clip[1][:3]]
     for picture in night:
         picture[:40] = 0
-    assert between_borders(night) is None
+    assert common_borders(night).is_whole
 
 
 @pytest.mark.parametrize("log_odds", [-9.0, -1.0, 1.0, 9.0])
 def test_odds_within_borders(log_odds):
     """Squashed frames between borders: their pixels come back where they were."""
-    found = shape_of_odds(log_odds, placement_within((360, 360), (0, BAR)), SQUASHED)
+    found = shape_of_odds(log_odds, within_borders((360, 360), (0, BAR)))
     assert (found.complaints == (SHAPE,)) is (abs(log_odds) < 3.0)
     assert found.placement.frame_size == (SIZE if log_odds > 0.0 else SQUASHED)
     (xy,) = found.placement.to_frame({"a": np.array([[90.0, BAR + 10.0]])}).values()
@@ -184,7 +186,7 @@ def test_a_live_video_begins_anew_where_borders_are_none(clip):
 
 def test_live_pictures_of_another_shape_are_to_be_checked_until_it_is_told(clip, often, monkeypatch):
     cameras, pictures = clip
-    monkeypatch.setattr(LookedAt, "log_odds", lambda asked, images: 1.0 if len(images) < 8 else 9.0)
+    monkeypatch.setattr(ShapeEstimator, "log_odds", lambda asked, images: 1.0 if len(images) < 8 else 9.0)
     found = tracked([squashed(picture) for picture in pictures], Asked(cameras[:1]))
     assert all(SHAPE in one.complaints for one in found[:14] if one.camera is not None)
     assert WAS_SQUASHED in found[-1].message
@@ -198,7 +200,7 @@ def live(log_odds=-9.0):
         done.set_result(log_odds)
         return done
 
-    return LiveShape(LookedAt(FIELD, None, DEFAULT_FLAGS, ALL), submit)
+    return LiveShape(ShapeEstimator(ClipOptions(FIELD), None), submit)
 
 
 def test_larger_borders_begin_where_all_of_the_last_pictures_have_them(clip, often):

@@ -14,7 +14,8 @@ from fieldcalib import Camera, calibrate_video, soccer
 from fieldcalib.assess.result import Verdict
 from fieldcalib.assess.sequence import Basis
 from fieldcalib.assess.video import NO_TRIPOD, Shot, VideoCalibration
-from fieldcalib.images.clip_solver import BETWEEN, MIXED, MOST_MORE
+from fieldcalib.images.clip_keyframes import BETWEEN, MOST_MORE
+from fieldcalib.images.finished_clip import MIXED
 from fieldcalib.images.keyframes import EVERY, tied_frames
 
 KNOWN = soccer(size_known=True)

@@ -61,7 +61,7 @@ def problem_of(camera, rng, lens=RadialLens, loss="cauchy", prior=True):
         RobustLoss(loss, 6.0),
         prior=GaussianPrior(np.tile(true, (3, 1)), np.tile(5.0 * SPREAD[: layout.size], (3, 1))) if prior else None,
     )
-    return with_segment_ends(FIELD, evaluate(problem, theta), 50.0)
+    return with_segment_ends(evaluate(problem, theta), 50.0)
 
 
 @settings(max_examples=30)
@@ -129,7 +129,7 @@ def test_levenberg_marquardt_with_the_size_of_the_field(told, by_numpy):
     )
 
     def both():
-        start = with_segment_ends(FIELD, evaluate(problem, theta), 50.0)
+        start = with_segment_ends(evaluate(problem, theta), 50.0)
         return start, start.JT, levenberg_marquardt(start, max_iterations=60, tolerance=1e-10)
 
     (start, JT, compiled), (numpy_start, numpy_JT, numpy) = both(), by_numpy(both)
@@ -211,7 +211,7 @@ def test_numba_is_loaded_when_a_frame_is_solved_and_not_before():
 def test_the_command_line_says_that_it_compiles(tmp_path):
     """Once, where something is not in the cache. A small function stands in."""
     code = (
-        "from fieldcalib.cli.main import log_on_stderr\n"
+        "from fieldcalib.console.program import log_on_stderr\n"
         "from fieldcalib.problem.compilation import compiled\n"
         "with log_on_stderr():\n"
         "    module = compiled()\n"

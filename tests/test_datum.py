@@ -5,10 +5,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from hypothesis import assume, given
-from hypothesis import strategies as st
 from numdiff import central_differences
-from strategies import cameras, generators
-from synthetic import observe
+from strategies import angle, cameras, numbers, vectors
+from synthetic import displaced, observe
 from tripods import SIZE, chain, matched, panned
 
 from fieldcalib import Calibration, Status, calibrate_from_segments, calibrate_sequence, locate_on_ground, soccer
@@ -97,12 +96,12 @@ def test_what_is_not_painted_tells_nothing():
     np.testing.assert_allclose(seen_by(corner, field=without)[0, 0], [0.0, 0.0], atol=1e-3)
 
 
-@given(generators(), st.floats(-0.3, 0.7))
-def test_relative_derivatives_are_those_of_places_less_the_markings(rng, pan):
+@given(pan=numbers(-0.3, 0.7), xy=vectors((100.0, 250.0), (860.0, 500.0), count=6))
+def test_relative_derivatives_are_those_of_places_less_the_markings(pan, xy):
     """By central differences: the ground point of a pixel, less the mean place of the markings in view."""
     camera = Camera.from_angles(pan, 1.36, 0.003, 1700.0, (0.0, 66.0, -17.0), SIZE)
     layout = Layout.of(SIZE, field_size=BLOCK)
-    theta, xy = layout.theta(camera), rng.uniform((100.0, 250.0), (860.0, 500.0), (6, 2))
+    theta = layout.theta(camera)
     here = seen_by(camera)[0]
 
     def place(moved):
@@ -121,16 +120,21 @@ def test_relative_derivatives_are_those_of_places_less_the_markings(rng, pan):
     np.testing.assert_allclose(relative_to_markings(part, projection, FIELD, some)[0], found[..., some])
 
 
-@given(st.floats(-4.0, 4.0), generators())
-def test_one_end_of_a_longer_pitch_is_right_relative_to_its_markings(dl, rng):
+@given(
+    dl=numbers(-4.0, 4.0),
+    noise=numbers(0.0, 0.3),
+    direction=angle(np.pi),
+    places=vectors((2.0, -8.0, 0.0), (18.0, 15.0, 0.0), count=5),
+)
+def test_one_end_of_a_longer_pitch_is_right_relative_to_its_markings(dl, noise, direction, places):
     """Whatever the length: everything is where the markings say it is, and half the difference from the centre mark."""
     pitch, truth = soccer(105.0 + dl, 68.0), at_the_right_end()
-    frame = observe(pitch, truth, rng, 0.2, per_line=12, per_curve=12)
+    frame = displaced(observe(pitch, truth, per_line=12, per_curve=12), noise, direction)
     # without the touchlines: a pitch of just 68 m is, as they say, just 105 m long
     frame = {label: xy for label, xy in frame.items() if label not in ("Side line top", "Side line bottom")}
     found = calibrate_from_segments(FIELD, frame, SIZE)
     assert found.accepted, found.message
-    X = np.column_stack([52.5 + dl / 2.0 - rng.uniform(2.0, 18.0, 5), rng.uniform(-8.0, 15.0, 5), np.zeros(5)])
+    X = (52.5 + dl / 2.0, 0.0, 0.0) + places * (-1.0, 1.0, 0.0)  # metres from the goal line
     xy = truth.project(X)
     here, there = (locate_on_ground(found, xy, relative_to=of) for of in ("markings in view", "centre mark"))
     np.testing.assert_array_equal(here.X, there.X)

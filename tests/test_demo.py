@@ -10,13 +10,14 @@ import numpy as np
 import pytest
 
 from fieldcalib.cli import demo
-from fieldcalib.cli.demo import IMAGE_SIZE, CameraErrors, camera_errors, observe, pan_over_field, run_demo
+from fieldcalib.cli.demo import run_demo
 from fieldcalib.fields.segments import Arc
 from fieldcalib.fields.soccer import soccer
 from fieldcalib.geometry.camera import Camera
 from fieldcalib.io import files
 from fieldcalib.io.images import write_image
 from fieldcalib.io.soccernet import camera_from_record, parse_annotation
+from fieldcalib.problem.simulated import IMAGE_SIZE, CameraDifference, camera_difference, observe, pan_over_field
 from fieldcalib.solve.batch import calibrate_batch
 
 FIELD = soccer()
@@ -74,7 +75,9 @@ def test_annotations_are_soccernets_and_calibrate_to_the_same_cameras(result):
     frames = [parse_annotation(content, IMAGE_SIZE) for content in contents]
     found = calibrate_batch(FIELD, frames, IMAGE_SIZE)
     for calibration, truth, error in zip(found, pan_over_field(COUNT), errors, strict=True):
-        np.testing.assert_allclose(astuple(camera_errors(calibration.camera, truth, FIELD)), astuple(error), rtol=1e-3)
+        np.testing.assert_allclose(
+            astuple(camera_difference(calibration.camera, truth, FIELD)), astuple(error), rtol=1e-3
+        )
 
 
 def test_true_cameras_can_be_read_back(result):
@@ -101,7 +104,7 @@ def test_a_picture_is_written_whole_or_not_at_all(tmp_path, monkeypatch):
 
 def test_errors_are_small(result):
     _, errors, _ = result
-    median = CameraErrors(*np.median([astuple(error) for error in errors], axis=0))
+    median = CameraDifference(*np.median([astuple(error) for error in errors], axis=0))
     assert median.focal_length < 1.5
     assert median.position < 1.0
     assert max(median.pan, median.tilt, median.roll) < 0.3
@@ -150,19 +153,19 @@ def test_the_same_seed_gives_the_same_demo(tmp_path):
 
 def test_errors_of_the_true_camera_are_zero():
     truth = pan_over_field(3)[1]
-    np.testing.assert_allclose(astuple(camera_errors(truth, truth, FIELD)), 0.0, atol=1e-9)
+    np.testing.assert_allclose(astuple(camera_difference(truth, truth, FIELD)), 0.0, atol=1e-9)
 
 
 def test_errors_of_known_displacements():
     truth = Camera.from_angles(np.radians(179.9), np.radians(75), 0.0, 1000.0, (0, -60, -15), IMAGE_SIZE)
     other = Camera.from_angles(np.radians(-179.9), np.radians(76), 0.01, 1010.0, (3, -56, -15), IMAGE_SIZE)
-    errors = camera_errors(other, truth, FIELD)
+    errors = camera_difference(other, truth, FIELD)
     expected = (1.0, 5.0, 0.2, 1.0, np.degrees(0.01))
     np.testing.assert_allclose(astuple(errors)[:5], expected, atol=1e-9)
     shifted = Camera(truth.K + np.array([[0, 0, 3], [0, 0, 4], [0, 0, 0]]), truth.R, truth.C, IMAGE_SIZE)
-    assert camera_errors(shifted, truth, FIELD).reprojection == pytest.approx(5.0)
+    assert camera_difference(shifted, truth, FIELD).reprojection == pytest.approx(5.0)
     behind = Camera.from_angles(0.0, np.radians(75), 0.0, 1000.0, (0, -60, -15), IMAGE_SIZE)
-    assert camera_errors(behind, truth, FIELD).reprojection == np.inf
+    assert camera_difference(behind, truth, FIELD).reprojection == np.inf
 
 
 # what is labelled

@@ -10,13 +10,13 @@ from synthetic import observe, random_frames, whole_circle_markings
 from fieldcalib import soccer
 from fieldcalib.cli.evaluate import GroundTruth, evaluate, table
 from fieldcalib.cli.main import main
-from fieldcalib.cli.predictions import Predictions
 from fieldcalib.geometry.camera import Camera
 from fieldcalib.geometry.rational import RationalCamera
 from fieldcalib.io.soccernet import camera_to_record, format_annotation, format_camera_types
 from fieldcalib.io.tvcalib import TVCalibRecord, format_per_sample_output
 from fieldcalib.io.wc14 import format_homography
 from fieldcalib.metrics import compound_score, evaluate_segments, iou_part, iou_whole, projection_error
+from fieldcalib.run_folder.predictions import Predictions
 
 SIZE, WC14 = (960, 540), (1280, 720)
 MARKINGS = whole_circle_markings(soccer())
@@ -541,7 +541,7 @@ def test_help(capsys):
 
 @pytest.mark.parametrize("size", [None, "1280x720"])
 def test_the_report_is_the_same_with_any_number_of_jobs(truth, cameras, capsys, monkeypatch, size):
-    monkeypatch.setattr("fieldcalib.cli.predictions.READ_AT_ONCE", 2)
+    monkeypatch.setattr("fieldcalib.run_folder.predictions.READ_AT_ONCE", 2)
     monkeypatch.setattr("fieldcalib.metrics.accuracy.CHUNK", 3)
     (cameras / "camera_a.json").write_text("{")
     (truth / "d.json").write_text("{")

@@ -201,7 +201,7 @@ def test_cameras_of_a_field_of_another_size_see_the_segments_where_they_are_then
     theta, observations = evaluation.theta.copy(), evaluation.problem.observations
     theta[:, -2:] = (101.0, 71.0)
     pitch = {**soccer(101.0, 71.0), **{label: s for label, s in ALL_KINDS.items() if label not in FIELD}}
-    resized = pack(pitch, [observations.unpacked(t)[0] for t in range(len(theta))], SIZE)
+    resized = pack(pitch, [pixels for pixels, _ in observations.by_frame()], SIZE)
     r = evaluate(evaluation.problem, theta).r
     expected = at(theta[:, :-2], resized).r
     np.testing.assert_allclose(observations.by_label(r**2), resized.by_label(expected**2), rtol=1e-6)

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from hypothesis import assume, given
 from hypothesis import strategies as st
-from strategies import angle, cameras, generators, numbers, vectors
+from strategies import angle, bounded, cameras, moved, numbers, vectors
 from synthetic import visible_field_points
 
 from fieldcalib.fields.segments import Line, Point
@@ -72,10 +72,10 @@ def test_the_reference_point_is_in_front(camera):
         assert R[2] @ (np.array([*point, 0.0]) - C) > 0.0
 
 
-@given(camera=cameras(lens=False), rng=generators(), noise=numbers(0.0, 0.3))
-def test_with_noise_the_rotation_is_one_still(camera, rng, noise):
+@given(camera=cameras(lens=False), noise=bounded((3, 3), -0.6, 0.6))
+def test_with_noise_the_rotation_is_one_still(camera, noise):
     reference = a_point_in_view(camera)
-    H = camera.homography * (1.0 + noise * rng.normal(size=(3, 3)))
+    H = camera.homography * (1.0 + noise)
     _, R, _ = decompose_homography(H, camera.principal_point, reference)
     np.testing.assert_allclose(R @ R.T, np.eye(3), atol=1e-12)
     assert np.linalg.det(R) == pytest.approx(1.0)
@@ -125,10 +125,10 @@ def test_known_intrinsics_need_no_square_pixels(camera, scale):
     np.testing.assert_allclose(C, camera.C, rtol=1e-7, atol=1e-6)
 
 
-@given(camera=cameras(lens=False), rng=generators(), noise=st.floats(0.1, 0.4))
-def test_the_scale_is_that_of_both_axes(camera, rng, noise):
+@given(camera=cameras(lens=False), noise=bounded((3, 3), -0.6, 0.6))
+def test_the_scale_is_that_of_both_axes(camera, noise):
     """The written formula, where the columns are not equally long: ``C = -R^T m3 / sqrt(|m1| |m2|)``."""
-    M = np.linalg.inv(camera.K) @ camera.homography * (1.0 + noise * rng.normal(size=(3, 3)))
+    M = np.linalg.inv(camera.K) @ camera.homography * (1.0 + noise)
     m1, m2, m3 = M.T
     reference = a_point_in_view(camera)
     front = np.sign(M[2] @ (*reference, 1.0))
@@ -198,16 +198,16 @@ def test_the_scale_does_not_matter_however_far_from_one(scale):
     assert set(found.points) == points_in_view(BROADCAST, 0.1)
 
 
-@given(rng=generators())
-def test_refinement_brings_the_camera_nearer_to_the_homography(rng):
-    H = BROADCAST.homography * (1.0 + 0.01 * rng.normal(size=(3, 3)))
+@given(noise=bounded((3, 3), -0.02, 0.02))
+def test_refinement_brings_the_camera_nearer_to_the_homography(noise):
+    H = BROADCAST.homography * (1.0 + noise)
     found = camera_from_homography(H, SIZE)
     assume(found.camera is not None)
     X = np.array([point.X for point in found.points.values()])
     xy = np.concatenate(list(found.pixels.values()))
     np.testing.assert_allclose(xy, dehomogenize(homogenize(X[:, :2]) @ H.T))
     before, after = (np.sqrt(np.mean((c.project(X) - xy) ** 2)) for c in (found.initial, found.camera))
-    assert after <= before * (1.0 + 1e-9)
+    assert after <= before + 1e-9  # px
     np.testing.assert_array_equal(found.camera.K, found.initial.K)
 
 
@@ -356,10 +356,9 @@ def test_landmarks(name, camera):
 
 
 @any_alignment
-@given(rng=generators())
-def test_alignments_come_back_in_batches(name, rng):
+@given(H=moved(np.tile(np.eye(3), (2, 4, 1, 1)), 0.25))
+def test_alignments_come_back_in_batches(name, H):
     alignment = ALIGNMENTS[name]
-    H = np.eye(3) + rng.uniform(-0.3, 0.3, size=(2, 4, 3, 3))
     there = alignment.from_fieldcalib(H)
     assert there.shape == H.shape
     np.testing.assert_allclose(there[1, 2], alignment.from_fieldcalib(H[1, 2]), rtol=1e-9)

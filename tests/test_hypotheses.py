@@ -5,12 +5,12 @@ import pytest
 from synthetic import observe, whole_circle_markings
 from views import camera
 
-from fieldcalib.cli.demo import camera_errors
 from fieldcalib.draw.scene import render_field
 from fieldcalib.fields.soccer import soccer
 from fieldcalib.images.hypotheses import calibrate_from_consensus
 from fieldcalib.images.refinement import near_labels
 from fieldcalib.localize import Localization
+from fieldcalib.problem.simulated import camera_difference
 from fieldcalib.solve.from_segments import calibrate_from_segments
 from fieldcalib.solve.options import ALL, DEFAULT_FLAGS
 
@@ -37,8 +37,8 @@ def test_segments_that_are_something_else_are_left_out(pan):
     labels = labelled(camera(pan, 75, 1000, (-2, 66, -16)))
     misled = calibrate_from_segments(FIELD, labels.pixels, TRUTH.image_size, weights=labels.weights, trust_labels=True)
     found = consensus(labels)[0]
-    assert camera_errors(misled.camera, TRUTH, FIELD).reprojection > 100.0
-    assert camera_errors(found.camera, TRUTH, FIELD).reprojection < 8.0
+    assert camera_difference(misled.camera, TRUTH, FIELD).reprojection > 100.0
+    assert camera_difference(found.camera, TRUTH, FIELD).reprojection < 8.0
     assert found.accepted
     assert set(found.per_segment_errors) == set(SEEN)
 
@@ -47,7 +47,7 @@ def test_segments_that_are_right_are_all_kept():
     labels = labelled(TRUTH)
     found = consensus(labels)[0]
     assert set(found.per_segment_errors) == set(labels.pixels)
-    assert camera_errors(found.camera, TRUTH, FIELD).reprojection < 4.0
+    assert camera_difference(found.camera, TRUTH, FIELD).reprojection < 4.0
 
 
 def test_three_segments_leave_no_choice():

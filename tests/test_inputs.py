@@ -1,6 +1,5 @@
 """What `fieldcalib run` reads: lists, several videos, parts of them, streams; and the folders of their results."""
 
-import argparse
 import http.server
 import json
 import os
@@ -18,6 +17,8 @@ from networks import FIELD
 
 import fieldcalib
 from fieldcalib import Camera
+from fieldcalib.cli.commands import command_parser
+from fieldcalib.cli.run_request import RunRequest, split
 from fieldcalib.cli.several import run_several
 from fieldcalib.draw.scene import render_field
 from fieldcalib.io.streams import Stream
@@ -111,8 +112,9 @@ def test_clips_side_by_side(picture, tmp_path, capfd):
 
 
 def test_a_process_that_ends_costs_its_clip_alone(tmp_path, capfd):
-    options = [argparse.Namespace(jobs=2, threads=2, input=[Path(name)]) for name in ("a.mp4", "dies.mp4", "b.mp4")]
-    assert run_several(options, killed.ends_on_dies, lambda one: True) == 1
+    given = ["run", "a.mp4", "dies.mp4", "b.mp4", "--jobs", "2", "--out", str(tmp_path)]
+    requests = split(RunRequest.of(command_parser(given).parse_args(given)))
+    assert run_several(requests, killed.ends_on_dies) == 1
     said = capfd.readouterr()
     assert said.out == "a.mp4 done\nb.mp4 done\n"
     assert "dies.mp4: the process that worked on it ended with exit code 9: --resume goes on with it" in said.err

@@ -6,9 +6,9 @@ from killed import content_of
 from synthetic import random_frames
 
 from baselines import dlt_lines
-from fieldcalib.cli import units
 from fieldcalib.io.results import read_results
 from fieldcalib.io.soccernet import format_annotation
+from fieldcalib.run_folder import units
 
 
 @pytest.fixture(autouse=True)

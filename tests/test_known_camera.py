@@ -12,12 +12,12 @@ from views import camera
 from data_tools.synthetic.film import Scene, TrueFrame, film
 from fieldcalib import Camera, Tracker, calibrate_batch, calibrate_from_images, calibrate_from_segments, calibrate_video
 from fieldcalib.assess.result import Verdict
-from fieldcalib.cli.demo import camera_errors
 from fieldcalib.draw.scene import render_field
 from fieldcalib.fields.soccer import soccer
 from fieldcalib.io.files import BrokenFileError
 from fieldcalib.io.intrinsics import read_intrinsics
 from fieldcalib.io.soccernet import format_camera
+from fieldcalib.problem.simulated import camera_difference
 from fieldcalib.solve.options import DEFAULT_FLAGS, KNOWN_INTRINSICS_FLAGS
 from fieldcalib.solve.options import CalibrationFlags as F
 
@@ -59,7 +59,7 @@ def test_what_is_known_is_kept_to_the_bit_and_helps(truth):
         np.testing.assert_array_equal(found.dist, truth.dist)
     for found in (of_place, of_both):
         np.testing.assert_array_equal(found.C, truth.C)
-    before, lens, place, both = (camera_errors(found, truth, FIELD) for found in (free, of_lens, of_place, of_both))
+    before, lens, place, both = (camera_difference(found, truth, FIELD) for found in (free, of_lens, of_place, of_both))
     assert lens.position < 0.5 * before.position
     assert place.focal_length < 0.5 * before.focal_length
     assert both.reprojection < 0.1 < 0.4 < before.reprojection
@@ -71,7 +71,7 @@ def test_a_known_rotation(truth):
     found = from_image(truth, KNOWN_INTRINSICS_FLAGS | F.CALIB_FIX_ROTATION, rvec=rvec, **intrinsics(truth))
     given = Camera.from_opencv(rvec, np.zeros(3), truth.K, None, SIZE)
     np.testing.assert_array_equal(found.R, given.R)
-    assert camera_errors(found, truth, FIELD).position < 0.1
+    assert camera_difference(found, truth, FIELD).position < 0.1
 
 
 def test_labels_that_a_known_camera_cannot_explain_are_rejected():
@@ -91,7 +91,7 @@ def test_a_start_is_not_kept():
         WIDE, DEFAULT_FLAGS | guess, rvec=rvec, tvec=tvec + 0.5, camera_matrix=1.02 * K + np.diag([0, 0, -0.02])
     )
     assert near.focal_length != 1.02 * WIDE.focal_length
-    assert camera_errors(near, WIDE, FIELD).reprojection < 1.5
+    assert camera_difference(near, WIDE, FIELD).reprojection < 1.5
 
 
 def test_from_labels_what_is_known_is_kept_to_the_bit():
@@ -320,7 +320,9 @@ def from_clip(cameras, pictures, flags=DEFAULT_FLAGS, **known):
 
 def largest_error(found, cameras):
     """Largest of the frames' errors in the picture, pixels."""
-    return max(camera_errors(one.camera, truth, KNOWN).reprojection for one, truth in zip(found, cameras, strict=True))
+    return max(
+        camera_difference(one.camera, truth, KNOWN).reprojection for one, truth in zip(found, cameras, strict=True)
+    )
 
 
 def test_a_clip_whose_position_is_known():

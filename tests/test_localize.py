@@ -15,7 +15,6 @@ from onnx_networks import DESCRIPTION, coloured, write_network
 from views import camera
 
 import fieldcalib
-from fieldcalib.cli.demo import camera_errors
 from fieldcalib.io.files import BrokenFileError
 from fieldcalib.localize import SegmentationNetwork, localize, ridge_points, skeleton_points
 from fieldcalib.localize.description import NetworkDescription
@@ -25,6 +24,7 @@ from fieldcalib.problem.evaluation import Problem, evaluate
 from fieldcalib.problem.layout import Layout, theta_from_camera
 from fieldcalib.problem.losses import RobustLoss
 from fieldcalib.problem.observations import pack
+from fieldcalib.problem.simulated import camera_difference
 from fieldcalib.solve.batch import calibrate_batch
 from fieldcalib.solve.from_segments import calibrate_from_segments
 
@@ -238,7 +238,7 @@ def test_frames_of_several_sizes_are_calibrated():
     for truth, one in zip(truths, found, strict=True):
         (calibration,) = calibrate_batch(FIELD, [one.pixels], truth.image_size, weights=[one.weights])
         assert calibration.accepted
-        assert camera_errors(calibration.camera, truth, FIELD).reprojection < 12.0
+        assert camera_difference(calibration.camera, truth, FIELD).reprojection < 12.0
 
 
 def test_no_images_no_network():

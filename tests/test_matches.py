@@ -10,7 +10,8 @@ from views import camera
 from fieldcalib.draw.scene import render_field
 from fieldcalib.fields.soccer import soccer
 from fieldcalib.images.background_motion import Motion, _rotation, _turn
-from fieldcalib.images.matches import Frame, match_background, match_far, same_picture
+from fieldcalib.images.frame import Frame, same_picture
+from fieldcalib.images.matches import match_background, match_far
 
 SIZE = (1280, 720)
 SCOREBOARD = (slice(40, 110), slice(80, 420))

@@ -10,10 +10,10 @@ from commands import SIZE, calibrate
 from synthetic import random_frames
 
 import fieldcalib
-from fieldcalib.cli import units
-from fieldcalib.cli.results import Results
 from fieldcalib.io.formats import ANNOTATIONS
 from fieldcalib.io.soccernet import format_annotation
+from fieldcalib.run_folder import units
+from fieldcalib.run_folder.results import ResultsWriter
 
 PEAK = """
 import resource, sys
@@ -66,7 +66,7 @@ def test_frames_are_read_unit_by_unit(tmp_path, monkeypatch):
         results.done += 1
 
     monkeypatch.setattr("fieldcalib.io.annotation_files.ANNOTATIONS", replace(ANNOTATIONS, read=reading))
-    monkeypatch.setattr(Results, "add", adding)
+    monkeypatch.setattr(ResultsWriter, "add", adding)
     assert calibrate(tmp_path / "out", written(tmp_path / "in", 9)) == 0
     assert ahead == [2, 1] * 4 + [1]
 

@@ -7,11 +7,11 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from numdiff import central_differences
-from strategies import generators
+from strategies import bounded, moved
 from synthetic import observe
 from tripods import SIZE, chain, matched, operated, panned
 
-from fieldcalib.assess.camera_errors import KnownErrors
+from fieldcalib.assess.datum import motion_in_view
 from fieldcalib.assess.noise import FOUND_BESIDE, Noise
 from fieldcalib.assess.own_errors import GRID, OwnErrors, ground_errors, own_errors, whole_covariance
 from fieldcalib.fields.soccer import soccer
@@ -21,6 +21,7 @@ from fieldcalib.problem.layout import CENTER, LOG_F, Layout, Role, SizeBlock, Zo
 from fieldcalib.problem.losses import RobustLoss
 from fieldcalib.problem.observations import pack
 from fieldcalib.problem.prior import GaussianPrior
+from fieldcalib.problem.projection import Projection
 from fieldcalib.solve.sequence import calibrate_sequence
 
 FIELD = soccer()
@@ -53,8 +54,8 @@ def a_problem(seed, count=4, labelled=(0, 1, 3), prior=True, pairs=((0, 1), (1, 
     return Problem(pack(FIELD, frames, SIZE), LAYOUT, LOSS, 1.2, prior, background=background), theta
 
 
-def steps(index):
-    return np.array([STEPS.get(LAYOUT.names[k], 1e-5) for k in index])
+def steps(index, layout=LAYOUT):
+    return np.array([STEPS.get(layout.names[k], 1e-5) for k in index])
 
 
 def changed(theta, frame, index, change):
@@ -212,16 +213,29 @@ def test_followed_or_solved_together_is_the_same_where_a_match_tells_nothing_of_
 # of all parameters
 
 
-@given(generators())
-def test_the_whole_covariance_is_that_of_own_errors_and_shared_ones(rng):
-    root_E, root_V = rng.normal(size=(4, 4)), rng.normal(size=(len(SHARED), len(SHARED)))
-    E, V, F = root_E @ root_E.T, root_V @ root_V.T, rng.normal(size=(4, len(SHARED)))
-    A = np.zeros((LAYOUT.size, 4 + len(SHARED)))  # theta from e and s
-    A[OWN, :4], A[OWN, 4:], A[SHARED, 4:] = np.eye(4), -F, np.eye(len(SHARED))
-    both = np.zeros(2 * (A.shape[1],))
-    both[:4, :4], both[4:, 4:] = E, V
+def whole_by_hand(E, F, V, layout):
+    """Covariance (n, n) of theta, whose free parameters are e - F s and whose considered ones are s."""
+    by_e, by_s = np.eye(layout.size)[:, layout.free], np.eye(layout.size)[:, layout.considered]
+    A = np.concatenate([by_e, by_s - by_e @ F], axis=1)
+    o = len(E)
+    both = np.zeros(2 * (o + len(V),))
+    both[:o, :o], both[o:, o:] = E, V
+    return A @ both @ A.T
+
+
+@st.composite
+def errors_of(draw, layout, frames):
+    """E (T, o, o), F (T, o, S) and V (S, S), about 1."""
+    o, S = int(layout.free.sum()), int(layout.considered.sum())
+    root, root_V = draw(moved(np.tile(np.eye(o), (frames, 1, 1)), 1.0)), draw(moved(np.eye(S), 1.0))
+    return root @ np.swapaxes(root, 1, 2), draw(bounded((frames, o, S), -2.0, 2.0)), root_V @ root_V.T
+
+
+@given(errors_of(LAYOUT, 1))
+def test_the_whole_covariance_is_that_of_own_errors_and_shared_ones(errors):
+    (E,), (F,), V = errors
     found = whole_covariance(E, F, V, LAYOUT)
-    np.testing.assert_allclose(found, A @ both @ A.T, atol=1e-10)
+    np.testing.assert_allclose(found, whole_by_hand(E, F, V, LAYOUT), atol=1e-10)
     assert not found[[9, LAYOUT.lens_block.stop - 1]].any()  # what is fixed
 
 
@@ -235,33 +249,42 @@ PLAIN = Layout.of(SIZE).fixed("aspect", "k2")  # nothing is shared, the centre i
 FIXED = Layout.of(SIZE).fixed("aspect", "lens", "centre", "principal point")
 
 
-@given(
-    generators(),
-    st.sampled_from([LAYOUT, WITH_SIZE, PLAIN, FIXED]),
-    st.sampled_from([FIELD, None]),
-)
-def test_ground_errors_are_the_median_over_the_picture(rng, layout, field):
-    B = 3
-    with_law = layout if layout.zoom_law is not None else replace(WITH_SIZE, roles=WITH_SIZE.roles)
-    theta = operated(rng, B, with_law)[:, : layout.size]
-    theta[:, 1] += rng.uniform(-0.1, 0.3, B)  # the sky too
-    o, S = (int(np.count_nonzero(part)) for part in (layout.free, layout.considered))
-    root, root_V = rng.normal(size=(B, o, o)) * 1e-3, rng.normal(size=(S, S)) * 1e-2
-    errors, V = OwnErrors(root @ np.swapaxes(root, 1, 2), rng.normal(size=(B, o, S)) * 1e-2), root_V @ root_V.T
-    found = ground_errors(theta, layout, errors, V, field)
+def rms_by_hand(theta, layout, covariance, field, xy):
+    """Errors (N,) of the ground points of the pixels that see the field, relative to the markings in view."""
     half = np.full(2, np.inf) if field is None else (52.5, 34.0)
-    xy = np.stack(np.meshgrid(np.linspace(0.0, 959.0, GRID[0]), np.linspace(0.0, 539.0, GRID[1])), axis=-1).reshape(
-        -1, 2
-    )
-    for t in range(B):
-        known = KnownErrors(layout, theta[t], whole_covariance(errors.own[t], errors.following[t], V, layout))
-        X = known.camera.image_to_field(xy)
-        X = X[np.isfinite(X).all(axis=1) & np.all(np.abs(X[:, :2]) <= half, axis=1)]
-        if not len(X):
-            assert np.isnan(found[t])
-            continue
-        rms = np.sort(known.on(field).at_field(X * (1.0, 1.0, 0.0)).rms)
-        np.testing.assert_allclose(found[t], rms[(len(rms) - 1) // 2], rtol=1e-5)
+    X = layout.camera(theta).image_to_field(xy)
+    xy = xy[np.isfinite(X).all(axis=1) & np.all(np.abs(X[:, :2]) <= half, axis=1)]
+    with_size = layout.field_size is not None and field is not None
+    (markings,) = motion_in_view(Projection(theta[None], layout), field) if with_size else (np.zeros((2, 0)),)
+    size = slice(layout.size - markings.shape[1], layout.size)
+
+    def places(moved):
+        return layout.camera(moved).image_to_field(xy)[:, :2] - markings @ (moved - theta)[size]
+
+    J = central_differences(places, theta, steps(range(layout.size), layout))
+    return np.sqrt(np.einsum("nij,jk,nik->n", J, covariance, J))
+
+
+@given(
+    data=st.data(),
+    layout=st.sampled_from([LAYOUT, WITH_SIZE, PLAIN, FIXED]),
+    on_field=st.booleans(),
+    turn=bounded((3, 4), -1.0, 1.0),
+)
+def test_ground_errors_are_the_median_over_the_picture(data, layout, on_field, turn):
+    field = FIELD if on_field else None
+    with_law = layout if layout.zoom_law is not None else WITH_SIZE
+    theta = operated(np.random.default_rng(0), 3, with_law)[:, : layout.size]
+    theta[:, :4] += (0.0, 0.1, 0.0, 0.0) + turn * (0.2, 0.2, 0.01, 0.1)  # up to the sky
+    E, F, V = data.draw(errors_of(layout, 3))
+    E, F, V = 1e-6 * E, 1e-2 * F, 1e-4 * V
+    found = ground_errors(theta, layout, OwnErrors(E, F), V, field)
+    grid = np.meshgrid(np.linspace(0.0, 959.0, GRID[0]), np.linspace(0.0, 539.0, GRID[1]))
+    xy = np.stack(grid, axis=-1).reshape(-1, 2)
+    for t in range(3):
+        rms = np.sort(rms_by_hand(theta[t], layout, whole_by_hand(E[t], F[t], V, layout), field, xy))
+        expected = rms[(len(rms) - 1) // 2] if len(rms) else np.nan
+        np.testing.assert_allclose(found[t], expected, rtol=1e-4, atol=1e-12)
 
 
 def test_who_looks_at_the_sky_sees_no_field():

@@ -19,7 +19,7 @@ from fieldcalib.fields.soccer import soccer
 from fieldcalib.fields.sports.ice_hockey import ice_hockey
 from fieldcalib.fields.sports.tennis import tennis
 from fieldcalib.geometry.camera import Camera
-from fieldcalib.images.line_profiles import Markings
+from fieldcalib.images.field_markings import Markings
 from fieldcalib.images.paint_evidence import Ridges, evidence_of, paint_evidence
 from fieldcalib.images.refinement import ToRefine, refine_all
 from fieldcalib.solve.from_segments import calibrate_from_segments

@@ -166,7 +166,7 @@ def test_a_run_that_ended_before_its_table(annotated_folder, tmp_path, monkeypat
         raise OSError("no space left on device")
 
     options = ["--format", "parquet"]
-    monkeypatch.setattr("fieldcalib.cli.results.write_parquet", full)
+    monkeypatch.setattr("fieldcalib.run_folder.results.write_parquet", full)
     assert calibrate(tmp_path, annotated_folder, options=options) == 2
     assert {"cameras.jsonl"} <= files_in(tmp_path)
     monkeypatch.undo()

@@ -291,7 +291,6 @@ def test_equality_sees_every_part(batch):
         "complaints": ("none",),
         "pixel_counts": {},
         "field": soccer(100.0, 64.0),
-        "solved": batch[1].solved,
         "errors": KnownErrors(batch[1].uncertainty.layout, batch[1].uncertainty.theta, batch[1].covariance),
         "markings": (MarkingInView("Middle line", 300.0, 25, 0.1, 21.4),),
         "are_annotated": False,

@@ -1,6 +1,5 @@
 """Runs that end before their time: what is left of them, and how they go on."""
 
-import argparse
 import errno
 import json
 import os
@@ -14,14 +13,17 @@ from killed import check_that_kills_change_nothing, content_of, finished
 from synthetic import random_frames
 
 from fieldcalib import read_results
-from fieldcalib.cli import results as results_of_commands
-from fieldcalib.cli import units, waiting
-from fieldcalib.cli.results import Outcome, Results
-from fieldcalib.cli.units import Made, work
+from fieldcalib.console import waiting
 from fieldcalib.io import line_log
-from fieldcalib.io.files import write_bytes
+from fieldcalib.io.files import FrameFile, write_bytes
 from fieldcalib.io.line_log import LineLog
 from fieldcalib.io.soccernet import format_annotation
+from fieldcalib.run_folder import results as results_of_commands
+from fieldcalib.run_folder import units
+from fieldcalib.run_folder.options import RunOptions
+from fieldcalib.run_folder.outcome import Outcome
+from fieldcalib.run_folder.results import ResultsWriter
+from fieldcalib.run_folder.units import UnitResult, work
 
 SIZE = (960, 540)
 
@@ -310,13 +312,13 @@ def test_a_frame_that_vanishes_meanwhile_is_broken(annotated_folder, small_units
     folder.mkdir()
     for path in annotated_folder.glob("?.json"):
         (folder / path.name).write_bytes(path.read_bytes())
-    add = results_of_commands.Results.add
+    add = results_of_commands.ResultsWriter.add
 
     def removing(results, outcome):
         (folder / "d.json").unlink(missing_ok=True)
         add(results, outcome)
 
-    monkeypatch.setattr(results_of_commands.Results, "add", removing)
+    monkeypatch.setattr(results_of_commands.ResultsWriter, "add", removing)
     assert run("calibrate", folder, "--size", "960x540", "--out", tmp_path / "out") == 1
     assert [line["status"] for line in lines_of(tmp_path / "out")] == ["accepted"] * 3 + ["broken file"]
 
@@ -325,26 +327,26 @@ def test_a_frame_that_vanishes_meanwhile_is_broken(annotated_folder, small_units
 
 
 def ends_on_seven(unit):
-    """What is made of numbers; seven ends the process."""
-    if 7 in unit:
+    """Results of numbers; seven ends the process."""
+    if any(item.id == "7" for item in unit):
         os._exit(9)
-    return Made([Outcome(str(number), json.dumps({"id": str(number), "status": "done"}), "done") for number in unit])
+    return UnitResult([Outcome({"id": item.id, "status": "done"}) for item in unit])
 
 
 def ends_once(path, unit):
     """The same, but the first time only."""
-    if 7 in unit and not path.exists():
+    if any(item.id == "7" for item in unit) and not path.exists():
         path.write_text("")
         os._exit(9)
-    return Made([Outcome(str(number), json.dumps({"id": str(number), "status": "done"}), "done") for number in unit])
+    return UnitResult([Outcome({"id": item.id, "status": "done"}) for item in unit])
 
 
 def worked(tmp_path, function):
     """What `work` writes of twelve numbers."""
-    options = argparse.Namespace(jobs=2, shard=None)
+    items = [FrameFile(str(number), f"file {number}") for number in range(12)]
     with LineLog(tmp_path / "log") as log:
-        results = Results(tmp_path, log)
-        work(options, results, range(12), 4, function, lambda n, what: Outcome.broken(str(n), f"file {n}", what), 12)
+        results = ResultsWriter(tmp_path, log)
+        work(RunOptions(tmp_path, {}, jobs=2), results, items, 4, function, 12)
     return results, [json.loads(line) for line in (tmp_path / "log").read_text().splitlines()]
 
 

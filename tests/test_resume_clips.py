@@ -77,7 +77,7 @@ def test_parts_that_are_kept_are_not_calibrated_again(rendered, network, monkeyp
     assert len(kept) >= 2
     assert sum(map(len, kept.values())) == len(rendered)
     read_back = {index: VideoCalibration.from_dict(part.to_dict()) for index, part in kept.items()}
-    monkeypatch.setattr(from_video.ClipSolver, "tripods", lambda *_: pytest.fail("has worked"))
+    monkeypatch.setattr(from_video, "solve_tripods", lambda *_: pytest.fail("has worked"))
     again = calibrate_video(FIELD, rendered, network(), parts=read_back)
     assert again == whole
     assert [camera.K.tolist() for camera in again.cameras] == [camera.K.tolist() for camera in whole.cameras]
@@ -88,9 +88,9 @@ def test_parts_that_are_kept_are_not_calibrated_again(rendered, network, monkeyp
 @pytest.mark.parametrize("count", [1, 2])
 def test_a_clip_goes_on_after_its_parts(video, whole, network, tmp_path, monkeypatch, capsys, count):
     with monkeypatch.context() as patch:
-        finished = from_video.ClipSolver.finished
+        finished = from_video.finish
         ending = Interrupting(finished, count)
-        patch.setattr(from_video.ClipSolver, "finished", lambda *arguments: ending(*arguments))
+        patch.setattr(from_video, "finish", lambda *arguments: ending(*arguments))
         network()
         assert run("run", video, "--out", tmp_path) == 130
     assert "--resume goes on with the run" in capsys.readouterr().err
@@ -98,7 +98,7 @@ def test_a_clip_goes_on_after_its_parts(video, whole, network, tmp_path, monkeyp
     assert parts == [f".part-{index:04d}.json" for index in range(count)]
     solved = []
     with monkeypatch.context() as patch:
-        patch.setattr(from_video.ClipSolver, "finished", lambda *arguments: solved.append(1) or finished(*arguments))
+        patch.setattr(from_video, "finish", lambda *arguments: solved.append(1) or finished(*arguments))
         network_of_rest = network()
         network_of_rest.maps = network_of_rest.maps[count:]  # one keyframe a part
         assert run("run", video, "--out", tmp_path, "--resume") == 0
@@ -111,7 +111,7 @@ def test_a_clip_goes_on_with_its_frames(video, whole, network, tmp_path, monkeyp
     from fieldcalib.draw.overlays import draw_calibration
 
     with monkeypatch.context() as patch:
-        patch.setattr("fieldcalib.cli.clips.draw_calibration", Interrupting(draw_calibration, count))
+        patch.setattr("fieldcalib.cli.calibration_options.draw_calibration", Interrupting(draw_calibration, count))
         network()
         assert run("run", video, "--out", tmp_path) == 130
     assert len(lines_of(tmp_path)) == count + 1
@@ -121,14 +121,15 @@ def test_a_clip_goes_on_with_its_frames(video, whole, network, tmp_path, monkeyp
 
 @pytest.mark.parametrize("count", [8, 17])
 def test_a_video_by_itself_goes_on(video, know, tmp_path, monkeypatch, count):
-    from fieldcalib.cli.results import Results
 
     know(TRUTHS)
     assert run("run", video, "--independent", "--out", tmp_path / "whole") == 0
+    from fieldcalib.run_folder.results import ResultsWriter
+
     out = tmp_path / "out"
     with monkeypatch.context() as patch:
-        ending = Interrupting(Results.add, count)
-        patch.setattr(Results, "add", lambda *arguments: ending(*arguments))
+        ending = Interrupting(ResultsWriter.add, count)
+        patch.setattr(ResultsWriter, "add", lambda *arguments: ending(*arguments))
         know(TRUTHS)
         assert run("run", video, "--independent", "--out", out) == 130
     assert len(lines_of(out)) == count

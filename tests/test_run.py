@@ -15,9 +15,6 @@ from networks import FIELD, KnownCameras, band_maps, probabilities
 from views import camera
 
 from fieldcalib.assess.result import Status
-from fieldcalib.cli import frames as frames_of_commands
-from fieldcalib.cli.demo import camera_errors
-from fieldcalib.cli.frames import Frame, ReadImage, opened
 from fieldcalib.draw.overlays import draw_calibration
 from fieldcalib.draw.scene import render_field
 from fieldcalib.images.from_images import calibrate_from_images
@@ -28,6 +25,9 @@ from fieldcalib.io.images import IMAGES_AT_ONCE, parse_image
 from fieldcalib.io.output_folder import output_folder
 from fieldcalib.io.soccernet import camera_from_record
 from fieldcalib.io.videos import VideoReader, VideoWriter
+from fieldcalib.problem.simulated import camera_difference
+from fieldcalib.run_folder import images as frames_of_commands
+from fieldcalib.run_folder.images import Frame, ReadImage, opened
 
 SIZE = (960, 540)
 TRUTHS = [camera(pan, 78, 1400, (0, 68, -17), k=(0.06, 0.0)) for pan in (24, -22)]
@@ -49,7 +49,7 @@ def test_images_of_several_sizes_become_cameras():
     found = calibrate_from_images(FIELD, [picture(truth) for truth in truths], KnownCameras(truths))
     for truth, calibration in zip(truths, found, strict=True):
         assert calibration.accepted
-        assert camera_errors(calibration.camera, truth, FIELD).reprojection < 1.5
+        assert camera_difference(calibration.camera, truth, FIELD).reprojection < 1.5
 
 
 def test_a_picture_that_is_not_calibrated_is_not_drawn_on():
@@ -67,7 +67,7 @@ def test_a_network_that_lies_is_found_out():
     assert re.match(
         r"only \d % line support: the image has few lines at the projected markings; rms", calibration.message
     )
-    assert camera_errors(calibration.camera, TRUTHS[0], FIELD).reprojection < 10.0  # given all the same
+    assert camera_difference(calibration.camera, TRUTHS[0], FIELD).reprojection < 10.0  # given all the same
 
 
 def test_a_network_that_mistakes_other_lines_for_penalty_areas_is_corrected():
@@ -80,7 +80,7 @@ def test_a_network_that_mistakes_other_lines_for_penalty_areas_is_corrected():
     network.maps = [probabilities(maps)]
     (calibration,) = calibrate_from_images(FIELD, [picture(truth)], network)
     assert calibration.accepted
-    assert camera_errors(calibration.camera, truth, FIELD).reprojection < 1.5
+    assert camera_difference(calibration.camera, truth, FIELD).reprojection < 1.5
 
 
 # --- squashed and cropped pictures ---
@@ -104,7 +104,7 @@ def test_declared_pictures(know, tmp_path, true_camera, declaration, capsys):
     assert line["verdict"] in ("good", "check")
     record = json.loads((tmp_path / "out" / "camera_a.json").read_text())
     found = camera_from_record(record, true_camera.image_size)
-    assert camera_errors(found, true_camera, FIELD).reprojection < 1.5
+    assert camera_difference(found, true_camera, FIELD).reprojection < 1.5
     overlay = parse_image((tmp_path / "out" / "overlay_a.jpg").read_bytes())
     assert overlay.shape == image.shape
 
@@ -129,7 +129,7 @@ def test_a_squashed_picture_has_the_camera_of_its_pixels(know, tmp_path, capsys)
     assert "was squashed from 16:9" in line["message"]
     found = camera_from_record(json.loads((tmp_path / "out" / "camera_a.json").read_text()), (640, 640))
     assert found.K[1, 1] / found.K[0, 0] == pytest.approx(16 / 9, rel=1e-3)
-    assert camera_errors(found, truth, FIELD).reprojection < 1.5
+    assert camera_difference(found, truth, FIELD).reprojection < 1.5
 
 
 def test_black_borders_are_left_out(know, tmp_path):
@@ -141,7 +141,7 @@ def test_black_borders_are_left_out(know, tmp_path):
     (line,) = lines_of(tmp_path / "out")
     assert "without black borders: 960 x 540 at 0, 90" in line["message"]
     found = camera_from_record(json.loads((tmp_path / "out" / "camera_a.json").read_text()), (960, 720))
-    assert camera_errors(found, TRUTHS[0].cropped((0, -90), (960, 720)), FIELD).reprojection < 2.0
+    assert camera_difference(found, TRUTHS[0].cropped((0, -90), (960, 720)), FIELD).reprojection < 2.0
 
 
 def test_pictures_that_do_not_fit_are_broken(know, tmp_path, capsys):
@@ -230,7 +230,7 @@ def test_a_folder_of_images(know, tmp_path, capsys):
     }
     for id, truth in (("a", TRUTHS[0]), ("d", TRUTHS[1])):
         estimated = camera_from_record(json.loads((out / f"camera_{id}.json").read_text()))
-        assert camera_errors(estimated, truth, FIELD).reprojection < 1.5
+        assert camera_difference(estimated, truth, FIELD).reprojection < 1.5
     summary = json.loads((out / "summary.json").read_text())
     assert summary["frames"] == 4
     assert summary["options"]["input"] == [str(folder)]
@@ -464,8 +464,7 @@ def test_an_interrupted_video_leaves_nothing_half(know, tmp_path, monkeypatch, c
             raise KeyboardInterrupt
         return arguments[0]
 
-    for command in ("run", "clips"):
-        monkeypatch.setattr(f"fieldcalib.cli.{command}.draw_calibration", interrupt)
+    monkeypatch.setattr("fieldcalib.cli.calibration_options.draw_calibration", interrupt)
     assert run("run", tmp_path / "a.mp4", "--out", tmp_path / "out", *how) == 130
     left = {path.name for path in (tmp_path / "out").iterdir()}
     if how:  # its first unit was not done
@@ -495,7 +494,7 @@ def test_localized_images_can_be_calibrated(know, tmp_path, capsys):
     assert run("calibrate", tmp_path / "labels", "--size", "960x540", "--out", tmp_path / "cameras") == 0
     for name, truth in zip("ab", TRUTHS, strict=True):
         estimated = camera_from_record(json.loads((tmp_path / "cameras" / f"camera_{name}.json").read_text()))
-        assert camera_errors(estimated, truth, FIELD).reprojection < 6.0
+        assert camera_difference(estimated, truth, FIELD).reprojection < 6.0
 
 
 def test_broken_images_are_named_by_localize(know, tmp_path, capsys):

@@ -8,10 +8,10 @@ from hypothesis import assume, given
 from hypothesis import strategies as st
 from strategies import numbers, pixel_arrays, vectors
 
-from fieldcalib.fields.segments import Arc, Line, Point, PointCloud
+from fieldcalib.fields.segments import Arc, ArcRows, Line, LineRows, Point, PointCloud
 from fieldcalib.fields.soccer import soccer
 from fieldcalib.problem.labelled_pixels import check_segments, check_weights, split_circles
-from fieldcalib.problem.observations import pack
+from fieldcalib.problem.observations import Observations, pack
 
 SIZE = (960, 540)
 FIELD = soccer()
@@ -268,7 +268,9 @@ some_frames = st.lists(st.dictionaries(st.sampled_from(sorted(OBJECT)), pixels),
 
 
 def rows_by_kind(observations):
-    return {kind: getattr(observations, kind) for kind in KINDS}
+    *kinds, ends = observations.rows
+    assert not ends
+    return {rows.name: rows for rows in kinds}
 
 
 @given(some_frames)
@@ -313,7 +315,7 @@ def test_padding_has_finite_geometry_with_a_direction(frames):
     packed = pack(OBJECT, frames, SIZE)
     for rows in rows_by_kind(packed).values():
         assert np.all(np.isfinite(rows.geometry))
-    for rows in (packed.lines, packed.arcs):
+    for rows in (packed.of_kind(LineRows), packed.of_kind(ArcRows)):
         assert np.all(np.linalg.norm(rows.geometry[:, :, 1], axis=-1) > 0.0)
 
 
@@ -338,7 +340,7 @@ def test_geometry_by_hand():
     packed = pack(OBJECT, [{label: np.array([[1.0, 2.0]]) for label in OBJECT}], SIZE)
 
     def geometry(label):
-        rows = getattr(packed, KIND_OF[label])
+        rows = rows_by_kind(packed)[KIND_OF[label]]
         return rows.geometry[0, list(rows.label[0]).index(packed.labels.index(label))]
 
     np.testing.assert_array_equal(geometry("post"), [(1.0, 2.0, 0.0), (0.0, 0.0, -2.44)])
@@ -359,14 +361,54 @@ def test_take_picks_frames_in_order_and_repeats_them(frames, index):
     assert (taken.labels, taken.image_size) == (packed.labels, packed.image_size)
     for kind, rows in rows_by_kind(taken).items():
         for name in ("xy", "weight", "label", "geometry"):
-            np.testing.assert_array_equal(getattr(rows, name), getattr(getattr(packed, kind), name)[index])
+            np.testing.assert_array_equal(getattr(rows, name), getattr(rows_by_kind(packed)[kind], name)[index])
     np.testing.assert_array_equal(taken.weight, packed.weight[index])
+
+
+def assert_same_frames(found, expected):
+    for (pixels, weights), frame in zip(found, expected, strict=True):
+        assert pixels.keys() == frame.keys()
+        for label, xy in frame.items():
+            np.testing.assert_array_equal(pixels[label], xy)
+            np.testing.assert_array_equal(weights[label], np.full(len(xy), 1.0 / len(xy)))
+
+
+@given(some_frames)
+def test_frames_come_back_as_they_were_packed(frames):
+    assert_same_frames(pack(OBJECT, frames, SIZE).by_frame(), frames)
+
+
+@given(st.lists(some_frames, min_size=1, max_size=3))
+def test_joined_observations_have_the_frames_of_all(parts):
+    joined = Observations.joined([pack(OBJECT, frames, SIZE) for frames in parts])
+    assert_same_frames(joined.by_frame(), [frame for frames in parts for frame in frames])
+
+
+@given(some_frames, st.sampled_from(sorted(OBJECT)), st.sampled_from([None, *sorted(OBJECT)]))
+def test_relabelled_pixels_stand_where_their_new_label_would(frames, label, other):
+    packed = pack(OBJECT, frames, SIZE)
+    index, new = packed.labels.index(label), -1 if other is None else packed.labels.index(other)
+    found = packed.relabelled(np.where(packed.pixels.label == index, new, packed.pixels.label))
+    expected = []
+    for frame in frames:
+        parts = {}
+        for one, xy in frame.items():
+            if (name := other if one == label else one) is not None:
+                parts.setdefault(name, []).append(xy)
+        expected.append({name: np.concatenate(xy) for name, xy in parts.items()})
+    assert len(found) == len(frames)
+    for (pixels, weights), frame in zip(found.by_frame(), expected, strict=True):
+        assert pixels.keys() == frame.keys()
+        for name, xy in frame.items():  # the pixels of two labels keep the order of their kinds
+            np.testing.assert_array_equal(np.sort(pixels[name], axis=0), np.sort(xy, axis=0))
+            np.testing.assert_array_equal(weights[name], np.full(len(xy), 1.0 / len(xy)))
 
 
 @given(some_frames)
 def test_points_and_unordered_clouds_have_two_residuals_a_pixel(frames):
     packed = pack(OBJECT, frames, SIZE)
-    order = [packed.lines, packed.arcs, packed.curves, packed.points, packed.points, packed.clouds, packed.clouds]
+    lines, arcs, curves, points, clouds, _ = packed.rows
+    order = [lines, arcs, curves, points, points, clouds, clouds]
     np.testing.assert_array_equal(packed.weight, np.concatenate([rows.weight for rows in order], axis=1))
     np.testing.assert_array_equal(packed.label, np.concatenate([rows.label for rows in order], axis=1))
     assert packed.label.dtype == np.intp
@@ -458,7 +500,7 @@ def test_weights_are_packed_beside_their_pixels(frames, weights):
     packed = pack(OBJECT, frames, SIZE, [shares for _, shares in checked])
     plain = pack(OBJECT, frames, SIZE)
     for kind, rows in rows_by_kind(packed).items():
-        without = getattr(plain, kind)
+        without = rows_by_kind(plain)[kind]
         for name in ("xy", "label", "geometry"):
             np.testing.assert_array_equal(getattr(rows, name), getattr(without, name))
         for t, weights in enumerate(given_weights):
@@ -471,7 +513,7 @@ def test_weights_are_packed_beside_their_pixels(frames, weights):
 
 def test_frames_with_and_without_weights_are_packed_together():
     packed = pack(FIELD, [WEIGHTED, WEIGHTED], SIZE, [shares_of({"Middle line": 4.0}), None])
-    np.testing.assert_array_equal(packed.lines.weight, [[2.0, 2.0], [0.5, 0.5]])
+    np.testing.assert_array_equal(packed.of_kind(LineRows).weight, [[2.0, 2.0], [0.5, 0.5]])
 
 
 # --- points of one's own ---

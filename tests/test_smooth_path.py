@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from numdiff import central_differences
-from strategies import generators
+from strategies import bounded
 from synthetic import observe
 from tripods import SIZE, panned
 
@@ -22,13 +22,17 @@ from fieldcalib.problem.smooth_path import TAILS, PathEvaluation, SmoothPath
 LAYOUT = Layout.of(SIZE).with_roles(Role.SHARED, "principal point", "k1").fixed("k2", "aspect")
 
 
-def some_times(rng, count):
-    return np.cumsum(rng.integers(1, 20, count))
+def times(least, most):
+    """Times of `least` to `most` frames, which are 1 to 19 apart."""
+    return st.lists(st.integers(1, 19), min_size=least, max_size=most).map(
+        lambda steps: np.cumsum(np.array(steps, int))
+    )
 
 
-def some_theta(rng, count):
-    theta = np.tile(LAYOUT.theta(panned(1)[0]), (count, 1))
-    theta[:, CENTER] += np.cumsum(rng.normal(size=(count, 3)), axis=0)
+def theta_at(centres):
+    """Parameters of frames whose centres are so far from that of a tripod, (count, 3)."""
+    theta = np.tile(LAYOUT.theta(panned(1)[0]), (len(centres), 1))
+    theta[:, CENTER] += centres
     return theta
 
 
@@ -50,9 +54,11 @@ def dense(path, theta):
     return gradient, hessian
 
 
-@given(generators(), st.integers(0, 7))
-def test_gradient_hessian_and_coupling_are_those_of_the_accelerations(rng, count):
-    path, theta = SmoothPath(some_times(rng, count), 0.3), some_theta(rng, count)
+@given(times(0, 7), st.data())
+def test_gradient_hessian_and_coupling_are_those_of_the_accelerations(time, data):
+    count = len(time)
+    steps = data.draw(bounded((count, 3), -2.0, 2.0))
+    path, theta = SmoothPath(time, 0.3), theta_at(np.cumsum(steps, axis=0))
     free = np.flatnonzero(LAYOUT.free)
     found = PathEvaluation(path, LAYOUT, theta)
     gradient, hessian = dense(path, theta)
@@ -75,16 +81,14 @@ def test_gradient_hessian_and_coupling_are_those_of_the_accelerations(rng, count
         np.testing.assert_allclose(found.gradient.ravel(), numeric, atol=1e-5 * (1.0 + np.abs(gradient).max()))
 
 
-@given(generators(), st.integers(3, 9))
-def test_even_motion_costs_nothing_and_acceleration_what_it_is(rng, count):
-    time, theta = some_times(rng, count), some_theta(rng, 1).repeat(count, axis=0)
-    velocity, acceleration = rng.normal(size=(2, 3))
-    theta[:, CENTER] += time[:, None] * velocity
+@given(times(3, 9), bounded(3, -2.0, 2.0), bounded(3, -2.0, 2.0))
+def test_even_motion_costs_nothing_and_acceleration_what_it_is(time, velocity, acceleration):
+    even = time[:, None] * velocity
     path = SmoothPath(time, 0.2)
-    assert PathEvaluation(path, LAYOUT, theta).cost.sum() == pytest.approx(0.0, abs=1e-12)
-    theta[:, CENTER] += 0.5 * np.square(time)[:, None] * acceleration
-    expected = 0.5 * (count - 2) * TAILS.evaluate(np.array([acceleration @ acceleration / 0.2**2]))[0][0]
-    assert PathEvaluation(path, LAYOUT, theta).cost.sum() == pytest.approx(expected, rel=1e-6)
+    assert PathEvaluation(path, LAYOUT, theta_at(even)).cost.sum() == pytest.approx(0.0, abs=1e-12)
+    theta = theta_at(even + 0.5 * np.square(time)[:, None] * acceleration)
+    expected = 0.5 * (len(time) - 2) * TAILS.evaluate(np.array([acceleration @ acceleration / 0.2**2]))[0][0]
+    assert PathEvaluation(path, LAYOUT, theta).cost.sum() == pytest.approx(expected, rel=1e-6, abs=1e-12)
 
 
 def test_steps_of_frames_on_a_path_are_those_of_the_dense_system():

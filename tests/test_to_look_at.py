@@ -8,8 +8,8 @@ from commands import run
 from synthetic import observe, whole_circle_markings
 
 from fieldcalib import Camera, soccer
-from fieldcalib.cli.to_look_at import NAMED, ToLookAt
 from fieldcalib.io.soccernet import format_annotation
+from fieldcalib.run_folder.to_look_at import NAMED, ToLookAt
 
 
 def seen(*frames):

@@ -18,12 +18,13 @@ from fieldcalib.assess.result import Verdict
 from fieldcalib.assess.sequence import Basis
 from fieldcalib.geometry.camera import Camera
 from fieldcalib.images import tracker as tracker_module
+from fieldcalib.images.clip_problem import ClipOptions, ClipProblem
 from fieldcalib.images.keyframes import KeyframeTracker
+from fieldcalib.images.live_shot import MOST_EXTRAPOLATED
 from fieldcalib.images.paint_evidence import PaintEvidence
-from fieldcalib.images.shot_solver import KeyframeOptions, Seen, ShotProblem, solve_shot
-from fieldcalib.images.tracker import LOST_FOR, Tracker
+from fieldcalib.images.shot_solver import SegmentedImage, ShotProblem, solve_shot
+from fieldcalib.images.tracker import Tracker
 from fieldcalib.processes.other_process import OtherProcess
-from fieldcalib.solve.options import ALL, DEFAULT_FLAGS
 
 SIZE = (480, 270)
 FIELD = soccer(size_known=True)
@@ -113,16 +114,16 @@ def test_verdicts_rest_on_the_paint_in_the_images(clip, monkeypatch):
 def test_errors_grow_while_nothing_ties_the_frames(clip, monkeypatch):
     """But for matches the frames go on as before: the last one is shown again and again."""
     cameras, pictures = clip
-    lost = LOST_FOR + 2
+    lost = MOST_EXTRAPOLATED + 2
     update = KeyframeTracker.update
     monkeypatch.setattr(KeyframeTracker, "update", lambda self, image: update(self, image) if np.any(image[0]) else [])
     again = pictures[9].copy()
     again[0] = 0  # a black line on top: nothing ties it
     found = tracked([*pictures[:10], *[again] * lost], cameras[::EVERY])[9:]
     held = [one for one, basis in found if basis == Basis.INTERPOLATED]
-    assert 3 <= len(held) <= LOST_FOR
+    assert 3 <= len(held) <= MOST_EXTRAPOLATED
     assert np.all(np.diff([found[0][0].covariance[0, 0], *(one.covariance[0, 0] for one in held)]) > 0.0)
-    assert [one.camera for one, _ in found[1 + LOST_FOR :]] == [None, None]
+    assert [one.camera for one, _ in found[1 + MOST_EXTRAPOLATED :]] == [None, None]
 
 
 def test_a_cut_ends_what_was_known(clip):
@@ -155,14 +156,13 @@ def test_another_process_calibrates_keyframes(clip):
 def test_it_gives_what_this_process_gives(clip):
     cameras, pictures = clip
     network = KnownCameras(cameras[:1])
-    seen = Seen(pictures[0], network.classes, network(pictures[:1]))
-    options = KeyframeOptions(FIELD, DEFAULT_FLAGS, ALL)
-    problem = ShotProblem(options, SIZE, 0, {0: ({}, {})}, {}, (), None, {})
+    seen = SegmentedImage(pictures[0], network.classes, network(pictures[:1]))
+    problem = ShotProblem(ClipProblem(ClipOptions(FIELD), SIZE, [0], {}, {}), 0)
     other = OtherProcess()
     there = other.run(solve_shot, problem, seen)
     other.close()
     here = solve_shot(problem, seen)
-    np.testing.assert_allclose(there.solved.keys[0].theta, here.solved.keys[0].theta, rtol=1e-9, atol=1e-9)
+    np.testing.assert_allclose(there.solved.cameras[0].theta, here.solved.cameras[0].theta, rtol=1e-9, atol=1e-9)
 
 
 def test_keyframes_that_came_in_the_meantime_have_cameras(clip):

@@ -7,7 +7,7 @@ import pytest
 from numdiff import central_differences
 from synthetic import observe, random_frames, whole_circle_markings
 
-from fieldcalib.assess.camera_errors import GroundError, region_radius
+from fieldcalib.assess.estimate import GroundError, region_radius
 from fieldcalib.assess.observability import OPEN_DIRECTION
 from fieldcalib.assess.uncertainty import uncertainties
 from fieldcalib.fields.segments import Line

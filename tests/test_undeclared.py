@@ -27,15 +27,15 @@ from fieldcalib.assess.whole_picture import (
     score,
     seems_part,
 )
-from fieldcalib.cli.demo import observe as demo_labels
-from fieldcalib.cli.demo import pan_over_field
 from fieldcalib.draw.scene import render_field
 from fieldcalib.fields.catalogue import field_named
 from fieldcalib.fields.segments import Line
 from fieldcalib.fields.stands import DISTRIBUTIONS
 from fieldcalib.geometry.camera import Camera
-from fieldcalib.images.borders import Shown, shown_part
+from fieldcalib.images.borders import shape_within, shown_part, within_borders
 from fieldcalib.problem.prior import frame_around, principal_point_sigma
+from fieldcalib.problem.simulated import observe as demo_labels
+from fieldcalib.problem.simulated import pan_over_field
 from fieldcalib.solve.aspect import WAS_SQUASHED, in_pixels_of, told
 from fieldcalib.solve.batch import calibrate_batch
 from fieldcalib.solve.label_ends import ENDS
@@ -363,9 +363,9 @@ def test_black_borders_are_seen(border, noise):
     image = render_field(CAMERA, FIELD, rng=np.random.default_rng(0))
     shown = shown_part(bordered(image, border, noise))
     corner = (0, border) if border > 0 else (-border, 0)
-    assert np.abs(np.subtract(shown.corner, corner)).max() <= 1
-    assert np.abs(np.subtract(shown.size, SIZE)).max() <= 2
-    assert shown.part(bordered(image, border, noise)).shape[1::-1] == shown.size
+    assert np.abs(np.add(shown.corner, corner)).max() <= 1
+    assert np.abs(np.subtract(shown.frame_size, SIZE)).max() <= 2
+    assert shown.image_in_frame(bordered(image, border, noise)).shape[1::-1] == shown.frame_size
 
 
 @pytest.mark.parametrize("where", ["sky", "stands", "all"])
@@ -382,7 +382,7 @@ def test_a_dark_part_of_a_picture_is_no_border(where):
 
 
 def test_a_camera_of_what_is_shown_sees_the_same_in_the_whole_picture():
-    shown = Shown((960, 720), (0, 90), (960, 540))
+    shown = shape_within(within_borders((960, 720), (0, 90)))
     found = calibrate_from_segments(FIELD, frame_of(), SIZE)
     moved = shown.in_picture(found)
     X = FIELD["Middle line"].sample(3.0)

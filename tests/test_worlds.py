@@ -20,7 +20,8 @@ from fieldcalib.fields.soccer import soccer
 from fieldcalib.fields.stands import ALL_STANDS, MAIN_CENTER, CameraDistribution, stands_around
 from fieldcalib.fields.traits import Halves, LineLook, ProbabilityModel, SizePrior
 from fieldcalib.geometry.camera import Camera
-from fieldcalib.images.line_profiles import Markings, find_lines, profiles_along
+from fieldcalib.images.field_markings import Markings
+from fieldcalib.images.line_profiles import find_lines, profiles_along
 from fieldcalib.images.refinement import line_support, refine_on_image
 from fieldcalib.problem.evaluation import Problem, evaluate
 from fieldcalib.problem.labelled_pixels import split_circles

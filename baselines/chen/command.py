@@ -14,7 +14,7 @@ import argparse
 import hashlib
 import sys
 import time
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
@@ -29,14 +29,10 @@ from baselines.chen.database import CAMERAS, Database
 from baselines.chen.edges import Edges, edges_of_mask, edges_of_pixels, edges_of_probabilities
 from baselines.chen.features import HOG, SIAMESE, Siamese
 from baselines.chen.search import PUBLISHED, WIDER, Recipe, homography
-from fieldcalib.cli.arguments import add_input_and_output, count
-from fieldcalib.cli.fields import add_sized_field, field_of
-from fieldcalib.cli.folder import Found, calibrate_files, calibrate_folder, lost, outcome_of
-from fieldcalib.cli.frames import Frame, ReadImage, image_files
-from fieldcalib.cli.main import run_command
-from fieldcalib.cli.progress import progress_bar
-from fieldcalib.cli.results import calibration_line
-from fieldcalib.cli.units import Made, add_jobs
+from fieldcalib.console.arguments import add_input_and_output, count
+from fieldcalib.console.field_options import add_sized_field, field_of
+from fieldcalib.console.program import run_command
+from fieldcalib.console.progress import progress_bar
 from fieldcalib.fields.field import Field
 from fieldcalib.io.files import FrameFile
 from fieldcalib.io.formats import CAMERAS as CAMERA_FILES
@@ -46,6 +42,16 @@ from fieldcalib.io.images import IMAGES_AT_ONCE
 from fieldcalib.io.wc14 import AlignmentName, format_homography
 from fieldcalib.localize import SegmentationNetwork
 from fieldcalib.problem.labelled_pixels import Pixels
+from fieldcalib.run_folder.annotated import (
+    AnnotationReader,
+    CalibratedFrame,
+    calibrate_files,
+    calibrate_folder,
+    unit_result,
+)
+from fieldcalib.run_folder.images import Frame, ReadImage, broken_frames, image_files
+from fieldcalib.run_folder.options import RunOptions, add_jobs
+from fieldcalib.run_folder.units import UnitResult
 from fieldcalib.solve.from_homography import judged_camera
 
 PROG = "python -m baselines.chen"
@@ -180,22 +186,23 @@ def _train(options: argparse.Namespace) -> int:
 
 
 def _run(options: argparse.Namespace) -> int:
-    database = _database(options.database)
+    run, field, database = RunOptions.of(options), field_of(options), _database(options.database)
     if options.source != MASKS:  # which show what their network was taught
-        database.check_field(field_of(options))
+        database.check_field(field)
     more = {"database": hashlib.sha256(options.database.read_bytes()).hexdigest()}
-    found = _Found(options.database, RECIPES[options.recipe], options.alignment)
+    found = _FromEdges(options.database, RECIPES[options.recipe], options.alignment)
     writes = [form.file_name("<id>") for form in (CAMERA_FILES, HOMOGRAPHIES)]
     if options.source == ANNOTATED:
+        method = _FromPixels(field, found)
         return calibrate_folder(
-            options, field_of(options), _FromPixels(field_of(options), found), writes=writes, more=more
+            run, options.input, AnnotationReader.of(options, field), method, writes=writes, more=more
         )
     if options.size is None:
         raise ValueError(f"--from {options.source} needs --size: homographies are for images of that size")
     network = SegmentationNetwork.load(threads=1) if options.source == IMAGES else None
-    made = _FromImages(field_of(options), found, options.size, options.most_bytes, network)
+    method_of_images = _FromImages(field, found, options.size, options.most_bytes, network)
     files = image_files(options.input)
-    return calibrate_files(options, files, made, made.first_broken, IMAGES_AT_ONCE, writes, more)
+    return calibrate_files(run, files, method_of_images, IMAGES_AT_ONCE, writes, more)
 
 
 @lru_cache(maxsize=1)
@@ -205,73 +212,65 @@ def _database(path: Path) -> Database:
 
 
 @dataclass(frozen=True)
-class _Found:
+class _FromEdges:
     """From edge images to homographies and cameras."""
 
     database: Path
     recipe: Recipe
     alignment: AlignmentName
 
-    def __call__(self, id: str, edges: Edges, size: tuple[int, int]) -> Found:
+    def __call__(self, id: str, edges: Edges, size: tuple[int, int]) -> CalibratedFrame:
         H = homography(_database(self.database), edges, size, self.recipe)
         (calibration,) = hdecomp.calibrate([H], size)
         if H is None:
-            return Found(calibration)
+            return CalibratedFrame(calibration)
         text = format_homography(H, self.alignment, image_size=size)
-        return Found(calibration, files={HOMOGRAPHIES.file_name(id): text.encode()})
+        return CalibratedFrame(calibration, files={HOMOGRAPHIES.file_name(id): text.encode()})
 
 
 @dataclass(frozen=True)
 class _FromPixels:
-    """How annotated frames are calibrated."""
+    """Calibrates annotated frames."""
 
     field: Field
-    found: _Found
+    found: _FromEdges
 
-    def __call__(self, frames: dict[str, Pixels], size: tuple[int, int]) -> list[Found]:
+    def __call__(self, frames: dict[str, Pixels], size: tuple[int, int]) -> list[CalibratedFrame]:
         return [self._of_frame(id, pixels, size) for id, pixels in frames.items()]
 
-    def _of_frame(self, id: str, pixels: Pixels, size: tuple[int, int]) -> Found:
+    def _of_frame(self, id: str, pixels: Pixels, size: tuple[int, int]) -> CalibratedFrame:
         found = self.found(id, edges_of_pixels(self.field, pixels, size), size)
         calibration = found.calibration
         if calibration.camera is not None:
             calibration = judged_camera(calibration.camera, self.field, pixels, calibration.message)
-        return Found(calibration, files=found.files)
+        return CalibratedFrame(calibration, files=found.files)
 
 
 @dataclass(frozen=True)
 class _FromImages:
-    """What is written of masks, or of images if there is a network that finds their markings."""
+    """Calibrates masks, or images if there is a network that finds their markings."""
 
     field: Field
-    found: _Found
+    found: _FromEdges
     size: tuple[int, int]
     most_bytes: float
     network: SegmentationNetwork | None
 
-    def __call__(self, files: tuple[FrameFile, ...]) -> Made:
+    def __call__(self, files: tuple[FrameFile, ...]) -> UnitResult:
+        """Read the images and calibrate."""
         frames = [self._read(file) for file in files]
         start = time.perf_counter()
         found = {frame.id: self._found(frame.id, frame.image) for frame in frames if frame.image is not None}
-        seconds = time.perf_counter() - start
-        outcomes = []
-        for file, frame in zip(files, frames, strict=True):
-            if frame.image is None:
-                outcomes.append(lost(file, frame.problem))
-                continue
-            one = found[frame.id]
-            outcomes.append(outcome_of(frame.id, one, calibration_line(frame.id, one.calibration, None)))
-        return Made(outcomes, seconds)
+        return unit_result(files, found, broken_frames(frames), time.perf_counter() - start)
 
-    def first_broken(self, files: tuple[FrameFile, ...]) -> str:
-        """The first broken file and what is wrong with it; empty if there is none."""
-        frames = map(self._read, files)
-        return next((f"{frame.path}: {frame.problem}" for frame in frames if frame.image is None), "")
+    def broken(self, files: tuple[FrameFile, ...]) -> Mapping[str, str]:
+        """Read the files only: what is wrong with those that are broken, by id."""
+        return broken_frames(map(self._read, files))
 
     def _read(self, file: FrameFile) -> Frame:
         return ReadImage(self.most_bytes)(file)
 
-    def _found(self, id: str, image: Image) -> Found:
+    def _found(self, id: str, image: Image) -> CalibratedFrame:
         if self.network is None:
             edges = edges_of_mask(np.asarray(cv2.cvtColor(image, cv2.COLOR_BGR2GRAY), np.uint8))
         else:

@@ -14,10 +14,10 @@ from numpy.typing import NDArray
 
 from baselines.chen.cameras import IMAGE_SIZE
 from fieldcalib._types import Array, BoolArray, Float32
-from fieldcalib.cli.localize import order_along
 from fieldcalib.draw.scene import NEAR_PLANE, SHIFT
 from fieldcalib.fields.field import Field
 from fieldcalib.fields.segments import Arc, Line, Point, Segment
+from fieldcalib.io.annotations import order_along
 from fieldcalib.localize.grid import BACKGROUND
 from fieldcalib.problem.labelled_pixels import Pixels
 

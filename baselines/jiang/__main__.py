@@ -7,7 +7,7 @@ import json
 import math
 import sys
 import time
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
@@ -22,15 +22,15 @@ from baselines.jiang.estimate import CostName, Estimator, homographies
 from baselines.jiang.networks import SIZE, WIDTH
 from baselines.jiang.score import score
 from baselines.jiang.training_pairs import Batches, read_pairs
-from fieldcalib.cli.arguments import add_format, count, folder_name, image_size, positive
-from fieldcalib.cli.folder import Found, calibrate_files, outcome_of
-from fieldcalib.cli.frames import Frame, ReadImage, add_limits, image_files, lost
-from fieldcalib.cli.inputs import add_inputs
-from fieldcalib.cli.main import run_command
-from fieldcalib.cli.results import calibration_line
-from fieldcalib.cli.units import Made, add_jobs
+from fieldcalib.console.arguments import add_format, add_limits, count, folder_name, image_size, positive
+from fieldcalib.console.inputs import add_inputs
+from fieldcalib.console.program import run_command
 from fieldcalib.io.files import FrameFile
 from fieldcalib.io.formats import CAMERAS, HOMOGRAPHIES
+from fieldcalib.run_folder.annotated import CalibratedFrame, calibrate_files, unit_result
+from fieldcalib.run_folder.images import Frame, ReadImage, broken_frames, image_files
+from fieldcalib.run_folder.options import RunOptions, add_jobs
+from fieldcalib.run_folder.units import UnitResult
 
 AT_ONCE = 16  # images that are optimised side by side
 COMMANDS = ("run", "train", "score", "figure")
@@ -80,54 +80,48 @@ def _add_method(parser: argparse.ArgumentParser) -> None:
 
 def _run(options: argparse.Namespace) -> int:
     Estimator.load(options.weights, options.cost)  # what is wrong with the weights is said before the work
-    made = _FromImages(options)
+    read = ReadImage(options.most_bytes, options.most_pixels)
+    method = _FromImages(read, options.size, options.weights, options.cost, options.steps)
     writes = [form.file_name("<id>") for form in (CAMERAS, HOMOGRAPHIES)]
     names = [training.GUESS, *([training.ERROR] if options.cost == "learned" else [])]
     states = [(options.weights / name).stat().st_mtime_ns for name in names]
     files = image_files(options.input)
-    return calibrate_files(options, files, made, made.first_broken, AT_ONCE, writes, more=states)
+    return calibrate_files(RunOptions.of(options), files, method, AT_ONCE, writes, more=states)
 
 
 @dataclass(frozen=True)
 class _FromImages:
-    """What is written of some images."""
+    """Calibrates images."""
 
-    options: argparse.Namespace
+    read: ReadImage
+    size: tuple[int, int] | None
+    """Size that images are squashed from, None if they are not."""
+    weights: Path
+    cost: CostName
+    steps: int
 
-    def __call__(self, files: tuple[FrameFile, ...]) -> Made:
-        frames = [self._read(file) for file in files]
+    def __call__(self, files: tuple[FrameFile, ...]) -> UnitResult:
+        """Read the images and calibrate."""
+        frames = [self.read(file) for file in files]
         start = time.perf_counter()
         by_size: dict[tuple[int, int], list[Frame]] = {}
         for frame in frames:
             if frame.image is not None:
-                size = self.options.size or (frame.image.shape[1], frame.image.shape[0])
+                size = self.size or (frame.image.shape[1], frame.image.shape[0])
                 by_size.setdefault(size, []).append(frame)
-        found: dict[str, Found] = {}
+        found: dict[str, CalibratedFrame] = {}
         for size, members in by_size.items():
             found |= dict(zip([frame.id for frame in members], self._found(members, size), strict=True))
-        seconds = time.perf_counter() - start
-        outcomes = []
-        for frame in frames:
-            if frame.id not in found:
-                outcomes.append(lost(frame, frame.problem))
-                continue
-            one = found[frame.id]
-            line = calibration_line(frame.id, one.calibration, None) | dict(one.details)
-            outcomes.append(outcome_of(frame.id, one, line))
-        return Made(outcomes, seconds)
+        return unit_result(files, found, broken_frames(frames), time.perf_counter() - start)
 
-    def first_broken(self, files: tuple[FrameFile, ...]) -> str:
-        """The first broken file and what is wrong with it; empty if there is none."""
-        read = (self._read(file) for file in files)
-        return next((f"{frame.path}: {frame.problem}" for frame in read if frame.image is None), "")
+    def broken(self, files: tuple[FrameFile, ...]) -> Mapping[str, str]:
+        """Read the files only: what is wrong with those that are broken, by id."""
+        return broken_frames(map(self.read, files))
 
-    def _read(self, file: FrameFile) -> Frame:
-        return ReadImage(self.options.most_bytes, self.options.most_pixels)(file)
-
-    def _found(self, frames: Sequence[Frame], size: tuple[int, int]) -> list[Found]:
-        """Of images of one size: the homography, and the camera that it is decomposed into."""
+    def _found(self, frames: Sequence[Frame], size: tuple[int, int]) -> list[CalibratedFrame]:
+        """Calibrate images of one size: the homography, and the camera that it is decomposed into."""
         images = [frame.image for frame in frames if frame.image is not None]
-        path = _estimator(self.options.weights, self.options.cost)(images, size, self.options.steps)
+        path = _estimator(self.weights, self.cost)(images, size, self.steps)
         matrices = homographies(path.best, size)
         costs = path.costs.double()
         results = []
@@ -135,7 +129,7 @@ class _FromImages:
             details = {"cost_of_guess": costs[0, i].item(), "cost": costs[:, i].min().item()}
             H, name = matrices[i], HOMOGRAPHIES.file_name(frames[i].id)
             files = {} if H is None else {name: HOMOGRAPHIES.write(H, "jiang", image_size=size).encode()}
-            results.append(Found(calibration, details, files))
+            results.append(CalibratedFrame(calibration, details, files))
         return results
 
 

@@ -18,8 +18,8 @@ from data_tools.synthetic.cache import write_cache
 from data_tools.synthetic.clips import painted
 from data_tools.synthetic.film import CLIP_SIZE, PAINTED, Scene, clip_frames, write_clip
 from data_tools.synthetic.games import game_named
-from fieldcalib.cli.arguments import count, image_size
-from fieldcalib.cli.fields import SOCCER, add_named_field
+from fieldcalib.console.arguments import count, image_size
+from fieldcalib.console.field_options import SOCCER, add_named_field
 from fieldcalib.draw.overlays import label_colour
 from fieldcalib.fields.soccer import soccer
 from fieldcalib.io.files import write_bytes

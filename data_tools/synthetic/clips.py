@@ -16,13 +16,13 @@ from numpy.typing import ArrayLike
 from data_tools.measured_cameras import SIZE, read_camera, read_zoom
 from data_tools.random_frames import RandomFrame, mislabelled
 from fieldcalib._types import Array, BoolArray
-from fieldcalib.cli.demo import observe
 from fieldcalib.fields.field import Field
 from fieldcalib.fields.segments import Arc, Line, Segment
 from fieldcalib.geometry.camera import Camera
 from fieldcalib.geometry.lens.opencv import POWERS
 from fieldcalib.geometry.projective import homogenize
 from fieldcalib.geometry.rotation import rotation_from_angles
+from fieldcalib.problem.simulated import observe
 from fieldcalib.solve.options import PAINT
 
 Range = tuple[float, float]
@@ -275,7 +275,7 @@ def labelled(
     Parameters
     ----------
     cameras, field, rng, noise, pixels_per_line
-        As `fieldcalib.cli.demo.observe`.
+        As `fieldcalib.problem.simulated.observe`.
     wrong_share : float
         Of the frames have one segment with the label of another (`data_tools.random_frames.mislabelled`).
     empty_share : float

@@ -11,7 +11,7 @@ from data_tools.synthetic.games import Game, game_named
 from data_tools.synthetic.masks import Mask, markings_mask
 from data_tools.synthetic.pictures import add_graphics, degraded, random_picture
 from fieldcalib._types import BoolArray, Float32
-from fieldcalib.cli.fields import SOCCER
+from fieldcalib.console.field_options import SOCCER
 from fieldcalib.draw.ground import Ground, rays
 from fieldcalib.draw.scene import to_uint8
 from fieldcalib.fields.field import Field

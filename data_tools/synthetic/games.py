@@ -19,7 +19,7 @@ from data_tools.synthetic.people import Sun, random_suns
 from data_tools.synthetic.rink import add_boards
 from data_tools.synthetic.surroundings import add_surroundings
 from fieldcalib._types import Array, BoolArray, Float32
-from fieldcalib.cli.fields import SOCCER, named_field
+from fieldcalib.console.field_options import SOCCER, named_field
 from fieldcalib.draw.ground import Ground
 from fieldcalib.fields.field import Field
 from fieldcalib.fields.soccer import soccer

@@ -65,8 +65,8 @@ def locate_on_ground(
     Raises
     ------
     ValueError
-        If it is no calibration, there is no camera, `pixel_sd` is negative, the pixels have another shape, or
-        `relative_to` is something else.
+        If it is no calibration, it has no camera (`NoCameraError`), `pixel_sd` is negative, the pixels have another
+        shape, or `relative_to` is something else.
 
     Examples
     --------
@@ -83,9 +83,7 @@ def locate_on_ground(
             calibration, Camera
         )
         raise ValueError(f"expected a Calibration, got a {type(calibration).__name__}{hint}")
-    camera = calibration.camera
-    if camera is None:
-        raise ValueError(f"there is no camera to locate pixels with: {calibration.message}")
+    camera = calibration.required_camera
     if not pixel_sd >= 0.0:
         raise ValueError(f"pixel_sd must be a standard deviation in pixels, 0 or more, got {pixel_sd}")
     X = camera.image_to_field(xy)

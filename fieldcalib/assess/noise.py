@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from functools import cached_property
+
 import numpy as np
 
 from fieldcalib._types import Array
@@ -24,17 +26,25 @@ class Noise:
     def __init__(self, evaluation: Evaluation) -> None:
         self.evaluation = evaluation
         observations = evaluation.problem.observations
-        label, columns = observations.label, observations.columns
-        ends = columns["ends"].start
+        label, share = observations.label, observations.pixel_share
         self.segment = (label[..., None] == np.unique(label[label >= 0])).astype(float)  # (B, M, segments)
-        count = (self.segment @ np.sum(self.segment[:, :ends], axis=1)[..., None])[..., 0]
-        # points have two residuals a pixel, one along each axis: as independent as two segments; so are those at ends
-        across = columns["points"].start
-        self.segment[:, across:] = 0.0
-        count[:, across:ends] /= 2.0
+        count = (self.segment @ (np.swapaxes(self.segment, 1, 2) @ share)[..., None])[..., 0]
+        self.segment[:, ~observations.shares_noise] = 0.0
         self.shared = SHARED_NOISE * np.sum(self.segment, axis=-1)
         # a weight is one over a variance; a pixel of N has an Nth of it
         self.relative_sigma = 1.0 / np.sqrt(np.where(label >= 0, observations.weight * count, 1.0))
+
+    @cached_property
+    def pull(self) -> Array:
+        """Weights (B, M) of the residuals in the gradient, for noise of one sigma."""
+        return np.asarray(self.evaluation.pull * self.relative_sigma)
+
+    @cached_property
+    def square(self) -> Array:
+        """Squares of ``rho'`` in units of the pixels' own noise, (B, M): how much a pixel tells of the noise."""
+        evaluation = self.evaluation
+        slope = evaluation.problem.loss.evaluate(np.square(evaluation.r))[1]
+        return np.asarray(np.square(slope / self.relative_sigma) * (evaluation.problem.observations.weight > 0.0))
 
     def covariance(self, JT: Array, left: Array, right: Array) -> Array:
         """``J^T diag(left) C diag(right) J``, (B, P, P), C being the correlation of the noise."""
@@ -93,12 +103,10 @@ def pooled_noise(evaluation: Evaluation) -> tuple[Array, Array]:
     """
     problem = evaluation.problem
     noise = Noise(evaluation)
-    slope = problem.loss.evaluate(np.square(evaluation.r))[1]
-    square = np.square(slope / noise.relative_sigma) * (problem.observations.weight > 0.0)
     own = int(np.count_nonzero(~problem.layout.shared))
-    equations = np.sum(square * np.square(noise.relative_sigma))
+    equations = np.sum(noise.square * np.square(noise.relative_sigma))
     labelled = np.count_nonzero(np.any(problem.observations.weight > 0.0, axis=1))  # the others follow from these
     redundancy = max(equations - own * labelled, 1.0)
-    variance = np.full(len(problem), np.sum(square * np.square(evaluation.r)) / redundancy)
+    variance = np.full(len(problem), np.sum(noise.square * np.square(evaluation.r)) / redundancy)
     _, kappa = size_and_curvature(problem.loss, variance)
     return np.sqrt(variance), kappa

@@ -19,8 +19,8 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 
 from fieldcalib._types import Array, BoolArray
-from fieldcalib.assess.camera_errors import CameraErrors
 from fieldcalib.assess.datum import relative_to_markings
+from fieldcalib.assess.estimate import Estimate
 from fieldcalib.assess.ground import ground_derivatives, ground_of_pixels, pixels_of_points
 from fieldcalib.assess.uncertainty import OTHER_FRAMES, Uncertainty
 from fieldcalib.fields.field import Field
@@ -38,7 +38,7 @@ PAINT_SHOWS, PAINT_COUNTS = 0.9, 3.5
 LEAST_NOISE = 1e-3  # of the square of an error: with less a probability is 0 or 1
 
 
-def largest_error(uncertainty: CameraErrors, field: Field) -> float:
+def largest_error(uncertainty: Estimate, field: Field) -> float:
     """Expected (root mean square) error of the worst point of a field in view, relative to the markings there, metres.
 
     NaN where no part of the field is in view, infinite where the labels leave it open.
@@ -46,7 +46,7 @@ def largest_error(uncertainty: CameraErrors, field: Field) -> float:
     Examples
     --------
     >>> from fieldcalib import calibrate_from_segments, soccer
-    >>> from fieldcalib.cli.demo import observe, pan_over_field
+    >>> from fieldcalib.problem.simulated import observe, pan_over_field
     >>> (camera,) = pan_over_field(1)
     >>> frame = observe(camera, soccer(), np.random.default_rng(0), noise=1.0)
     >>> calibration = calibrate_from_segments(soccer(size_known=True), frame, camera.image_size)
@@ -141,7 +141,7 @@ def _squares_in_view(uncertainties: Sequence[Uncertainty], field: Field) -> Iter
         yield determined, np.swapaxes(of_considered, 1, 2) @ of_considered
 
 
-def probability_by_covariance(errors: CameraErrors, field: Field, metres: float) -> float:
+def probability_by_covariance(errors: Estimate, field: Field, metres: float) -> float:
     """Probability that no ground point in view is off by more than some metres, as the worst of them tells it.
 
     On level ground it is ``1 - exp(-metres^2 / rms^2)``, Rayleigh's distribution. What the crown of a field adds to the

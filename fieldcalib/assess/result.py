@@ -15,23 +15,16 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from fieldcalib._json import from_json, to_json
+from fieldcalib._read_only import ReadOnlyDict
 from fieldcalib._types import Array
-from fieldcalib.assess.camera_errors import CameraErrors, GroundError, KnownErrors
-from fieldcalib.assess.cut_labels import log_ratio_of_cut
+from fieldcalib.assess.camera_errors import CameraErrors, KnownErrors, NoErrors
 from fieldcalib.assess.datum import MARKINGS_IN_VIEW, RelativeTo
+from fieldcalib.assess.estimate import Estimate, GroundError
 from fieldcalib.assess.markings import MarkingInView, paint_complaints, paint_contradicts, paint_share
 from fieldcalib.assess.observability import Direction
-from fieldcalib.assess.probability import (
-    Evidence,
-    evidence,
-    probability_by_covariance,
-    probability_given_paint,
-    probability_right,
-)
+from fieldcalib.assess.probability import probability_given_paint
 from fieldcalib.assess.solved import Solved
-from fieldcalib.assess.surprises import LEAST_ASPECT, surprises
-from fieldcalib.assess.uncertainty import Uncertainty
-from fieldcalib.assess.whole_picture import CUT, SHAPE, SQUASHED_LOG_ODDS, Declared, seems_part
+from fieldcalib.assess.whole_picture import CUT, SHAPE, Declared, Picture
 from fieldcalib.fields.field import Field
 from fieldcalib.fields.records import field_from_record, field_to_record
 from fieldcalib.geometry.camera import Camera
@@ -40,7 +33,7 @@ ANGLE_NAMES = ("pan", "tilt", "roll")
 VERSION = 1  # of `Calibration.to_dict`
 
 BESIDE = 5.0  # px: pixels that are nearer to a line lie on it
-LEAST_PROBABILITY = 0.5  # of being right to the field's tolerance: else a camera is more probably wrong
+LEAST_PROBABILITY = 0.5  # of being right to the field's tolerance: with less a camera is more probably wrong
 
 
 class Verdict(StrEnum):
@@ -61,15 +54,16 @@ class Status(StrEnum):
     REJECTED = "rejected by tau"
     """The loss in NDC is above the threshold that the user set."""
     IMPROBABLE = "probably wrong"
-    """The probability that the camera is right is below the one that the user asked for, its image shows no lines
-    where it has the markings, or, of a frame that others tell, the field in view is not known to 1 m."""
+    """The probability that the camera is right is below the one that the user asked for, the image shows no lines at
+    the projected markings, or, in a sequence, the field in view is not known to 1 m."""
     TOO_FEW_SEGMENTS = "too few segments"
-    """The labels give fewer equations than there are unknowns; the rest comes from the prior."""
+    """The labels give fewer equations than there are unknowns; the prior determines the others."""
     DEGENERATE = "degenerate"
-    """Enough equations, but they leave a direction of the parameters open."""
+    """There are enough equations, but a direction of the parameters is not determined."""
     NOT_CONVERGED = "not converged"
+    """The solver reached its limit of iterations."""
     IMPLAUSIBLE = "implausible"
-    """The best fit is no camera that could stand there."""
+    """The best fit is physically implausible."""
 
 
 REMEDIES: Mapping[Status, str] = MappingProxyType(
@@ -110,17 +104,31 @@ class SuspectLabel:
     through the pixels, but the segment itself is elsewhere on it."""
 
     def __str__(self) -> str:
-        """For messages."""
         fits = "no other label fits" if self.fits is None else f"{self.fits!r} fits"
         where = f"lies {self.error_px:.0f} px off" if self.error_px > BESIDE else "ends elsewhere on the same line"
         return f"{self.label!r} {where}: {fits}"
+
+
+class NoCameraError(ValueError):
+    """Raised where the camera of a calibration is used that has none: the reason, and what would help."""
+
+    def __init__(self, status: Status, message: str) -> None:
+        super().__init__(status, message)
+        self.status, self.reason, self.remedy = status, message, REMEDIES.get(status, "")
+
+    def __str__(self) -> str:
+        return f"there is no camera: {self.reason} ({self.status}). What would help: {self.remedy}"
 
 
 @dataclass(frozen=True, eq=False)
 class Calibration:
     """Result of a calibration. Unpacks to the five values of `cv2.calibrateCamera` for one view.
 
-    Two are equal if all that `to_dict` writes is.
+    It is a value whatever came of it, and false if it is rejected. Without a camera `camera` is None, so that
+    ``calibration.camera is None`` asks for it; whatever needs the camera (unpacking, `required_camera`, `K`, `project`,
+    `image_to_field`, and the errors from `uncertainty` on) raises a `NoCameraError` with the reason and a remedy.
+
+    Two calibrations are equal if all that `to_dict` writes is equal.
 
     Examples
     --------
@@ -132,6 +140,10 @@ class Calibration:
     >>> rms, K, dist, rvec, tvec = calibrate_from_segments(soccer(), pixels, (960, 540), prior=None)
     >>> round(float(K[0, 0]), 3)
     1400.0
+    >>> calibrate_from_segments(soccer(), {}, (960, 540)).K  # doctest: +ELLIPSIS
+    Traceback (most recent call last):
+        ...
+    fieldcalib.assess.result.NoCameraError: there is no camera: no labelled pixels: nothing to calibrate from ...
     """
 
     camera: Camera | None
@@ -140,12 +152,13 @@ class Calibration:
     message: str
     """The status in a sentence: why, and what would help."""
     rms: float
-    """Root mean square distance of the pixels to the segments that they were fitted to, pixels; those of suspect labels
-    to the segments that fit."""
+    """Root mean square distance of the pixels to the segments that they were fitted to, pixels; pixels of suspect
+    labels count with the segments that fit them."""
     loss_ndc: float
-    """The paper's segment reprojection loss, which tau is compared with (`fieldcalib.assess.ndc`, "tvcalib")."""
+    """The paper's segment reprojection loss, which tau is compared with (`fieldcalib.assess.ndc`, "tvcalib"); NaN of a
+    frame of a sequence."""
     per_segment_errors: Mapping[str, float]
-    """Root mean square distance in pixels for each label as it was given, in the order of the input."""
+    """Root mean square distance in pixels for each label as it was given, in the order of the input; read-only."""
     suspect_labels: tuple[SuspectLabel, ...] = ()
     """Labels that the rest of the frame contradicts: they were replaced by the ones that fit, or left out."""
     alternatives: tuple[Camera, ...] = ()
@@ -153,25 +166,59 @@ class Calibration:
     complaints: tuple[str, ...] = ()
     """What the labels as given say against an accepted camera."""
     pixel_counts: Mapping[str, int] = attribute(default_factory=dict, repr=False)
-    """Number of pixels of each label as it was given."""
+    """Number of pixels of each label as it was given; read-only."""
     field: Field | None = attribute(default=None, repr=False)
-    """What was calibrated against; None if that was no `Field`."""
-    solved: Solved | None = attribute(default=None, repr=False)
-    """What `uncertainty` is computed from; None where there is no camera, or it came from a closed form."""
-    errors: KnownErrors | None = attribute(default=None, repr=False)
-    """How far the camera may be off, where it was estimated with other frames and what was solved is not kept."""
+    """The field that was calibrated against; None if the object is no `Field`."""
+    errors: CameraErrors = attribute(default_factory=NoErrors, repr=False)
+    """How far the camera may be off: `Solved` for a frame by itself, `KnownErrors` for a frame of a sequence,
+    `NoErrors` for a homography or without a camera."""
     markings: tuple[MarkingInView, ...] = attribute(default=(), repr=False)
     """What the image shows of each painted marking in view; empty where no image was looked at."""
     are_annotated: bool = attribute(default=False, repr=False)
-    """Whether somebody labelled the pixels, who followed markings to the border of the picture: labels that are neither
+    """Whether a person labelled the pixels, following markings to the border of the picture: then labels are neither
     weighted nor trusted."""
     declared: Declared = attribute(default=Declared.NOTHING, repr=False)
-    """What the user has said of the picture: it is not doubted."""
+    """What the user has said about the picture, which is then not doubted."""
+
+    def __post_init__(self) -> None:
+        for name in ("per_segment_errors", "pixel_counts"):
+            object.__setattr__(self, name, ReadOnlyDict(getattr(self, name)))
 
     @classmethod
     def without_camera(cls, status: Status, message: str) -> Calibration:
-        """What is returned where there is no camera to give."""
+        """A calibration that found no camera."""
         return cls(None, status, message, float("nan"), float("nan"), {})
+
+    @property
+    def required_camera(self) -> Camera:
+        """The camera.
+
+        Raises
+        ------
+        NoCameraError
+            If there is none. Everything below that needs a camera raises it too.
+        """
+        if self.camera is None:
+            raise NoCameraError(self.status, self.message)
+        return self.camera
+
+    @property
+    def K(self) -> Array:
+        """Intrinsic matrix (3, 3) of the camera."""
+        return self.required_camera.K
+
+    def project(self, X: ArrayLike) -> Array:
+        """Pixels (..., 2) of world points (..., 3), as `Camera.project`."""
+        return self.required_camera.project(X)
+
+    def image_to_field(self, xy: ArrayLike) -> Array:
+        """Ground points (..., 3) seen at pixels (..., 2), as `Camera.image_to_field`."""
+        return self.required_camera.image_to_field(xy)
+
+    @property
+    def solved(self) -> Solved | None:
+        """The problem of a frame that was solved by itself; None of others."""
+        return self.errors if isinstance(self.errors, Solved) else None
 
     @property
     def rms_as_labelled(self) -> float:
@@ -197,7 +244,8 @@ class Calibration:
     def verdict(self) -> Verdict:
         """What to do with the camera; `reason` says why.
 
-        Good is what is accepted without `concerns`. The probability behind it is computed when it is first asked for.
+        An accepted camera without `concerns` is good. The probability behind them is computed when it is first asked
+        for.
         """
         if not self.accepted:
             return Verdict.REJECT
@@ -213,27 +261,26 @@ class Calibration:
         """What speaks against an accepted camera, or why nothing speaks for it, most important first."""
         if self.camera is None:
             return ()
-        if not self.knows_errors:
-            return ("its errors are not known, as it does not come from labelled pixels",)
-        doubts = []
-        if self.has_probability:
-            probability = self.probability(level=True)  # a camera that lies on the paint is right, whatever the ground
+        if not self.errors.are_known:
+            return self.errors.doubts(None)
+        improbable, picture = [], None
+        if self.field is not None and self.has_probability:
+            tolerance = self.field.tolerance
+            probability = self.probability(level=True)  # a camera that fits the paint is right, whatever the crown
             if not probability >= LEAST_PROBABILITY:
-                doubts.append(f"right to {self._tolerance:g} m with a probability of {probability:.2f}")
-        unusual = () if self.solved is None else surprises(self._solved_uncertainty)
-        if not doubts and self.solved is not None and self.has_probability:
-            cut = self._log_ratio_of_cut + SQUASHED_LOG_ODDS * self._was_squashed
-            known = self._probability_by_labels(self._tolerance, size_known=True)
-            doubts.extend(seems_part(self._solved_uncertainty, known, cut, self.declared))
-        return (*paint_complaints(self.markings), *doubts, *unusual, *self.complaints)
+                improbable.append(f"right to {tolerance:g} m with a probability of {probability:.2f}")
+            elif self.solved is not None:
+                known = self._probability_by_labels(self.field, tolerance, size_known=True)
+                picture = Picture(self.camera, self.field, known, self.declared, self.are_annotated)
+        return (*paint_complaints(self.markings), *improbable, *self.errors.doubts(picture), *self.complaints)
 
     @property
     def remedy(self) -> str:
         """What would help, in the user's terms; empty where nothing is known, or needed.
 
-        Of a camera that is not accepted it goes with the status. Otherwise it goes with markings that lie off their
-        paint, with a picture that may be no whole frame or, where the size of the field is not visible, with metres
-        that are from the markings in view: where positions from the centre are known to more than half a metre.
+        It belongs to the status of a rejected camera. For an accepted one it names what to do about markings that lie
+        off their paint, a picture that may be no whole frame, or, where the size of the field is not visible and
+        positions from the centre mark are not known to half a metre, about that.
 
         Examples
         --------
@@ -249,59 +296,38 @@ class Calibration:
         return self.uncertainty.remedy if self.camera is not None and self.knows_errors else ""
 
     @property
-    def _was_squashed(self) -> bool:
-        """Whether the picture has other pixels than the frame with square ones that was solved."""
-        assert self.camera is not None
-        (a, b), (c, d) = np.diagonal(self.camera.K)[:2], np.diagonal(self._solved_uncertainty.camera.K)[:2]
-        return bool(abs(np.log(a * d / (b * c))) > LEAST_ASPECT)
-
-    @property
-    def _log_ratio_of_cut(self) -> float:
-        """Of labels by hand, `fieldcalib.assess.cut_labels`."""
-        if not self.are_annotated or self.solved is None or self.field is None:
-            return 0.0
-        pixels, _ = self.solved.evaluation.problem.observations.without_ends.unpacked(self.solved.frame)
-        return log_ratio_of_cut(self.field, pixels, self._solved_uncertainty.camera)
-
-    @property
     def knows_errors(self) -> bool:
         """Whether `uncertainty` is known."""
-        return self.solved is not None or self.errors is not None
+        return self.errors.are_known
+
+    @property
+    def has_errors(self) -> bool:
+        """Whether the errors need not be computed any more."""
+        return self.errors.are_computed
 
     @property
     def has_probability(self) -> bool:
-        """Whether `probability` is known: of a camera fitted to labels of a field with a probability model."""
+        """Whether `probability` is known: the camera was fitted to labels of a field with a probability model."""
         return self.knows_errors and self.field is not None and self.field.probability is not None
 
-    @property
-    def uncertainty(self) -> CameraErrors:
+    @cached_property
+    def uncertainty(self) -> Estimate:
         """How far the camera may be off; computed when it is first asked for.
 
-        It is an `Uncertainty`, and for frames of a sequence the covariance alone.
+        It is an `Uncertainty` for a frame by itself, and for a frame of a sequence the covariance alone, `KnownErrors`.
 
         Raises
         ------
         ValueError
             If the camera was not fitted to labelled pixels.
         """
-        return self._solved_uncertainty if self.errors is None else self._known_errors
-
-    @cached_property
-    def _known_errors(self) -> KnownErrors:
-        assert self.errors is not None
+        if self.camera is None:
+            raise NoCameraError(self.status, self.message)
         return self.errors.on(self.field)
-
-    @cached_property
-    def _solved_uncertainty(self) -> Uncertainty:
-        if self.errors is not None:
-            raise ValueError("expected a calibration of a single frame: of a sequence only the covariance is kept")
-        if self.solved is None:
-            raise ValueError(f"expected a calibration from labelled pixels, this one knows no errors: {self.message}")
-        return self.solved.uncertainty.on(self.field)
 
     @property
     def covariance(self) -> Array:
-        """Covariance (n, n) of the parameters, see `fieldcalib.assess.uncertainty.Uncertainty.covariance`."""
+        """Covariance (n, n) of the parameters, see `fieldcalib.assess.estimate.Estimate.covariance`."""
         return self.uncertainty.covariance
 
     @property
@@ -311,29 +337,43 @@ class Calibration:
 
     @property
     def observability(self) -> tuple[Direction, ...]:
-        """What the labels determine and what came from the prior, least determined first."""
-        return self._solved_uncertainty.observability
+        """What the labels determine and what came from the prior, least determined first.
+
+        Raises
+        ------
+        ValueError
+            If only the covariance is known, as for frames of a sequence.
+        """
+        return self.uncertainty.observability
 
     def field_uncertainty(self, xy: ArrayLike, *, relative_to: RelativeTo = MARKINGS_IN_VIEW) -> GroundError:
         """Errors in metres of the ground points seen at pixels (..., 2).
 
-        By default they are relative to the markings in view: where one end of a pitch of unknown length is seen, places
-        from the "centre mark" on are known to half of that only.
+        By default they are relative to the markings in view. Where one end of a pitch of unknown length is seen, errors
+        relative to the "centre mark" contain half of the error of that length.
         """
         return self.uncertainty.at_image(xy, relative_to=relative_to)
 
     def probability(self, metres: float | None = None, *, size_known: bool = False, level: bool = False) -> float:
         """Probability that the camera is right: no point of the field in view is off by more than some metres.
 
-        That is meant relative to the markings in view, see `field_uncertainty`. By default it is the field's
-        `tolerance`, 1 m on a soccer pitch. Fitted on synthetic frames of the field, see
-        `fieldcalib.assess.probability`; of frames of a sequence it follows from their covariance. NaN where no part of
-        the field is in view or the camera does not come from labelled pixels, 0 where there is no camera or it is
-        implausible: of 22 such ones on synthetic frames none was right. With `size_known` it is that if the field had
-        just the given size: where it has another one, the camera may fit its image well and be wrong in metres. With
-        `level` it is that if the ground were flat; otherwise it may be higher in the middle than at the touchlines
-        (`fieldcalib.fields.crown`), where cameras of a flat one fit their image too. Of a single picture it also rests
-        on the share of its markings where paint is seen.
+        Positions are relative to the markings in view, see `field_uncertainty`. For a single frame the probability
+        comes from a model that was fitted on synthetic frames of the field (`fieldcalib.assess.probability`) and, if
+        its image was looked at, from the share of the markings where paint is seen; for a frame of a sequence it
+        follows from the covariance. It is NaN where no part of the field is in view or the camera does not come from
+        labelled pixels, and 0 where there is no camera or it is implausible: of 22 implausible ones on synthetic frames
+        none was right.
+
+        Parameters
+        ----------
+        metres : float, optional
+            By default the field's `tolerance`, 1 m on a soccer pitch.
+        size_known : bool
+            Whether to take the given size of the field for its true one. If it is not, a camera may fit its image well
+            and be wrong in metres.
+        level : bool
+            Whether to take the ground for flat. It may be higher in the middle than at the touchlines
+            (`fieldcalib.fields.crown`), and cameras of a flat one fit such images too.
 
         Raises
         ------
@@ -352,10 +392,8 @@ class Calibration:
         """
         if metres is not None and not metres > 0.0:
             raise ValueError(f"metres must be positive, got {metres}")
-        if self.camera is None:
-            return 0.0
-        if not self.knows_errors:
-            return float("nan")
+        if self.camera is None or not self.knows_errors:
+            return 0.0 if self.camera is None else float("nan")
         if self.field is None:
             raise ValueError("expected a calibration of a Field: how much of another object is in view is not known")
         if self.field.probability is None:
@@ -363,30 +401,25 @@ class Calibration:
                 "expected a calibration of a Field with a probability model, as soccer(): for this none was fitted, "
                 "but its expected errors are in `uncertainty`"
             )
-        if self.status is Status.IMPLAUSIBLE:
-            return 0.0
-        metres = self._tolerance if metres is None else metres
-        if self.errors is not None:
-            errors = self._known_errors.if_level if level else self._known_errors
-            return probability_by_covariance(errors, self.field, metres)
-        by_labels = self._probability_by_labels(metres, size_known=size_known, level=level)
-        return probability_given_paint(by_labels, paint_share(self.markings)) if self.markings else by_labels
+        metres = self.field.tolerance if metres is None else metres
+        by_labels = self._probability_by_labels(self.field, metres, size_known=size_known, level=level)
+        if self.solved is None or not self.markings:
+            return by_labels
+        return probability_given_paint(by_labels, paint_share(self.markings))
 
-    def _probability_by_labels(self, metres: float, *, size_known: bool = False, level: bool = False) -> float:
-        """`probability` of a single frame, whatever its image shows of the markings."""
-        assert self.field is not None
-        assert self.field.probability is not None
+    def _probability_by_labels(
+        self, field: Field, metres: float, *, size_known: bool = False, level: bool = False
+    ) -> float:
+        """`probability`, whatever the image shows of the markings."""
         if self.status is Status.IMPLAUSIBLE:
             return 0.0
-        rows, weights = self._evidence[level or size_known]
-        if size_known:
-            rows, weights = rows[:1], np.ones(1)
-        return probability_right(self.field.probability, rows, weights, metres) / (1 + len(self.alternatives))
+        probability = self.errors.probability(field, metres, size_known=size_known, level=level)
+        return probability / (1 + len(self.alternatives))
 
     def doubted(self, least: float, metres: float | None = None, *, size_known: bool = False) -> Calibration:
-        """The same, with the verdict that it is probably wrong if its `probability` is below `least`.
+        """The calibration with the verdict that it is probably wrong if its `probability` is below `least`.
 
-        What has no camera with an uncertainty, or was rejected already, stays as it is.
+        A calibration without known errors, or one that was rejected already, stays as it is.
 
         Raises
         ------
@@ -402,14 +435,14 @@ class Calibration:
         if not self.knows_errors or self.status is Status.REJECTED:
             return self
         probability = self.probability(metres, size_known=size_known)
-        if probability >= least:
+        if probability >= least or self.field is None:
             return self
-        metres = self._tolerance if metres is None else metres
+        metres = self.field.tolerance if metres is None else metres
         doubt = f"right to {metres:g} m with a probability of {probability:.2f}, below {least:g}"
         return replace(self, status=Status.IMPROBABLE, message=f"{doubt}; {self.message}")
 
     def seen_in_image(self, markings: Sequence[MarkingInView]) -> Calibration:
-        """Add what its image shows of the markings in view.
+        """Add what the image shows of the markings in view.
 
         A camera that was accepted is "probably wrong" if more of the paint lies beside its markings than on them.
 
@@ -426,52 +459,17 @@ class Calibration:
         reason = "; ".join(paint_complaints(markings))
         return replace(seen, status=Status.IMPROBABLE, message=f"most of the paint lies beside the markings: {reason}")
 
-    @property
-    def _tolerance(self) -> float:
-        """Metres to which a camera of this field is right or wrong."""
-        assert self.field is not None
-        return self.field.tolerance
-
-    @cached_property
-    def _evidence(self) -> tuple[Evidence, Evidence]:
-        """On any and on level ground."""
-        assert self.field is not None
-        (found,) = evidence([self._solved_uncertainty], self.field)
-        return found
-
-    @property
-    def has_errors(self) -> bool:
-        """Whether the errors were computed already."""
-        return self.solved is None or "uncertainty" in vars(self.solved)
-
-    def keep_uncertainty(self, uncertainty: Uncertainty) -> None:
-        """Keep what was computed with that of other calibrations, see `fieldcalib.assess.together`."""
-        assert self.solved is not None
-        self.solved.uncertainty = uncertainty
-
-    def keep_evidence(self, found: tuple[Evidence, Evidence]) -> None:
-        """Keep what the probability rests on, on any and on level ground, see `fieldcalib.assess.together`."""
-        vars(self)["_evidence"] = found
-
     def __iter__(self) -> Iterator[Any]:
-        """``rms, K (3, 3), dist (1, 5), rvec (3, 1), tvec (3, 1)``, as `cv2.calibrateCamera` returns them.
-
-        Raises
-        ------
-        ValueError
-            If there is no camera.
-        """
-        if self.camera is None:
-            raise ValueError(f"there is no camera to unpack: {self.message}")
-        rvec, tvec, K, dist = self.camera.to_opencv()
+        """``rms, K (3, 3), dist (1, 5), rvec (3, 1), tvec (3, 1)``, as `cv2.calibrateCamera` returns them."""
+        rvec, tvec, K, dist = self.required_camera.to_opencv()
         yield from (self.rms, K, dist, rvec, tvec)
 
     def to_dict(self) -> dict[str, Any]:
         """Everything as a dict for `json.dumps`, from which `from_dict` makes the calibration again.
 
         Keys are those of ``cameras.jsonl``, see ``docs/files.md``. The size model of a field is kept if this package
-        builds the field, as `soccer`; a function of somebody else has no place in JSON. Numbers that are not finite
-        are null (NaN), "inf" and "-inf"; an `rms` and a `loss_ndc` that are NaN are left out.
+        builds the field, as `soccer`; a user's function has no place in JSON. Numbers that are not finite are null
+        (NaN), "inf" and "-inf"; an `rms` and a `loss_ndc` that are NaN are left out.
 
         Examples
         --------
@@ -483,7 +481,7 @@ class Calibration:
         return {
             "status": str(self.status),
             "message": self.message,
-            **(_camera_to_record(self.camera) if self.camera is not None else {}),
+            **({} if self.camera is None else _camera_to_record(self.camera)),
             **({} if np.isnan(self.rms) else {"rms_px": to_json(self.rms)}),
             "segment_errors_px": {label: to_json(error) for label, error in self.per_segment_errors.items()},
             "suspect_labels": [{**asdict(one), "error_px": to_json(one.error_px)} for one in self.suspect_labels],
@@ -493,8 +491,7 @@ class Calibration:
             "pixel_counts": dict(self.pixel_counts),
             "image_size": None if self.camera is None else list(self.camera.image_size),
             "field": None if self.field is None else field_to_record(self.field),
-            "solved": None if self.solved is None else self.solved.to_dict(),
-            **({} if self.errors is None else {"errors": self.errors.to_dict()}),
+            **self.errors.to_record(),
             **({} if not self.markings else {"markings": [asdict(one) for one in self.markings]}),
             **({} if not self.are_annotated else {"are_annotated": True}),
             **({} if self.declared == Declared.NOTHING else {"declared": str(self.declared)}),
@@ -517,32 +514,32 @@ class Calibration:
                 f"use that or calibrate again"
             )
         try:
-            size = record["image_size"]
-            return cls(
-                None if size is None else _camera_from_record(record, size),
-                Status(record["status"]),
-                record["message"],
-                float(from_json(record.get("rms_px"))),
-                float(from_json(record.get("loss_ndc"))),
-                {label: float(from_json(error)) for label, error in record["segment_errors_px"].items()},
-                tuple(
-                    SuspectLabel(one["label"], one["fits"], float(from_json(one["error_px"])))
-                    for one in record["suspect_labels"]
-                ),
-                tuple(_camera_from_record(other, size) for other in record["alternatives"]),
-                tuple(record["complaints"]),
-                dict(record["pixel_counts"]),
-                None if record["field"] is None else field_from_record(record["field"]),
-                None if record["solved"] is None else Solved.from_dict(record["solved"]),
-                KnownErrors.from_dict(record["errors"]) if "errors" in record else None,
-                tuple(MarkingInView(**one) for one in record.get("markings", ())),
-                bool(record.get("are_annotated", False)),
-                Declared(record.get("declared", Declared.NOTHING)),
-            )
+            return cls._from_record(record)
         except KeyError as error:
             raise ValueError(f"is no calibration: the key {error} is missing") from None
         except (TypeError, AttributeError, ValueError) as error:
             raise ValueError(f"is no calibration: {error}") from error
+
+    @classmethod
+    def _from_record(cls, record: Mapping[str, Any]) -> Calibration:
+        size, suspects = record["image_size"], record["suspect_labels"]
+        return cls(
+            None if size is None else _camera_from_record(record, size),
+            Status(record["status"]),
+            record["message"],
+            float(from_json(record.get("rms_px"))),
+            float(from_json(record.get("loss_ndc"))),
+            {label: float(from_json(error)) for label, error in record["segment_errors_px"].items()},
+            tuple(SuspectLabel(one["label"], one["fits"], float(from_json(one["error_px"]))) for one in suspects),
+            tuple(_camera_from_record(other, size) for other in record["alternatives"]),
+            tuple(record["complaints"]),
+            dict(record["pixel_counts"]),
+            None if record["field"] is None else field_from_record(record["field"]),
+            _errors_from_record(record),
+            tuple(MarkingInView(**one) for one in record.get("markings", ())),
+            bool(record.get("are_annotated", False)),
+            Declared(record.get("declared", Declared.NOTHING)),
+        )
 
     def __eq__(self, other: object) -> bool:
         if not isinstance(other, Calibration):
@@ -564,8 +561,8 @@ class Calibration:
                 "image size": "{} x {}".format(*camera.image_size),
                 "rms": f"{self.rms:.2f} px",
             }
-        if self.has_probability:
-            rows[f"right to {self._tolerance:g} m"] = f"{self.probability():.2f}"
+        if self.field is not None and self.has_probability:
+            rows[f"right to {self.field.tolerance:g} m"] = f"{self.probability():.2f}"
         cells = (f"<tr><th>{escape(name)}</th><td>{escape(value)}</td></tr>" for name, value in rows.items())
         return f"<table>{''.join(cells)}</table>"
 
@@ -582,3 +579,9 @@ def _camera_to_record(camera: Camera) -> dict[str, Any]:
 
 def _camera_from_record(record: Mapping[str, Any], image_size: tuple[int, int]) -> Camera:
     return Camera(record["K"], record["R"], record["C"], image_size, record["dist"])
+
+
+def _errors_from_record(record: Mapping[str, Any]) -> CameraErrors:
+    if "errors" in record:
+        return KnownErrors.from_dict(record["errors"])
+    return NoErrors() if record["solved"] is None else Solved.from_dict(record["solved"])

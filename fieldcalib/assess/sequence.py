@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from fieldcalib._extras import imported
 from fieldcalib._json import from_json, to_json
 from fieldcalib._types import Array, BoolArray, Float32, IntArray
-from fieldcalib.assess.camera_errors import KnownErrors
+from fieldcalib.assess.camera_errors import KnownErrors, NoErrors
 from fieldcalib.assess.frame_sequence import FrameSequence, read_record
 from fieldcalib.assess.level import if_level
 from fieldcalib.assess.markings import MarkingInView, paint_complaints, paint_confirms, paint_contradicts
@@ -232,7 +232,7 @@ class SequenceCalibration(FrameSequence):
             complaints=tuple(doubts),
             pixel_counts={frames.labels[k]: int(frames.label_counts[t, k]) for k in labelled},
             field=self.field,
-            errors=errors,
+            errors=errors or NoErrors(),
             markings=markings,
         )
 

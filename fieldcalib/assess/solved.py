@@ -1,24 +1,28 @@
-"""What the uncertainty of a calibration is computed from: its problem at the solution."""
+"""A frame that was solved by itself or in a batch: its errors are computed from its problem at the solution."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
-from functools import cached_property
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 import numpy as np
 
 from fieldcalib._json import from_json, to_json
 from fieldcalib._types import Array
+from fieldcalib.assess.cut_labels import log_ratio_of_cut
+from fieldcalib.assess.probability import Evidence, evidence, probability_right
+from fieldcalib.assess.surprises import LEAST_ASPECT, surprises
 from fieldcalib.assess.uncertainty import Uncertainty, uncertainties
+from fieldcalib.assess.whole_picture import SQUASHED_LOG_ODDS, Picture, seems_part
+from fieldcalib.fields.field import Field
 from fieldcalib.problem.evaluation import Evaluation, evaluate
 from fieldcalib.problem.records import problem_from_record, problem_to_record
 
 
 class Solved:
-    """Solved problems, of which `uncertainty` looks at one when it is asked.
+    """One of B solved frames. Its errors are computed when they are first asked for, and remembered.
 
-    It is copied, pickled and written as one frame alone.
+    It is copied, pickled and written without the other frames.
 
     Parameters
     ----------
@@ -27,26 +31,84 @@ class Solved:
     unit : (B, n) array
         Standard deviations on which a parameter counts as determined.
     frame : int
-        Which of them.
+        Index of the frame.
     """
 
+    are_known = True
+
     def __init__(self, evaluation: Evaluation, unit: Array, frame: int = 0) -> None:
-        self.evaluation = evaluation
-        self.unit = unit
-        self.frame = frame
+        self.evaluation, self.unit, self.frame = evaluation, unit, frame
+        # remembered: the uncertainty, also on the last field that was asked for, and the evidence on that
+        self._uncertainty: Uncertainty | None = None
+        self._on: Uncertainty | None = None
+        self._evidence: tuple[Field, tuple[Evidence, Evidence]] | None = None
+
+    @staticmethod
+    def compute(several: Sequence[Solved], field: Field | None = None) -> None:
+        """Compute what frames of one evaluation are to remember, all at once.
+
+        That is their uncertainties and, on a field with a probability model, the evidence for their probabilities.
+        """
+        first, index = several[0], np.array([one.frame for one in several])
+        found = uncertainties(first.evaluation.take(index).trimmed, first.unit[index])
+        for one, uncertainty in zip(several, found, strict=True):
+            one._uncertainty = uncertainty
+        if field is not None and field.probability is not None:
+            for one, its_evidence in zip(several, evidence(found, field), strict=True):
+                one._evidence = field, its_evidence
 
     @property
     def alone(self) -> Solved:
-        """The frame without the others that it was solved with, and without the labels that it does not have."""
+        """The frame without the others, and without the padding for labels that only the others have."""
         one = np.array([self.frame])
         return Solved(self.evaluation.take(one).trimmed, self.unit[one])
 
-    @cached_property
+    @property
+    def are_computed(self) -> bool:
+        """Whether the uncertainty is remembered."""
+        return self._uncertainty is not None
+
+    @property
     def uncertainty(self) -> Uncertainty:
-        """How far the camera of the frame may be off."""
-        alone = self.alone
-        (found,) = uncertainties(alone.evaluation, alone.unit)
-        return found
+        """How far the camera of the frame may be off, relative to the centre mark."""
+        if self._uncertainty is None:
+            self.compute([self])
+        assert self._uncertainty is not None
+        return self._uncertainty
+
+    def on(self, field: Field | None) -> Uncertainty:
+        """How far the camera may be off with this field in view."""
+        if self._on is None or self._on.field is not field:
+            self._on = self.uncertainty.on(field)
+        return self._on
+
+    def probability(self, field: Field, metres: float, *, size_known: bool, level: bool) -> float:
+        """Probability that no point of the field in view is off by more than some metres, by the labels."""
+        assert field.probability is not None
+        if self._evidence is None or self._evidence[0] is not field:
+            self._evidence = field, evidence([self.uncertainty], field)[0]
+        rows, weights = self._evidence[1][level or size_known]
+        if size_known:
+            rows, weights = rows[:1], np.ones(1)
+        return probability_right(field.probability, rows, weights, metres)
+
+    def doubts(self, picture: Picture | None) -> tuple[str, ...]:
+        """What the labels say against an ordinary camera and, if a picture is given, against a whole frame."""
+        unusual = surprises(self.uncertainty)
+        if picture is None:
+            return unusual
+        solved = self.uncertainty.camera  # in a frame with square pixels
+        (a, b), (c, d) = np.diagonal(picture.camera.K)[:2], np.diagonal(solved.K)[:2]
+        log_ratio = SQUASHED_LOG_ODDS * bool(abs(np.log(a * d / (b * c))) > LEAST_ASPECT)
+        if picture.are_annotated:
+            pixels, _ = self.evaluation.problem.observations.frame(self.frame)
+            log_ratio += log_ratio_of_cut(picture.field, pixels, solved)
+        part = seems_part(self.on(picture.field), picture.probability, log_ratio, picture.declared)
+        return (*part, *unusual)
+
+    def to_record(self) -> dict[str, Any]:
+        """The keys of `Calibration.to_dict` that hold it."""
+        return {"solved": self.to_dict()}
 
     def to_dict(self) -> dict[str, Any]:
         """The problem of the frame and its solution, for `json.dumps`."""

@@ -1,43 +1,39 @@
-"""The errors of many calibrations at once: what each would compute when it is asked, and quicker."""
+"""The errors of many calibrations at once: quicker than each by itself."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 
-import numpy as np
-
-from fieldcalib.assess.probability import evidence
 from fieldcalib.assess.result import Calibration
-from fieldcalib.assess.uncertainty import uncertainties
+from fieldcalib.assess.solved import Solved
 
 
-def compute_errors(calibrations: Sequence[Calibration]) -> None:
+def compute_errors(calibrations: Sequence[Calibration]) -> list[Calibration]:
     """Compute what `Calibration.uncertainty`, `probability` and `verdict` of many calibrations rest on.
 
-    A calibration computes it when it is first asked; of frames that were solved together it takes a fifth of the time
-    for all of them at once.
+    A calibration computes it when it is first asked; for frames that were solved together, all of them at once take a
+    fifth of the time. Nothing else changes: what is computed is remembered in the errors of each calibration.
+
+    Returns
+    -------
+    list of Calibration
+        The given ones.
 
     Examples
     --------
-    >>> from fieldcalib import calibrate_batch, soccer
-    >>> from fieldcalib.cli.demo import observe, pan_over_field
-    >>> frames = [observe(camera, soccer(), np.random.default_rng(0), noise=1.0) for camera in pan_over_field(3)]
-    >>> calibrations = calibrate_batch(soccer(), frames, (960, 540))
-    >>> compute_errors(calibrations)
-    >>> [str(calibration.verdict) for calibration in calibrations]
-    ['good', 'good', 'good']
+    >>> import numpy as np
+    >>> from fieldcalib import Camera, calibrate_batch, soccer
+    >>> cameras = [Camera.from_angles(pan, 1.35, 0.0, 1400.0, (1.0, 65.0, -16.0), (960, 540)) for pan in (0.2, 0.3)]
+    >>> labels = ("Side line top", "Side line right", "Big rect. right main", "Big rect. right top", "Circle right")
+    >>> frames = [{label: one.project(soccer()[label].sample(9.0)) for label in labels} for one in cameras]
+    >>> [str(one.verdict) for one in compute_errors(calibrate_batch(soccer(), frames, (960, 540)))]
+    ['good', 'good']
     """
-    groups: dict[int, list[Calibration]] = {}
+    groups: dict[tuple[int, int], list[Solved]] = {}
+    fields = {id(one.field): one.field for one in calibrations}
     for one in calibrations:
         if one.solved is not None and not one.has_errors:
-            groups.setdefault(id(one.solved.evaluation), []).append(one)
-    for members in groups.values():
-        solved = [one.solved for one in members if one.solved is not None]
-        index = np.array([one.frame for one in solved])
-        found = uncertainties(solved[0].evaluation.take(index), solved[0].unit[index])
-        field = members[0].field
-        for one, uncertainty in zip(members, found, strict=True):
-            one.keep_uncertainty(uncertainty)
-        if field is not None and members[0].has_probability:
-            for one, its_evidence in zip(members, evidence(found, field), strict=True):
-                one.keep_evidence(its_evidence)
+            groups.setdefault((id(one.solved.evaluation), id(one.field)), []).append(one.solved)
+    for (_, field), members in groups.items():
+        Solved.compute(members, fields[field])
+    return list(calibrations)

@@ -25,11 +25,12 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from fieldcalib._types import Array, BoolArray
-from fieldcalib.assess.camera_errors import CameraErrors
+from fieldcalib.assess.estimate import Estimate
 from fieldcalib.assess.level import if_level
 from fieldcalib.assess.noise import Noise, gram, size_and_curvature
 from fieldcalib.assess.observability import OPEN_DIRECTION, Direction, Information
@@ -47,7 +48,7 @@ TOUCHED = 1e-6  # share of a derivative along an open direction that is more tha
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Uncertainty(CameraErrors):
+class Uncertainty(Estimate):
     """How far a calibration may be off.
 
     Examples
@@ -206,115 +207,155 @@ def uncertainties(evaluation: Evaluation, unit: Array) -> list[Uncertainty]:
     Parameters
     ----------
     evaluation : Evaluation
-        Solved problems. Their prior, if any, is what cameras are taken to come from.
+        Solved problems. Their prior, if any, is taken for the distribution of the true cameras.
     unit : (B, n) array
-        Standard deviations on which a parameter counts as determined; those of the prior, where there is one.
+        Standard deviations on which a parameter counts as determined: of the prior, where there is one.
 
     Returns
     -------
     list of B Uncertainty
     """
-    problem, JT = evaluation.problem, evaluation.JT
-    free, has_prior = np.flatnonzero(problem.free), problem.prior is not None
-    noise = Noise(evaluation)
-    pull = evaluation.pull * noise.relative_sigma  # of noise of one sigma on the estimate
-    slope = problem.loss.evaluate(np.square(evaluation.r))[1]
-    square = np.square(slope / noise.relative_sigma) * (problem.observations.weight > 0.0)  # what a pixel counts
-
-    # in units of the prior and along the information's own directions, prior and information are diagonal
+    problem, layout = evaluation.problem, evaluation.problem.layout
+    free, has_prior = problem.free, problem.prior is not None
     scale = evaluation.pulling_prior_sigma if has_prior else unit[:, free]
-    labels = Information.of(evaluation, scale)
-    information, V = labels.eigen
-    theta_of = scale[:, :, None] * V  # of coordinates along the directions
-    along = np.swapaxes(theta_of, 1, 2) @ JT
-    squares = gram(along, square)
-    spread, crossed = (noise.covariance(along, factor, pull) for factor in (pull, square * noise.relative_sigma))
-    is_open = information < OPEN_DIRECTION
-    lost = is_open & (not has_prior)
+    information = Information.of(evaluation, scale)
+    directions = _Directions.of(evaluation, information, scale)
+    noise = Noise(evaluation)
+    variance, dof = _variance(evaluation, noise, directions)
+    sigma, kappa = size_and_curvature(problem.loss, variance)
 
-    # with D the squares and G = J A^-1 J^T W the response of the fit to the pixels: trace of (1 - G)^T D (1 - G)
-    gain = 1.0 / np.where(lost, np.inf, information + has_prior)
-    response = np.einsum("bii,bi->b", crossed, gain)
+    tested = [name for name in TESTED if name in layout.names and not free[layout.names.index(name)]]
+    by_tested = [evaluation.derivatives(np.array(layout.names) == name) for name in tested]
+    by_kept = np.concatenate([evaluation.derivatives(layout.considered), *by_tested], axis=1)
+    rows = np.concatenate([directions.JT, by_kept], axis=1)
+    noisy = variance[:, None, None] * noise.covariance(rows, noise.pull, noise.pull)
+    noisy += noise.of_paint(rows, evaluation.pull)
+    P, sizes = directions.JT.shape[1], by_kept.shape[1] - len(tested)
+    gain, data = directions.gain(kappa, has_prior), noisy[:, :P, :P].copy()
+    noisy[:, :P, :P] += has_prior * np.eye(P)
+    kept = _Kept.of(evaluation, rows, gain, kappa, noisy)
+
+    by_true_value = np.zeros((len(problem), layout.size, sizes))
+    by_true_value[:, free] = -directions.theta @ kept.following[:, :, :sizes]  # given less true, and so the other way
+    by_true_value[:, layout.considered] = -np.eye(sizes)
+    units, along = np.zeros_like(evaluation.theta), np.zeros((len(problem), layout.size, P))
+    units[:, free], along[:, free] = scale, directions.theta
+    level, crowned = _size_evidence(problem, kept)
+    columns: dict[str, Any] = {
+        "sigma": sigma.tolist(),
+        "bent_sigma": np.sqrt(variance).tolist(),
+        "curvature": kappa.tolist(),
+        "dof": dof.tolist(),
+        "unit": units,
+        "determined": _whole(directions.theta * gain[:, None], noisy[:, :P, :P], free),
+        "determined_by_labels": _whole(directions.theta * directions.gain(kappa, False)[:, None], data, free),
+        "open_to_labels": [one[:, is_open] for one, is_open in zip(along, directions.is_open, strict=True)],
+        "open": [one[:, is_open & (not has_prior)] for one, is_open in zip(along, directions.is_open, strict=True)],
+        "by_considered": by_true_value,
+        "size": level,
+        "with_crown": crowned,
+        "offsets": [{name: kept.offset(t, i) for i, name in enumerate(tested, sizes)} for t in range(len(problem))],
+    }
+    return [
+        Uncertainty(
+            evaluation=evaluation.take(slice(t, t + 1)),
+            information=information.take(slice(t, t + 1)),
+            **{name: values[t] for name, values in columns.items()},
+        )
+        for t in range(len(problem))
+    ]
+
+
+class _Directions(NamedTuple):
+    """Coordinates of B estimates, in units of the prior, in which information and prior are diagonal."""
+
+    theta: Array
+    """Derivatives (B, P, P) of the free parameters by the coordinates."""
+    JT: Array
+    """Derivatives (B, P, M) of the residuals by the coordinates."""
+    information: Array
+    """Information (B, P) of the labels along each; that of the prior is 1."""
+
+    @classmethod
+    def of(cls, evaluation: Evaluation, labels: Information, scale: Array) -> _Directions:
+        information, V = labels.eigen
+        theta = scale[:, :, None] * V
+        return cls(theta, np.swapaxes(theta, 1, 2) @ evaluation.JT, information)
+
+    @property
+    def is_open(self) -> BoolArray:
+        """Which directions the labels leave open, (B, P)."""
+        return self.information < OPEN_DIRECTION
+
+    def gain(self, kappa: Array, has_prior: bool) -> Array:
+        """Inverse curvature (B, P) of the cost along the directions, 0 where it is open."""
+        lost = self.is_open & (not has_prior)
+        return np.asarray(1.0 / np.where(lost, np.inf, kappa[:, None] * self.information + has_prior))
+
+
+def _variance(evaluation: Evaluation, noise: Noise, directions: _Directions) -> tuple[Array, Array]:
+    """Variance (B,) of ``psi / rms rho'``, moderated by the noise of other frames, and its degrees of freedom, (B,).
+
+    The redundancy is the trace of ``(1 - G)^T D (1 - G)``, D being `noise.square` and G = J A^-1 J^T W the response of
+    the fit to the pixels.
+    """
+    squares = gram(directions.JT, noise.square)
+    factors = noise.pull, noise.square * noise.relative_sigma
+    spread, crossed = (noise.covariance(directions.JT, factor, noise.pull) for factor in factors)
+    gain = directions.gain(np.ones(len(evaluation.theta)), evaluation.problem.prior is not None)
     redundancy = (
-        np.sum(square * np.square(noise.relative_sigma), axis=1)
-        - 2.0 * response
+        np.sum(noise.square * np.square(noise.relative_sigma), axis=1)
+        - 2.0 * np.einsum("bii,bi->b", crossed, gain)
         + np.einsum("bij,bi,bij,bj->b", squares, gain, spread, gain)
     )
     dof = OTHER_FRAMES + np.maximum(redundancy, 0.0)
-    variance = (OTHER_FRAMES * problem.noise**2 + np.sum(square * np.square(evaluation.r), axis=1)) / dof
-    sigma, kappa = size_and_curvature(problem.loss, variance)
-    information_left = kappa[:, None] * information
-    gain = 1.0 / np.where(lost, np.inf, information_left + has_prior)
-    gain_by_labels = 1.0 / np.where(is_open, np.inf, information_left)
-
-    tested = [name for name in TESTED if name in problem.layout.names and not _is_estimated(name, problem)]
-    by_tested = [evaluation.derivatives(np.array(problem.layout.names) == name) for name in tested]
-    by_size = evaluation.derivatives(problem.layout.considered)
-    sizes, by_kept = by_size.shape[1], np.concatenate([by_size, *by_tested], axis=1)
-    rows = np.concatenate([along, by_kept], axis=1)
-    noisy = variance[:, None, None] * noise.covariance(rows, pull, pull) + noise.of_paint(rows, evaluation.pull)
-    P = len(free)
-    data, identity = noisy[:, :P, :P], np.eye(P)
-    determined = _whole(theta_of * gain[:, None], data + has_prior * identity, problem.free)
-    determined_by_labels = _whole(theta_of * gain_by_labels[:, None], data, problem.free)
-
-    # with the camera following, what is kept has the Schur complement of its information
-    crossed = kappa[:, None, None] * gram(rows, evaluation.pull)[:, :P, P:]
-    following = -gain[:, :, None] * crossed  # of the coordinates along the directions
-    of_kept = kappa[:, None, None] * gram(by_kept, evaluation.pull) + np.swapaxes(crossed, 1, 2) @ following
-    L = np.concatenate([np.swapaxes(following, 1, 2), np.broadcast_to(np.eye(by_kept.shape[1]), of_kept.shape)], axis=2)
-    noisy[:, :P, :P] += has_prior * identity
-    spread_of_kept = L @ noisy @ np.swapaxes(L, 1, 2)
-    gradient = (by_kept @ (evaluation.pull * evaluation.r)[..., None])[..., 0]
-    by_true_value = np.zeros((len(problem), problem.layout.size, sizes))
-    by_true_value[:, problem.free] = -theta_of @ following[:, :, :sizes]  # given less true, and so the other way
-    by_true_value[:, problem.layout.considered] = -np.eye(sizes)
-    units = np.zeros_like(evaluation.theta)
-    units[:, free] = scale
-    layout, size = problem.layout, problem.layout.field_size
-    if problem.considered is not None or not np.all(layout.considered[layout.field_size_block]):
-        size = None  # it is known with a covariance, or estimated
-    with_crown = size and size.crown and size.possibilities_with_crown
-
-    def evidence_of(t: int, c: int, prior: tuple[Array, Array]) -> SizeEvidence:
-        assert size is not None
-        information, spread = of_kept[t, :c, :c], spread_of_kept[t, :c, :c]
-        return SizeEvidence.of(information, gradient[t, :c], spread, prior, size.limits - size.given)
-
-    found = []
-    for t in range(len(problem)):
-        open_to_labels = np.zeros((problem.layout.size, np.count_nonzero(is_open[t])))
-        open_to_labels[free] = theta_of[t][:, is_open[t]]
-        found.append(
-            Uncertainty(
-                evaluation=evaluation.take(slice(t, t + 1)),
-                sigma=float(sigma[t]),
-                bent_sigma=float(np.sqrt(variance[t])),
-                curvature=float(kappa[t]),
-                dof=float(dof[t]),
-                unit=units[t],
-                determined=determined[t],
-                open=open_to_labels[:, :0] if has_prior else open_to_labels,
-                determined_by_labels=determined_by_labels[t],
-                open_to_labels=open_to_labels,
-                information=labels.take(slice(t, t + 1)),
-                by_considered=by_true_value[t],
-                size=size and evidence_of(t, 2, size.possibilities),
-                with_crown=with_crown and evidence_of(t, 3, with_crown),
-                offsets={
-                    name: (
-                        float(-gradient[t, i] / max(of_kept[t, i, i], FAINT)),
-                        float(np.sqrt(max(spread_of_kept[t, i, i], 0.0)) / max(of_kept[t, i, i], FAINT)),
-                    )
-                    for i, name in enumerate(tested, sizes)
-                },
-            )
-        )
-    return found
+    total = OTHER_FRAMES * evaluation.problem.noise**2 + np.sum(noise.square * np.square(evaluation.r), axis=1)
+    return total / dof, dof
 
 
-def _is_estimated(name: str, problem: Problem) -> bool:
-    return bool(problem.free[problem.layout.names.index(name)])
+class _Kept(NamedTuple):
+    """What the labels of B frames say of k parameters that are kept at given values, if the camera follows them."""
+
+    following: Array
+    """Derivatives (B, P, k) of the camera, along the directions."""
+    gradient: Array
+    """Gradient (B, k) of the cost."""
+    information: Array
+    """Hessian (B, k, k) of the cost: the Schur complement."""
+    spread: Array
+    """Covariance (B, k, k) of the gradient."""
+
+    @classmethod
+    def of(cls, evaluation: Evaluation, rows: Array, gain: Array, kappa: Array, noisy: Array) -> _Kept:
+        """From derivatives `rows` (B, P + k, M) of the residuals and the covariance `noisy` of the gradient by them."""
+        P = gain.shape[1]
+        by_kept = rows[:, P:]
+        crossed = kappa[:, None, None] * gram(rows, evaluation.pull)[:, :P, P:]
+        following = -gain[:, :, None] * crossed
+        information = kappa[:, None, None] * gram(by_kept, evaluation.pull) + np.swapaxes(crossed, 1, 2) @ following
+        identity = np.broadcast_to(np.eye(by_kept.shape[1]), information.shape)
+        L = np.concatenate([np.swapaxes(following, 1, 2), identity], axis=2)
+        gradient = (by_kept @ (evaluation.pull * evaluation.r)[..., None])[..., 0]
+        return cls(following, gradient, information, L @ noisy @ np.swapaxes(L, 1, 2))
+
+    def offset(self, t: int, i: int) -> tuple[float, float]:
+        """How far off the labels of frame t put parameter i, to first order, and the standard deviation of that."""
+        information = max(self.information[t, i, i], FAINT)
+        return float(-self.gradient[t, i] / information), float(np.sqrt(max(self.spread[t, i, i], 0.0)) / information)
+
+
+def _size_evidence(problem: Problem, kept: _Kept) -> tuple[list[SizeEvidence | None], list[SizeEvidence | None]]:
+    """What each frame says about the size of its field, if that is level, and about size and crown together."""
+    layout, size, B = problem.layout, problem.layout.field_size, len(problem)
+    if size is None or problem.considered is not None or not np.all(layout.considered[layout.field_size_block]):
+        return [None] * B, [None] * B  # the size is exact, known with a covariance, or estimated
+    room = size.limits - size.given
+
+    def about(c: int, prior: tuple[Array, Array]) -> list[SizeEvidence | None]:
+        some = zip(kept.information[:, :c, :c], kept.gradient[:, :c], kept.spread[:, :c, :c], strict=True)
+        return [SizeEvidence.of(*one, prior, room) for one in some]
+
+    return about(2, size.possibilities), about(3, size.possibilities_with_crown) if size.crown else [None] * B
 
 
 def _whole(map_: Array, inner: Array, free: BoolArray) -> Array:

@@ -7,11 +7,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from fieldcalib._types import Array, BoolArray
+from fieldcalib._types import BoolArray
 from fieldcalib.assess.observability import OPEN_DIRECTION, Direction
 from fieldcalib.assess.result import Status
 from fieldcalib.fields.field import Field
-from fieldcalib.fields.segments import Arc, Line, ObjectSegments, Point, PointCloud, Segment
+from fieldcalib.fields.segments import Arc, EndRows, Line, ObjectSegments, PointRows, Segment
 from fieldcalib.geometry.rotation import angles_from_rotation, rotation_from_angles
 from fieldcalib.problem.evaluation import Evaluation
 from fieldcalib.problem.labelled_pixels import Pixels
@@ -61,7 +61,7 @@ def segment_errors(evaluation: Evaluation, frames: Sequence[Pixels]) -> list[tup
     """
     observations = evaluation.problem.observations
     squares = np.square(evaluation.r)
-    squares[:, observations.columns["ends"]] = 0.0
+    squares[:, observations.columns[EndRows]] = 0.0
     number = {name: index for index, name in enumerate(observations.labels)}
     found = []
     for total, frame in zip(observations.by_label(squares), frames, strict=True):
@@ -123,7 +123,7 @@ def disagreement(object_segments: ObjectSegments, frame: Pixels, missed: Sequenc
 
 def _noun(object_segments: ObjectSegments, frame: Pixels) -> str:
     """What the labels of a frame are, for messages."""
-    return "point" if all(isinstance(object_segments[label], Point) for label in frame) else "segment"
+    return "point" if all(object_segments[label].is_point for label in frame) else "segment"
 
 
 def implausibilities(
@@ -141,8 +141,9 @@ def implausibilities(
     fov = 2.0 * np.arctan(0.5 * width / exp_of(theta, LOG_F))
     near = observations.weight * (np.abs(points.r) <= far)
     behind = np.sum(near * (points.inverse_depth < 0.0), axis=1)
-    others = (observations.lines, observations.arcs, observations.curves, observations.clouds)
-    noun = "segments" if any(others) else "points"
+    noun = (
+        "segments" if any(rows for rows in observations.rows if not isinstance(rows, PointRows | EndRows)) else "points"
+    )
     reasons = {
         "its field of view is below 0.5 degrees": fov < FIELD_OF_VIEW[0],
         "its field of view is above 150 degrees": fov > FIELD_OF_VIEW[1],
@@ -167,20 +168,7 @@ def constraints(object_segments: ObjectSegments, frame: Pixels) -> int:
     A point gives two, a line two (one for a single pixel), a circle one for each pixel up to the five of a conic, an
     ordered cloud one and an unordered one two for each pixel. A pinhole somewhere has seven unknowns.
     """
-    return sum(_constraints(object_segments[label], xy) for label, xy in frame.items())
-
-
-def _constraints(segment: Segment, xy: Array) -> int:
-    count = len({tuple(pixel) for pixel in xy.tolist()})
-    match segment:
-        case Point():
-            return 2
-        case Line():
-            return min(count, 2)
-        case Arc():
-            return min(count, 5)
-        case PointCloud():
-            return count if segment.ordered else 2 * count
+    return sum(object_segments[label].equations(len(set(map(tuple, xy.tolist())))) for label, xy in frame.items())
 
 
 def degeneracy(object_segments: ObjectSegments, frame: Pixels) -> str | None:

@@ -21,6 +21,8 @@ import numpy as np
 from fieldcalib._types import Array, BoolArray
 from fieldcalib.assess.probability import ground_in_view
 from fieldcalib.assess.uncertainty import Uncertainty
+from fieldcalib.fields.field import Field
+from fieldcalib.geometry.camera import Camera
 from fieldcalib.problem.layout import PRINCIPAL_POINT, ROLL
 from fieldcalib.problem.prior import BROADCAST_SHAPE, frame_around, is_whole_shape
 
@@ -53,6 +55,20 @@ class Declared(StrEnum):
     """How its pixels are shown."""
     FRAME = "frame"
     """Which part of a frame it is, if not all of it, and how its pixels are shown."""
+
+
+@dataclass(frozen=True, eq=False)
+class Picture:
+    """A picture that may be a part of a frame."""
+
+    camera: Camera
+    """The camera in the pixels of the picture."""
+    field: Field
+    probability: float
+    """Probability that the camera is right to the field's tolerance, if the field has the given size."""
+    declared: Declared
+    are_annotated: bool
+    """Whether a person labelled it, following markings to its border."""
 
 
 @dataclass(frozen=True, eq=False)

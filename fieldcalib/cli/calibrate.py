@@ -12,21 +12,23 @@ from typing import Any
 from fieldcalib.assess.placement import Placement
 from fieldcalib.assess.result import Calibration
 from fieldcalib.assess.together import compute_errors
-from fieldcalib.cli.arguments import (
+from fieldcalib.cli.declared import DeclaredPictures, add_declarations
+from fieldcalib.cli.known_camera import KnownCamera, add_known_camera
+from fieldcalib.console.arguments import (
+    ESTIMATED,
     add_camera,
     add_input_and_output,
     positive,
     probability,
 )
-from fieldcalib.cli.declared import add_declarations, declared, declared_placement, is_aspect_estimated
-from fieldcalib.cli.fields import ESTIMATED, KNOWN, add_field, field_of, prior_of
-from fieldcalib.cli.folder import Found, by_prior, calibrate_folder
-from fieldcalib.cli.known_camera import KnownCamera, add_known_camera
-from fieldcalib.cli.units import add_jobs
+from fieldcalib.console.field_options import KNOWN, add_field, field_of, prior_of
+from fieldcalib.console.program import say
 from fieldcalib.fields.field import Field
 from fieldcalib.io.files import BrokenFileError
 from fieldcalib.io.soccernet import CAMERA_TYPES, DISTRIBUTIONS_OF_TYPE, read_camera_types
 from fieldcalib.problem.labelled_pixels import Pixels
+from fieldcalib.run_folder.annotated import AnnotationReader, CalibratedFrame, by_prior, calibrate_folder
+from fieldcalib.run_folder.options import RunOptions, add_jobs
 from fieldcalib.solve.batch import calibrate_batch
 from fieldcalib.solve.field_size import FieldSize, estimate_field_size
 from fieldcalib.solve.label_ends import with_border_asked
@@ -70,10 +72,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(options: argparse.Namespace) -> int:
     """Calibrate; returns the exit code."""
     free = _free_field_size(options)
-    known = KnownCamera.of(options)
+    known, pictures = KnownCamera.of(options), DeclaredPictures.of(options)
     if options.size is not None:
         try:
-            known.given(declared_placement(options, options.size).frame_size)
+            known.given(pictures.placement(options.size).frame_size)
         except BrokenFileError as error:
             raise ValueError(f"--size {error}") from None
     if known.is_any and free is not None:
@@ -81,30 +83,21 @@ def run(options: argparse.Namespace) -> int:
             f"--field-size {ESTIMATED} finds the pitch with cameras of which nothing is known: leave it out"
         )
     field = field_of(options)
-    types = read_camera_types(options.input) if options.prior == STACKED else {}
-    method = _Method(
-        field,
-        options,
-        None if options.prior == STACKED else prior_of(options),
-        types if options.prior == STACKED else None,
-        known,
-        options.tau,
-        options.least_probability,
-        free,
-    )
-    return calibrate_folder(options, field, method, at_once=SEE_ONE_PITCH.get(free or ""), more=types)
+    types = read_camera_types(options.input) if options.prior == STACKED else None
+    prior = prior_of(options) if types is None else None
+    method = _Method(field, pictures, prior, types, known, options.tau, options.least_probability, free)
+    reader = AnnotationReader.of(options, field)
+    at_once = SEE_ONE_PITCH.get(free or "")
+    return calibrate_folder(RunOptions.of(options), options.input, reader, method, at_once=at_once, more=types or {})
 
 
 def _free_field_size(options: argparse.Namespace) -> str | None:
-    """Which frames see one pitch of a size that is estimated: each by itself, or all; None where it is not."""
+    """Check the options of the field's size: the frames that share one estimated size, or None if none is estimated."""
     if options.free_field_size is not None:
         if options.field_size == KNOWN:
             raise ValueError(f"--field-size {KNOWN} leaves nothing to --free-field-size: give one of them")
         same = " --same-field" * (options.free_field_size == SHARED)
-        print(
-            f"fieldcalib: --free-field-size is deprecated, --field-size {ESTIMATED}{same} does the same",
-            file=sys.stderr,
-        )
+        say(f"--free-field-size is deprecated, --field-size {ESTIMATED}{same} does the same")
     elif options.same_field and options.field_size != ESTIMATED:
         raise ValueError(f"--same-field says what the size is estimated from: give --field-size {ESTIMATED} with it")
     free: str | None = options.free_field_size
@@ -119,21 +112,20 @@ def _free_field_size(options: argparse.Namespace) -> str | None:
 
 @dataclass(frozen=True)
 class _Method:
-    """How labelled pixels of pictures are calibrated."""
+    """Calibrates labelled pixels of pictures."""
 
     field: Field
-    options: argparse.Namespace
-    """Say how pictures lie in their frames."""
+    pictures: DeclaredPictures
     prior: Prior
     types: Mapping[str, str] | None
-    """Of the frames' cameras, where these say the prior."""
+    """Types of the frames' cameras, where these determine the prior."""
     known: KnownCamera
     tau: float | None
     least_probability: float | None
     free_field_size: str | None
 
-    def __call__(self, pictures: dict[str, Pixels], size: tuple[int, int]) -> list[Found]:
-        placement = declared_placement(self.options, size)
+    def __call__(self, pictures: dict[str, Pixels], size: tuple[int, int]) -> list[CalibratedFrame]:
+        placement = self.pictures.placement(size)
         frames = {id: placement.to_frame(pixels) for id, pixels in pictures.items()}
         if self.free_field_size is not None:
             return self._on_free_field(pictures, frames, placement)
@@ -141,7 +133,7 @@ class _Method:
         if self.least_probability is not None:
             compute_errors(found)
         return [
-            Found(self._of_picture(one, placement, labels))
+            CalibratedFrame(self._in_picture(one, placement, labels))
             for one, labels in zip(found, pictures.values(), strict=True)
         ]
 
@@ -157,35 +149,35 @@ class _Method:
             flags=self.known.flags,
             prior=prior,
             tau=self.tau,
-            estimate_aspect=is_aspect_estimated(self.options),
+            estimate_aspect=self.pictures.is_aspect_estimated,
         )
 
     def _on_free_field(
         self, pictures: dict[str, Pixels], frames: dict[str, Pixels], placement: Placement
-    ) -> list[Found]:
+    ) -> list[CalibratedFrame]:
         (prior,) = {self._prior_of(id) for id in frames}
         size = placement.frame_size
         found = estimate_field_size(
             self.field, list(frames.values()), size, prior=prior, flags=self.known.flags, tau=self.tau
         )
-        said = str(found) if self.free_field_size == SHARED else ""
-        details = _of_field_size(found)
+        message = str(found) if self.free_field_size == SHARED else ""
+        details = _size_record(found)
         return [
-            Found(self._of_picture(one, placement, labels), details, said=said if index == 0 else "")
+            CalibratedFrame(self._in_picture(one, placement, labels), details, message=message if index == 0 else "")
             for index, (one, labels) in enumerate(zip(found.calibrations, pictures.values(), strict=True))
         ]
 
-    def _of_picture(self, calibration: Calibration, placement: Placement, labels: Pixels) -> Calibration:
-        calibration = replace(calibration, declared=declared(self.options))
-        if self.options.crop_of is not None:  # labels of a part stop short of the whole frame
+    def _in_picture(self, calibration: Calibration, placement: Placement, labels: Pixels) -> Calibration:
+        calibration = replace(calibration, declared=self.pictures.declared)
+        if self.pictures.crop_of is not None:  # labels of a part stop short of the whole frame
             calibration = replace(calibration, are_annotated=False)
         if self.least_probability is not None:
             calibration = calibration.doubted(self.least_probability)
         return with_border_asked(self.field, labels, placement.from_frame(calibration))
 
 
-def _of_field_size(found: FieldSize) -> dict[str, Any]:
-    """What the lines of frames say about their pitch."""
+def _size_record(found: FieldSize) -> dict[str, Any]:
+    """The estimated size in the lines of cameras.jsonl."""
     return {
         "field_length": found.length,
         "field_width": found.width,

@@ -2,121 +2,97 @@
 
 from __future__ import annotations
 
-import argparse
 import json
-import sys
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from fieldcalib.assess.placement import Placement
 from fieldcalib.assess.result import Calibration
 from fieldcalib.assess.sequence import SequenceCalibration
 from fieldcalib.assess.video import VideoCalibration
-from fieldcalib.cli.arguments import cut_of
-from fieldcalib.cli.declared import is_aspect_estimated
-from fieldcalib.cli.fields import ESTIMATED, field_of, prior_of
-from fieldcalib.cli.frames import (
-    Frame,
-    ReadImage,
-    checked_frames,
-    image_files,
-    in_cut,
-    load_network,
-    lost,
-    say_note,
-    video_threads,
-)
-from fieldcalib.cli.known_camera import KnownCamera
-from fieldcalib.cli.progress import progress_bar
-from fieldcalib.cli.results import (
+from fieldcalib.cli.run_request import RunRequest
+from fieldcalib.console.network import load_network
+from fieldcalib.console.program import say
+from fieldcalib.console.progress import progress_bar
+from fieldcalib.draw.clip_plot import plot_sequence
+from fieldcalib.draw.sheet import contact_sheet, worst_frames
+from fieldcalib.images.from_video import PART, calibrate_video
+from fieldcalib.io.clips import OneSize, in_order
+from fieldcalib.io.files import FrameFile, parse_json_object, read_regular_file, write_text
+from fieldcalib.io.formats import VIDEOS
+from fieldcalib.io.image import Image
+from fieldcalib.io.images import write_image
+from fieldcalib.io.videos import VideoReader
+from fieldcalib.run_folder.annotated import CAMERA_FILES
+from fieldcalib.run_folder.images import Frame, checked_frames, image_files, in_cut, say_note
+from fieldcalib.run_folder.outcome import Outcome, calibration_line
+from fieldcalib.run_folder.record import RunRecord
+from fieldcalib.run_folder.results import (
     MOTION,
     OVERLAY,
     PART_OF_CLIP,
     TRIPODS,
     WORST,
-    Outcome,
-    calibration_line,
+    ResultsWriter,
     is_finished,
     result_folder,
 )
-from fieldcalib.cli.run_record import RunRecord
-from fieldcalib.draw.clip_plot import plot_sequence
-from fieldcalib.draw.overlays import draw_calibration
-from fieldcalib.draw.sheet import contact_sheet, worst_frames
-from fieldcalib.images.from_video import PART, calibrate_video
-from fieldcalib.io.clips import OneSize, in_order
-from fieldcalib.io.files import FrameFile, parse_json_object, read_regular_file, write_text
-from fieldcalib.io.formats import CAMERAS, VIDEOS
-from fieldcalib.io.image import Image
-from fieldcalib.io.images import write_image
-from fieldcalib.io.videos import VideoReader
 from fieldcalib.solve.given_camera import check_of_clip
 
-IN_SHEET = 12  # frames
+SHEET_FRAMES = 12  # in the contact sheet of the worst frames
 USUAL_RATE = 25.0  # frames per second of the overlay of images
-PASSES = ("looking", "matching", "finding lines", "drawing")  # what the frames are read for
-
-
-def is_clip(options: argparse.Namespace) -> bool:
-    """Whether the input is a clip: a video unless it is said otherwise, images if it is said."""
-    return bool(options.clip or (VIDEOS.recognises(options.input[0]) and not options.independent and options.refine))
+PASSES = ("looking", "matching", "finding lines", "drawing")  # of the frames, in this order
 
 
 class ClipInput:
-    """The frames of a clip in their frames, which can be read again and again."""
+    """The images of a clip as parts of their frames, which can be read again and again."""
 
-    def __init__(self, options: argparse.Namespace, place: Callable[[Image], Placement]) -> None:
-        self.options, self.place = options, place
+    def __init__(self, request: RunRequest) -> None:
+        self._request, self._options = request, request.calibration
         self.ids: list[str] = []
-        """Of all frames, in order; known when they were read once."""
+        """Ids of all frames, in order; known after the first pass."""
         self.broken: dict[str, str] = {}
-        """What is wrong with those that cannot be read."""
+        """Problems of frames that cannot be read, by id."""
         self.loss = ""
-        """What to say of frames that the input announced and does not have."""
+        """Message about frames that the input announced and does not have."""
         self.frames_per_second = USUAL_RATE
         self._passes = iter(PASSES)
-        self._files = None
-        self.files = [FrameFile(options.input[0].stem, options.input[0])]
-        """What they are read from."""
-        if VIDEOS.recognises(options.input[0]):
+        if request.is_video:
+            self.files = [FrameFile(request.path.stem, request.path)]
             with self._opened() as video:
-                next(checked_frames(options.input[0], video, place))  # before anything is written
+                next(checked_frames(request.path, video, self._options.placement))  # before anything is written
         else:
-            files = in_order(image_files(options.input))
-            self._files = self.files = in_cut(files, cut_of(options))
+            self.files = in_cut(in_order(image_files(request.paths)), request.cut)
 
     def frame_size(self) -> tuple[int, int]:
         """Width and height of the frames, by the first one that can be read."""
-        if self._files is None:
+        if self._request.is_video:
             with self._opened() as video:
-                images: Iterator[Image | None] = iter(video)
-                first = next(images)
+                first: Image | None = next(iter(video))
         else:
-            read = ReadImage(self.options.most_bytes, self.options.most_pixels, self.place)
-            images = (read(file).image for file in self._files)
+            images = (self._options.read(file).image for file in self.files)
             first = next((image for image in images if image is not None), None)
-        return (0, 0) if first is None else self.place(first).frame_size
+        return (0, 0) if first is None else self._options.placement(first).frame_size
 
     def _opened(self) -> VideoReader:
-        options = self.options
-        return VIDEOS.read(options.input[0], options.most_pixels, cut=cut_of(options), threads=video_threads(options))
+        threads = self._options.network.video_threads
+        return VIDEOS.read(self._request.path, self._options.most_pixels, cut=self._request.cut, threads=threads)
 
     def __iter__(self) -> Iterator[Image]:
         """The images that can be read, as parts of their frames."""
         for frame in self.frames():
             if frame.image is not None:
-                yield self.place(frame.image).image_in_frame(frame.image)
+                yield self._options.placement(frame.image).image_in_frame(frame.image)
 
     def frames(self) -> Iterator[Frame]:
         """The images as they are; what is wrong with one is said on stderr, once."""
         ids = []
         with progress_bar(desc=next(self._passes, ""), total=len(self.ids) or None, unit="frame") as progress:
-            for frame in self._from_video() if self._files is None else self._from_files():
+            for frame in self._from_video() if self._request.is_video else self._from_files():
                 ids.append(frame.id)
                 if frame.image is None:
                     self.broken[frame.id] = frame.problem
@@ -127,28 +103,27 @@ class ClipInput:
     def _from_video(self) -> Iterator[Frame]:
         with self._opened() as video:
             self.frames_per_second = video.frames_per_second
-            yield from checked_frames(self.options.input[0], video, self.place)
+            yield from checked_frames(self._request.path, video, self._options.placement)
             if not self.loss and (loss := video.loss()):
                 self.loss = loss
-                print(f"fieldcalib: {loss}", file=sys.stderr)
+                say(loss)
 
     def _from_files(self) -> Iterator[Frame]:
         one_size = OneSize()
-        read = ReadImage(self.options.most_bytes, self.options.most_pixels, self.place)
-        for file in self._files or ():
+        for file in self.files:
             if file.id in self.broken:
                 yield Frame(file.id, None, self.broken[file.id], file.path)
                 continue
-            frame = read(file)
+            frame = self._options.read(file)
             if frame.image is None:
-                print(f"fieldcalib: {frame.path}: {frame.problem}", file=sys.stderr)
+                say(f"{frame.path}: {frame.problem}")
             else:
                 one_size.check(file, frame.image)
             yield frame
 
 
 class KeptParts:
-    """Calibrations of parts of a clip, each in a file, for a run that goes on."""
+    """Calibrations of parts of a clip, each kept in a file until the run is finished."""
 
     def __init__(self, out: Path) -> None:
         self._out = out
@@ -157,7 +132,7 @@ class KeptParts:
         return self._out / f"{PART_OF_CLIP}{index:04d}.json"
 
     def get(self, index: int) -> VideoCalibration | None:
-        """That of a part, None if it is not calibrated yet."""
+        """The calibration of a part, None if there is none yet."""
         path = self._path(index)
         if not path.exists():
             return None
@@ -172,75 +147,67 @@ class KeptParts:
             path.unlink()
 
 
-def run_clip(options: argparse.Namespace, place: Callable[[Image], Placement]) -> int:
+def run_clip(request: RunRequest) -> int:
     """Calibrate; returns the exit code."""
+    run, options = request.run, request.calibration
     if not options.refine:
         raise ValueError("--clip calibrates frames together from the lines in them: leave --no-refinement out")
-    if options.shard is not None:
+    if run.shard is not None:
         raise ValueError("--shard is of images that are calibrated one by one: give every machine some of the clips")
     began = time.perf_counter()
-    known = KnownCamera.of(options)
-    check_of_clip(known.flags)
-    field, network = field_of(options), load_network(options)
-    clip = ClipInput(options, place)
-    given = known.given((0, 0) if known.intrinsics is None else clip.frame_size())
-    record = RunRecord.of(options, clip.files, unit=PART, writes=[CAMERAS.file_name("<id>")])
-    with result_folder(options, record, began) as results:
-        if is_finished(options.out):
+    check_of_clip(options.known.flags)
+    network = load_network(options.network)
+    clip = ClipInput(request)
+    keywords = options.keywords((0, 0) if options.known.intrinsics is None else clip.frame_size())
+    record = RunRecord.of(run, clip.files, unit=PART, writes=CAMERA_FILES)
+    with result_folder(run, record, began) as results:
+        if is_finished(run.out):
             return results.exit_code
-        parts = KeptParts(options.out)
-        found = calibrate_video(
-            field,
-            clip,
-            network,
-            *given,
-            flags=known.flags,
-            prior=prior_of(options),
-            take_off_borders=options.crop_of is None,
-            estimate_aspect=is_aspect_estimated(options),
-            estimate_size=options.field_size == ESTIMATED,
-            camera=options.camera,
-            parts=parts,
-        )
+        parts = KeptParts(run.out)
+        found = calibrate_video(options.field, clip, network, camera=request.camera, parts=parts, **keywords)
         results.calibrating = time.perf_counter() - began
         results.notes = found.notes
         for note in found.notes:
-            print(f"fieldcalib: {note}", file=sys.stderr)
-        calibrations, basis = list(found), found.basis
-        worst = worst_frames(calibrations, IN_SHEET)
-        pictures: dict[int, Image] = {}
-        readable, done = 0, results.done
-        path = options.out / OVERLAY
-        with VIDEOS.write(path, clip.frames_per_second, threads=video_threads(options)) as video:
-            for index, frame in enumerate(clip.frames()):
-                if frame.image is None:
-                    if index >= done:  # what is wrong with it was said when it was read first
-                        results.add(replace(lost(frame, frame.problem), complaint=""))
-                    continue
-                calibration = place(frame.image).from_frame(calibrations[readable])
-                if index >= done:
-                    line = calibration_line(frame.id, calibration, None) | {"basis": str(basis[readable])}
-                    keeps = options.keep_rejected or bool(calibration)
-                    results.add(Outcome.of(frame.id, calibration, line, keeps=keeps))
-                shown = calibration.field or field
-                picture = draw_calibration(frame.image, calibration, shown, show_paint=options.show_paint)
-                video.write(picture)
-                if readable in worst:
-                    pictures[readable] = picture
-                readable += 1
-        say_note(path, video)
-        write_text(options.out / TRIPODS, json.dumps(_tripods(found), indent=2) + "\n")
-        if pictures:
-            write_image(options.out / MOTION, plot_sequence(found, frames_per_second=clip.frames_per_second))
-            ids = [id for id in clip.ids if id not in clip.broken]
-            captions = [_caption(ids[index], calibrations[index]) for index in worst]
-            write_image(options.out / WORST, contact_sheet([pictures[index] for index in worst], captions))
+            say(note)
+        worst = _write_frames(request, clip, found, results)
+        write_text(run.out / TRIPODS, json.dumps(_tripods(found), indent=2) + "\n")
+        if worst:
+            write_image(run.out / MOTION, plot_sequence(found, frames_per_second=clip.frames_per_second))
+            write_image(run.out / WORST, contact_sheet(list(worst.values()), list(worst)))
         parts.remove()
     return 1 if clip.broken or clip.loss else 0
 
 
+def _write_frames(
+    request: RunRequest, clip: ClipInput, found: VideoCalibration, results: ResultsWriter
+) -> dict[str, Image]:
+    """Write the results of all frames and the overlay video; returns pictures of the worst frames by caption."""
+    options, path, done = request.calibration, request.run.out / OVERLAY, results.done
+    calibrations = list(found)
+    worst = worst_frames(calibrations, SHEET_FRAMES)
+    pictures: dict[int, tuple[str, Image]] = {}
+    readable = 0
+    with VIDEOS.write(path, clip.frames_per_second, threads=options.network.video_threads) as video:
+        for index, frame in enumerate(clip.frames()):
+            if frame.image is None:
+                if index >= done:  # what is wrong with it was said when it was read first
+                    results.add(replace(Outcome.broken(frame, frame.problem), complaint=""))
+                continue
+            calibration = options.placement(frame.image).from_frame(calibrations[readable])
+            if index >= done:
+                line = calibration_line(frame.id, calibration, None) | {"basis": str(found.basis[readable])}
+                results.add(Outcome.of(calibration, line, keeps=options.keeps(calibration)))
+            picture = options.drawn(frame.image, calibration)
+            video.write(picture)
+            if readable in worst:
+                pictures[readable] = _caption(frame.id, calibrations[readable]), picture
+            readable += 1
+    say_note(path, video)
+    return dict(pictures[index] for index in worst if index in pictures)
+
+
 def _tripods(found: VideoCalibration) -> dict[str, Any]:
-    """What the frames of each tripod share, and which frames these are."""
+    """Content of tripods.json: the shots, and the parameters that the frames of each tripod share."""
     return {
         "shots": [shot._asdict() for shot in found.shots],
         "notes": list(found.notes),

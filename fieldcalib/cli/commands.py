@@ -1,4 +1,4 @@
-"""The commands. Each one is a module of this package, which is imported when the command is given."""
+"""The commands. Each one is a module of this package, imported only if its command is given."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from importlib import import_module
 
 import fieldcalib
-from fieldcalib.cli.parser import NEGATIVE, Parser
+from fieldcalib.console.parser import NEGATIVE, Parser
 
 COMMANDS = {
     "run": "calibrate images or a video",
@@ -23,7 +23,7 @@ COMMANDS = {
 
 
 def with_values_joined(arguments: Sequence[str]) -> list[str]:
-    """The arguments with values that begin with a minus sign and a digit joined to their option.
+    """Join values that begin with a minus sign and a digit to the option before them.
 
     argparse takes such values for options, unless they are plain numbers.
 
@@ -43,9 +43,9 @@ def with_values_joined(arguments: Sequence[str]) -> list[str]:
 
 
 def command_parser(arguments: Sequence[str]) -> Parser:
-    """What reads the command line `arguments`: it knows the arguments of the command that they begin with.
+    """Make a parser for the command line `arguments`: it has the options of the command that they begin with.
 
-    A command's module takes as long to import as all that it works with: ``add_arguments`` of the others is not called.
+    Only that command's module is imported, since importing all of them takes long.
     """
     parser = Parser(prog="fieldcalib", description="Calibrate cameras from the markings of a sports field.")
     parser.add_argument("--version", action="version", version=f"fieldcalib {fieldcalib.__version__}")

@@ -1,24 +1,25 @@
-"""Pictures that are not whole frames with square pixels: what the user declares (`fieldcalib.assess.placement`)."""
+"""Options for pictures that are not whole frames with square pixels (`fieldcalib.assess.placement`)."""
 
 from __future__ import annotations
 
 import argparse
 import re
+from dataclasses import dataclass
 
 import numpy as np
 
 from fieldcalib.assess.placement import Crop, Placement
 from fieldcalib.assess.whole_picture import Declared
-from fieldcalib.cli.arguments import image_size
-from fieldcalib.cli.parser import did_you_mean
+from fieldcalib.console.arguments import ESTIMATED, image_size
+from fieldcalib.console.parser import did_you_mean
 from fieldcalib.io.files import BrokenFileError
 
-ESTIMATED, SQUARE = "estimated", "square"
+SQUARE = "square"
 LEAST_RATIO = 0.2  # of width and height: no picture is narrower
 
 
 def crop(text: str) -> Crop:
-    """What "WIDTHxHEIGHT+X+Y" says, for argparse.
+    """Parse "WIDTHxHEIGHT+X+Y", for argparse.
 
     Examples
     --------
@@ -32,7 +33,7 @@ def crop(text: str) -> Crop:
 
 
 def aspect(text: str) -> str | float:
-    """What "estimated", "square" or "16:9" says, for argparse.
+    """Parse "estimated", "square" or "16:9", for argparse.
 
     Examples
     --------
@@ -76,37 +77,54 @@ def add_declarations(parser: argparse.ArgumentParser) -> None:
     )
 
 
-def is_aspect_estimated(options: argparse.Namespace) -> bool:
-    """Whether nothing is declared that says how pixels are shown."""
-    known = options.display_size, options.crop_of, options.intrinsics
-    return bool(options.aspect == ESTIMATED and all(one is None for one in known))
+@dataclass(frozen=True)
+class DeclaredPictures:
+    """Options that say how pictures lie in whole frames with square pixels."""
 
+    display_size: tuple[int, int] | None
+    aspect: str | float
+    """`ESTIMATED`, `SQUARE`, or width / height as shown."""
+    crop_of: Crop | None
+    has_intrinsics: bool
+    """Whether the intrinsics of the camera are known."""
 
-def declared(options: argparse.Namespace) -> Declared:
-    """What the options say of the pictures."""
-    if options.crop_of is not None:
-        return Declared.FRAME
-    return Declared.NOTHING if is_aspect_estimated(options) else Declared.PIXELS
+    @classmethod
+    def of(cls, options: argparse.Namespace) -> DeclaredPictures:
+        """Take the options of `add_declarations`, and --intrinsics."""
+        return cls(options.display_size, options.aspect, options.crop_of, options.intrinsics is not None)
 
+    @property
+    def is_aspect_estimated(self) -> bool:
+        """Whether nothing is declared that says how pixels are shown."""
+        nothing = self.display_size is None and self.crop_of is None and not self.has_intrinsics
+        return self.aspect == ESTIMATED and nothing
 
-def _of_ratio(ratio: str | float, size: tuple[int, int]) -> tuple[int, int]:
-    """At which size pictures of a size are shown, no side being shortened."""
-    if isinstance(ratio, str):
-        return size
-    width, height = size
-    return (round(ratio * height), height) if ratio * height >= width else (width, round(width / ratio))
+    @property
+    def declared(self) -> Declared:
+        """Whether the frame, its pixels or nothing is declared."""
+        if self.crop_of is not None:
+            return Declared.FRAME
+        return Declared.NOTHING if self.is_aspect_estimated else Declared.PIXELS
 
+    def placement(self, size: tuple[int, int]) -> Placement:
+        """Placement of pictures of a size in their frames.
 
-def declared_placement(options: argparse.Namespace, size: tuple[int, int]) -> Placement:
-    """What the options say of pictures of a size.
+        Raises
+        ------
+        BrokenFileError
+            If they cannot be a part of the frame.
+        """
+        display_size, part = self.display_size or self._shown_size(size), self.crop_of
+        if part is not None and np.any(np.add(part.corner, display_size) > part.frame_size):
+            width, height = display_size
+            raise BrokenFileError(f"does not fit, with {width} x {height} pixels, into the frame of --crop-of {part}")
+        return Placement(size, display_size, part)
 
-    Raises
-    ------
-    BrokenFileError
-        If they cannot be a part of the frame.
-    """
-    display_size, part = options.display_size or _of_ratio(options.aspect, size), options.crop_of
-    if part is not None and np.any(np.add(part.corner, display_size) > part.frame_size):
-        width, height = display_size
-        raise BrokenFileError(f"does not fit, with {width} x {height} pixels, into the frame of --crop-of {part}")
-    return Placement(size, display_size, part)
+    def _shown_size(self, size: tuple[int, int]) -> tuple[int, int]:
+        """The size at which pictures are shown with the declared aspect, no side being shortened."""
+        if isinstance(self.aspect, str):
+            return size
+        width, height = size
+        if self.aspect * height >= width:
+            return round(self.aspect * height), height
+        return width, round(width / self.aspect)

@@ -1,10 +1,9 @@
-"""`fieldcalib evaluate`: anybody's cameras or homographies against annotations."""
+"""`fieldcalib evaluate`: scores of cameras or homographies of any tool against annotations."""
 
 from __future__ import annotations
 
 import argparse
 import json
-import sys
 from collections.abc import Mapping, Sequence
 from concurrent.futures import Executor
 from pathlib import Path
@@ -13,12 +12,9 @@ from typing import Any
 import numpy as np
 
 from fieldcalib._types import Array
-from fieldcalib.cli.arguments import add_most_bytes, image_size, positive
-from fieldcalib.cli.fields import add_sized_field, field_of
-from fieldcalib.cli.folder import name_skipped
-from fieldcalib.cli.predictions import GroundTruth, read_ground_truth, read_predictions
-from fieldcalib.cli.results import is_unfinished
-from fieldcalib.cli.units import add_processes, processes_of
+from fieldcalib.console.arguments import add_most_bytes, image_size, positive
+from fieldcalib.console.field_options import add_sized_field, field_of
+from fieldcalib.console.program import say
 from fieldcalib.fields.field import Field
 from fieldcalib.io.soccernet import CAMERA_TYPES
 from fieldcalib.metrics import (
@@ -34,6 +30,11 @@ from fieldcalib.metrics import (
 )
 from fieldcalib.metrics.scores import CompoundScore
 from fieldcalib.metrics.views import is_homography
+from fieldcalib.run_folder.annotated import name_skipped
+from fieldcalib.run_folder.options import add_processes
+from fieldcalib.run_folder.predictions import FileReader, GroundTruth, Predictions, read_ground_truth, read_predictions
+from fieldcalib.run_folder.results import is_unfinished
+from fieldcalib.run_folder.units import executor_of
 
 PERCENT = 100.0
 
@@ -86,63 +87,49 @@ def run(options: argparse.Namespace) -> int:
     """Evaluate and print; returns the exit code."""
     broken: list[str] = []
     try:
-        with processes_of(options) as executor:
-            report = _report(options, broken, executor)
+        with executor_of(options.jobs) as executor:
+            reader = FileReader(broken, options.most_bytes, executor)
+            field, ground_truth = field_of(options), options.ground_truth
+            predictions = read_predictions(reader, options.predictions, options.size, homographies=options.homographies)
+            truth = read_ground_truth(reader, ground_truth, predictions.size, field, options.camera_type)
+            _say(predictions, truth, options.predictions, ground_truth)
+            planar = options.planar or any(map(is_homography, predictions.by_frame.values()))
+            report = evaluate(
+                predictions.by_frame,
+                truth,
+                predictions.size,
+                field=field,
+                thresholds=options.thresholds,
+                planar=planar,
+                executor=executor,
+            )
     finally:  # broken files may be why there is nothing to evaluate
         for message in broken:
-            print(f"fieldcalib: {message}", file=sys.stderr)
+            say(message)
     print(json.dumps(report, indent=2, allow_nan=False) if options.json else table(report))
     return 1 if broken else 0
 
 
-def _report(options: argparse.Namespace, broken: list[str], executor: Executor | None) -> dict[str, Any]:
-    most_bytes, field = options.most_bytes, field_of(options)
-    predictions = read_predictions(
-        options.predictions,
-        broken,
-        size=options.size,
-        homographies=options.homographies,
-        most_bytes=most_bytes,
-        executor=executor,
-    )
+def _say(predictions: Predictions, truth: GroundTruth, path: Path, truth_path: Path) -> None:
+    """Say on stderr what may be wrong with the input; a ValueError if they have no frame in common."""
     width, height = predictions.size
-    truth = read_ground_truth(
-        options.ground_truth,
-        predictions.size,
-        broken,
-        field=field,
-        camera_type=options.camera_type,
-        most_bytes=most_bytes,
-        executor=executor,
-    )
-    name_skipped([options.predictions], predictions.files)
-    name_skipped([options.ground_truth], truth.files)
-    if is_unfinished(options.predictions):
-        state = f"the run in {options.predictions} is not finished: frames without a camera may have one later"
-        print(f"fieldcalib: {state}", file=sys.stderr)
+    name_skipped([path], predictions.files)
+    name_skipped([truth_path], truth.files)
+    if is_unfinished(path):
+        state = f"the run in {path} is not finished: frames without a camera may have one later"
+        say(state)
     if predictions.of_other_sizes:
         sizes = ", ".join(f"{w}x{h}" for w, h in predictions.of_other_sizes)
-        print(
-            f"fieldcalib: cameras for images of {sizes} are scored at {width}x{height} as they are: SoccerNet's "
-            f"evaluation does not rescale",
-            file=sys.stderr,
+        say(
+            f"cameras for images of {sizes} are scored at {width}x{height} as they are: SoccerNet's "
+            f"evaluation does not rescale"
         )
     by_frame = predictions.by_frame
     if not set(by_frame) & set(truth.annotations):
         raise ValueError(
-            f"{options.predictions} has {_some(by_frame)}, {options.ground_truth} has {_some(truth.annotations)}: "
-            f"no frame in common, do the ids agree?"
+            f"{path} has {_some(by_frame)}, {truth_path} has {_some(truth.annotations)}: no frame in common, do the "
+            f"ids agree?"
         )
-    planar = options.planar or any(is_homography(prediction) for prediction in by_frame.values())
-    return evaluate(
-        by_frame,
-        truth,
-        predictions.size,
-        field=field,
-        thresholds=options.thresholds,
-        planar=planar,
-        executor=executor,
-    )
 
 
 def _some(frames: Mapping[str, Any]) -> str:
@@ -236,7 +223,7 @@ def _per_segment(evaluation: SegmentEvaluation) -> dict[str, dict[str, Any]]:
 def _against_homographies(
     pairs: Sequence[tuple[Prediction, Array]], size: tuple[int, int], field: Field | None
 ) -> dict[str, Any]:
-    """What is seen of the field, and where: means and medians over the frames."""
+    """Overlaps and errors against homographies: means and medians over the frames."""
     part = [PERCENT * iou_part(prediction, H, size, field=field) for prediction, H in pairs]
     whole = [PERCENT * iou_whole(prediction, H, size, field=field) for prediction, H in pairs]
     whole_image = [PERCENT * iou_whole(prediction, H, size, kind="image", field=field) for prediction, H in pairs]
@@ -251,7 +238,7 @@ def _against_homographies(
 
 
 def table(report: Mapping[str, Any]) -> str:
-    """A report for people."""
+    """A report as a table to read."""
     thresholds = list(report["AC"])
     width, height = report["size"]
     lines = [

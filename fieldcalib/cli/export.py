@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 import argparse
-import sys
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path
 
 from fieldcalib.assess.result import Verdict
-from fieldcalib.cli.arguments import folder_name, positive
-from fieldcalib.cli.results import counted
+from fieldcalib.console.arguments import folder_name, positive
+from fieldcalib.console.program import say
 from fieldcalib.geometry.camera import Camera
 from fieldcalib.io.exports.blender import blender_error, blender_files
 from fieldcalib.io.exports.colmap import colmap_files
@@ -22,6 +21,7 @@ from fieldcalib.io.exports.table import table_files
 from fieldcalib.io.files import remove_temporaries, write_bytes
 from fieldcalib.io.output_folder import output_folder
 from fieldcalib.io.results import Results, read_results
+from fieldcalib.run_folder.results import counted
 
 FORMATS: Mapping[str, Callable[..., dict[str, bytes]]] = {
     "opencv": opencv_files,
@@ -82,9 +82,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(options: argparse.Namespace) -> int:
     """Export; returns the exit code."""
-    keywords = _keywords(options)
+    keywords: dict[str, object] = {name: value for name in OPTIONS if (value := getattr(options, name)) is not None}
+    _check_options(options.format, keywords)
     results = read_results(options.folder)
-    frames = _frames(results, options)
+    frames = _frames(results, options.folder, options.frames, keep_rejected=options.keep_rejected)
     if options.format in WITH_LINES:
         keywords["about"] = {line["id"]: line for line in results.lines}
     try:
@@ -98,37 +99,28 @@ def run(options: argparse.Namespace) -> int:
     return 0
 
 
-def _keywords(options: argparse.Namespace) -> dict[str, object]:
-    """What is passed on to the format's function.
-
-    Raises
-    ------
-    ValueError
-        If an option is of other formats.
-    """
-    given = {name: getattr(options, name) for name in OPTIONS if getattr(options, name) is not None}
+def _check_options(format: str, given: Iterable[str]) -> None:
+    """Raise a ValueError if an option is of other formats."""
     for name in given:
-        if options.format not in OPTIONS[name]:
-            raise ValueError(f"--{name.replace('_', '-')} is of {' and '.join(OPTIONS[name])}, not of {options.format}")
-    return given
+        if format not in OPTIONS[name]:
+            raise ValueError(f"--{name.replace('_', '-')} is of {' and '.join(OPTIONS[name])}, not of {format}")
 
 
-def _frames(results: Results, options: argparse.Namespace) -> Frames:
+def _frames(results: Results, folder: Path, chosen: Sequence[str] | None, *, keep_rejected: bool) -> Frames:
     """The frames that are asked for, with the cameras that may be used."""
     lines = {line["id"]: line for line in results.lines}
-    ids = list(lines) if options.frames is None else list(dict.fromkeys(options.frames))
+    ids = list(lines) if chosen is None else list(dict.fromkeys(chosen))
     unknown = [id for id in ids if id not in lines]
     if unknown:
         known = f", its frames are {next(iter(lines))} to {next(reversed(lines))}" if lines else ", it has none"
-        raise ValueError(f"{options.folder} has no frame {', '.join(unknown)}{known}")
+        raise ValueError(f"{folder} has no frame {', '.join(unknown)}{known}")
     cameras = {id: results[id].camera if id in results else None for id in ids}
     rejected = [id for id in ids if cameras[id] is not None and lines[id].get("verdict") == Verdict.REJECT]
-    if rejected and not options.keep_rejected:
+    if rejected and not keep_rejected:
         cameras |= dict.fromkeys(rejected)
-        print(
-            f'fieldcalib: {counted(len(rejected), "camera")} left out, whose verdict is "{Verdict.REJECT}"; '
-            f"--keep-rejected exports them too",
-            file=sys.stderr,
+        say(
+            f'{counted(len(rejected), "camera")} left out, whose verdict is "{Verdict.REJECT}"; '
+            f"--keep-rejected exports them too"
         )
     return cameras
 
@@ -154,6 +146,4 @@ def _say(frames: Frames, out: Path, format: str) -> None:
         shifts = [error(camera) for camera in cameras.values()]
         worst, at = max(zip(shifts, cameras, strict=True))
         if worst > 0.0:
-            print(
-                f"fieldcalib: {what}: without it the image moves by up to {worst:.1f} px (frame {at})", file=sys.stderr
-            )
+            say(f"{what}: without it the image moves by up to {worst:.1f} px (frame {at})")

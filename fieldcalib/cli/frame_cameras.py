@@ -1,4 +1,4 @@
-"""The cameras of a run, found by how others name or number its frames."""
+"""The cameras of a run, found by the names or numbers that other files give its frames."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ KEPT = 1024  # calibrations, 20 kB each: of a table that is sorted by player, fr
 
 
 class Cameras:
-    """Calibrations of a folder of results by frame, each read when it is asked for.
+    """Calibrations of a folder of results by frame, each read on demand.
 
     Parameters
     ----------
@@ -27,12 +27,13 @@ class Cameras:
     Raises
     ------
     FileNotFoundError
-        If there is none.
+        If there are no results.
     BrokenFileError
         If a line is no result.
     """
 
     def __init__(self, path: Path) -> None:
+        self.path = path
         self._path = lines_file(path) if path.is_dir() else path
         if not self._path.is_file():
             raise FileNotFoundError(f"{self._path} does not exist: expected the folder that calibrate or run wrote")
@@ -65,14 +66,14 @@ class Cameras:
         return min(self._by_number, default=None)
 
     def of(self, frame: str, offset: int = 0) -> Calibration | None:
-        """The calibration of a frame that boxes are of, None if there is no camera."""
+        """The calibration of a frame, by the name that boxes give it; None if it has no camera."""
         found = self.id_of(frame, offset)
         return None if found is None else self._read(found)
 
     def id_of(self, frame: str, offset: int = 0) -> str | None:
-        """The id of a frame that boxes are of, None if it is not among these.
+        """The id of a frame, by the name that boxes give it; None if there is no such frame.
 
-        It is given by its id, with or without folder and ending, or its number: frame 12 is "000012", or "image-12".
+        The name is its id, with or without folder and ending, or its number: frame 12 is "000012", or "image-12".
         """
         name = Path(frame).stem if re.search(r"\.[A-Za-z]", frame) else Path(frame).name
         number = _number(frame if re.fullmatch(r"[-+]?\d+(\.0*)?", frame) else name)
@@ -99,12 +100,12 @@ class Cameras:
         return found if found.camera is not None else None
 
     def said(self, frame: str) -> str:
-        """For messages: how frames are called here and there."""
+        """Text for messages: how frames are named in the boxes and in the results."""
         ids = [*self._lines, "none"]
         return f"boxes are of frames as {frame!r}, cameras of frames as {ids[0]!r}"
 
 
-def field_of(cameras: Cameras, path: Path) -> Field:
+def field_of(cameras: Cameras) -> Field:
     """The field of the first frame that has an accepted camera.
 
     Raises
@@ -114,12 +115,12 @@ def field_of(cameras: Cameras, path: Path) -> Field:
     """
     first = cameras.of(cameras.accepted[0]) if cameras.accepted else None
     if first is None:
-        raise ValueError(f"no frame of {path} has an accepted camera")
+        raise ValueError(f"no frame of {cameras.path} has an accepted camera")
     return first.field or soccer()
 
 
 def _number(id: str) -> int | None:
-    """The number of a frame: the last one in its id.
+    """The number of a frame: the last number in its id.
 
     Examples
     --------

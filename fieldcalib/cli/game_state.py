@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-import argparse
 import json
 from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -16,47 +17,77 @@ from fieldcalib.io.boxes import Box, open_boxes
 from fieldcalib.io.coordinates import OWN
 from fieldcalib.io.files import parse_json_object, read_regular_file, write_text
 
-PLACES = {"left": (1.0, 0.0), "right": (0.0, 1.0), "middle": (0.5, 0.5)}  # shares of the lower edge's ends
+PLACES = {
+    "left": (1.0, 0.0),
+    "right": (0.0, 1.0),
+    "middle": (0.5, 0.5),
+}  # weights of the left and right end
 
 
-def write_game_state(options: argparse.Namespace, cameras: Cameras, offset: int) -> tuple[int, int]:
+@dataclass(frozen=True)
+class Projection:
+    """Boxes and cameras of a projection, and its options."""
+
+    boxes: Path
+    cameras: Cameras
+    system: str
+    """Name of the coordinate system of the points."""
+    size: tuple[int, int] | None
+    """Size of the images that boxes are in pixels of, None for the cameras' own."""
+    frame_offset: int | None
+    """Added to the numbers of frames; None if it is not given."""
+    box_noise: float
+    """Standard deviation of the foot point in pixels of the boxes."""
+    keep_rejected: bool
+    most_bytes: float
+
+    def calibration(self, frame: str) -> Calibration | None:
+        """The calibration of a frame as the boxes call it."""
+        return self.cameras.of(frame, self.frame_offset or 0)
+
+    def uses(self, calibration: Calibration) -> bool:
+        """Whether points are computed by a calibration."""
+        return calibration.accepted or self.keep_rejected
+
+    def scale(self, image_size: tuple[int, int]) -> Array:
+        """Pixels of the camera's image for a pixel of the boxes, along x and y."""
+        return np.divide(image_size, self.size or image_size)
+
+
+def write_game_state(projection: Projection, out: Path) -> tuple[int, int]:
     """Write the file of boxes with `bbox_pitch` for each of them, null where there is no point.
 
     Returns
     -------
     (int, int)
-        Number of boxes, and of those that have one now.
+        Number of boxes, and of those that have a point now.
 
     Raises
     ------
     ValueError
         If the boxes are in no such file, or another system is asked for: its coordinates are SoccerNet's.
     """
-    if options.boxes.suffix.lower() != ".json" or options.to not in OWN:
-        raise ValueError(f"{options.out} would be a game state: of JSON, and with --to {OWN[1]}; tables end with .csv")
-    with open_boxes(options.boxes, options.most_bytes) as table:
+    boxes, most_bytes = projection.boxes, projection.most_bytes
+    if boxes.suffix.lower() != ".json" or projection.system not in OWN:
+        raise ValueError(f"{out} would be a game state: of JSON, and with --to {OWN[1]}; tables end with .csv")
+    with open_boxes(boxes, most_bytes) as table:
         rows = list(table.rows)
-    record = parse_json_object(read_regular_file(options.boxes, options.most_bytes), "predictions or annotations")
+    record = parse_json_object(read_regular_file(boxes, most_bytes), "predictions or annotations")
     found = record.get("predictions", record.get("annotations", []))
     places = []
     for entry, row in zip((one for one in found if "bbox_image" in one), rows, strict=True):
-        calibration = cameras.of(row.frame, offset)
-        entry["bbox_pitch"] = _on_pitch(calibration, row.box, options.size, keep_rejected=options.keep_rejected)
+        entry["bbox_pitch"] = _on_pitch(projection, projection.calibration(row.frame), row.box)
         places.append(entry["bbox_pitch"])
-    write_text(options.out, json.dumps(record))
+    write_text(out, json.dumps(record))
     return len(places), sum(place is not None for place in places)
 
 
-def _on_pitch(
-    calibration: Calibration | None, box: Box | None, size: tuple[int, int] | None, *, keep_rejected: bool
-) -> Mapping[str, float] | None:
+def _on_pitch(projection: Projection, calibration: Calibration | None, box: Box | None) -> Mapping[str, float] | None:
     """The lower edge of a box on the pitch, None where it has no place."""
-    if box is None or calibration is None or calibration.camera is None:
-        return None
-    if not (calibration.accepted or keep_rejected):
+    if box is None or calibration is None or calibration.camera is None or not projection.uses(calibration):
         return None
     camera = calibration.camera
-    left, _, right, bottom = np.array(box) * np.tile(np.divide(camera.image_size, size or camera.image_size), 2)
+    left, _, right, bottom = np.array(box) * np.tile(projection.scale(camera.image_size), 2)
     # boxes count from the corner of the first pixel, as in `fieldcalib.io.boxes.foot_points`
     ends: Array = np.array([[left, bottom], [right, bottom]]) - 0.5
     X = camera.image_to_field(np.array(list(PLACES.values())) @ ends)

@@ -1,4 +1,4 @@
-"""`fieldcalib join`: the results of shards as one run would have written them."""
+"""`fieldcalib join`: merge the results of shards into what one run would have written."""
 
 from __future__ import annotations
 
@@ -9,25 +9,23 @@ from itertools import islice
 from pathlib import Path
 from typing import Any
 
-from fieldcalib.cli.arguments import PARQUET, add_format, folder_name
 from fieldcalib.cli.localize import localized_summary, write_all
-from fieldcalib.cli.results import (
-    LOCALIZED,
-    SUMMARY,
-    Outcome,
-    Results,
-    finish,
-    is_nearly_square,
-    is_squashed,
-    is_unfinished,
-    leave_table,
-    run_folder,
-)
-from fieldcalib.cli.run_record import RunRecord
-from fieldcalib.cli.units import Shard, add_again
+from fieldcalib.console.arguments import PARQUET, add_format, folder_name
 from fieldcalib.io.files import parse_json_object
 from fieldcalib.io.line_log import whole_lines
 from fieldcalib.io.results import LINES
+from fieldcalib.run_folder.options import RunOptions, Shard, add_again
+from fieldcalib.run_folder.outcome import Outcome, is_squashed
+from fieldcalib.run_folder.record import RunRecord
+from fieldcalib.run_folder.results import (
+    LOCALIZED,
+    SUMMARY,
+    ResultsWriter,
+    finish,
+    is_unfinished,
+    run_folder,
+    write_table,
+)
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -45,28 +43,29 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(options: argparse.Namespace) -> int:
     """Join; returns the exit code."""
     record, shards = _in_order(options.shards)
+    joined = RunOptions.of(options)
     lines = LOCALIZED if record.command == "localize" else LINES
-    if lines == LOCALIZED and options.format == PARQUET:
+    if lines == LOCALIZED and joined.writes_table:
         raise ValueError(f"--format {PARQUET} is of cameras: these shards are of localize")
     summaries = [parse_json_object((folder / SUMMARY).read_bytes(), "a summary") for folder in shards]
-    with run_folder(options, record, lines) as results:
+    with run_folder(joined, record, lines) as results:
         for folder, text in islice(_lines(shards, lines, record.unit), results.done, None):
             results.add(_outcome(folder, text, record))
         results.calibrating = sum(summary["seconds"].get("calibration", 0.0) for summary in summaries)
         results.calibrated = results.verdicts.total()
         seconds = sum(summary["seconds"]["total"] for summary in summaries)
         if lines == LOCALIZED:
-            write_all(options.out, record.options["format"])
-        made = localized_summary if lines == LOCALIZED else Results.summary
-        finish(options.out, made(results, summaries[0]["options"], seconds))
+            write_all(joined.out, record.options["format"])
+        made = localized_summary if lines == LOCALIZED else ResultsWriter.summary
+        finish(joined.out, made(results, summaries[0]["options"], seconds))
     if lines == LINES:
         results.say(record.options)
-        leave_table(options)
+        write_table(joined)
     return results.exit_code
 
 
 def _in_order(folders: Sequence[Path]) -> tuple[RunRecord, list[Path]]:
-    """The run that folders are the shards of, and these in order.
+    """The record of the run that was split into shards, and the folders of these in order.
 
     Raises
     ------
@@ -98,7 +97,7 @@ def _in_order(folders: Sequence[Path]) -> tuple[RunRecord, list[Path]]:
 
 
 def _lines(shards: Sequence[Path], log: str, unit: int) -> Iterator[tuple[Path, bytes]]:
-    """The lines of all shards in the order of the frames, with the folder of each."""
+    """Lines of all shards in the order of the frames, each with its folder."""
     readers = [(folder, whole_lines(folder / log)) for folder in shards]
     while readers:
         for folder, reader in list(readers):
@@ -112,8 +111,4 @@ def _outcome(folder: Path, text: bytes, record: RunRecord) -> Outcome:
     line: dict[str, Any] = parse_json_object(text, "a frame's result")
     names = [name.replace("<id>", line["id"]) for name in record.writes]
     files = {name: (folder / name).read_bytes() for name in names if (folder / name).exists()}
-    squashed, square = is_squashed(line), is_nearly_square(line)
-    said = text.decode().rstrip("\n")
-    return Outcome(
-        line["id"], said, line["status"], line.get("verdict", ""), line.get("reason", ""), squashed, square, files
-    )
+    return Outcome(line, is_squashed(line), files)

@@ -1,4 +1,4 @@
-"""What is known of the camera: --intrinsics, --position, --rotation."""
+"""Known parameters of the camera: --intrinsics, --position, --rotation."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from fieldcalib._types import Array
-from fieldcalib.cli.arguments import LENSES, Unsaid
+from fieldcalib.console.arguments import LENSES, Default
 from fieldcalib.geometry.camera import Camera
 from fieldcalib.geometry.rotation import rotation_from_angles
 from fieldcalib.io.files import BrokenFileError
@@ -17,7 +17,7 @@ from fieldcalib.solve.given_camera import NOTHING_GIVEN, GivenCamera
 from fieldcalib.solve.options import KNOWN_INTRINSICS_FLAGS, CalibrationFlags
 
 SAME_SHAPE = 0.005  # relative difference of two aspect ratios: sizes are whole numbers
-OFF_MIDDLE = 0.25  # of width and height, beyond which a principal point belongs to images of another size
+OFF_MIDDLE = 0.25  # share of width and height: a principal point farther off is of images of another size
 
 
 def add_known_camera(parser: argparse.ArgumentParser) -> None:
@@ -45,7 +45,7 @@ def add_known_camera(parser: argparse.ArgumentParser) -> None:
 
 @dataclass(frozen=True)
 class KnownCamera:
-    """What the options say of the camera."""
+    """Parameters of the camera that the user knows."""
 
     intrinsics: Intrinsics | None
     position: tuple[float, float, float] | None
@@ -55,14 +55,14 @@ class KnownCamera:
 
     @classmethod
     def of(cls, options: argparse.Namespace) -> KnownCamera:
-        """That of the options of `add_known_camera` and --lens.
+        """Take the options of `add_known_camera`, and --lens.
 
         Raises
         ------
         ValueError
             If they contradict each other, or leave nothing to estimate.
         """
-        if options.intrinsics is not None and not isinstance(options.lens, Unsaid):
+        if options.intrinsics is not None and not isinstance(options.lens, Default):
             raise ValueError("--intrinsics says what the lens is: leave --lens out")
         known = cls(options.intrinsics, options.position, options.rotation, options.lens)
         if None not in (known.intrinsics, known.position, known.rotation):
@@ -73,12 +73,12 @@ class KnownCamera:
 
     @property
     def is_any(self) -> bool:
-        """Whether they say anything."""
+        """Whether any parameter is known."""
         return any(part is not None for part in (self.intrinsics, self.position, self.rotation))
 
     @property
     def flags(self) -> CalibrationFlags:
-        """What is known and what is estimated."""
+        """Flags of what is known and what is estimated."""
         F = CalibrationFlags
         flags = KNOWN_INTRINSICS_FLAGS if self.intrinsics is not None else LENSES[self.lens]
         if self.position is not None:
@@ -88,7 +88,7 @@ class KnownCamera:
         return flags
 
     def given(self, frame_size: tuple[int, int]) -> GivenCamera:
-        """The values, for frames of a size.
+        """The known values, for frames of a size.
 
         Raises
         ------
@@ -117,7 +117,7 @@ def _rvec(angles: Array) -> Array:
 def _of_size(intrinsics: Intrinsics, size: tuple[int, int]) -> tuple[Array, Array]:
     """Camera matrix and coefficients for frames of a size."""
     width, height = size
-    if not width:  # no frame at all
+    if not width:  # there is no frame
         return intrinsics.camera_matrix, intrinsics.dist_coeffs
     own = intrinsics.image_size
     if own is None:

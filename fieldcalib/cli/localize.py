@@ -14,29 +14,13 @@ from typing import Any
 import numpy as np
 
 import fieldcalib
-from fieldcalib._types import Array, IntArray
-from fieldcalib.cli.arguments import add_labels, folder_name
-from fieldcalib.cli.fields import add_sized_field, field_of
-from fieldcalib.cli.folder import check_labels
-from fieldcalib.cli.frames import (
-    Frame,
-    ReadImage,
-    add_limits,
-    add_network,
-    load_network,
-    lost,
-    network_in_process,
-    opened,
-    pixels_of,
-)
-from fieldcalib.cli.inputs import add_inputs
-from fieldcalib.cli.results import LOCALIZED, Outcome, Results, finish, run_folder
-from fieldcalib.cli.run_record import RunRecord, recorded
-from fieldcalib.cli.units import Made, add_jobs, work
-from fieldcalib.fields.field import Field
+from fieldcalib.console.arguments import add_labels, add_limits, folder_name
+from fieldcalib.console.field_options import add_sized_field
+from fieldcalib.console.inputs import add_inputs
+from fieldcalib.console.network import NetworkOptions, add_network, load_network, network_in_process
 from fieldcalib.fields.segments import Arc
 from fieldcalib.io.annotation_files import ONE_IMAGE
-from fieldcalib.io.annotations import Annotation, names_of, renamed
+from fieldcalib.io.annotations import Annotation, names_of, order_along, renamed
 from fieldcalib.io.files import FrameFile, write_text
 from fieldcalib.io.formats import ANNOTATIONS, OTHER_ANNOTATIONS, VIDEOS
 from fieldcalib.io.image import Image
@@ -45,12 +29,19 @@ from fieldcalib.io.line_log import whole_lines
 from fieldcalib.io.results import BROKEN
 from fieldcalib.localize import Localization, Network, localize
 from fieldcalib.problem.labelled_pixels import Pixels
+from fieldcalib.run_folder.annotated import check_labels
+from fieldcalib.run_folder.images import Frame, ReadImage, opened, pixels_of
+from fieldcalib.run_folder.options import RunOptions, add_jobs
+from fieldcalib.run_folder.outcome import Outcome
+from fieldcalib.run_folder.record import RunRecord
+from fieldcalib.run_folder.results import LOCALIZED, ResultsWriter, finish, run_folder
+from fieldcalib.run_folder.units import UnitResult, work
 
 LOCALIZED_STATUS = "localized"
 SOCCERNET = "soccernet"
 FORMATS = (SOCCERNET, *OTHER_ANNOTATIONS)
-OF_ALL = frozenset(OTHER_ANNOTATIONS) - {ONE_IMAGE}  # have one file for all frames
-OF_ALL_FRAMES = Path(LOCALIZED).stem  # its name
+OF_ALL = frozenset(OTHER_ANNOTATIONS) - {ONE_IMAGE}  # formats with one file for all frames
+OF_ALL_FRAMES = Path(LOCALIZED).stem  # name of that file
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -82,20 +73,23 @@ def run(options: argparse.Namespace) -> int:
     began = time.perf_counter()
     if any(map(VIDEOS.recognises, options.input)):
         raise ValueError("expected images: fieldcalib run takes videos")
-    check_labels(options.labels or {}, field_of(options))
-    _names(options)  # a ValueError if that cannot be
-    function = FromImages(options, load_network(options))
+    run, network_options = RunOptions.of(options), NetworkOptions.of(options)
+    labels, field, format = options.labels or {}, network_options.field, options.format
+    check_labels(labels, field)
+    read = ReadImage(options.most_bytes, options.most_pixels)
+    names = names_of(labels, field)  # a ValueError if that cannot be
+    method = FromImages(network_options, read, names, format, run.out, load_network(network_options))
     with opened(options.input, options.most_pixels) as source:
-        writes = [_file_name(options.format, "<id>")]
-        record = RunRecord.of(options, source.files, unit=IMAGES_AT_ONCE, writes=writes)
-        with run_folder(options, record, LOCALIZED) as results:
-            work(options, results, source.files, IMAGES_AT_ONCE, function, lost, source.count)
-            summary = localized_summary(results, recorded(options), time.perf_counter() - began)
-            if options.shard is None:
-                write_all(options.out, options.format)
-            finish(options.out, summary)
-    frames, segments = summary["annotations"], summary["segments"]
-    print(f"{segments / max(frames, 1):.1f} segments a frame in {frames} frames in {options.out}")
+        record = RunRecord.of(run, source.files, unit=IMAGES_AT_ONCE, writes=[_file_name(format, "<id>")])
+        with run_folder(run, record, LOCALIZED) as results:
+            work(run, results, source.files, IMAGES_AT_ONCE, method, source.count)
+            summary = localized_summary(results, run.recorded, time.perf_counter() - began)
+            if run.shard is None:
+                write_all(run.out, format)
+            finish(run.out, summary)
+    count = summary["annotations"]
+    frames = "1 frame" if count == 1 else f"{count} frames"
+    print(f"{summary['segments'] / max(count, 1):.1f} segments a frame in {frames} in {run.out}")
     return results.exit_code
 
 
@@ -115,14 +109,14 @@ def _annotations(log: Path) -> Iterator[Annotation]:
 
 
 def _file_name(format: str, id: str) -> str:
-    """Of a frame's annotation, or of those of all frames."""
+    """Name of the file of a frame's annotation, or of those of all frames."""
     if format == SOCCERNET:
         return ANNOTATIONS.file_name(id)
     return OTHER_ANNOTATIONS[format].file_name(OF_ALL_FRAMES if format in OF_ALL else id)
 
 
-def localized_summary(results: Results, options: Mapping[str, Any], seconds: float) -> dict[str, Any]:
-    """What summary.json says; `seconds` is how long everything took."""
+def localized_summary(results: ResultsWriter, options: Mapping[str, Any], seconds: float) -> dict[str, Any]:
+    """Content of summary.json; `seconds` is how long everything took."""
     lines = map(json.loads, whole_lines(results.out / LOCALIZED))
     return {
         "frames": results.done,
@@ -136,80 +130,64 @@ def localized_summary(results: Results, options: Mapping[str, Any], seconds: flo
 
 @dataclass(frozen=True)
 class FromImages:
-    """The annotations of some images."""
+    """Finds the markings in images."""
 
-    options: argparse.Namespace
+    network_options: NetworkOptions
+    read: ReadImage
+    names: Mapping[str, str]
+    """Labels in the annotations, by those of the field."""
+    format: str
+    out: Path
     network: Network
     """Other processes load their own."""
 
     def __reduce__(self) -> tuple[object, ...]:
-        return _in_process, (self.options,)
+        return _in_process, (self.network_options, self.read, self.names, self.format, self.out)
 
-    def __call__(self, files: tuple[FrameFile, ...]) -> Made:
+    def __call__(self, files: tuple[FrameFile, ...]) -> UnitResult:
         """Read the images and find the markings."""
-        read = ReadImage(self.options.most_bytes, self.options.most_pixels)
-        parts = in_parts(map(read, files), IMAGES_AT_ONCE, pixels_of)
-        return Made([outcome for part in parts for outcome in self._of_part(part)])
+        parts = in_parts(map(self.read, files), IMAGES_AT_ONCE, pixels_of)
+        return UnitResult([outcome for part in parts for outcome in self._of_part(part)])
 
     def _of_part(self, frames: Sequence[Frame]) -> list[Outcome]:
         images = [frame.image for frame in frames if frame.image is not None]
-        found = iter(localize(field_of(self.options), images, self.network))
+        found = iter(localize(self.network_options.field, images, self.network))
         return [
-            lost(frame, frame.problem) if frame.image is None else self._outcome(frame, frame.image, next(found))
+            Outcome.broken(frame, frame.problem)
+            if frame.image is None
+            else self._outcome(frame, frame.image, next(found))
             for frame in frames
         ]
 
     def _outcome(self, frame: Frame, image: Image, found: Localization) -> Outcome:
-        format, size, field = self.options.format, (image.shape[1], image.shape[0]), field_of(self.options)
+        size = (image.shape[1], image.shape[0])
         line: dict[str, Any] = {"id": frame.id, "status": LOCALIZED_STATUS, "message": ""}
         line["segments"] = len(found.pixels)
-        names, content = _names(self.options), ""
+        content = ""
         try:
-            if format == SOCCERNET:
-                content = ANNOTATIONS.write(renamed(found.pixels, names), size) + "\n"
-            elif format in OF_ALL:
+            if self.format == SOCCERNET:
+                content = ANNOTATIONS.write(renamed(found.pixels, self.names), size) + "\n"
+            elif self.format in OF_ALL:
                 line |= {"image": Path(frame.path).name, "image_size": size}
-                line["pixels"] = {label: xy.tolist() for label, xy in _paths(found, field, names).items()}
+                line["pixels"] = {label: xy.tolist() for label, xy in self._paths(found).items()}
             else:
-                of_frame = Annotation(
-                    frame.id, _paths(found, field, names), size, _seen_from(self.options.out, Path(frame.path))
-                )
-                content = OTHER_ANNOTATIONS[format].write([of_frame])
+                of_frame = Annotation(frame.id, self._paths(found), size, _seen_from(self.out, Path(frame.path)))
+                content = OTHER_ANNOTATIONS[self.format].write([of_frame])
         except ValueError as error:
-            return lost(frame, str(error))
-        files = {_file_name(format, frame.id): content.encode()} if content else {}
-        return Outcome(frame.id, json.dumps(line), LOCALIZED_STATUS, files=files)
+            return Outcome.broken(frame, str(error))
+        files = {_file_name(self.format, frame.id): content.encode()} if content else {}
+        return Outcome(line, files=files)
 
-
-def _names(options: argparse.Namespace) -> dict[str, str]:
-    """What labels are called in the annotations."""
-    return names_of(options.labels or {}, field_of(options))
-
-
-def _paths(found: Localization, field: Field, names: Mapping[str, str]) -> Pixels:
-    """The pixels of each segment, by its name, in their order along it: other tools draw lines between them."""
-    return {names[label]: xy[order_along(xy, isinstance(field[label], Arc))] for label, xy in found.pixels.items()}
-
-
-def order_along(xy: Array, is_arc: bool) -> IntArray:
-    """Of pixels along a line or an arc.
-
-    Examples
-    --------
-    >>> order_along(np.array([(0.0, 0.0), (2.0, 2.0), (1.0, 1.0)]), False).tolist() in ([0, 2, 1], [1, 2, 0])
-    True
-    """
-    offset = xy - xy.mean(axis=0)
-    if not is_arc:
-        return np.argsort(offset @ np.linalg.svd(offset, full_matrices=False)[2][0], kind="stable")
-    angle = np.arctan2(offset[:, 1], offset[:, 0])
-    order = np.argsort(angle, kind="stable")
-    gaps = np.diff(angle[order], append=angle[order[0]] + 2.0 * np.pi)
-    return np.roll(order, -int(np.argmax(gaps)) - 1)
+    def _paths(self, found: Localization) -> Pixels:
+        """The pixels of each segment, by its name, in their order along it: other tools draw lines between them."""
+        field = self.network_options.field
+        return {
+            self.names[label]: xy[order_along(xy, isinstance(field[label], Arc))] for label, xy in found.pixels.items()
+        }
 
 
 def _seen_from(folder: Path, image: Path) -> str:
-    """The path of an image from a folder, so that the image is found; its name if it lies in a zip."""
+    """The path of an image relative to a folder; its name if it lies in a zip."""
     if not image.exists():
         return image.name
     try:
@@ -218,5 +196,7 @@ def _seen_from(folder: Path, image: Path) -> str:
         return str(image.absolute())
 
 
-def _in_process(options: argparse.Namespace) -> FromImages:
-    return FromImages(options, network_in_process(options))
+def _in_process(
+    options: NetworkOptions, read: ReadImage, names: Mapping[str, str], format: str, out: Path
+) -> FromImages:
+    return FromImages(options, read, names, format, out, network_in_process(options))

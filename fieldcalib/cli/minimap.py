@@ -6,15 +6,15 @@ import argparse
 from collections.abc import Iterator
 from pathlib import Path
 
-from fieldcalib.cli.arguments import image_size, positive
 from fieldcalib.cli.frame_cameras import Cameras, field_of
-from fieldcalib.cli.frames import say_note
 from fieldcalib.cli.players import PlayersOnMaps, add_players
-from fieldcalib.cli.results import counted
+from fieldcalib.console.arguments import image_size, positive
 from fieldcalib.draw import draw_minimap
 from fieldcalib.io.image import Image
 from fieldcalib.io.images import write_image
 from fieldcalib.io.videos import USUAL, VideoWriter
+from fieldcalib.run_folder.images import say_note
+from fieldcalib.run_folder.results import counted
 
 PICTURE, VIDEO = ".png", ".mp4"
 SIZE = (672, 456)
@@ -53,8 +53,8 @@ def run(options: argparse.Namespace) -> int:
     if suffix not in (PICTURE, VIDEO, "") and not options.out.is_dir():
         raise ValueError(f"{options.out}: expected a name that ends with {VIDEO} or {PICTURE}, or a folder")
     cameras = Cameras(options.cameras)
-    field = field_of(cameras, options.cameras)
-    players = None if options.players is None else PlayersOnMaps(options.players, cameras, field, options)
+    field = field_of(cameras)
+    players = PlayersOnMaps.from_options(options, cameras, field)
     ids = cameras.ids if players is None else players.ids
     if suffix == PICTURE and len(ids) > 1:
         raise ValueError(f"{options.out} is one picture, and there are {len(ids)} frames: give a folder or {VIDEO}")

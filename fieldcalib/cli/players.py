@@ -1,4 +1,4 @@
-"""Players of `fieldcalib project` for pictures of the field: where they are in a frame, their colours and trails."""
+"""Players of `fieldcalib project` in pictures of the field: their positions, colours and trails."""
 
 from __future__ import annotations
 
@@ -11,8 +11,8 @@ from types import MappingProxyType
 import numpy as np
 
 from fieldcalib._types import Array
-from fieldcalib.cli.arguments import count
 from fieldcalib.cli.frame_cameras import Cameras
+from fieldcalib.console.arguments import count
 from fieldcalib.draw.ground import Colour
 from fieldcalib.fields.field import Field
 from fieldcalib.io.players import Player, read_players
@@ -32,11 +32,11 @@ COLOURS: Mapping[str, Colour] = MappingProxyType(
     }
 )
 SYNONYMS = {"purple": "violet"}
-ONE, NO_GROUP = "red", (150, 150, 150)  # where nothing tells players apart, and of those without a group
+ONE, NO_GROUP = "red", (150, 150, 150)  # colours where there are no groups, and of players without one
 
 
 def add_players(parser: argparse.ArgumentParser) -> None:
-    """--trails, --colour-by and --frame-offset of what draws players."""
+    """--trails, --colour-by and --frame-offset, for commands that draw players."""
     parser.add_argument(
         "--trails", type=count, default=0, metavar="N", help="draw where each player came from, over N frames (none)"
     )
@@ -63,8 +63,12 @@ class PlayersOnMaps:
         What `project` wrote.
     cameras : Cameras
     field : Field
-    options : argparse.Namespace
-        Those of `add_players`.
+    colour_by : str or None
+        Column whose values get colours, None to choose one.
+    trails : int
+        Number of frames that trails go back.
+    frame_offset : int
+        Added to the numbers of frames.
 
     Raises
     ------
@@ -72,22 +76,31 @@ class PlayersOnMaps:
         If no frame is among the results, there are no tracks for trails, or most players are off the field.
     """
 
-    def __init__(self, path: Path, cameras: Cameras, field: Field, options: argparse.Namespace) -> None:
-        self._table = read_players(path, options.colour_by)
-        self._count = options.trails
+    def __init__(
+        self, path: Path, cameras: Cameras, field: Field, colour_by: str | None, trails: int, frame_offset: int
+    ) -> None:
+        self._table = read_players(path, colour_by)
+        self._count = trails
         if self._count and self._table.track_column is None:
             raise ValueError(f"{path} has no column track_id, tracker_id or id: --trails needs one")
         self._order = {id: index for index, id in enumerate(cameras.ids)}
         self._at: dict[int, list[Player]] = {}
         for frame, players in self._table.frames.items():
-            id = cameras.id_of(frame, options.frame_offset)
+            id = cameras.id_of(frame, frame_offset)
             if id is not None:
                 self._at.setdefault(self._order[id], []).extend(players)
         if not self._at:
             frame = next(iter(self._table.frames), "none")
-            raise ValueError(f"no frame of {path} is among those of {options.cameras}: {cameras.said(frame)}")
+            raise ValueError(f"no frame of {path} is among those of {cameras.path}: {cameras.said(frame)}")
         _check_on_field(self._table.X, field, path)
         self._colours = colours_of(self._table.groups)
+
+    @classmethod
+    def from_options(cls, options: argparse.Namespace, cameras: Cameras, field: Field) -> PlayersOnMaps | None:
+        """Take the options of `add_players`; None if no table of players is given."""
+        if options.players is None:
+            return None
+        return cls(options.players, cameras, field, options.colour_by, options.trails, options.frame_offset)
 
     @property
     def ids(self) -> list[str]:
@@ -116,14 +129,14 @@ class PlayersOnMaps:
         return COLOURS[self._colours[player.group]] if player.group else NO_GROUP
 
     def said(self) -> str:
-        """Which colours are of what, for a line of output; empty if there is one."""
+        """A line of output that explains the colours; empty if there is only one."""
         groups = [f"{group} is {colour}" for group, colour in list(self._colours.items())[: len(COLOURS)]]
         more = ", ..." if len(self._colours) > len(COLOURS) else ""
         return f"{self._table.group_column}: {', '.join(groups)}{more}" if groups else ""
 
 
 def colours_of(groups: Sequence[str]) -> dict[str, str]:
-    """Names of colours for groups: what a group is called itself, if that is a colour, or else one that none is called.
+    """Choose a colour for each group: its own name if that is a colour, or else one that no group is named after.
 
     Examples
     --------

@@ -5,7 +5,6 @@ from __future__ import annotations
 import argparse
 import csv
 import io
-import sys
 from collections import Counter
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
@@ -19,12 +18,13 @@ from fieldcalib._types import Array
 from fieldcalib.assess.datum import CENTRE_MARK
 from fieldcalib.assess.ground_points import locate_on_ground
 from fieldcalib.assess.result import Calibration
-from fieldcalib.cli.arguments import add_most_bytes, image_size
 from fieldcalib.cli.frame_cameras import Cameras
-from fieldcalib.cli.game_state import write_game_state
+from fieldcalib.cli.game_state import Projection, write_game_state
+from fieldcalib.console.arguments import add_most_bytes, image_size
+from fieldcalib.console.program import say
 from fieldcalib.fields.soccer import soccer
 from fieldcalib.geometry.image_extent import hint_of_another_size
-from fieldcalib.io.boxes import Box, BoxRow, BoxTable, foot_points, open_boxes
+from fieldcalib.io.boxes import Box, BoxRow, foot_points, open_boxes
 from fieldcalib.io.coordinates import OWN, check_system, scale_of_system, to_system
 from fieldcalib.io.files import whole_file
 from fieldcalib.io.players import POINT, SYSTEM
@@ -36,7 +36,7 @@ NO_CAMERA, REJECTED, NO_BOX = "no camera", "camera rejected", "no box"
 HORIZON, NO_RAY = "above the horizon", "outside the lens"
 OFF_PITCH, CUT = "off the pitch", "cut by the image"
 EDGE = 1.0  # px: a box that ends nearer to the lower edge of the image ends there because the image does
-LEAST_BOXES = 100  # of which it is said if they seem to be of images of another size
+LEAST_BOXES = 100  # fewer do not show that they are of images of another size
 AT_ONCE = 10_000  # rows of a frame
 
 
@@ -97,36 +97,22 @@ def run(options: argparse.Namespace) -> int:
     check_system(options.to, soccer())
     if options.out.exists() and options.out.samefile(options.boxes):
         raise ValueError(f"{options.out} is the file of the boxes: give the table another name")
-    cameras = Cameras(options.cameras)
+    projection = Projection(
+        options.boxes,
+        Cameras(options.cameras),
+        options.to,
+        options.size,
+        options.frame_offset,
+        options.box_noise,
+        options.keep_rejected,
+        options.most_bytes,
+    )
     if options.out.suffix.lower() == ".json":
-        count, placed = write_game_state(options, cameras, options.frame_offset or 0)
+        count, placed = write_game_state(projection, options.out)
         print(f"{count} boxes in {options.out}, {placed} on the pitch")
         return 0
-    problems: Counter[str] = Counter()
     extents: dict[tuple[int, int], Extent] = {}
-    with open_boxes(options.boxes, options.most_bytes) as table:
-        offset = _offset(options, table, cameras)
-        taken = [name for name in COLUMNS if name in table.columns]
-        if taken:
-            raise ValueError(
-                f"{options.boxes} has the column {taken[0]!r} already: is it a table that this command wrote?"
-            )
-        with whole_file(options.out) as file, io.TextIOWrapper(file, "utf-8", newline="") as text:
-            writer = csv.writer(text, lineterminator="\n")
-            writer.writerow([*table.columns, *COLUMNS])
-            for frame, rows in groupby(table.rows, key=lambda row: row.frame):
-                found = cameras.of(frame, offset)
-                size = options.size or (found and found.camera and found.camera.image_size)
-                for part in _parts(rows):
-                    if size:
-                        extents.setdefault(size, Extent()).add([row.box for row in part if row.box is not None])
-                    for row, cells in zip(part, _projected(part, found, options), strict=True):
-                        problems.update([cells[-1]])
-                        writer.writerow([*row.values, *cells])
-            if problems and set(problems) == {NO_CAMERA}:
-                raise ValueError(
-                    f"no frame of {options.boxes} has a camera in {options.cameras}: {cameras.said(frame)}"
-                )
+    problems = _write_table(projection, options.out, extents)
     total = problems.total()
     said = ", ".join(f"{count} {problem}" for problem, count in problems.most_common() if problem)
     boxes = "1 box" if total == 1 else f"{total} boxes"
@@ -134,19 +120,49 @@ def run(options: argparse.Namespace) -> int:
     for size, extent in extents.items():
         hint = hint_of_another_size(extent.farthest, extent.count, size)
         if hint and extent.count >= LEAST_BOXES:
-            print(f"fieldcalib: of the boxes, {hint} --size says which", file=sys.stderr)
+            say(f"of the boxes, {hint} --size says which")
     return 0
+
+
+def _write_table(projection: Projection, out: Path, extents: dict[tuple[int, int], Extent]) -> Counter[str]:
+    """Write the table with the points; counts the problems, and adds how far boxes of images of a size reach."""
+    boxes, cameras = projection.boxes, projection.cameras
+    problems: Counter[str] = Counter()
+    with open_boxes(boxes, projection.most_bytes) as table:
+        if projection.frame_offset is None and table.is_mot and cameras.first == 0:
+            raise ValueError(
+                f"frames of MOTChallenge count from 1, those in {cameras.path} from 0: --frame-offset -1 makes frame 1 "
+                f"the first one, --frame-offset 0 takes the numbers as they are"
+            )
+        taken = [name for name in COLUMNS if name in table.columns]
+        if taken:
+            raise ValueError(f"{boxes} has the column {taken[0]!r} already: is it a table that this command wrote?")
+        with whole_file(out) as file, io.TextIOWrapper(file, "utf-8", newline="") as text:
+            writer = csv.writer(text, lineterminator="\n")
+            writer.writerow([*table.columns, *COLUMNS])
+            for frame, rows in groupby(table.rows, key=lambda row: row.frame):
+                found = projection.calibration(frame)
+                size = projection.size or (found and found.camera and found.camera.image_size)
+                for part in _parts(rows):
+                    if size:
+                        extents.setdefault(size, Extent()).add([row.box for row in part if row.box is not None])
+                    for row, cells in zip(part, _projected(part, found, projection), strict=True):
+                        problems.update([cells[-1]])
+                        writer.writerow([*row.values, *cells])
+            if problems and set(problems) == {NO_CAMERA}:
+                raise ValueError(f"no frame of {boxes} has a camera in {cameras.path}: {cameras.said(frame)}")
+    return problems
 
 
 @dataclass
 class Extent:
-    """How far boxes reach to the right and down."""
+    """Largest right and lower edges of boxes."""
 
     farthest: Array = attribute(default_factory=lambda: np.zeros(2))
     count: int = 0
 
     def add(self, boxes: Sequence[Box]) -> None:
-        """Take in some."""
+        """Include more boxes."""
         self.count += len(boxes)
         self.farthest = np.array([self.farthest, *(box[2:] for box in boxes)]).max(axis=0)
 
@@ -162,32 +178,21 @@ def _parts(rows: Iterator[BoxRow]) -> Iterator[list[BoxRow]]:
         yield part
 
 
-def _offset(options: argparse.Namespace, table: BoxTable, cameras: Cameras) -> int:
-    if options.frame_offset is None and table.is_mot and cameras.first == 0:
-        raise ValueError(
-            f"frames of MOTChallenge count from 1, those in {options.cameras} from 0: --frame-offset -1 makes frame 1 "
-            f"the first one, --frame-offset 0 takes the numbers as they are"
-        )
-    return options.frame_offset or 0
-
-
-def _projected(
-    rows: Sequence[BoxRow], calibration: Calibration | None, options: argparse.Namespace
-) -> Iterator[list[str]]:
+def _projected(rows: Sequence[BoxRow], calibration: Calibration | None, projection: Projection) -> Iterator[list[str]]:
     """The cells of `COLUMNS` for the boxes of a frame."""
-    rejected = calibration is not None and not calibration.accepted and not options.keep_rejected
+    rejected = calibration is not None and not projection.uses(calibration)
     if calibration is None or calibration.camera is None or rejected:
         for row in rows:
-            yield _cells(options.to, NO_BOX if row.box is None else REJECTED if rejected else NO_CAMERA)
+            yield _cells(projection.system, NO_BOX if row.box is None else REJECTED if rejected else NO_CAMERA)
         return
     camera, field = calibration.camera, calibration.field or soccer()
-    scale = np.ones(2) if options.size is None else np.divide(camera.image_size, options.size)
+    scale = projection.scale(camera.image_size)
     boxes = np.array([row.box or (np.nan,) * 4 for row in rows]) * np.tile(scale, 2)
     xy = foot_points(boxes)
-    noise = options.box_noise * float(scale.mean())
+    noise = projection.box_noise * float(scale.mean())
     found = locate_on_ground(calibration, xy, pixel_sd=noise)
-    points = to_system(found.X, options.to, field)
-    stretch = scale_of_system(found.X, options.to, field)
+    points = to_system(found.X, projection.system, field)
+    stretch = scale_of_system(found.X, projection.system, field)
     from_centre = locate_on_ground(calibration, xy, pixel_sd=noise, relative_to=CENTRE_MARK)
     deviations, others = (np.abs(stretch) * of.standard_deviations for of in (found, from_centre))
     correlations = np.prod(np.sign(stretch), axis=-1) * found.correlation
@@ -197,15 +202,15 @@ def _projected(
     numbers = np.column_stack([points, deviations, correlations, others])
     for row, cells, ray, off, cut in zip(rows, numbers, has_ray, is_off, is_cut, strict=True):
         if row.box is None:
-            yield _cells(options.to, NO_BOX)
+            yield _cells(projection.system, NO_BOX)
         elif np.isnan(cells[0]):
-            yield _cells(options.to, HORIZON if ray else NO_RAY)
+            yield _cells(projection.system, HORIZON if ray else NO_RAY)
         else:
             problem = "; ".join(text for text, has in ((OFF_PITCH, off), (CUT, cut)) if has)
-            yield _cells(options.to, problem, *cells)
+            yield _cells(projection.system, problem, *cells)
 
 
 def _cells(system: str, problem: str, *numbers: float) -> list[str]:
-    """Cells of a row; those of numbers that are not known are empty."""
+    """Cells of a row; unknown numbers are empty."""
     texts = ["" if np.isnan(number) else f"{number:.6f}" for number in numbers]
     return [*texts, *[""] * (len(NUMBERS) - len(texts)), system, problem]

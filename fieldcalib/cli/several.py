@@ -5,7 +5,6 @@ Clips are worked on by one process each, with `--jobs` several of them side by s
 
 from __future__ import annotations
 
-import argparse
 import sys
 from collections.abc import Callable, Sequence
 from contextlib import redirect_stderr, redirect_stdout
@@ -14,46 +13,46 @@ from functools import partial
 from io import StringIO
 from typing import TypeAlias
 
-from fieldcalib.cli.progress import progress_bar
+from fieldcalib.cli.run_request import RunRequest
+from fieldcalib.console.program import say
+from fieldcalib.console.progress import progress_bar
 from fieldcalib.io.files import BrokenFileError
 from fieldcalib.processes.jobs import Processes, in_order
 from fieldcalib.processes.other_process import ProcessEndedError
 
-Run: TypeAlias = Callable[[argparse.Namespace], int]
+Run: TypeAlias = Callable[[RunRequest], int]
 
 
 @dataclass(frozen=True)
 class Ended:
-    """A run that came to its end in another process."""
+    """The end of a run in another process."""
 
     code: int
     out: str
-    """What it has said."""
+    """Its output."""
     err: str
 
 
-def run_several(
-    runs: Sequence[argparse.Namespace], run: Run, side_by_side: Callable[[argparse.Namespace], bool]
-) -> int:
-    """Run all, those that can be `side_by_side` by ``--jobs`` processes; returns the largest exit code."""
-    jobs = runs[0].jobs
-    alone: list[argparse.Namespace] = []
-    together: list[argparse.Namespace] = []
-    for one in runs:
-        (together if jobs > 1 and side_by_side(one) else alone).append(one)
+def run_several(requests: Sequence[RunRequest], run: Run) -> int:
+    """Run all, clips by ``--jobs`` processes side by side; returns the largest exit code."""
+    jobs = requests[0].run.jobs
+    alone: list[RunRequest] = []
+    side_by_side: list[RunRequest] = []
+    for one in requests:
+        (side_by_side if jobs > 1 and one.is_clip and not one.is_stream else alone).append(one)
     codes = [_code(run, one) for one in alone]
-    if together:
-        codes += _by_processes(together, run, jobs)
+    if side_by_side:
+        codes += _by_processes(side_by_side, run, jobs)
     return max(codes)
 
 
-def _by_processes(runs: Sequence[argparse.Namespace], run: Run, jobs: int) -> list[int]:
+def _by_processes(requests: Sequence[RunRequest], run: Run, jobs: int) -> list[int]:
     codes = []
     with (
-        Processes(min(jobs, len(runs))) as executor,
-        progress_bar(total=len(runs), unit="video") as progress,
+        Processes(min(jobs, len(requests))) as executor,
+        progress_bar(total=len(requests), unit="video") as progress,
     ):
-        own = [argparse.Namespace(**{**vars(one), "jobs": 1, "threads": 1}) for one in runs]
+        own = [one.in_one_thread() for one in requests]
         for ended in in_order(executor, partial(_ended, run), own, ahead=jobs, rescue=_lost):
             sys.stdout.write(ended.out)
             sys.stderr.write(ended.err)
@@ -62,24 +61,24 @@ def _by_processes(runs: Sequence[argparse.Namespace], run: Run, jobs: int) -> li
     return codes
 
 
-def _ended(run: Run, options: argparse.Namespace) -> Ended:
+def _ended(run: Run, request: RunRequest) -> Ended:
     out, err = StringIO(), StringIO()
     with redirect_stdout(out), redirect_stderr(err):
-        code = _code(run, options)
+        code = _code(run, request)
     return Ended(code, out.getvalue(), err.getvalue())
 
 
-def _code(run: Run, options: argparse.Namespace) -> int:
+def _code(run: Run, request: RunRequest) -> int:
     """The exit code of a run; an error that ends it is said on stderr."""
     try:
-        return run(options)
+        return run(request)
     except BrokenPipeError:
         raise
     except (OSError, ValueError) as error:
-        print(f"fieldcalib: {error}", file=sys.stderr)
+        say(str(error))
         return 1 if isinstance(error, BrokenFileError) else 2
 
 
-def _lost(options: argparse.Namespace, error: ProcessEndedError) -> Ended:
+def _lost(request: RunRequest, error: ProcessEndedError) -> Ended:
     problem = f"the process that worked on it ended with exit code {error.exit_code}"
-    return Ended(1, "", f"fieldcalib: {options.input[0]}: {problem}: --resume goes on with it\n")
+    return Ended(1, "", f"fieldcalib: {request.input[0]}: {problem}: --resume goes on with it\n")

@@ -4,16 +4,16 @@ from __future__ import annotations
 
 import argparse
 from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TypeVar
 
 import numpy as np
 
-from fieldcalib.cli.arguments import add_most_bytes, positive
 from fieldcalib.cli.frame_cameras import Cameras, field_of
-from fieldcalib.cli.inputs import add_inputs
 from fieldcalib.cli.players import PlayersOnMaps, add_players
-from fieldcalib.cli.results import counted
+from fieldcalib.console.arguments import add_most_bytes, positive
+from fieldcalib.console.inputs import add_inputs
 from fieldcalib.draw import draw_field, draw_players, mosaic, overhead_camera
 from fieldcalib.geometry.camera import Camera
 from fieldcalib.io.cuts import Cut, Position
@@ -22,9 +22,10 @@ from fieldcalib.io.formats import IMAGES, VIDEOS
 from fieldcalib.io.image import Image
 from fieldcalib.io.images import write_image
 from fieldcalib.io.videos import VideoReader
+from fieldcalib.run_folder.results import counted
 
 MOST_VIEWS = 31  # of a clip: players hide a place in some of them only
-MOST_BYTES = 400e6  # of all views together, four bytes a pixel
+MOST_BYTES = 400e6  # of all views together, with four bytes per pixel
 LINES = (96, 92, 90)  # colour of the markings where nothing is seen
 PICTURES = (".png", ".jpg", ".jpeg", ".tif", ".tiff", ".webp")
 
@@ -65,14 +66,13 @@ def run(options: argparse.Namespace) -> int:
     if options.out.suffix.lower() not in PICTURES:
         raise ValueError(f"{options.out} is no picture: expected a name that ends with {', '.join(PICTURES)}")
     cameras = Cameras(options.cameras)
-    views = _of_video if VIDEOS.recognises(options.input[0]) else _of_images
-    field = field_of(cameras, options.cameras)
-    players = None if options.players is None else PlayersOnMaps(options.players, cameras, field, options)
+    field = field_of(cameras)
+    players = PlayersOnMaps.from_options(options, cameras, field)
     overhead = overhead_camera(field, options.metres_per_pixel, options.margin)
     width, height = overhead.image_size
     most = int(min(MOST_VIEWS, max(1.0, MOST_BYTES / (4 * width * height))))
     shown: list[str] = []
-    picture, seen = mosaic(views(options, cameras, most, shown), overhead)
+    picture, seen = mosaic(Views(options.input, cameras, most, options.most_bytes, shown), overhead)
     lines = draw_field(picture, overhead, field, colour=LINES, thickness=1)
     picture = np.where(seen[..., None], picture, lines)
     if players is not None:
@@ -86,37 +86,45 @@ def run(options: argparse.Namespace) -> int:
     return 0
 
 
-def _of_images(
-    options: argparse.Namespace, cameras: Cameras, most: int, shown: list[str]
-) -> Iterator[tuple[Image, Camera]]:
-    """Images and their cameras; the ids of the frames are added to `shown`."""
-    accepted = set(cameras.accepted)
-    files = [file for file in IMAGES.find(options.input) if file.id in accepted]
-    if not files:
-        raise ValueError(f"no image that is given has an accepted camera in {options.cameras}")
-    for file in _spread(files, most):
-        try:
-            yield IMAGES.read(file.read(options.most_bytes)), _camera(cameras, file.id)
-        except BrokenFileError as error:
-            raise BrokenFileError(f"{file.path}: {error}") from None
-        shown.append(file.id)
+@dataclass(frozen=True)
+class Views:
+    """At most so many images with accepted cameras, evenly spread over the frames."""
 
+    input: Sequence[Path]
+    cameras: Cameras
+    most: int
+    most_bytes: float
+    shown: list[str]
+    """Gets the ids of the frames that are read."""
 
-def _of_video(
-    options: argparse.Namespace, cameras: Cameras, most: int, shown: list[str]
-) -> Iterator[tuple[Image, Camera]]:
-    """Frames of a video, evenly spread over those with accepted cameras; as `_of_images`."""
-    if len(options.input) > 1:
-        raise ValueError(f"expected one video, got {len(options.input)} inputs")
-    numbers = {int(id): id for id in cameras.accepted if id.isdecimal()}
-    if not numbers:
-        raise ValueError(f"expected numbers as the ids of frames in {options.cameras}: are they of this video?")
-    chosen = _spread(sorted(numbers), most)
-    with VideoReader(options.input[0], cut=Cut(Position(frame=chosen[0]), Position(frame=chosen[-1] + 1))) as reader:
-        for number, image in zip(reader.numbers, reader, strict=False):
-            if number in chosen:
-                yield image, _camera(cameras, numbers[number])
-                shown.append(numbers[number])
+    def __iter__(self) -> Iterator[tuple[Image, Camera]]:
+        """Images and their cameras."""
+        return self._of_video() if VIDEOS.recognises(self.input[0]) else self._of_images()
+
+    def _of_images(self) -> Iterator[tuple[Image, Camera]]:
+        accepted = set(self.cameras.accepted)
+        files = [file for file in IMAGES.find(self.input) if file.id in accepted]
+        if not files:
+            raise ValueError(f"no image that is given has an accepted camera in {self.cameras.path}")
+        for file in _spread(files, self.most):
+            try:
+                yield IMAGES.read(file.read(self.most_bytes)), _camera(self.cameras, file.id)
+            except BrokenFileError as error:
+                raise BrokenFileError(f"{file.path}: {error}") from None
+            self.shown.append(file.id)
+
+    def _of_video(self) -> Iterator[tuple[Image, Camera]]:
+        if len(self.input) > 1:
+            raise ValueError(f"expected one video, got {len(self.input)} inputs")
+        numbers = {int(id): id for id in self.cameras.accepted if id.isdecimal()}
+        if not numbers:
+            raise ValueError(f"expected numbers as the ids of frames in {self.cameras.path}: are they of this video?")
+        chosen = _spread(sorted(numbers), self.most)
+        with VideoReader(self.input[0], cut=Cut(Position(frame=chosen[0]), Position(frame=chosen[-1] + 1))) as reader:
+            for number, image in zip(reader.numbers, reader, strict=False):
+                if number in chosen:
+                    yield image, _camera(self.cameras, numbers[number])
+                    self.shown.append(numbers[number])
 
 
 def _camera(cameras: Cameras, id: str) -> Camera:

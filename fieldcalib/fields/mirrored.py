@@ -3,12 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import replace
 from itertools import groupby
 from types import MappingProxyType
 from typing import TypeAlias
 
-from fieldcalib.fields.segments import Arc, Line, Point, PointCloud, Segment
+from fieldcalib.fields.segments import Segment
 
 Vector: TypeAlias = tuple[float, float, float]
 NONE: Mapping[str, Segment] = MappingProxyType({})
@@ -21,6 +20,7 @@ def mirrored(segments: Mapping[str, Segment]) -> dict[str, Segment]:
 
     Examples
     --------
+    >>> from fieldcalib import Point
     >>> list(mirrored({"Centre mark": Point((0.0, 0.0, 0.0)), "Corner right bottom": Point((9.0, 9.0, 0.0))}))
     ['Centre mark', 'Corner right bottom', 'Corner right top', 'Corner left bottom', 'Corner left top']
     """
@@ -42,23 +42,7 @@ def _images(
     words = {label: label.split(" ") for label in segments}
     images = {label: " ".join(other if one == word else one for one in words[label]) for label in segments}
     return {
-        images[label]: _mirror(segment, signs)
+        images[label]: segment.mirrored(signs)
         for label, segment in segments.items()
         if word in words[label] and images[label] not in given
     }
-
-
-def _mirror(segment: Segment, signs: Vector) -> Segment:
-    def mirror(X: Vector) -> Vector:
-        x, y, z = (sign * one + 0.0 for sign, one in zip(signs, X, strict=True))  # + 0.0: no negative zeros
-        return x, y, z
-
-    match segment:
-        case Point(X):
-            return Point(mirror(X))
-        case Line(start, end):
-            return Line(mirror(start), mirror(end))
-        case Arc(center, u=u, v=v):
-            return replace(segment, center=mirror(center), u=mirror(u), v=mirror(v))
-        case PointCloud(points, ordered):
-            return PointCloud(tuple(map(mirror, points)), ordered)

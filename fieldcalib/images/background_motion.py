@@ -1,7 +1,7 @@
 """The motion of the background between two frames of a camera on a tripod: a turn and a zoom, with a lens.
 
-Whatever the depth of the scene, its static points move by ``K2 R2 R1^T K1^-1``, but for the lens. RANSAC finds what
-most points follow, and Gauss-Newton refines it (`fieldcalib.images.matches` finds the points).
+Whatever the depth of the scene, its static points move by ``K2 R2 R1^T K1^-1``, but for the lens. RANSAC finds the
+motion that most points follow, and Gauss-Newton refines it (`fieldcalib.images.matches` finds the points).
 """
 
 from __future__ import annotations
@@ -39,7 +39,7 @@ LEAST_POINTS = 12  # that agree on a homography
 def background_motion(
     x: Array, y: Array, candidates: BoolArray, size: tuple[int, int]
 ) -> tuple[Array, BoolArray, BoolArray, float] | None:
-    """The homography that most candidates follow, who follows it, who is a graphic, and the scale of the residuals."""
+    """The homography that most candidates follow, which points do, which are on graphics, and the residuals' scale."""
     N = _normalisation(size)
     p, q = mapped(N, x), mapped(N, y)
     found = _consensus(p[candidates], q[candidates], RANSAC_TOLERANCE * N[0, 0])
@@ -72,7 +72,7 @@ def mapped(H: Array, xy: Array | Float32) -> Array:
 
 
 def _consensus(p: Array, q: Array, tolerance: float) -> tuple[Motion, BoolArray] | None:
-    """A turn and a zoom by RANSAC, and which points follow it; the same for the same points.
+    """A turn and a zoom by RANSAC, and which points follow it; deterministic.
 
     Lines of sight are projected stereographically, for a few focal lengths in turn. That is conformal, and small
     turns and zooms are similarities but for terms of second order, a quarter of those of the picture itself. Four
@@ -123,7 +123,7 @@ class Motion:
 
     @classmethod
     def of(cls, middle: Array, zoom: float, roll: float, log_f: float) -> Motion:
-        """By where the middle of the first picture goes, zoom, roll and focal length; the lens is that of the prior."""
+        """A motion by where the middle of the first picture goes, zoom, roll and focal length; the prior's lens."""
         f2 = zoom * np.exp(log_f)
         tilt_pan = np.array([-middle[1], middle[0], 0.0])  # the axis about which (0, 0, 1) turns to (middle, f2)
         sine = float(np.linalg.norm(tilt_pan))
@@ -161,7 +161,7 @@ class Motion:
         return v - m, J
 
     def fitted(self, r: Array, J: Array, noise: float, free_lens: bool) -> Motion:
-        """The motion after a Gauss-Newton step under the priors, for that noise of a coordinate."""
+        """The motion after a Gauss-Newton step under the priors, with the standard deviation of a coordinate."""
         J = J.reshape(-1, 6)[:, : 6 if free_lens else 5]
         A, g = J.T @ J, J.T @ r.reshape(-1)
         for i, value, (mean, deviation) in ((3, self.log_f, FOCAL_PRIOR), (5, self.lens, LENS_PRIOR)):

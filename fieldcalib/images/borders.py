@@ -1,18 +1,15 @@
 """Black borders around the part of a picture that is shown: letterboxes and pillarboxes.
 
-Borders are the same on opposite sides, black, and even: night skies and dark stands are on one side, or have structure.
-They are compressed with the picture, so black is not quite zero, and a little of the picture is in their last rows.
+Borders are black, even, and equal on opposite sides: night skies and dark stands are on one side, or have structure.
+They are compressed with the picture, so black is not quite zero, and their last rows show a little of the picture.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
-
 import numpy as np
 from numpy.typing import NDArray
 
-from fieldcalib.assess.result import Calibration
-from fieldcalib.geometry.camera import Camera
+from fieldcalib.assess.placement import Crop, Placement, Shape
 from fieldcalib.io.image import Image
 
 BLACK = 30  # brightest channel; black of video is 16
@@ -22,64 +19,47 @@ LEAST, LARGEST = 0.01, 0.35  # share of the picture's height or width, of each o
 STEP = 3  # pixels along a row, of which one is looked at
 
 
-@dataclass(frozen=True)
-class Shown:
-    """The part of a picture that is shown."""
-
-    image_size: tuple[int, int]
-    """Size of the whole picture."""
-    corner: tuple[int, int] = (0, 0)
-    """Pixel of the picture that is the part's first one."""
-    size: tuple[int, int] | None = None
-    """Size of the part; None if it is the whole picture."""
-
-    @property
-    def is_whole(self) -> bool:
-        """Whether there are no borders."""
-        return self.size is None
-
-    def part(self, image: Image) -> Image:
-        """The part of the picture."""
-        if self.size is None:
-            return image
-        (x, y), (width, height) = self.corner, self.size
-        return np.ascontiguousarray(image[y : y + height, x : x + width])
-
-    def in_picture(self, calibration: Calibration) -> Calibration:
-        """A calibration of the part with its cameras in the picture's pixels, and its errors in the part's."""
-        if self.size is None or calibration.camera is None:
-            return calibration
-        (x, y), (width, height) = self.corner, self.size
-        said = f"{calibration.message}; without black borders: {width} x {height} at {x}, {y}"
-        others = tuple(map(self._camera, calibration.alternatives))
-        return replace(calibration, camera=self._camera(calibration.camera), alternatives=others, message=said)
-
-    def _camera(self, camera: Camera) -> Camera:
-        return camera.cropped((-self.corner[0], -self.corner[1]), self.image_size)
-
-
-def shown_part(image: Image) -> Shown:
-    """The part of a picture between black borders above and below it, or left and right of it, or both.
+def shown_part(image: Image) -> Placement:
+    """Where a picture between black borders, above and below it, or left and right of it, or both, lies in the image.
 
     Examples
     --------
     >>> picture = np.zeros((720, 960, 3), np.uint8)
     >>> picture[90:630] = 100
-    >>> shown_part(picture)
-    Shown(image_size=(960, 720), corner=(0, 90), size=(960, 540))
+    >>> shown_part(picture).crop
+    Crop(frame_size=(960, 540), corner=(0, -90))
     >>> shown_part(picture[:400]).is_whole
     True
     """
     height, width = image.shape[:2]
     rows = _border(image[:, ::STEP])
     columns = _border(np.swapaxes(image[rows : height - rows : STEP], 0, 1))
-    if not (rows or columns):
-        return Shown((width, height))
-    return Shown((width, height), (columns, rows), (width - 2 * columns, height - 2 * rows))
+    return within_borders((width, height), (columns, rows))
+
+
+def within_borders(image_size: tuple[int, int], border: tuple[int, int]) -> Placement:
+    """Where frames lie within borders of so many columns on the left and right, and rows above and below.
+
+    Examples
+    --------
+    >>> within_borders((960, 720), (0, 90)).frame_size
+    (960, 540)
+    """
+    (width, height), (x, y) = image_size, border
+    crop = Crop((width - 2 * x, height - 2 * y), (-x, -y)) if x or y else None
+    return Placement(image_size, image_size, crop)
+
+
+def shape_within(placement: Placement) -> Shape:
+    """The shape of frames between borders, in words; without borders it has none."""
+    if placement.is_whole:
+        return Shape(placement)
+    (width, height), (x, y) = placement.frame_size, placement.corner
+    return Shape(placement, f"without black borders: {width} x {height} at {-x}, {-y}")
 
 
 def _border(pixels: Image) -> int:
-    """Rows (N, M, 3) of the smaller one of two opposite borders, 0 if there are none."""
+    """Number of rows, of pixels (N, M, 3), of the smaller one of two opposite borders; 0 if there are none."""
     count = len(pixels)
     most = int(LARGEST * count)
     least = max(round(LEAST * count), 2)

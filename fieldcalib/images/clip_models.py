@@ -1,17 +1,17 @@
-"""What a run of frames of a clip shares, where one place of a tripod does not explain what is seen in its keyframes.
+"""Choice of a camera model for a run of frames, where one tripod does not explain the labels of its keyframes.
 
-    one place -> does it bring the lines of many keyframes off? -> a window that moves over the picture of one place,
-                                                                   parts with a place of their own, a camera that moves,
-                                                                   frames one by one
+    a tripod -> does it bring the lines of many keyframes off? -> a window that moves over the picture of a tripod,
+                                                                  parts with a place of their own, a camera that moves,
+                                                                  frames one by one
 
-Each of them is solved without some of the labels and matches, and predicts these. The one that predicts best wins, the
-first one unless another is clearly better. A clip that is narrower than a broadcast was cut out of one, and windows
-that are cut out often follow the play: there the window is tried in any case.
+Each model (`fieldcalib.images.pieces.CameraModel`) is solved without some of the labels and matches, and predicts
+these. The one that predicts best wins, the first one unless another is clearly better. A clip that is narrower than a
+broadcast was cut out of one, and windows that are cut out often follow the play: there the window is tried in any case.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from itertools import groupby
 from typing import NamedTuple
@@ -23,7 +23,8 @@ from fieldcalib.assess.misfit import rms_by_label
 from fieldcalib.assess.sequence import SequenceCalibration
 from fieldcalib.fields.field import Field
 from fieldcalib.fields.segments import ObjectSegments
-from fieldcalib.images.frames_together import Cells
+from fieldcalib.images.clip_problem import Cells
+from fieldcalib.images.pieces import CameraModel
 from fieldcalib.problem.background import BackgroundEvaluation
 from fieldcalib.problem.evaluation import evaluate_camera
 from fieldcalib.problem.prior import is_whole_shape
@@ -33,35 +34,18 @@ from fieldcalib.solve.tripod import Labels
 
 LEAST_LABELS = 4  # in a keyframe of which one is left out
 LEAST_PIXELS = 3  # of a label that is left out
-NEAR = 2.0  # px of 960 x 540: labels that are predicted to that are predicted well
-LOST = 960.0  # px of these: as far off a frame without a camera has its labels
-CLEARLY = 0.8  # share of the mean logarithm of the misprediction, below which a model is better than another one,
-LEAST_GAIN = 0.02  # if that is also so much less: 0.3 px of 960 x 540 from none, as far as matches err anyway
-MOST_KEPT = 2  # matches of a keyframe with earlier ones, of which the farthest is left out
-WINDOW_SHARE = 0.15  # of the width: principal point in a window cut out of a broadcast and shown as large as that
+WELL_PREDICTED = 2.0  # px of 960 x 540: labels that are predicted to that are predicted well
+LOST = 960.0  # px of 960 x 540: distance of labels and matches of a frame without a camera
+CLEARLY = 0.8  # a model is better than another one if its score is less than that share of the other's,
+LEAST_GAIN = 0.02  # and less by so much: from no misprediction to 0.3 px of 960 x 540, as matches err anyway
+LEAST_TIES = 2  # matches of a keyframe with earlier ones, from which on the farthest is left out
+WINDOW_SHARE = 0.15  # of the width: standard deviation of the principal point in a window that was cut out and enlarged
 LEAST_RUN = 2  # keyframes in a row that make a part
-NOT_LEVEL = 0.15  # m: a crown that a user is told of; lines of level fields are off by a tenth of that
-
-
-class Model(NamedTuple):
-    """What the frames of a clip share."""
-
-    piece: list[int]
-    """Number of the piece of each frame."""
-    moving: frozenset[int] = frozenset()
-    """Pieces whose camera moves,"""
-    windows: frozenset[int] = frozenset()
-    """those that are a window which moves,"""
-    alone: frozenset[int] = frozenset()
-    """and those whose frames share nothing."""
-
-
-Said = Callable[[IntArray, "Misprediction", "Misprediction"], str]
-"""What a user is told of frames, from the mispredictions at one place of the camera and by another model."""
+NOT_LEVEL = 0.15  # m: height of a crown that a user is told of; lines of level fields are off by a tenth of that
 
 
 class Misprediction(NamedTuple):
-    """How far what was left out lies from where it is predicted, pixels of 960 x 540.
+    """Distances of labels and matches that were left out from where they are predicted, pixels of 960 x 540.
 
     Examples
     --------
@@ -71,42 +55,44 @@ class Misprediction(NamedTuple):
     """
 
     labels: Array
-    """Of each label."""
+    """Root mean square distance of each label."""
     matches: Array
-    """Of each pair of frames, the median."""
+    """Median distance of the matches of each pair of frames."""
 
     @property
     def score(self) -> float:
-        """Mean ``log(1 + (d / NEAR)^2)`` of distances d; infinite without any."""
+        """Mean ``log(1 + (d / WELL_PREDICTED)^2)`` of distances d; infinite without any."""
         distances = np.concatenate(self)
-        return float(np.mean(np.log1p(np.square(distances / NEAR)))) if len(distances) else np.inf
+        return float(np.mean(np.log1p(np.square(distances / WELL_PREDICTED)))) if len(distances) else np.inf
 
     @property
     def typical(self) -> float:
         """The distance that has this score."""
-        return NEAR * float(np.sqrt(np.expm1(self.score)))
+        return WELL_PREDICTED * float(np.sqrt(np.expm1(self.score)))
 
     @property
     def of_labels(self) -> Misprediction:
-        """That of the labels alone."""
+        """The misprediction of labels alone."""
         return self._replace(matches=self.matches[:0])
 
     @property
     def of_matches(self) -> Misprediction:
-        """That of the matches alone."""
+        """The misprediction of matches alone."""
         return self._replace(labels=self.labels[:0])
 
     def is_better(self, than: Misprediction) -> bool:
-        """Whether it is clearly less than another one."""
+        """Whether it is clearly better than another one."""
         return self.score < min(CLEARLY * than.score, than.score - LEAST_GAIN)
 
 
 @dataclass(frozen=True)
 class LeftOut:
-    """Labels and matches of keyframes without one of each, and those."""
+    """Labels and matches of keyframes that are left out, to see how well a camera model predicts them."""
 
     kept: Mapping[int, Labels]
+    """The other labels, by frame."""
     left: Mapping[int, tuple[str, Array]]
+    """One label of each frame, and its pixels."""
     pairs: Mapping[tuple[int, int], Cells] = field(default_factory=dict)
     """Matches that are left out."""
 
@@ -114,7 +100,7 @@ class LeftOut:
     def of(cls, labels: Mapping[int, Labels], matches: Mapping[tuple[int, int], Cells] | None = None) -> LeftOut:
         """Leave one label out of each frame; which one changes from frame to frame.
 
-        Of frames that are matched with several others, the match with the farthest one is left out too.
+        If a frame is matched with several others, the match with the farthest one is left out too.
 
         Examples
         --------
@@ -136,7 +122,7 @@ class LeftOut:
             kept[t] = some, of_these
         by_frame = groupby(sorted(matches or {}, key=lambda pair: pair[::-1]), key=lambda pair: pair[1])
         ties = [list(pairs) for _, pairs in by_frame]
-        return cls(kept, left, {pairs[0]: matches[pairs[0]] for pairs in ties if matches and len(pairs) >= MOST_KEPT})
+        return cls(kept, left, {pairs[0]: matches[pairs[0]] for pairs in ties if matches and len(pairs) >= LEAST_TIES})
 
     def misprediction(
         self, object_segments: ObjectSegments, found: Sequence[tuple[IntArray, SequenceCalibration]]
@@ -187,15 +173,16 @@ class LeftOut:
         return [*lost, *np.minimum(np.nanmedian(off, axis=1), LOST).tolist()]
 
 
-def of_window(prior: Prior, object_segments: ObjectSegments, image_size: tuple[int, int]) -> Prior:
-    """The prior of cameras that are seen through a window which moves: of a whole shape, it was cut out and enlarged.
+def window_prior(prior: Prior, object_segments: ObjectSegments, image_size: tuple[int, int]) -> Prior:
+    """The prior of cameras that are seen through a window which moves.
 
-    That of narrower pictures allows for what is cut off already (`fieldcalib.problem.prior`).
+    A window with the shape of a whole frame was cut out and enlarged, so its principal point may lie far off. For
+    narrower pictures the prior allows for that already (`fieldcalib.problem.prior`).
 
     Examples
     --------
     >>> from fieldcalib import soccer
-    >>> of_window("main center", soccer(), (960, 540))[0].principal_point
+    >>> window_prior("main center", soccer(), (960, 540))[0].principal_point
     0.15
     """
     if prior is None or not is_whole_shape(image_size):
@@ -205,7 +192,7 @@ def of_window(prior: Prior, object_segments: ObjectSegments, image_size: tuple[i
 
 
 def parts(keyframes: IntArray, contradicted: BoolArray) -> list[int]:
-    """First keyframes of all parts but the first one: runs of keyframes that are contradicted, and of the others.
+    """First keyframes of all parts but the first one. Parts are runs of keyframes that are contradicted, or are not.
 
     Shorter runs than `LEAST_RUN` belong to the part before.
 
@@ -224,51 +211,46 @@ def parts(keyframes: IntArray, contradicted: BoolArray) -> list[int]:
     return first
 
 
-def said_of_parts(first: IntArray, before: Misprediction, after: Misprediction) -> str:
-    """What a user is told of a run of frames that is divided before these keyframes."""
-    where = ", ".join(map(str, first.tolist()))
+def model_note(model: CameraModel, frames: IntArray, before: Misprediction, after: Misprediction) -> str:
+    """What a user is told of frames with another camera model than a tripod, and by how much it predicts better.
+
+    Of parts, `frames` are the first frames of all but the first one.
+    """
+    where = f"frames {frames[0]} to {frames[-1]}"
+    if model is CameraModel.ALONE:
+        return (
+            f"{where} are calibrated one by one, as with --independent: each by itself predicts lines that were left "
+            f"out better than one place of the camera ({_gain(before.of_labels, after.of_labels)})"
+        )
+    gain = _gain(before, after)
+    if model is CameraModel.PARTS:
+        first = ", ".join(map(str, frames.tolist()))
+        return (
+            f"no one place of the camera explains the frames before and after {first}: each part has one of its own, "
+            f"which predicts lines and matches that were left out better ({gain}). Several cameras may take turns, or "
+            f"the ground may not be flat"
+        )
+    if model is CameraModel.MOVING:
+        return (
+            f"{where}: the camera moves, which predicts lines and matches that were left out better than a tripod "
+            f"({gain}); --camera moving says so from the beginning"
+        )
     return (
-        f"no one place of the camera explains the frames before and after {where}: each part has one of its own, "
-        f"which predicts lines and matches that were left out better ({_gain(before, after)}). Several cameras "
-        f"may take turns, or the ground may not be flat"
+        f"{where}: the picture is a window that moves over a larger one: each frame has a principal point of its own, "
+        f"which predicts lines and matches that were left out better than one for all ({gain})"
     )
 
 
-def said_of_motion(frames: IntArray, before: Misprediction, after: Misprediction) -> str:
-    """What a user is told of frames whose camera moves."""
-    return (
-        f"frames {frames[0]} to {frames[-1]}: the camera moves, which predicts lines and matches that were left out "
-        f"better than a tripod ({_gain(before, after)}); --camera moving says so from the beginning"
-    )
-
-
-def said_of_window(frames: IntArray, before: Misprediction, after: Misprediction) -> str:
-    """What a user is told of frames that are a window which moves."""
-    return (
-        f"frames {frames[0]} to {frames[-1]}: the picture is a window that moves over a larger one: each frame has a "
-        f"principal point of its own, which predicts lines and matches that were left out better than one for all "
-        f"({_gain(before, after)})"
-    )
-
-
-def said_of_frames_alone(frames: IntArray, before: Misprediction, after: Misprediction) -> str:
-    """What a user is told of frames that are calibrated one by one."""
-    return (
-        f"frames {frames[0]} to {frames[-1]} are calibrated one by one, as with --independent: each by itself predicts "
-        f"lines that were left out better than one place of the camera ({_gain(before.of_labels, after.of_labels)})"
-    )
-
-
-def said_of_misfit(frames: IntArray) -> str:
-    """What a user is told of frames that nothing explains together."""
+def misfit_note(frames: IntArray) -> str:
+    """What a user is told of frames that no camera model explains."""
     return (
         f"frames {frames[0]} to {frames[-1]}: no place of the camera explains the lines of all of them; --independent "
         f"calibrates them one by one"
     )
 
 
-def said_of_crown(tripods: Iterable[SequenceCalibration]) -> list[str]:
-    """What a user is told of clips whose field is not level, if it is not."""
+def crown_notes(tripods: Iterable[SequenceCalibration]) -> list[str]:
+    """What a user is told of a clip whose field is not level."""
     crown = max((tripod.crown for tripod in tripods), default=0.0)
     if crown < NOT_LEVEL:
         return []
@@ -283,14 +265,14 @@ def _gain(before: Misprediction, after: Misprediction) -> str:
     return f"typically to {after.typical:.1f} instead of {before.typical:.1f} px of a picture 960 wide"
 
 
-def is_taken(said: Said, score: Misprediction, best: Misprediction, at_one_place: Misprediction) -> bool:
-    """Whether the model of which that is said is taken instead of the best one so far, a simpler one.
+def is_preferred(model: CameraModel, score: Misprediction, best: Misprediction, of_tripod: Misprediction) -> bool:
+    """Whether a camera model is taken instead of the best one so far, which is simpler.
 
-    A principal point of its own absorbs what is wrong with the labels of a frame, so the matches must tell by
-    themselves that a window moves. Matches say nothing of frames that share no place: points before and behind one
-    another move differently.
+    A principal point of its own absorbs what is wrong with the labels of a frame, so the matches alone must show that a
+    window moves. Matches say nothing of frames that share no place: points before and behind one another move
+    differently.
     """
-    if said is said_of_frames_alone:
+    if model is CameraModel.ALONE:
         return score.of_labels.is_better(best.of_labels)
-    tells = said is not said_of_window or score.of_matches.is_better(at_one_place.of_matches)
-    return tells and score.is_better(best)
+    shown = model is not CameraModel.WINDOW or score.of_matches.is_better(of_tripod.of_matches)
+    return shown and score.is_better(best)

@@ -1,11 +1,11 @@
-"""The shape of the frames of a clip, seen in some of them: black borders, and whether they were squashed from 16:9.
+"""The shape of the frames of a clip, from some of them: black borders, and whether they were squashed from 16:9.
 
-Borders are what all frames that are looked at have in common. Frames of another shape than 16:9 are calibrated as they
-are and as they would be shown, in both ways as frames of one camera, whose place and lens cannot follow what each of
-them has wrong. The lines of the better way lie nearer to their markings: with u and v the distances of the lines of one
-label in one frame, squarely as the picture's own pixels have them, the log odds that frames were squashed are
+Borders are those that all frames that are looked at have. Frames of another shape than 16:9 are calibrated as they are
+and as they would be shown, in both ways as frames of one camera, whose place and lens cannot follow what each of them
+has wrong. The lines of the better way lie nearer to their markings: with u and v the distances of the lines of one
+label in one frame, in the picture's own pixels, as it is and as shown, the log odds that frames were squashed are
 
-    1/2 sum log(u / v)  +  the mean over frames of what each by itself says (`fieldcalib.images.pictures`)
+    1/2 sum log(u / v)  +  the mean over frames of the log odds of each by itself (`fieldcalib.images.pictures`)
 
 over all labels of all frames.
 """
@@ -13,7 +13,7 @@ over all labels of all frames.
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import islice
 
 import numpy as np
@@ -24,66 +24,71 @@ from fieldcalib.assess.result import Calibration
 from fieldcalib.assess.sequence import SequenceCalibration
 from fieldcalib.assess.whole_picture import SHAPE
 from fieldcalib.fields.segments import ObjectSegments
-from fieldcalib.images.borders import shown_part
-from fieldcalib.images.frame_lines import as_given, per_pixel
-from fieldcalib.images.frames_together import solver_of_lines
-from fieldcalib.images.from_images import calibrate_frames_alone
+from fieldcalib.images.borders import shape_within, shown_part, within_borders
+from fieldcalib.images.clip_problem import ClipOptions, ClipProblem
+from fieldcalib.images.detected_lines import fitted_labels, line_loss
 from fieldcalib.images.pictures import as_shown, log_ratio_of_squash
-from fieldcalib.images.refinement import LOSS_SCALE
-from fieldcalib.io.image import Image, each_checked
+from fieldcalib.io.image import Image, each_checked, size_of
 from fieldcalib.localize import Network
 from fieldcalib.problem.evaluation import Problem, evaluate
 from fieldcalib.problem.layout import Layout
-from fieldcalib.problem.losses import RobustLoss
 from fieldcalib.problem.observations import pack
 from fieldcalib.solve.aspect import SQUARE_LOG_ODDS, WAS_SQUASHED, may_be_squashed, shown_size, stretched
-from fieldcalib.solve.given_camera import NOTHING_GIVEN, GivenCamera
-from fieldcalib.solve.options import CERTAIN, Prior
+from fieldcalib.solve.options import CERTAIN
 from fieldcalib.solve.sequence_solver import SHARED
-from fieldcalib.solve.together import labels_of
 from fieldcalib.solve.tripod import Labels
 
 SEEN, APART = 8, 12  # frames that are looked at, and how far they are from one another
 FURTHEST = 3000  # frames, two minutes, among which they are
 DARK = 10.0  # mean brightness: of a frame that shows nothing
-# Half a second apart, frames share part of their errors. Of 45 squashed stretches of nine clips 34 are told with this
-# weight, of 89 parts 53, and none is taken for the other; with twice as much some parts nearly are.
+# Half a second apart, frames share part of their errors. With this weight 34 of 45 squashed stretches of nine clips and
+# 53 of 89 parts of frames are recognised, and none is taken for the other; with twice as much some parts nearly are.
 WEIGHT = 0.5  # of the labels of a frame
-UPRIGHT_LOG_ODDS = -3.0  # what is higher than it is wide was cut out for telephones: prior log odds of a squashed one
-NEAR = 0.05  # px: of lines nearer than that the distance is chance
+UPRIGHT_LOG_ODDS = -3.0  # prior log odds of a squashed picture that is higher than wide: most were cut out for phones
+CHANCE = 0.05  # px: smaller distances of lines are chance
 
 
 @dataclass(frozen=True, eq=False)
-class LookedAt:
-    """What is known, and asked, of the pictures of a clip."""
+class ShapeEstimator:
+    """Estimates the shape of the frames of a clip."""
 
-    object_segments: ObjectSegments
+    options: ClipOptions
     network: Network
-    flags: int
-    prior: Prior
-    given: GivenCamera = NOTHING_GIVEN
     take_off_borders: bool = True
     estimate_aspect: bool = True
 
+    @property
+    def finds_borders(self) -> bool:
+        """Whether borders are looked for: a camera matrix that is given is one of whole pictures."""
+        return self.take_off_borders and self.options.given.camera_matrix is None
+
+    @property
+    def finds_squash(self) -> bool:
+        """Whether frames may be found to be squashed."""
+        is_free = self.options.given.camera_matrix is None and self.options.prior is not None
+        return self.estimate_aspect and is_free
+
     def shape(self, images: Iterable[Image]) -> Shape | None:
-        """That of the frames of a clip; None if they are as they seem."""
-        if not (self.take_off_borders or self.estimate_aspect):
+        """The shape of the frames of a clip; None if they are as they seem."""
+        some = some_of(images) if self.finds_borders or self.finds_squash else []
+        if not some:
             return None
-        some = some_of(images)
-        placement = between_borders(some) if self.take_off_borders else None
-        if self.estimate_aspect and some:
-            size = _size(some[0])
-            parts = [_part(image, placement) for image in some]
-            if may_be_squashed(_size(parts[0])):
-                return shape_of_odds(self.log_odds(parts), placement or Placement(size, size, None), _size(parts[0]))
-        return None if placement is None else shape_within(placement)
+        size = size_of(some[0])
+        placement = common_borders(some) if self.finds_borders else Placement(size, size, None)
+        if self.finds_squash and may_be_squashed(placement.frame_size):
+            return shape_of_odds(self.log_odds([placement.image_in_frame(image) for image in some]), placement)
+        return None if placement.is_whole else shape_within(placement)
 
     def log_odds(self, images: Sequence[Image]) -> float:
         """Log odds that frames of another shape than 16:9 were squashed from it."""
-        size, shown = _size(images[0]), shown_size(_size(images[0]))
-        both = self._each(images), self._each([as_shown(image) for image in images])
+        size, shown = size_of(images[0]), shown_size(size_of(images[0]))
+        both = [
+            self.options.calibrate_alone(some, self.network) for some in (images, [as_shown(one) for one in images])
+        ]
         alone = [
-            log_ratio_of_squash(self.object_segments, one, other, flags=self.flags, prior=self.prior)
+            log_ratio_of_squash(
+                self.options.object_segments, one, other, flags=self.options.flags, prior=self.options.prior
+            )
             for one, other in zip(*both, strict=True)
             if one.accepted or other.accepted
         ]
@@ -91,15 +96,9 @@ class LookedAt:
         for found in both:
             frames = [_labels(one, size) for one in found if one.accepted and one.solved is not None]
             if len(frames) > 1:
-                distances = [self._distances(frames, size, to) for to in (size, shown)]
-                together.append(_log_ratio(*distances))
+                together.append(_log_ratio(*(self._distances(frames, size, to) for to in (size, shown))))
         log_odds = SQUARE_LOG_ODDS * (size[0] == size[1]) + UPRIGHT_LOG_ODDS * (size[0] < size[1])
         return log_odds + sum(float(np.mean(some)) for some in (alone, together) if some)
-
-    def _each(self, images: Sequence[Image]) -> list[Calibration]:
-        return calibrate_frames_alone(
-            self.object_segments, images, self.network, flags=self.flags, prior=self.prior, given=self.given
-        )
 
     def _distances(
         self, frames: Sequence[Labels], size: tuple[int, int], shown: tuple[int, int]
@@ -107,18 +106,8 @@ class LookedAt:
         """How far the lines of each label of each frame lie off in pictures that are shown at a size, together; px."""
         scale = np.divide(shown, size)
         labels = {t: (stretched(pixels, scale), weights) for t, (pixels, weights) in enumerate(frames)}
-        solver = solver_of_lines(
-            self.object_segments,
-            range(len(frames)),
-            labels,
-            {},
-            shown,
-            flags=self.flags,
-            prior=self.prior,
-            shared=SHARED,
-            given=self.given,
-        )
-        return distances_in_pictures(self.object_segments, solver.calibrated(None), frames, size)
+        problem = ClipProblem(replace(self.options, shared=SHARED), shown, range(len(frames)), labels, {})
+        return distances_in_pictures(self.options.object_segments, problem.solver.calibrated(), frames, size)
 
 
 def some_of(images: Iterable[Image]) -> list[Image]:
@@ -127,66 +116,46 @@ def some_of(images: Iterable[Image]) -> list[Image]:
     return list(islice(bright, SEEN))
 
 
-def between_borders(images: Sequence[Image]) -> Placement | None:
-    """Where the frames lie between the black borders that all of some pictures have; None if they have none.
+def common_borders(images: Sequence[Image]) -> Placement:
+    """Where the frames lie between the black borders that all of some pictures have.
 
     Examples
     --------
     >>> picture = np.zeros((720, 960, 3), np.uint8)
     >>> picture[90:630] = 100
-    >>> between_borders([picture, picture]).frame_size
+    >>> common_borders([picture, picture]).frame_size
     (960, 540)
-    >>> between_borders([picture, picture + 50]) is None
+    >>> common_borders([picture, picture + 50]).is_whole
     True
     """
-    if not images:
-        return None
-    x, y = np.min([shown_part(image).corner for image in images], axis=0).tolist()
-    return placement_within(_size(images[0]), (x, y))
+    x, y = np.max([shown_part(image).corner for image in images], axis=0).tolist()
+    return within_borders(size_of(images[0]), (-x, -y))
 
 
-def placement_within(size: tuple[int, int], corner: tuple[int, int]) -> Placement | None:
-    """Of frames that begin at a corner of pictures, with as much of these left out on the other sides; None at (0, 0).
-
-    Examples
-    --------
-    >>> placement_within((960, 720), (0, 90)).crop
-    Crop(frame_size=(960, 540), corner=(0, -90))
-    """
-    (width, height), (x, y) = size, corner
-    return Placement(size, size, Crop((width - 2 * x, height - 2 * y), (-x, -y))) if x or y else None
-
-
-def shape_within(placement: Placement) -> Shape:
-    """That of frames between borders, in words."""
-    (width, height), (x, y) = placement.frame_size, placement.corner
-    return Shape(placement, f"without black borders: {width} x {height} at {-x}, {-y}")
-
-
-def shape_of_odds(log_odds: float, placement: Placement, size: tuple[int, int]) -> Shape | None:
-    """That of frames of a size within pictures, from the odds that they were squashed.
+def shape_of_odds(log_odds: float, placement: Placement) -> Shape | None:
+    """The shape of frames between borders, from the odds that they were squashed; None if they are as they seem.
 
     Examples
     --------
     >>> whole = Placement((960, 720), (960, 720), None)
-    >>> shape_of_odds(5.0, whole, (960, 720)).placement.frame_size
+    >>> shape_of_odds(5.0, whole).placement.frame_size
     (1280, 720)
-    >>> shape_of_odds(-5.0, whole, (960, 720)) is None, shape_of_odds(1.0, whole, (960, 720)).complaints == (SHAPE,)
+    >>> shape_of_odds(-5.0, whole) is None, shape_of_odds(1.0, whole).complaints == (SHAPE,)
     (True, True)
     """
     doubt = () if abs(log_odds) > CERTAIN else (SHAPE,)
-    said = "" if placement.is_whole else shape_within(placement).message
+    message = shape_within(placement).message
     if log_odds > 0.0:
-        shown = shown_size(size)
+        size, shown = placement.frame_size, shown_size(placement.frame_size)
         scale = np.divide(shown, size)
         whole = np.rint(scale * placement.size).astype(int).tolist()
         x, y = np.rint(scale * placement.corner).astype(int).tolist()
         part = None if placement.crop is None else Crop(shown, (x, y))
         placement = Placement(placement.size, (whole[0], whole[1]), part)
-        said = "; ".join(filter(None, (said, WAS_SQUASHED)))
+        message = "; ".join(filter(None, (message, WAS_SQUASHED)))
     elif not doubt and placement.is_whole:
         return None
-    return Shape(placement, said, doubt)
+    return Shape(placement, message, doubt)
 
 
 def distances_in_pictures(
@@ -200,11 +169,11 @@ def distances_in_pictures(
     Parameters
     ----------
     calibration : SequenceCalibration
-        Of the frames as shown.
+        Calibration of the frames as shown.
     frames : sequence of Labels
-        In pixels of the pictures.
+        Labels in pixels of the pictures.
     size : (int, int)
-        Of the pictures.
+        Size of the pictures.
     """
     segments = object_segments if calibration.field is None else calibration.field
     names, found = list(segments), {}
@@ -213,8 +182,8 @@ def distances_in_pictures(
         if camera is None:
             continue
         camera = camera.scaled(size)
-        layout, (pixels, weights) = Layout.of(size, camera.lens), per_pixel(labels)
-        problem = Problem(pack(segments, [pixels], size, [weights]), layout, RobustLoss("cauchy", LOSS_SCALE))
+        layout, (pixels, weights) = Layout.of(size, camera.lens), labels
+        problem = Problem(pack(segments, [pixels], size, [weights]), layout, line_loss(size))
         rms = rms_by_label(evaluate(problem, layout.theta(camera)[None]))[0]
         found.update({(t, names[k]): float(rms[k]) for k in np.flatnonzero(np.isfinite(rms)).tolist()})
     return found
@@ -223,21 +192,12 @@ def distances_in_pictures(
 def _log_ratio(as_it_is: Mapping[tuple[int, str], float], shown: Mapping[tuple[int, str], float]) -> float:
     """Log odds that frames were squashed, from the distances of their lines as they are and as shown."""
     both = sorted(as_it_is.keys() & shown.keys())
-    u, v = (np.hypot([some[key] for key in both], NEAR) for some in (as_it_is, shown))
+    u, v = (np.hypot([some[key] for key in both], CHANCE) for some in (as_it_is, shown))
     return float(WEIGHT * np.sum(np.log(u / v)))
 
 
 def _labels(calibration: Calibration, size: tuple[int, int]) -> Labels:
     """The lines that a camera was fitted to, in pixels of pictures of a size."""
     assert calibration.camera is not None
-    assert calibration.solved is not None
-    pixels, weights = as_given(labels_of(calibration.solved.alone.evaluation))
+    pixels, weights = fitted_labels(calibration)
     return stretched(pixels, np.divide(size, calibration.camera.image_size)), weights
-
-
-def _part(image: Image, placement: Placement | None) -> Image:
-    return image if placement is None else placement.image_in_frame(image)
-
-
-def _size(image: Image) -> tuple[int, int]:
-    return image.shape[1], image.shape[0]

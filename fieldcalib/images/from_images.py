@@ -15,19 +15,11 @@ from fieldcalib.assess.together import compute_errors
 from fieldcalib.fields.field import Field
 from fieldcalib.fields.segments import ObjectSegments
 from fieldcalib.geometry.camera import Camera
-from fieldcalib.images.found_lines import on_found_lines
+from fieldcalib.images.detected_lines import SEARCH_RANGES, calibrate_on_lines, fitted_labels, per_label
+from fieldcalib.images.field_markings import Markings
 from fieldcalib.images.hypotheses import calibrate_from_consensus, calibrate_localized
-from fieldcalib.images.line_profiles import Markings
 from fieldcalib.images.pictures import Method, with_aspect_told, without_borders
-from fieldcalib.images.refinement import (
-    SEARCH_RANGES,
-    Refined,
-    ToRefine,
-    line_support,
-    near_labels,
-    refine_all,
-    unrefined,
-)
+from fieldcalib.images.refinement import Refined, ToRefine, line_support, near_labels, refine_all, unrefined
 from fieldcalib.io.image import Image, each_checked
 from fieldcalib.io.images import IMAGES_AT_ONCE, in_parts
 from fieldcalib.localize import Localization, Network, localize
@@ -141,29 +133,6 @@ def calibrate_from_images(
     return [calibration for part in in_order(executor, of_part, parts) for calibration in part]
 
 
-def calibrate_frames_alone(
-    object_segments: ObjectSegments,
-    images: Sequence[Image],
-    network: Network,
-    *,
-    flags: int,
-    prior: Prior,
-    given: GivenCamera,
-) -> list[Calibration]:
-    """Calibrate frames of a clip as single images, as they are: all of them together tell size, borders and aspect."""
-    return calibrate_from_images(
-        object_segments,
-        images,
-        network,
-        *given,
-        flags=flags,
-        prior=prior,
-        take_off_borders=False,
-        estimate_aspect=False,
-        estimate_size=False,
-    )
-
-
 def _of_one_size(images: Iterable[Image]) -> Iterator[Image]:
     """The images, if one camera matrix can be that of all of them."""
     first: tuple[int, int] | None = None
@@ -252,7 +221,9 @@ def _on_another_field(
     if again.calibration is not start:
         return again
     # lines that are found anew are no better than those of before, which this camera fits
-    return replace(again, calibration=on_found_lines(calibration, field, camera, flags=flags, prior=prior))
+    lines = [per_label(fitted_labels(calibration))]
+    (fitted,) = calibrate_on_lines(field, lines, camera.image_size, [camera], flags=flags, prior=prior)
+    return replace(again, calibration=fitted)
 
 
 def _without_weak(found: Localization) -> Localization:

@@ -1,10 +1,13 @@
-"""From a video to cameras: every frame of a shot follows from all of them.
+"""From a video to cameras, in stages. Each is a function from one frozen value to the next:
 
-    frames -> matches with keyframes -> markings in the keyframes -> cameras of the keyframes, one by one
-           -> all frames of a tripod together -> lines at the markings of every frame -> all frames together again
+    frames                 -> Keyframes         read_keyframes   shots, matches of their frames, labels in keyframes
+    Keyframes              -> SolvedShots       solve_shots      each shot, with the camera model that predicts best
+    SolvedShots            -> SolvedTripods     solve_tripods    shots of one tripod together
+    SolvedTripods, frames  -> ClipLines         find_clip_lines       lines near the projected markings of every frame
+    ClipLines              -> VideoCalibration  finish           all frames of each tripod together
 
-The video is read twice: a line is found in a frame where the camera is known to some pixels, and that the other frames
-tell. Keyframes and what ties frames to them come from `fieldcalib.images.keyframes`.
+The video is read twice: lines are found in a frame where its camera is known to some pixels, which the other frames
+tell. `Tracker` uses the same matches, labels of keyframes, problems and lines, keyframe by keyframe.
 """
 
 from __future__ import annotations
@@ -13,31 +16,35 @@ import os
 import warnings
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import AbstractContextManager
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from functools import partial
 from itertools import islice
 from typing import Literal, Protocol
 
 from numpy.typing import ArrayLike
 
-from fieldcalib.assess.placement import Placement
+from fieldcalib.assess.placement import Placement, Shape
 from fieldcalib.assess.video import VideoCalibration
 from fieldcalib.fields.segments import ObjectSegments
-from fieldcalib.images.clip_models import said_of_crown
-from fieldcalib.images.clip_shape import LookedAt
-from fieldcalib.images.clip_solver import ClipSolver, off_paint
-from fieldcalib.images.keyframes import EVERY, Tied, tied_frames
+from fieldcalib.images.clip_keyframes import read_keyframes
+from fieldcalib.images.clip_lines import find_clip_lines
+from fieldcalib.images.clip_models import crown_notes
+from fieldcalib.images.clip_problem import ClipOptions, shared_parameters
+from fieldcalib.images.clip_shape import ShapeEstimator
+from fieldcalib.images.finished_clip import finish, finish_again, off_paint
+from fieldcalib.images.keyframes import EVERY, TiedFrame, tied_frames
+from fieldcalib.images.solved_shots import solve_shots
+from fieldcalib.images.solved_tripods import solve_tripods
 from fieldcalib.io.clips import clip_reader
 from fieldcalib.io.image import Image, checked_image
 from fieldcalib.io.images import read_ahead
 from fieldcalib.io.videos import VideoReader
 from fieldcalib.localize import Network
-from fieldcalib.localize.flow import check_network
 from fieldcalib.localize.network import SegmentationNetwork
-from fieldcalib.problem.labelled_pixels import check_object
-from fieldcalib.solve.given_camera import GivenCamera, check_of_clip
+from fieldcalib.localize.padding import Padded
+from fieldcalib.solve.given_camera import GivenCamera
 from fieldcalib.solve.options import ALL, DEFAULT_FLAGS, CalibrationFlags, Prior
-from fieldcalib.solve.sequence_solver import SHARED, SHARED_IN_MOTION, SIZE
+from fieldcalib.solve.sequence_solver import SHARED, SHARED_IN_MOTION
 
 Mount = Literal["tripod", "moving"]
 SHARED_BY: dict[Mount, tuple[str, ...]] = {"tripod": SHARED, "moving": SHARED_IN_MOTION}
@@ -50,7 +57,7 @@ class Parts(Protocol):
     """Calibrations of parts of a video by their number: a dict, or what keeps them elsewhere."""
 
     def get(self, index: int, /) -> VideoCalibration | None:
-        """That of a part, None if it is not calibrated yet."""
+        """The calibration of a part; None if there is none yet."""
 
     def __setitem__(self, index: int, part: VideoCalibration, /) -> None: ...
 
@@ -140,50 +147,46 @@ def calibrate_video(
     >>> [str(frame.status) for frame in calibrate_video(soccer(), black)]
     ['too few segments', 'too few segments']
     """
-    check_object(object_segments)
     if camera not in SHARED_BY:
         raise ValueError(f'camera must be "tripod" or "moving", got {camera!r}')
     given = GivenCamera(camera_matrix, dist_coeffs, rvec, tvec)
-    check_of_clip(flags)
+    options = ClipOptions(object_segments, flags, prior, shared_parameters(SHARED_BY[camera], estimate_size), given)
+    options.check(network)
     if camera == "moving" and flags & CalibrationFlags.CALIB_FIX_POSITION:
         raise ValueError('CALIB_FIX_POSITION is of a camera on a tripod: leave camera="moving" out')
     network = SegmentationNetwork.load() if network is None else network
-    check_network(network)
-    shared = tuple(name for name in SHARED_BY[camera] if estimate_size or name != SIZE)
-    opened, is_asked = clip_reader(source), camera_matrix is None
-    asked = take_off_borders and is_asked, estimate_aspect and is_asked and prior is not None
-    with opened() as images:
-        shape = LookedAt(object_segments, network, flags, prior, given, *asked).shape(images)
-    placed = _as_it_is if shape is None else partial(_in_frame, shape.placement)
-    solver = partial(ClipSolver, object_segments, flags, prior, shared, given)
-    tied = partial(tied_frames, every=every, moving="centre" not in shared)
-    found = _calibrated(opened, network, solver, tied, placed, parts)
-    of_shape = () if shape is None else filter(None, (shape.message, *shape.complaints))
-    return replace(found, shape=shape, notes=(*found.notes, *said_of_crown(found.tripods), *of_shape))
+    clip = _Clip(clip_reader(source))
+    with clip.opened() as images:
+        clip = replace(clip, shape=ShapeEstimator(options, network, take_off_borders, estimate_aspect).shape(images))
+    found = _calibrated(clip, options, Padded(network), every, parts)
+    of_shape = () if clip.shape is None else filter(None, (clip.shape.message, *clip.shape.complaints))
+    return replace(found, shape=clip.shape, notes=(*found.notes, *crown_notes(found.tripods), *of_shape))
 
 
-def _as_it_is(image: Image) -> Image:
-    return image
+@dataclass(frozen=True, eq=False)
+class _Clip:
+    """A clip, which can be read again and again."""
+
+    opened: Callable[[], AbstractContextManager[Iterable[Image]]]
+    shape: Shape | None = None
+
+    def frames(self, images: Iterable[Image]) -> Iterator[Image]:
+        """The frames that its images show, read ahead; a ValueError for an image of another size."""
+        return read_ahead(images if self.shape is None else map(partial(_in_frame, self.shape.placement), images))
 
 
 def _in_frame(placement: Placement, image: Image) -> Image:
-    """The frame in a picture of the size that the others have, or a ValueError."""
     return placement.image_in_frame(checked_image(image, placement.size))
 
 
 def _calibrated(
-    opened: Callable[[], AbstractContextManager[Iterable[Image]]],
-    network: Network,
-    solver: Callable[[], ClipSolver],
-    tied_frames: Callable[[Iterator[Image]], Iterator[tuple[Image, Tied]]],
-    placed: Callable[[Image], Image],
-    kept: Parts | None,
+    clip: _Clip, options: ClipOptions, network: Network, every: int, kept: Parts | None
 ) -> VideoCalibration:
-    """Part by part, so that matches and lines of a long video do not pile up; two readers go along with one another."""
+    """Part by part, so that memory does not grow with the video; both passes go along with one another."""
     parts = []
-    with opened() as images, opened() as again:
-        tied = tied_frames(read_ahead(map(placed, images)))
-        second = read_ahead(map(placed, again))
+    with clip.opened() as images, clip.opened() as again:
+        tied = tied_frames(clip.frames(images), every=every, moving="centre" not in options.shared)
+        second = clip.frames(again)
         for index, part in enumerate(_in_parts(tied)):
             before = None if kept is None else kept.get(index)
             if before is not None:
@@ -194,15 +197,7 @@ def _calibrated(
                     )
                 parts.append(before)
                 continue
-            clip = solver()
-            clip.read(part, network)
-            tripods = clip.tripods()
-            lines, ridges = clip.lines_in(islice(second, len(clip.piece)), tripods)
-            parts.append(clip.finished(tripods, lines, ridges))
-            if off_paint(parts[-1]) > LOOK_AGAIN:
-                with opened() as third:
-                    frames = islice(read_ahead(map(placed, third)), clip.begin, clip.begin + len(clip.piece))
-                    parts[-1] = clip.looked_at_again(parts[-1], tripods, frames)
+            parts.append(_calibrated_part(clip, options, network, part, second))
             if kept is not None:
                 kept[index] = parts[-1]
         if isinstance(images, VideoReader) and (loss := images.loss()):
@@ -210,13 +205,33 @@ def _calibrated(
     return VideoCalibration.joined(parts)
 
 
-def _in_parts(frames: Iterator[tuple[Image, Tied]]) -> Iterator[Iterator[tuple[Image, Tied]]]:
+def _calibrated_part(
+    clip: _Clip,
+    options: ClipOptions,
+    network: Network,
+    part: Iterable[tuple[Image, TiedFrame]],
+    second: Iterator[Image],
+) -> VideoCalibration:
+    """One part of a video, from its frames in the first pass and in the second."""
+    keyframes = read_keyframes(part, options, network)
+    solved = solve_tripods(solve_shots(keyframes))
+    count = len(solved.pieces.number)
+    lines = find_clip_lines(solved, islice(second, count), network)
+    found = finish(lines)
+    if off_paint(found) <= LOOK_AGAIN:
+        return found
+    begin = keyframes.shots.begin
+    with clip.opened() as third:
+        return finish_again(found, lines, islice(clip.frames(third), begin, begin + count), network)
+
+
+def _in_parts(frames: Iterator[tuple[Image, TiedFrame]]) -> Iterator[Iterator[tuple[Image, TiedFrame]]]:
     """Frames in parts of `PART` or some more, each of which begins with a keyframe."""
     ahead = next(frames, None)
     while ahead is not None:
         count = 0
 
-        def part() -> Iterator[tuple[Image, Tied]]:
+        def part() -> Iterator[tuple[Image, TiedFrame]]:
             nonlocal ahead, count
             while ahead is not None and not (count >= PART and ahead[1].is_key):
                 count += 1

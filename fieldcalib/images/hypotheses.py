@@ -16,8 +16,9 @@ import numpy as np
 from fieldcalib.assess.result import Calibration, Status
 from fieldcalib.assess.verdict import LABEL_MORE
 from fieldcalib.fields.segments import ObjectSegments
-from fieldcalib.images.line_profiles import Markings
-from fieldcalib.images.refinement import SEARCH_RANGES, line_support, near_labels
+from fieldcalib.images.detected_lines import SEARCH_RANGES
+from fieldcalib.images.field_markings import Markings
+from fieldcalib.images.refinement import line_support, near_labels
 from fieldcalib.io.image import Image
 from fieldcalib.localize import Localization
 from fieldcalib.solve.batch import calibrate_batch

@@ -5,8 +5,8 @@ earlier keyframes. A new piece begins where frames match one another but no keyf
 too fast to follow. Two pieces may therefore show the same scene.
 
 Corners that two shots seem to share, or that are seen through a dissolve, must not tie shots together. So two pictures
-must also show the same as a whole (`_likeness`), and more so before a frame becomes a keyframe: of two shots that are
-mixed, at most one makes up more than half of the contrast.
+must also be alike as a whole (`fieldcalib.images.likeness`), and more so before a frame becomes a keyframe: of two
+shots that are mixed, at most one makes up more than half of the contrast.
 """
 
 from __future__ import annotations
@@ -14,21 +14,19 @@ from __future__ import annotations
 from collections import deque
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, replace
-from functools import cached_property
-from typing import Any
 
 import numpy as np
 
-from fieldcalib._types import Array, Float32
-from fieldcalib.images.background_motion import mapped
-from fieldcalib.images.matches import MOST_CORNERS, Frame, Matches, match_background, match_far, same_picture
+from fieldcalib._types import Array
+from fieldcalib.images.frame import MOST_CORNERS, Frame, same_picture
+from fieldcalib.images.likeness import View, likeness, shared_view
+from fieldcalib.images.matches import Matches, match_background, match_far
 from fieldcalib.io.image import Image
 
 EVERY = 12  # frames from one keyframe to the next: half a second
 BACK = (1, 2, 4)  # keyframes back, with which a keyframe is matched
 CORNERS = 150  # of a keyframe that are followed to an ordinary frame
 LEAST_IN_VIEW = 0.6  # of a keyframe; with less of it in view the next one is made
-IN_PICTURE = (np.mgrid[:20, :20].reshape(2, -1).T + 0.5) / 20.0  # (400, 2) shares of width and height
 FEW_MATCHES = 40  # with fewer of these the next one is made
 CONFIRMED = 8  # frames that are tied to one another, and not to the piece before, are a new piece: a graphic is shorter
 LOST_FOR = 30  # frames, a second: so long the keyframes before are looked for
@@ -39,16 +37,10 @@ LEAST_LIKENESS = 0.62  # of a keyframe and a frame that is tied to it, and of ke
 MIXED_FOR = 50  # frames, the longest dissolve: from keyframe to keyframe one could cross it in small steps
 LEAST_LIKENESS_OF_KEY = 0.68  # of keyframes that are matched, and of frames that make a new piece
 KEPT = 12  # keyframes of a piece: more are not made in that time
-SMALL_WIDTH = 160  # px: pictures are reduced to it
-LOCAL = 41  # px of these: mean over so many is taken off; slow shading is alike in any two shots
-BLOCK = 5  # px of these
-WHOLE = 0.7  # of a block must be in view
-NOISE = 2.0  # grey levels: less contrast is none
-GRAPHIC = (4.0, 12.0, 5)  # grey levels: alike in place, unlike once moved; px around that belong to it
 
 
 @dataclass(frozen=True, eq=False)
-class Tied:
+class TiedFrame:
     """A frame of a video and the keyframe that it is tied to."""
 
     index: int
@@ -60,13 +52,13 @@ class Tied:
     ties: tuple[tuple[int, Matches], ...]
     """Indices of keyframes, with the matches from each of them to this frame.
 
-    Of an ordinary frame `key`, or none if nothing ties it. Of a keyframe those 1, 2 and 4 keyframes back in its piece,
-    as far as they match: none if it is the first.
+    An ordinary frame is tied to `key`, or to none. A keyframe is tied to those 1, 2 and 4 keyframes back in its piece,
+    as far as they match; the first one to none.
     """
     duplicate: bool
-    """Whether the picture is that of the frame before: the stream repeats a frame, or is frozen."""
+    """Whether the picture equals that of the frame before: the stream repeats a frame, or is frozen."""
     left: tuple[KeyframePair, ...] = ()
-    """Of a keyframe, what `KeyframeTracker` leaves to be matched."""
+    """Pairs of this keyframe and earlier ones that `KeyframeTracker` leaves to be matched."""
 
     @property
     def is_key(self) -> bool:
@@ -77,17 +69,17 @@ class Tied:
 class KeyframeTracker:
     """Ties the frames of a video to keyframes as they come.
 
-    What is tied to the piece before is known at once. What is not waits until `CONFIRMED` frames make a new piece, or
-    it is clear that they do not: at most ``CONFIRMED - 1`` frames. Of the pictures, those of the last
-    keyframes are kept, reduced and grey.
+    A frame that is tied to the piece before is known at once. Another one waits until `CONFIRMED` frames make a new
+    piece, or it is clear that they do not: at most ``CONFIRMED - 1`` frames. The pictures of the last keyframes are
+    kept, reduced and grey.
 
     Parameters
     ----------
     every : int
         Frames from one keyframe to the next, at most.
     leave_pairs : bool
-        Whether the matches of keyframes with one another are left to be made elsewhere (`Tied.left`), since they take
-        as long as three ordinary frames. A keyframe is then tied to the one before it only.
+        Whether the matches of keyframes with one another are left to be made elsewhere (`TiedFrame.left`), since they
+        take as long as three ordinary frames. A keyframe is then tied to the one before it only.
     moving : bool
         As in `match_background`.
 
@@ -104,16 +96,16 @@ class KeyframeTracker:
     def __init__(self, every: int = EVERY, *, leave_pairs: bool = False, moving: bool = False) -> None:
         if not isinstance(every, int | np.integer) or every < 1:
             raise ValueError(f"every must be 1 or more frames, got {every}")
-        self._how = _How(every, leave_pairs, moving)
+        self._options = _PieceOptions(every, leave_pairs, moving)
         self._count = 0
-        self._last: _View | None = None  # that is no duplicate
+        self._last: View | None = None  # that is no duplicate
         self._piece: _Piece | None = None
         self._lost = 0  # frames since the last one that was tied to the piece
         self._candidate: _Piece | None = None  # for a new piece,
-        self._waiting: list[Tied] = []  # and its frames
+        self._waiting: list[TiedFrame] = []  # and its frames
 
-    def update(self, image: Image) -> list[Tied]:
-        """Take the next frame; those that are now known to belong to a piece, in order.
+    def update(self, image: Image) -> list[TiedFrame]:
+        """Take the next frame; return the frames that are now known to belong to a piece, in order.
 
         Raises
         ------
@@ -124,12 +116,12 @@ class KeyframeTracker:
         if self._last is not None and frame.image_size != self._last.frame.image_size:
             (width, height), (w, h) = frame.image_size, self._last.frame.image_size
             raise ValueError(f"frame {self._count} has {width} x {height} pixels, those before it {w} x {h}")
-        view = _View(self._count, frame, self._last is not None and same_picture(self._last.frame, frame))
+        view = View(self._count, frame, self._last is not None and same_picture(self._last.frame, frame))
         self._count += 1
         if not view.duplicate:
             self._last = view
         if self._piece is None:
-            self._piece = _Piece(view, 0, self._how)
+            self._piece = _Piece(view, 0, self._options)
             return [self._piece.first]
         tied = self._piece.tied(view) if self._lost == 0 else None
         if tied is None and self._lost < LOST_FOR and not (view.duplicate and self._lost):
@@ -141,7 +133,7 @@ class KeyframeTracker:
         tied = self._candidate.tied(view, LEAST_LIKENESS_OF_KEY) if self._candidate is not None else None
         if tied is None:
             untied = self._untied()
-            self._candidate = _Piece(view, self._piece.number + 1, self._how)
+            self._candidate = _Piece(view, self._piece.number + 1, self._options)
             self._waiting = [self._candidate.first]
             return untied
         self._waiting.append(tied)
@@ -151,22 +143,24 @@ class KeyframeTracker:
         self._piece, self._candidate, self._waiting, self._lost = self._candidate, None, [], 0
         return new
 
-    def finish(self) -> list[Tied]:
+    def finish(self) -> list[TiedFrame]:
         """The frames that still wait, at the end of the video: a short piece if two of them or more are tied."""
         if len(self._waiting) == 1:
             return self._untied()
         new, self._waiting = self._waiting, []
         return new
 
-    def _untied(self) -> list[Tied]:
-        """The waiting frames, of the piece before, which nothing ties."""
+    def _untied(self) -> list[TiedFrame]:
+        """The waiting frames, as frames of the piece before that nothing ties."""
         assert self._piece is not None  # nothing waits before the first frame
         piece, waiting = self._piece, self._waiting
         self._candidate, self._waiting = None, []
         return [replace(tied, piece=piece.number, key=piece.key.index, ties=()) for tied in waiting]
 
 
-def tied_frames(images: Iterable[Image], *, every: int = EVERY, moving: bool = False) -> Iterator[tuple[Image, Tied]]:
+def tied_frames(
+    images: Iterable[Image], *, every: int = EVERY, moving: bool = False
+) -> Iterator[tuple[Image, TiedFrame]]:
     """The frames of a video with what ties them to keyframes, in one pass.
 
     Parameters
@@ -181,7 +175,7 @@ def tied_frames(images: Iterable[Image], *, every: int = EVERY, moving: bool = F
     Yields
     ------
     image, tied
-        Each frame and its `Tied`, in order. The generator is at most 8 frames ahead of what it yields.
+        Each frame and its `TiedFrame`, in order. The generator is at most 8 frames ahead of what it yields.
 
     Raises
     ------
@@ -218,49 +212,29 @@ def tied_frames(images: Iterable[Image], *, every: int = EVERY, moving: bool = F
 
 
 @dataclass(frozen=True, eq=False)
-class _View:
-    """A frame, and what its likeness with others is measured on."""
-
-    index: int
-    frame: Frame
-    duplicate: bool
-
-    @cached_property
-    def detail(self) -> Float32:
-        """The picture in small, less its local mean."""
-        import cv2
-
-        height, width = self.frame.grey.shape
-        small_width = min(SMALL_WIDTH, width)
-        size = (small_width, max(round(height * small_width / width), 1))
-        small: Any = cv2.resize(self.frame.grey, size, interpolation=cv2.INTER_AREA).astype(np.float32)
-        return np.asarray(small - cv2.blur(small, (LOCAL, LOCAL)), dtype=np.float32)
-
-
-@dataclass(frozen=True, eq=False)
 class KeyframePair:
     """A keyframe and an earlier one of its piece, which are to be matched."""
 
-    first: _View
-    second: _View
+    first: View
+    second: View
     H: Array
     """Homography between them, to a few pixels."""
     moving: bool
-    """As in `match_background`."""
+    """Argument of `match_background`."""
 
     @property
     def indices(self) -> tuple[int, int]:
-        """Of the earlier frame and of the later one."""
+        """Indices of the earlier frame and of the later one."""
         return self.first.index, self.second.index
 
     def matches(self) -> Matches | None:
-        """From the first to the second; None if they do not show the same."""
+        """Matches from the first to the second; None if they do not show the same."""
         found = _matched(self.first, self.second, self.H, MOST_CORNERS, self.moving)
         return None if found is None or found[1] < LEAST_LIKENESS_OF_KEY else found[0]
 
 
 @dataclass(frozen=True)
-class _How:
+class _PieceOptions:
     """The arguments of `KeyframeTracker`."""
 
     every: int
@@ -269,19 +243,19 @@ class _How:
 
 
 class _Piece:
-    """Frames that matches connect: the last keyframes, and how the camera moved last."""
+    """A piece that grows: its last keyframes, and how the camera moved last."""
 
-    def __init__(self, view: _View, number: int, how: _How) -> None:
+    def __init__(self, view: View, number: int, options: _PieceOptions) -> None:
         self.number = number
-        self.first = Tied(view.index, number, view.index, (), view.duplicate)
-        self._how = how
+        self.first = TiedFrame(view.index, number, view.index, (), view.duplicate)
+        self._options = options
         self._keys = deque([(view, np.eye(3))], maxlen=KEPT)  # each with the homography to the newest
         self._last = view
         self._matches: Matches | None = None  # from the newest keyframe to the last frame; None if they are the same
         self._motion: Array = np.eye(3)  # homography from the last frame but one to the last
 
     @property
-    def key(self) -> _View:
+    def key(self) -> View:
         return self._keys[-1][0]
 
     @property
@@ -289,69 +263,69 @@ class _Piece:
         """Homography from the newest keyframe to the last frame."""
         return np.eye(3) if self._matches is None else self._matches.homography
 
-    def tied(self, view: _View, least: float = LEAST_LIKENESS) -> Tied | None:
+    def tied(self, view: View, least: float = LEAST_LIKENESS) -> TiedFrame | None:
         """The frame after the last one, tied to the newest keyframe; None if nothing ties it."""
         if view.duplicate and self._matches is not None:
             return self._ordinary(view, self._matches)
-        corners = MOST_CORNERS if self._how.leave_pairs and self._is_due(view) else CORNERS
-        found = _matched(self.key, view, self._motion @ self._H, corners, self._how.moving)
+        corners = MOST_CORNERS if self._options.leave_pairs and self._is_due(view) else CORNERS
+        found = _matched(self.key, view, self._motion @ self._H, corners, self._options.moving)
         if found is None and self._matches is not None:
-            step = match_background(self._last.frame, view.frame, corners=CORNERS, moving=self._how.moving)
+            step = match_background(self._last.frame, view.frame, corners=CORNERS, moving=self._options.moving)
             H = None if step is None else step.homography @ self._H
-            found = None if H is None else _matched(self.key, view, H, CORNERS, self._how.moving)
+            found = None if H is None else _matched(self.key, view, H, CORNERS, self._options.moving)
         if found is None or found[1] < least:
             return None
         if not view.duplicate:
             self._motion = found[0].homography @ np.linalg.inv(self._H)
         return self._added(view, *found)
 
-    def found_again(self, view: _View, missed: int) -> Tied | None:
+    def found_again(self, view: View, missed: int) -> TiedFrame | None:
         """A frame tied to the newest keyframe or to earlier ones, after some that nothing ties."""
         for start in (np.linalg.matrix_power(self._motion, missed + 1) @ self._H, self._H):
-            found = _matched(self.key, view, start, CORNERS, self._how.moving)
+            found = _matched(self.key, view, start, CORNERS, self._options.moving)
             if found is not None and found[1] >= LEAST_LIKENESS_OF_KEY:
                 return self._added(view, *found)
         back = BACK[missed % len(BACK)]  # one of them for each frame, since this takes long
         if back > len(self._keys):
             return None
         older, to_newest = self._keys[-back]
-        far = match_far(older.frame, view.frame, moving=self._how.moving)
-        if far is None or _likeness(older, view, far.homography) < LEAST_LIKENESS_OF_KEY:
+        far = match_far(older.frame, view.frame, moving=self._options.moving)
+        if far is None or likeness(older, view, far.homography) < LEAST_LIKENESS_OF_KEY:
             return None
         self._motion = np.eye(3)
         return self._keyframe(view, far.homography @ np.linalg.inv(to_newest))
 
-    def _is_due(self, view: _View) -> bool:
-        return view.index - self.key.index >= self._how.every
+    def _is_due(self, view: View) -> bool:
+        return view.index - self.key.index >= self._options.every
 
-    def _added(self, view: _View, matches: Matches, likeness: float) -> Tied:
+    def _added(self, view: View, matches: Matches, likeness: float) -> TiedFrame:
         due = (
             self._is_due(view)
             or len(matches) < FEW_MATCHES
-            or _in_view(matches.homography, view.frame.image_size) < LEAST_IN_VIEW
+            or shared_view(matches.homography, view.frame.image_size) < LEAST_IN_VIEW
         )
         key = None
         if due and likeness >= LEAST_LIKENESS_OF_KEY and not view.duplicate:
             key = self._keyframe(view, matches.homography, matches)
         return self._ordinary(view, matches) if key is None else key
 
-    def _ordinary(self, view: _View, matches: Matches) -> Tied:
+    def _ordinary(self, view: View, matches: Matches) -> TiedFrame:
         self._last, self._matches = view, matches
-        return Tied(view.index, self.number, self.key.index, ((self.key.index, matches),), view.duplicate)
+        return TiedFrame(view.index, self.number, self.key.index, ((self.key.index, matches),), view.duplicate)
 
-    def _keyframe(self, view: _View, H: Array, matches: Matches | None = None) -> Tied | None:
+    def _keyframe(self, view: View, H: Array, matches: Matches | None = None) -> TiedFrame | None:
         """The next keyframe, with the homography from the newest to it; None if it is unlike earlier ones.
 
         With it come its matches with the newest, if it was tied to that one as an ordinary frame.
         """
         size = view.frame.image_size
         for older, to_newest in self._keys:
-            recent = view.index - older.index <= MIXED_FOR and _in_view(H @ to_newest, size) >= LEAST_IN_VIEW
-            if recent and _likeness(older, view, H @ to_newest) < LEAST_LIKENESS:
+            recent = view.index - older.index <= MIXED_FOR and shared_view(H @ to_newest, size) >= LEAST_IN_VIEW
+            if recent and likeness(older, view, H @ to_newest) < LEAST_LIKENESS:
                 return None
         earlier = [self._keys[-back] for back in BACK if back <= len(self._keys)]
-        pairs = tuple(KeyframePair(older, view, H @ to_newest, self._how.moving) for older, to_newest in earlier)
-        if self._how.leave_pairs and matches is not None:
+        pairs = tuple(KeyframePair(older, view, H @ to_newest, self._options.moving) for older, to_newest in earlier)
+        if self._options.leave_pairs and matches is not None:
             ties: tuple[tuple[int, Matches], ...] = ((self.key.index, matches),)
             left = pairs[1:]
         else:
@@ -362,54 +336,13 @@ class _Piece:
         moved = [(older, H @ to_newest) for older, to_newest in self._keys]
         self._keys = deque([*moved, (view, np.eye(3))], maxlen=KEPT)
         self._last, self._matches = view, None
-        return Tied(view.index, self.number, view.index, ties, view.duplicate, left)
+        return TiedFrame(view.index, self.number, view.index, ties, view.duplicate, left)
 
 
-def _matched(first: _View, second: _View, start: Array, corners: int, moving: bool) -> tuple[Matches, float] | None:
+def _matched(first: View, second: View, start: Array, corners: int, moving: bool) -> tuple[Matches, float] | None:
     """Matches of two frames, and how alike these are; None if they do not show the same."""
     matches = match_background(first.frame, second.frame, start=start, corners=corners, moving=moving)
     if matches is None:
         return None
-    likeness = _likeness(first, second, matches.homography)
-    return None if likeness < LEAST_LIKENESS else (matches, likeness)
-
-
-def _likeness(first: _View, second: _View, H: Array) -> float:
-    """How much of the contrast of either picture is in the other, the first moved by H (of pictures in full size).
-
-    Per block the covariance over the larger variance; of the half of the blocks with more contrast the median, since
-    players and boards change some blocks only. Graphics are left out: what is the same in place, and not once moved. A
-    mixture ``(1 - a) A + a B`` of two shots has about 1 - a with A and a with B.
-    """
-    import cv2
-
-    a: Any = first.detail
-    b: Any = second.detail
-    height, width = b.shape
-    x, y = np.divide(first.frame.image_size, (width, height))
-    T = np.array([[x, 0.0, 0.5 * (x - 1.0)], [0.0, y, 0.5 * (y - 1.0)], [0.0, 0.0, 1.0]])
-    small = np.linalg.inv(T) @ H @ T
-    inside = cv2.warpPerspective(np.ones_like(a), small, (width, height), flags=cv2.INTER_NEAREST)
-    moved = cv2.warpPerspective(a, small, (width, height), flags=cv2.INTER_LINEAR)
-    same, unlike, around = GRAPHIC
-    graphic = ((np.abs(a - b) < same) & (np.abs(moved - b) > unlike)).astype(np.uint8)
-    inside[cv2.dilate(graphic, np.ones((around, around), np.uint8)) > 0] = 0.0
-    a, b = moved * inside, b * inside
-    blocks = (max(width // BLOCK, 1), max(height // BLOCK, 1))
-    means = (cv2.resize(z, blocks, interpolation=cv2.INTER_AREA) for z in (inside, a * a, b * b, a * b))
-    seen, aa, bb, ab = (mean.ravel() for mean in means)
-    whole = seen > WHOLE
-    if not np.any(whole):
-        return 0.0
-    variance = np.maximum(aa, bb)[whole] / seen[whole]
-    likeness = ab[whole] / seen[whole] / (variance + NOISE**2)
-    return float(np.median(likeness[variance >= np.median(variance)]))
-
-
-def _in_view(H: Array, size: tuple[int, int]) -> float:
-    """Share of either picture that is in view in the other; the smaller of both."""
-    xy = IN_PICTURE * np.asarray(size, dtype=np.float64)
-    back: Array = np.asarray(np.linalg.inv(H), dtype=np.float64)
-    with np.errstate(invalid="ignore"):
-        inside = [np.all((z >= 0.0) & (z < size), axis=1) for z in (mapped(H, xy), mapped(back, xy))]
-    return float(min(np.mean(part) for part in inside))
+    alike = likeness(first, second, matches.homography)
+    return None if alike < LEAST_LIKENESS else (matches, alike)

@@ -6,7 +6,6 @@ lines at any distance. (skimage.measure.profile_line samples one profile per cal
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass, fields, replace
 from functools import cached_property
 
@@ -15,16 +14,12 @@ from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import ArrayLike
 
 from fieldcalib._types import Array, BoolArray, Float32, IntArray
-from fieldcalib.fields.field import Field
-from fieldcalib.fields.segments import Arc, ObjectSegments, Point, PointCloud, Segment, outwards
-from fieldcalib.fields.stands import SOCCER_SCALE
-from fieldcalib.fields.traits import LineLook, Paint
+from fieldcalib.fields.traits import LineLook
 from fieldcalib.geometry.camera import Camera
+from fieldcalib.images.field_markings import Markings
 from fieldcalib.io.image import Image
 from fieldcalib.problem.labelled_pixels import Pixels
 from fieldcalib.solve.options import pixel_unit
-
-POINT_SPACING = 1.0 / 160.0  # of the field's scale, along a marking: between points where a profile may be placed
 
 # Chosen by eye on broadcast frames. Of 31 images of WC14, one camera is not accepted; with one constant halved or
 # doubled, 1 to 4, except where a number is given below. IoU_part stays within 95.6 and 96.0 % (mean).
@@ -38,99 +33,14 @@ NEIGHBOURS = 5  # profiles, itself included, most of which must show the line at
 SAME_LINE = 2.0  # px, to this tolerance
 
 BLUR = 1.5  # px of any image: width added to lines by lens, motion and compression
-FLANK = (
-    4  # samples, 4/3 of a line width, between the middles of the line and of the ground beside it; 2: 13 not accepted
-)
-LUMA = np.array(
-    [0.114, 0.587, 0.299], np.float32
-)  # of blue, green, red (Rec. 601): video has less resolution in colour
+# samples, 4/3 of a line width, between the middles of the line and of the ground beside it; 2: 13 not accepted
+FLANK = 4
+# weights of blue, green, red (Rec. 601): video has less resolution in colour
+LUMA = np.array([0.114, 0.587, 0.299], np.float32)
 LEAST_SIGNAL = 2.5  # times the median absolute deviation of the contrast in a profile; 5: 8 not accepted
-OTHER_COLOUR = 4.0  # times the median difference in colour from the ground is another thing: 0.99 of markings are below
-SAME_GROUND = 0.2  # of the contrast of a line: a smaller difference between both sides is that of lossy compression
+OTHER_COLOUR = 4.0  # times the median difference in colour from the ground: more is no ground; 99 % are below
+SAME_GROUND = 0.2  # of the contrast of a line: smaller differences between both sides come from lossy compression
 NOISE_WINDOW = 12.0  # px on both sides, at least, in which that deviation is measured; 6: 6 not accepted
-
-
-@dataclass(frozen=True)
-class Markings:
-    """Points along the middle of the paint of an object's markings, segment by segment."""
-
-    labels: tuple[str, ...]
-    member: IntArray
-    """Index into `labels` of each point, (N,)."""
-    X: Array
-    """(N, 3)."""
-    along: Array
-    """Unit vectors along the segments, (N, 3)."""
-    on_ground: BoolArray
-    """Whether the whole segment is on the ground, (N,)."""
-    width: Array
-    """Of the paint, metres, (N,)."""
-    inwards: Array
-    """From the middle of the paint to the segment, where that is elsewhere, as the edge of a border: metres, (N, 3)."""
-    is_arc: BoolArray
-    """Whether each segment is an arc, (len(labels),)."""
-    look: LineLook
-    """Appearance of their lines."""
-
-    @classmethod
-    def of(cls, object_segments: ObjectSegments) -> Markings:
-        """The markings of an object: what is painted along segments, and of a circle and its halves only the circle.
-
-        An object that is no `Field` gets the default `LineLook`.
-        """
-        look, scale = LineLook(), SOCCER_SCALE
-        paint_of: Callable[[str], Paint] = dict.fromkeys(object_segments, Paint(width=look.width)).__getitem__
-        if isinstance(object_segments, Field):
-            look, scale = object_segments.lines, object_segments.scale
-            paint_of = object_segments.paint_of
-        whole = {_circle(segment) for segment in object_segments.values() if _is_whole(segment)}
-        markings = {
-            label: segment
-            for label, segment in object_segments.items()
-            if _is_curve(segment) and (_is_whole(segment) or _circle(segment) not in whole)
-        }
-        paint = {label: paint_of(label) for label in markings}
-        markings = {label: segment for label, segment in markings.items() if paint[label].is_along}
-        points = [segment.sample(POINT_SPACING * scale) for segment in markings.values()]
-        counts = [len(X) for X in points]
-        member, X = np.repeat(np.arange(len(points)), counts), np.concatenate([np.zeros((0, 3)), *points])
-        along, inwards = _along(member, X), np.zeros_like(X)
-        for index, (label, segment) in enumerate(markings.items()):
-            if paint[label].outwards:
-                own = member == index
-                inwards[own] = -paint[label].outwards * outwards(segment, X[own], along[own])
-        return cls(
-            tuple(markings),
-            member,
-            X - inwards,
-            along,
-            np.repeat(np.array([not np.any(X[:, 2]) for X in points], dtype=bool), counts),
-            np.repeat(np.array([paint[label].width for label in markings], dtype=float), counts),
-            inwards,
-            np.array([isinstance(segment, Arc) for segment in markings.values()], dtype=bool),
-            look,
-        )
-
-
-def _along(member: IntArray, X: Array) -> Array:
-    """Unit vectors (N, 3) along curves at their points X (N, 3), from one neighbour on the same curve to the other."""
-    index = np.arange(len(X))
-    before, after = np.maximum(index - 1, 0), np.minimum(index + 1, len(X) - 1)
-    before, after = (np.where(member[at] == member, at, index) for at in (before, after))
-    d = X[after] - X[before]
-    return np.asarray(d / np.linalg.norm(d, axis=1, keepdims=True))
-
-
-def _is_curve(segment: Segment) -> bool:
-    return not isinstance(segment, Point) and (not isinstance(segment, PointCloud) or segment.ordered)
-
-
-def _circle(segment: Segment) -> tuple[object, ...] | None:
-    return (segment.center, segment.radius, segment.u, segment.v) if isinstance(segment, Arc) else None
-
-
-def _is_whole(segment: Segment) -> bool:
-    return isinstance(segment, Arc) and abs(segment.stop - segment.start) >= 2.0 * np.pi
 
 
 @dataclass(frozen=True)
@@ -150,7 +60,7 @@ class Profiles:
     on_ground: BoolArray
     """(n,)."""
     inwards: Array
-    """From the middle of the paint to the segment, pixels, (n, 2)."""
+    """Way from the middle of the paint to the segment, pixels, (n, 2)."""
     spacing: Array
     """Length of the projected marking for each profile, px, (n,)."""
     look: LineLook
@@ -224,9 +134,9 @@ def _room(member: IntArray, xy: Array) -> Array:
 
 
 def lines_near(image: Image, camera: Camera, markings: Markings, search_range: float) -> tuple[Pixels, int]:
-    """Pixels (N, 2) of the line near each projected marking for which one is found, and the number of profiles.
+    """Pixels (N, 2) of the lines found near projected markings, by label, and the number of profiles.
 
-    The range is that of `find_lines`.
+    The search range is that of `find_lines`.
     """
     profiles = profiles_along(camera, markings)
     return pixels_of_lines(markings, profiles, find_lines(image, profiles, search_range)), len(profiles)
@@ -253,17 +163,17 @@ def find_lines(image: Image, profiles: Profiles, search_range: float) -> Array:
 
     Notes
     -----
-    A line is lighter (darker, if the field's `LineLook` says so) than the ground on both sides, and the ground has the
-    same colour on both sides, which is about that beside most other markings: white letters on a board are no line. It
-    is located at the largest contrast, which must exceed a threshold and the noise of the
-    profile, and most neighbouring profiles of the segment must show it at the same offset.
+    A line is lighter (darker, if the field's `LineLook` says so) than the ground on both sides. The ground has the same
+    colour on both sides, about as beside most other markings: white letters on a board are no line. The line is located
+    at the largest contrast, which must exceed a threshold and the noise of the profile, and most neighbouring profiles
+    of the segment must show it at the same offset.
     """
     return Strips.of(image, profiles, search_range).lines(search_range)
 
 
 @dataclass(frozen=True, eq=False)
 class Strips:
-    """What an image shows across the projected markings, sampled once for several search ranges."""
+    """An image sampled across the projected markings, once for several search ranges."""
 
     profiles: Profiles
     unit: float
@@ -271,7 +181,7 @@ class Strips:
     width: Array
     """Expected width of the line in the image, px, (n,)."""
     spacing: Array
-    """Of the samples, px, (n,)."""
+    """Distance between samples, px, (n,)."""
     offset: Array
     """Distance of each sample from the marking, px, (n, m)."""
     contrast: Float32
@@ -283,7 +193,7 @@ class Strips:
 
     @classmethod
     def of(cls, image: Image, profiles: Profiles, search_range: float, *, past_others: bool = False) -> Strips:
-        """Strips that are long enough for search ranges up to one, in pixels of a 960 x 540 image.
+        """Sample strips that are long enough for a search range, in pixels of a 960 x 540 image.
 
         They end halfway to the next marking, unless they are to go `past_others`.
         """
@@ -313,7 +223,7 @@ class Strips:
         return _median(np.abs(self.contrast - _median(self.contrast)[:, None]))
 
     def part(self, index: IntArray, search_range: float, *, past_others: bool = False) -> Strips:
-        """Strips (k,) of some profiles, cut to what `of` samples for a search range that is not longer."""
+        """Strips (k,) of some profiles, cut to the length that `of` samples for a search range that is not longer."""
         profiles, spacing = self.profiles.take(index), self.spacing[index]
         half = _half(profiles, spacing, self.unit, search_range, past_others=past_others)
         middle = self.contrast.shape[1] // 2
@@ -330,7 +240,7 @@ class Strips:
         )
 
     def lines(self, search_range: float) -> Array:
-        """As `find_lines`."""
+        """Signed distances (n,) of the lines from the markings; see `find_lines`."""
         profiles, contrast = self.profiles, self.contrast
         if not len(profiles):
             return np.zeros(0)
@@ -348,9 +258,9 @@ class Strips:
         return np.where(_consistent(found, profiles.member, SAME_LINE * self.unit), found, np.nan)
 
     def ridges(self, search_range: float, count: int) -> tuple[Array, BoolArray]:
-        """Signed distances (n, count) of the strongest ridges from the marking, and which may be lines by their sides.
+        """Signed distances (n, count) of the strongest ridges from the marking, NaN for none; and which may be lines.
 
-        Nothing is said about neighbours and other markings; NaN stands for none.
+        Ridges may be lines by the ground beside them; neighbours and other markings are not considered.
         """
         profiles, contrast = self.profiles, self.contrast
         middle, before, after = contrast[:, 1:-1], contrast[:, :-2], contrast[:, 2:]

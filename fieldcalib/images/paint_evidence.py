@@ -18,7 +18,8 @@ import numpy as np
 from fieldcalib._types import Array, BoolArray, Float32, IntArray
 from fieldcalib.assess.markings import LEAST_PLACES, LONG, MarkingInView
 from fieldcalib.geometry.camera import Camera
-from fieldcalib.images.line_profiles import SPACING, Markings, Profiles, Strips, profiles_along
+from fieldcalib.images.field_markings import Markings
+from fieldcalib.images.line_profiles import SPACING, Profiles, Strips, profiles_along
 from fieldcalib.io.image import Image
 from fieldcalib.problem.labelled_pixels import Pixels
 
@@ -32,7 +33,7 @@ PEAKS = 5  # ridges of a profile, the strongest ones
 SEEN = 0.5  # share of the profiles that paint beside a marking must have,
 MORE, MORE_SHARE = 3, 0.25  # and by how many and by which share of the profiles it must exceed what lies on the marking
 NEARER = 0.2  # share of the profiles that paint at the end of the band must have more than paint at the marking
-AS_NARROW = 1.2  # times the width of a marking in the image: where paint of other markings
+AS_NARROW = 1.2  # times the width of a marking in the image: where paint of other markings that are no wider
 EXPECTED = 0.6  # is seen in that share of the places, its own should be seen too
 LOOKED_AT = 0.87  # share of the profiles with paint where a marking is projected, above which no other is looked for
 NEARLY_ALL = 0.9  # share of the profiles on one line or arc, from which the first of these numbers is enough
@@ -43,11 +44,11 @@ LEAST_DETERMINANT = 0.1  # of their directions: two ridges with parallel normals
 
 @dataclass(frozen=True, eq=False)
 class PaintEvidence:
-    """What an image shows of the markings on the ground that a camera sees."""
+    """The paint that an image shows of the markings on the ground that a camera sees."""
 
     markings: tuple[MarkingInView, ...]
     beside: Pixels
-    """Pixels (N, 2) of the paint of markings that lie beside it."""
+    """Pixels (N, 2) of the paint of markings that do not lie on it, by label."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -125,7 +126,7 @@ def paint_evidence(image: Image, camera: Camera, markings: Markings) -> PaintEvi
 
 
 def evidence_of(ridges: Ridges, markings: Markings) -> PaintEvidence:
-    """The markings at the places where ridges were looked for, and which of them are paint."""
+    """Which markings lie on paint, which beside it, and where that paint is, from ridges near them."""
     profiles, offset, unit = ridges.profiles, ridges.offset, ridges.unit
     is_on = np.any(np.abs(offset) < ON_PAINT * unit, axis=1)
     found, beside = [], {}

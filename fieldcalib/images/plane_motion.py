@@ -1,7 +1,7 @@
 """The motion of the ground between two frames of a camera that moves: a homography.
 
-Where the centre moves, points move by their depth. Those of one plane still move by a homography, and what a camera on
-wires or a drone sees is mostly the ground. Stands and boards move otherwise, and are left out like players.
+Where the centre of the camera moves, points move by their depth. Those of one plane still move by a homography, and a
+camera on wires or a drone sees mostly the ground. Stands and boards move otherwise, and are left out like players.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ ITERATIONS = 4  # of the fit to what is near
 def plane_motion(
     x: Array, y: Array, candidates: BoolArray, size: tuple[int, int]
 ) -> tuple[Array, BoolArray, BoolArray, float] | None:
-    """As `fieldcalib.images.background_motion.background_motion`, of what lies in one plane."""
+    """The motion of points in one plane; arguments and result are those of `background_motion`."""
     import cv2
 
     if np.count_nonzero(candidates) < LEAST_POINTS:

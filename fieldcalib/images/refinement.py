@@ -18,21 +18,18 @@ from fieldcalib.assess.verdict import segment_errors
 from fieldcalib.fields.segments import ObjectSegments
 from fieldcalib.geometry.camera import Camera
 from fieldcalib.geometry.homography import YARD
-from fieldcalib.images.line_profiles import Markings, Profiles, Strips, lines_near, pixels_of_lines, profiles_along
+from fieldcalib.images.detected_lines import LOSS_SCALE, PROFILES_PER_SEGMENT, SEARCH_RANGES, calibrate_on_lines
+from fieldcalib.images.field_markings import Markings
+from fieldcalib.images.line_profiles import Profiles, Strips, lines_near, pixels_of_lines, profiles_along
 from fieldcalib.images.paint_evidence import PaintEvidence, Ridges, evidence_of, wide_strips
 from fieldcalib.io.image import Image, checked_image
 from fieldcalib.problem.evaluation import evaluate_cameras
 from fieldcalib.problem.labelled_pixels import ImageSegments, Pixels, Weights, check_segments
-from fieldcalib.problem.losses import RobustLoss
-from fieldcalib.solve.batch import calibrate_batch
 from fieldcalib.solve.from_homography import calibrate_from_homography
-from fieldcalib.solve.options import ALL, DEFAULT_FLAGS, PAINT, CalibrationFlags, Prior, pixel_unit
+from fieldcalib.solve.options import ALL, DEFAULT_FLAGS, CalibrationFlags, Prior, pixel_unit
 
 # Lengths are in pixels of a 960 x 540 image and grow with the image.
-SEARCH_RANGES = (12.0, 4.0)  # px from the projected markings, in the first and the second pass
-LOSS_SCALE = 2.0  # px: detected lines are more accurate than that, others are outliers
 STRAY = 8.0  # px from a camera that fits the lines: 6 to 12 give the same AC@10 and AC@20 on images of WC14
-PROFILES_PER_SEGMENT = 5.0  # number of profiles that carries the weight of one segment without a weight
 LEAST_SUPPORT_REFINED = 0.35  # broadcast frames: 0.36 to 0.9 for cameras within 3 px, below 0.38 for 95 % of wrong ones
 
 
@@ -163,14 +160,14 @@ def refine_homography_on_image(
 
 @dataclass(frozen=True, eq=False)
 class ToRefine:
-    """A calibration and what it is refined on."""
+    """A calibration, with the image and the labels that it is refined on."""
 
     image: Image
     calibration: Calibration
     labelled: Pixels
     weights: Weights
     are_detected: bool = False
-    """Whether a network labelled the pixels: what it mistook for a segment is no evidence against the camera."""
+    """Whether a network labelled the pixels: those that it mistook for a segment say nothing against the camera."""
 
 
 @dataclass(frozen=True)
@@ -183,13 +180,13 @@ class Refined:
     profiles: Profiles | None = None
     """Across its markings; None where there is no camera."""
     wide: Strips | None = None
-    """What its image shows there, as `wide_strips`, where that is known already."""
+    """`wide_strips` of its image across these markings, where they are sampled already."""
     paint: PaintEvidence | None = None
-    """What the image shows of the markings in view; None where that was not looked at."""
+    """Paint of the markings in view; None where it was not looked for."""
 
     @property
     def judged(self) -> Calibration:
-        """The calibration with what the image shows of the markings."""
+        """The calibration with the evidence of paint in its image."""
         return self.calibration if self.paint is None else self.calibration.seen_in_image(self.paint.markings)
 
 
@@ -207,16 +204,44 @@ def refine_all(
     Where markings lie beside their paint, cameras that begin from that paint are tried too. Cameras that fit the lines
     already need the last of the `search_ranges` only.
     """
-    refined = _in_passes(object_segments, markings, given, flags, prior, search_ranges)
-    refined = [_with_paint(one, image.image, markings) for one, image in zip(refined, given, strict=True)]
+    options = _Options(object_segments, markings, flags, prior)
+    refined = _in_passes(options, given, search_ranges)
     off = [t for t, one in enumerate(refined) if one.calibration.accepted and one.paint and one.paint.beside]
     if off:
-        moved = _moved_to_paint(
-            object_segments, markings, [refined[t] for t in off], [given[t] for t in off], flags, prior
-        )
+        moved = _moved_to_paint(options, [refined[t] for t in off], [given[t] for t in off])
         for t, one in zip(off, moved, strict=True):
             refined[t] = one
     return refined
+
+
+@dataclass(frozen=True, eq=False)
+class _Options:
+    """How cameras are refined."""
+
+    object_segments: ObjectSegments
+    markings: Markings
+    flags: int
+    prior: Prior
+
+    def calibrate(
+        self, given: Sequence[tuple[Calibration, Pixels, ToRefine]], flags: int = 0, loss_scale: float = LOSS_SCALE
+    ) -> list[Calibration]:
+        """Fit cameras to detected lines, and to labelled pixels of segments without one, from those of before."""
+        cameras = [calibration.camera for calibration, _, _ in given if calibration.camera is not None]
+        if not cameras:
+            return []
+        labels = [
+            (
+                {**one.labelled, **lines},
+                {label.strip(): weight for label, weight in one.weights.items()}
+                | {label: len(xy) / PROFILES_PER_SEGMENT for label, xy in lines.items()},
+            )
+            for _, lines, one in given
+        ]
+        size, flags = cameras[0].image_size, self.flags | flags
+        return calibrate_on_lines(
+            self.object_segments, labels, size, cameras, flags=flags, prior=self.prior, scale=loss_scale
+        )
 
 
 def _with_paint(one: Refined, image: Image, markings: Markings) -> Refined:
@@ -226,29 +251,19 @@ def _with_paint(one: Refined, image: Image, markings: Markings) -> Refined:
     return replace(one, paint=evidence_of(Ridges.across(wide), markings))
 
 
-def _moved_to_paint(
-    object_segments: ObjectSegments,
-    markings: Markings,
-    refined: Sequence[Refined],
-    given: Sequence[ToRefine],
-    flags: int,
-    prior: Prior,
-) -> list[Refined]:
+def _moved_to_paint(options: _Options, refined: Sequence[Refined], given: Sequence[ToRefine]) -> list[Refined]:
     """Cameras that are also fitted to the paint beside their markings, where more of the markings lie on paint then."""
     members = []
     for one, image in zip(refined, given, strict=True):
         assert one.paint is not None
         assert one.calibration.camera is not None
-        lines, _ = lines_near(image.image, one.calibration.camera, markings, SEARCH_RANGES[-1])
+        lines, _ = lines_near(image.image, one.calibration.camera, options.markings, SEARCH_RANGES[-1])
         members.append((one.calibration, {**lines, **one.paint.beside}, replace(image, labelled={}, weights={})))
-    fixed = flags | CalibrationFlags.CALIB_FIX_PRINCIPAL_POINT
-    starts = _calibrated(object_segments, members, fixed, prior, loss_scale=max(SEARCH_RANGES))
+    starts = options.calibrate(members, CalibrationFlags.CALIB_FIX_PRINCIPAL_POINT, max(SEARCH_RANGES))
     again = [replace(image, calibration=start) for image, start in zip(given, starts, strict=True)]
-    found = _in_passes(object_segments, markings, again, flags, prior)
-    moved = [_with_paint(one, image.image, markings) for one, image in zip(found, given, strict=True)]
     return [
         new if new.calibration.accepted and _paint_share(new) > _paint_share(old) else old
-        for old, new in zip(refined, moved, strict=True)
+        for old, new in zip(refined, _in_passes(options, again), strict=True)
     ]
 
 
@@ -257,36 +272,32 @@ def _paint_share(one: Refined) -> float:
 
 
 def _in_passes(
-    object_segments: ObjectSegments,
-    markings: Markings,
-    given: Sequence[ToRefine],
-    flags: int,
-    prior: Prior,
-    search_ranges: Sequence[float] = SEARCH_RANGES,
+    options: _Options, given: Sequence[ToRefine], search_ranges: Sequence[float] = SEARCH_RANGES
 ) -> list[Refined]:
-    """Cameras fitted to the lines near their markings, in two passes, or as they were."""
+    """Cameras fitted to the lines near their markings, in two passes, or as they were; and their paint."""
+    images, markings = [one.image for one in given], options.markings
     found = {t: one.calibration for t, one in enumerate(given)}
     strips = _strips(given, found, markings)
     best = _with_support(given, strips)
     for search_range in search_ranges:
-        kept = flags
+        flags = 0
         if search_range > SEARCH_RANGES[-1]:
             # lines that are found far away may be others: a principal point that is free would absorb them
-            kept |= CalibrationFlags.CALIB_FIX_PRINCIPAL_POINT
+            flags = CalibrationFlags.CALIB_FIX_PRINCIPAL_POINT
         else:
-            given = _without_stray(object_segments, given, found)
+            given = _without_stray(options.object_segments, given, found)
         members = [
             (found[t], pixels_of_lines(markings, one.profiles, one.lines(search_range)), given[t])
             for t, one in strips.items()
         ]
-        again = _calibrated(object_segments, members, kept, prior)
+        again = options.calibrate(members, flags)
         found = {t: calibration for t, calibration in zip(strips, again, strict=True) if calibration.accepted}
         strips = _strips(given, found, markings, are_wide=search_range == search_ranges[-1])
     for t, one in strips.items():
         support = _support(one.part(np.arange(len(one.profiles)), max(SEARCH_RANGES)))
         if support >= max(LEAST_SUPPORT_REFINED, best[t].support):
             best[t] = Refined(found[t], support, one.profiles, one)
-    return best
+    return [_with_paint(one, image, markings) for one, image in zip(best, images, strict=True)]
 
 
 def near_labels(
@@ -365,34 +376,3 @@ def line_support(image: Image, camera: Camera, markings: Markings, search_range:
         Pixels of a 960 x 540 image.
     """
     return _support(Strips.of(image, profiles_along(camera, markings), search_range), search_range)
-
-
-def _calibrated(
-    object_segments: ObjectSegments,
-    given: Sequence[tuple[Calibration, Pixels, ToRefine]],
-    flags: int,
-    prior: Prior,
-    loss_scale: float = LOSS_SCALE,
-) -> list[Calibration]:
-    """The cameras fitted to detected lines, and to labelled pixels of segments without one, from those of before."""
-    cameras = [calibration.camera for calibration, _, _ in given if calibration.camera is not None]
-    if not cameras:
-        return []
-    size = cameras[0].image_size
-    weights = [
-        {label.strip(): weight for label, weight in one.weights.items()}
-        | {label: len(xy) / PROFILES_PER_SEGMENT for label, xy in lines.items()}
-        for _, lines, one in given
-    ]
-    return calibrate_batch(
-        object_segments,
-        [{**one.labelled, **lines} for _, lines, one in given],
-        size,
-        cameras=cameras,
-        flags=flags,
-        prior=prior,
-        loss=RobustLoss("cauchy", loss_scale * pixel_unit(size)),
-        weights=weights,
-        trust_labels=True,
-        paint=PAINT,
-    )

@@ -11,17 +11,17 @@ from fieldcalib.assess.sequence import SequenceCalibration
 
 PLACE = ("x", "y", "z")
 SIZE = ("length", "width")
-BESIDE, ELSEWHERE = 1.5, 15.0  # m: where other cameras stand: on the same platform, or anywhere
+SAME_PLATFORM, ELSEWHERE = 1.5, 15.0  # m: standard deviations of where other cameras stand
 LEAST_LOG_RATIO = 1.0  # of the likelihoods: two places that are hardly known agree by chance
-UNMODELLED = 0.1  # m: standard deviation of each coordinate that a covariance does not know of
+UNMODELLED = 0.1  # m: standard deviation of each coordinate beyond its covariance
 
 
 def same_tripod_log_ratio(difference: Array, covariance: Array) -> float:
-    """Log likelihood ratio of one tripod to two, of estimates that differ by (3 + k,); the covariance is their sum.
+    """Log likelihood ratio of one tripod to two, from the difference (3 + k,) of two estimates and its covariance.
 
-    The first three are the centre, the others the size of the field, which is the same in any case. On one tripod the
-    difference is nothing but error. Otherwise the second camera stands beside the first one or somewhere else, as
-    probably.
+    The first three numbers are of the centre, the others of the size of the field, which is the same in any case. On
+    one tripod the difference is nothing but error. Otherwise the second camera stands beside the first one or somewhere
+    else, both with the same probability.
 
     Examples
     --------
@@ -38,14 +38,14 @@ def same_tripod_log_ratio(difference: Array, covariance: Array) -> float:
         W = V + sigma**2 * np.diag(is_place)
         return float(-0.5 * (difference @ np.linalg.solve(W, difference) + np.linalg.slogdet(W)[1]))
 
-    return log_density(0.0) - float(np.logaddexp(log_density(BESIDE), log_density(ELSEWHERE)) - np.log(2.0))
+    return log_density(0.0) - float(np.logaddexp(log_density(SAME_PLATFORM), log_density(ELSEWHERE)) - np.log(2.0))
 
 
 def grouped(shots: Mapping[int, SequenceCalibration]) -> list[list[int]]:
-    """The shots by their tripods; those whose place was not found are in no group.
+    """Group shots by their tripods; those whose place was not found are in no group.
 
-    The most certain place comes first. Each shot joins the group that it most probably belongs to, or begins a new one;
-    a group is where its first shot is.
+    The shot with the most certain place comes first. Each joins the group that it most probably belongs to, or begins a
+    new one. The place of a group is that of its first shot.
     """
     found = {number: shot for number, shot in shots.items() if shot.names}
     groups: list[list[int]] = []

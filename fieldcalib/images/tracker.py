@@ -11,92 +11,47 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from types import TracebackType
 from typing import Self
 
-import numpy as np
 from numpy.typing import ArrayLike
 
-from fieldcalib._types import Array
-from fieldcalib.assess.markings import MarkingInView
-from fieldcalib.assess.own_errors import OwnErrors
 from fieldcalib.assess.result import Calibration, Status
-from fieldcalib.assess.sequence import STEP, Basis
+from fieldcalib.assess.sequence import Basis
 from fieldcalib.fields.segments import ObjectSegments
-from fieldcalib.geometry.camera import Camera
-from fieldcalib.images.clip_shape import LookedAt
-from fieldcalib.images.clip_solver import LEAST_SHARE
-from fieldcalib.images.frame_lines import frame_lines, per_pixel
-from fieldcalib.images.frames_together import Cells, cells_of
-from fieldcalib.images.keyframes import EVERY, KeyframePair, KeyframeTracker
-from fieldcalib.images.line_profiles import Markings
+from fieldcalib.images.clip_problem import Cells, ClipOptions, cells_of, shared_parameters
+from fieldcalib.images.clip_shape import ShapeEstimator
+from fieldcalib.images.keyframes import EVERY, KeyframeTracker
 from fieldcalib.images.live_shape import LiveShape
+from fieldcalib.images.live_shot import FollowedFrame, LiveShot, follow
 from fieldcalib.images.paint_evidence import paint_evidence
-from fieldcalib.images.shot_solver import (
-    MOST_KEYS,
-    KeyframeOptions,
-    KnownCamera,
-    Seen,
-    ShotProblem,
-    ShotSolution,
-    SolvedShot,
-    prepare,
-    solve_shot,
-)
-from fieldcalib.io.image import Image, checked_image
+from fieldcalib.images.shot_solver import SegmentedImage, ShotProblem, ShotSolution, prepare, solve_shot
+from fieldcalib.io.image import Image, checked_image, size_of
 from fieldcalib.localize import Network
-from fieldcalib.localize.flow import check_network
 from fieldcalib.localize.network import SegmentationNetwork
-from fieldcalib.problem.labelled_pixels import check_object
 from fieldcalib.processes.other_process import OtherProcess
-from fieldcalib.solve.frame_columns import FrameColumns
-from fieldcalib.solve.given_camera import GivenCamera, check_of_clip
+from fieldcalib.solve.given_camera import GivenCamera
 from fieldcalib.solve.options import ALL, DEFAULT_FLAGS, Prior
-from fieldcalib.solve.sequence_solver import SHARED, SIZE
-from fieldcalib.solve.ties import Ties, stepped, with_tied
-from fieldcalib.solve.tripod import Labels
+from fieldcalib.solve.sequence_solver import SHARED
 
 NICENESS = 2  # of the process that solves keyframes: `update` comes first where there are few cores
-NEEDED = ("cv2", "fieldcalib.images.shot_solver")  # in that process
-LOOKED_AT = 4  # keyframes of a shot that the network sees in any case,
-SOLVE_AGAIN, LOOK_AGAIN = 3, 6  # then all are solved again, and the network sees one, every so many
+NEEDED = ("cv2", "fieldcalib.images.shot_solver")  # modules in that process
+SEGMENTED = 4  # keyframes of a shot that the network sees in any case,
+SOLVE_AGAIN, SEGMENT_AGAIN = 3, 6  # then all are solved again, and the network sees one, every so many
 PAINT_EVERY = 25  # frames, a second, after which paint beside the markings is looked for again: 5 ms
-LOST_FOR = 12  # frames that nothing ties for which a camera is extrapolated: half a second
-
-
-@dataclass
-class _Shot:
-    """Keyframes of a shot so far."""
-
-    piece: int
-    looked_at: int = 0
-    """How many of them the network has seen."""
-    labels: dict[int, Labels] = field(default_factory=dict)
-    """Lines in them; empty where no camera is found."""
-    matches: dict[tuple[int, int], Cells] = field(default_factory=dict)
-    """Between them."""
-    pairs: dict[tuple[int, int], KeyframePair] = field(default_factory=dict)
-    """What is still to be matched."""
-    solved: SolvedShot | None = None
-    followed: dict[int, KnownCamera] = field(default_factory=dict)
-    """Cameras of keyframes that are not solved yet, from those that are."""
-
-    @property
-    def known(self) -> dict[int, KnownCamera]:
-        """The cameras of its keyframes."""
-        return self.followed if self.solved is None else {**self.followed, **self.solved.keys}
 
 
 @dataclass(frozen=True, eq=False)
 class _Keyframe:
     """A keyframe that is to be calibrated."""
 
-    shot: _Shot
+    shot: tuple[int, int]
+    """Identity of its shot."""
     index: int
     size: tuple[int, int]
     image: Image | None
-    """If the network is to look at it."""
+    """The image, if the network is to see it."""
 
 
 class Tracker:
@@ -132,6 +87,7 @@ class Tracker:
 
     Examples
     --------
+    >>> import numpy as np
     >>> from fieldcalib import soccer
     >>> with Tracker(soccer()) as tracker:
     ...     calibration = tracker.update(np.zeros((540, 960, 3), np.uint8))
@@ -156,37 +112,31 @@ class Tracker:
         every: int = EVERY,
         wait: bool = False,
     ) -> None:
-        check_object(object_segments)
-        if network is not None:
-            check_network(network)
-        check_of_clip(flags)
         given = GivenCamera(camera_matrix, dist_coeffs, rvec, tvec)
+        self._options = ClipOptions(object_segments, flags, prior, shared_parameters(SHARED, estimate_size), given)
+        self._options.check(network)
         self._other = None if wait else OtherProcess(NICENESS, NEEDED)  # it starts while the network is loaded
         self._thread = ThreadPoolExecutor(max_workers=1)
-        shared = tuple(name for name in SHARED if estimate_size or name != SIZE)
-        self._options = KeyframeOptions(object_segments, flags, prior, given, shared)
         # one core is left to `update`
         self._network = SegmentationNetwork.load(threads=2 if wait else 1) if network is None else network
         if self._other is not None:
             self._other.run(prepare, self._options)
-        is_asked = camera_matrix is None
-        asked = take_off_borders and is_asked, estimate_aspect and is_asked and prior is not None
-        self._shape = LiveShape(LookedAt(object_segments, self._network, flags, prior, given, *asked), self._submit)
+        estimator = ShapeEstimator(self._options, self._network, take_off_borders, estimate_aspect)
+        self._shape = LiveShape(estimator, self._submit)
         self._size: tuple[int, int] | None = None  # of the images
         self._every = every
         self._running: tuple[_Keyframe, Future[ShotSolution]] | None = None
         self._is_closed = False
         self._basis = Basis.NOTHING
+        self._shot = LiveShot()
         self._begin()
 
     def _begin(self) -> None:
         """Forget all images so far."""
         self._keyframes = KeyframeTracker(self._every, leave_pairs=True)
         self._next: _Keyframe | None = None
-        self._shot = _Shot(0)
+        self._shot = LiveShot((self._shot.identity[0] + 1, 0))
         self._index = 0
-        self._last: list[tuple[int, KnownCamera]] = []  # the last two frames that were tied, for the motion
-        self._paint: tuple[int, tuple[MarkingInView, ...]] | None = None  # of the shot, when it was looked at
 
     def _submit(self, function: Callable[[Sequence[Image]], float], images: list[Image]) -> Future[float]:
         """Begin to work on images, in the thread unless it waits."""
@@ -241,8 +191,8 @@ class Tracker:
         if self._is_closed:
             raise ValueError("the tracker is closed: it takes no more images")
         image = checked_image(image)
-        size = image.shape[1], image.shape[0]
-        if self._size is None or size == self._size:  # what is of another size is named below
+        size = size_of(image)
+        if self._size is None or size == self._size:  # an image of another size is named by `KeyframeTracker`
             self._size = size
             if self._shape.update(image):
                 self._begin()
@@ -254,45 +204,51 @@ class Tracker:
         """The camera of the next image, in its frame."""
         index, self._index = self._index, self._index + 1
         tied = next((one for one in self._keyframes.update(image) if one.index == index), None)
-        if tied is not None and tied.piece != self._shot.piece:
-            self._shot, self._last, self._paint = _Shot(tied.piece), [], None
-        size = (image.shape[1], image.shape[0])
-        found = {} if tied is None else {key: cells_of(matches, size) for key, matches in tied.ties}
-        ties = {key: cells for key, cells in found.items() if cells is not None}
+        if tied is not None and tied.piece != self._shot.identity[1]:
+            self._shot, self._next = LiveShot((self._shot.identity[0], tied.piece)), None
+        found = () if tied is None else tied.ties
+        ties = {key: cells for key, one in found if (cells := cells_of(one, size_of(image))) is not None}
         self._work()
-        self._basis = Basis.NOTHING
-        calibration = Calibration.without_camera(Status.TOO_FEW_SEGMENTS, "no keyframe of this shot has a camera yet")
-        lines, own = None, None
-        if self._shot.solved is not None:
-            calibration, lines, own = self._followed(self._shot.solved, index, image, ties)
+        followed = self._follow(index, image, ties)
         if tied is not None and tied.is_key:
-            self._shot.matches.update({(key, index): cells for key, cells in ties.items()})
-            self._shot.pairs.update({pair.indices: pair for pair in tied.left})
-            if own is not None:
-                self._shot.followed[index] = own
-            self._add(index, image, lines)
-            if self._other is None and own is None and self._shot.solved is not None:
-                calibration, _, _ = self._followed(self._shot.solved, index, image, ties)
-        return self._with_paint(calibration, index, image)
+            self._shot = self._shot.with_keyframe(index, ties, tied.left, followed)
+            self._add(index, image, has_lines=followed is not None and bool(followed.lines[0]))
+            if self._other is None and (followed is None or followed.camera is None):
+                followed = self._follow(index, image, ties)
+        if followed is None:
+            self._basis = Basis.NOTHING
+            return Calibration.without_camera(Status.TOO_FEW_SEGMENTS, "no keyframe of this shot has a camera yet")
+        self._basis = followed.basis
+        return self._with_paint(followed.calibration, index, image)
+
+    def _follow(self, index: int, image: Image, ties: Mapping[int, Cells]) -> FollowedFrame | None:
+        """The frame as it follows from keyframes; None as long as none has a camera."""
+        if self._shot.solved is None:
+            return None
+        found = follow(self._shot, self._shot.solved, index, image, ties)
+        self._shot = self._shot.with_tied(index, found.camera)
+        return found
 
     def _with_paint(self, calibration: Calibration, index: int, image: Image) -> Calibration:
         """A calibration with what this or one of the last images shows of the markings."""
-        if calibration.camera is None or self._shot.solved is None:
+        shot = self._shot
+        if calibration.camera is None or shot.solved is None:
             return calibration
-        if self._paint is None or index - self._paint[0] >= PAINT_EVERY:
-            self._paint = index, paint_evidence(image, calibration.camera, self._shot.solved.markings).markings
-        return calibration.seen_in_image(self._paint[1])
+        paint = shot.paint
+        if paint is None or index - paint[0] >= PAINT_EVERY:
+            paint = index, paint_evidence(image, calibration.camera, shot.solved.markings).markings
+            self._shot = replace(shot, paint=paint)
+        return calibration.seen_in_image(paint[1])
 
-    def _add(self, index: int, image: Image, lines: Labels | None) -> None:
-        """A keyframe, which is calibrated if it is time to; one that is not begun yet gives way to it."""
-        shot, count = self._shot, len(self._shot.labels)
-        shot.labels[index] = ({}, {}) if lines is None else lines
-        looks = lines is None or not lines[0] or shot.looked_at < LOOKED_AT or count % LOOK_AGAIN == 0
-        if not looks and count % SOLVE_AGAIN:
+    def _add(self, index: int, image: Image, *, has_lines: bool) -> None:
+        """Calibrate the newest keyframe if it is time to; one that is not begun yet gives way to it."""
+        shot, count = self._shot, len(self._shot.labels) - 1
+        segments = not has_lines or shot.segmented < SEGMENTED or count % SEGMENT_AGAIN == 0
+        if not segments and count % SOLVE_AGAIN:
             return
-        shot.looked_at += looks
-        size = (image.shape[1], image.shape[0])
-        self._next = _Keyframe(shot, index, size, image.copy() if looks else None)  # the caller may use its image again
+        self._shot = replace(shot, segmented=shot.segmented + segments)
+        kept = image.copy() if segments else None  # the caller may use its image again
+        self._next = _Keyframe(shot.identity, index, size_of(image), kept)
         self._work()
 
     def _work(self) -> None:
@@ -304,138 +260,17 @@ class Tracker:
         if self._next is None or self._running is not None:
             return
         keyframe, self._next = self._next, None
-        problem = self._problem(keyframe)
+        problem = self._shot.problem(self._options, keyframe.size, keyframe.index)
         if self._other is None:
             self._take(keyframe, self._solution(problem, keyframe.image))
         else:
             self._running = keyframe, self._thread.submit(self._solution, problem, keyframe.image)
 
-    def _problem(self, keyframe: _Keyframe) -> ShotProblem:
-        shot = keyframe.shot
-        keys = set(sorted(shot.labels)[-MOST_KEYS:])
-        solved = shot.solved
-        return ShotProblem(
-            self._options,
-            keyframe.size,
-            keyframe.index,
-            {key: shot.labels[key] for key in keys},
-            {both: cells for both, cells in shot.matches.items() if keys.issuperset(both)},
-            tuple(shot.pairs.values()),
-            None if solved is None else solved.tripod.options.layout,
-            {key: one.theta for key, one in shot.known.items() if key in keys},
-        )
-
     def _solution(self, problem: ShotProblem, image: Image | None) -> ShotSolution:
-        seen = None if image is None else Seen(image, tuple(self._network.classes), self._network([image]))
+        seen = None if image is None else SegmentedImage(image, tuple(self._network.classes), self._network([image]))
         return solve_shot(problem, seen) if self._other is None else self._other.run(solve_shot, problem, seen)
 
     def _take(self, keyframe: _Keyframe, solution: ShotSolution) -> None:
-        shot = keyframe.shot
-        if solution.labels is not None:
-            shot.labels[keyframe.index] = solution.labels
-        shot.matches.update(solution.matches)
-        for both in solution.tried:
-            del shot.pairs[both]
-        if solution.solved is not None:
-            shot.solved = solution.solved
-            shot.followed = {key: own for key, own in shot.followed.items() if key not in solution.solved.keys}
-            if shot is self._shot:
-                self._catch_up(solution.solved)
-
-    def _catch_up(self, solved: SolvedShot) -> None:
-        """Cameras of keyframes that came in the meantime, from what ties them to those that are solved."""
-        shot = self._shot
-        for key in sorted(key for key in shot.labels if key > max(solved.keys) and key not in shot.followed):
-            ties = {i: cells for (i, j), cells in shot.matches.items() if j == key and i in shot.known}
-            found = self._tied(solved, ties, None) if ties else None
-            if found is not None:
-                shot.followed[key] = _only(found[0])
-
-    def _followed(
-        self, solved: SolvedShot, index: int, image: Image, ties: Mapping[int, tuple[Array, Array]]
-    ) -> tuple[Calibration, Labels | None, KnownCamera | None]:
-        """The camera of an image from the keyframes that it is tied to, or from the motion of those before.
-
-        With it come the lines in the image and the camera that others can be tied to, if it is tied itself.
-        """
-        known = self._shot.known
-        keys = sorted(key for key in ties if key in known)
-        tripod, layout = solved.tripod, solved.tripod.options.layout
-        columns = tripod.columns(1)
-        own = known.get(index)  # of a keyframe that was waited for
-        if own is not None or not keys:
-            basis = Basis.INTERPOLATED if own is None else Basis.LINES
-            own = self._extrapolated(index, solved) if own is None else own
-            if own is None:
-                nothing = "nothing ties this frame to a keyframe that has a camera"
-                return Calibration.without_camera(Status.TOO_FEW_SEGMENTS, nothing), None, None
-            if basis is Basis.INTERPOLATED and not self._shows_lines(image, layout.camera(own.theta), solved.markings):
-                nothing = "nothing ties this frame, and it shows no lines where the camera should have them: a cut?"
-                return Calibration.without_camera(Status.TOO_FEW_SEGMENTS, nothing), None, None
-            columns.fill_from(own.theta, OwnErrors(own.E, own.F), basis)
-            return self._of(solved, columns), None, None
-        found = self._tied(solved, {key: ties[key] for key in keys}, image)
-        if found is None:
-            nothing = "what ties this frame contradicts its keyframes"
-            return Calibration.without_camera(Status.TOO_FEW_SEGMENTS, nothing), None, None
-        columns, lines = found
-        own = _only(columns)
-        self._last = [*self._last[-1:], (index, own)]
-        return self._of(solved, columns), lines, own
-
-    def _tied(
-        self, solved: SolvedShot, ties: Mapping[int, Cells], image: Image | None
-    ) -> tuple[FrameColumns, Labels] | None:
-        """A frame that is tied to some keyframes, with its lines; None if these contradict what ties it."""
-        known = self._shot.known
-        keys, tripod, layout = sorted(ties), solved.tripod, solved.tripod.options.layout
-        here, is_known = np.array([len(keys)]), np.arange(len(keys) + 1) < len(keys)
-        pairs = {(k, len(keys)): ties[key] for k, key in enumerate(keys)}
-        local = Ties.of(tripod.object_segments, pairs, len(keys) + 1, layout.image_size)
-        near = image is not None and bool(self._last)
-        last = self._last[-1][1] if near else known[keys[-1]]
-        theta = np.where(layout.free, [*(known[key].theta for key in keys), last.theta], solved.shared)
-        towards, first = local.towards(here, theta, is_known)
-        if near:
-            theta[-1:], (contradicted,) = stepped(towards, layout, theta[-1:])
-        else:
-            scale = tripod.options.scale
-            theta, reached = with_tied(tripod.object_segments, local, theta, is_known, here, layout, scale)
-            contradicted = not reached[-1]
-        if contradicted:
-            return None
-        lines: Labels = ({}, {})
-        if image is not None:
-            lines, _ = frame_lines(image, layout.camera(theta[-1]), solved.markings)
-        of_keys = [known[keys[k]] for k in first.tolist()]
-        of_first = OwnErrors(np.array([one.E for one in of_keys]), np.array([one.F for one in of_keys]))
-        columns = tripod.columns(1)
-        tripod.follow(columns, np.array([0]), theta[-1:], [per_pixel(lines)], towards, of_first, {})
-        return columns, lines
-
-    def _shows_lines(self, image: Image, camera: Camera, markings: Markings) -> bool:
-        """Whether enough of the markings in view have a line in the image."""
-        (pixels, _), profiles = frame_lines(image, camera, markings, np.inf)
-        return sum(map(len, pixels.values())) >= LEAST_SHARE * max(profiles, 1)
-
-    def _of(self, solved: SolvedShot, columns: FrameColumns) -> Calibration:
-        """The calibration in columns of one frame."""
-        one = replace(solved.sequence, frames=columns.frames)
-        self._basis = one.basis[0]
-        return one[0]
-
-    def _extrapolated(self, index: int, solved: SolvedShot) -> KnownCamera | None:
-        """The camera that goes on moving as before, with errors that grow."""
-        if not self._last or index - self._last[-1][0] > LOST_FOR:
-            return None
-        last, own = self._last[-1]
-        before, other = self._last[0]
-        gap, free = index - last, solved.tripod.options.layout.free
-        motion = np.zeros_like(own.theta) if last == before else (own.theta - other.theta) / (last - before)
-        spread = gap * (0.5 * np.abs(motion[free]) + STEP * gap)
-        return KnownCamera(own.theta + gap * np.where(free, motion, 0.0), own.E + np.diag(np.square(spread)), own.F)
-
-
-def _only(columns: FrameColumns) -> KnownCamera:
-    """The camera of the only frame."""
-    return KnownCamera(columns.theta[0], columns.errors.own[0], columns.errors.following[0])
+        """Take the solution of a keyframe, unless its shot is over."""
+        if keyframe.shot == self._shot.identity:
+            self._shot = self._shot.with_solution(keyframe.index, solution)

@@ -364,3 +364,8 @@ def write_bytes(path: Path, data: bytes) -> None:
 def write_text(path: Path, text: str) -> None:
     """Write a text file in UTF-8, with its line ends as they are, whole or not at all."""
     write_bytes(path, text.encode())
+
+
+def problem(error: Exception) -> str:
+    """What is wrong with a file; a MemoryError has no text of its own."""
+    return str(error) or "there is not enough memory for it"

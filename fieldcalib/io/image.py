@@ -12,6 +12,11 @@ from numpy.typing import NDArray
 Image: TypeAlias = NDArray[np.uint8]
 
 
+def size_of(image: Image) -> tuple[int, int]:
+    """Width and height in pixels."""
+    return image.shape[1], image.shape[0]
+
+
 def checked_image(image: Any, image_size: tuple[int, int] | None = None) -> Image:
     """The image as an array, or a ValueError that says what is wrong with it.
 

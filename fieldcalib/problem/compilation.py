@@ -15,8 +15,8 @@ from typing import Any
 import numpy as np
 
 from fieldcalib._types import Array, BoolArray
+from fieldcalib.fields.segments.closest import ClosestPoints
 from fieldcalib.geometry.lens import Pinhole, RadialLens
-from fieldcalib.problem.closest_points import ClosestPoints
 from fieldcalib.problem.layout import Layout
 from fieldcalib.problem.observations import Observations
 
@@ -38,7 +38,7 @@ def kernels(layout: Layout, observations: Observations | None = None) -> ModuleT
     plain = isinstance(layout.lens, RadialLens | Pinhole) and layout.zoom_law is None
     if not plain:
         return None
-    if observations is not None and (observations.curves or observations.clouds):
+    if observations is not None and any(rows and not rows.compiled for rows in observations.rows):
         return None
     return compiled()
 
@@ -81,15 +81,15 @@ def unknowns(layout: Layout, theta: Array) -> Array:
 
 def packed_frames(module: ModuleType, layout: Layout, observations: Observations, noise: float = 1.0) -> Any:
     """Observations as `fieldcalib.problem.compiled.Frames`, with weights for pixels of some noise."""
-    kinds = ("lines", "arcs", "points", "points", "ends")
-    rows = [getattr(observations, kind) for kind in kinds]
+    kinds = [(getattr(module, name), k) for k, rows in enumerate(observations.rows) for name in rows.compiled]
+    rows = [observations.rows[k] for _, k in kinds]
     motion, given = len(kinds) * (np.zeros((1, 1, 3, 0)),), np.zeros(0)
     if _is_sized(layout):
         assert layout.field_size is not None
-        motion = tuple(np.ascontiguousarray(observations.motion_of_rows[kind]) for kind in kinds)
+        motion = tuple(np.ascontiguousarray(observations.motion_of_rows[k]) for _, k in kinds)
         given = np.array(layout.field_size.given, dtype=float)
     return module.Frames(
-        (module.LINES, module.ARCS, module.ALONG_X, module.ALONG_Y, module.ENDS),
+        tuple(kind for kind, _ in kinds),
         tuple(np.ascontiguousarray(one.xy) for one in rows),
         tuple(one.weight / noise**2 for one in rows),
         tuple(np.ascontiguousarray(one.label) for one in rows),

@@ -15,8 +15,8 @@ import numpy as np
 from numba import njit
 
 from fieldcalib._types import Array, IntArray
+from fieldcalib.fields.segments import closest as by_numpy
 from fieldcalib.geometry.lens.model import FOLD
-from fieldcalib.problem import closest_points as by_numpy
 from fieldcalib.problem.layout import LOG_ASPECT, LOG_F, PAN, ROLL
 from fieldcalib.problem.losses import LossName, RobustLoss
 from fieldcalib.problem.projection import UNDISTORTING_STEPS
@@ -32,7 +32,7 @@ LINEAR, CAUCHY, SOFT_L1, HUBER = map(get_args(LossName).index, ("linear", "cauch
 
 
 class Limits(NamedTuple):
-    """The constants of `fieldcalib.problem.closest_points`, and of what it uses.
+    """The constants of `fieldcalib.fields.segments.closest`, and of what it uses.
 
     They are arguments, since Numba keeps what it has compiled until this file changes, whatever changes elsewhere.
     """

@@ -23,18 +23,19 @@ import numpy as np
 
 from fieldcalib._types import Array, BoolArray, IntArray
 from fieldcalib.fields.crown import share_of_crown
-from fieldcalib.fields.segments import ObjectSegments
+from fieldcalib.fields.segments import EndRows, ObjectSegments
+from fieldcalib.fields.segments.closest import ClosestPoints
 from fieldcalib.fields.stands import SOCCER_SCALE
 from fieldcalib.geometry.camera import Camera
 from fieldcalib.geometry.lens import common_lens
 from fieldcalib.problem.background import BackgroundEvaluation, BackgroundPairs
-from fieldcalib.problem.closest_points import ClosestPoints, closest_points, end_points
+from fieldcalib.problem.closest_points import closest_points
 from fieldcalib.problem.compilation import compiled_closest_points, compiled_derivatives
 from fieldcalib.problem.coupling import Coupling
 from fieldcalib.problem.labelled_pixels import Pixels
 from fieldcalib.problem.layout import LOG_F, Layout
 from fieldcalib.problem.losses import RobustLoss
-from fieldcalib.problem.observations import Observations, Rows, pack
+from fieldcalib.problem.observations import Observations, pack
 from fieldcalib.problem.prior import GaussianPrior
 from fieldcalib.problem.projection import Projection
 from fieldcalib.problem.smooth_path import PathEvaluation, SmoothPath
@@ -134,6 +135,8 @@ class Evaluation:
     theta: Array
     """(B, n)."""
     points: ClosestPoints
+    known_projection: Projection | None = None
+    """`projection`, if it was computed before."""
 
     @property
     def r(self) -> Array:
@@ -146,7 +149,7 @@ class Evaluation:
     @cached_property
     def projection(self) -> Projection:
         """The cameras."""
-        return Projection(self.theta, self.problem.layout)
+        return self.known_projection or Projection(self.theta, self.problem.layout)
 
     @cached_property
     def JT(self) -> Array:
@@ -288,13 +291,13 @@ class Evaluation:
         """Another problem of the same pixels at the same cameras: its loss, layout or prior differ."""
         return Evaluation(problem, self.theta, self.points)
 
-    def with_ends(self, ends: Rows) -> Evaluation:
+    def with_ends(self, ends: EndRows) -> Evaluation:
         """With these ends of segments observed too."""
-        observations = replace(self.problem.observations.without_ends, ends=ends)
+        observations = self.problem.observations.with_ends(ends)
         problem = replace(self.problem, observations=observations)
         points = self.points.columns(slice(0, self.r.shape[1] - self.problem.observations.ends.xy.shape[1]))
         if ends:
-            points = ClosestPoints.joined([points, end_points(self.projection, ends)])
+            points = ClosestPoints.joined([points, *ends.closest_points(self.projection)])
         return Evaluation(problem, self.theta, points)
 
     def take(self, index: IntArray | slice) -> Evaluation:
@@ -329,9 +332,7 @@ def evaluate(problem: Problem, theta: Array) -> Evaluation:
     observations, size = problem.observations, problem.layout.field_size
     if size is not None and np.any(problem.free[problem.layout.field_size_block]):
         observations = observations.moved(theta[:, problem.layout.field_size_block] - size.given)
-    found = Evaluation(problem, theta, closest_points(projection, observations))
-    found.__dict__["projection"] = projection
-    return found
+    return Evaluation(problem, theta, closest_points(projection, observations), projection)
 
 
 def evaluate_camera(camera: Camera, object_segments: ObjectSegments, frame: Pixels) -> Evaluation:

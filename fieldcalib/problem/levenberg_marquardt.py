@@ -23,7 +23,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fieldcalib._types import Array, BoolArray, IntArray
-from fieldcalib.problem.closest_points import ClosestPoints
+from fieldcalib.fields.segments.closest import ClosestPoints
 from fieldcalib.problem.compilation import kernels, packed_frames, unknowns
 from fieldcalib.problem.coupling import Coupling
 from fieldcalib.problem.evaluation import LENS_TAILS, LOG_F_RANGE, Evaluation, Problem, evaluate
@@ -328,24 +328,31 @@ def _times(hessian: Array, coupling: Coupling | None, step: Array, shared: BoolA
     return product
 
 
-@dataclass(eq=False)
 class _Best:
-    """The best cameras so far."""
+    """The best cameras so far: an evaluation, or arrays of its own that trials of some frames are written to."""
 
-    evaluation: Evaluation
-    is_own: bool = False
-    """Whether its arrays are nobody else's."""
+    def __init__(self, start: Evaluation) -> None:
+        self._whole = start
+        self._arrays: list[Array] | None = None
 
     def replace(self, index: IntArray, trial: Evaluation, taken: BoolArray) -> None:
-        """Frames `index` by those of a trial that are `taken`; if these are all, with what was computed of them."""
-        if np.count_nonzero(taken) == len(self.evaluation.theta):
-            self.evaluation, self.is_own = trial, False
+        """Take the frames `taken` of a trial of frames `index`; if these are all, with what was computed of them."""
+        if np.count_nonzero(taken) == len(self._whole.theta):
+            self._whole, self._arrays = trial, None
         elif np.any(taken):
-            if not self.is_own:
-                every = self.evaluation
-                points = ClosestPoints(*(getattr(every.points, name.name).copy() for name in fields(ClosestPoints)))
-                self.evaluation, self.is_own = Evaluation(every.problem, every.theta.copy(), points), True
-            self.evaluation.theta[index[taken]] = trial.theta[taken]
-            for name in fields(ClosestPoints):
-                values = getattr(self.evaluation.points, name.name)
-                values[..., index[taken], :] = getattr(trial.points, name.name)[..., taken, :]
+            self._arrays = self._arrays or [one.copy() for one in _arrays(self._whole)]
+            for own, others in zip(self._arrays, _arrays(trial), strict=True):
+                own[..., index[taken], :] = others[..., taken, :]
+
+    @property
+    def evaluation(self) -> Evaluation:
+        """The problem at the best cameras."""
+        if self._arrays is None:
+            return self._whole
+        theta, *points = self._arrays
+        return Evaluation(self._whole.problem, theta, ClosestPoints(*points))
+
+
+def _arrays(evaluation: Evaluation) -> list[Array]:
+    """The cameras and the closest points, each (..., B, M)."""
+    return [evaluation.theta, *(getattr(evaluation.points, one.name) for one in fields(ClosestPoints))]

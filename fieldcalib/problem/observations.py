@@ -1,63 +1,44 @@
-"""Many frames of labelled pixels, packed into arrays.
+"""The labelled pixels of many frames in one table, and packed for the solvers.
 
-One frame is a mapping of labels to (N, 2) pixels, perhaps with weights. `pack` turns many frames into padded arrays
-(T, N, ...) with a weight that is 0 where there is only padding, one set of rows for each kind of segment.
+One frame comes as a mapping of labels to (N, 2) pixels, perhaps with weights. `pack` puts many frames into padded
+arrays (T, N, ...) with a weight that is 0 where there is only padding, one set of rows for each kind of segment
+(`fieldcalib.fields.segments.rows`). That is the form in which labelled pixels are handed on.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, fields, replace
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
 from functools import cached_property
-from itertools import chain
-from typing import NamedTuple
+from itertools import pairwise
+from typing import Any, TypeVar
 
 import numpy as np
+from numpy.typing import NDArray
 
 from fieldcalib._types import Array, BoolArray, IntArray
-from fieldcalib.fields.segments import Arc, Line, ObjectSegments, Point, PointCloud, Segment
+from fieldcalib.fields.segments import ROWS, EndRows, ObjectSegments, Rows, Segment
 from fieldcalib.problem.labelled_pixels import Pixels, PixelWeights
 
-# Kinds of rows, in the order of the residuals: how many vectors describe a segment of each kind at least, and how many
-# residuals a pixel has, one row of them after the other.
-LEAST_DEPTH = {"lines": 2, "arcs": 3, "curves": 3, "points": 1, "clouds": 1, "ends": 3}
-COMPONENTS = {"lines": 1, "arcs": 1, "curves": 1, "points": 2, "clouds": 2, "ends": 1}
+Kind = TypeVar("Kind", bound=Rows)
 
 
 @dataclass(frozen=True, eq=False)
-class Rows:
-    """Observed pixels on segments of one kind, T frames padded to N pixels each."""
+class PixelTable:
+    """Labelled pixels of many frames, one after the other: frame by frame, and in a frame label by label."""
 
-    xy: Array
-    """Pixels, (T, N, 2)."""
-    weight: Array
-    """(T, N); 0 where there is only padding."""
+    frame: IntArray
+    """(P,), ascending."""
     label: IntArray
-    """Index into `Observations.labels`, (T, N); -1 where there is only padding."""
-    geometry: Array
-    """World vectors of the segment, (T, N, G, 3): X | start, direction | centre, radius u, radius v | samples.
+    """Index into the labels, (P,)."""
+    xy: Array
+    """(P, 2)."""
+    weight: Array
+    """(P,)."""
 
-    Of an end its X, in the first two components of the second vector the direction in the image that is measured, and
-    in the first one of the third where it is along the segment: 0 at the start, 1 at the end.
-    """
-
-    def __bool__(self) -> bool:
-        return bool(self.xy.shape[1] > 0)
-
-    def take(self, index: IntArray | slice) -> Rows:
-        """The rows of frames `index`, in that order, repeated where `index` repeats."""
-        return Rows(*(getattr(self, name.name)[index] for name in fields(self)))
-
-    def choose(self, rows: IntArray) -> Rows:
-        """Of each frame its own rows (T, N')."""
-        frame = np.arange(len(rows))[:, None]
-        return Rows(*(getattr(self, name.name)[frame, rows] for name in fields(self)))
-
-    @property
-    def trimmed(self) -> Rows:
-        """Without the padding that all frames have, which comes last."""
-        count = int(np.max(np.sum(self.label >= 0, axis=1), initial=0))
-        return Rows(*(getattr(self, name.name)[:, :count] for name in fields(self)))
+    def take(self, kept: BoolArray | IntArray) -> PixelTable:
+        """Some of the pixels, in the order of indices if these are given."""
+        return PixelTable(self.frame[kept], self.label[kept], self.xy[kept], self.weight[kept])
 
 
 @dataclass(frozen=True, eq=False)
@@ -66,24 +47,39 @@ class Observations:
 
     labels: tuple[str, ...]
     image_size: tuple[int, int]
-    lines: Rows
-    arcs: Rows
-    curves: Rows
-    """Ordered point clouds."""
-    points: Rows
-    clouds: Rows
-    """Unordered point clouds."""
-    ends: Rows
-    """Pixels past the end of their segment, and that end: see `fieldcalib.problem.segment_ends`."""
+    segments: tuple[Segment, ...]
+    """What the labels name; empty where a file kept the rows alone."""
+    rows: tuple[Rows, ...]
+    """One set for each kind, in the order of `fieldcalib.fields.segments.ROWS`, the ends of segments last."""
     motion: Array | None = None
     """How the labels' segments move with the size of the field (`Field.motion`), (L, 2, 3, 2)."""
 
     def __len__(self) -> int:
-        return len(self.lines.xy)
+        return len(self.rows[0].xy)
+
+    def of_kind(self, kind: type[Kind]) -> Kind:
+        """The rows of one kind."""
+        rows = self.rows[ROWS.index(kind)]
+        assert isinstance(rows, kind)
+        return rows
+
+    @property
+    def ends(self) -> EndRows:
+        """Pixels past the end of their segment, and that end (`fieldcalib.problem.segment_ends`)."""
+        return self.of_kind(EndRows)
+
+    def with_ends(self, ends: EndRows) -> Observations:
+        """The same pixels with these ends."""
+        return replace(self, rows=(*self.rows[:-1], ends))
+
+    @property
+    def without_ends(self) -> Observations:
+        """The labelled pixels alone."""
+        return self.with_ends(EndRows.none(len(self)))
 
     def take(self, index: IntArray | slice) -> Observations:
         """The observations of frames `index`, in that order, repeated where `index` repeats."""
-        return replace(self, **{kind: getattr(self, kind).take(index) for kind in LEAST_DEPTH})
+        return replace(self, rows=tuple(rows.take(index) for rows in self.rows))
 
     @property
     def trimmed(self) -> Observations:
@@ -91,87 +87,131 @@ class Observations:
         used = np.unique(self.label[self.label >= 0])
         number = np.full(len(self.labels) + 1, -1)  # the last one is that of padding
         number[used] = np.arange(len(used))
-        rows = {kind: getattr(self, kind).trimmed for kind in LEAST_DEPTH}
+        rows = [rows.trimmed for rows in self.rows]
         return replace(
             self,
             labels=tuple(self.labels[index] for index in used),
-            **{kind: replace(one, label=number[one.label]) for kind, one in rows.items()},
+            segments=tuple(self.segments[index] for index in used) if self.segments else (),
+            rows=tuple(replace(one, label=number[one.label]) for one in rows),
             motion=None if self.motion is None else self.motion[used],
         )
 
-    def unpacked(self, frame: int) -> tuple[Pixels, PixelWeights]:
-        """The pixels of one frame by label, and what they weigh, ends aside: what `pack` takes."""
-        pixels: Pixels = {}
-        weights: PixelWeights = {}
-        for kind in LEAST_DEPTH:
-            rows = getattr(self, kind)
-            for index in np.unique(rows.label[frame]) if kind != "ends" else ():
-                member = rows.label[frame] == index
-                if index >= 0:
-                    pixels[self.labels[index]] = rows.xy[frame, member]
-                    weights[self.labels[index]] = rows.weight[frame, member]
-        return pixels, weights
+    @cached_property
+    def pixels(self) -> PixelTable:
+        """The labelled pixels, ends aside."""
+        parts = [(*np.nonzero(rows.label >= 0), rows) for rows in self.rows[:-1]]
+        frame = np.concatenate([frame for frame, _, _ in parts])
+        table = PixelTable(
+            frame, *(np.concatenate([getattr(rows, name)[t, n] for t, n, rows in parts]) for name in PIXEL_COLUMNS)
+        )
+        return table.take(np.argsort(frame, kind="stable"))
 
-    @property
-    def without_ends(self) -> Observations:
-        """The labelled pixels alone."""
-        return replace(self, ends=self.ends.choose(np.empty((len(self), 0), dtype=np.intp)))
+    def by_frame(self) -> Iterator[tuple[Pixels, PixelWeights]]:
+        """Pixels by label, and what they weigh, of each frame: what `pack` takes."""
+        table = self.pixels
+        borders = np.searchsorted(table.frame, np.arange(len(self) + 1))
+        for begin, end in pairwise(borders.tolist()):
+            label, xy, weight = table.label[begin:end], table.xy[begin:end], table.weight[begin:end]
+            own = {self.labels[index]: label == index for index in dict.fromkeys(label.tolist())}
+            yield {name: xy[at] for name, at in own.items()}, {name: weight[at] for name, at in own.items()}
+
+    def frame(self, t: int) -> tuple[Pixels, PixelWeights]:
+        """Pixels by label, and what they weigh, of frame t."""
+        return next(self.take(slice(t, t + 1)).by_frame())
+
+    @cached_property
+    def weigh_alike(self) -> BoolArray:
+        """Whether all labels of a frame count alike, as without weights, (T,)."""
+        table, count = self.pixels, self.pixels_by_label
+        differs = ~np.isclose(table.weight * count[table.frame, table.label], 1.0)
+        return np.asarray(np.bincount(table.frame, differs, minlength=len(self)) == 0)
+
+    def relabelled(self, label: IntArray) -> Observations:
+        """The same pixels under other labels: indices (P,) in the order of `pixels`, negative to leave one out.
+
+        Pixels that come under one label share its weight of 1 in frames where all labels weigh alike.
+        """
+        seen = label >= 0
+        table = replace(self.pixels, label=label).take(seen)
+        key = table.frame * len(self.labels) + table.label
+        _, first, inverse, count = np.unique(key, return_index=True, return_inverse=True, return_counts=True)
+        alike = self.weigh_alike[table.frame]
+        weight = np.where(alike, 1.0 / count[inverse], table.weight)
+        order = np.lexsort((first[inverse], table.frame))  # label by label, in the order of their first pixels
+        return self._of(replace(table, weight=weight).take(order), len(self))
+
+    @staticmethod
+    def joined(parts: Sequence[Observations]) -> Observations:
+        """The frames of several observations of the same object, one after the other."""
+        begins = np.cumsum([0, *map(len, parts)])
+        tables = [one.pixels for one in parts]
+        frame = np.concatenate([begin + table.frame for begin, table in zip(begins, tables, strict=False)])
+        columns = (np.concatenate([getattr(table, name) for table in tables]) for name in PIXEL_COLUMNS)
+        return parts[0]._of(PixelTable(frame, *columns), int(begins[-1]))
+
+    def _of(self, table: PixelTable, count: int) -> Observations:
+        """Other pixels of the same labels, in `count` frames."""
+        return replace(self, rows=_packed(table, count, dict(enumerate(self.segments))))
 
     def without_labels(self, left_out: BoolArray) -> Observations:
         """Observations in which some labels (T, L) weigh nothing."""
         frame = np.arange(len(self))[:, None]
-        kinds = {}
-        for kind in LEAST_DEPTH:
-            rows = getattr(self, kind)
-            kinds[kind] = replace(rows, weight=np.where(left_out[frame, rows.label], 0.0, rows.weight))
-        return replace(self, **kinds)
+        return replace(
+            self,
+            rows=tuple(
+                replace(rows, weight=np.where(left_out[frame, rows.label], 0.0, rows.weight)) for rows in self.rows
+            ),
+        )
 
     @cached_property
-    def motion_of_rows(self) -> dict[str, Array]:
-        """How the segment of each pixel moves, by kind, (T, N, 3, 2): a line as its middle, an end as itself."""
+    def motion_of_rows(self) -> tuple[Array, ...]:
+        """How the segment of each pixel moves, for each kind of rows (T, N, 3, 2): a line as its middle."""
         assert self.motion is not None
-        found = {}
-        for kind in LEAST_DEPTH:
-            rows = getattr(self, kind)
-            along = rows.geometry[:, :, 2, :1, None] if kind == "ends" else 0.5
-            start, end = self.motion[rows.label, 0], self.motion[rows.label, 1]
-            found[kind] = start + along * (end - start)
-        return found
+        return tuple(rows.motion(self.motion) for rows in self.rows)
 
     @cached_property
     def motion_of_residuals(self) -> Array:
-        """The same for every residual, (T, M, 3, 2)."""
-        parts = [self.motion_of_rows[kind] for kind, components in COMPONENTS.items() for _ in range(components)]
-        return np.concatenate(parts, axis=1)
+        """How the segment of each residual moves, (T, M, 3, 2)."""
+        return self._by_residual(self.motion_of_rows)
 
     def moved(self, change: Array) -> Observations:
         """Observations of fields whose length and width (T, 2) have changed."""
-        kinds = {}
-        for kind, motion in self.motion_of_rows.items():
-            rows = getattr(self, kind)
-            geometry = rows.geometry.copy()
-            geometry[:, :, 0] += (motion @ change[:, None, :, None])[..., 0]
-            kinds[kind] = replace(rows, geometry=geometry)
-        return replace(self, **kinds)
+        moves = [(motion @ change[:, None, :, None])[..., 0] for motion in self.motion_of_rows]
+        return replace(self, rows=tuple(rows.moved(move) for rows, move in zip(self.rows, moves, strict=True)))
 
     @cached_property
-    def columns(self) -> dict[str, slice]:
+    def columns(self) -> dict[type[Rows], slice]:
         """Where the residuals of each kind of rows stand among all M."""
         columns, end = {}, 0
-        for kind, components in COMPONENTS.items():
-            begin, end = end, end + components * getattr(self, kind).xy.shape[1]
-            columns[kind] = slice(begin, end)
+        for rows in self.rows:
+            begin, end = end, end + rows.components * rows.xy.shape[1]
+            columns[type(rows)] = slice(begin, end)
         return columns
 
     @cached_property
     def weight(self) -> Array:
-        """Weight of every residual, (T, M), ordered as lines, arcs, curves, points' x, y, clouds' x, y, ends."""
-        return self._by_residual("weight")
+        """Weight of every residual, (T, M): kind after kind, and of each its components one after the other."""
+        return self._by_residual([rows.weight for rows in self.rows])
 
     @cached_property
     def label(self) -> IntArray:
         """Label index of every residual, (T, M); -1 where there is only padding."""
-        return np.asarray(self._by_residual("label"), dtype=np.intp)
+        return np.asarray(self._by_residual([rows.label for rows in self.rows]), dtype=np.intp)
+
+    @cached_property
+    def shares_noise(self) -> BoolArray:
+        """Whether the residual has noise in common with its segment, (M,)."""
+        return np.repeat([rows.shares_noise for rows in self.rows], self._residuals_of_rows)
+
+    @cached_property
+    def pixel_share(self) -> Array:
+        """Share of each residual in a labelled pixel, (M,): a half where that has two, none of an end's."""
+        shares = [0.0 if isinstance(rows, EndRows) else 1.0 / rows.components for rows in self.rows]
+        return np.repeat(shares, self._residuals_of_rows)
+
+    @property
+    def _residuals_of_rows(self) -> list[int]:
+        return [rows.components * rows.xy.shape[1] for rows in self.rows]
 
     def by_label(self, values: Array) -> Array:
         """Sums of values (T, M) over the residuals of each label, (T, L)."""
@@ -183,16 +223,14 @@ class Observations:
     @cached_property
     def pixels_by_label(self) -> Array:
         """Number of pixels of each label, ends aside, (T, L)."""
-        share = np.zeros(self.label.shape)  # of a residual in its pixel
-        for kind, components in COMPONENTS.items():
-            share[:, self.columns[kind]] = 0.0 if kind == "ends" else 1.0 / components
-        return self.by_label(share)
+        return self.by_label(np.broadcast_to(self.pixel_share, self.label.shape))
 
-    def _by_residual(self, name: str) -> Array:
-        parts = [
-            getattr(getattr(self, kind), name) for kind, components in COMPONENTS.items() for _ in range(components)
-        ]
-        return np.concatenate(parts, axis=-1)
+    def _by_residual(self, of_rows: Iterable[NDArray[Any]]) -> NDArray[Any]:
+        parts = [values for rows, values in zip(self.rows, of_rows, strict=True) for _ in range(rows.components)]
+        return np.concatenate(parts, axis=1)
+
+
+PIXEL_COLUMNS = ("label", "xy", "weight")
 
 
 def pack(
@@ -213,64 +251,46 @@ def pack(
     """
     labels = tuple(object_segments)
     number = {label: index for index, label in enumerate(labels)}
-    groups: dict[str, list[_Group]] = {kind: [] for kind in LEAST_DEPTH}
-    geometry = {label: _geometry(object_segments[label]) for label in dict.fromkeys(chain.from_iterable(frames))}
-    for t, frame in enumerate(frames):
-        given = None if pixel_weights is None else pixel_weights[t]
-        for label, xy in frame.items():
-            weight = np.full(len(xy), 1.0 / max(len(xy), 1)) if given is None else given[label]
-            groups[geometry[label][0]].append(_Group(t, number[label], xy, weight))
-    vectors = {number[label]: vectors for label, (_, vectors) in geometry.items()}
-    rows = {kind: _rows(members, len(frames), vectors, LEAST_DEPTH[kind]) for kind, members in groups.items()}
-    return Observations(labels, image_size, **rows, motion=motion)
+    groups = [(t, label, xy) for t, frame in enumerate(frames) for label, xy in frame.items()]
+    sizes = [len(xy) for _, _, xy in groups]
+    weights = [
+        np.full(len(xy), 1.0 / max(len(xy), 1)) if pixel_weights is None or given is None else given[label]
+        for t, label, xy in groups
+        for given in [None if pixel_weights is None else pixel_weights[t]]
+    ]
+    table = PixelTable(
+        np.repeat(np.array([t for t, _, _ in groups], dtype=np.intp), sizes),
+        np.repeat(np.array([number[label] for _, label, _ in groups], dtype=np.intp), sizes),
+        np.concatenate([np.empty((0, 2)), *(xy for _, _, xy in groups)]),
+        np.concatenate([np.empty(0), *weights]),
+    )
+    used = {number[label]: object_segments[label] for _, label, _ in groups}
+    rows = _packed(table, len(frames), used)
+    return Observations(labels, image_size, tuple(object_segments.values()), rows, motion)
 
 
-class _Group(NamedTuple):
-    """The pixels of a label in a frame."""
-
-    frame: int
-    label: int
-    xy: Array
-    weight: Array
-
-
-def _rows(groups: Sequence[_Group], count: int, vectors: Mapping[int, Array], depth: int) -> Rows:
-    """The rows of segments of one kind in `count` frames: the groups of a frame one after the other."""
-    if not groups:
-        return _no_rows(count, 0, depth)
-    sizes = np.array([len(group.xy) for group in groups])
-    frame = np.repeat([group.frame for group in groups], sizes)
-    label = np.repeat([group.label for group in groups], sizes)
-    column = np.arange(len(frame)) - np.searchsorted(frame, frame)
-    seen = {group.label for group in groups}
-    depth = max(len(vectors[index]) for index in seen)
-    table = np.zeros((max(seen) + 1, depth, 3))
-    for index in seen:
-        own = vectors[index]
-        table[index, : len(own)], table[index, len(own) :] = own, own[-1]
-    rows = _no_rows(count, int(np.max(column, initial=-1)) + 1, depth)
-    rows.xy[frame, column] = np.concatenate([group.xy for group in groups])
-    rows.weight[frame, column] = np.concatenate([group.weight for group in groups])
-    rows.label[frame, column] = label
-    rows.geometry[frame, column] = table[label]
-    return rows
-
-
-def _no_rows(count: int, pixels: int, depth: int) -> Rows:
-    """Padding alone; its geometry is finite."""
-    geometry = np.empty((count, pixels, depth, 3))
-    geometry[:] = np.eye(3)[np.arange(depth) % 3]
-    return Rows(np.zeros((count, pixels, 2)), np.zeros((count, pixels)), np.full((count, pixels), -1), geometry)
-
-
-def _geometry(segment: Segment) -> tuple[str, Array]:
-    """The kind of rows that a segment makes, and its vectors (G, 3)."""
-    match segment:
-        case Line(start, end):
-            return "lines", np.array([start, np.subtract(end, start)])
-        case Arc(center, radius, u=u, v=v):
-            return "arcs", np.array([center, np.multiply(radius, u), np.multiply(radius, v)])
-        case Point(X):
-            return "points", np.array([X])
-        case PointCloud():
-            return "curves" if segment.ordered else "clouds", segment.X
+def _packed(table: PixelTable, count: int, segments: Mapping[int, Segment]) -> tuple[Rows, ...]:
+    """The rows of each kind, of `count` frames: the pixels of a frame one after the other."""
+    kind_of_label = np.full(max(segments, default=-1) + 1, -1)
+    for index, segment in segments.items():
+        kind_of_label[index] = ROWS.index(segment.rows)
+    kind_of_pixel = kind_of_label[table.label]
+    found = []
+    for k, kind in enumerate(ROWS):
+        own = table.take(kind_of_pixel == k)
+        vectors = {index: segments[index].vectors for index in np.unique(own.label).tolist()}
+        if not vectors:
+            found.append(kind.none(count))
+            continue
+        depth = max(map(len, vectors.values()))
+        geometry = np.zeros((max(vectors) + 1, depth, 3))
+        for index, X in vectors.items():
+            geometry[index, : len(X)], geometry[index, len(X) :] = X, X[-1]
+        column = np.arange(len(own.frame)) - np.searchsorted(own.frame, own.frame)
+        rows = kind.none(count, int(np.max(column)) + 1, depth)
+        rows.xy[own.frame, column] = own.xy
+        rows.weight[own.frame, column] = own.weight
+        rows.label[own.frame, column] = own.label
+        rows.geometry[own.frame, column] = geometry[own.label]
+        found.append(rows)
+    return tuple(found)

@@ -50,6 +50,11 @@ class Projection:
         """By which the angles move the optical axis in the world, (B, 3, 3): ``axis x e3`` in the camera."""
         return np.asarray(self._axes @ TIMES_E3 @ self.R)
 
+    @property
+    def reach(self) -> float:
+        """Ideal offset within which the lens is sure to be one to one, pixels."""
+        return self.layout.lens.rho
+
     def directions(self, d: Array) -> Array:
         """World directions (B, N, 3) in scaled camera coordinates, (3, B, N)."""
         return np.ascontiguousarray(np.swapaxes(self._scaled_R @ np.swapaxes(d, 1, 2), 0, 1))

@@ -2,20 +2,20 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
-from itertools import groupby
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
 
 from fieldcalib._json import from_json, to_json
 from fieldcalib._types import Array, IntArray
+from fieldcalib.fields.segments import ROWS, EndRows, Rows
 from fieldcalib.fields.traits import Crown
 from fieldcalib.geometry.lens import LENSES
 from fieldcalib.problem.evaluation import Problem
 from fieldcalib.problem.layout import Layout, SizeBlock, ZoomLaw
 from fieldcalib.problem.losses import RobustLoss
-from fieldcalib.problem.observations import LEAST_DEPTH, Observations, Rows
+from fieldcalib.problem.observations import Observations
 from fieldcalib.problem.prior import GaussianPrior
 
 
@@ -52,42 +52,32 @@ def problem_from_record(record: Mapping[str, Any]) -> Problem:
 def _observations_to_record(observations: Observations, frame: int) -> dict[str, Any]:
     """Pixels and weights of each label, the vectors of its segment, and how that moves with the size of the field."""
     found: dict[int, Any] = {}
-    for kind in LEAST_DEPTH:
-        rows = getattr(observations, kind)
-        xy, weights, geometry = rows.xy[frame].tolist(), rows.weight[frame].tolist(), rows.geometry[frame]
-        for index, member in _runs(rows.label[frame].tolist()) if kind != "ends" else ():
-            weight = weights[member]
+    *kinds, ends = (rows.take(slice(frame, frame + 1)) for rows in observations.rows)
+    for rows in kinds:
+        for index in dict.fromkeys(rows.label[rows.label >= 0].tolist()):
+            of_label = rows.label[0] == index
+            weight = rows.weight[0, of_label].tolist()
             found[index] = {
-                "kind": kind,
-                "geometry": to_json(geometry[member.start]),
+                "kind": rows.name,
+                "geometry": to_json(rows.geometry[0, np.argmax(of_label)]),
                 "motion": None if observations.motion is None else to_json(observations.motion[index]),
-                "xy": to_json(xy[member]),
+                "xy": to_json(rows.xy[0, of_label]),
                 "weight": to_json(weight[0] if weight.count(weight[0]) == len(weight) else weight),
             }
-    ends = observations.ends
-    seen = ends.label[frame] >= 0
+    seen = ends.label >= 0
     return {
         "labels": {observations.labels[index]: found[index] for index in sorted(found)},
         "ends": {
-            "label": [observations.labels[index] for index in ends.label[frame, seen]],
-            **{name: to_json(getattr(ends, name)[frame, seen]) for name in ("xy", "weight", "geometry")},
+            "label": [observations.labels[index] for index in ends.label[seen]],
+            **{name: to_json(getattr(ends, name)[seen]) for name in ("xy", "weight", "geometry")},
         },
     }
-
-
-def _runs(labels: Sequence[int]) -> Iterator[tuple[int, slice]]:
-    """The labels of a frame's rows, and where the pixels of each stand: one label after the other, padding left out."""
-    end = 0
-    for label, members in groupby(labels):
-        begin, end = end, end + len(list(members))
-        if label >= 0:
-            yield label, slice(begin, end)
 
 
 def _observations_from_record(record: Mapping[str, Any], image_size: tuple[int, int]) -> Observations:
     labels: Mapping[str, Any] = record["labels"]
     number = {label: index for index, label in enumerate(labels)}
-    parts: dict[str, list[tuple[Array | IntArray, ...]]] = {kind: [] for kind in LEAST_DEPTH}
+    parts: dict[str, list[tuple[Array | IntArray, ...]]] = {kind.name: [] for kind in ROWS}
     for label, part in labels.items():
         xy = from_json(part["xy"])
         parts[part["kind"]].append(
@@ -101,20 +91,24 @@ def _observations_from_record(record: Mapping[str, Any], image_size: tuple[int, 
     ends = record["ends"]
     if ends["label"]:
         index = np.array([number[label] for label in ends["label"]])
-        parts["ends"].append((from_json(ends["xy"]), from_json(ends["weight"]), index, from_json(ends["geometry"])))
+        parts[EndRows.name].append(
+            (from_json(ends["xy"]), from_json(ends["weight"]), index, from_json(ends["geometry"]))
+        )
     motions = [part["motion"] for part in labels.values()]
     return Observations(
         tuple(labels),
         image_size,
-        **{kind: _joined(parts[kind], depth) for kind, depth in LEAST_DEPTH.items()},
-        motion=None if None in motions else from_json(motions),
+        (),
+        tuple(_joined(kind, parts[kind.name]) for kind in ROWS),
+        None if None in motions else from_json(motions),
     )
 
 
-def _joined(parts: list[tuple[Array | IntArray, ...]], depth: int) -> Rows:
+def _joined(kind: type[Rows], parts: list[tuple[Array | IntArray, ...]]) -> Rows:
     """Rows of one frame from those of its labels."""
-    none = (np.empty((0, 2)), np.empty(0), np.empty(0, dtype=np.intp), np.empty((0, depth, 3)))
-    return Rows(*(np.concatenate(columns)[None] for columns in zip(*(parts or [none]), strict=True)))
+    if not parts:
+        return kind.none(1)
+    return kind(*(np.concatenate(columns)[None] for columns in zip(*parts, strict=True)))
 
 
 def layout_to_record(layout: Layout) -> dict[str, Any]:

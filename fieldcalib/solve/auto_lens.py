@@ -84,7 +84,7 @@ def _solved_with(part: Part, freed: tuple[str, ...]) -> Part:
 def _with_ends_anew(object_segments: ObjectSegments, part: Part) -> Part:
     """The same with the ends of segments that the camera sees now."""
     options = part.options
-    start = with_segment_ends(object_segments, part.solution.evaluation, options.wide_loss.scale)
+    start = with_segment_ends(part.solution.evaluation, options.wide_loss.scale)
     solution = levenberg_marquardt(start, max_iterations=options.max_iterations, tolerance=options.tolerance)
     return replace(part, solution=solution)
 

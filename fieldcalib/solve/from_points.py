@@ -293,18 +293,16 @@ def _calibrate_without_prior(points: Points, options: Options, common: _Common) 
     rvec, tvec, _, _ = moved.to_opencv()
     given, points = points, replace(points, X=scale * (points.X - origin) @ turn.T, rvec=rvec, tvec=tvec)
     found = _calibrate(points, options, None, common, on_field=False)
-    if found.camera is None:
+    if found.camera is None or found.solved is None:
         return found
     camera = found.camera
     C = origin + camera.C @ turn / scale
     camera = Camera(camera.K, camera.R @ turn, C, camera.image_size, camera.dist)
-    return replace(found, camera=camera, solved=_moved_back(found.solved, camera, given, scale))
+    return replace(found, camera=camera, errors=_moved_back(found.solved, camera, given, scale))
 
 
-def _moved_back(solved: Solved | None, camera: Camera, points: Points, scale: float) -> Solved | None:
+def _moved_back(solved: Solved, camera: Camera, points: Points, scale: float) -> Solved:
     """What was solved, among the given points and not among those that were moved for the solver."""
-    if solved is None:
-        return None
     segments, pixels = _as_segments(points)
     problem = solved.evaluation.problem
     weights = {name: np.array([weight]) for name, weight in zip(points.names, points.weights, strict=True)}

@@ -238,7 +238,7 @@ def _solved(
     solved = Relabelled(frames, solution.evaluation, found.prior, [()] * len(frames))
     if not trust_labels:
         solved = without_mislabels(object_segments, frames, weights, solution.evaluation, found.prior, options)
-    start = with_segment_ends(object_segments, solved.evaluation, options.wide_loss.scale)
+    start = with_segment_ends(solved.evaluation, options.wide_loss.scale)
     solution = solve(start, max_iterations=options.max_iterations, tolerance=options.tolerance)
     are_annotated = [not trust_labels and _weigh_alike(weight) for weight in weights]
     if not options.auto_lens:

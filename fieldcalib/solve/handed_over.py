@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 from fieldcalib._types import Array
+from fieldcalib.assess.camera_errors import NoErrors
 from fieldcalib.assess.result import Calibration
 from fieldcalib.assess.solved import Solved
 from fieldcalib.fields.field import Field
@@ -31,7 +32,7 @@ class HandedOver:
             is_new = one.solved is not None and one.solved.evaluation is not last
             solved.append((one.solved.evaluation, one.solved.unit) if one.solved is not None and is_new else None)
             last = one.solved.evaluation if one.solved is not None else last
-        bare = [replace(one, solved=None, field=None) for one in calibrations]
+        bare = [replace(one, errors=NoErrors(), field=None) for one in calibrations]
         return cls(bare, solved, [None if one.solved is None else one.solved.frame for one in calibrations])
 
     def received(self, field: Field | None) -> list[Calibration]:
@@ -40,6 +41,6 @@ class HandedOver:
         last: tuple[Evaluation, Array] | None = None
         for one, solved, frame in zip(self.calibrations, self.solved, self.frames, strict=True):
             last = last if solved is None else solved
-            whole = Solved(*last, frame) if last is not None and frame is not None else None
-            found.append(replace(one, solved=whole, field=None if one.camera is None else field))
+            whole = Solved(*last, frame) if last is not None and frame is not None else NoErrors()
+            found.append(replace(one, errors=whole, field=None if one.camera is None else field))
         return found

@@ -10,6 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from fieldcalib._types import Array, BoolArray, IntArray
+from fieldcalib.fields.segments import LineRows, Rows
 from fieldcalib.fields.stands import SOCCER_SCALE
 from fieldcalib.fields.traits import DEVIATIONS
 from fieldcalib.geometry.homography import decompose_homography
@@ -26,7 +27,7 @@ from fieldcalib.problem.layout import (
     TILT,
     exp_of,
 )
-from fieldcalib.problem.observations import Observations, Rows
+from fieldcalib.problem.observations import Observations
 from fieldcalib.problem.prior import GaussianPrior
 
 SHORT, NEAREST = 1.0 / 8.0, 1.0 / 40.0  # of what is in view: length of a short segment, depth of the nearest one
@@ -131,16 +132,10 @@ def _segment_middles(observations: Observations, short: float) -> tuple[Array, A
     Of a long segment only a part is in view, and nobody knows which: weights fall with the square of the length.
     """
     X, xy, weight = [], [], []
-    for rows in (observations.lines, observations.arcs, observations.curves, observations.points, observations.clouds):
+    for rows in observations.rows:
         if not rows:
             continue
-        if rows is observations.lines:
-            start, direction = rows.geometry[:, :, 0], rows.geometry[:, :, 1]
-            middle, length = start + 0.5 * direction, np.linalg.norm(direction, axis=-1)
-        elif rows is observations.arcs:
-            middle, length = rows.geometry[:, :, 0], 2.0 * np.linalg.norm(rows.geometry[:, :, 1], axis=-1)
-        else:
-            middle, length = rows.geometry.mean(axis=2), np.linalg.norm(np.ptp(rows.geometry, axis=2), axis=-1)
+        middle, length = rows.extent
         X.append(middle)
         xy.append(rows.xy)
         weight.append(rows.weight / np.square(length + short))  # short segments do not outweigh each other
@@ -160,7 +155,7 @@ def camera_from_lines(observations: Observations, known: Array, scale: float = S
 
     The homography is decomposed with the known principal point, else the image's centre.
     """
-    T, rows = len(observations), observations.lines
+    T, rows = len(observations), observations.of_kind(LineRows)
     theta = np.broadcast_to(np.where(np.isnan(known), 0.0, known), (T, len(known))).copy()
     image_centre = np.array(observations.image_size) / 2.0
     principal_point = np.where(np.isnan(known[PRINCIPAL_POINT]), image_centre, known[PRINCIPAL_POINT])
@@ -206,7 +201,7 @@ def ground_homographies(
     found : (T,) bool array
         Which frames have one: those with four lines on the ground that are longer than a point.
     """
-    T, rows = len(observations), observations.lines
+    T, rows = len(observations), observations.of_kind(LineRows)
     on_ground = _ground_rows(rows)
     labels = np.unique(rows.label[on_ground])
     if len(labels) < 4:

@@ -59,4 +59,4 @@ def put_together(
 
 def labels_of(solved: Evaluation) -> tuple[Pixels, PixelWeights]:
     """The pixels of one frame and what they weigh, as they were solved with."""
-    return solved.problem.observations.without_ends.unpacked(0)
+    return solved.problem.observations.frame(0)

@@ -48,7 +48,7 @@ def on_told_size(calibration: Calibration, again: Callable[[Field, Camera], Cali
         return calibration
     sized = told.solved(found.solved, sized.size[None])
     unit = np.where(sized.layout.free, sized.prior_sigma, 0.0)[None]
-    return replace(found, camera=sized.camera, field=sized.field, solved=Solved(sized.evaluation, unit))
+    return replace(found, camera=sized.camera, field=sized.field, errors=Solved(sized.evaluation, unit))
 
 
 @dataclass(frozen=True, eq=False)

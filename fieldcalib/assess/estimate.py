@@ -1,0 +1,222 @@
+"""An estimated camera: from the covariance of its parameters to errors of intrinsics, pose and points on the ground."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Self
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from fieldcalib._types import Array, BoolArray
+from fieldcalib.assess.datum import MARKINGS_IN_VIEW, RelativeTo, by_parameters, checked, in_words
+from fieldcalib.assess.ground import ground_derivatives
+from fieldcalib.assess.observability import Direction
+from fieldcalib.fields.field import Field
+from fieldcalib.geometry.camera import Camera
+from fieldcalib.geometry.rotation import rotation_axes
+from fieldcalib.problem.layout import ANGLES, CENTER, LOG_ASPECT, LOG_F, PRINCIPAL_POINT, Layout
+from fieldcalib.problem.projection import Projection
+
+INTRINSICS, EXTRINSICS = 18, 6  # lengths of cv2.calibrateCameraExtended's standard deviations
+NORMAL = 1e9  # degrees of freedom from which on Fisher's distribution is the chi-squared one
+LENS_INTRINSICS = slice(4, 16)  # of them: k1, k2, p1, p2, k3, k4, k5, k6, s1, s2, s3, s4
+
+
+@dataclass(frozen=True)
+class GroundError:
+    """Errors of points on the ground: `rms` in metres, and the `ellipse` that holds the true point."""
+
+    covariance: Array
+    """Covariance (..., 2, 2) of x and y: NaN where there is no ground point, infinite where it is open."""
+    dof: float
+    """Degrees of freedom of Student's t."""
+
+    @property
+    def rms(self) -> Array:
+        """Root mean square distance to the true point, (...,) metres."""
+        return np.asarray(np.sqrt(np.trace(self.covariance, axis1=-2, axis2=-1)))
+
+    def ellipse(self, level: float = 0.95) -> tuple[Array, Array]:
+        """The ellipse that holds the true point with a probability.
+
+        Returns
+        -------
+        half_axes : (..., 2) array
+            Metres, the longer one first; NaN where the covariance is not finite.
+        angle : (...,) array
+            Direction of the longer axis, radians from x towards y.
+        """
+        known = np.asarray(np.isfinite(self.covariance).all(axis=(-2, -1)))
+        values, vectors = np.linalg.eigh(np.where(known[..., None, None], self.covariance, np.eye(2)))
+        half_axes = region_radius(2, self.dof, level) * np.sqrt(np.maximum(values[..., ::-1], 0.0))
+        y, x = np.moveaxis(vectors[..., 1], -1, 0)[::-1].copy()
+        angle = np.arctan2(y, x)
+        return np.where(known[..., None], half_axes, np.nan), np.where(known, angle, np.nan)
+
+
+class Estimate(ABC):
+    """An estimated camera and how far it may be off, whatever its covariance comes from."""
+
+    dof: float
+    """Degrees of freedom of Student's and Fisher's distributions, which give the size of regions."""
+    field: Field | None
+    """The field in view; None if the object is no `Field`: then errors are relative to its origin."""
+
+    @abstractmethod
+    def on(self, field: Field | None) -> Self:
+        """The same estimate with this field in view: errors are then relative to its markings."""
+
+    @property
+    @abstractmethod
+    def if_level(self) -> Self:
+        """The errors if the field were known to be level (`fieldcalib.fields.crown`)."""
+
+    @property
+    @abstractmethod
+    def layout(self) -> Layout:
+        """Names and order of the parameters."""
+
+    @property
+    @abstractmethod
+    def theta(self) -> Array:
+        """The estimate, (n,)."""
+
+    @property
+    @abstractmethod
+    def observability(self) -> tuple[Direction, ...]:
+        """What the labels determine and what came from the prior, least determined first."""
+
+    @abstractmethod
+    def propagated(self, J: Array) -> Array:
+        """Covariance (..., m, m) of quantities whose derivatives by theta are J (..., m, n)."""
+
+    @property
+    def covariance(self) -> Array:
+        """Covariance (n, n) of theta, in the order of `names` of the layout; 0 for what was fixed.
+
+        Where nothing determines a parameter its variance is infinite and its covariances are NaN.
+        """
+        return self.propagated(np.eye(len(self.theta)))
+
+    @cached_property
+    def camera(self) -> Camera:
+        """The estimated camera."""
+        return self.layout.camera(self.theta)
+
+    @property
+    def std_deviations_intrinsics(self) -> Array:
+        """Standard deviations (18, 1) in cv2's order: fx, fy, cx, cy, k1, k2, p1, p2, k3 to k6, s1 to s4, 0, 0."""
+        camera, layout = self.camera, self.layout
+        fx, fy = camera.K[0, 0], camera.K[1, 1]
+        J = np.zeros((INTRINSICS, layout.size))
+        J[[0, 1], LOG_F] = fx, fy
+        J[1, LOG_ASPECT] = fy
+        J[[2, 3], [PRINCIPAL_POINT.start, PRINCIPAL_POINT.start + 1]] = 1.0
+        by_lens, by_log_f = layout.lens.opencv_jacobian(layout.at_zoom(self.theta)[layout.lens_block], fx)
+        J[LENS_INTRINSICS, layout.lens_block] = by_lens
+        J[LENS_INTRINSICS, LOG_F] = by_log_f
+        return self._standard_deviations(J @ layout.zoom_jacobian(self.theta))
+
+    @property
+    def std_deviations_extrinsics(self) -> Array:
+        """Standard deviations (6, 1) in cv2's order: rvec, then tvec."""
+        rvec, tvec, _, _ = self.camera.to_opencv()
+        axes = rotation_axes(self.theta[ANGLES], self.camera.R)
+        J = np.zeros((EXTRINSICS, len(self.theta)))
+        # angles turn the scene by -axis, on the left of R: the inverse left Jacobian of SO(3) makes it one of rvec
+        J[:3, ANGLES] = -_inverse_left_jacobian(rvec[:, 0]) @ axes.T
+        J[3:, ANGLES] = -np.cross(axes, tvec[:, 0]).T
+        J[3:, CENTER] = -self.camera.R
+        return self._standard_deviations(J @ self.layout.zoom_jacobian(self.theta))
+
+    def radius(self, dimensions: int = 1, level: float = 0.95) -> float:
+        """How many standard deviations hold the truth with a probability, see `region_radius`."""
+        return region_radius(dimensions, self.dof, level)
+
+    def at_image(self, xy: ArrayLike, *, relative_to: RelativeTo = MARKINGS_IN_VIEW) -> GroundError:
+        """Errors of the ground points seen at pixels (..., 2), as `at_field` gives them."""
+        return self._at(self.camera.image_to_field(xy), relative_to)
+
+    def at_field(self, X: ArrayLike, *, relative_to: RelativeTo = MARKINGS_IN_VIEW) -> GroundError:
+        """Errors of ground points (..., 3), z = 0, that the camera locates from their true pixels.
+
+        Where the size of the field is not known, errors relative to the "centre mark" contain the motion of the
+        markings with that size; errors relative to the "markings in view" do not (`fieldcalib.assess.datum`).
+
+        Raises
+        ------
+        ValueError
+            If a point is not on the ground, or `relative_to` is something else.
+        """
+        X = np.asarray(X, dtype=float)
+        if X.shape[-1:] != (3,) or np.any(X[..., 2] != 0.0):
+            raise ValueError(f"expected ground points of shape (..., 3) with z = 0, got {X.tolist()}; append a zero")
+        seen = np.isfinite(self.camera.project(X)).all(axis=-1, keepdims=True)
+        return self._at(np.where(seen, X, np.nan), relative_to)
+
+    @cached_property
+    def motion_of_markings(self) -> Array:
+        """Derivatives (2, n) by theta of the common motion of the markings in view (`fieldcalib.assess.datum`)."""
+        return np.asarray(by_parameters(Projection(self.theta[None], self.layout), self.field)[0])
+
+    @property
+    def remedy(self) -> str:
+        """What would make positions known from the centre mark; empty where they are (`fieldcalib.assess.datum`)."""
+        if not np.any(self.motion_of_markings):
+            return ""
+        block = self.layout.field_size_block
+        return in_words(
+            self.motion_of_markings[:, block], self._standard_deviations(np.eye(self.layout.size)[block])[:, 0]
+        )
+
+    def _at(self, X: Array, relative_to: RelativeTo) -> GroundError:
+        """Errors at ground points (..., 3); NaN there gives NaN."""
+        dX_dtheta, known = self.ground_jacobian(X)
+        if checked(relative_to) == MARKINGS_IN_VIEW:
+            dX_dtheta = dX_dtheta - self.motion_of_markings
+        return GroundError(np.where(known[..., None, None], self.propagated(dX_dtheta), np.nan), self.dof)
+
+    def ground_jacobian(self, X: Array) -> tuple[Array, BoolArray]:
+        """Derivatives (..., 2, n) of ground points (..., 3) relative to the centre mark, and which exist, (...,)."""
+        known = np.asarray(np.isfinite(X).all(axis=-1))
+        projection, every = Projection(self.theta[None], self.layout), np.ones(len(self.theta), dtype=bool)
+        J = ground_derivatives(projection, X.reshape(1, -1, 3), known.reshape(1, -1), every)
+        return J.reshape(*known.shape, 2, len(self.theta)), known
+
+    def _standard_deviations(self, J: Array) -> Array:
+        """Standard deviations (m, 1) of quantities whose derivatives by theta are J (m, n)."""
+        return np.asarray(np.sqrt(np.maximum(np.diagonal(self.propagated(J)), 0.0)))[:, None]
+
+
+def region_radius(dimensions: int, dof: float, level: float) -> float:
+    """How many standard deviations (Mahalanobis) hold an error of so many dimensions with a probability.
+
+    ``sqrt(d F)`` with F the quantile of Fisher's distribution with d and `dof` degrees of freedom; for one dimension
+    Student's t, two-sided.
+
+    Examples
+    --------
+    >>> round(region_radius(1, 1e9, 0.95), 2), round(region_radius(1, 5.0, 0.95), 2)
+    (1.96, 2.57)
+    """
+    from scipy.special import fdtri  # a slow import
+
+    if not 0.0 < level < 1.0:
+        raise ValueError(f"level must be a probability between 0 and 1, got {level}")
+    return float(np.sqrt(dimensions * fdtri(dimensions, min(dof, NORMAL), level)))
+
+
+def _inverse_left_jacobian(rvec: Array) -> Array:
+    """Derivative (3, 3) of a rotation vector by a small rotation applied after it.
+
+    ``I - [v] / 2 + (1 / |v|^2 - cot(|v| / 2) / (2 |v|)) [v]^2``. Source: Sola, Deray, Atchuthan: A micro Lie theory,
+    2018, equation (146).
+    """
+    angle = float(np.linalg.norm(rvec))
+    bend = 1.0 / 12.0 if angle < 1e-4 else 1.0 / angle**2 - 0.5 / (angle * np.tan(0.5 * angle))
+    x, y, z = rvec
+    cross = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
+    return np.asarray(np.eye(3) - 0.5 * cross + bend * cross @ cross)

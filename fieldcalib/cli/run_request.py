@@ -1,0 +1,140 @@
+"""The request of `fieldcalib run`: its input, the folder of its results, and how frames are calibrated."""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import cast
+
+from fieldcalib.cli.calibration_options import CalibrationOptions
+from fieldcalib.console.arguments import ESTIMATED, cut_of
+from fieldcalib.console.inputs import Input
+from fieldcalib.images.from_video import Mount
+from fieldcalib.io.cuts import Cut
+from fieldcalib.io.formats import IMAGES, VIDEOS
+from fieldcalib.io.streams import Stream
+from fieldcalib.run_folder.options import RunOptions
+
+IMAGE_FOLDER = "images"  # folder of the results of images, beside those of videos
+TRIPOD = "tripod"
+
+
+@dataclass(frozen=True)
+class RunRequest:
+    """Images, or one video or stream, and the options of their run."""
+
+    input: Sequence[Input]
+    cut: Cut
+    run: RunOptions
+    calibration: CalibrationOptions
+    clip: bool
+    """Whether images are a clip."""
+    independent: bool
+    """Whether the frames of a video are calibrated one by one."""
+    camera: Mount
+    same_field: bool
+    """Whether all images show one field."""
+
+    @classmethod
+    def of(cls, options: argparse.Namespace) -> RunRequest:
+        """Take the options of a command line.
+
+        Raises
+        ------
+        ValueError
+            If they contradict each other.
+        """
+        return cls(
+            options.input,
+            cut_of(options),
+            RunOptions.of(options),
+            CalibrationOptions.of(options),
+            options.clip,
+            options.independent,
+            options.camera,
+            options.same_field,
+        )
+
+    @property
+    def path(self) -> Path:
+        """The video, or the first path of images."""
+        return cast(Path, self.input[0])
+
+    @property
+    def paths(self) -> Sequence[Path]:
+        """The input, which is no stream."""
+        return cast(Sequence[Path], self.input)
+
+    @property
+    def is_video(self) -> bool:
+        """Whether the input is a file of a video."""
+        return not self.is_stream and VIDEOS.recognises(self.path)
+
+    @property
+    def is_stream(self) -> bool:
+        """Whether the input is a stream."""
+        return isinstance(self.input[0], Stream)
+
+    @property
+    def is_clip(self) -> bool:
+        """Whether frames are calibrated together: those of a video by default, images with --clip."""
+        return self.clip or (self.is_video and not self.independent and self.calibration.refine)
+
+    def check(self) -> None:
+        """Raise a ValueError if options do not fit the input."""
+        if self.camera != TRIPOD and not self.is_clip:
+            raise ValueError("--camera is of clips: give a video, or images with --clip, without --independent")
+        if self.same_field and (not self.calibration.estimate_size or self.is_video):
+            raise ValueError(f"--same-field is of images, with --field-size {ESTIMATED}: a clip shows one field anyway")
+
+    def of_input(self, input: Sequence[Input], folder: str = "") -> RunRequest:
+        """A copy for another input, whose results go to a folder in --out."""
+        run = self.run.changed(self.run.out / folder if folder else self.run.out, input=input)
+        return replace(self, input=input, run=run)
+
+    def in_one_thread(self) -> RunRequest:
+        """A copy for one of several processes, with one thread."""
+        network = replace(self.calibration.network, threads=1)
+        run = replace(self.run.changed(self.run.out, threads=1), jobs=1)
+        return replace(self, run=run, calibration=replace(self.calibration, network=network))
+
+
+def split(request: RunRequest) -> list[RunRequest]:
+    """The request of each run: one for each video and stream, and one for all images.
+
+    Where there are several, or they come from a folder, each has its own folder in --out, by the name of its video.
+
+    Raises
+    ------
+    ValueError
+        If two of them have the same name.
+    """
+    inputs = [part for one in request.input for part in _videos_in(one)]
+    images = [one for one in inputs if not _is_video(one)]
+    groups = [(one.stem if isinstance(one, Path) else one.name, [one]) for one in inputs if _is_video(one)]
+    if images:
+        groups.insert(0, (IMAGE_FOLDER, images))
+    if len(groups) == 1 and inputs == request.input:  # one video of a folder may be joined by others
+        return [request.of_input(groups[0][1])]
+    seen: dict[str, Sequence[Input]] = {}
+    for name, (first, *_) in groups:
+        other = seen.setdefault(name.casefold(), [first])[0]
+        if other is not first:
+            raise ValueError(f"{other} and {first} would both write to {request.run.out / name}: run them one by one")
+    return [request.of_input(part, name) for name, part in groups]
+
+
+def _is_video(one: Input) -> bool:
+    return isinstance(one, Stream) or VIDEOS.recognises(one)
+
+
+def _videos_in(one: Input) -> list[Input]:
+    """The videos of a folder that has videos and no images; otherwise the input itself."""
+    if isinstance(one, Stream) or not one.is_dir():
+        return [one]
+    files = sorted(path for path in one.iterdir() if path.is_file())
+    if any(map(IMAGES.recognises, files)):
+        return [one]
+    return [path for path in files if VIDEOS.recognises(path)] or [one]

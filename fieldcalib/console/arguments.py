@@ -1,0 +1,205 @@
+"""Argument types and arguments that several commands share."""
+
+import argparse
+from pathlib import Path
+
+import numpy as np
+
+from fieldcalib.console.inputs import add_inputs
+from fieldcalib.fields.stands import DISTRIBUTIONS
+from fieldcalib.io.annotation_files import read_labels
+from fieldcalib.io.cuts import Cut, Position
+from fieldcalib.io.files import MOST_BYTES
+from fieldcalib.io.images import MOST_PIXELS
+from fieldcalib.io.parquet import imported_pyarrow
+from fieldcalib.solve.options import ALL, DEFAULT_FLAGS, CalibrationFlags
+
+_F = CalibrationFlags
+LENSES = {
+    "none": DEFAULT_FLAGS | _F.CALIB_FIX_K1,
+    "k1": DEFAULT_FLAGS,
+    "k1k2": DEFAULT_FLAGS & ~_F.CALIB_FIX_K2,
+    "opencv": DEFAULT_FLAGS & ~(_F.CALIB_FIX_K2 | _F.CALIB_FIX_K3 | _F.CALIB_FIX_TANGENT_DIST),
+    "auto": DEFAULT_FLAGS | _F.CALIB_AUTO_LENS,
+}
+
+
+class Default(str):
+    """The default value of an option, to be told from the same text given by the user."""
+
+
+USUAL_LENS = Default("k1")
+NO_PRIOR = "none"
+ESTIMATED = "estimated"  # value of options: a size or shape is estimated from the images
+MOST_BYTES_OF_IMAGE = 256_000_000
+JSON_LINES, PARQUET = "jsonl", "parquet"
+
+
+def positive(text: str) -> float:
+    """A positive number, for argparse."""
+    try:
+        value = float(text)
+    except ValueError:
+        value = np.nan
+    if not 0.0 < value < np.inf:
+        raise argparse.ArgumentTypeError(f"expected a positive number, got {text!r}")
+    return value
+
+
+def folder_name(text: str) -> Path:
+    """The path of a folder for results, for argparse; an empty text, as of an unset shell variable, is refused."""
+    if not text:
+        raise argparse.ArgumentTypeError("expected the name of a folder, got nothing; . is this one")
+    return Path(text)
+
+
+def millions(text: str) -> float:
+    """A positive number of millions, for argparse."""
+    return positive(text) * 1e6
+
+
+def count(text: str) -> int:
+    """A whole number from 1, for argparse."""
+    if not (text.isdecimal() and int(text) >= 1):
+        raise argparse.ArgumentTypeError(f"expected a whole number from 1, got {text!r}")
+    return int(text)
+
+
+def probability(text: str) -> float:
+    """A number from 0 to 1, for argparse."""
+    try:
+        value = float(text)
+    except ValueError:
+        value = np.nan
+    if not 0.0 <= value <= 1.0:
+        raise argparse.ArgumentTypeError(f"expected a number from 0 to 1, got {text!r}")
+    return value
+
+
+def image_size(text: str) -> tuple[int, int]:
+    """(width, height) of "WIDTHxHEIGHT", for argparse."""
+    try:
+        width, height = (int(v) for v in text.lower().split("x"))
+    except ValueError:
+        raise argparse.ArgumentTypeError(f"expected WIDTHxHEIGHT, as 960x540, got {text!r}") from None
+    if min(width, height) < 1:
+        raise argparse.ArgumentTypeError(f"expected positive numbers, got {text!r}")
+    return width, height
+
+
+def labels(text: str) -> dict[str, str | None]:
+    """Read a file that maps labels, for argparse."""
+    try:
+        return read_labels(Path(text))
+    except (ValueError, ImportError) as error:
+        raise argparse.ArgumentTypeError(str(error)) from None
+
+
+def add_input_and_output(parser: argparse.ArgumentParser) -> None:
+    """INPUT, --size, --labels, --out, --format, --strict and --max-megabytes, to calibrate annotated frames."""
+    add_inputs(parser, "folders, zips of them, single files")
+    parser.add_argument(
+        "--size",
+        type=image_size,
+        metavar="WxH",
+        help="of the images, e.g. 960x540; SoccerNet's annotations do not say it (as the files say)",
+    )
+    add_labels(parser)
+    parser.add_argument("--out", required=True, type=folder_name, metavar="DIR", help="where the results go")
+    add_format(parser)
+    parser.add_argument("--strict", action="store_true", help="read all files first, and do nothing if one is broken")
+    add_most_bytes(parser)
+
+
+def add_labels(parser: argparse.ArgumentParser) -> None:
+    """--labels."""
+    parser.add_argument(
+        "--labels",
+        type=labels,
+        metavar="FILE",
+        help="JSON or YAML that maps labels of the annotations to those of the field, or to null (they are the same)",
+    )
+
+
+def add_format(parser: argparse.ArgumentParser) -> None:
+    """--format."""
+    parser.add_argument(
+        "--format",
+        type=_format,
+        choices=(JSON_LINES, PARQUET),
+        default=JSON_LINES,
+        help=f"of the lines of all frames: cameras.jsonl, or at the end a table, cameras.parquet ({JSON_LINES})",
+    )
+
+
+def _format(text: str) -> str:
+    if text == PARQUET:
+        try:
+            imported_pyarrow()
+        except ImportError as error:  # before the work
+            raise argparse.ArgumentTypeError(str(error)) from None
+    return text
+
+
+def add_cut(parser: argparse.ArgumentParser) -> None:
+    """--start, --end and --step."""
+    where = "a time, [[H:]M:]S, or the number of a frame from 0, as 750f"
+    parser.add_argument("--start", type=position, metavar="T", help=f"first frame: {where}")
+    parser.add_argument("--end", type=position, metavar="T", help="the frame after the last one, as --start")
+    parser.add_argument("--step", type=count, default=1, metavar="N", help="take every N-th frame (1)")
+
+
+def position(text: str) -> Position:
+    """A time or a frame, for argparse."""
+    try:
+        return Position.parse(text)
+    except ValueError as error:
+        raise argparse.ArgumentTypeError(str(error)) from None
+
+
+def cut_of(options: argparse.Namespace) -> Cut:
+    """The cut that the options of `add_cut` describe."""
+    return Cut(options.start or Position(frame=0), options.end, options.step)
+
+
+def add_most_bytes(parser: argparse.ArgumentParser, most: float = MOST_BYTES, files: str = "files") -> None:
+    """--max-megabytes, the limit for files that are read into memory as a whole."""
+    parser.add_argument(
+        "--max-megabytes",
+        dest="most_bytes",
+        type=millions,
+        default=most,
+        metavar="N",
+        help=f"larger {files} are broken, unpacked if they lie in a zip ({most / 1e6:g})",
+    )
+
+
+def add_camera(parser: argparse.ArgumentParser, **more_priors: str) -> None:
+    """--prior, with more choices and what each of them means, and --lens."""
+    meanings = [", ".join([ALL, *DISTRIBUTIONS]), *(f"{name}: {meaning}" for name, meaning in more_priors.items())]
+    parser.add_argument(
+        "--prior",
+        default=ALL,
+        metavar="NAME",
+        help=f"where the camera stands: {'; '.join(meanings)}; {NO_PRIOR}: solve without a prior ({ALL})",
+    )
+    parser.add_argument(
+        "--lens",
+        choices=LENSES,
+        default=USUAL_LENS,
+        help="what is estimated of the lens: nothing, k1, k1 and k2, OpenCV's k1 k2 p1 p2 k3, or as much as the labels "
+        f"call for ({USUAL_LENS})",
+    )
+
+
+def add_limits(parser: argparse.ArgumentParser) -> None:
+    """--max-megabytes and --max-megapixels."""
+    add_most_bytes(parser, MOST_BYTES_OF_IMAGE, "image files")
+    parser.add_argument(
+        "--max-megapixels",
+        dest="most_pixels",
+        type=millions,
+        default=MOST_PIXELS,
+        metavar="N",
+        help=f"larger images are broken ({MOST_PIXELS / 1e6:g})",
+    )

@@ -1,0 +1,121 @@
+"""Options for the field and the prior: --field, --field-length, --field-width, --field-size, --prior."""
+
+from __future__ import annotations
+
+import argparse
+from dataclasses import replace
+from functools import lru_cache
+
+from fieldcalib.console.arguments import ESTIMATED, NO_PRIOR, positive
+from fieldcalib.console.parser import did_you_mean
+from fieldcalib.fields.catalogue import FIELDS, field_named
+from fieldcalib.fields.field import Field
+from fieldcalib.io.field_files import is_field_file, read_field
+from fieldcalib.io.files import BrokenFileError
+from fieldcalib.solve.options import ALL, Prior
+
+SOCCER = "soccer"
+KNOWN = "known"
+NOMINAL = "nominal"
+FIELD_SIZES = (ESTIMATED, NOMINAL, KNOWN)
+
+
+def add_field(parser: argparse.ArgumentParser, default: str = NOMINAL) -> None:
+    """--field, --field-length, --field-width, --field-size and --same-field."""
+    add_sized_field(parser)
+    parser.add_argument(
+        "--field-size",
+        choices=FIELD_SIZES,
+        default=default,
+        help="how well length and width are known; estimated: near the given ones, as far as frames tell them; "
+        f"nominal: they stay as given, and probabilities allow for other ones; known: they were measured ({default})",
+    )
+    parser.add_argument(
+        "--same-field", action="store_true", help="the frames show one pitch: its size is estimated from all together"
+    )
+
+
+def add_sized_field(parser: argparse.ArgumentParser) -> None:
+    """--field, --field-length and --field-width."""
+    add_named_field(parser)
+    sizes = {"length": "touchline in metres, where fields differ (soccer: 105)", "width": "goal line in metres (68)"}
+    for name, help in sizes.items():
+        parser.add_argument(f"--field-{name}", type=positive, metavar="M", help=help)
+
+
+def add_named_field(parser: argparse.ArgumentParser) -> None:
+    """--field."""
+    parser.add_argument(
+        "--field",
+        type=_name,
+        default=SOCCER,
+        metavar="NAME",
+        help=f"{', '.join(FIELDS)}, or a .yaml or .json file with one of your own ({SOCCER})",
+    )
+
+
+def _name(text: str) -> str:
+    if text not in FIELDS and not is_field_file(text):
+        known = ", ".join(FIELDS)
+        hint = did_you_mean(text, FIELDS)
+        raise argparse.ArgumentTypeError(f"expected {known}, or a .yaml or .json file, got {text!r}{hint}")
+    return text
+
+
+def field_of(options: argparse.Namespace) -> Field:
+    """The field that the options of `add_field`, `add_sized_field` or `add_named_field` describe.
+
+    Raises
+    ------
+    ValueError
+        If its file is no field, or a size is given for a field that has one size.
+    """
+    field = named_field(options.field)
+    length, width = (getattr(options, name, None) for name in ("field_length", "field_width"))
+    if length is not None or width is not None:
+        if not field.moves_with_size:
+            raise ValueError(
+                f"--field {options.field} has one size, {field.length:g} x {field.width:g} m: leave out --field-length "
+                f"and --field-width"
+            )
+        field = field.resized(field.length if length is None else length, field.width if width is None else width)
+    known = getattr(options, "field_size", None) == KNOWN
+    return replace(field, size_known=True) if known else field
+
+
+def prior_of(options: argparse.Namespace) -> Prior:
+    """The prior that --prior names.
+
+    Raises
+    ------
+    ValueError
+        If the field has no such stand, or none at all.
+    """
+    if options.prior == NO_PRIOR:
+        return None
+    field, prior = field_of(options), str(options.prior)
+    known = (ALL, *field.named_stands)
+    if prior not in known:
+        hint = did_you_mean(prior, (*known, NO_PRIOR))
+        raise ValueError(f"--prior {prior}: expected {', '.join(known)} or {NO_PRIOR}{hint}")
+    if prior == ALL and not field.stands:
+        raise ValueError(
+            f"--field {options.field} does not say where its cameras stand: add `stands` to it, or give --prior "
+            f"{NO_PRIOR} to calibrate without (docs/custom-fields.md has an example)"
+        )
+    return prior
+
+
+@lru_cache(maxsize=1)
+def named_field(name: str) -> Field:
+    """The field that --field names, of the catalogue or of a file.
+
+    Raises
+    ------
+    ValueError
+        If its file is no field.
+    """
+    try:
+        return field_named(name) if name in FIELDS else read_field(name)
+    except BrokenFileError as error:  # of the command line, not of the input
+        raise ValueError(str(error)) from None

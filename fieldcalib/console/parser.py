@@ -1,0 +1,77 @@
+"""A parser that suggests what was meant by an unknown option, choice or command."""
+
+from __future__ import annotations
+
+import argparse
+import difflib
+import re
+from collections.abc import Iterable, Sequence
+from typing import Any, NoReturn, cast
+
+NEGATIVE = re.compile(r"-\.?\d")  # how a negative number begins
+LIKE = 0.6  # least similarity, from 0 to 1, of a name that is suggested; difflib's default
+
+
+def did_you_mean(text: str, known: Iterable[str]) -> str:
+    """A question to append to a message about an unknown name; empty if no known name is similar.
+
+    Examples
+    --------
+    >>> did_you_mean("--feild-size", ["--field", "--field-size", "--out"])
+    '; did you mean --field-size?'
+    >>> did_you_mean("yes", ["estimated", "nominal"])
+    ''
+    """
+    close = difflib.get_close_matches(text.lower(), list(known), n=1, cutoff=LIKE)
+    return f"; did you mean {close[0]}?" if close else ""
+
+
+class Parser(argparse.ArgumentParser):
+    """An `argparse.ArgumentParser` whose errors end with a suggestion.
+
+    Examples
+    --------
+    >>> parser = Parser(exit_on_error=False)
+    >>> _ = parser.add_argument("--field-size", choices=["estimated", "nominal"])
+    >>> parser.parse_args(["--field-size", "nominl"])
+    Traceback (most recent call last):
+        ...
+    argparse.ArgumentError: argument --field-size: invalid choice: ...; did you mean nominal?
+    """
+
+    chosen: Parser | None = None
+    """The parser of the command that is given."""
+    _given: Sequence[str] = ()
+
+    def parse_known_args(  # type: ignore[override]
+        self, args: Sequence[str] | None = None, namespace: Any = None
+    ) -> tuple[argparse.Namespace, list[str]]:
+        """Parse as `argparse` does, and keep the arguments for error messages."""
+        self._given = args or ()
+        return cast(tuple[argparse.Namespace, list[str]], super().parse_known_args(args, namespace))
+
+    def error(self, message: str) -> NoReturn:
+        """Say what is wrong, and suggest names for options that do not exist."""
+        options = [name for action in (self.chosen or self)._actions for name in action.option_strings]
+        unknown = [name for name in _options_in(self._given) if not _is_known(name, options)]
+        hints = {name: did_you_mean(name, options) for name in unknown}
+        said = (hint if name in message else f"; there is no {name}{hint}" for name, hint in hints.items() if hint)
+        super().error(message + "".join(said))
+
+    def _check_value(self, action: argparse.Action, value: Any) -> None:
+        try:
+            super()._check_value(action, value)
+        except argparse.ArgumentError as error:
+            hint = did_you_mean(str(value), map(str, action.choices or ()))
+            raise argparse.ArgumentError(action, f"{error.message}{hint}") from None
+
+
+def _options_in(arguments: Sequence[str]) -> list[str]:
+    """Arguments that look like options, without their values."""
+    before = arguments[: arguments.index("--")] if "--" in arguments else arguments
+    return [one.split("=")[0] for one in before if one.startswith("-") and len(one) > 1 and not NEGATIVE.match(one)]
+
+
+def _is_known(name: str, options: Iterable[str]) -> bool:
+    """Whether a name is an option or the beginning of one."""
+    return any(option.startswith(name) for option in options)

@@ -1,0 +1,72 @@
+"""Running a command-line program: exit codes, messages on stderr, interrupts.
+
+Only little is imported here: an interrupt before a program runs would end in a traceback.
+"""
+
+from __future__ import annotations
+
+import io
+import logging
+import os
+import sys
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from functools import partial
+from typing import TYPE_CHECKING
+
+from fieldcalib.console.interrupts import Terminated, requests_to_end_interrupt
+
+if TYPE_CHECKING:
+    import argparse
+
+
+def say(message: str) -> None:
+    """Print a line on stderr, after the name of the program."""
+    print(f"fieldcalib: {message}", file=sys.stderr, flush=True)
+
+
+def run_command(options: argparse.Namespace) -> int:
+    """Run what a parser chose, ``options.run``; returns the exit code, see `exit_code`."""
+    return exit_code(partial(options.run, options))
+
+
+@contextmanager
+def log_on_stderr() -> Iterator[None]:
+    """Write what the library logs to stderr."""
+    handler, log = logging.StreamHandler(), logging.getLogger("fieldcalib")
+    handler.setFormatter(logging.Formatter("fieldcalib: %(message)s"))
+    level = log.level
+    log.addHandler(handler)
+    log.setLevel(logging.INFO)
+    try:
+        yield
+    finally:
+        log.setLevel(level)
+        log.removeHandler(handler)
+
+
+def exit_code(work: Callable[[], int]) -> int:
+    """Do some work that returns an exit code; an error that a user can mend becomes a line on stderr, and code 2."""
+    for stream in (sys.stdout, sys.stderr):
+        if isinstance(stream, io.TextIOWrapper):
+            stream.reconfigure(errors="backslashreplace")  # a terminal without "±" is no reason to fail after the work
+    try:
+        with requests_to_end_interrupt(), log_on_stderr():
+            code = int(work())
+        sys.stdout.flush()
+        return code
+    except BrokenPipeError:  # whoever reads has seen enough
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        return 1
+    except Terminated:
+        say("terminated, nothing more is written")
+        return 143
+    except KeyboardInterrupt:
+        say("interrupted, nothing more is written")
+        return 130
+    except MemoryError:
+        say("there is not enough memory")
+        return 2
+    except (OSError, ValueError, ImportError) as error:  # the last one of an extra that is not installed
+        say(str(error))
+        return 2

@@ -1,0 +1,76 @@
+"""Segments of a calibration object, in metres: points, lines, arcs and point clouds.
+
+Any mapping of names to segments is a calibration object. A kind is one file: the segment, and the rows in which its
+labelled pixels are packed and measured. A new kind is a new file and its names here.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import TypeAlias
+
+import numpy as np
+
+from fieldcalib._types import Array
+from fieldcalib.fields.segments.arc import Arc, ArcRows
+from fieldcalib.fields.segments.end import EndRows
+from fieldcalib.fields.segments.line import Line, LineRows
+from fieldcalib.fields.segments.point import Point, PointRows
+from fieldcalib.fields.segments.point_cloud import CloudRows, CurveRows, PointCloud
+from fieldcalib.fields.segments.rows import Rows
+from fieldcalib.fields.segments.segment import Segment
+
+ObjectSegments: TypeAlias = Mapping[str, Segment]
+
+KINDS: tuple[type[Segment], ...] = (Point, Line, Arc, PointCloud)
+ROWS: tuple[type[Rows], ...] = (LineRows, ArcRows, CurveRows, PointRows, CloudRows, EndRows)
+"""The order of the residuals."""
+
+__all__ = [
+    "KINDS",
+    "ROWS",
+    "Arc",
+    "ArcRows",
+    "EndRows",
+    "Line",
+    "LineRows",
+    "ObjectSegments",
+    "Point",
+    "PointCloud",
+    "PointRows",
+    "Rows",
+    "Segment",
+    "boxes",
+    "check_members",
+    "outwards",
+]
+
+
+def outwards(segment: Segment, X: Array, along: Array) -> Array:
+    """Unit vectors (N, 3) on the ground across a segment at points (N, 3), away from the middle of the field.
+
+    Of an arc they point away from its own centre. `along` are vectors along the segment there, (N, 3).
+
+    Examples
+    --------
+    >>> line = Line((-52.5, -34.0, 0.0), (52.5, -34.0, 0.0))
+    >>> outwards(line, line.sample(105.0), np.array([[1.0, 0.0, 0.0]])).tolist()
+    [[0.0, -1.0, 0.0], [0.0, -1.0, 0.0]]
+    """
+    across = np.column_stack([along[:, 1], -along[:, 0], np.zeros(len(along))])
+    across /= np.maximum(np.linalg.norm(across, axis=1, keepdims=True), 1e-9)
+    inside = np.sum(across * (X - segment.middle_of_curvature), axis=1, keepdims=True) < 0.0
+    return np.asarray(np.where(inside, -across, across) + 0.0)
+
+
+def boxes(segments: ObjectSegments) -> tuple[Array, Array]:
+    """Least and largest coordinates (L, 3) of each segment, metres."""
+    samples = [segment.sample() for segment in segments.values()]
+    return np.array([X.min(axis=0) for X in samples]), np.array([X.max(axis=0) for X in samples])
+
+
+def check_members(segments: ObjectSegments) -> None:
+    """Raise a ValueError that names the first member that is no segment."""
+    for name, segment in segments.items():
+        if not isinstance(segment, Segment):
+            raise ValueError(f"{name!r}: expected a Line, Arc, Point or PointCloud, got {segment!r}")

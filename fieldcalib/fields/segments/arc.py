@@ -1,0 +1,166 @@
+"""Arcs: pixels are measured against the whole circle, by Newton's method on the angle."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from fieldcalib._types import Array, IntArray
+from fieldcalib.fields.segments.closest import LARGEST_TURN, ClosestPoints, CurveSearch, View, cross, dot, unit
+from fieldcalib.fields.segments.rows import Ends, Rows
+from fieldcalib.fields.segments.segment import Parts, Segment, Vector, middles, mirrored, vector
+
+
+class ArcRows(Rows):
+    """Pixels of arcs: the vectors of a row are the centre, and the radius along u and v."""
+
+    name, vectors = "arcs", 3
+    compiled = ("ARCS",)
+
+    def closest_points(self, view: View) -> list[ClosestPoints]:
+        """Points on whole circles ``A + cos(phi) U + sin(phi) V``, found by Newton's method on phi.
+
+        The search starts at the angle under which the pixel's ray meets the circle's plane. The angle is kept as the
+        unit vector (c, s), which a step turns without trigonometry.
+        """
+        A = view.points(self.geometry[:, :, 0])
+        U, V = view.directions(self.geometry[:, :, 1]), view.directions(self.geometry[:, :, 2])
+        d = view.observed_offset(self.xy)
+        p = view.nearly_ideal_offset(d)
+        # [U V A] (c, s, 1) ~ (p, 1) by Cramer's rule; the depth is not needed, so the horizon does no harm
+        VA, AU = cross(V, A), cross(A, U)
+        side = np.where(dot(U[:2], VA[:2]) + U[2] * VA[2] < 0.0, -1.0, 1.0)
+        c, s = unit(side * np.array([dot(VA[:2], p) + VA[2], dot(AU[:2], p) + AU[2]]))
+
+        search = CurveSearch(view, d, self.label >= 0)
+        for _ in search.iterations:
+            radius = c * U + s * V
+            step = search.step(A + radius, c * V - s * U, -radius, largest=LARGEST_TURN)
+            c, s = unit(np.array([c - step * s, s + step * c]))
+        return [search.found]
+
+    def past_ends(self, X: Array, segments: Sequence[Segment]) -> Ends:
+        """Which points X (T, N, 3) of the whole circles lie past an end of the arc."""
+        middle, half = np.zeros((2, len(segments)))
+        for index, segment in enumerate(segments):
+            if isinstance(segment, Arc):
+                middle[index] = (segment.stop + segment.start) / 2.0
+                half[index] = abs(segment.stop - segment.start) / 2.0
+        middle, half = middle[self.label], half[self.label]
+        centre, u, v = np.moveaxis(self.geometry[:, :, :3], 2, 0)
+        angle = np.arctan2(np.sum((X - centre) * v, axis=-1), np.sum((X - centre) * u, axis=-1))
+        turn = (angle - middle + np.pi) % (2.0 * np.pi) - np.pi  # from the middle of the arc
+        inside = np.clip(turn, -half, half)
+        phi = (middle + inside)[..., None]
+        return Ends(turn != inside, centre + np.cos(phi) * u + np.sin(phi) * v, np.zeros_like(turn))
+
+    @property
+    def extent(self) -> tuple[Array, Array]:
+        """Centre (T, N, 3) and diameter (T, N) of the circles, metres."""
+        return self.geometry[:, :, 0], 2.0 * np.linalg.norm(self.geometry[:, :, 1], axis=-1)
+
+
+@dataclass(frozen=True)
+class Arc(Segment):
+    """Part of a circle: ``center + radius (cos(phi) u + sin(phi) v)`` for phi from `start` to `stop` (radians).
+
+    u and v are orthogonal unit vectors; by default they span the ground. Pixels are measured against the whole circle.
+
+    Examples
+    --------
+    >>> Arc((0.0, 0.0, 0.0), radius=9.15).sample(spacing=20.0).round(2)[:2]
+    array([[ 9.15,  0.  ,  0.  ],
+           [-4.57,  7.92,  0.  ]])
+    """
+
+    center: Vector
+    radius: float
+    start: float = 0.0
+    stop: float = 2.0 * np.pi
+    u: Vector = (1.0, 0.0, 0.0)
+    v: Vector = (0.0, 1.0, 0.0)
+
+    is_arc = True
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "center", vector(self.center, "the centre of an Arc"))
+        object.__setattr__(self, "u", vector(self.u, "the axis u of an Arc"))
+        object.__setattr__(self, "v", vector(self.v, "the axis v of an Arc"))
+        axes = np.array([self.u, self.v])
+        if not np.allclose(axes @ axes.T, np.eye(2), atol=1e-9):
+            raise ValueError(f"an Arc needs orthogonal unit vectors u and v, got u = {self.u}, v = {self.v}")
+        if not self.radius > 0.0:
+            raise ValueError(f"an Arc needs a positive radius, got {self.radius}")
+
+    def sample(self, spacing: float = 1.0) -> Array:
+        """Points from start to stop, at most `spacing` metres of arc apart, (N, 3)."""
+        count = int(np.ceil(self.radius * abs(self.stop - self.start) / spacing)) + 1
+        return self.samples(max(count, 3))
+
+    def at(self, phi: Array) -> Array:
+        """Points at angles (N,), (N, 3)."""
+        c, s = np.cos(phi)[:, None], np.sin(phi)[:, None]
+        return np.asarray(self.center + self.radius * (c * self.u + s * self.v))
+
+    def samples(self, count: int) -> Array:
+        """Points at equal steps from start to stop, both included, (count, 3)."""
+        return self.at(np.linspace(self.start, self.stop, count))
+
+    @property
+    def rows(self) -> type[Rows]:
+        """The class of rows that its labelled pixels are packed in."""
+        return ArcRows
+
+    @property
+    def vectors(self) -> Array:
+        """Centre, radius along u and radius along v, (3, 3)."""
+        return np.array([self.center, np.multiply(self.radius, self.u), np.multiply(self.radius, self.v)])
+
+    @property
+    def whole(self) -> tuple[Vector, float, Vector, Vector]:
+        """The circle that it is a part of."""
+        return self.center, self.radius, self.u, self.v
+
+    @property
+    def is_whole(self) -> bool:
+        """Whether it is a closed circle."""
+        return abs(self.stop - self.start) >= 2.0 * np.pi
+
+    @property
+    def middle_of_curvature(self) -> Vector:
+        """Its centre."""
+        return self.center
+
+    def equations(self, pixels: int) -> int:
+        """One for each pixel, up to the five of a conic."""
+        return min(pixels, 5)
+
+    def mirrored(self, signs: Vector) -> Arc:
+        """The arc with its coordinates multiplied by signs."""
+        center, u, v = (mirrored(X, signs) for X in (self.center, self.u, self.v))
+        return replace(self, center=center, u=u, v=v)
+
+    def evaluated(self, straight: float, bent: float) -> Array:
+        """Points every `bent` metres from the start on, the stop last; a whole circle is not closed, (N, 3)."""
+        count = int(self.radius * abs(self.stop - self.start) / bent)
+        phi = self.start + np.arange(count + 1) * np.copysign(bent / self.radius, self.stop - self.start)
+        closed = np.isclose(abs(self.stop - self.start), 2.0 * np.pi)
+        return self.at(phi[:-1] if closed else np.append(phi, self.stop))
+
+    def parts(self, longest: float) -> Parts:
+        """Equal parts no longer than `longest` metres, which move as the centre does."""
+        turn = self.stop - self.start
+        length = self.radius * abs(turn)
+        phi = self.start + middles(length, longest) * turn
+        along = np.cos(phi)[:, None] * self.v - np.sin(phi)[:, None] * self.u
+        return Parts(self.at(phi), along, np.zeros(len(phi)), length)
+
+    def order(self, xy: Array) -> IntArray:
+        """Order of its pixels (N, 2) around their middle, from the widest gap on."""
+        offset = xy - xy.mean(axis=0)
+        angle = np.arctan2(offset[:, 1], offset[:, 0])
+        order = np.argsort(angle, kind="stable")
+        gaps = np.diff(angle[order], append=angle[order[0]] + 2.0 * np.pi)
+        return np.roll(order, -int(np.argmax(gaps)) - 1)

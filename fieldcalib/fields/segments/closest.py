@@ -1,0 +1,175 @@
+"""Closest points on the images of segments, and how they are searched along a curve.
+
+Every observed pixel p belongs to a segment. Its closest point X* is where the image of the segment, lens included,
+comes nearest to p; n is the unit normal of the image there and ``r = n . (p - pi(X*))`` the signed distance, in pixels
+of the real image. Arrays have their components first (`fieldcalib.problem.projection`).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass, fields
+from typing import Protocol
+
+import numpy as np
+
+from fieldcalib._types import Array, BoolArray, IntArray
+
+LEAST_LENGTH = 1e-300  # keeps the division by the length of a vector from being one by zero
+LEAST_DEPTH = 1e-9  # m: a point in the camera's plane has no image, but must not stop the batch
+# The frames of a batch go on until all have converged. What is left then must be rounding: otherwise a camera would
+# depend on the frames that it is calibrated with.
+LINE_STEPS, LINE_STEP = 6, 1e-9  # px: steps contract by distance x curvature, 1e-2 at 50 px and a strong lens
+CURVE_STEPS, CURVE_STEP = 10, 1e-8  # of the curve's parameter
+LARGEST_TURN = 0.5  # of a step on a circle, radians
+BEHIND_PENALTY = 1e12  # px^2: what a sample behind the camera counts as
+
+
+class View(Protocol):
+    """What is asked of B cameras: `fieldcalib.problem.projection.Projection` says what these mean."""
+
+    is_pinhole: bool
+
+    @property
+    def reach(self) -> float:
+        """Ideal offset within which the lens is sure to be one to one, pixels."""
+
+    def directions(self, d: Array, /) -> Array:
+        """World directions (B, N, 3) in scaled camera coordinates, (3, B, N)."""
+
+    def points(self, X: Array, /) -> Array:
+        """World points (B, N, 3) in scaled camera coordinates, (3, B, N)."""
+
+    def observed_offset(self, xy: Array, /) -> Array:
+        """Observed pixels (B, N, 2) as real offsets, (2, B, N)."""
+
+    def nearly_ideal_offset(self, d: Array, /) -> Array:
+        """Real offsets as ideal ones, nearly."""
+
+    def real_offset(self, s: Array, /) -> Array:
+        """Ideal offsets as real ones."""
+
+    def push(self, s: Array, /, *steps: Array) -> tuple[Array, ...]:
+        """Real offsets of ideal ones, and images of small steps there."""
+
+
+@dataclass(frozen=True, eq=False)
+class ClosestPoints:
+    """The closest points of B x M residuals."""
+
+    r: Array
+    """Signed distance of the observed pixel, (B, M)."""
+    s: Array
+    """Ideal offset of the closest point's image from the principal point, pixels, (2, B, M)."""
+    inverse_depth: Array
+    """0 at infinity, negative behind the camera, (B, M)."""
+    normal: Array
+    """Unit normal of the segment's real image at the closest point, (2, B, M)."""
+
+    def columns(self, part: slice | IntArray) -> ClosestPoints:
+        """Of some of the residuals."""
+        return ClosestPoints(*(getattr(self, name.name)[..., part] for name in fields(self)))
+
+    def take(self, index: IntArray | slice) -> ClosestPoints:
+        """Of the frames `index`."""
+        return ClosestPoints(self.r[index], self.s[:, index], self.inverse_depth[index], self.normal[:, index])
+
+    def replaced(self, index: IntArray, other: ClosestPoints) -> ClosestPoints:
+        """With `other` in place of the frames `index`."""
+        merged = {name.name: getattr(self, name.name).copy() for name in fields(self)}
+        for name, values in merged.items():
+            values[..., index, :] = getattr(other, name)
+        return ClosestPoints(**merged)
+
+    @staticmethod
+    def joined(parts: list[ClosestPoints]) -> ClosestPoints:
+        """Residuals one after the other."""
+        if len(parts) == 1:
+            return parts[0]
+        return ClosestPoints(
+            *(np.concatenate([getattr(part, name.name) for part in parts], axis=-1) for name in fields(ClosestPoints))
+        )
+
+
+class CurveSearch:
+    """Newton's method for the points of parametrised curves whose real images are closest to observed pixels.
+
+    A curve hands `step` its point and its first two derivatives in scaled camera coordinates, and moves its parameter
+    by what comes back, until `iterations` ends; `found` are then the points after the last step.
+    """
+
+    def __init__(self, view: View, observed: Array, seen: BoolArray) -> None:
+        self.view = view
+        self.observed = observed
+        self.seen = seen
+        self.moved = np.inf
+
+    @property
+    def iterations(self) -> Iterator[int]:
+        """Until the largest step is so small that its third order does not count."""
+        for iteration in range(CURVE_STEPS):
+            if self.moved < CURVE_STEP:
+                return
+            yield iteration
+
+    def step(self, point: Array, tangent: Array, curvature: Array, largest: float) -> Array:
+        """Change of the curve's parameter (B, N) towards the closest point, at most `largest`."""
+        inverse_depth = 1.0 / away_from_zero(point[2])
+        s = point[:2] * inverse_depth
+        ds = (tangent[:2] - s * tangent[2]) * inverse_depth
+        dds = (curvature[:2] - s * curvature[2] - 2.0 * ds * tangent[2]) * inverse_depth
+        real, T, dT = self.view.push(s, ds, dds)
+        offset = self.observed - real
+        TT = dot(T, T) + LEAST_LENGTH
+        # the second derivative of half the squared distance, kept positive: never towards a maximum
+        step = dot(offset, T) / np.maximum(TT - dot(offset, dT), 0.1 * TT)
+        step = np.minimum(np.maximum(step, -largest), largest)  # np.clip is slower on small arrays
+        self.moved = float((np.abs(step) * self.seen).max(initial=0.0))
+        self.last = T, dT, s, ds, dds, inverse_depth, tangent[2], curvature[2], step
+        return step
+
+    @property
+    def found(self) -> ClosestPoints:
+        """The closest points: where the last step began, and the step to second order."""
+        T, dT, s, ds, dds, inverse_depth, dz, ddz, step = self.last
+        step = np.where(np.abs(step) < CURVE_STEP, step, 0.0)  # what has not converged stays on the curve
+        normal = left_normal(T + step * dT)
+        s = s + step * (ds + 0.5 * step * dds)
+        inverse_depth = inverse_depth / (1.0 + step * (dz + 0.5 * step * ddz) * inverse_depth)
+        return ClosestPoints(dot(normal, self.observed - self.view.real_offset(s)), s, inverse_depth, normal)
+
+
+def at_points(view: View, xy: Array, X: Array) -> list[ClosestPoints]:
+    """The x and the y residuals of pixels (B, N, 2) against the world points X (B, N, 3)."""
+    h = view.points(X)
+    inverse_depth = 1.0 / away_from_zero(h[2])
+    s = h[:2] * inverse_depth
+    dx, dy = view.observed_offset(xy) - view.real_offset(s)
+    zero, one = np.zeros_like(dx), np.ones_like(dx)
+    x, y = np.array([one, zero]), np.array([zero, one])
+    return [ClosestPoints(dx, s, inverse_depth, x), ClosestPoints(dy, s, inverse_depth, y)]
+
+
+def dot(a: Array, b: Array) -> Array:
+    """Inner products of plane vectors."""
+    return np.asarray(a[0] * b[0] + a[1] * b[1])
+
+
+def cross(a: Array, b: Array) -> Array:
+    """Cross products of vectors in space."""
+    return np.array([a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]])
+
+
+def unit(a: Array) -> Array:
+    """Plane vectors scaled to length 1."""
+    return np.asarray(a * (1.0 / (np.sqrt(dot(a, a)) + LEAST_LENGTH)))
+
+
+def left_normal(T: Array) -> Array:
+    """Unit vectors a quarter turn from the tangents T: for a line's tangent (-ny, nx) its normal (nx, ny)."""
+    return unit(np.array([T[1], -T[0]]))
+
+
+def away_from_zero(depth: Array) -> Array:
+    """Depths without an exact zero."""
+    return np.where(np.abs(depth) < LEAST_DEPTH, LEAST_DEPTH, depth)

@@ -1,0 +1,135 @@
+"""Straight lines: pixels are measured against the infinite line, in closed form without a lens."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from fieldcalib._types import Array
+from fieldcalib.fields.segments.closest import (
+    LEAST_LENGTH,
+    LINE_STEP,
+    LINE_STEPS,
+    ClosestPoints,
+    View,
+    cross,
+    dot,
+    left_normal,
+)
+from fieldcalib.fields.segments.rows import Ends, Rows
+from fieldcalib.fields.segments.segment import Parts, Segment, Vector, middles, mirrored, vector
+
+
+class LineRows(Rows):
+    """Pixels of lines: the vectors of a row are the start and the way from there to the end."""
+
+    name, vectors = "lines", 2
+    compiled = ("LINES",)
+
+    def closest_points(self, view: View) -> list[ClosestPoints]:
+        """Points on infinite lines; with a lens, refined along the line's curved image."""
+        A, D = view.points(self.geometry[:, :, 0]), view.directions(self.geometry[:, :, 1])
+        line = cross(A, D)  # the image line: right even with an end behind the camera
+        scale = 1.0 / (np.sqrt(dot(line[:2], line[:2])) + LEAST_LENGTH)
+        normal = n = line[:2] * scale
+        d = view.observed_offset(self.xy)
+        p = view.nearly_ideal_offset(d)
+        r = dot(n, p) + line[2] * scale
+        s = p - r * n
+        along = n[0] * p[1] - n[1] * p[0]  # the closest point's coordinate on the image line
+        if not view.is_pinhole:
+            tangent = np.array([-n[1], n[0]])
+            seen, reach = self.label >= 0, view.reach
+            for _ in range(LINE_STEPS):
+                real, T = view.push(s, tangent)
+                step = dot(d - real, T) / (dot(T, T) + LEAST_LENGTH)
+                step = np.minimum(np.maximum(step, -reach), reach)  # bounded where the lens folds back
+                s, along = s + step * tangent, along + step
+                if (np.abs(step) * seen).max(initial=0.0) < LINE_STEP:
+                    break
+            real, T = view.push(s, tangent)
+            normal = left_normal(T)
+            r = dot(normal, d - real)
+        inverse_depth = (along * D[2] - n[0] * D[1] + n[1] * D[0]) * scale
+        return [ClosestPoints(r, s, inverse_depth, normal)]
+
+    def past_ends(self, X: Array, segments: Sequence[Segment]) -> Ends:
+        """Which points X (T, N, 3) of the lines lie past an end."""
+        start, direction = self.geometry[:, :, 0], self.geometry[:, :, 1]
+        share = np.sum((X - start) * direction, axis=-1) / np.sum(np.square(direction), axis=-1)
+        inside = np.clip(share, 0.0, 1.0)
+        return Ends(share != inside, start + inside[..., None] * direction, inside)
+
+    @property
+    def extent(self) -> tuple[Array, Array]:
+        """Middle (T, N, 3) and length (T, N) of the lines, metres."""
+        start, direction = self.geometry[:, :, 0], self.geometry[:, :, 1]
+        return start + 0.5 * direction, np.linalg.norm(direction, axis=-1)
+
+
+@dataclass(frozen=True)
+class Line(Segment):
+    """A straight segment from `start` to `end`. Pixels are measured against the infinite line through both, and those
+    past an end once more against that end (`fieldcalib.problem.segment_ends`).
+
+    Examples
+    --------
+    >>> Line((0.0, 0.0, 0.0), (0.0, 0.0, -2.44)).sample(spacing=1.0)[:, 2]
+    array([ 0.        , -0.81333333, -1.62666667, -2.44      ])
+    """
+
+    start: Vector
+    end: Vector
+
+    is_straight = True
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "start", vector(self.start, "the start of a Line"))
+        object.__setattr__(self, "end", vector(self.end, "the end of a Line"))
+        if self.start == self.end:
+            raise ValueError(f"a Line needs two different end points, got start = end = {self.start}")
+
+    def sample(self, spacing: float = 1.0) -> Array:
+        """Points from start to end, at most `spacing` metres apart, (N, 3)."""
+        start, end = np.array(self.start), np.array(self.end)
+        count = int(np.ceil(np.linalg.norm(end - start) / spacing)) + 1
+        return np.asarray(start + np.linspace(0.0, 1.0, max(count, 2))[:, None] * (end - start))
+
+    @property
+    def rows(self) -> type[Rows]:
+        """The class of rows that its labelled pixels are packed in."""
+        return LineRows
+
+    @property
+    def vectors(self) -> Array:
+        """Start, and the way from there to the end, (2, 3)."""
+        return np.array([self.start, np.subtract(self.end, self.start)])
+
+    def equations(self, pixels: int) -> int:
+        """Two; one for a single pixel."""
+        return min(pixels, 2)
+
+    def mirrored(self, signs: Vector) -> Line:
+        """The line with its coordinates multiplied by signs."""
+        return Line(mirrored(self.start, signs), mirrored(self.end, signs))
+
+    def corners(self) -> Array:
+        """Both ends, (2, 3)."""
+        return np.array([self.start, self.end])
+
+    def evaluated(self, straight: float, bent: float) -> Array:
+        """Points every `straight` metres from the start on, with a longer last piece, (N, 3)."""
+        start, direction = self.vectors
+        length = float(np.linalg.norm(direction))
+        steps = np.arange(int(length / straight - 1.0) + 1)[:, None] * straight
+        return np.concatenate([start + steps * direction / length, [self.end]])
+
+    def parts(self, longest: float) -> Parts:
+        """Equal parts no longer than `longest` metres."""
+        start, direction = self.vectors
+        length = float(np.linalg.norm(direction))
+        share = middles(length, longest)
+        along = np.broadcast_to(direction / length, (len(share), 3))
+        return Parts(start + share[:, None] * direction, along, share, length)

@@ -1,0 +1,64 @@
+"""Points: named places of the object, measured along both axes of the image."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from fieldcalib._types import Array
+from fieldcalib.fields.segments.closest import ClosestPoints, View, at_points
+from fieldcalib.fields.segments.rows import Rows
+from fieldcalib.fields.segments.segment import Segment, Vector, mirrored, vector
+
+
+class PointRows(Rows):
+    """Pixels of points: the one vector of a row is X."""
+
+    name, vectors, components = "points", 1, 2
+    shares_noise = False  # the two axes are as independent as two segments
+    compiled = ("ALONG_X", "ALONG_Y")
+
+    def closest_points(self, view: View) -> list[ClosestPoints]:
+        """The points themselves."""
+        return at_points(view, self.xy, self.geometry[..., 0, :])
+
+
+@dataclass(frozen=True)
+class Point(Segment):
+    """A labelled point of the object; its residual has two components.
+
+    Examples
+    --------
+    >>> Point((0.0, 0.0, 0.0)).sample()
+    array([[0., 0., 0.]])
+    """
+
+    X: Vector
+
+    is_point = True
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "X", vector(self.X, "a Point"))
+
+    def sample(self, spacing: float = 1.0) -> Array:
+        """The point itself, as a (1, 3) array."""
+        return np.array([self.X])
+
+    @property
+    def rows(self) -> type[Rows]:
+        """The class of rows that its labelled pixels are packed in."""
+        return PointRows
+
+    @property
+    def vectors(self) -> Array:
+        """X, (1, 3)."""
+        return np.array([self.X])
+
+    def equations(self, pixels: int) -> int:
+        """Two."""
+        return 2
+
+    def mirrored(self, signs: Vector) -> Point:
+        """The point with its coordinates multiplied by signs."""
+        return Point(mirrored(self.X, signs))

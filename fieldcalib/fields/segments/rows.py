@@ -1,0 +1,113 @@
+"""Labelled pixels of T frames on segments of one kind, padded to N pixels each, and how they are measured."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple, Self
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fieldcalib._types import Array, BoolArray, IntArray
+from fieldcalib.fields.segments.closest import ClosestPoints, View
+
+if TYPE_CHECKING:
+    from fieldcalib.fields.segments.segment import Segment
+
+
+class Ends(NamedTuple):
+    """Which closest points lie past the end of their segment, and that end."""
+
+    past: BoolArray
+    """(T, N)."""
+    X: Array
+    """The nearest point of the segment, (T, N, 3)."""
+    along: Array
+    """Where that is along the segment, (T, N): 0 at its start, 1 at its end; 0 where it moves as a whole."""
+
+
+@dataclass(frozen=True, eq=False)
+class Rows(ABC):
+    """Observed pixels on segments of one kind: the protocol of all kinds.
+
+    A pixel has one residual, or one for each of two axes, and these stand one after the other.
+    """
+
+    xy: Array
+    """Pixels, (T, N, 2)."""
+    weight: Array
+    """(T, N); 0 where there is only padding."""
+    label: IntArray
+    """Index into `Observations.labels`, (T, N); -1 where there is only padding."""
+    geometry: Array
+    """World vectors of the segment, (T, N, G, 3), as each kind says."""
+
+    name: ClassVar[str]
+    """In files."""
+    vectors: ClassVar[int]
+    """How many vectors describe a segment at least, G."""
+    components: ClassVar[int] = 1
+    """Residuals of a pixel."""
+    shares_noise: ClassVar[bool] = True
+    """Whether the pixels of a segment lie beside it together, as annotators keep to one side of a line."""
+    compiled: ClassVar[tuple[str, ...]] = ()
+    """Names of the compiled kinds of residuals, one for each component; none where NumPy alone measures them."""
+
+    def __bool__(self) -> bool:
+        return bool(self.xy.shape[1] > 0)
+
+    @abstractmethod
+    def closest_points(self, view: View) -> list[ClosestPoints]:
+        """The closest points of all residuals, one for each component."""
+
+    def past_ends(self, X: Array, segments: Sequence[Segment]) -> Ends | None:
+        """Which closest points X (T, N, 3) lie past an end of their segments (L); None where the kind has no ends."""
+        return None
+
+    @property
+    def extent(self) -> tuple[Array, Array]:
+        """Middle (T, N, 3) and length (T, N) of the segments, metres."""
+        return self.geometry.mean(axis=2), np.linalg.norm(np.ptp(self.geometry, axis=2), axis=-1)
+
+    def motion(self, of_ends: Array) -> Array:
+        """How the segments move with the size of the field, (T, N, 3, 2), from how their ends do, (L, 2, 3, 2)."""
+        return self._between(of_ends, 0.5)
+
+    def _between(self, of_ends: Array, share: Array | float) -> Array:
+        start, end = of_ends[self.label, 0], of_ends[self.label, 1]
+        return np.asarray(start + share * (end - start))
+
+    def _each(self, part: Callable[[NDArray[Any]], NDArray[Any]]) -> Self:
+        return type(self)(part(self.xy), part(self.weight), part(self.label), part(self.geometry))
+
+    def take(self, index: IntArray | slice) -> Self:
+        """The rows of frames `index`, in that order, repeated where `index` repeats."""
+        return self._each(lambda values: values[index])
+
+    def choose(self, rows: IntArray) -> Self:
+        """Other rows (T, N') of each frame."""
+        frame = np.arange(len(rows))[:, None]
+        return self._each(lambda values: values[frame, rows])
+
+    @property
+    def trimmed(self) -> Self:
+        """The rows without the padding that all frames have, which comes last."""
+        count = int(np.max(np.sum(self.label >= 0, axis=1), initial=0))
+        return self._each(lambda values: values[:, :count])
+
+    def moved(self, offset: Array) -> Self:
+        """Rows whose segments are displaced by (T, N, 3) metres."""
+        geometry = self.geometry.copy()
+        geometry[:, :, 0] += offset
+        return replace(self, geometry=geometry)
+
+    @classmethod
+    def none(cls, frames: int, pixels: int = 0, vectors: int = 0) -> Self:
+        """Padding alone; its geometry is finite."""
+        depth = vectors or cls.vectors
+        geometry = np.empty((frames, pixels, depth, 3))
+        geometry[:] = np.eye(3)[np.arange(depth) % 3]
+        shape = frames, pixels
+        return cls(np.zeros((*shape, 2)), np.zeros(shape), np.full(shape, -1), geometry)

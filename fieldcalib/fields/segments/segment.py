@@ -1,0 +1,130 @@
+"""What every kind of segment can say of itself, in metres: its geometry, how it is drawn, and what it tells."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Hashable, Iterable
+from dataclasses import dataclass
+from typing import ClassVar, NamedTuple, Self
+
+import numpy as np
+
+from fieldcalib._types import Array, IntArray
+from fieldcalib.fields.segments.rows import Rows
+
+Vector = tuple[float, float, float]
+
+
+class Parts(NamedTuple):
+    """Equal parts of a segment, N of them."""
+
+    X: Array
+    """Their middles, (N, 3)."""
+    along: Array
+    """Unit vectors along the segment there, (N, 3)."""
+    share: Array
+    """Where between the segment's two ends they move with these, (N,)."""
+    length: float
+    """Of all parts together, metres."""
+
+
+@dataclass(frozen=True)
+class Segment(ABC):
+    """A piece of the calibration object: the protocol of all kinds.
+
+    A kind is a frozen dataclass that derives from this class, and the class of the rows in which its labelled pixels
+    are packed (`fieldcalib.fields.segments.rows`), both in one file; `fieldcalib.fields.segments` registers it.
+    """
+
+    is_point: ClassVar[bool] = False
+    """Whether it is a named point: nothing is painted for it, and its pixels are one place."""
+    is_straight: ClassVar[bool] = False
+    is_arc: ClassVar[bool] = False
+
+    @property
+    @abstractmethod
+    def rows(self) -> type[Rows]:
+        """The class of rows that its labelled pixels are packed in."""
+
+    @property
+    @abstractmethod
+    def vectors(self) -> Array:
+        """What these rows know of it, (G, 3), see `Rows.geometry`."""
+
+    @abstractmethod
+    def sample(self, spacing: float = 1.0) -> Array:
+        """Points along it, at most `spacing` metres apart, (N, 3)."""
+
+    @abstractmethod
+    def equations(self, pixels: int) -> int:
+        """How many equations that many different pixels give at best."""
+
+    @abstractmethod
+    def mirrored(self, signs: Vector) -> Self:
+        """The segment with its coordinates multiplied by signs."""
+
+    @property
+    def is_curve(self) -> bool:
+        """Whether it is a line or a curve, along which something may be painted."""
+        return not self.is_point
+
+    @property
+    def whole(self) -> Hashable:
+        """What pixels are measured against, the same for parts of one circle."""
+        return self
+
+    @property
+    def is_whole(self) -> bool:
+        """Whether it is a closed circle."""
+        return False
+
+    @property
+    def middle_of_curvature(self) -> Vector:
+        """From where its outer side looks away: the middle of the field, of an arc its own centre."""
+        return (0.0, 0.0, 0.0)
+
+    def polyline(self, spacing: float) -> Array:
+        """Points (N, 3) between which it is drawn straight, at most about `spacing` metres apart where it is bent."""
+        return self.sample(spacing)
+
+    def corners(self) -> Array:
+        """Points (N, 3) between which its paint is straight."""
+        return self.polyline(1.0)
+
+    def samples(self, count: int) -> Array:
+        """Points that stand for it in the loss in NDC, of an arc `count`, (N, 3)."""
+        return self.sample()
+
+    def evaluated(self, straight: float, bent: float) -> Array:
+        """Points (N, 3) as SoccerNet's evaluation samples a segment: `straight` or `bent` metres from its start on."""
+        return self.sample(bent)
+
+    def parts(self, longest: float) -> Parts | None:
+        """Equal parts no longer than `longest` metres; None where it has no length."""
+        return None
+
+    def order(self, xy: Array) -> IntArray:
+        """Order of its pixels (N, 2) along it."""
+        offset = xy - xy.mean(axis=0)
+        return np.argsort(offset @ np.linalg.svd(offset, full_matrices=False)[2][0], kind="stable")
+
+
+def middles(length: float, longest: float) -> Array:
+    """Middles of equal parts no longer than `longest`, as shares of a length."""
+    count = int(np.ceil(length / longest))
+    return (np.arange(count) + 0.5) / count
+
+
+def vector(values: Iterable[float], what: str) -> Vector:
+    """Three finite numbers, or a ValueError that names what they are."""
+    array = np.asarray(values, dtype=float)
+    if array.shape != (3,) or not np.all(np.isfinite(array)):
+        raise ValueError(f"{what} needs three finite coordinates in metres, got {values!r}")
+    x, y, z = array.tolist()
+    return x, y, z
+
+
+def mirrored(X: Vector, signs: Vector) -> Vector:
+    """A point with its coordinates multiplied by signs."""
+    x, y, z = (sign * one + 0.0 for sign, one in zip(signs, X, strict=True))  # + 0.0: no negative zeros
+    return x, y, z

@@ -1,0 +1,124 @@
+"""The first pass over a part of a video: its shots, what ties their frames, and the labels in keyframes."""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Iterable, Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from fieldcalib._types import BoolArray
+from fieldcalib.assess.sequence import SequenceCalibration
+from fieldcalib.images.clip_models import window_prior
+from fieldcalib.images.clip_problem import Cells, ClipOptions, ClipProblem, cells_of
+from fieldcalib.images.keyframe_labels import KeyframeLabels, label_keyframes
+from fieldcalib.images.keyframes import TiedFrame
+from fieldcalib.images.pieces import CameraModel, Pieces, loose_at_end, numbered
+from fieldcalib.images.witnesses import with_witnesses, witnesses_of
+from fieldcalib.io.image import Image
+from fieldcalib.io.images import IMAGES_AT_ONCE
+from fieldcalib.localize import Network
+from fieldcalib.solve.tripod import Labels
+
+BETWEEN = (4, 8)  # frames after a keyframe that the network sees too while no keyframe of the piece is accepted,
+MOST_MORE = 6  # and how many of these: most pieces without a camera show no field
+
+
+@dataclass(frozen=True, eq=False)
+class Shots:
+    """The frames of a part of a video, by the matches that tie them."""
+
+    begin: int
+    """Number of the first frame in the video; here it is 0."""
+    image_size: tuple[int, int]
+    pieces: Pieces
+    loose: BoolArray
+    """Which frames nothing ties at the end of their shot, (T,); they are pieces of their own."""
+    matches: Mapping[tuple[int, int], Cells]
+    """Matches by the numbers of the keyframe and of the other frame."""
+
+
+@dataclass(frozen=True, eq=False)
+class Keyframes:
+    """Shots, with the labels that a network found in their keyframes, and in some other frames."""
+
+    options: ClipOptions
+    shots: Shots
+    labels: Mapping[int, KeyframeLabels]
+
+    @property
+    def accepted(self) -> dict[int, Labels]:
+        """Labels of keyframes whose camera was accepted."""
+        return {t: one.labels for t, one in self.labels.items() if one.accepted}
+
+    @property
+    def doubtful(self) -> dict[int, Labels]:
+        """Labels of the other keyframes."""
+        return {t: one.labels for t, one in self.labels.items() if not one.accepted}
+
+    def calibrate(
+        self,
+        pieces: Pieces,
+        members: Sequence[int],
+        labels: Mapping[int, Labels],
+        start: SequenceCalibration | None = None,
+        left_out: Collection[tuple[int, int]] = (),
+    ) -> SequenceCalibration:
+        """Calibrate all frames of some pieces, from the lines in some of them and from matches that are not left out.
+
+        The labels of keyframes are witnesses for or against their cameras.
+        """
+        options, size = self.options, self.shots.image_size
+        frames, models = pieces.frames(members).tolist(), pieces.models_of(members)
+        if CameraModel.WINDOW in models:
+            prior = window_prior(options.prior, options.object_segments, size)
+            options = replace(options.not_sharing("principal point"), prior=prior)
+        elif models == {CameraModel.MOVING}:
+            options = options.not_sharing("centre")
+        matches = {pair: cells for pair, cells in self.shots.matches.items() if pair not in left_out}
+        solver = ClipProblem(options, size, frames, labels, matches).solver
+        calibration = solver.one_by_one() if models == {CameraModel.ALONE} else solver.calibrated(start)
+        witnesses = witnesses_of(self.labels, frames, calibration)
+        return with_witnesses(options.object_segments, calibration, witnesses)
+
+
+def read_keyframes(frames: Iterable[tuple[Image, TiedFrame]], options: ClipOptions, network: Network) -> Keyframes:
+    """Read the frames of a part of a video once; the network sees keyframes, and some others of unsure pieces.
+
+    Frames are numbered from the first one; matches with frames before it are left out.
+    """
+    begin, size = 0, (0, 0)
+    piece: list[int] = []
+    linked: list[bool] = []
+    matches: dict[tuple[int, int], Cells] = {}
+    labels: dict[int, KeyframeLabels] = {}
+    waiting: dict[int, Image] = {}  # frames that the network is to see
+    more: dict[int, int] = {}  # frames between keyframes that the network may still see, by piece
+
+    def look() -> None:
+        found = label_keyframes(options, list(waiting.values()), network)
+        labels.update({t: one for t, one in zip(waiting, found, strict=True) if one is not None})
+        waiting.clear()
+
+    for t, (image, tied) in enumerate(frames):
+        if t == 0:
+            begin, size = tied.index, (image.shape[1], image.shape[0])
+        piece.append(tied.piece)
+        linked.append(tied.is_key or bool(tied.ties))
+        ties = {
+            (key - begin, t): cells
+            for key, found in tied.ties
+            if key >= begin and (cells := cells_of(found, size)) is not None
+        }
+        matches |= ties
+        unsure = not any(one.accepted and piece[key] == tied.piece for key, one in labels.items())
+        soon = unsure and more.get(tied.piece, 0) > 0 and tied.index - tied.key in BETWEEN
+        if tied.is_key or not ties or soon:  # a frame that nothing ties must tell its camera by itself
+            waiting[t] = image
+            more[tied.piece] = more.get(tied.piece, MOST_MORE) - soon
+            if len(waiting) == IMAGES_AT_ONCE or unsure:
+                look()
+    look()
+    loose = loose_at_end(piece, linked)
+    pieces = Pieces(np.array(numbered(piece, loose), dtype=np.intp))
+    return Keyframes(options, Shots(begin, size, pieces, np.array(loose, dtype=bool), matches), labels)

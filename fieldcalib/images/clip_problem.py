@@ -1,0 +1,120 @@
+"""Frames of one camera that are calibrated together, from the lines in some of them and the matches that tie them."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+
+from fieldcalib._types import Array
+from fieldcalib.assess.result import Calibration
+from fieldcalib.fields.segments import ObjectSegments
+from fieldcalib.images.detected_lines import line_loss, per_label
+from fieldcalib.images.from_images import calibrate_from_images
+from fieldcalib.images.matches import Matches
+from fieldcalib.io.image import Image
+from fieldcalib.localize import Network
+from fieldcalib.localize.flow import check_network
+from fieldcalib.problem.labelled_pixels import check_object
+from fieldcalib.solve.given_camera import NOTHING_GIVEN, GivenCamera, check_of_clip
+from fieldcalib.solve.options import ALL, DEFAULT_FLAGS, PAINT, CalibrationFlags, Prior, default_flags
+from fieldcalib.solve.sequence_solver import SHARED, SIZE, SequenceSolver, sequence_solver
+from fieldcalib.solve.ties import LEAST_CELLS, thinned
+from fieldcalib.solve.tripod import Labels
+
+Cells = tuple[Array, Array]
+"""Matched pixels (n, 2) of two frames, averaged over cells."""
+
+
+@dataclass(frozen=True, eq=False)
+class ClipOptions:
+    """How the frames of a clip are calibrated."""
+
+    object_segments: ObjectSegments
+    flags: int = DEFAULT_FLAGS
+    prior: Prior = ALL
+    shared: tuple[str, ...] = SHARED
+    """What the frames share, as in `calibrate_sequence`."""
+    given: GivenCamera = NOTHING_GIVEN
+
+    def check(self, network: Network | None) -> None:
+        """Raise a ValueError unless object and network are such, and the flags hold for all frames of a clip."""
+        check_object(self.object_segments)
+        if network is not None:
+            check_network(network)
+        check_of_clip(self.flags)
+
+    def calibrate_alone(self, images: Sequence[Image], network: Network) -> list[Calibration]:
+        """Calibrate frames as single images, without asking each for the size of the field, borders or aspect ratio."""
+        return calibrate_from_images(
+            self.object_segments,
+            images,
+            network,
+            *self.given,
+            flags=self.flags,
+            prior=self.prior,
+            take_off_borders=False,
+            estimate_aspect=False,
+            estimate_size=False,
+        )
+
+    def not_sharing(self, name: str) -> ClipOptions:
+        """The same without one of the names in `shared`."""
+        return replace(self, shared=tuple(one for one in self.shared if one != name))
+
+    @property
+    def flags_together(self) -> int:
+        """The flags for frames that are solved together.
+
+        By default k2 is estimated too, and also with CALIB_AUTO_LENS: all frames together determine the lens.
+        """
+        position = self.flags & CalibrationFlags.CALIB_FIX_POSITION
+        if self.flags == DEFAULT_FLAGS | position or self.flags & CalibrationFlags.CALIB_AUTO_LENS:
+            return default_flags(self.prior) & ~CalibrationFlags.CALIB_FIX_K2 | position
+        return self.flags
+
+
+def shared_parameters(names: Sequence[str], estimate_size: bool) -> tuple[str, ...]:
+    """Names of what frames share, without the size of the field where that is not to be estimated."""
+    return tuple(name for name in names if estimate_size or name != SIZE)
+
+
+def cells_of(matches: Matches, image_size: tuple[int, int]) -> Cells | None:
+    """Matches averaged over cells; None if they are too few to tie two frames."""
+    cells = thinned(matches.first, matches.second, image_size)
+    return cells if len(cells[0]) >= LEAST_CELLS else None
+
+
+@dataclass(frozen=True, eq=False)
+class ClipProblem:
+    """Frames of one camera, with the lines and the matches that they are calibrated from."""
+
+    options: ClipOptions
+    image_size: tuple[int, int]
+    frames: Sequence[int]
+    """Numbers of the T frames, ascending."""
+    labels: Mapping[int, Labels]
+    """Lines by frame, perhaps of other frames too."""
+    matches: Mapping[tuple[int, int], Cells]
+    """Matches by the numbers of both frames, perhaps of other frames too."""
+
+    @property
+    def solver(self) -> SequenceSolver:
+        """What solves the problem; it counts the frames from 0."""
+        number = {frame: k for k, frame in enumerate(self.frames)}
+        found = [per_label(self.labels.get(frame, ({}, {}))) for frame in self.frames]
+        return sequence_solver(
+            self.options.object_segments,
+            [pixels for pixels, _ in found],
+            self.image_size,
+            flags=self.options.flags_together,
+            prior=self.options.prior,
+            loss=line_loss(self.image_size),
+            trust_labels=True,
+            weights=[weights for _, weights in found],
+            shared=self.options.shared,
+            paint=PAINT,
+            matches={
+                (number[i], number[j]): cells for (i, j), cells in self.matches.items() if i in number and j in number
+            },
+            given=self.options.given,
+        )

@@ -1,0 +1,99 @@
+"""Points along the painted markings of a field, at which lines are looked for in images."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from fieldcalib._types import Array, BoolArray, IntArray
+from fieldcalib.fields.field import Field
+from fieldcalib.fields.segments import Arc, ObjectSegments, Point, PointCloud, Segment, outwards
+from fieldcalib.fields.stands import SOCCER_SCALE
+from fieldcalib.fields.traits import LineLook, Paint
+
+POINT_SPACING = 1.0 / 160.0  # of the field's scale, along a marking: between points where a profile may be placed
+
+
+@dataclass(frozen=True)
+class Markings:
+    """Points along the middle of the paint of an object's markings, segment by segment."""
+
+    labels: tuple[str, ...]
+    member: IntArray
+    """Index into `labels` of each point, (N,)."""
+    X: Array
+    """(N, 3)."""
+    along: Array
+    """Unit vectors along the segments, (N, 3)."""
+    on_ground: BoolArray
+    """Whether the whole segment is on the ground, (N,)."""
+    width: Array
+    """Width of the paint, metres, (N,)."""
+    inwards: Array
+    """Way from the middle of the paint to the segment, which may be the edge of the paint, metres, (N, 3)."""
+    is_arc: BoolArray
+    """Whether each segment is an arc, (len(labels),)."""
+    look: LineLook
+    """Appearance of their lines."""
+
+    @classmethod
+    def of(cls, object_segments: ObjectSegments) -> Markings:
+        """The markings painted along the segments of an object; of a circle and its halves the circle only.
+
+        An object that is no `Field` gets the default `LineLook`.
+        """
+        look, scale = LineLook(), SOCCER_SCALE
+        paint_of: Callable[[str], Paint] = dict.fromkeys(object_segments, Paint(width=look.width)).__getitem__
+        if isinstance(object_segments, Field):
+            look, scale = object_segments.lines, object_segments.scale
+            paint_of = object_segments.paint_of
+        whole = {_circle(segment) for segment in object_segments.values() if _is_whole(segment)}
+        markings = {
+            label: segment
+            for label, segment in object_segments.items()
+            if _is_curve(segment) and (_is_whole(segment) or _circle(segment) not in whole)
+        }
+        paint = {label: paint_of(label) for label in markings}
+        markings = {label: segment for label, segment in markings.items() if paint[label].is_along}
+        points = [segment.sample(POINT_SPACING * scale) for segment in markings.values()]
+        counts = [len(X) for X in points]
+        member, X = np.repeat(np.arange(len(points)), counts), np.concatenate([np.zeros((0, 3)), *points])
+        along, inwards = _along(member, X), np.zeros_like(X)
+        for index, (label, segment) in enumerate(markings.items()):
+            if paint[label].outwards:
+                own = member == index
+                inwards[own] = -paint[label].outwards * outwards(segment, X[own], along[own])
+        return cls(
+            tuple(markings),
+            member,
+            X - inwards,
+            along,
+            np.repeat(np.array([not np.any(X[:, 2]) for X in points], dtype=bool), counts),
+            np.repeat(np.array([paint[label].width for label in markings], dtype=float), counts),
+            inwards,
+            np.array([isinstance(segment, Arc) for segment in markings.values()], dtype=bool),
+            look,
+        )
+
+
+def _along(member: IntArray, X: Array) -> Array:
+    """Unit vectors (N, 3) along curves at their points X (N, 3), from one neighbour on the same curve to the other."""
+    index = np.arange(len(X))
+    before, after = np.maximum(index - 1, 0), np.minimum(index + 1, len(X) - 1)
+    before, after = (np.where(member[at] == member, at, index) for at in (before, after))
+    d = X[after] - X[before]
+    return np.asarray(d / np.linalg.norm(d, axis=1, keepdims=True))
+
+
+def _is_curve(segment: Segment) -> bool:
+    return not isinstance(segment, Point) and (not isinstance(segment, PointCloud) or segment.ordered)
+
+
+def _circle(segment: Segment) -> tuple[object, ...] | None:
+    return (segment.center, segment.radius, segment.u, segment.v) if isinstance(segment, Arc) else None
+
+
+def _is_whole(segment: Segment) -> bool:
+    return isinstance(segment, Arc) and abs(segment.stop - segment.start) >= 2.0 * np.pi

@@ -1,0 +1,216 @@
+"""A shot of a live video: its keyframes so far, and the cameras of frames that are tied to them.
+
+Every function goes from one frozen value to the next.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from fieldcalib._types import BoolArray
+from fieldcalib.assess.markings import MarkingInView
+from fieldcalib.assess.own_errors import OwnErrors
+from fieldcalib.assess.result import Calibration, Status
+from fieldcalib.assess.sequence import STEP, Basis
+from fieldcalib.geometry.camera import Camera
+from fieldcalib.images.clip_lines import LEAST_LINES
+from fieldcalib.images.clip_problem import Cells, ClipOptions, ClipProblem
+from fieldcalib.images.detected_lines import detected_lines
+from fieldcalib.images.field_markings import Markings
+from fieldcalib.images.keyframes import KeyframePair
+from fieldcalib.images.shot_solver import KnownCamera, ShotProblem, ShotSolution, SolvedShot
+from fieldcalib.io.image import Image
+from fieldcalib.solve.frame_columns import FrameColumns
+from fieldcalib.solve.ties import Ties, stepped, with_tied
+from fieldcalib.solve.tripod import Labels
+
+MOST_KEYS = 40  # keyframes of a shot that are solved together: 20 seconds
+MOST_EXTRAPOLATED = 12  # frames that nothing ties for which a camera is extrapolated: half a second
+NO_LINES: Labels = ({}, {})
+
+
+@dataclass(frozen=True, eq=False)
+class FollowedFrame:
+    """The camera of a frame that follows from keyframes."""
+
+    calibration: Calibration
+    basis: Basis = Basis.NOTHING
+    lines: Labels = NO_LINES
+    """The lines in the frame."""
+    camera: KnownCamera | None = None
+    """The camera that other frames can be tied to, if this one is tied itself."""
+
+
+@dataclass(frozen=True, eq=False)
+class LiveShot:
+    """The keyframes of a shot so far."""
+
+    identity: tuple[int, int] = (0, 0)
+    """How often the tracker began anew, and the number of the shot since then."""
+    segmented: int = 0
+    """Number of keyframes that the network has seen."""
+    labels: Mapping[int, Labels] = field(default_factory=dict)
+    """Lines in keyframes; empty where no camera is found."""
+    matches: Mapping[tuple[int, int], Cells] = field(default_factory=dict)
+    """Matches between keyframes."""
+    pairs: Mapping[tuple[int, int], KeyframePair] = field(default_factory=dict)
+    """Keyframes that are still to be matched."""
+    solved: SolvedShot | None = None
+    """The keyframes that were solved together last."""
+    followed: Mapping[int, KnownCamera] = field(default_factory=dict)
+    """Cameras of keyframes that are not solved yet, from those that are."""
+    last: tuple[tuple[int, KnownCamera], ...] = ()
+    """The last two frames that were tied, for the motion."""
+    paint: tuple[int, tuple[MarkingInView, ...]] | None = None
+    """The markings that were seen in a frame, with its number."""
+
+    @property
+    def known(self) -> dict[int, KnownCamera]:
+        """The cameras of keyframes."""
+        return {**self.followed, **(self.solved.cameras if self.solved is not None else {})}
+
+    def with_keyframe(
+        self, index: int, ties: Mapping[int, Cells], pairs: Sequence[KeyframePair], found: FollowedFrame | None
+    ) -> LiveShot:
+        """With a new keyframe, tied to earlier ones, and its camera if it has one."""
+        camera = None if found is None else found.camera
+        return replace(
+            self,
+            labels={**self.labels, index: NO_LINES if found is None else found.lines},
+            matches={**self.matches, **{(key, index): cells for key, cells in ties.items()}},
+            pairs={**self.pairs, **{pair.indices: pair for pair in pairs}},
+            followed=self.followed if camera is None else {**self.followed, index: camera},
+        )
+
+    def problem(self, options: ClipOptions, image_size: tuple[int, int], new: int) -> ShotProblem:
+        """What is to be solved when a new keyframe has come."""
+        keys = sorted(self.labels)[-MOST_KEYS:]
+        return ShotProblem(
+            ClipProblem(
+                options,
+                image_size,
+                keys,
+                {key: self.labels[key] for key in keys},
+                {pair: cells for pair, cells in self.matches.items() if set(keys).issuperset(pair)},
+            ),
+            new,
+            tuple(self.pairs.values()),
+            None if self.solved is None else self.solved.layout,
+            {key: one.theta for key, one in self.known.items() if key in keys},
+        )
+
+    def with_solution(self, new: int, solution: ShotSolution) -> LiveShot:
+        """With the solution of such a problem; keyframes that came in the meantime follow from those in it."""
+        labels = self.labels if solution.labels is None else {**self.labels, new: solution.labels}
+        pairs = {pair: one for pair, one in self.pairs.items() if pair not in solution.tried}
+        shot = replace(self, labels=labels, matches={**self.matches, **solution.matches}, pairs=pairs)
+        if solution.solved is None:
+            return shot
+        cameras = solution.solved.cameras
+        followed = {key: one for key, one in shot.followed.items() if key not in cameras}
+        shot = replace(shot, solved=solution.solved, followed=followed)
+        for key in sorted(key for key in labels if key > max(cameras) and key not in followed):
+            ties = {i: cells for (i, j), cells in shot.matches.items() if j == key and i in shot.known}
+            found = _tied(shot, solution.solved, ties, None) if ties else None
+            if found is not None:
+                shot = replace(shot, followed={**shot.followed, key: _only(found[0])})
+        return shot
+
+    def with_tied(self, index: int, camera: KnownCamera | None) -> LiveShot:
+        """With the camera of the newest frame, if it is tied."""
+        return self if camera is None else replace(self, last=(*self.last[-1:], (index, camera)))
+
+
+def follow(shot: LiveShot, solved: SolvedShot, index: int, image: Image, ties: Mapping[int, Cells]) -> FollowedFrame:
+    """The camera of an image from the keyframes that it is tied to, or from the motion of those before."""
+    known = shot.known
+    keys = sorted(key for key in ties if key in known)
+    if index in known:  # a keyframe that was waited for
+        return _placed(solved, known[index], Basis.LINES)
+    if not keys:
+        camera = _extrapolated(shot.last, index, solved.layout.free)
+        if camera is None:
+            return _without_camera("nothing ties this frame to a keyframe that has a camera")
+        if not _shows_lines(image, solved.layout.camera(camera.theta), solved.markings):
+            return _without_camera(
+                "nothing ties this frame, and it shows no lines where the camera should have them: a cut?"
+            )
+        return _placed(solved, camera, Basis.INTERPOLATED)
+    found = _tied(shot, solved, {key: ties[key] for key in keys}, image)
+    if found is None:
+        return _without_camera("what ties this frame contradicts its keyframes")
+    columns, lines = found
+    return _of_only_frame(solved, columns, lines, _only(columns))
+
+
+def _tied(
+    shot: LiveShot, solved: SolvedShot, ties: Mapping[int, Cells], image: Image | None
+) -> tuple[FrameColumns, Labels] | None:
+    """A frame that is tied to some keyframes, with its lines; None if the keyframes contradict what ties it."""
+    known = shot.known
+    keys, tripod, layout = sorted(ties), solved.tripod, solved.layout
+    here, is_known = np.array([len(keys)]), np.arange(len(keys) + 1) < len(keys)
+    pairs = {(k, len(keys)): ties[key] for k, key in enumerate(keys)}
+    local = Ties.of(tripod.object_segments, pairs, len(keys) + 1, layout.image_size)
+    near = image is not None and bool(shot.last)
+    last = shot.last[-1][1] if near else known[keys[-1]]
+    theta = np.where(layout.free, [*(known[key].theta for key in keys), last.theta], solved.shared)
+    towards, first = local.towards(here, theta, is_known)
+    if near:
+        theta[-1:], (contradicted,) = stepped(towards, layout, theta[-1:])
+    else:
+        scale = tripod.options.scale
+        theta, reached = with_tied(tripod.object_segments, local, theta, is_known, here, layout, scale)
+        contradicted = not reached[-1]
+    if contradicted:
+        return None
+    lines = NO_LINES if image is None else detected_lines(image, layout.camera(theta[-1]), solved.markings)[0]
+    of_keys = [known[keys[k]].errors for k in first.tolist()]
+    of_first = OwnErrors(*(np.array(part) for part in zip(*of_keys, strict=True)))
+    columns = tripod.columns(1)
+    tripod.follow(columns, np.array([0]), theta[-1:], [lines], towards, of_first, {})
+    return columns, lines
+
+
+def _placed(solved: SolvedShot, camera: KnownCamera, basis: Basis) -> FollowedFrame:
+    """A frame with a camera that is known already."""
+    columns = solved.tripod.columns(1)
+    columns.fill_from(*camera, basis)
+    return _of_only_frame(solved, columns)
+
+
+def _of_only_frame(
+    solved: SolvedShot, columns: FrameColumns, lines: Labels = NO_LINES, camera: KnownCamera | None = None
+) -> FollowedFrame:
+    sequence = replace(solved.sequence, frames=columns.frames)
+    return FollowedFrame(sequence[0], sequence.basis[0], lines, camera)
+
+
+def _without_camera(message: str) -> FollowedFrame:
+    return FollowedFrame(Calibration.without_camera(Status.TOO_FEW_SEGMENTS, message))
+
+
+def _shows_lines(image: Image, camera: Camera, markings: Markings) -> bool:
+    """Whether enough of the markings in view have a line in the image."""
+    (pixels, _), profiles = detected_lines(image, camera, markings, np.inf)
+    return sum(map(len, pixels.values())) >= LEAST_LINES * max(profiles, 1)
+
+
+def _extrapolated(last: Sequence[tuple[int, KnownCamera]], index: int, free: BoolArray) -> KnownCamera | None:
+    """The camera that goes on moving as in the last two frames, with errors that grow; None after half a second."""
+    if not last or index - last[-1][0] > MOST_EXTRAPOLATED:
+        return None
+    (before, other), (t, camera) = last[0], last[-1]
+    gap = index - t
+    motion = np.zeros_like(camera.theta) if t == before else (camera.theta - other.theta) / (t - before)
+    spread = gap * (0.5 * np.abs(motion[free]) + STEP * gap)
+    errors = camera.errors._replace(own=camera.errors.own + np.diag(np.square(spread)))
+    return KnownCamera(camera.theta + gap * np.where(free, motion, 0.0), errors)
+
+
+def _only(columns: FrameColumns) -> KnownCamera:
+    """The camera of the only frame."""
+    return KnownCamera(columns.theta[0], OwnErrors(columns.errors.own[0], columns.errors.following[0]))

@@ -1,0 +1,148 @@
+"""Each shot of a clip from its keyframes, with the camera model that predicts best what is left out."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from fieldcalib._types import IntArray
+from fieldcalib.assess.misfit import LEAST_FRAMES, LEAST_SHARE, is_contradicted, is_of_wrong_model
+from fieldcalib.assess.sequence import SequenceCalibration
+from fieldcalib.images.clip_keyframes import Keyframes
+from fieldcalib.images.clip_models import LeftOut, Misprediction, is_preferred, misfit_note, model_note, parts
+from fieldcalib.images.pieces import CameraModel, Pieces
+from fieldcalib.images.witnesses import witnesses_of
+from fieldcalib.problem.prior import is_whole_shape
+from fieldcalib.solve.centres import nearest_places
+from fieldcalib.solve.options import CalibrationFlags
+
+
+@dataclass(frozen=True, eq=False)
+class SolvedShots:
+    """Pieces of a clip, each calibrated by itself."""
+
+    keyframes: Keyframes
+    pieces: Pieces
+    """Those of the keyframes, or parts of them, with their camera models."""
+    calibrations: Mapping[int, SequenceCalibration]
+    """Calibrations of the frames of each piece, in order."""
+    notes: tuple[str, ...] = ()
+    """What a user is told of frames that no tripod explains."""
+
+
+def solve_shots(keyframes: Keyframes) -> SolvedShots:
+    """Calibrate each piece by itself; those that one place does not explain in parts, or with another camera model."""
+    solved = SolvedShots(keyframes, _with_loose_frames(keyframes), {})
+    while left := [piece for piece in solved.pieces.numbers if piece > max(solved.calibrations, default=-1)]:
+        solved = _with_next(solved, left[0])
+    return solved
+
+
+def _with_loose_frames(keyframes: Keyframes) -> Pieces:
+    """Let loose frames at the end of a piece belong to it, unless the labels in them contradict it."""
+    shots, pieces = keyframes.shots, keyframes.shots.pieces
+    labelled = {int(pieces.number[t]) for t in keyframes.accepted}
+    for piece in np.unique(pieces.number[shots.loose])[::-1].tolist():
+        if piece not in labelled or (piece - 1 in labelled and _belongs(keyframes, pieces, piece)):
+            pieces = pieces.joined(piece)
+    return pieces
+
+
+def _belongs(keyframes: Keyframes, pieces: Pieces, piece: int) -> bool:
+    """Whether one place explains the labels in a piece and in the one before."""
+    both = [piece - 1, piece]
+    frames, found = pieces.frames(both), keyframes.calibrate(pieces, both, keyframes.accepted)
+    wrong = is_contradicted(found.frames.misfit, keyframes.shots.image_size) | ~found.usable
+    labelled, is_own = np.isin(frames, list(keyframes.accepted)), pieces.number[frames] == piece
+    return not np.any(wrong[labelled & is_own]) and bool(np.mean(wrong[labelled & ~is_own]) < LEAST_SHARE)
+
+
+def _with_next(solved: SolvedShots, piece: int) -> SolvedShots:
+    """With one more piece, or the parts that it is divided into: their numbers begin with its own."""
+    clip, pieces = solved.keyframes, solved.pieces
+    options, size, frames = clip.options, clip.shots.image_size, pieces.frames([piece])
+    calibration = clip.calibrate(pieces, [piece], clip.accepted)
+    keyframes = np.array(sorted(witnesses_of(clip.labels, frames.tolist(), calibration)), dtype=np.intp)
+    excess = calibration.frames.misfit[keyframes]
+    labelled = np.count_nonzero(np.isin(frames, list(clip.accepted)))
+    is_wrong = bool(labelled >= LEAST_FRAMES and is_of_wrong_model(excess, size))
+    found = SolvedShots(clip, pieces, {piece: calibration})
+    is_free = "centre" in options.shared and not options.flags & CalibrationFlags.CALIB_FIX_POSITION
+    if is_free and calibration.together and (is_wrong or not is_whole_shape(size)):
+        first: list[list[int]] = []
+        if is_wrong:
+            found = replace(found, notes=(misfit_note(clip.shots.begin + frames),))
+            first = [parts(frames[keyframes], is_contradicted(excess, size)), _parts_of_two_places(found, piece)]
+        found = _best_model(found, piece, _other_models(found, piece, first, is_wrong=is_wrong))
+    return replace(
+        found, calibrations={**solved.calibrations, **found.calibrations}, notes=(*solved.notes, *found.notes)
+    )
+
+
+def _parts_of_two_places(solved: SolvedShots, piece: int) -> list[int]:
+    """First keyframes of the parts whose single frames stand nearer to one or to the other of two places."""
+    pieces = solved.pieces.with_model(piece, CameraModel.ALONE)
+    alone = solved.keyframes.calibrate(pieces, [piece], solved.keyframes.accepted)
+    keyframes = np.flatnonzero(alone.accepted)
+    return parts(pieces.frames([piece])[keyframes], nearest_places([alone[k] for k in keyframes.tolist()]) > 0)
+
+
+def _other_models(
+    on_tripod: SolvedShots, piece: int, first: Sequence[Sequence[int]], *, is_wrong: bool
+) -> Iterator[tuple[CameraModel, IntArray, Pieces]]:
+    """Other camera models of a piece, the simplest one first, with the frames to be named to the user and all pieces.
+
+    `first` are keyframes before which the piece may be divided into parts. Where a tripod is not wrong, only a window
+    is tried.
+    """
+    options, pieces = on_tripod.keyframes.options, on_tripod.pieces
+    frames = pieces.frames([piece])
+    is_known = options.given.camera_matrix is not None or options.flags & CalibrationFlags.CALIB_FIX_PRINCIPAL_POINT
+    if options.prior is not None and not is_known:
+        yield CameraModel.WINDOW, frames, pieces.with_model(piece, CameraModel.WINDOW)
+    for k, some in enumerate(first):
+        if some and some not in first[:k]:
+            yield CameraModel.PARTS, np.array(some), pieces.divided(some)
+    for model in (CameraModel.MOVING, CameraModel.ALONE) if is_wrong else ():
+        yield model, frames, pieces.with_model(piece, model)
+
+
+def _best_model(
+    on_tripod: SolvedShots, piece: int, models: Iterable[tuple[CameraModel, IntArray, Pieces]]
+) -> SolvedShots:
+    """A piece with the camera model that predicts best: a tripod, unless another model is clearly better."""
+    clip, best = on_tripod.keyframes, on_tripod
+    left_out = _left_out(clip, on_tripod.pieces, piece)
+    of_tripod = of_best = _misprediction(on_tripod, left_out)
+    for model, frames, pieces in models:
+        members = range(piece, piece + 1 + pieces.numbers[-1] - on_tripod.pieces.numbers[-1])
+        tried = SolvedShots(clip, pieces, {p: clip.calibrate(pieces, [p], clip.accepted) for p in members})
+        if model is not CameraModel.ALONE and not any(one.together for one in tried.calibrations.values()):
+            continue
+        score = _misprediction(tried, left_out)
+        if is_preferred(model, score, of_best, of_tripod):
+            note = model_note(model, clip.shots.begin + frames, of_tripod, score)
+            best, of_best = replace(tried, notes=(note,)), score
+    return best
+
+
+def _misprediction(solved: SolvedShots, left_out: LeftOut) -> Misprediction:
+    """How far labels and matches that are left out lie off, when pieces are solved again without them."""
+    clip, pieces = solved.keyframes, solved.pieces
+    found = [
+        (pieces.frames([p]), clip.calibrate(pieces, [p], left_out.kept, start, left_out.pairs))
+        for p, start in solved.calibrations.items()
+    ]
+    return left_out.misprediction(clip.options.object_segments, found)
+
+
+def _left_out(clip: Keyframes, pieces: Pieces, piece: int) -> LeftOut:
+    """Labels of the keyframes of a piece, and matches of keyframes with one another, without some of them."""
+    keys = {key for key, _ in clip.shots.matches}
+    labels = {t: one for t, one in clip.accepted.items() if pieces.number[t] == piece}
+    between = {
+        pair: cells for pair, cells in clip.shots.matches.items() if pair[1] in keys and pieces.number[pair[1]] == piece
+    }
+    return LeftOut.of(labels, between)

@@ -1,0 +1,163 @@
+"""Images of files or of a video, read one after the other."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+
+from fieldcalib.console.arguments import MOST_BYTES_OF_IMAGE
+from fieldcalib.console.inputs import Input
+from fieldcalib.console.program import say
+from fieldcalib.console.waiting import waiting_for
+from fieldcalib.io.cuts import WHOLE, Cut
+from fieldcalib.io.files import BrokenFileError, FrameFile, problem
+from fieldcalib.io.formats import IMAGES, VIDEOS
+from fieldcalib.io.image import Image
+from fieldcalib.io.images import MOST_PIXELS
+from fieldcalib.io.videos import FrameReader, VideoWriter
+from fieldcalib.run_folder.annotated import name_skipped
+
+
+@dataclass(frozen=True)
+class Frame:
+    """An image, or the reason why it cannot be read."""
+
+    id: str
+    image: Image | None
+    problem: str = ""
+    path: Path | str = ""
+    """Its file, for messages."""
+    is_of_video: bool = False
+    line: str = ""
+    """Its line of cameras.jsonl from an earlier part of the run, if any."""
+
+
+@dataclass(frozen=True)
+class Source:
+    """Frames to be read one after the other."""
+
+    files: Sequence[FrameFile]
+    """Files of images, or the file of a video."""
+    count: int
+    """Number of frames; for a video the number that its file announces."""
+    frames: Iterable[Frame] = ()
+    """Frames of a video; images are read from their files by the processes that calibrate them."""
+    frames_per_second: float | None = None
+    """Frame rate of a video."""
+    loss: Callable[[], str] = lambda: ""
+    """Gives a message about announced frames that were not read; called at the end."""
+
+
+@dataclass(frozen=True)
+class ReadImage:
+    """Reads images of files; `check` may raise a BrokenFileError about one. Frames of a video pass through."""
+
+    most_bytes: float = MOST_BYTES_OF_IMAGE
+    most_pixels: float = MOST_PIXELS
+    check: Callable[[Image], object] | None = None
+
+    def __call__(self, item: FrameFile | Frame) -> Frame:
+        """Read the image of a file."""
+        if isinstance(item, Frame):
+            return item
+        try:
+            with waiting_for(item.path):
+                content = item.read(self.most_bytes)
+            image = IMAGES.read(content, self.most_pixels)
+            if self.check is not None:
+                self.check(image)
+            return Frame(item.id, image, path=item.path)
+        except (BrokenFileError, MemoryError) as error:
+            return Frame(item.id, None, problem(error), item.path)
+
+
+@contextmanager
+def opened(
+    inputs: Sequence[Path],
+    most_pixels: float = MOST_PIXELS,
+    *,
+    check: Callable[[Image], object] = lambda image: None,
+    cut: Cut = WHOLE,
+    threads: int | None = None,
+) -> Iterator[Source]:
+    """Open images in files, folders and zips, or the frames of one video.
+
+    Raises
+    ------
+    FileNotFoundError, BrokenFileError, ValueError
+        As `find_files`, `in_cut` and `VideoReader`, and as `check` for the frames of a video.
+    """
+    if not VIDEOS.recognises(inputs[0]):
+        files = in_cut(image_files(inputs), cut)
+        yield Source(files, len(files))
+        return
+    with VIDEOS.read(inputs[0], most_pixels, cut=cut, threads=threads) as video:
+        frames = checked_frames(inputs[0], video, check)
+        file = FrameFile(inputs[0].stem, inputs[0])
+        yield Source([file], video.count, frames, video.frames_per_second, video.loss)
+
+
+def image_files(inputs: Sequence[Path]) -> list[FrameFile]:
+    """Find images in folders and zips, and single files; unused files are named on stderr."""
+    files = IMAGES.find(inputs)
+    name_skipped(inputs, files)
+    return files
+
+
+def in_cut(files: Sequence[FrameFile], cut: Cut) -> list[FrameFile]:
+    """Select the images in a cut.
+
+    Raises
+    ------
+    ValueError
+        If there is none, or the cut is one of times.
+    """
+    numbers = cut.numbers()
+    found = list(files[numbers.start : numbers.stop : numbers.step])
+    if not found:
+        raise ValueError(f"there are {len(files)} images, the first that is asked for is {cut.start}")
+    return found
+
+
+def checked_frames(name: Input, reader: FrameReader, check: Callable[[Image], object]) -> Iterator[Frame]:
+    """The frames of a video, whose ids are their numbers with six digits.
+
+    A BrokenFileError of `check` gets the name of the video.
+    """
+    frames = zip(reader.numbers, reader, strict=False)
+    try:
+        while True:
+            with waiting_for(str(name)):
+                number, image = next(frames, (0, None))
+            if image is None:
+                return
+            check(image)
+            yield Frame(f"{number:06d}", image, path=str(name), is_of_video=True)
+    except BrokenFileError as error:
+        raise BrokenFileError(f"{name}: {error}") from None
+
+
+def frames_lost(source: Source) -> bool:
+    """Whether announced frames could not be read; says so on stderr."""
+    loss = source.loss()
+    if loss:
+        say(loss)
+    return bool(loss)
+
+
+def say_note(path: Path, video: VideoWriter) -> None:
+    """Print the note of a video that was written, if it has one, on stderr."""
+    if video.note:
+        say(f"{path} {video.note}")
+
+
+def broken_frames(frames: Iterable[Frame]) -> dict[str, str]:
+    """Problems of frames that could not be read, by id."""
+    return {frame.id: frame.problem for frame in frames if frame.image is None}
+
+
+def pixels_of(frame: Frame) -> int:
+    """Number of pixels in memory."""
+    return 0 if frame.image is None else frame.image.shape[0] * frame.image.shape[1]

@@ -1,0 +1,259 @@
+"""Predictions and ground truth of frames: cameras or homographies of any tool, and annotations to score them by."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Callable, Mapping, Sequence
+from concurrent.futures import Executor
+from dataclasses import dataclass
+from functools import partial
+from pathlib import Path
+from typing import TypeVar
+
+import numpy as np
+
+from fieldcalib._types import Array
+from fieldcalib.console.waiting import waiting_for
+from fieldcalib.fields.field import Field
+from fieldcalib.geometry.rational import RationalCamera
+from fieldcalib.io.annotation_files import frames_in, parse_frame
+from fieldcalib.io.files import MOST_BYTES, BrokenFileError, FrameFile, parse_json_object, problem, read_regular_file
+from fieldcalib.io.formats import ANNOTATIONS, CAMERAS, HOMOGRAPHIES, RECORDS
+from fieldcalib.io.results import lines_file, result_lines
+from fieldcalib.io.soccernet import read_camera_types
+from fieldcalib.io.tvcalib import TVCalibRecord
+from fieldcalib.io.wc14 import IMAGE_SIZE
+from fieldcalib.metrics import Prediction
+from fieldcalib.metrics.accuracy import check_annotation
+from fieldcalib.problem.labelled_pixels import Pixels
+from fieldcalib.processes.jobs import in_order
+from fieldcalib.run_folder.annotated import name_left_out
+from fieldcalib.run_folder.units import units_of
+
+OFF_CENTRE = 0.1  # of the image's size: a principal point further off belongs to an image of another size
+LARGEST_SIZE = 100_000  # px: beyond, a principal point says nothing about an image
+READ_AT_ONCE = 256  # files, by one of several processes
+MOST_PIXELS = 20_000  # of an annotation: their distances to projected segments take 200 MB
+SEVERAL_SIZES = "the predictions are for images of several sizes: say by --size which one the annotations have"
+
+Parsed = TypeVar("Parsed")
+
+
+@dataclass(frozen=True)
+class Predictions:
+    """Cameras or homographies by frame."""
+
+    by_frame: Mapping[str, Prediction]
+    size: tuple[int, int]
+    """Size of the images that they are scored on."""
+    files: Sequence[FrameFile] = ()
+    """Files that they were read from, in folders and zips."""
+    made_for: tuple[int, int] | None = None
+    """Size of the images that they were calibrated on, if a run has recorded it."""
+
+    @property
+    def of_other_sizes(self) -> list[tuple[int, int]]:
+        """Sizes of images that cameras were made for and that differ from `size`."""
+        cameras = [p for p in self.by_frame.values() if isinstance(p, RationalCamera)]
+        made_for = {natural_size(p) for p in cameras} if self.made_for is None else {self.made_for}
+        size = np.array(self.size)
+        return sorted(s for s in made_for if s and np.any(np.abs(s - size) > OFF_CENTRE * size))
+
+
+def natural_size(camera: RationalCamera) -> tuple[int, int] | None:
+    """Size of the image whose centre is the principal point, even numbers: a camera file has no other size."""
+    centre = camera.K[:2, 2]
+    if not np.all((centre > 0.0) & (centre < LARGEST_SIZE)):
+        return None
+    width, height = (2.0 * np.floor(centre + 0.5)).astype(int).tolist()
+    return width, height
+
+
+@dataclass(frozen=True)
+class FileReader:
+    """Reads files, by several processes if there is an executor; messages about broken ones are collected."""
+
+    broken: list[str]
+    """Gets a message for each file that cannot be read."""
+    most_bytes: float = MOST_BYTES
+    executor: Executor | None = None
+
+    def read(self, files: Sequence[FrameFile], parse: Callable[[bytes], Parsed]) -> dict[str, Parsed]:
+        """Parse the content of files, by frame."""
+        return self.parse(files, partial(_parsed, parse=parse, most_bytes=self.most_bytes))
+
+    def parse(self, files: Sequence[FrameFile], parse: Callable[[FrameFile], Parsed]) -> dict[str, Parsed]:
+        """Parse files, by frame."""
+        found: dict[str, Parsed] = {}
+        for parsed, messages in in_order(self.executor, partial(_read, parse=parse), units_of(files, READ_AT_ONCE)):
+            found |= parsed
+            self.broken.extend(messages)
+        return found
+
+
+def _parsed(file: FrameFile, *, parse: Callable[[bytes], Parsed], most_bytes: float) -> Parsed:
+    return parse(file.read(most_bytes))
+
+
+def _read(files: Sequence[FrameFile], *, parse: Callable[[FrameFile], Parsed]) -> tuple[dict[str, Parsed], list[str]]:
+    found: dict[str, Parsed] = {}
+    broken: list[str] = []
+    for file in files:
+        try:
+            with waiting_for(file.path):
+                found[file.id] = parse(file)
+        except (ValueError, MemoryError) as error:
+            broken.append(f"{file.path}: {problem(error)}")
+    return found, broken
+
+
+def read_predictions(
+    reader: FileReader, path: Path, size: tuple[int, int] | None = None, *, homographies: bool = False
+) -> Predictions:
+    """Read cameras of a folder, a zip or a TVCalib output; homographies if asked for or if there are no cameras.
+
+    Cameras are taken as they are, homographies are scaled to `size` where it is known which images they are for. Frames
+    whose files are broken have no prediction.
+
+    Raises
+    ------
+    ValueError
+        If there is no prediction, or no size is given and they do not agree on one.
+    """
+    files: Sequence[FrameFile] = ()
+    size_of_run = None
+    if path.is_file() and RECORDS.recognises(path):
+        found, own_size = _read_tvcalib(reader, path, size, homographies=homographies)
+    elif files := _camera_files(path, homographies=homographies):
+        cameras = reader.read(files, partial(CAMERAS.read, image_size=size or IMAGE_SIZE))
+        found = dict(cameras)
+        size_of_run = _size_of_run(path)
+        own_size = size_of_run or _only({natural_size(camera) for camera in cameras.values()})
+    else:
+        files, own_size = _homography_files(path, homographies=homographies), size or IMAGE_SIZE
+        found = dict(reader.read(files, partial(HOMOGRAPHIES.read, image_size=own_size)))
+    if not found:
+        raise ValueError(f"{path} holds no prediction that can be evaluated")
+    if size is None and own_size is None:
+        raise ValueError(SEVERAL_SIZES)
+    return Predictions(found, size or own_size or IMAGE_SIZE, files, size_of_run)
+
+
+def _camera_files(path: Path, *, homographies: bool) -> list[FrameFile]:
+    """Files of cameras; none where homographies are asked for, or there are no cameras."""
+    if homographies or HOMOGRAPHIES.recognises(path):
+        return []
+    try:
+        return CAMERAS.find([path])
+    except FileNotFoundError:
+        if not path.exists():
+            raise
+        return []
+
+
+def _size_of_run(path: Path) -> tuple[int, int] | None:
+    """The size of the images that `fieldcalib calibrate` or `run` wrote cameras of into a folder, if it is one."""
+    if not lines_file(path).is_file():
+        return None
+    lines = (parse_json_object(text, "a frame's result") for text in result_lines(lines_file(path)))
+    return _only({(int(w), int(h)) for w, h in (line["image_size"] for line in lines if line.get("image_size"))})
+
+
+def _homography_files(path: Path, *, homographies: bool) -> list[FrameFile]:
+    """Files of homographies, which were asked for or are all that there may be."""
+    try:
+        return HOMOGRAPHIES.find([path])
+    except FileNotFoundError:
+        if homographies or not path.exists():
+            raise
+        raise FileNotFoundError(
+            f"{path} holds no prediction: expected {CAMERAS.file_name('<id>')}, {HOMOGRAPHIES.file_name('<id>')}, or "
+            f"TVCalib's per_sample_output.json itself"
+        ) from None
+
+
+def _read_tvcalib(
+    reader: FileReader, path: Path, size: tuple[int, int] | None, *, homographies: bool
+) -> tuple[dict[str, Prediction], tuple[int, int] | None]:
+    """Predictions of a per_sample_output.json, and the size of their images."""
+    lines: list[str] = []
+    try:
+        records = RECORDS.read(read_regular_file(path, reader.most_bytes), broken=lines)
+    except BrokenFileError as error:
+        raise BrokenFileError(f"{path}: {error}") from None
+    reader.broken.extend(f"{path}: {line}" for line in lines)
+    twice = [id for id, count in Counter(record.id for record in records).items() if count > 1]
+    if twice:
+        raise BrokenFileError(f"{path}: frame {twice[0]} has several records")
+    cameras = {r.id: RationalCamera.from_camera(r.camera) for r in records if r.camera is not None}
+    if cameras and not homographies:
+        return dict(cameras), _only({natural_size(camera) for camera in cameras.values()})
+    maps = [record for record in records if record.homography is not None]
+    return {r.id: _scaled(r, size) for r in maps}, _only({r.image_size for r in maps})
+
+
+def _scaled(record: TVCalibRecord, size: tuple[int, int] | None) -> Array:
+    """The homography of a record for images of another size, where its own is known."""
+    assert record.homography is not None
+    if size is None or record.image_size is None:
+        return record.homography
+    return np.asarray(np.diag([*np.divide(size, record.image_size), 1.0]) @ record.homography)
+
+
+def _only(sizes: set[tuple[int, int] | None]) -> tuple[int, int] | None:
+    """The size that all agree on, None if they do not."""
+    return sizes.pop() if len(sizes) == 1 else None
+
+
+@dataclass(frozen=True)
+class GroundTruth:
+    """Annotations and homographies of the frames of a data set."""
+
+    annotations: Mapping[str, Pixels]
+    homographies: Mapping[str, Array]
+    """Homographies from the field to the image, of the frames that have one."""
+    share: float = 1.0
+    """Share of the data set's frames that these are, broken ones included."""
+    files: Sequence[FrameFile] = ()
+    """All files of the data set, also frames of other camera types."""
+
+
+def read_ground_truth(
+    reader: FileReader, path: Path, size: tuple[int, int], field: Field, camera_type: str | None = None
+) -> GroundTruth:
+    """Read annotations of a folder or a zip, and homographies that lie beside them.
+
+    With `camera_type`, only frames that were filmed by such a camera, as match_info_cam_gt.json says.
+    """
+    found = frames_in(ANNOTATIONS.find([path]), known=field, most_bytes=reader.most_bytes)
+    name_left_out(found, field)
+    files = found.frames
+    beside = _beside(path)
+    chosen = files
+    if camera_type is not None:
+        types = read_camera_types([path])
+        chosen = [file for file in files if types.get(file.id) == camera_type]
+        if not chosen:
+            raise ValueError(f"no frame is of type {camera_type!r}; there are {', '.join(sorted(set(types.values())))}")
+    ids = {file.id for file in chosen}
+    parse = partial(_annotation, field=field, size=size, most_bytes=reader.most_bytes)
+    annotations = reader.parse(chosen, parse)
+    scored = [file for file in beside if file.id in ids]
+    homographies = reader.read(scored, partial(HOMOGRAPHIES.read, image_size=size))
+    return GroundTruth(annotations, homographies, len(chosen) / len(files), [*files, *beside])
+
+
+def _annotation(file: FrameFile, *, field: Field, size: tuple[int, int], most_bytes: float) -> Pixels:
+    pixels = parse_frame(file, size, most_bytes=most_bytes, unknown=True).pixels
+    count = sum(map(len, pixels.values()))
+    if count > MOST_PIXELS:
+        raise BrokenFileError(f"has {count} labelled pixels: up to {MOST_PIXELS} are evaluated")
+    return check_annotation(pixels, field)
+
+
+def _beside(path: Path) -> list[FrameFile]:
+    """Homographies beside annotations in a folder or a zip; none where it is a single annotation."""
+    try:
+        return [file for file in HOMOGRAPHIES.find([path]) if file.path != path]
+    except FileNotFoundError:
+        return []

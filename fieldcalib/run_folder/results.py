@@ -1,0 +1,337 @@
+"""The folder of results of a run, written frame by frame, so that a run that ends at any time can be resumed.
+
+``run.json`` comes first and ``summary.json`` last. In between each frame gets its line in ``cameras.jsonl`` and then
+its files. So a frame has all of its files if another line follows; the last one is done again. And no file is without
+a line, which says what belongs to the run.
+"""
+
+from __future__ import annotations
+
+import json
+import sys
+import time
+from collections import Counter
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass, replace
+from dataclasses import field as attribute
+from pathlib import Path
+from typing import Any
+
+import fieldcalib
+from fieldcalib.assess.result import Verdict
+from fieldcalib.console.arguments import ESTIMATED, PARQUET
+from fieldcalib.console.program import say
+from fieldcalib.io.files import BrokenFileError, remove_temporaries, whole_file, write_bytes, write_text
+from fieldcalib.io.formats import CAMERAS, OVERLAYS, VIDEOS
+from fieldcalib.io.line_log import LineLog, whole_lines
+from fieldcalib.io.output_folder import output_folder
+from fieldcalib.io.parquet import read_parquet, write_parquet
+from fieldcalib.io.results import BROKEN, LINES, TABLE, lines_file
+from fieldcalib.run_folder.options import RunOptions
+from fieldcalib.run_folder.outcome import Outcome, is_squashed
+from fieldcalib.run_folder.record import RECORD, RunRecord
+from fieldcalib.run_folder.to_look_at import ToLookAt
+from fieldcalib.solve.aspect import WAS_SQUASHED
+
+SUMMARY = "summary.json"  # of a run that is finished
+MOTION, WORST, TRIPODS = "motion.png", "worst_frames.jpg", "tripods.json"
+LOCALIZED = "localized.jsonl"
+OVERLAY = VIDEOS.file_name("overlay")
+SHARED_FILES = (SUMMARY, MOTION, WORST, TRIPODS, OVERLAY)  # files that are of no single frame
+PART_OF_CLIP = ".part-"  # prefix of files that keep parts of a clip until all are done
+# Frames with pixels that are not square, least number and share: of 728 annotated frames none, of the same squashed to
+# 640x640 one in fifteen, with width and height swapped more than half.
+SUSPICIOUS = 3, 0.05
+# Width / height of pictures that were probably squashed or cropped: broadcasts have 4:3 and more.
+NEARLY_SQUARE = 0.9, 1.3
+DECLARATIONS = ("display_size", "crop_of", "intrinsics")  # options that declare the shape of pictures,
+ASPECT = "aspect"  # as does this one, unless its value is "estimated"
+AGAIN = "--resume goes on with it, --overwrite begins anew"
+
+
+@dataclass
+class ResultsWriter:
+    """Writes the results of frames, and counts them."""
+
+    out: Path
+    log: LineLog
+    done: int = 0
+    """Frames that are written."""
+    statuses: Counter[str] = attribute(default_factory=Counter)
+    verdicts: Counter[str] = attribute(default_factory=Counter)
+    cameras: int = 0
+    to_look_at: ToLookAt = attribute(default_factory=ToLookAt)
+    squashed: int = 0
+    nearly_square: int = 0
+    calibrated: int = 0
+    """Frames that were calibrated now, not in an earlier part of the run."""
+    calibrating: float = 0.0
+    """Seconds that these took, without files and pictures."""
+    notes: Sequence[str] = ()
+    """Notes about the camera of a clip."""
+
+    def add(self, outcome: Outcome) -> None:
+        """Write the line of the next frame, and its files; a complaint is printed on stderr."""
+        if outcome.complaint:
+            say(outcome.complaint)
+        self.log.append(json.dumps(outcome.line))
+        for name, content in outcome.files.items():
+            write_bytes(self.out / name, content)
+        self._count(outcome.line, outcome.squashed, CAMERAS.file_name(outcome.id) in outcome.files)
+        self.calibrated += bool(outcome.line.get("verdict"))
+
+    def restore(self, line: Mapping[str, Any]) -> None:
+        """Count a frame that an earlier part of the run has written."""
+        self._count(line, is_squashed(line), (self.out / CAMERAS.file_name(line["id"])).exists())
+
+    def _count(self, line: Mapping[str, Any], squashed: bool, has_camera: bool) -> None:
+        verdict = line.get("verdict", "")
+        self.done += 1
+        self.statuses[line["status"]] += 1
+        if verdict:
+            self.verdicts[verdict] += 1
+        self.cameras += has_camera
+        self.to_look_at.add(line["id"], verdict, line.get("reason", ""))
+        self.squashed += squashed
+        self.nearly_square += is_nearly_square(line)
+
+    @property
+    def exit_code(self) -> int:
+        """1 if files were broken."""
+        return 1 if self.statuses[BROKEN] else 0
+
+    def summary(self, options: Mapping[str, Any], seconds: float) -> dict[str, Any]:
+        """Content of summary.json; `seconds` is how long everything took."""
+        return {
+            "frames": self.done,
+            "cameras": self.cameras,
+            "completeness": 100.0 * self.cameras / max(self.done, 1),
+            "verdict": {verdict.value: self.verdicts[verdict] for verdict in Verdict},
+            "status": dict(self.statuses),
+            **({"notes": list(self.notes)} if self.notes else {}),
+            "seconds": {"calibration": self.calibrating, "total": seconds},
+            "milliseconds_per_frame": 1e3 * self.calibrating / max(self.calibrated, 1),
+            "options": options,
+            "version": fieldcalib.__version__,
+        }
+
+    def say(self, options: Mapping[str, Any]) -> None:
+        """Print how many cameras there are; on stderr the frames to look at, and doubts about the options."""
+        statuses = ", ".join(f"{count} {status}" for status, count in self.statuses.most_common())
+        verdicts = ", ".join(f"{self.verdicts[verdict]} {verdict}" for verdict in Verdict if self.verdicts[verdict])
+        counts = "; ".join(filter(None, (statuses, verdicts)))
+        print(f"{counted(self.cameras, 'camera')} of {counted(self.done, 'frame')} in {self.out}: {counts}")
+        self._say_what_to_look_at(options)
+        self._ask_about_shape(options)
+        others = sum(1 for _ in self.out.glob(CAMERAS.file_name("*"))) - self.cameras
+        if others > 0:
+            verb = "is" if others == 1 else "are"
+            say(f"{counted(others, 'camera')} in {self.out} {verb} not of this run")
+
+    def _ask_about_shape(self, options: Mapping[str, Any]) -> None:
+        """Ask on stderr whether the pictures were squashed or cropped, if they look so and the options do not say."""
+        frames = counted(self.done, "frame")
+        if self.squashed >= max(SUSPICIOUS[0], SUSPICIOUS[1] * self.verdicts.total()):
+            seen = f"{self.squashed} of {frames} show pixels that are not square"
+            print(f"{seen}: is the size right? --aspect declares squashed pictures", file=sys.stderr)
+            return
+        is_declared = any(options.get(name, "") is not None for name in DECLARATIONS)
+        if self.nearly_square and not is_declared and options.get(ASPECT) in (None, ESTIMATED):
+            verb = "is" if self.nearly_square == 1 else "are"
+            print(
+                f"{self.nearly_square} of {frames} {verb} nearly square: pictures of broadcasts "
+                f"of that shape were squashed, which --aspect declares, or cropped, which --crop-of does",
+                file=sys.stderr,
+            )
+
+    def _say_what_to_look_at(self, options: Mapping[str, Any]) -> None:
+        """Name the first frames that are not good on stderr, and where all are to be seen."""
+        where = [self.out / (TABLE if options.get("format") == PARQUET else LINES)]
+        if (self.out / WORST).exists():
+            where.append(self.out / WORST)
+        elif any((self.out / OVERLAYS.file_name(run.first)).exists() for run in self.to_look_at.runs):
+            where.append(self.out / OVERLAYS.file_name("<id>"))
+        said = self.to_look_at.said(*map(str, where))
+        if said:
+            say(said)
+
+
+@contextmanager
+def result_folder(run: RunOptions, record: RunRecord, began: float) -> Iterator[ResultsWriter]:
+    """Open the folder of results for cameras, frame by frame; when all went well it gets its summary.json.
+
+    `began` is what `time.perf_counter` said at the start.
+    """
+    if run.writes_table and run.shard is not None:
+        raise ValueError(f"--format {PARQUET} is of whole runs: --shard writes {LINES}, fieldcalib join makes a table")
+    with run_folder(run, record) as results:
+        yield results
+        finish(run.out, results.summary(run.recorded, time.perf_counter() - began))
+        results.say(run.recorded)
+    write_table(run)
+
+
+def write_table(run: RunOptions) -> None:
+    """Replace ``cameras.jsonl`` by a table, if that is asked for."""
+    if run.writes_table:
+        with output_folder(run.out):
+            write_parquet(whole_lines(run.out / LINES), run.out / TABLE)
+            (run.out / LINES).unlink()
+
+
+@contextmanager
+def run_folder(run: RunOptions, record: RunRecord, lines: str = LINES) -> Iterator[ResultsWriter]:
+    """Lock the folder of results and restore a run that is resumed; `lines` is the name of its log.
+
+    Raises
+    ------
+    FileExistsError
+        If the folder holds the results of a run and neither --resume nor --overwrite is given.
+    ValueError
+        If the run to be resumed had other options, or another input.
+    """
+    out = run.out
+    with output_folder(out):
+        _restore_lines(run)
+        earlier = None if run.overwrite else _earlier(out, record, resume=run.resume)
+        if run.overwrite:
+            _clear(out)
+        remove_temporaries(out)
+        count = _count(out / lines)
+        results: ResultsWriter | None = None
+        try:
+            if earlier is None:
+                record.write(out)
+            with LineLog(out / lines, count if is_finished(out) else max(count - 1, 0)) as log:
+                results = ResultsWriter(out, log)
+                for text in whole_lines(out / lines):
+                    results.restore(json.loads(text))
+                yield results
+        except BaseException:
+            remove_temporaries(out)  # left by an interrupt between the creation of one and its use
+            if earlier is None and (results is None or not results.done) and not any(out.glob(f"{PART_OF_CLIP}*")):
+                _remove_frames(out, record)
+                _forget(out)
+            elif results is not None:
+                done = f"{counted(results.done, 'frame')} done in {out}"
+                say(f"{done}: --resume goes on with the run")
+            raise
+
+
+def _restore_lines(run: RunOptions) -> None:
+    """Write the ``cameras.jsonl`` of a run that is resumed or replaced from the table that it has left."""
+    path = run.out / LINES
+    if (run.resume or run.overwrite) and lines_file(run.out) != path:
+        with whole_file(path) as file:
+            file.writelines(text + b"\n" for text in read_parquet(lines_file(run.out)))
+
+
+def finish(out: Path, summary: Mapping[str, Any]) -> None:
+    """Write the summary of a run, unless it was finished before."""
+    if not is_finished(out):
+        write_text(out / SUMMARY, json.dumps(summary, indent=2) + "\n")
+
+
+def is_finished(folder: Path) -> bool:
+    """Whether it holds the results of a run that has come to its end."""
+    return (folder / SUMMARY).is_file()
+
+
+def is_unfinished(folder: Path) -> bool:
+    """Whether it holds the results of a run that has not come to its end."""
+    return (folder / RECORD).is_file() and not is_finished(folder)
+
+
+def _earlier(out: Path, record: RunRecord, *, resume: bool) -> RunRecord | None:
+    """The record of the run in a folder that is resumed, None if there is none."""
+    earlier = RunRecord.read(out)
+    if earlier is None:
+        if _used(out):
+            raise FileExistsError(f"{out} holds results of an earlier version or of others: --overwrite replaces them")
+        return None
+    if not resume:
+        state = "a run that is not finished" if is_unfinished(out) else "a run"
+        raise FileExistsError(f"{out} holds the results of {state}: {AGAIN}")
+    other = earlier.differences(record)
+    if other:
+        raise ValueError(f"the run in {out} cannot be resumed: {other}; --overwrite begins anew")
+    return earlier
+
+
+def _used(out: Path) -> bool:
+    """Whether there are results in a folder."""
+    return any((out / name).exists() for name in (LINES, TABLE, SUMMARY, LOCALIZED)) or any(
+        out.glob(CAMERAS.file_name("*"))
+    )
+
+
+def _count(log: Path) -> int:
+    return sum(1 for _ in whole_lines(log)) if log.exists() else 0
+
+
+def _clear(out: Path) -> None:
+    """Remove the results of an earlier run; the names of its frames and its record go last."""
+    try:
+        earlier = RunRecord.read(out)
+    except BrokenFileError:
+        earlier = None
+    (out / SUMMARY).unlink(missing_ok=True)
+    if earlier is not None:
+        replace(earlier, contents="replaced").write(out)  # so that it cannot be resumed from here on
+        _remove_frames(out, earlier)
+    else:
+        for pattern in (CAMERAS.file_name("*"), OVERLAYS.file_name("*")):
+            for path in out.glob(pattern):
+                path.unlink(missing_ok=True)
+    for name in SHARED_FILES:
+        (out / name).unlink(missing_ok=True)
+    _forget(out)
+
+
+def _remove_frames(out: Path, record: RunRecord) -> None:
+    """Remove the files of the frames that a run has written, and no others."""
+    for log in (LINES, LOCALIZED):
+        for id in _ids(out / log):
+            for name in record.writes:
+                (out / name.replace("<id>", id)).unlink(missing_ok=True)
+
+
+def _forget(out: Path) -> None:
+    """Remove the log, the record and kept parts of a run."""
+    remove_temporaries(out)
+    for path in (*out.glob(f"{PART_OF_CLIP}*"), out / LINES, out / TABLE, out / LOCALIZED, out / RECORD):
+        path.unlink(missing_ok=True)
+
+
+def _ids(log: Path) -> Iterator[str]:
+    """The frames in a log, as far as these can name files."""
+    for text in whole_lines(log) if log.exists() else ():
+        id = json.loads(text).get("id", "")
+        if id and Path(id).name == id:
+            yield id
+
+
+def counted(number: int, noun: str) -> str:
+    """A number with its noun.
+
+    Examples
+    --------
+    >>> counted(1, "frame"), counted(2, "frame")
+    ('1 frame', '2 frames')
+    """
+    return f"{number} {noun}{'' if number == 1 else 's'}"
+
+
+def is_nearly_square(line: Mapping[str, Any]) -> bool:
+    """Whether a frame's line of cameras.jsonl is of a picture of a shape that no broadcast has, and not said squashed.
+
+    Examples
+    --------
+    >>> is_nearly_square({"image_size": [640, 640]}), is_nearly_square({"image_size": [1440, 1080]})
+    (True, False)
+    """
+    size = line.get("image_size")
+    if WAS_SQUASHED in line.get("message", ""):
+        return False
+    return size is not None and NEARLY_SQUARE[0] <= size[0] / size[1] <= NEARLY_SQUARE[1]

@@ -1,0 +1,86 @@
+"""Frames of a run that a user should look at: the first few with their reasons, and where to find the others."""
+
+from __future__ import annotations
+
+import re
+from dataclasses import dataclass, replace
+from dataclasses import field as attribute
+
+from fieldcalib.assess.result import Verdict
+
+NAMED = 5  # number of runs of frames that are named
+
+
+@dataclass(frozen=True)
+class Run:
+    """Consecutive frames with the same reason, up to its numbers."""
+
+    first: str
+    """Id of the first frame."""
+    verdict: str
+    reason: str
+    """Reason of the first frame."""
+    count: int = 1
+
+    def __str__(self) -> str:
+        """Format for stderr."""
+        others = f" and {self.count - 1} after it" if self.count > 1 else ""
+        return f"{self.first}{others}: {self.verdict}, {self.reason}"
+
+    def goes_on(self, verdict: str, reason: str) -> bool:
+        """Whether the next frame belongs to the run."""
+        return verdict == self.verdict and _without_numbers(reason) == _without_numbers(self.reason)
+
+
+@dataclass
+class ToLookAt:
+    """Collects the frames of a run whose verdict is not good.
+
+    Examples
+    --------
+    >>> seen = ToLookAt()
+    >>> seen.add("000000", "good", "rms 0.45 px over 5 segments")
+    >>> seen.add("000001", "check", "'Middle line' lies 9 px beside its paint; rms 0.5 px over 5 segments")
+    >>> seen.add("000002", "check", "'Middle line' lies 7 px beside its paint; rms 0.5 px over 5 segments")
+    >>> print(seen.said("out/cameras.jsonl"))
+    2 frames to look at (all reasons and remedies: out/cameras.jsonl):
+      000001 and 1 after it: check, 'Middle line' lies 9 px beside its paint
+    """
+
+    runs: list[Run] = attribute(default_factory=list)
+    """The first runs of such frames."""
+    count: int = 0
+    """Number of all such frames."""
+    named: int = 0
+    """Number of frames in `runs`."""
+    _is_next: bool = False
+
+    def add(self, id: str, verdict: str, reason: str) -> None:
+        """Add the next frame; a frame without a verdict, which could not be read, is skipped."""
+        if not verdict or verdict == Verdict.GOOD:
+            self._is_next = False
+            return
+        self.count += 1
+        reason = reason.split("; ")[0]
+        if self._is_next and self.runs[-1].goes_on(verdict, reason):
+            self.runs[-1] = replace(self.runs[-1], count=self.runs[-1].count + 1)
+        elif len(self.runs) < NAMED:
+            self.runs.append(Run(id, verdict, reason))
+        else:
+            self._is_next = False
+            return
+        self._is_next = True
+        self.named += 1
+
+    def said(self, *where: str) -> str:
+        """Message with the frames, and where all are to be found; empty if all are good."""
+        if not self.count:
+            return ""
+        noun = "frame" if self.count == 1 else "frames"
+        head = f"{self.count} {noun} to look at (all reasons and remedies: {', '.join(where)}):"
+        rest = [f"and {self.count - self.named} more"] if self.count > self.named else []
+        return "\n  ".join([head, *map(str, self.runs), *rest])
+
+
+def _without_numbers(text: str) -> str:
+    return re.sub(r"[0-9.]+", "#", text)

@@ -1,0 +1,146 @@
+"""Frames in units for several processes: units, and so results, do not depend on the number of processes."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from concurrent.futures import Executor
+from contextlib import contextmanager, nullcontext
+from dataclasses import dataclass
+from functools import partial
+from itertools import chain, islice
+from typing import TypeVar
+
+from fieldcalib.console.progress import progress_bar
+from fieldcalib.processes.jobs import Processes, in_order
+from fieldcalib.processes.other_process import ProcessEndedError
+from fieldcalib.run_folder.options import RunOptions, Shard
+from fieldcalib.run_folder.outcome import Item, Outcome
+from fieldcalib.run_folder.results import ResultsWriter
+
+Member = TypeVar("Member")
+ItemT = TypeVar("ItemT", bound=Item)
+
+LARGEST_UNIT, LEAST_UNITS, SMALLEST_UNIT = 256, 4, 64
+
+
+@dataclass(frozen=True)
+class UnitResult:
+    """The results of a unit of frames."""
+
+    outcomes: Sequence[Outcome]
+    seconds: float = 0.0
+    """Time of the calibrations."""
+    message: str = ""
+    """Line for stdout."""
+
+
+def unit_size(frames: int) -> int:
+    """Number of frames that are worked on together: many are quicker, and processes need some to share.
+
+    Examples
+    --------
+    >>> unit_size(3), unit_size(728), unit_size(100_000)
+    (64, 182, 256)
+    """
+    return min(max(-(-frames // LEAST_UNITS), SMALLEST_UNIT), LARGEST_UNIT)
+
+
+def units_of(items: Iterable[Member], size: int, shard: Shard | None = None) -> Iterator[tuple[Member, ...]]:
+    """Split items into units of some size, the last one of what is left; of a shard every n-th.
+
+    Examples
+    --------
+    >>> list(units_of("abcde", 2)), list(units_of("abcde", 2, Shard(2, 2)))
+    ([('a', 'b'), ('c', 'd'), ('e',)], [('c', 'd')])
+    """
+    rest = iter(items)
+    units = iter(lambda: tuple(islice(rest, size)), ())
+    return units if shard is None else islice(units, shard.number - 1, None, shard.of)
+
+
+def frames_of_shard(frames: int, size: int, shard: Shard | None) -> int:
+    """Number of frames in the units of a shard.
+
+    Examples
+    --------
+    >>> frames_of_shard(20, 8, Shard(1, 2)), frames_of_shard(20, 8, None)
+    (12, 20)
+    """
+    return sum(map(len, units_of(range(frames), size, shard)))
+
+
+@contextmanager
+def executor_of(jobs: int) -> Iterator[Executor | None]:
+    """Start processes that work on units; None for one job, whose work is done here."""
+    with nullcontext() if jobs == 1 else Processes(jobs) as executor:
+        yield executor
+
+
+def work(
+    run: RunOptions,
+    results: ResultsWriter,
+    items: Iterable[ItemT],
+    size: int,
+    function: Callable[[tuple[ItemT, ...]], UnitResult],
+    total: int,
+    write: Callable[[Outcome], None] | None = None,
+) -> None:
+    """Apply a function to units of `size` items and write the outcomes in order; those that are done are left out.
+
+    With `write`, that gets the outcomes of all items. A frame whose process ends is written as broken; the others of
+    its unit are done.
+    """
+    with (
+        executor_of(run.jobs) as executor,
+        progress_bar(total=frames_of_shard(total, size, run.shard), unit="frame") as progress,
+    ):
+        units = units_of(items, size, run.shard)
+        done = results.done if write is None else 0
+        progress.update(done)
+        rest, half = _rest(units, done)
+        rescue = None if executor is None else partial(_rescued, executor, function)
+        for result in in_order(executor, function, rest, ahead=2 * run.jobs, rescue=rescue):
+            if result.message:
+                print(result.message)
+            results.calibrating += result.seconds
+            for outcome in result.outcomes[half:]:
+                (write or results.add)(outcome)
+                progress.update()
+            half = 0
+
+
+def _rest(units: Iterable[tuple[Member, ...]], done: int) -> tuple[Iterable[tuple[Member, ...]], int]:
+    """The units that are not done, and how many frames of the first of these are.
+
+    That one is worked on as a whole again, for the same results.
+    """
+    left = iter(units)
+    for unit in left:
+        if done < len(unit):
+            return chain([unit], left), done
+        done -= len(unit)
+    return (), 0
+
+
+def _rescued(
+    executor: Executor,
+    function: Callable[[tuple[ItemT, ...]], UnitResult],
+    unit: tuple[ItemT, ...],
+    _: ProcessEndedError,
+) -> UnitResult:
+    """The result of a unit whose process has ended: tried once more as a whole, then frame by frame."""
+    try:
+        return executor.submit(function, unit).result()
+    except ProcessEndedError as error:
+        if len(unit) == 1:
+            problem = f"the process that worked on it ended with exit code {error.exit_code}"
+            return UnitResult([Outcome.broken(unit[0], problem)])
+        parts = [_rescued(executor, function, (item,), error) for item in unit]
+    return joined(parts)
+
+
+def joined(parts: Sequence[UnitResult]) -> UnitResult:
+    """The results of parts of a unit as one."""
+    outcomes = [outcome for part in parts for outcome in part.outcomes]
+    message = "\n".join(part.message for part in parts if part.message)
+    return UnitResult(outcomes, sum(part.seconds for part in parts), message)
