@@ -356,6 +356,7 @@ def test_a_negative_focal_length_is_half_a_turn_of_roll(drawn, X):
     np.testing.assert_allclose(turned, image_size - xy, rtol=1e-9, atol=1e-6)
 
 
+@pytest.mark.slow
 def test_annotated_frames_pass_the_papers_threshold_as_often(shared_data):
     """The public code rejects 7 % of SoccerNet's frames of the main camera by tau."""
     files = sorted((shared_data / "sncalib-test-center").glob("[0-9]*.json"))[: 2 * CHUNK]

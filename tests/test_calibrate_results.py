@@ -6,7 +6,8 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from one_camera import CAMERA, FIELD, FRAME, MARKINGS, SIZE, F, relative_error
+from objects import relative_error
+from one_camera import CAMERA, FIELD, FRAME, MARKINGS, SIZE, F
 from synthetic import observe, random_frames
 
 from fieldcalib import (

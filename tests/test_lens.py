@@ -65,10 +65,10 @@ def numeric_jacobian(lens, s, b):
 
 
 @members
-@given(data=st.data(), s=offsets(), seed=angle(np.pi))
-def test_push_and_pull_are_the_derivative_and_its_transpose(lens, data, s, seed):
+@given(data=st.data(), s=offsets(), turn=angle(np.pi))
+def test_push_and_pull_are_the_derivative_and_its_transpose(lens, data, s, turn):
     b = data.draw(drawn(lens))
-    steps = np.array([[np.cos(seed), -np.sin(seed)], [np.sin(seed), np.cos(seed)]])
+    steps = np.array([[np.cos(turn), -np.sin(turn)], [np.sin(turn), np.cos(turn)]])
     J = numeric_jacobian(lens, s, b)
     d, *images = lens.push(s, b, *steps)
     np.testing.assert_array_equal(d, lens.distort(s, b))

@@ -300,6 +300,7 @@ def test_who_looks_at_the_sky_sees_no_field():
 # against truth
 
 
+@pytest.mark.slow
 def test_intervals_hold_the_truth():
     """Cells of matches count for less than their noise is, since real ones err alike: intervals are rather too wide."""
     focal, place, tied = [], [], []

@@ -74,6 +74,7 @@ def test_every_frame_has_its_camera_at_once(clip):
     assert [basis for _, basis in found][1:] == [Basis.BOTH] * (len(cameras) - 1)
 
 
+@pytest.mark.slow
 def test_clips_of_one_end_are_accepted():
     """Of a pitch of unknown length: what is in view is known well relative to its markings."""
     pans = np.linspace(0.5, 0.6, 20)

@@ -14,7 +14,7 @@ import numpy as np
 
 from fieldcalib._types import Array
 from fieldcalib.fields.field import Field
-from fieldcalib.fields.segments import Arc, Segment
+from fieldcalib.fields.segments import Segment
 from fieldcalib.geometry.camera import Camera
 from fieldcalib.problem.labelled_pixels import Pixels
 
@@ -71,7 +71,7 @@ def log_ratio_of_cut(field: Field, pixels: Pixels, camera: Camera) -> float:
 def _ends(field: Field, label: str, xy: Array, camera: Camera) -> list[tuple[int, float]]:
     """Where a marking on the ground leaves the picture: at which side, and how far from its label, of the width."""
     segment = _on_ground(field.segments, label)
-    if segment is None or isinstance(segment, Arc) or not len(xy):  # nobody need follow a circle to the border
+    if segment is None or segment.is_arc or not len(xy):  # nobody need follow a circle to the border
         return []
     points = camera.project(segment.sample(SPACING))
     last = np.array(camera.image_size) - 1.0

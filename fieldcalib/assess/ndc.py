@@ -22,7 +22,7 @@ import numpy as np
 
 from fieldcalib._types import Array, BoolArray, IntArray
 from fieldcalib.fields.field import Field
-from fieldcalib.fields.segments import Arc, Line, ObjectSegments, PointCloud, Segment
+from fieldcalib.fields.segments import ObjectSegments, PointCloud, Segment
 from fieldcalib.geometry.camera import Camera
 from fieldcalib.geometry.lens import common_lens
 from fieldcalib.problem.labelled_pixels import Pixels, split_circles
@@ -88,7 +88,7 @@ def ndc_losses(
         return np.zeros(len(frames))
     seen = _Seen.of(pairs, theta, layout)
     total, count = np.zeros(len(frames)), np.zeros(len(frames))
-    is_line = np.array([isinstance(segment, Line) for segment in seen.segments])
+    is_line = np.array([segment.is_straight for segment in seen.segments])
     for members, distances in ((is_line, _line_distances), (~is_line, _cloud_distances)):
         if not np.any(members):
             continue
@@ -178,12 +178,7 @@ def cloud(segment: Segment) -> PointCloud:
     array([[-36.  ,  -7.31,   0.  ],
            [-36.  ,   7.31,   0.  ]])
     """
-    if isinstance(segment, Arc):
-        phi = np.linspace(segment.start, segment.stop, CLOUD_SAMPLES)[:, None]
-        X = segment.center + segment.radius * (np.cos(phi) * segment.u + np.sin(phi) * segment.v)
-    else:
-        X = segment.sample()
-    return PointCloud(tuple(map(tuple, X.tolist())))
+    return PointCloud(tuple(map(tuple, segment.samples(CLOUD_SAMPLES).tolist())))
 
 
 @lru_cache(maxsize=64)
@@ -200,9 +195,9 @@ def _padded(X: Array, count: int) -> Array:
 def _line_distances(seen: _Seen) -> Array:
     """NDC distance (P,) of pixels to infinite lines."""
     cameras = seen.cameras
-    ends = np.array([(line.start, line.end) for line in seen.segments if isinstance(line, Line)])
-    ax, ay, az = cameras.points(ends[:, :1])[..., 0]
-    dx, dy, dz = cameras.directions(ends[:, 1:] - ends[:, :1])[..., 0]
+    lines = np.array([line.vectors for line in seen.segments])
+    ax, ay, az = cameras.points(lines[:, :1])[..., 0]
+    dx, dy, dz = cameras.directions(lines[:, 1:])[..., 0]
     image_lines = np.array([ay * dz - az * dy, az * dx - ax * dz, ax * dy - ay * dx])
     image_lines /= np.hypot(*(image_lines[:2] * seen.half_size[:, None])) + LEAST_LENGTH
     lx, ly, lz = image_lines[:, seen.pair]

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -55,7 +54,7 @@ class LineRows(Rows):
         inverse_depth = (along * D[2] - n[0] * D[1] + n[1] * D[0]) * scale
         return [ClosestPoints(r, s, inverse_depth, normal)]
 
-    def past_ends(self, X: Array, segments: Sequence[Segment]) -> Ends:
+    def past_ends(self, X: Array, spans: Array) -> Ends:
         """Which points X (T, N, 3) of the lines lie past an end."""
         start, direction = self.geometry[:, :, 0], self.geometry[:, :, 1]
         share = np.sum((X - start) * direction, axis=-1) / np.sum(np.square(direction), axis=-1)
@@ -115,9 +114,14 @@ class Line(Segment):
         """The line with its coordinates multiplied by signs."""
         return Line(mirrored(self.start, signs), mirrored(self.end, signs))
 
-    def corners(self) -> Array:
-        """Both ends, (2, 3)."""
+    @property
+    def anchors(self) -> Array:
+        """Start and end, (2, 3)."""
         return np.array([self.start, self.end])
+
+    def corners(self) -> Array:
+        """Start and end, (2, 3)."""
+        return self.anchors
 
     def evaluated(self, straight: float, bent: float) -> Array:
         """Points every `straight` metres from the start on, with a longer last piece, (N, 3)."""
