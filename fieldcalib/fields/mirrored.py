@@ -20,6 +20,7 @@ def mirrored(segments: Mapping[str, Segment]) -> dict[str, Segment]:
 
     Examples
     --------
+    >>> from fieldcalib import Point
     >>> list(mirrored({"Centre mark": Point((0.0, 0.0, 0.0)), "Corner right bottom": Point((9.0, 9.0, 0.0))}))
     ['Centre mark', 'Corner right bottom', 'Corner right top', 'Corner left bottom', 'Corner left top']
     """

@@ -44,7 +44,7 @@ def court(
     """
     length, width = size
     whole = {label: segment for part in parts for label, segment in mirrored(part).items()}
-    defaults = {
+    defaults: dict[str, Any] = {
         "lines": LineLook(width=line_width, ground_difference=np.inf),
         "paint": {label: one for start, one in paint.items() for label in whole if label.startswith(start)},
         "size_known": True,

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from fieldcalib.fields.field import Field
-from fieldcalib.fields.segments import Point
+from fieldcalib.fields.segments import Point, Segment
 from fieldcalib.fields.sports.court import court
 from fieldcalib.fields.sports.goals import right_area, right_goal
 from fieldcalib.fields.sports.lines import across, along, on_ground
@@ -69,7 +69,7 @@ def field_hockey() -> Field:
         **right_area("Broken circle", end, 0.5 * CIRCLE_STRAIGHT, BROKEN_CIRCLE - half),
         **right_goal(back, GOAL_WIDTH, GOAL_HEIGHT, POST),
     }
-    corner = {
+    corner: dict[str, Segment] = {
         "Corner right bottom": Point((back, side, 0.0)),
         "23-metre line and side line right bottom": Point((x23, side, 0.0)),
     }
