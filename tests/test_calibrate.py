@@ -48,13 +48,13 @@ def test_a_batch_of_them_too():
 
 
 def test_one_frame_and_a_batch_agree():
-    frames, _ = random_frames(40, seed=13, noise=1.0, stands=("main center", "main left"))
+    frames, _ = random_frames(20, seed=13, noise=1.0, stands=("main center", "main left"))
     for together, frame in zip(calibrate_batch(FIELD, frames, SIZE), frames, strict=True):
         alone = calibrate_from_segments(FIELD, frame, SIZE)
         assert alone.status is together.status
-        assert alone.rms == pytest.approx(together.rms, rel=1e-3)
-        assert relative_error(alone.camera, together.camera) < 1e-3
-        assert alone.loss_ndc == pytest.approx(together.loss_ndc, rel=1e-2)
+        assert alone.rms == pytest.approx(together.rms, rel=5e-4)
+        assert relative_error(alone.camera, together.camera) < 1e-4
+        assert alone.loss_ndc == pytest.approx(together.loss_ndc, rel=1e-3)
         assert list(alone.per_segment_errors) == list(frame)
 
 
