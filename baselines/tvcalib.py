@@ -257,7 +257,7 @@ def _kind(frames: list[list[tuple[Segment, Array]]], pixels: int, image_size: tu
 
 
 def _in_image(xy: Array, image_size: tuple[int, int]) -> BoolArray:
-    """Which pixels the public code keeps: those in the image without its upper edge."""
+    """Mask of the pixels that the public code keeps: those in the image without its upper edge."""
     x, y = xy.T
     width, height = image_size
     return np.asarray((x >= 0.0) & (x < width) & (y > 0.0) & (y < height))
@@ -416,10 +416,10 @@ class _Method:
     tau: float | None
     tries_all: bool
     types: Mapping[str, str]
-    """Of the frames' cameras."""
+    """Types of the frames' cameras."""
 
     def __call__(self, frames: dict[str, Pixels], size: tuple[int, int]) -> list[CalibratedFrame]:
-        of_size = partial(self._calibrated, size=size)
+        of_size = partial(self._calibrate, size=size)
         return [CalibratedFrame(calibration) for calibration in by_prior(frames, self._distributions_of, of_size)]
 
     def _distributions_of(self, id: str) -> tuple[str, ...]:
@@ -428,7 +428,7 @@ class _Method:
         known = DISTRIBUTIONS_OF_TYPE.get(self.types.get(id, ""), ())
         return known if set(known) <= set(DISTRIBUTIONS) and known else (MAIN_CENTER.name,)
 
-    def _calibrated(
+    def _calibrate(
         self, frames: list[Pixels], distributions: tuple[str, ...], size: tuple[int, int]
     ) -> list[Calibration]:
         return calibrate(self.field, frames, size, steps=self.steps, tau=self.tau, distributions=distributions)

@@ -18,7 +18,7 @@ from networks import FIELD
 import fieldcalib
 from fieldcalib import Camera
 from fieldcalib.cli.commands import command_parser
-from fieldcalib.cli.run_request import RunRequest, split
+from fieldcalib.cli.run_options import RunRequest, split_request
 from fieldcalib.cli.several import run_several
 from fieldcalib.draw.scene import render_field
 from fieldcalib.io.streams import Stream
@@ -113,7 +113,7 @@ def test_clips_side_by_side(picture, tmp_path, capfd):
 
 def test_a_process_that_ends_costs_its_clip_alone(tmp_path, capfd):
     given = ["run", "a.mp4", "dies.mp4", "b.mp4", "--jobs", "2", "--out", str(tmp_path)]
-    requests = split(RunRequest.of(command_parser(given).parse_args(given)))
+    requests = split_request(RunRequest.of(command_parser(given).parse_args(given)))
     assert run_several(requests, killed.ends_on_dies) == 1
     said = capfd.readouterr()
     assert said.out == "a.mp4 done\nb.mp4 done\n"

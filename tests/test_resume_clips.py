@@ -116,7 +116,7 @@ def test_a_clip_goes_on_with_its_frames(video, whole, network, tmp_path, monkeyp
     from fieldcalib.draw.overlays import draw_calibration
 
     with monkeypatch.context() as patch:
-        patch.setattr("fieldcalib.cli.calibration_options.draw_calibration", Interrupting(draw_calibration, count))
+        patch.setattr("fieldcalib.cli.run_options.draw_calibration", Interrupting(draw_calibration, count))
         network()
         assert run("run", video, "--out", tmp_path) == 130
     assert len(lines_of(tmp_path)) == count + 1

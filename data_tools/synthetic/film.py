@@ -73,11 +73,11 @@ class Scene:
     positions: Array
     """(frames, people, 2): metres on the ground."""
     people: Sequence[tuple[Person, Kit, float]]
-    """With the phase of their steps in radians."""
+    """Each player with kit and phase of the steps in radians."""
 
     @classmethod
     def random(cls, field: Field, seed: int, cameras: Sequence[Camera], rate: float = RATE) -> Scene:
-        """One whose players follow the play, which these cameras, of all frames, aim at."""
+        """Make a scene whose players follow the play, which the cameras of all frames aim at."""
         rng = np.random.default_rng((seed, PEOPLE))
         kits = [random_kit(rng) for _ in TEAM_SHARES]
         people = [
@@ -231,14 +231,14 @@ def read_cameras(path: Path) -> list[TrueFrame]:
 
 
 def _moved(a: Camera, b: Camera) -> float:
-    """By how many pixels the image moves at most from one camera to another, far away."""
+    """Largest motion of the far image from one camera to another, pixels."""
     width, height = a.image_size
     xy = np.array([[0.0, 0.0], [width, 0.0], [width, height], [0.0, height], [width / 2.0, height / 2.0]])
     return float(np.nanmax(np.linalg.norm(seen_far_away(a, b, xy) - xy, axis=1)))
 
 
 def _runs(field: Field, cameras: Sequence[Camera], rate: float, rng: np.random.Generator) -> Array:
-    """Where the players are, (frames, people, 2)."""
+    """Positions of the players, (frames, people, 2)."""
     from scipy.ndimage import gaussian_filter1d
 
     middle = np.array(cameras[0].image_size) / 2.0
@@ -257,7 +257,7 @@ def _content(seed: int, number: int) -> Float32:
 
 
 def _boards(seed: int, time: float) -> Float32:
-    """What electronic boards show at a time in seconds: one content after the other, every other one scrolls."""
+    """Content of electronic boards at a time in seconds; every second content scrolls."""
     number = int(np.floor(time / BOARD_PERIOD))
     texture = _content(seed, max(number, 0))
     return np.roll(texture, round(BOARD_SPEED * time * BOARD_SCALE), axis=1) if number % 2 else texture

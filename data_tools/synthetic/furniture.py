@@ -1,4 +1,4 @@
-"""What stands on the fields of other sports: goals with their nets, nets across courts, baskets, walls of glass."""
+"""Objects on the fields of other sports: goals with their nets, nets across courts, baskets, walls of glass."""
 
 from __future__ import annotations
 

@@ -2,6 +2,7 @@ from . import camera_errors as camera_errors
 from . import crown as crown
 from . import cut_labels as cut_labels
 from . import datum as datum
+from . import estimate as estimate
 from . import frame_sequence as frame_sequence
 from . import ground as ground
 from . import ground_points as ground_points

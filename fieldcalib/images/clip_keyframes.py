@@ -15,7 +15,7 @@ from fieldcalib.images.keyframe_labels import KeyframeLabels, label_keyframes
 from fieldcalib.images.keyframes import TiedFrame
 from fieldcalib.images.pieces import CameraModel, Pieces, loose_at_end, numbered
 from fieldcalib.images.witnesses import with_witnesses, witnesses_of
-from fieldcalib.io.image import Image
+from fieldcalib.io.image import Image, size_of
 from fieldcalib.io.images import IMAGES_AT_ONCE
 from fieldcalib.localize import Network
 from fieldcalib.solve.tripod import Labels
@@ -102,7 +102,7 @@ def read_keyframes(frames: Iterable[tuple[Image, TiedFrame]], options: ClipOptio
 
     for t, (image, tied) in enumerate(frames):
         if t == 0:
-            begin, size = tied.index, (image.shape[1], image.shape[0])
+            begin, size = tied.index, size_of(image)
         piece.append(tied.piece)
         linked.append(tied.is_key or bool(tied.ties))
         ties = {

@@ -15,4 +15,5 @@ from . import prior as prior
 from . import projection as projection
 from . import records as records
 from . import segment_ends as segment_ends
+from . import simulated as simulated
 from . import smooth_path as smooth_path

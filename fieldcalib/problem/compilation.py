@@ -56,7 +56,7 @@ def compiled_closest_points(theta: Array, layout: Layout, observations: Observat
 
 
 def compiled_derivatives(theta: Array, layout: Layout, points: ClosestPoints, free: BoolArray) -> Array | None:
-    """Derivatives (B, P, M) of the residuals by the parameters `free` (n,); None if they are not compiled."""
+    """`Projection.derivatives` by the parameters `free` (n,), (B, P, M); None if they are not compiled."""
     module = kernels(layout)
     if module is None:
         return None

@@ -295,7 +295,7 @@ def foot_of(kind: int, view: View, xy: Array, geometry: Array, b: int, i: int) -
 
 @inlined
 def set_derivatives(view: View, foot: Foot, row: Array) -> None:
-    """Derivatives of a residual by the parameters of its camera into a row (n,): ``-n . dpi(X*) / dtheta``."""
+    """Derivatives of a point's image along its normal into a row (n,): ``n . dpi(X*) / dtheta``, see `Projection`."""
     sx, sy, w = foot.sx, foot.sy, foot.inverse_depth
     x, y = foot.nx, view.aspect * foot.ny
     inner = sx * x + sy * y
@@ -306,18 +306,18 @@ def set_derivatives(view: View, foot: Foot, row: Array) -> None:
     xc, yc = sx / view.f, sy / view.f
     mx, my, mz = yc * gz - gy, gx - xc * gz, xc * gy - yc * gx  # Xc x g
     a, b, c = view.R
-    row[0] = a[2] * mx + b[2] * my + c[2] * mz
-    row[1] = view.cos_roll * mx - view.sin_roll * my
-    row[2] = mz
-    row[LOG_F] = -ds_dXc
-    row[4] = w * (a[0] * gx + b[0] * gy + c[0] * gz)
-    row[5] = w * (a[1] * gx + b[1] * gy + c[1] * gz)
-    row[6] = w * (a[2] * gx + b[2] * gy + c[2] * gz)
-    row[7], row[8] = -foot.nx, -foot.ny
-    row[LOG_ASPECT] = -foot.ny * view.aspect * gain * sy
+    row[0] = -(a[2] * mx + b[2] * my + c[2] * mz)
+    row[1] = view.sin_roll * my - view.cos_roll * mx
+    row[2] = -mz
+    row[LOG_F] = ds_dXc
+    row[4] = -w * (a[0] * gx + b[0] * gy + c[0] * gz)
+    row[5] = -w * (a[1] * gx + b[1] * gy + c[1] * gz)
+    row[6] = -w * (a[2] * gx + b[2] * gy + c[2] * gz)
+    row[7], row[8] = foot.nx, foot.ny
+    row[LOG_ASPECT] = foot.ny * view.aspect * gain * sy
     if len(row) > A1:
         q = (sx * sx + sy * sy) * view.per_rho2
-        row[A1], row[A1 + 1] = -q * inner * (1.0 + view.da2_da1 * q), -q * q * inner
+        row[A1], row[A1 + 1] = q * inner * (1.0 + view.da2_da1 * q), q * q * inner
 
 
 def loss_of(loss: RobustLoss) -> Loss:
@@ -420,7 +420,7 @@ def closest_points(frames: Frames, theta: Array, r: Array, s: Array, inverse_dep
 def derivatives(
     theta: Array, rho: float, limits: Limits, s: Array, inverse_depth: Array, normal: Array, free: IntArray, JT: Array
 ) -> None:
-    """Derivatives of the residuals by some of the parameters, into JT (B, P, M)."""
+    """`Projection.derivatives` by some of the parameters, into JT (B, P, M)."""
     row = np.empty(theta.shape[1])
     for b in range(len(theta)):
         view = view_of(theta[b], rho, limits)
@@ -467,7 +467,7 @@ def normal_equations(
                 row[j] = row[free[j]]  # the free ones are ascending
             for j in range(P):
                 scaled = pull * row[j]
-                gradient[j] += scaled * foot.r
+                gradient[j] -= scaled * foot.r  # a residual is the pixel less its closest point
                 for c in range(j + 1):
                     hessian[j, c] += scaled * row[c]
     if terms.has_prior:

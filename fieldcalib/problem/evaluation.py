@@ -170,8 +170,10 @@ class Evaluation:
     def _by_camera(self, free: BoolArray) -> Array:
         """`derivatives` of a field that stays as it is."""
         points = self.points
-        JT = compiled_derivatives(self.theta, self.problem.layout, points, free)
-        return -self.projection.derivatives(points.s, points.inverse_depth, points.normal, free) if JT is None else JT
+        of_images = compiled_derivatives(self.theta, self.problem.layout, points, free)
+        if of_images is None:
+            of_images = self.projection.derivatives(points.s, points.inverse_depth, points.normal, free)
+        return -of_images
 
     @cached_property
     def motion_of_points(self) -> Array:
@@ -222,7 +224,12 @@ class Evaluation:
     @cached_property
     def information(self) -> Array:
         """Gauss-Newton Hessian of the data alone, (B, P, P)."""
-        return np.asarray((self.JT * self.pull[:, None]) @ np.swapaxes(self.JT, 1, 2))
+        return self.information_of(slice(None))
+
+    def information_of(self, residuals: slice) -> Array:
+        """Gauss-Newton Hessian of some of the data, (B, P, P)."""
+        JT = self.JT[:, :, residuals]
+        return np.asarray((JT * self.pull[:, None, residuals]) @ np.swapaxes(JT, 1, 2))
 
     @cached_property
     def gradient(self) -> Array:

@@ -25,7 +25,6 @@ from fieldcalib.assess.own_errors import OwnErrors, own_errors
 from fieldcalib.assess.result import Calibration, Status
 from fieldcalib.assess.sequence import LARGEST_ERROR, SequenceCalibration
 from fieldcalib.assess.shared import by_considered, shared_covariance
-from fieldcalib.fields.field import Field
 from fieldcalib.fields.segments import ObjectSegments
 from fieldcalib.problem.background import BackgroundEvaluation, BackgroundPairs
 from fieldcalib.problem.evaluation import Evaluation, Problem
@@ -42,15 +41,14 @@ from fieldcalib.solve.frame_columns import FrameColumns
 from fieldcalib.solve.given_camera import NOTHING_GIVEN, GivenCamera
 from fieldcalib.solve.initial_cameras import given_cameras
 from fieldcalib.solve.options import (
-    DEFAULT_CRITERIA,
     CalibrationFlags,
     Options,
     Prior,
-    checked_options,
     default_flags,
 )
 from fieldcalib.solve.shared_starts import SAME, WIDTHS, elsewhere, followed, narrowing
 from fieldcalib.solve.solved_together import SolvedTogether, Start
+from fieldcalib.solve.task import Task
 from fieldcalib.solve.ties import Matched, Ties, contradicted, with_tied
 from fieldcalib.solve.together import labels_of, put_together
 from fieldcalib.solve.tripod import KnownTripod, Labels, PixelNoise
@@ -91,20 +89,10 @@ def sequence_solver(
     unknown = set(shared) - set(SHARED)
     if unknown:
         raise ValueError(f"frames cannot share {sorted(unknown)}: expected some of {', '.join(SHARED)}")
-    field = object_segments if isinstance(object_segments, Field) else None
     if flags is None:
         flags = default_flags(prior) & ~CalibrationFlags.CALIB_FIX_K2
-    options = checked_options(
-        image_size,
-        *given,
-        flags=flags,
-        criteria=DEFAULT_CRITERIA,
-        prior=prior,
-        loss=loss,
-        tau=None,
-        field=field,
-        paint=paint,
-    )
+    task = Task(object_segments, given, flags, prior=prior, loss=loss, paint=paint, trust_labels=trust_labels)
+    options = task.options(image_size)
     pixels, pixel_weights = checked_frames(object_segments, frames, weights, options.image_size)
     ties = Ties.of(object_segments, matches or {}, len(pixels), options.image_size)
     return SequenceSolver(object_segments, pixels, pixel_weights, ties, options, tuple(shared), trust_labels)
@@ -156,7 +144,7 @@ class SequenceSolver:
         for _ in range(ROUNDS - 1):
             count = together.labelled
             tripod = self._known(together)
-            again = self._alone(some, tripod.options, tripod.object_segments, together.cameras)
+            again = self._alone(some, tripod.options, together.cameras)
             start = self._start_of(again)
             if start is None:
                 break
@@ -293,7 +281,6 @@ class SequenceSolver:
         self,
         index: IntArray,
         options: Options,
-        object_segments: ObjectSegments | None = None,
         given: Mapping[int, Array] | None = None,
     ) -> dict[int, Calibration]:
         """Calibrations of labelled frames by themselves, from given cameras or, where there is none, from anywhere."""
@@ -304,12 +291,10 @@ class SequenceSolver:
             if not members:
                 continue
             calibrations = calibrate_frames(
-                object_segments or self.object_segments,
                 [self.frames[t] for t in members],
                 [self.weights[t] for t in members],
                 options,
                 given=np.array([given[t] for t in members]) if members[0] in given else None,
-                trust_labels=self.trust_labels,
             )
             found |= dict(zip(members, calibrations, strict=True))
         return found
@@ -450,7 +435,7 @@ class SequenceSolver:
         object_segments, field, size = self.object_segments, self.options.field, layout.field_size
         if size is not None and field is not None:
             length, width = theta[layout.field_size_block].tolist()
-            object_segments = field = replace(field.resized(length, width), size_known=True)
+            object_segments = replace(field.resized(length, width), size_known=True)
             layout = replace(layout, field_size=size._replace(given=np.array([length, width])))
         is_shared, is_kept = layout.roles == Role.SHARED, layout.roles == Role.CONSIDERED
         considered = is_shared | is_kept
@@ -461,7 +446,7 @@ class SequenceSolver:
             self.options,
             layout=layout.with_roles_of(considered, Role.CONSIDERED),
             known=np.where(layout.roles == Role.FRAME, np.nan, theta),
-            field=field,
+            object_segments=object_segments,
             considered=every[np.ix_(considered, considered)],
         )
         return KnownTripod(object_segments, options, together.noise)
@@ -490,11 +475,9 @@ class SequenceSolver:
             every = np.arange(len(known))
             theta, known = with_tied(object_segments, self.ties, theta, known, every, options.layout, options.scale)
         rest = np.flatnonzero(~done)
-        alone = self._alone(rest[~known[rest]], options, object_segments)
+        alone = self._alone(rest[~known[rest]], options)
         if not self.trust_labels:
-            alone |= self._alone(
-                rest[known[rest]], options, object_segments, {t: theta[t] for t in rest[known[rest]].tolist()}
-            )
+            alone |= self._alone(rest[known[rest]], options, {t: theta[t] for t in rest[known[rest]].tolist()})
         if self.moves:
             accepted = {t: c for t, c in alone.items() if c.accepted and not known[t]}
             near = near_path(accepted, columns, done)

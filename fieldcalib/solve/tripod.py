@@ -20,7 +20,7 @@ from fieldcalib.problem.levenberg_marquardt import levenberg_marquardt
 from fieldcalib.problem.observations import pack
 from fieldcalib.solve.centres import Centres
 from fieldcalib.solve.frame_columns import FrameColumns
-from fieldcalib.solve.from_segments import NO_PIXELS, motion_of
+from fieldcalib.solve.from_segments import NO_PIXELS
 from fieldcalib.solve.initial_cameras import given_cameras
 from fieldcalib.solve.options import Options
 
@@ -88,7 +88,7 @@ class KnownTripod:
         if centres is not None:
             prior = centres.of_prior(prior, options.layout.size)
         problem = Problem(
-            pack(self.object_segments, pixels, options.image_size, weights, motion_of(options)),
+            pack(self.object_segments, pixels, options.image_size, weights, options.motion),
             options.layout,
             options.loss,
             options.noise,
