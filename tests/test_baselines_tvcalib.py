@@ -327,7 +327,7 @@ def test_tau_rejects_but_the_camera_is_given():
     for calibration in calibrate(FIELD, frames, SIZE, steps=5, tau=0.019):  # five steps lead nowhere
         assert calibration.status is Status.REJECTED
         assert calibration.message == f"the loss in NDC is {calibration.loss_ndc:.4f}, above tau = 0.019"
-        assert calibration.camera is not None
+        assert calibration.camera.image_size == SIZE
 
 
 def test_an_unknown_distribution_is_named():
