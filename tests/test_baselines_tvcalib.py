@@ -336,11 +336,10 @@ def test_an_unknown_distribution_is_named():
             calibrate(FIELD, [], SIZE, distributions=names)
 
 
-def test_progress_counts_the_frames_with_pixels():
+def test_every_frame_with_pixels_gets_a_camera_however_many_there_are():
     frames, _ = main_frames(2, 5)
-    told = []
-    calibrate(FIELD, [frames[i % 2] for i in range(CHUNK + 1)] + [{}], SIZE, steps=3, progress=told.append)
-    assert told == [CHUNK, 1]
+    found = calibrate(FIELD, [frames[i % 2] for i in range(CHUNK + 1)] + [{}], SIZE, steps=3)
+    assert [calibration.camera is not None for calibration in found] == [True] * (CHUNK + 1) + [False]
 
 
 @given(drawn=thetas(lens=False), X=vectors((-50.0, -30.0, -3.0), (50.0, 30.0, 0.0), count=5))
