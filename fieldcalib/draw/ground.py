@@ -15,7 +15,8 @@ import numpy as np
 
 from fieldcalib._types import Array, BoolArray, Float32, IntArray
 from fieldcalib.fields.field import Field
-from fieldcalib.fields.segments import Arc, Segment, outwards
+from fieldcalib.fields.segments import Segment, outwards
+from fieldcalib.fields.segments.segment import Ring
 from fieldcalib.fields.soccer import GOAL_AREA_DEPTH
 from fieldcalib.fields.traits import Paint
 from fieldcalib.geometry.camera import Camera
@@ -177,7 +178,7 @@ def _strokes(segment: Segment, paint: Paint, field: Field, least: float) -> Iter
         dash = max(dashes[0], min(least, 0.5 * sum(dashes)))
         dashes = dash, sum(dashes) - dash
     if (ring := segment.ring) is not None:
-        yield _Ring(paint.colour, replace(ring, radius=ring.radius + paint.outwards), half, dashes)
+        yield _Ring(paint.colour, ring._replace(radius=ring.radius + paint.outwards), half, dashes)
     elif segment.is_curve:
         X = segment.corners()
         ends = X[:, :2]
@@ -228,7 +229,7 @@ class _Straight:
 @dataclass(frozen=True)
 class _Ring:
     colour: str
-    arc: Arc
+    arc: Ring
     half: float
     """Half of the width."""
     dashes: tuple[float, float] | None = None

@@ -5,15 +5,12 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections.abc import Hashable, Iterable
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, ClassVar, NamedTuple, Self
+from typing import ClassVar, NamedTuple, Self
 
 import numpy as np
 
 from fieldcalib._types import Array, IntArray
 from fieldcalib.fields.segments.rows import Rows
-
-if TYPE_CHECKING:
-    from fieldcalib.fields.segments.arc import Arc
 
 Vector = tuple[float, float, float]
 
@@ -29,6 +26,17 @@ class Parts(NamedTuple):
     """Where between the segment's two ends they move with these, (N,)."""
     length: float
     """Of all parts together, metres."""
+
+
+class Ring(NamedTuple):
+    """Part of a circle, with the attributes of an `Arc`."""
+
+    center: Vector
+    radius: float
+    start: float = 0.0
+    stop: float = 2.0 * np.pi
+    u: Vector = (1.0, 0.0, 0.0)
+    v: Vector = (0.0, 1.0, 0.0)
 
 
 @dataclass(frozen=True)
@@ -101,8 +109,8 @@ class Segment(ABC):
         return self.sample(spacing)
 
     @property
-    def ring(self) -> Arc | None:
-        """The arc along which its paint runs; None where that is straight from corner to corner."""
+    def ring(self) -> Ring | None:
+        """The part of a circle along which its paint runs; None where that is straight from corner to corner."""
         return None
 
     def corners(self) -> Array:
