@@ -21,7 +21,6 @@ from fieldcalib.geometry.camera import Camera
 from fieldcalib.solve.batch import calibrate_batch
 from fieldcalib.solve.field_size import estimate_field_size
 from fieldcalib.solve.from_segments import calibrate_from_segments
-from fieldcalib.solve.mislabels import renamed
 from fieldcalib.solve.options import DEFAULT_FLAGS, CalibrationFlags
 
 NAMES = (
@@ -502,7 +501,8 @@ def left_out_distances(rink, frames):
     others, left_out = [], []
     found = calibrate_batch(rink, list(frames.values()), HD)
     for frame, one in zip(frames.values(), found, strict=True):
-        believed = renamed(frame, one.suspect_labels)
+        fits = {suspect.label: suspect.fits for suspect in one.suspect_labels}
+        believed = {fits.get(label, label): xy for label, xy in frame.items() if fits.get(label, label) is not None}
         others += [{name: xy for name, xy in believed.items() if name != label} for label in believed]
         left_out += [(rink[label].X, xy[0]) for label, xy in believed.items()]
     cameras = [one.camera for one in calibrate_batch(rink, others, HD, trust_labels=True)]

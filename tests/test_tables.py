@@ -286,6 +286,7 @@ def test_a_folder_without_pictures_of_the_frames_is_refused(wc14, tmp_path, caps
     assert "expected pictures of the annotated frames" in capsys.readouterr().err
 
 
+@pytest.mark.slow
 def test_a_database_of_another_field_is_refused(wc14, tmp_path, capsys):
     Database.made(soccer(100.0, 64.0), "chen", DRAWS["chen"], None, count=10).write(tmp_path / "small.npz")
     options = ["--wc14", wc14, *STEPS, "--chen-database", tmp_path / "small.npz"]
