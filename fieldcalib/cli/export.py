@@ -12,7 +12,7 @@ from fieldcalib.console.program import say
 from fieldcalib.geometry.camera import Camera
 from fieldcalib.io.exports.blender import blender_error, blender_files
 from fieldcalib.io.exports.colmap import colmap_files
-from fieldcalib.io.exports.frames import IMAGE_NAMES, Frames, with_cameras
+from fieldcalib.io.exports.frames import IMAGE_NAMES, FrameCameras, with_cameras
 from fieldcalib.io.exports.freed import freed_error, freed_files
 from fieldcalib.io.exports.nerfstudio import nerfstudio_files
 from fieldcalib.io.exports.opencv import opencv_files
@@ -106,7 +106,7 @@ def _check_options(format: str, given: Iterable[str]) -> None:
             raise ValueError(f"--{name.replace('_', '-')} is of {' and '.join(OPTIONS[name])}, not of {format}")
 
 
-def _frames(results: Results, folder: Path, chosen: Sequence[str] | None, *, keep_rejected: bool) -> Frames:
+def _frames(results: Results, folder: Path, chosen: Sequence[str] | None, *, keep_rejected: bool) -> FrameCameras:
     """The frames that are asked for, with the cameras that may be used."""
     lines = {line["id"]: line for line in results.lines}
     ids = list(lines) if chosen is None else list(dict.fromkeys(chosen))
@@ -138,7 +138,7 @@ def _write(files: Mapping[str, bytes], out: Path, overwrite: bool) -> None:
             write_bytes(out / name, content)
 
 
-def _say(frames: Frames, out: Path, format: str) -> None:
+def _say(frames: FrameCameras, out: Path, format: str) -> None:
     cameras = with_cameras(frames)
     print(f"{counted(len(cameras), 'camera')} of {counted(len(frames), 'frame')} in {out}")
     if format in LOST:

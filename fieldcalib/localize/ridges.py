@@ -103,9 +103,9 @@ class _Bands:
     """The pixels of all detected classes, class after class, so that one call serves all of them."""
 
     classes: list[int]
-    """Of S bands, as the network numbers them."""
+    """Number of the class of each of S bands."""
     member: IntArray
-    """Which band each pixel belongs to, (m,), ascending."""
+    """Index of the band of each pixel, (m,), ascending."""
     xy: Array
     """(m, 2)."""
     p: Array
@@ -136,7 +136,7 @@ def _bands(probability: Float32, classes: Sequence[str]) -> _Bands:
 
 
 def _chains(bands: _Bands) -> _Bands:
-    """Of each band the heaviest blob, and those near enough to be parts of the same segment."""
+    """Keep the heaviest blob of each band, and the blobs near enough to be parts of the same segment."""
     import cv2
 
     if not len(bands.p):
@@ -167,7 +167,7 @@ def _chains(bands: _Bands) -> _Bands:
 
 
 def _joined(low: Array, high: Array, chain: BoolArray) -> BoolArray:
-    """Which of n pieces with boxes from `low` (n, 2) to `high` join the `chain` (n,), one after the other."""
+    """The `chain` (n,) with all pieces that join it one after the other; their boxes are `low` to `high`, (n, 2)."""
     while not np.all(chain):
         start, end = low[chain].min(axis=0), high[chain].max(axis=0)
         gap = np.linalg.norm(np.maximum(np.maximum(low - end, start - high), 0.0), axis=1)
@@ -200,12 +200,12 @@ def _arc(xy: Array, p: Array) -> Ruler:
 
 
 def _reweighted(p: Array, d: Array) -> Array:
-    """What pixels of probability p and distance d from their ruler weigh in the next fit."""
+    """Weights in the next fit of pixels with probability p at distance d from their ruler."""
     return np.asarray(p / (1.0 + np.square(d / HALF_WEIGHT_DISTANCE)))
 
 
 def _slices(bands: _Bands, s: Array, d: Array, cut: BoolArray, most: IntArray) -> tuple[IntArray, Array, Array, Array]:
-    """Of n slices the band, the coordinates of the centroid, and the mean probability, each (n,)."""
+    """Band, coordinates of the centroid along and across, and mean probability of n slices, each (n,)."""
     count = len(bands.classes)
     least, largest = _range(s, bands.member, count)
     sag = LARGEST_SAG * np.maximum(largest - least, 0.0)

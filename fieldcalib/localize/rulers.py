@@ -60,7 +60,7 @@ class StraightRuler:
         return cls(origin, np.linalg.eigh(moment)[1][..., 1])
 
     def of(self, member: IntArray) -> Self:
-        """Of several lines one for each pixel, (n,)."""
+        """The line of each pixel, by its index (n,) among several lines."""
         return type(self)(self.origin[member], self.direction[member])
 
     def measure(self, xy: Array) -> tuple[Array, Array]:
