@@ -36,7 +36,7 @@ from fieldcalib.console.arguments import add_input_and_output, positive
 from fieldcalib.console.field_options import add_sized_field, field_of
 from fieldcalib.console.program import run_command
 from fieldcalib.fields.field import Field
-from fieldcalib.fields.segments import Line, ObjectSegments, Segment
+from fieldcalib.fields.segments import ObjectSegments, Segment
 from fieldcalib.fields.stands import MAIN_CENTER, MAIN_LEFT, MAIN_RIGHT, CameraDistribution, focal_length_from_fov
 from fieldcalib.geometry.projective import TINY, homogenize
 from fieldcalib.geometry.rotation import rotation_axes, rotation_from_angles
@@ -135,7 +135,7 @@ def calibrate(
 
 def _chunks(field: ObjectSegments, frames: Sequence[Pixels]) -> Iterator[IntArray]:
     """Indices of the frames that have pixels, frames grouped by their number of segments: less padding."""
-    circles = np.array([sum(not isinstance(field[label], Line) for label in frame) for frame in frames], dtype=np.intp)
+    circles = np.array([sum(not field[label].is_straight for label in frame) for frame in frames], dtype=np.intp)
     segments = np.array([len(frame) for frame in frames], dtype=np.intp)
     order = np.lexsort((segments, circles))
     order = order[segments[order] > 0]
@@ -225,7 +225,7 @@ def pack_tensors(field: ObjectSegments, frames: Sequence[Pixels], image_size: tu
     split = [split_circles(field, frame, image_size) for frame in frames]
     segments = [[(field[label], xy) for label, xy in frame.items()] for frame in split]
     lines, circles = (
-        [[(segment, xy) for segment, xy in frame if isinstance(segment, Line) == straight] for frame in segments]
+        [[(segment, xy) for segment, xy in frame if segment.is_straight == straight] for frame in segments]
         for straight in (True, False)
     )
     line_tensors = _kind(lines, LINE_PIXELS, image_size)
@@ -265,8 +265,8 @@ def _in_image(xy: Array, image_size: tuple[int, int]) -> BoolArray:
 
 def _homogeneous(segment: Segment) -> Array:
     """Start and direction of a line (2, 4), or the samples that other segments are compared with (K, 4)."""
-    if isinstance(segment, Line):
-        return np.array([(*segment.start, 1.0), (*np.subtract(segment.end, segment.start), 0.0)])
+    if segment.is_straight:
+        return np.column_stack([segment.vectors, (1.0, 0.0)])
     return homogenize(cloud(segment).X)
 
 

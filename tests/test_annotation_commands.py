@@ -13,8 +13,9 @@ from views import camera
 
 from baselines import dlt_lines, hdecomp
 from fieldcalib.draw.scene import render_field
+from fieldcalib.fields.segments import Arc, Line
 from fieldcalib.io.annotation_files import read_annotations
-from fieldcalib.io.annotations import Annotation, order_along
+from fieldcalib.io.annotations import Annotation
 from fieldcalib.io.formats import ANNOTATIONS, OTHER_ANNOTATIONS
 from fieldcalib.io.soccernet import parse_annotation
 from fieldcalib.run_folder import units
@@ -336,7 +337,7 @@ def test_points_along_lines_and_arcs():
     line = np.linspace((3.0, 9.0), (80.0, 2.0), 7)
     angle = np.linspace(2.0, 6.5, 12)  # leaves a gap across the angle 0
     arc = np.column_stack([50.0 + 40.0 * np.cos(angle), 20.0 + 5.0 * np.sin(angle)])
-    for xy, is_arc in ((line, False), (arc, True)):
+    for xy, segment in ((line, Line((0.0, 0.0, 0.0), (1.0, 0.0, 0.0))), (arc, Arc((0.0, 0.0, 0.0), 1.0))):
         mixed = rng.permutation(xy)
-        ordered = mixed[order_along(mixed, is_arc)]
+        ordered = mixed[segment.order(mixed)]
         assert np.array_equal(ordered, xy) or np.array_equal(ordered, xy[::-1])

@@ -16,8 +16,7 @@ from baselines.chen.cameras import IMAGE_SIZE
 from fieldcalib._types import Array, BoolArray, Float32
 from fieldcalib.draw.scene import NEAR_PLANE, SHIFT
 from fieldcalib.fields.field import Field
-from fieldcalib.fields.segments import Arc, Line, Point, Segment
-from fieldcalib.io.annotations import order_along
+from fieldcalib.fields.segments import Segment
 from fieldcalib.localize.grid import BACKGROUND
 from fieldcalib.problem.labelled_pixels import Pixels
 
@@ -37,7 +36,7 @@ def scaling(size: tuple[int, int], of: tuple[int, int] = IMAGE_SIZE) -> Array:
 
 def is_on_ground(segment: Segment) -> bool:
     """Whether a segment is a marking on the ground."""
-    return not isinstance(segment, Point) and not np.any(segment.sample()[:, 2])
+    return not segment.is_point and not np.any(segment.sample()[:, 2])
 
 
 def ground_pieces(field: Field) -> Array:
@@ -45,7 +44,7 @@ def ground_pieces(field: Field) -> Array:
     pieces = []
     for label, segment in field.markings.items():
         if is_on_ground(segment) and label not in field.half_labels:
-            X = np.array([segment.start, segment.end]) if isinstance(segment, Line) else segment.sample(ARC_SPACING)
+            X = segment.corners() if segment.is_straight else segment.sample(ARC_SPACING)
             pieces.append(np.stack([X[:-1, :2], X[1:, :2]], axis=1))
     return np.concatenate(pieces)
 
@@ -103,7 +102,7 @@ def edges_of_pixels(field: Field, pixels: Pixels, image_size: tuple[int, int]) -
     resized = scaling(EDGE_SIZE, image_size)
     for label, xy in pixels.items():
         if label in field and is_on_ground(field[label]):
-            line = xy[order_along(xy, isinstance(field[label], Arc))] @ resized[:2, :2] + resized[:2, 2]
+            line = xy[field[label].order(xy)] @ resized[:2, :2] + resized[:2, 2]
             fixed = np.rint(line * (1 << SHIFT)).astype(np.int32)
             cv2.polylines(image, [fixed], False, WHITE, 1, cv2.LINE_AA, SHIFT)
     return image

@@ -14,7 +14,6 @@ import numpy as np
 
 from fieldcalib._types import Array
 from fieldcalib.fields.field import Field
-from fieldcalib.fields.segments import Arc
 from fieldcalib.geometry.camera import Camera
 from fieldcalib.problem.labelled_pixels import Pixels
 
@@ -72,7 +71,7 @@ def log_ratio_of_cut(field: Field, pixels: Pixels, camera: Camera) -> float:
 def _ends(field: Field, label: str, xy: Array, camera: Camera) -> list[tuple[int, float]]:
     """Places where a marking on the ground leaves the picture: the side, and the gap to its label (of the width)."""
     segment = field.segments.get(label)
-    X = np.zeros((0, 3)) if segment is None or isinstance(segment, Arc) else segment.sample(SPACING)
+    X = np.zeros((0, 3)) if segment is None or segment.is_arc else segment.sample(SPACING)
     if not len(X) or np.any(X[:, 2]) or not len(xy):  # circles need not be followed to the border
         return []
     points = camera.project(X)

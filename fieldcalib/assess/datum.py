@@ -30,7 +30,6 @@ import numpy as np
 from fieldcalib._types import Array, BoolArray
 from fieldcalib.assess.ground import pixels_of_points
 from fieldcalib.fields.field import Field
-from fieldcalib.fields.segments import Arc, Line
 from fieldcalib.problem.projection import Projection
 
 RelativeTo: TypeAlias = Literal["markings in view", "centre mark"]
@@ -60,32 +59,17 @@ def _places(field: Field) -> _Places:
     for (label, segment), motion in zip(field.items(), field.motion, strict=True):
         if label in field.half_labels or field.paint_of(label).width == 0.0:
             continue
-        if isinstance(segment, Line):
-            start, end = np.array(segment.start), np.array(segment.end)
-            length = float(np.linalg.norm(end - start))
-            share = _middles(length)[:, None]
-            X.append(start + share * (end - start))
-            along = np.broadcast_to((end - start)[:2] / length, (len(share), 2))
-            moved = (1.0 - share[..., None]) * motion[0, :2] + share[..., None] * motion[1, :2]
-        elif isinstance(segment, Arc):
-            turn = segment.stop - segment.start
-            length = segment.radius * abs(turn)
-            phi = (segment.start + _middles(length) * turn)[:, None]
-            X.append(segment.center + segment.radius * (np.cos(phi) * segment.u + np.sin(phi) * segment.v))
-            along = (np.cos(phi) * segment.v - np.sin(phi) * segment.u)[:, :2]
-            moved = np.broadcast_to(motion[0, :2], (len(phi), 2, 2))
-        else:
+        parts = segment.parts(SPACING)
+        if parts is None:
             continue
+        share = parts.share[:, None, None]
+        moved = (1.0 - share) * motion[0, :2] + share * motion[1, :2]
+        along = parts.along[:, :2]
+        X.append(parts.X)
         across = np.eye(2) - along[:, :, None] * along[:, None, :]  # for a post both directions
-        normal.append(length / len(moved) * across)
+        normal.append(parts.length / len(moved) * across)
         moving.append(normal[-1] @ moved)
     return _Places(np.concatenate(X), *(np.concatenate(one).reshape(-1, 4) for one in (normal, moving)))
-
-
-def _middles(length: float) -> Array:
-    """Middles of equal parts of a marking, as shares of its length; the parts are no longer than `SPACING`."""
-    count = int(np.ceil(length / SPACING))
-    return (np.arange(count) + 0.5) / count
 
 
 def motion_in_view(projection: Projection, field: Field) -> Array:

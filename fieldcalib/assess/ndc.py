@@ -21,7 +21,7 @@ import numpy as np
 
 from fieldcalib._types import Array, IntArray
 from fieldcalib.fields.field import Field
-from fieldcalib.fields.segments import Arc, Line, ObjectSegments, PointCloud, Segment
+from fieldcalib.fields.segments import ObjectSegments, PointCloud, Segment
 from fieldcalib.geometry.camera import Camera
 from fieldcalib.geometry.lens import common_lens
 from fieldcalib.problem.labelled_pixels import Pixels, split_circles
@@ -86,7 +86,7 @@ def ndc_losses(
     labels = [(t, object_segments[label], xy) for t, frame in enumerate(split) for label, xy in frame.items()]
     total, count = np.zeros(T), np.zeros(T)
     for is_line, distances in ((True, _line_distances), (False, _cloud_distances)):
-        some = [label for label in labels if isinstance(label[1], Line) == is_line]
+        some = [label for label in labels if label[1].is_straight == is_line]
         if not some:
             continue
         seen = _Labels.of(some, theta, layout)
@@ -151,12 +151,7 @@ def cloud(segment: Segment) -> PointCloud:
     array([[-36.  ,  -7.31,   0.  ],
            [-36.  ,   7.31,   0.  ]])
     """
-    if isinstance(segment, Arc):
-        phi = np.linspace(segment.start, segment.stop, CLOUD_SAMPLES)[:, None]
-        X = segment.center + segment.radius * (np.cos(phi) * segment.u + np.sin(phi) * segment.v)
-    else:
-        X = segment.sample()
-    return PointCloud(tuple(map(tuple, X.tolist())))
+    return PointCloud(tuple(map(tuple, segment.samples(CLOUD_SAMPLES).tolist())))
 
 
 @lru_cache(maxsize=64)
@@ -167,9 +162,9 @@ def _samples(segment: Segment) -> Array:
 
 def _line_distances(seen: _Labels) -> Array:
     """NDC distance (P,) of pixels to infinite lines."""
-    ends = np.array([(line.start, line.end) for line in seen.segments if isinstance(line, Line)])
-    ax, ay, az = seen.cameras.points(ends[:, :1])[..., 0]
-    dx, dy, dz = seen.cameras.directions(ends[:, 1:] - ends[:, :1])[..., 0]
+    lines = np.array([line.vectors for line in seen.segments])
+    ax, ay, az = seen.cameras.points(lines[:, :1])[..., 0]
+    dx, dy, dz = seen.cameras.directions(lines[:, 1:])[..., 0]
     image_lines = np.array([ay * dz - az * dy, az * dx - ax * dz, ax * dy - ay * dx])
     image_lines /= np.hypot(*(image_lines[:2] * seen.half_size[:, None])) + TINY
     lx, ly, lz = image_lines[:, seen.pair]

@@ -11,7 +11,7 @@ from fieldcalib._types import BoolArray
 from fieldcalib.assess.observability import OPEN_DIRECTION, Direction
 from fieldcalib.assess.result import Status
 from fieldcalib.fields.field import Field
-from fieldcalib.fields.segments import Arc, EndRows, Line, ObjectSegments, PointRows
+from fieldcalib.fields.segments import EndRows, ObjectSegments, PointRows
 from fieldcalib.geometry.rotation import angles_from_rotation, rotation_from_angles
 from fieldcalib.problem.evaluation import Evaluation
 from fieldcalib.problem.labelled_pixels import Pixels
@@ -175,19 +175,19 @@ def constraints(object_segments: ObjectSegments, frame: Pixels) -> int:
 def degeneracy(object_segments: ObjectSegments, frame: Pixels) -> str | None:
     """Reason why the labels cannot determine a camera: parallel lines, lines through one point, or one circle."""
     segments = [object_segments[label] for label in frame]
-    lines = [segment for segment in segments if isinstance(segment, Line)]
-    if not lines or len(lines) < len(segments):
-        circles = {segment.center if isinstance(segment, Arc) else None for segment in segments}
-        alike = "only one circle is labelled, and it looks alike from all sides: any line would help"
-        return alike if len(circles) == 1 and None not in circles else None
-    directions = np.array([np.subtract(line.end, line.start) for line in lines])
-    directions /= np.linalg.norm(directions, axis=1, keepdims=True)
+    circles = {one.middle_of_curvature if one.is_arc else None for one in segments}
+    if len(circles) == 1 and None not in circles:
+        return "only one circle is labelled, and it looks alike from all sides: any line would help"
+    if not segments or not all(segment.is_straight for segment in segments):
+        return None
+    starts, directions = np.moveaxis(np.array([line.vectors for line in segments]), 1, 0)
+    directions = directions / np.linalg.norm(directions, axis=1, keepdims=True)
     if np.linalg.matrix_rank(directions, tol=1e-6) == 1:
         return "all labelled lines are parallel: one line across them would help"
     # X is on every line where (I - d d^T)(X - start) = 0
     offsets = [np.eye(3) - np.outer(d, d) for d in directions]
     A = np.concatenate(offsets)
-    b = np.concatenate([offset @ line.start for offset, line in zip(offsets, lines, strict=True)])
+    b = np.concatenate([offset @ start for offset, start in zip(offsets, starts, strict=True)])
     X, *_ = np.linalg.lstsq(A, b, rcond=None)
     if np.abs(A @ X - b).max() < 1e-6:
         return "all labelled lines meet in one point: one line that misses it would help"

@@ -18,9 +18,8 @@ from fieldcalib.console.arguments import add_labels, add_limits, folder_name
 from fieldcalib.console.field_options import add_sized_field
 from fieldcalib.console.inputs import add_inputs
 from fieldcalib.console.network import NetworkOptions, add_network, load_network, network_in_process
-from fieldcalib.fields.segments import Arc
 from fieldcalib.io.annotation_files import ONE_IMAGE
-from fieldcalib.io.annotations import Annotation, names_of, order_along, renamed
+from fieldcalib.io.annotations import Annotation, names_of, renamed
 from fieldcalib.io.files import FrameFile, write_text
 from fieldcalib.io.formats import ANNOTATIONS, OTHER_ANNOTATIONS, VIDEOS
 from fieldcalib.io.image import Image
@@ -181,9 +180,7 @@ class FromImages:
     def _paths(self, found: Localization) -> Pixels:
         """The pixels of each segment, by its name, in their order along it: other tools draw lines between them."""
         field = self.network_options.field
-        return {
-            self.names[label]: xy[order_along(xy, isinstance(field[label], Arc))] for label, xy in found.pixels.items()
-        }
+        return {self.names[label]: xy[field[label].order(xy)] for label, xy in found.pixels.items()}
 
 
 def _seen_from(folder: Path, image: Path) -> str:

@@ -15,7 +15,7 @@ import numpy as np
 
 from fieldcalib._types import Array, BoolArray, Float32, IntArray
 from fieldcalib.fields.field import Field
-from fieldcalib.fields.segments import Arc, Line, Point, PointCloud, Segment, outwards
+from fieldcalib.fields.segments import Arc, Segment, outwards
 from fieldcalib.fields.soccer import GOAL_AREA_DEPTH
 from fieldcalib.fields.traits import Paint
 from fieldcalib.geometry.camera import Camera
@@ -176,21 +176,18 @@ def _strokes(segment: Segment, paint: Paint, field: Field, least: float) -> Iter
     if dashes is not None:  # the least length too, but for gaps
         dash = max(dashes[0], min(least, 0.5 * sum(dashes)))
         dashes = dash, sum(dashes) - dash
-    match segment:
-        case Point():
-            yield _Ring(paint.colour, Arc(segment.X, 1e-3), half)
-        case Arc():
-            yield _Ring(paint.colour, replace(segment, radius=segment.radius + paint.outwards), half, dashes)
-        case Line() | PointCloud(ordered=True):
-            X = np.array([segment.start, segment.end]) if isinstance(segment, Line) else smooth_curve(segment.X)
-            ends = X[:, :2]
-            lengths = np.hypot(*np.diff(ends, axis=0).T)
-            begins = np.cumsum(lengths) - lengths - 0.5 * lengths.sum()  # from the middle of the segment
-            moves = paint.outwards * outwards(segment, 0.5 * (X[:-1] + X[1:]), np.diff(X, axis=0))[:, :2]
-            if paint.outwards:
-                cap = paint.outwards + half  # a border closes its corners
-            for start, end, move, begin in zip(ends[:-1], ends[1:], moves, begins, strict=True):
-                yield _Straight(paint.colour, start + move, end + move, half, cap, begin, dashes)
+    if (ring := segment.ring) is not None:
+        yield _Ring(paint.colour, replace(ring, radius=ring.radius + paint.outwards), half, dashes)
+    elif segment.is_curve:
+        X = segment.corners()
+        ends = X[:, :2]
+        lengths = np.hypot(*np.diff(ends, axis=0).T)
+        begins = np.cumsum(lengths) - lengths - 0.5 * lengths.sum()  # from the middle of the segment
+        moves = paint.outwards * outwards(segment, 0.5 * (X[:-1] + X[1:]), np.diff(X, axis=0))[:, :2]
+        if paint.outwards:
+            cap = paint.outwards + half  # a border closes its corners
+        for start, end, move, begin in zip(ends[:-1], ends[1:], moves, begins, strict=True):
+            yield _Straight(paint.colour, start + move, end + move, half, cap, begin, dashes)
 
 
 @dataclass(frozen=True)
@@ -278,19 +275,3 @@ def _dashed(place: Float32, dashes: tuple[float, float], pixel_size: Float32) ->
 
     share = (up_to(place + 0.5 * pixel_size) - up_to(place - 0.5 * pixel_size)) / pixel_size
     return np.asarray(share, np.float32)
-
-
-def smooth_curve(X: Array) -> Array:
-    """Points on the curve of an ordered cloud: parabolas through each three neighbours, blended."""
-    middle = np.clip(np.arange(len(X)), 1, len(X) - 2)
-    t = np.linspace(0.0, 1.0, 9)[:-1, None, None]
-
-    def parabola(index: IntArray, s: Array) -> Array:
-        m = middle[index]
-        s = s + (index - m)[:, None]
-        before, at, after = X[m - 1], X[m], X[m + 1]
-        return np.asarray(at + s * (after - before) / 2.0 + s * s * (after - 2.0 * at + before) / 2.0)
-
-    start = np.arange(len(X) - 1)
-    pieces = (1.0 - t) * parabola(start, t) + t * parabola(start + 1, t - 1.0)
-    return np.concatenate([pieces.swapaxes(0, 1).reshape(-1, 3), X[-1:]])

@@ -17,7 +17,7 @@ from fieldcalib.draw.ground import Colour
 from fieldcalib.draw.minimap import DARK, add_minimap
 from fieldcalib.draw.scene import SHIFT, dashes, draw_dot, fixed_point, image_curves
 from fieldcalib.fields.field import Field
-from fieldcalib.fields.segments import ObjectSegments, PointCloud
+from fieldcalib.fields.segments import ObjectSegments
 from fieldcalib.geometry.camera import Camera
 from fieldcalib.geometry.rational import RationalCamera
 from fieldcalib.io.image import Image, checked_image
@@ -108,8 +108,8 @@ def draw_field(
     ]
     for label in sorted(object_segments, key=rows.__contains__, reverse=True):  # lines over rows
         segment, shade = object_segments[label], colours.get(label, dark if label in rows else colour)
-        if isinstance(segment, PointCloud) and not segment.ordered:
-            for xy in camera.project(segment.X):
+        if not (segment.is_curve or segment.is_point):
+            for xy in camera.project(segment.sample()):
                 draw_dot(picture, xy, float(thickness), shade)
         else:
             curves = list(image_curves(camera, segment))

@@ -14,9 +14,9 @@ from numpy.typing import NDArray
 from fieldcalib._types import Array
 from fieldcalib._types import Float32 as Float32  # re-exported
 from fieldcalib.draw.ground import Colour as Colour  # re-exported
-from fieldcalib.draw.ground import Ground, add_paint, bgr, mix, rays, smooth_curve, surface
+from fieldcalib.draw.ground import Ground, add_paint, bgr, mix, rays, surface
 from fieldcalib.fields.field import Field
-from fieldcalib.fields.segments import Line, Point, PointCloud, Segment
+from fieldcalib.fields.segments import Line, Segment
 from fieldcalib.geometry.camera import Camera
 from fieldcalib.geometry.rational import RationalCamera
 from fieldcalib.io.image import Image as Image  # re-exported: the type of the pictures made here
@@ -130,7 +130,7 @@ def _add_goals(picture: Float32, camera: Camera, field: Field, width: float) -> 
     if not raised:
         return
     highest = min(s.sample()[:, 2].min() for s in raised.values())
-    crossbars = [s for label, s in raised.items() if isinstance(s, Line) and _is_crossbar(label, s, highest)]
+    crossbars = [s for label, s in raised.items() if _is_crossbar(label, s, highest)]
     nets = [curve for bar in crossbars for strand in _net(bar) for curve in image_curves(camera, strand)]
     if nets:
         mix(picture, WHITE, 0.8 * _coverage(camera.image_size, nets, filled=False))
@@ -149,14 +149,15 @@ def _add_goals(picture: Float32, camera: Camera, field: Field, width: float) -> 
         mix(picture, bgr(colour), _coverage(camera.image_size, shapes, filled=True))
 
 
-def _is_crossbar(label: str, segment: Line, highest: float) -> bool:
+def _is_crossbar(label: str, segment: Segment, highest: float) -> bool:
     """Whether it is the crossbar of a goal as in soccer, the highest of what stands there."""
-    return "crossbar" in label and segment.start[2] == segment.end[2] and segment.start[2] <= highest + 0.2
+    start, end = segment.anchors
+    return "crossbar" in label and segment.is_straight and start[2] == end[2] and bool(start[2] <= highest + 0.2)
 
 
-def _net(crossbar: Line) -> Iterator[Line]:
+def _net(crossbar: Segment) -> Iterator[Line]:
     """Strands of a net behind a crossbar: 1 m deep at the top and 2 m on the ground."""
-    start, end = np.array(crossbar.start), np.array(crossbar.end)
+    start, end = crossbar.anchors
     back = np.cross(end - start, (0.0, 0.0, 1.0))
     back *= np.copysign(1.0, back @ start) / np.linalg.norm(back)  # away from the middle of the field
     down = np.array([0.0, 0.0, -start[2]])
@@ -198,9 +199,9 @@ def image_curves(camera: Camera | RationalCamera, segment: Segment) -> Iterator[
     """The visible parts of a projected segment as polylines (N, 2), within 0.1 px of the curve."""
     import cv2
 
-    if isinstance(segment, Point):
+    if segment.is_point:
         return
-    X = smooth_curve(segment.X) if isinstance(segment, PointCloud) else segment.sample(SAMPLE_SPACING)
+    X = segment.polyline(SAMPLE_SPACING)
     xy = camera.project(X)
     # OpenCV's coordinates are 32-bit integers; points near the camera's plane may exceed them
     drawable = (camera.depth(X) >= NEAR_PLANE) & np.all(np.abs(xy) < 1e6, axis=-1)

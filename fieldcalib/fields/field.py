@@ -19,7 +19,7 @@ from typing import Any, TypeVar
 import numpy as np
 
 from fieldcalib._types import Array
-from fieldcalib.fields.segments import Arc, Line, Point, Segment, boxes, check_members
+from fieldcalib.fields.segments import Point, Segment, boxes, check_members
 from fieldcalib.fields.stands import DISTRIBUTIONS, CameraDistribution
 from fieldcalib.fields.traits import SURFACES, UNPAINTED, Halves, LineLook, Paint, ProbabilityModel, SizePrior
 
@@ -191,7 +191,7 @@ class Field(Mapping[str, Segment]):
         """
         segment, paint = self[label], self.paint.get(label.strip())
         if paint is None:
-            paint = UNPAINTED if isinstance(segment, Point) else Paint()
+            paint = UNPAINTED if segment.is_point else Paint()
         return replace(paint, width=self.lines.width) if paint.width is None else paint
 
     @cached_property
@@ -253,7 +253,7 @@ class Field(Mapping[str, Segment]):
     @cached_property
     def markings(self) -> Mapping[str, Segment]:
         """Everything that is painted or stands on the field: lines, posts, crossbars, arcs; without the points."""
-        return MappingProxyType({name: s for name, s in self.segments.items() if not isinstance(s, Point)})
+        return MappingProxyType({name: s for name, s in self.segments.items() if not s.is_point})
 
     @cached_property
     def half_labels(self) -> frozenset[str]:
@@ -301,9 +301,9 @@ class Field(Mapping[str, Segment]):
         along = {
             label
             for label, segment in self.items()
-            if isinstance(segment, Line)
-            and segment.start[1:] == segment.end[1:]
-            and abs(segment.end[0] - segment.start[0]) >= 2.0 * step
+            if segment.is_straight
+            for _, (x, y, z) in [segment.vectors]
+            if y == z == 0.0 and abs(x) >= 2.0 * step
         }
         left, right = (frozenset(along | self._counterparts(move=(x, 0.0, 0.0)).keys()) for x in (-step, step))
         return left, right
@@ -335,14 +335,8 @@ class Field(Mapping[str, Segment]):
         >>> sorted(soccer().self_symmetric)[:3]
         ['CENTER_MARK', 'Circle central', 'Circle central left']
         """
-
-        def is_same(segment: Segment, other: Segment) -> bool:
-            if isinstance(segment, Arc) and isinstance(other, Arc):
-                return segment.center == other.center and segment.radius == other.radius
-            return segment == other
-
         pairs = self.symmetric.items()
-        return frozenset(label for label, other in pairs if is_same(self.segments[label], self.segments[other]))
+        return frozenset(label for label, other in pairs if self.segments[label].whole == self.segments[other].whole)
 
     def with_segments(self, extra: Mapping[str, Segment]) -> Field:
         """The field with more segments: points of one's own, say, that are still points of a field.
@@ -411,7 +405,9 @@ class Field(Mapping[str, Segment]):
         array([0.5, 0.5])
         """
         sizes = ((self.length, self.width), (self.length + 1.0, self.width), (self.length, self.width + 1.0))
-        here, longer, wider = (np.array([_ends(segment) for segment in self.resized(*size).values()]) for size in sizes)
+        here, longer, wider = (
+            np.array([segment.anchors for segment in self.resized(*size).values()]) for size in sizes
+        )
         return np.stack([longer - here, wider - here], axis=-1)
 
 
@@ -419,16 +415,3 @@ class Field(Mapping[str, Segment]):
 def built(build: Callable[[float, float], Field], length: float, width: float, size_known: bool) -> Field:
     """The field of a size; fields do not change, so that those of one size are one."""
     return replace(build(length, width), size_known=size_known)
-
-
-def _ends(segment: Segment) -> Array:
-    """Start and end of a segment, (2, 3)."""
-    match segment:
-        case Line(start, end):
-            return np.array([start, end])
-        case Arc(center):
-            return np.array([center, center])
-        case Point(X):
-            return np.array([X, X])
-        case _:
-            return np.zeros((2, 3))

@@ -9,7 +9,7 @@ import numpy as np
 
 from fieldcalib._types import Array, BoolArray, IntArray
 from fieldcalib.fields.field import Field
-from fieldcalib.fields.segments import Arc, ObjectSegments, Point, PointCloud, Segment, outwards
+from fieldcalib.fields.segments import ObjectSegments, outwards
 from fieldcalib.fields.stands import SOCCER_SCALE
 from fieldcalib.fields.traits import LineLook, Paint
 
@@ -49,11 +49,11 @@ class Markings:
         if isinstance(object_segments, Field):
             look, scale = object_segments.lines, object_segments.scale
             paint_of = object_segments.paint_of
-        whole = {_circle(segment) for segment in object_segments.values() if _is_whole(segment)}
+        whole = {segment.whole for segment in object_segments.values() if segment.is_whole}
         markings = {
             label: segment
             for label, segment in object_segments.items()
-            if _is_curve(segment) and (_is_whole(segment) or _circle(segment) not in whole)
+            if segment.is_curve and (segment.is_whole or segment.whole not in whole)
         }
         paint = {label: paint_of(label) for label in markings}
         markings = {label: segment for label, segment in markings.items() if paint[label].is_along}
@@ -73,7 +73,7 @@ class Markings:
             np.repeat(np.array([not np.any(X[:, 2]) for X in points], dtype=bool), counts),
             np.repeat(np.array([paint[label].width for label in markings], dtype=float), counts),
             inwards,
-            np.array([isinstance(segment, Arc) for segment in markings.values()], dtype=bool),
+            np.array([segment.is_arc for segment in markings.values()], dtype=bool),
             look,
         )
 
@@ -85,15 +85,3 @@ def _along(member: IntArray, X: Array) -> Array:
     before, after = (np.where(member[at] == member, at, index) for at in (before, after))
     d = X[after] - X[before]
     return np.asarray(d / np.linalg.norm(d, axis=1, keepdims=True))
-
-
-def _is_curve(segment: Segment) -> bool:
-    return not isinstance(segment, Point) and (not isinstance(segment, PointCloud) or segment.ordered)
-
-
-def _circle(segment: Segment) -> tuple[object, ...] | None:
-    return (segment.center, segment.radius, segment.u, segment.v) if isinstance(segment, Arc) else None
-
-
-def _is_whole(segment: Segment) -> bool:
-    return isinstance(segment, Arc) and abs(segment.stop - segment.start) >= 2.0 * np.pi

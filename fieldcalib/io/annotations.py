@@ -10,7 +10,7 @@ from typing import Any, NamedTuple, TypeAlias
 
 import numpy as np
 
-from fieldcalib._types import Array, IntArray
+from fieldcalib._types import Array
 from fieldcalib.io.files import LONGEST_ID, BrokenFileError
 from fieldcalib.problem.labelled_pixels import Pixels
 
@@ -275,20 +275,3 @@ def to_be_written(annotation: Annotation) -> Written:
 def _short(value: Any) -> str:
     text = "nothing" if value is None else repr(value)
     return text if len(text) <= 60 else text[:57] + "..."
-
-
-def order_along(xy: Array, is_arc: bool) -> IntArray:
-    """Order of pixels along a line or an arc: indices from one end to the other.
-
-    Examples
-    --------
-    >>> order_along(np.array([(0.0, 0.0), (2.0, 2.0), (1.0, 1.0)]), False).tolist() in ([0, 2, 1], [1, 2, 0])
-    True
-    """
-    offset = xy - xy.mean(axis=0)
-    if not is_arc:
-        return np.argsort(offset @ np.linalg.svd(offset, full_matrices=False)[2][0], kind="stable")
-    angle = np.arctan2(offset[:, 1], offset[:, 0])
-    order = np.argsort(angle, kind="stable")
-    gaps = np.diff(angle[order], append=angle[order[0]] + 2.0 * np.pi)
-    return np.roll(order, -int(np.argmax(gaps)) - 1)

@@ -165,7 +165,7 @@ def point_field(model: str | Sequence[str | None], field: Field | None = None) -
         unknown = [name for name in model if name is not None and name not in field]
         if unknown:
             raise ValueError(f"the field has no point {unknown[0]!r}: names are those of `field.points`")
-        lines = [name for name in model if name is not None and not isinstance(field[name], Point)]
+        lines = [name for name in model if name is not None and not field[name].is_point]
         if lines:
             raise ValueError(f"{lines[0]!r} is no point of the field")
         return field

@@ -14,7 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from fieldcalib._types import Array, BoolArray, Float32, IntArray
-from fieldcalib.fields.segments import Arc, ObjectSegments
+from fieldcalib.fields.segments import ObjectSegments
 from fieldcalib.localize.grid import BACKGROUND, Localization, check_classes, image_from_grid
 from fieldcalib.localize.rulers import EllipseRuler, Ruler, StraightRuler
 
@@ -75,7 +75,7 @@ def ridge_points(
     check_classes(probability, classes, object_segments)
     grid_size = probability.shape[2], probability.shape[1]
     bands = _chains(_bands(probability, classes))
-    is_arc = [isinstance(object_segments[classes[k]], Arc) for k in bands.classes]
+    is_arc = [object_segments[classes[k]].is_arc for k in bands.classes]
     lines = _lines(bands)
     seen = np.unique(bands.member).tolist()
     arcs = {k: _arc(bands.xy[bands.of(k)], bands.p[bands.of(k)]) for k in seen if is_arc[k]}

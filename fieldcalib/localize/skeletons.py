@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from fieldcalib._types import Array, Float32, IntArray
-from fieldcalib.fields.segments import Arc, ObjectSegments
+from fieldcalib.fields.segments import ObjectSegments
 from fieldcalib.localize.grid import BACKGROUND, Localization, check_classes, image_from_grid
 from fieldcalib.problem.labelled_pixels import split_circles
 
@@ -65,7 +65,7 @@ def skeleton_points(
         if label == BACKGROUND or np.sum(mask) < LEAST_PIXELS:
             continue
         xy = np.argwhere(skeletonize(mask))[:, ::-1].astype(float)  # type: ignore[no-untyped-call]
-        chosen = _spread(xy) if isinstance(object_segments[label], Arc) else _from_end_to_end(xy)
+        chosen = _spread(xy) if object_segments[label].is_arc else _from_end_to_end(xy)
         pixels[label] = image_from_grid(xy[chosen], (width, height), image_size)
     pixels = split_circles(object_segments, pixels, image_size)
     return Localization(pixels, {label: np.ones(len(xy)) for label, xy in pixels.items()})

@@ -13,7 +13,7 @@ from typing import NamedTuple
 import numpy as np
 
 from fieldcalib._types import Array, BoolArray, IntArray
-from fieldcalib.fields.segments import Arc, Line, Segment
+from fieldcalib.fields.segments import Segment
 from fieldcalib.metrics.views import Prediction, project_as_soccernet
 
 LINE_SPACING, CIRCLE_SPACING = 0.9, 0.2  # m, as in SoccerNet's evaluation
@@ -38,24 +38,8 @@ def sample_segments(segments: Mapping[str, Segment]) -> Samples:
     >>> sample_segments({"post": Line((0, 0, -2.44), (0, 0, 0))}).X[:, 2].round(2) + 0.0
     array([-2.44, -1.54,  0.  ])
     """
-    X = [_sample(segment) for segment in segments.values()]
+    X = [segment.evaluated(LINE_SPACING, CIRCLE_SPACING) for segment in segments.values()]
     return Samples(np.concatenate(X), np.repeat(np.arange(len(X)), [len(points) for points in X]))
-
-
-def _sample(segment: Segment) -> Array:
-    match segment:
-        case Line(start, end):
-            direction = np.subtract(end, start)
-            length = float(np.linalg.norm(direction))
-            steps = np.arange(int(length / LINE_SPACING - 1.0) + 1)[:, None] * LINE_SPACING
-            return np.concatenate([start + steps * direction / length, [end]])
-        case Arc(center, radius, start, stop, u, v):
-            count = int(radius * abs(stop - start) / CIRCLE_SPACING)
-            phi = start + np.arange(count + 1) * np.copysign(CIRCLE_SPACING / radius, stop - start)
-            closed = np.isclose(abs(stop - start), 2.0 * np.pi)
-            phi = (phi[:-1] if closed else np.append(phi, stop))[:, None]
-            return np.asarray(center + radius * (np.cos(phi) * u + np.sin(phi) * v))
-    return segment.sample(CIRCLE_SPACING)
 
 
 @dataclass(frozen=True)

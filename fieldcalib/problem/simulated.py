@@ -8,7 +8,6 @@ import numpy as np
 
 from fieldcalib._types import Array, BoolArray
 from fieldcalib.fields.field import Field
-from fieldcalib.fields.segments import Arc
 from fieldcalib.geometry.camera import Camera
 from fieldcalib.geometry.lens import RadialLens
 from fieldcalib.problem.labelled_pixels import Pixels
@@ -87,7 +86,7 @@ def observe(
         xy = xy[_inside(xy, margin, camera.image_size)]
         if label in field.half_labels or not len(xy) or np.max(np.ptp(xy, axis=0)) < SHORTEST_SEGMENT:
             continue
-        if isinstance(segment, Arc):
+        if segment.is_arc:
             share = (np.arange(PIXELS_PER_CIRCLE) + 0.5) / PIXELS_PER_CIRCLE  # a circle has no ends
         else:
             share = np.linspace(0.0, 1.0, rng.integers(*pixels_per_line, endpoint=True))

@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike
 from fieldcalib._types import Array, IntArray
 from fieldcalib.assess.result import Calibration, Status
 from fieldcalib.fields.field import Field
-from fieldcalib.fields.segments import Line, ObjectSegments
+from fieldcalib.fields.segments import ObjectSegments
 from fieldcalib.geometry.camera import Camera
 from fieldcalib.problem.labelled_pixels import (
     ImageSegments,
@@ -252,7 +252,7 @@ def _chunks(object_segments: ObjectSegments, frames: Sequence[Pixels]) -> Iterat
     """Indices of the frames that have pixels, frames with like numbers of pixels together: less padding."""
 
     def counts(frame: Pixels) -> tuple[int, int]:
-        lines = sum(len(xy) for label, xy in frame.items() if isinstance(object_segments[label], Line))
+        lines = sum(len(xy) for label, xy in frame.items() if object_segments[label].is_straight)
         return lines, sum(len(xy) for xy in frame.values()) - lines
 
     lines, others = np.array([counts(frame) for frame in frames], dtype=np.intp).reshape(-1, 2).T

@@ -11,7 +11,7 @@ from dataclasses import replace
 import numpy as np
 
 from fieldcalib.assess.result import Calibration
-from fieldcalib.fields.segments import ObjectSegments, Point, Segment
+from fieldcalib.fields.segments import ObjectSegments, Segment
 from fieldcalib.geometry.camera import Camera
 from fieldcalib.problem.labelled_pixels import Pixels
 
@@ -62,7 +62,7 @@ def other_border(
     ends = {
         label: xy[np.argmax(xy[:, 0])]
         for label, xy in frame.items()
-        if len(xy) and not isinstance(object_segments[label], Point) and np.ptp(xy[:, 0]) > AWAY * width  # no posts
+        if len(xy) and not object_segments[label].is_point and np.ptp(xy[:, 0]) > AWAY * width  # no posts
     }
     if camera is None or not ends:
         return None

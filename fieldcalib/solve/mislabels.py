@@ -28,7 +28,7 @@ from fieldcalib._types import Array, BoolArray, IntArray
 from fieldcalib.assess.result import SuspectLabel
 from fieldcalib.assess.verdict import disagreement, implausibilities
 from fieldcalib.fields.field import Field
-from fieldcalib.fields.segments import ObjectSegments, Point, boxes
+from fieldcalib.fields.segments import ObjectSegments, boxes
 from fieldcalib.problem.evaluation import Evaluation, Problem, evaluate
 from fieldcalib.problem.labelled_pixels import Pixels, PixelWeights
 from fieldcalib.problem.levenberg_marquardt import levenberg_marquardt
@@ -173,7 +173,7 @@ class _Costs:
     def of(cls, object_segments: ObjectSegments, evaluation: Evaluation, options: Options) -> _Costs:
         """Costs under the loss and the noise of a problem."""
         problem = evaluation.problem
-        is_point = np.array([isinstance(segment, Point) for segment in object_segments.values()])
+        is_point = np.array([segment.is_point for segment in object_segments.values()])
         others = np.where(is_point, np.sum(is_point), np.sum(~is_point)) - 1
         rho, _ = problem.loss.evaluate(np.array(options.wide_loss.scale**2))
         missed = LOG_ODDS + 0.5 * float(rho) / problem.noise**2
@@ -354,8 +354,8 @@ class _Search:
             name = labels[index]
             xy = self.frames[t][name]
             xy = xy[np.linspace(0, len(xy) - 1, min(len(xy), PIXELS)).round().astype(int)]
-            kind = isinstance(object_segments[name], Point)
-            others = (a for a in labels if a != name and isinstance(object_segments[a], Point) == kind)
+            kind = object_segments[name].is_point
+            others = (a for a in labels if a != name and object_segments[a].is_point == kind)
             as_all_others.append(dict.fromkeys(others, xy))
         packed = pack(object_segments, as_all_others, observations.image_size, motion=observations.motion)
         problem = replace(evaluation.problem, observations=packed.take(which.ravel()))

@@ -119,9 +119,19 @@ class Arc(Segment):
         return np.array([self.center, np.multiply(self.radius, self.u), np.multiply(self.radius, self.v)])
 
     @property
-    def whole(self) -> tuple[Vector, float, Vector, Vector]:
-        """The circle that it is a part of."""
-        return self.center, self.radius, self.u, self.v
+    def anchors(self) -> Array:
+        """The centre twice, (2, 3)."""
+        return np.array([self.center, self.center])
+
+    @property
+    def ring(self) -> Arc:
+        """Itself."""
+        return self
+
+    @property
+    def whole(self) -> tuple[Vector, float]:
+        """Centre and radius of the circle that it is a part of."""
+        return self.center, self.radius
 
     @property
     def is_whole(self) -> bool:

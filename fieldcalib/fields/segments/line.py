@@ -115,9 +115,14 @@ class Line(Segment):
         """The line with its coordinates multiplied by signs."""
         return Line(mirrored(self.start, signs), mirrored(self.end, signs))
 
-    def corners(self) -> Array:
-        """Both ends, (2, 3)."""
+    @property
+    def anchors(self) -> Array:
+        """Start and end, (2, 3)."""
         return np.array([self.start, self.end])
+
+    def corners(self) -> Array:
+        """Start and end, (2, 3)."""
+        return self.anchors
 
     def evaluated(self, straight: float, bent: float) -> Array:
         """Points every `straight` metres from the start on, with a longer last piece, (N, 3)."""

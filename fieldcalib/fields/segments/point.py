@@ -7,9 +7,12 @@ from dataclasses import dataclass
 import numpy as np
 
 from fieldcalib._types import Array
+from fieldcalib.fields.segments.arc import Arc
 from fieldcalib.fields.segments.closest import ClosestPoints, View, at_points
 from fieldcalib.fields.segments.rows import Rows
 from fieldcalib.fields.segments.segment import Segment, Vector, mirrored, vector
+
+RING = 1e-3  # m: radius of the circle that is painted for a point
 
 
 class PointRows(Rows):
@@ -54,6 +57,16 @@ class Point(Segment):
     def vectors(self) -> Array:
         """X, (1, 3)."""
         return np.array([self.X])
+
+    @property
+    def anchors(self) -> Array:
+        """X twice, (2, 3)."""
+        return np.array([self.X, self.X])
+
+    @property
+    def ring(self) -> Arc:
+        """A small circle around it."""
+        return Arc(self.X, RING)
 
     def equations(self, pixels: int) -> int:
         """Two."""

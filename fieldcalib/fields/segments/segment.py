@@ -5,12 +5,15 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections.abc import Hashable, Iterable
 from dataclasses import dataclass
-from typing import ClassVar, NamedTuple, Self
+from typing import TYPE_CHECKING, ClassVar, NamedTuple, Self
 
 import numpy as np
 
 from fieldcalib._types import Array, IntArray
 from fieldcalib.fields.segments.rows import Rows
+
+if TYPE_CHECKING:
+    from fieldcalib.fields.segments.arc import Arc
 
 Vector = tuple[float, float, float]
 
@@ -64,13 +67,18 @@ class Segment(ABC):
         """The segment with its coordinates multiplied by signs."""
 
     @property
+    def anchors(self) -> Array:
+        """The two places (2, 3) with which it moves as the size of the field changes; zeros if it does not."""
+        return np.zeros((2, 3))
+
+    @property
     def is_curve(self) -> bool:
         """Whether it is a line or a curve, along which something may be painted."""
         return not self.is_point
 
     @property
     def whole(self) -> Hashable:
-        """What pixels are measured against, the same for parts of one circle."""
+        """What it is a part of: the same value for the parts of one circle."""
         return self
 
     @property
@@ -86,6 +94,11 @@ class Segment(ABC):
     def polyline(self, spacing: float) -> Array:
         """Points (N, 3) between which it is drawn straight, at most about `spacing` metres apart where it is bent."""
         return self.sample(spacing)
+
+    @property
+    def ring(self) -> Arc | None:
+        """The arc along which its paint runs; None where that is straight from corner to corner."""
+        return None
 
     def corners(self) -> Array:
         """Points (N, 3) between which its paint is straight."""

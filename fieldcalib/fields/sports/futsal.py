@@ -99,7 +99,7 @@ def futsal(length: float = 40.0, width: float = 20.0, *, size_known: bool = Fals
         stands=stands_beside(40.0, 20.0, away=(4.0, 40.0), up=(1.5, 18.0)),
         farthest_camera=100.0,
         lines=LineLook(width=LINE_WIDTH, ground_difference=np.inf),
-        paint={label: Paint(width=SPOT_DIAMETER) for label, one in segments.items() if isinstance(one, Point)},
+        paint={label: Paint(width=SPOT_DIAMETER) for label, one in segments.items() if one.is_point},
         surface="floor",
         size_model=SizePrior(ALL_MATCHES, INTERNATIONAL_MATCHES, build=futsal, rules="law 1 of futsal"),
         size_known=size_known,

@@ -240,7 +240,7 @@ def _rink(rules: Rules) -> Field:
 
 def _paint(rules: Rules, segments: Mapping[str, Segment]) -> dict[str, Paint]:
     """Red lines but for the blue ones and the centre circle, spots, and the kick plate of the boards."""
-    found = {label: Paint(colour=RED) for label, one in segments.items() if not isinstance(one, Point)}
+    found = {label: Paint(colour=RED) for label, one in segments.items() if not one.is_point}
     found |= {label: UNPAINTED for label in segments if label.endswith("edge")}
     found |= {label: Paint(width=KICK_PLATE, colour=YELLOW) for label in _boards(rules)}
     found |= {label: Paint(width=rules.wide_line, colour=BLUE) for label in ("Blue line left", "Blue line right")}
