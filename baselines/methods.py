@@ -67,11 +67,11 @@ class Dataset:
     predicted: Mapping[str, Pixels] | None
     """Segments that a network found, if there are any."""
     homographies: Mapping[str, Homographies]
-    """From the field to the image, by their source."""
+    """Homographies from the field to the image, by their source."""
     types: Mapping[str, str] | None
     """Camera type of every image in the folder, if known."""
     detections: Sequence[Detections] | None = None
-    """What PnLCalib's networks found, if it is there."""
+    """Detections of PnLCalib's networks, if there are any."""
     pictures: Sequence[Image] | None = None
     """Pictures of the frames, of the data set's size: then methods begin with these."""
 
@@ -179,7 +179,7 @@ class Run:
 
 
 Runs: TypeAlias = Mapping[tuple[str, Segments], Run]
-"""By method and source of the segments."""
+"""Results by method and source of the segments."""
 
 
 def run_methods(dataset: Dataset, field: Field, steps: int, databases: Sequence[Database] = ()) -> Runs:
@@ -283,7 +283,7 @@ def _decompose(homographies: Homographies, dataset: Dataset, zeta: float) -> Run
 
 
 def _timed(what: str, count: int, method: Callable[[], T]) -> tuple[T, float]:
-    """What a method gives of some frames, and its milliseconds per frame."""
+    """Run a method on some frames; returns its result and the milliseconds per frame."""
     print(f"{what}, {count} frames", file=sys.stderr)
     began = time.perf_counter()
     result = method()

@@ -74,7 +74,7 @@ class Measured:
     segments: Segments
     tau: float | None
     values: tuple[float, ...] | None
-    """In the order of COLUMNS; IoU only for homographies where there are annotated ones."""
+    """Values in the order of COLUMNS; IoU only for homographies, if there are annotated ones."""
     published: tuple[float, ...] | None
     milliseconds: float | None
     """Time per frame."""

@@ -22,7 +22,7 @@ The tensors are the paper's, T frames x S segments x N pixels, padded, with a we
 from __future__ import annotations
 
 import argparse
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 
@@ -70,7 +70,6 @@ def calibrate(
     steps: int = STEPS,
     tau: float | None = None,
     distributions: Sequence[str] = ("main center",),
-    progress: Callable[[int], object] | None = None,
 ) -> list[Calibration]:
     """Calibrate many independent frames by the paper's method.
 
@@ -89,8 +88,6 @@ def calibrate(
     distributions : sequence of str
         Keys of `DISTRIBUTIONS` whose means are the initial cameras; the result with the least loss is taken (paper,
         section "Multiple Initialization").
-    progress : callable, optional
-        Called with the number of frames that were completed since the last call.
 
     Returns
     -------
@@ -128,8 +125,6 @@ def calibrate(
         results = _results(field, members, image_size, thetas, losses[best], tau)
         for t, calibration in zip(chunk, results, strict=True):
             calibrations[t] = calibration
-        if progress is not None:
-            progress(len(members))
     return calibrations
 
 
@@ -257,7 +252,7 @@ def _kind(frames: list[list[tuple[Segment, Array]]], pixels: int, image_size: tu
 
 
 def _in_image(xy: Array, image_size: tuple[int, int]) -> BoolArray:
-    """Which pixels the public code keeps: those in the image without its upper edge."""
+    """Mask of the pixels that the public code keeps: those in the image without its upper edge."""
     x, y = xy.T
     width, height = image_size
     return np.asarray((x >= 0.0) & (x < width) & (y > 0.0) & (y < height))
@@ -416,10 +411,10 @@ class _Method:
     tau: float | None
     tries_all: bool
     types: Mapping[str, str]
-    """Of the frames' cameras."""
+    """Types of the frames' cameras."""
 
     def __call__(self, frames: dict[str, Pixels], size: tuple[int, int]) -> list[CalibratedFrame]:
-        of_size = partial(self._calibrated, size=size)
+        of_size = partial(self._calibrate, size=size)
         return [CalibratedFrame(calibration) for calibration in by_prior(frames, self._distributions_of, of_size)]
 
     def _distributions_of(self, id: str) -> tuple[str, ...]:
@@ -428,7 +423,7 @@ class _Method:
         known = DISTRIBUTIONS_OF_TYPE.get(self.types.get(id, ""), ())
         return known if set(known) <= set(DISTRIBUTIONS) and known else (MAIN_CENTER.name,)
 
-    def _calibrated(
+    def _calibrate(
         self, frames: list[Pixels], distributions: tuple[str, ...], size: tuple[int, int]
     ) -> list[Calibration]:
         return calibrate(self.field, frames, size, steps=self.steps, tau=self.tau, distributions=distributions)

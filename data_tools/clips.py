@@ -1,4 +1,4 @@
-"""How well the frames of a clip are calibrated together, by what is withheld.
+"""Errors of clips calibrated together, measured on withheld labels and frames.
 
     python -m data_tools.clips CLIP... [--flow] [--jitter] [--every-third-second] [--halves] [--labels]
         [--masked FIRST LAST]
@@ -29,7 +29,7 @@ import numpy as np
 from data_tools.synthetic.clips import seen_far_away
 from fieldcalib._types import Array, BoolArray
 from fieldcalib.assess.estimate import region_radius
-from fieldcalib.assess.sequence import Basis
+from fieldcalib.assess.frame_table import Basis
 from fieldcalib.assess.video import VideoCalibration
 from fieldcalib.console.program import run_command
 from fieldcalib.fields.soccer import soccer
@@ -153,7 +153,7 @@ class Clip:
 
 
 def _flow(clip: Clip, found: VideoCalibration) -> str:
-    """How far static points are from where the cameras of two frames have them."""
+    """Distances of static points from their places by the cameras of two frames."""
     before: deque[Frame] = deque(maxlen=APART)
     medians: list[float] = []
     for t, image in enumerate(read_ahead(clip.images())):
@@ -207,7 +207,7 @@ def _kept(lines: dict[int, Labels], withheld: Withheld) -> dict[int, Labels]:
 
 
 def _off_field(xy: Array, camera: Camera | None) -> BoolArray:
-    """Which pixels (n, 2) are more than 20 px from what shows the field, where that is masked out."""
+    """Mask of the pixels (n, 2) that are more than 20 px from the field, where the field is masked out."""
     if camera is None:
         return np.ones(len(xy), dtype=bool)
     edge = MASK_EDGE * camera.image_size[0] / UNIT
@@ -219,7 +219,7 @@ def _off_field(xy: Array, camera: Camera | None) -> BoolArray:
 
 
 def _moved(everything: VideoCalibration, found: VideoCalibration, some: BoolArray) -> str:
-    """How far field points in view are from where they are by everything, in some frames."""
+    """Distances of field points in view from their places by the whole clip, in some frames."""
     errors: list[Array] = []
     lost = 0
     for t in np.flatnonzero(some).tolist():

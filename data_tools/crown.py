@@ -51,7 +51,7 @@ def crowned(field: Field, crown: float) -> Field:
 
 
 def crowned_ground(camera: Camera, ray: Float32, field: Field, crown: float) -> Ground:
-    """Where the rays of a camera's pixels meet a crowned ground; NaN for those above the horizon.
+    """Points where the rays of a camera's pixels meet a crowned ground; NaN above the horizon.
 
     Examples
     --------
@@ -74,5 +74,5 @@ def crowned_ground(camera: Camera, ray: Float32, field: Field, crown: float) -> 
 
 
 def _height(y: Array | Float32, field: Field, crown: float) -> Array:
-    """Of the ground at y, metres."""
+    """Height of the ground at y, metres."""
     return crown * share_of_crown(y, field.width)

@@ -60,7 +60,7 @@ def run(options: argparse.Namespace) -> int:
 
 
 def _of_clips(clips: Sequence[tuple[VideoCalibration, list[Camera]]]) -> dict[str, object]:
-    """What is of whole clips."""
+    """Values of whole clips."""
     true = soccer()
     sizes = [
         (abs(tripod.field.length - true.length), abs(tripod.field.width - true.width))

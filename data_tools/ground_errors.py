@@ -1,4 +1,4 @@
-"""Are the standard deviations of ground points honest? Markings that are left out of the calibration say.
+"""Check of the standard deviations of ground points, by markings that are left out of the calibration.
 
     python -m data_tools.ground_errors ANNOTATIONS --size 960x540
 
@@ -29,7 +29,7 @@ from fieldcalib._types import Array
 from fieldcalib.assess.ground_points import locate_on_ground
 from fieldcalib.assess.result import Calibration
 from fieldcalib.assess.uncertainty import Uncertainty
-from fieldcalib.console.arguments import image_size
+from fieldcalib.console.arguments import add_size
 from fieldcalib.console.program import run_command
 from fieldcalib.fields.field import Field
 from fieldcalib.fields.segments import Arc, Line, Segment
@@ -54,7 +54,7 @@ class LeftOut:
     expected: Array
     """Standard deviations of `error`, (N,) metres."""
     distance: Array
-    """To the nearest pixel that was calibrated with, on the ground, (N,) metres."""
+    """Distances on the ground to the nearest pixel used in the calibration, (N,) metres."""
 
 
 def left_out_on_ground(
@@ -118,7 +118,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     """Print one line of JSON for each range of distances."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("annotations", type=Path, help="folder or zip of <id>.json")
-    parser.add_argument("--size", required=True, type=image_size, metavar="WxH", help="of the images, e.g. 960x540")
+    add_size(parser, "of the images, e.g. 960x540", required=True)
     parser.add_argument("--least", type=int, default=LEAST, help=f"smallest number of segments that remain ({LEAST})")
     parser.set_defaults(run=run)
     return run_command(parser.parse_args(arguments))
@@ -135,7 +135,7 @@ def run(options: argparse.Namespace) -> int:
 
 
 def summary(found: Sequence[LeftOut], low: float, high: float) -> dict[str, float | int | None]:
-    """Of the pixels whose distance is in a range: medians in metres, shares within two standard deviations in %."""
+    """Statistics of pixels at distances in a range: medians in metres, shares within two standard deviations in %."""
     kept = [(one, (one.distance >= low) & (one.distance < high)) for one in found]
     values = [np.array([one.error, one.located, one.expected])[:, inside] for one, inside in kept if inside.any()]
     count = {"segments": len(values), "pixels": sum(part.shape[1] for part in values)}

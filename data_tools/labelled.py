@@ -35,7 +35,7 @@ class LabelledFrame:
 
     image: Path
     camera: Camera
-    """Of an image of `SIZE`; the field is that of `soccer()`."""
+    """Camera for an image of `SIZE`; the field is `soccer()`."""
 
     @property
     def clip(self) -> str:

@@ -17,7 +17,7 @@ from pathlib import Path
 import numpy as np
 
 from fieldcalib._types import Array
-from fieldcalib.console.arguments import LENSES, image_size
+from fieldcalib.console.arguments import LENSES, add_size
 from fieldcalib.console.program import run_command
 from fieldcalib.fields.field import Field
 from fieldcalib.fields.soccer import soccer
@@ -82,7 +82,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     """Print one line of JSON for each lens model."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("annotations", type=Path, help="folder or zip of <id>.json")
-    parser.add_argument("--size", required=True, type=image_size, metavar="WxH", help="of the images, e.g. 960x540")
+    add_size(parser, "of the images, e.g. 960x540", required=True)
     parser.add_argument("--free-field-size", action="store_true", help="estimate length and width of the pitch too")
     parser.add_argument("--least", type=int, default=LEAST, help=f"smallest number of segments that remain ({LEAST})")
     parser.set_defaults(run=run)

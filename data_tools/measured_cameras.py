@@ -68,7 +68,7 @@ def observed(
 
 
 def errors(found: Calibration, truth: Camera) -> tuple[float, float]:
-    """Of the focal length, percent, and of the position, metres."""
+    """Errors of the focal length, percent, and of the position, metres."""
     camera = found.uncertainty.camera
     return (
         100.0 * abs(camera.focal_length / truth.focal_length - 1.0),

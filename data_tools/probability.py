@@ -44,7 +44,7 @@ from fieldcalib._types import Array
 from fieldcalib.assess.datum import motion_in_view
 from fieldcalib.assess.probability import ground_in_view, odds_terms
 from fieldcalib.assess.result import Calibration
-from fieldcalib.console.arguments import count, image_size
+from fieldcalib.console.arguments import add_size, count
 from fieldcalib.console.program import run_command
 from fieldcalib.fields.catalogue import FIELDS, field_named
 from fieldcalib.fields.field import Field
@@ -72,7 +72,7 @@ COVERAGES = (100, 98, 95, 90, 80)
 def largest_true_error(
     camera: Camera, truth: Camera, field: Field, pitch: Field | None = None, *, crown: float = 0.0
 ) -> float:
-    """How far a camera takes a point of the field for off, at most, over what is in view; metres.
+    """Largest error on the ground of a camera over the field in view, metres.
 
     It is relative to the markings in view (`fieldcalib.assess.datum`): the camera was calibrated on a field, and what
     the true one sees is a pitch, of another size perhaps, and crowned by so many metres.
@@ -133,7 +133,7 @@ def fitted(features: Array, errors: Array, tolerance: float) -> Array:
 
 
 def reliability(found: Sequence[Calibration], errors: Array, metres: float) -> dict[str, object]:
-    """For each bin of probabilities: how many frames, their mean probability, and the share of them that is right."""
+    """For each bin of probabilities: the number of frames, their mean probability, and the share of right ones."""
     p, right = np.array([c.probability(metres) for c in found]), errors < metres
     rows = []
     for low, high in pairwise(BINS):
@@ -262,7 +262,7 @@ def _part(frame: Pixels, count: int, rng: np.random.Generator) -> Pixels:
 
 
 def _scores(found: Sequence[Calibration]) -> dict[str, Array]:
-    """What orders frames, the surest first."""
+    """Scores by which frames are sorted, the surest first."""
     return {
         "tau": -np.array([c.loss_ndc for c in found]),
         "probability": np.nan_to_num([c.probability() for c in found], nan=0.0),
@@ -300,7 +300,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
             command.add_argument("--noise", type=float, default=2.0, help="pixels at 1920x1080 (2)")
         else:
             command.add_argument("annotations", type=Path, help="folder or zip of <id>.json")
-            command.add_argument("--size", required=True, type=image_size, metavar="WxH", help="of the images")
+            add_size(command, "of the images", required=True)
     return run_command(parser.parse_args(arguments))
 
 

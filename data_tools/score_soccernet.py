@@ -18,7 +18,7 @@ from pathlib import Path
 
 import numpy as np
 
-from fieldcalib.console.arguments import image_size
+from fieldcalib.console.arguments import add_size
 from fieldcalib.io.files import BrokenFileError
 from fieldcalib.io.formats import ANNOTATIONS
 
@@ -47,7 +47,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("cameras", type=Path, help="folder of camera_<id>.json")
     parser.add_argument("annotations", type=Path, help="folder or zip of <id>.json")
-    parser.add_argument("--size", required=True, type=image_size, metavar="WxH", help="of the images, e.g. 960x540")
+    add_size(parser, "of the images, e.g. 960x540", required=True)
     options = parser.parse_args(arguments)
     if find_spec("SoccerNet") is None:
         parser.error("needs the SoccerNet package: pip install 'fieldcalib[soccernet]'")

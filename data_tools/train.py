@@ -88,7 +88,7 @@ class Training:
         self.step = state["step"]
 
     def advance(self, images: Tensor, classes: Tensor, steps: int) -> float:
-        """One step of `steps` on a batch; the loss before it."""
+        """Take one of `steps` steps on a batch; returns the loss before it."""
         for group in self.optimizer.param_groups:
             group["lr"] = learning_rate(self.step, steps)
         self.network.train()
@@ -142,7 +142,7 @@ def _loss(network: nn.Module, images: Tensor, classes: Tensor, chosen: Tensor) -
 def intersection_over_union(
     network: nn.Module, samples: Samples, size: tuple[int, int], device: torch.device, known: int = len(CLASSES)
 ) -> Array:
-    """Of the pixels of every class, (known,); NaN for those that no mask holds."""
+    """Intersection over union of each class, (known,); NaN for classes that no mask holds."""
     count = 1 + known
     confusion = np.zeros((count, count))
     network.eval()

@@ -122,6 +122,6 @@ def stacked(samples: Sequence[tuple[Image, Mask]], size: tuple[int, int]) -> tup
 
 
 def normalised(images: Tensor) -> Tensor:
-    """What the network takes, float32, of images (N, 3, H, W) uint8, RGB."""
+    """Input of the network, float32, from images (N, 3, H, W) uint8, RGB."""
     mean, std = (torch.tensor(values, device=images.device).view(3, 1, 1) for values in (MEAN, STD))
     return (images.float() / 255.0 - mean) / std

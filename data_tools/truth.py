@@ -21,16 +21,16 @@ OWN = slice(0, LOG_F + 1)  # pan, tilt, roll and log f
 
 
 class Compared(NamedTuple):
-    """One frame against its true camera."""
+    """Comparison of a frame with its true camera."""
 
     basis: str
-    """What its camera rests on."""
+    """Basis of its camera."""
     focal_length_percent: float
     centre_m: float
     field_m: float
-    """Of the points of the field in view, the median; NaN where none is."""
+    """Median error of the points of the field in view; NaN where none is."""
     image_px: float
-    """Of where they are in the image, the median, pixels of one of `UNIT` columns."""
+    """Median error of their pixels in an image of `UNIT` columns."""
     holds_focal_length: float
     """Whether the 95 % region holds the truth, 0 or 1."""
     holds_own: float
@@ -87,7 +87,7 @@ def _in_view(truth: Camera, field: Field) -> tuple[Array, Array]:
 
 
 def _distances(off: Array, covariance: Array) -> Array:
-    """In standard deviations: of errors (..., d) with covariances (..., d, d)."""
+    """Mahalanobis distances of errors (..., d) with covariances (..., d, d)."""
     return np.asarray(np.sqrt(np.sum(off * np.linalg.solve(covariance, off[..., None])[..., 0], axis=-1)))
 
 
@@ -96,7 +96,7 @@ def _median(values: Array) -> float:
 
 
 def summary(frames: Sequence[Compared]) -> dict[str, float]:
-    """Of some frames: their number, the median of each error, and how often regions hold the truth, percent."""
+    """Statistics of frames: their number, the median of each error, and how often regions hold the truth, percent."""
     table = np.array([frame[1:] for frame in frames], dtype=float)
     names = Compared._fields[1:]
     found: dict[str, float] = {"frames": len(frames)}

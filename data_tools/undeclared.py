@@ -1,4 +1,4 @@
-"""What the verdict says of pictures that are not what they seem: parts of frames, and labels of another size.
+"""Verdicts on undeclared pictures: parts of frames, and labels of another image size.
 
     python -m data_tools.undeclared ANNOTATIONS --size WxH
     python -m data_tools.undeclared --images FOLDER
@@ -31,8 +31,8 @@ from typing import Any
 import numpy as np
 
 from data_tools.probability import largest_true_error
+from fieldcalib.assess.compute_errors import compute_errors
 from fieldcalib.assess.result import LEAST_PROBABILITY, Calibration, Verdict
-from fieldcalib.assess.together import compute_errors
 from fieldcalib.console.arguments import image_size
 from fieldcalib.console.program import run_command
 from fieldcalib.fields.catalogue import field_named
@@ -111,7 +111,7 @@ def changed(pixels: Pixels, camera: Camera, rng: np.random.Generator) -> dict[st
 
 
 def counts(pictures: Sequence[Picture], found: Sequence[Calibration], field: Field) -> Mapping[str, object]:
-    """How many pictures are good, and how many good ones are off by more than the field's tolerance, percent of all."""
+    """Shares, percent of all pictures: verdict good, and good but off by more than the field's tolerance."""
     good = [one.verdict is Verdict.GOOD for one in found]
     wrong = [
         is_good

@@ -1,4 +1,4 @@
-"""What the verdict says of cameras that are wrong.
+"""Verdicts on wrong cameras.
 
     python -m data_tools.verdicts ANNOTATIONS --size WxH [--frames N]
 
@@ -22,7 +22,7 @@ from data_tools.probability import largest_true_error
 from data_tools.random_frames import observed
 from fieldcalib._types import Array
 from fieldcalib.assess.result import Calibration
-from fieldcalib.console.arguments import count, image_size
+from fieldcalib.console.arguments import add_size, count
 from fieldcalib.console.program import run_command
 from fieldcalib.fields.field import Field
 from fieldcalib.fields.soccer import soccer
@@ -160,7 +160,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     """Print one line of JSON for each kind of frames."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("annotations", type=Path, help="folder or zip of <id>.json")
-    parser.add_argument("--size", required=True, type=image_size, metavar="WxH", help="of the images")
+    add_size(parser, "of the images", required=True)
     parser.add_argument("--frames", type=count, default=1000, help="of a kind; a tenth of the synthetic ones (1000)")
     parser.add_argument("--seed", type=int, default=0)
     parser.set_defaults(run=run)

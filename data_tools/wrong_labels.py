@@ -22,7 +22,7 @@ from pathlib import Path
 import numpy as np
 
 from data_tools.random_frames import mislabelled
-from fieldcalib.console.arguments import image_size
+from fieldcalib.console.arguments import add_size
 from fieldcalib.console.program import run_command
 from fieldcalib.fields.field import Field
 from fieldcalib.fields.soccer import soccer
@@ -97,7 +97,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     """Print a line of JSON."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("annotations", type=Path, help="folder or zip of <id>.json")
-    parser.add_argument("--size", required=True, type=image_size, metavar="WxH", help="of the images")
+    add_size(parser, "of the images", required=True)
     parser.add_argument("--wrong", type=int, choices=(1, 2, 3), default=1, help="labels replaced in each frame (1)")
     parser.add_argument("--seed", type=int, default=0)
     parser.set_defaults(run=run)

@@ -1,6 +1,7 @@
 """What many tests share: settings of Hypothesis, data beside the checkout, known networks, a calibrated folder.
 
-Hypothesis draws the same examples on every run of CI.
+Hypothesis draws the same examples on every run of CI. Property tests have the marker `property`; with
+HYPOTHESIS_PROFILE=thorough they draw five times as many examples.
 """
 
 import os
@@ -15,13 +16,21 @@ os.environ.setdefault("OMP_NUM_THREADS", "1")
 settings.register_profile(
     "local",
     deadline=None,
-    max_examples=60,
+    max_examples=20,
     suppress_health_check=[HealthCheck.too_slow],  # a busy machine is no property of the code
     print_blob=True,
 )
 # elsewhere examples are random, and those that failed are kept in .hypothesis and tried first
 settings.register_profile("ci", parent=settings.get_profile("local"), derandomize=True)
-settings.load_profile("ci" if os.environ.get("CI") else "local")
+settings.register_profile("thorough", parent=settings.get_profile("ci"), max_examples=100)
+settings.load_profile(os.environ.get("HYPOTHESIS_PROFILE", "ci" if os.environ.get("CI") else "local"))
+
+
+@pytest.hookimpl(tryfirst=True)  # before -m selects
+def pytest_collection_modifyitems(items):
+    for item in items:
+        if getattr(getattr(item, "obj", None), "is_hypothesis_test", False):
+            item.add_marker("property")
 
 
 @pytest.fixture(scope="session")

@@ -1,12 +1,13 @@
-"""Runs of the command line that are ended at random moments, and gone on with."""
+"""Runs of the command line that are ended at a random line of their results, and resumed."""
 
 import json
 import os
 import signal
 import subprocess
 import sys
-import time
 from pathlib import Path
+
+from waiting import wait_until
 
 import fieldcalib
 
@@ -19,7 +20,7 @@ def started(*arguments):
     """A process of the command line; in the background of a shell interrupts are ignored, here they are not."""
     code = (
         "import signal; signal.signal(signal.SIGINT, signal.default_int_handler)\n"
-        "from fieldcalib.cli.main import main\nraise SystemExit(main())"
+        "from fieldcalib.cli.main import main\nprint('begun', flush=True)\nraise SystemExit(main())"
     )
     return subprocess.Popen(
         [sys.executable, "-c", code, *map(str, arguments)],
@@ -46,11 +47,21 @@ def finished(*arguments):
     return ended(started(*arguments))
 
 
-def killed(arguments, rng, longest):
-    """End a run at a random moment, unless it has come to its end before."""
+def lines_written(out):
+    """Lines of results in a folder, which need not exist."""
+    path = out / "cameras.jsonl"
+    return path.read_bytes().count(b"\n") if path.exists() else 0
+
+
+def killed(arguments, out, rng, count):
+    """End a run that has begun, at a random one of the `count` lines that it writes into a folder."""
     number = SIGNALS[int(rng.integers(len(SIGNALS)))]
+    before = lines_written(out)
+    line = int(rng.integers(before, max(count, before + 1)))
     run = started(*arguments)
-    time.sleep(float(rng.uniform(0.1, longest)))
+    assert run.stdout.readline() == "begun\n"
+    written = (out / "run.json").exists
+    wait_until(lambda: run.poll() is not None or (written() and lines_written(out) >= line), LONGEST)
     run.send_signal(number)
     code, errors = ended(run)
     assert code in EXIT_CODES[number] | {0, 1}, (number, errors)
@@ -66,11 +77,12 @@ def content_of(folder):
     return found, summary
 
 
-def check_that_kills_change_nothing(command, whole, out, rng, longest, kills=2, code=0):
+def check_that_kills_change_nothing(command, whole, out, rng, kills=2, code=0):
     """A run that is killed and resumed until it is done gives what it gives at once."""
+    count = lines_written(whole)
     for again in range(kills):
         options = ["--resume"] if again or rng.random() < 0.5 else []
-        killed([*command, "--out", out, *options], rng, longest)
+        killed([*command, "--out", out, *options], out, rng, count)
         if not options and (out / "run.json").exists():
             refused, errors = finished(*command, "--out", out)
             assert refused == 2, errors

@@ -15,15 +15,6 @@ FRAME = observe(MARKINGS, CAMERA)
 F = CalibrationFlags
 
 
-def relative_error(camera, truth):
-    """The largest of the relative errors of focal length and position and of the rotation."""
-    return max(
-        abs(camera.focal_length / truth.focal_length - 1.0),
-        np.linalg.norm(camera.C - truth.C) / np.linalg.norm(truth.C),
-        np.linalg.norm(camera.R - truth.R),
-    )
-
-
 def with_lens(camera, a1):
     """The same camera with a lens that moves the corner by a1."""
     k = RadialLens(camera.half_diagonal).to_opencv(np.array([a1, 0.0]), camera.focal_length)

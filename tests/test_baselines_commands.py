@@ -26,6 +26,12 @@ COMMANDS = {
 }
 
 
+# The commands share the code of jobs.
+one_quickly = pytest.mark.parametrize(
+    "name", ["dlt_lines", *(pytest.param(name, marks=pytest.mark.slow) for name in ("hdecomp", "tvcalib"))]
+)
+
+
 def run(main, *arguments):
     try:
         return main([str(argument) for argument in arguments])
@@ -195,7 +201,7 @@ def test_tau_rejects(folder, tmp_path):
     assert statuses == {"rejected by tau"}
 
 
-@pytest.mark.parametrize("name", COMMANDS)
+@one_quickly
 def test_the_files_are_the_same_with_any_number_of_jobs(name, folder, tmp_path, monkeypatch):
     monkeypatch.setattr(units, "SMALLEST_UNIT", 1)
     main, options = COMMANDS[name]
@@ -205,7 +211,7 @@ def test_the_files_are_the_same_with_any_number_of_jobs(name, folder, tmp_path, 
     assert content_of(tmp_path / "1") == content_of(tmp_path / "2")
 
 
-@pytest.mark.parametrize("name", COMMANDS)
+@one_quickly
 def test_modules_that_are_run_have_jobs_too(name, folder, tmp_path):
     """What they ask other processes for must not be of the script."""
     command = [sys.executable, "-m", f"baselines.{name}", folder, "--size", "960x540", "--out", tmp_path, "--jobs", "2"]

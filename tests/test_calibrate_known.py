@@ -2,7 +2,8 @@
 
 import numpy as np
 import pytest
-from one_camera import CAMERA, FIELD, FRAME, LITTLE_OF_THE_LENS, MARKINGS, SIZE, F, relative_error, with_lens
+from objects import relative_error
+from one_camera import CAMERA, FIELD, FRAME, LITTLE_OF_THE_LENS, MARKINGS, SIZE, F, with_lens
 from synthetic import observe, random_frames, whole_circle_markings
 
 from fieldcalib import Camera, Point, Status, calibrate_batch, calibrate_from_segments, soccer

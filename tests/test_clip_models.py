@@ -113,6 +113,7 @@ def test_parts_have_places_of_their_own():
 WAY = 210.0 - 200.0 * np.cos(np.linspace(0.0, 2.0 * np.pi, 16))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("size", [(540, 540), (640, 360)])
 def test_a_window_that_moves_is_found_out(size):
     tops = np.linspace(40.0, 100.0, 16) if size == (640, 360) else np.zeros(16)
@@ -143,6 +144,7 @@ def test_a_second_look_that_loses_cameras_is_not_taken(monkeypatch):
     assert finish_again(found, ClipLines(result, ((0,),), {}, {}), [], None) is found
 
 
+@pytest.mark.slow
 def test_static_points_alone_do_not_tell_where_a_window_is():
     whole = panned(16, -0.3, 0.3)
     cameras = [seen_through(one, left, 0.0, (540, 540)) for one, left in zip(whole, WAY, strict=True)]
@@ -150,16 +152,19 @@ def test_static_points_alone_do_not_tell_where_a_window_is():
     found = solved(replace(clip, labels={t: one for t, one in clip.labels.items() if t != 8}))
     (tripod,) = found.tripods
     assert found.pieces.models == {0: CameraModel.WINDOW}
+    assert "window that moves" in found.notes[0]
     found = tripod.calibration
+    np.testing.assert_allclose(found.values[:3], whole[0].C, atol=1.0)
+    labelled = [(one, camera) for t, (one, camera) in enumerate(zip(found, cameras, strict=True)) if t != 8]
+    assert max(far_off(one, camera) for one, camera in labelled) < 1.2
     assert found[8].accepted
     assert [t for t, one in enumerate(found) if one.verdict is not Verdict.GOOD] == [8]
     assert "no line of it" in found[8].reason
 
 
-@pytest.mark.parametrize("seed", [0, 1])
-def test_a_window_that_stays_is_a_tripod(seed):
+def test_a_window_that_stays_is_a_tripod():
     cameras = [seen_through(one, 60.0, 0.0, (540, 540)) for one in panned(16, -0.3, 0.3)]
-    found = solved(clip_of(cameras, seed))
+    found = solved(clip_of(cameras))
     (tripod,) = found.tripods
     assert (found.pieces.models, found.notes) == ({}, ())
     assert max(far_off(one, camera) for one, camera in zip(tripod.calibration, cameras, strict=True)) < 1.0
@@ -186,6 +191,7 @@ def test_what_the_network_saw_contradicts_cameras_that_lines_confirm():
     assert not is_contradicted(tripod.calibration.frames.misfit, SIZE).any()
 
 
+@pytest.mark.slow
 def test_a_camera_that_moves_is_found_out():
     cameras = [moved(camera, (0.4 * t, 0.0, 0.0)) for t, camera in enumerate(panned(16, -0.3, 0.3))]
     found = solved(clip_of(cameras))
@@ -199,6 +205,7 @@ def test_a_camera_that_moves_is_found_out():
     assert max(far_off(one, camera) for one, camera in zip(video, cameras, strict=True)) < 0.7
 
 
+@pytest.mark.slow
 def test_frames_that_share_nothing_are_calibrated_one_by_one(monkeypatch):
     rng = np.random.default_rng(3)
     cameras = [moved(camera, rng.normal(scale=(8.0, 8.0, 2.4))) for camera in panned(14, -0.3, 0.3)]
@@ -232,6 +239,7 @@ def test_labels_agree_that_one_camera_explains(right, wrong, expected):
     assert are_consistent(evaluate_camera(camera, FIELD, labels)) is expected
 
 
+@pytest.mark.slow
 def test_alternating_places_make_two_tripods():
     """Parts of one run of frames that are of one place are one tripod, however often it comes back."""
     one, other = panned(12, -0.4, 0.4), [moved(camera, (25.0, 0.0, 0.0)) for camera in panned(12, -0.35, 0.35)]
@@ -252,7 +260,7 @@ def test_a_piece_that_contradicts_the_others_is_no_part_of_their_tripod(monkeypa
     assert sorted(tripod.pieces for tripod in solved(clip).tripods) == [(0, 2), (1,)]
 
 
-@pytest.mark.parametrize(("way", "pieces"), [(0.0, [(0,)]), (25.0, [(0,), (1,)])])
+@pytest.mark.parametrize(("way", "pieces"), [(0.0, [(0,)]), pytest.param(25.0, [(0,), (1,)], marks=pytest.mark.slow)])
 def test_frames_that_nothing_ties_join_the_piece_before_where_it_explains_them(way, pieces):
     cameras = panned(10, -0.4, 0.4)
     cameras = [*cameras[:7], *(moved(camera, (way, 0.0, 0.0)) for camera in cameras[7:])]

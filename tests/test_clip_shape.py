@@ -87,6 +87,7 @@ def test_a_letterboxed_clip_is_calibrated_as_without_borders(clip):
     assert calibrate_video(FIELD, boxed[:1], Asked(cameras[:1]), **whole).shape is None
 
 
+@pytest.mark.slow
 def test_a_squashed_clip_is_calibrated_as_shown(clip, often):
     cameras, pictures = clip
     thin = [squashed(picture) for picture in pictures]
@@ -104,9 +105,10 @@ def test_a_squashed_clip_is_calibrated_as_shown(clip, often):
         assert np.median(far_off(one.camera, truth.scaled(SQUASHED))) < 1.0
 
 
+@pytest.mark.slow
 def test_frames_together_tell_squashed_clips_from_parts(clip):
     cameras, pictures = clip
-    some = slice(0, COUNT, 2)
+    some = slice(0, COUNT, 4)
     network = Asked(cameras[some])
     asked = ShapeEstimator(ClipOptions(FIELD), network)
     assert asked.log_odds([squashed(picture) for picture in pictures[some]]) > 3.0

@@ -18,7 +18,7 @@ from fieldcalib.geometry.lens import BrownConradyLens, Pinhole, RadialLens
 from fieldcalib.problem import compilation
 from fieldcalib.problem.evaluation import Problem, evaluate
 from fieldcalib.problem.layout import CENTER, Layout, Role, SizeBlock, ZoomLaw
-from fieldcalib.problem.levenberg_marquardt import levenberg_marquardt
+from fieldcalib.problem.levenberg_marquardt import compiled_cost, levenberg_marquardt
 from fieldcalib.problem.losses import LossName, RobustLoss
 from fieldcalib.problem.observations import pack
 from fieldcalib.problem.prior import GaussianPrior
@@ -81,6 +81,34 @@ def test_closest_points_and_their_derivatives(camera, rng, lens):
     np.testing.assert_allclose(compiled.JT * moved, JT * moved, rtol=1e-7, atol=1e-7)
     if np.array_equal(near, seen):
         np.testing.assert_allclose(compiled.cost, cost, rtol=1e-9)
+
+
+@settings(max_examples=30)
+@given(
+    camera=cameras(lens=True, image_sizes=(SIZE,)),
+    rng=generators(),
+    lens=st.sampled_from([RadialLens, Pinhole]),
+    loss=st.sampled_from(LossName.__args__),
+    prior=st.booleans(),
+)
+def test_cost_gradient_and_hessian_term_by_term(camera, rng, lens, loss, prior):
+    start = problem_of(camera, rng, lens, loss, prior)
+    seen = start.problem.observations.label >= 0
+    assume(np.all(np.abs(start.r[seen]) < 200.0))  # far from a circle the closest of its points may be another one
+    module, theta = compilation.compiled(), start.theta.copy()
+    terms = compiled_cost(module, start.problem, theta)
+    with pytest.MonkeyPatch.context() as context:
+        context.setattr(compilation, "compiled", lambda: None)
+        numpy = evaluate(start.problem, start.theta)
+        expected = numpy.cost, numpy.gradient, numpy.hessian
+    P = numpy.gradient.shape[1]
+    scale = SPREAD[np.flatnonzero(start.problem.free)]
+    for b, (cost, gradient, hessian) in enumerate(zip(*expected, strict=True)):
+        g, H = np.empty(P), np.empty((P, P))
+        assert module.normal_equations(*terms, b, theta[b], np.empty(theta.shape[1]), g, H) == pytest.approx(cost, 1e-9)
+        np.testing.assert_allclose(g * scale, gradient * scale, rtol=1e-6, atol=1e-7 * max(cost, 1.0))
+        H, hessian = (one * np.outer(scale, scale) for one in (H, hessian))
+        np.testing.assert_allclose(H, hessian, rtol=1e-6, atol=1e-7 * np.max(hessian))
 
 
 @pytest.mark.parametrize("loss", LossName.__args__)

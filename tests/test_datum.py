@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from hypothesis import assume, given
+from hypothesis import assume, given, settings
 from numdiff import central_differences
 from strategies import angle, cameras, numbers, vectors
 from synthetic import displaced, observe
@@ -58,6 +58,7 @@ def across_and_moves(camera, field=FIELD):
     return np.array(normals).reshape(-1, 2), np.array(moves).reshape(-1, 2, 2)
 
 
+@settings(max_examples=20)
 @given(cameras())
 def test_the_motion_in_view_is_the_translation_that_fits_best_across_the_markings(camera):
     normals, moves = across_and_moves(camera)

@@ -77,11 +77,11 @@ def jacobian(evaluation, free=None):
     return np.swapaxes(evaluation.derivatives(free), 1, 2)
 
 
-def numeric_jacobian(evaluation, free=None):
+def numeric_jacobian(evaluation, free=None, steps_by=1.0):
     """Derivatives of the residuals by the free parameters, through theta itself; rows of padding are zero."""
     problem, theta = evaluation.problem, evaluation.theta
     free = everything(problem.layout) if free is None else free
-    steps = np.array([STEPS.get(name, STEP) for name in problem.layout.names])
+    steps = steps_by * np.array([STEPS.get(name, STEP) for name in problem.layout.names])
 
     def residuals(values):
         moved = theta.copy()
@@ -167,20 +167,36 @@ def random_evaluation(stand, lens, count, distance=20.0, seed=2, with_size=False
     return at(np.array(seen), pack(ALL_KINDS, frames, SIZE, motion=MOTION), layout)
 
 
+@st.composite
+def sightings(draw, lens):
+    """A layout, a camera in it, and what it sees with pixels up to 50 px beside it; `lens` is one of `LAYOUTS`."""
+    with_lens = lens in ("radial lens", "Brown-Conrady lens", "zoom law")
+    layout, camera = LAYOUTS[lens], draw(cameras(lens=with_lens, image_sizes=(SIZE,)))
+    layout = Layout.of(SIZE, layout.lens, draw(st.sampled_from([None, SIZES])), layout.zoom_law)
+    theta = layout.theta(camera)
+    if lens == "Brown-Conrady lens":
+        theta[layout.lens_block][2:] = draw(vectors(-OTHER_COEFFICIENTS, OTHER_COEFFICIENTS))
+    if lens == "zoom law":
+        theta[layout.zoom_law_block] = draw(vectors(-LAW, LAW))
+    if with_lens:  # the second derivative by a1 has a kink at 0: the differences must not straddle it
+        assume(abs(layout.at_zoom(theta)[layout.lens_block.start]) > 1e-3)
+    frame = beside_the_segments(ALL_KINDS, layout.camera(theta), draw(numbers(0.0, 50.0)), draw(angle(np.pi)))
+    assume(len(frame) > 3)
+    return layout, theta, frame
+
+
 @pytest.mark.parametrize(
-    ("name", "lens"),
-    [(name, lens) for lens in ("no radial lens", "radial lens") for name in DISTRIBUTIONS]
-    + [
-        (name, lens)
-        for lens in ("pinhole", "Brown-Conrady lens", "zoom law")
-        for name in ("main center", "behind left goal")
-    ],
+    "lens", [pytest.param(name, marks=pytest.mark.slow if name == "Brown-Conrady lens" else ()) for name in LAYOUTS]
 )
-def test_jacobian_equals_central_differences_column_by_column(name, lens):
-    evaluation = random_evaluation(name, lens, 3 if lens == "Brown-Conrady lens" else 12)
-    errors = jacobian_errors(evaluation)
-    worst = dict(zip(evaluation.problem.layout.names, errors.max(axis=0), strict=True))
-    assert max(worst.values()) < 1e-6, worst
+@settings(max_examples=6)
+@given(data=st.data())
+def test_jacobian_equals_central_differences_column_by_column(lens, data):
+    layout, theta, frame = data.draw(sightings(lens))
+    evaluation = at(theta[None], pack(ALL_KINDS, [frame], SIZE, motion=MOTION), layout)
+    numeric, with_half_steps = (numeric_jacobian(evaluation, steps_by=steps_by)[0] for steps_by in (1.0, 0.5))
+    assume(column_errors(numeric, with_half_steps, floor=1e-2).max() < 1e-6)  # else there is a kink between the steps
+    worst = dict(zip(layout.names, column_errors(jacobian(evaluation)[0], numeric, floor=1e-2), strict=True))
+    assert max(worst.values()) < 5e-6, worst  # less than of a column that is wrong by 1e-5, see below
 
 
 @pytest.mark.parametrize("lens", LAYOUTS)
@@ -206,13 +222,6 @@ def test_cameras_of_a_field_of_another_size_see_the_segments_where_they_are_then
     expected = at(theta[:, :-2], resized).r
     np.testing.assert_allclose(observations.by_label(r**2), resized.by_label(expected**2), rtol=1e-6)
     assert np.max(np.abs(r - evaluation.r)) > 10.0
-
-
-@pytest.mark.parametrize("distance", [0.0, 50.0])
-@pytest.mark.parametrize("lens", ["radial lens", "Brown-Conrady lens"])
-def test_jacobian_holds_on_the_curve_and_far_from_it(lens, distance):
-    evaluation = random_evaluation("main center", lens, 3 if lens == "Brown-Conrady lens" else 12, distance, seed=1)
-    assert jacobian_errors(evaluation).max() < 1e-6
 
 
 @pytest.mark.parametrize("lens", LAYOUTS)

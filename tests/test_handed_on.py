@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from synthetic import observe, random_frames, whole_circle_markings
 
+from fieldcalib.assess.result import Verdict
 from fieldcalib.fields.soccer import soccer
 from fieldcalib.geometry.camera import Camera
 from fieldcalib.problem import closest_points, compilation, evaluation
@@ -17,7 +18,7 @@ from fieldcalib.problem.observations import pack
 from fieldcalib.processes.jobs import Processes
 from fieldcalib.solve.batch import calibrate_batch
 from fieldcalib.solve.from_segments import calibrate_from_segments
-from fieldcalib.solve.handed_over import HandedOver
+from fieldcalib.solve.packed_calibrations import PackedCalibrations
 
 FIELD, SIZE = soccer(), (960, 540)
 CAMERA = Camera.from_angles(-0.3, 1.35, 0.0, 1600.0, (0.0, 68.0, -17.0), SIZE)
@@ -66,7 +67,7 @@ def test_in_the_median_frames_need_fewer(searches):
     counts = []
     for frame in frames:
         searches.clear()
-        assert calibrate_from_segments(FIELD, frame, SIZE).uncertainty is not None
+        assert calibrate_from_segments(FIELD, frame, SIZE).uncertainty.covariance.any()
         counts.append(len(searches))
     assert np.median(counts) <= 12, counts
 
@@ -75,8 +76,8 @@ def test_uncertainty_verdict_and_errors_search_nothing_anew(searches):
     frame = observe(whole_circle_markings(FIELD), CAMERA, np.random.default_rng(0), 1.0)
     calibration = calibrate_from_segments(FIELD, frame, SIZE)
     searches.clear()
-    assert calibration.uncertainty.covariance is not None
-    assert calibration.verdict is not None
+    assert np.all(np.diagonal(calibration.uncertainty.covariance)[calibration.uncertainty.layout.free] > 0.0)
+    assert calibration.verdict is Verdict.GOOD
     assert calibration.probability() > 0.0
     assert calibration.field_uncertainty([480.0, 300.0]).rms > 0.0
     assert searches == []
@@ -128,4 +129,4 @@ def test_frames_of_several_problems_are_handed_over_in_any_order():
     some, others = (calibrate_batch(FIELD, frames[part], SIZE) for part in (slice(0, 2), slice(2, 4)))
     nothing = calibrate_batch(FIELD, [{}], SIZE)
     mixed = [*nothing, some[0], others[0], *nothing, some[1], others[1]]
-    assert pickle.loads(pickle.dumps(HandedOver.of(mixed))).received(FIELD) == mixed
+    assert pickle.loads(pickle.dumps(PackedCalibrations.of(mixed))).unpacked(FIELD) == mixed

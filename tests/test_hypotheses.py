@@ -12,7 +12,8 @@ from fieldcalib.images.refinement import near_labels
 from fieldcalib.localize import Localization
 from fieldcalib.problem.simulated import camera_difference
 from fieldcalib.solve.from_segments import calibrate_from_segments
-from fieldcalib.solve.options import ALL, DEFAULT_FLAGS
+from fieldcalib.solve.options import DEFAULT_FLAGS
+from fieldcalib.solve.task import Task
 
 FIELD = soccer()
 TRUTH = camera(3, 75, 1000, (-2, 66, -16), k=(0.03, 0.0))
@@ -29,7 +30,7 @@ def labelled(mistaken_camera):
 
 def consensus(found, image=None):
     image = render_field(TRUTH, FIELD) if image is None else image
-    return calibrate_from_consensus(FIELD, image, found, flags=DEFAULT_FLAGS, prior=ALL)
+    return calibrate_from_consensus(Task(FIELD, flags=DEFAULT_FLAGS), image, found)
 
 
 @pytest.mark.parametrize("pan", [12, 20])

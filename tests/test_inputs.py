@@ -18,7 +18,7 @@ from networks import FIELD
 import fieldcalib
 from fieldcalib import Camera
 from fieldcalib.cli.commands import command_parser
-from fieldcalib.cli.run_request import RunRequest, split
+from fieldcalib.cli.run_options import RunRequest, split_request
 from fieldcalib.cli.several import run_several
 from fieldcalib.draw.scene import render_field
 from fieldcalib.io.streams import Stream
@@ -95,7 +95,7 @@ def test_each_video_has_its_own_folder_and_the_rest_is_done(know, tmp_path, capf
 def test_clips_side_by_side(picture, tmp_path, capfd):
     """With the network that comes along: other processes know no other."""
     season = tmp_path / "season"
-    for name, count in (("a.mp4", 4), ("b.mp4", 3)):
+    for name, count in (("a.mp4", 2), ("b.mp4", 1)):
         write_video(season / name, [picture] * count)
     (tmp_path / "c.mp4").write_bytes(b"no video")
     for jobs in (1, 2):
@@ -103,8 +103,8 @@ def test_clips_side_by_side(picture, tmp_path, capfd):
         assert run("run", season, tmp_path / "c.mp4", "--out", out, "--jobs", jobs) == 1
         said = capfd.readouterr()
         assert "c.mp4: is no video that OpenCV can read" in said.err
-        assert "4 cameras of 4 frames" in said.out
-        assert "3 cameras of 3 frames" in said.out
+        assert "2 cameras of 2 frames" in said.out
+        assert "1 camera of 1 frame" in said.out
     for name in ("a", "b"):
         one, other = (tmp_path / f"out{jobs}" / name for jobs in (1, 2))
         assert (one / "cameras.jsonl").read_bytes() == (other / "cameras.jsonl").read_bytes()
@@ -113,7 +113,7 @@ def test_clips_side_by_side(picture, tmp_path, capfd):
 
 def test_a_process_that_ends_costs_its_clip_alone(tmp_path, capfd):
     given = ["run", "a.mp4", "dies.mp4", "b.mp4", "--jobs", "2", "--out", str(tmp_path)]
-    requests = split(RunRequest.of(command_parser(given).parse_args(given)))
+    requests = split_request(RunRequest.of(command_parser(given).parse_args(given)))
     assert run_several(requests, killed.ends_on_dies) == 1
     said = capfd.readouterr()
     assert said.out == "a.mp4 done\nb.mp4 done\n"

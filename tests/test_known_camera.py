@@ -1,6 +1,7 @@
 """A camera of which something is known: from images, clips and streams, in Python and on the command line."""
 
 import json
+from functools import cache
 
 import cv2
 import numpy as np
@@ -206,12 +207,12 @@ def know(monkeypatch):
     return replace_network
 
 
-@pytest.fixture
-def folder(tmp_path):
-    (tmp_path / "in").mkdir()
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory):
+    path = tmp_path_factory.mktemp("in")
     for name, truth in (("a", WIDE), ("b", WIDE.scaled((1280, 720)))):
-        cv2.imwrite(str(tmp_path / "in" / f"{name}.png"), picture(truth))
-    return tmp_path / "in"
+        cv2.imwrite(str(path / f"{name}.png"), picture(truth))
+    return path
 
 
 def test_run_with_a_known_camera(know, folder, tmp_path):
@@ -303,6 +304,7 @@ SMALL = (480, 270)
 PANS = np.radians(np.linspace(20.0, 24.0, 8))
 
 
+@cache
 def clip_of(zoom):
     """Cameras that turn, and zoom in by a share, and what they film."""
     lengths = 700.3 * np.linspace(1.0, 1.0 + zoom, len(PANS))
@@ -316,6 +318,12 @@ def clip_of(zoom):
 def from_clip(cameras, pictures, flags=DEFAULT_FLAGS, **known):
     network = KnownCameras([cameras[t] for t in looked_at(pictures, cameras)])
     return calibrate_video(KNOWN, pictures, network, flags=flags, **known)
+
+
+@cache
+def from_clip_alone(zoom):
+    """What is found of the clip where nothing is known of its camera."""
+    return from_clip(*clip_of(zoom))
 
 
 def largest_error(found, cameras):
@@ -333,10 +341,12 @@ def test_a_clip_whose_position_is_known():
     for one in found:
         assert one.accepted
         np.testing.assert_array_equal(one.camera.C, cameras[0].C)
-    assert largest_error(found, cameras) < min(1.0, largest_error(from_clip(cameras, pictures), cameras))
+    assert largest_error(found, cameras) < min(1.0, largest_error(from_clip_alone(0.1), cameras))
 
 
-@pytest.mark.parametrize("more", [0, PLACE], ids=["lens", "lens and position"])
+@pytest.mark.parametrize(
+    "more", [pytest.param(0, id="lens"), pytest.param(PLACE, id="lens and position", marks=pytest.mark.slow)]
+)
 def test_a_clip_whose_lens_is_known(more):
     cameras, pictures = clip_of(zoom=0.0)
     known = intrinsics(cameras[0]) | (position(cameras[0]) if more else {})
@@ -348,7 +358,7 @@ def test_a_clip_whose_lens_is_known(more):
         np.testing.assert_allclose(one.camera.dist, cameras[0].dist, rtol=1e-15)
         if more:
             np.testing.assert_array_equal(one.camera.C, cameras[0].C)
-    assert largest_error(found, cameras) < min(0.5, largest_error(from_clip(cameras, pictures), cameras))
+    assert largest_error(found, cameras) < min(0.5, largest_error(from_clip_alone(0.0), cameras))
     again = type(found).from_dict(json.loads(json.dumps(found.to_dict())))
     assert list(again) == list(found)
 

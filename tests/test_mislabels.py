@@ -16,26 +16,15 @@ from fieldcalib.problem.levenberg_marquardt import levenberg_marquardt
 from fieldcalib.problem.observations import pack
 from fieldcalib.problem.prior import GaussianPrior, gaussian_prior
 from fieldcalib.solve.batch import calibrate_batch
-from fieldcalib.solve.mislabels import renamed, without_mislabels
-from fieldcalib.solve.options import PINHOLE_FLAGS, checked_options
+from fieldcalib.solve.mislabels import _without, without_mislabels
+from fieldcalib.solve.options import PINHOLE_FLAGS
 from fieldcalib.solve.search import find_cameras
+from fieldcalib.solve.task import Task
 
 FIELD, SIZE = soccer(), (960, 540)
 LEFT = Camera.from_angles(-0.65, 1.38, 0.01, 1500.0, (1.0, 66.0, -16.0), SIZE)
 MIDDLE = Camera.from_angles(0.05, 1.32, 0.0, 1000.0, (-2.0, 60.0, -14.0), SIZE)
-OPTIONS = checked_options(
-    SIZE,
-    None,
-    None,
-    None,
-    None,
-    flags=PINHOLE_FLAGS,
-    criteria=(3, 50, 1e-8),
-    prior=MAIN_CENTER,
-    loss="cauchy",
-    tau=None,
-    field=FIELD,
-)
+OPTIONS = Task(FIELD, flags=PINHOLE_FLAGS, criteria=(3, 50, 1e-8), prior=MAIN_CENTER).options(SIZE)
 
 
 def clean(camera, noise=0.5):
@@ -64,7 +53,7 @@ def resolved(frames, cameras, *, at_hand=None, weights=None):
     start = np.stack([OPTIONS.layout.theta(camera) for camera in at_hand or cameras])
     given = solved(evaluate(problem, start))
     with patch("fieldcalib.solve.mislabels.find_cameras", wraps=find_cameras) as search:
-        found = without_mislabels(FIELD, frames, weights, given, prior, OPTIONS)
+        found = without_mislabels(given, prior, OPTIONS)
     return found, given, [len(call.args[0]) for call in search.call_args_list]
 
 
@@ -99,7 +88,7 @@ def test_wrong_labels_are_found_with_the_label_that_fits(wrong):
     resolution, _, _ = resolved([relabelled(frame, wrong), clean(MIDDLE)], [LEFT, MIDDLE])
     assert {suspect.label: suspect.fits for suspect in resolution.suspects[0]} == {b: a for a, b in wrong.items()}
     assert resolution.suspects[1] == ()
-    assert set(resolution.frames[0]) == set(frame)
+    assert set(resolution.evaluation.problem.observations.frame(0)[0]) == set(frame)
     _, true, _ = resolved([frame], [LEFT])
     np.testing.assert_allclose(solved(resolution.evaluation).theta[0], true.theta[0], rtol=1e-4, atol=1e-4)
 
@@ -120,7 +109,7 @@ def test_what_no_label_fits_is_left_out():
     ((suspect,),) = resolution.suspects
     assert (suspect.label, suspect.fits) == ("Middle line", None)
     assert suspect.error_px > 20.0
-    assert "Middle line" not in resolution.frames[0]
+    assert "Middle line" not in resolution.evaluation.problem.observations.frame(0)[0]
     assert not np.any(resolution.evaluation.problem.observations.label == list(FIELD).index("Middle line"))
 
 
@@ -143,10 +132,12 @@ def test_weights_follow_their_pixels():
     assert np.sum(observations.weight[on_circle]) == pytest.approx(0.5)
 
 
-def test_renamed_joins_what_belongs_to_one_segment():
+def test_renaming_joins_what_belongs_to_one_segment():
     frame = {"Side line top": np.zeros((2, 2)), "Side line left": np.ones((3, 2)), "Middle line": np.ones((1, 2))}
     lying = [SuspectLabel("Side line left", "Side line top", 50.0), SuspectLabel("Middle line", None, 99.0)]
-    assert {label: len(xy) for label, xy in renamed(frame, lying).items()} == {"Side line top": 5}
+    pixels, weights = _without(pack(FIELD, [frame], SIZE), [lying]).frame(0)
+    assert {label: len(xy) for label, xy in pixels.items()} == {"Side line top": 5}
+    np.testing.assert_allclose(weights["Side line top"], 0.2)
 
 
 def test_suspects_in_words():

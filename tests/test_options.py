@@ -7,15 +7,15 @@ import pytest
 from fieldcalib.fields.soccer import soccer
 from fieldcalib.fields.stands import ALL_STANDS, MAIN_LEFT, CameraDistribution
 from fieldcalib.problem.layout import LOG_ASPECT, LOG_F, PRINCIPAL_POINT
+from fieldcalib.solve.given_camera import GivenCamera
 from fieldcalib.solve.options import (
-    DEFAULT_CRITERIA,
     DEFAULT_FLAGS,
     PINHOLE_FLAGS,
     CalibrationFlags,
-    checked_options,
     checked_prior,
     pixel_unit,
 )
+from fieldcalib.solve.task import Task
 
 F = CalibrationFlags
 K = np.array([[1500.0, 0.0, 470.0], [0.0, 1530.0, 280.0], [0.0, 0.0, 1.0]])
@@ -23,10 +23,10 @@ RVEC, TVEC = np.array([1.3, 0.1, 0.0]), np.array([1.0, -2.0, 60.0])
 
 
 def options(**changes):
-    arguments = {"image_size": (960, 540), "camera_matrix": None, "dist_coeffs": None, "rvec": None, "tvec": None}
-    arguments |= {"flags": DEFAULT_FLAGS, "criteria": DEFAULT_CRITERIA, "prior": "all", "loss": "cauchy", "tau": None}
-    arguments |= {"field": soccer()}
-    return checked_options(**(arguments | changes))
+    given = GivenCamera(*(changes.pop(name, None) for name in GivenCamera._fields))
+    size = changes.pop("image_size", (960, 540))
+    field = changes.pop("field", soccer())
+    return Task({} if field is None else field, given, **({"flags": DEFAULT_FLAGS} | changes)).options(size)
 
 
 def test_flags_have_the_values_of_opencv_where_opencv_has_them():

@@ -13,7 +13,7 @@ from views import camera
 
 from fieldcalib.assess.markings import MarkingInView, paint_complaints, paint_contradicts
 from fieldcalib.assess.result import Calibration, Status, Verdict
-from fieldcalib.assess.sequence import SequenceCalibration
+from fieldcalib.assess.sequence_calibration import SequenceCalibration
 from fieldcalib.draw.scene import render_field
 from fieldcalib.fields.soccer import soccer
 from fieldcalib.fields.sports.ice_hockey import ice_hockey
@@ -23,8 +23,9 @@ from fieldcalib.images.field_markings import Markings
 from fieldcalib.images.paint_evidence import Ridges, evidence_of, paint_evidence
 from fieldcalib.images.refinement import ToRefine, refine_all
 from fieldcalib.solve.from_segments import calibrate_from_segments
-from fieldcalib.solve.options import ALL, DEFAULT_FLAGS
+from fieldcalib.solve.options import DEFAULT_FLAGS
 from fieldcalib.solve.sequence import calibrate_sequence
+from fieldcalib.solve.task import Task
 
 FIELD = soccer()
 MARKINGS = Markings.of(FIELD)
@@ -135,7 +136,7 @@ def test_refinement_uses_paint_beyond_its_search_range():
     before = paint_evidence(PICTURE, start.camera, MARKINGS)
     assert before.beside, "the case has no marking beside its paint"
     given_ = ToRefine(PICTURE, replace(start, status=Status.ACCEPTED), {}, {})
-    (refined,) = refine_all(FIELD, MARKINGS, [given_], flags=DEFAULT_FLAGS, prior=ALL)
+    (refined,) = refine_all(Task(FIELD, flags=DEFAULT_FLAGS), MARKINGS, [given_])
     assert refined.judged.accepted
     assert not any(one.is_beside for one in refined.judged.markings)
     X = FIELD["Side line top"].sample(2.0)

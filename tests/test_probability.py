@@ -8,9 +8,9 @@ from synthetic import observe, random_frames, whole_circle_markings
 
 from data_tools.probability import fitted, largest_true_error, reliability, risk_coverage_area
 from data_tools.random_frames import random_frame
+from fieldcalib.assess.compute_errors import compute_errors
 from fieldcalib.assess.probability import largest_error, probability_right
 from fieldcalib.assess.result import Status
-from fieldcalib.assess.together import compute_errors
 from fieldcalib.fields.soccer import PROBABILITY, soccer
 from fieldcalib.geometry.camera import Camera
 from fieldcalib.solve.batch import calibrate_batch
@@ -21,10 +21,10 @@ MARKINGS = whole_circle_markings(FIELD)
 CAMERA = Camera.from_angles(-0.35, 1.36, 0.01, 1700.0, (1.5, 68.0, -17.0), SIZE)
 
 
-@pytest.fixture(scope="module")
-def random_calibrations():
+def random_calibrations(count):
+    """Calibrations of random frames, and their true largest errors."""
     rng = np.random.default_rng(11)
-    frames = [random_frame(FIELD, rng) for _ in range(300)]
+    frames = [random_frame(FIELD, rng) for _ in range(count)]
     found = calibrate_batch(FIELD, [frame.pixels for frame in frames], SIZE)
     errors = [largest_true_error(c.camera, frame.camera, FIELD) for c, frame in zip(found, frames, strict=True)]
     return found, np.array(errors)
@@ -58,8 +58,8 @@ def test_the_expected_error_is_about_the_true_one():
 
 
 @pytest.mark.slow
-def test_it_keeps_its_word_on_frames_that_it_was_not_fitted_to(random_calibrations):
-    found, errors = random_calibrations
+def test_it_keeps_its_word_on_frames_that_it_was_not_fitted_to():
+    found, errors = random_calibrations(300)
     for metres in (0.5, 1.0):
         p = np.array([c.probability(metres) for c in found])
         known = ~np.isnan(p) & ~np.isnan(errors)
@@ -115,8 +115,8 @@ def test_the_fit_finds_the_coefficients_that_made_the_errors():
     np.testing.assert_allclose(fitted(features, np.exp(log_error), 1.0), truth, atol=0.1)
 
 
-def test_reliability_counts(random_calibrations):
-    found, errors = random_calibrations
+def test_reliability_counts():
+    found, errors = random_calibrations(60)
     known = [i for i, c in enumerate(found) if np.isfinite(c.probability()) and np.isfinite(errors[i])]
     row = reliability([found[i] for i in known], errors[known], 1.0)
     assert sum(count for count, _, _ in row["frames_probability_right"]) == len(known)

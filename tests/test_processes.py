@@ -4,7 +4,7 @@ import os
 import signal
 import time
 from concurrent.futures import ProcessPoolExecutor, ThreadPoolExecutor
-from functools import partial
+from functools import cache, partial
 from multiprocessing import get_context
 
 import cv2
@@ -13,6 +13,7 @@ import pytest
 from networks import CLASSES, FIELD, band_maps, probabilities
 from synthetic import random_frames
 from views import camera
+from waiting import wait_until
 
 from fieldcalib import calibrate_batch, calibrate_from_images, soccer
 from fieldcalib.draw.scene import render_field
@@ -73,8 +74,7 @@ def test_a_process_that_ends_takes_only_its_task_with_it(processes):
 
 def test_a_process_that_is_killed(processes):
     future = processes.submit(time.sleep, 60)
-    while not future.running():
-        time.sleep(0.01)
+    wait_until(future.running)
     time.sleep(0.1)
     for process in list(processes._all):
         os.kill(process._process.pid, signal.SIGKILL)
@@ -91,8 +91,7 @@ def test_an_error_ends_the_processes_at_once():
         with Processes(1) as executor:
             future = executor.submit(time.sleep, 60)
             executor.submit(time.sleep, 60)
-            while not future.running():
-                time.sleep(0.01)
+            wait_until(future.running)
             raise KeyboardInterrupt
 
     with pytest.raises(KeyboardInterrupt):
@@ -186,24 +185,37 @@ def test_other_errors_are_raised():
 # --- what is calibrated with an executor ---
 
 
+@cache
+def seen():
+    return probabilities(band_maps(TRUTH))
+
+
 class Seeing:
     """A network that finds the same camera in every image, wherever it runs."""
 
     classes = CLASSES
 
     def __call__(self, images):
-        return np.stack([probabilities(band_maps(TRUTH))] * len(images))
+        return np.stack([seen()] * len(images))
+
+
+@pytest.fixture(scope="module")
+def images():
+    """A batch of images, and one more."""
+    image = render_field(TRUTH, FIELD, rng=np.random.default_rng(0))
+    return [np.roll(image, shift, axis=0) for shift in range(0, 18, 2)]
+
+
+@pytest.fixture(scope="module")
+def calibrated_here(images):
+    return calibrate_from_images(FIELD, images, Seeing())
 
 
 @pytest.mark.parametrize("make", [partial(ThreadPoolExecutor, 2), partial(Processes, 2)], ids=["threads", "processes"])
-def test_images_are_calibrated_the_same_by_any_executor(make):
-    image = render_field(TRUTH, FIELD, rng=np.random.default_rng(0))
-    images = [np.roll(image, shift, axis=0) for shift in range(0, 20, 2)]
-    here = calibrate_from_images(FIELD, images, Seeing())
-    assert here[0].accepted
+def test_images_are_calibrated_the_same_by_any_executor(images, calibrated_here, make):
+    assert calibrated_here[0].accepted
     with make() as executor:
-        there = calibrate_from_images(FIELD, images, Seeing(), executor=executor)
+        assert calibrate_from_images(FIELD, images, Seeing(), executor=executor) == calibrated_here
         localized = localize(FIELD, images, Seeing(), executor=executor)
-    assert there == here
     assert len(localized) == len(images)
     assert [one.pixels.keys() for one in localized] == [one.pixels.keys() for one in localize(FIELD, images, Seeing())]

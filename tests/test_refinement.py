@@ -25,7 +25,8 @@ from fieldcalib.images.refinement import (
 from fieldcalib.problem.layout import CENTER, LOG_F, camera_from_theta, theta_from_camera
 from fieldcalib.solve.from_homography import calibrate_from_homography
 from fieldcalib.solve.from_segments import calibrate_from_segments
-from fieldcalib.solve.options import ALL, DEFAULT_FLAGS
+from fieldcalib.solve.options import DEFAULT_FLAGS
+from fieldcalib.solve.task import Task
 
 FIELD = soccer()
 MARKINGS = Markings.of(FIELD)
@@ -271,7 +272,7 @@ def test_room_is_half_the_distance_to_the_nearest_profile_of_another_marking():
 def test_images_refined_together_are_refined_as_alone():
     starts = [replace(calibrated(truth), camera=moved(truth, 5.0, seed=1)) for truth in VIEWS.values()]
     given = [ToRefine(picture(truth), start, {}, {}) for truth, start in zip(VIEWS.values(), starts, strict=True)]
-    together = refine_all(FIELD, MARKINGS, given, flags=DEFAULT_FLAGS, prior=ALL)
+    together = refine_all(Task(FIELD, flags=DEFAULT_FLAGS), MARKINGS, given)
     for one, found in zip(given, together, strict=True):
         alone = refine_on_image(FIELD, one.image, one.calibration)
         assert found.support == pytest.approx(line_support(one.image, found.calibration.camera, MARKINGS), abs=1e-7)

@@ -76,13 +76,17 @@ def test_the_sky_is_no_field():
 
 
 @any_camera
-def test_rendering_is_reproducible_and_complete(camera):
-    plain, again = render_field(camera, FIELD), render_field(camera, FIELD)
+def test_rendering_leaves_no_pixel_out(camera):
+    plain = render_field(camera, FIELD)
     assert plain.shape == (SIZE[1], SIZE[0], 3)
     assert plain.dtype == np.uint8
-    assert np.array_equal(plain, again)
-    assert np.all(plain.any(axis=-1))  # no pixel was left out
-    grain = [render_field(camera, FIELD, rng=np.random.default_rng(seed)) for seed in (1, 1, 2)]
+    assert np.all(plain.any(axis=-1))
+
+
+def test_rendering_is_reproducible():
+    truth = camera(10, 78, 1100, (0, 62, -17))
+    assert np.array_equal(render_field(truth, FIELD), render_field(truth, FIELD))
+    grain = [render_field(truth, FIELD, rng=np.random.default_rng(seed)) for seed in (1, 1, 2)]
     assert np.array_equal(grain[0], grain[1])
     assert np.any(grain[0] != grain[2])
 

@@ -15,8 +15,10 @@ from fieldcalib.geometry.projective import dehomogenize, homogenize
 from fieldcalib.problem.evaluation import LOG_F_RANGE
 from fieldcalib.problem.losses import RobustLoss
 from fieldcalib.solve.from_points import Points, _start
-from fieldcalib.solve.options import DEFAULT_CRITERIA, CalibrationFlags, checked_options
+from fieldcalib.solve.given_camera import GivenCamera
+from fieldcalib.solve.options import CalibrationFlags
 from fieldcalib.solve.resection import resect
+from fieldcalib.solve.task import Task
 
 F = CalibrationFlags
 
@@ -24,10 +26,8 @@ F = CalibrationFlags
 def started(X, xy, K, dist):
     """What `_start` makes of points, with K given, focal length included, and everything else open."""
     flags = PINHOLE_FLAGS | F.CALIB_FIX_FOCAL_LENGTH
-    common = {"criteria": DEFAULT_CRITERIA, "prior": None, "loss": "cauchy", "tau": None}
-    options = checked_options(SIZE, K, dist, None, None, flags=flags, **common)
-    names = tuple(f"point {i}" for i in range(len(X)))
-    return _start(Points(names, X, xy, np.ones(len(X)), K, dist, None, None, flags), options)
+    points = Points(tuple(f"point {i}" for i in range(len(X))), X, xy, np.ones(len(X)))
+    return _start(points, Task(points.segments, GivenCamera(K, dist), flags, prior=None).options(SIZE))
 
 
 @given(

@@ -22,13 +22,16 @@ def rendered():
     return [render_field(camera, FIELD, rng=np.random.default_rng(0)) for camera in TRUTHS]
 
 
-@pytest.fixture(scope="module")
-def video(rendered, tmp_path_factory):
-    path = tmp_path_factory.mktemp("video") / "clip.mp4"
+def written(images, path):
     with VideoWriter(path, 25.0) as video:
-        for image in rendered:
+        for image in images:
             video.write(image)
     return path
+
+
+@pytest.fixture(scope="module")
+def video(rendered, tmp_path_factory):
+    return written(rendered, tmp_path_factory.mktemp("video") / "clip.mp4")
 
 
 @pytest.fixture(autouse=True)
@@ -85,7 +88,7 @@ def test_parts_that_are_kept_are_not_calibrated_again(rendered, network, monkeyp
         calibrate_video(FIELD, rendered[:8], network(), parts=read_back)
 
 
-@pytest.mark.parametrize("count", [1, 2])
+@pytest.mark.parametrize("count", [1, pytest.param(2, marks=pytest.mark.slow)])
 def test_a_clip_goes_on_after_its_parts(video, whole, network, tmp_path, monkeypatch, capsys, count):
     with monkeypatch.context() as patch:
         finished = from_video.finish
@@ -106,12 +109,14 @@ def test_a_clip_goes_on_after_its_parts(video, whole, network, tmp_path, monkeyp
     assert content_of(tmp_path) == content_of(whole)
 
 
-@pytest.mark.parametrize("count", [0, 7, 29])
+@pytest.mark.parametrize(
+    "count", [pytest.param(0, marks=pytest.mark.slow), 7, pytest.param(29, marks=pytest.mark.slow)]
+)
 def test_a_clip_goes_on_with_its_frames(video, whole, network, tmp_path, monkeypatch, count):
     from fieldcalib.draw.overlays import draw_calibration
 
     with monkeypatch.context() as patch:
-        patch.setattr("fieldcalib.cli.calibration_options.draw_calibration", Interrupting(draw_calibration, count))
+        patch.setattr("fieldcalib.cli.run_options.draw_calibration", Interrupting(draw_calibration, count))
         network()
         assert run("run", video, "--out", tmp_path) == 130
     assert len(lines_of(tmp_path)) == count + 1
@@ -119,23 +124,28 @@ def test_a_clip_goes_on_with_its_frames(video, whole, network, tmp_path, monkeyp
     assert content_of(tmp_path) == content_of(whole)
 
 
-@pytest.mark.parametrize("count", [8, 17])
-def test_a_video_by_itself_goes_on(video, know, tmp_path, monkeypatch, count):
+@pytest.fixture(scope="module")
+def short(rendered, tmp_path_factory):
+    """A video of twelve frames: a batch of eight, and four."""
+    return written(rendered[:12], tmp_path_factory.mktemp("short") / "clip.mp4")
 
-    know(TRUTHS)
-    assert run("run", video, "--independent", "--out", tmp_path / "whole") == 0
+
+@pytest.mark.parametrize("count", [8, 9])
+def test_a_video_by_itself_goes_on(short, know, tmp_path, monkeypatch, count):
     from fieldcalib.run_folder.results import ResultsWriter
 
+    know(TRUTHS[:12])
+    assert run("run", short, "--independent", "--out", tmp_path / "whole") == 0
     out = tmp_path / "out"
     with monkeypatch.context() as patch:
         ending = Interrupting(ResultsWriter.add, count)
         patch.setattr(ResultsWriter, "add", lambda *arguments: ending(*arguments))
-        know(TRUTHS)
-        assert run("run", video, "--independent", "--out", out) == 130
+        know(TRUTHS[:12])
+        assert run("run", short, "--independent", "--out", out) == 130
     assert len(lines_of(out)) == count
     assert not (out / "overlay.mp4").exists()
-    know(TRUTHS[8 * ((count - 1) // 8) :])  # the last line is written again
-    assert run("run", video, "--independent", "--out", out, "--resume") == 0
+    know(TRUTHS[8 * ((count - 1) // 8) : 12])  # the last line is written again
+    assert run("run", short, "--independent", "--out", out, "--resume") == 0
     assert content_of(out) == content_of(tmp_path / "whole")
 
 

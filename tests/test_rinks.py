@@ -7,7 +7,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from one_camera import relative_error
+from objects import relative_error
 from synthetic import SIZE, observe, random_frames
 
 from fieldcalib.assess.result import Verdict

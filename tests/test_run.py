@@ -464,7 +464,7 @@ def test_an_interrupted_video_leaves_nothing_half(know, tmp_path, monkeypatch, c
             raise KeyboardInterrupt
         return arguments[0]
 
-    monkeypatch.setattr("fieldcalib.cli.calibration_options.draw_calibration", interrupt)
+    monkeypatch.setattr("fieldcalib.cli.run_options.draw_calibration", interrupt)
     assert run("run", tmp_path / "a.mp4", "--out", tmp_path / "out", *how) == 130
     left = {path.name for path in (tmp_path / "out").iterdir()}
     if how:  # its first unit was not done

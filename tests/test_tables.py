@@ -211,6 +211,7 @@ def test_zeta_100_rejects_what_zeta_1000_takes(tmp_path):
     assert runs[hdecomp(ANNOTATED) + FAR, "-"].predictions != [None]
 
 
+@pytest.mark.slow
 def test_chens_method_runs_with_a_database(wc14, tmp_path, capsys):
     for name, extract in (("chen", Siamese.shipped()), ("uniform", None)):
         Database.made(soccer(), name, DRAWS[name], extract, count=1500).write(tmp_path / f"{name}.npz")

@@ -36,7 +36,7 @@ class Cameras:
     angles: Array
     """Pan, tilt, roll in radians, (N, 3)."""
     focal_length: Array
-    """In pixels of an image of IMAGE_SIZE, (N,)."""
+    """Focal lengths in pixels of an image of IMAGE_SIZE, (N,)."""
     C: Array
     """Centres in metres, (N, 3)."""
 
@@ -58,7 +58,7 @@ class Cameras:
 
 
 Draw: TypeAlias = Callable[[int, np.random.Generator], Cameras]
-"""From a number of cameras to so many random ones."""
+"""Draws a number of random cameras."""
 
 
 def cameras_of_chen(count: int, rng: np.random.Generator) -> Cameras:
@@ -96,7 +96,7 @@ DRAWS: Mapping[str, Draw] = MappingProxyType({CHEN: cameras_of_chen, UNIFORM: pa
 
 
 def nearby(cameras: Cameras, rng: np.random.Generator) -> Cameras:
-    """For each camera another one at the same place that sees almost the same."""
+    """For each camera, another one at the same place with a similar view."""
     most = np.array([np.radians(PAIR_PAN), np.radians(PAIR_TILT), PAIR_FOCAL_LENGTH])
     pan, tilt, f = rng.uniform(-most, most, (len(cameras), 3)).T
     angles = cameras.angles + np.stack([pan, tilt, np.zeros_like(pan)], axis=1)

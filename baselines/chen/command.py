@@ -213,7 +213,7 @@ def _database(path: Path) -> Database:
 
 @dataclass(frozen=True)
 class _FromEdges:
-    """From edge images to homographies and cameras."""
+    """Finds homographies and cameras for edge images."""
 
     database: Path
     recipe: Recipe

@@ -35,9 +35,9 @@ class Database:
     cameras: Cameras
     """N cameras."""
     features: Float32
-    """Of their edge images, (N, D)."""
+    """Features of their edge images, (N, D)."""
     extract: Features
-    """What the features come from."""
+    """Extractor of the features."""
     pieces: Array
     """The markings, (M, 2, 2), see `edges.ground_pieces`."""
 
@@ -100,7 +100,7 @@ class Database:
 
     @classmethod
     def read(cls, path: Path) -> Self:
-        """What `write` wrote.
+        """Read a file of `write`.
 
         Raises
         ------

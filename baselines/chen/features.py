@@ -29,10 +29,10 @@ class Features(Protocol):
 
     @property
     def arrays(self) -> dict[str, NDArray[Any]]:
-        """What they are made from, for a file; `kind` is SIAMESE or HOG."""
+        """Arrays of the extractor, for a file; `kind` is SIAMESE or HOG."""
 
     def __call__(self, edges: Edges) -> Float32:
-        """Of N edge images (N, height, width), (N, D)."""
+        """Features (N, D) of N edge images (N, height, width)."""
 
 
 @dataclass(frozen=True)
@@ -67,7 +67,7 @@ class Siamese:
         return Siamese, (self.model,)
 
     def __call__(self, edges: Edges) -> Float32:
-        """Of N edge images (N, height, width), (N, 16)."""
+        """Features (N, 16) of N edge images (N, height, width)."""
         parts = [self._session.run(None, {"edges": part[:, None].astype(np.float32)})[0] for part in _parts(edges)]
         return np.concatenate(parts)
 
@@ -80,13 +80,13 @@ class Hog:
     """
 
     mean: Float32
-    """Of the histograms, (540,)."""
+    """Mean of the histograms, (540,)."""
     axes: Float32
     """Their principal components, (540, 64)."""
 
     @classmethod
     def fitted(cls, edges: Edges) -> Self:
-        """With the principal components of N edge images (N, height, width)."""
+        """Fit the principal components to N edge images (N, height, width)."""
         histograms = _histograms(edges)
         mean = histograms.mean(axis=0)
         _, vectors = np.linalg.eigh(np.cov((histograms - mean).T))
@@ -98,7 +98,7 @@ class Hog:
         return {"kind": np.array(HOG), "mean": self.mean, "axes": self.axes}
 
     def __call__(self, edges: Edges) -> Float32:
-        """Of N edge images (N, height, width), (N, 64)."""
+        """Features (N, 64) of N edge images (N, height, width)."""
         return np.asarray((_histograms(edges) - self.mean) @ self.axes, np.float32)
 
 

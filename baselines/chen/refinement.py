@@ -68,7 +68,7 @@ def refined(H: Array, edges: Edges, pieces: Array, steps: tuple[Step, ...]) -> A
 
 
 def mismatch(views: Edges, edges: Edges, truncation: float) -> Array:
-    """How much the distance images of N views of one size differ from that of an edge image, (N,).
+    """Differences, (N,), between the distance images of N views of one size and that of an edge image.
 
     The mean absolute difference in pixels of EDGE_SIZE, distances up to `truncation`.
     """

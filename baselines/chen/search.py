@@ -1,4 +1,4 @@
-"""From an edge image to a homography: the nearest cameras of the database, and their refinement."""
+"""Search for the homography of an edge image: the nearest cameras of the database, and their refinement."""
 
 from __future__ import annotations
 
@@ -17,14 +17,14 @@ COMPARED_UP_TO, JUDGED_UP_TO = 12.5, 5.0  # truncation of distances, pixels of E
 
 @dataclass(frozen=True)
 class Recipe:
-    """How a homography is found."""
+    """Options of the search."""
 
     nearest: int
-    """How many cameras of the nearest features are compared with the edge image by distance images."""
+    """Number of cameras with the nearest features that are compared with the edge image by distance images."""
     refined: int
-    """How many of these, the most alike, are refined; the one that is most alike then is the result."""
+    """Number of these, the most similar ones, that are refined; the most similar after that is the result."""
     steps: tuple[Step, ...]
-    """Of the refinement."""
+    """Options of the refinement."""
 
 
 PUBLISHED = Recipe(1, 1, (Step(EDGE_SIZE, 12.5, cv2.MOTION_HOMOGRAPHY, 50),))

@@ -36,7 +36,7 @@ class Area:
     """Largest |x| and |y|."""
 
     def distance(self, x: Float32, y: Float32) -> Float32:
-        """Of points from its border, negative inside."""
+        """Distances of points from its border, negative inside."""
         x, y = np.abs(x), np.abs(y)
         low = [start if start > 0.0 else -end for start, end in zip(self.low, self.high, strict=True)]
         out_x = np.maximum(np.float32(low[0]) - x, x - np.float32(self.high[0]))
@@ -47,7 +47,7 @@ class Area:
         return np.asarray(np.maximum(distance, beyond), np.float32)
 
     def share(self, ground: Ground) -> Float32:
-        """Of every pixel that the area covers; 0 above the horizon."""
+        """Share of every pixel that the area covers; 0 above the horizon."""
         inside = 0.5 - self.distance(*ground.xy) / ground.largest_pixel_size
         return np.asarray(np.nan_to_num(np.clip(inside, 0.0, 1.0), nan=0.0), np.float32)
 

@@ -1,4 +1,4 @@
-"""Where synthetic cameras stand and look, and on which side the labels are.
+"""Positions and directions of synthetic cameras, and the side from which labels are named.
 
 An image cannot tell the left of a field from its right: turned by 180 degrees about its centre mark, the field looks
 the same from the opposite stand. So the labels follow the camera. It is turned to the main side, y > 0, unless it

@@ -36,7 +36,7 @@ def random_colour(
 
 
 def vivid_colour(rng: np.random.Generator) -> Colour:
-    """What kits, boards and seats are made of: white, black or something bright."""
+    """Colours of kits, boards and seats: white, black or a bright colour."""
     kind = rng.random()
     if kind < 0.22:
         return random_colour(rng, saturation=(0.0, 0.08), value=(0.85, 1.0))

@@ -148,7 +148,7 @@ def _overlay(picture: Float32, ground: Ground, rng: np.random.Generator) -> None
 
 
 def hall_light(ground: Ground, rng: np.random.Generator) -> Float32:
-    """By how much the light of a hall differs from place to place: factors (3, height, width)."""
+    """Variation of the light in a hall: factors (3, height, width)."""
     x, y = ground.xy
     light = 1.0 + rng.uniform(0.0, 0.08) * noise_at(x, y, rng.uniform(0.1, 0.6), rng)
     tint = rng.normal(0.0, 0.04, size=3)  # of its lamps

@@ -36,7 +36,7 @@ class SyntheticFrame:
     foreground hide is background: there is nothing to see, often up to the image's border.
     """
     camera: Camera | None
-    """None where there is no field."""
+    """Camera of the frame; None where there is no field."""
     field: Field
 
     @property

@@ -37,15 +37,15 @@ Surrounds = Callable[[Float32, Camera, Float32, Ground, Field, np.random.Generat
 
 @dataclass(frozen=True)
 class Game:
-    """What a frame is made of, in the order in which it is drawn."""
+    """Parts of a frame, in the order in which they are drawn."""
 
     field: Field
     """The nominal one."""
     classes: tuple[str, ...]
-    """Of its masks, see `data_tools.synthetic.masks.classes_of`."""
+    """Classes of its masks, see `data_tools.synthetic.masks.classes_of`."""
     random_field: Callable[[np.random.Generator], Field]
     stands: Mapping[CameraDistribution, float]
-    """Where its cameras are, in which proportion."""
+    """Stands of its cameras, with their proportions."""
     light: Callable[[Ground, Field, np.random.Generator], Float32]
     ground: Callable[[Ground, Field, np.random.Generator], Float32]
     surround: Surrounds
@@ -141,7 +141,7 @@ def _lamps(rng: np.random.Generator) -> list[Sun]:
 
 
 def _positions(look: Look, field: Field, rng: np.random.Generator) -> list[Array]:
-    """Where people stand: most near the play, some around the field where nothing is in their way."""
+    """Positions of people: most near the play, some around the field where it is free."""
     half = 0.5 * np.array([field.length, field.width])
     play = rng.uniform(-0.7, 0.7, size=2) * half
     X = np.clip(

@@ -50,7 +50,7 @@ def reaches(segment: Segment, low: Float32, high: Float32) -> bool:
 
 
 def random_light(ground: Ground, field: Field, rng: np.random.Generator) -> Float32:
-    """By how much the light on the ground differs from even daylight: factors (3, height, width)."""
+    """Variation of the light on the ground against even daylight: factors (3, height, width)."""
     x, y = ground.xy
     light = np.ones_like(x)
     if rng.random() < 0.45:  # the shadow of a stand, of its roof, or the sun between two
@@ -133,7 +133,7 @@ def _wear(ground: Ground, field: Field, rng: np.random.Generator) -> Float32:
 
 
 def surround(picture: Float32, ground: Ground, field: Field, rng: np.random.Generator) -> None:
-    """What lies beyond the run-off: a running track with its lanes, turf, tarmac or concrete."""
+    """The ground beyond the run-off: a running track with its lanes, turf, tarmac or concrete."""
     x, y = np.abs(ground.xy)
     margin_x, margin_y = rng.uniform(*RUN_OFF, size=2).astype(np.float32)
     outside = np.maximum(

@@ -1,4 +1,4 @@
-"""How fields look beyond what they say themselves (`Field.paint`): grounds, painted areas, bars, what is around.
+"""Appearance of fields beyond `Field.paint`: grounds, painted areas, bars, surroundings.
 
 What rule books leave open (floors, turf, the colour of the areas) is drawn from what is usual. Tables go by the
 beginnings of labels, the first that fits.
@@ -45,43 +45,43 @@ MEDIUM = Around((1.5, 5.0), (0.3, 4.0), (0.0, 3.0))  # around courts in halls
 
 @dataclass(frozen=True)
 class Look:
-    """What is drawn of a kind of field, beyond where its segments are."""
+    """Appearance of a kind of field."""
 
     surfaces: Sequence[Surface]
-    """Of which one is drawn."""
+    """Surfaces, one of which is drawn."""
     around: Around = MEDIUM
     colours: Sequence[Hsv] = (WHITE,)
-    """One of them is that of all lines that are white by the rules."""
+    """Colours for the lines that are white by the rules: one of them is drawn for all."""
     coloured: ByLabel[Hsv] = ()
-    """Bars above the ground that are not white."""
+    """Colours of bars above the ground that are not white."""
     widths: ByLabel[float] = ()
-    """Of bars above the ground, metres."""
+    """Widths of bars above the ground, metres."""
     striped: tuple[str, ...] = ()
     """Beginnings of labels of bars with white stripes."""
     edges: str | None = None
     """Ending of labels that are the edges of a wide line: no classes beside that line."""
     marks: Callable[[Field], marks.Marks] = marks.no_marks
-    """What is painted and has no label."""
+    """Makes painted markings without a label."""
     fills: Callable[[Field], Sequence[Fill]] = lambda field: ()
-    """Painted areas, one on top of the other."""
+    """Makes painted areas, one on top of the other."""
     people: tuple[int, int] = (4, 20)
-    """At least and at most."""
+    """Least and largest number of people."""
     behind: float = 0.2
     """Share of the cameras behind the ends of the field."""
     indoors: bool = True
     nets: bool = True
-    """Whether goals have them."""
+    """Whether goals have nets."""
     boards: float = 0.0
     """Height of boards that are the border of a rink, metres."""
     overlaid: float = 0.0
     """Share of the floors with the lines of another court, too."""
 
     def width(self, label: str, default: float) -> float:
-        """Of a bar, metres."""
+        """Width of a bar, metres."""
         return _first(self.widths, label, default)
 
     def colour(self, label: str, default: Hsv) -> Hsv:
-        """Of a bar."""
+        """Colour of a bar."""
         return _first(self.coloured, label, default)
 
     def is_edge(self, label: str) -> bool:
@@ -94,7 +94,7 @@ def _first(table: ByLabel[V], label: str, default: V) -> V:
 
 
 def look_of(name: str, field: Field) -> Look:
-    """That of a field of the catalogue, by its name, or of any other, on the ground that it says."""
+    """The appearance of a field of the catalogue, by its name, or of any other, by its own ground."""
     if name in LOOKS:
         return LOOKS[name]
     ground = next(one for one in get_args(Surface) if one == field.surface)

@@ -38,7 +38,7 @@ NBA_DASHES = 6
 
 
 def no_marks(field: Field) -> Marks:
-    """None."""
+    """No markings."""
     return {}
 
 

@@ -57,7 +57,7 @@ def markings_mask(camera: Camera, field: Field, classes: Sequence[str] = CLASSES
 
 
 def mirrored_values(*, behind_goal: bool, field: Field | None = None, classes: Sequence[str] = CLASSES) -> Mask | None:
-    """What every value of a mask, (classes + 1,), becomes when the image is mirrored left to right.
+    """New value of each value of a mask, (classes + 1,), when the image is mirrored left to right.
 
     A mirrored image is that of the mirrored field, whose left is right. Behind the left goal, though, the camera stays
     there, see `data_tools.synthetic.cameras`: far and near swap, and the posts of each goal.

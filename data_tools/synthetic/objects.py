@@ -1,4 +1,4 @@
-"""What stands on a synthetic field, the farthest behind the nearest."""
+"""Objects on a synthetic field, drawn from the farthest to the nearest."""
 
 from __future__ import annotations
 

@@ -27,7 +27,7 @@ FARTHEST = 1e4  # px: what reaches farther out of the image cannot be drawn
 
 
 def random_positions(field: Field, rng: np.random.Generator) -> list[Array]:
-    """Where people stand, (3,) each: most near the play, some anywhere, some around the field."""
+    """Positions of people, (3,) each: most near the play, some anywhere, some around the field."""
     half = np.array([field.length, field.width]) / 2.0
     play = rng.uniform(-0.9, 0.9, size=2) * half
     near = play + rng.normal(size=(rng.integers(0, 16), 2)) * rng.uniform(4.0, 18.0)
@@ -46,7 +46,7 @@ def random_kit(rng: np.random.Generator) -> Kit:
 
 
 def random_suns(rng: np.random.Generator) -> list[Sun]:
-    """How shadows fall: that of the sun, those of four floodlights, or none."""
+    """Directions of shadows: of the sun, of four floodlights, or none."""
     angle, length = rng.uniform(0.0, 2.0 * np.pi), rng.uniform(0.3, 2.5)
     towards = np.array([np.cos(angle), np.sin(angle)])
     kind = rng.random()
@@ -65,11 +65,11 @@ class Person:
     tall: float
     """Metres."""
     stride: float
-    """How far forward a foot is, in shares of the height; the other one is as far back."""
+    """Distance of the front foot, as a share of the height; the other foot is as far back."""
     swing: float
-    """Of the arms, likewise."""
+    """Swing of the arms, as a share of the height."""
     raised: bool
-    """Whether the arms are, in joy or protest."""
+    """Whether the arms are raised, in joy or protest."""
     heading: float
     """Radians from x."""
     bright: float

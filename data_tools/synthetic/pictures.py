@@ -1,4 +1,4 @@
-"""What becomes of a synthetic frame on its way to the viewer: graphics on it, lens, sensor, broadcast chain."""
+"""Degradation of a synthetic frame on its way to the viewer: graphics, lens, sensor, broadcast chain."""
 
 from __future__ import annotations
 

@@ -61,7 +61,7 @@ def _walls(camera: Camera, ray: Float32, field: Field) -> Iterator[tuple[Wall, b
 
 
 def _corner_walls(camera: Camera, ray: Float32, corner: Arc) -> Iterator[tuple[Wall, bool]]:
-    """Where rays enter and leave a cylinder, in the quarter of it that is the corner."""
+    """Points where rays enter and leave a cylinder, in the quarter that is the corner."""
     C = (camera.C - corner.center).astype(np.float32)
     a = np.square(ray[0]) + np.square(ray[1])
     b = ray[0] * C[0] + ray[1] * C[1]

@@ -1,4 +1,4 @@
-"""What stands around a synthetic field: advertising boards, stands with their crowds, dugouts in the foreground.
+"""Surroundings of a synthetic field: advertising boards, stands with their crowds, dugouts in the foreground.
 
 All are textures on upright walls, a rectangle of them around the field: the stands behind, boards in front. A wall
 between the camera and the field hides the ground only up to its own height.
@@ -30,7 +30,7 @@ SIDES = ((0, -1.0), (0, 1.0), (1, -1.0), (1, 1.0))  # coordinate and sign: behin
 
 @dataclass(frozen=True)
 class Around:
-    """How far away things stand around a field, as ranges in metres; by default as around soccer pitches."""
+    """Distances of objects around a field, as ranges in metres; by default as around soccer pitches."""
 
     boards: Range | None = BOARDS_AWAY
     """Behind the lines; None where boards or walls are the field's own border."""
@@ -39,7 +39,7 @@ class Around:
     floor: Range = FLOOR_AWAY
     """Behind the boards: where the foreground begins to hide the ground."""
     past: tuple[float, float] = (0.0, 0.0)
-    """How far the field's paint goes on past its length and its width, at each end."""
+    """Extent of the field's paint beyond its length and its width, at each end."""
 
 
 SOCCER = Around()
@@ -47,7 +47,7 @@ SOCCER = Around()
 
 @dataclass(frozen=True)
 class Wall:
-    """Where the rays of all pixels meet an upright plane around the field."""
+    """Points where the rays of all pixels meet an upright plane around the field."""
 
     height: Float32
     """Metres above the ground."""
@@ -156,7 +156,7 @@ def _add_near_wall(picture: Float32, wall: Wall, rng: np.random.Generator) -> Bo
 
 
 def _profile(rng: np.random.Generator) -> Float32:
-    """How high the near wall is at each metre: nothing, boards, or dugouts between gaps."""
+    """Height of the near wall at each metre: nothing, boards, or dugouts between gaps."""
     height = np.zeros(128, np.float32)
     if rng.random() < 0.6:
         height[:] = rng.choice((0.0, rng.uniform(*BOARD_HEIGHT)))

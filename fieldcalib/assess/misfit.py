@@ -3,10 +3,6 @@
 Noise of the labels is in both fits, so the difference is the error of the model. Where it is large, the model does not
 hold: the camera moves, the picture is cut out of a moving window, the ground is not flat, or the shared parameters are
 in a wrong minimum.
-
-The shared parameters are then less certain than white noise of the pixels implies, as errors of a model are alike in
-consecutive frames. So the frames are divided into runs. At the solution the gradients of all runs by the shared
-parameters cancel; the size of each gives how far the estimate would move without that run (a block jackknife).
 """
 
 from __future__ import annotations
@@ -17,7 +13,6 @@ from typing import Any
 import numpy as np
 
 from fieldcalib._types import Array, BoolArray
-from fieldcalib.assess.shared import gradients_by_shared
 from fieldcalib.problem.evaluation import Evaluation, evaluate
 from fieldcalib.problem.layout import POSE_AND_ZOOM, Role
 from fieldcalib.problem.levenberg_marquardt import levenberg_marquardt
@@ -28,7 +23,6 @@ LARGEST_EXCESS = 2.5 / 1101.0
 LEAST_FRAMES = 5  # with fewer the model is not judged
 LEAST_SHARE = 0.15  # of the frames: if so many are contradicted, the model does not hold
 SOMEWHAT = 0.4  # of the largest excess: the median of keyframes of such clips is 0.6 px at most
-RUNS = 8  # number of runs of frames, whose errors are taken for independent
 ITERATIONS = 8  # of the fit of each frame by itself, from the common solution
 TOLERANCE = 1e-3  # of its cost
 
@@ -99,43 +93,20 @@ def misfit(evaluation: Evaluation) -> Misfit:
 
 def rms_of_labels(evaluation: Evaluation) -> Array:
     """Root mean square distance of the labelled pixels of each frame, (B,); NaN where there are none."""
-    squares, count = _squares_by_label(evaluation)
+    squares, count = squares_by_label(evaluation)
     with np.errstate(invalid="ignore"):
         return np.asarray(np.sqrt(np.sum(squares, axis=1) / np.sum(count, axis=1)))
 
 
 def rms_by_label(evaluation: Evaluation) -> Array:
     """Root mean square distance of the pixels of each label, (B, L)."""
-    squares, count = _squares_by_label(evaluation)
+    squares, count = squares_by_label(evaluation)
     with np.errstate(invalid="ignore"):
         return np.asarray(np.sqrt(squares / count))
 
 
-def _squares_by_label(evaluation: Evaluation) -> tuple[Array, Array]:
+def squares_by_label(evaluation: Evaluation) -> tuple[Array, Array]:
     """Sums of squared distances, and numbers of pixels, (B, L)."""
     observations = evaluation.problem.observations.without_ends
     squares = np.square(evaluation.r[:, : observations.weight.shape[1]])
     return observations.by_label(np.where(observations.label >= 0, squares, 0.0)), observations.pixels_by_label
-
-
-def inflation(evaluation: Evaluation, covariance: Array, inverse: Array, kappa: Array) -> float:
-    """Factor on the covariance (S, S) of shared parameters, for errors that are not white: 1 or more.
-
-    It is the variance that runs of frames show in units of that covariance, averaged over directions.
-
-    Parameters
-    ----------
-    evaluation : Evaluation
-        T frames at the solution.
-    covariance, inverse : (S, S) arrays
-        The two results of `fieldcalib.assess.shared.shared_covariance`.
-    kappa : (T,) array
-        Curvature, as `shared_covariance` takes it.
-    """
-    runs = [run for run in np.array_split(np.arange(len(evaluation.theta)), RUNS) if len(run)]
-    if len(runs) < 3 or not len(covariance):
-        return 1.0
-    pulls = gradients_by_shared(evaluation, kappa)
-    moved = np.array([np.sum(pulls[run], axis=0) for run in runs]) @ inverse
-    squares = np.sum(moved * np.linalg.solve(covariance, moved.T).T)
-    return max(1.0, float(squares) * len(runs) / (len(runs) - 1) / len(covariance))

@@ -18,11 +18,10 @@ import numpy as np
 from fieldcalib._types import Array
 from fieldcalib.assess.datum import relative_to_markings
 from fieldcalib.assess.ground import ground_derivatives, ground_of_pixels
-from fieldcalib.assess.level import if_level
+from fieldcalib.assess.level import Considered
 from fieldcalib.assess.noise import Noise, gram
 from fieldcalib.fields.field import Field
 from fieldcalib.problem.evaluation import Evaluation
-from fieldcalib.problem.layout import Layout
 from fieldcalib.problem.levenberg_marquardt import coupled
 from fieldcalib.problem.projection import Projection
 
@@ -90,32 +89,31 @@ def _of_labels(evaluation: Evaluation, sigma: float, kappa: float) -> tuple[Arra
     noise = Noise(evaluation)
     between = sigma**2 * noise.covariance(JT, noise.pull, noise.pull)
     hessian = kappa * gram(JT, evaluation.pull)
-    if problem.prior is not None:
-        precision = 1.0 / np.square(evaluation.pulling_prior_sigma)
-        diagonal = np.arange(JT.shape[1])
-        between[:, diagonal, diagonal] += precision
-        hessian[:, diagonal, diagonal] += precision
+    if evaluation.prior is not None:
+        between, hessian = between + evaluation.prior.hessian, hessian + evaluation.prior.hessian
     border = kappa * (JT * evaluation.pull[:, None]) @ np.swapaxes(by_shared, 1, 2)
     return hessian, between, border, noise.by_line(JT, evaluation.pull)
 
 
-def whole_covariance(E: Array, F: Array, V: Array, layout: Layout) -> Array:
-    """Covariance (n, n) of all parameters of one frame, from E (o, o), F (o, S) and V (S, S)."""
-    own, considered = np.flatnonzero(layout.free), np.flatnonzero(layout.considered)
+def whole_covariance(E: Array, F: Array, considered: Considered) -> Array:
+    """Covariance (n, n) of all parameters of one frame, from E (o, o), F (o, S) and that of what frames share."""
+    layout, V = considered.layout, considered.covariance
+    own, shared = np.flatnonzero(layout.free), np.flatnonzero(layout.considered)
     covariance = np.zeros((layout.size, layout.size))
     covariance[np.ix_(own, own)] = E + F @ V @ F.T
-    covariance[np.ix_(own, considered)] = -F @ V
-    covariance[np.ix_(considered, own)] = -V @ F.T
-    covariance[np.ix_(considered, considered)] = V
+    covariance[np.ix_(own, shared)] = -F @ V
+    covariance[np.ix_(shared, own)] = -V @ F.T
+    covariance[np.ix_(shared, shared)] = V
     return covariance
 
 
-def ground_errors(theta: Array, layout: Layout, errors: OwnErrors, V: Array, field: Field | None) -> Array:
+def ground_errors(theta: Array, errors: OwnErrors, considered: Considered, field: Field | None) -> Array:
     """Root mean square error (B,), metres, of the field that each camera sees, relative to the markings in view.
 
     It is the median over the pixels of a grid that see the field, or the ground if no field is given, and NaN if none
     does. The ground is taken for level.
     """
+    layout = considered.layout
     half = np.full(2, np.inf) if field is None else np.array([field.length, field.width]) / 2.0
     width, height = layout.image_size
     x, y = np.meshgrid(np.linspace(0.0, width - 1.0, GRID[0]), np.linspace(0.0, height - 1.0, GRID[1]))
@@ -124,10 +122,10 @@ def ground_errors(theta: Array, layout: Layout, errors: OwnErrors, V: Array, fie
     X, seen = ground_of_pixels(projection, xy)
     seen &= np.all(np.abs(X[..., :2]) <= half, axis=-1)
     some = layout.free | layout.considered
-    V = if_level(V, layout.is_crown[layout.considered])
     moved = relative_to_markings(ground_derivatives(projection, X, seen, some), projection, field, some)
     own = moved[..., layout.free[some]]
     shared = moved[..., layout.considered[some]] - own @ errors.following[:, None]
+    V = considered.if_level
     squares = np.einsum("bnij,bjk,bnik->bn", own, errors.own, own) + np.einsum("bnij,jk,bnik->bn", shared, V, shared)
     ordered = np.sort(np.where(seen, squares, np.inf), axis=1)
     count = np.sum(seen, axis=1)

@@ -16,6 +16,7 @@ possibility is that labels are wrong and the size is as uncertain as before.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
@@ -89,29 +90,54 @@ class SizeEvidence:
         inverse = np.linalg.inv(information + FAINT * np.eye(count))
         offset = -inverse @ gradient
         V = inverse @ (spread + FAINT * np.eye(count)) @ inverse
-        S = np.square(sigmas)[:, :, None] * np.eye(count)
-        total = np.concatenate([V + S, V[None] + np.diag(np.square(FAR_OFF[:count]))])
-        shrunk = S @ np.linalg.inv(total[:-1])  # S (V + S)^-1
-        mean = shrunk @ offset
-        left = S - shrunk @ S
-        moments = mean[:, :, None] * mean[:, None, :] + left
-        before = np.tensordot(weights, S, axes=1)
-        distance = np.einsum("i,kij,j->k", offset, np.linalg.inv(total), offset)
-        prior_of_each = np.array([*((1.0 - WRONG) * weights), WRONG])
-        log = np.log(prior_of_each) - 0.5 * (distance + np.linalg.slogdet(total)[1])
-        posterior = np.exp(log - np.max(log))
+        with_wrong = np.array([*((1.0 - WRONG) * weights), WRONG])
+        found = possible_values(offset, V, with_wrong, np.concatenate([sigmas, FAR_OFF[None, :count]]))
+        means, moments = found.means.copy(), found.moments
+        means[-1], moments[-1] = 0.0, np.diag(weights @ np.square(sigmas))  # wrong labels: as it was known before
+        posterior = np.exp(found.log - np.max(found.log))
         if room is not None:
-            posterior[:-1] *= _legal_share(mean, left, room) / _legal_share(np.zeros_like(mean), S, room)
+            S = np.square(sigmas)[:, :, None] * np.eye(count)
+            legal = _legal_share(means[:-1], found.covariances[:-1], room)
+            posterior[:-1] *= legal / _legal_share(np.zeros_like(sigmas), S, room)
         posterior /= np.sum(posterior)
-        given = float(posterior[0] + posterior[-1] * weights[0])
-        return cls(
-            offset,
-            V,
-            posterior,
-            np.concatenate([mean, np.zeros((1, count))]),
-            np.concatenate([moments, before[None]]),
-            given,
-        )
+        return cls(offset, V, posterior, means, moments, float(posterior[0] + posterior[-1] * weights[0]))
+
+
+class PossibleValues(NamedTuple):
+    """Normal distributions of c quantities under each of K possibilities."""
+
+    log: Array
+    """Logarithms of the probabilities of the possibilities, up to a constant, (K,)."""
+    means: Array
+    """(K, c)"""
+    covariances: Array
+    """(K, c, c)"""
+
+    @property
+    def moments(self) -> Array:
+        """Second moments, (K, c, c)."""
+        return np.asarray(self.means[:, :, None] * self.means[:, None, :] + self.covariances)
+
+
+def possible_values(offset: Array, V: Array, weights: Array, sigmas: Array) -> PossibleValues:
+    """Update a mixture of normal priors around 0 by a measurement.
+
+    Parameters
+    ----------
+    offset : (c,) array
+        What was measured.
+    V : (c, c) array
+        Covariance of that.
+    weights, sigmas : (K,), (K, c) arrays
+        Probabilities of the priors, and their standard deviations.
+    """
+    S = np.square(sigmas)[:, :, None] * np.eye(len(offset))
+    total = V + S
+    inverse = np.linalg.inv(total)
+    shrunk = S @ inverse  # S (V + S)^-1
+    distance = np.einsum("i,kij,j->k", offset, inverse, offset)
+    log = np.log(weights) - 0.5 * (distance + np.linalg.slogdet(total)[1])
+    return PossibleValues(log, shrunk @ offset, S - shrunk @ S)
 
 
 def _legal_share(mean: Array, covariance: Array, room: Array) -> Array:

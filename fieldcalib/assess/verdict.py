@@ -175,11 +175,10 @@ def constraints(object_segments: ObjectSegments, frame: Pixels) -> int:
 def degeneracy(object_segments: ObjectSegments, frame: Pixels) -> str | None:
     """Reason why the labels cannot determine a camera: parallel lines, lines through one point, or one circle."""
     segments = [object_segments[label] for label in frame]
-    circles = {one.middle_of_curvature if one.is_arc else None for one in segments}
-    if len(circles) == 1 and None not in circles:
-        return "only one circle is labelled, and it looks alike from all sides: any line would help"
     if not segments or not all(segment.is_straight for segment in segments):
-        return None
+        circles = {segment.middle_of_curvature if segment.is_arc else None for segment in segments}
+        alike = "only one circle is labelled, and it looks alike from all sides: any line would help"
+        return alike if len(circles) == 1 and None not in circles else None
     starts, directions = np.moveaxis(np.array([line.vectors for line in segments]), 1, 0)
     directions = directions / np.linalg.norm(directions, axis=1, keepdims=True)
     if np.linalg.matrix_rank(directions, tol=1e-6) == 1:

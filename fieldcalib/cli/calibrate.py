@@ -9,9 +9,9 @@ from dataclasses import dataclass, replace
 from functools import partial
 from typing import Any
 
+from fieldcalib.assess.compute_errors import compute_errors
 from fieldcalib.assess.placement import Placement
 from fieldcalib.assess.result import Calibration
-from fieldcalib.assess.together import compute_errors
 from fieldcalib.cli.declared import DeclaredPictures, add_declarations
 from fieldcalib.cli.known_camera import KnownCamera, add_known_camera
 from fieldcalib.console.arguments import (
@@ -129,7 +129,7 @@ class _Method:
         frames = {id: placement.to_frame(pixels) for id, pixels in pictures.items()}
         if self.free_field_size is not None:
             return self._on_free_field(pictures, frames, placement)
-        found = by_prior(frames, self._prior_of, partial(self._calibrated, size=placement.frame_size))
+        found = by_prior(frames, self._prior_of, partial(self._calibrate, size=placement.frame_size))
         if self.least_probability is not None:
             compute_errors(found)
         return [
@@ -140,7 +140,7 @@ class _Method:
     def _prior_of(self, id: str) -> Prior:
         return self.prior if self.types is None else DISTRIBUTIONS_OF_TYPE.get(self.types.get(id, ""), ALL)
 
-    def _calibrated(self, frames: list[Pixels], prior: Prior, size: tuple[int, int]) -> list[Calibration]:
+    def _calibrate(self, frames: list[Pixels], prior: Prior, size: tuple[int, int]) -> list[Calibration]:
         return calibrate_batch(
             self.field,
             frames,

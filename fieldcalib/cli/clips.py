@@ -12,9 +12,9 @@ from typing import Any
 import numpy as np
 
 from fieldcalib.assess.result import Calibration
-from fieldcalib.assess.sequence import SequenceCalibration
+from fieldcalib.assess.sequence_calibration import SequenceCalibration
 from fieldcalib.assess.video import VideoCalibration
-from fieldcalib.cli.run_request import RunRequest
+from fieldcalib.cli.run_options import RunRequest
 from fieldcalib.console.network import load_network
 from fieldcalib.console.program import say
 from fieldcalib.console.progress import progress_bar
@@ -39,7 +39,7 @@ from fieldcalib.run_folder.results import (
     WORST,
     ResultsWriter,
     is_finished,
-    result_folder,
+    open_camera_folder,
 )
 from fieldcalib.solve.given_camera import check_of_clip
 
@@ -160,7 +160,7 @@ def run_clip(request: RunRequest) -> int:
     clip = ClipInput(request)
     keywords = options.keywords((0, 0) if options.known.intrinsics is None else clip.frame_size())
     record = RunRecord.of(run, clip.files, unit=PART, writes=CAMERA_FILES)
-    with result_folder(run, record, began) as results:
+    with open_camera_folder(run, record, began) as results:
         if is_finished(run.out):
             return results.exit_code
         parts = KeptParts(run.out)

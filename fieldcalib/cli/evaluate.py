@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from fieldcalib._types import Array
-from fieldcalib.console.arguments import add_most_bytes, image_size, positive
+from fieldcalib.console.arguments import add_most_bytes, add_size, positive
 from fieldcalib.console.field_options import add_sized_field, field_of
 from fieldcalib.console.program import say
 from fieldcalib.fields.field import Field
@@ -37,6 +37,7 @@ from fieldcalib.run_folder.results import is_unfinished
 from fieldcalib.run_folder.units import executor_of
 
 PERCENT = 100.0
+RATIOS = {"AC": "accuracy", "precision": "precision", "recall": "recall"}  # of a report, and their attributes
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -49,12 +50,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument("predictions", type=Path, metavar="PREDICTIONS", help="a folder, a zip or a file")
     parser.add_argument("ground_truth", type=Path, metavar="GROUND_TRUTH", help="a folder or a zip of annotations")
-    parser.add_argument(
-        "--size",
-        type=image_size,
-        metavar="WxH",
-        help="at which it is scored: cameras must be for it, homographies are scaled to it; by default that of the "
-        "cameras, 1280x720 for homographies",
+    add_size(
+        parser,
+        "at which it is scored: cameras must be for it, homographies are scaled to it; by default that of the cameras, "
+        "1280x720 for homographies",
     )
     parser.add_argument(
         "--thresholds",
@@ -166,9 +165,7 @@ def evaluate(
         "size": list(size),
         "planar": planar,
         "CR": _percent(evaluation.completeness),
-        "AC": _percents(names, evaluation.accuracy),
-        "precision": _percents(names, evaluation.precision),
-        "recall": _percents(names, evaluation.recall),
+        **{name: _percents(names, getattr(evaluation, value)) for name, value in RATIOS.items()},
     }
     if evaluation.thresholds == THRESHOLDS:
         report["CS"] = {kind: _compound_score(evaluation, kind, truth.share) for kind in ("printed", "tables")}
@@ -207,9 +204,8 @@ def _per_segment(evaluation: SegmentEvaluation) -> dict[str, dict[str, Any]]:
         if not any(label in confusions for confusions in by_threshold.values()):
             continue
         rows[label] = {
-            "AC": {t: _percent(confusion.accuracy) for t, confusion in found.items()},
-            "precision": {t: _percent(confusion.precision) for t, confusion in found.items()},
-            "recall": {t: _percent(confusion.recall) for t, confusion in found.items()},
+            name: {t: _percent(getattr(confusion, value)) for t, confusion in found.items()}
+            for name, value in RATIOS.items()
         }
         if label in errors:
             rows[label] |= {
@@ -247,8 +243,7 @@ def table(report: Mapping[str, Any]) -> str:
         "",
         f"{'':26s}" + "".join(f"{'@' + t:>8s}" for t in thresholds) + "  px",
     ]
-    for name in ("AC", "precision", "recall"):
-        lines.append(f"{name:26s}" + "".join(_cell(report[name][t]) for t in thresholds))
+    lines += [f"{name:26s}" + "".join(_cell(report[name][t]) for t in thresholds) for name in RATIOS]
     lines.append(f"{'CR':26s}{_cell(report['CR'])}")
     if "CS" in report:
         lines.append(f"{'CS as printed':26s}{_cell(report['CS']['printed'])}")

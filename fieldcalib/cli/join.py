@@ -23,7 +23,7 @@ from fieldcalib.run_folder.results import (
     ResultsWriter,
     finish,
     is_unfinished,
-    run_folder,
+    open_run_folder,
     write_table,
 )
 
@@ -48,7 +48,7 @@ def run(options: argparse.Namespace) -> int:
     if lines == LOCALIZED and joined.writes_table:
         raise ValueError(f"--format {PARQUET} is of cameras: these shards are of localize")
     summaries = [parse_json_object((folder / SUMMARY).read_bytes(), "a summary") for folder in shards]
-    with run_folder(joined, record, lines) as results:
+    with open_run_folder(joined, record, lines) as results:
         for folder, text in islice(_lines(shards, lines, record.unit), results.done, None):
             results.add(_outcome(folder, text, record))
         results.calibrating = sum(summary["seconds"].get("calibration", 0.0) for summary in summaries)

@@ -6,8 +6,7 @@ import time
 from itertools import chain, islice
 from typing import cast
 
-from fieldcalib.cli.calibration_options import CalibrationOptions
-from fieldcalib.cli.run_request import TRIPOD, RunRequest
+from fieldcalib.cli.run_options import TRIPOD, CalibrationOptions, RunRequest
 from fieldcalib.console.network import load_network
 from fieldcalib.console.program import say
 from fieldcalib.images.tracker import Tracker
@@ -18,7 +17,7 @@ from fieldcalib.run_folder.annotated import CAMERA_FILES
 from fieldcalib.run_folder.images import Frame, checked_frames, say_note
 from fieldcalib.run_folder.outcome import Outcome, calibration_line
 from fieldcalib.run_folder.record import RunRecord
-from fieldcalib.run_folder.results import OVERLAY, ResultsWriter, result_folder
+from fieldcalib.run_folder.results import OVERLAY, ResultsWriter, open_camera_folder
 from fieldcalib.solve.given_camera import check_of_clip
 
 
@@ -36,7 +35,7 @@ def run_stream(request: RunRequest) -> int:
     check_of_clip(options.known.flags)
     with (
         reader,
-        result_folder(request.run, record, began) as results,
+        open_camera_folder(request.run, record, began) as results,
         VIDEOS.write(path, reader.frames_per_second, threads=threads) as video,
     ):
         frames = checked_frames(stream, reader, options.placement)

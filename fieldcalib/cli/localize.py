@@ -29,11 +29,11 @@ from fieldcalib.io.results import BROKEN
 from fieldcalib.localize import Localization, Network, localize
 from fieldcalib.problem.labelled_pixels import Pixels
 from fieldcalib.run_folder.annotated import check_labels
-from fieldcalib.run_folder.images import Frame, ReadImage, opened, pixels_of
+from fieldcalib.run_folder.images import Frame, ReadImage, opened, outcomes_of, pixels_of
 from fieldcalib.run_folder.options import RunOptions, add_jobs
 from fieldcalib.run_folder.outcome import Outcome
 from fieldcalib.run_folder.record import RunRecord
-from fieldcalib.run_folder.results import LOCALIZED, ResultsWriter, finish, run_folder
+from fieldcalib.run_folder.results import LOCALIZED, ResultsWriter, finish, open_run_folder
 from fieldcalib.run_folder.units import UnitResult, work
 
 LOCALIZED_STATUS = "localized"
@@ -77,10 +77,10 @@ def run(options: argparse.Namespace) -> int:
     check_labels(labels, field)
     read = ReadImage(options.most_bytes, options.most_pixels)
     names = names_of(labels, field)  # a ValueError if that cannot be
-    method = FromImages(network_options, read, names, format, run.out, load_network(network_options))
+    method = ImageLocalizer(network_options, read, names, format, run.out, load_network(network_options))
     with opened(options.input, options.most_pixels) as source:
         record = RunRecord.of(run, source.files, unit=IMAGES_AT_ONCE, writes=[_file_name(format, "<id>")])
-        with run_folder(run, record, LOCALIZED) as results:
+        with open_run_folder(run, record, LOCALIZED) as results:
             work(run, results, source.files, IMAGES_AT_ONCE, method, source.count)
             summary = localized_summary(results, run.recorded, time.perf_counter() - began)
             if run.shard is None:
@@ -128,7 +128,7 @@ def localized_summary(results: ResultsWriter, options: Mapping[str, Any], second
 
 
 @dataclass(frozen=True)
-class FromImages:
+class ImageLocalizer:
     """Finds the markings in images."""
 
     network_options: NetworkOptions
@@ -150,13 +150,7 @@ class FromImages:
 
     def _of_part(self, frames: Sequence[Frame]) -> list[Outcome]:
         images = [frame.image for frame in frames if frame.image is not None]
-        found = iter(localize(self.network_options.field, images, self.network))
-        return [
-            Outcome.broken(frame, frame.problem)
-            if frame.image is None
-            else self._outcome(frame, frame.image, next(found))
-            for frame in frames
-        ]
+        return outcomes_of(frames, localize(self.network_options.field, images, self.network), self._outcome)
 
     def _outcome(self, frame: Frame, image: Image, found: Localization) -> Outcome:
         size = (image.shape[1], image.shape[0])
@@ -195,5 +189,5 @@ def _seen_from(folder: Path, image: Path) -> str:
 
 def _in_process(
     options: NetworkOptions, read: ReadImage, names: Mapping[str, str], format: str, out: Path
-) -> FromImages:
-    return FromImages(options, read, names, format, out, network_in_process(options))
+) -> ImageLocalizer:
+    return ImageLocalizer(options, read, names, format, out, network_in_process(options))

@@ -20,7 +20,7 @@ from fieldcalib.assess.ground_points import locate_on_ground
 from fieldcalib.assess.result import Calibration
 from fieldcalib.cli.frame_cameras import Cameras
 from fieldcalib.cli.game_state import Projection, write_game_state
-from fieldcalib.console.arguments import add_most_bytes, image_size
+from fieldcalib.console.arguments import add_most_bytes, add_size
 from fieldcalib.console.program import say
 from fieldcalib.fields.soccer import soccer
 from fieldcalib.geometry.image_extent import hint_of_another_size
@@ -60,9 +60,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         metavar="SYSTEM",
         help=f"coordinates: {', '.join(OWN)}, or those of kloppy: skillcorner, tracab, statsbomb, opta, ... ({OWN[0]})",
     )
-    parser.add_argument(
-        "--size", type=image_size, metavar="WxH", help="of the images that boxes are in pixels of (as the cameras')"
-    )
+    add_size(parser, "of the images that boxes are in pixels of (as the cameras')")
     parser.add_argument(
         "--frame-offset",
         type=int,

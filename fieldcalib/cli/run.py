@@ -14,12 +14,11 @@ from typing import get_args
 import numpy as np
 
 from fieldcalib.assess.result import Calibration
-from fieldcalib.cli.calibration_options import CalibrationOptions
 from fieldcalib.cli.clips import run_clip
 from fieldcalib.cli.declared import add_declarations
 from fieldcalib.cli.known_camera import add_known_camera
 from fieldcalib.cli.live import run_stream
-from fieldcalib.cli.run_request import TRIPOD, RunRequest, split
+from fieldcalib.cli.run_options import TRIPOD, CalibrationOptions, RunRequest, split_request
 from fieldcalib.cli.several import run_several
 from fieldcalib.console.arguments import ESTIMATED, add_camera, add_cut, add_format, add_limits, folder_name
 from fieldcalib.console.field_options import add_field
@@ -36,11 +35,11 @@ from fieldcalib.io.images import IMAGES_AT_ONCE, in_parts
 from fieldcalib.io.line_log import whole_lines
 from fieldcalib.io.results import LINES
 from fieldcalib.localize import Network
-from fieldcalib.run_folder.images import Frame, Source, frames_lost, opened, say_note
+from fieldcalib.run_folder.images import Frame, Source, frames_lost, opened, outcomes_of, say_note
 from fieldcalib.run_folder.options import add_jobs
 from fieldcalib.run_folder.outcome import Outcome, calibration_line
 from fieldcalib.run_folder.record import RunRecord
-from fieldcalib.run_folder.results import OVERLAY, ResultsWriter, is_finished, result_folder
+from fieldcalib.run_folder.results import OVERLAY, ResultsWriter, is_finished, open_camera_folder
 from fieldcalib.run_folder.units import UnitResult, joined, work
 from fieldcalib.solve.field_size import shared_size
 
@@ -118,7 +117,7 @@ def _add_drawing(parser: argparse.ArgumentParser) -> None:
 
 def run(options: argparse.Namespace) -> int:
     """Calibrate; returns the exit code."""
-    requests = split(RunRequest.of(options))
+    requests = split_request(RunRequest.of(options))
     return _run(requests[0]) if len(requests) == 1 else run_several(requests, _run)
 
 
@@ -134,7 +133,7 @@ def _run_one_by_one(request: RunRequest) -> int:
     """Calibrate images, or the frames of a video, one by one."""
     began = time.perf_counter()
     run, options = request.run, request.calibration
-    method = FromImages(options, load_network(options.network))
+    method = ImageCalibrator(options, load_network(options.network))
     with opened(
         request.paths,
         options.most_pixels,
@@ -146,7 +145,7 @@ def _run_one_by_one(request: RunRequest) -> int:
             raise ValueError("--shard is of images: give every machine some of the videos")
         writes = [form.file_name("<id>") for form in (CAMERAS, OVERLAYS)]
         record = RunRecord.of(run, source.files, unit=IMAGES_AT_ONCE, writes=writes)
-        with result_folder(run, record, began) as results:
+        with open_camera_folder(run, record, began) as results:
             if is_finished(run.out):
                 return results.exit_code
             if request.same_field:
@@ -154,17 +153,18 @@ def _run_one_by_one(request: RunRequest) -> int:
             if source.frames_per_second is None:
                 work(run, results, source.files, IMAGES_AT_ONCE, method, source.count)
             else:
-                _run_video(request, results, source, source.frames_per_second, method)
+                _run_video(request, results, source, method)
         is_cut = frames_lost(source)
     return 1 if is_cut else results.exit_code
 
 
-def _run_video(request: RunRequest, results: ResultsWriter, source: Source, rate: float, method: FromImages) -> None:
+def _run_video(request: RunRequest, results: ResultsWriter, source: Source, method: ImageCalibrator) -> None:
     """Calibrate each frame on its own; frames of an earlier part of the run are only drawn again."""
     run = request.run
     lines = islice(whole_lines(run.out / LINES), results.done)
     frames = (replace(frame, line=next(lines, b"").decode()) for frame in source.frames)
-    path = run.out / OVERLAY
+    path, rate = run.out / OVERLAY, source.frames_per_second
+    assert rate is not None  # it is a video
 
     with VIDEOS.write(path, rate, threads=request.calibration.network.video_threads) as video:
 
@@ -179,7 +179,7 @@ def _run_video(request: RunRequest, results: ResultsWriter, source: Source, rate
 
 
 @dataclass(frozen=True)
-class FromImages:
+class ImageCalibrator:
     """Calibrates images one by one."""
 
     options: CalibrationOptions
@@ -205,19 +205,12 @@ class FromImages:
         else:
             seen = [(frame.image, self.options.placement(frame.image)) for frame in frames if frame.image is not None]
             images = [placement.image_in_frame(image) for image, placement in seen]
-            found = self._calibrated(self.options.field, images)
+            found = self._calibrate(self.options.field, images)
             calibrations = [placement.from_frame(one) for one, (_, placement) in zip(found, seen, strict=True)]
         seconds = time.perf_counter() - start
-        rest = iter(calibrations)
-        outcomes = [
-            Outcome.broken(frame, frame.problem)
-            if frame.image is None
-            else self._outcome(frame, frame.image, next(rest))
-            for frame in frames
-        ]
-        return UnitResult(outcomes, seconds)
+        return UnitResult(outcomes_of(frames, calibrations, self._outcome), seconds)
 
-    def on_one_field(self, files: Sequence[FrameFile]) -> FromImages:
+    def on_one_field(self, files: Sequence[FrameFile]) -> ImageCalibrator:
         """Estimate the size of the field from some images together: evenly spread ones of the most common size."""
         some = [files[k] for k in np.linspace(0, len(files) - 1, min(len(files), SAMPLE)).round().astype(int)]
         images = [image for image in (self.options.read(file).image for file in some) if image is not None]
@@ -228,12 +221,12 @@ class FromImages:
         given = self.options.field
         found = shared_size(given, [])
         for _ in range(ROUNDS if alike else 0):
-            found = shared_size(given, self._calibrated(replace(found.field, size_known=True), alike))
+            found = shared_size(given, self._calibrate(replace(found.field, size_known=True), alike))
         say(f"the images show a field of {found.length:.1f} x {found.width:.1f} m ({found})")
         field = replace(found.field, size_known=found.is_told)  # a size that no image shows is not known
         return replace(self, options=replace(self.options, field=field, estimate_size=False))
 
-    def _calibrated(self, field: Field, images: Sequence[Image]) -> list[Calibration]:
+    def _calibrate(self, field: Field, images: Sequence[Image]) -> list[Calibration]:
         by_size: dict[tuple[int, int], list[int]] = {}
         for index, image in enumerate(images):  # known intrinsics are of one size, nothing else depends on it
             size = (image.shape[1], image.shape[0]) if self.options.known.intrinsics is not None else (0, 0)
@@ -259,5 +252,5 @@ class FromImages:
         return Outcome.of(calibration, line, keeps=keeps, files=files)
 
 
-def _in_process(options: CalibrationOptions) -> FromImages:
-    return FromImages(options, network_in_process(options.network))
+def _in_process(options: CalibrationOptions) -> ImageCalibrator:
+    return ImageCalibrator(options, network_in_process(options.network))

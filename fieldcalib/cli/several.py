@@ -13,14 +13,14 @@ from functools import partial
 from io import StringIO
 from typing import TypeAlias
 
-from fieldcalib.cli.run_request import RunRequest
+from fieldcalib.cli.run_options import RunRequest
 from fieldcalib.console.program import say
 from fieldcalib.console.progress import progress_bar
 from fieldcalib.io.files import BrokenFileError
 from fieldcalib.processes.jobs import Processes, in_order
 from fieldcalib.processes.other_process import ProcessEndedError
 
-Run: TypeAlias = Callable[[RunRequest], int]
+RunFunction: TypeAlias = Callable[[RunRequest], int]
 
 
 @dataclass(frozen=True)
@@ -33,8 +33,8 @@ class Ended:
     err: str
 
 
-def run_several(requests: Sequence[RunRequest], run: Run) -> int:
-    """Run all, clips by ``--jobs`` processes side by side; returns the largest exit code."""
+def run_several(requests: Sequence[RunRequest], run: RunFunction) -> int:
+    """RunFunction all, clips by ``--jobs`` processes side by side; returns the largest exit code."""
     jobs = requests[0].run.jobs
     alone: list[RunRequest] = []
     side_by_side: list[RunRequest] = []
@@ -46,7 +46,7 @@ def run_several(requests: Sequence[RunRequest], run: Run) -> int:
     return max(codes)
 
 
-def _by_processes(requests: Sequence[RunRequest], run: Run, jobs: int) -> list[int]:
+def _by_processes(requests: Sequence[RunRequest], run: RunFunction, jobs: int) -> list[int]:
     codes = []
     with (
         Processes(min(jobs, len(requests))) as executor,
@@ -61,14 +61,14 @@ def _by_processes(requests: Sequence[RunRequest], run: Run, jobs: int) -> list[i
     return codes
 
 
-def _ended(run: Run, request: RunRequest) -> Ended:
+def _ended(run: RunFunction, request: RunRequest) -> Ended:
     out, err = StringIO(), StringIO()
     with redirect_stdout(out), redirect_stderr(err):
         code = _code(run, request)
     return Ended(code, out.getvalue(), err.getvalue())
 
 
-def _code(run: Run, request: RunRequest) -> int:
+def _code(run: RunFunction, request: RunRequest) -> int:
     """The exit code of a run; an error that ends it is said on stderr."""
     try:
         return run(request)

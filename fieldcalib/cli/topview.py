@@ -17,7 +17,7 @@ from fieldcalib.console.inputs import add_inputs
 from fieldcalib.draw import draw_field, draw_players, mosaic, overhead_camera
 from fieldcalib.geometry.camera import Camera
 from fieldcalib.io.cuts import Cut, Position
-from fieldcalib.io.files import BrokenFileError
+from fieldcalib.io.files import named_in_errors
 from fieldcalib.io.formats import IMAGES, VIDEOS
 from fieldcalib.io.image import Image
 from fieldcalib.io.images import write_image
@@ -26,7 +26,7 @@ from fieldcalib.run_folder.results import counted
 
 MOST_VIEWS = 31  # of a clip: players hide a place in some of them only
 MOST_BYTES = 400e6  # of all views together, with four bytes per pixel
-LINES = (96, 92, 90)  # colour of the markings where nothing is seen
+LINE_COLOUR = (96, 92, 90)  # colour of the markings where nothing is seen
 PICTURES = (".png", ".jpg", ".jpeg", ".tif", ".tiff", ".webp")
 
 Item = TypeVar("Item")
@@ -73,7 +73,7 @@ def run(options: argparse.Namespace) -> int:
     most = int(min(MOST_VIEWS, max(1.0, MOST_BYTES / (4 * width * height))))
     shown: list[str] = []
     picture, seen = mosaic(Views(options.input, cameras, most, options.most_bytes, shown), overhead)
-    lines = draw_field(picture, overhead, field, colour=LINES, thickness=1)
+    lines = draw_field(picture, overhead, field, colour=LINE_COLOUR, thickness=1)
     picture = np.where(seen[..., None], picture, lines)
     if players is not None:
         points, colours, trails = players.of(shown[-1])
@@ -107,10 +107,8 @@ class Views:
         if not files:
             raise ValueError(f"no image that is given has an accepted camera in {self.cameras.path}")
         for file in _spread(files, self.most):
-            try:
+            with named_in_errors(file.path):
                 yield IMAGES.read(file.read(self.most_bytes)), _camera(self.cameras, file.id)
-            except BrokenFileError as error:
-                raise BrokenFileError(f"{file.path}: {error}") from None
             self.shown.append(file.id)
 
     def _of_video(self) -> Iterator[tuple[Image, Camera]]:

@@ -98,17 +98,17 @@ def labels(text: str) -> dict[str, str | None]:
 def add_input_and_output(parser: argparse.ArgumentParser) -> None:
     """INPUT, --size, --labels, --out, --format, --strict and --max-megabytes, to calibrate annotated frames."""
     add_inputs(parser, "folders, zips of them, single files")
-    parser.add_argument(
-        "--size",
-        type=image_size,
-        metavar="WxH",
-        help="of the images, e.g. 960x540; SoccerNet's annotations do not say it (as the files say)",
-    )
+    add_size(parser, "of the images, e.g. 960x540; SoccerNet's annotations do not say it (as the files say)")
     add_labels(parser)
     parser.add_argument("--out", required=True, type=folder_name, metavar="DIR", help="where the results go")
     add_format(parser)
     parser.add_argument("--strict", action="store_true", help="read all files first, and do nothing if one is broken")
     add_most_bytes(parser)
+
+
+def add_size(parser: argparse.ArgumentParser, help: str, *, required: bool = False) -> None:
+    """--size, the size of images."""
+    parser.add_argument("--size", required=required, type=image_size, metavar="WxH", help=help)
 
 
 def add_labels(parser: argparse.ArgumentParser) -> None:

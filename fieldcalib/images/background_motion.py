@@ -75,8 +75,8 @@ def _consensus(p: Array, q: Array, tolerance: float) -> tuple[Motion, BoolArray]
     """A turn and a zoom by RANSAC, and which points follow it; deterministic.
 
     Lines of sight are projected stereographically, for a few focal lengths in turn. That is conformal, and small
-    turns and zooms are similarities but for terms of second order, a quarter of those of the picture itself. Four
-    parameters: the eight of a homography also fit players who run the way that the camera pans.
+    turns and zooms are similarities but for terms of second order, a quarter of those of the picture itself. They have
+    four parameters; the eight of a homography also fit players who run the way that the camera pans.
     """
     import cv2
 
@@ -181,16 +181,16 @@ class Motion:
 def _refined(motion: Motion, p: Array, q: Array, inlier: BoolArray, unit: float) -> tuple[Motion, Array, float] | None:
     """Least squares motion of a camera that turns and zooms, by Gauss-Newton with hard rejection.
 
-    Six parameters instead of the nine of a homography with a lens: where all matches lie in a strip of boards, a
-    homography says anything about the rest of the picture. Focal length and lens have priors, since small motions say
-    nothing about them. The lens halves the residuals of far pairs, so that the tolerance tells players better.
+    It has six parameters, and not the nine of a homography with a lens: where all matches lie in a strip of boards, a
+    homography is arbitrary in the rest of the picture. Focal length and lens have priors, since small motions do not
+    determine them. The lens halves the residuals of far pairs, so that the tolerance separates players better.
 
     Returns
     -------
     plain : Motion
-        The best without lens, which is a homography.
+        The best motion without lens, which is a homography.
     distance : (n,) array
-        Of each point from the motion with lens, px; `unit` of them are 1.
+        Distance of each point from the motion with lens, px; there are `unit` px to a unit of length.
     scale : float
         Robust standard deviation of a coordinate over the inliers, px.
     """

@@ -1,6 +1,6 @@
 """Choice of a camera model for a run of frames, where one tripod does not explain the labels of its keyframes.
 
-    a tripod -> does it bring the lines of many keyframes off? -> a window that moves over the picture of a tripod,
+    a tripod -> do many keyframes contradict it?               -> a window that moves over the picture of a tripod,
                                                                   parts with a place of their own, a camera that moves,
                                                                   frames one by one
 
@@ -20,13 +20,13 @@ import numpy as np
 
 from fieldcalib._types import Array, BoolArray, IntArray
 from fieldcalib.assess.misfit import rms_by_label
-from fieldcalib.assess.sequence import SequenceCalibration
+from fieldcalib.assess.sequence_calibration import SequenceCalibration
 from fieldcalib.fields.field import Field
 from fieldcalib.fields.segments import ObjectSegments
 from fieldcalib.images.clip_problem import Cells
 from fieldcalib.images.pieces import CameraModel
 from fieldcalib.problem.background import BackgroundEvaluation
-from fieldcalib.problem.evaluation import evaluate_camera
+from fieldcalib.problem.evaluation import evaluate_cameras
 from fieldcalib.problem.prior import is_whole_shape
 from fieldcalib.solve.options import Prior, checked_prior, pixel_unit
 from fieldcalib.solve.ties import Ties
@@ -139,16 +139,14 @@ class LeftOut:
         matches: list[float] = []
         for frames, calibration in found:
             segments = object_segments if calibration.field is None else calibration.field
-            for k, t in enumerate(frames.tolist()):
-                if t not in self.left:
-                    continue
-                label, xy = self.left[t]
-                camera = calibration[k].camera if calibration.usable[k] else None
-                off = LOST
-                if camera is not None:
-                    by_label = rms_by_label(evaluate_camera(camera, segments, {label: xy}))
-                    off = min(float(np.nanmax(by_label)) / pixel_unit(camera.image_size), LOST)
-                labels.append(off)
+            left = {k: dict([self.left[t]]) for k, t in enumerate(frames.tolist()) if t in self.left}
+            usable = calibration.usable
+            cameras = {k: camera for k in left if usable[k] and (camera := calibration[k].camera) is not None}
+            labels += (len(left) - len(cameras)) * [LOST]
+            if cameras and calibration.layout is not None:
+                seen = [left[k] for k in cameras]
+                rms = np.nanmax(rms_by_label(evaluate_cameras(list(cameras.values()), segments, seen)), axis=1)
+                labels += np.minimum(rms / pixel_unit(calibration.layout.image_size), LOST).tolist()
             matches += self._of_matches(object_segments, frames, calibration)
         return Misprediction(np.array(labels), np.array(matches))
 

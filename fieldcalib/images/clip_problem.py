@@ -9,7 +9,7 @@ from fieldcalib._types import Array
 from fieldcalib.assess.result import Calibration
 from fieldcalib.fields.segments import ObjectSegments
 from fieldcalib.images.detected_lines import line_loss, per_label
-from fieldcalib.images.from_images import calibrate_from_images
+from fieldcalib.images.from_images import ImageTask, calibrate_alone
 from fieldcalib.images.matches import Matches
 from fieldcalib.io.image import Image
 from fieldcalib.localize import Network
@@ -17,7 +17,8 @@ from fieldcalib.localize.flow import check_network
 from fieldcalib.problem.labelled_pixels import check_object
 from fieldcalib.solve.given_camera import NOTHING_GIVEN, GivenCamera, check_of_clip
 from fieldcalib.solve.options import ALL, DEFAULT_FLAGS, PAINT, CalibrationFlags, Prior, default_flags
-from fieldcalib.solve.sequence_solver import SHARED, SIZE, SequenceSolver, sequence_solver
+from fieldcalib.solve.sequence_problem import SHARED, SIZE, SequenceProblem
+from fieldcalib.solve.task import Task
 from fieldcalib.solve.ties import LEAST_CELLS, thinned
 from fieldcalib.solve.tripod import Labels
 
@@ -43,19 +44,14 @@ class ClipOptions:
             check_network(network)
         check_of_clip(self.flags)
 
+    @property
+    def task(self) -> Task:
+        """The task of each frame by itself."""
+        return Task(self.object_segments, self.given, self.flags, prior=self.prior)
+
     def calibrate_alone(self, images: Sequence[Image], network: Network) -> list[Calibration]:
         """Calibrate frames as single images, without asking each for the size of the field, borders or aspect ratio."""
-        return calibrate_from_images(
-            self.object_segments,
-            images,
-            network,
-            *self.given,
-            flags=self.flags,
-            prior=self.prior,
-            take_off_borders=False,
-            estimate_aspect=False,
-            estimate_size=False,
-        )
+        return calibrate_alone(ImageTask(self.task, network), images)
 
     def not_sharing(self, name: str) -> ClipOptions:
         """The same without one of the names in `shared`."""
@@ -98,23 +94,19 @@ class ClipProblem:
     """Matches by the numbers of both frames, perhaps of other frames too."""
 
     @property
-    def solver(self) -> SequenceSolver:
-        """What solves the problem; it counts the frames from 0."""
-        number = {frame: k for k, frame in enumerate(self.frames)}
+    def from_zero(self) -> SequenceProblem:
+        """The same problem with frames numbered from 0."""
+        number, options = {frame: k for k, frame in enumerate(self.frames)}, self.options
         found = [per_label(self.labels.get(frame, ({}, {}))) for frame in self.frames]
-        return sequence_solver(
-            self.options.object_segments,
+        loss = line_loss(self.image_size)
+        task = replace(options.task, flags=options.flags_together, loss=loss, paint=PAINT, trust_labels=True)
+        return SequenceProblem.of(
+            task,
             [pixels for pixels, _ in found],
             self.image_size,
-            flags=self.options.flags_together,
-            prior=self.options.prior,
-            loss=line_loss(self.image_size),
-            trust_labels=True,
+            options.shared,
             weights=[weights for _, weights in found],
-            shared=self.options.shared,
-            paint=PAINT,
             matches={
                 (number[i], number[j]): cells for (i, j), cells in self.matches.items() if i in number and j in number
             },
-            given=self.options.given,
         )

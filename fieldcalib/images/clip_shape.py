@@ -1,9 +1,9 @@
 """The shape of the frames of a clip, from some of them: black borders, and whether they were squashed from 16:9.
 
-Borders are those that all frames that are looked at have. Frames of another shape than 16:9 are calibrated as they are
-and as they would be shown, in both ways as frames of one camera, whose place and lens cannot follow what each of them
-has wrong. The lines of the better way lie nearer to their markings: with u and v the distances of the lines of one
-label in one frame, in the picture's own pixels, as it is and as shown, the log odds that frames were squashed are
+Borders are the smallest among some frames. Frames of another shape than 16:9 are calibrated as they are and as they
+would be shown, both times as frames of one camera, whose place and lens cannot fit the errors of each. Where the shape
+is right the lines lie nearer to their markings: with u and v the distances of the lines of one label in one frame, in
+the picture's own pixels, as it is and as shown, the log odds that frames were squashed are
 
     1/2 sum log(u / v)  +  the mean over frames of the log odds of each by itself (`fieldcalib.images.pictures`)
 
@@ -21,21 +21,20 @@ import numpy as np
 from fieldcalib.assess.misfit import rms_by_label
 from fieldcalib.assess.placement import Crop, Placement, Shape
 from fieldcalib.assess.result import Calibration
-from fieldcalib.assess.sequence import SequenceCalibration
+from fieldcalib.assess.sequence_calibration import SequenceCalibration
 from fieldcalib.assess.whole_picture import SHAPE
 from fieldcalib.fields.segments import ObjectSegments
 from fieldcalib.images.borders import shape_within, shown_part, within_borders
 from fieldcalib.images.clip_problem import ClipOptions, ClipProblem
-from fieldcalib.images.detected_lines import fitted_labels, line_loss
+from fieldcalib.images.detected_lines import fitted_labels
 from fieldcalib.images.pictures import as_shown, log_ratio_of_squash
 from fieldcalib.io.image import Image, each_checked, size_of
 from fieldcalib.localize import Network
-from fieldcalib.problem.evaluation import Problem, evaluate
-from fieldcalib.problem.layout import Layout
-from fieldcalib.problem.observations import pack
+from fieldcalib.problem.evaluation import evaluate_cameras
 from fieldcalib.solve.aspect import SQUARE_LOG_ODDS, WAS_SQUASHED, may_be_squashed, shown_size, stretched
 from fieldcalib.solve.options import CERTAIN
-from fieldcalib.solve.sequence_solver import SHARED
+from fieldcalib.solve.sequence_problem import SHARED
+from fieldcalib.solve.sequence_solver import solve_sequence
 from fieldcalib.solve.tripod import Labels
 
 SEEN, APART = 8, 12  # frames that are looked at, and how far they are from one another
@@ -59,7 +58,7 @@ class ShapeEstimator:
 
     @property
     def finds_borders(self) -> bool:
-        """Whether borders are looked for: a camera matrix that is given is one of whole pictures."""
+        """Whether borders are looked for; not with a camera matrix, which is given for whole pictures."""
         return self.take_off_borders and self.options.given.camera_matrix is None
 
     @property
@@ -86,9 +85,7 @@ class ShapeEstimator:
             self.options.calibrate_alone(some, self.network) for some in (images, [as_shown(one) for one in images])
         ]
         alone = [
-            log_ratio_of_squash(
-                self.options.object_segments, one, other, flags=self.options.flags, prior=self.options.prior
-            )
+            log_ratio_of_squash(self.options.task, one, other)
             for one, other in zip(*both, strict=True)
             if one.accepted or other.accepted
         ]
@@ -107,7 +104,8 @@ class ShapeEstimator:
         scale = np.divide(shown, size)
         labels = {t: (stretched(pixels, scale), weights) for t, (pixels, weights) in enumerate(frames)}
         problem = ClipProblem(replace(self.options, shared=SHARED), shown, range(len(frames)), labels, {})
-        return distances_in_pictures(self.options.object_segments, problem.solver.calibrated(), frames, size)
+        solved = solve_sequence(problem.from_zero).calibration
+        return distances_in_pictures(self.options.object_segments, solved, frames, size)
 
 
 def some_of(images: Iterable[Image]) -> list[Image]:
@@ -176,17 +174,16 @@ def distances_in_pictures(
         Size of the pictures.
     """
     segments = object_segments if calibration.field is None else calibration.field
-    names, found = list(segments), {}
-    for t, labels in enumerate(frames):
-        camera = calibration[t].camera
-        if camera is None:
-            continue
-        camera = camera.scaled(size)
-        layout, (pixels, weights) = Layout.of(size, camera.lens), labels
-        problem = Problem(pack(segments, [pixels], size, [weights]), layout, line_loss(size))
-        rms = rms_by_label(evaluate(problem, layout.theta(camera)[None]))[0]
-        found.update({(t, names[k]): float(rms[k]) for k in np.flatnonzero(np.isfinite(rms)).tolist()})
-    return found
+    cameras = {t: camera.scaled(size) for t, one in enumerate(calibration) if (camera := one.camera) is not None}
+    if not cameras:
+        return {}
+    rms = rms_by_label(evaluate_cameras(list(cameras.values()), segments, [frames[t][0] for t in cameras]))
+    return {
+        (t, label): distance
+        for t, of_frame in zip(cameras, rms.tolist(), strict=True)
+        for label, distance in zip(segments, of_frame, strict=True)
+        if np.isfinite(distance)
+    }
 
 
 def _log_ratio(as_it_is: Mapping[tuple[int, str], float], shown: Mapping[tuple[int, str], float]) -> float:

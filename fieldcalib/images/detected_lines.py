@@ -3,20 +3,21 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 
 from fieldcalib.assess.result import Calibration
-from fieldcalib.fields.segments import ObjectSegments
 from fieldcalib.geometry.camera import Camera
 from fieldcalib.images.field_markings import Markings
 from fieldcalib.images.line_profiles import lines_near
 from fieldcalib.io.image import Image
 from fieldcalib.problem.labelled_pixels import Pixels, PixelWeights, Weights
 from fieldcalib.problem.losses import RobustLoss
-from fieldcalib.solve.batch import calibrate_batch
-from fieldcalib.solve.options import PAINT, Prior, pixel_unit
-from fieldcalib.solve.together import labels_of
+from fieldcalib.solve.batch import calibrate_labels
+from fieldcalib.solve.joint_problem import labels_of
+from fieldcalib.solve.options import PAINT, pixel_unit
+from fieldcalib.solve.task import Task
 from fieldcalib.solve.tripod import Labels
 
 # Lengths are in pixels of a 960 x 540 image and grow with the image.
@@ -71,25 +72,13 @@ def per_label(labels: Labels) -> Labels:
 
 
 def calibrate_on_lines(
-    object_segments: ObjectSegments,
+    task: Task,
     images: Sequence[tuple[Pixels, Weights]],
     image_size: tuple[int, int],
     cameras: Sequence[Camera] | None = None,
-    *,
-    flags: int,
-    prior: Prior,
     scale: float = LOSS_SCALE,
 ) -> list[Calibration]:
     """Calibrations from the lines of images, with weights per label, from cameras near them or from anywhere."""
-    return calibrate_batch(
-        object_segments,
-        [pixels for pixels, _ in images],
-        image_size,
-        cameras=cameras,
-        flags=flags,
-        prior=prior,
-        loss=line_loss(image_size, scale),
-        weights=[weights for _, weights in images],
-        trust_labels=True,
-        paint=PAINT,
-    )
+    task = replace(task, loss=line_loss(image_size, scale), trust_labels=True, paint=PAINT)
+    pixels, weights = [pixels for pixels, _ in images], [weights for _, weights in images]
+    return calibrate_labels(task, pixels, image_size, weights, cameras=cameras)

@@ -9,7 +9,7 @@ import numpy as np
 
 from fieldcalib._types import BoolArray, IntArray
 from fieldcalib.assess.markings import MarkingInView
-from fieldcalib.assess.sequence import SequenceCalibration
+from fieldcalib.assess.sequence_calibration import SequenceCalibration
 from fieldcalib.assess.video import NO_TRIPOD, Shot, VideoCalibration
 from fieldcalib.images.clip_lines import PAINT_EVERY, ClipLines, find_clip_lines
 from fieldcalib.images.field_markings import Markings
@@ -91,16 +91,15 @@ def _markings_seen(
     """
     field, number = calibration.field, lines.solved.pieces.number[frames]
     markings = Markings.of(lines.solved.keyframes.options.object_segments if field is None else field)
-    seen: dict[int, tuple[MarkingInView, ...]] = {}
-    for k, t in enumerate(frames.tolist()):
-        camera = calibration[k].camera
-        if t in lines.ridges and camera is not None:
-            seen[k] = evidence_of(lines.ridges[t].seen_by(camera, markings), markings).markings
+    cameras = {k: calibration[k].camera for k, t in enumerate(frames.tolist()) if t in lines.ridges}
+    seen = {
+        k: evidence_of(lines.ridges[int(frames[k])].seen_by(camera, markings), markings).markings
+        for k, camera in cameras.items()
+        if camera is not None
+    }
     if not seen:
         return {}
-    looked_at, found = np.array(sorted(seen)), {}
-    for k in range(len(frames)):
-        near = int(looked_at[np.argmin(np.abs(frames[looked_at] - frames[k]))])
-        if abs(frames[near] - frames[k]) < PAINT_EVERY and number[near] == number[k]:
-            found[k] = seen[near]
-    return found
+    looked_at = np.array(list(seen))
+    nearest = looked_at[np.argmin(np.abs(frames[looked_at] - frames[:, None]), axis=1)]
+    is_near = (np.abs(frames[nearest] - frames) < PAINT_EVERY) & (number[nearest] == number)
+    return {k: seen[int(nearest[k])] for k in np.flatnonzero(is_near).tolist()}

@@ -1,17 +1,17 @@
-"""From images to cameras: labelled pixels by a network, a calibration, and its refinement on the image."""
+"""Calibration of images: pixels labelled by a network, a calibration, and its refinement on the image."""
 
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Sequence
 from concurrent.futures import Executor
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from functools import partial
 
 import numpy as np
 from numpy.typing import ArrayLike
 
+from fieldcalib.assess.compute_errors import compute_errors
 from fieldcalib.assess.result import LEAST_PROBABILITY, Calibration, Status
-from fieldcalib.assess.together import compute_errors
 from fieldcalib.fields.field import Field
 from fieldcalib.fields.segments import ObjectSegments
 from fieldcalib.geometry.camera import Camera
@@ -20,14 +20,14 @@ from fieldcalib.images.field_markings import Markings
 from fieldcalib.images.hypotheses import calibrate_from_consensus, calibrate_localized
 from fieldcalib.images.pictures import Method, with_aspect_told, without_borders
 from fieldcalib.images.refinement import Refined, ToRefine, line_support, near_labels, refine_all, unrefined
-from fieldcalib.io.image import Image, each_checked
+from fieldcalib.io.image import Image, each_checked, size_of
 from fieldcalib.io.images import IMAGES_AT_ONCE, in_parts
 from fieldcalib.localize import Localization, Network, localize
 from fieldcalib.localize.flow import check_network
-from fieldcalib.problem.labelled_pixels import check_object
 from fieldcalib.processes.jobs import in_order
 from fieldcalib.solve.given_camera import GivenCamera
 from fieldcalib.solve.options import ALL, DEFAULT_FLAGS, Prior
+from fieldcalib.solve.task import Task
 from fieldcalib.solve.told_size import on_told_size
 
 LEAST_WEIGHT = 0.7  # of a segment (1 if it is labelled by hand): those below are mostly false detections
@@ -111,21 +111,11 @@ def calibrate_from_images(
     >>> str(calibration.status), calibration.message.split(":")[0]
     ('too few segments', 'no marking was found in the image')
     """
-    check_object(object_segments)
+    task = Task(object_segments, GivenCamera(camera_matrix, dist_coeffs, rvec, tvec), flags, prior=prior)
     check_network(network)
-    given = GivenCamera(camera_matrix, dist_coeffs, rvec, tvec)
-    of_part: Method = partial(
-        _calibrated,
-        object_segments,
-        network=network,
-        flags=flags,
-        prior=prior,
-        given=given,
-        refine=refine,
-        estimate_size=estimate_size,
-    )
+    of_part: Method = partial(calibrate_alone, ImageTask(task, network, refine, estimate_size))
     if estimate_aspect and camera_matrix is None and prior is not None:
-        of_part = partial(with_aspect_told, of_part, object_segments=object_segments, flags=flags, prior=prior)
+        of_part = partial(with_aspect_told, of_part, task)
     if take_off_borders and camera_matrix is None:
         of_part = partial(without_borders, of_part)
     checked = each_checked(images) if camera_matrix is None else _of_one_size(each_checked(images))
@@ -133,11 +123,26 @@ def calibrate_from_images(
     return [calibration for part in in_order(executor, of_part, parts) for calibration in part]
 
 
+@dataclass(frozen=True, eq=False)
+class ImageTask:
+    """A calibration task for images."""
+
+    task: Task
+    network: Network
+    refine: bool = True
+    estimate_size: bool = False
+
+    @property
+    def least_support(self) -> float:
+        """Line support that is asked of a camera that was chosen by its support."""
+        return LEAST_SUPPORT_CHOSEN if self.refine else LEAST_SUPPORT
+
+
 def _of_one_size(images: Iterable[Image]) -> Iterator[Image]:
     """The images, if one camera matrix can be that of all of them."""
     first: tuple[int, int] | None = None
     for image in images:
-        size = image.shape[1], image.shape[0]
+        size = size_of(image)
         first = first or size
         if size != first:
             raise ValueError(
@@ -147,52 +152,47 @@ def _of_one_size(images: Iterable[Image]) -> Iterator[Image]:
         yield image
 
 
-def _calibrated(
-    object_segments: ObjectSegments,
-    images: Sequence[Image],
-    *,
-    network: Network,
-    flags: int,
-    prior: Prior,
-    given: GivenCamera,
-    refine: bool,
-    estimate_size: bool,
-) -> list[Calibration]:
-    """The calibrations of images that are worked on together."""
-    found = [_without_weak(part) for part in localize(object_segments, images, network)]
+def calibrate_alone(how: ImageTask, images: Sequence[Image]) -> list[Calibration]:
+    """Calibrate single images as they are, without looking for borders or a changed aspect ratio."""
+    found = [_without_weak(part) for part in localize(how.task.object_segments, images, how.network)]
     by_size: dict[tuple[int, int], list[int]] = {}
     for index, image in enumerate(images):
-        by_size.setdefault((image.shape[1], image.shape[0]), []).append(index)
-    markings = Markings.of(object_segments)
-    sizes = estimate_size and refine and all(one is None for one in given)
+        by_size.setdefault(size_of(image), []).append(index)
     calibrations: dict[int, Calibration] = {}
-    for size, members in by_size.items():
-        parts = [found[index] for index in members]
-        from_labels = calibrate_localized(object_segments, parts, size, flags=flags, prior=prior, given=given)
-        seen = [images[index] for index in members]
-        verified = partial(_verified, object_segments, markings, flags=flags, prior=prior, refine=refine)
-        first = verified(seen, parts, from_labels, least_support=LEAST_SUPPORT)
-        for index, image, part, (calibration, is_sure) in zip(members, seen, parts, first, strict=True):
-            calibrations[index] = calibration
-            if not is_sure:
-                others = calibrate_from_consensus(object_segments, image, part, flags=flags, prior=prior, given=given)
-                least, count = LEAST_SUPPORT_CHOSEN if refine else LEAST_SUPPORT, len(others)
-                second = verified(count * [image], count * [part], others, least_support=least)
-                candidates = [calibration, *(other for other, _ in second)]
-                calibrations[index] = _best_supported(markings, image, candidates)
-            if sizes:
-                calibrations[index] = _on_told_size(image, part, calibrations[index], flags=flags, prior=prior)
+    for members in by_size.values():
+        parts = _calibrated_alike(how, [images[index] for index in members], [found[index] for index in members])
+        calibrations |= dict(zip(members, parts, strict=True))
     return [calibrations[index] for index in range(len(images))]
 
 
-def _on_told_size(
-    image: Image, found: Localization, calibration: Calibration, *, flags: int, prior: Prior
-) -> Calibration:
-    """An image on a field of the size that it tells, or as it was calibrated on that of the given size."""
+def _calibrated_alike(how: ImageTask, images: Sequence[Image], found: Sequence[Localization]) -> list[Calibration]:
+    """Calibrations of images of one size."""
+    markings = Markings.of(how.task.object_segments)
+    from_labels = calibrate_localized(how.task, found, size_of(images[0]))
+    calibrations = []
+    first = _verified(how, markings, images, found, from_labels, LEAST_SUPPORT)
+    for image, part, (calibration, is_sure) in zip(images, found, first, strict=True):
+        best = calibration
+        if not is_sure:
+            others = calibrate_from_consensus(how.task, image, part)
+            count = len(others)
+            second = _verified(how, markings, count * [image], count * [part], others, how.least_support)
+            best = _best_supported(markings, image, [calibration, *(other for other, _ in second)])
+        if how.estimate_size and how.refine and how.task.given.is_empty:
+            best = _on_told_size(how, image, part, best)
+        calibrations.append(best)
+    return calibrations
+
+
+def _on_told_size(how: ImageTask, image: Image, found: Localization, calibration: Calibration) -> Calibration:
+    """Calibrate an image on a field of the size that it tells, or return the calibration on the given size."""
     seen: list[Refined] = []
 
     def again(field: Field, camera: Camera) -> Calibration:
-        seen.append(_on_another_field(image, found, calibration, field, camera, flags=flags, prior=prior))
+        task = replace(how.task, object_segments=field)
+        seen.append(
+            _on_another_field(task, image, found, calibration, replace(calibration, camera=camera, field=field))
+        )
         return seen[0].calibration
 
     sized = on_told_size(calibration, again)
@@ -204,55 +204,41 @@ def _on_told_size(
 
 
 def _on_another_field(
-    image: Image,
-    found: Localization,
-    calibration: Calibration,
-    field: Field,
-    camera: Camera,
-    *,
-    flags: int,
-    prior: Prior,
+    task: Task, image: Image, found: Localization, before: Calibration, start: Calibration
 ) -> Refined:
-    """An image on a field of another size, from a camera that fits the lines that were found in it."""
-    markings = Markings.of(field)
-    start = replace(calibration, camera=camera, field=field)
+    """Refine an image on a field of another size, from a camera that fits the lines that were found in it before."""
+    assert start.camera is not None
     given = ToRefine(image, start, found.pixels, found.weights, are_detected=True)
-    (again,) = refine_all(field, markings, [given], flags=flags, prior=prior, search_ranges=SEARCH_RANGES[-1:])
+    (again,) = refine_all(task, Markings.of(task.object_segments), [given], SEARCH_RANGES[-1:])
     if again.calibration is not start:
         return again
     # lines that are found anew are no better than those of before, which this camera fits
-    lines = [per_label(fitted_labels(calibration))]
-    (fitted,) = calibrate_on_lines(field, lines, camera.image_size, [camera], flags=flags, prior=prior)
+    lines = [per_label(fitted_labels(before))]
+    (fitted,) = calibrate_on_lines(task, lines, start.camera.image_size, [start.camera])
     return replace(again, calibration=fitted)
 
 
 def _without_weak(found: Localization) -> Localization:
-    """Without segments of low weight: most of them are false detections, and refinement finds the others."""
+    """Leave out segments of low weight: most are false detections, and refinement finds the others."""
     labels = [label for label, weight in found.weight.items() if weight >= LEAST_WEIGHT]
     return found.only(labels) if len(labels) >= LEAST_SEGMENTS else found
 
 
 def _verified(
-    object_segments: ObjectSegments,
+    how: ImageTask,
     markings: Markings,
     images: Sequence[Image],
     found: Sequence[Localization],
     calibrations: Sequence[Calibration],
-    *,
-    flags: int,
-    prior: Prior,
-    refine: bool,
     least_support: float,
 ) -> list[tuple[Calibration, bool]]:
-    """The refined calibrations of images of one size, as `_one_judged`; and whether each is sure."""
+    """The refined calibrations of images of one size, judged, and whether each is sure."""
     given = [
         ToRefine(image, calibration, part.pixels, part.weights, are_detected=True)
         for image, calibration, part in zip(images, calibrations, found, strict=True)
     ]
-    refined = (
-        refine_all(object_segments, markings, given, flags=flags, prior=prior) if refine else unrefined(markings, given)
-    )
-    return _judged(object_segments, found, refined, refine=refine, least_support=least_support)
+    refined = refine_all(how.task, markings, given) if how.refine else unrefined(markings, given)
+    return _judged(how.task.object_segments, found, refined, refine=how.refine, least_support=least_support)
 
 
 def _judged(
@@ -263,7 +249,7 @@ def _judged(
     refine: bool,
     least_support: float,
 ) -> list[tuple[Calibration, bool]]:
-    """`_one_judged` for several images."""
+    """`_one_judged` of each of several images of one size."""
     judged = [one.judged for one in refined]
     compute_errors([seen for seen, one in zip(judged, refined, strict=True) if one.calibration.accepted])
     explained = _explained(object_segments, judged, found)

@@ -44,7 +44,7 @@ from fieldcalib.localize.network import SegmentationNetwork
 from fieldcalib.localize.padding import Padded
 from fieldcalib.solve.given_camera import GivenCamera
 from fieldcalib.solve.options import ALL, DEFAULT_FLAGS, CalibrationFlags, Prior
-from fieldcalib.solve.sequence_solver import SHARED, SHARED_IN_MOTION
+from fieldcalib.solve.sequence_problem import SHARED, SHARED_IN_MOTION
 
 Mount = Literal["tripod", "moving"]
 SHARED_BY: dict[Mount, tuple[str, ...]] = {"tripod": SHARED, "moving": SHARED_IN_MOTION}
@@ -158,7 +158,7 @@ def calibrate_video(
     clip = _Clip(clip_reader(source))
     with clip.opened() as images:
         clip = replace(clip, shape=ShapeEstimator(options, network, take_off_borders, estimate_aspect).shape(images))
-    found = _calibrated(clip, options, Padded(network), every, parts)
+    found = _calibrated_parts(clip, options, Padded(network), every, parts)
     of_shape = () if clip.shape is None else filter(None, (clip.shape.message, *clip.shape.complaints))
     return replace(found, shape=clip.shape, notes=(*found.notes, *crown_notes(found.tripods), *of_shape))
 
@@ -179,7 +179,7 @@ def _in_frame(placement: Placement, image: Image) -> Image:
     return placement.image_in_frame(checked_image(image, placement.size))
 
 
-def _calibrated(
+def _calibrated_parts(
     clip: _Clip, options: ClipOptions, network: Network, every: int, kept: Parts | None
 ) -> VideoCalibration:
     """Part by part, so that memory does not grow with the video; both passes go along with one another."""

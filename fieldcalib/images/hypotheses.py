@@ -15,15 +15,14 @@ import numpy as np
 
 from fieldcalib.assess.result import Calibration, Status
 from fieldcalib.assess.verdict import LABEL_MORE
-from fieldcalib.fields.segments import ObjectSegments
 from fieldcalib.images.detected_lines import SEARCH_RANGES
 from fieldcalib.images.field_markings import Markings
 from fieldcalib.images.refinement import line_support, near_labels
 from fieldcalib.io.image import Image
 from fieldcalib.localize import Localization
-from fieldcalib.solve.batch import calibrate_batch
-from fieldcalib.solve.given_camera import NOTHING_GIVEN, GivenCamera
-from fieldcalib.solve.options import CalibrationFlags, Prior
+from fieldcalib.solve.batch import calibrate_labels
+from fieldcalib.solve.options import CalibrationFlags
+from fieldcalib.solve.task import Task
 
 HEAVIEST = 5  # segments, by the weight of their pixels
 PER_HYPOTHESIS = 3  # of them, the fewest that determine a camera: 10 hypotheses
@@ -32,15 +31,7 @@ NO_MARKING = "no marking was found in the image"
 SHOW_MORE = "show more of the field, in a sharper or larger picture, or say what is known of the camera"
 
 
-def calibrate_from_consensus(
-    object_segments: ObjectSegments,
-    image: Image,
-    found: Localization,
-    *,
-    flags: int,
-    prior: Prior,
-    given: GivenCamera = NOTHING_GIVEN,
-) -> list[Calibration]:
+def calibrate_from_consensus(task: Task, image: Image, found: Localization) -> list[Calibration]:
     """Calibrate from subsets of the labelled pixels that are consistent with the lines in the image.
 
     A camera is calibrated from every three of the five heaviest segments. For each of the two cameras with the highest
@@ -48,21 +39,17 @@ def calibrate_from_consensus(
 
     Parameters
     ----------
-    object_segments : mapping of str to segment
-        The calibration object.
+    task : Task
+        Calibration object, flags, prior and what is known of the camera.
     image : (height, width, 3) uint8 array
         Blue, green, red.
     found : Localization
         Labelled pixels of the image.
-    flags, prior
-        As in `calibrate_from_segments`.
-    given : GivenCamera
-        What is known of the camera.
 
     Returns
     -------
     list of Calibration
-        The one from the best supported hypothesis first; empty if there are too few segments for subsets.
+        That of the best supported hypothesis first; empty if there are too few segments for subsets.
 
     References
     ----------
@@ -73,45 +60,30 @@ def calibrate_from_consensus(
     if len(heaviest) <= PER_HYPOTHESIS:
         return []
     size = image.shape[1], image.shape[0]
-    markings = Markings.of(object_segments)
+    markings = Markings.of(task.object_segments)
 
     def calibrated(chosen: Iterable[Iterable[str]]) -> list[Calibration]:
         parts = [found.only(labels) for labels in chosen]
-        return calibrate_localized(object_segments, parts, size, flags=flags, prior=prior, given=given)
+        return calibrate_localized(task, parts, size)
 
     hypotheses = [hypothesis.camera for hypothesis in calibrated(combinations(heaviest, PER_HYPOTHESIS))]
     cameras = [camera for camera in hypotheses if camera is not None]
     share = [line_support(image, camera, markings, max(SEARCH_RANGES)) for camera in cameras]
     best = [cameras[index] for index in np.argsort(share)[::-1][:VERIFIED]]
-    near = near_labels(object_segments, best, len(best) * [found.pixels], max(SEARCH_RANGES))
+    near = near_labels(task.object_segments, best, len(best) * [found.pixels], max(SEARCH_RANGES))
     return calibrated(dict.fromkeys(near))
 
 
-def calibrate_localized(
-    object_segments: ObjectSegments,
-    parts: Sequence[Localization],
-    size: tuple[int, int],
-    *,
-    flags: int,
-    prior: Prior,
-    given: GivenCamera = NOTHING_GIVEN,
-) -> list[Calibration]:
-    """`calibrate_batch` of localized images of one size, without the search for mislabelled segments."""
-    found = calibrate_batch(
-        object_segments,
-        [part.pixels for part in parts],
-        size,
-        *given,
-        flags=flags | CalibrationFlags.CALIB_FIX_PRINCIPAL_POINT,  # these pixels are too coarse to tell it
-        prior=prior,
-        weights=[part.weights for part in parts],
-        trust_labels=True,
-    )
+def calibrate_localized(task: Task, parts: Sequence[Localization], size: tuple[int, int]) -> list[Calibration]:
+    """Calibrate localized images of one size, without the search for mislabelled segments."""
+    task = replace(task, trust_labels=True)
+    task = task.with_flags(CalibrationFlags.CALIB_FIX_PRINCIPAL_POINT)  # these pixels are too coarse to tell it
+    found = calibrate_labels(task, [part.pixels for part in parts], size, [part.weights for part in parts])
     return [_of_an_image(one) for one in found]
 
 
 def _of_an_image(calibration: Calibration) -> Calibration:
-    """With what would help where nobody has labelled the few pixels."""
+    """The calibration of an image, whose message says what would help where a network labelled too few pixels."""
     if calibration.status is not Status.TOO_FEW_SEGMENTS:
         return calibration
     if not calibration.pixel_counts:

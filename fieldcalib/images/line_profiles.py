@@ -180,8 +180,6 @@ class Strips:
     """Pixels of the image per pixel of a 960 x 540 image."""
     width: Array
     """Expected width of the line in the image, px, (n,)."""
-    spacing: Array
-    """Distance between samples, px, (n,)."""
     offset: Array
     """Distance of each sample from the marking, px, (n, m)."""
     contrast: Float32
@@ -200,7 +198,7 @@ class Strips:
         unit = pixel_unit((image.shape[1], image.shape[0]))
         width = np.hypot(profiles.width, BLUR)
         spacing = width / 3.0
-        half = _half(profiles, spacing, unit, search_range, past_others=past_others)
+        half = _half(profiles, spacing, unit, search_range, past_others)
         colour = _colours(image, profiles, spacing, half + FLANK + 2)
         look = profiles.look
         luma = np.tensordot(LUMA if look.lighter else -LUMA, colour, axes=1)
@@ -210,12 +208,16 @@ class Strips:
             profiles,
             unit,
             width,
-            spacing,
             np.arange(-half - 1, half + 2) * spacing[:, None],
             contrast,
             _is_ground(colour, contrast, profiles.on_ground, look.ground_difference) | ~profiles.on_ground[:, None],
             ~np.any(image[row, column], axis=-1),
         )
+
+    @property
+    def spacing(self) -> Array:
+        """Distance between samples, px, (n,)."""
+        return self.width / 3.0
 
     @cached_property
     def deviation(self) -> Float32:
@@ -224,19 +226,18 @@ class Strips:
 
     def part(self, index: IntArray, search_range: float, *, past_others: bool = False) -> Strips:
         """Strips (k,) of some profiles, cut to the length that `of` samples for a search range that is not longer."""
-        profiles, spacing = self.profiles.take(index), self.spacing[index]
-        half = _half(profiles, spacing, self.unit, search_range, past_others=past_others)
+        profiles = self.profiles.take(index)
+        half = _half(profiles, self.spacing[index], self.unit, search_range, past_others)
         middle = self.contrast.shape[1] // 2
-        of_samples = index[:, None], np.arange(middle - half - 1, middle + half + 2)
-        return Strips(
-            profiles,
-            self.unit,
-            self.width[index],
-            spacing,
-            self.offset[of_samples],
-            self.contrast[of_samples],
-            self.may_be_line[of_samples],
-            self.is_black[index],
+        samples = index[:, None], np.arange(middle - half - 1, middle + half + 2)
+        return replace(
+            self,
+            profiles=profiles,
+            width=self.width[index],
+            offset=self.offset[samples],
+            contrast=self.contrast[samples],
+            may_be_line=self.may_be_line[samples],
+            is_black=self.is_black[index],
         )
 
     def lines(self, search_range: float) -> Array:
@@ -277,7 +278,7 @@ class Strips:
         return offset, self.may_be_line[row, best + 1]
 
 
-def _half(profiles: Profiles, spacing: Array, unit: float, search_range: float, *, past_others: bool) -> int:
+def _half(profiles: Profiles, spacing: Array, unit: float, search_range: float, past_others: bool) -> int:
     """Number of samples between the middle of the longest strip and its end."""
     room = np.inf if past_others else profiles.room
     reach = np.maximum(np.minimum(search_range * unit, room), NOISE_WINDOW * unit)

@@ -174,7 +174,7 @@ def _run_beside(offset: Array, basis: Array, on: int, unit: float) -> tuple[floa
     """Largest distance of the paint of a marking, 0 without any, and its offset in each profile, (n,) or NaN.
 
     Lines or arcs through a few ridges, as many as there are unknowns, are compared by the number of profiles with a
-    ridge on them. These few are the same in every run.
+    ridge on them. The ridges are drawn with a fixed seed.
 
     Parameters
     ----------

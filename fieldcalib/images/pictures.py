@@ -1,8 +1,7 @@
-"""Pictures that are not whole frames with square pixels, without anybody saying so.
+"""Pictures of which nothing was declared, and that may not be whole frames with square pixels.
 
 Black borders are taken off. A picture of another shape than 16:9 is calibrated as it is and as it would be shown if it
-had been squashed, and what the lines in it make more likely is given (`fieldcalib.solve.aspect`). A picture that is
-doubted to be a whole frame is calibrated again as a part of one.
+had been squashed, and the calibration that the lines in it make more likely is returned (`fieldcalib.solve.aspect`).
 """
 
 from __future__ import annotations
@@ -12,12 +11,11 @@ from collections.abc import Callable, Sequence
 import numpy as np
 
 from fieldcalib.assess.result import Calibration
-from fieldcalib.fields.segments import ObjectSegments
 from fieldcalib.images.borders import shape_within, shown_part
 from fieldcalib.images.detected_lines import calibrate_on_lines, fitted_labels, per_label
 from fieldcalib.io.image import Image, size_of
 from fieldcalib.solve.aspect import log_evidence, may_be_squashed, shown_size, stretched, told
-from fieldcalib.solve.options import Prior
+from fieldcalib.solve.task import Task
 
 Method = Callable[[Sequence[Image]], list[Calibration]]
 
@@ -31,9 +29,7 @@ def without_borders(calibrate: Method, images: Sequence[Image]) -> list[Calibrat
     ]
 
 
-def with_aspect_told(
-    calibrate: Method, images: Sequence[Image], object_segments: ObjectSegments, *, flags: int, prior: Prior
-) -> list[Calibration]:
+def with_aspect_told(calibrate: Method, task: Task, images: Sequence[Image]) -> list[Calibration]:
     """Calibrate pictures; those of another shape than 16:9 as they are or as they would be shown if squashed."""
     found = calibrate(images)
     odd = [i for i, image in enumerate(images) if found[i].camera is not None and may_be_squashed(size_of(image))]
@@ -41,14 +37,12 @@ def with_aspect_told(
         return found
     others = calibrate([as_shown(images[index]) for index in odd])
     for index, shown in zip(odd, others, strict=True):
-        log_ratio = log_ratio_of_squash(object_segments, found[index], shown, flags=flags, prior=prior)
+        log_ratio = log_ratio_of_squash(task, found[index], shown)
         found[index] = told(found[index], shown, log_ratio, size_of(images[index]))
     return found
 
 
-def log_ratio_of_squash(
-    object_segments: ObjectSegments, as_it_is: Calibration, shown: Calibration, *, flags: int, prior: Prior
-) -> float:
+def log_ratio_of_squash(task: Task, as_it_is: Calibration, shown: Calibration) -> float:
     """Log evidence that a picture was squashed, from the lines that were found in it as it is and as shown.
 
     Each of both cameras has lines of its own, those near its markings; cameras of both sizes are fitted to both.
@@ -62,7 +56,7 @@ def log_ratio_of_squash(
             continue
         pixels, weights = per_label(fitted_labels(own))
         evidence, evidence_shown = (
-            log_evidence(calibrate_on_lines(object_segments, [(scaled, weights)], size, flags=flags, prior=prior)[0])
+            log_evidence(calibrate_on_lines(task, [(scaled, weights)], size)[0])
             for size in sizes
             for scaled in [stretched(pixels, np.divide(size, own.camera.image_size))]
         )

@@ -18,7 +18,7 @@ class CameraModel(StrEnum):
     TRIPOD = "tripod"
     """One place of the camera, its lens, and the size of the field."""
     WINDOW = "window"
-    """The same but for the principal point: the picture is a window that moves over a larger one."""
+    """A tripod, but a principal point for each frame: the picture is a window that moves over a larger one."""
     PARTS = "parts"
     """A tripod for each part of the piece, which is divided."""
     MOVING = "moving"
@@ -63,9 +63,9 @@ class Pieces:
 
 
 def loose_at_end(piece: Sequence[int], linked: Sequence[bool]) -> list[bool]:
-    """Which frames nothing ties, nor one after them in their piece: of a dissolve, or of a pan too fast to follow.
+    """Which frames nothing ties, nor any frame after them in their piece, as in a dissolve or a pan too fast to follow.
 
-    They may show the next camera: what is seen in them says nothing of the frames before.
+    They may show the next camera, so labels in them say nothing of the frames before.
 
     Parameters
     ----------

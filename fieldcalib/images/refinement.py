@@ -27,6 +27,7 @@ from fieldcalib.problem.evaluation import evaluate_cameras
 from fieldcalib.problem.labelled_pixels import ImageSegments, Pixels, Weights, check_segments
 from fieldcalib.solve.from_homography import calibrate_from_homography
 from fieldcalib.solve.options import ALL, DEFAULT_FLAGS, CalibrationFlags, Prior, pixel_unit
+from fieldcalib.solve.task import Task
 
 # Lengths are in pixels of a 960 x 540 image and grow with the image.
 STRAY = 8.0  # px from a camera that fits the lines: 6 to 12 give the same AC@10 and AC@20 on images of WC14
@@ -92,7 +93,7 @@ def refine_on_image(
     size = calibration.camera.image_size
     labelled = check_segments(object_segments, image_segments or {}, size)
     one = ToRefine(checked_image(image, size), calibration, labelled, weights or {})
-    (refined,) = refine_all(object_segments, Markings.of(object_segments), [one], flags=flags, prior=prior)
+    (refined,) = refine_all(Task(object_segments, flags=flags, prior=prior), Markings.of(object_segments), [one])
     return calibration if refined.calibration is calibration else refined.judged
 
 
@@ -104,9 +105,9 @@ def refine_homography_on_image(
     flags: int = DEFAULT_FLAGS,
     prior: Prior = ALL,
 ) -> Calibration:
-    """Calibrate a camera, lens included, from a homography of anybody and its image.
+    """Calibrate a camera, lens included, from any homography and its image.
 
-    `calibrate_from_homography`, which has a camera without a lens, and then `refine_on_image`.
+    The camera of `calibrate_from_homography`, which has no lens, is refined by `refine_on_image`.
 
     Parameters
     ----------
@@ -191,12 +192,9 @@ class Refined:
 
 
 def refine_all(
-    object_segments: ObjectSegments,
+    task: Task,
     markings: Markings,
     given: Sequence[ToRefine],
-    *,
-    flags: int,
-    prior: Prior,
     search_ranges: Sequence[float] = SEARCH_RANGES,
 ) -> list[Refined]:
     """`refine_on_image` for images of one size, solved together.
@@ -204,44 +202,31 @@ def refine_all(
     Where markings lie beside their paint, cameras that begin from that paint are tried too. Cameras that fit the lines
     already need the last of the `search_ranges` only.
     """
-    options = _Options(object_segments, markings, flags, prior)
-    refined = _in_passes(options, given, search_ranges)
+    refined = _in_passes(task, markings, given, search_ranges)
     off = [t for t, one in enumerate(refined) if one.calibration.accepted and one.paint and one.paint.beside]
     if off:
-        moved = _moved_to_paint(options, [refined[t] for t in off], [given[t] for t in off])
+        moved = _moved_to_paint(task, markings, [refined[t] for t in off], [given[t] for t in off])
         for t, one in zip(off, moved, strict=True):
             refined[t] = one
     return refined
 
 
-@dataclass(frozen=True, eq=False)
-class _Options:
-    """How cameras are refined."""
-
-    object_segments: ObjectSegments
-    markings: Markings
-    flags: int
-    prior: Prior
-
-    def calibrate(
-        self, given: Sequence[tuple[Calibration, Pixels, ToRefine]], flags: int = 0, loss_scale: float = LOSS_SCALE
-    ) -> list[Calibration]:
-        """Fit cameras to detected lines, and to labelled pixels of segments without one, from those of before."""
-        cameras = [calibration.camera for calibration, _, _ in given if calibration.camera is not None]
-        if not cameras:
-            return []
-        labels = [
-            (
-                {**one.labelled, **lines},
-                {label.strip(): weight for label, weight in one.weights.items()}
-                | {label: len(xy) / PROFILES_PER_SEGMENT for label, xy in lines.items()},
-            )
-            for _, lines, one in given
-        ]
-        size, flags = cameras[0].image_size, self.flags | flags
-        return calibrate_on_lines(
-            self.object_segments, labels, size, cameras, flags=flags, prior=self.prior, scale=loss_scale
+def _fitted(
+    task: Task, given: Sequence[tuple[Calibration, Pixels, ToRefine]], loss_scale: float = LOSS_SCALE
+) -> list[Calibration]:
+    """Fit cameras to detected lines, and to labelled pixels of segments without one, from those of before."""
+    cameras = [calibration.camera for calibration, _, _ in given if calibration.camera is not None]
+    if not cameras:
+        return []
+    labels = [
+        (
+            {**one.labelled, **lines},
+            {label.strip(): weight for label, weight in one.weights.items()}
+            | {label: len(xy) / PROFILES_PER_SEGMENT for label, xy in lines.items()},
         )
+        for _, lines, one in given
+    ]
+    return calibrate_on_lines(task, labels, cameras[0].image_size, cameras, loss_scale)
 
 
 def _with_paint(one: Refined, image: Image, markings: Markings) -> Refined:
@@ -251,19 +236,21 @@ def _with_paint(one: Refined, image: Image, markings: Markings) -> Refined:
     return replace(one, paint=evidence_of(Ridges.across(wide), markings))
 
 
-def _moved_to_paint(options: _Options, refined: Sequence[Refined], given: Sequence[ToRefine]) -> list[Refined]:
+def _moved_to_paint(
+    task: Task, markings: Markings, refined: Sequence[Refined], given: Sequence[ToRefine]
+) -> list[Refined]:
     """Cameras that are also fitted to the paint beside their markings, where more of the markings lie on paint then."""
     members = []
     for one, image in zip(refined, given, strict=True):
         assert one.paint is not None
         assert one.calibration.camera is not None
-        lines, _ = lines_near(image.image, one.calibration.camera, options.markings, SEARCH_RANGES[-1])
+        lines, _ = lines_near(image.image, one.calibration.camera, markings, SEARCH_RANGES[-1])
         members.append((one.calibration, {**lines, **one.paint.beside}, replace(image, labelled={}, weights={})))
-    starts = options.calibrate(members, CalibrationFlags.CALIB_FIX_PRINCIPAL_POINT, max(SEARCH_RANGES))
+    starts = _fitted(task.with_flags(CalibrationFlags.CALIB_FIX_PRINCIPAL_POINT), members, max(SEARCH_RANGES))
     again = [replace(image, calibration=start) for image, start in zip(given, starts, strict=True)]
     return [
         new if new.calibration.accepted and _paint_share(new) > _paint_share(old) else old
-        for old, new in zip(refined, _in_passes(options, again), strict=True)
+        for old, new in zip(refined, _in_passes(task, markings, again), strict=True)
     ]
 
 
@@ -272,25 +259,25 @@ def _paint_share(one: Refined) -> float:
 
 
 def _in_passes(
-    options: _Options, given: Sequence[ToRefine], search_ranges: Sequence[float] = SEARCH_RANGES
+    task: Task, markings: Markings, given: Sequence[ToRefine], search_ranges: Sequence[float] = SEARCH_RANGES
 ) -> list[Refined]:
     """Cameras fitted to the lines near their markings, in two passes, or as they were; and their paint."""
-    images, markings = [one.image for one in given], options.markings
+    images = [one.image for one in given]
     found = {t: one.calibration for t, one in enumerate(given)}
     strips = _strips(given, found, markings)
     best = _with_support(given, strips)
     for search_range in search_ranges:
-        flags = 0
+        in_this_pass = task
         if search_range > SEARCH_RANGES[-1]:
             # lines that are found far away may be others: a principal point that is free would absorb them
-            flags = CalibrationFlags.CALIB_FIX_PRINCIPAL_POINT
+            in_this_pass = task.with_flags(CalibrationFlags.CALIB_FIX_PRINCIPAL_POINT)
         else:
-            given = _without_stray(options.object_segments, given, found)
+            given = _without_stray(task.object_segments, given, found)
         members = [
             (found[t], pixels_of_lines(markings, one.profiles, one.lines(search_range)), given[t])
             for t, one in strips.items()
         ]
-        again = options.calibrate(members, flags)
+        again = _fitted(in_this_pass, members)
         found = {t: calibration for t, calibration in zip(strips, again, strict=True) if calibration.accepted}
         strips = _strips(given, found, markings, are_wide=search_range == search_ranges[-1])
     for t, one in strips.items():
@@ -303,9 +290,9 @@ def _in_passes(
 def near_labels(
     object_segments: ObjectSegments, cameras: Sequence[Camera], frames: Sequence[Pixels], distance: float
 ) -> list[tuple[str, ...]]:
-    """Labels of each frame whose pixels lie near their segments, root mean square, as its camera sees them.
+    """Labels of each frame whose pixels lie near their projected segments, in the root mean square.
 
-    The images are of one size, the distance is that in one of 960x540.
+    The images are of one size, and the distance is in pixels of one of 960x540.
     """
     if not frames:
         return []
@@ -363,8 +350,8 @@ def line_support(image: Image, camera: Camera, markings: Markings, search_range:
     """How well the lines in an image support a camera, from 0 to 1.
 
     The mean over profiles across the projected markings of ``max(1 - 2 |offset| / search_range, 0)``, where the offset
-    is the distance of the line from the marking; a profile without a line counts 0. Profiles in
-    the middle of black, beside the part of a frame that is shown, do not count.
+    is the distance of the line from the marking; a profile without a line counts 0. Profiles in black borders do not
+    count.
 
     Parameters
     ----------

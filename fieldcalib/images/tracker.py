@@ -1,4 +1,4 @@
-"""The cameras of a live video, frame by frame as the frames come.
+"""The cameras of a live video, each as soon as its frame comes.
 
     frame -> matches with its keyframe -> predicted camera -> lines at its projected markings -> camera
     keyframe -> (in a thread) network -> (in another process) all keyframes of the shot together
@@ -17,8 +17,8 @@ from typing import Self
 
 from numpy.typing import ArrayLike
 
+from fieldcalib.assess.frame_table import Basis
 from fieldcalib.assess.result import Calibration, Status
-from fieldcalib.assess.sequence import Basis
 from fieldcalib.fields.segments import ObjectSegments
 from fieldcalib.images.clip_problem import Cells, ClipOptions, cells_of, shared_parameters
 from fieldcalib.images.clip_shape import ShapeEstimator
@@ -33,13 +33,13 @@ from fieldcalib.localize.network import SegmentationNetwork
 from fieldcalib.processes.other_process import OtherProcess
 from fieldcalib.solve.given_camera import GivenCamera
 from fieldcalib.solve.options import ALL, DEFAULT_FLAGS, Prior
-from fieldcalib.solve.sequence_solver import SHARED
+from fieldcalib.solve.sequence_problem import SHARED
 
 NICENESS = 2  # of the process that solves keyframes: `update` comes first where there are few cores
 NEEDED = ("cv2", "fieldcalib.images.shot_solver")  # modules in that process
 SEGMENTED = 4  # keyframes of a shot that the network sees in any case,
 SOLVE_AGAIN, SEGMENT_AGAIN = 3, 6  # then all are solved again, and the network sees one, every so many
-PAINT_EVERY = 25  # frames, a second, after which paint beside the markings is looked for again: 5 ms
+PAINT_INTERVAL = 25  # frames, a second, after which paint beside the markings is looked for again: 5 ms
 
 
 @dataclass(frozen=True, eq=False)
@@ -81,7 +81,7 @@ class Tracker:
     Raises
     ------
     ValueError
-        If the object or the network is none, or as `calibrate_video` for what is known of the camera.
+        If `object_segments` or `network` is not one, or as `calibrate_video` for what is known of the camera.
     RuntimeError
         If no other process can be started, and it does not `wait`.
 
@@ -177,8 +177,9 @@ class Tracker:
         Returns
         -------
         Calibration
-            Its errors grow while nothing ties the images to a keyframe but the lines are where it has the markings.
-            After a cut there is no camera until the first keyframe of the new shot is calibrated.
+            While nothing ties the images to a keyframe, the camera is extrapolated as long as lines lie near its
+            markings, and its errors grow. After a cut there is no camera until the first keyframe of the new shot is
+            calibrated.
 
         Raises
         ------
@@ -235,7 +236,7 @@ class Tracker:
         if calibration.camera is None or shot.solved is None:
             return calibration
         paint = shot.paint
-        if paint is None or index - paint[0] >= PAINT_EVERY:
+        if paint is None or index - paint[0] >= PAINT_INTERVAL:
             paint = index, paint_evidence(image, calibration.camera, shot.solved.markings).markings
             self._shot = replace(shot, paint=paint)
         return calibration.seen_in_image(paint[1])

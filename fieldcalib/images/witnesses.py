@@ -13,15 +13,14 @@ import numpy as np
 
 from fieldcalib._types import Array
 from fieldcalib.assess.misfit import LEAST_FRAMES, misfit, rms_by_label
-from fieldcalib.assess.sequence import SequenceCalibration
+from fieldcalib.assess.sequence_calibration import SequenceCalibration
 from fieldcalib.fields.segments import ObjectSegments
 from fieldcalib.images.detected_lines import line_loss
 from fieldcalib.images.keyframe_labels import EXPLAINED, KeyframeLabels
-from fieldcalib.problem.evaluation import Evaluation, Problem, evaluate
+from fieldcalib.problem.evaluation import Problem, evaluate
 from fieldcalib.problem.layout import Layout
 from fieldcalib.problem.observations import pack
 from fieldcalib.solve.options import pixel_unit
-from fieldcalib.solve.tripod import Labels
 
 LEAST_WITHOUT_WORST = 6  # labels of a keyframe, from which on the worst is left out: a board may pass for a touchline
 
@@ -69,28 +68,18 @@ def _excess(
     object_segments: ObjectSegments, keyframes: Sequence[KeyframeLabels], layout: Layout, theta: Array
 ) -> Array:
     """By how much cameras theta (B, n) bring the labels of keyframes farther off than they need be, pixels (B,)."""
-
-    def at_cameras(labels: Sequence[Labels]) -> Evaluation:
-        pixels, weights = zip(*labels, strict=True)
-        observations = pack(object_segments, pixels, layout.image_size, weights)
-        return evaluate(Problem(observations, layout, line_loss(layout.image_size)), theta)
-
-    labels, names = [one.labels for one in keyframes], list(object_segments)
-    without_worst = [
-        _without(one, names[int(np.nanargmax(rms))]) if len(one[0]) >= LEAST_WITHOUT_WORST else one
-        for one, rms in zip(labels, rms_by_label(at_cameras(labels)), strict=True)
-    ]
-    evaluation = at_cameras(without_worst)
-    by_label = rms_by_label(evaluation)
-    labelled = np.isfinite(by_label)
-    explained = np.sum(labelled & (by_label < EXPLAINED * pixel_unit(layout.image_size)), axis=1)
-    off = np.where(explained < 0.5 * np.sum(labelled, axis=1), np.nanmedian(by_label, axis=1), 0.0)
+    pixels, weights = zip(*(one.labels for one in keyframes), strict=True)
+    observations = pack(object_segments, pixels, layout.image_size, weights)
+    all_labels = evaluate(Problem(observations, layout, line_loss(layout.image_size)), theta)
+    rms, table = rms_by_label(all_labels), observations.pixels
+    worst = np.where(np.sum(np.isfinite(rms), axis=1) >= LEAST_WITHOUT_WORST, np.nanargmax(rms, axis=1), -1)
+    others = observations.relabelled(np.where(table.label == worst[table.frame], -1, table.label))
+    evaluation = evaluate(replace(all_labels.problem, observations=others), theta)
+    rms = rms_by_label(evaluation)
+    labelled = np.isfinite(rms)
+    explained = np.sum(labelled & (rms < EXPLAINED * pixel_unit(layout.image_size)), axis=1)
+    off = np.where(explained < 0.5 * np.sum(labelled, axis=1), np.nanmedian(rms, axis=1), 0.0)
     return np.where([one.accepted for one in keyframes], misfit(evaluation).excess, off)
-
-
-def _without(labels: Labels, label: str) -> Labels:
-    pixels, weights = ({name: one[name] for name in one if name != label} for one in labels)
-    return pixels, weights
 
 
 def _confirmed(excess: Array) -> Array:

@@ -1,4 +1,4 @@
-"""Annotations of any tool: whose file it is, which frames it has, and what these are called here."""
+"""Annotation files of any tool: recognising the tool, reading the frames, renaming their labels."""
 
 from __future__ import annotations
 
@@ -17,6 +17,7 @@ from fieldcalib.io.files import (
     MOST_BYTES,
     BrokenFileError,
     FrameFile,
+    named_in_errors,
     parse_json,
     parse_json_object,
     read_json_or_yaml,
@@ -24,7 +25,7 @@ from fieldcalib.io.files import (
 from fieldcalib.io.formats import ANNOTATIONS, OTHER_ANNOTATIONS
 from fieldcalib.io.soccernet import UNKNOWN_LABELS
 
-# Of SoccerNet's annotations, which are read frame by frame: the first label, and a list of points.
+# Beginning of SoccerNet's annotations, which are read frame by frame: the first label, and a list of points.
 OF_SOCCERNET = re.compile(rb'\s*\{\s*(\}|"[^"]*"\s*:\s*\[\s*(\]|\{\s*"[xy]"))')
 BEGINNING = 256  # bytes
 KEYS = {"labelme": {"shapes", "imagePath"}, "coco": {"images", "annotations"}, "labelstudio": {"data"}}
@@ -34,12 +35,12 @@ NO_SIZE = "SoccerNet's annotations do not say the size of their images: give it 
 
 @dataclass(frozen=True)
 class AnnotatedFrame(FrameFile):
-    """A frame that was read already, of a file that may have several."""
+    """A frame that is read already; its file may hold several."""
 
     annotation: Annotation = attribute(default_factory=lambda: Annotation("", {}))
 
     def __reduce__(self) -> tuple[object, ...]:
-        """For other processes."""
+        """Pickle for other processes."""
         return AnnotatedFrame, (self.id, self.path, None, self.annotation)
 
 
@@ -51,7 +52,7 @@ class FramesFound:
     unknown: Counter[str]
     """Labels that the object does not have, with the number of frames that have them."""
     left_out: Counter[LeftOut]
-    """Shapes that are no points or lines, with the number of frames that have them."""
+    """Shapes other than points and lines, with the number of frames that have them."""
 
 
 def frames_in(
@@ -60,14 +61,14 @@ def frames_in(
     known: ObjectSegments | None = None,
     most_bytes: float = MOST_BYTES,
 ) -> FramesFound:
-    """The frames of annotations: each file of SoccerNet is one and is not read yet, those of other tools are read.
+    """Find the frames of annotations; files of other tools than SoccerNet, which may hold several, are read.
 
     Parameters
     ----------
     files : iterable of FrameFile
         As `fieldcalib.io.formats.ANNOTATIONS` finds them.
     labels : mapping of str to str or None
-        What labels in files of other tools are called here; None for those that are left out.
+        The field's labels by those in files of other tools; None leaves a label out.
     known : mapping of str to segment, optional
         The calibration object: other labels are left out, and counted (all are kept).
     most_bytes : float
@@ -115,7 +116,7 @@ def _frames_of(file: FrameFile, most_bytes: float) -> Iterator[FrameFile]:
             content = file.read(most_bytes)
             tool = tool_of(content, file.path)
         except (BrokenFileError, MemoryError):
-            pass  # whoever reads the frame learns what is wrong with it
+            pass  # reading the frame says what is wrong with it
     if not tool:
         yield file
         return
@@ -129,7 +130,7 @@ def _frames_of(file: FrameFile, most_bytes: float) -> Iterator[FrameFile]:
 
 
 def tool_of(content: bytes | str, path: Path) -> str:
-    """The tool of `OTHER_ANNOTATIONS` whose file it is; empty for SoccerNet's.
+    """The tool of `OTHER_ANNOTATIONS` that wrote a file; empty for SoccerNet's.
 
     Raises
     ------
@@ -158,7 +159,7 @@ def parse_frame(
     *,
     unknown: bool = False,
 ) -> Annotation:
-    """The annotation of a frame, whose size is known then.
+    """The annotation of a frame, with the size of its image.
 
     Parameters
     ----------
@@ -214,7 +215,7 @@ def read_annotations(
     image_size : (int, int), optional
         Width and height in pixels; only SoccerNet's files do not say them.
     labels : mapping of str to str or None, or path of one
-        What their labels are called here; None leaves one out. A file is JSON or YAML.
+        The field's labels by those in the files; None leaves a label out. A file of it is JSON or YAML.
 
     Returns
     -------
@@ -226,7 +227,7 @@ def read_annotations(
     FileNotFoundError
         If there are no annotations.
     BrokenFileError
-        If one is broken, of another size, or of a size that nobody says; the message begins with the path.
+        If one is broken, of another size, or of an unknown size; the message begins with the path.
 
     Examples
     --------
@@ -244,25 +245,21 @@ def read_annotations(
     names = read_labels(Path(labels)) if isinstance(labels, str | Path) else labels
     annotations = {}
     for frame in frames_in(ANNOTATIONS.find([Path(path)]), names).frames:
-        try:
+        with named_in_errors(frame.path):
             annotations[frame.id] = parse_frame(frame, image_size, names)
-        except BrokenFileError as error:
-            raise BrokenFileError(f"{frame.path}: {error}") from None
     return annotations
 
 
 def read_labels(path: Path) -> dict[str, str | None]:
-    """A mapping of the labels in files of other tools to ours, from JSON or YAML.
+    """Read a mapping of the labels in files of other tools to those of the field, from JSON or YAML.
 
     Raises
     ------
     BrokenFileError
-        If it is none; the message begins with its path.
+        If it is no such mapping; the message begins with its path.
     """
-    try:
+    with named_in_errors(path):
         value = read_json_or_yaml(path)
-    except BrokenFileError as error:
-        raise BrokenFileError(f"{path}: {error}") from None
     pairs: list[tuple[Any, Any]] = list(value.items()) if isinstance(value, dict) else [(None, None)]
     if not all(isinstance(theirs, str) and isinstance(ours, str | None) for theirs, ours in pairs):
         raise BrokenFileError(f"{path}: expected their labels, each with one of ours or null, as halfway: Middle line")

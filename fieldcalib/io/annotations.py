@@ -1,4 +1,4 @@
-"""Annotations of other tools: what their formats have in common."""
+"""Annotations of other tools: the common parts of their formats."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ Labels: TypeAlias = Mapping[str, str | None]
 
 
 class LeftOut(NamedTuple):
-    """A shape that says nothing about lines and points.
+    """A shape that is neither points nor a line.
 
     Examples
     --------
@@ -35,7 +35,7 @@ class LeftOut(NamedTuple):
     label: str
 
     def __str__(self) -> str:
-        """For messages."""
+        """Format for messages."""
         return f"{self.kind} of {self.label!r}"
 
 
@@ -56,16 +56,16 @@ class Annotation:
     image_size: tuple[int, int] | None = None
     """Width and height (px); None where the file does not say it."""
     image: str = ""
-    """The image, as the file names it; for writing."""
+    """Name of the image in the file; for writing."""
     problem: str = ""
-    """What is wrong with it; then there are no pixels."""
+    """Reason why it cannot be read; then there are no pixels."""
     left_out: tuple[LeftOut, ...] = ()
-    """Shapes that say nothing about lines and points, each kind once a label."""
+    """Shapes that are neither points nor lines, each kind once per label."""
 
 
 @dataclass
 class Shapes:
-    """The shapes of an image as they are gathered: those with the same label are one segment."""
+    """Collects the shapes of an image: those with the same label are one segment."""
 
     image_size: tuple[int, int] | None
     points: dict[str, list[Array]]
@@ -73,17 +73,17 @@ class Shapes:
 
     @classmethod
     def of(cls, width: Any, height: Any) -> Shapes:
-        """Those of an image of a size, none so far.
+        """Begin with an image of a size, without shapes.
 
         Raises
         ------
         BrokenFileError
-            If that is no size.
+            If the size is none.
         """
         return cls(checked_size(width, height), {}, {})
 
     def add(self, label: Any, points: Any, shift: float = CORNER) -> None:
-        """A shape with its points (N, 2), `shift` more than pixels.
+        """Add a shape with its points (N, 2), which exceed pixels by `shift`.
 
         Raises
         ------
@@ -101,7 +101,7 @@ class Shapes:
             self.points.setdefault(name, []).append(xy - shift)
 
     def leave_out(self, kind: Any, label: Any) -> None:
-        """A shape that is neither points nor lines."""
+        """Add a shape that is neither points nor lines."""
         self.left_out[LeftOut(str(kind), self._name(label))] = None
 
     @staticmethod
@@ -112,7 +112,7 @@ class Shapes:
 
 
 def annotation_of(image: Any, shapes: Callable[[], Shapes], what: str) -> Annotation:
-    """The annotation of an image from its shapes, or what is wrong with these.
+    """The annotation of an image from its shapes, or the reason why these cannot be read.
 
     Parameters
     ----------
@@ -140,7 +140,7 @@ def annotation_of(image: Any, shapes: Callable[[], Shapes], what: str) -> Annota
     """
     if not isinstance(image, str):
         raise BrokenFileError(f"{what}: expected the name of the image, got {_short(image)}")
-    id = PureWindowsPath(image).stem  # knows both kinds of slashes
+    id = PureWindowsPath(image).stem  # takes both kinds of slashes
     if not id or not id.isprintable() or len(os.fsencode(id)) > LONGEST_ID:
         raise BrokenFileError(f"{what}: no result could be named after the image {_short(image)}")
     try:
@@ -190,7 +190,7 @@ def member(record: Any, key: str, kind: type, what: str) -> Any:
 
 
 def renamed(pixels: Pixels, labels: Labels) -> Pixels:
-    """Labelled pixels with the labels that a mapping has for theirs; without those that it maps to None.
+    """Rename labels by a mapping; labels that it maps to None are left out.
 
     Examples
     --------
@@ -206,19 +206,19 @@ def renamed(pixels: Pixels, labels: Labels) -> Pixels:
 
 
 def names_of(labels: Labels, known: Iterable[str]) -> dict[str, str]:
-    """What labels are called in files that a mapping is made for: its inverse.
+    """The inverse of a mapping of labels: the names of the field's labels in files of another tool.
 
     Parameters
     ----------
     labels : mapping of str to str or None
-        What theirs are called here. Of several for one of ours the first counts; those that are left out do not.
+        The field's labels by those of the tool. Of several names for one label the first counts.
     known : iterable of str
-        Our labels.
+        The field's labels.
 
     Raises
     ------
     ValueError
-        If a label, which has no name of theirs, would be read as another one.
+        If a label that the mapping does not have would be read as another one.
 
     Examples
     --------
@@ -237,8 +237,8 @@ def names_of(labels: Labels, known: Iterable[str]) -> dict[str, str]:
     return names
 
 
-class Written(NamedTuple):
-    """What the file of another tool says of one image."""
+class ExportedImage(NamedTuple):
+    """Content of a file of another tool for one image."""
 
     image: str
     """Its name or path."""
@@ -248,8 +248,8 @@ class Written(NamedTuple):
     """Each label that has pixels, and its points (x, y) counted from the corner of the image."""
 
 
-def to_be_written(annotation: Annotation) -> Written:
-    """An annotation as other tools have it.
+def exported(annotation: Annotation) -> ExportedImage:
+    """Convert an annotation to the coordinates of other tools.
 
     Raises
     ------
@@ -258,7 +258,7 @@ def to_be_written(annotation: Annotation) -> Written:
 
     Examples
     --------
-    >>> to_be_written(Annotation("1", {"Middle line": [(10.0, 20.0), (10.5, 40.0)]}, (96, 54), "1.jpg")).shapes
+    >>> exported(Annotation("1", {"Middle line": [(10.0, 20.0), (10.5, 40.0)]}, (96, 54), "1.jpg")).shapes
     [('Middle line', [[10.5, 20.5], [11.0, 40.5]])]
     """
     if annotation.image_size is None:
@@ -269,7 +269,7 @@ def to_be_written(annotation: Annotation) -> Written:
             raise ValueError(f"{label!r}: a pixel is not finite")
         if len(xy):
             shapes.append((label, (np.asarray(xy, dtype=float) + CORNER).tolist()))
-    return Written(annotation.image or annotation.id, annotation.image_size, shapes)
+    return ExportedImage(annotation.image or annotation.id, annotation.image_size, shapes)
 
 
 def _short(value: Any) -> str:

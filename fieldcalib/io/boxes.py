@@ -1,4 +1,4 @@
-"""Boxes of players, as detectors and trackers write them: tables with a header, MOTChallenge, SoccerNet's game state.
+"""Boxes of players in files of detectors and trackers: tables with a header, MOTChallenge, SoccerNet's game state.
 
 Boxes count from the corner of the first pixel: one of width 1 at x = 0 covers just that pixel, whose centre is x = 0 of
 this package's pixels.
@@ -20,7 +20,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from fieldcalib._types import Array
-from fieldcalib.io.files import MOST_BYTES, BrokenFileError, parse_json_object, read_regular_file
+from fieldcalib.io.files import MOST_BYTES, BrokenFileError, named_in_errors, parse_json_object, read_regular_file
 
 Box: TypeAlias = tuple[float, float, float, float]
 
@@ -44,11 +44,11 @@ class BoxRow:
     """A row of a table of boxes."""
 
     frame: str
-    """As it is written: an id, the name of an image, a number."""
+    """The frame as written: an id, the name of an image, or a number."""
     box: Box | None
     """Left, top, right, bottom edge, pixels from the corner of the image; None where the cells are empty."""
     values: Sequence[str]
-    """All cells, as they are written."""
+    """All cells as written."""
 
 
 @dataclass(frozen=True)
@@ -59,7 +59,7 @@ class BoxTable:
     rows: Iterator[BoxRow]
     """Reading on raises a BrokenFileError that names the line, where one is malformed."""
     is_mot: bool = False
-    """Whether it is of MOTChallenge, whose frames count from 1."""
+    """Whether it is a table of MOTChallenge, whose frames count from 1."""
 
 
 def foot_points(boxes: ArrayLike) -> Array:
@@ -95,7 +95,7 @@ def foot_points(boxes: ArrayLike) -> Array:
 
 @contextmanager
 def open_boxes(path: Path, most_bytes: float = MOST_BYTES) -> Iterator[BoxTable]:
-    """A file of boxes, open while the context lasts.
+    """Open a file of boxes while the context lasts.
 
     Parameters
     ----------
@@ -103,22 +103,20 @@ def open_boxes(path: Path, most_bytes: float = MOST_BYTES) -> Iterator[BoxTable]
         A table with a header, separated by commas, semicolons or tabs; one of MOTChallenge, which has none; or the
         JSON of SoccerNet's game state, as sn-gamestate and tracklab write it.
     most_bytes : float
-        Of JSON; tables are read line by line and may be of any length.
+        Limit for JSON; tables are read line by line and may be of any length.
 
     Raises
     ------
     FileNotFoundError
         If there is no such file.
     BrokenFileError
-        If it is none of these; the message begins with the path, and with the line where there is one.
+        If it is no such file; the message begins with the path, and with the line where there is one.
     """
     if not path.is_file():
         raise FileNotFoundError(f"{path} does not exist: expected a file of boxes")
     if path.suffix.lower() == ".json":
-        try:
+        with named_in_errors(path):
             table = _game_state(path, read_regular_file(path, most_bytes))
-        except BrokenFileError as error:
-            raise BrokenFileError(f"{path}: {error}") from None
         yield table
         return
     with path.open(encoding="utf-8-sig", newline="") as file:
@@ -172,7 +170,7 @@ def _rows(path: Path, cells: Iterator[list[str]], reader: Any, columns: Sequence
 
 
 def _layout(path: Path, columns: Sequence[str]) -> tuple[int, Any]:
-    """The column of the frame, and what makes a box of a row.
+    """The column of the frame, and a function that makes a box of a row.
 
     Raises
     ------
@@ -201,7 +199,7 @@ def _box_of_cells(values: Sequence[str], *, places: Sequence[int], corners: bool
 
 
 def _box_of(texts: Sequence[Any], *, corners: bool) -> Box | None:
-    """A box of its four numbers, None if they are empty or NaN; a BrokenFileError if it is none."""
+    """A box from its four numbers, None if they are empty or NaN; a BrokenFileError if they make no box."""
     if all(str(text).strip().lower() in ("", "nan", "none") for text in texts):
         return None
     try:

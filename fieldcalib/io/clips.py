@@ -13,14 +13,14 @@ from pathlib import Path
 
 import numpy as np
 
-from fieldcalib.io.files import BrokenFileError, FrameFile
+from fieldcalib.io.files import FrameFile, named_in_errors
 from fieldcalib.io.formats import IMAGES
 from fieldcalib.io.image import Image
 from fieldcalib.io.videos import VideoReader
 
 
 def clip_reader(source: object) -> Callable[[], AbstractContextManager[Iterable[Image]]]:
-    """What opens a clip: the path of a video, of a folder or of a zip of images, or the images themselves.
+    """Make a function that opens a clip: a video, a folder or zip of images, or the images themselves.
 
     Raises
     ------
@@ -47,7 +47,7 @@ def clip_reader(source: object) -> Callable[[], AbstractContextManager[Iterable[
 
 
 class ImageFiles:
-    """The images of a folder or a zip; a broken one ends it with a BrokenFileError that names it."""
+    """The images of a folder or a zip; a broken image raises a BrokenFileError that names it."""
 
     def __init__(self, path: Path) -> None:
         self._files = in_order(IMAGES.find([path]))
@@ -55,16 +55,14 @@ class ImageFiles:
     def __iter__(self) -> Iterator[Image]:
         one_size = OneSize()
         for file in self._files:
-            try:
+            with named_in_errors(file.path):
                 image = IMAGES.read(file.read(most_bytes=np.inf))
-            except BrokenFileError as error:
-                raise BrokenFileError(f"{file.path}: {error}") from None
             one_size.check(file, image)
             yield image
 
 
 class OneSize:
-    """Whether images have the size of the first one."""
+    """Checks that images have the size of the first one."""
 
     def __init__(self) -> None:
         self._first: tuple[FrameFile, tuple[int, int]] | None = None
@@ -81,7 +79,7 @@ class OneSize:
 
 
 def in_order(files: Iterable[FrameFile]) -> list[FrameFile]:
-    """Files in the order of the numbers in their names.
+    """Sort files by the numbers in their names.
 
     Examples
     --------

@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 
 from fieldcalib._types import Array
-from fieldcalib.io.annotations import Annotation, Shapes, annotation_of, member, to_be_written
+from fieldcalib.io.annotations import Annotation, Shapes, annotation_of, exported, member
 from fieldcalib.io.files import BrokenFileError, parse_json_object
 
 LEAST_POINTS = 3  # of a polygon, without which other readers refuse it
@@ -114,7 +114,7 @@ def format_coco(annotations: Iterable[Annotation]) -> str:
     Raises
     ------
     ValueError
-        As `to_be_written`.
+        As `exported`.
 
     Examples
     --------
@@ -125,7 +125,7 @@ def format_coco(annotations: Iterable[Annotation]) -> str:
     images: list[dict[str, Any]] = []
     made: list[dict[str, Any]] = []
     categories: dict[str, int] = {}
-    for number, (name, (width, height), shapes) in enumerate(map(to_be_written, annotations), 1):
+    for number, (name, (width, height), shapes) in enumerate(map(exported, annotations), 1):
         images.append({"id": number, "file_name": name, "width": width, "height": height})
         for label, points in shapes:
             closed = np.array(points + points[:1] * max(LEAST_POINTS - len(points), 0))

@@ -70,7 +70,7 @@ def to_system(xy: ArrayLike, system: str, field: Field) -> Array:
 
 
 def scale_of_system(xy: ArrayLike, system: str, field: Field) -> Array:
-    """By how much the coordinates of a system change along x and along y with the metres of the field.
+    """Change of a system's coordinates along x and along y per metre of the field.
 
     ``d system / d field`` of each axis by itself, as no system turns the axes; negative where one is reversed.
 

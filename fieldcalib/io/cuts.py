@@ -1,4 +1,4 @@
-"""Parts of an input: from which of its frames to which, and every how many of them."""
+"""Parts of an input: a first frame, a last frame, and a step between them."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ import sys
 from dataclasses import dataclass
 from typing import Self
 
-ROUNDED = 1e-6  # frames: of a time that is written in decimals
+ROUNDED = 1e-6  # frames: rounding of a time that is written in decimals
 TIME = re.compile(r"(?:(?:(\d+):)?(\d+):)?(\d+(?:\.\d*)?)", re.ASCII)
 FRAME = re.compile(r"(\d+)f", re.ASCII)
 
@@ -22,7 +22,7 @@ class Position:
 
     @classmethod
     def parse(cls, text: str) -> Self:
-        """What ``[[H:]M:]S`` or ``Nf`` says.
+        """Parse ``[[H:]M:]S`` or ``Nf``.
 
         Raises
         ------
@@ -42,11 +42,11 @@ class Position:
         raise ValueError(f"expected a time, as 90, 1:30 or 1:01:30.5, or a frame, as 750f, got {text!r}")
 
     def __str__(self) -> str:
-        """As it is parsed."""
+        """Format as `parse` reads it."""
         return f"{self.seconds:.10g}" if self.frame is None else f"{self.frame}f"
 
     def number(self, frames_per_second: float | None) -> int:
-        """The number of the first frame that is not before it.
+        """The number of the first frame at or after the position.
 
         Raises
         ------

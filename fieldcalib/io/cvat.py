@@ -11,7 +11,7 @@ from typing import Any
 from xml.etree import ElementTree  # to write; what others wrote is read through defusedxml
 
 from fieldcalib._extras import imported
-from fieldcalib.io.annotations import Annotation, Shapes, annotation_of, to_be_written
+from fieldcalib.io.annotations import Annotation, Shapes, annotation_of, exported
 from fieldcalib.io.files import BrokenFileError
 
 READ = ("polyline", "polygon", "points")
@@ -79,7 +79,7 @@ def format_cvat(annotations: Iterable[Annotation]) -> str:
     Raises
     ------
     ValueError
-        As `to_be_written`.
+        As `exported`.
 
     Examples
     --------
@@ -87,7 +87,7 @@ def format_cvat(annotations: Iterable[Annotation]) -> str:
     >>> print(text.splitlines()[-3])
         <polyline label="Middle line" source="auto" occluded="0" points="10.5,20.5;11.0,40.5" z_order="0" />
     """
-    made = [to_be_written(annotation) for annotation in annotations]
+    made = [exported(annotation) for annotation in annotations]
     root = ElementTree.Element("annotations")
     ElementTree.SubElement(root, "version").text = "1.1"
     task = ElementTree.SubElement(ElementTree.SubElement(root, "meta"), "task")

@@ -1,4 +1,4 @@
-"""What compresses the frames of a video: H.264, which browsers play, where there is an encoder for it.
+"""Encoders of videos: H.264, which browsers play, if an encoder for it is installed.
 
 PyAV's wheels bring x264. OpenCV uses what its build and the system have; its wheels for Linux write MPEG-4 part 2,
 which browsers do not play, and VP9, which takes 50 times as long.
@@ -26,7 +26,7 @@ class Encoder(Protocol):
     """Writes the frames of a video, all of one size with even sides, to its file."""
 
     note: str
-    """What to know about the file, to be said after its name; empty if nothing."""
+    """Note about the file for the user, to follow its name; may be empty."""
 
     def write(self, image: Image) -> None:
         """Append a frame."""
@@ -64,7 +64,7 @@ class X264Encoder:
         self._stream.width, self._stream.height = size
         self._stream.pix_fmt = "yuv420p"
         context = self._stream.codec_context
-        context.thread_count = threads or 0  # 0: by the number of cores
+        context.thread_count = threads or 0  # 0: as many as there are cores
         context.color_primaries, context.color_trc, context.colorspace = BT709_PRIMARIES, BT709_CURVE, BT601
         self._full = False
 
@@ -84,7 +84,7 @@ class X264Encoder:
             self._full = True
 
     def _mux(self, frame: Any) -> None:
-        """Compress and store a frame, or at the end those that are held back; nothing once the disk is full."""
+        """Compress and store a frame; None stores the frames that are held back. Does nothing once the disk is full."""
         if self._full:
             return
         try:
@@ -130,7 +130,7 @@ def _has_x264() -> bool:
 
 @contextmanager
 def _no_messages() -> Iterator[None]:
-    """Standard error closed to libraries in C, which say there at length what they cannot do."""
+    """Silence stderr for libraries in C, which print long messages there."""
     kept, nowhere = os.dup(2), os.open(os.devnull, os.O_WRONLY)
     os.dup2(nowhere, 2)
     try:

@@ -21,8 +21,8 @@ HIDDEN = re.compile(r"\.")
 YAML = (".yaml", ".yml")
 MOST_BYTES = 64_000_000  # of a file: a million labelled pixels are 50 MB of JSON
 LONGEST_ID = 240  # bytes: with "overlay_" and ".jpg" around it, it is still a file's name (255)
-TEMPORARY = ".unfinished-"  # what the names of temporary files begin with
-READ_AT_ONCE = 4096  # bytes: bzip2 and LZMA unpack all that was read, however much that becomes
+TEMPORARY = ".unfinished-"  # prefix of the names of temporary files
+READ_AT_ONCE = 4096  # bytes: bzip2 and LZMA unpack all that was read, whatever its size then
 
 Zipped: TypeAlias = tuple[zipfile.ZipFile, zipfile.ZipInfo]
 
@@ -31,18 +31,27 @@ class BrokenFileError(ValueError):
     """A file that does not hold what its format promises; the message says what is wrong with it."""
 
 
+@contextmanager
+def named_in_errors(path: object) -> Iterator[None]:
+    """Let the message of a BrokenFileError begin with the path or name of its file."""
+    try:
+        yield
+    except BrokenFileError as error:
+        raise BrokenFileError(f"{path}: {error}") from None
+
+
 @dataclass(frozen=True)
 class FrameFile:
-    """What a file says of one frame; the file lies in a folder or in a zip."""
+    """A file of one frame, in a folder or in a zip."""
 
     id: str
     path: Path
-    """In a zip: that of the zip, then the member's."""
+    """Path of the file; in a zip the path of the zip, then that of the member."""
     zipped: Zipped | None = None
     """The open zip and the member of it."""
 
     def read(self, most_bytes: float = MOST_BYTES) -> bytes:
-        """The content.
+        """Read the content.
 
         Raises
         ------
@@ -65,7 +74,7 @@ class FrameFile:
             raise BrokenFileError(f"cannot be read: {str(error) or type(error).__name__}") from error
 
     def read_beginning(self, count: int) -> bytes:
-        """The first bytes; none if it cannot be read."""
+        """Read the first bytes; none if it cannot be read."""
         try:
             if self.zipped is not None:
                 archive, member = self.zipped
@@ -75,12 +84,12 @@ class FrameFile:
                 return b""
             with self.path.open("rb") as file:
                 return file.read(count)
-        except Exception:  # `read` says what is wrong
+        except Exception:  # `read` reports what is wrong
             return b""
 
     @property
     def state(self) -> tuple[int, int]:
-        """What changes with the content: size and time of the last change, in a zip size and CRC; -1 if missing."""
+        """Size and time of the last change, in a zip size and CRC; -1 if missing. Changes with the content."""
         if self.zipped is not None:
             return self.zipped[1].file_size, self.zipped[1].CRC
         try:
@@ -90,7 +99,7 @@ class FrameFile:
         return status.st_size, status.st_mtime_ns
 
     def __reduce__(self) -> tuple[object, ...]:
-        """For other processes, which open the zip themselves."""
+        """Pickle for other processes, which open the zip themselves."""
         if self.zipped is None:
             return FrameFile, (self.id, self.path)
         archive, member = self.zipped
@@ -104,12 +113,12 @@ def _of_zip(id: str, path: Path, archive: str, member: str) -> FrameFile:
 
 @lru_cache(maxsize=4)
 def _opened(archive: str) -> zipfile.ZipFile:
-    """A zip of another process, once for all of its members."""
+    """Open the zip of a pickled file, once for all of its members."""
     return zipfile.ZipFile(archive)
 
 
 def read_regular_file(path: Path, most_bytes: float = MOST_BYTES) -> bytes:
-    """The content of a file.
+    """Read a file.
 
     Raises
     ------
@@ -129,7 +138,7 @@ def read_regular_file(path: Path, most_bytes: float = MOST_BYTES) -> bytes:
 
 @contextmanager
 def open_regular_file(path: Path, most_bytes: float = math.inf) -> Iterator[IO[bytes]]:
-    """A file that is read in parts, open while the context lasts.
+    """Open a file that is read in parts, while the context lasts.
 
     Raises
     ------
@@ -168,7 +177,7 @@ def find_files(
     suffix: str | tuple[str, ...],
     others: re.Pattern[str] = HIDDEN,
 ) -> list[FrameFile]:
-    """Files named ``<prefix><id><suffix>`` in folders and zips, and single files, in the order of their names.
+    """Find files named ``<prefix><id><suffix>`` in folders and zips, and single files, in the order of their names.
 
     Parameters
     ----------
@@ -188,7 +197,7 @@ def find_files(
     FileNotFoundError
         If an input does not exist or holds no such file.
     BrokenFileError
-        If a zip is none, or two files would be the same frame.
+        If a zip is broken, or two files would be the same frame.
     """
     suffixes = (suffix,) if isinstance(suffix, str) else suffix
     found: dict[str, FrameFile] = {}
@@ -218,7 +227,7 @@ def _has_folders(path: Path) -> bool:
 
 
 def is_named(name: str, prefix: str, suffixes: tuple[str, ...], others: re.Pattern[str]) -> bool:
-    """Whether a name begins and ends so, and is not that of something else; endings in upper or lower case."""
+    """Whether a name has the prefix and a suffix, in upper or lower case, and matches none of the `others`."""
     endings = tuple(suffix.lower() for suffix in suffixes)
     return name.startswith(prefix) and name.lower().endswith(endings) and not others.match(name)
 
@@ -231,13 +240,13 @@ def files_beside(inputs: Iterable[Path], used: Iterable[FrameFile]) -> list[Path
 
 
 def _members(path: Path) -> Iterator[tuple[Path, Zipped | None]]:
-    """What lies in a folder or in a zip, in the order of names; the path itself if it is neither."""
+    """Members of a folder or a zip in the order of names; the path itself if it is neither."""
     if path.is_dir():
         yield from ((member, None) for member in sorted(path.iterdir()))
     elif path.is_file() and path.suffix.lower() == ".zip":
         try:
             archive = zipfile.ZipFile(path)  # left open, to be read from
-        except Exception as error:  # damage to its directory shows in many ways
+        except Exception as error:  # a damaged directory raises errors of many classes
             raise BrokenFileError(f"{path}: {error}") from error
         for member in sorted(archive.infolist(), key=lambda member: member.filename):
             name = member.filename
@@ -248,7 +257,7 @@ def _members(path: Path) -> Iterator[tuple[Path, Zipped | None]]:
 
 
 def parse_json(content: bytes | str) -> Any:
-    """What JSON says.
+    """Parse JSON.
 
     Raises
     ------
@@ -264,7 +273,7 @@ def parse_json(content: bytes | str) -> Any:
 
 
 def parse_json_object(content: bytes | str, what: str) -> dict[str, Any]:
-    """A JSON object as a dict; `what` says what is in it, for messages.
+    """Parse a JSON object; `what` names its content, for messages.
 
     Raises
     ------
@@ -283,7 +292,7 @@ def parse_json_object(content: bytes | str, what: str) -> dict[str, Any]:
 
 
 def read_json_or_yaml(path: Path) -> Any:
-    """What is in a file of JSON, or of YAML if its name ends so.
+    """Read a file of JSON, or of YAML if its name ends so.
 
     Raises
     ------
@@ -302,7 +311,7 @@ def read_json_or_yaml(path: Path) -> Any:
 
 
 def _without_repeats(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
-    """A JSON object; Python's parser would let the last of equal keys replace the others."""
+    """Make a dict of a JSON object; Python's parser would let the last of equal keys replace the others."""
     value = dict(pairs)
     if len(value) < len(pairs):
         twice, _ = Counter(key for key, _ in pairs).most_common(1)[0]
@@ -311,16 +320,16 @@ def _without_repeats(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
 
 
 def remove_temporaries(folder: Path) -> None:
-    """Remove the temporary files of `replacement` that a killed process has left; nobody else may write there."""
+    """Remove the temporary files of `replacement` that a killed process has left; no other process may write there."""
     for path in folder.glob(f"{TEMPORARY}*"):
         path.unlink(missing_ok=True)
 
 
 @contextmanager
 def replacement(path: Path) -> Iterator[tuple[int, Path]]:
-    """A temporary file beside a path, open for writing, that takes the path's place when all went well.
+    """Open a temporary file beside a path, which replaces the path if no error occurs.
 
-    Its name cannot be foreseen, and a link at `path` is replaced, not followed.
+    Its name is random, and a link at `path` is replaced, not followed.
     """
     handle, name = tempfile.mkstemp(dir=path.parent, prefix=TEMPORARY, suffix=path.suffix)
     temporary = Path(name)
@@ -337,7 +346,7 @@ def replacement(path: Path) -> Iterator[tuple[int, Path]]:
 
 @contextmanager
 def whole_file(path: Path) -> Iterator[BinaryIO]:
-    """A file to be written, by way of a temporary one beside it: a reader sees the old file or the new one, never half.
+    """Write a file by way of a temporary one beside it: a reader sees the old file or the new one, never a part.
 
     Examples
     --------
@@ -366,6 +375,6 @@ def write_text(path: Path, text: str) -> None:
     write_bytes(path, text.encode())
 
 
-def problem(error: Exception) -> str:
-    """What is wrong with a file; a MemoryError has no text of its own."""
+def error_message(error: Exception) -> str:
+    """The problem of a file, for messages; a MemoryError has no text of its own."""
     return str(error) or "there is not enough memory for it"

@@ -1,6 +1,6 @@
-"""The formats of files: how each one is named and found, and what reads and writes it.
+"""The formats of files: their names, and the functions that find, read and write them.
 
-The commands look here, and nowhere else, for what a file is.
+Commands take the formats of files from here only.
 """
 
 from __future__ import annotations
@@ -42,13 +42,13 @@ class Format(Generic[Read, Write]):
     """
 
     name: str
-    """What a file holds, for messages."""
+    """Content of a file, for messages."""
     suffixes: tuple[str, ...]
-    """In lower or upper case; what is written has the first."""
+    """Endings, in lower or upper case; files that are written have the first."""
     read: Read
-    """From the content of a file, or of a video from its path."""
+    """Reads the content of a file; for a video, its path."""
     write: Write
-    """To the content of a file, or of a video to its path; None where nothing is written in this format."""
+    """Makes the content of a file; for a video, writes to its path. None if the format is not written."""
     prefix: str = ""
     others: re.Pattern[str] = HIDDEN
     """Matches the beginning of the names of files that are something else."""
@@ -66,7 +66,7 @@ class Format(Generic[Read, Write]):
         return f"{self.prefix}{id}{self.suffixes[0]}"
 
 
-# What lies beside annotations: match_info_cam_gt.json, test_match_info_cam_gt.json, results of this package and others.
+# Excluded files beside annotations: match_info_cam_gt.json, test_match_info_cam_gt.json, results of this package.
 ANNOTATIONS = Format(
     "annotation",
     (".json", ".xml"),
@@ -74,7 +74,7 @@ ANNOTATIONS = Format(
     format_annotation,
     others=re.compile(r".*match_info|camera_|summary|run\.json$|tripods|per_sample_output|\."),
 )
-"""SoccerNet's labelled points, normalised: ``<id>.json``. Files of `OTHER_ANNOTATIONS` lie where these do."""
+"""SoccerNet's labelled points, normalised: ``<id>.json``. Files of `OTHER_ANNOTATIONS` may lie beside them."""
 
 OtherAnnotations: TypeAlias = Format[Callable[[bytes | str], list[Annotation]], Callable[[Iterable[Annotation]], str]]
 OTHER_ANNOTATIONS: Mapping[str, OtherAnnotations] = MappingProxyType(
@@ -85,7 +85,7 @@ OTHER_ANNOTATIONS: Mapping[str, OtherAnnotations] = MappingProxyType(
         "coco": Format("COCO annotations", (".json",), parse_coco, format_coco),
     }
 )
-"""Labelled pixels as other tools keep them, by the name of the tool; labelme has a file for each image."""
+"""Labelled pixels in the files of other tools, by the name of the tool; labelme has a file for each image."""
 
 CAMERAS = Format("camera", (".json",), parse_camera, format_camera, prefix="camera_")
 """SoccerNet's cameras: ``camera_<id>.json``."""

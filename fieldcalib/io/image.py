@@ -1,4 +1,4 @@
-"""What an image is: OpenCV's uint8 array (height, width, 3) in blue, green, red."""
+"""Images: OpenCV's uint8 arrays (height, width, 3) in blue, green, red."""
 
 from __future__ import annotations
 

@@ -45,7 +45,7 @@ def stored_size(content: bytes) -> tuple[int, int] | None:
 
 
 def _jpeg_size(content: bytes) -> tuple[int, int]:
-    """Of the first frame header; the segments before it say how long they are."""
+    """Size in the first frame header; the segments before it say how long they are."""
     position = 2
     while marker := JPEG_MARKER.search(content, position):
         position, kind = marker.end(), marker.group()[1]
@@ -58,7 +58,7 @@ def _jpeg_size(content: bytes) -> tuple[int, int]:
 
 
 def _tiff_size(content: bytes, order: str) -> tuple[int, int]:
-    """Of the first directory."""
+    """Size in the first directory."""
     if content[2:4] == struct.pack(order + "H", 43):  # BigTIFF
         first, count, entry, offset = 8, "Q", 20, 12
     else:
@@ -78,7 +78,7 @@ def _tiff_size(content: bytes, order: str) -> tuple[int, int]:
 
 
 def _webp_size(content: bytes) -> tuple[int, int]:
-    """Of the first chunk: lossy, lossless or extended."""
+    """Size in the first chunk: lossy, lossless or extended."""
     kind = content[12:16]
     if kind == b"VP8 ":
         width, height = struct.unpack_from("<HH", content, 26)

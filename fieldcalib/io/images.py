@@ -93,7 +93,7 @@ def write_image(path: Path, image: Image) -> None:
 
 
 def read_ahead(items: Iterable[Item], count: int = AHEAD) -> Iterator[Item]:
-    """The same items, up to `count` of which a thread reads in advance: decoding a video takes no time then.
+    """Read up to `count` items in advance in a thread, so that decoding a video takes no extra time.
 
     Examples
     --------

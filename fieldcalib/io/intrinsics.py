@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from fieldcalib._types import Array
-from fieldcalib.io.files import BrokenFileError, parse_json_object, read_regular_file
+from fieldcalib.io.files import named_in_errors, parse_json_object, read_regular_file
 from fieldcalib.io.soccernet import camera_from_record
 
 OF_CAMERA_FILE = "x_focal_length"  # a key of this package's own camera files
@@ -16,7 +16,7 @@ OF_CAMERA_FILE = "x_focal_length"  # a key of this package's own camera files
 
 @dataclass(frozen=True, eq=False)
 class Intrinsics:
-    """What a file says of a camera and its lens."""
+    """Focal length, principal point and lens of a camera in a file."""
 
     camera_matrix: Array
     """(3, 3)"""
@@ -40,7 +40,7 @@ def read_intrinsics(path: str | os.PathLike[str]) -> Intrinsics:
     BrokenFileError
         If it is neither; the message begins with its path.
     """
-    try:
+    with named_in_errors(path):
         content = read_regular_file(Path(path))
         if not content.lstrip().startswith(b"{"):
             return _of_opencv(content)
@@ -49,8 +49,6 @@ def read_intrinsics(path: str | os.PathLike[str]) -> Intrinsics:
             return _of_opencv(content)
         camera = camera_from_record(record)
         return Intrinsics(camera.K, camera.dist[0], None)
-    except BrokenFileError as error:
-        raise BrokenFileError(f"{path}: {error}") from None
 
 
 def _of_opencv(content: bytes) -> Intrinsics:

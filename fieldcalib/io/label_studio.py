@@ -15,12 +15,12 @@ from urllib.parse import parse_qs, quote, unquote, urlsplit
 import numpy as np
 
 import fieldcalib
-from fieldcalib.io.annotations import Annotation, Shapes, annotation_of, checked_size, member, to_be_written
+from fieldcalib.io.annotations import Annotation, Shapes, annotation_of, checked_size, exported, member
 from fieldcalib.io.files import BrokenFileError, parse_json
 
 PERCENT = 100.0
 LABELS = ("vectorlabels", "polygonlabels", "keypointlabels", "labels")  # keys of a region's labels
-UPLOADED = re.compile(r"[0-9a-f]{8}-")  # what Label Studio writes before the name of an uploaded image
+UPLOADED = re.compile(r"[0-9a-f]{8}-")  # prefix that Label Studio adds to the name of an uploaded image
 LOCAL_FILES = "/data/local-files/?d="  # URL of images in Label Studio's local storage
 
 
@@ -49,7 +49,7 @@ def parse_label_studio(content: bytes | str) -> list[Annotation]:
 
 
 def _image(task: Mapping[str, Any]) -> str | None:
-    """Path of the image that a task is about."""
+    """Path of the image of a task."""
     data = task["data"]
     url = data.get("image") or next((value for value in data.values() if isinstance(value, str)), None)
     if not isinstance(url, str):
@@ -64,7 +64,7 @@ def _image(task: Mapping[str, Any]) -> str | None:
 
 
 def _path(url: str) -> str:
-    """Of an image; Label Studio's local storage has it in the query."""
+    """Path of an image in a URL; Label Studio's local storage has it in the query."""
     try:
         parts = urlsplit(url)
         local = parse_qs(parts.query).get("d") if "local-files" in parts.path else None
@@ -140,7 +140,7 @@ def format_label_studio(annotations: Iterable[Annotation]) -> str:
     Raises
     ------
     ValueError
-        As `to_be_written`.
+        As `exported`.
 
     Examples
     --------
@@ -149,7 +149,7 @@ def format_label_studio(annotations: Iterable[Annotation]) -> str:
     {'x': 10.0, 'y': 41.0, 'id': '1-0', 'prevPointId': None, 'isBezier': False}
     """
     tasks = []
-    for image, size, shapes in map(to_be_written, annotations):
+    for image, size, shapes in map(exported, annotations):
         regions = [
             _region(str(number), label, np.array(points), size) for number, (label, points) in enumerate(shapes, 1)
         ]

@@ -10,7 +10,7 @@ from collections.abc import Iterable
 from functools import partial
 from typing import Any
 
-from fieldcalib.io.annotations import Annotation, Shapes, annotation_of, member, to_be_written
+from fieldcalib.io.annotations import Annotation, Shapes, annotation_of, exported, member
 from fieldcalib.io.files import BrokenFileError, parse_json_object
 
 READ = ("line", "linestrip", "polygon", "point", "points")
@@ -49,7 +49,7 @@ def format_labelme(annotations: Iterable[Annotation]) -> str:
     Raises
     ------
     ValueError
-        As `to_be_written`, or if there is not just one annotation.
+        As `exported`, or if there is not just one annotation.
 
     Examples
     --------
@@ -57,7 +57,7 @@ def format_labelme(annotations: Iterable[Annotation]) -> str:
     >>> json.loads(text)["shapes"][0]["points"]
     [[10.5, 20.5], [11.0, 40.5]]
     """
-    ((image, (width, height), written),) = map(to_be_written, annotations)
+    ((image, (width, height), written),) = map(exported, annotations)
     shapes: list[dict[str, Any]] = [
         {
             "label": label,

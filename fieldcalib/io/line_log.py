@@ -1,4 +1,4 @@
-"""A file of lines that grows while a run goes on, so that what was done survives the end of the process."""
+"""A file of lines that grows during a run, so that results survive the end of the process."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ BLOCK = 65_536  # bytes
 
 
 class LineLog:
-    """Appends lines to a file, each at once; a context manager. What an earlier end left of a last line is removed.
+    """Appends lines to a file without delay; a context manager. An incomplete last line is removed first.
 
     Parameters
     ----------
@@ -55,7 +55,7 @@ class LineLog:
         Raises
         ------
         OSError
-            If there is no room for it, say; nothing of it is in the file then.
+            If it cannot be written, as when the disk is full; the file is unchanged then.
         """
         content = memoryview(f"{line}\n".encode())
         size = os.fstat(self._file.fileno()).st_size

@@ -1,4 +1,4 @@
-"""A folder that one run at a time writes its results to."""
+"""Locking of a folder of results: one run at a time writes to it."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from pathlib import Path
 
 @contextmanager
 def output_folder(path: Path) -> Iterator[None]:
-    """A folder for results, made if need be, and kept from other runs until the end.
+    """Make and lock a folder for results while the context lasts.
 
     Raises
     ------
@@ -28,7 +28,7 @@ def output_folder(path: Path) -> Iterator[None]:
     if path.is_file():
         raise NotADirectoryError(f"{path} is a file: results need a folder")
     path.mkdir(parents=True, exist_ok=True)
-    with tempfile.TemporaryFile(dir=path):  # what cannot be written is known before the work, not after it
+    with tempfile.TemporaryFile(dir=path):  # an error of writing shows before the work, not after it
         pass
     handle = _locked(path)
     try:
@@ -41,7 +41,7 @@ def output_folder(path: Path) -> Iterator[None]:
 if sys.platform == "win32":
 
     def _locked(path: Path) -> int | None:
-        """A handle that keeps others out until it is closed, at the latest when the process ends."""
+        """Lock a folder; the lock lasts until the handle is closed, at the latest when the process ends."""
         try:
             return os.open(path / ".locked", os.O_CREAT | os.O_EXCL | os.O_TEMPORARY)
         except FileExistsError:
@@ -51,7 +51,7 @@ else:
     import fcntl
 
     def _locked(path: Path) -> int | None:
-        """A handle that keeps others out until it is closed, at the latest when the process ends.
+        """Lock a folder; the lock lasts until the handle is closed, at the latest when the process ends.
 
         None where the file system has no locks.
         """

@@ -77,7 +77,7 @@ def imported_pyarrow() -> tuple[ModuleType, ModuleType]:
 
 
 def _schema(pyarrow: ModuleType) -> Any:
-    """The same for every run: tables of many of them are one table."""
+    """Schema of the table, equal for every run, so that tables of many runs can be joined."""
     real, text = pyarrow.float64(), pyarrow.string()
     vector = pyarrow.list_(real, 3)
     angles = pyarrow.struct([(name, real) for name in ("pan", "tilt", "roll")])
@@ -104,5 +104,5 @@ def _row(text: bytes) -> dict[str, Any]:
 
 
 def _number(value: Any) -> float | None:
-    """Of JSON, where infinity is a text."""
+    """A number of JSON, where infinity is a text."""
     return None if value is None else float(value)

@@ -15,11 +15,17 @@ from fieldcalib.io.coordinates import OWN
 from fieldcalib.io.files import BrokenFileError
 
 POINT = ("field_x", "field_y")
-SYSTEM = "field_system"  # whose coordinates they are; where that is not said, our own
-GROUPS = ("team", "team_id", "class", "class_name", "role")  # what players are told apart by, the first that is there
+SYSTEM = "field_system"  # name of the coordinate system; the package's own where it is missing
+GROUPS = (
+    "team",
+    "team_id",
+    "class",
+    "class_name",
+    "role",
+)  # columns that tell players apart, in the order of preference
 TRACKS = ("track_id", "tracker_id", "player_id", "id")
 
-NO_TRACK = ("-1", "-1.0", "nan", "None")  # as trackers write that there is none
+NO_TRACK = ("-1", "-1.0", "nan", "None")  # values of trackers for no track
 
 
 @dataclass(frozen=True)
@@ -29,9 +35,9 @@ class Player:
     X: tuple[float, float]
     """Metres; NaN where there is no point."""
     group: str
-    """Such as the team; empty if nothing is said."""
+    """The group, such as the team; empty if unknown."""
     track: str
-    """The same in all frames; empty if nothing is said."""
+    """Name of the track, equal in all frames; empty if unknown."""
 
 
 @dataclass(frozen=True)
@@ -39,14 +45,14 @@ class Players:
     """The players of many frames."""
 
     frames: Mapping[str, Sequence[Player]]
-    """By the names of the frames, as they are written; in the order of the file."""
+    """Players by the names of their frames, as written; in the order of the file."""
     group_column: str | None
-    """Of `Player.group`."""
+    """Column of `Player.group`."""
     track_column: str | None
 
     @property
     def groups(self) -> list[str]:
-        """All of them, numbers by their size; without the empty one."""
+        """All groups but the empty one, numbers by their size."""
         found = {player.group for players in self.frames.values() for player in players}
         return sorted(found - {""}, key=lambda name: (len(name), name) if name.isdecimal() else (0, name))
 
@@ -65,7 +71,7 @@ def read_players(path: Path | str, group_column: str | None = None) -> Players:
         A CSV file with the columns `frame` (or another name that `fieldcalib.io.boxes` knows), `field_x` and `field_y`,
         metres from the centre mark. `field_system`, if it is there, says so ("fieldcalib" or "soccernet").
     group_column : str, optional
-        What players are told apart by; by default the first of team, team_id, class, class_name and role that is there.
+        Column that tells players apart; default: the first of team, team_id, class, class_name and role that is there.
 
     Raises
     ------

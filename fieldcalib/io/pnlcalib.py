@@ -25,14 +25,20 @@ import numpy as np
 
 from fieldcalib._types import Array
 from fieldcalib.fields.field import Field
-from fieldcalib.fields.segments import Point
-from fieldcalib.fields.soccer import CIRCLE_RADIUS, PENALTY_AREA_DEPTH, PENALTY_AREA_WIDTH, PENALTY_MARK_DISTANCE
+from fieldcalib.fields.segments import Line, Point
+from fieldcalib.fields.soccer import (
+    CIRCLE_RADIUS,
+    PENALTY_AREA_DEPTH,
+    PENALTY_AREA_WIDTH,
+    PENALTY_MARK_DISTANCE,
+    soccer,
+)
 from fieldcalib.io.files import BrokenFileError, parse_json_object
 from fieldcalib.problem.labelled_pixels import Pixels
 
 COMPUTED = 1.0  # confidence of a point that was not detected
-KEYPOINTS = 57  # that have paint or stand on the field
-WITHOUT_PAINT = 73  # the last of the others
+KEYPOINTS = 57  # number of keypoints that have paint or stand on the field
+WITHOUT_PAINT = 73  # id of the last of the others
 
 # Points that are named like SoccerNet's, by id.
 NAMED_KEYPOINTS = MappingProxyType(
@@ -79,43 +85,18 @@ NAMED_KEYPOINTS = MappingProxyType(
     }
 )
 
-LINES = MappingProxyType(
-    {
-        1: "Big rect. left bottom",
-        2: "Big rect. left main",
-        3: "Big rect. left top",
-        4: "Big rect. right bottom",
-        5: "Big rect. right main",
-        6: "Big rect. right top",
-        7: "Goal left crossbar",
-        8: "Goal left post left",
-        9: "Goal left post right",
-        10: "Goal right crossbar",
-        11: "Goal right post left",
-        12: "Goal right post right",
-        13: "Middle line",
-        14: "Side line bottom",
-        15: "Side line left",
-        16: "Side line right",
-        17: "Side line top",
-        18: "Small rect. left bottom",
-        19: "Small rect. left main",
-        20: "Small rect. left top",
-        21: "Small rect. right bottom",
-        22: "Small rect. right main",
-        23: "Small rect. right top",
-    }
-)
+# Labels of lines by id: those of soccer in alphabetical order.
+LINES = dict(enumerate(sorted(label for label, segment in soccer().items() if isinstance(segment, Line)), 1))
 
 
 @dataclass(frozen=True)
 class Detections:
-    """What the networks found in one frame: arguments of `calibrate_from_segments`."""
+    """Detections of the networks in one frame: arguments of `calibrate_from_segments`."""
 
     image_segments: Pixels
     """Pixels of lines (2, 2) and of keypoints (1, 2) by label."""
     weights: dict[str, float]
-    """Of the keypoints. Lines weigh 1."""
+    """Weights of the keypoints. Lines weigh 1."""
 
 
 def parse_detections(content: bytes | str, image_size: tuple[int, int]) -> Detections:
@@ -149,7 +130,7 @@ def parse_detections(content: bytes | str, image_size: tuple[int, int]) -> Detec
 
 
 def keypoints_by_name(keypoints: Any, image_size: tuple[int, int]) -> Detections:
-    """The detected ones of keypoint id -> x, y, p, as the networks' code has them in a dict and in a file.
+    """Detected keypoints by name, from the mapping of ids to x, y, p in the networks' code and files.
 
     Raises
     ------
@@ -166,7 +147,7 @@ def keypoints_by_name(keypoints: Any, image_size: tuple[int, int]) -> Detections
 
 
 def _members(members: Any, key: str, last: int) -> list[tuple[int, Any]]:
-    """Detections by id from 1 to `last`, of what a record has under a key."""
+    """Detections by id, from 1 to `last`, under a key of a record."""
     if not isinstance(members, Mapping):
         raise BrokenFileError(f"expected an object {key!r} of detections by id, got {members!r}")
     wrong = [id for id in members if not (str(id).isdecimal() and 1 <= int(id) <= last)]
@@ -225,7 +206,7 @@ def keypoint_field(field: Field) -> Field:
 
 
 def _tangent_point(x: float, y: float) -> tuple[float, float]:
-    """Where the tangent from (x, y) touches a circle of the field about the origin, on the side of positive x.
+    """The point, on the side of positive x, where the tangent from (x, y) touches the centre circle.
 
     With d the distance of (x, y), the point lies at the angle acos(radius / d) from the direction to it.
     """

@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 
 LINES, TABLE = "cameras.jsonl", "cameras.parquet"
 BROKEN = "broken file"  # status of a frame whose file could not be read
-# keys that are no columns
+# keys without a column
 FOR_READING_BACK = frozenset({"version", "field", "solved", "errors"})
 
 
@@ -33,7 +33,7 @@ class Results(Mapping[str, Calibration]):
 
     calibrations: Mapping[str, Calibration]
     lines: Sequence[Mapping[str, Any]]
-    """What ``cameras.jsonl`` says of all frames, see ``docs/files.md``."""
+    """Lines of ``cameras.jsonl`` for all frames, see ``docs/files.md``."""
 
     def __getitem__(self, id: str) -> Calibration:
         return self.calibrations[id]
@@ -49,7 +49,7 @@ class Results(Mapping[str, Calibration]):
 
     @cached_property
     def broken(self) -> Mapping[str, str]:
-        """What is wrong with the files that could not be read, by id."""
+        """Problems of files that could not be read, by id."""
         return {line["id"]: line["message"] for line in self.lines if line["status"] == BROKEN}
 
     def to_pandas(self) -> pandas.DataFrame:
@@ -77,7 +77,7 @@ def lines_file(folder: Path) -> Path:
 
 
 def result_lines(path: Path) -> Iterator[bytes]:
-    """The lines of a ``cameras.jsonl``, without the part of one that the end of a process has left, or of its table.
+    """Lines of a ``cameras.jsonl``, without an incomplete last line, or of a table of them.
 
     They are read one by one: those of a match are larger than the memory of some machines.
 

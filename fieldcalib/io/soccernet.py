@@ -20,10 +20,10 @@ from fieldcalib.geometry.camera import Camera
 from fieldcalib.geometry.rational import RationalCamera
 from fieldcalib.geometry.rotation import angles_from_rotation, rotation_from_angles
 from fieldcalib.io.files import BrokenFileError as BrokenFileError  # re-exported: every reader here raises it
-from fieldcalib.io.files import find_files, parse_json_object
+from fieldcalib.io.files import find_files, named_in_errors, parse_json_object
 from fieldcalib.problem.labelled_pixels import Pixels
 
-# Labels by which annotators say that they do not know.
+# Labels of annotators for segments that they could not identify.
 UNKNOWN_LABELS = frozenset({"Line unknown", "Goal unknown"})
 TRAILING_BLANK = frozenset({"Goal left post left"})  # written "Goal left post left " in SoccerNet
 
@@ -151,7 +151,7 @@ def format_camera(camera: Camera | RationalCamera) -> str:
 
 
 def rational_camera_from_record(record: Mapping[str, Any], image_size: tuple[int, int] | None = None) -> RationalCamera:
-    """A camera from SoccerNet's record, whatever its numbers: to be evaluated as it is.
+    """A camera from SoccerNet's record, not checked for plausibility: to be evaluated as it is.
 
     Parameters
     ----------
@@ -196,7 +196,7 @@ def _numbers(record: Mapping[str, Any], key: str, count: int) -> Any:
 
 
 def camera_from_record(record: Mapping[str, Any], image_size: tuple[int, int] | None = None) -> Camera:
-    """A camera of this package from SoccerNet's record; as `rational_camera_from_record`, but stricter.
+    """A camera of this package from SoccerNet's record, see `rational_camera_from_record`.
 
     Raises
     ------
@@ -272,10 +272,8 @@ def read_camera_types(inputs: Iterable[Path]) -> dict[str, str]:
             if file.path == path:  # a single annotation
                 continue
             found = True
-            try:
+            with named_in_errors(file.path):
                 types |= camera_types(file.read())
-            except BrokenFileError as error:
-                raise BrokenFileError(f"{file.path}: {error}") from None
     if not found:
         names = ", ".join(map(str, paths))
         raise FileNotFoundError(f"{names} has no {CAMERA_TYPES}, which would say the type of each frame's camera")

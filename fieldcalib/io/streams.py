@@ -1,4 +1,4 @@
-"""Videos that can be read only once, as they come: standard input and URLs."""
+"""Videos that can be read only once: standard input and URLs."""
 
 from __future__ import annotations
 
@@ -12,19 +12,19 @@ from fieldcalib.io.videos import NO_VIDEO, FrameReader
 
 STDIN = "-"
 URL = re.compile(r"([a-z][a-z0-9+.-]*)://(?:[^/@]*@)?(.+)", re.IGNORECASE)
-WAITING = ("http", "https")  # send on when there is room
+WAITING = ("http", "https")  # servers that wait for the reader
 STREAMABLE = "Matroska and MPEG-TS can be streamed, MP4 if its index comes first (ffmpeg -movflags faststart)"
 
 
 @dataclass(frozen=True)
 class Stream:
-    """Where a stream comes from: ``-``, standard input, or a URL that FFmpeg knows, as ``rtsp://host/path``."""
+    """The source of a stream: ``-`` for standard input, or a URL that FFmpeg knows, as ``rtsp://host/path``."""
 
     location: str
 
     @staticmethod
     def recognises(text: str) -> bool:
-        """Whether a text is one.
+        """Whether a text names a stream.
 
         Examples
         --------
@@ -34,7 +34,7 @@ class Stream:
         return text == STDIN or URL.fullmatch(text) is not None
 
     def __str__(self) -> str:
-        """For messages: without user and password."""
+        """Format for messages, without user and password."""
         if self.location == STDIN:
             return "standard input"
         found = URL.fullmatch(self.location)
@@ -42,7 +42,7 @@ class Stream:
 
     @property
     def name(self) -> str:
-        """For a folder.
+        """Name for a folder.
 
         Examples
         --------
@@ -55,7 +55,7 @@ class Stream:
 
     @property
     def is_live(self) -> bool:
-        """Whether it goes on, whoever reads: what comes while nobody does is lost."""
+        """Whether the source is live: frames that are not read in time are dropped."""
         found = URL.fullmatch(self.location)
         return found is not None and found[1].lower() not in WAITING
 
@@ -63,7 +63,7 @@ class Stream:
 class StreamReader(FrameReader):
     """Frames of a stream, one after the other; a context manager.
 
-    It ends where nothing comes any more: FFmpeg does not tell a stream that is finished from one that broke off.
+    It ends with the last frame that arrives: FFmpeg does not tell a finished stream from an interrupted one.
 
     Raises
     ------
@@ -84,5 +84,5 @@ class StreamReader(FrameReader):
             raise BrokenFileError(f"{error}; {STREAMABLE}") from None
 
     def end(self) -> str:
-        """What to say where the stream ended before its cut; empty otherwise."""
+        """Message if the stream ended before its cut; empty otherwise."""
         return f"{self._stream}: no more frames after {len(self._times)}" * (len(self._times) < len(self.numbers))

@@ -31,7 +31,7 @@ NUMBERS = ("loss_ndc_total", "loss_ndc_lines", "loss_ndc_circles", "time_s")
 
 @dataclass(frozen=True, eq=False)
 class TVCalibRecord:
-    """What TVCalib says of one image; None where it says nothing.
+    """TVCalib's results for one image; None where there are none.
 
     Parameters
     ----------
@@ -69,7 +69,7 @@ def parse_per_sample_output(content: bytes | str, *, broken: list[str] | None = 
     content : bytes or str
         The file's text.
     broken : list of str, optional
-        Takes what is wrong with lines that hold no record; without it the first one raises.
+        Gets a message for each line that holds no record; without it the first one raises.
 
     Raises
     ------

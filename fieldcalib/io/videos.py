@@ -47,7 +47,7 @@ class FrameReader:
     cut : Cut
         Which of its frames.
     threads : int, optional
-        That decode it; as many as there are cores by default.
+        Threads that decode it; as many as there are cores by default.
 
     Raises
     ------
@@ -58,9 +58,9 @@ class FrameReader:
     """
 
     frames_per_second: float
-    """Of the frames that are read: of every `step`-th one."""
+    """Frame rate of the frames that are read, every `step`-th one."""
     numbers: range
-    """Of the frames that are read, as far as there are such; the first frame of the video is 0."""
+    """Numbers of the frames that are read, as far as they exist; the first frame of the video is 0."""
 
     def __init__(
         self, location: str, name: str, most_pixels: float = MOST_PIXELS, cut: Cut = WHOLE, threads: int | None = None
@@ -107,12 +107,12 @@ class FrameReader:
                     self._has_frame, self._frame = self._capture.retrieve()
 
     def _grab(self, count: int) -> bool:
-        """Go on by so many frames; whether there are so many."""
+        """Skip so many frames; returns whether there are so many."""
         self._number += count
         return all(self._capture.grab() for _ in range(count))
 
     def _time(self) -> float:
-        """Of the frame that was read last, in seconds."""
+        """Time of the frame that was read last, in seconds."""
         import cv2
 
         return float(self._capture.get(cv2.CAP_PROP_POS_MSEC)) / 1e3
@@ -151,7 +151,7 @@ class VideoReader(FrameReader):
         self.count = len(self.numbers[: max(-(-(self._announced - self.numbers.start) // self.numbers.step), 0)])
 
     def _grab(self, count: int) -> bool:
-        """Go on by so many frames, by a jump if they are many and it arrives where it should."""
+        """Skip so many frames; many are skipped by a jump, if it arrives at the right frame."""
         import cv2
 
         if count < FAR:
@@ -166,11 +166,11 @@ class VideoReader(FrameReader):
         return super()._grab(number + 1)
 
     def loss(self) -> str:
-        """What to say where frames that the file announces cannot be read, empty otherwise; asked as `lost_frames`."""
+        """Message if announced frames cannot be read, empty otherwise; to be called as `lost_frames`."""
         return f"{self._path}: announces {self.count} frames, {len(self._times)} can be read" * (self.lost_frames() > 0)
 
     def lost_frames(self) -> int:
-        """How many of the frames that the file announces cannot be read; asked when those that can were read.
+        """Number of announced frames that cannot be read; to be called after all others were read.
 
         An MP4 may announce frames before its edit list begins, which are decoded but not shown: they are not lost.
         """
@@ -195,7 +195,7 @@ def _opened(location: str, threads: int | None, options: str = "") -> Any:
 
 
 def _missed(times: Array, rate: float) -> int:
-    """How many frames are missing between others, by their times in seconds; 0 if they do not come at that rate.
+    """Number of frames missing between others, by their times in seconds; 0 if they are not at that rate.
 
     Examples
     --------
@@ -209,7 +209,7 @@ def _missed(times: Array, rate: float) -> int:
 
 
 def count_frames(path: Path, threads: int | None = None, options: str = "") -> int:
-    """How many frames of a video can be decoded, with options of FFmpeg; 0 if it is none."""
+    """Number of frames of a file that can be decoded, with options of FFmpeg; 0 if it is no video."""
     capture = _opened(str(path), threads, options)
     count = 0
     while capture.grab():
@@ -220,7 +220,7 @@ def count_frames(path: Path, threads: int | None = None, options: str = "") -> i
 
 @contextmanager
 def _environment(name: str, value: str) -> Iterator[None]:
-    """An environment variable, put back as it was; as it is where the value is empty."""
+    """Set an environment variable while the context lasts; an empty value changes nothing."""
     old = os.environ.get(name)
     if value:
         os.environ[name] = value
@@ -246,7 +246,7 @@ class VideoWriter:
     """
 
     note: str = ""
-    """What to know about the file, to be said after its name; empty if nothing, and until there is an image."""
+    """Note about the file for the user, to follow its name; empty until there is an image."""
 
     def __init__(self, path: Path, frames_per_second: float, *, threads: int | None = None) -> None:
         self._path, self._frames_per_second, self._threads = path, frames_per_second, threads

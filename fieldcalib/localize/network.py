@@ -20,7 +20,7 @@ from typing import Any, Self
 import numpy as np
 
 from fieldcalib._types import Float32
-from fieldcalib.io.files import BrokenFileError
+from fieldcalib.io.files import BrokenFileError, named_in_errors
 from fieldcalib.io.image import Image, checked_image
 from fieldcalib.localize.description import NetworkDescription
 
@@ -93,10 +93,8 @@ class SegmentationNetwork:
             if not beside.is_file():
                 raise FileNotFoundError(f"{beside} does not exist: expected the description of {path.name}")
             json = beside.read_bytes()
-            try:
+            with named_in_errors(beside):
                 description = NetworkDescription.parse(json)
-            except BrokenFileError as error:
-                raise BrokenFileError(f"{beside}: {error}") from None
             digest = hashlib.sha256(path.read_bytes() + json).hexdigest()
             session = _session(path, provider, threads)
             _check_input(session, path, description.input_size)

@@ -56,16 +56,16 @@ def compiled_closest_points(theta: Array, layout: Layout, observations: Observat
 
 
 def compiled_derivatives(theta: Array, layout: Layout, points: ClosestPoints, free: BoolArray) -> Array | None:
-    """Derivatives (B, P, M) of the residuals by the parameters `free` (n,); None if they are not compiled."""
+    """`Projection.derivatives` by the parameters `free` (n,), (B, P, M); None if they are not compiled."""
     module = kernels(layout)
     if module is None:
         return None
     index = np.flatnonzero(free)
     B, M = points.r.shape
     JT = np.zeros((B, len(index), M))
-    s, inverse_depth, normal = map(np.ascontiguousarray, (points.s, points.inverse_depth, points.normal))
+    feet = module.Feet(*map(np.ascontiguousarray, (points.s, points.inverse_depth, points.normal)))
     cameras = theta[:, : layout.lens_block.stop].copy()
-    module.derivatives(cameras, layout.lens.rho, module.Limits(), s, inverse_depth, normal, index, JT)
+    module.derivatives(cameras, layout.lens.rho, module.Limits(), feet, index, JT)
     return JT
 
 

@@ -16,8 +16,9 @@ together.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, fields
-from typing import Any
+from dataclasses import dataclass, fields, replace
+from types import ModuleType
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -25,9 +26,10 @@ from numpy.typing import NDArray
 from fieldcalib._types import Array, BoolArray, IntArray
 from fieldcalib.fields.segments.closest import ClosestPoints
 from fieldcalib.problem.compilation import kernels, packed_frames, unknowns
-from fieldcalib.problem.coupling import Coupling
-from fieldcalib.problem.evaluation import LENS_TAILS, LOG_F_RANGE, Evaluation, Problem, evaluate
+from fieldcalib.problem.cost_term import Coupling
+from fieldcalib.problem.evaluation import LOG_F_RANGE, Evaluation, Problem, evaluate
 from fieldcalib.problem.prior import GaussianPrior
+from fieldcalib.problem.prior_term import LENS_TAILS
 
 FAR, NEAR = 1e-2, 1e-4  # initial damping, share of the Hessian's diagonal: far from the solution, and near it
 LEAST_DAMPING, LARGEST_DAMPING = 1e-12, 1e10
@@ -68,7 +70,7 @@ class Groups:
 
     @classmethod
     def of(cls, problem: Problem) -> Groups:
-        """Those of a problem: each frame by itself unless it says otherwise."""
+        """The groups of a problem: each frame by itself unless it says otherwise."""
         return cls(np.arange(len(problem)) if problem.group is None else problem.group)
 
     @property
@@ -87,7 +89,7 @@ class Groups:
         return values if self.is_trivial else values[self.of_frame]
 
     def take(self, frames: IntArray) -> Groups:
-        """Of some whole groups, numbered anew."""
+        """Some whole groups, numbered anew."""
         return Groups(np.unique(self.of_frame[frames], return_inverse=True)[1])
 
 
@@ -122,106 +124,180 @@ def levenberg_marquardt(
     Madsen, Nielsen, Tingleff: Methods for Non-Linear Least Squares Problems, 2nd edition, 2004, section 3.2. Triggs et
     al.: Bundle Adjustment - A Modern Synthesis, 2000, section 6.1 (the Schur complement).
     """
-    problem = start.problem
-    layout = problem.layout
     compiled = _compiled_solution(start, max_iterations, tolerance, initial_damping)
     if compiled is not None:
         return compiled
-    free, shared = np.flatnonzero(layout.free), layout.shared
-    least, largest = layout.least[free], layout.largest[free]
-    longest = layout.largest_step(problem.scale)[free]
-    inside = np.clip(start.theta[:, free], least, largest)
-    if np.any(inside != start.theta[:, free]):
-        theta = start.theta.copy()
-        theta[:, free] = inside
-        start = evaluate(problem, theta)
-
-    best = _Best(start)
-    converged, iterations = np.zeros(len(problem), dtype=bool), np.zeros(len(problem), dtype=np.intp)
-    groups = Groups.of(problem)
-    index = np.arange(len(problem))  # of the frames still in the batch
-    theta, gradient, hessian, coupling = start.theta, start.gradient, start.hessian, start.coupling
-    cost = groups.sum(start.cost)
-    running = np.isfinite(cost)  # by group
-    cost = np.where(running, cost, 0.0)  # an infinite start is given back as it is
-    damping, growth = np.full(len(cost), initial_damping), np.full(len(cost), 2.0)
-
+    bounds = _Bounds.of(start.problem)
+    start = bounds.brought_inside(start)
+    best, batch = _Best(start), _Batch.at(start, initial_damping)
+    converged, iterations = np.zeros(len(start.theta), dtype=bool), np.zeros(len(start.theta), dtype=np.intp)
     for left in reversed(range(max_iterations)):
-        # what is at a bound and would leave it stays there: out of the linear system with it
-        held = ((theta[:, free] <= least) & (gradient > 0.0)) | ((theta[:, free] >= largest) & (gradient < 0.0))
-        step = block_arrow_steps(hessian, gradient, groups.spread(damping), held, shared, groups, coupling)
-        shorter = np.max(np.abs(step) / longest, axis=1)
-        if not groups.is_trivial:
-            shorter = np.maximum.reduceat(shorter, np.searchsorted(groups.of_frame, np.arange(len(cost))))
-        step /= groups.spread(np.maximum(shorter, 1.0))[:, None]
-        step = np.clip(theta[:, free] + step, least, largest) - theta[:, free]
-        predicted = groups.sum(np.sum(step * (gradient + 0.5 * _times(hessian, coupling, step, shared)), axis=1))
+        step, predicted = batch.step(bounds)
         # a step that a bound has cut off may be predicted to climb: a shorter one does not
-        settled = running & (np.abs(predicted) <= max(SETTLED * tolerance, STILL) * cost)
-        converged[index[groups.spread(settled)]] = True
-        running = running & ~settled
-        if not np.any(running):
+        settled = batch.running & (np.abs(predicted) <= max(SETTLED * tolerance, STILL) * batch.cost)
+        converged[batch.frames(settled)] = True
+        batch = batch.without(settled)
+        if not np.any(batch.running):
             break
-        if np.count_nonzero(running) < COMPACTED * len(running):
-            frames = np.flatnonzero(groups.spread(running))
-            index, problem, theta, groups = index[frames], problem.take(frames), theta[frames], groups.take(frames)
-            gradient, hessian, step = gradient[frames], hessian[frames], step[frames]
-            cost, predicted, damping, growth = cost[running], predicted[running], damping[running], growth[running]
-            running = running[running]
-        moved = theta.copy()
-        moved[:, free] += step
-        trial = evaluate(problem, moved)
-
-        trial_cost = groups.sum(trial.cost)
-        better = running & (trial_cost < cost)
-        small = np.maximum(cost - np.where(better, trial_cost, cost), np.abs(predicted)) <= tolerance * cost
-        done = running & (small | ~better & (damping > LARGEST_DAMPING))
-        gain = (cost - trial_cost) / np.maximum(-predicted, 1e-300)
-        shrink = np.maximum(1.0 / 9.0, 1.0 - (2.0 * np.clip(gain, 0.0, 1.0) - 1.0) ** 3)
-        failed = running & ~better  # what is finished keeps its damping
-        damping = np.where(
-            better, np.maximum(damping * shrink, LEAST_DAMPING), np.where(failed, damping * growth, damping)
-        )
-        growth = np.where(better, 2.0, np.where(failed, 2.0 * growth, growth))
-
-        cost = np.where(better, trial_cost, cost)
-        taken = groups.spread(better)
-        theta = np.where(taken[:, None], moved, theta)
-        best.replace(index, trial, taken)
-        iterations[index[groups.spread(running)]] += 1
-        converged[index[groups.spread(done)]] = True
-        running = running & ~done
-        if not (left and np.any(running)):
+        batch, step, predicted = batch.compacted(step, predicted)
+        moved = batch.theta.copy()
+        moved[:, bounds.free] += step
+        trial = evaluate(batch.problem, moved)
+        trial_cost = batch.groups.sum(trial.cost)
+        better = batch.running & (trial_cost < batch.cost)
+        small = np.maximum(batch.cost - np.where(better, trial_cost, batch.cost), np.abs(predicted))
+        done = batch.running & ((small <= tolerance * batch.cost) | ~better & (batch.damping > LARGEST_DAMPING))
+        best.replace(batch.index, trial, batch.groups.spread(better))
+        iterations[batch.frames(batch.running)] += 1
+        converged[batch.frames(done)] = True
+        if not (left and np.any(batch.running & ~done)):
             break
-        gradient = np.where(taken[:, None], trial.gradient, gradient)
-        hessian = np.where(taken[:, None, None], trial.hessian, hessian)
-        coupling = trial.coupling if np.any(taken) else coupling  # frames that are coupled are one group
+        batch = batch.after(trial, better, predicted).without(done)
     return Solution(best.evaluation, converged, iterations)
+
+
+class _Bounds(NamedTuple):
+    """Bounds of the free parameters (P,) and of their steps."""
+
+    free: IntArray
+    """Indices of the free parameters."""
+    least: Array
+    largest: Array
+    longest: Array
+
+    @classmethod
+    def of(cls, problem: Problem) -> _Bounds:
+        """The bounds of a problem."""
+        layout, free = problem.layout, np.flatnonzero(problem.layout.free)
+        return cls(free, layout.least[free], layout.largest[free], layout.largest_step(problem.scale)[free])
+
+    def brought_inside(self, start: Evaluation) -> Evaluation:
+        """The evaluation at the nearest cameras within the bounds."""
+        inside = np.clip(start.theta[:, self.free], self.least, self.largest)
+        if not np.any(inside != start.theta[:, self.free]):
+            return start
+        theta = start.theta.copy()
+        theta[:, self.free] = inside
+        return evaluate(start.problem, theta)
+
+
+@dataclass(frozen=True, eq=False)
+class _Batch:
+    """The B frames that are still iterated, in G groups, at their best cameras so far."""
+
+    index: IntArray
+    """Numbers of the frames, (B,)."""
+    problem: Problem
+    groups: Groups
+    theta: Array
+    gradient: Array
+    hessian: Array
+    coupling: Coupling | None
+    cost: Array
+    """(G,)."""
+    damping: Array
+    growth: Array
+    """By which the damping grows with the next step that fails, (G,)."""
+    running: BoolArray
+    """Groups that have not ended, (G,)."""
+
+    @classmethod
+    def at(cls, start: Evaluation, damping: float) -> _Batch:
+        """All frames at their start; those without a finite cost are given back as they are."""
+        groups = Groups.of(start.problem)
+        cost = groups.sum(start.cost)
+        running = np.isfinite(cost)
+        return cls(
+            np.arange(len(start.theta)),
+            start.problem,
+            groups,
+            start.theta,
+            start.gradient,
+            start.hessian,
+            start.coupling,
+            np.where(running, cost, 0.0),
+            np.full(len(cost), damping),
+            np.full(len(cost), 2.0),
+            running,
+        )
+
+    def frames(self, groups: BoolArray) -> IntArray:
+        """Numbers of the frames of some groups (G,)."""
+        return np.asarray(self.index[self.groups.spread(groups)])
+
+    def without(self, ended: BoolArray) -> _Batch:
+        """The same where some groups (G,) have ended."""
+        return replace(self, running=self.running & ~ended)
+
+    def step(self, bounds: _Bounds) -> tuple[Array, Array]:
+        """The damped step (B, P) within the bounds, and what it is predicted to change of the cost, (G,)."""
+        at, shared, groups = self.theta[:, bounds.free], self.problem.layout.shared, self.groups
+        gradient, hessian = self.gradient, self.hessian
+        # what is at a bound and would leave it stays there: out of the linear system with it
+        held = ((at <= bounds.least) & (gradient > 0.0)) | ((at >= bounds.largest) & (gradient < 0.0))
+        step = block_arrow_steps(hessian, gradient, groups.spread(self.damping), held, shared, groups, self.coupling)
+        shorter = np.max(np.abs(step) / bounds.longest, axis=1)
+        if not groups.is_trivial:
+            shorter = np.maximum.reduceat(shorter, np.searchsorted(groups.of_frame, np.arange(len(self.cost))))
+        step /= groups.spread(np.maximum(shorter, 1.0))[:, None]
+        step = np.clip(at + step, bounds.least, bounds.largest) - at
+        curvature = _times(hessian, self.coupling, step, shared)
+        return step, groups.sum(np.sum(step * (gradient + 0.5 * curvature), axis=1))
+
+    def compacted(self, step: Array, predicted: Array) -> tuple[_Batch, Array, Array]:
+        """The batch without groups that have ended, once they are many, and its steps and predictions."""
+        kept = self.running
+        if np.count_nonzero(kept) >= COMPACTED * len(kept):
+            return self, step, predicted
+        frames = np.flatnonzero(self.groups.spread(kept))
+        batch = replace(
+            self,
+            index=self.index[frames],
+            problem=self.problem.take(frames),
+            groups=self.groups.take(frames),
+            theta=self.theta[frames],
+            gradient=self.gradient[frames],
+            hessian=self.hessian[frames],
+            cost=self.cost[kept],
+            damping=self.damping[kept],
+            growth=self.growth[kept],
+            running=kept[kept],
+        )
+        return batch, step[frames], predicted[kept]
+
+    def after(self, trial: Evaluation, better: BoolArray, predicted: Array) -> _Batch:
+        """The batch after a trial, which groups `better` (G,) take, with the damping of Nielsen's rule."""
+        trial_cost, taken = self.groups.sum(trial.cost), self.groups.spread(better)
+        gain = (self.cost - trial_cost) / np.maximum(-predicted, 1e-300)
+        shrink = np.maximum(1.0 / 9.0, 1.0 - (2.0 * np.clip(gain, 0.0, 1.0) - 1.0) ** 3)
+        failed = self.running & ~better  # what has ended keeps its damping
+        less, more = np.maximum(self.damping * shrink, LEAST_DAMPING), self.damping * self.growth
+        return replace(
+            self,
+            theta=np.where(taken[:, None], trial.theta, self.theta),
+            gradient=np.where(taken[:, None], trial.gradient, self.gradient),
+            hessian=np.where(taken[:, None, None], trial.hessian, self.hessian),
+            # frames that are coupled are one group
+            coupling=trial.coupling if np.any(taken) else self.coupling,
+            cost=np.where(better, trial_cost, self.cost),
+            damping=np.where(better, less, np.where(failed, more, self.damping)),
+            growth=np.where(better, 2.0, np.where(failed, 2.0 * self.growth, self.growth)),
+        )
 
 
 def _compiled_solution(
     start: Evaluation, max_iterations: int, tolerance: float, initial_damping: float
 ) -> Solution | None:
-    """The same where Numba is installed, of frames that share nothing; None otherwise."""
+    """`levenberg_marquardt` where Numba is installed and frames share nothing; None otherwise."""
     problem, layout = start.problem, start.problem.layout
     module = kernels(layout, problem.observations)
     if module is None or not Groups.of(problem).is_trivial or problem.background or problem.path:
         return None
-    free, theta = np.flatnonzero(layout.free), unknowns(layout, start.theta)
-    prior = problem.prior or GaussianPrior(theta, np.ones_like(theta))
+    theta, bounds = unknowns(layout, start.theta), _Bounds.of(problem)
     converged, iterations = np.zeros(len(problem), dtype=bool), np.zeros(len(problem), dtype=np.intp)
     module.levenberg_marquardt(
-        packed_frames(module, layout, problem.observations, problem.noise),
-        module.Terms(
-            module.loss_of(problem.loss),
-            module.loss_of(LENS_TAILS),
-            problem.prior is not None,
-            np.ascontiguousarray(prior.mean),
-            np.ascontiguousarray(prior.sigma),
-            free,
-            np.log(layout.image_size[0]) + np.array(LOG_F_RANGE),
-        ),
-        module.Bounds(layout.least[free], layout.largest[free], layout.largest_step(problem.scale)[free]),
+        *compiled_cost(module, problem, theta),
+        module.Bounds(bounds.least, bounds.largest, bounds.longest),
         module.Criteria(
             max_iterations,
             tolerance,
@@ -239,6 +315,21 @@ def _compiled_solution(
     solved = start.theta.copy()
     solved[:, : theta.shape[1]] = theta
     return Solution(evaluate(problem, solved), converged, iterations)
+
+
+def compiled_cost(module: ModuleType, problem: Problem, theta: Array) -> tuple[Any, Any]:
+    """The cost of a problem as `fieldcalib.problem.compiled` takes it: `Frames` and `Terms`."""
+    layout, prior = problem.layout, problem.prior or GaussianPrior(theta, np.ones_like(theta))
+    terms = module.Terms(
+        module.loss_of(problem.loss),
+        module.loss_of(LENS_TAILS),
+        problem.prior is not None,
+        np.ascontiguousarray(prior.mean),
+        np.ascontiguousarray(prior.sigma),
+        np.flatnonzero(layout.free),
+        np.log(layout.image_size[0]) + np.array(LOG_F_RANGE),
+    )
+    return packed_frames(module, layout, problem.observations, problem.noise), terms
 
 
 def block_arrow_steps(

@@ -11,16 +11,16 @@ from functools import partial
 from pathlib import Path
 from typing import Any, Protocol, TypeAlias, TypeVar
 
+from fieldcalib.assess.compute_errors import compute_errors
 from fieldcalib.assess.ndc import ndc_loss
 from fieldcalib.assess.result import Calibration, Status
-from fieldcalib.assess.together import compute_errors
 from fieldcalib.console.program import say
 from fieldcalib.console.waiting import waiting_for
 from fieldcalib.fields.field import Field
 from fieldcalib.geometry.camera import Camera
 from fieldcalib.io.annotation_files import NO_SIZE, AnnotatedFrame, FramesFound, frames_in, is_of_soccernet, parse_frame
 from fieldcalib.io.annotations import Labels
-from fieldcalib.io.files import MOST_BYTES, BrokenFileError, FrameFile, files_beside, problem
+from fieldcalib.io.files import MOST_BYTES, BrokenFileError, FrameFile, error_message, files_beside
 from fieldcalib.io.formats import ANNOTATIONS, CAMERAS
 from fieldcalib.io.results import LINES, TABLE
 from fieldcalib.io.soccernet import UNKNOWN_LABELS
@@ -29,7 +29,7 @@ from fieldcalib.processes.jobs import in_order
 from fieldcalib.run_folder.options import RunOptions
 from fieldcalib.run_folder.outcome import Item, Outcome, calibration_line
 from fieldcalib.run_folder.record import RECORD, RunRecord
-from fieldcalib.run_folder.results import LOCALIZED, SUMMARY, counted, result_folder
+from fieldcalib.run_folder.results import LOCALIZED, SUMMARY, counted, open_camera_folder
 from fieldcalib.run_folder.units import UnitResult, executor_of, unit_size, units_of, work
 
 P = TypeVar("P")  # of any form
@@ -107,7 +107,7 @@ class AnnotationReader:
                 pixels[file.id] = thinned(check_segments(self.field, found.pixels, found.image_size))
                 sizes[file.id] = found.image_size
             except (ValueError, MemoryError) as error:
-                broken[file.id] = problem(error)
+                broken[file.id] = error_message(error)
         return LabelledFrames(pixels, broken, sizes)
 
 
@@ -290,7 +290,7 @@ def calibrate_files(
                 if complaint:
                     say(complaint)
                     return 1
-    with result_folder(run, record, began) as results:
+    with open_camera_folder(run, record, began) as results:
         work(run, results, files, size, method, len(files))
     return results.exit_code
 

@@ -6,18 +6,22 @@ from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
+from typing import TypeVar
 
 from fieldcalib.console.arguments import MOST_BYTES_OF_IMAGE
 from fieldcalib.console.inputs import Input
 from fieldcalib.console.program import say
 from fieldcalib.console.waiting import waiting_for
 from fieldcalib.io.cuts import WHOLE, Cut
-from fieldcalib.io.files import BrokenFileError, FrameFile, problem
+from fieldcalib.io.files import BrokenFileError, FrameFile, error_message, named_in_errors
 from fieldcalib.io.formats import IMAGES, VIDEOS
 from fieldcalib.io.image import Image
 from fieldcalib.io.images import MOST_PIXELS
 from fieldcalib.io.videos import FrameReader, VideoWriter
 from fieldcalib.run_folder.annotated import name_skipped
+from fieldcalib.run_folder.outcome import Outcome
+
+T = TypeVar("T")
 
 
 @dataclass(frozen=True)
@@ -70,7 +74,7 @@ class ReadImage:
                 self.check(image)
             return Frame(item.id, image, path=item.path)
         except (BrokenFileError, MemoryError) as error:
-            return Frame(item.id, None, problem(error), item.path)
+            return Frame(item.id, None, error_message(error), item.path)
 
 
 @contextmanager
@@ -127,7 +131,7 @@ def checked_frames(name: Input, reader: FrameReader, check: Callable[[Image], ob
     A BrokenFileError of `check` gets the name of the video.
     """
     frames = zip(reader.numbers, reader, strict=False)
-    try:
+    with named_in_errors(name):
         while True:
             with waiting_for(str(name)):
                 number, image = next(frames, (0, None))
@@ -135,8 +139,6 @@ def checked_frames(name: Input, reader: FrameReader, check: Callable[[Image], ob
                 return
             check(image)
             yield Frame(f"{number:06d}", image, path=str(name), is_of_video=True)
-    except BrokenFileError as error:
-        raise BrokenFileError(f"{name}: {error}") from None
 
 
 def frames_lost(source: Source) -> bool:
@@ -156,6 +158,17 @@ def say_note(path: Path, video: VideoWriter) -> None:
 def broken_frames(frames: Iterable[Frame]) -> dict[str, str]:
     """Problems of frames that could not be read, by id."""
     return {frame.id: frame.problem for frame in frames if frame.image is None}
+
+
+def outcomes_of(
+    frames: Iterable[Frame], results: Iterable[T], outcome: Callable[[Frame, Image, T], Outcome]
+) -> list[Outcome]:
+    """The outcomes of frames, from results for those that could be read."""
+    rest = iter(results)
+    return [
+        Outcome.broken(frame, frame.problem) if frame.image is None else outcome(frame, frame.image, next(rest))
+        for frame in frames
+    ]
 
 
 def pixels_of(frame: Frame) -> int:

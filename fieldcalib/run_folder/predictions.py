@@ -17,7 +17,15 @@ from fieldcalib.console.waiting import waiting_for
 from fieldcalib.fields.field import Field
 from fieldcalib.geometry.rational import RationalCamera
 from fieldcalib.io.annotation_files import frames_in, parse_frame
-from fieldcalib.io.files import MOST_BYTES, BrokenFileError, FrameFile, parse_json_object, problem, read_regular_file
+from fieldcalib.io.files import (
+    MOST_BYTES,
+    BrokenFileError,
+    FrameFile,
+    error_message,
+    named_in_errors,
+    parse_json_object,
+    read_regular_file,
+)
 from fieldcalib.io.formats import ANNOTATIONS, CAMERAS, HOMOGRAPHIES, RECORDS
 from fieldcalib.io.results import lines_file, result_lines
 from fieldcalib.io.soccernet import read_camera_types
@@ -103,7 +111,7 @@ def _read(files: Sequence[FrameFile], *, parse: Callable[[FrameFile], Parsed]) -
             with waiting_for(file.path):
                 found[file.id] = parse(file)
         except (ValueError, MemoryError) as error:
-            broken.append(f"{file.path}: {problem(error)}")
+            broken.append(f"{file.path}: {error_message(error)}")
     return found, broken
 
 
@@ -177,10 +185,8 @@ def _read_tvcalib(
 ) -> tuple[dict[str, Prediction], tuple[int, int] | None]:
     """Predictions of a per_sample_output.json, and the size of their images."""
     lines: list[str] = []
-    try:
+    with named_in_errors(path):
         records = RECORDS.read(read_regular_file(path, reader.most_bytes), broken=lines)
-    except BrokenFileError as error:
-        raise BrokenFileError(f"{path}: {error}") from None
     reader.broken.extend(f"{path}: {line}" for line in lines)
     twice = [id for id, count in Counter(record.id for record in records).items() if count > 1]
     if twice:

@@ -150,7 +150,7 @@ class ResultsWriter:
         where = [self.out / (TABLE if options.get("format") == PARQUET else LINES)]
         if (self.out / WORST).exists():
             where.append(self.out / WORST)
-        elif any((self.out / OVERLAYS.file_name(run.first)).exists() for run in self.to_look_at.runs):
+        elif any((self.out / OVERLAYS.file_name(stretch.first)).exists() for stretch in self.to_look_at.stretches):
             where.append(self.out / OVERLAYS.file_name("<id>"))
         said = self.to_look_at.said(*map(str, where))
         if said:
@@ -158,14 +158,14 @@ class ResultsWriter:
 
 
 @contextmanager
-def result_folder(run: RunOptions, record: RunRecord, began: float) -> Iterator[ResultsWriter]:
+def open_camera_folder(run: RunOptions, record: RunRecord, began: float) -> Iterator[ResultsWriter]:
     """Open the folder of results for cameras, frame by frame; when all went well it gets its summary.json.
 
     `began` is what `time.perf_counter` said at the start.
     """
     if run.writes_table and run.shard is not None:
         raise ValueError(f"--format {PARQUET} is of whole runs: --shard writes {LINES}, fieldcalib join makes a table")
-    with run_folder(run, record) as results:
+    with open_run_folder(run, record) as results:
         yield results
         finish(run.out, results.summary(run.recorded, time.perf_counter() - began))
         results.say(run.recorded)
@@ -181,7 +181,7 @@ def write_table(run: RunOptions) -> None:
 
 
 @contextmanager
-def run_folder(run: RunOptions, record: RunRecord, lines: str = LINES) -> Iterator[ResultsWriter]:
+def open_run_folder(run: RunOptions, record: RunRecord, lines: str = LINES) -> Iterator[ResultsWriter]:
     """Lock the folder of results and restore a run that is resumed; `lines` is the name of its log.
 
     Raises

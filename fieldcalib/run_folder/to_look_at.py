@@ -8,11 +8,11 @@ from dataclasses import field as attribute
 
 from fieldcalib.assess.result import Verdict
 
-NAMED = 5  # number of runs of frames that are named
+NAMED = 5  # number of stretches that are named
 
 
 @dataclass(frozen=True)
-class Run:
+class Stretch:
     """Consecutive frames with the same reason, up to its numbers."""
 
     first: str
@@ -47,12 +47,12 @@ class ToLookAt:
       000001 and 1 after it: check, 'Middle line' lies 9 px beside its paint
     """
 
-    runs: list[Run] = attribute(default_factory=list)
-    """The first runs of such frames."""
+    stretches: list[Stretch] = attribute(default_factory=list)
+    """The first stretches of such frames."""
     count: int = 0
     """Number of all such frames."""
     named: int = 0
-    """Number of frames in `runs`."""
+    """Number of frames in `stretches`."""
     _is_next: bool = False
 
     def add(self, id: str, verdict: str, reason: str) -> None:
@@ -62,10 +62,10 @@ class ToLookAt:
             return
         self.count += 1
         reason = reason.split("; ")[0]
-        if self._is_next and self.runs[-1].goes_on(verdict, reason):
-            self.runs[-1] = replace(self.runs[-1], count=self.runs[-1].count + 1)
-        elif len(self.runs) < NAMED:
-            self.runs.append(Run(id, verdict, reason))
+        if self._is_next and self.stretches[-1].goes_on(verdict, reason):
+            self.stretches[-1] = replace(self.stretches[-1], count=self.stretches[-1].count + 1)
+        elif len(self.stretches) < NAMED:
+            self.stretches.append(Stretch(id, verdict, reason))
         else:
             self._is_next = False
             return
@@ -79,7 +79,7 @@ class ToLookAt:
         noun = "frame" if self.count == 1 else "frames"
         head = f"{self.count} {noun} to look at (all reasons and remedies: {', '.join(where)}):"
         rest = [f"and {self.count - self.named} more"] if self.count > self.named else []
-        return "\n  ".join([head, *map(str, self.runs), *rest])
+        return "\n  ".join([head, *map(str, self.stretches), *rest])
 
 
 def _without_numbers(text: str) -> str:

@@ -1,4 +1,4 @@
-"""Was a picture squashed from 16:9? It is calibrated as it is and as it would be shown, and the likelihoods compared.
+"""Pictures squashed from 16:9: calibrated as they are and as they would be shown, and the likelihoods compared.
 
 A picture of another shape than 16:9 is a whole frame or a part of one with square pixels, or a whole frame that was
 squashed. The first has a principal point that may lie anywhere (`fieldcalib.problem.prior`), the second pixels that are
@@ -42,7 +42,7 @@ def may_be_squashed(image_size: tuple[int, int]) -> bool:
 
 
 def shown_size(image_size: tuple[int, int]) -> tuple[int, int]:
-    """At which a picture that was squashed from 16:9 has square pixels.
+    """Size at which a picture that was squashed from 16:9 has square pixels.
 
     Examples
     --------
@@ -64,7 +64,7 @@ def log_evidence(calibration: Calibration) -> float:
 
 
 def told(as_it_is: Calibration, shown: Calibration, log_ratio: float, image_size: tuple[int, int]) -> Calibration:
-    """The calibration of a picture of a shape, of two: as it is, and as shown where it was squashed.
+    """The more likely of two calibrations of a picture: as it is, and as it would be shown if it was squashed.
 
     Parameters
     ----------
@@ -88,7 +88,7 @@ def told(as_it_is: Calibration, shown: Calibration, log_ratio: float, image_size
 
 
 def in_pixels_of(shown: Calibration, image_size: tuple[int, int]) -> Calibration:
-    """A calibration with its cameras in the pixels of the squashed picture, and its errors in those as shown."""
+    """Scale the cameras of a calibration to the squashed picture; errors stay in pixels of the picture as shown."""
     if shown.camera is None:
         return shown
     others = tuple(camera.scaled(image_size) for camera in shown.alternatives)
@@ -103,9 +103,9 @@ def with_aspect_as_told(
     *,
     estimated: bool,
 ) -> list[Calibration]:
-    """What a method makes of frames of one size, each as it is or as shown, whichever its labels make more likely.
+    """Calibrate frames of one size, each as it is or as it would be shown, whichever its labels make more likely.
 
-    If the aspect ratio is not to be `estimated`, all are taken as they are.
+    Unless the aspect ratio is `estimated`, all are taken as they are.
     """
     found = calibrate(frames, image_size)
     if not (estimated and may_be_squashed(image_size)):

@@ -12,7 +12,6 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from fieldcalib._types import IntArray
-from fieldcalib.fields.segments import ObjectSegments
 from fieldcalib.geometry.lens import lens_with
 from fieldcalib.problem.evaluation import Evaluation
 from fieldcalib.problem.layout import Layout, Role
@@ -33,13 +32,11 @@ class Part:
     prior: GaussianPrior
     options: Options
     freed: tuple[str, ...] = ()
-    """What was estimated of the lens beyond what the user asked for."""
+    """Lens coefficients that were estimated beyond those that the user asked for."""
 
 
-def with_lens_as_called_for(
-    object_segments: ObjectSegments, solution: Solution, prior: GaussianPrior, options: Options
-) -> Iterator[Part]:
-    """Solved frames in parts, each with as much of the lens as its labels call for."""
+def with_lens_as_called_for(solution: Solution, prior: GaussianPrior, options: Options) -> Iterator[Part]:
+    """Divide solved frames into parts, each solved with as much of the lens as its labels call for."""
     part = Part(np.arange(len(prior.mean)), solution, prior, options)
     for freed in LEVELS:
         more = _solved_with(part, freed)
@@ -48,12 +45,12 @@ def with_lens_as_called_for(
         if count == 0 or not np.any(better):
             continue
         yield _take(part, np.flatnonzero(~better))
-        part = _with_ends_anew(object_segments, _take(more, np.flatnonzero(better)))
+        part = _with_ends_anew(_take(more, np.flatnonzero(better)))
     yield part
 
 
 def _solved_with(part: Part, freed: tuple[str, ...]) -> Part:
-    """The same frames with more of the lens free."""
+    """Solve the same frames with more of the lens free."""
     options = part.options
     layout = options.layout
     if any(name not in layout.blocks for name in freed):
@@ -81,8 +78,8 @@ def _solved_with(part: Part, freed: tuple[str, ...]) -> Part:
     )
 
 
-def _with_ends_anew(object_segments: ObjectSegments, part: Part) -> Part:
-    """The same with the ends of segments that the camera sees now."""
+def _with_ends_anew(part: Part) -> Part:
+    """Solve frames again with the ends of segments that their cameras see now."""
     options = part.options
     start = with_segment_ends(part.solution.evaluation, options.wide_loss.scale)
     solution = levenberg_marquardt(start, max_iterations=options.max_iterations, tolerance=options.tolerance)

@@ -1,9 +1,10 @@
-"""Many independent frames at once: in chunks of similar frames, here or by an executor."""
+"""Calibration of many independent frames at once, in chunks of similar frames, here or by an executor."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import Executor
+from dataclasses import replace
 from functools import partial
 from typing import NamedTuple
 
@@ -12,7 +13,6 @@ from numpy.typing import ArrayLike
 
 from fieldcalib._types import Array, IntArray
 from fieldcalib.assess.result import Calibration, Status
-from fieldcalib.fields.field import Field
 from fieldcalib.fields.segments import ObjectSegments
 from fieldcalib.geometry.camera import Camera
 from fieldcalib.problem.labelled_pixels import (
@@ -20,30 +20,25 @@ from fieldcalib.problem.labelled_pixels import (
     Pixels,
     PixelWeights,
     Weights,
-    check_object,
-    check_segments,
-    check_weights,
 )
 from fieldcalib.problem.levenberg_marquardt import levenberg_marquardt
 from fieldcalib.problem.losses import LossName, RobustLoss
 from fieldcalib.processes.jobs import in_order
 from fieldcalib.solve.aspect import with_aspect_as_told
-from fieldcalib.solve.from_segments import NO_PIXELS, calibrate_checked
+from fieldcalib.solve.from_segments import NO_PIXELS, calibrate_checked, checked_frame
 from fieldcalib.solve.given_camera import GivenCamera, as_fixed
-from fieldcalib.solve.handed_over import HandedOver
 from fieldcalib.solve.options import (
     DEFAULT_CRITERIA,
-    CalibrationFlags,
+    GUESS,
     Criteria,
     Options,
     Prior,
-    checked_options,
-    default_flags,
 )
+from fieldcalib.solve.packed_calibrations import PackedCalibrations
+from fieldcalib.solve.task import Task
 
 CHUNK = 128  # frames solved together: their arrays still fit the processor's cache
 CHUNK_PIXELS = 16384  # of them together, padding included: bounds the memory of densely labelled frames
-GUESS = CalibrationFlags.CALIB_USE_INTRINSIC_GUESS | CalibrationFlags.CALIB_USE_EXTRINSIC_GUESS
 
 
 def calibrate_batch(
@@ -67,7 +62,7 @@ def calibrate_batch(
     cameras: Iterable[Camera] | None = None,
     executor: Executor | None = None,
 ) -> list[Calibration]:
-    """Calibrate many independent frames at once: the same as `calibrate_from_segments` on each, much faster.
+    """Calibrate many independent frames at once: as `calibrate_from_segments` does each, to 1e-6, but much faster.
 
     Parameters
     ----------
@@ -106,46 +101,48 @@ def calibrate_batch(
     ['too few segments', 'too few segments']
     """
     initial = None if cameras is None else _checked_cameras(cameras)
+    given = GivenCamera(camera_matrix, dist_coeffs, rvec, tvec)
     if initial:
-        if camera_matrix is not None or dist_coeffs is not None:
-            raise ValueError("cameras say the intrinsics of each frame: leave camera_matrix and dist_coeffs out")
-        if rvec is not None or tvec is not None:
-            raise ValueError("cameras say the pose of each frame: leave rvec and tvec out")
-        rvec, tvec, camera_matrix, dist_coeffs = max(initial, key=lambda camera: len(camera.lens.names)).to_opencv()
-        flags = (default_flags(prior) if flags is None else flags) | GUESS
-    check_object(object_segments)
+        _check_nothing_given(given)
+    task = Task(object_segments, given, flags, criteria, prior, loss, tau, paint, trust_labels)
     each_weights = None if weights is None else list(weights)
 
     def calibrated(some: Sequence[ImageSegments], size: tuple[int, int]) -> list[Calibration]:
-        options = checked_options(
-            size,
-            camera_matrix,
-            dist_coeffs,
-            rvec,
-            tvec,
-            flags=flags,
-            criteria=criteria,
-            prior=prior,
-            loss=loss,
-            tau=tau,
-            field=object_segments if isinstance(object_segments, Field) else None,
-            paint=paint,
-        )
-        checked, pixel_weights = checked_frames(object_segments, some, each_weights, options.image_size)
-        given = None if initial is None else _given(initial, len(checked), options)
-        found = calibrate_frames(
-            object_segments, checked, pixel_weights, options, given=given, trust_labels=trust_labels, executor=executor
-        )
-        if flags is None:
-            return found
-        known = initial or [GivenCamera(camera_matrix, dist_coeffs, rvec, tvec).camera(options.image_size)] * len(found)
-        return [as_fixed(one, camera, flags) for one, camera in zip(found, known, strict=True)]
+        return calibrate_labels(task, some, size, each_weights, cameras=initial, executor=executor)
 
     is_estimated = estimate_aspect and camera_matrix is None
     return with_aspect_as_told(object_segments, calibrated, _several(frames), image_size, estimated=is_estimated)
 
 
-def _given(cameras: Sequence[Camera], count: int, options: Options) -> Array:
+def calibrate_labels(
+    task: Task,
+    frames: Sequence[ImageSegments],
+    image_size: tuple[int, int],
+    weights: Sequence[Weights] | None,
+    *,
+    cameras: Sequence[Camera] | None = None,
+    executor: Executor | None = None,
+) -> list[Calibration]:
+    """Check the labels of frames of one size and calibrate them, from initial cameras if there are."""
+    if cameras:
+        # the layout needs the largest of their lenses
+        rvec, tvec, K, dist = max(cameras, key=lambda camera: len(camera.lens.names)).to_opencv()
+        task = replace(task.with_flags(GUESS), given=GivenCamera(K, dist, rvec, tvec))
+    options = task.options(image_size)
+    checked, pixel_weights = checked_frames(task.object_segments, frames, weights, options.image_size)
+    start = None if cameras is None else _thetas(cameras, len(checked), options)
+    found = calibrate_frames(checked, pixel_weights, options, given=start, executor=executor)
+    return as_fixed(found, cameras or task.given, options.flags)
+
+
+def _check_nothing_given(given: GivenCamera) -> None:
+    if given.camera_matrix is not None or given.dist_coeffs is not None:
+        raise ValueError("cameras say the intrinsics of each frame: leave camera_matrix and dist_coeffs out")
+    if given.rvec is not None or given.tvec is not None:
+        raise ValueError("cameras say the pose of each frame: leave rvec and tvec out")
+
+
+def _thetas(cameras: Sequence[Camera], count: int, options: Options) -> Array:
     """Initial cameras as parameters, or a ValueError if they are not those of the frames."""
     if len(cameras) != count:
         raise ValueError(f"expected cameras for each of {count} frames, got {len(cameras)}")
@@ -170,8 +167,8 @@ def checked_frames(
     pixel_weights: list[PixelWeights | None] = []
     for index, frame in enumerate(frames):
         try:
-            pixels = check_segments(object_segments, frame, image_size)
-            pixels, weight = check_weights(object_segments, pixels, None if weights is None else weights[index])
+            of_frame = None if weights is None else weights[index]
+            pixels, weight = checked_frame(object_segments, frame, of_frame, image_size)
         except ValueError as error:
             raise ValueError(f"frame {index}: {error}") from None
         checked.append(pixels)
@@ -188,27 +185,25 @@ def _several(frames: Iterable[ImageSegments]) -> list[ImageSegments]:
 
 
 def calibrate_frames(
-    object_segments: ObjectSegments,
-    checked: Sequence[Pixels],
-    pixel_weights: Sequence[PixelWeights | None],
+    frames: Sequence[Pixels],
+    weights: Sequence[PixelWeights | None],
     options: Options,
     *,
     given: Array | None = None,
-    trust_labels: bool = False,
     executor: Executor | None = None,
 ) -> list[Calibration]:
     """`calibrate_batch` of checked frames, from `given` cameras (T, n) if there are."""
-    calibrations = [Calibration.without_camera(Status.TOO_FEW_SEGMENTS, NO_PIXELS) for _ in checked]
-    chunks = list(_chunks(object_segments, checked))
+    calibrations = [Calibration.without_camera(Status.TOO_FEW_SEGMENTS, NO_PIXELS) for _ in frames]
+    chunks = list(_chunks(options.object_segments, frames))
     parts = (
-        _Part([checked[t] for t in chunk], [pixel_weights[t] for t in chunk], None if given is None else given[chunk])
+        _Part([frames[t] for t in chunk], [weights[t] for t in chunk], None if given is None else given[chunk])
         for chunk in chunks
     )
-    of_part = partial(_calibrate_part, object_segments, options, trust_labels)
+    of_part = partial(_calibrated_part, options)
     found: Iterable[list[Calibration]] = map(of_part, parts)
     if executor is not None:
-        handed_over = in_order(executor, partial(_handed_over, of_part), parts)
-        found = (one.received(options.field) for one in handed_over)
+        packed = in_order(executor, partial(_calibrate_and_pack, of_part), parts)
+        found = (one.unpacked(options.field) for one in packed)
     for chunk, some in zip(chunks, found, strict=True):
         for t, calibration in zip(chunk, some, strict=True):
             calibrations[t] = calibration
@@ -223,17 +218,12 @@ class _Part(NamedTuple):
     given: Array | None
 
 
-def _calibrate_part(
-    object_segments: ObjectSegments, options: Options, trust_labels: bool, part: _Part
-) -> list[Calibration]:
-    frames, weights, given = part
-    return calibrate_checked(
-        object_segments, frames, weights, options, levenberg_marquardt, given=given, trust_labels=trust_labels
-    )
+def _calibrated_part(options: Options, part: _Part) -> list[Calibration]:
+    return calibrate_checked(part.frames, part.weights, options, levenberg_marquardt, part.given)
 
 
-def _handed_over(of_part: Callable[[_Part], list[Calibration]], part: _Part) -> HandedOver:
-    return HandedOver.of(of_part(part))
+def _calibrate_and_pack(of_part: Callable[[_Part], list[Calibration]], part: _Part) -> PackedCalibrations:
+    return PackedCalibrations.of(of_part(part))
 
 
 def _checked_cameras(cameras: Iterable[Camera]) -> list[Camera]:
@@ -249,7 +239,7 @@ def _checked_cameras(cameras: Iterable[Camera]) -> list[Camera]:
 
 
 def _chunks(object_segments: ObjectSegments, frames: Sequence[Pixels]) -> Iterator[IntArray]:
-    """Indices of the frames that have pixels, frames with like numbers of pixels together: less padding."""
+    """Indices of the frames that have pixels, grouped by pixel count for less padding."""
 
     def counts(frame: Pixels) -> tuple[int, int]:
         lines = sum(len(xy) for label, xy in frame.items() if object_segments[label].is_straight)

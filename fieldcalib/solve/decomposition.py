@@ -1,4 +1,4 @@
-"""From the homography of the ground to a camera, by decomposition and refinement on field points."""
+"""Decomposition of the homography of the ground into a camera, refined on field points."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ class Decomposition:
     pixels: dict[str, Array]
     """their images under the homography, (1, 2) each."""
     message: str
-    """What was done, or why it was not."""
+    """Number of points of the refinement, or why there is no camera."""
 
 
 def camera_from_homography(

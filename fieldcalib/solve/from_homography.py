@@ -1,4 +1,4 @@
-"""A calibration from the homography of the ground, and the judgement of a camera that comes from elsewhere."""
+"""Calibration from the homography of the ground, and the verdict on a camera that comes from elsewhere."""
 
 from __future__ import annotations
 
@@ -16,9 +16,9 @@ from fieldcalib.fields.soccer import soccer
 from fieldcalib.geometry.camera import Camera
 from fieldcalib.problem.evaluation import evaluate_camera
 from fieldcalib.problem.labelled_pixels import Pixels
-from fieldcalib.solve.coordinates import UNITS, may_be_from_a_corner, reading_of_camera
 from fieldcalib.solve.decomposition import Decomposition, camera_from_homography
 from fieldcalib.solve.options import WIDE_SCALE, pixel_unit
+from fieldcalib.solve.origin_and_unit import UNITS, may_be_from_a_corner, reading_of_camera
 
 NAN = float("nan")
 TO_CORNER = "[[1, 0, length / 2], [0, 1, width / 2], [0, 0, 1]]"
@@ -99,7 +99,7 @@ def judged_decomposition(found: Decomposition) -> Calibration:
 
 
 def _other_coordinates(camera: Camera, field: Field) -> str:
-    """What the coordinates of a homography seem to be, and what mends that, if not metres from the centre mark."""
+    """A hint that a homography maps other coordinates than metres from the centre mark; empty if it seems not to."""
     if may_be_from_a_corner(camera, field):
         return FROM_A_CORNER
     reading = reading_of_camera(camera, field)
@@ -118,7 +118,7 @@ def _other_coordinates(camera: Camera, field: Field) -> str:
 def judged_camera(
     camera: Camera, object_segments: ObjectSegments, frame: Pixels, message: str, *, field: Field | None = None
 ) -> Calibration:
-    """Calibration of a camera that no solver of this package has found: its errors, and whether it could be.
+    """Errors and verdict of a camera that no solver of this package has found.
 
     Parameters
     ----------
@@ -129,14 +129,14 @@ def judged_camera(
     frame : dict of str to (N, 2) array
         Pixels by label, as `check_segments` returns them; without any, the errors are NaN.
     message : str
-        What to say of a camera that could be.
+        Message for a plausible camera.
     field : Field, optional
         The field that the object is a part of, see `implausibilities`; by default the object, if it is a field.
 
     Returns
     -------
     Calibration
-        Accepted, or implausible: no camera that could be, or one that most of the labels disagree with.
+        Accepted, or implausible: it is physically impossible, or most of the labels disagree with it.
     """
     if not frame:
         return Calibration(camera, Status.ACCEPTED, message, NAN, NAN, {})

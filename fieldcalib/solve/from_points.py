@@ -1,10 +1,9 @@
-"""A calibration from points: of a soccer field with a prior, or of any object with a start from the DLT."""
+"""Calibration from points: of a soccer field with a prior, or of any object with a start from the DLT."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from itertools import compress
-from typing import TypedDict
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -13,29 +12,31 @@ from fieldcalib._types import Array
 from fieldcalib.assess.result import Calibration, Status, Verdict
 from fieldcalib.assess.solved import Solved
 from fieldcalib.fields.segments import Point
-from fieldcalib.fields.soccer import soccer, soccer_points
+from fieldcalib.fields.soccer import soccer_points
 from fieldcalib.fields.stands import CameraDistribution
 from fieldcalib.geometry.camera import Camera
 from fieldcalib.geometry.image_extent import hint_of_another_size
 from fieldcalib.geometry.rotation import angles_from_rotation, rotation_from_angles
 from fieldcalib.problem.evaluation import evaluate
-from fieldcalib.problem.labelled_pixels import Pixels, checked_weight
+from fieldcalib.problem.labelled_pixels import Pixels, PixelWeights, checked_weight
 from fieldcalib.problem.layout import ANGLES, CENTER, LOG_ASPECT, LOG_F, PRINCIPAL_POINT
 from fieldcalib.problem.losses import LossName, RobustLoss
 from fieldcalib.problem.observations import pack
-from fieldcalib.solve.coordinates import check_coordinates
-from fieldcalib.solve.from_segments import calibrate_from_segments
+from fieldcalib.solve.from_segments import calibrate_frame
+from fieldcalib.solve.given_camera import GivenCamera
 from fieldcalib.solve.options import (
     ALL,
     DEFAULT_CRITERIA,
+    GUESS,
     PINHOLE_FLAGS,
     CalibrationFlags,
     Criteria,
     Options,
     Prior,
-    checked_options,
 )
+from fieldcalib.solve.origin_and_unit import check_coordinates
 from fieldcalib.solve.resection import LEAST_IN_SPACE, LEAST_ON_PLANE, resect
+from fieldcalib.solve.task import Task
 
 HORIZONTAL = rotation_from_angles(np.array([0.0, np.pi / 2.0, 0.0]))  # towards the far side, horizontally
 SOLVED_SIZE = 30.0  # metres: root mean square distance from the centroid, about that of the part of a field in view
@@ -112,56 +113,55 @@ def calibrate_from_points(
         raise ValueError(f"object_points and image_points must be of one length, got {len(X)} and {len(xy)}")
     weight = _checked_weights(weights, len(X))
     members = _checked_members(prior)
-    common: _Common = {"criteria": criteria, "loss": loss, "tau": tau}
-    known = camera_matrix, dist_coeffs, rvec, tvec
-    options = checked_options(image_size, *known, flags=flags, prior=members, field=soccer(), **common)
-    names = tuple(f"point {i}" for i in range(len(X)))
-    points = Points(names, X, xy, weight, camera_matrix, dist_coeffs, rvec, tvec, flags).seen()
+    points = Points(tuple(f"point {i}" for i in range(len(X))), X, xy, weight).seen
+    given = GivenCamera(camera_matrix, dist_coeffs, rvec, tvec)
+    task = Task(points.segments, given, flags, criteria, members, loss, tau)
     if members is None:
-        return _calibrate_without_prior(points, options, common)
+        return _calibrate_without_prior(points, task, task.options(image_size))
+    if _on_field(members):
+        task = replace(task, object_segments=soccer_points(points.segments))
+    options = task.options(image_size)
     if _on_field(members):
         check_coordinates(X, anywhere=members != ALL)
-    found = _calibrate_on_field(points, options, members, common)
+    found = _calibrate_on_field(points, task, options)
     hint = hint_of_another_size(points.xy.max(axis=0, initial=0.0), len(points.xy), options.image_size)
     if not hint or found.verdict == Verdict.GOOD:
         return found
     return replace(found, message=f"{found.message}; of the points, {hint}")
 
 
-class _Common(TypedDict):
-    criteria: Criteria
-    loss: LossName | RobustLoss
-    tau: float | None
-
-
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Points:
-    """Points, their pixels, and what is known of the camera: arguments of `calibrate_from_points`."""
+    """N points of an object, their pixels and their weights."""
 
     names: tuple[str, ...]
     X: Array
+    """(N, 3)."""
     xy: Array
+    """(N, 2)."""
     weights: Array
-    camera_matrix: ArrayLike | None
-    dist_coeffs: ArrayLike | None
-    rvec: ArrayLike | None
-    tvec: ArrayLike | None
-    flags: int
+    """(N,)."""
 
-    def started(self, start: Camera) -> Points:
-        """The same points with a camera to start from."""
-        if self.flags & CalibrationFlags.CALIB_FIX_ROTATION and self.rvec is not None:
-            R = Camera.from_opencv(self.rvec, np.zeros(3), start.K, None, start.image_size).R
-            start = Camera(start.K, R, start.C, start.image_size, start.dist)
-        rvec, tvec, K, dist = start.to_opencv()
-        guess = CalibrationFlags.CALIB_USE_INTRINSIC_GUESS | CalibrationFlags.CALIB_USE_EXTRINSIC_GUESS
-        return replace(self, camera_matrix=K, dist_coeffs=dist, rvec=rvec, tvec=tvec, flags=self.flags | guess)
-
+    @property
     def seen(self) -> Points:
-        """Those that weigh anything."""
+        """The points whose weight is not 0."""
         seen = self.weights > 0.0
-        names = tuple(compress(self.names, seen))
-        return replace(self, names=names, X=self.X[seen], xy=self.xy[seen], weights=self.weights[seen])
+        return Points(tuple(compress(self.names, seen)), self.X[seen], self.xy[seen], self.weights[seen])
+
+    @property
+    def segments(self) -> dict[str, Point]:
+        """Each point as a segment of its own."""
+        return {name: Point((x, y, z)) for name, (x, y, z) in zip(self.names, self.X.tolist(), strict=True)}
+
+    @property
+    def pixels(self) -> Pixels:
+        """Pixel of each point, by name."""
+        return {name: xy[None] for name, xy in zip(self.names, self.xy, strict=True)}
+
+    @property
+    def pixel_weights(self) -> PixelWeights:
+        """Weight of each point, by name."""
+        return {name: np.array([weight]) for name, weight in zip(self.names, self.weights, strict=True)}
 
 
 def _checked_points(values: ArrayLike, size: int, name: str) -> Array:
@@ -194,7 +194,7 @@ def _checked_weights(weights: ArrayLike | None, count: int) -> Array:
 
 
 def _checked_members(prior: Prior) -> str | CameraDistribution | tuple[str | CameraDistribution, ...] | None:
-    """The prior, an iterable as a tuple: it is gone through more than once."""
+    """The prior; an iterable as a tuple, since it is read more than once."""
     if prior is None or isinstance(prior, str | CameraDistribution):
         return prior
     try:
@@ -207,45 +207,40 @@ def _checked_members(prior: Prior) -> str | CameraDistribution | tuple[str | Cam
 
 
 def _on_field(prior: Prior) -> bool:
-    """Whether the points are of a field: the stands that have a name are, whose ground is below the camera."""
+    """Whether the points are of a field: a stand that is given by its name is one of a field."""
     members = prior if isinstance(prior, tuple) else (prior,)
     return any(isinstance(member, str) for member in members)
 
 
-def _calibrate(points: Points, options: Options, prior: Prior, common: _Common, *, on_field: bool) -> Calibration:
-    """The calibration from each point as a segment."""
-    segments, pixels = _as_segments(points)
-    return calibrate_from_segments(
-        soccer_points(segments) if on_field else segments,
-        pixels,
-        options.image_size,
-        points.camera_matrix,
-        points.dist_coeffs,
-        points.rvec,
-        points.tvec,
-        flags=points.flags,
-        prior=prior,
-        weights=dict(zip(points.names, points.weights.tolist(), strict=True)),
-        **common,
-    )
+def _calibrated(points: Points, task: Task, image_size: tuple[int, int]) -> Calibration:
+    return calibrate_frame(task, points.pixels, image_size, points.pixel_weights)
 
 
-def _calibrate_on_field(points: Points, options: Options, prior: Prior, common: _Common) -> Calibration:
+def _started(task: Task, start: Camera) -> Task:
+    """The task with a camera to start from."""
+    flags = int(task.flags or 0)
+    if flags & CalibrationFlags.CALIB_FIX_ROTATION and task.given.rvec is not None:
+        R = Camera.from_opencv(task.given.rvec, np.zeros(3), start.K, None, start.image_size).R
+        start = Camera(start.K, R, start.C, start.image_size, start.dist)
+    rvec, tvec, K, dist = start.to_opencv()
+    return replace(task, given=GivenCamera(K, dist, rvec, tvec), flags=flags | GUESS)
+
+
+def _calibrate_on_field(points: Points, task: Task, options: Options) -> Calibration:
     """The calibration from where cameras stand; if that misses points, the better of it and of one from the DLT.
 
     With a fifth of the points anywhere in the image, the second start brings the cameras that are more than 10 % off
     from 7 to 4 %.
     """
-    on_field = _on_field(prior)
-    found = _calibrate(points, options, prior, common, on_field=on_field)
+    found = _calibrated(points, task, options.image_size)
     misses = max(found.per_segment_errors.values(), default=0.0) > options.wide_loss.scale
-    start = _start(points, options) if misses and points.rvec is None else None
+    start = _start(points, options) if misses and task.given.rvec is None else None
     if start is None:
         return found
-    second = _calibrate(points.started(start), options, prior, common, on_field=on_field)
+    second = _calibrated(points, _started(task, start), options.image_size)
 
     def badness(calibration: Calibration) -> tuple[bool, float]:
-        """What orders calibrations of the same points: the verdict first, then how far most of them are off."""
+        """Sort key of calibrations of the same points: the verdict first, then the median error."""
         errors = np.array([calibration.per_segment_errors[name] for name in points.names])
         return not calibration.accepted, _median(errors, points.weights)
 
@@ -253,69 +248,66 @@ def _calibrate_on_field(points: Points, options: Options, prior: Prior, common: 
 
 
 def _median(values: Array, weights: Array) -> float:
-    """The median of values that are there as often as they weigh."""
+    """Weighted median."""
     order = np.argsort(values)
     cumulative = np.cumsum(weights[order])
     middle = np.searchsorted(cumulative, 0.5 * cumulative[-1])
     return float(values[order[middle]])
 
 
-def _calibrate_without_prior(points: Points, options: Options, common: _Common) -> Calibration:
-    """The calibration of any object: from the given pose, else from the DLT.
+def _calibrate_without_prior(points: Points, task: Task, options: Options) -> Calibration:
+    """The calibration of any object, from the given pose or from the DLT."""
+    size, given = options.image_size, task.given
+    if not len(points.X):
+        return _calibrated(points, task, size)
+    if given.rvec is not None and given.tvec is not None:
+        pose = Camera.from_opencv(given.rvec, given.tvec, np.eye(3), None, size)
+        return _calibrated_nearby(points, task, pose)
+    if len(points.X) < LEAST_ON_PLANE:
+        message = (
+            f"without a prior or a pose {LEAST_ON_PLANE} points on a plane or {LEAST_IN_SPACE} in space are "
+            f"needed, got {len(points.X)}"
+        )
+        return Calibration.without_camera(Status.TOO_FEW_SEGMENTS, message)
+    start = _start(points, options)
+    if start is None:
+        message = "no camera sees the points so: on one line they tell nothing, one that misses it would help"
+        return Calibration.without_camera(Status.DEGENERATE, message)
+    return _calibrated_nearby(points, _started(task, start), start)
+
+
+def _calibrated_nearby(points: Points, task: Task, pose: Camera) -> Calibration:
+    """The calibration from a known pose, of an object of any size.
 
     The object is moved for the solver, ``X' = scale turn (X - origin)``, so that it has about the size of a field and
     is looked at horizontally: the solver's steps are made for metres, and its angles for cameras that do not look
     straight down.
     """
-    if not len(points.X):
-        return _calibrate(points, options, None, common, on_field=False)
-    if points.rvec is not None and points.tvec is not None:
-        pose = Camera.from_opencv(points.rvec, points.tvec, np.eye(3), None, options.image_size)
-    else:
-        if len(points.X) < LEAST_ON_PLANE:
-            message = (
-                f"without a prior or a pose {LEAST_ON_PLANE} points on a plane or {LEAST_IN_SPACE} in space are "
-                f"needed, got {len(points.X)}"
-            )
-            return Calibration.without_camera(Status.TOO_FEW_SEGMENTS, message)
-        start = _start(points, options)
-        if start is None:
-            message = "no camera sees the points so: on one line they tell nothing, one that misses it would help"
-            return Calibration.without_camera(Status.DEGENERATE, message)
-        pose, points = start, points.started(start)
-
     origin = points.X.mean(axis=0)
     size = float(np.sqrt(np.mean(np.sum(np.square(points.X - origin), axis=1))))
     scale = SOLVED_SIZE / size if size else 1.0
     # a roll that is kept is one about the object's own axes
-    turn = np.eye(3) if points.flags & CalibrationFlags.CALIB_FIX_ROLL else HORIZONTAL.T @ pose.R
-    moved = Camera(np.eye(3), pose.R @ turn.T, scale * turn @ (pose.C - origin), options.image_size)
-    rvec, tvec, _, _ = moved.to_opencv()
-    given, points = points, replace(points, X=scale * (points.X - origin) @ turn.T, rvec=rvec, tvec=tvec)
-    found = _calibrate(points, options, None, common, on_field=False)
+    keeps_roll = int(task.flags or 0) & CalibrationFlags.CALIB_FIX_ROLL
+    turn = np.eye(3) if keeps_roll else HORIZONTAL.T @ pose.R
+    start = Camera(np.eye(3), pose.R @ turn.T, scale * turn @ (pose.C - origin), pose.image_size)
+    rvec, tvec, _, _ = start.to_opencv()
+    moved = replace(points, X=scale * (points.X - origin) @ turn.T)
+    task = replace(task, object_segments=moved.segments, given=task.given._replace(rvec=rvec, tvec=tvec))
+    found = _calibrated(moved, task, pose.image_size)
     if found.camera is None or found.solved is None:
         return found
-    camera = found.camera
-    C = origin + camera.C @ turn / scale
-    camera = Camera(camera.K, camera.R @ turn, C, camera.image_size, camera.dist)
-    return replace(found, camera=camera, errors=_moved_back(found.solved, camera, given, scale))
+    C = origin + found.camera.C @ turn / scale
+    camera = Camera(found.camera.K, found.camera.R @ turn, C, pose.image_size, found.camera.dist)
+    return replace(found, camera=camera, errors=_moved_back(found.solved, camera, points, scale))
 
 
 def _moved_back(solved: Solved, camera: Camera, points: Points, scale: float) -> Solved:
-    """What was solved, among the given points and not among those that were moved for the solver."""
-    segments, pixels = _as_segments(points)
-    problem = solved.evaluation.problem
-    weights = {name: np.array([weight]) for name, weight in zip(points.names, points.weights, strict=True)}
-    problem = replace(problem, observations=pack(segments, [pixels], camera.image_size, [weights]))
+    """The solved problem with the given points in place of those that were moved for the solver."""
+    observations = pack(points.segments, [points.pixels], camera.image_size, [points.pixel_weights])
+    problem = replace(solved.evaluation.problem, observations=observations)
     unit = solved.unit.copy()
     unit[:, CENTER] = unit[:, CENTER].max() / scale  # in any direction
     return Solved(evaluate(problem, problem.layout.theta(camera)[None]), unit)
-
-
-def _as_segments(points: Points) -> tuple[dict[str, Point], Pixels]:
-    """Each point as a segment of its own, and its pixel."""
-    segments = {name: Point((x, y, z)) for name, (x, y, z) in zip(points.names, points.X.tolist(), strict=True)}
-    return segments, {name: xy[None] for name, xy in zip(segments, points.xy, strict=True)}
 
 
 def _start(points: Points, options: Options) -> Camera | None:

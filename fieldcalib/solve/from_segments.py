@@ -1,4 +1,4 @@
-"""From labelled pixels to a camera: the whole flow.
+"""Calibration from labelled pixels: the whole flow from labels to a camera with a verdict.
 
     checked pixels -> initial cameras -> wide loss, all of them -> the best plausible one -> narrow loss
                    -> mislabelled segments -> ends of segments -> verdict
@@ -10,19 +10,19 @@ SciPy's `least_squares` from there. Both minimise the same cost.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import Protocol
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from fieldcalib._types import Array
+from fieldcalib._types import Array, BoolArray
 from fieldcalib.assess.ndc import ndc_losses
 from fieldcalib.assess.observability import Information
 from fieldcalib.assess.result import Calibration, Status, SuspectLabel
 from fieldcalib.assess.solved import Solved
 from fieldcalib.assess.verdict import Evidence, implausibilities, segment_errors, verdict
-from fieldcalib.fields.field import Field
 from fieldcalib.fields.segments import ObjectSegments
 from fieldcalib.geometry.camera import Camera
 from fieldcalib.problem.evaluation import Evaluation, evaluate
@@ -31,7 +31,6 @@ from fieldcalib.problem.labelled_pixels import (
     Pixels,
     PixelWeights,
     Weights,
-    check_object,
     check_segments,
     check_weights,
 )
@@ -45,15 +44,10 @@ from fieldcalib.solve.auto_lens import with_lens_as_called_for
 from fieldcalib.solve.given_camera import GivenCamera, as_fixed
 from fieldcalib.solve.label_ends import with_border_asked
 from fieldcalib.solve.mislabels import Relabelled, without_mislabels
-from fieldcalib.solve.options import (
-    DEFAULT_CRITERIA,
-    Criteria,
-    Options,
-    Prior,
-    checked_options,
-)
+from fieldcalib.solve.options import DEFAULT_CRITERIA, Criteria, Options, Prior
 from fieldcalib.solve.search import find_cameras
 from fieldcalib.solve.symmetry import other_side, repeats
+from fieldcalib.solve.task import Task
 
 NOISY = 4.0  # times the usual noise: of 755 good cameras of annotated frames none misses its labels by more than 2.7
 POORLY_DETERMINED = 0.5  # share of k1 that comes from the labels, below which the message says so
@@ -162,97 +156,87 @@ def calibrate_from_segments(
     >>> str(calibration.status), round(calibration.camera.focal_length, -2)  # the weak prior moves it a little
     ('accepted', 1600.0)
     """
-    check_object(object_segments)
+    given = GivenCamera(camera_matrix, dist_coeffs, rvec, tvec)
+    task = Task(object_segments, given, flags, criteria, prior, loss, tau, paint, trust_labels)
 
     def calibrated(frames: Sequence[ImageSegments], size: tuple[int, int]) -> list[Calibration]:
-        options = checked_options(
-            size,
-            camera_matrix,
-            dist_coeffs,
-            rvec,
-            tvec,
-            flags=flags,
-            criteria=criteria,
-            prior=prior,
-            loss=loss,
-            tau=tau,
-            field=object_segments if isinstance(object_segments, Field) else None,
-            paint=paint,
-        )
-        frame = check_segments(object_segments, frames[0], options.image_size)
-        frame, pixel_weights = check_weights(object_segments, frame, weights)
-        if not frame:
-            return [Calibration.without_camera(Status.TOO_FEW_SEGMENTS, NO_PIXELS)]
-        found = calibrate_checked(
-            object_segments, [frame], [pixel_weights], options, finished, trust_labels=trust_labels
-        )
-        camera = GivenCamera(camera_matrix, dist_coeffs, rvec, tvec).camera(options.image_size)
-        return found if flags is None else [as_fixed(one, camera, flags) for one in found]
+        return [calibrate_frame(task, frames[0], size, weights)]
 
     is_estimated = estimate_aspect and camera_matrix is None
     return with_aspect_as_told(object_segments, calibrated, [image_segments], image_size, estimated=is_estimated)[0]
 
 
+def calibrate_frame(
+    task: Task, frame: ImageSegments, image_size: tuple[int, int], weights: Weights | None
+) -> Calibration:
+    """Check the labels of one frame and calibrate it."""
+    options = task.options(image_size)
+    pixels, pixel_weights = checked_frame(task.object_segments, frame, weights, options.image_size)
+    if not pixels:
+        return Calibration.without_camera(Status.TOO_FEW_SEGMENTS, NO_PIXELS)
+    return as_fixed(calibrate_checked([pixels], [pixel_weights], options, finished), task.given, options.flags)[0]
+
+
+def checked_frame(
+    object_segments: ObjectSegments, frame: ImageSegments, weights: Weights | None, image_size: tuple[int, int]
+) -> tuple[Pixels, PixelWeights | None]:
+    """The pixels of one frame and what each weighs, or a ValueError that says what is wrong with them."""
+    return check_weights(object_segments, check_segments(object_segments, frame, image_size), weights)
+
+
 def finished(start: Evaluation, *, max_iterations: int, tolerance: float) -> Solution:
-    """One frame by both solvers: few steps of SciPy's, which are slower, are left where Levenberg-Marquardt ends."""
+    """One frame by both solvers: SciPy's `least_squares` goes on from where Levenberg-Marquardt ends.
+
+    Neither takes a last step that lowers the cost by less than the share `tolerance`. So where SciPy finds no better
+    minimum, the camera is that of `calibrate_batch`.
+    """
     near = levenberg_marquardt(start, max_iterations=max_iterations, tolerance=tolerance)
-    solution = least_squares(near.evaluation, max_iterations=max_iterations, tolerance=tolerance)
-    return replace(solution, iterations=near.iterations + solution.iterations)
+    found = least_squares(near.evaluation, max_iterations=max_iterations, tolerance=tolerance)
+    is_better = near.cost[0] - found.cost[0] > tolerance * near.cost[0]
+    return replace(
+        found if is_better else replace(found, evaluation=near.evaluation),
+        iterations=near.iterations + found.iterations,
+    )
 
 
 def calibrate_checked(
-    object_segments: ObjectSegments,
     frames: list[Pixels],
     weights: list[PixelWeights | None],
     options: Options,
     solve: Solver,
-    *,
     given: Array | None = None,
-    trust_labels: bool = False,
 ) -> list[Calibration]:
     """Calibrate checked frames that have pixels, from `given` cameras (B, n) if there are.
 
     `solve` finds the final optimum.
     """
-    found = _solved(object_segments, frames, weights, options, solve, given, trust_labels)
-    if trust_labels:
-        return found
-    return [with_border_asked(object_segments, frame, one) for frame, one in zip(frames, found, strict=True)]
-
-
-def _solved(
-    object_segments: ObjectSegments,
-    frames: list[Pixels],
-    weights: list[PixelWeights | None],
-    options: Options,
-    solve: Solver,
-    given: Array | None,
-    trust_labels: bool,
-) -> list[Calibration]:
-    """Calibrations of checked frames by their labels, wherever these end."""
-    observations = pack(object_segments, frames, options.image_size, weights, motion_of(options))
+    observations = pack(options.object_segments, frames, options.image_size, weights, options.motion)
     found = find_cameras(observations, options, given)
-    solution = levenberg_marquardt(
+    approached = levenberg_marquardt(
         found.evaluation, max_iterations=options.max_iterations, tolerance=options.approach_tolerance
-    )
-    solved = Relabelled(frames, solution.evaluation, found.prior, [()] * len(frames))
-    if not trust_labels:
-        solved = without_mislabels(object_segments, frames, weights, solution.evaluation, found.prior, options)
-    start = with_segment_ends(solved.evaluation, options.wide_loss.scale)
+    ).evaluation
+    relabelled = Relabelled(approached, found.prior, [()] * len(frames))
+    if not options.trust_labels:
+        relabelled = without_mislabels(approached, found.prior, options)
+    start = with_segment_ends(relabelled.evaluation, options.wide_loss.scale)
     solution = solve(start, max_iterations=options.max_iterations, tolerance=options.tolerance)
-    are_annotated = [not trust_labels and _weigh_alike(weight) for weight in weights]
+    are_annotated = [not options.trust_labels and _weigh_alike(weight) for weight in weights]
+    solved = _Frames(frames, observations, are_annotated, relabelled, solution, options)
     if not options.auto_lens:
-        return _judged(object_segments, frames, observations, solved, solution, options, are_annotated)
+        return _judged(solved)
     calibrations: dict[int, Calibration] = {}
-    for part in with_lens_as_called_for(object_segments, solution, solved.prior, options):
+    for part in with_lens_as_called_for(solution, relabelled.prior, options):
         index = part.frames
-        some = solved.take(index, part.prior)
-        members = [frames[t] for t in index]
-        seen, by_hand = observations.take(index), [are_annotated[t] for t in index]
-        judged = _judged(object_segments, members, seen, some, part.solution, part.options, by_hand)
-        extra = f"; {', '.join(part.freed)} estimated too, as the labels call for it" if part.freed else ""
-        for t, one in zip(index.tolist(), judged, strict=True):
-            calibrations[t] = replace(one, message=one.message + extra) if extra else one
+        some = _Frames(
+            [frames[t] for t in index],
+            observations.take(index),
+            [are_annotated[t] for t in index],
+            relabelled.take(index, part.prior),
+            part.solution,
+            part.options,
+            part.freed,
+        )
+        calibrations |= dict(zip(index.tolist(), _judged(some), strict=True))
     return [calibrations[t] for t in range(len(frames))]
 
 
@@ -261,87 +245,121 @@ def _weigh_alike(weights: PixelWeights | None) -> bool:
     return weights is None or all(np.allclose(of_label, 1.0 / len(of_label)) for of_label in weights.values())
 
 
-def motion_of(options: Options) -> Array | None:
-    """How the segments move with the size of the field, where that is a parameter."""
-    if options.field is None or options.layout.field_size is None:
-        return None
-    return options.field.motion
+@dataclass(frozen=True, eq=False)
+class _Frames:
+    """B frames and the cameras that they were solved for."""
+
+    given: list[Pixels]
+    """Labels as given."""
+    observations: Observations
+    """The same, packed."""
+    are_annotated: Sequence[bool]
+    """Whether somebody labelled them by hand."""
+    relabelled: Relabelled
+    """The labels that they were solved with."""
+    solution: Solution
+    options: Options
+    freed: tuple[str, ...] = ()
+    """Lens coefficients that were estimated beyond those of the flags."""
+
+    @property
+    def evaluation(self) -> Evaluation:
+        """Evaluation at the solution."""
+        return self.solution.evaluation
+
+    @cached_property
+    def fitted(self) -> list[Pixels]:
+        """The labels that they were solved with."""
+        observations = self.relabelled.evaluation.problem.observations
+        return [
+            observations.frame(t)[0] if suspects else self.given[t]
+            for t, suspects in enumerate(self.relabelled.suspects)
+        ]
+
+    def errors_as_given(self, fitted: list[dict[str, float]]) -> list[dict[str, float]]:
+        """Errors of the labels as given, from those of the labels that were solved with (`fitted`)."""
+        if not any(self.relabelled.suspects):
+            return fitted
+        problem = replace(self.evaluation.problem, observations=self.observations)
+        return [errors for errors, _ in segment_errors(evaluate(problem, self.evaluation.theta), self.given)]
 
 
-def _judged(
-    object_segments: ObjectSegments,
-    frames: list[Pixels],
-    observations: Observations,
-    solved: Relabelled,
-    solution: Solution,
-    options: Options,
-    are_annotated: Sequence[bool],
-) -> list[Calibration]:
+def _judged(frames: _Frames) -> list[Calibration]:
     """Cameras, errors and verdicts of solved frames.
 
-    Segments have the errors of the labels that were given; the verdict is on the labels that were solved with.
+    Errors are those of the labels that were given; the verdict is on the labels that were solved with.
     """
-    evaluation, prior, layout = solution.evaluation, solved.prior, options.layout
-    theta, far = evaluation.theta, options.wide_loss.scale
-    cameras = layout.cameras(theta)
-    losses = ndc_losses(theta, layout, object_segments, solved.frames)
-    wrong = implausibilities(evaluation, far=far, field=options.field, may_be_inside=options.may_be_inside)
-    labels = Information.of(evaluation, prior.sigma[:, layout.free])
-    # ends are seen from the camera that was found: they confirm it wherever it is
-    lines_alone = evaluation.with_ends(evaluation.problem.observations.without_ends.ends)
-    needed = Information.of(lines_alone, prior.sigma[:, layout.free]).about(options.is_camera)
-    lens_is_prior = _lens_is_prior(labels, options)
-    fitted = segment_errors(evaluation, solved.frames)
-    given = fitted
-    if any(solved.suspects):
-        given = segment_errors(evaluate(replace(evaluation.problem, observations=observations), theta), frames)
-
-    other = other_side(evaluation.problem.observations, theta, options)
+    options, relabelled, evaluation = frames.options, frames.relabelled, frames.evaluation
+    cameras = options.layout.cameras(evaluation.theta)
+    other = other_side(evaluation.problem.observations, evaluation.theta, options)
+    evidences = _evidence(frames)
+    errors = frames.errors_as_given([dict(evidence.errors) for evidence in evidences])
     calibrations = []
-    for t, (frame, (errors, rms)) in enumerate(zip(solved.frames, fitted, strict=True)):
-        evidence = Evidence(
+    for t, evidence in enumerate(evidences):
+        suspects = tuple(sorted(relabelled.suspects[t], key=lambda one: list(frames.given[t]).index(one.label)))
+        status, message = verdict(options.object_segments, frames.fitted[t], evidence, options.tau)
+        alternatives = (options.layout.camera(other.theta[t]),) if other.fits[t] else ()
+        notes = [message, *map(str, suspects), *[OTHER_SIDE_FITS] * len(alternatives)]
+        if status is Status.ACCEPTED and options.field is not None and repeats(frames.fitted[t], options):
+            notes.append(REPEATS.format(options.field.repeats))
+        if frames.freed:
+            notes.append(f"{', '.join(frames.freed)} estimated too, as the labels call for it")
+        found = Calibration(
+            camera=cameras[t],
+            status=status,
+            message="; ".join(notes),
+            rms=evidence.rms,
+            loss_ndc=evidence.loss_ndc,
+            per_segment_errors=errors[t],
+            suspect_labels=suspects,
+            alternatives=alternatives,
+            complaints=_complaints(errors[t], suspects, alternatives, evidence.far) + _misfit(evidence.rms, options),
+            pixel_counts={label: len(xy) for label, xy in frames.given[t].items()},
+            field=options.field,
+            errors=Solved(evaluation, relabelled.prior.sigma, t),
+            are_annotated=frames.are_annotated[t],
+        )
+        calibrations.append(
+            found if options.trust_labels else with_border_asked(options.object_segments, frames.given[t], found)
+        )
+    return calibrations
+
+
+def _evidence(frames: _Frames) -> list[Evidence]:
+    """The evidence for the verdict on each frame."""
+    options, relabelled, evaluation = frames.options, frames.relabelled, frames.evaluation
+    layout, far, sigma = options.layout, options.wide_loss.scale, relabelled.prior.sigma[:, options.layout.free]
+    losses = ndc_losses(evaluation.theta, layout, options.object_segments, frames.fitted)
+    wrong = implausibilities(evaluation, far=far, field=options.field, may_be_inside=options.may_be_inside)
+    labels = Information.of(evaluation, sigma)
+    # ends are seen from the camera that was found: they confirm it wherever it is
+    count = evaluation.r.shape[1] - evaluation.problem.observations.ends.xy.shape[1]
+    without_ends = replace(
+        labels, matrix=evaluation.information_of(slice(0, count)) * sigma[:, :, None] * sigma[:, None]
+    )
+    needed, lens_is_prior = without_ends.about(options.left_to_labels), _lens_is_prior(labels, options)
+    return [
+        Evidence(
             rms=rms,
             loss_ndc=float(losses[t]),
             errors=errors,
-            given=frames[t],
-            suspects=[suspect.label for suspect in solved.suspects[t]],
+            given=frames.given[t],
+            suspects=[suspect.label for suspect in relabelled.suspects[t]],
             far=far,
             unknowns=options.unknowns,
-            lens_is_prior=bool(lens_is_prior[t]),
             implausible=[reason for reason, mask in wrong.items() if mask[t]],
             weakest=needed.weakest(t),
-            converged=bool(solution.converged[t]),
+            converged=bool(frames.solution.converged[t]),
+            lens_is_prior=bool(lens_is_prior[t]),
         )
-        status, message = verdict(object_segments, frame, evidence, options.tau)
-        alternatives = (layout.camera(other.theta[t]),) if other.fits[t] else ()
-        notes = [*map(str, solved.suspects[t]), *[OTHER_SIDE_FITS] * len(alternatives)]
-        if status is Status.ACCEPTED and options.field is not None and repeats(frame, options):
-            notes.append(REPEATS.format(options.field.repeats))
-        message = "; ".join([message, *notes])
-        calibrations.append(
-            Calibration(
-                cameras[t],
-                status,
-                message,
-                rms,
-                evidence.loss_ndc,
-                given[t][0],
-                solved.suspects[t],
-                alternatives,
-                _complaints(given[t][0], solved.suspects[t], alternatives, far) + _misfit(rms, options),
-                {label: len(xy) for label, xy in frames[t].items()},
-                options.field,
-                Solved(evaluation, prior.sigma, t),
-                are_annotated=are_annotated[t],
-            )
-        )
-    return calibrations
+        for t, (errors, rms) in enumerate(segment_errors(evaluation, frames.fitted))
+    ]
 
 
 def _complaints(
     errors: Mapping[str, float], suspects: Sequence[SuspectLabel], alternatives: Sequence[Camera], far: float
 ) -> tuple[str, ...]:
-    """What the labels of one frame say against its camera, though most of them agree with it."""
+    """Complaints of the labels of one frame about a camera that most of them agree with."""
     suspected = {suspect.label for suspect in suspects}
     missed = [label for label, error in errors.items() if error > far and label not in suspected]
     found = [f"{len(suspects)} of {len(errors)} labels are suspect"] if suspects else []
@@ -350,14 +368,14 @@ def _complaints(
 
 
 def _misfit(rms: float, options: Options) -> tuple[str, ...]:
-    """What is said of a camera that misses most of its labels by a little."""
+    """The complaint about a camera that misses most of its labels by a little."""
     if not rms > NOISY * options.noise:
         return ()
     return (f"the labels lie {rms:.0f} px off: check the size of field and image, and what was given of the camera",)
 
 
-def _lens_is_prior(labels: Information, options: Options) -> Array:
-    """Whose k1 (B,) is mostly that of the prior: the labels cannot tell it from zoom and position."""
+def _lens_is_prior(labels: Information, options: Options) -> BoolArray:
+    """Which frames (B,) have a k1 that is determined by the prior, as the labels hardly tell it."""
     is_k1 = np.flatnonzero(options.layout.free) == options.layout.lens_block.start
     if not (options.use_prior and np.any(is_k1)):
         return np.zeros(len(labels.matrix), dtype=bool)

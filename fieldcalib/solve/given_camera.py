@@ -1,7 +1,8 @@
-"""What is known of a camera before it is calibrated, and a result that keeps it to the last bit."""
+"""The camera as far as the user knows it, and results that keep known values to the last bit."""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 from typing import NamedTuple
 
@@ -16,15 +17,20 @@ _F = CalibrationFlags
 
 
 class GivenCamera(NamedTuple):
-    """What the user says of a camera, in OpenCV's terms; the flags say what of it is known and what is a start."""
+    """Values of a camera in OpenCV's terms; flags say which of them are known and which are a start."""
 
     camera_matrix: ArrayLike | None = None
     dist_coeffs: ArrayLike | None = None
     rvec: ArrayLike | None = None
     tvec: ArrayLike | None = None
 
+    @property
+    def is_empty(self) -> bool:
+        """Whether nothing is given."""
+        return all(value is None for value in self)
+
     def camera(self, image_size: tuple[int, int]) -> Camera:
-        """A camera with the values that are given, and some others."""
+        """A camera with the given values, and arbitrary ones for the others."""
         nothing = np.zeros(3)
         rvec, tvec = (nothing if vector is None else vector for vector in (self.rvec, self.tvec))
         K = np.eye(3) if self.camera_matrix is None else self.camera_matrix
@@ -35,7 +41,7 @@ NOTHING_GIVEN = GivenCamera()
 
 
 def check_of_clip(flags: int) -> None:
-    """A ValueError if the flags say of all frames of a clip what is true of one only."""
+    """A ValueError if the flags fix the rotation of a clip's camera, which differs from frame to frame."""
     if flags & (_F.CALIB_FIX_ROTATION | _F.CALIB_USE_EXTRINSIC_GUESS):
         raise ValueError(
             "a rotation is of one frame, and the camera of a clip turns: CALIB_FIX_ROTATION and "
@@ -43,17 +49,22 @@ def check_of_clip(flags: int) -> None:
         )
 
 
-def as_fixed(calibration: Calibration, given: Camera, flags: int) -> Calibration:
-    """A calibration whose camera has the values that the flags fix exactly as in a given camera.
+def as_fixed(found: list[Calibration], given: GivenCamera | Sequence[Camera], flags: int) -> list[Calibration]:
+    """Calibrations whose cameras have exactly the given values that the flags fix.
 
-    A solver's parameters are logarithms and angles: the way there and back changes the last bits.
+    A solver's parameters are logarithms and angles: the way there and back changes the last bits. Values are given for
+    all alike, or by one camera for each.
     """
-    if calibration.camera is None or not flags & (
-        _F.CALIB_FIX_FOCAL_LENGTH | _F.CALIB_FIX_POSITION | _F.CALIB_FIX_ROTATION
-    ):
-        return calibration
-    others = tuple(_as_fixed(camera, given, flags) for camera in calibration.alternatives)
-    return replace(calibration, camera=_as_fixed(calibration.camera, given, flags), alternatives=others)
+    if not flags & (_F.CALIB_FIX_FOCAL_LENGTH | _F.CALIB_FIX_POSITION | _F.CALIB_FIX_ROTATION):
+        return found
+    fixed = []
+    for t, one in enumerate(found):
+        if one.camera is not None:
+            like = given.camera(one.camera.image_size) if isinstance(given, GivenCamera) else given[t]
+            camera, *others = (_as_fixed(camera, like, flags) for camera in (one.camera, *one.alternatives))
+            one = replace(one, camera=camera, alternatives=tuple(others))
+        fixed.append(one)
+    return fixed
 
 
 def _as_fixed(camera: Camera, given: Camera, flags: int) -> Camera:

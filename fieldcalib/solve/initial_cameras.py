@@ -84,12 +84,12 @@ def initial_cameras(
 
 
 def given_cameras(theta: Array, stands: GaussianPrior) -> InitialCameras:
-    """The initial cameras (T, n) that are known already, one of each frame."""
+    """Initial cameras (T, n) that are known already, one for each frame."""
     return InitialCameras(theta, np.arange(len(theta)), stands.take(_nearest_stand(theta, stands)))
 
 
 def _nearest_stand(theta: Array, stands: GaussianPrior) -> IntArray:
-    """Which of the stands each camera (N, n) is nearest to, by z-score, (N,)."""
+    """Index (N,) of the stand that each camera (N, n) is nearest to, by z-score."""
     z = stands.z_scores(theta[:, None])[..., POSE_AND_ZOOM]
     return np.asarray(np.argmin(np.sum(np.square(z), axis=-1), axis=-1))
 
@@ -210,10 +210,9 @@ def ground_homographies(
     member = (rows.label[:, None] == labels[:, None]) & on_ground[:, None]  # (T, L, N)
     image_lines = fit_lines(rows.xy[:, None], member.astype(float))
     rho = np.hypot(*observations.image_size) / 2.0
-    visible = np.where(member[..., None], rows.xy[:, None] / rho, np.nan)
-    length = np.zeros(member.shape[:2])
-    seen = member.any(axis=-1)
-    length[seen] = np.linalg.norm(np.nanmax(visible[seen], axis=1) - np.nanmin(visible[seen], axis=1), axis=-1)
+    inside, x = member[..., None], rows.xy[:, None] / rho
+    extent = np.max(np.where(inside, x, -np.inf), axis=2) - np.min(np.where(inside, x, np.inf), axis=2)
+    length = np.where(member.any(axis=-1), np.linalg.norm(extent, axis=-1), 0.0)
 
     first = np.argmax(rows.label.ravel() == labels[:, None], axis=1)  # any row of each label knows its segment
     start, direction = np.moveaxis(rows.geometry.reshape(-1, 2, 3)[first], 1, 0)
@@ -229,5 +228,5 @@ def ground_homographies(
 
 
 def _ground_rows(rows: Rows) -> BoolArray:
-    """Which rows (T, N) are pixels of lines on the ground."""
+    """Mask (T, N) of the pixels on lines of the ground."""
     return np.asarray(np.all(np.abs(rows.geometry[..., 2]) < ON_GROUND, axis=-1) & (rows.weight > 0.0))

@@ -1,4 +1,4 @@
-"""Where labels end all together: at the border of the picture that they were found in, which may not be the one said.
+"""Labels that all end at one column: the border of the picture that they were set in, perhaps not of the size given.
 
 Annotators follow a marking to the border of the picture. Labels of a picture of 960 x 540 that is said to have
 1280 x 720 pixels end at column 959, though their segments go on in the picture.
@@ -27,10 +27,7 @@ ENDS = "the labels end at column"
 
 
 def with_border_asked(object_segments: ObjectSegments, frame: Pixels, calibration: Calibration) -> Calibration:
-    """A calibration with what `other_border` says of the labels of its picture, instead of what it said before.
-
-    Nothing is said of labels that nobody set by hand.
-    """
+    """Replace the complaint of `other_border` about a calibration; only labels set by hand are complained about."""
     others = tuple(one for one in calibration.complaints if not one.startswith(ENDS))
     if calibration.camera is not None and calibration.are_annotated:
         said = other_border(object_segments, frame, calibration.camera.image_size, calibration.camera)
@@ -41,7 +38,7 @@ def with_border_asked(object_segments: ObjectSegments, frame: Pixels, calibratio
 def other_border(
     object_segments: ObjectSegments, frame: Pixels, image_size: tuple[int, int], camera: Camera | None
 ) -> str | None:
-    """In words, that the labels of a frame end at a border which is not that of its picture; None if they do not.
+    """Complaint that the labels of a frame end at a border which is not that of its picture; None if they do not.
 
     On 756 annotated frames of SoccerNet and WC14 it says so of none; on 96 % of those whose width is said to be a third
     larger or smaller than it is. Only labels count whose segments go on in the picture of the `camera` found.

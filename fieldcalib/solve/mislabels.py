@@ -21,6 +21,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, fields, replace
+from functools import cached_property
 
 import numpy as np
 
@@ -28,11 +29,11 @@ from fieldcalib._types import Array, BoolArray, IntArray
 from fieldcalib.assess.result import SuspectLabel
 from fieldcalib.assess.verdict import disagreement, implausibilities
 from fieldcalib.fields.field import Field
-from fieldcalib.fields.segments import ObjectSegments, boxes
+from fieldcalib.fields.segments import boxes
 from fieldcalib.problem.evaluation import Evaluation, Problem, evaluate
-from fieldcalib.problem.labelled_pixels import Pixels, PixelWeights
+from fieldcalib.problem.labelled_pixels import Pixels
 from fieldcalib.problem.levenberg_marquardt import levenberg_marquardt
-from fieldcalib.problem.observations import pack
+from fieldcalib.problem.observations import Observations, pack
 from fieldcalib.problem.prior import GaussianPrior
 from fieldcalib.solve.options import CERTAIN, Options
 from fieldcalib.solve.search import find_cameras
@@ -49,41 +50,25 @@ PIXELS = 8  # of a segment, compared with all other labels: densely labelled one
 class Relabelled:
     """T frames solved without the mislabelled segments."""
 
-    frames: list[Pixels]
-    """The pixels under the labels that they were solved with: suspects renamed, or absent if no label fits."""
     evaluation: Evaluation
-    """Of `frames`, at their cameras, each with the prior of the stand where it is."""
+    """Under the labels that were solved with: suspects renamed, or absent if no label fits."""
     prior: GaussianPrior
-    """Means and sigmas (T, n), also where the problem has no prior."""
+    """Means and sigmas (T, n) of the stand where each camera is, also where the problem has no prior."""
     suspects: list[tuple[SuspectLabel, ...]]
-    """Of each frame, in the order of its labels."""
+    """Mislabelled segments of each frame."""
 
     def take(self, index: IntArray, prior: GaussianPrior) -> Relabelled:
         """Some of the frames, under other priors."""
-        frames, suspects = [self.frames[t] for t in index], [self.suspects[t] for t in index]
-        return Relabelled(frames, self.evaluation.take(index), prior, suspects)
+        return Relabelled(self.evaluation.take(index), prior, [self.suspects[t] for t in index])
 
 
-def without_mislabels(
-    object_segments: ObjectSegments,
-    frames: list[Pixels],
-    weights: list[PixelWeights | None],
-    evaluation: Evaluation,
-    prior: GaussianPrior,
-    options: Options,
-) -> Relabelled:
+def without_mislabels(evaluation: Evaluation, prior: GaussianPrior, options: Options) -> Relabelled:
     """Find the mislabelled segments, and the cameras of their frames again.
 
     Parameters
     ----------
-    object_segments : mapping of str to segment
-        The calibration object.
-    frames : list of T dicts of str to (N, 2) array
-        Pixels by label.
-    weights : list of T dicts of str to (N,) array, or None
-        What they weigh, as for `pack`.
     evaluation : Evaluation
-        The frames packed, and solved as if all labels were right.
+        T frames, solved as if all labels were right.
     prior : GaussianPrior
         Of the stand that each camera belongs to, (T, n).
     options : Options
@@ -107,79 +92,65 @@ def without_mislabels(
     >>> calibrate_from_segments(soccer(), frame, (960, 540)).suspect_labels[0].fits
     'Goal left post right'
     """
-    costs = _Costs.of(object_segments, evaluation, options)
+    costs = _Costs.of(evaluation, options)
+    suspects: list[tuple[SuspectLabel, ...]] = [()] * len(evaluation.theta)
     doubtful = np.flatnonzero(np.any(costs.of_given(evaluation) > costs.renamed, axis=1))
-    if not len(doubtful):
-        return Relabelled(frames, evaluation, prior, [()] * len(frames))
-    suspects: list[tuple[SuspectLabel, ...]] = [()] * len(frames)
-    some = _Search(costs, [frames[t] for t in doubtful], evaluation.take(doubtful), options)
-    for t, its_suspects in zip(doubtful, some.suspects(), strict=True):
-        suspects[t] = its_suspects
+    if len(doubtful):
+        search = _Search(costs, evaluation.take(doubtful), options)
+        for t, its_suspects in zip(doubtful, search.suspects(), strict=True):
+            suspects[t] = its_suspects
     index = np.flatnonzero([bool(one) for one in suspects])
     if not len(index):
-        return Relabelled(frames, evaluation, prior, suspects)
+        return Relabelled(evaluation, prior, suspects)
 
     # frames with suspects are calibrated from the beginning, as if they had been labelled so
-    believed = [renamed(frame, one) for frame, one in zip(frames, suspects, strict=True)]
-    their_weights = [given and renamed(given, one) for given, one in zip(weights, suspects, strict=True)]
-    observations = evaluation.problem.observations
-    packed = pack(object_segments, believed, observations.image_size, their_weights, observations.motion)
-    found = find_cameras(packed.take(index), options)
+    observations = _without(evaluation.problem.observations, suspects)
+    found = find_cameras(observations.take(index), options)
     solution = levenberg_marquardt(
         found.evaluation, max_iterations=options.max_iterations, tolerance=options.approach_tolerance
     )
-    mean, sigma = prior.mean.copy(), prior.sigma.copy()
-    mean[index], sigma[index] = found.prior.mean, found.prior.sigma
+    mean, sigma, theta = prior.mean.copy(), prior.sigma.copy(), evaluation.theta.copy()
+    mean[index], sigma[index], theta[index] = found.prior.mean, found.prior.sigma, solution.theta
     prior = GaussianPrior(mean, sigma)
     problem = replace(
-        evaluation.problem, observations=packed, prior=None if evaluation.problem.prior is None else prior
+        evaluation.problem, observations=observations, prior=None if evaluation.problem.prior is None else prior
     )
-    theta = evaluation.theta.copy()
-    theta[index] = solution.theta
-    return Relabelled(believed, evaluate(problem, theta), prior, suspects)
+    return Relabelled(evaluate(problem, theta), prior, suspects)
 
 
-def renamed(frame: Pixels, suspects: Sequence[SuspectLabel]) -> Pixels:
-    """A frame, or the weights of its pixels, under the labels that fit, without what none fits.
-
-    Examples
-    --------
-    >>> renamed({"a": np.zeros((1, 2)), "b": np.ones((2, 2))}, [SuspectLabel("b", "a", 50.0)])["a"].shape
-    (3, 2)
-    """
-    fits = {suspect.label: suspect.fits for suspect in suspects}
-    parts: dict[str, list[Array]] = {}
-    for given, xy in frame.items():
-        label = fits.get(given, given)
-        if label is not None:
-            parts.setdefault(label, []).append(xy)
-    return {label: np.concatenate(xy) for label, xy in parts.items()}
+def _without(observations: Observations, suspects: Sequence[Sequence[SuspectLabel]]) -> Observations:
+    """The pixels of suspects under the labels that fit, without those that none fits."""
+    number = {label: index for index, label in enumerate(observations.labels)} | {None: -1}
+    believed = np.tile(np.arange(len(observations.labels)), (len(observations), 1))
+    for t, of_frame in enumerate(suspects):
+        for suspect in of_frame:
+            believed[t, number[suspect.label]] = number[suspect.fits]
+    return observations.relabelled(believed[observations.pixels.frame, observations.pixels.label])
 
 
 @dataclass(frozen=True, eq=False)
 class _Costs:
-    """What the explanations of an object's L labels cost, in units of the solver's cost."""
+    """Costs of the explanations of an object's L labels, in units of the solver's cost."""
 
-    object_segments: ObjectSegments
     renamed: Array
     """(L,) of another label, to which what its segment costs is added."""
     missed: float
-    """Of no label."""
+    """Cost of a segment that no label fits."""
     low: Array
     """Boxes around the segments, larger by what annotators overshoot, (L, 3) metres."""
     high: Array
 
     @classmethod
-    def of(cls, object_segments: ObjectSegments, evaluation: Evaluation, options: Options) -> _Costs:
+    def of(cls, evaluation: Evaluation, options: Options) -> _Costs:
         """Costs under the loss and the noise of a problem."""
-        problem = evaluation.problem
-        is_point = np.array([segment.is_point for segment in object_segments.values()])
+        problem, object_segments = evaluation.problem, options.object_segments
+        is_point = np.array([segment.is_point for segment in problem.observations.segments])
         others = np.where(is_point, np.sum(is_point), np.sum(~is_point)) - 1
         rho, _ = problem.loss.evaluate(np.array(options.wide_loss.scale**2))
         missed = LOG_ODDS + 0.5 * float(rho) / problem.noise**2
         reach = OVERSHOOT * problem.scale
         low, high = object_segments.boxes if isinstance(object_segments, Field) else boxes(object_segments)
-        return cls(object_segments, LOG_ODDS + np.log(np.maximum(others, 1)), missed, low - reach, high + reach)
+        return cls(LOG_ODDS + np.log(np.maximum(others, 1)), missed, low - reach, high + reach)
 
     def of_given(self, evaluation: Evaluation) -> Array:
         """Costs of the labels as they were given, (B, L); 0 for labels that a frame does not have."""
@@ -207,15 +178,15 @@ class _Explanations:
     """K cameras that explain frames with L labels."""
 
     frame: IntArray
-    """Which frame each explains, (K,)."""
+    """Frame that each camera explains, (K,)."""
     theta: Array
     """(K, n)."""
     cost: Array
-    """(K,); infinite if the camera is implausible, or pruned: it cannot become the cheapest of its frame."""
+    """(K,); infinite if the camera is implausible, or if it cannot become the cheapest of its frame."""
     given: Array
-    """(K, L) if the label is kept."""
+    """Cost of each label if it is kept, (K, L)."""
     cheapest: Array
-    """(K, L)."""
+    """Cost of the cheapest explanation of each label, (K, L)."""
     fits: IntArray
     """(K, L) label of the cheapest explanation, -1 if that is none."""
     errors: Array
@@ -223,7 +194,7 @@ class _Explanations:
 
     @property
     def wrong(self) -> BoolArray:
-        """Which labels are not kept, (K, L)."""
+        """Mask (K, L) of the labels that are not kept."""
         return np.asarray(self.cheapest < self.given)
 
     def take(self, index: IntArray | BoolArray) -> _Explanations:
@@ -240,10 +211,14 @@ class _Search:
     """The explanations of doubtful frames."""
 
     costs: _Costs
-    frames: list[Pixels]
     evaluation: Evaluation
-    """As if all labels were right."""
+    """The frames solved as if all labels were right."""
     options: Options
+
+    @cached_property
+    def frames(self) -> list[Pixels]:
+        """Pixels of each frame by label: alternatives are weighed label by label."""
+        return [pixels for pixels, _ in self.evaluation.problem.observations.by_frame()]
 
     @np.errstate(over="ignore", invalid="ignore")  # labels that were left out may be where an absurd lens has no images
     def suspects(self) -> list[tuple[SuspectLabel, ...]]:
@@ -263,7 +238,7 @@ class _Search:
         return [self._suspects(t, every.take(every.frame == t)) for t in range(len(self.frames))]
 
     def _at_hand(self) -> _Explanations:
-        """By the cameras at hand, and by the same solved without what they say is mislabelled."""
+        """Explanations by the cameras at hand, and by the same solved without the labels that these give up."""
         frame = np.arange(len(self.frames))
         first = self._explained(frame, self.evaluation, self.evaluation)
         problem = self.evaluation.problem
@@ -272,7 +247,7 @@ class _Search:
         return _Explanations.joined([first, self._explained(frame, again.of(problem), again)])
 
     def _from_anew(self, needy: list[int]) -> list[_Explanations]:
-        """By cameras that are searched for without one of the labels, for the frames that need it."""
+        """Explanations of `needy` frames by cameras that are searched without one of their labels."""
         labels = self.evaluation.problem.observations.labels
         number = {label: index for index, label in enumerate(labels)}
         left_out = [(t, number[label]) for t in needy for label in self.frames[t] if self._can_do_without(t, label)]
@@ -287,10 +262,10 @@ class _Search:
         return self._refined(frame, replace(problem, prior=prior), found.evaluation.theta, wrong)
 
     def _can_do_without(self, t: int, label: str) -> bool:
-        return disagreement(self.costs.object_segments, self.frames[t], [label], self.options.unknowns) is None
+        return disagreement(self.options.object_segments, self.frames[t], [label], self.options.unknowns) is None
 
     def _refined(self, frame: IntArray, problem: Problem, theta: Array, wrong: BoolArray) -> list[_Explanations]:
-        """By K cameras that are solved without the labels `wrong` (K, L), then without what they say is mislabelled."""
+        """Explanations by K cameras, solved without labels `wrong` (K, L), then without those that these give up."""
         finished = []
         for turn in range(ROUNDS):
             # the lens comes second: a free lens would absorb mislabelled segments
@@ -346,7 +321,7 @@ class _Search:
 
         All pixels must lie on the other segment itself, not only on the line that prolongs it.
         """
-        object_segments, observations = self.costs.object_segments, evaluation.problem.observations
+        object_segments, observations = self.options.object_segments, evaluation.problem.observations
         labels = observations.labels
         pairs, which = np.unique(np.column_stack([frame, label]), axis=0, return_inverse=True)
         as_all_others = []  # frames in which the pixels of one segment carry every other label
@@ -375,7 +350,7 @@ class _Search:
         if_kept = np.min(found.cost[:, None] - found.cheapest + found.given, axis=0)
         suspect = found.wrong[best] & (if_kept > found.cost[best] + CERTAIN)
         names = [label for label in self.frames[t] if suspect[number[label]]]
-        if disagreement(self.costs.object_segments, self.frames[t], names, self.options.unknowns) is not None:
+        if disagreement(self.options.object_segments, self.frames[t], names, self.options.unknowns) is not None:
             return ()
         fits = {label: found.fits[best, number[label]] for label in names}
         return tuple(

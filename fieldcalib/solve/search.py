@@ -18,25 +18,25 @@ from fieldcalib.solve.options import Options
 from fieldcalib.solve.symmetry import on_main_side
 
 FIRST_ITERATIONS = 4  # of every initial camera
-PROMISING = 3  # cameras of a frame that go on,
-HOPELESS = 2.0  # unless they cost that many times what the best one does
+PROMISING = 3  # cameras of a frame that are solved further,
+HOPELESS = 2.0  # unless they cost more than this many times the best one
 WIDE_ITERATIONS = 30
-WIDE_TOLERANCE = 0.2  # share of the cost: the narrow stage does the rest,
-RIVALS_TOLERANCE = 0.01  # but which of several cameras is the best one shows at their minima
+WIDE_TOLERANCE = 0.2  # relative decrease of the cost: the narrow stage does the rest,
+RIVALS_TOLERANCE = 0.01  # but several cameras can be compared only at their minima
 
 
 @dataclass(frozen=True, eq=False)
 class Found:
-    """For each of B frames the camera that the narrow loss starts from."""
+    """Cameras of B frames from which the narrow loss starts."""
 
     evaluation: Evaluation
-    """Of the narrow problem, at that camera."""
+    """Evaluation of the narrow problem at that camera."""
     prior: GaussianPrior
-    """Means and sigmas (B, n) of the stand where it is, also where the problem has no prior."""
+    """Means and sigmas (B, n) of the stand where the camera is, also where the problem has no prior."""
 
 
 def find_cameras(observations: Observations, options: Options, given: Array | None = None) -> Found:
-    """Search a camera for each of B frames, each with at least one pixel, near `given` ones (B, n) if there are any."""
+    """Search the cameras of B frames that have pixels, near `given` ones (B, n) if there are any."""
     layout, known = _without_lens(options), options.known
     only_turned = given is None and not np.any(options.layout.free[ANGLES]) and np.isnan(known[CENTER]).any()
     if only_turned:  # at the middle of a stand, a camera that is turned like that sees something else
@@ -84,7 +84,7 @@ def find_cameras(observations: Observations, options: Options, given: Array | No
 
 
 def _turned_as_known(theta: Array, angles: Array) -> Array:
-    """Cameras (B, n) with known angles (3,), on the side of the field from where these look at it."""
+    """Give cameras (B, n) known angles (3,), on the side of the field from which these angles look at it."""
     across = np.cos(theta[:, PAN] - angles[PAN]) < 0.0
     turned = np.where(across[:, None], turned_around(theta), theta)
     turned[:, ANGLES] = angles
@@ -129,7 +129,7 @@ def _best(evaluation: Evaluation, frame: IntArray, kept: int, options: Options) 
 
 
 def _fits_most(evaluation: Evaluation, scale: float) -> BoolArray:
-    """Which cameras (B,) have more than half of their frame's pixels within `scale` already.
+    """Mask (B,) of the cameras that have more than half of their frame's pixels within `scale` already.
 
     On annotated frames the narrow loss alone then leads where the wide one does: 4 of 2465 trials with initial cameras
     up to 50 px off ended elsewhere, two of them lower.

@@ -26,20 +26,20 @@ class OtherSide:
     theta: Array
     """(B, n)."""
     prior: GaussianPrior
-    """Of the stands where they are then, (B, n)."""
+    """Prior of the stands where the turned cameras are, (B, n); meaningless if none fits."""
     fits: BoolArray
     """Whether the labels say nothing against them, and the prior hardly more than against the others, (B,)."""
 
 
 def other_side(observations: Observations, theta: Array, options: Options) -> OtherSide:
     """The cameras (B, n) on the other side of the field, and whether they explain B frames as well."""
-    turned = turned_around(theta)
-    prior = options.stands
+    turned, prior, free = turned_around(theta), options.stands, options.layout.free
+    fits = _look_alike(options.field, observations) & bool(np.all(free[CENTER]) and free[PAN])
+    if not np.any(fits):
+        return OtherSide(turned, prior.take(np.zeros(len(theta), dtype=np.intp)), fits)
     here, there = (
         np.sum(np.square(prior.z_scores(camera[:, None])[..., POSE_AND_ZOOM]), axis=-1) for camera in (theta, turned)
     )
-    free = options.layout.free
-    fits = _look_alike(options.field, observations) & bool(np.all(free[CENTER]) and free[PAN])
     if options.use_prior:
         fits &= 0.5 * (there.min(axis=1) - here.min(axis=1)) < CERTAIN
     return OtherSide(turned, prior.take(np.argmin(there, axis=1)), fits)
@@ -48,7 +48,7 @@ def other_side(observations: Observations, theta: Array, options: Options) -> Ot
 def on_main_side(
     observations: Observations, theta: Array, prior: GaussianPrior, options: Options
 ) -> tuple[Array, GaussianPrior]:
-    """Cameras (B, n) and their priors, those turned that may as well stand on the main side, where broadcasters do.
+    """Cameras (B, n) and their priors; those that may as well stand on the main side, as broadcasters do, are turned.
 
     Skipped if the position is given.
     """
@@ -73,7 +73,7 @@ def repeats(labels: Iterable[str], options: Options) -> bool:
 
 
 def _look_alike(field: Field | None, observations: Observations) -> BoolArray:
-    """Which frames (B,) are labelled with nothing but what is the same from the other side of the field."""
+    """Mask (B,) of the frames whose labels all look the same from the other side of the field."""
     if field is None:
         return np.zeros(len(observations), dtype=bool)
     alike = np.array([label in field.self_symmetric for label in observations.labels])

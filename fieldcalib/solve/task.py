@@ -1,0 +1,224 @@
+"""The task that all methods of calibration share: their common arguments, checked and translated for the solver."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from numbers import Real
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from fieldcalib._types import Array
+from fieldcalib.fields.field import Field
+from fieldcalib.fields.segments import ObjectSegments
+from fieldcalib.fields.stands import SOCCER_SCALE, CameraDistribution, stands_around
+from fieldcalib.geometry.camera import Camera, checked_image_size
+from fieldcalib.geometry.lens import lens_with
+from fieldcalib.geometry.lens.opencv import COEFFICIENTS, nonzero_coefficients, opencv_vector
+from fieldcalib.problem.labelled_pixels import check_object
+from fieldcalib.problem.layout import (
+    ANGLES,
+    CENTER,
+    LOG_ASPECT,
+    LOG_F,
+    POSE_AND_ZOOM,
+    PRINCIPAL_POINT,
+    ROLL,
+    Layout,
+    Role,
+    SizeBlock,
+)
+from fieldcalib.problem.losses import LossName, RobustLoss
+from fieldcalib.solve.given_camera import NOTHING_GIVEN, GivenCamera
+from fieldcalib.solve.options import (
+    ALL,
+    BLOCKS_OF_FLAGS,
+    COUNT,
+    DEFAULT_CRITERIA,
+    EPS,
+    NARROW_SCALE,
+    CalibrationFlags,
+    Criteria,
+    Options,
+    Prior,
+    checked_prior,
+    default_flags,
+    pixel_unit,
+)
+
+F = CalibrationFlags
+SUPPORTED = sum(F)
+
+
+@dataclass(frozen=True, eq=False)
+class Task:
+    """The arguments of `calibrate_from_segments` that do not depend on the frame, as the user gave them."""
+
+    object_segments: ObjectSegments
+    given: GivenCamera = NOTHING_GIVEN
+    flags: int | None = None
+    criteria: Criteria = DEFAULT_CRITERIA
+    prior: Prior = ALL
+    loss: LossName | RobustLoss = "cauchy"
+    tau: float | None = None
+    paint: float = 0.0
+    trust_labels: bool = False
+
+    def __post_init__(self) -> None:
+        check_object(self.object_segments)
+
+    @property
+    def field(self) -> Field | None:
+        """The calibration object if it is a `Field`."""
+        return self.object_segments if isinstance(self.object_segments, Field) else None
+
+    def with_flags(self, flags: CalibrationFlags) -> Task:
+        """Add flags to those of the task."""
+        return replace(self, flags=(default_flags(self.prior) if self.flags is None else self.flags) | flags)
+
+    def options(self, image_size: tuple[int, int]) -> Options:
+        """The options for frames of one size; a ValueError says which arguments do not fit together.
+
+        Without a prior, initial cameras come from the stands of the field, or from all sides where it knows none.
+        """
+        image_size = checked_image_size(image_size)
+        flags = _checked_flags(default_flags(self.prior) if self.flags is None else self.flags)
+        layout = _layout(image_size, self.given.dist_coeffs, flags, self._size_block)
+        if not np.any(layout.free[POSE_AND_ZOOM]):
+            raise ValueError(
+                "the flags leave nothing to estimate: focal length, position and rotation are all fixed; leave out one "
+                "of CALIB_FIX_FOCAL_LENGTH, CALIB_FIX_POSITION and CALIB_FIX_ROTATION"
+            )
+        _check_given(self.given, flags)
+        known = _known_parameters(layout, self.given, flags)
+        max_iterations, tolerance = _checked_criteria(self.criteria)
+        distributions = self._distributions
+        if self.tau is not None and not (isinstance(self.tau, Real) and self.tau > 0.0):
+            raise ValueError(f"tau must be a positive loss in NDC (the paper's is 0.019) or None, got {self.tau}")
+        if not (isinstance(self.paint, Real) and 0.0 <= self.paint < np.inf):
+            raise ValueError(f"paint must be a standard deviation in metres, not negative, got {self.paint}")
+        loss = self.loss
+        return Options(
+            self.object_segments,
+            flags,
+            known,
+            layout,
+            distributions,
+            self.prior is not None,
+            loss if isinstance(loss, RobustLoss) else RobustLoss(loss, NARROW_SCALE * pixel_unit(image_size)),
+            max_iterations,
+            tolerance,
+            self.tau,
+            self.paint,
+            self.trust_labels,
+        )
+
+    @property
+    def _distributions(self) -> tuple[CameraDistribution, ...]:
+        if self.prior is not None:
+            return checked_prior(self.prior, self.field)
+        if self.field is None:
+            return stands_around(SOCCER_SCALE)
+        return self.field.stands or stands_around(self.field.scale)
+
+    @property
+    def _size_block(self) -> SizeBlock | None:
+        """Length and width as parameters, where they are not known and there is a prior for them."""
+        field = self.field
+        model = field.size_model if field is not None and field.moves_with_size else None
+        if field is None or model is None or self.prior is None or field.size_known:
+            return None
+        given = np.array([field.length, field.width])
+        return SizeBlock(given, model.sigma, model.limits, model.possibilities, model.crown)
+
+
+def _checked_flags(flags: int) -> CalibrationFlags:
+    if flags & ~SUPPORTED:
+        raise ValueError(
+            f"flags {flags & ~SUPPORTED:#x} are not supported: expected a combination of "
+            f"{', '.join(str(flag.name) for flag in CalibrationFlags)}"
+        )
+    if flags & F.CALIB_AUTO_LENS and flags & F.CALIB_FIX_K1:
+        raise ValueError("CALIB_FIX_K1 and CALIB_AUTO_LENS contradict each other: one keeps the lens, one estimates it")
+    return CalibrationFlags(flags)
+
+
+def _checked_criteria(criteria: Criteria) -> tuple[int, float]:
+    """Number of iterations, and relative decrease of the cost at which they end."""
+    try:
+        kind, max_count, eps = criteria
+    except (TypeError, ValueError):
+        raise ValueError(f"criteria must be cv2's (type, max_count, eps), got {criteria!r}") from None
+    if not (0 < kind <= COUNT + EPS) or (kind & COUNT and max_count < 1) or (kind & EPS and not eps > 0.0):
+        raise ValueError(
+            f"criteria must be (type, max_count, eps) with type TERM_CRITERIA_COUNT (1), _EPS (2) or their sum, "
+            f"max_count >= 1 and eps > 0, got {criteria!r}"
+        )
+    # without a count the iterations are bounded all the same, without an eps only rounding ends them
+    return (int(max_count) if kind & COUNT else 1000), (max(float(eps), 1e-15) if kind & EPS else 1e-15)
+
+
+def _check_given(given: GivenCamera, flags: CalibrationFlags) -> None:
+    """A ValueError if flags and values of the camera do not go together."""
+    wants_intrinsics = bool(flags & (F.CALIB_USE_INTRINSIC_GUESS | F.CALIB_FIX_FOCAL_LENGTH))
+    if wants_intrinsics != (given.camera_matrix is not None):
+        raise ValueError(
+            "camera_matrix and the flags CALIB_USE_INTRINSIC_GUESS or CALIB_FIX_FOCAL_LENGTH go together: "
+            + ("camera_matrix is missing" if wants_intrinsics else "without one of them camera_matrix would be ignored")
+        )
+    if given.dist_coeffs is not None and given.camera_matrix is None:
+        raise ValueError("dist_coeffs belong to a focal length: give camera_matrix with them")
+    wants_position = bool(flags & (F.CALIB_USE_EXTRINSIC_GUESS | F.CALIB_FIX_POSITION))
+    wants_rotation = bool(flags & (F.CALIB_USE_EXTRINSIC_GUESS | F.CALIB_FIX_ROTATION))
+    is_given = given.rvec is not None, given.tvec is not None
+    if is_given != (wants_position or wants_rotation, wants_position):
+        problem = {
+            (False, False): "rvec and tvec are missing" if wants_position else "rvec is missing",
+            (True, True): "without a flag they would be ignored" if not wants_rotation else "tvec would be ignored",
+        }
+        raise ValueError(
+            "rvec, tvec and the flags CALIB_USE_EXTRINSIC_GUESS or CALIB_FIX_POSITION go together, as do rvec alone "
+            f"and CALIB_FIX_ROTATION: {problem.get(is_given, 'give both rvec and tvec')}"
+        )
+
+
+def _known_parameters(layout: Layout, given: GivenCamera, flags: CalibrationFlags) -> Array:
+    """Parameters (n,) that were given or that have a default; NaN where nothing is known."""
+    known = np.full(layout.size, np.nan)
+    known[PRINCIPAL_POINT] = np.array(layout.image_size) / 2.0
+    known[layout.lens_block] = known[LOG_ASPECT] = 0.0
+    if layout.field_size is not None:
+        known[layout.field_size_block] = layout.field_size.given
+        known[layout.crown_block] = 0.0
+    if flags & F.CALIB_FIX_ROLL:
+        known[ROLL] = 0.0
+    if given.camera_matrix is not None:
+        dist = opencv_vector(given.dist_coeffs)
+        theta = layout.theta(Camera(given.camera_matrix, np.eye(3), np.zeros(3), layout.image_size, dist))
+        known[LOG_F], known[LOG_ASPECT] = theta[LOG_F], theta[LOG_ASPECT]
+        known[PRINCIPAL_POINT], known[layout.lens_block] = theta[PRINCIPAL_POINT], theta[layout.lens_block]
+    if given.rvec is not None:
+        tvec = np.zeros(3) if given.tvec is None else given.tvec
+        theta = layout.theta(Camera.from_opencv(given.rvec, tvec, np.eye(3), None, layout.image_size))
+        if flags & (F.CALIB_USE_EXTRINSIC_GUESS | F.CALIB_FIX_ROTATION):
+            known[ANGLES] = theta[ANGLES]
+        elif flags & F.CALIB_FIX_ROLL:
+            known[ROLL] = theta[ROLL]
+        if given.tvec is not None:
+            known[CENTER] = theta[CENTER]
+    return known
+
+
+def _layout(
+    image_size: tuple[int, int], dist_coeffs: ArrayLike | None, flags: CalibrationFlags, size: SizeBlock | None
+) -> Layout:
+    """Blocks of theta, with the smallest lens that has what is known and what is estimated, and roles by the flags.
+
+    The size of a field that is not known is considered: kept, with its uncertainty in that of the camera.
+    """
+    rho = float(np.hypot(*image_size) / 2.0)
+    freed = {block for flag, blocks in BLOCKS_OF_FLAGS.items() if not flags & flag for block in blocks}
+    lens = lens_with({"k1", *(freed & {*COEFFICIENTS}), *nonzero_coefficients(dist_coeffs)}, rho)
+    layout = Layout.of(image_size, lens, size).with_roles(Role.CONSIDERED, "field size")
+    known = [block for flag, blocks in BLOCKS_OF_FLAGS.items() if flags & flag for block in blocks]
+    return layout.fixed(*(block for block in known if block in layout.blocks))
