@@ -18,7 +18,7 @@ from fieldcalib.assess.verdict import LABEL_MORE
 from fieldcalib.images.detected_lines import SEARCH_RANGES
 from fieldcalib.images.field_markings import Markings
 from fieldcalib.images.refinement import line_support, near_labels
-from fieldcalib.io.image import Image
+from fieldcalib.io.image import Image, size_of
 from fieldcalib.localize import Localization
 from fieldcalib.solve.batch import calibrate_labels
 from fieldcalib.solve.options import CalibrationFlags
@@ -59,7 +59,7 @@ def calibrate_from_consensus(task: Task, image: Image, found: Localization) -> l
     heaviest = sorted(weight, key=lambda label: -weight[label])[:HEAVIEST]
     if len(heaviest) <= PER_HYPOTHESIS:
         return []
-    size = image.shape[1], image.shape[0]
+    size = size_of(image)
     markings = Markings.of(task.object_segments)
 
     def calibrated(chosen: Iterable[Iterable[str]]) -> list[Calibration]:

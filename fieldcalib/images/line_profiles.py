@@ -17,7 +17,7 @@ from fieldcalib._types import Array, BoolArray, Float32, IntArray
 from fieldcalib.fields.traits import LineLook
 from fieldcalib.geometry.camera import Camera
 from fieldcalib.images.field_markings import Markings
-from fieldcalib.io.image import Image
+from fieldcalib.io.image import Image, size_of
 from fieldcalib.problem.labelled_pixels import Pixels
 from fieldcalib.solve.options import pixel_unit
 
@@ -195,7 +195,7 @@ class Strips:
 
         They end halfway to the next marking, unless they are to go `past_others`.
         """
-        unit = pixel_unit((image.shape[1], image.shape[0]))
+        unit = pixel_unit(size_of(image))
         width = np.hypot(profiles.width, BLUR)
         spacing = width / 3.0
         half = _half(profiles, spacing, unit, search_range, past_others)
@@ -292,7 +292,7 @@ def _colours(image: Image, profiles: Profiles, spacing: Array, half: int) -> Flo
     n, m = len(profiles), 2 * half + 1
     if not n:
         return np.zeros((3, 0, m - 2), np.float32)
-    along = ROW_SPACING * pixel_unit((image.shape[1], image.shape[0])) * (np.arange(ROWS) - (ROWS - 1) / 2.0)
+    along = ROW_SPACING * pixel_unit(size_of(image)) * (np.arange(ROWS) - (ROWS - 1) / 2.0)
     offset = np.arange(-half, half + 1) * spacing[:, None]
     (x, y), (nx, ny) = profiles.xy.T[..., None], profiles.normal.T[..., None]
     map_x, map_y = (

@@ -61,7 +61,7 @@ class Padded:
 
 
 def _continued(image: Image, left: int, right: int) -> Image:
-    """A picture with so many columns more at both sides."""
+    """A picture with more columns, `left` and `right` of it."""
     sides = (np.mean(image[:, part], axis=1, keepdims=True).round() for part in (slice(None, EDGE), slice(-EDGE, None)))
     first, last = (np.repeat(side, count, axis=1) for side, count in zip(sides, (left, right), strict=True))
     return np.concatenate([first, image, last], axis=1).astype(np.uint8)
