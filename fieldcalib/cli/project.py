@@ -59,7 +59,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--to",
         default=OWN_SYSTEMS[0],
         metavar="SYSTEM",
-        help=f"coordinates: {', '.join(OWN_SYSTEMS)}, or those of kloppy: skillcorner, tracab, statsbomb, opta, ... ({OWN_SYSTEMS[0]})",
+        help=f"coordinates: {', '.join(OWN_SYSTEMS)}, or those of kloppy: skillcorner, tracab, statsbomb, opta, ... "
+        f"({OWN_SYSTEMS[0]})",
     )
     add_size(parser, "of the images that boxes are in pixels of (as the cameras')")
     parser.add_argument(

@@ -136,8 +136,8 @@ def _columns(columns: Sequence[str], group_column: str | None) -> tuple[int, int
 def _check_system(system: str) -> None:
     if system and system not in OWN_SYSTEMS:
         raise BrokenFileError(
-            f"the points are in the coordinates of {system!r}, expected those of {OWN_SYSTEMS[0]!r}, metres from the centre "
-            f"mark: write the table again, without --to"
+            f"the points are in the coordinates of {system!r}, expected those of {OWN_SYSTEMS[0]!r}, metres from the "
+            f"centre mark: write the table again, without --to"
         )
 
 

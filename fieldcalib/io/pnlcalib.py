@@ -11,7 +11,7 @@ All of the points without paint (58 to 73) are among them.
 The error of detected points falls with the confidence p about as 1 / p (4.5 px below 0.3, 1.8 px above 0.7), so they
 weigh p^2. On those frames, against annotations, that reaches 93.0 / 97.2 / 97.6 % of segments within 5 / 10 / 20 px;
 weights of 1 reach 89.3 / 97.0 / 97.1, and p^2 with the computed points 86.2 / 95.6 / 97.4. The first figure is
-optimistic: the weights were chosen on these frames. Chosen on half of them, they reach 91.9 / 97.1 / 97.6 on the others.
+optimistic: the weights were chosen on these frames. Chosen on half, they reach 91.9 / 97.1 / 97.6 on the other half.
 """
 
 from __future__ import annotations
