@@ -55,7 +55,7 @@ class Results(Mapping[str, Calibration]):
     def to_pandas(self) -> pandas.DataFrame:
         """A table with a row for each frame, broken ones included, indexed by id.
 
-        Columns are the keys of ``cameras.jsonl`` without those that only serve to read it back; nested keys are called
+        Columns are the keys of ``cameras.jsonl`` without those that only serve to read it back; nested keys are joined
         as "angles_degrees.pan", and matrices and lists are one cell. All are plain values, which pandas writes to any
         format; the `Calibration` of a row is ``results[id]``.
 
