@@ -29,7 +29,7 @@ import numpy as np
 from data_tools.synthetic.clips import seen_far_away
 from fieldcalib._types import Array, BoolArray
 from fieldcalib.assess.estimate import region_radius
-from fieldcalib.assess.sequence import Basis
+from fieldcalib.assess.frame_table import Basis
 from fieldcalib.assess.video import VideoCalibration
 from fieldcalib.console.program import run_command
 from fieldcalib.fields.soccer import soccer

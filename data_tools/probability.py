@@ -42,7 +42,7 @@ from data_tools.measured_cameras import SIZE, camera_files, observed, read_camer
 from data_tools.random_frames import RandomFrame, random_frame
 from fieldcalib._types import Array
 from fieldcalib.assess.datum import motion_in_view
-from fieldcalib.assess.probability import evidence, ground_in_view
+from fieldcalib.assess.probability import ground_in_view, odds_terms
 from fieldcalib.assess.result import Calibration
 from fieldcalib.console.arguments import add_size, count
 from fieldcalib.console.program import run_command
@@ -169,7 +169,7 @@ def fit(options: argparse.Namespace) -> int:
 
     found, errors = judged_frames(np.zeros(5))
     uncertainties = [c.solved.uncertainty for c in found if c.solved is not None]
-    features = np.array([rows[0] for (rows, _), _ in evidence(uncertainties, field)])
+    features = np.array([rows[0] for (rows, _), _ in odds_terms(uncertainties, field)])
     coefficients = fitted(features, errors, field.tolerance).round(2)
     print(json.dumps({"frames": len(found), "coefficients": coefficients.tolist()}))
     _print_reliability(*judged_frames(coefficients), field.tolerance)

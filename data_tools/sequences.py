@@ -32,7 +32,7 @@ from fieldcalib.images.keyframes import BACK
 from fieldcalib.solve.batch import calibrate_batch
 from fieldcalib.solve.options import PAINT
 from fieldcalib.solve.sequence import calibrate_sequence
-from fieldcalib.solve.sequence_solver import SHARED, SHARED_IN_MOTION
+from fieldcalib.solve.sequence_problem import SHARED, SHARED_IN_MOTION
 
 FRAMES = 300  # of a clip
 KEY_EVERY = 3  # of the frames that are calibrated

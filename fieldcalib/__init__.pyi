@@ -10,12 +10,12 @@ from . import plot as plot
 from . import problem as problem
 from . import processes as processes
 from . import solve as solve
+from .assess.compute_errors import compute_errors as compute_errors
 from .assess.ground_points import locate_on_ground as locate_on_ground
 from .assess.result import Calibration as Calibration
 from .assess.result import NoCameraError as NoCameraError
 from .assess.result import Status as Status
-from .assess.sequence import SequenceCalibration as SequenceCalibration
-from .assess.together import compute_errors as compute_errors
+from .assess.sequence_calibration import SequenceCalibration as SequenceCalibration
 from .assess.video import VideoCalibration as VideoCalibration
 from .fields.catalogue import field as field
 from .fields.field import Field as Field

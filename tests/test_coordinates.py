@@ -11,7 +11,7 @@ from strategies import bounded, moved, numbers
 
 from fieldcalib import Camera, CameraDistribution, calibrate_from_homography, calibrate_from_points, soccer
 from fieldcalib.io.wc14 import parse_homography
-from fieldcalib.solve.coordinates import LEAST_POINTS, UNITS, looks_like_a_quadrant, other_reading
+from fieldcalib.solve.origin_and_unit import LEAST_POINTS, UNITS, looks_like_a_quadrant, other_reading
 
 SIZE = (960, 540)
 CAMERA = Camera.from_angles(-0.35, 1.36, 0.01, 1500.0, (1.5, 68.0, -17.0), SIZE)

@@ -18,7 +18,7 @@ from fieldcalib.problem.observations import pack
 from fieldcalib.processes.jobs import Processes
 from fieldcalib.solve.batch import calibrate_batch
 from fieldcalib.solve.from_segments import calibrate_from_segments
-from fieldcalib.solve.handed_over import HandedOver
+from fieldcalib.solve.packed_calibrations import PackedCalibrations
 
 FIELD, SIZE = soccer(), (960, 540)
 CAMERA = Camera.from_angles(-0.3, 1.35, 0.0, 1600.0, (0.0, 68.0, -17.0), SIZE)
@@ -129,4 +129,4 @@ def test_frames_of_several_problems_are_handed_over_in_any_order():
     some, others = (calibrate_batch(FIELD, frames[part], SIZE) for part in (slice(0, 2), slice(2, 4)))
     nothing = calibrate_batch(FIELD, [{}], SIZE)
     mixed = [*nothing, some[0], others[0], *nothing, some[1], others[1]]
-    assert pickle.loads(pickle.dumps(HandedOver.of(mixed))).received(FIELD) == mixed
+    assert pickle.loads(pickle.dumps(PackedCalibrations.of(mixed))).unpacked(FIELD) == mixed

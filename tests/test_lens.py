@@ -1,5 +1,7 @@
 """The lenses: what every member keeps to, then the radial one, its inverse and the radius up to which it has one."""
 
+import json
+
 import cv2
 import numpy as np
 import pytest
@@ -8,7 +10,8 @@ from hypothesis import strategies as st
 from numdiff import central_differences
 from strategies import angle, vectors
 
-from fieldcalib.geometry.lens import BrownConradyLens, Pinhole, RadialLens, lens_of
+from fieldcalib import Calibration, CalibrationFlags, Camera, calibrate_from_segments, soccer
+from fieldcalib.geometry.lens import LENSES, BrownConradyLens, Lens, Pinhole, RadialLens, lens_of
 from fieldcalib.geometry.lens.brown_conrady import brown_conrady
 from fieldcalib.geometry.lens.model import FOLD
 from fieldcalib.geometry.lens.opencv import POWERS, opencv_vector
@@ -312,6 +315,62 @@ def test_displacement_of_the_corner_by_hand(index, expected):
     """p1, p2, a3 and a4 of 0.001 at (0.6, 0.8) rho; a4 is in the denominator."""
     moved = brown_conrady(np.array([0.6, 0.8]), 0.001 * np.eye(12)[index]) - (0.6, 0.8)
     np.testing.assert_allclose(moved, 0.001 * np.array(expected), rtol=0.0, atol=1.1e-6)
+
+
+# --- a lens of one's own: a class, and a line in the registry ---
+
+
+class ThreeRadial(Lens):
+    name, names, opencv_names = "three radial", ("a1", "b2", "a3"), ("k1", "k2", "k3")
+    estimable = 3
+    least, mean, sigma = (getattr(BrownConradyLens, table)[[0, 1, 4]] for table in ("least", "mean", "sigma"))
+
+    def whole(self, b):
+        found = np.zeros((12, *b.shape[1:]))
+        found[[0, 1, 4]] = b
+        return BrownConradyLens(self.rho), found
+
+    def distort(self, s, b):
+        lens, b = self.whole(b)
+        return lens.distort(s, b)
+
+    def push(self, s, b, *steps):
+        lens, b = self.whole(b)
+        return lens.push(s, b, *steps)
+
+    def pull(self, s, b, n):
+        lens, b = self.whole(b)
+        return lens.pull(s, b, n)
+
+    def pull_coefficients(self, s, b, n):
+        lens, b = self.whole(b)
+        return lens.pull_coefficients(s, b, n)[[0, 1, 4]]
+
+    def undistort(self, d, b):
+        lens, b = self.whole(b)
+        return lens.undistort(d, b)
+
+    def is_monotone(self, s, b):
+        lens, b = self.whole(b)
+        return lens.is_monotone(s, b)
+
+
+def test_a_lens_of_ones_own_is_chosen_estimated_and_written(monkeypatch):
+    flags = CalibrationFlags.CALIB_FIX_ASPECT_RATIO | CalibrationFlags.CALIB_FIX_TANGENT_DIST
+    camera = Camera.from_angles(0.0, 1.4, 0.0, 1200.0, (1.0, 60.0, -20.0), (960, 540), k=(0.1, 0.1, 0.0, 0.0, 0.2))
+    field = soccer()
+    pixels = {label: camera.project(field[label].sample(1.0)) for label in ("Side line top", "Middle line")}
+    pixels["Circle central"] = camera.project(field["Circle central"].sample(1.0))
+    pixels = {label: xy[np.all((xy >= 0) & (xy < (960, 540)), axis=1)] for label, xy in pixels.items()}
+    usual = calibrate_from_segments(field, pixels, (960, 540), flags=flags)
+    monkeypatch.setitem(LENSES, ThreeRadial.name, ThreeRadial)
+    found = calibrate_from_segments(field, pixels, (960, 540), flags=flags)
+    assert isinstance(usual.uncertainty.layout.lens, BrownConradyLens)
+    assert isinstance(found.uncertainty.layout.lens, ThreeRadial)
+    assert isinstance(found.camera.lens, ThreeRadial)
+    np.testing.assert_allclose(found.camera.dist, usual.camera.dist, atol=1e-6)
+    back = Calibration.from_dict(json.loads(json.dumps(found.to_dict())))
+    assert isinstance(back.uncertainty.layout.lens, ThreeRadial)
 
 
 # --- the radial lens by its coefficients (a1, a2), the vector last ---

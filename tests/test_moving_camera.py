@@ -13,13 +13,14 @@ from tripods import SIZE, far_off
 from data_tools.synthetic.clips import background_matches, camera_path, flight, labelled
 from data_tools.synthetic.film import Scene, TrueFrame, film
 from fieldcalib import Camera, calibrate_batch, calibrate_sequence, calibrate_video, soccer
-from fieldcalib.assess.sequence import Basis
+from fieldcalib.assess.frame_table import Basis
 from fieldcalib.images.background_motion import background_motion, mapped
 from fieldcalib.images.plane_motion import plane_motion
 from fieldcalib.problem.layout import CENTER
 from fieldcalib.problem.prior import GaussianPrior
-from fieldcalib.solve.centres import ACCELERATION, SPEED, Centres, expected_centres, on_path
-from fieldcalib.solve.sequence_solver import OFF_PATH, SHARED_IN_MOTION
+from fieldcalib.solve.centres import ACCELERATION, SPEED, Centres, KnownCentres, expected_centres, on_path
+from fieldcalib.solve.remaining_frames import OFF_PATH
+from fieldcalib.solve.sequence_problem import SHARED_IN_MOTION
 
 FIELD = soccer(size_known=True)
 COUNT = 61
@@ -138,32 +139,21 @@ def test_frames_between_share_the_misfit_of_those_around_them(cameras, frames, m
 # centres
 
 
-class Columns:
-    """Of frames with known centres and their standard deviations."""
-
-    def __init__(self, C, sigma):
-        self.theta = np.zeros((len(C), CENTER.stop))
-        self.theta[:, CENTER], self.sigma = C, sigma
-
-    def centre_sigma(self, index):
-        return self.sigma[index]
-
-
 @given(velocity=bounded(3, -3.0, 3.0), done=st.lists(st.booleans(), min_size=1, max_size=12).filter(any))
 def test_centres_are_expected_between_those_that_are_known(velocity, done):
     count, done = len(done), np.array(done)
     time = np.arange(count)
-    columns = Columns(5.0 + time[:, None] * velocity, np.full((count, 3), 0.1))
-    found = expected_centres(columns, done, time)
-    known = np.flatnonzero(done)
+    C, known = 5.0 + time[:, None] * velocity, np.flatnonzero(done)
+    sigma = np.full((len(known), 3), 0.1)
+    found = expected_centres(KnownCentres(known, C[known], sigma), time)
     inside = (time >= known[0]) & (time <= known[-1])
-    np.testing.assert_allclose(found.mean[inside], columns.theta[inside, CENTER], atol=1e-9)
+    np.testing.assert_allclose(found.mean[inside], C[inside], atol=1e-9)
     np.testing.assert_allclose(found.sigma[done], 0.1)
     beyond = np.maximum(known[0] - time, time - known[-1])
     np.testing.assert_allclose(found.sigma[beyond > 0, 0], np.hypot(0.1, SPEED * beyond[beyond > 0]))
     # an acceleration of one standard deviation stays within it
     bent = 0.5 * ACCELERATION * np.square(time)
-    again = expected_centres(Columns(np.tile(bent[:, None], 3), np.zeros((count, 3))), done, time)
+    again = expected_centres(KnownCentres(known, np.tile(bent[known, None], 3), 0.0 * sigma), time)
     assert np.all(np.abs(again.mean[inside, 0] - bent[inside]) <= again.sigma[inside, 0] + 1e-12)
 
 
@@ -193,7 +183,6 @@ def test_the_motion_of_a_plane_is_found_among_other_points(change, others, by, s
     wrong = np.arange(200) < others
     y[wrong] += sides.choice([-1.0, 1.0], (others, 2)) * by
     found = plane_motion(x, y, np.ones(200, bool), (640, 360))
-    assert found is not None
     homography, agree, _, scale = found
     assert not np.any(agree & wrong)
     assert np.mean(agree[~wrong]) > 0.9

@@ -12,6 +12,7 @@ from synthetic import observe
 from tripods import SIZE, chain, matched, operated, panned
 
 from fieldcalib.assess.datum import motion_in_view
+from fieldcalib.assess.level import Considered
 from fieldcalib.assess.noise import FOUND_BESIDE, Noise
 from fieldcalib.assess.own_errors import GRID, OwnErrors, ground_errors, own_errors, whole_covariance
 from fieldcalib.fields.soccer import soccer
@@ -234,7 +235,7 @@ def errors_of(draw, layout, frames):
 @given(errors_of(LAYOUT, 1))
 def test_the_whole_covariance_is_that_of_own_errors_and_shared_ones(errors):
     (E,), (F,), V = errors
-    found = whole_covariance(E, F, V, LAYOUT)
+    found = whole_covariance(E, F, Considered(LAYOUT, V))
     np.testing.assert_allclose(found, whole_by_hand(E, F, V, LAYOUT), atol=1e-10)
     assert not found[[9, LAYOUT.lens_block.stop - 1]].any()  # what is fixed
 
@@ -278,7 +279,7 @@ def test_ground_errors_are_the_median_over_the_picture(data, layout, on_field, t
     theta[:, :4] += (0.0, 0.1, 0.0, 0.0) + turn * (0.2, 0.2, 0.01, 0.1)  # up to the sky
     E, F, V = data.draw(errors_of(layout, 3))
     E, F, V = 1e-6 * E, 1e-2 * F, 1e-4 * V
-    found = ground_errors(theta, layout, OwnErrors(E, F), V, field)
+    found = ground_errors(theta, OwnErrors(E, F), Considered(layout, V), field)
     grid = np.meshgrid(np.linspace(0.0, 959.0, GRID[0]), np.linspace(0.0, 539.0, GRID[1]))
     xy = np.stack(grid, axis=-1).reshape(-1, 2)
     for t in range(3):
@@ -291,10 +292,11 @@ def test_who_looks_at_the_sky_sees_no_field():
     theta = operated(np.random.default_rng(0), 2, LAYOUT)
     theta[1, 1] = 2.2
     errors = OwnErrors(np.tile(1e-6 * np.eye(4), (2, 1, 1)), np.zeros((2, 4, len(SHARED))))
-    found = ground_errors(theta, LAYOUT, errors, np.zeros(2 * (len(SHARED),)), FIELD)
+    exact = Considered(LAYOUT, np.zeros(2 * (len(SHARED),)))
+    found = ground_errors(theta, errors, exact, FIELD)
     assert np.isfinite(found).tolist() == [True, False]
     none = OwnErrors(*(part[:0] for part in errors))
-    assert len(ground_errors(theta[:0], LAYOUT, none, np.zeros(2 * (len(SHARED),)), FIELD)) == 0
+    assert len(ground_errors(theta[:0], none, exact, FIELD)) == 0
 
 
 # against truth

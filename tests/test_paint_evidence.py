@@ -13,7 +13,7 @@ from views import camera
 
 from fieldcalib.assess.markings import MarkingInView, paint_complaints, paint_contradicts
 from fieldcalib.assess.result import Calibration, Status, Verdict
-from fieldcalib.assess.sequence import SequenceCalibration
+from fieldcalib.assess.sequence_calibration import SequenceCalibration
 from fieldcalib.draw.scene import render_field
 from fieldcalib.fields.soccer import soccer
 from fieldcalib.fields.sports.ice_hockey import ice_hockey

@@ -8,9 +8,9 @@ from synthetic import observe, random_frames, whole_circle_markings
 
 from data_tools.probability import fitted, largest_true_error, reliability, risk_coverage_area
 from data_tools.random_frames import random_frame
+from fieldcalib.assess.compute_errors import compute_errors
 from fieldcalib.assess.probability import largest_error, probability_right
 from fieldcalib.assess.result import Status
-from fieldcalib.assess.together import compute_errors
 from fieldcalib.fields.soccer import PROBABILITY, soccer
 from fieldcalib.geometry.camera import Camera
 from fieldcalib.solve.batch import calibrate_batch

@@ -11,7 +11,7 @@ from fieldcalib import CalibrationFlags, Camera, SequenceCalibration, calibrate_
 from fieldcalib.fields.field import Field
 from fieldcalib.fields.stands import CameraDistribution
 from fieldcalib.problem.layout import CENTER
-from fieldcalib.solve.centres import agreed_centre
+from fieldcalib.solve.centres import voted_centres
 from fieldcalib.solve.sequence import calibrate_sequence
 
 FIELD = soccer()
@@ -148,7 +148,7 @@ def test_nothing_to_calibrate_from():
     assert nothing.cameras == [None, None]
     assert nothing.names == ()
     assert len(calibrate_sequence(FIELD, [], SIZE)) == 0
-    assert agreed_centre([]) is None
+    assert voted_centres([], 1) == []
 
 
 def test_one_frame_is_a_sequence():

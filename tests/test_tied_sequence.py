@@ -6,7 +6,7 @@ from tripods import CENTRE, SIZE, chain, far_off, matched, panned
 
 from data_tools.synthetic.clips import labelled
 from fieldcalib import calibrate_sequence, soccer
-from fieldcalib.assess.sequence import Basis
+from fieldcalib.assess.frame_table import Basis
 from fieldcalib.problem.layout import LOG_F
 
 FIELD = soccer(size_known=True)

@@ -23,6 +23,7 @@ from fieldcalib.assess.whole_picture import (
     PrincipalPointEvidence,
     _freed,
     features,
+    is_squashed,
     largest_error_of_part,
     score,
     seems_part,
@@ -326,9 +327,10 @@ def test_what_was_squashed_was_a_whole_frame():
     """The same labels are doubted to be of a part less where the picture was squashed."""
     found = calibrate_from_segments(FIELD, frame_of(), SIZE)
     thin = in_pixels_of(found, (540, 540))
-    assert (found._was_squashed, thin._was_squashed) == (False, True)
-    moved = replace(found, camera=found.camera.cropped((0, -90), (960, 720)))
-    assert not moved._was_squashed
+    solved = found.uncertainty.camera
+    assert not is_squashed(found.camera, solved)
+    assert is_squashed(thin.camera, solved)
+    assert not is_squashed(found.camera.cropped((0, -90), (960, 720)), solved)
 
 
 def test_a_frame_of_16_to_9_is_calibrated_as_it_is():

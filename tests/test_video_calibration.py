@@ -12,8 +12,10 @@ from tripods import SIZE, matched, panned
 
 from data_tools.synthetic.clips import labelled
 from fieldcalib import calibrate_sequence, soccer
+from fieldcalib.assess.frame_table import BASES, STATUSES, Basis
+from fieldcalib.assess.interpolation import STEP
 from fieldcalib.assess.result import Status
-from fieldcalib.assess.sequence import BASES, STATUSES, STEP, Basis, SequenceCalibration
+from fieldcalib.assess.sequence_calibration import SequenceCalibration
 from fieldcalib.assess.video import NO_TRIPOD, Shot, VideoCalibration
 from fieldcalib.problem.layout import LOG_F, PAN
 

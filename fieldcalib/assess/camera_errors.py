@@ -1,4 +1,4 @@
-"""How the errors of a calibration are known: of a frame by itself, of a frame of a sequence, or not at all."""
+"""Errors of the camera of a calibration: a protocol, and its types for a frame of a sequence and for a homography."""
 
 from __future__ import annotations
 
@@ -21,11 +21,11 @@ from fieldcalib.problem.records import layout_from_record, layout_to_record
 
 
 class CameraErrors(Protocol):
-    """What `Calibration` asks of the errors of its camera.
+    """Errors of a camera, as `Calibration` uses them.
 
-    There are three types: `fieldcalib.assess.solved.Solved` of a frame that was solved by itself, `KnownErrors` of a
-    frame of a sequence, `NoErrors` of a homography or a missing camera. Each raises a ValueError for what it cannot
-    give.
+    There are three types: `fieldcalib.assess.solved.Solved` for a frame that was solved by itself, `KnownErrors` for a
+    frame of a sequence, `NoErrors` for a homography or a missing camera. A type raises a ValueError where it is asked
+    for something that it cannot give.
     """
 
     @property
@@ -43,7 +43,7 @@ class CameraErrors(Protocol):
         """Probability that no point of the field in view is off by more than some metres; NaN where it is not known."""
 
     def doubts(self, picture: Picture | None) -> tuple[str, ...]:
-        """What the labels say against an ordinary camera and, if a picture is given, against a whole frame."""
+        """Evidence of the labels against an ordinary camera and, if a picture is given, against a whole frame."""
 
     def to_record(self) -> dict[str, Any]:
         """The keys of `Calibration.to_dict` that hold them."""
@@ -122,13 +122,13 @@ class KnownErrors(Estimate):
 
     def on(self, field: Field | None) -> KnownErrors:
         """The same estimate with this field in view: errors are then relative to its markings."""
-        return KnownErrors(self._layout, self._theta, self._covariance, self.dof, field)
+        return KnownErrors(self.layout, self.theta, self._covariance, self.dof, field)
 
     @property
     def if_level(self) -> KnownErrors:
         """The errors if the field were known to be level."""
-        covariance = if_level(self._covariance, self._layout.is_crown)
-        return KnownErrors(self._layout, self._theta, covariance, self.dof, self.field)
+        covariance = if_level(self._covariance, self.layout.is_crown)
+        return KnownErrors(self.layout, self.theta, covariance, self.dof, self.field)
 
     def propagated(self, J: Array) -> Array:
         """Covariance (..., m, m) of quantities whose derivatives by theta are J (..., m, n)."""

@@ -9,43 +9,25 @@ stay those of a level field, and that moment goes into their covariance.
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 
-from fieldcalib._types import Array
-from fieldcalib.assess.misfit import inflation
-from fieldcalib.assess.shared import shared_covariance
-from fieldcalib.problem.evaluation import Evaluation
-from fieldcalib.problem.layout import Role
-from fieldcalib.problem.prior import GaussianPrior
+from fieldcalib.assess.shared import ReducedSystem
+from fieldcalib.assess.size_evidence import possible_values
+from fieldcalib.fields.traits import Crown
 
 
-def moment_of_crown(evaluation: Evaluation, sigma: Array, kappa: Array) -> float:
+def moment_of_crown(system: ReducedSystem, crown: Crown) -> float:
     """Second moment of the crown of the field that frames see, square metres.
 
     Parameters
     ----------
-    evaluation : Evaluation
-        Of T frames at their common solution, in a layout that considers the crown.
-    sigma, kappa : (T,) arrays
-        As in `fieldcalib.assess.shared.shared_covariance`.
+    system : ReducedSystem
+        Of what the frames share and, last, of the crown.
+    crown : Crown
+        What is known a priori.
     """
-    problem = evaluation.problem
-    size = problem.layout.field_size
-    assert size is not None
-    assert size.crown is not None
-    prior = problem.prior  # each frame has one, but they see one field: what is known of it comes in below, once
-    if prior is not None:
-        prior = GaussianPrior(prior.mean, np.where(problem.layout.is_crown, np.inf, prior.sigma))
-    layout = problem.layout.with_roles(Role.SHARED, "crown")
-    freed = evaluation.of(replace(problem, layout=layout, prior=prior))
-    covariance, inverse = shared_covariance(freed, sigma, kappa)
-    variance = inflation(freed, covariance, inverse, kappa) * covariance[-1, -1]
-    offset = -inverse[-1, -1] * np.sum(freed.gradient[:, -1])  # with a gradient of 0 by all other parameters
-    weights, sigma_of_crown = size.crown.possibilities
-    before = np.square(sigma_of_crown)
-    log = np.log(weights) - 0.5 * (np.square(offset) / (before + variance) + np.log(before + variance))
-    posterior = np.exp(log - np.max(log))
-    share = before / (before + variance)
-    return float(posterior @ (np.square(share * offset) + share * variance) / np.sum(posterior))
+    offset = -system.inverse[-1:, -1] * system.gradient[-1]  # with a gradient of 0 by all other parameters
+    weights, sigma = crown.possibilities
+    found = possible_values(offset, system.covariance[-1:, -1:], np.asarray(weights), np.reshape(sigma, (-1, 1)))
+    posterior = np.exp(found.log - np.max(found.log))
+    return float(posterior @ found.moments[:, 0, 0] / np.sum(posterior))

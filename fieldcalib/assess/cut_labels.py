@@ -1,45 +1,45 @@
-"""Labels that stop short of the border of their picture: were they cut out of a larger one?
+"""Labels that end before the border of their picture: evidence that it was cut out of a larger one with its labels.
 
-Annotators follow a marking to the border of the picture. Of 5.5 places in an annotated frame where a marking leaves the
-picture, labels end within 1.2 % of its width of 98 %; where a picture with its labels was cut out of a larger one, of
-5 %. The likelihoods are counted for the places of several straight markings at one side of the picture, where labels of
-the others reach the border: whoever clicks here and there on a marking reaches none.
+Annotators follow a marking to the border of the picture. An annotated frame has 5.5 places where a marking leaves the
+picture; at 98 % of them labels end within 1.2 % of the width, but only at 5 % where a picture was cut out of a larger
+one with its labels. The likelihoods are applied to the places of several straight markings at one side of the picture,
+if labels reach the border at the other sides: an annotator who clicks here and there on a marking reaches none.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from itertools import pairwise
 
 import numpy as np
 
 from fieldcalib._types import Array
 from fieldcalib.fields.field import Field
-from fieldcalib.fields.segments import Segment
 from fieldcalib.geometry.camera import Camera
 from fieldcalib.problem.labelled_pixels import Pixels
 
-REACHED, SHORT = 0.012, 0.02  # of the width: labels end at the border up to the first one, before it from the second on
-# Log likelihood ratio of a part of a larger picture for labels that reach the border, nearly do, and do not: of 651
-# annotated frames 98.2, 1.0, 0.9 % of 3657 do, of their corners, at sides that were cut, 4.9, 3.1, 92 % of 4187.
+REACHED, SHORT = 0.012, 0.02  # of the width: a smaller gap reaches the border, a larger one ends before it
+# Log likelihood ratio of a part of a larger picture for labels that reach the border, nearly do, and do not. Of 3657
+# places in 651 annotated frames 98.2, 1.0, 0.9 % do; of 4187 at the cut sides of their corners 4.9, 3.1, 92 %.
 LOG_RATIOS = (-3.0, 1.2, 4.6)
-MOST_LOG_RATIO = 8.0  # whatever the labels say, one picture in some thousand is odd in another way
-LEAST_PLACES = 2  # at one side: one marking may have been followed less far than the others
-HABIT = 0.5  # share of the other places where labels must reach the border
-WITH_LABELS = 0.5  # of the parts that are labelled: they were cut out with their labels, the others labelled anew
+MOST_LOG_RATIO = 8.0  # one picture in some thousand is odd in another way
+LEAST_PLACES = 2  # at one side: a single marking may have been followed less far than the others
+HABIT = 0.5  # share of the other places at which labels must reach the border
+WITH_LABELS = 0.5  # share of the cut pictures that were cut with their labels; the others were labelled afterwards
 SPACING = 0.5  # m, of points on a segment
 SIDES = 4
 
 
 def log_ratio_of_cut(field: Field, pixels: Pixels, camera: Camera) -> float:
-    """Log likelihood ratio, from where labels end, that a picture was cut out of a larger one with its labels.
+    """Log likelihood ratio, from the ends of labels, that a picture was cut out of a larger one.
 
-    It is 0 where nothing is told, and little less where the labels reach every side: these may be of the part.
+    It is 0 if the ends say nothing, and slightly negative if the labels reach every side, as they may have been made
+    after the cut.
 
     Parameters
     ----------
     field : Field
     pixels : dict of str to (N, 2) array
-        As a person labelled them.
+        Pixels as a person labelled them.
     camera : Camera
 
     Examples
@@ -69,26 +69,22 @@ def log_ratio_of_cut(field: Field, pixels: Pixels, camera: Camera) -> float:
 
 
 def _ends(field: Field, label: str, xy: Array, camera: Camera) -> list[tuple[int, float]]:
-    """Where a marking on the ground leaves the picture: at which side, and how far from its label, of the width."""
-    segment = _on_ground(field.segments, label)
-    if segment is None or segment.is_arc or not len(xy):  # nobody need follow a circle to the border
+    """Places where a marking on the ground leaves the picture: the side, and the gap to its label (of the width)."""
+    segment = field.segments.get(label)
+    X = np.zeros((0, 3)) if segment is None or segment.is_arc else segment.sample(SPACING)
+    if not len(X) or np.any(X[:, 2]) or not len(xy):  # circles need not be followed to the border
         return []
-    points = camera.project(segment.sample(SPACING))
+    points = camera.project(X)
     last = np.array(camera.image_size) - 1.0
     beyond = np.concatenate([-points, points - last], axis=1)[:, [0, 2, 1, 3]]  # px, beyond left, right, top, bottom
     outside = np.max(beyond, axis=1)
     found = []
-    for a, b in zip(range(len(points) - 1), range(1, len(points)), strict=True):
+    for a, b in pairwise(range(len(points))):
         if not (np.isfinite(outside[a]) and np.isfinite(outside[b])) or (outside[a] > 0.0) == (outside[b] > 0.0):
             continue
-        a, b = (b, a) if outside[a] > 0.0 else (a, b)  # from the inside
+        a, b = (b, a) if outside[a] > 0.0 else (a, b)  # a is inside
         side = int(np.argmax(beyond[b]))
         share = -beyond[a, side] / (beyond[b, side] - beyond[a, side])
         place = points[a] + share * (points[b] - points[a])
         found.append((side, float(np.min(np.linalg.norm(xy - place, axis=1)) / camera.image_size[0])))
     return found
-
-
-def _on_ground(segments: Mapping[str, Segment], label: str) -> Segment | None:
-    segment = segments.get(label)
-    return None if segment is None or np.any(segment.sample(SPACING)[:, 2]) else segment

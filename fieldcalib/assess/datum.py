@@ -1,23 +1,23 @@
-"""What errors on the ground are relative to: the markings in view, or the centre mark.
+"""The reference of errors on the ground: the markings in view, or the centre mark.
 
-Where the length of a pitch is not known and one end of it is in view, every place from the centre mark on is unknown by
-half of that, while from the paint in view everything is known to centimetres. The true pitch is the assumed one with
-its markings moved, M by their `Field.motion` with (length, width); a camera that follows them takes a point at X for
-one at X + J e, e being the error of its parameters, those of length and width among them. Relative to the markings the
-point is off by
+Where the length of a pitch is not known and one end of it is in view, positions relative to the centre mark are
+uncertain by half of its error, while positions relative to the paint in view are known to centimetres. The true pitch
+is the assumed one with its markings moved by M (`Field.motion`) per metre of length and width. A camera that follows
+them locates a point X at X + J e, with e the error of its parameters, length and width among them. Relative to the
+markings the point is off by
 
     J e - t e_size,
 
-t e_size being the displacement of the frame of reference that the markings in view are: the translation of the ground
-that comes nearest to what moves them,
+where t e_size is the displacement of the markings in view as one: t is the translation of the ground nearest to their
+motion,
 
     t = argmin sum_i w_i |n_i . (M_i - t)|^2,
 
-over the metres w_i of all markings that are in view, n_i across them: nobody tells a line from one that is moved along
-itself, so that lines across x tell x, lines across y tell y, and circles both. With one end in view that is the motion
-of this end, and nothing is left of it; with both ends in view their motions differ, the mean is none or little, and the
-length is in the error of either. Along a coordinate that no marking in view tells, t is 0: the error stays that from
-the centre mark.
+over the metres w_i of all markings in view, with n_i their normals. A line does not show motion along itself, so lines
+across x determine the x of t, lines across y its y, and circles both. With one end in view t is the motion of this end,
+and no error of it remains. With both ends in view their motions cancel, t is small, and the error of the length
+remains at either. Along a coordinate that no marking in view determines, t is 0: the error stays relative to the centre
+mark.
 """
 
 from __future__ import annotations
@@ -36,29 +36,26 @@ RelativeTo: TypeAlias = Literal["markings in view", "centre mark"]
 MARKINGS_IN_VIEW: RelativeTo = "markings in view"
 CENTRE_MARK: RelativeTo = "centre mark"
 
-SPACING = 1.0  # m along the markings, from one place to the next that is looked at
-FAINT = 1e-3  # m of marking: what is told by less is told by nothing
-APART = 0.5  # m: by as much as the centre mark must be unknown, from the markings in view, to speak of it
-SIDES = (
-    ("length", ("left end", "right end")),
-    ("width", ("far side", "near side")),
-)  # of a field, as the main camera sees
+SPACING = 1.0  # m, of the places along the markings
+FAINT = 1e-3  # m of marking: less does not determine a translation
+APART = 0.5  # m: error of the centre mark, relative to the markings in view, from which on it is mentioned
+SIDES = (("length", ("left end", "right end")), ("width", ("far side", "near side")))  # as the main camera sees them
 
 
 class _Places(NamedTuple):
-    """Places along the painted markings of a field, N of them."""
+    """N places along the painted markings of a field."""
 
     X: Array
-    """(N, 3)."""
-    telling: Array
-    """Metres that each of them is for, across the marking, (N, 4): ``w n n^T`` row by row."""
+    """Positions, (N, 3)."""
+    normal: Array
+    """Terms ``w n n^T`` of the normal equations of t, row by row, (N, 4)."""
     moving: Array
-    """Motion across the marking, (N, 4): ``w n n^T M``."""
+    """Terms ``w n n^T M`` of their right side, (N, 4)."""
 
 
 @lru_cache(maxsize=64)
 def _places(field: Field) -> _Places:
-    X, telling, moving = [np.zeros((0, 3))], [np.zeros((0, 2, 2))], [np.zeros((0, 2, 2))]
+    X, normal, moving = [np.zeros((0, 3))], [np.zeros((0, 2, 2))], [np.zeros((0, 2, 2))]
     for (label, segment), motion in zip(field.items(), field.motion, strict=True):
         if label in field.half_labels or field.paint_of(label).width == 0.0:
             continue
@@ -69,16 +66,16 @@ def _places(field: Field) -> _Places:
         moved = (1.0 - share) * motion[0, :2] + share * motion[1, :2]
         along = parts.along[:, :2]
         X.append(parts.X)
-        across = np.eye(2) - along[:, :, None] * along[:, None, :]  # of a post both directions
-        telling.append(parts.length / len(moved) * across)
-        moving.append(telling[-1] @ moved)
-    return _Places(np.concatenate(X), np.concatenate(telling).reshape(-1, 4), np.concatenate(moving).reshape(-1, 4))
+        across = np.eye(2) - along[:, :, None] * along[:, None, :]  # for a post both directions
+        normal.append(parts.length / len(moved) * across)
+        moving.append(normal[-1] @ moved)
+    return _Places(np.concatenate(X), *(np.concatenate(one).reshape(-1, 4) for one in (normal, moving)))
 
 
 def motion_in_view(projection: Projection, field: Field) -> Array:
-    """How the markings that B cameras see move with length and width, as one, (B, 2, 2): t above, metres a metre.
+    """Common motion t of the markings that B cameras see, in metres per metre of length and width, (B, 2, 2).
 
-    What hides a marking is not known: all that the camera projects into its image counts as in view.
+    Every marking that the camera projects into its image counts as in view: what hides markings is not known.
 
     Examples
     --------
@@ -94,12 +91,12 @@ def motion_in_view(projection: Projection, field: Field) -> Array:
     xy, has_pixel = pixels_of_points(projection, places.X[None])
     size = np.array(projection.layout.image_size)
     in_view = (has_pixel & np.all((xy >= -0.5) & (xy < size - 0.5), axis=-1)).astype(float)
-    telling = (in_view @ places.telling).reshape(-1, 2, 2)
-    return np.asarray(np.linalg.solve(telling + FAINT * np.eye(2), (in_view @ places.moving).reshape(-1, 2, 2)))
+    normal = (in_view @ places.normal).reshape(-1, 2, 2)
+    return np.asarray(np.linalg.solve(normal + FAINT * np.eye(2), (in_view @ places.moving).reshape(-1, 2, 2)))
 
 
 def by_parameters(projection: Projection, field: Field | None) -> Array:
-    """Motion of the markings in view as derivatives (B, 2, n) by all parameters; 0 but for those of the size."""
+    """Motion of the markings in view as derivatives (B, 2, n) by all parameters: 0 except by length and width."""
     layout = projection.layout
     moved = np.zeros((len(projection.theta), 2, layout.size))
     if field is not None and layout.field_size is not None:
@@ -119,27 +116,21 @@ def relative_to_markings(
 
 
 def checked(relative_to: RelativeTo) -> RelativeTo:
-    """What errors are asked to be relative to.
-
-    Raises
-    ------
-    ValueError
-        If it is neither.
-    """
+    """Return `relative_to`, or raise a ValueError if it is neither of the two."""
     if relative_to not in (MARKINGS_IN_VIEW, CENTRE_MARK):
         raise ValueError(f"relative_to must be {MARKINGS_IN_VIEW!r} or {CENTRE_MARK!r}, got {relative_to!r}")
     return relative_to
 
 
 def in_words(motion: Array, standard_deviations: Array) -> str:
-    """What positions are relative to, and what would help; nothing where that is the centre mark, or as good as that.
+    """Describe the reference of positions, and what would help; nothing if the centre mark is known well enough.
 
     Parameters
     ----------
     motion : (2, 2) array
-        How the markings in view move with length and width, see `motion_in_view`.
+        Motion of the markings in view with length and width, see `motion_in_view`.
     standard_deviations : (2,) array
-        Of length and width, metres.
+        Standard deviations of length and width, metres.
 
     Examples
     --------

@@ -87,7 +87,7 @@ class Estimate(ABC):
     @property
     @abstractmethod
     def observability(self) -> tuple[Direction, ...]:
-        """What the labels determine and what came from the prior, least determined first."""
+        """Directions of the parameters, least determined by the labels first."""
 
     @abstractmethod
     def propagated(self, J: Array) -> Array:
@@ -133,7 +133,7 @@ class Estimate(ABC):
         return self._standard_deviations(J @ self.layout.zoom_jacobian(self.theta))
 
     def radius(self, dimensions: int = 1, level: float = 0.95) -> float:
-        """How many standard deviations hold the truth with a probability, see `region_radius`."""
+        """Number of standard deviations that hold the truth with a probability, see `region_radius`."""
         return region_radius(dimensions, self.dof, level)
 
     def at_image(self, xy: ArrayLike, *, relative_to: RelativeTo = MARKINGS_IN_VIEW) -> GroundError:
@@ -164,7 +164,7 @@ class Estimate(ABC):
 
     @property
     def remedy(self) -> str:
-        """What would make positions known from the centre mark; empty where they are (`fieldcalib.assess.datum`)."""
+        """Advice where positions from the centre mark are not known, else empty (`fieldcalib.assess.datum`)."""
         if not np.any(self.motion_of_markings):
             return ""
         block = self.layout.field_size_block
@@ -192,7 +192,7 @@ class Estimate(ABC):
 
 
 def region_radius(dimensions: int, dof: float, level: float) -> float:
-    """How many standard deviations (Mahalanobis) hold an error of so many dimensions with a probability.
+    """Mahalanobis distance that holds an error of so many dimensions with a probability.
 
     ``sqrt(d F)`` with F the quantile of Fisher's distribution with d and `dof` degrees of freedom; for one dimension
     Student's t, two-sided.
@@ -210,7 +210,7 @@ def region_radius(dimensions: int, dof: float, level: float) -> float:
 
 
 def _inverse_left_jacobian(rvec: Array) -> Array:
-    """Derivative (3, 3) of a rotation vector by a small rotation applied after it.
+    """Derivative (3, 3) of a rotation vector by a small rotation that follows it.
 
     ``I - [v] / 2 + (1 / |v|^2 - cot(|v| / 2) / (2 |v|)) [v]^2``. Source: Sola, Deray, Atchuthan: A micro Lie theory,
     2018, equation (146).

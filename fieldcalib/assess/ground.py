@@ -1,4 +1,4 @@
-"""The ground that cameras see: where pixels meet it, and how its points move with the parameters of the camera."""
+"""The ground that cameras see: ground points of pixels, and their derivatives by the parameters of the camera."""
 
 from __future__ import annotations
 
@@ -11,10 +11,7 @@ from fieldcalib.problem.projection import Projection
 
 
 def ground_of_pixels(projection: Projection, xy: Array) -> tuple[Array, BoolArray]:
-    """Ground points (B, N, 3) of pixels (B, N, 2), and which pixels show the ground, (B, N).
-
-    Those of the others are anywhere.
-    """
+    """Ground points (B, N, 3) of pixels (B, N, 2), and which pixels show the ground, (B, N)."""
     dx, dy = projection.observed_offset(xy)
     isotropic = np.array([dx, dy / projection.aspect])
     s = isotropic if projection.is_pinhole else projection.layout.lens.undistort(isotropic, projection.lens)
@@ -27,9 +24,9 @@ def ground_of_pixels(projection: Projection, xy: Array) -> tuple[Array, BoolArra
 
 
 def pixels_of_points(projection: Projection, X: Array) -> tuple[Array, BoolArray]:
-    """Pixels (B, N, 2) of world points (B, N, 3), and which have one, (B, N).
+    """Pixels (B, N, 2) of world points (B, N, 3), and which points have one, (B, N).
 
-    These are in front of the camera, and where its lens is monotone.
+    A point has one if it is in front of the camera and where its lens is monotone.
     """
     h = projection.points(X)
     seen = h[2] > 0.0
@@ -44,8 +41,8 @@ def pixels_of_points(projection: Projection, X: Array) -> tuple[Array, BoolArray
 def ground_derivatives(projection: Projection, X: Array, known: BoolArray, some: BoolArray) -> Array:
     """Derivatives (B, N, 2, P) of ground points (B, N, 3) by some parameters (n,) while their pixels are kept.
 
-    ``pi(X, theta) = xy``, hence ``dX/dtheta = -(dpi/dX)^-1 dpi/dtheta``. Of points that are not `known`, (B, N), they
-    are something finite.
+    ``pi(X, theta) = xy``, hence ``dX/dtheta = -(dpi/dX)^-1 dpi/dtheta``. For points that are not `known`, (B, N), they
+    are finite and arbitrary.
     """
     ahead = projection.C + projection.R[:, None, 2]  # stands in for points that do not exist
     h = projection.points(np.where(known[..., None], X, ahead))
@@ -56,7 +53,7 @@ def ground_derivatives(projection: Projection, X: Array, known: BoolArray, some:
         projection.derivatives(s, inverse_depth, n, needed) for n in (np.array([one, zero]), np.array([zero, one]))
     )
     x, y = np.searchsorted(np.flatnonzero(needed), [CENTER.start, CENTER.start + 1])
-    # a point that moves is a centre that moves the other way: dpi/dX = -(a b; c d)
+    # moving a point is moving the centre the other way: dpi/dX = -(a b; c d)
     a, b = np.where(known, across[:, x], 1.0), np.where(known, across[:, y], 0.0)
     c, d = np.where(known, down[:, x], 0.0), np.where(known, down[:, y], 1.0)
     across, down = (rows[:, some[needed]] / (a * d - b * c)[:, None] for rows in (across, down))
@@ -69,6 +66,6 @@ def ground_derivatives(projection: Projection, X: Array, known: BoolArray, some:
 
 
 def _by_crown(projection: Projection, X: Array, width: float) -> Array:
-    """Derivatives (B, N, 2) of ground points (B, N, 3) by the crown of the field: their pixels see what is higher."""
+    """Derivatives (B, N, 2) of ground points (B, N, 3) by the crown of the field, whose height shifts them."""
     towards = (projection.C[..., :2] - X[..., :2]) / np.abs(projection.C[..., 2:])
     return np.asarray(share_of_crown(X[..., 1], width)[..., None] * towards)

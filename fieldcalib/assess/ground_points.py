@@ -1,4 +1,4 @@
-"""Where on the field pixels are, and how well that is known: of players whose feet are seen."""
+"""Positions of pixels on the field and their errors: of players whose feet are seen."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from fieldcalib.assess.datum import MARKINGS_IN_VIEW, RelativeTo
 from fieldcalib.assess.result import Calibration
 from fieldcalib.geometry.camera import Camera
 
-STEP = 0.01  # px: of the central differences; their error is its square over that of the distance to the horizon
+STEP = 0.01  # px, of central differences, whose relative error is the square of STEP by the distance to the horizon
 
 
 @dataclass(frozen=True)
@@ -22,17 +22,17 @@ class GroundPoints:
     X: Array
     """(..., 3) metres, z = 0; NaN for pixels that do not show the ground."""
     covariance: Array
-    """Of x and y, (..., 2, 2), square metres; NaN where there is no point or the errors of the camera are not known,
-    infinite what nothing determines."""
+    """Covariance of x and y, (..., 2, 2), square metres; NaN where there is no point or the camera has no known errors,
+    infinite where nothing determines them."""
 
     @property
     def standard_deviations(self) -> Array:
-        """Of x and y, (..., 2), metres."""
+        """Standard deviations of x and y, (..., 2), metres."""
         return np.asarray(np.sqrt(np.diagonal(self.covariance, axis1=-2, axis2=-1)))
 
     @property
     def correlation(self) -> Array:
-        """Between the errors of x and y, (...,); NaN where a standard deviation is 0, infinite or not known."""
+        """Correlation of the errors of x and y, (...,); NaN where a standard deviation is 0, infinite or not known."""
         with np.errstate(invalid="ignore", divide="ignore"):
             return np.asarray(self.covariance[..., 0, 1] / self.standard_deviations.prod(axis=-1))
 
@@ -43,8 +43,8 @@ def locate_on_ground(
     """The ground points that are seen at pixels, with the errors of the camera and of the pixels.
 
     ``covariance = J_theta V J_theta^T + sd^2 J_xy J_xy^T`` with V the covariance of the camera's parameters and J the
-    derivatives of the ground points by them and by the pixels. The errors of the camera are those of all points of a
-    frame together: players who stand beside each other are off in the same direction.
+    derivatives of the ground points by them and by the pixels. All points of a frame share the errors of the camera:
+    players who stand beside each other are off in the same direction.
 
     Parameters
     ----------
@@ -88,7 +88,7 @@ def locate_on_ground(
         raise ValueError(f"pixel_sd must be a standard deviation in pixels, 0 or more, got {pixel_sd}")
     X = camera.image_to_field(xy)
     if calibration.knows_errors:
-        # of the field's points, not of the pixels: of a squashed or cropped picture the errors are in its frame's
+        # at ground points, not at pixels: those of a squashed or cropped picture are not those of its frame
         on_ground = np.concatenate([X[..., :2], np.zeros_like(X[..., :1])], axis=-1)  # 0 also where X is NaN
         covariance = calibration.uncertainty.at_field(on_ground, relative_to=relative_to).covariance
     else:

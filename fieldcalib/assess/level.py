@@ -2,13 +2,17 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+from functools import cached_property
+
 import numpy as np
 
 from fieldcalib._types import Array, BoolArray
+from fieldcalib.problem.layout import Layout
 
 
 def if_level(covariance: Array, of_crown: BoolArray) -> Array:
-    """Covariance (n, n) of parameters if the field were known to be level, of which one at most is its crown (n,).
+    """Covariance (n, n) of parameters if the field were known to be level; `of_crown` (n,) marks its crown, if any.
 
     Examples
     --------
@@ -21,3 +25,17 @@ def if_level(covariance: Array, of_crown: BoolArray) -> Array:
         return covariance
     by_crown = covariance[:, index]
     return np.asarray(covariance - np.outer(by_crown, by_crown) / covariance[index, index])
+
+
+@dataclass(frozen=True, eq=False)
+class Considered:
+    """The parameters that a layout considers, with their joint covariance."""
+
+    layout: Layout
+    covariance: Array
+    """(S, S)"""
+
+    @cached_property
+    def if_level(self) -> Array:
+        """The covariance if the field were known to be level, (S, S)."""
+        return if_level(self.covariance, self.layout.is_crown[self.layout.considered])

@@ -1,14 +1,16 @@
-"""What an image shows of the markings in view of a camera: paint where they are projected, or beside it."""
+"""Paint that an image shows of the markings in view of a camera: where they are projected, or beside that."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-UNSEEN = 0.2  # share of a marking with paint on it, below which there is none: of one marking in 93 right pictures,
-LONG = 15  # of those with that many places or more
-CONFIRMED = 0.85  # share of the places with paint, which right frames of a hard clip have (0.83 to 0.97),
-LEAST_MARKINGS, LEAST_PLACES = 3, 8  # of as many markings, which determine a camera, with as many places each
+UNSEEN = 0.2  # a long marking with paint on less than this share is unseen: one marking in 93 right pictures is
+LONG = 15  # places from which on a marking is long
+CONFIRMED = (
+    0.85  # least share of places with paint on confirmed markings: right frames of a hard clip have 0.83 to 0.97
+)
+LEAST_MARKINGS, LEAST_PLACES = 3, 8  # confirmed markings that confirm a camera, and places that each needs
 
 
 @dataclass(frozen=True)
@@ -32,9 +34,9 @@ class MarkingInView:
     offset: float
     """Largest distance of its paint in view where this lies beside the marking, pixels; 0 if none was found there."""
     is_expected: bool = True
-    """Whether paint that is as narrow in the image is seen at other markings, so that its own should be."""
+    """Whether its paint should be seen: equally narrow paint of other markings is."""
     is_bent: bool = False
-    """Whether its paint bends away from it: a part lies on it, and the rest beside it."""
+    """Whether its paint bends away from it: a part lies on the marking, and the rest beside it."""
 
     @property
     def is_beside(self) -> bool:
@@ -48,12 +50,12 @@ class MarkingInView:
 
     @property
     def is_off(self) -> bool:
-        """Whether it speaks against the camera: its paint lies beside it, or it shows none."""
+        """Whether it speaks against the camera: its paint lies beside it or is missing."""
         return self.is_beside or self.is_unseen
 
 
 def paint_complaints(markings: Sequence[MarkingInView]) -> tuple[str, ...]:
-    """What the paint in an image says against a camera, in words: nothing if every marking may lie on its paint.
+    """Describe markings whose paint lies beside them or is missing, farthest first.
 
     Examples
     --------
@@ -69,7 +71,7 @@ def paint_complaints(markings: Sequence[MarkingInView]) -> tuple[str, ...]:
 def paint_contradicts(markings: Sequence[MarkingInView]) -> bool:
     """Whether more of the paint in view lies beside the markings than on them.
 
-    Paint that bends away does not count: no other place of the camera would bring it there.
+    Paint that bends away does not count: no camera would bring its marking there.
     """
     on = sum(one.share * one.places for one in markings)
     return sum((1.0 - one.share) * one.places for one in markings if one.is_beside and not one.is_bent) > on

@@ -1,55 +1,49 @@
-"""Frames that what they share cannot explain: their labels fit a camera with a place of its own much better.
+"""Errors of the model that frames share parameters: labels that fit a camera with a place of its own much better.
 
-Noise of the labels is in both fits; what remains of the difference is the error of the model. Where that is large, the
-model does not hold: the camera moves, the window of a cut-out does, the ground is not flat, or the shared parameters
-sit in a wrong minimum.
-
-What is shared is then known worse than white noise of the pixels says, since errors of a model are alike in frames that
-follow one another. So the frames are divided into runs. At the solution the gradients of all runs by what is shared
-cancel; how large each of them is says how much the estimate would move without that run (a block jackknife).
+Noise of the labels is in both fits, so the difference is the error of the model. Where it is large, the model does not
+hold: the camera moves, the picture is cut out of a moving window, the ground is not flat, or the shared parameters are
+in a wrong minimum.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 
 from fieldcalib._types import Array, BoolArray
-from fieldcalib.assess.shared import gradients_by_shared
 from fieldcalib.problem.evaluation import Evaluation, evaluate
 from fieldcalib.problem.layout import POSE_AND_ZOOM, Role
 from fieldcalib.problem.levenberg_marquardt import levenberg_marquardt
 
-# Share of the image's diagonal, 2.5 px of 960 x 540. On eight clips whose tripod holds, 329 of 330 keyframes with what
-# a network has found there have at most 2.2 px, most of them 0.5; with a place of the tripod that is 5 m wrong it is
-# 2.5 to 40 in most of them.
+# Share of the image's diagonal, 2.5 px of 960 x 540. On eight clips from a tripod, with labels of a network, 329 of 330
+# keyframes have at most 2.2 px, most of them 0.5; with a place of the tripod that is 5 m wrong, most have 2.5 to 40 px.
 LARGEST_EXCESS = 2.5 / 1101.0
-LEAST_FRAMES = 5  # of fewer nobody knows what is wrong
-LEAST_SHARE = 0.15  # of the frames: so many that the model does not explain are no chance, it does not hold
+LEAST_FRAMES = 5  # with fewer the model is not judged
+LEAST_SHARE = 0.15  # of the frames: if so many are contradicted, the model does not hold
 SOMEWHAT = 0.4  # of the largest excess: the median of keyframes of such clips is 0.6 px at most
-RUNS = 8  # of frames, whose errors are taken for independent
-ITERATIONS = 8  # of each frame by itself, from where all frames together have it
+ITERATIONS = 8  # of the fit of each frame by itself, from the common solution
 TOLERANCE = 1e-3  # of its cost
 
 
 @dataclass(frozen=True, eq=False)
 class Misfit:
-    """How far the labels of B frames lie off their cameras, root mean squares in pixels; NaN without labels."""
+    """Root mean square distances, pixels, of the labels of B frames from two fits; NaN without labels."""
 
     together: Array
-    """(B,), with the cameras that share what they share."""
+    """Distances (B,) from the cameras with shared parameters."""
     alone: Array
-    """(B,), with a place and a zoom of their own."""
+    """Distances (B,) from cameras with a place and a zoom of their own."""
 
     @property
     def excess(self) -> Array:
-        """What the model adds to the distance of the labels, pixels, (B,)."""
+        """Distance that the model adds, pixels, (B,)."""
         return np.asarray(np.sqrt(np.maximum(np.square(self.together) - np.square(self.alone), 0.0)))
 
 
 def is_contradicted(excess: Array, image_size: tuple[int, int]) -> BoolArray:
-    """Which frames (B,) the model does not explain, whose labels it brings so much (B,) farther off, in pixels.
+    """Which frames (B,) the model does not explain, from the distance (B,) that it adds, in pixels.
 
     Examples
     --------
@@ -61,9 +55,9 @@ def is_contradicted(excess: Array, image_size: tuple[int, int]) -> BoolArray:
 
 
 def is_of_wrong_model(excess: Array, image_size: tuple[int, int]) -> bool:
-    """Whether a model does not hold that brings the labels of frames so much (B,) farther off, in pixels.
+    """Whether a model does not hold, from the distance (B,) that it adds to the labels of frames, in pixels.
 
-    It contradicts many of them, or more than half of them somewhat; NaN does not count.
+    It contradicts many frames, or more than half of them somewhat; NaN does not count.
 
     Examples
     --------
@@ -78,29 +72,20 @@ def is_of_wrong_model(excess: Array, image_size: tuple[int, int]) -> bool:
 
 
 def misfit(evaluation: Evaluation) -> Misfit:
-    """Misfit of frames at their common solution: each is fitted again, by itself.
+    """Misfit of frames at their common solution: each is fitted again by itself.
 
-    Lens, principal point and size of the field stay as they are, so that a frame cannot explain by these what its place
-    does not.
+    Lens, principal point and size of the field stay as they are, so that a frame cannot use these instead of its place.
     """
     layout = evaluation.problem.layout
-    free = np.zeros(layout.size, dtype=bool)
-    free[POSE_AND_ZOOM] = layout.roles[POSE_AND_ZOOM] != Role.FIXED
-    own = replace(layout, roles=np.where(free, Role.FRAME, Role.FIXED))
+    roles = np.full(layout.size, Role.FIXED)
+    roles[POSE_AND_ZOOM] = np.where(layout.roles[POSE_AND_ZOOM] != Role.FIXED, Role.FRAME, Role.FIXED)
+    own = replace(layout, roles=roles)
     observations = evaluation.problem.observations.without_ends
     if layout.field_size is not None and np.any(layout.free[layout.field_size_block]):
         size = evaluation.theta[:, layout.field_size_block]
         observations = observations.moved(size - layout.field_size.given)
-    problem = replace(
-        evaluation.problem,
-        observations=observations,
-        layout=own,
-        prior=None,
-        group=None,
-        considered=None,
-        background=None,
-        path=None,
-    )
+    nothing: dict[str, Any] = dict.fromkeys(("prior", "group", "considered", "background", "path"))
+    problem = replace(evaluation.problem, observations=observations, layout=own, **nothing)
     start = evaluate(problem, evaluation.theta)
     alone = levenberg_marquardt(start, max_iterations=ITERATIONS, tolerance=TOLERANCE).evaluation
     return Misfit(rms_of_labels(evaluation), rms_of_labels(alone))
@@ -108,43 +93,20 @@ def misfit(evaluation: Evaluation) -> Misfit:
 
 def rms_of_labels(evaluation: Evaluation) -> Array:
     """Root mean square distance of the labelled pixels of each frame, (B,); NaN where there are none."""
-    squares, count = _squares_by_label(evaluation)
+    squares, count = squares_by_label(evaluation)
     with np.errstate(invalid="ignore"):
         return np.asarray(np.sqrt(np.sum(squares, axis=1) / np.sum(count, axis=1)))
 
 
 def rms_by_label(evaluation: Evaluation) -> Array:
     """Root mean square distance of the pixels of each label, (B, L)."""
-    squares, count = _squares_by_label(evaluation)
+    squares, count = squares_by_label(evaluation)
     with np.errstate(invalid="ignore"):
         return np.asarray(np.sqrt(squares / count))
 
 
-def _squares_by_label(evaluation: Evaluation) -> tuple[Array, Array]:
+def squares_by_label(evaluation: Evaluation) -> tuple[Array, Array]:
     """Sums of squared distances, and numbers of pixels, (B, L)."""
     observations = evaluation.problem.observations.without_ends
     squares = np.square(evaluation.r[:, : observations.weight.shape[1]])
     return observations.by_label(np.where(observations.label >= 0, squares, 0.0)), observations.pixels_by_label
-
-
-def inflation(evaluation: Evaluation, covariance: Array, inverse: Array, kappa: Array) -> float:
-    """By what the covariance (S, S) of what frames share is to be multiplied: 1 where their noise is white.
-
-    The mean, over directions in units of that covariance, of the variance that runs of frames show.
-
-    Parameters
-    ----------
-    evaluation : Evaluation
-        Of T frames at the solution.
-    covariance, inverse : (S, S) arrays
-        As `fieldcalib.assess.shared.shared_covariance` gives them.
-    kappa : (T,) array
-        As it takes it.
-    """
-    runs = [run for run in np.array_split(np.arange(len(evaluation.theta)), RUNS) if len(run)]
-    if len(runs) < 3 or not len(covariance):
-        return 1.0
-    pulls = gradients_by_shared(evaluation, kappa)
-    moved = np.array([np.sum(pulls[run], axis=0) for run in runs]) @ inverse
-    squares = np.sum(moved * np.linalg.solve(covariance, moved.T).T)
-    return max(1.0, float(squares) * len(runs) / (len(runs) - 1) / len(covariance))

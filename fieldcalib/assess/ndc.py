@@ -1,4 +1,4 @@
-"""The paper's two losses, in normalised device coordinates: both axes of the image run from -1 to 1.
+"""The paper's two losses in normalised device coordinates (NDC), in which both axes of the image run from -1 to 1.
 
 "tvcalib" is what the paper's public code computes: the mean distance over all line pixels plus the mean distance over
 all circle pixels, an absent kind counting 0; points and clouds count with the circles. The self-verification threshold
@@ -6,21 +6,20 @@ tau belongs to this one. "eq3" is the printed equation 3: the mean over segments
 
 Distances are Euclidean in these coordinates, so that horizontal and vertical pixels weigh differently. Circles are
 point clouds of 128 samples (paper, section "Hyperparameters"), a circle is split into its halves where the field
-has them (`fieldcalib.problem.labelled_pixels.split_circles`), and a known lens is taken out of the observed pixels. The
-paper has the main stand in mind: from the opposite one the halves change sides, and from behind a goal the circle stays
-whole.
+has them (`fieldcalib.problem.labelled_pixels.split_circles`), and the pixels are undistorted by the lens of the camera.
+The paper assumes a camera in the main stand: seen from the opposite one the halves change sides, and seen from behind a
+goal the circle stays whole.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from functools import lru_cache
-from typing import Literal, TypeAlias, get_args
+from typing import Literal, NamedTuple, TypeAlias, get_args
 
 import numpy as np
 
-from fieldcalib._types import Array, BoolArray, IntArray
+from fieldcalib._types import Array, IntArray
 from fieldcalib.fields.field import Field
 from fieldcalib.fields.segments import ObjectSegments, PointCloud, Segment
 from fieldcalib.geometry.camera import Camera
@@ -32,7 +31,8 @@ from fieldcalib.problem.projection import Projection
 NdcLoss: TypeAlias = Literal["tvcalib", "eq3"]
 CLOUD_SAMPLES = 128
 PIXELS_AT_ONCE = 8192  # with the samples of their circles they take some 10 MB
-LEAST_LENGTH, LEAST_DEPTH = 1e-300, 1e-9  # keep divisions finite
+TINY = 1e-300  # keeps the division by the length of a normal finite
+NEARLY_BESIDE = 1e-9  # m: the depth at which samples in the plane of the camera are projected
 
 
 def ndc_loss(
@@ -81,83 +81,56 @@ def ndc_losses(
     theta: Array, layout: Layout, object_segments: ObjectSegments, frames: Sequence[Pixels], kind: NdcLoss = "tvcalib"
 ) -> Array:
     """`ndc_loss` of the cameras theta (T, n) of a layout."""
-    size, pans = layout.image_size, theta[:, PAN]
+    size, pans, T = layout.image_size, theta[:, PAN], len(frames)
     split = [_halves(object_segments, frame, size, pan) for frame, pan in zip(frames, pans, strict=True)]
-    pairs = [(t, object_segments[label], xy) for t, frame in enumerate(split) for label, xy in frame.items()]
-    if not pairs:
-        return np.zeros(len(frames))
-    seen = _Seen.of(pairs, theta, layout)
-    total, count = np.zeros(len(frames)), np.zeros(len(frames))
-    is_line = np.array([segment.is_straight for segment in seen.segments])
-    for members, distances in ((is_line, _line_distances), (~is_line, _cloud_distances)):
-        if not np.any(members):
+    labels = [(t, object_segments[label], xy) for t, frame in enumerate(split) for label, xy in frame.items()]
+    total, count = np.zeros(T), np.zeros(T)
+    for is_line, distances in ((True, _line_distances), (False, _cloud_distances)):
+        some = [label for label in labels if label[1].is_straight == is_line]
+        if not some:
             continue
-        some = seen.take(members)
-        distance, frame = distances(some), some.frame[some.pair]
+        seen = _Labels.of(some, theta, layout)
+        distance, frame = distances(seen), seen.frame[seen.pair]
         if kind == "eq3":  # the pixels of a segment share a weight of 1
-            total += np.bincount(frame, distance / some.size[some.pair], minlength=len(frames))
-            count += np.bincount(some.frame, minlength=len(frames))
+            total += np.bincount(frame, distance / seen.size[seen.pair], minlength=T)
+            count += np.bincount(seen.frame, minlength=T)
         else:
-            pixels = np.bincount(frame, minlength=len(frames))
-            total += np.bincount(frame, distance, minlength=len(frames)) / np.maximum(pixels, 1)
+            pixels = np.bincount(frame, minlength=T)
+            total += np.bincount(frame, distance, minlength=T) / np.maximum(pixels, 1)
     return np.asarray(total / np.maximum(count, 1.0))
 
 
-@dataclass(frozen=True, eq=False)
-class _Seen:
-    """The undistorted pixels of L labels in frames, one label after the other."""
+class _Labels(NamedTuple):
+    """L labels of several frames, with their undistorted pixels one after the other."""
 
-    segments: list[Segment]
-    """Of each label."""
+    segments: Sequence[Segment]
+    """The segment of each label."""
     frame: IntArray
-    """Of each label, (L,)."""
+    """The frame of each label, (L,)."""
     size: IntArray
-    """Number of its pixels, (L,)."""
+    """Number of pixels of each label, (L,)."""
     pair: IntArray
-    """Which of the L each pixel belongs to, (P,)."""
+    """Index of the label of each pixel, (P,)."""
     xy: Array
     """Ideal offsets of the pixels, (2, P)."""
-    theta: Array
-    """Of the frames."""
-    layout: Layout
+    cameras: Projection
+    """The camera of each label."""
+    half_size: Array
+    """Pixels for one unit of NDC, (2,)."""
 
     @classmethod
-    def of(cls, pairs: Sequence[tuple[int, Segment, Array]], theta: Array, layout: Layout) -> _Seen:
-        """Of labels: frame, segment and pixels of each."""
-        frames, segments, pixels = zip(*pairs, strict=True)
+    def of(cls, labels: Sequence[tuple[int, Segment, Array]], theta: Array, layout: Layout) -> _Labels:
+        """From the frame, segment and pixels of each label."""
+        frames, segments, pixels = zip(*labels, strict=True)
         frame, size = np.array(frames), np.array([len(xy) for xy in pixels])
-        pair = np.repeat(np.arange(len(pairs)), size)
+        pair = np.repeat(np.arange(len(labels)), size)
         own = Projection(theta[frame[pair]], layout)
-        xy = own.ideal_offset(own.observed_offset(np.concatenate(pixels)[:, None]))
-        return cls(list(segments), frame, size, pair, xy[..., 0], theta, layout)
-
-    def take(self, members: BoolArray) -> _Seen:
-        """Some of the labels (L,)."""
-        number = np.cumsum(members) - 1
-        pixels = members[self.pair]
-        return _Seen(
-            [segment for segment, member in zip(self.segments, members, strict=True) if member],
-            self.frame[members],
-            self.size[members],
-            number[self.pair[pixels]],
-            self.xy[:, pixels],
-            self.theta,
-            self.layout,
-        )
-
-    @property
-    def cameras(self) -> Projection:
-        """Of the labels."""
-        return Projection(self.theta[self.frame], self.layout)
-
-    @property
-    def half_size(self) -> Array:
-        """Pixels for one unit of NDC, (2,)."""
-        return np.divide(self.layout.image_size, 2.0)
+        xy = own.ideal_offset(own.observed_offset(np.concatenate(pixels)[:, None]))[..., 0]
+        return cls(segments, frame, size, pair, xy, Projection(theta[frame], layout), np.divide(layout.image_size, 2.0))
 
 
 def _halves(object_segments: ObjectSegments, frame: Pixels, image_size: tuple[int, int], pan: float) -> Pixels:
-    """The frame with its circles split as a camera of this pan sees them."""
+    """The frame with its circles split into the halves that the paper's model has, as seen at this pan."""
     halves = object_segments.halves if isinstance(object_segments, Field) else {}
     if not halves.keys() & frame.keys() or np.abs(np.cos(pan)) < 0.5:
         return frame
@@ -169,7 +142,7 @@ def _halves(object_segments: ObjectSegments, frame: Pixels, image_size: tuple[in
 
 
 def cloud(segment: Segment) -> PointCloud:
-    """The samples that the paper compares a segment with if it is no line: of an arc 128, both ends included.
+    """The samples that stand for a segment that is no line; an arc has 128, both ends included.
 
     Examples
     --------
@@ -183,32 +156,27 @@ def cloud(segment: Segment) -> PointCloud:
 
 @lru_cache(maxsize=64)
 def _samples(segment: Segment) -> Array:
-    """Those of `cloud`, (S, 3)."""
+    """The samples of `cloud`, (S, 3)."""
     return cloud(segment).X
 
 
-def _padded(X: Array, count: int) -> Array:
-    """Samples (S, 3) with the last one repeated."""
-    return X if len(X) == count else X[np.minimum(np.arange(count), len(X) - 1)]
-
-
-def _line_distances(seen: _Seen) -> Array:
+def _line_distances(seen: _Labels) -> Array:
     """NDC distance (P,) of pixels to infinite lines."""
-    cameras = seen.cameras
     lines = np.array([line.vectors for line in seen.segments])
-    ax, ay, az = cameras.points(lines[:, :1])[..., 0]
-    dx, dy, dz = cameras.directions(lines[:, 1:])[..., 0]
+    ax, ay, az = seen.cameras.points(lines[:, :1])[..., 0]
+    dx, dy, dz = seen.cameras.directions(lines[:, 1:])[..., 0]
     image_lines = np.array([ay * dz - az * dy, az * dx - ax * dz, ax * dy - ay * dx])
-    image_lines /= np.hypot(*(image_lines[:2] * seen.half_size[:, None])) + LEAST_LENGTH
+    image_lines /= np.hypot(*(image_lines[:2] * seen.half_size[:, None])) + TINY
     lx, ly, lz = image_lines[:, seen.pair]
     return np.asarray(np.abs(lx * seen.xy[0] + ly * seen.xy[1] + lz))
 
 
-def _cloud_distances(seen: _Seen) -> Array:
+def _cloud_distances(seen: _Labels) -> Array:
     """NDC distance (P,) of pixels to the nearest samples of their segments."""
-    most = max(len(_samples(segment)) for segment in seen.segments)
-    hx, hy, hz = seen.cameras.points(np.array([_padded(_samples(segment), most) for segment in seen.segments]))
-    hz = np.where(np.abs(hz) < LEAST_DEPTH, LEAST_DEPTH, hz)  # a sample in the camera's plane
+    samples = [_samples(segment) for segment in seen.segments]
+    numbers = np.arange(max(map(len, samples)))  # the last sample is repeated
+    hx, hy, hz = seen.cameras.points(np.array([X[np.minimum(numbers, len(X) - 1)] for X in samples]))
+    hz = np.where(np.abs(hz) < NEARLY_BESIDE, NEARLY_BESIDE, hz)
     x, y = hx / hz, hy / hz
     distance = np.empty(len(seen.pair))
     for begin in range(0, len(distance), PIXELS_AT_ONCE):

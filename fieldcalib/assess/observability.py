@@ -1,7 +1,7 @@
-"""What the labels determine: the one answer that verdict, messages and uncertainty share.
+"""Which directions of the parameters the labels determine, for verdict, messages and uncertainty.
 
-The information of the labels is ``J^T W J`` with the weights that the solver gave the residuals, each segment counting
-as one pixel, in units of the prior's: along a direction where it is 1, labels and prior say equally much.
+The information of the labels is ``J^T W J``, with the solver's weights of the residuals, in which a segment counts as
+one pixel. Its unit is the information of the prior: where it is 1, labels and prior say equally much.
 """
 
 from __future__ import annotations
@@ -26,40 +26,40 @@ class Direction:
     """A direction of the parameters, and how much the labels say about it."""
 
     information: float
-    """Of the labels, in units of the prior's: below 1 the prior says more than they do."""
+    """Information from the labels, in units of the prior's: below 1 the prior says more."""
     parameters: str
-    """What makes it up, as "focal length with y"."""
+    """The parameters that make up the direction, as "focal length with y"."""
 
     @property
     def share(self) -> float:
-        """Share of the estimate along this direction that comes from the labels, the rest being the prior's."""
+        """Share of the estimate along this direction that comes from the labels; the rest comes from the prior."""
         return self.information / (1.0 + self.information)
 
 
 @dataclass(frozen=True, eq=False)
 class Information:
-    """What the labels of B frames say about the free parameters."""
+    """Information from the labels of B frames about P free parameters."""
 
     matrix: Array
-    """(B, P, P) in units of the prior's."""
+    """Information (B, P, P) in units of the prior's."""
     names: tuple[str, ...]
-    """Of the P parameters."""
+    """Names of the P parameters."""
     has_prior: bool
 
     @classmethod
     def of(cls, evaluation: Evaluation, unit: Array) -> Information:
-        """At the cameras of an evaluation, in units of the standard deviations `unit` (B, P)."""
+        """The information at the cameras of an evaluation, in units of the standard deviations `unit` (B, P)."""
         layout = evaluation.problem.layout
         names = tuple(READABLE.get(name, name) for name, free in zip(layout.names, layout.free, strict=True) if free)
         matrix = evaluation.information * unit[:, :, None] * unit[:, None, :]
         return cls(matrix, names, evaluation.problem.prior is not None)
 
     def take(self, frames: slice) -> Information:
-        """What those of some frames say."""
+        """The information of some of the frames."""
         return Information(self.matrix[frames], self.names, self.has_prior)
 
     def about(self, some: BoolArray) -> Information:
-        """About some of the parameters (P,), the others being under their prior: the Schur complement."""
+        """The information about some of the parameters (P,), the others being free: the Schur complement."""
         if np.all(some):
             return self
         own = self.matrix[:, some][:, :, some]
@@ -72,23 +72,18 @@ class Information:
 
     @cached_property
     def eigen(self) -> tuple[Array, Array]:
-        """Information along its own directions (B, P), ascending, and these as columns (B, P, P)."""
+        """Eigenvalues (B, P) of the information, ascending, and its eigenvectors as columns (B, P, P)."""
         values, vectors = np.linalg.eigh(self.matrix)
         return np.maximum(values, 0.0), vectors
 
     def directions(self, frame: int) -> tuple[Direction, ...]:
-        """The directions of one frame, what the labels determine least first."""
-        values, vectors = self.eigen
-        return tuple(
-            Direction(float(value), self._named(vector))
-            for value, vector in zip(values[frame], vectors[frame].T, strict=True)
-        )
+        """The directions of one frame, least determined by the labels first."""
+        return tuple(self._direction(frame, k) for k in range(len(self.names)))
 
     def weakest(self, frame: int) -> Direction:
-        """What the labels of one frame determine least."""
-        values, vectors = self.eigen
-        return Direction(float(values[frame, 0]), self._named(vectors[frame, :, 0]))
+        """The direction that the labels of one frame determine least."""
+        return self._direction(frame, 0)
 
-    def _named(self, vector: Array) -> str:
-        names = np.array(self.names)
-        return " with ".join(names[np.abs(vector) > 0.5 * np.abs(vector).max()])
+    def _direction(self, frame: int, k: int) -> Direction:
+        value, size = self.eigen[0][frame, k], np.abs(self.eigen[1][frame, :, k])
+        return Direction(float(value), " with ".join(np.array(self.names)[size > 0.5 * size.max()]))

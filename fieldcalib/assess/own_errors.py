@@ -1,11 +1,12 @@
-"""What frames of one tripod leave open of their own parameters: pan, tilt, roll and zoom, where the rest is shared.
+"""Errors of the own parameters of frames of one tripod: pan, tilt, roll and zoom, where the rest is shared.
 
 To first order the error of a frame's own parameters is
 
-    own = e - F s,        e with covariance E, s that of what is shared, with covariance V,
+    own = e - F s,
 
-e being what the labels of the frame and what ties it leave open if all that is shared were exact. Where a frame is tied
-to others with own errors e_k - F_k s, these are handed on through the coupling C of both frames.
+with s the error of the shared parameters, of covariance V, and e the error that remains if these are exact, of
+covariance E. A frame that is tied to others by points of the background inherits their errors e_k - F_k s through the
+coupling C of both frames.
 """
 
 from __future__ import annotations
@@ -17,11 +18,10 @@ import numpy as np
 from fieldcalib._types import Array
 from fieldcalib.assess.datum import relative_to_markings
 from fieldcalib.assess.ground import ground_derivatives, ground_of_pixels
-from fieldcalib.assess.level import if_level
+from fieldcalib.assess.level import Considered
 from fieldcalib.assess.noise import Noise, gram
 from fieldcalib.fields.field import Field
 from fieldcalib.problem.evaluation import Evaluation
-from fieldcalib.problem.layout import Layout
 from fieldcalib.problem.levenberg_marquardt import coupled
 from fieldcalib.problem.projection import Projection
 
@@ -29,7 +29,7 @@ GRID = (7, 5)  # pixels across and down the picture
 
 
 class OwnErrors(NamedTuple):
-    """Of B frames with o own parameters, which share S others."""
+    """Errors of the o own parameters of B frames, which share S others."""
 
     own: Array
     """E, (B, o, o)."""
@@ -38,16 +38,16 @@ class OwnErrors(NamedTuple):
 
 
 def own_errors(evaluation: Evaluation, sigma: float, kappa: float, of_first: OwnErrors | None = None) -> OwnErrors:
-    """Of frames at their solution: what they share is considered, and pairs of the background tie them.
+    """Errors of frames at their solution, which pairs of background points tie to one another or to known frames.
 
     Parameters
     ----------
     evaluation : Evaluation
-        Of B frames, in a layout in which the frames' own parameters are free.
+        B frames, in a layout whose free parameters are the frames' own and whose considered ones are shared.
     sigma, kappa : float
-        As in `fieldcalib.assess.shared`.
+        Size of the noise and curvature, as in `fieldcalib.assess.shared`.
     of_first : OwnErrors, optional
-        Of the first frame of each of K pairs, where that is no frame of the evaluation.
+        Errors of the first frame of each of K pairs, where these frames are not in the evaluation.
     """
     hessian, between, border, painted = _of_labels(evaluation, sigma, kappa)
     hessian, between = hessian + evaluation.links_hessian, between + evaluation.links_hessian
@@ -62,7 +62,7 @@ def own_errors(evaluation: Evaluation, sigma: float, kappa: float, of_first: Own
             np.add.at(border, pairs.first, first @ by_shared)
         else:
             assert of_first is not None
-            coupling = second @ np.swapaxes(of_each[0][:, own], 1, 2)  # a row for each parameter of the second frame
+            coupling = second @ np.swapaxes(of_each[0][:, own], 1, 2)
             np.add.at(between, pairs.second, coupling @ of_first.own @ np.swapaxes(coupling, 1, 2))
             np.add.at(border, pairs.second, -coupling @ of_first.following)
     if evaluation.coupling is None:
@@ -72,50 +72,48 @@ def own_errors(evaluation: Evaluation, sigma: float, kappa: float, of_first: Own
     B, o = hessian.shape[:2]
     inverse = np.linalg.inv(coupled(hessian, evaluation.coupling))
     spread = (inverse @ coupled(between, evaluation.coupling) @ inverse).reshape(B, o, B, o)
-    # a line that lies elsewhere does so in all frames: ties do not average that out
+    # a line that lies beside its place does so in all frames: ties do not average that out
     by_line = (inverse @ painted.reshape(B * o, -1)).reshape(painted.shape)
     E = spread[np.arange(B), :, np.arange(B)] + by_line @ np.swapaxes(by_line, 1, 2)
     return OwnErrors(E, (inverse @ border.reshape(B * o, -1)).reshape(border.shape))
 
 
 def _of_labels(evaluation: Evaluation, sigma: float, kappa: float) -> tuple[Array, Array, Array, Array]:
-    """Hessian (B, o, o) of labels and prior, covariance of their gradient, and Hessian (B, o, S) by what is shared.
+    """Terms of labels and prior, of the cost by the own parameters.
 
-    With them comes the gradient (B, o, L) of each line that is one standard deviation elsewhere.
+    Its Hessian (B, o, o), the covariance of its gradient (B, o, o), its Hessian by the shared parameters (B, o, S), and
+    its gradient (B, o, L) for each line that lies one standard deviation beside its place.
     """
     problem, JT = evaluation.problem, evaluation.JT
     by_shared = evaluation.derivatives(problem.layout.considered)
     noise = Noise(evaluation)
-    pull = evaluation.pull * noise.relative_sigma
-    between = sigma**2 * noise.covariance(JT, pull, pull)
+    between = sigma**2 * noise.covariance(JT, noise.pull, noise.pull)
     hessian = kappa * gram(JT, evaluation.pull)
-    if problem.prior is not None:
-        precision = 1.0 / np.square(evaluation.pulling_prior_sigma)
-        diagonal = np.arange(JT.shape[1])
-        between[:, diagonal, diagonal] += precision
-        hessian[:, diagonal, diagonal] += precision
+    if evaluation.prior is not None:
+        between, hessian = between + evaluation.prior.hessian, hessian + evaluation.prior.hessian
     border = kappa * (JT * evaluation.pull[:, None]) @ np.swapaxes(by_shared, 1, 2)
     return hessian, between, border, noise.by_line(JT, evaluation.pull)
 
 
-def whole_covariance(E: Array, F: Array, V: Array, layout: Layout) -> Array:
-    """Covariance (n, n) of all parameters of one frame, from E (o, o), F (o, S) and V (S, S)."""
-    own, considered = np.flatnonzero(layout.free), np.flatnonzero(layout.considered)
+def whole_covariance(E: Array, F: Array, considered: Considered) -> Array:
+    """Covariance (n, n) of all parameters of one frame, from E (o, o), F (o, S) and that of what frames share."""
+    layout, V = considered.layout, considered.covariance
+    own, shared = np.flatnonzero(layout.free), np.flatnonzero(layout.considered)
     covariance = np.zeros((layout.size, layout.size))
     covariance[np.ix_(own, own)] = E + F @ V @ F.T
-    covariance[np.ix_(own, considered)] = -F @ V
-    covariance[np.ix_(considered, own)] = -V @ F.T
-    covariance[np.ix_(considered, considered)] = V
+    covariance[np.ix_(own, shared)] = -F @ V
+    covariance[np.ix_(shared, own)] = -V @ F.T
+    covariance[np.ix_(shared, shared)] = V
     return covariance
 
 
-def ground_errors(theta: Array, layout: Layout, errors: OwnErrors, V: Array, field: Field | None) -> Array:
-    """Root mean square error, metres, of the field that each of B cameras sees, relative to the markings in view, (B,).
+def ground_errors(theta: Array, errors: OwnErrors, considered: Considered, field: Field | None) -> Array:
+    """Root mean square error (B,), metres, of the field that each camera sees, relative to the markings in view.
 
-    The field is taken for level, whatever is known of its crown.
-    It is the median over a grid of pixels that see the ground within the field, or anywhere if there is none; NaN where
-    none does.
+    It is the median over the pixels of a grid that see the field, or the ground if no field is given, and NaN if none
+    does. The ground is taken for level.
     """
+    layout = considered.layout
     half = np.full(2, np.inf) if field is None else np.array([field.length, field.width]) / 2.0
     width, height = layout.image_size
     x, y = np.meshgrid(np.linspace(0.0, width - 1.0, GRID[0]), np.linspace(0.0, height - 1.0, GRID[1]))
@@ -124,10 +122,10 @@ def ground_errors(theta: Array, layout: Layout, errors: OwnErrors, V: Array, fie
     X, seen = ground_of_pixels(projection, xy)
     seen &= np.all(np.abs(X[..., :2]) <= half, axis=-1)
     some = layout.free | layout.considered
-    V = if_level(V, layout.is_crown[layout.considered])
     moved = relative_to_markings(ground_derivatives(projection, X, seen, some), projection, field, some)
     own = moved[..., layout.free[some]]
     shared = moved[..., layout.considered[some]] - own @ errors.following[:, None]
+    V = considered.if_level
     squares = np.einsum("bnij,bjk,bnik->bn", own, errors.own, own) + np.einsum("bnij,jk,bnik->bn", shared, V, shared)
     ordered = np.sort(np.where(seen, squares, np.inf), axis=1)
     count = np.sum(seen, axis=1)

@@ -1,8 +1,8 @@
-"""Pictures that are not whole frames with square pixels: where they lie in such a frame, and the way to it and back.
+"""Pictures that are not whole frames with square pixels: where they lie in such a frame.
 
 A camera is calibrated in a frame with square pixels and the principal point near the middle. A squashed picture is
-stretched to that, a cropped one put in its place, black borders are left out; the camera found there is then expressed
-in the picture's own pixels.
+stretched to such a frame, a cropped one is put in its place, black borders are left out. The camera that is found there
+is then expressed in the picture's own pixels.
 """
 
 from __future__ import annotations
@@ -26,10 +26,10 @@ class Crop:
 
     frame_size: tuple[int, int]
     corner: tuple[int, int]
-    """Pixel of the frame that is the part's first one."""
+    """Pixel of the frame at the first pixel of the part."""
 
     def __str__(self) -> str:
-        """As on the command line."""
+        """The crop as it is written on the command line."""
         (width, height), (x, y) = self.frame_size, self.corner
         return f"{width}x{height}+{x}+{y}"
 
@@ -48,9 +48,9 @@ class Placement:
     """
 
     size: tuple[int, int]
-    """Of the pictures."""
+    """Width and height of the pictures."""
     display_size: tuple[int, int]
-    """At which their pixels are square."""
+    """Width and height at which their pixels are square."""
     crop: Crop | None
 
     @property
@@ -65,16 +65,16 @@ class Placement:
 
     @property
     def scale(self) -> Array:
-        """Pixels as shown for each of the picture's, along x and y."""
+        """Pixels at the display size per pixel of the picture, along x and y."""
         return np.divide(self.display_size, self.size)
 
     @property
     def corner(self) -> tuple[int, int]:
-        """Pixel of the frame that is the picture's first one."""
+        """Pixel of the frame at the first pixel of the picture."""
         return (0, 0) if self.crop is None else self.crop.corner
 
     def to_frame(self, pixels: Pixels) -> Pixels:
-        """Labelled pixels of a picture in the frame."""
+        """Labelled pixels of a picture as pixels of the frame."""
         return {label: self.scale * xy + self.corner for label, xy in pixels.items()}
 
     def image_in_frame(self, image: NDArray[np.uint8]) -> NDArray[np.uint8]:
@@ -100,7 +100,7 @@ class Placement:
 
 @dataclass(frozen=True)
 class Shape:
-    """What was seen of the shape of the frames of a clip: black borders, pixels that are not square.
+    """Shape of the frames of a clip: black borders, and pixels that are not square.
 
     Examples
     --------
@@ -111,9 +111,9 @@ class Shape:
 
     placement: Placement
     message: str = ""
-    """Of frames that are not as they seem; it is added to that of each."""
+    """Message that is added to that of each frame."""
     complaints: tuple[str, ...] = ()
-    """What speaks against every camera."""
+    """Complaints that are added to those of each frame."""
 
     def in_picture(self, calibration: Calibration) -> Calibration:
         """A calibration of a frame with its cameras in the picture's pixels, and its errors in the frame's."""

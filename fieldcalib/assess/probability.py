@@ -1,20 +1,22 @@
-"""How probable it is that a camera is right: a number from what the labels tell about it.
+"""The probability that a camera is right, from its uncertainty.
 
-A camera is right to d metres if it takes no point of the field that is in view for one further off than that, relative
-to the markings in view (`fieldcalib.assess.datum`). With m the largest root mean square error that its covariance
-expects among them, sigma the noise of the labelled pixels (in units of the usual one), nu the degrees of freedom that
-sigma rests on, and z the z-scores of the camera under its prior, the log odds of that are
+A camera is right to d metres if it locates every point of the field in view to better than that, relative to the
+markings in view (`fieldcalib.assess.datum`). With m the largest root mean square error of these points by its
+covariance, sigma the noise of the labelled pixels (in units of the usual one), nu the degrees of freedom that sigma
+rests on, and z the z-scores of the camera under its prior, the log odds of being right are
 
     b0 + b1 log(m / d) + b2 log sigma + b3 log nu + b4 log(1 + z . z).
 
-The covariance alone is nearly right (b0 and b2 to b4 zero); the other terms say that frames with large noise or an
-unusual camera are worse than it thinks, as wrong labels among few and an unknown principal point leave them. The
-coefficients belong to a field and its cameras (`fieldcalib.fields.traits.ProbabilityModel`).
+The covariance alone (b0 and b2 to b4 zero) gives nearly the right odds. The other terms lower them for frames with
+large noise or an unusual camera, whose errors are larger than the covariance says: few labels, some of them wrong, or
+a principal point far from the middle. The coefficients belong to a field and its cameras
+(`fieldcalib.fields.traits.ProbabilityModel`).
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
+from typing import TypeAlias
 
 import numpy as np
 
@@ -29,17 +31,17 @@ from fieldcalib.geometry.camera import Camera
 from fieldcalib.problem.layout import Layout
 from fieldcalib.problem.projection import Projection
 
-GRID = (17, 10)  # points along the image's width and height where errors are looked at,
+GRID = (17, 10)  # points along the image's width and height at which errors are computed,
 BORDER = 20  # and along each side of the field
-LARGEST_SCORE = 5.0  # z-scores beyond say no more
-MOST_PIXELS = 3.0  # of a segment
-# Fitted to 600 rendered pictures (`data_tools.pitches`), with the coefficients of labelled frames.
+LARGEST_SCORE = 5.0  # larger z-scores count as this
+MOST_PIXELS = 3.0  # a segment adds no more to the degrees of freedom
+# Fitted to 600 rendered pictures (`data_tools.pitches`) with the coefficients of labelled frames kept.
 PAINT_SHOWS, PAINT_COUNTS = 0.9, 3.5
-LEAST_NOISE = 1e-3  # of the square of an error: with less a probability is 0 or 1
+LEAST_NOISE = 1e-3  # share of a squared error that is noise at least: with less, a probability is 0 or 1
 
 
 def largest_error(uncertainty: Estimate, field: Field) -> float:
-    """Expected (root mean square) error of the worst point of a field in view, relative to the markings there, metres.
+    """Largest root mean square error of the points of a field in view, relative to the markings there, metres.
 
     NaN where no part of the field is in view, infinite where the labels leave it open.
 
@@ -60,7 +62,7 @@ def largest_error(uncertainty: Estimate, field: Field) -> float:
 def ground_in_view(camera: Camera, field: Field, finer: int = 1) -> Array:
     """Points of a field that a camera sees, (n, 3): on a grid of pixels, and along the border of the field.
 
-    The border is what is farthest off in most views: there errors are largest, and between the rows of a grid.
+    Errors are largest at the border in most views, and it may lie between the rows of the grid.
     """
     layout = Layout.of(camera.image_size, camera.lens)
     X, seen = _grounds_in_view(Projection(layout.theta(camera)[None], layout), field, finer)
@@ -68,12 +70,13 @@ def ground_in_view(camera: Camera, field: Field, finer: int = 1) -> Array:
 
 
 def _grounds_in_view(projection: Projection, field: Field, finer: int = 1) -> tuple[Array, BoolArray]:
-    """The same points for B cameras, (B, N, 3), and which of them each sees, (B, N)."""
+    """Points of `ground_in_view` for B cameras, (B, N, 3), and which of them each camera sees, (B, N)."""
     size = np.array(projection.layout.image_size)
     half = np.array([field.length, field.width]) / 2.0
     x, y = (np.linspace(0.0, side - 1.0, finer * count) for side, count in zip(size, GRID, strict=True))
     B = len(projection.theta)
-    on_grid, sees_ground = ground_of_pixels(projection, _repeated(np.stack(np.meshgrid(x, y), axis=-1), B))
+    pixels = np.stack(np.meshgrid(x, y), axis=-1).reshape(-1, 2)
+    on_grid, sees_ground = ground_of_pixels(projection, np.broadcast_to(pixels, (B, *pixels.shape)))
     along = np.linspace(-1.0, 1.0, finer * BORDER)
     ones = np.ones_like(along)
     sides = [np.stack(pair, axis=1) for pair in ((along, ones), (along, -ones), (ones, along), (-ones, along))]
@@ -82,24 +85,16 @@ def _grounds_in_view(projection: Projection, field: Field, finer: int = 1) -> tu
     in_image = np.all((xy >= 0.0) & (xy <= size - 1.0), axis=-1)
     on_field = np.all(np.abs(on_grid[..., :2]) <= half, axis=-1)
     seen = np.concatenate([sees_ground & on_field, has_pixel & in_image], axis=1)
-    return np.concatenate([on_grid, _repeated(on_border, B)], axis=1), seen
+    return np.concatenate([on_grid, np.broadcast_to(on_border, (B, *on_border.shape))], axis=1), seen
 
 
-def _repeated(points: Array, count: int) -> Array:
-    """Points (..., d) for each of several cameras, (count, n, d)."""
-    points = points.reshape(-1, points.shape[-1])
-    return np.broadcast_to(points, (count, *points.shape))
+OddsTerms: TypeAlias = tuple[Array, Array]
+"""Terms (K, 5) of the log odds for d = 1 m, ``1, log m, log sigma, log nu, log(1 + z . z)``, in a row for each
+possibility for the field's size, and the probabilities (K,) of these."""
 
 
-Evidence = tuple[Array, Array]
-"""What the log odds are linear in, (K, 5), for d = 1 m: ``1, log m, log sigma, log nu, log(1 + z . z)``.
-
-There is one row for each possibility for the field's size, and their probabilities (K,) come with them.
-"""
-
-
-def evidence(uncertainties: Sequence[Uncertainty], field: Field) -> list[tuple[Evidence, Evidence]]:
-    """The evidence for each of several estimates of one layout: as it is, and if the field were known to be level."""
+def odds_terms(uncertainties: Sequence[Uncertainty], field: Field) -> list[tuple[OddsTerms, OddsTerms]]:
+    """Terms of the log odds for each of several estimates of one layout, on any ground and on level ground."""
     if not uncertainties:
         return []
     found = []
@@ -107,12 +102,12 @@ def evidence(uncertainties: Sequence[Uncertainty], field: Field) -> list[tuple[E
         problem = one.problem
         z = np.minimum(np.abs(problem.prior_residuals(one.evaluation.theta)), LARGEST_SCORE)
         common = np.log([one.sigma / problem.noise, degrees_of_freedom(one), 1.0 + np.sum(np.square(z))])
-        found.append((_evidence(one, *in_view, common), _evidence(one.if_level, *in_view, common)))
+        found.append((_terms(one, *in_view, common), _terms(one.if_level, *in_view, common)))
     return found
 
 
-def _evidence(one: Uncertainty, determined: Array, by_considered: Array, common: Array) -> Evidence:
-    """The evidence, with what all possibilities have in `common`, from `_squares_in_view`."""
+def _terms(one: Uncertainty, determined: Array, by_considered: Array, common: Array) -> OddsTerms:
+    """Terms of one estimate, from its `_squares_in_view` and the last three, which all possibilities have in common."""
     weights, moments = one.possibilities
     rows = np.empty((len(weights), 5))
     squares = determined + np.tensordot(moments, by_considered, axes=((1, 2), (1, 2)))  # (K, N)
@@ -122,10 +117,10 @@ def _evidence(one: Uncertainty, determined: Array, by_considered: Array, common:
 
 
 def _squares_in_view(uncertainties: Sequence[Uncertainty], field: Field) -> Iterator[tuple[Array, Array]]:
-    """Mean squares of the errors of N ground points in view, as each of several estimates tells them.
+    """For each estimate the mean squares (N,) of the errors of its N ground points in view, and how they grow.
 
-    These are (N,), infinite where nothing determines the point, and what they grow by with second moments of the
-    considered parameters, (N, c, c).
+    They are infinite where nothing determines the point, and grow by (N, c, c) with the second moments (c, c) of the
+    considered parameters.
     """
     layout = uncertainties[0].layout
     projection = Projection(np.array([one.theta for one in uncertainties]), layout)
@@ -141,28 +136,28 @@ def _squares_in_view(uncertainties: Sequence[Uncertainty], field: Field) -> Iter
         yield determined, np.swapaxes(of_considered, 1, 2) @ of_considered
 
 
-def probability_by_covariance(errors: Estimate, field: Field, metres: float) -> float:
-    """Probability that no ground point in view is off by more than some metres, as the worst of them tells it.
+def probability_by_covariance(estimate: Estimate, field: Field, metres: float) -> float:
+    """Smallest probability, over the ground points in view, that the point is off by no more than some metres.
 
-    On level ground it is ``1 - exp(-metres^2 / rms^2)``, Rayleigh's distribution. What the crown of a field adds to the
-    square of the error is no noise: it is the same in all frames, and the distribution is that of Rice. NaN where no
+    On level ground it is ``1 - exp(-metres^2 / rms^2)``, Rayleigh's distribution. The share of the squared error that
+    comes from the crown of the field is the same in all frames: with it the distribution is that of Rice. NaN where no
     part of the field is in view.
     """
     from scipy.special import chndtr  # a slow import
 
-    X, errors = ground_in_view(errors.camera, field), errors.on(field)
+    X, estimate = ground_in_view(estimate.camera, field), estimate.on(field)
     if not len(X):
         return float("nan")
-    whole, level = (np.square(one.at_field(X).rms) for one in (errors, errors.if_level))
+    whole, level = (np.square(one.at_field(X).rms) for one in (estimate, estimate.if_level))
     by_crown = np.where(np.isfinite(level), np.maximum(whole - level, 0.0), 0.0)
     level = np.maximum(level, LEAST_NOISE * np.maximum(metres**2, by_crown))
     return float(np.min(chndtr(2.0 * metres**2 / level, 2.0, 2.0 * by_crown / level)))
 
 
 def degrees_of_freedom(uncertainty: Uncertainty) -> float:
-    """What sigma rests on, where a segment counts for no more than three pixels.
+    """Degrees of freedom of sigma, with at most three pixels counted per segment.
 
-    Pixels of one segment share errors, and a thousand of them tell little more about the noise than three.
+    Pixels of one segment share errors: a thousand of them tell little more about the noise than three.
     """
     observations = uncertainty.problem.observations
     counted = np.sum(np.minimum(observations.pixels_by_label, MOST_PIXELS))
@@ -170,8 +165,8 @@ def degrees_of_freedom(uncertainty: Uncertainty) -> float:
     return OTHER_FRAMES + max(float(counted) - unknowns, 0.0)
 
 
-def probability_right(model: ProbabilityModel, evidence: Array, weights: Array, metres: float) -> float:
-    """Probability that no ground point in view is off by more than some metres, from `evidence`.
+def probability_right(model: ProbabilityModel, terms: Array, weights: Array, metres: float) -> float:
+    """Probability that no ground point in view is off by more than some metres, from `odds_terms`.
 
     Examples
     --------
@@ -182,15 +177,15 @@ def probability_right(model: ProbabilityModel, evidence: Array, weights: Array, 
     >>> probability_right(PROBABILITY, *few_centimetres, 0.01) < 0.1
     True
     """
-    if np.isnan(evidence[..., 1]).any():
+    if np.isnan(terms[..., 1]).any():
         return float("nan")
     with np.errstate(over="ignore"):
-        log_odds = (evidence - [0.0, np.log(metres), 0.0, 0.0, 0.0]) @ np.array(model.coefficients)
+        log_odds = (terms - [0.0, np.log(metres), 0.0, 0.0, 0.0]) @ np.array(model.coefficients)
         return float(np.sum(weights / (1.0 + np.exp(-log_odds))))
 
 
 def probability_given_paint(probability: float, share: float) -> float:
-    """Probability of being right, from that by the labels and the share of the markings in view that show paint.
+    """Probability of being right, from the one by the labels and the share of the markings in view that show paint.
 
     The log odds are less by ``3.5 max(0, 0.9 - share)``. Right cameras of real pictures have shares from 0.8 on, half
     of them more than 0.95.

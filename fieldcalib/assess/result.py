@@ -1,4 +1,4 @@
-"""What a calibration returns: the camera, how well it fits, and whether it is to be believed."""
+"""The result of a calibration: the camera, how well it fits, and a verdict on it."""
 
 from __future__ import annotations
 
@@ -48,7 +48,7 @@ class Verdict(StrEnum):
 
 
 class Status(StrEnum):
-    """How a calibration ended. The best camera is given whatever the status says."""
+    """Outcome of a calibration. The best camera is given with every status."""
 
     ACCEPTED = "accepted"
     REJECTED = "rejected by tau"
@@ -96,7 +96,7 @@ class SuspectLabel:
     """
 
     label: str
-    """As given."""
+    """The label as given."""
     fits: str | None
     """The label whose segment is where the pixels are; None if there is none."""
     error_px: float
@@ -164,7 +164,7 @@ class Calibration:
     alternatives: tuple[Camera, ...] = ()
     """Cameras that fit the labels as well: the one on the other side, turned by 180 degrees about the centre mark."""
     complaints: tuple[str, ...] = ()
-    """What the labels as given say against an accepted camera."""
+    """Further evidence against an accepted camera, in words."""
     pixel_counts: Mapping[str, int] = attribute(default_factory=dict, repr=False)
     """Number of pixels of each label as it was given; read-only."""
     field: Field | None = attribute(default=None, repr=False)
@@ -173,7 +173,7 @@ class Calibration:
     """How far the camera may be off: `Solved` for a frame by itself, `KnownErrors` for a frame of a sequence,
     `NoErrors` for a homography or without a camera."""
     markings: tuple[MarkingInView, ...] = attribute(default=(), repr=False)
-    """What the image shows of each painted marking in view; empty where no image was looked at."""
+    """Paint that the image shows of each marking in view; empty where no image was looked at."""
     are_annotated: bool = attribute(default=False, repr=False)
     """Whether a person labelled the pixels, following markings to the border of the picture: then labels are neither
     weighted nor trusted."""
@@ -258,7 +258,7 @@ class Calibration:
 
     @cached_property
     def concerns(self) -> tuple[str, ...]:
-        """What speaks against an accepted camera, or why nothing speaks for it, most important first."""
+        """Evidence against an accepted camera, in words, most important first."""
         if self.camera is None:
             return ()
         if not self.errors.are_known:
@@ -276,11 +276,11 @@ class Calibration:
 
     @property
     def remedy(self) -> str:
-        """What would help, in the user's terms; empty where nothing is known, or needed.
+        """Advice on what would help, in the user's terms; empty where none is known, or needed.
 
-        It belongs to the status of a rejected camera. For an accepted one it names what to do about markings that lie
-        off their paint, a picture that may be no whole frame, or, where the size of the field is not visible and
-        positions from the centre mark are not known to half a metre, about that.
+        For a rejected camera it follows from the status. For an accepted one it concerns markings that lie off their
+        paint, a picture that may be a part of a frame, or a field whose size is not visible, so that positions from the
+        centre mark are not known to half a metre.
 
         Examples
         --------
@@ -312,9 +312,9 @@ class Calibration:
 
     @cached_property
     def uncertainty(self) -> Estimate:
-        """How far the camera may be off; computed when it is first asked for.
+        """The estimated camera with its errors, computed when they are first asked for.
 
-        It is an `Uncertainty` for a frame by itself, and for a frame of a sequence the covariance alone, `KnownErrors`.
+        It is an `Uncertainty` for a frame by itself, `KnownErrors` (the covariance alone) for a frame of a sequence.
 
         Raises
         ------
@@ -337,7 +337,7 @@ class Calibration:
 
     @property
     def observability(self) -> tuple[Direction, ...]:
-        """What the labels determine and what came from the prior, least determined first.
+        """Directions of the parameters with the share that comes from the labels, least determined first.
 
         Raises
         ------

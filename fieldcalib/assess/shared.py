@@ -1,95 +1,122 @@
-"""How well frames together determine what they share."""
+"""How well frames together determine what they share.
+
+Noise is independent from frame to frame, but a line that is painted elsewhere is so in every frame: that error stays,
+however many frames there are. Errors of the model are alike in frames that follow one another, so that the shared
+parameters are known worse than white noise of the pixels says. Therefore the frames are divided into runs. At the
+solution the gradients of all runs by the shared parameters cancel; how large each of them is says how much the estimate
+would move without that run (a block jackknife).
+"""
 
 from __future__ import annotations
 
+from dataclasses import dataclass, replace
+from functools import cached_property
+
 import numpy as np
 
-from fieldcalib._types import Array
+from fieldcalib._types import Array, IntArray
 from fieldcalib.assess.noise import Noise
 from fieldcalib.problem.evaluation import Evaluation
+from fieldcalib.problem.layout import Role
 from fieldcalib.problem.levenberg_marquardt import eliminated
+from fieldcalib.problem.prior import GaussianPrior
+
+RUNS = 8  # of frames, whose errors are taken for independent
 
 
-def shared_covariance(evaluation: Evaluation, sigma: Array, kappa: Array) -> tuple[Array, Array]:
-    """Covariance (S, S) of the shared parameters of one group of frames, and the inverse of their curvature.
-
-    The sandwich of `fieldcalib.assess.uncertainty`, the frames' own parameters following the shared ones. Noise is
-    independent from frame to frame, but a line that is painted elsewhere is so in every frame: that stays, however
-    many frames there are. What links the frames has weights that are one over its variance.
-
-    Parameters
-    ----------
-    evaluation : Evaluation
-        Of T frames at the solution.
-    sigma : (T,) array
-        Standard deviation of the pixels as the robust loss lets it through.
-    kappa : (T,) array
-        By which the loss bends less than the Gauss-Newton Hessian says.
+@dataclass(frozen=True, eq=False)
+class ReducedSystem:
+    """Normal equations of S shared parameters of T frames, from which the frames' own parameters are eliminated.
 
     References
     ----------
     Triggs et al.: Bundle Adjustment - A Modern Synthesis, 2000, section 6.1 (the Schur complement).
     """
-    shared = evaluation.problem.layout.shared
-    information = kappa[:, None, None] * evaluation.information
-    prior = np.zeros_like(information)
-    if evaluation.problem.prior is not None:
-        diagonal = np.arange(len(shared))
-        prior[:, diagonal, diagonal] = 1.0 / np.square(evaluation.pulling_prior_sigma)
-    hessian = information + prior + evaluation.links_hessian
-    following, _ = eliminated(hessian, evaluation.gradient, ~shared, evaluation.coupling)
-    # L takes errors of the gradient to those by the shared parameters, with the cameras following
-    L = np.zeros((len(hessian), int(np.count_nonzero(shared)), len(shared)))
-    L[:, :, ~shared], L[:, :, shared] = -np.swapaxes(following, 1, 2), np.eye(L.shape[1])
-    noise = Noise(evaluation)
-    pull = evaluation.pull * noise.relative_sigma
-    between = np.square(sigma)[:, None, None] * noise.covariance(evaluation.JT, pull, pull) + prior
-    inverse = np.linalg.inv(np.sum(L @ hessian[:, :, shared], axis=0))
-    painted = np.sum(L @ noise.by_line(evaluation.JT, evaluation.pull), axis=0)
-    spread = np.sum(L @ (between + evaluation.links_hessian) @ np.swapaxes(L, 1, 2), axis=0) + painted @ painted.T
-    if evaluation.coupling is not None:
-        first, second, blocks = evaluation.coupling
-        crossed = np.sum(L[first][:, :, ~shared] @ blocks @ np.swapaxes(L[second][:, :, ~shared], 1, 2), axis=0)
-        spread += crossed + crossed.T
-    return inverse @ spread @ inverse, inverse
+
+    hessian: Array
+    """Of the cost of all frames, (S, S)."""
+    gradient: Array
+    """Of the cost of all frames, (S,)."""
+    spread: Array
+    """Covariance of that gradient, (S, S)."""
+    pulls: Array
+    """Gradient of the cost of each frame's labels, (T, S); their sum vanishes but for what prior and links pull."""
+
+    @classmethod
+    def of(cls, evaluation: Evaluation, sigma: Array, kappa: Array) -> ReducedSystem:
+        """Eliminate the own parameters of one group of frames.
+
+        Parameters considered by the layout, which are kept at their value, count as shared ones without a prior.
+
+        Parameters
+        ----------
+        evaluation : Evaluation
+            Of T frames at the solution.
+        sigma : (T,) array
+            Noise of the pixels after robust weighting.
+        kappa : (T,) array
+            Curvature of the loss, as a share of that of the Gauss-Newton Hessian.
+        """
+        evaluation = _with_considered_as_shared(evaluation)
+        shared = evaluation.problem.layout.shared
+        prior = np.zeros_like(evaluation.information) if evaluation.prior is None else evaluation.prior.hessian
+        hessian = kappa[:, None, None] * evaluation.information + prior + evaluation.links_hessian
+        following, _ = eliminated(hessian, evaluation.gradient, ~shared, evaluation.coupling)
+        # L takes errors of the gradient to those by the shared parameters, with the cameras following
+        L = np.zeros((len(hessian), int(np.count_nonzero(shared)), len(shared)))
+        L[:, :, ~shared], L[:, :, shared] = -np.swapaxes(following, 1, 2), np.eye(L.shape[1])
+        noise = Noise(evaluation)
+        pull = evaluation.pull * noise.relative_sigma
+        between = np.square(sigma)[:, None, None] * noise.covariance(evaluation.JT, pull, pull) + prior
+        painted = np.sum(L @ noise.by_line(evaluation.JT, evaluation.pull), axis=0)
+        # what links the frames has weights that are one over its variance
+        spread = np.sum(L @ (between + evaluation.links_hessian) @ np.swapaxes(L, 1, 2), axis=0) + painted @ painted.T
+        if evaluation.coupling is not None:
+            first, second, blocks = evaluation.coupling
+            crossed = np.sum(L[first][:, :, ~shared] @ blocks @ np.swapaxes(L[second][:, :, ~shared], 1, 2), axis=0)
+            spread += crossed + crossed.T
+        return cls(
+            np.sum(L @ hessian[:, :, shared], axis=0),
+            np.sum(evaluation.gradient[:, shared], axis=0),
+            spread,
+            (L @ evaluation.pixels.gradient[..., None])[..., 0],
+        )
+
+    def take(self, index: IntArray) -> ReducedSystem:
+        """The system of some of the parameters, the others being kept."""
+        both = np.ix_(index, index)
+        return ReducedSystem(self.hessian[both], self.gradient[index], self.spread[both], self.pulls[:, index])
+
+    @cached_property
+    def inverse(self) -> Array:
+        """Inverse of the Hessian, (S, S)."""
+        return np.asarray(np.linalg.inv(self.hessian))
+
+    @cached_property
+    def white_covariance(self) -> Array:
+        """Covariance (S, S) if the noise is independent from frame to frame: the sandwich of the gradient's spread."""
+        return np.asarray(self.inverse @ self.spread @ self.inverse)
+
+    @cached_property
+    def covariance(self) -> Array:
+        """Covariance (S, S), inflated where runs of frames pull more than independent noise explains.
+
+        The factor is the mean over all directions, in units of `white_covariance`, of the variance that the runs show.
+        """
+        runs = [run for run in np.array_split(np.arange(len(self.pulls)), RUNS) if len(run)]
+        if len(runs) < 3 or not len(self.hessian):
+            return self.white_covariance
+        moved = np.array([np.sum(self.pulls[run], axis=0) for run in runs]) @ self.inverse
+        squares = float(np.sum(moved * np.linalg.solve(self.white_covariance, moved.T).T))
+        return max(1.0, squares * len(runs) / (len(runs) - 1) / len(self.hessian)) * self.white_covariance
 
 
-def by_considered(evaluation: Evaluation, kappa: Array, inverse: Array) -> Array:
-    """How errors of the shared parameters follow those of what is kept at an uncertain value, (S, c).
-
-    Parameters
-    ----------
-    evaluation : Evaluation
-        Of T frames at the solution.
-    kappa : (T,) array
-        As in `shared_covariance`, which gives `inverse` too.
-    inverse : (S, S) array
-    """
-    layout = evaluation.problem.layout
-    own = ~layout.shared
-    hessian = evaluation.hessian + (kappa - 1.0)[:, None, None] * evaluation.information
-    by_kept = evaluation.derivatives(layout.considered)
-    border = kappa[:, None, None] * ((evaluation.JT * evaluation.pull[:, None]) @ np.swapaxes(by_kept, 1, 2))
-    following, _ = eliminated(hessian, evaluation.gradient, own, evaluation.coupling)
-    right = border[:, layout.shared] - np.swapaxes(following, 1, 2) @ border[:, own]
-    return np.asarray(-inverse @ np.sum(right, axis=0))
-
-
-def gradients_by_shared(evaluation: Evaluation, kappa: Array) -> Array:
-    """Gradients (T, S) of the cost of each frame's labels by the shared parameters, its own following them.
-
-    At the solution their sum vanishes, but for what the prior and links of the frames pull.
-
-    Parameters
-    ----------
-    evaluation : Evaluation
-        Of T frames at the solution.
-    kappa : (T,) array
-        As in `shared_covariance`.
-    """
-    shared = evaluation.problem.layout.shared
-    hessian = evaluation.hessian + (kappa - 1.0)[:, None, None] * evaluation.information
-    following, _ = eliminated(hessian, evaluation.gradient, ~shared, evaluation.coupling)
-    gradient = (evaluation.JT @ (evaluation.pull * evaluation.r)[..., None])[..., 0]
-    through_own = (np.swapaxes(following, 1, 2) @ gradient[:, ~shared, None])[..., 0]
-    return np.asarray(gradient[:, shared] - through_own)
+def _with_considered_as_shared(evaluation: Evaluation) -> Evaluation:
+    problem = evaluation.problem
+    layout, prior = problem.layout, problem.prior
+    if not np.any(layout.considered):
+        return evaluation
+    if prior is not None:
+        prior = GaussianPrior(prior.mean, np.where(layout.considered, np.inf, prior.sigma))
+    layout = layout.with_roles_of(layout.considered, Role.SHARED)
+    return evaluation.of(replace(problem, layout=layout, prior=prior))

@@ -1,60 +1,58 @@
-"""What one frame says about the size of its field, which is calibrated at the given one.
+"""The size of a field, estimated from one frame that was calibrated at the given size.
 
-A priori the field has the given size, with a probability, or one that is normal around it (`fieldcalib.fields.traits`).
-To first order the labels of a frame put the size delta off the given one, with a covariance V that has the noise of the
-pixels and the freedom of the camera in it. Under the k-th possibility, of covariance S_k, delta is normal with V + S_k:
-that weighs the possibilities anew, and leaves of the size the second moment
+A priori the field has the given size, with some probability, or a size that is normal around it
+(`fieldcalib.fields.traits`). To first order the labels of a frame put the size delta off the given one, with a
+covariance V from the noise of the pixels and the freedom of the camera. Under the k-th possibility, of covariance S_k,
+delta is normal with covariance V + S_k. That gives the posterior probabilities of the possibilities, and the second
+moment of the size under each,
 
     M_k = m m^T + S_k - S_k (V + S_k)^-1 S_k,        m = S_k (V + S_k)^-1 delta.
 
-A frame that shows both touchlines knows the width; one that cannot tell keeps what was known before. No field has a
-size that the rules forbid: a possibility counts by the share of it, given the labels, that is legal. Where none is,
-labels are wrong, and nothing is known but what was known before: that is one possibility more.
+A frame that shows both touchlines determines the width; one that shows neither keeps the prior. Sizes that the rules
+forbid are excluded: the probability of a possibility is multiplied by its legal share, given the labels. One more
+possibility is that labels are wrong and the size is as uncertain as before.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
 from fieldcalib._types import Array
 
-FAINT = 1e-6  # 1 / m^2: information that keeps what no label tells in the system
-# Labels that are wrong: probability, of which 1 in 50 frames of good cameras has one that bends the size, and standard
-# deviations in metres of the length, width and crown that fit best then.
-WRONG, FAR_OFF = 0.02, np.array([30.0, 30.0, 3.0])
+FAINT = 1e-6  # 1 / m^2: information that is added so that the system is regular
+WRONG = 0.02  # probability of wrong labels: 1 in 50 frames of good cameras has one that bends the size
+FAR_OFF = np.array([30.0, 30.0, 3.0])  # m: standard deviations of the best fitting length, width and crown then
 LEAST_ROOM = 1.0  # m: the given size is possible, whatever the rules say
 
 
 @dataclass(frozen=True, eq=False)
 class SizeEvidence:
-    """What one frame says about length and width of its field, and, if that is asked too, about its crown.
-
-    These are c quantities, 2 or 3.
-    """
+    """Estimates of c quantities from one frame: length and width of its field and, if c is 3, its crown."""
 
     offset: Array
-    """Of what fits best from what is given, (c,) metres."""
+    """Best fitting quantities less the given ones, (c,) metres."""
     covariance: Array
-    """Of that, (c, c)."""
+    """Covariance of the offset, (c, c)."""
     weights: Array
-    """Probabilities of the possibilities, (K + 1,), the last one of wrong labels."""
+    """Probabilities of the possibilities, (K + 1,), the last one being wrong labels."""
     means: Array
-    """Mean of the true quantities less the given ones under each, (K + 1, c)."""
+    """Mean of the true quantities less the given ones under each possibility, (K + 1, c)."""
     moments: Array
-    """Second moments of the same, (K + 1, c, c)."""
+    """Second moment of that difference, (K + 1, c, c)."""
     as_given: float
     """Probability that the field has the given size."""
 
     @property
     def moment(self) -> Array:
-        """Second moment over all possibilities, (c, c)."""
+        """Second moment (c, c) over all possibilities."""
         return np.asarray(np.tensordot(self.weights, self.moments, axes=1))
 
     @property
     def mean(self) -> Array:
-        """Expected size less the given one, where it is not the given one and no label is wrong, (c,)."""
+        """Expected size less the given one, (c,), if the field has not the given size and no label is wrong."""
         some = np.where(np.any(self.means != 0.0, axis=1), self.weights, 0.0)
         return np.asarray(some @ self.means / max(float(np.sum(some)), FAINT))
 
@@ -62,20 +60,20 @@ class SizeEvidence:
     def of(
         cls, information: Array, gradient: Array, spread: Array, prior: tuple[Array, Array], room: Array | None = None
     ) -> SizeEvidence:
-        """The evidence of a frame.
+        """Estimate the quantities of a frame.
 
         Parameters
         ----------
         information : (c, c) array
-            Of the labels about length, width and perhaps crown, the camera following.
+            Information of the labels about them, with the camera free.
         gradient : (c,) array
-            Of the cost by these.
+            Gradient of the cost by them.
         spread : (c, c) array
             Covariance of that gradient.
         prior : (K,) array, (K, c) array
             Probabilities and standard deviations of the possibilities.
         room : (2, 2) array, optional
-            How much smaller and larger than given the rules let the field be, metres; rows are (length, width).
+            By how much the rules let length and width be smaller (first row) and larger than given, metres.
 
         Examples
         --------
@@ -92,33 +90,58 @@ class SizeEvidence:
         inverse = np.linalg.inv(information + FAINT * np.eye(count))
         offset = -inverse @ gradient
         V = inverse @ (spread + FAINT * np.eye(count)) @ inverse
-        S = np.square(sigmas)[:, :, None] * np.eye(count)
-        total = np.concatenate([V + S, V[None] + np.diag(np.square(FAR_OFF[:count]))])
-        shrunk = S @ np.linalg.inv(total[:-1])  # S (V + S)^-1
-        mean = shrunk @ offset
-        left = S - shrunk @ S
-        moments = mean[:, :, None] * mean[:, None, :] + left
-        before = np.tensordot(weights, S, axes=1)
-        distance = np.einsum("i,kij,j->k", offset, np.linalg.inv(total), offset)
-        prior_of_each = np.array([*((1.0 - WRONG) * weights), WRONG])
-        log = np.log(prior_of_each) - 0.5 * (distance + np.linalg.slogdet(total)[1])
-        posterior = np.exp(log - np.max(log))
+        with_wrong = np.array([*((1.0 - WRONG) * weights), WRONG])
+        found = possible_values(offset, V, with_wrong, np.concatenate([sigmas, FAR_OFF[None, :count]]))
+        means, moments = found.means.copy(), found.moments
+        means[-1], moments[-1] = 0.0, np.diag(weights @ np.square(sigmas))  # wrong labels: as it was known before
+        posterior = np.exp(found.log - np.max(found.log))
         if room is not None:
-            posterior[:-1] *= _legal_share(mean, left, room) / _legal_share(np.zeros_like(mean), S, room)
+            S = np.square(sigmas)[:, :, None] * np.eye(count)
+            legal = _legal_share(means[:-1], found.covariances[:-1], room)
+            posterior[:-1] *= legal / _legal_share(np.zeros_like(sigmas), S, room)
         posterior /= np.sum(posterior)
-        given = float(posterior[0] + posterior[-1] * weights[0])
-        return cls(
-            offset,
-            V,
-            posterior,
-            np.concatenate([mean, np.zeros((1, count))]),
-            np.concatenate([moments, before[None]]),
-            given,
-        )
+        return cls(offset, V, posterior, means, moments, float(posterior[0] + posterior[-1] * weights[0]))
+
+
+class PossibleValues(NamedTuple):
+    """Normal distributions of c quantities under each of K possibilities."""
+
+    log: Array
+    """Logarithms of the probabilities of the possibilities, up to a constant, (K,)."""
+    means: Array
+    """(K, c)"""
+    covariances: Array
+    """(K, c, c)"""
+
+    @property
+    def moments(self) -> Array:
+        """Second moments, (K, c, c)."""
+        return np.asarray(self.means[:, :, None] * self.means[:, None, :] + self.covariances)
+
+
+def possible_values(offset: Array, V: Array, weights: Array, sigmas: Array) -> PossibleValues:
+    """Update a mixture of normal priors around 0 by a measurement.
+
+    Parameters
+    ----------
+    offset : (c,) array
+        What was measured.
+    V : (c, c) array
+        Covariance of that.
+    weights, sigmas : (K,), (K, c) arrays
+        Probabilities of the priors, and their standard deviations.
+    """
+    S = np.square(sigmas)[:, :, None] * np.eye(len(offset))
+    total = V + S
+    inverse = np.linalg.inv(total)
+    shrunk = S @ inverse  # S (V + S)^-1
+    distance = np.einsum("i,kij,j->k", offset, inverse, offset)
+    log = np.log(weights) - 0.5 * (distance + np.linalg.slogdet(total)[1])
+    return PossibleValues(log, shrunk @ offset, S - shrunk @ S)
 
 
 def _legal_share(mean: Array, covariance: Array, room: Array) -> Array:
-    """Share (K,) of normal distributions (K, c) that is legal, length and width taken by themselves."""
+    """Legal share (K,) of normal distributions (K, c), with length and width taken for independent."""
     from scipy.special import ndtr  # a slow import
 
     sigma = np.sqrt(np.maximum(np.diagonal(covariance, axis1=-2, axis2=-1), FAINT))

@@ -1,4 +1,4 @@
-"""A frame that was solved by itself or in a batch: its errors are computed from its problem at the solution."""
+"""Errors of a frame that was solved by itself or in a batch, computed from its problem at the solution."""
 
 from __future__ import annotations
 
@@ -10,10 +10,10 @@ import numpy as np
 from fieldcalib._json import from_json, to_json
 from fieldcalib._types import Array
 from fieldcalib.assess.cut_labels import log_ratio_of_cut
-from fieldcalib.assess.probability import Evidence, evidence, probability_right
-from fieldcalib.assess.surprises import LEAST_ASPECT, surprises
+from fieldcalib.assess.probability import OddsTerms, odds_terms, probability_right
+from fieldcalib.assess.surprises import surprises
 from fieldcalib.assess.uncertainty import Uncertainty, uncertainties
-from fieldcalib.assess.whole_picture import SQUASHED_LOG_ODDS, Picture, seems_part
+from fieldcalib.assess.whole_picture import SQUASHED_LOG_ODDS, Picture, is_squashed, seems_part
 from fieldcalib.fields.field import Field
 from fieldcalib.problem.evaluation import Evaluation, evaluate
 from fieldcalib.problem.records import problem_from_record, problem_to_record
@@ -38,24 +38,24 @@ class Solved:
 
     def __init__(self, evaluation: Evaluation, unit: Array, frame: int = 0) -> None:
         self.evaluation, self.unit, self.frame = evaluation, unit, frame
-        # remembered: the uncertainty, also on the last field that was asked for, and the evidence on that
+        # remembered: the uncertainty, also on the last field that was asked for, and the terms of the log odds there
         self._uncertainty: Uncertainty | None = None
         self._on: Uncertainty | None = None
-        self._evidence: tuple[Field, tuple[Evidence, Evidence]] | None = None
+        self._terms: tuple[Field, tuple[OddsTerms, OddsTerms]] | None = None
 
     @staticmethod
     def compute(several: Sequence[Solved], field: Field | None = None) -> None:
-        """Compute what frames of one evaluation are to remember, all at once.
+        """Compute and remember the uncertainties of frames of one evaluation, all at once.
 
-        That is their uncertainties and, on a field with a probability model, the evidence for their probabilities.
+        On a field with a probability model, compute the terms of their log odds of being right too.
         """
         first, index = several[0], np.array([one.frame for one in several])
         found = uncertainties(first.evaluation.take(index).trimmed, first.unit[index])
         for one, uncertainty in zip(several, found, strict=True):
             one._uncertainty = uncertainty
         if field is not None and field.probability is not None:
-            for one, its_evidence in zip(several, evidence(found, field), strict=True):
-                one._evidence = field, its_evidence
+            for one, terms in zip(several, odds_terms(found, field), strict=True):
+                one._terms = field, terms
 
     @property
     def alone(self) -> Solved:
@@ -70,14 +70,14 @@ class Solved:
 
     @property
     def uncertainty(self) -> Uncertainty:
-        """How far the camera of the frame may be off, relative to the centre mark."""
+        """The estimate of the frame with no field in view: its errors are relative to the centre mark."""
         if self._uncertainty is None:
             self.compute([self])
         assert self._uncertainty is not None
         return self._uncertainty
 
     def on(self, field: Field | None) -> Uncertainty:
-        """How far the camera may be off with this field in view."""
+        """The estimate of the frame with this field in view."""
         if self._on is None or self._on.field is not field:
             self._on = self.uncertainty.on(field)
         return self._on
@@ -85,21 +85,20 @@ class Solved:
     def probability(self, field: Field, metres: float, *, size_known: bool, level: bool) -> float:
         """Probability that no point of the field in view is off by more than some metres, by the labels."""
         assert field.probability is not None
-        if self._evidence is None or self._evidence[0] is not field:
-            self._evidence = field, evidence([self.uncertainty], field)[0]
-        rows, weights = self._evidence[1][level or size_known]
+        if self._terms is None or self._terms[0] is not field:
+            self._terms = field, odds_terms([self.uncertainty], field)[0]
+        rows, weights = self._terms[1][level or size_known]
         if size_known:
             rows, weights = rows[:1], np.ones(1)
         return probability_right(field.probability, rows, weights, metres)
 
     def doubts(self, picture: Picture | None) -> tuple[str, ...]:
-        """What the labels say against an ordinary camera and, if a picture is given, against a whole frame."""
+        """Evidence of the labels against an ordinary camera and, if a picture is given, against a whole frame."""
         unusual = surprises(self.uncertainty)
         if picture is None:
             return unusual
         solved = self.uncertainty.camera  # in a frame with square pixels
-        (a, b), (c, d) = np.diagonal(picture.camera.K)[:2], np.diagonal(solved.K)[:2]
-        log_ratio = SQUASHED_LOG_ODDS * bool(abs(np.log(a * d / (b * c))) > LEAST_ASPECT)
+        log_ratio = SQUASHED_LOG_ODDS * is_squashed(picture.camera, solved)
         if picture.are_annotated:
             pixels, _ = self.evaluation.problem.observations.frame(self.frame)
             log_ratio += log_ratio_of_cut(picture.field, pixels, solved)

@@ -1,4 +1,4 @@
-"""What is unusual about an estimate: parameters that the prior did not expect, or that were fixed at a wrong value."""
+"""Unusual estimates: parameters far from their prior, or that were fixed at values which the labels contradict."""
 
 from __future__ import annotations
 
@@ -7,9 +7,9 @@ import numpy as np
 from fieldcalib.assess.uncertainty import Uncertainty
 from fieldcalib.problem.prior import is_whole_shape
 
-UNUSUAL = 2.8  # z-score under the prior: 1 in 200 of a normal one; 8 of 728 annotated frames have one above 2.5
+UNUSUAL = 2.8  # z-score under the prior: 1 in 200 if it is normal; 8 of 728 annotated frames have one above 2.5
 CONTRADICTED = 5.0  # standard deviations from the value that a parameter was fixed at: on annotated frames up to 4.4
-LEAST_ASPECT = 0.02  # log aspect: what annotation and resampling leave is less
+LEAST_ASPECT = 0.02  # log aspect: annotation and resampling cause less
 LEAST_SQUASH = 0.08  # log aspect: other pictures that are shown as 16:9 come from 16:10 (0.105) or 4:3 (0.29)
 LEAST_LENS = 0.01  # relative displacement at the corner by k2
 LEAST_SIZE = 0.1  # probability of the given size of the field
@@ -30,7 +30,7 @@ NAMES = {
 
 
 def surprises(uncertainty: Uncertainty) -> tuple[str, ...]:
-    """In words, what the labels say that nobody expected; nothing for an ordinary camera.
+    """Describe what is unusual about an estimate; nothing for an ordinary camera.
 
     Examples
     --------

@@ -1,20 +1,20 @@
-"""How far a calibration may be off: covariance, metres on the field, and what the labels determine.
+"""The uncertainty of a frame that was calibrated by itself: covariance, and what the labels determine.
 
-The solver minimises ``1/2 sum w_i rho(r_i^2) / noise^2 + 1/2 sum z_k^2``, in which each segment counts alike. Its
-weights are no inverse variances, so the inverse of its Hessian is no covariance. To first order the estimate is off by
+The solver minimises ``1/2 sum w_i rho(r_i^2) / noise^2 + 1/2 sum z_k^2``, in which each segment has the same weight.
+These weights are no inverse variances, so the inverse of its Hessian is no covariance. To first order the error is
 
     A^-1 (sum_i w_i / noise^2 psi(e_i) J_i + P (mean - theta)),        A = kappa H + P,
 
-e being the noise of the pixels, ``psi(r) = r rho'``, H the Gauss-Newton Hessian of the data, P the prior's precision
-and kappa the mean of psi' by that of rho', which H has in its stead. With noise of standard deviation sigma and
-correlation c, and cameras that come from the prior, the covariance of that is the sandwich
+with e the noise of the pixels, ``psi(r) = r rho'``, H the Gauss-Newton Hessian of the data, P the prior's precision and
+kappa the mean of psi' divided by the mean of rho', which H has in place of psi'. With noise of standard deviation sigma
+and correlation c, and cameras distributed as the prior, the covariance of the error is the sandwich
 
     A^-1 (sigma^2 sum_ij c_ij v_i v_j J_i J_j^T + P) A^-1,        v_i = w_i rho'_i / noise^2.
 
-Segments are independent, c is 0 between them; pixels of one segment share a small part of their noise.
+Segments are independent: c is 0 between them. Pixels of one segment share a small part of their noise.
 
-Sigma comes from the residuals of the frame, divided by the redundancy that the fit leaves them, and is moderated by the
-noise of other frames: few labels tell little about their own noise. Regions are then those of Student and Fisher.
+Sigma comes from the residuals of the frame, divided by the redundancy of the fit, and is moderated by the noise of
+other frames, as few labels say little about their own noise. Regions then follow Student's and Fisher's distributions.
 
 References: Huber, Ronchetti: Robust Statistics, 2nd edition, 2009, section 7.6 (the sandwich). Smyth: Linear Models and
 Empirical Bayes Methods, 2004, section 3 (moderated variances).
@@ -40,16 +40,16 @@ from fieldcalib.geometry.camera import Camera
 from fieldcalib.problem.evaluation import Evaluation, Problem, evaluate
 from fieldcalib.problem.layout import Layout
 
-# Equations that the noise of other frames counts for. Smyth's fit gives 6 on 399 frames of SoccerNet, whose pixels have
-# a median sigma of 1.3 px at 960 x 540, and 11 on 93 of WC14 (0.7): fewer, as other annotators may be unlike both.
+# Number of equations that the noise of other frames counts for. Smyth's fit gives 6 on 399 frames of SoccerNet, whose
+# pixels have a median sigma of 1.3 px at 960 x 540, and 11 on 93 of WC14 (0.7); it is less, as other annotators differ.
 OTHER_FRAMES = 5.0
 TESTED = ("log aspect", "b2")  # parameters that are usually kept fixed
-TOUCHED = 1e-6  # share of a derivative along an open direction that is more than rounding
+TOUCHED = 1e-6  # share of a derivative along an open direction above which it is no rounding error
 
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Uncertainty(Estimate):
-    """How far a calibration may be off.
+    """An estimate from the labels of one frame, with its uncertainty.
 
     Examples
     --------
@@ -65,43 +65,43 @@ class Uncertainty(Estimate):
     """
 
     evaluation: Evaluation
-    """The problem of this frame alone, at the estimate. What is not free in it counts as known."""
+    """The problem of this frame alone, at the estimate. Parameters that are not free in it count as known."""
     sigma: float
     """Standard deviation of the labelled pixels, pixels."""
     bent_sigma: float
-    """That of ``psi / rms rho'``: sigma as the robust loss lets it through."""
+    """Standard deviation of ``psi / rms rho'``: the noise after robust weighting."""
     curvature: float
-    """kappa: by it the loss bends less than the Gauss-Newton Hessian of the data says."""
+    """kappa: mean curvature of the robust loss, divided by the one in the Gauss-Newton Hessian of the data."""
     dof: float
     """Degrees of freedom that sigma rests on."""
     unit: Array
-    """(n,) standard deviations on which a parameter counts as determined, 0 for what is not free."""
+    """(n,) standard deviations on which a parameter counts as determined, 0 for those that are not free."""
     determined: Array
-    """Covariance of what is determined, (n, n): 0 along open directions. Without that of considered parameters."""
+    """Covariance (n, n) along the determined directions, 0 along open ones, without errors of considered parameters."""
     open: Array
-    """Directions (n, k) that nothing determines, neither labels nor prior."""
+    """Directions (n, k) that neither labels nor prior determine."""
     determined_by_labels: Array
-    """As `determined`, without the prior."""
+    """`determined` without the prior."""
     open_to_labels: Array
-    """As `open`, without the prior."""
+    """`open` without the prior."""
     information: Information
-    """What the labels say."""
+    """Information from the labels."""
     by_considered: Array
-    """How the error of the estimate grows with the true values of the considered parameters less those that they are
-    kept at, (n, c): length and width of the field, or what many frames share; (n, 0) if nothing is considered."""
+    """Derivatives (n, c) of the error of the estimate by the errors of the considered parameters: length, width and
+    crown of the field, or what many frames share."""
     size: SizeEvidence | None
-    """What the frame says about the size of its field, if that is level; None if the size is exact, or known with a
+    """The size of the field by this frame, if the ground is level; None if the size is exact, or known with a
     covariance."""
     with_crown: SizeEvidence | None
-    """What it says about size and crown together; None if all such fields are level, or as `size`."""
+    """Size and crown of the field by this frame; None if all such fields are level, or where `size` is None."""
     offsets: Mapping[str, tuple[float, float]]
-    """How far off the labels would put what was kept fixed, to first order, and the standard deviation of that: of
-    "log aspect" and of "b2", the second radial coefficient."""
+    """Error, to first order, of "log aspect" and "b2" (the second radial coefficient) if they are kept fixed, and its
+    standard deviation."""
     field: Field | None = None
-    """What is in view; None if that is no `Field`, or not known."""
+    """The field in view; None if the object is no `Field`, or it is not known."""
 
     def on(self, field: Field | None) -> Uncertainty:
-        """Name the field that is in view: errors are then relative to its markings."""
+        """The same estimate with this field in view: errors are then relative to its markings."""
         return replace(self, field=field)
 
     @property
@@ -117,26 +117,26 @@ class Uncertainty(Estimate):
 
     @cached_property
     def possibilities(self) -> tuple[Array, Array]:
-        """Probabilities (K,) of what the field may be, and second moments of the considered parameters, (K, c, c)."""
+        """Probabilities (K,) of the possible fields, and second moments of the considered parameters, (K, c, c)."""
         c, found = self.by_considered.shape[1], self.with_crown or self.size
         if found is None:
             return np.ones(1), np.zeros((1, c, c)) if self.problem.considered is None else self.problem.considered[None]
-        level = c - found.moments.shape[1]  # quantities that are 0
+        level = c - found.moments.shape[1]  # number of quantities that are 0
         return found.weights, np.pad(found.moments, ((0, 0), (0, level), (0, level)))
 
     @cached_property
-    def _of_any_considered(self) -> Array:
+    def _covariance_by_considered(self) -> Array:
         moment = np.tensordot(*self.possibilities, axes=1)
         return np.asarray(self.by_considered @ moment @ self.by_considered.T)
 
     @cached_property
     def observability(self) -> tuple[Direction, ...]:
-        """Directions of the free parameters, what the labels determine least first."""
+        """Directions of the free parameters, least determined by the labels first."""
         return self.information.directions(0)
 
     @property
     def problem(self) -> Problem:
-        """What was solved."""
+        """The problem that was solved."""
         return self.evaluation.problem
 
     @property
@@ -146,12 +146,12 @@ class Uncertainty(Estimate):
 
     @property
     def layout(self) -> Layout:
-        """Of the parameters."""
+        """Names and order of the parameters."""
         return self.problem.layout
 
     def propagated(self, J: Array) -> Array:
         """Covariance (..., m, m) of quantities whose derivatives by theta are J (..., m, n)."""
-        return _propagated(J, self.determined + self._of_any_considered, self.open, self.unit)
+        return _propagated(J, self.determined + self._covariance_by_considered, self.open, self.unit)
 
     def is_open(self, J: Array) -> BoolArray:
         """Which quantities of derivatives J (..., n) nothing determines, (...)."""
@@ -159,26 +159,25 @@ class Uncertainty(Estimate):
 
     @property
     def covariance_by_labels(self) -> Array:
-        """As `covariance`, of an estimate from these labels without a prior: infinite what they leave open.
+        """Covariance (n, n) of an estimate from these labels without a prior: infinite where they leave it open.
 
-        It may be the smaller one: the solver trusts labels less, and its prior more, than good labels deserve.
+        It may be smaller than `covariance`, as the solver trusts good labels less than they deserve.
         """
-        determined = self.determined_by_labels + self._of_any_considered
+        determined = self.determined_by_labels + self._covariance_by_considered
         return _propagated(np.eye(len(self.theta)), determined, self.open_to_labels, self.unit)
 
     def distance(self, camera: Camera) -> float:
-        """How far another camera is from the estimate, in standard deviations: Rao's score.
+        """Distance of another camera from the estimate, in standard deviations: Rao's score.
 
-        ``sqrt(g^T V^-1 g)`` with g the gradient of the cost at that camera and V the covariance of it if that camera
-        were the true one. ``radius(number of free parameters)`` bounds the cameras that agree with the frame. Unlike
-        the ellipsoid of `covariance`, this region follows the curved valley of cameras that see nearly the same.
+        ``sqrt(g^T V^-1 g)`` with g the gradient of the cost at that camera and V its covariance if that camera is the
+        true one. ``radius(number of free parameters)`` bounds the cameras that agree with the frame. Unlike the
+        ellipsoid of `covariance`, this region follows the curved valley of cameras that see nearly the same.
         """
         theta = self.problem.layout.theta(camera)
         theta[self.problem.layout.field_size_block] = self.theta[self.problem.layout.field_size_block]
         there = evaluate(self.problem, theta[None])
         noise = Noise(there)
-        pull = there.pull * noise.relative_sigma
-        V = self.bent_sigma**2 * noise.covariance(there.JT, pull, pull)[0]
+        V = self.bent_sigma**2 * noise.covariance(there.JT, noise.pull, noise.pull)[0]
         if self.problem.prior is not None:
             V += np.diag(1.0 / np.square(there.pulling_prior_sigma[0]))
         scale = 1.0 / np.sqrt(np.diagonal(V))
@@ -186,7 +185,7 @@ class Uncertainty(Estimate):
         return float(np.sqrt(g @ np.linalg.lstsq(scale[:, None] * V * scale, g, rcond=None)[0]))
 
     def __str__(self) -> str:
-        """What the labels determine and what came from the prior, in words."""
+        """Parameters by origin: from the labels, mostly from the prior, or open."""
         has_prior = self.problem.prior is not None
         groups: dict[str, list[str]] = {}
         for direction in self.observability:
@@ -314,7 +313,7 @@ def _variance(evaluation: Evaluation, noise: Noise, directions: _Directions) -> 
 
 
 class _Kept(NamedTuple):
-    """What the labels of B frames say of k parameters that are kept at given values, if the camera follows them."""
+    """Derivatives of the cost of B frames by k parameters that are kept at given values, with the camera following."""
 
     following: Array
     """Derivatives (B, P, k) of the camera, along the directions."""
@@ -339,13 +338,13 @@ class _Kept(NamedTuple):
         return cls(following, gradient, information, L @ noisy @ np.swapaxes(L, 1, 2))
 
     def offset(self, t: int, i: int) -> tuple[float, float]:
-        """How far off the labels of frame t put parameter i, to first order, and the standard deviation of that."""
+        """Error of parameter i by the labels of frame t, to first order, and its standard deviation."""
         information = max(self.information[t, i, i], FAINT)
         return float(-self.gradient[t, i] / information), float(np.sqrt(max(self.spread[t, i, i], 0.0)) / information)
 
 
 def _size_evidence(problem: Problem, kept: _Kept) -> tuple[list[SizeEvidence | None], list[SizeEvidence | None]]:
-    """What each frame says about the size of its field, if that is level, and about size and crown together."""
+    """Size of the field by each frame, if the ground is level, and size and crown together."""
     layout, size, B = problem.layout, problem.layout.field_size, len(problem)
     if size is None or problem.considered is not None or not np.all(layout.considered[layout.field_size_block]):
         return [None] * B, [None] * B  # the size is exact, known with a covariance, or estimated
@@ -359,7 +358,7 @@ def _size_evidence(problem: Problem, kept: _Kept) -> tuple[list[SizeEvidence | N
 
 
 def _whole(map_: Array, inner: Array, free: BoolArray) -> Array:
-    """``map inner map^T`` of the free parameters, among zeros for the others: (B, n, n)."""
+    """``map inner map^T`` (B, n, n) of the free parameters, with zeros for the others."""
     index = np.flatnonzero(free)
     whole = np.zeros((len(map_), len(free), len(free)))
     whole[:, index[:, None], index] = map_ @ inner @ np.swapaxes(map_, 1, 2)
@@ -367,7 +366,7 @@ def _whole(map_: Array, inner: Array, free: BoolArray) -> Array:
 
 
 def _propagated(J: Array, determined: Array, open_directions: Array, unit: Array) -> Array:
-    """Covariance (..., m, m) of quantities with derivatives J (..., m, n): infinite, NaN aside, where it is open."""
+    """Covariance (..., m, m) of quantities with derivatives J (..., m, n): infinite (NaN off the diagonal) if open."""
     covariance = J @ determined @ np.swapaxes(J, -2, -1)
     if not open_directions.shape[1]:
         return np.asarray(covariance)

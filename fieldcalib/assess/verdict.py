@@ -1,4 +1,4 @@
-"""Is a camera to be believed? Plausibility, what the labels determine, tau, and the verdict in words."""
+"""The verdict on a camera: plausibility, equations and unknowns, tau, and the reason in words."""
 
 from __future__ import annotations
 
@@ -19,17 +19,19 @@ from fieldcalib.problem.layout import ANGLES, CENTER, LOG_F, exp_of
 
 LARGEST_ROLL = np.radians(45.0)
 FIELD_OF_VIEW = np.radians((0.5, 150.0))
-LARGEST_SHARE_BEHIND = 0.1  # of the fitting segments' weight; 0.05 and 0.2 give the same verdicts on annotated frames
+LARGEST_SHARE_BEHIND = 0.1  # of the weight of fitting segments; 0.05 and 0.2 give the same verdicts on annotated frames
 LABEL_MORE = "label more {}s, or fix what is known with flags"
-AGREEING = 2.0 / 3.0  # share of the labelled segments that must fit: a robust loss always has some minimum
+AGREEING = 2.0 / 3.0  # share of the labelled segments that must fit
 
 
 @dataclass(frozen=True)
 class Evidence:
-    """What the verdict on one frame's camera rests on."""
+    """Measures of one frame's camera that the verdict rests on."""
 
     rms: float
+    """Root mean square distance of the pixels, pixels."""
     loss_ndc: float
+    """The paper's loss, which tau is compared with."""
     errors: Mapping[str, float]
     """Root mean square distance of each segment under the labels that were solved with, pixels."""
     given: Pixels
@@ -41,10 +43,11 @@ class Evidence:
     unknowns: int
     """Free parameters."""
     implausible: Sequence[str]
-    """What is wrong with the camera, see `implausibilities`."""
+    """Reasons why the camera is implausible, see `implausibilities`."""
     weakest: Direction
-    """What the labels determine least of what the prior does not know."""
+    """The direction of pose and zoom that the labels determine least."""
     converged: bool
+    """Whether the solver found a minimum."""
     lens_is_prior: bool = False
     """Whether the lens comes from the prior, since the labels hardly determine it."""
 
@@ -57,7 +60,7 @@ def segment_errors(evaluation: Evaluation, frames: Sequence[Pixels]) -> list[tup
     evaluation : Evaluation
         B frames at their cameras.
     frames : sequence of B dicts of str to (N, 2) array
-        What was packed; the errors are in the order of its labels.
+        The frames that were packed; errors are in the order of their labels.
     """
     observations = evaluation.problem.observations
     squares = np.square(evaluation.r)
@@ -73,12 +76,12 @@ def segment_errors(evaluation: Evaluation, frames: Sequence[Pixels]) -> list[tup
 def verdict(
     object_segments: ObjectSegments, frame: Pixels, evidence: Evidence, tau: float | None
 ) -> tuple[Status, str]:
-    """Status of one frame's calibration, and why, and what would help.
+    """Status of one frame's calibration, and a message with the reason and what would help.
 
     Of several complaints the first counts: rejected by tau, too few segments, degenerate, implausible, not converged.
     """
     noun = _noun(object_segments, frame)
-    labelled = f"{len(frame)} {noun}" if len(frame) == 1 else f"{len(frame)} {noun}s"
+    labelled = f"{len(frame)} {noun}{'s' * (len(frame) != 1)}"
     if tau is not None and not evidence.loss_ndc <= tau:
         return Status.REJECTED, f"the loss in NDC, {evidence.loss_ndc:.4f}, is above tau = {tau:g}"
     equations = constraints(object_segments, frame)
@@ -108,9 +111,9 @@ def verdict(
 
 
 def disagreement(object_segments: ObjectSegments, frame: Pixels, missed: Sequence[str], unknowns: int) -> str | None:
-    """Why a camera that misses some of a frame's labels is not to be believed, if so.
+    """Reason to reject a camera that misses some of a frame's labels; None if there is none.
 
-    Two thirds of the labels must agree with it, and those must give as many equations as there are unknowns.
+    Two thirds of the labels must agree with it, and these must give as many equations as there are unknowns.
     """
     agreeing = {label: xy for label, xy in frame.items() if label not in missed}
     if len(agreeing) >= AGREEING * len(frame) and constraints(object_segments, agreeing) >= unknowns:
@@ -122,28 +125,27 @@ def disagreement(object_segments: ObjectSegments, frame: Pixels, missed: Sequenc
 
 
 def _noun(object_segments: ObjectSegments, frame: Pixels) -> str:
-    """What the labels of a frame are, for messages."""
+    """The word for the labels of a frame in messages."""
     return "point" if all(object_segments[label].is_point for label in frame) else "segment"
 
 
 def implausibilities(
     evaluation: Evaluation, *, far: float, field: Field | None, may_be_inside: bool = True
 ) -> dict[str, BoolArray]:
-    """What is wrong with each of B cameras: reason -> mask (B,).
+    """Reasons why cameras are implausible, each with a mask (B,) of the cameras that it applies to.
 
-    On a field the camera must stand above the ground, no farther away than the cameras of that field do, beside the
-    field unless it `may_be_inside`, and hold the horizon roughly level; of any object it must have a field of view
-    between 0.5 and 150 degrees and see in front of it what it sees: pixels within `far` pixels of their segments.
-    Pixels further off, of a wrong label perhaps, do not speak against a camera.
+    A camera must have a field of view between 0.5 and 150 degrees, and the segments that it fits must lie in front of
+    it: those of pixels within `far` pixels, as pixels farther off may have wrong labels. On a field it must also stand
+    above the ground, no farther away than `field.farthest_camera`, beside the field unless it `may_be_inside`, and be
+    rolled by at most 45 degrees.
     """
     theta, points, observations = evaluation.theta, evaluation.points, evaluation.problem.observations
     width = observations.image_size[0]
     fov = 2.0 * np.arctan(0.5 * width / exp_of(theta, LOG_F))
     near = observations.weight * (np.abs(points.r) <= far)
     behind = np.sum(near * (points.inverse_depth < 0.0), axis=1)
-    noun = (
-        "segments" if any(rows for rows in observations.rows if not isinstance(rows, PointRows | EndRows)) else "points"
-    )
+    kinds = [type(rows) for rows in observations.rows if rows]
+    noun = "points" if all(issubclass(kind, PointRows | EndRows) for kind in kinds) else "segments"
     reasons = {
         "its field of view is below 0.5 degrees": fov < FIELD_OF_VIEW[0],
         "its field of view is above 150 degrees": fov > FIELD_OF_VIEW[1],
@@ -152,36 +154,31 @@ def implausibilities(
     if field is not None:
         C = theta[:, CENTER]
         roll = angles_from_rotation(rotation_from_angles(theta[:, ANGLES]))[:, 2]
+        farthest, half = field.farthest_camera, (field.length / 2.0, field.width / 2.0)
         reasons["it stands below the ground"] = C[:, 2] > 0.0
-        too_far = f"it stands more than {field.farthest_camera:g} m away"
-        reasons[too_far] = np.linalg.norm(C, axis=1) > field.farthest_camera
+        reasons[f"it stands more than {farthest:g} m away"] = np.linalg.norm(C, axis=1) > farthest
         if not may_be_inside:
-            inside = np.all(np.abs(C[:, :2]) < (field.length / 2.0, field.width / 2.0), axis=1)
-            reasons["it stands on the field"] = inside
+            reasons["it stands on the field"] = np.all(np.abs(C[:, :2]) < half, axis=1)
         reasons["it is rolled by more than 45 degrees"] = np.abs(roll) > LARGEST_ROLL
     return reasons
 
 
 def constraints(object_segments: ObjectSegments, frame: Pixels) -> int:
-    """How many equations the labels of a frame give at best.
+    """Number of equations that the labels of a frame give at most.
 
     A point gives two, a line two (one for a single pixel), a circle one for each pixel up to the five of a conic, an
-    ordered cloud one and an unordered one two for each pixel. A pinhole somewhere has seven unknowns.
+    ordered cloud one and an unordered one two for each pixel. A pinhole camera has seven unknowns.
     """
     return sum(object_segments[label].equations(len(set(map(tuple, xy.tolist())))) for label, xy in frame.items())
 
 
 def degeneracy(object_segments: ObjectSegments, frame: Pixels) -> str | None:
-    """Why lines alone cannot determine a camera, if so: all parallel, or all through one point."""
+    """Reason why the labels cannot determine a camera: parallel lines, lines through one point, or one circle."""
     segments = [object_segments[label] for label in frame]
-    if (
-        segments
-        and all(segment.is_arc for segment in segments)
-        and len({one.middle_of_curvature for one in segments}) == 1
-    ):
-        return "only one circle is labelled, and it looks alike from all sides: any line would help"
     if not segments or not all(segment.is_straight for segment in segments):
-        return None
+        circles = {segment.middle_of_curvature if segment.is_arc else None for segment in segments}
+        alike = "only one circle is labelled, and it looks alike from all sides: any line would help"
+        return alike if len(circles) == 1 and None not in circles else None
     starts, directions = np.moveaxis(np.array([line.vectors for line in segments]), 1, 0)
     directions = directions / np.linalg.norm(directions, axis=1, keepdims=True)
     if np.linalg.matrix_rank(directions, tol=1e-6) == 1:

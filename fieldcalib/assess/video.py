@@ -12,9 +12,10 @@ import numpy as np
 from fieldcalib._extras import imported
 from fieldcalib._types import IntArray
 from fieldcalib.assess.frame_sequence import FrameSequence, read_record
+from fieldcalib.assess.frame_table import Basis
 from fieldcalib.assess.placement import Shape
 from fieldcalib.assess.result import Calibration, Status
-from fieldcalib.assess.sequence import NUMBERS, Basis, SequenceCalibration
+from fieldcalib.assess.sequence_calibration import NUMBERS, SequenceCalibration
 
 if TYPE_CHECKING:
     import pandas

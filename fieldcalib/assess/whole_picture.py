@@ -1,13 +1,13 @@
-"""Is a picture a whole frame, or a part of one? What the labels say of the principal point, and when that is a doubt.
+"""Pictures that may be parts of frames: the evidence for that, and whether their cameras would be wrong.
 
-A whole frame has its principal point near the middle, a part of one anywhere. The labels of a frame put it, to first
-order, at an offset delta from the middle with a covariance V, with everything else free as it is. With S the covariance
-of a whole frame's and 100 S that of a part's (ten times as far from the middle), the log likelihood ratio of a part is
-that of delta under normal distributions of covariance V + 100 S and V + S.
+A whole frame has its principal point near the middle, a part of one anywhere. To first order the labels put it at an
+offset delta from the middle with a covariance V. If its prior has the covariance S for whole frames and 100 S for parts
+(ten times as far from the middle), the log likelihood ratio of a part compares delta under normal distributions of
+covariance V + 100 S and V + S.
 
-Few labels tell the principal point. That a picture is a part of a frame also shows in a camera that seems rolled, as
-heads of tripods are level, and it matters where the camera is wrong then: a camera that hardly depends on the principal
-point is right wherever it is. The score of `seems_part` is linear in these, and in the log odds that the camera of a
+Few labels determine the principal point. A part of a frame also shows in a camera that seems rolled, as heads of
+tripods are level. And it matters only if the camera is wrong then: a camera that hardly depends on the principal point
+is right wherever that is. The score of `seems_part` is linear in these terms, and in the log odds that the camera of a
 whole frame is right.
 """
 
@@ -20,41 +20,42 @@ import numpy as np
 
 from fieldcalib._types import Array, BoolArray
 from fieldcalib.assess.probability import ground_in_view
+from fieldcalib.assess.surprises import LEAST_ASPECT
 from fieldcalib.assess.uncertainty import Uncertainty
 from fieldcalib.fields.field import Field
 from fieldcalib.geometry.camera import Camera
 from fieldcalib.problem.layout import PRINCIPAL_POINT, ROLL
 from fieldcalib.problem.prior import BROADCAST_SHAPE, frame_around, is_whole_shape
 
-FAINT = 1e-6  # information, in units of the prior's, that keeps what no label tells in the system
+FAINT = 1e-6  # information, in units of the prior's, that is kept so that the system is regular
 PART_SCALE = 10.0  # times as far from the middle as in whole frames: a fifth of the width
 LEVEL = np.radians(0.5)  # of annotated broadcast frames 95 % are rolled by less than 0.7 degrees
-LARGEST_ROLL_SCORE = 4.0  # squared z-score: more says no more,
-LARGEST_ROLL = np.radians(2.5)  # and a larger roll comes from no part of a frame, but from a head that was not level
+LARGEST_ROLL_SCORE = 4.0  # squared z-score: larger ones count as this
+LARGEST_ROLL = np.radians(2.5)  # a larger roll comes from a head that was not level
 LARGEST_LOG_RATIO = 8.0
-ERRORS_OF_PART = 0.05, 2.0  # of the field's tolerance: less is right in any case, more is wrong in any case
-# A picture that has not the shape of a frame needs this probability of being right. Of halves and upright parts of
+ERRORS_OF_PART = 0.05, 2.0  # in units of the field's tolerance: with less it is right, with more wrong in any case
+# Probability of being right that a picture needs if its shape is not that of a frame. Of halves and upright parts of
 # annotated frames 1 to 2 % are good and wrong then, 6 to 7 % with the 0.5 of whole pictures.
 SURE = 0.92
-# Fitted to 667 annotated frames as they are and to corners of them that would be good and wrong: 2 % of the former and
-# 59 % of the latter have a positive score. To find 90 % of these without the ends of their labels would cost 16 % of
-# the frames: where the labels fit a wrong camera as well as the right one, nothing else tells it.
+# Fitted to 667 annotated whole frames and to corners of them that would be good and wrong: 2 % of the frames and 59 %
+# of the corners have a positive score. To find 90 % of these without the ends of their labels would cost 16 % of the
+# frames, as their labels fit a wrong camera as well as the right one.
 SCORE = (-0.5, -0.5, 0.55, 1.2, 1.95)
-SQUASHED_LOG_ODDS = -2.0  # of a part: what was squashed from 16:9 was a whole frame, few pictures are changed twice
-LARGEST_SPREAD = 0.05  # share of the width: cameras of which more is expected show no whole frames
-SQUASH_SIGMAS = 3.0  # that the pixels of a squashed picture are off, by what the labels tell
+SQUASHED_LOG_ODDS = -2.0  # of being a part, if the picture was squashed from 16:9: few pictures are changed twice
+LARGEST_SPREAD = 0.05  # share of the width: priors with a wider principal point are not of whole frames
+SQUASH_SIGMAS = 3.0  # standard deviations by which the pixels of a squashed picture must be off
 CUT = "the picture may be a part of a frame, whose middle the labels do not tell: say which part (--crop-of)"
 SHAPE = "the picture is not 16:9, and the labels do not tell whether it was squashed (--aspect) or cut out (--crop-of)"
 
 
 class Declared(StrEnum):
-    """What a user has said of a picture, so that it is not asked."""
+    """What a user has said about a picture."""
 
     NOTHING = "nothing"
     PIXELS = "pixels"
-    """How its pixels are shown."""
+    """The aspect ratio of its pixels."""
     FRAME = "frame"
-    """Which part of a frame it is, if not all of it, and how its pixels are shown."""
+    """Which part of a frame it is, and the aspect ratio of its pixels."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -73,10 +74,10 @@ class Picture:
 
 @dataclass(frozen=True, eq=False)
 class PrincipalPointEvidence:
-    """What the labels of a frame say about its principal point, in standard deviations of that of whole frames."""
+    """The principal point by the labels of a frame, in standard deviations of its prior for whole frames."""
 
     offset: Array
-    """(2,) from the middle of the picture."""
+    """Offset (2,) from the middle of the picture."""
     covariance: Array
     """Covariance of the offset, (2, 2)."""
 
@@ -91,7 +92,7 @@ class PrincipalPointEvidence:
 
     @classmethod
     def of(cls, uncertainty: Uncertainty) -> PrincipalPointEvidence | None:
-        """The evidence of a frame whose principal point was free under its prior; None of others.
+        """The evidence of a frame whose principal point was free under its prior; None for other frames.
 
         Examples
         --------
@@ -111,9 +112,9 @@ class PrincipalPointEvidence:
 
 
 def largest_error_of_part(uncertainty: Uncertainty) -> float:
-    """Expected (root mean square) error of the worst ground point in view if the picture is a part of a frame, metres.
+    """Largest root mean square error of the ground points in view if the picture is a part of a frame, metres.
 
-    The camera is then off by what the labels say of it without the narrow prior of whole frames, to first order.
+    It is computed to first order from the camera that the labels give without the narrow prior of whole frames.
 
     Examples
     --------
@@ -139,14 +140,14 @@ def largest_error_of_part(uncertainty: Uncertainty) -> float:
 
 
 def _freed(uncertainty: Uncertainty, precision: float) -> tuple[BoolArray, Array, Array, Array] | None:
-    """What changes if the prior of the principal point has another precision, in units of its own; None if it is fixed.
+    """The estimate with another precision of the principal point's prior, in units of its own; None if it is fixed.
 
-    It is a mask of the principal point among the free parameters and, in units of their prior, their z-scores, the
-    shift of the estimate, and its covariance.
+    Returned are a mask of the principal point among the free parameters and, in units of their prior, their z-scores,
+    the shift of the estimate, and its covariance.
     """
     problem = uncertainty.problem
     free = np.flatnonzero(problem.free)
-    own = np.isin(free, np.arange(PRINCIPAL_POINT.start, PRINCIPAL_POINT.stop))
+    own = (free >= PRINCIPAL_POINT.start) & (free < PRINCIPAL_POINT.stop)
     if problem.prior is None or np.count_nonzero(own) != 2:
         return None
     unit = uncertainty.unit[free]
@@ -164,52 +165,52 @@ def seems_part(
     log_ratio_of_cut: float = 0.0,
     declared: Declared = Declared.NOTHING,
 ) -> tuple[str, ...]:
-    """In words, that a picture may be a part of a frame, if its camera would be wrong then; nothing of others.
+    """Say that a picture may be a part of a frame if its camera would be wrong then; nothing for other pictures.
 
     Parameters
     ----------
     uncertainty : Uncertainty
     probability : float
-        That the camera is right to the field's tolerance, for a field of the given size.
+        Probability that the camera is right to the field's tolerance, for a field of the given size.
     log_ratio_of_cut : float
-        What the ends of labels say (`fieldcalib.assess.cut_labels`).
+        Log likelihood ratio of a part from the ends of labels (`fieldcalib.assess.cut_labels`).
     declared : Declared
-        What the user has said.
+        What the user has said about the picture.
     """
     if declared == Declared.FRAME:
         return ()
-    width, height = uncertainty.layout.image_size
-    frame = frame_around((width, height))
-    evidence = PrincipalPointEvidence.of(uncertainty)
-    own_spread = uncertainty.unit[PRINCIPAL_POINT.start : PRINCIPAL_POINT.stop]
-    if evidence is None or np.min(own_spread) > LARGEST_SPREAD * frame[0]:
+    size, evidence = uncertainty.layout.image_size, PrincipalPointEvidence.of(uncertainty)
+    if evidence is None or np.min(uncertainty.unit[PRINCIPAL_POINT]) > LARGEST_SPREAD * frame_around(size)[0]:
         return ()
-    if not is_whole_shape((width, height)):
+    if not is_whole_shape(size):
         is_square = declared == Declared.PIXELS
-        if probability >= SURE and (is_square or _tells_aspect(uncertainty)):
+        if probability >= SURE and (is_square or _has_square_pixels(uncertainty)):
             return ()
         return (CUT if is_square else SHAPE,)
     return (CUT,) if score(uncertainty, evidence, probability) + log_ratio_of_cut > 0.0 else ()
 
 
-def _tells_aspect(uncertainty: Uncertainty) -> bool:
-    """Whether the labels say that pixels are square, and not as they are if a frame of 16:9 was squashed to this shape.
+def is_squashed(shown: Camera, solved: Camera) -> bool:
+    """Whether a picture has not the square pixels of the frame that was solved, from the cameras in both."""
+    (a, b), (c, d) = np.diagonal(shown.K)[:2], np.diagonal(solved.K)[:2]
+    return bool(abs(np.log(a * d / (b * c))) > LEAST_ASPECT)
 
-    What was estimated or given is known.
-    """
+
+def _has_square_pixels(uncertainty: Uncertainty) -> bool:
+    """Whether the aspect ratio was estimated or given, or the labels exclude that 16:9 was squashed to this shape."""
     if "log aspect" not in uncertainty.offsets:
         return True
     width, height = uncertainty.layout.image_size
-    squash = np.log(BROADCAST_SHAPE * height / width)  # log aspect of the picture if it was
+    squash = np.log(BROADCAST_SHAPE * height / width)  # log aspect of a picture squashed from 16:9
     offset, sigma = uncertainty.offsets["log aspect"]
     return bool(abs(offset) < abs(offset - squash) and SQUASH_SIGMAS * sigma < abs(squash))
 
 
 def features(uncertainty: Uncertainty, evidence: PrincipalPointEvidence, probability: float) -> Array:
-    """What the score is linear in.
+    """Terms of the score, (5,).
 
-    It is 1, the log odds of being right, the log ratio of a part, the square of the roll's z-score, and the log of the
-    error that is expected of a part, in units of the field's tolerance.
+    They are 1, the log odds of being right, the log ratio of a part, the square of the roll's z-score, and the log of
+    `largest_error_of_part` in units of the field's tolerance.
     """
     p = np.clip(probability, 1e-3, 1.0 - 1e-3)
     roll = np.square(uncertainty.theta[ROLL]) / (LEVEL**2 + uncertainty.covariance[ROLL, ROLL])
@@ -221,5 +222,5 @@ def features(uncertainty: Uncertainty, evidence: PrincipalPointEvidence, probabi
 
 
 def score(uncertainty: Uncertainty, evidence: PrincipalPointEvidence, probability: float) -> float:
-    """Positive where a picture is doubted to be a whole frame."""
+    """Score of a picture: positive if it may be a part of a frame, and its camera wrong."""
     return float(np.array(SCORE) @ features(uncertainty, evidence, probability))

@@ -9,9 +9,9 @@ from dataclasses import dataclass, replace
 from functools import partial
 from typing import Any
 
+from fieldcalib.assess.compute_errors import compute_errors
 from fieldcalib.assess.placement import Placement
 from fieldcalib.assess.result import Calibration
-from fieldcalib.assess.together import compute_errors
 from fieldcalib.cli.declared import DeclaredPictures, add_declarations
 from fieldcalib.cli.known_camera import KnownCamera, add_known_camera
 from fieldcalib.console.arguments import (

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from fieldcalib.assess.result import Calibration
-from fieldcalib.assess.sequence import SequenceCalibration
+from fieldcalib.assess.sequence_calibration import SequenceCalibration
 from fieldcalib.assess.video import VideoCalibration
 from fieldcalib.cli.run_options import RunRequest
 from fieldcalib.console.network import load_network

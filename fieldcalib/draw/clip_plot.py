@@ -9,8 +9,9 @@ from typing import TypeAlias
 import numpy as np
 
 from fieldcalib._types import Array, BoolArray, IntArray
+from fieldcalib.assess.frame_table import Basis
 from fieldcalib.assess.result import Calibration
-from fieldcalib.assess.sequence import Basis, SequenceCalibration
+from fieldcalib.assess.sequence_calibration import SequenceCalibration
 from fieldcalib.assess.video import VideoCalibration
 from fieldcalib.draw.scene import SHIFT, Colour, fixed_point
 from fieldcalib.io.image import Image

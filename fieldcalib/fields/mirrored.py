@@ -1,54 +1,48 @@
-"""Halves of a field from one: most fields are mirrored, and rule books describe one half."""
+"""A whole field from a quarter of it: most fields are mirrored, and rule books describe one half."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
+from itertools import groupby
+from types import MappingProxyType
 from typing import TypeAlias
 
 from fieldcalib.fields.segments import Segment
 
 Vector: TypeAlias = tuple[float, float, float]
+NONE: Mapping[str, Segment] = MappingProxyType({})
 
-LEFT_RIGHT, TOP_BOTTOM = ("right", "left"), ("bottom", "top")
 
+def mirrored(segments: Mapping[str, Segment]) -> dict[str, Segment]:
+    """Segments and their mirror images: "bottom" in a label becomes "top", the far side, and "right" becomes "left".
 
-def with_left(right: Mapping[str, Segment]) -> dict[str, Segment]:
-    """Segments of the right half of a field, and those of the left one: "right" in their labels becomes "left".
-
-    Raises
-    ------
-    ValueError
-        If a label has no word "right" in it.
+    A segment with both words in its label gives four, one with neither stays alone. Mirror images that are given stay.
 
     Examples
     --------
-    >>> with_left({"Goal line right": Line((20.0, -10.0, 0.0), (20.0, 10.0, 0.0))})["Goal line left"]
-    Line(start=(-20.0, -10.0, 0.0), end=(-20.0, 10.0, 0.0))
+    >>> from fieldcalib import Point
+    >>> list(mirrored({"Centre mark": Point((0.0, 0.0, 0.0)), "Corner right bottom": Point((9.0, 9.0, 0.0))}))
+    ['Centre mark', 'Corner right bottom', 'Corner right top', 'Corner left bottom', 'Corner left top']
     """
-    return {**right, **_mirrored(right, (-1.0, 1.0, 1.0), *LEFT_RIGHT)}
+    found: dict[str, Segment] = {}
+    for _, run in groupby(segments.items(), key=lambda item: "bottom" in item[0].split(" ")):
+        found |= with_top(dict(run), segments)
+    return found | _images(found, "right", "left", (-1.0, 1.0, 1.0), found)
 
 
-def with_top(bottom: Mapping[str, Segment]) -> dict[str, Segment]:
-    """Segments of the near half of a field, and those of the far one: "bottom" in their labels becomes "top".
-
-    Raises
-    ------
-    ValueError
-        If a label has no word "bottom" in it.
-
-    Examples
-    --------
-    >>> with_top({"Corner arc bottom": Arc((20.0, 10.0, 0.0), 1.0, 0.0, 1.5)})["Corner arc top"].center
-    (20.0, -10.0, 0.0)
-    """
-    return {**bottom, **_mirrored(bottom, (1.0, -1.0, 1.0), *TOP_BOTTOM)}
+def with_top(segments: Mapping[str, Segment], given: Mapping[str, Segment] = NONE) -> dict[str, Segment]:
+    """Segments, and the mirror images on the far side of those with "bottom" in their labels that are not given."""
+    return {**segments, **_images(segments, "bottom", "top", (1.0, -1.0, 1.0), given)}
 
 
-def _mirrored(segments: Mapping[str, Segment], signs: Vector, word: str, other: str) -> dict[str, Segment]:
-    found = {}
-    for label, segment in segments.items():
-        words = label.split(" ")
-        if word not in words:
-            raise ValueError(f"expected the word {word!r} in the label of what is mirrored, got {label!r}")
-        found[" ".join(other if one == word else one for one in words)] = segment.mirrored(signs)
-    return found
+def _images(
+    segments: Mapping[str, Segment], word: str, other: str, signs: Vector, given: Mapping[str, Segment]
+) -> dict[str, Segment]:
+    """The mirror images of the segments that have a word in their labels, but those that are given."""
+    words = {label: label.split(" ") for label in segments}
+    images = {label: " ".join(other if one == word else one for one in words[label]) for label in segments}
+    return {
+        images[label]: segment.mirrored(signs)
+        for label, segment in segments.items()
+        if word in words[label] and images[label] not in given
+    }

@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from fieldcalib._types import BoolArray
-from fieldcalib.assess.sequence import SequenceCalibration
+from fieldcalib.assess.sequence_calibration import SequenceCalibration
 from fieldcalib.images.clip_models import window_prior
 from fieldcalib.images.clip_problem import Cells, ClipOptions, ClipProblem, cells_of
 from fieldcalib.images.keyframe_labels import KeyframeLabels, label_keyframes
@@ -18,6 +18,7 @@ from fieldcalib.images.witnesses import with_witnesses, witnesses_of
 from fieldcalib.io.image import Image, size_of
 from fieldcalib.io.images import IMAGES_AT_ONCE
 from fieldcalib.localize import Network
+from fieldcalib.solve.sequence_solver import calibrate_one_by_one, solve_sequence
 from fieldcalib.solve.tripod import Labels
 
 EXTRA_OFFSETS = (4, 8)  # frames after a keyframe that the network sees too until a keyframe of the piece is accepted
@@ -76,8 +77,11 @@ class Keyframes:
         elif models == {CameraModel.MOVING}:
             options = options.not_sharing("centre")
         matches = {pair: cells for pair, cells in self.shots.matches.items() if pair not in left_out}
-        solver = ClipProblem(options, size, frames, labels, matches).solver
-        calibration = solver.one_by_one() if models == {CameraModel.ALONE} else solver.calibrated(start)
+        problem = ClipProblem(options, size, frames, labels, matches).from_zero
+        if models == {CameraModel.ALONE}:
+            calibration = calibrate_one_by_one(problem)
+        else:
+            calibration = solve_sequence(problem, start).calibration
         witnesses = witnesses_of(self.labels, frames, calibration)
         return with_witnesses(options.object_segments, calibration, witnesses)
 

@@ -17,7 +17,7 @@ from fieldcalib.localize.flow import check_network
 from fieldcalib.problem.labelled_pixels import check_object
 from fieldcalib.solve.given_camera import NOTHING_GIVEN, GivenCamera, check_of_clip
 from fieldcalib.solve.options import ALL, DEFAULT_FLAGS, PAINT, CalibrationFlags, Prior, default_flags
-from fieldcalib.solve.sequence_solver import SHARED, SIZE, SequenceSolver, sequence_solver
+from fieldcalib.solve.sequence_problem import SHARED, SIZE, SequenceProblem
 from fieldcalib.solve.task import Task
 from fieldcalib.solve.ties import LEAST_CELLS, thinned
 from fieldcalib.solve.tripod import Labels
@@ -94,23 +94,19 @@ class ClipProblem:
     """Matches by the numbers of both frames; those of other frames are ignored."""
 
     @property
-    def solver(self) -> SequenceSolver:
-        """The solver of this problem, which numbers the frames from 0."""
-        number = {frame: k for k, frame in enumerate(self.frames)}
+    def from_zero(self) -> SequenceProblem:
+        """This problem with frames numbered from 0."""
+        number, options = {frame: k for k, frame in enumerate(self.frames)}, self.options
         found = [per_label(self.labels.get(frame, ({}, {}))) for frame in self.frames]
-        return sequence_solver(
-            self.options.object_segments,
+        loss = line_loss(self.image_size)
+        task = replace(options.task, flags=options.flags_together, loss=loss, paint=PAINT, trust_labels=True)
+        return SequenceProblem.of(
+            task,
             [pixels for pixels, _ in found],
             self.image_size,
-            flags=self.options.flags_together,
-            prior=self.options.prior,
-            loss=line_loss(self.image_size),
-            trust_labels=True,
+            options.shared,
             weights=[weights for _, weights in found],
-            shared=self.options.shared,
-            paint=PAINT,
             matches={
                 (number[i], number[j]): cells for (i, j), cells in self.matches.items() if i in number and j in number
             },
-            given=self.options.given,
         )

@@ -21,7 +21,7 @@ import numpy as np
 from fieldcalib.assess.misfit import rms_by_label
 from fieldcalib.assess.placement import Crop, Placement, Shape
 from fieldcalib.assess.result import Calibration
-from fieldcalib.assess.sequence import SequenceCalibration
+from fieldcalib.assess.sequence_calibration import SequenceCalibration
 from fieldcalib.assess.whole_picture import SHAPE
 from fieldcalib.fields.segments import ObjectSegments
 from fieldcalib.images.borders import shape_within, shown_part, within_borders
@@ -33,7 +33,8 @@ from fieldcalib.localize import Network
 from fieldcalib.problem.evaluation import evaluate_cameras
 from fieldcalib.solve.aspect import SQUARE_LOG_ODDS, WAS_SQUASHED, may_be_squashed, shown_size, stretched
 from fieldcalib.solve.options import CERTAIN
-from fieldcalib.solve.sequence_solver import SHARED
+from fieldcalib.solve.sequence_problem import SHARED
+from fieldcalib.solve.sequence_solver import solve_sequence
 from fieldcalib.solve.tripod import Labels
 
 SEEN, APART = 8, 12  # number of frames that are used, and frames from one to the next
@@ -103,7 +104,8 @@ class ShapeEstimator:
         scale = np.divide(shown, size)
         labels = {t: (stretched(pixels, scale), weights) for t, (pixels, weights) in enumerate(frames)}
         problem = ClipProblem(replace(self.options, shared=SHARED), shown, range(len(frames)), labels, {})
-        return distances_in_pictures(self.options.object_segments, problem.solver.calibrated(), frames, size)
+        solved = solve_sequence(problem.from_zero).calibration
+        return distances_in_pictures(self.options.object_segments, solved, frames, size)
 
 
 def bright_frames(images: Iterable[Image]) -> list[Image]:

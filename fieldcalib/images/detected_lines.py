@@ -15,9 +15,9 @@ from fieldcalib.io.image import Image
 from fieldcalib.problem.labelled_pixels import Pixels, PixelWeights, Weights
 from fieldcalib.problem.losses import RobustLoss
 from fieldcalib.solve.batch import calibrate_labels
+from fieldcalib.solve.joint_problem import labels_of
 from fieldcalib.solve.options import PAINT, pixel_unit
 from fieldcalib.solve.task import Task
-from fieldcalib.solve.together import labels_of
 from fieldcalib.solve.tripod import Labels
 
 # Lengths are in pixels of a 960 x 540 image and grow with the image.

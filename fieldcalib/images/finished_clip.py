@@ -9,7 +9,7 @@ import numpy as np
 
 from fieldcalib._types import BoolArray, IntArray
 from fieldcalib.assess.markings import MarkingInView
-from fieldcalib.assess.sequence import SequenceCalibration
+from fieldcalib.assess.sequence_calibration import SequenceCalibration
 from fieldcalib.assess.video import NO_TRIPOD, Shot, VideoCalibration
 from fieldcalib.images.clip_lines import PAINT_EVERY, ClipLines, find_clip_lines
 from fieldcalib.images.field_markings import Markings

@@ -10,8 +10,8 @@ from functools import partial
 import numpy as np
 from numpy.typing import ArrayLike
 
+from fieldcalib.assess.compute_errors import compute_errors
 from fieldcalib.assess.result import LEAST_PROBABILITY, Calibration, Status
-from fieldcalib.assess.together import compute_errors
 from fieldcalib.fields.field import Field
 from fieldcalib.fields.segments import ObjectSegments
 from fieldcalib.geometry.camera import Camera

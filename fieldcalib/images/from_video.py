@@ -44,7 +44,7 @@ from fieldcalib.localize.network import SegmentationNetwork
 from fieldcalib.localize.padding import Padded
 from fieldcalib.solve.given_camera import GivenCamera
 from fieldcalib.solve.options import ALL, DEFAULT_FLAGS, CalibrationFlags, Prior
-from fieldcalib.solve.sequence_solver import SHARED, SHARED_IN_MOTION
+from fieldcalib.solve.sequence_problem import SHARED, SHARED_IN_MOTION
 
 Mount = Literal["tripod", "moving"]
 SHARED_BY: dict[Mount, tuple[str, ...]] = {"tripod": SHARED, "moving": SHARED_IN_MOTION}

@@ -11,10 +11,11 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from fieldcalib._types import BoolArray
+from fieldcalib.assess.frame_table import Basis, FrameTable
+from fieldcalib.assess.interpolation import STEP
 from fieldcalib.assess.markings import MarkingInView
-from fieldcalib.assess.own_errors import OwnErrors
+from fieldcalib.assess.own_errors import OwnErrors, ground_errors
 from fieldcalib.assess.result import Calibration, Status
-from fieldcalib.assess.sequence import STEP, Basis
 from fieldcalib.geometry.camera import Camera
 from fieldcalib.images.clip_lines import LEAST_LINES
 from fieldcalib.images.clip_problem import Cells, ClipOptions, ClipProblem
@@ -23,7 +24,7 @@ from fieldcalib.images.field_markings import Markings
 from fieldcalib.images.keyframes import KeyframePair
 from fieldcalib.images.shot_solver import KnownCamera, ShotProblem, ShotSolution, SolvedShot
 from fieldcalib.io.image import Image
-from fieldcalib.solve.frame_columns import FrameColumns
+from fieldcalib.solve.frame_rows import SolvedFrames, solved_rows, table_without_cameras
 from fieldcalib.solve.ties import Ties, stepped, with_tied
 from fieldcalib.solve.tripod import Labels
 
@@ -142,13 +143,13 @@ def follow(shot: LiveShot, solved: SolvedShot, index: int, image: Image, ties: M
     found = _tied(shot, solved, {key: ties[key] for key in keys}, image)
     if found is None:
         return _without_camera("the matches of this frame contradict its keyframes")
-    columns, lines = found
-    return _of_only_frame(solved, columns, lines, _only(columns))
+    row, lines = found
+    return _of_only_frame(solved, row, lines, _only(row))
 
 
 def _tied(
     shot: LiveShot, solved: SolvedShot, ties: Mapping[int, Cells], image: Image | None
-) -> tuple[FrameColumns, Labels] | None:
+) -> tuple[FrameTable, Labels] | None:
     """A frame that is tied to some keyframes, with its lines; None if its matches contradict the keyframes."""
     known = shot.known
     keys, tripod, layout = sorted(ties), solved.tripod, solved.layout
@@ -170,22 +171,21 @@ def _tied(
     lines = NO_LINES if image is None else detected_lines(image, layout.camera(theta[-1]), solved.markings)[0]
     of_keys = [known[keys[k]].errors for k in first.tolist()]
     of_first = OwnErrors(*(np.array(part) for part in zip(*of_keys, strict=True)))
-    columns = tripod.columns(1)
-    tripod.follow(columns, np.array([0]), theta[-1:], [lines], towards, of_first, {})
-    return columns, lines
+    followed = tripod.solved(theta[-1:], [lines], towards, tripod.prior(theta[-1:]))
+    return solved_rows(tripod, SolvedFrames(followed, tripod.errors(followed, of_first), np.array([True]))), lines
 
 
 def _placed(solved: SolvedShot, camera: KnownCamera, basis: Basis) -> FollowedFrame:
     """A frame with a camera that is known already."""
-    columns = solved.tripod.columns(1)
-    columns.fill_from(*camera, basis)
-    return _of_only_frame(solved, columns)
+    tripod, theta, errors = solved.tripod, camera.theta[None], OwnErrors(*(part[None] for part in camera.errors))
+    metres = ground_errors(theta, errors, tripod.considered, tripod.options.field)
+    return _of_only_frame(solved, table_without_cameras(tripod, 1).with_cameras(theta, errors, metres, basis))
 
 
 def _of_only_frame(
-    solved: SolvedShot, columns: FrameColumns, lines: Labels = NO_LINES, camera: KnownCamera | None = None
+    solved: SolvedShot, row: FrameTable, lines: Labels = NO_LINES, camera: KnownCamera | None = None
 ) -> FollowedFrame:
-    sequence = replace(solved.sequence, frames=columns.frames)
+    sequence = replace(solved.sequence, frames=row)
     return FollowedFrame(sequence[0], sequence.basis[0], lines, camera)
 
 
@@ -211,6 +211,6 @@ def _extrapolated(last: Sequence[tuple[int, KnownCamera]], index: int, free: Boo
     return KnownCamera(camera.theta + gap * np.where(free, motion, 0.0), errors)
 
 
-def _only(columns: FrameColumns) -> KnownCamera:
+def _only(row: FrameTable) -> KnownCamera:
     """The camera of the only frame."""
-    return KnownCamera(columns.theta[0], OwnErrors(columns.errors.own[0], columns.errors.following[0]))
+    return KnownCamera(row.theta[0], OwnErrors(row.own[0], row.following[0]))

@@ -7,7 +7,7 @@ from collections.abc import Mapping
 import numpy as np
 
 from fieldcalib._types import Array
-from fieldcalib.assess.sequence import SequenceCalibration
+from fieldcalib.assess.sequence_calibration import SequenceCalibration
 
 PLACE = ("x", "y", "z")
 SIZE = ("length", "width")

@@ -16,13 +16,14 @@ import numpy as np
 
 from fieldcalib._types import Array, Float32
 from fieldcalib.assess.own_errors import OwnErrors
-from fieldcalib.assess.sequence import SequenceCalibration
+from fieldcalib.assess.sequence_calibration import SequenceCalibration
 from fieldcalib.images.clip_problem import Cells, ClipOptions, ClipProblem, cells_of
 from fieldcalib.images.field_markings import Markings
 from fieldcalib.images.keyframe_labels import label_keyframes
 from fieldcalib.images.keyframes import KeyframePair
 from fieldcalib.io.image import Image
 from fieldcalib.problem.layout import Layout
+from fieldcalib.solve.sequence_solver import solve_from_cameras, solve_sequence
 from fieldcalib.solve.tripod import KnownTripod, Labels
 
 
@@ -126,13 +127,13 @@ def solve_shot(shot: ShotProblem, segmented: SegmentedImage | None) -> ShotSolut
 
 
 def _solved(problem: ClipProblem, layout: Layout | None, cameras: Mapping[int, Array]) -> SolvedShot | None:
-    solver = problem.solver
     if layout is None:
-        sequence = solver.calibrated()
+        sequence, tripod = solve_sequence(problem.from_zero)
     else:
         number = {key: k for k, key in enumerate(problem.frames)}
-        sequence = solver.calibrated_from(layout, {number[key]: theta for key, theta in cameras.items()})
-    if solver.tripod is None or not np.any(sequence.usable):
+        known_cameras = {number[key]: theta for key, theta in cameras.items()}
+        sequence, tripod = solve_from_cameras(problem.from_zero, layout, known_cameras)
+    if tripod is None or not np.any(sequence.usable):
         return None
     frames = sequence.frames
     known = {
@@ -140,4 +141,4 @@ def _solved(problem: ClipProblem, layout: Layout | None, cameras: Mapping[int, A
         for k, key in enumerate(problem.frames)
         if sequence.usable[k]
     }
-    return SolvedShot(solver.tripod, sequence, Markings.of(solver.tripod.object_segments), known)
+    return SolvedShot(tripod, sequence, Markings.of(tripod.object_segments), known)

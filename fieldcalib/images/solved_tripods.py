@@ -9,7 +9,7 @@ from typing import NamedTuple
 import numpy as np
 
 from fieldcalib.assess.misfit import is_of_wrong_model
-from fieldcalib.assess.sequence import SequenceCalibration
+from fieldcalib.assess.sequence_calibration import SequenceCalibration
 from fieldcalib.images.clip_keyframes import Keyframes
 from fieldcalib.images.pieces import CameraModel, Pieces
 from fieldcalib.images.same_tripod import grouped

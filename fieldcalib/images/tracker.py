@@ -17,8 +17,8 @@ from typing import Self
 
 from numpy.typing import ArrayLike
 
+from fieldcalib.assess.frame_table import Basis
 from fieldcalib.assess.result import Calibration, Status
-from fieldcalib.assess.sequence import Basis
 from fieldcalib.fields.segments import ObjectSegments
 from fieldcalib.images.clip_problem import Cells, ClipOptions, cells_of, shared_parameters
 from fieldcalib.images.clip_shape import ShapeEstimator
@@ -33,7 +33,7 @@ from fieldcalib.localize.network import SegmentationNetwork
 from fieldcalib.processes.other_process import OtherProcess
 from fieldcalib.solve.given_camera import GivenCamera
 from fieldcalib.solve.options import ALL, DEFAULT_FLAGS, Prior
-from fieldcalib.solve.sequence_solver import SHARED
+from fieldcalib.solve.sequence_problem import SHARED
 
 NICENESS = 2  # of the process that solves keyframes: `update` comes first where there are few cores
 NEEDED = ("cv2", "fieldcalib.images.shot_solver")  # modules that this process imports at once

@@ -13,7 +13,7 @@ import numpy as np
 
 from fieldcalib._types import Array
 from fieldcalib.assess.misfit import LEAST_FRAMES, misfit, rms_by_label
-from fieldcalib.assess.sequence import SequenceCalibration
+from fieldcalib.assess.sequence_calibration import SequenceCalibration
 from fieldcalib.fields.segments import ObjectSegments
 from fieldcalib.images.detected_lines import line_loss
 from fieldcalib.images.keyframe_labels import EXPLAINED, KeyframeLabels

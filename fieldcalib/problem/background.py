@@ -21,7 +21,7 @@ from functools import cached_property
 import numpy as np
 
 from fieldcalib._types import Array, BoolArray, IntArray
-from fieldcalib.problem.coupling import Coupling
+from fieldcalib.problem.cost_term import Coupling
 from fieldcalib.problem.layout import Layout
 from fieldcalib.problem.losses import RobustLoss
 from fieldcalib.problem.projection import Projection

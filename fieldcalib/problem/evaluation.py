@@ -7,17 +7,17 @@ segment: with X* the closest point and n the unit normal of the segment's image 
 
     r = n . (p - pi(X*)),        dr/dtheta = -n . dpi(X*)/dtheta.
 
-X* is stationary along the curve, so the derivative of the search drops out. The robust loss acts on the data alone. The
-prior is quadratic but for the lens, whose tails are heavy: lenses are found that bend the corner by a quarter. Frames
-of one camera may be linked too: by static points of the background (`fieldcalib.problem.background`), and by the smooth
-path of a camera that moves (`fieldcalib.problem.smooth_path`).
+X* is stationary along the curve, so the derivative of the search drops out. The robust loss acts on the data alone.
+Pixels and prior (`fieldcalib.problem.prior_term`) are terms of the cost (`fieldcalib.problem.cost_term`). Others link
+frames of one camera: static points of the background (`fieldcalib.problem.background`), and the smooth path of a camera
+that moves (`fieldcalib.problem.smooth_path`).
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cached_property, reduce
 
 import numpy as np
 
@@ -31,16 +31,16 @@ from fieldcalib.geometry.lens import common_lens
 from fieldcalib.problem.background import BackgroundEvaluation, BackgroundPairs
 from fieldcalib.problem.closest_points import closest_points
 from fieldcalib.problem.compilation import compiled_closest_points, compiled_derivatives
-from fieldcalib.problem.coupling import Coupling
+from fieldcalib.problem.cost_term import CostTerm, Coupling
 from fieldcalib.problem.labelled_pixels import Pixels
 from fieldcalib.problem.layout import LOG_F, Layout
 from fieldcalib.problem.losses import RobustLoss
 from fieldcalib.problem.observations import Observations, pack
 from fieldcalib.problem.prior import GaussianPrior
+from fieldcalib.problem.prior_term import PriorTerm
 from fieldcalib.problem.projection import Projection
 from fieldcalib.problem.smooth_path import PathEvaluation, SmoothPath
 
-LENS_TAILS = RobustLoss("cauchy", 2.0)  # z-scores beyond two count less and less
 # Fields of view from 0.3 to 170 degrees: outside, a fit collapses to a point or to a plane and ends in overflow.
 LOG_F_RANGE = (np.log(0.04), np.log(200.0))  # of f / width
 
@@ -100,13 +100,6 @@ class Problem:
         if self.prior is None:
             return np.zeros((len(theta), 0))
         return self.prior.z_scores(theta)[:, self.free]
-
-    def prior_costs(self, squared: Array) -> tuple[Array, Array]:
-        """What squared z-scores (..., P) of the free parameters cost, and its derivative by them."""
-        cost, slope = squared.copy(), np.ones_like(squared)
-        is_lens = self.layout.is_lens[self.free]
-        cost[..., is_lens], slope[..., is_lens] = LENS_TAILS.evaluate(squared[..., is_lens])
-        return cost, slope
 
     def is_possible(self, theta: Array) -> BoolArray:
         """Whether the focal lengths are possible, (B,): a fit that collapses is stopped before it overflows."""
@@ -200,94 +193,91 @@ class Evaluation:
         """What each residual costs, (B, M); their sum, with that of the prior, is the cost."""
         return np.asarray(0.5 * self.problem.observations.weight * self._losses[0] / self.problem.noise**2)
 
-    @cached_property
-    def prior_cost(self) -> Array:
-        """What the cameras cost under their prior, (B,)."""
-        return np.zeros(len(self.theta)) if self.problem.prior is None else 0.5 * np.sum(self._prior_costs[0], axis=1)
+    @property
+    def pixels(self) -> PixelTerm:
+        """The labelled pixels as a term of the cost."""
+        return PixelTerm(self)
 
     @cached_property
-    def _z(self) -> Array:
-        return self.problem.prior_residuals(self.theta)
-
-    @cached_property
-    def _prior_costs(self) -> tuple[Array, Array]:
-        return self.problem.prior_costs(np.square(self._z))
-
-    @cached_property
-    def cost(self) -> Array:
-        """(B,); infinite where it is no number, or the camera is none: the derivatives mean nothing there."""
-        cost = np.sum(self.costs, axis=1) + self.prior_cost
-        for link in self.links:
-            cost += link.cost
-        return np.where(np.isfinite(cost) & self.problem.is_possible(self.theta), cost, np.inf)
-
-    @cached_property
-    def information(self) -> Array:
-        """Gauss-Newton Hessian of the data alone, (B, P, P)."""
-        return self.information_of(slice(None))
-
-    def information_of(self, residuals: slice) -> Array:
-        """Gauss-Newton Hessian of some of the data, (B, P, P)."""
-        JT = self.JT[:, :, residuals]
-        return np.asarray((JT * self.pull[:, None, residuals]) @ np.swapaxes(JT, 1, 2))
-
-    @cached_property
-    def gradient(self) -> Array:
-        """Of the cost, (B, P)."""
-        gradient = (self.JT @ (self.pull * self.r)[..., None])[..., 0]
-        if self.problem.prior is not None:
-            gradient += self._prior_costs[1] * self._z / self.problem.prior.sigma[:, self.problem.free]
-        for link in self.links:
-            gradient += link.gradient
-        return np.asarray(gradient)
-
-    @cached_property
-    def hessian(self) -> Array:
-        """Gauss-Newton approximation of the Hessian of the cost, (B, P, P)."""
-        hessian = self.information
-        if self.problem.prior is not None:
-            hessian = hessian.copy()
-            diagonal = np.arange(hessian.shape[1])
-            hessian[:, diagonal, diagonal] += self._prior_costs[1] / np.square(self.prior_sigma)
-        for link in self.links:
-            hessian = hessian + link.hessian
-        return hessian
+    def prior(self) -> PriorTerm | None:
+        """The prior as a term of the cost; None without."""
+        prior = self.problem.prior
+        return None if prior is None else PriorTerm(prior, self.problem.layout, self.theta)
 
     @cached_property
     def background(self) -> BackgroundEvaluation | None:
-        """The static points that frames are tied by; None where there are none."""
+        """The static points that tie frames as a term of the cost; None without."""
         pairs = self.problem.background
         return None if pairs is None else BackgroundEvaluation(pairs, self.problem.layout, self.theta)
 
     @cached_property
-    def links(self) -> tuple[BackgroundEvaluation | PathEvaluation, ...]:
-        """What links the frames with one another."""
+    def links(self) -> tuple[CostTerm, ...]:
+        """The terms that link frames with one another."""
         path = self.problem.path
         on_path = None if path is None else PathEvaluation(path, self.problem.layout, self.theta)
         return tuple(link for link in (self.background, on_path) if link is not None)
 
+    @property
+    def terms(self) -> tuple[CostTerm, ...]:
+        """All terms of the cost."""
+        return (self.pixels, *((self.prior,) if self.prior is not None else ()), *self.links)
+
+    @cached_property
+    def cost(self) -> Array:
+        """Cost of each frame, (B,); infinite where it is not finite or the focal length out of range.
+
+        Derivatives mean nothing where it is infinite.
+        """
+        cost = _sum([term.cost for term in self.terms])
+        return np.where(np.isfinite(cost) & self.problem.is_possible(self.theta), cost, np.inf)
+
+    @cached_property
+    def gradient(self) -> Array:
+        """Gradient of the cost, (B, P)."""
+        return _sum([term.gradient for term in self.terms])
+
+    @cached_property
+    def information(self) -> Array:
+        """Gauss-Newton Hessian of the pixels alone, (B, P, P)."""
+        return self.information_of(slice(None))
+
+    def information_of(self, residuals: slice) -> Array:
+        """Gauss-Newton Hessian of some of the residuals, (B, P, P)."""
+        JT = self.JT[:, :, residuals]
+        return np.asarray((JT * self.pull[:, None, residuals]) @ np.swapaxes(JT, 1, 2))
+
+    @cached_property
+    def hessian(self) -> Array:
+        """Gauss-Newton approximation of the Hessian of the cost, (B, P, P)."""
+        return _sum([term.hessian for term in self.terms])
+
     @cached_property
     def links_hessian(self) -> Array:
-        """That of what links the frames, (B, P, P)."""
-        nothing = np.zeros((len(self.theta), *2 * (int(np.count_nonzero(self.problem.free)),)))
-        return np.asarray(sum((link.hessian for link in self.links), nothing))
+        """Hessian of the terms that link frames, (B, P, P)."""
+        return _sum([np.zeros_like(self.information), *(link.hessian for link in self.links)])
 
     @cached_property
     def coupling(self) -> Coupling | None:
         """How the frames' own parameters are coupled with one another; None if they are not."""
-        found = [coupling for link in self.links if (coupling := link.coupling) is not None]
+        found = [coupling for term in self.terms if (coupling := term.coupling) is not None]
         return Coupling(*map(np.concatenate, zip(*found, strict=True))) if found else None
+
+    @property
+    def prior_cost(self) -> Array:
+        """Cost of the cameras under their prior, (B,)."""
+        return np.zeros(len(self.theta)) if self.prior is None else self.prior.cost
 
     @property
     def prior_sigma(self) -> Array:
         """Standard deviations (B, P) of the prior of the free parameters."""
-        assert self.problem.prior is not None
-        return self.problem.prior.sigma[:, self.problem.free]
+        assert self.prior is not None
+        return self.prior.sigma
 
     @property
     def pulling_prior_sigma(self) -> Array:
-        """Those of the normal prior that pulls as the problem's does: heavy tails pull less, (B, P)."""
-        return np.asarray(self.prior_sigma / np.sqrt(self._prior_costs[1]))
+        """Effective standard deviations of the prior after robust weighting, (B, P)."""
+        assert self.prior is not None
+        return self.prior.effective_sigma
 
     @cached_property
     def world_points(self) -> Array:
@@ -328,6 +318,38 @@ class Evaluation:
         theta = self.theta.copy()
         theta[index] = other.theta
         return Evaluation(self.problem, theta, self.points.replaced(index, other.points))
+
+
+@dataclass(frozen=True, eq=False)
+class PixelTerm:
+    """The labelled pixels of an evaluation as a term of its cost."""
+
+    evaluation: Evaluation
+
+    @property
+    def cost(self) -> Array:
+        """(B,)"""
+        return np.asarray(np.sum(self.evaluation.costs, axis=1))
+
+    @property
+    def gradient(self) -> Array:
+        """(B, P)"""
+        of = self.evaluation
+        return np.asarray((of.JT @ (of.pull * of.r)[..., None])[..., 0])
+
+    @property
+    def hessian(self) -> Array:
+        """(B, P, P)"""
+        return self.evaluation.information
+
+    @property
+    def coupling(self) -> None:
+        """Frames are independent."""
+        return None
+
+
+def _sum(parts: Sequence[Array]) -> Array:
+    return np.asarray(reduce(np.add, parts))
 
 
 def evaluate(problem: Problem, theta: Array) -> Evaluation:

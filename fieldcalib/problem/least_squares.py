@@ -9,6 +9,7 @@ import numpy as np
 from fieldcalib._types import Array
 from fieldcalib.problem.evaluation import Evaluation, evaluate
 from fieldcalib.problem.levenberg_marquardt import Solution
+from fieldcalib.problem.prior_term import prior_costs
 
 
 def least_squares(start: Evaluation, *, max_iterations: int, tolerance: float) -> Solution:
@@ -54,7 +55,7 @@ def least_squares(start: Evaluation, *, max_iterations: int, tolerance: float) -
         values = np.zeros((3, len(squared)))  # the last row, rho'', stays zero: no correction of second order
         values[:2, : len(weight)] = weight * problem.loss.evaluate(squared[: len(weight)])
         if problem.prior is not None:
-            values[:2, len(weight) :] = problem.prior_costs(squared[len(weight) :])
+            values[:2, len(weight) :] = prior_costs(squared[len(weight) :], problem.layout)
         return values
 
     x = np.clip(theta[0, free], least, largest)

@@ -26,9 +26,10 @@ from numpy.typing import NDArray
 from fieldcalib._types import Array, BoolArray, IntArray
 from fieldcalib.fields.segments.closest import ClosestPoints
 from fieldcalib.problem.compilation import kernels, packed_frames, unknowns
-from fieldcalib.problem.coupling import Coupling
-from fieldcalib.problem.evaluation import LENS_TAILS, LOG_F_RANGE, Evaluation, Problem, evaluate
+from fieldcalib.problem.cost_term import Coupling
+from fieldcalib.problem.evaluation import LOG_F_RANGE, Evaluation, Problem, evaluate
 from fieldcalib.problem.prior import GaussianPrior
+from fieldcalib.problem.prior_term import LENS_TAILS
 
 FAR, NEAR = 1e-2, 1e-4  # initial damping, share of the Hessian's diagonal: far from the solution, and near it
 LEAST_DAMPING, LARGEST_DAMPING = 1e-12, 1e10
@@ -222,7 +223,7 @@ class _Batch:
 
     def frames(self, groups: BoolArray) -> IntArray:
         """Numbers of the frames of some groups (G,)."""
-        return self.index[self.groups.spread(groups)]
+        return np.asarray(self.index[self.groups.spread(groups)])
 
     def without(self, ended: BoolArray) -> _Batch:
         """The same where some groups (G,) have ended."""

@@ -31,9 +31,10 @@ def with_segment_ends(evaluation: Evaluation, far: float) -> Evaluation:
 def pixels_past_ends(evaluation: Evaluation, far: float) -> EndRows:
     """Pixels that the cameras see past an end, by `far` pixels at most."""
     observations, parts = evaluation.problem.observations, []
+    spans = np.array([segment.span for segment in observations.segments]).reshape(-1, 2)
     for rows in observations.rows:
         columns = observations.columns[type(rows)]
-        ends = rows.past_ends(evaluation.world_points[:, columns], observations.segments)
+        ends = rows.past_ends(evaluation.world_points[:, columns], spans)
         if ends is None:
             continue
         points = evaluation.points.columns(columns)

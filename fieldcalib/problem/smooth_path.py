@@ -16,7 +16,7 @@ from functools import cached_property
 import numpy as np
 
 from fieldcalib._types import Array, IntArray
-from fieldcalib.problem.coupling import Coupling
+from fieldcalib.problem.cost_term import Coupling
 from fieldcalib.problem.layout import CENTER, Layout, Role
 from fieldcalib.problem.losses import RobustLoss
 

@@ -11,9 +11,9 @@ from functools import partial
 from pathlib import Path
 from typing import Any, Protocol, TypeAlias, TypeVar
 
+from fieldcalib.assess.compute_errors import compute_errors
 from fieldcalib.assess.ndc import ndc_loss
 from fieldcalib.assess.result import Calibration, Status
-from fieldcalib.assess.together import compute_errors
 from fieldcalib.console.program import say
 from fieldcalib.console.waiting import waiting_for
 from fieldcalib.fields.field import Field

@@ -1,6 +1,5 @@
 """From labelled pixels, points or homographies to cameras."""
 
-import lazy_loader
+from fieldcalib._modules import lazy_modules
 
-# The names are listed in __init__.pyi; each is imported when it is first used.
-__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)
+__getattr__, __dir__, __all__ = lazy_modules(__name__, __path__)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import Executor
 from dataclasses import replace
 from functools import partial
@@ -27,7 +27,6 @@ from fieldcalib.processes.jobs import in_order
 from fieldcalib.solve.aspect import with_aspect_as_told
 from fieldcalib.solve.from_segments import NO_PIXELS, calibrate_checked, checked_frame
 from fieldcalib.solve.given_camera import GivenCamera, as_fixed
-from fieldcalib.solve.handed_over import HandedOver
 from fieldcalib.solve.options import (
     DEFAULT_CRITERIA,
     GUESS,
@@ -35,6 +34,7 @@ from fieldcalib.solve.options import (
     Options,
     Prior,
 )
+from fieldcalib.solve.packed_calibrations import PackedCalibrations
 from fieldcalib.solve.task import Task
 
 CHUNK = 128  # frames solved together: their arrays still fit the processor's cache
@@ -199,12 +199,11 @@ def calibrate_frames(
         _Part([frames[t] for t in chunk], [weights[t] for t in chunk], None if given is None else given[chunk])
         for chunk in chunks
     )
-    found: Iterable[list[Calibration]]
-    if executor is None:
-        found = map(partial(_calibrated_part, options), parts)
-    else:
-        handed_over = in_order(executor, partial(_handed_over, options), parts)
-        found = (one.received(options.field) for one in handed_over)
+    of_part = partial(_calibrated_part, options)
+    found: Iterable[list[Calibration]] = map(of_part, parts)
+    if executor is not None:
+        packed = in_order(executor, partial(_calibrate_and_pack, of_part), parts)
+        found = (one.unpacked(options.field) for one in packed)
     for chunk, some in zip(chunks, found, strict=True):
         for t, calibration in zip(chunk, some, strict=True):
             calibrations[t] = calibration
@@ -223,8 +222,8 @@ def _calibrated_part(options: Options, part: _Part) -> list[Calibration]:
     return calibrate_checked(part.frames, part.weights, options, levenberg_marquardt, part.given)
 
 
-def _handed_over(options: Options, part: _Part) -> HandedOver:
-    return HandedOver.of(_calibrated_part(options, part))
+def _calibrate_and_pack(of_part: Callable[[_Part], list[Calibration]], part: _Part) -> PackedCalibrations:
+    return PackedCalibrations.of(of_part(part))
 
 
 def _checked_cameras(cameras: Iterable[Camera]) -> list[Camera]:

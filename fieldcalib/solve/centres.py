@@ -1,6 +1,6 @@
-"""Where the frames of one camera have its centre: in the place that most of them agree on, or along a path.
+"""The centre of one camera from its frames: the place that most of them agree on, or a path.
 
-Frames that have another one, as wrong labels or a wrong minimum give it, do not count.
+Frames whose labels are wrong, or whose fit is in a wrong minimum, have another centre: they are outvoted.
 """
 
 from __future__ import annotations
@@ -11,10 +11,11 @@ from typing import NamedTuple
 import numpy as np
 
 from fieldcalib._types import Array, BoolArray, IntArray
+from fieldcalib.assess.frame_table import FrameTable
+from fieldcalib.assess.level import Considered
 from fieldcalib.assess.result import Calibration
 from fieldcalib.problem.layout import CENTER
 from fieldcalib.problem.prior import GaussianPrior
-from fieldcalib.solve.frame_columns import FrameColumns
 
 # Per frame of 25 a second: a camera on wires or a drone speeds up by 5 m/s^2, and does not fly faster than 10 m/s.
 ACCELERATION = 0.008  # m per frame squared: standard deviation of a coordinate
@@ -33,7 +34,7 @@ class Centres(NamedTuple):
     """(B, 3)"""
 
     def of_prior(self, prior: GaussianPrior | None, size: int) -> GaussianPrior:
-        """In place of what a prior (B, n) says of the centre; None is a prior of nothing."""
+        """Replace the centre of a prior (B, n); None stands for a prior without information."""
         if prior is None:
             prior = GaussianPrior(np.zeros((len(self.mean), size)), np.full((len(self.mean), size), np.inf))
         mean, sigma = prior.mean.copy(), prior.sigma.copy()
@@ -41,14 +42,28 @@ class Centres(NamedTuple):
         return GaussianPrior(mean, sigma)
 
 
-def agreed_centre(calibrations: Sequence[Calibration]) -> Array | None:
-    """The centre (3,) that most frames of one tripod agree on within their covariances; None without any."""
-    voted = voted_centres(calibrations, 1)
-    return voted[0] if voted else None
+class KnownCentres(NamedTuple):
+    """Centres of K solved frames of a camera that moves."""
+
+    time: IntArray
+    """Numbers of the frames, (K,) ascending."""
+    C: Array
+    """(K, 3)"""
+    sigma: Array
+    """Standard deviations, (K, 3)."""
+
+    @classmethod
+    def of(cls, frames: FrameTable, some: BoolArray, considered: Considered) -> KnownCentres:
+        """Take the centres of some frames (T,) of a table, and their errors if the field is level."""
+        layout, V = considered.layout, considered.if_level
+        centre = layout.is_centre[layout.free]
+        E, F = frames.own[some], frames.following[some][:, centre]
+        variance = np.diagonal(E, axis1=1, axis2=2)[:, centre] + np.einsum("bij,jk,bik->bi", F, V, F)
+        return cls(np.flatnonzero(some), frames.theta[some, CENTER], np.sqrt(variance))
 
 
 def voted_centres(calibrations: Sequence[Calibration], most: int) -> list[Array]:
-    """Up to `most` centres (3,) that frames of one tripod agree on: of most of them, of most of the rest, and so on."""
+    """Up to `most` centres (3,) of one tripod: the one that most frames agree on, then most of the rest, and so on."""
     found: list[Array] = []
     C, V = _centres(calibrations)
     while len(C) and len(found) < most:
@@ -62,7 +77,7 @@ def voted_centres(calibrations: Sequence[Calibration], most: int) -> list[Array]
 
 
 def nearest_places(calibrations: Sequence[Calibration]) -> IntArray:
-    """Which of the two places that frames vote for is nearer to each of B frames, (B,): all 0 where it is one only."""
+    """The nearer one, 0 or 1, of the two centres that frames vote for, (B,); all 0 where they vote for one only."""
     places = voted_centres(calibrations, 2)
     if len(places) < 2:
         return np.zeros(len(calibrations), dtype=np.intp)
@@ -71,27 +86,26 @@ def nearest_places(calibrations: Sequence[Calibration]) -> IntArray:
     return np.asarray(np.argmin(distance, axis=0))
 
 
-def expected_centres(columns: FrameColumns, done: BoolArray, index: IntArray) -> Centres:
-    """The centres of frames `index` (B,), from those (T,) that are done.
+def expected_centres(known: KnownCentres, index: IntArray) -> Centres:
+    """The centres of frames `index` (B,), from those of known frames.
 
-    Between two frames the centre is where an even motion has it, but for what an acceleration does in that time; before
-    the first and after the last one it may go anywhere at its largest speed.
+    Between two of these the centre is where an even motion has it, but for what an acceleration does in that time;
+    before the first and after the last one it may go anywhere at its largest speed.
     """
-    known = np.flatnonzero(done)
-    C, sigma = columns.theta[known, CENTER], columns.centre_sigma(known)
-    after = np.clip(np.searchsorted(known, index), 0, len(known) - 1)
-    before = np.clip(np.searchsorted(known, index, side="right") - 1, 0, len(known) - 1)
-    gap = np.abs(known[after] - known[before])
-    share = np.divide(index - known[before], gap, out=np.zeros(len(index)), where=gap > 0)[:, None]
-    beyond = np.where(gap == 0, np.abs(index - known[before]), 0)
-    bend = 0.5 * ACCELERATION * (index - known[before]) * (known[after] - index)
+    time, C, sigma = known
+    after = np.clip(np.searchsorted(time, index), 0, len(time) - 1)
+    before = np.clip(np.searchsorted(time, index, side="right") - 1, 0, len(time) - 1)
+    gap = np.abs(time[after] - time[before])
+    share = np.divide(index - time[before], gap, out=np.zeros(len(index)), where=gap > 0)[:, None]
+    beyond = np.where(gap == 0, np.abs(index - time[before]), 0)
+    bend = 0.5 * ACCELERATION * (index - time[before]) * (time[after] - index)
     spread = np.where(gap > 0, bend, SPEED * beyond)[:, None]
     mean = (1.0 - share) * C[before] + share * C[after]
     return Centres(mean, np.hypot((1.0 - share) * sigma[before] + share * sigma[after], spread))
 
 
 def on_path(found: Mapping[int, Calibration]) -> dict[int, Calibration]:
-    """Without the frames whose centre most of the frames around them contradict: these are too far to go."""
+    """The frames whose centre at least half of the frames around them can reach at the largest speed."""
     frames = np.array(sorted(found), dtype=np.intp)
     C, V = _centres([found[t] for t in frames.tolist()])
     way = SPEED * np.abs(frames[:, None] - frames)
@@ -102,16 +116,16 @@ def on_path(found: Mapping[int, Calibration]) -> dict[int, Calibration]:
     return {t: found[t] for t in frames[kept].tolist()}
 
 
-def near_path(found: Mapping[int, Calibration], columns: FrameColumns, done: BoolArray) -> dict[int, Calibration]:
-    """Those whose centre is where frames (T,) that are done let it be."""
+def near_path(found: Mapping[int, Calibration], known: KnownCentres) -> dict[int, Calibration]:
+    """The frames whose centre is where known frames expect it."""
     frames = np.array(sorted(found), dtype=np.intp)
-    mean, sigma = expected_centres(columns, done, frames)
+    mean, sigma = expected_centres(known, frames)
     C, V = _centres([found[t] for t in frames.tolist()])
     return {t: found[t] for t in frames[_squared(C - mean, V, np.hypot(sigma, NEAR)) < AGREE].tolist()}
 
 
 def _centres(calibrations: Sequence[Calibration]) -> tuple[Array, Array]:
-    """Of N frames (N, 3), and their covariances (N, 3, 3)."""
+    """Centres of N frames (N, 3), and their covariances if the field is level (N, 3, 3)."""
     C = [calibration.uncertainty.theta[CENTER] for calibration in calibrations]
     V = [calibration.uncertainty.if_level.covariance[CENTER, CENTER] for calibration in calibrations]
     return np.reshape(C, (-1, 3)), np.reshape(V, (-1, 3, 3))

@@ -19,7 +19,7 @@ import numpy as np
 
 from fieldcalib._types import Array
 from fieldcalib.assess.result import Calibration, Status
-from fieldcalib.assess.shared import shared_covariance
+from fieldcalib.assess.shared import ReducedSystem
 from fieldcalib.fields.field import Field
 from fieldcalib.fields.traits import DEVIATIONS, SizePrior
 from fieldcalib.problem.evaluation import Evaluation
@@ -28,8 +28,8 @@ from fieldcalib.problem.layout import Layout, Role, SizeBlock
 from fieldcalib.problem.levenberg_marquardt import levenberg_marquardt
 from fieldcalib.problem.prior import GaussianPrior
 from fieldcalib.solve.batch import calibrate_batch
+from fieldcalib.solve.joint_problem import joint_evaluation, labels_of
 from fieldcalib.solve.options import DEFAULT_CRITERIA, DEFAULT_FLAGS, Prior
-from fieldcalib.solve.together import labels_of, put_together
 
 STILL = 1e-3  # metres: a size that moves by less stays
 ROUNDS = 10
@@ -243,9 +243,8 @@ def _together(calibrations: Sequence[Calibration], mean: Array, sizes: SizePrior
     prior_mean[:, cameras:], prior_sigma[:, cameras:] = mean, sizes.sigma
     once = layout.is_centre | (np.arange(layout.size) >= cameras)
     theta = np.concatenate([np.concatenate([part.theta for part in parts]), np.tile(size, (count, 1))], axis=1)
-    return put_together(
-        pitch, [labels_of(part) for part in parts], problem, layout, theta, GaussianPrior(prior_mean, prior_sigma), once
-    )
+    like = replace(problem, layout=layout, prior=GaussianPrior(prior_mean, prior_sigma), considered=None)
+    return joint_evaluation(like, pitch, [labels_of(part) for part in parts], theta, once)
 
 
 def _solved_together(calibrations: Sequence[Calibration], mean: Array, sizes: SizePrior) -> Evaluation:
@@ -262,6 +261,6 @@ def _uncertainty(calibrations: Sequence[Calibration], mean: Array, sizes: SizePr
     evaluation = _together(calibrations, mean, sizes)
     found = [one.solved.uncertainty for one in calibrations if one.solved is not None]
     kappa, sigma = np.array([(one.curvature, one.bent_sigma) for one in found]).T
-    covariance, inverse = shared_covariance(evaluation, sigma, kappa)
-    share = np.maximum(1.0 - np.diagonal(inverse) / sizes.sigma**2, 0.0)  # below 0 by rounding
-    return covariance, share
+    system = ReducedSystem.of(evaluation, sigma, kappa)
+    share = np.maximum(1.0 - np.diagonal(system.inverse) / sizes.sigma**2, 0.0)  # below 0 by rounding
+    return system.white_covariance, share

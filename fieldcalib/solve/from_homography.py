@@ -16,9 +16,9 @@ from fieldcalib.fields.soccer import soccer
 from fieldcalib.geometry.camera import Camera
 from fieldcalib.problem.evaluation import evaluate_camera
 from fieldcalib.problem.labelled_pixels import Pixels
-from fieldcalib.solve.coordinates import UNITS, may_be_from_a_corner, reading_of_camera
 from fieldcalib.solve.decomposition import Decomposition, camera_from_homography
 from fieldcalib.solve.options import WIDE_SCALE, pixel_unit
+from fieldcalib.solve.origin_and_unit import UNITS, may_be_from_a_corner, reading_of_camera
 
 NAN = float("nan")
 TO_CORNER = "[[1, 0, length / 2], [0, 1, width / 2], [0, 0, 1]]"

@@ -22,7 +22,6 @@ from fieldcalib.problem.labelled_pixels import Pixels, PixelWeights, checked_wei
 from fieldcalib.problem.layout import ANGLES, CENTER, LOG_ASPECT, LOG_F, PRINCIPAL_POINT
 from fieldcalib.problem.losses import LossName, RobustLoss
 from fieldcalib.problem.observations import pack
-from fieldcalib.solve.coordinates import check_coordinates
 from fieldcalib.solve.from_segments import calibrate_frame
 from fieldcalib.solve.given_camera import GivenCamera
 from fieldcalib.solve.options import (
@@ -35,6 +34,7 @@ from fieldcalib.solve.options import (
     Options,
     Prior,
 )
+from fieldcalib.solve.origin_and_unit import check_coordinates
 from fieldcalib.solve.resection import LEAST_IN_SPACE, LEAST_ON_PLANE, resect
 from fieldcalib.solve.task import Task
 

@@ -8,15 +8,14 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 
-from fieldcalib.assess.sequence import SequenceCalibration
+from fieldcalib.assess.sequence_calibration import SequenceCalibration
 from fieldcalib.fields.segments import ObjectSegments
 from fieldcalib.problem.labelled_pixels import ImageSegments, Weights
 from fieldcalib.problem.losses import LossName, RobustLoss
-from fieldcalib.solve.options import (
-    PAINT,
-    Prior,
-)
-from fieldcalib.solve.sequence_solver import SHARED, sequence_solver
+from fieldcalib.solve.options import PAINT, Prior
+from fieldcalib.solve.sequence_problem import SHARED, SequenceProblem
+from fieldcalib.solve.sequence_solver import solve_sequence
+from fieldcalib.solve.task import Task
 from fieldcalib.solve.ties import Matched
 
 
@@ -58,7 +57,7 @@ def calibrate_sequence(
         Standard deviation, in metres, of where a line is painted as a whole: however many frames see it, that stays.
     matches : mapping of (int, int) to pair of (N, 2) array_like, optional
         Pixels of static points of the background in two frames, e.g. `first` and `second` of
-        `fieldcalib.images.match_background`; None where there are none. They tie frames without labels to those that
+        `fieldcalib.match_background`; None where there are none. They tie frames without labels to those that
         have some. Frames that come first in a pair are solved together; the others follow from them.
     start : SequenceCalibration, optional
         Of the same frames, before more pixels were found: nothing is searched. The labels must be trusted.
@@ -95,21 +94,10 @@ def calibrate_sequence(
     >>> found.values[1:3].round()  # y and z of the tripod
     array([ 66., -16.])
     """
-    solver = sequence_solver(
-        object_segments,
-        frames,
-        image_size,
-        flags=flags,
-        prior=prior,
-        loss=loss,
-        trust_labels=trust_labels,
-        weights=weights,
-        shared=shared,
-        paint=paint,
-        matches=matches,
-    )
+    task = Task(object_segments, flags=flags, prior=prior, loss=loss, paint=paint, trust_labels=trust_labels)
+    problem = SequenceProblem.of(task, frames, image_size, shared, weights=weights, matches=matches)
     if start is not None and not trust_labels:
         raise ValueError("start needs trust_labels=True: from there labels are not doubted again")
-    if start is not None and len(start) != len(solver.frames):
-        raise ValueError(f"start must be a calibration of the same {len(solver.frames)} frames, got {len(start)}")
-    return solver.calibrated(start)
+    if start is not None and len(start) != len(problem):
+        raise ValueError(f"start must be a calibration of the same {len(problem)} frames, got {len(start)}")
+    return solve_sequence(problem, start).calibration

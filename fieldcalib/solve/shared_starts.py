@@ -1,4 +1,4 @@
-"""Several starts of what frames share: the best solution wins, and others that explain the labels as well are told of.
+"""Other starts of what frames share: the best solution wins, and others that explain the labels as well are named.
 
 Place of the tripod, size of the field and lens trade off, so that frames together have several minima. Labels that
 contradict a start are outliers to a narrow loss and never pull the solution out of its minimum. So the loss is wide at
@@ -7,16 +7,22 @@ first, where they do, and becomes narrow.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
 
-from fieldcalib._types import Array
+from fieldcalib._types import Array, IntArray
+from fieldcalib.assess.misfit import is_contradicted, misfit
+from fieldcalib.assess.result import Calibration
 from fieldcalib.problem.evaluation import Evaluation
 from fieldcalib.problem.layout import CENTER, Role
 from fieldcalib.problem.levenberg_marquardt import FAR, levenberg_marquardt
 from fieldcalib.problem.prior import GaussianPrior
+from fieldcalib.solve.centres import voted_centres
+from fieldcalib.solve.joint_solution import JointSolution, solved_together, solved_with_known_sizes
+from fieldcalib.solve.joint_start import JointStart, Start, joint_start
+from fieldcalib.solve.sequence_problem import SequenceProblem
 
 WIDTHS = (25.0, 5.0)  # times the loss, one after the other: wrong starts leave lines 20 to 100 px off
 FEW = 30  # iterations with each,
@@ -25,10 +31,86 @@ HELD = 1e-6  # standard deviation, in any unit, of what is to stay
 SAME = 0.3  # m: centres that are this near are the same minimum
 APART = 11.3  # squared distance in standard deviations: 99 % of chi-squared with three degrees of freedom
 AS_GOOD = 4.0  # difference in cost that noise explains: three standard deviations, a probability of one in fifty
+MOST_CENTRES = 2  # that frames vote for, from which they are solved together
+GIVEN_SIZE = (0.0, 0.0)  # m: length and width of starts, beside the given ones
+OTHER_SIZES = (GIVEN_SIZE, (0.0, -3.0), (0.0, 3.0))
+RUNS = 4  # of frames; without one of them the others may agree
 
 
-def narrowing(start: Evaluation, widths: Sequence[float], max_iterations: int, tolerance: float) -> Evaluation:
-    """The solution of frames together, with losses that are so many times wider first."""
+def best_of_other_starts(
+    problem: SequenceProblem, joint: JointSolution, alone: Mapping[int, Calibration]
+) -> JointSolution:
+    """The best solution of the labels from several places and sizes; `joint` if none is better.
+
+    Places are those that frames `alone` vote for, and those of all frames but a run of them.
+    """
+    accepted = {t: c for t, c in alone.items() if c.accepted}
+    voters = Start.of(accepted)
+    if voters is None:
+        return joint
+    before = Start(joint.layout, _cameras(JointStart(joint.index, joint.evaluation)), voters.labels)
+    found = [_solved(problem, before, ())]
+    for centre in voted_centres(list(accepted.values()), MOST_CENTRES):
+        sizes = (GIVEN_SIZE,) if problem.fixed_sizes else OTHER_SIZES
+        found += [_solved(problem, voters.moved(centre, size), WIDTHS) for size in sizes]
+    for run in np.array_split(voters.frames, RUNS):
+        found.append(_solved(problem, _without(problem, voters, run), ()))
+    most = max(len(one.frames) for one in found)
+    alike = [one for one in found if len(one.frames) == most]
+    best = min(alike, key=lambda one: _cost(one.evaluation))
+    excess = misfit(best.evaluation).excess
+    wrong = is_contradicted(excess, problem.options.layout.image_size)
+    left_out = dict(zip(best.frames[wrong].tolist(), excess[wrong].tolist(), strict=True))
+    labels = {t: one for t, one in voters.labels.items() if t not in left_out}
+    if not labels:
+        return replace(joint, fixed_sizes=problem.fixed_sizes, left_out=left_out)
+    solved = solved_with_known_sizes(problem, Start(best.evaluation.problem.layout, _cameras(best), labels))
+    others = [
+        solved_together(problem, Start(one.evaluation.problem.layout, _cameras(one), labels), solved.fixed_sizes)
+        for one in alike
+        if np.linalg.norm(one.evaluation.theta[0, CENTER] - best.evaluation.theta[0, CENTER]) > SAME
+    ]
+    same = [one.evaluation for one in others if np.array_equal(one.index, solved.index)]
+    alternatives = _elsewhere(same, solved.evaluation, solved.covariance_if_level[:3, :3])
+    return replace(solved, left_out=left_out, alternatives=np.reshape(alternatives, (-1, 3)))
+
+
+def _solved(
+    problem: SequenceProblem, start: Start, widths: Sequence[float], among: IntArray | None = None
+) -> JointStart:
+    """Solve frames together with all their labels."""
+    index, evaluation = joint_start(problem, start, problem.fixed_sizes, among=among, agreeing=False)
+    return JointStart(index, _narrowing(evaluation, widths, problem.options.max_iterations, problem.options.tolerance))
+
+
+def _without(problem: SequenceProblem, start: Start, run: IntArray) -> Start:
+    """Start from what all frames but a run of them share, with cameras of the run that follow."""
+    left = {t: one for t, one in start.theta.items() if t not in set(run.tolist())}
+    if not left:
+        return start
+    middle = np.median([one[CENTER] for one in left.values()], axis=0)
+    rest = start._replace(theta=left).moved(middle, GIVEN_SIZE)
+    solved = _solved(problem, rest, WIDTHS, rest.frames).evaluation
+    layout, index = solved.problem.layout, start.frames
+    shared = layout.roles != Role.FRAME
+    theta = np.array([solved.theta[0]] * len(index))
+    theta[:, [layout.names.index(name) for name in start.layout.names]] = [start.theta[t] for t in index.tolist()]
+    theta[:, shared] = solved.theta[0, shared]
+    again = start._replace(layout=layout, theta=dict(zip(index.tolist(), theta, strict=True)))
+    index, evaluation = joint_start(problem, again, problem.fixed_sizes, among=index, agreeing=False)
+    return again._replace(theta=_cameras(JointStart(index, _followed(evaluation, problem.options.max_iterations))))
+
+
+def _cameras(solved: JointStart) -> dict[int, Array]:
+    return dict(zip(solved.frames.tolist(), solved.evaluation.theta, strict=True))
+
+
+def _cost(evaluation: Evaluation) -> float:
+    return float(np.sum(evaluation.cost))
+
+
+def _narrowing(start: Evaluation, widths: Sequence[float], max_iterations: int, tolerance: float) -> Evaluation:
+    """Solve frames together, with losses that are so many times wider first."""
     problem, found = start.problem, start
     for width in widths:
         wide = replace(problem, loss=replace(problem.loss, scale=width * problem.loss.scale))
@@ -41,23 +123,22 @@ def narrowing(start: Evaluation, widths: Sequence[float], max_iterations: int, t
     return levenberg_marquardt(found.of(problem), max_iterations=max_iterations, tolerance=tolerance).evaluation
 
 
-def followed(start: Evaluation, max_iterations: int) -> Evaluation:
-    """The frames' own parameters where what they share stays as it is."""
+def _followed(start: Evaluation, max_iterations: int) -> Evaluation:
+    """Solve for the frames' own parameters where what they share stays as it is."""
     layout, theta = start.problem.layout, start.theta
     prior = start.problem.prior or GaussianPrior(theta, np.full_like(theta, np.inf))
     held = layout.roles == Role.SHARED
     prior = GaussianPrior(np.where(held, theta, prior.mean), np.where(held, HELD, prior.sigma))
-    problem = replace(start.problem, prior=prior)
-    return narrowing(start.of(problem), WIDTHS, max_iterations, APPROACHED)
+    return _narrowing(start.of(replace(start.problem, prior=prior)), WIDTHS, max_iterations, APPROACHED)
 
 
-def elsewhere(found: Sequence[Evaluation], best: Evaluation, covariance: Array) -> tuple[Array, ...]:
+def _elsewhere(found: Sequence[Evaluation], best: Evaluation, covariance: Array) -> list[Array]:
     """Centres (3,) of other solutions that explain the same labels as well as the best one, of covariance (3, 3)."""
     others: list[Array] = []
-    least, V = float(np.sum(best.cost)), covariance + SAME**2 * np.eye(3)
-    for one in sorted(found, key=lambda one: float(np.sum(one.cost))):
+    least, V = _cost(best), covariance + SAME**2 * np.eye(3)
+    for one in sorted(found, key=_cost):
         centre = one.theta[0, CENTER]
         away = [centre - known for known in (best.theta[0, CENTER], *others)]
-        if all(way @ np.linalg.solve(V, way) > APART for way in away) and np.sum(one.cost) - least < AS_GOOD:
+        if all(way @ np.linalg.solve(V, way) > APART for way in away) and _cost(one) - least < AS_GOOD:
             others.append(centre)
-    return tuple(others)
+    return others

@@ -2,25 +2,22 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
 
-from fieldcalib._types import Array, IntArray
+from fieldcalib._types import Array
+from fieldcalib.assess.level import Considered
 from fieldcalib.assess.own_errors import OwnErrors, own_errors
-from fieldcalib.assess.result import Calibration
-from fieldcalib.assess.sequence import LARGEST_ERROR
 from fieldcalib.fields.segments import ObjectSegments
 from fieldcalib.problem.background import BackgroundPairs
-from fieldcalib.problem.evaluation import Problem, evaluate
+from fieldcalib.problem.evaluation import Evaluation, Problem, evaluate
 from fieldcalib.problem.labelled_pixels import Pixels, PixelWeights
 from fieldcalib.problem.levenberg_marquardt import levenberg_marquardt
 from fieldcalib.problem.observations import pack
-from fieldcalib.solve.centres import Centres
-from fieldcalib.solve.frame_columns import FrameColumns
-from fieldcalib.solve.from_segments import NO_PIXELS
+from fieldcalib.problem.prior import GaussianPrior
 from fieldcalib.solve.initial_cameras import given_cameras
 from fieldcalib.solve.options import Options
 
@@ -30,7 +27,7 @@ Labels = tuple[Pixels, PixelWeights]
 
 
 class PixelNoise(NamedTuple):
-    """Of the labelled pixels, as `fieldcalib.assess.noise` has it."""
+    """Noise of the labelled pixels (`fieldcalib.assess.noise`)."""
 
     sigma: float
     kappa: float
@@ -38,55 +35,44 @@ class PixelNoise(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class KnownTripod:
-    """What the frames of a tripod share."""
+    """What the frames of one camera share."""
 
-    object_segments: ObjectSegments
-    """Of the estimated size."""
     options: Options
-    """In which what is shared is known, and considered."""
+    """Options in which what is shared is known, the size of the object too, and considered with its covariance."""
     noise: PixelNoise
 
     @property
-    def considered(self) -> Array:
-        """Covariance of what is shared, (S, S)."""
-        shared = int(np.count_nonzero(self.options.layout.considered))
-        return np.zeros((shared, shared)) if self.options.considered is None else self.options.considered
+    def object_segments(self) -> ObjectSegments:
+        """The calibration object, of the estimated size."""
+        return self.options.object_segments
 
-    def columns(self, count: int, largest_error: float = LARGEST_ERROR) -> FrameColumns:
-        """Of frames to come; those whose field in view is not known to `largest_error` metres are not accepted."""
-        return FrameColumns(count, tuple(self.object_segments), self.options, self.considered, NO_PIXELS, largest_error)
+    @property
+    def considered(self) -> Considered:
+        """What is shared, with its covariance."""
+        layout, covariance = self.options.layout, self.options.considered
+        size = int(np.count_nonzero(layout.considered))
+        return Considered(layout, np.zeros((size, size)) if covariance is None else covariance)
 
-    def follow(
-        self,
-        columns: FrameColumns,
-        index: IntArray,
-        theta: Array,
-        labels: Sequence[Labels],
-        pairs: BackgroundPairs,
-        of_first: OwnErrors,
-        alone: Mapping[int, Calibration],
-        centres: Centres | None = None,
-    ) -> None:
-        """Fill in frames `index` (B,) from their labels and from known cameras that they are tied to.
+    def prior(self, theta: Array) -> GaussianPrior | None:
+        """Prior of frames with cameras near theta (B, n); None without."""
+        return given_cameras(theta, self.options.stands).prior if self.options.use_prior else None
+
+    def solved(
+        self, theta: Array, labels: Sequence[Labels], pairs: BackgroundPairs, prior: GaussianPrior | None
+    ) -> Evaluation:
+        """Solve B frames from their labels and from the known cameras that they are tied to.
 
         Parameters
         ----------
         theta : (B, n) array
-            Where their cameras begin.
+            Initial cameras.
+        labels : sequence of Labels
+            Labels of each frame.
         pairs : BackgroundPairs
-            From known cameras to these frames, numbered from 0.
-        of_first : OwnErrors
-            Of the known cameras, one for each pair.
-        alone : mapping of int to Calibration
-            What some of them were by themselves.
-        centres : Centres, optional
-            Of a camera that moves.
+            Ties from known cameras to these frames, numbered from 0.
         """
         options = self.options
         pixels, weights = zip(*labels, strict=True)
-        prior = given_cameras(theta, options.stands).prior if options.use_prior else None
-        if centres is not None:
-            prior = centres.of_prior(prior, options.layout.size)
         problem = Problem(
             pack(self.object_segments, pixels, options.image_size, weights, options.motion),
             options.layout,
@@ -98,10 +84,11 @@ class KnownTripod:
             scale=options.scale,
             background=pairs,
         )
-        solved = levenberg_marquardt(
-            evaluate(problem, theta),
-            max_iterations=options.max_iterations,
-            tolerance=max(options.tolerance, FOLLOWED),
+        tolerance = max(options.tolerance, FOLLOWED)
+        return levenberg_marquardt(
+            evaluate(problem, theta), max_iterations=options.max_iterations, tolerance=tolerance
         ).evaluation
-        errors = own_errors(solved, *self.noise, of_first)
-        columns.fill(index, solved, errors, tied=np.isin(np.arange(len(index)), pairs.second), alone=alone)
+
+    def errors(self, solved: Evaluation, of_first: OwnErrors | None = None) -> OwnErrors:
+        """Errors of solved frames; `of_first` are those of the first frame of each pair, where that is known."""
+        return own_errors(solved, *self.noise, of_first)

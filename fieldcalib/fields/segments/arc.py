@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -41,14 +40,9 @@ class ArcRows(Rows):
             c, s = unit(np.array([c - step * s, s + step * c]))
         return [search.found]
 
-    def past_ends(self, X: Array, segments: Sequence[Segment]) -> Ends:
+    def past_ends(self, X: Array, spans: Array) -> Ends:
         """Which points X (T, N, 3) of the whole circles lie past an end of the arc."""
-        middle, half = np.zeros((2, len(segments)))
-        for index, segment in enumerate(segments):
-            if isinstance(segment, Arc):
-                middle[index] = (segment.stop + segment.start) / 2.0
-                half[index] = abs(segment.stop - segment.start) / 2.0
-        middle, half = middle[self.label], half[self.label]
+        middle, half = np.moveaxis(spans[self.label], -1, 0)
         centre, u, v = np.moveaxis(self.geometry[:, :, :3], 2, 0)
         angle = np.arctan2(np.sum((X - centre) * v, axis=-1), np.sum((X - centre) * u, axis=-1))
         turn = (angle - middle + np.pi) % (2.0 * np.pi) - np.pi  # from the middle of the arc
@@ -122,6 +116,11 @@ class Arc(Segment):
     def anchors(self) -> Array:
         """The centre twice, (2, 3)."""
         return np.array([self.center, self.center])
+
+    @property
+    def span(self) -> tuple[float, float]:
+        """Angle of its middle, and half of the angle that it spans."""
+        return (self.stop + self.start) / 2.0, abs(self.stop - self.start) / 2.0
 
     @property
     def ring(self) -> Arc:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -55,7 +54,7 @@ class LineRows(Rows):
         inverse_depth = (along * D[2] - n[0] * D[1] + n[1] * D[0]) * scale
         return [ClosestPoints(r, s, inverse_depth, normal)]
 
-    def past_ends(self, X: Array, segments: Sequence[Segment]) -> Ends:
+    def past_ends(self, X: Array, spans: Array) -> Ends:
         """Which points X (T, N, 3) of the lines lie past an end."""
         start, direction = self.geometry[:, :, 0], self.geometry[:, :, 1]
         share = np.sum((X - start) * direction, axis=-1) / np.sum(np.square(direction), axis=-1)

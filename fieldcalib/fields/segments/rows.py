@@ -3,18 +3,15 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple, Self
+from typing import Any, ClassVar, NamedTuple, Self
 
 import numpy as np
 from numpy.typing import NDArray
 
 from fieldcalib._types import Array, BoolArray, IntArray
 from fieldcalib.fields.segments.closest import ClosestPoints, View
-
-if TYPE_CHECKING:
-    from fieldcalib.fields.segments.segment import Segment
 
 
 class Ends(NamedTuple):
@@ -62,8 +59,11 @@ class Rows(ABC):
     def closest_points(self, view: View) -> list[ClosestPoints]:
         """The closest points of all residuals, one for each component."""
 
-    def past_ends(self, X: Array, segments: Sequence[Segment]) -> Ends | None:
-        """Which closest points X (T, N, 3) lie past an end of their segments (L); None where the kind has no ends."""
+    def past_ends(self, X: Array, spans: Array) -> Ends | None:
+        """Which closest points X (T, N, 3) lie past an end; None where the kind has no ends.
+
+        `spans` are those of the labels' segments (`Segment.span`), (L, 2).
+        """
         return None
 
     @property

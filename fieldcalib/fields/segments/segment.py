@@ -72,6 +72,11 @@ class Segment(ABC):
         return np.zeros((2, 3))
 
     @property
+    def span(self) -> tuple[float, float]:
+        """Angle of the middle of an arc, and half of the angle that it spans; zeros for other segments."""
+        return 0.0, 0.0
+
+    @property
     def is_curve(self) -> bool:
         """Whether it is a line or a curve, along which something may be painted."""
         return not self.is_point

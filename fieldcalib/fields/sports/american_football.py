@@ -2,22 +2,21 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from types import MappingProxyType
 
-import numpy as np
-
 from fieldcalib.fields.field import Field
-from fieldcalib.fields.mirrored import with_left, with_top
-from fieldcalib.fields.segments import Line, Point, Segment
-from fieldcalib.fields.sports.lines import across, along
+from fieldcalib.fields.segments import Point, Segment
+from fieldcalib.fields.sports.court import court
+from fieldcalib.fields.sports.lines import across, along, upright
 from fieldcalib.fields.stands import stands_beside
-from fieldcalib.fields.traits import UNPAINTED, LineLook, Paint, ProbabilityModel
+from fieldcalib.fields.traits import UNPAINTED, Paint, ProbabilityModel
 
 FEET, YARD, INCH = 0.3048, 0.9144, 0.0254
 LENGTH, WIDTH = 120.0 * YARD, 160.0 * FEET  # between the inner edges of the border, end zones included
 GOAL_LINE = 50.0 * YARD  # its edge towards the field, from midfield
+YARD_LINES = {yards: (50.0 - yards) * YARD for yards in range(5, 50, 5)}  # of the right half, from midfield
 LINE_WIDTH, GOAL_LINE_WIDTH = 4.0 * INCH, 8.0 * INCH
 HASH_LENGTH = 2.0 * FEET
 BORDER = 6.0 * FEET
@@ -27,6 +26,24 @@ YELLOW = "#f2cf2e"  # of the goals
 POSTS_APART, CROSSBAR = 18.5 * FEET, 10.0 * FEET  # between the uprights; the top of the crossbar
 POST = 4.0 * INCH  # diameter of uprights and crossbar
 POSTS_HEIGHT = CROSSBAR + 35.0 * FEET  # NFL; 30 ft above the ground at least in the NCAA
+
+GOAL_X, GOAL_BAR, GOAL_POST = 0.5 * LENGTH, CROSSBAR - 0.5 * POST, 0.5 * (POSTS_APART + POST)
+GOALS = (
+    {"Goal right crossbar": across(GOAL_X, GOAL_POST, -GOAL_BAR)},
+    {"Goal right post bottom": upright(GOAL_X, GOAL_POST, POSTS_HEIGHT, GOAL_BAR)},
+)
+# The border lies outside its inner edge; of the rows, the marks that face the middle of the field are painted.
+_BORDER = Paint(width=BORDER, outwards=0.5 * BORDER)
+_MARKS = Paint(width=HASH_LENGTH, dashes=(LINE_WIDTH, YARD - LINE_WIDTH), outwards=0.5 * HASH_LENGTH)
+PAINT: Mapping[str, Paint] = MappingProxyType(
+    {
+        **dict.fromkeys(("Goal line left", "Goal line right"), Paint(width=GOAL_LINE_WIDTH)),
+        **dict.fromkeys(("Side line", "End line"), _BORDER),
+        **dict.fromkeys(("Goal left", "Goal right"), Paint(colour=YELLOW)),
+        **dict.fromkeys(("Side hash row", "Hash row bottom inner", "Hash row top inner"), _MARKS),
+        **dict.fromkeys(("Hash row bottom outer", "Hash row top outer", "Number row"), UNPAINTED),
+    }
+)
 
 
 @dataclass(frozen=True)
@@ -107,79 +124,50 @@ def american_football(rules: str = "nfl") -> Field:
     if rules not in RULES:
         raise ValueError(f"expected rules of American football among {', '.join(RULES)}, got {rules!r}")
     one = RULES[rules]
-    return Field(
-        LENGTH,
-        WIDTH,
-        {**_lines(one), **_rows(one), **_goals(), **_hash_points(one)},
+    return court(
+        (LENGTH, WIDTH),
+        *_lines(one),
+        _rows(one),
+        *GOALS,
+        *_hash_points(one),
+        line_width=LINE_WIDTH,
         stands=stands_beside(LENGTH, WIDTH, away=(5.0, 75.0), up=(3.0, 50.0)),
         farthest_camera=300.0,
-        lines=LineLook(width=LINE_WIDTH, ground_difference=np.inf),
-        paint=_paint(one),
-        size_known=True,
+        paint=PAINT,
         probability=one.probability,
         repeats=5.0 * YARD,
     )
 
 
-def _lines(rules: Rules) -> dict[str, Segment]:
-    end, side, goal = 0.5 * LENGTH, 0.5 * WIDTH, GOAL_LINE + 0.5 * GOAL_LINE_WIDTH
-    yard_line, try_mark = side - rules.gap, GOAL_LINE - rules.try_mark
-
-    right: dict[str, Segment] = {
+def _lines(rules: Rules) -> Iterator[dict[str, Segment]]:
+    end, side, goal, yard_line = 0.5 * LENGTH, 0.5 * WIDTH, GOAL_LINE + 0.5 * GOAL_LINE_WIDTH, 0.5 * WIDTH - rules.gap
+    yield {
         "End line right": across(end, side),
         "Goal line right": across(goal, side),
-        "Try mark right": across(try_mark, 0.5 * TRY_MARK_LENGTH),
-        **{f"Yard line right {yards}": across((50.0 - yards) * YARD, yard_line) for yards in range(5, 50, 5)},
+        "Try mark right": across(GOAL_LINE - rules.try_mark, 0.5 * TRY_MARK_LENGTH),
+        **{f"Yard line right {yards}": across(x, yard_line) for yards, x in YARD_LINES.items()},
     }
-    corner: dict[str, Segment] = {
+    yield {
         "Corner right bottom": Point((end, side, 0.0)),
         "Goal line and side line right bottom": Point((goal, side, 0.0)),
     }
-    return {
-        **with_left(right),
-        **with_left(with_top(corner)),
-        **with_top({"Side line bottom": along(end, side)}),
-        "Yard line 50": across(0.0, yard_line),
-    }
+    yield {"Side line bottom": along(end, side), "Yard line 50": across(0.0, yard_line)}
+
+
+def _hash_points(rules: Rules) -> Iterator[dict[str, Segment]]:
+    y = 0.5 * rules.hashes
+    yield {f"Hash right {yards} bottom": Point((x, y, 0.0)) for yards, x in YARD_LINES.items()}
+    yield {"Hash 50 bottom": Point((0.0, y, 0.0))}
 
 
 def _rows(rules: Rules) -> dict[str, Segment]:
     """Rows of marks and numbers, as lines through their ends."""
     side, inner = 0.5 * WIDTH, 0.5 * rules.hashes
     numbers = side - rules.numbers
-
-    return with_top(
-        {
-            "Hash row bottom inner": along(49.0 * YARD, inner),
-            "Hash row bottom outer": along(49.0 * YARD, inner + HASH_LENGTH),
-            "Side hash row bottom": along(49.0 * YARD, side - rules.gap - HASH_LENGTH),
-            "Number row bottom inner": along(42.0 * YARD, numbers - NUMBER_HEIGHT),
-            "Number row bottom outer": along(42.0 * YARD, numbers),
-        }
-    )
-
-
-def _paint(rules: Rules) -> dict[str, Paint]:
-    """The border outside its inner edge, the marks of the rows."""
-    border = Paint(width=BORDER, outwards=0.5 * BORDER)
-    marks = Paint(width=HASH_LENGTH, dashes=(LINE_WIDTH, YARD - LINE_WIDTH), outwards=0.5 * HASH_LENGTH)
-    found = {label: Paint(width=GOAL_LINE_WIDTH) for label in ("Goal line left", "Goal line right")}
-    found |= dict.fromkeys(("Side line top", "Side line bottom", "End line left", "End line right"), border)
-    found |= {label: Paint(colour=YELLOW) for label in _goals()}
-    for label in _rows(rules):
-        found[label] = marks if label.startswith(("Side hash", "Hash")) and "outer" not in label else UNPAINTED
-    return found
-
-
-def _goals() -> dict[str, Segment]:
-    x, post, bar = 0.5 * LENGTH, 0.5 * (POSTS_APART + POST), CROSSBAR - 0.5 * POST
     return {
-        **with_left({"Goal right crossbar": across(x, post, -bar)}),
-        **with_left(with_top({"Goal right post bottom": Line((x, post, -POSTS_HEIGHT), (x, post, -bar))})),
+        "Hash row bottom inner": along(49.0 * YARD, inner),
+        "Hash row bottom outer": along(49.0 * YARD, inner + HASH_LENGTH),
+        "Side hash row bottom": along(49.0 * YARD, side - rules.gap - HASH_LENGTH),
+        "Number row bottom inner": along(42.0 * YARD, numbers - NUMBER_HEIGHT),
+        "Number row bottom outer": along(42.0 * YARD, numbers),
     }
-
-
-def _hash_points(rules: Rules) -> dict[str, Segment]:
-    y = 0.5 * rules.hashes
-    right = {f"Hash right {yards} bottom": Point(((50.0 - yards) * YARD, y, 0.0)) for yards in range(5, 50, 5)}
-    return {**with_left(with_top(right)), **with_top({"Hash 50 bottom": Point((0.0, y, 0.0))})}

@@ -2,14 +2,11 @@
 
 from __future__ import annotations
 
-import numpy as np
-
 from fieldcalib.fields.field import Field
-from fieldcalib.fields.mirrored import with_left, with_top
-from fieldcalib.fields.segments import Line, Segment
-from fieldcalib.fields.sports.lines import across, along, hanging_net
+from fieldcalib.fields.sports.court import court
+from fieldcalib.fields.sports.lines import across, along, hanging_net, on_ground
 from fieldcalib.fields.stands import stands_beside
-from fieldcalib.fields.traits import LineLook, ProbabilityModel
+from fieldcalib.fields.traits import ProbabilityModel
 
 # In metres. Lines belong to the areas that they bound: to the outer edges.
 LENGTH, WIDTH, SINGLES_WIDTH = 13.40, 6.10, 5.18
@@ -38,31 +35,21 @@ def badminton() -> Field:
     half, end = 0.5 * LINE_WIDTH, 0.5 * LENGTH
     back, short, long = end - half, SHORT_SERVICE + half, end - LONG_SERVICE - half
     side, singles = 0.5 * WIDTH - half, 0.5 * SINGLES_WIDTH - half
-    segments: dict[str, Segment] = {
-        **with_left(
-            {
-                "Back line right": across(back, side),
-                "Long service line right": across(long, side),
-                "Short service line right": across(short, side),
-                "Centre line right": Line((short, 0.0, 0.0), (back, 0.0, 0.0)),
-            }
-        ),
-        **with_top(
-            {
-                "Side line bottom": along(back, side),
-                "Singles side line bottom": along(back, singles),
-            }
-        ),
-        **hanging_net(side, NET_CENTRE, NET_POSTS),
+    right = {
+        "Back line right": across(back, side),
+        "Long service line right": across(long, side),
+        "Short service line right": across(short, side),
+        "Centre line right": on_ground((short, 0.0), (back, 0.0)),
     }
-    return Field(
-        LENGTH,
-        WIDTH,
-        segments,
+    bottom = {"Side line bottom": along(back, side), "Singles side line bottom": along(back, singles)}
+    return court(
+        (LENGTH, WIDTH),
+        right,
+        bottom,
+        hanging_net(side, NET_CENTRE, NET_POSTS),
+        line_width=LINE_WIDTH,
         stands=stands_beside(LENGTH, WIDTH, away=(3.0, 30.0), up=(1.5, 12.0)),
         farthest_camera=60.0,
-        lines=LineLook(width=LINE_WIDTH, ground_difference=np.inf),
         surface="floor",
-        size_known=True,
         probability=PROBABILITY,
     )

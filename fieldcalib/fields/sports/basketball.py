@@ -7,11 +7,12 @@ from dataclasses import dataclass
 import numpy as np
 
 from fieldcalib.fields.field import Field
-from fieldcalib.fields.mirrored import with_left, with_top
-from fieldcalib.fields.segments import Arc, Line, Segment
-from fieldcalib.fields.sports.lines import across, along
+from fieldcalib.fields.mirrored import with_top
+from fieldcalib.fields.segments import Arc, Segment
+from fieldcalib.fields.sports.court import court
+from fieldcalib.fields.sports.lines import CENTRE, across, along, on_ground, upright
 from fieldcalib.fields.stands import stands_beside
-from fieldcalib.fields.traits import LineLook, ProbabilityModel
+from fieldcalib.fields.traits import ProbabilityModel
 
 FOOT, INCH = 0.3048, 0.0254
 RING_STEEL = 0.018  # thickness: 16 to 20 mm
@@ -54,6 +55,16 @@ class Measures:
     """Distance of its outer edge."""
     no_charge: float
     """Radius to the inner edge."""
+
+    @property
+    def end(self) -> float:
+        """Of the middle of the end line, from the centre."""
+        return 0.5 * self.length + 0.5 * self.line_width
+
+    @property
+    def side(self) -> float:
+        """Of the middle of the side line, from the centre."""
+        return 0.5 * self.width + 0.5 * self.line_width
 
 
 FIBA = Measures(
@@ -130,105 +141,84 @@ def basketball(rules: str = "fiba") -> Field:
             measures, more = NBA, _only_nba()
         case _:
             raise ValueError(f"expected the rules of a basketball court, 'fiba' or 'nba', got {rules!r}")
-    return Field(
-        measures.length,
-        measures.width,
-        {**_court(measures), **more},
+    return court(
+        (measures.length, measures.width),
+        {**_court(measures), **_three_points(measures), **_lane(measures), **_basket(measures)},
+        more,
+        line_width=measures.line_width,
         stands=stands_beside(
             measures.length, measures.width, away=(4.0, 35.0), up=(1.5, 15.0), principal_point=PRINCIPAL_POINT
         ),
         farthest_camera=80.0,
-        lines=LineLook(width=measures.line_width, ground_difference=np.inf),
         surface="wood",
-        size_known=True,
         probability=PROBABILITY[rules],
     )
 
 
 def _court(m: Measures) -> dict[str, Segment]:
-    half = 0.5 * m.line_width
-    end, side, beyond = 0.5 * m.length + half, 0.5 * m.width + half, 0.5 * m.width + m.line_width + m.beyond
-    centre_line = beyond if m.beyond else side
+    side, beyond = m.side, 0.5 * m.width + m.line_width + m.beyond
     return {
-        **with_top({"Side line bottom": along(end, side)}),
-        "Centre line": across(0.0, centre_line),
-        "Centre circle": Arc((0.0, 0.0, 0.0), m.circle - half),
-        **with_left(
-            {
-                "End line right": across(end, side),
-                **_three_points(m, end),
-                **_lane(m, end),
-                **_basket(m),
-            }
-        ),
+        "Side line bottom": along(m.end, side),
+        "Centre line": across(0.0, beyond if m.beyond else side),
+        "Centre circle": Arc(CENTRE, m.circle - 0.5 * m.line_width),
+        "End line right": across(m.end, side),
     }
 
 
-def _three_points(m: Measures, end: float) -> dict[str, Segment]:
-    half, basket = 0.5 * m.line_width, 0.5 * m.length - m.basket
-    radius, y = (outer - half for outer in m.three_point)
+def _three_points(m: Measures) -> dict[str, Segment]:
+    basket, (radius, y) = 0.5 * m.length - m.basket, (outer - 0.5 * m.line_width for outer in m.three_point)
     turn = float(np.arcsin(y / radius))
     return {
         "Three-point arc right": Arc((basket, 0.0, 0.0), radius, np.pi - turn, np.pi + turn),
         **with_top(
-            {"Three-point line right bottom": Line((basket - radius * float(np.cos(turn)), y, 0.0), (end, y, 0.0))}
+            {"Three-point line right bottom": on_ground((basket - radius * float(np.cos(turn)), y), (m.end, y))}
         ),
     }
 
 
-def _lane(m: Measures, end: float) -> dict[str, Segment]:
+def _lane(m: Measures) -> dict[str, Segment]:
     half = 0.5 * m.line_width
     y, x = 0.5 * m.lane_width - half, 0.5 * m.length - m.free_throw_line + half
     return {
-        **with_top({"Lane right bottom": Line((x, y, 0.0), (end, y, 0.0))}),
+        "Lane right bottom": on_ground((x, y), (m.end, y)),
         "Free-throw line right": across(x, y),
         "Free-throw circle right": Arc((x, 0.0, 0.0), m.circle - half, 0.5 * np.pi, 1.5 * np.pi),
     }
 
 
 def _basket(m: Measures) -> dict[str, Segment]:
-    """The basket, and the lines below it within which a defender stands in vain."""
+    """Rim and backboard, and the lines below within which a defender draws no charge."""
     basket, board = 0.5 * m.length - m.basket, 0.5 * m.length - m.backboard
     radius, y, (lower, upper) = m.no_charge + 0.5 * m.line_width, 0.5 * m.board[0], m.board[1:]
     ring, height = m.ring
     return {
         "No-charge arc right": Arc((basket, 0.0, 0.0), radius, 0.5 * np.pi, 1.5 * np.pi),
-        **with_top({"No-charge line right bottom": Line((basket, radius, 0.0), (board, radius, 0.0))}),
+        "No-charge line right bottom": on_ground((basket, radius), (board, radius)),
         "Rim right": Arc((basket, 0.0, -height), ring + 0.5 * RING_STEEL),
         "Backboard right upper": across(board, y, -upper),
         "Backboard right lower": across(board, y, -lower),
-        **with_top({"Backboard right bottom": Line((board, y, -upper), (board, y, -lower))}),
+        "Backboard right bottom": upright(board, y, upper, lower),
     }
 
 
 def _only_fiba() -> dict[str, Segment]:
-    half, side = 0.5 * FIBA.line_width, 0.5 * FIBA.width + 0.5 * FIBA.line_width
+    half, side = 0.5 * FIBA.line_width, FIBA.side
     throw_in, bench = 0.5 * FIBA.length - THROW_IN[0] + half, TEAM_BENCH[0] + half
-    return with_left(
-        with_top(
-            {
-                "Throw-in line right bottom": Line((throw_in, side, 0.0), (throw_in, side + half + THROW_IN[1], 0.0)),
-                "Team bench line right bottom": Line((bench, side, 0.0), (bench, side + half + TEAM_BENCH[1], 0.0)),
-            }
-        )
-    )
+    return {
+        "Throw-in line right bottom": on_ground((throw_in, side), (throw_in, side + half + THROW_IN[1])),
+        "Team bench line right bottom": on_ground((bench, side), (bench, side + half + TEAM_BENCH[1])),
+    }
 
 
 def _only_nba() -> dict[str, Segment]:
-    half, end, side = 0.5 * NBA.line_width, *(0.5 * (size + NBA.line_width) for size in (NBA.length, NBA.width))
+    half, side = 0.5 * NBA.line_width, NBA.side
     lane, free_throw = 0.5 * INNER_LANE - half, 0.5 * NBA.length - NBA.free_throw_line + half
     mark, substitution = 0.5 * NBA.length - HASH_MARK[0] - half, half + SUBSTITUTION[0] + half
     return {
-        "Inner centre circle": Arc((0.0, 0.0, 0.0), INNER_CIRCLE + half),
-        **with_left(
-            with_top(
-                {
-                    "Inner lane right bottom": Line((free_throw, lane, 0.0), (end, lane, 0.0)),
-                    "28-foot mark right bottom": Line((mark, side - half - HASH_MARK[1], 0.0), (mark, side, 0.0)),
-                    "Substitution mark right bottom": Line(
-                        (substitution, side, 0.0), (substitution, side + half + SUBSTITUTION[1], 0.0)
-                    ),
-                }
-            )
+        "Inner centre circle": Arc(CENTRE, INNER_CIRCLE + half),
+        "Inner lane right bottom": on_ground((free_throw, lane), (NBA.end, lane)),
+        "28-foot mark right bottom": on_ground((mark, side - half - HASH_MARK[1]), (mark, side)),
+        "Substitution mark right bottom": on_ground(
+            (substitution, side), (substitution, side + half + SUBSTITUTION[1])
         ),
     }

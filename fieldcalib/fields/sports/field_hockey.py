@@ -2,15 +2,13 @@
 
 from __future__ import annotations
 
-import numpy as np
-
 from fieldcalib.fields.field import Field
-from fieldcalib.fields.mirrored import with_left, with_top
-from fieldcalib.fields.segments import Line, Point, Segment
+from fieldcalib.fields.segments import Point, Segment
+from fieldcalib.fields.sports.court import court
 from fieldcalib.fields.sports.goals import right_area, right_goal
-from fieldcalib.fields.sports.lines import across, along
+from fieldcalib.fields.sports.lines import across, along, on_ground
 from fieldcalib.fields.stands import stands_beside
-from fieldcalib.fields.traits import LineLook, Paint, ProbabilityModel
+from fieldcalib.fields.traits import Paint, ProbabilityModel
 
 # Outer edges of the lines, in metres.
 LENGTH, WIDTH = 91.40, 55.00
@@ -55,15 +53,20 @@ def field_hockey() -> Field:
     >>> round(field_hockey()["Penalty spot right"].X[0], 3)
     39.225
     """
-    half = 0.5 * LINE_WIDTH
-    back, side = 0.5 * LENGTH - half, 0.5 * WIDTH - half
-    x23, spot = 0.5 * LENGTH - TWENTY_THREE + half, 0.5 * LENGTH - LINE_WIDTH - SPOT
-    right: dict[str, Segment] = {
+    half, end, outer = 0.5 * LINE_WIDTH, 0.5 * LENGTH, 0.5 * WIDTH  # outer edges
+    back, side, x23 = end - half, outer - half, end - TWENTY_THREE + half
+    post = 0.5 * GOAL_WIDTH + POST
+    bottom = {
+        "Side line bottom": along(back, side),
+        "Centre line and side line bottom": Point((0.0, side, 0.0)),
+        "Centre line": across(0.0, side),
+    }
+    right = {
         "Back line right": across(back, side),
         "23-metre line right": across(x23, side),
-        "Penalty spot right": Point((spot, 0.0, 0.0)),
-        **right_area("Circle", 0.5 * LENGTH, 0.5 * CIRCLE_STRAIGHT, CIRCLE - half),
-        **right_area("Broken circle", 0.5 * LENGTH, 0.5 * CIRCLE_STRAIGHT, BROKEN_CIRCLE - half),
+        "Penalty spot right": Point((end - LINE_WIDTH - SPOT, 0.0, 0.0)),
+        **right_area("Circle", end, 0.5 * CIRCLE_STRAIGHT, CIRCLE - half),
+        **right_area("Broken circle", end, 0.5 * CIRCLE_STRAIGHT, BROKEN_CIRCLE - half),
         **right_goal(back, GOAL_WIDTH, GOAL_HEIGHT, POST),
     }
     corner: dict[str, Segment] = {
@@ -71,34 +74,20 @@ def field_hockey() -> Field:
         "23-metre line and side line right bottom": Point((x23, side, 0.0)),
     }
     for name, distance in SIDE_MARKS:
-        x = 0.5 * LENGTH - distance + half
-        corner[f"Side mark right bottom {name}"] = Line((x, 0.5 * WIDTH, 0.0), (x, 0.5 * WIDTH + MARK_LENGTH, 0.0))
+        x = end - distance + half
+        corner[f"Side mark right bottom {name}"] = on_ground((x, outer), (x, outer + MARK_LENGTH))
     for name, distance in BACK_MARKS:
-        y = 0.5 * GOAL_WIDTH + POST + distance - half
-        corner[f"Back mark right bottom {name}"] = Line((0.5 * LENGTH, y, 0.0), (0.5 * LENGTH + MARK_LENGTH, y, 0.0))
-    segments: dict[str, Segment] = {
-        **with_left(right),
-        **with_left(with_top(corner)),
-        **with_top(
-            {
-                "Side line bottom": along(back, side),
-                "Centre line and side line bottom": Point((0.0, side, 0.0)),
-            }
-        ),
-        "Centre line": across(0.0, side),
-    }
-    return Field(
-        LENGTH,
-        WIDTH,
-        segments,
+        y = post + distance - half
+        corner[f"Back mark right bottom {name}"] = on_ground((end, y), (end + MARK_LENGTH, y))
+    return court(
+        (LENGTH, WIDTH),
+        right,
+        corner,
+        bottom,
+        line_width=LINE_WIDTH,
         stands=stands_beside(LENGTH, WIDTH, away=(5.0, 60.0), up=(3.0, 30.0)),
+        paint={"Penalty spot": Paint(width=SPOT_DIAMETER), "Broken circle": Paint(dashes=BROKEN)},
         farthest_camera=200.0,
-        lines=LineLook(width=LINE_WIDTH, ground_difference=np.inf),
-        paint={
-            **{label: Paint(width=SPOT_DIAMETER) for label in ("Penalty spot left", "Penalty spot right")},
-            **{label: Paint(dashes=BROKEN) for label in segments if label.startswith("Broken circle")},
-        },
         surface="turf",
-        size_known=True,
         probability=PROBABILITY,
     )

@@ -5,12 +5,13 @@ from __future__ import annotations
 import numpy as np
 
 from fieldcalib.fields.field import Field
-from fieldcalib.fields.mirrored import with_left, with_top
-from fieldcalib.fields.segments import Arc, Line, Point, Segment
+from fieldcalib.fields.mirrored import with_top
+from fieldcalib.fields.segments import Arc, Point
+from fieldcalib.fields.sports.court import court
 from fieldcalib.fields.sports.goals import right_area, right_goal
-from fieldcalib.fields.sports.lines import across, along
+from fieldcalib.fields.sports.lines import CENTRE, across, along, on_ground
 from fieldcalib.fields.stands import stands_beside
-from fieldcalib.fields.traits import LineLook, Paint, ProbabilityModel, SizePrior
+from fieldcalib.fields.traits import Paint, ProbabilityModel, SizePrior
 
 # In metres. Lines belong to the areas that they bound, so that areas end at outer edges.
 LINE_WIDTH = 0.08
@@ -76,42 +77,30 @@ def futsal(length: float = 40.0, width: float = 20.0, *, size_known: bool = Fals
             f"futsal({width}, {length})"
         )
     half, end, side = 0.5 * LINE_WIDTH, 0.5 * length, 0.5 * width  # outer edges
-    right: dict[str, Segment] = {
+    (near, far), mark = SUBSTITUTION_ZONE, (side - LINE_WIDTH - SUBSTITUTION_MARK, side + SUBSTITUTION_MARK)
+    segments = {
+        "Side line bottom": along(end - half, side - half),
+        "Halfway line": across(0.0, side - half),
+        "Centre circle": Arc(CENTRE, CENTRE_CIRCLE - half),
+        "Centre mark": Point(CENTRE),
         "Goal line right": across(end - half, side - half),
         **right_area("Penalty area", end, posts, PENALTY_AREA - half),
         "Penalty mark right": Point((end - PENALTY_MARK, 0.0, 0.0)),
         "Second penalty mark right": Point((end - SECOND_PENALTY_MARK, 0.0, 0.0)),
         **with_top({"Corner arc right bottom": Arc((end, side, 0.0), CORNER_ARC - half, np.pi, 1.5 * np.pi)}),
-        **with_top(_substitution_marks(side)),
+        "Inner substitution mark right bottom": on_ground(*((near + half, y) for y in mark)),
+        "Outer substitution mark right bottom": on_ground(*((far - half, y) for y in mark)),
         **right_goal(end - half, GOAL_WIDTH, GOAL_HEIGHT, POST),
     }
-    segments: dict[str, Segment] = {
-        **with_top({"Side line bottom": along(end - half, side - half)}),
-        "Halfway line": across(0.0, side - half),
-        "Centre circle": Arc((0.0, 0.0, 0.0), CENTRE_CIRCLE - half),
-        "Centre mark": Point((0.0, 0.0, 0.0)),
-        **with_left(right),
-    }
-    return Field(
-        float(length),
-        float(width),
+    return court(
+        (length, width),
         segments,
+        line_width=LINE_WIDTH,
         stands=stands_beside(40.0, 20.0, away=(4.0, 40.0), up=(1.5, 18.0)),
+        paint=dict.fromkeys(("Centre mark", "Penalty mark", "Second penalty mark"), Paint(width=SPOT_DIAMETER)),
         farthest_camera=100.0,
-        lines=LineLook(width=LINE_WIDTH, ground_difference=np.inf),
-        paint={label: Paint(width=SPOT_DIAMETER) for label, one in segments.items() if one.is_point},
         surface="floor",
         size_model=SizePrior(ALL_MATCHES, INTERNATIONAL_MATCHES, build=futsal, rules="law 1 of futsal"),
         size_known=size_known,
         probability=PROBABILITY,
     )
-
-
-def _substitution_marks(side: float) -> dict[str, Segment]:
-    """Those of the right half at the near side, whose outer edge is at y = side."""
-    near, far = (at + inwards * 0.5 * LINE_WIDTH for at, inwards in zip(SUBSTITUTION_ZONE, (1.0, -1.0), strict=True))
-    y = side - LINE_WIDTH - SUBSTITUTION_MARK, side + SUBSTITUTION_MARK
-    return {
-        "Inner substitution mark right bottom": Line((near, y[0], 0.0), (near, y[1], 0.0)),
-        "Outer substitution mark right bottom": Line((far, y[0], 0.0), (far, y[1], 0.0)),
-    }

@@ -4,13 +4,12 @@ from __future__ import annotations
 
 import numpy as np
 
-from fieldcalib.fields.mirrored import with_top
-from fieldcalib.fields.segments import Arc, Line, Segment
-from fieldcalib.fields.sports.lines import across
+from fieldcalib.fields.segments import Arc, Segment
+from fieldcalib.fields.sports.lines import across, upright
 
 
 def right_goal(x: float, width: float, height: float, thickness: float) -> dict[str, Segment]:
-    """Crossbar and posts of the right goal, whose middles stand on the line x.
+    """Crossbar and near post of the right goal, whose middles stand on the line x.
 
     Width and height are measured between posts and under the crossbar, which are so thick; all in metres.
 
@@ -19,25 +18,23 @@ def right_goal(x: float, width: float, height: float, thickness: float) -> dict[
     >>> right_goal(20.0, 3.0, 2.0, 0.08)["Goal right post bottom"]
     Line(start=(20.0, 1.54, -2.04), end=(20.0, 1.54, 0.0))
     """
-    y, z = 0.5 * (width + thickness), -(height + 0.5 * thickness)
-    return {
-        "Goal right crossbar": across(x, y, z),
-        **with_top({"Goal right post bottom": Line((x, y, z), (x, y, 0.0))}),
-    }
+    y, top = 0.5 * (width + thickness), height + 0.5 * thickness
+    return {"Goal right crossbar": across(x, y, -top), "Goal right post bottom": upright(x, y, top)}
 
 
 def right_area(name: str, x: float, y: float, distance: float, reach: float = np.inf) -> dict[str, Segment]:
-    """The line at one distance from a goal that reaches from (x, -y) to (x, y): a straight piece and two arcs.
+    """The line at one distance from a goal that reaches from (x, -y) to (x, y): a straight piece and the
+    near arc.
 
-    The arcs end at the line x, or where they reach that far from the middle of the field; all in metres.
+    The arc ends at the line x, or where it reaches that far from the middle of the field; all in metres.
 
     Examples
     --------
     >>> list(right_area("Goal area", 20.0, 1.5, 6.0))
-    ['Goal area right line', 'Goal area right arc bottom', 'Goal area right arc top']
+    ['Goal area right line', 'Goal area right arc bottom']
     """
     start = np.pi - np.arcsin(min((reach - y) / distance, 1.0))
     return {
         f"{name} right line": across(x - distance, y),
-        **with_top({f"{name} right arc bottom": Arc((x, y, 0.0), distance, float(start), np.pi)}),
+        f"{name} right arc bottom": Arc((x, y, 0.0), distance, float(start), np.pi),
     }

@@ -2,15 +2,13 @@
 
 from __future__ import annotations
 
-import numpy as np
-
 from fieldcalib.fields.field import Field
-from fieldcalib.fields.mirrored import with_left, with_top
-from fieldcalib.fields.segments import Arc, Line, Segment
+from fieldcalib.fields.segments import Arc
+from fieldcalib.fields.sports.court import court
 from fieldcalib.fields.sports.goals import right_area, right_goal
-from fieldcalib.fields.sports.lines import across, along
+from fieldcalib.fields.sports.lines import CENTRE, across, along, on_ground
 from fieldcalib.fields.stands import stands_beside
-from fieldcalib.fields.traits import LineLook, Paint, ProbabilityModel
+from fieldcalib.fields.traits import Paint, ProbabilityModel
 
 # In metres. Lines belong to the areas that they bound, so that areas end at outer edges.
 LENGTH, WIDTH = 40.0, 20.0
@@ -46,39 +44,27 @@ def handball() -> Field:
     half, end, side = 0.5 * LINE_WIDTH, 0.5 * LENGTH, 0.5 * WIDTH  # outer edges
     inner, outer = 0.5 * GOAL_WIDTH, 0.5 * GOAL_WIDTH + POST  # edges of the posts
     seven, four, substitution = end - SEVEN_METRES + half, end - FOUR_METRES + half, SUBSTITUTION - half
-    edges = side - LINE_WIDTH - SUBSTITUTION_MARK, side + SUBSTITUTION_MARK
-    right: dict[str, Segment] = {
+    mark = side - LINE_WIDTH - SUBSTITUTION_MARK, side + SUBSTITUTION_MARK
+    segments = {
+        "Side line bottom": along(end - half, side - half),
+        "Centre line": across(0.0, side - half),
+        "Throw-off circle": Arc(CENTRE, 0.5 * THROW_OFF_CIRCLE - half),
         "Goal line right": across(end - 0.5 * POST, inner),
         **right_area("Goal area", end, inner, GOAL_AREA - half),
         **right_area("Free-throw", end, inner, FREE_THROW - half, reach=side - half),
         "Seven-metre line right": across(seven, 0.5 * SEVEN_METRE_LINE),
         "Four-metre line right": across(four, 0.5 * FOUR_METRE_LINE),
-        **with_top(
-            {
-                "Outer goal line right bottom": Line((end - half, outer, 0.0), (end - half, side - half, 0.0)),
-                "Substitution mark right bottom": Line((substitution, edges[0], 0.0), (substitution, edges[1], 0.0)),
-            }
-        ),
+        "Outer goal line right bottom": on_ground((end - half, outer), (end - half, side - half)),
+        "Substitution mark right bottom": on_ground(*((substitution, y) for y in mark)),
         **right_goal(end - 0.5 * POST, GOAL_WIDTH, GOAL_HEIGHT, POST),
     }
-    segments: dict[str, Segment] = {
-        **with_top({"Side line bottom": along(end - half, side - half)}),
-        "Centre line": across(0.0, side - half),
-        "Throw-off circle": Arc((0.0, 0.0, 0.0), 0.5 * THROW_OFF_CIRCLE - half),
-        **with_left(right),
-    }
-    return Field(
-        LENGTH,
-        WIDTH,
+    return court(
+        (LENGTH, WIDTH),
         segments,
+        line_width=LINE_WIDTH,
         stands=stands_beside(LENGTH, WIDTH, away=(4.0, 40.0), up=(1.5, 18.0)),
+        paint={"Goal line": Paint(width=POST), "Free-throw": Paint(dashes=DASHES)},
         farthest_camera=100.0,
-        lines=LineLook(width=LINE_WIDTH, ground_difference=np.inf),
-        paint={
-            **{label: Paint(width=POST) for label in ("Goal line left", "Goal line right")},
-            **{label: Paint(dashes=DASHES) for label in segments if label.startswith("Free-throw")},
-        },
         surface="floor",
-        size_known=True,
         probability=PROBABILITY,
     )

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
 from itertools import product
 from types import MappingProxyType
@@ -10,10 +10,10 @@ from types import MappingProxyType
 import numpy as np
 
 from fieldcalib.fields.field import Field
-from fieldcalib.fields.mirrored import with_left, with_top
 from fieldcalib.fields.segments import Arc, Line, Point, Segment
+from fieldcalib.fields.sports.court import court
 from fieldcalib.fields.sports.goals import right_goal
-from fieldcalib.fields.sports.lines import across, along
+from fieldcalib.fields.sports.lines import CENTRE, across, along, on_ground
 from fieldcalib.fields.stands import stands_beside
 from fieldcalib.fields.traits import UNPAINTED, LineLook, Paint, ProbabilityModel, SizePrior
 
@@ -216,75 +216,62 @@ def ice_hockey_iihf(
 
 
 def _rink(rules: Rules) -> Field:
-    segments: dict[str, Segment] = {
-        **_boards(rules),
-        **_lines(rules),
-        **_ends(rules),
-        **_goals(rules),
-        **_intersections(rules),
-        "Centre circle": Arc((0.0, 0.0, 0.0), rules.circle - 0.5 * rules.line),
-        "Centre spot": Point((0.0, 0.0, 0.0)),
-    }
-    return Field(
-        float(rules.length),
-        float(rules.width),
-        segments,
+    rink = court(
+        (rules.length, rules.width),
+        *_boards(rules),
+        *_lines(rules),
+        _ends(rules),
+        *_goals(rules),
+        *_intersections(rules),
+        line_width=rules.line,
         stands=stands_beside(rules.length, rules.width, away=(5.0, 45.0), up=(3.0, 25.0)),
         farthest_camera=120.0,
         lines=LineLook(width=rules.line, lighter=False, ground_difference=np.inf),
-        paint=_paint(rules, segments),
         surface="ice",
+        size_known=False,
         probability=rules.probability,
     )
+    return replace(rink, paint=_paint(rules, rink.segments))
 
 
 def _paint(rules: Rules, segments: Mapping[str, Segment]) -> dict[str, Paint]:
     """Red lines but for the blue ones and the centre circle, spots, and the kick plate of the boards."""
     found = {label: Paint(colour=RED) for label, one in segments.items() if not one.is_point}
     found |= {label: UNPAINTED for label in segments if label.endswith("edge")}
-    found |= {label: Paint(width=KICK_PLATE, colour=YELLOW) for label in _boards(rules)}
+    found |= {label: Paint(width=KICK_PLATE, colour=YELLOW) for label in segments if " board " in label}
     found |= {label: Paint(width=rules.wide_line, colour=BLUE) for label in ("Blue line left", "Blue line right")}
     found |= {"Centre line": Paint(width=rules.wide_line, colour=RED), "Centre circle": Paint(colour=BLUE)}
     found |= {label: Paint(width=rules.spot, colour=RED) for label in segments if label.startswith(SPOTS)}
     return found | {"Centre spot": Paint(width=rules.centre_spot, colour=BLUE)}
 
 
-def _boards(rules: Rules) -> dict[str, Segment]:
+def _boards(rules: Rules) -> Iterator[dict[str, Segment]]:
     end, side, r = 0.5 * rules.length, 0.5 * rules.width, rules.corner_radius
-    centre = (end - r, side - r, 0.0)
-    return {
-        **with_left({"End board right": across(end, side - r)}),
-        **with_top({"Side board bottom": along(end - r, side)}),
-        **with_left(with_top({"Corner board right bottom": Arc(centre, r, 0.0, 0.5 * np.pi)})),
-    }
+    yield {"End board right": across(end, side - r)}
+    yield {"Side board bottom": along(end - r, side)}
+    yield {"Corner board right bottom": Arc((end - r, side - r, 0.0), r, 0.0, 0.5 * np.pi)}
 
 
-def _lines(rules: Rules) -> dict[str, Segment]:
-    side, half = 0.5 * rules.width, 0.5 * rules.wide_line
-    goal, blue, goal_end = 0.5 * rules.length - rules.goal_line, _blue_line(rules), _end_of_goal_line(rules)
-
-    return {
+def _lines(rules: Rules) -> Iterator[dict[str, Segment]]:
+    side, half, blue = 0.5 * rules.width, 0.5 * rules.wide_line, _blue_line(rules)
+    yield {
         "Centre line": across(0.0, side),
-        **with_left(
-            {
-                "Goal line right": across(goal, goal_end),
-                "Blue line right": across(blue, side),
-                "Blue line right inner edge": across(blue - half, side),
-                "Blue line right outer edge": across(blue + half, side),
-                "Centre line right edge": across(half, side),
-            }
-        ),
+        "Goal line right": across(0.5 * rules.length - rules.goal_line, _end_of_goal_line(rules)),
+        "Blue line right": across(blue, side),
+        "Blue line right inner edge": across(blue - half, side),
+        "Blue line right outer edge": across(blue + half, side),
+        "Centre line right edge": across(half, side),
     }
-
-
-def _blue_line(rules: Rules) -> float:
-    return 0.5 * rules.length - rules.blue_line
 
 
 def _end_of_goal_line(rules: Rules) -> float:
     """Where the goal line meets the corner of the boards, from the middle of the rink."""
     r = rules.corner_radius
     return 0.5 * rules.width - r + float(np.sqrt(r**2 - (r - rules.goal_line) ** 2))
+
+
+def _blue_line(rules: Rules) -> float:
+    return 0.5 * rules.length - rules.blue_line
 
 
 def _ends(rules: Rules) -> dict[str, Segment]:
@@ -305,63 +292,53 @@ def _marks(rules: Rules, spot: tuple[float, float], signs: tuple[float, float], 
     """Hash mark and L mark in one quarter around a spot."""
     half = 0.5 * rules.line
 
-    def place(x: float, y: float) -> tuple[float, float, float]:
-        return spot[0] + signs[0] * x, spot[1] + signs[1] * y, 0.0
+    def line(x: float, y: float, dx: float, dy: float) -> Line:
+        (x0, y0), (sx, sy) = spot, signs
+        return on_ground((x0 + sx * x, y0 + sy * y), (x0 + sx * (x + dx), y0 + sy * (y + dy)))
 
-    x = 0.5 * rules.hashes_apart + half
-    hash_mark = Line(place(x, rules.circle), place(x, rules.circle + rules.hash_length))
-    x, y = rules.l_corner[0] + half, rules.l_corner[1] + half
-    along = Line(place(x, y), place(x + rules.l_legs[0], y))
-    across = Line(place(x, y), place(x, y + rules.l_legs[1]))
+    hash_mark = line(0.5 * rules.hashes_apart + half, rules.circle, 0.0, rules.hash_length)
+    corner, (long, short) = (rules.l_corner[0] + half, rules.l_corner[1] + half), rules.l_legs
+    legs = {"along": line(*corner, long, 0.0), "across": line(*corner, 0.0, short)}
     return {
         f"Hash mark {name}": hash_mark,
         f"Hash mark {name} inner end": Point(hash_mark.start),
         f"Hash mark {name} outer end": Point(hash_mark.end),
-        f"L mark {name} along": along,
-        f"L mark {name} across": across,
-        f"L mark {name} corner": Point(along.start),
-        f"L mark {name} along end": Point(along.end),
-        f"L mark {name} across end": Point(across.end),
+        **{f"L mark {name} {way}": leg for way, leg in legs.items()},
+        f"L mark {name} corner": Point(legs["along"].start),
+        **{f"L mark {name} {way} end": Point(leg.end) for way, leg in legs.items()},
     }
 
 
-def _goals(rules: Rules) -> dict[str, Segment]:
+def _goals(rules: Rules) -> Iterator[dict[str, Segment]]:
     """Goals, creases, trapezoids and the referee's crease."""
     half, end = 0.5 * rules.line, 0.5 * rules.length
     goal, radius = end - rules.goal_line, rules.crease - half
     y = min(0.5 * rules.crease_width - half, radius)
     angle = float(np.arcsin(y / radius))
     at_goal, at_boards = rules.trapezoid
-    right: dict[str, Segment] = {
+    straight = {} if y == radius else {"Crease right bottom": on_ground((goal - radius * np.cos(angle), y), (goal, y))}
+    yield {
         "Crease right": Arc((goal, 0.0, 0.0), radius, np.pi - angle, np.pi + angle),
         **right_goal(goal, *rules.goal, POST),
     }
-    bottom: dict[str, Segment] = {
-        "Trapezoid right bottom": Line((goal, at_goal, 0.0), (end, at_boards, 0.0)),
+    yield {
+        "Trapezoid right bottom": on_ground((goal, at_goal), (end, at_boards)),
         "Goal line and trapezoid right bottom": Point((goal, at_goal, 0.0)),
+        **straight,
     }
-    if y < radius:
-        bottom["Crease right bottom"] = Line((goal - radius * np.cos(angle), y, 0.0), (goal, y, 0.0))
-    referee = Arc((0.0, 0.5 * rules.width, 0.0), rules.referee - half, -np.pi, 0.0)
-    return {**with_left(right), **with_left(with_top(bottom)), **with_top({"Referee crease bottom": referee})}
+    yield {"Referee crease bottom": Arc((0.0, 0.5 * rules.width, 0.0), rules.referee - half, -np.pi, 0.0)}
 
 
-def _intersections(rules: Rules) -> dict[str, Segment]:
-    side, goal = 0.5 * rules.width, 0.5 * rules.length - rules.goal_line
-    circle = rules.circle - 0.5 * rules.line
-    return {
-        **with_left(
-            with_top(
-                {
-                    "Goal line and boards right bottom": Point((goal, _end_of_goal_line(rules), 0.0)),
-                    "Blue line and boards right bottom": Point((_blue_line(rules), side, 0.0)),
-                }
-            )
-        ),
-        **with_top(
-            {
-                "Centre line and boards bottom": Point((0.0, side, 0.0)),
-                "Centre line and centre circle bottom": Point((0.0, circle, 0.0)),
-            }
-        ),
+def _intersections(rules: Rules) -> Iterator[dict[str, Segment]]:
+    side, circle = 0.5 * rules.width, rules.circle - 0.5 * rules.line
+    goal = 0.5 * rules.length - rules.goal_line
+    yield {
+        "Goal line and boards right bottom": Point((goal, _end_of_goal_line(rules), 0.0)),
+        "Blue line and boards right bottom": Point((_blue_line(rules), side, 0.0)),
+    }
+    yield {
+        "Centre line and boards bottom": Point((0.0, side, 0.0)),
+        "Centre line and centre circle bottom": Point((0.0, circle, 0.0)),
+        "Centre circle": Arc(CENTRE, circle),
+        "Centre spot": Point(CENTRE),
     }

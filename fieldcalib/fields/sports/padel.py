@@ -2,14 +2,11 @@
 
 from __future__ import annotations
 
-import numpy as np
-
 from fieldcalib.fields.field import Field
-from fieldcalib.fields.mirrored import with_left, with_top
-from fieldcalib.fields.segments import Line, Segment
-from fieldcalib.fields.sports.lines import across, along, hanging_net
+from fieldcalib.fields.sports.court import court
+from fieldcalib.fields.sports.lines import across, along, hanging_net, upright
 from fieldcalib.fields.stands import stands_beside
-from fieldcalib.fields.traits import LineLook, Paint, ProbabilityModel
+from fieldcalib.fields.traits import Paint, ProbabilityModel
 
 # In metres.
 LENGTH, WIDTH = 20.0, 10.0  # between the walls
@@ -40,30 +37,23 @@ def padel() -> Field:
     Line(start=(10.0, 5.0, -4.0), end=(10.0, 5.0, 0.0))
     """
     end, side, service = 0.5 * LENGTH, 0.5 * WIDTH, SERVICE_LINE + 0.5 * LINE_WIDTH
-    overlap = SERVICE_LINE + LINE_WIDTH + OVERLAP
-    segments: dict[str, Segment] = {
-        "Central service line": along(overlap, 0.0),
-        **with_left(
-            {
-                "Service line right": across(service, side),
-                "Back wall right": across(end, side),
-                "Glass right": across(end, side, -GLASS),
-                "Fence right": across(end, side, -FENCE),
-                **with_top({"Corner right bottom": Line((end, side, -FENCE), (end, side, 0.0))}),
-            }
-        ),
-        **with_top({"Side wall bottom": along(end, side)}),
-        **hanging_net(side, NET_CENTRE, NET_POSTS),
+    segments = {
+        "Central service line": along(SERVICE_LINE + LINE_WIDTH + OVERLAP, 0.0),
+        "Service line right": across(service, side),
+        "Back wall right": across(end, side),
+        "Glass right": across(end, side, -GLASS),
+        "Fence right": across(end, side, -FENCE),
+        "Corner right bottom": upright(end, side, FENCE),
     }
-    return Field(
-        LENGTH,
-        WIDTH,
+    return court(
+        (LENGTH, WIDTH),
         segments,
+        {"Side wall bottom": along(end, side)},
+        hanging_net(side, NET_CENTRE, NET_POSTS),
+        line_width=LINE_WIDTH,
         stands=stands_beside(LENGTH, WIDTH, away=(2.0, 25.0), up=(1.5, 12.0)),
+        paint=dict.fromkeys(("Back wall", "Side wall"), Paint(width=WALL, colour=STEEL)),
         farthest_camera=60.0,
-        lines=LineLook(width=LINE_WIDTH, ground_difference=np.inf),
-        paint={label: Paint(width=WALL, colour=STEEL) for label in segments if "wall" in label},
         surface="turf",
-        size_known=True,
         probability=PROBABILITY,
     )

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 from fieldcalib.fields.field import Field
-from fieldcalib.fields.mirrored import with_left, with_top
-from fieldcalib.fields.segments import Line, Point, Segment
-from fieldcalib.fields.sports.lines import across, along
+from fieldcalib.fields.segments import Point, Segment
+from fieldcalib.fields.sports.court import court
+from fieldcalib.fields.sports.lines import across, along, on_ground, upright
 from fieldcalib.fields.stands import stands_beside
 from fieldcalib.fields.traits import LineLook, Paint, ProbabilityModel, SizePrior
 
@@ -83,13 +84,26 @@ def rugby_union(
     ):
         if not low - beyond <= value <= high + beyond:
             raise ValueError(f"a field of rugby union is {low:g} to {high:g} m {name}, got {value}")
-    half = 0.5 * LINE_WIDTH
-    goal, touch = 0.5 * length + half, 0.5 * width + half
-    x22, dead = 0.5 * length - TWENTY_TWO + half, 0.5 * length + in_goal + half
-    five, fifteen, dashes = 0.5 * width - FIVE, 0.5 * width - FIFTEEN, 0.5 * length - FIVE
-    post, bar = 0.5 * (POSTS_APART + POSTS), CROSSBAR - 0.5 * POSTS
+    return court(
+        (length, width),
+        *_markings(length, width, in_goal),
+        line_width=LINE_WIDTH,
+        stands=stands_beside(length, width, away=(5.0 + in_goal, 75.0), up=(3.0, 40.0)),
+        paint={**dict.fromkeys(DASHED, Paint(dashes=DASHES)), "5-metre dashes": Paint(dashes=ROW)},
+        lines=LineLook(width=LINE_WIDTH),
+        farthest_camera=300.0,
+        size_model=SizePrior(LEGAL, LEGAL, build=OfInGoal(in_goal), rules="law 1"),
+        size_known=size_known,
+        probability=PROBABILITY,
+    )
 
-    right: dict[str, Segment] = {
+
+def _markings(length: float, width: float, in_goal: float) -> Iterator[dict[str, Segment]]:
+    half, end, side = 0.5 * LINE_WIDTH, 0.5 * length, 0.5 * width
+    goal, touch, x22, dead = end + half, side + half, end - TWENTY_TWO + half, end + in_goal + half
+    five, dashes = side - FIVE, end - FIVE
+    post, bar = 0.5 * (POSTS_APART + POSTS), CROSSBAR - 0.5 * POSTS
+    yield {
         "Goal line right": across(goal, touch),
         "22-metre line right": across(x22, touch),
         "10-metre line right": across(TEN, touch),
@@ -97,37 +111,17 @@ def rugby_union(
         "5-metre dashes right": across(dashes, five + 0.5),
         "Goal right crossbar": across(goal, post, -bar),
     }
-    bottom: dict[str, Segment] = {
+    yield {
         "Touchline bottom": along(goal, touch),
         "5-metre line bottom": along(dashes, five),
-        "15-metre line bottom": along(dashes, fifteen),
+        "15-metre line bottom": along(dashes, side - FIFTEEN),
         "Halfway line and touchline bottom": Point((0.0, touch, 0.0)),
     }
-    corner: dict[str, Segment] = {
-        "Touch-in-goal line right bottom": Line((goal, touch, 0.0), (dead, touch, 0.0)),
-        "Goal right post bottom": Line((goal, post, -POSTS_HEIGHT), (goal, post, 0.0)),
+    yield {
+        "Touch-in-goal line right bottom": on_ground((goal, touch), (dead, touch)),
+        "Goal right post bottom": upright(goal, post, POSTS_HEIGHT),
         "Goal line and touchline right bottom": Point((goal, touch, 0.0)),
         "22-metre line and touchline right bottom": Point((x22, touch, 0.0)),
         "Dead-ball corner right bottom": Point((dead, touch, 0.0)),
     }
-    segments: dict[str, Segment] = {
-        **with_left(right),
-        **with_top(bottom),
-        **with_left(with_top(corner)),
-        "Halfway line": across(0.0, touch),
-    }
-    return Field(
-        float(length),
-        float(width),
-        segments,
-        stands=stands_beside(length, width, away=(5.0 + in_goal, 75.0), up=(3.0, 40.0)),
-        farthest_camera=300.0,
-        lines=LineLook(width=LINE_WIDTH),
-        paint={
-            **{label: Paint(dashes=DASHES) for label in segments if label.startswith(DASHED)},
-            **{label: Paint(dashes=ROW) for label in ("5-metre dashes left", "5-metre dashes right")},
-        },
-        size_model=SizePrior(LEGAL, LEGAL, build=OfInGoal(in_goal), rules="law 1"),
-        size_known=size_known,
-        probability=PROBABILITY,
-    )
+    yield {"Halfway line": across(0.0, touch)}

@@ -2,14 +2,11 @@
 
 from __future__ import annotations
 
-import numpy as np
-
 from fieldcalib.fields.field import Field
-from fieldcalib.fields.mirrored import with_left, with_top
-from fieldcalib.fields.segments import Line, Segment
-from fieldcalib.fields.sports.lines import across, along, hanging_net
+from fieldcalib.fields.sports.court import court
+from fieldcalib.fields.sports.lines import across, along, hanging_net, on_ground
 from fieldcalib.fields.stands import stands_beside
-from fieldcalib.fields.traits import LineLook, Paint, ProbabilityModel
+from fieldcalib.fields.traits import Paint, ProbabilityModel
 
 # Outer edges of the lines, in metres.
 LENGTH, DOUBLES_WIDTH, SINGLES_WIDTH = 23.77, 10.97, 8.23
@@ -40,32 +37,25 @@ def tennis() -> Field:
     half, inside = 0.5 * LINE_WIDTH, 0.5 * LENGTH - BASE_LINE_WIDTH
     base, service = 0.5 * LENGTH - 0.5 * BASE_LINE_WIDTH, SERVICE_LINE - half
     doubles, singles, post = 0.5 * DOUBLES_WIDTH - half, 0.5 * SINGLES_WIDTH - half, 0.5 * DOUBLES_WIDTH + POST_DISTANCE
-    segments: dict[str, Segment] = {
-        **with_left(
-            {
-                "Base line right": across(base, doubles),
-                "Service line right": across(service, singles),
-                "Centre mark right": Line((inside - CENTRE_MARK, 0.0, 0.0), (inside, 0.0, 0.0)),
-            }
-        ),
-        "Centre service line": along(service, 0.0),
-        **with_top(
-            {
-                "Side line bottom": along(base, doubles),
-                "Singles side line bottom": along(base, singles),
-            }
-        ),
-        **hanging_net(post, NET_CENTRE, NET_POSTS),
+    right = {
+        "Base line right": across(base, doubles),
+        "Service line right": across(service, singles),
+        "Centre mark right": on_ground((inside - CENTRE_MARK, 0.0), (inside, 0.0)),
     }
-    return Field(
-        LENGTH,
-        DOUBLES_WIDTH,
-        segments,
+    bottom = {
+        "Centre service line": along(service, 0.0),
+        "Side line bottom": along(base, doubles),
+        "Singles side line bottom": along(base, singles),
+    }
+    return court(
+        (LENGTH, DOUBLES_WIDTH),
+        right,
+        bottom,
+        hanging_net(post, NET_CENTRE, NET_POSTS),
+        line_width=LINE_WIDTH,
         stands=stands_beside(LENGTH, DOUBLES_WIDTH, away=(5.0, 40.0), up=(1.0, 20.0)),
+        paint={"Base line": Paint(width=BASE_LINE_WIDTH)},
         farthest_camera=80.0,
-        lines=LineLook(width=LINE_WIDTH, ground_difference=np.inf),
-        paint={label: Paint(width=BASE_LINE_WIDTH) for label in ("Base line left", "Base line right")},
         surface="hard court",
-        size_known=True,
         probability=PROBABILITY,
     )

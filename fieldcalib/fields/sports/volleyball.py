@@ -2,14 +2,12 @@
 
 from __future__ import annotations
 
-import numpy as np
-
 from fieldcalib.fields.field import Field
-from fieldcalib.fields.mirrored import with_left, with_top
-from fieldcalib.fields.segments import Line, Segment
-from fieldcalib.fields.sports.lines import across, along
+from fieldcalib.fields.segments import Line
+from fieldcalib.fields.sports.court import court
+from fieldcalib.fields.sports.lines import across, along, on_ground
 from fieldcalib.fields.stands import stands_beside
-from fieldcalib.fields.traits import LineLook, Paint, ProbabilityModel
+from fieldcalib.fields.traits import Paint, ProbabilityModel
 
 # In metres, to the outer edges of the lines.
 LENGTH, WIDTH = 18.0, 9.0
@@ -56,39 +54,27 @@ def volleyball(net: str = "men") -> Field:
     half, end, side = 0.5 * LINE_WIDTH, 0.5 * LENGTH, 0.5 * WIDTH  # outer edges
     attack, upper, lower = ATTACK_LINE - half, -NET_HEIGHTS[net], NET_DEPTH - NET_HEIGHTS[net]
     behind, (length, above) = end + SERVICE_MARK[0], ANTENNA
-    extension = side + ATTACK_EXTENSION[0], side + ATTACK_EXTENSION[1]
-    segments: dict[str, Segment] = {
-        **with_top({"Side line bottom": along(end - half, side - half)}),
+    segments = {
+        "Side line bottom": along(end - half, side - half),
         "Centre line": across(0.0, side - half),
-        **with_left(
-            {
-                "End line right": across(end - half, side - half),
-                "Attack line right": across(attack, side - half),
-                **with_top(
-                    {
-                        "Attack line extension right bottom": Line(
-                            (attack, extension[0], 0.0), (attack, extension[1], 0.0)
-                        ),
-                        "Service mark right bottom": Line(
-                            (behind, side - half, 0.0), (behind + SERVICE_MARK[1], side - half, 0.0)
-                        ),
-                    }
-                ),
-            }
-        ),
+        "End line right": across(end - half, side - half),
+        "Attack line right": across(attack, side - half),
+        "Attack line extension right bottom": on_ground(*((attack, side + y) for y in ATTACK_EXTENSION)),
+        "Service mark right bottom": on_ground((behind, side - half), (behind + SERVICE_MARK[1], side - half)),
+    }
+    net_segments = {
         "Net upper edge": across(0.0, side, upper),
         "Net lower edge": across(0.0, side, lower),
-        **with_top({"Antenna bottom": Line((0.0, side, upper - above), (0.0, side, upper - above + length))}),
+        "Antenna bottom": Line((0.0, side, upper - above), (0.0, side, upper - above + length)),
     }
-    return Field(
-        LENGTH,
-        WIDTH,
+    return court(
+        (LENGTH, WIDTH),
         segments,
+        net_segments,
+        line_width=LINE_WIDTH,
         stands=stands_beside(LENGTH, WIDTH, away=(4.0, 35.0), up=(1.5, 15.0)),
+        paint={"Attack line extension": Paint(dashes=ATTACK_DASHES)},
         farthest_camera=80.0,
-        lines=LineLook(width=LINE_WIDTH, ground_difference=np.inf),
-        paint={label: Paint(dashes=ATTACK_DASHES) for label in segments if "extension" in label},
         surface="floor",
-        size_known=True,
         probability=PROBABILITY,
     )

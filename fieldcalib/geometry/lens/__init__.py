@@ -27,8 +27,7 @@ A new lens is a file with a subclass of `Lens`, and a line in `LENSES`.
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping
-from types import MappingProxyType
+from collections.abc import Collection
 
 from numpy.typing import ArrayLike
 
@@ -38,10 +37,7 @@ from fieldcalib.geometry.lens.opencv import nonzero_coefficients
 from fieldcalib.geometry.lens.pinhole import Pinhole as Pinhole
 from fieldcalib.geometry.lens.radial import RadialLens as RadialLens
 
-# By the names that files have; those with fewer coefficients first.
-LENSES: Mapping[str, type[Lens]] = MappingProxyType(
-    {lens.name: lens for lens in (Pinhole, RadialLens, BrownConradyLens)}
-)
+LENSES: dict[str, type[Lens]] = {lens.name: lens for lens in (Pinhole, RadialLens, BrownConradyLens)}
 
 
 def lens_with(coefficients: Collection[str], rho: float) -> Lens:
@@ -52,7 +48,8 @@ def lens_with(coefficients: Collection[str], rho: float) -> Lens:
     >>> lens_with({"k1", "p2"}, rho=550.0)
     BrownConradyLens(rho=550.0)
     """
-    return next(lens(rho) for lens in LENSES.values() if set(coefficients) <= set(lens.opencv_names))
+    fitting = (lens for lens in LENSES.values() if set(coefficients) <= set(lens.opencv_names))
+    return min(fitting, key=lambda lens: len(lens.names))(rho)
 
 
 def lens_of(dist_coeffs: ArrayLike | None, rho: float) -> Lens:

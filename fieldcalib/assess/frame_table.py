@@ -1,0 +1,218 @@
+"""Frames of a sequence as a table of columns, which takes a tenth of the memory of as many calibrations."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass, fields, replace
+from dataclasses import field as attribute
+from enum import StrEnum
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fieldcalib._json import from_json, to_json
+from fieldcalib._types import Array, BoolArray, Float32, IntArray
+from fieldcalib.assess.markings import MarkingInView
+from fieldcalib.assess.own_errors import OwnErrors
+from fieldcalib.assess.result import Status, SuspectLabel
+from fieldcalib.problem.layout import Layout
+
+LARGEST_ERROR = 1.0  # m over the field in view: up to that a camera that rests on other frames is accepted
+STATUSES = tuple(Status)
+ACCEPTED, IMPROBABLE = STATUSES.index(Status.ACCEPTED), STATUSES.index(Status.IMPROBABLE)
+
+
+class Basis(StrEnum):
+    """What the camera of a frame rests on."""
+
+    NOTHING = ""
+    """There is no camera."""
+    LINES = "lines"
+    """Labelled pixels of this frame."""
+    MATCHES = "matches"
+    """Static points that other frames see too."""
+    BOTH = "lines and matches"
+    INTERPOLATED = "interpolated"
+    """The frames before and after it."""
+
+
+BASES = tuple(Basis)
+
+
+@dataclass(frozen=True, eq=False)
+class FrameTable:
+    """T frames, one row each. Columns are arrays, or mappings of those frames that have an entry."""
+
+    theta: Array
+    """Parameters, (T, n); NaN where there is no camera."""
+    own: Array
+    """E of `fieldcalib.assess.own_errors`, (T, o, o)."""
+    following: Array
+    """F of `fieldcalib.assess.own_errors`, (T, o, S)."""
+    status: IntArray
+    """Index into `STATUSES`, (T,)."""
+    basis: IntArray
+    """Index into `BASES`, (T,)."""
+    rms: Array
+    """Root mean square distance of the labelled pixels, (T,)."""
+    ground_error: Array
+    """Root mean square error of the field, metres, the median over what is in view, (T,); NaN where none is."""
+    labels: tuple[str, ...]
+    """Labels of the object, L of them."""
+    label_errors: Float32
+    """Root mean square distance of the pixels of each label, (T, L)."""
+    label_counts: NDArray[np.uint16]
+    """Number of pixels of each label, (T, L)."""
+    notes: Mapping[int, str]
+    """Messages about single frames, beside what the numbers say."""
+    suspects: Mapping[int, tuple[SuspectLabel, ...]]
+    """Labels that the rest of their frame contradicts."""
+    misfit: Array
+    """By how much the labels of each frame lie farther off its camera than off one with a place of its own, pixels,
+    interpolated between frames, (T,); NaN where that is unknown (`fieldcalib.assess.misfit`)."""
+    markings: Mapping[int, tuple[MarkingInView, ...]] = attribute(default_factory=dict)
+    """What the images show of the markings in view."""
+    doubts: Mapping[int, str] = attribute(default_factory=dict)
+    """Further evidence against the camera of a frame."""
+
+    @classmethod
+    def without_cameras(cls, count: int, layout: Layout, labels: tuple[str, ...], message: str) -> FrameTable:
+        """Make a table of frames that have no camera, for the reason that the message gives."""
+        o, S = np.count_nonzero(layout.free), np.count_nonzero(layout.considered)
+        return cls(
+            theta=np.full((count, layout.size), np.nan),
+            own=np.full((count, o, o), np.nan),
+            following=np.full((count, o, S), np.nan),
+            status=np.full(count, STATUSES.index(Status.TOO_FEW_SEGMENTS)),
+            basis=np.zeros(count, dtype=np.intp),
+            rms=np.full(count, np.nan),
+            ground_error=np.full(count, np.nan),
+            labels=labels,
+            label_errors=np.zeros((count, len(labels)), np.float32),
+            label_counts=np.zeros((count, len(labels)), np.uint16),
+            notes=dict.fromkeys(range(count), message),
+            suspects={},
+            misfit=np.full(count, np.nan),
+        )
+
+    def __len__(self) -> int:
+        return len(self.theta)
+
+    @property
+    def has_camera(self) -> BoolArray:
+        """Which frames have a camera, (T,)."""
+        return np.asarray(np.isfinite(self.theta).all(axis=1) & (self.theta.shape[1] > 0))
+
+    @property
+    def errors(self) -> OwnErrors:
+        """Errors of the frames' own parameters."""
+        return OwnErrors(self.own, self.following)
+
+    def at(self, index: IntArray) -> FrameTable:
+        """Some of the frames, in that order."""
+        place = list(enumerate(index.tolist()))
+
+        def taken(column: Any) -> Any:
+            if isinstance(column, Mapping):
+                return {k: column[t] for k, t in place if t in column}
+            return column[index] if isinstance(column, np.ndarray) else column
+
+        return FrameTable(**{name: taken(column) for name, column in self._columns.items()})
+
+    def replaced(self, index: IntArray, rows: FrameTable) -> FrameTable:
+        """The table with frames `index` (B,) replaced by the B rows of another one."""
+        number = index.tolist()
+        gone = set(number)
+
+        def merged(old: Any, new: Any) -> Any:
+            if isinstance(old, Mapping):
+                kept = {t: value for t, value in old.items() if t not in gone}
+                return kept | {number[k]: value for k, value in new.items()}
+            if isinstance(old, np.ndarray):
+                old = old.copy()
+                old[index] = new
+            return old
+
+        return FrameTable(**{name: merged(old, getattr(rows, name)) for name, old in self._columns.items()})
+
+    def with_cameras(self, theta: Array, errors: OwnErrors, ground_error: Array, basis: Basis) -> FrameTable:
+        """All frames with cameras (T, n) that rest on other frames; badly known ones are not accepted."""
+        return replace(
+            self,
+            theta=theta,
+            own=errors.own,
+            following=errors.following,
+            ground_error=ground_error,
+            status=np.where(ground_error > LARGEST_ERROR, IMPROBABLE, ACCEPTED),
+            basis=np.full(len(self), BASES.index(basis)),
+            notes={},
+        )
+
+    def with_misfit(self, misfit: Mapping[int, float]) -> FrameTable:
+        """The table with the misfit of some frames in pixels, interpolated for the others that have a camera."""
+        known = sorted(t for t, excess in misfit.items() if np.isfinite(excess))
+        if not known:
+            return self
+        interpolated = np.interp(np.arange(len(self)), known, [misfit[t] for t in known])
+        return replace(self, misfit=np.where(self.has_camera, interpolated, self.misfit))
+
+    def message(self, t: int) -> str:
+        """Why frame t has the status that it has."""
+        labelled, basis = int(np.count_nonzero(self.label_counts[t])), BASES[self.basis[t]]
+        parts = [self.notes[t]] if t in self.notes else []
+        if labelled and basis in (Basis.LINES, Basis.BOTH):
+            parts.append(f"rms {self.rms[t]:.2f} px over {labelled} segment{'s' * (labelled != 1)}")
+        if np.isfinite(self.ground_error[t]):
+            how = basis if basis is Basis.INTERPOLATED else f"by {basis}"
+            parts.append(f"{how}, the field in view to {self.ground_error[t]:.2f} m")
+        return "; ".join(parts)
+
+    def to_dict(self) -> dict[str, Any]:
+        """Everything, for `json.dumps`."""
+
+        def suspects(found: tuple[SuspectLabel, ...]) -> list[Any]:
+            return [[one.label, one.fits, to_json(one.error_px)] for one in found]
+
+        arrays = {name: value for name, value in self._columns.items() if isinstance(value, np.ndarray)}
+        return {
+            **{name: array_to_record(value) for name, value in arrays.items()},
+            "labels": list(self.labels),
+            "notes": [[t, note] for t, note in self.notes.items()],
+            "suspects": [[t, suspects(found)] for t, found in self.suspects.items()],
+            "markings": [[t, [asdict(one) for one in found]] for t, found in self.markings.items()],
+            "doubts": [[t, doubt] for t, doubt in self.doubts.items()],
+        }
+
+    @classmethod
+    def from_dict(cls, record: Mapping[str, Any]) -> FrameTable:
+        """Read what `to_dict` wrote."""
+        arrays: dict[str, Any] = {
+            name: array_from_record(value) for name, value in record.items() if isinstance(value, dict)
+        }
+        suspects = {
+            t: tuple(SuspectLabel(label, fits, float(from_json(error))) for label, fits, error in found)
+            for t, found in record["suspects"]
+        }
+        return cls(
+            **arrays,
+            labels=tuple(record["labels"]),
+            notes=dict(record["notes"]),
+            suspects=suspects,
+            markings={t: tuple(MarkingInView(**one) for one in found) for t, found in record.get("markings", ())},
+            doubts=dict(record.get("doubts", ())),
+        )
+
+    @property
+    def _columns(self) -> dict[str, Any]:
+        return {one.name: getattr(self, one.name) for one in fields(self)}
+
+
+def array_to_record(array: NDArray[Any]) -> dict[str, Any]:
+    """Shape, type and values of an array, for `json.dumps`."""
+    return {"shape": array.shape, "type": array.dtype.str, "values": to_json(array.ravel())}
+
+
+def array_from_record(record: Mapping[str, Any]) -> NDArray[Any]:
+    """Read what `array_to_record` wrote."""
+    return np.array(from_json(record["values"])).astype(record["type"]).reshape(record["shape"])

@@ -1,0 +1,261 @@
+"""What the calibration of frames of one camera returns: the frames, and what they share."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from dataclasses import field as attribute
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from fieldcalib._extras import imported
+from fieldcalib._json import from_json, to_json
+from fieldcalib._types import Array, BoolArray, IntArray
+from fieldcalib.assess.camera_errors import KnownErrors, NoErrors
+from fieldcalib.assess.frame_sequence import FrameSequence, read_record
+from fieldcalib.assess.frame_table import (
+    ACCEPTED,
+    BASES,
+    IMPROBABLE,
+    STATUSES,
+    Basis,
+    FrameTable,
+    array_from_record,
+    array_to_record,
+)
+from fieldcalib.assess.interpolation import interpolated
+from fieldcalib.assess.level import Considered
+from fieldcalib.assess.markings import MarkingInView, paint_complaints, paint_confirms, paint_contradicts
+from fieldcalib.assess.misfit import is_contradicted
+from fieldcalib.assess.own_errors import whole_covariance
+from fieldcalib.assess.result import Calibration
+from fieldcalib.fields.field import Field
+from fieldcalib.fields.records import field_from_record, field_to_record
+from fieldcalib.problem.layout import ANGLES, CENTER, LOG_F, PRINCIPAL_POINT, Layout, exp_of
+from fieldcalib.problem.records import layout_from_record, layout_to_record
+
+if TYPE_CHECKING:
+    import pandas
+
+VERSION = 3  # of `SequenceCalibration.to_dict`
+SURE = 0.5  # m: what is known of the field in view to no better than that is to be looked at
+NUMBERS = (  # columns of the table of frames, NaN of those without a camera
+    *("pan_degrees", "tilt_degrees", "roll_degrees", "focal_length_px", "x_m", "y_m", "z_m"),
+    *("rms_px", "ground_error_m"),
+)
+
+
+@dataclass(frozen=True, eq=False)
+class SequenceCalibration(FrameSequence):
+    """The calibrations of frames of one camera, and what the frames share.
+
+    It is a sequence of `Calibration`, one for each frame, which are made when they are asked for. Their uncertainties
+    are marginals: of the frame's own parameters and of those that it shares with the others. A slice keeps what is
+    shared.
+
+    Examples
+    --------
+    >>> from fieldcalib import calibrate_sequence, soccer
+    >>> nothing = calibrate_sequence(soccer(), [{}, {}], (960, 540))
+    >>> len(nothing), nothing.cameras, nothing.shared, str(nothing[0].status)
+    (2, [None, None], {}, 'too few segments')
+    >>> nothing[:1]
+    SequenceCalibration(names=(), together=0)
+    """
+
+    frames: FrameTable = attribute(repr=False)
+    names: tuple[str, ...] = ()
+    """Names of the shared parameters (`fieldcalib.problem.layout`); none where no place of the tripod was found."""
+    values: Array = attribute(default_factory=lambda: np.zeros(0), repr=False)
+    """Their estimates, (S,)."""
+    covariance: Array = attribute(default_factory=lambda: np.zeros((0, 0)), repr=False)
+    """Their joint covariance, (S, S)."""
+    field: Field | None = attribute(default=None, repr=False)
+    """The field, of the estimated size; None if the object is no `Field`."""
+    together: int = 0
+    """Number of frames that the shared parameters were estimated from."""
+    layout: Layout | None = attribute(default=None, repr=False)
+    """Layout of the parameters of a frame; None where there is no camera."""
+    considered: Array = attribute(default_factory=lambda: np.zeros((0, 0)), repr=False)
+    """Covariance of all parameters that the layout considers: those shared, and a size that the frames hardly tell."""
+    alternatives: Array = attribute(default_factory=lambda: np.zeros((0, 3)), repr=False)
+    """Other centres that explain the frames as well, (A, 3); known only where the first solution was doubted."""
+
+    def __len__(self) -> int:
+        return len(self.frames)
+
+    def _frame(self, t: int) -> Calibration:
+        frames, camera, errors = self.frames, None, None
+        if self.layout is not None and np.isfinite(frames.theta[t]).all():
+            camera = self.layout.camera(frames.theta[t])
+            considered = Considered(self.layout, self.considered)
+            covariance = whole_covariance(frames.own[t], frames.following[t], considered)
+            errors = KnownErrors(self.layout, frames.theta[t], covariance)
+        labelled = np.flatnonzero(frames.label_counts[t])
+        return Calibration(
+            camera,
+            STATUSES[frames.status[t]],
+            frames.message(t),
+            float(frames.rms[t]),
+            float("nan"),
+            {frames.labels[k]: float(frames.label_errors[t, k]) for k in labelled},
+            frames.suspects.get(t, ()),
+            complaints=self._complaints(t),
+            pixel_counts={frames.labels[k]: int(frames.label_counts[t, k]) for k in labelled},
+            field=self.field,
+            errors=errors or NoErrors(),
+            markings=frames.markings.get(t, ()),
+        )
+
+    def _complaints(self, t: int) -> tuple[str, ...]:
+        """What speaks against the camera of frame t."""
+        frames, metres = self.frames, float(self.frames.ground_error[t])
+        suspects, labelled = frames.suspects.get(t, ()), int(np.count_nonzero(frames.label_counts[t]))
+        found = [f"{len(suspects)} of {labelled} labels are suspect"] if suspects else []
+        if metres > SURE:
+            found.append(f"the field in view is known to {metres:.1f} m only")
+        if not labelled and self.layout is not None and np.any(self.layout.free[PRINCIPAL_POINT]):
+            found.append("no line of it tells where its window is: static points hardly tell that from a turn")
+        is_misfit = self.layout is not None and is_contradicted(frames.misfit[t], self.layout.image_size)
+        if is_misfit and not paint_confirms(frames.markings.get(t, ())):  # paint has the last word
+            found.append(f"what the frames share brings its lines {frames.misfit[t]:.0f} px off")
+        for x, y, z in self.alternatives.tolist():
+            found.append(f"its camera may as well stand at ({x:.1f}, {y:.1f}, {z:.1f})")
+        if t in frames.doubts:
+            found.append(frames.doubts[t])
+        return tuple(found)
+
+    def _at(self, index: IntArray) -> SequenceCalibration:
+        return replace(self, frames=self.frames.at(index))
+
+    def interpolated(self, run: IntArray, longest: int) -> SequenceCalibration:
+        """Add cameras for up to `longest` frames in a row that have none, between frames of the same run that have.
+
+        Parameters
+        ----------
+        run : (T,) int array
+            Frames with the same number follow one another.
+        """
+        if self.layout is None:
+            return self
+        frames = interpolated(self.frames, run, longest, Considered(self.layout, self.considered), self.field)
+        return self if frames is self.frames else replace(self, frames=frames)
+
+    def with_notes(self, others: Mapping[str, str]) -> SequenceCalibration:
+        """Replace messages about frames, by a mapping from old to new ones."""
+        notes = {t: others.get(note, note) for t, note in self.frames.notes.items()}
+        return replace(self, frames=replace(self.frames, notes=notes))
+
+    def doubted(self, doubts: Mapping[int, str]) -> SequenceCalibration:
+        """Add evidence against the cameras of some frames."""
+        return replace(self, frames=replace(self.frames, doubts={**self.frames.doubts, **doubts}))
+
+    def seen_in_images(self, markings: Mapping[int, tuple[MarkingInView, ...]]) -> SequenceCalibration:
+        """Add what the images of frames show of their markings, as `Calibration.seen_in_image`."""
+        frames = self.frames
+        status, notes = frames.status.copy(), dict(frames.notes)
+        for t, seen in markings.items():
+            if self.accepted[t] and paint_contradicts(seen):
+                status[t] = IMPROBABLE
+                words = "; ".join([*paint_complaints(seen), *([notes[t]] if t in notes else [])])
+                notes[t] = f"most of the paint lies beside the markings: {words}"
+        return replace(self, frames=replace(frames, status=status, notes=notes, markings=markings))
+
+    @property
+    def crown(self) -> float:
+        """Root mean square height, metres, that the middle of the field may have above its touchlines.
+
+        The frames together tell it (`fieldcalib.assess.crown`); 0 where all such fields are level. Their cameras are
+        those of a level field.
+        """
+        if self.layout is None or not np.any(self.layout.is_crown):
+            return 0.0
+        return float(np.sqrt(self.considered[-1, -1]))  # it is the last parameter
+
+    @property
+    def covariance_if_level(self) -> Array:
+        """`covariance` if the field were known to be level (`fieldcalib.fields.crown`), (S, S)."""
+        if self.layout is None or not np.any(self.layout.is_crown):
+            return self.covariance
+        names = np.array(self.layout.names)[self.layout.considered].tolist()
+        index = [names.index(name) for name in self.names]
+        return Considered(self.layout, self.considered).if_level[np.ix_(index, index)]
+
+    @property
+    def accepted(self) -> BoolArray:
+        """Which frames have a camera that is accepted, (T,)."""
+        return np.asarray(self.frames.status == ACCEPTED)
+
+    @property
+    def usable(self) -> BoolArray:
+        """Which frames have a camera that fits, though it may be known too badly to be accepted, (T,)."""
+        fits = np.isin(self.frames.status, (ACCEPTED, IMPROBABLE))
+        return np.asarray(fits & self.frames.has_camera)
+
+    @property
+    def basis(self) -> list[Basis]:
+        """What the camera of each frame rests on."""
+        return [BASES[index] for index in self.frames.basis]
+
+    @property
+    def shared(self) -> Mapping[str, tuple[float, float]]:
+        """Estimate and standard deviation of each shared parameter, by name."""
+        sigma = np.sqrt(np.diagonal(self.covariance))
+        return {name: (float(v), float(s)) for name, v, s in zip(self.names, self.values, sigma, strict=True)}
+
+    def to_pandas(self) -> pandas.DataFrame:
+        """One row per frame: status, basis, angles in degrees, focal length in pixels, place and errors in metres.
+
+        Raises
+        ------
+        ImportError
+            Without pandas, ``pip install fieldcalib[pandas]``.
+        """
+        pandas = imported("pandas", "pandas", "to_pandas")
+        frames, T = self.frames, len(self)
+        theta = np.full((T, CENTER.stop), np.nan) if self.layout is None else self.layout.at_zoom(frames.theta)
+        angles, f, C = np.degrees(theta[:, ANGLES]), exp_of(theta, LOG_F), theta[:, CENTER]
+        numbers = np.column_stack([angles, f, C, frames.rms, frames.ground_error])
+        words = {"status": [str(STATUSES[one]) for one in frames.status], "basis": [str(one) for one in self.basis]}
+        return pandas.DataFrame({**words, **dict(zip(NUMBERS, numbers.T, strict=True))})
+
+    def to_dict(self) -> dict[str, Any]:
+        """Everything as JSON, for `json.dumps`."""
+        return {
+            "version": VERSION,
+            "frames": self.frames.to_dict(),
+            "names": list(self.names),
+            "values": to_json(self.values),
+            "covariance": to_json(self.covariance),
+            "field": None if self.field is None else field_to_record(self.field),
+            "together": self.together,
+            "layout": None if self.layout is None else layout_to_record(self.layout),
+            "considered": array_to_record(self.considered),
+            "alternatives": array_to_record(self.alternatives),
+        }
+
+    @classmethod
+    def from_dict(cls, record: Mapping[str, Any]) -> SequenceCalibration:
+        """Read what `to_dict` wrote.
+
+        Raises
+        ------
+        ValueError
+            If the record is of another version, a key is missing, or a value cannot be right.
+        """
+        return read_record(record, "a sequence", VERSION, cls._from_record)
+
+    @classmethod
+    def _from_record(cls, record: Mapping[str, Any]) -> SequenceCalibration:
+        return cls(
+            FrameTable.from_dict(record["frames"]),
+            tuple(record["names"]),
+            from_json(record["values"]),
+            from_json(record["covariance"]).reshape(2 * (len(record["names"]),)),
+            None if record["field"] is None else field_from_record(record["field"]),
+            record["together"],
+            None if record["layout"] is None else layout_from_record(record["layout"]),
+            array_from_record(record["considered"]),
+            array_from_record(record["alternatives"]),
+        )

@@ -1,0 +1,73 @@
+"""The prior of cameras as a term of the cost: quadratic, but for the lens, whose tails are heavy.
+
+Lenses are found that bend the corner by a quarter.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from fieldcalib._types import Array
+from fieldcalib.problem.layout import Layout
+from fieldcalib.problem.losses import RobustLoss
+from fieldcalib.problem.prior import GaussianPrior
+
+LENS_TAILS = RobustLoss("cauchy", 2.0)  # z-scores beyond two count less and less
+
+
+def prior_costs(squared: Array, layout: Layout) -> tuple[Array, Array]:
+    """Twice the cost of squared z-scores (..., P) of the free parameters, and its derivative by them."""
+    cost, slope = squared.copy(), np.ones_like(squared)
+    is_lens = layout.is_lens[layout.free]
+    cost[..., is_lens], slope[..., is_lens] = LENS_TAILS.evaluate(squared[..., is_lens])
+    return cost, slope
+
+
+@dataclass(frozen=True, eq=False)
+class PriorTerm:
+    """The prior of B frames at their cameras theta (B, n)."""
+
+    prior: GaussianPrior
+    layout: Layout
+    theta: Array
+
+    @cached_property
+    def sigma(self) -> Array:
+        """Standard deviations of the free parameters, (B, P)."""
+        return self.prior.sigma[:, self.layout.free]
+
+    @property
+    def effective_sigma(self) -> Array:
+        """Effective standard deviations of the prior after robust weighting, (B, P)."""
+        return np.asarray(self.sigma / np.sqrt(self._costs[1]))
+
+    @cached_property
+    def _z(self) -> Array:
+        return self.prior.z_scores(self.theta)[:, self.layout.free]
+
+    @cached_property
+    def _costs(self) -> tuple[Array, Array]:
+        return prior_costs(np.square(self._z), self.layout)
+
+    @cached_property
+    def cost(self) -> Array:
+        """(B,)"""
+        return np.asarray(0.5 * np.sum(self._costs[0], axis=1))
+
+    @property
+    def gradient(self) -> Array:
+        """(B, P)"""
+        return np.asarray(self._costs[1] * self._z / self.sigma)
+
+    @property
+    def hessian(self) -> Array:
+        """(B, P, P)"""
+        return np.asarray((self._costs[1] / np.square(self.sigma))[:, :, None] * np.eye(self.sigma.shape[1]))
+
+    @property
+    def coupling(self) -> None:
+        """Frames are independent."""
+        return None

@@ -1,0 +1,173 @@
+"""Frames of one camera that were solved together, and what they tell of what they share."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+
+import numpy as np
+
+from fieldcalib._types import Array, BoolArray, IntArray
+from fieldcalib.assess.crown import moment_of_crown
+from fieldcalib.assess.level import Considered
+from fieldcalib.assess.misfit import Misfit, misfit
+from fieldcalib.assess.noise import pooled_noise
+from fieldcalib.assess.shared import ReducedSystem
+from fieldcalib.problem.evaluation import Evaluation
+from fieldcalib.problem.layout import Layout, Role
+from fieldcalib.problem.levenberg_marquardt import levenberg_marquardt
+from fieldcalib.solve.joint_start import Start, joint_start
+from fieldcalib.solve.sequence_problem import SequenceProblem
+from fieldcalib.solve.tripod import KnownTripod, PixelNoise
+
+TELLS_SIZE = 0.4  # m: standard deviation of length or width; clips that show a penalty area and the middle reach 0.2
+
+
+@dataclass(frozen=True, eq=False)
+class JointSolution:
+    """B frames that were solved together."""
+
+    index: IntArray
+    """Numbers of the frames, (B,)."""
+    evaluation: Evaluation
+    considered: Considered
+    """What they share, and what is kept of the field's size, in a layout in which all that is considered."""
+    noise: PixelNoise
+    fixed_sizes: Mapping[str, float]
+    """Variances of length and width where these are not estimated."""
+    left_out: Mapping[int, float] = field(default_factory=dict)
+    """Frames whose labels contradict the others, and their misfit, pixels."""
+    alternatives: Array = field(default_factory=lambda: np.zeros((0, 3)))
+    """Other centres that explain the labels as well, (A, 3)."""
+
+    @property
+    def layout(self) -> Layout:
+        """Layout of their parameters."""
+        return self.evaluation.problem.layout
+
+    @cached_property
+    def misfit(self) -> Misfit:
+        """Misfit of their labels."""
+        return misfit(self.evaluation)
+
+    @property
+    def labelled(self) -> int:
+        """How many of them have labels that took part."""
+        return int(np.count_nonzero(np.any(self.evaluation.problem.observations.weight > 0.0, axis=1)))
+
+    @property
+    def covariance(self) -> Array:
+        """Covariance of what they share, (S, S)."""
+        return self.considered.covariance[self._shared]
+
+    @property
+    def covariance_if_level(self) -> Array:
+        """Covariance of what they share if the field were known to be level, (S, S)."""
+        return self.considered.if_level[self._shared]
+
+    @property
+    def _shared(self) -> tuple[IntArray, ...]:
+        is_shared = self.layout.roles[self.considered.layout.considered] == Role.SHARED
+        return np.ix_(is_shared, is_shared)
+
+    @property
+    def is_tied(self) -> BoolArray:
+        """Which of them are tied to others, (B,)."""
+        pairs = self.evaluation.problem.background
+        tied = np.zeros(len(self.index), dtype=bool)
+        if pairs is not None:
+            tied[pairs.first] = tied[pairs.second] = True
+        return tied
+
+    @property
+    def tied_cameras(self) -> dict[int, Array]:
+        """Parameters of the frames that are tied, by number."""
+        return {int(self.index[k]): self.evaluation.theta[k] for k in np.flatnonzero(self.is_tied)}
+
+    def tripod(self, problem: SequenceProblem) -> KnownTripod:
+        """What the frames share as known, with its covariance, to calibrate other frames with."""
+        layout, theta = self.considered.layout, self.evaluation.theta[0]
+        object_segments, pitch, size = problem.object_segments, problem.options.field, layout.field_size
+        if size is not None and pitch is not None:
+            length, width = theta[layout.field_size_block].tolist()
+            object_segments = replace(pitch.resized(length, width), size_known=True)
+            layout = replace(layout, field_size=size._replace(given=np.array([length, width])))
+        options = replace(
+            problem.options,
+            layout=layout,
+            known=np.where(layout.roles == Role.FRAME, np.nan, theta),
+            object_segments=object_segments,
+            considered=self.considered.covariance,
+        )
+        return KnownTripod(options, self.noise)
+
+
+def solved_together(problem: SequenceProblem, start: Start, fixed_sizes: Mapping[str, float]) -> JointSolution:
+    """Solve frames together, without length or width where these are fixed at an uncertain value."""
+    options = problem.options
+    index, evaluation = joint_start(problem, start, fixed_sizes)
+    solved = levenberg_marquardt(
+        evaluation, max_iterations=options.max_iterations, tolerance=options.tolerance
+    ).evaluation
+    sigma, kappa = pooled_noise(solved)
+    considered = _considered(problem, ReducedSystem.of(solved, sigma, kappa), solved.problem.layout, fixed_sizes)
+    return JointSolution(index, solved, considered, PixelNoise(float(sigma[0]), float(kappa[0])), fixed_sizes)
+
+
+def solved_with_known_sizes(problem: SequenceProblem, start: Start) -> JointSolution:
+    """Solve frames together, without length or width where the frames hardly tell it."""
+    found = solved_together(problem, start, problem.fixed_sizes)
+    hardly_told = _hardly_told(found)
+    return solved_together(problem, start, {**problem.fixed_sizes, **hardly_told}) if hardly_told else found
+
+
+def _considered(
+    problem: SequenceProblem, system: ReducedSystem, layout: Layout, fixed_sizes: Mapping[str, float]
+) -> Considered:
+    """Joint covariance of what frames share and of what is kept of the field, whose errors the former follow."""
+    both = layout.with_roles_of(layout.roles == Role.SHARED, Role.CONSIDERED)
+    roles = layout.roles[both.considered]
+    s, c = np.flatnonzero(roles == Role.SHARED), np.flatnonzero(roles == Role.CONSIDERED)
+    alone = system.take(s)
+    kept = _kept_covariance(problem, layout, fixed_sizes)
+    if np.any(layout.is_crown):
+        assert layout.field_size is not None
+        assert layout.field_size.crown is not None
+        kept[-1, -1] = moment_of_crown(system.take(np.append(s, len(roles) - 1)), layout.field_size.crown)
+    by_kept = -alone.inverse @ system.hessian[np.ix_(s, c)]
+    covariance = np.zeros((len(roles), len(roles)))
+    covariance[np.ix_(s, s)] = alone.covariance + by_kept @ kept @ by_kept.T
+    covariance[np.ix_(s, c)] = by_kept @ kept
+    covariance[np.ix_(c, s)] = covariance[np.ix_(s, c)].T
+    covariance[np.ix_(c, c)] = kept
+    return Considered(both, covariance)
+
+
+def _kept_covariance(problem: SequenceProblem, layout: Layout, fixed_sizes: Mapping[str, float]) -> Array:
+    """Covariance (c, c) of what is kept of the field: as the frames tell its size, or as it is known a priori."""
+    index = np.flatnonzero(layout.considered)
+    if not len(index):
+        return np.zeros((0, 0))
+    assert problem.options.layout.field_size is not None
+    probability, sigma = problem.options.layout.field_size.possibilities_with_crown
+    known = probability @ np.square(sigma[:, index - layout.field_size_block.start])
+    return np.diag(np.minimum(known, [fixed_sizes.get(layout.names[k], np.inf) for k in index]))
+
+
+def _hardly_told(joint: JointSolution) -> dict[str, float]:
+    """Which of length and width the frames hardly tell: estimated, it would absorb errors of lens and zoom.
+
+    With it comes the mean square distance from what is given, as the frames tell it.
+    """
+    layout, theta = joint.layout, joint.evaluation.theta[0]
+    if layout.field_size is None:
+        return {}
+    sigma = np.full(layout.size, np.inf)
+    sigma[layout.roles == Role.SHARED] = np.sqrt(np.diagonal(joint.covariance_if_level))
+    block = range(layout.size)[layout.field_size_block]
+    return {
+        layout.names[k]: float(sigma[k] ** 2 + (theta[k] - given) ** 2)
+        for k, given in zip(block, layout.field_size.given, strict=True)
+        if layout.free[k] and sigma[k] > TELLS_SIZE
+    }

@@ -1,0 +1,150 @@
+"""Cameras of frames of one sequence, as the start of a joint solution."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import NamedTuple
+
+import numpy as np
+
+from fieldcalib._types import Array, BoolArray, IntArray
+from fieldcalib.assess.result import Calibration
+from fieldcalib.problem.evaluation import Evaluation, Problem
+from fieldcalib.problem.layout import CENTER, LOG_F, Layout, Role
+from fieldcalib.problem.observations import pack
+from fieldcalib.problem.prior import gaussian_priors
+from fieldcalib.problem.smooth_path import SmoothPath
+from fieldcalib.solve.centres import ACCELERATION
+from fieldcalib.solve.initial_cameras import given_cameras
+from fieldcalib.solve.joint_layout import joint_layout
+from fieldcalib.solve.joint_problem import joint_evaluation, labels_of
+from fieldcalib.solve.sequence_problem import SequenceProblem
+from fieldcalib.solve.ties import with_tied
+from fieldcalib.solve.tripod import Labels
+
+
+class Start(NamedTuple):
+    """Cameras of some frames, from which they are solved together."""
+
+    layout: Layout
+    theta: Mapping[int, Array]
+    """Parameters (n,), by frame."""
+    labels: Mapping[int, Labels]
+    """Labels of some of these frames."""
+
+    @classmethod
+    def of(cls, found: Mapping[int, Calibration]) -> Start | None:
+        """Start from frames that were calibrated by themselves; None without any."""
+        parts = {t: c.solved.alone.evaluation for t, c in found.items() if c.solved is not None}
+        if not parts:
+            return None
+        layout = next(iter(parts.values())).problem.layout
+        theta = {t: part.theta[0] for t, part in parts.items()}
+        return cls(layout, theta, {t: labels_of(part) for t, part in parts.items()})
+
+    def moved(self, centre: Array, size: tuple[float, float]) -> Start:
+        """Start from another centre (3,), with a field whose length and width are so much larger."""
+        theta, model = {t: one.copy() for t, one in self.theta.items()}, self.layout.field_size
+        for one in theta.values():
+            one[CENTER] = centre
+            if model is not None:
+                block = self.layout.field_size_block
+                one[block] = np.clip(one[block] + size, *model.limits)
+        return self._replace(theta=theta)
+
+    @property
+    def frames(self) -> IntArray:
+        """Numbers of the frames, ascending."""
+        return np.array(sorted(self.theta), dtype=np.intp)
+
+    @property
+    def reference(self) -> float:
+        """log f at which a zoom law begins: the one of the layout, or the median."""
+        law = self.layout.zoom_law
+        return law.reference if law is not None else float(np.median([one[LOG_F] for one in self.theta.values()]))
+
+    def in_layout(self, layout: Layout, count: int) -> Array:
+        """Cameras (count, n) of all frames in a joint layout; what frames share is the median of those that start."""
+        index, old = self.frames, {name: k for k, name in enumerate(self.layout.names)}
+        theirs = np.array([self.theta[t] for t in index.tolist()])
+        theta = np.zeros((count, layout.size))
+        for column, name in enumerate(layout.names):
+            if name in old:
+                theta[index, column] = theirs[:, old[name]]
+        same = layout.roles != Role.FRAME
+        theta[:, same] = np.median(theta[np.ix_(index, same)], axis=0)
+        return theta
+
+
+class JointStart(NamedTuple):
+    """Frames at the start of a joint solution."""
+
+    frames: IntArray
+    """Their numbers, (B,)."""
+    evaluation: Evaluation
+
+
+def joint_start(
+    problem: SequenceProblem,
+    start: Start,
+    fixed_sizes: Mapping[str, float],
+    *,
+    among: IntArray | None = None,
+    agreeing: bool = True,
+) -> JointStart:
+    """Set up the joint problem of frames that have a camera, or are tied to one that has.
+
+    Parameters
+    ----------
+    fixed_sizes : mapping of str to float
+        As for `joint_layout`.
+    among : int array, optional
+        Numbers of the frames that may be in it where frames are tied; by default those of the problem.
+    agreeing : bool
+        Whether labels count only of frames whose cameras the ties do not contradict.
+    """
+    options, ties = problem.options, problem.ties
+    layout = joint_layout(problem, start.reference, fixed_sizes)
+    theta, index, labels = start.in_layout(layout, len(problem)), start.frames, start.labels
+    if len(ties):
+        some = problem.solved_together if among is None else among
+        known = np.zeros(len(problem), dtype=bool)
+        known[index] = True
+        each = layout.with_roles_of(layout.roles == Role.SHARED, Role.CONSIDERED)
+        theta, known, right = _without_contradicted(problem, theta, known, some, each)
+        index = some[known[some]]
+        if agreeing:
+            labels = {t: one for t, one in labels.items() if right[t]}
+    theta = theta[index]
+    stands = gaussian_priors(options.distributions, layout)
+    like = Problem(
+        pack(problem.object_segments, [], layout.image_size),
+        layout,
+        options.loss,
+        options.noise,
+        given_cameras(theta, stands).prior if options.use_prior else None,
+        paint=options.paint,
+        scale=options.scale,
+        background=ties.among(index),
+        path=SmoothPath(index, ACCELERATION) if problem.moves else None,
+    )
+    once = (layout.roles == Role.SHARED) | layout.is_centre
+    frames = [labels.get(t, ({}, {})) for t in index.tolist()]
+    return JointStart(index, joint_evaluation(like, problem.object_segments, frames, theta, once))
+
+
+def _without_contradicted(
+    problem: SequenceProblem, theta: Array, known: BoolArray, some: IntArray, layout: Layout
+) -> tuple[Array, BoolArray, BoolArray]:
+    """Cameras (T, n) of known frames (T,) and of some that are tied to them, and which of the known ones are right.
+
+    Ties to other known frames, or to frames that these tie, reveal a wrong camera.
+    """
+    right = problem.ties.agreeing(theta, known, layout)
+    while True:
+        scale = problem.options.scale
+        tied, reached = with_tied(problem.object_segments, problem.ties, theta, right, some, layout, scale)
+        contradicted = right & ~problem.ties.agreeing(tied, reached, layout)
+        if not np.any(contradicted):
+            return tied, reached, right
+        right = right & ~contradicted

@@ -1,0 +1,167 @@
+"""All frames of a sequence, from those that were solved together: the others follow, each by itself."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from fieldcalib._types import Array, BoolArray, IntArray
+from fieldcalib.assess.frame_table import LARGEST_ERROR, FrameTable
+from fieldcalib.assess.own_errors import OwnErrors
+from fieldcalib.assess.result import Calibration, Status
+from fieldcalib.assess.sequence_calibration import SequenceCalibration
+from fieldcalib.problem.background import BackgroundEvaluation, BackgroundPairs
+from fieldcalib.solve.batch import CHUNK
+from fieldcalib.solve.centres import KnownCentres, expected_centres, near_path
+from fieldcalib.solve.frame_rows import SolvedFrames, solved_rows, table_without_cameras, without_camera
+from fieldcalib.solve.joint_solution import JointSolution
+from fieldcalib.solve.sequence_problem import SequenceProblem
+from fieldcalib.solve.ties import contradicted, with_tied
+from fieldcalib.solve.tripod import KnownTripod
+
+OFF_PATH = "its centre is not where the frames around it let it be"
+
+
+@dataclass(frozen=True, eq=False)
+class InitialFrames:
+    """What is known of T frames before they are solved."""
+
+    theta: Array
+    """Initial cameras, (T, n)."""
+    known: BoolArray
+    """Which frames have one, (T,)."""
+    alone: Mapping[int, Calibration]
+    """Calibrations of labelled frames by themselves."""
+
+
+def with_remaining_frames(
+    problem: SequenceProblem, joint: JointSolution, tripod: KnownTripod, before: SequenceCalibration | None = None
+) -> FrameTable:
+    """The table of all frames, from what those that were solved together tell of the tripod.
+
+    Frames that are tied start from their cameras of `before`, if they had any.
+    """
+    table = table_without_cameras(tripod, len(problem))
+    done = np.zeros(len(problem), dtype=bool)
+    if problem.is_linked:
+        table = table.replaced(joint.index, solved_rows(tripod, _each(joint, tripod), largest_error=LARGEST_ERROR))
+        done[joint.index] = True
+    initial = _initial_frames(problem, tripod, table, done, before)
+    if problem.moves:
+        initial = _on_path(initial, KnownCentres.of(table, done, tripod.considered))
+    unlinked = {t: c for t, c in initial.alone.items() if not initial.known[t]}
+    # where nothing links the frames, one that is accepted by itself needs no more
+    table = with_frames_alone(table, tripod, unlinked, LARGEST_ERROR if problem.is_linked else np.inf)
+    while len(layer := _next(problem, done, initial.known)):
+        for part in np.array_split(layer, -(-len(layer) // CHUNK)):
+            table = table.replaced(part, _followed(problem, tripod, table, done, initial, part))
+        done = done | np.isin(np.arange(len(done)), layer)
+    excess = dict(zip(joint.index.tolist(), joint.misfit.excess.tolist(), strict=True))
+    return table.with_misfit({**excess, **joint.left_out})
+
+
+def _each(joint: JointSolution, tripod: KnownTripod) -> SolvedFrames:
+    """The frames that were solved together, each as its own problem with its own errors."""
+    linked = joint.evaluation.of(replace(joint.evaluation.problem, layout=tripod.options.layout, group=None))
+    each = linked.of(replace(linked.problem, background=None, path=None))
+    return SolvedFrames(each, tripod.errors(linked), joint.is_tied)
+
+
+def _initial_frames(
+    problem: SequenceProblem,
+    tripod: KnownTripod,
+    table: FrameTable,
+    done: BoolArray,
+    before: SequenceCalibration | None,
+) -> InitialFrames:
+    """Cameras of frames that are tied to those that are done, and of labelled ones by themselves."""
+    theta, known = table.theta.copy(), done.copy()
+    options = tripod.options
+    if problem.is_linked:
+        if before is not None:
+            again = before.usable & ~done & problem.ties.some_tie
+            theta[again] = np.where(options.layout.free, before.frames.theta[again], options.known)
+            known |= again
+        every = np.arange(len(known))
+        theta, known = with_tied(
+            options.object_segments, problem.ties, theta, known, every, options.layout, options.scale
+        )
+    untied, tied = np.flatnonzero(~known), np.flatnonzero(known & ~done)
+    alone = problem.calibrate_alone(untied, options)
+    if not problem.options.trust_labels:
+        alone |= problem.calibrate_alone(tied, options, {t: theta[t] for t in tied.tolist()})
+    return InitialFrames(theta, known, alone)
+
+
+def _on_path(initial: InitialFrames, known_centres: KnownCentres) -> InitialFrames:
+    """The frames with cameras by themselves where these are on the path of the camera; others have none."""
+    accepted = {t: c for t, c in initial.alone.items() if c.accepted and not initial.known[t]}
+    near = near_path(accepted, known_centres)
+    off_path = Calibration.without_camera(Status.IMPROBABLE, OFF_PATH)
+    theta, known = initial.theta.copy(), initial.known.copy()
+    for t, calibration in near.items():
+        assert calibration.solved is not None
+        theta[t], known[t] = calibration.solved.alone.evaluation.theta[0], True
+    return InitialFrames(theta, known, {**initial.alone, **dict.fromkeys(accepted.keys() - near.keys(), off_path)})
+
+
+def with_frames_alone(
+    table: FrameTable, tripod: KnownTripod, alone: Mapping[int, Calibration], largest_error: float
+) -> FrameTable:
+    """The table with frames that nothing ties, as they were calibrated by themselves."""
+    table = without_camera(table, {t: c for t, c in alone.items() if c.solved is None})
+    parts: dict[int, list[int]] = {}  # those that were solved at once
+    for t, calibration in alone.items():
+        if calibration.solved is not None:
+            parts.setdefault(id(calibration.solved.evaluation), []).append(t)
+    for members in parts.values():
+        solved = [one for t in members if (one := alone[t].solved) is not None]
+        evaluation = solved[0].evaluation.take(np.array([one.frame for one in solved]))
+        untied = SolvedFrames(evaluation, tripod.errors(evaluation), np.zeros(len(members), dtype=bool))
+        rows = solved_rows(tripod, untied, {k: alone[t] for k, t in enumerate(members)}, largest_error)
+        table = table.replaced(np.array(members), rows)
+    return table
+
+
+def _next(problem: SequenceProblem, done: BoolArray, known: BoolArray) -> IntArray:
+    """Frames that follow from those that are done: tied ones, and then those that are on the path only."""
+    tied = problem.ties.reached(done, ~known)
+    return tied if len(tied) or not problem.moves else np.flatnonzero(known & ~done)
+
+
+def _followed(
+    problem: SequenceProblem,
+    tripod: KnownTripod,
+    table: FrameTable,
+    done: BoolArray,
+    initial: InitialFrames,
+    part: IntArray,
+) -> FrameTable:
+    """Rows of frames `part` (B,), solved from their labels and from the frames that are done."""
+    pairs, first = problem.ties.towards(part, table.theta, done)
+    wrong = _contradicted(part, pairs, initial.alone)
+    alone = {k: one for k, t in enumerate(part.tolist()) if (one := initial.alone.get(t)) and t not in wrong}
+    labels = [problem.labels(t, alone.get(k)) for k, t in enumerate(part.tolist())]
+    theta = initial.theta[part]
+    prior = tripod.prior(theta)
+    if problem.moves:
+        centres = expected_centres(KnownCentres.of(table, done, tripod.considered), part)
+        prior = centres.of_prior(prior, theta.shape[1])
+    solved = tripod.solved(theta, labels, pairs, prior)
+    errors = tripod.errors(solved, OwnErrors(table.own[first], table.following[first]))
+    is_tied = np.isin(np.arange(len(part)), pairs.second)
+    return solved_rows(tripod, SolvedFrames(solved, errors, is_tied), alone, LARGEST_ERROR)
+
+
+def _contradicted(index: IntArray, pairs: BackgroundPairs, alone: Mapping[int, Calibration]) -> set[int]:
+    """Which of some frames have a camera by themselves that most of their ties contradict."""
+    solved = {k: one for k, t in enumerate(index.tolist()) if t in alone and (one := alone[t].solved) is not None}
+    if not solved:
+        return set()
+    number, first = np.array(list(solved)), next(iter(solved.values()))
+    theta = np.concatenate([one.alone.evaluation.theta for one in solved.values()])
+    layout = first.evaluation.problem.layout
+    wrong = contradicted(BackgroundEvaluation(pairs.take(number), layout, theta))
+    return set(index[number][wrong].tolist())

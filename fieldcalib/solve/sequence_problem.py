@@ -1,0 +1,136 @@
+"""Frames of one camera that are to be calibrated together: checked arguments, and how they are used."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+
+from fieldcalib._types import Array, IntArray
+from fieldcalib.assess.result import Calibration
+from fieldcalib.fields.segments import ObjectSegments
+from fieldcalib.problem.labelled_pixels import ImageSegments, Pixels, PixelWeights, Weights
+from fieldcalib.problem.layout import CENTER, FIELD_SIZE
+from fieldcalib.solve.batch import calibrate_frames, checked_frames
+from fieldcalib.solve.joint_problem import labels_of
+from fieldcalib.solve.options import CalibrationFlags, Options, default_flags
+from fieldcalib.solve.task import Task
+from fieldcalib.solve.ties import Matched, Ties
+from fieldcalib.solve.tripod import Labels
+
+SIZE = "field size"
+SHARED = ("centre", "principal point", "lens", "zoom law", SIZE)
+SHARED_IN_MOTION = SHARED[1:]  # by the frames of a camera that moves
+MOST_TOGETHER = 400  # frames that are solved together,
+MOST_TIED_TOGETHER = 100  # and that if matches tie them: these make one system of all of them
+
+
+@dataclass(frozen=True, eq=False)
+class SequenceProblem:
+    """T frames of one camera, with what ties them and what they share."""
+
+    pixels: Sequence[Pixels]
+    """Labelled pixels of each frame; empty where there are none."""
+    weights: Sequence[PixelWeights | None]
+    ties: Ties
+    options: Options
+    shared: tuple[str, ...]
+    """Names of what the frames share, of `SHARED`."""
+
+    @classmethod
+    def of(
+        cls,
+        task: Task,
+        frames: Iterable[ImageSegments],
+        image_size: tuple[int, int],
+        shared: Sequence[str],
+        *,
+        weights: Iterable[Weights] | None = None,
+        matches: Matched | None = None,
+    ) -> SequenceProblem:
+        """Check the arguments of `calibrate_sequence`; a ValueError says what is wrong."""
+        if isinstance(shared, str):
+            raise ValueError(
+                f"shared must be a sequence of names, got the name {shared!r}: did you mean ({shared!r},)?"
+            )
+        unknown = set(shared) - set(SHARED)
+        if unknown:
+            raise ValueError(f"frames cannot share {sorted(unknown)}: expected some of {', '.join(SHARED)}")
+        if task.flags is None:
+            task = replace(task, flags=default_flags(task.prior) & ~CalibrationFlags.CALIB_FIX_K2)
+        options = task.options(image_size)
+        pixels, pixel_weights = checked_frames(task.object_segments, frames, weights, options.image_size)
+        ties = Ties.of(task.object_segments, matches or {}, len(pixels), options.image_size)
+        return cls(pixels, pixel_weights, ties, options, tuple(shared))
+
+    @property
+    def object_segments(self) -> ObjectSegments:
+        """The calibration object."""
+        return self.options.object_segments
+
+    def __len__(self) -> int:
+        return len(self.pixels)
+
+    @property
+    def moves(self) -> bool:
+        """Whether the camera moves, on a smooth path."""
+        return "centre" not in self.shared
+
+    @property
+    def finds_centre(self) -> bool:
+        """Whether the frames share a centre that is estimated."""
+        return not self.moves and bool(np.any(self.options.layout.free[CENTER]))
+
+    @property
+    def is_linked(self) -> bool:
+        """Whether frames depend on one another beside what they share: by matches, or on one path."""
+        return self.moves or len(self.ties) > 0
+
+    @property
+    def fixed_sizes(self) -> dict[str, float]:
+        """Variances of length and width where these are not estimated: infinite, as they are only known a priori."""
+        is_estimated = SIZE in self.shared or self.options.layout.field_size is None
+        return {} if is_estimated else dict.fromkeys(FIELD_SIZE, np.inf)
+
+    @cached_property
+    def solved_together(self) -> IntArray:
+        """Numbers of the frames that are solved together: those that others are tied to, and labelled ones."""
+        most = MOST_TIED_TOGETHER if self.is_linked else MOST_TOGETHER
+        hubs = np.unique(self.ties.first)
+        hubs = hubs[np.linspace(0, len(hubs), min(len(hubs), MOST_TOGETHER), endpoint=False, dtype=int)]
+        return np.union1d(hubs, self.spread(most - len(hubs))) if len(hubs) < most else hubs
+
+    def spread(self, count: int) -> IntArray:
+        """Up to `count` labelled frames, evenly spread, each the one with most labels of its part of the sequence."""
+        labels = np.array([len(frame) for frame in self.pixels], dtype=np.intp)
+        parts = np.array_split(np.arange(len(labels)), min(count, max(len(labels), 1)))
+        best = [part[np.argmax(labels[part])] for part in parts if len(part)]
+        return np.array([t for t in best if labels[t]], dtype=np.intp)
+
+    def calibrate_alone(
+        self, index: IntArray, options: Options, given: Mapping[int, Array] | None = None
+    ) -> dict[int, Calibration]:
+        """Calibrate labelled frames by themselves, from given cameras or, where there is none, from anywhere."""
+        found: dict[int, Calibration] = {}
+        given = given or {}
+        labelled = [int(t) for t in index if self.pixels[t]]
+        for members in ([t for t in labelled if t in given], [t for t in labelled if t not in given]):
+            if not members:
+                continue
+            calibrations = calibrate_frames(
+                [self.pixels[t] for t in members],
+                [self.weights[t] for t in members],
+                options,
+                given=np.array([given[t] for t in members]) if members[0] in given else None,
+            )
+            found |= dict(zip(members, calibrations, strict=True))
+        return found
+
+    def labels(self, t: int, alone: Calibration | None = None) -> Labels:
+        """Labels and weights that the fit of frame t by itself accepted, or all of them if labels are trusted."""
+        if not self.options.trust_labels:
+            return labels_of(alone.solved.alone.evaluation) if alone and alone.accepted and alone.solved else ({}, {})
+        pixels, weights = self.pixels[t], self.weights[t]
+        return pixels, {label: np.full(len(xy), 1.0 / len(xy)) for label, xy in pixels.items()} | (weights or {})
