@@ -29,8 +29,9 @@ class Ended:
 
     code: int
     out: str
-    """Its output."""
+    """Text for stdout."""
     err: str
+    """Text for stderr."""
 
 
 def run_several(requests: Sequence[RunRequest], run: RunFunction) -> int:

@@ -34,7 +34,7 @@ class ClipOptions:
     flags: int = DEFAULT_FLAGS
     prior: Prior = ALL
     shared: tuple[str, ...] = SHARED
-    """What the frames share, as in `calibrate_sequence`."""
+    """Names of the parameters that frames share, as in `calibrate_sequence`."""
     given: GivenCamera = NOTHING_GIVEN
 
     def check(self, network: Network | None) -> None:

@@ -87,7 +87,7 @@ class LiveShot:
         )
 
     def problem(self, options: ClipOptions, image_size: tuple[int, int], new: int) -> ShotProblem:
-        """What is to be solved when a new keyframe has come."""
+        """The problem to be solved when a new keyframe has come."""
         keys = sorted(self.labels)[-MOST_KEYS:]
         return ShotProblem(
             ClipProblem(

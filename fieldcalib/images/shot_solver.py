@@ -88,7 +88,7 @@ class ShotProblem:
 
 
 class ShotSolution(NamedTuple):
-    """What was found out about a shot."""
+    """The result of solving the keyframes of a shot."""
 
     labels: Labels | None
     """Labels of the new keyframe; None if they stay as they were."""

@@ -241,7 +241,7 @@ class ExportedImage(NamedTuple):
     """Content of a file of another tool for one image."""
 
     image: str
-    """Its name or path."""
+    """Name or path of the image."""
     size: tuple[int, int]
     """Width and height (px)."""
     shapes: list[tuple[str, list[list[float]]]]

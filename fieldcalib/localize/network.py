@@ -31,7 +31,7 @@ HALVED = 4  # times the network's input: larger images are halved first, which c
 
 @dataclass(frozen=True)
 class NetworkSource:
-    """What a network is loaded from, and how."""
+    """File, provider and threads of a network."""
 
     model: Path | None
     """The ONNX file; None for the one that comes with the package."""

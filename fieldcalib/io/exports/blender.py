@@ -102,7 +102,7 @@ def blender_files(frames: Frames, fps: float = 25.0, sensor_width: float = 36.0)
     Raises
     ------
     ValueError
-        If no frame has a camera, or cameras differ in the size of the image or in fy / fx: a scene has one of each.
+        If no frame has a camera, or cameras differ in the size of the image or in fy / fx, which a scene has once.
     """
     cameras = with_cameras(frames)
     first_id, first = next(iter(cameras.items()))
@@ -138,7 +138,7 @@ def blender_files(frames: Frames, fps: float = 25.0, sensor_width: float = 36.0)
 
 
 def blender_error(camera: Camera) -> float:
-    """By how many pixels at most a point of the image moves without the lens: Blender's camera has none."""
+    """Largest shift in pixels of a point of the image without the lens, which Blender's camera does not have."""
     return farthest_shift(camera, camera.K)
 
 

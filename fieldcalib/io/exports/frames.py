@@ -77,7 +77,7 @@ def lens_coefficients(id: str, camera: Camera, names: Sequence[str], tool: str) 
 
 
 def farthest_shift(camera: Camera, K: Array) -> float:
-    """By how many pixels at most a point of the image moves if intrinsics K without a lens take the camera's place.
+    """Largest shift in pixels of a point of the image when a camera is replaced by intrinsics K without a lens.
 
     Examples
     --------

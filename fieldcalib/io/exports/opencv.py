@@ -25,7 +25,7 @@ YAML = getattr(cv2, "FILE_STORAGE_FORMAT_YAML_1_0", cv2.FILE_STORAGE_FORMAT_YAML
 
 @dataclass(frozen=True, eq=False)
 class OpenCVCalibration:
-    """What a calibration file of OpenCV says; None where it says nothing."""
+    """Content of a calibration file of OpenCV; missing values are None."""
 
     camera_matrix: Array
     """(3, 3), pixels."""
@@ -88,7 +88,7 @@ def read_opencv(path: str | os.PathLike[str]) -> OpenCVCalibration:
     Raises
     ------
     BrokenFileError
-        If it cannot be read or is none; the message begins with the path.
+        If it cannot be read or is no such file; the message begins with the path.
 
     Examples
     --------
@@ -108,7 +108,7 @@ def read_opencv(path: str | os.PathLike[str]) -> OpenCVCalibration:
 
 
 def parse_opencv(content: bytes | str) -> OpenCVCalibration:
-    """What a calibration file of OpenCV says; it may be YAML, XML or JSON.
+    """Parse a calibration file of OpenCV in YAML, XML or JSON.
 
     Raises
     ------

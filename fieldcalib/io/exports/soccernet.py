@@ -36,7 +36,7 @@ def tvcalib_files(frames: Frames, about: Mapping[str, Mapping[str, Any]] | None 
     ----------
     frames : mapping of str to Camera or None
     about : mapping of str to mapping, optional
-        The line of every frame's result, by id: its ``loss_ndc`` is what TVCalib's evaluation compares with tau.
+        The line of every frame's result, by id: TVCalib's evaluation compares its ``loss_ndc`` with tau.
 
     Raises
     ------
@@ -53,7 +53,7 @@ def tvcalib_files(frames: Frames, about: Mapping[str, Mapping[str, Any]] | None 
 
 
 def _loss(line: Mapping[str, Any]) -> float | None:
-    """Of the line of a frame, where infinity is a text."""
+    """The NDC loss in the line of a frame; None if it is missing or infinite."""
     loss = line.get("loss_ndc")
     return loss if isinstance(loss, float) else None
 
@@ -69,7 +69,7 @@ def gamestate_files(frames: Frames, sequence: str = "") -> dict[str, bytes]:
     frames : mapping of str to Camera or None
         Ids are those of the files in ``img1``, or whole ids of images where no sequence is given.
     sequence : str
-        What ids of images begin with: the digit of the split and the number of the video, as 3116.
+        Prefix of image ids: the digit of the split and the number of the video, as 3116.
 
     Raises
     ------

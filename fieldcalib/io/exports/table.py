@@ -25,7 +25,7 @@ ABOUT = ("status", "verdict", "basis", "rms_px", "probability_right_1m")  # of t
 def table_files(frames: Frames, about: Mapping[str, Mapping[str, Any]] | None = None) -> dict[str, bytes]:
     """``cameras.csv``: id, what is known about the frame (`ABOUT`), and the camera (`CAMERA_COLUMNS`).
 
-    Axes are those of this package. What a frame does not have is empty.
+    Axes are those of this package. Missing values are empty.
 
     Parameters
     ----------
