@@ -30,7 +30,7 @@ from fieldcalib.images.from_images import calibrate_from_images
 from fieldcalib.images.from_video import Mount
 from fieldcalib.io.files import FrameFile
 from fieldcalib.io.formats import CAMERAS, OVERLAYS, VIDEOS
-from fieldcalib.io.image import Image
+from fieldcalib.io.image import Image, size_of
 from fieldcalib.io.images import IMAGES_AT_ONCE, in_parts
 from fieldcalib.io.line_log import whole_lines
 from fieldcalib.io.results import LINES
@@ -44,7 +44,7 @@ from fieldcalib.run_folder.units import UnitResult, joined, work
 from fieldcalib.solve.field_size import shared_size
 
 SAMPLE = 40  # images of one field from which its size is estimated
-ROUNDS = 2  # of calibrating them, and estimating it
+ROUNDS = 2  # of calibrating these images and estimating the size
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -229,7 +229,7 @@ class ImageCalibrator:
     def _calibrate(self, field: Field, images: Sequence[Image]) -> list[Calibration]:
         by_size: dict[tuple[int, int], list[int]] = {}
         for index, image in enumerate(images):  # known intrinsics are of one size, nothing else depends on it
-            size = (image.shape[1], image.shape[0]) if self.options.known.intrinsics is not None else (0, 0)
+            size = size_of(image) if self.options.known.intrinsics is not None else (0, 0)
             by_size.setdefault(size, []).append(index)
         found: dict[int, Calibration] = {}
         for size, members in by_size.items():

@@ -9,7 +9,7 @@ from typing import Protocol, TypeAlias
 
 from fieldcalib._types import Float32
 from fieldcalib.fields.segments import ObjectSegments
-from fieldcalib.io.image import Image, each_checked
+from fieldcalib.io.image import Image, each_checked, size_of
 from fieldcalib.io.images import IMAGES_AT_ONCE, in_parts
 from fieldcalib.localize.grid import Localization
 from fieldcalib.localize.ridges import ridge_points
@@ -31,7 +31,7 @@ class Network(Protocol):
 
 
 def check_network(network: object) -> None:
-    """Raise a ValueError if that is no `Network`."""
+    """Raise a ValueError if an object is no `Network`."""
     if isinstance(network, type) or not callable(network) or not hasattr(network, "classes"):
         raise ValueError(f"expected a network, as SegmentationNetwork.load(path) returns it, got {network!r}")
 
@@ -93,6 +93,6 @@ def _localized(
 ) -> list[Localization]:
     """Labelled pixels of the images that the network gets in one call."""
     return [
-        select(probability, network.classes, object_segments, (image.shape[1], image.shape[0]))
+        select(probability, network.classes, object_segments, size_of(image))
         for image, probability in zip(images, network(images), strict=True)
     ]

@@ -26,7 +26,7 @@ from fieldcalib.localize.description import NetworkDescription
 
 CPU = "CPUExecutionProvider"
 SHIPPED = files("fieldcalib") / "models" / "soccer.onnx"
-HALVED = 4  # times the network's input, from which on an image is halved first: grey values change by 0.2 in the mean
+HALVED = 4  # times the network's input: larger images are halved first, which changes grey values by 0.2 in the mean
 
 
 @dataclass(frozen=True)
@@ -234,7 +234,7 @@ def _session(path: Path, provider: str, threads: int) -> Any:
     options.log_severity_level = 3  # errors
     try:
         session = onnxruntime.InferenceSession(str(path), options, providers=[provider])
-    except Exception as error:  # as above
+    except Exception as error:  # onnxruntime's errors have no common base class
         raise BrokenFileError(f"{path}: onnxruntime cannot load it: {error}") from error
     if provider not in session.get_providers():
         raise ValueError(f"{provider!r} does not start: are its driver and libraries installed?")

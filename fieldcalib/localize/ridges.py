@@ -28,7 +28,7 @@ LEAST_BLOB_SHARE = 0.2  # of the mass of the heaviest blob of a class: lighter b
 LARGEST_GAP = 0.5  # between pieces of a segment, as a share of the length found so far
 RULER_FITS = 2  # the second one is reweighted by the distances from the first
 HALF_WEIGHT_DISTANCE = 3.0  # px from the ruler at which the weight is halved: a band is a few px wide
-# px from the ruler, and of the length of the segment (sag of a distorted line): pixels beyond belong to other objects
+# px from the ruler, plus a share of the segment's length (sag of a distorted line): pixels beyond are of other objects
 LARGEST_DISTANCE, LARGEST_SAG = 4.0, 0.03
 END_MARGIN = 1.5  # px cut off at either end of a segment: there the band is round or merges with another segment
 SHORTEST_SLICE = 2.5  # px: the errors of neighbouring pixels of a network are correlated
@@ -107,7 +107,7 @@ class _Bands:
     member: IntArray
     """Index of the band of each pixel, (m,), ascending."""
     xy: Array
-    """(m, 2)."""
+    """Pixels of the grid, (m, 2)."""
     p: Array
     """Probability, (m,)."""
 
@@ -116,7 +116,7 @@ class _Bands:
         return slice(*np.searchsorted(self.member, (k, k + 1)).tolist())
 
     def where(self, mask: BoolArray) -> _Bands:
-        """Some of the pixels (m,); bands may be left without any."""
+        """The pixels in a mask (m,); bands may be left without any."""
         return _Bands(self.classes, self.member[mask], self.xy[mask], self.p[mask])
 
 
@@ -228,7 +228,7 @@ def _slices(bands: _Bands, s: Array, d: Array, cut: BoolArray, most: IntArray) -
 
 
 def _range(s: Array, member: IntArray, count: int) -> tuple[Array, Array]:
-    """Least and largest value of each of so many bands, (S,); infinite and minus infinite without any."""
+    """Least and largest value of each of `count` bands; infinite and minus infinite without any."""
     least, largest = np.full(count, np.inf), np.full(count, -np.inf)
     np.minimum.at(least, member, s)
     np.maximum.at(largest, member, s)

@@ -102,7 +102,7 @@ def blender_files(frames: FrameCameras, fps: float = 25.0, sensor_width: float =
     Raises
     ------
     ValueError
-        If no frame has a camera, or cameras differ in the size of the image or in fy / fx: a scene has one of each.
+        If no frame has a camera, or cameras differ in the size of the image or in fy / fx, which a scene has once.
     """
     cameras = with_cameras(frames)
     first_id, first = next(iter(cameras.items()))

@@ -88,7 +88,7 @@ def read_opencv(path: str | os.PathLike[str]) -> OpenCVCalibration:
     Raises
     ------
     BrokenFileError
-        If it cannot be read or is none; the message begins with the path.
+        If it cannot be read or is no such file; the message begins with the path.
 
     Examples
     --------

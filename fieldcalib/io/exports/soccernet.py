@@ -36,7 +36,7 @@ def tvcalib_files(frames: FrameCameras, about: Mapping[str, Mapping[str, Any]] |
     ----------
     frames : mapping of str to Camera or None
     about : mapping of str to mapping, optional
-        The line of every frame's result, by id: its ``loss_ndc`` is what TVCalib's evaluation compares with tau.
+        The line of every frame's result, by id: TVCalib's evaluation compares its ``loss_ndc`` with tau.
 
     Raises
     ------
