@@ -17,6 +17,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 
@@ -34,17 +35,17 @@ class BackgroundPairs:
     """Static points that K pairs of frames see, padded to N points each."""
 
     first: IntArray
-    """Frame of each pair, (K,); of no meaning where the cameras are `known`."""
+    """First frame of each pair, (K,); where these cameras are `known`, it is no number of a frame of the problem."""
     second: IntArray
-    """(K,)"""
+    """Second frame of each pair, (K,)."""
     p: Array
     """Pixels in the first frame, (K, N, 2)."""
     q: Array
     """Pixels in the second frame, (K, N, 2)."""
     weight: Array
-    """(K, N): one over the variance of a coordinate, in pixels; 0 where there is only padding."""
+    """One over the variance of a coordinate in pixels, (K, N); 0 where there is only padding."""
     loss: RobustLoss
-    """Of the distance in the second frame."""
+    """Loss of the distance in the second frame."""
     walls: Array | None = None
     """Half the length and width, metres, of what stands around the ground; None: everything is at infinity."""
     known: Array | None = None
@@ -56,7 +57,7 @@ class BackgroundPairs:
         return len(self.first)
 
     def take(self, index: IntArray) -> BackgroundPairs:
-        """The pairs of the frames `index`, numbered anew; their first cameras must be known.
+        """The pairs whose second frame is one of `index`, which are numbered anew; first cameras must be known.
 
         Raises
         ------
@@ -67,16 +68,27 @@ class BackgroundPairs:
             raise ValueError("frames that are tied to one another cannot be taken apart")
         parts = [np.flatnonzero(self.second == frame) for frame in index]
         pairs = np.concatenate([np.zeros(0, dtype=np.intp), *parts])
-        second = np.repeat(np.arange(len(parts)), [len(part) for part in parts])
-        return replace(
-            self,
-            first=self.first[pairs],
-            second=second,
-            p=self.p[pairs],
-            q=self.q[pairs],
-            weight=self.weight[pairs],
-            known=self.known[pairs],
-        )
+        return replace(self.at(pairs), second=np.repeat(np.arange(len(parts)), [len(part) for part in parts]))
+
+    def at(self, index: IntArray | BoolArray) -> BackgroundPairs:
+        """Some of the pairs."""
+        return replace(self, **{name: one[index] for name, one in self._columns.items()})
+
+    @property
+    def swapped(self) -> BackgroundPairs:
+        """The pairs with the second frame as the first one."""
+        return replace(self, first=self.second, second=self.first, p=self.q, q=self.p)
+
+    @staticmethod
+    def joined(one: BackgroundPairs, other: BackgroundPairs) -> BackgroundPairs:
+        """The pairs of two."""
+        more = other._columns
+        return replace(one, **{name: np.concatenate([some, more[name]]) for name, some in one._columns.items()})
+
+    @property
+    def _columns(self) -> dict[str, Any]:
+        columns = {name: getattr(self, name) for name in ("first", "second", "p", "q", "weight", "known")}
+        return {name: column for name, column in columns.items() if column is not None}
 
 
 @dataclass(frozen=True, eq=False)

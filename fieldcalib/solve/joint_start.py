@@ -118,7 +118,7 @@ def joint_start(
     theta = theta[index]
     stands = gaussian_priors(options.distributions, layout)
     like = Problem(
-        pack(problem.object_segments, [], layout.image_size),
+        pack(options.object_segments, [], layout.image_size),
         layout,
         options.loss,
         options.noise,
@@ -130,7 +130,7 @@ def joint_start(
     )
     once = (layout.roles == Role.SHARED) | layout.is_centre
     frames = [labels.get(t, ({}, {})) for t in index.tolist()]
-    return JointStart(index, joint_evaluation(like, problem.object_segments, frames, theta, once))
+    return JointStart(index, joint_evaluation(like, options.object_segments, frames, theta, once))
 
 
 def _without_contradicted(
@@ -142,8 +142,7 @@ def _without_contradicted(
     """
     right = problem.ties.agreeing(theta, known, layout)
     while True:
-        scale = problem.options.scale
-        tied, reached = with_tied(problem.object_segments, problem.ties, theta, right, some, layout, scale)
+        tied, reached = with_tied(problem.options, problem.ties, theta, right, some, layout)
         contradicted = right & ~problem.ties.agreeing(tied, reached, layout)
         if not np.any(contradicted):
             return tied, reached, right

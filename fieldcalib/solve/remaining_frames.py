@@ -85,12 +85,10 @@ def _initial_frames(
             theta[again] = np.where(options.layout.free, before.frames.theta[again], options.known)
             known |= again
         every = np.arange(len(known))
-        theta, known = with_tied(
-            options.object_segments, problem.ties, theta, known, every, options.layout, options.scale
-        )
+        theta, known = with_tied(options, problem.ties, theta, known, every, options.layout)
     untied, tied = np.flatnonzero(~known), np.flatnonzero(known & ~done)
     alone = problem.calibrate_alone(untied, options)
-    if not problem.options.trust_labels:
+    if not options.trust_labels:
         alone |= problem.calibrate_alone(tied, options, {t: theta[t] for t in tied.tolist()})
     return InitialFrames(theta, known, alone)
 
@@ -140,7 +138,7 @@ def _followed(
     part: IntArray,
 ) -> FrameTable:
     """Rows of frames `part` (B,), solved from their labels and from the frames that are done."""
-    pairs, first = problem.ties.towards(part, table.theta, done)
+    pairs = problem.ties.towards(part, table.theta, done)
     wrong = _contradicted(part, pairs, initial.alone)
     alone = {k: one for k, t in enumerate(part.tolist()) if (one := initial.alone.get(t)) and t not in wrong}
     labels = [problem.labels(t, alone.get(k)) for k, t in enumerate(part.tolist())]
@@ -150,7 +148,7 @@ def _followed(
         centres = expected_centres(KnownCentres.of(table, done, tripod.considered), part)
         prior = centres.of_prior(prior, theta.shape[1])
     solved = tripod.solved(theta, labels, pairs, prior)
-    errors = tripod.errors(solved, OwnErrors(table.own[first], table.following[first]))
+    errors = tripod.errors(solved, OwnErrors(table.own[pairs.first], table.following[pairs.first]))
     is_tied = np.isin(np.arange(len(part)), pairs.second)
     return solved_rows(tripod, SolvedFrames(solved, errors, is_tied), alone, LARGEST_ERROR)
 

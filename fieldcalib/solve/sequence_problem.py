@@ -98,7 +98,7 @@ class SequenceProblem:
     def solved_together(self) -> IntArray:
         """Numbers of the frames that are solved together: those that others are tied to, and labelled ones."""
         most = MOST_TIED_TOGETHER if self.is_linked else MOST_TOGETHER
-        hubs = np.unique(self.ties.first)
+        hubs = np.unique(self.ties.pairs.first)
         hubs = hubs[np.linspace(0, len(hubs), min(len(hubs), MOST_TOGETHER), endpoint=False, dtype=int)]
         return np.union1d(hubs, self.spread(most - len(hubs))) if len(hubs) < most else hubs
 
