@@ -11,7 +11,7 @@ from tripods import SIZE, chain, far_off, matched, panned
 
 from fieldcalib.fields.soccer import soccer
 from fieldcalib.geometry.camera import Camera
-from fieldcalib.problem.background import BackgroundEvaluation
+from fieldcalib.problem.background import BackgroundTerm
 from fieldcalib.problem.layout import Layout
 from fieldcalib.solve.task import Task
 from fieldcalib.solve.ties import CELLS, LEAST_CELLS, Ties, disagreeing, stepped, thinned, with_tied
@@ -132,7 +132,7 @@ def test_those_among_some_frames_are_numbered_anew():
     pairs = ties.among(frames)
     assert list(zip(pairs.first.tolist(), pairs.second.tolist(), strict=True)) == [(2, 0), (0, 1)]
     np.testing.assert_array_equal(pairs.p, ties.pairs.p[[1, 2]])
-    assert not disagreeing(BackgroundEvaluation(pairs, LAYOUT, theta_of(cameras)[frames])).any()
+    assert not disagreeing(BackgroundTerm(pairs, LAYOUT, theta_of(cameras)[frames])).any()
     assert ties.among(np.array([1, 3])) is None
 
 
@@ -143,7 +143,7 @@ def test_ties_lead_from_known_frames_to_others_in_both_directions():
     pairs = ties.towards(np.array([3, 1]), theta, some(0, 2, of=4))
     assert sorted(zip(pairs.first.tolist(), pairs.second.tolist(), strict=True)) == [(0, 0), (0, 1), (2, 0), (2, 1)]
     np.testing.assert_array_equal(pairs.known, theta[pairs.first])
-    assert not disagreeing(BackgroundEvaluation(pairs, LAYOUT, theta[[3, 1]])).any()
+    assert not disagreeing(BackgroundTerm(pairs, LAYOUT, theta[[3, 1]])).any()
     back = np.flatnonzero((pairs.first == 2) & (pairs.second == 1))[0]  # matched from 1 to 2
     np.testing.assert_array_equal(pairs.p[back], ties.pairs.q[1])
     np.testing.assert_array_equal(pairs.q[back], ties.pairs.p[1])
@@ -163,7 +163,7 @@ def test_a_step_from_nearby_leads_to_where_known_cameras_have_the_background(wro
     assert contradicts.tolist() == [wrong]
     if not wrong:
         np.testing.assert_allclose(moved, theta[[1]], atol=2e-4)
-        assert not disagreeing(BackgroundEvaluation(pairs, LAYOUT, moved)).any()
+        assert not disagreeing(BackgroundTerm(pairs, LAYOUT, moved)).any()
         far = np.median(far_off(LAYOUT.camera(near[0]), cameras[1]))
         assert np.median(far_off(LAYOUT.camera(moved[0]), cameras[1])) < 0.05 * far
 

@@ -28,7 +28,7 @@ class Start(NamedTuple):
 
     layout: Layout
     theta: Mapping[int, Array]
-    """Parameters (n,), by frame."""
+    """Parameters (n,) by number of the frame."""
     labels: Mapping[int, Labels]
     """Labels of some of these frames."""
 
@@ -59,12 +59,12 @@ class Start(NamedTuple):
 
     @property
     def reference(self) -> float:
-        """log f at which a zoom law begins: the one of the layout, or the median."""
+        """Reference log f of the zoom law: that of the layout if it has one, otherwise the median over the frames."""
         law = self.layout.zoom_law
         return law.reference if law is not None else float(np.median([one[LOG_F] for one in self.theta.values()]))
 
     def in_layout(self, layout: Layout, count: int) -> Array:
-        """Cameras (count, n) of all frames in a joint layout; what frames share is the median of those that start."""
+        """Cameras (count, n) in a joint layout, 0 where there is none; shared parameters are medians."""
         index, old = self.frames, {name: k for k, name in enumerate(self.layout.names)}
         theirs = np.array([self.theta[t] for t in index.tolist()])
         theta = np.zeros((count, layout.size))
@@ -136,7 +136,9 @@ def joint_start(
 def _without_contradicted(
     problem: SequenceProblem, theta: Array, known: BoolArray, some: IntArray, layout: Layout
 ) -> tuple[Array, BoolArray, BoolArray]:
-    """Cameras (T, n) of known frames (T,) and of some that are tied to them, and which of the known ones are right.
+    """Remove known cameras that the ties contradict, and add those of tied frames.
+
+    The result is the cameras (T, n), which of them are known (T,), and which of the given ones are right (T,).
 
     Ties to other known frames, or to frames that these tie, reveal a wrong camera.
     """

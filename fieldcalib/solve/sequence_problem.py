@@ -1,4 +1,4 @@
-"""Frames of one camera that are to be calibrated together: checked arguments, and how they are used."""
+"""Frames of one camera that are to be calibrated together: the checked arguments of `calibrate_sequence`."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ MOST_TIED_TOGETHER = 100  # and that if matches tie them: these make one system 
 
 @dataclass(frozen=True, eq=False)
 class SequenceProblem:
-    """T frames of one camera, with what ties them and what they share."""
+    """T frames of one camera, with the matches between them and the names of shared parameters."""
 
     pixels: Sequence[Pixels]
     """Labelled pixels of each frame; empty where there are none."""

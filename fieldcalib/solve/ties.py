@@ -15,7 +15,7 @@ from numpy.typing import ArrayLike
 from fieldcalib._types import Array, BoolArray, IntArray
 from fieldcalib.fields.field import Field
 from fieldcalib.fields.segments import ObjectSegments
-from fieldcalib.problem.background import BackgroundEvaluation, BackgroundPairs
+from fieldcalib.problem.background import BackgroundPairs, BackgroundTerm
 from fieldcalib.problem.evaluation import Problem, evaluate
 from fieldcalib.problem.layout import PRINCIPAL_POINT, Layout
 from fieldcalib.problem.levenberg_marquardt import levenberg_marquardt
@@ -42,10 +42,10 @@ Matched = Mapping[tuple[int, int], tuple[ArrayLike, ArrayLike] | None]
 
 @dataclass(frozen=True, eq=False)
 class Ties:
-    """Pairs of T frames, with the pixels of static points in both."""
+    """Ties between pairs of T frames: pixels of static points that both see."""
 
     count: int
-    """T, of all frames."""
+    """T, the number of all frames."""
     pairs: BackgroundPairs
 
     @classmethod
@@ -79,18 +79,18 @@ class Ties:
 
     @property
     def some_tie(self) -> BoolArray:
-        """Which frames (T,) are in a pair."""
+        """Mask (T,) of the frames that are in a pair."""
         return np.isin(np.arange(self.count), [self.pairs.first, self.pairs.second])
 
     def among(self, frames: IntArray) -> BackgroundPairs | None:
-        """The pairs between some frames, which are numbered anew; None if there are none."""
+        """The pairs within some frames, numbered by their place among these; None if there are none."""
         number = self._numbers(frames)
         first, second = number[self.pairs.first], number[self.pairs.second]
         inside = (first >= 0) & (second >= 0)
         return replace(self.pairs.at(inside), first=first[inside], second=second[inside]) if np.any(inside) else None
 
     def towards(self, frames: IntArray, theta: Array, known: BoolArray) -> BackgroundPairs:
-        """The pairs from frames with `known` (T,) cameras theta (T, n) to some others, which are numbered anew."""
+        """The pairs from frames with `known` (T,) cameras theta (T, n) to some others, numbered by their place."""
         number = self._numbers(frames)
         ways = [one.at(known[one.first] & (number[one.second] >= 0)) for one in (self.pairs, self.pairs.swapped)]
         pairs = BackgroundPairs.joined(*ways)
@@ -103,14 +103,14 @@ class Ties:
         return number
 
     def reached(self, known: BoolArray, left_out: BoolArray) -> IntArray:
-        """The frames that are tied to a known one (T,), not known themselves and not left out (T,)."""
+        """Numbers of frames that are tied to a `known` one (T,), and are neither known nor left out (T,)."""
         found = np.zeros_like(known)
         found[self.pairs.second[known[self.pairs.first]]] = True
         found[self.pairs.first[known[self.pairs.second]]] = True
         return np.flatnonzero(found & ~known & ~left_out)
 
     def agreeing(self, theta: Array, known: BoolArray, layout: Layout) -> BoolArray:
-        """The frames (T,) with known cameras whose ties do not contradict one another.
+        """Mask (T,) of frames with known cameras whose ties do not contradict one another.
 
         As long as some do, the frame with the most contradictions is left out.
         """
@@ -118,7 +118,7 @@ class Ties:
         pairs = self.among(frames[known])
         if pairs is None:
             return kept
-        contradicts = disagreeing(BackgroundEvaluation(pairs, layout, theta[known]))
+        contradicts = disagreeing(BackgroundTerm(pairs, layout, theta[known]))
         first, second = frames[known][pairs.first], frames[known][pairs.second]
         while True:
             alive = kept[first] & kept[second]
@@ -186,7 +186,9 @@ def with_tied(
     wanted: IntArray,
     layout: Layout,
 ) -> tuple[Array, BoolArray]:
-    """Add cameras of frames that are tied, directly or through others, to known ones (T,); (T, n) and (T,).
+    """Add cameras of frames that are tied, directly or through others, to those with known cameras.
+
+    Of the T frames, theta (T, n) has the cameras and `known` (T,) says which are known; both are returned anew.
 
     Parameters
     ----------
@@ -233,7 +235,7 @@ def stepped(pairs: BackgroundPairs, layout: Layout, theta: Array) -> tuple[Array
 
     They must be off by some pixels only: distances after the step are those of the linear model.
     """
-    background = BackgroundEvaluation(pairs, layout, theta)
+    background = BackgroundTerm(pairs, layout, theta)
     hessian, diagonal = background.hessian.copy(), np.arange(background.hessian.shape[1])
     hessian[:, diagonal, diagonal] *= 1.0 + DAMPING
     step = -np.linalg.solve(hessian, background.gradient[..., None])[..., 0]
@@ -244,13 +246,13 @@ def stepped(pairs: BackgroundPairs, layout: Layout, theta: Array) -> tuple[Array
     return moved, _contradicted(pairs, _disagreeing(pairs, layout, r), len(theta))
 
 
-def contradicted(background: BackgroundEvaluation) -> BoolArray:
-    """Which of B frames most of their ties contradict, (B,)."""
+def contradicted(background: BackgroundTerm) -> BoolArray:
+    """Mask (B,) of the frames whose cameras most of their ties contradict."""
     return _contradicted(background.pairs, disagreeing(background), len(background.theta))
 
 
-def disagreeing(background: BackgroundEvaluation) -> BoolArray:
-    """Which of K pairs the cameras of their frames contradict, (K,)."""
+def disagreeing(background: BackgroundTerm) -> BoolArray:
+    """Mask (K,) of the pairs whose points the cameras of their frames do not bring together."""
     return _disagreeing(background.pairs, background.layout, background.r)
 
 

@@ -85,22 +85,22 @@ class _Sized:
 
 @dataclass(frozen=True, eq=False)
 class _ToldSize:
-    """What one frame tells of the size of its field, to first order."""
+    """Evidence of one frame for the size of its field, to first order."""
 
     field: Field
     """Field of the given size."""
     size: SizeBlock
     evidence: SizeEvidence
     told: BoolArray
-    """Which of length and width the frame tells, (2,)."""
+    """Whether the frame determines length and width, (2,)."""
     wide: BoolArray
-    """Which possibilities leave both open, (K,)."""
+    """Mask (K,) of the possibilities under which length and width are both uncertain."""
     of_crown: Array
     """Second moment of the crown, (1,); (0,) where all fields are level."""
 
     @classmethod
     def of(cls, calibration: Calibration) -> _ToldSize | None:
-        """Take what a calibration tells; None where the given size is as likely as others, or has no alternatives."""
+        """Take the evidence of a calibration; None where the given size is likely, or no other one is possible."""
         field, solved = calibration.field, calibration.solved
         if field is None or solved is None or calibration.status not in (Status.ACCEPTED, Status.IMPROBABLE):
             return None
@@ -120,7 +120,7 @@ class _ToldSize:
         return self.size.given + np.stack([np.zeros(2), self.evidence.offset, self.evidence.mean])
 
     def solved(self, solved: Solved, starts: Array) -> _Sized:
-        """The frame with what it tells of the size free: the solution of least cost from several sizes (S, 2)."""
+        """Solve the frame with the size that it determines free, from several sizes (S, 2): least cost wins."""
         alone = solved.alone.evaluation
         layout, prior, block = alone.problem.layout, alone.problem.prior, alone.problem.layout.field_size_block
         assert prior is not None
