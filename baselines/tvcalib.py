@@ -22,7 +22,7 @@ The tensors are the paper's, T frames x S segments x N pixels, padded, with a we
 from __future__ import annotations
 
 import argparse
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 
@@ -70,7 +70,6 @@ def calibrate(
     steps: int = STEPS,
     tau: float | None = None,
     distributions: Sequence[str] = ("main center",),
-    progress: Callable[[int], object] | None = None,
 ) -> list[Calibration]:
     """Calibrate many independent frames by the paper's method.
 
@@ -89,8 +88,6 @@ def calibrate(
     distributions : sequence of str
         Keys of `DISTRIBUTIONS` whose means are the initial cameras; the result with the least loss is taken (paper,
         section "Multiple Initialization").
-    progress : callable, optional
-        Called with the number of frames that were completed since the last call.
 
     Returns
     -------
@@ -128,8 +125,6 @@ def calibrate(
         results = _results(field, members, image_size, thetas, losses[best], tau)
         for t, calibration in zip(chunk, results, strict=True):
             calibrations[t] = calibration
-        if progress is not None:
-            progress(len(members))
     return calibrations
 
 

@@ -5,14 +5,14 @@ import os
 import signal
 import subprocess
 import sys
-import time
 from pathlib import Path
+
+from waiting import wait_until
 
 import fieldcalib
 
 SIGNALS = (signal.SIGKILL, signal.SIGTERM, signal.SIGINT)
 LONGEST = 300.0  # seconds of a run, on the busiest machine
-PATIENCE = 0.01  # seconds between two looks at what a run has written
 EXIT_CODES = {signal.SIGKILL: {-9}, signal.SIGTERM: {143, -15}, signal.SIGINT: {130, -2}}
 
 
@@ -58,12 +58,10 @@ def killed(arguments, out, rng, count):
     number = SIGNALS[int(rng.integers(len(SIGNALS)))]
     before = lines_written(out)
     line = int(rng.integers(before, max(count, before + 1)))
-    deadline = time.monotonic() + LONGEST
     run = started(*arguments)
     assert run.stdout.readline() == "begun\n"
-    while run.poll() is None and not ((out / "run.json").exists() and lines_written(out) >= line):
-        assert time.monotonic() < deadline, f"line {line} of {count} was not written in {LONGEST:.0f} s"
-        time.sleep(PATIENCE)
+    written = (out / "run.json").exists
+    wait_until(lambda: run.poll() is not None or (written() and lines_written(out) >= line), LONGEST)
     run.send_signal(number)
     code, errors = ended(run)
     assert code in EXIT_CODES[number] | {0, 1}, (number, errors)

@@ -17,6 +17,15 @@ from fieldcalib.problem.layout import theta_from_camera
 IMAGE_SIZES = ((960, 540), (1280, 720), (1920, 1080))
 
 
+# Of many scripts, and what formats escape. Hypothesis's own alphabet takes seconds to be made in a new checkout.
+CHARACTERS = "aZ09 _-.,:;/\\'\"<>&%#@[]{}éßλж漢あ한ع🏀\u0301\u00a0"
+
+
+def texts(**limits):
+    """Texts of CHARACTERS; `limits` are those of `hypothesis.strategies.text`."""
+    return st.text(CHARACTERS, **limits)
+
+
 def numbers(low, high):
     """Floats from low to high, the ends and, where they lie between, 0 and whole numbers among them."""
     return st.floats(low, high, allow_subnormal=False)

@@ -11,6 +11,7 @@ import pytest
 from commands import SIZE
 from hypothesis import given
 from hypothesis import strategies as st
+from strategies import texts
 
 import fieldcalib
 from fieldcalib.io.annotation_files import AnnotatedFrame, frames_in, read_annotations, read_labels, tool_of
@@ -60,7 +61,7 @@ def test_real_frames_come_back(tool, real_frames):
 
 
 COORDINATES = st.integers(-10_000_000, 10_000_000).map(lambda number: number / 1000)  # px
-LABELS = st.text(st.characters(codec="utf-8", exclude_categories=["C"]), min_size=1).map(str.strip).filter(bool)
+LABELS = texts(min_size=1).map(str.strip).filter(bool)
 SEGMENTS = st.lists(st.tuples(COORDINATES, COORDINATES), min_size=1, max_size=5, unique=True).map(np.array)
 
 

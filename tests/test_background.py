@@ -7,6 +7,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from numdiff import central_differences, column_errors
+from strategies import bounded, vectors
 from synthetic import observe
 
 from fieldcalib.fields.soccer import soccer
@@ -38,9 +39,10 @@ def tripod(rng, count, offset=0.4):
     return theta
 
 
-def seen_by_both(theta, first, second, rng, count=20, walls=WALLS, noise=0.0):
-    """Pixels of the background where frames that are `first` and `second` see it."""
-    p = rng.uniform((60.0, 40.0), (900.0, 500.0), size=(len(first), count, 2))
+def seen_by_both(theta, first, second, rng, p=None, walls=WALLS, noise=0.0):
+    """Pixels of the background where frames that are `first` and `second` see it: at p (K, N, 2), or anywhere."""
+    if p is None:
+        p = rng.uniform((60.0, 40.0), (900.0, 500.0), size=(len(first), 20, 2))
     pairs = BackgroundPairs(first, second, p, p, np.ones(p.shape[:2]), LOSS, walls)
     r = BackgroundTerm(pairs, LAYOUT, theta).r
     q = p - np.moveaxis(r, 0, -1)
@@ -54,12 +56,18 @@ def neighbours(count, *apart):
 
 
 @settings(deadline=None, max_examples=15)
-@given(st.integers(0, 2**32 - 1), st.sampled_from([None, WALLS]), st.sampled_from([0.0, 3.0]))
-def test_derivatives_are_those_of_the_residuals(seed, walls, moved):
-    rng = np.random.default_rng(seed)
+@given(
+    p=vectors((60.0, 40.0), (900.0, 500.0), count=6),
+    way=bounded(3, -3.0, 3.0),
+    turn=bounded(4, -1.0, 1.0),
+    walls=st.sampled_from([None, WALLS]),
+)
+def test_derivatives_are_those_of_the_residuals(p, way, turn, walls):
+    rng = np.random.default_rng(0)
     theta = tripod(rng, 2)
-    theta[1, 4:7] += rng.normal(scale=moved, size=3)
-    pairs = seen_by_both(theta, np.array([0]), np.array([1]), rng, 6, walls)
+    theta[1, 4:7] += way
+    theta[1, :4] += turn * (0.03, 0.01, 0.003, 0.03)
+    pairs = seen_by_both(theta, np.array([0]), np.array([1]), rng, p[None], walls)
     by_first, by_second = BackgroundTerm(pairs, LAYOUT, theta).jacobians(LAYOUT.free)
     free = np.flatnonzero(LAYOUT.free)
 

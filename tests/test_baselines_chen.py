@@ -160,6 +160,7 @@ def test_features_refuse_other_sizes():
         Siamese.shipped()(np.zeros((1, 90, 160), np.uint8))
 
 
+@pytest.mark.slow
 def test_nearest_are_those_of_a_search_one_by_one(database):
     rng = np.random.default_rng(3)
     for feature in rng.normal(size=(5, 16)).astype(np.float32):

@@ -144,6 +144,7 @@ def test_a_second_look_that_loses_cameras_is_not_taken(monkeypatch):
     assert finish_again(found, ClipLines(result, ((0,),), {}, {}), [], None) is found
 
 
+@pytest.mark.slow
 def test_static_points_alone_do_not_tell_where_a_window_is():
     whole = panned(16, -0.3, 0.3)
     cameras = [seen_through(one, left, 0.0, (540, 540)) for one, left in zip(whole, WAY, strict=True)]
@@ -190,6 +191,7 @@ def test_what_the_network_saw_contradicts_cameras_that_lines_confirm():
     assert not is_contradicted(tripod.calibration.frames.misfit, SIZE).any()
 
 
+@pytest.mark.slow
 def test_a_camera_that_moves_is_found_out():
     cameras = [moved(camera, (0.4 * t, 0.0, 0.0)) for t, camera in enumerate(panned(16, -0.3, 0.3))]
     found = solved(clip_of(cameras))
@@ -203,6 +205,7 @@ def test_a_camera_that_moves_is_found_out():
     assert max(far_off(one, camera) for one, camera in zip(video, cameras, strict=True)) < 0.7
 
 
+@pytest.mark.slow
 def test_frames_that_share_nothing_are_calibrated_one_by_one(monkeypatch):
     rng = np.random.default_rng(3)
     cameras = [moved(camera, rng.normal(scale=(8.0, 8.0, 2.4))) for camera in panned(14, -0.3, 0.3)]
@@ -257,7 +260,7 @@ def test_a_piece_that_contradicts_the_others_is_no_part_of_their_tripod(monkeypa
     assert sorted(tripod.pieces for tripod in solved(clip).tripods) == [(0, 2), (1,)]
 
 
-@pytest.mark.parametrize(("way", "pieces"), [(0.0, [(0,)]), (25.0, [(0,), (1,)])])
+@pytest.mark.parametrize(("way", "pieces"), [(0.0, [(0,)]), pytest.param(25.0, [(0,), (1,)], marks=pytest.mark.slow)])
 def test_frames_that_nothing_ties_join_the_piece_before_where_it_explains_them(way, pieces):
     cameras = panned(10, -0.4, 0.4)
     cameras = [*cameras[:7], *(moved(camera, (way, 0.0, 0.0)) for camera in cameras[7:])]

@@ -87,6 +87,7 @@ def test_a_letterboxed_clip_is_calibrated_as_without_borders(clip):
     assert calibrate_video(FIELD, boxed[:1], Asked(cameras[:1]), **whole).shape is None
 
 
+@pytest.mark.slow
 def test_a_squashed_clip_is_calibrated_as_shown(clip, often):
     cameras, pictures = clip
     thin = [squashed(picture) for picture in pictures]

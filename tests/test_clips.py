@@ -253,6 +253,7 @@ def test_every_is_one_or_more(one_tripod):
         calibrate_video(FIELD, one_tripod[:1], KnownCameras([LEFT[0].camera]), every=0)
 
 
+@pytest.mark.slow
 def test_a_long_video_is_calibrated_part_by_part(one_tripod, monkeypatch):
     """A part ends at a keyframe: those of the first shot are 0, 3 and 6, the second one begins with another."""
     monkeypatch.setattr("fieldcalib.images.from_video.PART", 5)

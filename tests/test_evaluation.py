@@ -185,7 +185,9 @@ def sightings(draw, lens):
     return layout, theta, frame
 
 
-@pytest.mark.parametrize("lens", LAYOUTS)
+@pytest.mark.parametrize(
+    "lens", [pytest.param(name, marks=pytest.mark.slow if name == "Brown-Conrady lens" else ()) for name in LAYOUTS]
+)
 @settings(max_examples=6)
 @given(data=st.data())
 def test_jacobian_equals_central_differences_column_by_column(lens, data):

@@ -34,6 +34,7 @@ def whole(images, tmp_path_factory):
     return out
 
 
+@pytest.mark.slow
 def test_the_files_are_the_same_with_any_number_of_jobs(images, whole, tmp_path, capsys):
     assert run("run", images, "--out", tmp_path, "--jobs", 2) == 1
     assert content_of(tmp_path) == content_of(whole)

@@ -13,6 +13,7 @@ import pytest
 from networks import CLASSES, FIELD, band_maps, probabilities
 from synthetic import random_frames
 from views import camera
+from waiting import wait_until
 
 from fieldcalib import calibrate_batch, calibrate_from_images, soccer
 from fieldcalib.draw.scene import render_field
@@ -73,8 +74,7 @@ def test_a_process_that_ends_takes_only_its_task_with_it(processes):
 
 def test_a_process_that_is_killed(processes):
     future = processes.submit(time.sleep, 60)
-    while not future.running():
-        time.sleep(0.01)
+    wait_until(future.running)
     time.sleep(0.1)
     for process in list(processes._all):
         os.kill(process._process.pid, signal.SIGKILL)
@@ -91,8 +91,7 @@ def test_an_error_ends_the_processes_at_once():
         with Processes(1) as executor:
             future = executor.submit(time.sleep, 60)
             executor.submit(time.sleep, 60)
-            while not future.running():
-                time.sleep(0.01)
+            wait_until(future.running)
             raise KeyboardInterrupt
 
     with pytest.raises(KeyboardInterrupt):

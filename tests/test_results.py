@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from strategies import numbers
+from strategies import numbers, texts
 
 from fieldcalib import (
     Arc,
@@ -162,7 +162,7 @@ def test_a_free_field_size_is_kept():
 
 finite = numbers(-1e6, 1e6)
 errors = st.floats(allow_nan=True, allow_infinity=True)
-names = st.text(min_size=1, max_size=12)
+names = texts(min_size=1, max_size=12)
 angles = st.tuples(numbers(-3.0, 3.0), numbers(0.1, 3.0), numbers(-1.0, 1.0))
 some_cameras = st.builds(
     lambda angles, f, C, k: Camera.from_angles(*angles, f, C, SIZE, k=k),
@@ -184,13 +184,13 @@ def calibrations(draw):
     return Calibration(
         camera,
         draw(st.sampled_from(Status)),
-        draw(st.text()),
+        draw(texts()),
         draw(errors),
         draw(errors),
         per_segment,
         draw(suspects),
         draw(st.lists(some_cameras, max_size=2).map(tuple)) if camera is not None else (),
-        draw(st.lists(st.text(), max_size=2).map(tuple)),
+        draw(st.lists(texts(), max_size=2).map(tuple)),
         {label: draw(st.integers(1, 9)) for label in per_segment},
         draw(st.none() | st.builds(soccer, numbers(90.0, 120.0), numbers(45.0, 90.0), size_known=st.booleans())),
     )

@@ -9,6 +9,7 @@ from threading import Event
 import numpy as np
 import pytest
 from networks import KnownCameras
+from waiting import wait_until
 
 from data_tools.synthetic.clips import camera_path
 from data_tools.synthetic.film import Scene, TrueFrame, film
@@ -146,8 +147,7 @@ def test_another_process_calibrates_keyframes(clip):
     cameras, pictures = clip
     with Tracker(FIELD, Forever([cameras[0]]), every=100) as tracker:
         first = tracker.update(pictures[0])
-        while not tracker.update(pictures[1]).accepted:
-            pass
+        wait_until(lambda: tracker.update(pictures[1]).accepted)
         assert not first.accepted
         assert off(tracker.update(pictures[1]), cameras[1]) < 3.0
         with pytest.raises(ValueError, match="has 240 x 135 pixels"):
@@ -180,9 +180,7 @@ def test_keyframes_that_came_in_the_meantime_have_cameras(clip):
         for picture in pictures[: 2 * EVERY + 2]:
             assert tracker.update(picture).camera is None
         shown.set()
-        found = tracker.update(pictures[2 * EVERY + 1])
-        while not found.accepted:
-            found = tracker.update(pictures[2 * EVERY + 1])
+        found = wait_until(lambda: (one := tracker.update(pictures[2 * EVERY + 1])).accepted and one)
     assert off(found, cameras[2 * EVERY + 1]) < 3.0
 
 

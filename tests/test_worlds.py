@@ -16,7 +16,7 @@ from fieldcalib.assess.ndc import ndc_loss
 from fieldcalib.draw.scene import render_field
 from fieldcalib.fields.field import Field
 from fieldcalib.fields.segments import Arc, Line
-from fieldcalib.fields.soccer import soccer
+from fieldcalib.fields.soccer import PROBABILITY, soccer
 from fieldcalib.fields.stands import ALL_STANDS, MAIN_CENTER, CameraDistribution, stands_around
 from fieldcalib.fields.traits import Halves, LineLook, ProbabilityModel, SizePrior
 from fieldcalib.geometry.camera import Camera
@@ -317,7 +317,7 @@ def test_soccer_knows_all_of_it():
     assert PITCH.size_model.legal == ((90.0, 120.0), (45.0, 90.0))
     np.testing.assert_allclose(PITCH.size_model.limits, [(90.0, 45.0), (120.0, 90.0)])
     np.testing.assert_allclose(PITCH.size_model.sigma, (10.0 / 3.92, 11.0 / 3.92))
-    assert PITCH.probability is not None
+    assert PITCH.probability == PROBABILITY
     assert not PITCH.size_known
     assert soccer(100.0, 64.0, size_known=True).size_known
 

@@ -17,7 +17,7 @@ Cost: TypeAlias = Callable[[Tensor], Tensor]
 
 @dataclass(frozen=True)
 class Path:
-    """What the points of N frames went through, from the initial guess on."""
+    """Points and costs of N frames at every step, from the initial guess on."""
 
     points: Tensor
     """(steps + 1, N, 4, 2)."""
@@ -26,20 +26,13 @@ class Path:
 
     @property
     def best(self) -> Tensor:
-        """The points of least cost, (N, 4, 2); of equal ones the first."""
+        """The points of least cost, (N, 4, 2); the first of them where costs are equal."""
         first = torch.argmin(torch.nan_to_num(self.costs, nan=torch.inf), dim=0)
         return self.points[first, torch.arange(len(first))]
 
 
-def optimise(cost: Cost, initial: Tensor, *, steps: int = STEPS, learning_rate: float = LEARNING_RATE) -> Path:
-    """Follow the gradient of the costs of N frames; each frame is by itself.
-
-    Parameters
-    ----------
-    cost : callable
-    initial : (N, 4, 2) tensor
-    steps : int
-    learning_rate : float
+def optimise(cost: Cost, initial: Tensor, *, steps: int = STEPS) -> Path:
+    """Move the points (N, 4, 2) of N frames down the gradients of their costs; frames do not influence each other.
 
     Examples
     --------
@@ -48,7 +41,7 @@ def optimise(cost: Cost, initial: Tensor, *, steps: int = STEPS, learning_rate: 
     (torch.Size([201, 1]), True)
     """
     points = initial.detach().clone().requires_grad_()
-    optimizer = torch.optim.Adam([points], learning_rate)
+    optimizer = torch.optim.Adam([points], LEARNING_RATE)
     visited, costs = [], []
     for step in range(steps + 1):
         values = cost(points)

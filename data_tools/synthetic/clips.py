@@ -57,8 +57,10 @@ A2_RANGES = ((0.007, 0.013), (-0.040, -0.006), (0.0, 0.05))
 FLIGHT, FLIGHT_PERIOD = ((-15.0, 15.0), (48.0, 56.0), (-20.0, -14.0)), 8.0  # m, and s from one stop to the next
 MOST_ACCELERATION = 5.0  # m/s^2
 
+PIXELS_PER_LINE = (3, 3)  # least and most
 MATCH_NOISE = 0.3  # px at 1920 x 1080: what flow between frames of a measured sequence leaves
-OUTLIER_REACH = 40.0  # px from where the point is: flow that follows a player, a board, or nothing
+OUTLIER_REACH = 40.0  # px: largest error of an outlier in x and y: flow that follows a player or a scrolling board
+DISTANCES = (60.0, 200.0)  # m: of static points from the camera
 
 
 @dataclass(frozen=True)
@@ -124,39 +126,27 @@ def camera_path(
     measured: Path | None = None,
     *,
     pan_range: Range = PAN_RANGE,
-    aim_range: Range = AIM_RANGE,
     centre: ArrayLike | None = None,
-    axis_offset: float = 0.0,
-    pupil_travel: float = 0.0,
     image_size: tuple[int, int] = SIZE,
-    rate: float = RATE,
 ) -> list[Camera]:
-    """The cameras of a clip from one tripod.
-
-    The optical centre of frame i is ``centre + (axis_offset + pupil_travel * (log f_i - mean(log f))) d_i``, d_i the
-    direction of the optical axis.
+    """The cameras of a clip from one tripod, `RATE` frames a second.
 
     Parameters
     ----------
     rng : numpy.random.Generator
     frames : int
+        Number of frames.
     measured : Path, optional
-        A ``<name>.npz`` as `data_tools.measured_cameras` reads them. Each frame has the K and k of a moment of it, from
-        a random one on, played at its own speed, backwards from its end and forwards from its beginning. By default,
-        a random `ZoomLaw` and zooming within the measured ranges.
+        A ``<name>.npz`` as `data_tools.measured_cameras` reads them: K and k are those of the measured sequence, played
+        at its own speed from a random frame on and back from its end. By default, a random `ZoomLaw` and zooming
+        within the measured ranges.
     pan_range : (float, float)
-        Radians; the pan goes from one end to the other at least once, or the other way round.
-    aim_range : (float, float)
-        Metres; likewise y of the ground that the image's middle shows.
+        Smallest and largest pan, radians; the camera reaches both.
     centre : (3,) or (frames, 3) array_like, optional
-        Where the axes of pan and tilt meet, of each frame if the camera moves (`flight`); by default the measured
+        Where the axes of pan and tilt meet, for each frame if the camera moves (`flight`); by default the measured
         camera's, or on the main stand.
-    axis_offset, pupil_travel : float
-        Metres, and metres for each unit of log f.
     image_size : (int, int)
-        Of the aspect ratio 16:9.
-    rate : float
-        Frames a second.
+        Width and height in pixels; the aspect ratio must be 16:9.
 
     Examples
     --------
@@ -165,38 +155,38 @@ def camera_path(
     (100, False)
     """
     if measured is None:
-        K, k = _zoomed(rng, frames, rate)
+        K, k = _zoomed(rng, frames)
         drawn = [rng.normal(0.0, X_SIGMA), rng.uniform(*Y_RANGE), rng.uniform(*Z_RANGE)]
     else:
-        K, k = _played(*read_zoom(measured), rng, frames, rate)
+        K, k = _played(*read_zoom(measured), rng, frames)
         drawn = list(read_camera(measured).C)
     axis = np.array(drawn if centre is None else centre, dtype=float)
-    pan = _ranged(operated(rng, frames, rate), pan_range) + _hand(rng, frames, rate)
-    aim = _ranged(operated(rng, frames, rate), aim_range)
-    tilt = np.arctan2((axis[..., 1] - aim) / np.cos(pan), -axis[..., 2]) + _hand(rng, frames, rate)
+    pan = _ranged(operated(rng, frames), pan_range) + _hand(rng, frames)
+    aim = _ranged(operated(rng, frames), AIM_RANGE)
+    tilt = np.arctan2((axis[..., 1] - aim) / np.cos(pan), -axis[..., 2]) + _hand(rng, frames)
     roll = np.full(frames, rng.normal(0.0, ROLL))
     R = rotation_from_angles(np.stack([pan, tilt, roll], axis=-1)) @ _leaning(rng)
-    log_f = np.log(K[:, 0, 0])
-    C = axis + (axis_offset + pupil_travel * (log_f - log_f.mean()))[:, None] * R[:, 2]
+    C = np.broadcast_to(axis, (frames, 3))
     return [Camera(*of_frame[:3], SIZE, of_frame[3]).scaled(image_size) for of_frame in zip(K, R, C, k, strict=True)]
 
 
-def flight(rng: np.random.Generator, frames: int, rate: float = RATE) -> Array:
+def flight(rng: np.random.Generator, frames: int) -> Array:
     """Centres of a camera on wires or a drone, which flies along the near side line, (frames, 3) metres.
 
     It uses as much of its room as it can without speeding up by more than `MOST_ACCELERATION`.
     """
-    share = np.stack([operated(rng, frames, rate, FLIGHT_PERIOD) for _ in FLIGHT], axis=-1)
+    share = np.stack([operated(rng, frames, FLIGHT_PERIOD) for _ in FLIGHT], axis=-1)
     low, high = np.transpose(FLIGHT)
     path = low + (high - low) * share
-    most = np.abs(np.diff(path, 2, axis=0)).max(initial=0.0) * rate**2
+    most = np.abs(np.diff(path, 2, axis=0)).max(initial=0.0) * RATE**2
     return np.asarray(path[0] + min(1.0, MOST_ACCELERATION / max(most, 1e-9)) * (path - path[0]))
 
 
-def operated(rng: np.random.Generator, frames: int, rate: float = RATE, period: float = PAN_PERIOD) -> Array:
-    """A value that an operator moves, (frames,): moves of least jerk, each after a rest, `period` seconds together.
+def operated(rng: np.random.Generator, frames: int, period: float = PAN_PERIOD) -> Array:
+    """Values from 0 to 1, (frames,), of an axis that an operator moves: rests, and moves of least jerk between them.
 
-    It stops at 0 and at 1, and in between if there is time for more.
+    A move and the rest before it take `period` seconds on average. Both 0 and 1 are reached, and other stops in a
+    longer clip.
 
     Examples
     --------
@@ -204,12 +194,12 @@ def operated(rng: np.random.Generator, frames: int, rate: float = RATE, period: 
     >>> float(values.min()), float(values.max()), bool(np.abs(np.diff(values)).max() < 0.1)
     (0.0, 1.0, True)
     """
-    moves = max(1, round(frames / rate / period))
+    moves = max(1, round(frames / RATE / period))
     stops = rng.permutation(np.concatenate([[0.0, 1.0], rng.uniform(size=moves - 1)]))
     moving = (SHORTEST_MOVE + np.abs(np.diff(stops))) * np.exp(rng.normal(0.0, UNEVEN, size=moves))
     resting = np.exp(rng.normal(0.0, UNEVEN, size=moves))
     moving *= (1.0 - RESTS) / moving.sum()
-    least = LEAST_MOVE * rate / frames * np.sqrt(np.abs(np.diff(stops)))
+    least = LEAST_MOVE * RATE / frames * np.sqrt(np.abs(np.diff(stops)))
     moving = np.maximum(moving, np.minimum(least, (1.0 - RESTS) / moves))
     moving *= min(1.0, (1.0 - LEAST_RESTS) / moving.sum())
     resting *= (1.0 - moving.sum()) / resting.sum()
@@ -266,7 +256,6 @@ def labelled(
     rng: np.random.Generator,
     noise: float = 1.0,
     *,
-    pixels_per_line: tuple[int, int] = (3, 3),
     wrong_share: float = 0.0,
     empty_share: float = 0.0,
 ) -> list[RandomFrame]:
@@ -274,12 +263,12 @@ def labelled(
 
     Parameters
     ----------
-    cameras, field, rng, noise, pixels_per_line
-        As `fieldcalib.problem.simulated.observe`.
+    cameras, field, rng, noise
+        As in `fieldcalib.problem.simulated.observe`.
     wrong_share : float
-        Of the frames have one segment with the label of another (`data_tools.random_frames.mislabelled`).
+        Share of the frames with a mislabelled segment (`data_tools.random_frames.mislabelled`).
     empty_share : float
-        Of the frames have no labels.
+        Share of the frames without labels.
 
     Examples
     --------
@@ -291,29 +280,17 @@ def labelled(
     """
     made = []
     for camera in cameras:
-        pixels = observe(camera, field, rng, noise, pixels_per_line)
+        pixels = observe(camera, field, rng, noise, PIXELS_PER_LINE)
         wrong, empty = rng.random(2) < (wrong_share, empty_share)
         made.append(RandomFrame(camera, *mislabelled({} if empty else pixels, field, int(wrong), rng)))
     return made
 
 
-def background_points(
-    cameras: Sequence[Camera], count: int, rng: np.random.Generator, distances: Range = (60.0, 200.0)
-) -> Array:
-    """Static points of the world in view of a clip, evenly over its pan: stands and boards, and the ground before them.
+def background_points(cameras: Sequence[Camera], count: int, rng: np.random.Generator) -> Array:
+    """Static points (count, 3) that the cameras of one tripod see: on stands and boards, and on the ground before them.
 
-    Parameters
-    ----------
-    cameras : sequence of Camera
-        Of one tripod.
-    count : int
-    rng : numpy.random.Generator
-    distances : (float, float)
-        Metres from the camera, log-uniform; rays that meet the ground earlier end there.
-
-    Returns
-    -------
-    (count, 3) array
+    They are spread evenly over the pan. Distances from the camera are log-uniform within `DISTANCES`; a ray that meets
+    the ground earlier ends there.
     """
     pans = np.array([camera.angles[0] for camera in cameras])
     nearest = np.abs(pans - rng.uniform(pans.min(), pans.max(), size=(count, 1))).argmin(axis=1)
@@ -323,7 +300,7 @@ def background_points(
         ray = homogenize(camera.normalized(rng.uniform(0.0, np.array(camera.image_size) - 1.0))) @ camera.R
         ray /= np.linalg.norm(ray)
         to_ground = -camera.C[2] / ray[2] if ray[2] > 0.0 else np.inf
-        X[index] = camera.C + min(np.exp(rng.uniform(*np.log(distances))), to_ground) * ray
+        X[index] = camera.C + min(np.exp(rng.uniform(*np.log(DISTANCES))), to_ground) * ray
     return X
 
 
@@ -335,7 +312,7 @@ def background_matches(
     noise: float = MATCH_NOISE,
     outlier_share: float = 0.0,
 ) -> list[Match]:
-    """Matches of static points between pairs of frames: those in view of both.
+    """Matches between pairs of frames, of the static points in view of both.
 
     Parameters
     ----------
@@ -346,15 +323,15 @@ def background_matches(
         As `background_points` makes them.
     rng : numpy.random.Generator
     noise : float
-        Standard deviation in pixels of x and of y in the second frame. The first frame's pixel is where the feature was
-        found, and is what is followed: it is exact.
+        Standard deviation in pixels of x and of y in the second frame. Pixels of the first frame are exact: there the
+        feature to be followed was found.
     outlier_share : float
-        Of the matches go anywhere within `OUTLIER_REACH` of the point.
+        Share of the matches that are outliers: uniform within `OUTLIER_REACH` of the point, in x and y.
 
     Returns
     -------
     list of Match
-        One for each pair, in order, possibly without points.
+        One for each pair, in their order; without points if none is in view of both.
     """
     made = []
     for first, second in pairs:
@@ -367,19 +344,19 @@ def background_matches(
     return made
 
 
-def _zoomed(rng: np.random.Generator, frames: int, rate: float) -> tuple[Array, Array]:
-    """K and k of a random law whose zoom is operated."""
+def _zoomed(rng: np.random.Generator, frames: int) -> tuple[Array, Array]:
+    """K and k of a random `ZoomLaw`, with a zoom that an operator moves."""
     low, high = LOG_FOCAL_RANGE
     span = rng.uniform(*LOG_FOCAL_SPAN)
     start = rng.uniform(low, high - span)
-    u = _ranged(operated(rng, frames, rate, ZOOM_PERIOD), (start, start + span))
+    u = _ranged(operated(rng, frames, ZOOM_PERIOD), (start, start + span))
     return ZoomLaw.random(rng).at(REFERENCE_FOCAL_LENGTH * np.exp(u))
 
 
-def _played(K: Array, k: Array, rng: np.random.Generator, frames: int, rate: float) -> tuple[Array, Array]:
-    """K and k of moments between measured frames, at `rate`."""
+def _played(K: Array, k: Array, rng: np.random.Generator, frames: int) -> tuple[Array, Array]:
+    """K and k of the measured sequence, interpolated at `RATE` frames a second."""
     last = len(K) - 1
-    moment = rng.uniform(0.0, last) + np.arange(frames) * MEASURED_RATE / rate
+    moment = rng.uniform(0.0, last) + np.arange(frames) * MEASURED_RATE / RATE
     moment = last - np.abs(last - np.mod(moment, 2 * last)) if last else 0.0 * moment
     before = np.floor(moment).astype(int)
     after, share = np.minimum(before + 1, last), moment - before
@@ -395,11 +372,11 @@ def _ranged(shares: Array, limits: Range) -> Array:
     return low + (high - low) * shares
 
 
-def _hand(rng: np.random.Generator, frames: int, rate: float) -> Array:
+def _hand(rng: np.random.Generator, frames: int) -> Array:
     """Small smooth movements of an angle, radians (frames,)."""
     from scipy.ndimage import gaussian_filter1d
 
-    width = HAND_TIME * rate
+    width = HAND_TIME * RATE
     noise = gaussian_filter1d(rng.standard_normal(frames), width, mode="wrap")
     return np.asarray(HAND * np.sqrt(2.0 * np.sqrt(np.pi) * width) * noise)  # a filter's sum of squares, undone
 

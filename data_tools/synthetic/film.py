@@ -69,14 +69,13 @@ class Scene:
 
     field: Field
     seed: int
-    rate: float
     positions: Array
     """(frames, people, 2): metres on the ground."""
     people: Sequence[tuple[Person, Kit, float]]
     """Each player with kit and phase of the steps in radians."""
 
     @classmethod
-    def random(cls, field: Field, seed: int, cameras: Sequence[Camera], rate: float = RATE) -> Scene:
+    def random(cls, field: Field, seed: int, cameras: Sequence[Camera]) -> Scene:
         """Make a scene whose players follow the play, which the cameras of all frames aim at."""
         rng = np.random.default_rng((seed, PEOPLE))
         kits = [random_kit(rng) for _ in TEAM_SHARES]
@@ -84,7 +83,7 @@ class Scene:
             (Person.random(rng), kits[rng.choice(len(kits), p=TEAM_SHARES)], rng.uniform(0.0, 2.0 * np.pi))
             for _ in range(PLAYERS)
         ]
-        return cls(field, seed, rate, _runs(field, cameras, rate, rng), people)
+        return cls(field, seed, _runs(field, cameras, rng), people)
 
     def at(self, frame: int, camera: Camera) -> Float32:
         """The picture at the moment of a frame, (height, width, 3)."""
@@ -92,7 +91,7 @@ class Scene:
         ground = Ground.of_rays(camera, ray)
         light = random_light(ground, self.field, self._rng(LIGHT))
         picture = random_ground(ground, self.field, self._rng(GROUND)) * light
-        boards = _boards(self.seed, frame / self.rate)
+        boards = _boards(self.seed, frame / RATE)
         add_surroundings(picture, camera, ray, ground, self.field, self._rng(STANDS), boards)
         image = to_uint8(picture)
         self._add_objects(image, light, frame, camera)
@@ -104,11 +103,11 @@ class Scene:
         first, last = max(frame - 1, 0), min(frame + 1, len(self.positions) - 1)
         velocity = (self.positions[last] - self.positions[first]) / max(last - first, 1)
         X = np.pad(self.positions[frame], ((0, 0), (0, 1)))
-        share = np.minimum(np.linalg.norm(velocity, axis=1) * self.rate / SPRINT, 1.0)
+        share = np.minimum(np.linalg.norm(velocity, axis=1) * RATE / SPRINT, 1.0)
 
         def draw(who: int) -> None:
             person, kit, phase = self.people[who]
-            step = share[who] * np.sin(2.0 * np.pi * CADENCE * frame / self.rate + phase)
+            step = share[who] * np.sin(2.0 * np.pi * CADENCE * frame / RATE + phase)
             heading = float(np.arctan2(velocity[who, 1], velocity[who, 0]))
             running = replace(person, stride=STRIDE * step, swing=SWING * step, heading=heading)
             add_person(image, light, camera, X[who], running, kit, suns)
@@ -215,7 +214,7 @@ def write_clip(path: Path, scene: Scene, frames: Sequence[TrueFrame]) -> None:
     for index, frame in enumerate(frames):
         of_frame = {"frame": index, "shot": frame.shot, "tripod": frame.tripod, "image_size": frame.camera.image_size}
         lines.append(json.dumps({**of_frame, **size, **camera_to_record(frame.camera)}) + "\n")
-    with VideoWriter(path, scene.rate) as video:
+    with VideoWriter(path, RATE) as video:
         for image in film(scene, frames):
             video.write(image)
     write_text(path.with_suffix(".jsonl"), "".join(lines))
@@ -237,14 +236,14 @@ def _moved(a: Camera, b: Camera) -> float:
     return float(np.nanmax(np.linalg.norm(seen_far_away(a, b, xy) - xy, axis=1)))
 
 
-def _runs(field: Field, cameras: Sequence[Camera], rate: float, rng: np.random.Generator) -> Array:
+def _runs(field: Field, cameras: Sequence[Camera], rng: np.random.Generator) -> Array:
     """Positions of the players, (frames, people, 2)."""
     from scipy.ndimage import gaussian_filter1d
 
     middle = np.array(cameras[0].image_size) / 2.0
     aims = np.nan_to_num([camera.image_to_field(middle)[:2] for camera in cameras])
-    play = FOLLOWING * gaussian_filter1d(aims, LOOKING * rate, axis=0, mode="nearest")
-    width = WANDER_TIME * rate
+    play = FOLLOWING * gaussian_filter1d(aims, LOOKING * RATE, axis=0, mode="nearest")
+    width = WANDER_TIME * RATE
     wander = gaussian_filter1d(rng.standard_normal((len(cameras), PLAYERS, 2)), width, axis=0, mode="wrap")
     wander *= WANDER * np.sqrt(2.0 * np.sqrt(np.pi) * width)
     half = np.array([field.length, field.width]) / 2.0

@@ -42,7 +42,7 @@ def furniture(image: Image, camera: Camera, field: Field, look: Look, rng: np.ra
     if look.nets:
         things += [_goal(image, camera, bar, look, goal_net, depth) for bar in _crossbars(raised)]
     things += _nets(image, camera, field, raised, mesh, steel)
-    things += _baskets(image, camera, field, raised, steel, rng)
+    things += _baskets(image, camera, raised, steel, rng)
     things += _glass(image, camera, field, raised, steel)
     for label, segment in raised.items():
         width, colour = look.width(label, BAR), shades[look.colour(label, WHITE)]
@@ -125,7 +125,6 @@ def _nets(
 def _baskets(
     image: Image,
     camera: Camera,
-    field: Field,
     raised: Mapping[str, Segment],
     steel: Colour,
     rng: np.random.Generator,

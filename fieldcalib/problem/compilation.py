@@ -63,9 +63,9 @@ def compiled_derivatives(theta: Array, layout: Layout, points: ClosestPoints, fr
     index = np.flatnonzero(free)
     B, M = points.r.shape
     JT = np.zeros((B, len(index), M))
-    s, inverse_depth, normal = map(np.ascontiguousarray, (points.s, points.inverse_depth, points.normal))
+    feet = module.Feet(*map(np.ascontiguousarray, (points.s, points.inverse_depth, points.normal)))
     cameras = theta[:, : layout.lens_block.stop].copy()
-    module.derivatives(cameras, layout.lens.rho, module.Limits(), s, inverse_depth, normal, index, JT)
+    module.derivatives(cameras, layout.lens.rho, module.Limits(), feet, index, JT)
     return JT
 
 

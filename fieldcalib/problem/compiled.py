@@ -82,6 +82,14 @@ class Foot(NamedTuple):
     ny: float
 
 
+class Feet(NamedTuple):
+    """The closest points of B x M residuals, as in `ClosestPoints`."""
+
+    s: Array
+    inverse_depth: Array
+    normal: Array
+
+
 class Loss(NamedTuple):
     """A robust loss: which, and its scale squared."""
 
@@ -384,6 +392,17 @@ class Bounds(NamedTuple):
     longest: Array
 
 
+class Quadratic(NamedTuple):
+    """The cost around a camera, and its damping."""
+
+    gradient: Array
+    """(P,)."""
+    hessian: Array
+    """(P, P)."""
+    damping: float
+    least_diagonal: float
+
+
 class Criteria(NamedTuple):
     """When Levenberg-Marquardt ends, and what it begins with; the constants of `levenberg_marquardt`."""
 
@@ -417,15 +436,14 @@ def closest_points(frames: Frames, theta: Array, r: Array, s: Array, inverse_dep
 
 
 @compiled
-def derivatives(
-    theta: Array, rho: float, limits: Limits, s: Array, inverse_depth: Array, normal: Array, free: IntArray, JT: Array
-) -> None:
+def derivatives(theta: Array, rho: float, limits: Limits, feet: Feet, free: IntArray, JT: Array) -> None:
     """`Projection.derivatives` by some of the parameters, into JT (B, P, M)."""
     row = np.empty(theta.shape[1])
     for b in range(len(theta)):
         view = view_of(theta[b], rho, limits)
-        for m in range(inverse_depth.shape[1]):
-            foot = Foot(0.0, s[0, b, m], s[1, b, m], inverse_depth[b, m], normal[0, b, m], normal[1, b, m])
+        for m in range(JT.shape[2]):
+            s, w, n = feet.s, feet.inverse_depth, feet.normal
+            foot = Foot(0.0, s[0, b, m], s[1, b, m], w[b, m], n[0, b, m], n[1, b, m])
             set_derivatives(view, foot, row)
             for j in range(len(free)):
                 if free[j] < len(row):  # other parameters move points, not the camera
@@ -512,13 +530,12 @@ def solve(A: Array, x: Array) -> None:
 
 
 @compiled
-def damped_step(
-    theta: Array, free: IntArray, g: Array, H: Array, damping: float, to: Bounds, least: float, A: Array, step: Array
-) -> float:
+def damped_step(theta: Array, free: IntArray, model: Quadratic, to: Bounds, A: Array, step: Array) -> float:
     """The step (P,) of a frame at theta, within its bounds, and what it is predicted to change of the cost.
 
     What is at a bound and would leave it stays there: out of the linear system with it.
     """
+    g, H = model.gradient, model.hessian
     P = len(g)
     for j in range(P):
         at = theta[free[j]]
@@ -527,7 +544,7 @@ def damped_step(
     for j in range(P):
         for c in range(P):
             A[j, c] = 0.0 if math.isnan(step[j]) or math.isnan(step[c]) else H[j, c]
-        A[j, j] = 1.0 if math.isnan(step[j]) else H[j, j] + damping * (H[j, j] + least)
+        A[j, j] = 1.0 if math.isnan(step[j]) else H[j, j] + model.damping * (H[j, j] + model.least_diagonal)
     for j in range(P):
         if math.isnan(step[j]):
             step[j] = 0.0
@@ -566,7 +583,7 @@ def levenberg_marquardt(
             continue
         damping, growth = until.initial_damping, 2.0
         for _ in range(until.max_iterations):
-            predicted = damped_step(at, free, g, H, damping, to, until.least_diagonal, A, step)
+            predicted = damped_step(at, free, Quadratic(g, H, damping, until.least_diagonal), to, A, step)
             if abs(predicted) <= max(until.settled * until.tolerance, until.still) * cost:
                 converged[b] = True
                 break

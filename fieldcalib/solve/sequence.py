@@ -57,7 +57,7 @@ def calibrate_sequence(
         Standard deviation, in metres, of where a line is painted as a whole: however many frames see it, that stays.
     matches : mapping of (int, int) to pair of (N, 2) array_like, optional
         Pixels of static points of the background in two frames, e.g. `first` and `second` of
-        `fieldcalib.images.match_background`; None where there are none. They tie frames without labels to those that
+        `fieldcalib.match_background`; None where there are none. They tie frames without labels to those that
         have some. Frames that come first in a pair are solved together; the others follow from them.
     start : SequenceCalibration, optional
         Of the same frames, before more pixels were found: nothing is searched. The labels must be trusted.

@@ -1,0 +1,104 @@
+"""Modules, functions and files that the docs, docstrings, comments and `pyproject.toml` name are there."""
+
+import ast
+import importlib
+import re
+import tokenize
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).parents[1]
+PAGES = [ROOT / name for name in ("README.md", "CONTRIBUTING.md", "pyproject.toml", ".ci/run")]
+PAGES += sorted(ROOT.glob("docs/*.md")) + sorted(ROOT.glob("fieldcalib/**/*.md"))
+PACKAGES = "fieldcalib|baselines|data_tools"
+SOURCES = [path for folder in (*PACKAGES.split("|"), "tests") for path in sorted((ROOT / folder).rglob("*.py*"))]
+SOURCES = [path for path in SOURCES if path.suffix in (".py", ".pyi")]
+INNER = "|".join(sorted(path.parent.name for path in ROOT.glob("fieldcalib/*/__init__.py")))
+
+DOTTED = re.compile(rf"(?<![\w/.])(?:{PACKAGES})(?:\.[A-Za-z_]\w*)+(?![\w(]*/)")
+INSIDE = re.compile(rf"`((?:{INNER})(?:\.[A-Za-z_]\w*)+)`")  # `solve.ties`, of fieldcalib
+PATH = re.compile(rf"(?<![\w/.])(?:{PACKAGES}|tests|docs)/[\w./-]*\.(?:py|pyi|md)\b")
+FILES = {"images.txt"}  # of COLMAP
+
+
+def prose(path):
+    """Docstrings and comments of a source file; the whole text of any other file."""
+    if path.suffix not in (".py", ".pyi"):
+        return path.read_text(encoding="utf-8")
+    with tokenize.open(path) as source:
+        comments = [
+            token.string for token in tokenize.generate_tokens(source.readline) if token.type == tokenize.COMMENT
+        ]
+    documented = (ast.Module, ast.ClassDef, ast.FunctionDef)
+    nodes = ast.walk(ast.parse(path.read_text(encoding="utf-8")))
+    return "\n".join([*comments, *(ast.get_docstring(node) or "" for node in nodes if isinstance(node, documented))])
+
+
+def dotted_names(text):
+    return {*DOTTED.findall(text), *(f"fieldcalib.{name}" for name in INSIDE.findall(text) if name not in FILES)}
+
+
+def named_in(find):
+    """What the pages and sources name -> the files that do."""
+    files = {}
+    for path in (*PAGES, *SOURCES):
+        for name in find(prose(path)):
+            files.setdefault(name, []).append(str(path.relative_to(ROOT)))
+    return files
+
+
+def exists(name):
+    """Whether a dotted name is a module, or an attribute or a field of a dataclass that is found from one."""
+    parts = name.split(".")
+    for count in range(len(parts), 0, -1):
+        module = ".".join(parts[:count])
+        try:
+            value = importlib.import_module(module)
+        except ModuleNotFoundError as error:
+            if error.name is None or not f"{module}.".startswith(f"{error.name}."):
+                raise  # a package of an extra: conftest.py skips the test
+            continue
+        for part in parts[count:]:
+            if not hasattr(value, part):
+                return part in getattr(value, "__dataclass_fields__", {})
+            value = getattr(value, part)
+        return True
+    return False
+
+
+NAMES, PATHS = named_in(dotted_names), named_in(PATH.findall)
+
+
+@pytest.mark.parametrize("name", sorted(NAMES))
+def test_a_name_can_be_imported(name):
+    assert exists(name), f"{name} is named in {NAMES[name]}"
+
+
+@pytest.mark.parametrize("name", sorted(PATHS))
+def test_a_path_exists(name):
+    assert (ROOT / name).is_file(), f"{name} is named in {PATHS[name]}"
+
+
+def test_wrong_names_are_seen():
+    text = (
+        "`fieldcalib.calibrate.batch`, fieldcalib.soccer, `solve.nothing`, fieldcalib/calibrate/batch.py (docs/no.md)."
+    )
+    assert {name: exists(name) for name in dotted_names(text)} == {
+        "fieldcalib.calibrate.batch": False,
+        "fieldcalib.soccer": True,
+        "fieldcalib.solve.nothing": False,
+    }
+    assert PATH.findall(text) == ["fieldcalib/calibrate/batch.py", "docs/no.md"]
+
+
+def test_fields_of_dataclasses_are_names():
+    assert exists("fieldcalib.Calibration.status")
+    assert not exists("fieldcalib.Calibration.nothing")
+
+
+def test_names_are_looked_for_in_docstrings_and_comments():
+    assert len(SOURCES) > 300
+    assert "docs, docstrings, comments" in prose(Path(__file__))
+    assert "of COLMAP" in prose(Path(__file__))
+    assert "ROOT.glob" not in prose(Path(__file__))
