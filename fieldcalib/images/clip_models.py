@@ -25,7 +25,7 @@ from fieldcalib.fields.field import Field
 from fieldcalib.fields.segments import ObjectSegments
 from fieldcalib.images.clip_problem import Cells
 from fieldcalib.images.pieces import CameraModel
-from fieldcalib.problem.background import BackgroundEvaluation
+from fieldcalib.problem.background import BackgroundTerm
 from fieldcalib.problem.evaluation import evaluate_cameras
 from fieldcalib.problem.prior import is_whole_shape
 from fieldcalib.solve.options import Prior, checked_prior, pixel_unit
@@ -166,7 +166,7 @@ class LeftOut:
         pairs = Ties.of(object_segments, known, len(frames), size).among(index)
         if pairs is None:
             return lost
-        r = BackgroundEvaluation(pairs, calibration.layout, calibration.frames.theta[index]).r
+        r = BackgroundTerm(pairs, calibration.layout, calibration.frames.theta[index]).r
         off = np.where(pairs.weight > 0.0, np.linalg.norm(r, axis=0), np.nan) / pixel_unit(size)
         return [*lost, *np.minimum(np.nanmedian(off, axis=1), LOST).tolist()]
 

@@ -155,21 +155,20 @@ def _tied(
     keys, tripod, layout = sorted(ties), solved.tripod, solved.layout
     here, is_known = np.array([len(keys)]), np.arange(len(keys) + 1) < len(keys)
     pairs = {(k, len(keys)): ties[key] for k, key in enumerate(keys)}
-    local = Ties.of(tripod.object_segments, pairs, len(keys) + 1, layout.image_size)
+    local = Ties.of(tripod.options.object_segments, pairs, len(keys) + 1, layout.image_size)
     near = image is not None and bool(shot.last)
     last = shot.last[-1][1] if near else known[keys[-1]]
     theta = np.where(layout.free, [*(known[key].theta for key in keys), last.theta], solved.shared)
-    towards, first = local.towards(here, theta, is_known)
+    towards = local.towards(here, theta, is_known)
     if near:
         theta[-1:], (contradicted,) = stepped(towards, layout, theta[-1:])
     else:
-        scale = tripod.options.scale
-        theta, reached = with_tied(tripod.object_segments, local, theta, is_known, here, layout, scale)
+        theta, reached = with_tied(tripod.options, local, theta, is_known, here, layout)
         contradicted = not reached[-1]
     if contradicted:
         return None
     lines = NO_LINES if image is None else detected_lines(image, layout.camera(theta[-1]), solved.markings)[0]
-    of_keys = [known[keys[k]].errors for k in first.tolist()]
+    of_keys = [known[keys[k]].errors for k in towards.first.tolist()]
     of_first = OwnErrors(*(np.array(part) for part in zip(*of_keys, strict=True)))
     followed = tripod.solved(theta[-1:], [lines], towards, tripod.prior(theta[-1:]))
     return solved_rows(tripod, SolvedFrames(followed, tripod.errors(followed, of_first), np.array([True]))), lines

@@ -28,7 +28,7 @@ from fieldcalib.fields.segments.closest import ClosestPoints
 from fieldcalib.fields.stands import SOCCER_SCALE
 from fieldcalib.geometry.camera import Camera
 from fieldcalib.geometry.lens import common_lens
-from fieldcalib.problem.background import BackgroundEvaluation, BackgroundPairs
+from fieldcalib.problem.background import BackgroundPairs, BackgroundTerm
 from fieldcalib.problem.closest_points import closest_points
 from fieldcalib.problem.compilation import compiled_closest_points, compiled_derivatives
 from fieldcalib.problem.cost_term import CostTerm, Coupling
@@ -39,7 +39,7 @@ from fieldcalib.problem.observations import Observations, pack
 from fieldcalib.problem.prior import GaussianPrior
 from fieldcalib.problem.prior_term import PriorTerm
 from fieldcalib.problem.projection import Projection
-from fieldcalib.problem.smooth_path import PathEvaluation, SmoothPath
+from fieldcalib.problem.smooth_path import PathTerm, SmoothPath
 
 # Fields of view from 0.3 to 170 degrees: outside, a fit collapses to a point or to a plane and ends in overflow.
 LOG_F_RANGE = (np.log(0.04), np.log(200.0))  # of f / width
@@ -205,16 +205,16 @@ class Evaluation:
         return None if prior is None else PriorTerm(prior, self.problem.layout, self.theta)
 
     @cached_property
-    def background(self) -> BackgroundEvaluation | None:
+    def background(self) -> BackgroundTerm | None:
         """The static points that tie frames as a term of the cost; None without."""
         pairs = self.problem.background
-        return None if pairs is None else BackgroundEvaluation(pairs, self.problem.layout, self.theta)
+        return None if pairs is None else BackgroundTerm(pairs, self.problem.layout, self.theta)
 
     @cached_property
     def links(self) -> tuple[CostTerm, ...]:
         """The terms that link frames with one another."""
         path = self.problem.path
-        on_path = None if path is None else PathEvaluation(path, self.problem.layout, self.theta)
+        on_path = None if path is None else PathTerm(path, self.problem.layout, self.theta)
         return tuple(link for link in (self.background, on_path) if link is not None)
 
     @property
