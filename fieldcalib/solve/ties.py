@@ -72,7 +72,8 @@ class Ties:
         if isinstance(object_segments, Field):
             walls = np.array([object_segments.length, object_segments.width]) / 2.0 + BEHIND_LINES
         loss = RobustLoss("cauchy", LOSS_SCALE * unit)
-        return cls(count, BackgroundPairs(first, second, *pixels, weights, loss, walls))
+        p, q = pixels
+        return cls(count, BackgroundPairs(first, second, p, q, weights, loss, walls))
 
     def __len__(self) -> int:
         return len(self.pairs)
