@@ -163,12 +163,12 @@ def calibrate_alone(how: ImageTask, images: Sequence[Image]) -> list[Calibration
         by_size.setdefault(size_of(image), []).append(index)
     calibrations: dict[int, Calibration] = {}
     for members in by_size.values():
-        parts = _calibrated_one_size(how, [images[index] for index in members], [found[index] for index in members])
+        parts = _calibrated_size(how, [images[index] for index in members], [found[index] for index in members])
         calibrations |= dict(zip(members, parts, strict=True))
     return [calibrations[index] for index in range(len(images))]
 
 
-def _calibrated_one_size(how: ImageTask, images: Sequence[Image], found: Sequence[Localization]) -> list[Calibration]:
+def _calibrated_size(how: ImageTask, images: Sequence[Image], found: Sequence[Localization]) -> list[Calibration]:
     """Calibrations of images of one size."""
     markings = Markings.of(how.task.object_segments)
     from_labels = calibrate_localized(how.task, found, size_of(images[0]))

@@ -76,10 +76,8 @@ def calibrate_from_consensus(task: Task, image: Image, found: Localization) -> l
 
 def calibrate_localized(task: Task, parts: Sequence[Localization], size: tuple[int, int]) -> list[Calibration]:
     """Calibrate localized images of one size, without the search for mislabelled segments."""
-    task = replace(task, trust_labels=True)
-    task = task.with_flags(
-        CalibrationFlags.CALIB_FIX_PRINCIPAL_POINT
-    )  # the network's pixels are too coarse to determine it
+    # a network's pixels are too coarse to determine the principal point
+    task = replace(task, trust_labels=True).with_flags(CalibrationFlags.CALIB_FIX_PRINCIPAL_POINT)
     found = calibrate_labels(task, [part.pixels for part in parts], size, [part.weights for part in parts])
     return [_with_advice(one) for one in found]
 
