@@ -83,7 +83,8 @@ class BackgroundPairs:
     def joined(one: BackgroundPairs, other: BackgroundPairs) -> BackgroundPairs:
         """The pairs of one, then those of the other."""
         more = other._columns
-        return replace(one, **{name: np.concatenate([some, more[name]]) for name, some in one._columns.items()})
+        both: dict[str, Any] = {name: np.concatenate([some, more[name]]) for name, some in one._columns.items()}
+        return replace(one, **both)
 
     @property
     def _columns(self) -> dict[str, Any]:

@@ -72,7 +72,7 @@ class Ties:
         if isinstance(object_segments, Field):
             walls = np.array([object_segments.length, object_segments.width]) / 2.0 + BEHIND_LINES
         loss = RobustLoss("cauchy", LOSS_SCALE * unit)
-        return cls(count, BackgroundPairs(first, second, *pixels, weights, loss, walls))
+        return cls(count, BackgroundPairs(first, second, pixels[0], pixels[1], weights, loss, walls))
 
     def __len__(self) -> int:
         return len(self.pairs)
