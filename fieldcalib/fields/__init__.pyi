@@ -20,5 +20,6 @@ from .sports.ice_hockey import ice_hockey as ice_hockey
 from .sports.ice_hockey import ice_hockey_iihf as ice_hockey_iihf
 from .sports.padel import padel as padel
 from .sports.rugby_union import rugby_union as rugby_union
+from .sports.soccer import soccer as soccer
 from .sports.tennis import tennis as tennis
 from .sports.volleyball import volleyball as volleyball

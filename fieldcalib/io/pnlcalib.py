@@ -26,7 +26,7 @@ import numpy as np
 from fieldcalib._types import Array
 from fieldcalib.fields.field import Field
 from fieldcalib.fields.segments import Point
-from fieldcalib.fields.soccer import (
+from fieldcalib.fields.sports.soccer import (
     CIRCLE_RADIUS,
     PENALTY_AREA_DEPTH,
     PENALTY_AREA_WIDTH,
