@@ -4,7 +4,6 @@ from . import field as field
 from . import mirrored as mirrored
 from . import records as records
 from . import segments as segments
-from . import soccer as soccer
 from . import sports as sports
 from . import stands as stands
 from . import traits as traits
