@@ -1,7 +1,7 @@
 """What `import fieldcalib` and `fieldcalib --help` cost. Imports go down: import-linter, `pyproject.toml`."""
 
 import ast
-import importlib
+import importlib.util
 import pkgutil
 import re
 import subprocess
@@ -89,7 +89,9 @@ def test_every_name_in_the_docs_is_there_on_a_fresh_import():
     texts = [path.read_text() for path in (FOLDER.parent / "README.md", *(FOLDER.parent / "docs").glob("*.md"))]
     names = {name for text in texts for name in re.findall(r"\bfieldcalib(?:\.[A-Za-z_]\w*)+", text)}
     assert {"fieldcalib.plot", "fieldcalib.io.exports.opencv", "fieldcalib.processes.jobs.in_order"} <= names
-    assert missing(names) == []
+    if importlib.util.find_spec("numba") is None:
+        names -= {"fieldcalib.problem.compile_log", "fieldcalib.problem.compiled"}  # modules that import it
+    assert missing(names - {f"fieldcalib.{name}" for name in fieldcalib.__all__}) == []  # those are tested above
 
 
 def test_what_is_missing_is_found():

@@ -344,9 +344,8 @@ def test_a_clip_whose_position_is_known():
     assert largest_error(found, cameras) < min(1.0, largest_error(from_clip_alone(0.1), cameras))
 
 
-@pytest.mark.parametrize(
-    "more", [pytest.param(0, id="lens"), pytest.param(PLACE, id="lens and position", marks=pytest.mark.slow)]
-)
+@pytest.mark.slow
+@pytest.mark.parametrize("more", [0, PLACE], ids=["lens", "lens and position"])
 def test_a_clip_whose_lens_is_known(more):
     cameras, pictures = clip_of(zoom=0.0)
     known = intrinsics(cameras[0]) | (position(cameras[0]) if more else {})

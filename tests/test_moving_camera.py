@@ -213,6 +213,7 @@ def test_no_plane():
 # a video
 
 
+@pytest.mark.slow
 def test_a_video_from_the_air():
     size, count = (480, 270), 16
     share = np.linspace(0.0, 1.0, count)

@@ -69,7 +69,9 @@ def test_bins_compare_probabilities_with_shares():
     assert found["gap"] == [10.0, 20.0]
 
 
-@pytest.mark.parametrize("what", [("clips", "--clips", "2"), ("pictures", "--frames", "4")])
+@pytest.mark.parametrize(
+    "what", [pytest.param(("clips", "--clips", "2"), marks=pytest.mark.slow), ("pictures", "--frames", "4")]
+)
 def test_the_command_prints_what_it_measured(what, capsys):
     assert pitches.main([*what, "--seed", "3"]) == 0
     first, *_ = map(json.loads, capsys.readouterr().out.splitlines())

@@ -21,7 +21,6 @@ from fieldcalib.geometry.camera import Camera
 from fieldcalib.solve.batch import calibrate_batch
 from fieldcalib.solve.field_size import estimate_field_size
 from fieldcalib.solve.from_segments import calibrate_from_segments
-from fieldcalib.solve.mislabels import renamed
 from fieldcalib.solve.options import DEFAULT_FLAGS, CalibrationFlags
 
 NAMES = (
@@ -497,12 +496,21 @@ def test_points_that_were_left_out_are_where_the_others_say(nhl_frames):
     assert medians["nhl"] > 1.5 * medians["nhl-2013"]
 
 
+def renamed(frame, suspects):
+    """A frame under the labels that fit its segments, without those that none fits."""
+    fits, parts = {suspect.label: suspect.fits for suspect in suspects}, {}
+    for given, xy in frame.items():
+        parts.setdefault(fits.get(given, given), []).append(xy)
+    return {label: np.concatenate(xy) for label, xy in parts.items() if label is not None}
+
+
 def left_out_distances(rink, frames):
     """Distance in pixels of each point from where a camera puts it that was calibrated without it."""
     others, left_out = [], []
     found = calibrate_batch(rink, list(frames.values()), HD)
     for frame, one in zip(frames.values(), found, strict=True):
-        believed = renamed(frame, one.suspect_labels)
+        fits = {suspect.label: suspect.fits for suspect in one.suspect_labels}
+        believed = {fits.get(label, label): xy for label, xy in frame.items() if fits.get(label, label) is not None}
         others += [{name: xy for name, xy in believed.items() if name != label} for label in believed]
         left_out += [(rink[label].X, xy[0]) for label, xy in believed.items()]
     cameras = [one.camera for one in calibrate_batch(rink, others, HD, trust_labels=True)]

@@ -128,6 +128,7 @@ def test_pictures_tell_the_width_of_their_pitch(network, pictures):
     assert np.median([one.rms for one in found]) < np.median([one.rms for one in nominal])
 
 
+@pytest.mark.slow
 def test_run_estimates_unless_it_is_told_not_to(tmp_path, pictures, capsys):
     for index, picture in enumerate(pictures):
         cv2.imwrite(str(tmp_path / f"{index}.png"), picture)

@@ -67,12 +67,18 @@ def tracked(pictures, keyframes):
         return [(tracker.update(picture), tracker.basis) for picture in pictures]
 
 
-def test_every_frame_has_its_camera_at_once(clip):
+@pytest.fixture(scope="module")
+def followed(clip):
+    """The clip as a tracker follows it whose network knows the keyframes."""
     cameras, pictures = clip
-    found = tracked(pictures, cameras[::EVERY])
-    assert all(calibration.accepted for calibration, _ in found)
-    assert max(off(one, camera) for (one, _), camera in zip(found, cameras, strict=True)) < 2.0
-    assert [basis for _, basis in found][1:] == [Basis.BOTH] * (len(cameras) - 1)
+    return tracked(pictures, cameras[::EVERY])
+
+
+def test_every_frame_has_its_camera_at_once(clip, followed):
+    cameras, _ = clip
+    assert all(calibration.accepted for calibration, _ in followed)
+    assert max(off(one, camera) for (one, _), camera in zip(followed, cameras, strict=True)) < 2.0
+    assert [basis for _, basis in followed][1:] == [Basis.BOTH] * (len(cameras) - 1)
 
 
 @pytest.mark.slow
@@ -100,10 +106,9 @@ def test_keyframes_that_are_known_too_badly_to_be_accepted_have_cameras(clip, mo
     assert max(off(one, camera) for one, camera in zip(shown, cameras[EVERY + 1 :], strict=False)) < 2.0
 
 
-def test_verdicts_rest_on_the_paint_in_the_images(clip, monkeypatch):
+def test_verdicts_rest_on_the_paint_in_the_images(clip, followed, monkeypatch):
     cameras, pictures = clip
-    found = tracked(pictures, cameras[::EVERY])
-    looked_at = [one for one, _ in found if one.camera is not None]
+    looked_at = [one for one, _ in followed if one.camera is not None]
     assert all(len(one.markings) > 3 for one in looked_at)
     assert not any(marking.is_beside for one in looked_at for marking in one.markings)
     beside = MarkingInView("Middle line", 300.0, 25, share=0.1, offset=21.4), *looked_at[0].markings

@@ -127,6 +127,7 @@ def test_matches_tell_frames_without_labels(measured, capsys):
     assert tied["focal_length_percent"] < rows["one by one"]["focal_length_percent"]
 
 
+@pytest.mark.slow
 def test_a_filmed_clip_is_compared_with_its_cameras(tmp_path, monkeypatch, capsys):
     share = np.linspace(0.0, 1.0, 12)
     cameras = [

@@ -69,7 +69,7 @@ def run_demo(out: Path, *, count: int = 12, noise: float = 1.0, seed: int = 0) -
     noise : float
         Standard deviation of the labelled pixels along x and along y.
     seed : int
-        Of the noise and of the pictures' crowd.
+        Seed of the noise and of the rendered crowd.
 
     Returns
     -------
@@ -126,9 +126,6 @@ def _table(errors: Sequence[CameraDifference], calibrations: Sequence[Calibratio
     if len(calibrated):
         lines.append(line("median", np.median(calibrated, axis=0), ""))
     return "\n".join(lines)
-
-
-# Pictures
 
 
 def _picture(rendered: Image, field: Field, frame: Pixels, found: Calibration, *, names: bool) -> Image:

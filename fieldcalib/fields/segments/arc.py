@@ -9,7 +9,7 @@ import numpy as np
 from fieldcalib._types import Array, IntArray
 from fieldcalib.fields.segments.closest import LARGEST_TURN, ClosestPoints, CurveSearch, View, cross, dot, unit
 from fieldcalib.fields.segments.rows import Ends, Rows
-from fieldcalib.fields.segments.segment import Parts, Segment, Vector, middles, mirrored, vector
+from fieldcalib.fields.segments.segment import Parts, Ring, Segment, Vector, middles, mirrored, vector
 
 
 class ArcRows(Rows):
@@ -123,9 +123,9 @@ class Arc(Segment):
         return (self.stop + self.start) / 2.0, abs(self.stop - self.start) / 2.0
 
     @property
-    def ring(self) -> Arc:
+    def ring(self) -> Ring:
         """Itself."""
-        return self
+        return Ring(self.center, self.radius, self.start, self.stop, self.u, self.v)
 
     @property
     def whole(self) -> tuple[Vector, float]:

@@ -7,12 +7,11 @@ from dataclasses import dataclass
 import numpy as np
 
 from fieldcalib._types import Array
-from fieldcalib.fields.segments.arc import Arc
 from fieldcalib.fields.segments.closest import ClosestPoints, View, at_points
 from fieldcalib.fields.segments.rows import Rows
-from fieldcalib.fields.segments.segment import Segment, Vector, mirrored, vector
+from fieldcalib.fields.segments.segment import Ring, Segment, Vector, mirrored, vector
 
-RING = 1e-3  # m: radius of the circle that is painted for a point
+MARK = 1e-3  # m: radius of the circle that is painted for a point
 
 
 class PointRows(Rows):
@@ -64,9 +63,9 @@ class Point(Segment):
         return np.array([self.X, self.X])
 
     @property
-    def ring(self) -> Arc:
+    def ring(self) -> Ring:
         """A small circle around it."""
-        return Arc(self.X, RING)
+        return Ring(self.X, MARK)
 
     def equations(self, pixels: int) -> int:
         """Two."""

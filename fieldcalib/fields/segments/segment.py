@@ -1,19 +1,16 @@
-"""What every kind of segment can say of itself, in metres: its geometry, how it is drawn, and what it tells."""
+"""The protocol of all kinds of segments: geometry in metres, drawing, packing, number of equations."""
 
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Hashable, Iterable
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, ClassVar, NamedTuple, Self
+from typing import ClassVar, NamedTuple, Self
 
 import numpy as np
 
 from fieldcalib._types import Array, IntArray
 from fieldcalib.fields.segments.rows import Rows
-
-if TYPE_CHECKING:
-    from fieldcalib.fields.segments.arc import Arc
 
 Vector = tuple[float, float, float]
 
@@ -28,7 +25,18 @@ class Parts(NamedTuple):
     share: Array
     """Where between the segment's two ends they move with these, (N,)."""
     length: float
-    """Of all parts together, metres."""
+    """Length of all parts together, metres."""
+
+
+class Ring(NamedTuple):
+    """Part of a circle, with the attributes of an `Arc`."""
+
+    center: Vector
+    radius: float
+    start: float = 0.0
+    stop: float = 2.0 * np.pi
+    u: Vector = (1.0, 0.0, 0.0)
+    v: Vector = (0.0, 1.0, 0.0)
 
 
 @dataclass(frozen=True)
@@ -52,7 +60,7 @@ class Segment(ABC):
     @property
     @abstractmethod
     def vectors(self) -> Array:
-        """What these rows know of it, (G, 3), see `Rows.geometry`."""
+        """Vectors that describe it in these rows, (G, 3), see `Rows.geometry`."""
 
     @abstractmethod
     def sample(self, spacing: float = 1.0) -> Array:
@@ -83,7 +91,7 @@ class Segment(ABC):
 
     @property
     def whole(self) -> Hashable:
-        """What it is a part of: the same value for the parts of one circle."""
+        """Key of the whole line or circle: equal for the parts of one circle."""
         return self
 
     @property
@@ -93,7 +101,7 @@ class Segment(ABC):
 
     @property
     def middle_of_curvature(self) -> Vector:
-        """From where its outer side looks away: the middle of the field, of an arc its own centre."""
+        """The point that its outer side faces away from: the middle of the field; for an arc its own centre."""
         return (0.0, 0.0, 0.0)
 
     def polyline(self, spacing: float) -> Array:
@@ -101,8 +109,8 @@ class Segment(ABC):
         return self.sample(spacing)
 
     @property
-    def ring(self) -> Arc | None:
-        """The arc along which its paint runs; None where that is straight from corner to corner."""
+    def ring(self) -> Ring | None:
+        """The part of a circle along which its paint runs; None where that is straight from corner to corner."""
         return None
 
     def corners(self) -> Array:
