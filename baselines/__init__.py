@@ -2,4 +2,4 @@
 
 from fieldcalib.processes.threads import one_thread_for_blas
 
-one_thread_for_blas()  # before NumPy: the results of a command are those of any machine, and of any --jobs
+one_thread_for_blas()  # before NumPy is imported: results then do not depend on the machine or on --jobs

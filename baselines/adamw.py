@@ -13,19 +13,19 @@ import numpy as np
 
 from fieldcalib._types import Array
 
-LEARNING_RATE = 0.05  # the largest
-START_DIVISOR = 25.0  # the cycle starts at LEARNING_RATE / START_DIVISOR ...
-END_DIVISOR = 1e4  # ... and ends at its start / END_DIVISOR
+LEARNING_RATE = 0.05  # at its largest
+START_DIVISOR = 25.0  # the cycle starts at LEARNING_RATE / START_DIVISOR
+END_DIVISOR = 1e4  # it ends at this start / END_DIVISOR
 RISING = 0.5  # share of the steps in which the learning rate rises
-MOMENTUM = (0.85, 0.95)  # beta1 at the largest learning rate, and at both ends
+MOMENTUM = (0.85, 0.95)  # beta1 at the largest learning rate, and at both ends of the cycle
 BETA2 = 0.999
 EPSILON = 1e-8
 WEIGHT_DECAY = 0.01
-LEAST_STEPS = 3  # the rising and the falling part have one step each besides the first
+LEAST_STEPS = 3  # the first, one that rises and one that falls
 
 
 def one_cycle(steps: int) -> tuple[Array, Array]:
-    """Learning rate and beta1 of each step, (steps,) each; cosines between start, peak and end.
+    """Learning rate and beta1 of each step, (steps,) each; they follow cosines between start, peak and end.
 
     Raises
     ------
@@ -59,7 +59,7 @@ def one_cycle(steps: int) -> tuple[Array, Array]:
 
 
 def minimise(gradient: Callable[[Array], Array], z: Array, steps: int) -> Array:
-    """The iterate after `steps` steps from z; elements are independent, so many problems can share an array.
+    """Minimise from z by `steps` steps. Elements are independent, so many problems can share an array.
 
     With m and v the running means of the gradient and of its square, corrected for their initialisation at 0,
 
@@ -68,7 +68,7 @@ def minimise(gradient: Callable[[Array], Array], z: Array, steps: int) -> Array:
     Parameters
     ----------
     gradient : callable
-        From z to the derivative of the loss, of the same shape.
+        Maps z to the derivative of the loss, which has the shape of z.
     z : array
         Initial value.
     steps : int

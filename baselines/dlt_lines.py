@@ -1,7 +1,7 @@
-"""The homography of the ground from its lines by the DLT, and the camera that it is decomposed into.
+"""Homographies of the ground from lines by the DLT, and the cameras that they are decomposed into.
 
-The paper's baseline "DLT lines": only lines on the ground are used, each as the line fitted to its pixels; circles,
-posts and crossbars are left out.
+The baseline "DLT lines" of TVCalib's paper: only lines on the ground are used, each as the
+line fitted to its pixels; circles, posts and crossbars are left out.
 
     python -m baselines.dlt_lines INPUT --size 960x540 --out DIR
 
@@ -52,7 +52,7 @@ def homographies(field: Field, frames: Sequence[Pixels], image_size: tuple[int, 
     H : (T, 3, 3) array
         Maps field points (x, y, 1) in metres to pixels, up to scale and sign; NaN where there is none.
     found : (T,) bool array
-        Which frames have one: those with four lines on the ground that determine it.
+        Frames that have one: four or more lines on the ground determine it.
 
     Examples
     --------
@@ -69,7 +69,7 @@ def homographies(field: Field, frames: Sequence[Pixels], image_size: tuple[int, 
     if not len(frames):
         return np.empty((0, 3, 3)), np.empty(0, dtype=bool)
     H, found = ground_homographies(pack(field, frames, image_size), np.array(image_size) / 2.0)
-    # lines of which all but one meet in a point do not determine H, and the DLT gives a singular one
+    # if all lines but one meet in a point, H is not determined and the DLT gives a singular matrix
     found[found] = np.linalg.cond(H[found]) < SINGULAR
     return np.where(found[:, None, None], H, np.nan), found
 
@@ -77,21 +77,21 @@ def homographies(field: Field, frames: Sequence[Pixels], image_size: tuple[int, 
 def calibrate(
     homographies: Sequence[Array | None], field: Field, frames: Sequence[Pixels], image_size: tuple[int, int]
 ) -> list[Calibration]:
-    """The closed-form camera of each frame's homography, without refinement.
+    """Decompose each frame's homography in closed form, without refinement.
 
-    Steps (1) to (3) of the paper's appendix "Homography Decomposition".
+    These are steps (1) to (3) of the paper's appendix "Homography Decomposition".
 
     Parameters
     ----------
     homographies : sequence of (3, 3) arrays or None
-        Those of `homographies`, None where there is none.
+        As `homographies` finds them; None for a frame without one.
     field, frames, image_size
         As in `homographies`.
 
     Returns
     -------
     list of Calibration
-        Without a camera where there is no homography, or no real focal length for it.
+        Without a camera where there is no homography, or where it has no real focal length.
     """
     calibrations = []
     for frame, H in zip(frames, homographies, strict=True):

@@ -1,4 +1,4 @@
-"""The paper's two figures: the loss of every frame, and accuracy against completeness as tau varies.
+"""Two figures of TVCalib's paper: the loss of every frame, and accuracy against completeness as tau varies.
 
 Needs matplotlib: the extra `figures`.
 """
@@ -17,11 +17,11 @@ from fieldcalib.metrics import THRESHOLDS, evaluate_segments
 
 COLORS = {OURS: "#0b6e4f", TVCALIB: "#c44536"}
 STYLES = ("-", "--", ":")
-LOSS_LIMIT = 0.06  # three times tau: what lies above is rejected by any choice of it
+LOSS_LIMIT = 0.06  # three times tau
 
 
 def draw(folder: Path, datasets: Sequence[Dataset], runs: Mapping[DatasetName, Runs]) -> list[Path]:
-    """Draw both figures for the methods that have a loss; returns where they are."""
+    """Draw both figures for the methods that have a loss; returns their files."""
     folder.mkdir(parents=True, exist_ok=True)
     return [_losses(folder, datasets, runs), _accuracy_against_completeness(folder, datasets, runs)]
 
@@ -56,7 +56,7 @@ def _accuracy_against_completeness(folder: Path, datasets: Sequence[Dataset], ru
             order = np.argsort(run.losses)
             accuracy = np.cumsum(evaluation.frame_accuracy[order], axis=0) / np.arange(1, len(order) + 1)[:, None]
             cr = 100.0 * np.arange(1, len(order) + 1) / len(order)
-            shown = cr >= 40.0  # below, a mean of few frames says little
+            shown = cr >= 40.0  # below, the mean is over few frames
             at_tau = int(np.sum(run.losses <= TAU)) - 1
             for i, (t, style) in enumerate(zip(THRESHOLDS, STYLES, strict=True)):
                 curve = 100.0 * accuracy[:, i]

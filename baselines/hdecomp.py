@@ -1,10 +1,10 @@
-"""Homography decomposition: the paper's baseline "HDecomp", for homographies of any origin.
+"""Homography decomposition: the baseline "HDecomp" of TVCalib's paper, for homographies of any origin.
 
     python -m baselines.hdecomp INPUT --size 960x540 --out DIR
     python -m baselines.hdecomp INPUT --homographies --size 1280x720 --out DIR
 
-decompose the homographies that `baselines.dlt_lines` finds in the annotations of INPUT, or those in INPUT,
-``<id>.homographyMatrix``. They write what `fieldcalib calibrate` writes.
+The first decomposes the homographies that `baselines.dlt_lines` finds in the annotations of INPUT, the second those of
+INPUT's files ``<id>.homographyMatrix``. Both write what `fieldcalib calibrate` writes.
 """
 
 from __future__ import annotations
@@ -159,7 +159,7 @@ class _FromHomographies:
         return unit_result(files, found, broken, seconds)
 
     def broken(self, files: tuple[FrameFile, ...]) -> Mapping[str, str]:
-        """Read the files only: what is wrong with those that are broken, by id."""
+        """Read the files only: errors of broken ones, by id."""
         return self._read(files)[1]
 
     def _read(self, files: tuple[FrameFile, ...]) -> tuple[dict[str, Array], dict[str, str]]:

@@ -1,4 +1,4 @@
-"""The methods that the tables compare, each run once on a data set that has the input for it."""
+"""Runs of the methods that `baselines.tables` compares, on data sets that have the input for them."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ from baselines.published import hdecomp as decomposed
 from fieldcalib._types import Array
 from fieldcalib.assess.result import Calibration
 from fieldcalib.fields.field import Field
-from fieldcalib.fields.soccer import soccer
+from fieldcalib.fields.sports.soccer import soccer
 from fieldcalib.images.from_images import calibrate_from_images
 from fieldcalib.io.formats import ANNOTATIONS, HOMOGRAPHIES
 from fieldcalib.io.image import Image
@@ -58,26 +58,26 @@ ZETA, FAR_ZETA = 100.0, 1000.0  # px
 
 @dataclass(frozen=True)
 class Dataset:
-    """The frames of a data set, in the order of their ids."""
+    """Frames of a data set, in the order of their ids."""
 
     name: DatasetName
     size: tuple[int, int]
     annotations: Mapping[str, Pixels]
-    """The ground truth, including labels of annotators for segments that they could not identify."""
+    """Annotated pixels, including those of segments that annotators could not identify."""
     predicted: Mapping[str, Pixels] | None
-    """Segments that a network found, if there are any."""
+    """Segments that a network found, or None."""
     homographies: Mapping[str, Homographies]
-    """Homographies from the field to the image, by their source."""
+    """Homographies from the field to the image, by method."""
     types: Mapping[str, str] | None
-    """Camera type of every image in the folder, if known."""
+    """Camera type of every image in the folder, or None."""
     detections: Sequence[Detections] | None = None
-    """Detections of PnLCalib's networks, if there are any."""
+    """Detections of PnLCalib's networks, or None."""
     pictures: Sequence[Image] | None = None
-    """Pictures of the frames, of the data set's size: then methods begin with these."""
+    """Pictures of the frames in the data set's size; if given, methods that take images are run on them."""
 
     @property
     def frames(self) -> list[Pixels]:
-        """Annotated pixels that a camera can be calibrated from."""
+        """Annotated pixels of identified segments."""
         return [{k: xy for k, xy in frame.items() if k not in UNKNOWN_LABELS} for frame in self.annotations.values()]
 
 
@@ -93,8 +93,8 @@ def read_dataset(
 ) -> Dataset:
     """Read a folder of annotations, homographies beside them included.
 
-    If ``match_info_cam_gt.json`` gives the types of the cameras, only frames of the main camera in the centre are read,
-    as in the paper.
+    If ``match_info_cam_gt.json`` gives the types of the cameras, only frames of the main centre camera are read, as in
+    the paper.
 
     Parameters
     ----------
@@ -162,16 +162,16 @@ def _read_pictures(folder: Path, ids: Iterable[str], size: tuple[int, int], read
 
 @dataclass(frozen=True)
 class Run:
-    """The results of a method on the frames of a data set."""
+    """Results of a method on the frames of a data set."""
 
     predictions: list[Prediction | None]
     losses: Array | None = None
-    """Loss in NDC of each frame, to which tau applies; NaN without a camera. None if the method has no loss."""
+    """Loss in NDC of each frame, NaN without a camera; None if the method has no such loss."""
     milliseconds: float | None = None
     """Time per frame, if it was measured."""
 
     def at(self, tau: float | None) -> list[Prediction | None]:
-        """The predictions whose loss is not above tau."""
+        """Predictions, with None where the loss is above tau."""
         if tau is None:
             return self.predictions
         assert self.losses is not None
@@ -190,9 +190,9 @@ def run_methods(dataset: Dataset, field: Field, steps: int, databases: Sequence[
     dataset : Dataset
     field : Field
     steps : int
-        Of TVCalib's optimiser.
+        Number of steps of TVCalib's optimiser.
     databases : sequence of Database
-        Of Chen and Little's method, of the same field and each of another distribution of cameras.
+        Databases for Chen and Little's method, of the same field, each with another distribution of cameras.
     """
     if dataset.pictures is not None:
         return _from_pictures(dataset, dataset.pictures, field, databases)
@@ -212,7 +212,7 @@ def run_methods(dataset: Dataset, field: Field, steps: int, databases: Sequence[
     for segments, raw in inputs.items():
         frames = [check_segments(field, frame, dataset.size) for frame in raw]
         ours = partial(calibrate_batch, field, frames, dataset.size)
-        calibrate_batch(field, frames[:1], dataset.size)  # what is compiled is compiled before the clock starts
+        calibrate_batch(field, frames[:1], dataset.size)  # compiles: not to be measured
         pinhole = partial(ours, flags=PINHOLE_FLAGS)
         theirs = partial(tvcalib.calibrate, field, frames, dataset.size, steps=steps)
         for method, calibrate in ((OURS, ours), (OURS_PINHOLE, pinhole), (TVCALIB, theirs)):
@@ -237,11 +237,11 @@ def run_methods(dataset: Dataset, field: Field, steps: int, databases: Sequence[
 def _from_pictures(
     dataset: Dataset, pictures: Sequence[Image], field: Field, databases: Sequence[Database]
 ) -> dict[tuple[str, Segments], Run]:
-    """The methods that take images: the whole of fieldcalib, and Chen and Little's on what its network finds."""
+    """Run the methods that take images: fieldcalib, and Chen and Little's on markings that our network finds."""
     network = SegmentationNetwork.load()
-    # what is scored is projected from a field of the given size
+    # scores are about the field of the given size
     ours = partial(calibrate_from_images, field, pictures, network, estimate_size=False)
-    calibrate_from_images(field, pictures[:1], network)  # what is compiled is compiled before the clock starts
+    calibrate_from_images(field, pictures[:1], network)  # compiles: not to be measured
     calibrations, milliseconds = _timed(f"{dataset.name}: {OURS}", len(pictures), ours)
     cameras = [c.camera if c.accepted else None for c in calibrations]
     runs: dict[tuple[str, Segments], Run] = {(OURS, "images"): Run(list(cameras), milliseconds=milliseconds)}

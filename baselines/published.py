@@ -1,4 +1,4 @@
-"""The tables of the paper, as numbers: Theiner, Ewerth, TVCalib, WACV 2023; and later cameras that others released.
+"""Published numbers: the tables of TVCalib (Theiner, Ewerth, WACV 2023), and scores of PnLCalib's released results.
 
 Every row names the source of the segments ("GT": annotations, "pred": a network, "PnLCalib": points and lines that
 PnLCalib's networks found, "images": the method finds them itself, "-": none are used) and the method that makes a
@@ -22,19 +22,19 @@ TVCALIB = "TVCalib"
 DLT = "DLT lines"
 ANNOTATED = "annotated H"
 CHEN = "Chen and Little"
-CHEN_WIDER = "Chen and Little (U_FoV + U_xyz)"  # trained on wider distributions of cameras
+CHEN_WIDER = "Chen and Little (U_FoV + U_xyz)"  # its database has a wider distribution of cameras
 JIANG = "Jiang et al."
 PNLCALIB = "PnLCalib"
 TAU = 0.019
 LENS = " + lens"
-FAR = ", zeta = 1000"  # px; the paper's zeta is 100 elsewhere
+FAR = ", zeta = 1000"  # px; in the other rows zeta is 100
 
-# All images of the test split and those of the main camera, which the tables of SN-Calib count.
+# Number of images of the test split, and of those from the main camera, on which the SN-Calib tables are computed.
 SN_TEST, SN_TEST_CENTER = 2719, 1454
 
 
 def hdecomp(source: str) -> str:
-    """Name of the method that decomposes the homographies of `source`."""
+    """Name the method that decomposes the homographies of `source`."""
     return f"HDecomp + {source}"
 
 
@@ -112,8 +112,8 @@ ROWS: tuple[Published, ...] = (
     Published(_WC, "homography", DLT, "pred", None, 31.4, 55.9, 71.9, 87.6, 58.4, (83.7, 95.4)),
 )
 
-# Not of the paper: PnLCalib's own solver on its networks' detections of the odd ids of WC14-test (results given with
-# them), and its released cameras of the 47 frames of SN-Calib whose pictures there are, by SoccerNet's evaluation.
+# Not in the paper: PnLCalib's released results. On WC14-test its own solver on its networks' detections in the frames
+# with odd ids; on SN-Calib its cameras of the 47 frames whose pictures are available. Scored as SoccerNet does.
 RELEASED: tuple[Published, ...] = (
     Published(_WC, "camera", PNLCALIB, "PnLCalib", None, 73.9, 91.1, 94.5, float("nan"), float("nan")),
     Published(
@@ -121,7 +121,7 @@ RELEASED: tuple[Published, ...] = (
     ),
 )
 
-# Table "Dataset comparison": images, resolution, share of main camera center, left, right and other in percent.
+# Table "Dataset comparison": images, resolution, shares of the cameras (main center, left, right, other) in percent.
 DATASETS: dict[str, tuple[int, str, tuple[float, float, float, float]]] = {
     "SN-Calib-train": (14513, "540p", (48.0, 14.0, 15.0, 23.0)),
     "SN-Calib-valid": (2796, "540p", (52.7, 10.2, 9.5, 27.7)),

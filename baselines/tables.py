@@ -1,11 +1,12 @@
-"""The paper's tables, measured on given data, with the published numbers beside them.
+"""The tables of TVCalib's paper, measured on given data, with the published numbers beside them.
 
     python -m baselines.tables --sncalib DIR --wc14 DIR [--markdown | --json] [--figures DIR]
 
     python -m baselines.tables --sncalib DIR --sncalib-images DIR --wc14 DIR --wc14-images DIR --wc14-pnlcalib DIR
 
-SN-Calib-test-center is scored at 960x540, WC14-test at 1280x720. CS is the variant that made the paper's tables
-(`fieldcalib.metrics.compound_score`). Rows for which the data lacks the input are listed with the reason.
+SN-Calib-test-center is scored at 960x540, WC14-test at 1280x720. CS is the variant of the compound score
+that made the paper's tables (`fieldcalib.metrics.compound_score`). Rows whose input is missing are listed with the
+reason.
 """
 
 from __future__ import annotations
@@ -48,7 +49,7 @@ from baselines.published import (
 )
 from fieldcalib.console.program import run_command, say
 from fieldcalib.fields.field import Field
-from fieldcalib.fields.soccer import soccer
+from fieldcalib.fields.sports.soccer import soccer
 from fieldcalib.metrics import compound_score, evaluate_segments, iou_part
 
 SN, WC, SN_PICTURES, WC_PICTURES = get_args(DatasetName)
@@ -66,7 +67,7 @@ COLUMNS = ("AC@5", "AC@10", "AC@20", "CR", "CS", "IoU_part mean", "median")
 
 @dataclass(frozen=True)
 class Measured:
-    """One row, in percent, or the reason why it is missing."""
+    """A row of a table: measured values in percent, or the reason why they are missing."""
 
     dataset: DatasetName
     evaluated: Evaluated
@@ -175,7 +176,7 @@ def _read(name: DatasetName, path: Path, **more: Any) -> Dataset:
 
 
 def measure(dataset: Dataset, runs: Runs, field: Field) -> list[Measured]:
-    """All rows of a data set: those of fieldcalib, the published ones, and methods that the paper does not have."""
+    """Measure all rows of a data set: fieldcalib, the published methods, and methods that the paper does not have."""
     rows: list[Measured] = []
     published = [row for row in (*ROWS, *RELEASED) if row.dataset == dataset.name]
     for evaluated in TITLES:
@@ -250,7 +251,7 @@ def _reason(method: str, segments: Segments, dataset: Dataset) -> str:
 
 
 def dataset_statistics(dataset: Dataset) -> dict[str, Any]:
-    """A row of the paper's table of data sets, and how much is annotated."""
+    """Count images, annotated segments and pixels, and types of cameras: a row of the paper's table of data sets."""
     width, height = dataset.size
     frames = list(dataset.annotations.values())
     segments = [len(frame) for frame in frames]
@@ -269,7 +270,7 @@ def dataset_statistics(dataset: Dataset) -> dict[str, Any]:
 
 
 def as_record(row: Measured) -> dict[str, Any]:
-    """A row for JSON, which has no NaN."""
+    """Turn a row into a record for JSON, with null instead of NaN."""
     record = asdict(row)
     for name in ("values", "published"):
         values = record[name]
@@ -283,7 +284,7 @@ def as_record(row: Measured) -> dict[str, Any]:
 
 
 def as_text(statistics: Sequence[Mapping[str, Any]], rows: Sequence[Measured], steps: int, *, markdown: bool) -> str:
-    """All tables, aligned or in Markdown."""
+    """Format all tables, with aligned columns or in Markdown."""
     parts = [_heading("Data sets", markdown), _table(*_statistics_table(statistics), markdown=markdown)]
     for dataset in dict.fromkeys(row.dataset for row in rows):
         for evaluated, title in TITLES.items():
@@ -334,7 +335,7 @@ def _results_table(rows: Sequence[Measured]) -> tuple[list[str], list[list[str]]
 
 
 def _cell(values: tuple[float, ...] | None, published: tuple[float, ...] | None, column: int) -> str:
-    """Measured and, in brackets, published."""
+    """Format the measured value and, in brackets, the published one."""
     parts = []
     for numbers, form in ((values, "{:.1f}"), (published, "({:.1f})")):
         if numbers is not None and column < len(numbers) and np.isfinite(numbers[column]):

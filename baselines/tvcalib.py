@@ -1,13 +1,14 @@
-"""The paper's own method: its loss in normalised device coordinates, minimised by AdamW from the mean camera.
+"""TVCalib (Theiner, Ewerth, WACV 2023): a loss in normalised device coordinates, minimised by AdamW from a mean camera.
 
-Theiner, Ewerth: TVCalib, WACV 2023, with the loss, the camera distributions and the details of its public code, so that
-its published figures can be reproduced; `fieldcalib.calibrate_batch` is the method to use. The camera is
+Loss, camera distributions and details are those of the public code, so that the published numbers can be reproduced.
+To calibrate, use `fieldcalib.calibrate_batch`. The camera is
 
     phi = (pan, tilt, roll, field of view, x, y, z) = mean + sigma z-score,
 
-radians and metres, with the principal point in the image's centre and no lens. In normalised device coordinates (both
-axes of the image run from -1 to 1) it projects by ``P = diag(fx, fy, 1) R [I | -C]``, ``fx = 1 / tan(fov / 2)`` and
-``fy = fx width / height``. The gradient is analytic: every distance is differentiated down to P, and P by phi.
+in radians and metres, with the principal point in the image's centre and no lens. In normalised device coordinates,
+where both axes of the image run from -1 to 1, it projects by ``P = diag(fx, fy, 1) R [I | -C]``,
+``fx = 1 / tan(fov / 2)`` and ``fy = fx width / height``. The gradient is analytic: every distance is differentiated by
+P, and P by phi.
 
     python -m baselines.tvcalib INPUT --size 960x540 --out DIR [--initial-cameras center|stacked|argmin] [--tau 0.019]
 
@@ -16,7 +17,7 @@ writes what `fieldcalib calibrate` writes.
 The distances are not differentiable where pixels lie on their segments, and large steps near such points are chaotic:
 initial cameras that differ by 1e-12 lead to different results, and AC@5 over a hundred frames changes by half a point.
 
-The tensors are the paper's, T frames x S segments x N pixels, padded, with a weight of 0 for padding.
+Tensors are T frames x S segments x N pixels as in the paper; padding has weight 0.
 """
 
 from __future__ import annotations
@@ -48,15 +49,17 @@ from fieldcalib.run_folder.options import RunOptions, add_jobs
 from fieldcalib.solve.from_homography import judged_camera
 from fieldcalib.solve.from_segments import NO_PIXELS
 
-FOV = LOG_F  # phi is ordered as theta, with the field of view in the place of the focal length
+FOV = LOG_F  # phi has the order of theta, with the field of view instead of the logarithm of the focal length
 STEPS = 2000
-LINE_PIXELS = 4  # of a segment, at most (paper, section "Hyperparameters")
+LINE_PIXELS = 4  # at most, per segment (paper, section "Hyperparameters")
 CIRCLE_PIXELS = 8
-SEED = 0  # of the choice among more pixels
-SIGMA = 1.96 / np.sqrt(12.0)  # of a range of length 1, in the public code; the paper's words suggest 1 / (2 x 1.96)
-CHUNK = 64  # frames at once: their arrays still fit the processor's cache
+SEED = 0  # for the random choice where a segment has more pixels
+SIGMA = 1.96 / np.sqrt(
+    12.0
+)  # standard deviation for a range of length 1 in the public code; the paper's text suggests 1 / (2 x 1.96)
+CHUNK = 64  # frames that are optimised together: their arrays fit into the processor's cache
 
-# The public code's range of x; the paper's appendix prints that of z.
+# The range of x is that of the public code; in its place the paper's appendix repeats the range of z.
 DISTRIBUTIONS: Mapping[str, CameraDistribution] = {
     d.name: d for d in (replace(MAIN_CENTER, x=(-12.0, 12.0)), MAIN_LEFT, MAIN_RIGHT)
 }
@@ -82,9 +85,9 @@ def calibrate(
     image_size : (int, int)
         Width and height of every frame, pixels.
     steps : int
-        Steps of AdamW.
+        Number of steps of AdamW.
     tau : float, optional
-        Reject frames whose loss is above; 0.019 in the paper. Their cameras are returned nevertheless.
+        Reject frames with a larger loss; 0.019 in the paper. Rejected frames keep their cameras.
     distributions : sequence of str
         Keys of `DISTRIBUTIONS` whose means are the initial cameras; the result with the least loss is taken (paper,
         section "Multiple Initialization").
@@ -92,8 +95,8 @@ def calibrate(
     Returns
     -------
     list of Calibration
-        In the order of `frames`. `loss_ndc` is the loss that was minimised: of the visible pixels, at most 4 on a line
-        and 8 on a circle.
+        In the order of `frames`. `loss_ndc` is the minimised loss, over at most 4 visible pixels of a line and 8 of a
+        circle.
 
     Raises
     ------
@@ -129,7 +132,7 @@ def calibrate(
 
 
 def _chunks(field: ObjectSegments, frames: Sequence[Pixels]) -> Iterator[IntArray]:
-    """Indices of the frames that have pixels, frames grouped by their number of segments: less padding."""
+    """Indices of the frames with pixels, in chunks with similar numbers of segments, which need little padding."""
     circles = np.array([sum(not field[label].is_straight for label in frame) for frame in frames], dtype=np.intp)
     segments = np.array([len(frame) for frame in frames], dtype=np.intp)
     order = np.lexsort((segments, circles))
@@ -139,7 +142,7 @@ def _chunks(field: ObjectSegments, frames: Sequence[Pixels]) -> Iterator[IntArra
 
 
 def _optimise(tensors: Tensors, distribution: CameraDistribution, steps: int) -> tuple[Array, Array]:
-    """Cameras phi (T, 7) that start at the mean of a distribution, and their losses (T,)."""
+    """Minimise from the mean of a distribution: cameras phi (T, 7) and their losses (T,)."""
     d = distribution
     low, high = np.array([*np.radians([d.pan, d.tilt, d.roll, d.fov]), d.x, d.y, d.z]).T
     mean, sigma = (low + high) / 2.0, SIGMA * (high - low)
@@ -161,7 +164,7 @@ def _results(
     losses: Array,
     tau: float | None,
 ) -> list[Calibration]:
-    """Cameras, errors and verdicts, with rejection by tau if it is given."""
+    """Calibrations of cameras theta, rejected where the loss is above tau."""
     results = []
     for frame, theta, loss in zip(frames, thetas, losses.tolist(), strict=True):
         camera = camera_from_theta(theta, image_size)
@@ -174,7 +177,7 @@ def _results(
 
 
 def theta_from_phi(phi: Array, image_size: tuple[int, int]) -> Array:
-    """The parameter vectors (T, n) of cameras phi (T, 7).
+    """Convert cameras phi (T, 7) to parameter vectors (T, n).
 
     A negative focal length turns the image by 180 degrees: it is replaced by a positive one and a roll of 180 degrees.
     """
@@ -191,31 +194,31 @@ def theta_from_phi(phi: Array, image_size: tuple[int, int]) -> Array:
 
 
 @dataclass(frozen=True)
-class Kind:
+class Packed:
     """Pixels on lines or on circles: T frames, padded to S segments of N pixels each."""
 
     X: Array
-    """Homogeneous world vectors of the segments, (T, 4, S, K): start and direction of a line | samples of a circle."""
+    """Homogeneous world vectors of the segments, (T, 4, S, K): start and direction of lines, or samples of circles."""
     p: Array
     """Pixels in normalised device coordinates, (2, T, S, N)."""
     weight: Array
-    """One over the number of pixels of this kind in the frame, (T, S, N); 0 for padding and outside the image."""
+    """One over the number of these pixels in the frame, (T, S, N); 0 for padding and outside the image."""
 
 
 @dataclass(frozen=True)
 class Tensors:
     """Input of the loss for T frames."""
 
-    lines: Kind
-    circles: Kind
+    lines: Packed
+    circles: Packed
     aspect: float
     """Width over height of the image."""
 
 
 def pack_tensors(field: ObjectSegments, frames: Sequence[Pixels], image_size: tuple[int, int]) -> Tensors:
-    """Pack frames as the paper does: the centre circle split, a few pixels of each segment, those in the image.
+    """Pack frames as the paper does: a few pixels in the image per segment, the centre circle split into halves.
 
-    Points and clouds count with the circles. The choice of pixels is random with a fixed seed.
+    Points and clouds are packed with the circles. Pixels are chosen at random with a fixed seed.
     """
     split = [split_circles(field, frame, image_size) for frame in frames]
     segments = [[(field[label], xy) for label, xy in frame.items()] for frame in split]
@@ -223,24 +226,24 @@ def pack_tensors(field: ObjectSegments, frames: Sequence[Pixels], image_size: tu
         [[(segment, xy) for segment, xy in frame if segment.is_straight == straight] for frame in segments]
         for straight in (True, False)
     )
-    line_tensors = _kind(lines, LINE_PIXELS, image_size)
-    # in memory N comes first: the innermost loops then run over T x S
+    line_tensors = _pack(lines, LINE_PIXELS, image_size)
+    # N is the first axis in memory, so that the innermost loops run over T x S
     p, weight = (np.moveaxis(np.moveaxis(a, -1, 0).copy(), 0, -1) for a in (line_tensors.p, line_tensors.weight))
     return Tensors(
         replace(line_tensors, p=p, weight=weight),
-        _kind(circles, CIRCLE_PIXELS, image_size),
+        _pack(circles, CIRCLE_PIXELS, image_size),
         image_size[0] / image_size[1],
     )
 
 
-def _kind(frames: list[list[tuple[Segment, Array]]], pixels: int, image_size: tuple[int, int]) -> Kind:
-    """The tensors of one kind of segments, at most `pixels` of each."""
+def _pack(frames: list[list[tuple[Segment, Array]]], pixels: int, image_size: tuple[int, int]) -> Packed:
+    """Pack lines or circles with at most `pixels` pixels each."""
     geometry = {segment: _homogeneous(segment) for frame in frames for segment, _ in frame}
     T, S = len(frames), max(map(len, frames), default=0)
     K = max((len(vectors) for vectors in geometry.values()), default=1)
     X, p, visible = np.zeros((T, S, K, 4)), np.zeros((T, S, pixels, 2)), np.zeros((T, S, pixels), dtype=bool)
     for t, frame in enumerate(frames):
-        rng = np.random.default_rng(SEED)  # the choice does not depend on the other frames
+        rng = np.random.default_rng(SEED)  # for each frame, so that its pixels do not depend on the other frames
         for s, (segment, xy) in enumerate(frame):
             chosen = rng.choice(xy, pixels, replace=False) if len(xy) > pixels else xy
             vectors = geometry[segment]
@@ -248,18 +251,18 @@ def _kind(frames: list[list[tuple[Segment, Array]]], pixels: int, image_size: tu
             p[t, s, : len(chosen)] = 2.0 * chosen / image_size - 1.0
             visible[t, s, : len(chosen)] = _in_image(chosen, image_size)
     weight = visible / np.maximum(np.sum(visible, axis=(1, 2), keepdims=True), 1)
-    return Kind(np.moveaxis(X, -1, 1).copy(), np.moveaxis(p, -1, 0).copy(), weight)
+    return Packed(np.moveaxis(X, -1, 1).copy(), np.moveaxis(p, -1, 0).copy(), weight)
 
 
 def _in_image(xy: Array, image_size: tuple[int, int]) -> BoolArray:
-    """Mask of the pixels that the public code keeps: those in the image without its upper edge."""
+    """Mask of the pixels in the image; as in the public code, y = 0 is outside."""
     x, y = xy.T
     width, height = image_size
     return np.asarray((x >= 0.0) & (x < width) & (y > 0.0) & (y < height))
 
 
 def _homogeneous(segment: Segment) -> Array:
-    """Start and direction of a line (2, 4), or the samples that other segments are compared with (K, 4)."""
+    """Start and direction of a line (2, 4), or samples of any other segment (K, 4)."""
     if segment.is_straight:
         return np.column_stack([segment.vectors, (1.0, 0.0)])
     return homogenize(cloud(segment).X)
@@ -269,7 +272,7 @@ def _homogeneous(segment: Segment) -> Array:
 
 
 def loss_with_gradient(phi: Array, tensors: Tensors) -> tuple[Array, Array]:
-    """The loss of T frames and its derivative by their cameras.
+    """Loss of T frames and its derivative by their cameras.
 
     The loss is the mean distance of the pixels on lines to their infinite lines plus the mean distance of the pixels on
     circles to the nearest samples; an absent kind counts 0 (`fieldcalib.assess.ndc`, "tvcalib"). With ``M = diag(f) R``
@@ -284,14 +287,14 @@ def loss_with_gradient(phi: Array, tensors: Tensors) -> tuple[Array, Array]:
     phi : (T, 7) array
         Pan, tilt, roll, field of view (radians), x, y, z (metres).
     tensors : Tensors
-        The pixels.
+        Pixels of T frames.
 
     Returns
     -------
     loss : (T,) array
     dloss_dphi : (T, 7) array
-        Not defined where a pixel lies on its line, or as near to one sample as to another: one of the one-sided
-        derivatives is given.
+        A one-sided derivative where there is no other: where a pixel lies on its line, or is as near to one sample as
+        to another.
     """
     R, C = rotation_from_angles(phi[:, ANGLES]), phi[:, CENTER]
     fx = 1.0 / np.tan(0.5 * phi[:, FOV])
@@ -313,7 +316,7 @@ def loss_with_gradient(phi: Array, tensors: Tensors) -> tuple[Array, Array]:
     return line_loss + circle_loss, dphi
 
 
-def _lines(P: Array, lines: Kind) -> tuple[Array, Array]:
+def _lines(P: Array, lines: Packed) -> tuple[Array, Array]:
     """Mean distance (T,) to the image lines ``l = (P X) x (P D)``, and its derivative by P, (T, 3, 4)."""
     T, _, S, _ = lines.X.shape
     if S == 0:
@@ -327,12 +330,12 @@ def _lines(P: Array, lines: Kind) -> tuple[Array, Array]:
     px, py = lines.p
     signed = nx[..., None] * px + ny[..., None] * py + (lz * scale)[..., None]
     side = np.copysign(lines.weight, signed)
-    distance = np.sum(side * signed, axis=2)  # of each segment, weighted
-    # of the distance by l: scale (p - signed n, 1)
+    distance = np.sum(side * signed, axis=2)  # weighted sum per segment
+    # the derivative of the distance by l is scale (p - signed n, 1)
     gx = scale * (np.sum(side * px, axis=2) - nx * distance)
     gy = scale * (np.sum(side * py, axis=2) - ny * distance)
     gz = scale * np.sum(side, axis=2)
-    # of l = a x d: by a it is d x g, by d it is g x a
+    # with l = a x d and the derivative g by l: d x g by a, g x a by d
     dh = np.empty((T, 3, S, 2))
     dh[:, 0, :, 0], dh[:, 0, :, 1] = dy * gz - dz * gy, gy * az - gz * ay
     dh[:, 1, :, 0], dh[:, 1, :, 1] = dz * gx - dx * gz, gz * ax - gx * az
@@ -340,14 +343,14 @@ def _lines(P: Array, lines: Kind) -> tuple[Array, Array]:
     return np.sum(distance, axis=1), dh.reshape(T, 3, 2 * S) @ np.swapaxes(X, 1, 2)
 
 
-def _circles(P: Array, circles: Kind) -> tuple[Array, Array]:
+def _circles(P: Array, circles: Packed) -> tuple[Array, Array]:
     """Mean distance (T,) to the nearest samples, and its derivative by P, (T, 3, 4)."""
     T, _, S, K = circles.X.shape
     if S == 0:
         return np.zeros(T), np.zeros_like(P)
     px, py = circles.p
-    # |s - p|^2 less |p|^2, which does not move the minimum, is (s, |s|^2) . (-2 p, 1): one product of matrices. In
-    # place, since many large arrays that come and go are given back to the system in every step: six times slower.
+    # |s - p|^2 - |p|^2 has the same minimum and is (s, |s|^2) . (-2 p, 1), one product of matrices. Computed in place:
+    # with temporary arrays, which are returned to the system in every step, this takes six times as long.
     h = (P @ circles.X.reshape(T, 4, S * K)).reshape(T, 3, S, K)
     h[:, 2] = _inverse(h[:, 2])
     h[:, :2] *= h[:, 2:]
@@ -368,7 +371,7 @@ def _circles(P: Array, circles: Kind) -> tuple[Array, Array]:
 
 
 def _inverse(depth: Array) -> Array:
-    """Inverse depths; a sample in the camera's plane has no image; its depth is replaced by 1e-9."""
+    """Inverse depths. A sample in the camera's plane has no image: its depth is replaced by 1e-9."""
     return np.asarray(1.0 / np.where(np.abs(depth) < 1e-9, 1e-9, depth))
 
 

@@ -32,7 +32,7 @@ from fieldcalib.assess.estimate import region_radius
 from fieldcalib.assess.frame_table import Basis
 from fieldcalib.assess.video import VideoCalibration
 from fieldcalib.console.program import run_command
-from fieldcalib.fields.soccer import soccer
+from fieldcalib.fields.sports.soccer import soccer
 from fieldcalib.geometry.camera import Camera
 from fieldcalib.images.clip_keyframes import read_keyframes
 from fieldcalib.images.clip_lines import find_clip_lines

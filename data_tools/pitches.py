@@ -36,7 +36,7 @@ from fieldcalib.console.field_options import SOCCER
 from fieldcalib.console.program import run_command
 from fieldcalib.draw.ground import rays
 from fieldcalib.fields.field import Field
-from fieldcalib.fields.soccer import soccer
+from fieldcalib.fields.sports.soccer import soccer
 from fieldcalib.geometry.camera import Camera
 from fieldcalib.images.from_images import calibrate_from_images
 from fieldcalib.io.image import Image

@@ -60,7 +60,7 @@ def random_frame(field: Field, rng: np.random.Generator) -> RandomFrame:
 
     Examples
     --------
-    >>> from fieldcalib.fields.soccer import soccer
+    >>> from fieldcalib.fields.sports.soccer import soccer
     >>> frame = random_frame(soccer(), np.random.default_rng(0))
     >>> len(frame.pixels) >= 3, frame.wrong
     (True, {})
@@ -133,7 +133,7 @@ def confused_labels(label: str, field: Field) -> list[str]:
 
     Examples
     --------
-    >>> from fieldcalib.fields.soccer import soccer
+    >>> from fieldcalib.fields.sports.soccer import soccer
     >>> confused_labels("Circle left", soccer())
     ['Circle central', 'Circle right']
     >>> confused_labels("Side line top", soccer())

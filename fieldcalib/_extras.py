@@ -1,4 +1,4 @@
-"""Packages of the extras, which only those need who use what is made of them."""
+"""Import of optional packages, with an error that says which extra has them."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from types import ModuleType
 
 
 def imported(name: str, extra: str, user: str) -> ModuleType:
-    """A module of a package that may be absent; `user` is what needs it.
+    """Import a module of an optional package; `user` names what needs it.
 
     Raises
     ------

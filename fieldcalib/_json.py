@@ -1,4 +1,4 @@
-"""Numbers in JSON, which knows neither infinity nor NaN: NaN is null, infinities are "inf" and "-inf".
+"""Numbers in JSON, which has neither infinity nor NaN: NaN is null, infinities are "inf" and "-inf".
 
 Whole numbers of an array are integers: many are 0, and an integer is a quarter as long in a pickle.
 """
@@ -37,7 +37,7 @@ def _of_number(value: float) -> float | str | None:
 
 
 def _is_whole(value: float) -> bool:
-    """Whether a number is the same as an integer: -0.0 is not."""
+    """Whether a number equals an integer; false for -0.0."""
     return value.is_integer() and (value != 0.0 or math.copysign(1.0, value) > 0.0)
 
 

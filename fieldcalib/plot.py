@@ -1,4 +1,4 @@
-"""Players, their errors and what a camera sees, on the pitches of mplsoccer (extra `plot`).
+"""Players, their errors and the view of a camera, on the pitches of mplsoccer (extra `plot`).
 
 Points are those of this package, with y towards the main camera; mplsoccer's y is up. The pitches here are of
 mplsoccer's type "skillcorner": metres from the centre mark, (x, -y).
@@ -25,7 +25,7 @@ if TYPE_CHECKING:
     from matplotlib.patches import Polygon
 
 PITCH_TYPES = ("skillcorner", "secondspectrum")  # metres from the centre mark, y up
-FARTHEST = 300.0  # m from the centre mark: what is seen further away, up to the horizon, is cut off
+FARTHEST = 300.0  # m from the centre mark: ground further away, up to the horizon, is cut off
 
 
 def soccer_pitch(field: Field, **options: Any) -> Any:
@@ -34,9 +34,9 @@ def soccer_pitch(field: Field, **options: Any) -> Any:
     Parameters
     ----------
     field : Field
-        Of soccer.
+        A soccer field.
     **options
-        Of `mplsoccer.Pitch`, such as ``pitch_color="grass"``.
+        Options of `mplsoccer.Pitch`, such as ``pitch_color="grass"``.
 
     Returns
     -------
@@ -78,17 +78,17 @@ def on_pitch(X: ArrayLike) -> tuple[Array, Array]:
 
 
 def draw_players(pitch: Any, ax: Axes, X: ArrayLike, **options: Any) -> PathCollection:
-    """Dots on a pitch.
+    """Draw players as dots on a pitch.
 
     Parameters
     ----------
     pitch : mplsoccer.Pitch
-        As `soccer_pitch` makes it; a `VerticalPitch` of that type will do.
+        A pitch of `soccer_pitch`, or a `VerticalPitch` of the same type.
     ax : matplotlib.axes.Axes
     X : (N, 2) or (N, 3) array_like
         Field points, metres; NaN is left out.
     **options
-        Of ``pitch.scatter``, such as `color` or `s`.
+        Options of ``pitch.scatter``, such as `color` or `s`.
 
     Raises
     ------
@@ -102,7 +102,7 @@ def draw_players(pitch: Any, ax: Axes, X: ArrayLike, **options: Any) -> PathColl
 
 
 def draw_trails(pitch: Any, ax: Axes, trails: Sequence[ArrayLike], **options: Any) -> list[Line2D]:
-    """Lines on a pitch: where players came from.
+    """Draw the earlier places of players as lines on a pitch.
 
     Parameters
     ----------
@@ -111,7 +111,7 @@ def draw_trails(pitch: Any, ax: Axes, trails: Sequence[ArrayLike], **options: An
     trails : sequence of (M, 2) or (M, 3) array_like
         Field points of each player, metres; NaN is a gap.
     **options
-        Of ``pitch.plot``, such as `color` or `linewidth`.
+        Options of ``pitch.plot``, such as `color` or `linewidth`.
 
     Raises
     ------
@@ -127,7 +127,7 @@ def draw_trails(pitch: Any, ax: Axes, trails: Sequence[ArrayLike], **options: An
 
 
 def draw_errors(pitch: Any, ax: Axes, X: ArrayLike, covariance: ArrayLike, level: float = 0.95) -> EllipseCollection:
-    """Ellipses that hold the true points with a probability.
+    """Draw ellipses that hold the true points with a probability.
 
     Parameters
     ----------
@@ -168,16 +168,16 @@ def draw_errors(pitch: Any, ax: Axes, X: ArrayLike, covariance: ArrayLike, level
 
 
 def draw_visible_area(pitch: Any, ax: Axes, camera: Camera, **options: Any) -> Polygon:
-    """The ground that a camera sees.
+    """Draw the ground that a camera sees.
 
     Parameters
     ----------
     pitch, ax
         As of `draw_players`.
     camera : Camera
-        What is further than 300 m from the centre mark, as the ground towards the horizon, is cut off.
+        Ground more than 300 m from the centre mark is cut off.
     **options
-        Of ``pitch.polygon``, such as `color` or `alpha`.
+        Options of ``pitch.polygon``, such as `color` or `alpha`.
 
     Raises
     ------
@@ -221,7 +221,7 @@ def visible_ground(camera: Camera) -> Array:
 
 
 def _check(pitch: Any) -> None:
-    """Raise a ValueError unless the points of `on_pitch` are those of a pitch."""
+    """Raise a ValueError unless a pitch has the coordinates of `on_pitch`."""
     kind = getattr(pitch, "pitch_type", type(pitch).__name__)
     if kind not in PITCH_TYPES:
         raise ValueError(

@@ -5,8 +5,8 @@ import numpy as np
 from synthetic import whole_circle_markings
 
 from fieldcalib.draw.scene import fixed_point, image_curves
-from fieldcalib.fields.soccer import soccer
-from fieldcalib.images.clip_keyframes import BETWEEN
+from fieldcalib.fields.sports.soccer import soccer
+from fieldcalib.images.clip_keyframes import EXTRA_OFFSETS
 from fieldcalib.images.keyframes import tied_frames
 from fieldcalib.localize import BACKGROUND
 
@@ -70,7 +70,7 @@ def looked_at(pictures, cameras=None, **how):
     """The frames of a video that `calibrate_video` shows its network, in order: more where this finds no camera."""
     found, told = [], set()
     for _, tied in tied_frames(pictures, **how):
-        soon = cameras is not None and tied.piece not in told and tied.index - tied.key in BETWEEN
+        soon = cameras is not None and tied.piece not in told and tied.index - tied.key in EXTRA_OFFSETS
         if tied.is_key or not tied.ties or soon:
             found.append(tied.index)
             if cameras is not None and cameras[tied.index]:

@@ -10,8 +10,8 @@ from numdiff import central_differences, column_errors
 from strategies import bounded, vectors
 from synthetic import observe
 
-from fieldcalib.fields.soccer import soccer
-from fieldcalib.problem.background import BackgroundEvaluation, BackgroundPairs
+from fieldcalib.fields.sports.soccer import soccer
+from fieldcalib.problem.background import BackgroundPairs, BackgroundTerm
 from fieldcalib.problem.evaluation import Problem, evaluate
 from fieldcalib.problem.layout import LOG_F, Layout, Role, ZoomLaw
 from fieldcalib.problem.levenberg_marquardt import Groups, block_arrow_steps, levenberg_marquardt
@@ -44,7 +44,7 @@ def seen_by_both(theta, first, second, rng, p=None, walls=WALLS, noise=0.0):
     if p is None:
         p = rng.uniform((60.0, 40.0), (900.0, 500.0), size=(len(first), 20, 2))
     pairs = BackgroundPairs(first, second, p, p, np.ones(p.shape[:2]), LOSS, walls)
-    r = BackgroundEvaluation(pairs, LAYOUT, theta).r
+    r = BackgroundTerm(pairs, LAYOUT, theta).r
     q = p - np.moveaxis(r, 0, -1)
     inside = np.all((q > 0.0) & (q < SIZE), axis=-1)
     return replace(pairs, q=q + rng.normal(scale=noise or 1e-300, size=q.shape), weight=1.0 * inside)
@@ -68,13 +68,13 @@ def test_derivatives_are_those_of_the_residuals(p, way, turn, walls):
     theta[1, 4:7] += way
     theta[1, :4] += turn * (0.03, 0.01, 0.003, 0.03)
     pairs = seen_by_both(theta, np.array([0]), np.array([1]), rng, p[None], walls)
-    by_first, by_second = BackgroundEvaluation(pairs, LAYOUT, theta).jacobians(LAYOUT.free)
+    by_first, by_second = BackgroundTerm(pairs, LAYOUT, theta).jacobians(LAYOUT.free)
     free = np.flatnonzero(LAYOUT.free)
 
     def residuals(change, frame):
         moved = np.repeat(theta[None], len(change), axis=0)
         moved[:, frame, free] += change
-        return np.array([np.concatenate(BackgroundEvaluation(pairs, LAYOUT, one).r[:, 0]) for one in moved])
+        return np.array([np.concatenate(BackgroundTerm(pairs, LAYOUT, one).r[:, 0]) for one in moved])
 
     for frame, by in ((0, by_first), (1, by_second)):
         # short steps: the depth of a ray has a kink where wall and ground meet
@@ -97,7 +97,7 @@ def test_a_point_of_the_ground_is_seen_where_it_is():
             LOSS,
             walls,
         )
-        error = np.linalg.norm(BackgroundEvaluation(pairs, LAYOUT, theta).r, axis=0)
+        error = np.linalg.norm(BackgroundTerm(pairs, LAYOUT, theta).r, axis=0)
         assert np.max(error) < largest
     assert np.min(error) > 0.02  # at infinity
 

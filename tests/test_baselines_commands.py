@@ -13,7 +13,7 @@ from synthetic import random_frames
 from baselines import dlt_lines, hdecomp, tvcalib
 from fieldcalib.cli.main import main as fieldcalib_main
 from fieldcalib.io.formats import HOMOGRAPHIES
-from fieldcalib.io.soccernet import camera_from_record, format_annotation, format_camera_types
+from fieldcalib.io.soccernet import camera_from_record, format_annotation
 from fieldcalib.io.wc14 import format_homography, parse_homography
 from fieldcalib.run_folder import units
 
@@ -240,7 +240,9 @@ def stacked(tmp_path_factory):
         (frame,), (camera,) = random_frames(1, seed=seed, noise=0.3, least_segments=6, stands=(stand,))
         (path / f"{name}.json").write_text(format_annotation(frame, SIZE))
         cameras[name] = camera
-    (path / "match_info_cam_gt.json").write_text(format_camera_types(TYPES))
+    (path / "match_info_cam_gt.json").write_text(
+        json.dumps({f"{id}.jpg": {"camera": name} for id, name in TYPES.items()})
+    )
     return path, cameras
 
 

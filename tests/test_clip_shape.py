@@ -19,7 +19,7 @@ from fieldcalib.assess.whole_picture import SHAPE
 from fieldcalib.images import clip_shape, live_shape
 from fieldcalib.images.borders import within_borders
 from fieldcalib.images.clip_problem import ClipOptions
-from fieldcalib.images.clip_shape import ShapeEstimator, common_borders, shape_of_odds, some_of
+from fieldcalib.images.clip_shape import ShapeEstimator, bright_frames, common_borders, shape_of_odds
 from fieldcalib.images.live_shape import LiveShape
 from fieldcalib.images.tracker import Tracker
 from fieldcalib.solve.aspect import WAS_SQUASHED
@@ -135,9 +135,9 @@ def test_what_is_not_told_is_to_be_checked(clip, monkeypatch):
 def test_borders_are_those_of_all_pictures_that_show_something(clip):
     boxed = [letterboxed(picture) for picture in clip[1][:3]]
     black = np.zeros_like(boxed[0])
-    assert some_of([black] * 60) == []
-    assert len(some_of([black] * 24 + boxed * 10)) > 1
-    assert common_borders(some_of([black] * 24 + boxed * 10)).frame_size == SIZE
+    assert bright_frames([black] * 60) == []
+    assert len(bright_frames([black] * 24 + boxed * 10)) > 1
+    assert common_borders(bright_frames([black] * 24 + boxed * 10)).frame_size == SIZE
     bright = boxed[0].copy()
     bright[:20] = 90
     assert common_borders([*boxed, bright]).is_whole

@@ -14,7 +14,7 @@ from fieldcalib import Camera, calibrate_video, soccer
 from fieldcalib.assess.frame_table import Basis
 from fieldcalib.assess.result import Verdict
 from fieldcalib.assess.video import NO_TRIPOD, Shot, VideoCalibration
-from fieldcalib.images.clip_keyframes import BETWEEN, MOST_MORE
+from fieldcalib.images.clip_keyframes import EXTRA_OFFSETS, MOST_EXTRA
 from fieldcalib.images.finished_clip import MIXED
 from fieldcalib.images.keyframes import EVERY, tied_frames
 
@@ -152,7 +152,7 @@ def test_a_keyframe_that_the_network_mistakes_is_voted_out(one_tripod):
 
 def test_more_frames_are_looked_at_where_a_keyframe_tells_nothing(one_tripod):
     cameras = cameras_of(LEFT)
-    network = KnownCameras([None, cameras[BETWEEN[0]]])
+    network = KnownCameras([None, cameras[EXTRA_OFFSETS[0]]])
     found = calibrate_video(KNOWN, one_tripod[:SHOT], network)
     assert len(network.maps) == 0
     assert all(frame.accepted for frame in found)
@@ -172,7 +172,7 @@ def test_the_network_does_not_look_on_and_on(one_tripod):
     crowd = cv2.resize(rng.integers(0, 255, (27, 60, 3), np.uint8), (1200, 270), interpolation=cv2.INTER_CUBIC)
     found = calibrate_video(KNOWN, [crowd[:, t : t + SIZE[0]].copy() for t in range(count)], Blind([]))
     assert not any(frame.accepted for frame in found)
-    assert len(looked) == count // EVERY + MOST_MORE
+    assert len(looked) == count // EVERY + MOST_EXTRA
 
 
 def test_the_result_of_a_video_survives_json(one_tripod):

@@ -12,7 +12,7 @@ from fieldcalib.cli.evaluate import GroundTruth, evaluate, table
 from fieldcalib.cli.main import main
 from fieldcalib.geometry.camera import Camera
 from fieldcalib.geometry.rational import RationalCamera
-from fieldcalib.io.soccernet import camera_to_record, format_annotation, format_camera_types
+from fieldcalib.io.soccernet import camera_to_record, format_annotation
 from fieldcalib.io.tvcalib import TVCalibRecord, format_per_sample_output
 from fieldcalib.io.wc14 import format_homography
 from fieldcalib.metrics import compound_score, evaluate_segments, iou_part, iou_whole, projection_error
@@ -318,7 +318,9 @@ def test_camera_type(frames, truth, cameras, tmp_path, capsys):
     center = ("--camera-type", "Main camera center")
     assert run(cameras, truth, *center) == 2
     assert f"{truth} has no match_info_cam_gt.json" in capsys.readouterr().err
-    (truth / "match_info_cam_gt.json").write_text(format_camera_types(types))
+    (truth / "match_info_cam_gt.json").write_text(
+        json.dumps({f"{id}.jpg": {"camera": name} for id, name in types.items()})
+    )
     with zipfile.ZipFile(tmp_path / "truth.zip", "w") as archive:
         for path in sorted(truth.iterdir()):
             archive.write(path, f"test/{path.name}")

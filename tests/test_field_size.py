@@ -11,13 +11,13 @@ from synthetic import displaced, in_image, observe, random_frames, whole_circle_
 
 from fieldcalib.assess.noise import Noise
 from fieldcalib.fields.segments import Point
-from fieldcalib.fields.soccer import soccer
+from fieldcalib.fields.sports.soccer import soccer
 from fieldcalib.geometry.camera import Camera
 from fieldcalib.problem.evaluation import Problem, evaluate
 from fieldcalib.problem.layout import Layout, SizeBlock, theta_from_camera
 from fieldcalib.problem.losses import RobustLoss
 from fieldcalib.problem.observations import pack
-from fieldcalib.solve.field_size import SILENT, _together, _uncertainty, estimate_field_size
+from fieldcalib.solve.field_size import SILENT, _joint, _uncertainty, estimate_field_size
 from fieldcalib.solve.from_segments import calibrate_from_segments
 from fieldcalib.solve.options import PINHOLE_FLAGS
 
@@ -85,8 +85,9 @@ def test_the_covariance_is_the_sandwich_of_a_camera_and_the_size_together():
     (frame,) = panned(soccer(), PANS[:1], rng, noise=3.0, per_line=5)
     frame = {label: xy[1:-1] for label, xy in frame.items()}  # none past the end of its segment
     calibration = calibrate_from_segments(soccer(size_known=True), frame, SIZE)
-    sizes, known = soccer().size_model, calibration.uncertainty
-    together = _together([calibration], MEAN, sizes)
+    known, sizes = calibration.uncertainty, soccer().size_model
+    size_prior = SizeBlock(MEAN, sizes.sigma, sizes.limits)
+    together = _joint([calibration], size_prior)
     assert not together.problem.observations.ends
     free = calibration.solved.evaluation.problem.free
     P = np.count_nonzero(free)
@@ -99,7 +100,7 @@ def test_the_covariance_is_the_sandwich_of_a_camera_and_the_size_together():
     A = known.curvature * together.information[0] + prior
     V = known.bent_sigma**2 * noise.covariance(together.JT, pull, pull)[0] + prior
     sandwich = np.linalg.solve(A, np.linalg.solve(A, V).T)
-    covariance, share = _uncertainty([calibration], MEAN, sizes)
+    covariance, share = _uncertainty([calibration], size_prior)
     np.testing.assert_allclose(covariance, sandwich[P:, P:], rtol=1e-6)
     np.testing.assert_allclose(share, 1.0 - np.diagonal(np.linalg.inv(A))[P:] / SIGMA**2, rtol=1e-6)
     A, V = A[:P, :P], V[:P, :P]

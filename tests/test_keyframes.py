@@ -257,8 +257,8 @@ def test_pairs_of_keyframes_that_are_left():
     assert [tied.index for tied in later if tied.is_key] == [tied.index for tied in keys]
     for one, other in zip(keys, (tied for tied in later if tied.is_key), strict=True):
         assert len(other.ties) == min(len(one.ties), 1)
-        assert [pair.indices for pair in other.left] == [(key, one.index) for key, _ in one.ties[1:]]
-        for (_, matches), pair in zip(one.ties[1:], other.left, strict=True):
+        assert [pair.indices for pair in other.unmatched] == [(key, one.index) for key, _ in one.ties[1:]]
+        for (_, matches), pair in zip(one.ties[1:], other.unmatched, strict=True):
             assert abs(len(pair.matches()) - len(matches)) <= 0.1 * len(matches)
 
 

@@ -15,8 +15,8 @@ from fieldcalib.assess.datum import motion_in_view
 from fieldcalib.assess.level import Considered
 from fieldcalib.assess.noise import FOUND_BESIDE, Noise
 from fieldcalib.assess.own_errors import GRID, OwnErrors, ground_errors, own_errors, whole_covariance
-from fieldcalib.fields.soccer import soccer
-from fieldcalib.problem.background import BackgroundEvaluation, BackgroundPairs
+from fieldcalib.fields.sports.soccer import soccer
+from fieldcalib.problem.background import BackgroundPairs, BackgroundTerm
 from fieldcalib.problem.evaluation import Problem, evaluate
 from fieldcalib.problem.layout import CENTER, LOG_F, Layout, Role, SizeBlock, ZoomLaw
 from fieldcalib.problem.losses import RobustLoss
@@ -40,7 +40,7 @@ def some_pairs(theta, first, second, rng, noise=0.0):
     """Pixels of points at infinity in both frames, of random weights."""
     p = rng.uniform((60.0, 40.0), (900.0, 500.0), (len(first), 15, 2))
     pairs = BackgroundPairs(first, second, p, p, rng.uniform(0.5, 3.0, p.shape[:2]), LOSS)
-    r = BackgroundEvaluation(pairs, LAYOUT, theta).r
+    r = BackgroundTerm(pairs, LAYOUT, theta).r
     q = p - np.moveaxis(r, 0, -1) + rng.normal(size=p.shape) * noise
     return replace(pairs, q=q)
 
@@ -99,7 +99,7 @@ def by_hand(problem, theta):
         precision = np.diag(1.0 / np.square(evaluation.pulling_prior_sigma.ravel()))
         hessian, between = hessian + precision, between + precision
     if problem.background is not None:
-        of_pairs = residuals(lambda x: BackgroundEvaluation(problem.background, LAYOUT, x).r.ravel())
+        of_pairs = residuals(lambda x: BackgroundTerm(problem.background, LAYOUT, x).r.ravel())
         weight = np.tile(problem.background.weight.ravel(), 2)
         own, shared = of_pairs[:, : T * o], of_pairs[:, T * o :]
         information = own.T @ (weight[:, None] * own)
@@ -177,7 +177,7 @@ def test_followers_have_the_errors_of_those_that_they_follow():
 
             def r(frame, index, one=one, both=both):
                 return central_differences(
-                    lambda x: BackgroundEvaluation(one, LAYOUT, changed(both, frame, index, x)).r.ravel(),
+                    lambda x: BackgroundTerm(one, LAYOUT, changed(both, frame, index, x)).r.ravel(),
                     np.zeros(len(index)),
                     steps(index),
                 )

@@ -7,7 +7,7 @@ import pytest
 from commands import calibrate, run
 
 from fieldcalib.io.files import BrokenFileError
-from fieldcalib.io.parquet import AT_ONCE, read_parquet, write_parquet
+from fieldcalib.io.parquet import ROW_GROUP, read_parquet, write_parquet
 from fieldcalib.io.results import read_results
 
 BROKEN = {"id": "b\udc80", "status": "broken file", "message": "is no JSON"}
@@ -68,11 +68,11 @@ def test_columns_of_a_frame(tmp_path):
 def test_row_groups_keep_memory_flat(tmp_path):
     import pyarrow.parquet
 
-    count = 2 * AT_ONCE + 1
+    count = 2 * ROW_GROUP + 1
     write_parquet((line for _ in range(count) for line in lines_of(FRAME)), tmp_path / "cameras.parquet")
     with pyarrow.parquet.ParquetFile(tmp_path / "cameras.parquet") as file:
         rows = [file.metadata.row_group(group).num_rows for group in range(file.metadata.num_row_groups)]
-    assert rows == [AT_ONCE, AT_ONCE, 1]
+    assert rows == [ROW_GROUP, ROW_GROUP, 1]
     assert sum(1 for _ in read_parquet(tmp_path / "cameras.parquet")) == count
 
 

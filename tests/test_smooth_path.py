@@ -11,13 +11,13 @@ from strategies import bounded
 from synthetic import observe
 from tripods import SIZE, panned
 
-from fieldcalib.fields.soccer import soccer
+from fieldcalib.fields.sports.soccer import soccer
 from fieldcalib.problem.evaluation import Problem, evaluate
 from fieldcalib.problem.layout import CENTER, Layout, Role
 from fieldcalib.problem.levenberg_marquardt import Groups, block_arrow_steps
 from fieldcalib.problem.losses import RobustLoss
 from fieldcalib.problem.observations import pack
-from fieldcalib.problem.smooth_path import TAILS, PathEvaluation, SmoothPath
+from fieldcalib.problem.smooth_path import TAILS, PathTerm, SmoothPath
 
 LAYOUT = Layout.of(SIZE).with_roles(Role.SHARED, "principal point", "k1").fixed("k2", "aspect")
 
@@ -60,7 +60,7 @@ def test_gradient_hessian_and_coupling_are_those_of_the_accelerations(time, data
     steps = data.draw(bounded((count, 3), -2.0, 2.0))
     path, theta = SmoothPath(time, 0.3), theta_at(np.cumsum(steps, axis=0))
     free = np.flatnonzero(LAYOUT.free)
-    found = PathEvaluation(path, LAYOUT, theta)
+    found = PathTerm(path, LAYOUT, theta)
     gradient, hessian = dense(path, theta)
     np.testing.assert_allclose(found.gradient, gradient, rtol=1e-9, atol=1e-9)
     whole = np.zeros_like(hessian)
@@ -74,7 +74,7 @@ def test_gradient_hessian_and_coupling_are_those_of_the_accelerations(time, data
     def costs(changes):
         moved = np.repeat(theta[None], len(changes), axis=0)
         moved[:, :, free] += changes.reshape(len(changes), count, len(free))
-        return np.array([[PathEvaluation(path, LAYOUT, one).cost.sum()] for one in moved])
+        return np.array([[PathTerm(path, LAYOUT, one).cost.sum()] for one in moved])
 
     if count:
         numeric = central_differences(costs, np.zeros((1, count * len(free))), 1e-4)[0, 0]
@@ -85,10 +85,10 @@ def test_gradient_hessian_and_coupling_are_those_of_the_accelerations(time, data
 def test_even_motion_costs_nothing_and_acceleration_what_it_is(time, velocity, acceleration):
     even = time[:, None] * velocity
     path = SmoothPath(time, 0.2)
-    assert PathEvaluation(path, LAYOUT, theta_at(even)).cost.sum() == pytest.approx(0.0, abs=1e-12)
+    assert PathTerm(path, LAYOUT, theta_at(even)).cost.sum() == pytest.approx(0.0, abs=1e-12)
     theta = theta_at(even + 0.5 * np.square(time)[:, None] * acceleration)
     expected = 0.5 * (len(time) - 2) * TAILS.evaluate(np.array([acceleration @ acceleration / 0.2**2]))[0][0]
-    assert PathEvaluation(path, LAYOUT, theta).cost.sum() == pytest.approx(expected, rel=1e-6, abs=1e-12)
+    assert PathTerm(path, LAYOUT, theta).cost.sum() == pytest.approx(expected, rel=1e-6, abs=1e-12)
 
 
 def test_steps_of_frames_on_a_path_are_those_of_the_dense_system():

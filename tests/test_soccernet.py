@@ -12,7 +12,7 @@ from strategies import IMAGE_SIZES, cameras, pixel_arrays
 from synthetic import in_image, visible_field_points
 from test_rational import rational_cameras
 
-from fieldcalib.fields.soccer import soccer
+from fieldcalib.fields.sports.soccer import soccer
 from fieldcalib.fields.stands import DISTRIBUTIONS
 from fieldcalib.geometry.camera import Camera
 from fieldcalib.io.formats import ANNOTATIONS, CAMERAS
@@ -23,7 +23,6 @@ from fieldcalib.io.soccernet import (
     camera_to_record,
     camera_types,
     format_annotation,
-    format_camera_types,
     parse_annotation,
     parse_camera,
     rational_camera_from_record,
@@ -491,9 +490,10 @@ def test_broken_camera_files(content, message):
 # --- camera types ---
 
 
-def test_types_come_back():
+def test_types_are_read():
     types = {"00001": "Main camera center", "00007": "Spider camera", "a.b": "Main behind the goal"}
-    assert camera_types(format_camera_types(types)) == types
+    content = json.dumps({f"{id}.jpg": {"camera": name} for id, name in types.items()})
+    assert camera_types(content) == types
     assert camera_types('{"00001.jpg": {"camera": "Public", "match": "a - b", "league": "c", "half": 1}}') == {
         "00001": "Public"
     }

@@ -7,7 +7,7 @@ import pytest
 from data_tools.synthetic.__main__ import main
 from data_tools.synthetic.clips import RATE, camera_path
 from data_tools.synthetic.film import BESIDE, Scene, _boards, _seen, clip_frames, exposed, film, read_cameras
-from fieldcalib.fields.soccer import soccer
+from fieldcalib.fields.sports.soccer import soccer
 from fieldcalib.io.videos import VideoReader
 
 SIZE = (384, 216)

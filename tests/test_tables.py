@@ -29,10 +29,10 @@ from baselines.published import (
     hdecomp,
 )
 from fieldcalib.draw.scene import render_field
-from fieldcalib.fields.soccer import soccer
+from fieldcalib.fields.sports.soccer import soccer
 from fieldcalib.geometry.camera import Camera
 from fieldcalib.io.pnlcalib import keypoint_field, keypoint_name
-from fieldcalib.io.soccernet import format_annotation, format_camera_types
+from fieldcalib.io.soccernet import format_annotation
 from fieldcalib.io.wc14 import format_homography
 from fieldcalib.metrics import compound_score
 
@@ -168,7 +168,9 @@ def test_only_the_main_camera_counts_where_types_are_known(sncalib, tmp_path):
     for path in sncalib.glob("*.json"):
         (tmp_path / path.name).write_bytes(path.read_bytes())
     types = {str(index): "Main camera center" for index in range(COUNT)} | {"1": "Main camera left"}
-    (tmp_path / "match_info_cam_gt.json").write_text(format_camera_types(types))
+    (tmp_path / "match_info_cam_gt.json").write_text(
+        json.dumps({f"{id}.jpg": {"camera": name} for id, name in types.items()})
+    )
     dataset = read_dataset("SN-Calib-test-center", tmp_path, (960, 540))
     assert list(dataset.annotations) == ["0", "2", "3", "4"]
     statistics = tables.dataset_statistics(dataset)

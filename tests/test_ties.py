@@ -9,10 +9,11 @@ from hypothesis import strategies as st
 from strategies import bounded, generators, numbers
 from tripods import SIZE, chain, far_off, matched, panned
 
-from fieldcalib.fields.soccer import soccer
+from fieldcalib.fields.sports.soccer import soccer
 from fieldcalib.geometry.camera import Camera
-from fieldcalib.problem.background import BackgroundEvaluation
+from fieldcalib.problem.background import BackgroundTerm
 from fieldcalib.problem.layout import Layout
+from fieldcalib.solve.task import Task
 from fieldcalib.solve.ties import CELLS, LEAST_CELLS, Ties, disagreeing, stepped, thinned, with_tied
 
 FIELD = soccer()
@@ -130,8 +131,8 @@ def test_those_among_some_frames_are_numbered_anew():
     frames = np.array([4, 2, 0])
     pairs = ties.among(frames)
     assert list(zip(pairs.first.tolist(), pairs.second.tolist(), strict=True)) == [(2, 0), (0, 1)]
-    np.testing.assert_array_equal(pairs.p, ties.p[[1, 2]])
-    assert not disagreeing(BackgroundEvaluation(pairs, LAYOUT, theta_of(cameras)[frames])).any()
+    np.testing.assert_array_equal(pairs.p, ties.pairs.p[[1, 2]])
+    assert not disagreeing(BackgroundTerm(pairs, LAYOUT, theta_of(cameras)[frames])).any()
     assert ties.among(np.array([1, 3])) is None
 
 
@@ -139,13 +140,13 @@ def test_ties_lead_from_known_frames_to_others_in_both_directions():
     cameras = panned(4)
     ties = ties_of(cameras, [(0, 1), (1, 2), (2, 3), (0, 3)], noise=0.0)
     theta = theta_of(cameras)
-    pairs, first = ties.towards(np.array([3, 1]), theta, some(0, 2, of=4))
-    assert sorted(zip(first.tolist(), pairs.second.tolist(), strict=True)) == [(0, 0), (0, 1), (2, 0), (2, 1)]
-    np.testing.assert_array_equal(pairs.known, theta[first])
-    assert not disagreeing(BackgroundEvaluation(pairs, LAYOUT, theta[[3, 1]])).any()
-    back = np.flatnonzero((first == 2) & (pairs.second == 1))[0]  # matched from 1 to 2
-    np.testing.assert_array_equal(pairs.p[back], ties.q[1])
-    np.testing.assert_array_equal(pairs.q[back], ties.p[1])
+    pairs = ties.towards(np.array([3, 1]), theta, some(0, 2, of=4))
+    assert sorted(zip(pairs.first.tolist(), pairs.second.tolist(), strict=True)) == [(0, 0), (0, 1), (2, 0), (2, 1)]
+    np.testing.assert_array_equal(pairs.known, theta[pairs.first])
+    assert not disagreeing(BackgroundTerm(pairs, LAYOUT, theta[[3, 1]])).any()
+    back = np.flatnonzero((pairs.first == 2) & (pairs.second == 1))[0]  # matched from 1 to 2
+    np.testing.assert_array_equal(pairs.p[back], ties.pairs.q[1])
+    np.testing.assert_array_equal(pairs.q[back], ties.pairs.p[1])
 
 
 @pytest.mark.parametrize("wrong", [False, True])
@@ -153,7 +154,7 @@ def test_a_step_from_nearby_leads_to_where_known_cameras_have_the_background(wro
     cameras = panned(3)
     ties = ties_of(cameras, [(0, 1), (0, 2), (2, 1)], noise=0.1)
     theta = theta_of(cameras)
-    pairs, _ = ties.towards(np.array([1]), theta, some(0, 2, of=3))
+    pairs = ties.towards(np.array([1]), theta, some(0, 2, of=3))
     if wrong:
         pairs = replace(pairs, q=pairs.q + (0.0, 80.0) * (-1.0) ** np.arange(pairs.q.shape[1])[:, None])
     near = theta[[1]]
@@ -162,7 +163,7 @@ def test_a_step_from_nearby_leads_to_where_known_cameras_have_the_background(wro
     assert contradicts.tolist() == [wrong]
     if not wrong:
         np.testing.assert_allclose(moved, theta[[1]], atol=2e-4)
-        assert not disagreeing(BackgroundEvaluation(pairs, LAYOUT, moved)).any()
+        assert not disagreeing(BackgroundTerm(pairs, LAYOUT, moved)).any()
         far = np.median(far_off(LAYOUT.camera(near[0]), cameras[1]))
         assert np.median(far_off(LAYOUT.camera(moved[0]), cameras[1])) < 0.05 * far
 
@@ -214,7 +215,7 @@ def test_two_wrong_cameras_that_agree_are_outvoted():
 
 
 def followed(ties, theta, known, wanted):
-    return with_tied(FIELD, ties, theta, known, wanted, LAYOUT, FIELD.scale)
+    return with_tied(Task(FIELD).options(SIZE), ties, theta, known, wanted, LAYOUT)
 
 
 @pytest.mark.parametrize("start", [0, 3, 5])

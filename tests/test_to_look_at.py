@@ -20,12 +20,12 @@ def seen(*frames):
 
 
 def test_nothing_is_said_of_good_frames_and_broken_files():
-    assert seen(("good", "rms 0.5 px"), ("", "")).said("here") == ""
+    assert seen(("good", "rms 0.5 px"), ("", "")).message("here") == ""
 
 
 def test_frames_in_a_row_of_one_reason_are_one_line():
     beside = [("check", f"'Middle line' lies {px} px beside its paint; rms 0.5 px") for px in (9, 8, 7.5)]
-    said = seen(beside[0], ("good", ""), *beside[1:], ("reject", "too few")).said("cameras.jsonl").splitlines()
+    said = seen(beside[0], ("good", ""), *beside[1:], ("reject", "too few")).message("cameras.jsonl").splitlines()
     assert said == [
         "4 frames to look at (all reasons and remedies: cameras.jsonl):",
         "  000: check, 'Middle line' lies 9 px beside its paint",
@@ -38,7 +38,7 @@ def test_frames_in_a_row_of_one_reason_are_one_line():
 def test_the_first_few_are_named_and_the_others_counted(more):
     reasons = ("one", "two")
     found = seen(*(("check", reasons[k % 2]) for k in range(NAMED + more)))
-    lines = found.said("there").splitlines()
+    lines = found.message("there").splitlines()
     assert found.count == NAMED + more
     assert len(lines) == 1 + NAMED + bool(more)
     assert (lines[-1] == f"  and {more} more") is bool(more)

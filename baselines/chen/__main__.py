@@ -1,4 +1,4 @@
-"""The command line, see `baselines.chen.command`."""
+"""Command line, see `baselines.chen.command`."""
 
 from baselines.chen.command import main
 

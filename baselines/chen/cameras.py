@@ -1,4 +1,4 @@
-"""Random cameras of main stands, as arrays: what the database and the training are made of."""
+"""Random cameras on main stands, as arrays, for the database and for training."""
 
 from __future__ import annotations
 
@@ -17,15 +17,15 @@ from fieldcalib.geometry.rotation import rotation_from_angles
 IMAGE_SIZE = (1280, 720)
 """Width and height in pixels of the images that focal lengths and homographies are for."""
 
-# The distribution of Chen and Little, fitted by them to the cameras of WC14's training images. Their origin is the near
-# left corner of a field of 105 x 68 m, with y away from the camera and z up.
+# Chen and Little's distribution, which they fitted to the cameras of WC14's training images. Their origin is the near
+# left corner of a field of 105 x 68 m; y points away from the camera and z up.
 CENTRE_MEAN, CENTRE_SIGMA = (52.366, -45.157, 16.822), (2.232, 9.383, 2.949)  # metres
 FOCAL_LENGTH_MEAN, FOCAL_LENGTH_SIGMA = 3018.18, 716.07  # px
 PAN, BELOW_HORIZON, ROLL_SIGMA = (-35.0, 35.0), (5.0, 15.0), 0.2  # degrees
 CORNER = (52.5, 34.0)  # metres from the centre mark
-LEAST_FOCAL_LENGTH, LEAST_HEIGHT = 500.0, 1.0  # px, metres: normal distributions have no end
+LEAST_FOCAL_LENGTH, LEAST_HEIGHT = 500.0, 1.0  # px, m: smaller samples are raised to these
 
-# How much the two cameras of a pair may differ that see the same: degrees, degrees, px.
+# Largest differences between the two cameras of a similar pair: degrees, degrees, px.
 PAIR_PAN, PAIR_TILT, PAIR_FOCAL_LENGTH = 0.75, 0.375, 15.0
 
 
@@ -48,7 +48,7 @@ class Cameras:
 
     @property
     def homographies(self) -> Array:
-        """Field points (x, y, 1) in metres to pixels of an image of IMAGE_SIZE: ``K R [e1 e2 -C]``, (N, 3, 3)."""
+        """Homographies ``K R [e1 e2 -C]``, (N, 3, 3), from field points (x, y, 1) in metres to pixels of IMAGE_SIZE."""
         K = np.zeros((len(self), 3, 3))
         K[:, 0, 0] = K[:, 1, 1] = self.focal_length
         K[:, :, 2] = (*np.divide(IMAGE_SIZE, 2.0), 1.0)
@@ -62,7 +62,7 @@ Draw: TypeAlias = Callable[[int, np.random.Generator], Cameras]
 
 
 def cameras_of_chen(count: int, rng: np.random.Generator) -> Cameras:
-    """Cameras of Chen and Little's distribution.
+    """Draw cameras from Chen and Little's distribution.
 
     Examples
     --------
@@ -78,13 +78,13 @@ def cameras_of_chen(count: int, rng: np.random.Generator) -> Cameras:
 
 
 def cameras_of_stand(stand: CameraDistribution, count: int, rng: np.random.Generator) -> Cameras:
-    """Cameras whose fields of view and positions are uniform in the ranges of a stand, angles as Chen and Little's."""
+    """Draw cameras with field of view and position uniform in a stand's ranges, and Chen and Little's angles."""
     fov, *C = (rng.uniform(*limits, count) for limits in (stand.fov, stand.x, stand.y, stand.z))
     return Cameras(_angles(count, rng), focal_length_from_fov(np.radians(fov), IMAGE_SIZE[0]), np.stack(C, axis=1))
 
 
 def _angles(count: int, rng: np.random.Generator) -> Array:
-    """Pan, tilt, roll. What their code calls roll turns about different axes in different places; here it is roll."""
+    """Draw pan, tilt and roll. In Chen and Little's code the axis of \"roll\" varies; here it is the optical axis."""
     tilt = 90.0 - rng.uniform(*BELOW_HORIZON, count)
     angles = np.stack([rng.uniform(*PAN, count), tilt, rng.normal(0.0, ROLL_SIGMA, count)], axis=1)
     return np.asarray(np.radians(angles))
@@ -96,7 +96,7 @@ DRAWS: Mapping[str, Draw] = MappingProxyType({CHEN: cameras_of_chen, UNIFORM: pa
 
 
 def nearby(cameras: Cameras, rng: np.random.Generator) -> Cameras:
-    """For each camera, another one at the same place with a similar view."""
+    """Draw for each camera another one at the same place with a similar view."""
     most = np.array([np.radians(PAIR_PAN), np.radians(PAIR_TILT), PAIR_FOCAL_LENGTH])
     pan, tilt, f = rng.uniform(-most, most, (len(cameras), 3)).T
     angles = cameras.angles + np.stack([pan, tilt, np.zeros_like(pan)], axis=1)

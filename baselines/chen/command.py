@@ -1,11 +1,11 @@
-"""The command line of Chen and Little's method.
+"""Command line of Chen and Little's method.
 
     python -m baselines.chen INPUT --size WxH --database FILE --out DIR [--from annotations|masks|images]
     python -m baselines.chen database FILE [--cameras chen|uniform] [--features siamese|hog]
     python -m baselines.chen train MODEL
 
-The first writes what `fieldcalib calibrate` writes, with the homographies as ``<id>.homographyMatrix``; its cameras are
-their decomposition, the paper's "HDecomp + Chen".
+The first writes what `fieldcalib calibrate` writes, and homographies as ``<id>.homographyMatrix``; the cameras are
+decomposed from these, which is "HDecomp + Chen" in TVCalib's paper.
 """
 
 from __future__ import annotations
@@ -137,7 +137,7 @@ def _training_parser() -> argparse.ArgumentParser:
 
 
 def add_cameras(parser: argparse.ArgumentParser) -> None:
-    """--cameras and --seed."""
+    """Add --cameras and --seed."""
     parser.add_argument(
         "--cameras",
         choices=tuple(DRAWS),
@@ -187,7 +187,7 @@ def _train(options: argparse.Namespace) -> int:
 
 def _run(options: argparse.Namespace) -> int:
     run, field, database = RunOptions.of(options), field_of(options), _database(options.database)
-    if options.source != MASKS:  # which show what their network was taught
+    if options.source != MASKS:  # masks show the field that their network was trained on
         database.check_field(field)
     more = {"database": hashlib.sha256(options.database.read_bytes()).hexdigest()}
     found = _FromEdges(options.database, RECIPES[options.recipe], options.alignment)
@@ -207,13 +207,13 @@ def _run(options: argparse.Namespace) -> int:
 
 @lru_cache(maxsize=1)
 def _database(path: Path) -> Database:
-    """The database, read once by each process."""
+    """Read the database, once per process."""
     return Database.read(path)
 
 
 @dataclass(frozen=True)
 class _FromEdges:
-    """Finds homographies and cameras for edge images."""
+    """Finds homographies and cameras of edge images."""
 
     database: Path
     recipe: Recipe
@@ -233,13 +233,13 @@ class _FromPixels:
     """Calibrates annotated frames."""
 
     field: Field
-    found: _FromEdges
+    from_edges: _FromEdges
 
     def __call__(self, frames: dict[str, Pixels], size: tuple[int, int]) -> list[CalibratedFrame]:
-        return [self._of_frame(id, pixels, size) for id, pixels in frames.items()]
+        return [self._calibrated(id, pixels, size) for id, pixels in frames.items()]
 
-    def _of_frame(self, id: str, pixels: Pixels, size: tuple[int, int]) -> CalibratedFrame:
-        found = self.found(id, edges_of_pixels(self.field, pixels, size), size)
+    def _calibrated(self, id: str, pixels: Pixels, size: tuple[int, int]) -> CalibratedFrame:
+        found = self.from_edges(id, edges_of_pixels(self.field, pixels, size), size)
         calibration = found.calibration
         if calibration.camera is not None:
             calibration = judged_camera(calibration.camera, self.field, pixels, calibration.message)
@@ -248,10 +248,10 @@ class _FromPixels:
 
 @dataclass(frozen=True)
 class _FromImages:
-    """Calibrates masks, or images if there is a network that finds their markings."""
+    """Calibrates masks of lines, or images with a network that finds the markings."""
 
     field: Field
-    found: _FromEdges
+    from_edges: _FromEdges
     size: tuple[int, int]
     most_bytes: float
     network: SegmentationNetwork | None
@@ -260,20 +260,20 @@ class _FromImages:
         """Read the images and calibrate."""
         frames = [self._read(file) for file in files]
         start = time.perf_counter()
-        found = {frame.id: self._found(frame.id, frame.image) for frame in frames if frame.image is not None}
+        found = {frame.id: self._calibrated(frame.id, frame.image) for frame in frames if frame.image is not None}
         return unit_result(files, found, broken_frames(frames), time.perf_counter() - start)
 
     def broken(self, files: tuple[FrameFile, ...]) -> Mapping[str, str]:
-        """Read the files only: what is wrong with those that are broken, by id."""
+        """Read the files only: errors of broken ones, by id."""
         return broken_frames(map(self._read, files))
 
     def _read(self, file: FrameFile) -> Frame:
         return ReadImage(self.most_bytes)(file)
 
-    def _found(self, id: str, image: Image) -> CalibratedFrame:
+    def _calibrated(self, id: str, image: Image) -> CalibratedFrame:
         if self.network is None:
             edges = edges_of_mask(np.asarray(cv2.cvtColor(image, cv2.COLOR_BGR2GRAY), np.uint8))
         else:
             (probability,) = self.network([image])
             edges = edges_of_probabilities(probability, self.network.classes, self.field)
-        return self.found(id, edges, self.size)
+        return self.from_edges(id, edges, self.size)

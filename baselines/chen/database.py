@@ -1,4 +1,4 @@
-"""The database: synthetic cameras, what each sees as features, and the nearest of an edge image."""
+"""Database of synthetic cameras with features of their views, and the search for the nearest ones."""
 
 from __future__ import annotations
 
@@ -20,26 +20,26 @@ from fieldcalib._types import Array, Float32, IntArray
 from fieldcalib.fields.field import Field
 from fieldcalib.io.files import BrokenFileError, write_bytes
 
-CAMERAS = 90_000  # of the paper
+CAMERAS = 90_000  # as in the paper
 AT_ONCE = 500  # edge images in memory
-FITTED = 5_000  # cameras whose edge images the principal components of histograms are of
-LEAST_LINES = 0.003  # share of an edge image: a camera that sees less is drawn again
+FITTED = 5_000  # edge images to which the principal components of histograms are fitted
+LEAST_LINES = 0.003  # least share of an edge image that lines must cover; other cameras are drawn again
 
 
 @dataclass(frozen=True)
 class Database:
-    """Cameras and the features of what they see."""
+    """Cameras and the features of their views."""
 
     distribution: str
     """Name of the cameras' distribution."""
     cameras: Cameras
     """N cameras."""
     features: Float32
-    """Features of their edge images, (N, D)."""
+    """Features of the cameras' edge images, (N, D)."""
     extract: Features
     """Extractor of the features."""
     pieces: Array
-    """The markings, (M, 2, 2), see `edges.ground_pieces`."""
+    """Straight pieces of the markings, (M, 2, 2), see `edges.ground_pieces`."""
 
     @classmethod
     def made(
@@ -53,21 +53,21 @@ class Database:
         seed: int = 0,
         progress: Callable[[int], object] = lambda count: None,
     ) -> Self:
-        """A database of random cameras.
+        """Make a database of random cameras.
 
         Parameters
         ----------
         field : Field
-            Whose markings are drawn.
+            The field whose markings are drawn.
         distribution : str
             Name of the distribution.
         draw : callable
-            Draws its cameras. Those that see hardly any line are replaced.
+            Draws cameras; those that see hardly any line are replaced.
         extract : Features or None
-            Of edge images; None for histograms of gradients, whose principal components are those of this database.
+            Extractor of features; None for histograms of gradients, with principal components fitted to this database.
         count, seed : int
         progress : callable
-            Called with the number of cameras each time that some are done.
+            Called with the number of cameras that were added since the last call.
         """
         rng = np.random.default_rng(seed)
         pieces = ground_pieces(field)
@@ -100,14 +100,14 @@ class Database:
 
     @classmethod
     def read(cls, path: Path) -> Self:
-        """Read a file of `write`.
+        """Read a file that `write` wrote.
 
         Raises
         ------
         FileNotFoundError
-            If there is none.
+            If the file does not exist.
         BrokenFileError
-            If it is something else.
+            If it is no such file.
         """
         if not path.is_file():
             raise FileNotFoundError(f"{path} does not exist: python -m baselines.chen database {path} makes it")
@@ -135,7 +135,7 @@ class Database:
         return np.asarray(np.einsum("nd,nd->n", self.features, self.features), np.float32)
 
     def nearest(self, feature: Float32, count: int = 1) -> IntArray:
-        """Indices of the cameras whose features (D,) are nearest, from near to far: all are compared."""
+        """Indices of the cameras with the nearest features, the nearest first, by exhaustive search."""
         distance = self._squares - 2.0 * (self.features @ feature)
         count = min(count, len(distance))
         first = np.argpartition(distance, count - 1)[:count]
@@ -143,7 +143,7 @@ class Database:
 
 
 def _views(draw: Draw, count: int, pieces: Array, rng: np.random.Generator) -> tuple[Cameras, Edges]:
-    """Cameras that see lines, and their edge images."""
+    """Draw cameras that see lines, and their edge images."""
     found: list[tuple[Cameras, Edges]] = []
     missing = count
     while missing:

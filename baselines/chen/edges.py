@@ -1,6 +1,6 @@
-"""Edge images: the markings on the ground as thin white lines on black, of cameras, annotations and line masks.
+"""Edge images: markings on the ground as thin white lines on black, from cameras, annotations or masks of lines.
 
-All are uint8 (height, width) of EDGE_SIZE, a quarter of `cameras.IMAGE_SIZE`.
+They are uint8 (height, width) of EDGE_SIZE, a quarter of `cameras.IMAGE_SIZE`.
 """
 
 from __future__ import annotations
@@ -23,13 +23,13 @@ from fieldcalib.problem.labelled_pixels import Pixels
 Edges: TypeAlias = NDArray[np.uint8]
 
 EDGE_SIZE = (320, 180)
-ARC_SPACING = 2.0  # metres between the ends of an arc's pieces: at most 5 cm from the arc of a centre circle
+ARC_SPACING = 2.0  # m: length of the straight pieces of an arc; they are at most 5 cm off the centre circle
 WHITE = 255
-LINE_LEVEL = 127  # grey value from which on a pixel of a mask is of a line
+LINE_LEVEL = 127  # grey value above which a pixel of a mask is on a line
 
 
 def scaling(size: tuple[int, int], of: tuple[int, int] = IMAGE_SIZE) -> Array:
-    """Pixels of an image to those of the image in another size, (3, 3); centres of pixels have integer coordinates."""
+    """Scale pixels of an image to another image size, (3, 3); centres of pixels have integer coordinates."""
     s = np.divide(size, of)
     return np.array([[s[0], 0.0, (s[0] - 1.0) / 2.0], [0.0, s[1], (s[1] - 1.0) / 2.0], [0.0, 0.0, 1.0]])
 
@@ -40,7 +40,7 @@ def is_on_ground(segment: Segment) -> bool:
 
 
 def ground_pieces(field: Field) -> Array:
-    """The markings on the ground in straight pieces: start and end, (M, 2, 2), metres."""
+    """Divide the markings on the ground into straight pieces: start and end, (M, 2, 2), metres."""
     pieces = []
     for label, segment in field.markings.items():
         if is_on_ground(segment) and label not in field.half_labels:
@@ -50,14 +50,14 @@ def ground_pieces(field: Field) -> Array:
 
 
 def edge_images(H: Array, pieces: Array, size: tuple[int, int] = EDGE_SIZE) -> Edges:
-    """Edge images of N views, (N, height, width).
+    """Draw edge images of N views, (N, height, width).
 
     Parameters
     ----------
     H : (N, 3, 3) array
         Field points (x, y, 1) in metres to pixels of an image of IMAGE_SIZE; scale and sign do not matter.
     pieces : (M, 2, 2) array
-        Those of `ground_pieces`.
+        Straight pieces of the markings, see `ground_pieces`.
     size : (int, int)
         Width and height of the edge images.
 
@@ -78,9 +78,9 @@ def edge_images(H: Array, pieces: Array, size: tuple[int, int] = EDGE_SIZE) -> E
 
 
 def _projected(H: Array, pieces: Array, size: tuple[int, int]) -> tuple[Array, BoolArray]:
-    """Ends of the pieces in pixels, (N, M, 2, 2), cut off at the near plane, and which pieces may be in the image."""
+    """Project the pieces to pixels, (N, M, 2, 2), cut at the near plane, and find those that may be in the image."""
     above = np.where(np.linalg.det(H) > 0.0, 1.0, -1.0) / np.linalg.norm(H[:, 2, :2], axis=1)
-    H = H * above[:, None, None]  # the last row is now the depth in metres, but for the sine of the tilt
+    H = H * above[:, None, None]  # the last row now gives the depth in metres, up to the sine of the tilt
     h = np.einsum("nij,mkj->nmki", H[:, :, :2], pieces) + H[:, None, None, :, 2]
     depth = h[..., 2]
     in_front = depth > NEAR_PLANE
@@ -97,7 +97,7 @@ def _projected(H: Array, pieces: Array, size: tuple[int, int]) -> tuple[Array, B
 
 
 def edges_of_pixels(field: Field, pixels: Pixels, image_size: tuple[int, int]) -> Edges:
-    """The edge image of labelled pixels: those of each marking on the ground joined in their order along it."""
+    """Draw labelled pixels: those of each marking on the ground are joined in their order along it."""
     image = np.zeros(EDGE_SIZE[::-1], np.uint8)
     resized = scaling(EDGE_SIZE, image_size)
     for label, xy in pixels.items():
@@ -109,7 +109,7 @@ def edges_of_pixels(field: Field, pixels: Pixels, image_size: tuple[int, int]) -
 
 
 def edges_of_mask(mask: NDArray[np.uint8]) -> Edges:
-    """The edge image of a mask of lines, (height, width) grey, whatever its size: the middle of its lines."""
+    """Thin the lines of a grey mask (height, width) of any size to an edge image."""
     from skimage.morphology import skeletonize
 
     resized = cv2.resize(mask, EDGE_SIZE, interpolation=cv2.INTER_LINEAR)
@@ -117,6 +117,6 @@ def edges_of_mask(mask: NDArray[np.uint8]) -> Edges:
 
 
 def edges_of_probabilities(probability: Float32, classes: Sequence[str], field: Field) -> Edges:
-    """The edge image of a network's class probabilities, (K, h, w): of all markings on the ground together."""
+    """Thin a network's class probabilities (K, h, w) to an edge image of all markings on the ground."""
     lines = [c for c, label in enumerate(classes) if label != BACKGROUND and is_on_ground(field[label])]
     return edges_of_mask(np.rint(WHITE * np.sum(probability[lines], axis=0)).astype(np.uint8))

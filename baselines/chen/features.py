@@ -1,4 +1,4 @@
-"""Features: edge images to short vectors that are near where the images are alike."""
+"""Features of edge images: short vectors that are near one another where the images are similar."""
 
 from __future__ import annotations
 
@@ -19,17 +19,17 @@ from fieldcalib.io.files import BrokenFileError
 SIAMESE, HOG = "siamese", "hog"
 SHIPPED = files("baselines") / "chen" / "siamese.onnx"
 
-HOG_SIZE, HOG_CELL, HOG_BINS = (160, 96), 16, 9  # of the resized edge image, pixels
+HOG_SIZE, HOG_CELL, HOG_BINS = (160, 96), 16, 9  # size of the resized edge image and of a cell in pixels, directions
 HOG_LENGTH = 64
 AT_ONCE = 256  # edge images in memory as float32
 
 
 class Features(Protocol):
-    """Features of edge images."""
+    """Extracts features of edge images."""
 
     @property
     def arrays(self) -> dict[str, NDArray[Any]]:
-        """Arrays of the extractor, for a file; `kind` is SIAMESE or HOG."""
+        """Arrays to write into a file; `kind` is SIAMESE or HOG."""
 
     def __call__(self, edges: Edges) -> Float32:
         """Features (N, D) of N edge images (N, height, width)."""
@@ -37,14 +37,14 @@ class Features(Protocol):
 
 @dataclass(frozen=True)
 class Siamese:
-    """The output of a network that was trained on pairs of edge images (`baselines.chen.training`), of length 1."""
+    """Features of length 1 by a network that was trained on pairs of edge images (`baselines.chen.training`)."""
 
     model: bytes
-    """ONNX: "edges" (N, 1, 180, 320) float32 from 0 to 255, to "features" (N, 16)."""
+    """Network in ONNX: from "edges" (N, 1, 180, 320), float32 from 0 to 255, to "features" (N, 16)."""
 
     @classmethod
     def shipped(cls) -> Self:
-        """The one that comes with the package."""
+        """Load the network that comes with the package."""
         return cls(SHIPPED.read_bytes())
 
     @property
@@ -74,15 +74,15 @@ class Siamese:
 
 @dataclass(frozen=True)
 class Hog:
-    """Histograms of oriented gradients in their principal components: they need no training.
+    """Principal components of histograms of oriented gradients, which need no training.
 
-    Dalal and Triggs, CVPR 2005, by OpenCV; cells of 16 pixels of the edge image at 160 x 96.
+    Dalal and Triggs, CVPR 2005, as implemented in OpenCV; cells of 16 pixels, edge images of 160 x 96.
     """
 
     mean: Float32
     """Mean of the histograms, (540,)."""
     axes: Float32
-    """Their principal components, (540, 64)."""
+    """Principal components of the histograms, (540, 64)."""
 
     @classmethod
     def fitted(cls, edges: Edges) -> Self:
@@ -103,7 +103,7 @@ class Hog:
 
 
 def features_from_arrays(arrays: dict[str, NDArray[Any]]) -> Features:
-    """The features whose `arrays` these are."""
+    """Make the extractor that has these `arrays`."""
     if str(arrays["kind"]) == SIAMESE:
         return Siamese(arrays["model"].tobytes())
     return Hog(arrays["mean"], arrays["axes"])

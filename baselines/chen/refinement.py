@@ -1,6 +1,6 @@
-"""Refinement: the distance image of a view is aligned to that of the edge image, by a homography in the image.
+"""Refinement: a warp of the image aligns the distance image of a view to the edge image's.
 
-OpenCV's alignment sums in single precision and differs in the seventh digit from process to process.
+OpenCV's alignment sums in single precision; its results differ in the seventh digit from process to process.
 """
 
 from __future__ import annotations
@@ -14,20 +14,20 @@ from baselines.chen.edges import EDGE_SIZE, Edges, edge_images, scaling
 from fieldcalib._types import Array, Float32
 
 HALF_SIZE = (160, 90)
-EPSILON = 1e-3  # of the correlation, at which an alignment ends
-IS_LINE = 10  # grey value from which on a pixel of an edge image is of a line
+EPSILON = 1e-3  # change of the correlation at which an alignment ends
+IS_LINE = 10  # grey value above which a pixel of an edge image is on a line
 
 
 @dataclass(frozen=True)
 class Step:
-    """One alignment."""
+    """Options of one alignment."""
 
     size: tuple[int, int]
     """Width and height of the distance images."""
     truncation: float
     """Largest distance in pixels of an image of 320 x 180."""
     motion: int
-    """OpenCV's."""
+    """Motion model, an OpenCV constant such as `cv2.MOTION_HOMOGRAPHY`."""
     iterations: int
 
 
@@ -39,19 +39,19 @@ def distance_image(edges: Edges, size: tuple[int, int], truncation: float) -> Fl
 
 
 def refined(H: Array, edges: Edges, pieces: Array, steps: tuple[Step, ...]) -> Array:
-    """Homographies whose views are aligned to an edge image.
+    """Align the views of homographies to an edge image.
 
-    In each step the view is drawn, and a warp W of the image, an affine map or a homography, is found that maximises
-    the correlation of both distance images (`cv2.findTransformECC`; Evangelidis, Psarakis: Parametric Image Alignment
-    Using Enhanced Correlation Coefficient Maximization, PAMI 2008): ``H <- W H``. A step that fails is left out.
+    Each step draws the view and finds the warp W of the image, an affine map or a homography, that maximises the
+    correlation of both distance images (`cv2.findTransformECC`; Evangelidis, Psarakis: Parametric Image Alignment
+    Using Enhanced Correlation Coefficient Maximization, PAMI 2008): ``H <- W H``. A step that fails changes nothing.
 
     Parameters
     ----------
     H : (N, 3, 3) array
-        Field points (x, y, 1) in metres to pixels of an image of `cameras.IMAGE_SIZE`, each to be refined.
+        Map field points (x, y, 1) in metres to pixels of an image of `cameras.IMAGE_SIZE`.
     edges : (180, 320) uint8 array
     pieces : (M, 2, 2) array
-        Of the markings, see `edges.ground_pieces`.
+        Straight pieces of the markings, see `edges.ground_pieces`.
     steps : tuple of Step
 
     Returns
@@ -68,9 +68,9 @@ def refined(H: Array, edges: Edges, pieces: Array, steps: tuple[Step, ...]) -> A
 
 
 def mismatch(views: Edges, edges: Edges, truncation: float) -> Array:
-    """Differences, (N,), between the distance images of N views of one size and that of an edge image.
+    """Mean absolute differences (N,) between the distance images of N views and that of an edge image.
 
-    The mean absolute difference in pixels of EDGE_SIZE, distances up to `truncation`.
+    They are in pixels of EDGE_SIZE; distances are truncated at `truncation`.
     """
     size = views.shape[2], views.shape[1]
     given = distance_image(edges, size, truncation)
@@ -78,13 +78,13 @@ def mismatch(views: Edges, edges: Edges, truncation: float) -> Array:
 
 
 def _warp(found: Float32, given: Float32, step: Step) -> Array:
-    """The warp of one distance image to another, (3, 3); the identity where OpenCV finds none."""
+    """Find the warp (3, 3) of one distance image to another; the identity where OpenCV finds none."""
     rows = 3 if step.motion == cv2.MOTION_HOMOGRAPHY else 2
     criteria = (cv2.TERM_CRITERIA_EPS | cv2.TERM_CRITERIA_COUNT, step.iterations, EPSILON)
     start = np.eye(rows, 3, dtype=np.float32)
     try:
         _, warp = cv2.findTransformECC(found, given, start, step.motion, criteria)
-    except cv2.error:  # images without correlation, or a step that would lessen it
+    except cv2.error:  # the images are uncorrelated, or the correlation would fall
         return np.eye(3)
     whole = np.concatenate([warp, np.eye(3)[rows:]]).astype(float)
     return whole if np.all(np.isfinite(whole)) and np.linalg.det(whole) > 0.0 else np.eye(3)

@@ -1,9 +1,9 @@
-"""Training of the siamese features: pairs of edge images, drawn as they are needed.
+"""Training of the siamese features on pairs of edge images, which are drawn on demand.
 
-Two cameras at one place that hardly differ are a pair that must be near, two random ones one that must be far: the
-contrastive loss ``d^2 + max(0, 1 - d)^2`` over both kinds, d being the distance of their features, which have length 1
-(Hadsell, Chopra, LeCun: Dimensionality Reduction by Learning an Invariant Mapping, CVPR 2006). Of each pair one image
-is `spoilt`, which is not in their code: lines that a network found look otherwise than those that were drawn.
+Features of similar cameras at one place shall be near, those of two random cameras far apart. With d the distance of
+two features, which have length 1, the contrastive loss is ``d^2`` for similar pairs and ``max(0, 1 - d)^2`` for others
+(Hadsell, Chopra, LeCun: Dimensionality Reduction by Learning an Invariant Mapping, CVPR 2006). One image of each pair
+is degraded (`spoilt`), unlike in Chen and Little's code, since lines found by a network differ from drawn ones.
 """
 
 from __future__ import annotations
@@ -24,17 +24,17 @@ from baselines.chen.edges import EDGE_SIZE, WHITE, Edges, edge_images, ground_pi
 from fieldcalib.fields.field import Field
 from fieldcalib.io.files import write_bytes
 
-STEPS = 1280  # ten epochs of 128 batches
-PAIRS = 64  # of each kind in a batch
+STEPS = 1280  # ten epochs of 128 batches each
+PAIRS = 64  # similar pairs in a batch, and as many others
 LEARNING_RATE, WEIGHT_DECAY = 0.01, 1e-6
 MARGIN = 1.0
-MEAN, STD = 0.0188, 0.128  # of the values of edge images, 0 to 1
-LENGTH = 16  # of a feature
+MEAN, STD = 0.0188, 0.128  # of edge images with values from 0 to 1
+LENGTH = 16  # number of components of a feature
 OPSET = 17
 
 
 class SiameseNet(nn.Module):
-    """The network: edge images (N, 1, 180, 320) from 0 to 255 to features (N, 16) of length 1; 26,816 weights."""
+    """Maps edge images (N, 1, 180, 320) from 0 to 255 to features (N, 16) of length 1; 26,816 weights."""
 
     def __init__(self) -> None:
         super().__init__()
@@ -55,12 +55,12 @@ class SiameseNet(nn.Module):
 
 
 def contrastive_loss(features: Tensor, others: Tensor) -> Tensor:
-    """The loss of N pairs of like features, of which each is compared with the other one of the pair before, too.
+    """Contrastive loss of N similar pairs; the first of each and the second of the pair before are a dissimilar pair.
 
     Examples
     --------
     >>> one, two = torch.eye(2)[:1], torch.eye(2)[1:]
-    >>> float(contrastive_loss(torch.cat([one, two]), torch.cat([one, two])))  # alike within pairs, 1.4 apart between
+    >>> float(contrastive_loss(torch.cat([one, two]), torch.cat([one, two])))  # 0 apart within pairs, else 1.4
     0.0
     """
     like = torch.sum(torch.square(features - others), dim=1)
@@ -76,7 +76,7 @@ def trained(
     seed: int = 0,
     progress: Callable[[int, float], object] = lambda step, loss: None,
 ) -> SiameseNet:
-    """A network trained on random cameras, whose learning rate rises and falls once; the same for the same seed."""
+    """Train a network on random cameras, with a one-cycle learning rate; the same for the same seed."""
     rng = np.random.default_rng(seed)
     torch.manual_seed(seed)
     pieces = ground_pieces(field)
@@ -98,7 +98,7 @@ def trained(
 
 
 def spoilt(edges: Edges, rng: np.random.Generator) -> Edges:
-    """An edge image as from a mask: lines thin, thick or blurred, parts of them missing, a few false ones."""
+    """Degrade an edge image to look like a network's: lines thinner, thicker or blurred, gaps, a few false lines."""
     width, height = EDGE_SIZE
     image = edges.copy()
     for _ in range(rng.integers(4)):

@@ -1,4 +1,4 @@
-"""The command line of `baselines.jiang`: run (the default), train, score and figure."""
+"""Command line of `baselines.jiang`: run (the default), train, score and figure."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ from fieldcalib.run_folder.images import Frame, ReadImage, broken_frames, image_
 from fieldcalib.run_folder.options import RunOptions, add_jobs
 from fieldcalib.run_folder.units import UnitResult
 
-AT_ONCE = 16  # images that are optimised side by side
+AT_ONCE = 16  # images that are optimised together
 COMMANDS = ("run", "train", "score", "figure")
 
 
@@ -41,7 +41,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     given = list(sys.argv[1:] if arguments is None else arguments)
     if given and given[0] not in (*COMMANDS, "-h", "--help"):
         given = ["run", *given]
-    torch.set_num_threads(1)  # as NumPy: results do not depend on --jobs
+    torch.set_num_threads(1)  # as for NumPy: results then do not depend on --jobs
     cv2.setNumThreads(1)
     parser = argparse.ArgumentParser(prog="python -m baselines.jiang", description=_DESCRIPTION)
     commands = parser.add_subparsers(required=True, metavar="COMMAND")
@@ -79,7 +79,7 @@ def _add_method(parser: argparse.ArgumentParser) -> None:
 
 
 def _run(options: argparse.Namespace) -> int:
-    Estimator.load(options.weights, options.cost)  # what is wrong with the weights is said before the work
+    Estimator.load(options.weights, options.cost)  # broken weights are reported before the work begins
     read = ReadImage(options.most_bytes, options.most_pixels)
     method = _FromImages(read, options.size, options.weights, options.cost, options.steps)
     writes = [form.file_name("<id>") for form in (CAMERAS, HOMOGRAPHIES)]
@@ -95,7 +95,7 @@ class _FromImages:
 
     read: ReadImage
     size: tuple[int, int] | None
-    """Size that images are squashed from, None if they are not."""
+    """Size before the images were squashed; None if they were not."""
     weights: Path
     cost: CostName
     steps: int
@@ -111,15 +111,15 @@ class _FromImages:
                 by_size.setdefault(size, []).append(frame)
         found: dict[str, CalibratedFrame] = {}
         for size, members in by_size.items():
-            found |= dict(zip([frame.id for frame in members], self._found(members, size), strict=True))
+            found |= dict(zip([frame.id for frame in members], self._calibrated(members, size), strict=True))
         return unit_result(files, found, broken_frames(frames), time.perf_counter() - start)
 
     def broken(self, files: tuple[FrameFile, ...]) -> Mapping[str, str]:
-        """Read the files only: what is wrong with those that are broken, by id."""
+        """Read the files only: errors of broken ones, by id."""
         return broken_frames(map(self.read, files))
 
-    def _found(self, frames: Sequence[Frame], size: tuple[int, int]) -> list[CalibratedFrame]:
-        """Calibrate images of one size: the homography, and the camera that it is decomposed into."""
+    def _calibrated(self, frames: Sequence[Frame], size: tuple[int, int]) -> list[CalibratedFrame]:
+        """Calibrate images of one size: their homographies, decomposed into cameras."""
         images = [frame.image for frame in frames if frame.image is not None]
         path = _estimator(self.weights, self.cost)(images, size, self.steps)
         matrices = homographies(path.best, size)

@@ -1,4 +1,4 @@
-"""Homographies of pictures: the guess, and the points that one of the two costs leads to from there."""
+"""Homographies of pictures: four points are guessed, then moved to a minimum of one of the two costs."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ from baselines.jiang.lines import LineCost
 from baselines.jiang.networks import ErrorNetwork, GuessNetwork, squashed
 from baselines.jiang.training import ERROR, GUESS
 from fieldcalib._types import Array
-from fieldcalib.fields.soccer import soccer
+from fieldcalib.fields.sports.soccer import soccer
 from fieldcalib.geometry.homography import ALIGNMENTS
 from fieldcalib.io.files import read_regular_file
 from fieldcalib.io.image import Image
@@ -32,22 +32,22 @@ CostName: TypeAlias = Literal["learned", "lines"]
 
 @dataclass(frozen=True)
 class Estimator:
-    """Paths of the points of pictures, from the guess on."""
+    """Estimates the four points of pictures: the guess, and the steps from there."""
 
     guess: GuessNetwork
     error: ErrorNetwork | None
-    """None where the cost is that of lines."""
+    """Predicts the learned cost; None if the cost is \"lines\"."""
     markings: SegmentationNetwork | None
-    """Labels the pixels for the cost of lines, otherwise None."""
+    """Labels pixels for the cost \"lines\"; otherwise None."""
 
     @classmethod
     def load(cls, weights: Path, cost: CostName = "learned") -> Estimator:
-        """The networks of a folder that `training` has filled.
+        """Load the networks that `training` wrote into a folder.
 
         Raises
         ------
         FileNotFoundError, ValueError
-            If they are not there, or are others.
+            If a file is missing, or holds another network.
         """
         guess = _loaded(GuessNetwork, weights / GUESS)
         if cost == "lines":
@@ -57,9 +57,9 @@ class Estimator:
     def __call__(
         self, images: Sequence[Image], image_size: tuple[int, int], steps: int = optimiser.STEPS
     ) -> optimiser.Path:
-        """The paths of images (height, width, 3), blue, green, red, which `image_size` stretches to their true shape.
+        """Optimise the points of images (height, width, 3), blue, green, red; coordinates are those of `four_points`.
 
-        The points are in the coordinates of `four_points`.
+        `image_size` is the size before images were squashed.
         """
         bgr = np.stack([squashed(image) for image in images])
         pictures = torch.from_numpy(np.ascontiguousarray(bgr[..., ::-1].transpose(0, 3, 1, 2))).float()
@@ -79,7 +79,7 @@ class Estimator:
 
 
 def homographies(points: Tensor, image_size: tuple[int, int]) -> list[Array | None]:
-    """From the field in metres to pixels of the images, (3, 3) each; None where four points (N, 4, 2) give none."""
+    """Homographies from the field in metres to pixels, by points (N, 4, 2); None where points give no regular one."""
     alignment = ALIGNMENTS["jiang"]
     to_image = np.diag([*np.divide(image_size, alignment.image_size), 1.0])
     found: list[Array | None] = []
@@ -90,7 +90,7 @@ def homographies(points: Tensor, image_size: tuple[int, int]) -> list[Array | No
 
 
 def _loaded(kind: type[GuessNetwork] | type[ErrorNetwork], path: Path) -> Any:
-    """A network in evaluation mode, with constant weights."""
+    """Load a network in evaluation mode, with constant weights."""
     if not path.is_file():
         raise FileNotFoundError(f"{path}: there are no weights; python -m baselines.jiang train makes them")
     try:
@@ -100,7 +100,7 @@ def _loaded(kind: type[GuessNetwork] | type[ErrorNetwork], path: Path) -> Any:
     except (RuntimeError, UnpicklingError, EOFError, LookupError, TypeError) as error:
         raise ValueError(f"{path}: is no {kind.__name__} that baselines.jiang train has written: {error}") from None
     network.eval()
-    for module in network.modules():  # spectral normalisation is of the training: the normalised weights stay
+    for module in network.modules():  # spectral normalisation serves training only: keep the normalised weights
         if parametrize.is_parametrized(module, "weight"):
             parametrize.remove_parametrizations(module, "weight")
     return network.requires_grad_(False)

@@ -1,4 +1,4 @@
-"""Figure: how the cost and the true overlap move over the steps of the optimisation. Needs matplotlib."""
+"""Figure of the cost and the true overlap over the steps of the optimisation. Needs matplotlib."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.patches import Patch
 
-from fieldcalib.fields.soccer import soccer
+from fieldcalib.fields.sports.soccer import soccer
 from fieldcalib.geometry.homography import ALIGNMENTS
 
 POINTS = {"guess": "#e0a030", "after the steps": "#0b6e4f", "true": "#222222"}
@@ -20,10 +20,10 @@ TITLES = {"learned": "predicted error", "lines": "distances from lines"}
 
 
 def draw(path: Path, traces: Sequence[Mapping[str, Any]]) -> None:
-    """Draw traces that `baselines.jiang.score` has made, a column each.
+    """Draw traces that `baselines.jiang.score` wrote, one per column.
 
-    Above medians over the frames with the middle half of them, below the frames that end worst: their four points on
-    the field.
+    The upper row shows medians over the frames with their interquartile range, the lower one the four points of the
+    worst frames on the field.
     """
     count = len(traces)
     figure = Figure(figsize=(5.5 * count, 6.2), layout="constrained")
@@ -58,7 +58,7 @@ def _draw_steps(axis: Axes, trace: Mapping[str, Any]) -> None:
 
 
 def _draw_points(axis: Axes, points: Mapping[str, Any]) -> None:
-    """The four points of a frame on the field: the guess, the best ones and the true ones."""
+    """Draw the guessed, the best and the true points of a frame on the field."""
     size = np.array(ALIGNMENTS["jiang"].template)
     for segment in soccer(*size).markings.values():
         X = segment.sample()

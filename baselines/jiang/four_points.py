@@ -13,21 +13,21 @@ from torch.nn.functional import grid_sample
 
 from fieldcalib._types import Array
 from fieldcalib.draw.ground import Ground, painted
-from fieldcalib.fields.soccer import soccer
+from fieldcalib.fields.sports.soccer import soccer
 from fieldcalib.geometry.homography import ALIGNMENTS
 from fieldcalib.geometry.projective import dehomogenize, homogenize
 
 CANONICAL = np.array([[-0.5, 0.1], [0.5, 0.1], [0.5, 0.5], [-0.5, 0.5]])
-"""Points of the picture: on the borders, in its lower part, which shows the ground in all broadcasts."""
+"""Four points of the picture, on the borders of its lower part, which shows the ground in all broadcasts."""
 
-CELL = 0.25  # m of the field's drawing
-LINE_WIDTH = 0.75  # m: lines of their true width would fall between the pixels of a small picture
+CELL = 0.25  # m: width of a cell of the drawn field
+LINE_WIDTH = 0.75  # m: lines of true width are thinner than the pixels of a small picture
 MARGIN = 1.0  # m around the field
-OUTSIDE = -1.0  # value of what is no field; the field has 0, its lines 1
+OUTSIDE = -1.0  # value outside the field; the field has 0, its lines 1
 
 
 def points_of_homography(H: Array) -> Array:
-    """Where the canonical points lie on the field, (..., 4, 2), under homographies (..., 3, 3).
+    """Map the canonical points to the field, (..., 4, 2), by homographies (..., 3, 3).
 
     Examples
     --------
@@ -38,10 +38,11 @@ def points_of_homography(H: Array) -> Array:
 
 
 def homography_of_points(points: Tensor) -> Tensor:
-    """The inverse of `points_of_homography`, differentiable: the DLT of four points in closed form.
+    """Invert `points_of_homography`, differentiably: the DLT of four points in closed form.
 
-    With the points homogeneous, D = [d1 d2 d3] and C = [c1 c2 c3] those of the picture, ``H = D diag(a / b) C^-1``,
-    where ``D a = d4`` and ``C b = c4``. By Cramer's rule a is three areas of triangles, up to scale.
+    With homogeneous points of the field, D = [d1 d2 d3] and d4, and of the picture, C = [c1 c2 c3] and c4,
+    ``H = D diag(a / b) C^-1``, where ``D a = d4`` and ``C b = c4``. By Cramer's rule a consists of three areas of
+    triangles, up to scale.
 
     Parameters
     ----------
@@ -71,7 +72,7 @@ def homography_of_points(points: Tensor) -> Tensor:
 
 
 def field_drawing() -> Array:
-    """The field from above with `MARGIN` around it, one value per cell; the rows go towards the camera."""
+    """Draw the field from above with `MARGIN` around it, one value per cell; rows go towards the camera."""
     field = soccer(*ALIGNMENTS["jiang"].template)
     columns, rows = (round((side + 2.0 * MARGIN) / CELL) for side in (field.length, field.width))
     x, y = ((np.arange(count) + 0.5) * CELL - count * CELL / 2.0 for count in (columns, rows))
@@ -91,12 +92,12 @@ def pixel_centres(size: int) -> Tensor:
 
 
 def warped_field(H: Tensor, drawing: Tensor, size: int) -> Tensor:
-    """The field as homographies say that pictures show it, with the coordinates of every pixel on it.
+    """Warp the drawn field into pictures by homographies, with the field coordinates of every pixel.
 
     Parameters
     ----------
     H : (N, 3, 3) tensor
-        As `homography_of_points` gives them: the sign matters.
+        As `homography_of_points` gives them; the sign matters.
     drawing : (rows, columns) tensor
         `field_drawing`.
     size : int

@@ -1,4 +1,4 @@
-"""Distances of labelled pixels from the projected markings, as a cost of four points."""
+"""Cost of four points: distances of labelled pixels from the projected markings."""
 
 from __future__ import annotations
 
@@ -12,38 +12,38 @@ from torch import Tensor
 from baselines.jiang.four_points import homography_of_points
 from fieldcalib._types import Array
 from fieldcalib.fields.segments import Arc, Line, Segment
-from fieldcalib.fields.soccer import soccer
+from fieldcalib.fields.sports.soccer import soccer
 from fieldcalib.geometry.homography import ALIGNMENTS
 from fieldcalib.localize import Localization
 
 UNIT = (960, 540)  # distances are in pixels of images of this size
-LOSS_SCALE = 3.0  # px: a residual of this size weighs half
+LOSS_SCALE = 3.0  # px: scale of the Cauchy loss
 
-# Pixels of such an image -> the picture's coordinates, the field's coordinates -> metres
+# From pixels of an image of `UNIT` to the picture's coordinates, and from the field's coordinates to metres
 FROM_PIXELS = np.linalg.inv([[UNIT[0], 0.0, UNIT[0] / 2.0], [0.0, UNIT[1], UNIT[1] / 2.0], [0.0, 0.0, 1.0]])
 METRES = np.diag([*ALIGNMENTS["jiang"].template, 1.0])
 
 
 @dataclass(frozen=True)
 class LineCost:
-    """Mean Cauchy loss of the distances of the pixels of N frames, (N,), by their points (N, 4, 2).
+    """Maps points (N, 4, 2) of N frames to the mean Cauchy loss of the distances of their pixels, (N,).
 
     A line or circle of the ground, l or C on the field, has the image ``H^T l`` or ``H^T C H``. The distance is
     ``l p / |l_xy|``, and Sampson's ``p^T C p / |2 (C p)_xy|`` for circles.
     """
 
     pixels: Tensor
-    """(N, M, 3), homogeneous; rows beyond the pixels of a frame have no weight."""
+    """Homogeneous pixels, (N, M, 3); rows beyond the pixels of a frame have weight 0."""
     lines: Tensor
-    """(N, M, 3): of the field, 0 for pixels of circles."""
+    """Line of the field on which each pixel lies, (N, M, 3); 0 for pixels on circles."""
     conics: Tensor
-    """(N, M, 3, 3): 0 for pixels of lines."""
+    """Conic on which each pixel lies, (N, M, 3, 3); 0 for pixels on lines."""
     weights: Tensor
-    """(N, M): of each frame they sum to 1, or to 0 where no marking was found."""
+    """Weights of the pixels, (N, M), with sum 1 for each frame, or 0 where no marking was found."""
 
     @classmethod
     def of(cls, frames: Sequence[Localization], image_size: tuple[int, int]) -> LineCost:
-        """The cost of frames whose labelled pixels are of images of this size.
+        """Make the cost of frames with labelled pixels in images of one size.
 
         Examples
         --------
@@ -76,7 +76,7 @@ class LineCost:
         return cls(pixels, lines, conics, weights)
 
     def __call__(self, points: Tensor) -> Tensor:
-        """The costs, differentiable by the points."""
+        """Cost of each frame, (N,), differentiable by the points."""
         H = homography_of_points(points) @ torch.as_tensor(FROM_PIXELS, dtype=points.dtype)
         x = self.pixels @ H.transpose(-1, -2)  # on the field
         normal = self.lines @ H[:, :, :2]

@@ -1,4 +1,4 @@
-"""The two networks: ResNet-18 (He et al., CVPR 2016), in the paper's width or in a smaller one."""
+"""The two networks: ResNet-18 (He et al., CVPR 2016), as wide as in the paper or narrower."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ SIZE = 256  # px: width and height of the pictures
 
 
 class GuessNetwork(nn.Module):
-    """Four points on the field (N, 4, 2) of pictures (N, 3, SIZE, SIZE).
+    """Predicts four points on the field (N, 4, 2) from pictures (N, 3, SIZE, SIZE).
 
     Examples
     --------
@@ -32,16 +32,16 @@ class GuessNetwork(nn.Module):
         self.head = nn.Linear(8 * width, CANONICAL.size)
 
     def forward(self, pictures: Tensor) -> Tensor:
-        """The points, in the coordinates of `four_points`."""
+        """Points (N, 4, 2) in the coordinates of `four_points`."""
         smaller = adaptive_avg_pool2d(normalised(pictures), self.size)
         points: Tensor = self.head(self.features(smaller).float())
         return points.view(-1, *CANONICAL.shape)
 
 
 class ErrorNetwork(nn.Module):
-    """Predicted error (N,), 0 to 1, of four points (N, 4, 2) for pictures (N, 3, SIZE, SIZE): 1 - IoU.
+    """Predicts the error 1 - IoU, (N,), of four points (N, 4, 2) in pictures (N, 3, SIZE, SIZE).
 
-    Every layer has spectral normalisation (Miyato et al., ICLR 2018): its gradients stay small enough to follow.
+    Every layer has spectral normalisation (Miyato et al., ICLR 2018), which keeps gradients small enough for descent.
 
     Examples
     --------
@@ -60,7 +60,7 @@ class ErrorNetwork(nn.Module):
         self.register_buffer("drawing", torch.as_tensor(field_drawing(), dtype=torch.float32), persistent=False)
 
     def forward(self, pictures: Tensor, points: Tensor) -> Tensor:
-        """The predicted errors, differentiable by the points."""
+        """Predicted errors (N,), differentiable by the points."""
         smaller = adaptive_avg_pool2d(normalised(pictures), self.size)
         warped = warped_field(homography_of_points(points), self.drawing, self.size)
         features = self.features(torch.cat([smaller, warped], dim=1))
@@ -68,20 +68,20 @@ class ErrorNetwork(nn.Module):
 
 
 def squashed(image: Image) -> Image:
-    """An image of any size as the networks take it."""
+    """Resize an image to the networks' input, SIZE x SIZE."""
     if image.shape[:2] == (SIZE, SIZE):
         return image
     return np.asarray(cv2.resize(image, (SIZE, SIZE), interpolation=cv2.INTER_AREA), np.uint8)
 
 
 def normalised(pictures: Tensor) -> Tensor:
-    """Pictures (N, 3, H, W) of any range with mean 0 and standard deviation 1 each."""
+    """Scale each picture of (N, 3, H, W) to mean 0 and standard deviation 1."""
     deviation, mean = torch.std_mean(pictures.float(), dim=(1, 2, 3), keepdim=True)
     return (pictures.float() - mean) / (deviation + 1e-6)
 
 
 class _Block(nn.Module):
-    """Two convolutions and a shortcut."""
+    """Residual block: two convolutions and a shortcut."""
 
     def __init__(self, inputs: int, outputs: int, stride: int, *, spectral: bool) -> None:
         super().__init__()
@@ -100,7 +100,7 @@ class _Block(nn.Module):
 
 
 def _resnet18(inputs: int, width: int, *, spectral: bool) -> nn.Sequential:
-    """Features (N, 8 width)."""
+    """Layers that map pictures to features (N, 8 width)."""
     layers = [*_convolution(inputs, width, 7, 2, spectral=spectral), nn.ReLU(inplace=True), nn.MaxPool2d(3, 2, 1)]
     channels = width
     for stage in range(4):

@@ -1,4 +1,4 @@
-"""Four points moved by Adam so that a cost falls: the predicted error, or the distances from lines (`lines`)."""
+"""Minimises a cost of four points by Adam: the predicted error, or distances from lines (`lines`)."""
 
 from __future__ import annotations
 
@@ -9,10 +9,10 @@ from typing import TypeAlias
 import torch
 from torch import Tensor
 
-STEPS, LEARNING_RATE = 400, 1e-3  # the paper's
+STEPS, LEARNING_RATE = 400, 1e-3  # as in the paper
 
 Cost: TypeAlias = Callable[[Tensor], Tensor]
-"""The cost of each of N frames, (N,), by their points (N, 4, 2); differentiable."""
+"""Maps the points (N, 4, 2) of N frames to their costs (N,); differentiable."""
 
 
 @dataclass(frozen=True)

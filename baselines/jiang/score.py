@@ -1,4 +1,4 @@
-"""How good the guess and the optimised points are, and how predicted error and overlap move over the steps."""
+"""Accuracy of the guess and of the optimised points, and the course of cost and overlap over the steps."""
 
 from __future__ import annotations
 
@@ -16,36 +16,35 @@ from baselines.jiang.estimate import CostName, Estimator, homographies
 from baselines.jiang.four_points import points_of_homography
 from baselines.jiang.training_pairs import overlap
 from fieldcalib._types import Array
-from fieldcalib.fields.soccer import soccer
+from fieldcalib.fields.sports.soccer import soccer
 from fieldcalib.geometry.homography import ALIGNMENTS, YARD
 from fieldcalib.io.files import write_text
 from fieldcalib.io.formats import ANNOTATIONS, HOMOGRAPHIES, IMAGES
 from fieldcalib.metrics import evaluate_segments, iou_part, iou_whole
 from fieldcalib.problem.labelled_pixels import Pixels
 
-SIZE = (1280, 720)  # of the annotated images
-AT_ONCE = 16  # images
-EVERY = 10  # steps that the overlaps are found at: each takes milliseconds
+SIZE = (1280, 720)  # px: annotated images
+AT_ONCE = 16  # images in a batch
+EVERY = 10  # steps between two at which overlaps are computed: one takes milliseconds
 QUANTILES = (0.25, 0.5, 0.75)
-WORST = 3  # frames whose points are kept
+WORST = 3  # number of frames whose points are written
 
 
 def score(
     images: Path, annotations: Path, weights: Path, cost: CostName, steps: int, trace: Path | None
 ) -> dict[str, Any]:
-    """Accuracy of the guess and of the optimised homographies in percent, and the time of a frame.
+    """Accuracy of the guess and of the optimised homographies in percent, and the time per frame.
 
     Parameters
     ----------
     images : Path
-        Folder of ``<id>.png``, of 1280x720 or squashed.
+        Folder of ``<id>.png``, 1280x720 or squashed from that.
     annotations : Path
         Folder of ``<id>.homographyMatrix`` and ``<id>.json``.
     weights, cost, steps
-        As of `Estimator`.
+        As in `Estimator`.
     trace : Path, optional
-        Where costs and overlaps along the steps are written, as quantiles over the frames, and the
-        points of the worst frames.
+        File for costs and overlaps at the steps, as quantiles over the frames, and for the points of the worst frames.
     """
     files = IMAGES.find([images])
     truths = [HOMOGRAPHIES.read((annotations / HOMOGRAPHIES.file_name(file.id)).read_bytes()) for file in files]
@@ -87,7 +86,7 @@ def _accuracy(
 
 
 def _trace(path: optimiser.Path, truths: Sequence[Array]) -> dict[str, Any]:
-    """Quantiles over the frames of the cost at every step, of the overlaps at every few; points of the worst."""
+    """Quantiles over the frames of costs and overlaps at the steps, and the points of the worst frames."""
     true_points = points_of_homography(ALIGNMENTS["jiang"].from_fieldcalib(np.stack(truths)))
     points = path.points.numpy()
     whole = [[overlap(*pair) for pair in zip(of_step, true_points, strict=True)] for of_step in points[::EVERY]]
@@ -114,5 +113,5 @@ def _trace(path: optimiser.Path, truths: Sequence[Array]) -> dict[str, Any]:
 
 
 def _quantiles(values: Sequence[Sequence[float]] | Array) -> list[list[float]]:
-    """Over the frames, of values (steps, frames)."""
+    """Quantiles over the frames of values (steps, frames)."""
     return np.quantile(np.asarray(values, dtype=float), QUANTILES, axis=1).T.round(5).tolist()  # type: ignore[no-any-return]

@@ -1,4 +1,4 @@
-"""Training of the two networks, one after the other; each is kept with its log in the folder of the weights."""
+"""Training of the two networks. Weights and logs are written into one folder."""
 
 from __future__ import annotations
 
@@ -19,12 +19,12 @@ from baselines.jiang.training_pairs import Batches
 from fieldcalib.io.files import write_bytes
 
 LEARNING_RATE, WARM_UP, WEIGHT_DECAY = 1e-3, 100, 1e-4
-REPORTED = 100  # steps of a line of the log
+REPORTED = 100  # steps between two lines of the log
 GUESS, ERROR = "guess.pt", "error.pt"
 
 
 def train_guess(batches: Batches, out: Path, width: int, size: int, steps: int, minutes: float) -> None:
-    """L2 of the eight numbers."""
+    """Train the first network: mean square error of the coordinates of the four points."""
     network = GuessNetwork(width, size)
 
     def loss(pictures: Tensor, points: Tensor, others: Tensor, overlaps: Tensor) -> Tensor:
@@ -34,7 +34,7 @@ def train_guess(batches: Batches, out: Path, width: int, size: int, steps: int, 
 
 
 def train_error(batches: Batches, out: Path, width: int, size: int, steps: int, minutes: float) -> None:
-    """L2 of the predicted error of perturbed points."""
+    """Train the second network: mean square error of the predicted error of perturbed points."""
     network = ErrorNetwork(width, size)
 
     def loss(pictures: Tensor, points: Tensor, others: Tensor, overlaps: Tensor) -> Tensor:
@@ -51,9 +51,10 @@ def _train(
     steps: int,
     minutes: float,
 ) -> None:
-    """Adam with a short warm-up, then half a cosine down to 0, which is reached when the steps or the minutes are over.
+    """Train by AdamW until the steps or the minutes are over.
 
-    The weights are written every few steps and at the end.
+    After a short warm-up the learning rate falls to 0 as half a cosine. Weights are written every few steps and at the
+    end.
     """
     device = torch.device("cuda" if torch.cuda.is_available() else "cpu")
     network.to(device).train()
@@ -67,7 +68,7 @@ def _train(
         for group in optimizer.param_groups:
             group["lr"] = LEARNING_RATE * min(1.0, step / WARM_UP) * 0.5 * (1.0 + math.cos(math.pi * min(done, 1.0)))
         pictures, *numbers = (part.to(device) for part in batch)
-        with torch.autocast(device.type, torch.bfloat16):  # half the time, where the processor has it
+        with torch.autocast(device.type, torch.bfloat16):  # takes half the time on processors that have it
             loss = loss_of(pictures.contiguous(memory_format=torch.channels_last), *numbers)
         optimizer.zero_grad()
         loss.backward()

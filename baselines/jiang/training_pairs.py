@@ -1,6 +1,6 @@
-"""Training batches: pictures with their true points on the field, and other points with their overlap.
+"""Training batches: pictures with their true points on the field, and perturbed points with their overlap.
 
-A batch depends on the seed and its number alone.
+A batch depends on the seed and its number only.
 """
 
 from __future__ import annotations
@@ -24,25 +24,25 @@ from fieldcalib.io.formats import HOMOGRAPHIES, IMAGES
 from fieldcalib.io.image import Image
 from fieldcalib.metrics import iou_whole
 
-FIRST_SHARE = 0.5  # of the pictures of a batch are of the first folder, however few it has
-FARTHEST = 1.5  # canonical points of a picture lie less far from the field's centre, in its lengths and widths
-SMALLEST_WINDOW = 0.7  # of a picture's width and height
+FIRST_SHARE = 0.5  # share of a batch that comes from the first folder, however few pictures that has
+FARTHEST = 1.5  # largest coordinate of the canonical points on the field, in field lengths and widths
+SMALLEST_WINDOW = 0.7  # share of the picture's width and height
 ASPECT = 0.05  # standard deviation of the logarithm of a window's aspect ratio
-ROTATION = np.radians(1.0)  # standard deviation of a window's
-GAIN, GAIN_OF_CHANNEL = 0.15, 0.06  # standard deviations of the logarithm
+ROTATION = np.radians(1.0)  # standard deviation of a window's rotation
+GAIN, GAIN_OF_CHANNEL = 0.15, 0.06  # standard deviations of the logarithms of brightness factors
 
-# Perturbations of true points, of the largest size; sizes are drawn log-uniformly, since small errors are the last to
-# be removed and large ones rare.
+# The largest perturbations of the true points. Each is multiplied by a size between these two, drawn log-uniformly,
+# since the last errors to be removed are small and large ones are rare.
 SMALLEST, LARGEST = 0.01, 1.0
-SHIFT = 0.25  # of the field's length and width, uniform
+SHIFT = 0.25  # share of the field's length and width, uniform
 TURN = np.radians(45.0)  # uniform
-SCALE = 2.0  # log-uniform between its inverse and it
-SCATTER = 0.05  # of each point by itself, standard deviation
+SCALE = 2.0  # log-uniform between 1 / SCALE and SCALE
+SCATTER = 0.05  # standard deviation of independent shifts of the points
 
 TO_PIXELS = np.array([[SIZE, 0.0, (SIZE - 1.0) / 2.0], [0.0, SIZE, (SIZE - 1.0) / 2.0], [0.0, 0.0, 1.0]])
 FLIP = np.diag([-1.0, 1.0, 1.0])
 CORNERS = np.array([[-0.5, -0.5], [0.5, -0.5], [0.5, 0.5], [-0.5, 0.5]])
-CANVAS = 4.0 * CORNERS  # iou_whole counts nothing beyond
+CANVAS = 4.0 * CORNERS  # `iou_whole` ignores what lies beyond
 
 
 @dataclass(frozen=True)
@@ -55,7 +55,7 @@ class Pair:
 
 
 def read_pairs(pictures: Path, homographies: Path) -> list[Pair]:
-    """The pictures of a folder that have a homography of the same name, whose points are not too far.
+    """Read the pictures that have a homography of the same name, unless its points lie beyond `FARTHEST`.
 
     Raises
     ------
@@ -79,7 +79,7 @@ def read_pairs(pictures: Path, homographies: Path) -> list[Pair]:
 
 @dataclass(frozen=True)
 class Batches(Dataset[tuple[Tensor, ...]]):
-    """Batch number `step`: pictures (N, 3, SIZE, SIZE) uint8, RGB; their points (N, 4, 2); others; their IoU (N,)."""
+    """Batches by number: pictures (N, 3, SIZE, SIZE) uint8, RGB; points; perturbed points (N, 4, 2); their IoU (N,)."""
 
     seed: int
     count: int
@@ -107,7 +107,7 @@ class Batches(Dataset[tuple[Tensor, ...]]):
 
 
 def augmented(picture: Image, H: Array, rng: np.random.Generator) -> tuple[Image, Array]:
-    """A window of a picture, mirrored or not, with other colours, and its homography."""
+    """Augment a picture: a random window, mirrored or not, with changed colours, and its homography."""
     width, height = np.clip(
         rng.uniform(SMALLEST_WINDOW, 1.0) * np.exp(np.array([0.5, -0.5]) * rng.normal(0.0, ASPECT)), 0.0, 1.0
     )
@@ -130,7 +130,7 @@ def augmented(picture: Image, H: Array, rng: np.random.Generator) -> tuple[Image
 
 
 def perturbed(points: Array, rng: np.random.Generator) -> Array:
-    """Points on the field (4, 2), moved, turned and scaled about their centre, and scattered."""
+    """Perturb points on the field (4, 2): shifted, turned and scaled about their centre, and scattered."""
     size = np.exp(rng.uniform(np.log(SMALLEST), np.log(LARGEST)))
     turn, scale = size * rng.uniform(-TURN, TURN), np.exp(size * rng.uniform(-1.0, 1.0) * np.log(SCALE))
     metres = np.array(ALIGNMENTS["jiang"].template)
@@ -142,7 +142,7 @@ def perturbed(points: Array, rng: np.random.Generator) -> Array:
 
 
 def overlap(points: Array, truth: Array) -> float:
-    """`iou_whole` of the homographies of points (4, 2), exactly where the horizon does not matter.
+    """IoU of the whole field for the homographies of points (4, 2), by polygons; `iou_whole` where the horizon matters.
 
     The field's rectangle, mapped to the picture by the truth and back to the field by the points, is a quadrilateral.
 

@@ -230,7 +230,7 @@ def painted(field: Field, rng: np.random.Generator, sigma: float = PAINT) -> Fie
 
     Examples
     --------
-    >>> from fieldcalib.fields.soccer import soccer
+    >>> from fieldcalib.fields.sports.soccer import soccer
     >>> lines = painted(soccer(), np.random.default_rng(0))
     >>> [round(float(end), 3) for end in lines["Middle line"].start]
     [0.016, -34.0, 0.0]
@@ -272,7 +272,7 @@ def labelled(
 
     Examples
     --------
-    >>> from fieldcalib.fields.soccer import soccer
+    >>> from fieldcalib.fields.sports.soccer import soccer
     >>> rng = np.random.default_rng(0)
     >>> frames = labelled(camera_path(rng, 20), soccer(), rng, empty_share=0.5)
     >>> sum(not frame.pixels for frame in frames)

@@ -22,7 +22,7 @@ from fieldcalib._types import Array, BoolArray, Float32
 from fieldcalib.console.field_options import SOCCER, named_field
 from fieldcalib.draw.ground import Ground
 from fieldcalib.fields.field import Field
-from fieldcalib.fields.soccer import soccer
+from fieldcalib.fields.sports.soccer import soccer
 from fieldcalib.fields.stands import CameraDistribution, stands_around
 from fieldcalib.geometry.camera import Camera
 from fieldcalib.io.image import Image

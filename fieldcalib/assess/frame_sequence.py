@@ -1,4 +1,4 @@
-"""Calibrations of the frames of a clip, which are made when they are asked for."""
+"""A sequence of calibrations of the frames of a clip, each of which is made when it is asked for."""
 
 from __future__ import annotations
 
@@ -16,9 +16,9 @@ T = TypeVar("T")
 
 
 class FrameSequence(Sequence[Calibration]):
-    """A sequence of one calibration for each frame; what has the frames says how many and what each of them is.
+    """A sequence of one calibration for each frame; subclasses store the frames.
 
-    A slice is of the same class. Two are equal if all that `to_dict` writes is.
+    A slice is of the same class. Two sequences are equal if their `to_dict` is.
     """
 
     @abstractmethod
@@ -27,7 +27,7 @@ class FrameSequence(Sequence[Calibration]):
 
     @abstractmethod
     def _at(self, index: IntArray) -> Self:
-        """Some of the frames, in that order, and what they share."""
+        """A sequence of some of the frames, in that order."""
 
     @abstractmethod
     def to_dict(self) -> dict[str, Any]:
@@ -58,12 +58,12 @@ class FrameSequence(Sequence[Calibration]):
 
     @property
     def cameras(self) -> list[Camera | None]:
-        """Of the frames."""
+        """Cameras of the frames; None where there is none."""
         return [frame.camera for frame in self]
 
 
 def read_record(record: Mapping[str, Any], what: str, version: int, read: Callable[[Mapping[str, Any]], T]) -> T:
-    """What `read` makes of the record of a sequence of frames.
+    """Read the record of a sequence of frames by `read`.
 
     Raises
     ------

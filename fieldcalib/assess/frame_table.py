@@ -57,7 +57,7 @@ class FrameTable:
     rms: Array
     """Root mean square distance of the labelled pixels, (T,)."""
     ground_error: Array
-    """Root mean square error of the field, metres, the median over what is in view, (T,); NaN where none is."""
+    """Root mean square error of the field, metres, median over its part in view, (T,); NaN where none is in view."""
     labels: tuple[str, ...]
     """Labels of the object, L of them."""
     label_errors: Float32
@@ -69,8 +69,8 @@ class FrameTable:
     suspects: Mapping[int, tuple[SuspectLabel, ...]]
     """Labels that the rest of their frame contradicts."""
     misfit: Array
-    """By how much the labels of each frame lie farther off its camera than off one with a place of its own, pixels,
-    interpolated between frames, (T,); NaN where that is unknown (`fieldcalib.assess.misfit`)."""
+    """Distance of the labels that comes from sharing parameters (`fieldcalib.assess.misfit`), pixels, interpolated
+    between frames, (T,); NaN where it is unknown."""
     markings: Mapping[int, tuple[MarkingInView, ...]] = attribute(default_factory=dict)
     """What the images show of the markings in view."""
     doubts: Mapping[int, str] = attribute(default_factory=dict)
@@ -101,13 +101,8 @@ class FrameTable:
 
     @property
     def has_camera(self) -> BoolArray:
-        """Which frames have a camera, (T,)."""
+        """Mask (T,) of the frames that have a camera."""
         return np.asarray(np.isfinite(self.theta).all(axis=1) & (self.theta.shape[1] > 0))
-
-    @property
-    def errors(self) -> OwnErrors:
-        """Errors of the frames' own parameters."""
-        return OwnErrors(self.own, self.following)
 
     def at(self, index: IntArray) -> FrameTable:
         """Some of the frames, in that order."""

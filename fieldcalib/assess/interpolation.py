@@ -46,7 +46,7 @@ class Gaps(NamedTuple):
 def interpolated(
     frames: FrameTable, run: IntArray, longest: int, considered: Considered, field: Field | None
 ) -> FrameTable:
-    """Frames with cameras for up to `longest` ones in a row without, between frames of the same run (T,) that have."""
+    """Add cameras to up to `longest` frames in a row that have none, between frames of the same run (T,) that do."""
     gaps = _gaps(frames, run, longest)
     if not len(gaps.missing):
         return frames

@@ -43,7 +43,7 @@ class Misfit:
 
 
 def is_contradicted(excess: Array, image_size: tuple[int, int]) -> BoolArray:
-    """Which frames (B,) the model does not explain, from the distance (B,) that it adds, in pixels.
+    """Mask (B,) of the frames that the model does not explain, from the distance (B,) that it adds, in pixels.
 
     Examples
     --------

@@ -1,4 +1,4 @@
-"""What the calibration of frames of one camera returns: the frames, and what they share."""
+"""The calibration of frames of one camera: the frames, and the parameters that they share."""
 
 from __future__ import annotations
 
@@ -48,7 +48,7 @@ NUMBERS = (  # columns of the table of frames, NaN of those without a camera
 
 @dataclass(frozen=True, eq=False)
 class SequenceCalibration(FrameSequence):
-    """The calibrations of frames of one camera, and what the frames share.
+    """The calibrations of frames of one camera, and the parameters that the frames share.
 
     It is a sequence of `Calibration`, one for each frame, which are made when they are asked for. Their uncertainties
     are marginals: of the frame's own parameters and of those that it shares with the others. A slice keeps what is
@@ -109,7 +109,7 @@ class SequenceCalibration(FrameSequence):
         )
 
     def _complaints(self, t: int) -> tuple[str, ...]:
-        """What speaks against the camera of frame t."""
+        """Evidence against the camera of frame t, in words."""
         frames, metres = self.frames, float(self.frames.ground_error[t])
         suspects, labelled = frames.suspects.get(t, ()), int(np.count_nonzero(frames.label_counts[t]))
         found = [f"{len(suspects)} of {labelled} labels are suspect"] if suspects else []
@@ -184,12 +184,12 @@ class SequenceCalibration(FrameSequence):
 
     @property
     def accepted(self) -> BoolArray:
-        """Which frames have a camera that is accepted, (T,)."""
+        """Mask (T,) of the frames with an accepted camera."""
         return np.asarray(self.frames.status == ACCEPTED)
 
     @property
     def usable(self) -> BoolArray:
-        """Which frames have a camera that fits, though it may be known too badly to be accepted, (T,)."""
+        """Mask (T,) of the frames whose camera fits, though it may be known too badly to be accepted."""
         fits = np.isin(self.frames.status, (ACCEPTED, IMPROBABLE))
         return np.asarray(fits & self.frames.has_camera)
 

@@ -34,13 +34,13 @@ class ReducedSystem:
     """
 
     hessian: Array
-    """Of the cost of all frames, (S, S)."""
+    """Hessian of the cost of all frames, (S, S)."""
     gradient: Array
-    """Of the cost of all frames, (S,)."""
+    """Gradient of the cost of all frames, (S,)."""
     spread: Array
     """Covariance of that gradient, (S, S)."""
     pulls: Array
-    """Gradient of the cost of each frame's labels, (T, S); their sum vanishes but for what prior and links pull."""
+    """Gradient of the cost of each frame's labels, (T, S); at the solution prior and links balance their sum."""
 
     @classmethod
     def of(cls, evaluation: Evaluation, sigma: Array, kappa: Array) -> ReducedSystem:

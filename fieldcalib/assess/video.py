@@ -1,4 +1,4 @@
-"""What the calibration of a video returns: its frames, the shots that they belong to, and the tripods of these."""
+"""The calibration of a video: its frames, the shots that they belong to, and the tripods of these."""
 
 from __future__ import annotations
 
@@ -25,12 +25,12 @@ NO_TRIPOD = -1
 
 
 class Shot(NamedTuple):
-    """Frames that matches connect: a cut, or a pan too fast to follow, ends it."""
+    """Consecutive frames connected by matches: a cut, or a pan too fast to follow, ends them."""
 
     start: int
-    """Its first frame."""
+    """Number of the first frame."""
     stop: int
-    """The first frame after it."""
+    """Number of the first frame after it."""
     tripod: int
     """Index into `VideoCalibration.tripods`; -1 if its camera is not known."""
 
@@ -60,15 +60,15 @@ class VideoCalibration(FrameSequence):
     number: IntArray = attribute(repr=False)
     """Index of each frame among those of its tripod, (T,)."""
     notes: tuple[str, ...] = ()
-    """What was found of the camera where its frames do not share what they are to share: which model was taken, and why
+    """Which model of the camera was taken, and why, where its frames do not share what they were to share
     (`fieldcalib.images.clip_models`)."""
     shape: Shape | None = None
-    """Black borders that were left out, and pixels that are not square: `tripods` are in pixels of what is shown, the
-    frames of this sequence in those of the pictures. None where pictures are as they seem."""
+    """Black borders and pixels that are not square; `tripods` are in square pixels within the borders, the frames of
+    this sequence in pixels of the pictures. None where there are neither."""
 
     @classmethod
     def joined(cls, parts: Sequence[VideoCalibration]) -> VideoCalibration:
-        """Those of parts of a video, one after the other."""
+        """Join the calibrations of parts of a video, one after the other."""
         tripods = [tripod for part in parts for tripod in part.tripods]
         order = sorted(range(len(tripods)), key=lambda index: -len(tripods[index]))
         place = {index: k for k, index in enumerate(order)} | {NO_TRIPOD: NO_TRIPOD}
@@ -131,7 +131,7 @@ class VideoCalibration(FrameSequence):
         ]
 
     def to_pandas(self) -> pandas.DataFrame:
-        """One row a frame: its shot and its tripod (-1 for none), and the columns of `SequenceCalibration.to_pandas`.
+        """One row per frame: its shot and its tripod (-1 for none), and the columns of `SequenceCalibration.to_pandas`.
 
         Raises
         ------
@@ -164,7 +164,7 @@ class VideoCalibration(FrameSequence):
 
     @classmethod
     def from_dict(cls, record: Mapping[str, Any]) -> VideoCalibration:
-        """The inverse of `to_dict`.
+        """Read what `to_dict` wrote.
 
         Raises
         ------

@@ -36,7 +36,7 @@ from fieldcalib.solve.options import ALL, Prior
 
 STACKED = "stacked"  # the paper's name for the case that the kind of camera is known frame by frame
 EACH, SHARED = "each", "shared"
-SEE_ONE_PITCH = {EACH: 1, SHARED: sys.maxsize}  # frames at once
+SEE_ONE_PITCH = {EACH: 1, SHARED: sys.maxsize}  # frames that are worked on at once
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:

@@ -26,7 +26,7 @@ from fieldcalib.io.files import FrameFile, parse_json_object, read_regular_file,
 from fieldcalib.io.formats import VIDEOS
 from fieldcalib.io.image import Image
 from fieldcalib.io.images import write_image
-from fieldcalib.io.videos import VideoReader
+from fieldcalib.io.videos import DEFAULT_RATE, VideoReader
 from fieldcalib.run_folder.annotated import CAMERA_FILES
 from fieldcalib.run_folder.images import Frame, checked_frames, image_files, in_cut, say_note
 from fieldcalib.run_folder.outcome import Outcome, calibration_line
@@ -44,12 +44,11 @@ from fieldcalib.run_folder.results import (
 from fieldcalib.solve.given_camera import check_of_clip
 
 SHEET_FRAMES = 12  # in the contact sheet of the worst frames
-USUAL_RATE = 25.0  # frames per second of the overlay of images
 PASSES = ("looking", "matching", "finding lines", "drawing")  # of the frames, in this order
 
 
 class ClipInput:
-    """The images of a clip as parts of their frames, which can be read again and again."""
+    """The images of a clip as parts of their frames; they can be read several times."""
 
     def __init__(self, request: RunRequest) -> None:
         self._request, self._options = request, request.calibration
@@ -59,7 +58,7 @@ class ClipInput:
         """Problems of frames that cannot be read, by id."""
         self.loss = ""
         """Message about frames that the input announced and does not have."""
-        self.frames_per_second = USUAL_RATE
+        self.frames_per_second = DEFAULT_RATE
         self._passes = iter(PASSES)
         if request.is_video:
             self.files = [FrameFile(request.path.stem, request.path)]
@@ -190,7 +189,7 @@ def _write_frames(
     with VIDEOS.write(path, clip.frames_per_second, threads=options.network.video_threads) as video:
         for index, frame in enumerate(clip.frames()):
             if frame.image is None:
-                if index >= done:  # what is wrong with it was said when it was read first
+                if index >= done:  # its problem was printed when it was read first
                     results.add(replace(Outcome.broken(frame, frame.problem), complaint=""))
                 continue
             calibration = options.placement(frame.image).from_frame(calibrations[readable])
@@ -224,7 +223,7 @@ def _tripods(found: VideoCalibration) -> dict[str, Any]:
 
 
 def _reference(tripod: SequenceCalibration) -> float | None:
-    """The focal length at which principal point and lens are those that are shared; None if they do not follow it."""
+    """The focal length at which the shared principal point and lens hold; None if they do not depend on it."""
     law = None if tripod.layout is None else tripod.layout.zoom_law
     return None if law is None else float(np.exp(law.reference))
 

@@ -21,7 +21,7 @@ from fieldcalib.draw.overlays import draw_field, draw_segments
 from fieldcalib.draw.scene import render_field
 from fieldcalib.draw.sheet import contact_sheet
 from fieldcalib.fields.field import Field
-from fieldcalib.fields.soccer import soccer
+from fieldcalib.fields.sports.soccer import soccer
 from fieldcalib.geometry.camera import Camera
 from fieldcalib.io.files import write_text
 from fieldcalib.io.image import Image
@@ -69,7 +69,7 @@ def run_demo(out: Path, *, count: int = 12, noise: float = 1.0, seed: int = 0) -
     noise : float
         Standard deviation of the labelled pixels along x and along y.
     seed : int
-        Of the noise and of the pictures' crowd.
+        Seed of the noise and of the rendered crowd.
 
     Returns
     -------
@@ -126,9 +126,6 @@ def _table(errors: Sequence[CameraDifference], calibrations: Sequence[Calibratio
     if len(calibrated):
         lines.append(line("median", np.median(calibrated, axis=0), ""))
     return "\n".join(lines)
-
-
-# Pictures
 
 
 def _picture(rendered: Image, field: Field, frame: Pixels, found: Calibration, *, names: bool) -> Image:

@@ -37,7 +37,11 @@ from fieldcalib.run_folder.results import is_unfinished
 from fieldcalib.run_folder.units import executor_of
 
 PERCENT = 100.0
-RATIOS = {"AC": "accuracy", "precision": "precision", "recall": "recall"}  # of a report, and their attributes
+RATIOS = {
+    "AC": "accuracy",
+    "precision": "precision",
+    "recall": "recall",
+}  # keys of a report, and attributes of an evaluation
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -91,7 +95,7 @@ def run(options: argparse.Namespace) -> int:
             field, ground_truth = field_of(options), options.ground_truth
             predictions = read_predictions(reader, options.predictions, options.size, homographies=options.homographies)
             truth = read_ground_truth(reader, ground_truth, predictions.size, field, options.camera_type)
-            _say(predictions, truth, options.predictions, ground_truth)
+            _warn(predictions, truth, options.predictions, ground_truth)
             planar = options.planar or any(map(is_homography, predictions.by_frame.values()))
             report = evaluate(
                 predictions.by_frame,
@@ -109,14 +113,13 @@ def run(options: argparse.Namespace) -> int:
     return 1 if broken else 0
 
 
-def _say(predictions: Predictions, truth: GroundTruth, path: Path, truth_path: Path) -> None:
+def _warn(predictions: Predictions, truth: GroundTruth, path: Path, truth_path: Path) -> None:
     """Say on stderr what may be wrong with the input; a ValueError if they have no frame in common."""
     width, height = predictions.size
     name_skipped([path], predictions.files)
     name_skipped([truth_path], truth.files)
     if is_unfinished(path):
-        state = f"the run in {path} is not finished: frames without a camera may have one later"
-        say(state)
+        say(f"the run in {path} is not finished: frames without a camera may have one later")
     if predictions.of_other_sizes:
         sizes = ", ".join(f"{w}x{h}" for w, h in predictions.of_other_sizes)
         say(
@@ -126,12 +129,12 @@ def _say(predictions: Predictions, truth: GroundTruth, path: Path, truth_path: P
     by_frame = predictions.by_frame
     if not set(by_frame) & set(truth.annotations):
         raise ValueError(
-            f"{path} has {_some(by_frame)}, {truth_path} has {_some(truth.annotations)}: no frame in common, do the "
-            f"ids agree?"
+            f"{path} has {_first_ids(by_frame)}, {truth_path} has {_first_ids(truth.annotations)}: no frame in common, "
+            f"do the ids agree?"
         )
 
 
-def _some(frames: Mapping[str, Any]) -> str:
+def _first_ids(frames: Mapping[str, Any]) -> str:
     """The first ids, for messages."""
     names = ", ".join(list(frames)[:3]) or "none"
     return f"the frames {names}" + (f" and {len(frames) - 3} more" if len(frames) > 3 else "")

@@ -12,7 +12,7 @@ from fieldcalib.console.program import say
 from fieldcalib.geometry.camera import Camera
 from fieldcalib.io.exports.blender import blender_error, blender_files
 from fieldcalib.io.exports.colmap import colmap_files
-from fieldcalib.io.exports.frames import IMAGE_NAMES, Frames, with_cameras
+from fieldcalib.io.exports.frames import IMAGE_NAMES, FrameCameras, with_cameras
 from fieldcalib.io.exports.freed import freed_error, freed_files
 from fieldcalib.io.exports.nerfstudio import nerfstudio_files
 from fieldcalib.io.exports.opencv import opencv_files
@@ -34,15 +34,15 @@ FORMATS: Mapping[str, Callable[..., dict[str, bytes]]] = {
     "gsr": gamestate_files,
     "csv": table_files,
 }
-# Options of the command that are a function's keyword, and the formats that have them.
+# Options of the command that are keywords of a format's function, and the formats that have them.
 OPTIONS = {
     "image_names": ("colmap", "nerfstudio"),
     "fps": ("blender",),
     "sensor_width": ("blender", "freed"),
     "sequence": ("gsr",),
 }
-WITH_LINES = ("csv", "tvcalib")  # formats that say more about a frame than its camera
-# What formats cannot hold at all: by how many pixels the image moves without it.
+WITH_LINES = ("csv", "tvcalib")  # formats that also use the lines of cameras.jsonl
+# What formats cannot hold, and a function that says by how many pixels the image moves without it.
 LOST: Mapping[str, tuple[str, Callable[[Camera], float]]] = {
     "blender": ("Blender's camera has no lens distortion", blender_error),
     "freed": ("FreeD has neither lens distortion nor principal point", freed_error),
@@ -75,7 +75,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--sequence",
         metavar="DIGITS",
-        help="of gsr: what ids of images begin with, the digit of the split and the number of the video, as 3116",
+        help="of gsr: prefix of image ids, the digit of the split and the number of the video, as 3116",
     )
     parser.set_defaults(run=run)
 
@@ -100,13 +100,13 @@ def run(options: argparse.Namespace) -> int:
 
 
 def _check_options(format: str, given: Iterable[str]) -> None:
-    """Raise a ValueError if an option is of other formats."""
+    """Raise a ValueError if an option does not apply to the format."""
     for name in given:
         if format not in OPTIONS[name]:
             raise ValueError(f"--{name.replace('_', '-')} is of {' and '.join(OPTIONS[name])}, not of {format}")
 
 
-def _frames(results: Results, folder: Path, chosen: Sequence[str] | None, *, keep_rejected: bool) -> Frames:
+def _frames(results: Results, folder: Path, chosen: Sequence[str] | None, *, keep_rejected: bool) -> FrameCameras:
     """The frames that are asked for, with the cameras that may be used."""
     lines = {line["id"]: line for line in results.lines}
     ids = list(lines) if chosen is None else list(dict.fromkeys(chosen))
@@ -138,7 +138,7 @@ def _write(files: Mapping[str, bytes], out: Path, overwrite: bool) -> None:
             write_bytes(out / name, content)
 
 
-def _say(frames: Frames, out: Path, format: str) -> None:
+def _say(frames: FrameCameras, out: Path, format: str) -> None:
     cameras = with_cameras(frames)
     print(f"{counted(len(cameras), 'camera')} of {counted(len(frames), 'frame')} in {out}")
     if format in LOST:

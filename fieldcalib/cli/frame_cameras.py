@@ -9,11 +9,11 @@ from pathlib import Path
 
 from fieldcalib.assess.result import Calibration, Status
 from fieldcalib.fields.field import Field
-from fieldcalib.fields.soccer import soccer
+from fieldcalib.fields.sports.soccer import soccer
 from fieldcalib.io.files import BrokenFileError, open_regular_file, parse_json_object
 from fieldcalib.io.results import BROKEN, is_table, lines_file, result_lines
 
-KEPT = 1024  # calibrations, 20 kB each: of a table that is sorted by player, frames come again and again
+CACHED = 1024  # calibrations, 20 kB each: a table that is sorted by player has a frame many times
 
 
 class Cameras:
@@ -39,7 +39,7 @@ class Cameras:
             raise FileNotFoundError(f"{self._path} does not exist: expected the folder that calibrate or run wrote")
         self.accepted: list[str] = []
         """Ids of the frames whose camera is accepted, in the order of the run."""
-        self._lines: dict[str, tuple[int, int | bytes]] = {}  # number, and where it begins; of a table, itself
+        self._lines: dict[str, tuple[int, int | bytes]] = {}  # number, and first byte; the line itself if of a table
         begin = 0  # byte
         for number, text in enumerate(result_lines(self._path), 1):
             try:
@@ -53,7 +53,7 @@ class Cameras:
         numbers = [number for number in map(_number, self._lines) if number is not None]
         once = {number for number, count in Counter(numbers).items() if count == 1}
         self._by_number = {n: id for id in self._lines if (n := _number(id)) in once}
-        self._read = lru_cache(maxsize=KEPT)(self._calibration)
+        self._read = lru_cache(maxsize=CACHED)(self._calibration)
 
     @property
     def ids(self) -> list[str]:
@@ -99,7 +99,7 @@ class Cameras:
             raise BrokenFileError(f"{self._path}, line {number}: {error}") from None
         return found if found.camera is not None else None
 
-    def said(self, frame: str) -> str:
+    def naming_hint(self, frame: str) -> str:
         """Text for messages: how frames are named in the boxes and in the results."""
         ids = [*self._lines, "none"]
         return f"boxes are of frames as {frame!r}, cameras of frames as {ids[0]!r}"

@@ -14,14 +14,11 @@ from fieldcalib._types import Array
 from fieldcalib.assess.result import Calibration
 from fieldcalib.cli.frame_cameras import Cameras
 from fieldcalib.io.boxes import Box, open_boxes
-from fieldcalib.io.coordinates import OWN
+from fieldcalib.io.coordinates import OWN_SYSTEMS
 from fieldcalib.io.files import parse_json_object, read_regular_file, write_text
 
-PLACES = {
-    "left": (1.0, 0.0),
-    "right": (0.0, 1.0),
-    "middle": (0.5, 0.5),
-}  # weights of the left and right end
+# weights of the left and right end of a box's lower edge
+PLACES = {"left": (1.0, 0.0), "right": (0.0, 1.0), "middle": (0.5, 0.5)}
 
 
 @dataclass(frozen=True)
@@ -68,8 +65,8 @@ def write_game_state(projection: Projection, out: Path) -> tuple[int, int]:
         If the boxes are in no such file, or another system is asked for: its coordinates are SoccerNet's.
     """
     boxes, most_bytes = projection.boxes, projection.most_bytes
-    if boxes.suffix.lower() != ".json" or projection.system not in OWN:
-        raise ValueError(f"{out} would be a game state: of JSON, and with --to {OWN[1]}; tables end with .csv")
+    if boxes.suffix.lower() != ".json" or projection.system not in OWN_SYSTEMS:
+        raise ValueError(f"{out} would be a game state: of JSON, and with --to {OWN_SYSTEMS[1]}; tables end with .csv")
     with open_boxes(boxes, most_bytes) as table:
         rows = list(table.rows)
     record = parse_json_object(read_regular_file(boxes, most_bytes), "predictions or annotations")

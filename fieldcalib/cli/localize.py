@@ -18,11 +18,11 @@ from fieldcalib.console.arguments import add_labels, add_limits, folder_name
 from fieldcalib.console.field_options import add_sized_field
 from fieldcalib.console.inputs import add_inputs
 from fieldcalib.console.network import NetworkOptions, add_network, load_network, network_in_process
-from fieldcalib.io.annotation_files import ONE_IMAGE
+from fieldcalib.io.annotation_files import FILE_PER_IMAGE
 from fieldcalib.io.annotations import Annotation, names_of, renamed
 from fieldcalib.io.files import FrameFile, write_text
 from fieldcalib.io.formats import ANNOTATIONS, OTHER_ANNOTATIONS, VIDEOS
-from fieldcalib.io.image import Image
+from fieldcalib.io.image import Image, size_of
 from fieldcalib.io.images import IMAGES_AT_ONCE, in_parts
 from fieldcalib.io.line_log import whole_lines
 from fieldcalib.io.results import BROKEN
@@ -33,14 +33,14 @@ from fieldcalib.run_folder.images import Frame, ReadImage, opened, outcomes_of, 
 from fieldcalib.run_folder.options import RunOptions, add_jobs
 from fieldcalib.run_folder.outcome import Outcome
 from fieldcalib.run_folder.record import RunRecord
-from fieldcalib.run_folder.results import LOCALIZED, ResultsWriter, finish, open_run_folder
+from fieldcalib.run_folder.results import LOCALIZED, ResultsWriter, counted, finish, open_run_folder
 from fieldcalib.run_folder.units import UnitResult, work
 
 LOCALIZED_STATUS = "localized"
 SOCCERNET = "soccernet"
 FORMATS = (SOCCERNET, *OTHER_ANNOTATIONS)
-OF_ALL = frozenset(OTHER_ANNOTATIONS) - {ONE_IMAGE}  # formats with one file for all frames
-OF_ALL_FRAMES = Path(LOCALIZED).stem  # name of that file
+ONE_FILE = frozenset(OTHER_ANNOTATIONS) - {FILE_PER_IMAGE}  # formats with one file for all frames
+ONE_FILE_NAME = Path(LOCALIZED).stem  # name of that file
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -87,14 +87,13 @@ def run(options: argparse.Namespace) -> int:
                 write_all(run.out, format)
             finish(run.out, summary)
     count = summary["annotations"]
-    frames = "1 frame" if count == 1 else f"{count} frames"
-    print(f"{summary['segments'] / max(count, 1):.1f} segments a frame in {frames} in {run.out}")
+    print(f"{summary['segments'] / max(count, 1):.1f} segments a frame in {counted(count, 'frame')} in {run.out}")
     return results.exit_code
 
 
 def write_all(out: Path, format: str) -> None:
     """Write the file of all frames in ``localized.jsonl``, where the format has one."""
-    if format in OF_ALL:
+    if format in ONE_FILE:
         content = OTHER_ANNOTATIONS[format].write(_annotations(out / LOCALIZED))
         write_text(out / _file_name(format, ""), content)
 
@@ -108,10 +107,10 @@ def _annotations(log: Path) -> Iterator[Annotation]:
 
 
 def _file_name(format: str, id: str) -> str:
-    """Name of the file of a frame's annotation, or of those of all frames."""
+    """Name of the file of a frame's annotation, or of the file of all annotations."""
     if format == SOCCERNET:
         return ANNOTATIONS.file_name(id)
-    return OTHER_ANNOTATIONS[format].file_name(OF_ALL_FRAMES if format in OF_ALL else id)
+    return OTHER_ANNOTATIONS[format].file_name(ONE_FILE_NAME if format in ONE_FILE else id)
 
 
 def localized_summary(results: ResultsWriter, options: Mapping[str, Any], seconds: float) -> dict[str, Any]:
@@ -153,18 +152,18 @@ class ImageLocalizer:
         return outcomes_of(frames, localize(self.network_options.field, images, self.network), self._outcome)
 
     def _outcome(self, frame: Frame, image: Image, found: Localization) -> Outcome:
-        size = (image.shape[1], image.shape[0])
+        size = size_of(image)
         line: dict[str, Any] = {"id": frame.id, "status": LOCALIZED_STATUS, "message": ""}
         line["segments"] = len(found.pixels)
         content = ""
         try:
             if self.format == SOCCERNET:
                 content = ANNOTATIONS.write(renamed(found.pixels, self.names), size) + "\n"
-            elif self.format in OF_ALL:
+            elif self.format in ONE_FILE:
                 line |= {"image": Path(frame.path).name, "image_size": size}
                 line["pixels"] = {label: xy.tolist() for label, xy in self._paths(found).items()}
             else:
-                of_frame = Annotation(frame.id, self._paths(found), size, _seen_from(self.out, Path(frame.path)))
+                of_frame = Annotation(frame.id, self._paths(found), size, _relative_path(self.out, Path(frame.path)))
                 content = OTHER_ANNOTATIONS[self.format].write([of_frame])
         except ValueError as error:
             return Outcome.broken(frame, str(error))
@@ -177,7 +176,7 @@ class ImageLocalizer:
         return {self.names[label]: xy[field[label].order(xy)] for label, xy in found.pixels.items()}
 
 
-def _seen_from(folder: Path, image: Path) -> str:
+def _relative_path(folder: Path, image: Path) -> str:
     """The path of an image relative to a folder; its name if it lies in a zip."""
     if not image.exists():
         return image.name

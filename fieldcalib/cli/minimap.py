@@ -12,7 +12,7 @@ from fieldcalib.console.arguments import image_size, positive
 from fieldcalib.draw import draw_minimap
 from fieldcalib.io.image import Image
 from fieldcalib.io.images import write_image
-from fieldcalib.io.videos import USUAL, VideoWriter
+from fieldcalib.io.videos import DEFAULT_RATE, VideoWriter
 from fieldcalib.run_folder.images import say_note
 from fieldcalib.run_folder.results import counted
 
@@ -42,7 +42,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--size", type=image_size, default=SIZE, metavar="WxH", help=f"of the maps, pixels ({SIZE[0]}x{SIZE[1]})"
     )
     parser.add_argument(
-        "--frames-per-second", type=positive, default=USUAL, metavar="R", help=f"of the video ({USUAL:g})"
+        "--frames-per-second", type=positive, default=DEFAULT_RATE, metavar="R", help=f"of the video ({DEFAULT_RATE:g})"
     )
     parser.set_defaults(run=run)
 
@@ -80,6 +80,6 @@ def run(options: argparse.Namespace) -> int:
         for id, picture in maps():
             write_image(options.out if suffix == PICTURE else options.out / f"minimap_{id}{PICTURE}", picture)
     print(f"{options.out}: {counted(len(ids), 'map')} of {options.size[0]} x {options.size[1]} pixels")
-    if players is not None and players.said():
-        print(players.said())
+    if players is not None and players.legend:
+        print(players.legend)
     return 0

@@ -91,7 +91,7 @@ class PlayersOnMaps:
                 self._at.setdefault(self._order[id], []).extend(players)
         if not self._at:
             frame = next(iter(self._table.frames), "none")
-            raise ValueError(f"no frame of {path} is among those of {cameras.path}: {cameras.said(frame)}")
+            raise ValueError(f"no frame of {path} is among those of {cameras.path}: {cameras.naming_hint(frame)}")
         _check_on_field(self._table.X, field, path)
         self._colours = colours_of(self._table.groups)
 
@@ -128,7 +128,8 @@ class PlayersOnMaps:
             return COLOURS[ONE]
         return COLOURS[self._colours[player.group]] if player.group else NO_GROUP
 
-    def said(self) -> str:
+    @property
+    def legend(self) -> str:
         """A line of output that explains the colours; empty if there is only one."""
         groups = [f"{group} is {colour}" for group, colour in list(self._colours.items())[: len(COLOURS)]]
         more = ", ..." if len(self._colours) > len(COLOURS) else ""

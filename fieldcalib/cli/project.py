@@ -20,13 +20,14 @@ from fieldcalib.assess.ground_points import locate_on_ground
 from fieldcalib.assess.result import Calibration
 from fieldcalib.cli.frame_cameras import Cameras
 from fieldcalib.cli.game_state import Projection, write_game_state
-from fieldcalib.console.arguments import add_most_bytes, add_size
+from fieldcalib.console.arguments import add_most_bytes, add_size, number
 from fieldcalib.console.program import say
-from fieldcalib.fields.soccer import soccer
+from fieldcalib.fields.sports.soccer import soccer
 from fieldcalib.geometry.image_extent import hint_of_another_size
 from fieldcalib.io.boxes import Box, BoxRow, foot_points, open_boxes
-from fieldcalib.io.coordinates import OWN, check_system, scale_of_system, to_system
+from fieldcalib.io.coordinates import OWN_SYSTEMS, check_system, scale_of_system, to_system
 from fieldcalib.io.files import whole_file
+from fieldcalib.io.images import in_parts
 from fieldcalib.io.players import POINT, SYSTEM
 
 FROM_CENTRE = ("field_x_sd_from_centre", "field_y_sd_from_centre")
@@ -35,9 +36,9 @@ COLUMNS = (*NUMBERS, SYSTEM, "problem")
 NO_CAMERA, REJECTED, NO_BOX = "no camera", "camera rejected", "no box"
 HORIZON, NO_RAY = "above the horizon", "outside the lens"
 OFF_PITCH, CUT = "off the pitch", "cut by the image"
-EDGE = 1.0  # px: a box that ends nearer to the lower edge of the image ends there because the image does
-LEAST_BOXES = 100  # fewer do not show that they are of images of another size
-AT_ONCE = 10_000  # rows of a frame
+EDGE = 1.0  # px from the lower edge of the image, within which a box is cut by it
+LEAST_BOXES = 100  # that show by how far they reach whether they are of images of another size
+ROWS_AT_ONCE = 10_000  # of a frame
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -56,9 +57,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument(
         "--to",
-        default=OWN[0],
+        default=OWN_SYSTEMS[0],
         metavar="SYSTEM",
-        help=f"coordinates: {', '.join(OWN)}, or those of kloppy: skillcorner, tracab, statsbomb, opta, ... ({OWN[0]})",
+        help=f"coordinates: {', '.join(OWN_SYSTEMS)}, or those of kloppy: skillcorner, tracab, statsbomb, opta, ... "
+        f"({OWN_SYSTEMS[0]})",
     )
     add_size(parser, "of the images that boxes are in pixels of (as the cameras')")
     parser.add_argument(
@@ -80,14 +82,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def _noise(text: str) -> float:
-    """A number from 0, for argparse."""
-    try:
-        value = float(text)
-    except ValueError:
-        value = np.nan
-    if not 0.0 <= value < np.inf:
-        raise argparse.ArgumentTypeError(f"expected a number of pixels, 0 or more, got {text!r}")
-    return value
+    return number(text, lambda value: 0.0 <= value < np.inf, "a number of pixels, 0 or more")
 
 
 def run(options: argparse.Namespace) -> int:
@@ -141,14 +136,14 @@ def _write_table(projection: Projection, out: Path, extents: dict[tuple[int, int
             for frame, rows in groupby(table.rows, key=lambda row: row.frame):
                 found = projection.calibration(frame)
                 size = projection.size or (found and found.camera and found.camera.image_size)
-                for part in _parts(rows):
+                for part in in_parts(rows, ROWS_AT_ONCE):
                     if size:
                         extents.setdefault(size, Extent()).add([row.box for row in part if row.box is not None])
                     for row, cells in zip(part, _projected(part, found, projection), strict=True):
                         problems.update([cells[-1]])
                         writer.writerow([*row.values, *cells])
             if problems and set(problems) == {NO_CAMERA}:
-                raise ValueError(f"no frame of {boxes} has a camera in {cameras.path}: {cameras.said(frame)}")
+                raise ValueError(f"no frame of {boxes} has a camera in {cameras.path}: {cameras.naming_hint(frame)}")
     return problems
 
 
@@ -163,17 +158,6 @@ class Extent:
         """Include more boxes."""
         self.count += len(boxes)
         self.farthest = np.array([self.farthest, *(box[2:] for box in boxes)]).max(axis=0)
-
-
-def _parts(rows: Iterator[BoxRow]) -> Iterator[list[BoxRow]]:
-    part: list[BoxRow] = []
-    for row in rows:
-        part.append(row)
-        if len(part) == AT_ONCE:
-            yield part
-            part = []
-    if part:
-        yield part
 
 
 def _projected(rows: Sequence[BoxRow], calibration: Calibration | None, projection: Projection) -> Iterator[list[str]]:

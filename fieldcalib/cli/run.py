@@ -30,7 +30,7 @@ from fieldcalib.images.from_images import calibrate_from_images
 from fieldcalib.images.from_video import Mount
 from fieldcalib.io.files import FrameFile
 from fieldcalib.io.formats import CAMERAS, OVERLAYS, VIDEOS
-from fieldcalib.io.image import Image
+from fieldcalib.io.image import Image, size_of
 from fieldcalib.io.images import IMAGES_AT_ONCE, in_parts
 from fieldcalib.io.line_log import whole_lines
 from fieldcalib.io.results import LINES
@@ -41,10 +41,10 @@ from fieldcalib.run_folder.outcome import Outcome, calibration_line
 from fieldcalib.run_folder.record import RunRecord
 from fieldcalib.run_folder.results import OVERLAY, ResultsWriter, is_finished, open_camera_folder
 from fieldcalib.run_folder.units import UnitResult, joined, work
-from fieldcalib.solve.field_size import shared_size
+from fieldcalib.solve.field_size import shared_field, shared_size
 
 SAMPLE = 40  # images of one field from which its size is estimated
-ROUNDS = 2  # of calibrating them, and estimating it
+ROUNDS = 2  # of calibrating these images and estimating the size
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -219,9 +219,10 @@ class ImageCalibrator:
             by_size.setdefault(image.shape, []).append(self.options.placement(image).image_in_frame(image))
         alike = max(by_size.values(), key=len, default=[])
         given = self.options.field
-        found = shared_size(given, [])
-        for _ in range(ROUNDS if alike else 0):
-            found = shared_size(given, self._calibrate(replace(found.field, size_known=True), alike))
+        shown = shared_field(given, [])
+        for _ in range(ROUNDS - 1 if alike else 0):
+            shown = shared_field(given, self._calibrate(replace(shown, size_known=True), alike))
+        found = shared_size(given, self._calibrate(replace(shown, size_known=True), alike) if alike else [])
         say(f"the images show a field of {found.length:.1f} x {found.width:.1f} m ({found})")
         field = replace(found.field, size_known=found.is_told)  # a size that no image shows is not known
         return replace(self, options=replace(self.options, field=field, estimate_size=False))
@@ -229,7 +230,7 @@ class ImageCalibrator:
     def _calibrate(self, field: Field, images: Sequence[Image]) -> list[Calibration]:
         by_size: dict[tuple[int, int], list[int]] = {}
         for index, image in enumerate(images):  # known intrinsics are of one size, nothing else depends on it
-            size = (image.shape[1], image.shape[0]) if self.options.known.intrinsics is not None else (0, 0)
+            size = size_of(image) if self.options.known.intrinsics is not None else (0, 0)
             by_size.setdefault(size, []).append(index)
         found: dict[int, Calibration] = {}
         for size, members in by_size.items():

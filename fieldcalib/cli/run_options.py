@@ -21,7 +21,7 @@ from fieldcalib.fields.field import Field
 from fieldcalib.images.from_video import Mount
 from fieldcalib.io.cuts import Cut
 from fieldcalib.io.formats import IMAGES, VIDEOS
-from fieldcalib.io.image import Image
+from fieldcalib.io.image import Image, size_of
 from fieldcalib.io.images import check_pixels
 from fieldcalib.io.streams import Stream
 from fieldcalib.run_folder.images import ReadImage
@@ -80,7 +80,7 @@ class CalibrationOptions:
 
     def placement(self, image: Image) -> Placement:
         """Placement of an image in its frame; a BrokenFileError if that is not possible."""
-        placement = self.pictures.placement((image.shape[1], image.shape[0]))
+        placement = self.pictures.placement(size_of(image))
         check_pixels(placement.frame_size, self.most_pixels)
         self.known.given(placement.frame_size)  # a BrokenFileError if it is of other images
         return placement

@@ -29,12 +29,13 @@ class Ended:
 
     code: int
     out: str
-    """Its output."""
+    """Text for stdout."""
     err: str
+    """Text for stderr."""
 
 
 def run_several(requests: Sequence[RunRequest], run: RunFunction) -> int:
-    """RunFunction all, clips by ``--jobs`` processes side by side; returns the largest exit code."""
+    """Run all requests, clips by ``--jobs`` processes side by side; returns the largest exit code."""
     jobs = requests[0].run.jobs
     alone: list[RunRequest] = []
     side_by_side: list[RunRequest] = []

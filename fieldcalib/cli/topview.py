@@ -81,14 +81,14 @@ def run(options: argparse.Namespace) -> int:
     write_image(options.out, picture)
     share = f"{100.0 * seen.mean():.0f} % of the picture seen"
     print(f"{options.out}: {width} x {height} pixels of {counted(len(shown), 'frame')}, {share}")
-    if players is not None and players.said():
-        print(players.said())
+    if players is not None and players.legend:
+        print(players.legend)
     return 0
 
 
 @dataclass(frozen=True)
 class Views:
-    """At most so many images with accepted cameras, evenly spread over the frames."""
+    """At most `most` images with accepted cameras, evenly spread over the frames."""
 
     input: Sequence[Path]
     cameras: Cameras
@@ -133,7 +133,7 @@ def _camera(cameras: Cameras, id: str) -> Camera:
 
 
 def _spread(items: Sequence[Item], most: int) -> list[Item]:
-    """At most so many of the items, evenly spread.
+    """At most `most` of the items, evenly spread.
 
     Examples
     --------

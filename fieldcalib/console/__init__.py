@@ -1,1 +1,1 @@
-"""What all command-line programs share: argument types, options, exit codes, progress, interrupts."""
+"""Common parts of all command-line programs: argument types, options, exit codes, progress, interrupts."""

@@ -1,6 +1,7 @@
 """Argument types and arguments that several commands share."""
 
 import argparse
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -25,7 +26,7 @@ LENSES = {
 
 
 class Default(str):
-    """The default value of an option, to be told from the same text given by the user."""
+    """The default value of an option, of a type of its own: the same text given by the user is a `str`."""
 
 
 USUAL_LENS = Default("k1")
@@ -35,15 +36,20 @@ MOST_BYTES_OF_IMAGE = 256_000_000
 JSON_LINES, PARQUET = "jsonl", "parquet"
 
 
-def positive(text: str) -> float:
-    """A positive number, for argparse."""
+def number(text: str, is_allowed: Callable[[float], bool], what: str) -> float:
+    """A number that is allowed, for argparse; `what` describes it in the message of the error."""
     try:
         value = float(text)
     except ValueError:
         value = np.nan
-    if not 0.0 < value < np.inf:
-        raise argparse.ArgumentTypeError(f"expected a positive number, got {text!r}")
+    if not is_allowed(value):
+        raise argparse.ArgumentTypeError(f"expected {what}, got {text!r}")
     return value
+
+
+def positive(text: str) -> float:
+    """A positive number, for argparse."""
+    return number(text, lambda value: 0.0 < value < np.inf, "a positive number")
 
 
 def folder_name(text: str) -> Path:
@@ -67,13 +73,7 @@ def count(text: str) -> int:
 
 def probability(text: str) -> float:
     """A number from 0 to 1, for argparse."""
-    try:
-        value = float(text)
-    except ValueError:
-        value = np.nan
-    if not 0.0 <= value <= 1.0:
-        raise argparse.ArgumentTypeError(f"expected a number from 0 to 1, got {text!r}")
-    return value
+    return number(text, lambda value: 0.0 <= value <= 1.0, "a number from 0 to 1")
 
 
 def image_size(text: str) -> tuple[int, int]:

@@ -19,7 +19,7 @@ from fieldcalib.localize.network import CPU
 def add_network(parser: argparse.ArgumentParser) -> None:
     """--model, --provider and --threads."""
     parser.add_argument(
-        "--model", type=Path, metavar="FILE", help="network in ONNX, FILE.json beside it (the one that comes along)"
+        "--model", type=Path, metavar="FILE", help="network in ONNX, FILE.json beside it (the one that is included)"
     )
     parser.add_argument(
         "--provider", default=CPU, metavar="NAME", help=f"onnxruntime's name of what runs the network ({CPU})"

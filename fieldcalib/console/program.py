@@ -55,7 +55,7 @@ def exit_code(work: Callable[[], int]) -> int:
             code = int(work())
         sys.stdout.flush()
         return code
-    except BrokenPipeError:  # whoever reads has seen enough
+    except BrokenPipeError:  # the reader has closed the pipe
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return 1
     except Terminated:
@@ -67,6 +67,6 @@ def exit_code(work: Callable[[], int]) -> int:
     except MemoryError:
         say("there is not enough memory")
         return 2
-    except (OSError, ValueError, ImportError) as error:  # the last one of an extra that is not installed
+    except (OSError, ValueError, ImportError) as error:  # ImportError: an extra is not installed
         say(str(error))
         return 2

@@ -11,7 +11,7 @@ from pathlib import Path
 from fieldcalib.console.program import say
 
 FIRST, GROWTH = 30.0, 2.0  # seconds until the first warning, and factor from each warning to the next
-STEP = 30.0  # checks during `FIRST`
+CHECKS = 30.0  # before the first warning
 
 _waits: dict[int, tuple[Path | str, float]] = {}  # by thread: the file that is read, and the time at which that began
 _watcher: threading.Thread | None = None
@@ -34,7 +34,7 @@ def waiting_for(path: Path | str) -> Iterator[None]:
 def _watch() -> None:
     next_time: dict[tuple[Path | str, float], float] = {}  # seconds of waiting until the next warning
     while True:
-        time.sleep(FIRST / STEP)
+        time.sleep(FIRST / CHECKS)
         waits = list(_waits.values())
         next_time = {one: after for one, after in next_time.items() if one in waits}
         for one in waits:

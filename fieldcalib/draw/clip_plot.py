@@ -1,4 +1,4 @@
-"""How the camera of a clip moves: its angles, focal length and centre over time, as a picture."""
+"""Plots of the cameras of a clip: angles, focal length and centre over time."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ FIGURE = (1280, 1000)  # px
 LEFT, RIGHT, TOP, BOTTOM, GAP = 160, 118, 44, 48, 12  # px around the panels, and between them
 STRIP = 12  # px, the height of the strip of statuses
 TICKS_UP, TICKS_ALONG = 5, 10  # at most
-WITHIN = 4.0  # interdecile ranges around the median: what lies further out does not scale a panel
+WITHIN = 4.0  # interdecile ranges around the median: values further out are ignored by the scale of a panel
 PADDING = 0.08  # of a panel's height above and below
 
 PAPER: Colour = (255, 255, 255)
@@ -86,8 +86,8 @@ def plot_sequence(
     frames_per_second : float, optional
         The axis is then in seconds, otherwise in frames.
     rests_on : sequence of str or None, optional
-        What the camera of each frame comes from, in the words of `Basis`; None where there is none. By default that of
-        a `SequenceCalibration` or `VideoCalibration`. The strip shows it for the frames that are accepted.
+        The data that the camera of each frame rests on, in the words of `Basis`; None where there is no camera. By
+        default `basis` of a `SequenceCalibration` or `VideoCalibration`. The strip shows it for accepted frames.
 
     Returns
     -------
@@ -185,7 +185,7 @@ def _curves(calibrations: Sequence[Calibration | None]) -> list[Curve]:
 
 
 def value_range(curve: Curve, accepted: BoolArray) -> tuple[float, float]:
-    """The values that a panel shows: all that are accepted with most of their bands, but for what lies far out."""
+    """Least and largest value of a panel: all accepted ones with most of their bands, without outliers."""
     shown = accepted & np.isfinite(curve.values)
     shown = shown if shown.any() else np.isfinite(curve.values)
     if not shown.any():
@@ -199,7 +199,7 @@ def value_range(curve: Curve, accepted: BoolArray) -> tuple[float, float]:
 
 
 def _range_of_shot(curve: Curve, shown: BoolArray) -> tuple[float, float]:
-    """Of frames of one shot, whose values and errors change slowly: what is far from the others is a mistake."""
+    """Range of the values of one shot, which change slowly: values far from the others are mistakes."""
     values = curve.values[shown]
     least, middle, most = np.quantile(values, (0.1, 0.5, 0.9))
     reach = WITHIN * (most - least)
@@ -213,7 +213,7 @@ def _range_of_shot(curve: Curve, shown: BoolArray) -> tuple[float, float]:
 
 
 def half_widths(curve: Curve, known: BoolArray) -> list[str]:
-    """The lines that say how wide the bands of some frames are: in the median, from the least shot to the largest.
+    """Text of the median half widths of the bands of some frames: of the least shot, and of the largest.
 
     Examples
     --------
@@ -271,12 +271,12 @@ class Canvas:
 
     @classmethod
     def blank(cls, size: tuple[int, int]) -> Canvas:
-        """Nothing yet, for a picture of a size (width, height)."""
+        """An empty canvas for a picture of a size (width, height)."""
         width, height = size
         return cls(np.full((FINER * height, FINER * width, 3), PAPER, np.uint8))
 
     def reduced(self) -> Image:
-        """The picture."""
+        """The picture at its final size."""
         import cv2
 
         height, width = self.picture.shape[:2]
@@ -284,28 +284,28 @@ class Canvas:
         return np.asarray(small, np.uint8)
 
     def part(self, box: Box) -> Canvas:
-        """What lies in a box, to be drawn on in its own coordinates: nothing goes beyond its edges."""
+        """The canvas of a box, with coordinates of its own; drawing is clipped at its edges."""
         left, top, right, bottom = (round(FINER * side) for side in box)
         return Canvas(self.picture[top:bottom, left:right])
 
     def rectangle(self, box: Box, colour: Colour) -> None:
-        """A filled one."""
+        """Draw a filled rectangle."""
         self.part(box).picture[:] = colour
 
     def line(self, xy: Array, colour: Colour, width: float) -> None:
-        """A polyline (N, 2)."""
+        """Draw a polyline (N, 2)."""
         import cv2
 
         cv2.polylines(self.picture, [fixed_point(FINER * xy)], False, colour, round(FINER * width), cv2.LINE_AA, SHIFT)
 
     def fill(self, xy: Array, colour: Colour) -> None:
-        """The inside of a polygon (N, 2)."""
+        """Fill a polygon (N, 2)."""
         import cv2
 
         cv2.fillPoly(self.picture, [fixed_point(FINER * xy)], colour, cv2.LINE_AA, SHIFT)
 
     def text(self, text: str, place: tuple[float, float], colour: Colour, scale: float, align: float = 0.0) -> None:
-        """Text on a base line; its left end is there with `align` 0, its middle with 0.5, its right end with 1."""
+        """Write text on a base line; `align` 0 puts its left end at the place, 0.5 its middle, 1 its right end."""
         import cv2
 
         font, size = cv2.FONT_HERSHEY_SIMPLEX, FINER * scale
@@ -315,7 +315,7 @@ class Canvas:
 
 
 def _draw_strip(canvas: Canvas, statuses: Sequence[str], box: Box) -> None:
-    """What every frame rests on, in colours, with a legend above."""
+    """Draw the basis of every frame as a strip of colours, with a legend above."""
     left, top, right, bottom = box
     edges = np.linspace(left, right, len(statuses) + 1)
     kinds = np.array(statuses)

@@ -17,7 +17,7 @@ from fieldcalib._types import Array, BoolArray, Float32, IntArray
 from fieldcalib.fields.field import Field
 from fieldcalib.fields.segments import Segment, outwards
 from fieldcalib.fields.segments.segment import Ring
-from fieldcalib.fields.soccer import GOAL_AREA_DEPTH
+from fieldcalib.fields.sports.soccer import GOAL_AREA_DEPTH
 from fieldcalib.fields.traits import Paint
 from fieldcalib.geometry.camera import Camera
 
@@ -26,7 +26,7 @@ Colour: TypeAlias = tuple[int, int, int]
 LIGHT_GRASS: Colour = (60, 141, 80)
 DARK_GRASS: Colour = (50, 123, 66)
 TRACK: Colour = (52, 74, 56)
-SURFACES: Mapping[str, Colour] = MappingProxyType(  # but grass
+SURFACE_COLOURS: Mapping[str, Colour] = MappingProxyType(  # without grass, which has stripes
     {
         "turf": (146, 92, 38),
         "ice": (248, 244, 239),
@@ -36,7 +36,7 @@ SURFACES: Mapping[str, Colour] = MappingProxyType(  # but grass
         "clay": (62, 92, 178),
     }
 )
-OUTSIDE = 0.72  # of the light of these, beyond the run-off
+OUTSIDE = 0.72  # brightness beyond the run-off, relative to the surface
 RUN_OFF = 3.0  # m of the surface around the field
 MARGIN = 1.0  # m around the paint: pixels whose centres are further away have none of it
 STRIPE = GOAL_AREA_DEPTH  # m: width of mown stripes, which then end at the lines of the goal and the penalty area
@@ -61,7 +61,7 @@ class Ground:
 
     @classmethod
     def of_rays(cls, camera: Camera, ray: Float32) -> Ground:
-        """Where the rays of a camera's pixels meet the ground; NaN for those above the horizon."""
+        """The ground points at which the rays of a camera's pixels end; NaN for those above the horizon."""
         C = camera.C.astype(np.float32)
         with np.errstate(divide="ignore", invalid="ignore"):
             scale = -C[2] / ray[2]
@@ -87,14 +87,14 @@ class Ground:
 
 
 def surface(ground: Ground, field: Field) -> Float32:
-    """Colours (3, ...) of the ground of a field with its run-off, and of what is around it."""
+    """Colours (3, ...) of the ground of a field, of its run-off and of the surroundings."""
     x, y = np.abs(ground.xy)
     pixel_x, pixel_y = ground.pixel_size((1.0, 0.0)), ground.pixel_size((0.0, 1.0))
     end, side = field.half_extent.tolist()
     outside_x, outside_y = (x - end - RUN_OFF) / pixel_x, (y - side - RUN_OFF) / pixel_y
     outside = np.clip(np.maximum(outside_x, outside_y) + 0.5, 0.0, 1.0)
-    if field.surface in SURFACES:
-        colour = np.reshape(SURFACES[field.surface], (3, 1, 1))
+    if field.surface in SURFACE_COLOURS:
+        colour = np.reshape(SURFACE_COLOURS[field.surface], (3, 1, 1))
         return np.asarray(colour * (1.0 - (1.0 - OUTSIDE) * np.nan_to_num(outside, nan=1.0)), np.float32)
     stripe = (x - field.length / 2.0) / STRIPE
     from_edge = np.abs(stripe - np.rint(stripe)) * STRIPE / pixel_x
@@ -118,7 +118,7 @@ def mix(picture: Float32, colour: Colour, share: Float32) -> None:
 def add_paint(
     picture: Float32, ground: Ground, field: Field, opacity: float, line_width: float | None = None, least: float = 0.0
 ) -> None:
-    """Blend what is painted on the ground into a picture, in place; the widths are those of `painted`."""
+    """Blend the paint on the ground into a picture, in place; widths as in `painted`."""
     for colour, share in painted(ground, field, line_width, least).items():
         mix(picture, bgr(colour), opacity * share)
 
@@ -144,9 +144,9 @@ def painted(ground: Ground, field: Field, line_width: float | None = None, least
     field : Field
         Its segments on the ground are drawn as `Field.paint_of` says.
     line_width : float, optional
-        Of lines without a width of their own, metres; by default as the field says.
+        Width of lines without a width of their own, metres; by default that of the field.
     least : float
-        What is thinner than this is drawn as wide as this, metres.
+        Least width of drawn lines, metres.
     """
     if line_width is not None:
         field = replace(field, lines=replace(field.lines, width=line_width))
@@ -199,9 +199,9 @@ class _Straight:
     half: float
     """Half of the width."""
     cap: float
-    """How much longer the paint is at both ends."""
+    """Length of the paint beyond both ends of the line."""
     begin: float
-    """Where it starts, from the middle of the segment whose dashes it has."""
+    """Position of the start, from the middle of the segment, for its dashes."""
     dashes: tuple[float, float] | None
 
     @property

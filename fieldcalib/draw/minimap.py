@@ -1,4 +1,4 @@
-"""The field from above, as a map: what a camera sees, where it stands, players and where they came from.
+"""A map of the field from above: the view and the place of a camera, players and their trails.
 
 Images are OpenCV's: uint8, (height, width, 3), blue, green, red. Every function returns a new image.
 """
@@ -42,17 +42,17 @@ def draw_minimap(
     Parameters
     ----------
     camera : Camera or RationalCamera, optional
-        None leaves out what it sees.
+        None draws no view and no camera.
     field : Field
     size : (int, int)
         Width and height of the map in pixels; the field is centred in it.
     points : (N, 2) or (N, 3) array_like, optional
-        On the field, metres: dots with a dark rim. NaN, as of pixels above the horizon, and what is off the map is left
-        out.
+        Points on the field, metres, drawn as dots with a dark rim. NaN (pixels above the horizon) and points off the
+        map are left out.
     colours : (int, int, int) or sequence of them
-        Blue, green, red: of all points and trails, or of each.
+        Blue, green, red; one colour for all points and trails, or one for each.
     trails : sequence of (M, 2) or (M, 3) array_like
-        Where each of the points came from, oldest first; they fade towards the past.
+        Earlier places of each of the points, oldest first; trails fade towards the past.
 
     Returns
     -------
@@ -61,11 +61,11 @@ def draw_minimap(
     Raises
     ------
     ValueError
-        If the field is none, points or trails have another shape, or there are more of them than colours.
+        If `field` is no `Field`, points or trails have another shape, or there are more of them than colours.
 
     Examples
     --------
-    >>> from fieldcalib.fields.soccer import soccer
+    >>> from fieldcalib.fields.sports.soccer import soccer
     >>> camera = Camera.from_angles(0.0, np.radians(75), 0.0, 1500.0, C=(0, 56, -15), image_size=(960, 540))
     >>> draw_minimap(camera, soccer(), size=(240, 160)).shape
     (160, 240, 3)
@@ -123,7 +123,7 @@ def draw_players(
     Examples
     --------
     >>> from fieldcalib.draw import overhead_camera
-    >>> from fieldcalib.fields.soccer import soccer
+    >>> from fieldcalib.fields.sports.soccer import soccer
     >>> overhead = overhead_camera(soccer(), 0.2)
     >>> width, height = overhead.image_size
     >>> grass = np.full((height, width, 3), (60, 130, 70), np.uint8)
@@ -191,7 +191,7 @@ def _on_image(camera: Camera | RationalCamera, points: ArrayLike) -> Array:
 
 
 def _each_colour(colours: Colour | Sequence[Colour], count: int) -> list[Colour]:
-    """A colour for each of so many points."""
+    """A colour for each of `count` points."""
     values = np.asarray(colours)
     if values.shape != (3,) and (values.ndim != 2 or values.shape[1] != 3 or len(values) < count):
         raise ValueError(f"expected a colour (blue, green, red) or {count} of them, got shape {values.shape}")
@@ -220,7 +220,7 @@ def _draw_trail(picture: Image, trail: Array, colour: Colour, thickness: int) ->
         around[:] = cv2.addWeighted(layer, share, around, 1.0 - share, 0.0)
 
 
-@lru_cache(maxsize=4)  # it takes longer than to draw what a camera sees, and is the same in every frame of a video
+@lru_cache(maxsize=4)  # slower than drawing the view of a camera, and the same in every frame of a video
 def _map_of(field: Field, size: tuple[int, int]) -> tuple[Camera, Array, Float32]:
     """A camera high above a field, the ground points of its pixels (height, width, 3), and its colours (3, ...)."""
     width, height = size

@@ -24,10 +24,10 @@ from fieldcalib.io.image import Image, checked_image
 from fieldcalib.problem.labelled_pixels import ImageSegments
 
 MAGENTA: Colour = (220, 40, 255)
-ORANGE: Colour = (0, 140, 255)  # of markings that lie beside their paint,
-GREY: Colour = (170, 170, 170)  # and of those that show none
+ORANGE: Colour = (0, 140, 255)  # markings that lie beside their paint
+GREY: Colour = (170, 170, 170)  # markings without paint
 NO_COLOURS: Mapping[str, Colour] = MappingProxyType({})
-DASH = 6.0  # times the thickness of a line: its dashes and the gaps between them
+DASH = 6.0  # length of dashes and of gaps, in thicknesses of the line
 # Far from the green of grass and the white of lines, and far from each other.
 PALETTE: tuple[Colour, ...] = (
     (64, 64, 255),  # red
@@ -59,7 +59,7 @@ def draw_field(
     """Draw the projected markings, with distortion, onto a copy of an image.
 
     Lines, arcs and ordered point clouds become anti-aliased curves, unordered clouds become dots; points are left out.
-    Labels of a `Field` along which nothing is painted, as rows of marks and edges of wide lines, are drawn darker.
+    Segments of a `Field` without paint along them (rows of marks, edges of wide lines) are drawn darker.
     Parts behind the camera, or so far out that the lens is not monotone, have no image and are not drawn.
 
     Parameters
@@ -67,8 +67,8 @@ def draw_field(
     image : (height, width, 3) uint8 array
         In OpenCV's order: blue, green, red. It is not changed.
     camera : Camera or RationalCamera
-        A camera of that image size, e.g. what `fieldcalib.io.soccernet.parse_camera` reads. A `RationalCamera` does not
-        know where its lens folds back: what lies there is drawn.
+        A camera of that image size, e.g. from `fieldcalib.io.soccernet.parse_camera`. Of a `RationalCamera`, parts
+        where the lens folds back are drawn too: it is not known where that is.
     object_segments : mapping of str to segment
         The calibration object, e.g. a `Field`.
     colour : (int, int, int)
@@ -76,9 +76,9 @@ def draw_field(
     thickness : int
         Pixels.
     dashed : bool
-        Whether curves are dashed, as those of a camera that is not to be used.
+        Whether curves are dashed: for cameras that should not be used.
     colours : mapping of str to (int, int, int)
-        Of labels that are drawn in another colour.
+        Colours of single labels, instead of `colour`.
 
     Returns
     -------
@@ -91,7 +91,7 @@ def draw_field(
 
     Examples
     --------
-    >>> from fieldcalib.fields.soccer import soccer
+    >>> from fieldcalib.fields.sports.soccer import soccer
     >>> camera = Camera.from_angles(0.0, np.radians(75), 0.0, 1500.0, C=(0, 56, -15), image_size=(960, 540))
     >>> picture = draw_field(np.zeros((540, 960, 3), np.uint8), camera, soccer(), colour=(0, 255, 255))
     >>> picture[269, 480].tolist()  # the centre mark, on the middle line
@@ -187,7 +187,7 @@ def draw_calibration(image: Image, calibration: Calibration, field: Field, *, sh
     image : (height, width, 3) uint8 array
         In OpenCV's order: blue, green, red. It is not changed.
     calibration : Calibration
-        Of this image.
+        The calibration of this image.
     field : Field
     show_paint : bool
         Whether markings that lie beside their paint are drawn in orange, and those without any in grey

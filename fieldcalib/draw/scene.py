@@ -22,11 +22,11 @@ from fieldcalib.geometry.rational import RationalCamera
 from fieldcalib.io.image import Image as Image  # re-exported: the type of the pictures made here
 
 WHITE: Colour = (242, 248, 244)
-BOARDS = (6.5, 0.95)  # m behind the lines, and their height
+BOARDS = (6.5, 0.95)  # m: distance behind the lines, height
 BOARD_COLOURS = np.array([(104, 58, 32), (46, 42, 126), (84, 80, 74), (110, 96, 30)], np.float32)
 STAND: Colour = (58, 48, 44)
-SEAT = (0.45, 0.75)  # m along a row, and from row to row
-CROWD = (64, 512)  # rows and seats of the texture that is repeated on the stands
+SEAT = (0.45, 0.75)  # m: distance of seats along a row, and of rows
+CROWD = (64, 512)  # rows and seats of the texture, which is repeated on the stands
 
 SAMPLE_SPACING = 0.1  # m: a chord of 9.15 m circles is 0.14 mm from the arc, less than 0.1 px in any broadcast frame
 NEAR_PLANE = 0.1  # m in front of the camera: nearer points are outside the image of any real camera
@@ -36,7 +36,7 @@ SHIFT = 4  # fractional bits of the coordinates that OpenCV draws with: 1/16 px
 def render_field(
     camera: Camera, field: Field, *, line_width: float | None = None, rng: np.random.Generator | None = None
 ) -> Image:
-    """A synthetic broadcast picture: grass or another ground, what is painted on it, goals, boards and stands.
+    """Render a synthetic broadcast picture: ground with its paint, goals, advertising boards and stands.
 
     The markings have their true width and perspective, with distortion: each pixel is traced to the ground, and its
     colour is mixed by the share of it that a marking covers.
@@ -56,7 +56,7 @@ def render_field(
 
     Examples
     --------
-    >>> from fieldcalib.fields.soccer import soccer
+    >>> from fieldcalib.fields.sports.soccer import soccer
     >>> camera = Camera.from_angles(0.0, np.radians(75), 0.0, 1500.0, C=(0, 56, -15), image_size=(960, 540))
     >>> picture = render_field(camera, soccer())
     >>> picture.shape, bool(picture[269, 480].min() > picture[260, 440].max())  # the centre mark, and grass
@@ -150,7 +150,7 @@ def _add_goals(picture: Float32, camera: Camera, field: Field, width: float) -> 
 
 
 def _is_crossbar(label: str, segment: Segment, highest: float) -> bool:
-    """Whether it is the crossbar of a goal as in soccer, the highest of what stands there."""
+    """Whether a segment is the crossbar of a goal as in soccer, above which there is nothing."""
     start, end = segment.anchors
     return "crossbar" in label and segment.is_straight and start[2] == end[2] and bool(start[2] <= highest + 0.2)
 
@@ -242,7 +242,7 @@ def fixed_point(xy: Array) -> NDArray[np.int32]:
 
 
 def draw_dot(picture: Image, xy: Array, radius: float, colour: Colour) -> None:
-    """A filled circle around a pixel, in place; none where that is NaN."""
+    """Draw a filled circle around a pixel, in place; nothing where that is NaN."""
     import cv2
 
     if np.all(np.abs(xy) < 1e6):  # not NaN, and within OpenCV's integers

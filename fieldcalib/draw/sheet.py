@@ -1,4 +1,4 @@
-"""Many frames of a clip at one glance, and which of them to look at."""
+"""A sheet of many frames of a clip, and the choice of the worst ones."""
 
 from __future__ import annotations
 
@@ -26,18 +26,18 @@ def contact_sheet(
     title: str = "",
     legend: str = "",
 ) -> Image:
-    """Reduced pictures in rows, each with its caption below.
+    """Arrange reduced pictures in rows, each with its caption below.
 
     Parameters
     ----------
     pictures : sequence of (height, width, 3) uint8 arrays
         In OpenCV's order: blue, green, red. Each is fitted into a tile of the shape of the first one.
     captions : sequence of str
-        One for each, broken between words into as many lines as its tile needs.
+        One per picture; broken between words into as many lines as fit the tile.
     columns : int
         Tiles in a row.
     width : int
-        Of a tile, pixels.
+        Width of a tile, pixels.
     title, legend : str
         Lines above the tiles.
 
@@ -91,15 +91,15 @@ def worst_frames(calibrations: Sequence[Calibration | None], count: int = 12) ->
 
     Frames without camera come first, then those whose camera is not accepted, then by the largest distance of paint
     from its marking (`Calibration.markings`), then by the largest error that is expected in the part of the field in
-    view (`fieldcalib.assess.probability.largest_error`). Neighbours of a frame that was chosen wait until no others are
-    left, so that one bad moment does not take all places; frames that are equally bad are chosen all over the clip.
+    view (`fieldcalib.assess.probability.largest_error`). Neighbours of a chosen frame come after all others, so that
+    one bad moment does not take all places; equally bad frames are spread over the clip.
 
     Parameters
     ----------
     calibrations : sequence of Calibration or None
-        Of the frames in their order, e.g. a `SequenceCalibration`; None is a frame without camera.
+        The calibrations of the frames in order, e.g. a `SequenceCalibration`; None is a frame without camera.
     count : int
-        How many to choose; all, if there are no more.
+        Number of frames to choose; all if there are fewer.
 
     Returns
     -------
@@ -136,7 +136,7 @@ def worst_frames(calibrations: Sequence[Calibration | None], count: int = 12) ->
 
 
 def _rank(calibration: Calibration | None) -> tuple[int, float, float]:
-    """Small for what is bad."""
+    """Sort key of a frame: the smallest is the worst."""
     if calibration is None or calibration.camera is None:
         return 0, 0.0, 0.0
     off = max((one.offset for one in calibration.markings), default=0.0)
@@ -147,7 +147,7 @@ def _rank(calibration: Calibration | None) -> tuple[int, float, float]:
 
 
 def _wrapped(text: str, width: int) -> list[str]:
-    """The lines of a caption, none longer than `width` pixels unless a single word is; one empty line of nothing."""
+    """The lines of a caption, at most `width` pixels long unless one word is longer; at least one line."""
     import cv2
 
     lines = [""]
@@ -164,7 +164,7 @@ def _wrapped(text: str, width: int) -> list[str]:
 
 
 def _write(picture: Image, text: str, place: tuple[int, int], size: float, colour: Colour) -> None:
-    """Text on a base line."""
+    """Write text on a base line."""
     import cv2
 
     cv2.putText(picture, text, place, cv2.FONT_HERSHEY_SIMPLEX, size, colour, 1, cv2.LINE_AA)

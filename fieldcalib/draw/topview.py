@@ -17,8 +17,8 @@ from fieldcalib.io.image import Image, checked_image
 from fieldcalib.io.images import LONGEST_SIDE
 
 ABOVE = 100.0  # m: the height of the camera above the field, which the picture of the ground does not depend on
-PIXELS_OF_SCALE = 400.0  # that the length scale of a field has, by default
-COARSEST = 2.0  # m of ground per pixel of the image: what is further away is smeared, up to the horizon
+PIXELS_OF_SCALE = 400.0  # default length of `Field.scale` in the picture
+COARSEST = 2.0  # m of ground per pixel of the image: coarser ground, up to the horizon, counts as unseen
 EDGE = 2.0  # px: the outermost rows and columns of broadcasts are often dark
 UNSEEN: Colour = (40, 36, 34)
 ROWS_AT_ONCE = 32  # of all views, when their median is taken
@@ -48,7 +48,7 @@ def overhead_camera(field: Field, metres_per_pixel: float | None = None, margin:
 
     Examples
     --------
-    >>> from fieldcalib.fields.soccer import soccer
+    >>> from fieldcalib.fields.sports.soccer import soccer
     >>> overhead = overhead_camera(soccer(), margin=5.0)
     >>> overhead.image_size, overhead.project([0.0, 0.0, 0.0])
     ((1150, 780), array([574.5, 389.5]))
@@ -68,35 +68,35 @@ def overhead_camera(field: Field, metres_per_pixel: float | None = None, margin:
 
 
 def top_view(image: Image, camera: Camera, overhead: Camera) -> tuple[Image, BoolArray]:
-    """The ground of an image as a camera above the field sees it; the lens is respected.
+    """Warp the ground of an image to the view of a camera above the field; distortion is removed.
 
-    What stands on the ground, as players and goals, is smeared away from the camera: only the ground is in its place.
+    Players, goals and all else above the ground are smeared away from the camera: only the ground is in its place.
 
     Parameters
     ----------
     image : (height, width, 3) uint8 array
         In OpenCV's order: blue, green, red.
     camera : Camera
-        Of that image.
+        The camera of that image.
     overhead : Camera
-        As `overhead_camera` makes it; any other will do.
+        The view from above, e.g. of `overhead_camera`.
 
     Returns
     -------
     picture : (height, width, 3) uint8 array
-        Of the size of `overhead`; dark where nothing is seen.
+        Picture of the size of `overhead`; dark where nothing is seen.
     seen : (height, width) bool array
-        What the image shows, up to where a pixel of it covers 2 m of the ground; nothing above the horizon.
+        Ground that the image shows with at most 2 m per pixel.
 
     Raises
     ------
     ValueError
-        If the image is not of the camera's size, or is none.
+        If the image is not of the camera's size, or not uint8 with three channels.
 
     Examples
     --------
     >>> from fieldcalib.draw.scene import render_field
-    >>> from fieldcalib.fields.soccer import soccer
+    >>> from fieldcalib.fields.sports.soccer import soccer
     >>> camera = Camera.from_angles(0.0, np.radians(75), 0.0, 1500.0, C=(0, 56, -15), image_size=(960, 540))
     >>> picture, seen = top_view(render_field(camera, soccer()), camera, overhead_camera(soccer(), 0.2))
     >>> picture.shape, bool(seen[195, 287]), bool(seen[0, 0])
@@ -115,22 +115,22 @@ def top_view(image: Image, camera: Camera, overhead: Camera) -> tuple[Image, Boo
 
 
 def mosaic(views: Iterable[tuple[Image, Camera]], overhead: Camera) -> tuple[Image, BoolArray]:
-    """One top view of many images of a field: the median of what they show at each place.
+    """Combine many images of a field into one top view: the median colour at each place.
 
-    What moves disappears where more than half of the views show the ground. All views are kept until the end, four
-    bytes for each pixel of the picture.
+    Moving objects disappear where more than half of the views show the ground. All views are held in memory, four
+    bytes per pixel of the picture.
 
     Parameters
     ----------
     views : iterable of (image, Camera)
         Images of one field, with their cameras; a generator will do.
     overhead : Camera
-        As `overhead_camera` makes it.
+        The view from above, e.g. of `overhead_camera`.
 
     Returns
     -------
     picture, seen
-        As of `top_view`; seen is what at least one view shows.
+        As in `top_view`; seen is the ground that at least one view shows.
 
     Raises
     ------
@@ -142,7 +142,7 @@ def mosaic(views: Iterable[tuple[Image, Camera]], overhead: Camera) -> tuple[Ima
     Two halves of a field:
 
     >>> from fieldcalib.draw.scene import render_field
-    >>> from fieldcalib.fields.soccer import soccer
+    >>> from fieldcalib.fields.sports.soccer import soccer
     >>> pans = [Camera.from_angles(pan, 1.3, 0.0, 700.0, (0, 60, -18), (960, 540)) for pan in (-0.4, 0.4)]
     >>> overhead = overhead_camera(soccer(), 0.5)
     >>> _, seen = mosaic(((render_field(camera, soccer()), camera) for camera in pans), overhead)
@@ -179,7 +179,7 @@ def _ground_of(overhead: Camera) -> Array:
 
 
 def _metres_per_pixel(xy: Array, overhead: Camera) -> Array:
-    """How much ground a pixel of the image covers, along the longer side of what it covers, (height, width).
+    """Length of the ground that a pixel of the image covers, in its longer direction, metres, (height, width).
 
     NaN beside pixels that have no place in the image.
     """

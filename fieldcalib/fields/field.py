@@ -1,7 +1,7 @@
 """A field: a calibration object that knows its size, its symmetry and the world around it.
 
-The world is where cameras stand, how lines look, which sizes there are: what is told about one kind of field and is
-wrong for another. Everything else asks the field for it. The symmetry is the 180-degree turn about the centre mark,
+The world is where cameras stand, how lines look and which sizes there are: facts about one kind of field that are wrong
+for another. The rest of the package asks the field for them. The symmetry is the 180-degree turn about the centre mark,
 which maps many fields onto themselves.
 
 World: origin at the centre mark, x right along the touchline as the main camera sees it, y towards the main camera,
@@ -23,8 +23,8 @@ from fieldcalib.fields.segments import Point, Segment, boxes, check_members
 from fieldcalib.fields.stands import DISTRIBUTIONS, CameraDistribution
 from fieldcalib.fields.traits import SURFACES, UNPAINTED, Halves, LineLook, Paint, ProbabilityModel, SizePrior
 
-SCALE = 0.32  # of the diagonal: about what is in view of a soccer field, 40 of 125 m
-ALIKE = 0.005  # metres: what ends there ends at the same place
+SCALE = 0.32  # share of the diagonal that is usually in view: on a soccer field 40 of 125 m
+ALIKE = 0.005  # metres: ends that are nearer than this are at the same place
 
 
 V = TypeVar("V")
@@ -57,10 +57,10 @@ class ReadOnly(Mapping[str, V]):
 
 @dataclass(frozen=True)
 class Field(Mapping[str, Segment]):
-    """A field: a mapping of labels to segments, with its size in metres, and what is known of the world around it.
+    """A field: a mapping of labels to segments, with its size in metres and the world around it.
 
     A label is found with and without surrounding blanks, as SoccerNet writes one of them ("Goal left post left ").
-    By default nothing is known but the segments; `soccer` knows all of it.
+    By default nothing but the segments is known; `soccer` sets all parameters.
 
     Parameters
     ----------
@@ -69,10 +69,10 @@ class Field(Mapping[str, Segment]):
     segments : mapping of str to segment
         The markings and named points.
     stands : sequence of CameraDistribution
-        Where cameras stand when nobody says: tried one by one, the best is kept. Without any, a calibration needs a
-        prior.
+        Where cameras stand, for calibrations without a prior: each is tried, the best one is kept. Without any, a
+        calibration needs a prior.
     more_stands : sequence of CameraDistribution
-        Others, which are known by name only.
+        Stands that are used only where a prior names them.
     farthest_camera : float
         Distance from the origin beyond which no camera stands, metres.
     scale : float
@@ -84,23 +84,23 @@ class Field(Mapping[str, Segment]):
         What is painted for the segments of these labels. For others it is a white line; for points nothing. Labels
         that are no segments change nothing.
     surface : str
-        What the ground is, for drawing: grass, turf (artificial), ice, wood, floor (of a hall), hard court or clay.
+        The ground, for drawing: grass, turf (artificial), ice, wood, floor (of a hall), hard court or clay.
     halves : mapping of str to (str, str, str)
         For a circle whose halves are segments too: their labels, left and right, and that of the line between them.
     size_model : SizePrior, optional
-        Which sizes such a field may have; None where length and width cannot be estimated.
+        The sizes that such a field may have; None where length and width cannot be estimated.
     size_known : bool
-        Whether length and width are exact; None is ever built to the centimetre, so by default they are not.
+        Whether length and width are exact. By default they are not: no field is built to the centimetre.
     probability : ProbabilityModel, optional
-        How probable it is that a camera is right; None where nobody has fitted it.
+        Gives the probability that a camera is right; None where it was not fitted to such fields.
     repeats : float, optional
         Metres along x after which markings look alike, as yard lines do: 4.572 on a field of American football.
 
     Raises
     ------
     ValueError
-        If the size, the scale, the farthest camera or `repeats` is not positive, a segment is none, two stands share a
-        name, the surface is unknown, or `halves` names what is no segment of the field.
+        If the size, the scale, the farthest camera or `repeats` is not positive, a segment has another type, two
+        stands share a name, the surface is unknown, or `halves` has a label that the field does not have.
 
     Examples
     --------
@@ -181,7 +181,7 @@ class Field(Mapping[str, Segment]):
         return len(self.segments)
 
     def paint_of(self, label: str) -> Paint:
-        """What is painted for a segment, with its width: the field's `paint`, or a line as all others.
+        """The paint of a segment, with its width: that in `paint`, by default a line of the field's width.
 
         Examples
         --------
@@ -196,7 +196,7 @@ class Field(Mapping[str, Segment]):
 
     @cached_property
     def is_built(self) -> bool:
-        """Whether this is what its `size_model` builds of its length and width, in everything but `size_known`."""
+        """Whether `size_model` builds this field from its length and width; `size_known` may differ."""
         if self.size_model is None:
             return False
         try:
@@ -206,7 +206,7 @@ class Field(Mapping[str, Segment]):
 
     @cached_property
     def moves_with_size(self) -> bool:
-        """Whether it is known how the segments move with the size: they are those that the `size_model` builds."""
+        """Whether the segments are those that `size_model` builds, so that their motion with the size is known."""
         if self.size_model is None:
             return False
         return self.is_built or dict(self) == dict(self.size_model.build(self.length, self.width))
@@ -218,7 +218,7 @@ class Field(Mapping[str, Segment]):
 
     @property
     def tolerance(self) -> float:
-        """How far off a good camera may be, anywhere in view, metres: a fortieth of `scale`, 1 m on a soccer pitch.
+        """Largest error of a good camera anywhere in view, metres: a fortieth of `scale`, 1 m on a soccer pitch.
 
         Examples
         --------
@@ -231,7 +231,7 @@ class Field(Mapping[str, Segment]):
 
     @cached_property
     def half_extent(self) -> Array:
-        """How far from the centre mark the field and its markings on the ground reach along x and along y, (2,) metres.
+        """Largest |x| and |y| of the field and of its markings on the ground, (2,) metres.
 
         Examples
         --------
@@ -257,7 +257,7 @@ class Field(Mapping[str, Segment]):
 
     @cached_property
     def half_labels(self) -> frozenset[str]:
-        """Labels of halves of a circle that is a segment itself: whoever labels the circle does not label these.
+        """Labels of the halves of circles; who labels a whole circle does not label its halves.
 
         Examples
         --------
@@ -269,7 +269,7 @@ class Field(Mapping[str, Segment]):
 
     @cached_property
     def named_stands(self) -> Mapping[str, CameraDistribution]:
-        """Camera distributions that a prior may name: the field's own, or a soccer field's where it has none."""
+        """Camera distributions by name: the field's own, or a soccer field's where it has none."""
         own = {stand.name: stand for stand in (*self.stands, *self.more_stands)}
         return MappingProxyType(own or dict(DISTRIBUTIONS))
 
@@ -284,9 +284,9 @@ class Field(Mapping[str, Segment]):
 
     @cached_property
     def alike_further_on(self) -> tuple[frozenset[str], frozenset[str]]:
-        """Labels of what looks the same one step of `repeats` to the left, and to the right: empty without one.
+        """Labels of segments that look the same one step of `repeats` to the left, and to the right; empty without it.
 
-        Of a line along x that is at least two steps long nobody sees where it ends, so that it is among them.
+        Lines along x of at least two steps are among them: their ends are seldom in view.
 
         Examples
         --------
@@ -311,7 +311,7 @@ class Field(Mapping[str, Segment]):
     def _counterparts(
         self, turn: tuple[float, float, float] = (1.0, 1.0, 1.0), move: tuple[float, float, float] = (0.0, 0.0, 0.0)
     ) -> Mapping[str, str]:
-        """Label -> label of the segment that is where this one comes to lie by a turn and a move, if there is one."""
+        """Label -> label of the segment onto which a turn and a move map this one, if there is one."""
         if not self.segments:
             return MappingProxyType({})
         names, kinds = list(self.segments), np.array([type(segment).__name__ for segment in self.segments.values()])
@@ -339,10 +339,10 @@ class Field(Mapping[str, Segment]):
         return frozenset(label for label, other in pairs if self.segments[label].whole == self.segments[other].whole)
 
     def with_segments(self, extra: Mapping[str, Segment]) -> Field:
-        """The field with more segments: points of one's own, say, that are still points of a field.
+        """The field with more segments, such as points of one's own.
 
-        A plain dict of both is no `Field`: it knows nothing of the field's world. How the others move with the size of
-        the field is not known, so that the size counts as known.
+        A plain dict of both would lack the field's world. How the new segments move with the size of the field is not
+        known, so that its size is not estimated.
 
         Raises
         ------
@@ -363,7 +363,7 @@ class Field(Mapping[str, Segment]):
         return replace(self, segments={**self.segments, **names})
 
     def resized(self, length: float, width: float) -> Field:
-        """The field of another size, with the segments where they are then.
+        """The same kind of field in another size.
 
         Raises
         ------
@@ -382,7 +382,7 @@ class Field(Mapping[str, Segment]):
 
     @cached_property
     def motion(self) -> Array:
-        """How the ends of the segments move as length and width grow, metres a metre.
+        """Derivatives of the ends of the segments by length and width.
 
         Every coordinate is affine in the size, so that this holds for any change. A line that grows along itself has a
         middle that stays; an arc keeps its radius.
@@ -413,5 +413,5 @@ class Field(Mapping[str, Segment]):
 
 @lru_cache(maxsize=64)
 def built(build: Callable[[float, float], Field], length: float, width: float, size_known: bool) -> Field:
-    """The field of a size; fields do not change, so that those of one size are one."""
+    """The field of a size; fields are immutable, so that each is built once."""
     return replace(build(length, width), size_known=size_known)

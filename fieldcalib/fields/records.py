@@ -1,4 +1,4 @@
-"""Fields as JSON: the name and the size of one that this package builds, otherwise all that is known of it."""
+"""Fields as JSON: name and size of a field that this package builds, all attributes of any other."""
 
 from __future__ import annotations
 
@@ -10,10 +10,10 @@ from typing import Any, TypeAlias, TypeVar
 from fieldcalib._json import from_json, to_json
 from fieldcalib.fields.field import Field, built
 from fieldcalib.fields.segments import Arc, Line, Point, PointCloud, Segment
-from fieldcalib.fields.soccer import soccer
 from fieldcalib.fields.sports.futsal import futsal
 from fieldcalib.fields.sports.ice_hockey import ice_hockey_iihf
 from fieldcalib.fields.sports.rugby_union import OfInGoal
+from fieldcalib.fields.sports.soccer import soccer
 from fieldcalib.fields.stands import CameraDistribution
 from fieldcalib.fields.traits import Crown, Halves, LineLook, Paint, ProbabilityModel, SizePrior
 
@@ -30,7 +30,7 @@ T = TypeVar("T")
 
 
 def field_to_record(field: Field) -> dict[str, Any]:
-    """A field for `json.dumps`, as short as it can be: a builder of this package where it has one.
+    """A field for `json.dumps`: the name of its builder and its size where this package builds it, else all of it.
 
     Examples
     --------
@@ -44,9 +44,9 @@ def field_to_record(field: Field) -> dict[str, Any]:
 
 
 def whole_record(field: Field) -> dict[str, Any]:
-    """A field for `json.dumps` with all that is known of it, segment by segment.
+    """A field for `json.dumps` with all attributes, segment by segment.
 
-    Its `size_model` is left out if that builds fields by a function of somebody else: JSON has none.
+    Its `size_model` is left out if its function is none of this package: JSON holds no functions.
 
     Examples
     --------
@@ -75,7 +75,7 @@ def _size_of(field: Field) -> dict[str, Any]:
 
 
 def _builder_of(field: Field) -> dict[str, Any] | None:
-    """What builds it and those of other sizes: the name, and its parameters."""
+    """Name and parameters of the builder of a field; None if it is none of this package."""
     build = None if field.size_model is None else field.size_model.build
     for name, usual in BUILDERS.items():
         if build == usual:
@@ -91,7 +91,7 @@ def field_from_record(record: Mapping[str, Any]) -> Field:
     Raises
     ------
     ValueError
-        If the builder is none of this package, or what is wrong with which key.
+        If the builder is none of this package, or a key has a wrong value; the message names it.
 
     Examples
     --------
@@ -119,7 +119,7 @@ def field_from_record(record: Mapping[str, Any]) -> Field:
 
 
 def _named(name: str, parse: Callable[[Any], T], value: Any) -> T:
-    """What is parsed; errors name what it is."""
+    """The parsed value; errors begin with its name."""
     try:
         return parse(value)
     except (TypeError, ValueError, AttributeError) as error:
@@ -151,7 +151,7 @@ def _truth(value: Any) -> bool:
 
 
 def _builder(name: str, record: Mapping[str, Any]) -> Build:
-    """What builds fields, with the parameters that the record has."""
+    """The builder of a name, with the parameters of a record."""
     if name not in BUILDERS:
         raise ValueError(f"expected a field that is one of {', '.join(BUILDERS)}, got {name!r}")
     build = BUILDERS[name]

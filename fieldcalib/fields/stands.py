@@ -55,7 +55,7 @@ class CameraDistribution:
                 raise ValueError(
                     f"{self.name!r}: {name} must be (low, high) with low < high, got {(low, high)}; flags fix a value"
                 )
-            object.__setattr__(self, name, (low, high))  # hashable, whatever came
+            object.__setattr__(self, name, (low, high))  # a tuple is hashable
         if not 0.0 < self.fov[0] < self.fov[1] < 180.0:
             raise ValueError(f"{self.name!r}: fov must lie between 0 and 180 degrees, got {self.fov}")
         if not 0.0 < self.principal_point < np.inf:
@@ -98,14 +98,14 @@ DISTRIBUTIONS: Mapping[str, CameraDistribution] = MappingProxyType(
 SOCCER_LENGTH = 105.0  # metres: of the field that the stands above are around
 SOCCER_SCALE = 40.0  # metres: size of the part of a soccer field that is usually in view
 
-# Where a broadcast camera may stand when nobody says: tried one by one, the best is kept.
+# Stands of broadcast cameras, for calibrations without a prior: each is tried, the best one is kept.
 ALL_STANDS = (MAIN_CENTER, MAIN_LEFT, MAIN_RIGHT, OPPOSITE_TRIBUNE, BEHIND_LEFT_GOAL, BEHIND_RIGHT_GOAL)
 
 
 def stands_around(scale: float) -> tuple[CameraDistribution, ...]:
-    """Where cameras might be of which nothing is known: around an object as a soccer field's stands around that.
+    """Stands around an object of which only the size is known: those of a soccer field, scaled.
 
-    Initial cameras and units of a solve without a prior, which need no more than the order of magnitude.
+    For initial cameras and units of a solve without a prior, which need only the order of magnitude.
 
     Parameters
     ----------
@@ -126,7 +126,7 @@ def stands_beside(
     up: tuple[float, float],
     principal_point: float = MAIN_CENTER.principal_point,
 ) -> tuple[CameraDistribution, ...]:
-    """Where cameras of a court or a rink stand: the stands of a soccer field, moved to another size and distance.
+    """Stands around a court or a rink: those of a soccer field, moved to another size and distance.
 
     Parameters
     ----------

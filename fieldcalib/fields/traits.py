@@ -1,5 +1,4 @@
-"""What may be known of a field beyond its segments: the look of its lines, what is painted, its sizes, how probable a
-camera is."""
+"""Attributes of a field beyond its segments: look of its lines, paint, sizes, probability that a camera is right."""
 
 from __future__ import annotations
 
@@ -34,7 +33,7 @@ class Halves(NamedTuple):
 
 @dataclass(frozen=True)
 class LineLook:
-    """How the lines of a field look in an image; by default white paint on one kind of ground, as grass.
+    """Look of the lines of a field in images; by default white paint on one kind of ground, such as grass.
 
     Brightness is that of 8 bit images, from 0 to 255, on the scale of luma (Rec. 601).
 
@@ -56,7 +55,7 @@ class LineLook:
     contrast: float = 3.0
     """Least difference in brightness to what is on both sides, on the ground."""
     contrast_raised: float = 12.0
-    """The same above the ground, as of posts and crossbars, behind which there may be anything."""
+    """Least difference above the ground, of posts and crossbars, whose background varies."""
     ground_difference: float = 0.05
     """Largest difference in colour between both sides of a line on the ground, in shares of the channels; infinite
     where a line may be the border of a painted area."""
@@ -68,15 +67,15 @@ class LineLook:
 
 @dataclass(frozen=True)
 class Paint:
-    """What is painted for a segment, where that is not one white line of the width that `LineLook` says.
+    """The paint of a segment that is not a white line of the width of `LineLook`.
 
-    A segment without paint of its own (width 0) is there all the same: a line through the ends of marks, the edge of a
-    wide line. A row of marks that are painted across it is a wide line in short dashes.
+    A segment may have no paint of its own (width 0): a line through the ends of marks, the edge of a wide line. A row
+    of marks painted across the segment is a wide line in short dashes.
 
     Raises
     ------
     ValueError
-        If a number is negative or not finite, a dash has no length, or the colour is none.
+        If a number is negative or not finite, a dash has no length, or the colour is not of the form "#rrggbb".
 
     Examples
     --------
@@ -95,12 +94,12 @@ class Paint:
     dashes: tuple[float, float] | None = None
     """Lengths of dashes and of the gaps between them, metres; the middle of one dash is that of the segment."""
     outwards: float = 0.0
-    """How much further from the centre mark the middle of the paint is than the segment, metres; for arcs, further from
-    their own centre."""
+    """Distance of the middle of the paint from the segment, away from the centre mark, metres; of arcs, away from their
+    own centre."""
 
     @property
     def is_along(self) -> bool:
-        """Whether there is paint along the segment: not where it is none, or a row of marks that begin there."""
+        """Whether there is paint along the segment: false without paint, and for a row of marks that begin there."""
         return self.width != 0.0 and not (self.dashes and self.outwards)
 
     def __post_init__(self) -> None:
@@ -119,7 +118,7 @@ UNPAINTED = Paint(width=0.0)
 
 
 class Crown(NamedTuple):
-    """How high the middle of a kind of fields is above their touchlines (`fieldcalib.fields.crown`)."""
+    """Distribution of the height of the middle above the touchlines (`fieldcalib.fields.crown`)."""
 
     share: float
     """Share of the fields that are crowned; the others are level."""
@@ -134,7 +133,7 @@ class Crown(NamedTuple):
 
 @dataclass(frozen=True)
 class SizePrior:
-    """Which sizes fields of a kind have, and how their segments move with the size. Pairs are (length, width).
+    """Distribution of the sizes of a kind of field, and its fields of each size. Pairs are (length, width).
 
     Raises
     ------
@@ -155,13 +154,13 @@ class SizePrior:
     build: Callable[[float, float], Field]
     """The field of a length and a width."""
     exact: float = 0.7
-    """Probability that a field of which nobody measured the size has the one that it is taken for. A sixth of the rest
-    has that length and a sixth that width; in a third each both are normal with the usual ranges and with the legal
-    ones: that has heavy tails."""
+    """Probability that a field whose size was not measured has the assumed size. Of the others a sixth has the assumed
+    length and a sixth the assumed width; in a third each, both are normal with the usual and with the legal ranges: the
+    tails are heavy."""
     rules: str = "the rules"
-    """What the legal sizes are from, for messages."""
+    """Source of the legal sizes, for messages."""
     crown: Crown | None = None
-    """How high the middle of fields is above their touchlines; None where all are level."""
+    """Height of the middle above the touchlines; None where all fields are level."""
 
     def __post_init__(self) -> None:
         for what in ("legal", "usual"):

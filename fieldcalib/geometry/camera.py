@@ -19,7 +19,7 @@ from fieldcalib.geometry.lens.opencv import POWERS, opencv_vector, shortest_open
 from fieldcalib.geometry.projective import dehomogenize, homogenize
 from fieldcalib.geometry.rotation import angles_from_rotation, rotation_from_angles
 
-NOT_ORTHONORMAL = 1e-6 + 1e-5 * np.eye(3)  # by how much R R^T may differ from the identity
+NOT_ORTHONORMAL = 1e-6 + 1e-5 * np.eye(3)  # largest difference of R R^T from the identity
 
 
 @dataclass(frozen=True, eq=False)
@@ -270,26 +270,26 @@ class Camera:
         return np.where((np.isfinite(scale) & (scale > 0.0))[..., None], X, np.nan)
 
     def scaled(self, image_size: tuple[int, int]) -> Camera:
-        """The same camera for the image resized to another size; focal length and principal point scale with it."""
+        """The camera of the image resized to another size; focal length and principal point scale with it."""
         new_size = checked_image_size(image_size)
         scale = np.array([new_size[0] / self.image_size[0], new_size[1] / self.image_size[1], 1.0])
         return Camera(scale[:, None] * self.K, self.R, self.C, new_size, self.dist)
 
     def cropped(self, offset: ArrayLike, image_size: tuple[int, int]) -> Camera:
-        """The same camera for a part of the image; the principal point moves, ``c - offset``, and nothing else.
+        """The camera of a part of the image: the principal point moves, ``c - offset``.
 
         Parameters
         ----------
         offset : (2,) array_like
-            Pixel (x, y) of the image that is (0, 0) of the part. Negative where the part begins outside the image:
-            the camera of an image that this one was cropped from.
+            Pixel (x, y) of the image that is (0, 0) of the part. Negative offsets undo a crop: they give the camera of
+            the image that this one was cropped from.
         image_size : (int, int)
             Width and height of the part.
 
         Raises
         ------
         ValueError
-            If the offset is no pair of finite numbers, or the size no size.
+            If the offset is no pair of finite numbers, or `image_size` is not valid.
 
         Examples
         --------

@@ -1,4 +1,4 @@
-"""From the homography of the ground plane to a camera with square pixels and a known principal point.
+"""Decomposition of the ground plane's homography into a camera with square pixels and a known principal point.
 
 A homography maps field points (x, y, 1) in metres to pixels. `ALIGNMENTS` converts published ones to that convention.
 """

@@ -1,4 +1,4 @@
-"""Pixels that seem to be of an image of another size, as of one that was resized for a network."""
+"""Detection of pixels that belong to an image of another size, such as one resized for a network."""
 
 from __future__ import annotations
 
@@ -13,16 +13,16 @@ LEAST_REACH, FARTHEST_REACH = 0.6, 1.05
 
 
 def hint_of_another_size(farthest: Array, count: int, image_size: tuple[int, int]) -> str:
-    """What to say of pixels that fill only a part of their image, or lie beyond it; empty where nothing is.
+    """Warning about pixels that fill only a part of their image, or lie beyond it; empty for all others.
 
     Parameters
     ----------
     farthest : (2,) array
-        The largest x and the largest y of them.
+        Largest x and largest y of the pixels.
     count : int
-        How many there are: few say nothing.
+        Number of pixels; few give no warning.
     image_size : (int, int)
-        Width and height that they should be of.
+        Width and height of the image.
 
     Examples
     --------

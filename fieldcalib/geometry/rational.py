@@ -1,7 +1,7 @@
 """Cameras of other systems, with every lens coefficient of SoccerNet's format and of OpenCV's rational model.
 
-They are projected and evaluated, never estimated: this package calibrates `fieldcalib.geometry.camera.Camera`. Any
-finite numbers are admitted, so that even an implausible result of another system can be scored.
+They are projected and evaluated, never estimated: this package calibrates `fieldcalib.geometry.camera.Camera`. All
+finite numbers are allowed, so that implausible results of other systems can be scored.
 
 The lens is OpenCV's, `brown_conrady` of `fieldcalib.geometry.lens.brown_conrady` in normalised image points
 ``(Xc / Zc, Yc / Zc)``. Unlike for a `Lens`, it is not checked whether it is monotone.
@@ -128,7 +128,7 @@ class RationalCamera:
 
     @classmethod
     def from_camera(cls, camera: Camera | RationalCamera) -> RationalCamera:
-        """The same camera with twelve coefficients; a rational camera is returned unchanged."""
+        """A camera with its lens as twelve coefficients; a rational camera is returned unchanged."""
         if isinstance(camera, RationalCamera):
             return camera
         return cls(camera.K, camera.R, camera.C, opencv_vector(camera.dist), camera.image_size)

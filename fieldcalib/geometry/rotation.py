@@ -70,7 +70,7 @@ def angles_from_rotation(R: Array) -> Array:
     >>> bool(np.allclose(angles_from_rotation(rotation_from_angles(angles)), angles))
     True
     """
-    # copies: NumPy 1.26 and 2.0 round otherwise where the result lies close to the end of what has gaps
+    # a copy: NumPy 1.26 and 2.0 round differently near the end of non-contiguous arrays
     r = np.moveaxis(R, (-2, -1), (0, 1)).copy()
     sin_tilt = np.hypot(r[0, 2], r[1, 2])
     # the roll of the solution with sin(tilt) > 0; the other one has pan and roll turned by pi and the tilt negated

@@ -12,28 +12,28 @@ import numpy as np
 
 from fieldcalib._types import Array, BoolArray, Float32
 
-# Lengths are in pixels of the reduced frames, in which everything is done.
-RANSAC_TOLERANCE = 3.0  # px: lens and perspective make a similarity wrong by that much
-RANSAC_ITERATIONS = 1000  # at most; two points make a similarity: with a third of them right, 60 find it in 99.9 %
-TOLERANCE = (0.3, 2.0)  # px: what is nearer to the motion of the background always belongs to it, what is farther never
-TOLERANCE_IN_SCALES = 4.0  # in between: in robust standard deviations
-ITERATIONS = 6  # of the fit, at most,
-PLAIN_ITERATIONS = 3  # of the fit without lens, from that with it
-PLAIN_POINTS = 100  # about so many points are enough for that
+# Lengths are in pixels of the reduced frames.
+RANSAC_TOLERANCE = 3.0  # px: error of a similarity, which has no lens and no perspective
+RANSAC_ITERATIONS = 1000  # at most; two points make a similarity: with a third of inliers, 60 draws find it in 99.9 %
+TOLERANCE = (0.3, 2.0)  # px: points with a smaller residual are always background, those with a larger one never
+TOLERANCE_IN_SCALES = 4.0  # limit in between, in robust standard deviations
+ITERATIONS = 6  # of the fit with lens, at most
+PLAIN_ITERATIONS = 3  # of the fit without lens, which starts at the fit with lens
+PLAIN_POINTS = 100  # number of points, about, in the fit without lens
 CONVERGED = 0.02  # relative change of the scale of the residuals that ends the fit
-FIXED_ITERATIONS = 2  # the first of them on the inliers of RANSAC: the motion begins as that in the middle only
-PRIOR_NOISE = 1.0  # px of a coordinate, against the priors: errors of flow are correlated over the picture
-FOCAL_PRIOR = (1.25, 0.6)  # log of focal length over half the diagonal: twice the width; and deviation
-FOCAL_GUESSES = (1.25, 0.7, 1.8)  # of the same, with which a motion is sought
-ENOUGH = 0.6  # of the points: more need not agree for the next guess to be spared
-LARGEST_STEP = 0.4  # of the logs of focal length and zoom in one iteration; below 0.5, where the formula ends
-LARGEST_LENS = 0.4  # relative displacement of the corner: beyond, U folds back
-LENS_PRIOR = (0.03, 0.05)  # relative displacement of the corner by the lens: 0.028 in the median of broadcast cameras
+FIXED_ITERATIONS = 2  # first iterations, on the inliers of RANSAC: its motion is that of the middle of the picture
+PRIOR_NOISE = 1.0  # px: standard deviation of a coordinate, large since errors of flow are correlated
+FOCAL_PRIOR = (1.25, 0.6)  # mean and deviation of log(focal length / half the diagonal): twice the width
+FOCAL_GUESSES = (1.25, 0.7, 1.8)  # values of this log that RANSAC tries in turn
+ENOUGH = 0.6  # share of inliers above which the next guesses are skipped
+LARGEST_STEP = 0.4  # change of the logs of focal length and zoom in one iteration; the formula ends at 0.5
+LARGEST_LENS = 0.4  # relative displacement of the corner by the lens; beyond it, U folds back
+LENS_PRIOR = (0.03, 0.05)  # mean and deviation of this displacement; median of broadcast cameras: 0.028
 LARGEST_ZOOM = 6.0  # between two frames
 LARGEST_ROLL = 0.35  # radians between two frames: a camera on a tripod stays upright
 LARGEST_STRETCH = 1.5  # ratio of the scales in two directions, in the middle of the picture
 STILL = 0.3  # px: what moves less stands still in the picture; flow of static graphics scatters by 0.05 to 0.1
-LEAST_POINTS = 12  # that agree on a homography
+LEAST_POINTS = 12  # inliers of a motion
 
 
 def background_motion(
@@ -123,7 +123,10 @@ class Motion:
 
     @classmethod
     def of(cls, middle: Array, zoom: float, roll: float, log_f: float) -> Motion:
-        """A motion by where the middle of the first picture goes, zoom, roll and focal length; the prior's lens."""
+        """The motion that takes the middle of the picture to `middle`, with a zoom, roll and focal length.
+
+        Its lens is the mean of the prior.
+        """
         f2 = zoom * np.exp(log_f)
         tilt_pan = np.array([-middle[1], middle[0], 0.0])  # the axis about which (0, 0, 1) turns to (middle, f2)
         sine = float(np.linalg.norm(tilt_pan))
@@ -134,8 +137,8 @@ class Motion:
     def residuals(self, p: Array, q: Array) -> tuple[Array, Array]:
         """``U(q) - K2 R K1^-1 U(p)``, (n, 2), and its negative derivative (n, 2, 6) by rotation, log f, log zoom, lens.
 
-        Pan and tilt times focal length, the shift in the picture, is what pixels determine: pan and tilt are divided by
-        what the focal length is multiplied by, so that it can be found from far away.
+        Pixels determine the shift in the picture, which is pan and tilt times focal length. A step that multiplies the
+        focal length by a factor therefore divides pan and tilt by it, so that the fit converges from far away.
         """
         pp, qq = (np.sum(z * z, axis=1, keepdims=True) for z in (p, q))
         R = _rotation(self.turn)
@@ -161,7 +164,7 @@ class Motion:
         return v - m, J
 
     def fitted(self, r: Array, J: Array, noise: float, free_lens: bool) -> Motion:
-        """The motion after a Gauss-Newton step under the priors, with the standard deviation of a coordinate."""
+        """The motion after a Gauss-Newton step with priors; `noise` is the standard deviation of a coordinate."""
         J = J.reshape(-1, 6)[:, : 6 if free_lens else 5]
         A, g = J.T @ J, J.T @ r.reshape(-1)
         for i, value, (mean, deviation) in ((3, self.log_f, FOCAL_PRIOR), (5, self.lens, LENS_PRIOR)):
@@ -183,7 +186,7 @@ def _refined(motion: Motion, p: Array, q: Array, inlier: BoolArray, unit: float)
 
     It has six parameters, and not the nine of a homography with a lens: where all matches lie in a strip of boards, a
     homography is arbitrary in the rest of the picture. Focal length and lens have priors, since small motions do not
-    determine them. The lens halves the residuals of far pairs, so that the tolerance separates players better.
+    determine them. The lens halves the residuals of frames far apart, so that the tolerance separates players better.
 
     Returns
     -------
@@ -222,7 +225,7 @@ def _rotation(turn: Array) -> Array:
 
 
 def _turn(R: Array) -> Array:
-    """The inverse of `_rotation`, for less than 180 degrees; cv2.Rodrigues gives 0 for less than 1e-5, 0.02 px."""
+    """The inverse of `_rotation`, below 180 degrees; cv2.Rodrigues rounds angles below 1e-5 (0.02 px) to 0."""
     axis = 0.5 * np.array([R[2, 1] - R[1, 2], R[0, 2] - R[2, 0], R[1, 0] - R[0, 1]])
     sine = float(np.linalg.norm(axis))
     angle = float(np.arctan2(sine, 0.5 * (R[0, 0] + R[1, 1] + R[2, 2] - 1.0)))

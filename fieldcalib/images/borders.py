@@ -13,14 +13,14 @@ from fieldcalib.assess.placement import Crop, Placement, Shape
 from fieldcalib.io.image import Image
 
 BLACK = 30  # brightest channel; black of video is 16
-FEW = 0.02  # share of the pixels of a row that may be brighter: noise, a logo does not end a border
-EVEN = 4.0  # standard deviation of the brightness of a border; of dark stands it is more
-LEAST, LARGEST = 0.01, 0.35  # share of the picture's height or width, of each of two borders
-STEP = 3  # pixels along a row, of which one is looked at
+FEW = 0.02  # share of brighter pixels that a black row may have: noise, a logo
+EVEN = 4.0  # largest standard deviation of the brightness of a border; dark stands have more
+SMALLEST, LARGEST = 0.01, 0.35  # shares of the picture's height or width that one border takes
+STEP = 3  # one pixel in three of each row is used
 
 
 def shown_part(image: Image) -> Placement:
-    """Where a picture between black borders, above and below it, or left and right of it, or both, lies in the image.
+    """The placement of a picture between black borders: above and below, left and right, or both.
 
     Examples
     --------
@@ -38,7 +38,7 @@ def shown_part(image: Image) -> Placement:
 
 
 def within_borders(image_size: tuple[int, int], border: tuple[int, int]) -> Placement:
-    """Where frames lie within borders of so many columns on the left and right, and rows above and below.
+    """The placement of frames between borders of `border` columns left and right, and rows above and below.
 
     Examples
     --------
@@ -51,7 +51,7 @@ def within_borders(image_size: tuple[int, int], border: tuple[int, int]) -> Plac
 
 
 def shape_within(placement: Placement) -> Shape:
-    """The shape of frames between borders, in words; without borders it has none."""
+    """The shape of frames between borders; its message describes the borders, and is empty without any."""
     if placement.is_whole:
         return Shape(placement)
     (width, height), (x, y) = placement.frame_size, placement.corner
@@ -59,10 +59,10 @@ def shape_within(placement: Placement) -> Shape:
 
 
 def _border(pixels: Image) -> int:
-    """Number of rows, of pixels (N, M, 3), of the smaller one of two opposite borders; 0 if there are none."""
+    """Rows of the smaller of the borders above and below pixels (N, M, 3); 0 if there are none."""
     count = len(pixels)
     most = int(LARGEST * count)
-    least = max(round(LEAST * count), 2)
+    least = max(round(SMALLEST * count), 2)
     if any(np.median(pixels[end].max(axis=1)) > BLACK for end in (0, -1)):  # quick: most pictures have none
         return 0
     first, last = (_black_rows(side.max(axis=2)) for side in (pixels[: most + 1], pixels[: -most - 2 : -1]))

@@ -21,20 +21,20 @@ from fieldcalib.localize import Network
 from fieldcalib.solve.sequence_solver import calibrate_one_by_one, solve_sequence
 from fieldcalib.solve.tripod import Labels
 
-BETWEEN = (4, 8)  # frames after a keyframe that the network sees too while no keyframe of the piece is accepted,
-MOST_MORE = 6  # and how many of these: most pieces without a camera show no field
+EXTRA_OFFSETS = (4, 8)  # frames after a keyframe that the network sees too until a keyframe of the piece is accepted
+MOST_EXTRA = 6  # such frames of a piece: most pieces without a camera show no field
 
 
 @dataclass(frozen=True, eq=False)
 class Shots:
-    """The frames of a part of a video, by the matches that tie them."""
+    """The pieces of a part of a video, and the matches between their frames."""
 
     begin: int
-    """Number of the first frame in the video; here it is 0."""
+    """Number of the first frame in the video; in this part frames are numbered from 0."""
     image_size: tuple[int, int]
     pieces: Pieces
     loose: BoolArray
-    """Which frames nothing ties at the end of their shot, (T,); they are pieces of their own."""
+    """Whether each frame is untied, and at the end of its shot, (T,); such frames make pieces of their own."""
     matches: Mapping[tuple[int, int], Cells]
     """Matches by the numbers of the keyframe and of the other frame."""
 
@@ -54,7 +54,7 @@ class Keyframes:
 
     @property
     def doubtful(self) -> dict[int, Labels]:
-        """Labels of the other keyframes."""
+        """Labels of keyframes whose camera was not accepted."""
         return {t: one.labels for t, one in self.labels.items() if not one.accepted}
 
     def calibrate(
@@ -65,7 +65,7 @@ class Keyframes:
         start: SequenceCalibration | None = None,
         left_out: Collection[tuple[int, int]] = (),
     ) -> SequenceCalibration:
-        """Calibrate all frames of some pieces, from the lines in some of them and from matches that are not left out.
+        """Calibrate all frames of some pieces, from the lines in some frames and from matches that are not left out.
 
         The labels of keyframes are witnesses for or against their cameras.
         """
@@ -97,7 +97,7 @@ def read_keyframes(frames: Iterable[tuple[Image, TiedFrame]], options: ClipOptio
     matches: dict[tuple[int, int], Cells] = {}
     labels: dict[int, KeyframeLabels] = {}
     waiting: dict[int, Image] = {}  # frames that the network is to see
-    more: dict[int, int] = {}  # frames between keyframes that the network may still see, by piece
+    extra: dict[int, int] = {}  # frames between keyframes that the network may still see, by piece
 
     def look() -> None:
         found = label_keyframes(options, list(waiting.values()), network)
@@ -116,10 +116,10 @@ def read_keyframes(frames: Iterable[tuple[Image, TiedFrame]], options: ClipOptio
         }
         matches |= ties
         unsure = not any(one.accepted and piece[key] == tied.piece for key, one in labels.items())
-        soon = unsure and more.get(tied.piece, 0) > 0 and tied.index - tied.key in BETWEEN
-        if tied.is_key or not ties or soon:  # a frame that nothing ties must tell its camera by itself
+        is_extra = unsure and extra.get(tied.piece, 0) > 0 and tied.index - tied.key in EXTRA_OFFSETS
+        if tied.is_key or not ties or is_extra:  # an untied frame can only be calibrated from its own labels
             waiting[t] = image
-            more[tied.piece] = more.get(tied.piece, MOST_MORE) - soon
+            extra[tied.piece] = extra.get(tied.piece, MOST_EXTRA) - is_extra
             if len(waiting) == IMAGES_AT_ONCE or unsure:
                 look()
     look()

@@ -22,7 +22,7 @@ from fieldcalib.problem.projection import Projection
 from fieldcalib.solve.tripod import Labels
 
 PAINT_EVERY = 5  # frames, besides keyframes, in which paint beside the markings is looked for
-LEAST_LINES = 0.2  # of the profiles of a shot must show a line where its cameras have markings
+LEAST_LINES = 0.2  # share of the profiles across the projected markings of a shot that must show a line
 
 
 @dataclass(frozen=True, eq=False)
@@ -38,7 +38,7 @@ class ClipLines:
     """Ridges beside the markings of some frames."""
 
 
-class _InFrame(NamedTuple):
+class _FrameLines(NamedTuple):
     """Lines in one frame."""
 
     labels: Labels
@@ -61,7 +61,7 @@ def find_clip_lines(solved: SolvedTripods, images: Iterable[Image], network: Net
         frames = pieces.frames(tripod.pieces).tolist()
         cameras |= {t: (one, markings) for t, one in zip(frames, tripod.calibration, strict=True)}
     keys = {key for key, _ in solved.keyframes.shots.matches}
-    found: dict[int, _InFrame] = {}
+    found: dict[int, _FrameLines] = {}
     for t, image in enumerate(images):
         if pieces.models.get(int(pieces.number[t])) is CameraModel.ALONE:
             (calibration,) = options.calibrate_alone([image], network)
@@ -82,15 +82,15 @@ def find_clip_lines(solved: SolvedTripods, images: Iterable[Image], network: Net
     )
 
 
-def _fitted(image: Image, calibration: Calibration, markings: Markings) -> _InFrame | None:
-    """The lines that a frame by itself was calibrated from; None if it has no camera."""
+def _fitted(image: Image, calibration: Calibration, markings: Markings) -> _FrameLines | None:
+    """The lines from which a single frame was calibrated; None if it has no camera."""
     if calibration.camera is None or calibration.solved is None:
         return None
-    return _InFrame(fitted_labels(calibration), Ridges.of(image, calibration.camera, markings), (1.0, 1.0))
+    return _FrameLines(fitted_labels(calibration), Ridges.of(image, calibration.camera, markings), (1.0, 1.0))
 
 
-def _near_markings(image: Image, calibration: Calibration, markings: Markings, with_ridges: bool) -> _InFrame | None:
-    """The lines near the markings that the camera of a frame projects; None if it has none."""
+def _near_markings(image: Image, calibration: Calibration, markings: Markings, with_ridges: bool) -> _FrameLines | None:
+    """The lines near the markings that the camera of a frame projects; None without a camera."""
     camera = calibration.camera
     if camera is None:
         return None
@@ -98,7 +98,7 @@ def _near_markings(image: Image, calibration: Calibration, markings: Markings, w
     ridges = Ridges.of(image, camera, markings) if with_ridges else None
     if ridges is not None:
         labels = with_paint(labels, evidence_of(ridges, markings).beside)
-    return _InFrame(labels, ridges, (float(sum(map(len, labels[0].values()))), float(profiles)))
+    return _FrameLines(labels, ridges, (float(sum(map(len, labels[0].values()))), float(profiles)))
 
 
 def _share(count: Array) -> float:
@@ -108,9 +108,9 @@ def _share(count: Array) -> float:
 
 
 def _picture_sigma(calibration: Calibration) -> float:
-    """Standard deviation of where the picture as a whole lies, pixels.
+    """Standard deviation of the position of the picture as a whole, pixels.
 
-    Where a window moves, the turn of the camera and the shift of the window are known much worse than both together.
+    Where a window moves, the turn of the camera and the shift of the window are each known much worse than their sum.
     """
     assert calibration.camera is not None
     errors, f = calibration.uncertainty.if_level, calibration.camera.focal_length

@@ -5,8 +5,8 @@
                                                                   frames one by one
 
 Each model (`fieldcalib.images.pieces.CameraModel`) is solved without some of the labels and matches, and predicts
-these. The one that predicts best wins, the first one unless another is clearly better. A clip that is narrower than a
-broadcast was cut out of one, and windows that are cut out often follow the play: there the window is tried in any case.
+these. The tripod is kept unless another model predicts clearly better. A clip that is narrower than a broadcast was cut
+out of one, and windows that are cut out often follow the play: there the window is tried in any case.
 """
 
 from __future__ import annotations
@@ -25,23 +25,23 @@ from fieldcalib.fields.field import Field
 from fieldcalib.fields.segments import ObjectSegments
 from fieldcalib.images.clip_problem import Cells
 from fieldcalib.images.pieces import CameraModel
-from fieldcalib.problem.background import BackgroundEvaluation
+from fieldcalib.problem.background import BackgroundTerm
 from fieldcalib.problem.evaluation import evaluate_cameras
 from fieldcalib.problem.prior import is_whole_shape
 from fieldcalib.solve.options import Prior, checked_prior, pixel_unit
 from fieldcalib.solve.ties import Ties
 from fieldcalib.solve.tripod import Labels
 
-LEAST_LABELS = 4  # in a keyframe of which one is left out
+LEAST_LABELS = 4  # that a keyframe must have for one of them to be left out
 LEAST_PIXELS = 3  # of a label that is left out
-WELL_PREDICTED = 2.0  # px of 960 x 540: labels that are predicted to that are predicted well
-LOST = 960.0  # px of 960 x 540: distance of labels and matches of a frame without a camera
-CLEARLY = 0.8  # a model is better than another one if its score is less than that share of the other's,
-LEAST_GAIN = 0.02  # and less by so much: from no misprediction to 0.3 px of 960 x 540, as matches err anyway
-LEAST_TIES = 2  # matches of a keyframe with earlier ones, from which on the farthest is left out
+WELL_PREDICTED = 2.0  # px of 960 x 540: scale of the distances in a score
+LOST = 960.0  # px of 960 x 540: distance that counts for labels and matches of a frame without a camera
+CLEARLY = 0.8  # a model is better than another one if its score is below this share of the other's,
+LEAST_GAIN = 0.02  # and smaller by at least that: the score of 0.3 px of 960 x 540, the accuracy of matches
+LEAST_TIES = 2  # matches with earlier keyframes that a keyframe must have for the farthest to be left out
 WINDOW_SHARE = 0.15  # of the width: standard deviation of the principal point in a window that was cut out and enlarged
 LEAST_RUN = 2  # keyframes in a row that make a part
-NOT_LEVEL = 0.15  # m: height of a crown that a user is told of; lines of level fields are off by a tenth of that
+NOT_LEVEL = 0.15  # m: least height of a crown that is reported; level fields seem to have a tenth of it
 
 
 class Misprediction(NamedTuple):
@@ -127,13 +127,13 @@ class LeftOut:
     def misprediction(
         self, object_segments: ObjectSegments, found: Sequence[tuple[IntArray, SequenceCalibration]]
     ) -> Misprediction:
-        """How far the labels and matches left out lie from where cameras have them.
+        """Distances of the labels and matches left out from where cameras predict them.
 
         Parameters
         ----------
         found : sequence of (frames, calibration)
-            Numbers of frames (T,), and their calibration without these labels. A frame without a camera is as bad as
-            one that is a picture's width off.
+            Numbers of frames (T,), and their calibration without these labels and matches. A frame without a camera
+            counts as one that is off by the width of the picture.
         """
         labels: list[float] = []
         matches: list[float] = []
@@ -153,7 +153,7 @@ class LeftOut:
     def _of_matches(
         self, object_segments: ObjectSegments, frames: IntArray, calibration: SequenceCalibration
     ) -> list[float]:
-        """How far the matches left out lie off, the median of each pair of frames, pixels of 960 x 540."""
+        """Median distance of the matches left out of each pair of frames, pixels of 960 x 540."""
         number = {t: k for k, t in enumerate(frames.tolist())}
         inside = {(number[i], number[j]): one for (i, j), one in self.pairs.items() if i in number and j in number}
         usable = calibration.usable
@@ -166,13 +166,13 @@ class LeftOut:
         pairs = Ties.of(object_segments, known, len(frames), size).among(index)
         if pairs is None:
             return lost
-        r = BackgroundEvaluation(pairs, calibration.layout, calibration.frames.theta[index]).r
+        r = BackgroundTerm(pairs, calibration.layout, calibration.frames.theta[index]).r
         off = np.where(pairs.weight > 0.0, np.linalg.norm(r, axis=0), np.nan) / pixel_unit(size)
         return [*lost, *np.minimum(np.nanmedian(off, axis=1), LOST).tolist()]
 
 
 def window_prior(prior: Prior, object_segments: ObjectSegments, image_size: tuple[int, int]) -> Prior:
-    """The prior of cameras that are seen through a window which moves.
+    """The prior for pictures that are a moving window of a larger one.
 
     A window with the shape of a whole frame was cut out and enlarged, so its principal point may lie far off. For
     narrower pictures the prior allows for that already (`fieldcalib.problem.prior`).
@@ -190,9 +190,10 @@ def window_prior(prior: Prior, object_segments: ObjectSegments, image_size: tupl
 
 
 def parts(keyframes: IntArray, contradicted: BoolArray) -> list[int]:
-    """First keyframes of all parts but the first one. Parts are runs of keyframes that are contradicted, or are not.
+    """The first keyframe of each part but the first part.
 
-    Shorter runs than `LEAST_RUN` belong to the part before.
+    A part is a run of keyframes that all contradict their camera, or all do not. Shorter runs than `LEAST_RUN` belong
+    to the part before.
 
     Examples
     --------
@@ -210,9 +211,9 @@ def parts(keyframes: IntArray, contradicted: BoolArray) -> list[int]:
 
 
 def model_note(model: CameraModel, frames: IntArray, before: Misprediction, after: Misprediction) -> str:
-    """What a user is told of frames with another camera model than a tripod, and by how much it predicts better.
+    """Note for the user on frames with another camera model than a tripod, and by how much it predicts better.
 
-    Of parts, `frames` are the first frames of all but the first one.
+    For `CameraModel.PARTS`, `frames` are the first frames of all parts but the first.
     """
     where = f"frames {frames[0]} to {frames[-1]}"
     if model is CameraModel.ALONE:
@@ -240,7 +241,7 @@ def model_note(model: CameraModel, frames: IntArray, before: Misprediction, afte
 
 
 def misfit_note(frames: IntArray) -> str:
-    """What a user is told of frames that no camera model explains."""
+    """Note for the user on frames that no camera model explains."""
     return (
         f"frames {frames[0]} to {frames[-1]}: no place of the camera explains the lines of all of them; --independent "
         f"calibrates them one by one"
@@ -248,7 +249,7 @@ def misfit_note(frames: IntArray) -> str:
 
 
 def crown_notes(tripods: Iterable[SequenceCalibration]) -> list[str]:
-    """What a user is told of a clip whose field is not level."""
+    """Notes for the user on a clip whose field is not level."""
     crown = max((tripod.crown for tripod in tripods), default=0.0)
     if crown < NOT_LEVEL:
         return []
@@ -266,9 +267,9 @@ def _gain(before: Misprediction, after: Misprediction) -> str:
 def is_preferred(model: CameraModel, score: Misprediction, best: Misprediction, of_tripod: Misprediction) -> bool:
     """Whether a camera model is taken instead of the best one so far, which is simpler.
 
-    A principal point of its own absorbs what is wrong with the labels of a frame, so the matches alone must show that a
-    window moves. Matches say nothing of frames that share no place: points before and behind one another move
-    differently.
+    A principal point for each frame absorbs errors of its labels, so matches alone must also predict that a window
+    moves. Matches cannot judge frames that are calibrated one by one: without a common centre, points at different
+    depths move differently.
     """
     if model is CameraModel.ALONE:
         return score.of_labels.is_better(best.of_labels)

@@ -34,11 +34,11 @@ class ClipOptions:
     flags: int = DEFAULT_FLAGS
     prior: Prior = ALL
     shared: tuple[str, ...] = SHARED
-    """What the frames share, as in `calibrate_sequence`."""
+    """Names of the parameters that frames share, as in `calibrate_sequence`."""
     given: GivenCamera = NOTHING_GIVEN
 
     def check(self, network: Network | None) -> None:
-        """Raise a ValueError unless object and network are such, and the flags hold for all frames of a clip."""
+        """Raise a ValueError for an invalid calibration object or network, or flags that cannot hold for a clip."""
         check_object(self.object_segments)
         if network is not None:
             check_network(network)
@@ -54,14 +54,14 @@ class ClipOptions:
         return calibrate_alone(ImageTask(self.task, network), images)
 
     def not_sharing(self, name: str) -> ClipOptions:
-        """The same without one of the names in `shared`."""
+        """These options without one of the names in `shared`."""
         return replace(self, shared=tuple(one for one in self.shared if one != name))
 
     @property
     def flags_together(self) -> int:
         """The flags for frames that are solved together.
 
-        By default k2 is estimated too, and also with CALIB_AUTO_LENS: all frames together determine the lens.
+        k2 is estimated too by default and with CALIB_AUTO_LENS: all frames together determine the lens.
         """
         position = self.flags & CalibrationFlags.CALIB_FIX_POSITION
         if self.flags == DEFAULT_FLAGS | position or self.flags & CalibrationFlags.CALIB_AUTO_LENS:
@@ -70,7 +70,7 @@ class ClipOptions:
 
 
 def shared_parameters(names: Sequence[str], estimate_size: bool) -> tuple[str, ...]:
-    """Names of what frames share, without the size of the field where that is not to be estimated."""
+    """Names of shared parameters, without the size of the field unless it is to be estimated."""
     return tuple(name for name in names if estimate_size or name != SIZE)
 
 
@@ -89,13 +89,13 @@ class ClipProblem:
     frames: Sequence[int]
     """Numbers of the T frames, ascending."""
     labels: Mapping[int, Labels]
-    """Lines by frame, perhaps of other frames too."""
+    """Lines by frame; those of frames that are not in `frames` are ignored."""
     matches: Mapping[tuple[int, int], Cells]
-    """Matches by the numbers of both frames, perhaps of other frames too."""
+    """Matches by the numbers of both frames; those of other frames are ignored."""
 
     @property
     def from_zero(self) -> SequenceProblem:
-        """The same problem with frames numbered from 0."""
+        """This problem with frames numbered from 0."""
         number, options = {frame: k for k, frame in enumerate(self.frames)}, self.options
         found = [per_label(self.labels.get(frame, ({}, {}))) for frame in self.frames]
         loss = line_loss(self.image_size)

@@ -1,9 +1,9 @@
 """The shape of the frames of a clip, from some of them: black borders, and whether they were squashed from 16:9.
 
 Borders are the smallest among some frames. Frames of another shape than 16:9 are calibrated as they are and as they
-would be shown, both times as frames of one camera, whose place and lens cannot fit the errors of each. Where the shape
-is right the lines lie nearer to their markings: with u and v the distances of the lines of one label in one frame, in
-the picture's own pixels, as it is and as shown, the log odds that frames were squashed are
+would be shown, both times as frames of one camera, whose place and lens cannot absorb the errors of single frames.
+Where the shape is right the lines lie nearer to their markings: with u and v the distances of the lines of one label in
+one frame, in the picture's own pixels, as it is and as shown, the log odds that frames were squashed are
 
     1/2 sum log(u / v)  +  the mean over frames of the log odds of each by itself (`fieldcalib.images.pictures`)
 
@@ -37,14 +37,14 @@ from fieldcalib.solve.sequence_problem import SHARED
 from fieldcalib.solve.sequence_solver import solve_sequence
 from fieldcalib.solve.tripod import Labels
 
-SEEN, APART = 8, 12  # frames that are looked at, and how far they are from one another
-FURTHEST = 3000  # frames, two minutes, among which they are
-DARK = 10.0  # mean brightness: of a frame that shows nothing
+SEEN, APART = 8, 12  # number of frames that are used, and frames from one to the next
+FURTHEST = 3000  # frames, two minutes, from which these are taken
+DARK = 10.0  # largest mean brightness of a frame that shows nothing
 # Half a second apart, frames share part of their errors. With this weight 34 of 45 squashed stretches of nine clips and
 # 53 of 89 parts of frames are recognised, and none is taken for the other; with twice as much some parts nearly are.
 WEIGHT = 0.5  # of the labels of a frame
 UPRIGHT_LOG_ODDS = -3.0  # prior log odds of a squashed picture that is higher than wide: most were cut out for phones
-CHANCE = 0.05  # px: smaller distances of lines are chance
+CHANCE = 0.05  # px: smaller distances of lines do not count
 
 
 @dataclass(frozen=True, eq=False)
@@ -68,8 +68,8 @@ class ShapeEstimator:
         return self.estimate_aspect and is_free
 
     def shape(self, images: Iterable[Image]) -> Shape | None:
-        """The shape of the frames of a clip; None if they are as they seem."""
-        some = some_of(images) if self.finds_borders or self.finds_squash else []
+        """The shape of the frames of a clip; None without borders if they were not squashed."""
+        some = bright_frames(images) if self.finds_borders or self.finds_squash else []
         if not some:
             return None
         size = size_of(some[0])
@@ -100,7 +100,7 @@ class ShapeEstimator:
     def _distances(
         self, frames: Sequence[Labels], size: tuple[int, int], shown: tuple[int, int]
     ) -> dict[tuple[int, str], float]:
-        """How far the lines of each label of each frame lie off in pictures that are shown at a size, together; px."""
+        """`distances_in_pictures` of cameras fitted to all frames together, in pictures of the size `shown`."""
         scale = np.divide(shown, size)
         labels = {t: (stretched(pixels, scale), weights) for t, (pixels, weights) in enumerate(frames)}
         problem = ClipProblem(replace(self.options, shared=SHARED), shown, range(len(frames)), labels, {})
@@ -108,8 +108,8 @@ class ShapeEstimator:
         return distances_in_pictures(self.options.object_segments, solved, frames, size)
 
 
-def some_of(images: Iterable[Image]) -> list[Image]:
-    """Some of the first frames that show something."""
+def bright_frames(images: Iterable[Image]) -> list[Image]:
+    """Some of the first frames that are not black."""
     bright = (image for image in each_checked(islice(images, 0, FURTHEST, APART)) if np.mean(image) > DARK)
     return list(islice(bright, SEEN))
 
@@ -131,7 +131,7 @@ def common_borders(images: Sequence[Image]) -> Placement:
 
 
 def shape_of_odds(log_odds: float, placement: Placement) -> Shape | None:
-    """The shape of frames between borders, from the odds that they were squashed; None if they are as they seem.
+    """The shape of frames between borders, from the odds that they were squashed; None for whole ones that were not.
 
     Examples
     --------

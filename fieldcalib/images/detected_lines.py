@@ -24,7 +24,7 @@ from fieldcalib.solve.tripod import Labels
 SEARCH_RANGES = (12.0, 4.0)  # px from the projected markings, in the first and the second pass
 LOSS_SCALE = 2.0  # px: detected lines are more accurate than that, others are outliers
 PROFILES_PER_SEGMENT = 5.0  # number of profiles that carries the weight of one segment without a weight
-SIGMAS = 3.0  # of the predicted error of a marking, within which its line is searched
+SIGMAS = 3.0  # half width of the search for a line, in standard deviations of its projected marking
 
 
 def line_loss(image_size: tuple[int, int], scale: float = LOSS_SCALE) -> RobustLoss:
@@ -50,7 +50,7 @@ def detected_lines(image: Image, camera: Camera, markings: Markings, sigma: floa
 
 
 def with_paint(lines: Labels, beside: Pixels) -> Labels:
-    """Lines of a frame, those of some markings replaced by the paint (N, 2) that lies beside them."""
+    """The lines of a frame, with those of some markings replaced by paint that lies beside the markings."""
     pixels, weights = lines
     return {**pixels, **beside}, {**weights, **_weights(beside)}
 
@@ -66,7 +66,7 @@ def fitted_labels(calibration: Calibration) -> Labels:
 
 
 def per_label(labels: Labels) -> Labels:
-    """Labels whose weights are those of the label, as arguments have them, instead of each pixel's."""
+    """Labels with weights per label, as arguments of calibrations have them, instead of weights per pixel."""
     pixels, weights = labels
     return pixels, {label: len(weight) * weight for label, weight in weights.items()}
 

@@ -13,7 +13,7 @@ from fieldcalib.fields.segments import ObjectSegments, outwards
 from fieldcalib.fields.stands import SOCCER_SCALE
 from fieldcalib.fields.traits import LineLook, Paint
 
-POINT_SPACING = 1.0 / 160.0  # of the field's scale, along a marking: between points where a profile may be placed
+POINT_SPACING = 1.0 / 160.0  # distance of points along a marking, in units of the field's scale
 
 
 @dataclass(frozen=True)
@@ -32,7 +32,7 @@ class Markings:
     width: Array
     """Width of the paint, metres, (N,)."""
     inwards: Array
-    """Way from the middle of the paint to the segment, which may be the edge of the paint, metres, (N, 3)."""
+    """Vectors from the middle of the paint to the segment, which may be the edge of the paint, metres, (N, 3)."""
     is_arc: BoolArray
     """Whether each segment is an arc, (len(labels),)."""
     look: LineLook

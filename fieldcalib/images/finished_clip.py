@@ -26,7 +26,7 @@ MIXED = "the picture may be mixed with that of another camera"
 
 
 def finish(lines: ClipLines) -> VideoCalibration:
-    """Calibrate all frames of every tripod; ridges beside their markings speak against cameras."""
+    """Calibrate all frames of every tripod; paint beside projected markings counts against a camera."""
     solved, pieces = lines.solved, lines.solved.pieces
     tripod_of, number = np.full(len(pieces.number), NO_TRIPOD), np.zeros(len(pieces.number), dtype=np.intp)
     calibrations: list[SequenceCalibration] = []
@@ -76,7 +76,7 @@ def _cameras(video: VideoCalibration) -> int:
 
 
 def _mixed(loose: BoolArray, tripod: IntArray) -> list[int]:
-    """Loose frames (T,) between those of two cameras; the tripod (T,) of each frame is known."""
+    """Numbers of loose frames between frames of two tripods; `loose` and `tripod` are (T,)."""
     edges = np.flatnonzero(np.diff(loose, prepend=False, append=False)).tolist()
     runs = [range(a, b) for a, b in zip(edges[::2], edges[1::2], strict=True) if b < len(loose)]
     return [t for run in runs if tripod[run.start - 1] != tripod[run.stop] for t in run]
@@ -85,9 +85,9 @@ def _mixed(loose: BoolArray, tripod: IntArray) -> list[int]:
 def _markings_seen(
     lines: ClipLines, calibration: SequenceCalibration, frames: IntArray
 ) -> dict[int, tuple[MarkingInView, ...]]:
-    """What frames of a tripod show of their markings, by their numbers in it.
+    """The markings that frames of a tripod show, by the numbers of the frames in it.
 
-    Frames that were not looked at are as the nearest one that was, if it is near and of the same piece.
+    A frame in which none were looked for takes those of the nearest other frame, if that is near and of the same piece.
     """
     field, number = calibration.field, lines.solved.pieces.number[frames]
     markings = Markings.of(lines.solved.keyframes.options.object_segments if field is None else field)

@@ -16,16 +16,16 @@ import numpy as np
 from fieldcalib._types import Array, Float32
 from fieldcalib.io.image import Image
 
-# Lengths are in pixels of the reduced frames, in which everything is done.
+# Lengths are in pixels of the reduced frames.
 WORKING_WIDTH = 1280  # px: 1920 are halved, 1280 are kept; at 640 their residuals are 1.6 times as large
 CELLS_ACROSS = 54  # at most one corner in each cell, so that boards, crowd and players do not outnumber the rest
 MOST_CORNERS = 400  # of a frame: 800 take twice the time and determine the homography no better than 0.7 times as well
 LEAST_CORNER = 3e-5  # smaller eigenvalue (cv2.cornerMinEigenVal, block of 3): less is grass and noise of compression
 BORDER = 8  # px: nearer to the border of the picture the window of a corner is cut off
 SAME_BLOCK = 32  # px: two pictures are the same if no block of that size differs
-SAME_PICTURE = 1.0  # by so many grey levels in the mean; neighbouring frames of six clips differ by 4 or more somewhere
-SMALLEST_FOR_ORB = 64  # px: of smaller pictures it cannot make a pyramid
-ORB_WIDTH = 960  # px: wider frames are halved; far pairs agree in the large, and flow makes them exact
+SAME_PICTURE = 1.0  # grey levels of mean difference; neighbouring frames of six clips differ by 4 or more somewhere
+SMALLEST_FOR_ORB = 64  # px: ORB cannot make a pyramid of smaller pictures
+ORB_WIDTH = 960  # px: wider frames are halved; flow makes the matches exact afterwards
 ORB_FEATURES = 1000  # of a frame
 ORB_THRESHOLD = 8  # grey levels: the corners of lines on grass are faint
 
@@ -55,7 +55,7 @@ class Frame:
         Raises
         ------
         ValueError
-            If it is no such picture.
+            If `image` is no such array.
         """
         import cv2
 
@@ -79,7 +79,7 @@ class Frame:
 
     @cached_property
     def corners(self) -> Float32:
-        """(n, 2) pixels of `grey`: the best corner of each cell, the strongest of them.
+        """(n, 2) pixels of `grey`: the best corner of each cell, and the strongest `MOST_CORNERS` of these.
 
         They are sought at half the size, which takes a fifth of the time: flow needs a window with texture, not a peak.
         """

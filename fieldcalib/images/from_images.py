@@ -18,7 +18,7 @@ from fieldcalib.geometry.camera import Camera
 from fieldcalib.images.detected_lines import SEARCH_RANGES, calibrate_on_lines, fitted_labels, per_label
 from fieldcalib.images.field_markings import Markings
 from fieldcalib.images.hypotheses import calibrate_from_consensus, calibrate_localized
-from fieldcalib.images.pictures import Method, with_aspect_told, without_borders
+from fieldcalib.images.pictures import Method, with_aspect_estimated, without_borders
 from fieldcalib.images.refinement import Refined, ToRefine, line_support, near_labels, refine_all, unrefined
 from fieldcalib.io.image import Image, each_checked, size_of
 from fieldcalib.io.images import IMAGES_AT_ONCE, in_parts
@@ -30,14 +30,17 @@ from fieldcalib.solve.options import ALL, DEFAULT_FLAGS, Prior
 from fieldcalib.solve.task import Task
 from fieldcalib.solve.told_size import on_told_size
 
-LEAST_WEIGHT = 0.7  # of a segment (1 if it is labelled by hand): those below are mostly false detections
+LEAST_WEIGHT = 0.7  # of a segment (1 if it is labelled by hand): lighter ones are mostly false detections
 LEAST_SEGMENTS = 3  # determine a camera; where fewer have that weight, all segments are used
 # Line support of a camera in its image, and the share of the labels' weight that the camera explains. On broadcast
 # frames 1 in 80 refined cameras is wrong above SURE_SUPPORT, and 1 in 5 below.
 SURE_SUPPORT, LEAST_EXPLAINED_SURE = 0.45, 0.5
 LEAST_SUPPORT, LEAST_EXPLAINED = 0.2, 0.75
-LEAST_SUPPORT_CHOSEN = 0.35  # where a camera was chosen by its support: the largest of several is biased upwards
-LARGEST_ERROR, LARGEST_ERROR_REFINED = 3.0, 2.0  # of the field's tolerance, to which `LEAST_PROBABILITY` applies
+LEAST_SUPPORT_CHOSEN = 0.35  # line support of a camera that was chosen for it: the largest of several is biased upwards
+LARGEST_ERROR, LARGEST_ERROR_REFINED = (
+    3.0,
+    2.0,
+)  # times the field's tolerance: the error for which `LEAST_PROBABILITY` is required
 
 
 def calibrate_from_images(
@@ -80,12 +83,12 @@ def calibrate_from_images(
         Whether pictures of another shape than 16:9 may have been squashed from it, as in `calibrate_from_segments`; not
         without a prior. Otherwise their pixels are square, or as the `camera_matrix` says.
     estimate_size : bool
-        Whether an image that tells another size of a field than the given one, which is not said to be known
-        (`size_known`), is calibrated on a field of that size: `Calibration.field`. It takes a refinement, and a camera
-        of which nothing is known.
+        Whether an image that shows a field of another size than the given one is calibrated on a field of that size
+        (`Calibration.field`). Only where the size is not said to be known (`size_known`), cameras are refined, and
+        nothing of the camera is given.
     executor : concurrent.futures.Executor, optional
-        What works on the images, e.g. `Processes`, or that of a cluster (dask's ``Client.get_executor()``); other
-        processes must be able to import the classes of what is given. The results are the same.
+        Works on the images, e.g. `Processes`, or the executor of a cluster (dask's ``Client.get_executor()``); other
+        processes must be able to import the classes of the arguments. The results are the same.
 
     Returns
     -------
@@ -115,7 +118,7 @@ def calibrate_from_images(
     check_network(network)
     of_part: Method = partial(calibrate_alone, ImageTask(task, network, refine, estimate_size))
     if estimate_aspect and camera_matrix is None and prior is not None:
-        of_part = partial(with_aspect_told, of_part, task)
+        of_part = partial(with_aspect_estimated, of_part, task)
     if take_off_borders and camera_matrix is None:
         of_part = partial(without_borders, of_part)
     checked = each_checked(images) if camera_matrix is None else _of_one_size(each_checked(images))
@@ -134,19 +137,19 @@ class ImageTask:
 
     @property
     def least_support(self) -> float:
-        """Line support that is asked of a camera that was chosen by its support."""
+        """Line support that a camera needs that was chosen by its support."""
         return LEAST_SUPPORT_CHOSEN if self.refine else LEAST_SUPPORT
 
 
 def _of_one_size(images: Iterable[Image]) -> Iterator[Image]:
-    """The images, if one camera matrix can be that of all of them."""
+    """The images; a ValueError if they are of several sizes, for which one camera matrix cannot hold."""
     first: tuple[int, int] | None = None
     for image in images:
         size = size_of(image)
         first = first or size
         if size != first:
             raise ValueError(
-                f"camera_matrix is of images of one size, got {first[0]} x {first[1]} and {size[0]} x {size[1]}: "
+                f"camera_matrix holds for images of one size, got {first[0]} x {first[1]} and {size[0]} x {size[1]}: "
                 "calibrate each size by itself, with the matrix of that size (Camera.scaled)"
             )
         yield image
@@ -160,12 +163,12 @@ def calibrate_alone(how: ImageTask, images: Sequence[Image]) -> list[Calibration
         by_size.setdefault(size_of(image), []).append(index)
     calibrations: dict[int, Calibration] = {}
     for members in by_size.values():
-        parts = _calibrated_alike(how, [images[index] for index in members], [found[index] for index in members])
+        parts = _calibrated_one_size(how, [images[index] for index in members], [found[index] for index in members])
         calibrations |= dict(zip(members, parts, strict=True))
     return [calibrations[index] for index in range(len(images))]
 
 
-def _calibrated_alike(how: ImageTask, images: Sequence[Image], found: Sequence[Localization]) -> list[Calibration]:
+def _calibrated_one_size(how: ImageTask, images: Sequence[Image], found: Sequence[Localization]) -> list[Calibration]:
     """Calibrations of images of one size."""
     markings = Markings.of(how.task.object_segments)
     from_labels = calibrate_localized(how.task, found, size_of(images[0]))
@@ -185,7 +188,7 @@ def _calibrated_alike(how: ImageTask, images: Sequence[Image], found: Sequence[L
 
 
 def _on_told_size(how: ImageTask, image: Image, found: Localization, calibration: Calibration) -> Calibration:
-    """Calibrate an image on a field of the size that it tells, or return the calibration on the given size."""
+    """Calibrate an image on a field of the size that it shows, or return the calibration on the given size."""
     seen: list[Refined] = []
 
     def again(field: Field, camera: Camera) -> Calibration:
@@ -206,13 +209,13 @@ def _on_told_size(how: ImageTask, image: Image, found: Localization, calibration
 def _on_another_field(
     task: Task, image: Image, found: Localization, before: Calibration, start: Calibration
 ) -> Refined:
-    """Refine an image on a field of another size, from a camera that fits the lines that were found in it before."""
+    """Refine the camera of an image on a field of another size, starting from a camera that fits its lines."""
     assert start.camera is not None
     given = ToRefine(image, start, found.pixels, found.weights, are_detected=True)
     (again,) = refine_all(task, Markings.of(task.object_segments), [given], SEARCH_RANGES[-1:])
     if again.calibration is not start:
         return again
-    # lines that are found anew are no better than those of before, which this camera fits
+    # the lines found anew do not support a better camera: fit the lines found before
     lines = [per_label(fitted_labels(before))]
     (fitted,) = calibrate_on_lines(task, lines, start.camera.image_size, [start.camera])
     return replace(again, calibration=fitted)
@@ -249,7 +252,7 @@ def _judged(
     refine: bool,
     least_support: float,
 ) -> list[tuple[Calibration, bool]]:
-    """`_one_judged` of each of several images of one size."""
+    """Judge the cameras of several images of one size by `_one_judged`."""
     judged = [one.judged for one in refined]
     compute_errors([seen for seen, one in zip(judged, refined, strict=True) if one.calibration.accepted])
     explained = _explained(object_segments, judged, found)

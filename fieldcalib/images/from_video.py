@@ -3,11 +3,11 @@
     frames                 -> Keyframes         read_keyframes   shots, matches of their frames, labels in keyframes
     Keyframes              -> SolvedShots       solve_shots      each shot, with the camera model that predicts best
     SolvedShots            -> SolvedTripods     solve_tripods    shots of one tripod together
-    SolvedTripods, frames  -> ClipLines         find_clip_lines       lines near the projected markings of every frame
+    SolvedTripods, frames  -> ClipLines         find_clip_lines  lines near the projected markings of every frame
     ClipLines              -> VideoCalibration  finish           all frames of each tripod together
 
-The video is read twice: lines are found in a frame where its camera is known to some pixels, which the other frames
-tell. `Tracker` uses the same matches, labels of keyframes, problems and lines, keyframe by keyframe.
+The video is read twice: lines can be found in a frame only when its camera is known to some pixels, and that takes the
+other frames. `Tracker` uses the same matches, labels of keyframes, problems and lines, keyframe by keyframe.
 """
 
 from __future__ import annotations
@@ -54,7 +54,7 @@ PART = 3000  # frames, two minutes, after which the video is cut at a keyframe
 
 
 class Parts(Protocol):
-    """Calibrations of parts of a video by their number: a dict, or what keeps them elsewhere."""
+    """Calibrations of parts of a video by their number: a dict, or another store."""
 
     def get(self, index: int, /) -> VideoCalibration | None:
         """The calibration of a part; None if there is none yet."""
@@ -97,24 +97,24 @@ def calibrate_video(
     network : Network, optional
         Finds the markings; by default the one that comes with the package.
     camera_matrix, dist_coeffs, rvec, tvec, flags, prior
-        As in `calibrate_from_images`. A position is that of all frames, which then share no other; so is a focal
-        length (no zoom). A rotation is of one frame, and cannot be given.
+        As in `calibrate_from_images`. A position holds for all frames, and so does a focal length (no zoom). A rotation
+        holds for one frame, and cannot be given.
     take_off_borders : bool
         Whether black borders that all of some of its first frames have are left out, unless there is a `camera_matrix`.
         Cameras are in pixels of the whole pictures (`VideoCalibration.shape`).
     estimate_aspect : bool
         Whether frames of another shape than 16:9 may have been squashed from it: some of them are calibrated together
-        as they are and as they would be shown, and what their lines make more likely is taken. Where they do not tell,
-        all cameras are to be checked. Not with a `camera_matrix`, or without a prior.
+        as they are and as they would be shown, and the shape that their lines make more likely is taken. Where the
+        lines do not decide, all cameras are to be checked. Not with a `camera_matrix`, or without a prior.
     estimate_size : bool
-        Whether length and width of a field that are not said to be known are estimated from the frames of a tripod
-        together, as far as they tell them. Otherwise they stay as they are given, and what is not known of them is in
-        the errors from the centre mark.
+        Whether length and width of a field, if not said to be known, are estimated from the frames of a tripod
+        together, as far as these determine them. Otherwise they stay as given, and their uncertainty is part of the
+        errors from the centre mark.
     every : int
         Frames from one keyframe to the next, at most.
     camera : {"tripod", "moving"}
-        What takes the video. A camera that moves, a drone, one on wires, a hand, has a smooth path instead of one
-        place, and its frames are tied by the ground alone; each of its shots is calibrated by itself.
+        How the camera is carried. One that moves (a drone, on wires, in a hand) has a smooth path instead of one place,
+        and its frames are tied by the ground alone; each of its shots is calibrated by itself.
     parts : mapping of int to VideoCalibration, optional
         Calibrations of parts of the video (`PART` frames) by their number, e.g. of an earlier call that was
         interrupted: these are not calibrated again, and the others are added when they are done.
@@ -123,8 +123,8 @@ def calibrate_video(
     -------
     VideoCalibration
         Each frame says what it rests on: lines, matches, both, or interpolation (`VideoCalibration.basis`). A camera is
-        accepted as long as the field in view is known to 1 m. What frames share is that of two minutes of video, after
-        which shots and tripods begin anew: so memory does not grow with the video.
+        accepted as long as the field in view is known to 1 m. After two minutes of video shots and tripods begin anew,
+        and share nothing with those before, so that memory does not grow with the video.
 
     Warns
     -----
@@ -153,7 +153,7 @@ def calibrate_video(
     options = ClipOptions(object_segments, flags, prior, shared_parameters(SHARED_BY[camera], estimate_size), given)
     options.check(network)
     if camera == "moving" and flags & CalibrationFlags.CALIB_FIX_POSITION:
-        raise ValueError('CALIB_FIX_POSITION is of a camera on a tripod: leave camera="moving" out')
+        raise ValueError('CALIB_FIX_POSITION is for a camera on a tripod: leave camera="moving" out')
     network = SegmentationNetwork.load() if network is None else network
     clip = _Clip(clip_reader(source))
     with clip.opened() as images:
@@ -182,7 +182,7 @@ def _in_frame(placement: Placement, image: Image) -> Image:
 def _calibrated_parts(
     clip: _Clip, options: ClipOptions, network: Network, every: int, kept: Parts | None
 ) -> VideoCalibration:
-    """Part by part, so that memory does not grow with the video; both passes go along with one another."""
+    """Calibrate part by part, so that memory does not grow with the video; both passes advance together."""
     parts = []
     with clip.opened() as images, clip.opened() as again:
         tied = tied_frames(clip.frames(images), every=every, moving="centre" not in options.shared)
@@ -193,7 +193,7 @@ def _calibrated_parts(
                 count = sum(1 for _ in part)
                 if count != len(before) or sum(1 for _ in islice(second, count)) != count:
                     raise ValueError(
-                        f"part {index} has {len(before)} frames, that of the video {count}: another video?"
+                        f"part {index} has {len(before)} frames, but {count} in this video: is it of another one?"
                     )
                 parts.append(before)
                 continue

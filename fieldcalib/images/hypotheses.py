@@ -18,14 +18,14 @@ from fieldcalib.assess.verdict import LABEL_MORE
 from fieldcalib.images.detected_lines import SEARCH_RANGES
 from fieldcalib.images.field_markings import Markings
 from fieldcalib.images.refinement import line_support, near_labels
-from fieldcalib.io.image import Image
+from fieldcalib.io.image import Image, size_of
 from fieldcalib.localize import Localization
 from fieldcalib.solve.batch import calibrate_labels
 from fieldcalib.solve.options import CalibrationFlags
 from fieldcalib.solve.task import Task
 
-HEAVIEST = 5  # segments, by the weight of their pixels
-PER_HYPOTHESIS = 3  # of them, the fewest that determine a camera: 10 hypotheses
+HEAVIEST = 5  # segments with the largest weights, from which hypotheses are made
+PER_HYPOTHESIS = 3  # segments, the fewest that determine a camera: 10 hypotheses
 VERIFIED = 2  # hypotheses that are calibrated again from all segments near them
 NO_MARKING = "no marking was found in the image"
 SHOW_MORE = "show more of the field, in a sharper or larger picture, or say what is known of the camera"
@@ -49,7 +49,7 @@ def calibrate_from_consensus(task: Task, image: Image, found: Localization) -> l
     Returns
     -------
     list of Calibration
-        That of the best supported hypothesis first; empty if there are too few segments for subsets.
+        The one of the best supported hypothesis first; empty if there are too few segments for subsets.
 
     References
     ----------
@@ -59,7 +59,7 @@ def calibrate_from_consensus(task: Task, image: Image, found: Localization) -> l
     heaviest = sorted(weight, key=lambda label: -weight[label])[:HEAVIEST]
     if len(heaviest) <= PER_HYPOTHESIS:
         return []
-    size = image.shape[1], image.shape[0]
+    size = size_of(image)
     markings = Markings.of(task.object_segments)
 
     def calibrated(chosen: Iterable[Iterable[str]]) -> list[Calibration]:
@@ -77,13 +77,15 @@ def calibrate_from_consensus(task: Task, image: Image, found: Localization) -> l
 def calibrate_localized(task: Task, parts: Sequence[Localization], size: tuple[int, int]) -> list[Calibration]:
     """Calibrate localized images of one size, without the search for mislabelled segments."""
     task = replace(task, trust_labels=True)
-    task = task.with_flags(CalibrationFlags.CALIB_FIX_PRINCIPAL_POINT)  # these pixels are too coarse to tell it
+    task = task.with_flags(
+        CalibrationFlags.CALIB_FIX_PRINCIPAL_POINT
+    )  # the network's pixels are too coarse to determine it
     found = calibrate_labels(task, [part.pixels for part in parts], size, [part.weights for part in parts])
-    return [_of_an_image(one) for one in found]
+    return [_with_advice(one) for one in found]
 
 
-def _of_an_image(calibration: Calibration) -> Calibration:
-    """The calibration of an image, whose message says what would help where a network labelled too few pixels."""
+def _with_advice(calibration: Calibration) -> Calibration:
+    """The calibration; where a network labelled too few pixels, its message says what would help."""
     if calibration.status is not Status.TOO_FEW_SEGMENTS:
         return calibration
     if not calibration.pixel_counts:

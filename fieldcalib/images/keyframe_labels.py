@@ -17,7 +17,7 @@ from fieldcalib.solve.options import pixel_unit
 from fieldcalib.solve.tripod import Labels
 
 EXPLAINED = 6.0  # px of 960 x 540: right cameras of nine clips have every label of their keyframes within 3 px
-LEAST_CONSISTENT = 4  # labels: fewer are explained by some camera wherever they lie
+LEAST_CONSISTENT = 4  # labels: some camera explains any fewer, wherever they lie
 
 
 @dataclass(frozen=True, eq=False)
@@ -32,7 +32,7 @@ class KeyframeLabels:
 
 
 def label_keyframes(options: ClipOptions, images: Sequence[Image], network: Network) -> list[KeyframeLabels | None]:
-    """The labels of keyframes, as single images have them; None where no camera could be fitted."""
+    """Calibrate keyframes as single images; return the labels, None where no camera could be fitted."""
     return [
         None
         if one.solved is None
@@ -46,7 +46,7 @@ def label_keyframes(options: ClipOptions, images: Sequence[Image], network: Netw
 def are_consistent(evaluation: Evaluation) -> bool:
     """Whether the camera of one frame explains at least four of its labels, and at least half of them.
 
-    Otherwise the labels contradict one another, as those of a narrow picture without corners often do.
+    Otherwise the labels contradict one another, as in narrow pictures without corners.
     """
     (by_label,) = rms_by_label(evaluation)
     by_label = by_label[np.isfinite(by_label)]

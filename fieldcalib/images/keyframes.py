@@ -24,19 +24,19 @@ from fieldcalib.images.matches import Matches, match_background, match_far
 from fieldcalib.io.image import Image
 
 EVERY = 12  # frames from one keyframe to the next: half a second
-BACK = (1, 2, 4)  # keyframes back, with which a keyframe is matched
+BACK = (1, 2, 4)  # a keyframe is matched with the first, second and fourth one before it
 CORNERS = 150  # of a keyframe that are followed to an ordinary frame
-LEAST_IN_VIEW = 0.6  # of a keyframe; with less of it in view the next one is made
-FEW_MATCHES = 40  # with fewer of these the next one is made
-CONFIRMED = 8  # frames that are tied to one another, and not to the piece before, are a new piece: a graphic is shorter
-LOST_FOR = 30  # frames, a second: so long the keyframes before are looked for
+LEAST_IN_VIEW = 0.6  # share of a keyframe: with less of it in view the next keyframe is made
+FEW_MATCHES = 40  # with fewer matches the next keyframe is made
+CONFIRMED = 8  # frames, tied to one another but not to the piece before, that make a new piece; graphics are shorter
+LOST_FOR = 30  # frames, a second, in which a frame after a loss may be tied to the piece again
 
 # Likeness in seven clips of pictures 12 frames apart: 0.77 or more; 24 to 48 apart 0.7 or more; with 30 % of another
 # shot mixed in 0.46 to 0.78, with 50 % 0.1 to 0.61
-LEAST_LIKENESS = 0.62  # of a keyframe and a frame that is tied to it, and of keyframes that are not matched,
-MIXED_FOR = 50  # frames, the longest dissolve: from keyframe to keyframe one could cross it in small steps
-LEAST_LIKENESS_OF_KEY = 0.68  # of keyframes that are matched, and of frames that make a new piece
-KEPT = 12  # keyframes of a piece: more are not made in that time
+LEAST_LIKENESS = 0.62  # of a frame and its keyframe, and of a new keyframe and all of the last `MIXED_FOR` frames
+MIXED_FOR = 50  # frames, the longest dissolve, which could be crossed in small steps from keyframe to keyframe
+LEAST_LIKENESS_OF_KEY = 0.68  # of matched keyframes, and of frames that make a new piece
+KEPT = 12  # last keyframes of a piece that are kept: no more are made during a dissolve
 
 
 @dataclass(frozen=True, eq=False)
@@ -48,7 +48,7 @@ class TiedFrame:
     piece: int
     """Number of the run of frames that matches connect, from 0 and ascending."""
     key: int
-    """Index of its keyframe: its own if it is one, that of the last keyframe if nothing ties it."""
+    """Index of the keyframe that it is tied to: its own for a keyframe, the last keyframe's for an untied frame."""
     ties: tuple[tuple[int, Matches], ...]
     """Indices of keyframes, with the matches from each of them to this frame.
 
@@ -57,7 +57,7 @@ class TiedFrame:
     """
     duplicate: bool
     """Whether the picture equals that of the frame before: the stream repeats a frame, or is frozen."""
-    left: tuple[KeyframePair, ...] = ()
+    unmatched: tuple[KeyframePair, ...] = ()
     """Pairs of this keyframe and earlier ones that `KeyframeTracker` leaves to be matched."""
 
     @property
@@ -78,8 +78,8 @@ class KeyframeTracker:
     every : int
         Frames from one keyframe to the next, at most.
     leave_pairs : bool
-        Whether the matches of keyframes with one another are left to be made elsewhere (`TiedFrame.left`), since they
-        take as long as three ordinary frames. A keyframe is then tied to the one before it only.
+        Whether keyframes are left to be matched with one another elsewhere (`TiedFrame.unmatched`), since that takes
+        as long as three ordinary frames. A keyframe is then tied to the one before it only.
     moving : bool
         As in `match_background`.
 
@@ -98,11 +98,11 @@ class KeyframeTracker:
             raise ValueError(f"every must be 1 or more frames, got {every}")
         self._options = _PieceOptions(every, leave_pairs, moving)
         self._count = 0
-        self._last: View | None = None  # that is no duplicate
+        self._last: View | None = None  # the last one that is no duplicate
         self._piece: _Piece | None = None
         self._lost = 0  # frames since the last one that was tied to the piece
-        self._candidate: _Piece | None = None  # for a new piece,
-        self._waiting: list[TiedFrame] = []  # and its frames
+        self._candidate: _Piece | None = None  # what may become a new piece
+        self._waiting: list[TiedFrame] = []  # frames of the candidate
 
     def update(self, image: Image) -> list[TiedFrame]:
         """Take the next frame; return the frames that are now known to belong to a piece, in order.
@@ -110,7 +110,7 @@ class KeyframeTracker:
         Raises
         ------
         ValueError
-            If its size is not that of the frames before, or as `fieldcalib.images.matches.Frame.of`.
+            If its size is not that of the frames before, or as `fieldcalib.images.frame.Frame.of`.
         """
         frame = Frame.of(image)
         if self._last is not None and frame.image_size != self._last.frame.image_size:
@@ -144,7 +144,7 @@ class KeyframeTracker:
         return new
 
     def finish(self) -> list[TiedFrame]:
-        """The frames that still wait, at the end of the video: a short piece if two of them or more are tied."""
+        """Return the frames that still wait at the end of the video; two or more of them make a short piece."""
         if len(self._waiting) == 1:
             return self._untied()
         new, self._waiting = self._waiting, []
@@ -161,7 +161,7 @@ class KeyframeTracker:
 def tied_frames(
     images: Iterable[Image], *, every: int = EVERY, moving: bool = False
 ) -> Iterator[tuple[Image, TiedFrame]]:
-    """The frames of a video with what ties them to keyframes, in one pass.
+    """Tie the frames of a video to keyframes, in one pass.
 
     Parameters
     ----------
@@ -184,11 +184,11 @@ def tied_frames(
 
     Notes
     -----
-    A keyframe is the first frame of a piece, then every so many frames, and earlier where little of the keyframe is
-    still in view or few matches are left. An ordinary frame is matched with the keyframe before it, from the motion of
-    the last frames; else from the motion since the frame before; else by descriptors (`match_far`), also with earlier
-    keyframes. Flashes, wipes and other frames that nothing ties stay so; the piece goes on if one of the 30 frames from
-    the first of them is tied to it, unless 8 frames in a row are tied to one another before: these are a new piece.
+    The first frame of a piece is a keyframe. Further ones follow every `every` frames, and earlier where little of the
+    keyframe is still in view or few matches are left. An ordinary frame is matched with the keyframe before it: from
+    the motion of the last frames; else from the motion since the frame before; else by descriptors (`match_far`), also
+    with earlier keyframes. Flashes, wipes and others stay untied. The piece goes on if a frame is tied to it within 30
+    frames, unless 8 frames in a row are tied to one another before: these are a new piece.
 
     Examples
     --------
@@ -220,7 +220,7 @@ class KeyframePair:
     H: Array
     """Homography between them, to a few pixels."""
     moving: bool
-    """Argument of `match_background`."""
+    """Whether the camera moves, see `match_background`."""
 
     @property
     def indices(self) -> tuple[int, int]:
@@ -228,7 +228,7 @@ class KeyframePair:
         return self.first.index, self.second.index
 
     def matches(self) -> Matches | None:
-        """Matches from the first to the second; None if they do not show the same."""
+        """Matches from the first to the second; None if they do not show the same scene."""
         found = _matched(self.first, self.second, self.H, MOST_CORNERS, self.moving)
         return None if found is None or found[1] < LEAST_LIKENESS_OF_KEY else found[0]
 
@@ -314,9 +314,10 @@ class _Piece:
         return TiedFrame(view.index, self.number, self.key.index, ((self.key.index, matches),), view.duplicate)
 
     def _keyframe(self, view: View, H: Array, matches: Matches | None = None) -> TiedFrame | None:
-        """The next keyframe, with the homography from the newest to it; None if it is unlike earlier ones.
+        """Make a frame the next keyframe; None if it is unlike earlier ones.
 
-        With it come its matches with the newest, if it was tied to that one as an ordinary frame.
+        `H` maps the newest keyframe to it; `matches` are those with the newest keyframe, if it was tied to that one as
+        an ordinary frame.
         """
         size = view.frame.image_size
         for older, to_newest in self._keys:
@@ -327,20 +328,20 @@ class _Piece:
         pairs = tuple(KeyframePair(older, view, H @ to_newest, self._options.moving) for older, to_newest in earlier)
         if self._options.leave_pairs and matches is not None:
             ties: tuple[tuple[int, Matches], ...] = ((self.key.index, matches),)
-            left = pairs[1:]
+            unmatched = pairs[1:]
         else:
             ties = tuple((pair.indices[0], found) for pair in pairs if (found := pair.matches()) is not None)
-            left = ()
+            unmatched = ()
         if not ties:
             return None
         moved = [(older, H @ to_newest) for older, to_newest in self._keys]
         self._keys = deque([*moved, (view, np.eye(3))], maxlen=KEPT)
         self._last, self._matches = view, None
-        return TiedFrame(view.index, self.number, view.index, ties, view.duplicate, left)
+        return TiedFrame(view.index, self.number, view.index, ties, view.duplicate, unmatched)
 
 
 def _matched(first: View, second: View, start: Array, corners: int, moving: bool) -> tuple[Matches, float] | None:
-    """Matches of two frames, and how alike these are; None if they do not show the same."""
+    """Matches of two frames, and the likeness of the frames; None if they do not show the same scene."""
     matches = match_background(first.frame, second.frame, start=start, corners=corners, moving=moving)
     if matches is None:
         return None

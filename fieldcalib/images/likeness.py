@@ -13,11 +13,11 @@ from fieldcalib.images.background_motion import mapped
 from fieldcalib.images.frame import Frame
 
 IN_PICTURE = (np.mgrid[:20, :20].reshape(2, -1).T + 0.5) / 20.0  # (400, 2) shares of width and height
-SMALL_WIDTH = 160  # px: pictures are reduced to it
-LOCAL = 41  # px of these: mean over so many is taken off; slow shading is alike in any two shots
-BLOCK = 5  # px of these
-WHOLE = 0.7  # of a block must be in view
-NOISE = 2.0  # grey levels: less contrast is none
+SMALL_WIDTH = 160  # px of the small pictures that are compared
+LOCAL = 41  # px of a small picture: the mean over so many is subtracted, as slow shading is alike in any two shots
+BLOCK = 5  # px of a small picture
+WHOLE = 0.7  # share of a block that must be in view
+NOISE = 2.0  # grey levels: contrast below is noise
 GRAPHIC = (4.0, 12.0, 5)  # grey levels: alike in place, unlike once moved; px around that belong to it
 
 

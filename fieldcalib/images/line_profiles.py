@@ -17,7 +17,7 @@ from fieldcalib._types import Array, BoolArray, Float32, IntArray
 from fieldcalib.fields.traits import LineLook
 from fieldcalib.geometry.camera import Camera
 from fieldcalib.images.field_markings import Markings
-from fieldcalib.io.image import Image
+from fieldcalib.io.image import Image, size_of
 from fieldcalib.problem.labelled_pixels import Pixels
 from fieldcalib.solve.options import pixel_unit
 
@@ -30,7 +30,7 @@ SHORTEST = 12.0  # px: shorter projections of a segment get no profiles
 MARGIN = 2.0  # px from the border of the image, where samples are extrapolated
 ROWS, ROW_SPACING = 3, 2.0  # parallel rows, and px between them, that are averaged for a profile
 NEIGHBOURS = 5  # profiles, itself included, most of which must show the line at the same offset,
-SAME_LINE = 2.0  # px, to this tolerance
+SAME_LINE = 2.0  # px: tolerance of that offset
 
 BLUR = 1.5  # px of any image: width added to lines by lens, motion and compression
 # samples, 4/3 of a line width, between the middles of the line and of the ground beside it; 2: 13 not accepted
@@ -38,9 +38,9 @@ FLANK = 4
 # weights of blue, green, red (Rec. 601): video has less resolution in colour
 LUMA = np.array([0.114, 0.587, 0.299], np.float32)
 LEAST_SIGNAL = 2.5  # times the median absolute deviation of the contrast in a profile; 5: 8 not accepted
-OTHER_COLOUR = 4.0  # times the median difference in colour from the ground: more is no ground; 99 % are below
+OTHER_COLOUR = 4.0  # times the median colour difference of ground: larger ones are no ground; 99 % of ground is below
 SAME_GROUND = 0.2  # of the contrast of a line: smaller differences between both sides come from lossy compression
-NOISE_WINDOW = 12.0  # px on both sides, at least, in which that deviation is measured; 6: 6 not accepted
+NOISE_WINDOW = 12.0  # px on both sides, at least, in which the median absolute deviation is measured; 6: 6 not accepted
 
 
 @dataclass(frozen=True)
@@ -58,9 +58,9 @@ class Profiles:
     room: Array
     """Half the distance to the next marking, px, (n,)."""
     on_ground: BoolArray
-    """(n,)."""
+    """Whether the marking is on the ground, (n,)."""
     inwards: Array
-    """Way from the middle of the paint to the segment, pixels, (n, 2)."""
+    """Vectors from the middle of the paint to the segment, pixels, (n, 2)."""
     spacing: Array
     """Length of the projected marking for each profile, px, (n,)."""
     look: LineLook
@@ -75,7 +75,7 @@ class Profiles:
         return self.take(np.flatnonzero(self.on_ground))
 
     def take(self, index: IntArray) -> Profiles:
-        """Some of the profiles (k,), in that order."""
+        """The profiles of an index (k,), in its order."""
         return replace(self, **{one.name: getattr(self, one.name)[index] for one in fields(self) if one.name != "look"})
 
 
@@ -187,7 +187,7 @@ class Strips:
     may_be_line: BoolArray
     """Whether a sample has on both sides the colour of the ground beside most markings, or is not on the ground."""
     is_black: BoolArray
-    """Whether the marking is in the middle of black, (n,): beside the part of a frame that is shown."""
+    """Whether the pixel of the profile is black, (n,): it lies in a black border."""
 
     @classmethod
     def of(cls, image: Image, profiles: Profiles, search_range: float, *, past_others: bool = False) -> Strips:
@@ -195,7 +195,7 @@ class Strips:
 
         They end halfway to the next marking, unless they are to go `past_others`.
         """
-        unit = pixel_unit((image.shape[1], image.shape[0]))
+        unit = pixel_unit(size_of(image))
         width = np.hypot(profiles.width, BLUR)
         spacing = width / 3.0
         half = _half(profiles, spacing, unit, search_range, past_others)
@@ -279,7 +279,7 @@ class Strips:
 
 
 def _half(profiles: Profiles, spacing: Array, unit: float, search_range: float, past_others: bool) -> int:
-    """Number of samples between the middle of the longest strip and its end."""
+    """Number of samples from the middle of the longest strip to its end."""
     room = np.inf if past_others else profiles.room
     reach = np.maximum(np.minimum(search_range * unit, room), NOISE_WINDOW * unit)
     return int(np.max(reach / spacing, initial=0.0))
@@ -292,7 +292,7 @@ def _colours(image: Image, profiles: Profiles, spacing: Array, half: int) -> Flo
     n, m = len(profiles), 2 * half + 1
     if not n:
         return np.zeros((3, 0, m - 2), np.float32)
-    along = ROW_SPACING * pixel_unit((image.shape[1], image.shape[0])) * (np.arange(ROWS) - (ROWS - 1) / 2.0)
+    along = ROW_SPACING * pixel_unit(size_of(image)) * (np.arange(ROWS) - (ROWS - 1) / 2.0)
     offset = np.arange(-half, half + 1) * spacing[:, None]
     (x, y), (nx, ny) = profiles.xy.T[..., None], profiles.normal.T[..., None]
     map_x, map_y = (
@@ -306,7 +306,7 @@ def _colours(image: Image, profiles: Profiles, spacing: Array, half: int) -> Flo
 
 
 def _is_ground(colour: Float32, contrast: Float32, on_ground: BoolArray, largest: float) -> BoolArray:
-    """Whether the ground has about the same colour on both sides of each sample, and that beside most other markings.
+    """Whether both sides of each sample have about the same colour, which is also that beside most other markings.
 
     Chromaticities are compared: the share of each channel in the sum of the three. Where the colours are saturated and
     compressed these differ by much although the ground is the same; then both sides are alike beside the line.
@@ -326,7 +326,7 @@ def _is_ground(colour: Float32, contrast: Float32, on_ground: BoolArray, largest
     -------
     (n, m - 2 * FLANK) array
     """
-    share = colour + np.float32(1.0)  # that of black is not defined
+    share = colour + np.float32(1.0)  # the share of black is not defined
     share /= np.sum(share, axis=0)
     one_side, other_side = share[..., : -2 * FLANK], share[..., 2 * FLANK :]
     alike = np.max(np.abs(one_side - other_side), axis=0) < largest

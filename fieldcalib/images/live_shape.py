@@ -21,7 +21,7 @@ from fieldcalib.images.clip_shape import APART, DARK, SEEN, ShapeEstimator, shap
 from fieldcalib.io.image import Image, size_of
 from fieldcalib.solve.aspect import may_be_squashed
 
-ASKED = SEEN // 2, SEEN  # pictures after which it is asked whether they were squashed
+ASKED = SEEN // 2, SEEN  # numbers of pictures from which the odds of squashed ones are estimated
 SAME = 2  # px: borders that differ by no more are the same, up to compression
 
 
@@ -32,7 +32,7 @@ class LiveShape:
     ----------
     estimator : ShapeEstimator
     submit : callable
-        Begins to work on some pictures, and says when the result is known.
+        Starts a function on some pictures, and returns the future of its result.
     """
 
     def __init__(
@@ -42,18 +42,18 @@ class LiveShape:
     ) -> None:
         self._estimator, self._submit = estimator, submit
         self._size = (0, 0)
-        self._next = 0  # picture that is looked at next,
-        self._index = 0  # and the one that comes
+        self._next = 0  # number of the next picture that is looked at
+        self._index = 0  # number of the next picture
         self._borders: deque[tuple[int, int]] = deque(maxlen=SEEN)  # of the last pictures that were looked at
         self._border = (0, 0)  # columns, rows
-        self._parts: list[Image] = []  # frames by which squashed pictures are found out
+        self._parts: list[Image] = []  # frames from which the odds are estimated
         self._running: Future[float] | None = None
         self._log_odds: float | None = None
         self.shape: Shape | None = None
-        """Shape of the pictures; None if they are as they seem."""
+        """Shape of the pictures; None without borders if they were not squashed."""
 
     def update(self, image: Image) -> bool:
-        """Take the next picture; whether frames now lie elsewhere in the pictures than before."""
+        """Take the next picture; return whether frames now lie elsewhere in the pictures than before."""
         if not (self._estimator.finds_borders or self._estimator.finds_squash):
             return False
         index, self._index = self._index, self._index + 1

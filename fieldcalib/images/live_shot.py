@@ -35,14 +35,14 @@ NO_LINES: Labels = ({}, {})
 
 @dataclass(frozen=True, eq=False)
 class FollowedFrame:
-    """The camera of a frame that follows from keyframes."""
+    """A frame that was calibrated from the keyframes it is tied to."""
 
     calibration: Calibration
     basis: Basis = Basis.NOTHING
     lines: Labels = NO_LINES
     """The lines in the frame."""
     camera: KnownCamera | None = None
-    """The camera that other frames can be tied to, if this one is tied itself."""
+    """Its camera for frames that are tied to it; None if it is not tied itself."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -50,7 +50,7 @@ class LiveShot:
     """The keyframes of a shot so far."""
 
     identity: tuple[int, int] = (0, 0)
-    """How often the tracker began anew, and the number of the shot since then."""
+    """How often the tracker began anew, and the number of the shot since the last beginning."""
     segmented: int = 0
     """Number of keyframes that the network has seen."""
     labels: Mapping[int, Labels] = field(default_factory=dict)
@@ -62,9 +62,9 @@ class LiveShot:
     solved: SolvedShot | None = None
     """The keyframes that were solved together last."""
     followed: Mapping[int, KnownCamera] = field(default_factory=dict)
-    """Cameras of keyframes that are not solved yet, from those that are."""
+    """Cameras of keyframes that are not solved yet, calibrated from solved ones."""
     last: tuple[tuple[int, KnownCamera], ...] = ()
-    """The last two frames that were tied, for the motion."""
+    """The last two tied frames, from which the motion is extrapolated."""
     paint: tuple[int, tuple[MarkingInView, ...]] | None = None
     """The markings that were seen in a frame, with its number."""
 
@@ -87,7 +87,7 @@ class LiveShot:
         )
 
     def problem(self, options: ClipOptions, image_size: tuple[int, int], new: int) -> ShotProblem:
-        """What is to be solved when a new keyframe has come."""
+        """The problem to be solved when a new keyframe has come."""
         keys = sorted(self.labels)[-MOST_KEYS:]
         return ShotProblem(
             ClipProblem(
@@ -104,7 +104,7 @@ class LiveShot:
         )
 
     def with_solution(self, new: int, solution: ShotSolution) -> LiveShot:
-        """With the solution of such a problem; keyframes that came in the meantime follow from those in it."""
+        """With the solution of a `problem`; keyframes that came in the meantime are calibrated from it."""
         labels = self.labels if solution.labels is None else {**self.labels, new: solution.labels}
         pairs = {pair: one for pair, one in self.pairs.items() if pair not in solution.tried}
         shot = replace(self, labels=labels, matches={**self.matches, **solution.matches}, pairs=pairs)
@@ -126,10 +126,10 @@ class LiveShot:
 
 
 def follow(shot: LiveShot, solved: SolvedShot, index: int, image: Image, ties: Mapping[int, Cells]) -> FollowedFrame:
-    """The camera of an image from the keyframes that it is tied to, or from the motion of those before."""
+    """Calibrate an image from the keyframes that it is tied to, or from the motion of the frames before."""
     known = shot.known
     keys = sorted(key for key in ties if key in known)
-    if index in known:  # a keyframe that was waited for
+    if index in known:  # a keyframe that has been solved by now
         return _placed(solved, known[index], Basis.LINES)
     if not keys:
         camera = _extrapolated(shot.last, index, solved.layout.free)
@@ -142,7 +142,7 @@ def follow(shot: LiveShot, solved: SolvedShot, index: int, image: Image, ties: M
         return _placed(solved, camera, Basis.INTERPOLATED)
     found = _tied(shot, solved, {key: ties[key] for key in keys}, image)
     if found is None:
-        return _without_camera("what ties this frame contradicts its keyframes")
+        return _without_camera("the matches of this frame contradict its keyframes")
     row, lines = found
     return _of_only_frame(solved, row, lines, _only(row))
 
@@ -150,26 +150,25 @@ def follow(shot: LiveShot, solved: SolvedShot, index: int, image: Image, ties: M
 def _tied(
     shot: LiveShot, solved: SolvedShot, ties: Mapping[int, Cells], image: Image | None
 ) -> tuple[FrameTable, Labels] | None:
-    """A frame that is tied to some keyframes, with its lines; None if the keyframes contradict what ties it."""
+    """A frame that is tied to some keyframes, with its lines; None if its matches contradict the keyframes."""
     known = shot.known
     keys, tripod, layout = sorted(ties), solved.tripod, solved.layout
     here, is_known = np.array([len(keys)]), np.arange(len(keys) + 1) < len(keys)
     pairs = {(k, len(keys)): ties[key] for k, key in enumerate(keys)}
-    local = Ties.of(tripod.object_segments, pairs, len(keys) + 1, layout.image_size)
+    local = Ties.of(tripod.options.object_segments, pairs, len(keys) + 1, layout.image_size)
     near = image is not None and bool(shot.last)
     last = shot.last[-1][1] if near else known[keys[-1]]
     theta = np.where(layout.free, [*(known[key].theta for key in keys), last.theta], solved.shared)
-    towards, first = local.towards(here, theta, is_known)
+    towards = local.towards(here, theta, is_known)
     if near:
         theta[-1:], (contradicted,) = stepped(towards, layout, theta[-1:])
     else:
-        scale = tripod.options.scale
-        theta, reached = with_tied(tripod.object_segments, local, theta, is_known, here, layout, scale)
+        theta, reached = with_tied(tripod.options, local, theta, is_known, here, layout)
         contradicted = not reached[-1]
     if contradicted:
         return None
     lines = NO_LINES if image is None else detected_lines(image, layout.camera(theta[-1]), solved.markings)[0]
-    of_keys = [known[keys[k]].errors for k in first.tolist()]
+    of_keys = [known[keys[k]].errors for k in towards.first.tolist()]
     of_first = OwnErrors(*(np.array(part) for part in zip(*of_keys, strict=True)))
     followed = tripod.solved(theta[-1:], [lines], towards, tripod.prior(theta[-1:]))
     return solved_rows(tripod, SolvedFrames(followed, tripod.errors(followed, of_first), np.array([True]))), lines

@@ -28,26 +28,26 @@ from fieldcalib.images.frame import BORDER, MOST_CORNERS, Frame, pair, same_pict
 from fieldcalib.images.plane_motion import plane_motion
 from fieldcalib.io.image import Image
 
-# Lengths are in pixels of the reduced frames, in which everything is done.
+# Lengths are in pixels of the reduced frames.
 WINDOW = 11  # px of the optical flow; 15 and 21 take 2 and 3 times as long, and their residuals are 0 to 0.1 px smaller
-LEVELS = 5  # of the pyramid, where nothing is known of the motion: about 200 px are bridged
-LEVELS_PREDICTED = 3  # where it is known to a few pixels
-ROUND_TRIP = 0.5  # px: forward and backward, flow must come back
-RESTING_SHARE = 0.5  # of the corners must stand still for a camera that is expected to be at rest to be so:
-RESTING = 1.0  # px by which the corners of the picture are expected to move
-MOVING_SHARE = 0.3  # of the corners must move for the camera to be thought moving, and what stands still a graphic
+LEVELS = 5  # of the pyramid without a predicted motion: about 200 px are bridged
+LEVELS_PREDICTED = 3  # with a motion that is predicted to a few pixels
+ROUND_TRIP = 0.5  # px: distance to which flow, forward and backward, must come back
+RESTING_SHARE = 0.5  # share of corners that stand still above which a camera that is predicted to rest does rest
+RESTING = 1.0  # px: a camera is predicted to rest if the corners of the picture are predicted to move less
+MOVING_SHARE = 0.3  # share of corners that move above which those that stand still are first taken as graphics
 WARPED_FROM = 0.03  # change of scale, or rotation in radians, from which a frame is warped before flow: windows differ
 
 LEAST_MATCHES = 25
 LEAST_SHARE = 0.35  # of the corners that were followed forth and back: the rest are players, boards and errors of flow
-LEAST_FOUND = 0.1  # of the corners that should be in view: across a cut hardly any can be followed
-LEAST_FOUND_STILL = 0.5  # if they stand still in the picture: of a camera at rest all can be, in a pan graphics only
+LEAST_FOUND = 0.1  # of the corners that should be in view and can be followed: across a cut there are hardly any
+LEAST_FOUND_STILL = 0.5  # if matches stand still: with a camera at rest all corners are found, in a pan only graphics
 LEAST_SPREAD = (0.08, 0.015)  # of the width: standard deviation along and across; a scoreboard has 0.05, 0.01
-LARGEST_SCALE = (0.5, 0.02)  # px of residuals at rest, and more per px of motion: in a dissolve two motions are mixed
-GRID = (8, 6)  # larger cells across and down the picture,
-LEAST_CELLS = 6  # so many of which must have matches
+LARGEST_SCALE = (0.5, 0.02)  # scale of residuals: px at rest, and px per px of motion; a dissolve mixes two motions
+GRID = (8, 6)  # cells across and down the picture
+LEAST_CELLS = 6  # of this grid that must have matches
 
-RATIO = 0.8  # of the distances of the best and the second best descriptor
+RATIO = 0.8  # largest ratio of the distances of the best and the second best descriptor
 
 
 @dataclass(frozen=True, eq=False)
@@ -61,7 +61,7 @@ class Matches:
     homography: Array
     """Homography (3, 3) from first to second of the turn and zoom that fit best without a lens.
 
-    It is good as the `start` of the next pair, or as a link of a chain. Where there is no match it is only about right.
+    It serves as the `start` of the next pair, or as a link of a chain. Far from the matches it is only about right.
     """
     share: float
     """Share of the followed corners that are matches; those on graphics do not count."""
@@ -171,7 +171,7 @@ def match_far(first: Image | Frame, second: Image | Frame, *, moving: bool = Fal
     y = q[[m.trainIdx for m in good]].reshape(-1, 2).astype(float)
     moved = np.linalg.norm(y - x, axis=1) > RANSAC_TOLERANCE
     motion_of = plane_motion if moving else background_motion
-    for keep in (moved, np.ones(len(x), bool)):  # graphics match best of all: first without what stands still
+    for keep in (moved, np.ones(len(x), bool)):  # graphics match best of all: first without points that stand still
         motion = motion_of(x[keep], y[keep], np.ones(int(np.sum(keep)), bool), size)
         matches = (
             None
@@ -200,7 +200,7 @@ def _reduced(H: Array, frame: Frame) -> Array:
 
 
 def _matched(one: Frame, two: Frame, H: Array | None, corners: int, moving: bool) -> Matches | None:
-    """Matches by flow, which begins where H takes the corners; None if they are not as those of a static scene."""
+    """Matches by optical flow from corners mapped by H; None if they do not look like those of a static scene."""
     x, y, attempts = _followed(one, two, H, corners)
     if len(x) < LEAST_MATCHES:
         return None
@@ -232,7 +232,7 @@ def _matched(one: Frame, two: Frame, H: Array | None, corners: int, moving: bool
 
 
 def _followed(one: Frame, two: Frame, H: Array | None, corners: int) -> tuple[Array, Array, int]:
-    """Corners (n, 2) of one frame, where they are in the other (n, 2), and how many were looked for.
+    """Corners (n, 2) of one frame, their places (n, 2) in the other, and how many were looked for.
 
     With a homography that changes scale or direction, the first frame is warped by it, so that windows look alike.
     """

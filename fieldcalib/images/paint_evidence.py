@@ -30,13 +30,13 @@ BESIDE = 3.0  # px: what is found in right cameras of 98 broadcast frames is at 
 BENT = 4.25  # px, and paint that bends away: lines of a clip on a crowned pitch, good by eye, bend by up to 4
 SAME_RUN = 1.2  # px from the line or arc that the paint follows
 PEAKS = 5  # ridges of a profile, the strongest ones
-SEEN = 0.5  # share of the profiles that paint beside a marking must have,
-MORE, MORE_SHARE = 3, 0.25  # and by how many and by which share of the profiles it must exceed what lies on the marking
+SEEN = 0.5  # share of the profiles that paint beside a marking must have
+MORE, MORE_SHARE = 3, 0.25  # profiles, and their share, by which it must exceed the paint on the marking
 NEARER = 0.2  # share of the profiles that paint at the end of the band must have more than paint at the marking
-AS_NARROW = 1.2  # times the width of a marking in the image: where paint of other markings that are no wider
-EXPECTED = 0.6  # is seen in that share of the places, its own should be seen too
-LOOKED_AT = 0.87  # share of the profiles with paint where a marking is projected, above which no other is looked for
-NEARLY_ALL = 0.9  # share of the profiles on one line or arc, from which the first of these numbers is enough
+AS_NARROW = 1.2  # times the width of a marking in the image, up to which other markings are as narrow
+EXPECTED = 0.6  # share of the profiles of markings as narrow with paint, above which its own paint should be seen
+LOOKED_AT = 0.87  # share of the profiles with paint where a marking is projected, above which it is on its paint
+NEARLY_ALL = 0.9  # share of the profiles on one line or arc, from which `MORE` is enough
 DRAWS = 200  # of ridges of a marking, each of which gives a line or an arc
 APART = 0.3  # least share of the profiles of a marking between the outer ones of a draw
 LEAST_DETERMINANT = 0.1  # of their directions: two ridges with parallel normals do not tell how an arc is shifted
@@ -126,7 +126,7 @@ def paint_evidence(image: Image, camera: Camera, markings: Markings) -> PaintEvi
 
 
 def evidence_of(ridges: Ridges, markings: Markings) -> PaintEvidence:
-    """Which markings lie on paint, which beside it, and where that paint is, from ridges near them."""
+    """Find which markings lie on paint, which beside it, and where that paint is, from ridges near them."""
     profiles, offset, unit = ridges.profiles, ridges.offset, ridges.unit
     is_on = np.any(np.abs(offset) < ON_PAINT * unit, axis=1)
     found, beside = [], {}

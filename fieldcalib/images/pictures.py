@@ -1,4 +1,4 @@
-"""Pictures of which nothing was declared, and that may not be whole frames with square pixels.
+"""Calibration of pictures that may have black borders or may have been squashed.
 
 Black borders are taken off. A picture of another shape than 16:9 is calibrated as it is and as it would be shown if it
 had been squashed, and the calibration that the lines in it make more likely is returned (`fieldcalib.solve.aspect`).
@@ -29,7 +29,7 @@ def without_borders(calibrate: Method, images: Sequence[Image]) -> list[Calibrat
     ]
 
 
-def with_aspect_told(calibrate: Method, task: Task, images: Sequence[Image]) -> list[Calibration]:
+def with_aspect_estimated(calibrate: Method, task: Task, images: Sequence[Image]) -> list[Calibration]:
     """Calibrate pictures; those of another shape than 16:9 as they are or as they would be shown if squashed."""
     found = calibrate(images)
     odd = [i for i, image in enumerate(images) if found[i].camera is not None and may_be_squashed(size_of(image))]
@@ -45,7 +45,7 @@ def with_aspect_told(calibrate: Method, task: Task, images: Sequence[Image]) -> 
 def log_ratio_of_squash(task: Task, as_it_is: Calibration, shown: Calibration) -> float:
     """Log evidence that a picture was squashed, from the lines that were found in it as it is and as shown.
 
-    Each of both cameras has lines of its own, those near its markings; cameras of both sizes are fitted to both.
+    The camera of either shape has its own lines, found near its markings. Cameras of both shapes are fitted to both.
     """
     if as_it_is.camera is None or shown.camera is None or as_it_is.solved is None or shown.solved is None:
         return 0.0

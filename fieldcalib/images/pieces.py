@@ -34,7 +34,7 @@ class Pieces:
     number: IntArray
     """Number of the piece of each frame, (T,), from 0 and ascending."""
     models: Mapping[int, CameraModel] = field(default_factory=dict)
-    """Camera models of pieces; that of the others is a tripod."""
+    """Camera models of pieces; pieces without one have a tripod."""
 
     @property
     def numbers(self) -> list[int]:
@@ -50,20 +50,20 @@ class Pieces:
         return {self.models.get(piece, CameraModel.TRIPOD) for piece in members}
 
     def with_model(self, piece: int, model: CameraModel) -> Pieces:
-        """A piece with another camera model."""
+        """The pieces, one of them with another camera model."""
         return replace(self, models={**self.models, piece: model})
 
     def divided(self, first: Sequence[int]) -> Pieces:
-        """Pieces that are divided before some frames."""
+        """The pieces, divided before some frames."""
         return replace(self, number=self.number + np.searchsorted(first, np.arange(len(self.number)), "right"))
 
     def joined(self, piece: int) -> Pieces:
-        """A piece as a part of the one before."""
+        """The pieces, one of them joined to the one before."""
         return replace(self, number=self.number - (self.number >= piece))
 
 
 def loose_at_end(piece: Sequence[int], linked: Sequence[bool]) -> list[bool]:
-    """Which frames nothing ties, nor any frame after them in their piece, as in a dissolve or a pan too fast to follow.
+    """Which frames are untied, as are all after them in their piece: in a dissolve or a pan too fast to follow.
 
     They may show the next camera, so labels in them say nothing of the frames before.
 

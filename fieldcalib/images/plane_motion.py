@@ -18,8 +18,8 @@ from fieldcalib.images.background_motion import (
     tolerance,
 )
 
-RANSAC_ITERATIONS = 2000  # at most; four points make a homography: with half of them right, 72 find it in 99 %
-ITERATIONS = 4  # of the fit to what is near
+RANSAC_ITERATIONS = 2000  # at most; four points make a homography: with half of inliers, 72 draws find it in 99 %
+ITERATIONS = 4  # of the fit to inliers
 
 
 def plane_motion(

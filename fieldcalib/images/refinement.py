@@ -67,7 +67,7 @@ def refine_on_image(
     Returns
     -------
     Calibration
-        The refined one, whose errors refer to the lines found in the image, or `calibration` itself.
+        The refined calibration, whose errors refer to the lines found in the image, or `calibration` itself.
 
     Raises
     ------
@@ -124,9 +124,9 @@ def refine_homography_on_image(
     Returns
     -------
     Calibration
-        The refined one, or that of the homography, whose message says so, where the image does not support it: the
-        markings must be within about 12 px of the lines in an image of 960x540. The message also says so where the
-        image supports the homography with yards for metres.
+        The refined calibration, or that of the homography with a message that it is not refined, where the image does
+        not support it: the markings must be within about 12 px of the lines in an image of 960x540. The message also
+        says if the image supports the homography with yards for metres.
 
     Raises
     ------
@@ -168,7 +168,7 @@ class ToRefine:
     labelled: Pixels
     weights: Weights
     are_detected: bool = False
-    """Whether a network labelled the pixels: those that it mistook for a segment say nothing against the camera."""
+    """Whether a network labelled the pixels; its labels far from a camera that fits the lines are left out."""
 
 
 @dataclass(frozen=True)
@@ -214,7 +214,7 @@ def refine_all(
 def _fitted(
     task: Task, given: Sequence[tuple[Calibration, Pixels, ToRefine]], loss_scale: float = LOSS_SCALE
 ) -> list[Calibration]:
-    """Fit cameras to detected lines, and to labelled pixels of segments without one, from those of before."""
+    """Fit cameras to detected lines, and to labelled pixels of segments without a line, from given cameras."""
     cameras = [calibration.camera for calibration, _, _ in given if calibration.camera is not None]
     if not cameras:
         return []
@@ -239,7 +239,7 @@ def _with_paint(one: Refined, image: Image, markings: Markings) -> Refined:
 def _moved_to_paint(
     task: Task, markings: Markings, refined: Sequence[Refined], given: Sequence[ToRefine]
 ) -> list[Refined]:
-    """Cameras that are also fitted to the paint beside their markings, where more of the markings lie on paint then."""
+    """Fit cameras to the paint beside their markings too; keep those that bring more markings onto paint."""
     members = []
     for one, image in zip(refined, given, strict=True):
         assert one.paint is not None
@@ -261,7 +261,7 @@ def _paint_share(one: Refined) -> float:
 def _in_passes(
     task: Task, markings: Markings, given: Sequence[ToRefine], search_ranges: Sequence[float] = SEARCH_RANGES
 ) -> list[Refined]:
-    """Cameras fitted to the lines near their markings, in two passes, or as they were; and their paint."""
+    """Fit cameras to the lines near their markings, in two passes, or keep them; and look for their paint."""
     images = [one.image for one in given]
     found = {t: one.calibration for t, one in enumerate(given)}
     strips = _strips(given, found, markings)
@@ -269,7 +269,7 @@ def _in_passes(
     for search_range in search_ranges:
         in_this_pass = task
         if search_range > SEARCH_RANGES[-1]:
-            # lines that are found far away may be others: a principal point that is free would absorb them
+            # distant lines may belong to other markings, and a free principal point would absorb them
             in_this_pass = task.with_flags(CalibrationFlags.CALIB_FIX_PRINCIPAL_POINT)
         else:
             given = _without_stray(task.object_segments, given, found)
@@ -304,7 +304,7 @@ def near_labels(
 def _without_stray(
     object_segments: ObjectSegments, given: Sequence[ToRefine], found: Mapping[int, Calibration]
 ) -> list[ToRefine]:
-    """Leave out segments that a network saw elsewhere than cameras that fit the lines of the images."""
+    """Leave out segments that a network saw far from where cameras that fit the lines project them."""
     cameras = {t: one.camera for t, one in found.items() if given[t].are_detected and one.camera is not None}
     near = near_labels(object_segments, list(cameras.values()), [given[t].labelled for t in cameras], STRAY)
     left = list(given)

@@ -28,7 +28,7 @@ def same_tripod_log_ratio(difference: Array, covariance: Array) -> float:
     >>> sure = 0.01 * np.eye(3)
     >>> same_tripod_log_ratio(np.array([0.1, 0.0, 0.0]), sure) > 4.0 > 0.0 > same_tripod_log_ratio(np.ones(3), sure)
     True
-    >>> same_tripod_log_ratio(np.ones(3), 10000.0 * sure) < LEAST_LOG_RATIO  # who knows
+    >>> same_tripod_log_ratio(np.ones(3), 10000.0 * sure) < LEAST_LOG_RATIO  # undecided
     True
     """
     is_place = np.arange(len(difference)) < len(PLACE)

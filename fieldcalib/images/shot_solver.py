@@ -28,7 +28,7 @@ from fieldcalib.solve.tripod import KnownTripod, Labels
 
 
 class KnownCamera(NamedTuple):
-    """The camera of a frame, to which others can be tied."""
+    """The camera of a frame to which other frames can be tied."""
 
     theta: Array
     """Parameters, (n,)."""
@@ -53,7 +53,7 @@ class SolvedShot:
 
     @property
     def shared(self) -> Array:
-        """Parameters (n,), of which those that the frames share have a meaning."""
+        """Parameters (n,) of one of the cameras; only those that the frames share are used."""
         return next(iter(self.cameras.values())).theta
 
 
@@ -78,17 +78,17 @@ class ShotProblem:
     problem: ClipProblem
     """The keyframes; labels are empty where no camera is found."""
     new: int
-    """Number of the new one."""
+    """Number of the new keyframe."""
     pairs: Sequence[KeyframePair] = ()
     """Keyframes that are still to be matched."""
     layout: Layout | None = None
-    """Layout of cameras that are known already; None as long as none is."""
+    """Layout of cameras that are known already; None without any."""
     cameras: Mapping[int, Array] = field(default_factory=dict)
     """Parameters (n,) of these cameras."""
 
 
 class ShotSolution(NamedTuple):
-    """What was found out about a shot."""
+    """The result of solving the keyframes of a shot."""
 
     labels: Labels | None
     """Labels of the new keyframe; None if they stay as they were."""

@@ -25,15 +25,15 @@ class SolvedShots:
 
     keyframes: Keyframes
     pieces: Pieces
-    """Those of the keyframes, or parts of them, with their camera models."""
+    """The pieces of the keyframes, or parts of these, with their camera models."""
     calibrations: Mapping[int, SequenceCalibration]
     """Calibrations of the frames of each piece, in order."""
     notes: tuple[str, ...] = ()
-    """What a user is told of frames that no tripod explains."""
+    """Notes for the user on frames that no tripod explains."""
 
 
 def solve_shots(keyframes: Keyframes) -> SolvedShots:
-    """Calibrate each piece by itself; those that one place does not explain in parts, or with another camera model."""
+    """Calibrate each piece by itself: on a tripod, or if that fails in parts or with another camera model."""
     solved = SolvedShots(keyframes, _with_loose_frames(keyframes), {})
     while left := [piece for piece in solved.pieces.numbers if piece > max(solved.calibrations, default=-1)]:
         solved = _with_next(solved, left[0])
@@ -60,7 +60,7 @@ def _belongs(keyframes: Keyframes, pieces: Pieces, piece: int) -> bool:
 
 
 def _with_next(solved: SolvedShots, piece: int) -> SolvedShots:
-    """With one more piece, or the parts that it is divided into: their numbers begin with its own."""
+    """With one more piece, or with the parts that it is divided into, numbered from its own number."""
     clip, pieces = solved.keyframes, solved.pieces
     options, size, frames = clip.options, clip.shots.image_size, pieces.frames([piece])
     calibration = clip.calibrate(pieces, [piece], clip.accepted)
@@ -82,7 +82,7 @@ def _with_next(solved: SolvedShots, piece: int) -> SolvedShots:
 
 
 def _parts_of_two_places(solved: SolvedShots, piece: int) -> list[int]:
-    """First keyframes of the parts whose single frames stand nearer to one or to the other of two places."""
+    """First keyframes of parts, where each single keyframe is put to the nearer of two places of the camera."""
     pieces = solved.pieces.with_model(piece, CameraModel.ALONE)
     alone = solved.keyframes.calibrate(pieces, [piece], solved.keyframes.accepted)
     keyframes = np.flatnonzero(alone.accepted)
@@ -129,7 +129,7 @@ def _best_model(
 
 
 def _misprediction(solved: SolvedShots, left_out: LeftOut) -> Misprediction:
-    """How far labels and matches that are left out lie off, when pieces are solved again without them."""
+    """The misprediction of labels and matches that are left out, by pieces solved again without them."""
     clip, pieces = solved.keyframes, solved.pieces
     found = [
         (pieces.frames([p]), clip.calibrate(pieces, [p], left_out.kept, start, left_out.pairs))

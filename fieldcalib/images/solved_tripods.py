@@ -32,9 +32,9 @@ class SolvedTripods:
     keyframes: Keyframes
     pieces: Pieces
     tripods: tuple[Tripod, ...]
-    """The one with most frames first."""
+    """The tripod with most frames comes first."""
     notes: tuple[str, ...] = ()
-    """What a user is told of the clip."""
+    """Notes for the user on the clip."""
 
 
 def solve_tripods(shots: SolvedShots) -> SolvedTripods:
@@ -58,7 +58,7 @@ def solve_tripods(shots: SolvedShots) -> SolvedTripods:
 
 
 def _consistent_tripods(shots: SolvedShots, groups: Sequence[Sequence[int]]) -> list[Tripod]:
-    """The tripods of groups of pieces, without pieces that have another camera after all: these make others.
+    """The tripods of groups of pieces; pieces that turn out to have another camera make tripods of their own.
 
     A piece that hardly determines its place joins any group; solved together, its own lines may contradict the others.
     """

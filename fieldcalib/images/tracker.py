@@ -36,9 +36,9 @@ from fieldcalib.solve.options import ALL, DEFAULT_FLAGS, Prior
 from fieldcalib.solve.sequence_problem import SHARED
 
 NICENESS = 2  # of the process that solves keyframes: `update` comes first where there are few cores
-NEEDED = ("cv2", "fieldcalib.images.shot_solver")  # modules in that process
-SEGMENTED = 4  # keyframes of a shot that the network sees in any case,
-SOLVE_AGAIN, SEGMENT_AGAIN = 3, 6  # then all are solved again, and the network sees one, every so many
+NEEDED = ("cv2", "fieldcalib.images.shot_solver")  # modules that this process imports at once
+SEGMENTED = 4  # first keyframes of a shot, all of which the network sees and after each of which all are solved
+SOLVE_AGAIN, SEGMENT_AGAIN = 3, 6  # later: keyframes per solution, and per one that the network sees
 PAINT_INTERVAL = 25  # frames, a second, after which paint beside the markings is looked for again: 5 ms
 
 
@@ -66,24 +66,23 @@ class Tracker:
     camera_matrix, dist_coeffs, rvec, tvec, flags, prior
         As in `calibrate_video`.
     take_off_borders, estimate_aspect : bool
-        As in `calibrate_video`, of the images so far. Where they turn out to lie elsewhere in the pictures, it begins
-        anew. Until it is known whether pictures of another shape than 16:9 were squashed, all cameras are to be
-        checked.
+        As in `calibrate_video`, from the images so far; when the estimate changes, the tracker begins anew. Until it
+        is known whether pictures of another shape than 16:9 were squashed, all cameras are to be checked.
     estimate_size : bool
         As in `calibrate_video`.
     every : int
         Frames from one keyframe to the next, at most.
     wait : bool
-        Whether `update` waits until a keyframe is calibrated: for files, where each run shall give the same. Otherwise
-        a thread runs the network, and another Python process does the rest; the classes of `object_segments` and
-        `prior` must then be those of modules, not of the script.
+        Whether `update` waits until a keyframe is calibrated: for files, where each run is to give the same result.
+        Otherwise a thread runs the network, and another Python process does the rest; the classes of `object_segments`
+        and `prior` must then be defined in modules, not in the script.
 
     Raises
     ------
     ValueError
-        If `object_segments` or `network` is not one, or as `calibrate_video` for what is known of the camera.
+        If `object_segments` or `network` is invalid, or as `calibrate_video` for what is known of the camera.
     RuntimeError
-        If no other process can be started, and it does not `wait`.
+        If no other process can be started (without `wait`).
 
     Examples
     --------
@@ -193,7 +192,7 @@ class Tracker:
             raise ValueError("the tracker is closed: it takes no more images")
         image = checked_image(image)
         size = size_of(image)
-        if self._size is None or size == self._size:  # an image of another size is named by `KeyframeTracker`
+        if self._size is None or size == self._size:  # `KeyframeTracker` raises for an image of another size
             self._size = size
             if self._shape.update(image):
                 self._begin()
@@ -212,7 +211,7 @@ class Tracker:
         self._work()
         followed = self._follow(index, image, ties)
         if tied is not None and tied.is_key:
-            self._shot = self._shot.with_keyframe(index, ties, tied.left, followed)
+            self._shot = self._shot.with_keyframe(index, ties, tied.unmatched, followed)
             self._add(index, image, has_lines=followed is not None and bool(followed.lines[0]))
             if self._other is None and (followed is None or followed.camera is None):
                 followed = self._follow(index, image, ties)
@@ -223,7 +222,7 @@ class Tracker:
         return self._with_paint(followed.calibration, index, image)
 
     def _follow(self, index: int, image: Image, ties: Mapping[int, Cells]) -> FollowedFrame | None:
-        """The frame as it follows from keyframes; None as long as none has a camera."""
+        """Calibrate a frame from keyframes; None as long as no keyframe has a camera."""
         if self._shot.solved is None:
             return None
         found = follow(self._shot, self._shot.solved, index, image, ties)
@@ -231,7 +230,7 @@ class Tracker:
         return found
 
     def _with_paint(self, calibration: Calibration, index: int, image: Image) -> Calibration:
-        """A calibration with what this or one of the last images shows of the markings."""
+        """A calibration with the markings that this or one of the last images shows."""
         shot = self._shot
         if calibration.camera is None or shot.solved is None:
             return calibration
@@ -242,7 +241,7 @@ class Tracker:
         return calibration.seen_in_image(paint[1])
 
     def _add(self, index: int, image: Image, *, has_lines: bool) -> None:
-        """Calibrate the newest keyframe if it is time to; one that is not begun yet gives way to it."""
+        """Plan to calibrate the newest keyframe if it is time to; it replaces a planned one."""
         shot, count = self._shot, len(self._shot.labels) - 1
         segments = not has_lines or shot.segmented < SEGMENTED or count % SEGMENT_AGAIN == 0
         if not segments and count % SOLVE_AGAIN:
@@ -253,7 +252,7 @@ class Tracker:
         self._work()
 
     def _work(self) -> None:
-        """Take what is done, and begin with what is next."""
+        """Take a solution that is done, and begin with the next keyframe."""
         if self._running is not None and self._running[1].done():
             keyframe, done = self._running
             self._running = None

@@ -1,4 +1,4 @@
-"""Labels that a network found in keyframes, held against the cameras that all frames have together.
+"""Labels that a network found in keyframes, as a check of the cameras that all frames together have.
 
 Lines are searched near the markings that a camera projects, so lines that are found confirm it: one that lies elsewhere
 is not found, and contradicts nothing. The labels of the network were found without that camera and can contradict it.
@@ -22,7 +22,7 @@ from fieldcalib.problem.layout import Layout
 from fieldcalib.problem.observations import pack
 from fieldcalib.solve.options import pixel_unit
 
-LEAST_WITHOUT_WORST = 6  # labels of a keyframe, from which on the worst is left out: a board may pass for a touchline
+LEAST_WITHOUT_WORST = 6  # labels from which on the worst of a keyframe is left out: a board may pass for a touchline
 
 
 def witnesses_of(
@@ -47,8 +47,8 @@ def with_witnesses(
 ) -> SequenceCalibration:
     """A calibration with the misfit of the labels of keyframes where that is larger than its own.
 
-    Frames in between are interpolated. The misfit of one keyframe counts as far as that of the one before or after it
-    is as large. Labels of keyframes that were accepted by themselves agree with one another, and their misfit is that
+    Frames in between are interpolated. The misfit of a keyframe counts up to the larger one of the keyframes before and
+    after it. Labels of keyframes that were accepted by themselves agree with one another, and their misfit is that
     of `fieldcalib.assess.misfit`. Of the others a camera must explain half; if it explains fewer, the misfit is the
     median distance of the labels.
     """
@@ -67,7 +67,7 @@ def with_witnesses(
 def _excess(
     object_segments: ObjectSegments, keyframes: Sequence[KeyframeLabels], layout: Layout, theta: Array
 ) -> Array:
-    """By how much cameras theta (B, n) bring the labels of keyframes farther off than they need be, pixels (B,)."""
+    """Misfit (B,) in pixels of the labels of keyframes to cameras theta (B, n)."""
     pixels, weights = zip(*(one.labels for one in keyframes), strict=True)
     observations = pack(object_segments, pixels, layout.image_size, weights)
     all_labels = evaluate(Problem(observations, layout, line_loss(layout.image_size)), theta)
@@ -83,7 +83,7 @@ def _excess(
 
 
 def _confirmed(excess: Array) -> Array:
-    """No more than the larger one of the two beside each: in one keyframe of forty labels lie beside the paint."""
+    """Each misfit, up to the larger one of its neighbours: in one keyframe of forty, labels lie beside the paint."""
     if len(excess) < 2:
         return np.zeros_like(excess)
     before, after = np.concatenate([[0.0], excess[:-1]]), np.concatenate([excess[1:], [0.0]])

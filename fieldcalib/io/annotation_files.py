@@ -17,6 +17,7 @@ from fieldcalib.io.files import (
     MOST_BYTES,
     BrokenFileError,
     FrameFile,
+    error_message,
     named_in_errors,
     parse_json,
     parse_json_object,
@@ -26,16 +27,16 @@ from fieldcalib.io.formats import ANNOTATIONS, OTHER_ANNOTATIONS
 from fieldcalib.io.soccernet import UNKNOWN_LABELS
 
 # Beginning of SoccerNet's annotations, which are read frame by frame: the first label, and a list of points.
-OF_SOCCERNET = re.compile(rb'\s*\{\s*(\}|"[^"]*"\s*:\s*\[\s*(\]|\{\s*"[xy]"))')
-BEGINNING = 256  # bytes
+SOCCERNET_BEGINNING = re.compile(rb'\s*\{\s*(\}|"[^"]*"\s*:\s*\[\s*(\]|\{\s*"[xy]"))')
+BEGINNING_BYTES = 256
 KEYS = {"labelme": {"shapes", "imagePath"}, "coco": {"images", "annotations"}, "labelstudio": {"data"}}
-ONE_IMAGE = "labelme"  # has a file for each image
+FILE_PER_IMAGE = "labelme"  # the tool that writes a file for each image
 NO_SIZE = "SoccerNet's annotations do not say the size of their images: give it by --size"
 
 
 @dataclass(frozen=True)
 class AnnotatedFrame(FrameFile):
-    """A frame that is read already; its file may hold several."""
+    """A frame that has been read; its file may hold several."""
 
     annotation: Annotation = attribute(default_factory=lambda: Annotation("", {}))
 
@@ -70,7 +71,7 @@ def frames_in(
     labels : mapping of str to str or None
         The field's labels by those in files of other tools; None leaves a label out.
     known : mapping of str to segment, optional
-        The calibration object: other labels are left out, and counted (all are kept).
+        The calibration object: other labels are left out, and counted; by default all are kept.
     most_bytes : float
         Larger files are broken. A file that is broken is one frame: `parse_frame` says what is wrong with it.
 
@@ -106,7 +107,7 @@ def _is_known(label: str, known: ObjectSegments | None) -> bool:
 
 def is_of_soccernet(file: FrameFile) -> bool:
     """Whether a file begins as SoccerNet's annotations do."""
-    return OF_SOCCERNET.match(file.read_beginning(BEGINNING)) is not None
+    return SOCCERNET_BEGINNING.match(file.read_beginning(BEGINNING_BYTES)) is not None
 
 
 def _frames_of(file: FrameFile, most_bytes: float) -> Iterator[FrameFile]:
@@ -123,9 +124,9 @@ def _frames_of(file: FrameFile, most_bytes: float) -> Iterator[FrameFile]:
     try:
         annotations = OTHER_ANNOTATIONS[tool].read(content)
     except (BrokenFileError, MemoryError) as error:
-        annotations = [Annotation(file.id, {}, problem=str(error) or "there is not enough memory for it")]
+        annotations = [Annotation(file.id, {}, problem=error_message(error))]
     for annotation in annotations:
-        id = file.id if tool == ONE_IMAGE else annotation.id
+        id = file.id if tool == FILE_PER_IMAGE else annotation.id
         yield AnnotatedFrame(id, file.path, file.zipped, annotation)
 
 
@@ -168,7 +169,7 @@ def parse_frame(
     image_size : (int, int), optional
         Width and height, where they are known: SoccerNet's files do not say them.
     labels : mapping of str to str or None
-        As of `frames_in`, for the files that were not read there.
+        As for `frames_in`, which applies it to the files that it reads.
     most_bytes : float
         Larger files are broken.
     unknown : bool
@@ -206,7 +207,7 @@ def read_annotations(
     *,
     labels: Labels | str | Path = MappingProxyType({}),
 ) -> dict[str, Annotation]:
-    """Labelled pixels of SoccerNet's annotations, or those of CVAT, labelme, Label Studio and COCO.
+    """Read labelled pixels from annotations of SoccerNet, CVAT, labelme, Label Studio or COCO.
 
     Parameters
     ----------

@@ -78,7 +78,7 @@ class Shapes:
         Raises
         ------
         BrokenFileError
-            If the size is none.
+            If that is no size.
         """
         return cls(checked_size(width, height), {}, {})
 
@@ -180,7 +180,7 @@ def member(record: Any, key: str, kind: type, what: str) -> Any:
     Raises
     ------
     BrokenFileError
-        If it is missing or something else; `what` has it, for messages.
+        If it is missing or of another kind; `what` names the record in the message.
     """
     value = record.get(key) if isinstance(record, dict) else None
     if not isinstance(value, kind):
@@ -218,7 +218,7 @@ def names_of(labels: Labels, known: Iterable[str]) -> dict[str, str]:
     Raises
     ------
     ValueError
-        If a label that the mapping does not have would be read as another one.
+        If a label's name in the other tool would be read back as another label.
 
     Examples
     --------
@@ -241,7 +241,7 @@ class ExportedImage(NamedTuple):
     """Content of a file of another tool for one image."""
 
     image: str
-    """Its name or path."""
+    """Name or path of the image."""
     size: tuple[int, int]
     """Width and height (px)."""
     shapes: list[tuple[str, list[list[float]]]]

@@ -175,7 +175,7 @@ def _layout(path: Path, columns: Sequence[str]) -> tuple[int, Any]:
     Raises
     ------
     BrokenFileError
-        If there is none.
+        If there is no such column.
     """
     names = [name.lower() for name in columns]
     twice = next((name for name in columns if columns.count(name) > 1), None)

@@ -15,7 +15,7 @@ import numpy as np
 
 from fieldcalib.io.files import FrameFile, named_in_errors
 from fieldcalib.io.formats import IMAGES
-from fieldcalib.io.image import Image
+from fieldcalib.io.image import Image, size_of
 from fieldcalib.io.videos import VideoReader
 
 
@@ -69,7 +69,7 @@ class OneSize:
 
     def check(self, file: FrameFile, image: Image) -> None:
         """Raise a ValueError that names the file, unless its image has that size."""
-        size = image.shape[1], image.shape[0]
+        size = size_of(image)
         first, first_size = self._first = self._first or (file, size)
         if size != first_size:
             raise ValueError(

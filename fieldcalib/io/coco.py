@@ -17,14 +17,14 @@ from fieldcalib._types import Array
 from fieldcalib.io.annotations import Annotation, Shapes, annotation_of, exported, member
 from fieldcalib.io.files import BrokenFileError, parse_json_object
 
-LEAST_POINTS = 3  # of a polygon, without which other readers refuse it
+LEAST_POINTS = 3  # of a polygon: other readers refuse fewer
 
 
 def parse_coco(content: bytes | str) -> list[Annotation]:
     """The annotations of all images of a file.
 
-    A list of a segmentation has the points of its category, a point that follows upon itself counting once; a key
-    point has its own name, or that of its category if that names none. Masks (RLE) and boxes are left out.
+    The lists of a segmentation are points of its category, without repeated neighbours. The label of a key point is its
+    own name, or that of the category if this does not name its key points. Masks (RLE) and boxes are left out.
 
     Raises
     ------
@@ -93,7 +93,7 @@ def _rows(label: Any, numbers: Any, length: int) -> list[list[Any]]:
 
 
 def _without_repeats(points: list[list[Any]]) -> list[list[Any]]:
-    """Points without those that follow upon themselves, around the polygon."""
+    """The points of a polygon without those that equal the one before."""
     kept = [point for k, point in enumerate(points) if k == 0 or point != points[k - 1]]
     return kept[:-1] if len(kept) > 1 and kept[0] == kept[-1] else kept
 

@@ -1,7 +1,7 @@
 """Field points in the coordinate systems of data providers, which kloppy knows.
 
-Those of this package and of SoccerNet are the same: metres from the centre mark, x right along the touchline as the
-main camera sees it, y towards the main camera.
+The systems of this package and of SoccerNet are the same: metres from the centre mark, x right along the touchline as
+the main camera sees it, y towards the main camera.
 """
 
 from __future__ import annotations
@@ -17,8 +17,8 @@ from fieldcalib._extras import imported
 from fieldcalib._types import Array
 from fieldcalib.fields.field import Field
 
-OWN = ("fieldcalib", "soccernet")
-MARKING = "Big rect. left main"  # has one: the systems stretch the parts of a soccer field between its lines
+OWN_SYSTEMS = ("fieldcalib", "soccernet")
+MARKING = "Big rect. left main"  # shows that a field is one of soccer: the systems stretch its parts between the lines
 STEP = 1e-3  # m: the systems are linear from one line of the field to the next
 
 
@@ -54,7 +54,7 @@ def to_system(xy: ArrayLike, system: str, field: Field) -> Array:
 
     Examples
     --------
-    >>> from fieldcalib.fields.soccer import soccer
+    >>> from fieldcalib.fields.sports.soccer import soccer
     >>> to_system([[41.5, 0.0, 0.0], [0.0, -34.0, 0.0]], "statsbomb", soccer())  # penalty mark, far touchline
     array([[108.,  40.],
            [ 60.,   0.]])
@@ -63,7 +63,7 @@ def to_system(xy: ArrayLike, system: str, field: Field) -> Array:
     if points.ndim == 0 or points.shape[-1] not in (2, 3):
         raise ValueError(f"expected field points of shape (..., 2) or (..., 3), got shape {points.shape}")
     flat = points[..., :2].reshape(-1, 2)
-    if system not in OWN:
+    if system not in OWN_SYSTEMS:
         convert = _converter(system, field)
         flat = np.array([convert(x, y) if x == x and y == y else (np.nan, np.nan) for x, y in flat.tolist()])
     return flat.reshape(*points.shape[:-1], 2).copy()
@@ -77,7 +77,7 @@ def scale_of_system(xy: ArrayLike, system: str, field: Field) -> Array:
     Parameters
     ----------
     xy, system, field
-        As of `to_system`.
+        As for `to_system`.
 
     Returns
     -------
@@ -91,7 +91,7 @@ def scale_of_system(xy: ArrayLike, system: str, field: Field) -> Array:
 
     Examples
     --------
-    >>> from fieldcalib.fields.soccer import soccer
+    >>> from fieldcalib.fields.sports.soccer import soccer
     >>> scale_of_system([10.0, 5.0], "tracab", soccer()).round(6)
     array([ 100., -100.])
     """
@@ -102,16 +102,18 @@ def scale_of_system(xy: ArrayLike, system: str, field: Field) -> Array:
 
 def check_system(system: str, field: Field) -> None:
     """Raise what `to_system` would, without points."""
-    if system not in OWN:
+    if system not in OWN_SYSTEMS:
         _converter(system, field)
 
 
 @lru_cache(maxsize=8)
 def _converter(system: str, field: Field) -> Callable[[float, float], tuple[float, float]]:
-    """The map of one point; by kloppy's pitches."""
+    """A function that converts one point, by kloppy."""
     kloppy: Any = imported("kloppy.domain", "coordinates", f"the coordinate system {system!r}")
     if MARKING not in field:
-        raise ValueError(f"the coordinates of {system!r} are of soccer pitches, this field is none: use {OWN[0]!r}")
+        raise ValueError(
+            f"the coordinates of {system!r} are of soccer pitches, this field is none: use {OWN_SYSTEMS[0]!r}"
+        )
     length, width = field.length, field.width
     providers = {_bare(provider.value): provider for provider in kloppy.Provider}
     try:
@@ -121,9 +123,8 @@ def _converter(system: str, field: Field) -> Callable[[float, float], tuple[floa
         )
     except (KeyError, ValueError):
         raise ValueError(f"expected a system among {', '.join(systems())}, got {system!r}") from None
-    down = (
-        found.vertical_orientation is kloppy.VerticalOrientation.TOP_TO_BOTTOM
-    )  # the main camera's side is the bottom
+    # the main camera's side is the bottom
+    down = found.vertical_orientation is kloppy.VerticalOrientation.TOP_TO_BOTTOM
 
     def convert(x: float, y: float) -> tuple[float, float]:
         base = kloppy.Point(x + length / 2.0, (y if down else -y) + width / 2.0)
@@ -150,11 +151,11 @@ def systems() -> list[str]:
             return False
         return True
 
-    return [*OWN, *sorted(provider.value for provider in kloppy.Provider if has_system(provider))]
+    return [*OWN_SYSTEMS, *sorted(provider.value for provider in kloppy.Provider if has_system(provider))]
 
 
 def _bare(name: str) -> str:
-    """A name without what separates its words.
+    """A name in lower case, without separators between its words.
 
     Examples
     --------

@@ -67,7 +67,7 @@ class Position:
 
 @dataclass(frozen=True)
 class Cut:
-    """Every `step`-th frame from `start` on, up to `end`, which is not among them."""
+    """Every `step`-th frame from `start` on, before `end`."""
 
     start: Position = Position(frame=0)
     end: Position | None = None

@@ -38,7 +38,7 @@ class Encoder(Protocol):
 def open_encoder(path: Path, frames_per_second: float, size: tuple[int, int], threads: int | None = None) -> Encoder:
     """The best encoder that is installed, for frames of a size (width, height), both even.
 
-    H.264 is compressed by that many threads, as many as it likes by default; MPEG-4 by one.
+    `threads` is for H.264, by default as many as there are cores; MPEG-4 takes one.
 
     Raises
     ------

@@ -1,4 +1,4 @@
-"""Fields in files of one's own: YAML or JSON, with the names that `Field` has."""
+"""Fields of users in YAML or JSON files, with the names that `Field` has."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ def read_field(path: Path | str) -> Field:
     Raises
     ------
     BrokenFileError
-        If it cannot be read, or is no field; the message begins with the path, and says what is wrong with what.
+        If it cannot be read, or is no field; the message begins with the path.
 
     Examples
     --------
@@ -51,7 +51,7 @@ def read_field(path: Path | str) -> Field:
 
 
 def write_field(path: Path | str, field: Field) -> None:
-    """Write a field with all its segments, for `read_field`: a start for one's own.
+    """Write a field with all its segments, for `read_field`; also a template for a field of one's own.
 
     Raises
     ------

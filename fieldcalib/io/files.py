@@ -22,7 +22,7 @@ YAML = (".yaml", ".yml")
 MOST_BYTES = 64_000_000  # of a file: a million labelled pixels are 50 MB of JSON
 LONGEST_ID = 240  # bytes: with "overlay_" and ".jpg" around it, it is still a file's name (255)
 TEMPORARY = ".unfinished-"  # prefix of the names of temporary files
-READ_AT_ONCE = 4096  # bytes: bzip2 and LZMA unpack all that was read, whatever its size then
+READ_AT_ONCE = 4096  # bytes: bzip2 and LZMA unpack each part as a whole, however large it becomes
 
 Zipped: TypeAlias = tuple[zipfile.ZipFile, zipfile.ZipInfo]
 
@@ -187,8 +187,8 @@ def find_files(
         What each file holds, for messages.
     prefix : str
     suffix : str or tuple of str
-        Around the id of the frame; of a single file the id is the name without ending and prefix. One of several
-        suffixes will do, in upper or lower case.
+        Beginning and end of a name, around the id of the frame; of several suffixes any, in upper or lower case. The
+        id of a single file is its name without ending and prefix.
     others : re.Pattern
         Matches the beginning of the names of files that are something else.
 
@@ -292,7 +292,7 @@ def parse_json_object(content: bytes | str, what: str) -> dict[str, Any]:
 
 
 def read_json_or_yaml(path: Path) -> Any:
-    """Read a file of JSON, or of YAML if its name ends so.
+    """Read a file of JSON, or of YAML if it has such an ending.
 
     Raises
     ------

@@ -64,7 +64,7 @@ cv2.cvtColor(image, cv2.COLOR_GRAY2BGR) or cv2.COLOR_BGRA2BGR makes it so
 
 
 def each_checked(images: Iterable[Any]) -> Iterator[Image]:
-    """Several images as arrays, of a generator too, each when it is asked for; see `checked_image`.
+    """Check several images by `checked_image`, each when it is asked for.
 
     Examples
     --------

@@ -20,7 +20,7 @@ from fieldcalib.io.image_size import stored_size
 
 MOST_PIXELS = 50_000_000  # of an image: 8K has 33 million
 IMAGES_AT_ONCE = 8  # in memory
-PIXELS_AT_ONCE = 66_000_000  # of them together: eight images of 4K
+PIXELS_AT_ONCE = 66_000_000  # of all images in memory together: eight of 4K
 LONGEST_SIDE = 32_766  # px: cv2.remap counts pixels in 16 bits
 JPEG, JPEG_SCAN, JPEG_END = b"\xff\xd8\xff", b"\xff\xda", b"\xff\xd9"
 

@@ -11,7 +11,7 @@ from fieldcalib._types import Array
 from fieldcalib.io.files import named_in_errors, parse_json_object, read_regular_file
 from fieldcalib.io.soccernet import camera_from_record
 
-OF_CAMERA_FILE = "x_focal_length"  # a key of this package's own camera files
+CAMERA_FILE_KEY = "x_focal_length"  # in this package's own camera files
 
 
 @dataclass(frozen=True, eq=False)
@@ -45,7 +45,7 @@ def read_intrinsics(path: str | os.PathLike[str]) -> Intrinsics:
         if not content.lstrip().startswith(b"{"):
             return _of_opencv(content)
         record = parse_json_object(content, "a camera")
-        if OF_CAMERA_FILE not in record:
+        if CAMERA_FILE_KEY not in record:
             return _of_opencv(content)
         camera = camera_from_record(record)
         return Intrinsics(camera.K, camera.dist[0], None)

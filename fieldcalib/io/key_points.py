@@ -1,4 +1,4 @@
-"""Key points that other models find: named points of a field, their pixels, and what each is worth.
+"""Key points that other models find: named points of a field, their pixels and weights.
 
 A model knows its points by number. What counts here is which marking a number stands for, not where the model's own
 code draws it: roboflow/sports has a pitch of 120 x 70 m in centimetres from the far left corner, with penalty areas of
@@ -18,7 +18,7 @@ import numpy as np
 from fieldcalib._types import Array
 from fieldcalib.fields.field import Field
 from fieldcalib.fields.segments import Point
-from fieldcalib.fields.soccer import CIRCLE_RADIUS, soccer
+from fieldcalib.fields.sports.soccer import CIRCLE_RADIUS, soccer
 from fieldcalib.io.pnlcalib import KEYPOINTS, keypoint_field, keypoint_name, keypoints_by_name
 
 # Points of roboflow/sports, the first one first.
@@ -106,7 +106,8 @@ def key_points(
     result : object, (K, 2) or (K, 3) array_like, or mapping
         Of one image: a result of ultralytics' pose models or its ``keypoints``, `supervision.KeyPoints`, which are read
         by their attributes; an array of x, y in pixels and perhaps confidence; or the dict of PnLCalib and No Bells
-        Just Whistles, id -> x, y, p, normalised by width and height. Of several pitches in an image, the surest.
+        Just Whistles, id -> x, y, p, normalised by width and height. Of several pitches in an image, the one with the
+        largest confidences is taken.
     model : {"roboflow-32", "pnlcalib-57"} or sequence of str or None
         Whose points: those of roboflow/sports, those of PnLCalib and No Bells Just Whistles, or the name in `field` of
         each point of a model of one's own, None for points that are not used.

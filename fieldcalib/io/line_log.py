@@ -8,7 +8,7 @@ from pathlib import Path
 from types import TracebackType
 from typing import Self
 
-BLOCK = 65_536  # bytes
+BLOCK = 65_536  # bytes that are read at once
 
 
 class LineLog:

@@ -17,7 +17,7 @@ from typing import Any
 from fieldcalib._extras import imported
 from fieldcalib.io.files import BrokenFileError, replacement
 
-AT_ONCE = 1000  # lines of a row group: 10 MB in memory
+ROW_GROUP = 1000  # lines of a row group: 10 MB in memory
 TEXT = "line"
 TEXTS = ("id", "status", "message", "verdict", "reason", "basis")
 NUMBERS = ("rms_px", "rms_as_labelled_px", "loss_ndc", "loss_ndc_eq3", "probability_right_0.5m", "probability_right_1m")
@@ -38,7 +38,7 @@ def write_parquet(lines: Iterable[bytes], path: Path) -> None:
     with replacement(path) as (handle, temporary):
         os.close(handle)
         with parquet.ParquetWriter(temporary, schema, compression="zstd") as writer:
-            while rows := [_row(text) for text in islice(texts, AT_ONCE)]:
+            while rows := [_row(text) for text in islice(texts, ROW_GROUP)]:
                 writer.write_table(pyarrow.Table.from_pylist(rows, schema))
 
 
@@ -57,7 +57,7 @@ def read_parquet(path: Path) -> Iterator[bytes]:
         with parquet.ParquetFile(path) as file:
             if TEXT not in file.schema_arrow.names:
                 raise BrokenFileError(f"{path}: has no column {TEXT!r}: is it a cameras.parquet?")
-            for batch in file.iter_batches(AT_ONCE, columns=[TEXT]):
+            for batch in file.iter_batches(ROW_GROUP, columns=[TEXT]):
                 for text in batch.column(0).to_pylist():
                     yield text.encode()
     except pyarrow.ArrowException as error:
@@ -93,7 +93,7 @@ def _schema(pyarrow: ModuleType) -> Any:
 
 
 def _row(text: bytes) -> dict[str, Any]:
-    """The columns of a line; what it does not have is null."""
+    """The columns of a line; missing values are null."""
     line: Mapping[str, Any] = json.loads(text)
     row = dict(line) | {name: _number(line.get(name)) for name in NUMBERS} | {TEXT: text.decode().rstrip("\n")}
     row |= {name: line[name].encode(errors="backslashreplace").decode() for name in TEXTS if name in line}

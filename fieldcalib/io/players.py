@@ -11,18 +11,13 @@ import numpy as np
 
 from fieldcalib._types import Array
 from fieldcalib.io.boxes import FRAME_COLUMNS
-from fieldcalib.io.coordinates import OWN
+from fieldcalib.io.coordinates import OWN_SYSTEMS
 from fieldcalib.io.files import BrokenFileError
 
 POINT = ("field_x", "field_y")
 SYSTEM = "field_system"  # name of the coordinate system; the package's own where it is missing
-GROUPS = (
-    "team",
-    "team_id",
-    "class",
-    "class_name",
-    "role",
-)  # columns that tell players apart, in the order of preference
+# columns that tell players apart, in the order of preference
+GROUPS = ("team", "team_id", "class", "class_name", "role")
 TRACKS = ("track_id", "tracker_id", "player_id", "id")
 
 NO_TRACK = ("-1", "-1.0", "nan", "None")  # values of trackers for no track
@@ -69,7 +64,7 @@ def read_players(path: Path | str, group_column: str | None = None) -> Players:
     ----------
     path : path
         A CSV file with the columns `frame` (or another name that `fieldcalib.io.boxes` knows), `field_x` and `field_y`,
-        metres from the centre mark. `field_system`, if it is there, says so ("fieldcalib" or "soccernet").
+        metres from the centre mark. `field_system`, if present, is "fieldcalib" or "soccernet".
     group_column : str, optional
         Column that tells players apart; default: the first of team, team_id, class, class_name and role that is there.
 
@@ -139,10 +134,10 @@ def _columns(columns: Sequence[str], group_column: str | None) -> tuple[int, int
 
 
 def _check_system(system: str) -> None:
-    if system and system not in OWN:
+    if system and system not in OWN_SYSTEMS:
         raise BrokenFileError(
-            f"the points are in the coordinates of {system!r}, expected those of {OWN[0]!r}, metres from the centre "
-            f"mark: write the table again, without --to"
+            f"the points are in the coordinates of {system!r}, expected those of {OWN_SYSTEMS[0]!r}, metres from the "
+            f"centre mark: write the table again, without --to"
         )
 
 

@@ -10,8 +10,8 @@ All of the points without paint (58 to 73) are among them.
 
 The error of detected points falls with the confidence p about as 1 / p (4.5 px below 0.3, 1.8 px above 0.7), so they
 weigh p^2. On those frames, against annotations, that reaches 93.0 / 97.2 / 97.6 % of segments within 5 / 10 / 20 px;
-weights of 1 reach 89.3 / 97.0 / 97.1, and p^2 with the computed points 86.2 / 95.6 / 97.4. The first figure flatters:
-the weights were compared there. Chosen on half of the frames they reach 91.9 / 97.1 / 97.6 on the other half.
+weights of 1 reach 89.3 / 97.0 / 97.1, and p^2 with the computed points 86.2 / 95.6 / 97.4. The first figure is
+optimistic: the weights were chosen on these frames. Chosen on half, they reach 91.9 / 97.1 / 97.6 on the other half.
 """
 
 from __future__ import annotations
@@ -25,8 +25,8 @@ import numpy as np
 
 from fieldcalib._types import Array
 from fieldcalib.fields.field import Field
-from fieldcalib.fields.segments import Line, Point
-from fieldcalib.fields.soccer import (
+from fieldcalib.fields.segments import Point
+from fieldcalib.fields.sports.soccer import (
     CIRCLE_RADIUS,
     PENALTY_AREA_DEPTH,
     PENALTY_AREA_WIDTH,
@@ -86,7 +86,7 @@ NAMED_KEYPOINTS = MappingProxyType(
 )
 
 # Labels of lines by id: those of soccer in alphabetical order.
-LINES = dict(enumerate(sorted(label for label, segment in soccer().items() if isinstance(segment, Line)), 1))
+LINES = dict(enumerate(sorted(label for label, segment in soccer().items() if segment.is_straight), 1))
 
 
 @dataclass(frozen=True)
@@ -112,7 +112,7 @@ def parse_detections(content: bytes | str, image_size: tuple[int, int]) -> Detec
     Raises
     ------
     BrokenFileError
-        If it is no JSON, lacks keypoints or lines, has an id that is none, coordinates that are not normalised, or
+        If it is no JSON, lacks keypoints or lines, has an unknown id, coordinates that are not normalised, or
         confidences that are not in 0..1.
 
     Examples

@@ -55,7 +55,7 @@ class Results(Mapping[str, Calibration]):
     def to_pandas(self) -> pandas.DataFrame:
         """A table with a row for each frame, broken ones included, indexed by id.
 
-        Columns are the keys of ``cameras.jsonl`` without those that are there to read it back; what is nested has names
+        Columns are the keys of ``cameras.jsonl`` without those that only serve to read it back; nested keys are joined
         as "angles_degrees.pan", and matrices and lists are one cell. All are plain values, which pandas writes to any
         format; the `Calibration` of a row is ``results[id]``.
 
@@ -79,7 +79,7 @@ def lines_file(folder: Path) -> Path:
 def result_lines(path: Path) -> Iterator[bytes]:
     """Lines of a ``cameras.jsonl``, without an incomplete last line, or of a table of them.
 
-    They are read one by one: those of a match are larger than the memory of some machines.
+    Lines are read one by one: all lines of a match may not fit into memory.
 
     Raises
     ------
@@ -121,8 +121,8 @@ def read_results(folder: str | os.PathLike[str]) -> Results:
     Returns
     -------
     Results
-        A mapping of ids to `Calibration`; `Results.to_pandas` makes a table of it. Of a run that is not finished, the
-        frames that it has done.
+        A mapping of ids to `Calibration`; `Results.to_pandas` makes a table of it. An unfinished run
+        has the frames that are done.
 
     Raises
     ------

@@ -40,7 +40,7 @@ DISTRIBUTIONS_OF_TYPE: Mapping[str, tuple[str, ...]] = MappingProxyType(
 )
 
 LENS = (("radial_distortion", 6), ("tangential_distortion", 2), ("thin_prism_distortion", 4))  # keys and lengths
-# Where those twelve stand in OpenCV's order: k1 k2 p1 p2 k3 k4 k5 k6 s1 s2 s3 s4.
+# Positions of these twelve coefficients in OpenCV's order: k1 k2 p1 p2 k3 k4 k5 k6 s1 s2 s3 s4.
 OPENCV_ORDER = [0, 1, 6, 7, 2, 3, 4, 5, 8, 9, 10, 11]
 
 
@@ -278,8 +278,3 @@ def read_camera_types(inputs: Iterable[Path]) -> dict[str, str]:
         names = ", ".join(map(str, paths))
         raise FileNotFoundError(f"{names} has no {CAMERA_TYPES}, which would say the type of each frame's camera")
     return types
-
-
-def format_camera_types(types: Mapping[str, str]) -> str:
-    """The JSON of a ``match_info_cam_gt.json``: the inverse of `camera_types`."""
-    return json.dumps({f"{id}.jpg": {"camera": name} for id, name in types.items()})

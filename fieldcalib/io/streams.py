@@ -12,7 +12,7 @@ from fieldcalib.io.videos import NO_VIDEO, FrameReader
 
 STDIN = "-"
 URL = re.compile(r"([a-z][a-z0-9+.-]*)://(?:[^/@]*@)?(.+)", re.IGNORECASE)
-WAITING = ("http", "https")  # servers that wait for the reader
+WAITING = ("http", "https")  # schemes of servers that wait for the reader
 STREAMABLE = "Matroska and MPEG-TS can be streamed, MP4 if its index comes first (ffmpeg -movflags faststart)"
 
 
@@ -68,7 +68,7 @@ class StreamReader(FrameReader):
     Raises
     ------
     BrokenFileError, ValueError
-        As of a `FrameReader`. MP4 with its index at the end cannot be streamed; Matroska and MPEG-TS can.
+        As for a `FrameReader`. MP4 with its index at the end cannot be streamed; Matroska and MPEG-TS can.
     """
 
     def __init__(

@@ -31,17 +31,17 @@ NUMBERS = ("loss_ndc_total", "loss_ndc_lines", "loss_ndc_circles", "time_s")
 
 @dataclass(frozen=True, eq=False)
 class TVCalibRecord:
-    """TVCalib's results for one image; None where there are none.
+    """TVCalib's results for one image; missing ones are None.
 
     Parameters
     ----------
     id : str
-        Of the frame: its image is called ``<id>.jpg``.
+        Id of the frame, whose image is called ``<id>.jpg``.
     camera : Camera or RationalCamera, optional
     homography : (3, 3) array, optional
         Maps field points (x, y, 1) in metres to pixels; the file holds its inverse.
     loss_ndc_total, loss_ndc_lines, loss_ndc_circles : float, optional
-        Loss in normalised device coordinates: what tau is compared with, and its parts.
+        Loss in normalised device coordinates, which is compared with tau, and its parts.
     time_s : float, optional
         Seconds that the image took.
     image_size : (int, int), optional
@@ -142,7 +142,7 @@ def _number(line: Mapping[str, Any], key: str) -> float | None:
 
 
 def _array(line: Mapping[str, Any], key: str, ndim: int) -> Array | None:
-    """A value with `ndim` axes, freed from its time step; None where it is null or not there."""
+    """A value with `ndim` axes, without the axis of time steps; None where it is null or not there."""
     if line.get(key) is None:
         return None
     try:

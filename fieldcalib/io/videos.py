@@ -19,16 +19,18 @@ from fieldcalib._types import Array
 from fieldcalib.io.cuts import WHOLE, Cut
 from fieldcalib.io.encoders import Encoder, open_encoder
 from fieldcalib.io.files import BrokenFileError, replacement
-from fieldcalib.io.image import Image
+from fieldcalib.io.image import Image, size_of
 from fieldcalib.io.images import MOST_PIXELS, check_pixels
 
 WITH_COUNT = (".mp4", ".m4v", ".mov", ".avi")  # these store how many frames there are, the others how long they take
-ESTIMATE = 1.0  # seconds that the sound may go on after the last frame
-IRREGULAR = 0.1  # of the time between two frames: times are rounded to milliseconds
-FASTEST = 1000.0  # frames per second: what is more was never measured
-FAR = 100  # frames: what is nearer is decoded rather than jumped over
-USUAL = 25.0  # frames per second, where the file says nothing
-_OPENING = Lock()  # videos are opened by several threads, and all of them would read what one has set there
+LONGEST_SOUND = 1.0  # seconds that the sound may go on after the last frame
+IRREGULAR = (
+    0.1  # relative deviation of the time between two frames from the frame rate: times are rounded to milliseconds
+)
+FASTEST = 1000.0  # frames per second: larger frame rates are errors of the file
+LEAST_JUMP = 100  # frames: fewer are decoded rather than jumped over
+DEFAULT_RATE = 25.0  # frames per second, where the file says nothing
+_OPENING = Lock()  # held while the variable below is set: another thread that opens a video would read it too
 CAPTURE_OPTIONS = "OPENCV_FFMPEG_CAPTURE_OPTIONS"  # environment variable that OpenCV reads when it opens a video
 NO_VIDEO = "is no video that OpenCV can read, or its end is missing"
 
@@ -41,11 +43,11 @@ class FrameReader:
     location : str
         A path, a URL, or what else OpenCV takes.
     name : str
-        What messages call it.
+        Its name in messages.
     most_pixels : float
-        Of a frame.
+        Largest number of pixels of a frame.
     cut : Cut
-        Which of its frames.
+        Frames that are read.
     threads : int, optional
         Threads that decode it; as many as there are cores by default.
 
@@ -74,7 +76,7 @@ class FrameReader:
             width, height = (self._capture.get(p) for p in (cv2.CAP_PROP_FRAME_WIDTH, cv2.CAP_PROP_FRAME_HEIGHT))
             check_pixels((int(width), int(height)), most_pixels)
             rate = float(self._capture.get(cv2.CAP_PROP_FPS))
-            self._rate = rate if 0.0 < rate <= FASTEST else USUAL
+            self._rate = rate if 0.0 < rate <= FASTEST else DEFAULT_RATE
             self.numbers = cut.numbers(self._rate)
             self.frames_per_second = self._rate / cut.step
             if not self._grab(1):
@@ -107,7 +109,7 @@ class FrameReader:
                     self._has_frame, self._frame = self._capture.retrieve()
 
     def _grab(self, count: int) -> bool:
-        """Skip so many frames; returns whether there are so many."""
+        """Skip `count` frames; return whether there are so many."""
         self._number += count
         return all(self._capture.grab() for _ in range(count))
 
@@ -125,14 +127,14 @@ class VideoReader(FrameReader):
     ----------
     path : Path
     most_pixels, cut, threads
-        As of a `FrameReader`.
+        As for a `FrameReader`.
 
     Raises
     ------
     FileNotFoundError
         If there is no such file.
     BrokenFileError, ValueError
-        As of a `FrameReader`.
+        As for a `FrameReader`.
     """
 
     count: int
@@ -151,10 +153,10 @@ class VideoReader(FrameReader):
         self.count = len(self.numbers[: max(-(-(self._announced - self.numbers.start) // self.numbers.step), 0)])
 
     def _grab(self, count: int) -> bool:
-        """Skip so many frames; many are skipped by a jump, if it arrives at the right frame."""
+        """Skip `count` frames; many are skipped by a jump, if it arrives at the right frame."""
         import cv2
 
-        if count < FAR:
+        if count < LEAST_JUMP:
             return super()._grab(count)
         number, there = self._number + count, self._time() + count / self._rate
         jumped = self._capture.set(cv2.CAP_PROP_POS_FRAMES, number) and self._capture.grab()
@@ -166,7 +168,7 @@ class VideoReader(FrameReader):
         return super()._grab(number + 1)
 
     def loss(self) -> str:
-        """Message if announced frames cannot be read, empty otherwise; to be called as `lost_frames`."""
+        """Message if announced frames cannot be read, empty otherwise; to be called after all others were read."""
         return f"{self._path}: announces {self.count} frames, {len(self._times)} can be read" * (self.lost_frames() > 0)
 
     def lost_frames(self) -> int:
@@ -178,7 +180,7 @@ class VideoReader(FrameReader):
         if self._path.suffix.lower() not in WITH_COUNT:
             missed = _missed(np.array(self._times), self.frames_per_second)
             after = left - missed
-            return missed + (after if after > ESTIMATE * self.frames_per_second else 0)
+            return missed + (after if after > LONGEST_SOUND * self.frames_per_second else 0)
         if left <= 0:
             return 0
         can_be_decoded = count_frames(self._path, self._threads, "ignore_editlist;1")
@@ -236,8 +238,8 @@ def _environment(name: str, value: str) -> Iterator[None]:
 class VideoWriter:
     """An MP4 of images, whole or not at all; a context manager. Images of another size than the first are resized.
 
-    It is compressed by the best that is installed (`fieldcalib.io.encoders`). Codecs have one colour for 2 x 2 pixels:
-    where the images have an odd number of rows or columns, the last one is repeated.
+    It is compressed by the best encoder that is installed (`fieldcalib.io.encoders`). Codecs have one colour for 2 x 2
+    pixels: where the images have an odd number of rows or columns, the last one is repeated.
 
     Raises
     ------
@@ -271,7 +273,7 @@ class VideoWriter:
         if self._encoder is None:
             handle, self._unfinished = self._replacement.enter_context(replacement(self._path))
             os.close(handle)
-            self._size = (image.shape[1], image.shape[0])
+            self._size = size_of(image)
             width, height = (length + length % 2 for length in self._size)
             try:
                 self._encoder = open_encoder(self._unfinished, self._frames_per_second, (width, height), self._threads)

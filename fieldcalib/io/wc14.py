@@ -34,7 +34,7 @@ def parse_homography(
     content : bytes or str
         The file's text.
     alignment : {"wc14", "chen", "jiang"}
-        Whose axes it has.
+        Data set or method whose axes the file has.
     image_size : (int, int)
         Width and height of the images that the homography shall be for, pixels; the file's is for 1280 x 720.
 
@@ -87,7 +87,7 @@ def checked_homography(values: ArrayLike) -> Array:
     Raises
     ------
     BrokenFileError
-        If it is none.
+        If it is no such matrix.
     """
     try:
         H = finite_homography(values)

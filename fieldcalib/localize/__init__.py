@@ -1,4 +1,4 @@
-"""From images to labelled pixels: a segmentation network, and points selected from its class probabilities.
+"""Labelled pixels from images: a segmentation network, and points selected from its class probabilities.
 
     network = SegmentationNetwork.load()
     (found,) = localize(soccer(), [image], network)

@@ -1,4 +1,4 @@
-"""Images to labelled pixels: the network, then the selection of points."""
+"""Labelled pixels of images: the network is run, then points are selected."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from typing import Protocol, TypeAlias
 
 from fieldcalib._types import Float32
 from fieldcalib.fields.segments import ObjectSegments
-from fieldcalib.io.image import Image, each_checked
+from fieldcalib.io.image import Image, each_checked, size_of
 from fieldcalib.io.images import IMAGES_AT_ONCE, in_parts
 from fieldcalib.localize.grid import Localization
 from fieldcalib.localize.ridges import ridge_points
@@ -31,7 +31,7 @@ class Network(Protocol):
 
 
 def check_network(network: object) -> None:
-    """Raise a ValueError if that is no `Network`."""
+    """Raise a ValueError if an object is no `Network`."""
     if isinstance(network, type) or not callable(network) or not hasattr(network, "classes"):
         raise ValueError(f"expected a network, as SegmentationNetwork.load(path) returns it, got {network!r}")
 
@@ -53,11 +53,11 @@ def localize(
     images : iterable of (height, width, 3) uint8 arrays
         Blue, green, red; of any sizes. The network gets `IMAGES_AT_ONCE` of them in one call.
     network : Network
-        A `SegmentationNetwork`, or another source of class probabilities.
+        A `SegmentationNetwork`, or any other source of class probabilities.
     select : callable
         `ridge_points`, or `skeleton_points` as in the paper.
     executor : concurrent.futures.Executor, optional
-        What works on the images, as in `calibrate_from_images`.
+        Runs the work on the images, as in `calibrate_from_images`.
 
     Returns
     -------
@@ -67,8 +67,8 @@ def localize(
     Raises
     ------
     ValueError
-        If an image is not such an array, the images are not in a list, a class is not a segment of the object, or the
-        object or the network is none.
+        If an image is not such an array, the images are not in a list, a class is not a segment of the object, or
+        `object_segments` or `network` has a wrong type.
 
     Examples
     --------
@@ -91,8 +91,8 @@ def localize(
 def _localized(
     object_segments: ObjectSegments, images: Sequence[Image], *, network: Network, select: PointSelection
 ) -> list[Localization]:
-    """Of images that the network gets in one call."""
+    """Labelled pixels of the images that the network gets in one call."""
     return [
-        select(probability, network.classes, object_segments, (image.shape[1], image.shape[0]))
+        select(probability, network.classes, object_segments, size_of(image))
         for image, probability in zip(images, network(images), strict=True)
     ]

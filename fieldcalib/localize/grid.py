@@ -37,7 +37,7 @@ class Localization:
         return {label: float(np.sum(values)) for label, values in self.weights.items()}
 
     def only(self, labels: Iterable[str]) -> Localization:
-        """The same, restricted to some of its labels."""
+        """The localization restricted to some of its labels."""
         kept = tuple(labels)
         return Localization({k: self.pixels[k] for k in kept}, {k: self.weights[k] for k in kept})
 

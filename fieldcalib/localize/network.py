@@ -26,12 +26,12 @@ from fieldcalib.localize.description import NetworkDescription
 
 CPU = "CPUExecutionProvider"
 SHIPPED = files("fieldcalib") / "models" / "soccer.onnx"
-HALVED = 4  # times the network's input, from which on an image is halved first: grey values change by 0.2 in the mean
+HALVED = 4  # times the network's input: larger images are halved first, which changes grey values by 0.2 in the mean
 
 
 @dataclass(frozen=True)
 class NetworkSource:
-    """What a network is loaded from, and how."""
+    """Files and settings that a network was loaded with."""
 
     model: Path | None
     """The ONNX file; None for the one that comes with the package."""
@@ -45,15 +45,15 @@ class NetworkSource:
 class SegmentationNetwork:
     """A segmentation network, ready to run.
 
-    A pickle of it says where its files are. Another process loads them when it runs the network for the first time,
-    once for all pickles of it; they must be there, and be the same. A copy is the network itself.
+    A pickle holds the paths of its files only. Another process loads them when it first runs the network, once for all
+    pickles of it; the files must exist there and be unchanged. Copies are the network itself.
     """
 
     description: NetworkDescription
     session: Any
     """onnxruntime's InferenceSession."""
     source: NetworkSource | None = None
-    """None for a session that was made elsewhere: it cannot be pickled."""
+    """None if the session was not made by `load`: such a network cannot be pickled."""
 
     @classmethod
     def load(cls, model: Path | str | None = None, *, provider: str = CPU, threads: int = 2) -> SegmentationNetwork:
@@ -161,7 +161,7 @@ class SegmentationNetwork:
 
 @dataclass(frozen=True)
 class _LateSession:
-    """A session that begins when it is run: an error while a pickle is read ends the processes of an executor."""
+    """A session that is loaded when first run: errors during unpickling would end the processes of an executor."""
 
     source: NetworkSource
 
@@ -174,7 +174,7 @@ class _LateSession:
 
 @lru_cache
 def _session_of_process(source: NetworkSource, process: int) -> Any:
-    """The session of a network that another process had; the threads of one do not survive a fork."""
+    """The session of an unpickled network, one per process: its threads do not survive a fork."""
     try:
         network = SegmentationNetwork.load(source.model, provider=source.provider, threads=source.threads)
     except (OSError, ValueError) as error:
@@ -234,7 +234,7 @@ def _session(path: Path, provider: str, threads: int) -> Any:
     options.log_severity_level = 3  # errors
     try:
         session = onnxruntime.InferenceSession(str(path), options, providers=[provider])
-    except Exception as error:  # as above
+    except Exception as error:  # onnxruntime's errors have no common base class
         raise BrokenFileError(f"{path}: onnxruntime cannot load it: {error}") from error
     if provider not in session.get_providers():
         raise ValueError(f"{provider!r} does not start: are its driver and libraries installed?")

@@ -1,4 +1,4 @@
-"""A picture that is narrower than a broadcast frame, as a network sees it that was trained on such frames.
+"""Padding of narrow pictures for a network that was trained on broadcast frames.
 
 A network takes pictures of any shape, squashed or stretched to its input. A 9:16 window of a broadcast, stretched to
 three times its width, shows markings at angles that no broadcast has. So such a picture is continued on both sides.
@@ -22,7 +22,7 @@ EDGE = 8  # px at a side, whose mean continues it: single pixels of players and 
 
 @dataclass(frozen=True)
 class Padded:
-    """A network for pictures with square pixels, which continues narrow ones on both sides.
+    """A network for pictures with square pixels that pads narrow ones on both sides.
 
     Examples
     --------
@@ -61,7 +61,7 @@ class Padded:
 
 
 def _continued(image: Image, left: int, right: int) -> Image:
-    """A picture with so many columns more at both sides."""
+    """A picture with columns added at both sides."""
     sides = (np.mean(image[:, part], axis=1, keepdims=True).round() for part in (slice(None, EDGE), slice(-EDGE, None)))
     first, last = (np.repeat(side, count, axis=1) for side, count in zip(sides, (left, right), strict=True))
     return np.concatenate([first, image, last], axis=1).astype(np.uint8)

@@ -28,7 +28,7 @@ LEAST_BLOB_SHARE = 0.2  # of the mass of the heaviest blob of a class: lighter b
 LARGEST_GAP = 0.5  # between pieces of a segment, as a share of the length found so far
 RULER_FITS = 2  # the second one is reweighted by the distances from the first
 HALF_WEIGHT_DISTANCE = 3.0  # px from the ruler at which the weight is halved: a band is a few px wide
-# px from the ruler, and of the length of the segment (sag of a distorted line): pixels beyond belong to other objects
+# px from the ruler, plus a share of the segment's length (sag of a distorted line): pixels beyond are of other objects
 LARGEST_DISTANCE, LARGEST_SAG = 4.0, 0.03
 END_MARGIN = 1.5  # px cut off at either end of a segment: there the band is round or merges with another segment
 SHORTEST_SLICE = 2.5  # px: the errors of neighbouring pixels of a network are correlated
@@ -103,11 +103,11 @@ class _Bands:
     """The pixels of all detected classes, class after class, so that one call serves all of them."""
 
     classes: list[int]
-    """Of S bands, as the network numbers them."""
+    """Number of the class of each of S bands."""
     member: IntArray
-    """Which band each pixel belongs to, (m,), ascending."""
+    """Index of the band of each pixel, (m,), ascending."""
     xy: Array
-    """(m, 2)."""
+    """Pixels of the grid, (m, 2)."""
     p: Array
     """Probability, (m,)."""
 
@@ -116,7 +116,7 @@ class _Bands:
         return slice(*np.searchsorted(self.member, (k, k + 1)).tolist())
 
     def where(self, mask: BoolArray) -> _Bands:
-        """Some of the pixels (m,); bands may be left without any."""
+        """The pixels in a mask (m,); bands may be left without any."""
         return _Bands(self.classes, self.member[mask], self.xy[mask], self.p[mask])
 
 
@@ -136,7 +136,7 @@ def _bands(probability: Float32, classes: Sequence[str]) -> _Bands:
 
 
 def _chains(bands: _Bands) -> _Bands:
-    """Of each band the heaviest blob, and those near enough to be parts of the same segment."""
+    """Keep the heaviest blob of each band, and the blobs near enough to be parts of the same segment."""
     import cv2
 
     if not len(bands.p):
@@ -167,7 +167,7 @@ def _chains(bands: _Bands) -> _Bands:
 
 
 def _joined(low: Array, high: Array, chain: BoolArray) -> BoolArray:
-    """Which of n pieces with boxes from `low` (n, 2) to `high` join the `chain` (n,), one after the other."""
+    """The `chain` (n,) with all pieces that join it one after the other; their boxes are `low` to `high`, (n, 2)."""
     while not np.all(chain):
         start, end = low[chain].min(axis=0), high[chain].max(axis=0)
         gap = np.linalg.norm(np.maximum(np.maximum(low - end, start - high), 0.0), axis=1)
@@ -200,12 +200,12 @@ def _arc(xy: Array, p: Array) -> Ruler:
 
 
 def _reweighted(p: Array, d: Array) -> Array:
-    """What pixels of probability p and distance d from their ruler weigh in the next fit."""
+    """Weights in the next fit of pixels with probability p at distance d from their ruler."""
     return np.asarray(p / (1.0 + np.square(d / HALF_WEIGHT_DISTANCE)))
 
 
 def _slices(bands: _Bands, s: Array, d: Array, cut: BoolArray, most: IntArray) -> tuple[IntArray, Array, Array, Array]:
-    """Of n slices the band, the coordinates of the centroid, and the mean probability, each (n,)."""
+    """Band, coordinates of the centroid along and across, and mean probability of n slices, each (n,)."""
     count = len(bands.classes)
     least, largest = _range(s, bands.member, count)
     sag = LARGEST_SAG * np.maximum(largest - least, 0.0)
@@ -228,7 +228,7 @@ def _slices(bands: _Bands, s: Array, d: Array, cut: BoolArray, most: IntArray) -
 
 
 def _range(s: Array, member: IntArray, count: int) -> tuple[Array, Array]:
-    """Least and largest value of each of so many bands, (S,); infinite and minus infinite without any."""
+    """Least and largest value of each of `count` bands; infinite and minus infinite without any."""
     least, largest = np.full(count, np.inf), np.full(count, -np.inf)
     np.minimum.at(least, member, s)
     np.maximum.at(largest, member, s)

@@ -36,9 +36,9 @@ class StraightRuler:
     """
 
     origin: Array
-    """A point on the line, (2,); of several (..., 2)."""
+    """A point on the line, (2,), or on each of several lines, (..., 2)."""
     direction: Array
-    """Unit vector, (2,); of several (..., 2)."""
+    """Unit vector, (2,), or one of each of several lines, (..., 2)."""
 
     @classmethod
     def fit(cls, xy: Array, weight: Array) -> Self:
@@ -48,7 +48,7 @@ class StraightRuler:
 
     @classmethod
     def fit_each(cls, xy: Array, weight: Array, member: IntArray, count: int) -> Self:
-        """Lines through the pixels of each `member` (n,) below a count; any line through none."""
+        """Fit `count` lines, each to the pixels with its number in `member` (n,); arbitrary without pixels."""
 
         def summed(values: Array) -> Array:
             return np.asarray(np.bincount(member, weight * values, count), dtype=float)
@@ -60,7 +60,7 @@ class StraightRuler:
         return cls(origin, np.linalg.eigh(moment)[1][..., 1])
 
     def of(self, member: IntArray) -> Self:
-        """Of several lines one for each pixel, (n,)."""
+        """The line of each pixel, by its index (n,) among several lines."""
         return type(self)(self.origin[member], self.direction[member])
 
     def measure(self, xy: Array) -> tuple[Array, Array]:
@@ -91,9 +91,9 @@ class EllipseRuler:
     """
 
     centre: Array
-    """(2,)."""
+    """Pixels, (2,)."""
     A: Array
-    """(2, 2)."""
+    """Linear map of the ellipse to the unit circle, (2, 2)."""
     start: float
     """Angle of the origin of lengths, on the unit circle to which A maps the ellipse."""
 

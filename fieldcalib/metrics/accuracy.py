@@ -20,7 +20,7 @@ import numpy as np
 from fieldcalib._types import Array, BoolArray, IntArray
 from fieldcalib.fields.field import Field
 from fieldcalib.fields.segments import Segment
-from fieldcalib.fields.soccer import soccer
+from fieldcalib.fields.sports.soccer import soccer
 from fieldcalib.geometry.camera import checked_image_size
 from fieldcalib.io.soccernet import UNKNOWN_LABELS
 from fieldcalib.metrics.polylines import Polylines, Samples, distances_to_polylines, project_segments, sample_segments
@@ -71,14 +71,14 @@ def _ratio(part: int, whole: int) -> float:
 
 @dataclass(frozen=True, repr=False)
 class SegmentEvaluation:
-    """How well the segments of F frames are reprojected, at T thresholds. Ratios are 0..1."""
+    """Evaluation of the reprojected segments of F frames at T thresholds. Ratios are 0..1."""
 
     thresholds: tuple[float, ...]
     """Pixels."""
     labels: tuple[str, ...]
     """Evaluated segments, then the labels of annotators for segments that they could not identify."""
     found: BoolArray
-    """Which frames have a prediction, (F,)."""
+    """Whether each frame has a prediction, (F,)."""
     turned: BoolArray
     """Whether a frame is scored with the labels of the field turned by 180 degrees, (F, T); also where both scores are
     equal, as in SoccerNet's evaluation."""
@@ -87,7 +87,7 @@ class SegmentEvaluation:
     segments: IntArray
     """Segments that are TP, FP, FN, (F, T, L, 3): each 0 or 1."""
     points: IntArray
-    """The same for annotated points, (F, T, L, 3), as in SoccerNet's table of classes. A segment without annotation
+    """TP, FP, FN of annotated points, (F, T, L, 3), as in SoccerNet's table of classes. A segment without annotation
     counts as two points, a circle as nine."""
     errors: tuple[tuple[Mapping[str, Array], Mapping[str, Array]], ...]
     """Distances (n,) of each label's annotated points to its projection, in pixels, for each frame: with the labels as
@@ -131,7 +131,7 @@ class SegmentEvaluation:
         return self._per_label(self.segments, threshold)
 
     def per_label_points(self, threshold: float) -> dict[str, Confusion]:
-        """The same, counted in points: SoccerNet's table of classes."""
+        """Confusion of each label over all frames, counted in points: SoccerNet's table of classes."""
         return self._per_label(self.points, threshold)
 
     def _per_label(self, counts: IntArray, threshold: float) -> dict[str, Confusion]:
@@ -194,7 +194,7 @@ def evaluate_segments(
     field : Field, optional
         The field that is projected; SoccerNet's by default, a soccer field of 105 x 68 m.
     executor : concurrent.futures.Executor, optional
-        What works on the frames, in parts; the result is the same.
+        Runs the work on parts of the frames; the result does not depend on it.
 
     Returns
     -------
@@ -269,7 +269,7 @@ class _Classes:
     segments: Mapping[str, Segment]
     """The segments that are projected."""
     labels: tuple[str, ...]
-    """Those of the segments, then those of annotators for segments that they could not identify."""
+    """Labels of the segments, then those of annotators for segments that they could not identify."""
     turned: IntArray
     """Index of each label on the field turned by 180 degrees, (L,)."""
     extra: IntArray
@@ -346,7 +346,7 @@ class _Comparison(NamedTuple):
     segments: IntArray
     """TP, FP and FN of each frame and label at each threshold, (F, T, L, 3), counted in segments."""
     points: IntArray
-    """The same counted in points."""
+    """TP, FP and FN counted in points, (F, T, L, 3)."""
     errors: list[dict[str, Array]]
     """Distances of the points of each label that is projected, for each frame."""
     median: Array

@@ -12,7 +12,7 @@ import numpy as np
 
 from fieldcalib._types import Array, BoolArray
 from fieldcalib.fields.field import Field
-from fieldcalib.fields.soccer import soccer
+from fieldcalib.fields.sports.soccer import soccer
 from fieldcalib.geometry.camera import checked_image_size
 from fieldcalib.geometry.projective import SINGULAR
 from fieldcalib.geometry.rational import RationalCamera
@@ -148,7 +148,7 @@ def iou_whole(
 
 
 def _sees(view: Prediction, X: Array, image_size: tuple[int, int]) -> BoolArray:
-    """Which points (M, 3) on the ground are in the image."""
+    """Whether each of the points (M, 3) on the ground is in the image, (M,)."""
     xy = project(view, X)
     inside = np.asarray(np.all((xy >= 0.0) & (xy <= np.subtract(image_size, 1.0)), axis=-1))  # false for NaN
     if isinstance(view, RationalCamera) and np.any(view.dist):

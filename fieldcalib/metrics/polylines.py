@@ -35,7 +35,7 @@ def sample_segments(segments: Mapping[str, Segment]) -> Samples:
 
     Examples
     --------
-    >>> from fieldcalib.fields.segments import Line
+    >>> from fieldcalib import Line
     >>> sample_segments({"post": Line((0, 0, -2.44), (0, 0, 0))}).X[:, 2].round(2) + 0.0
     array([-2.44, -1.54,  0.  ])
     """

@@ -15,7 +15,7 @@ from fieldcalib.geometry.rational import RationalCamera, distort_rational
 Prediction: TypeAlias = Camera | RationalCamera | Array
 """A camera, or the (3, 3) homography that maps field points (x, y, 1) in metres to pixels."""
 
-LEAST_DEPTH = 1e-3  # m: SoccerNet's evaluation ignores points that are nearer
+NEAREST = 1e-3  # m: SoccerNet's evaluation ignores points that are nearer
 
 
 def checked_prediction(prediction: object, image_size: tuple[int, int]) -> Prediction:
@@ -125,7 +125,7 @@ def _project_cameras(cameras: list[RationalCamera], X: Array) -> tuple[Array, Bo
     K, R = np.stack([camera.K for camera in cameras]), np.stack([camera.R for camera in cameras])
     C, dist = np.stack([camera.C for camera in cameras]), np.stack([camera.dist for camera in cameras])
     Xc = np.moveaxis((X - C[:, None]) @ np.swapaxes(R, 1, 2), -1, 0)
-    visible = Xc[2] > LEAST_DEPTH
+    visible = Xc[2] > NEAREST
     depth = np.where(visible, Xc[2], 1.0)
     x = np.stack([Xc[0] / depth, Xc[1] / depth], axis=-1)
     if np.any(dist):

@@ -1,7 +1,7 @@
 """Static points of the background that two frames of one camera on a tripod both see.
 
-Wherever the camera turns and zooms, such a point p of one frame tells where it must be in the other: through the ray of
-p. With x its camera coordinates in the first frame and w its inverse depth there,
+However the camera turns and zooms, the ray of such a point p of one frame tells where it must be in the other. With x
+its camera coordinates in the first frame and w its inverse depth there,
 
     r = q - pi_2(R_2 R_1^T x + w R_2 (C_1 - C_2)),        x = (s_1 / f_1, 1),
 
@@ -17,6 +17,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 
@@ -34,17 +35,17 @@ class BackgroundPairs:
     """Static points that K pairs of frames see, padded to N points each."""
 
     first: IntArray
-    """Frame of each pair, (K,); of no meaning where the cameras are `known`."""
+    """First frame of each pair, (K,); where these cameras are `known`, it is no number of a frame of the problem."""
     second: IntArray
-    """(K,)"""
+    """Second frame of each pair, (K,)."""
     p: Array
     """Pixels in the first frame, (K, N, 2)."""
     q: Array
     """Pixels in the second frame, (K, N, 2)."""
     weight: Array
-    """(K, N): one over the variance of a coordinate, in pixels; 0 where there is only padding."""
+    """One over the variance of a coordinate in pixels, (K, N); 0 where there is only padding."""
     loss: RobustLoss
-    """Of the distance in the second frame."""
+    """Loss of the distance in the second frame."""
     walls: Array | None = None
     """Half the length and width, metres, of what stands around the ground; None: everything is at infinity."""
     known: Array | None = None
@@ -56,7 +57,7 @@ class BackgroundPairs:
         return len(self.first)
 
     def take(self, index: IntArray) -> BackgroundPairs:
-        """The pairs of the frames `index`, numbered anew; their first cameras must be known.
+        """The pairs whose second frame is one of `index`, which are numbered anew; first cameras must be known.
 
         Raises
         ------
@@ -67,21 +68,33 @@ class BackgroundPairs:
             raise ValueError("frames that are tied to one another cannot be taken apart")
         parts = [np.flatnonzero(self.second == frame) for frame in index]
         pairs = np.concatenate([np.zeros(0, dtype=np.intp), *parts])
-        second = np.repeat(np.arange(len(parts)), [len(part) for part in parts])
-        return replace(
-            self,
-            first=self.first[pairs],
-            second=second,
-            p=self.p[pairs],
-            q=self.q[pairs],
-            weight=self.weight[pairs],
-            known=self.known[pairs],
-        )
+        return replace(self.at(pairs), second=np.repeat(np.arange(len(parts)), [len(part) for part in parts]))
+
+    def at(self, index: IntArray | BoolArray) -> BackgroundPairs:
+        """Some of the pairs, in that order."""
+        return replace(self, **{name: one[index] for name, one in self._columns.items()})
+
+    @property
+    def swapped(self) -> BackgroundPairs:
+        """The pairs with the second frame as the first one."""
+        return replace(self, first=self.second, second=self.first, p=self.q, q=self.p)
+
+    @staticmethod
+    def joined(one: BackgroundPairs, other: BackgroundPairs) -> BackgroundPairs:
+        """The pairs of one, then those of the other."""
+        more = other._columns
+        both: dict[str, Any] = {name: np.concatenate([some, more[name]]) for name, some in one._columns.items()}
+        return replace(one, **both)
+
+    @property
+    def _columns(self) -> dict[str, Any]:
+        columns = {name: getattr(self, name) for name in ("first", "second", "p", "q", "weight", "known")}
+        return {name: column for name, column in columns.items() if column is not None}
 
 
 @dataclass(frozen=True, eq=False)
-class BackgroundEvaluation:
-    """Pairs of B frames at their cameras theta (B, n)."""
+class BackgroundTerm:
+    """Static points of pairs of B frames as a term of the cost, at their cameras theta (B, n)."""
 
     pairs: BackgroundPairs
     layout: Layout
@@ -112,7 +125,7 @@ class BackgroundEvaluation:
 
     @cached_property
     def _shift(self) -> Array:
-        """From the second centre to the first, in camera coordinates of the second, (3, K, 1)."""
+        """Vector from the second centre to the first, in camera coordinates of the second, (3, K, 1)."""
         one, two = self._projections
         return np.moveaxis(two.R @ np.swapaxes(one.C - two.C, 1, 2), 1, 0)
 
@@ -144,12 +157,12 @@ class BackgroundEvaluation:
 
     @cached_property
     def pull(self) -> Array:
-        """What each component of r weighs in the normal equations, (K, 2 N), x before y."""
+        """Weights of the components of r in the normal equations, (K, 2 N), x before y."""
         return np.tile(self.pairs.weight * self._losses[1], 2)
 
     @cached_property
     def cost(self) -> Array:
-        """(B,), each pair's being that of its second frame."""
+        """Share of each frame, (B,): the cost of a pair counts for its second frame."""
         of_pair = 0.5 * np.sum(self.pairs.weight * self._losses[0], axis=1)
         return np.asarray(np.bincount(self.pairs.second, of_pair, minlength=len(self.theta)), dtype=float)
 
@@ -186,22 +199,22 @@ class BackgroundEvaluation:
 
     @property
     def gradient(self) -> Array:
-        """What the pairs add to that of the cost, (B, P)."""
+        """Gradient by the free parameters, (B, P)."""
         return self._normal_equations[0]
 
     @property
     def hessian(self) -> Array:
-        """What they add to the Hessian of each frame, (B, P, P)."""
+        """Gauss-Newton Hessian within each frame, (B, P, P)."""
         return self._normal_equations[1]
 
     @property
     def coupling(self) -> Coupling | None:
-        """Between the frames' own parameters; None if the first cameras are known."""
+        """Hessian between the own parameters of paired frames; None if the first cameras are known."""
         return self._normal_equations[2]
 
     @cached_property
     def _normal_equations(self) -> tuple[Array, Array, Coupling | None]:
-        """With the shared parameters' part of both frames in the rows of the second one."""
+        """Gradient, Hessian and coupling; derivatives by shared parameters count for the second frame of a pair."""
         free, shared = self.layout.free, self.layout.shared
         size, own = len(shared), np.flatnonzero(~shared)
         to_all = np.flatnonzero(shared)
@@ -211,7 +224,7 @@ class BackgroundEvaluation:
         gradient, hessian = np.zeros((len(self.theta), size)), np.zeros((len(self.theta), size, size))
 
         def add(frame: IntArray, rows: IntArray, J: Array) -> None:
-            """Of the parameters `rows` of frames, with derivatives J (K, ., 2 N)."""
+            """Add the parameters `rows` of some frames, with derivatives J (K, ., 2 N)."""
             weighted = J * self.pull[:, None]
             np.add.at(gradient, (frame[:, None], rows), (weighted @ r[..., None])[..., 0])
             np.add.at(hessian, (frame[:, None, None], rows[:, None], rows), weighted @ np.swapaxes(J, 1, 2))

@@ -1,11 +1,11 @@
-"""The centre of a camera that moves: a drone, a camera on wires, a hand. Its path is smooth.
+"""The smooth path of the centre of a camera that moves: a drone, a camera on wires, a hand.
 
 Of three frames i, j, k that follow one another at the times t, in frames, the centre's mean acceleration
 
     a = 2 ((C_k - C_j) / (t_k - t_j) - (C_j - C_i) / (t_j - t_i)) / (t_k - t_i)
 
-is about zero, with the standard deviation sigma. It is linear in the centres: a = sum_m c_m C_m. What flies evenly may
-brake hard: the tails are heavy.
+is about zero, with the standard deviation sigma. It is linear in the centres: a = sum_m c_m C_m. A camera that flies
+evenly may brake hard: the tails are heavy.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ from fieldcalib.problem.cost_term import Coupling
 from fieldcalib.problem.layout import CENTER, Layout, Role
 from fieldcalib.problem.losses import RobustLoss
 
-TAILS = RobustLoss("cauchy", 2.0)  # of accelerations in standard deviations: beyond two they count less and less
+TAILS = RobustLoss("cauchy", 2.0)  # for accelerations: beyond two standard deviations they count less and less
 
 
 @dataclass(frozen=True, eq=False)
@@ -44,20 +44,20 @@ class SmoothPath:
 
     @cached_property
     def coefficients(self) -> Array:
-        """c / sigma of each three frames, (B - 2, 3)."""
+        """c / sigma of any three consecutive frames, (B - 2, 3)."""
         before, after = np.diff(self.time)[:-1], np.diff(self.time)[1:]
         c = np.stack([1.0 / before, -1.0 / before - 1.0 / after, 1.0 / after], axis=-1)
         return np.asarray(2.0 / self.sigma * c / (before + after)[:, None])
 
     @cached_property
     def threes(self) -> IntArray:
-        """Places of each three frames among the B, (B - 2, 3)."""
+        """Indices of any three consecutive frames, (B - 2, 3)."""
         return np.asarray(np.arange(max(len(self) - 2, 0))[:, None] + np.arange(3))
 
 
 @dataclass(frozen=True, eq=False)
-class PathEvaluation:
-    """The path of B frames at their cameras theta (B, n), whose centres are free and each frame's own."""
+class PathTerm:
+    """The path of B frames as a term of the cost, at cameras theta (B, n) whose centres are free and their own."""
 
     path: SmoothPath
     layout: Layout
@@ -74,14 +74,14 @@ class PathEvaluation:
 
     @cached_property
     def cost(self) -> Array:
-        """(B,), that of an acceleration being the one of the last of its frames."""
+        """Share of each frame, (B,): the cost of an acceleration counts for the last of its frames."""
         cost = np.zeros(len(self.theta))
         cost[2:] = 0.5 * self._losses[0]
         return cost
 
     @cached_property
     def gradient(self) -> Array:
-        """(B, P)"""
+        """Gradient by the free parameters, (B, P)."""
         gradient = np.zeros((len(self.theta), int(np.count_nonzero(self.layout.free))))
         centre = np.flatnonzero(self.layout.is_centre[self.layout.free])
         of_centres = self.path.coefficients[..., None] * (self._losses[1][:, None] * self._z)[:, None]
@@ -90,7 +90,7 @@ class PathEvaluation:
 
     @cached_property
     def hessian(self) -> Array:
-        """Of each frame by itself, reweighted, (B, P, P)."""
+        """Gauss-Newton Hessian within each frame, (B, P, P)."""
         P, centre = int(np.count_nonzero(self.layout.free)), np.flatnonzero(self.layout.is_centre[self.layout.free])
         squares = np.zeros(len(self.theta))
         np.add.at(squares, self.path.threes, self._losses[1][:, None] * np.square(self.path.coefficients))
@@ -100,7 +100,7 @@ class PathEvaluation:
 
     @cached_property
     def coupling(self) -> Coupling:
-        """Between the frames' own parameters, of which the centre is a part."""
+        """Hessian between the own parameters of frames, of which the centre is a part."""
         own = self.layout.roles == Role.FRAME
         o, centre, c = int(np.count_nonzero(own)), np.flatnonzero(self.layout.is_centre[own]), self.path.coefficients
         pairs = ((0, 1), (1, 2), (0, 2))

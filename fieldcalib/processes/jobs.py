@@ -20,7 +20,7 @@ AHEAD = 16  # items that are worked on while others are waited for
 
 
 class Processes(Executor):
-    """An executor of Python processes with one thread each, which start when there is something to do.
+    """An executor of Python processes with one thread each, which start with the first tasks.
 
     Unlike `concurrent.futures.ProcessPoolExecutor` it needs no guard in the caller's script, and a process that dies
     takes only its task with it: that raises a `ProcessEndedError`, and the next one gets a new process. Functions must
@@ -51,7 +51,7 @@ class Processes(Executor):
             self._idle.put(None)  # to be started
 
     def submit(self, function: Callable[P, T], /, *args: P.args, **kwargs: P.kwargs) -> Future[T]:
-        """The result to come of a function in one of the processes."""
+        """Run a function in one of the processes; its result as a future."""
         return self._threads.submit(self._run, function, *args, **kwargs)
 
     def _run(self, function: Callable[P, T], /, *args: P.args, **kwargs: P.kwargs) -> T:
@@ -85,7 +85,7 @@ class Processes(Executor):
         process.close()
 
     def shutdown(self, wait: bool = True, *, cancel_futures: bool = False) -> None:
-        """End the processes, after what they do if that is waited for."""
+        """End the processes; with `wait`, after their tasks."""
         self._threads.shutdown(wait, cancel_futures=cancel_futures)
         with self._lock:
             self._is_closed = True
@@ -97,7 +97,7 @@ class Processes(Executor):
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, traceback: TracebackType | None
     ) -> None:
-        """End the processes; after an error, an interrupt say, at once."""
+        """End the processes; after an error or an interrupt, at once."""
         if error is not None:
             self.shutdown(wait=False, cancel_futures=True)
         self.shutdown()
@@ -111,7 +111,7 @@ def in_order(
     ahead: int = AHEAD,
     rescue: Callable[[Item, ProcessEndedError], T] | None = None,
 ) -> Iterator[T]:
-    """The results of a function, in the order of its arguments, whatever executes it.
+    """The results of a function, in the order of its arguments, from any executor.
 
     Items are taken, and results held, up to `ahead` in advance, so that memory does not grow with their number.
 
@@ -124,7 +124,7 @@ def in_order(
     ahead : int
         Items that are worked on while others are waited for.
     rescue : callable, optional
-        The result of an item whose process has ended, if that can be had otherwise.
+        Gives the result of an item whose process has ended.
 
     Examples
     --------

@@ -28,7 +28,7 @@ LENGTH = struct.Struct("<Q")
 
 
 class ProcessEndedError(RuntimeError):
-    """The process that ran a function has ended, by itself or by somebody else: no memory was left, say."""
+    """The process that ran a function has ended, for instance since no memory was left."""
 
     def __init__(self, exit_code: int) -> None:
         super().__init__(f"the other process has ended, with exit code {exit_code}")
@@ -44,9 +44,9 @@ class OtherProcess:
     Parameters
     ----------
     niceness : int
-        How much later than this process it comes where there are few cores, from 0 to 19.
+        How much the process yields to others where cores are few, from 0 to 19.
     imports : sequence of str
-        Modules that it imports while nobody waits for it.
+        Modules that it imports when it starts.
 
     Raises
     ------
@@ -82,12 +82,12 @@ class OtherProcess:
         self._end = weakref.finalize(self, _end, self._process)  # at the end of the program at the latest
 
     def run(self, function: Callable[P, T], /, *args: P.args, **kwargs: P.kwargs) -> T:
-        """What the function returns there, or raises.
+        """Call a function in the process and return its result, or raise its exception.
 
         Raises
         ------
         ValueError
-            If it or an argument is of the script, which is not run there.
+            If the function or an argument is defined in the script, which is not run there.
         ProcessEndedError
             If the process has ended.
         """
@@ -106,11 +106,11 @@ class OtherProcess:
 
     @property
     def has_ended(self) -> bool:
-        """Whether the process has ended, of which nothing was heard yet."""
+        """Whether the process has ended."""
         return self._process.poll() is not None
 
     def close(self) -> None:
-        """End the process, whatever it does."""
+        """End the process at once."""
         self._end()
 
 

@@ -1,4 +1,4 @@
-"""How many threads libraries use: they read it from the environment when they are imported."""
+"""Number of threads of libraries, which read it from the environment when they are imported."""
 
 from __future__ import annotations
 

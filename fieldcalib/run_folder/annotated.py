@@ -32,11 +32,11 @@ from fieldcalib.run_folder.record import RECORD, RunRecord
 from fieldcalib.run_folder.results import LOCALIZED, SUMMARY, counted, open_camera_folder
 from fieldcalib.run_folder.units import UnitResult, executor_of, unit_size, units_of, work
 
-P = TypeVar("P")  # of any form
+P = TypeVar("P")  # a prior
 
 WITHHELD = (Status.REJECTED, Status.IMPROBABLE)  # statuses by thresholds of the user, whose cameras are not written
 RUN_FILES = frozenset({LINES, TABLE, SUMMARY, RECORD, LOCALIZED})
-NAMED = 3  # skipped files of a kind
+NAMED = 3  # number of skipped files of each kind that are named
 CAMERA_FILES = (CAMERAS.file_name("<id>"),)
 
 
@@ -260,8 +260,8 @@ def calibrate_folder(
 ) -> int:
     """Read annotations, calibrate by `method`, write to the folder of the run; returns the exit code.
 
-    `method` gets `at_once` frames, or those of them that are of one size; it can be pickled. Of each frame there may
-    be files that are named as `writes` says. `more` is what the method depends on beside the options, as JSON.
+    `method`, which can be pickled, gets `at_once` frames, or those of these that are of one size. `writes` are the
+    names of the files that a frame may get. `more` is what the results depend on beside the options, as JSON.
     """
     files = reader.find(inputs)
     sizes = {file.annotation.image_size for file in files if isinstance(file, AnnotatedFrame)} - {None}

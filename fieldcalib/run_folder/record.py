@@ -14,7 +14,7 @@ from fieldcalib.io.files import BrokenFileError, FrameFile, parse_json_object, r
 from fieldcalib.run_folder.options import RunOptions
 
 RECORD = "run.json"
-ELSEWHERE = frozenset({"input", "threads"})  # the input is recorded by its digests, threads change nothing
+NOT_COMPARED = frozenset({"input", "threads"})  # options: the input is recorded by its digests, threads change nothing
 
 
 @dataclass(frozen=True)
@@ -42,8 +42,8 @@ class RunRecord:
     def of(
         cls, run: RunOptions, files: Sequence[FrameFile], *, unit: int, writes: Iterable[str], more: Any = None
     ) -> RunRecord:
-        """Record a run on some files; `more` is what else it depends on, as JSON."""
-        kept = {name: value for name, value in run.recorded.items() if name not in ELSEWHERE}
+        """Record a run on some files; `more` is what its results depend on beside the options, as JSON."""
+        kept = {name: value for name, value in run.recorded.items() if name not in NOT_COMPARED}
         names = _digest([file.id for file in files])
         field = None if run.field_file is None else FrameFile(str(run.field_file), run.field_file).state
         contents = _digest([[*(file.state for file in files)], field, more])
@@ -73,7 +73,7 @@ class RunRecord:
         write_text(folder / RECORD, json.dumps(asdict(self), indent=2) + "\n")
 
     def differences(self, other: RunRecord, *, of_shards: bool = False) -> str:
-        """Describe how another run differs, empty if it is the same; `of_shards`: but for the shard."""
+        """Describe how another run differs, empty if it does not; `of_shards` leaves out the shard."""
         if self.command != other.command:
             return f"it is of {self.command}, not of {other.command}"
         if self.version != other.version:

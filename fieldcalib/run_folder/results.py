@@ -40,8 +40,8 @@ LOCALIZED = "localized.jsonl"
 OVERLAY = VIDEOS.file_name("overlay")
 SHARED_FILES = (SUMMARY, MOTION, WORST, TRIPODS, OVERLAY)  # files that are of no single frame
 PART_OF_CLIP = ".part-"  # prefix of files that keep parts of a clip until all are done
-# Frames with pixels that are not square, least number and share: of 728 annotated frames none, of the same squashed to
-# 640x640 one in fifteen, with width and height swapped more than half.
+# Least number and share of frames with pixels that are not square, to warn of them. Of 728 annotated frames none has
+# such pixels, of the same frames squashed to 640x640 one in fifteen, with width and height swapped more than half.
 SUSPICIOUS = 3, 0.05
 # Width / height of pictures that were probably squashed or cropped: broadcasts have 4:3 and more.
 NEARLY_SQUARE = 0.9, 1.3
@@ -152,16 +152,16 @@ class ResultsWriter:
             where.append(self.out / WORST)
         elif any((self.out / OVERLAYS.file_name(stretch.first)).exists() for stretch in self.to_look_at.stretches):
             where.append(self.out / OVERLAYS.file_name("<id>"))
-        said = self.to_look_at.said(*map(str, where))
-        if said:
-            say(said)
+        message = self.to_look_at.message(*map(str, where))
+        if message:
+            say(message)
 
 
 @contextmanager
 def open_camera_folder(run: RunOptions, record: RunRecord, began: float) -> Iterator[ResultsWriter]:
     """Open the folder of results for cameras, frame by frame; when all went well it gets its summary.json.
 
-    `began` is what `time.perf_counter` said at the start.
+    `began` is the value of `time.perf_counter` at the start.
     """
     if run.writes_table and run.shard is not None:
         raise ValueError(f"--format {PARQUET} is of whole runs: --shard writes {LINES}, fieldcalib join makes a table")
@@ -234,12 +234,12 @@ def finish(out: Path, summary: Mapping[str, Any]) -> None:
 
 
 def is_finished(folder: Path) -> bool:
-    """Whether it holds the results of a run that has come to its end."""
+    """Whether a folder holds the results of a run that has come to its end."""
     return (folder / SUMMARY).is_file()
 
 
 def is_unfinished(folder: Path) -> bool:
-    """Whether it holds the results of a run that has not come to its end."""
+    """Whether a folder holds the results of a run that has not come to its end."""
     return (folder / RECORD).is_file() and not is_finished(folder)
 
 
@@ -324,7 +324,7 @@ def counted(number: int, noun: str) -> str:
 
 
 def is_nearly_square(line: Mapping[str, Any]) -> bool:
-    """Whether a frame's line of cameras.jsonl is of a picture of a shape that no broadcast has, and not said squashed.
+    """Whether the picture of a line of cameras.jsonl is nearly square, as no broadcast is, and was not found squashed.
 
     Examples
     --------

@@ -27,8 +27,8 @@ class Stretch:
         others = f" and {self.count - 1} after it" if self.count > 1 else ""
         return f"{self.first}{others}: {self.verdict}, {self.reason}"
 
-    def goes_on(self, verdict: str, reason: str) -> bool:
-        """Whether the next frame belongs to the run."""
+    def continues(self, verdict: str, reason: str) -> bool:
+        """Whether the next frame belongs to the stretch."""
         return verdict == self.verdict and _without_numbers(reason) == _without_numbers(self.reason)
 
 
@@ -42,7 +42,7 @@ class ToLookAt:
     >>> seen.add("000000", "good", "rms 0.45 px over 5 segments")
     >>> seen.add("000001", "check", "'Middle line' lies 9 px beside its paint; rms 0.5 px over 5 segments")
     >>> seen.add("000002", "check", "'Middle line' lies 7 px beside its paint; rms 0.5 px over 5 segments")
-    >>> print(seen.said("out/cameras.jsonl"))
+    >>> print(seen.message("out/cameras.jsonl"))
     2 frames to look at (all reasons and remedies: out/cameras.jsonl):
       000001 and 1 after it: check, 'Middle line' lies 9 px beside its paint
     """
@@ -62,7 +62,7 @@ class ToLookAt:
             return
         self.count += 1
         reason = reason.split("; ")[0]
-        if self._is_next and self.stretches[-1].goes_on(verdict, reason):
+        if self._is_next and self.stretches[-1].continues(verdict, reason):
             self.stretches[-1] = replace(self.stretches[-1], count=self.stretches[-1].count + 1)
         elif len(self.stretches) < NAMED:
             self.stretches.append(Stretch(id, verdict, reason))
@@ -72,7 +72,7 @@ class ToLookAt:
         self._is_next = True
         self.named += 1
 
-    def said(self, *where: str) -> str:
+    def message(self, *where: str) -> str:
         """Message with the frames, and where all are to be found; empty if all are good."""
         if not self.count:
             return ""

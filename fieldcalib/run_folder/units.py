@@ -46,7 +46,7 @@ def unit_size(frames: int) -> int:
 
 
 def units_of(items: Iterable[Member], size: int, shard: Shard | None = None) -> Iterator[tuple[Member, ...]]:
-    """Split items into units of some size, the last one of what is left; of a shard every n-th.
+    """Split items into units of a size, of which the last may be smaller; a shard gets every n-th unit.
 
     Examples
     --------
@@ -87,8 +87,8 @@ def work(
 ) -> None:
     """Apply a function to units of `size` items and write the outcomes in order; those that are done are left out.
 
-    With `write`, that gets the outcomes of all items. A frame whose process ends is written as broken; the others of
-    its unit are done.
+    `write`, if given, gets the outcomes of all items instead. A frame whose process ends is written as broken; the
+    others of its unit are done.
     """
     with (
         executor_of(run.jobs) as executor,
@@ -97,22 +97,22 @@ def work(
         units = units_of(items, size, run.shard)
         done = results.done if write is None else 0
         progress.update(done)
-        rest, half = _rest(units, done)
+        rest, skipped = _rest(units, done)
         rescue = None if executor is None else partial(_rescued, executor, function)
         for result in in_order(executor, function, rest, ahead=2 * run.jobs, rescue=rescue):
             if result.message:
                 print(result.message)
             results.calibrating += result.seconds
-            for outcome in result.outcomes[half:]:
+            for outcome in result.outcomes[skipped:]:
                 (write or results.add)(outcome)
                 progress.update()
-            half = 0
+            skipped = 0
 
 
 def _rest(units: Iterable[tuple[Member, ...]], done: int) -> tuple[Iterable[tuple[Member, ...]], int]:
-    """The units that are not done, and how many frames of the first of these are.
+    """The units that are not done, and the number of frames of the first of them that are.
 
-    That one is worked on as a whole again, for the same results.
+    The first one is worked on as a whole again, for the same results.
     """
     left = iter(units)
     for unit in left:

@@ -1,11 +1,10 @@
-"""How large is the pitch? Its length and width, estimated together with the cameras that see it.
+"""Length and width of a pitch, estimated together with the cameras that see it.
 
-Law 1 leaves a pitch some freedom, and a field of 105 x 68 m then bends the cameras. With length and width the segments
-move (`Field.motion`); their shapes stay. The size is one more block of the parameters, shared by all frames: what is
-minimised is the solver's cost of all frames, each with a camera of its own, and the prior of the size, by
-Levenberg-Marquardt from whose steps the cameras are eliminated (`fieldcalib.problem.levenberg_marquardt`). Then the
-frames are calibrated from the beginning, as segments that seemed mislabelled may fit a pitch of another size; and so on
-until the size stays.
+Law 1 leaves a pitch some freedom; on a pitch of another size, assuming 105 x 68 m makes the cameras wrong. With length
+and width the segments move (`Field.motion`); their shapes stay. The size is one more block of the parameters, shared by
+all frames: Levenberg-Marquardt minimises the cost of all frames, each with a camera of its own, and of the prior of the
+size; the cameras are eliminated from its steps (`fieldcalib.problem.levenberg_marquardt`). Then the frames are
+calibrated anew, as segments that seemed mislabelled may fit a pitch of another size, until the size stays.
 
 The covariance is the sandwich of `fieldcalib.assess.uncertainty` with two parameters more.
 """
@@ -21,7 +20,7 @@ from fieldcalib._types import Array
 from fieldcalib.assess.result import Calibration, Status
 from fieldcalib.assess.shared import ReducedSystem
 from fieldcalib.fields.field import Field
-from fieldcalib.fields.traits import DEVIATIONS, SizePrior
+from fieldcalib.fields.traits import DEVIATIONS
 from fieldcalib.problem.evaluation import Evaluation
 from fieldcalib.problem.labelled_pixels import ImageSegments
 from fieldcalib.problem.layout import Layout, Role, SizeBlock
@@ -36,37 +35,37 @@ ROUNDS = 10
 # Share below which the labels count as silent: a frame of one half has 2 % of the length, since the prior knows roughly
 # where the camera stands.
 SILENT = 0.05
-TOLD = 0.5  # share from which on it comes from the labels
+MOSTLY = 0.5  # share from which on the labels tell it
 
 
 @dataclass(frozen=True, eq=False)
 class FieldSize:
-    """The estimated size of a pitch, and what it rests on. Pairs are (length, width)."""
+    """The estimated size of a pitch, and how well it is known. Pairs are (length, width)."""
 
     field: Field
     """The pitch, of the estimated size."""
     covariance: Array
-    """Of length and width, (2, 2) square metres, given labels and prior."""
+    """Covariance of length and width given labels and prior, (2, 2) square metres."""
     from_labels: Array
     """Share of the estimate that comes from the labels, the rest being the prior's, (2,): ``information / (1 +
     information)``, with the information of the labels in units of the prior's."""
     calibrations: tuple[Calibration, ...]
-    """Of the frames, on that pitch; they take its size as known."""
+    """Calibrations of the frames on that pitch; they take its size as known."""
 
     @property
     def length(self) -> float:
-        """Of a touchline, metres."""
+        """Length of a touchline, metres."""
         return self.field.length
 
     @property
     def width(self) -> float:
-        """Of a goal line, metres."""
+        """Length of a goal line, metres."""
         return self.field.width
 
     @property
     def is_told(self) -> bool:
-        """Whether the labels tell length and width, not the prior."""
-        return bool(np.all(self.from_labels >= TOLD))
+        """Whether length and width come from the labels rather than the prior."""
+        return bool(np.all(self.from_labels >= MOSTLY))
 
     @property
     def std_deviations(self) -> Array:
@@ -75,14 +74,16 @@ class FieldSize:
 
     @property
     def interval(self) -> Array:
-        """From and to, (2, 2) metres: each column holds the truth with a probability of 95 %. The legal sizes cut it
-        off."""
+        """Lower and upper ends, (2, 2) metres, between which length and width are with a probability of 95 %.
+
+        They are clipped to the legal sizes.
+        """
         assert self.field.size_model is not None  # the size was estimated under it
         size, half = np.array([self.length, self.width]), DEVIATIONS * self.std_deviations
         return np.asarray(np.clip([size - half, size + half], *self.field.size_model.limits))
 
     def __str__(self) -> str:
-        """What is known, in words."""
+        """Sizes and where they come from, in words."""
         sizes, deviations = (self.length, self.width), self.std_deviations
         return "; ".join(map(_in_words, ("length", "width"), sizes, deviations, self.from_labels))
 
@@ -90,7 +91,7 @@ class FieldSize:
 def _in_words(name: str, metres: float, deviation: float, share: float) -> str:
     if share < SILENT:
         return f"{name}: the labels say nothing, {metres:.1f} ± {deviation:.1f} m is from the prior"
-    origin = "from the labels" if share >= TOLD else f"mostly from the prior ({100.0 * share:.0f} % from the labels)"
+    origin = "from the labels" if share >= MOSTLY else f"mostly from the prior ({100.0 * share:.0f} % from the labels)"
     return f"{name}: {metres:.2f} ± {deviation:.2f} m {origin}"
 
 
@@ -155,14 +156,13 @@ def estimate_field_size(
     >>> print(str(estimate_field_size(soccer(), [middle], (960, 540))).split("; ")[0])
     length: the labels say nothing, 105.0 ± 2.6 m is from the prior
     """
-    mean, sizes = _checked_size(field)
-    size = mean
+    size_prior = _checked_prior(field)
 
-    def calibrated(size: Array) -> list[Calibration]:
-        pitch = replace(field.resized(*size.tolist()), size_known=True)
-        return calibrate_batch(pitch, frames, image_size, flags=flags, prior=prior, tau=tau)
+    def calibrated(pitch: Field) -> list[Calibration]:
+        return calibrate_batch(replace(pitch, size_known=True), frames, image_size, flags=flags, prior=prior, tau=tau)
 
-    calibrations = calibrated(size)
+    pitch = given = field.resized(field.length, field.width)
+    calibrations = calibrated(pitch)
     for _ in range(ROUNDS):
         # where none is accepted, the size may be why
         seen = _with_status(calibrations, Status.ACCEPTED) or _with_status(
@@ -170,37 +170,40 @@ def estimate_field_size(
         )
         if not seen:
             break
-        moved = _solved_together(seen, mean, sizes).theta[0, -2:]
-        if np.max(np.abs(moved - size)) < STILL:
+        size = _most_likely(seen, size_prior)
+        if np.max(np.abs(size - (pitch.length, pitch.width))) < STILL:
             break
-        size = moved
-        calibrations = calibrated(size)
+        pitch = field.resized(*size.tolist())
+        calibrations = calibrated(pitch)
     accepted = _with_status(calibrations, Status.ACCEPTED)
-    if not accepted and np.any(size != mean):
-        size, calibrations = mean, calibrated(mean)
-    covariance, share = _uncertainty(accepted, mean, sizes)
-    return FieldSize(field.resized(*size.tolist()), covariance, share, tuple(calibrations))
+    if not accepted and pitch is not given:
+        pitch, calibrations = given, calibrated(given)
+    return FieldSize(pitch, *_uncertainty(accepted, size_prior), tuple(calibrations))
 
 
-def shared_size(field: Field, calibrations: Sequence[Calibration]) -> FieldSize:
-    """The size that calibrations of frames of a field tell together; the given one if none of them is accepted.
+def shared_field(field: Field, calibrations: Sequence[Calibration]) -> Field:
+    """The field of the size that calibrations tell together; the given one if none of them is accepted.
 
     Parameters
     ----------
     field : Field
-        Of the most likely size, as for `estimate_field_size`.
+        Field of the most likely size, as for `estimate_field_size`.
     calibrations : sequence of Calibration
-        Of images of one size, on a field of one size that they take as known.
+        Calibrations of images of one size, on a field of one size that they take as known.
     """
-    mean, sizes = _checked_size(field)
-    accepted, sized = _with_status(calibrations, Status.ACCEPTED), field
-    if accepted:
-        sized = field.resized(*_solved_together(accepted, mean, sizes).theta[0, -2:].tolist())
-    return FieldSize(sized, *_uncertainty(accepted, mean, sizes), tuple(calibrations))
+    size_prior, accepted = _checked_prior(field), _with_status(calibrations, Status.ACCEPTED)
+    return field.resized(*_most_likely(accepted, size_prior).tolist()) if accepted else field
 
 
-def _checked_size(field: Field) -> tuple[Array, SizePrior]:
-    """(length, width) of a field that is of a legal size and knows how its segments move, and its prior."""
+def shared_size(field: Field, calibrations: Sequence[Calibration]) -> FieldSize:
+    """The size of `shared_field`, with its uncertainty."""
+    accepted = _with_status(calibrations, Status.ACCEPTED)
+    uncertainty = _uncertainty(accepted, _checked_prior(field))
+    return FieldSize(shared_field(field, calibrations), *uncertainty, tuple(calibrations))
+
+
+def _checked_prior(field: Field) -> SizeBlock:
+    """Prior of length and width around those of a field, which must be legal; its segments must move with them."""
     if not isinstance(field, Field):
         raise ValueError(f"expected a field as soccer(length, width) makes it, got {type(field).__name__}")
     sizes = field.resized(field.length, field.width).size_model
@@ -212,15 +215,15 @@ def _checked_size(field: Field) -> tuple[Array, SizePrior]:
             f"is to be estimated, got {field.length:g} x {field.width:g}; give a likely size in metres, the touchline "
             f"first"
         )
-    return size, sizes
+    return SizeBlock(size, sizes.sigma, sizes.limits)
 
 
 def _with_status(calibrations: Sequence[Calibration], *statuses: Status) -> list[Calibration]:
     return [one for one in calibrations if one.status in statuses and one.solved is not None]
 
 
-def _together(calibrations: Sequence[Calibration], mean: Array, sizes: SizePrior) -> Evaluation:
-    """The frames of calibrations on one pitch as one problem that shares its size, at their cameras.
+def _joint(calibrations: Sequence[Calibration], size_prior: SizeBlock) -> Evaluation:
+    """Calibrations on one pitch as one problem whose frames share its size, evaluated at their cameras.
 
     The priors of the cameras' places count once for all frames, as does that of the size: what one frame learns from
     its camera's place about the length is little, but frames of one pitch may have one camera, whose prior is no news
@@ -229,38 +232,33 @@ def _together(calibrations: Sequence[Calibration], mean: Array, sizes: SizePrior
     parts = [one.solved.alone.evaluation for one in calibrations if one.solved is not None]
     problem, pitch, count = parts[0].problem, calibrations[0].field, len(parts)
     assert pitch is not None
-    size = np.array([pitch.length, pitch.width])
-    cameras = problem.layout.size
-    layout = Layout.of(problem.layout.image_size, problem.layout.lens, SizeBlock(size, sizes.sigma, sizes.limits))
-    roles = np.full(layout.size, Role.SHARED)
-    roles[:cameras] = problem.layout.roles
-    layout = replace(layout, roles=roles)
-
-    prior_mean, prior_sigma = np.zeros((count, layout.size)), np.full((count, layout.size), np.inf)
+    size, cameras = np.array([pitch.length, pitch.width]), problem.layout.size
+    layout = Layout.of(problem.layout.image_size, problem.layout.lens, size_prior._replace(given=size))
+    layout = replace(layout, roles=np.append(problem.layout.roles, [Role.SHARED, Role.SHARED]))
+    mean, sigma = np.zeros((count, layout.size)), np.full((count, layout.size), np.inf)
     for t, part in enumerate(parts):
         if part.problem.prior is not None:
-            prior_mean[t, :cameras], prior_sigma[t, :cameras] = part.problem.prior.mean, part.problem.prior.sigma
-    prior_mean[:, cameras:], prior_sigma[:, cameras:] = mean, sizes.sigma
+            mean[t, :cameras], sigma[t, :cameras] = part.problem.prior.mean, part.problem.prior.sigma
+    mean[:, cameras:], sigma[:, cameras:] = size_prior.given, size_prior.sigma
     once = layout.is_centre | (np.arange(layout.size) >= cameras)
     theta = np.concatenate([np.concatenate([part.theta for part in parts]), np.tile(size, (count, 1))], axis=1)
-    like = replace(problem, layout=layout, prior=GaussianPrior(prior_mean, prior_sigma), considered=None)
+    like = replace(problem, layout=layout, prior=GaussianPrior(mean, sigma), considered=None)
     return joint_evaluation(like, pitch, [labels_of(part) for part in parts], theta, once)
 
 
-def _solved_together(calibrations: Sequence[Calibration], mean: Array, sizes: SizePrior) -> Evaluation:
-    """The same where the cost is least."""
+def _most_likely(calibrations: Sequence[Calibration], size_prior: SizeBlock) -> Array:
+    """Length and width (2,) of least cost."""
     _, iterations, tolerance = DEFAULT_CRITERIA
-    start = _together(calibrations, mean, sizes)
-    return levenberg_marquardt(start, max_iterations=iterations, tolerance=tolerance).evaluation
+    start = _joint(calibrations, size_prior)
+    return levenberg_marquardt(start, max_iterations=iterations, tolerance=tolerance).theta[0, -2:]
 
 
-def _uncertainty(calibrations: Sequence[Calibration], mean: Array, sizes: SizePrior) -> tuple[Array, Array]:
+def _uncertainty(calibrations: Sequence[Calibration], size_prior: SizeBlock) -> tuple[Array, Array]:
     """Covariance (2, 2) and shares from the labels (2,) of the most likely size."""
     if not calibrations:
-        return np.diag(sizes.sigma**2), np.zeros(2)
-    evaluation = _together(calibrations, mean, sizes)
+        return np.diag(size_prior.sigma**2), np.zeros(2)
     found = [one.solved.uncertainty for one in calibrations if one.solved is not None]
     kappa, sigma = np.array([(one.curvature, one.bent_sigma) for one in found]).T
-    system = ReducedSystem.of(evaluation, sigma, kappa)
-    share = np.maximum(1.0 - np.diagonal(system.inverse) / sizes.sigma**2, 0.0)  # below 0 by rounding
+    system = ReducedSystem.of(_joint(calibrations, size_prior), sigma, kappa)
+    share = np.maximum(1.0 - np.diagonal(system.inverse) / size_prior.sigma**2, 0.0)  # below 0 by rounding
     return system.white_covariance, share

@@ -35,7 +35,7 @@ class SolvedFrames(NamedTuple):
     evaluation: Evaluation
     errors: OwnErrors
     is_tied: BoolArray
-    """Which of them are tied to others, (B,)."""
+    """Mask (B,) of the frames that are tied to others."""
 
 
 def table_without_cameras(tripod: KnownTripod, count: int) -> FrameTable:
@@ -93,7 +93,7 @@ def solved_rows(
 
 
 def without_camera(table: FrameTable, failed: Mapping[int, Calibration]) -> FrameTable:
-    """The table with status and message of frames that have no camera."""
+    """Set status and message of frames that have no camera."""
     index = np.array(list(failed), dtype=np.intp)
     status = table.status.copy()
     status[index] = [STATUSES.index(one.status) for one in failed.values()]

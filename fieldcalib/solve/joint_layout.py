@@ -10,7 +10,7 @@ import numpy as np
 from fieldcalib.problem.layout import CENTER, LOG_F, Layout, Role, SizeBlock, ZoomLaw
 from fieldcalib.solve.sequence_problem import SequenceProblem
 
-# Parts of the zoom law that mean nothing unless the parameter that they change is shared.
+# Parameters that each part of the zoom law changes: unless these are shared, it is fixed.
 CHANGED = {"cx slope": "cx", "cy slope": "cy", "a1 slope": "a1", "a1 bend": "a1"}
 
 

@@ -1,4 +1,4 @@
-"""Frames of one camera that were solved together, and what they tell of what they share."""
+"""Frames of one camera that were solved together, with the covariance of the parameters that they share."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ class JointSolution:
     """Numbers of the frames, (B,)."""
     evaluation: Evaluation
     considered: Considered
-    """What they share, and what is kept of the field's size, in a layout in which all that is considered."""
+    """Shared parameters, and a size of the field that is not estimated, as considered ones of a single frame."""
     noise: PixelNoise
     fixed_sizes: Mapping[str, float]
     """Variances of length and width where these are not estimated."""
@@ -58,12 +58,12 @@ class JointSolution:
 
     @property
     def covariance(self) -> Array:
-        """Covariance of what they share, (S, S)."""
+        """Covariance of the shared parameters, (S, S)."""
         return self.considered.covariance[self._shared]
 
     @property
     def covariance_if_level(self) -> Array:
-        """Covariance of what they share if the field were known to be level, (S, S)."""
+        """Covariance of the shared parameters if the field were known to be level, (S, S)."""
         return self.considered.if_level[self._shared]
 
     @property
@@ -73,7 +73,7 @@ class JointSolution:
 
     @property
     def is_tied(self) -> BoolArray:
-        """Which of them are tied to others, (B,)."""
+        """Mask (B,) of the frames that are tied to others."""
         pairs = self.evaluation.problem.background
         tied = np.zeros(len(self.index), dtype=bool)
         if pairs is not None:
@@ -86,7 +86,7 @@ class JointSolution:
         return {int(self.index[k]): self.evaluation.theta[k] for k in np.flatnonzero(self.is_tied)}
 
     def tripod(self, problem: SequenceProblem) -> KnownTripod:
-        """What the frames share as known, with its covariance, to calibrate other frames with."""
+        """The shared parameters as known ones, with their covariance, to calibrate other frames with."""
         layout, theta = self.considered.layout, self.evaluation.theta[0]
         object_segments, pitch, size = problem.object_segments, problem.options.field, layout.field_size
         if size is not None and pitch is not None:
@@ -125,7 +125,7 @@ def solved_with_known_sizes(problem: SequenceProblem, start: Start) -> JointSolu
 def _considered(
     problem: SequenceProblem, system: ReducedSystem, layout: Layout, fixed_sizes: Mapping[str, float]
 ) -> Considered:
-    """Joint covariance of what frames share and of what is kept of the field, whose errors the former follow."""
+    """Joint covariance of the shared parameters and of a size that is not estimated, whose errors they follow."""
     both = layout.with_roles_of(layout.roles == Role.SHARED, Role.CONSIDERED)
     roles = layout.roles[both.considered]
     s, c = np.flatnonzero(roles == Role.SHARED), np.flatnonzero(roles == Role.CONSIDERED)
@@ -145,7 +145,7 @@ def _considered(
 
 
 def _kept_covariance(problem: SequenceProblem, layout: Layout, fixed_sizes: Mapping[str, float]) -> Array:
-    """Covariance (c, c) of what is kept of the field: as the frames tell its size, or as it is known a priori."""
+    """Covariance (c, c) of length, width and crown that are not estimated: a priori, or from the frames if smaller."""
     index = np.flatnonzero(layout.considered)
     if not len(index):
         return np.zeros((0, 0))
@@ -156,9 +156,9 @@ def _kept_covariance(problem: SequenceProblem, layout: Layout, fixed_sizes: Mapp
 
 
 def _hardly_told(joint: JointSolution) -> dict[str, float]:
-    """Which of length and width the frames hardly tell: estimated, it would absorb errors of lens and zoom.
+    """Length and width that the frames hardly determine: if estimated, they would absorb errors of lens and zoom.
 
-    With it comes the mean square distance from what is given, as the frames tell it.
+    The values are mean square distances from the given size, as the frames tell them.
     """
     layout, theta = joint.layout, joint.evaluation.theta[0]
     if layout.field_size is None:

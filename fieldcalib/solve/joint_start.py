@@ -28,7 +28,7 @@ class Start(NamedTuple):
 
     layout: Layout
     theta: Mapping[int, Array]
-    """Parameters (n,), by frame."""
+    """Parameters (n,) by number of the frame."""
     labels: Mapping[int, Labels]
     """Labels of some of these frames."""
 
@@ -59,12 +59,12 @@ class Start(NamedTuple):
 
     @property
     def reference(self) -> float:
-        """log f at which a zoom law begins: the one of the layout, or the median."""
+        """Reference log f of the zoom law: that of the layout if it has one, otherwise the median over the frames."""
         law = self.layout.zoom_law
         return law.reference if law is not None else float(np.median([one[LOG_F] for one in self.theta.values()]))
 
     def in_layout(self, layout: Layout, count: int) -> Array:
-        """Cameras (count, n) of all frames in a joint layout; what frames share is the median of those that start."""
+        """Cameras (count, n) in a joint layout, 0 where there is none; shared parameters are medians."""
         index, old = self.frames, {name: k for k, name in enumerate(self.layout.names)}
         theirs = np.array([self.theta[t] for t in index.tolist()])
         theta = np.zeros((count, layout.size))
@@ -118,7 +118,7 @@ def joint_start(
     theta = theta[index]
     stands = gaussian_priors(options.distributions, layout)
     like = Problem(
-        pack(problem.object_segments, [], layout.image_size),
+        pack(options.object_segments, [], layout.image_size),
         layout,
         options.loss,
         options.noise,
@@ -130,20 +130,21 @@ def joint_start(
     )
     once = (layout.roles == Role.SHARED) | layout.is_centre
     frames = [labels.get(t, ({}, {})) for t in index.tolist()]
-    return JointStart(index, joint_evaluation(like, problem.object_segments, frames, theta, once))
+    return JointStart(index, joint_evaluation(like, options.object_segments, frames, theta, once))
 
 
 def _without_contradicted(
     problem: SequenceProblem, theta: Array, known: BoolArray, some: IntArray, layout: Layout
 ) -> tuple[Array, BoolArray, BoolArray]:
-    """Cameras (T, n) of known frames (T,) and of some that are tied to them, and which of the known ones are right.
+    """Remove known cameras that the ties contradict, and add those of tied frames.
+
+    The result is the cameras (T, n), which of them are known (T,), and which of the given ones are right (T,).
 
     Ties to other known frames, or to frames that these tie, reveal a wrong camera.
     """
     right = problem.ties.agreeing(theta, known, layout)
     while True:
-        scale = problem.options.scale
-        tied, reached = with_tied(problem.object_segments, problem.ties, theta, right, some, layout, scale)
+        tied, reached = with_tied(problem.options, problem.ties, theta, right, some, layout)
         contradicted = right & ~problem.ties.agreeing(tied, reached, layout)
         if not np.any(contradicted):
             return tied, reached, right

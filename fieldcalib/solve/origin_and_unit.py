@@ -1,8 +1,8 @@
-"""Field points that were not given in metres from the centre mark: found by the markings that they then lie on.
+"""Recognise field points that were not given in metres from the centre mark, by the markings that they should lie on.
 
-Across the field the markings lie at fixed distances from its middle, along it at fixed distances from its goal lines,
-whatever its size. Points whose origin is a corner, or whose unit is the yard, lie on none of them as they are, and on
-all of them once moved and scaled.
+Whatever the size of a field, across it the markings lie at fixed distances from its middle, and along it at fixed
+distances from its goal lines. Points whose origin is a corner, or whose unit is the yard, lie on none of them as they
+are, and on all of them once moved and scaled.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ import numpy as np
 
 from fieldcalib._types import Array, BoolArray
 from fieldcalib.fields.field import Field
-from fieldcalib.fields.soccer import (
+from fieldcalib.fields.sports.soccer import (
     ALL_MATCHES,
     CIRCLE_RADIUS,
     GOAL_AREA_DEPTH,
@@ -50,7 +50,7 @@ BEYOND_STANDS = 160.0  # metres from the axis through both goals: main stands re
 
 @dataclass(frozen=True)
 class Reading:
-    """How field points may have been meant."""
+    """A likely origin and unit of field points."""
 
     unit: str
     corner: bool
@@ -58,18 +58,18 @@ class Reading:
     length: float
     width: float
     hits: int
-    """Number of points that lie on markings then, and"""
+    """Number of points that lie on markings if read so."""
     hits_as_given: int
-    """as metres from the centre mark, of"""
+    """Number of points that lie on markings in metres from the centre mark."""
     points: int
 
     def __str__(self) -> str:
-        """For messages."""
+        """Unit and origin in words."""
         return f"{self.unit} from {'a corner' if self.corner else 'the centre mark'}"
 
     @property
     def remedy(self) -> str:
-        """What makes of the points metres from the centre mark."""
+        """Expression that converts points X to metres from the centre mark."""
         scaled = "X" if self.unit == "metres" else f"{UNITS[self.unit]:.6g} * X"
         return f"{scaled} - ({self.length / 2.0:g}, {self.width / 2.0:g}, 0)" if self.corner else scaled
 
@@ -109,7 +109,7 @@ def looks_like_a_quadrant(X: Array) -> bool:
 
 
 def other_reading(X: Array) -> Reading | None:
-    """The origin and the unit with which points (N, 3) lie on the markings of a field, if as they are they do not.
+    """Find origin and unit with which points (N, 3) lie on the markings of a field; None if they do so as they are.
 
     Examples
     --------
@@ -138,11 +138,11 @@ def other_reading(X: Array) -> Reading | None:
 
 
 def may_be_from_a_corner(camera: Camera, field: Field) -> bool:
-    """Whether a camera stands where main cameras do, and sees more of the field, if its origin was the far left corner.
+    """Whether a camera stands with the main cameras, and sees more of the field, if its origin was the far left corner.
 
-    Of 666 cameras of the World Cup 2014 and of SoccerNet that is true of none; with their origin moved to that corner
-    407 homographies are accepted, and it is true of 350 of them. A camera at the right end of the main stand that looks
-    past the field may be one too.
+    This is true of none of 666 cameras of the World Cup 2014 and of SoccerNet. With their origin moved to that corner
+    407 homographies are accepted, and it is true of 350 of them. It may also be true of a camera at the right end of
+    the main stand that looks past the field.
     """
     corner = np.array([field.length / 2.0, field.width / 2.0])
     x, y = camera.C[:2] - corner
@@ -156,9 +156,9 @@ def may_be_from_a_corner(camera: Camera, field: Field) -> bool:
 
 
 def reading_of_camera(camera: Camera, field: Field) -> tuple[str, bool] | None:
-    """Unit and whether the origin is the far left corner, if a camera stands with the main cameras only then.
+    """Unit, and whether the origin is the far left corner, with which a camera beyond the stands is a main camera.
 
-    None of a camera that could stand where it is: yards are too near to metres to be told by it.
+    None for a camera that could stand where it is: yards are too similar to metres to be recognised by its place.
 
     Examples
     --------
@@ -179,7 +179,7 @@ def reading_of_camera(camera: Camera, field: Field) -> tuple[str, bool] | None:
 
 
 def _best(x: Array, *, corner: bool) -> tuple[int, int, tuple[float, float]]:
-    """How many points (N, 2) in metres lie on markings, the evidence, and the field's size, of the best size."""
+    """Number of points (N, 2) in metres on markings, evidence, and size of the field, for the size that fits best."""
     lengths = _candidates(x[:, 0], corner, 0)
     widths = _candidates(x[:, 1], corner, 1)
     found = [_score(x, corner, size, free=0) for size in SIZES]
@@ -199,7 +199,7 @@ def _score(x: Array, corner: bool, size: tuple[float, float], *, free: int) -> t
 
 
 def _candidates(values: Array, corner: bool, axis: int) -> list[float]:
-    """Lengths (axis 0) or widths (axis 1) of fields that put one of the coordinates on a marking."""
+    """Lengths (axis 0) or widths (axis 1) of fields for which one of the coordinates lies on a marking."""
     low, high = ALL_MATCHES[axis]
     marks = ALONG if axis == 0 else ACROSS
     if corner:
@@ -212,13 +212,13 @@ def _candidates(values: Array, corner: bool, axis: int) -> list[float]:
 
 
 def _along(values: Array, length: float, corner: bool) -> BoolArray:
-    """Which coordinates along the field lie on a marking."""
+    """Mask of the coordinates along the field that lie on a marking."""
     from_middle = np.abs(values - length / 2.0 if corner else values)
     return _near(from_middle, MIDDLE) | _near(length / 2.0 - from_middle, ALONG)
 
 
 def _across(values: Array, width: float, corner: bool) -> BoolArray:
-    """Which coordinates across the field lie on a marking."""
+    """Mask of the coordinates across the field that lie on a marking."""
     from_middle = np.abs(values - width / 2.0 if corner else values)
     return _near(from_middle, [*ACROSS, width / 2.0])
 

@@ -12,7 +12,7 @@ from fieldcalib.assess.frame_table import LARGEST_ERROR, FrameTable
 from fieldcalib.assess.own_errors import OwnErrors
 from fieldcalib.assess.result import Calibration, Status
 from fieldcalib.assess.sequence_calibration import SequenceCalibration
-from fieldcalib.problem.background import BackgroundEvaluation, BackgroundPairs
+from fieldcalib.problem.background import BackgroundPairs, BackgroundTerm
 from fieldcalib.solve.batch import CHUNK
 from fieldcalib.solve.centres import KnownCentres, expected_centres, near_path
 from fieldcalib.solve.frame_rows import SolvedFrames, solved_rows, table_without_cameras, without_camera
@@ -26,12 +26,12 @@ OFF_PATH = "its centre is not where the frames around it let it be"
 
 @dataclass(frozen=True, eq=False)
 class InitialFrames:
-    """What is known of T frames before they are solved."""
+    """Initial cameras of T frames, and calibrations of frames by themselves."""
 
     theta: Array
     """Initial cameras, (T, n)."""
     known: BoolArray
-    """Which frames have one, (T,)."""
+    """Mask (T,) of the frames that have one."""
     alone: Mapping[int, Calibration]
     """Calibrations of labelled frames by themselves."""
 
@@ -39,7 +39,7 @@ class InitialFrames:
 def with_remaining_frames(
     problem: SequenceProblem, joint: JointSolution, tripod: KnownTripod, before: SequenceCalibration | None = None
 ) -> FrameTable:
-    """The table of all frames, from what those that were solved together tell of the tripod.
+    """Make the table of all frames: those that were solved together, and the others with the same tripod.
 
     Frames that are tied start from their cameras of `before`, if they had any.
     """
@@ -76,7 +76,7 @@ def _initial_frames(
     done: BoolArray,
     before: SequenceCalibration | None,
 ) -> InitialFrames:
-    """Cameras of frames that are tied to those that are done, and of labelled ones by themselves."""
+    """Initial cameras of frames that are tied to solved ones, and calibrations of labelled frames by themselves."""
     theta, known = table.theta.copy(), done.copy()
     options = tripod.options
     if problem.is_linked:
@@ -85,18 +85,16 @@ def _initial_frames(
             theta[again] = np.where(options.layout.free, before.frames.theta[again], options.known)
             known |= again
         every = np.arange(len(known))
-        theta, known = with_tied(
-            options.object_segments, problem.ties, theta, known, every, options.layout, options.scale
-        )
+        theta, known = with_tied(options, problem.ties, theta, known, every, options.layout)
     untied, tied = np.flatnonzero(~known), np.flatnonzero(known & ~done)
     alone = problem.calibrate_alone(untied, options)
-    if not problem.options.trust_labels:
+    if not options.trust_labels:
         alone |= problem.calibrate_alone(tied, options, {t: theta[t] for t in tied.tolist()})
     return InitialFrames(theta, known, alone)
 
 
 def _on_path(initial: InitialFrames, known_centres: KnownCentres) -> InitialFrames:
-    """The frames with cameras by themselves where these are on the path of the camera; others have none."""
+    """Start untied frames from their cameras by themselves if these are on the path; reject the other ones."""
     accepted = {t: c for t, c in initial.alone.items() if c.accepted and not initial.known[t]}
     near = near_path(accepted, known_centres)
     off_path = Calibration.without_camera(Status.IMPROBABLE, OFF_PATH)
@@ -110,7 +108,7 @@ def _on_path(initial: InitialFrames, known_centres: KnownCentres) -> InitialFram
 def with_frames_alone(
     table: FrameTable, tripod: KnownTripod, alone: Mapping[int, Calibration], largest_error: float
 ) -> FrameTable:
-    """The table with frames that nothing ties, as they were calibrated by themselves."""
+    """Fill in frames that nothing ties, as they were calibrated by themselves."""
     table = without_camera(table, {t: c for t, c in alone.items() if c.solved is None})
     parts: dict[int, list[int]] = {}  # those that were solved at once
     for t, calibration in alone.items():
@@ -126,7 +124,7 @@ def with_frames_alone(
 
 
 def _next(problem: SequenceProblem, done: BoolArray, known: BoolArray) -> IntArray:
-    """Frames that follow from those that are done: tied ones, and then those that are on the path only."""
+    """Numbers of the frames to be solved next: tied to solved ones or, when none is left, on the path only."""
     tied = problem.ties.reached(done, ~known)
     return tied if len(tied) or not problem.moves else np.flatnonzero(known & ~done)
 
@@ -139,8 +137,8 @@ def _followed(
     initial: InitialFrames,
     part: IntArray,
 ) -> FrameTable:
-    """Rows of frames `part` (B,), solved from their labels and from the frames that are done."""
-    pairs, first = problem.ties.towards(part, table.theta, done)
+    """Solve frames `part` (B,) from their labels and from solved frames; the result is their rows."""
+    pairs = problem.ties.towards(part, table.theta, done)
     wrong = _contradicted(part, pairs, initial.alone)
     alone = {k: one for k, t in enumerate(part.tolist()) if (one := initial.alone.get(t)) and t not in wrong}
     labels = [problem.labels(t, alone.get(k)) for k, t in enumerate(part.tolist())]
@@ -150,18 +148,18 @@ def _followed(
         centres = expected_centres(KnownCentres.of(table, done, tripod.considered), part)
         prior = centres.of_prior(prior, theta.shape[1])
     solved = tripod.solved(theta, labels, pairs, prior)
-    errors = tripod.errors(solved, OwnErrors(table.own[first], table.following[first]))
+    errors = tripod.errors(solved, OwnErrors(table.own[pairs.first], table.following[pairs.first]))
     is_tied = np.isin(np.arange(len(part)), pairs.second)
     return solved_rows(tripod, SolvedFrames(solved, errors, is_tied), alone, LARGEST_ERROR)
 
 
 def _contradicted(index: IntArray, pairs: BackgroundPairs, alone: Mapping[int, Calibration]) -> set[int]:
-    """Which of some frames have a camera by themselves that most of their ties contradict."""
+    """Numbers of the frames whose camera by themselves is contradicted by most of their ties."""
     solved = {k: one for k, t in enumerate(index.tolist()) if t in alone and (one := alone[t].solved) is not None}
     if not solved:
         return set()
     number, first = np.array(list(solved)), next(iter(solved.values()))
     theta = np.concatenate([one.alone.evaluation.theta for one in solved.values()])
     layout = first.evaluation.problem.layout
-    wrong = contradicted(BackgroundEvaluation(pairs.take(number), layout, theta))
+    wrong = contradicted(BackgroundTerm(pairs.take(number), layout, theta))
     return set(index[number][wrong].tolist())

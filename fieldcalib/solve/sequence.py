@@ -1,7 +1,7 @@
-"""Frames of one camera: what they share is estimated from all of them together.
+"""`calibrate_sequence`: frames of one camera, whose shared parameters are estimated from all of them together.
 
-Over a shot the law by which principal point and lens follow the zoom and the size of the field do not change, and, on a
-tripod, the centre. `fieldcalib.solve.sequence_solver` has the flow.
+Constant over a shot are the law by which principal point and lens follow the zoom, the size of the field and, on a
+tripod, the centre. The steps are in `fieldcalib.solve.sequence_solver`.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""Frames of one camera that are to be calibrated together: checked arguments, and how they are used."""
+"""Frames of one camera that are to be calibrated together: the checked arguments of `calibrate_sequence`."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ MOST_TIED_TOGETHER = 100  # and that if matches tie them: these make one system 
 
 @dataclass(frozen=True, eq=False)
 class SequenceProblem:
-    """T frames of one camera, with what ties them and what they share."""
+    """T frames of one camera, with the matches between them and the names of shared parameters."""
 
     pixels: Sequence[Pixels]
     """Labelled pixels of each frame; empty where there are none."""
@@ -98,7 +98,7 @@ class SequenceProblem:
     def solved_together(self) -> IntArray:
         """Numbers of the frames that are solved together: those that others are tied to, and labelled ones."""
         most = MOST_TIED_TOGETHER if self.is_linked else MOST_TOGETHER
-        hubs = np.unique(self.ties.first)
+        hubs = np.unique(self.ties.pairs.first)
         hubs = hubs[np.linspace(0, len(hubs), min(len(hubs), MOST_TOGETHER), endpoint=False, dtype=int)]
         return np.union1d(hubs, self.spread(most - len(hubs))) if len(hubs) < most else hubs
 

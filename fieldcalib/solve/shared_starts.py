@@ -1,8 +1,8 @@
-"""Other starts of what frames share: the best solution wins, and others that explain the labels as well are named.
+"""Joint solutions from several starts: the best one wins; other centres that fit as well are kept as alternatives.
 
 Place of the tripod, size of the field and lens trade off, so that frames together have several minima. Labels that
-contradict a start are outliers to a narrow loss and never pull the solution out of its minimum. So the loss is wide at
-first, where they do, and becomes narrow.
+contradict a start are outliers to a narrow loss and never pull the solution out of its minimum. A wide loss lets them,
+so the loss is wide at first and becomes narrow.
 """
 
 from __future__ import annotations
@@ -40,9 +40,9 @@ RUNS = 4  # of frames; without one of them the others may agree
 def best_of_other_starts(
     problem: SequenceProblem, joint: JointSolution, alone: Mapping[int, Calibration]
 ) -> JointSolution:
-    """The best solution of the labels from several places and sizes; `joint` if none is better.
+    """Solve from several places and sizes, and take the solution of least cost; `joint` if nothing can be started.
 
-    Places are those that frames `alone` vote for, and those of all frames but a run of them.
+    Places are those that frames calibrated `alone` vote for, and those of all frames but a run of them.
     """
     accepted = {t: c for t, c in alone.items() if c.accepted}
     voters = Start.of(accepted)
@@ -84,7 +84,7 @@ def _solved(
 
 
 def _without(problem: SequenceProblem, start: Start, run: IntArray) -> Start:
-    """Start from what all frames but a run of them share, with cameras of the run that follow."""
+    """Start from the shared parameters of all frames but a run of them; the cameras of the run follow."""
     left = {t: one for t, one in start.theta.items() if t not in set(run.tolist())}
     if not left:
         return start
@@ -110,7 +110,7 @@ def _cost(evaluation: Evaluation) -> float:
 
 
 def _narrowing(start: Evaluation, widths: Sequence[float], max_iterations: int, tolerance: float) -> Evaluation:
-    """Solve frames together, with losses that are so many times wider first."""
+    """Solve frames together, first with losses that are `widths` times as wide."""
     problem, found = start.problem, start
     for width in widths:
         wide = replace(problem, loss=replace(problem.loss, scale=width * problem.loss.scale))
@@ -124,7 +124,7 @@ def _narrowing(start: Evaluation, widths: Sequence[float], max_iterations: int, 
 
 
 def _followed(start: Evaluation, max_iterations: int) -> Evaluation:
-    """Solve for the frames' own parameters where what they share stays as it is."""
+    """Solve for the frames' own parameters; shared ones stay."""
     layout, theta = start.problem.layout, start.theta
     prior = start.problem.prior or GaussianPrior(theta, np.full_like(theta, np.inf))
     held = layout.roles == Role.SHARED
@@ -133,7 +133,7 @@ def _followed(start: Evaluation, max_iterations: int) -> Evaluation:
 
 
 def _elsewhere(found: Sequence[Evaluation], best: Evaluation, covariance: Array) -> list[Array]:
-    """Centres (3,) of other solutions that explain the same labels as well as the best one, of covariance (3, 3)."""
+    """Centres (3,) of other solutions that fit as well as the best one, whose centre has the covariance (3, 3)."""
     others: list[Array] = []
     least, V = _cost(best), covariance + SAME**2 * np.eye(3)
     for one in sorted(found, key=_cost):

@@ -1,7 +1,7 @@
-"""What ties the frames of one tripod to each other: matches of static points, thinned out to a few for each pair.
+"""Ties between the frames of one tripod: matches of static points, thinned out to a few for each pair of frames.
 
-Matches next to each other err alike, as optical flow, lens and depth do. So the picture is divided into cells, those of
-one cell are averaged, and each cell counts as one observation.
+Matches next to each other have similar errors, of optical flow, lens and depth. So the picture is divided into cells,
+matches of one cell are averaged, and each cell counts as one observation.
 """
 
 from __future__ import annotations
@@ -15,14 +15,14 @@ from numpy.typing import ArrayLike
 from fieldcalib._types import Array, BoolArray, IntArray
 from fieldcalib.fields.field import Field
 from fieldcalib.fields.segments import ObjectSegments
-from fieldcalib.problem.background import BackgroundEvaluation, BackgroundPairs
+from fieldcalib.problem.background import BackgroundPairs, BackgroundTerm
 from fieldcalib.problem.evaluation import Problem, evaluate
 from fieldcalib.problem.layout import PRINCIPAL_POINT, Layout
 from fieldcalib.problem.levenberg_marquardt import levenberg_marquardt
 from fieldcalib.problem.losses import RobustLoss
 from fieldcalib.problem.observations import pack
 from fieldcalib.problem.prior import GaussianPrior
-from fieldcalib.solve.options import pixel_unit
+from fieldcalib.solve.options import Options, pixel_unit
 
 # Lengths are in pixels of a 960 x 540 image and grow with the image.
 CELLS = (10, 6)  # across and down the picture
@@ -42,124 +42,84 @@ Matched = Mapping[tuple[int, int], tuple[ArrayLike, ArrayLike] | None]
 
 @dataclass(frozen=True, eq=False)
 class Ties:
-    """K pairs of frames, with the pixels of static points in both, padded to N points each."""
+    """Ties between pairs of T frames: pixels of static points that both see."""
 
     count: int
-    """T, of all frames."""
-    first: IntArray
-    """(K,)"""
-    second: IntArray
-    """(K,)"""
-    p: Array
-    """Pixels in the first frame, (K, N, 2)."""
-    q: Array
-    """Pixels in the second frame, (K, N, 2)."""
-    weight: Array
-    """One over the variance of a coordinate, (K, N); 0 where there is only padding."""
-    loss: RobustLoss
-    walls: Array | None
-    """Half the length and width of what stands around the ground, metres; None for nothing."""
+    """T, the number of all frames."""
+    pairs: BackgroundPairs
 
     @classmethod
     def of(cls, object_segments: ObjectSegments, matches: Matched, count: int, image_size: tuple[int, int]) -> Ties:
-        """Of matches between some of `count` frames, a mapping of pairs of frames to their pixels.
+        """Thin out matches between some of `count` frames, a mapping of pairs of frames to their pixels.
 
         Raises
         ------
         ValueError
-            If a frame does not exist, is matched with itself, or the pixels are no two arrays of one shape.
+            If a frame does not exist, is matched with itself, or the pixels are not two arrays of one shape.
         """
         if not isinstance(matches, Mapping):
             raise ValueError(f"matches must be a mapping of pairs of frames to pixels, got {type(matches).__name__}")
-        unit, kept = pixel_unit(image_size), []
-        for (i, j), both in matches.items():
-            if not (0 <= i < count and 0 <= j < count) or i == j:
-                raise ValueError(f"matches are between two of {count} frames, from 0 on; got those of {i} and {j}")
-            if both is None:
-                continue
-            p, q = (np.asarray(xy, dtype=float) for xy in both)
-            if p.shape != q.shape or p.ndim != 2 or p.shape[1] != 2 or not np.isfinite([p, q]).all():
-                raise ValueError(
-                    f"matches of frames {i} and {j}: expected two arrays of finite pixels, of the same shape (N, 2), "
-                    f"got {p.shape} and {q.shape}"
-                )
-            p, q = thinned(p, q, image_size)
-            if len(p) >= LEAST_CELLS:
-                kept.append((i, j, p, q))
-        N = max((len(p) for *_, p, _ in kept), default=0)
+        checked = {pair: _checked_match(pair, both, count) for pair, both in matches.items()}
+        thin = {pair: thinned(*both, image_size) for pair, both in checked.items() if both is not None}
+        kept = {pair: both for pair, both in thin.items() if len(both[0]) >= LEAST_CELLS}
+        unit, N = pixel_unit(image_size), max((len(p) for p, _ in kept.values()), default=0)
         pixels, weights = np.zeros((2, len(kept), N, 2)), np.zeros((len(kept), N))
         pixels[:] = np.divide(image_size, 2.0)  # padding must stay finite
-        for k, (_, _, p, q) in enumerate(kept):
-            pixels[0, k, : len(p)], pixels[1, k, : len(p)], weights[k, : len(p)] = p, q, 1.0 / (NOISE * unit) ** 2
-        first, second = np.array([(i, j) for i, j, *_ in kept], dtype=np.intp).reshape(-1, 2).T
+        for k, both in enumerate(kept.values()):
+            pixels[:, k, : len(both[0])], weights[k, : len(both[0])] = both, 1.0 / (NOISE * unit) ** 2
+        first, second = np.array(list(kept), dtype=np.intp).reshape(-1, 2).T
         walls = None
         if isinstance(object_segments, Field):
             walls = np.array([object_segments.length, object_segments.width]) / 2.0 + BEHIND_LINES
-        return cls(count, first, second, pixels[0], pixels[1], weights, RobustLoss("cauchy", LOSS_SCALE * unit), walls)
+        loss = RobustLoss("cauchy", LOSS_SCALE * unit)
+        p, q = pixels
+        return cls(count, BackgroundPairs(first, second, p, q, weights, loss, walls))
 
     def __len__(self) -> int:
-        return len(self.first)
+        return len(self.pairs)
 
     @property
     def some_tie(self) -> BoolArray:
-        """Which frames (T,) are in a pair."""
-        found = np.zeros(self.count, dtype=bool)
-        found[self.first] = found[self.second] = True
-        return found
+        """Mask (T,) of the frames that are in a pair."""
+        return np.isin(np.arange(self.count), [self.pairs.first, self.pairs.second])
 
     def among(self, frames: IntArray) -> BackgroundPairs | None:
-        """Those between some frames, which are numbered anew; None if there are none."""
+        """The pairs within some frames, numbered by their place among these; None if there are none."""
+        number = self._numbers(frames)
+        first, second = number[self.pairs.first], number[self.pairs.second]
+        inside = (first >= 0) & (second >= 0)
+        return replace(self.pairs.at(inside), first=first[inside], second=second[inside]) if np.any(inside) else None
+
+    def towards(self, frames: IntArray, theta: Array, known: BoolArray) -> BackgroundPairs:
+        """The pairs from frames with `known` (T,) cameras theta (T, n) to some others, numbered by their place."""
+        number = self._numbers(frames)
+        ways = [one.at(known[one.first] & (number[one.second] >= 0)) for one in (self.pairs, self.pairs.swapped)]
+        pairs = BackgroundPairs.joined(*ways)
+        return replace(pairs, second=number[pairs.second], known=theta[pairs.first])
+
+    def _numbers(self, frames: IntArray) -> IntArray:
+        """Places of all frames (T,) among some; -1 for the others."""
         number = np.full(self.count, -1)
         number[frames] = np.arange(len(frames))
-        inside = (number[self.first] >= 0) & (number[self.second] >= 0)
-        if not np.any(inside):
-            return None
-        return BackgroundPairs(
-            number[self.first[inside]],
-            number[self.second[inside]],
-            self.p[inside],
-            self.q[inside],
-            self.weight[inside],
-            self.loss,
-            self.walls,
-        )
-
-    def towards(self, frames: IntArray, theta: Array, known: BoolArray) -> tuple[BackgroundPairs, IntArray]:
-        """Those from frames whose cameras theta (T, n) are `known` (T,) to some others, and the known ones' numbers."""
-        number = np.full(len(theta), -1)
-        number[frames] = np.arange(len(frames))
-        ahead = known[self.first] & (number[self.second] >= 0)
-        back = known[self.second] & (number[self.first] >= 0)
-        first = np.concatenate([self.first[ahead], self.second[back]])
-        pairs = BackgroundPairs(
-            first,
-            np.concatenate([number[self.second[ahead]], number[self.first[back]]]),
-            np.concatenate([self.p[ahead], self.q[back]]),
-            np.concatenate([self.q[ahead], self.p[back]]),
-            np.concatenate([self.weight[ahead], self.weight[back]]),
-            self.loss,
-            self.walls,
-            theta[first],
-        )
-        return pairs, first
+        return number
 
     def reached(self, known: BoolArray, left_out: BoolArray) -> IntArray:
-        """The frames that are tied to a known one (T,), not known themselves and not left out (T,)."""
+        """Numbers of frames that are tied to a `known` one (T,), and are neither known nor left out (T,)."""
         found = np.zeros_like(known)
-        found[self.second[known[self.first]]] = True
-        found[self.first[known[self.second]]] = True
+        found[self.pairs.second[known[self.pairs.first]]] = True
+        found[self.pairs.first[known[self.pairs.second]]] = True
         return np.flatnonzero(found & ~known & ~left_out)
 
     def agreeing(self, theta: Array, known: BoolArray, layout: Layout) -> BoolArray:
-        """The frames (T,) with known cameras, without those that most of their ties contradict.
+        """Mask (T,) of frames with known cameras whose ties do not contradict one another.
 
-        The one with the most contradictions is left out, again and again.
+        As long as some do, the frame with the most contradictions is left out.
         """
         kept, frames = known.copy(), np.arange(len(known))
         pairs = self.among(frames[known])
         if pairs is None:
             return kept
-        contradicts = disagreeing(BackgroundEvaluation(pairs, layout, theta[known]))
+        contradicts = disagreeing(BackgroundTerm(pairs, layout, theta[known]))
         first, second = frames[known][pairs.first], frames[known][pairs.second]
         while True:
             alive = kept[first] & kept[second]
@@ -173,8 +133,25 @@ class Ties:
             kept[worst] = False
 
 
+def _checked_match(
+    pair: tuple[int, int], both: tuple[ArrayLike, ArrayLike] | None, count: int
+) -> tuple[Array, Array] | None:
+    i, j = pair
+    if not (0 <= i < count and 0 <= j < count) or i == j:
+        raise ValueError(f"matches are between two of {count} frames, from 0 on; got those of {i} and {j}")
+    if both is None:
+        return None
+    p, q = (np.asarray(xy, dtype=float) for xy in both)
+    if p.shape != q.shape or p.ndim != 2 or p.shape[1] != 2 or not np.isfinite([p, q]).all():
+        raise ValueError(
+            f"matches of frames {i} and {j}: expected two arrays of finite pixels, of the same shape (N, 2), "
+            f"got {p.shape} and {q.shape}"
+        )
+    return p, q
+
+
 def thinned(p: Array, q: Array, image_size: tuple[int, int]) -> tuple[Array, Array]:
-    """Matched pixels (N, 2) averaged over the cells of the first frame; what is thinned already stays as it is.
+    """Average matched pixels (N, 2) over the cells of the first frame; doing it twice changes nothing.
 
     Points of the second frame are averaged about a quadratic map between the frames, which bends within a cell.
 
@@ -203,52 +180,49 @@ def thinned(p: Array, q: Array, image_size: tuple[int, int]) -> tuple[Array, Arr
 
 
 def with_tied(
-    object_segments: ObjectSegments,
+    options: Options,
     ties: Ties,
     theta: Array,
     known: BoolArray,
     wanted: IntArray,
     layout: Layout,
-    scale: float,
 ) -> tuple[Array, BoolArray]:
-    """Cameras (T, n) with those of frames that are tied, directly or through others, to known ones (T,).
+    """Add cameras of frames that are tied, directly or through others, to those with known cameras.
+
+    Of the T frames, theta (T, n) has the cameras and `known` (T,) says which are known; both are returned anew.
 
     Parameters
     ----------
     wanted : (B,) int array
         Only these frames are looked at.
     layout : Layout
-        In which pan, tilt, roll and zoom are the frames' own and all the rest is known.
-    scale : float
-        Size of what is usually in view, metres.
+        Layout in which pan, tilt, roll and zoom are the frames' own and all the rest is known.
     """
     theta, known, left_out = theta.copy(), known.copy(), np.ones_like(known)
     left_out[wanted] = False
     while len(frames := ties.reached(known, left_out)):
-        pairs, first = ties.towards(frames, theta, known)
-        nearest = np.argsort(np.abs(first - frames[pairs.second]), kind="stable")
+        pairs = ties.towards(frames, theta, known)
+        nearest = np.argsort(np.abs(pairs.first - frames[pairs.second]), kind="stable")
         _, one = np.unique(pairs.second[nearest], return_index=True)
-        theta[frames] = theta[first[nearest[one]]]
-        observations = pack(object_segments, [{}] * len(frames), layout.image_size)
-        prior = _near_point(theta[frames], layout)
-        for loss in (FROM_AFAR, ties.loss):
-            problem = Problem(
-                observations, layout, loss, prior=prior, scale=scale, background=replace(pairs, loss=loss)
-            )
-            start = evaluate(problem, theta[frames])
-            found = levenberg_marquardt(start, max_iterations=MOST_ITERATIONS, tolerance=APPROACHED)
+        theta[frames] = theta[pairs.first[nearest[one]]]
+        observations = pack(options.object_segments, [{}] * len(frames), layout.image_size)
+        problem = Problem(
+            observations, layout, pairs.loss, prior=_near_point(theta[frames], layout), scale=options.scale
+        )
+        for loss in (FROM_AFAR, pairs.loss):
+            start = evaluate(replace(problem, background=replace(pairs, loss=loss)), theta[frames])
+            found = levenberg_marquardt(start, max_iterations=MOST_ITERATIONS, tolerance=APPROACHED).evaluation
             theta[frames] = found.theta
-        background = found.evaluation.background
-        assert background is not None
-        left_out[frames] = contradicted(background)
+        assert found.background is not None
+        left_out[frames] = contradicted(found.background)
         known[frames] = ~left_out[frames]
     return theta, known
 
 
 def _near_point(theta: Array, layout: Layout) -> GaussianPrior | None:
-    """Principal points near those of cameras (B, n): static points tell a turn from a shift of the picture hardly.
+    """A prior of principal points near those of cameras (B, n): static points hardly tell a turn from a shift.
 
-    None where frames have no principal point of their own.
+    It is None where frames have no principal point of their own.
     """
     if not np.any(layout.free[PRINCIPAL_POINT]):
         return None
@@ -258,11 +232,11 @@ def _near_point(theta: Array, layout: Layout) -> GaussianPrior | None:
 
 
 def stepped(pairs: BackgroundPairs, layout: Layout, theta: Array) -> tuple[Array, BoolArray]:
-    """Cameras (B, n) after a step towards known ones, and which of them most of their ties contradict, (B,).
+    """Move cameras (B, n) by one Gauss-Newton step; also which of them most of their ties contradict then, (B,).
 
-    They must be off by some pixels only: what is left after the step is that of the linear model.
+    They must be off by some pixels only: distances after the step are those of the linear model.
     """
-    background = BackgroundEvaluation(pairs, layout, theta)
+    background = BackgroundTerm(pairs, layout, theta)
     hessian, diagonal = background.hessian.copy(), np.arange(background.hessian.shape[1])
     hessian[:, diagonal, diagonal] *= 1.0 + DAMPING
     step = -np.linalg.solve(hessian, background.gradient[..., None])[..., 0]
@@ -273,13 +247,13 @@ def stepped(pairs: BackgroundPairs, layout: Layout, theta: Array) -> tuple[Array
     return moved, _contradicted(pairs, _disagreeing(pairs, layout, r), len(theta))
 
 
-def contradicted(background: BackgroundEvaluation) -> BoolArray:
-    """Which of B frames most of their ties contradict, (B,)."""
+def contradicted(background: BackgroundTerm) -> BoolArray:
+    """Mask (B,) of the frames whose cameras most of their ties contradict."""
     return _contradicted(background.pairs, disagreeing(background), len(background.theta))
 
 
-def disagreeing(background: BackgroundEvaluation) -> BoolArray:
-    """Which of K pairs the cameras of their frames contradict, (K,)."""
+def disagreeing(background: BackgroundTerm) -> BoolArray:
+    """Mask (K,) of the pairs whose points the cameras of their frames do not bring together."""
     return _disagreeing(background.pairs, background.layout, background.r)
 
 

@@ -1,9 +1,9 @@
-"""The size of its field that one frame tells, estimated together with its camera.
+"""The size of the field as a single frame tells it, estimated together with its camera.
 
-A frame is calibrated on a field of the given size, and what it says about another one is known to first order
-(`fieldcalib.assess.size_evidence`). Where the given size is improbable, length and width, or the one of them that
-the frame tells, become free parameters of its camera: solved from several starts under the prior of the sizes that
-there are, within those that the rules allow. What the frame does not tell stays as it is given.
+A frame is calibrated on a field of the given size, and its evidence for another size is known to first order
+(`fieldcalib.assess.size_evidence`). Where the given size is improbable, length and width, or the one of them that the
+frame determines, become free parameters: solved from several starts under the prior of sizes, within those that the
+rules allow. What the frame does not determine stays as it is given.
 """
 
 from __future__ import annotations
@@ -26,20 +26,22 @@ from fieldcalib.problem.prior import GaussianPrior
 from fieldcalib.solve.options import DEFAULT_CRITERIA
 
 LIKELY = 0.5  # probability of the given size from which on a frame is calibrated on it
-TOLD = 2.0  # m: standard deviation of a length or width that a frame tells; less than what is known of them anyway
+TELLS_SIZE = (
+    2.0  # m: standard deviation of a length or width that a frame tells; less than what is known of them anyway
+)
 
 
 def on_told_size(calibration: Calibration, again: Callable[[Field, Camera], Calibration]) -> Calibration:
-    """The calibration of a frame on a field of the size that it tells, or itself where that is the given one.
+    """Calibrate a frame anew on a field of the size that it tells; the given calibration where that size is likely.
 
     Parameters
     ----------
     calibration : Calibration
-        On a field of the given size.
+        Calibration on a field of the given size.
     again : callable
-        Calibrates the frame on another field, from a camera that fits its lines there.
+        Function that calibrates the frame on another field, from a camera that fits its lines there.
     """
-    told = _Told.of(calibration)
+    told = _ToldSize.of(calibration)
     if told is None or calibration.solved is None:
         return calibration
     sized = told.solved(calibration.solved, told.starts)
@@ -82,23 +84,23 @@ class _Sized:
 
 
 @dataclass(frozen=True, eq=False)
-class _Told:
-    """What one frame tells of the size of its field, to first order."""
+class _ToldSize:
+    """Evidence of one frame for the size of its field, to first order."""
 
     field: Field
     """Field of the given size."""
     size: SizeBlock
     evidence: SizeEvidence
     told: BoolArray
-    """Which of length and width the frame tells, (2,)."""
+    """Whether the frame determines length and width, (2,)."""
     wide: BoolArray
-    """Which possibilities leave both open, (K,)."""
+    """Mask (K,) of the possibilities under which length and width are both uncertain."""
     of_crown: Array
     """Second moment of the crown, (1,); (0,) where all fields are level."""
 
     @classmethod
-    def of(cls, calibration: Calibration) -> _Told | None:
-        """None where the given size is as likely as others, or nothing is known of these."""
+    def of(cls, calibration: Calibration) -> _ToldSize | None:
+        """Take the evidence of a calibration; None where the given size is likely, or no other one is possible."""
         field, solved = calibration.field, calibration.solved
         if field is None or solved is None or calibration.status not in (Status.ACCEPTED, Status.IMPROBABLE):
             return None
@@ -106,7 +108,7 @@ class _Told:
         size = problem.layout.field_size
         if evidence is None or size is None or problem.prior is None or evidence.as_given > LIKELY:
             return None
-        told = np.sqrt(np.diagonal(evidence.covariance)) < TOLD
+        told = np.sqrt(np.diagonal(evidence.covariance)) < TELLS_SIZE
         wide = np.all(size.possibilities[1] > 0.0, axis=1)
         with_crown = solved.uncertainty.with_crown
         of_crown = np.zeros(0) if with_crown is None else with_crown.moment[2:, 2]
@@ -118,7 +120,7 @@ class _Told:
         return self.size.given + np.stack([np.zeros(2), self.evidence.offset, self.evidence.mean])
 
     def solved(self, solved: Solved, starts: Array) -> _Sized:
-        """The frame with what it tells of the size free: the solution of least cost from several sizes (S, 2)."""
+        """Solve the frame with the size that it determines free, from several sizes (S, 2): least cost wins."""
         alone = solved.alone.evaluation
         layout, prior, block = alone.problem.layout, alone.problem.prior, alone.problem.layout.field_size_block
         assert prior is not None

@@ -1,4 +1,4 @@
-"""What the frames of one camera share, once it is known, and cameras of further frames from it."""
+"""The known shared parameters of the frames of one camera, and the cameras of further frames from them."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ class PixelNoise(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class KnownTripod:
-    """What the frames of one camera share."""
+    """Shared parameters of the frames of one camera, with their covariance."""
 
     options: Options
     """Options in which what is shared is known, the size of the object too, and considered with its covariance."""
@@ -48,7 +48,7 @@ class KnownTripod:
 
     @property
     def considered(self) -> Considered:
-        """What is shared, with its covariance."""
+        """The shared parameters, with their covariance."""
         layout, covariance = self.options.layout, self.options.considered
         size = int(np.count_nonzero(layout.considered))
         return Considered(layout, np.zeros((size, size)) if covariance is None else covariance)

@@ -48,16 +48,16 @@ PAINT: Mapping[str, Paint] = MappingProxyType(
 
 @dataclass(frozen=True)
 class Rules:
-    """Where the rule books differ, in metres."""
+    """Measures in which the rule books differ, metres."""
 
     hashes: float
-    """Between the inner ends of the two rows of inbounds marks."""
+    """Distance between the inner ends of the two rows of inbounds marks."""
     gap: float
-    """Between the side line and the ends of yard lines and of the marks along it."""
+    """Distance between the side line and the ends of yard lines and of the marks along it."""
     numbers: float
-    """Bottoms of the numbers, from the side line."""
+    """Distance of the bottoms of the numbers from the side line."""
     try_mark: float
-    """From the edge of the goal line towards the field."""
+    """Distance from the edge of the goal line towards the field."""
     probability: ProbabilityModel
     """Fitted to 1,500 synthetic frames: `python -m data_tools.probability fit --field american-football-nfl`."""
 
@@ -101,7 +101,7 @@ def american_football(rules: str = "nfl") -> Field:
     Parameters
     ----------
     rules : {"nfl", "ncaa"}
-        Of which rule book.
+        The rule book.
 
     Raises
     ------

@@ -28,7 +28,7 @@ PROBABILITY = {
 
 @dataclass(frozen=True)
 class Measures:
-    """What both rule books have, in metres; distances along the court are from the inner edge of the end line."""
+    """Measures of a court, in metres; distances along the court are from the inner edge of the end line."""
 
     length: float
     """Between the inner edges of the end lines."""
@@ -36,7 +36,7 @@ class Measures:
     """Between the inner edges of the side lines."""
     line_width: float
     beyond: float
-    """How far the centre line goes on beyond the side lines."""
+    """Length of the centre line beyond the side lines."""
     circle: float
     """Radius of centre and free-throw circles, to the outer edge."""
     basket: float
@@ -58,12 +58,12 @@ class Measures:
 
     @property
     def end(self) -> float:
-        """Of the middle of the end line, from the centre."""
+        """Distance of the middle of the end line from the centre."""
         return 0.5 * self.length + 0.5 * self.line_width
 
     @property
     def side(self) -> float:
-        """Of the middle of the side line, from the centre."""
+        """Distance of the middle of the side line from the centre."""
         return 0.5 * self.width + 0.5 * self.line_width
 
 

@@ -1,4 +1,4 @@
-"""What courts, rinks and pitches have in common: mirrored markings, and paint by the names of lines."""
+"""A field from its right bottom quarter: mirrored markings, and paint by the beginnings of labels."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ def court(
     paint: Mapping[str, Paint] = MappingProxyType({}),
     **known: Any,
 ) -> Field:
-    """A field of which one quarter is described.
+    """A field from the segments of one quarter.
 
     Parameters
     ----------
@@ -32,7 +32,7 @@ def court(
     line_width : float
         Metres.
     paint : mapping of str to Paint
-        What is painted for the labels that begin so.
+        The paint of all labels that begin with a text.
     **known
         Other parameters of `Field`; by default the size is known, and a line may be the border of a painted area.
 

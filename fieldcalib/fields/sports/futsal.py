@@ -26,7 +26,7 @@ SUBSTITUTION_ZONE = (5.0, 10.0)  # from the halfway line, from and to
 SUBSTITUTION_MARK = 0.40  # to either side of the touchline's edges
 ALL_MATCHES = ((25.0, 42.0), (16.0, 25.0))  # length and width, from and to
 INTERNATIONAL_MATCHES = ((38.0, 42.0), (20.0, 25.0))
-LARGEST = 60.0  # metres: what is longer was not given in metres
+LARGEST = 60.0  # metres: larger numbers are in another unit
 # Fitted to 1,500 synthetic frames: `python -m data_tools.probability fit --field futsal`.
 PROBABILITY = ProbabilityModel((0.66, -2.84, -1.31, -0.01, -0.14))
 
@@ -45,7 +45,7 @@ def futsal(length: float = 40.0, width: float = 20.0, *, size_known: bool = Fals
         Size of the pitch between the outer edges of its lines, metres. The law allows 25 to 42 and 16 to 25, for
         international matches 38 to 42 and 20 to 25.
     size_known : bool
-        Whether this is the size of the pitch in view, and not only a likely one.
+        Whether the pitch in view has exactly this size.
 
     Raises
     ------

@@ -28,7 +28,7 @@ USUAL_IIHF = ((59.5, 60.5), (26.0, 30.0))
 
 @dataclass(frozen=True)
 class Rules:
-    """What rule books say of a rink, in metres; edges of the paint as they say it."""
+    """Measures of a rink, in metres, to the edges of the paint that the rule books name."""
 
     length: float
     width: float
@@ -55,7 +55,7 @@ class Rules:
     l_corner: tuple[float, float]
     """Edges of an L mark that face the spot, from its centre, along the rink and across."""
     l_legs: tuple[float, float]
-    """From the middle of the paint at the corner."""
+    """Lengths from the middle of the paint at the corner."""
     crease: float
     """Outer radius, around the middle of the goal line."""
     crease_width: float
@@ -149,7 +149,7 @@ def ice_hockey(rules: str = "nhl") -> Field:
     Parameters
     ----------
     rules : {"nhl", "nhl-2013", "iihf"}
-        Of which rule book. Until 2014 the hash marks of the NHL were 3 ft apart, and the trapezoid 18 ft wide at the
+        The rule book. Until 2014 the hash marks of the NHL were 3 ft apart, and the trapezoid 18 ft wide at the
         goal line. Rinks of the IIHF vary: `ice_hockey_iihf` has their size.
 
     Raises
@@ -193,7 +193,7 @@ def ice_hockey_iihf(
     corner_radius : float
         Of the boards, 7.0 to 8.5 m.
     size_known : bool
-        Whether this is the size of the rink in view, and not only a likely one.
+        Whether the rink in view has exactly this size.
 
     Raises
     ------
@@ -265,7 +265,7 @@ def _lines(rules: Rules) -> Iterator[dict[str, Segment]]:
 
 
 def _end_of_goal_line(rules: Rules) -> float:
-    """Where the goal line meets the corner of the boards, from the middle of the rink."""
+    """Distance from the middle of the rink to where the goal line meets the corner of the boards."""
     r = rules.corner_radius
     return 0.5 * rules.width - r + float(np.sqrt(r**2 - (r - rules.goal_line) ** 2))
 

@@ -16,7 +16,7 @@ from fieldcalib.fields.traits import LineLook, Paint, ProbabilityModel, SizePrio
 LEGAL = ((94.0, 100.0), (68.0, 70.0))  # length and width of the field of play
 IN_GOAL = (6.0, 22.0)  # depth
 USUAL_IN_GOAL = 10.0
-LINE_WIDTH = 0.10  # the law says nothing; as is usual
+LINE_WIDTH = 0.10  # usual; the law has none
 TWENTY_TWO, TEN = 22.0, 10.0  # from the goal line, from the halfway line
 FIVE, FIFTEEN = 5.0, 15.0  # from touch, and the dashes in front of the goal line
 DASHED = ("10-metre line", "5-metre line", "15-metre line")
@@ -30,7 +30,7 @@ PROBABILITY = ProbabilityModel((1.57, -2.84, -1.26, -0.14, -0.32))
 
 @dataclass(frozen=True)
 class OfInGoal:
-    """Builds fields of any length and width whose in-goal areas have one depth."""
+    """Builder of fields of any length and width whose in-goal areas have the same depth."""
 
     in_goal: float = USUAL_IN_GOAL
 
@@ -65,7 +65,7 @@ def rugby_union(
     in_goal : float
         Depth of each in-goal area, 6 to 22 m.
     size_known : bool
-        Whether this is the size of the field in view, and not only a likely one.
+        Whether the field in view has exactly this size.
 
     Raises
     ------

@@ -15,7 +15,7 @@ from fieldcalib.geometry.lens.radial import RADIAL_MEAN, RADIAL_SIGMA
 # corner of a 16:9 image by 1.7 p1, between p1 and 3 p1 in other directions; 0.001 and 0.002 are 0.2 % of rho, 2 px at
 # 1920 x 1080.
 TANGENTIAL_SIGMA, HIGHER_SIGMA = 0.001, 0.002
-PATH_SAMPLES = 100  # a part that is not monotone and shorter than a hundredth of the path may be missed
+PATH_SAMPLES = 100  # parts that are not monotone may be missed if shorter than a hundredth of the path
 
 
 class BrownConradyLens(Lens):
@@ -95,7 +95,7 @@ class BrownConradyLens(Lens):
         return np.where(found, s, np.nan)
 
     def is_monotone(self, s: Array, b: Array) -> BoolArray:
-        """By a bound on J for the whole path, else by sampling the path at `PATH_SAMPLES` points."""
+        """Test a bound on J for the whole path; where it fails, sample the path at `PATH_SAMPLES` points."""
         u, a = s / self.rho, self.corner(b)
         monotone = _surely_monotone(np.sqrt(dot(u, u)), a)
         shape = monotone.shape

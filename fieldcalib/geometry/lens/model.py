@@ -31,7 +31,7 @@ class Lens(ABC):
     rho: float
 
     name: ClassVar[str]
-    """In files."""
+    """Name of the lens model in files."""
     names: ClassVar[tuple[str, ...]]
     """Names of the coefficients."""
     opencv_names: ClassVar[tuple[str, ...]]
@@ -74,7 +74,7 @@ class Lens(ABC):
         return not np.any(b)
 
     def corner(self, b: Array) -> Array:
-        """Corner-normalised coefficients (n, ...): of a lens with a1 and b2, a2 in the place of b2."""
+        """Corner-normalised coefficients (n, ...); a lens that begins with (a1, b2) has a2 in the place of b2."""
         if not self._is_radial:
             return b
         a = np.array(b, dtype=float)
@@ -125,7 +125,7 @@ class Lens(ABC):
 
     @property
     def _index(self) -> IntArray:
-        """Where the coefficients are among OpenCV's twelve."""
+        """Indices of the coefficients among OpenCV's twelve."""
         return np.array([COEFFICIENTS.index(name) for name in self.opencv_names], dtype=np.intp)
 
 

@@ -43,7 +43,7 @@ class RadialLens(Lens):
         return gain * s, *(gain * step + slope * dot(s, step) * s for step in steps)
 
     def pull(self, s: Array, b: Array, n: Array) -> Array:
-        """The same as `push`: J is symmetric."""
+        """``J n``, as in `push`: J is symmetric."""
         gain, slope = self._gain(s, b)
         return np.asarray(gain * n + slope * dot(s, n) * s)
 

@@ -20,7 +20,7 @@ import numpy as np
 from fieldcalib._types import Array
 from fieldcalib.geometry.camera import Camera
 from fieldcalib.io.exports.axes import camera_to_world
-from fieldcalib.io.exports.frames import Frames, farthest_shift, with_cameras
+from fieldcalib.io.exports.frames import FrameCameras, farthest_shift, with_cameras
 
 SAME_ASPECT = 1e-9  # relative
 FIRST_FRAME = 1  # Blender's number of a film's first frame
@@ -86,10 +86,10 @@ main()
 '''
 
 
-def blender_files(frames: Frames, fps: float = 25.0, sensor_width: float = 36.0) -> dict[str, bytes]:
+def blender_files(frames: FrameCameras, fps: float = 25.0, sensor_width: float = 36.0) -> dict[str, bytes]:
     """``camera.py``: a script that makes the camera, with a key for every frame that has one.
 
-    Frames that are numbers, as those of videos, keep them: frame 0 is Blender's frame 1. Others are counted from 1.
+    Ids that are numbers, as those of videos, are kept: frame 0 is Blender's frame 1. Others are counted from 1.
 
     Parameters
     ----------
@@ -102,7 +102,7 @@ def blender_files(frames: Frames, fps: float = 25.0, sensor_width: float = 36.0)
     Raises
     ------
     ValueError
-        If no frame has a camera, or cameras differ in the size of the image or in fy / fx: a scene has one of each.
+        If no frame has a camera, or cameras differ in the size of the image or in fy / fx, which a scene has once.
     """
     cameras = with_cameras(frames)
     first_id, first = next(iter(cameras.items()))
@@ -138,11 +138,11 @@ def blender_files(frames: Frames, fps: float = 25.0, sensor_width: float = 36.0)
 
 
 def blender_error(camera: Camera) -> float:
-    """By how many pixels at most a point of the image moves without the lens: Blender's camera has none."""
+    """Largest displacement of a point of the image, pixels, without the lens, which Blender's camera lacks."""
     return farthest_shift(camera, camera.K)
 
 
-def _frame_numbers(frames: Frames) -> dict[str, int]:
+def _frame_numbers(frames: FrameCameras) -> dict[str, int]:
     if all(id.isdecimal() for id in frames):
         numbers = {id: int(id) + FIRST_FRAME for id in frames}
         if len(set(numbers.values())) == len(numbers):  # not "1" and "01"
@@ -163,7 +163,7 @@ def _key(camera: Camera, sensor_width: float, pose: Array, quaternion: Array, as
 
 
 def _continuous_quaternions(poses: Iterable[Array]) -> list[Array]:
-    """Quaternions (w, x, y, z) of 4 x 4 poses, each with the sign that is nearer to the one before."""
+    """Quaternions (w, x, y, z) of 4 x 4 poses, with the signs that make each near to the previous one."""
     from scipy.spatial.transform import Rotation  # a slow import
 
     quaternions: list[Array] = []

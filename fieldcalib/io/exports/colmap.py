@@ -10,7 +10,7 @@ from fieldcalib.geometry.camera import Camera
 from fieldcalib.geometry.lens.opencv import nonzero_coefficients
 from fieldcalib.io.exports.frames import (
     IMAGE_NAMES,
-    Frames,
+    FrameCameras,
     image_name,
     lens_coefficients,
     with_cameras,
@@ -27,7 +27,7 @@ ONE_FOCAL_LENGTH, LARGEST = "SIMPLE_RADIAL", "FULL_OPENCV"
 HALF_PIXEL = 0.5
 
 
-def colmap_files(frames: Frames, image_names: str = IMAGE_NAMES) -> dict[str, bytes]:
+def colmap_files(frames: FrameCameras, image_names: str = IMAGE_NAMES) -> dict[str, bytes]:
     """The three files; frames without camera are left out.
 
     Parameters

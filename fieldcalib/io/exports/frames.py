@@ -1,4 +1,4 @@
-"""Frames with and without cameras as they are exported, and what a format cannot hold of a camera."""
+"""Cameras of frames for export, and checks of what a format cannot hold."""
 
 from __future__ import annotations
 
@@ -12,13 +12,13 @@ from fieldcalib.geometry.camera import Camera
 from fieldcalib.geometry.lens.opencv import nonzero_coefficients
 from fieldcalib.geometry.projective import dehomogenize, homogenize
 
-Frames: TypeAlias = Mapping[str, Camera | None]  # by id, in the order of the frames; None: without camera
+FrameCameras: TypeAlias = Mapping[str, Camera | None]  # by id, in the order of the frames; None: without camera
 
 IMAGE_NAMES = "<id>.jpg"
 PIXELS_PER_AXIS = 17  # of the grid on which two cameras are compared
 
 
-def with_cameras(frames: Frames) -> dict[str, Camera]:
+def with_cameras(frames: FrameCameras) -> dict[str, Camera]:
     """The frames that have a camera.
 
     Raises
@@ -51,7 +51,7 @@ def image_name(pattern: str, id: str) -> str:
 
 
 def lens_coefficients(id: str, camera: Camera, names: Sequence[str], tool: str) -> list[float]:
-    """The coefficients of the lens that a format has, by OpenCV's names.
+    """The coefficients of a lens that a format can hold, in the order of their OpenCV names.
 
     Raises
     ------
@@ -77,7 +77,7 @@ def lens_coefficients(id: str, camera: Camera, names: Sequence[str], tool: str) 
 
 
 def farthest_shift(camera: Camera, K: Array) -> float:
-    """By how many pixels at most a point of the image moves if intrinsics K without a lens take the camera's place.
+    """Largest displacement of a point of the image, pixels, if intrinsics K without a lens replace the camera's.
 
     Examples
     --------

@@ -13,7 +13,7 @@ import numpy as np
 
 from fieldcalib.geometry.camera import Camera
 from fieldcalib.io.exports.axes import TURN
-from fieldcalib.io.exports.frames import Frames, farthest_shift, with_cameras
+from fieldcalib.io.exports.frames import FrameCameras, farthest_shift, with_cameras
 
 D1 = 0xD1
 CAMERA_NUMBER = 1
@@ -23,7 +23,7 @@ COUNTS_OF_ZOOM_PER_MM = 1000  # focal length in micrometres; FreeD leaves it to 
 LOOKING_LEVEL = 90.0  # degrees: our tilt at FreeD's tilt 0
 
 
-def freed_files(frames: Frames, sensor_width: float = 36.0) -> dict[str, bytes]:
+def freed_files(frames: FrameCameras, sensor_width: float = 36.0) -> dict[str, bytes]:
     """``camera.freed``, one packet after the other, one for every frame: a frame without camera repeats the one before.
 
     Frames before the first camera repeat it.
@@ -56,7 +56,7 @@ def freed_files(frames: Frames, sensor_width: float = 36.0) -> dict[str, bytes]:
 
 
 def freed_packet(camera: Camera, sensor_width: float) -> bytes:
-    """The D1 packet of a camera; lens and principal point have no place in it."""
+    """The D1 packet of a camera, which cannot hold lens and principal point."""
     pan, tilt, roll = np.degrees(camera.angles)
     angles = np.array([pan, tilt - LOOKING_LEVEL, roll]) * COUNTS_PER_DEGREE
     place = TURN @ camera.C * 1000.0 * COUNTS_PER_MM
@@ -74,7 +74,7 @@ def freed_packet(camera: Camera, sensor_width: float) -> bytes:
 
 
 def freed_error(camera: Camera) -> float:
-    """By how many pixels at most a point of the image moves without lens, principal point and aspect ratio."""
+    """Largest displacement of a point of the image, pixels, without lens, principal point and aspect ratio."""
     width, height = camera.image_size
     f = camera.focal_length
     return farthest_shift(camera, np.array([[f, 0.0, (width - 1) / 2], [0.0, f, (height - 1) / 2], [0.0, 0.0, 1.0]]))

@@ -10,13 +10,13 @@ from typing import Any
 
 from fieldcalib.geometry.camera import Camera
 from fieldcalib.io.exports.axes import camera_to_world
-from fieldcalib.io.exports.frames import IMAGE_NAMES, Frames, image_name, lens_coefficients, with_cameras
+from fieldcalib.io.exports.frames import IMAGE_NAMES, FrameCameras, image_name, lens_coefficients, with_cameras
 
-COEFFICIENTS = ("k1", "k2", "k3", "p1", "p2")
+KEYS = ("k1", "k2", "k3", "p1", "p2")
 HALF_PIXEL = 0.5
 
 
-def nerfstudio_files(frames: Frames, image_names: str = IMAGE_NAMES) -> dict[str, bytes]:
+def nerfstudio_files(frames: FrameCameras, image_names: str = IMAGE_NAMES) -> dict[str, bytes]:
     """``transforms.json``; frames without camera are left out.
 
     Parameters
@@ -45,7 +45,7 @@ def nerfstudio_files(frames: Frames, image_names: str = IMAGE_NAMES) -> dict[str
 
 
 def _frame(id: str, camera: Camera, path: str) -> dict[str, Any]:
-    values = lens_coefficients(id, camera, COEFFICIENTS, "nerfstudio")
+    values = lens_coefficients(id, camera, KEYS, "nerfstudio")
     width, height = camera.image_size
     cx, cy = (camera.principal_point + HALF_PIXEL).tolist()
     return {
@@ -56,6 +56,6 @@ def _frame(id: str, camera: Camera, path: str) -> dict[str, Any]:
         "fl_y": float(camera.K[1, 1]),
         "cx": cx,
         "cy": cy,
-        **dict(zip(COEFFICIENTS, values, strict=True)),
+        **dict(zip(KEYS, values, strict=True)),
         "transform_matrix": camera_to_world(camera).tolist(),
     }

@@ -16,7 +16,7 @@ import numpy as np
 from fieldcalib._types import Array
 from fieldcalib.geometry.camera import Camera, checked_image_size
 from fieldcalib.geometry.lens.opencv import opencv_vector, shortest_opencv_vector
-from fieldcalib.io.exports.frames import Frames, with_cameras
+from fieldcalib.io.exports.frames import FrameCameras, with_cameras
 from fieldcalib.io.files import BrokenFileError, read_regular_file
 
 # "%YAML:1.0", which OpenCV 4 reads too: by default OpenCV 5 begins a file with "%YAML 1.2"
@@ -25,7 +25,7 @@ YAML = getattr(cv2, "FILE_STORAGE_FORMAT_YAML_1_0", cv2.FILE_STORAGE_FORMAT_YAML
 
 @dataclass(frozen=True, eq=False)
 class OpenCVCalibration:
-    """What a calibration file of OpenCV says; None where it says nothing."""
+    """Content of a calibration file of OpenCV; None for missing keys."""
 
     camera_matrix: Array
     """(3, 3), pixels."""
@@ -45,14 +45,14 @@ class OpenCVCalibration:
         Raises
         ------
         ValueError
-            If the file has no pose or no size of the image, or the values are no camera's.
+            If the file has no pose or no image size, or its values give no camera.
         """
         if self.rvec is None or self.tvec is None or self.image_size is None:
             raise ValueError("a camera needs rvec, tvec, image_width and image_height: the file has intrinsics only")
         return Camera.from_opencv(self.rvec, self.tvec, self.camera_matrix, self.dist_coeffs, self.image_size)
 
 
-def opencv_files(frames: Frames) -> dict[str, bytes]:
+def opencv_files(frames: FrameCameras) -> dict[str, bytes]:
     """A file ``<id>.yml`` for every camera.
 
     Raises
@@ -83,12 +83,12 @@ def format_opencv(camera: Camera) -> str:
 
 
 def read_opencv(path: str | os.PathLike[str]) -> OpenCVCalibration:
-    """A calibration file of OpenCV, see `parse_opencv`.
+    """Read a calibration file of OpenCV (`parse_opencv`).
 
     Raises
     ------
     BrokenFileError
-        If it cannot be read or is none; the message begins with the path.
+        If it cannot be read or is no such file; the message begins with the path.
 
     Examples
     --------
@@ -108,7 +108,7 @@ def read_opencv(path: str | os.PathLike[str]) -> OpenCVCalibration:
 
 
 def parse_opencv(content: bytes | str) -> OpenCVCalibration:
-    """What a calibration file of OpenCV says; it may be YAML, XML or JSON.
+    """Parse a calibration file of OpenCV: YAML, XML or JSON.
 
     Raises
     ------

@@ -7,7 +7,7 @@ from collections.abc import Mapping
 from typing import Any
 
 from fieldcalib.geometry.camera import Camera
-from fieldcalib.io.exports.frames import Frames, with_cameras
+from fieldcalib.io.exports.frames import FrameCameras, with_cameras
 from fieldcalib.io.formats import CAMERAS
 from fieldcalib.io.soccernet import camera_to_record, format_camera
 from fieldcalib.io.tvcalib import TVCalibRecord, format_per_sample_output
@@ -16,7 +16,7 @@ GAMESTATE_SIZE = (1920, 1080)  # of its images; its tools take no size from the 
 CAMERA_CATEGORY = 6
 
 
-def soccernet_files(frames: Frames) -> dict[str, bytes]:
+def soccernet_files(frames: FrameCameras) -> dict[str, bytes]:
     """``camera_<id>.json`` for every camera, for images of the camera's own size.
 
     Raises
@@ -27,7 +27,7 @@ def soccernet_files(frames: Frames) -> dict[str, bytes]:
     return {CAMERAS.file_name(id): format_camera(camera).encode() for id, camera in with_cameras(frames).items()}
 
 
-def tvcalib_files(frames: Frames, about: Mapping[str, Mapping[str, Any]] | None = None) -> dict[str, bytes]:
+def tvcalib_files(frames: FrameCameras, about: Mapping[str, Mapping[str, Any]] | None = None) -> dict[str, bytes]:
     """``per_sample_output.json``, a line for every frame; one without camera has neither camera nor homography.
 
     The homography is that of the pinhole, as in TVCalib's own files.
@@ -36,7 +36,7 @@ def tvcalib_files(frames: Frames, about: Mapping[str, Mapping[str, Any]] | None 
     ----------
     frames : mapping of str to Camera or None
     about : mapping of str to mapping, optional
-        The line of every frame's result, by id: its ``loss_ndc`` is what TVCalib's evaluation compares with tau.
+        The line of every frame's result, by id: TVCalib's evaluation compares its ``loss_ndc`` with tau.
 
     Raises
     ------
@@ -53,12 +53,12 @@ def tvcalib_files(frames: Frames, about: Mapping[str, Mapping[str, Any]] | None 
 
 
 def _loss(line: Mapping[str, Any]) -> float | None:
-    """Of the line of a frame, where infinity is a text."""
+    """The loss in the line of a frame; None where it is not finite, which the line has as a text."""
     loss = line.get("loss_ndc")
     return loss if isinstance(loss, float) else None
 
 
-def gamestate_files(frames: Frames, sequence: str = "") -> dict[str, bytes]:
+def gamestate_files(frames: FrameCameras, sequence: str = "") -> dict[str, bytes]:
     """Predictions of a game state, ``SNGS-<video>.json``, as tracklab writes them.
 
     Cameras are scaled to images of 1920 x 1080. Frames without camera have no parameters. Without a sequence the file
@@ -69,7 +69,7 @@ def gamestate_files(frames: Frames, sequence: str = "") -> dict[str, bytes]:
     frames : mapping of str to Camera or None
         Ids are those of the files in ``img1``, or whole ids of images where no sequence is given.
     sequence : str
-        What ids of images begin with: the digit of the split and the number of the video, as 3116.
+        Prefix of image ids: the digit of the split and the number of the video, such as 3116.
 
     Raises
     ------

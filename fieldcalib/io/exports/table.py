@@ -11,7 +11,7 @@ import numpy as np
 
 from fieldcalib.geometry.camera import Camera
 from fieldcalib.geometry.lens.opencv import COEFFICIENTS, opencv_vector
-from fieldcalib.io.exports.frames import Frames, with_cameras
+from fieldcalib.io.exports.frames import FrameCameras, with_cameras
 
 CAMERA_COLUMNS = (
     *("width", "height", "fx", "fy", "cx", "cy"),  # pixels
@@ -22,10 +22,10 @@ CAMERA_COLUMNS = (
 ABOUT = ("status", "verdict", "basis", "rms_px", "probability_right_1m")  # of the lines of a run
 
 
-def table_files(frames: Frames, about: Mapping[str, Mapping[str, Any]] | None = None) -> dict[str, bytes]:
-    """``cameras.csv``: id, what is known about the frame (`ABOUT`), and the camera (`CAMERA_COLUMNS`).
+def table_files(frames: FrameCameras, about: Mapping[str, Mapping[str, Any]] | None = None) -> dict[str, bytes]:
+    """``cameras.csv``: id, results of the frame (`ABOUT`), and the camera (`CAMERA_COLUMNS`).
 
-    Axes are those of this package. What a frame does not have is empty.
+    Axes are those of this package. Missing values are empty cells.
 
     Parameters
     ----------

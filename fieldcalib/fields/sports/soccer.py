@@ -26,7 +26,7 @@ LINE_WIDTH = 0.12  # lines, posts and crossbars: no more is allowed
 ALL_MATCHES = ((90.0, 120.0), (45.0, 90.0))  # length and width, from and to
 INTERNATIONAL_MATCHES = ((100.0, 110.0), (64.0, 75.0))
 
-LARGEST = 200.0  # metres: what is longer was not given in metres
+LARGEST = 200.0  # metres: larger numbers are in another unit
 LARGEST_FIELD = (140.0, 120.0)  # metres: no soccer field reaches beyond
 FARTHEST_CAMERA = 300.0  # metres: stands end before
 CROWN = Crown(share=1.0 / 3.0, height=0.2)  # most pitches are level, others fall by up to 1 %, which is 0.34 m
@@ -47,7 +47,7 @@ def soccer(length: float = 105.0, width: float = 68.0, *, size_known: bool = Fal
     length, width : float
         Size of the field in metres: touchline and goal line. The law allows 90 to 120 and 45 to 90.
     size_known : bool
-        Whether this is the size of the pitch in view, and not only a likely one.
+        Whether the pitch in view has exactly this size.
 
     Raises
     ------
@@ -100,7 +100,7 @@ def soccer(length: float = 105.0, width: float = 68.0, *, size_known: bool = Fal
 
 
 def soccer_points(points: Mapping[str, Point]) -> Field:
-    """Points of a soccer field of unknown size: nothing but these, in the world of `soccer`."""
+    """A soccer field of unknown size that has the given points only."""
     length, width = LARGEST_FIELD
     return replace(soccer(), length=length, width=width, segments=points, paint={}, halves={}, size_model=None)
 
