@@ -49,7 +49,7 @@ from baselines.published import (
 )
 from fieldcalib.console.program import run_command, say
 from fieldcalib.fields.field import Field
-from fieldcalib.fields.soccer import soccer
+from fieldcalib.fields.sports.soccer import soccer
 from fieldcalib.metrics import compound_score, evaluate_segments, iou_part
 
 SN, WC, SN_PICTURES, WC_PICTURES = get_args(DatasetName)

@@ -32,7 +32,7 @@ from fieldcalib.assess.estimate import region_radius
 from fieldcalib.assess.frame_table import Basis
 from fieldcalib.assess.video import VideoCalibration
 from fieldcalib.console.program import run_command
-from fieldcalib.fields.soccer import soccer
+from fieldcalib.fields.sports.soccer import soccer
 from fieldcalib.geometry.camera import Camera
 from fieldcalib.images.clip_keyframes import read_keyframes
 from fieldcalib.images.clip_lines import find_clip_lines
@@ -52,7 +52,7 @@ from fieldcalib.localize.padding import Padded
 from fieldcalib.problem.evaluation import evaluate_camera
 from fieldcalib.solve.tripod import Labels
 
-GRID = (9, 7)  # pixels across and down, where field points are looked at
+GRID = (9, 7)  # columns and rows of the pixels at which field points are compared
 UNIT = 1280.0  # columns
 APART = 12  # frames over which static points are followed
 MASK_EDGE = 20.0  # px
@@ -138,7 +138,7 @@ class Clip:
         self.lines: dict[int, Labels] = {}
 
     def images(self) -> Iterator[Image]:
-        """Its frames."""
+        """Frames of the clip."""
         with VideoReader(self.path) as video:
             yield from islice(video, self.start, self.stop)
 
@@ -153,7 +153,7 @@ class Clip:
 
 
 def _flow(clip: Clip, found: VideoCalibration) -> str:
-    """Distances of static points from their places by the cameras of two frames."""
+    """Distances of static points from where the cameras of two frames put them."""
     before: deque[Frame] = deque(maxlen=APART)
     medians: list[float] = []
     for t, image in enumerate(read_ahead(clip.images())):
@@ -219,7 +219,7 @@ def _off_field(xy: Array, camera: Camera | None) -> BoolArray:
 
 
 def _moved(everything: VideoCalibration, found: VideoCalibration, some: BoolArray) -> str:
-    """Distances of field points in view from their places by the whole clip, in some frames."""
+    """Distances of field points in view from their places under the calibration of the whole clip, in some frames."""
     errors: list[Array] = []
     lost = 0
     for t in np.flatnonzero(some).tolist():
@@ -243,7 +243,7 @@ def _moved(everything: VideoCalibration, found: VideoCalibration, some: BoolArra
 
 
 def _apart(one: VideoCalibration, two: VideoCalibration) -> str:
-    """The distance of the tripods with most frames."""
+    """Distance between the tripods with most frames of two calibrations."""
     if not one.tripods or not two.tripods:
         return "one of them has no tripod"
     (a, V), (b, W) = ((tripods[0].values[:3], tripods[0].covariance[:3, :3]) for tripods in (one.tripods, two.tripods))
@@ -253,7 +253,7 @@ def _apart(one: VideoCalibration, two: VideoCalibration) -> str:
 
 
 def _left_out(clip: Clip, everything: VideoCalibration) -> Iterable[tuple[str, float, float]]:
-    """Each label with the median distance of its lines, when they are used and when they are left out."""
+    """For each label, the median distances of its lines when they are used and when they are left out."""
     lines = clip.lines
     for label in sorted({label for pixels, _ in lines.values() for label in pixels}):
         without = clip.calibrated(_of_label(label))
@@ -266,7 +266,7 @@ def _of_label(label: str) -> Withheld:
 
 
 def _distance(found: VideoCalibration, lines: dict[int, Labels], label: str) -> float:
-    """Median distance, px, of the lines of a label from where the cameras have them."""
+    """Median distance, px, of the lines of a label from their projections."""
     distances: list[Array] = []
     for t, (pixels, _) in lines.items():
         calibration = found[t]

@@ -39,7 +39,7 @@ EVERY, FRAMES = 4, 60  # of the annotated frames one by one; frames of a clip
 
 
 def annotated(folder: Path) -> dict[str, Any]:
-    """Labelled pixels of a folder of annotations, normalised by width and height, by the name of their file."""
+    """Read a folder of annotations: file name -> label -> pixels normalised by width and height."""
     records = {path.name: json.loads(path.read_text()) for path in sorted(folder.glob("*.json")) if path.stem.isdigit()}
     return {
         name: {label: [(p["x"], p["y"]) for p in points] for label, points in record.items() if points}
@@ -48,7 +48,7 @@ def annotated(folder: Path) -> dict[str, Any]:
 
 
 def in_pixels(frames: Iterable[Mapping[str, Any]], size: tuple[int, int]) -> list[dict[str, Any]]:
-    """Normalised labels in pixels, without those that the field has not."""
+    """Convert normalised labels to pixels, without labels that the field does not have."""
     field = fc.soccer()
     return [
         {label: np.multiply(xy, np.subtract(size, 1)) for label, xy in frame.items() if label.strip() in field}
@@ -57,7 +57,7 @@ def in_pixels(frames: Iterable[Mapping[str, Any]], size: tuple[int, int]) -> lis
 
 
 def drawn(count: int) -> Iterator[Any]:
-    """Fields of all sports, each with what `count` cameras beside it see, and noise of 1 px."""
+    """Fields of all sports, each with labels that `count` cameras beside it see, with 1 px noise."""
     rng = np.random.default_rng(23)
     for name in sorted(fields.FIELDS):
         field = fields.FIELDS[name]()
@@ -88,7 +88,7 @@ def one_by_one(data: Path) -> Found:
 
 
 def batches(data: Path) -> Found:
-    """`calibrate_batch` of all annotated frames, the size of the pitch known, free and shared by all."""
+    """`calibrate_batch` of all annotated frames, without and with weights."""
     found = []
     for folder, size in (("sncalib-test-center", (960, 540)), ("wc14-test", (1280, 720))):
         frames = in_pixels(annotated(data / folder).values(), size)
@@ -139,7 +139,7 @@ def sequences(data: Path) -> Found:
 
 
 def pictures(data: Path) -> Found:
-    """`calibrate_from_images`, sizes not told and told."""
+    """`calibrate_from_images`, with the size of the pitch unknown and given."""
     network, found = fc.SegmentationNetwork.load(threads=1), []
     for folder in ("sncalib-images", "offside-stills", "images", "mls-squashed"):
         images = [parse_image(path.read_bytes()) for path in sorted((data / folder).glob("*.jpg"))]
@@ -168,7 +168,7 @@ PARTS: dict[str, Callable[[Path], Found]] = {
 
 
 def record(one: fc.Calibration) -> dict[str, Any]:
-    """What is compared of a calibration."""
+    """Record the quantities of a calibration that are compared."""
     camera = one.camera
     lens = None if camera is None else [*camera.K.tolist(), *camera.R.tolist(), camera.C.tolist(), camera.dist.tolist()]
     return {
@@ -182,7 +182,7 @@ def record(one: fc.Calibration) -> dict[str, Any]:
 
 
 def measure(data: Path, parts: Sequence[str], out: Path) -> None:
-    """What this checkout finds, one line of JSON for each part."""
+    """Run the parts in this checkout and write one line of JSON for each."""
     with out.open("w") as lines:
         for name in parts:
             began = time.process_time()
@@ -192,7 +192,7 @@ def measure(data: Path, parts: Sequence[str], out: Path) -> None:
 
 
 def pixels_off(old: Mapping[str, Any], new: Mapping[str, Any]) -> float:
-    """The largest distance in the image between where two cameras see the same points, pixels."""
+    """Largest distance in pixels between the images of the same points under two cameras."""
     a, b = (
         fc.Camera(one["camera"][:3], one["camera"][3:6], one["camera"][6], one["image_size"], one["camera"][7])
         for one in (old, new)
@@ -207,7 +207,7 @@ def pixels_off(old: Mapping[str, Any], new: Mapping[str, Any]) -> float:
 
 
 def differences(old: Any, new: Any) -> Iterator[tuple[str, float]]:
-    """How far two records are from one another: of each quantity the share of what is allowed."""
+    """Differences of two records, each as a share of what is allowed."""
     if isinstance(old, list):
         if old[:-1] != new[:-1]:
             yield f"another frame: {old[:-1]}, {new[:-1]}", np.inf
@@ -231,7 +231,7 @@ def differences(old: Any, new: Any) -> Iterator[tuple[str, float]]:
 
 
 def compare(old: Path, new: Path, show: int) -> bool:
-    """Print how two measurements differ; whether they agree."""
+    """Print the differences of two measurements; returns whether they agree."""
     agree = True
     for before, after in zip(*(map(json.loads, path.read_text().splitlines()) for path in (old, new)), strict=True):
         largest: dict[str, float] = {}

@@ -22,7 +22,7 @@ def on_crown(X: Array, field: Field, crown: float) -> Array:
 
     Examples
     --------
-    >>> from fieldcalib.fields.soccer import soccer
+    >>> from fieldcalib.fields.sports.soccer import soccer
     >>> on_crown(np.array([[3.0, 0.0, 0.0], [3.0, 34.0, 0.0]]), soccer(), 0.3)  # z points down
     array([[ 3. ,  0. , -0.3],
            [ 3. , 34. ,  0. ]])
@@ -35,7 +35,7 @@ def crowned(field: Field, crown: float) -> Field:
 
     Examples
     --------
-    >>> from fieldcalib.fields.soccer import soccer
+    >>> from fieldcalib.fields.sports.soccer import soccer
     >>> float(crowned(soccer(), 0.3)["Middle line"].sample()[:, 2].min().round(3))  # z points down
     -0.3
     """
@@ -56,7 +56,7 @@ def crowned_ground(camera: Camera, ray: Float32, field: Field, crown: float) -> 
     Examples
     --------
     >>> from fieldcalib.draw.ground import rays
-    >>> from fieldcalib.fields.soccer import soccer
+    >>> from fieldcalib.fields.sports.soccer import soccer
     >>> camera = Camera.from_angles(0.0, 1.3, 0.0, 1500.0, (0.0, 60.0, -15.0), (960, 540))
     >>> x, y = crowned_ground(camera, rays(camera), soccer(), 0.3).xy[:, 260, 480]
     >>> bool(np.allclose(camera.project(on_crown(np.array([x, y, 0.0]), soccer(), 0.3)), (480, 260), atol=0.01))

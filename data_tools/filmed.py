@@ -23,7 +23,7 @@ from data_tools.synthetic.film import read_cameras
 from data_tools.truth import by_basis, compared
 from fieldcalib.assess.video import VideoCalibration
 from fieldcalib.console.program import run_command
-from fieldcalib.fields.soccer import soccer
+from fieldcalib.fields.sports.soccer import soccer
 from fieldcalib.geometry.camera import Camera
 from fieldcalib.io.videos import VideoReader
 

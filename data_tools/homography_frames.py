@@ -22,7 +22,7 @@ from data_tools.synthetic.games import game_named
 from fieldcalib.console.arguments import count
 from fieldcalib.console.field_options import SOCCER
 from fieldcalib.console.program import run_command
-from fieldcalib.fields.soccer import soccer
+from fieldcalib.fields.sports.soccer import soccer
 from fieldcalib.geometry.camera import Camera
 from fieldcalib.geometry.homography import ALIGNMENTS
 from fieldcalib.io.files import write_bytes, write_text

@@ -16,7 +16,7 @@ from pathlib import Path
 import numpy as np
 
 from fieldcalib._types import Array
-from fieldcalib.fields.soccer import soccer
+from fieldcalib.fields.sports.soccer import soccer
 from fieldcalib.geometry.camera import Camera
 from fieldcalib.solve.from_points import calibrate_from_points
 from fieldcalib.solve.options import DEFAULT_FLAGS

@@ -24,7 +24,7 @@ from fieldcalib.assess.result import Calibration
 from fieldcalib.console.arguments import LENSES, count, positive
 from fieldcalib.console.program import run_command
 from fieldcalib.fields.field import Field
-from fieldcalib.fields.soccer import soccer
+from fieldcalib.fields.sports.soccer import soccer
 from fieldcalib.geometry.camera import Camera
 from fieldcalib.problem.layout import CENTER, LOG_F
 from fieldcalib.problem.simulated import observe

@@ -36,7 +36,7 @@ from fieldcalib.console.field_options import SOCCER
 from fieldcalib.console.program import run_command
 from fieldcalib.draw.ground import rays
 from fieldcalib.fields.field import Field
-from fieldcalib.fields.soccer import soccer
+from fieldcalib.fields.sports.soccer import soccer
 from fieldcalib.geometry.camera import Camera
 from fieldcalib.images.from_images import calibrate_from_images
 from fieldcalib.io.image import Image
@@ -55,7 +55,7 @@ BIN = 500
 
 
 class Judged(NamedTuple):
-    """A camera that was found, and how far it takes a point in view for off, metres."""
+    """A camera that was found, and its largest error over the points in view, metres."""
 
     kind: str
     found: Calibration
@@ -63,7 +63,7 @@ class Judged(NamedTuple):
 
 
 def random_pitch(rng: np.random.Generator) -> tuple[Field, float]:
-    """A pitch and its crown, metres.
+    """Draw a pitch and its crown in metres.
 
     Examples
     --------
@@ -78,7 +78,7 @@ def random_pitch(rng: np.random.Generator) -> tuple[Field, float]:
 
 
 def judged(found: Calibration, truth: Camera, pitch: Field, crown: float, kind: str) -> Iterator[Judged]:
-    """One, if a camera with a probability was found and the field is in view."""
+    """Judge a calibration: one entry if it has a probability and the field is in view, otherwise none."""
     if found.camera is None or not found.has_probability or found.field is None:
         return
     error = largest_true_error(found.camera, truth, found.field, pitch, crown=crown)
@@ -87,7 +87,7 @@ def judged(found: Calibration, truth: Camera, pitch: Field, crown: float, kind: 
 
 
 def of_pictures(frames: int, rng: np.random.Generator) -> Iterator[Judged]:
-    """Rendered pictures, calibrated by themselves."""
+    """Render pictures and calibrate each by itself."""
     network, game = SegmentationNetwork.load(), game_named(SOCCER)
     left = frames
     while left:
@@ -107,7 +107,7 @@ def _picture(game: Game, rng: np.random.Generator) -> tuple[Image, Camera, Field
 
 
 def of_clips(clips: int, rng: np.random.Generator) -> Iterator[Judged]:
-    """Labelled clips, whose frames are calibrated together."""
+    """Draw labelled clips and calibrate the frames of each together."""
     for number in range(clips):
         pitch, crown = random_pitch(rng)
         ends = ONE_END if number % 2 else BOTH_ENDS

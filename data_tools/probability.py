@@ -48,7 +48,7 @@ from fieldcalib.console.arguments import add_size, count
 from fieldcalib.console.program import run_command
 from fieldcalib.fields.catalogue import FIELDS, field_named
 from fieldcalib.fields.field import Field
-from fieldcalib.fields.soccer import soccer
+from fieldcalib.fields.sports.soccer import soccer
 from fieldcalib.fields.traits import ProbabilityModel
 from fieldcalib.geometry.camera import Camera
 from fieldcalib.metrics import compound_score, evaluate_segments

@@ -29,7 +29,7 @@ NOISE_SPREAD = 0.5  # standard deviation of log sigma about 1 px at 960 x 540: a
 KEPT = (0.4, 1.0)  # share of the visible markings that is labelled
 PIXELS_PER_LINE, PIXELS_PER_CIRCLE = (2, 5), (4, 9)
 LEAST_SEGMENTS = 3
-# rates of wrong labels, and the shares of frames with each; of real annotations 3 to 4 % are wrong
+# Rates of wrong labels, and the shares of the frames that have them. In real annotations 3 to 4 % are wrong.
 WRONG_RATES, WRONG_SHARES = (0.0, 0.035, 0.1), (0.5, 0.3, 0.2)
 CONFUSED = (
     ("left", "right"),
@@ -56,11 +56,11 @@ class RandomFrame:
 
 
 def random_frame(field: Field, rng: np.random.Generator) -> RandomFrame:
-    """A frame of 960 x 540 pixels with three segments or more.
+    """Draw a frame of 960 x 540 pixels with three segments or more.
 
     Examples
     --------
-    >>> from fieldcalib.fields.soccer import soccer
+    >>> from fieldcalib.fields.sports.soccer import soccer
     >>> frame = random_frame(soccer(), np.random.default_rng(0))
     >>> len(frame.pixels) >= 3, frame.wrong
     (True, {})
@@ -110,7 +110,7 @@ def observed(camera: Camera, field: Field, rng: np.random.Generator, noise: floa
 
 
 def mislabelled(pixels: Pixels, field: Field, count: int, rng: np.random.Generator) -> tuple[Pixels, dict[str, str]]:
-    """The pixels with `count` labels, where possible, replaced by those of the other side or of a neighbour.
+    """Replace `count` labels, where possible, by those of the other side or of a neighbour.
 
     Returns
     -------
@@ -133,7 +133,7 @@ def confused_labels(label: str, field: Field) -> list[str]:
 
     Examples
     --------
-    >>> from fieldcalib.fields.soccer import soccer
+    >>> from fieldcalib.fields.sports.soccer import soccer
     >>> confused_labels("Circle left", soccer())
     ['Circle central', 'Circle right']
     >>> confused_labels("Side line top", soccer())

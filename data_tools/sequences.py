@@ -26,7 +26,7 @@ from data_tools.truth import Compared, by_basis, compared
 from fieldcalib._types import Array
 from fieldcalib.console.arguments import count, positive
 from fieldcalib.console.program import run_command
-from fieldcalib.fields.soccer import soccer
+from fieldcalib.fields.sports.soccer import soccer
 from fieldcalib.geometry.camera import Camera
 from fieldcalib.images.keyframes import BACK
 from fieldcalib.solve.batch import calibrate_batch

@@ -25,7 +25,7 @@ from data_tools.synthetic.games import game_named
 from data_tools.synthetic.masks import markings_mask
 from data_tools.synthetic.pictures import degraded
 from fieldcalib.console.field_options import SOCCER
-from fieldcalib.fields.soccer import soccer
+from fieldcalib.fields.sports.soccer import soccer
 from fieldcalib.geometry.camera import Camera
 from fieldcalib.io.image import Image
 

@@ -24,24 +24,24 @@ class Compared(NamedTuple):
     """Comparison of a frame with its true camera."""
 
     basis: str
-    """Basis of its camera."""
+    """What the frame's camera rests on."""
     focal_length_percent: float
     centre_m: float
     field_m: float
     """Median error of the points of the field in view; NaN where none is."""
     image_px: float
-    """Median error of their pixels in an image of `UNIT` columns."""
+    """Median error of the pixels of these points in an image of `UNIT` columns."""
     holds_focal_length: float
     """Whether the 95 % region holds the truth, 0 or 1."""
     holds_own: float
-    """Pan, tilt, roll and log f together."""
+    """Whether the joint 95 % region of pan, tilt, roll and log f holds the truth, 0 or 1."""
     holds_centre: float
     holds_field: float
     """Share of the points of the field in view whose ellipse holds the truth."""
 
 
 def compared(found: Calibration, truth: Camera, field: Field, basis: str) -> Compared:
-    """A frame that has a camera against the true one, on the true field.
+    """Compare a frame's camera with the true one, on the true field.
 
     Examples
     --------
@@ -77,7 +77,7 @@ def compared(found: Calibration, truth: Camera, field: Field, basis: str) -> Com
 
 
 def _in_view(truth: Camera, field: Field) -> tuple[Array, Array]:
-    """Pixels (N, 2) of a grid that show the field, and what they show, (N, 3)."""
+    """Pixels (N, 2) of a grid that show the field, and the points that they show, (N, 3)."""
     width, height = truth.image_size
     x, y = np.meshgrid(np.linspace(0.0, width - 1.0, GRID[0]), np.linspace(0.0, height - 1.0, GRID[1]))
     xy = np.stack([x, y], axis=-1).reshape(-1, 2)
@@ -96,7 +96,7 @@ def _median(values: Array) -> float:
 
 
 def summary(frames: Sequence[Compared]) -> dict[str, float]:
-    """Statistics of frames: their number, the median of each error, and how often regions hold the truth, percent."""
+    """Number of frames, median of each error, and how often regions hold the truth, percent."""
     table = np.array([frame[1:] for frame in frames], dtype=float)
     names = Compared._fields[1:]
     found: dict[str, float] = {"frames": len(frames)}
@@ -107,7 +107,7 @@ def summary(frames: Sequence[Compared]) -> dict[str, float]:
 
 
 def by_basis(frames: Iterable[Compared]) -> list[str]:
-    """A line of JSON for what frames rest on, each with its `summary`."""
+    """Summarise the frames of each basis in a line of JSON."""
     frames = list(frames)
     lines = []
     for basis in dict.fromkeys(frame.basis for frame in frames):

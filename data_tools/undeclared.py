@@ -37,7 +37,7 @@ from fieldcalib.console.arguments import image_size
 from fieldcalib.console.program import run_command
 from fieldcalib.fields.catalogue import field_named
 from fieldcalib.fields.field import Field
-from fieldcalib.fields.soccer import soccer
+from fieldcalib.fields.sports.soccer import soccer
 from fieldcalib.geometry.camera import Camera
 from fieldcalib.images.from_images import calibrate_from_images
 from fieldcalib.io.image import Image

@@ -25,7 +25,7 @@ from data_tools.random_frames import mislabelled
 from fieldcalib.console.arguments import add_size
 from fieldcalib.console.program import run_command
 from fieldcalib.fields.field import Field
-from fieldcalib.fields.soccer import soccer
+from fieldcalib.fields.sports.soccer import soccer
 from fieldcalib.geometry.camera import Camera
 from fieldcalib.problem.labelled_pixels import Pixels
 from fieldcalib.run_folder.annotated import read_frames

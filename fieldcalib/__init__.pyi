@@ -23,7 +23,7 @@ from .fields.segments import Arc as Arc
 from .fields.segments import Line as Line
 from .fields.segments import Point as Point
 from .fields.segments import PointCloud as PointCloud
-from .fields.soccer import soccer as soccer
+from .fields.sports.soccer import soccer as soccer
 from .fields.stands import DISTRIBUTIONS as DISTRIBUTIONS
 from .fields.stands import CameraDistribution as CameraDistribution
 from .geometry.camera import Camera as Camera

@@ -5,7 +5,7 @@ import numpy as np
 from synthetic import whole_circle_markings
 
 from fieldcalib.draw.scene import fixed_point, image_curves
-from fieldcalib.fields.soccer import soccer
+from fieldcalib.fields.sports.soccer import soccer
 from fieldcalib.images.clip_keyframes import EXTRA_OFFSETS
 from fieldcalib.images.keyframes import tied_frames
 from fieldcalib.localize import BACKGROUND

@@ -10,7 +10,7 @@ from numdiff import central_differences, column_errors
 from strategies import bounded, vectors
 from synthetic import observe
 
-from fieldcalib.fields.soccer import soccer
+from fieldcalib.fields.sports.soccer import soccer
 from fieldcalib.problem.background import BackgroundPairs, BackgroundTerm
 from fieldcalib.problem.evaluation import Problem, evaluate
 from fieldcalib.problem.layout import LOG_F, Layout, Role, ZoomLaw

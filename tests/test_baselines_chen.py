@@ -299,6 +299,7 @@ def test_errors_of_the_command_line(file, tmp_path, capsys):
     assert "--model is about --features siamese" in capsys.readouterr().err
 
 
+@pytest.mark.slow
 def test_a_database_is_made_by_a_command(tmp_path, capsys):
     path = tmp_path / "small.npz"
     assert run("database", path, "--cameras", "uniform", "--features", "hog", "--count", "600") == 0

@@ -15,7 +15,7 @@ from baselines.tvcalib import CHUNK, DISTRIBUTIONS, FOV, calibrate, loss_with_gr
 from fieldcalib.assess.ndc import ndc_loss
 from fieldcalib.assess.result import Status
 from fieldcalib.fields.segments import Point, PointCloud
-from fieldcalib.fields.soccer import soccer
+from fieldcalib.fields.sports.soccer import soccer
 from fieldcalib.io.soccernet import parse_annotation
 from fieldcalib.problem.labelled_pixels import check_segments
 from fieldcalib.problem.layout import ANGLES, CENTER, LOG_F, PAN, camera_from_theta, theta_from_camera

@@ -10,7 +10,7 @@ from synthetic import in_image, observe, whole_circle_markings
 
 import fieldcalib
 from fieldcalib.cli.main import main
-from fieldcalib.fields.soccer import soccer
+from fieldcalib.fields.sports.soccer import soccer
 from fieldcalib.geometry.camera import Camera
 from fieldcalib.io.soccernet import camera_from_record, format_annotation
 

@@ -66,6 +66,7 @@ class Asked(KnownCameras):
         return found
 
 
+@pytest.mark.slow
 def test_a_letterboxed_clip_is_calibrated_as_without_borders(clip):
     cameras, pictures = clip
     seen = [cameras[t] for t in looked_at(pictures, cameras)]

@@ -13,7 +13,7 @@ from strategies import cameras, generators
 from synthetic import observe, random_frames
 
 from fieldcalib.fields.segments import PointCloud
-from fieldcalib.fields.soccer import soccer
+from fieldcalib.fields.sports.soccer import soccer
 from fieldcalib.geometry.lens import BrownConradyLens, Pinhole, RadialLens
 from fieldcalib.problem import compilation
 from fieldcalib.problem.evaluation import Problem, evaluate

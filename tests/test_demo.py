@@ -12,7 +12,7 @@ import pytest
 from fieldcalib.cli import demo
 from fieldcalib.cli.demo import run_demo
 from fieldcalib.fields.segments import Arc
-from fieldcalib.fields.soccer import soccer
+from fieldcalib.fields.sports.soccer import soccer
 from fieldcalib.geometry.camera import Camera
 from fieldcalib.io import files
 from fieldcalib.io.images import write_image

@@ -10,7 +10,7 @@ from fieldcalib.assess.markings import MarkingInView
 from fieldcalib.draw.minimap import draw_minimap
 from fieldcalib.draw.overlays import PALETTE, draw_calibration, draw_field, draw_segments, label_colour
 from fieldcalib.fields.segments import Arc, Line, PointCloud
-from fieldcalib.fields.soccer import soccer
+from fieldcalib.fields.sports.soccer import soccer
 from fieldcalib.geometry.camera import Camera
 from fieldcalib.solve.from_homography import calibrate_from_homography
 

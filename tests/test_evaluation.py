@@ -11,7 +11,7 @@ from strategies import angle, cameras, numbers, vectors
 from synthetic import displaced, observe, random_camera, random_distorted
 
 from fieldcalib.fields.segments import Arc, Line, PointCloud
-from fieldcalib.fields.soccer import soccer
+from fieldcalib.fields.sports.soccer import soccer
 from fieldcalib.fields.stands import DISTRIBUTIONS
 from fieldcalib.geometry.camera import Camera
 from fieldcalib.geometry.lens import BrownConradyLens, Pinhole, RadialLens

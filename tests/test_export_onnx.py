@@ -9,7 +9,7 @@ import torch
 from data_tools import deeplab
 from data_tools.export_onnx import SOCCERNET_CLASSES, main, network_of
 from data_tools.synthetic.games import game_named
-from fieldcalib.fields.soccer import soccer
+from fieldcalib.fields.sports.soccer import soccer
 from fieldcalib.localize import SegmentationNetwork, localize, ridge_points, skeleton_points
 
 

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 from fieldcalib.fields.field import Field
 from fieldcalib.fields.segments import Arc, Line, Point, PointCloud
-from fieldcalib.fields.soccer import soccer
+from fieldcalib.fields.sports.soccer import soccer
 
 FIELD = soccer()
 

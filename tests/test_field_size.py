@@ -11,7 +11,7 @@ from synthetic import displaced, in_image, observe, random_frames, whole_circle_
 
 from fieldcalib.assess.noise import Noise
 from fieldcalib.fields.segments import Point
-from fieldcalib.fields.soccer import soccer
+from fieldcalib.fields.sports.soccer import soccer
 from fieldcalib.geometry.camera import Camera
 from fieldcalib.problem.evaluation import Problem, evaluate
 from fieldcalib.problem.layout import Layout, SizeBlock, theta_from_camera

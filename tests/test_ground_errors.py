@@ -6,7 +6,7 @@ import numpy as np
 from synthetic import random_frames
 
 from data_tools.ground_errors import left_out_on_ground, main
-from fieldcalib.fields.soccer import soccer
+from fieldcalib.fields.sports.soccer import soccer
 from fieldcalib.io.soccernet import format_annotation
 
 SIZE = (960, 540)

@@ -8,7 +8,7 @@ import pytest
 from synthetic import observe, random_frames, whole_circle_markings
 
 from fieldcalib.assess.result import Verdict
-from fieldcalib.fields.soccer import soccer
+from fieldcalib.fields.sports.soccer import soccer
 from fieldcalib.geometry.camera import Camera
 from fieldcalib.problem import closest_points, compilation, evaluation
 from fieldcalib.problem.evaluation import Problem, evaluate

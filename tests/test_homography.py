@@ -8,7 +8,7 @@ from strategies import angle, bounded, cameras, moved, numbers, vectors
 from synthetic import visible_field_points
 
 from fieldcalib.fields.segments import Line, Point
-from fieldcalib.fields.soccer import soccer
+from fieldcalib.fields.sports.soccer import soccer
 from fieldcalib.geometry.camera import Camera
 from fieldcalib.geometry.homography import ALIGNMENTS, decompose_homography, pose_from_homography
 from fieldcalib.geometry.projective import dehomogenize, homogenize

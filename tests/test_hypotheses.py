@@ -6,7 +6,7 @@ from synthetic import observe, whole_circle_markings
 from views import camera
 
 from fieldcalib.draw.scene import render_field
-from fieldcalib.fields.soccer import soccer
+from fieldcalib.fields.sports.soccer import soccer
 from fieldcalib.images.hypotheses import calibrate_from_consensus
 from fieldcalib.images.refinement import near_labels
 from fieldcalib.localize import Localization

@@ -5,7 +5,7 @@ import pytest
 from synthetic import observe, random_frames, whole_circle_markings
 
 from fieldcalib.fields.segments import Line, PointCloud
-from fieldcalib.fields.soccer import soccer
+from fieldcalib.fields.sports.soccer import soccer
 from fieldcalib.fields.stands import DISTRIBUTIONS, MAIN_CENTER, MAIN_LEFT
 from fieldcalib.geometry.camera import Camera
 from fieldcalib.geometry.projective import dehomogenize, homogenize

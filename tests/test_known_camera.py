@@ -14,7 +14,7 @@ from data_tools.synthetic.film import Scene, TrueFrame, film
 from fieldcalib import Camera, Tracker, calibrate_batch, calibrate_from_images, calibrate_from_segments, calibrate_video
 from fieldcalib.assess.result import Verdict
 from fieldcalib.draw.scene import render_field
-from fieldcalib.fields.soccer import soccer
+from fieldcalib.fields.sports.soccer import soccer
 from fieldcalib.io.files import BrokenFileError
 from fieldcalib.io.intrinsics import read_intrinsics
 from fieldcalib.io.soccernet import format_camera

@@ -6,7 +6,7 @@ import numpy as np
 from synthetic import observe, random_frames, whole_circle_markings
 
 from data_tools.leave_one_out import left_out_errors, main
-from fieldcalib.fields.soccer import soccer
+from fieldcalib.fields.sports.soccer import soccer
 from fieldcalib.geometry.camera import Camera
 from fieldcalib.io.soccernet import format_annotation
 

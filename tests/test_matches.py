@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 from views import camera
 
 from fieldcalib.draw.scene import render_field
-from fieldcalib.fields.soccer import soccer
+from fieldcalib.fields.sports.soccer import soccer
 from fieldcalib.images.background_motion import Motion, _rotation, _turn
 from fieldcalib.images.frame import Frame, same_picture
 from fieldcalib.images.matches import match_background, match_far

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from data_tools import measured_cameras
-from fieldcalib.fields.soccer import soccer
+from fieldcalib.fields.sports.soccer import soccer
 from fieldcalib.geometry.camera import Camera
 from fieldcalib.geometry.lens import RadialLens
 

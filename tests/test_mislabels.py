@@ -7,8 +7,8 @@ import pytest
 from synthetic import observe, whole_circle_markings
 
 from fieldcalib.assess.result import SuspectLabel
-from fieldcalib.fields.soccer import soccer
 from fieldcalib.fields.sports.handball import handball
+from fieldcalib.fields.sports.soccer import soccer
 from fieldcalib.fields.stands import MAIN_CENTER
 from fieldcalib.geometry.camera import Camera
 from fieldcalib.problem.evaluation import Problem, evaluate

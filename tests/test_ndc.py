@@ -11,7 +11,7 @@ from synthetic import displaced, observe, whole_circle_markings
 
 from fieldcalib.assess.ndc import ndc_loss
 from fieldcalib.fields.segments import Arc, Line
-from fieldcalib.fields.soccer import soccer
+from fieldcalib.fields.sports.soccer import soccer
 from fieldcalib.geometry.camera import Camera
 from fieldcalib.problem.layout import LOG_ASPECT, LOG_F, PRINCIPAL_POINT, Layout, camera_from_theta, theta_from_camera
 

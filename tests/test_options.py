@@ -4,7 +4,7 @@ import cv2
 import numpy as np
 import pytest
 
-from fieldcalib.fields.soccer import soccer
+from fieldcalib.fields.sports.soccer import soccer
 from fieldcalib.fields.stands import ALL_STANDS, MAIN_LEFT, CameraDistribution
 from fieldcalib.problem.layout import LOG_ASPECT, LOG_F, PRINCIPAL_POINT
 from fieldcalib.solve.given_camera import GivenCamera

@@ -15,7 +15,7 @@ from fieldcalib.assess.datum import motion_in_view
 from fieldcalib.assess.level import Considered
 from fieldcalib.assess.noise import FOUND_BESIDE, Noise
 from fieldcalib.assess.own_errors import GRID, OwnErrors, ground_errors, own_errors, whole_covariance
-from fieldcalib.fields.soccer import soccer
+from fieldcalib.fields.sports.soccer import soccer
 from fieldcalib.problem.background import BackgroundPairs, BackgroundTerm
 from fieldcalib.problem.evaluation import Problem, evaluate
 from fieldcalib.problem.layout import CENTER, LOG_F, Layout, Role, SizeBlock, ZoomLaw

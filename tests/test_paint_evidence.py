@@ -15,8 +15,8 @@ from fieldcalib.assess.markings import MarkingInView, paint_complaints, paint_co
 from fieldcalib.assess.result import Calibration, Status, Verdict
 from fieldcalib.assess.sequence_calibration import SequenceCalibration
 from fieldcalib.draw.scene import render_field
-from fieldcalib.fields.soccer import soccer
 from fieldcalib.fields.sports.ice_hockey import ice_hockey
+from fieldcalib.fields.sports.soccer import soccer
 from fieldcalib.fields.sports.tennis import tennis
 from fieldcalib.geometry.camera import Camera
 from fieldcalib.images.field_markings import Markings

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from fieldcalib.fields.segments import Point
-from fieldcalib.fields.soccer import CIRCLE_RADIUS, soccer
+from fieldcalib.fields.sports.soccer import CIRCLE_RADIUS, soccer
 from fieldcalib.io.files import BrokenFileError
 from fieldcalib.io.pnlcalib import KEYPOINTS, LINES, keypoint_field, keypoint_name, parse_detections
 from fieldcalib.problem.labelled_pixels import check_segments, check_weights

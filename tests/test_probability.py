@@ -11,7 +11,7 @@ from data_tools.random_frames import random_frame
 from fieldcalib.assess.compute_errors import compute_errors
 from fieldcalib.assess.probability import largest_error, probability_right
 from fieldcalib.assess.result import Status
-from fieldcalib.fields.soccer import PROBABILITY, soccer
+from fieldcalib.fields.sports.soccer import PROBABILITY, soccer
 from fieldcalib.geometry.camera import Camera
 from fieldcalib.solve.batch import calibrate_batch
 from fieldcalib.solve.from_segments import calibrate_from_segments

@@ -201,9 +201,12 @@ class Seeing:
 
 @pytest.fixture(scope="module")
 def images():
-    """A batch of images, and one more."""
+    """Two batches of two images, and one more."""
     image = render_field(TRUTH, FIELD, rng=np.random.default_rng(0))
-    return [np.roll(image, shift, axis=0) for shift in range(0, 18, 2)]
+    with pytest.MonkeyPatch.context() as patch:
+        for module in ("images.from_images", "localize.flow"):
+            patch.setattr(f"fieldcalib.{module}.IMAGES_AT_ONCE", 2)
+        yield [np.roll(image, shift, axis=0) for shift in range(0, 10, 2)]
 
 
 @pytest.fixture(scope="module")

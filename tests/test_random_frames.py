@@ -9,7 +9,7 @@ from strategies import generators
 
 from data_tools import wrong_labels
 from data_tools.random_frames import SIZE, confused_labels, mislabelled, random_frame
-from fieldcalib.fields.soccer import soccer
+from fieldcalib.fields.sports.soccer import soccer
 from fieldcalib.io.soccernet import format_annotation
 from fieldcalib.problem.simulated import observe, pan_over_field
 

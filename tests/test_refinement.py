@@ -11,7 +11,7 @@ from views import SIZE, camera
 from fieldcalib.assess.result import Calibration, Status
 from fieldcalib.draw.scene import render_field
 from fieldcalib.fields.segments import Line, Point, PointCloud
-from fieldcalib.fields.soccer import soccer
+from fieldcalib.fields.sports.soccer import soccer
 from fieldcalib.geometry.camera import Camera
 from fieldcalib.images.field_markings import Markings
 from fieldcalib.images.line_profiles import Strips, find_lines, profiles_along

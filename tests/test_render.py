@@ -7,7 +7,7 @@ from views import CAMERAS, SIZE, any_camera, camera, inside
 from fieldcalib.draw.scene import render_field
 from fieldcalib.fields.field import Field
 from fieldcalib.fields.segments import Arc, Line, Point, PointCloud
-from fieldcalib.fields.soccer import soccer
+from fieldcalib.fields.sports.soccer import soccer
 from fieldcalib.geometry.camera import Camera
 
 FIELD = soccer()

@@ -65,6 +65,7 @@ def test_twenty_kills_change_nothing(many, whole, tmp_path, seed):
 # --- any number of jobs ---
 
 
+@pytest.mark.slow
 def test_the_files_are_the_same_with_any_number_of_jobs(many, whole, tmp_path):
     assert calibrate(tmp_path / "out", many, options=["--jobs", 3]) == 0
     assert content_of(tmp_path / "out") == content_of(whole)

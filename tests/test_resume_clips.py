@@ -130,7 +130,7 @@ def short(rendered, tmp_path_factory):
     return written(rendered[:12], tmp_path_factory.mktemp("short") / "clip.mp4")
 
 
-@pytest.mark.parametrize("count", [8, 9])
+@pytest.mark.parametrize("count", [pytest.param(8, marks=pytest.mark.slow), 9])
 def test_a_video_by_itself_goes_on(short, know, tmp_path, monkeypatch, count):
     from fieldcalib.run_folder.results import ResultsWriter
 

@@ -9,7 +9,7 @@ from strategies import angle, numbers, thetas
 from synthetic import displaced, observe, random_frames
 from test_evaluation import SIZES, at, jacobian_errors
 
-from fieldcalib.fields.soccer import soccer
+from fieldcalib.fields.sports.soccer import soccer
 from fieldcalib.geometry.camera import Camera
 from fieldcalib.problem.evaluation import evaluate
 from fieldcalib.problem.layout import Layout, camera_from_theta, theta_from_camera

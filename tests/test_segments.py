@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from strategies import numbers, pixel_arrays, vectors
 
 from fieldcalib.fields.segments import Arc, ArcRows, Line, LineRows, Point, PointCloud
-from fieldcalib.fields.soccer import soccer
+from fieldcalib.fields.sports.soccer import soccer
 from fieldcalib.problem.labelled_pixels import check_segments, check_weights, split_circles
 from fieldcalib.problem.observations import Observations, pack
 

@@ -8,7 +8,7 @@ import pytest
 from data_tools import score_images
 from data_tools.nonsense import nonsense
 from data_tools.synthetic import CLASSES, frame
-from fieldcalib.fields.soccer import soccer
+from fieldcalib.fields.sports.soccer import soccer
 from fieldcalib.images.from_images import calibrate_from_images
 from fieldcalib.localize import BACKGROUND, SegmentationNetwork
 from fieldcalib.localize.network import SHIPPED

@@ -11,7 +11,7 @@ from strategies import bounded
 from synthetic import observe
 from tripods import SIZE, panned
 
-from fieldcalib.fields.soccer import soccer
+from fieldcalib.fields.sports.soccer import soccer
 from fieldcalib.problem.evaluation import Problem, evaluate
 from fieldcalib.problem.layout import CENTER, Layout, Role
 from fieldcalib.problem.levenberg_marquardt import Groups, block_arrow_steps

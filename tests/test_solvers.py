@@ -7,7 +7,7 @@ import pytest
 from numdiff import central_differences, column_errors
 from synthetic import observe, random_frames, whole_circle_markings
 
-from fieldcalib.fields.soccer import soccer
+from fieldcalib.fields.sports.soccer import soccer
 from fieldcalib.fields.stands import DISTRIBUTIONS, MAIN_TRIBUNE
 from fieldcalib.geometry.camera import Camera
 from fieldcalib.problem.evaluation import LOG_F_RANGE, Problem, evaluate

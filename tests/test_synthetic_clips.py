@@ -21,7 +21,7 @@ from data_tools.synthetic.clips import (
     labelled,
     operated,
 )
-from fieldcalib.fields.soccer import soccer
+from fieldcalib.fields.sports.soccer import soccer
 from fieldcalib.geometry.camera import Camera
 from fieldcalib.geometry.projective import dehomogenize, homogenize
 

@@ -5,9 +5,9 @@ import numpy as np
 import pytest
 
 from data_tools.synthetic.__main__ import main
-from data_tools.synthetic.clips import RATE, camera_path
+from data_tools.synthetic.clips import camera_path
 from data_tools.synthetic.film import BESIDE, Scene, _boards, _seen, clip_frames, exposed, film, read_cameras
-from fieldcalib.fields.soccer import soccer
+from fieldcalib.fields.sports.soccer import soccer
 from fieldcalib.io.videos import VideoReader
 
 SIZE = (384, 216)
@@ -28,7 +28,7 @@ def fastest(cameras):
 @pytest.fixture(scope="module")
 def empty(cameras):
     """A scene without players."""
-    return Scene(soccer(), SEED, np.zeros((len(cameras), 0, 2)), [])
+    return Scene(soccer(), SEED, 30.0, np.zeros((len(cameras), 0, 2)), [])
 
 
 def grey(picture):
@@ -87,7 +87,7 @@ def test_motion_blur_of_a_camera_that_starts_to_turn_is_centred_too(cameras, fas
 
 def test_players_run(cameras):
     scene = Scene.random(soccer(), SEED, cameras)
-    speed = np.linalg.norm(np.diff(scene.positions, axis=0), axis=-1) * RATE
+    speed = np.linalg.norm(np.diff(scene.positions, axis=0), axis=-1) * scene.rate
     assert 0.5 < np.median(speed) < 6.0
     assert speed.max() < 15.0
     assert np.all(np.abs(scene.positions) <= (52.5, 34.0))

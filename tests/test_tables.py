@@ -29,7 +29,7 @@ from baselines.published import (
     hdecomp,
 )
 from fieldcalib.draw.scene import render_field
-from fieldcalib.fields.soccer import soccer
+from fieldcalib.fields.sports.soccer import soccer
 from fieldcalib.geometry.camera import Camera
 from fieldcalib.io.pnlcalib import keypoint_field, keypoint_name
 from fieldcalib.io.soccernet import format_annotation

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from strategies import bounded, generators, numbers
 from tripods import SIZE, chain, far_off, matched, panned
 
-from fieldcalib.fields.soccer import soccer
+from fieldcalib.fields.sports.soccer import soccer
 from fieldcalib.geometry.camera import Camera
 from fieldcalib.problem.background import BackgroundTerm
 from fieldcalib.problem.layout import Layout

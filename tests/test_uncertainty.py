@@ -11,7 +11,7 @@ from fieldcalib.assess.estimate import GroundError, region_radius
 from fieldcalib.assess.observability import OPEN_DIRECTION
 from fieldcalib.assess.uncertainty import uncertainties
 from fieldcalib.fields.segments import Line
-from fieldcalib.fields.soccer import soccer
+from fieldcalib.fields.sports.soccer import soccer
 from fieldcalib.fields.stands import DISTRIBUTIONS
 from fieldcalib.geometry.camera import Camera
 from fieldcalib.problem.evaluation import Problem, evaluate

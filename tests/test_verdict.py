@@ -10,7 +10,7 @@ from fieldcalib.assess.observability import READABLE, Direction, Information
 from fieldcalib.assess.result import Status
 from fieldcalib.assess.verdict import Evidence, constraints, implausibilities, verdict
 from fieldcalib.fields.segments import Arc, Line, Point, PointCloud
-from fieldcalib.fields.soccer import soccer
+from fieldcalib.fields.sports.soccer import soccer
 from fieldcalib.geometry.camera import Camera
 from fieldcalib.problem.evaluation import Problem, evaluate
 from fieldcalib.problem.layout import LOG_F, Layout, theta_from_camera

@@ -9,7 +9,7 @@ from strategies import cameras
 from synthetic import visible_field_points
 
 from fieldcalib.fields.segments import Line
-from fieldcalib.fields.soccer import soccer
+from fieldcalib.fields.sports.soccer import soccer
 from fieldcalib.geometry.homography import ALIGNMENTS
 from fieldcalib.geometry.projective import dehomogenize, homogenize
 from fieldcalib.io.files import BrokenFileError

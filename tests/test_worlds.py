@@ -16,7 +16,7 @@ from fieldcalib.assess.ndc import ndc_loss
 from fieldcalib.draw.scene import render_field
 from fieldcalib.fields.field import Field
 from fieldcalib.fields.segments import Arc, Line
-from fieldcalib.fields.soccer import PROBABILITY, soccer
+from fieldcalib.fields.sports.soccer import PROBABILITY, soccer
 from fieldcalib.fields.stands import ALL_STANDS, MAIN_CENTER, CameraDistribution, stands_around
 from fieldcalib.fields.traits import Halves, LineLook, ProbabilityModel, SizePrior
 from fieldcalib.geometry.camera import Camera

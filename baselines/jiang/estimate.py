@@ -21,7 +21,7 @@ from baselines.jiang.lines import LineCost
 from baselines.jiang.networks import ErrorNetwork, GuessNetwork, squashed
 from baselines.jiang.training import ERROR, GUESS
 from fieldcalib._types import Array
-from fieldcalib.fields.soccer import soccer
+from fieldcalib.fields.sports.soccer import soccer
 from fieldcalib.geometry.homography import ALIGNMENTS
 from fieldcalib.io.files import read_regular_file
 from fieldcalib.io.image import Image

@@ -13,7 +13,7 @@ from torch.nn.functional import grid_sample
 
 from fieldcalib._types import Array
 from fieldcalib.draw.ground import Ground, painted
-from fieldcalib.fields.soccer import soccer
+from fieldcalib.fields.sports.soccer import soccer
 from fieldcalib.geometry.homography import ALIGNMENTS
 from fieldcalib.geometry.projective import dehomogenize, homogenize
 

@@ -12,7 +12,7 @@ from torch import Tensor
 from baselines.jiang.four_points import homography_of_points
 from fieldcalib._types import Array
 from fieldcalib.fields.segments import Arc, Line, Segment
-from fieldcalib.fields.soccer import soccer
+from fieldcalib.fields.sports.soccer import soccer
 from fieldcalib.geometry.homography import ALIGNMENTS
 from fieldcalib.localize import Localization
 

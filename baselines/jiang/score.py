@@ -16,7 +16,7 @@ from baselines.jiang.estimate import CostName, Estimator, homographies
 from baselines.jiang.four_points import points_of_homography
 from baselines.jiang.training_pairs import overlap
 from fieldcalib._types import Array
-from fieldcalib.fields.soccer import soccer
+from fieldcalib.fields.sports.soccer import soccer
 from fieldcalib.geometry.homography import ALIGNMENTS, YARD
 from fieldcalib.io.files import write_text
 from fieldcalib.io.formats import ANNOTATIONS, HOMOGRAPHIES, IMAGES

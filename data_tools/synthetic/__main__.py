@@ -21,7 +21,7 @@ from data_tools.synthetic.games import game_named
 from fieldcalib.console.arguments import count, image_size
 from fieldcalib.console.field_options import SOCCER, add_named_field
 from fieldcalib.draw.overlays import label_colour
-from fieldcalib.fields.soccer import soccer
+from fieldcalib.fields.sports.soccer import soccer
 from fieldcalib.io.files import write_bytes
 from fieldcalib.io.image import Image
 

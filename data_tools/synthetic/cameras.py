@@ -15,7 +15,7 @@ import numpy as np
 
 from data_tools.random_frames import LENS_SPREAD, PRINCIPAL_POINT_SPREAD, STRONGEST_LENS
 from fieldcalib.fields.field import Field
-from fieldcalib.fields.soccer import GOAL_HEIGHT, soccer
+from fieldcalib.fields.sports.soccer import GOAL_HEIGHT, soccer
 from fieldcalib.fields.stands import (
     BEHIND_LEFT_GOAL,
     MAIN_CENTER,

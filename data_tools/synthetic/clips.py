@@ -230,7 +230,7 @@ def painted(field: Field, rng: np.random.Generator, sigma: float = PAINT) -> Fie
 
     Examples
     --------
-    >>> from fieldcalib.fields.soccer import soccer
+    >>> from fieldcalib.fields.sports.soccer import soccer
     >>> lines = painted(soccer(), np.random.default_rng(0))
     >>> [round(float(end), 3) for end in lines["Middle line"].start]
     [0.016, -34.0, 0.0]
@@ -272,7 +272,7 @@ def labelled(
 
     Examples
     --------
-    >>> from fieldcalib.fields.soccer import soccer
+    >>> from fieldcalib.fields.sports.soccer import soccer
     >>> rng = np.random.default_rng(0)
     >>> frames = labelled(camera_path(rng, 20), soccer(), rng, empty_share=0.5)
     >>> sum(not frame.pixels for frame in frames)
@@ -378,11 +378,11 @@ def _hand(rng: np.random.Generator, frames: int) -> Array:
 
     width = HAND_TIME * RATE
     noise = gaussian_filter1d(rng.standard_normal(frames), width, mode="wrap")
-    return np.asarray(HAND * np.sqrt(2.0 * np.sqrt(np.pi) * width) * noise)  # a filter's sum of squares, undone
+    return np.asarray(HAND * np.sqrt(2.0 * np.sqrt(np.pi) * width) * noise)  # undoes the loss of variance by the filter
 
 
 def _leaning(rng: np.random.Generator) -> Array:
-    """The small rotation of a tripod that was not quite levelled."""
+    """Small rotation of a tripod that is not exactly level."""
     from scipy.spatial.transform import Rotation
 
     return np.asarray(Rotation.from_rotvec([*rng.normal(0.0, LEAN, size=2), 0.0]).as_matrix())

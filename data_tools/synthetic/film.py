@@ -16,7 +16,7 @@ import numpy as np
 
 from data_tools.synthetic.clips import RATE, between, camera_path, flight, seen_far_away
 from data_tools.synthetic.ground import random_ground, random_light
-from data_tools.synthetic.objects import TEAM_SHARES, Thing, add_far_to_near, random_goals, soccer_goals
+from data_tools.synthetic.objects import TEAM_SHARES, Drawable, add_far_to_near, random_goals, soccer_goals
 from data_tools.synthetic.people import Kit, Person, add_person, random_kit, random_suns
 from data_tools.synthetic.pictures import add_graphics
 from data_tools.synthetic.surroundings import add_surroundings
@@ -69,6 +69,8 @@ class Scene:
 
     field: Field
     seed: int
+    rate: float
+    """Frames a second."""
     positions: Array
     """(frames, people, 2): metres on the ground."""
     people: Sequence[tuple[Person, Kit, float]]
@@ -83,15 +85,15 @@ class Scene:
             (Person.random(rng), kits[rng.choice(len(kits), p=TEAM_SHARES)], rng.uniform(0.0, 2.0 * np.pi))
             for _ in range(PLAYERS)
         ]
-        return cls(field, seed, _runs(field, cameras, rng), people)
+        return cls(field, seed, RATE, _runs(field, cameras, rng), people)
 
     def at(self, frame: int, camera: Camera) -> Float32:
-        """The picture at the moment of a frame, (height, width, 3)."""
+        """Render the picture at the moment of a frame, (height, width, 3)."""
         ray = rays(camera)
         ground = Ground.of_rays(camera, ray)
         light = random_light(ground, self.field, self._rng(LIGHT))
         picture = random_ground(ground, self.field, self._rng(GROUND)) * light
-        boards = _boards(self.seed, frame / RATE)
+        boards = _boards(self.seed, frame / self.rate)
         add_surroundings(picture, camera, ray, ground, self.field, self._rng(STANDS), boards)
         image = to_uint8(picture)
         self._add_objects(image, light, frame, camera)
@@ -103,16 +105,16 @@ class Scene:
         first, last = max(frame - 1, 0), min(frame + 1, len(self.positions) - 1)
         velocity = (self.positions[last] - self.positions[first]) / max(last - first, 1)
         X = np.pad(self.positions[frame], ((0, 0), (0, 1)))
-        share = np.minimum(np.linalg.norm(velocity, axis=1) * RATE / SPRINT, 1.0)
+        share = np.minimum(np.linalg.norm(velocity, axis=1) * self.rate / SPRINT, 1.0)
 
         def draw(who: int) -> None:
             person, kit, phase = self.people[who]
-            step = share[who] * np.sin(2.0 * np.pi * CADENCE * frame / RATE + phase)
+            step = share[who] * np.sin(2.0 * np.pi * CADENCE * frame / self.rate + phase)
             heading = float(np.arctan2(velocity[who, 1], velocity[who, 0]))
             running = replace(person, stride=STRIDE * step, swing=SWING * step, heading=heading)
             add_person(image, light, camera, X[who], running, kit, suns)
 
-        people = [Thing(place, partial(draw, who)) for who, place in enumerate(X)]
+        people = [Drawable(place, partial(draw, who)) for who, place in enumerate(X)]
         add_far_to_near(camera, [*people, *soccer_goals(image, camera, self.field, *goals)])
 
     def _rng(self, what: int) -> np.random.Generator:
@@ -214,7 +216,7 @@ def write_clip(path: Path, scene: Scene, frames: Sequence[TrueFrame]) -> None:
     for index, frame in enumerate(frames):
         of_frame = {"frame": index, "shot": frame.shot, "tripod": frame.tripod, "image_size": frame.camera.image_size}
         lines.append(json.dumps({**of_frame, **size, **camera_to_record(frame.camera)}) + "\n")
-    with VideoWriter(path, RATE) as video:
+    with VideoWriter(path, scene.rate) as video:
         for image in film(scene, frames):
             video.write(image)
     write_text(path.with_suffix(".jsonl"), "".join(lines))
@@ -237,7 +239,7 @@ def _moved(a: Camera, b: Camera) -> float:
 
 
 def _runs(field: Field, cameras: Sequence[Camera], rng: np.random.Generator) -> Array:
-    """Positions of the players, (frames, people, 2)."""
+    """Draw positions of the players, (frames, people, 2)."""
     from scipy.ndimage import gaussian_filter1d
 
     middle = np.array(cameras[0].image_size) / 2.0

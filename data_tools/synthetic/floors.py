@@ -43,7 +43,7 @@ WEAR: dict[Surface, float] = {
     "turf": 0.06,
     "blue turf": 0.06,
 }
-AROUND: Hsv = (0.0, 360.0), (0.0, 0.3), (0.1, 0.45)  # what lies around
+AROUND: Hsv = (0.0, 360.0), (0.0, 0.3), (0.1, 0.45)  # ground around the court
 APRON_SHARE = 0.6  # of the courts lie in ground of another colour
 RUN_OFF = (1.5, 5.0)  # m of ground around a court
 PLANK = 0.07  # m
@@ -151,5 +151,5 @@ def hall_light(ground: Ground, rng: np.random.Generator) -> Float32:
     """Variation of the light in a hall: factors (3, height, width)."""
     x, y = ground.xy
     light = 1.0 + rng.uniform(0.0, 0.08) * noise_at(x, y, rng.uniform(0.1, 0.6), rng)
-    tint = rng.normal(0.0, 0.04, size=3)  # of its lamps
+    tint = rng.normal(0.0, 0.04, size=3)  # colour of the lamps
     return np.asarray(np.nan_to_num(light, nan=1.0)[None] * (1.0 + tint[:, None, None]), np.float32)

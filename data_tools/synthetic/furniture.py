@@ -12,7 +12,7 @@ import numpy as np
 from data_tools.synthetic.colours import random_colour
 from data_tools.synthetic.goals import GoalFrame, add_goal, mix_bars
 from data_tools.synthetic.looks import DARK, STEEL, WHITE, Look
-from data_tools.synthetic.objects import Thing, random_goals
+from data_tools.synthetic.objects import Drawable, random_goals
 from fieldcalib._types import Array
 from fieldcalib.draw.scene import NEAR_PLANE, SHIFT, Colour, fixed_point
 from fieldcalib.fields.field import Field
@@ -30,7 +30,7 @@ POST_AWAY = 0.75  # m from the side line: posts of nets that have none in the fi
 FARTHEST = 1e4  # px: what reaches farther out of the image cannot be drawn
 
 
-def furniture(image: Image, camera: Camera, field: Field, look: Look, rng: np.random.Generator) -> list[Thing]:
+def furniture(image: Image, camera: Camera, field: Field, look: Look, rng: np.random.Generator) -> list[Drawable]:
     """All that has a label and stands above the ground, and what belongs to it, to be drawn onto an image."""
     raised = {label: s for label, s in field.markings.items() if np.any(s.sample()[:, 2])}
     goal_net, depth = random_goals(rng)
@@ -38,7 +38,7 @@ def furniture(image: Image, camera: Camera, field: Field, look: Look, rng: np.ra
     steel = random_colour(rng, *STEEL)
     kinds = {look.colour(label, WHITE) for label in raised}
     shades = {kind: random_colour(rng, *kind) for kind in sorted(kinds)}
-    things: list[Thing] = []
+    things: list[Drawable] = []
     if look.nets:
         things += [_goal(image, camera, bar, look, goal_net, depth) for bar in _crossbars(raised)]
     things += _nets(image, camera, field, raised, mesh, steel)
@@ -48,7 +48,7 @@ def furniture(image: Image, camera: Camera, field: Field, look: Look, rng: np.ra
         width, colour = look.width(label, BAR), shades[look.colour(label, WHITE)]
         other = WHITE_STRIPE if look.striped and label.startswith(look.striped) else colour
         bar = partial(_add_bar, image, camera, segment, width, (colour, other))
-        things.append(Thing(segment.sample().mean(axis=0), bar))
+        things.append(Drawable(segment.sample().mean(axis=0), bar))
     return things
 
 
@@ -86,14 +86,14 @@ def _crossbars(raised: Mapping[str, Segment]) -> list[Line]:
 
 def _goal(
     image: Image, camera: Camera, bar: Line, look: Look, net: tuple[Colour, float], depth: tuple[float, float]
-) -> Thing:
+) -> Drawable:
     """The net of a goal; its posts and its crossbar have labels and are drawn by themselves."""
     end, height = np.array(bar.end), -bar.end[2]
     frame = GoalFrame(2.0 * abs(end[1]), height, 0.5 * look.width("Goal left", BAR))
     shallow = (0.5 * depth[0], 0.4 * depth[1])
     middle = np.array([end[0], 0.0, 0.0])
     farther = middle + np.sign(middle) * (0.3, 0.0, 0.0)
-    return Thing(farther, partial(add_goal, image, camera, middle, net, shallow, frame))
+    return Drawable(farther, partial(add_goal, image, camera, middle, net, shallow, frame))
 
 
 def _nets(
@@ -103,7 +103,7 @@ def _nets(
     raised: Mapping[str, Segment],
     mesh: tuple[Colour, float],
     steel: Colour,
-) -> Iterator[Thing]:
+) -> Iterator[Drawable]:
     """Nets across the court: down to the ground, or to their lower edge."""
     tops = [s for label, s in raised.items() if label.startswith("Net") and isinstance(s, Line) and "post" not in label]
     lower = [s for label, s in raised.items() if label == "Net lower edge" and isinstance(s, Line)]
@@ -114,12 +114,12 @@ def _nets(
         foot = np.array([1.0, 1.0, 0.0])
         below = [np.array(lower[0].end), np.array(lower[0].start)] if lower else [foot * end, foot * start]
         corners = np.array([start, end, *below])
-        yield Thing(corners.mean(axis=0), partial(_panel, image, camera, corners, *mesh))
+        yield Drawable(corners.mean(axis=0), partial(_panel, image, camera, corners, *mesh))
     if lower:
         for sign in (-1.0, 1.0):
             x, y = 0.0, sign * (0.5 * field.width + POST_AWAY)
             post = Line((x, y, lower[0].start[2] - 1.0), (x, y, 0.0))
-            yield Thing(np.array([x, y, 0.0]), partial(_add_bar, image, camera, post, 0.1, (steel, steel)))
+            yield Drawable(np.array([x, y, 0.0]), partial(_add_bar, image, camera, post, 0.1, (steel, steel)))
 
 
 def _baskets(
@@ -128,7 +128,7 @@ def _baskets(
     raised: Mapping[str, Segment],
     steel: Colour,
     rng: np.random.Generator,
-) -> Iterator[Thing]:
+) -> Iterator[Drawable]:
     """The glass or wood of backboards, the nets of the rims, and what holds them."""
     glass = random_colour(rng, saturation=(0.0, 0.1), value=(0.7, 1.0)), float(rng.choice((0.25, 0.95)))
     pad = random_colour(rng, saturation=(0.3, 0.9), value=(0.2, 0.7))
@@ -140,32 +140,34 @@ def _baskets(
         assert isinstance(lower, Line)
         assert isinstance(rim, Arc)
         corners = np.array([upper.start, upper.end, lower.end, lower.start])
-        yield Thing(corners.mean(axis=0) + (0.0, 0.0, 0.01), partial(_panel, image, camera, corners, *glass))
+        yield Drawable(corners.mean(axis=0) + (0.0, 0.0, 0.01), partial(_panel, image, camera, corners, *glass))
         out = float(np.sign(upper.start[0]))
         middle = corners.mean(axis=0)
         back = Line((middle[0], 0.0, middle[2]), (middle[0] + out * ARM, 0.0, 0.8 * middle[2]))
         foot = Line(back.end, (back.end[0], 0.0, 0.0))
-        yield Thing(np.array(back.end), partial(_add_bar, image, camera, back, 0.2, (steel, steel)))
-        yield Thing(np.array(foot.end), partial(_add_bar, image, camera, foot, PAD, (pad, pad)))
+        yield Drawable(np.array(back.end), partial(_add_bar, image, camera, back, 0.2, (steel, steel)))
+        yield Drawable(np.array(foot.end), partial(_add_bar, image, camera, foot, PAD, (pad, pad)))
         X = rim.sample(0.2)
         narrow = rim.center + 0.5 * (X - rim.center) + np.array([0.0, 0.0, RIM_NET])
         strands = [np.array(strand) for strand in zip(X, narrow, strict=True)]
-        yield Thing(X.mean(axis=0), partial(mix_bars, image, camera, strands, 0.02, WHITE_STRIPE, 0.7))
+        yield Drawable(X.mean(axis=0), partial(mix_bars, image, camera, strands, 0.02, WHITE_STRIPE, 0.7))
 
 
-def _glass(image: Image, camera: Camera, field: Field, raised: Mapping[str, Segment], steel: Colour) -> Iterator[Thing]:
+def _glass(
+    image: Image, camera: Camera, field: Field, raised: Mapping[str, Segment], steel: Colour
+) -> Iterator[Drawable]:
     """The posts between the panes of glass walls, and the upper edges of those along the sides."""
     fences = [s for label, s in raised.items() if label.startswith("Fence") and isinstance(s, Line)]
     for fence in fences:
         x, height = fence.start[0], fence.start[2]
         for y in np.arange(-0.5 * field.width + MULLIONS, 0.5 * field.width - 0.1, MULLIONS).tolist():
             post = Line((x, y, height), (x, y, 0.0))
-            yield Thing(np.array([x, y, 0.0]), partial(_add_bar, image, camera, post, 0.05, (steel, steel)))
+            yield Drawable(np.array([x, y, 0.0]), partial(_add_bar, image, camera, post, 0.05, (steel, steel)))
         for y in (-0.5 * field.width, 0.5 * field.width):
             for at in np.arange(1.0, 0.5 * field.length / MULLIONS).tolist():
                 along = float(np.sign(x) * (0.5 * field.length - at * MULLIONS))
                 top = height if at < 2.0 else 0.75 * height  # the sides are lower than the back, but near it
                 post = Line((along, y, top), (along, y, 0.0))
-                yield Thing(np.array([along, y, 0.0]), partial(_add_bar, image, camera, post, 0.05, (steel, steel)))
+                yield Drawable(np.array([along, y, 0.0]), partial(_add_bar, image, camera, post, 0.05, (steel, steel)))
             rail = Line((x, y, 0.75 * height), (0.0, y, 0.75 * height))
-            yield Thing(np.array([0.5 * x, y, 0.0]), partial(_add_bar, image, camera, rail, 0.05, (steel, steel)))
+            yield Drawable(np.array([0.5 * x, y, 0.0]), partial(_add_bar, image, camera, rail, 0.05, (steel, steel)))

@@ -1,4 +1,4 @@
-"""Games by the name of their field: what frames of each are made of."""
+"""Games by the name of their field: the parts of which their frames are made."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ from fieldcalib._types import Array, BoolArray, Float32
 from fieldcalib.console.field_options import SOCCER, named_field
 from fieldcalib.draw.ground import Ground
 from fieldcalib.fields.field import Field
-from fieldcalib.fields.soccer import soccer
+from fieldcalib.fields.sports.soccer import soccer
 from fieldcalib.fields.stands import CameraDistribution, stands_around
 from fieldcalib.geometry.camera import Camera
 from fieldcalib.io.image import Image
@@ -30,7 +30,7 @@ from fieldcalib.io.image import Image
 NOMINAL_SHARE = 0.5  # of the fields whose size varies have the nominal one
 NEAR_PLAY = 0.3  # standard deviation around the play, in shares of the field's size
 AROUND_PLAY = 0.25  # share of the people who stand around the field
-AWAY = (0.5, 2.0)  # m: how far from it
+AWAY = (0.5, 2.0)  # m: distance from the field
 
 Surrounds = Callable[[Float32, Camera, Float32, Ground, Field, np.random.Generator], BoolArray]
 

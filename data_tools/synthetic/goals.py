@@ -11,7 +11,7 @@ import numpy as np
 
 from fieldcalib._types import Array
 from fieldcalib.draw.scene import NEAR_PLANE, SHIFT, Colour, fixed_point
-from fieldcalib.fields.soccer import GOAL_HEIGHT, GOAL_WIDTH
+from fieldcalib.fields.sports.soccer import GOAL_HEIGHT, GOAL_WIDTH
 from fieldcalib.geometry.camera import Camera
 from fieldcalib.io.image import Image
 

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from fieldcalib.draw.scene import SHIFT, fixed_point, image_curves
 from fieldcalib.fields.field import ALIKE, Field
-from fieldcalib.fields.soccer import soccer
+from fieldcalib.fields.sports.soccer import soccer
 from fieldcalib.geometry.camera import Camera
 
 MOST_CLASSES = 255  # of a mask, beside the background

@@ -20,11 +20,11 @@ from fieldcalib.io.image import Image
 TEAM_SHARES = (0.42, 0.42, 0.03, 0.03, 0.1)  # of the people: two teams, two keepers, the referees
 
 
-class Thing(NamedTuple):
-    """Somebody or something that stands on the field."""
+class Drawable(NamedTuple):
+    """A person or an object on the field, and how it is drawn."""
 
     X: Array
-    """Where, (3,)."""
+    """Position in metres, (3,)."""
     draw: Callable[[], object]
     """Draws it onto the image."""
 
@@ -43,16 +43,16 @@ def players(
     rng: np.random.Generator,
     positions: Callable[[np.random.Generator], Iterable[Array]],
     shadows: Callable[[np.random.Generator], list[Sun]] = random_suns,
-) -> list[Thing]:
+) -> list[Drawable]:
     """Players of two teams and referees, to be drawn onto an image."""
     kits, suns = [random_kit(rng) for _ in TEAM_SHARES], shadows(rng)
 
-    def standing(X: Array) -> Thing:
+    def standing(X: Array) -> Drawable:
         def draw() -> None:
             person, kit = Person.random(rng), kits[rng.choice(len(kits), p=TEAM_SHARES)]
             add_person(image, light, camera, X, person, kit, suns)
 
-        return Thing(X, draw)
+        return Drawable(X, draw)
 
     return [standing(X) for X in positions(rng)]
 
@@ -65,13 +65,13 @@ def random_goals(rng: np.random.Generator) -> tuple[tuple[Colour, float], tuple[
 
 def soccer_goals(
     image: Image, camera: Camera, field: Field, net: tuple[Colour, float], depth: tuple[float, float]
-) -> list[Thing]:
+) -> list[Drawable]:
     """Both goals as `random_goals` makes them, to be drawn onto an image."""
     middles = [np.array([sign * field.length / 2.0, 0.0, 0.0]) for sign in (-1.0, 1.0)]
-    return [Thing(X, partial(add_goal, image, camera, X, net, depth)) for X in middles]
+    return [Drawable(X, partial(add_goal, image, camera, X, net, depth)) for X in middles]
 
 
-def add_far_to_near(camera: Camera, things: list[Thing]) -> None:
+def add_far_to_near(camera: Camera, things: list[Drawable]) -> None:
     """Draw things, the farthest first."""
     for thing in sorted(things, key=lambda thing: float(np.linalg.norm(thing.X - camera.C)), reverse=True):
         thing.draw()

@@ -60,10 +60,10 @@ def random_suns(rng: np.random.Generator) -> list[Sun]:
 
 @dataclass(frozen=True)
 class Person:
-    """Somebody in the middle of a step."""
+    """A person in the middle of a step."""
 
     tall: float
-    """Metres."""
+    """Height in metres."""
     stride: float
     """Distance of the front foot, as a share of the height; the other foot is as far back."""
     swing: float
@@ -71,7 +71,7 @@ class Person:
     raised: bool
     """Whether the arms are raised, in joy or protest."""
     heading: float
-    """Radians from x."""
+    """Direction in radians from x."""
     bright: float
     skin: Colour
 

@@ -56,11 +56,11 @@ class Wall:
     pixel: Float32
     """Height of a pixel, metres."""
     ahead: BoolArray
-    """Whether they meet it in front of the camera, within the length of the wall, be it below the ground."""
+    """Whether a ray meets the plane in front of the camera and within the wall's length, above or below the ground."""
 
     def up_to(self, top: Float32 | float) -> Float32:
         """Share of every pixel that the wall covers from the ground to a height in metres."""
-        with np.errstate(invalid="ignore"):  # the horizon's pixels
+        with np.errstate(invalid="ignore"):  # pixels at the horizon
             below, above = self.height / self.pixel, (top - self.height) / self.pixel
         return np.where(self.ahead, np.clip(below + 0.5, 0.0, 1.0) * np.clip(above + 0.5, 0.0, 1.0), np.float32(0.0))
 
@@ -101,7 +101,7 @@ def add_surroundings(
     drop = OPEN_DROP if rng.random() < OPEN_SHARE else 0.0
     half = np.array([field.length, field.width]) / 2.0 + around.past + rng.uniform(*(around.boards or NOWHERE), size=2)
     behind = half + rng.uniform(*around.stands)
-    beyond = [side for side in SIDES if side[1] * camera.C[side[0]] < half[side[0]]]  # past the field
+    beyond = [side for side in SIDES if side[1] * camera.C[side[0]] < half[side[0]]]  # on the other side of the field
     for axis, sign in beyond:
         wall = Wall.of_rays(camera, ray, axis, sign * behind[axis], behind[1 - axis] + 1.0)
         rows = np.clip((STAND_HEIGHT - drop - wall.height) * STAND_SCALE, 0.0, len(stand) - 1.0)

@@ -170,7 +170,7 @@ def probability_right(model: ProbabilityModel, terms: Array, weights: Array, met
 
     Examples
     --------
-    >>> from fieldcalib.fields.soccer import PROBABILITY
+    >>> from fieldcalib.fields.sports.soccer import PROBABILITY
     >>> few_centimetres = np.array([[1.0, np.log(0.05), 0.0, np.log(20.0), 0.0]]), np.ones(1)
     >>> probability_right(PROBABILITY, *few_centimetres, 0.5) > 0.99
     True

@@ -21,7 +21,7 @@ from fieldcalib.draw.overlays import draw_field, draw_segments
 from fieldcalib.draw.scene import render_field
 from fieldcalib.draw.sheet import contact_sheet
 from fieldcalib.fields.field import Field
-from fieldcalib.fields.soccer import soccer
+from fieldcalib.fields.sports.soccer import soccer
 from fieldcalib.geometry.camera import Camera
 from fieldcalib.io.files import write_text
 from fieldcalib.io.image import Image

@@ -9,7 +9,7 @@ from pathlib import Path
 
 from fieldcalib.assess.result import Calibration, Status
 from fieldcalib.fields.field import Field
-from fieldcalib.fields.soccer import soccer
+from fieldcalib.fields.sports.soccer import soccer
 from fieldcalib.io.files import BrokenFileError, open_regular_file, parse_json_object
 from fieldcalib.io.results import BROKEN, is_table, lines_file, result_lines
 

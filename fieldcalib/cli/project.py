@@ -22,7 +22,7 @@ from fieldcalib.cli.frame_cameras import Cameras
 from fieldcalib.cli.game_state import Projection, write_game_state
 from fieldcalib.console.arguments import add_most_bytes, add_size, number
 from fieldcalib.console.program import say
-from fieldcalib.fields.soccer import soccer
+from fieldcalib.fields.sports.soccer import soccer
 from fieldcalib.geometry.image_extent import hint_of_another_size
 from fieldcalib.io.boxes import Box, BoxRow, foot_points, open_boxes
 from fieldcalib.io.coordinates import OWN_SYSTEMS, check_system, scale_of_system, to_system

@@ -17,7 +17,7 @@ from fieldcalib._types import Array, BoolArray, Float32, IntArray
 from fieldcalib.fields.field import Field
 from fieldcalib.fields.segments import Segment, outwards
 from fieldcalib.fields.segments.segment import Ring
-from fieldcalib.fields.soccer import GOAL_AREA_DEPTH
+from fieldcalib.fields.sports.soccer import GOAL_AREA_DEPTH
 from fieldcalib.fields.traits import Paint
 from fieldcalib.geometry.camera import Camera
 

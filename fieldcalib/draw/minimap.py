@@ -65,7 +65,7 @@ def draw_minimap(
 
     Examples
     --------
-    >>> from fieldcalib.fields.soccer import soccer
+    >>> from fieldcalib.fields.sports.soccer import soccer
     >>> camera = Camera.from_angles(0.0, np.radians(75), 0.0, 1500.0, C=(0, 56, -15), image_size=(960, 540))
     >>> draw_minimap(camera, soccer(), size=(240, 160)).shape
     (160, 240, 3)
@@ -123,7 +123,7 @@ def draw_players(
     Examples
     --------
     >>> from fieldcalib.draw import overhead_camera
-    >>> from fieldcalib.fields.soccer import soccer
+    >>> from fieldcalib.fields.sports.soccer import soccer
     >>> overhead = overhead_camera(soccer(), 0.2)
     >>> width, height = overhead.image_size
     >>> grass = np.full((height, width, 3), (60, 130, 70), np.uint8)

@@ -91,7 +91,7 @@ def draw_field(
 
     Examples
     --------
-    >>> from fieldcalib.fields.soccer import soccer
+    >>> from fieldcalib.fields.sports.soccer import soccer
     >>> camera = Camera.from_angles(0.0, np.radians(75), 0.0, 1500.0, C=(0, 56, -15), image_size=(960, 540))
     >>> picture = draw_field(np.zeros((540, 960, 3), np.uint8), camera, soccer(), colour=(0, 255, 255))
     >>> picture[269, 480].tolist()  # the centre mark, on the middle line

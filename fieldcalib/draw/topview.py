@@ -48,7 +48,7 @@ def overhead_camera(field: Field, metres_per_pixel: float | None = None, margin:
 
     Examples
     --------
-    >>> from fieldcalib.fields.soccer import soccer
+    >>> from fieldcalib.fields.sports.soccer import soccer
     >>> overhead = overhead_camera(soccer(), margin=5.0)
     >>> overhead.image_size, overhead.project([0.0, 0.0, 0.0])
     ((1150, 780), array([574.5, 389.5]))
@@ -96,7 +96,7 @@ def top_view(image: Image, camera: Camera, overhead: Camera) -> tuple[Image, Boo
     Examples
     --------
     >>> from fieldcalib.draw.scene import render_field
-    >>> from fieldcalib.fields.soccer import soccer
+    >>> from fieldcalib.fields.sports.soccer import soccer
     >>> camera = Camera.from_angles(0.0, np.radians(75), 0.0, 1500.0, C=(0, 56, -15), image_size=(960, 540))
     >>> picture, seen = top_view(render_field(camera, soccer()), camera, overhead_camera(soccer(), 0.2))
     >>> picture.shape, bool(seen[195, 287]), bool(seen[0, 0])
@@ -142,7 +142,7 @@ def mosaic(views: Iterable[tuple[Image, Camera]], overhead: Camera) -> tuple[Ima
     Two halves of a field:
 
     >>> from fieldcalib.draw.scene import render_field
-    >>> from fieldcalib.fields.soccer import soccer
+    >>> from fieldcalib.fields.sports.soccer import soccer
     >>> pans = [Camera.from_angles(pan, 1.3, 0.0, 700.0, (0, 60, -18), (960, 540)) for pan in (-0.4, 0.4)]
     >>> overhead = overhead_camera(soccer(), 0.5)
     >>> _, seen = mosaic(((render_field(camera, soccer()), camera) for camera in pans), overhead)

@@ -4,7 +4,6 @@ from . import field as field
 from . import mirrored as mirrored
 from . import records as records
 from . import segments as segments
-from . import soccer as soccer
 from . import sports as sports
 from . import stands as stands
 from . import traits as traits
@@ -20,5 +19,6 @@ from .sports.ice_hockey import ice_hockey as ice_hockey
 from .sports.ice_hockey import ice_hockey_iihf as ice_hockey_iihf
 from .sports.padel import padel as padel
 from .sports.rugby_union import rugby_union as rugby_union
+from .sports.soccer import soccer as soccer
 from .sports.tennis import tennis as tennis
 from .sports.volleyball import volleyball as volleyball

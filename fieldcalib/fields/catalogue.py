@@ -9,7 +9,6 @@ from types import MappingProxyType
 from typing import Any
 
 from fieldcalib.fields.field import Field
-from fieldcalib.fields.soccer import soccer
 from fieldcalib.fields.sports.american_football import american_football
 from fieldcalib.fields.sports.badminton import badminton
 from fieldcalib.fields.sports.basketball import basketball
@@ -19,6 +18,7 @@ from fieldcalib.fields.sports.handball import handball
 from fieldcalib.fields.sports.ice_hockey import ice_hockey, ice_hockey_iihf
 from fieldcalib.fields.sports.padel import padel
 from fieldcalib.fields.sports.rugby_union import rugby_union
+from fieldcalib.fields.sports.soccer import soccer
 from fieldcalib.fields.sports.tennis import tennis
 from fieldcalib.fields.sports.volleyball import volleyball
 

@@ -10,10 +10,10 @@ from typing import Any, TypeAlias, TypeVar
 from fieldcalib._json import from_json, to_json
 from fieldcalib.fields.field import Field, built
 from fieldcalib.fields.segments import Arc, Line, Point, PointCloud, Segment
-from fieldcalib.fields.soccer import soccer
 from fieldcalib.fields.sports.futsal import futsal
 from fieldcalib.fields.sports.ice_hockey import ice_hockey_iihf
 from fieldcalib.fields.sports.rugby_union import OfInGoal
+from fieldcalib.fields.sports.soccer import soccer
 from fieldcalib.fields.stands import CameraDistribution
 from fieldcalib.fields.traits import Crown, Halves, LineLook, Paint, ProbabilityModel, SizePrior
 

@@ -54,7 +54,7 @@ def to_system(xy: ArrayLike, system: str, field: Field) -> Array:
 
     Examples
     --------
-    >>> from fieldcalib.fields.soccer import soccer
+    >>> from fieldcalib.fields.sports.soccer import soccer
     >>> to_system([[41.5, 0.0, 0.0], [0.0, -34.0, 0.0]], "statsbomb", soccer())  # penalty mark, far touchline
     array([[108.,  40.],
            [ 60.,   0.]])
@@ -91,7 +91,7 @@ def scale_of_system(xy: ArrayLike, system: str, field: Field) -> Array:
 
     Examples
     --------
-    >>> from fieldcalib.fields.soccer import soccer
+    >>> from fieldcalib.fields.sports.soccer import soccer
     >>> scale_of_system([10.0, 5.0], "tracab", soccer()).round(6)
     array([ 100., -100.])
     """

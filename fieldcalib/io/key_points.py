@@ -18,7 +18,7 @@ import numpy as np
 from fieldcalib._types import Array
 from fieldcalib.fields.field import Field
 from fieldcalib.fields.segments import Point
-from fieldcalib.fields.soccer import CIRCLE_RADIUS, soccer
+from fieldcalib.fields.sports.soccer import CIRCLE_RADIUS, soccer
 from fieldcalib.io.pnlcalib import KEYPOINTS, keypoint_field, keypoint_name, keypoints_by_name
 
 # Points of roboflow/sports, the first one first.

@@ -25,8 +25,8 @@ import numpy as np
 
 from fieldcalib._types import Array
 from fieldcalib.fields.field import Field
-from fieldcalib.fields.segments import Line, Point
-from fieldcalib.fields.soccer import (
+from fieldcalib.fields.segments import Point
+from fieldcalib.fields.sports.soccer import (
     CIRCLE_RADIUS,
     PENALTY_AREA_DEPTH,
     PENALTY_AREA_WIDTH,
@@ -86,7 +86,7 @@ NAMED_KEYPOINTS = MappingProxyType(
 )
 
 # Labels of lines by id: those of soccer in alphabetical order.
-LINES = dict(enumerate(sorted(label for label, segment in soccer().items() if isinstance(segment, Line)), 1))
+LINES = dict(enumerate(sorted(label for label, segment in soccer().items() if segment.is_straight), 1))
 
 
 @dataclass(frozen=True)

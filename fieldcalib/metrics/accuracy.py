@@ -20,7 +20,7 @@ import numpy as np
 from fieldcalib._types import Array, BoolArray, IntArray
 from fieldcalib.fields.field import Field
 from fieldcalib.fields.segments import Segment
-from fieldcalib.fields.soccer import soccer
+from fieldcalib.fields.sports.soccer import soccer
 from fieldcalib.geometry.camera import checked_image_size
 from fieldcalib.io.soccernet import UNKNOWN_LABELS
 from fieldcalib.metrics.polylines import Polylines, Samples, distances_to_polylines, project_segments, sample_segments

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from fieldcalib.fields.field import Field
-from fieldcalib.fields.soccer import soccer
+from fieldcalib.fields.sports.soccer import soccer
 from fieldcalib.geometry.camera import checked_image_size
 from fieldcalib.metrics.views import Prediction, checked_prediction, image_to_field
 

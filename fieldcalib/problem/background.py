@@ -199,12 +199,12 @@ class BackgroundTerm:
 
     @property
     def gradient(self) -> Array:
-        """(B, P)"""
+        """Gradient by the free parameters, (B, P)."""
         return self._normal_equations[0]
 
     @property
     def hessian(self) -> Array:
-        """(B, P, P)"""
+        """Gauss-Newton Hessian within each frame, (B, P, P)."""
         return self._normal_equations[1]
 
     @property

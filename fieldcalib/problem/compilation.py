@@ -1,4 +1,4 @@
-"""What is compiled where Numba is installed, and what is left to NumPy.
+"""Dispatch between compiled code, where Numba is installed, and NumPy.
 
 Compiled are independent frames of lines, arcs and points under a radial lens or none: what is calibrated frame by
 frame, on fields whose size is known or estimated. Frames that share parameters or are tied to each other, point clouds
@@ -34,7 +34,7 @@ def compiled() -> ModuleType | None:
 
 
 def kernels(layout: Layout, observations: Observations | None = None) -> ModuleType | None:
-    """The compiled functions, if they know such cameras and such rows."""
+    """The compiled functions; None if they do not support the lens or the kinds of rows."""
     plain = isinstance(layout.lens, RadialLens | Pinhole) and layout.zoom_law is None
     if not plain:
         return None

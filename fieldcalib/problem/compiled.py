@@ -369,11 +369,11 @@ class Frames(NamedTuple):
 
 
 class Terms(NamedTuple):
-    """What else the cost consists of."""
+    """The terms of the cost beside the pixels, and how it is minimised."""
 
     loss: Loss
     tails: Loss
-    """Of the lens's prior."""
+    """Loss of the prior of the lens."""
     has_prior: bool
     mean: Array
     """(B, n)."""
@@ -385,7 +385,7 @@ class Terms(NamedTuple):
 
 
 class Bounds(NamedTuple):
-    """Of the free parameters (P,), and of their steps."""
+    """Bounds of the free parameters (P,) and of their steps."""
 
     least: Array
     largest: Array

@@ -51,31 +51,31 @@ class Problem:
 
     observations: Observations
     layout: Layout
-    """What theta consists of, and what of it is estimated."""
+    """The parameters, and which of them are estimated."""
     loss: RobustLoss
     noise: float = 1.0
-    """Standard deviation, in pixels, of a segment of weight 1: what the labels weigh against the prior."""
+    """Standard deviation of a segment of weight 1, pixels: it weighs the labels against the prior."""
     prior: GaussianPrior | None = None
-    """One for each problem, (B, n); None for none."""
+    """Prior of each problem, (B, n); None without."""
     group: IntArray | None = None
-    """Which frames share the shared parameters, (B,), ascending from 0; None where nothing is shared."""
+    """Number of the group of each frame, (B,), ascending from 0: groups share parameters. None if nothing is shared."""
     paint: float = 0.0
-    """Standard deviation, in metres, of where a line is painted as a whole: it is in the uncertainty alone."""
+    """Standard deviation of the place of a painted line, metres; it enters the uncertainty only."""
     considered: Array | None = None
-    """Covariance of the parameters that the layout considers; None for what is known a priori of a field's size."""
+    """Covariance of the considered parameters; None for the prior knowledge of the field's size."""
     scale: float = SOCCER_SCALE
-    """Size of the scene in metres: what steps of the camera's centre are measured by."""
+    """Size of the scene, metres: the unit of steps of the camera's centre."""
     background: BackgroundPairs | None = None
-    """What ties frames of one camera to each other; None for nothing."""
+    """Points of the background that tie frames of one camera; None without."""
     path: SmoothPath | None = None
-    """On which the centre of the camera moves; None where it is shared, or where each frame has its own."""
+    """The path of the centre of a moving camera; None if frames share the centre, or each has its own."""
 
     def __len__(self) -> int:
         return len(self.observations)
 
     @property
     def free(self) -> BoolArray:
-        """Which parameters are estimated, (n,)."""
+        """Mask of the estimated parameters, (n,)."""
         return self.layout.free
 
     def take(self, index: IntArray | slice) -> Problem:
@@ -102,14 +102,14 @@ class Problem:
         return self.prior.z_scores(theta)[:, self.free]
 
     def is_possible(self, theta: Array) -> BoolArray:
-        """Whether the focal lengths are possible, (B,): a fit that collapses is stopped before it overflows."""
+        """Whether the focal lengths are in range, (B,): a fit that collapses is stopped before it overflows."""
         log_f = theta[:, LOG_F] - np.log(self.layout.image_size[0])
         return np.asarray((log_f > LOG_F_RANGE[0]) & (log_f < LOG_F_RANGE[1]))
 
 
 @dataclass(frozen=True, eq=False)
 class Evaluation:
-    """A problem at its cameras: everything that follows from one search of the closest points.
+    """A problem evaluated at its cameras: all that follows from one search of the closest points.
 
     Examples
     --------
@@ -126,7 +126,7 @@ class Evaluation:
 
     problem: Problem
     theta: Array
-    """(B, n)."""
+    """Parameters of the cameras, (B, n)."""
     points: ClosestPoints
     known_projection: Projection | None = None
     """`projection`, if it was computed before."""
@@ -161,7 +161,7 @@ class Evaluation:
         return JT
 
     def _by_camera(self, free: BoolArray) -> Array:
-        """`derivatives` of a field that stays as it is."""
+        """`derivatives` for a field of constant size."""
         points = self.points
         of_images = compiled_derivatives(self.theta, self.problem.layout, points, free)
         if of_images is None:
@@ -170,7 +170,7 @@ class Evaluation:
 
     @cached_property
     def motion_of_points(self) -> Array:
-        """How the closest points move with length, width and, where that is a parameter, crown, (B, M, 3, 2 or 3)."""
+        """Derivatives of the closest points by length, width and, if it is a parameter, crown, (B, M, 3, 2 or 3)."""
         motion, size = self.problem.observations.motion_of_residuals, self.problem.layout.field_size
         if size is None or size.crown is None:
             return motion
@@ -190,7 +190,7 @@ class Evaluation:
 
     @cached_property
     def costs(self) -> Array:
-        """What each residual costs, (B, M); their sum, with that of the prior, is the cost."""
+        """Cost of each residual, (B, M)."""
         return np.asarray(0.5 * self.problem.observations.weight * self._losses[0] / self.problem.noise**2)
 
     @property
@@ -258,7 +258,7 @@ class Evaluation:
 
     @cached_property
     def coupling(self) -> Coupling | None:
-        """How the frames' own parameters are coupled with one another; None if they are not."""
+        """Hessian between the own parameters of different frames; None if they are independent."""
         found = [coupling for term in self.terms if (coupling := term.coupling) is not None]
         return Coupling(*map(np.concatenate, zip(*found, strict=True))) if found else None
 
@@ -289,7 +289,7 @@ class Evaluation:
         return Evaluation(problem, self.theta, self.points)
 
     def with_ends(self, ends: EndRows) -> Evaluation:
-        """With these ends of segments observed too."""
+        """The evaluation with other ends of segments."""
         observations = self.problem.observations.with_ends(ends)
         problem = replace(self.problem, observations=observations)
         points = self.points.columns(slice(0, self.r.shape[1] - self.problem.observations.ends.xy.shape[1]))
@@ -303,7 +303,7 @@ class Evaluation:
 
     @property
     def trimmed(self) -> Evaluation:
-        """Without the padding that all frames have: of one frame of many, without any."""
+        """The evaluation without the padding that all frames have."""
         observations = self.problem.observations
         kept = np.flatnonzero(np.any(observations.label >= 0, axis=0))
         return Evaluation(
@@ -314,7 +314,7 @@ class Evaluation:
         return Evaluation, (self.problem, self.theta, self.points)  # what follows from these is computed again
 
     def replaced(self, index: IntArray, other: Evaluation) -> Evaluation:
-        """With the cameras of `other` in place of those of the frames `index`."""
+        """The evaluation with the cameras of `other` for the frames `index`."""
         theta = self.theta.copy()
         theta[index] = other.theta
         return Evaluation(self.problem, theta, self.points.replaced(index, other.points))
@@ -328,23 +328,23 @@ class PixelTerm:
 
     @property
     def cost(self) -> Array:
-        """(B,)"""
+        """Cost of the pixels of each frame, (B,)."""
         return np.asarray(np.sum(self.evaluation.costs, axis=1))
 
     @property
     def gradient(self) -> Array:
-        """(B, P)"""
+        """Gradient by the free parameters, (B, P)."""
         of = self.evaluation
         return np.asarray((of.JT @ (of.pull * of.r)[..., None])[..., 0])
 
     @property
     def hessian(self) -> Array:
-        """(B, P, P)"""
+        """Gauss-Newton Hessian, (B, P, P)."""
         return self.evaluation.information
 
     @property
     def coupling(self) -> None:
-        """Frames are independent."""
+        """None: pixels of different frames are independent."""
         return None
 
 
@@ -365,14 +365,14 @@ def evaluate(problem: Problem, theta: Array) -> Evaluation:
 
 
 def evaluate_camera(camera: Camera, object_segments: ObjectSegments, frame: Pixels) -> Evaluation:
-    """One frame's labels at a camera, without a prior and a robust loss."""
+    """Evaluate the labels of one frame at a camera, without prior and robust loss."""
     return evaluate_cameras([camera], object_segments, [frame])
 
 
 def evaluate_cameras(
     cameras: Sequence[Camera], object_segments: ObjectSegments, frames: Sequence[Pixels]
 ) -> Evaluation:
-    """The labels of frames of one size, each at a camera of its own, without a prior and a robust loss."""
+    """Evaluate the labels of frames of one size, each at its camera, without prior and robust loss."""
     size = cameras[0].image_size
     layout = Layout.of(size, common_lens([camera.lens for camera in cameras]))
     problem = Problem(pack(object_segments, frames, size), layout, RobustLoss("linear", 1.0))

@@ -219,7 +219,7 @@ def _known_label(raw_label: str, object_segments: ObjectSegments) -> str:
 
 
 def nearest_label(label: str, object_segments: ObjectSegments) -> str:
-    """What to say of a label that an object does not have: one that is spelled nearly so, or the first ten."""
+    """Hint for an unknown label: the one with the nearest spelling, or the first ten labels."""
     known = [str(name) for name in object_segments]
     close = difflib.get_close_matches(str(label), known, n=1, cutoff=0.5)
     if close:

@@ -37,13 +37,13 @@ LOG_F = 3
 CENTER = slice(4, 7)
 PRINCIPAL_POINT = slice(7, 9)
 LOG_ASPECT = 9
-POSE_AND_ZOOM = slice(0, 7)  # what camera distributions are about
+POSE_AND_ZOOM = slice(0, 7)  # the parameters that camera distributions describe
 COMMON = ("pan", "tilt", "roll", "log f", "x", "y", "z", "cx", "cy", "log aspect")
 FIELD_SIZE = ("length", "width")
 CROWN = ("crown",)
 ZOOM_LAW = ("cx slope", "cy slope", "a1 slope", "a1 bend", "axis offset")
 
-# The longest step in one iteration: beyond it the linearisation says nothing about a camera.
+# The longest step in one iteration: farther away the linearisation does not hold.
 LARGEST_STEP = {"pan": 0.4, "tilt": 0.4, "roll": 0.4, "log f": 0.7, "x": 1.0, "y": 1.0, "z": 1.0}  # x, y, z: of a scale
 
 
@@ -63,35 +63,35 @@ def exp_of(theta: Array, column: int) -> Array:
 
 
 class Role(IntEnum):
-    """What a solver does with a parameter."""
+    """How a solver treats a parameter."""
 
     FIXED = 0
     """Known."""
     FRAME = 1
-    """Estimated, for each frame its own."""
+    """Estimated for each frame by itself."""
     SHARED = 2
-    """Estimated, one for all frames of a group."""
+    """Estimated once for all frames of a group."""
     CONSIDERED = 3
-    """Kept at its value, which is uncertain: that goes into the covariance of the others."""
+    """Kept at an uncertain value; its uncertainty enters the covariance of the other parameters."""
 
 
 class SizeBlock(NamedTuple):
     """Length and width of a field as parameters, metres."""
 
     given: Array
-    """For which observations are packed, (2,)."""
+    """Length and width of the field that observations are packed for, (2,)."""
     sigma: Array
-    """Standard deviations of the prior around it when it is estimated, (2,)."""
+    """Standard deviations of the prior around it, if the size is estimated, (2,)."""
     limits: Array
-    """Least and largest, (2, 2)."""
+    """Least and largest length and width, (2, 2)."""
     possibilities: tuple[Array, Array] = (np.ones(1), np.zeros((1, 2)))
-    """When it is considered: probabilities (K,), and standard deviations around the given one under each, (K, 2)."""
+    """Mixture of normal distributions around the given size, if considered: probabilities (K,), sigmas (K, 2)."""
     crown: Crown | None = None
-    """How high the middle of fields is above their touchlines, which is considered; None where all are level."""
+    """Height of the middle of fields above their touchlines, which is considered; None if all fields are level."""
 
     @property
     def possibilities_with_crown(self) -> tuple[Array, Array]:
-        """`possibilities` for length, width and crown, (2 K, 3): of a level field, then of a crowned one."""
+        """`possibilities` of length, width and crown: probabilities (2 K,) and sigmas (2 K, 3), level fields first."""
         if self.crown is None:
             return self.possibilities
         (size_probability, size_sigma), (probability, sigma) = self.possibilities, self.crown.possibilities
@@ -100,10 +100,10 @@ class SizeBlock(NamedTuple):
 
 
 class ZoomLaw(NamedTuple):
-    """How principal point, lens and centre follow the zoom of one camera, see above."""
+    """The law by which principal point, lens and centre of one camera follow its zoom, see above."""
 
     reference: float
-    """log f where cx, cy and a1 are those of theta."""
+    """The log f at which cx, cy and a1 have their values in theta."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -124,9 +124,9 @@ class Layout:
     roles: Array = field(repr=False)
     """`Role` of each parameter, (n,)."""
     field_size: SizeBlock | None = None
-    """None where the size of the field is no parameter."""
+    """Length and width as parameters; None if they are not."""
     zoom_law: ZoomLaw | None = None
-    """None where nothing follows the zoom."""
+    """The law of the zoom; None if nothing follows it."""
 
     @classmethod
     def of(
@@ -136,7 +136,7 @@ class Layout:
         field_size: SizeBlock | None = None,
         zoom_law: ZoomLaw | None = None,
     ) -> Layout:
-        """A layout in which every parameter is one of the frame, but for a crown; by default with a radial lens."""
+        """A layout with every parameter estimated for each frame, a crown considered; by default with a radial lens."""
         lens = RadialLens(float(np.hypot(*image_size) / 2.0)) if lens is None else lens
         size = len(COMMON) + len(lens.names)
         size += (len(ZOOM_LAW) if zoom_law is not None else 0) + len(_of_field(field_size))
@@ -148,7 +148,7 @@ class Layout:
 
     @cached_property
     def names(self) -> tuple[str, ...]:
-        """Of the parameters, in the order of theta."""
+        """Names of the parameters, in the order of theta."""
         law = ZOOM_LAW if self.zoom_law is not None else ()
         return (*COMMON, *self.lens.names, *law, *_of_field(self.field_size))
 
@@ -159,28 +159,28 @@ class Layout:
 
     @cached_property
     def lens_block(self) -> slice:
-        """Of the lens coefficients."""
+        """Block of the lens coefficients."""
         return slice(len(COMMON), len(COMMON) + len(self.lens.names))
 
     @cached_property
     def zoom_law_block(self) -> slice:
-        """Of the zoom law; empty where there is none."""
+        """Block of the zoom law; empty if there is none."""
         return slice(self.lens_block.stop, self.lens_block.stop + (len(ZOOM_LAW) if self.zoom_law is not None else 0))
 
     @cached_property
     def field_size_block(self) -> slice:
-        """Of length and width; empty where the size is no parameter."""
+        """Block of length and width; empty if the size is not a parameter."""
         first = self.zoom_law_block.stop
         return slice(first, first + (len(FIELD_SIZE) if self.field_size is not None else 0))
 
     @cached_property
     def crown_block(self) -> slice:
-        """Of the height of the field; empty where it is no parameter."""
+        """Block of the crown of the field; empty if it is not a parameter."""
         return slice(self.field_size_block.stop, self.size)
 
     @cached_property
     def blocks(self) -> dict[str, slice]:
-        """By name; the coefficients of the lens are blocks of their own too, by OpenCV's names."""
+        """All blocks by name; each coefficient of the lens is a block too, by OpenCV's name."""
         first = self.lens_block.start
         coefficients = {name: slice(first + i, first + i + 1) for i, name in enumerate(self.lens.opencv_names)}
         return coefficients | {
@@ -198,36 +198,36 @@ class Layout:
 
     @cached_property
     def free(self) -> BoolArray:
-        """Which parameters are estimated, (n,)."""
+        """Mask of the estimated parameters, (n,)."""
         return np.asarray((self.roles == Role.FRAME) | (self.roles == Role.SHARED))
 
     @cached_property
     def shared(self) -> BoolArray:
-        """Which of the estimated parameters are shared, (P,)."""
+        """Mask of the shared ones among the estimated parameters, (P,)."""
         return np.asarray(self.roles[self.free] == Role.SHARED)
 
     @cached_property
     def considered(self) -> BoolArray:
-        """Which parameters are kept at an uncertain value, (n,)."""
+        """Mask of the considered parameters, (n,)."""
         return np.asarray(self.roles == Role.CONSIDERED)
 
     @cached_property
     def is_centre(self) -> BoolArray:
-        """Which parameters are the centre, (n,)."""
+        """Mask of the centre of the camera, (n,)."""
         mask = np.zeros(self.size, dtype=bool)
         mask[CENTER] = True
         return mask
 
     @cached_property
     def is_lens(self) -> BoolArray:
-        """Which parameters are the lens, (n,)."""
+        """Mask of the lens, (n,)."""
         mask = np.zeros(self.size, dtype=bool)
         mask[self.lens_block] = True
         return mask
 
     @cached_property
     def is_crown(self) -> BoolArray:
-        """Which parameters are the crown of the field, (n,): one at most."""
+        """Mask of the crown of the field, (n,)."""
         mask = np.zeros(self.size, dtype=bool)
         mask[self.crown_block] = True
         return mask
@@ -256,22 +256,22 @@ class Layout:
         return step
 
     def with_roles(self, role: Role, *blocks: str) -> Layout:
-        """The same layout with another role of some blocks."""
+        """The layout with another role for some blocks."""
         roles = self.roles.copy()
         for name in blocks:
             roles[self.blocks[name]] = role
         return replace(self, roles=roles)
 
     def with_roles_of(self, some: BoolArray, role: Role) -> Layout:
-        """The same layout with another role of some parameters (n,)."""
+        """The layout with another role for some parameters (n,)."""
         return replace(self, roles=np.where(some, role, self.roles))
 
     def fixed(self, *blocks: str) -> Layout:
-        """The same layout with some blocks known."""
+        """The layout with some blocks known."""
         return self.with_roles(Role.FIXED, *blocks)
 
     def only(self, free: BoolArray) -> Layout:
-        """The same layout in which just these parameters (n,) are estimated, in the role that they have."""
+        """The layout in which only these parameters (n,) are estimated, with the roles that they have."""
         roles = np.where(free & (self.roles == Role.FIXED), Role.FRAME, self.roles)
         return replace(self, roles=np.where(free | (roles == Role.CONSIDERED), roles, Role.FIXED))
 
@@ -293,7 +293,7 @@ class Layout:
         return theta
 
     def at_zoom(self, theta: Array) -> Array:
-        """Parameter vectors (..., n) with the principal point, the lens and the centre of their own zoom."""
+        """Parameter vectors (..., n) with principal point, lens and centre evaluated at their zoom."""
         if self.zoom_law is None:
             return theta
         found, u = theta.copy(), theta[..., LOG_F] - self.zoom_law.reference

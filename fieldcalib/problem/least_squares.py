@@ -13,7 +13,7 @@ from fieldcalib.problem.prior_term import prior_costs
 
 
 def least_squares(start: Evaluation, *, max_iterations: int, tolerance: float) -> Solution:
-    """Minimise the cost of one frame: the same cost and the same arguments as `levenberg_marquardt`.
+    """Minimise the cost of one frame, with the arguments of `levenberg_marquardt`.
 
     Parameters
     ----------

@@ -226,7 +226,7 @@ class _Batch:
         return np.asarray(self.index[self.groups.spread(groups)])
 
     def without(self, ended: BoolArray) -> _Batch:
-        """The same where some groups (G,) have ended."""
+        """The batch in which some groups (G,) have ended."""
         return replace(self, running=self.running & ~ended)
 
     def step(self, bounds: _Bounds) -> tuple[Array, Array]:

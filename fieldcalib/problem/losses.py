@@ -34,7 +34,7 @@ class RobustLoss:
             raise ValueError(f"the scale of a loss must be a positive number of pixels, got {self.scale}")
 
     def evaluate(self, squared: Array) -> tuple[Array, Array]:
-        """``C^2 rho(r^2 / C^2)`` of squared residuals, and its derivative by r^2: what a residual weighs."""
+        """``C^2 rho(r^2 / C^2)`` of squared residuals, and its derivative by r^2, the weight of a residual."""
         C2 = self.scale**2
         z = squared / C2
         match self.name:

@@ -48,7 +48,7 @@ class Observations:
     labels: tuple[str, ...]
     image_size: tuple[int, int]
     segments: tuple[Segment, ...]
-    """What the labels name; empty where a file kept the rows alone."""
+    """Segments of the labels; empty if a file kept only the rows."""
     rows: tuple[Rows, ...]
     """One set for each kind, in the order of `fieldcalib.fields.segments.ROWS`, the ends of segments last."""
     motion: Array | None = None
@@ -69,7 +69,7 @@ class Observations:
         return self.of_kind(EndRows)
 
     def with_ends(self, ends: EndRows) -> Observations:
-        """The same pixels with these ends."""
+        """The observations with these ends."""
         return replace(self, rows=(*self.rows[:-1], ends))
 
     @property
@@ -83,7 +83,7 @@ class Observations:
 
     @property
     def trimmed(self) -> Observations:
-        """Without the padding and the labels that no frame has: of one frame of many, with its own ones alone."""
+        """The observations without the padding and the labels that no frame has."""
         used = np.unique(self.label[self.label >= 0])
         number = np.full(len(self.labels) + 1, -1)  # the last one is that of padding
         number[used] = np.arange(len(used))
@@ -127,7 +127,7 @@ class Observations:
         return np.asarray(np.bincount(table.frame, differs, minlength=len(self)) == 0)
 
     def relabelled(self, label: IntArray) -> Observations:
-        """The same pixels under other labels: indices (P,) in the order of `pixels`, negative to leave one out.
+        """The pixels under other labels: indices (P,) in the order of `pixels`, negative to leave one out.
 
         Pixels that come under one label share its weight of 1 in frames where all labels weigh alike.
         """

@@ -24,8 +24,8 @@ from fieldcalib.problem.layout import (
 )
 
 BROADCAST_SHAPE = 16.0 / 9.0  # width by height of a whole frame
-LEAST_CUT = 0.05  # share of a frame's width or height: of less it is a whole one
-PART_SIGMA = 0.5  # of what is cut off: a part may lie anywhere in its frame, most often at one of its sides
+LEAST_CUT = 0.05  # share of a frame's width or height: where less is missing, the frame counts as whole
+PART_SIGMA = 0.5  # share of what is cut off: a part may lie anywhere in its frame, most often at one side
 # Slopes of the principal point in image widths, of a1, its bend, and the offset in metres: on ten measured cameras the
 # principal point moves by up to 0.011 widths where the focal length grows by e, a1 by 0.04, and its bend is up to 0.14.
 # A tripod head holds a camera near its centre of gravity: the pupil is a decimetre or two off.
@@ -51,7 +51,7 @@ class GaussianPrior:
         return np.asarray(difference / self.sigma)
 
     def take(self, index: IntArray | slice) -> GaussianPrior:
-        """The priors `index` of several."""
+        """The priors of the frames `index`."""
         return GaussianPrior(self.mean[index], self.sigma[index])
 
 
@@ -128,7 +128,7 @@ def _pose_and_zoom(ranges: CameraDistribution, width: int) -> tuple[Array, Array
 
 
 def gaussian_priors(distributions: Sequence[CameraDistribution], layout: Layout) -> GaussianPrior:
-    """Those of K camera distributions, (K, n)."""
+    """The priors of K camera distributions, (K, n)."""
     priors = [gaussian_prior(distribution, layout) for distribution in distributions]
     return GaussianPrior(np.stack([prior.mean for prior in priors]), np.stack([prior.sigma for prior in priors]))
 

@@ -20,7 +20,7 @@ UNDISTORTING_STEPS = 3  # of the fixed point with which a search begins
 
 
 class Projection:
-    """B cameras, and what their projection has in common for all points.
+    """The projection of B cameras.
 
     A world point X is seen in three steps, ``xy = c + diag(1, aspect) distort(s)``, ``s = f (Xc / Zc, Yc / Zc)`` and
     ``Xc = R (X - C)``. Scaled camera coordinates are (f Xc, f Yc, Zc): the ratio of their components is the ideal
@@ -47,7 +47,7 @@ class Projection:
 
     @cached_property
     def _moves_of_axis(self) -> Array:
-        """By which the angles move the optical axis in the world, (B, 3, 3): ``axis x e3`` in the camera."""
+        """Derivatives of the optical axis in the world by the angles, (B, 3, 3): ``axis x e3`` in the camera."""
         return np.asarray(self._axes @ TIMES_E3 @ self.R)
 
     @property
@@ -83,7 +83,7 @@ class Projection:
         return np.where(np.isfinite(s), s, isotropic)
 
     def nearly_ideal_offset(self, d: Array) -> Array:
-        """The same by a few fixed-point steps: good enough where a search for closest points begins."""
+        """Real offsets as ideal ones by a few fixed-point steps: good enough to begin a search for closest points."""
         if self.is_pinhole:
             return d
         isotropic = np.array([d[0], d[1] / self.aspect])
@@ -100,7 +100,7 @@ class Projection:
         return np.array([x, self.aspect * y])
 
     def push(self, s: Array, *steps: Array) -> tuple[Array, ...]:
-        """Real offsets of ideal ones s, and images of small steps there, (2, B, N) each: ``dd_ds step``."""
+        """Real offsets of ideal ones s, and the images ``dd_ds step`` of small steps there, (2, B, N) each."""
         if self.is_pinhole:
             return s, *steps
         return tuple(np.array([x, self.aspect * y]) for x, y in self.layout.lens.push(s, self.lens, *steps))
@@ -140,7 +140,7 @@ class Projection:
         return self._derivatives(s, inverse_depth, n, free)
 
     def _by_zoom_law(self, J: Array, size: int) -> Array:
-        """Derivatives (B, n, N) by theta from those (B, m, N) by the camera at its zoom, see `layout`."""
+        """Derivatives (B, n, N) by theta from those (B, m, N) by the camera evaluated at its zoom."""
         layout = self.layout
         assert layout.zoom_law is not None
         law, lens = layout.zoom_law_block, layout.lens_block
@@ -161,7 +161,7 @@ class Projection:
         return whole
 
     def _derivatives(self, s: Array, inverse_depth: Array, n: Array, free: BoolArray) -> Array:
-        """`derivatives` by the parameters of the camera at its zoom."""
+        """`derivatives` of cameras without a zoom law."""
         layout = self.layout
         n_dd_ds = self.pull(s, n)
         ds_dXc = n_dd_ds[0] * s[0] + n_dd_ds[1] * s[1]  # what the third column of ds/dXc leaves of n_dd_ds

@@ -73,7 +73,7 @@ def observe(
 
     Examples
     --------
-    >>> from fieldcalib.fields.soccer import soccer
+    >>> from fieldcalib.fields.sports.soccer import soccer
     >>> camera = Camera.from_angles(0.0, np.radians(75), 0.0, 1500.0, C=(0, 56, -15), image_size=(960, 540))
     >>> pixels = observe(camera, soccer(), np.random.default_rng(0), noise=1.0)
     >>> sorted(pixels), len(pixels["Circle central"])
@@ -101,7 +101,7 @@ def camera_difference(camera: Camera | None, truth: Camera, field: Field) -> Cam
 
     Examples
     --------
-    >>> from fieldcalib.fields.soccer import soccer
+    >>> from fieldcalib.fields.sports.soccer import soccer
     >>> truth = pan_over_field(1)[0]
     >>> moved = Camera(truth.K, truth.R, truth.C + [0.0, 0.0, -0.5], truth.image_size)
     >>> errors = camera_difference(moved, truth, soccer())

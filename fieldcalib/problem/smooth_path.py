@@ -20,7 +20,7 @@ from fieldcalib.problem.cost_term import Coupling
 from fieldcalib.problem.layout import CENTER, Layout, Role
 from fieldcalib.problem.losses import RobustLoss
 
-TAILS = RobustLoss("cauchy", 2.0)  # of accelerations in standard deviations: beyond two they count less and less
+TAILS = RobustLoss("cauchy", 2.0)  # for accelerations: beyond two standard deviations they count less and less
 
 
 @dataclass(frozen=True, eq=False)
@@ -81,7 +81,7 @@ class PathTerm:
 
     @cached_property
     def gradient(self) -> Array:
-        """(B, P)"""
+        """Gradient by the free parameters, (B, P)."""
         gradient = np.zeros((len(self.theta), int(np.count_nonzero(self.layout.free))))
         centre = np.flatnonzero(self.layout.is_centre[self.layout.free])
         of_centres = self.path.coefficients[..., None] * (self._losses[1][:, None] * self._z)[:, None]
@@ -90,7 +90,7 @@ class PathTerm:
 
     @cached_property
     def hessian(self) -> Array:
-        """(B, P, P)"""
+        """Gauss-Newton Hessian within each frame, (B, P, P)."""
         P, centre = int(np.count_nonzero(self.layout.free)), np.flatnonzero(self.layout.is_centre[self.layout.free])
         squares = np.zeros(len(self.theta))
         np.add.at(squares, self.path.threes, self._losses[1][:, None] * np.square(self.path.coefficients))

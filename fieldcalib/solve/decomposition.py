@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike
 
 from fieldcalib._types import Array
 from fieldcalib.fields.segments import Point
-from fieldcalib.fields.soccer import soccer
+from fieldcalib.fields.sports.soccer import soccer
 from fieldcalib.geometry.camera import Camera, checked_image_size
 from fieldcalib.geometry.homography import decompose_homography
 from fieldcalib.geometry.projective import dehomogenize, finite_homography, homogenize

@@ -12,7 +12,7 @@ from fieldcalib.assess.result import Calibration, Status
 from fieldcalib.assess.verdict import disagreement, implausibilities, segment_errors
 from fieldcalib.fields.field import Field
 from fieldcalib.fields.segments import ObjectSegments
-from fieldcalib.fields.soccer import soccer
+from fieldcalib.fields.sports.soccer import soccer
 from fieldcalib.geometry.camera import Camera
 from fieldcalib.problem.evaluation import evaluate_camera
 from fieldcalib.problem.labelled_pixels import Pixels

@@ -12,7 +12,7 @@ from fieldcalib._types import Array
 from fieldcalib.assess.result import Calibration, Status, Verdict
 from fieldcalib.assess.solved import Solved
 from fieldcalib.fields.segments import Point
-from fieldcalib.fields.soccer import soccer_points
+from fieldcalib.fields.sports.soccer import soccer_points
 from fieldcalib.fields.stands import CameraDistribution
 from fieldcalib.geometry.camera import Camera
 from fieldcalib.geometry.image_extent import hint_of_another_size

@@ -15,7 +15,7 @@ import numpy as np
 
 from fieldcalib._types import Array, BoolArray
 from fieldcalib.fields.field import Field
-from fieldcalib.fields.soccer import (
+from fieldcalib.fields.sports.soccer import (
     ALL_MATCHES,
     CIRCLE_RADIUS,
     GOAL_AREA_DEPTH,

@@ -26,7 +26,7 @@ BEHIND_PENALTY = 1e12  # px^2: what a sample behind the camera counts as
 
 
 class View(Protocol):
-    """What is asked of B cameras: `fieldcalib.problem.projection.Projection` says what these mean."""
+    """Methods of B cameras that closest points need, see `fieldcalib.problem.projection.Projection`."""
 
     is_pinhole: bool
 
@@ -67,11 +67,11 @@ class ClosestPoints:
     """Unit normal of the segment's real image at the closest point, (2, B, M)."""
 
     def columns(self, part: slice | IntArray) -> ClosestPoints:
-        """Of some of the residuals."""
+        """The closest points of some of the residuals."""
         return ClosestPoints(*(getattr(self, name.name)[..., part] for name in fields(self)))
 
     def take(self, index: IntArray | slice) -> ClosestPoints:
-        """Of the frames `index`."""
+        """The closest points of the frames `index`."""
         return ClosestPoints(self.r[index], self.s[:, index], self.inverse_depth[index], self.normal[:, index])
 
     def replaced(self, index: IntArray, other: ClosestPoints) -> ClosestPoints:

@@ -1,4 +1,4 @@
-"""What every kind of segment can say of itself, in metres: its geometry, how it is drawn, and what it tells."""
+"""The protocol of all kinds of segments: geometry in metres, drawing, packing, number of equations."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ class Parts(NamedTuple):
     share: Array
     """Where between the segment's two ends they move with these, (N,)."""
     length: float
-    """Of all parts together, metres."""
+    """Length of all parts together, metres."""
 
 
 class Ring(NamedTuple):
@@ -60,7 +60,7 @@ class Segment(ABC):
     @property
     @abstractmethod
     def vectors(self) -> Array:
-        """What these rows know of it, (G, 3), see `Rows.geometry`."""
+        """Vectors that describe it in these rows, (G, 3), see `Rows.geometry`."""
 
     @abstractmethod
     def sample(self, spacing: float = 1.0) -> Array:
@@ -91,7 +91,7 @@ class Segment(ABC):
 
     @property
     def whole(self) -> Hashable:
-        """What it is a part of: the same value for the parts of one circle."""
+        """Key of the whole line or circle: equal for the parts of one circle."""
         return self
 
     @property
@@ -101,7 +101,7 @@ class Segment(ABC):
 
     @property
     def middle_of_curvature(self) -> Vector:
-        """From where its outer side looks away: the middle of the field, of an arc its own centre."""
+        """The point that its outer side faces away from: the middle of the field; for an arc its own centre."""
         return (0.0, 0.0, 0.0)
 
     def polyline(self, spacing: float) -> Array:
