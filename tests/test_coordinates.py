@@ -87,7 +87,9 @@ def test_other_origins_and_units_are_named(unit, corner, length, width, points):
     reading = other_reading(given_as)
     assert (reading.unit, reading.corner) == (unit, corner)
     if corner:
-        assert (reading.length, reading.width) == pytest.approx((length, width), abs=0.3)
+        assert reading.width == pytest.approx(width, abs=0.3)
+        if np.max(X[:, 0]) > 0.0 > np.min(X[:, 0]):  # markings of one half alone do not tell where the other goal is
+            assert reading.length == pytest.approx(length, abs=0.3)
 
 
 @pytest.mark.parametrize(
