@@ -84,7 +84,7 @@ def test_parts_that_are_kept_are_not_calibrated_again(rendered, network, monkeyp
     again = calibrate_video(FIELD, rendered, network(), parts=read_back)
     assert again == whole
     assert [camera.K.tolist() for camera in again.cameras] == [camera.K.tolist() for camera in whole.cameras]
-    with pytest.raises(ValueError, match="another video"):
+    with pytest.raises(ValueError, match="is it of another one"):
         calibrate_video(FIELD, rendered[:8], network(), parts=read_back)
 
 
