@@ -287,9 +287,8 @@ def main() -> int:
         for commit in (options.old, options.new):
             out = Path(folder, f"{len(files)}.jsonl")
             if commit is not None and Path(commit).is_file():
-                lines = Path(commit).read_text().splitlines(keepends=True)
-                wanted = [line for line in lines if json.loads(line)["part"] in options.parts]
-                out.write_text("".join(wanted))
+                kept = {json.loads(line)["part"]: line for line in Path(commit).read_text().splitlines(keepends=True)}
+                out.write_text("".join(kept[part] for part in options.parts))
             else:
                 with checkout(commit) as tree:
                     command = [sys.executable, "-P", __file__, "-", "--data", str(options.data.resolve())]
