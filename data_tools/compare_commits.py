@@ -157,7 +157,7 @@ def clips(data: Path) -> Found:
             frames = list(islice(video, FRAMES))
         found += [[path.stem, record(one)] for one in fc.calibrate_video(fc.soccer(), frames, network)]
         if path.stem in ("el-clasico", "israel"):
-            tracker = fc.Tracker(fc.soccer(), network)
+            tracker = fc.Tracker(fc.soccer(), network, wait=True)
             found += [[f"{path.stem}, live", record(tracker.update(image))] for image in frames[:40]]
     return found
 
