@@ -438,7 +438,7 @@ def test_stands_around_an_object_of_a_pitchs_size_are_those_of_a_pitch():
 
 PACKAGE = Path(fieldcalib.__file__).parent
 KNOW_SOCCER = (
-    "fields/soccer.py",
+    "fields/sports/soccer.py",
     "fields/sports/",
     "io/",
 )  # the field itself, others that have such lines too, formats of others
@@ -466,5 +466,5 @@ def test_no_other_module_names_a_marking_of_soccer():
     names = set(PITCH.markings)
     files = {path.relative_to(PACKAGE).as_posix(): path for path in PACKAGE.rglob("*.py")}
     knowing = {name for name, path in files.items() if names & strings_of_code(path)}
-    assert "fields/soccer.py" in knowing  # the search finds what there is
+    assert "fields/sports/soccer.py" in knowing  # the search finds what there is
     assert {name for name in knowing if not name.startswith(KNOW_SOCCER)} == set()
