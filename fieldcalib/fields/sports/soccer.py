@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import replace
+from functools import lru_cache
 
 import numpy as np
 
@@ -75,6 +76,12 @@ def soccer(length: float = 105.0, width: float = 68.0, *, size_known: bool = Fal
             f"a soccer field is longer than wide, got length = {length} and width = {width}: give the touchline first, "
             f"soccer({width}, {length})"
         )
+    return _pitch(float(length), float(width), size_known)
+
+
+@lru_cache(maxsize=64)
+def _pitch(length: float, width: float, size_known: bool) -> Field:
+    """The field of a size, built once: fields do not change, and what follows from one is kept with it."""
     x_goal, y_side = length / 2.0, width / 2.0
     segments: dict[str, Segment] = {}
     segments.update(_outline(x_goal, y_side))
@@ -83,8 +90,8 @@ def soccer(length: float = 105.0, width: float = 68.0, *, size_known: bool = Fal
     segments.update(_centre_circle())
     segments.update(_named_points(x_goal, y_side))
     return Field(
-        float(length),
-        float(width),
+        length,
+        width,
         segments,
         stands=ALL_STANDS,
         more_stands=(MAIN_TRIBUNE,),
