@@ -542,7 +542,7 @@ def test_coefficients_of_a_batch_of_focal_lengths():
     a, f = np.array([[0.1, 0.02], [0.3, -0.1]]), np.array([1000.0, 4000.0])
     expected = np.array([opencv_coefficients(a[0], 1000.0, RHO), opencv_coefficients(a[1], 4000.0, RHO)])
     found = RadialLens(RHO).to_opencv(lens_parameters(a).T, f)
-    np.testing.assert_allclose(found[:2].T, expected, rtol=1e-14)
+    np.testing.assert_array_equal(found[:2].T, expected)
 
 
 def scanned_slope(q, a):

@@ -89,7 +89,8 @@ class Lens(ABC):
         a, scale = self.corner(b), np.asarray(f) / self.rho
         dist = np.zeros((12, *np.broadcast_shapes(a.shape[1:], scale.shape)))
         for index, a_i in zip(self._index, a, strict=True):
-            dist[index] = scale ** POWERS[index] * a_i
+            # by products: a power of an array may round otherwise than that of its elements
+            dist[index] = np.prod([scale] * int(POWERS[index]), axis=0) * a_i
         return shortest_opencv_vector(dist)
 
     def opencv_jacobian(self, b: Array, f: float) -> tuple[Array, Array]:
