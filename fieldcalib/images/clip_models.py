@@ -19,7 +19,7 @@ from typing import NamedTuple
 import numpy as np
 
 from fieldcalib._types import Array, BoolArray, IntArray
-from fieldcalib.assess.misfit import rms_by_label
+from fieldcalib.assess.label_errors import rms_by_label
 from fieldcalib.assess.sequence_calibration import SequenceCalibration
 from fieldcalib.fields.field import Field
 from fieldcalib.fields.segments import ObjectSegments

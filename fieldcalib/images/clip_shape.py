@@ -18,7 +18,7 @@ from itertools import islice
 
 import numpy as np
 
-from fieldcalib.assess.misfit import rms_by_label
+from fieldcalib.assess.label_errors import rms_by_label
 from fieldcalib.assess.placement import Crop, Placement, Shape
 from fieldcalib.assess.result import Calibration
 from fieldcalib.assess.sequence_calibration import SequenceCalibration

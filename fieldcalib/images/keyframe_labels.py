@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from fieldcalib.assess.misfit import rms_by_label
+from fieldcalib.assess.label_errors import rms_by_label
 from fieldcalib.images.clip_problem import ClipOptions
 from fieldcalib.images.detected_lines import fitted_labels
 from fieldcalib.io.image import Image

@@ -12,9 +12,9 @@ from functools import partial
 import numpy as np
 from numpy.typing import ArrayLike
 
+from fieldcalib.assess.label_errors import rms_by_label
 from fieldcalib.assess.markings import paint_share
 from fieldcalib.assess.result import Calibration
-from fieldcalib.assess.verdict import segment_errors
 from fieldcalib.fields.segments import ObjectSegments
 from fieldcalib.geometry.camera import Camera
 from fieldcalib.geometry.homography import YARD
@@ -296,9 +296,13 @@ def near_labels(
     """
     if not frames:
         return []
-    errors = segment_errors(evaluate_cameras(cameras, object_segments, frames), frames)
+    evaluation = evaluate_cameras(cameras, object_segments, frames)
+    observations, errors = evaluation.problem.observations, rms_by_label(evaluation)
     least = distance * pixel_unit(cameras[0].image_size)
-    return [tuple(label for label, px in of_frame.items() if px < least) for of_frame, _ in errors]
+    return [
+        tuple(label for label, px in observations.by_name(t, of_frame).items() if px < least)
+        for t, of_frame in enumerate(errors)
+    ]
 
 
 def _without_stray(

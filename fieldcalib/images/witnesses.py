@@ -12,7 +12,8 @@ from dataclasses import replace
 import numpy as np
 
 from fieldcalib._types import Array
-from fieldcalib.assess.misfit import LEAST_FRAMES, misfit, rms_by_label
+from fieldcalib.assess.label_errors import rms_by_label
+from fieldcalib.assess.misfit import LEAST_FRAMES, misfit
 from fieldcalib.assess.sequence_calibration import SequenceCalibration
 from fieldcalib.fields.segments import ObjectSegments
 from fieldcalib.images.detected_lines import line_loss

@@ -302,21 +302,18 @@ def split_circles(object_segments: ObjectSegments, pixels: Pixels, image_size: t
         if label not in pixels:
             continue
         circle = pixels[label]
-        left = _left_of_line(circle, pixels.get(line))
-        if left is None:
-            left = np.full(len(circle), circle[:, 0].mean() > image_size[0] / 2.0)
+        left = in_left_half(circle, pixels.get(line), image_size)
         for half_label, half in ((left_label, circle[left]), (right_label, circle[~left])):
             if len(half):
                 split[half_label] = np.concatenate([split[half_label], half]) if half_label in split else half
     return split
 
 
-def _left_of_line(xy: Array, line: Array | None) -> BoolArray | None:
-    if line is None or len(line) < 2:
-        return None
-    top, bottom = line[line[:, 1].argmin()], line[line[:, 1].argmax()]
-    down = bottom - top
-    if down[1] <= LEAST_SLOPE * np.abs(down[0]):
-        return None
-    offset = xy - top
-    return np.asarray(down[0] * offset[:, 1] - down[1] * offset[:, 0] > 0.0)
+def in_left_half(circle: Array, line: Array | None, image_size: tuple[int, int]) -> BoolArray:
+    """Which pixels (N, 2) of a circle are on its left half, from pixels (M, 2) of the line between the halves."""
+    if line is not None and len(line) > 1:
+        top, bottom = line[line[:, 1].argmin()], line[line[:, 1].argmax()]
+        down, offset = bottom - top, circle - top
+        if down[1] > LEAST_SLOPE * np.abs(down[0]):
+            return np.asarray(down[0] * offset[:, 1] - down[1] * offset[:, 0] > 0.0)
+    return np.full(len(circle), circle[:, 0].mean() > image_size[0] / 2.0)

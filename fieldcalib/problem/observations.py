@@ -7,11 +7,11 @@ arrays (T, N, ...) with a weight that is 0 where there is only padding, one set 
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass, fields, replace
 from functools import cached_property
 from itertools import pairwise
-from typing import Any, TypeVar
+from typing import Any, NamedTuple, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -40,6 +40,21 @@ class PixelTable:
         """Some of the pixels, in the order of indices if these are given."""
         return PixelTable(self.frame[kept], self.label[kept], self.xy[kept], self.weight[kept])
 
+    @staticmethod
+    def joined(parts: Sequence[PixelTable]) -> PixelTable:
+        """The pixels of several tables, whose frames are numbered together."""
+        names = [name.name for name in fields(PixelTable)]
+        return PixelTable(*(np.concatenate([getattr(part, name) for part in parts]) for name in names))
+
+
+class FrameLabels(NamedTuple):
+    """The labels of one frame, in the order in which they were given."""
+
+    segments: dict[str, Segment]
+    """Segment of each label."""
+    equations: dict[str, int]
+    """Number of equations that each label gives at most."""
+
 
 @dataclass(frozen=True, eq=False)
 class Observations:
@@ -49,6 +64,8 @@ class Observations:
     image_size: tuple[int, int]
     segments: tuple[Segment, ...]
     """Segments of the labels; empty if a file kept only the rows."""
+    rank: IntArray
+    """Order in which the labels of each frame were given, (T, L): ascending numbers, -1 for labels that it lacks."""
     rows: tuple[Rows, ...]
     """One set for each kind, in the order of `fieldcalib.fields.segments.ROWS`, the ends of segments last."""
     motion: Array | None = None
@@ -79,7 +96,7 @@ class Observations:
 
     def take(self, index: IntArray | slice) -> Observations:
         """The observations of frames `index`, in that order, repeated where `index` repeats."""
-        return replace(self, rows=tuple(rows.take(index) for rows in self.rows))
+        return replace(self, rank=self.rank[index], rows=tuple(rows.take(index) for rows in self.rows))
 
     @property
     def trimmed(self) -> Observations:
@@ -92,19 +109,22 @@ class Observations:
             self,
             labels=tuple(self.labels[index] for index in used),
             segments=tuple(self.segments[index] for index in used) if self.segments else (),
+            rank=self.rank[:, used],
             rows=tuple(replace(one, label=number[one.label]) for one in rows),
             motion=None if self.motion is None else self.motion[used],
         )
 
     @cached_property
     def pixels(self) -> PixelTable:
-        """The labelled pixels, ends aside."""
-        parts = [(*np.nonzero(rows.label >= 0), rows) for rows in self.rows[:-1]]
-        frame = np.concatenate([frame for frame, _, _ in parts])
-        table = PixelTable(
-            frame, *(np.concatenate([getattr(rows, name)[t, n] for t, n, rows in parts]) for name in PIXEL_COLUMNS)
+        """The labelled pixels, ends aside; the labels of a frame in the order in which they were given."""
+        table = PixelTable.joined(
+            [
+                PixelTable(seen[0], rows.label[seen], rows.xy[seen], rows.weight[seen])
+                for rows in self.rows[:-1]
+                for seen in [np.nonzero(rows.label >= 0)]
+            ]
         )
-        return table.take(np.argsort(frame, kind="stable"))
+        return table.take(np.lexsort((self.rank[table.frame, table.label], table.frame)))
 
     def by_frame(self) -> Iterator[tuple[Pixels, PixelWeights]]:
         """Pixels by label, and what they weigh, of each frame: what `pack` takes."""
@@ -119,6 +139,33 @@ class Observations:
         """Pixels by label, and what they weigh, of frame t."""
         return next(self.take(slice(t, t + 1)).by_frame())
 
+    def in_order(self, t: int) -> list[int]:
+        """Indices of the labels of frame t, in the order in which they were given."""
+        return np.argsort(self.rank[t], kind="stable")[np.count_nonzero(self.rank[t] < 0) :].tolist()
+
+    def by_name(self, t: int, values: NDArray[Any]) -> dict[str, Any]:
+        """Values (L,) of the labels of frame t, by label."""
+        return {self.labels[index]: values[index].item() for index in self.in_order(t)}
+
+    def labels_in(self, t: int) -> FrameLabels:
+        """The labels of frame t."""
+        segments = {self.labels[index]: self.segments[index] for index in self.in_order(t)}
+        return FrameLabels(segments, self.by_name(t, self.equations[t]))
+
+    @cached_property
+    def equations(self) -> IntArray:
+        """Number of equations that each label gives at most, from its distinct pixels, (T, L) (`Segment.equations`)."""
+        table, shape = self.pixels, self.rank.shape
+        columns = np.column_stack([table.frame, table.label, table.xy])
+        columns = columns[np.lexsort(columns.T[::-1])]
+        is_new = np.any(np.diff(columns, axis=0, prepend=np.nan) != 0.0, axis=1)
+        frame, label = columns[is_new, :2].astype(np.intp).T
+        distinct = np.bincount(frame * shape[1] + label, minlength=self.rank.size).reshape(shape)
+        found = np.zeros(shape, dtype=np.intp)
+        for t, index in np.argwhere(distinct):
+            found[t, index] = self.segments[index].equations(int(distinct[t, index]))
+        return found
+
     @cached_property
     def weigh_alike(self) -> BoolArray:
         """Whether all labels of a frame count alike, as without weights, (T,)."""
@@ -131,27 +178,29 @@ class Observations:
 
         Pixels that come under one label share its weight of 1 in frames where all labels weigh alike.
         """
-        seen = label >= 0
-        table = replace(self.pixels, label=label).take(seen)
+        table = replace(self.pixels, label=label).take(label >= 0)
         key = table.frame * len(self.labels) + table.label
-        _, first, inverse, count = np.unique(key, return_index=True, return_inverse=True, return_counts=True)
-        alike = self.weigh_alike[table.frame]
-        weight = np.where(alike, 1.0 / count[inverse], table.weight)
-        order = np.lexsort((first[inverse], table.frame))  # label by label, in the order of their first pixels
-        return self._of(replace(table, weight=weight).take(order), len(self))
+        _, inverse, count = np.unique(key, return_inverse=True, return_counts=True)
+        weight = np.where(self.weigh_alike[table.frame], 1.0 / count[inverse], table.weight)
+        return self.with_pixels(replace(table, weight=weight), len(self))
 
     @staticmethod
     def joined(parts: Sequence[Observations]) -> Observations:
         """The frames of several observations of the same object, one after the other."""
-        begins = np.cumsum([0, *map(len, parts)])
-        tables = [one.pixels for one in parts]
-        frame = np.concatenate([begin + table.frame for begin, table in zip(begins, tables, strict=False)])
-        columns = (np.concatenate([getattr(table, name) for table in tables]) for name in PIXEL_COLUMNS)
-        return parts[0]._of(PixelTable(frame, *columns), int(begins[-1]))
+        begins = np.cumsum([0, *map(len, parts)]).tolist()
+        tables = [
+            replace(one.pixels, frame=one.pixels.frame + begin) for one, begin in zip(parts, begins, strict=False)
+        ]
+        return parts[0].with_pixels(PixelTable.joined(tables), begins[-1])
 
-    def _of(self, table: PixelTable, count: int) -> Observations:
-        """Other pixels of the same labels, in `count` frames."""
-        return replace(self, rows=_packed(table, count, dict(enumerate(self.segments))))
+    def with_pixels(self, table: PixelTable, count: int) -> Observations:
+        """Other pixels of the same calibration object, in `count` frames."""
+        table = table.take(np.argsort(table.frame, kind="stable"))
+        rank = np.full((count, len(self.labels)), -1)
+        key, first = np.unique(table.frame * len(self.labels) + table.label, return_index=True)
+        rank.flat[key] = first
+        label_by_label = np.lexsort((rank[table.frame, table.label], table.frame))
+        return replace(self, rank=rank, rows=_packed(table.take(label_by_label), count, self.segments))
 
     def without_labels(self, left_out: BoolArray) -> Observations:
         """Observations in which some labels (T, L) weigh nothing."""
@@ -230,9 +279,6 @@ class Observations:
         return np.concatenate(parts, axis=1)
 
 
-PIXEL_COLUMNS = ("label", "xy", "weight")
-
-
 def pack(
     object_segments: ObjectSegments,
     frames: Sequence[Pixels],
@@ -264,16 +310,15 @@ def pack(
         np.concatenate([np.empty((0, 2)), *(xy for _, _, xy in groups)]),
         np.concatenate([np.empty(0), *weights]),
     )
-    used = {number[label]: object_segments[label] for _, label, _ in groups}
-    rows = _packed(table, len(frames), used)
-    return Observations(labels, image_size, tuple(object_segments.values()), rows, motion)
+    nothing = tuple(kind.none(0) for kind in ROWS)
+    segments = tuple(object_segments.values())
+    empty = Observations(labels, image_size, segments, np.empty((0, len(labels)), np.intp), nothing, motion)
+    return empty.with_pixels(table, len(frames))
 
 
-def _packed(table: PixelTable, count: int, segments: Mapping[int, Segment]) -> tuple[Rows, ...]:
+def _packed(table: PixelTable, count: int, segments: Sequence[Segment]) -> tuple[Rows, ...]:
     """The rows of each kind, of `count` frames: the pixels of a frame one after the other."""
-    kind_of_label = np.full(max(segments, default=-1) + 1, -1)
-    for index, segment in segments.items():
-        kind_of_label[index] = ROWS.index(segment.rows)
+    kind_of_label = np.array([ROWS.index(segment.rows) for segment in segments], dtype=np.intp)
     kind_of_pixel = kind_of_label[table.label]
     found = []
     for k, kind in enumerate(ROWS):

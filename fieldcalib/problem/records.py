@@ -99,6 +99,7 @@ def _observations_from_record(record: Mapping[str, Any], image_size: tuple[int, 
         tuple(labels),
         image_size,
         (),
+        np.arange(len(labels))[None],
         tuple(_joined(kind, parts[kind.name]) for kind in ROWS),
         None if None in motions else from_json(motions),
     )
