@@ -50,7 +50,7 @@ from fieldcalib.io.videos import VideoReader
 from fieldcalib.localize.network import SegmentationNetwork
 from fieldcalib.localize.padding import Padded
 from fieldcalib.problem.evaluation import evaluate_camera
-from fieldcalib.solve.tripod import Labels
+from fieldcalib.problem.pixel_table import PixelTable
 
 GRID = (9, 7)  # columns and rows of the pixels at which field points are compared
 UNIT = 1280.0  # columns
@@ -135,7 +135,7 @@ class Clip:
         self.network = Padded(SegmentationNetwork.load())
         tied = ((image, _masked(one, self.masked)) for image, one in tied_frames(read_ahead(self.images())))
         self.keyframes = read_keyframes(tied, ClipOptions(soccer()), self.network)
-        self.lines: dict[int, Labels] = {}
+        self.lines: dict[int, PixelTable] = {}
 
     def images(self) -> Iterator[Image]:
         """Frames of the clip."""
@@ -198,12 +198,11 @@ def _jitter(clip: Clip, found: VideoCalibration) -> str:
     return f"{by_flow:.2f} px of static points, {by_cameras:.2f} px of the cameras"
 
 
-def _kept(lines: dict[int, Labels], withheld: Withheld) -> dict[int, Labels]:
-    kept = {}
-    for t, (pixels, weights) in lines.items():
-        labels = [label for label in pixels if not withheld(t, label)]
-        kept[t] = {label: pixels[label] for label in labels}, {label: weights[label] for label in labels}
-    return kept
+def _kept(lines: dict[int, PixelTable], withheld: Withheld) -> dict[int, PixelTable]:
+    return {
+        t: table.take(~np.array([withheld(t, label) for label in table.labels])[table.label])
+        for t, table in lines.items()
+    }
 
 
 def _off_field(xy: Array, camera: Camera | None) -> BoolArray:
@@ -255,7 +254,7 @@ def _apart(one: VideoCalibration, two: VideoCalibration) -> str:
 def _left_out(clip: Clip, everything: VideoCalibration) -> Iterable[tuple[str, float, float]]:
     """For each label, the median distances of its lines when they are used and when they are left out."""
     lines = clip.lines
-    for label in sorted({label for pixels, _ in lines.values() for label in pixels}):
+    for label in sorted({label for table in lines.values() for label in table.by_label(0)}):
         without = clip.calibrated(_of_label(label))
         yield label, _distance(everything, lines, label), _distance(without, lines, label)
     clip.lines = lines
@@ -265,11 +264,11 @@ def _of_label(label: str) -> Withheld:
     return lambda t, other: other == label
 
 
-def _distance(found: VideoCalibration, lines: dict[int, Labels], label: str) -> float:
+def _distance(found: VideoCalibration, lines: dict[int, PixelTable], label: str) -> float:
     """Median distance, px, of the lines of a label from their projections."""
     distances: list[Array] = []
-    for t, (pixels, _) in lines.items():
-        calibration = found[t]
+    for t, table in lines.items():
+        calibration, pixels = found[t], table.by_label(0)
         if label in pixels and calibration.camera is not None and calibration.field is not None:
             evaluation = evaluate_camera(calibration.camera, calibration.field, {label: pixels[label]})
             distances.append(np.abs(evaluation.r[0]) * UNIT / calibration.camera.image_size[0])

@@ -27,7 +27,8 @@ from fieldcalib.geometry.camera import Camera
 from fieldcalib.problem.evaluation import Evaluation, evaluate_cameras
 from fieldcalib.problem.labelled_pixels import Pixels, in_left_half
 from fieldcalib.problem.layout import PAN, Layout
-from fieldcalib.problem.observations import Observations, PixelTable
+from fieldcalib.problem.observations import Observations
+from fieldcalib.problem.pixel_table import PixelTable
 from fieldcalib.problem.projection import Projection
 
 NdcLoss: TypeAlias = Literal["tvcalib", "eq3"]
@@ -74,7 +75,8 @@ def ndc_loss(
         raise ValueError(f"kind must be one of {', '.join(get_args(NdcLoss))}, got {kind!r}")
     if not cameras:
         return np.zeros(0)
-    return ndc_losses(evaluate_cameras(cameras, object_segments, frames), object_segments, kind)
+    pixels = PixelTable.of(object_segments, frames)
+    return ndc_losses(evaluate_cameras(cameras, object_segments, pixels), object_segments, kind)
 
 
 def ndc_losses(evaluation: Evaluation, object_segments: ObjectSegments, kind: NdcLoss = "tvcalib") -> Array:

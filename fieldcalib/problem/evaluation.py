@@ -35,7 +35,8 @@ from fieldcalib.problem.cost_term import CostTerm, Coupling
 from fieldcalib.problem.labelled_pixels import Pixels
 from fieldcalib.problem.layout import LOG_F, Layout
 from fieldcalib.problem.losses import RobustLoss
-from fieldcalib.problem.observations import Observations, pack
+from fieldcalib.problem.observations import Observations
+from fieldcalib.problem.pixel_table import PixelTable
 from fieldcalib.problem.prior import GaussianPrior
 from fieldcalib.problem.prior_term import PriorTerm
 from fieldcalib.problem.projection import Projection
@@ -366,14 +367,12 @@ def evaluate(problem: Problem, theta: Array) -> Evaluation:
 
 def evaluate_camera(camera: Camera, object_segments: ObjectSegments, frame: Pixels) -> Evaluation:
     """Evaluate the labels of one frame at a camera, without prior and robust loss."""
-    return evaluate_cameras([camera], object_segments, [frame])
+    return evaluate_cameras([camera], object_segments, PixelTable.of(object_segments, [frame]))
 
 
-def evaluate_cameras(
-    cameras: Sequence[Camera], object_segments: ObjectSegments, frames: Sequence[Pixels]
-) -> Evaluation:
+def evaluate_cameras(cameras: Sequence[Camera], object_segments: ObjectSegments, pixels: PixelTable) -> Evaluation:
     """Evaluate the labels of frames of one size, each at its camera, without prior and robust loss."""
     size = cameras[0].image_size
     layout = Layout.of(size, common_lens([camera.lens for camera in cameras]))
-    problem = Problem(pack(object_segments, frames, size), layout, RobustLoss("linear", 1.0))
+    problem = Problem(Observations.of(object_segments, pixels, size), layout, RobustLoss("linear", 1.0))
     return evaluate(problem, np.array([layout.theta(camera) for camera in cameras]))

@@ -37,7 +37,8 @@ from fieldcalib.problem.labelled_pixels import (
 from fieldcalib.problem.least_squares import least_squares
 from fieldcalib.problem.levenberg_marquardt import Solution, levenberg_marquardt
 from fieldcalib.problem.losses import LossName, RobustLoss
-from fieldcalib.problem.observations import Observations, pack
+from fieldcalib.problem.observations import Observations
+from fieldcalib.problem.pixel_table import PixelTable
 from fieldcalib.problem.segment_ends import with_segment_ends
 from fieldcalib.solve.aspect import with_aspect_as_told
 from fieldcalib.solve.auto_lens import with_lens_as_called_for
@@ -174,7 +175,9 @@ def calibrate_frame(
     pixels, pixel_weights = checked_frame(task.object_segments, frame, weights, options.image_size)
     if not pixels:
         return Calibration.without_camera(Status.TOO_FEW_SEGMENTS, NO_PIXELS)
-    return as_fixed(calibrate_checked([pixels], [pixel_weights], options, finished), task.given, options.flags)[0]
+    table = PixelTable.of(task.object_segments, [pixels], [pixel_weights])
+    (found,) = as_fixed(calibrate_checked(table, options, finished), task.given, options.flags)
+    return with_border_asked(task.object_segments, pixels, found)
 
 
 def checked_frame(
@@ -200,38 +203,30 @@ def finished(start: Evaluation, *, max_iterations: int, tolerance: float) -> Sol
 
 
 def calibrate_checked(
-    frames: list[Pixels],
-    weights: list[PixelWeights | None],
-    options: Options,
-    solve: Solver,
-    given: Array | None = None,
+    pixels: PixelTable, options: Options, solve: Solver, given: Array | None = None
 ) -> list[Calibration]:
-    """Calibrate checked frames that have pixels, from `given` cameras (B, n) if there are.
+    """Calibrate checked frames that all have pixels, from `given` cameras (B, n) if there are.
 
     `solve` finds the final optimum.
     """
-    observations = pack(options.object_segments, frames, options.image_size, weights, options.motion)
+    observations = Observations.of(options.object_segments, pixels, options.image_size, options.motion)
     found = find_cameras(observations, options, given)
     approached = levenberg_marquardt(
         found.evaluation, max_iterations=options.max_iterations, tolerance=options.approach_tolerance
     ).evaluation
-    relabelled = Relabelled(approached, found.prior, [()] * len(frames))
+    relabelled = Relabelled(approached, found.prior, [()] * pixels.count)
     if not options.trust_labels:
         relabelled = without_mislabels(approached, found.prior, options)
     start = with_segment_ends(relabelled.evaluation, options.wide_loss.scale)
     solution = solve(start, max_iterations=options.max_iterations, tolerance=options.tolerance)
-    if options.auto_lens:
-        calibrations: dict[int, Calibration] = {}
-        for part in with_lens_as_called_for(solution, relabelled.prior, options):
-            its = relabelled.take(part.frames, part.prior)
-            some = _Frames(observations.take(part.frames), its, part.solution, part.options, part.freed)
-            calibrations |= dict(zip(part.frames.tolist(), _judged(some), strict=True))
-        judged = [calibrations[t] for t in range(len(frames))]
-    else:
-        judged = _judged(_Frames(observations, relabelled, solution, options))
-    if options.trust_labels:
-        return judged
-    return [with_border_asked(options.object_segments, *pair) for pair in zip(frames, judged, strict=True)]
+    if not options.auto_lens:
+        return _judged(_Frames(observations, relabelled, solution, options))
+    calibrations: dict[int, Calibration] = {}
+    for part in with_lens_as_called_for(solution, relabelled.prior, options):
+        its = relabelled.take(part.frames, part.prior)
+        some = _Frames(observations.take(part.frames), its, part.solution, part.options, part.freed)
+        calibrations |= dict(zip(part.frames.tolist(), _judged(some), strict=True))
+    return [calibrations[t] for t in range(pixels.count)]
 
 
 @dataclass(frozen=True, eq=False)

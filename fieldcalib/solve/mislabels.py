@@ -31,7 +31,8 @@ from fieldcalib.fields.field import Field
 from fieldcalib.fields.segments import boxes
 from fieldcalib.problem.evaluation import Evaluation, Problem, evaluate
 from fieldcalib.problem.levenberg_marquardt import levenberg_marquardt
-from fieldcalib.problem.observations import Observations, PixelTable
+from fieldcalib.problem.observations import Observations
+from fieldcalib.problem.pixel_table import PixelTable
 from fieldcalib.problem.prior import GaussianPrior
 from fieldcalib.solve.options import CERTAIN, Options
 from fieldcalib.solve.search import find_cameras
@@ -330,14 +331,15 @@ class _Search:
         table, is_point = self.observations.pixels, np.array([one.is_point for one in self.observations.segments])
         pairs, which = np.unique(np.column_stack([frame, label]), axis=0, return_inverse=True)
         as_all_others = []  # frames in which the pixels of one segment carry every other label
-        for k, (t, index) in enumerate(pairs):
+        for t, index in pairs:
             own = np.flatnonzero((table.frame == t) & (table.label == index))
             some = own[np.linspace(0, len(own) - 1, min(len(own), PIXELS)).round().astype(int)]
             others = np.flatnonzero(is_point == is_point[index])
             others = np.repeat(others[others != index], len(some))
             xy = np.tile(table.xy[some], (len(others) // len(some), 1))
-            as_all_others.append(PixelTable(np.full(len(others), k), others, xy, np.full(len(others), 1.0 / len(some))))
-        packed = self.observations.with_pixels(PixelTable.joined(as_all_others), len(pairs))
+            weight = np.full(len(others), 1.0 / len(some))
+            as_all_others.append(PixelTable(table.labels, 1, np.zeros(len(others), np.intp), others, xy, weight))
+        packed = self.observations.with_pixels(PixelTable.joined(table.labels, as_all_others))
         problem = replace(evaluation.problem, observations=packed.take(which.ravel()))
         relabelled = evaluate(problem, evaluation.theta)
         cost = problem.observations.by_label(relabelled.costs)
