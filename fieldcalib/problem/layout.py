@@ -358,7 +358,8 @@ def camera_from_theta(theta: Array, image_size: tuple[int, int]) -> Camera:
 
 
 def turned_around(theta: Array) -> Array:
-    """The cameras (..., n) turned by 180 degrees about the field's centre mark, with the same image of the turned field.
+    """The cameras (..., n) turned by 180 degrees about the field's centre mark, with the same image of the turned
+    field.
 
     Examples
     --------
