@@ -45,7 +45,7 @@ class Observations:
     rows: tuple[Rows, ...]
     """One set for each kind, in the order of `fieldcalib.fields.segments.ROWS`, the ends of segments last."""
     motion: Array | None = None
-    """How the labels' segments move with the size of the field (`Field.motion`), (L, 2, 3, 2)."""
+    """Derivatives of the labels' segments by the size of the field (`Field.motion`), (L, 2, 3, 2)."""
 
     @classmethod
     def of(
@@ -75,7 +75,7 @@ class Observations:
 
     @property
     def ends(self) -> EndRows:
-        """Pixels past the end of their segment, and that end (`fieldcalib.problem.segment_ends`)."""
+        """Rows of the pixels past the end of their segment (`fieldcalib.problem.segment_ends`)."""
         return self.of_kind(EndRows)
 
     def with_ends(self, ends: EndRows) -> Observations:
@@ -84,7 +84,7 @@ class Observations:
 
     @property
     def without_ends(self) -> Observations:
-        """The labelled pixels alone."""
+        """The observations without the rows of ends."""
         return self.with_ends(EndRows.none(len(self)))
 
     def take(self, index: IntArray | slice) -> Observations:
@@ -93,9 +93,9 @@ class Observations:
 
     @property
     def trimmed(self) -> Observations:
-        """The observations without the padding and the labels that no frame has."""
+        """The observations without common padding and without labels that no frame has."""
         used = np.unique(self.label[self.label >= 0])
-        number = np.full(len(self.labels) + 1, -1)  # the last one is that of padding
+        number = np.full(len(self.labels) + 1, -1)  # the last entry is for padding
         number[used] = np.arange(len(used))
         rows = [rows.trimmed for rows in self.rows]
         return replace(
@@ -109,7 +109,7 @@ class Observations:
 
     @cached_property
     def pixels(self) -> PixelTable:
-        """The labelled pixels, ends aside; the labels of a frame in the order in which they were given."""
+        """The labelled pixels as a flat table, without the rows of ends; labels in the order in which they were given."""
         seen = [(rows, np.nonzero(rows.label >= 0)) for rows in self.rows[:-1]]
         frame = np.concatenate([at[0] for _, at in seen])
         label, xy, weight = (
@@ -148,15 +148,15 @@ class Observations:
 
     @cached_property
     def weigh_alike(self) -> BoolArray:
-        """Whether all labels of a frame count alike, as without weights, (T,)."""
+        """Whether all labels of a frame have weight 1, as by default, (T,)."""
         table, count = self.pixels, self.pixels_by_label
         differs = ~np.isclose(table.weight * count[table.frame, table.label], 1.0)
         return np.asarray(np.bincount(table.frame, differs, minlength=len(self)) == 0)
 
     def relabelled(self, label: IntArray) -> Observations:
-        """The pixels under other labels: indices (P,) in the order of `pixels`, negative to leave one out.
+        """The pixels under other labels: indices (P,) in the order of `pixels`; negative ones leave a pixel out.
 
-        Pixels that come under one label share its weight of 1 in frames where all labels weigh alike.
+        In frames where all labels weigh alike, the pixels of a new label share a weight of 1.
         """
         table = replace(self.pixels, label=label).take(label >= 0)
         key = table.frame * len(self.labels) + table.label
@@ -173,7 +173,7 @@ class Observations:
         return replace(self, rank=rank, rows=_packed(table.take(label_by_label), self.segments))
 
     def without_labels(self, left_out: BoolArray) -> Observations:
-        """Observations in which some labels (T, L) weigh nothing."""
+        """Observations in which the labels `left_out` (T, L) have weight 0."""
         frame = np.arange(len(self))[:, None]
         return replace(
             self,
@@ -184,23 +184,26 @@ class Observations:
 
     @cached_property
     def motion_of_rows(self) -> tuple[Array, ...]:
-        """How the segment of each pixel moves, for each kind of rows (T, N, 3, 2): a line as its middle."""
+        """Derivatives of the segment of each pixel by the field's size, for each kind of rows (T, N, 3, 2).
+
+        Those of a line are of its middle.
+        """
         assert self.motion is not None
         return tuple(rows.motion(self.motion) for rows in self.rows)
 
     @cached_property
     def motion_of_residuals(self) -> Array:
-        """How the segment of each residual moves, (T, M, 3, 2)."""
+        """Derivatives of the segment of each residual by the field's size, (T, M, 3, 2)."""
         return self._by_residual(self.motion_of_rows)
 
     def moved(self, change: Array) -> Observations:
-        """Observations of fields whose length and width (T, 2) have changed."""
+        """Observations of fields whose length and width have changed by (T, 2) metres."""
         moves = [(motion @ change[:, None, :, None])[..., 0] for motion in self.motion_of_rows]
         return replace(self, rows=tuple(rows.moved(move) for rows, move in zip(self.rows, moves, strict=True)))
 
     @cached_property
     def columns(self) -> dict[type[Rows], slice]:
-        """Where the residuals of each kind of rows stand among all M."""
+        """Slice of the residuals of each kind of rows among all M."""
         columns, end = {}, 0
         for rows in self.rows:
             begin, end = end, end + rows.components * rows.xy.shape[1]
@@ -209,7 +212,7 @@ class Observations:
 
     @cached_property
     def weight(self) -> Array:
-        """Weight of every residual, (T, M): kind after kind, and of each its components one after the other."""
+        """Weight of every residual, (T, M): kind after kind, and in a kind component after component."""
         return self._by_residual([rows.weight for rows in self.rows])
 
     @cached_property
@@ -219,12 +222,12 @@ class Observations:
 
     @cached_property
     def shares_noise(self) -> BoolArray:
-        """Whether the residual has noise in common with its segment, (M,)."""
+        """Whether a residual has noise in common with the others of its segment, (M,)."""
         return np.repeat([rows.shares_noise for rows in self.rows], self._residuals_of_rows)
 
     @cached_property
     def pixel_share(self) -> Array:
-        """Share of each residual in a labelled pixel, (M,): a half where that has two, none of an end's."""
+        """Share of each residual in a labelled pixel, (M,): 1/2 where the pixel has two, 0 for ends."""
         shares = [0.0 if isinstance(rows, EndRows) else 1.0 / rows.components for rows in self.rows]
         return np.repeat(shares, self._residuals_of_rows)
 
@@ -241,7 +244,7 @@ class Observations:
 
     @cached_property
     def pixels_by_label(self) -> Array:
-        """Number of pixels of each label, ends aside, (T, L)."""
+        """Number of pixels of each label, without the rows of ends, (T, L)."""
         return self.by_label(np.broadcast_to(self.pixel_share, self.label.shape))
 
     def _by_residual(self, of_rows: Iterable[NDArray[Any]]) -> NDArray[Any]:

@@ -13,20 +13,20 @@ from fieldcalib.problem.labelled_pixels import Pixels, PixelWeights
 
 @dataclass(frozen=True, eq=False)
 class PixelTable:
-    """Labelled pixels of T frames, one after the other: frame by frame, and in a frame label by label."""
+    """Labelled pixels of T frames as a flat table, ordered by frame and in a frame by label."""
 
     labels: tuple[str, ...]
     """Labels that the pixels may have, L of them."""
     count: int
     """Number of frames, T; some may have no pixels."""
     frame: IntArray
-    """(P,), ascending."""
+    """Index of the frame, (P,), ascending."""
     label: IntArray
     """Index into the labels, (P,)."""
     xy: Array
-    """(P, 2)."""
+    """Pixels, (P, 2)."""
     weight: Array
-    """(P,)."""
+    """Weights, (P,)."""
 
     @classmethod
     def of(
@@ -71,7 +71,7 @@ class PixelTable:
         return np.bincount(self.frame, minlength=self.count) > 0
 
     def take(self, kept: BoolArray | IntArray) -> PixelTable:
-        """Some of the pixels, in the order of indices if these are given."""
+        """Some of the pixels, by mask or, in their order, by indices."""
         return replace(self, frame=self.frame[kept], label=self.label[kept], xy=self.xy[kept], weight=self.weight[kept])
 
     def of_frames(self, index: IntArray | Sequence[int]) -> PixelTable:
