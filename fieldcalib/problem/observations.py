@@ -109,7 +109,7 @@ class Observations:
 
     @cached_property
     def pixels(self) -> PixelTable:
-        """The labelled pixels as a flat table, without the rows of ends; labels in the order in which they were given."""
+        """The labelled pixels as a flat table, ends aside; the labels of a frame in the order given."""
         seen = [(rows, np.nonzero(rows.label >= 0)) for rows in self.rows[:-1]]
         frame = np.concatenate([at[0] for _, at in seen])
         label, xy, weight = (
