@@ -1,0 +1,158 @@
+"""Advice to a person who labels a frame: likely labels, the mark that helps most, the effect of inexact clicks."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from fieldcalib._types import Array
+from fieldcalib.assess.result import Calibration
+from fieldcalib.assess.solved import Solved
+from fieldcalib.draw.scene import image_curves
+from fieldcalib.fields.field import Field
+from fieldcalib.geometry.camera import Camera
+from fieldcalib.problem.evaluation import Problem, evaluate
+from fieldcalib.problem.losses import RobustLoss
+from fieldcalib.problem.observations import Observations
+from fieldcalib.problem.pixel_table import PixelTable
+
+CLICK = 2.0  # px: standard deviation of a click, along x and y
+PLACES = 9  # on a marking where a mark may be set
+BORDER = 0.02  # of width and height: there clicks are awkward
+GRID = (9, 7)  # ground points along and across the field, at which the camera's errors count
+
+
+def likely_labels(field: Field, camera: Camera | None, xy: ArrayLike) -> list[str]:
+    """Labels of the markings of a field, those first that a camera projects near a pixel; without one as they come.
+
+    Examples
+    --------
+    >>> from fieldcalib import soccer
+    >>> camera = Camera.from_angles(0.0, 1.35, 0.0, 1400.0, (0.0, 66.0, -16.0), (960, 540))
+    >>> likely_labels(soccer(), camera, camera.project((0.0, -20.0, 0.0)) + 5.0)[0]
+    'Middle line'
+    """
+    if camera is None:
+        return list(field.markings)
+    click = np.asarray(xy, dtype=float)
+    distance = {
+        label: min((_distance(curve, click) for curve in image_curves(camera, segment)), default=np.inf)
+        for label, segment in field.markings.items()
+    }
+    return sorted(distance, key=lambda label: distance[label])
+
+
+def _distance(curve: Array, xy: Array) -> float:
+    """Distance of a pixel from a polyline (N, 2)."""
+    start, way = curve[:-1], np.diff(curve, axis=0)
+    share = np.sum((xy - start) * way, axis=1) / np.maximum(np.sum(way**2, axis=1), 1e-12)
+    near = start + np.clip(share, 0.0, 1.0)[:, None] * way
+    return float(np.min(np.linalg.norm(near - xy, axis=1), initial=np.inf))
+
+
+class NextMark(NamedTuple):
+    """The mark that would help most."""
+
+    label: str
+    xy: tuple[float, float]
+    """Where on its marking, pixels."""
+    gain: float
+    """Share of the mean squared error of the field in view that it removes, 0 to 1."""
+
+
+def next_mark(calibration: Calibration, pixel_sd: float = CLICK) -> NextMark | None:
+    """The marking, and the place on it, whose mark lowers the errors of the field in view most.
+
+    A mark of standard deviation s and derivatives j by the parameters changes their covariance V to
+    ``V - V j j^T V / (s^2 + j^T V j)``. Lines and arcs in view count, at places away from the border of the image.
+
+    Returns
+    -------
+    NextMark or None
+        None where there is no camera, or nothing to mark.
+
+    Raises
+    ------
+    ValueError
+        If the calibration is not that of a single frame of a `Field`.
+    """
+    if calibration.camera is None:
+        return None
+    field, _ = _field_and_solution(calibration)
+    estimate = calibration.uncertainty
+    V, J = estimate.covariance, _of_ground(calibration, _ground_in_view(calibration.camera, field))
+    places = _places(calibration.camera, field)
+    if not len(J) or not len(places.frame) or not np.all(np.isfinite(V)):
+        return None
+    layout, theta = estimate.layout, estimate.theta
+    observations = Observations.of(field, places, layout.image_size, field.motion if layout.field_size else None)
+    seen = evaluate(Problem(observations, layout, RobustLoss("linear", 1.0)), theta[None])
+    by_mark = seen.derivatives(np.ones(layout.size, dtype=bool))[0].T  # (M, n)
+    G = J.reshape(-1, layout.size)
+    removed = np.sum(np.square(G @ V @ by_mark.T), axis=0) / (
+        pixel_sd**2 + np.einsum("mi,ij,mj->m", by_mark, V, by_mark)
+    )
+    removed[~np.isfinite(removed) | (observations.label[0] < 0)] = 0.0
+    best = int(np.argmax(removed))
+    xy = np.concatenate([rows.xy[0] for rows in observations.rows for _ in range(rows.components)])[best]
+    total = float(np.einsum("mi,ij,mj->", G, V, G))
+    label = observations.labels[observations.label[0, best]]
+    return NextMark(label, (float(xy[0]), float(xy[1])), float(removed[best]) / total)
+
+
+def click_errors(calibration: Calibration, X: ArrayLike, pixel_sd: float = CLICK) -> Array:
+    """Root mean square shift (...,), metres, of ground points (..., 3) if every mark is off by `pixel_sd` pixels.
+
+    To first order ``A^-1 J^T W`` maps errors of the marks to errors of the parameters, with A the Hessian of the cost
+    and W the weights of the residuals in its gradient.
+
+    Raises
+    ------
+    ValueError
+        If the calibration is not that of a single frame of a `Field`.
+    NoCameraError
+        If it has no camera.
+    """
+    _, solved = _field_and_solution(calibration)
+    evaluation = solved.alone.evaluation
+    free = evaluation.problem.free
+    pulled = evaluation.JT[0] * evaluation.pull[0]
+    by_marks = np.linalg.solve(evaluation.hessian[0], pulled)  # (P, M)
+    J = _of_ground(calibration, np.asarray(X, dtype=float))[..., free] @ by_marks
+    return np.asarray(pixel_sd * np.sqrt(np.sum(np.square(J), axis=(-2, -1))))
+
+
+def _field_and_solution(calibration: Calibration) -> tuple[Field, Solved]:
+    calibration.required_camera  # noqa: B018 - raises with the reason
+    if calibration.field is None or calibration.solved is None:
+        raise ValueError("expected the calibration of a single frame of a Field, as calibrate_from_segments gives it")
+    return calibration.field, calibration.solved
+
+
+def _of_ground(calibration: Calibration, X: Array) -> Array:
+    """Derivatives (..., 2, n) of ground points relative to the markings in view, 0 where there are none."""
+    estimate = calibration.uncertainty
+    J, known = estimate.ground_jacobian(X)
+    return np.where(known[..., None, None], J - estimate.motion_of_markings, 0.0)
+
+
+def _ground_in_view(camera: Camera, field: Field) -> Array:
+    """Ground points (K, 3) of a grid over the field that the camera sees."""
+    x, y = (np.linspace(-half, half, count) for half, count in zip(field.half_extent, GRID, strict=True))
+    X = np.stack([*np.meshgrid(x, y), np.zeros((len(y), len(x)))], axis=-1).reshape(-1, 3)
+    xy = camera.project(X)
+    return X[np.all((xy >= 0.0) & (xy < camera.image_size), axis=1)]  # false for NaN
+
+
+def _places(camera: Camera, field: Field) -> PixelTable:
+    """Places on lines and arcs in view where a mark may be set."""
+    size = np.array(camera.image_size)
+    frame = {}
+    for label, segment in field.markings.items():
+        xy = camera.project(segment.samples(PLACES))
+        inside = np.all((xy > BORDER * size) & (xy < (1.0 - BORDER) * size), axis=1)  # false for NaN
+        if (segment.is_straight or segment.is_arc) and np.any(inside):
+            frame[label] = xy[inside]
+    return PixelTable.of(field, [frame])

@@ -1,0 +1,213 @@
+"""An image that a person labels: marks, what is known of the camera, and the camera that follows from both."""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Iterable, Mapping
+from dataclasses import dataclass, replace
+from dataclasses import field as attribute
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from fieldcalib._types import Array
+from fieldcalib.assess.result import Calibration
+from fieldcalib.editor.advice import NextMark, click_errors, likely_labels, next_mark
+from fieldcalib.editor.marks import History, Marks
+from fieldcalib.editor.snapping import snapped
+from fieldcalib.fields.catalogue import field as field_by_name
+from fieldcalib.fields.field import Field
+from fieldcalib.io.image import Image, checked_image, size_of
+from fieldcalib.problem.labelled_pixels import nearest_label
+from fieldcalib.solve.from_segments import calibrate_from_segments
+from fieldcalib.solve.options import DEFAULT_FLAGS, CalibrationFlags
+
+LENSES: Mapping[str, int] = {
+    "none": DEFAULT_FLAGS | CalibrationFlags.CALIB_FIX_K1,
+    "k1": DEFAULT_FLAGS,
+    "k1, k2": DEFAULT_FLAGS & ~CalibrationFlags.CALIB_FIX_K2,
+    "auto": DEFAULT_FLAGS | CalibrationFlags.CALIB_AUTO_LENS,
+}
+"""Flags by the name of a lens model."""
+
+
+@dataclass(frozen=True)
+class Known:
+    """What a person knows of a camera and a field; None is estimated."""
+
+    focal_length: float | None = None
+    """Pixels."""
+    position: tuple[float, float, float] | None = None
+    """Metres from the centre mark, y towards the main stand, z down."""
+    principal_point: bool = False
+    """Whether it is the middle of the image."""
+    lens: str = "k1"
+    """A name of `LENSES`."""
+    field_size: tuple[float, float] | None = None
+    """Length and width, metres."""
+
+    def __post_init__(self) -> None:
+        if self.lens not in LENSES:
+            raise ValueError(f"lens must be one of {', '.join(map(repr, LENSES))}, got {self.lens!r}")
+
+    def of(self, field: Field) -> Field:
+        """The field in its known size."""
+        return field if self.field_size is None else replace(field.resized(*self.field_size), size_known=True)
+
+    def arguments(self, image_size: tuple[int, int]) -> dict[str, Any]:
+        """Keyword arguments of `calibrate_from_segments`."""
+        F = CalibrationFlags
+        flags, found = LENSES[self.lens], dict[str, Any]()
+        if self.focal_length is not None:
+            middle = np.divide(image_size, 2.0)
+            f = self.focal_length
+            found["camera_matrix"] = np.array([[f, 0.0, middle[0]], [0.0, f, middle[1]], [0.0, 0.0, 1.0]])
+            flags |= F.CALIB_FIX_FOCAL_LENGTH
+        if self.position is not None:
+            found["rvec"], found["tvec"] = np.zeros(3), -np.array(self.position)
+            flags |= F.CALIB_FIX_POSITION
+        if self.principal_point:
+            flags |= F.CALIB_FIX_PRINCIPAL_POINT
+        return {"flags": flags, **found}
+
+
+@dataclass(frozen=True)
+class Edit:
+    """What a person has said about an image."""
+
+    marks: Marks = attribute(default_factory=Marks)
+    known: Known = attribute(default_factory=Known)
+
+
+@dataclass(frozen=True, eq=False)
+class FrameEditor:
+    """An image with marks, and the camera that follows from them. Each change gives a new editor.
+
+    Parameters
+    ----------
+    image : (height, width, 3) uint8 array
+        Blue, green, red.
+    field : Field
+    history : History of Edit
+        Marks and known values, now and before.
+
+    Examples
+    --------
+    >>> from fieldcalib import Camera, soccer
+    >>> from fieldcalib.draw.scene import render_field
+    >>> truth = Camera.from_angles(-0.3, 1.35, 0.0, 1600.0, (0.0, 68.0, -17.0), (960, 540))
+    >>> editor = FrameEditor.of(render_field(truth, soccer()))
+    >>> for label in ("Side line left", "Side line top", "Big rect. left main", "Big rect. left top"):
+    ...     ends = truth.project(soccer()[label].sample(3.0))
+    ...     inside = ends[((ends > 5.0) & (ends < (955.0, 535.0))).all(axis=1)]
+    ...     editor = editor.mark(label, inside[[0, -1]] + (1.5, -1.5))
+    >>> str(editor.calibration.status), round(float(np.linalg.norm(editor.calibration.camera.C - truth.C))) < 5
+    ('accepted', True)
+    >>> editor.undo().undo().calibration.camera is None, editor.undo().redo().marks == editor.marks
+    (False, True)
+    """
+
+    image: Image
+    field: Field
+    history: History[Edit]
+
+    @classmethod
+    def of(
+        cls,
+        image: ArrayLike,
+        field: Field | str = "soccer",
+        pixels: Mapping[str, Iterable[Iterable[float]]] | None = None,
+        known: Known | None = None,
+    ) -> FrameEditor:
+        """Begin with an image, the name of a sport or a field, and pixels that are labelled already.
+
+        Raises
+        ------
+        ValueError
+            If the image is not uint8 with three channels, or a label is not one of the field.
+        """
+        of_field = field_by_name(field) if isinstance(field, str) else field
+        marks = Marks.of(pixels or {})
+        for label in marks.pixels:
+            _check_label(label, of_field)
+        return cls(checked_image(image), of_field, History(Edit(marks, known or Known())))
+
+    @property
+    def marks(self) -> Marks:
+        """The marks."""
+        return self.history.present.marks
+
+    @property
+    def known(self) -> Known:
+        """Known values of camera and field."""
+        return self.history.present.known
+
+    @cached_property
+    def calibration(self) -> Calibration:
+        """The camera that follows from the marks."""
+        size = size_of(self.image)
+        return calibrate_from_segments(self.known.of(self.field), self.marks.pixels, size, **self.known.arguments(size))
+
+    def mark(self, label: str, xy: ArrayLike, *, snap: bool = True) -> FrameEditor:
+        """Set marks of a label at pixels (2,) or (N, 2), snapped to paint."""
+        _check_label(label, self.field)
+        clicks = np.reshape(np.asarray(xy, dtype=float), (-1, 2))
+        return self._then(marks=self.marks.added(label, [self.place(label, one, snap=snap) for one in clicks]))
+
+    def move(self, to: Mapping[int, ArrayLike], *, snap: bool = True) -> FrameEditor:
+        """Drag marks, by their numbers, to other pixels."""
+        labels = [one.label for one in self.marks.all]
+        places = {
+            number: self.place(labels[number] if 0 <= number < len(labels) else "", xy, snap=snap)
+            for number, xy in to.items()
+        }
+        return self._then(marks=self.marks.moved(places))
+
+    def relabel(self, numbers: Collection[int], label: str) -> FrameEditor:
+        """Give marks another label."""
+        _check_label(label, self.field)
+        return self._then(marks=self.marks.relabelled(numbers, label))
+
+    def remove(self, numbers: Collection[int]) -> FrameEditor:
+        """Remove marks."""
+        return self._then(marks=self.marks.without(numbers))
+
+    def know(self, **values: Any) -> FrameEditor:
+        """Set known values, see `Known`; None lets them be estimated."""
+        return self._then(known=replace(self.known, **values))
+
+    def undo(self) -> FrameEditor:
+        """Take the last change back."""
+        return replace(self, history=self.history.undone)
+
+    def redo(self) -> FrameEditor:
+        """Make the change again that was taken back last."""
+        return replace(self, history=self.history.redone)
+
+    def place(self, label: str, xy: ArrayLike, *, snap: bool = True) -> Array:
+        """The pixel that a click means: on the paint of a line or an arc near by, as it is for other labels."""
+        segment = self.field.get(label)
+        is_painted = segment is not None and (segment.is_straight or segment.is_arc)
+        return snapped(self.image, xy) if snap and is_painted else np.asarray(xy, dtype=float)
+
+    def likely_labels(self, xy: ArrayLike) -> list[str]:
+        """Labels for a pixel, the likely ones first."""
+        return likely_labels(self.field, self.calibration.camera, xy)
+
+    @property
+    def next_mark(self) -> NextMark | None:
+        """The mark that would help most; None without a camera."""
+        return next_mark(self.calibration)
+
+    def click_errors(self, X: ArrayLike) -> Array:
+        """Shift, metres, of ground points (..., 3) if all clicks are 2 px off."""
+        return click_errors(self.calibration, X)
+
+    def _then(self, **changes: Any) -> FrameEditor:
+        return replace(self, history=self.history.then(replace(self.history.present, **changes)))
+
+
+def _check_label(label: str, field: Field) -> None:
+    if label not in field:
+        raise ValueError(f"unknown label {label!r}; {nearest_label(label, field)}")

@@ -1,0 +1,130 @@
+"""Marks that a person sets in an image, and their history."""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Iterable, Mapping
+from dataclasses import dataclass, replace
+from typing import Generic, NamedTuple, TypeVar
+
+import numpy as np
+
+from fieldcalib.problem.labelled_pixels import Pixels
+
+State = TypeVar("State")
+
+
+class Mark(NamedTuple):
+    """A labelled pixel."""
+
+    label: str
+    x: float
+    y: float
+
+
+@dataclass(frozen=True)
+class Marks:
+    """The marks of an image, in the order in which they were set. Each change gives new marks.
+
+    Examples
+    --------
+    >>> marks = Marks().added("Middle line", [(480, 100), (478, 300)]).added("Side line top", [(20, 90)])
+    >>> marks.moved({0: (481, 101)}).pixels["Middle line"]
+    array([[481., 101.],
+           [478., 300.]])
+    >>> marks.without([0, 2]).all
+    (Mark(label='Middle line', x=478.0, y=300.0),)
+    """
+
+    all: tuple[Mark, ...] = ()
+
+    @classmethod
+    def of(cls, pixels: Mapping[str, Iterable[Iterable[float]]]) -> Marks:
+        """Marks at labelled pixels."""
+        marks = cls()
+        for label, xy in pixels.items():
+            marks = marks.added(label, xy)
+        return marks
+
+    def __len__(self) -> int:
+        return len(self.all)
+
+    @property
+    def pixels(self) -> Pixels:
+        """Pixels (N, 2) by label."""
+        found: dict[str, list[tuple[float, float]]] = {}
+        for label, x, y in self.all:
+            found.setdefault(label, []).append((x, y))
+        return {label: np.array(xy) for label, xy in found.items()}
+
+    def added(self, label: str, xy: Iterable[Iterable[float]]) -> Marks:
+        """With marks of a label at some pixels."""
+        return Marks((*self.all, *(Mark(label, float(x), float(y)) for x, y in xy)))
+
+    def moved(self, to: Mapping[int, Iterable[float]]) -> Marks:
+        """With marks at other pixels, by their numbers."""
+        self._check(to)
+        places = {number: tuple(map(float, xy)) for number, xy in to.items()}
+        return Marks(
+            tuple(Mark(one.label, *places[number]) if number in places else one for number, one in enumerate(self.all))
+        )
+
+    def relabelled(self, numbers: Collection[int], label: str) -> Marks:
+        """With another label for some marks."""
+        self._check(numbers)
+        return Marks(
+            tuple(one._replace(label=label) if number in numbers else one for number, one in enumerate(self.all))
+        )
+
+    def without(self, numbers: Collection[int]) -> Marks:
+        """Without some marks."""
+        self._check(numbers)
+        return Marks(tuple(one for number, one in enumerate(self.all) if number not in numbers))
+
+    def _check(self, numbers: Iterable[int]) -> None:
+        for number in numbers:
+            if not 0 <= number < len(self.all):
+                raise ValueError(f"expected numbers of marks from 0 to {len(self.all) - 1}, got {number}")
+
+
+@dataclass(frozen=True)
+class History(Generic[State]):
+    """States, of which one is the present: undo goes back without end, and redo forth until something else is done.
+
+    Examples
+    --------
+    >>> history = History("a").then("b").then("c").undone.undone
+    >>> history.present, history.redone.present, history.then("d").can_redo
+    ('a', 'b', False)
+    """
+
+    present: State
+    past: tuple[State, ...] = ()
+    future: tuple[State, ...] = ()
+
+    @property
+    def can_undo(self) -> bool:
+        """Whether there is a state before."""
+        return bool(self.past)
+
+    @property
+    def can_redo(self) -> bool:
+        """Whether a state was undone."""
+        return bool(self.future)
+
+    def then(self, state: State) -> History[State]:
+        """With a new state; the same one as before changes nothing."""
+        return self if state == self.present else History(state, (*self.past, self.present))
+
+    @property
+    def undone(self) -> History[State]:
+        """With the state before the present one; the first one stays."""
+        if not self.past:
+            return self
+        return replace(self, present=self.past[-1], past=self.past[:-1], future=(self.present, *self.future))
+
+    @property
+    def redone(self) -> History[State]:
+        """With the state that was undone last."""
+        if not self.future:
+            return self
+        return History(self.future[0], (*self.past, self.present), self.future[1:])

@@ -1,0 +1,86 @@
+"""Snapping of clicks to paint: the nearest middle of a light line, with subpixel accuracy.
+
+A line is a ridge of lightness. At the scale of its width the second derivative across it is strongly negative, and the
+zero of the first derivative along that direction is the middle of the line (Steger: An Unbiased Detector of Curvilinear
+Structures, 1998, section 2).
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from fieldcalib._types import Array, Float32
+from fieldcalib.io.image import Image
+from fieldcalib.solve.options import pixel_unit
+
+REACH = 8.0  # px of a 960 x 540 image: clicks are nearer than that
+WIDTHS = (1.0, 2.0, 4.0)  # standard deviations of the blur, px of such an image: thin lines far off, broad ones near by
+LEAST_CONTRAST = 6.0  # grey values by which the strongest line stands out, in its blurred second derivative
+NEAR_MIDDLE = 0.75  # px from the middle of a line to a pixel that belongs to it
+LEAST_BLUR = 0.7  # px, for derivatives by differences of pixels
+FAR = 0.5  # share of the strength that a line at the reach needs more than one at the click
+
+
+def snapped(image: Image, xy: ArrayLike) -> Array:
+    """The middle of the line nearest to a click, or the click where no line is near.
+
+    Parameters
+    ----------
+    image : (height, width, 3) uint8 array
+        Blue, green, red.
+    xy : (2,) array_like
+        The click, pixels.
+
+    Returns
+    -------
+    (2,) array
+
+    Examples
+    --------
+    >>> image = np.full((540, 960, 3), (60, 140, 60), np.uint8)
+    >>> image[:, 500:503] = 230
+    >>> snapped(image, (498.2, 300.0)).round(1), snapped(image, (700.0, 300.0))
+    (array([501., 300.]), array([700., 300.]))
+    """
+    import cv2
+
+    click = np.asarray(xy, dtype=float)
+    height, width = image.shape[:2]
+    unit = pixel_unit((width, height))
+    reach = REACH * unit
+    margin = int(np.ceil(reach + 4.0 * max(WIDTHS) * unit))
+    corner = np.floor(click).astype(int) - margin
+    low, high = np.maximum(corner, 0), np.minimum(corner + 2 * margin + 2, (width, height))
+    if np.any(high - low < 3):
+        return click
+    grey = cv2.cvtColor(image[low[1] : high[1], low[0] : high[0]], cv2.COLOR_BGR2GRAY).astype(np.float32)
+    pixels = np.stack(np.meshgrid(np.arange(low[0], high[0]), np.arange(low[1], high[1])), axis=-1)
+    best, place = 0.0, click
+    for scale in WIDTHS:
+        middle, normal, strength = _ridge(grey, max(scale * unit, LEAST_BLUR))
+        distance = np.linalg.norm(pixels + middle - click, axis=-1)
+        is_line = (np.linalg.norm(middle, axis=-1) < NEAR_MIDDLE) & (strength > LEAST_CONTRAST) & (distance <= reach)
+        weight = np.where(is_line, strength * (1.0 - (1.0 - FAR) * distance / reach), 0.0)
+        at = np.unravel_index(np.argmax(weight), weight.shape)
+        if weight[at] > best:
+            best, across = float(weight[at]), normal[at]
+            # along the line the click stays where it is
+            place = click + across * float((pixels[at] + middle[at] - click) @ across)
+    return place
+
+
+def _ridge(grey: Float32, sigma: float) -> tuple[Array, Array, Array]:
+    """The middle of a light line from each pixel (h, w, 2), its normal (h, w, 2), and its strength in grey values."""
+    import cv2
+
+    blurred = cv2.GaussianBlur(grey, (0, 0), sigma, borderType=cv2.BORDER_REPLICATE)
+    gy, gx = np.gradient(blurred)
+    gyy, gyx = np.gradient(gy)
+    gxx = np.gradient(gx, axis=1)
+    # the eigenvector of the smaller eigenvalue of the symmetric matrix [[gxx, gyx], [gyx, gyy]]
+    half, mean = np.hypot(0.5 * (gxx - gyy), gyx), 0.5 * (gxx + gyy)
+    angle = 0.5 * np.arctan2(2.0 * gyx, gxx - gyy) + 0.5 * np.pi
+    normal = np.stack([np.cos(angle), np.sin(angle)], axis=-1)
+    across, bend = normal[..., 0] * gx + normal[..., 1] * gy, np.maximum(half - mean, 1e-9)
+    return (across / bend)[..., None] * normal, normal, sigma**2 * (half - mean)
