@@ -21,6 +21,7 @@ from fieldcalib._types import Array, BoolArray
 from fieldcalib.assess.result import Calibration, Status
 from fieldcalib.console.arguments import add_input_and_output
 from fieldcalib.console.field_options import add_sized_field, field_of
+from fieldcalib.console.options import add_options
 from fieldcalib.console.program import run_command
 from fieldcalib.fields.field import Field
 from fieldcalib.geometry.projective import SINGULAR
@@ -29,7 +30,7 @@ from fieldcalib.io.wc14 import format_homography
 from fieldcalib.problem.labelled_pixels import Pixels
 from fieldcalib.problem.observations import pack
 from fieldcalib.run_folder.annotated import AnnotationReader, CalibratedFrame, calibrate_folder
-from fieldcalib.run_folder.options import RunOptions, add_jobs
+from fieldcalib.run_folder.options import RunOptions
 from fieldcalib.solve.decomposition import NO_FOCAL_LENGTH, closed_form
 from fieldcalib.solve.from_homography import judged_camera
 from fieldcalib.solve.initial_cameras import ground_homographies
@@ -112,7 +113,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser = argparse.ArgumentParser(prog="python -m baselines.dlt_lines", description=__doc__.splitlines()[0])
     add_input_and_output(parser)
     add_sized_field(parser)
-    add_jobs(parser)
+    add_options(parser, RunOptions)
     parser.set_defaults(run=_run, command="baselines.dlt_lines")
     return run_command(parser.parse_args(arguments))
 

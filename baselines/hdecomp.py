@@ -20,6 +20,7 @@ from fieldcalib._types import Array
 from fieldcalib.assess.result import Calibration, Status
 from fieldcalib.console.arguments import add_input_and_output, positive
 from fieldcalib.console.field_options import add_sized_field, field_of
+from fieldcalib.console.options import add_options
 from fieldcalib.console.program import run_command
 from fieldcalib.fields.field import Field
 from fieldcalib.io.files import FrameFile
@@ -34,7 +35,7 @@ from fieldcalib.run_folder.annotated import (
     name_skipped,
     unit_result,
 )
-from fieldcalib.run_folder.options import RunOptions, add_jobs
+from fieldcalib.run_folder.options import RunOptions
 from fieldcalib.run_folder.units import UnitResult, unit_size
 from fieldcalib.solve.decomposition import camera_from_homography
 from fieldcalib.solve.from_homography import judged_camera, judged_decomposition
@@ -99,7 +100,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         metavar="SHARE",
         help="how far outside the image field points count, in widths and heights (0.1)",
     )
-    add_jobs(parser)
+    add_options(parser, RunOptions)
     parser.set_defaults(run=_run, command="baselines.hdecomp")
     return run_command(parser.parse_args(arguments))
 

@@ -35,6 +35,7 @@ from fieldcalib.assess.ndc import cloud
 from fieldcalib.assess.result import Calibration, Status
 from fieldcalib.console.arguments import add_input_and_output, positive
 from fieldcalib.console.field_options import add_sized_field, field_of
+from fieldcalib.console.options import add_options
 from fieldcalib.console.program import run_command
 from fieldcalib.fields.field import Field
 from fieldcalib.fields.segments import ObjectSegments, Segment
@@ -45,7 +46,7 @@ from fieldcalib.io.soccernet import CAMERA_TYPES, DISTRIBUTIONS_OF_TYPE, read_ca
 from fieldcalib.problem.labelled_pixels import Pixels, split_circles
 from fieldcalib.problem.layout import ANGLES, CENTER, LOG_F, PRINCIPAL_POINT, ROLL, Layout, camera_from_theta
 from fieldcalib.run_folder.annotated import AnnotationReader, CalibratedFrame, by_prior, calibrate_folder
-from fieldcalib.run_folder.options import RunOptions, add_jobs
+from fieldcalib.run_folder.options import RunOptions
 from fieldcalib.solve.from_homography import judged_camera
 from fieldcalib.solve.from_segments import NO_PIXELS
 
@@ -392,7 +393,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     )
     parser.add_argument("--steps", type=int, default=STEPS, metavar="N", help=f"of the optimiser ({STEPS})")
     parser.add_argument("--tau", type=positive, metavar="T", help="reject frames whose loss is above, e.g. 0.019 (off)")
-    add_jobs(parser)
+    add_options(parser, RunOptions)
     parser.set_defaults(run=_run, command="baselines.tvcalib")
     return run_command(parser.parse_args(arguments))
 

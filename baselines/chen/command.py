@@ -31,6 +31,7 @@ from baselines.chen.features import HOG, SIAMESE, Siamese
 from baselines.chen.search import PUBLISHED, WIDER, Recipe, homography
 from fieldcalib.console.arguments import add_input_and_output, count
 from fieldcalib.console.field_options import add_sized_field, field_of
+from fieldcalib.console.options import add_options
 from fieldcalib.console.program import run_command
 from fieldcalib.console.progress import progress_bar
 from fieldcalib.fields.field import Field
@@ -50,7 +51,7 @@ from fieldcalib.run_folder.annotated import (
     unit_result,
 )
 from fieldcalib.run_folder.images import Frame, ReadImage, broken_frames, image_files
-from fieldcalib.run_folder.options import RunOptions, add_jobs
+from fieldcalib.run_folder.options import RunOptions
 from fieldcalib.run_folder.units import UnitResult
 from fieldcalib.solve.from_homography import judged_camera
 
@@ -100,7 +101,7 @@ def _parser() -> argparse.ArgumentParser:
         help="whose axes the homography files have (wc14: pixels to yards)",
     )
     add_sized_field(parser)
-    add_jobs(parser)
+    add_options(parser, RunOptions)
     parser.set_defaults(run=_run, command="baselines.chen")
     return parser
 

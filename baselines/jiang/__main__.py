@@ -22,14 +22,15 @@ from baselines.jiang.estimate import CostName, Estimator, homographies
 from baselines.jiang.networks import SIZE, WIDTH
 from baselines.jiang.score import score
 from baselines.jiang.training_pairs import Batches, read_pairs
-from fieldcalib.console.arguments import add_format, add_limits, count, folder_name, image_size, positive
+from fieldcalib.console.arguments import add_format, count, folder_name, image_size, positive
 from fieldcalib.console.inputs import add_inputs
+from fieldcalib.console.options import add_options, given
 from fieldcalib.console.program import run_command
 from fieldcalib.io.files import FrameFile
 from fieldcalib.io.formats import CAMERAS, HOMOGRAPHIES
 from fieldcalib.run_folder.annotated import CalibratedFrame, calibrate_files, unit_result
 from fieldcalib.run_folder.images import Frame, ReadImage, broken_frames, image_files
-from fieldcalib.run_folder.options import RunOptions, add_jobs
+from fieldcalib.run_folder.options import RunOptions
 from fieldcalib.run_folder.units import UnitResult
 
 AT_ONCE = 16  # images that are optimised together
@@ -62,8 +63,8 @@ def _add_run(parser: argparse.ArgumentParser) -> None:
     _add_method(parser)
     add_format(parser)
     parser.add_argument("--strict", action="store_true", help="read all files first, and do nothing if one is broken")
-    add_limits(parser)
-    add_jobs(parser)
+    add_options(parser, ReadImage)
+    add_options(parser, RunOptions)
     parser.set_defaults(run=_run, command="baselines.jiang")
 
 
@@ -80,7 +81,7 @@ def _add_method(parser: argparse.ArgumentParser) -> None:
 
 def _run(options: argparse.Namespace) -> int:
     Estimator.load(options.weights, options.cost)  # broken weights are reported before the work begins
-    read = ReadImage(options.most_bytes, options.most_pixels)
+    read = given(ReadImage, options)
     method = _FromImages(read, options.size, options.weights, options.cost, options.steps)
     writes = [form.file_name("<id>") for form in (CAMERAS, HOMOGRAPHIES)]
     names = [training.GUESS, *([training.ERROR] if options.cost == "learned" else [])]

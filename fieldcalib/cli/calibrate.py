@@ -12,8 +12,8 @@ from typing import Any
 from fieldcalib.assess.compute_errors import compute_errors
 from fieldcalib.assess.placement import Placement
 from fieldcalib.assess.result import Calibration
-from fieldcalib.cli.declared import DeclaredPictures, add_declarations
-from fieldcalib.cli.known_camera import KnownCamera, add_known_camera
+from fieldcalib.cli.declared import DeclaredPictures
+from fieldcalib.cli.known_camera import KnownCamera
 from fieldcalib.console.arguments import (
     ESTIMATED,
     add_camera,
@@ -22,13 +22,14 @@ from fieldcalib.console.arguments import (
     probability,
 )
 from fieldcalib.console.field_options import KNOWN, add_field, field_of, prior_of
+from fieldcalib.console.options import add_options, given
 from fieldcalib.console.program import say
 from fieldcalib.fields.field import Field
 from fieldcalib.io.files import BrokenFileError
 from fieldcalib.io.soccernet import CAMERA_TYPES, DISTRIBUTIONS_OF_TYPE, read_camera_types
 from fieldcalib.problem.labelled_pixels import Pixels
 from fieldcalib.run_folder.annotated import AnnotationReader, CalibratedFrame, by_prior, calibrate_folder
-from fieldcalib.run_folder.options import RunOptions, add_jobs
+from fieldcalib.run_folder.options import RunOptions
 from fieldcalib.solve.batch import calibrate_batch
 from fieldcalib.solve.field_size import FieldSize, estimate_field_size
 from fieldcalib.solve.label_ends import with_border_asked
@@ -40,14 +41,14 @@ SEE_ONE_PITCH = {EACH: 1, SHARED: sys.maxsize}  # frames that are worked on at o
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Describe the command, add its arguments and set ``run``, a function of them that gives the exit code."""
+    """Describe the command and add its arguments, which `run` takes."""
     parser.description = (
         "Calibrate frames from annotations of SoccerNet (<id>.json: label -> normalised points), CVAT, labelme, Label "
         "Studio or COCO. Writes camera_<id>.json in SoccerNet's format, cameras.jsonl with one line a frame, and "
         "summary.json."
     )
     add_input_and_output(parser)
-    add_declarations(parser)
+    add_options(parser, DeclaredPictures)
     add_field(parser)
     parser.add_argument(
         "--free-field-size",
@@ -55,7 +56,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help=f"deprecated: each is --field-size {ESTIMATED}, shared is --field-size {ESTIMATED} --same-field",
     )
     add_camera(parser, **{STACKED: f"as {CAMERA_TYPES} in INPUT says of each frame"})
-    add_known_camera(parser)
+    add_options(parser, KnownCamera)
     parser.add_argument(
         "--tau", type=positive, metavar="T", help="reject frames whose NDC loss is above; the paper's is 0.019 (off)"
     )
@@ -65,14 +66,13 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         metavar="P",
         help="reject cameras that are less probably right to 1 m everywhere in view, on courts to less (off)",
     )
-    add_jobs(parser)
-    parser.set_defaults(run=run, command="calibrate")
+    add_options(parser, RunOptions)
 
 
 def run(options: argparse.Namespace) -> int:
     """Calibrate; returns the exit code."""
     free = _free_field_size(options)
-    known, pictures = KnownCamera.of(options), DeclaredPictures.of(options)
+    known, pictures = given(KnownCamera, options), given(DeclaredPictures, options)
     if options.size is not None:
         try:
             known.given(pictures.placement(options.size).frame_size)

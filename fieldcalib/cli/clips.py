@@ -163,7 +163,7 @@ def run_clip(request: RunRequest) -> int:
         if is_finished(run.out):
             return results.exit_code
         parts = KeptParts(run.out)
-        found = calibrate_video(options.field, clip, network, camera=request.camera, parts=parts, **keywords)
+        found = calibrate_video(options.field, clip, network, camera=options.camera, parts=parts, **keywords)
         results.calibrating = time.perf_counter() - began
         results.notes = found.notes
         for note in found.notes:

@@ -14,6 +14,7 @@ import numpy as np
 from fieldcalib._types import Array
 from fieldcalib.console.arguments import add_most_bytes, add_size, positive
 from fieldcalib.console.field_options import add_sized_field, field_of
+from fieldcalib.console.options import add_options
 from fieldcalib.console.program import say
 from fieldcalib.fields.field import Field
 from fieldcalib.io.soccernet import CAMERA_TYPES
@@ -31,7 +32,7 @@ from fieldcalib.metrics import (
 from fieldcalib.metrics.scores import CompoundScore
 from fieldcalib.metrics.views import is_homography
 from fieldcalib.run_folder.annotated import name_skipped
-from fieldcalib.run_folder.options import add_processes
+from fieldcalib.run_folder.options import RunOptions
 from fieldcalib.run_folder.predictions import FileReader, GroundTruth, Predictions, read_ground_truth, read_predictions
 from fieldcalib.run_folder.results import is_unfinished
 from fieldcalib.run_folder.units import executor_of
@@ -45,7 +46,7 @@ RATIOS = {
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Describe the command, add its arguments and set ``run``, a function of them that gives the exit code."""
+    """Describe the command and add its arguments, which `run` takes."""
     parser.description = (
         "Score cameras (camera_<id>.json in SoccerNet's format, or TVCalib's per_sample_output.json) or "
         "homographies (<id>.homographyMatrix, 1280x720 image to field in yards as in WC14) against annotated segments "
@@ -77,9 +78,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     add_sized_field(parser)
     parser.add_argument("--json", action="store_true", help="print JSON")
-    add_processes(parser)
+    add_options(parser, RunOptions, "jobs")
     add_most_bytes(parser)
-    parser.set_defaults(run=run)
 
 
 def _thresholds(text: str) -> tuple[float, ...]:

@@ -50,7 +50,7 @@ LOST: Mapping[str, tuple[str, Callable[[Camera], float]]] = {
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Describe the command, add its arguments and set ``run``, a function of them that gives the exit code."""
+    """Describe the command and add its arguments, which `run` takes."""
     parser.description = "Write the cameras that calibrate or run found in the format of another tool."
     parser.add_argument("folder", type=Path, metavar="DIR", help="what calibrate or run wrote")
     parser.add_argument("--format", required=True, choices=FORMATS, help="of the files")
@@ -77,7 +77,6 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         metavar="DIGITS",
         help="of gsr: prefix of image ids, the digit of the split and the number of the video, as 3116",
     )
-    parser.set_defaults(run=run)
 
 
 def run(options: argparse.Namespace) -> int:

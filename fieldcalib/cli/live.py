@@ -62,9 +62,9 @@ def _check(request: RunRequest, stream: Stream) -> None:
     if request.run.resume:
         raise ValueError(f"--resume is of files: {stream} cannot be read again")
     for given, name in (
-        (request.camera != TRIPOD, "--camera"),
-        (request.clip, "--clip"),
-        (request.independent, "--independent"),
+        (request.calibration.camera != TRIPOD, "--camera"),
+        (request.calibration.clip, "--clip"),
+        (request.calibration.independent, "--independent"),
         (not request.calibration.refine, "--no-refinement"),
         (request.run.shard is not None, "--shard"),
     ):

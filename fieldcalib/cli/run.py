@@ -9,25 +9,24 @@ import time
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from itertools import islice
-from typing import get_args
 
 import numpy as np
 
 from fieldcalib.assess.result import Calibration
 from fieldcalib.cli.clips import run_clip
-from fieldcalib.cli.declared import add_declarations
-from fieldcalib.cli.known_camera import add_known_camera
+from fieldcalib.cli.declared import DeclaredPictures
+from fieldcalib.cli.known_camera import KnownCamera
 from fieldcalib.cli.live import run_stream
-from fieldcalib.cli.run_options import TRIPOD, CalibrationOptions, RunRequest, split_request
+from fieldcalib.cli.run_options import CalibrationOptions, RunRequest, split_request
 from fieldcalib.cli.several import run_several
-from fieldcalib.console.arguments import ESTIMATED, add_camera, add_cut, add_format, add_limits, folder_name
+from fieldcalib.console.arguments import ESTIMATED, add_camera, add_cut, add_format, folder_name
 from fieldcalib.console.field_options import add_field
 from fieldcalib.console.inputs import add_inputs
-from fieldcalib.console.network import add_network, add_refinement, load_network, network_in_process
+from fieldcalib.console.network import NetworkOptions, load_network, network_in_process
+from fieldcalib.console.options import add_options
 from fieldcalib.console.program import say
 from fieldcalib.fields.field import Field
 from fieldcalib.images.from_images import calibrate_from_images
-from fieldcalib.images.from_video import Mount
 from fieldcalib.io.files import FrameFile
 from fieldcalib.io.formats import CAMERAS, OVERLAYS, VIDEOS
 from fieldcalib.io.image import Image, size_of
@@ -35,8 +34,8 @@ from fieldcalib.io.images import IMAGES_AT_ONCE, in_parts
 from fieldcalib.io.line_log import whole_lines
 from fieldcalib.io.results import LINES
 from fieldcalib.localize import Network
-from fieldcalib.run_folder.images import Frame, Source, frames_lost, opened, outcomes_of, say_note
-from fieldcalib.run_folder.options import add_jobs
+from fieldcalib.run_folder.images import Frame, ReadImage, Source, frames_lost, opened, outcomes_of, say_note
+from fieldcalib.run_folder.options import RunOptions
 from fieldcalib.run_folder.outcome import Outcome, calibration_line
 from fieldcalib.run_folder.record import RunRecord
 from fieldcalib.run_folder.results import OVERLAY, ResultsWriter, is_finished, open_camera_folder
@@ -48,7 +47,7 @@ ROUNDS = 2  # of calibrating these images and estimating the size
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Describe the command, add its arguments and set ``run``, a function of them that gives the exit code."""
+    """Describe the command and add its arguments, which `run` takes."""
     parser.description = (
         "Find the markings in images or in a video, calibrate a camera for every frame and refine it on "
         "its image; the frames of a video are calibrated together. Writes camera_<id>.json in SoccerNet's format, "
@@ -70,49 +69,14 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     add_format(parser)
     add_cut(parser)
-    add_network(parser)
-    add_declarations(parser)
+    add_options(parser, NetworkOptions)
+    add_options(parser, DeclaredPictures)
     add_field(parser, ESTIMATED)
     add_camera(parser)
-    add_known_camera(parser)
-    add_refinement(parser)
-    _add_clip(parser)
-    _add_drawing(parser)
-    add_limits(parser)
-    add_jobs(parser)
-    parser.set_defaults(run=run, command="run")
-
-
-def _add_clip(parser: argparse.ArgumentParser) -> None:
-    """--clip, --independent and --camera."""
-    together = parser.add_mutually_exclusive_group()
-    together.add_argument(
-        "--clip", action="store_true", help="the images are a clip, in the order of the numbers in their names"
-    )
-    together.add_argument(
-        "--independent",
-        action="store_true",
-        help="calibrate each frame of a video by itself, as --no-refinement does too",
-    )
-    parser.add_argument(
-        "--camera",
-        choices=get_args(Mount),
-        default=TRIPOD,
-        help="what a clip is taken by: one on a tripod, whose place is fixed (default), or a drone, one on wires or a "
-        "hand, whose path is smooth",
-    )
-
-
-def _add_drawing(parser: argparse.ArgumentParser) -> None:
-    """--keep-rejected and --show-paint."""
-    parser.add_argument(
-        "--keep-rejected", action="store_true", help="write the best camera of every frame, whatever the verdict says"
-    )
-    parser.add_argument(
-        "--show-paint",
-        action="store_true",
-        help="draw markings that lie beside their paint in orange, and those without any in grey",
-    )
+    add_options(parser, KnownCamera)
+    add_options(parser, CalibrationOptions)
+    add_options(parser, ReadImage)
+    add_options(parser, RunOptions)
 
 
 def run(options: argparse.Namespace) -> int:

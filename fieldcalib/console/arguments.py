@@ -11,7 +11,6 @@ from fieldcalib.fields.stands import DISTRIBUTIONS
 from fieldcalib.io.annotation_files import read_labels
 from fieldcalib.io.cuts import Cut, Position
 from fieldcalib.io.files import MOST_BYTES
-from fieldcalib.io.images import MOST_PIXELS
 from fieldcalib.io.parquet import imported_pyarrow
 from fieldcalib.solve.options import ALL, DEFAULT_FLAGS, CalibrationFlags
 
@@ -32,7 +31,6 @@ class Default(str):
 USUAL_LENS = Default("k1")
 NO_PRIOR = "none"
 ESTIMATED = "estimated"  # value of options: a size or shape is estimated from the images
-MOST_BYTES_OF_IMAGE = 256_000_000
 JSON_LINES, PARQUET = "jsonl", "parquet"
 
 
@@ -162,15 +160,15 @@ def cut_of(options: argparse.Namespace) -> Cut:
     return Cut(options.start or Position(frame=0), options.end, options.step)
 
 
-def add_most_bytes(parser: argparse.ArgumentParser, most: float = MOST_BYTES, files: str = "files") -> None:
+def add_most_bytes(parser: argparse.ArgumentParser, files: str = "files") -> None:
     """--max-megabytes, the limit for files that are read into memory as a whole."""
     parser.add_argument(
         "--max-megabytes",
         dest="most_bytes",
         type=millions,
-        default=most,
+        default=MOST_BYTES,
         metavar="N",
-        help=f"larger {files} are broken, unpacked if they lie in a zip ({most / 1e6:g})",
+        help=f"larger {files} are broken, unpacked if they lie in a zip ({MOST_BYTES / 1e6:g})",
     )
 
 
@@ -189,17 +187,4 @@ def add_camera(parser: argparse.ArgumentParser, **more_priors: str) -> None:
         default=USUAL_LENS,
         help="what is estimated of the lens: nothing, k1, k1 and k2, OpenCV's k1 k2 p1 p2 k3, or as much as the labels "
         f"call for ({USUAL_LENS})",
-    )
-
-
-def add_limits(parser: argparse.ArgumentParser) -> None:
-    """--max-megabytes and --max-megapixels."""
-    add_most_bytes(parser, MOST_BYTES_OF_IMAGE, "image files")
-    parser.add_argument(
-        "--max-megapixels",
-        dest="most_pixels",
-        type=millions,
-        default=MOST_PIXELS,
-        metavar="N",
-        help=f"larger images are broken ({MOST_PIXELS / 1e6:g})",
     )

@@ -8,8 +8,9 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TypeVar
 
-from fieldcalib.console.arguments import MOST_BYTES_OF_IMAGE
+from fieldcalib.console.arguments import millions
 from fieldcalib.console.inputs import Input
+from fieldcalib.console.options import option
 from fieldcalib.console.program import say
 from fieldcalib.console.waiting import waiting_for
 from fieldcalib.io.cuts import WHOLE, Cut
@@ -20,6 +21,8 @@ from fieldcalib.io.images import MOST_PIXELS
 from fieldcalib.io.videos import FrameReader, VideoWriter
 from fieldcalib.run_folder.annotated import name_skipped
 from fieldcalib.run_folder.outcome import Outcome
+
+MOST_BYTES = 256_000_000  # of the file of an image
 
 T = TypeVar("T")
 
@@ -58,8 +61,20 @@ class Source:
 class ReadImage:
     """Reads images of files; `check` may raise a BrokenFileError about one. Frames of a video pass through."""
 
-    most_bytes: float = MOST_BYTES_OF_IMAGE
-    most_pixels: float = MOST_PIXELS
+    most_bytes: float = option(
+        f"larger image files are broken, unpacked if they lie in a zip ({MOST_BYTES / 1e6:g})",
+        name="--max-megabytes",
+        default=MOST_BYTES,
+        type=millions,
+        metavar="N",
+    )
+    most_pixels: float = option(
+        f"larger images are broken ({MOST_PIXELS / 1e6:g})",
+        name="--max-megapixels",
+        default=MOST_PIXELS,
+        type=millions,
+        metavar="N",
+    )
     check: Callable[[Image], object] | None = None
 
     def __call__(self, item: FrameFile | Frame) -> Frame:
