@@ -10,9 +10,9 @@ INPUT's files ``<id>.homographyMatrix``. Both write what `fieldcalib calibrate` 
 from __future__ import annotations
 
 import argparse
-import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import get_args
 
 from baselines import dlt_lines
@@ -30,13 +30,13 @@ from fieldcalib.problem.labelled_pixels import Pixels
 from fieldcalib.run_folder.annotated import (
     AnnotationReader,
     CalibratedFrame,
+    FromFiles,
     calibrate_files,
     calibrate_folder,
     name_skipped,
-    unit_result,
 )
 from fieldcalib.run_folder.options import RunOptions
-from fieldcalib.run_folder.units import UnitResult, unit_size
+from fieldcalib.run_folder.units import unit_size
 from fieldcalib.solve.decomposition import camera_from_homography
 from fieldcalib.solve.from_homography import judged_camera, judged_decomposition
 
@@ -112,8 +112,9 @@ def _run(options: argparse.Namespace) -> int:
             raise ValueError("--homographies needs --size: those files do not say how large the images are")
         files = HOMOGRAPHIES.find(options.input)
         name_skipped(options.input, files)
-        method = _FromHomographies(options.size, options.alignment, options.most_bytes, options.zeta, options.tolerance)
-        return calibrate_files(run, files, method, unit_size(len(files)))
+        read = partial(_of_file, size=options.size, alignment=options.alignment, most_bytes=options.most_bytes)
+        method = partial(_of_homographies, zeta=options.zeta, tolerance=options.tolerance)
+        return calibrate_files(run, files, FromFiles(read, method), unit_size(len(files)))
     if options.alignment != "wc14":
         raise ValueError("--alignment is about homography files: it needs --homographies")
     field = field_of(options)
@@ -139,40 +140,16 @@ class _Method:
         ]
 
 
-@dataclass(frozen=True)
-class _FromHomographies:
-    """Decomposes homographies in files."""
+def _of_file(
+    file: FrameFile, size: tuple[int, int], alignment: AlignmentName, most_bytes: float
+) -> tuple[Array, tuple[int, int]]:
+    return HOMOGRAPHIES.read(file.read(most_bytes), alignment, image_size=size), size
 
-    image_size: tuple[int, int]
-    alignment: AlignmentName
-    most_bytes: float
-    zeta: float
-    tolerance: float
 
-    def __call__(self, files: tuple[FrameFile, ...]) -> UnitResult:
-        """Read the homographies and decompose them."""
-        homographies, broken = self._read(files)
-        start = time.perf_counter()
-        members = list(homographies.values())
-        calibrations = calibrate(members, self.image_size, zeta=self.zeta, tolerance=self.tolerance)
-        seconds = time.perf_counter() - start
-        found = dict(zip(homographies, map(CalibratedFrame, calibrations), strict=True))
-        return unit_result(files, found, broken, seconds)
-
-    def broken(self, files: tuple[FrameFile, ...]) -> Mapping[str, str]:
-        """Read the files only: errors of broken ones, by id."""
-        return self._read(files)[1]
-
-    def _read(self, files: tuple[FrameFile, ...]) -> tuple[dict[str, Array], dict[str, str]]:
-        homographies: dict[str, Array] = {}
-        broken: dict[str, str] = {}
-        for file in files:
-            try:
-                content = file.read(self.most_bytes)
-                homographies[file.id] = HOMOGRAPHIES.read(content, self.alignment, image_size=self.image_size)
-            except ValueError as error:
-                broken[file.id] = str(error)
-        return homographies, broken
+def _of_homographies(
+    homographies: dict[str, Array], size: tuple[int, int], zeta: float, tolerance: float
+) -> list[CalibratedFrame]:
+    return list(map(CalibratedFrame, calibrate(list(homographies.values()), size, zeta=zeta, tolerance=tolerance)))
 
 
 if __name__ == "__main__":

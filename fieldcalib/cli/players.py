@@ -97,7 +97,7 @@ class PlayersOnMaps:
         place = self._order[id]
         players = self._at.get(place, [])
         points = np.array([player.X for player in players]).reshape(-1, 2)
-        colours = [self._colour(player) for player in players]
+        colours = [self._colour(player) for player in players] or [COLOURS[ONE]]  # nobody needs it, but drawing does
         if not self._count:
             return points, colours, []
         past = [

@@ -39,7 +39,7 @@ from fieldcalib.run_folder.options import RunOptions
 from fieldcalib.run_folder.outcome import Outcome, calibration_line
 from fieldcalib.run_folder.record import RunRecord
 from fieldcalib.run_folder.results import OVERLAY, ResultsWriter, is_finished, open_camera_folder
-from fieldcalib.run_folder.units import UnitResult, joined, work
+from fieldcalib.run_folder.units import UnitResult, grouped, in_groups, joined, work
 from fieldcalib.solve.field_size import shared_field, shared_size
 
 SAMPLE = 40  # images of one field from which its size is estimated
@@ -178,10 +178,8 @@ class ImageCalibrator:
         """Estimate the size of the field from some images together: evenly spread ones of the most common size."""
         some = [files[k] for k in np.linspace(0, len(files) - 1, min(len(files), SAMPLE)).round().astype(int)]
         images = [image for image in (self.options.read(file).image for file in some) if image is not None]
-        by_size: dict[tuple[int, ...], list[Image]] = {}
-        for image in images:
-            by_size.setdefault(image.shape, []).append(self.options.placement(image).image_in_frame(image))
-        alike = max(by_size.values(), key=len, default=[])
+        alike = max(grouped(images, lambda image: image.shape).values(), key=len, default=[])
+        alike = [self.options.placement(image).image_in_frame(image) for image in alike]
         given = self.options.field
         shown = shared_field(given, [])
         for _ in range(ROUNDS - 1 if alike else 0):
@@ -192,18 +190,15 @@ class ImageCalibrator:
         return replace(self, options=replace(self.options, field=field, estimate_size=False))
 
     def _calibrate(self, field: Field, images: Sequence[Image]) -> list[Calibration]:
-        by_size: dict[tuple[int, int], list[int]] = {}
-        for index, image in enumerate(images):  # known intrinsics are of one size, nothing else depends on it
-            size = size_of(image) if self.options.known.intrinsics is not None else (0, 0)
-            by_size.setdefault(size, []).append(index)
-        found: dict[int, Calibration] = {}
-        for size, members in by_size.items():
-            of_size = [images[index] for index in members]
-            keywords = self.options.keywords(size)
-            calibrations = calibrate_from_images(field, of_size, self.network, refine=self.options.refine, **keywords)
-            found.update(zip(members, calibrations, strict=True))
-        declared = self.options.pictures.declared
-        return [replace(found[index], declared=declared) for index in range(len(images))]
+        options = self.options
+
+        def of_size(size: tuple[int, int], some: Sequence[Image]) -> list[Calibration]:
+            return calibrate_from_images(field, some, self.network, refine=options.refine, **options.keywords(size))
+
+        # known intrinsics are of one size, nothing else depends on it
+        is_known = options.known.intrinsics is not None
+        found = in_groups(images, lambda image: size_of(image) if is_known else (0, 0), of_size)
+        return [replace(one, declared=options.pictures.declared) for one in found]
 
     def _outcome(self, frame: Frame, image: Image, calibration: Calibration) -> Outcome:
         picture = self.options.drawn(image, calibration)

@@ -13,7 +13,6 @@ from typing import TypeVar
 import numpy as np
 
 from fieldcalib._types import Array
-from fieldcalib.console.waiting import waiting_for
 from fieldcalib.fields.field import Field
 from fieldcalib.geometry.rational import RationalCamera
 from fieldcalib.io.annotation_files import frames_in, parse_frame
@@ -21,7 +20,6 @@ from fieldcalib.io.files import (
     MOST_BYTES,
     BrokenFileError,
     FrameFile,
-    error_message,
     named_in_errors,
     parse_json_object,
     read_regular_file,
@@ -36,7 +34,7 @@ from fieldcalib.metrics.accuracy import check_annotation
 from fieldcalib.problem.labelled_pixels import Pixels
 from fieldcalib.processes.jobs import in_order
 from fieldcalib.run_folder.annotated import name_left_out
-from fieldcalib.run_folder.units import units_of
+from fieldcalib.run_folder.units import read_each, units_of
 
 OFF_CENTRE = 0.1  # of the image's size: a principal point further off belongs to an image of another size
 LARGEST_SIZE = 100_000  # px: beyond, a principal point says nothing about an image
@@ -93,26 +91,16 @@ class FileReader:
     def parse(self, files: Sequence[FrameFile], parse: Callable[[FrameFile], Parsed]) -> dict[str, Parsed]:
         """Parse files, by frame."""
         found: dict[str, Parsed] = {}
-        for parsed, messages in in_order(self.executor, partial(_read, parse=parse), units_of(files, READ_AT_ONCE)):
+        units = list(units_of(files, READ_AT_ONCE))
+        results = in_order(self.executor, partial(read_each, read=parse), units)
+        for unit, (parsed, broken) in zip(units, results, strict=True):
             found |= parsed
-            self.broken.extend(messages)
+            self.broken.extend(f"{file.path}: {broken[file.id]}" for file in unit if file.id in broken)
         return found
 
 
 def _parsed(file: FrameFile, *, parse: Callable[[bytes], Parsed], most_bytes: float) -> Parsed:
     return parse(file.read(most_bytes))
-
-
-def _read(files: Sequence[FrameFile], *, parse: Callable[[FrameFile], Parsed]) -> tuple[dict[str, Parsed], list[str]]:
-    found: dict[str, Parsed] = {}
-    broken: list[str] = []
-    for file in files:
-        try:
-            with waiting_for(file.path):
-                found[file.id] = parse(file)
-        except (ValueError, MemoryError) as error:
-            broken.append(f"{file.path}: {error_message(error)}")
-    return found, broken
 
 
 def read_predictions(
