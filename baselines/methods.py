@@ -203,9 +203,7 @@ def run_methods(dataset: Dataset, field: Field, steps: int, databases: Sequence[
         calibrations, milliseconds = _timed(what, len(dataset.detections), detected)
         runs[OURS, "PnLCalib"] = Run([c.camera for c in calibrations], milliseconds=milliseconds)
     for method, homographies in dataset.homographies.items():
-        runs[method, "-"] = Run(list(homographies))
-        runs[decomposed(method), "-"] = _decompose(homographies, dataset, ZETA)
-        runs[decomposed(method) + FAR, "-"] = _decompose(homographies, dataset, FAR_ZETA)
+        runs |= _with_decomposed(method, "-", homographies, dataset)
     inputs: dict[Segments, list[Pixels]] = {"GT": dataset.frames}
     if dataset.predicted is not None:
         inputs["pred"] = list(dataset.predicted.values())
@@ -221,16 +219,12 @@ def run_methods(dataset: Dataset, field: Field, steps: int, databases: Sequence[
             runs[method, segments] = Run([c.camera for c in calibrations], losses, milliseconds)
         H, found = dlt_lines.homographies(field, frames, dataset.size)
         by_lines = [H[t] if found[t] else None for t in range(len(H))]
-        runs[DLT, segments] = Run(list(by_lines))
-        runs[decomposed(DLT), segments] = _decompose(by_lines, dataset, ZETA)
-        runs[decomposed(DLT) + FAR, segments] = _decompose(by_lines, dataset, FAR_ZETA)
+        runs |= _with_decomposed(DLT, segments, by_lines, dataset)
         for database in databases:
             method = _method_of(database)
             retrieve = partial(_retrieved, database, field, frames, dataset.size)
             retrieved, milliseconds = _timed(f"{dataset.name}: {method}", len(frames), retrieve)
-            runs[method, segments] = Run(list(retrieved), milliseconds=milliseconds)
-            runs[decomposed(method), segments] = _decompose(retrieved, dataset, ZETA)
-            runs[decomposed(method) + FAR, segments] = _decompose(retrieved, dataset, FAR_ZETA)
+            runs |= _with_decomposed(method, segments, retrieved, dataset, milliseconds)
     return runs
 
 
@@ -276,6 +270,17 @@ def _method_of(database: Database) -> str:
 
 def _retrieved(database: Database, field: Field, frames: Sequence[Pixels], size: tuple[int, int]) -> list[Array | None]:
     return [homography(database, edges_of_pixels(field, frame, size), size) for frame in frames]
+
+
+def _with_decomposed(
+    method: str, segments: Segments, homographies: Homographies, dataset: Dataset, milliseconds: float | None = None
+) -> dict[tuple[str, Segments], Run]:
+    """The homographies of a method, and the cameras that they are decomposed into, with both limits of distances."""
+    return {
+        (method, segments): Run(list(homographies), milliseconds=milliseconds),
+        (decomposed(method), segments): _decompose(homographies, dataset, ZETA),
+        (decomposed(method) + FAR, segments): _decompose(homographies, dataset, FAR_ZETA),
+    }
 
 
 def _decompose(homographies: Homographies, dataset: Dataset, zeta: float) -> Run:

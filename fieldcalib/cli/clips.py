@@ -29,7 +29,7 @@ from fieldcalib.io.images import write_image
 from fieldcalib.io.videos import DEFAULT_RATE, VideoReader
 from fieldcalib.run_folder.annotated import CAMERA_FILES
 from fieldcalib.run_folder.images import Frame, checked_frames, image_files, in_cut, say_note
-from fieldcalib.run_folder.outcome import Outcome, calibration_line
+from fieldcalib.run_folder.outcome import Outcome
 from fieldcalib.run_folder.record import RunRecord
 from fieldcalib.run_folder.results import (
     MOTION,
@@ -194,8 +194,7 @@ def _write_frames(
                 continue
             calibration = options.placement(frame.image).from_frame(calibrations[readable])
             if index >= done:
-                line = calibration_line(frame.id, calibration, None) | {"basis": str(found.basis[readable])}
-                results.add(Outcome.of(calibration, line, keeps=options.keeps(calibration)))
+                results.add(options.outcome(frame.id, calibration, details={"basis": str(found.basis[readable])}))
             picture = options.drawn(frame.image, calibration)
             video.write(picture)
             if readable in worst:

@@ -36,7 +36,7 @@ from fieldcalib.io.results import LINES
 from fieldcalib.localize import Network
 from fieldcalib.run_folder.images import Frame, ReadImage, Source, frames_lost, opened, outcomes_of, say_note
 from fieldcalib.run_folder.options import RunOptions
-from fieldcalib.run_folder.outcome import Outcome, calibration_line
+from fieldcalib.run_folder.outcome import Outcome
 from fieldcalib.run_folder.record import RunRecord
 from fieldcalib.run_folder.results import OVERLAY, ResultsWriter, is_finished, open_camera_folder
 from fieldcalib.run_folder.units import UnitResult, grouped, in_groups, joined, work
@@ -204,12 +204,11 @@ class ImageCalibrator:
         picture = self.options.drawn(image, calibration)
         if frame.line:
             return Outcome(json.loads(frame.line), picture=picture, is_written=True)
-        line = calibration_line(frame.id, calibration, None)
-        keeps = self.options.keeps(calibration)
         if frame.is_of_video:
-            return Outcome.of(calibration, line, keeps=keeps, picture=picture)
-        files = {OVERLAYS.file_name(frame.id): OVERLAYS.write(picture)}
-        return Outcome.of(calibration, line, keeps=keeps, files=files)
+            return self.options.outcome(frame.id, calibration, picture=picture)
+        return self.options.outcome(
+            frame.id, calibration, files={OVERLAYS.file_name(frame.id): OVERLAYS.write(picture)}
+        )
 
 
 def _in_process(options: CalibrationOptions) -> ImageCalibrator:

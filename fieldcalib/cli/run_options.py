@@ -27,6 +27,7 @@ from fieldcalib.io.images import check_pixels
 from fieldcalib.io.streams import Stream
 from fieldcalib.run_folder.images import ReadImage
 from fieldcalib.run_folder.options import RunOptions
+from fieldcalib.run_folder.outcome import Outcome
 from fieldcalib.solve.options import Prior
 
 IMAGE_FOLDER = "images"  # folder of the results of images, beside those of videos
@@ -108,9 +109,9 @@ class CalibrationOptions:
             "estimate_size": self.estimate_size,
         }
 
-    def keeps(self, calibration: Calibration) -> bool:
-        """Whether a camera is written."""
-        return self.keep_rejected or bool(calibration)
+    def outcome(self, id: str, calibration: Calibration, **more: Any) -> Outcome:
+        """The outcome of a frame; `more` are keywords of `Outcome.of`."""
+        return Outcome.of(id, calibration, keeps=self.keep_rejected or bool(calibration), **more)
 
     def drawn(self, image: Image, calibration: Calibration) -> Image:
         """An overlay of a calibration on its image."""

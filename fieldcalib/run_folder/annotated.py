@@ -25,7 +25,7 @@ from fieldcalib.io.soccernet import UNKNOWN_LABELS
 from fieldcalib.problem.labelled_pixels import Pixels, check_segments, nearest_label, thinned
 from fieldcalib.processes.jobs import in_order
 from fieldcalib.run_folder.options import RunOptions
-from fieldcalib.run_folder.outcome import Outcome, calibration_line
+from fieldcalib.run_folder.outcome import Outcome
 from fieldcalib.run_folder.record import RECORD, RunRecord
 from fieldcalib.run_folder.results import LOCALIZED, SUMMARY, counted, open_camera_folder
 from fieldcalib.run_folder.units import (
@@ -156,8 +156,8 @@ class CalibratedFrame:
 
     def outcome(self, id: str, eq3: float | None = None) -> Outcome:
         """The outcome of the frame; its camera gets a file if it passes the thresholds of the user."""
-        line = calibration_line(id, self.calibration, eq3) | dict(self.details)
-        return Outcome.of(self.calibration, line, keeps=self.calibration.status not in WITHHELD, files=self.files)
+        keeps = self.calibration.status not in WITHHELD
+        return Outcome.of(id, self.calibration, keeps=keeps, eq3=eq3, details=self.details, files=self.files)
 
 
 Read = TypeVar("Read")  # what is read from the file of a frame
