@@ -34,7 +34,7 @@ from fieldcalib.io.images import IMAGES_AT_ONCE, in_parts
 from fieldcalib.io.line_log import whole_lines
 from fieldcalib.io.results import LINES
 from fieldcalib.localize import Network
-from fieldcalib.run_folder.images import Frame, ReadImage, Source, frames_lost, opened, outcomes_of, say_note
+from fieldcalib.run_folder.images import Frame, ReadImage, Source, opened, outcomes_of, say_note
 from fieldcalib.run_folder.options import RunOptions
 from fieldcalib.run_folder.outcome import Outcome
 from fieldcalib.run_folder.record import RunRecord
@@ -118,8 +118,9 @@ def _run_one_by_one(request: RunRequest) -> int:
                 work(run, results, source.files, IMAGES_AT_ONCE, method, source.count)
             else:
                 _run_video(request, results, source, method)
-        is_cut = frames_lost(source)
-    return 1 if is_cut else results.exit_code
+        if loss := source.loss():
+            say(loss)
+    return 1 if loss else results.exit_code
 
 
 def _run_video(request: RunRequest, results: ResultsWriter, source: Source, method: ImageCalibrator) -> None:

@@ -93,16 +93,12 @@ def frames_in(
                 )
             if isinstance(frame, AnnotatedFrame):
                 pixels = renamed(frame.annotation.pixels, labels)
-                kept = {name: xy for name, xy in pixels.items() if _is_known(name, known)}
+                kept = {k: xy for k, xy in pixels.items() if known is None or k in known or k in UNKNOWN_LABELS}
                 unknown.update(pixels.keys() - kept.keys())
                 left_out.update(one for one in frame.annotation.left_out if labels.get(one.label, one.label))
                 frame = replace(frame, annotation=replace(frame.annotation, pixels=kept))
             found[frame.id] = frame
     return FramesFound(list(found.values()), unknown, left_out)
-
-
-def _is_known(label: str, known: ObjectSegments | None) -> bool:
-    return known is None or label in known or label in UNKNOWN_LABELS
 
 
 def is_of_soccernet(file: FrameFile) -> bool:

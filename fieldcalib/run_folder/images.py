@@ -165,14 +165,6 @@ def checked_frames(name: Input, reader: FrameReader, check: Callable[[Image], ob
             yield Frame(f"{number:06d}", image, path=str(name), is_of_video=True)
 
 
-def frames_lost(source: Source) -> bool:
-    """Whether announced frames could not be read; says so on stderr."""
-    loss = source.loss()
-    if loss:
-        say(loss)
-    return bool(loss)
-
-
 def say_note(path: Path, video: VideoWriter) -> None:
     """Print the note of a video that was written, if it has one, on stderr."""
     if video.note:

@@ -8,7 +8,7 @@ from concurrent.futures import Executor
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
-from typing import TypeVar
+from typing import Any, TypeVar
 
 import numpy as np
 
@@ -24,7 +24,7 @@ from fieldcalib.io.files import (
     parse_json_object,
     read_regular_file,
 )
-from fieldcalib.io.formats import ANNOTATIONS, CAMERAS, HOMOGRAPHIES, RECORDS
+from fieldcalib.io.formats import ANNOTATIONS, CAMERAS, HOMOGRAPHIES, RECORDS, Format
 from fieldcalib.io.results import lines_file, result_lines
 from fieldcalib.io.soccernet import read_camera_types
 from fieldcalib.io.tvcalib import TVCalibRecord
@@ -120,7 +120,7 @@ def read_predictions(
     size_of_run = None
     if path.is_file() and RECORDS.recognises(path):
         found, own_size = _read_tvcalib(reader, path, size, homographies=homographies)
-    elif files := _camera_files(path, homographies=homographies):
+    elif not homographies and not HOMOGRAPHIES.recognises(path) and (files := _files(CAMERAS, path)):
         cameras = reader.read(files, partial(CAMERAS.read, image_size=size or IMAGE_SIZE))
         found = dict(cameras)
         size_of_run = _size_of_run(path)
@@ -135,12 +135,10 @@ def read_predictions(
     return Predictions(found, size or own_size or IMAGE_SIZE, files, size_of_run)
 
 
-def _camera_files(path: Path, *, homographies: bool) -> list[FrameFile]:
-    """Files of cameras; none where homographies are asked for, or there are no cameras."""
-    if homographies or HOMOGRAPHIES.recognises(path):
-        return []
+def _files(form: Format[Any, Any], path: Path) -> list[FrameFile]:
+    """Files of a format; none if there are none in a folder or zip that exists."""
     try:
-        return CAMERAS.find([path])
+        return form.find([path])
     except FileNotFoundError:
         if not path.exists():
             raise
@@ -157,15 +155,13 @@ def _size_of_run(path: Path) -> tuple[int, int] | None:
 
 def _homography_files(path: Path, *, homographies: bool) -> list[FrameFile]:
     """Files of homographies, which were asked for or are all that there may be."""
-    try:
-        return HOMOGRAPHIES.find([path])
-    except FileNotFoundError:
-        if homographies or not path.exists():
-            raise
+    files = HOMOGRAPHIES.find([path]) if homographies else _files(HOMOGRAPHIES, path)
+    if not files:
         raise FileNotFoundError(
             f"{path} holds no prediction: expected {CAMERAS.file_name('<id>')}, {HOMOGRAPHIES.file_name('<id>')}, or "
             f"TVCalib's per_sample_output.json itself"
-        ) from None
+        )
+    return files
 
 
 def _read_tvcalib(
@@ -222,7 +218,7 @@ def read_ground_truth(
     found = frames_in(ANNOTATIONS.find([path]), known=field, most_bytes=reader.most_bytes)
     name_left_out(found, field)
     files = found.frames
-    beside = _beside(path)
+    beside = [file for file in _files(HOMOGRAPHIES, path) if file.path != path]  # none for a single annotation
     chosen = files
     if camera_type is not None:
         types = read_camera_types([path])
@@ -243,11 +239,3 @@ def _annotation(file: FrameFile, *, field: Field, size: tuple[int, int], most_by
     if count > MOST_PIXELS:
         raise BrokenFileError(f"has {count} labelled pixels: up to {MOST_PIXELS} are evaluated")
     return check_annotation(pixels, field)
-
-
-def _beside(path: Path) -> list[FrameFile]:
-    """Homographies beside annotations in a folder or a zip; none where it is a single annotation."""
-    try:
-        return [file for file in HOMOGRAPHIES.find([path]) if file.path != path]
-    except FileNotFoundError:
-        return []
