@@ -9,7 +9,6 @@ from pathlib import PureWindowsPath
 from typing import Any, NamedTuple, TypeAlias
 
 import numpy as np
-from numpy.typing import ArrayLike
 
 from fieldcalib._types import Array
 from fieldcalib.io.files import LONGEST_ID, BrokenFileError
@@ -83,8 +82,8 @@ class Shapes:
         """
         return cls(checked_size(width, height), {}, {})
 
-    def add(self, label: Any, points: Any, shift: float = CORNER, unit: ArrayLike = 1.0) -> None:
-        """Add a shape with its points (N, 2), which exceed pixels by `shift` if they are multiplied by `unit`.
+    def add(self, label: Any, points: Any, shift: float = CORNER) -> None:
+        """Add a shape with its points (N, 2), which exceed pixels by `shift`.
 
         Raises
         ------
@@ -99,7 +98,7 @@ class Shapes:
         if not np.all(np.isfinite(xy)):
             raise BrokenFileError(f"{name!r}: a coordinate is not finite")
         if len(xy):
-            self.points.setdefault(name, []).append(xy * unit - shift)
+            self.points.setdefault(name, []).append(xy - shift)
 
     def leave_out(self, kind: Any, label: Any) -> None:
         """Add a shape that is neither points nor lines."""

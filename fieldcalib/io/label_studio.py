@@ -98,7 +98,7 @@ def _shapes(task: Mapping[str, Any]) -> Shapes:
             raise BrokenFileError(f"its regions are of images of {shapes.image_size} and {size}")
         shapes.image_size = size
         for name in names:
-            shapes.add(name, points, unit=np.divide(size, PERCENT))
+            shapes.add(name, _in_pixels(name, points, size))
     return shapes
 
 
@@ -122,6 +122,13 @@ def _points(value: Mapping[str, Any]) -> list[Any] | None:
         return list(value["points"])
     is_point = "x" in value and "y" in value and not {"height", "radiusX", "rle"} & value.keys()
     return [(value["x"], value["y"])] if is_point else None
+
+
+def _in_pixels(name: Any, points: list[Any], size: tuple[int, int]) -> Any:
+    try:
+        return np.array([(float(x), float(y)) for x, y in points]).reshape(-1, 2) * size / PERCENT
+    except (TypeError, ValueError, OverflowError):
+        raise BrokenFileError(f"{name!r}: expected points (x, y) in percent") from None
 
 
 def format_label_studio(annotations: Iterable[Annotation]) -> str:
