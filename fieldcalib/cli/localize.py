@@ -17,7 +17,7 @@ import fieldcalib
 from fieldcalib.console.arguments import add_labels, folder_name
 from fieldcalib.console.field_options import add_sized_field
 from fieldcalib.console.inputs import add_inputs
-from fieldcalib.console.network import NetworkOptions, load_network, network_in_process
+from fieldcalib.console.network import NetworkOptions, load_network
 from fieldcalib.console.options import add_options, given
 from fieldcalib.io.annotation_files import FILE_PER_IMAGE
 from fieldcalib.io.annotations import Annotation, names_of, renamed
@@ -137,10 +137,6 @@ class ImageLocalizer:
     format: str
     out: Path
     network: Network
-    """Other processes load their own."""
-
-    def __reduce__(self) -> tuple[object, ...]:
-        return _in_process, (self.network_options, self.read, self.names, self.format, self.out)
 
     def __call__(self, files: tuple[FrameFile, ...]) -> UnitResult:
         """Read the images and find the markings."""
@@ -184,9 +180,3 @@ def _relative_path(folder: Path, image: Path) -> str:
         return Path(os.path.relpath(image, folder)).as_posix()
     except ValueError:  # another drive
         return str(image.absolute())
-
-
-def _in_process(
-    options: NetworkOptions, read: ReadImage, names: Mapping[str, str], format: str, out: Path
-) -> ImageLocalizer:
-    return ImageLocalizer(options, read, names, format, out, network_in_process(options))

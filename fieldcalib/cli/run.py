@@ -22,7 +22,7 @@ from fieldcalib.cli.several import run_several
 from fieldcalib.console.arguments import ESTIMATED, add_camera, add_cut, add_format, folder_name
 from fieldcalib.console.field_options import add_field
 from fieldcalib.console.inputs import add_inputs
-from fieldcalib.console.network import NetworkOptions, load_network, network_in_process
+from fieldcalib.console.network import NetworkOptions, load_network
 from fieldcalib.console.options import add_options
 from fieldcalib.console.program import say
 from fieldcalib.fields.field import Field
@@ -149,10 +149,6 @@ class ImageCalibrator:
 
     options: CalibrationOptions
     network: Network
-    """Other processes load their own."""
-
-    def __reduce__(self) -> tuple[object, ...]:
-        return _in_process, (self.options,)
 
     def __call__(self, items: tuple[FrameFile | Frame, ...]) -> UnitResult:
         """Read the images and calibrate."""
@@ -210,7 +206,3 @@ class ImageCalibrator:
         return self.options.outcome(
             frame.id, calibration, files={OVERLAYS.file_name(frame.id): OVERLAYS.write(picture)}
         )
-
-
-def _in_process(options: CalibrationOptions) -> ImageCalibrator:
-    return ImageCalibrator(options, network_in_process(options.network))

@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 import argparse
-from dataclasses import dataclass
-from functools import lru_cache
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 from fieldcalib.console.arguments import count
@@ -41,18 +40,10 @@ class NetworkOptions:
         return max(self.threads // 2, 1)
 
 
-def network_in_process(options: NetworkOptions) -> SegmentationNetwork:
-    """Load the network in one of several processes, with one thread; it is loaded once."""
-    return _loaded(options.model, options.provider)
-
-
-@lru_cache(maxsize=1)
-def _loaded(model: Path | None, provider: str) -> SegmentationNetwork:
-    return SegmentationNetwork.load(model, provider=provider, threads=1)
-
-
 def load_network(options: NetworkOptions) -> SegmentationNetwork:
     """Load the network, and OpenCV, which reads the images: both with that many threads.
+
+    Copies of the network in other processes have one thread.
 
     Raises
     ------
@@ -66,7 +57,8 @@ def load_network(options: NetworkOptions) -> SegmentationNetwork:
         network = SegmentationNetwork.load(options.model, provider=options.provider, threads=options.threads)
     unknown = classes_without_segment(network.classes, options.field)
     if not unknown:
-        return network
+        source = network.source and replace(network.source, threads=1)
+        return replace(network, source=source)
     if options.model is None:
         raise ValueError(
             f"the network that comes with fieldcalib knows soccer fields only: --field {options.field_name} needs one "
