@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from fieldcalib._types import Array
-from fieldcalib.console.arguments import LENSES, Default
+from fieldcalib.console.arguments import LENSES, Default, told_by
 from fieldcalib.console.options import option
 from fieldcalib.geometry.camera import Camera
 from fieldcalib.geometry.rotation import rotation_from_angles
@@ -22,13 +22,11 @@ OFF_MIDDLE = 0.25  # share of width and height: a principal point farther off is
 
 
 def _intrinsics(text: str) -> Intrinsics:
+    found = read_intrinsics(text)
     try:
-        found = read_intrinsics(text)
         Camera(found.camera_matrix, np.eye(3), np.zeros(3), found.image_size or (1, 1), found.dist_coeffs)
-    except BrokenFileError as error:
-        raise argparse.ArgumentTypeError(str(error)) from None
-    except ValueError as error:  # of the camera
-        raise argparse.ArgumentTypeError(f"{text}: {error}") from None
+    except ValueError as error:
+        raise ValueError(f"{text}: {error}") from None
     return found
 
 
@@ -62,7 +60,7 @@ class KnownCamera:
     intrinsics: Intrinsics | None = option(
         "known focal length, principal point and lens: YAML, XML or JSON of OpenCV's calibration sample, or a "
         "camera_<id>.json; of whole frames as shown, scaled to their size",
-        type=_intrinsics,
+        type=told_by(_intrinsics),
         metavar="FILE",
     )
     position: tuple[float, float, float] | None = option(

@@ -3,6 +3,7 @@
 import argparse
 from collections.abc import Callable
 from pathlib import Path
+from typing import TypeVar
 
 import numpy as np
 
@@ -13,6 +14,8 @@ from fieldcalib.io.cuts import Cut, Position
 from fieldcalib.io.files import MOST_BYTES
 from fieldcalib.io.parquet import imported_pyarrow
 from fieldcalib.solve.options import ALL, DEFAULT_FLAGS, CalibrationFlags
+
+T = TypeVar("T")
 
 _F = CalibrationFlags
 LENSES = {
@@ -85,12 +88,16 @@ def image_size(text: str) -> tuple[int, int]:
     return width, height
 
 
-def labels(text: str) -> dict[str, str | None]:
-    """Read a file that maps labels, for argparse."""
-    try:
-        return read_labels(Path(text))
-    except (ValueError, ImportError) as error:
-        raise argparse.ArgumentTypeError(str(error)) from None
+def told_by(parse: Callable[[str], T]) -> Callable[[str], T]:
+    """A type for argparse: what is wrong with a text is what an error of `parse` says."""
+
+    def parsed(text: str) -> T:
+        try:
+            return parse(text)
+        except (ValueError, ImportError) as error:
+            raise argparse.ArgumentTypeError(str(error)) from None
+
+    return parsed
 
 
 def add_input_and_output(parser: argparse.ArgumentParser) -> None:
@@ -113,7 +120,7 @@ def add_labels(parser: argparse.ArgumentParser) -> None:
     """--labels."""
     parser.add_argument(
         "--labels",
-        type=labels,
+        type=told_by(read_labels),
         metavar="FILE",
         help="JSON or YAML that maps labels of the annotations to those of the field, or to null (they are the same)",
     )
@@ -123,7 +130,7 @@ def add_format(parser: argparse.ArgumentParser) -> None:
     """--format."""
     parser.add_argument(
         "--format",
-        type=_format,
+        type=told_by(_format),
         choices=(JSON_LINES, PARQUET),
         default=JSON_LINES,
         help=f"of the lines of all frames: cameras.jsonl, or at the end a table, cameras.parquet ({JSON_LINES})",
@@ -132,27 +139,16 @@ def add_format(parser: argparse.ArgumentParser) -> None:
 
 def _format(text: str) -> str:
     if text == PARQUET:
-        try:
-            imported_pyarrow()
-        except ImportError as error:  # before the work
-            raise argparse.ArgumentTypeError(str(error)) from None
+        imported_pyarrow()  # an ImportError before the work, not after it
     return text
 
 
 def add_cut(parser: argparse.ArgumentParser) -> None:
     """--start, --end and --step."""
-    where = "a time, [[H:]M:]S, or the number of a frame from 0, as 750f"
+    where, position = "a time, [[H:]M:]S, or the number of a frame from 0, as 750f", told_by(Position.parse)
     parser.add_argument("--start", type=position, metavar="T", help=f"first frame: {where}")
     parser.add_argument("--end", type=position, metavar="T", help="the frame after the last one, as --start")
     parser.add_argument("--step", type=count, default=1, metavar="N", help="take every N-th frame (1)")
-
-
-def position(text: str) -> Position:
-    """A time or a frame, for argparse."""
-    try:
-        return Position.parse(text)
-    except ValueError as error:
-        raise argparse.ArgumentTypeError(str(error)) from None
 
 
 def cut_of(options: argparse.Namespace) -> Cut:
