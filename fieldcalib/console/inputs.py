@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import argparse
 from collections.abc import Iterator, Sequence
-from functools import partial
 from pathlib import Path
 from typing import Any, TypeAlias
 
@@ -17,24 +16,27 @@ LIST = "@"  # prefix of the name of a text file that lists inputs
 
 def add_inputs(parser: argparse.ArgumentParser, help: str, *, streams: bool = False) -> None:
     """INPUT..., with lists."""
+    action = _WithStreams if streams else _Inputs
     more = f"; {LIST}FILE: the paths in a text file, one a line, relative to its folder"
-    parser.add_argument("input", nargs="+", action=partial(_Inputs, streams=streams), metavar="INPUT", help=help + more)
+    parser.add_argument("input", nargs="+", action=action, metavar="INPUT", help=help + more)
 
 
 class _Inputs(argparse.Action):
     """Turns texts into paths and streams, and reads lists of them."""
 
-    def __init__(self, *, streams: bool, **how: Any) -> None:
-        super().__init__(**how)
-        self._streams = streams
+    streams = False
 
     def __call__(
         self, parser: argparse.ArgumentParser, namespace: argparse.Namespace, values: Any, option: str | None = None
     ) -> None:
         try:
-            setattr(namespace, self.dest, list(_listed(values, self._streams)))
+            setattr(namespace, self.dest, list(_listed(values, self.streams)))
         except (OSError, ValueError) as error:
             parser.error(str(error))
+
+
+class _WithStreams(_Inputs):
+    streams = True
 
 
 def _listed(texts: Sequence[str], streams: bool) -> Iterator[Input]:
