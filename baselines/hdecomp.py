@@ -131,8 +131,7 @@ class _Method:
     tolerance: float
 
     def __call__(self, frames: dict[str, Pixels], size: tuple[int, int]) -> list[CalibratedFrame]:
-        H, found = dlt_lines.homographies(self.field, list(frames.values()), size)
-        by_lines = [H[t] if found[t] else None for t in range(len(H))]
+        by_lines = dlt_lines.homographies(self.field, list(frames.values()), size)
         calibrations = calibrate(by_lines, size, zeta=self.zeta, tolerance=self.tolerance)
         return [  # judged by the annotated pixels, which do not come from the homography
             CalibratedFrame(judged_camera(c.camera, self.field, frame, c.message) if c.camera else c)

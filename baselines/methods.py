@@ -206,8 +206,7 @@ def run_methods(dataset: Dataset, field: Field, steps: int, databases: Sequence[
             calibrations, milliseconds = _timed(f"{dataset.name}: {method}", len(frames), calibrate)
             losses = np.array([c.loss_ndc for c in calibrations])
             runs[method, segments] = Run([c.camera for c in calibrations], losses, milliseconds)
-        H, found = dlt_lines.homographies(field, frames, dataset.size)
-        by_lines = [H[t] if found[t] else None for t in range(len(H))]
+        by_lines = dlt_lines.homographies(field, frames, dataset.size)
         runs |= _with_decomposed(paper.DLT, segments, by_lines, dataset)
         for database in databases:
             method = _method_of(database)

@@ -28,6 +28,7 @@ from baselines.chen.database import CAMERAS, Database
 from baselines.chen.edges import Edges, edges_of_mask, edges_of_pixels, edges_of_probabilities
 from baselines.chen.features import HOG, SIAMESE, Siamese
 from baselines.chen.search import PUBLISHED, WIDER, Recipe, homography
+from baselines.dlt_lines import homography_file
 from fieldcalib.console.arguments import add_input_and_output, count
 from fieldcalib.console.field_options import add_sized_field, field_of
 from fieldcalib.console.options import add_options
@@ -38,7 +39,7 @@ from fieldcalib.io.formats import CAMERAS as CAMERA_FILES
 from fieldcalib.io.formats import HOMOGRAPHIES
 from fieldcalib.io.image import Image
 from fieldcalib.io.images import IMAGES_AT_ONCE
-from fieldcalib.io.wc14 import AlignmentName, format_homography
+from fieldcalib.io.wc14 import AlignmentName
 from fieldcalib.localize import SegmentationNetwork
 from fieldcalib.problem.labelled_pixels import Pixels
 from fieldcalib.run_folder.annotated import (
@@ -220,10 +221,7 @@ class _FromEdges:
     def __call__(self, id: str, edges: Edges, size: tuple[int, int]) -> CalibratedFrame:
         H = homography(_database(self.database), edges, size, self.recipe)
         (calibration,) = hdecomp.calibrate([H], size)
-        if H is None:
-            return CalibratedFrame(calibration)
-        text = format_homography(H, self.alignment, image_size=size)
-        return CalibratedFrame(calibration, files={HOMOGRAPHIES.file_name(id): text.encode()})
+        return CalibratedFrame(calibration, files=homography_file(id, H, size, self.alignment))
 
 
 @dataclass(frozen=True)

@@ -16,6 +16,7 @@ import cv2
 import torch
 
 from baselines import hdecomp
+from baselines.dlt_lines import homography_file
 from baselines.jiang import optimiser, training
 from baselines.jiang.estimate import CostName, Estimator, homographies
 from baselines.jiang.networks import SIZE, WIDTH
@@ -104,8 +105,7 @@ class _FromImages:
         results = []
         for i, (id, calibration) in enumerate(zip(images, hdecomp.calibrate(matrices, size), strict=True)):
             details = {"cost_of_guess": costs[0, i].item(), "cost": costs[:, i].min().item()}
-            H, name = matrices[i], HOMOGRAPHIES.file_name(id)
-            files = {} if H is None else {name: HOMOGRAPHIES.write(H, "jiang", image_size=size).encode()}
+            files = homography_file(id, matrices[i], size, "jiang")
             results.append(CalibratedFrame(calibration, details, files))
         return results
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from concurrent.futures import Executor
-from contextlib import contextmanager, nullcontext
+from contextlib import AbstractContextManager, nullcontext
 from dataclasses import dataclass
 from functools import partial
 from itertools import chain, islice
@@ -120,11 +120,9 @@ def frames_of_shard(frames: int, size: int, shard: Shard | None) -> int:
     return sum(map(len, units_of(range(frames), size, shard)))
 
 
-@contextmanager
-def executor_of(jobs: int) -> Iterator[Executor | None]:
+def executor_of(jobs: int) -> AbstractContextManager[Executor | None]:
     """Start processes that work on units; None for one job, whose work is done here."""
-    with nullcontext() if jobs == 1 else Processes(jobs) as executor:
-        yield executor
+    return nullcontext() if jobs == 1 else Processes(jobs)
 
 
 def work(
