@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import argparse
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from dataclasses import asdict, dataclass
 from inspect import signature
 from pathlib import Path
@@ -12,7 +12,7 @@ from typing import Any
 from fieldcalib.assess.result import Verdict
 from fieldcalib.console.arguments import folder_name, positive
 from fieldcalib.console.options import add_options, given, option
-from fieldcalib.console.program import say
+from fieldcalib.console.program import counted, say
 from fieldcalib.geometry.camera import Camera
 from fieldcalib.io.exports.blender import blender_error, blender_files
 from fieldcalib.io.exports.colmap import colmap_files
@@ -25,7 +25,6 @@ from fieldcalib.io.exports.table import table_files
 from fieldcalib.io.files import remove_temporaries, write_bytes
 from fieldcalib.io.output_folder import output_folder
 from fieldcalib.io.results import Results, read_results
-from fieldcalib.run_folder.results import counted
 
 FORMATS: Mapping[str, Callable[..., dict[str, bytes]]] = {
     "opencv": opencv_files,
@@ -82,9 +81,10 @@ def run(options: argparse.Namespace) -> int:
     function = FORMATS[options.format]
     keywords = _keywords(options.format, given(FormatOptions, options))
     results = read_results(options.folder)
-    frames = _frames(results, options.folder, options.frames, keep_rejected=options.keep_rejected)
+    lines = {line["id"]: line for line in results.lines}
+    frames = _frames(results, lines, options)
     if "about" in signature(function).parameters:
-        keywords["about"] = {line["id"]: line for line in results.lines}
+        keywords["about"] = lines
     try:
         files = function(frames, **keywords)
     except ValueError as error:
@@ -106,17 +106,16 @@ def _keywords(format: str, options: FormatOptions) -> dict[str, Any]:
     return found
 
 
-def _frames(results: Results, folder: Path, chosen: Sequence[str] | None, *, keep_rejected: bool) -> FrameCameras:
+def _frames(results: Results, lines: Mapping[str, Mapping[str, Any]], options: argparse.Namespace) -> FrameCameras:
     """The frames that are asked for, with the cameras that may be used."""
-    lines = {line["id"]: line for line in results.lines}
-    ids = list(lines) if chosen is None else list(dict.fromkeys(chosen))
+    ids = list(lines) if options.frames is None else list(dict.fromkeys(options.frames))
     unknown = [id for id in ids if id not in lines]
     if unknown:
         known = f", its frames are {next(iter(lines))} to {next(reversed(lines))}" if lines else ", it has none"
-        raise ValueError(f"{folder} has no frame {', '.join(unknown)}{known}")
+        raise ValueError(f"{options.folder} has no frame {', '.join(unknown)}{known}")
     cameras = {id: results[id].camera if id in results else None for id in ids}
     rejected = [id for id in ids if cameras[id] is not None and lines[id].get("verdict") == Verdict.REJECT]
-    if rejected and not keep_rejected:
+    if rejected and not options.keep_rejected:
         cameras |= dict.fromkeys(rejected)
         say(
             f'{counted(len(rejected), "camera")} left out, whose verdict is "{Verdict.REJECT}"; '

@@ -19,6 +19,7 @@ from fieldcalib.console.field_options import add_sized_field
 from fieldcalib.console.inputs import add_inputs
 from fieldcalib.console.network import NetworkOptions, load_network
 from fieldcalib.console.options import add_options, given
+from fieldcalib.console.program import counted
 from fieldcalib.io.annotation_files import FILE_PER_IMAGE
 from fieldcalib.io.annotations import Annotation, names_of, renamed
 from fieldcalib.io.files import FrameFile, write_text
@@ -34,7 +35,7 @@ from fieldcalib.run_folder.images import Frame, ReadImage, opened, outcomes_of, 
 from fieldcalib.run_folder.options import RunOptions
 from fieldcalib.run_folder.outcome import Outcome
 from fieldcalib.run_folder.record import RunRecord
-from fieldcalib.run_folder.results import LOCALIZED, ResultsWriter, counted, finish, open_run_folder
+from fieldcalib.run_folder.results import LOCALIZED, ResultsWriter, finish, open_run_folder
 from fieldcalib.run_folder.units import UnitResult, work
 
 LOCALIZED_STATUS = "localized"

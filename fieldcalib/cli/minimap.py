@@ -10,12 +10,12 @@ from fieldcalib.cli.frame_cameras import Cameras, field_of
 from fieldcalib.cli.players import PlayerOptions, PlayersOnMaps
 from fieldcalib.console.arguments import image_size, positive
 from fieldcalib.console.options import add_options, given
+from fieldcalib.console.program import counted
 from fieldcalib.draw import draw_minimap
 from fieldcalib.io.image import Image
 from fieldcalib.io.images import write_image
 from fieldcalib.io.videos import DEFAULT_RATE, VideoWriter
 from fieldcalib.run_folder.images import say_note
-from fieldcalib.run_folder.results import counted
 
 PICTURE, VIDEO = ".png", ".mp4"
 SIZE = (672, 456)

@@ -14,7 +14,7 @@ from typing import Any, Generic, TypeAlias, TypeVar
 from fieldcalib.assess.compute_errors import compute_errors
 from fieldcalib.assess.ndc import ndc_loss
 from fieldcalib.assess.result import Calibration, Status
-from fieldcalib.console.program import say
+from fieldcalib.console.program import counted, say
 from fieldcalib.fields.field import Field
 from fieldcalib.io.annotation_files import NO_SIZE, AnnotatedFrame, FramesFound, frames_in, is_of_soccernet, parse_frame
 from fieldcalib.io.annotations import Labels
@@ -27,7 +27,7 @@ from fieldcalib.processes.jobs import in_order
 from fieldcalib.run_folder.options import RunOptions
 from fieldcalib.run_folder.outcome import Outcome
 from fieldcalib.run_folder.record import RECORD, RunRecord
-from fieldcalib.run_folder.results import LOCALIZED, SUMMARY, counted, open_camera_folder
+from fieldcalib.run_folder.results import LOCALIZED, SUMMARY, open_camera_folder
 from fieldcalib.run_folder.units import (
     UnitResult,
     executor_of,
