@@ -160,30 +160,30 @@ class CalibratedFrame:
         return Outcome.of(id, self.calibration, keeps=keeps, eq3=eq3, details=self.details, files=self.files)
 
 
-Read = TypeVar("Read")  # what is read from the file of a frame
+Seen = TypeVar("Seen")  # labelled pixels, image or homography of a frame
 Size: TypeAlias = tuple[int, int]
-Method: TypeAlias = Callable[[dict[str, Read], Size], Sequence[CalibratedFrame]]
+Method: TypeAlias = Callable[[dict[str, Seen], Size], Sequence[CalibratedFrame]]
 """Calibrates frames of one size, by id, in their order; may raise a BrokenFileError about them."""
 
 
 @dataclass(frozen=True)
-class FromFiles(Generic[Read]):
+class FromFiles(Generic[Seen]):
     """Calibrates frames from their files; other processes get a copy."""
 
-    read: Callable[[FrameFile], tuple[Read, Size]]
-    """Reads the file of a frame: its labelled pixels, image or homography, and the size of its image."""
-    method: Method[Read]
-    losses: Callable[[dict[str, Read], Sequence[Calibration]], Mapping[str, float]] = lambda *_: {}
+    read: Callable[[FrameFile], tuple[Seen, Size]]
+    """Reads what is seen in a frame, and the size of its image."""
+    method: Method[Seen]
+    losses: Callable[[dict[str, Seen], Sequence[Calibration]], Mapping[str, float]] | None = None
     """Gives the paper's loss (eq. 3) of frames by id."""
 
     def __call__(self, files: tuple[FrameFile, ...]) -> UnitResult:
         """Read the files and calibrate."""
-        read, broken = read_each(files, self.read)
+        seen, broken = read_each(files, self.read)
         found: dict[str, CalibratedFrame] = {}
         eq3: dict[str, float] = {}
         seconds = 0.0
-        for size, ids in grouped(read, lambda id: read[id][1]).items():
-            items = {id: read[id][0] for id in ids}
+        for size, ids in grouped(seen, lambda id: seen[id][1]).items():
+            items = {id: seen[id][0] for id in ids}
             start = time.perf_counter()
             try:
                 calibrated = self.method(items, size)
@@ -191,7 +191,8 @@ class FromFiles(Generic[Read]):
                 broken |= dict.fromkeys(ids, str(error))
                 continue
             seconds += time.perf_counter() - start
-            eq3 |= self.losses(items, [one.calibration for one in calibrated])
+            if self.losses is not None:
+                eq3 |= self.losses(items, [one.calibration for one in calibrated])
             found |= zip(ids, calibrated, strict=True)
         outcomes = [
             Outcome.broken(file, broken[file.id])

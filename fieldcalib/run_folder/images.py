@@ -59,7 +59,7 @@ class Source:
 
 
 def accepted(image: Image) -> None:
-    """Accept any image."""
+    """Accept any image: the default of checks."""
 
 
 @dataclass(frozen=True)
