@@ -106,7 +106,7 @@ def _keywords(format: str, options: FormatOptions) -> dict[str, Any]:
     return found
 
 
-def _frames(results: Results, lines: Mapping[str, Mapping[str, Any]], options: argparse.Namespace) -> FrameCameras:
+def _frames(results: Results, lines: dict[str, Mapping[str, Any]], options: argparse.Namespace) -> FrameCameras:
     """The frames that are asked for, with the cameras that may be used."""
     ids = list(lines) if options.frames is None else list(dict.fromkeys(options.frames))
     unknown = [id for id in ids if id not in lines]
