@@ -89,7 +89,7 @@ def image_size(text: str) -> tuple[int, int]:
 
 
 def told_by(parse: Callable[[str], T]) -> Callable[[str], T]:
-    """A type for argparse: what is wrong with a text is what an error of `parse` says."""
+    """Make a type for argparse whose error messages are those of `parse`."""
 
     def parsed(text: str) -> T:
         try:

@@ -61,6 +61,6 @@ def add_options(parser: argparse.ArgumentParser, kind: type, *names: str) -> Non
 
 
 def given(kind: type[T], options: argparse.Namespace, **others: Any) -> T:
-    """Make a dataclass of the parsed options that have the names of its fields, and of its `others`."""
+    """Make a dataclass: its fields are the parsed options of the same names, and `others`."""
     found = {one.name: getattr(options, one.name) for one in fields(kind) if hasattr(options, one.name)}  # type: ignore[arg-type]
     return kind(**found | others)

@@ -41,7 +41,7 @@ class UnitResult:
 def read_each(
     files: Iterable[FrameFile], read: Callable[[FrameFile], Member]
 ) -> tuple[dict[str, Member], dict[str, str]]:
-    """Read files, each by itself: what is in them, and the problems of broken ones, by frame id."""
+    """Read the files of frames: returns their contents, and the problems of broken ones, by frame id."""
     found: dict[str, Member] = {}
     broken: dict[str, str] = {}
     for file in files:
@@ -54,7 +54,7 @@ def read_each(
 
 
 def grouped(items: Iterable[Member], key: Callable[[Member], Key]) -> dict[Key, list[Member]]:
-    """The items by their keys.
+    """Collect the items of each key in a list.
 
     Examples
     --------
