@@ -108,20 +108,11 @@ class KnownCamera:
         if not self.is_any:
             return NOTHING_GIVEN
         K, dist = (None, None) if self.intrinsics is None else _of_size(self.intrinsics, frame_size)
-        rvec = tvec = None
-        if self.rotation is not None:
-            rvec = _rvec(np.radians(self.rotation))
-        if self.position is not None:
-            rvec = np.zeros(3) if rvec is None else rvec
-            R = np.eye(3) if self.rotation is None else rotation_from_angles(np.radians(self.rotation))
-            tvec = -R @ self.position
-        return GivenCamera(K, dist, rvec, tvec)
-
-
-def _rvec(angles: Array) -> Array:
-    """OpenCV's rotation vector of pan, tilt and roll in radians."""
-    camera = Camera(np.eye(3), rotation_from_angles(angles), np.zeros(3), (1, 1))
-    return camera.to_opencv()[0].ravel()
+        if self.rotation is None and self.position is None:
+            return GivenCamera(K, dist, None, None)
+        R = np.eye(3) if self.rotation is None else rotation_from_angles(np.radians(self.rotation))
+        rvec, tvec, *_ = Camera(np.eye(3), R, self.position or np.zeros(3), (1, 1)).to_opencv()
+        return GivenCamera(K, dist, rvec.ravel(), None if self.position is None else tvec.ravel())
 
 
 def _of_size(intrinsics: Intrinsics, size: tuple[int, int]) -> tuple[Array, Array]:
