@@ -54,10 +54,10 @@ def solved_rows(
     Parameters
     ----------
     alone : mapping of int to Calibration
-        Calibrations of some of the B frames by themselves, by row: they say which labels are suspect and, unless a
-        frame is tied, what status it has.
+        Calibrations of some of the B frames by themselves, by row: they give the suspect labels and, unless a frame is
+        tied, its status.
     largest_error : float
-        Metres over the field in view: a camera that is known no better is not accepted.
+        Metres over the field in view: cameras with larger errors are not accepted.
     """
     evaluation, errors, is_tied = solved
     rows = table_without_cameras(tripod, len(evaluation.theta))

@@ -21,7 +21,7 @@ from fieldcalib.solve.joint_start import Start, joint_start
 from fieldcalib.solve.sequence_problem import SequenceProblem
 from fieldcalib.solve.tripod import KnownTripod, PixelNoise
 
-TELLS_SIZE = 0.4  # m: standard deviation of length or width; clips that show a penalty area and the middle reach 0.2
+TELLS_SIZE = 0.4  # m: largest standard deviation of estimated sizes; clips of a penalty area and the middle reach 0.2
 
 
 @dataclass(frozen=True, eq=False)
@@ -37,23 +37,23 @@ class JointSolution:
     fixed_sizes: Mapping[str, float]
     """Variances of length and width where these are not estimated."""
     left_out: Mapping[int, float] = field(default_factory=dict)
-    """Frames whose labels contradict the others, and their misfit, pixels."""
+    """Misfit, pixels, of the frames whose labels contradict the others."""
     alternatives: Array = field(default_factory=lambda: np.zeros((0, 3)))
-    """Other centres that explain the labels as well, (A, 3)."""
+    """Other centres that explain the labels equally well, (A, 3)."""
 
     @property
     def layout(self) -> Layout:
-        """Layout of their parameters."""
+        """Layout of the parameters of a frame."""
         return self.evaluation.problem.layout
 
     @cached_property
     def misfit(self) -> Misfit:
-        """Misfit of their labels."""
+        """Misfit of the labels."""
         return misfit(self.evaluation)
 
     @property
     def labelled(self) -> int:
-        """How many of them have labels that took part."""
+        """Number of frames whose labels were used."""
         return int(np.count_nonzero(np.any(self.evaluation.problem.observations.weight > 0.0, axis=1)))
 
     @property
@@ -86,7 +86,7 @@ class JointSolution:
         return {int(self.index[k]): self.evaluation.theta[k] for k in np.flatnonzero(self.is_tied)}
 
     def tripod(self, problem: SequenceProblem) -> KnownTripod:
-        """The shared parameters as known ones, with their covariance, to calibrate other frames with."""
+        """The shared parameters as known ones, with their covariance, for the calibration of further frames."""
         layout, theta = self.considered.layout, self.evaluation.theta[0]
         object_segments, pitch, size = problem.object_segments, problem.options.field, layout.field_size
         if size is not None and pitch is not None:
@@ -104,7 +104,7 @@ class JointSolution:
 
 
 def solved_together(problem: SequenceProblem, start: Start, fixed_sizes: Mapping[str, float]) -> JointSolution:
-    """Solve frames together, without length or width where these are fixed at an uncertain value."""
+    """Solve frames together; those of length and width in `fixed_sizes` are kept at their uncertain values."""
     options = problem.options
     index, evaluation = joint_start(problem, start, fixed_sizes)
     solved = levenberg_marquardt(
@@ -116,7 +116,7 @@ def solved_together(problem: SequenceProblem, start: Start, fixed_sizes: Mapping
 
 
 def solved_with_known_sizes(problem: SequenceProblem, start: Start) -> JointSolution:
-    """Solve frames together, without length or width where the frames hardly tell it."""
+    """Solve frames together; length and width are estimated only if the frames determine them."""
     found = solved_together(problem, start, problem.fixed_sizes)
     hardly_told = _hardly_told(found)
     return solved_together(problem, start, {**problem.fixed_sizes, **hardly_told}) if hardly_told else found
@@ -125,7 +125,7 @@ def solved_with_known_sizes(problem: SequenceProblem, start: Start) -> JointSolu
 def _considered(
     problem: SequenceProblem, system: ReducedSystem, layout: Layout, fixed_sizes: Mapping[str, float]
 ) -> Considered:
-    """Joint covariance of the shared parameters and of a size that is not estimated, whose errors they follow."""
+    """Joint covariance of the shared parameters and of a size that is not estimated, whose errors affect them."""
     both = layout.with_roles_of(layout.roles == Role.SHARED, Role.CONSIDERED)
     roles = layout.roles[both.considered]
     s, c = np.flatnonzero(roles == Role.SHARED), np.flatnonzero(roles == Role.CONSIDERED)
@@ -156,9 +156,9 @@ def _kept_covariance(problem: SequenceProblem, layout: Layout, fixed_sizes: Mapp
 
 
 def _hardly_told(joint: JointSolution) -> dict[str, float]:
-    """Length and width that the frames hardly determine: if estimated, they would absorb errors of lens and zoom.
+    """Length and width if the frames hardly determine them: as estimates they would absorb errors of lens and zoom.
 
-    The values are mean square distances from the given size, as the frames tell them.
+    The values are mean square differences from the given size according to the frames.
     """
     layout, theta = joint.layout, joint.evaluation.theta[0]
     if layout.field_size is None:

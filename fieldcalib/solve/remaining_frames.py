@@ -1,4 +1,4 @@
-"""All frames of a sequence, from those that were solved together: the others follow, each by itself."""
+"""All frames of a sequence, given those that were solved together: the others are solved one by one."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ class InitialFrames:
     theta: Array
     """Initial cameras, (T, n)."""
     known: BoolArray
-    """Mask (T,) of the frames that have one."""
+    """Mask (T,) of the frames that have an initial camera."""
     alone: Mapping[int, Calibration]
     """Calibrations of labelled frames by themselves."""
 
@@ -40,9 +40,9 @@ class InitialFrames:
 def with_remaining_frames(
     problem: SequenceProblem, joint: JointSolution, tripod: KnownTripod, before: SequenceCalibration | None = None
 ) -> FrameTable:
-    """Make the table of all frames: those that were solved together, and the others with the same tripod.
+    """Make the table of all frames: those that were solved together, and the others with the same shared parameters.
 
-    Frames that are tied start from their cameras of `before`, if they had any.
+    Tied frames start from their cameras in `before`, if there are any.
     """
     table = table_without_cameras(tripod, len(problem))
     done = np.zeros(len(problem), dtype=bool)
@@ -53,7 +53,7 @@ def with_remaining_frames(
     if problem.moves:
         initial = _on_path(initial, KnownCentres.of(table, done, tripod.considered))
     unlinked = {t: c for t, c in initial.alone.items() if not initial.known[t]}
-    # where nothing links the frames, one that is accepted by itself needs no more
+    # if nothing links the frames, one that is accepted by itself is done
     table = with_frames_alone(table, tripod, unlinked, LARGEST_ERROR if problem.is_linked else np.inf)
     while len(layer := _next(problem, done, initial.known)):
         for part in np.array_split(layer, -(-len(layer) // CHUNK)):
@@ -95,7 +95,7 @@ def _initial_frames(
 
 
 def _on_path(initial: InitialFrames, known_centres: KnownCentres) -> InitialFrames:
-    """Start untied frames from their cameras by themselves if these are on the path; reject the other ones."""
+    """Add the cameras of untied frames by themselves if these are on the path; reject the others."""
     accepted = {t: c for t, c in initial.alone.items() if c.accepted and not initial.known[t]}
     near = near_path(accepted, known_centres)
     off_path = Calibration.without_camera(Status.IMPROBABLE, OFF_PATH)
@@ -109,9 +109,9 @@ def _on_path(initial: InitialFrames, known_centres: KnownCentres) -> InitialFram
 def with_frames_alone(
     table: FrameTable, tripod: KnownTripod, alone: Mapping[int, Calibration], largest_error: float
 ) -> FrameTable:
-    """Fill in frames that nothing ties, as they were calibrated by themselves."""
+    """The table with untied frames filled in as they were calibrated by themselves."""
     table = without_camera(table, {t: c for t, c in alone.items() if c.solved is None})
-    parts: dict[int, list[int]] = {}  # those that were solved at once
+    parts: dict[int, list[int]] = {}  # frames that were solved at once
     for t, calibration in alone.items():
         if calibration.solved is not None:
             parts.setdefault(id(calibration.solved.evaluation), []).append(t)
@@ -125,7 +125,7 @@ def with_frames_alone(
 
 
 def _next(problem: SequenceProblem, done: BoolArray, known: BoolArray) -> IntArray:
-    """Numbers of the frames to be solved next: tied to solved ones or, when none is left, on the path only."""
+    """Numbers of the frames to be solved next: those tied to solved ones or, if none is left, those on the path."""
     tied = problem.ties.reached(done, ~known)
     return tied if len(tied) or not problem.moves else np.flatnonzero(known & ~done)
 
@@ -138,7 +138,7 @@ def _followed(
     initial: InitialFrames,
     part: IntArray,
 ) -> FrameTable:
-    """Solve frames `part` (B,) from their labels and from solved frames; the result is their rows."""
+    """Solve frames `part` (B,) from their labels and from solved frames; returns their rows."""
     pairs = problem.ties.towards(part, table.theta, done)
     wrong = _contradicted(part, pairs, initial.alone)
     alone = {k: one for k, t in enumerate(part.tolist()) if (one := initial.alone.get(t)) and t not in wrong}
@@ -156,7 +156,7 @@ def _followed(
 
 
 def _contradicted(index: IntArray, pairs: BackgroundPairs, alone: Mapping[int, Calibration]) -> set[int]:
-    """Numbers of the frames whose camera by themselves is contradicted by most of their ties."""
+    """Numbers of the frames whose own camera is contradicted by most of their ties."""
     solved = {k: one for k, t in enumerate(index.tolist()) if t in alone and (one := alone[t].solved) is not None}
     if not solved:
         return set()

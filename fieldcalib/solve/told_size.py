@@ -1,9 +1,9 @@
-"""The size of the field as a single frame tells it, estimated together with its camera.
+"""The size of the field from the labels of a single frame, estimated together with its camera.
 
 A frame is calibrated on a field of the given size, and its evidence for another size is known to first order
-(`fieldcalib.assess.size_evidence`). Where the given size is improbable, length and width, or the one of them that the
-frame determines, become free parameters: solved from several starts under the prior of sizes, within those that the
-rules allow. What the frame does not determine stays as it is given.
+(`fieldcalib.assess.size_evidence`). If the given size is improbable, length and width, or the one of them that the
+frame determines, become free parameters: they are solved from several starts under the prior of sizes, within the legal
+ones. A dimension that the frame does not determine stays as given.
 """
 
 from __future__ import annotations
@@ -25,14 +25,14 @@ from fieldcalib.problem.levenberg_marquardt import levenberg_marquardt
 from fieldcalib.problem.prior import GaussianPrior
 from fieldcalib.solve.options import DEFAULT_CRITERIA
 
-LIKELY = 0.5  # probability of the given size from which on a frame is calibrated on it
+LIKELY = 0.5  # probability of the given size from which on it is kept
 TELLS_SIZE = (
     2.0  # m: standard deviation of a length or width that a frame tells; less than what is known of them anyway
 )
 
 
 def on_told_size(calibration: Calibration, again: Callable[[Field, Camera], Calibration]) -> Calibration:
-    """Calibrate a frame anew on a field of the size that it tells; the given calibration where that size is likely.
+    """Calibrate a frame again on a field of the size that its labels determine, unless the given size is likely.
 
     Parameters
     ----------
@@ -55,7 +55,7 @@ def on_told_size(calibration: Calibration, again: Callable[[Field, Camera], Cali
 
 @dataclass(frozen=True, eq=False)
 class _Sized:
-    """A frame that was solved with a free size of its field."""
+    """A frame that was solved together with the size of its field."""
 
     like: Field
     evaluation: Evaluation
@@ -66,7 +66,7 @@ class _Sized:
 
     @property
     def size(self) -> Array:
-        """(length, width)."""
+        """Length and width, (2,) metres."""
         return np.asarray(self.evaluation.theta[0, self.layout.field_size_block])
 
     @property
@@ -100,7 +100,7 @@ class _ToldSize:
 
     @classmethod
     def of(cls, calibration: Calibration) -> _ToldSize | None:
-        """Take the evidence of a calibration; None where the given size is likely, or no other one is possible."""
+        """The evidence of a calibration; None if the given size is likely, or no other one is possible."""
         field, solved = calibration.field, calibration.solved
         if field is None or solved is None or calibration.status not in (Status.ACCEPTED, Status.IMPROBABLE):
             return None
@@ -116,11 +116,11 @@ class _ToldSize:
 
     @property
     def starts(self) -> Array:
-        """Sizes (3, 2): the given one, the one that fits best to first order, and the expected one."""
+        """Sizes (3, 2): the given one, the one of the best fit to first order, and the expected one."""
         return self.size.given + np.stack([np.zeros(2), self.evidence.offset, self.evidence.mean])
 
     def solved(self, solved: Solved, starts: Array) -> _Sized:
-        """Solve the frame with the size that it determines free, from several sizes (S, 2): least cost wins."""
+        """Solve the frame together with the size that it determines, from several sizes (S, 2); least cost wins."""
         alone = solved.alone.evaluation
         layout, prior, block = alone.problem.layout, alone.problem.prior, alone.problem.layout.field_size_block
         assert prior is not None
