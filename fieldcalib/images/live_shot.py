@@ -151,33 +151,33 @@ def _tied(
 ) -> tuple[FrameTable, PixelTable] | None:
     """A frame that is tied to some keyframes, with its lines; None if its matches contradict the keyframes."""
     known = shot.known
-    keys, tripod, layout = sorted(ties), solved.tripod, solved.layout
+    keys, shared, layout = sorted(ties), solved.shared, solved.layout
     here, is_known = np.array([len(keys)]), np.arange(len(keys) + 1) < len(keys)
     pairs = {(k, len(keys)): ties[key] for k, key in enumerate(keys)}
-    local = Ties.of(tripod.options.object_segments, pairs, len(keys) + 1, layout.image_size)
+    local = Ties.of(shared.options.object_segments, pairs, len(keys) + 1, layout.image_size)
     near = image is not None and bool(shot.last)
     last = shot.last[-1][1] if near else known[keys[-1]]
-    theta = np.where(layout.free, [*(known[key].theta for key in keys), last.theta], solved.shared)
+    theta = np.where(layout.free, [*(known[key].theta for key in keys), last.theta], solved.some_theta)
     towards = local.towards(here, theta, is_known)
     if near:
         theta[-1:], (contradicted,) = stepped(towards, layout, theta[-1:])
     else:
-        theta, reached = with_tied(tripod.options, local, theta, is_known, here, layout)
+        theta, reached = with_tied(shared.options, local, theta, is_known, here, layout)
         contradicted = not reached[-1]
     if contradicted:
         return None
     lines = NO_PIXELS if image is None else detected_lines(image, layout.camera(theta[-1]), solved.markings)[0]
     of_keys = [known[keys[k]].errors for k in towards.first.tolist()]
     of_first = OwnErrors(*(np.array(part) for part in zip(*of_keys, strict=True)))
-    followed = tripod.solved(theta[-1:], lines, towards, tripod.prior(theta[-1:]))
-    return solved_rows(tripod, SolvedFrames(followed, tripod.errors(followed, of_first), np.array([True]))), lines
+    followed = shared.solved(theta[-1:], lines, towards, shared.prior(theta[-1:]))
+    return solved_rows(shared, SolvedFrames(followed, shared.errors(followed, of_first), np.array([True]))), lines
 
 
 def _placed(solved: SolvedShot, camera: KnownCamera, basis: Basis) -> FollowedFrame:
     """A frame with a camera that is known already."""
-    tripod, theta, errors = solved.tripod, camera.theta[None], OwnErrors(*(part[None] for part in camera.errors))
-    metres = ground_errors(theta, errors, tripod.considered, tripod.options.field)
-    return _of_only_frame(solved, table_without_cameras(tripod, 1).with_cameras(theta, errors, metres, basis))
+    shared, theta, errors = solved.shared, camera.theta[None], OwnErrors(*(part[None] for part in camera.errors))
+    metres = ground_errors(theta, errors, shared.considered, shared.options.field)
+    return _of_only_frame(solved, table_without_cameras(shared, 1).with_cameras(theta, errors, metres, basis))
 
 
 def _of_only_frame(

@@ -63,7 +63,7 @@ def log_evidence(calibration: Calibration) -> float:
     return float(-evaluation.cost[0] - 0.5 * np.linalg.slogdet(information + np.eye(len(information)))[1])
 
 
-def told(as_it_is: Calibration, shown: Calibration, log_ratio: float, image_size: tuple[int, int]) -> Calibration:
+def likelier(as_it_is: Calibration, shown: Calibration, log_ratio: float, image_size: tuple[int, int]) -> Calibration:
     """The more likely of two calibrations of a picture: as it is, and stretched as if it had been squashed.
 
     Parameters
@@ -95,7 +95,7 @@ def in_pixels_of(shown: Calibration, image_size: tuple[int, int]) -> Calibration
     return replace(shown, camera=shown.camera.scaled(image_size), alternatives=others)
 
 
-def with_aspect_as_told(
+def with_likely_aspect(
     object_segments: ObjectSegments,
     calibrate: Callable[[Sequence[ImageSegments], tuple[int, int]], list[Calibration]],
     frames: Sequence[ImageSegments],
@@ -112,12 +112,12 @@ def with_aspect_as_told(
         return found
     size = shown_size(image_size)
     shown = calibrate([stretched(frame, np.divide(size, image_size)) for frame in frames], size)
-    likelier = [
-        told(one, other, log_evidence(other) - log_evidence(one), image_size) if one.solved or other.solved else one
+    chosen = [
+        likelier(one, other, log_evidence(other) - log_evidence(one), image_size) if one.solved or other.solved else one
         for one, other in zip(found, shown, strict=True)
     ]
     in_picture = [stretched(frame, np.ones(2)) for frame in frames]  # in pixels of the picture
-    return [with_border_asked(object_segments, *pair) for pair in zip(in_picture, likelier, strict=True)]
+    return [with_border_asked(object_segments, *pair) for pair in zip(in_picture, chosen, strict=True)]
 
 
 def stretched(frame: Mapping[str, ArrayLike], scale: Array) -> dict[str, Array]:

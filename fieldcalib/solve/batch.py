@@ -25,7 +25,7 @@ from fieldcalib.problem.levenberg_marquardt import levenberg_marquardt
 from fieldcalib.problem.losses import LossName, RobustLoss
 from fieldcalib.problem.pixel_table import PixelTable
 from fieldcalib.processes.jobs import in_order
-from fieldcalib.solve.aspect import with_aspect_as_told
+from fieldcalib.solve.aspect import with_likely_aspect
 from fieldcalib.solve.from_segments import NO_PIXELS, calibrate_checked, checked_frame
 from fieldcalib.solve.given_camera import GivenCamera, as_fixed
 from fieldcalib.solve.label_ends import with_border_asked
@@ -113,7 +113,7 @@ def calibrate_batch(
         return calibrate_labels(task, some, size, each_weights, cameras=initial, executor=executor)
 
     is_estimated = estimate_aspect and camera_matrix is None
-    return with_aspect_as_told(object_segments, calibrated, _several(frames), image_size, estimated=is_estimated)
+    return with_likely_aspect(object_segments, calibrated, _several(frames), image_size, estimated=is_estimated)
 
 
 def calibrate_labels(

@@ -40,7 +40,7 @@ from fieldcalib.problem.losses import LossName, RobustLoss
 from fieldcalib.problem.observations import Observations
 from fieldcalib.problem.pixel_table import PixelTable
 from fieldcalib.problem.segment_ends import with_segment_ends
-from fieldcalib.solve.aspect import with_aspect_as_told
+from fieldcalib.solve.aspect import with_likely_aspect
 from fieldcalib.solve.auto_lens import with_lens_as_called_for
 from fieldcalib.solve.given_camera import GivenCamera, as_fixed
 from fieldcalib.solve.label_ends import with_border_asked
@@ -166,7 +166,7 @@ def calibrate_from_segments(
         return [calibrate_frame(task, frames[0], size, weights)]
 
     is_estimated = estimate_aspect and camera_matrix is None
-    return with_aspect_as_told(object_segments, calibrated, [image_segments], image_size, estimated=is_estimated)[0]
+    return with_likely_aspect(object_segments, calibrated, [image_segments], image_size, estimated=is_estimated)[0]
 
 
 def calibrate_frame(

@@ -19,9 +19,9 @@ from fieldcalib.problem.layout import Layout, Role
 from fieldcalib.problem.levenberg_marquardt import levenberg_marquardt
 from fieldcalib.solve.joint_start import Start, joint_start
 from fieldcalib.solve.sequence_problem import SequenceProblem
-from fieldcalib.solve.tripod import KnownTripod, PixelNoise
+from fieldcalib.solve.shared_parameters import PixelNoise, SharedParameters
 
-TELLS_SIZE = 0.4  # m: largest standard deviation of estimated sizes; clips of a penalty area and the middle reach 0.2
+LARGEST_SIZE_SIGMA = 0.4  # m: of a size that is estimated; clips of a penalty area and the middle reach 0.2
 
 
 @dataclass(frozen=True, eq=False)
@@ -85,7 +85,7 @@ class JointSolution:
         """Parameters of the frames that are tied, by number."""
         return {int(self.index[k]): self.evaluation.theta[k] for k in np.flatnonzero(self.is_tied)}
 
-    def tripod(self, problem: SequenceProblem) -> KnownTripod:
+    def shared_parameters(self, problem: SequenceProblem) -> SharedParameters:
         """The shared parameters as known ones, with their covariance, for the calibration of further frames."""
         layout, theta = self.considered.layout, self.evaluation.theta[0]
         object_segments, pitch, size = problem.object_segments, problem.options.field, layout.field_size
@@ -100,7 +100,7 @@ class JointSolution:
             object_segments=object_segments,
             considered=self.considered.covariance,
         )
-        return KnownTripod(options, self.noise)
+        return SharedParameters(options, self.noise)
 
 
 def solved_together(problem: SequenceProblem, start: Start, fixed_sizes: Mapping[str, float]) -> JointSolution:
@@ -118,8 +118,8 @@ def solved_together(problem: SequenceProblem, start: Start, fixed_sizes: Mapping
 def solved_with_known_sizes(problem: SequenceProblem, start: Start) -> JointSolution:
     """Solve frames together; length and width are estimated only if the frames determine them."""
     found = solved_together(problem, start, problem.fixed_sizes)
-    hardly_told = _hardly_told(found)
-    return solved_together(problem, start, {**problem.fixed_sizes, **hardly_told}) if hardly_told else found
+    uncertain = _uncertain_sizes(found)
+    return solved_together(problem, start, {**problem.fixed_sizes, **uncertain}) if uncertain else found
 
 
 def _considered(
@@ -155,7 +155,7 @@ def _kept_covariance(problem: SequenceProblem, layout: Layout, fixed_sizes: Mapp
     return np.diag(np.minimum(known, [fixed_sizes.get(layout.names[k], np.inf) for k in index]))
 
 
-def _hardly_told(joint: JointSolution) -> dict[str, float]:
+def _uncertain_sizes(joint: JointSolution) -> dict[str, float]:
     """Length and width if the frames hardly determine them: as estimates they would absorb errors of lens and zoom.
 
     The values are mean square differences from the given size according to the frames.
@@ -169,5 +169,5 @@ def _hardly_told(joint: JointSolution) -> dict[str, float]:
     return {
         layout.names[k]: float(sigma[k] ** 2 + (theta[k] - given) ** 2)
         for k, given in zip(block, layout.field_size.given, strict=True)
-        if layout.free[k] and sigma[k] > TELLS_SIZE
+        if layout.free[k] and sigma[k] > LARGEST_SIZE_SIGMA
     }

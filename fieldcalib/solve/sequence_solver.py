@@ -30,8 +30,8 @@ from fieldcalib.solve.joint_start import Start
 from fieldcalib.solve.options import Options
 from fieldcalib.solve.remaining_frames import with_frames_alone, with_remaining_frames
 from fieldcalib.solve.sequence_problem import SequenceProblem
+from fieldcalib.solve.shared_parameters import PixelNoise, SharedParameters
 from fieldcalib.solve.shared_starts import best_of_other_starts
-from fieldcalib.solve.tripod import KnownTripod, PixelNoise
 
 FIRST = 60  # frames that are calibrated one by one, to find the position of the tripod
 ROUNDS = 3  # of solving all together, and every frame again
@@ -41,7 +41,7 @@ class SolvedSequence(NamedTuple):
     """The calibration of all frames, and the shared parameters for the calibration of further ones."""
 
     calibration: SequenceCalibration
-    tripod: KnownTripod | None
+    shared: SharedParameters | None
     """The shared parameters; None if the frames share nothing."""
 
 
@@ -88,10 +88,10 @@ def calibrate_one_by_one(problem: SequenceProblem) -> SequenceCalibration:
         probability, sigma = options.layout.field_size.possibilities_with_crown
         np.fill_diagonal(variance, probability @ np.square(sigma))
     noise = np.median([(one.bent_sigma, one.curvature) for one in found], axis=0) if found else np.ones(2)
-    tripod = KnownTripod(replace(options, considered=variance), PixelNoise(*noise.tolist()))
-    table = table_without_cameras(tripod, len(problem))
+    shared = SharedParameters(replace(options, considered=variance), PixelNoise(*noise.tolist()))
+    table = table_without_cameras(shared, len(problem))
     if found:
-        table = with_frames_alone(table, tripod, alone, np.inf)
+        table = with_frames_alone(table, shared, alone, np.inf)
     return SequenceCalibration(table, field=options.field, layout=options.layout, considered=variance)
 
 
@@ -129,8 +129,8 @@ def _start_of(
 def _with_more_labels(problem: SequenceProblem, joint: JointSolution) -> JointSolution:
     """Solve again with the labels of frames that are accepted only since the tripod is known."""
     for _ in range(ROUNDS - 1):
-        tripod, some = joint.tripod(problem), problem.solved_together
-        alone = problem.calibrate_alone(some, tripod.options, joint.tied_cameras)
+        shared, some = joint.shared_parameters(problem), problem.solved_together
+        alone = problem.calibrate_alone(some, shared.options, joint.tied_cameras)
         start = _start_of(problem, alone, joint.left_out)
         if start is None:
             break
@@ -146,17 +146,17 @@ def _finished(
     problem: SequenceProblem, joint: JointSolution, before: SequenceCalibration | None = None
 ) -> SolvedSequence:
     """The calibration of all frames, given those that were solved together."""
-    tripod = joint.tripod(problem)
+    shared = joint.shared_parameters(problem)
     is_shared = joint.layout.roles == Role.SHARED
     calibration = SequenceCalibration(
-        with_remaining_frames(problem, joint, tripod, before),
+        with_remaining_frames(problem, joint, shared, before),
         tuple(np.array(joint.layout.names)[is_shared].tolist()),
         joint.evaluation.theta[0, is_shared],
         joint.covariance,
-        tripod.options.field,
+        shared.options.field,
         len(joint.index),
-        tripod.options.layout,
-        tripod.considered.covariance,
+        shared.options.layout,
+        shared.considered.covariance,
         joint.alternatives,
     )
-    return SolvedSequence(calibration, tripod)
+    return SolvedSequence(calibration, shared)

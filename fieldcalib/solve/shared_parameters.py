@@ -31,7 +31,7 @@ class PixelNoise(NamedTuple):
 
 
 @dataclass(frozen=True, eq=False)
-class KnownTripod:
+class SharedParameters:
     """Shared parameters of the frames of one camera, with their covariance."""
 
     options: Options
