@@ -41,7 +41,7 @@ class FollowedFrame:
     lines: PixelTable = NO_PIXELS
     """The lines in the frame."""
     camera: KnownCamera | None = None
-    """Its camera for frames that are tied to it; None if it is not tied itself."""
+    """Camera of the frame, for frames that are tied to it; None if it is not tied itself."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -49,7 +49,7 @@ class LiveShot:
     """The keyframes of a shot so far."""
 
     identity: tuple[int, int] = (0, 0)
-    """How often the tracker began anew, and the number of the shot since the last beginning."""
+    """Number of the tracker's resets, and number of the shot since the last reset."""
     segmented: int = 0
     """Number of keyframes that the network has seen."""
     labels: Mapping[int, PixelTable] = field(default_factory=dict)
@@ -75,7 +75,7 @@ class LiveShot:
     def with_keyframe(
         self, index: int, ties: Mapping[int, Cells], pairs: Sequence[KeyframePair], found: FollowedFrame | None
     ) -> LiveShot:
-        """With a new keyframe, tied to earlier ones, and its camera if it has one."""
+        """The shot with a new keyframe, tied to earlier ones, and its camera if it has one."""
         camera = None if found is None else found.camera
         return replace(
             self,
@@ -103,7 +103,7 @@ class LiveShot:
         )
 
     def with_solution(self, new: int, solution: ShotSolution) -> LiveShot:
-        """With the solution of a `problem`; keyframes that came in the meantime are calibrated from it."""
+        """The shot with the solution of a `problem`; keyframes that came in the meantime are calibrated from it."""
         labels = self.labels if solution.labels is None else {**self.labels, new: solution.labels}
         pairs = {pair: one for pair, one in self.pairs.items() if pair not in solution.tried}
         shot = replace(self, labels=labels, matches={**self.matches, **solution.matches}, pairs=pairs)
@@ -120,7 +120,7 @@ class LiveShot:
         return shot
 
     def with_tied(self, index: int, camera: KnownCamera | None) -> LiveShot:
-        """With the camera of the newest frame, if it is tied."""
+        """The shot with the camera of the newest frame, if that is tied."""
         return self if camera is None else replace(self, last=(*self.last[-1:], (index, camera)))
 
 
