@@ -132,7 +132,7 @@ def fitted(features: Array, errors: Array, tolerance: float) -> Array:
 
 
 def reliability(found: Sequence[Calibration], errors: Array, metres: float) -> dict[str, object]:
-    """For each bin of probabilities: the number of frames, their mean probability, and the share of right ones."""
+    """Number of frames, mean probability and share of right cameras in each bin of probabilities."""
     p, right = np.array([c.probability(metres) for c in found]), errors < metres
     rows = []
     for low, high in pairwise(BINS):

@@ -36,10 +36,10 @@ class Frame:
     image: Image | None
     problem: str = ""
     path: Path | str = ""
-    """Its file, for messages."""
+    """File of the image, for messages."""
     is_of_video: bool = False
     line: str = ""
-    """Its line of cameras.jsonl from an earlier part of the run, if any."""
+    """The image's line of cameras.jsonl from an earlier part of the run, if any."""
 
 
 @dataclass(frozen=True)

@@ -34,7 +34,7 @@ class Item(Protocol):
 
     @property
     def path(self) -> Path | str:
-        """Its file, for messages."""
+        """File of the frame, for messages."""
 
 
 @dataclass(frozen=True)
@@ -50,7 +50,7 @@ class Outcome:
     complaint: str = ""
     """A line for stderr: which file is broken, and why."""
     picture: Image | None = None
-    """Its frame of the overlay video."""
+    """Picture for the overlay video."""
     is_written: bool = False
     """Whether an earlier part of the run has written it."""
 
