@@ -37,7 +37,7 @@ LEAST_PROBABILITY = 0.5  # of being right to the field's tolerance: below it the
 
 
 class Verdict(StrEnum):
-    """What to do with a calibration."""
+    """Verdict on a calibration: what to do with it."""
 
     GOOD = "good"
     """Use it."""
@@ -242,7 +242,7 @@ class Calibration:
 
     @property
     def verdict(self) -> Verdict:
-        """What to do with the camera; `reason` says why.
+        """The verdict on the camera; `reason` says why.
 
         An accepted camera without `concerns` is good. The probability that they depend on is computed when first used.
         """

@@ -363,7 +363,7 @@ class Field(Mapping[str, Segment]):
         return replace(self, segments={**self.segments, **names})
 
     def resized(self, length: float, width: float) -> Field:
-        """The same kind of field in another size.
+        """The field in another size.
 
         Raises
         ------
