@@ -1,0 +1,258 @@
+"""Frames that a person labels: marks and their history, clicks on paint, advice, and the camera that follows."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from strategies import pixel_arrays
+from views import inside
+
+from fieldcalib import Camera, calibrate_from_homography, calibrate_from_segments, soccer
+from fieldcalib.assess.result import Calibration, NoCameraError, Status
+from fieldcalib.draw.scene import render_field
+from fieldcalib.editor.advice import GRID, click_errors, likely_labels, next_mark
+from fieldcalib.editor.frame import FrameEditor, Known
+from fieldcalib.editor.marks import History, Marks
+from fieldcalib.editor.snapping import REACH, snapped
+
+FIELD, SIZE = soccer(), (960, 540)
+TRUTH = Camera.from_angles(-0.3, 1.35, 0.01, 1500.0, (0.0, 66.0, -16.0), SIZE)
+LABELS = ("Side line left", "Side line top", "Big rect. left main", "Big rect. left top", "Circle left")
+CLICKS = pixel_arrays((0.0, 0.0), (959.0, 539.0), 3)
+
+
+@pytest.fixture(scope="module")
+def image():
+    return render_field(TRUTH, FIELD, rng=np.random.default_rng(0))
+
+
+def on_marking(label, camera=TRUTH, spacing=3.0, margin=10.0):
+    """Pixels along a marking in view."""
+    xy = camera.project(FIELD[label].sample(spacing))
+    return xy[((xy > margin) & (xy < np.subtract(camera.image_size, 1 + margin))).all(axis=1)]
+
+
+def ends_of(labels=LABELS):
+    return {label: on_marking(label)[[0, -1]] for label in labels}
+
+
+# --- marks and their history ---
+
+
+@given(st.dictionaries(st.sampled_from(LABELS), CLICKS), st.data())
+def test_marks_that_are_moved_and_relabelled_and_removed(pixels, data):
+    marks = Marks.of(pixels)
+    assert {label: xy.tolist() for label, xy in marks.pixels.items()} == {k: v.tolist() for k, v in pixels.items()}
+    numbers = data.draw(st.sets(st.integers(0, len(marks) - 1))) if len(marks) else set()
+    moved = marks.moved(dict.fromkeys(numbers, (1.0, 2.0)))
+    assert [one[1:] == (1.0, 2.0) for one in moved.all] == [
+        k in numbers or one[1:] == (1.0, 2.0) for k, one in enumerate(marks.all)
+    ]
+    assert {one.label for k, one in enumerate(marks.relabelled(numbers, "x").all) if k in numbers} <= {"x"}
+    assert len(marks.without(numbers)) == len(marks) - len(numbers)
+
+
+@pytest.mark.parametrize("number", [-1, 2])
+def test_numbers_of_no_mark(number):
+    marks = Marks().added("Middle line", [(1, 2), (3, 4)])
+    for change in (lambda: marks.moved({number: (0, 0)}), lambda: marks.without([number])):
+        with pytest.raises(ValueError, match="expected numbers of marks from 0 to 1"):
+            change()
+
+
+@given(st.lists(st.one_of(st.integers(0, 3), st.sampled_from(["undo", "redo"]))))
+def test_history_is_that_of_any_editor(actions):
+    """Against a plain list of states and a place in it."""
+    history, states, place = History(0), [0], 0
+    for action in actions:
+        if action == "undo":
+            history, place = history.undone, max(place - 1, 0)
+        elif action == "redo":
+            history, place = history.redone, min(place + 1, len(states) - 1)
+        else:
+            history = history.then(action)
+            if action != states[place]:
+                states, place = [*states[: place + 1], action], place + 1
+        assert history.present == states[place]
+        assert (history.can_undo, history.can_redo) == (place > 0, place < len(states) - 1)
+
+
+# --- clicks on paint ---
+
+
+@pytest.mark.parametrize("noise", [1.0, 2.0])
+def test_clicks_beside_a_line_snap_to_its_middle(image, noise):
+    rng, before, after = np.random.default_rng(1), [], []
+    for label in LABELS:
+        curve = on_marking(label, spacing=0.05)
+        for xy in on_marking(label, margin=30.0):
+            click = xy + rng.normal(0.0, noise, 2)
+            before.append(np.min(np.linalg.norm(curve - click, axis=1)))
+            after.append(np.min(np.linalg.norm(curve - snapped(image, click), axis=1)))
+    assert np.median(after) < 0.45 < np.median(before)  # lines at the border are painted inside of it
+    assert np.mean(np.array(after) < 1.0) > 0.85  # where lines meet, a click may snap to the other one
+
+
+@given(st.floats(0.0, np.pi), st.floats(-4.0, 4.0), st.floats(2.5, 6.0))
+def test_the_middle_of_a_line_in_any_direction(angle, distance, width):
+    x, y = np.meshgrid(np.arange(200.0), np.arange(160.0))
+    normal = np.array([np.cos(angle), np.sin(angle)])
+    across = (x - 100.3) * normal[0] + (y - 80.7) * normal[1]
+    cover = np.clip(0.5 * width - np.abs(across) + 0.5, 0.0, 1.0)
+    picture = np.repeat((60.0 + 150.0 * cover)[..., None], 3, axis=-1).astype(np.uint8)
+    found = snapped(np.pad(picture, ((190, 190), (380, 380), (0, 0)), mode="edge"), (480.3, 270.7) + distance * normal)
+    assert abs((found - (480.3, 270.7)) @ normal) < 0.25
+
+
+def test_clicks_away_from_lines_stay(image):
+    grass = np.full((540, 960, 3), (60, 140, 60), np.uint8)
+    for click in [(0.0, 0.0), (959.0, 539.0), (480.5, 3.25), (-5.0, 700.0)]:
+        np.testing.assert_array_equal(snapped(grass, click), click)
+    far = on_marking("Side line top")[3] + (0.0, 2.0 * REACH)
+    assert np.linalg.norm(snapped(image, far) - far) <= REACH
+
+
+# --- advice ---
+
+
+def test_likely_labels_begin_with_the_nearest():
+    for label in LABELS:
+        for xy in on_marking(label, margin=40.0):
+            likely = likely_labels(FIELD, TRUTH, xy)
+            distance = min(np.linalg.norm(on_marking(likely[0], spacing=0.05, margin=0.0) - xy, axis=1))
+            assert distance < 1.0
+    assert likely_labels(FIELD, None, (0.0, 0.0)) == list(FIELD.markings)
+
+
+def calibrated(pixels):
+    return calibrate_from_segments(FIELD, pixels, SIZE)
+
+
+def test_the_next_mark_lowers_the_errors_as_it_says():
+    """By the covariance of the frame that is calibrated with it, whose weights differ a little."""
+    calibration = calibrated(ends_of(LABELS[:4]))
+    found = next_mark(calibration)
+    assert found.label in FIELD.markings
+    assert 0.1 < found.gain < 1.0
+    shown = np.linalg.norm(on_marking(found.label, calibration.camera, 0.05, 0.0) - found.xy, axis=1)
+    assert np.min(shown) < 1.0  # it lies where the camera projects that marking
+
+    x, y = (np.linspace(-half, half, count) for half, count in zip(FIELD.half_extent, GRID, strict=True))
+    X = np.array([(a, b, 0.0) for a in x for b in y])
+    seen = TRUTH.project(X)
+    X = X[((seen >= 0.0) & (seen < SIZE)).all(axis=1)]
+
+    def error(pixels):
+        return np.mean(np.square(calibrated(pixels).uncertainty.at_field(X).rms))
+
+    given = ends_of(LABELS[:4])
+    where = on_marking(found.label, spacing=0.05)
+    xy = where[np.argmin(np.linalg.norm(where - found.xy, axis=1))]
+    more = {**given, found.label: np.vstack([given.get(found.label, np.empty((0, 2))), xy])}
+    assert error(more) < (1.0 - 0.4 * found.gain) * error(given)
+
+
+def test_no_next_mark_without_a_camera():
+    assert next_mark(Calibration.without_camera(Status.TOO_FEW_SEGMENTS, "nothing")) is None
+
+
+@settings(max_examples=10)
+@given(st.integers(0, 2**32 - 1))
+def test_click_errors_are_the_shifts_of_inexact_clicks(seed):
+    """By simulation: the cameras of clicks that are off by a tenth of a pixel."""
+    pixels = ends_of()
+    calibration = calibrated(pixels)
+    X = np.array([(-45.0, -20.0, 0.0), (-36.0, 10.0, 0.0), (-20.0, 0.0, 0.0)])
+    rng, shifts = np.random.default_rng(seed), []
+    for _ in range(25):
+        other = calibrated({label: xy + rng.normal(0.0, 0.1, xy.shape) for label, xy in pixels.items()}).camera
+        shifts.append(other.image_to_field(calibration.camera.project(X)) - X)
+    rms = np.sqrt(np.mean(np.sum(np.square(shifts), axis=-1), axis=0))
+    expected = click_errors(replace(calibration, field=FIELD), X, 0.1)
+    assert np.all((rms > 0.5 * expected) & (rms < 2.0 * expected))
+
+
+def test_errors_of_clicks_need_clicks():
+    with pytest.raises(NoCameraError, match="nothing"):
+        click_errors(Calibration.without_camera(Status.TOO_FEW_SEGMENTS, "nothing"), (0.0, 0.0, 0.0))
+    with pytest.raises(ValueError, match="expected the calibration of a single frame"):
+        click_errors(calibrate_from_homography(TRUTH.homography, SIZE), (0.0, 0.0, 0.0))
+
+
+# --- the editor ---
+
+
+def test_a_frame_is_labelled_from_nothing(image):
+    rng = np.random.default_rng(3)
+    editor = FrameEditor.of(image)
+    assert not editor.calibration
+    for label, xy in ends_of().items():
+        editor = editor.mark(label, xy + rng.normal(0.0, 2.0, xy.shape))
+    assert editor.calibration.accepted
+    camera = editor.calibration.camera
+    for label in LABELS:
+        X = FIELD[label].sample(3.0)
+        seen = inside(TRUTH.project(X))
+        assert np.max(np.linalg.norm(camera.project(X) - TRUTH.project(X), axis=1)[seen]) < 3.0
+    assert editor.next_mark.gain < 0.9
+    assert np.all(editor.click_errors([(-40.0, 0.0, 0.0)]) < 2.0)
+
+
+def test_twenty_steps_back_and_forth(image):
+    editor = FrameEditor.of(image)
+    seen = [editor.marks]
+    for number in range(20):
+        editor = editor.mark(LABELS[number % 5], (100.0 + 30.0 * number, 300.0), snap=False)
+        seen.append(editor.marks)
+    for marks in seen[-2::-1]:
+        editor = editor.undo()
+        assert editor.marks == marks
+    assert editor.undo().marks == editor.marks
+    for marks in seen[1:]:
+        editor = editor.redo()
+        assert editor.marks == marks
+
+
+def test_marks_are_mended(image):
+    pixels = ends_of()
+    editor = FrameEditor.of(image, FIELD, {**pixels, "Middle line": pixels["Side line left"]})
+    numbers = [k for k, one in enumerate(editor.marks.all) if one.label == "Middle line"]
+    assert editor.calibration.suspect_labels[0].label == "Middle line"
+    assert editor.likely_labels(pixels["Side line left"][0])[0] == "Side line left"
+    mended = editor.relabel(numbers, "Side line left")
+    assert mended.calibration.suspect_labels == ()
+    assert editor.remove(numbers).marks == Marks.of(pixels)
+    dragged = editor.move({numbers[0]: (480.0, 270.0)}, snap=False)
+    assert dragged.marks.all[numbers[0]] == ("Middle line", 480.0, 270.0)
+    assert dragged.undo().marks == editor.marks
+
+
+def test_what_is_known_is_kept(image):
+    editor = FrameEditor.of(image, pixels=ends_of())
+    known = editor.know(focal_length=1500.0, position=(0.0, 66.0, -16.0), principal_point=True, lens="none")
+    camera = known.calibration.camera
+    assert camera.focal_length == 1500.0
+    np.testing.assert_array_equal(camera.C, (0.0, 66.0, -16.0))
+    np.testing.assert_array_equal(camera.K[:2, 2], (480.0, 270.0))
+    sized = editor.know(field_size=(100.0, 64.0)).calibration
+    assert (sized.field.length, sized.field.width, sized.field.size_known) == (100.0, 64.0, True)
+    assert known.undo().known == Known()
+
+
+@pytest.mark.parametrize(
+    ("do", "message"),
+    [
+        (lambda editor: editor.mark("Midle line", (0, 0)), "did you mean 'Middle line'"),
+        (lambda editor: editor.relabel([], "nothing at all"), "unknown label"),
+        (lambda editor: editor.move({7: (0.0, 0.0)}), "expected numbers of marks"),
+        (lambda editor: editor.know(lens="fisheye"), "lens must be one of 'none', 'k1'"),
+        (lambda editor: FrameEditor.of(editor.image, pixels={"x": [(1, 2)]}), "unknown label 'x'"),
+        (lambda editor: FrameEditor.of(editor.image[..., 0]), "image"),
+        (lambda editor: FrameEditor.of(editor.image, "soccre"), "soccer"),
+    ],
+)
+def test_what_is_wrong_is_said(image, do, message):
+    with pytest.raises(ValueError, match=message):
+        do(FrameEditor.of(image))
