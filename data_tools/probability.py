@@ -227,7 +227,7 @@ def annotated(options: argparse.Namespace) -> int:
     """Print reliability, areas under risk-coverage curves and these curves for annotated frames."""
     # all labels and few are calibrated on a pitch of the same size
     field, rng, size = soccer(size_known=True), np.random.default_rng(options.seed), options.size
-    frames = list(read_frames([options.annotations], field, size).pixels.values())
+    frames = list(read_frames([options.annotations], field, size).values())
     found = calibrate_batch(field, frames, size)
     parts, truths = [], []
     for _ in range(options.repeats):
