@@ -24,7 +24,7 @@ from fieldcalib.draw.scene import render_field
 from fieldcalib.io.streams import Stream
 from fieldcalib.io.videos import VideoReader
 
-TRUTH = Camera.from_angles(0.2, 1.32, 0.0, 950.0, (1.0, 66.0, -16.0), (960, 540))
+TRUTH = Camera.from_angles(0.2, 1.32, 0.0, 475.0, (1.0, 66.0, -16.0), (480, 270))
 SMALL = np.zeros((36, 64, 3), np.uint8)
 
 

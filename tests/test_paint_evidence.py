@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from pictures import picture
 from strategies import numbers
 from synthetic import observe, whole_circle_markings
 from views import camera
@@ -14,7 +15,6 @@ from views import camera
 from fieldcalib.assess.markings import MarkingInView, paint_complaints, paint_contradicts
 from fieldcalib.assess.result import Calibration, Status, Verdict
 from fieldcalib.assess.sequence_calibration import SequenceCalibration
-from fieldcalib.draw.scene import render_field
 from fieldcalib.fields.sports.ice_hockey import ice_hockey
 from fieldcalib.fields.sports.soccer import soccer
 from fieldcalib.fields.sports.tennis import tennis
@@ -30,10 +30,6 @@ from fieldcalib.solve.task import Task
 FIELD = soccer()
 MARKINGS = Markings.of(FIELD)
 PENALTY_AREA = camera(24, 78, 1400, (0, 68, -17), k=(0.06, 0.0))
-
-
-def picture(truth, field=FIELD, seed=0):
-    return render_field(truth, field, rng=np.random.default_rng(seed))
 
 
 PICTURE = picture(PENALTY_AREA)

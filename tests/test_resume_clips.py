@@ -13,7 +13,7 @@ from fieldcalib.images import from_video
 from fieldcalib.io.videos import VideoWriter
 
 TRUTHS = [
-    Camera.from_angles(pan, 1.32, 0.0, 475.0, (1.0, 66.0, -16.0), (480, 270)) for pan in np.linspace(0.1, 0.4, 30)
+    Camera.from_angles(pan, 1.32, 0.0, 475.0, (1.0, 66.0, -16.0), (480, 270)) for pan in np.linspace(0.1, 0.36, 26)
 ]
 
 
@@ -110,7 +110,7 @@ def test_a_clip_goes_on_after_its_parts(video, whole, network, tmp_path, monkeyp
 
 
 @pytest.mark.parametrize(
-    "count", [pytest.param(0, marks=pytest.mark.slow), 7, pytest.param(29, marks=pytest.mark.slow)]
+    "count", [pytest.param(0, marks=pytest.mark.slow), 7, pytest.param(25, marks=pytest.mark.slow)]
 )
 def test_a_clip_goes_on_with_its_frames(video, whole, network, tmp_path, monkeypatch, count):
     from fieldcalib.draw.overlays import draw_calibration

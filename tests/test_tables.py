@@ -36,7 +36,7 @@ from fieldcalib.io.soccernet import format_annotation
 from fieldcalib.io.wc14 import format_homography
 from fieldcalib.metrics import compound_score
 
-COUNT = 5
+COUNT = 3
 STEPS = ("--steps", "20")
 
 
