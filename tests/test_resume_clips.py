@@ -75,7 +75,7 @@ def whole(video, rendered, tmp_path_factory):
 
 
 def test_parts_that_are_kept_are_not_calibrated_again(rendered, network, monkeypatch):
-    kept = {}
+    kept, rendered = {}, rendered[:14]
     whole = calibrate_video(FIELD, rendered, network(), parts=kept)
     assert len(kept) >= 2
     assert sum(map(len, kept.values())) == len(rendered)

@@ -37,7 +37,7 @@ RELATIVE_TO = ("markings in view", "centre mark")
 def clip():
     """Cameras of a shot, and its pictures."""
     rng = np.random.default_rng((0, 4))
-    cameras = camera_path(rng, 150, image_size=SIZE)[40:64]
+    cameras = camera_path(rng, 150, image_size=SIZE)[40:58]
     return cameras, list(film(Scene.random(FIELD, 3, cameras), [TrueFrame(camera, 0, 0) for camera in cameras]))
 
 
