@@ -249,7 +249,7 @@ def test_jacobian_of_some_parameters_is_a_part_of_the_whole(lens, free):
     np.testing.assert_allclose(part, jacobian(evaluation)[:, :, index], rtol=1e-12, atol=1e-11)
 
 
-@settings(max_examples=40)
+@settings(max_examples=20)
 @given(
     camera=cameras(lens=True, image_sizes=(SIZE,)),
     others=vectors(-OTHER_COEFFICIENTS, OTHER_COEFFICIENTS),

@@ -294,6 +294,7 @@ def test_a_broadcast_with_a_dissolve(shared_data):
     assert untied(found)[0] in range(10, 15)
 
 
+@pytest.mark.slow
 def test_two_broadcasts_with_the_same_view(shared_data):
     """Both show the middle line, the circle and the stands above."""
     one, other = clip(shared_data, "chelsea-milan", 33, 54), clip(shared_data, "pan-to-goal", 150, 175)

@@ -244,7 +244,7 @@ def detections_of(camera):
 
 
 def test_pictures_and_detections_have_rows_of_their_own(wc14, tmp_path, capsys):
-    """Three of five frames have a picture, drawn and squashed; the table of pictures counts these alone."""
+    """Three of four frames have a picture, drawn and squashed; the table of pictures counts these alone."""
     _, cameras = random_frames(COUNT, seed=5, noise=0.5, stands=("main center",), image_size=(1280, 720))
     pictures, detections = tmp_path / "pictures", tmp_path / "detections"
     pictures.mkdir()
