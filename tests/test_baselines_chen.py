@@ -175,7 +175,7 @@ def test_a_database_finds_its_own_cameras(database):
 
 
 def test_refinement_brings_the_homography_home(database):
-    cameras = central(24, 11)
+    cameras = central(12, 11)
     views = edge_images(cameras.homographies, PIECES)
     by_recipe = {}
     for name, recipe in (("published", PUBLISHED), ("wider", WIDER)):

@@ -109,9 +109,8 @@ def test_a_clip_goes_on_after_its_parts(video, whole, network, tmp_path, monkeyp
     assert content_of(tmp_path) == content_of(whole)
 
 
-@pytest.mark.parametrize(
-    "count", [pytest.param(0, marks=pytest.mark.slow), 7, pytest.param(25, marks=pytest.mark.slow)]
-)
+@pytest.mark.slow
+@pytest.mark.parametrize("count", [0, 7, 25])
 def test_a_clip_goes_on_with_its_frames(video, whole, network, tmp_path, monkeypatch, count):
     from fieldcalib.draw.overlays import draw_calibration
 
