@@ -1,18 +1,17 @@
-"""Errors of clips calibrated together, measured on withheld labels and frames.
+"""Errors of jointly calibrated clips, measured on withheld labels and frames.
 
     python -m data_tools.clips CLIP... [--flow] [--jitter] [--every-third-second] [--halves] [--labels]
         [--masked FIRST LAST]
 
-`--flow` follows static points over 12 frames, and prints how far they are from where the cameras say they go: the
-median of the points of two frames, then the median and the 90 % quantile over pairs, and how many frames have a camera.
-`--jitter` follows them to the frames before and after, and prints how unevenly they move, and by how much the cameras
-say so: the root mean square of second differences over sqrt(6), that of independent errors of one pixel.
-`--every-third-second` withholds all lines of every third second, and prints how far field points in view then move,
-against the calibration from everything. `--halves` calibrates both halves of a clip apart, and prints how far apart
-the tripods are, in metres and against their joint 95 % region. `--labels` leaves out each label in turn, and prints how
-far its lines lie from where the others put them, against what they are off when they are used. `--masked` does as
-`--every-third-second`, with the field masked out between two frames: no lines, and no matches within 20 px of where it
-is seen. Pixels are those of an image of 1280 columns.
+`--flow` follows static points over 12 frames by optical flow and prints their distances from where the cameras predict
+them: the median and the 90 % quantile, over pairs of frames, of the median over points; and how many frames have a
+camera. `--jitter` follows them to the frames before and after and prints the root mean square of their second
+differences, by flow and as predicted by the cameras, over sqrt(6): independent errors of one pixel give 1.
+`--every-third-second` withholds all lines of every third second and prints how far field points in view move against
+the calibration from all lines. `--halves` calibrates the two halves of a clip separately and prints the distance of
+their tripods, in metres and against their joint 95 % region. `--labels` leaves out each label in turn and prints how
+far its lines lie from the cameras of the other labels, and from those of all. `--masked` withholds the field between
+two frames instead: no lines, and no matches within 20 px of it. Pixels are those of an image of 1280 columns.
 """
 
 from __future__ import annotations
@@ -50,7 +49,7 @@ from fieldcalib.io.videos import VideoReader
 from fieldcalib.localize.network import SegmentationNetwork
 from fieldcalib.localize.padding import Padded
 from fieldcalib.problem.evaluation import evaluate_camera
-from fieldcalib.solve.tripod import Labels
+from fieldcalib.problem.pixel_table import PixelTable
 
 GRID = (9, 7)  # columns and rows of the pixels at which field points are compared
 UNIT = 1280.0  # columns
@@ -107,7 +106,7 @@ def run(options: argparse.Namespace) -> int:
 
 
 def in_frames(some: BoolArray) -> Withheld:
-    """All lines of some frames (T,)."""
+    """Withhold all lines of some frames (T,)."""
     return lambda t, label: bool(some[t])
 
 
@@ -116,7 +115,7 @@ def _nothing(t: int, label: str) -> bool:
 
 
 def _masked(tied: TiedFrame, cameras: dict[int, Camera | None]) -> TiedFrame:
-    """A frame without the matches on the field in some frames, by their cameras."""
+    """The frame without the matches that lie on the field, as the `cameras` of the masked frames see it."""
 
     def off_field(key: int, matches: Matches) -> Matches:
         usable = _off_field(matches.first, cameras.get(key)) & _off_field(matches.second, cameras.get(tied.index))
@@ -126,7 +125,7 @@ def _masked(tied: TiedFrame, cameras: dict[int, Camera | None]) -> TiedFrame:
 
 
 class Clip:
-    """A part of a video that is calibrated again and again; it is read for keyframes and matches once."""
+    """A part of a video that is calibrated repeatedly; keyframes and matches are computed once."""
 
     def __init__(
         self, path: Path, start: int = 0, stop: int | None = None, masked: dict[int, Camera | None] | None = None
@@ -135,7 +134,7 @@ class Clip:
         self.network = Padded(SegmentationNetwork.load())
         tied = ((image, _masked(one, self.masked)) for image, one in tied_frames(read_ahead(self.images())))
         self.keyframes = read_keyframes(tied, ClipOptions(soccer()), self.network)
-        self.lines: dict[int, Labels] = {}
+        self.lines: dict[int, PixelTable] = {}
 
     def images(self) -> Iterator[Image]:
         """Frames of the clip."""
@@ -143,7 +142,7 @@ class Clip:
             yield from islice(video, self.start, self.stop)
 
     def calibrated(self, withheld: Withheld = _nothing) -> VideoCalibration:
-        """All frames, from the lines that are not withheld."""
+        """The calibration of all frames from the lines that are not withheld."""
         accepted = {t: KeyframeLabels(one) for t, one in _kept(self.keyframes.accepted, withheld).items()}
         doubtful = {t: one for t, one in self.keyframes.labels.items() if not one.accepted}
         solved = solve_tripods(solve_shots(replace(self.keyframes, labels={**doubtful, **accepted})))
@@ -153,7 +152,7 @@ class Clip:
 
 
 def _flow(clip: Clip, found: VideoCalibration) -> str:
-    """Distances of static points from where the cameras of two frames put them."""
+    """Distances of static points from where the cameras of two frames predict them."""
     before: deque[Frame] = deque(maxlen=APART)
     medians: list[float] = []
     for t, image in enumerate(read_ahead(clip.images())):
@@ -198,16 +197,15 @@ def _jitter(clip: Clip, found: VideoCalibration) -> str:
     return f"{by_flow:.2f} px of static points, {by_cameras:.2f} px of the cameras"
 
 
-def _kept(lines: dict[int, Labels], withheld: Withheld) -> dict[int, Labels]:
-    kept = {}
-    for t, (pixels, weights) in lines.items():
-        labels = [label for label in pixels if not withheld(t, label)]
-        kept[t] = {label: pixels[label] for label in labels}, {label: weights[label] for label in labels}
-    return kept
+def _kept(lines: dict[int, PixelTable], withheld: Withheld) -> dict[int, PixelTable]:
+    return {
+        t: table.take(~np.array([withheld(t, label) for label in table.labels])[table.label])
+        for t, table in lines.items()
+    }
 
 
 def _off_field(xy: Array, camera: Camera | None) -> BoolArray:
-    """Mask of the pixels (n, 2) that are more than 20 px from the field, where the field is masked out."""
+    """Mask of the pixels (n, 2) that are more than `MASK_EDGE` from the field; all, without a camera."""
     if camera is None:
         return np.ones(len(xy), dtype=bool)
     edge = MASK_EDGE * camera.image_size[0] / UNIT
@@ -219,7 +217,7 @@ def _off_field(xy: Array, camera: Camera | None) -> BoolArray:
 
 
 def _moved(everything: VideoCalibration, found: VideoCalibration, some: BoolArray) -> str:
-    """Distances of field points in view from their places under the calibration of the whole clip, in some frames."""
+    """Distances, in some frames, of field points in view from their images under the calibration of the whole clip."""
     errors: list[Array] = []
     lost = 0
     for t in np.flatnonzero(some).tolist():
@@ -243,7 +241,7 @@ def _moved(everything: VideoCalibration, found: VideoCalibration, some: BoolArra
 
 
 def _apart(one: VideoCalibration, two: VideoCalibration) -> str:
-    """Distance between the tripods with most frames of two calibrations."""
+    """Distance between the first tripods, those with most frames, of two calibrations."""
     if not one.tripods or not two.tripods:
         return "one of them has no tripod"
     (a, V), (b, W) = ((tripods[0].values[:3], tripods[0].covariance[:3, :3]) for tripods in (one.tripods, two.tripods))
@@ -255,7 +253,7 @@ def _apart(one: VideoCalibration, two: VideoCalibration) -> str:
 def _left_out(clip: Clip, everything: VideoCalibration) -> Iterable[tuple[str, float, float]]:
     """For each label, the median distances of its lines when they are used and when they are left out."""
     lines = clip.lines
-    for label in sorted({label for pixels, _ in lines.values() for label in pixels}):
+    for label in sorted({label for table in lines.values() for label in table.by_label(0)}):
         without = clip.calibrated(_of_label(label))
         yield label, _distance(everything, lines, label), _distance(without, lines, label)
     clip.lines = lines
@@ -265,11 +263,11 @@ def _of_label(label: str) -> Withheld:
     return lambda t, other: other == label
 
 
-def _distance(found: VideoCalibration, lines: dict[int, Labels], label: str) -> float:
+def _distance(found: VideoCalibration, lines: dict[int, PixelTable], label: str) -> float:
     """Median distance, px, of the lines of a label from their projections."""
     distances: list[Array] = []
-    for t, (pixels, _) in lines.items():
-        calibration = found[t]
+    for t, table in lines.items():
+        calibration, pixels = found[t], table.by_label(0)
         if label in pixels and calibration.camera is not None and calibration.field is not None:
             evaluation = evaluate_camera(calibration.camera, calibration.field, {label: pixels[label]})
             distances.append(np.abs(evaluation.r[0]) * UNIT / calibration.camera.image_size[0])

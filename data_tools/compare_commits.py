@@ -1,9 +1,9 @@
 """Compare what two commits compute: `python -m data_tools.compare_commits OLD [NEW]`.
 
-A change of how the library is written must not change what it finds. Both commits calibrate the same frames, annotated
-and drawn ones, pictures and short pieces of clips, each in a checkout and a process of its own. Verdicts, reasons and
-probabilities must be equal, cameras within 1e-3 px over the image, covariances within 1e-5 of their standard
-deviations, and processor times are shown side by side. NEW is the working tree by default.
+A refactoring must not change results. Both commits calibrate the same annotated and drawn frames, pictures and short
+pieces of clips, each in its own checkout and process. Verdicts, reasons and probabilities must be equal, cameras agree
+within 1e-3 px over the image and covariances within 1e-5 of the standard deviations; processor times are printed side
+by side. NEW is the working tree by default.
 
     python -m data_tools.compare_commits HEAD~1 --data ../shared/data
 """
@@ -31,11 +31,11 @@ from fieldcalib import fields
 from fieldcalib.io.images import parse_image
 from fieldcalib.io.videos import VideoReader
 
-Found: TypeAlias = list[Any]  # of one part: what is found of each frame, as JSON
+Found: TypeAlias = list[Any]  # results of one part, one for each frame, as JSON
 
 MOST_PIXELS_OFF, MOST_COVARIANCE_OFF, MOST_PROBABILITY_OFF = 1e-3, 1e-5, 1e-6
 DEPTHS = (10.0, 300.0)  # m: of the points at which two cameras are compared
-EVERY, FRAMES = 4, 60  # of the annotated frames one by one; frames of a clip
+EVERY, FRAMES = 4, 60  # one of so many annotated frames is calibrated by itself; frames of a clip
 
 
 def annotated(folder: Path) -> dict[str, Any]:
@@ -57,7 +57,7 @@ def in_pixels(frames: Iterable[Mapping[str, Any]], size: tuple[int, int]) -> lis
 
 
 def drawn(count: int) -> Iterator[Any]:
-    """Fields of all sports, each with labels that `count` cameras beside it see, with 1 px noise."""
+    """Fields of all sports, each with the labels that `count` cameras beside it see, with 1 px noise."""
     rng = np.random.default_rng(23)
     for name in sorted(fields.FIELDS):
         field = fields.FIELDS[name]()
@@ -207,7 +207,7 @@ def pixels_off(old: Mapping[str, Any], new: Mapping[str, Any]) -> float:
 
 
 def differences(old: Any, new: Any) -> Iterator[tuple[str, float]]:
-    """Differences of two records, each as a share of what is allowed."""
+    """Differences of two records, each as a share of its tolerance."""
     if isinstance(old, list):
         if old[:-1] != new[:-1]:
             yield f"another frame: {old[:-1]}, {new[:-1]}", np.inf
@@ -253,7 +253,7 @@ def compare(old: Path, new: Path, show: int) -> bool:
 
 @contextmanager
 def checkout(commit: str | None) -> Iterator[Path]:
-    """The files of a commit, in a folder that is removed again; of the working tree itself for None."""
+    """The files of a commit in a temporary folder; the working tree itself for None."""
     if commit is None:
         yield Path.cwd()
         return

@@ -1,4 +1,4 @@
-"""Pitches that are crowned (`fieldcalib.fields.crown`), to be drawn and to be labelled."""
+"""Crowned pitches (`fieldcalib.fields.crown`) for synthetic pictures and labels."""
 
 from __future__ import annotations
 
@@ -14,11 +14,11 @@ from fieldcalib.fields.segments import Point, PointCloud, Segment
 from fieldcalib.geometry.camera import Camera
 
 SPACING = 0.1  # m between the points of a curve
-ROUNDS = 4  # of following a ray to the height where it meets the ground: to a millimetre from any camera on a stand
+ROUNDS = 4  # fixed-point iterations of where a ray meets the ground: to a millimetre from any camera on a stand
 
 
 def on_crown(X: Array, field: Field, crown: float) -> Array:
-    """Points (..., 3) of a level field where they are on one that is crowned by so many metres.
+    """Points (..., 3) of a level field, raised to the ground of one that is crowned by `crown` metres.
 
     Examples
     --------
@@ -31,7 +31,7 @@ def on_crown(X: Array, field: Field, crown: float) -> Array:
 
 
 def crowned(field: Field, crown: float) -> Field:
-    """A field with the segments on its ground on a crowned one; halves of circles are left out.
+    """A field with the segments of its ground raised to a crowned ground; halves of circles are left out.
 
     Examples
     --------

@@ -63,7 +63,7 @@ class _ResNet101(nn.Module):
 
 
 class _Bottleneck(nn.Module):
-    """1 x 1, 3 x 3, 1 x 1, and around them a connection that is projected where the shape changes."""
+    """Convolutions 1 x 1, 3 x 3, 1 x 1 with a skip connection, which is projected where the shape changes."""
 
     def __init__(self, inputs: int, width: int, stride: int, dilation: int) -> None:
         super().__init__()

@@ -33,12 +33,12 @@ AUXILIARY = "aux_classifier."
 
 
 def network_of(checkpoint: Mapping[str, object], classes: int = len(SOCCERNET_CLASSES)) -> DeepLabV3:
-    """The network with the weights of a checkpoint for so many classes beside the background, in evaluation mode.
+    """The network with the weights of a checkpoint for `classes` and the background, in evaluation mode.
 
     Raises
     ------
     ValueError
-        If the weights are not those of this network.
+        If the weights do not fit this network.
     """
     state = checkpoint.get("model", checkpoint)
     if not isinstance(state, Mapping):

@@ -3,10 +3,10 @@
     python -m data_tools.filmed CLIP...
 
 Each CLIP has its cameras beside it, as `python -m data_tools.synthetic --clip CLIP` makes both. It is calibrated as it
-is, and with the lines of every third second withheld, so that matches tell the cameras of that second. Printed are, for
-what frames rest on, the median errors of focal length (percent), centre and field in view (metres) and of the field in
-the image (pixels of 1280 columns), and how often the 95 % regions hold the truth (percent); of all clips the frames
-without an accepted camera and the mean error of the pitch's size (metres).
+is, and with the lines of every third second withheld, so that the cameras of that second rest on matches. Printed are,
+for each basis of frames, the median errors of focal length (percent), centre and field in view (metres) and of the
+field in the image (pixels of 1280 columns), and how often the 95 % regions contain the truth (percent); over all clips
+the number of frames without an accepted camera and the mean error of the pitch's size (metres).
 """
 
 from __future__ import annotations

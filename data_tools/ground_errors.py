@@ -1,17 +1,17 @@
-"""Check of the standard deviations of ground points, by markings that are left out of the calibration.
+"""Check of the standard deviations of ground points against markings that are left out of the calibration.
 
     python -m data_tools.ground_errors ANNOTATIONS --size 960x540
 
 Every annotated marking of the ground is left out once, from frames that keep at least `--least` segments. Its pixels
-are located on the ground by the camera of the others, if that is accepted; how far they are from the marking, across
-it, is compared with two standard deviations:
+are located on the ground by the camera of the other segments, if that is accepted; their distances from the marking
+are compared with two kinds of standard deviations:
 
-* "located": what `fieldcalib.locate_on_ground` says of the camera alone, relative to the markings in view. That the one
-  left out may move otherwise than these with the size of the pitch is not in it.
-* "from the marking": of this very distance. The marking moves with the size of the pitch, and the annotated pixels have
-  the noise of the others in their frame.
+* "located": those of `fieldcalib.locate_on_ground`, of the camera alone and relative to the markings in view. They
+  leave out that the marking may move with the size of the pitch otherwise than these.
+* "from the marking": those of the distance itself, with the motion of the marking with the size of the pitch, and the
+  noise of the annotated pixels, as it is in the rest of the frame.
 
-Printed is a line of JSON for each range of the distance to the nearest pixel that was calibrated with, on the ground.
+One line of JSON is printed for each range of the distance, on the ground, to the nearest pixel used in the calibration.
 """
 
 from __future__ import annotations
@@ -60,7 +60,7 @@ class LeftOut:
 def left_out_on_ground(
     field: Field, frames: Sequence[Pixels], size: tuple[int, int], *, least: int = LEAST
 ) -> Iterator[LeftOut]:
-    """The markings of the ground, each left out once, where the camera of the others is accepted."""
+    """Leave out each marking of the ground once; those where the camera of the others is accepted."""
     labels = {label for label, one in field.items() if isinstance(one, Line | Arc) and not np.any(one.sample()[:, 2])}
     motion = dict(zip(field, field.motion, strict=True))
     parts = [(frame, label) for frame in frames if len(frame) > least for label in frame if label in labels]
@@ -101,7 +101,7 @@ def _variance(covariance: Array, normal: Array) -> Array:
 
 
 def _across(marking: Segment, X: Array, motion: Array) -> tuple[Array, Array, Array]:
-    """Distances (N,) to a line or circle, normals (N, 2), its motion there with the size of the field, (N, 2, 2)."""
+    """Distances (N,) to a line or circle, normals (N, 2), and its derivatives by the field's size, (N, 2, 2)."""
     if isinstance(marking, Line):
         start, end = np.array(marking.start)[:2], np.array(marking.end)[:2]
         along = (end - start) / np.linalg.norm(end - start)

@@ -1,4 +1,4 @@
-"""Synthetic frames with homographies, of cameras like those of given homographies: trains `baselines.jiang`.
+"""Synthetic frames with homographies, from cameras similar to given ones: training data of `baselines.jiang`.
 
     python -m data_tools.homography_frames OUT --like HOMOGRAPHIES --count 10000
 
@@ -38,7 +38,7 @@ LOWEST = -5.0  # m: z of the lowest camera
 
 
 def cameras_like(homographies: Path) -> list[Camera]:
-    """The cameras of a folder of homographies, without those that have no real focal length."""
+    """The cameras of a folder of homographies; those without a real focal length are left out."""
     matrices = [HOMOGRAPHIES.read(file.read(), image_size=SIZE) for file in HOMOGRAPHIES.find([homographies])]
     return [camera for camera in (closed_form(H, SIZE) for H in matrices) if camera is not None]
 
@@ -60,7 +60,7 @@ def changed(camera: Camera, rng: np.random.Generator) -> Camera:
 
 
 def write_frame(folder: Path, cameras: Sequence[Camera], seed: int) -> None:
-    """The frame of a seed, and its homography."""
+    """Write the frame of a seed and its homography."""
     rng = np.random.default_rng(seed)
     camera = changed(cameras[int(rng.integers(len(cameras)))], rng)
     made = seen_by(camera, soccer(*ALIGNMENTS["wc14"].template), rng, game_named(SOCCER))
@@ -84,7 +84,7 @@ def _run(options: argparse.Namespace) -> int:
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Write the frames; those that are there are kept."""
+    """Write the frames; existing ones are kept."""
     parser = argparse.ArgumentParser(prog="python -m data_tools.homography_frames", description=__doc__.splitlines()[0])
     parser.add_argument("out", type=Path, help="folder of the frames")
     parser.add_argument("--like", type=Path, required=True, metavar="DIR", help="homographies that cameras are like")

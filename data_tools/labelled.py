@@ -2,8 +2,8 @@
 
 The layout is that of the pitch keypoints from Roboflow's Universe: ``<clip>_<frame>_png_jpg.rf.<hash>.jpg``, squashed
 from 16:9 to a square, beside a ``.txt`` with one line ``0 cx cy w h  x0 y0 v0  x1 y1 v1 ...``, normalised, v = 2 for
-points that are visible. The field is 105 x 68 m; a JSON next to the folder gives each index its metres, from the far
-left corner.
+visible points. The field is 105 x 68 m; a JSON next to the folder holds the position of each index, in metres from the
+far left corner.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ from fieldcalib.solve.options import DEFAULT_FLAGS
 POINTS_FILE = "keypoints_105x68.json"
 MISPLACED = (4, 5, 16, 28, 29, 30, 31)  # often labelled at the border of the frame or elsewhere: not used
 VISIBLE = 2
-SIZE = (960, 540)  # px; any size of the aspect ratio of the picture before it was squashed
+SIZE = (960, 540)  # px; any size with the aspect ratio of the original picture
 LEAST_POINTS = 6  # enough for a camera with a lens and one outlier
 LARGEST_MEDIAN = 2.0  # px of `SIZE`: above it, the field has another size or labels are wrong
 
@@ -39,7 +39,7 @@ class LabelledFrame:
 
     @property
     def clip(self) -> str:
-        """The part of its name before the number of the frame."""
+        """Name of the clip that it was taken from."""
         return clip_of(self.image)
 
 
@@ -65,7 +65,7 @@ def labelled_frames(folder: Path) -> Iterator[LabelledFrame]:
 def labelled_points(image: Path) -> tuple[Array, Array]:
     """Visible field points X (N, 3) and their pixels (N, 2), as shares of the image's width and height.
 
-    Without those of `MISPLACED`.
+    Points of `MISPLACED` are left out.
     """
     places = json.loads((image.parent.parent / POINTS_FILE).read_text())
     half = np.array([soccer().length, soccer().width]) / 2.0

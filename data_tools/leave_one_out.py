@@ -2,9 +2,9 @@
 
     python -m data_tools.leave_one_out ANNOTATIONS --size 960x540 [--free-field-size]
 
-Every annotated segment of every frame is left out once, from frames that keep at least `--least` segments. Printed are
-the median and the 90 % quantile of its root mean square distance in pixels, for each lens model. The pitch is of 105 x
-68 m, or with `--free-field-size` of the size estimated from the other segments of the frame.
+Every annotated segment of every frame is left out once, from frames that keep at least `--least` segments. The median
+and the 90 % quantile of its root mean square distance in pixels are printed for each lens model. The pitch has 105 x
+68 m, or with `--free-field-size` the size estimated from the other segments of the frame.
 """
 
 from __future__ import annotations
@@ -39,7 +39,7 @@ def left_out_errors(
     least: int = LEAST,
     free_field_size: bool = False,
 ) -> Array:
-    """Root mean square distances of segments to the cameras of their frames' other segments, pixels.
+    """Root mean square distances of segments from their projections by the camera of the others in their frame, pixels.
 
     Parameters
     ----------
@@ -58,7 +58,7 @@ def left_out_errors(
     Returns
     -------
     (n,) array
-        One for each segment that was left out, frame by frame.
+        One distance for each segment that was left out, frame by frame.
     """
     parts = [(frame, label) for frame in frames if len(frame) > least for label in frame]
     if not parts:
@@ -71,7 +71,7 @@ def left_out_errors(
         found = calibrate_batch(field, rest, size, flags=flags)
     errors = []
     for calibration, (frame, label) in zip(found, parts, strict=True):
-        assert calibration.camera is not None  # with labels there is one, whatever its status
+        assert calibration.camera is not None  # with labels there always is one, accepted or not
         assert calibration.field is not None
         alone = {label: frame[label]}
         errors.append(judged_camera(calibration.camera, calibration.field, alone, "").rms)

@@ -3,10 +3,10 @@
     python -m data_tools.measured_cameras CAMERAS
 
 CAMERAS holds ``<name>.npz`` with K (N, 3, 3), k (N, 5) = k1, k2, 0, 0, 0, R (1, 3, 3) and t (1, 3): cameras of images
-of 1920x1080 whose world has y away from the camera and z up. Each projects the markings of a field, three points a line
-and nine a circle in view, with noise; the pixels are calibrated with each lens model, with and without a free principal
+of 1920x1080 whose world has y away from the camera and z up. Each projects the markings in view, three points per line
+and nine per circle, with noise; the pixels are calibrated with each lens model, with and without a free principal
 point. Printed are the median and the 90 % quantile of the errors of focal length (percent) and position (metres), and
-how often the 95 % regions contain the truth (percent): of focal length, position and points of the ground in view.
+how often the 95 % regions of focal length, position and points of the ground in view contain the truth (percent).
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ from fieldcalib.solve.batch import calibrate_batch
 from fieldcalib.solve.options import CalibrationFlags
 
 SIZE = (1920, 1080)
-FROM_Z_UP = np.diag([1.0, -1.0, -1.0])  # their world's axes in ours; its own inverse
+FROM_Z_UP = np.diag([1.0, -1.0, -1.0])  # axes of the files' world in ours; its own inverse
 FIXED_POINT = CalibrationFlags.CALIB_FIX_PRINCIPAL_POINT
 MODELS = {**LENSES, **{f"{lens}, centred": flags | FIXED_POINT for lens, flags in LENSES.items()}}
 GRID = 12  # ground points along the image's width and height at which regions are tested
@@ -104,7 +104,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
 def run(options: argparse.Namespace) -> int:
     """Measure and print; returns the exit code."""
     files = camera_files(options.cameras)
-    field = soccer(size_known=True)  # that of the synthetic pixels
+    field = soccer(size_known=True)  # the field of the synthetic pixels
     pairs = observed([read_camera(path) for path in files], field, options.noise, options.repeats)
     for model, flags in MODELS.items():
         found = calibrate_batch(field, [frame for _, frame in pairs], SIZE, flags=flags)

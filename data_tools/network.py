@@ -1,7 +1,7 @@
 """A small network that segments the markings: a U-Net of depthwise-separable blocks.
 
 Features have 1/2 to 1/32 of the image's resolution. The receptive field of the coarsest blocks is the whole image, and
-a global mean is added: whether a penalty area is the left or the right one depends on objects far from its lines.
+a global mean is added: what tells the left from the right penalty area may be far from its lines.
 """
 
 from __future__ import annotations
@@ -12,7 +12,7 @@ from torch import Tensor, nn
 from torch.nn.functional import interpolate
 
 CHANNELS = (16, 24, 48, 96, 160)  # at 1/2, 1/4, ... 1/32
-BLOCKS = (1, 2, 4, 6)  # on the way down, at 1/4 ... 1/32
+BLOCKS = (1, 2, 4, 6)  # of the encoder, at 1/4 ... 1/32
 EXPANSION = 2
 STRIDE = 2  # of the logits, in pixels of the image
 

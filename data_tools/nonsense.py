@@ -1,4 +1,4 @@
-"""Random pictures that show no field, of which no camera should be accepted; one for each seed.
+"""Random pictures without a field, from which no camera should be accepted; one for each seed.
 
 Textures, grass without lines, crowds, and drawings of other lines: boards, street grids, courts of other shapes. They
 differ from those of `data_tools.synthetic`, on which networks are trained.
@@ -52,7 +52,7 @@ def _crowd(rng: np.random.Generator) -> Image:
 
 
 def _seen_from_somewhere(drawing: Image, rng: np.random.Generator) -> Image:
-    """A drawing on the ground under a random perspective, on its own colour."""
+    """A drawing on the ground in a random perspective; the background has its colour."""
     width, height = SIZE
     corners = np.array([[0, 0], [width, 0], [width, height], [0, height]], np.float32)
     moved = corners + rng.uniform(-0.3, 0.3, (4, 2)).astype(np.float32) * (width, height)

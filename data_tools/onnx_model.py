@@ -25,7 +25,7 @@ OPSET = 17
 
 
 def write_model(network: nn.Module, path: Path, classes: Sequence[str], size: tuple[int, int]) -> None:
-    """Write ``path`` (.onnx) and the .json file beside it, each whole or not at all.
+    """Write ``path`` (.onnx) and the .json file beside it, each atomically.
 
     Parameters
     ----------
@@ -33,14 +33,14 @@ def write_model(network: nn.Module, path: Path, classes: Sequence[str], size: tu
         In evaluation mode; maps images to logits.
     path : Path
     classes : sequence of str
-        From class 1 on; class 0 is the background.
+        Names of the classes from 1 on; class 0 is the background.
     size : (int, int)
         Width and height of the input in pixels.
     """
     width, height = size
     axes = {name: {0: "batch"} for name in ("image", "logits")}
     with tempfile.TemporaryDirectory() as folder, warnings.catch_warnings():
-        # The exporter that is to replace this one needs another package, onnxscript.
+        # PyTorch's newer exporter needs another package, onnxscript.
         warnings.simplefilter("ignore", DeprecationWarning)
         torch.onnx.export(
             network,

@@ -3,15 +3,16 @@
     python -m data_tools.pitches pictures [--frames N]
     python -m data_tools.pitches clips [--clips N]
 
-Of the pitches 60 % are 105 x 68 m, 30 % of a size for international matches, and 10 % of any legal one up to 115 m; a
-third is crowned by up to 0.35 m.
-`pictures` renders them from random stands and calibrates the images (`calibrate_from_images`). `clips` draws cameras
-that pan, half of them over one end alone, and labels of their frames, half of which have none and are tied to others by
-static points; these are calibrated together, with the pitch's size (`calibrate_sequence`).
+60 % of the pitches have 105 x 68 m, 30 % a size for international matches and 10 % any legal size up to 115 m; a third
+is crowned by up to 0.35 m.
+`pictures` renders them from random stands and calibrates the images (`calibrate_from_images`). `clips` draws panning
+cameras, half of them over one end alone, and the labels of their frames; half of the frames have no labels and are tied
+to others by static points. The frames are calibrated together, with the pitch's size (`calibrate_sequence`).
 
-Of each kind the frames are ordered by their probability and divided into bins of 500. Printed are, for 0.5 and 1 m, of
-each bin the mean probability and the share that is right, percent, and the gap between both: its mean and its largest
-one. A camera is right if it takes no point in view for farther off than that, relative to the markings in view.
+The frames of each kind are ordered by their probability and divided into bins of 500. For tolerances of 0.5 and 1 m,
+the mean probability and the share of right cameras of each bin are printed, in percent, and the mean and the largest
+gap between the two. A camera is right if its error is within the tolerance at all points in view, relative to the
+markings in view.
 """
 
 from __future__ import annotations
@@ -49,13 +50,13 @@ SIZE = (960, 540)
 SIZES = ((105.0, 105.0), (68.0, 68.0)), ((100.0, 110.0), (64.0, 75.0)), ((90.0, 115.0), (45.0, 90.0))
 SHARES = (0.6, 0.3, 0.1)
 CROWNED_SHARE, HIGHEST = 1.0 / 3.0, 0.35  # of the pitches, and metres
-PATH, FRAMES = 300, 20  # frames of a clip, and of these calibrated
+PATH, FRAMES = 300, 20  # frames of a clip; how many of them are calibrated
 ONE_END, BOTH_ENDS = (-0.75, -0.35), (-0.6, 0.6)  # radians of pan
 BIN = 500
 
 
 class Judged(NamedTuple):
-    """A camera that was found, and its largest error over the points in view, metres."""
+    """A calibration, and its largest error over the points in view, metres."""
 
     kind: str
     found: Calibration
@@ -123,7 +124,7 @@ def of_clips(clips: int, rng: np.random.Generator) -> Iterator[Judged]:
 
 
 def reliability(found: Sequence[Judged], metres: float) -> dict[str, object]:
-    """Mean probability and share that is right of each bin, and the gaps between them, percent."""
+    """Mean probability and share of right cameras of each bin, and the gaps between the two, percent."""
     p = np.array([one.found.probability(metres) for one in found])
     right = np.array([one.error < metres for one in found])
     order = np.argsort(p, kind="stable")

@@ -1,4 +1,4 @@
-"""The probability that a camera is right: where its coefficients come from, and whether it is calibrated.
+"""The probability that a camera is right: fit of its coefficients, and tests of its reliability.
 
     python -m data_tools.probability fit [--field NAME] [--frames N]
     python -m data_tools.probability verdicts [--field NAME] [--frames N]
@@ -8,21 +8,20 @@
 
 `fit` calibrates random synthetic frames and prints the coefficients of `fieldcalib.assess.probability`: logistic
 regression on whether the largest error in view is below the field's tolerance (1 m on a soccer pitch, less on courts)
-and below half of it. It ends with the reliability on as many
-other frames.
+and below half of it. It ends with the reliability on as many other frames.
 
-`verdicts` prints, with the default prior and without one, how many of such frames are good, to be checked and rejected
-among those that are right to the tolerance, wrong, and off by more than ten times that.
+`verdicts` prints, with the default prior and without one, how many synthetic frames are good, to be checked and
+rejected among those whose camera is within the tolerance, beyond it, and beyond ten times the tolerance.
 
 `sizes` draws pitches, 70 % of 105 x 68 m and 30 % of a random legal size, and calibrates their frames as 105 x 68 m.
 
-`measured` takes the cameras of `data_tools.measured_cameras`, with random parts of their labels. `annotated` takes as
-true the camera of all labels of a frame, where these are many and fit, and judges cameras from four to six of them.
-All print the reliability: of the frames with a probability between p and q, which share is right.
+`measured` takes the cameras of `data_tools.measured_cameras`, with random parts of their labels. `annotated` takes the
+camera of all labels of a frame as true, where these are many and fit well, and judges cameras of four to six of them.
+All print the reliability: the share of right cameras among the frames with a probability between p and q.
 
-`annotated` also orders frames, by tau's loss and by the probability, and prints the area under the risk-coverage curve:
-the mean risk of the surest share of the frames, over all shares. Risk is the share of cameras off by more than 1 m, or
-1 - AC@t of the frames with all their labels. And it prints AC and CS against CR as either threshold varies.
+`annotated` also sorts frames by tau's loss and by the probability, and prints the area under the risk-coverage curve:
+the mean risk of the frames with the best scores, averaged over all shares of frames. Risk is the share of cameras off
+by more than 1 m, or 1 - AC@t of the frames with all their labels. It also prints AC and CS against CR for both scores.
 """
 
 from __future__ import annotations
@@ -59,11 +58,11 @@ from fieldcalib.run_folder.annotated import read_frames
 from fieldcalib.solve.batch import calibrate_batch
 from fieldcalib.solve.options import pixel_unit
 
-TOLERANCES = (0.5, 1.0)  # of the field's, that right and wrong are about
+TOLERANCES = (0.5, 1.0)  # limits of a right camera's error, in shares of the field's tolerance
 BINS = (0.0, 0.05, 0.2, 0.4, 0.6, 0.8, 0.95, 1.0)
-FINER = 4  # the true largest error is looked for on a grid finer than the one of `fieldcalib.assess.probability`
+FINER = 4  # the true largest error is searched on a finer grid than that of `fieldcalib.assess.probability`
 RIDGE = 1e-3  # keeps the regression from infinite coefficients; too small to matter
-FEW_LABELS = (4, 6)  # that cameras are judged with
+FEW_LABELS = (4, 6)  # of the cameras that are judged
 MANY_LABELS, WELL_FITTED = 8, 2.0  # labels, px at 960 x 540: of frames whose camera is taken as true
 EXACT = 0.7  # share of the pitches of 105 x 68 m
 COVERAGES = (100, 98, 95, 90, 80)
@@ -74,8 +73,8 @@ def largest_true_error(
 ) -> float:
     """Largest error on the ground of a camera over the field in view, metres.
 
-    It is relative to the markings in view (`fieldcalib.assess.datum`): the camera was calibrated on a field, and what
-    the true one sees is a pitch, of another size perhaps, and crowned by so many metres.
+    It is relative to the markings in view (`fieldcalib.assess.datum`): the camera was calibrated on `field`, the true
+    one sees `pitch`, which may have another size and is crowned by `crown` metres.
     """
     pitch = field if pitch is None else pitch
     X = ground_in_view(truth, pitch, FINER)
@@ -99,7 +98,7 @@ def judged(
 ) -> tuple[list[Calibration], Array]:
     """Calibrations, and their largest true errors (n,), of the frames whose camera sees the field.
 
-    `pitches` are what the frames show, by default the field.
+    `pitches` are the true fields of the frames, by default `field`.
     """
     found = calibrate_batch(field, frames, size)
     shown = [field] * len(found) if pitches is None else pitches
@@ -120,7 +119,7 @@ def fitted(features: Array, errors: Array, tolerance: float) -> Array:
     limits = tolerance * np.array(TOLERANCES)
     A = np.concatenate([features - [0.0, np.log(metres), 0.0, 0.0, 0.0] for metres in limits])
     right = np.concatenate([errors < metres for metres in limits])
-    known = np.isfinite(A).all(axis=1)  # what is infinitely uncertain has probability 0, whatever the coefficients
+    known = np.isfinite(A).all(axis=1)  # infinitely uncertain frames have probability 0, whatever the coefficients
     A, right = A[known], right[known]
 
     def loss(b: Array) -> tuple[float, Array]:
@@ -195,7 +194,7 @@ def verdicts(options: argparse.Namespace) -> int:
 
 
 def sizes(options: argparse.Namespace) -> int:
-    """Print the reliability where nobody has measured the pitch."""
+    """Print the reliability on pitches whose size was not measured."""
     rng, field = np.random.default_rng(options.seed), soccer()
     assert field.size_model is not None
     low, high = field.size_model.limits
@@ -215,8 +214,8 @@ def sizes(options: argparse.Namespace) -> int:
 
 
 def measured(options: argparse.Namespace) -> int:
-    """Print the reliability on measured cameras, of frames with random parts of what they see."""
-    field, rng = soccer(size_known=True), np.random.default_rng(options.seed)  # that of the synthetic pixels
+    """Print the reliability on measured cameras, for frames with random parts of the labels in view."""
+    field, rng = soccer(size_known=True), np.random.default_rng(options.seed)  # the field of the pixels
     cameras = [read_camera(path) for path in camera_files(options.cameras)]
     pairs = observed(cameras, field, options.noise, options.repeats, options.seed)
     parts = [_part(frame, int(rng.integers(1, len(frame), endpoint=True)), rng) for _, frame in pairs]
@@ -226,7 +225,7 @@ def measured(options: argparse.Namespace) -> int:
 
 def annotated(options: argparse.Namespace) -> int:
     """Print reliability, areas under risk-coverage curves and these curves for annotated frames."""
-    # compared with cameras on a pitch of the same size
+    # all labels and few are calibrated on a pitch of the same size
     field, rng, size = soccer(size_known=True), np.random.default_rng(options.seed), options.size
     frames = list(read_frames([options.annotations], field, size).pixels.values())
     found = calibrate_batch(field, frames, size)

@@ -1,8 +1,8 @@
-"""Random frames of known cameras: labelled pixels with the errors of annotators and networks, and with wrong labels.
+"""Random frames of known cameras: labelled pixels with errors as of annotators and networks, and with wrong labels.
 
-Cameras come from all stands of the field, most of them from the first one, the centre of the main stand, with the
-lenses and the principal points of broadcasts. Some visible markings are left out, pixels are noisy, and the pixels of a
-segment share a part of their noise.
+Cameras come from all stands of the field, most often from the first one, the centre of the main stand; lenses and
+principal points are as in broadcasts. Some visible markings are left out, pixels are noisy, and the pixels of a segment
+share a part of their noise.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ from fieldcalib.problem.layout import PRINCIPAL_POINT, ROLL, Layout
 from fieldcalib.problem.prior import sample_theta
 from fieldcalib.problem.simulated import SHORTEST_SEGMENT
 
-FIRST_STAND_SHARE = 0.4  # of the cameras; the other stands share the rest
+FIRST_STAND_SHARE = 0.4  # of the cameras; the others are spread evenly over the other stands
 ROLL_SIGMA = np.radians(1.0)
 LENS_SPREAD, STRONGEST_LENS = 0.018, 0.1  # of a1, about its mean on annotated frames
 PRINCIPAL_POINT_SPREAD = (0.010, 0.015)  # of the width, along x and y: measured cameras are up to 0.035 off
@@ -76,7 +76,7 @@ def random_frame(field: Field, rng: np.random.Generator) -> RandomFrame:
 
 
 def random_camera(field: Field, rng: np.random.Generator) -> Camera:
-    """A camera on one of the stands of a field, with a lens and a principal point as broadcasts have them."""
+    """A camera on one of the stands of a field, with a lens and a principal point as in broadcasts."""
     first, *others = field.stands
     stand = first if rng.random() < FIRST_STAND_SHARE else others[rng.integers(len(others))]
     layout = Layout.of(SIZE)
@@ -115,7 +115,7 @@ def mislabelled(pixels: Pixels, field: Field, count: int, rng: np.random.Generat
     Returns
     -------
     pixels : dict of str to (N, 2) array
-        In the order that they were given.
+        Pixels by new label, in the given order.
     wrong : dict of str to str
         Wrong label -> correct one.
     """
@@ -143,5 +143,5 @@ def confused_labels(label: str, field: Field) -> list[str]:
     for a, b in CONFUSED:
         others |= {label.replace(a, b), label.replace(b, a)}
         head, _, tail = label.rpartition(" ")
-        others |= {f"{head} {tail.replace(a, b)}", f"{head} {tail.replace(b, a)}"}  # the post, not the goal
+        others |= {f"{head} {tail.replace(a, b)}", f"{head} {tail.replace(b, a)}"}  # the other post, not the other goal
     return sorted(other for other in others if other != label and other in field.markings)

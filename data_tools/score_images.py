@@ -8,20 +8,20 @@
 
 each with [--model FILE] [--no-refinement]; each prints a line of JSON.
 
-`keypoints`: frames with hand-labelled field points (`data_tools.labelled`), those with four or more reliable points;
-with `--unlike` only frames of clips that are not in TRAIN. Of each frame the median distance of its points to their
-projections, in pixels of 1920x1080.
+`keypoints`: frames with four or more reliable hand-labelled field points (`data_tools.labelled`), with `--unlike` only
+of clips that are not in TRAIN. Measured is, for each frame, the median distance of its points from their projections,
+in pixels of 1920x1080.
 
 `homographies`: IMAGES are ``<id>.png`` squashed from 1280x720, ANNOTATIONS ``<id>.homographyMatrix`` and ``<id>.json``,
-as of the World Cup 2014. IoU_part against the homographies, AC against the annotated segments.
+as of the World Cup 2014. Measured are IoU_part against the homographies and AC against the annotated segments.
 
-`clip`: a video of one static camera: K of its first frames is known, R and t of the first one. Errors of
-focal length (percent) and position (metres), of the medians over these frames, each with the median standard deviation
-that the calibrations state.
+`clip`: a video of one static camera, of which K of the first frames is known, and R and t of the first one. Measured
+are the errors of the median focal length (percent) and position (metres) of these frames, each with the median of the
+standard deviations that the calibrations state.
 
-`frames`: what `data_tools.synthetic --out` made. Of each frame that shows a field the median distance between where its
-true camera and the calibrated one see the points of the field, in pixels of 1280x720; how many of those without a
-field get an accepted camera.
+`frames`: output of `data_tools.synthetic --out`. Measured is, for each frame that shows a field, the median distance
+between the images of field points under the true and the calibrated camera, in pixels of 1280x720; and how many frames
+without a field get an accepted camera.
 
 `nonsense`: the number of pictures without a field (`data_tools.nonsense`) that get an accepted camera.
 
@@ -61,7 +61,7 @@ from fieldcalib.io.wc14 import parse_homography
 from fieldcalib.metrics import evaluate_segments, iou_part
 from fieldcalib.problem.layout import CENTER, LOG_F
 
-SIZE = (1280, 720)  # that squashed images are stretched to
+SIZE = (1280, 720)  # to which squashed images are stretched
 REPORTED_WIDTH = 1920.0
 LEAST_POINTS = 4
 
@@ -155,7 +155,7 @@ def synthetic_frames(options: argparse.Namespace) -> int:
     names = sorted(path.stem for path in options.folder.glob("*.jpg"))
     images = (parse_image((options.folder / f"{name}.jpg").read_bytes()) for name in names)
     found = list(Calibrator.of(options)(images))
-    cameras = [options.folder / CAMERAS.file_name(name) for name in names]  # none where no field is in view
+    cameras = [options.folder / CAMERAS.file_name(name) for name in names]  # there is no file where no field is in view
     shown = [(c, path) for c, path in zip(found, cameras, strict=True) if path.is_file()]
     accepted = [(c, path) for c, path in shown if c.accepted]
     off = []

@@ -2,10 +2,10 @@
 
     python -m data_tools.score_soccernet CAMERAS ANNOTATIONS --size 960x540
 
-CAMERAS holds camera_<id>.json for images of that size, ANNOTATIONS <id>.json. AC@t is the share of segments all of
-whose annotated points lie within t pixels of the projected segment, TP / (TP + FP + FN) per frame, the better of the
-labels and those of the field turned by 180 degrees, averaged over the frames that have a camera; CR is the share of
-frames that have one. Lines are sampled every 0.9 m. The package takes about a third of a second per frame.
+CAMERAS holds camera_<id>.json for images of that size, ANNOTATIONS <id>.json. AC@t is TP / (TP + FP + FN) of a frame,
+where a segment is a true positive if all of its annotated points lie within t pixels of its projection; the better
+value of the labels and of those of the field turned by 180 degrees counts, averaged over the frames with a camera. CR
+is the share of frames with a camera. Lines are sampled every 0.9 m. The package takes a third of a second per frame.
 """
 
 import argparse

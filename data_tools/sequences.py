@@ -1,14 +1,14 @@
-"""Cameras of frames of one camera, calibrated together and one by one, against true ones.
+"""Frames of one camera, calibrated together and one by one, against their true cameras.
 
     python -m data_tools.sequences CAMERAS [--count N] [--matches] [--flies] [--paint METRES]
 
 CAMERAS holds ``<name>.npz`` as for `data_tools.measured_cameras`. For each, N of 300 frames of a synthetic clip with
 its zoom and lens are calibrated (`data_tools.synthetic.clips`), on a pitch whose lines are painted some centimetres
-elsewhere. With `--matches` half of the frames have no labels, and static points tie each frame to others as
-`fieldcalib.images.keyframes` does. With `--flies` the camera stands on no tripod, and static points are on the ground.
-Printed are, for what frames rest on, the median errors of focal length (percent), centre and field in view (metres) and
-of the field in the image (pixels of 1280 columns), and how often the 95 % regions hold the truth (percent); and the
-mean error of the pitch's size (metres).
+off. With `--matches` half of the frames have no labels, and static points tie each frame to others as
+`fieldcalib.images.keyframes` does. With `--flies` the camera moves, and static points are on the ground. Printed are,
+for each basis of frames, the median errors of focal length (percent), centre and field in view (metres) and of the
+field in the image (pixels of 1280 columns), how often the 95 % regions contain the truth (percent), and the mean error
+of the pitch's size (metres).
 """
 
 from __future__ import annotations
@@ -35,10 +35,10 @@ from fieldcalib.solve.sequence import calibrate_sequence
 from fieldcalib.solve.sequence_problem import SHARED, SHARED_IN_MOTION
 
 FRAMES = 300  # of a clip
-KEY_EVERY = 3  # of the frames that are calibrated
-EMPTY_SHARE = 0.5  # of the frames have no labels, with matches
-GROUND = 1e-6  # m: points that are no farther from it are on it
-POINTS, MOST_MATCHES = 3000, 150  # of the background of a clip, and of them in a pair of frames
+KEY_EVERY = 3  # every third frame that is calibrated is a keyframe
+EMPTY_SHARE = 0.5  # share of frames without labels, with matches
+GROUND = 1e-6  # m: largest height of points on the ground
+POINTS, MOST_MATCHES = 3000, 150  # of the background of a clip; in a pair of frames
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -90,7 +90,7 @@ def run(options: argparse.Namespace) -> int:
 def tied(
     cameras: Sequence[Camera], rng: np.random.Generator, on_ground: bool
 ) -> dict[tuple[int, int], tuple[Array, Array]]:
-    """Static points that every frame shares with the keyframe before it, and keyframes with those before them."""
+    """Matches of static points between each frame and the keyframe before it, and between keyframes."""
     keys = range(0, len(cameras), KEY_EVERY)
     pairs = [(t // KEY_EVERY * KEY_EVERY, t) for t in range(len(cameras)) if t not in keys]
     pairs += [(keys[k - back], keys[k]) for k in range(len(keys)) for back in BACK if k >= back]

@@ -9,8 +9,8 @@ Networks of other fields learn from synthetic frames alone:
     python -m data_tools.train OUT --field basketball-fiba --cache FRAMES
     fieldcalib run GAME.mp4 --field basketball-fiba --model OUT/model.onnx --out CAMERAS
 
-OUT receives model.onnx with model.json (`data_tools.onnx_model`), checkpoint.pt to go on from, and log.jsonl: every
-ten minutes, and at the end, the loss and the intersection over union on synthetic frames that are never trained on.
+OUT receives model.onnx with model.json (`data_tools.onnx_model`), checkpoint.pt, from which training resumes, and
+log.jsonl: every ten minutes, and at the end, the loss and the intersection over union on held-out synthetic frames.
 """
 
 from __future__ import annotations
@@ -46,9 +46,9 @@ from fieldcalib.io.files import write_bytes
 from fieldcalib.io.image import Image
 
 LEARNING_RATE, WARM_UP, WEIGHT_DECAY = 2e-3, 200, 1e-2
-AVERAGED = 0.999  # decay of the moving average of the weights, which is exported: over about the last thousand steps
+AVERAGED = 0.999  # decay of the exported moving average of the weights: over about the last thousand steps
 BACKGROUND_WEIGHT = 0.1  # 96 % of the pixels are background
-BACKGROUND_SAMPLED = 0.25  # random share of its pixels that enters the loss: saves time
+BACKGROUND_SAMPLED = 0.25  # random share of background pixels in the loss: saves time
 REPORT_MINUTES = 10.0
 VALIDATION_SEEDS = range(1_000_000_000, 1_000_000_100)
 Samples = Sequence[tuple[Image, Mask]]
@@ -56,7 +56,7 @@ Samples = Sequence[tuple[Image, Mask]]
 
 @dataclass
 class Training:
-    """State of a training, with all that is needed to resume it; the only mutable class here."""
+    """State of a training, from which it can be resumed; the only mutable class here."""
 
     network: MarkingsNet
     averaged: AveragedModel
@@ -66,7 +66,7 @@ class Training:
 
     @classmethod
     def begin(cls, seed: int, device: torch.device, classes: int = len(CLASSES)) -> Training:
-        """Random weights, the same for the same seed, for so many classes beside the background."""
+        """Random weights, determined by the seed, for `classes` and the background."""
         torch.manual_seed(seed)
         network = MarkingsNet(1 + classes).to(device)
         averaged = AveragedModel(network, multi_avg_fn=_average, use_buffers=True)
@@ -74,14 +74,14 @@ class Training:
         return cls(network, averaged, optimizer, device)
 
     def save(self, path: Path) -> None:
-        """Write everything, whole or not at all."""
+        """Write the state atomically."""
         buffer = io.BytesIO()
         parts = {name: getattr(self, name).state_dict() for name in ("network", "averaged", "optimizer")}
         torch.save({**parts, "step": self.step}, buffer)
         write_bytes(path, buffer.getvalue())
 
     def load(self, path: Path) -> None:
-        """Resume from what `save` wrote."""
+        """Resume from a file of `save`."""
         state = torch.load(path, map_location=self.device, weights_only=True)
         for name in ("network", "averaged", "optimizer"):
             getattr(self, name).load_state_dict(state[name])
@@ -124,14 +124,14 @@ def _average(averaged: Sequence[Tensor], current: Sequence[Tensor], count: Tenso
 
 
 def sampled_pixels(classes: Tensor, seed: int) -> Tensor:
-    """Flat indices of the pixels that enter the loss: all of the markings, and some of the background."""
+    """Flat indices of the pixels in the loss: all pixels of markings, and some of the background."""
     chance = torch.rand(classes.shape, generator=torch.Generator().manual_seed(seed))
     return ((classes > 0) | (chance < BACKGROUND_SAMPLED)).flatten().nonzero()[:, 0]
 
 
 def _loss(network: nn.Module, images: Tensor, classes: Tensor, chosen: Tensor) -> Tensor:
     """Cross-entropy over the chosen pixels, with a lower weight for the background."""
-    with torch.autocast(images.device.type, torch.bfloat16):  # half the time, where the processor has it
+    with torch.autocast(images.device.type, torch.bfloat16):  # half the time, where the processor supports it
         logits = network(normalised(images).contiguous(memory_format=torch.channels_last))
     weight = torch.ones(logits.shape[1], device=images.device)
     weight[0] = BACKGROUND_WEIGHT / BACKGROUND_SAMPLED
@@ -159,7 +159,7 @@ def intersection_over_union(
 
 @dataclass(frozen=True)
 class Report:
-    """Measures a network, and keeps it."""
+    """Measures a network and saves it."""
 
     out: Path
     size: tuple[int, int]
@@ -167,7 +167,7 @@ class Report:
     validation: Mapping[str, Samples]
 
     def __call__(self, training: Training, losses: Sequence[float]) -> None:
-        """Keep a checkpoint and the model, and add a line to the log."""
+        """Save a checkpoint and the model, and add a line to the log."""
         training.save(self.out / "checkpoint.pt")
         network = training.averaged.module
         row: dict[str, object] = {"step": training.step, "loss": round(float(np.mean(losses)), 4) if losses else None}
@@ -183,7 +183,7 @@ class Report:
 
 
 def train(training: Training, batches: Batches, report: Report, steps: int, minutes: float, workers: int) -> None:
-    """Train until so many steps or minutes are over, reporting from time to time."""
+    """Train for `steps` or `minutes`, whichever ends first, reporting from time to time."""
     start = reported = time.monotonic()
     losses: list[float] = []
     rest: Iterable[int] = range(training.step, steps)

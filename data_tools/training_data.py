@@ -1,6 +1,6 @@
 """Training batches of synthetic frames, made on demand or read from a cache, and real ones with labelled points.
 
-A batch depends on the seed and its number alone, so an interrupted training resumes with the same batches.
+A batch depends on the seed and its number only, so an interrupted training resumes with the same batches.
 """
 
 from __future__ import annotations
@@ -73,7 +73,7 @@ class Batches(Dataset[tuple[Tensor, Tensor]]):
 def mirrored(image: Image, mask: Mask, *, behind_goal: bool, name: str = SOCCER) -> tuple[Image, Mask]:
     """Image and mask mirrored left to right; labels swap left and right, or far and near behind the goal.
 
-    Of a field that is not its own mirror image they stay as they are.
+    They are returned unchanged if the field is not its own mirror image.
     """
     values = _mirrored_values(name, behind_goal)
     return (image, mask) if values is None else (np.ascontiguousarray(image[:, ::-1]), values[mask[:, ::-1]])
@@ -85,7 +85,7 @@ def _mirrored_values(name: str, behind_goal: bool) -> Mask | None:
 
 
 def window(labelled: LabelledFrame, rng: np.random.Generator) -> tuple[Image, Mask]:
-    """A random window of a real frame, with blur, noise and compression as synthetic frames have them."""
+    """A random window of a real frame, with the blur, noise and compression of synthetic frames."""
     share = rng.uniform(SMALLEST_WINDOW, 1.0)
     corner = rng.uniform(0.0, 1.0 - share, size=2)
     return cut(labelled, share, (corner[0], corner[1]), rng)
@@ -111,7 +111,7 @@ def cut(
 
 
 def stacked(samples: Sequence[tuple[Image, Mask]], size: tuple[int, int]) -> tuple[Tensor, Tensor]:
-    """Images and masks as a batch, images (width, height); of the pixels that become one, that of a marking counts."""
+    """Images and masks as a batch, images of `size` (width, height); masks are reduced so that markings stay."""
     width, height = size[0] // STRIDE, size[1] // STRIDE
     finer = (OVERSAMPLING * width, OVERSAMPLING * height)
     images = np.stack([cv2.resize(image, size, interpolation=cv2.INTER_AREA) for image, _ in samples])

@@ -1,4 +1,4 @@
-"""Calibrated frames of a clip against their true cameras: errors, and how often regions hold the truth."""
+"""Calibrated frames of a clip against their true cameras: errors, and how often regions contain the truth."""
 
 from __future__ import annotations
 
@@ -15,8 +15,8 @@ from fieldcalib.fields.field import Field
 from fieldcalib.geometry.camera import Camera
 from fieldcalib.problem.layout import CENTER, LOG_F
 
-GRID = (9, 7)  # pixels across and down the picture, where points of the field are looked at
-UNIT = 1280.0  # columns of the image whose pixels errors are in
+GRID = (9, 7)  # pixels across and down the picture at which points of the field are compared
+UNIT = 1280.0  # columns of the image in whose pixels errors are given
 OWN = slice(0, LOG_F + 1)  # pan, tilt, roll and log f
 
 
@@ -24,20 +24,20 @@ class Compared(NamedTuple):
     """Comparison of a frame with its true camera."""
 
     basis: str
-    """What the frame's camera rests on."""
+    """Data that the frame's camera rests on."""
     focal_length_percent: float
     centre_m: float
     field_m: float
     """Median error of the points of the field in view; NaN where none is."""
     image_px: float
-    """Median error of the pixels of these points in an image of `UNIT` columns."""
+    """Median error of these points in an image of `UNIT` columns."""
     holds_focal_length: float
-    """Whether the 95 % region holds the truth, 0 or 1."""
+    """Whether the 95 % region contains the truth, 0 or 1."""
     holds_own: float
-    """Whether the joint 95 % region of pan, tilt, roll and log f holds the truth, 0 or 1."""
+    """Whether the joint 95 % region of pan, tilt, roll and log f contains the truth, 0 or 1."""
     holds_centre: float
     holds_field: float
-    """Share of the points of the field in view whose ellipse holds the truth."""
+    """Share of the points of the field in view whose 95 % ellipse contains the truth."""
 
 
 def compared(found: Calibration, truth: Camera, field: Field, basis: str) -> Compared:
@@ -96,7 +96,7 @@ def _median(values: Array) -> float:
 
 
 def summary(frames: Sequence[Compared]) -> dict[str, float]:
-    """Number of frames, median of each error, and how often regions hold the truth, percent."""
+    """Number of frames, median of each error, and how often regions contain the truth, percent."""
     table = np.array([frame[1:] for frame in frames], dtype=float)
     names = Compared._fields[1:]
     found: dict[str, float] = {"frames": len(frames)}

@@ -1,21 +1,21 @@
-"""Verdicts on undeclared pictures: parts of frames, and labels of another image size.
+"""Verdicts on pictures that were changed without saying so: parts of frames, wrong image sizes.
 
     python -m data_tools.undeclared ANNOTATIONS --size WxH
     python -m data_tools.undeclared --images FOLDER
     python -m data_tools.undeclared --basketball CAMERAS.json
 
-The camera of a frame is true where its labels, as they are, give a good one. The labels are then changed as a user may
-change a picture without saying so: its left or right half, a corner of three quarters, an upright part of 9:16, a size
-of the picture that is a third larger or smaller than it is, squashed to a square or to 3:2. Of each kind one line of
-JSON: how many frames keep three labels, which share of all is good, and good though it is off by more than 1 m
-somewhere in view.
+The camera of a frame is taken as true where its unchanged labels give a good one. The labels are then changed as a user
+may change a picture without saying so: the left or right half, a corner of three quarters, an upright part of 9:16, a
+stated size that is a third larger or smaller than the true one, squashed to a square or to 3:2. One line of JSON for
+each kind says how many frames keep three labels, which share of all is good, and which share is good although it is off
+by more than 1 m somewhere in view.
 
 `--images` does the same with pictures, from which cameras are calibrated on a field of the given size: parts of them,
-squashed ones, and pictures between black bars. Changed pictures are not stored.
+squashed pictures, and pictures between black bars. Changed pictures are not stored.
 
 `--basketball` takes real cameras whose principal point is far from the centre of their views: K, R, T of each in
-centimetres, origin at a corner of the court. Its lines are projected with noise; wrong is off by more than the
-tolerance of the field.
+centimetres, origin at a corner of the court. The lines of the court are projected with noise; a camera is wrong if it
+is off by more than the tolerance of the field.
 """
 
 from __future__ import annotations
@@ -61,17 +61,17 @@ SQUASHED = {"squashed to a square": 1.0, "squashed to 3:2": 1.5, "squashed to 4:
 
 @dataclass(frozen=True)
 class Picture:
-    """Labels of a picture, and what is true of it."""
+    """Labels of a picture, its stated size and its true camera."""
 
     pixels: Pixels
     image_size: tuple[int, int]
-    """Size that the user says, (width, height)."""
+    """Size stated by the user, (width, height)."""
     truth: Camera
-    """Camera of the picture as it is."""
+    """True camera of the picture."""
 
 
 def part_of(pixels: Pixels, camera: Camera, corner: tuple[int, int], size: tuple[int, int]) -> Picture:
-    """The part of a frame whose upper left corner is at a pixel of it."""
+    """The part of a frame with a size and an upper left corner."""
     inside = {
         label: (xy - corner)[np.all((xy >= corner) & (xy <= np.add(corner, size) - 1), axis=1)]
         for label, xy in pixels.items()
@@ -80,7 +80,7 @@ def part_of(pixels: Pixels, camera: Camera, corner: tuple[int, int], size: tuple
 
 
 def changed(pixels: Pixels, camera: Camera, rng: np.random.Generator) -> dict[str, Picture]:
-    """A frame changed in each way, by its name.
+    """The frame changed in each way: name of the change -> picture.
 
     Examples
     --------
@@ -142,7 +142,7 @@ def calibrated(pictures: Sequence[Picture], field: Field) -> list[Calibration]:
 
 
 def of_annotations(options: argparse.Namespace) -> int:
-    """Annotated frames, each changed in every way."""
+    """Judge annotated frames, each changed in every way."""
     rng, field = np.random.default_rng(options.seed), soccer()
     frames = list(read_frames([options.annotations], field, options.size).pixels.values())
     by_kind: dict[str, list[Picture]] = {}
@@ -163,7 +163,7 @@ def of_annotations(options: argparse.Namespace) -> int:
 
 
 def _is_possible(field: Field, picture: Picture) -> bool:
-    """Whether the labels are taken at all: not if most of them lie outside the picture."""
+    """Whether the labels are accepted as input: not if most of them lie outside the picture."""
     try:
         check_segments(field, picture.pixels, picture.image_size)
     except ValueError:
@@ -176,13 +176,13 @@ def _print_counts(kind: str, pictures: Sequence[Picture], field: Field) -> None:
 
 
 def of_images(options: argparse.Namespace) -> int:
-    """Pictures, each changed in every way."""
+    """Judge pictures, each changed in every way."""
     field, network = soccer(), SegmentationNetwork.load()
     paths = sorted(path for path in options.images.iterdir() if path.suffix in SUFFIXES)
     images = [parse_image(path.read_bytes()) for path in paths]
     calibrate = partial(calibrate_from_images, field, network=network, estimate_size=False)
     whole = calibrate(images)
-    # the camera of a picture that is not good may be right all the same
+    # the verdict need not be good: cameras that are probably right are enough
     pairs = [
         (image, one.camera)
         for image, one in zip(images, whole, strict=True)
@@ -203,7 +203,7 @@ def of_images(options: argparse.Namespace) -> int:
 
 
 def changed_image(image: Image, camera: Camera) -> dict[str, tuple[Image, Camera]]:
-    """A picture and its camera changed in each way, by its name.
+    """The picture and its camera changed in each way, by the name of the change.
 
     Examples
     --------
@@ -240,7 +240,7 @@ def changed_image(image: Image, camera: Camera) -> dict[str, tuple[Image, Camera
 
 
 def of_basketball(options: argparse.Namespace) -> int:
-    """Views of basketball games, whose principal point may be far from the middle."""
+    """Judge views of basketball games, whose principal point may be far from the middle."""
     rng, field = np.random.default_rng(options.seed), field_named(BASKETBALL)
     pictures = [
         Picture(projected(camera, field, rng), camera.image_size, camera)
@@ -251,12 +251,12 @@ def of_basketball(options: argparse.Namespace) -> int:
 
 
 def basketball_cameras(records: Sequence[Mapping[str, Any]]) -> list[Camera]:
-    """Cameras of records with K, R and T in centimetres, from the corner of a court; the first says the size."""
+    """Cameras of records with K, R and T in centimetres from a corner of the court; the first record has the size."""
     width, height = int(records[0]["width"]), int(records[0]["height"])
     found = []
     for record in records[1:]:
         K, R = np.reshape(record["K"], (3, 3)), np.reshape(record["R"], (3, 3))
-        U, _, V = np.linalg.svd(R)  # rounded numbers
+        U, _, V = np.linalg.svd(R)  # R is rounded
         K = np.array([[K[0, 0], 0.0, K[0, 2]], [0.0, K[1, 1], K[1, 2]], [0.0, 0.0, 1.0]])
         C = -R.T @ np.array(record["T"]) / 100.0 - COURT_CORNER
         found.append(Camera(K, U @ V, C, (width, height)))

@@ -3,9 +3,9 @@
     python -m data_tools.verdicts ANNOTATIONS --size WxH [--frames N]
 
 Frames that must not be trusted: labels of two frames in one, labels of the other side, random pixels, and synthetic
-cameras that nobody expects (2 px noise). For each kind one line of JSON: how many frames there are, how many of their
-cameras are wrong (off by more than 1 m somewhere in view, or without any truth), and how many of the wrong ones are
-rejected, to be checked, and good. The last line is for the annotated frames as they are.
+cameras in unusual places (2 px noise). One line of JSON for each kind says how many frames there are, how many of their
+cameras are wrong (off by more than 1 m somewhere in view, or without a true camera), and how many of the wrong ones are
+rejected, to be checked, and good. The last line is for the unchanged annotated frames.
 """
 
 from __future__ import annotations
@@ -39,7 +39,7 @@ BARREL = (-0.25, 0.05)
 
 
 def mixtures(frames: Sequence[Pixels], number: int, rng: np.random.Generator) -> list[tuple[Pixels, tuple[int, int]]]:
-    """Half of the labels of each of two frames in one, and which frames these are."""
+    """Frames with half of the labels of each of two frames, and the indices of these."""
     found: list[tuple[Pixels, tuple[int, int]]] = []
     while len(found) < number:
         a, b = rng.choice(len(frames), 2, replace=False).tolist()
@@ -55,7 +55,7 @@ def mixtures(frames: Sequence[Pixels], number: int, rng: np.random.Generator) ->
 
 
 def mirrored(frame: Pixels, field: Field) -> Pixels:
-    """The pixels under the labels of the other side: left for right, top and bottom as they are."""
+    """The pixels under the labels of the other side: left and right swapped, top and bottom as they are."""
 
     def other(label: str) -> str:
         swapped = label.replace("left", "LEFT").replace("right", "left").replace("LEFT", "right")
@@ -85,25 +85,25 @@ def _looking_at(place: Array, C: tuple[float, float, float], f: float, k: tuple[
 
 
 def on_the_field(rng: np.random.Generator) -> Camera:
-    """Two metres high on the field."""
+    """A camera two metres high on the field."""
     x, y = rng.uniform((-45.0, -30.0), (45.0, 30.0))
     return _aimed((x, y, -2.0), rng.uniform(600.0, 1500.0), rng, (0.0, 0.0))
 
 
 def low_behind_the_goal(rng: np.random.Generator) -> Camera:
-    """Behind a goal, one to three metres high."""
+    """A camera behind a goal, one to three metres high."""
     x, y, z = rng.uniform((54.0, -15.0, -3.0), (62.0, 15.0, -1.0))
     return _aimed((float(rng.choice((-1.0, 1.0))) * x, y, z), rng.uniform(600.0, 2000.0), rng, (0.0, 0.0))
 
 
 def strong_barrel(rng: np.random.Generator) -> Camera:
-    """On the main stand, wide, with a strong barrel distortion."""
+    """A wide camera on the main stand with a strong barrel distortion."""
     x, y, z = rng.uniform((-16.0, 45.0, -25.0), (16.0, 80.0, -10.0))
     return _aimed((x, y, z), rng.uniform(500.0, 900.0), rng, BARREL)
 
 
 def very_long_lens(rng: np.random.Generator) -> Camera:
-    """On the main stand, with a focal length of 20 000 px: it shows enough lines at a goal only."""
+    """A camera on the main stand with a focal length of 20 000 px, which shows enough lines only at a goal."""
     x, y, z = rng.uniform((-16.0, 60.0, -30.0), (16.0, 100.0, -10.0))
     place = rng.choice((-1.0, 1.0)) * rng.uniform((48.0, -6.0), (52.5, 6.0))
     return _looking_at(place, (x, y, z), 20_000.0, (0.0, 0.0))
@@ -112,9 +112,9 @@ def very_long_lens(rng: np.random.Generator) -> Camera:
 def synthetic(
     make: Callable[[np.random.Generator], Camera], field: Field, number: int, rng: np.random.Generator
 ) -> list[tuple[Pixels, Camera]]:
-    """Frames of cameras of one kind that show enough."""
+    """Frames, with enough labels, of cameras of one kind."""
     found: list[tuple[Pixels, Camera]] = []
-    for _ in range(400 * number):  # few places show enough through a long lens
+    for _ in range(400 * number):  # through a long lens few places show enough labels
         if len(found) == number:
             break
         camera = make(rng)

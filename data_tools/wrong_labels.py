@@ -2,13 +2,13 @@
 
     python -m data_tools.wrong_labels ANNOTATIONS --size WxH [--wrong N] [--seed N]
 
-Frames that are taken as correctly labelled have seven segments or more, fit to 2 px (at 960x540) and have no suspect
-labels. In each of them N labels are replaced at random (`data_tools.random_frames`). Printed as one line of JSON:
+Frames with seven segments or more that fit to 2 px (at 960x540) and have no suspect labels are taken as correctly
+labelled. In each of them N labels are replaced at random (`data_tools.random_frames`). Printed as one line of JSON:
 
 * recall: share of the replaced labels that are reported; precision: share of the reported ones that were replaced;
   named: share of the replaced and reported labels for which the correct one is given;
-* the camera against the one of the right labels: median and 90 % of the largest distance between their images of the
-  labelled segments, and the share of frames below 3 px (at 960x540);
+* the largest distance between the images of the labelled segments under the camera and under that of the correct
+  labels: its median and 90 % quantile, and the share of frames below 3 px (at 960x540);
 * how many of all frames, unchanged, have suspect labels.
 """
 
@@ -52,7 +52,7 @@ def distance(camera: Camera, other: Camera, field: Field, frame: Pixels) -> floa
 def measure(
     field: Field, frames: Sequence[Pixels], size: tuple[int, int], count: int, rng: np.random.Generator
 ) -> dict[str, object]:
-    """The numbers named above, for annotated frames with `count` wrong labels each."""
+    """The statistics of the module's docstring, for annotated frames with `count` wrong labels each."""
     unit = pixel_unit(size)
     clean = calibrate_batch(field, frames, size)
     certain = [

@@ -14,16 +14,23 @@ import fieldcalib
 SIGNALS = (signal.SIGKILL, signal.SIGTERM, signal.SIGINT)
 LONGEST = 300.0  # seconds of a run, on the busiest machine
 EXIT_CODES = {signal.SIGKILL: {-9}, signal.SIGTERM: {143, -15}, signal.SIGINT: {130, -2}}
+# The command line, which says that it has begun only where an interrupt no longer ends in a traceback.
+PROGRAM = """
+import signal
+signal.signal(signal.SIGINT, signal.default_int_handler)
+from fieldcalib.cli.main import main
+from fieldcalib.console.program import exit_code
+def begun():
+    print("begun", flush=True)
+    return main()
+raise SystemExit(exit_code(begun))
+"""
 
 
 def started(*arguments):
     """A process of the command line; in the background of a shell interrupts are ignored, here they are not."""
-    code = (
-        "import signal; signal.signal(signal.SIGINT, signal.default_int_handler)\n"
-        "from fieldcalib.cli.main import main\nprint('begun', flush=True)\nraise SystemExit(main())"
-    )
     return subprocess.Popen(
-        [sys.executable, "-c", code, *map(str, arguments)],
+        [sys.executable, "-c", PROGRAM, *map(str, arguments)],
         stdout=subprocess.PIPE,
         stderr=subprocess.PIPE,
         text=True,

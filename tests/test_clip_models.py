@@ -21,6 +21,7 @@ from fieldcalib.images.pieces import CameraModel, Pieces
 from fieldcalib.images.solved_shots import solve_shots
 from fieldcalib.images.solved_tripods import solve_tripods
 from fieldcalib.problem.evaluation import evaluate_camera
+from fieldcalib.problem.pixel_table import PixelTable
 from fieldcalib.solve.ties import thinned
 
 FIELD = soccer()
@@ -33,8 +34,7 @@ def clip_of(cameras, seed=0, noise=0.5, piece=None, loose=None):
     found = matched(cameras, chain(count, 1, 2), rng)
     matches = {pair: thinned(p, q, size) for pair, (p, q) in found.items() if np.ptp(pieces.number[list(pair)]) == 0}
     frames = [frame.pixels for frame in labelled(cameras, FIELD, rng, noise)]
-    weights = [{label: np.full(len(xy), 1.0 / len(xy)) for label, xy in pixels.items()} for pixels in frames]
-    labels = {t: KeyframeLabels(both) for t, both in enumerate(zip(frames, weights, strict=True))}
+    labels = {t: KeyframeLabels(PixelTable.of(FIELD, [pixels])) for t, pixels in enumerate(frames)}
     shots = Shots(0, size, pieces, np.array(loose or [False] * count), matches)
     return Keyframes(ClipOptions(FIELD), shots, labels)
 
@@ -64,8 +64,8 @@ def without_sense(clip, frames, **how):
     """A clip with doubtful labels of another view in some keyframes."""
     labels = dict(clip.labels)
     for t in frames:
-        pixels, weights = labels[t].labels
-        elsewhere = {label: xy + (150.0, 60.0) for label, xy in pixels.items()}, weights
+        table = labels[t].labels
+        elsewhere = replace(table, xy=table.xy + (150.0, 60.0))
         labels[t] = KeyframeLabels(elsewhere, accepted=False, **how)
     return replace(clip, labels=labels)
 
@@ -275,7 +275,7 @@ def test_left_out_labels_are_predicted_by_the_right_cameras_only():
     cameras = panned(8, -0.4, 0.4)
     clip = clip_of(cameras)
     left_out = LeftOut.of(clip.accepted)
-    assert all(left_out.left[t][0] not in left_out.kept[t][0] for t in left_out.left)
+    assert all(not left_out.left[t].by_label(0).keys() & left_out.kept[t].by_label(0).keys() for t in left_out.left)
     assert len(left_out.left) >= 6
     calibration = together(clip, left_out.kept)
     frames = clip.shots.pieces.frames([0])

@@ -28,7 +28,7 @@ from fieldcalib.problem.layout import (
     theta_from_camera,
 )
 from fieldcalib.problem.losses import RobustLoss
-from fieldcalib.problem.observations import pack
+from fieldcalib.problem.observations import Observations, pack
 from fieldcalib.problem.projection import Projection
 
 FIELD = soccer()
@@ -217,7 +217,7 @@ def test_cameras_of_a_field_of_another_size_see_the_segments_where_they_are_then
     theta, observations = evaluation.theta.copy(), evaluation.problem.observations
     theta[:, -2:] = (101.0, 71.0)
     pitch = {**soccer(101.0, 71.0), **{label: s for label, s in ALL_KINDS.items() if label not in FIELD}}
-    resized = pack(pitch, [pixels for pixels, _ in observations.by_frame()], SIZE)
+    resized = Observations.of(pitch, observations.pixels, SIZE)
     r = evaluate(evaluation.problem, theta).r
     expected = at(theta[:, :-2], resized).r
     np.testing.assert_allclose(observations.by_label(r**2), resized.by_label(expected**2), rtol=1e-6)

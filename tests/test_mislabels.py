@@ -88,7 +88,7 @@ def test_wrong_labels_are_found_with_the_label_that_fits(wrong):
     resolution, _, _ = resolved([relabelled(frame, wrong), clean(MIDDLE)], [LEFT, MIDDLE])
     assert {suspect.label: suspect.fits for suspect in resolution.suspects[0]} == {b: a for a, b in wrong.items()}
     assert resolution.suspects[1] == ()
-    assert set(resolution.evaluation.problem.observations.frame(0)[0]) == set(frame)
+    assert set(resolution.evaluation.problem.observations.pixels.by_label(0)) == set(frame)
     _, true, _ = resolved([frame], [LEFT])
     np.testing.assert_allclose(solved(resolution.evaluation).theta[0], true.theta[0], rtol=1e-4, atol=1e-4)
 
@@ -109,7 +109,7 @@ def test_what_no_label_fits_is_left_out():
     ((suspect,),) = resolution.suspects
     assert (suspect.label, suspect.fits) == ("Middle line", None)
     assert suspect.error_px > 20.0
-    assert "Middle line" not in resolution.evaluation.problem.observations.frame(0)[0]
+    assert "Middle line" not in resolution.evaluation.problem.observations.pixels.by_label(0)
     assert not np.any(resolution.evaluation.problem.observations.label == list(FIELD).index("Middle line"))
 
 
@@ -135,9 +135,9 @@ def test_weights_follow_their_pixels():
 def test_renaming_joins_what_belongs_to_one_segment():
     frame = {"Side line top": np.zeros((2, 2)), "Side line left": np.ones((3, 2)), "Middle line": np.ones((1, 2))}
     lying = [SuspectLabel("Side line left", "Side line top", 50.0), SuspectLabel("Middle line", None, 99.0)]
-    pixels, weights = _without(pack(FIELD, [frame], SIZE), [lying]).frame(0)
-    assert {label: len(xy) for label, xy in pixels.items()} == {"Side line top": 5}
-    np.testing.assert_allclose(weights["Side line top"], 0.2)
+    table = _without(pack(FIELD, [frame], SIZE), [lying]).pixels
+    assert {label: len(xy) for label, xy in table.by_label(0).items()} == {"Side line top": 5}
+    np.testing.assert_allclose(table.weight, 0.2)
 
 
 def test_suspects_in_words():

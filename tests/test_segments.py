@@ -12,6 +12,7 @@ from fieldcalib.fields.segments import Arc, ArcRows, Line, LineRows, Point, Poin
 from fieldcalib.fields.sports.soccer import soccer
 from fieldcalib.problem.labelled_pixels import check_segments, check_weights, split_circles
 from fieldcalib.problem.observations import Observations, pack
+from fieldcalib.problem.pixel_table import PixelTable
 
 SIZE = (960, 540)
 FIELD = soccer()
@@ -365,23 +366,12 @@ def test_take_picks_frames_in_order_and_repeats_them(frames, index):
     np.testing.assert_array_equal(taken.weight, packed.weight[index])
 
 
-def assert_same_frames(found, expected):
-    for (pixels, weights), frame in zip(found, expected, strict=True):
-        assert pixels.keys() == frame.keys()
-        for label, xy in frame.items():
-            np.testing.assert_array_equal(pixels[label], xy)
-            np.testing.assert_array_equal(weights[label], np.full(len(xy), 1.0 / len(xy)))
-
-
 @given(some_frames)
-def test_frames_come_back_as_they_were_packed(frames):
-    assert_same_frames(pack(OBJECT, frames, SIZE).by_frame(), frames)
-
-
-@given(st.lists(some_frames, min_size=1, max_size=3))
-def test_joined_observations_have_the_frames_of_all(parts):
-    joined = Observations.joined([pack(OBJECT, frames, SIZE) for frames in parts])
-    assert_same_frames(joined.by_frame(), [frame for frames in parts for frame in frames])
+def test_observations_give_the_table_that_they_were_packed_from(frames):
+    table = PixelTable.of(OBJECT, frames)
+    found = Observations.of(OBJECT, table, SIZE).pixels
+    for name in ("labels", "count", "frame", "label", "xy", "weight"):
+        np.testing.assert_array_equal(getattr(found, name), getattr(table, name))
 
 
 @given(some_frames, st.sampled_from(sorted(OBJECT)), st.sampled_from([None, *sorted(OBJECT)]))
@@ -397,11 +387,14 @@ def test_relabelled_pixels_stand_where_their_new_label_would(frames, label, othe
                 parts.setdefault(name, []).append(xy)
         expected.append({name: np.concatenate(xy) for name, xy in parts.items()})
     assert len(found) == len(frames)
-    for (pixels, weights), frame in zip(found.by_frame(), expected, strict=True):
+    for t, frame in enumerate(expected):
+        table = found.pixels.of_frames([t])
+        pixels = table.by_label(0)
         assert pixels.keys() == frame.keys()
         for name, xy in frame.items():  # the pixels of two labels keep the order of their kinds
             np.testing.assert_array_equal(np.sort(pixels[name], axis=0), np.sort(xy, axis=0))
-            np.testing.assert_array_equal(weights[name], np.full(len(xy), 1.0 / len(xy)))
+            weight = table.weight[table.label == packed.labels.index(name)]
+            np.testing.assert_array_equal(weight, np.full(len(xy), 1.0 / len(xy)))
 
 
 @given(some_frames)

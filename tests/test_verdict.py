@@ -8,7 +8,7 @@ from synthetic import observe, whole_circle_markings
 
 from fieldcalib.assess.observability import READABLE, Direction, Information
 from fieldcalib.assess.result import Status
-from fieldcalib.assess.verdict import Evidence, constraints, implausibilities, verdict
+from fieldcalib.assess.verdict import Evidence, implausibilities, verdict
 from fieldcalib.fields.segments import Arc, Line, Point, PointCloud
 from fieldcalib.fields.sports.soccer import soccer
 from fieldcalib.geometry.camera import Camera
@@ -21,11 +21,18 @@ FIELD, SIZE = soccer(), (960, 540)
 PINHOLE = Layout.of(SIZE).fixed("lens", "principal point", "aspect")
 CAMERA = Camera.from_angles(-0.3, 1.35, 0.0, 1500.0, (0.0, 65.0, -16.0), SIZE)
 FRAME = observe(whole_circle_markings(FIELD), CAMERA)
+
+
+def labels_of(frame, objects=FIELD):
+    return pack(objects, [frame], SIZE).labels_in(0)
+
+
 GOOD = Evidence(
     rms=1.0,
     loss_ndc=0.005,
     errors=dict.fromkeys(FRAME, 1.0),
-    given=FRAME,
+    labels=labels_of(FRAME),
+    given=labels_of(FRAME),
     suspects=(),
     far=20.0,
     unknowns=7,
@@ -112,12 +119,12 @@ def test_a_wrong_label_that_would_lie_behind_does_not_speak_against_a_camera():
 
 
 def test_a_good_fit_is_accepted():
-    assert verdict(FIELD, FRAME, GOOD, None) == (Status.ACCEPTED, f"rms 1.00 px over {len(FRAME)} segments")
+    assert verdict(GOOD, None) == (Status.ACCEPTED, f"rms 1.00 px over {len(FRAME)} segments")
 
 
 def test_the_segment_that_fits_least_is_named():
     errors = {**GOOD.errors, "Side line left": 40.0, "Side line top": 80.0, "Big rect. left main": 30.0}
-    status, message = verdict(FIELD, FRAME, replace(GOOD, errors=errors), None)
+    status, message = verdict(replace(GOOD, errors=errors), None)
     assert status is Status.ACCEPTED
     assert f"{len(FRAME) - 3} of {len(FRAME)} segments agree" in message
     assert "'Side line top' lies 80 px off" in message
@@ -140,7 +147,7 @@ def test_the_segment_that_fits_least_is_named():
     ],
 )
 def test_what_speaks_against_a_fit(changes, tau, status, words):
-    found, message = verdict(FIELD, FRAME, replace(GOOD, **changes), tau)
+    found, message = verdict(replace(GOOD, **changes), tau)
     assert found is status
     assert words in message
 
@@ -148,7 +155,7 @@ def test_what_speaks_against_a_fit(changes, tau, status, words):
 @pytest.mark.parametrize(("missed", "accepted"), [(0.30, True), (0.40, False)])
 def test_two_thirds_of_the_segments_must_agree(missed, accepted):
     wrong = list(FRAME)[: round(missed * len(FRAME))]
-    status, message = verdict(FIELD, FRAME, replace(GOOD, errors={**GOOD.errors, **dict.fromkeys(wrong, 90.0)}), None)
+    status, message = verdict(replace(GOOD, errors={**GOOD.errors, **dict.fromkeys(wrong, 90.0)}), None)
     assert (status is Status.ACCEPTED) == accepted
     assert ("only" in message) != accepted
 
@@ -159,9 +166,9 @@ def test_segments_that_agree_must_suffice():
         for label in ("Side line top", "Big rect. left main", "Big rect. left top", "Side line left")
     }
     errors = {**dict.fromkeys(four, 1.0), "Side line top": 90.0}
-    evidence = replace(GOOD, given=four, errors=dict.fromkeys(four, 1.0))
-    assert verdict(FIELD, four, evidence, None)[0] is Status.ACCEPTED
-    assert verdict(FIELD, four, replace(evidence, errors=errors), None)[0] is Status.IMPLAUSIBLE
+    evidence = replace(GOOD, labels=labels_of(four), given=labels_of(four), errors=dict.fromkeys(four, 1.0))
+    assert verdict(evidence, None)[0] is Status.ACCEPTED
+    assert verdict(replace(evidence, errors=errors), None)[0] is Status.IMPLAUSIBLE
 
 
 @pytest.mark.parametrize(
@@ -178,8 +185,9 @@ def test_segments_that_agree_must_suffice():
 )
 def test_equations_of_a_segment(segment, pixels, equations):
     xy = np.arange(2.0 * pixels).reshape(-1, 2)
-    assert constraints({"it": segment}, {"it": xy}) == equations
-    assert constraints({"it": segment}, {"it": np.repeat(xy, 2, axis=0)}) == equations  # repeated pixels add nothing
+    assert labels_of({"it": xy}, {"it": segment}).equations == {"it": equations}
+    repeated = {"it": np.repeat(xy, 2, axis=0)}  # pixels that are given twice add nothing
+    assert labels_of(repeated, {"it": segment}).equations == {"it": equations}
 
 
 def information(matrix, has_prior=True, layout=PINHOLE):
@@ -230,8 +238,8 @@ def test_labels_that_were_given_up_do_not_agree():
     """Two thirds of the labels as given must agree: suspects were renamed or left out, and count against."""
     wrong = list(FRAME)[: round(0.4 * len(FRAME))]
     believed = {label: xy for label, xy in FRAME.items() if label not in wrong}
-    evidence = replace(GOOD, errors=dict.fromkeys(believed, 1.0), suspects=wrong)
-    status, message = verdict(FIELD, believed, evidence, None)
+    evidence = replace(GOOD, labels=labels_of(believed), errors=dict.fromkeys(believed, 1.0), suspects=wrong)
+    status, message = verdict(evidence, None)
     assert status is Status.IMPLAUSIBLE
     assert "only" in message
-    assert verdict(FIELD, believed, replace(evidence, suspects=wrong[:1]), None)[0] is Status.ACCEPTED
+    assert verdict(replace(evidence, suspects=wrong[:1]), None)[0] is Status.ACCEPTED

@@ -1,9 +1,9 @@
-"""Endless labelled frames of synthetic games, to train a network that segments the markings of a field.
+"""Labelled frames of synthetic games, as many as wanted, to train a network that segments the markings of a field.
 
 python -m data_tools.synthetic --sheet OUT.png      a contact sheet
 python -m data_tools.synthetic --cache DIR          frames for data_tools.train
 python -m data_tools.synthetic --out DIR            the same with true cameras and annotations
-python -m data_tools.synthetic --bench              frames a second
+python -m data_tools.synthetic --bench              frames per second
 python -m data_tools.synthetic --clip OUT.mp4       a clip with its true cameras
 
 Frames are of soccer, or of any field with --field NAME or --field FILE; clips are of soccer.

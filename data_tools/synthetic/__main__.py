@@ -1,4 +1,4 @@
-"""Show synthetic frames, keep them in a folder, measure how fast they are made, or film a clip with true cameras."""
+"""Show synthetic frames, write them to a folder, measure how fast they are made, or film a clip with true cameras."""
 
 from __future__ import annotations
 
@@ -40,7 +40,7 @@ def contact_sheet(first_seed: int, name: str = SOCCER) -> Image:
 
 
 def frames_per_second(processes: int, name: str) -> float:
-    """Speed of that many processes together, without the time that they need to start."""
+    """Joint speed of `processes`, without the time that they need to start."""
     make = partial(frame, size=SIZE, name=name)
     with get_context("spawn").Pool(processes, initializer=cv2.setNumThreads, initargs=(1,)) as pool:
         pool.map(make, range(processes * 4), chunksize=1)
@@ -50,7 +50,7 @@ def frames_per_second(processes: int, name: str) -> float:
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Do what is asked for; the bench prints a line of JSON."""
+    """Run the chosen command; the bench prints a line of JSON."""
     parser = argparse.ArgumentParser(prog="python -m data_tools.synthetic", description=__doc__)
     add_named_field(parser)
     parser.add_argument("--sheet", type=Path, metavar="OUT.png", help="write frames and masks as one picture")

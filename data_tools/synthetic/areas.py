@@ -18,8 +18,8 @@ Corner = tuple[float, float]
 class Area:
     """All points that are no farther than `reach` from a box, and within `limits`; metres.
 
-    It is taken at |x| and |y|, so that an area at one end of a field is at both, and one that begins at 0 goes on
-    beyond.
+    It is evaluated at |x| and |y|: an area at one end of a field is at both ends, and one that begins at 0 has its
+    mirror image beside it.
 
     Examples
     --------
@@ -36,7 +36,7 @@ class Area:
     """Largest |x| and |y|."""
 
     def distance(self, x: Float32, y: Float32) -> Float32:
-        """Distances of points from its border, negative inside."""
+        """Signed distances of points from its border, negative inside."""
         x, y = np.abs(x), np.abs(y)
         low = [start if start > 0.0 else -end for start, end in zip(self.low, self.high, strict=True)]
         out_x = np.maximum(np.float32(low[0]) - x, x - np.float32(self.high[0]))
@@ -54,7 +54,7 @@ class Area:
 
 @dataclass(frozen=True)
 class Fill:
-    """An area that is painted on a share of the fields, in one of some colours."""
+    """An area that is painted on a share of the fields, in one of several colours."""
 
     area: Area
     colours: Sequence[Hsv]

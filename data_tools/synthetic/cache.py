@@ -1,8 +1,8 @@
 """Synthetic frames kept in a folder: ``<seed>_main.jpg`` or ``<seed>_goal.jpg``, with the mask in a PNG beside it.
 
-The name says where the camera stands, since that is what mirroring must know (`mirrored_values`). ``summary.json`` says
-of which field they are, and the classes of the masks, from 1 on. With the truth there is ``camera_<name>.json``, and
-what is in view of the classes in ``<name>.json``, both as SoccerNet writes them.
+The name says where the camera stands, which mirroring needs to know (`mirrored_values`). ``summary.json`` names the
+field, and the classes of the masks from 1 on. With `truth`, there are also ``camera_<name>.json`` with the true camera
+and ``<name>.json`` with the visible markings, both in SoccerNet's formats.
 """
 
 from __future__ import annotations
@@ -26,13 +26,13 @@ from fieldcalib.io.image import Image
 from fieldcalib.io.soccernet import format_annotation, format_camera
 from fieldcalib.problem.labelled_pixels import Pixels
 
-QUALITY = 95  # of the JPEG; what a broadcast chain does to the image has been done
+QUALITY = 95  # of the JPEG: high, since the image is degraded already
 SUMMARY = "summary.json"
 MOST_POINTS = 20  # of a marking in an annotation
 
 
 def write_cache(folder: Path, seeds: Iterable[int], processes: int, name: str = SOCCER, *, truth: bool = False) -> None:
-    """Make the frames of these seeds; those that are there are kept, so an interrupted run goes on.
+    """Make the frames of these seeds; existing ones are kept, so an interrupted run can be resumed.
 
     Parameters
     ----------
@@ -40,7 +40,7 @@ def write_cache(folder: Path, seeds: Iterable[int], processes: int, name: str = 
     seeds : iterable of int
     processes : int
     name : str
-        Of the field, see `frame`.
+        Name of the field, see `frame`.
     truth : bool
         Whether cameras and annotations are written too.
 
@@ -65,7 +65,7 @@ def write_cache(folder: Path, seeds: Iterable[int], processes: int, name: str = 
 
 
 def check_classes(folder: Path, classes: Sequence[str]) -> None:
-    """Raise a ValueError unless the masks in a folder have these classes: soccer's where it does not say so."""
+    """Raise a ValueError unless the masks in a folder have these classes; without a summary they are soccer's."""
     path = folder / SUMMARY
     about = parse_json_object(path.read_bytes(), "field and classes") if path.is_file() else {}
     found = about.get("classes", list(CLASSES))
@@ -84,7 +84,7 @@ def read_frame(path: Path) -> tuple[Image, Mask, bool]:
 
 
 def in_view(made: SyntheticFrame, classes: Iterable[str]) -> Pixels:
-    """Points along the markings where nothing but people and nets is before them, label -> (N, 2) pixels.
+    """Points along the visible markings, label -> (N, 2) pixels; people and nets hide nothing.
 
     Examples
     --------

@@ -1,9 +1,9 @@
 """Positions and directions of synthetic cameras, and the side from which labels are named.
 
 An image cannot tell the left of a field from its right: turned by 180 degrees about its centre mark, the field looks
-the same from the opposite stand. So the labels follow the camera. It is turned to the main side, y > 0, unless it
-stands behind a goal line: |x| beyond half the length and |y| within half the width plus `BEHIND_MARGIN`. Then it is
-turned to stand behind the left goal.
+the same from the opposite stand. So labels are named as seen from the camera's side: the camera is turned about the
+centre mark to the main side, y > 0, or, if it stands behind a goal line (|x| beyond half the length and |y| within half
+the width plus `BEHIND_MARGIN`), to stand behind the left goal.
 """
 
 from __future__ import annotations
@@ -30,8 +30,8 @@ from fieldcalib.problem.prior import sample_theta
 
 BEHIND_MARGIN = 5.0  # m on both sides of the goal line
 
-# Broadcasts, the paper's stands, and all that may lie around them. Opposite stands and those behind the right goal are
-# left out: turned, they are these.
+# Broadcasts, the paper's stands, and wide ranges around these. Opposite stands and those behind the right goal are left
+# out: turned by 180 degrees, they are among these.
 BROADCAST = CameraDistribution("broadcast", (-45, 45), (60, 88), (-3, 3), (12, 60), (-20, 20), (50, 110), (-35, -8))
 AROUND_MAIN = CameraDistribution("around main", (-70, 70), (30, 90), (-5, 5), (8, 100), (-75, 75), (42, 130), (-60, -3))
 AROUND_GOAL = CameraDistribution(
@@ -47,12 +47,12 @@ STANDS = {
     BEHIND_LEFT_GOAL: 0.07,
     AROUND_GOAL: 0.04,
 }
-AIMED_SHARE = 0.75  # of the cameras look at a point of the field, the others wherever their distribution says
+AIMED_SHARE = 0.75  # share of cameras that look at a point of the field; the others as their distribution says
 ROLL_SIGMA, LEVEL_SHARE = np.radians(0.7), 0.85
-STRONG_LENS_SHARE = 0.15  # of the lenses are anything up to the strongest
+STRONG_LENS_SHARE = 0.15  # share of lenses of any strength
 SQUEEZED_SHARE, SQUEEZE = 0.08, 4.0 / 3.0  # fy / fx of 4:3 pictures stretched to 16:9
-STANDARD_SHARE, LAW_SHARE = 0.5, 0.15  # 105 x 68 m; anything that the law allows; the rest is international
-LEAST_MARKINGS, LEAST_EXTENT = 2, 0.04  # in view, and how much of the image's width each spans
+STANDARD_SHARE, LAW_SHARE = 0.5, 0.15  # 105 x 68 m; any legal size; the rest has sizes of international matches
+LEAST_MARKINGS, LEAST_EXTENT = 2, 0.04  # in view; share of the image's width that each spans
 LEAST_FIELD = 0.2  # of the image
 SAMPLES = 2.0, 0.05  # along markings: metres, and shares of `Field.scale`, whichever is finer; 2 m on soccer fields
 
@@ -75,7 +75,7 @@ def random_camera(
 ) -> Camera:
     """A camera on its canonical side, outside the field, that sees enough of it and at least two markings.
 
-    It stands on one of `stands`, each of which is drawn in proportion to its number.
+    It stands on one of `stands`, drawn in proportion to their numbers.
 
     Examples
     --------
@@ -92,9 +92,9 @@ def random_camera(
 
 
 def on_canonical_side(camera: Camera, field: Field) -> Camera:
-    """The camera, turned by 180 degrees about the field's centre if it is not on the side that the labels follow.
+    """The camera, turned by 180 degrees about the field's centre if it is not on its canonical side.
 
-    A field that does not look the same then has a left and a right of its own, and cameras on all sides.
+    It is not turned if the turned field looks different: then left and right can be told apart from all sides.
 
     Examples
     --------
@@ -116,7 +116,7 @@ def is_behind_goal(camera: Camera, field: Field) -> bool:
 
 
 def _drawn(stand: CameraDistribution, field: Field, size: tuple[int, int], rng: np.random.Generator) -> Camera:
-    """A camera of a distribution, with a lens, a principal point and, now and then, squeezed pixels."""
+    """A camera of a distribution, with a lens, a principal point and sometimes squeezed pixels."""
     layout = Layout.of(size)
     (theta,) = sample_theta(stand, 1, rng, layout)
     if rng.random() < AIMED_SHARE:

@@ -1,7 +1,8 @@
 """Clips of one tripod with true cameras: paths of cameras, labelled pixels along them, and background matches.
 
-Zoom, principal point and lens are those of a measured camera, frame by frame, or follow a law with the sizes of the
-measured ones; pan and tilt are moved as an operator does. `data_tools.synthetic.film` makes pictures of a path.
+Zoom, principal point and lens are those of a measured camera, frame by frame, or follow a random law whose coefficients
+are in the ranges of the measured ones; pan and tilt move as an operator moves them. `data_tools.synthetic.film` makes
+pictures of a path.
 """
 
 from __future__ import annotations
@@ -27,21 +28,21 @@ from fieldcalib.solve.options import PAINT
 
 Range = tuple[float, float]
 
-RATE = 30.0  # frames a second
-MEASURED_RATE = 60.0  # frames a second of the measured sequences, of which one has a video that says so
+RATE = 30.0  # frames per second
+MEASURED_RATE = 60.0  # frames per second of the measured sequences, by the one of them that has a video
 
 # An operator follows the play, and stops
 PAN_PERIOD, ZOOM_PERIOD = 2.5, 5.0  # s from one move to the next, on average; no measured zoom is faster than 0.43 / s
-RESTS, LEAST_RESTS = 0.3, 0.2  # of the time nothing moves but the hand; less where moves would be too fast
-LEAST_MOVE = 0.5  # s through the whole range
+RESTS, LEAST_RESTS = 0.3, 0.2  # share of the time at rest; the lower one where moves would be too fast
+LEAST_MOVE = 0.5  # s: shortest duration of a move through the whole range
 UNEVEN = 0.6  # standard deviation of the logarithm of durations: some moves are five times as fast as others
 SHORTEST_MOVE = 0.15  # of the whole range, added to the length of a move: short ones take relatively long
-HAND, HAND_TIME = np.radians(0.01), 0.25  # a hand on the pan bar: standard deviation, and over how many seconds
+HAND, HAND_TIME = np.radians(0.01), 0.25  # motion of the hand on the pan bar: standard deviation, correlation time in s
 PAN_RANGE = (-np.radians(15.0), np.radians(15.0))
 AIM_RANGE = (-10.0, 8.0)  # m: y of the ground that the camera aims at
 LEAN, ROLL = np.radians(0.3), np.radians(0.3)  # of tripods and cameras that were levelled with a bubble
 
-# Of the ten measured sequences (1920 x 1080): four stadiums with |x| < 0.4, y 67 to 88 and z -12 to -19 m
+# Ranges after the ten measured sequences (1920 x 1080): four stadiums with |x| < 0.4, y 67 to 88 and z -12 to -19 m
 X_SIGMA, Y_RANGE, Z_RANGE = 1.0, (62.0, 90.0), (-21.0, -11.0)
 # the logarithm of the focal length over 4000 px spans -0.5 to 0.57, in one sequence at most 0.91
 REFERENCE_FOCAL_LENGTH = 4000.0
@@ -53,12 +54,12 @@ POINT_SLOPES = ((-6.0, 18.0), (-6.0, 21.0))
 DISPLACEMENT_RANGES = ((0.036, 0.041), (-0.030, -0.005), (-0.07, 0.01))
 A2_RANGES = ((0.007, 0.013), (-0.040, -0.006), (0.0, 0.05))
 
-# It flies through this room
-FLIGHT, FLIGHT_PERIOD = ((-15.0, 15.0), (48.0, 56.0), (-20.0, -14.0)), 8.0  # m, and s from one stop to the next
+# Flying cameras
+FLIGHT, FLIGHT_PERIOD = ((-15.0, 15.0), (48.0, 56.0), (-20.0, -14.0)), 8.0  # ranges of x, y, z in m; s between stops
 MOST_ACCELERATION = 5.0  # m/s^2
 
 PIXELS_PER_LINE = (3, 3)  # least and most
-MATCH_NOISE = 0.3  # px at 1920 x 1080: what flow between frames of a measured sequence leaves
+MATCH_NOISE = 0.3  # px at 1920 x 1080: residual of optical flow between frames of a measured sequence
 OUTLIER_REACH = 40.0  # px: largest error of an outlier in x and y: flow that follows a player or a scrolling board
 DISTANCES = (60.0, 200.0)  # m: of static points from the camera
 
@@ -73,9 +74,9 @@ class ZoomLaw:
     principal_point: Array
     """(2, 2): rows constant and slope, columns x and y; pixels from (w / 2, h / 2)."""
     displacement: Array
-    """(3,): of a1 + a2, the relative displacement of the corner (`fieldcalib.geometry.lens`)."""
+    """(3,): coefficients of a1 + a2, the relative displacement of the corner (`fieldcalib.geometry.lens`)."""
     a2: Array
-    """(3,): of a2."""
+    """(3,): coefficients of a2."""
 
     @classmethod
     def random(cls, rng: np.random.Generator) -> ZoomLaw:
@@ -117,7 +118,7 @@ class Match:
     xy_second: Array
     """(N, 2)."""
     right: BoolArray
-    """(N,) False for outliers."""
+    """(N,): False for outliers."""
 
 
 def camera_path(
@@ -137,8 +138,8 @@ def camera_path(
     frames : int
         Number of frames.
     measured : Path, optional
-        A ``<name>.npz`` as `data_tools.measured_cameras` reads them: K and k are those of the measured sequence, played
-        at its own speed from a random frame on and back from its end. By default, a random `ZoomLaw` and zooming
+        A ``<name>.npz`` as for `data_tools.measured_cameras`: K and k are those of the measured sequence, played at its
+        own speed from a random frame on, and backwards from its end. By default, a random `ZoomLaw`, with zooming
         within the measured ranges.
     pan_range : (float, float)
         Smallest and largest pan, radians; the camera reaches both.
@@ -173,7 +174,7 @@ def camera_path(
 def flight(rng: np.random.Generator, frames: int) -> Array:
     """Centres of a camera on wires or a drone, which flies along the near side line, (frames, 3) metres.
 
-    It uses as much of its room as it can without speeding up by more than `MOST_ACCELERATION`.
+    It uses as much of the space `FLIGHT` as it can without exceeding `MOST_ACCELERATION`.
     """
     share = np.stack([operated(rng, frames, FLIGHT_PERIOD) for _ in FLIGHT], axis=-1)
     low, high = np.transpose(FLIGHT)
@@ -183,10 +184,10 @@ def flight(rng: np.random.Generator, frames: int) -> Array:
 
 
 def operated(rng: np.random.Generator, frames: int, period: float = PAN_PERIOD) -> Array:
-    """Values from 0 to 1, (frames,), of an axis that an operator moves: rests, and moves of least jerk between them.
+    """Values from 0 to 1, (frames,), of an axis that an operator moves: rests, and minimum-jerk moves between them.
 
-    A move and the rest before it take `period` seconds on average. Both 0 and 1 are reached, and other stops in a
-    longer clip.
+    A move and the rest before it take `period` seconds on average. Both 0 and 1 are reached; longer clips have more
+    stops.
 
     Examples
     --------
@@ -206,12 +207,12 @@ def operated(rng: np.random.Generator, frames: int, period: float = PAN_PERIOD) 
     end = np.cumsum(moving + resting)
     t = np.linspace(0.0, 1.0, frames)
     s = np.clip((t - (end - moving)[:, None]) / moving[:, None], 0.0, 1.0)
-    smooth = s**3 * (10.0 - 15.0 * s + 6.0 * s**2)  # least jerk between two rests
+    smooth = s**3 * (10.0 - 15.0 * s + 6.0 * s**2)  # minimum jerk between two rests
     return np.asarray(np.clip(stops[0] + np.diff(stops) @ smooth, 0.0, 1.0))
 
 
 def between(a: Camera, b: Camera, share: float) -> Camera:
-    """The camera at a share of the way from one frame to the next: a rotation at constant speed, the rest linear."""
+    """The camera between two frames, at a share of the way: rotation at constant speed, all else linear."""
     from scipy.spatial.transform import Rotation
 
     turn = Rotation.from_matrix(b.R @ a.R.T).as_rotvec()
@@ -221,12 +222,12 @@ def between(a: Camera, b: Camera, share: float) -> Camera:
 
 
 def seen_far_away(camera: Camera, other: Camera, xy: Array) -> Array:
-    """Pixels (..., 2) in which another camera shows, far away, what this one shows at xy (..., 2)."""
+    """Pixels (..., 2) of `other` that show the same infinitely far points as the pixels xy (..., 2) of `camera`."""
     return other.project(other.C + homogenize(camera.normalized(xy)) @ camera.R)
 
 
 def painted(field: Field, rng: np.random.Generator, sigma: float = PAINT) -> Field:
-    """The field with its lines on the ground painted elsewhere, and circles wider or narrower, by some centimetres.
+    """The field with the lines on its ground displaced, and the radii of its circles changed, by some centimetres.
 
     Examples
     --------
@@ -235,7 +236,7 @@ def painted(field: Field, rng: np.random.Generator, sigma: float = PAINT) -> Fie
     >>> [round(float(end), 3) for end in lines["Middle line"].start]
     [0.016, -34.0, 0.0]
     """
-    wider: dict[tuple[float, float, float], float] = {}  # by centre: halves of a circle are painted as one
+    wider: dict[tuple[float, float, float], float] = {}  # by centre: halves of a circle have one radius
 
     def moved(segment: Segment) -> Segment:
         off = rng.normal(0.0, sigma)
@@ -323,8 +324,8 @@ def background_matches(
         As `background_points` makes them.
     rng : numpy.random.Generator
     noise : float
-        Standard deviation in pixels of x and of y in the second frame. Pixels of the first frame are exact: there the
-        feature to be followed was found.
+        Standard deviation in pixels of x and of y in the second frame. Pixels of the first frame are exact: they define
+        the feature that is tracked.
     outlier_share : float
         Share of the matches that are outliers: uniform within `OUTLIER_REACH` of the point, in x and y.
 
@@ -345,7 +346,7 @@ def background_matches(
 
 
 def _zoomed(rng: np.random.Generator, frames: int) -> tuple[Array, Array]:
-    """K and k of a random `ZoomLaw`, with a zoom that an operator moves."""
+    """K and k of a random `ZoomLaw` while an operator zooms."""
     low, high = LOG_FOCAL_RANGE
     span = rng.uniform(*LOG_FOCAL_SPAN)
     start = rng.uniform(low, high - span)
@@ -382,7 +383,7 @@ def _hand(rng: np.random.Generator, frames: int) -> Array:
 
 
 def _leaning(rng: np.random.Generator) -> Array:
-    """Small rotation of a tripod that is not exactly level."""
+    """Small random rotation: a tripod is not exactly level."""
     from scipy.spatial.transform import Rotation
 
     return np.asarray(Rotation.from_rotvec([*rng.normal(0.0, LEAN, size=2), 0.0]).as_matrix())

@@ -16,13 +16,13 @@ from fieldcalib.draw.scene import Colour
 V = TypeVar("V")
 Range = tuple[float, float]
 Hsv = tuple[Range, Range, Range]  # hue in degrees, saturation, value
-GREY = np.full(3, 1.0 / 3.0, np.float32)  # a colour times this is how light it is
+GREY = np.full(3, 1.0 / 3.0, np.float32)  # weights of the channels in brightness
 NOISE_SIZE = 512  # px: side of the noise tile
 OCTAVES = 7  # its coarsest spots are 64 px wide
 
 
 def one_of(choices: Sequence[V], rng: np.random.Generator) -> V:
-    """Any of them, with equal probability."""
+    """One of the choices, with equal probability."""
     return choices[int(rng.integers(len(choices)))]
 
 
@@ -36,7 +36,7 @@ def random_colour(
 
 
 def vivid_colour(rng: np.random.Generator) -> Colour:
-    """Colours of kits, boards and seats: white, black or a bright colour."""
+    """A colour of kits, boards and seats: white, black or bright."""
     kind = rng.random()
     if kind < 0.22:
         return random_colour(rng, saturation=(0.0, 0.08), value=(0.85, 1.0))
@@ -60,20 +60,20 @@ def noise_tile() -> Float32:
 
 
 def noise_at(x: Float32, y: Float32, scale: float, rng: np.random.Generator) -> Float32:
-    """The noise tile, shifted at random, at coordinates in metres of which `scale` make one of its pixels."""
+    """The noise tile, shifted at random, at coordinates in metres; one of its pixels is `scale` metres wide."""
     dx, dy = rng.uniform(0.0, NOISE_SIZE), rng.uniform(0.0, NOISE_SIZE)
     return wrapped(noise_tile(), x / scale + dx, y / scale + dy)
 
 
 def wrapped(texture: Float32, u: Float32, v: Float32) -> Float32:
-    """A texture that repeats in both directions at pixels (u, v); anything where they are not finite."""
+    """A texture that repeats in both directions, at pixels (u, v); arbitrary values where they are not finite."""
     rows, columns = texture.shape[:2]
     u, v = _remainder(u, columns), _remainder(v, rows)
     return np.asarray(cv2.remap(texture, u, v, cv2.INTER_LINEAR, borderMode=cv2.BORDER_WRAP))
 
 
 def _remainder(values: Float32, period: int) -> Float32:
-    """Like ``np.mod``, which takes three times as long; 0 for what is not finite."""
+    """``np.mod`` in a third of its time; 0 where values are not finite."""
     turns = values / period
     with np.errstate(invalid="ignore"):
         turns -= np.floor(turns)

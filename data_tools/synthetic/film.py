@@ -1,6 +1,6 @@
 """Pictures of a synthetic clip: one stadium, fixed in the world, with players who run and boards that change.
 
-What a seed draws of the scene is drawn again for every picture, so that ground, stands and goals stay where they are.
+Every picture draws the scene anew from the same seed, so that ground, stands and goals stay where they are.
 """
 
 from __future__ import annotations
@@ -32,24 +32,24 @@ from fieldcalib.io.soccernet import camera_from_record, camera_to_record
 from fieldcalib.io.videos import VideoWriter
 
 CLIP_SIZE = (960, 540)
-LEAST_PATH = 150  # frames: shorter clips are a part of a path, which goes through all its ranges
+LEAST_PATH = 150  # frames: shorter clips are parts of a path of this length, which covers all its ranges
 BESIDE = 1.2  # m: the close-up camera stands beside the main one
 
-SHUTTER = 0.5  # of the time between two frames, the usual 180 degrees
-BLUR_STEP = 1.0  # px between instants of an exposure at most
-MOST_BLUR = 0.1  # of the image's width: for faster pans the shutter is open for less time
+SHUTTER = 0.5  # exposure as a share of the time between two frames: the usual 180 degrees
+BLUR_STEP = 1.0  # px: largest motion between two instants of an exposure
+MOST_BLUR = 0.1  # of the image's width: faster pans have shorter exposures
 CELL = 8  # px: side of the cells in which a warp is linear
 OPTICS, GRAIN = 0.5, 2.0  # standard deviations: blur in pixels, noise in grey values
-BOARD_PERIOD, BOARD_SPEED = 6.0, 1.5  # s for which boards show the same, and m/s at which every other content scrolls
+BOARD_PERIOD, BOARD_SPEED = 6.0, 1.5  # s for which boards show one content; m/s at which every second one scrolls
 
 PLAYERS = 22
-SPREAD = (14.0, 10.0)  # m around the play, along the length and the width: standard deviations
-FOLLOWING, LOOKING = 0.8, 2.0  # how much of the camera's way the players go, averaged over so many seconds
-WANDER, WANDER_TIME = 3.0, 1.2  # m to and fro, in seconds: running at a few metres per second
-SPRINT, CADENCE = 7.0, 1.4  # m/s at full stride, and pairs of steps per second
+SPREAD = (14.0, 10.0)  # m: standard deviations around the play, along the length and the width
+FOLLOWING, LOOKING = 0.8, 2.0  # share of the camera's motion that players follow; s of averaging
+WANDER, WANDER_TIME = 3.0, 1.2  # m and s of random running, at a few metres per second
+SPRINT, CADENCE = 7.0, 1.4  # m/s at full stride; pairs of steps per second
 STRIDE, SWING = 0.28, 0.25  # of the height, at full stride, see `Person`
 
-# What a seed draws independently of the rest
+# Parts of a scene that are drawn independently of each other
 CAMERAS, LIGHT, GROUND, STANDS, GOALS, PEOPLE, GRAPHICS, BOARDS, NOISE, PAINTED = range(10)
 
 
@@ -72,13 +72,13 @@ class Scene:
     rate: float
     """Frames a second."""
     positions: Array
-    """(frames, people, 2): metres on the ground."""
+    """Metres on the ground, (frames, people, 2)."""
     people: Sequence[tuple[Person, Kit, float]]
-    """Each player with kit and phase of the steps in radians."""
+    """Players, with their kits and the phases of their steps in radians."""
 
     @classmethod
     def random(cls, field: Field, seed: int, cameras: Sequence[Camera]) -> Scene:
-        """Make a scene whose players follow the play, which the cameras of all frames aim at."""
+        """Make a scene whose players follow the play, at which the cameras of all frames aim."""
         rng = np.random.default_rng((seed, PEOPLE))
         kits = [random_kit(rng) for _ in TEAM_SHARES]
         people = [
@@ -130,7 +130,7 @@ def clip_frames(
     *,
     flies: bool = False,
 ) -> list[TrueFrame]:
-    """The cameras of a clip with so many cuts between the main camera and one beside it; both go on all the time.
+    """The cameras of a clip with `cuts` between the main camera and one beside it; both keep moving all the time.
 
     The main camera may fly along the side line (`data_tools.synthetic.clips.flight`).
 
@@ -166,15 +166,15 @@ def film(scene: Scene, frames: Sequence[TrueFrame]) -> Iterator[Image]:
 
 
 def exposed(scene: Scene, index: int, before: Camera | None, camera: Camera, after: Camera | None) -> Float32:
-    """The average of the instants while the shutter is open, around the moment of the frame itself.
+    """The average over the exposure, whose middle is the time of the frame.
 
-    The camera moves evenly, at the mean speed between the neighbouring frames, so that the frame's own camera is the
-    mean of what the picture shows; where a shot begins or ends, as it does on the other side. A turning camera shows a
-    picture that is warped whatever its depth, so that one picture, with a rim, makes all instants. That players run
-    while the shutter is open is left out: it blurs them by less than 0.1 m.
+    The camera moves at a constant speed, the mean of that from the frame before and to the frame after (of the only one
+    where a shot begins or ends), so that the frame's own camera is the mean of the exposure. The image of a turning
+    camera is warped independently of depth, so that one picture, with a rim, gives all instants. The motion of players
+    during the exposure is left out: it blurs them by less than 0.1 m.
     """
     before, after = before or between(camera, after or camera, -1.0), after or between(camera, before or camera, -1.0)
-    ahead = between(after, between(camera, before, -1.0), 0.5)  # a frame later at that speed
+    ahead = between(after, between(camera, before, -1.0), 0.5)  # one frame later at the mean speed
     speed = _moved(camera, ahead)  # px per frame
     shutter = min(SHUTTER, MOST_BLUR * camera.image_size[0] / max(speed, 1.0))
     blur = shutter * speed
@@ -193,9 +193,9 @@ def exposed(scene: Scene, index: int, before: Camera | None, camera: Camera, aft
 
 
 def _seen(camera: Camera, other: Camera) -> tuple[Float32, Float32]:
-    """Pixels x and y of the other camera that show, far away, what every pixel of this one does; (height, width).
+    """Pixels x and y of `other` that show the same infinitely far points as the pixels of `camera`, (height, width).
 
-    Between the corners of cells they are linear: the lens bends a cell by less than a hundredth of a pixel.
+    Within cells they are interpolated linearly: the lens bends a cell by less than a hundredth of a pixel.
     """
     width, height = camera.image_size
     x, y = (np.arange(0, size + CELL, CELL) for size in (width, height))
@@ -232,7 +232,7 @@ def read_cameras(path: Path) -> list[TrueFrame]:
 
 
 def _moved(a: Camera, b: Camera) -> float:
-    """Largest motion of the far image from one camera to another, pixels."""
+    """Largest motion, from one camera to another, of the image of infinitely far points, pixels."""
     width, height = a.image_size
     xy = np.array([[0.0, 0.0], [width, 0.0], [width, height], [0.0, height], [width / 2.0, height / 2.0]])
     return float(np.nanmax(np.linalg.norm(seen_far_away(a, b, xy) - xy, axis=1)))

@@ -1,4 +1,4 @@
-"""Grounds of other sports: floors of halls, ice, hard courts, clay and turf, with what is painted on them."""
+"""Grounds of other sports: floors of halls, ice, hard courts, clay and turf, with their paint."""
 
 from __future__ import annotations
 
@@ -44,7 +44,7 @@ WEAR: dict[Surface, float] = {
     "blue turf": 0.06,
 }
 AROUND: Hsv = (0.0, 360.0), (0.0, 0.3), (0.1, 0.45)  # ground around the court
-APRON_SHARE = 0.6  # of the courts lie in ground of another colour
+APRON_SHARE = 0.6  # share of courts that lie in ground of another colour
 RUN_OFF = (1.5, 5.0)  # m of ground around a court
 PLANK = 0.07  # m
 OVERLAYS = ("badminton", "volleyball", "handball", "basketball-fiba", "futsal")
@@ -52,7 +52,7 @@ OVERLAY_COLOURS: tuple[Hsv, ...] = (((0.0, 360.0), (0.5, 0.9), (0.3, 0.9)), DARK
 
 
 def random_floor(ground: Ground, field: Field, look: Look, rng: np.random.Generator) -> Float32:
-    """The ground of a field with this look, its markings, and what lies around, in plain light; (3, height, width)."""
+    """The ground of a field with this look, its markings and its surroundings, in even light; (3, height, width)."""
     surface = one_of(look.surfaces, rng)
     if surface == "grass":
         picture = grass(ground, field, rng)
@@ -69,7 +69,7 @@ def random_floor(ground: Ground, field: Field, look: Look, rng: np.random.Genera
     if rng.random() < look.overlaid:
         _overlay(picture, ground, rng)
     paint_lines(picture, ground, field, look, rng)
-    if look.around.boards is None:  # walls are the border: lines end there
+    if look.around.boards is None:  # lines end at walls that are the field's border
         beyond = 1.0 - inside_walls(field).share(ground)
         mix(picture, random_colour(rng, *AROUND), beyond)
     return picture
@@ -98,7 +98,7 @@ def _planks(ground: Ground, rng: np.random.Generator) -> Float32:
     along, across = ground.xy if rng.random() < 0.7 else ground.xy[::-1]
     fine = 1.0 / (1.0 + ground.largest_pixel_size / (2.0 * PLANK))
     plank = np.floor(across / PLANK)
-    shift = 7.3 * np.mod(plank * 0.618, 1.0)  # planks begin anywhere
+    shift = 7.3 * np.mod(plank * 0.618, 1.0)  # ends of planks are staggered
     piece = np.floor((along + shift) / rng.uniform(0.8, 2.5))
     return np.asarray(np.nan_to_num(rng.uniform(0.02, 0.09) * fine * noise_at(31.7 * piece, 17.3 * plank, 1.0, rng)))
 
@@ -106,7 +106,7 @@ def _planks(ground: Ground, rng: np.random.Generator) -> Float32:
 def _apron(
     picture: Float32, ground: Ground, field: Field, look: Look, surface: Surface, rng: np.random.Generator
 ) -> None:
-    """The ground beyond the lines in another colour, and what lies beyond that."""
+    """Add the ground beyond the lines in another colour, and the surroundings beyond it."""
     half = 0.5 * field.length, 0.5 * field.width
     run_off = rng.uniform(*RUN_OFF, size=2) + look.around.past
     court = Area((0.0, 0.0), half).share(ground)
@@ -126,7 +126,7 @@ def inside_walls(field: Field) -> Area:
 
 
 def _logos(picture: Float32, ground: Ground, field: Field, rng: np.random.Generator) -> None:
-    """Advertisements on floor and ice: boxes and discs with letters that nobody can read."""
+    """Add advertisements on floor and ice: boxes and discs with illegible letters."""
     x, y = ground.xy
     places = [np.zeros(2)] if rng.random() < 0.5 else []
     half = 0.5 * np.array([field.length, field.width])
@@ -140,7 +140,7 @@ def _logos(picture: Float32, ground: Ground, field: Field, rng: np.random.Genera
 
 
 def _overlay(picture: Float32, ground: Ground, rng: np.random.Generator) -> None:
-    """The lines of another court in the same hall, in another colour."""
+    """Add the lines of another court in the same hall, in another colour."""
     other = field_named(one_of(OVERLAYS, rng))
     colour = random_colour(rng, *one_of(OVERLAY_COLOURS, rng))
     for cover in coverage(ground, other, Look(("floor",))).values():

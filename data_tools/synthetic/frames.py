@@ -1,4 +1,4 @@
-"""Labelled frames, endless: one for each seed."""
+"""Labelled synthetic frames, one for each seed."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from fieldcalib.geometry.camera import Camera
 from fieldcalib.io.image import Image
 
 SIZE = (512, 288)
-EMPTY_SHARE = 0.05  # of the frames show no field
+EMPTY_SHARE = 0.05  # share of frames without a field
 
 
 @dataclass(frozen=True)
@@ -31,9 +31,9 @@ class SyntheticFrame:
     mask: Mask
     """(height, width): 0 for the background, 1 + index in the game's classes (soccer's: `CLASSES`) for markings.
 
-    Markings behind people and nets are marked, as if these were glass: they hide a few pixels of a curve that goes on
-    on both sides, and a network that is to bridge such gaps must be told so. What graphics, boards or spectators in the
-    foreground hide is background: there is nothing to see, often up to the image's border.
+    Markings behind people and nets are marked: these hide few pixels of a curve that goes on on both sides, and the
+    network is to learn to bridge such gaps. Markings behind graphics, boards or spectators in the foreground are
+    background: nothing of them can be seen, often up to the image's border.
     """
     camera: Camera | None
     """Camera of the frame; None where there is no field."""
@@ -52,9 +52,9 @@ def frame(seed: int, size: tuple[int, int] = SIZE, name: str = SOCCER) -> Synthe
     ----------
     seed : int
     size : (int, int)
-        Width and height in pixels. Noise, blur and what is written on the picture are made for sizes near the default.
+        Width and height in pixels. Noise, blur and captions are made for sizes near the default.
     name : str
-        Of the field: one of `fieldcalib.fields.catalogue.FIELDS`, or a file with one (`fieldcalib.io.field_files`).
+        Name of the field in `fieldcalib.fields.catalogue.FIELDS`, or a file with one (`fieldcalib.io.field_files`).
 
     Examples
     --------
@@ -82,7 +82,7 @@ def seen_by(camera: Camera, field: Field, rng: np.random.Generator, game: Game) 
 def filmed(
     camera: Camera, ray: Float32, ground: Ground, field: Field, rng: np.random.Generator, game: Game
 ) -> tuple[Image, BoolArray]:
-    """A random game on the ground that the rays of a camera meet, and which pixels hide the field."""
+    """A random game on the ground points of a camera's rays, and the mask of the pixels that hide the field."""
     light = game.light(ground, field, rng)
     picture = game.ground(ground, field, rng) * light
     hidden = game.surround(picture, camera, ray, ground, field, rng)

@@ -20,18 +20,18 @@ from fieldcalib.fields.segments import Arc, Line, Segment
 from fieldcalib.geometry.camera import Camera
 from fieldcalib.io.image import Image
 
-PIECE, STRIPE = 1.5, 0.2  # m: bars are drawn piece by piece, each as thick as it is seen
-BAR = 0.06  # m: thickness of bars of which nothing is known
+PIECE, STRIPE = 1.5, 0.2  # m: lengths of the pieces that bars are drawn in, each with its own thickness; of stripes
+BAR = 0.06  # m: thickness of bars by default
 WHITE_STRIPE: Colour = (245, 245, 245)
-RIM_NET = 0.45  # m: how long the net of a basket is
-ARM, PAD = 2.2, 0.35  # m from a backboard to its stanchion behind the court, and how thick that is
+RIM_NET = 0.45  # m: length of the net of a basket
+ARM, PAD = 2.2, 0.35  # m: distance of a backboard from its stanchion behind the court, and thickness of that
 MULLIONS = 2.0  # m between the posts of walls of glass
-POST_AWAY = 0.75  # m from the side line: posts of nets that have none in the field
-FARTHEST = 1e4  # px: what reaches farther out of the image cannot be drawn
+POST_AWAY = 0.75  # m from the side line: posts of nets whose field has none
+FARTHEST = 1e4  # px: shapes that reach farther outside the image are not drawn
 
 
 def furniture(image: Image, camera: Camera, field: Field, look: Look, rng: np.random.Generator) -> list[Drawable]:
-    """All that has a label and stands above the ground, and what belongs to it, to be drawn onto an image."""
+    """All labelled objects above the ground and their supports, to be drawn onto an image."""
     raised = {label: s for label, s in field.markings.items() if np.any(s.sample()[:, 2])}
     goal_net, depth = random_goals(rng)
     mesh = random_colour(rng, *(DARK if rng.random() < 0.7 else WHITE)), rng.uniform(0.15, 0.5)
@@ -53,7 +53,7 @@ def furniture(image: Image, camera: Camera, field: Field, look: Look, rng: np.ra
 
 
 def _add_bar(image: Image, camera: Camera, segment: Segment, width: float, colours: tuple[Colour, Colour]) -> None:
-    """A line or arc above the ground, in pieces of two colours in turns."""
+    """Draw a line or arc above the ground, in pieces of two alternating colours."""
     curved = isinstance(segment, Arc)
     X = segment.sample(0.1 if curved else STRIPE if colours[0] != colours[1] else PIECE)
     if curved:
@@ -64,7 +64,7 @@ def _add_bar(image: Image, camera: Camera, segment: Segment, width: float, colou
 
 
 def _panel(image: Image, camera: Camera, corners: Array, colour: Colour, opacity: float) -> None:
-    """A polygon (N, 3) that the picture shines through."""
+    """Draw a translucent polygon (N, 3)."""
     edges = np.concatenate([np.linspace(a, b, 9)[:-1] for a, b in zip(corners, np.roll(corners, -1, 0), strict=True)])
     xy = camera.project(edges)
     if not (np.all(camera.depth(edges) > NEAR_PLANE) and np.all(np.abs(xy) < FARTHEST)):
@@ -87,7 +87,7 @@ def _crossbars(raised: Mapping[str, Segment]) -> list[Line]:
 def _goal(
     image: Image, camera: Camera, bar: Line, look: Look, net: tuple[Colour, float], depth: tuple[float, float]
 ) -> Drawable:
-    """The net of a goal; its posts and its crossbar have labels and are drawn by themselves."""
+    """The net of a goal; its posts and its crossbar have labels and are drawn as bars."""
     end, height = np.array(bar.end), -bar.end[2]
     frame = GoalFrame(2.0 * abs(end[1]), height, 0.5 * look.width("Goal left", BAR))
     shallow = (0.5 * depth[0], 0.4 * depth[1])
@@ -129,7 +129,7 @@ def _baskets(
     steel: Colour,
     rng: np.random.Generator,
 ) -> Iterator[Drawable]:
-    """The glass or wood of backboards, the nets of the rims, and what holds them."""
+    """The glass or wood of backboards, the nets of the rims, and their supports."""
     glass = random_colour(rng, saturation=(0.0, 0.1), value=(0.7, 1.0)), float(rng.choice((0.25, 0.95)))
     pad = random_colour(rng, saturation=(0.3, 0.9), value=(0.2, 0.7))
     for label, upper in raised.items():

@@ -1,4 +1,4 @@
-"""Games by the name of their field: the parts of which their frames are made."""
+"""Games by the name of their field: the functions that draw the parts of their frames."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ from fieldcalib.fields.stands import CameraDistribution, stands_around
 from fieldcalib.geometry.camera import Camera
 from fieldcalib.io.image import Image
 
-NOMINAL_SHARE = 0.5  # of the fields whose size varies have the nominal one
+NOMINAL_SHARE = 0.5  # share of nominal sizes among fields whose size varies
 NEAR_PLAY = 0.3  # standard deviation around the play, in shares of the field's size
 AROUND_PLAY = 0.25  # share of the people who stand around the field
 AWAY = (0.5, 2.0)  # m: distance from the field
@@ -40,7 +40,7 @@ class Game:
     """Parts of a frame, in the order in which they are drawn."""
 
     field: Field
-    """The nominal one."""
+    """The field in its nominal size."""
     classes: tuple[str, ...]
     """Classes of its masks, see `data_tools.synthetic.masks.classes_of`."""
     random_field: Callable[[np.random.Generator], Field]
@@ -49,7 +49,7 @@ class Game:
     light: Callable[[Ground, Field, np.random.Generator], Float32]
     ground: Callable[[Ground, Field, np.random.Generator], Float32]
     surround: Surrounds
-    """Puts stands and boards around the field; what they hide."""
+    """Adds stands and boards around the field; returns the mask of the pixels in which they hide it."""
     add_objects: Callable[[Image, Float32, Camera, Field, np.random.Generator], None]
 
     def mirrored_values(self, *, behind_goal: bool) -> Mask | None:
@@ -64,7 +64,7 @@ def game_named(name: str) -> Game:
     Raises
     ------
     ValueError
-        If the file is none, or the field has no markings to be told apart.
+        If the file has no field, or the field has no markings that can be told apart.
 
     Examples
     --------
@@ -92,7 +92,7 @@ def game_named(name: str) -> Game:
 
 
 def _sized(field: Field, rng: np.random.Generator) -> Field:
-    """The field, in a size that is usual where sizes vary."""
+    """The field, in a usual size if its size varies."""
     if field.size_model is None or rng.random() < NOMINAL_SHARE:
         return field
     length, width = (float(rng.uniform(*usual)) for usual in field.size_model.usual)
@@ -100,7 +100,11 @@ def _sized(field: Field, rng: np.random.Generator) -> Field:
 
 
 def _stands(field: Field, behind: float) -> Mapping[CameraDistribution, float]:
-    """The field's own, a share of them behind its ends; around it where it has none, or all are of one kind."""
+    """Stands of the field with their proportions, a share `behind` its ends; around it where it has no stands of its
+    own.
+
+    All have the same proportion if none or all of them are behind the ends.
+    """
     stands = field.stands or stands_around(field.scale)
     is_behind = [abs(sum(stand.x)) > field.length for stand in stands]
     count = sum(is_behind)
@@ -134,7 +138,7 @@ def _add_objects(
 
 
 def _lamps(rng: np.random.Generator) -> list[Sun]:
-    """Shadows in a hall are short and weak."""
+    """Lamps in a hall: their shadows are short and weak."""
     if rng.random() < 0.5:
         return []
     return [(rng.normal(0.0, 0.3, size=2), rng.uniform(0.05, 0.2)) for _ in range(2)]

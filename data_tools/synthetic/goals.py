@@ -1,4 +1,4 @@
-"""Goals on a synthetic field: white posts and a crossbar before a net."""
+"""Goals on a synthetic field: white posts and a crossbar in front of a net."""
 
 from __future__ import annotations
 
@@ -15,13 +15,13 @@ from fieldcalib.fields.sports.soccer import GOAL_HEIGHT, GOAL_WIDTH
 from fieldcalib.geometry.camera import Camera
 from fieldcalib.io.image import Image
 
-FINER = 4  # px across which a pixel's share of a thin bar is counted
-FARTHEST = 1e4  # px: what reaches farther out of the image is too close to the camera to be drawn
+FINER = 4  # samples across a pixel for the share of it that a thin bar covers
+FARTHEST = 1e4  # px: shapes that reach farther outside the image are too close to the camera to be drawn
 
 
 @dataclass(frozen=True)
 class GoalFrame:
-    """Posts and crossbar: size of the goal, thickness and colour; those of law 1 of soccer."""
+    """Posts and crossbar: size of the goal, thickness and colour; by default those of soccer (law 1)."""
 
     width: float = GOAL_WIDTH
     height: float = GOAL_HEIGHT
@@ -37,7 +37,7 @@ def add_goal(
     depth: tuple[float, float],
     goal: GoalFrame = GoalFrame(),
 ) -> None:
-    """Posts and a crossbar before a net: (colour, opacity) and (depth below, depth above)."""
+    """Draw posts and a crossbar before a net of (colour, opacity) and (depth below, depth above)."""
     back = np.sign(middle[0]) * np.array([1.0, 0.0, 0.0])
     up, side = np.array([0.0, 0.0, -goal.height]), np.array([0.0, goal.width / 2.0, 0.0])
     frame = middle + np.array([-side, -side + up, side + up, side])
@@ -65,7 +65,7 @@ def mix_bars(
     colour: Colour,
     opacity: float,
 ) -> None:
-    """Bars of `width` metres through points of the world; each pixel by the share of it that they cover."""
+    """Draw bars of `width` metres through points of the world; each pixel is mixed by the share that they cover."""
     drawn = []
     for curve in curves:
         ends = np.asarray(curve)
@@ -87,7 +87,7 @@ def mix_bars(
     points = [fixed_point((xy - low + 0.5) * FINER - 0.5) for xy in drawn]
     strokes = max(1, round(thickness * FINER))
     cv2.polylines(mask, points, False, 255, strokes, cv2.LINE_8, SHIFT)
-    # bars thinner than a stroke of one fine pixel cover less
+    # a bar that is thinner than one sample covers less of it
     share = min(1.0, thickness * FINER / strokes) * opacity / 255.0
     covered = share * cv2.resize(mask, (x1 - x0, y1 - y0), interpolation=cv2.INTER_AREA).astype(np.float32)[..., None]
     patch = image[y0:y1, x0:x1]

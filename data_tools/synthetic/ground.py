@@ -1,4 +1,4 @@
-"""The ground of a synthetic frame: mown and worn grass, what is painted on it, what lies around, light and shadow.
+"""The ground of a synthetic frame: mown and worn grass, its paint, its surroundings, light and shadow.
 
 Pictures are (3, height, width) planes, blue, green, red, as in `fieldcalib.draw.scene`.
 """
@@ -26,7 +26,7 @@ FADES = 0.35  # m of ground per pixel from which fine texture averages out
 
 
 def random_ground(ground: Ground, field: Field, rng: np.random.Generator) -> Float32:
-    """Grass with its markings, and what lies around, in plain light; (3, height, width)."""
+    """Grass with its markings and its surroundings, in even light; (3, height, width)."""
     picture = grass(ground, field, rng)
     surround(picture, ground, field, rng)
     (x, y), opacity = ground.xy, np.full_like(ground.xy[0], rng.uniform(0.55, 1.0))
@@ -44,13 +44,13 @@ def random_ground(ground: Ground, field: Field, rng: np.random.Generator) -> Flo
 
 
 def reaches(segment: Segment, low: Float32, high: Float32) -> bool:
-    """Whether a segment may lie in a rectangle of the ground; painting those that do not takes long."""
+    """Whether a segment may lie in a rectangle of the ground; others are skipped to save time."""
     X = segment.sample(spacing=1.0)[:, :2]
     return bool(np.all(X.max(axis=0) >= low) and np.all(X.min(axis=0) <= high))
 
 
 def random_light(ground: Ground, field: Field, rng: np.random.Generator) -> Float32:
-    """Variation of the light on the ground against even daylight: factors (3, height, width)."""
+    """Factors of the light on the ground relative to even daylight, (3, height, width)."""
     x, y = ground.xy
     light = np.ones_like(x)
     if rng.random() < 0.45:  # the shadow of a stand, of its roof, or the sun between two
@@ -69,7 +69,7 @@ def random_light(ground: Ground, field: Field, rng: np.random.Generator) -> Floa
     else:  # clouds or floodlights
         light += rng.uniform(0.0, 0.12) * noise_at(x, y, rng.uniform(0.6, 3.0), rng)
     shade = 1.0 - light
-    blue = rng.uniform(0.0, 0.3)  # skies light what the sun does not
+    blue = rng.uniform(0.0, 0.3)  # shadows are lit by the blue sky
     return np.stack([light * (1.0 + tint * shade) for tint in (blue, 0.2 * blue, -0.2 * blue)])
 
 
@@ -114,7 +114,7 @@ def _mowing(ground: Ground, field: Field, rng: np.random.Generator) -> Float32:
 
 
 def _square_wave(t: Float32, half_period: float, pixel_size: Float32 | float) -> Float32:
-    """+1 and -1 in turns over `half_period`, changing within a pixel at t = 0."""
+    """A wave of +1 and -1 that alternates every `half_period`, from t = 0 on; edges are smoothed over a pixel."""
     phase = t / (2.0 * half_period)
     phase -= np.floor(phase)
     wave = half_period - np.abs(4.0 * half_period * phase - 2.0 * half_period)
@@ -133,7 +133,7 @@ def _wear(ground: Ground, field: Field, rng: np.random.Generator) -> Float32:
 
 
 def surround(picture: Float32, ground: Ground, field: Field, rng: np.random.Generator) -> None:
-    """The ground beyond the run-off: a running track with its lanes, turf, tarmac or concrete."""
+    """Add the ground beyond the run-off: a running track with its lanes, turf, tarmac or concrete."""
     x, y = np.abs(ground.xy)
     margin_x, margin_y = rng.uniform(*RUN_OFF, size=2).astype(np.float32)
     outside = np.maximum(
@@ -160,7 +160,7 @@ def surround(picture: Float32, ground: Ground, field: Field, rng: np.random.Gene
 
 
 def _unlabelled(field: Field, rng: np.random.Generator) -> dict[str, Segment]:
-    """Markings without a label: corner arcs, and what may be painted around a field."""
+    """Markings without a label: corner arcs, and marks that may be painted around a field."""
     half_x, half_y = field.length / 2.0, field.width / 2.0
     segments: dict[str, Segment] = {}
     corners = [(-half_x, -half_y), (half_x, -half_y), (half_x, half_y), (-half_x, half_y)]

@@ -1,7 +1,7 @@
 """Appearance of fields beyond `Field.paint`: grounds, painted areas, bars, surroundings.
 
-What rule books leave open (floors, turf, the colour of the areas) is drawn from what is usual. Tables go by the
-beginnings of labels, the first that fits.
+Attributes that rule books leave open (floors, turf, the colour of the areas) are drawn from usual ones. Tables are
+looked up by the beginnings of labels; the first entry that fits counts.
 """
 
 from __future__ import annotations
@@ -38,7 +38,7 @@ STEEL: Hsv = (180.0, 240.0), (0.0, 0.15), (0.25, 0.65)
 ANY: Hsv = (0.0, 360.0), (0.3, 0.9), (0.2, 0.65)
 
 LIGHT_LINES = (WHITE, WHITE, WHITE, WHITE, YELLOW)
-SMALL = 50.0  # m: around shorter fields of one's own there is less room
+SMALL = 50.0  # m: shorter fields that are not in the catalogue have less room around them
 INDOORS = ("wood", "floor", "ice")
 MEDIUM = Around((1.5, 5.0), (0.3, 4.0), (0.0, 3.0))  # around courts in halls
 
@@ -59,7 +59,7 @@ class Look:
     striped: tuple[str, ...] = ()
     """Beginnings of labels of bars with white stripes."""
     edges: str | None = None
-    """Ending of labels that are the edges of a wide line: no classes beside that line."""
+    """Ending of the labels of edges of wide lines: an edge is no class of its own beside its line."""
     marks: Callable[[Field], marks.Marks] = marks.no_marks
     """Makes painted markings without a label."""
     fills: Callable[[Field], Sequence[Fill]] = lambda field: ()
@@ -74,7 +74,7 @@ class Look:
     boards: float = 0.0
     """Height of boards that are the border of a rink, metres."""
     overlaid: float = 0.0
-    """Share of the floors with the lines of another court, too."""
+    """Share of the floors that have the lines of another court too."""
 
     def width(self, label: str, default: float) -> float:
         """Width of a bar, metres."""
@@ -94,7 +94,7 @@ def _first(table: ByLabel[V], label: str, default: V) -> V:
 
 
 def look_of(name: str, field: Field) -> Look:
-    """The appearance of a field of the catalogue, by its name, or of any other, by its own ground."""
+    """The appearance of a field of the catalogue, by its name, or of any other field, by its surface."""
     if name in LOOKS:
         return LOOKS[name]
     ground = next(one for one in get_args(Surface) if one == field.surface)

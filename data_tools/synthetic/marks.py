@@ -16,10 +16,11 @@ from fieldcalib.fields.traits import Paint
 Marks = Mapping[str, tuple[Segment, Paint]]
 SIGNS = (-1.0, 1.0)
 
-# American football: what the rule books' figures show
-DIGIT_WIDTH, DIGIT_GAP = 4.0 * FEET, 1.0 * FEET  # and from the yard line
+# American football: from the figures of the rule books
+DIGIT_WIDTH, DIGIT_GAP = 4.0 * FEET, 1.0 * FEET  # the gap is from the yard line
 STROKE = 0.25  # m
-DIGITS = {"0": "abcdef", "1": "bc", "2": "abged", "3": "abgcd", "4": "fgbc", "5": "afgcd"}  # seven strokes
+# Segments of a seven-segment display
+DIGITS = {"0": "abcdef", "1": "bc", "2": "abged", "3": "abgcd", "4": "fgbc", "5": "afgcd"}
 Share = tuple[float, float]
 STROKES: Mapping[str, tuple[Share, Share]] = {  # from the lower left corner, in shares of (width, height)
     "a": ((0.0, 1.0), (1.0, 1.0)),
@@ -31,7 +32,7 @@ STROKES: Mapping[str, tuple[Share, Share]] = {  # from the lower left corner, in
     "g": ((0.0, 0.5), (1.0, 0.5)),
 }
 
-# Basketball: (from the end line, length) of each, and how far they stand out of the lane
+# Basketball: (distance from the end line, length along it) of each mark, and how far they stand out of the lane
 FIBA_LANE = ((1.75, 0.40), (3.00, 0.05), (3.90, 0.05)), 0.10
 NBA_LANE = ((7.0 * FEET, 1.0 * FEET), (11.0 * FEET, FEET / 6.0), (14.0 * FEET, FEET / 6.0)), 0.5 * FEET
 NBA_DASHES = 6
@@ -43,7 +44,7 @@ def no_marks(field: Field) -> Marks:
 
 
 def american_football(field: Field) -> Marks:
-    """The numbers 10 to 50 and back, twice: to be read from either side line.
+    """The numbers 10 to 50 and back, once for each side line.
 
     Examples
     --------
@@ -76,7 +77,7 @@ def basketball_fiba(field: Field) -> Marks:
 
 
 def basketball_nba(field: Field) -> Marks:
-    """The marks along the lane, and the half of the free-throw circle in it, which is dashed."""
+    """The marks along the lane, and the dashed half of the free-throw circle inside it."""
     found = dict(_lane_marks(field, *NBA_LANE))
     for side in ("left", "right"):
         circle = field[f"Free-throw circle {side}"]

@@ -1,4 +1,4 @@
-"""Segmentation masks of the markings: which class every pixel has."""
+"""Segmentation masks of the markings: the class of every pixel."""
 
 from __future__ import annotations
 
@@ -14,18 +14,18 @@ from fieldcalib.fields.sports.soccer import soccer
 from fieldcalib.geometry.camera import Camera
 
 MOST_CLASSES = 255  # of a mask, beside the background
-THICKNESS = 3.0 / 512.0  # of the image's width, for all: a network sees far lines that are thinner than a pixel
+THICKNESS = 3.0 / 512.0  # of the image's width, near and far: networks can see lines that are thinner than a pixel
 
 Mask = NDArray[np.uint8]
 
 
 def classes_of(field: Field, left_out: Collection[str] = ()) -> tuple[str, ...]:
-    """Labels of the markings that masks tell apart, sorted; halves of a circle that has a label itself are left out.
+    """Sorted labels of the markings that masks tell apart; halves of a circle that has its own label are left out.
 
     Raises
     ------
     ValueError
-        If the field has none, or more than a mask can hold.
+        If the field has no such markings, or more than a mask can hold.
     """
     classes = tuple(sorted(set(field.markings) - field.half_labels - set(left_out)))
     if not 0 < len(classes) <= MOST_CLASSES:
@@ -38,7 +38,7 @@ CLASSES = classes_of(soccer())
 
 
 def markings_mask(camera: Camera, field: Field, classes: Sequence[str] = CLASSES) -> Mask:
-    """Every marking in view, (height, width), as a curve of constant thickness; of two that cross, either.
+    """Mask (height, width) of every marking in view as a curve of constant thickness; where two cross, either counts.
 
     Examples
     --------
@@ -52,23 +52,23 @@ def markings_mask(camera: Camera, field: Field, classes: Sequence[str] = CLASSES
     for value, label in enumerate(classes, start=1):
         curves = [fixed_point(curve) for curve in image_curves(camera, field[label])]
         cv2.polylines(mask, curves, False, value, 1, cv2.LINE_8, SHIFT)
-    side = max(1, round(THICKNESS * width))  # OpenCV's own thick lines are wider than they are said to be
+    side = max(1, round(THICKNESS * width))  # OpenCV draws thick lines wider than asked for
     return np.asarray(cv2.dilate(mask, np.ones((side, side), np.uint8)), np.uint8)
 
 
 def mirrored_values(*, behind_goal: bool, field: Field | None = None, classes: Sequence[str] = CLASSES) -> Mask | None:
     """New value of each value of a mask, (classes + 1,), when the image is mirrored left to right.
 
-    A mirrored image is that of the mirrored field, whose left is right. Behind the left goal, though, the camera stays
-    there, see `data_tools.synthetic.cameras`: far and near swap, and the posts of each goal.
+    A mirrored image shows the mirrored field: left and right are swapped. A camera behind the left goal stays behind it
+    (`data_tools.synthetic.cameras`): instead, far and near are swapped, and the posts of each goal.
 
     Parameters
     ----------
     behind_goal : bool
     field : Field, optional
-        By default that of soccer.
+        By default a soccer field.
     classes : sequence of str
-        Of its masks.
+        Classes of its masks.
 
     Returns
     -------

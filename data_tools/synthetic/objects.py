@@ -30,7 +30,7 @@ class Drawable(NamedTuple):
 
 
 def add_objects(image: Image, light: Float32, camera: Camera, field: Field, rng: np.random.Generator) -> None:
-    """Goals and people onto an image, in place; `light` is that of the ground, (3, height, width)."""
+    """Draw goals and people onto an image, in place; `light` is that of the ground, (3, height, width)."""
     goals = soccer_goals(image, camera, field, *random_goals(rng))
     people = players(image, light, camera, rng, lambda rng: random_positions(field, rng))
     add_far_to_near(camera, [*people, *goals])
@@ -58,7 +58,7 @@ def players(
 
 
 def random_goals(rng: np.random.Generator) -> tuple[tuple[Colour, float], tuple[float, float]]:
-    """Colour and opacity of the nets, and how deep they are below and above, metres."""
+    """Colour and opacity of the nets, and their depths on the ground and at the top, metres."""
     net = random_colour(rng, saturation=(0.0, 0.2), value=(rng.choice((0.15, 0.85)), 1.0)), rng.uniform(0.1, 0.6)
     return net, (rng.uniform(1.5, 2.5), rng.uniform(0.0, 1.5))
 

@@ -16,11 +16,11 @@ from fieldcalib.draw.scene import Colour
 from fieldcalib.fields.field import Field
 from fieldcalib.fields.traits import WHITE
 
-HUE, SHADE = 8.0, 0.12  # by how much paint is off its colour: degrees, and saturation and value
+HUE, SHADE = 8.0, 0.12  # largest deviations of paint from its colour: hue in degrees; saturation and value
 
 
 def paint_areas(picture: Float32, ground: Ground, field: Field, look: Look, rng: np.random.Generator) -> None:
-    """Keys, goal areas, creases and the like, in place."""
+    """Paint keys, goal areas, creases and the like, in place."""
     for fill in look.fills(field):
         colour = random_colour(rng, *one_of(fill.colours, rng))
         if rng.random() < fill.share:
@@ -28,13 +28,13 @@ def paint_areas(picture: Float32, ground: Ground, field: Field, look: Look, rng:
 
 
 def paint_lines(picture: Float32, ground: Ground, field: Field, look: Look, rng: np.random.Generator) -> None:
-    """Lines, marks and spots, in place: fresh paint, or worn. What is not white has about the colour of the rules."""
+    """Paint lines, marks and spots, in place, fresh or worn; other colours than white are about those of the rules."""
     opacity = np.full_like(ground.xy[0], rng.uniform(0.75, 1.0))
     if rng.random() < 0.4:
         x, y = ground.xy
         opacity *= np.clip(0.92 + 0.12 * noise_at(x, y, rng.uniform(0.05, 0.5), rng), 0.4, 1.0)
     usual = one_of(look.colours, rng)
-    shades = np.random.default_rng(rng.integers(1 << 32))  # how many there are depends on what is in view
+    shades = np.random.default_rng(rng.integers(1 << 32))  # the number of draws depends on what is in view
     for colour, cover in coverage(ground, field, look).items():
         mix(picture, _shade(colour, usual, shades), opacity * cover)
 
@@ -60,7 +60,7 @@ def coverage(ground: Ground, field: Field, look: Look) -> dict[str, Float32]:
 
 
 def with_marks(field: Field, look: Look) -> Field:
-    """The field with its marks that have no label, and without halves of circles."""
+    """The field with the unlabelled marks of its look, and without halves of circles."""
     marks = look.marks(field)
     lines = {label: segment for label, segment in field.items() if label not in field.half_labels}
     return replace(
@@ -73,7 +73,7 @@ def with_marks(field: Field, look: Look) -> Field:
 
 
 def _shade(colour: str, usual: Hsv, rng: np.random.Generator) -> Colour:
-    """A colour like the one of the rules; white stands for any that lines may have."""
+    """A colour near the one of the rules; for white, one of the `usual` colours of lines."""
     if colour == WHITE:
         return random_colour(rng, *usual)
     blue, green, red = bgr(colour)

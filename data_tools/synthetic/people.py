@@ -21,9 +21,9 @@ HEAD, NECK, HIP = (0.0, 0.0, 0.93), (0.0, 0.0, 0.83), (0.0, 0.0, 0.5)
 KNEE, FOOT, ELBOW, HAND = 0.28, 0.02, 0.62, 0.5
 SKIN: tuple[Colour, ...] = ((150, 180, 225), (110, 145, 200), (60, 85, 130), (40, 55, 85))
 Kit: TypeAlias = tuple[Colour, Colour, Colour]  # shirt, shorts, socks
-Sun: TypeAlias = tuple[Array, float]  # metres of ground (x, y) for a metre of height, and how dark
+Sun: TypeAlias = tuple[Array, float]  # shadow (x, y) in metres per metre of height, and its darkness
 NEAREST = 2.0  # m in front of the camera
-FARTHEST = 1e4  # px: what reaches farther out of the image cannot be drawn
+FARTHEST = 1e4  # px: shapes that reach farther outside the image are not drawn
 
 
 def random_positions(field: Field, rng: np.random.Generator) -> list[Array]:
@@ -46,7 +46,7 @@ def random_kit(rng: np.random.Generator) -> Kit:
 
 
 def random_suns(rng: np.random.Generator) -> list[Sun]:
-    """Directions of shadows: of the sun, of four floodlights, or none."""
+    """Shadows: of the sun, of four floodlights, or none."""
     angle, length = rng.uniform(0.0, 2.0 * np.pi), rng.uniform(0.3, 2.5)
     towards = np.array([np.cos(angle), np.sin(angle)])
     kind = rng.random()
@@ -65,11 +65,11 @@ class Person:
     tall: float
     """Height in metres."""
     stride: float
-    """Distance of the front foot, as a share of the height; the other foot is as far back."""
+    """Distance of the front foot forwards, and of the other foot backwards, as a share of the height."""
     swing: float
     """Swing of the arms, as a share of the height."""
     raised: bool
-    """Whether the arms are raised, in joy or protest."""
+    """Whether the arms are raised."""
     heading: float
     """Direction in radians from x."""
     bright: float
@@ -77,7 +77,7 @@ class Person:
 
     @classmethod
     def random(cls, rng: np.random.Generator) -> Person:
-        """Anybody in any phase of running."""
+        """A random person in a random phase of running."""
         tall = rng.uniform(1.65, 1.95)
         stride, swing = rng.uniform(0.0, 0.28) * rng.choice((-1.0, 1.0)), rng.uniform(0.0, 0.25)
         raised, heading = bool(rng.random() < 0.03), rng.uniform(0.0, 2.0 * np.pi)
@@ -85,7 +85,7 @@ class Person:
 
     @property
     def joints(self) -> Array:
-        """Metres (11, 3) from where the person stands: head, neck, hip; knee, foot, elbow, hand of each side."""
+        """Joints (11, 3), metres from the person's place: head, neck, hip; knee, foot, elbow, hand of each side."""
         up = 0.45 if self.raised else 0.0
         pose = [HEAD, NECK, HIP]
         for side in (-1.0, 1.0):
@@ -104,7 +104,7 @@ class Person:
 def add_person(
     image: Image, light: Float32, camera: Camera, X: Array, person: Person, kit: Kit, suns: Sequence[Sun]
 ) -> None:
-    """A person of thick strokes: two legs, shorts, shirt, arms and a head."""
+    """Draw a person in thick strokes: two legs, shorts, shirt, arms and a head."""
     width, height = camera.image_size
     foot = camera.project(X)
     depth = float(camera.depth(X))
@@ -136,13 +136,13 @@ def add_person(
 
 
 def _stroke(image: Image, start: Array, end: Array, thickness: float, colour: Colour) -> None:
-    """A line with round ends; strokes thinner than a pixel are drawn one pixel wide."""
+    """Draw a line with round ends, at least one pixel wide."""
     a, b = fixed_point(start).tolist(), fixed_point(end).tolist()
     cv2.line(image, a, b, colour, max(1, round(thickness)), cv2.LINE_AA, SHIFT)
 
 
 def _darken(image: Image, joints: Array, thickness: float, dark: float) -> None:
-    """A shadow through the joints of a body."""
+    """Draw a shadow through the joints of a body."""
     low = np.maximum(joints.min(axis=0) - thickness - 1.0, 0.0).astype(int)
     high = np.minimum(joints.max(axis=0) + thickness + 2.0, image.shape[1::-1]).astype(int)
     if np.any(low >= high):

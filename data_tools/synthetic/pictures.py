@@ -1,4 +1,4 @@
-"""Degradation of a synthetic frame on its way to the viewer: graphics, lens, sensor, broadcast chain."""
+"""Degradation of a synthetic frame as by a broadcast: graphics, lens, sensor, compression."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ FONT = cv2.FONT_HERSHEY_DUPLEX
 
 
 def add_graphics(image: Image, rng: np.random.Generator) -> BoolArray:
-    """Score, clock, logos and captions over an image, in place; which pixels they hide."""
+    """Draw score, clock, logos and captions onto an image, in place; returns the mask of the pixels that they hide."""
     height, width = image.shape[:2]
     hidden = np.zeros((height, width), bool)
     if rng.random() < 0.65:  # the score, in a corner above
@@ -46,7 +46,7 @@ def degraded(image: Image, rng: np.random.Generator) -> Image:
     """The image after lens, motion, sharpening, grading, noise and compression; nothing moves by more than a pixel."""
     height, width = image.shape[:2]
     picture = image.astype(np.float32)
-    if rng.random() < 0.3:  # an old or thin signal, scaled up
+    if rng.random() < 0.3:  # an old signal of low resolution, scaled up
         factor = rng.uniform(0.4, 0.85)
         small = cv2.resize(picture, None, fx=factor, fy=factor, interpolation=cv2.INTER_AREA)
         cv2.resize(small, (width, height), dst=picture, interpolation=cv2.INTER_LINEAR)
@@ -67,7 +67,7 @@ def degraded(image: Image, rng: np.random.Generator) -> Image:
 
 
 def random_picture(size: tuple[int, int], rng: np.random.Generator) -> Image:
-    """Something that is no field: plain grass, a crowd, a studio, graphics, with lines that mean nothing."""
+    """A picture without a field: plain grass, a crowd, a studio or graphics, with lines that are no markings."""
     width, height = size
     corners = np.array([[vivid_colour(rng) for _ in range(2)] for _ in range(2)], np.float32)
     if rng.random() < 0.4:
@@ -104,7 +104,7 @@ def random_picture(size: tuple[int, int], rng: np.random.Generator) -> Image:
 def _caption(
     image: Image, hidden: BoolArray, corner: tuple[int, int], wide: float, high: float, rng: np.random.Generator
 ) -> int:
-    """A filled box with words, in shares of the image; x where the next one may begin."""
+    """Draw a filled box with words, in shares of the image; returns the x at which the next one may begin."""
     height, width = image.shape[:2]
     (x, y), w, h = corner, int(wide * width), int(high * height)
     box = image[y : y + h, x : x + w]
@@ -116,7 +116,7 @@ def _caption(
 
 
 def _watermark(image: Image, corner: tuple[int, int], scale: float, rng: np.random.Generator) -> None:
-    """Words that the picture shines through; they hide nothing."""
+    """Draw translucent words, which hide nothing."""
     written = image.copy()
     cv2.putText(written, _word(rng), corner, FONT, scale, (245, 245, 245), 1, cv2.LINE_AA)
     image[:] = cv2.addWeighted(written, share := rng.uniform(0.3, 0.9), image, 1.0 - share, 0.0)
@@ -138,13 +138,13 @@ def _motion(width: int, rng: np.random.Generator) -> Float32:
 
 
 def _graded(picture: Float32, rng: np.random.Generator) -> Float32:
-    """Exposure, contrast, colour and dark corners as cameras and operators set them."""
+    """The picture with random exposure, contrast, colour and vignetting."""
     height, width = picture.shape[:2]
     grey = (picture @ GREY)[..., None]
     picture = np.asarray(grey + rng.uniform(0.5, 1.35) * (picture - grey), np.float32)
     balance = np.exp(rng.normal(0.0, 0.06, size=3)) * rng.uniform(0.9, 1.6)
     picture *= balance.astype(np.float32)
-    picture += rng.uniform(-15.0, 35.0) if rng.random() < 0.4 else 0.0  # haze, or black that is too black
+    picture += rng.uniform(-15.0, 35.0) if rng.random() < 0.4 else 0.0  # haze, or crushed blacks
     if rng.random() < 0.5:
         across, down = (np.square(np.linspace(-1.0, 1.0, n, dtype=np.float32)) for n in (width, height))
         picture *= (1.0 - rng.uniform(0.0, 0.2) * (across + down[:, None]))[..., None]

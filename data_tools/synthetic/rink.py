@@ -20,7 +20,8 @@ KICK_PLATE, RAIL = 0.2, 0.06  # m: at the foot, usually yellow, and at the top
 def add_boards(
     picture: Float32, camera: Camera, ray: Float32, field: Field, height: float, rng: np.random.Generator
 ) -> BoolArray:
-    """Boards onto planes (3, height, width), in place; the pixels whose view of the ice they hide."""
+    """Draw boards onto planes (3, height, width), in place; returns the mask of the pixels in which they hide the
+    ice."""
     texture = _texture(height, rng)
     outside = np.full_like(texture, np.float32(rng.uniform(20.0, 90.0)))
     hidden = np.zeros(picture.shape[1:], bool)

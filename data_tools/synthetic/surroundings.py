@@ -1,7 +1,7 @@
 """Surroundings of a synthetic field: advertising boards, stands with their crowds, dugouts in the foreground.
 
-All are textures on upright walls, a rectangle of them around the field: the stands behind, boards in front. A wall
-between the camera and the field hides the ground only up to its own height.
+All are textures on upright walls that form rectangles around the field: boards in front, stands behind. A wall between
+the camera and the field hides the ground only up to its own height.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ BOARD_HEIGHT = (0.7, 1.2)  # m
 DUGOUT_HEIGHT = (1.5, 2.8)  # m
 STAND_AWAY = (0.5, 8.0)  # m behind the boards
 FLOOR_AWAY = (0.0, 6.0)  # m behind the boards: where the foreground begins to hide the ground
-OPEN_SHARE, OPEN_DROP = 0.1, 30.0  # of the grounds have no stands: only the uppermost 10 m of them are seen, as trees
+OPEN_SHARE, OPEN_DROP = 0.1, 30.0  # share of grounds without stands: lowered by so many m, their tops look like trees
 NOWHERE = (0.0, 0.0)
 SIDES = ((0, -1.0), (0, 1.0), (1, -1.0), (1, 1.0))  # coordinate and sign: behind the goals, along the touchlines
 
@@ -33,11 +33,11 @@ class Around:
     """Distances of objects around a field, as ranges in metres; by default as around soccer pitches."""
 
     boards: Range | None = BOARDS_AWAY
-    """Behind the lines; None where boards or walls are the field's own border."""
+    """Distance of boards behind the lines; None where boards or walls are the field's own border."""
     stands: Range = STAND_AWAY
-    """Behind the boards."""
+    """Distance of stands behind the boards."""
     floor: Range = FLOOR_AWAY
-    """Behind the boards: where the foreground begins to hide the ground."""
+    """Distance, behind the boards, from which the foreground hides the ground."""
     past: tuple[float, float] = (0.0, 0.0)
     """Extent of the field's paint beyond its length and its width, at each end."""
 
@@ -89,12 +89,12 @@ def add_surroundings(
 ) -> BoolArray:
     """Put stands and boards around the field onto planes (3, height, width), in place.
 
-    The boards show the texture `shown`, by default the one drawn from `rng`. Where all stands depends on `rng` alone.
+    The boards show the texture `shown`, by default one drawn from `rng`. All positions depend on `rng` only.
 
     Returns
     -------
     (height, width) array
-        Where the foreground hides the field.
+        Mask of the pixels in which the foreground hides the field.
     """
     boards, board_height, stand = boards_texture(rng), rng.uniform(*BOARD_HEIGHT), stand_texture(rng)
     boards = boards if shown is None else shown
@@ -121,7 +121,7 @@ def add_surroundings(
 
 
 def cover(picture: Float32, texture: Float32, share: Float32) -> None:
-    """Texture (height, width, 3) over every pixel by its share."""
+    """Mix a texture (height, width, 3) into every pixel by its share."""
     for plane, colour in zip(picture, np.moveaxis(texture, -1, 0), strict=True):
         plane += share * (colour - plane)
 
@@ -133,7 +133,10 @@ def _softened(shown: BoolArray) -> Float32:
 def _add_floor(
     picture: Float32, past: Float32, along: Float32, stand: Float32, away: Range, rng: np.random.Generator
 ) -> BoolArray:
-    """Spectators, or the ground as it is, from somewhat behind the boards on; `past` is metres behind them."""
+    """Draw the foreground from some distance behind the boards on: spectators, or unchanged ground.
+
+    `past` are distances behind the boards, metres. Returns the mask of the foreground.
+    """
     floor = past > rng.uniform(*away)  # false above the horizon
     if rng.random() < 0.5:
         rows = np.clip(0.9 * STAND_HEIGHT - past, 0.0, STAND_HEIGHT - 1.0) * STAND_SCALE
@@ -142,7 +145,7 @@ def _add_floor(
 
 
 def _add_near_wall(picture: Float32, wall: Wall, rng: np.random.Generator) -> BoolArray:
-    """The backs of boards and dugouts between the camera and the field."""
+    """Draw the backs of boards and dugouts between the camera and the field; returns the mask of their pixels."""
     profile = _profile(rng)
     if not profile.any():
         return np.zeros(wall.ahead.shape, bool)

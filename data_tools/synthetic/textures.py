@@ -1,4 +1,4 @@
-"""Textures of what surrounds a synthetic field: advertising boards, and stands with their crowds."""
+"""Textures of the surroundings of a synthetic field: advertising boards, and stands with their crowds."""
 
 from __future__ import annotations
 
@@ -42,7 +42,7 @@ def stand_texture(rng: np.random.Generator) -> Float32:
     crowded = rng.random(size=(1, 16)) < rng.choice((0.0, 0.5, 0.95), p=(0.15, 0.25, 0.6))
     crowded = np.repeat(np.repeat(crowded, columns // 16, axis=1), rows, axis=0)
     _letters(face, palette[1], rng)
-    # spectators wear anything, more or less in the colours of their team
+    # some spectators wear colours of the teams
     team = palette[rng.integers(len(palette), size=(rows // 2, columns // 2))]
     anything = rng.integers(0, 256, size=(rows // 2, columns // 2, 3), dtype=np.uint8)
     dressed = np.where(rng.random((rows // 2, columns // 2, 1)) < rng.uniform(0.1, 0.8), team, anything)
@@ -55,7 +55,7 @@ def stand_texture(rng: np.random.Generator) -> Float32:
     if rng.random() < 0.6:
         cv2.GaussianBlur(colour, (0, 0), rng.uniform(0.5, 1.5), dst=colour)
     _fittings(colour, rng)
-    colour *= rng.uniform(0.12, 0.4) if rng.random() < 0.4 else rng.uniform(0.4, 1.0)  # many stands lie in the dark
+    colour *= rng.uniform(0.12, 0.4) if rng.random() < 0.4 else rng.uniform(0.4, 1.0)  # many stands are in the dark
     roof = int(rng.uniform(0.0, 0.65) * rows)
     colour[:roof] = random_colour(rng, (180.0, 260.0), (0.0, 0.4), (0.02, 0.9))
     if rng.random() < 0.5:  # lamps or a screen below the roof
@@ -65,7 +65,7 @@ def stand_texture(rng: np.random.Generator) -> Float32:
 
 
 def _letters(face: Image, colour: Image, rng: np.random.Generator) -> None:
-    """Words that are spelt in seats of another colour."""
+    """Draw words of seats in another colour."""
     for _ in range(rng.integers(0, 4)):
         origin = (int(rng.integers(0, face.shape[1] - 100)), int(rng.integers(60, face.shape[0])))
         word = "".join(rng.choice(list(string.ascii_uppercase), size=6))
@@ -73,7 +73,7 @@ def _letters(face: Image, colour: Image, rng: np.random.Generator) -> None:
 
 
 def _fittings(face: Float32, rng: np.random.Generator) -> None:
-    """Aisles, rails, tiers and banners: most of them straight, some of them white, none of them markings."""
+    """Draw aisles, rails, tiers and banners: straight and partly white lines that are no markings."""
     rows, columns = face.shape[:2]
     aisle = random_colour(rng, saturation=(0.0, 0.2), value=(0.3, 1.0))
     for x in range(int(rng.integers(20)), columns, int(rng.integers(40, 90))):

@@ -1,4 +1,4 @@
-"""What a solved problem says: uncertainty, probability, the paper's losses, the verdict, the result."""
+"""Assessment of solved problems: uncertainty, probability, the paper's losses, the verdict, the result."""
 
 from fieldcalib._modules import lazy_modules
 

@@ -1,4 +1,4 @@
-"""The errors of many calibrations at once: quicker than each by itself."""
+"""The errors of many calibrations at once, which is faster than one by one."""
 
 from __future__ import annotations
 
@@ -9,15 +9,15 @@ from fieldcalib.assess.solved import Solved
 
 
 def compute_errors(calibrations: Sequence[Calibration]) -> list[Calibration]:
-    """Compute what `Calibration.uncertainty`, `probability` and `verdict` of many calibrations rest on.
+    """Compute the errors behind `Calibration.uncertainty`, `probability` and `verdict` for many calibrations.
 
-    A calibration computes it when it is first asked; for frames that were solved together, all of them at once take a
-    fifth of the time. Nothing else changes: what is computed is remembered in the errors of each calibration.
+    A calibration computes them when they are first needed; for frames that were solved together, this takes a fifth of
+    the time. Results are the same; they are cached in the errors of each calibration.
 
     Returns
     -------
     list of Calibration
-        The given ones.
+        The given calibrations.
 
     Examples
     --------

@@ -1,10 +1,11 @@
-"""How high the middle of a field may be above its touchlines, as frames of one camera tell it together.
+"""The crown of a field, the height of its middle above the touchlines, estimated from frames of one camera together.
 
-Frames are solved on a level field. To first order their labels put the crown h off that, with a variance v that has the
-noise of the pixels and the freedom of all that the frames share in it. A priori a share of the fields is level, and in
-the others it is normal around 0 with variance p (`fieldcalib.fields.traits.Crown`): there h is normal with variance
-``p + v``, which weighs both anew, and leaves the second moment ``(p / (p + v))^2 h^2 + p v / (p + v)``. The cameras
-stay those of a level field, and that moment goes into their covariance.
+Frames are solved on a level field. To first order their labels give an estimate h of the crown with a variance v from
+the noise of the pixels and the freedom of all shared parameters. A priori a share of the fields is level; the crown of
+the others is normal around 0 with variance p (`fieldcalib.fields.traits.Crown`). So h has variance v on a level field
+and ``p + v`` on the others, which gives the posterior probabilities of both; the second moment of the crown of the
+others is ``(p / (p + v))^2 h^2 + p v / (p + v)``. The cameras stay those of a level field; the second moment over both
+enters their covariance.
 """
 
 from __future__ import annotations
@@ -17,16 +18,16 @@ from fieldcalib.fields.traits import Crown
 
 
 def moment_of_crown(system: ReducedSystem, crown: Crown) -> float:
-    """Second moment of the crown of the field that frames see, square metres.
+    """Posterior second moment of the crown of a field, square metres.
 
     Parameters
     ----------
     system : ReducedSystem
-        Of what the frames share and, last, of the crown.
+        Normal equations of the shared parameters and, last, the crown.
     crown : Crown
-        What is known a priori.
+        Prior distribution.
     """
-    offset = -system.inverse[-1:, -1] * system.gradient[-1]  # with a gradient of 0 by all other parameters
+    offset = -system.inverse[-1:, -1] * system.gradient[-1]  # the gradient by all other parameters is 0
     weights, sigma = crown.possibilities
     found = possible_values(offset, system.covariance[-1:, -1:], np.asarray(weights), np.reshape(sigma, (-1, 1)))
     posterior = np.exp(found.log - np.max(found.log))

@@ -2,22 +2,22 @@
 
 Where the length of a pitch is not known and one end of it is in view, positions relative to the centre mark are
 uncertain by half of its error, while positions relative to the paint in view are known to centimetres. The true pitch
-is the assumed one with its markings moved by M (`Field.motion`) per metre of length and width. A camera that follows
-them locates a point X at X + J e, with e the error of its parameters, length and width among them. Relative to the
+is the assumed one with its markings moved by M (`Field.motion`) per metre of length and width. A camera that was fitted
+to them locates a point X at X + J e, with e the error of its parameters, length and width among them. Relative to the
 markings the point is off by
 
     J e - t e_size,
 
-where t e_size is the displacement of the markings in view as one: t is the translation of the ground nearest to their
+where t e_size is the common displacement of the markings in view: t is the translation of the ground nearest to their
 motion,
 
     t = argmin sum_i w_i |n_i . (M_i - t)|^2,
 
 over the metres w_i of all markings in view, with n_i their normals. A line does not show motion along itself, so lines
 across x determine the x of t, lines across y its y, and circles both. With one end in view t is the motion of this end,
-and no error of it remains. With both ends in view their motions cancel, t is small, and the error of the length
-remains at either. Along a coordinate that no marking in view determines, t is 0: the error stays relative to the centre
-mark.
+and the error of the length drops out. With both ends in view their motions cancel, t is small, and the error of the
+length remains at both. Along a coordinate that no marking in view determines, t is 0: the error stays relative to the
+centre mark.
 """
 
 from __future__ import annotations
@@ -38,7 +38,7 @@ CENTRE_MARK: RelativeTo = "centre mark"
 
 SPACING = 1.0  # m, of the places along the markings
 FAINT = 1e-3  # m of marking: less does not determine a translation
-APART = 0.5  # m: error of the centre mark, relative to the markings in view, from which on it is mentioned
+APART = 0.5  # m: larger errors of the centre mark relative to the markings in view are mentioned
 SIDES = (("length", ("left end", "right end")), ("width", ("far side", "near side")))  # as the main camera sees them
 
 
@@ -75,7 +75,7 @@ def _places(field: Field) -> _Places:
 def motion_in_view(projection: Projection, field: Field) -> Array:
     """Common motion t of the markings that B cameras see, in metres per metre of length and width, (B, 2, 2).
 
-    Every marking that the camera projects into its image counts as in view: what hides markings is not known.
+    Every marking that the camera projects into its image counts as in view, even if something hides it.
 
     Examples
     --------
@@ -123,7 +123,7 @@ def checked(relative_to: RelativeTo) -> RelativeTo:
 
 
 def in_words(motion: Array, standard_deviations: Array) -> str:
-    """Describe the reference of positions, and what would help; nothing if the centre mark is known well enough.
+    """Describe the reference of positions, with advice; empty if the centre mark is known well enough.
 
     Parameters
     ----------

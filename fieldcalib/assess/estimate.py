@@ -22,15 +22,15 @@ from fieldcalib.problem.projection import Projection
 
 INTRINSICS, EXTRINSICS = 18, 6  # lengths of cv2.calibrateCameraExtended's standard deviations
 NORMAL = 1e9  # degrees of freedom from which on Fisher's distribution is the chi-squared one
-LENS_INTRINSICS = slice(4, 16)  # of them: k1, k2, p1, p2, k3, k4, k5, k6, s1, s2, s3, s4
+LENS_INTRINSICS = slice(4, 16)  # of the intrinsics: k1, k2, p1, p2, k3, k4, k5, k6, s1, s2, s3, s4
 
 
 @dataclass(frozen=True)
 class GroundError:
-    """Errors of points on the ground: `rms` in metres, and the `ellipse` that holds the true point."""
+    """Errors of points on the ground: `rms` in metres, and the `ellipse` that contains the true point."""
 
     covariance: Array
-    """Covariance (..., 2, 2) of x and y: NaN where there is no ground point, infinite where it is open."""
+    """Covariance (..., 2, 2) of x and y: NaN where there is no ground point, infinite where nothing determines it."""
     dof: float
     """Degrees of freedom of Student's t."""
 
@@ -40,7 +40,7 @@ class GroundError:
         return np.asarray(np.sqrt(np.trace(self.covariance, axis1=-2, axis2=-1)))
 
     def ellipse(self, level: float = 0.95) -> tuple[Array, Array]:
-        """The ellipse that holds the true point with a probability.
+        """The ellipse that contains the true point with the probability `level`.
 
         Returns
         -------
@@ -58,12 +58,12 @@ class GroundError:
 
 
 class Estimate(ABC):
-    """An estimated camera and how far it may be off, whatever its covariance comes from."""
+    """An estimated camera and its errors, from a covariance of any origin."""
 
     dof: float
     """Degrees of freedom of Student's and Fisher's distributions, which give the size of regions."""
     field: Field | None
-    """The field in view; None if the object is no `Field`: then errors are relative to its origin."""
+    """The field in view; None if the object is not a `Field`: then errors are relative to its origin."""
 
     @abstractmethod
     def on(self, field: Field | None) -> Self:
@@ -95,9 +95,9 @@ class Estimate(ABC):
 
     @property
     def covariance(self) -> Array:
-        """Covariance (n, n) of theta, in the order of `names` of the layout; 0 for what was fixed.
+        """Covariance (n, n) of theta, in the order of the layout's `names`; 0 for fixed parameters.
 
-        Where nothing determines a parameter its variance is infinite and its covariances are NaN.
+        Parameters that nothing determines have an infinite variance, and covariances of NaN.
         """
         return self.propagated(np.eye(len(self.theta)))
 
@@ -126,18 +126,18 @@ class Estimate(ABC):
         rvec, tvec, _, _ = self.camera.to_opencv()
         axes = rotation_axes(self.theta[ANGLES], self.camera.R)
         J = np.zeros((EXTRINSICS, len(self.theta)))
-        # angles turn the scene by -axis, on the left of R: the inverse left Jacobian of SO(3) makes it one of rvec
+        # angles turn the scene by -axis, on the left of R: the inverse left Jacobian of SO(3) gives the change of rvec
         J[:3, ANGLES] = -_inverse_left_jacobian(rvec[:, 0]) @ axes.T
         J[3:, ANGLES] = -np.cross(axes, tvec[:, 0]).T
         J[3:, CENTER] = -self.camera.R
         return self._standard_deviations(J @ self.layout.zoom_jacobian(self.theta))
 
     def radius(self, dimensions: int = 1, level: float = 0.95) -> float:
-        """Number of standard deviations that hold the truth with a probability, see `region_radius`."""
+        """Number of standard deviations that contain the truth with a probability, see `region_radius`."""
         return region_radius(dimensions, self.dof, level)
 
     def at_image(self, xy: ArrayLike, *, relative_to: RelativeTo = MARKINGS_IN_VIEW) -> GroundError:
-        """Errors of the ground points seen at pixels (..., 2), as `at_field` gives them."""
+        """Errors of the ground points seen at pixels (..., 2), see `at_field`."""
         return self._at(self.camera.image_to_field(xy), relative_to)
 
     def at_field(self, X: ArrayLike, *, relative_to: RelativeTo = MARKINGS_IN_VIEW) -> GroundError:
@@ -149,7 +149,7 @@ class Estimate(ABC):
         Raises
         ------
         ValueError
-            If a point is not on the ground, or `relative_to` is something else.
+            If a point is not on the ground, or `relative_to` has another value.
         """
         X = np.asarray(X, dtype=float)
         if X.shape[-1:] != (3,) or np.any(X[..., 2] != 0.0):
@@ -164,7 +164,7 @@ class Estimate(ABC):
 
     @property
     def remedy(self) -> str:
-        """Advice where positions from the centre mark are not known, else empty (`fieldcalib.assess.datum`)."""
+        """Advice if positions relative to the centre mark are not known, else empty (`fieldcalib.assess.datum`)."""
         if not np.any(self.motion_of_markings):
             return ""
         block = self.layout.field_size_block
@@ -192,7 +192,7 @@ class Estimate(ABC):
 
 
 def region_radius(dimensions: int, dof: float, level: float) -> float:
-    """Mahalanobis distance that holds an error of so many dimensions with a probability.
+    """Mahalanobis distance below which an error of some dimensions lies with the probability `level`.
 
     ``sqrt(d F)`` with F the quantile of Fisher's distribution with d and `dof` degrees of freedom; for one dimension
     Student's t, two-sided.

@@ -1,4 +1,4 @@
-"""Frames of a sequence as a table of columns, which takes a tenth of the memory of as many calibrations."""
+"""Frames of a sequence as a table of columns, which takes a tenth of the memory of their calibrations."""
 
 from __future__ import annotations
 
@@ -18,13 +18,13 @@ from fieldcalib.assess.own_errors import OwnErrors
 from fieldcalib.assess.result import Status, SuspectLabel
 from fieldcalib.problem.layout import Layout
 
-LARGEST_ERROR = 1.0  # m over the field in view: up to that a camera that rests on other frames is accepted
+LARGEST_ERROR = 1.0  # m over the field in view: up to this error a camera that rests on other frames is accepted
 STATUSES = tuple(Status)
 ACCEPTED, IMPROBABLE = STATUSES.index(Status.ACCEPTED), STATUSES.index(Status.IMPROBABLE)
 
 
 class Basis(StrEnum):
-    """What the camera of a frame rests on."""
+    """Data that the camera of a frame rests on."""
 
     NOTHING = ""
     """There is no camera."""
@@ -42,7 +42,7 @@ BASES = tuple(Basis)
 
 @dataclass(frozen=True, eq=False)
 class FrameTable:
-    """T frames, one row each. Columns are arrays, or mappings of those frames that have an entry."""
+    """T frames, one row each. Columns are arrays, or mappings from the frames that have an entry."""
 
     theta: Array
     """Parameters, (T, n); NaN where there is no camera."""
@@ -57,7 +57,7 @@ class FrameTable:
     rms: Array
     """Root mean square distance of the labelled pixels, (T,)."""
     ground_error: Array
-    """Root mean square error of the field, metres, median over its part in view, (T,); NaN where none is in view."""
+    """Root mean square error of field points, metres, median over those in view, (T,); NaN where none is in view."""
     labels: tuple[str, ...]
     """Labels of the object, L of them."""
     label_errors: Float32
@@ -65,20 +65,20 @@ class FrameTable:
     label_counts: NDArray[np.uint16]
     """Number of pixels of each label, (T, L)."""
     notes: Mapping[int, str]
-    """Messages about single frames, beside what the numbers say."""
+    """Further messages about single frames."""
     suspects: Mapping[int, tuple[SuspectLabel, ...]]
     """Labels that the rest of their frame contradicts."""
     misfit: Array
-    """Distance of the labels that comes from sharing parameters (`fieldcalib.assess.misfit`), pixels, interpolated
-    between frames, (T,); NaN where it is unknown."""
+    """Distance of the labels due to sharing parameters (`fieldcalib.assess.misfit`), pixels, interpolated between
+    frames, (T,); NaN where it is unknown."""
     markings: Mapping[int, tuple[MarkingInView, ...]] = attribute(default_factory=dict)
-    """What the images show of the markings in view."""
+    """Paint that the images show of the markings in view."""
     doubts: Mapping[int, str] = attribute(default_factory=dict)
     """Further evidence against the camera of a frame."""
 
     @classmethod
     def without_cameras(cls, count: int, layout: Layout, labels: tuple[str, ...], message: str) -> FrameTable:
-        """Make a table of frames that have no camera, for the reason that the message gives."""
+        """A table of frames without cameras; `message` is the reason."""
         o, S = np.count_nonzero(layout.free), np.count_nonzero(layout.considered)
         return cls(
             theta=np.full((count, layout.size), np.nan),
@@ -132,7 +132,7 @@ class FrameTable:
         return FrameTable(**{name: merged(old, getattr(rows, name)) for name, old in self._columns.items()})
 
     def with_cameras(self, theta: Array, errors: OwnErrors, ground_error: Array, basis: Basis) -> FrameTable:
-        """All frames with cameras (T, n) that rest on other frames; badly known ones are not accepted."""
+        """The table with cameras (T, n) that rest on other frames; badly known ones are not accepted."""
         return replace(
             self,
             theta=theta,
@@ -145,7 +145,7 @@ class FrameTable:
         )
 
     def with_misfit(self, misfit: Mapping[int, float]) -> FrameTable:
-        """The table with the misfit of some frames in pixels, interpolated for the others that have a camera."""
+        """The table with the misfit of some frames in pixels, interpolated for other frames with a camera."""
         known = sorted(t for t, excess in misfit.items() if np.isfinite(excess))
         if not known:
             return self
@@ -153,7 +153,7 @@ class FrameTable:
         return replace(self, misfit=np.where(self.has_camera, interpolated, self.misfit))
 
     def message(self, t: int) -> str:
-        """Why frame t has the status that it has."""
+        """Reason for the status of frame t."""
         labelled, basis = int(np.count_nonzero(self.label_counts[t])), BASES[self.basis[t]]
         parts = [self.notes[t]] if t in self.notes else []
         if labelled and basis in (Basis.LINES, Basis.BOTH):
@@ -181,7 +181,7 @@ class FrameTable:
 
     @classmethod
     def from_dict(cls, record: Mapping[str, Any]) -> FrameTable:
-        """Read what `to_dict` wrote."""
+        """The inverse of `to_dict`."""
         arrays: dict[str, Any] = {
             name: array_from_record(value) for name, value in record.items() if isinstance(value, dict)
         }
@@ -209,5 +209,5 @@ def array_to_record(array: NDArray[Any]) -> dict[str, Any]:
 
 
 def array_from_record(record: Mapping[str, Any]) -> NDArray[Any]:
-    """Read what `array_to_record` wrote."""
+    """The inverse of `array_to_record`."""
     return np.array(from_json(record["values"])).astype(record["type"]).reshape(record["shape"])

@@ -24,9 +24,9 @@ def ground_of_pixels(projection: Projection, xy: Array) -> tuple[Array, BoolArra
 
 
 def pixels_of_points(projection: Projection, X: Array) -> tuple[Array, BoolArray]:
-    """Pixels (B, N, 2) of world points (B, N, 3), and which points have one, (B, N).
+    """Pixels (B, N, 2) of world points (B, N, 3), and which points have a pixel, (B, N).
 
-    A point has one if it is in front of the camera and where its lens is monotone.
+    A point has a pixel if it is in front of the camera and where the lens is monotone.
     """
     h = projection.points(X)
     seen = h[2] > 0.0
@@ -41,8 +41,8 @@ def pixels_of_points(projection: Projection, X: Array) -> tuple[Array, BoolArray
 def ground_derivatives(projection: Projection, X: Array, known: BoolArray, some: BoolArray) -> Array:
     """Derivatives (B, N, 2, P) of ground points (B, N, 3) by some parameters (n,) while their pixels are kept.
 
-    ``pi(X, theta) = xy``, hence ``dX/dtheta = -(dpi/dX)^-1 dpi/dtheta``. For points that are not `known`, (B, N), they
-    are finite and arbitrary.
+    ``pi(X, theta) = xy``, hence ``dX/dtheta = -(dpi/dX)^-1 dpi/dtheta``. For points that are not `known`, (B, N), the
+    derivatives are finite and arbitrary.
     """
     ahead = projection.C + projection.R[:, None, 2]  # stands in for points that do not exist
     h = projection.points(np.where(known[..., None], X, ahead))
@@ -53,7 +53,7 @@ def ground_derivatives(projection: Projection, X: Array, known: BoolArray, some:
         projection.derivatives(s, inverse_depth, n, needed) for n in (np.array([one, zero]), np.array([zero, one]))
     )
     x, y = np.searchsorted(np.flatnonzero(needed), [CENTER.start, CENTER.start + 1])
-    # moving a point is moving the centre the other way: dpi/dX = -(a b; c d)
+    # moving a point is equivalent to moving the centre the other way: dpi/dX = -(a b; c d)
     a, b = np.where(known, across[:, x], 1.0), np.where(known, across[:, y], 0.0)
     c, d = np.where(known, down[:, x], 0.0), np.where(known, down[:, y], 1.0)
     across, down = (rows[:, some[needed]] / (a * d - b * c)[:, None] for rows in (across, down))

@@ -1,4 +1,4 @@
-"""Positions of pixels on the field and their errors: of players whose feet are seen."""
+"""Positions on the field, with errors, of pixels such as the feet of players."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from fieldcalib.assess.datum import MARKINGS_IN_VIEW, RelativeTo
 from fieldcalib.assess.result import Calibration
 from fieldcalib.geometry.camera import Camera
 
-STEP = 0.01  # px, of central differences, whose relative error is the square of STEP by the distance to the horizon
+STEP = 0.01  # px, of central differences: their relative error is the square of STEP / distance to the horizon
 
 
 @dataclass(frozen=True)
@@ -22,8 +22,8 @@ class GroundPoints:
     X: Array
     """(..., 3) metres, z = 0; NaN for pixels that do not show the ground."""
     covariance: Array
-    """Covariance of x and y, (..., 2, 2), square metres; NaN where there is no point or the camera has no known errors,
-    infinite where nothing determines them."""
+    """Covariance of x and y, (..., 2, 2), square metres; NaN where there is no point or the errors of the camera are
+    unknown, infinite where nothing determines x and y."""
 
     @property
     def standard_deviations(self) -> Array:
@@ -49,14 +49,14 @@ def locate_on_ground(
     Parameters
     ----------
     calibration : Calibration
-        With a camera.
+        A calibration with a camera.
     xy : (..., 2) array_like
         Pixels, such as those of `fieldcalib.io.boxes.foot_points`.
     pixel_sd : float
-        Standard deviation of each coordinate of the pixels; 0 leaves the errors of the camera alone.
+        Standard deviation of each coordinate of the pixels; with 0, only the errors of the camera count.
     relative_to : "markings in view" or "centre mark"
-        What the errors are relative to (`fieldcalib.assess.datum`). They differ where the size of the field is not
-        known; the points are metres from the centre mark of the assumed field either way.
+        Reference of the errors (`fieldcalib.assess.datum`); it matters where the size of the field is not known. Points
+        are relative to the centre mark of the assumed field in either case.
 
     Returns
     -------
@@ -65,8 +65,8 @@ def locate_on_ground(
     Raises
     ------
     ValueError
-        If it is no calibration, it has no camera (`NoCameraError`), `pixel_sd` is negative, the pixels have another
-        shape, or `relative_to` is something else.
+        If `calibration` is of another type or has no camera (`NoCameraError`), `pixel_sd` is negative, the pixels have
+        another shape, or `relative_to` has another value.
 
     Examples
     --------
@@ -88,7 +88,7 @@ def locate_on_ground(
         raise ValueError(f"pixel_sd must be a standard deviation in pixels, 0 or more, got {pixel_sd}")
     X = camera.image_to_field(xy)
     if calibration.knows_errors:
-        # at ground points, not at pixels: those of a squashed or cropped picture are not those of its frame
+        # at ground points, not at pixels: pixels of a squashed or cropped picture are not pixels of its frame
         on_ground = np.concatenate([X[..., :2], np.zeros_like(X[..., :1])], axis=-1)  # 0 also where X is NaN
         covariance = calibration.uncertainty.at_field(on_ground, relative_to=relative_to).covariance
     else:

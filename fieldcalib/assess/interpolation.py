@@ -1,4 +1,4 @@
-"""Cameras of frames that have none, between those of the frames before and after."""
+"""Interpolation of missing cameras between those of the frames before and after."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from fieldcalib.assess.own_errors import OwnErrors, ground_errors
 from fieldcalib.fields.field import Field
 from fieldcalib.problem.layout import PRINCIPAL_POINT, Layout
 
-# By how much a frame may be off an even motion, for each frame that is missing:
+# Standard deviations from an even motion, for each missing frame:
 STEP = 1e-3  # radians, or of log f,
 STEP_OF_CENTRE = 0.05  # m, of a camera that moves,
 STEP_OF_POINT = 2e-3  # widths of the picture, of the principal point where a window moves
@@ -29,16 +29,16 @@ class Gaps(NamedTuple):
 
     @property
     def length(self) -> Array:
-        """Frames from `before` to `after`, (G, 1)."""
+        """Number of frames from `before` to `after`, (G, 1)."""
         return np.asarray(self.after - self.before, dtype=float)[:, None]
 
     @property
     def share(self) -> Array:
-        """How far each frame is on the way, from 0 to 1, (G, 1)."""
+        """Position of each frame between `before` and `after`, from 0 to 1, (G, 1)."""
         return np.asarray((self.missing - self.before)[:, None] / self.length)
 
     def between(self, values: Array) -> Array:
-        """Values (T, ...) of the frames around, interpolated linearly, (G, ...)."""
+        """Values (G, ...), interpolated linearly from those of all frames, (T, ...)."""
         share = self.share.reshape(-1, *(1,) * (values.ndim - 1))
         return np.asarray((1.0 - share) * values[self.before] + share * values[self.after])
 
@@ -46,7 +46,7 @@ class Gaps(NamedTuple):
 def interpolated(
     frames: FrameTable, run: IntArray, longest: int, considered: Considered, field: Field | None
 ) -> FrameTable:
-    """Add cameras to up to `longest` frames in a row that have none, between frames of the same run (T,) that do."""
+    """Add cameras in gaps of up to `longest` frames without camera, between frames of the same run (T,)."""
     gaps = _gaps(frames, run, longest)
     if not len(gaps.missing):
         return frames
@@ -77,11 +77,11 @@ def _gaps(frames: FrameTable, run: IntArray, longest: int) -> Gaps:
 
 
 def _bend(frames: FrameTable, run: IntArray, gaps: Gaps) -> Array:
-    """How far Hermite's cubic is off an even motion, (G, n): what the slopes at both ends of a gap add."""
+    """Difference (G, n) between Hermite's cubic, with the slopes at both ends of the gap, and an even motion."""
     has, change = frames.has_camera, frames.theta[gaps.after] - frames.theta[gaps.before]
 
     def slope(near: IntArray, far: IntArray) -> Array:
-        """Change per gap at one end: towards the next frame beyond it, where that has a camera; even otherwise."""
+        """Slope at one end, per gap: towards the next frame beyond it if that has a camera, else of an even motion."""
         far = np.clip(far, 0, len(has) - 1)
         usable = (has[far] & (run[far] == run[near]) & (far != near))[:, None]
         beyond = gaps.length * (far - near)[:, None] * (frames.theta[far] - frames.theta[near])

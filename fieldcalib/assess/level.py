@@ -1,4 +1,4 @@
-"""What would be known of a camera if the field were known to be level."""
+"""The errors of a camera if the field were known to be level."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ class Considered:
 
     layout: Layout
     covariance: Array
-    """(S, S)"""
+    """Covariance of these parameters, (S, S)."""
 
     @cached_property
     def if_level(self) -> Array:

@@ -1,4 +1,4 @@
-"""Paint that an image shows of the markings in view of a camera: where they are projected, or beside that."""
+"""Paint that an image shows of the markings in view of a camera: at their projections, or beside them."""
 
 from __future__ import annotations
 
@@ -6,11 +6,11 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 UNSEEN = 0.2  # a long marking with paint on less than this share is unseen: one marking in 93 right pictures is
-LONG = 15  # places from which on a marking is long
+LONG = 15  # number of places from which on a marking is long
 CONFIRMED = (
     0.85  # least share of places with paint on confirmed markings: right frames of a hard clip have 0.83 to 0.97
 )
-LEAST_MARKINGS, LEAST_PLACES = 3, 8  # confirmed markings that confirm a camera, and places that each needs
+LEAST_MARKINGS, LEAST_PLACES = 3, 8  # confirmed markings that confirm a camera; places that each needs
 
 
 @dataclass(frozen=True)
@@ -32,11 +32,11 @@ class MarkingInView:
     share: float
     """Share of these that show paint where the marking is projected."""
     offset: float
-    """Largest distance of its paint in view where this lies beside the marking, pixels; 0 if none was found there."""
+    """Largest distance between the marking and paint that lies beside it, pixels; 0 if there is no such paint."""
     is_expected: bool = True
-    """Whether its paint should be seen: equally narrow paint of other markings is."""
+    """Whether its paint should be visible: equally narrow paint of other markings is."""
     is_bent: bool = False
-    """Whether its paint bends away from it: a part lies on the marking, and the rest beside it."""
+    """Whether its paint bends away from it: one part lies on the marking, the rest beside it."""
 
     @property
     def is_beside(self) -> bool:
@@ -45,12 +45,12 @@ class MarkingInView:
 
     @property
     def is_unseen(self) -> bool:
-        """Whether it is long and shows no paint, neither where it is projected nor beside that."""
+        """Whether it is long and shows no paint, neither at its projection nor beside it."""
         return self.is_expected and self.places >= LONG and self.share < UNSEEN and not self.is_beside
 
     @property
     def is_off(self) -> bool:
-        """Whether it speaks against the camera: its paint lies beside it or is missing."""
+        """Whether it is evidence against the camera: its paint lies beside it or is missing."""
         return self.is_beside or self.is_unseen
 
 
@@ -71,14 +71,14 @@ def paint_complaints(markings: Sequence[MarkingInView]) -> tuple[str, ...]:
 def paint_contradicts(markings: Sequence[MarkingInView]) -> bool:
     """Whether more of the paint in view lies beside the markings than on them.
 
-    Paint that bends away does not count: no camera would bring its marking there.
+    Paint that bends away does not count: no camera would project its marking there.
     """
     on = sum(one.share * one.places for one in markings)
     return sum((1.0 - one.share) * one.places for one in markings if one.is_beside and not one.is_bent) > on
 
 
 def paint_confirms(markings: Sequence[MarkingInView]) -> bool:
-    """Whether an image shows paint nearly everywhere along several markings in view, and nothing against any of them.
+    """Whether the image shows paint nearly everywhere along several markings in view, and no marking contradicts.
 
     Examples
     --------

@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 
 from fieldcalib._types import Array, BoolArray
+from fieldcalib.assess.label_errors import rms_of_labels
 from fieldcalib.problem.evaluation import Evaluation, evaluate
 from fieldcalib.problem.layout import POSE_AND_ZOOM, Role
 from fieldcalib.problem.levenberg_marquardt import levenberg_marquardt
@@ -89,24 +90,3 @@ def misfit(evaluation: Evaluation) -> Misfit:
     start = evaluate(problem, evaluation.theta)
     alone = levenberg_marquardt(start, max_iterations=ITERATIONS, tolerance=TOLERANCE).evaluation
     return Misfit(rms_of_labels(evaluation), rms_of_labels(alone))
-
-
-def rms_of_labels(evaluation: Evaluation) -> Array:
-    """Root mean square distance of the labelled pixels of each frame, (B,); NaN where there are none."""
-    squares, count = squares_by_label(evaluation)
-    with np.errstate(invalid="ignore"):
-        return np.asarray(np.sqrt(np.sum(squares, axis=1) / np.sum(count, axis=1)))
-
-
-def rms_by_label(evaluation: Evaluation) -> Array:
-    """Root mean square distance of the pixels of each label, (B, L)."""
-    squares, count = squares_by_label(evaluation)
-    with np.errstate(invalid="ignore"):
-        return np.asarray(np.sqrt(squares / count))
-
-
-def squares_by_label(evaluation: Evaluation) -> tuple[Array, Array]:
-    """Sums of squared distances, and numbers of pixels, (B, L)."""
-    observations = evaluation.problem.observations.without_ends
-    squares = np.square(evaluation.r[:, : observations.weight.shape[1]])
-    return observations.by_label(np.where(observations.label >= 0, squares, 0.0)), observations.pixels_by_label

@@ -14,6 +14,7 @@ goal the circle stays whole.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from functools import lru_cache
 from typing import Literal, NamedTuple, TypeAlias, get_args
 
@@ -23,9 +24,11 @@ from fieldcalib._types import Array, IntArray
 from fieldcalib.fields.field import Field
 from fieldcalib.fields.segments import ObjectSegments, PointCloud, Segment
 from fieldcalib.geometry.camera import Camera
-from fieldcalib.geometry.lens import common_lens
-from fieldcalib.problem.labelled_pixels import Pixels, split_circles
+from fieldcalib.problem.evaluation import Evaluation, evaluate_cameras
+from fieldcalib.problem.labelled_pixels import Pixels, in_left_half
 from fieldcalib.problem.layout import PAN, Layout
+from fieldcalib.problem.observations import Observations
+from fieldcalib.problem.pixel_table import PixelTable
 from fieldcalib.problem.projection import Projection
 
 NdcLoss: TypeAlias = Literal["tvcalib", "eq3"]
@@ -72,24 +75,22 @@ def ndc_loss(
         raise ValueError(f"kind must be one of {', '.join(get_args(NdcLoss))}, got {kind!r}")
     if not cameras:
         return np.zeros(0)
-    layout = Layout.of(cameras[0].image_size, common_lens([camera.lens for camera in cameras]))
-    theta = np.array([layout.theta(camera) for camera in cameras])
-    return ndc_losses(theta, layout, object_segments, frames, kind)
+    pixels = PixelTable.of(object_segments, frames)
+    return ndc_losses(evaluate_cameras(cameras, object_segments, pixels), object_segments, kind)
 
 
-def ndc_losses(
-    theta: Array, layout: Layout, object_segments: ObjectSegments, frames: Sequence[Pixels], kind: NdcLoss = "tvcalib"
-) -> Array:
-    """`ndc_loss` of the cameras theta (T, n) of a layout."""
-    size, pans, T = layout.image_size, theta[:, PAN], len(frames)
-    split = [_halves(object_segments, frame, size, pan) for frame, pan in zip(frames, pans, strict=True)]
-    labels = [(t, object_segments[label], xy) for t, frame in enumerate(split) for label, xy in frame.items()]
+def ndc_losses(evaluation: Evaluation, object_segments: ObjectSegments, kind: NdcLoss = "tvcalib") -> Array:
+    """`ndc_loss` of T frames at their cameras; their labels are those of the object."""
+    theta, layout, T = evaluation.theta, evaluation.problem.layout, len(evaluation.theta)
+    segments = list(object_segments.values())
+    table = _with_halves(object_segments, evaluation.problem.observations, theta[:, PAN])
+    is_straight = np.array([segment.is_straight for segment in segments])
     total, count = np.zeros(T), np.zeros(T)
     for is_line, distances in ((True, _line_distances), (False, _cloud_distances)):
-        some = [label for label in labels if label[1].is_straight == is_line]
-        if not some:
+        some = table.take(is_straight[table.label] == is_line)
+        if not len(some.frame):
             continue
-        seen = _Labels.of(some, theta, layout)
+        seen = _Labels.of(some, segments, theta, layout)
         distance, frame = distances(seen), seen.frame[seen.pair]
         if kind == "eq3":  # the pixels of a segment share a weight of 1
             total += np.bincount(frame, distance / seen.size[seen.pair], minlength=T)
@@ -119,26 +120,32 @@ class _Labels(NamedTuple):
     """Pixels for one unit of NDC, (2,)."""
 
     @classmethod
-    def of(cls, labels: Sequence[tuple[int, Segment, Array]], theta: Array, layout: Layout) -> _Labels:
-        """From the frame, segment and pixels of each label."""
-        frames, segments, pixels = zip(*labels, strict=True)
-        frame, size = np.array(frames), np.array([len(xy) for xy in pixels])
-        pair = np.repeat(np.arange(len(labels)), size)
-        own = Projection(theta[frame[pair]], layout)
-        xy = own.ideal_offset(own.observed_offset(np.concatenate(pixels)[:, None]))[..., 0]
-        return cls(segments, frame, size, pair, xy, Projection(theta[frame], layout), np.divide(layout.image_size, 2.0))
+    def of(cls, table: PixelTable, segments: Sequence[Segment], theta: Array, layout: Layout) -> _Labels:
+        """From a table of pixels whose labels have these segments."""
+        key, pair, size = np.unique(table.frame * len(segments) + table.label, return_inverse=True, return_counts=True)
+        frame, label = np.divmod(key, len(segments))
+        own = Projection(theta[table.frame], layout)
+        xy = own.ideal_offset(own.observed_offset(table.xy[:, None]))[..., 0]
+        cameras, half_size = Projection(theta[frame], layout), np.divide(layout.image_size, 2.0)
+        return cls([segments[index] for index in label], frame, size, pair.ravel(), xy, cameras, half_size)
 
 
-def _halves(object_segments: ObjectSegments, frame: Pixels, image_size: tuple[int, int], pan: float) -> Pixels:
-    """The frame with its circles split into the halves that the paper's model has, as seen at this pan."""
+def _with_halves(object_segments: ObjectSegments, observations: Observations, pan: Array) -> PixelTable:
+    """Labelled pixels with circles split into the halves that the paper's model has, as seen at these pans (T,)."""
+    table, number = observations.pixels, {name: index for index, name in enumerate(object_segments)}
     halves = object_segments.halves if isinstance(object_segments, Field) else {}
-    if not halves.keys() & frame.keys() or np.abs(np.cos(pan)) < 0.5:
-        return frame
-    split = split_circles(object_segments, frame, image_size)
-    if np.cos(pan) > 0.0:
-        return split
-    swapped = {half: other for left, right, _ in halves.values() for half, other in ((left, right), (right, left))}
-    return {swapped.get(label, label): xy for label, xy in split.items()}
+    label = table.label.copy()
+    for circle, names in halves.items():
+        left, right, line = (number[name] for name in names)
+        own = table.label == number[circle]
+        for t in np.unique(table.frame[own]).tolist():
+            if np.abs(np.cos(pan[t])) < 0.5:
+                continue
+            of_frame = table.frame == t
+            its = own & of_frame
+            is_left = in_left_half(table.xy[its], table.xy[of_frame & (table.label == line)], observations.image_size)
+            label[its] = np.where(is_left == (np.cos(pan[t]) > 0.0), left, right)
+    return replace(table, label=label)
 
 
 def cloud(segment: Segment) -> PointCloud:

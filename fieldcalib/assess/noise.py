@@ -10,12 +10,12 @@ from fieldcalib._types import Array
 from fieldcalib.problem.evaluation import Evaluation
 from fieldcalib.problem.losses import RobustLoss
 
-# Share of a pixel's variance that is common to its segment: annotators keep to one side of a line. With it, segments
-# left out of SoccerNet's and WC14's frames lie as far off as predicted (median), 91 % of them in 95 % intervals;
-# with 0, 88 % do. 3 to 4 % have wrong labels.
+# Share of a pixel's variance that is common to its segment: annotators keep to one side of a line. With it, distances
+# of segments left out of SoccerNet's and WC14's frames are as predicted in the median, and 91 % are in 95 % intervals
+# (with 0, 88 %). 3 to 4 % have wrong labels.
 SHARED_NOISE = 0.15
-# Share of the image's width, 0.1 px of 960, by which a far line is found beside its place in all frames of a clip: root
-# mean square of 15 lines in filmed clips on which a pixel shows 0.3 m or more. Nearer lines have more error of paint.
+# Share of the image's width, 0.1 px of 960, by which a far line is off in all frames of a clip: root mean square of 15
+# lines in filmed clips on which a pixel shows 0.3 m or more. For nearer lines the error of the paint is larger.
 FOUND_BESIDE = 0.1 / 960.0
 NODES, NOISE_STEPS = 21, 4  # nodes of the quadrature over the noise, steps of the search for its size
 
@@ -31,7 +31,7 @@ class Noise:
         count = (self.segment @ (np.swapaxes(self.segment, 1, 2) @ share)[..., None])[..., 0]
         self.segment[:, ~observations.shares_noise] = 0.0
         self.shared = SHARED_NOISE * np.sum(self.segment, axis=-1)
-        # a weight is one over a variance; each of N pixels of a segment has an Nth of it
+        # a weight is one over a variance, divided among the N pixels of a segment
         self.relative_sigma = 1.0 / np.sqrt(np.where(label >= 0, observations.weight * count, 1.0))
 
     @cached_property
@@ -41,7 +41,8 @@ class Noise:
 
     @cached_property
     def square(self) -> Array:
-        """Squares of ``rho'`` in units of the pixels' own noise, (B, M): how much a pixel tells of the noise."""
+        """Squares of ``rho'`` in units of the pixels' own noise, (B, M): weight of a pixel in the estimate of the
+        noise."""
         evaluation = self.evaluation
         slope = evaluation.problem.loss.evaluate(np.square(evaluation.r))[1]
         return np.asarray(np.square(slope / self.relative_sigma) * (evaluation.problem.observations.weight > 0.0))
@@ -53,15 +54,15 @@ class Noise:
         return np.asarray(own + SHARED_NOISE * left_sum @ np.swapaxes(right_sum, 1, 2))
 
     def of_paint(self, JT: Array, pull: Array) -> Array:
-        """``J^T W S W J`` (B, P, P), with S the covariance of the residuals by lines painted elsewhere."""
+        """``J^T W S W J`` (B, P, P), with S the covariance of the residuals due to misplaced lines."""
         summed = self.by_line(JT, pull)
         return np.asarray(summed @ np.swapaxes(summed, 1, 2))
 
     def by_line(self, JT: Array, pull: Array) -> Array:
-        """``J^T W`` times the residuals of each line, (B, P, L), if it lies one standard deviation beside its place.
+        """``J^T W`` times the residuals of each line, (B, P, L), if it is misplaced by one standard deviation.
 
-        It may be painted or found there, in all frames alike. A line that is off by one metre moves its residuals by
-        the length of ``n dxy_dX`` on the ground. The L lines are in the order of their labels.
+        It may be painted or detected off its position, equally in all frames. A line that is off by one metre changes
+        its residuals by the length of ``n dxy_dX`` on the ground. The L lines are in the order of their labels.
         """
         problem, paint = self.evaluation.problem, self.evaluation.problem.paint
         if paint == 0.0:
@@ -74,13 +75,13 @@ class Noise:
 def size_and_curvature(loss: RobustLoss, variance: Array) -> tuple[Array, Array]:
     """Standard deviation of normal noise whose ``E psi^2 / E rho'^2`` is `variance`, and ``E psi' / E rho'``, (B,).
 
-    The expectations E are over normal noise, not over the residuals of a frame: few residuals are smaller than their
-    noise.
+    The expectations E are over normal noise, not over the residuals of a frame: the residuals of few labels are
+    smaller than their noise, since the camera is fitted to them.
     """
     nodes, weights = np.polynomial.hermite_e.hermegauss(NODES)
     weights = weights / np.sum(weights)
     sigma = np.sqrt(variance)
-    largest = np.maximum(sigma, loss.scale)  # residuals in the flat part of the loss tell nothing
+    largest = np.maximum(sigma, loss.scale)  # residuals in the flat part of the loss give no information
     for _ in range(NOISE_STEPS):
         squared = np.square(sigma[:, None] * nodes)
         _, slope = loss.evaluate(squared)
@@ -99,12 +100,12 @@ def gram(JT: Array, weight: Array) -> Array:
 def pooled_noise(evaluation: Evaluation) -> tuple[Array, Array]:
     """Standard deviation (T,) of the pixels of T frames of one camera, and kappa of `fieldcalib.assess.uncertainty`.
 
-    All frames have the same annotator or network, so they are estimated together and equal in all frames.
+    All frames have the same annotator or network, so both are estimated from all frames and equal in all.
     """
     problem, noise = evaluation.problem, Noise(evaluation)
     own = int(np.count_nonzero(~problem.layout.shared))
     equations = np.sum(noise.square * np.square(noise.relative_sigma))
-    labelled = np.count_nonzero(np.any(problem.observations.weight > 0.0, axis=1))  # the others follow from these
+    labelled = np.count_nonzero(np.any(problem.observations.weight > 0.0, axis=1))  # other frames rest on these
     redundancy = max(equations - own * labelled, 1.0)
     variance = np.full(len(problem), np.sum(noise.square * np.square(evaluation.r)) / redundancy)
     _, kappa = size_and_curvature(problem.loss, variance)

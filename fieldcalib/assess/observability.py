@@ -1,7 +1,7 @@
-"""Which directions of the parameters the labels determine, for verdict, messages and uncertainty.
+"""Observability: directions of the parameters that the labels determine, for verdict, messages and uncertainty.
 
 The information of the labels is ``J^T W J``, with the solver's weights of the residuals, in which a segment counts as
-one pixel. Its unit is the information of the prior: where it is 1, labels and prior say equally much.
+one pixel. Its unit is the information of the prior: where it is 1, labels and prior count equally.
 """
 
 from __future__ import annotations
@@ -23,10 +23,10 @@ OPEN_DIRECTION = 1e-3  # information from the labels, in units of the prior's, b
 
 @dataclass(frozen=True)
 class Direction:
-    """A direction of the parameters, and how much the labels say about it."""
+    """A direction of the parameters, and the information of the labels about it."""
 
     information: float
-    """Information from the labels, in units of the prior's: below 1 the prior says more."""
+    """Information from the labels, in units of the prior's: below 1 the prior dominates."""
     parameters: str
     """The parameters that make up the direction, as "focal length with y"."""
 

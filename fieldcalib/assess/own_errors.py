@@ -1,4 +1,4 @@
-"""Errors of the own parameters of frames of one tripod: pan, tilt, roll and zoom, where the rest is shared.
+"""Errors of the own parameters of frames of one tripod: pan, tilt, roll and zoom; all others are shared.
 
 To first order the error of a frame's own parameters is
 
@@ -6,7 +6,7 @@ To first order the error of a frame's own parameters is
 
 with s the error of the shared parameters, of covariance V, and e the error that remains if these are exact, of
 covariance E. A frame that is tied to others by points of the background inherits their errors e_k - F_k s through the
-coupling C of both frames.
+coupling C between the frames.
 """
 
 from __future__ import annotations
@@ -38,7 +38,7 @@ class OwnErrors(NamedTuple):
 
 
 def own_errors(evaluation: Evaluation, sigma: float, kappa: float, of_first: OwnErrors | None = None) -> OwnErrors:
-    """Errors of frames at their solution, which pairs of background points tie to one another or to known frames.
+    """Errors of frames at their solution, which background points tie to one another or to known frames.
 
     Parameters
     ----------
@@ -72,17 +72,17 @@ def own_errors(evaluation: Evaluation, sigma: float, kappa: float, of_first: Own
     B, o = hessian.shape[:2]
     inverse = np.linalg.inv(coupled(hessian, evaluation.coupling))
     spread = (inverse @ coupled(between, evaluation.coupling) @ inverse).reshape(B, o, B, o)
-    # a line that lies beside its place does so in all frames: ties do not average that out
+    # a misplaced line is misplaced in all frames: ties do not average its error out
     by_line = (inverse @ painted.reshape(B * o, -1)).reshape(painted.shape)
     E = spread[np.arange(B), :, np.arange(B)] + by_line @ np.swapaxes(by_line, 1, 2)
     return OwnErrors(E, (inverse @ border.reshape(B * o, -1)).reshape(border.shape))
 
 
 def _of_labels(evaluation: Evaluation, sigma: float, kappa: float) -> tuple[Array, Array, Array, Array]:
-    """Terms of labels and prior, of the cost by the own parameters.
+    """Derivatives of the cost of labels and prior by the own parameters.
 
-    Its Hessian (B, o, o), the covariance of its gradient (B, o, o), its Hessian by the shared parameters (B, o, S), and
-    its gradient (B, o, L) for each line that lies one standard deviation beside its place.
+    These are the Hessian (B, o, o), the covariance of the gradient (B, o, o), the Hessian by own and shared parameters
+    (B, o, S), and the gradient (B, o, L) for each line if it is misplaced by one standard deviation.
     """
     problem, JT = evaluation.problem, evaluation.JT
     by_shared = evaluation.derivatives(problem.layout.considered)
@@ -96,7 +96,7 @@ def _of_labels(evaluation: Evaluation, sigma: float, kappa: float) -> tuple[Arra
 
 
 def whole_covariance(E: Array, F: Array, considered: Considered) -> Array:
-    """Covariance (n, n) of all parameters of one frame, from E (o, o), F (o, S) and that of what frames share."""
+    """Covariance (n, n) of all parameters of one frame, from E (o, o), F (o, S) and that of the shared parameters."""
     layout, V = considered.layout, considered.covariance
     own, shared = np.flatnonzero(layout.free), np.flatnonzero(layout.considered)
     covariance = np.zeros((layout.size, layout.size))
@@ -108,10 +108,10 @@ def whole_covariance(E: Array, F: Array, considered: Considered) -> Array:
 
 
 def ground_errors(theta: Array, errors: OwnErrors, considered: Considered, field: Field | None) -> Array:
-    """Root mean square error (B,), metres, of the field that each camera sees, relative to the markings in view.
+    """Root mean square error (B,), metres, of the field points that each camera sees, relative to the markings in view.
 
-    It is the median over the pixels of a grid that see the field, or the ground if no field is given, and NaN if none
-    does. The ground is taken for level.
+    It is the median over the pixels of a grid that show the field, or the ground if no field is given, and NaN if none
+    does. The ground is assumed to be level.
     """
     layout = considered.layout
     half = np.full(2, np.inf) if field is None else np.array([field.length, field.width]) / 2.0

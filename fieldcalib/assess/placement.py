@@ -1,8 +1,8 @@
-"""Pictures that are not whole frames with square pixels: where they lie in such a frame.
+"""The placement of pictures in a frame, if they are not whole frames with square pixels.
 
 A camera is calibrated in a frame with square pixels and the principal point near the middle. A squashed picture is
-stretched to such a frame, a cropped one is put in its place, black borders are left out. The camera that is found there
-is then expressed in the picture's own pixels.
+stretched to such a frame, a cropped one is put in its position, black borders are left out. The calibrated camera is
+then expressed in the picture's own pixels.
 """
 
 from __future__ import annotations
@@ -29,14 +29,14 @@ class Crop:
     """Pixel of the frame at the first pixel of the part."""
 
     def __str__(self) -> str:
-        """The crop as it is written on the command line."""
+        """The crop in the notation of the command line."""
         (width, height), (x, y) = self.frame_size, self.corner
         return f"{width}x{height}+{x}+{y}"
 
 
 @dataclass(frozen=True)
 class Placement:
-    """Where pictures of one size lie in their frame: ``xy_frame = scale * xy + corner``.
+    """Position of pictures of one size in their frame: ``xy_frame = scale * xy + corner``.
 
     Examples
     --------
@@ -60,7 +60,7 @@ class Placement:
 
     @property
     def is_whole(self) -> bool:
-        """Whether pictures are frames as they are."""
+        """Whether the pictures are unchanged frames."""
         return self.size == self.display_size == self.frame_size
 
     @property
@@ -78,7 +78,7 @@ class Placement:
         return {label: self.scale * xy + self.corner for label, xy in pixels.items()}
 
     def image_in_frame(self, image: NDArray[np.uint8]) -> NDArray[np.uint8]:
-        """The frame with the picture in its place, black elsewhere."""
+        """The frame with the picture in its position, black elsewhere."""
         import cv2
 
         if self.is_whole:
@@ -88,7 +88,7 @@ class Placement:
         return np.asarray(cv2.warpAffine(image, M, self.frame_size, flags=cv2.INTER_LINEAR), dtype=np.uint8)
 
     def from_frame(self, calibration: Calibration) -> Calibration:
-        """A calibration of the frame with its cameras in the picture's pixels, and its errors in the frame's."""
+        """A calibration of the frame with its cameras converted to the picture's pixels; errors stay in the frame's."""
         if self.is_whole or calibration.camera is None:
             return calibration
         others = tuple(map(self._camera, calibration.alternatives))
@@ -111,12 +111,12 @@ class Shape:
 
     placement: Placement
     message: str = ""
-    """Message that is added to that of each frame."""
+    """Message that is appended to that of each frame."""
     complaints: tuple[str, ...] = ()
     """Complaints that are added to those of each frame."""
 
     def in_picture(self, calibration: Calibration) -> Calibration:
-        """A calibration of a frame with its cameras in the picture's pixels, and its errors in the frame's."""
+        """A calibration of a frame with its cameras converted to the picture's pixels; errors stay in the frame's."""
         if calibration.camera is None:
             return calibration
         found = self.placement.from_frame(calibration)

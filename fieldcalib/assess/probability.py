@@ -2,8 +2,8 @@
 
 A camera is right to d metres if it locates every point of the field in view to better than that, relative to the
 markings in view (`fieldcalib.assess.datum`). With m the largest root mean square error of these points by its
-covariance, sigma the noise of the labelled pixels (in units of the usual one), nu the degrees of freedom that sigma
-rests on, and z the z-scores of the camera under its prior, the log odds of being right are
+covariance, sigma the noise of the labelled pixels (in units of the usual one), nu the degrees of freedom of sigma, and
+z the z-scores of the camera under its prior, the log odds of being right are
 
     b0 + b1 log(m / d) + b2 log sigma + b3 log nu + b4 log(1 + z . z).
 
@@ -34,16 +34,16 @@ from fieldcalib.problem.projection import Projection
 GRID = (17, 10)  # points along the image's width and height at which errors are computed,
 BORDER = 20  # and along each side of the field
 LARGEST_SCORE = 5.0  # larger z-scores count as this
-MOST_PIXELS = 3.0  # a segment adds no more to the degrees of freedom
+MOST_PIXELS = 3.0  # of a segment that count for the degrees of freedom
 # Fitted to 600 rendered pictures (`data_tools.pitches`) with the coefficients of labelled frames kept.
 PAINT_SHOWS, PAINT_COUNTS = 0.9, 3.5
-LEAST_NOISE = 1e-3  # share of a squared error that is noise at least: with less, a probability is 0 or 1
+LEAST_NOISE = 1e-3  # least share of noise in a squared error: with less, a probability is 0 or 1
 
 
 def largest_error(uncertainty: Estimate, field: Field) -> float:
     """Largest root mean square error of the points of a field in view, relative to the markings there, metres.
 
-    NaN where no part of the field is in view, infinite where the labels leave it open.
+    NaN where no part of the field is in view, infinite where the labels do not determine it.
 
     Examples
     --------
@@ -62,7 +62,7 @@ def largest_error(uncertainty: Estimate, field: Field) -> float:
 def ground_in_view(camera: Camera, field: Field, finer: int = 1) -> Array:
     """Points of a field that a camera sees, (n, 3): on a grid of pixels, and along the border of the field.
 
-    Errors are largest at the border in most views, and it may lie between the rows of the grid.
+    In most views errors are largest at the border, which may lie between the rows of the grid.
     """
     layout = Layout.of(camera.image_size, camera.lens)
     X, seen = _grounds_in_view(Projection(layout.theta(camera)[None], layout), field, finer)
@@ -89,8 +89,8 @@ def _grounds_in_view(projection: Projection, field: Field, finer: int = 1) -> tu
 
 
 OddsTerms: TypeAlias = tuple[Array, Array]
-"""Terms (K, 5) of the log odds for d = 1 m, ``1, log m, log sigma, log nu, log(1 + z . z)``, in a row for each
-possibility for the field's size, and the probabilities (K,) of these."""
+"""Terms (K, 5) of the log odds for d = 1 m, ``1, log m, log sigma, log nu, log(1 + z . z)``, one row for each possible
+size of the field, and the probabilities (K,) of these."""
 
 
 def odds_terms(uncertainties: Sequence[Uncertainty], field: Field) -> list[tuple[OddsTerms, OddsTerms]]:
@@ -107,7 +107,7 @@ def odds_terms(uncertainties: Sequence[Uncertainty], field: Field) -> list[tuple
 
 
 def _terms(one: Uncertainty, determined: Array, by_considered: Array, common: Array) -> OddsTerms:
-    """Terms of one estimate, from its `_squares_in_view` and the last three, which all possibilities have in common."""
+    """Terms of one estimate, from its `_squares_in_view` and the last three terms, which all possibilities share."""
     weights, moments = one.possibilities
     rows = np.empty((len(weights), 5))
     squares = determined + np.tensordot(moments, by_considered, axes=((1, 2), (1, 2)))  # (K, N)
@@ -117,10 +117,10 @@ def _terms(one: Uncertainty, determined: Array, by_considered: Array, common: Ar
 
 
 def _squares_in_view(uncertainties: Sequence[Uncertainty], field: Field) -> Iterator[tuple[Array, Array]]:
-    """For each estimate the mean squares (N,) of the errors of its N ground points in view, and how they grow.
+    """For each estimate, mean squares (N,) of the errors of its N ground points in view, and their derivatives.
 
-    They are infinite where nothing determines the point, and grow by (N, c, c) with the second moments (c, c) of the
-    considered parameters.
+    Mean squares are infinite where nothing determines the point. The derivatives (N, c, c) are by the second moments
+    (c, c) of the considered parameters.
     """
     layout = uncertainties[0].layout
     projection = Projection(np.array([one.theta for one in uncertainties]), layout)
@@ -137,11 +137,11 @@ def _squares_in_view(uncertainties: Sequence[Uncertainty], field: Field) -> Iter
 
 
 def probability_by_covariance(estimate: Estimate, field: Field, metres: float) -> float:
-    """Smallest probability, over the ground points in view, that the point is off by no more than some metres.
+    """Smallest probability, over the ground points in view, that a point is off by at most `metres`.
 
-    On level ground it is ``1 - exp(-metres^2 / rms^2)``, Rayleigh's distribution. The share of the squared error that
-    comes from the crown of the field is the same in all frames: with it the distribution is that of Rice. NaN where no
-    part of the field is in view.
+    On level ground it is ``1 - exp(-metres^2 / rms^2)``, Rayleigh's distribution. The error due to the crown of the
+    field is the same in all frames, an offset with which the distribution is Rice's. NaN where no part of the field is
+    in view.
     """
     from scipy.special import chndtr  # a slow import
 
@@ -155,9 +155,9 @@ def probability_by_covariance(estimate: Estimate, field: Field, metres: float) -
 
 
 def degrees_of_freedom(uncertainty: Uncertainty) -> float:
-    """Degrees of freedom of sigma, with at most three pixels counted per segment.
+    """Degrees of freedom of sigma, counting at most three pixels per segment.
 
-    Pixels of one segment share errors: a thousand of them tell little more about the noise than three.
+    Pixels of one segment share errors: a thousand of them determine the noise hardly better than three.
     """
     observations = uncertainty.problem.observations
     counted = np.sum(np.minimum(observations.pixels_by_label, MOST_PIXELS))
@@ -166,7 +166,7 @@ def degrees_of_freedom(uncertainty: Uncertainty) -> float:
 
 
 def probability_right(model: ProbabilityModel, terms: Array, weights: Array, metres: float) -> float:
-    """Probability that no ground point in view is off by more than some metres, from `odds_terms`.
+    """Probability that no ground point in view is off by more than `metres`, from `odds_terms`.
 
     Examples
     --------
@@ -185,10 +185,10 @@ def probability_right(model: ProbabilityModel, terms: Array, weights: Array, met
 
 
 def probability_given_paint(probability: float, share: float) -> float:
-    """Probability of being right, from the one by the labels and the share of the markings in view that show paint.
+    """Probability of being right, given that by the labels and the share of the markings in view that show paint.
 
-    The log odds are less by ``3.5 max(0, 0.9 - share)``. Right cameras of real pictures have shares from 0.8 on, half
-    of them more than 0.95.
+    The log odds are reduced by ``3.5 max(0, 0.9 - share)``. Right cameras of real pictures have shares from 0.8 on,
+    half of them more than 0.95.
 
     Examples
     --------

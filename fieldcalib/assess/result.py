@@ -1,4 +1,4 @@
-"""The result of a calibration: the camera, how well it fits, and a verdict on it."""
+"""The result of a calibration: the camera, its fit, and a verdict on it."""
 
 from __future__ import annotations
 
@@ -32,8 +32,8 @@ from fieldcalib.geometry.camera import Camera
 ANGLE_NAMES = ("pan", "tilt", "roll")
 VERSION = 1  # of `Calibration.to_dict`
 
-BESIDE = 5.0  # px: pixels that are nearer to a line lie on it
-LEAST_PROBABILITY = 0.5  # of being right to the field's tolerance: with less a camera is more probably wrong
+BESIDE = 5.0  # px: nearer pixels lie on the line
+LEAST_PROBABILITY = 0.5  # of being right to the field's tolerance: below it the camera is more probably wrong
 
 
 class Verdict(StrEnum):
@@ -42,7 +42,7 @@ class Verdict(StrEnum):
     GOOD = "good"
     """Use it."""
     CHECK = "check"
-    """Plausible, but something speaks against it, or too little for it: look at the frame."""
+    """Plausible, but there is evidence against it, or too little for it: look at the frame."""
     REJECT = "reject"
     """Do not use it."""
 
@@ -54,8 +54,8 @@ class Status(StrEnum):
     REJECTED = "rejected by tau"
     """The loss in NDC is above the threshold that the user set."""
     IMPROBABLE = "probably wrong"
-    """The probability that the camera is right is below the one that the user asked for, the image shows no lines at
-    the projected markings, or, in a sequence, the field in view is not known to 1 m."""
+    """The probability that the camera is right is below the one that the user requires, the image shows no lines at the
+    projected markings, or, in a sequence, the error of the field in view exceeds 1 m."""
     TOO_FEW_SEGMENTS = "too few segments"
     """The labels give fewer equations than there are unknowns; the prior determines the others."""
     DEGENERATE = "degenerate"
@@ -110,7 +110,7 @@ class SuspectLabel:
 
 
 class NoCameraError(ValueError):
-    """Raised where the camera of a calibration is used that has none: the reason, and what would help."""
+    """Error on using the camera of a calibration without one: it has the reason, and advice."""
 
     def __init__(self, status: Status, message: str) -> None:
         super().__init__(status, message)
@@ -124,11 +124,11 @@ class NoCameraError(ValueError):
 class Calibration:
     """Result of a calibration. Unpacks to the five values of `cv2.calibrateCamera` for one view.
 
-    It is a value whatever came of it, and false if it is rejected. Without a camera `camera` is None, so that
-    ``calibration.camera is None`` asks for it; whatever needs the camera (unpacking, `required_camera`, `K`, `project`,
-    `image_to_field`, and the errors from `uncertainty` on) raises a `NoCameraError` with the reason and a remedy.
+    Failures are values too: a rejected calibration is false. Without a camera `camera` is None, and all that needs one
+    (unpacking, `required_camera`, `K`, `project`, `image_to_field`, and the errors from `uncertainty` on) raises a
+    `NoCameraError` with the reason and a remedy.
 
-    Two calibrations are equal if all that `to_dict` writes is equal.
+    Two calibrations are equal if their `to_dict` are equal.
 
     Examples
     --------
@@ -147,38 +147,38 @@ class Calibration:
     """
 
     camera: Camera | None
-    """None where there is nothing to calibrate from, or a closed form finds none."""
+    """None if there is nothing to calibrate from, or a closed form has no solution."""
     status: Status
     message: str
-    """The status in a sentence: why, and what would help."""
+    """The reason for the status and, if known, advice, in a sentence."""
     rms: float
-    """Root mean square distance of the pixels to the segments that they were fitted to, pixels; pixels of suspect
-    labels count with the segments that fit them."""
+    """Root mean square distance of the pixels to the segments that they were fitted to, pixels; for suspect labels
+    these are the segments that fit them."""
     loss_ndc: float
-    """The paper's segment reprojection loss, which tau is compared with (`fieldcalib.assess.ndc`, "tvcalib"); NaN of a
-    frame of a sequence."""
+    """The paper's segment reprojection loss, which is compared with tau (`fieldcalib.assess.ndc`, "tvcalib"); NaN for
+    frames of a sequence."""
     per_segment_errors: Mapping[str, float]
-    """Root mean square distance in pixels for each label as it was given, in the order of the input; read-only."""
+    """Root mean square distance in pixels for each given label, in the order of the input; read-only."""
     suspect_labels: tuple[SuspectLabel, ...] = ()
-    """Labels that the rest of the frame contradicts: they were replaced by the ones that fit, or left out."""
+    """Labels that the rest of the frame contradicts: they were replaced by labels that fit, or left out."""
     alternatives: tuple[Camera, ...] = ()
     """Cameras that fit the labels as well: the one on the other side, turned by 180 degrees about the centre mark."""
     complaints: tuple[str, ...] = ()
     """Further evidence against an accepted camera, in words."""
     pixel_counts: Mapping[str, int] = attribute(default_factory=dict, repr=False)
-    """Number of pixels of each label as it was given; read-only."""
+    """Number of pixels of each given label; read-only."""
     field: Field | None = attribute(default=None, repr=False)
-    """The field that was calibrated against; None if the object is no `Field`."""
+    """The field that was calibrated against; None if the object is not a `Field`."""
     errors: CameraErrors = attribute(default_factory=NoErrors, repr=False)
-    """How far the camera may be off: `Solved` for a frame by itself, `KnownErrors` for a frame of a sequence,
-    `NoErrors` for a homography or without a camera."""
+    """Errors of the camera: `Solved` for a frame by itself, `KnownErrors` for a frame of a sequence, `NoErrors` for a
+    homography or without a camera."""
     markings: tuple[MarkingInView, ...] = attribute(default=(), repr=False)
-    """Paint that the image shows of each marking in view; empty where no image was looked at."""
+    """Paint that the image shows of each marking in view; empty if no image was examined."""
     are_annotated: bool = attribute(default=False, repr=False)
-    """Whether a person labelled the pixels, following markings to the border of the picture: then labels are neither
-    weighted nor trusted."""
+    """Whether a person labelled the pixels, following markings to the border of the picture: true for labels that are
+    neither weighted nor trusted."""
     declared: Declared = attribute(default=Declared.NOTHING, repr=False)
-    """What the user has said about the picture, which is then not doubted."""
+    """Statements of the user about the picture, which are not doubted."""
 
     def __post_init__(self) -> None:
         for name in ("per_segment_errors", "pixel_counts"):
@@ -196,7 +196,7 @@ class Calibration:
         Raises
         ------
         NoCameraError
-            If there is none. Everything below that needs a camera raises it too.
+            If there is none. All methods below that need a camera raise it too.
         """
         if self.camera is None:
             raise NoCameraError(self.status, self.message)
@@ -217,12 +217,12 @@ class Calibration:
 
     @property
     def solved(self) -> Solved | None:
-        """The problem of a frame that was solved by itself; None of others."""
+        """The problem of a frame that was solved by itself; None for other frames."""
         return self.errors if isinstance(self.errors, Solved) else None
 
     @property
     def rms_as_labelled(self) -> float:
-        """Root mean square distance of all pixels to the segments of their labels as given, pixels.
+        """Root mean square distance of all pixels to the segments of their given labels, pixels.
 
         NaN where there is no pixel.
         """
@@ -244,8 +244,7 @@ class Calibration:
     def verdict(self) -> Verdict:
         """What to do with the camera; `reason` says why.
 
-        An accepted camera without `concerns` is good. The probability behind them is computed when it is first asked
-        for.
+        An accepted camera without `concerns` is good. The probability that they depend on is computed when first used.
         """
         if not self.accepted:
             return Verdict.REJECT
@@ -253,7 +252,7 @@ class Calibration:
 
     @property
     def reason(self) -> str:
-        """Why the verdict is as it is."""
+        """Reason for the verdict."""
         return "; ".join([*self.concerns, self.message]) if self.accepted else self.message
 
     @cached_property
@@ -276,11 +275,11 @@ class Calibration:
 
     @property
     def remedy(self) -> str:
-        """Advice on what would help, in the user's terms; empty where none is known, or needed.
+        """Advice in the user's terms; empty where none is known, or needed.
 
         For a rejected camera it follows from the status. For an accepted one it concerns markings that lie off their
-        paint, a picture that may be a part of a frame, or a field whose size is not visible, so that positions from the
-        centre mark are not known to half a metre.
+        paint, a picture that may be a part of a frame, or a field whose size is not visible, so that positions relative
+        to the centre mark are not known to half a metre.
 
         Examples
         --------
@@ -302,7 +301,7 @@ class Calibration:
 
     @property
     def has_errors(self) -> bool:
-        """Whether the errors need not be computed any more."""
+        """Whether the errors are computed already."""
         return self.errors.are_computed
 
     @property
@@ -312,7 +311,7 @@ class Calibration:
 
     @cached_property
     def uncertainty(self) -> Estimate:
-        """The estimated camera with its errors, computed when they are first asked for.
+        """The estimated camera with its errors, which are computed when first used.
 
         It is an `Uncertainty` for a frame by itself, `KnownErrors` (the covariance alone) for a frame of a sequence.
 
@@ -332,7 +331,7 @@ class Calibration:
 
     @property
     def std_deviations(self) -> tuple[Array, Array]:
-        """Standard deviations of the intrinsics (18, 1) and extrinsics (6, 1), as cv2.calibrateCameraExtended's."""
+        """Standard deviations of intrinsics (18, 1) and extrinsics (6, 1), as from cv2.calibrateCameraExtended."""
         return self.uncertainty.std_deviations_intrinsics, self.uncertainty.std_deviations_extrinsics
 
     @property
@@ -355,30 +354,30 @@ class Calibration:
         return self.uncertainty.at_image(xy, relative_to=relative_to)
 
     def probability(self, metres: float | None = None, *, size_known: bool = False, level: bool = False) -> float:
-        """Probability that the camera is right: no point of the field in view is off by more than some metres.
+        """Probability that the camera is right: no point of the field in view is off by more than `metres`.
 
         Positions are relative to the markings in view, see `field_uncertainty`. For a single frame the probability
-        comes from a model that was fitted on synthetic frames of the field (`fieldcalib.assess.probability`) and, if
-        its image was looked at, from the share of the markings where paint is seen; for a frame of a sequence it
-        follows from the covariance. It is NaN where no part of the field is in view or the camera does not come from
-        labelled pixels, and 0 where there is no camera or it is implausible: of 22 implausible ones on synthetic frames
-        none was right.
+        comes from a model that was fitted to synthetic frames of the field (`fieldcalib.assess.probability`) and, if
+        its image was examined, from the share of the markings that show paint; for a frame of a sequence it follows
+        from the covariance. It is NaN where no part of the field is in view or the camera does not come from labelled
+        pixels, and 0 where there is no camera or an implausible one: of 22 implausible ones on synthetic frames none
+        was right.
 
         Parameters
         ----------
         metres : float, optional
             By default the field's `tolerance`, 1 m on a soccer pitch.
         size_known : bool
-            Whether to take the given size of the field for its true one. If it is not, a camera may fit its image well
+            Whether to assume that the field has the given size. If it has another one, a camera may fit its image well
             and be wrong in metres.
         level : bool
-            Whether to take the ground for flat. It may be higher in the middle than at the touchlines
-            (`fieldcalib.fields.crown`), and cameras of a flat one fit such images too.
+            Whether to assume that the ground is flat. It may be higher in the middle than at the touchlines
+            (`fieldcalib.fields.crown`), and cameras on flat ground fit such images too.
 
         Raises
         ------
         ValueError
-            If the object is no `Field`, or one without a probability model, or `metres` is not positive.
+            If the object is not a `Field` with a probability model, or `metres` is not positive.
 
         Examples
         --------
@@ -410,21 +409,21 @@ class Calibration:
     def _probability_by_labels(
         self, field: Field, metres: float, *, size_known: bool = False, level: bool = False
     ) -> float:
-        """`probability`, whatever the image shows of the markings."""
+        """`probability` without the evidence of the image."""
         if self.status is Status.IMPLAUSIBLE:
             return 0.0
         probability = self.errors.probability(field, metres, size_known=size_known, level=level)
         return probability / (1 + len(self.alternatives))
 
     def doubted(self, least: float, metres: float | None = None, *, size_known: bool = False) -> Calibration:
-        """The calibration with the verdict that it is probably wrong if its `probability` is below `least`.
+        """The calibration, with the status "probably wrong" if its `probability` is below `least`.
 
-        A calibration without known errors, or one that was rejected already, stays as it is.
+        A calibration without known errors, or one that is rejected already, is returned unchanged.
 
         Raises
         ------
         ValueError
-            As `probability`.
+            As in `probability`.
 
         Examples
         --------
@@ -442,9 +441,9 @@ class Calibration:
         return replace(self, status=Status.IMPROBABLE, message=f"{doubt}; {self.message}")
 
     def seen_in_image(self, markings: Sequence[MarkingInView]) -> Calibration:
-        """Add what the image shows of the markings in view.
+        """Add the paint that the image shows of the markings in view.
 
-        A camera that was accepted is "probably wrong" if more of the paint lies beside its markings than on them.
+        An accepted camera becomes "probably wrong" if more of the paint lies beside its markings than on them.
 
         Examples
         --------
@@ -465,11 +464,11 @@ class Calibration:
         yield from (self.rms, K, dist, rvec, tvec)
 
     def to_dict(self) -> dict[str, Any]:
-        """Everything as a dict for `json.dumps`, from which `from_dict` makes the calibration again.
+        """The calibration as a dict for `json.dumps`; the inverse is `from_dict`.
 
         Keys are those of ``cameras.jsonl``, see ``docs/files.md``. The size model of a field is kept if this package
-        builds the field, as `soccer`; a user's function has no place in JSON. Numbers that are not finite are null
-        (NaN), "inf" and "-inf"; an `rms` and a `loss_ndc` that are NaN are left out.
+        builds the field, as `soccer`; a user's function cannot be written to JSON. Numbers that are not finite are null
+        (NaN), "inf" and "-inf"; an `rms` or a `loss_ndc` of NaN is left out.
 
         Examples
         --------
@@ -500,12 +499,12 @@ class Calibration:
 
     @classmethod
     def from_dict(cls, record: Mapping[str, Any]) -> Calibration:
-        """The calibration of a dict that `to_dict` made; keys that it does not know are passed over.
+        """The calibration of a dict of `to_dict`; unknown keys are ignored.
 
         Raises
         ------
         ValueError
-            If the version is another one, a key is missing, or a value cannot be right.
+            If the version is another one, a key is missing, or a value is invalid.
         """
         version = record.get("version")
         if version != VERSION:
@@ -547,7 +546,7 @@ class Calibration:
         return self is other or self.to_dict() == other.to_dict()
 
     def __reduce__(self) -> tuple[type[Calibration], tuple[Any, ...]]:
-        return Calibration, tuple(getattr(self, one.name) for one in fields(self))  # without what follows from these
+        return Calibration, tuple(getattr(self, one.name) for one in fields(self))  # without cached values
 
     def _repr_html_(self) -> str:
         """A table for notebooks."""

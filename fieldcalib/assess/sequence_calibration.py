@@ -39,8 +39,8 @@ if TYPE_CHECKING:
     import pandas
 
 VERSION = 3  # of `SequenceCalibration.to_dict`
-SURE = 0.5  # m: what is known of the field in view to no better than that is to be looked at
-NUMBERS = (  # columns of the table of frames, NaN of those without a camera
+SURE = 0.5  # m: frames with larger errors of the field in view are to be looked at
+NUMBERS = (  # columns of the table of frames, NaN for frames without a camera
     *("pan_degrees", "tilt_degrees", "roll_degrees", "focal_length_px", "x_m", "y_m", "z_m"),
     *("rms_px", "ground_error_m"),
 )
@@ -50,9 +50,8 @@ NUMBERS = (  # columns of the table of frames, NaN of those without a camera
 class SequenceCalibration(FrameSequence):
     """The calibrations of frames of one camera, and the parameters that the frames share.
 
-    It is a sequence of `Calibration`, one for each frame, which are made when they are asked for. Their uncertainties
-    are marginals: of the frame's own parameters and of those that it shares with the others. A slice keeps what is
-    shared.
+    It is a sequence of `Calibration`, one for each frame, made on access. Their uncertainties are marginals: of the
+    frame's own parameters and of those that it shares with the others. A slice keeps the shared parameters.
 
     Examples
     --------
@@ -66,21 +65,21 @@ class SequenceCalibration(FrameSequence):
 
     frames: FrameTable = attribute(repr=False)
     names: tuple[str, ...] = ()
-    """Names of the shared parameters (`fieldcalib.problem.layout`); none where no place of the tripod was found."""
+    """Names of the shared parameters (`fieldcalib.problem.layout`); empty if no position of the tripod was found."""
     values: Array = attribute(default_factory=lambda: np.zeros(0), repr=False)
-    """Their estimates, (S,)."""
+    """Estimates of the shared parameters, (S,)."""
     covariance: Array = attribute(default_factory=lambda: np.zeros((0, 0)), repr=False)
-    """Their joint covariance, (S, S)."""
+    """Joint covariance of the shared parameters, (S, S)."""
     field: Field | None = attribute(default=None, repr=False)
-    """The field, of the estimated size; None if the object is no `Field`."""
+    """The field, of the estimated size; None if the object is not a `Field`."""
     together: int = 0
     """Number of frames that the shared parameters were estimated from."""
     layout: Layout | None = attribute(default=None, repr=False)
-    """Layout of the parameters of a frame; None where there is no camera."""
+    """Layout of the parameters of a frame; None if there is no camera."""
     considered: Array = attribute(default_factory=lambda: np.zeros((0, 0)), repr=False)
-    """Covariance of all parameters that the layout considers: those shared, and a size that the frames hardly tell."""
+    """Covariance of all considered parameters: the shared ones, and a field size that frames hardly determine."""
     alternatives: Array = attribute(default_factory=lambda: np.zeros((0, 3)), repr=False)
-    """Other centres that explain the frames as well, (A, 3); known only where the first solution was doubted."""
+    """Other centres that explain the frames equally well, (A, 3); searched only if the first solution was doubtful."""
 
     def __len__(self) -> int:
         return len(self.frames)
@@ -118,7 +117,7 @@ class SequenceCalibration(FrameSequence):
         if not labelled and self.layout is not None and np.any(self.layout.free[PRINCIPAL_POINT]):
             found.append("no line of it tells where its window is: static points hardly tell that from a turn")
         is_misfit = self.layout is not None and is_contradicted(frames.misfit[t], self.layout.image_size)
-        if is_misfit and not paint_confirms(frames.markings.get(t, ())):  # paint has the last word
+        if is_misfit and not paint_confirms(frames.markings.get(t, ())):  # paint overrules
             found.append(f"what the frames share brings its lines {frames.misfit[t]:.0f} px off")
         for x, y, z in self.alternatives.tolist():
             found.append(f"its camera may as well stand at ({x:.1f}, {y:.1f}, {z:.1f})")
@@ -130,12 +129,12 @@ class SequenceCalibration(FrameSequence):
         return replace(self, frames=self.frames.at(index))
 
     def interpolated(self, run: IntArray, longest: int) -> SequenceCalibration:
-        """Add cameras for up to `longest` frames in a row that have none, between frames of the same run that have.
+        """Add cameras in gaps of up to `longest` frames without camera, between frames of the same run.
 
         Parameters
         ----------
         run : (T,) int array
-            Frames with the same number follow one another.
+            Number of the run of each frame; frames of a run are consecutive in time.
         """
         if self.layout is None:
             return self
@@ -143,7 +142,7 @@ class SequenceCalibration(FrameSequence):
         return self if frames is self.frames else replace(self, frames=frames)
 
     def with_notes(self, others: Mapping[str, str]) -> SequenceCalibration:
-        """Replace messages about frames, by a mapping from old to new ones."""
+        """Replace messages about frames by a mapping from old to new messages."""
         notes = {t: others.get(note, note) for t, note in self.frames.notes.items()}
         return replace(self, frames=replace(self.frames, notes=notes))
 
@@ -152,7 +151,7 @@ class SequenceCalibration(FrameSequence):
         return replace(self, frames=replace(self.frames, doubts={**self.frames.doubts, **doubts}))
 
     def seen_in_images(self, markings: Mapping[int, tuple[MarkingInView, ...]]) -> SequenceCalibration:
-        """Add what the images of frames show of their markings, as `Calibration.seen_in_image`."""
+        """Add the paint that images show of the markings of frames, as in `Calibration.seen_in_image`."""
         frames = self.frames
         status, notes = frames.status.copy(), dict(frames.notes)
         for t, seen in markings.items():
@@ -164,10 +163,9 @@ class SequenceCalibration(FrameSequence):
 
     @property
     def crown(self) -> float:
-        """Root mean square height, metres, that the middle of the field may have above its touchlines.
+        """Root mean square height of the middle of the field above its touchlines, metres, given all frames.
 
-        The frames together tell it (`fieldcalib.assess.crown`); 0 where all such fields are level. Their cameras are
-        those of a level field.
+        See `fieldcalib.assess.crown`; 0 for kinds of fields that are always level. Cameras are those of a level field.
         """
         if self.layout is None or not np.any(self.layout.is_crown):
             return 0.0
@@ -189,13 +187,13 @@ class SequenceCalibration(FrameSequence):
 
     @property
     def usable(self) -> BoolArray:
-        """Mask (T,) of the frames whose camera fits, though it may be known too badly to be accepted."""
+        """Mask (T,) of the frames whose camera fits; its errors may be too large for it to be accepted."""
         fits = np.isin(self.frames.status, (ACCEPTED, IMPROBABLE))
         return np.asarray(fits & self.frames.has_camera)
 
     @property
     def basis(self) -> list[Basis]:
-        """What the camera of each frame rests on."""
+        """Data that the camera of each frame rests on."""
         return [BASES[index] for index in self.frames.basis]
 
     @property
@@ -205,7 +203,7 @@ class SequenceCalibration(FrameSequence):
         return {name: (float(v), float(s)) for name, v, s in zip(self.names, self.values, sigma, strict=True)}
 
     def to_pandas(self) -> pandas.DataFrame:
-        """One row per frame: status, basis, angles in degrees, focal length in pixels, place and errors in metres.
+        """One row per frame: status, basis, angles in degrees, focal length in pixels, position and errors in metres.
 
         Raises
         ------
@@ -221,7 +219,7 @@ class SequenceCalibration(FrameSequence):
         return pandas.DataFrame({**words, **dict(zip(NUMBERS, numbers.T, strict=True))})
 
     def to_dict(self) -> dict[str, Any]:
-        """Everything as JSON, for `json.dumps`."""
+        """The calibration as a dict for `json.dumps`."""
         return {
             "version": VERSION,
             "frames": self.frames.to_dict(),
@@ -237,12 +235,12 @@ class SequenceCalibration(FrameSequence):
 
     @classmethod
     def from_dict(cls, record: Mapping[str, Any]) -> SequenceCalibration:
-        """Read what `to_dict` wrote.
+        """The inverse of `to_dict`.
 
         Raises
         ------
         ValueError
-            If the record is of another version, a key is missing, or a value cannot be right.
+            If the record has another version, a key is missing, or a value is invalid.
         """
         return read_record(record, "a sequence", VERSION, cls._from_record)
 

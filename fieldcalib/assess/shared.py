@@ -1,10 +1,10 @@
-"""How well frames together determine what they share.
+"""Uncertainty of the parameters that frames share.
 
-Noise is independent from frame to frame, but a line that is painted elsewhere is so in every frame: that error stays,
-however many frames there are. Errors of the model are alike in frames that follow one another, so that the shared
-parameters are known worse than white noise of the pixels says. Therefore the frames are divided into runs. At the
-solution the gradients of all runs by the shared parameters cancel; how large each of them is says how much the estimate
-would move without that run (a block jackknife).
+Noise is independent from frame to frame, but a misplaced line is misplaced in every frame: that error stays, however
+many frames there are. Errors of the model are similar in consecutive frames, so that the shared parameters are more
+uncertain than white noise of the pixels would make them. Therefore the frames are divided into runs. At the solution
+the gradients of all runs by the shared parameters cancel; the size of each gradient shows how much the estimate would
+move without that run (a block jackknife).
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ from fieldcalib.problem.layout import Role
 from fieldcalib.problem.levenberg_marquardt import eliminated
 from fieldcalib.problem.prior import GaussianPrior
 
-RUNS = 8  # of frames, whose errors are taken for independent
+RUNS = 8  # of frames, whose errors are assumed to be independent
 
 
 @dataclass(frozen=True, eq=False)
@@ -38,7 +38,7 @@ class ReducedSystem:
     gradient: Array
     """Gradient of the cost of all frames, (S,)."""
     spread: Array
-    """Covariance of that gradient, (S, S)."""
+    """Covariance of the gradient, (S, S)."""
     pulls: Array
     """Gradient of the cost of each frame's labels, (T, S); at the solution prior and links balance their sum."""
 
@@ -46,30 +46,30 @@ class ReducedSystem:
     def of(cls, evaluation: Evaluation, sigma: Array, kappa: Array) -> ReducedSystem:
         """Eliminate the own parameters of one group of frames.
 
-        Parameters considered by the layout, which are kept at their value, count as shared ones without a prior.
+        Parameters that the layout considers, which are kept at their values, count as shared ones without a prior.
 
         Parameters
         ----------
         evaluation : Evaluation
-            Of T frames at the solution.
+            T frames at their solution.
         sigma : (T,) array
             Noise of the pixels after robust weighting.
         kappa : (T,) array
-            Curvature of the loss, as a share of that of the Gauss-Newton Hessian.
+            Curvature of the loss relative to the Gauss-Newton Hessian.
         """
         evaluation = _with_considered_as_shared(evaluation)
         shared = evaluation.problem.layout.shared
         prior = np.zeros_like(evaluation.information) if evaluation.prior is None else evaluation.prior.hessian
         hessian = kappa[:, None, None] * evaluation.information + prior + evaluation.links_hessian
         following, _ = eliminated(hessian, evaluation.gradient, ~shared, evaluation.coupling)
-        # L takes errors of the gradient to those by the shared parameters, with the cameras following
+        # L maps the gradient to that by the shared parameters while the own ones follow
         L = np.zeros((len(hessian), int(np.count_nonzero(shared)), len(shared)))
         L[:, :, ~shared], L[:, :, shared] = -np.swapaxes(following, 1, 2), np.eye(L.shape[1])
         noise = Noise(evaluation)
         pull = evaluation.pull * noise.relative_sigma
         between = np.square(sigma)[:, None, None] * noise.covariance(evaluation.JT, pull, pull) + prior
         painted = np.sum(L @ noise.by_line(evaluation.JT, evaluation.pull), axis=0)
-        # what links the frames has weights that are one over its variance
+        # terms that link frames are weighted by inverse variances
         spread = np.sum(L @ (between + evaluation.links_hessian) @ np.swapaxes(L, 1, 2), axis=0) + painted @ painted.T
         if evaluation.coupling is not None:
             first, second, blocks = evaluation.coupling
@@ -83,7 +83,7 @@ class ReducedSystem:
         )
 
     def take(self, index: IntArray) -> ReducedSystem:
-        """The system of some of the parameters, the others being kept."""
+        """The system of some of the parameters; the others are fixed."""
         both = np.ix_(index, index)
         return ReducedSystem(self.hessian[both], self.gradient[index], self.spread[both], self.pulls[:, index])
 
@@ -99,9 +99,9 @@ class ReducedSystem:
 
     @cached_property
     def covariance(self) -> Array:
-        """Covariance (S, S), inflated where runs of frames pull more than independent noise explains.
+        """Covariance (S, S), inflated if gradients of runs of frames are larger than independent noise explains.
 
-        The factor is the mean over all directions, in units of `white_covariance`, of the variance that the runs show.
+        The factor is the variance between runs in units of `white_covariance`, averaged over all directions.
         """
         runs = [run for run in np.array_split(np.arange(len(self.pulls)), RUNS) if len(run)]
         if len(runs) < 3 or not len(self.hessian):

@@ -1,16 +1,16 @@
 """The size of a field, estimated from one frame that was calibrated at the given size.
 
 A priori the field has the given size, with some probability, or a size that is normal around it
-(`fieldcalib.fields.traits`). To first order the labels of a frame put the size delta off the given one, with a
-covariance V from the noise of the pixels and the freedom of the camera. Under the k-th possibility, of covariance S_k,
-delta is normal with covariance V + S_k. That gives the posterior probabilities of the possibilities, and the second
-moment of the size under each,
+(`fieldcalib.fields.traits`). To first order the labels of a frame give the difference delta of the true size from the
+given one, with a covariance V from the noise of the pixels and the freedom of the camera. Under the k-th possibility,
+of covariance S_k, delta is normal with covariance V + S_k. That gives the posterior probabilities of the possibilities,
+and the second moment of the size under each,
 
     M_k = m m^T + S_k - S_k (V + S_k)^-1 S_k,        m = S_k (V + S_k)^-1 delta.
 
-A frame that shows both touchlines determines the width; one that shows neither keeps the prior. Sizes that the rules
-forbid are excluded: the probability of a possibility is multiplied by its legal share, given the labels. One more
-possibility is that labels are wrong and the size is as uncertain as before.
+A frame that shows both touchlines determines the width; one that shows neither keeps the prior. Illegal sizes are
+excluded: the probability of a possibility is multiplied by the legal share of its distribution, given the labels. One
+more possibility is that labels are wrong; then the size is as uncertain as before.
 """
 
 from __future__ import annotations
@@ -23,9 +23,9 @@ import numpy as np
 from fieldcalib._types import Array
 
 FAINT = 1e-6  # 1 / m^2: information that is added so that the system is regular
-WRONG = 0.02  # probability of wrong labels: 1 in 50 frames of good cameras has one that bends the size
-FAR_OFF = np.array([30.0, 30.0, 3.0])  # m: standard deviations of the best fitting length, width and crown then
-LEAST_ROOM = 1.0  # m: the given size is possible, whatever the rules say
+WRONG = 0.02  # probability of wrong labels: 1 in 50 frames of good cameras has one that biases the size
+FAR_OFF = np.array([30.0, 30.0, 3.0])  # m: standard deviations of fitted length, width and crown with wrong labels
+LEAST_ROOM = 1.0  # m: the given size is always possible, even if it is illegal
 
 
 @dataclass(frozen=True, eq=False)
@@ -33,13 +33,13 @@ class SizeEvidence:
     """Estimates of c quantities from one frame: length and width of its field and, if c is 3, its crown."""
 
     offset: Array
-    """Best fitting quantities less the given ones, (c,) metres."""
+    """Fitted quantities minus the given ones, (c,) metres."""
     covariance: Array
     """Covariance of the offset, (c, c)."""
     weights: Array
     """Probabilities of the possibilities, (K + 1,), the last one being wrong labels."""
     means: Array
-    """Mean of the true quantities less the given ones under each possibility, (K + 1, c)."""
+    """Mean of the true quantities minus the given ones under each possibility, (K + 1, c)."""
     moments: Array
     """Second moment of that difference, (K + 1, c, c)."""
     as_given: float
@@ -52,7 +52,7 @@ class SizeEvidence:
 
     @property
     def mean(self) -> Array:
-        """Expected size less the given one, (c,), if the field has not the given size and no label is wrong."""
+        """Expected size minus the given one, (c,), if the field has another size and no label is wrong."""
         some = np.where(np.any(self.means != 0.0, axis=1), self.weights, 0.0)
         return np.asarray(some @ self.means / max(float(np.sum(some)), FAINT))
 
@@ -65,15 +65,15 @@ class SizeEvidence:
         Parameters
         ----------
         information : (c, c) array
-            Information of the labels about them, with the camera free.
+            Information of the labels about the quantities, with the camera free.
         gradient : (c,) array
-            Gradient of the cost by them.
+            Gradient of the cost by the quantities.
         spread : (c, c) array
-            Covariance of that gradient.
+            Covariance of the gradient.
         prior : (K,) array, (K, c) array
             Probabilities and standard deviations of the possibilities.
         room : (2, 2) array, optional
-            By how much the rules let length and width be smaller (first row) and larger than given, metres.
+            Legal deviations of length and width from the given ones, down (first row) and up, metres.
 
         Examples
         --------
@@ -93,7 +93,7 @@ class SizeEvidence:
         with_wrong = np.array([*((1.0 - WRONG) * weights), WRONG])
         found = possible_values(offset, V, with_wrong, np.concatenate([sigmas, FAR_OFF[None, :count]]))
         means, moments = found.means.copy(), found.moments
-        means[-1], moments[-1] = 0.0, np.diag(weights @ np.square(sigmas))  # wrong labels: as it was known before
+        means[-1], moments[-1] = 0.0, np.diag(weights @ np.square(sigmas))  # wrong labels: the prior moments
         posterior = np.exp(found.log - np.max(found.log))
         if room is not None:
             S = np.square(sigmas)[:, :, None] * np.eye(count)
@@ -109,9 +109,9 @@ class PossibleValues(NamedTuple):
     log: Array
     """Logarithms of the probabilities of the possibilities, up to a constant, (K,)."""
     means: Array
-    """(K, c)"""
+    """Means, (K, c)."""
     covariances: Array
-    """(K, c, c)"""
+    """Covariances, (K, c, c)."""
 
     @property
     def moments(self) -> Array:
@@ -125,9 +125,9 @@ def possible_values(offset: Array, V: Array, weights: Array, sigmas: Array) -> P
     Parameters
     ----------
     offset : (c,) array
-        What was measured.
+        The measurement.
     V : (c, c) array
-        Covariance of that.
+        Its covariance.
     weights, sigmas : (K,), (K, c) arrays
         Probabilities of the priors, and their standard deviations.
     """
@@ -141,7 +141,7 @@ def possible_values(offset: Array, V: Array, weights: Array, sigmas: Array) -> P
 
 
 def _legal_share(mean: Array, covariance: Array, room: Array) -> Array:
-    """Legal share (K,) of normal distributions (K, c), with length and width taken for independent."""
+    """Share of K normal distributions in the legal range, (K,), as if length and width were independent."""
     from scipy.special import ndtr  # a slow import
 
     sigma = np.sqrt(np.maximum(np.diagonal(covariance, axis1=-2, axis2=-1), FAINT))

@@ -16,6 +16,7 @@ from fieldcalib.assess.uncertainty import Uncertainty, uncertainties
 from fieldcalib.assess.whole_picture import SQUASHED_LOG_ODDS, Picture, is_squashed, seems_part
 from fieldcalib.fields.field import Field
 from fieldcalib.problem.evaluation import Evaluation, evaluate
+from fieldcalib.problem.pixel_table import PixelTable
 from fieldcalib.problem.records import problem_from_record, problem_to_record
 
 
@@ -64,6 +65,11 @@ class Solved:
         return Solved(self.evaluation.take(one).trimmed, self.unit[one])
 
     @property
+    def pixels(self) -> PixelTable:
+        """The labelled pixels of the frame, and the weights that it was solved with."""
+        return self.evaluation.problem.observations.take(np.array([self.frame])).pixels
+
+    @property
     def are_computed(self) -> bool:
         """Whether the uncertainty is remembered."""
         return self._uncertainty is not None
@@ -100,8 +106,7 @@ class Solved:
         solved = self.uncertainty.camera  # in a frame with square pixels
         log_ratio = SQUASHED_LOG_ODDS * is_squashed(picture.camera, solved)
         if picture.are_annotated:
-            pixels, _ = self.evaluation.problem.observations.frame(self.frame)
-            log_ratio += log_ratio_of_cut(picture.field, pixels, solved)
+            log_ratio += log_ratio_of_cut(picture.field, self.pixels.by_label(0), solved)
         part = seems_part(self.on(picture.field), picture.probability, log_ratio, picture.declared)
         return (*part, *unusual)
 

@@ -1,4 +1,4 @@
-"""Unusual estimates: parameters far from their prior, or that were fixed at values which the labels contradict."""
+"""Unusual estimates: parameters far from their prior, or fixed at values that the labels contradict."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from fieldcalib.assess.uncertainty import Uncertainty
 from fieldcalib.problem.prior import is_whole_shape
 
 UNUSUAL = 2.8  # z-score under the prior: 1 in 200 if it is normal; 8 of 728 annotated frames have one above 2.5
-CONTRADICTED = 5.0  # standard deviations from the value that a parameter was fixed at: on annotated frames up to 4.4
+CONTRADICTED = 5.0  # standard deviations between a fixed value and the labels' one: up to 4.4 on annotated frames
 LEAST_ASPECT = 0.02  # log aspect: annotation and resampling cause less
 LEAST_SQUASH = 0.08  # log aspect: other pictures that are shown as 16:9 come from 16:10 (0.105) or 4:3 (0.29)
 LEAST_LENS = 0.01  # relative displacement at the corner by k2
@@ -41,7 +41,7 @@ def surprises(uncertainty: Uncertainty) -> tuple[str, ...]:
     >>> surprises(calibrate_from_segments(soccer(), pixels, (960, 540)).uncertainty)
     ()
     """
-    found: dict[str, None] = {}  # each once, in this order
+    found: dict[str, None] = {}  # an ordered set
     problem = uncertainty.problem
     if problem.prior is not None:
         names = np.array(problem.layout.names)[problem.free]

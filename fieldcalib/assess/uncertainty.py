@@ -1,20 +1,20 @@
-"""The uncertainty of a frame that was calibrated by itself: covariance, and what the labels determine.
+"""The uncertainty of a frame that was calibrated by itself: covariance, and observability by the labels.
 
 The solver minimises ``1/2 sum w_i rho(r_i^2) / noise^2 + 1/2 sum z_k^2``, in which each segment has the same weight.
-These weights are no inverse variances, so the inverse of its Hessian is no covariance. To first order the error is
+These weights are not inverse variances, so the inverse of its Hessian is not a covariance. To first order the error is
 
     A^-1 (sum_i w_i / noise^2 psi(e_i) J_i + P (mean - theta)),        A = kappa H + P,
 
 with e the noise of the pixels, ``psi(r) = r rho'``, H the Gauss-Newton Hessian of the data, P the prior's precision and
-kappa the mean of psi' divided by the mean of rho', which H has in place of psi'. With noise of standard deviation sigma
-and correlation c, and cameras distributed as the prior, the covariance of the error is the sandwich
+kappa the mean of psi' divided by the mean of rho', which takes the place of psi' in H. With noise of standard deviation
+sigma and correlation c, and cameras distributed as the prior, the covariance of the error is the sandwich
 
     A^-1 (sigma^2 sum_ij c_ij v_i v_j J_i J_j^T + P) A^-1,        v_i = w_i rho'_i / noise^2.
 
 Segments are independent: c is 0 between them. Pixels of one segment share a small part of their noise.
 
 Sigma comes from the residuals of the frame, divided by the redundancy of the fit, and is moderated by the noise of
-other frames, as few labels say little about their own noise. Regions then follow Student's and Fisher's distributions.
+other frames, as few labels hardly determine their own noise. Regions then follow Student's and Fisher's distributions.
 
 References: Huber, Ronchetti: Robust Statistics, 2nd edition, 2009, section 7.6 (the sandwich). Smyth: Linear Models and
 Empirical Bayes Methods, 2004, section 3 (moderated variances).
@@ -40,11 +40,11 @@ from fieldcalib.geometry.camera import Camera
 from fieldcalib.problem.evaluation import Evaluation, Problem, evaluate
 from fieldcalib.problem.layout import Layout
 
-# Number of equations that the noise of other frames counts for. Smyth's fit gives 6 on 399 frames of SoccerNet, whose
-# pixels have a median sigma of 1.3 px at 960 x 540, and 11 on 93 of WC14 (0.7); it is less, as other annotators differ.
+# Number of equations as which the noise of other frames counts. Smyth's fit gives 6 on 399 frames of SoccerNet, whose
+# pixels have a median sigma of 1.3 px at 960 x 540, and 11 on 93 of WC14 (0.7); here it is less, as annotators differ.
 OTHER_FRAMES = 5.0
 TESTED = ("log aspect", "b2")  # parameters that are usually kept fixed
-TOUCHED = 1e-6  # share of a derivative along an open direction above which it is no rounding error
+TOUCHED = 1e-6  # share of a derivative along open directions: less is rounding
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -73,40 +73,41 @@ class Uncertainty(Estimate):
     curvature: float
     """kappa: mean curvature of the robust loss, divided by the one in the Gauss-Newton Hessian of the data."""
     dof: float
-    """Degrees of freedom that sigma rests on."""
+    """Degrees of freedom of sigma."""
     unit: Array
-    """(n,) standard deviations on which a parameter counts as determined, 0 for those that are not free."""
+    """Standard deviations (n,) in whose units information is measured; 0 for parameters that are not free."""
     determined: Array
     """Covariance (n, n) along the determined directions, 0 along open ones, without errors of considered parameters."""
     open: Array
-    """Directions (n, k) that neither labels nor prior determine."""
+    """Open directions (n, k): neither labels nor prior determine them."""
     determined_by_labels: Array
-    """`determined` without the prior."""
+    """`determined` by the labels alone, without the prior."""
     open_to_labels: Array
-    """`open` without the prior."""
+    """Directions that the labels alone leave open."""
     information: Information
     """Information from the labels."""
     by_considered: Array
     """Derivatives (n, c) of the error of the estimate by the errors of the considered parameters: length, width and
-    crown of the field, or what many frames share."""
+    crown of the field, or parameters shared by many frames."""
     size: SizeEvidence | None
-    """The size of the field by this frame, if the ground is level; None if the size is exact, or known with a
+    """The size of the field as estimated from this frame on level ground; None if the size is exact, or known with a
     covariance."""
     with_crown: SizeEvidence | None
-    """Size and crown of the field by this frame; None if all such fields are level, or where `size` is None."""
+    """Size and crown of the field as estimated from this frame; None if all such fields are level, or `size` is
+    None."""
     offsets: Mapping[str, tuple[float, float]]
     """Error, to first order, of "log aspect" and "b2" (the second radial coefficient) if they are kept fixed, and its
     standard deviation."""
     field: Field | None = None
-    """The field in view; None if the object is no `Field`, or it is not known."""
+    """The field in view; None if the object is not a `Field`, or unknown."""
 
     def on(self, field: Field | None) -> Uncertainty:
-        """The same estimate with this field in view: errors are then relative to its markings."""
+        """The estimate with another field in view: errors are then relative to its markings."""
         return replace(self, field=field)
 
     @property
     def if_level(self) -> Uncertainty:
-        """The errors if the field were known to be level."""
+        """The estimate with its errors if the field were known to be level."""
         if self.size is not None:
             return self if self.with_crown is None else replace(self, with_crown=None)
         problem = self.problem
@@ -154,14 +155,14 @@ class Uncertainty(Estimate):
         return _propagated(J, self.determined + self._covariance_by_considered, self.open, self.unit)
 
     def is_open(self, J: Array) -> BoolArray:
-        """Which quantities of derivatives J (..., n) nothing determines, (...)."""
+        """Mask (...) of the quantities, with derivatives J (..., n), that nothing determines."""
         return _touched(J, self.open, self.unit)
 
     @property
     def covariance_by_labels(self) -> Array:
-        """Covariance (n, n) of an estimate from these labels without a prior: infinite where they leave it open.
+        """Covariance (n, n) of an estimate from the labels without a prior: infinite where they leave it open.
 
-        It may be smaller than `covariance`, as the solver trusts good labels less than they deserve.
+        It may be smaller than `covariance`, as the solver gives accurate labels too little weight against the prior.
         """
         determined = self.determined_by_labels + self._covariance_by_considered
         return _propagated(np.eye(len(self.theta)), determined, self.open_to_labels, self.unit)
@@ -169,9 +170,9 @@ class Uncertainty(Estimate):
     def distance(self, camera: Camera) -> float:
         """Distance of another camera from the estimate, in standard deviations: Rao's score.
 
-        ``sqrt(g^T V^-1 g)`` with g the gradient of the cost at that camera and V its covariance if that camera is the
-        true one. ``radius(number of free parameters)`` bounds the cameras that agree with the frame. Unlike the
-        ellipsoid of `covariance`, this region follows the curved valley of cameras that see nearly the same.
+        ``sqrt(g^T V^-1 g)``, where g is the gradient of the cost at that camera and V is the covariance of g if that
+        camera is the true one. ``radius(number of free parameters)`` bounds the cameras that agree with the frame.
+        Unlike the ellipsoid of `covariance`, this region follows the curved valley of cameras with similar images.
         """
         theta = self.problem.layout.theta(camera)
         theta[self.problem.layout.field_size_block] = self.theta[self.problem.layout.field_size_block]
@@ -206,9 +207,9 @@ def uncertainties(evaluation: Evaluation, unit: Array) -> list[Uncertainty]:
     Parameters
     ----------
     evaluation : Evaluation
-        Solved problems. Their prior, if any, is taken for the distribution of the true cameras.
+        Solved problems. Their prior, if any, is taken as the distribution of the true cameras.
     unit : (B, n) array
-        Standard deviations on which a parameter counts as determined: of the prior, where there is one.
+        Standard deviations in whose units information is measured: those of the prior, if there is one.
 
     Returns
     -------
@@ -235,7 +236,7 @@ def uncertainties(evaluation: Evaluation, unit: Array) -> list[Uncertainty]:
     kept = _Kept.of(evaluation, rows, gain, kappa, noisy)
 
     by_true_value = np.zeros((len(problem), layout.size, sizes))
-    by_true_value[:, free] = -directions.theta @ kept.following[:, :, :sizes]  # given less true, and so the other way
+    by_true_value[:, free] = -directions.theta @ kept.following[:, :, :sizes]  # errors: given minus true values
     by_true_value[:, layout.considered] = -np.eye(sizes)
     units, along = np.zeros_like(evaluation.theta), np.zeros((len(problem), layout.size, P))
     units[:, free], along[:, free] = scale, directions.theta
@@ -273,7 +274,7 @@ class _Directions(NamedTuple):
     JT: Array
     """Derivatives (B, P, M) of the residuals by the coordinates."""
     information: Array
-    """Information (B, P) of the labels along each; that of the prior is 1."""
+    """Information (B, P) of the labels along each coordinate; that of the prior is 1."""
 
     @classmethod
     def of(cls, evaluation: Evaluation, labels: Information, scale: Array) -> _Directions:
@@ -287,7 +288,7 @@ class _Directions(NamedTuple):
         return self.information < OPEN_DIRECTION
 
     def gain(self, kappa: Array, has_prior: bool) -> Array:
-        """Inverse curvature (B, P) of the cost along the directions, 0 where it is open."""
+        """Inverse curvature (B, P) of the cost along the directions, 0 along open ones."""
         lost = self.is_open & (not has_prior)
         return np.asarray(1.0 / np.where(lost, np.inf, kappa[:, None] * self.information + has_prior))
 
@@ -313,10 +314,10 @@ def _variance(evaluation: Evaluation, noise: Noise, directions: _Directions) -> 
 
 
 class _Kept(NamedTuple):
-    """Derivatives of the cost of B frames by k parameters that are kept at given values, with the camera following."""
+    """Derivatives of the cost of B frames by k parameters kept at given values, while the camera is fitted to them."""
 
     following: Array
-    """Derivatives (B, P, k) of the camera, along the directions."""
+    """Derivatives (B, P, k) of the fitted camera, along the directions."""
     gradient: Array
     """Gradient (B, k) of the cost."""
     information: Array
@@ -326,7 +327,7 @@ class _Kept(NamedTuple):
 
     @classmethod
     def of(cls, evaluation: Evaluation, rows: Array, gain: Array, kappa: Array, noisy: Array) -> _Kept:
-        """From derivatives `rows` (B, P + k, M) of the residuals and the covariance `noisy` of the gradient by them."""
+        """Compute from derivatives `rows` (B, P + k, M) of the residuals; `noisy` is the covariance of the gradient."""
         P = gain.shape[1]
         by_kept = rows[:, P:]
         crossed = kappa[:, None, None] * gram(rows, evaluation.pull)[:, :P, P:]
@@ -344,7 +345,7 @@ class _Kept(NamedTuple):
 
 
 def _size_evidence(problem: Problem, kept: _Kept) -> tuple[list[SizeEvidence | None], list[SizeEvidence | None]]:
-    """Size of the field by each frame, if the ground is level, and size and crown together."""
+    """Size of the field estimated from each frame, on level ground and together with the crown."""
     layout, size, B = problem.layout, problem.layout.field_size, len(problem)
     if size is None or problem.considered is not None or not np.all(layout.considered[layout.field_size_block]):
         return [None] * B, [None] * B  # the size is exact, known with a covariance, or estimated
@@ -366,7 +367,8 @@ def _whole(map_: Array, inner: Array, free: BoolArray) -> Array:
 
 
 def _propagated(J: Array, determined: Array, open_directions: Array, unit: Array) -> Array:
-    """Covariance (..., m, m) of quantities with derivatives J (..., m, n): infinite (NaN off the diagonal) if open."""
+    """Covariance (..., m, m) of quantities with derivatives J (..., m, n); of open ones infinite, NaN off the
+    diagonal."""
     covariance = J @ determined @ np.swapaxes(J, -2, -1)
     if not open_directions.shape[1]:
         return np.asarray(covariance)
@@ -378,6 +380,6 @@ def _propagated(J: Array, determined: Array, open_directions: Array, unit: Array
 
 
 def _touched(J: Array, open_directions: Array, unit: Array) -> BoolArray:
-    """Whether quantities of derivatives J (..., n) move along open directions (n, k)."""
+    """Whether quantities with derivatives J (..., n) change along open directions (n, k)."""
     along = np.linalg.norm(J @ open_directions, axis=-1)
     return np.asarray(along > TOUCHED * np.linalg.norm(J * unit, axis=-1))

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -11,11 +11,11 @@ from fieldcalib._types import BoolArray
 from fieldcalib.assess.observability import OPEN_DIRECTION, Direction
 from fieldcalib.assess.result import Status
 from fieldcalib.fields.field import Field
-from fieldcalib.fields.segments import EndRows, ObjectSegments, PointRows
+from fieldcalib.fields.segments import EndRows, PointRows, Segment
 from fieldcalib.geometry.rotation import angles_from_rotation, rotation_from_angles
 from fieldcalib.problem.evaluation import Evaluation
-from fieldcalib.problem.labelled_pixels import Pixels
 from fieldcalib.problem.layout import ANGLES, CENTER, LOG_F, exp_of
+from fieldcalib.problem.observations import FrameLabels
 
 LARGEST_ROLL = np.radians(45.0)
 FIELD_OF_VIEW = np.radians((0.5, 150.0))
@@ -34,8 +34,10 @@ class Evidence:
     """The paper's loss, which tau is compared with."""
     errors: Mapping[str, float]
     """Root mean square distance of each segment under the labels that were solved with, pixels."""
-    given: Pixels
-    """The frame with its labels as given."""
+    labels: FrameLabels
+    """The labels that were solved with."""
+    given: FrameLabels
+    """The labels as given."""
     suspects: Sequence[str]
     """Labels as given that the others contradict."""
     far: float
@@ -52,81 +54,58 @@ class Evidence:
     """Whether the lens comes from the prior, since the labels hardly determine it."""
 
 
-def segment_errors(evaluation: Evaluation, frames: Sequence[Pixels]) -> list[tuple[dict[str, float], float]]:
-    """Root mean square distance of each segment, and of all pixels together, for each frame; pixels.
-
-    Parameters
-    ----------
-    evaluation : Evaluation
-        B frames at their cameras.
-    frames : sequence of B dicts of str to (N, 2) array
-        The frames that were packed; errors are in the order of their labels.
-    """
-    observations = evaluation.problem.observations
-    squares = np.square(evaluation.r)
-    squares[:, observations.columns[EndRows]] = 0.0
-    number = {name: index for index, name in enumerate(observations.labels)}
-    found = []
-    for total, frame in zip(observations.by_label(squares), frames, strict=True):
-        rms = np.sqrt(np.sum(total) / max(sum(map(len, frame.values())), 1))
-        found.append(({name: float(np.sqrt(total[number[name]] / len(xy))) for name, xy in frame.items()}, float(rms)))
-    return found
-
-
-def verdict(
-    object_segments: ObjectSegments, frame: Pixels, evidence: Evidence, tau: float | None
-) -> tuple[Status, str]:
+def verdict(evidence: Evidence, tau: float | None) -> tuple[Status, str]:
     """Status of one frame's calibration, and a message with the reason and what would help.
 
     Of several complaints the first counts: rejected by tau, too few segments, degenerate, implausible, not converged.
     """
-    noun = _noun(object_segments, frame)
-    labelled = f"{len(frame)} {noun}{'s' * (len(frame) != 1)}"
+    segments, equations = evidence.labels.segments, sum(evidence.labels.equations.values())
+    noun = _noun(segments)
+    labelled = f"{len(segments)} {noun}{'s' * (len(segments) != 1)}"
     if tau is not None and not evidence.loss_ndc <= tau:
         return Status.REJECTED, f"the loss in NDC, {evidence.loss_ndc:.4f}, is above tau = {tau:g}"
-    equations = constraints(object_segments, frame)
     if equations < evidence.unknowns:
         return Status.TOO_FEW_SEGMENTS, (
             f"{labelled}: {equations} equations for {evidence.unknowns} unknowns; {LABEL_MORE.format(noun)}"
         )
     if evidence.weakest.information < OPEN_DIRECTION:
-        return Status.DEGENERATE, degeneracy(object_segments, frame) or (
+        return Status.DEGENERATE, degeneracy(list(segments.values())) or (
             f"the labels leave {evidence.weakest.parameters} open: label a {noun} elsewhere in the image, or fix what "
             f"is known by flags"
         )
     if evidence.implausible:
         return Status.IMPLAUSIBLE, f"the best fit is physically implausible: {'; '.join(evidence.implausible)}"
-    missed = [label for label in frame if evidence.errors[label] > evidence.far]
-    complaint = disagreement(object_segments, evidence.given, [*evidence.suspects, *missed], evidence.unknowns)
+    missed = [label for label in segments if evidence.errors[label] > evidence.far]
+    complaint = disagreement(evidence.given, [*evidence.suspects, *missed], evidence.unknowns)
     if complaint:
         return Status.IMPLAUSIBLE, complaint
     if not evidence.converged:
         return Status.NOT_CONVERGED, "the iterations ended before a minimum: allow more, or check the labels"
     if missed:
         worst = max(missed, key=lambda label: evidence.errors[label])
-        fits = f"{len(frame) - len(missed)} of {labelled} agree"
+        fits = f"{len(segments) - len(missed)} of {labelled} agree"
         return Status.ACCEPTED, f"{fits}; {worst!r} lies {evidence.errors[worst]:.0f} px off, check its label"
     lens = "; the lens is poorly determined by the labels" if evidence.lens_is_prior else ""
     return Status.ACCEPTED, f"rms {evidence.rms:.2f} px over {labelled}{lens}"
 
 
-def disagreement(object_segments: ObjectSegments, frame: Pixels, missed: Sequence[str], unknowns: int) -> str | None:
+def disagreement(labels: FrameLabels, missed: Collection[str], unknowns: int) -> str | None:
     """Reason to reject a camera that misses some of a frame's labels; None if there is none.
 
     Two thirds of the labels must agree with it, and these must give as many equations as there are unknowns.
     """
-    agreeing = {label: xy for label, xy in frame.items() if label not in missed}
-    if len(agreeing) >= AGREEING * len(frame) and constraints(object_segments, agreeing) >= unknowns:
+    agreeing = [equations for label, equations in labels.equations.items() if label not in missed]
+    if len(agreeing) >= AGREEING * len(labels.equations) and sum(agreeing) >= unknowns:
         return None
     return (
-        f"only {len(agreeing)} of {len(frame)} {_noun(object_segments, frame)}s agree with the best fit: check the "
+        f"only {len(agreeing)} of {len(labels.equations)} {_noun(labels.segments)}s agree with the best fit: check the "
         f"labels, the field's and the image's size"
     )
 
 
-def _noun(object_segments: ObjectSegments, frame: Pixels) -> str:
+def _noun(segments: Mapping[str, Segment]) -> str:
     """The word for the labels of a frame in messages."""
-    return "point" if all(object_segments[label].is_point for label in frame) else "segment"
+    return "point" if all(segment.is_point for segment in segments.values()) else "segment"
 
 
 def implausibilities(
@@ -163,18 +142,8 @@ def implausibilities(
     return reasons
 
 
-def constraints(object_segments: ObjectSegments, frame: Pixels) -> int:
-    """Number of equations that the labels of a frame give at most.
-
-    A point gives two, a line two (one for a single pixel), a circle one for each pixel up to the five of a conic, an
-    ordered cloud one and an unordered one two for each pixel. A pinhole camera has seven unknowns.
-    """
-    return sum(object_segments[label].equations(len(set(map(tuple, xy.tolist())))) for label, xy in frame.items())
-
-
-def degeneracy(object_segments: ObjectSegments, frame: Pixels) -> str | None:
-    """Reason why the labels cannot determine a camera: parallel lines, lines through one point, or one circle."""
-    segments = [object_segments[label] for label in frame]
+def degeneracy(segments: Sequence[Segment]) -> str | None:
+    """Reason why segments cannot determine a camera: parallel lines, lines through one point, or one circle."""
     if not segments or not all(segment.is_straight for segment in segments):
         circles = {segment.middle_of_curvature if segment.is_arc else None for segment in segments}
         alike = "only one circle is labelled, and it looks alike from all sides: any line would help"

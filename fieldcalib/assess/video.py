@@ -39,8 +39,8 @@ class Shot(NamedTuple):
 class VideoCalibration(FrameSequence):
     """The calibrations of the frames of a video.
 
-    It is a sequence of `Calibration`, one for each frame, which are made when they are asked for. A slice has the
-    parts of shots and the frames of tripods that are in it.
+    It is a sequence of `Calibration`, one for each frame, made on access. A slice has the parts of shots and the frames
+    of tripods that are in it.
 
     Examples
     --------
@@ -52,15 +52,15 @@ class VideoCalibration(FrameSequence):
     """
 
     tripods: tuple[SequenceCalibration, ...]
-    """The frames of each tripod and what they share, the one with most frames first."""
+    """The frames of each tripod and their shared parameters, the tripod with most frames first."""
     shots: tuple[Shot, ...]
-    """In order; every frame is in one."""
+    """The shots in order; every frame is in one."""
     tripod: IntArray = attribute(repr=False)
-    """Index of the tripod of each frame, (T,); -1 for none."""
+    """Index of the tripod of each frame, (T,); -1 without a tripod."""
     number: IntArray = attribute(repr=False)
     """Index of each frame among those of its tripod, (T,)."""
     notes: tuple[str, ...] = ()
-    """Which model of the camera was taken, and why, where its frames do not share what they were to share
+    """Model of the camera, and the reason, where frames do not share the parameters that they were to share
     (`fieldcalib.images.clip_models`)."""
     shape: Shape | None = None
     """Black borders and pixels that are not square; `tripods` are in square pixels within the borders, the frames of
@@ -123,7 +123,7 @@ class VideoCalibration(FrameSequence):
 
     @property
     def basis(self) -> list[Basis]:
-        """What the camera of each frame rests on."""
+        """Data that the camera of each frame rests on."""
         of_tripods = [tripod.basis for tripod in self.tripods]
         return [
             Basis.NOTHING if tripod == NO_TRIPOD else of_tripods[tripod][number]
@@ -151,7 +151,7 @@ class VideoCalibration(FrameSequence):
         return table.join(pandas.concat(parts)).fillna(nothing)
 
     def to_dict(self) -> dict[str, Any]:
-        """Everything, for `json.dumps`."""
+        """The calibration as a dict for `json.dumps`."""
         return {
             "version": VERSION,
             "tripods": [tripod.to_dict() for tripod in self.tripods],
@@ -164,12 +164,12 @@ class VideoCalibration(FrameSequence):
 
     @classmethod
     def from_dict(cls, record: Mapping[str, Any]) -> VideoCalibration:
-        """Read what `to_dict` wrote.
+        """The inverse of `to_dict`.
 
         Raises
         ------
         ValueError
-            If the record is of another version, a key is missing, or a value cannot be right.
+            If the record has another version, a key is missing, or a value is invalid.
         """
         return read_record(record, "a video", VERSION, cls._from_record)
 

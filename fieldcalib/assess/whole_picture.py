@@ -1,14 +1,14 @@
-"""Pictures that may be parts of frames: the evidence for that, and whether their cameras would be wrong.
+"""Pictures that may be parts of frames: the evidence for it, and whether their cameras would be wrong.
 
 A whole frame has its principal point near the middle, a part of one anywhere. To first order the labels put it at an
 offset delta from the middle with a covariance V. If its prior has the covariance S for whole frames and 100 S for parts
 (ten times as far from the middle), the log likelihood ratio of a part compares delta under normal distributions of
 covariance V + 100 S and V + S.
 
-Few labels determine the principal point. A part of a frame also shows in a camera that seems rolled, as heads of
-tripods are level. And it matters only if the camera is wrong then: a camera that hardly depends on the principal point
-is right wherever that is. The score of `seems_part` is linear in these terms, and in the log odds that the camera of a
-whole frame is right.
+The labels of few frames determine the principal point. A roll of the camera is further evidence for a part, as heads of
+tripods are level. And a part matters only if its camera is wrong: one that hardly depends on the principal point is
+right in any case. The score of `seems_part` is linear in these terms, and in the log odds that the camera is right if
+the picture is a whole frame.
 """
 
 from __future__ import annotations
@@ -27,29 +27,29 @@ from fieldcalib.geometry.camera import Camera
 from fieldcalib.problem.layout import PRINCIPAL_POINT, ROLL
 from fieldcalib.problem.prior import BROADCAST_SHAPE, frame_around, is_whole_shape
 
-FAINT = 1e-6  # information, in units of the prior's, that is kept so that the system is regular
-PART_SCALE = 10.0  # times as far from the middle as in whole frames: a fifth of the width
-LEVEL = np.radians(0.5)  # of annotated broadcast frames 95 % are rolled by less than 0.7 degrees
+FAINT = 1e-6  # information, in units of the prior's, that keeps the system regular
+PART_SCALE = 10.0  # offset from the middle in parts, relative to whole frames: a fifth of the width
+LEVEL = np.radians(0.5)  # standard deviation of roll: 95 % of annotated broadcast frames have less than 0.7 degrees
 LARGEST_ROLL_SCORE = 4.0  # squared z-score: larger ones count as this
 LARGEST_ROLL = np.radians(2.5)  # a larger roll comes from a head that was not level
 LARGEST_LOG_RATIO = 8.0
-ERRORS_OF_PART = 0.05, 2.0  # in units of the field's tolerance: with less it is right, with more wrong in any case
-# Probability of being right that a picture needs if its shape is not that of a frame. Of halves and upright parts of
-# annotated frames 1 to 2 % are good and wrong then, 6 to 7 % with the 0.5 of whole pictures.
+ERRORS_OF_PART = 0.05, 2.0  # in units of the field's tolerance: smaller errors are right, larger ones wrong in any case
+# Required probability of being right if the shape of a picture is not that of a frame. Then 1 to 2 % of halves and
+# upright parts of annotated frames are good and wrong; with the 0.5 of whole pictures 6 to 7 % would be.
 SURE = 0.92
 # Fitted to 667 annotated whole frames and to corners of them that would be good and wrong: 2 % of the frames and 59 %
-# of the corners have a positive score. To find 90 % of these without the ends of their labels would cost 16 % of the
-# frames, as their labels fit a wrong camera as well as the right one.
+# of the corners have a positive score. To detect 90 % of the corners without using the ends of labels would cost 16 %
+# of the frames, as labels of corners fit a wrong camera as well as the right one.
 SCORE = (-0.5, -0.5, 0.55, 1.2, 1.95)
 SQUASHED_LOG_ODDS = -2.0  # of being a part, if the picture was squashed from 16:9: few pictures are changed twice
-LARGEST_SPREAD = 0.05  # share of the width: priors with a wider principal point are not of whole frames
-SQUASH_SIGMAS = 3.0  # standard deviations by which the pixels of a squashed picture must be off
+LARGEST_SPREAD = 0.05  # share of the width: wider priors of the principal point are not those of whole frames
+SQUASH_SIGMAS = 3.0  # standard deviations by which the aspect of a squashed picture must be off
 CUT = "the picture may be a part of a frame, whose middle the labels do not tell: say which part (--crop-of)"
 SHAPE = "the picture is not 16:9, and the labels do not tell whether it was squashed (--aspect) or cut out (--crop-of)"
 
 
 class Declared(StrEnum):
-    """What a user has said about a picture."""
+    """Statement of a user about a picture."""
 
     NOTHING = "nothing"
     PIXELS = "pixels"
@@ -74,7 +74,7 @@ class Picture:
 
 @dataclass(frozen=True, eq=False)
 class PrincipalPointEvidence:
-    """The principal point by the labels of a frame, in standard deviations of its prior for whole frames."""
+    """The principal point as the labels determine it, in standard deviations of its prior for whole frames."""
 
     offset: Array
     """Offset (2,) from the middle of the picture."""
@@ -83,7 +83,7 @@ class PrincipalPointEvidence:
 
     @property
     def log_ratio_of_part(self) -> float:
-        """Log likelihood of a part of a frame less that of a whole one."""
+        """Log likelihood ratio of a part of a frame to a whole one."""
         log = []
         for scale in (PART_SCALE, 1.0):
             total = self.covariance + scale**2 * np.eye(2)
@@ -114,7 +114,7 @@ class PrincipalPointEvidence:
 def largest_error_of_part(uncertainty: Uncertainty) -> float:
     """Largest root mean square error of the ground points in view if the picture is a part of a frame, metres.
 
-    It is computed to first order from the camera that the labels give without the narrow prior of whole frames.
+    It is computed to first order from the camera of the labels without the narrow prior of whole frames.
 
     Examples
     --------
@@ -140,7 +140,7 @@ def largest_error_of_part(uncertainty: Uncertainty) -> float:
 
 
 def _freed(uncertainty: Uncertainty, precision: float) -> tuple[BoolArray, Array, Array, Array] | None:
-    """The estimate with another precision of the principal point's prior, in units of its own; None if it is fixed.
+    """The estimate if the precision of the principal point's prior is multiplied by `precision`; None if it is fixed.
 
     Returned are a mask of the principal point among the free parameters and, in units of their prior, their z-scores,
     the shift of the estimate, and its covariance.
@@ -165,7 +165,7 @@ def seems_part(
     log_ratio_of_cut: float = 0.0,
     declared: Declared = Declared.NOTHING,
 ) -> tuple[str, ...]:
-    """Say that a picture may be a part of a frame if its camera would be wrong then; nothing for other pictures.
+    """Complaint if a picture may be a part of a frame and its camera would then be wrong; empty otherwise.
 
     Parameters
     ----------
@@ -175,7 +175,7 @@ def seems_part(
     log_ratio_of_cut : float
         Log likelihood ratio of a part from the ends of labels (`fieldcalib.assess.cut_labels`).
     declared : Declared
-        What the user has said about the picture.
+        Statement of the user about the picture.
     """
     if declared == Declared.FRAME:
         return ()
@@ -191,7 +191,7 @@ def seems_part(
 
 
 def is_squashed(shown: Camera, solved: Camera) -> bool:
-    """Whether a picture has not the square pixels of the frame that was solved, from the cameras in both."""
+    """Whether the pixels of a picture are not square, unlike those of the solved frame, from the cameras in both."""
     (a, b), (c, d) = np.diagonal(shown.K)[:2], np.diagonal(solved.K)[:2]
     return bool(abs(np.log(a * d / (b * c))) > LEAST_ASPECT)
 

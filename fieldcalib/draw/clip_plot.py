@@ -21,7 +21,7 @@ FINER = 2  # drawn at twice the size and reduced: OpenCV's letters have rough ed
 FIGURE = (1280, 1000)  # px
 LEFT, RIGHT, TOP, BOTTOM, GAP = 160, 118, 44, 48, 12  # px around the panels, and between them
 STRIP = 12  # px, the height of the strip of statuses
-TICKS_UP, TICKS_ALONG = 5, 10  # at most
+TICKS_UP, TICKS_ALONG = 5, 10  # largest numbers of ticks
 WITHIN = 4.0  # interdecile ranges around the median: values further out are ignored by the scale of a panel
 PADDING = 0.08  # of a panel's height above and below
 
@@ -52,7 +52,7 @@ STRIP_COLOURS: dict[str, Colour] = {
 
 @dataclass(frozen=True)
 class Curve:
-    """A quantity over the frames of a clip."""
+    """One quantity of the cameras over the frames of a clip."""
 
     name: str
     unit: str
@@ -73,10 +73,10 @@ def plot_sequence(
 ) -> Image:
     """Plot pan, tilt, roll, focal length and centre of the cameras of a clip over time.
 
-    A band around each curve holds the truth with a probability of 95 %, frame by frame; its half width in the median is
-    written beside it, where shots differ the least and the largest. Frames without camera are gaps, and cameras that
-    are not accepted red. Values far from all others of their shot may lie outside their panel: a triangle at its edge
-    points there. The strip on top shows the status of each frame.
+    A band around each curve is the 95 % interval of each frame; its median half width is written beside it, or the
+    smallest and the largest one where shots differ. Frames without camera are gaps, cameras that are not accepted are
+    red. Values far from all others of their shot may lie outside their panel: a triangle at its edge points there. The
+    strip on top shows the status of each frame.
 
     Parameters
     ----------
@@ -84,7 +84,7 @@ def plot_sequence(
         Of the frames in their order, e.g. a `SequenceCalibration`; None is a frame without camera. Each shot of a
         `VideoCalibration` has curves of its own.
     frames_per_second : float, optional
-        The axis is then in seconds, otherwise in frames.
+        Rate of the frames: with it, the time axis is in seconds, otherwise in frames.
     rests_on : sequence of str or None, optional
         The data that the camera of each frame rests on, in the words of `Basis`; None where there is no camera. By
         default `basis` of a `SequenceCalibration` or `VideoCalibration`. The strip shows it for accepted frames.
@@ -185,7 +185,7 @@ def _curves(calibrations: Sequence[Calibration | None]) -> list[Curve]:
 
 
 def value_range(curve: Curve, accepted: BoolArray) -> tuple[float, float]:
-    """Least and largest value of a panel: all accepted ones with most of their bands, without outliers."""
+    """Least and largest value of a panel: it holds all accepted values but outliers, and most of their bands."""
     shown = accepted & np.isfinite(curve.values)
     shown = shown if shown.any() else np.isfinite(curve.values)
     if not shown.any():
@@ -199,7 +199,7 @@ def value_range(curve: Curve, accepted: BoolArray) -> tuple[float, float]:
 
 
 def _range_of_shot(curve: Curve, shown: BoolArray) -> tuple[float, float]:
-    """Range of the values of one shot, which change slowly: values far from the others are mistakes."""
+    """Range of the values of one shot, without outliers: the true values change slowly."""
     values = curve.values[shown]
     least, middle, most = np.quantile(values, (0.1, 0.5, 0.9))
     reach = WITHIN * (most - least)
@@ -213,7 +213,7 @@ def _range_of_shot(curve: Curve, shown: BoolArray) -> tuple[float, float]:
 
 
 def half_widths(curve: Curve, known: BoolArray) -> list[str]:
-    """Text of the median half widths of the bands of some frames: of the least shot, and of the largest.
+    """Text of the median half widths of the bands of `known` frames: smallest and largest over the shots.
 
     Examples
     --------
@@ -265,7 +265,7 @@ def _runs(index: IntArray, shot: IntArray | None = None) -> Iterator[IntArray]:
 
 @dataclass(frozen=True)
 class Canvas:
-    """A picture `FINER` times as fine; places and sizes are in pixels of the reduced one."""
+    """A picture that is drawn `FINER` times as large; places and sizes are in pixels of the reduced picture."""
 
     picture: Image
 
@@ -352,7 +352,7 @@ class Panel:
         return np.stack([x, (1.0 - share) * (bottom - top)], axis=-1)
 
     def draw(self, curve: Curve, time: Array, accepted: BoolArray, ticks: Array) -> None:
-        """Grid, band, curve and what stands beside it."""
+        """Draw grid, band, curve and the texts beside them."""
         left, top, right, bottom = self.box
         outside, inside, middle = self.canvas, self.canvas.part(self.box), (top + bottom) / 2.0
         outside.rectangle(self.box, PANEL)

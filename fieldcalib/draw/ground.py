@@ -26,7 +26,7 @@ Colour: TypeAlias = tuple[int, int, int]
 LIGHT_GRASS: Colour = (60, 141, 80)
 DARK_GRASS: Colour = (50, 123, 66)
 TRACK: Colour = (52, 74, 56)
-SURFACE_COLOURS: Mapping[str, Colour] = MappingProxyType(  # without grass, which has stripes
+SURFACE_COLOURS: Mapping[str, Colour] = MappingProxyType(  # all but grass, which has stripes
     {
         "turf": (146, 92, 38),
         "ice": (248, 244, 239),
@@ -174,7 +174,7 @@ def _strokes(segment: Segment, paint: Paint, field: Field, least: float) -> Iter
         return
     half, cap = 0.5 * max(paint.width, least), 0.5 * max(field.lines.width, least)
     dashes = paint.dashes
-    if dashes is not None:  # the least length too, but for gaps
+    if dashes is not None:  # at least `least` long, but no longer than half of the period
         dash = max(dashes[0], min(least, 0.5 * sum(dashes)))
         dashes = dash, sum(dashes) - dash
     if (ring := segment.ring) is not None:
@@ -186,7 +186,7 @@ def _strokes(segment: Segment, paint: Paint, field: Field, least: float) -> Iter
         begins = np.cumsum(lengths) - lengths - 0.5 * lengths.sum()  # from the middle of the segment
         moves = paint.outwards * outwards(segment, 0.5 * (X[:-1] + X[1:]), np.diff(X, axis=0))[:, :2]
         if paint.outwards:
-            cap = paint.outwards + half  # a border closes its corners
+            cap = paint.outwards + half  # so that a border is closed at its corners
         for start, end, move, begin in zip(ends[:-1], ends[1:], moves, begins, strict=True):
             yield _Straight(paint.colour, start + move, end + move, half, cap, begin, dashes)
 
@@ -265,11 +265,11 @@ def _band(distance: Float32, half_width: float, pixel_size: Float32) -> Float32:
 
 
 def _dashed(place: Float32, dashes: tuple[float, float], pixel_size: Float32) -> Float32:
-    """Share of a pixel within dashes, one of which has its middle at 0, for pixels at places along them; in metres."""
+    """Share of pixels at `place` that is within dashes, of which one has its middle at 0; all in metres."""
     dash, period = dashes[0], sum(dashes)
 
     def up_to(x: Float32) -> Float32:
-        """Metres of dashes from the beginning of the one in the middle."""
+        """Length of the dashes up to x, from the start of the dash around 0."""
         x = x + 0.5 * dash
         count = np.floor(x / period)
         return np.asarray(dash * count + np.minimum(x - period * count, dash))

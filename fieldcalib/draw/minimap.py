@@ -35,7 +35,7 @@ def draw_minimap(
     colours: Colour | Sequence[Colour] = POINT,
     trails: Sequence[ArrayLike] = (),
 ) -> Image:
-    """A map of the field with the ground in view and the position of the camera, and of players if they are given.
+    """A map of the field with the ground in view, the position of the camera, and points such as players.
 
     For a camera outside the map, an arrow at the border points towards it.
 
@@ -98,18 +98,18 @@ def draw_players(
     colours: Colour | Sequence[Colour] = POINT,
     trails: Sequence[ArrayLike] = (),
 ) -> Image:
-    """Draw points of the ground onto a copy of an image: dots with a dark rim, and where they came from.
+    """Draw points of the ground onto a copy of an image: dots with a dark rim, and trails of earlier places.
 
     Parameters
     ----------
     image : (height, width, 3) uint8 array
         In OpenCV's order: blue, green, red. A top view, or a frame.
     camera : Camera or RationalCamera
-        Of that image, such as that of `fieldcalib.draw.overhead_camera`.
+        The camera of that image, such as `fieldcalib.draw.overhead_camera`.
     points : (N, 2) or (N, 3) array_like
-        Metres; NaN and what is outside the image is left out.
+        Points on the ground, metres. NaN and points outside the image are left out.
     colours, trails
-        As of `draw_minimap`.
+        As in `draw_minimap`.
 
     Returns
     -------
@@ -118,7 +118,7 @@ def draw_players(
     Raises
     ------
     ValueError
-        If the image is not of the camera's size, or as `draw_minimap`.
+        If the image is not of the camera's size, or as in `draw_minimap`.
 
     Examples
     --------
@@ -171,7 +171,7 @@ def _light_view(picture: Float32, camera: Camera | RationalCamera, X: Array) -> 
     """Light the ground that a camera sees on a map whose pixels are at X (height, width, 3), in place."""
     centre = (np.array(camera.image_size) - 1.0) / 2.0
     inside = np.min(centre + 0.5 - np.abs(camera.project(X) - centre), axis=-1)  # px to the image's border, < 0 outside
-    inside = np.maximum(inside, -centre[0])  # it is not linear far outside, below the camera
+    inside = np.maximum(inside, -centre[0])  # far outside and below the camera it is not linear
     with np.errstate(divide="ignore", invalid="ignore"):
         inside /= np.hypot(*np.gradient(inside))  # pixels of the map
     seen = np.clip(np.nan_to_num(inside + 0.5, nan=0.0), 0.0, 1.0).astype(np.float32)
@@ -200,7 +200,7 @@ def _each_colour(colours: Colour | Sequence[Colour], count: int) -> list[Colour]
 
 
 def _draw_trail(picture: Image, trail: Array, colour: Colour, thickness: int) -> None:
-    """A polyline that fades towards its beginning, in place; gaps where points are missing."""
+    """Draw a polyline that fades towards its beginning, in place, with gaps where points are missing."""
     import cv2
 
     size, margin = np.array(picture.shape[1::-1]), thickness + 2

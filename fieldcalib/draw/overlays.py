@@ -67,8 +67,8 @@ def draw_field(
     image : (height, width, 3) uint8 array
         In OpenCV's order: blue, green, red. It is not changed.
     camera : Camera or RationalCamera
-        A camera of that image size, e.g. from `fieldcalib.io.soccernet.parse_camera`. Of a `RationalCamera`, parts
-        where the lens folds back are drawn too: it is not known where that is.
+        A camera of that image size, e.g. from `fieldcalib.io.soccernet.parse_camera`. For a `RationalCamera`, parts
+        where the lens folds back are drawn too: where it does is unknown.
     object_segments : mapping of str to segment
         The calibration object, e.g. a `Field`.
     colour : (int, int, int)
@@ -78,7 +78,7 @@ def draw_field(
     dashed : bool
         Whether curves are dashed: for cameras that should not be used.
     colours : mapping of str to (int, int, int)
-        Colours of single labels, instead of `colour`.
+        Colours of some labels, instead of `colour`.
 
     Returns
     -------
@@ -200,7 +200,7 @@ def draw_calibration(image: Image, calibration: Calibration, field: Field, *, sh
     Raises
     ------
     ValueError
-        As `draw_field`.
+        As in `draw_field`.
 
     Examples
     --------
@@ -228,7 +228,7 @@ def draw_calibration(image: Image, calibration: Calibration, field: Field, *, sh
 
 
 def _write_names(picture: Image, pixels: dict[str, Array], radius: float) -> None:
-    """Write each label at the first place beside its first pixel that is in the image and free of dots and names."""
+    """Write each label beside its first pixel, at the first place inside the image without dots and other names."""
     import cv2
 
     size = np.array(picture.shape[1::-1])
@@ -255,7 +255,7 @@ def _write_names(picture: Image, pixels: dict[str, Array], radius: float) -> Non
 
 
 def _write(picture: Image, text: str, place: tuple[int, int], scale: float, colour: Colour) -> None:
-    """Text with a dark outline, from its lower left corner."""
+    """Write text with a dark outline; its lower left corner is at `place`."""
     import cv2
 
     x, y = place

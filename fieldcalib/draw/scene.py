@@ -1,7 +1,7 @@
 """Rendering of a synthetic broadcast frame: every pixel is traced to the ground.
 
-Images are OpenCV's: uint8, (height, width, 3), blue, green, red. `fieldcalib.draw` builds on the pieces below
-`render_field`.
+Images are OpenCV's: uint8, (height, width, 3), blue, green, red. The functions below `render_field` also serve the
+other modules of `fieldcalib.draw`.
 """
 
 from __future__ import annotations
@@ -125,7 +125,7 @@ def _crowd(rng: np.random.Generator) -> Float32:
 
 
 def _add_goals(picture: Float32, camera: Camera, field: Field, width: float) -> None:
-    """Segments above the ground as round bars, with a net behind crossbars above which there is nothing."""
+    """Draw segments above the ground as round bars, and nets behind crossbars without posts above them."""
     raised = {label: s for label, s in field.markings.items() if np.any(s.sample()[:, 2])}
     if not raised:
         return
@@ -150,7 +150,7 @@ def _add_goals(picture: Float32, camera: Camera, field: Field, width: float) -> 
 
 
 def _is_crossbar(label: str, segment: Segment, highest: float) -> bool:
-    """Whether a segment is the crossbar of a goal as in soccer, above which there is nothing."""
+    """Whether a segment is a crossbar as of a soccer goal, without posts above it."""
     start, end = segment.anchors
     return "crossbar" in label and segment.is_straight and start[2] == end[2] and bool(start[2] <= highest + 0.2)
 
@@ -207,7 +207,7 @@ def image_curves(camera: Camera | RationalCamera, segment: Segment) -> Iterator[
     drawable = (camera.depth(X) >= NEAR_PLANE) & np.all(np.abs(xy) < 1e6, axis=-1)
     size = np.array(camera.image_size)
     near = drawable & np.all(np.abs(xy - size / 2.0) <= size, axis=-1)
-    shown = near.copy()  # with the first points outside, so that curves end at the border
+    shown = near.copy()  # and the first points outside, so that curves reach the border
     shown[1:] |= near[:-1]
     shown[:-1] |= near[1:]
     shown = np.flatnonzero(shown & drawable)
@@ -242,7 +242,7 @@ def fixed_point(xy: Array) -> NDArray[np.int32]:
 
 
 def draw_dot(picture: Image, xy: Array, radius: float, colour: Colour) -> None:
-    """Draw a filled circle around a pixel, in place; nothing where that is NaN."""
+    """Draw a filled circle around a pixel, in place; nothing if the pixel is NaN."""
     import cv2
 
     if np.all(np.abs(xy) < 1e6):  # not NaN, and within OpenCV's integers

@@ -12,9 +12,9 @@ from fieldcalib.draw.scene import Colour
 from fieldcalib.io.image import Image, checked_image
 
 BACKGROUND: Colour = (30, 27, 25)
-CAPTION, TITLE, LEGEND = 0.45, 0.8, 0.45  # sizes of letters, of OpenCV's font
+CAPTION, TITLE, LEGEND = 0.45, 0.8, 0.45  # scales of OpenCV's font
 GAP, CAPTION_HEIGHT, TITLE_HEIGHT, LEGEND_HEIGHT = 14, 30, 36, 26  # px
-LINE_HEIGHT, INDENT = 18, 2  # px, of each further line of a caption, and to its left
+LINE_HEIGHT, INDENT = 18, 2  # px: height of each further line of a caption, space to the left of captions
 
 
 def contact_sheet(
@@ -48,7 +48,8 @@ def contact_sheet(
     Raises
     ------
     ValueError
-        If there is no picture, captions are more or fewer, or a picture is not uint8 or has no three channels.
+        If there is no picture, the numbers of pictures and captions differ, or a picture is not uint8 or has no three
+        channels.
 
     Examples
     --------
@@ -90,9 +91,9 @@ def worst_frames(calibrations: Sequence[Calibration | None], count: int = 12) ->
     """The frames of a clip to look at first, worst first.
 
     Frames without camera come first, then those whose camera is not accepted, then by the largest distance of paint
-    from its marking (`Calibration.markings`), then by the largest error that is expected in the part of the field in
-    view (`fieldcalib.assess.probability.largest_error`). Neighbours of a chosen frame come after all others, so that
-    one bad moment does not take all places; equally bad frames are spread over the clip.
+    from its marking (`Calibration.markings`), then by the largest expected error in the part of the field in view
+    (`fieldcalib.assess.probability.largest_error`). Neighbours of a chosen frame come after all others, so that one
+    bad moment does not take all places; equally bad frames are spread over the clip.
 
     Parameters
     ----------
@@ -121,7 +122,7 @@ def worst_frames(calibrations: Sequence[Calibration | None], count: int = 12) ->
     if count < 0:
         raise ValueError(f"count must not be negative, got {count}")
     bits = len(calibrations).bit_length()
-    order = sorted(range(len(calibrations)), key=lambda index: f"{index:0{bits}b}"[::-1])  # halves, quarters, ...
+    order = sorted(range(len(calibrations)), key=lambda index: f"{index:0{bits}b}"[::-1])  # by halves, quarters, ...
     left = sorted(order, key=lambda index: _rank(calibrations[index]))
     count = min(count, len(left))
     apart = len(left) // max(2 * count, 1)

@@ -16,13 +16,13 @@ from fieldcalib.geometry.camera import Camera
 from fieldcalib.io.image import Image, checked_image
 from fieldcalib.io.images import LONGEST_SIDE
 
-ABOVE = 100.0  # m: the height of the camera above the field, which the picture of the ground does not depend on
+ABOVE = 100.0  # m: height of the camera above the field; the picture of the ground does not depend on it
 PIXELS_OF_SCALE = 400.0  # default length of `Field.scale` in the picture
-COARSEST = 2.0  # m of ground per pixel of the image: coarser ground, up to the horizon, counts as unseen
+COARSEST = 2.0  # m of ground per pixel of the image: coarser ground, towards the horizon, counts as unseen
 EDGE = 2.0  # px: the outermost rows and columns of broadcasts are often dark
 UNSEEN: Colour = (40, 36, 34)
-ROWS_AT_ONCE = 32  # of all views, when their median is taken
-UNKNOWN = 256  # above all values of pixels
+ROWS_AT_ONCE = 32  # rows of all views of which the median is taken at a time
+UNKNOWN = 256  # stands for unseen pixels: above all values
 
 
 def overhead_camera(field: Field, metres_per_pixel: float | None = None, margin: float = 5.0) -> Camera:
@@ -32,14 +32,15 @@ def overhead_camera(field: Field, metres_per_pixel: float | None = None, margin:
     ----------
     field : Field
     metres_per_pixel : float, optional
-        On the ground. By default ``field.scale / 400``, to two digits: 0.1 on soccer pitches, 0.021 on tennis courts.
+        Scale on the ground. By default ``field.scale / 400``, to two digits: 0.1 on soccer pitches, 0.021 on tennis
+        courts.
     margin : float
-        Metres around the field.
+        Metres of ground around the field.
 
     Returns
     -------
     Camera
-        ``project`` of it places points of the ground in the picture, `fieldcalib.draw.draw_field` draws the lines.
+        Its `project` places points of the ground in the picture; `fieldcalib.draw.draw_field` draws the lines with it.
 
     Raises
     ------
@@ -70,7 +71,7 @@ def overhead_camera(field: Field, metres_per_pixel: float | None = None, margin:
 def top_view(image: Image, camera: Camera, overhead: Camera) -> tuple[Image, BoolArray]:
     """Warp the ground of an image to the view of a camera above the field; distortion is removed.
 
-    Players, goals and all else above the ground are smeared away from the camera: only the ground is in its place.
+    Only the ground is in its place: players, goals and all else above it are smeared away from the camera.
 
     Parameters
     ----------
@@ -135,7 +136,7 @@ def mosaic(views: Iterable[tuple[Image, Camera]], overhead: Camera) -> tuple[Ima
     Raises
     ------
     ValueError
-        If there is no view, or as `top_view`.
+        If there is no view, or as in `top_view`.
 
     Examples
     --------
@@ -161,7 +162,7 @@ def mosaic(views: Iterable[tuple[Image, Camera]], overhead: Camera) -> tuple[Ima
         rows = slice(row, row + ROWS_AT_ONCE)
         seen = np.array([mask[rows] for mask in masks])
         values = np.where(seen[..., None], np.array([picture[rows] for picture in pictures]), np.int16(UNKNOWN))
-        values.sort(axis=0)  # those that are not seen come last
+        values.sort(axis=0)  # unseen ones come last
         count = seen.sum(axis=0)
         low, high = (
             np.take_along_axis(values, index[None, ..., None], axis=0)[0]
@@ -179,9 +180,9 @@ def _ground_of(overhead: Camera) -> Array:
 
 
 def _metres_per_pixel(xy: Array, overhead: Camera) -> Array:
-    """Length of the ground that a pixel of the image covers, in its longer direction, metres, (height, width).
+    """Largest extent on the ground of a pixel of the image, (height, width) metres.
 
-    NaN beside pixels that have no place in the image.
+    NaN beside pixels of the picture that the image does not show.
     """
     if min(xy.shape[:2]) < 2:
         raise ValueError(f"expected a picture of 2 x 2 pixels or more, got {overhead.image_size}")

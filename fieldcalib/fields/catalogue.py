@@ -77,4 +77,4 @@ def field(name: str, **options: Any) -> Field:
     raise ValueError(f"expected a field among {', '.join(FIELDS)}, got {name!r}{hint}")
 
 
-field_named = field  # its name in `fieldcalib.fields`, where `field` is a module
+field_named = field  # its name in `fieldcalib.fields`, which has a module `field`

@@ -1,6 +1,6 @@
-"""Fields that are crowned: built higher in the middle than at the touchlines, so that rain runs off.
+"""Crowned fields: built higher in the middle than at the touchlines, so that rain runs off.
 
-The ground is at height ``h (1 - (2 y / W)^2)`` above the touchlines, which are W apart; beside them it is level.
+The ground is at height ``h (1 - (2 y / W)^2)`` above the touchlines, which are W apart; outside them it is level.
 """
 
 from __future__ import annotations

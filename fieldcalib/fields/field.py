@@ -1,11 +1,11 @@
 """A field: a calibration object that knows its size, its symmetry and the world around it.
 
-The world is where cameras stand, how lines look and which sizes there are: facts about one kind of field that are wrong
-for another. The rest of the package asks the field for them. The symmetry is the 180-degree turn about the centre mark,
-which maps many fields onto themselves.
+The world around it is where cameras stand, how lines look and which sizes occur: facts that hold for one kind of field
+only. The rest of the package asks the field for them. The symmetry is the 180-degree turn about the centre mark, which
+maps many fields onto themselves.
 
-World: origin at the centre mark, x right along the touchline as the main camera sees it, y towards the main camera,
-z down, so that a crossbar is at z = -2.44.
+World coordinates: origin at the centre mark, x right along the touchline as the main camera sees it, y towards the main
+camera, z down, so that a crossbar is at z = -2.44.
 """
 
 from __future__ import annotations
@@ -24,14 +24,14 @@ from fieldcalib.fields.stands import DISTRIBUTIONS, CameraDistribution
 from fieldcalib.fields.traits import SURFACES, UNPAINTED, Halves, LineLook, Paint, ProbabilityModel, SizePrior
 
 SCALE = 0.32  # share of the diagonal that is usually in view: on a soccer field 40 of 125 m
-ALIKE = 0.005  # metres: ends that are nearer than this are at the same place
+ALIKE = 0.005  # metres: ends nearer to each other than this coincide
 
 
 V = TypeVar("V")
 
 
 class ReadOnly(Mapping[str, V]):
-    """A mapping that does not change, and that can be copied and pickled, unlike `types.MappingProxyType`.
+    """An immutable mapping that can be copied and pickled, unlike `types.MappingProxyType`.
 
     Examples
     --------
@@ -59,8 +59,8 @@ class ReadOnly(Mapping[str, V]):
 class Field(Mapping[str, Segment]):
     """A field: a mapping of labels to segments, with its size in metres and the world around it.
 
-    A label is found with and without surrounding blanks, as SoccerNet writes one of them ("Goal left post left ").
-    By default nothing but the segments is known; `soccer` sets all parameters.
+    Labels are looked up without surrounding blanks, which SoccerNet's files have ("Goal left post left "). By default
+    only size and segments are known; `soccer` sets all parameters.
 
     Parameters
     ----------
@@ -81,8 +81,8 @@ class Field(Mapping[str, Segment]):
     lines : LineLook
         How the lines look in images.
     paint : mapping of str to Paint
-        What is painted for the segments of these labels. For others it is a white line; for points nothing. Labels
-        that are no segments change nothing.
+        The paint of the segments of these labels. Other segments are white lines, points are not painted. Labels
+        without a segment are ignored.
     surface : str
         The ground, for drawing: grass, turf (artificial), ice, wood, floor (of a hall), hard court or clay.
     halves : mapping of str to (str, str, str)
@@ -181,7 +181,7 @@ class Field(Mapping[str, Segment]):
         return len(self.segments)
 
     def paint_of(self, label: str) -> Paint:
-        """The paint of a segment, with its width: that in `paint`, by default a line of the field's width.
+        """The paint of a segment, its width filled in: its entry in `paint`, by default a line of the field's width.
 
         Examples
         --------
@@ -201,7 +201,7 @@ class Field(Mapping[str, Segment]):
             return False
         try:
             return self == built(self.size_model.build, self.length, self.width, self.size_known)
-        except ValueError:  # it builds none of this size
+        except ValueError:  # it cannot build this size
             return False
 
     @cached_property
@@ -257,7 +257,7 @@ class Field(Mapping[str, Segment]):
 
     @cached_property
     def half_labels(self) -> frozenset[str]:
-        """Labels of the halves of circles; who labels a whole circle does not label its halves.
+        """Labels of the halves of circles; an image has labels of a whole circle or of its halves, not of both.
 
         Examples
         --------
@@ -322,12 +322,12 @@ class Field(Mapping[str, Segment]):
         )
         alike = np.max(np.abs(there[:, None] - here), axis=(2, 3)) < ALIKE
         alike &= kinds[:, None] == kinds
-        first = np.argmax(alike, axis=1)  # the field's own name, should another one be added to it
+        first = np.argmax(alike, axis=1)  # the field's own label, if the same segment was added under another one
         return MappingProxyType({names[i]: names[first[i]] for i in np.flatnonzero(np.any(alike, axis=1))})
 
     @cached_property
     def self_symmetric(self) -> frozenset[str]:
-        """Labels whose segments, as whole lines and circles, that turn maps onto themselves.
+        """Labels of whole lines and circles that the 180-degree turn maps onto themselves, and of their parts.
 
         Examples
         --------
@@ -341,13 +341,13 @@ class Field(Mapping[str, Segment]):
     def with_segments(self, extra: Mapping[str, Segment]) -> Field:
         """The field with more segments, such as points of one's own.
 
-        A plain dict of both would lack the field's world. How the new segments move with the size of the field is not
-        known, so that its size is not estimated.
+        A plain dict of both would lack the field's world. How the new segments move with the size of the field is
+        unknown, so the size is not estimated.
 
         Raises
         ------
         ValueError
-            If the field has one of the names already.
+            If the field already has one of the names.
 
         Examples
         --------
@@ -368,7 +368,7 @@ class Field(Mapping[str, Segment]):
         Raises
         ------
         ValueError
-            If it is not known how the segments move: without a `size_model`, or if it builds other segments than these.
+            If the field has no `size_model`, or one that builds other segments than these.
 
         Examples
         --------
@@ -384,19 +384,19 @@ class Field(Mapping[str, Segment]):
     def motion(self) -> Array:
         """Derivatives of the ends of the segments by length and width.
 
-        Every coordinate is affine in the size, so that this holds for any change. A line that grows along itself has a
-        middle that stays; an arc keeps its radius.
+        Every coordinate is affine in the size, so this holds for any change. Lines that get longer keep their middle,
+        arcs keep their radius.
 
         Returns
         -------
         (L, 2, 3, 2) array
-            Derivatives by (length, width) of each segment, in the order of the field: of start and end of a line, twice
-            of the centre of an arc and of a point; 0 for point clouds.
+            Derivatives by (length, width) of each segment, in the order of the field: of start and end for a line, of
+            the centre (twice) for an arc or a point; 0 for point clouds.
 
         Raises
         ------
         ValueError
-            As `resized`.
+            As in `resized`.
 
         Examples
         --------
@@ -413,5 +413,5 @@ class Field(Mapping[str, Segment]):
 
 @lru_cache(maxsize=64)
 def built(build: Callable[[float, float], Field], length: float, width: float, size_known: bool) -> Field:
-    """The field of a size; fields are immutable, so that each is built once."""
+    """The field of a size, cached: fields are immutable."""
     return replace(build(length, width), size_known=size_known)

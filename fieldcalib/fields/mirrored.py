@@ -16,7 +16,8 @@ NONE: Mapping[str, Segment] = MappingProxyType({})
 def mirrored(segments: Mapping[str, Segment]) -> dict[str, Segment]:
     """Segments and their mirror images: "bottom" in a label becomes "top", the far side, and "right" becomes "left".
 
-    A segment with both words in its label gives four, one with neither stays alone. Mirror images that are given stay.
+    A segment with both words in its label gives four, one with neither only itself. Images that are among the segments
+    already are kept.
 
     Examples
     --------
@@ -31,14 +32,14 @@ def mirrored(segments: Mapping[str, Segment]) -> dict[str, Segment]:
 
 
 def with_top(segments: Mapping[str, Segment], given: Mapping[str, Segment] = NONE) -> dict[str, Segment]:
-    """Segments, and the mirror images on the far side of those with "bottom" in their labels that are not given."""
+    """Segments, and the far-side images of those with "bottom" in their labels, except images in `given`."""
     return {**segments, **_images(segments, "bottom", "top", (1.0, -1.0, 1.0), given)}
 
 
 def _images(
     segments: Mapping[str, Segment], word: str, other: str, signs: Vector, given: Mapping[str, Segment]
 ) -> dict[str, Segment]:
-    """The mirror images of the segments that have a word in their labels, but those that are given."""
+    """Mirror images of the segments that have a word in their labels, except images in `given`."""
     words = {label: label.split(" ") for label in segments}
     images = {label: " ".join(other if one == word else one for one in words[label]) for label in segments}
     return {

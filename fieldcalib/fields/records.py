@@ -12,17 +12,17 @@ from fieldcalib.fields.field import Field, built
 from fieldcalib.fields.segments import Arc, Line, Point, PointCloud, Segment
 from fieldcalib.fields.sports.futsal import futsal
 from fieldcalib.fields.sports.ice_hockey import ice_hockey_iihf
-from fieldcalib.fields.sports.rugby_union import OfInGoal
+from fieldcalib.fields.sports.rugby_union import BuilderWithInGoal
 from fieldcalib.fields.sports.soccer import soccer
 from fieldcalib.fields.stands import CameraDistribution
 from fieldcalib.fields.traits import Crown, Halves, LineLook, Paint, ProbabilityModel, SizePrior
 
 Build: TypeAlias = Callable[[float, float], Field]
-BUILDERS: Mapping[str, Build] = {  # a dataclass has more parameters
+BUILDERS: Mapping[str, Build] = {  # the attributes of one that is a dataclass are parameters of the field
     "soccer": soccer,
     "futsal": futsal,
     "ice-hockey-iihf": ice_hockey_iihf,
-    "rugby-union": OfInGoal(),
+    "rugby-union": BuilderWithInGoal(),
 }
 SEGMENTS: Mapping[str, type[Segment]] = {kind.__name__: kind for kind in (Point, Line, Arc, PointCloud)}
 
@@ -30,7 +30,8 @@ T = TypeVar("T")
 
 
 def field_to_record(field: Field) -> dict[str, Any]:
-    """A field for `json.dumps`: the name of its builder and its size where this package builds it, else all of it.
+    """A field for `json.dumps`: the name of its builder and its size where this package builds it, else all
+    attributes.
 
     Examples
     --------
@@ -46,7 +47,7 @@ def field_to_record(field: Field) -> dict[str, Any]:
 def whole_record(field: Field) -> dict[str, Any]:
     """A field for `json.dumps` with all attributes, segment by segment.
 
-    Its `size_model` is left out if its function is none of this package: JSON holds no functions.
+    Its `size_model` is left out if its builder is not of this package: JSON holds no functions.
 
     Examples
     --------
@@ -75,7 +76,7 @@ def _size_of(field: Field) -> dict[str, Any]:
 
 
 def _builder_of(field: Field) -> dict[str, Any] | None:
-    """Name and parameters of the builder of a field; None if it is none of this package."""
+    """Name and parameters of the builder of a field; None if it is not of this package."""
     build = None if field.size_model is None else field.size_model.build
     for name, usual in BUILDERS.items():
         if build == usual:
@@ -86,12 +87,12 @@ def _builder_of(field: Field) -> dict[str, Any] | None:
 
 
 def field_from_record(record: Mapping[str, Any]) -> Field:
-    """The inverse of `field_to_record`; what has a default in `Field` may be left out.
+    """The inverse of `field_to_record`; attributes with a default in `Field` may be left out.
 
     Raises
     ------
     ValueError
-        If the builder is none of this package, or a key has a wrong value; the message names it.
+        If the builder is not of this package, or a key has a wrong value; the message names it.
 
     Examples
     --------
@@ -107,7 +108,7 @@ def field_from_record(record: Mapping[str, Any]) -> Field:
         build = _builder(record["builder"], record)
         _check_keys(record, ("builder", "length", "width"), ("size_known", *_parameters(build)))
         size = (_named("length", _number, record["length"]), _named("width", _number, record["width"]))
-        return built(build, *size, _named("size_known", _truth, record.get("size_known", False)))
+        return built(build, *size, _named("size_known", _boolean, record.get("size_known", False)))
     _check_keys(record, ("length", "width", "segments"), OPTIONAL)
     length, width = (_named(name, _number, record[name]) for name in ("length", "width"))
     segments = _named("segments", _segments, record["segments"])
@@ -119,7 +120,7 @@ def field_from_record(record: Mapping[str, Any]) -> Field:
 
 
 def _named(name: str, parse: Callable[[Any], T], value: Any) -> T:
-    """The parsed value; errors begin with its name."""
+    """The parsed value; messages of errors begin with its name."""
     try:
         return parse(value)
     except (TypeError, ValueError, AttributeError) as error:
@@ -144,7 +145,7 @@ def _number(value: Any) -> float:
     return float(number)
 
 
-def _truth(value: Any) -> bool:
+def _boolean(value: Any) -> bool:
     if not isinstance(value, bool):
         raise ValueError(f"expected true or false, got {value!r}")
     return value
@@ -171,10 +172,10 @@ def _segment(record: Any) -> Segment:
     _check_keys(record, ("kind",), record)
     if record["kind"] not in SEGMENTS:
         raise ValueError(f"expected a kind that is one of {', '.join(SEGMENTS)}, got {record['kind']!r}")
-    return _made(SEGMENTS[record["kind"]], {name: value for name, value in record.items() if name != "kind"})
+    return _from_attributes(SEGMENTS[record["kind"]], {name: value for name, value in record.items() if name != "kind"})
 
 
-def _made(kind: type[T], values: Any) -> T:
+def _from_attributes(kind: type[T], values: Any) -> T:
     """A dataclass from its attributes."""
     attributes = fields(kind)  # type: ignore[arg-type]
     needed = [one.name for one in attributes if one.default is MISSING]
@@ -187,17 +188,19 @@ def _stands(records: Any) -> tuple[CameraDistribution, ...]:
 
 
 def _stand(record: Any) -> CameraDistribution:
-    return _made(
+    return _from_attributes(
         CameraDistribution, {name: tuple(v) if isinstance(v, list | tuple) else v for name, v in record.items()}
     )
 
 
 def _lines(record: Any) -> LineLook:
-    return _made(LineLook, {name: _truth(v) if name == "lighter" else _number(v) for name, v in record.items()})
+    return _from_attributes(
+        LineLook, {name: _boolean(v) if name == "lighter" else _number(v) for name, v in record.items()}
+    )
 
 
 def _paint(records: Any) -> dict[str, Paint]:
-    return {str(label): _named(str(label), partial(_made, Paint), one) for label, one in records.items()}
+    return {str(label): _named(str(label), partial(_from_attributes, Paint), one) for label, one in records.items()}
 
 
 def _halves(record: Any) -> dict[str, Halves]:
@@ -211,7 +214,7 @@ def _size_model(record: Any) -> SizePrior | None:
     build = _builder(record.get("build"), record)
     own = {name: value for name, value in record.items() if name not in _parameters(build)}
     crown = record.get("crown")
-    return _made(SizePrior, {**own, **ranges, "build": build, "crown": crown and Crown(*crown)})
+    return _from_attributes(SizePrior, {**own, **ranges, "build": build, "crown": crown and Crown(*crown)})
 
 
 def _repeats(metres: Any) -> float | None:
@@ -232,7 +235,7 @@ OPTIONAL: Mapping[str, Callable[[Any], Any]] = {
     "surface": str,
     "halves": _halves,
     "size_model": _size_model,
-    "size_known": _truth,
+    "size_known": _boolean,
     "probability": _probability,
     "repeats": _repeats,
 }

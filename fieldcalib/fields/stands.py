@@ -95,7 +95,7 @@ DISTRIBUTIONS: Mapping[str, CameraDistribution] = MappingProxyType(
     }
 )
 
-SOCCER_LENGTH = 105.0  # metres: of the field that the stands above are around
+SOCCER_LENGTH = 105.0  # metres: length of the field that the stands above surround
 SOCCER_SCALE = 40.0  # metres: size of the part of a soccer field that is usually in view
 
 # Stands of broadcast cameras, for calibrations without a prior: each is tried, the best one is kept.
@@ -105,7 +105,7 @@ ALL_STANDS = (MAIN_CENTER, MAIN_LEFT, MAIN_RIGHT, OPPOSITE_TRIBUNE, BEHIND_LEFT_
 def stands_around(scale: float) -> tuple[CameraDistribution, ...]:
     """Stands around an object of which only the size is known: those of a soccer field, scaled.
 
-    For initial cameras and units of a solve without a prior, which need only the order of magnitude.
+    They give initial cameras and units to a solve without a prior, which needs only the order of magnitude.
 
     Parameters
     ----------
@@ -133,11 +133,11 @@ def stands_beside(
     length, width : float
         Size of the field, metres.
     away : (float, float)
-        From and to how far from the lines around the field cameras stand, metres.
+        Least and largest distance of cameras from the lines around the field, metres.
     up : (float, float)
-        From and to how high above the ground, metres.
+        Least and largest height of cameras above the ground, metres.
     principal_point : float
-        Its standard deviation, see `CameraDistribution`.
+        Standard deviation of the principal point, see `CameraDistribution`.
 
     Examples
     --------

@@ -16,8 +16,9 @@ if TYPE_CHECKING:
 
 WHITE = "#f4f8f2"  # of paint in daylight
 SURFACES = ("grass", "turf", "ice", "wood", "floor", "hard court", "clay")
-OTHERS = (1 / 6, 1 / 6, 1 / 3, 1 / 3)  # shares of fields of another width, of another length, of both: usual, legal
-DEVIATIONS = 1.96  # to either side: what holds 95 % of a normal distribution
+# Of the fields of another size: another width, another length, both in the usual range, both in the legal one.
+OTHERS = (1 / 6, 1 / 6, 1 / 3, 1 / 3)
+DEVIATIONS = 1.96  # standard deviations to either side of the mean that hold 95 % of a normal distribution
 
 
 class Halves(NamedTuple):
@@ -67,7 +68,7 @@ class LineLook:
 
 @dataclass(frozen=True)
 class Paint:
-    """The paint of a segment that is not a white line of the width of `LineLook`.
+    """The paint of a segment, where it is not a white line of the width of `LineLook`.
 
     A segment may have no paint of its own (width 0): a line through the ends of marks, the edge of a wide line. A row
     of marks painted across the segment is a wide line in short dashes.
@@ -133,7 +134,7 @@ class Crown(NamedTuple):
 
 @dataclass(frozen=True)
 class SizePrior:
-    """Distribution of the sizes of a kind of field, and its fields of each size. Pairs are (length, width).
+    """Distribution of the sizes of a kind of field, and their builder. Pairs are (length, width).
 
     Raises
     ------
@@ -155,8 +156,8 @@ class SizePrior:
     """The field of a length and a width."""
     exact: float = 0.7
     """Probability that a field whose size was not measured has the assumed size. Of the others a sixth has the assumed
-    length and a sixth the assumed width; in a third each, both are normal with the usual and with the legal ranges: the
-    tails are heavy."""
+    length and a sixth the assumed width; in a third, both are normal with the usual ranges, and in a third with the
+    legal ranges: the tails are heavy."""
     rules: str = "the rules"
     """Source of the legal sizes, for messages."""
     crown: Crown | None = None
@@ -170,13 +171,13 @@ class SizePrior:
 
     @property
     def limits(self) -> Array:
-        """The legal sizes from and to, (2, 2): rows are (length, width)."""
+        """The smallest and the largest legal size, (2, 2): rows are (length, width)."""
         return np.array(self.legal).T
 
     @property
     def possibilities(self) -> tuple[Array, Array]:
-        """Probabilities (5,) of the given size, of others with its length and with its width, of a usual and of a legal
-        one, and the standard deviations of length and width around the given ones, (5, 2)."""
+        """Probabilities (5,) of the components of the distribution: the given size, its length alone, its width alone,
+        a usual size, a legal size; and their standard deviations of length and width, (5, 2)."""
         legal = np.diff(self.legal, axis=1)[:, 0] / np.sqrt(12.0)  # of a uniform distribution
         alone = np.diag(self.sigma)[::-1]
         rest = 1.0 - self.exact

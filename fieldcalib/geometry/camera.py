@@ -43,7 +43,7 @@ class Camera:
     Raises
     ------
     ValueError
-        If a shape is wrong, a number is not finite, R is no rotation, K has skew or no positive focal length, or the
+        If a shape is wrong, a number is not finite, R is not a rotation, K has skew or no positive focal length, or the
         lens has a tilted sensor (the last two of 14 coefficients).
 
     Examples
@@ -128,7 +128,7 @@ class Camera:
         Raises
         ------
         ValueError
-            As the constructor.
+            As in the constructor.
         """
         from scipy.spatial.transform import Rotation
 
@@ -254,7 +254,7 @@ class Camera:
         xy : (..., 2) array_like
             Pixels.
         z : float
-            The plane; 0 is the ground, -2.44 the crossbar's.
+            Height of the plane: 0 is the ground, -2.44 the crossbar.
 
         Returns
         -------
@@ -276,7 +276,7 @@ class Camera:
         return Camera(scale[:, None] * self.K, self.R, self.C, new_size, self.dist)
 
     def cropped(self, offset: ArrayLike, image_size: tuple[int, int]) -> Camera:
-        """The camera of a part of the image: the principal point moves, ``c - offset``.
+        """The camera of a part of the image, whose principal point is ``c - offset``.
 
         Parameters
         ----------
@@ -289,7 +289,7 @@ class Camera:
         Raises
         ------
         ValueError
-            If the offset is no pair of finite numbers, or `image_size` is not valid.
+            If the offset is not a pair of finite numbers, or `image_size` is not valid.
 
         Examples
         --------

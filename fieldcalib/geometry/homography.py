@@ -105,7 +105,7 @@ def pose_from_homography(M: Array, reference: Array) -> tuple[Array, Array]:
 
 
 def _difference(row: Array) -> Array:
-    """First entry squared minus second entry squared."""
+    """The square of the first entry minus the square of the second."""
     return np.asarray(np.square(row[..., 0]) - np.square(row[..., 1]))
 
 

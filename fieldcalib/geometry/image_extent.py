@@ -7,20 +7,20 @@ import numpy as np
 from fieldcalib._types import Array
 
 LEAST_PIXELS = 6
-# Shares of width and height up to which pixels on the markings reach. Labelled lines of 821 frames of broadcasts reach
-# to 0.79 at least in one of the two, key points of 443 of 451 frames to 0.6; none lies past 1.03.
+# Shares of width and height to which the farthest pixels on markings reach. Labelled lines of all of 821 broadcast
+# frames reach to 0.79 or more in one of the two, key points of 443 of 451 frames to 0.6; none lies past 1.03.
 LEAST_REACH, FARTHEST_REACH = 0.6, 1.05
 
 
 def hint_of_another_size(farthest: Array, count: int, image_size: tuple[int, int]) -> str:
-    """Warning about pixels that fill only a part of their image, or lie beyond it; empty for all others.
+    """Warning about pixels that fill only a part of their image, or lie beyond it; empty for other pixels.
 
     Parameters
     ----------
     farthest : (2,) array
         Largest x and largest y of the pixels.
     count : int
-        Number of pixels; few give no warning.
+        Number of pixels; there is no warning about few.
     image_size : (int, int)
         Width and height of the image.
 

@@ -9,9 +9,9 @@ from numpy.typing import ArrayLike
 
 from fieldcalib._types import Array
 
-TINY = 1e-300  # smallest divisor: of weights or lengths that may all be 0
-# Condition number of a homography beyond which less than four digits are left of its inverse; of cameras, between
-# metres and pixels, about 1e6.
+TINY = 1e-300  # smallest divisor, where weights or lengths may all be 0
+# Condition number of a homography beyond which its inverse has less than four digits; those of cameras, between metres
+# and pixels, are about 1e6.
 SINGULAR = 1e12
 
 
@@ -21,7 +21,7 @@ def finite_homography(H: ArrayLike, *, batch: bool = False) -> Array:
     Raises
     ------
     ValueError
-        If it is of another shape, or has a number that is not finite.
+        If it has another shape, or a number that is not finite.
 
     Examples
     --------
@@ -204,7 +204,7 @@ def homography_from_lines(
         Weight of each pair in the least squares problem; 0 leaves a pair out.
     T, T_image : (..., 3, 3) array, optional
         Similarities that bring the two planes to about unit size around the origin, e.g. `normalizing_transform` of
-        points on the lines. None: the plane has that size already.
+        points on the lines. None if the plane has that size already.
 
     Returns
     -------
@@ -229,7 +229,7 @@ def homography_from_lines(
 
 
 def _dlt_of_points(x: Array, x_image: Array, weights: Array) -> Array:
-    """M with ``x_image = M x``, both sides normalised for the solution: (..., 3, D + 1) for points of D dimensions."""
+    """M (..., 3, D + 1) with ``x_image = M x``, by the normalised DLT; points x have D dimensions."""
     T, T_image = normalizing_transform(x, weights), normalizing_transform(x_image, weights)
     a, b = homogenize(x) @ np.swapaxes(T, -1, -2), homogenize(x_image) @ np.swapaxes(T_image, -1, -2)
     return np.asarray(np.linalg.inv(T_image) @ _dlt(a, b, weights) @ T)

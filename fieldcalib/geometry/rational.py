@@ -4,7 +4,7 @@ They are projected and evaluated, never estimated: this package calibrates `fiel
 finite numbers are allowed, so that implausible results of other systems can be scored.
 
 The lens is OpenCV's, `brown_conrady` of `fieldcalib.geometry.lens.brown_conrady` in normalised image points
-``(Xc / Zc, Yc / Zc)``. Unlike for a `Lens`, it is not checked whether it is monotone.
+``(Xc / Zc, Yc / Zc)``. Unlike a `Lens`, it is not checked for being monotone.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ from fieldcalib.geometry.projective import dehomogenize, homogenize
 
 
 def distort_rational(x: Array, dist: Array) -> Array:
-    """OpenCV's distortion of normalised image points: `brown_conrady` with the vector last.
+    """OpenCV's distortion of normalised image points: `brown_conrady` with the components last.
 
     Parameters
     ----------
@@ -57,8 +57,8 @@ def undistort_rational(d: Array, dist: Array) -> Array:
     Returns
     -------
     (..., 2) array
-        NaN where none is found, or only one on the opposite side of the image's centre. If there are several, as with a
-        lens that is not monotone, it is one of them.
+        NaN where none is found, or only one on the opposite side of the image's centre; one of several if the lens is
+        not monotone.
 
     Examples
     --------
@@ -86,7 +86,7 @@ class RationalCamera:
     Parameters
     ----------
     K : (3, 3) array
-        Intrinsic matrix in pixels, zero skew; the focal lengths may have any value, also negative.
+        Intrinsic matrix in pixels, zero skew; the focal lengths may have any value, even a negative one.
     R : (3, 3) array
         Rotation from the world to the camera.
     C : (3,) array
@@ -128,7 +128,7 @@ class RationalCamera:
 
     @classmethod
     def from_camera(cls, camera: Camera | RationalCamera) -> RationalCamera:
-        """A camera with its lens as twelve coefficients; a rational camera is returned unchanged."""
+        """The camera with all twelve coefficients of its lens; a rational camera is returned unchanged."""
         if isinstance(camera, RationalCamera):
             return camera
         return cls(camera.K, camera.R, camera.C, opencv_vector(camera.dist), camera.image_size)
@@ -171,7 +171,7 @@ class RationalCamera:
         return np.where(visible[..., None], xy, np.nan)
 
     def image_to_field(self, xy: ArrayLike) -> Array:
-        """World points of pixels on the ground, distortion removed.
+        """World points of pixels on the ground, with distortion removed.
 
         Parameters
         ----------

@@ -1,4 +1,4 @@
-"""Pan, tilt and roll of a camera, and the rotation matrix that they make.
+"""Pan, tilt and roll of a camera, and their rotation matrix.
 
 World: x right along the touchline, y towards the main camera, z down. Camera: x right, y down, z forward.
 With ordinary active rotation matrices
@@ -50,7 +50,7 @@ def rotation_from_angles(angles: Array) -> Array:
 
 
 def angles_from_rotation(R: Array) -> Array:
-    """Pan, tilt and roll of a world-to-camera rotation; of the two solutions the one with the smaller roll.
+    """Pan, tilt and roll of a world-to-camera rotation: the one of the two solutions with the smaller roll.
 
     Camera operators keep the horizon level, hence the choice (paper, appendix "Homography Decomposition", step 5).
     Where the camera looks straight down or up, pan and roll turn about one axis: roll is then 0.
@@ -78,7 +78,7 @@ def angles_from_rotation(R: Array) -> Array:
     sign = np.where(np.abs(roll) <= np.pi / 2, 1.0, -1.0)
     roll = np.where(sin_tilt < 1e-12, 0.0, np.arctan2(sign * r[0, 2], sign * r[1, 2]))
     tilt = np.arctan2(sign * sin_tilt, r[2, 2])
-    # without the roll, the first row is (cos pan, sin pan, 0): well defined even when the camera looks straight down
+    # with the roll undone, the first row is (cos pan, sin pan, 0), well defined even for a camera looking straight down
     c, s = np.cos(roll), np.sin(roll)
     pan = np.arctan2(c * r[0, 1] - s * r[1, 1], c * r[0, 0] - s * r[1, 0])
     return np.stack([pan, tilt, roll], axis=-1)

@@ -18,8 +18,8 @@ from fieldcalib.images.witnesses import with_witnesses, witnesses_of
 from fieldcalib.io.image import Image, size_of
 from fieldcalib.io.images import IMAGES_AT_ONCE
 from fieldcalib.localize import Network
+from fieldcalib.problem.pixel_table import PixelTable
 from fieldcalib.solve.sequence_solver import calibrate_one_by_one, solve_sequence
-from fieldcalib.solve.tripod import Labels
 
 EXTRA_OFFSETS = (4, 8)  # frames after a keyframe that the network sees too until a keyframe of the piece is accepted
 MOST_EXTRA = 6  # such frames of a piece: most pieces without a camera show no field
@@ -48,12 +48,12 @@ class Keyframes:
     labels: Mapping[int, KeyframeLabels]
 
     @property
-    def accepted(self) -> dict[int, Labels]:
+    def accepted(self) -> dict[int, PixelTable]:
         """Labels of keyframes whose camera was accepted."""
         return {t: one.labels for t, one in self.labels.items() if one.accepted}
 
     @property
-    def doubtful(self) -> dict[int, Labels]:
+    def doubtful(self) -> dict[int, PixelTable]:
         """Labels of keyframes whose camera was not accepted."""
         return {t: one.labels for t, one in self.labels.items() if not one.accepted}
 
@@ -61,7 +61,7 @@ class Keyframes:
         self,
         pieces: Pieces,
         members: Sequence[int],
-        labels: Mapping[int, Labels],
+        labels: Mapping[int, PixelTable],
         start: SequenceCalibration | None = None,
         left_out: Collection[tuple[int, int]] = (),
     ) -> SequenceCalibration:

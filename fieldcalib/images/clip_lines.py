@@ -10,7 +10,7 @@ import numpy as np
 
 from fieldcalib._types import Array
 from fieldcalib.assess.result import Calibration
-from fieldcalib.images.detected_lines import detected_lines, fitted_labels, with_paint
+from fieldcalib.images.detected_lines import detected_lines, with_paint
 from fieldcalib.images.field_markings import Markings
 from fieldcalib.images.paint_evidence import Ridges, evidence_of
 from fieldcalib.images.pieces import CameraModel
@@ -18,8 +18,8 @@ from fieldcalib.images.solved_tripods import SolvedTripods
 from fieldcalib.io.image import Image
 from fieldcalib.localize import Network
 from fieldcalib.problem.layout import PRINCIPAL_POINT
+from fieldcalib.problem.pixel_table import PixelTable
 from fieldcalib.problem.projection import Projection
-from fieldcalib.solve.tripod import Labels
 
 PAINT_EVERY = 5  # frames, besides keyframes, in which paint beside the markings is looked for
 LEAST_LINES = 0.2  # share of the profiles across the projected markings of a shot that must show a line
@@ -32,7 +32,7 @@ class ClipLines:
     solved: SolvedTripods
     members: tuple[tuple[int, ...], ...]
     """Pieces of each tripod whose frames show its lines."""
-    labels: Mapping[int, Labels]
+    labels: Mapping[int, PixelTable]
     """Lines by frame."""
     ridges: Mapping[int, Ridges]
     """Ridges beside the markings of some frames."""
@@ -41,7 +41,7 @@ class ClipLines:
 class _FrameLines(NamedTuple):
     """Lines in one frame."""
 
-    labels: Labels
+    labels: PixelTable
     ridges: Ridges | None
     profiles: tuple[float, float]
     """Number of profiles with a line, and of all profiles."""
@@ -86,7 +86,7 @@ def _fitted(image: Image, calibration: Calibration, markings: Markings) -> _Fram
     """The lines from which a single frame was calibrated; None if it has no camera."""
     if calibration.camera is None or calibration.solved is None:
         return None
-    return _FrameLines(fitted_labels(calibration), Ridges.of(image, calibration.camera, markings), (1.0, 1.0))
+    return _FrameLines(calibration.solved.pixels, Ridges.of(image, calibration.camera, markings), (1.0, 1.0))
 
 
 def _near_markings(image: Image, calibration: Calibration, markings: Markings, with_ridges: bool) -> _FrameLines | None:
@@ -98,7 +98,7 @@ def _near_markings(image: Image, calibration: Calibration, markings: Markings, w
     ridges = Ridges.of(image, camera, markings) if with_ridges else None
     if ridges is not None:
         labels = with_paint(labels, evidence_of(ridges, markings).beside)
-    return _FrameLines(labels, ridges, (float(sum(map(len, labels[0].values()))), float(profiles)))
+    return _FrameLines(labels, ridges, (float(len(labels.frame)), float(profiles)))
 
 
 def _share(count: Array) -> float:

@@ -19,7 +19,7 @@ from typing import NamedTuple
 import numpy as np
 
 from fieldcalib._types import Array, BoolArray, IntArray
-from fieldcalib.assess.misfit import rms_by_label
+from fieldcalib.assess.label_errors import rms_by_label
 from fieldcalib.assess.sequence_calibration import SequenceCalibration
 from fieldcalib.fields.field import Field
 from fieldcalib.fields.segments import ObjectSegments
@@ -27,10 +27,10 @@ from fieldcalib.images.clip_problem import Cells
 from fieldcalib.images.pieces import CameraModel
 from fieldcalib.problem.background import BackgroundTerm
 from fieldcalib.problem.evaluation import evaluate_cameras
+from fieldcalib.problem.pixel_table import PixelTable
 from fieldcalib.problem.prior import is_whole_shape
 from fieldcalib.solve.options import Prior, checked_prior, pixel_unit
 from fieldcalib.solve.ties import Ties
-from fieldcalib.solve.tripod import Labels
 
 LEAST_LABELS = 4  # that a keyframe must have for one of them to be left out
 LEAST_PIXELS = 3  # of a label that is left out
@@ -89,37 +89,35 @@ class Misprediction(NamedTuple):
 class LeftOut:
     """Labels and matches of keyframes that are left out, to see how well a camera model predicts them."""
 
-    kept: Mapping[int, Labels]
+    kept: Mapping[int, PixelTable]
     """The other labels, by frame."""
-    left: Mapping[int, tuple[str, Array]]
-    """One label of each frame, and its pixels."""
+    left: Mapping[int, PixelTable]
+    """One label of each frame."""
     pairs: Mapping[tuple[int, int], Cells] = field(default_factory=dict)
     """Matches that are left out."""
 
     @classmethod
-    def of(cls, labels: Mapping[int, Labels], matches: Mapping[tuple[int, int], Cells] | None = None) -> LeftOut:
+    def of(cls, labels: Mapping[int, PixelTable], matches: Mapping[tuple[int, int], Cells] | None = None) -> LeftOut:
         """Leave one label out of each frame; which one changes from frame to frame.
 
         If a frame is matched with several others, the match with the farthest one is left out too.
 
         Examples
         --------
-        >>> xy, names = np.zeros((3, 2)), ("a", "b", "c", "d")
-        >>> some = {t: ({name: xy for name in names}, {name: np.ones(3) for name in names}) for t in (0, 5)}
-        >>> found = LeftOut.of(some)
-        >>> [(t, label) for t, (label, _) in found.left.items()], sorted(found.kept[0][0])
+        >>> one = PixelTable.of("abcd", [{name: np.zeros((3, 2)) for name in "abcd"}])
+        >>> found = LeftOut.of({0: one, 5: one})
+        >>> [(t, *table.by_label(0)) for t, table in found.left.items()], list(found.kept[0].by_label(0))
         ([(0, 'a'), (5, 'b')], ['b', 'c', 'd'])
         """
-        kept, left = dict(labels), {}
+        kept, left = dict(labels), dict[int, PixelTable]()
         for number, t in enumerate(sorted(labels)):
-            pixels, weights = labels[t]
-            names = sorted(label for label, xy in pixels.items() if len(xy) >= LEAST_PIXELS)
-            if len(pixels) < LEAST_LABELS or not names:
+            table = labels[t]
+            count = np.bincount(table.label, minlength=len(table.labels))
+            many = sorted(np.flatnonzero(count >= LEAST_PIXELS).tolist(), key=lambda index: table.labels[index])
+            if np.count_nonzero(count) < LEAST_LABELS or not many:
                 continue
-            out = names[number % len(names)]
-            left[t] = out, pixels[out]
-            some, of_these = ({label: one[label] for label in one if label != out} for one in (pixels, weights))
-            kept[t] = some, of_these
+            is_left = table.label == many[number % len(many)]
+            left[t], kept[t] = table.take(is_left), table.take(~is_left)
         by_frame = groupby(sorted(matches or {}, key=lambda pair: pair[::-1]), key=lambda pair: pair[1])
         ties = [list(pairs) for _, pairs in by_frame]
         return cls(kept, left, {pairs[0]: matches[pairs[0]] for pairs in ties if matches and len(pairs) >= LEAST_TIES})
@@ -139,12 +137,12 @@ class LeftOut:
         matches: list[float] = []
         for frames, calibration in found:
             segments = object_segments if calibration.field is None else calibration.field
-            left = {k: dict([self.left[t]]) for k, t in enumerate(frames.tolist()) if t in self.left}
+            left = {k: self.left[t] for k, t in enumerate(frames.tolist()) if t in self.left}
             usable = calibration.usable
             cameras = {k: camera for k in left if usable[k] and (camera := calibration[k].camera) is not None}
             labels += (len(left) - len(cameras)) * [LOST]
             if cameras and calibration.layout is not None:
-                seen = [left[k] for k in cameras]
+                seen = PixelTable.joined(segments, [left[k] for k in cameras])
                 rms = np.nanmax(rms_by_label(evaluate_cameras(list(cameras.values()), segments, seen)), axis=1)
                 labels += np.minimum(rms / pixel_unit(calibration.layout.image_size), LOST).tolist()
             matches += self._of_matches(object_segments, frames, calibration)

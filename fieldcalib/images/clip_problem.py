@@ -8,19 +8,19 @@ from dataclasses import dataclass, replace
 from fieldcalib._types import Array
 from fieldcalib.assess.result import Calibration
 from fieldcalib.fields.segments import ObjectSegments
-from fieldcalib.images.detected_lines import line_loss, per_label
+from fieldcalib.images.detected_lines import line_loss
 from fieldcalib.images.from_images import ImageTask, calibrate_alone
 from fieldcalib.images.matches import Matches
 from fieldcalib.io.image import Image
 from fieldcalib.localize import Network
 from fieldcalib.localize.flow import check_network
 from fieldcalib.problem.labelled_pixels import check_object
+from fieldcalib.problem.pixel_table import NO_PIXELS, PixelTable
 from fieldcalib.solve.given_camera import NOTHING_GIVEN, GivenCamera, check_of_clip
 from fieldcalib.solve.options import ALL, DEFAULT_FLAGS, PAINT, CalibrationFlags, Prior, default_flags
 from fieldcalib.solve.sequence_problem import SHARED, SIZE, SequenceProblem
 from fieldcalib.solve.task import Task
 from fieldcalib.solve.ties import LEAST_CELLS, thinned
-from fieldcalib.solve.tripod import Labels
 
 Cells = tuple[Array, Array]
 """Matched pixels (n, 2) of two frames, averaged over cells."""
@@ -88,7 +88,7 @@ class ClipProblem:
     image_size: tuple[int, int]
     frames: Sequence[int]
     """Numbers of the T frames, ascending."""
-    labels: Mapping[int, Labels]
+    labels: Mapping[int, PixelTable]
     """Lines by frame; those of frames that are not in `frames` are ignored."""
     matches: Mapping[tuple[int, int], Cells]
     """Matches by the numbers of both frames; those of other frames are ignored."""
@@ -97,16 +97,12 @@ class ClipProblem:
     def from_zero(self) -> SequenceProblem:
         """This problem with frames numbered from 0."""
         number, options = {frame: k for k, frame in enumerate(self.frames)}, self.options
-        found = [per_label(self.labels.get(frame, ({}, {}))) for frame in self.frames]
         loss = line_loss(self.image_size)
         task = replace(options.task, flags=options.flags_together, loss=loss, paint=PAINT, trust_labels=True)
+        pixels = [self.labels.get(frame, NO_PIXELS) for frame in self.frames]
+        matches = {
+            (number[i], number[j]): cells for (i, j), cells in self.matches.items() if i in number and j in number
+        }
         return SequenceProblem.of(
-            task,
-            [pixels for pixels, _ in found],
-            self.image_size,
-            options.shared,
-            weights=[weights for _, weights in found],
-            matches={
-                (number[i], number[j]): cells for (i, j), cells in self.matches.items() if i in number and j in number
-            },
+            task.options(self.image_size), PixelTable.joined(options.object_segments, pixels), options.shared, matches
         )

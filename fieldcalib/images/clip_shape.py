@@ -18,7 +18,7 @@ from itertools import islice
 
 import numpy as np
 
-from fieldcalib.assess.misfit import rms_by_label
+from fieldcalib.assess.label_errors import rms_by_label
 from fieldcalib.assess.placement import Crop, Placement, Shape
 from fieldcalib.assess.result import Calibration
 from fieldcalib.assess.sequence_calibration import SequenceCalibration
@@ -26,16 +26,15 @@ from fieldcalib.assess.whole_picture import SHAPE
 from fieldcalib.fields.segments import ObjectSegments
 from fieldcalib.images.borders import shape_within, shown_part, within_borders
 from fieldcalib.images.clip_problem import ClipOptions, ClipProblem
-from fieldcalib.images.detected_lines import fitted_labels
 from fieldcalib.images.pictures import as_shown, log_ratio_of_squash
 from fieldcalib.io.image import Image, each_checked, size_of
 from fieldcalib.localize import Network
 from fieldcalib.problem.evaluation import evaluate_cameras
-from fieldcalib.solve.aspect import SQUARE_LOG_ODDS, WAS_SQUASHED, may_be_squashed, shown_size, stretched
+from fieldcalib.problem.pixel_table import PixelTable
+from fieldcalib.solve.aspect import SQUARE_LOG_ODDS, WAS_SQUASHED, may_be_squashed, shown_size
 from fieldcalib.solve.options import CERTAIN
 from fieldcalib.solve.sequence_problem import SHARED
 from fieldcalib.solve.sequence_solver import solve_sequence
-from fieldcalib.solve.tripod import Labels
 
 SEEN, APART = 8, 12  # number of frames that are used, and frames from one to the next
 FURTHEST = 3000  # frames, two minutes, from which these are taken
@@ -91,18 +90,18 @@ class ShapeEstimator:
         ]
         together = []
         for found in both:
-            frames = [_labels(one, size) for one in found if one.accepted and one.solved is not None]
+            frames = [_lines(one, size) for one in found if one.accepted and one.solved is not None]
             if len(frames) > 1:
                 together.append(_log_ratio(*(self._distances(frames, size, to) for to in (size, shown))))
         log_odds = SQUARE_LOG_ODDS * (size[0] == size[1]) + UPRIGHT_LOG_ODDS * (size[0] < size[1])
         return log_odds + sum(float(np.mean(some)) for some in (alone, together) if some)
 
     def _distances(
-        self, frames: Sequence[Labels], size: tuple[int, int], shown: tuple[int, int]
+        self, frames: Sequence[PixelTable], size: tuple[int, int], shown: tuple[int, int]
     ) -> dict[tuple[int, str], float]:
         """`distances_in_pictures` of cameras fitted to all frames together, in pictures of the size `shown`."""
         scale = np.divide(shown, size)
-        labels = {t: (stretched(pixels, scale), weights) for t, (pixels, weights) in enumerate(frames)}
+        labels = {t: one.scaled(scale) for t, one in enumerate(frames)}
         problem = ClipProblem(replace(self.options, shared=SHARED), shown, range(len(frames)), labels, {})
         solved = solve_sequence(problem.from_zero).calibration
         return distances_in_pictures(self.options.object_segments, solved, frames, size)
@@ -159,7 +158,7 @@ def shape_of_odds(log_odds: float, placement: Placement) -> Shape | None:
 def distances_in_pictures(
     object_segments: ObjectSegments,
     calibration: SequenceCalibration,
-    frames: Sequence[Labels],
+    frames: Sequence[PixelTable],
     size: tuple[int, int],
 ) -> dict[tuple[int, str], float]:
     """Root mean square distance of each label of each frame that has a camera, in the pictures' own pixels.
@@ -168,8 +167,8 @@ def distances_in_pictures(
     ----------
     calibration : SequenceCalibration
         Calibration of the frames as shown.
-    frames : sequence of Labels
-        Labels in pixels of the pictures.
+    frames : sequence of PixelTable
+        Labels of each frame, in pixels of the pictures.
     size : (int, int)
         Size of the pictures.
     """
@@ -177,7 +176,8 @@ def distances_in_pictures(
     cameras = {t: camera.scaled(size) for t, one in enumerate(calibration) if (camera := one.camera) is not None}
     if not cameras:
         return {}
-    rms = rms_by_label(evaluate_cameras(list(cameras.values()), segments, [frames[t][0] for t in cameras]))
+    pixels = PixelTable.joined(segments, [frames[t] for t in cameras])
+    rms = rms_by_label(evaluate_cameras(list(cameras.values()), segments, pixels))
     return {
         (t, label): distance
         for t, of_frame in zip(cameras, rms.tolist(), strict=True)
@@ -193,8 +193,8 @@ def _log_ratio(as_it_is: Mapping[tuple[int, str], float], shown: Mapping[tuple[i
     return float(WEIGHT * np.sum(np.log(u / v)))
 
 
-def _labels(calibration: Calibration, size: tuple[int, int]) -> Labels:
+def _lines(calibration: Calibration, size: tuple[int, int]) -> PixelTable:
     """The lines that a camera was fitted to, in pixels of pictures of a size."""
     assert calibration.camera is not None
-    pixels, weights = fitted_labels(calibration)
-    return stretched(pixels, np.divide(size, calibration.camera.image_size)), weights
+    assert calibration.solved is not None
+    return calibration.solved.pixels.scaled(np.divide(size, calibration.camera.image_size))

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -12,13 +12,12 @@ from fieldcalib.geometry.camera import Camera
 from fieldcalib.images.field_markings import Markings
 from fieldcalib.images.line_profiles import lines_near
 from fieldcalib.io.image import Image
-from fieldcalib.problem.labelled_pixels import Pixels, PixelWeights, Weights
+from fieldcalib.problem.labelled_pixels import Pixels
 from fieldcalib.problem.losses import RobustLoss
-from fieldcalib.solve.batch import calibrate_labels
-from fieldcalib.solve.joint_problem import labels_of
+from fieldcalib.problem.pixel_table import PixelTable
+from fieldcalib.solve.batch import calibrate_pixels
 from fieldcalib.solve.options import PAINT, pixel_unit
 from fieldcalib.solve.task import Task
-from fieldcalib.solve.tripod import Labels
 
 # Lengths are in pixels of a 960 x 540 image and grow with the image.
 SEARCH_RANGES = (12.0, 4.0)  # px from the projected markings, in the first and the second pass
@@ -32,7 +31,7 @@ def line_loss(image_size: tuple[int, int], scale: float = LOSS_SCALE) -> RobustL
     return RobustLoss("cauchy", scale * pixel_unit(image_size))
 
 
-def detected_lines(image: Image, camera: Camera, markings: Markings, sigma: float = 0.0) -> tuple[Labels, int]:
+def detected_lines(image: Image, camera: Camera, markings: Markings, sigma: float = 0.0) -> tuple[PixelTable, int]:
     """The lines near the markings that a camera projects, and the number of profiles in which they were searched.
 
     Parameters
@@ -46,39 +45,27 @@ def detected_lines(image: Image, camera: Camera, markings: Markings, sigma: floa
     """
     search_range = np.clip(SIGMAS * sigma / pixel_unit(camera.image_size), SEARCH_RANGES[1], SEARCH_RANGES[0])
     pixels, profiles = lines_near(image, camera, markings, float(search_range))
-    return (pixels, _weights(pixels)), profiles
+    return pixels_of_profiles(markings.labels, pixels), profiles
 
 
-def with_paint(lines: Labels, beside: Pixels) -> Labels:
+def with_paint(lines: PixelTable, beside: Pixels) -> PixelTable:
     """The lines of a frame, with those of some markings replaced by paint that lies beside the markings."""
-    pixels, weights = lines
-    return {**pixels, **beside}, {**weights, **_weights(beside)}
+    return pixels_of_profiles(lines.labels, {**lines.by_label(0), **beside})
 
 
-def _weights(pixels: Pixels) -> PixelWeights:
-    return {label: np.full(len(xy), 1.0 / PROFILES_PER_SEGMENT) for label, xy in pixels.items()}
-
-
-def fitted_labels(calibration: Calibration) -> Labels:
-    """The labelled pixels that the camera of a single image was fitted to, and the weight of each pixel."""
-    assert calibration.solved is not None
-    return labels_of(calibration.solved.alone.evaluation)
-
-
-def per_label(labels: Labels) -> Labels:
-    """Labels with weights per label, as arguments of calibrations have them, instead of weights per pixel."""
-    pixels, weights = labels
-    return pixels, {label: len(weight) * weight for label, weight in weights.items()}
+def pixels_of_profiles(labels: Iterable[str], lines: Pixels) -> PixelTable:
+    """Lines of one image, of which each pixel was found in a profile and weighs as much."""
+    weights = {label: np.full(len(xy), 1.0 / PROFILES_PER_SEGMENT) for label, xy in lines.items()}
+    return PixelTable.of(labels, [lines], [weights])
 
 
 def calibrate_on_lines(
     task: Task,
-    images: Sequence[tuple[Pixels, Weights]],
+    lines: PixelTable,
     image_size: tuple[int, int],
     cameras: Sequence[Camera] | None = None,
     scale: float = LOSS_SCALE,
 ) -> list[Calibration]:
-    """Calibrations from the lines of images, with weights per label, from cameras near them or from anywhere."""
+    """Calibrations from the lines of images, from cameras near them or from anywhere."""
     task = replace(task, loss=line_loss(image_size, scale), trust_labels=True, paint=PAINT)
-    pixels, weights = [pixels for pixels, _ in images], [weights for _, weights in images]
-    return calibrate_labels(task, pixels, image_size, weights, cameras=cameras)
+    return calibrate_pixels(task, lines, image_size, cameras)

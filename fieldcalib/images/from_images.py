@@ -15,7 +15,7 @@ from fieldcalib.assess.result import LEAST_PROBABILITY, Calibration, Status
 from fieldcalib.fields.field import Field
 from fieldcalib.fields.segments import ObjectSegments
 from fieldcalib.geometry.camera import Camera
-from fieldcalib.images.detected_lines import SEARCH_RANGES, calibrate_on_lines, fitted_labels, per_label
+from fieldcalib.images.detected_lines import SEARCH_RANGES, calibrate_on_lines
 from fieldcalib.images.field_markings import Markings
 from fieldcalib.images.hypotheses import calibrate_from_consensus, calibrate_localized
 from fieldcalib.images.pictures import Method, with_aspect_estimated, without_borders
@@ -216,8 +216,8 @@ def _on_another_field(
     if again.calibration is not start:
         return again
     # the lines found anew do not support a better camera: fit the lines found before
-    lines = [per_label(fitted_labels(before))]
-    (fitted,) = calibrate_on_lines(task, lines, start.camera.image_size, [start.camera])
+    assert before.solved is not None
+    (fitted,) = calibrate_on_lines(task, before.solved.pixels, start.camera.image_size, [start.camera])
     return replace(again, calibration=fitted)
 
 

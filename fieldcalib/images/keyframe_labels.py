@@ -7,14 +7,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from fieldcalib.assess.misfit import rms_by_label
+from fieldcalib.assess.label_errors import rms_by_label
 from fieldcalib.images.clip_problem import ClipOptions
-from fieldcalib.images.detected_lines import fitted_labels
 from fieldcalib.io.image import Image
 from fieldcalib.localize import Network
 from fieldcalib.problem.evaluation import Evaluation
+from fieldcalib.problem.pixel_table import PixelTable
 from fieldcalib.solve.options import pixel_unit
-from fieldcalib.solve.tripod import Labels
 
 EXPLAINED = 6.0  # px of 960 x 540: right cameras of nine clips have every label of their keyframes within 3 px
 LEAST_CONSISTENT = 4  # labels: some camera explains any fewer, wherever they lie
@@ -24,7 +23,7 @@ LEAST_CONSISTENT = 4  # labels: some camera explains any fewer, wherever they li
 class KeyframeLabels:
     """Labels of a keyframe, to which a camera was fitted."""
 
-    labels: Labels
+    labels: PixelTable
     accepted: bool = True
     """Whether that camera was accepted; if not, the labels are doubtful."""
     consistent: bool = True
@@ -37,7 +36,7 @@ def label_keyframes(options: ClipOptions, images: Sequence[Image], network: Netw
         None
         if one.solved is None
         else KeyframeLabels(
-            fitted_labels(one), one.accepted, one.accepted or are_consistent(one.solved.alone.evaluation)
+            one.solved.pixels, one.accepted, one.accepted or are_consistent(one.solved.alone.evaluation)
         )
         for one in options.calibrate_alone(images, network)
     ]

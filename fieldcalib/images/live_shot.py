@@ -24,13 +24,12 @@ from fieldcalib.images.field_markings import Markings
 from fieldcalib.images.keyframes import KeyframePair
 from fieldcalib.images.shot_solver import KnownCamera, ShotProblem, ShotSolution, SolvedShot
 from fieldcalib.io.image import Image
+from fieldcalib.problem.pixel_table import NO_PIXELS, PixelTable
 from fieldcalib.solve.frame_rows import SolvedFrames, solved_rows, table_without_cameras
 from fieldcalib.solve.ties import Ties, stepped, with_tied
-from fieldcalib.solve.tripod import Labels
 
 MOST_KEYS = 40  # keyframes of a shot that are solved together: 20 seconds
 MOST_EXTRAPOLATED = 12  # frames that nothing ties for which a camera is extrapolated: half a second
-NO_LINES: Labels = ({}, {})
 
 
 @dataclass(frozen=True, eq=False)
@@ -39,7 +38,7 @@ class FollowedFrame:
 
     calibration: Calibration
     basis: Basis = Basis.NOTHING
-    lines: Labels = NO_LINES
+    lines: PixelTable = NO_PIXELS
     """The lines in the frame."""
     camera: KnownCamera | None = None
     """Its camera for frames that are tied to it; None if it is not tied itself."""
@@ -53,7 +52,7 @@ class LiveShot:
     """How often the tracker began anew, and the number of the shot since the last beginning."""
     segmented: int = 0
     """Number of keyframes that the network has seen."""
-    labels: Mapping[int, Labels] = field(default_factory=dict)
+    labels: Mapping[int, PixelTable] = field(default_factory=dict)
     """Lines in keyframes; empty where no camera is found."""
     matches: Mapping[tuple[int, int], Cells] = field(default_factory=dict)
     """Matches between keyframes."""
@@ -80,7 +79,7 @@ class LiveShot:
         camera = None if found is None else found.camera
         return replace(
             self,
-            labels={**self.labels, index: NO_LINES if found is None else found.lines},
+            labels={**self.labels, index: NO_PIXELS if found is None else found.lines},
             matches={**self.matches, **{(key, index): cells for key, cells in ties.items()}},
             pairs={**self.pairs, **{pair.indices: pair for pair in pairs}},
             followed=self.followed if camera is None else {**self.followed, index: camera},
@@ -149,7 +148,7 @@ def follow(shot: LiveShot, solved: SolvedShot, index: int, image: Image, ties: M
 
 def _tied(
     shot: LiveShot, solved: SolvedShot, ties: Mapping[int, Cells], image: Image | None
-) -> tuple[FrameTable, Labels] | None:
+) -> tuple[FrameTable, PixelTable] | None:
     """A frame that is tied to some keyframes, with its lines; None if its matches contradict the keyframes."""
     known = shot.known
     keys, tripod, layout = sorted(ties), solved.tripod, solved.layout
@@ -167,10 +166,10 @@ def _tied(
         contradicted = not reached[-1]
     if contradicted:
         return None
-    lines = NO_LINES if image is None else detected_lines(image, layout.camera(theta[-1]), solved.markings)[0]
+    lines = NO_PIXELS if image is None else detected_lines(image, layout.camera(theta[-1]), solved.markings)[0]
     of_keys = [known[keys[k]].errors for k in towards.first.tolist()]
     of_first = OwnErrors(*(np.array(part) for part in zip(*of_keys, strict=True)))
-    followed = tripod.solved(theta[-1:], [lines], towards, tripod.prior(theta[-1:]))
+    followed = tripod.solved(theta[-1:], lines, towards, tripod.prior(theta[-1:]))
     return solved_rows(tripod, SolvedFrames(followed, tripod.errors(followed, of_first), np.array([True]))), lines
 
 
@@ -182,7 +181,7 @@ def _placed(solved: SolvedShot, camera: KnownCamera, basis: Basis) -> FollowedFr
 
 
 def _of_only_frame(
-    solved: SolvedShot, row: FrameTable, lines: Labels = NO_LINES, camera: KnownCamera | None = None
+    solved: SolvedShot, row: FrameTable, lines: PixelTable = NO_PIXELS, camera: KnownCamera | None = None
 ) -> FollowedFrame:
     sequence = replace(solved.sequence, frames=row)
     return FollowedFrame(sequence[0], sequence.basis[0], lines, camera)
@@ -194,8 +193,8 @@ def _without_camera(message: str) -> FollowedFrame:
 
 def _shows_lines(image: Image, camera: Camera, markings: Markings) -> bool:
     """Whether enough of the markings in view have a line in the image."""
-    (pixels, _), profiles = detected_lines(image, camera, markings, np.inf)
-    return sum(map(len, pixels.values())) >= LEAST_LINES * max(profiles, 1)
+    lines, profiles = detected_lines(image, camera, markings, np.inf)
+    return len(lines.frame) >= LEAST_LINES * max(profiles, 1)
 
 
 def _extrapolated(last: Sequence[tuple[int, KnownCamera]], index: int, free: BoolArray) -> KnownCamera | None:

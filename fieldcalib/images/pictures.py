@@ -12,9 +12,9 @@ import numpy as np
 
 from fieldcalib.assess.result import Calibration
 from fieldcalib.images.borders import shape_within, shown_part
-from fieldcalib.images.detected_lines import calibrate_on_lines, fitted_labels, per_label
+from fieldcalib.images.detected_lines import calibrate_on_lines
 from fieldcalib.io.image import Image, size_of
-from fieldcalib.solve.aspect import log_evidence, may_be_squashed, shown_size, stretched, told
+from fieldcalib.solve.aspect import log_evidence, may_be_squashed, shown_size, told
 from fieldcalib.solve.task import Task
 
 Method = Callable[[Sequence[Image]], list[Calibration]]
@@ -52,13 +52,11 @@ def log_ratio_of_squash(task: Task, as_it_is: Calibration, shown: Calibration) -
     sizes = as_it_is.camera.image_size, shown.camera.image_size
     ratios = []
     for own in (as_it_is, shown):
-        if not own.accepted or own.camera is None:
+        if not own.accepted or own.camera is None or own.solved is None:
             continue
-        pixels, weights = per_label(fitted_labels(own))
+        lines, own_size = own.solved.pixels, own.camera.image_size
         evidence, evidence_shown = (
-            log_evidence(calibrate_on_lines(task, [(scaled, weights)], size)[0])
-            for size in sizes
-            for scaled in [stretched(pixels, np.divide(size, own.camera.image_size))]
+            log_evidence(calibrate_on_lines(task, lines.scaled(np.divide(size, own_size)), size)[0]) for size in sizes
         )
         ratios.append(evidence_shown - evidence)
     return float(np.mean(ratios)) if ratios else 0.0

@@ -12,9 +12,9 @@ from functools import partial
 import numpy as np
 from numpy.typing import ArrayLike
 
+from fieldcalib.assess.label_errors import rms_by_label
 from fieldcalib.assess.markings import paint_share
 from fieldcalib.assess.result import Calibration
-from fieldcalib.assess.verdict import segment_errors
 from fieldcalib.fields.segments import ObjectSegments
 from fieldcalib.geometry.camera import Camera
 from fieldcalib.geometry.homography import YARD
@@ -25,6 +25,8 @@ from fieldcalib.images.paint_evidence import PaintEvidence, Ridges, evidence_of,
 from fieldcalib.io.image import Image, checked_image
 from fieldcalib.problem.evaluation import evaluate_cameras
 from fieldcalib.problem.labelled_pixels import ImageSegments, Pixels, Weights, check_segments
+from fieldcalib.problem.pixel_table import PixelTable
+from fieldcalib.solve.batch import checked_frames
 from fieldcalib.solve.from_homography import calibrate_from_homography
 from fieldcalib.solve.options import ALL, DEFAULT_FLAGS, CalibrationFlags, Prior, pixel_unit
 from fieldcalib.solve.task import Task
@@ -218,15 +220,15 @@ def _fitted(
     cameras = [calibration.camera for calibration, _, _ in given if calibration.camera is not None]
     if not cameras:
         return []
-    labels = [
-        (
-            {**one.labelled, **lines},
-            {label.strip(): weight for label, weight in one.weights.items()}
-            | {label: len(xy) / PROFILES_PER_SEGMENT for label, xy in lines.items()},
-        )
+    pixels = [{**one.labelled, **lines} for _, lines, one in given]
+    weights = [
+        {label.strip(): weight for label, weight in one.weights.items()}
+        | {label: len(xy) / PROFILES_PER_SEGMENT for label, xy in lines.items()}
         for _, lines, one in given
     ]
-    return calibrate_on_lines(task, labels, cameras[0].image_size, cameras, loss_scale)
+    size = cameras[0].image_size
+    table = PixelTable.of(task.object_segments, *checked_frames(task.object_segments, pixels, weights, size))
+    return calibrate_on_lines(task, table, size, cameras, loss_scale)
 
 
 def _with_paint(one: Refined, image: Image, markings: Markings) -> Refined:
@@ -296,9 +298,13 @@ def near_labels(
     """
     if not frames:
         return []
-    errors = segment_errors(evaluate_cameras(cameras, object_segments, frames), frames)
+    evaluation = evaluate_cameras(cameras, object_segments, PixelTable.of(object_segments, frames))
+    observations, errors = evaluation.problem.observations, rms_by_label(evaluation)
     least = distance * pixel_unit(cameras[0].image_size)
-    return [tuple(label for label, px in of_frame.items() if px < least) for of_frame, _ in errors]
+    return [
+        tuple(label for label, px in observations.by_name(t, of_frame).items() if px < least)
+        for t, of_frame in enumerate(errors)
+    ]
 
 
 def _without_stray(

@@ -23,8 +23,9 @@ from fieldcalib.images.keyframe_labels import label_keyframes
 from fieldcalib.images.keyframes import KeyframePair
 from fieldcalib.io.image import Image
 from fieldcalib.problem.layout import Layout
+from fieldcalib.problem.pixel_table import PixelTable
 from fieldcalib.solve.sequence_solver import solve_from_cameras, solve_sequence
-from fieldcalib.solve.tripod import KnownTripod, Labels
+from fieldcalib.solve.tripod import KnownTripod
 
 
 class KnownCamera(NamedTuple):
@@ -90,7 +91,7 @@ class ShotProblem:
 class ShotSolution(NamedTuple):
     """The result of solving the keyframes of a shot."""
 
-    labels: Labels | None
+    labels: PixelTable | None
     """Labels of the new keyframe; None if they stay as they were."""
     matches: Mapping[tuple[int, int], Cells]
     """New matches between keyframes."""

@@ -212,7 +212,7 @@ class Tracker:
         followed = self._follow(index, image, ties)
         if tied is not None and tied.is_key:
             self._shot = self._shot.with_keyframe(index, ties, tied.unmatched, followed)
-            self._add(index, image, has_lines=followed is not None and bool(followed.lines[0]))
+            self._add(index, image, has_lines=followed is not None and bool(followed.lines.has_pixels.any()))
             if self._other is None and (followed is None or followed.camera is None):
                 followed = self._follow(index, image, ties)
         if followed is None:

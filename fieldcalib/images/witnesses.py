@@ -12,14 +12,16 @@ from dataclasses import replace
 import numpy as np
 
 from fieldcalib._types import Array
-from fieldcalib.assess.misfit import LEAST_FRAMES, misfit, rms_by_label
+from fieldcalib.assess.label_errors import rms_by_label
+from fieldcalib.assess.misfit import LEAST_FRAMES, misfit
 from fieldcalib.assess.sequence_calibration import SequenceCalibration
 from fieldcalib.fields.segments import ObjectSegments
 from fieldcalib.images.detected_lines import line_loss
 from fieldcalib.images.keyframe_labels import EXPLAINED, KeyframeLabels
 from fieldcalib.problem.evaluation import Problem, evaluate
 from fieldcalib.problem.layout import Layout
-from fieldcalib.problem.observations import pack
+from fieldcalib.problem.observations import Observations
+from fieldcalib.problem.pixel_table import PixelTable
 from fieldcalib.solve.options import pixel_unit
 
 LEAST_WITHOUT_WORST = 6  # labels from which on the worst of a keyframe is left out: a board may pass for a touchline
@@ -38,7 +40,7 @@ def witnesses_of(
     return {
         k: one
         for k, one in found.items()
-        if usable[k] and one.labels[0] and (one.accepted or one.consistent or not enough)
+        if usable[k] and one.labels.has_pixels.any() and (one.accepted or one.consistent or not enough)
     }
 
 
@@ -68,8 +70,8 @@ def _excess(
     object_segments: ObjectSegments, keyframes: Sequence[KeyframeLabels], layout: Layout, theta: Array
 ) -> Array:
     """Misfit (B,) in pixels of the labels of keyframes to cameras theta (B, n)."""
-    pixels, weights = zip(*(one.labels for one in keyframes), strict=True)
-    observations = pack(object_segments, pixels, layout.image_size, weights)
+    pixels = PixelTable.joined(object_segments, [one.labels for one in keyframes])
+    observations = Observations.of(object_segments, pixels, layout.image_size)
     all_labels = evaluate(Problem(observations, layout, line_loss(layout.image_size)), theta)
     rms, table = rms_by_label(all_labels), observations.pixels
     worst = np.where(np.sum(np.isfinite(rms), axis=1) >= LEAST_WITHOUT_WORST, np.nanargmax(rms, axis=1), -1)

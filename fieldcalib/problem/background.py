@@ -1,14 +1,14 @@
 """Static points of the background that two frames of one camera on a tripod both see.
 
-However the camera turns and zooms, the ray of such a point p of one frame tells where it must be in the other. With x
-its camera coordinates in the first frame and w its inverse depth there,
+However the camera turns and zooms, the ray of such a point, at pixel p in the first frame, predicts its pixel q in the
+second. With x its camera coordinates in the first frame and w its inverse depth there,
 
     r = q - pi_2(R_2 R_1^T x + w R_2 (C_1 - C_2)),        x = (s_1 / f_1, 1),
 
-s_1 the ideal offset of p. Points are taken to be on the ground, or on a wall around it. On a tripod the depth need not
-be known well: the centres differ by what the camera turns off its pupil (`fieldcalib.problem.layout`), some decimetres
-at most. What moves in the first image moves in the second by A = ds_2/ds_1, along ground or wall and between the
-lenses; hence
+where s_1 is the ideal offset of p. Points are assumed to lie on the ground, or on a wall around it. On a tripod the
+depth need not be known well: the centres differ by some decimetres at most, as the camera does not turn about its pupil
+(`fieldcalib.problem.layout`). With A = ds_2/ds_1 the derivative of the second offset by the first, along ground or wall
+and through both lenses,
 
     dr/dtheta_1 = A dpi_1/dtheta_1,        dr/dtheta_2 = -dpi_2/dtheta_2.
 """
@@ -27,7 +27,7 @@ from fieldcalib.problem.layout import Layout
 from fieldcalib.problem.losses import RobustLoss
 from fieldcalib.problem.projection import Projection
 
-LEAST_DEPTH = 1e-9  # of a point in the second camera's plane, in depths of the first
+LEAST_DEPTH = 1e-9  # least depth in the second camera, as a share of the depth in the first
 
 
 @dataclass(frozen=True, eq=False)
@@ -35,7 +35,7 @@ class BackgroundPairs:
     """Static points that K pairs of frames see, padded to N points each."""
 
     first: IntArray
-    """First frame of each pair, (K,); where these cameras are `known`, it is no number of a frame of the problem."""
+    """First frame of each pair, (K,); not an index into the problem's frames where these cameras are `known`."""
     second: IntArray
     """Second frame of each pair, (K,)."""
     p: Array
@@ -47,17 +47,17 @@ class BackgroundPairs:
     loss: RobustLoss
     """Loss of the distance in the second frame."""
     walls: Array | None = None
-    """Half the length and width, metres, of what stands around the ground; None: everything is at infinity."""
+    """Half the length and width, metres, of the walls around the ground; None if all points are at infinity."""
     known: Array | None = None
-    """Cameras (K, n) of the first frames, if these are no frames of the problem; None: `first` says which they are.
+    """Cameras (K, n) of the first frames, if these are not frames of the problem; None if `first` are their indices.
 
-    What frames share is then known too."""
+    With known cameras, the parameters that frames share are known too."""
 
     def __len__(self) -> int:
         return len(self.first)
 
     def take(self, index: IntArray) -> BackgroundPairs:
-        """The pairs whose second frame is one of `index`, which are numbered anew; first cameras must be known.
+        """The pairs whose second frame is in `index`, with second frames renumbered; first cameras must be known.
 
         Raises
         ------
@@ -76,12 +76,12 @@ class BackgroundPairs:
 
     @property
     def swapped(self) -> BackgroundPairs:
-        """The pairs with the second frame as the first one."""
+        """The pairs with first and second frame swapped."""
         return replace(self, first=self.second, second=self.first, p=self.q, q=self.p)
 
     @staticmethod
     def joined(one: BackgroundPairs, other: BackgroundPairs) -> BackgroundPairs:
-        """The pairs of one, then those of the other."""
+        """The pairs of `one` followed by those of `other`."""
         more = other._columns
         both: dict[str, Any] = {name: np.concatenate([some, more[name]]) for name, some in one._columns.items()}
         return replace(one, **both)
@@ -131,7 +131,7 @@ class BackgroundTerm:
 
     @cached_property
     def _surface(self) -> Array:
-        """The plane g (3, K, N) that each ray x meets, ground or wall: its inverse depth is g . x, or 0."""
+        """Plane g (3, K, N) of ground or wall that each ray x meets: the inverse depth is g . x, or 0."""
         camera, (_, x) = self._projections[0], self._rays
         if self.pairs.walls is None:
             return np.zeros_like(x)
@@ -230,7 +230,7 @@ class BackgroundTerm:
             np.add.at(hessian, (frame[:, None, None], rows[:, None], rows), weighted @ np.swapaxes(J, 1, 2))
 
         add(second, own, by_second[:, own])
-        if self.pairs.known is not None:  # and all that frames share
+        if self.pairs.known is not None:  # and the shared parameters too
             return gradient, hessian, None
         first, by_first = self.pairs.first, self._by_first(free)
         by_shared = by_first[:, shared] + by_second[:, shared]

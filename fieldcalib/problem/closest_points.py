@@ -1,4 +1,4 @@
-"""The points of the segments' images that are closest to the observed pixels, of all kinds of segments."""
+"""Closest points on the images of the segments to the observed pixels, for all kinds of segments."""
 
 from __future__ import annotations
 

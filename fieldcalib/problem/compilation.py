@@ -1,8 +1,8 @@
 """Dispatch between compiled code, where Numba is installed, and NumPy.
 
-Compiled are independent frames of lines, arcs and points under a radial lens or none: what is calibrated frame by
-frame, on fields whose size is known or estimated. Frames that share parameters or are tied to each other, point clouds
-and other lenses stay with NumPy, which does the same: results differ by rounding.
+Compiled code solves independent frames of lines, arcs and points under a radial lens or none, on fields whose size is
+known or estimated. NumPy solves frames that share parameters or are tied to each other, point clouds and other lenses.
+Where both can, results differ by rounding only.
 """
 
 from __future__ import annotations

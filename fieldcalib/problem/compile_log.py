@@ -1,4 +1,4 @@
-"""Says to the log that Numba compiles: the first calibration after an installation takes long, and nobody sees why."""
+"""Log message while Numba compiles, to explain why the first calibration after an installation takes long."""
 
 import logging
 from typing import Any
@@ -11,8 +11,8 @@ COMPILING = (
 )
 
 
-class _Said(event.Listener):
-    """Hears of the first function of one module that is not in Numba's cache."""
+class _CompilationListener(event.Listener):
+    """Listens for the first function of one module that is not in Numba's cache."""
 
     def __init__(self, module: str) -> None:
         self.module = module
@@ -24,9 +24,9 @@ class _Said(event.Listener):
             LOG.info(COMPILING)
 
     def on_end(self, event: Any) -> None:
-        """Nothing is said of that."""
+        """Ignore the end of a compilation."""
 
 
 def log_compilation(module: str) -> None:
     """Log once, as information, when the first function of a module is about to be compiled."""
-    event.register("numba:compile", _Said(module))
+    event.register("numba:compile", _CompilationListener(module))

@@ -1,9 +1,8 @@
 """Closest points, their derivatives and Levenberg-Marquardt, compiled by Numba: one frame after the other.
 
-The mathematics is that of `closest_points`, `projection`, `evaluation` and `levenberg_marquardt`, which say why, and
-the names are theirs. A frame has some dozens of pixels: NumPy spends more time on calling than on computing there, and
-a batch of frames takes it six times as long as the scalar code here. What is solved here and what is left to NumPy is
-said by `fieldcalib.problem.compilation`.
+Mathematics and names are those of `closest_points`, `projection`, `evaluation` and `levenberg_marquardt`, which explain
+them. A frame has some dozens of pixels, for which NumPy spends more time on calls than on computing: a batch of frames
+takes it six times as long as the scalar code here. `fieldcalib.problem.compilation` says which frames are solved here.
 """
 
 from __future__ import annotations
@@ -32,9 +31,9 @@ LINEAR, CAUCHY, SOFT_L1, HUBER = map(get_args(LossName).index, ("linear", "cauch
 
 
 class Limits(NamedTuple):
-    """The constants of `fieldcalib.fields.segments.closest`, and of what it uses.
+    """The constants of `fieldcalib.fields.segments.closest`, of the lens and of the projection.
 
-    They are arguments, since Numba keeps what it has compiled until this file changes, whatever changes elsewhere.
+    They are arguments, since Numba's cache is renewed only when this file changes, not when other modules do.
     """
 
     line_steps: int = by_numpy.LINE_STEPS
@@ -49,12 +48,12 @@ class Limits(NamedTuple):
 
 
 class View(NamedTuple):
-    """A camera as what its projection needs."""
+    """The quantities of a camera that its projection needs."""
 
     R: tuple[Vector, Vector, Vector]
     """Rows of the rotation."""
     scaled_R: tuple[Vector, Vector, Vector]
-    """The same, the first two times f."""
+    """Rows of the rotation, the first two multiplied by f."""
     C: Vector
     f: float
     cx: float
@@ -91,7 +90,7 @@ class Feet(NamedTuple):
 
 
 class Loss(NamedTuple):
-    """A robust loss: which, and its scale squared."""
+    """A robust loss: its number, and its scale squared."""
 
     kind: int
     scale2: float
@@ -130,7 +129,7 @@ def view_of(theta: Array, rho: float, limits: Limits) -> View:
 
 @inlined
 def moved(view: View, motion: Array, b: int, i: int, change: Array) -> View:
-    """The camera before which a row moves as its segment does: the other way, as the size of the field changes."""
+    """The camera moved against its row's segment: equivalent to the segment's motion with the size of the field."""
     x, y, z = view.C
     for s in range(len(change)):
         x -= motion[b, i, 0, s] * change[s]
@@ -165,7 +164,7 @@ def _direction(view: View, x: float, y: float, z: float) -> Vector:
 
 @inlined
 def _point(view: View, geometry: Array, b: int, i: int) -> Vector:
-    """The first of the vectors of a row, a world point, in scaled camera coordinates."""
+    """The first vector of a row, a world point, in scaled camera coordinates."""
     x, y, z = geometry[b, i, 0, 0], geometry[b, i, 0, 1], geometry[b, i, 0, 2]
     return _direction(view, x - view.C[0], y - view.C[1], z - view.C[2])
 
@@ -192,7 +191,7 @@ def _unit(x: float, y: float, limits: Limits) -> tuple[float, float]:
 
 @inlined
 def _nearly_ideal(view: View, dx: float, dy: float) -> tuple[float, float]:
-    """The ideal offset of a real one, by a few fixed-point steps."""
+    """Approximate ideal offset of a real one, by a few fixed-point steps."""
     dy = dy / view.aspect
     sx, sy = dx, dy
     if not view.is_pinhole:
@@ -204,7 +203,7 @@ def _nearly_ideal(view: View, dx: float, dy: float) -> tuple[float, float]:
 
 @inlined
 def on_line(view: View, xy: Array, geometry: Array, b: int, i: int) -> Foot:
-    """On an infinite line."""
+    """The closest point on an infinite line."""
     ax, ay, az = _point(view, geometry, b, i)
     bx, by, bz = _direction(view, geometry[b, i, 1, 0], geometry[b, i, 1, 1], geometry[b, i, 1, 2])
     lx, ly, lz = ay * bz - az * by, az * bx - ax * bz, ax * by - ay * bx
@@ -235,7 +234,7 @@ def on_line(view: View, xy: Array, geometry: Array, b: int, i: int) -> Foot:
 
 @inlined
 def on_arc(view: View, xy: Array, geometry: Array, b: int, i: int) -> Foot:
-    """On a whole circle."""
+    """The closest point on a whole circle."""
     limits = view.limits
     ax, ay, az = _point(view, geometry, b, i)
     ux, uy, uz = _direction(view, geometry[b, i, 1, 0], geometry[b, i, 1, 1], geometry[b, i, 1, 2])
@@ -266,7 +265,7 @@ def on_arc(view: View, xy: Array, geometry: Array, b: int, i: int) -> Foot:
         if abs(step) < limits.curve_step:
             break
         c, s = _unit(c - step * s, s + step * c, limits)
-    if not abs(step) < limits.curve_step:  # what has not converged stays on the curve
+    if not abs(step) < limits.curve_step:  # a point that has not converged stays on the curve
         step = 0.0
     Tx, Ty = Tx + step * dTx, Ty + step * dTy
     nx, ny = _unit(Ty, -Tx, view.limits)
@@ -278,7 +277,7 @@ def on_arc(view: View, xy: Array, geometry: Array, b: int, i: int) -> Foot:
 
 @inlined
 def at_point(view: View, xy: Array, geometry: Array, b: int, i: int, nx: float, ny: float) -> Foot:
-    """At a world point, along a direction n of the image."""
+    """The residual of a world point along a direction n of the image."""
     hx, hy, hz = _point(view, geometry, b, i)
     inverse_depth = 1.0 / (view.limits.least_depth if abs(hz) < view.limits.least_depth else hz)
     sx, sy = hx * inverse_depth, hy * inverse_depth
@@ -303,7 +302,8 @@ def foot_of(kind: int, view: View, xy: Array, geometry: Array, b: int, i: int) -
 
 @inlined
 def set_derivatives(view: View, foot: Foot, row: Array) -> None:
-    """Derivatives of a point's image along its normal into a row (n,): ``n . dpi(X*) / dtheta``, see `Projection`."""
+    """Write derivatives of a point's image along its normal to `row` (n,): ``n . dpi(X*) / dtheta``, see
+    `Projection`."""
     sx, sy, w = foot.sx, foot.sy, foot.inverse_depth
     x, y = foot.nx, view.aspect * foot.ny
     inner = sx * x + sy * y
@@ -329,7 +329,7 @@ def set_derivatives(view: View, foot: Foot, row: Array) -> None:
 
 
 def loss_of(loss: RobustLoss) -> Loss:
-    """A robust loss as the compiled functions take it."""
+    """A robust loss as an argument of the compiled functions."""
     return Loss(get_args(LossName).index(loss.name), loss.scale**2)
 
 
@@ -361,15 +361,15 @@ class Frames(NamedTuple):
     geometry: tuple[Array, ...]
     """(B, N, G, 3)."""
     motion: tuple[Array, ...]
-    """How segments move with the size of the field, (B, N, 3, S)."""
+    """Derivatives of the segments by the size of the field, (B, N, 3, S)."""
     given: Array
-    """The size (S,) that they have; (0,) where it is no unknown, which follows those of the camera."""
+    """Size (S,) of the field for which they are packed; (0,) where the size is not estimated."""
     rho: float
     limits: Limits
 
 
 class Terms(NamedTuple):
-    """The terms of the cost beside the pixels, and how it is minimised."""
+    """The losses and the prior of the cost, and which parameters are estimated."""
 
     loss: Loss
     tails: Loss
@@ -381,7 +381,7 @@ class Terms(NamedTuple):
     free: IntArray
     """Indices (P,) of the parameters that are estimated."""
     log_f_range: Array
-    """Least and largest (2,); beyond, the cost is infinite."""
+    """Least and largest log f, (2,); outside, the cost is infinite."""
 
 
 class Bounds(NamedTuple):
@@ -404,7 +404,7 @@ class Quadratic(NamedTuple):
 
 
 class Criteria(NamedTuple):
-    """When Levenberg-Marquardt ends, and what it begins with; the constants of `levenberg_marquardt`."""
+    """Criteria for the end of Levenberg-Marquardt, and its damping; the constants of `levenberg_marquardt`."""
 
     max_iterations: int
     tolerance: float
@@ -418,7 +418,7 @@ class Criteria(NamedTuple):
 
 @compiled
 def closest_points(frames: Frames, theta: Array, r: Array, s: Array, inverse_depth: Array, normal: Array) -> None:
-    """The closest points of all residuals (B, M), kind after kind, into four arrays; padding is left as it is."""
+    """Write the closest points of all residuals (B, M), kind after kind, into four arrays; padding is not written."""
     camera = theta.shape[1] - len(frames.given)
     for b in range(len(theta)):
         view = view_of(theta[b, :camera], frames.rho, frames.limits)
@@ -437,7 +437,7 @@ def closest_points(frames: Frames, theta: Array, r: Array, s: Array, inverse_dep
 
 @compiled
 def derivatives(theta: Array, rho: float, limits: Limits, feet: Feet, free: IntArray, JT: Array) -> None:
-    """`Projection.derivatives` by some of the parameters, into JT (B, P, M)."""
+    """Write `Projection.derivatives` by the parameters `free` into JT (B, P, M)."""
     row = np.empty(theta.shape[1])
     for b in range(len(theta)):
         view = view_of(theta[b], rho, limits)
@@ -454,8 +454,8 @@ def derivatives(theta: Array, rho: float, limits: Limits, feet: Feet, free: IntA
 def normal_equations(
     frames: Frames, terms: Terms, b: int, theta: Array, row: Array, gradient: Array, hessian: Array
 ) -> float:
-    """The cost of frame b at its parameters (n,), infinite if they are no camera; its gradient (P,) and Hessian (P, P)
-    are set."""
+    """The cost of frame b at its parameters (n,), infinite if these are out of range; its gradient (P,) and Hessian
+    (P, P) are written to the arrays."""
     free = terms.free
     P = len(free)
     gradient[:] = 0.0
@@ -485,7 +485,7 @@ def normal_equations(
                 row[j] = row[free[j]]  # the free ones are ascending
             for j in range(P):
                 scaled = pull * row[j]
-                gradient[j] -= scaled * foot.r  # a residual is the pixel less its closest point
+                gradient[j] -= scaled * foot.r  # residual: pixel minus closest point
                 for c in range(j + 1):
                     hessian[j, c] += scaled * row[c]
     if terms.has_prior:
@@ -507,7 +507,7 @@ def normal_equations(
 
 @compiled
 def solve(A: Array, x: Array) -> None:
-    """Solve ``A x = b`` in place, x being b at first, by elimination with pivots of columns."""
+    """Solve ``A x = b`` in place, where x holds b at first, by Gaussian elimination with partial pivoting."""
     P = len(x)
     for j in range(P):
         best = j
@@ -531,9 +531,9 @@ def solve(A: Array, x: Array) -> None:
 
 @compiled
 def damped_step(theta: Array, free: IntArray, model: Quadratic, to: Bounds, A: Array, step: Array) -> float:
-    """The step (P,) of a frame at theta, within its bounds, and what it is predicted to change of the cost.
+    """Write the step (P,) of a frame at theta, within its bounds; return the predicted change of the cost.
 
-    What is at a bound and would leave it stays there: out of the linear system with it.
+    Parameters at a bound that would leave it are held: they are taken out of the linear system.
     """
     g, H = model.gradient, model.hessian
     P = len(g)
@@ -568,7 +568,7 @@ def damped_step(theta: Array, free: IntArray, model: Quadratic, to: Bounds, A: A
 def levenberg_marquardt(
     frames: Frames, terms: Terms, to: Bounds, until: Criteria, theta: Array, converged: Array, iterations: IntArray
 ) -> None:
-    """Minimise the cost of every frame; theta (B, n), the starts, become the solutions."""
+    """Minimise the cost of every frame; theta (B, n) holds the starts and then the solutions."""
     free = terms.free
     P, n = len(free), theta.shape[1]
     g, H, row = np.empty(P), np.empty((P, P)), np.empty(n)

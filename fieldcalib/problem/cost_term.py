@@ -1,6 +1,6 @@
 """Terms of the cost of frames: labelled pixels, the prior, static points of the background, a smooth path.
 
-The solver knows of each only what stands here, and sums over them.
+The solver sums over the terms and uses nothing but this protocol.
 """
 
 from __future__ import annotations
@@ -14,11 +14,11 @@ class Coupling(NamedTuple):
     """Blocks of a Hessian that couple the own parameters of pairs of frames."""
 
     first: IntArray
-    """(K,)"""
+    """Index of the first frame of each pair, (K,)."""
     second: IntArray
-    """(K,)"""
+    """Index of the second frame of each pair, (K,)."""
     blocks: Array
-    """(K, o, o), a row for each parameter of the first frame."""
+    """Blocks of the Hessian, (K, o, o); rows are parameters of the first frame."""
 
 
 class CostTerm(Protocol):
@@ -26,16 +26,16 @@ class CostTerm(Protocol):
 
     @property
     def cost(self) -> Array:
-        """Share of each frame, (B,)."""
+        """Cost of each frame, (B,)."""
 
     @property
     def gradient(self) -> Array:
-        """Its derivative by the free parameters, (B, P)."""
+        """Gradient of the cost by the free parameters, (B, P)."""
 
     @property
     def hessian(self) -> Array:
-        """Gauss-Newton approximation of its Hessian within each frame, (B, P, P)."""
+        """Gauss-Newton Hessian within each frame, (B, P, P)."""
 
     @property
     def coupling(self) -> Coupling | None:
-        """Its Hessian between frames; None if they are independent."""
+        """Hessian between frames; None if they are independent."""

@@ -7,10 +7,10 @@ segment: with X* the closest point and n the unit normal of the segment's image 
 
     r = n . (p - pi(X*)),        dr/dtheta = -n . dpi(X*)/dtheta.
 
-X* is stationary along the curve, so the derivative of the search drops out. The robust loss acts on the data alone.
-Pixels and prior (`fieldcalib.problem.prior_term`) are terms of the cost (`fieldcalib.problem.cost_term`). Others link
-frames of one camera: static points of the background (`fieldcalib.problem.background`), and the smooth path of a camera
-that moves (`fieldcalib.problem.smooth_path`).
+r is stationary in the position of X* along the curve, so the derivative of the search drops out. The robust loss acts
+on the data alone. Pixels and prior (`fieldcalib.problem.prior_term`) are terms of the cost
+(`fieldcalib.problem.cost_term`). Others link frames of one camera: static points of the background
+(`fieldcalib.problem.background`), and the smooth path of a camera that moves (`fieldcalib.problem.smooth_path`).
 """
 
 from __future__ import annotations
@@ -35,13 +35,14 @@ from fieldcalib.problem.cost_term import CostTerm, Coupling
 from fieldcalib.problem.labelled_pixels import Pixels
 from fieldcalib.problem.layout import LOG_F, Layout
 from fieldcalib.problem.losses import RobustLoss
-from fieldcalib.problem.observations import Observations, pack
+from fieldcalib.problem.observations import Observations
+from fieldcalib.problem.pixel_table import PixelTable
 from fieldcalib.problem.prior import GaussianPrior
 from fieldcalib.problem.prior_term import PriorTerm
 from fieldcalib.problem.projection import Projection
 from fieldcalib.problem.smooth_path import PathTerm, SmoothPath
 
-# Fields of view from 0.3 to 170 degrees: outside, a fit collapses to a point or to a plane and ends in overflow.
+# Fields of view from 0.3 to 170 degrees: outside, fits collapse to a point or to a plane and overflow.
 LOG_F_RANGE = (np.log(0.04), np.log(200.0))  # of f / width
 
 
@@ -54,19 +55,19 @@ class Problem:
     """The parameters, and which of them are estimated."""
     loss: RobustLoss
     noise: float = 1.0
-    """Standard deviation of a segment of weight 1, pixels: it weighs the labels against the prior."""
+    """Standard deviation of a segment of weight 1, pixels: it sets the weight of labels against the prior."""
     prior: GaussianPrior | None = None
-    """Prior of each problem, (B, n); None without."""
+    """Prior of each problem, (B, n); None without a prior."""
     group: IntArray | None = None
-    """Number of the group of each frame, (B,), ascending from 0: groups share parameters. None if nothing is shared."""
+    """Group of each frame, (B,), ascending from 0: its frames share parameters. None if nothing is shared."""
     paint: float = 0.0
-    """Standard deviation of the place of a painted line, metres; it enters the uncertainty only."""
+    """Standard deviation of the position of a painted line, metres; it enters the uncertainty only."""
     considered: Array | None = None
-    """Covariance of the considered parameters; None for the prior knowledge of the field's size."""
+    """Covariance of the considered parameters; None for that of the prior distribution of the field's size."""
     scale: float = SOCCER_SCALE
     """Size of the scene, metres: the unit of steps of the camera's centre."""
     background: BackgroundPairs | None = None
-    """Points of the background that tie frames of one camera; None without."""
+    """Points of the background that tie frames of one camera; None without them."""
     path: SmoothPath | None = None
     """The path of the centre of a moving camera; None if frames share the centre, or each has its own."""
 
@@ -102,14 +103,14 @@ class Problem:
         return self.prior.z_scores(theta)[:, self.free]
 
     def is_possible(self, theta: Array) -> BoolArray:
-        """Whether the focal lengths are in range, (B,): a fit that collapses is stopped before it overflows."""
+        """Whether the focal lengths are in range, (B,): collapsing fits are stopped before they overflow."""
         log_f = theta[:, LOG_F] - np.log(self.layout.image_size[0])
         return np.asarray((log_f > LOG_F_RANGE[0]) & (log_f < LOG_F_RANGE[1]))
 
 
 @dataclass(frozen=True, eq=False)
 class Evaluation:
-    """A problem evaluated at its cameras: all that follows from one search of the closest points.
+    """A problem evaluated at its cameras, with one search for the closest points.
 
     Examples
     --------
@@ -129,13 +130,13 @@ class Evaluation:
     """Parameters of the cameras, (B, n)."""
     points: ClosestPoints
     known_projection: Projection | None = None
-    """`projection`, if it was computed before."""
+    """`projection`, if it was computed already."""
 
     @property
     def r(self) -> Array:
         """Signed distances of the observed pixels in pixels, (B, M), in the order of `Observations.weight`.
 
-        Padding has values too: they weigh 0.
+        Padding has values too, with weight 0.
         """
         return self.points.r
 
@@ -154,7 +155,7 @@ class Evaluation:
         JT = self._by_camera(free)
         moving = free[self.problem.layout.field_size_block.start :]  # length, width and crown
         if np.any(moving):
-            # a segment that moves is a camera that moves the other way
+            # moving a segment is equivalent to moving the camera the other way
             by_centre = self._by_camera(self.problem.layout.is_centre)
             by_field = -np.einsum("bcm,bmcs->bsm", by_centre, self.motion_of_points[..., moving])
             JT[:, JT.shape[1] - by_field.shape[1] :] = by_field
@@ -175,7 +176,7 @@ class Evaluation:
         if size is None or size.crown is None:
             return motion
         raised = np.zeros((*motion.shape[:-1], 1))
-        y = np.nan_to_num(self.world_points[..., 1], nan=np.inf)  # there the ground is level
+        y = np.nan_to_num(self.world_points[..., 1], nan=np.inf)  # at infinity the ground is level
         raised[..., 2, 0] = -share_of_crown(y, size.given[1])  # z points down
         return np.concatenate([motion, raised], axis=-1)
 
@@ -200,13 +201,13 @@ class Evaluation:
 
     @cached_property
     def prior(self) -> PriorTerm | None:
-        """The prior as a term of the cost; None without."""
+        """The prior as a term of the cost; None without a prior."""
         prior = self.problem.prior
         return None if prior is None else PriorTerm(prior, self.problem.layout, self.theta)
 
     @cached_property
     def background(self) -> BackgroundTerm | None:
-        """The static points that tie frames as a term of the cost; None without."""
+        """The static points that tie frames as a term of the cost; None without them."""
         pairs = self.problem.background
         return None if pairs is None else BackgroundTerm(pairs, self.problem.layout, self.theta)
 
@@ -226,7 +227,7 @@ class Evaluation:
     def cost(self) -> Array:
         """Cost of each frame, (B,); infinite where it is not finite or the focal length out of range.
 
-        Derivatives mean nothing where it is infinite.
+        Derivatives are meaningless where it is infinite.
         """
         cost = _sum([term.cost for term in self.terms])
         return np.where(np.isfinite(cost) & self.problem.is_possible(self.theta), cost, np.inf)
@@ -285,7 +286,7 @@ class Evaluation:
         return self.projection.world_points(self.points.s, self.points.inverse_depth)
 
     def of(self, problem: Problem) -> Evaluation:
-        """Another problem of the same pixels at the same cameras: its loss, layout or prior differ."""
+        """The evaluation of another problem, with the same pixels, at the same cameras."""
         return Evaluation(problem, self.theta, self.points)
 
     def with_ends(self, ends: EndRows) -> Evaluation:
@@ -311,10 +312,10 @@ class Evaluation:
         )
 
     def __reduce__(self) -> tuple[type[Evaluation], tuple[Problem, Array, ClosestPoints]]:
-        return Evaluation, (self.problem, self.theta, self.points)  # what follows from these is computed again
+        return Evaluation, (self.problem, self.theta, self.points)  # all else is computed from these again
 
     def replaced(self, index: IntArray, other: Evaluation) -> Evaluation:
-        """The evaluation with the cameras of `other` for the frames `index`."""
+        """The evaluation with the frames `index` replaced by those of `other`."""
         theta = self.theta.copy()
         theta[index] = other.theta
         return Evaluation(self.problem, theta, self.points.replaced(index, other.points))
@@ -366,14 +367,12 @@ def evaluate(problem: Problem, theta: Array) -> Evaluation:
 
 def evaluate_camera(camera: Camera, object_segments: ObjectSegments, frame: Pixels) -> Evaluation:
     """Evaluate the labels of one frame at a camera, without prior and robust loss."""
-    return evaluate_cameras([camera], object_segments, [frame])
+    return evaluate_cameras([camera], object_segments, PixelTable.of(object_segments, [frame]))
 
 
-def evaluate_cameras(
-    cameras: Sequence[Camera], object_segments: ObjectSegments, frames: Sequence[Pixels]
-) -> Evaluation:
+def evaluate_cameras(cameras: Sequence[Camera], object_segments: ObjectSegments, pixels: PixelTable) -> Evaluation:
     """Evaluate the labels of frames of one size, each at its camera, without prior and robust loss."""
     size = cameras[0].image_size
     layout = Layout.of(size, common_lens([camera.lens for camera in cameras]))
-    problem = Problem(pack(object_segments, frames, size), layout, RobustLoss("linear", 1.0))
+    problem = Problem(Observations.of(object_segments, pixels, size), layout, RobustLoss("linear", 1.0))
     return evaluate(problem, np.array([layout.theta(camera) for camera in cameras]))

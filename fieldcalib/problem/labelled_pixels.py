@@ -1,4 +1,4 @@
-"""Labelled pixels as users give them: checks, weights, and the split of circles in halves.
+"""Labelled pixels as users give them: checks, weights, and the split of circles into halves.
 
 One frame is a mapping of labels to (N, 2) pixels, perhaps with weights.
 """
@@ -21,13 +21,13 @@ Pixels: TypeAlias = dict[str, Array]
 Weights: TypeAlias = Mapping[str, ArrayLike]
 PixelWeights: TypeAlias = dict[str, Array]
 
-LEAST_SLOPE = 0.05  # slope of a line, as the middle line seen from behind a goal, below which it has no left side
-MOST_PIXELS = 200  # of a label: more make its place no surer, since what they share (its paint, the lens) stays
-FARTHEST_PIXEL = 10.0  # image sizes from the centre: beyond, a number is a mistake
+LEAST_SLOPE = 0.05  # flatter lines have no left side in the image: the middle line seen from behind a goal
+MOST_PIXELS = 200  # of a label: more do not make its position surer, since errors of paint and lens are common to all
+FARTHEST_PIXEL = 10.0  # image sizes from the centre: farther coordinates are mistakes
 
 
 def check_object(object_segments: ObjectSegments) -> None:
-    """Raise a ValueError if that is not a mapping of names to segments."""
+    """Raise a ValueError if the object is not a mapping of names to segments."""
     if isinstance(object_segments, Field):  # checked when it was made
         return
     if not isinstance(object_segments, Mapping):
@@ -40,7 +40,7 @@ def check_object(object_segments: ObjectSegments) -> None:
 def check_segments(
     object_segments: ObjectSegments, image_segments: ImageSegments, image_size: tuple[int, int]
 ) -> Pixels:
-    """The labelled pixels of one frame as float arrays, or a ValueError that says what is wrong with them.
+    """The checked labelled pixels of one frame as float arrays.
 
     Parameters
     ----------
@@ -103,10 +103,10 @@ def check_segments(
 def check_weights(
     object_segments: ObjectSegments, pixels: Pixels, weights: Weights | None
 ) -> tuple[Pixels, PixelWeights | None]:
-    """The pixels of one frame that weigh anything, and what each weighs, or a ValueError that says what is wrong.
+    """The pixels of one frame with positive weights, and the weight of each.
 
-    A segment of weight w counts as w segments of weight 1, which is what a label without a weight has. Its N pixels
-    weigh w_i / N, so that a number is the same as N times that number.
+    A segment of weight w counts as w segments of weight 1, the default. A segment's weight may be one number, or one
+    for each of its N pixels; pixel i then weighs w_i / N.
 
     Parameters
     ----------
@@ -121,9 +121,9 @@ def check_weights(
     Returns
     -------
     pixels : dict of str to (N, 2) array
-        Without the pixels of weight 0, and without the labels that have none left; up to `MOST_PIXELS` of a label.
+        Pixels of positive weight, up to `MOST_PIXELS` of a label; labels without any are left out.
     pixel_weights : dict of str to (N,) array, or None
-        What each of those pixels weighs; None without weights.
+        Weight of each of these pixels; None without `weights`.
 
     Raises
     ------
@@ -153,7 +153,7 @@ def check_weights(
     pixel_weights: PixelWeights = {}
     for label, xy in pixels.items():
         weight = given.get(label, np.ones(len(xy)))
-        seen = weight > 0.0  # a weight of 0 is that of padding
+        seen = weight > 0.0  # weight 0 means padding
         if np.any(seen):
             kept[label], pixel_weights[label] = _thinned(xy[seen], weight[seen] / len(xy))
     if pixels and not kept:
@@ -174,22 +174,22 @@ def thinned(pixels: Pixels) -> Pixels:
 
 
 def _thinned(xy: Array, weight: Array) -> tuple[Array, Array]:
-    """Up to `MOST_PIXELS` of N pixels (N, 2) and their weights, of the same sum.
+    """Up to `MOST_PIXELS` of N pixels (N, 2), and weights of the same sum.
 
-    The pixels are those at evenly spaced places of the cumulative weight, so that each is chosen as often as it weighs.
+    Pixels are chosen at equal steps of the cumulative weight, so that they are chosen in proportion to their weights.
     """
     if len(xy) <= MOST_PIXELS:
         return xy, weight
     unit = np.max(weight)  # the sum of huge weights would overflow
     cumulative = np.cumsum(weight / unit)
     places = (np.arange(MOST_PIXELS) + 0.5) / MOST_PIXELS * cumulative[-1]
-    places *= 1.0 - 1e-9  # a place between two pixels goes to the first, whatever the rounding
+    places *= 1.0 - 1e-9  # at a boundary between two pixels the first is chosen, whatever the rounding
     chosen, times = np.unique(np.searchsorted(cumulative, places), return_counts=True)
     return xy[chosen], times * (cumulative[-1] / MOST_PIXELS * unit)
 
 
 def checked_weight(name: str, values: ArrayLike, count: int, *, each: str = "pixel") -> Array:
-    """A weight, or one for each of `count` pixels or points, as (count,).
+    """One weight, or one for each of `count` pixels or points, as (count,).
 
     Raises
     ------
@@ -209,7 +209,7 @@ def checked_weight(name: str, values: ArrayLike, count: int, *, each: str = "pix
 
 
 def _known_label(raw_label: str, object_segments: ObjectSegments) -> str:
-    """A label as the object has it, with or without its surrounding blanks."""
+    """The label in the spelling of the object, with or without surrounding blanks."""
     label = raw_label.strip() if isinstance(raw_label, str) else raw_label
     if label in object_segments:
         return label
@@ -229,7 +229,7 @@ def nearest_label(label: str, object_segments: ObjectSegments) -> str:
 
 
 def _what_is_far(pixels: Pixels, far: BoolArray, image_size: tuple[int, int]) -> str:
-    """The first of a frame's pixels that is far outside the image, or nowhere."""
+    """Description of the frame's first pixel that is far outside the image or not finite."""
     labels = [(label, index) for label, xy in pixels.items() for index in range(len(xy))]
     label, index = labels[int(np.flatnonzero(far)[0])]
     xy = pixels[label][index]
@@ -248,7 +248,7 @@ def _check_scale(xy: Array, image_size: tuple[int, int]) -> None:
         )
     if len(xy) < 8:  # a few stray pixels prove nothing
         return
-    # annotations may lie somewhat outside the image, so "inside" is generous
+    # annotations may lie somewhat outside the image: allow a margin
     inside = np.mean(np.all(np.abs((xy + 0.5) / image_size - 0.5) <= 0.75, axis=1))
     if inside >= 0.8:
         return
@@ -269,16 +269,15 @@ def _check_scale(xy: Array, image_size: tuple[int, int]) -> None:
 def split_circles(object_segments: ObjectSegments, pixels: Pixels, image_size: tuple[int, int]) -> Pixels:
     """Assign a circle's pixels to its left and right half (paper, section "Modeling the Soccer Field").
 
-    That is for the circles of which the field knows the halves, as soccer's centre circle. Pixels left of the line
-    between the halves go to the left one, the others to the right one. (The paper's public code compares x with the
-    mean x of the line's two ends.) Where the line is not given, or is level, the half depends on which side of the
-    image the whole circle lies: the right half of the field is in view where the circle is left of the image's centre,
-    and then it is the circle's right half that is seen.
+    Only circles whose halves the field knows are split, such as soccer's centre circle. Pixels left of the line between
+    the halves go to the left one, the others to the right one. (The paper's public code compares x with the mean x of
+    the line's two ends.) Where the line is not labelled, or is level, all pixels go to one half: to the right one if
+    they are left of the image's centre, since then the right half of the field is in view, and conversely.
 
     Parameters
     ----------
     object_segments : mapping of str to segment
-        The calibration object; one that is no `Field` has no halves.
+        The calibration object; only a `Field` knows halves.
     pixels : dict of str to (N, 2) array
         One frame, as `check_segments` returns it.
     image_size : (int, int)
@@ -287,7 +286,7 @@ def split_circles(object_segments: ObjectSegments, pixels: Pixels, image_size: t
     Returns
     -------
     dict of str to (N, 2) array
-        The frame without these circles and with the halves that have pixels.
+        The frame with halves that have pixels instead of these circles.
 
     Examples
     --------
@@ -302,21 +301,18 @@ def split_circles(object_segments: ObjectSegments, pixels: Pixels, image_size: t
         if label not in pixels:
             continue
         circle = pixels[label]
-        left = _left_of_line(circle, pixels.get(line))
-        if left is None:
-            left = np.full(len(circle), circle[:, 0].mean() > image_size[0] / 2.0)
+        left = in_left_half(circle, pixels.get(line), image_size)
         for half_label, half in ((left_label, circle[left]), (right_label, circle[~left])):
             if len(half):
                 split[half_label] = np.concatenate([split[half_label], half]) if half_label in split else half
     return split
 
 
-def _left_of_line(xy: Array, line: Array | None) -> BoolArray | None:
-    if line is None or len(line) < 2:
-        return None
-    top, bottom = line[line[:, 1].argmin()], line[line[:, 1].argmax()]
-    down = bottom - top
-    if down[1] <= LEAST_SLOPE * np.abs(down[0]):
-        return None
-    offset = xy - top
-    return np.asarray(down[0] * offset[:, 1] - down[1] * offset[:, 0] > 0.0)
+def in_left_half(circle: Array, line: Array | None, image_size: tuple[int, int]) -> BoolArray:
+    """Which pixels (N, 2) of a circle are on its left half, from pixels (M, 2) of the line between the halves."""
+    if line is not None and len(line) > 1:
+        top, bottom = line[line[:, 1].argmin()], line[line[:, 1].argmax()]
+        down, offset = bottom - top, circle - top
+        if down[1] > LEAST_SLOPE * np.abs(down[0]):
+            return np.asarray(down[0] * offset[:, 1] - down[1] * offset[:, 0] > 0.0)
+    return np.full(len(circle), circle[:, 0].mean() > image_size[0] / 2.0)

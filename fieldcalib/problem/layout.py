@@ -4,15 +4,15 @@
 
 Angles in radians, f the focal length along rows in pixels, (x, y, z) the camera centre in metres, (cx, cy) the
 principal point in pixels, aspect fy / fx, the coefficients of a lens (`fieldcalib.geometry.lens`), and, where the
-object is a field whose size may change, its length and width in metres, and how much higher it is in the middle than at
-the touchlines (`fieldcalib.fields.crown`). What is not estimated stays in theta at its known value; a crown is never
+object is a field of variable size, its length and width in metres, and the height of its middle above the touchlines
+(`fieldcalib.fields.crown`). Parameters that are not estimated stay in theta at their known values; a crown is never
 estimated.
 
-Where one camera takes many frames, its principal point and its lens follow the zoom, and its centre of projection lies
-off the axes that it turns about. With u = log f - reference and the zoom law (m_x, m_y, l, q, o), the camera of a theta
-has the principal point ``(cx, cy) + u (m_x, m_y)``, the first lens coefficient ``a1 + l u + q u^2``, and its centre o
-metres ahead of (x, y, z) along its optical axis. On ten measured broadcast cameras (1920 x 1080, zoom by up to 2) the
-principal point is linear in log f to 1 px, and a1 quadratic to 0.003.
+Where one camera takes many frames, its principal point and its lens follow the zoom, and its centre of projection is
+not on the axes about which it turns. With u = log f - reference and the zoom law (m_x, m_y, l, q, o), the camera of a
+theta has the principal point ``(cx, cy) + u (m_x, m_y)``, the first lens coefficient ``a1 + l u + q u^2``, and its
+centre o metres ahead of (x, y, z) along its optical axis. On ten measured broadcast cameras (1920 x 1080, zoom by up to
+2) the principal point is linear in log f to 1 px, and a1 quadratic to 0.003.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ from fieldcalib.geometry.camera import Camera
 from fieldcalib.geometry.lens import Lens, RadialLens
 from fieldcalib.geometry.rotation import rotation_axes, rotation_from_angles
 
-# The blocks that every camera has, at the same place whatever its lens.
+# The blocks that every camera has, at the same positions for every lens.
 ANGLES = slice(0, 3)
 PAN, TILT, ROLL = 0, 1, 2
 LOG_F = 3
@@ -43,16 +43,16 @@ FIELD_SIZE = ("length", "width")
 CROWN = ("crown",)
 ZOOM_LAW = ("cx slope", "cy slope", "a1 slope", "a1 bend", "axis offset")
 
-# The longest step in one iteration: farther away the linearisation does not hold.
-LARGEST_STEP = {"pan": 0.4, "tilt": 0.4, "roll": 0.4, "log f": 0.7, "x": 1.0, "y": 1.0, "z": 1.0}  # x, y, z: of a scale
+# The longest step in one iteration, for a scene of 1 m: the linearisation does not hold farther away.
+LARGEST_STEP = {"pan": 0.4, "tilt": 0.4, "roll": 0.4, "log f": 0.7, "x": 1.0, "y": 1.0, "z": 1.0}
 
 
 def exp_of(theta: Array, column: int) -> Array:
     """``exp`` of a parameter, `LOG_F` or `LOG_ASPECT`, of parameter vectors (..., n).
 
-    It is taken of a copy: NumPy 1.26 and 2.0 (not 2.4) round ``exp``, ``arctan2`` and others otherwise where the result
-    lies close to the end of a column in memory, and results would depend on where that is. (`ascontiguousarray` makes
-    no copy of a single number, whose stride is still that of the column.)
+    It is computed from a copy: NumPy 1.26 and 2.0 (not 2.4) round ``exp``, ``arctan2`` and others differently near the
+    end of a non-contiguous column, and results would depend on the position in memory. (`ascontiguousarray` does not
+    copy a single number, whose stride is still that of the column.)
 
     Examples
     --------
@@ -66,7 +66,7 @@ class Role(IntEnum):
     """How a solver treats a parameter."""
 
     FIXED = 0
-    """Known."""
+    """Known, not estimated."""
     FRAME = 1
     """Estimated for each frame by itself."""
     SHARED = 2
@@ -87,7 +87,7 @@ class SizeBlock(NamedTuple):
     possibilities: tuple[Array, Array] = (np.ones(1), np.zeros((1, 2)))
     """Mixture of normal distributions around the given size, if considered: probabilities (K,), sigmas (K, 2)."""
     crown: Crown | None = None
-    """Height of the middle of fields above their touchlines, which is considered; None if all fields are level."""
+    """Distribution of the crown, which is considered; None if all fields are level."""
 
     @property
     def possibilities_with_crown(self) -> tuple[Array, Array]:
@@ -126,7 +126,7 @@ class Layout:
     field_size: SizeBlock | None = None
     """Length and width as parameters; None if they are not."""
     zoom_law: ZoomLaw | None = None
-    """The law of the zoom; None if nothing follows it."""
+    """The zoom law; None if no other parameter follows the zoom."""
 
     @classmethod
     def of(
@@ -136,7 +136,7 @@ class Layout:
         field_size: SizeBlock | None = None,
         zoom_law: ZoomLaw | None = None,
     ) -> Layout:
-        """A layout with every parameter estimated for each frame, a crown considered; by default with a radial lens."""
+        """A layout with all parameters estimated for each frame, and a crown considered; the default lens is radial."""
         lens = RadialLens(float(np.hypot(*image_size) / 2.0)) if lens is None else lens
         size = len(COMMON) + len(lens.names)
         size += (len(ZOOM_LAW) if zoom_law is not None else 0) + len(_of_field(field_size))
@@ -250,7 +250,7 @@ class Layout:
         return largest
 
     def largest_step(self, scale: float) -> Array:
-        """Longest steps of an iteration, (n,), for scenes of some metres in size."""
+        """Longest steps of an iteration, (n,), for scenes of `scale` metres."""
         step = np.array([LARGEST_STEP.get(name, np.inf) for name in self.names])
         step[CENTER] *= scale
         return step
@@ -271,7 +271,7 @@ class Layout:
         return self.with_roles(Role.FIXED, *blocks)
 
     def only(self, free: BoolArray) -> Layout:
-        """The layout in which only these parameters (n,) are estimated, with the roles that they have."""
+        """The layout in which only the parameters `free` (n,) are estimated, in their present roles."""
         roles = np.where(free & (self.roles == Role.FIXED), Role.FRAME, self.roles)
         return replace(self, roles=np.where(free | (roles == Role.CONSIDERED), roles, Role.FIXED))
 
@@ -358,7 +358,8 @@ def camera_from_theta(theta: Array, image_size: tuple[int, int]) -> Camera:
 
 
 def turned_around(theta: Array) -> Array:
-    """The cameras (..., n) that see the field turned by 180 degrees about its centre mark as these ones see it.
+    """The cameras (..., n) turned by 180 degrees about the field's centre mark, with the same image of the turned
+    field.
 
     Examples
     --------

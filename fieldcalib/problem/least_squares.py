@@ -20,9 +20,9 @@ def least_squares(start: Evaluation, *, max_iterations: int, tolerance: float) -
     start : Evaluation
         A problem of one frame at its initial camera.
     max_iterations : int
-        Evaluations allowed after the first.
+        Largest number of evaluations after the first.
     tolerance : float
-        Done when a step lowers the cost by less than this share.
+        The solver stops when a step lowers the cost by less than this share.
 
     Returns
     -------

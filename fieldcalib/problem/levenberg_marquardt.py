@@ -1,17 +1,17 @@
 """Levenberg-Marquardt on many frames at once, each by itself or several with shared parameters.
 
-Steps are those of reweighted least squares: the quadratic with weights rho' lies above the loss, so they do not
-overshoot. (Triggs' second-order correction, SciPy's own way, does where residuals reach the scale of the loss: on
-annotated frames it took 10 iterations of the wide loss for 4 of these.)
+Steps are those of iteratively reweighted least squares: the quadratic with weights rho' is an upper bound of the loss,
+so steps do not overshoot. (With Triggs' second-order correction, as in SciPy, they do where residuals reach the scale
+of the loss: on annotated frames the wide loss took 10 iterations instead of 4.)
 
 With H_tt the Hessian of a frame's own parameters, H_ss that of the shared ones and H_ts their coupling, the system of a
 group of frames is a block arrow. Each frame is eliminated by itself (the Schur complement),
 
     (H_ss - sum_t H_st H_tt^-1 H_ts) ds = -(g_s - sum_t H_st H_tt^-1 g_t),    H_tt dt = -g_t - H_ts ds.
 
-Frames that share nothing are groups of one with an empty border. What links frames with each other, the background that
-they see or the path of their centres, couples their own parameters too: the frames of a group are then eliminated
-together.
+Frames that share nothing are groups of one with an empty border. Terms that link frames with each other, common
+background points or a smooth path of their centres, couple their own parameters too: the frames of a group are then
+eliminated together.
 """
 
 from __future__ import annotations
@@ -35,42 +35,42 @@ FAR, NEAR = 1e-2, 1e-4  # initial damping, share of the Hessian's diagonal: far 
 LEAST_DAMPING, LARGEST_DAMPING = 1e-12, 1e10
 SETTLED = 0.1  # share of the tolerance: a smaller predicted decrease is not tried
 STILL = 1e-14  # share of the cost: a smaller change is rounding
-LEAST_DIAGONAL = 1e-12  # keeps parameters that nothing determines in the system
+LEAST_DIAGONAL = 1e-12  # keeps the system regular if nothing determines a parameter
 COMPACTED = 0.8  # share of the frames below which finished ones leave the batch
 
 
 @dataclass(frozen=True, eq=False)
 class Solution:
-    """Where a solver ended, for B frames."""
+    """Result of a solver for B frames."""
 
     evaluation: Evaluation
-    """At the solution."""
+    """The problem evaluated at the solution."""
     converged: BoolArray
-    """(B,); False where the iterations were used up, or the start had no finite cost."""
+    """Whether the solver converged, (B,): not if iterations ran out or the cost of the start was not finite."""
     iterations: IntArray
-    """(B,); evaluations after the first."""
+    """Number of evaluations after the first, (B,)."""
 
     @property
     def theta(self) -> Array:
-        """(B, n)."""
+        """Parameters of the cameras, (B, n)."""
         return self.evaluation.theta
 
     @property
     def cost(self) -> Array:
-        """(B,)."""
+        """Cost of each frame, (B,)."""
         return self.evaluation.cost
 
 
 @dataclass(frozen=True, eq=False)
 class Groups:
-    """Frames (B,) that share parameters, in G groups of consecutive ones."""
+    """G groups of consecutive frames that share parameters."""
 
     of_frame: IntArray
-    """(B,) ascending."""
+    """Group of each frame, (B,), ascending."""
 
     @classmethod
     def of(cls, problem: Problem) -> Groups:
-        """The groups of a problem: each frame by itself unless it says otherwise."""
+        """The groups of a problem; by default each frame is a group."""
         return cls(np.arange(len(problem)) if problem.group is None else problem.group)
 
     @property
@@ -89,26 +89,26 @@ class Groups:
         return values if self.is_trivial else values[self.of_frame]
 
     def take(self, frames: IntArray) -> Groups:
-        """Some whole groups, numbered anew."""
+        """The groups of some frames, renumbered; groups must be whole."""
         return Groups(np.unique(self.of_frame[frames], return_inverse=True)[1])
 
 
-@np.errstate(over="ignore", invalid="ignore")  # a step too far has no finite cost, and is not taken
+@np.errstate(over="ignore", invalid="ignore")  # a step with an infinite cost is rejected
 def levenberg_marquardt(
     start: Evaluation, *, max_iterations: int, tolerance: float, initial_damping: float = NEAR
 ) -> Solution:
     """Minimise the cost of B frames at once, each group with its own damping; finished groups leave the batch.
 
-    The damping follows Nielsen's rule: it falls by up to nine as the linear model predicts the cost well, and grows at
-    a doubling rate while steps fail. It is relative to the diagonal of the Hessian (Marquardt), so that radians, metres
-    and log f need no scaling.
+    The damping follows Nielsen's rule: it falls by a factor of up to nine where the linear model predicts the cost
+    well, and grows by ever larger factors while steps fail. It is relative to the diagonal of the Hessian (Marquardt),
+    so that radians, metres and log f need no scaling.
 
     Parameters
     ----------
     start : Evaluation
         The problem at its initial cameras; parameters that are not free keep their values.
     max_iterations : int
-        Evaluations allowed after the first.
+        Largest number of evaluations after the first.
     tolerance : float
         A group is done when a step lowers its cost, and was predicted to lower it, by less than this share. A step that
         is predicted to lower it by less than `SETTLED` of that is not taken.
@@ -133,7 +133,7 @@ def levenberg_marquardt(
     converged, iterations = np.zeros(len(start.theta), dtype=bool), np.zeros(len(start.theta), dtype=np.intp)
     for left in reversed(range(max_iterations)):
         step, predicted = batch.step(bounds)
-        # a step that a bound has cut off may be predicted to climb: a shorter one does not
+        # a step that was cut at a bound may be predicted to raise the cost: a shorter one is not
         settled = batch.running & (np.abs(predicted) <= max(SETTLED * tolerance, STILL) * batch.cost)
         converged[batch.frames(settled)] = True
         batch = batch.without(settled)
@@ -172,7 +172,7 @@ class _Bounds(NamedTuple):
         return cls(free, layout.least[free], layout.largest[free], layout.largest_step(problem.scale)[free])
 
     def brought_inside(self, start: Evaluation) -> Evaluation:
-        """The evaluation at the nearest cameras within the bounds."""
+        """The evaluation with its cameras moved to within the bounds."""
         inside = np.clip(start.theta[:, self.free], self.least, self.largest)
         if not np.any(inside != start.theta[:, self.free]):
             return start
@@ -186,7 +186,7 @@ class _Batch:
     """The B frames that are still iterated, in G groups, at their best cameras so far."""
 
     index: IntArray
-    """Numbers of the frames, (B,)."""
+    """Indices of the frames in the start, (B,)."""
     problem: Problem
     groups: Groups
     theta: Array
@@ -197,13 +197,13 @@ class _Batch:
     """(G,)."""
     damping: Array
     growth: Array
-    """By which the damping grows with the next step that fails, (G,)."""
+    """Factor by which the damping grows after the next failed step, (G,)."""
     running: BoolArray
     """Groups that have not ended, (G,)."""
 
     @classmethod
     def at(cls, start: Evaluation, damping: float) -> _Batch:
-        """All frames at their start; those without a finite cost are given back as they are."""
+        """All frames at their start; those whose cost is not finite have ended."""
         groups = Groups.of(start.problem)
         cost = groups.sum(start.cost)
         running = np.isfinite(cost)
@@ -230,10 +230,10 @@ class _Batch:
         return replace(self, running=self.running & ~ended)
 
     def step(self, bounds: _Bounds) -> tuple[Array, Array]:
-        """The damped step (B, P) within the bounds, and what it is predicted to change of the cost, (G,)."""
+        """The damped step (B, P) within the bounds, and the predicted change of the cost, (G,)."""
         at, shared, groups = self.theta[:, bounds.free], self.problem.layout.shared, self.groups
         gradient, hessian = self.gradient, self.hessian
-        # what is at a bound and would leave it stays there: out of the linear system with it
+        # parameters at a bound that would leave it are held: they are taken out of the linear system
         held = ((at <= bounds.least) & (gradient > 0.0)) | ((at >= bounds.largest) & (gradient < 0.0))
         step = block_arrow_steps(hessian, gradient, groups.spread(self.damping), held, shared, groups, self.coupling)
         shorter = np.max(np.abs(step) / bounds.longest, axis=1)
@@ -245,7 +245,7 @@ class _Batch:
         return step, groups.sum(np.sum(step * (gradient + 0.5 * curvature), axis=1))
 
     def compacted(self, step: Array, predicted: Array) -> tuple[_Batch, Array, Array]:
-        """The batch without groups that have ended, once they are many, and its steps and predictions."""
+        """The batch without ended groups, if these are many, with its steps and predictions."""
         kept = self.running
         if np.count_nonzero(kept) >= COMPACTED * len(kept):
             return self, step, predicted
@@ -266,18 +266,18 @@ class _Batch:
         return batch, step[frames], predicted[kept]
 
     def after(self, trial: Evaluation, better: BoolArray, predicted: Array) -> _Batch:
-        """The batch after a trial, which groups `better` (G,) take, with the damping of Nielsen's rule."""
+        """The batch after a trial that groups `better` (G,) accept, with the damping of Nielsen's rule."""
         trial_cost, taken = self.groups.sum(trial.cost), self.groups.spread(better)
         gain = (self.cost - trial_cost) / np.maximum(-predicted, 1e-300)
         shrink = np.maximum(1.0 / 9.0, 1.0 - (2.0 * np.clip(gain, 0.0, 1.0) - 1.0) ** 3)
-        failed = self.running & ~better  # what has ended keeps its damping
+        failed = self.running & ~better  # groups that have ended keep their damping
         less, more = np.maximum(self.damping * shrink, LEAST_DAMPING), self.damping * self.growth
         return replace(
             self,
             theta=np.where(taken[:, None], trial.theta, self.theta),
             gradient=np.where(taken[:, None], trial.gradient, self.gradient),
             hessian=np.where(taken[:, None, None], trial.hessian, self.hessian),
-            # frames that are coupled are one group
+            # coupled frames are one group
             coupling=trial.coupling if np.any(taken) else self.coupling,
             cost=np.where(better, trial_cost, self.cost),
             damping=np.where(better, less, np.where(failed, more, self.damping)),
@@ -318,7 +318,7 @@ def _compiled_solution(
 
 
 def compiled_cost(module: ModuleType, problem: Problem, theta: Array) -> tuple[Any, Any]:
-    """The cost of a problem as `fieldcalib.problem.compiled` takes it: `Frames` and `Terms`."""
+    """The cost of a problem as arguments of `fieldcalib.problem.compiled`: `Frames` and `Terms`."""
     layout, prior = problem.layout, problem.prior or GaussianPrior(theta, np.ones_like(theta))
     terms = module.Terms(
         module.loss_of(problem.loss),
@@ -341,20 +341,20 @@ def block_arrow_steps(
     groups: Groups,
     coupling: Coupling | None = None,
 ) -> Array:
-    """Damped Gauss-Newton steps (B, P) of frames whose parameters `shared` (P,) are those of their group.
+    """Damped Gauss-Newton steps (B, P) of frames that share the parameters `shared` (P,) within their group.
 
     Parameters
     ----------
     hessian : (B, P, P) array
     gradient : (B, P) array
     damping : (B,) array
-        Share of the diagonal that is added to it.
+        Share of the Hessian's diagonal that is added to it.
     held : (B, P) bool array
         Parameters that do not move.
     shared : (P,) bool array
     groups : Groups
     coupling : Coupling, optional
-        Between the own parameters of frames, which are one group.
+        Hessian between the own parameters of frames, which are one group.
     """
     diagonal = np.arange(hessian.shape[1])
     damped = hessian.copy()
@@ -384,9 +384,9 @@ def block_arrow_steps(
 def eliminated(
     hessian: Array, downhill: Array, own: BoolArray, coupling: Coupling | None = None
 ) -> tuple[Array, Array]:
-    """``H_tt^-1 H_ts`` (B, P_t, P_s) and ``H_tt^-1 downhill_t`` (B, P_t), t being the frames' `own` parameters (P,).
+    """``H_tt^-1 H_ts`` (B, P_t, P_s) and ``H_tt^-1 downhill_t`` (B, P_t), where t are the frames' `own` parameters.
 
-    With a coupling H_tt is the matrix of all frames together.
+    With a coupling, H_tt is the matrix of all frames together.
     """
     H_tt, H_ts = hessian[:, own][:, :, own], hessian[:, own][:, :, ~own]
     right = np.concatenate([H_ts, downhill[:, own, None]], axis=-1)
@@ -399,7 +399,7 @@ def eliminated(
 
 
 def coupled(blocks: Array, coupling: Coupling) -> Array:
-    """The matrix (B o, B o) with these blocks (B, o, o) on its diagonal."""
+    """The matrix (B o, B o) with the blocks (B, o, o) on its diagonal and those of the coupling beside it."""
     B, o = blocks.shape[:2]
     whole = np.zeros((B, B, o, o))
     whole[np.arange(B), np.arange(B)] = blocks
@@ -420,14 +420,14 @@ def _times(hessian: Array, coupling: Coupling | None, step: Array, shared: BoolA
 
 
 class _Best:
-    """The best cameras so far: an evaluation, or arrays of its own that trials of some frames are written to."""
+    """The best cameras so far: an evaluation, or its own arrays into which trials of some frames are written."""
 
     def __init__(self, start: Evaluation) -> None:
         self._whole = start
         self._arrays: list[Array] | None = None
 
     def replace(self, index: IntArray, trial: Evaluation, taken: BoolArray) -> None:
-        """Take the frames `taken` of a trial of frames `index`; if these are all, with what was computed of them."""
+        """Take the frames `taken` of a trial of frames `index`; if these are all frames, take the evaluation itself."""
         if np.count_nonzero(taken) == len(self._whole.theta):
             self._whole, self._arrays = trial, None
         elif np.any(taken):

@@ -15,12 +15,12 @@ LossName: TypeAlias = Literal["linear", "soft_l1", "huber", "cauchy"]
 
 @dataclass(frozen=True)
 class RobustLoss:
-    """A robust loss by name, and its scale in pixels: the residual at which it begins to bend away from r^2.
+    """A robust loss by name, and its scale in pixels: the residual beyond which it grows more slowly than r^2.
 
     Examples
     --------
     >>> _, slope = RobustLoss("cauchy", scale=3.0).evaluate(np.array([0.0, 9.0]))
-    >>> slope  # a residual of one scale weighs half
+    >>> slope  # a residual as large as the scale weighs half
     array([1. , 0.5])
     """
 

@@ -24,11 +24,12 @@ from fieldcalib.problem.layout import (
 )
 
 BROADCAST_SHAPE = 16.0 / 9.0  # width by height of a whole frame
-LEAST_CUT = 0.05  # share of a frame's width or height: where less is missing, the frame counts as whole
-PART_SIGMA = 0.5  # share of what is cut off: a part may lie anywhere in its frame, most often at one side
-# Slopes of the principal point in image widths, of a1, its bend, and the offset in metres: on ten measured cameras the
-# principal point moves by up to 0.011 widths where the focal length grows by e, a1 by 0.04, and its bend is up to 0.14.
-# A tripod head holds a camera near its centre of gravity: the pupil is a decimetre or two off.
+LEAST_CUT = 0.05  # share of a frame's width or height: if less is missing, the frame counts as whole
+PART_SIGMA = 0.5  # standard deviation, in shares of what is missing: a part may lie anywhere, often at one side
+# Standard deviations of the zoom law: slopes of the principal point in image widths, slope and curvature of a1, and the
+# offset in metres. On ten measured cameras the principal point moves by up to 0.011 widths and a1 by 0.04 as the focal
+# length grows by a factor e, and the curvature is up to 0.14. A tripod head holds a camera near its centre of gravity:
+# the pupil is a decimetre or two off.
 ZOOM_LAW_SIGMA = (0.006, 0.006, 0.02, 0.08, 0.1)
 LOG_ASPECT_SIGMA = 0.005  # square pixels, up to the resampling of a broadcast chain
 
@@ -82,7 +83,7 @@ def gaussian_prior(distribution: CameraDistribution, layout: Layout) -> Gaussian
 
 
 def frame_around(image_size: tuple[int, int]) -> tuple[float, float]:
-    """Width and height of the smallest frame of 16:9 that a picture may be a part of.
+    """Width and height of the smallest 16:9 frame of which a picture may be a part.
 
     Examples
     --------
@@ -107,8 +108,8 @@ def is_whole_shape(image_size: tuple[int, int]) -> bool:
 def principal_point_sigma(share: float, image_size: tuple[int, int]) -> Array:
     """Standard deviations (2,) of a principal point from the middle of a picture, pixels.
 
-    They are a `share` of the width in a frame of 16:9. Another picture may be a whole one or a part of such a frame: of
-    half its width the principal point lies at a border.
+    They are a `share` of the width in a frame of 16:9. Another picture may be whole or a part of such a frame: if it is
+    a half, the principal point lies on its border.
 
     Examples
     --------
@@ -134,7 +135,8 @@ def gaussian_priors(distributions: Sequence[CameraDistribution], layout: Layout)
 
 
 def sample_theta(distribution: CameraDistribution, count: int, rng: np.random.Generator, layout: Layout) -> Array:
-    """Draw `count` parameter vectors (count, n) uniformly from the ranges: no lens, centred principal point."""
+    """Draw `count` parameter vectors (count, n) uniformly from the ranges, with no lens and a centred principal
+    point."""
     d = distribution
     ranges = np.array([d.pan, d.tilt, d.roll, d.fov, d.x, d.y, d.z])
     values = rng.uniform(ranges[:, 0], ranges[:, 1], size=(count, len(ranges)))

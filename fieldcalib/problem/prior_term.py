@@ -1,6 +1,6 @@
-"""The prior of cameras as a term of the cost: quadratic, but for the lens, whose tails are heavy.
+"""The prior of cameras as a term of the cost: quadratic, with heavy tails for the lens.
 
-Lenses are found that bend the corner by a quarter.
+Some lenses displace the corner by a quarter.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ from fieldcalib.problem.layout import Layout
 from fieldcalib.problem.losses import RobustLoss
 from fieldcalib.problem.prior import GaussianPrior
 
-LENS_TAILS = RobustLoss("cauchy", 2.0)  # z-scores beyond two count less and less
+LENS_TAILS = RobustLoss("cauchy", 2.0)  # z-scores beyond two count ever less
 
 
 def prior_costs(squared: Array, layout: Layout) -> tuple[Array, Array]:
@@ -54,20 +54,20 @@ class PriorTerm:
 
     @cached_property
     def cost(self) -> Array:
-        """(B,)"""
+        """Cost of the prior of each frame, (B,)."""
         return np.asarray(0.5 * np.sum(self._costs[0], axis=1))
 
     @property
     def gradient(self) -> Array:
-        """(B, P)"""
+        """Gradient by the free parameters, (B, P)."""
         return np.asarray(self._costs[1] * self._z / self.sigma)
 
     @property
     def hessian(self) -> Array:
-        """(B, P, P)"""
+        """Hessian, (B, P, P)."""
         return np.asarray((self._costs[1] / np.square(self.sigma))[:, :, None] * np.eye(self.sigma.shape[1]))
 
     @property
     def coupling(self) -> None:
-        """Frames are independent."""
+        """None: the priors of frames are independent."""
         return None

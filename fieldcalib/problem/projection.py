@@ -1,8 +1,8 @@
 """The projection of B cameras with its derivatives, in arrays whose components come first.
 
-A plane vector of every row is (2, B, N), one in space (3, B, N). Then ``x, y = s`` unpacks it, and contiguous
-components halve the time. `np.array` joins them: on the small arrays of a single frame it takes a quarter of the time
-of `np.stack`.
+Plane vectors are (2, B, N), vectors in space (3, B, N). Then ``x, y = s`` unpacks them, and contiguous components halve
+the time. `np.array` joins components: on the small arrays of a single frame it takes a quarter of the time of
+`np.stack`.
 """
 
 from __future__ import annotations
@@ -16,15 +16,16 @@ from fieldcalib.geometry.rotation import rotation_axes, rotation_from_angles
 from fieldcalib.problem.layout import ANGLES, CENTER, LOG_ASPECT, LOG_F, PRINCIPAL_POINT, Layout, exp_of
 
 TIMES_E3 = np.array([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 0.0]])  # a @ TIMES_E3 = a x e3
-UNDISTORTING_STEPS = 3  # of the fixed point with which a search begins
+UNDISTORTING_STEPS = 3  # fixed-point steps before a search for closest points
 
 
 class Projection:
     """The projection of B cameras.
 
-    A world point X is seen in three steps, ``xy = c + diag(1, aspect) distort(s)``, ``s = f (Xc / Zc, Yc / Zc)`` and
-    ``Xc = R (X - C)``. Scaled camera coordinates are (f Xc, f Yc, Zc): the ratio of their components is the ideal
-    offset s. A point is kept as s and its inverse depth w: at infinity w is 0, behind the camera it is negative.
+    A world point X is projected in three steps, ``Xc = R (X - C)``, ``s = f (Xc / Zc, Yc / Zc)`` and
+    ``xy = c + diag(1, aspect) distort(s)``. Scaled camera coordinates are (f Xc, f Yc, Zc): the ratio of their
+    components is the ideal offset s. A point is represented by s and its inverse depth w, which is 0 at infinity and
+    negative behind the camera.
     """
 
     def __init__(self, theta: Array, layout: Layout) -> None:
@@ -36,7 +37,7 @@ class Projection:
         self.f = exp_of(theta, LOG_F)[:, None]
         self.aspect = exp_of(theta, LOG_ASPECT)[:, None]
         self.lens = np.ascontiguousarray(theta[:, layout.lens_block].T)[..., None]
-        # without lens and aspect the real offset is the ideal one, and half of the work falls away
+        # without lens and aspect real offsets are ideal ones, which halves the work
         self.is_pinhole = layout.lens.is_identity(self.lens) and not np.any(theta[:, LOG_ASPECT])
         self._scaled_R = self.R.copy()
         self._scaled_R[:, :2] *= self.f[:, :, None]
@@ -52,7 +53,7 @@ class Projection:
 
     @property
     def reach(self) -> float:
-        """Ideal offset within which the lens is sure to be one to one, pixels."""
+        """Length of ideal offsets up to which the lens is certainly one-to-one, pixels."""
         return self.layout.lens.rho
 
     def directions(self, d: Array) -> Array:
@@ -75,7 +76,7 @@ class Projection:
         return np.array([xy[..., 0] - cx[:, None], xy[..., 1] - cy[:, None]])
 
     def ideal_offset(self, d: Array) -> Array:
-        """Real offsets (2, B, N) as ideal ones; unchanged where no ray of the lens reaches them."""
+        """Ideal offsets of real ones (2, B, N); unchanged where no ray of the lens reaches them."""
         if self.is_pinhole:
             return d
         isotropic = np.array([d[0], d[1] / self.aspect])
@@ -83,7 +84,7 @@ class Projection:
         return np.where(np.isfinite(s), s, isotropic)
 
     def nearly_ideal_offset(self, d: Array) -> Array:
-        """Real offsets as ideal ones by a few fixed-point steps: good enough to begin a search for closest points."""
+        """Approximate ideal offsets of real ones by a few fixed-point steps, to begin a search for closest points."""
         if self.is_pinhole:
             return d
         isotropic = np.array([d[0], d[1] / self.aspect])
@@ -93,7 +94,7 @@ class Projection:
         return s
 
     def real_offset(self, s: Array) -> Array:
-        """Ideal offsets (2, B, N) as real ones: the lens, then the pixels' aspect."""
+        """Real offsets of ideal ones (2, B, N): the lens, then the pixels' aspect."""
         if self.is_pinhole:
             return s
         x, y = self.layout.lens.distort(s, self.lens)
@@ -126,7 +127,7 @@ class Projection:
         n : (2, B, N) array
             Directions of the image.
         free : (n,) bool array
-            Of which parameters; those of the field's size move points and not the camera: their columns are 0.
+            Mask of the parameters. Derivatives by the field's size are 0: it moves points, not the camera.
 
         Returns
         -------
@@ -164,7 +165,7 @@ class Projection:
         """`derivatives` of cameras without a zoom law."""
         layout = self.layout
         n_dd_ds = self.pull(s, n)
-        ds_dXc = n_dd_ds[0] * s[0] + n_dd_ds[1] * s[1]  # what the third column of ds/dXc leaves of n_dd_ds
+        ds_dXc = n_dd_ds[0] * s[0] + n_dd_ds[1] * s[1]  # n_dd_ds times minus the third column of ds/dXc
         g = np.array([self.f * n_dd_ds[0], self.f * n_dd_ds[1], -ds_dXc])
         index = np.flatnonzero(free)
         column = {int(parameter): row for row, parameter in enumerate(index)}

@@ -1,4 +1,4 @@
-"""A problem of one frame as JSON: pixels by label, what is estimated, loss and prior."""
+"""A problem of one frame as JSON: pixels by label, layout, loss and prior."""
 
 from __future__ import annotations
 
@@ -50,7 +50,7 @@ def problem_from_record(record: Mapping[str, Any]) -> Problem:
 
 
 def _observations_to_record(observations: Observations, frame: int) -> dict[str, Any]:
-    """Pixels and weights of each label, the vectors of its segment, and how that moves with the size of the field."""
+    """Pixels and weights of each label, the vectors of its segment, and their derivatives by the field's size."""
     found: dict[int, Any] = {}
     *kinds, ends = (rows.take(slice(frame, frame + 1)) for rows in observations.rows)
     for rows in kinds:
@@ -99,13 +99,14 @@ def _observations_from_record(record: Mapping[str, Any], image_size: tuple[int, 
         tuple(labels),
         image_size,
         (),
+        np.arange(len(labels))[None],
         tuple(_joined(kind, parts[kind.name]) for kind in ROWS),
         None if None in motions else from_json(motions),
     )
 
 
 def _joined(kind: type[Rows], parts: list[tuple[Array | IntArray, ...]]) -> Rows:
-    """Rows of one frame from those of its labels."""
+    """Rows of one frame, joined from those of its labels."""
     if not parts:
         return kind.none(1)
     return kind(*(np.concatenate(columns)[None] for columns in zip(*parts, strict=True)))
@@ -141,7 +142,7 @@ def layout_from_record(record: Mapping[str, Any]) -> Layout:
         given, sigma, limits, *possible = (
             from_json(size[name]) for name in ("given", "sigma", "limits", "probabilities", "sigmas")
         )
-        crown = size.get("crown")  # there is none in older files
+        crown = size.get("crown")  # older files have none
         size = SizeBlock(given, sigma, limits, (possible[0], possible[1]), crown and Crown(**crown))
     law = record.get("zoom_law")
     zoom_law = None if law is None else ZoomLaw(float(from_json(law)))

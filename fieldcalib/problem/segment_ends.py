@@ -1,13 +1,13 @@
-"""Where segments end: pixels that lie past the end of their line or arc are drawn back to that end.
+"""Ends of segments: pixels that lie past the end of their line or arc are pulled back to that end.
 
-The residual of a pixel is its distance to the infinite line or the whole circle: smooth, and right behind the camera,
-but blind to a goal line that goes on beyond its corner. Once a camera is known, so are the pixels that it sees past an
-end X. Each of them gets one more residual, along the unit tangent t of the segment's image there,
+The residual of a pixel is its distance to the infinite line or the whole circle: smooth, and valid behind the camera,
+but insensitive to a goal line that goes on beyond its corner. Once a camera is known, so are the pixels that it sees
+past an end X. Each of them gets one more residual, along the unit tangent t of the segment's image at X,
 
     r = t . (p - pi(X)),
 
 and the camera is solved again. Pixels, ends and tangents are chosen once, so this residual is as smooth as the others.
-A pixel before the end says nothing: annotators stop early, and players stand in the way.
+Pixels before the end get none: annotators stop early, and players hide ends.
 """
 
 from __future__ import annotations
@@ -17,13 +17,13 @@ import numpy as np
 from fieldcalib.fields.segments import EndRows
 from fieldcalib.problem.evaluation import Evaluation
 
-WEIGHT = 0.5  # of a pixel past an end, in units of what it weighs across: annotators place ends with less care
+WEIGHT = 0.5  # of a pixel along its segment, relative to its weight across: annotators place ends with less care
 
 
 def with_segment_ends(evaluation: Evaluation, far: float) -> Evaluation:
-    """The evaluation with what the ends of the segments say, as its cameras see it.
+    """The evaluation with residuals of the pixels that its cameras see past an end.
 
-    What lies more than `far` pixels past an end has another fault than a careless end, and is left alone.
+    Pixels more than `far` past an end have another cause than a careless end, and get none.
     """
     return evaluation.with_ends(pixels_past_ends(evaluation, far))
 
@@ -47,5 +47,5 @@ def pixels_past_ends(evaluation: Evaluation, far: float) -> EndRows:
     (end,) = past.closest_points(evaluation.projection)
     past.weight[(end.inverse_depth <= 0.0) | (np.abs(end.r) > far)] = 0.0
     seen = past.weight > 0.0
-    past.label[~seen], past.geometry[~seen] = -1, 1.0  # padding is finite
+    past.label[~seen], past.geometry[~seen] = -1, 1.0  # padding must be finite
     return past.choose(np.argsort(~seen, axis=1, kind="stable")).trimmed

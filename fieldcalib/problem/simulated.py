@@ -14,7 +14,7 @@ from fieldcalib.problem.labelled_pixels import Pixels
 
 IMAGE_SIZE = (960, 540)
 PIXELS_PER_CIRCLE = 9
-SHORTEST_SEGMENT = 15.0  # px: a marking that shows less in the image is not labelled
+SHORTEST_SEGMENT = 15.0  # px: shorter visible parts of a marking are not labelled
 
 
 @dataclass(frozen=True)
@@ -34,7 +34,7 @@ class CameraDifference:
 
 
 def pan_over_field(count: int) -> list[Camera]:
-    """A broadcast camera on the main stand, with the usual lens, that follows the play from goal to goal.
+    """Cameras on the main stand, with the usual lens, that follow the play from goal to goal.
 
     Examples
     --------
@@ -64,12 +64,12 @@ def observe(
     noise : float
         Standard deviation in pixels along x and along y.
     pixels_per_line : (int, int)
-        At least and at most so many, the ends of what is visible among them.
+        Least and largest number of pixels; both ends of the visible part are among them.
 
     Returns
     -------
     dict of str to (N, 2) array
-        Nine pixels a circle. Halves of a circle are not labelled, the whole is.
+        Labelled pixels, nine for each circle. Halves of a circle are not labelled, the whole is.
 
     Examples
     --------

@@ -1,11 +1,11 @@
 """The smooth path of the centre of a camera that moves: a drone, a camera on wires, a hand.
 
-Of three frames i, j, k that follow one another at the times t, in frames, the centre's mean acceleration
+For three consecutive frames i, j, k at the times t, in frames, the mean acceleration of the centre,
 
     a = 2 ((C_k - C_j) / (t_k - t_j) - (C_j - C_i) / (t_j - t_i)) / (t_k - t_i)
 
-is about zero, with the standard deviation sigma. It is linear in the centres: a = sum_m c_m C_m. A camera that flies
-evenly may brake hard: the tails are heavy.
+is normal around zero, with the standard deviation sigma. It is linear in the centres: a = sum_m c_m C_m. Tails are
+heavy, since a camera that flies evenly may brake hard.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ from fieldcalib.problem.cost_term import Coupling
 from fieldcalib.problem.layout import CENTER, Layout, Role
 from fieldcalib.problem.losses import RobustLoss
 
-TAILS = RobustLoss("cauchy", 2.0)  # for accelerations: beyond two standard deviations they count less and less
+TAILS = RobustLoss("cauchy", 2.0)  # accelerations beyond two standard deviations count ever less
 
 
 @dataclass(frozen=True, eq=False)
@@ -44,20 +44,20 @@ class SmoothPath:
 
     @cached_property
     def coefficients(self) -> Array:
-        """c / sigma of any three consecutive frames, (B - 2, 3)."""
+        """c / sigma of each three consecutive frames, (B - 2, 3)."""
         before, after = np.diff(self.time)[:-1], np.diff(self.time)[1:]
         c = np.stack([1.0 / before, -1.0 / before - 1.0 / after, 1.0 / after], axis=-1)
         return np.asarray(2.0 / self.sigma * c / (before + after)[:, None])
 
     @cached_property
     def threes(self) -> IntArray:
-        """Indices of any three consecutive frames, (B - 2, 3)."""
+        """Indices of each three consecutive frames, (B - 2, 3)."""
         return np.asarray(np.arange(max(len(self) - 2, 0))[:, None] + np.arange(3))
 
 
 @dataclass(frozen=True, eq=False)
 class PathTerm:
-    """The path of B frames as a term of the cost, at cameras theta (B, n) whose centres are free and their own."""
+    """The path of B frames as a term of the cost, at cameras theta (B, n), each with a free centre of its own."""
 
     path: SmoothPath
     layout: Layout
@@ -65,7 +65,7 @@ class PathTerm:
 
     @cached_property
     def _z(self) -> Array:
-        """Accelerations in standard deviations, (B - 2, 3)."""
+        """Accelerations in units of their standard deviation, (B - 2, 3)."""
         return np.asarray(np.einsum("km,kmi->ki", self.path.coefficients, self.theta[self.path.threes][..., CENTER]))
 
     @cached_property

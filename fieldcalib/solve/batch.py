@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike
 from fieldcalib._types import Array, IntArray
 from fieldcalib.assess.result import Calibration, Status
 from fieldcalib.fields.segments import ObjectSegments
-from fieldcalib.geometry.camera import Camera
+from fieldcalib.geometry.camera import Camera, checked_image_size
 from fieldcalib.problem.labelled_pixels import (
     ImageSegments,
     Pixels,
@@ -23,10 +23,12 @@ from fieldcalib.problem.labelled_pixels import (
 )
 from fieldcalib.problem.levenberg_marquardt import levenberg_marquardt
 from fieldcalib.problem.losses import LossName, RobustLoss
+from fieldcalib.problem.pixel_table import PixelTable
 from fieldcalib.processes.jobs import in_order
 from fieldcalib.solve.aspect import with_aspect_as_told
 from fieldcalib.solve.from_segments import NO_PIXELS, calibrate_checked, checked_frame
 from fieldcalib.solve.given_camera import GivenCamera, as_fixed
+from fieldcalib.solve.label_ends import with_border_asked
 from fieldcalib.solve.options import (
     DEFAULT_CRITERIA,
     GUESS,
@@ -124,14 +126,28 @@ def calibrate_labels(
     executor: Executor | None = None,
 ) -> list[Calibration]:
     """Check the labels of frames of one size and calibrate them, from initial cameras if there are."""
+    checked, pixel_weights = checked_frames(task.object_segments, frames, weights, checked_image_size(image_size))
+    table = PixelTable.of(task.object_segments, checked, pixel_weights)
+    found = calibrate_pixels(task, table, image_size, cameras, executor=executor)
+    return [with_border_asked(task.object_segments, *pair) for pair in zip(checked, found, strict=True)]
+
+
+def calibrate_pixels(
+    task: Task,
+    pixels: PixelTable,
+    image_size: tuple[int, int],
+    cameras: Sequence[Camera] | None = None,
+    *,
+    executor: Executor | None = None,
+) -> list[Calibration]:
+    """Calibrate checked frames of one size, from initial cameras if there are."""
     if cameras:
         # the layout needs the largest of their lenses
         rvec, tvec, K, dist = max(cameras, key=lambda camera: len(camera.lens.names)).to_opencv()
         task = replace(task.with_flags(GUESS), given=GivenCamera(K, dist, rvec, tvec))
     options = task.options(image_size)
-    checked, pixel_weights = checked_frames(task.object_segments, frames, weights, options.image_size)
-    start = None if cameras is None else _thetas(cameras, len(checked), options)
-    found = calibrate_frames(checked, pixel_weights, options, given=start, executor=executor)
+    start = None if cameras is None else _thetas(cameras, pixels.count, options)
+    found = calibrate_frames(pixels, options, given=start, executor=executor)
     return as_fixed(found, cameras or task.given, options.flags)
 
 
@@ -185,20 +201,12 @@ def _several(frames: Iterable[ImageSegments]) -> list[ImageSegments]:
 
 
 def calibrate_frames(
-    frames: Sequence[Pixels],
-    weights: Sequence[PixelWeights | None],
-    options: Options,
-    *,
-    given: Array | None = None,
-    executor: Executor | None = None,
+    pixels: PixelTable, options: Options, *, given: Array | None = None, executor: Executor | None = None
 ) -> list[Calibration]:
-    """`calibrate_batch` of checked frames, from `given` cameras (T, n) if there are."""
-    calibrations = [Calibration.without_camera(Status.TOO_FEW_SEGMENTS, NO_PIXELS) for _ in frames]
-    chunks = list(_chunks(options.object_segments, frames))
-    parts = (
-        _Part([frames[t] for t in chunk], [weights[t] for t in chunk], None if given is None else given[chunk])
-        for chunk in chunks
-    )
+    """Calibrate checked frames, from `given` cameras (T, n) if there are."""
+    calibrations = [Calibration.without_camera(Status.TOO_FEW_SEGMENTS, NO_PIXELS) for _ in range(pixels.count)]
+    chunks = list(_chunks(options.object_segments, pixels))
+    parts = (_Part(pixels.of_frames(chunk), None if given is None else given[chunk]) for chunk in chunks)
     of_part = partial(_calibrated_part, options)
     found: Iterable[list[Calibration]] = map(of_part, parts)
     if executor is not None:
@@ -213,13 +221,12 @@ def calibrate_frames(
 class _Part(NamedTuple):
     """Frames that are solved together."""
 
-    frames: list[Pixels]
-    weights: list[PixelWeights | None]
+    pixels: PixelTable
     given: Array | None
 
 
 def _calibrated_part(options: Options, part: _Part) -> list[Calibration]:
-    return calibrate_checked(part.frames, part.weights, options, levenberg_marquardt, part.given)
+    return calibrate_checked(part.pixels, options, levenberg_marquardt, part.given)
 
 
 def _calibrate_and_pack(of_part: Callable[[_Part], list[Calibration]], part: _Part) -> PackedCalibrations:
@@ -238,14 +245,10 @@ def _checked_cameras(cameras: Iterable[Camera]) -> list[Camera]:
     return found
 
 
-def _chunks(object_segments: ObjectSegments, frames: Sequence[Pixels]) -> Iterator[IntArray]:
+def _chunks(object_segments: ObjectSegments, pixels: PixelTable) -> Iterator[IntArray]:
     """Indices of the frames that have pixels, grouped by pixel count for less padding."""
-
-    def counts(frame: Pixels) -> tuple[int, int]:
-        lines = sum(len(xy) for label, xy in frame.items() if object_segments[label].is_straight)
-        return lines, sum(len(xy) for xy in frame.values()) - lines
-
-    lines, others = np.array([counts(frame) for frame in frames], dtype=np.intp).reshape(-1, 2).T
+    is_straight = np.array([object_segments[label].is_straight for label in pixels.labels], dtype=bool)[pixels.label]
+    lines, others = (np.bincount(pixels.frame[its], minlength=pixels.count) for its in (is_straight, ~is_straight))
     order = np.lexsort((lines, others // 4))
     order = order[lines[order] + others[order] > 0]
     total = (lines + others)[order]

@@ -25,9 +25,10 @@ from fieldcalib.problem.evaluation import Evaluation
 from fieldcalib.problem.labelled_pixels import ImageSegments
 from fieldcalib.problem.layout import Layout, Role, SizeBlock
 from fieldcalib.problem.levenberg_marquardt import levenberg_marquardt
+from fieldcalib.problem.pixel_table import PixelTable
 from fieldcalib.problem.prior import GaussianPrior
 from fieldcalib.solve.batch import calibrate_batch
-from fieldcalib.solve.joint_problem import joint_evaluation, labels_of
+from fieldcalib.solve.joint_problem import joint_evaluation
 from fieldcalib.solve.options import DEFAULT_CRITERIA, DEFAULT_FLAGS, Prior
 
 STILL = 1e-3  # metres: a size that moves by less stays
@@ -243,7 +244,8 @@ def _joint(calibrations: Sequence[Calibration], size_prior: SizeBlock) -> Evalua
     once = layout.is_centre | (np.arange(layout.size) >= cameras)
     theta = np.concatenate([np.concatenate([part.theta for part in parts]), np.tile(size, (count, 1))], axis=1)
     like = replace(problem, layout=layout, prior=GaussianPrior(mean, sigma), considered=None)
-    return joint_evaluation(like, pitch, [labels_of(part) for part in parts], theta, once)
+    pixels = PixelTable.joined(pitch, [one.solved.pixels for one in calibrations if one.solved is not None])
+    return joint_evaluation(like, pitch, pixels, theta, once)
 
 
 def _most_likely(calibrations: Sequence[Calibration], size_prior: SizeBlock) -> Array:

@@ -19,7 +19,7 @@ from fieldcalib.assess.frame_table import (
     Basis,
     FrameTable,
 )
-from fieldcalib.assess.misfit import squares_by_label
+from fieldcalib.assess.label_errors import squares_by_label
 from fieldcalib.assess.own_errors import OwnErrors, ground_errors
 from fieldcalib.assess.result import Calibration
 from fieldcalib.problem.evaluation import Evaluation

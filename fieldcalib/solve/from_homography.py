@@ -7,9 +7,10 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import ArrayLike
 
-from fieldcalib.assess.ndc import ndc_loss
+from fieldcalib.assess.label_errors import rms_by_label, rms_of_labels
+from fieldcalib.assess.ndc import ndc_losses
 from fieldcalib.assess.result import Calibration, Status
-from fieldcalib.assess.verdict import disagreement, implausibilities, segment_errors
+from fieldcalib.assess.verdict import disagreement, implausibilities
 from fieldcalib.fields.field import Field
 from fieldcalib.fields.segments import ObjectSegments
 from fieldcalib.fields.sports.soccer import soccer
@@ -144,14 +145,15 @@ def judged_camera(
         field = object_segments
     size = camera.image_size
     evaluation = evaluate_camera(camera, object_segments, frame)
-    ((errors, rms),) = segment_errors(evaluation, [frame])
-    loss = float(ndc_loss([camera], object_segments, [frame])[0])
+    observations = evaluation.problem.observations
+    labels, errors = observations.labels_in(0), observations.by_name(0, rms_by_label(evaluation)[0])
     far = WIDE_SCALE * pixel_unit(size)
     wrong = implausibilities(evaluation, far=far, field=field)
     reasons = [reason for reason, mask in wrong.items() if mask[0]]
-    missed = [label for label in frame if errors[label] > far]
-    complaint = disagreement(object_segments, frame, missed, unknowns=0)  # the camera comes from elsewhere
+    missed = [label for label, error in errors.items() if error > far]
+    complaint = disagreement(labels, missed, unknowns=0)  # the camera comes from elsewhere
     if reasons:
         complaint = f"no camera that could be: {'; '.join(reasons)}"
     status = Status.IMPLAUSIBLE if complaint else Status.ACCEPTED
+    rms, loss = float(rms_of_labels(evaluation)[0]), float(ndc_losses(evaluation, object_segments)[0])
     return Calibration(camera, status, complaint or message, rms, loss, errors)

@@ -11,18 +11,18 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
 from typing import Protocol
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from fieldcalib._types import Array, BoolArray
+from fieldcalib.assess.label_errors import rms_by_label, rms_of_labels
 from fieldcalib.assess.ndc import ndc_losses
 from fieldcalib.assess.observability import Information
 from fieldcalib.assess.result import Calibration, Status, SuspectLabel
 from fieldcalib.assess.solved import Solved
-from fieldcalib.assess.verdict import Evidence, implausibilities, segment_errors, verdict
+from fieldcalib.assess.verdict import Evidence, implausibilities, verdict
 from fieldcalib.fields.segments import ObjectSegments
 from fieldcalib.geometry.camera import Camera
 from fieldcalib.problem.evaluation import Evaluation, evaluate
@@ -37,7 +37,8 @@ from fieldcalib.problem.labelled_pixels import (
 from fieldcalib.problem.least_squares import least_squares
 from fieldcalib.problem.levenberg_marquardt import Solution, levenberg_marquardt
 from fieldcalib.problem.losses import LossName, RobustLoss
-from fieldcalib.problem.observations import Observations, pack
+from fieldcalib.problem.observations import Observations
+from fieldcalib.problem.pixel_table import PixelTable
 from fieldcalib.problem.segment_ends import with_segment_ends
 from fieldcalib.solve.aspect import with_aspect_as_told
 from fieldcalib.solve.auto_lens import with_lens_as_called_for
@@ -174,7 +175,9 @@ def calibrate_frame(
     pixels, pixel_weights = checked_frame(task.object_segments, frame, weights, options.image_size)
     if not pixels:
         return Calibration.without_camera(Status.TOO_FEW_SEGMENTS, NO_PIXELS)
-    return as_fixed(calibrate_checked([pixels], [pixel_weights], options, finished), task.given, options.flags)[0]
+    table = PixelTable.of(task.object_segments, [pixels], [pixel_weights])
+    (found,) = as_fixed(calibrate_checked(table, options, finished), task.given, options.flags)
+    return with_border_asked(task.object_segments, pixels, found)
 
 
 def checked_frame(
@@ -200,61 +203,38 @@ def finished(start: Evaluation, *, max_iterations: int, tolerance: float) -> Sol
 
 
 def calibrate_checked(
-    frames: list[Pixels],
-    weights: list[PixelWeights | None],
-    options: Options,
-    solve: Solver,
-    given: Array | None = None,
+    pixels: PixelTable, options: Options, solve: Solver, given: Array | None = None
 ) -> list[Calibration]:
-    """Calibrate checked frames that have pixels, from `given` cameras (B, n) if there are.
+    """Calibrate checked frames that all have pixels, from `given` cameras (B, n) if there are.
 
     `solve` finds the final optimum.
     """
-    observations = pack(options.object_segments, frames, options.image_size, weights, options.motion)
+    observations = Observations.of(options.object_segments, pixels, options.image_size, options.motion)
     found = find_cameras(observations, options, given)
     approached = levenberg_marquardt(
         found.evaluation, max_iterations=options.max_iterations, tolerance=options.approach_tolerance
     ).evaluation
-    relabelled = Relabelled(approached, found.prior, [()] * len(frames))
+    relabelled = Relabelled(approached, found.prior, [()] * pixels.count)
     if not options.trust_labels:
         relabelled = without_mislabels(approached, found.prior, options)
     start = with_segment_ends(relabelled.evaluation, options.wide_loss.scale)
     solution = solve(start, max_iterations=options.max_iterations, tolerance=options.tolerance)
-    are_annotated = [not options.trust_labels and _weigh_alike(weight) for weight in weights]
-    solved = _Frames(frames, observations, are_annotated, relabelled, solution, options)
     if not options.auto_lens:
-        return _judged(solved)
+        return _judged(_Frames(observations, relabelled, solution, options))
     calibrations: dict[int, Calibration] = {}
     for part in with_lens_as_called_for(solution, relabelled.prior, options):
-        index = part.frames
-        some = _Frames(
-            [frames[t] for t in index],
-            observations.take(index),
-            [are_annotated[t] for t in index],
-            relabelled.take(index, part.prior),
-            part.solution,
-            part.options,
-            part.freed,
-        )
-        calibrations |= dict(zip(index.tolist(), _judged(some), strict=True))
-    return [calibrations[t] for t in range(len(frames))]
-
-
-def _weigh_alike(weights: PixelWeights | None) -> bool:
-    """Whether all labels of a frame count alike, as without weights."""
-    return weights is None or all(np.allclose(of_label, 1.0 / len(of_label)) for of_label in weights.values())
+        its = relabelled.take(part.frames, part.prior)
+        some = _Frames(observations.take(part.frames), its, part.solution, part.options, part.freed)
+        calibrations |= dict(zip(part.frames.tolist(), _judged(some), strict=True))
+    return [calibrations[t] for t in range(pixels.count)]
 
 
 @dataclass(frozen=True, eq=False)
 class _Frames:
     """B frames and the cameras that they were solved for."""
 
-    given: list[Pixels]
-    """Labels as given."""
     observations: Observations
-    """The same, packed."""
-    are_annotated: Sequence[bool]
-    """Whether somebody labelled them by hand."""
+    """Labels as given."""
     relabelled: Relabelled
     """The labels that they were solved with."""
     solution: Solution
@@ -267,21 +247,13 @@ class _Frames:
         """Evaluation at the solution."""
         return self.solution.evaluation
 
-    @cached_property
-    def fitted(self) -> list[Pixels]:
-        """The labels that they were solved with."""
-        observations = self.relabelled.evaluation.problem.observations
-        return [
-            observations.frame(t)[0] if suspects else self.given[t]
-            for t, suspects in enumerate(self.relabelled.suspects)
-        ]
-
-    def errors_as_given(self, fitted: list[dict[str, float]]) -> list[dict[str, float]]:
-        """Errors of the labels as given, from those of the labels that were solved with (`fitted`)."""
+    @property
+    def errors_as_given(self) -> Array:
+        """Root mean square distances of the labels as given, (B, L)."""
         if not any(self.relabelled.suspects):
-            return fitted
+            return rms_by_label(self.evaluation)
         problem = replace(self.evaluation.problem, observations=self.observations)
-        return [errors for errors, _ in segment_errors(evaluate(problem, self.evaluation.theta), self.given)]
+        return rms_by_label(evaluate(problem, self.evaluation.theta))
 
 
 def _judged(frames: _Frames) -> list[Calibration]:
@@ -289,18 +261,18 @@ def _judged(frames: _Frames) -> list[Calibration]:
 
     Errors are those of the labels that were given; the verdict is on the labels that were solved with.
     """
-    options, relabelled, evaluation = frames.options, frames.relabelled, frames.evaluation
+    options, relabelled, evaluation, given = frames.options, frames.relabelled, frames.evaluation, frames.observations
     cameras = options.layout.cameras(evaluation.theta)
     other = other_side(evaluation.problem.observations, evaluation.theta, options)
-    evidences = _evidence(frames)
-    errors = frames.errors_as_given([dict(evidence.errors) for evidence in evidences])
+    errors_as_given = frames.errors_as_given
     calibrations = []
-    for t, evidence in enumerate(evidences):
-        suspects = tuple(sorted(relabelled.suspects[t], key=lambda one: list(frames.given[t]).index(one.label)))
-        status, message = verdict(options.object_segments, frames.fitted[t], evidence, options.tau)
+    for t, evidence in enumerate(_evidence(frames)):
+        errors = given.by_name(t, errors_as_given[t])
+        suspects = tuple(sorted(relabelled.suspects[t], key=lambda one: list(errors).index(one.label)))
+        status, message = verdict(evidence, options.tau)
         alternatives = (options.layout.camera(other.theta[t]),) if other.fits[t] else ()
         notes = [message, *map(str, suspects), *[OTHER_SIDE_FITS] * len(alternatives)]
-        if status is Status.ACCEPTED and options.field is not None and repeats(frames.fitted[t], options):
+        if status is Status.ACCEPTED and options.field is not None and repeats(evidence.labels.segments, options):
             notes.append(REPEATS.format(options.field.repeats))
         if frames.freed:
             notes.append(f"{', '.join(frames.freed)} estimated too, as the labels call for it")
@@ -310,26 +282,25 @@ def _judged(frames: _Frames) -> list[Calibration]:
             message="; ".join(notes),
             rms=evidence.rms,
             loss_ndc=evidence.loss_ndc,
-            per_segment_errors=errors[t],
+            per_segment_errors=errors,
             suspect_labels=suspects,
             alternatives=alternatives,
-            complaints=_complaints(errors[t], suspects, alternatives, evidence.far) + _misfit(evidence.rms, options),
-            pixel_counts={label: len(xy) for label, xy in frames.given[t].items()},
+            complaints=_complaints(errors, suspects, alternatives, evidence.far) + _misfit(evidence.rms, options),
+            pixel_counts=given.by_name(t, given.pixels_by_label[t].astype(int)),
             field=options.field,
             errors=Solved(evaluation, relabelled.prior.sigma, t),
-            are_annotated=frames.are_annotated[t],
+            are_annotated=not options.trust_labels and bool(given.weigh_alike[t]),
         )
-        calibrations.append(
-            found if options.trust_labels else with_border_asked(options.object_segments, frames.given[t], found)
-        )
+        calibrations.append(found)
     return calibrations
 
 
 def _evidence(frames: _Frames) -> list[Evidence]:
     """The evidence for the verdict on each frame."""
     options, relabelled, evaluation = frames.options, frames.relabelled, frames.evaluation
-    layout, far, sigma = options.layout, options.wide_loss.scale, relabelled.prior.sigma[:, options.layout.free]
-    losses = ndc_losses(evaluation.theta, layout, options.object_segments, frames.fitted)
+    far, sigma = options.wide_loss.scale, relabelled.prior.sigma[:, options.layout.free]
+    losses, fitted = ndc_losses(evaluation, options.object_segments), evaluation.problem.observations
+    errors, rms = rms_by_label(evaluation), rms_of_labels(evaluation)
     wrong = implausibilities(evaluation, far=far, field=options.field, may_be_inside=options.may_be_inside)
     labels = Information.of(evaluation, sigma)
     # ends are seen from the camera that was found: they confirm it wherever it is
@@ -340,10 +311,11 @@ def _evidence(frames: _Frames) -> list[Evidence]:
     needed, lens_is_prior = without_ends.about(options.left_to_labels), _lens_is_prior(labels, options)
     return [
         Evidence(
-            rms=rms,
+            rms=float(rms[t]),
             loss_ndc=float(losses[t]),
-            errors=errors,
-            given=frames.given[t],
+            errors=fitted.by_name(t, errors[t]),
+            labels=fitted.labels_in(t),
+            given=frames.observations.labels_in(t),
             suspects=[suspect.label for suspect in relabelled.suspects[t]],
             far=far,
             unknowns=options.unknowns,
@@ -352,7 +324,7 @@ def _evidence(frames: _Frames) -> list[Evidence]:
             converged=bool(frames.solution.converged[t]),
             lens_is_prior=bool(lens_is_prior[t]),
         )
-        for t, (errors, rms) in enumerate(segment_errors(evaluation, frames.fitted))
+        for t in range(len(evaluation.theta))
     ]
 
 

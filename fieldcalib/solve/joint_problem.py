@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -11,35 +10,29 @@ from fieldcalib._types import Array, BoolArray
 from fieldcalib.fields.field import Field
 from fieldcalib.fields.segments import ObjectSegments
 from fieldcalib.problem.evaluation import Evaluation, Problem, evaluate
-from fieldcalib.problem.labelled_pixels import Pixels, PixelWeights
-from fieldcalib.problem.observations import pack
+from fieldcalib.problem.observations import Observations
+from fieldcalib.problem.pixel_table import PixelTable
 
 
 def joint_evaluation(
     problem: Problem,
     object_segments: ObjectSegments,
-    frames: Sequence[tuple[Pixels, PixelWeights]],
+    pixels: PixelTable,
     theta: Array,
     once: BoolArray,
 ) -> Evaluation:
-    """Evaluate T frames, pixels and their weights, as one group at the cameras theta (T, n).
+    """Evaluate the labelled pixels of T frames as one group at the cameras theta (T, n).
 
     All but the observations is that of `problem`. Pixels past the end of a segment are not treated separately:
     annotators place ends with too little care to tell what is shared. The prior (T, n) of the parameters `once` (n,)
     counts once for all frames: what is known of the place of one camera is no news in the second frame.
     """
-    layout, prior, count = problem.layout, problem.prior, len(frames)
+    layout, prior, count = problem.layout, problem.prior, pixels.count
     if prior is not None:
         prior = replace(prior, sigma=np.where(once, np.sqrt(count), 1.0) * prior.sigma)
     motion = None
     if isinstance(object_segments, Field) and layout.field_size is not None:
         motion = object_segments.motion
-    pixels, weights = zip(*frames, strict=True)
-    observations = pack(object_segments, pixels, layout.image_size, weights, motion)
+    observations = Observations.of(object_segments, pixels, layout.image_size, motion)
     group = np.zeros(count, dtype=np.intp)
     return evaluate(replace(problem, observations=observations, prior=prior, group=group), theta)
-
-
-def labels_of(solved: Evaluation) -> tuple[Pixels, PixelWeights]:
-    """Pixels of one frame, and the weights that it was solved with."""
-    return solved.problem.observations.frame(0)

@@ -12,15 +12,15 @@ from fieldcalib.assess.result import Calibration
 from fieldcalib.problem.evaluation import Evaluation, Problem
 from fieldcalib.problem.layout import CENTER, LOG_F, Layout, Role
 from fieldcalib.problem.observations import pack
+from fieldcalib.problem.pixel_table import NO_PIXELS, PixelTable
 from fieldcalib.problem.prior import gaussian_priors
 from fieldcalib.problem.smooth_path import SmoothPath
 from fieldcalib.solve.centres import ACCELERATION
 from fieldcalib.solve.initial_cameras import given_cameras
 from fieldcalib.solve.joint_layout import joint_layout
-from fieldcalib.solve.joint_problem import joint_evaluation, labels_of
+from fieldcalib.solve.joint_problem import joint_evaluation
 from fieldcalib.solve.sequence_problem import SequenceProblem
 from fieldcalib.solve.ties import with_tied
-from fieldcalib.solve.tripod import Labels
 
 
 class Start(NamedTuple):
@@ -29,18 +29,18 @@ class Start(NamedTuple):
     layout: Layout
     theta: Mapping[int, Array]
     """Parameters (n,) by number of the frame."""
-    labels: Mapping[int, Labels]
+    labels: Mapping[int, PixelTable]
     """Labels of some of these frames."""
 
     @classmethod
     def of(cls, found: Mapping[int, Calibration]) -> Start | None:
         """Start from frames that were calibrated by themselves; None without any."""
-        parts = {t: c.solved.alone.evaluation for t, c in found.items() if c.solved is not None}
+        parts = {t: c.solved for t, c in found.items() if c.solved is not None}
         if not parts:
             return None
-        layout = next(iter(parts.values())).problem.layout
-        theta = {t: part.theta[0] for t, part in parts.items()}
-        return cls(layout, theta, {t: labels_of(part) for t, part in parts.items()})
+        layout = next(iter(parts.values())).evaluation.problem.layout
+        theta = {t: part.evaluation.theta[part.frame] for t, part in parts.items()}
+        return cls(layout, theta, {t: part.pixels for t, part in parts.items()})
 
     def moved(self, centre: Array, size: tuple[float, float]) -> Start:
         """Start from another centre (3,), with a field whose length and width are so much larger."""
@@ -129,8 +129,8 @@ def joint_start(
         path=SmoothPath(index, ACCELERATION) if problem.moves else None,
     )
     once = (layout.roles == Role.SHARED) | layout.is_centre
-    frames = [labels.get(t, ({}, {})) for t in index.tolist()]
-    return JointStart(index, joint_evaluation(like, options.object_segments, frames, theta, once))
+    pixels = PixelTable.joined(options.object_segments, [labels.get(t, NO_PIXELS) for t in index.tolist()])
+    return JointStart(index, joint_evaluation(like, options.object_segments, pixels, theta, once))
 
 
 def _without_contradicted(

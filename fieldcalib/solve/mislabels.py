@@ -21,7 +21,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, fields, replace
-from functools import cached_property
 
 import numpy as np
 
@@ -31,9 +30,9 @@ from fieldcalib.assess.verdict import disagreement, implausibilities
 from fieldcalib.fields.field import Field
 from fieldcalib.fields.segments import boxes
 from fieldcalib.problem.evaluation import Evaluation, Problem, evaluate
-from fieldcalib.problem.labelled_pixels import Pixels
 from fieldcalib.problem.levenberg_marquardt import levenberg_marquardt
-from fieldcalib.problem.observations import Observations, pack
+from fieldcalib.problem.observations import Observations
+from fieldcalib.problem.pixel_table import PixelTable
 from fieldcalib.problem.prior import GaussianPrior
 from fieldcalib.solve.options import CERTAIN, Options
 from fieldcalib.solve.search import find_cameras
@@ -215,10 +214,13 @@ class _Search:
     """The frames solved as if all labels were right."""
     options: Options
 
-    @cached_property
-    def frames(self) -> list[Pixels]:
-        """Pixels of each frame by label: alternatives are weighed label by label."""
-        return [pixels for pixels, _ in self.evaluation.problem.observations.by_frame()]
+    @property
+    def observations(self) -> Observations:
+        """The labels of the frames as given."""
+        return self.evaluation.problem.observations
+
+    def __len__(self) -> int:
+        return len(self.evaluation.theta)
 
     @np.errstate(over="ignore", invalid="ignore")  # labels that were left out may be where an absurd lens has no images
     def suspects(self) -> list[tuple[SuspectLabel, ...]]:
@@ -230,16 +232,16 @@ class _Search:
         """
         at_hand = self._at_hand()
         needy = []
-        for t in range(len(self.frames)):
+        for t in range(len(self)):
             found = at_hand.take(at_hand.frame == t)
             if not np.sum(found.cheapest[np.argmin(found.cost)]) <= self.costs.missed:
                 needy.append(t)
         every = _Explanations.joined([at_hand, *self._from_anew(needy)])
-        return [self._suspects(t, every.take(every.frame == t)) for t in range(len(self.frames))]
+        return [self._suspects(t, every.take(every.frame == t)) for t in range(len(self))]
 
     def _at_hand(self) -> _Explanations:
         """Explanations by the cameras at hand, and by the same solved without the labels that these give up."""
-        frame = np.arange(len(self.frames))
+        frame = np.arange(len(self))
         first = self._explained(frame, self.evaluation, self.evaluation)
         problem = self.evaluation.problem
         believed = replace(problem, observations=problem.observations.without_labels(first.wrong))
@@ -248,9 +250,13 @@ class _Search:
 
     def _from_anew(self, needy: list[int]) -> list[_Explanations]:
         """Explanations of `needy` frames by cameras that are searched without one of their labels."""
-        labels = self.evaluation.problem.observations.labels
-        number = {label: index for index, label in enumerate(labels)}
-        left_out = [(t, number[label]) for t in needy for label in self.frames[t] if self._can_do_without(t, label)]
+        labels = self.observations.labels
+        left_out = [
+            (t, index)
+            for t in needy
+            for index in self.observations.in_order(t)
+            if self._can_do_without(t, [labels[index]])
+        ]
         if not left_out:
             return []
         frame, label = np.array(left_out).T
@@ -261,8 +267,9 @@ class _Search:
         prior = None if problem.prior is None else found.prior
         return self._refined(frame, replace(problem, prior=prior), found.evaluation.theta, wrong)
 
-    def _can_do_without(self, t: int, label: str) -> bool:
-        return disagreement(self.options.object_segments, self.frames[t], [label], self.options.unknowns) is None
+    def _can_do_without(self, t: int, labels: Sequence[str]) -> bool:
+        """Whether the other labels of frame t are enough for a camera."""
+        return disagreement(self.observations.labels_in(t), labels, self.options.unknowns) is None
 
     def _refined(self, frame: IntArray, problem: Problem, theta: Array, wrong: BoolArray) -> list[_Explanations]:
         """Explanations by K cameras, solved without labels `wrong` (K, L), then without those that these give up."""
@@ -299,7 +306,7 @@ class _Search:
 
         # between these bounds the explanations end, whatever other labels cost: some cannot become the cheapest
         least = own + np.sum(np.minimum(given, costs.renamed), axis=1)
-        most = np.full(len(self.frames), np.inf)
+        most = np.full(len(self), np.inf)
         np.minimum.at(most, frame, own + np.sum(np.minimum(given, costs.missed), axis=1))
         kept = least <= most[frame] + CERTAIN
         cheapest, fits = np.minimum(given, costs.missed), np.full(given.shape, -1)
@@ -321,18 +328,18 @@ class _Search:
 
         All pixels must lie on the other segment itself, not only on the line that prolongs it.
         """
-        object_segments, observations = self.options.object_segments, evaluation.problem.observations
-        labels = observations.labels
+        table, is_point = self.observations.pixels, np.array([one.is_point for one in self.observations.segments])
         pairs, which = np.unique(np.column_stack([frame, label]), axis=0, return_inverse=True)
         as_all_others = []  # frames in which the pixels of one segment carry every other label
         for t, index in pairs:
-            name = labels[index]
-            xy = self.frames[t][name]
-            xy = xy[np.linspace(0, len(xy) - 1, min(len(xy), PIXELS)).round().astype(int)]
-            kind = object_segments[name].is_point
-            others = (a for a in labels if a != name and object_segments[a].is_point == kind)
-            as_all_others.append(dict.fromkeys(others, xy))
-        packed = pack(object_segments, as_all_others, observations.image_size, motion=observations.motion)
+            own = np.flatnonzero((table.frame == t) & (table.label == index))
+            some = own[np.linspace(0, len(own) - 1, min(len(own), PIXELS)).round().astype(int)]
+            others = np.flatnonzero(is_point == is_point[index])
+            others = np.repeat(others[others != index], len(some))
+            xy = np.tile(table.xy[some], (len(others) // len(some), 1))
+            weight = np.full(len(others), 1.0 / len(some))
+            as_all_others.append(PixelTable(table.labels, 1, np.zeros(len(others), np.intp), others, xy, weight))
+        packed = self.observations.with_pixels(PixelTable.joined(table.labels, as_all_others))
         problem = replace(evaluation.problem, observations=packed.take(which.ravel()))
         relabelled = evaluate(problem, evaluation.theta)
         cost = problem.observations.by_label(relabelled.costs)
@@ -342,18 +349,17 @@ class _Search:
 
     def _suspects(self, t: int, found: _Explanations) -> tuple[SuspectLabel, ...]:
         """The mislabelled segments of one frame by its best explanation."""
-        labels = self.evaluation.problem.observations.labels
-        number = {label: index for index, label in enumerate(labels)}
+        labels = self.observations.labels
         best = int(np.argmin(found.cost))
         if not np.isfinite(found.cost[best]):
             return ()
         if_kept = np.min(found.cost[:, None] - found.cheapest + found.given, axis=0)
         suspect = found.wrong[best] & (if_kept > found.cost[best] + CERTAIN)
-        names = [label for label in self.frames[t] if suspect[number[label]]]
-        if disagreement(self.options.object_segments, self.frames[t], names, self.options.unknowns) is not None:
+        suspects = [index for index in self.observations.in_order(t) if suspect[index]]
+        if not self._can_do_without(t, [labels[index] for index in suspects]):
             return ()
-        fits = {label: found.fits[best, number[label]] for label in names}
+        fits = {index: found.fits[best, index] for index in suspects}
         return tuple(
-            SuspectLabel(label, labels[fit] if fit >= 0 else None, float(found.errors[best, number[label]]))
-            for label, fit in fits.items()
+            SuspectLabel(labels[index], labels[fit] if fit >= 0 else None, float(found.errors[best, index]))
+            for index, fit in fits.items()
         )

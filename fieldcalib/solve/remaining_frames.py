@@ -13,6 +13,7 @@ from fieldcalib.assess.own_errors import OwnErrors
 from fieldcalib.assess.result import Calibration, Status
 from fieldcalib.assess.sequence_calibration import SequenceCalibration
 from fieldcalib.problem.background import BackgroundPairs, BackgroundTerm
+from fieldcalib.problem.pixel_table import PixelTable
 from fieldcalib.solve.batch import CHUNK
 from fieldcalib.solve.centres import KnownCentres, expected_centres, near_path
 from fieldcalib.solve.frame_rows import SolvedFrames, solved_rows, table_without_cameras, without_camera
@@ -141,13 +142,14 @@ def _followed(
     pairs = problem.ties.towards(part, table.theta, done)
     wrong = _contradicted(part, pairs, initial.alone)
     alone = {k: one for k, t in enumerate(part.tolist()) if (one := initial.alone.get(t)) and t not in wrong}
-    labels = [problem.labels(t, alone.get(k)) for k, t in enumerate(part.tolist())]
+    fitted = [problem.fitted(t, alone.get(k)) for k, t in enumerate(part.tolist())]
+    pixels = PixelTable.joined(problem.pixels.labels, fitted)
     theta = initial.theta[part]
     prior = tripod.prior(theta)
     if problem.moves:
         centres = expected_centres(KnownCentres.of(table, done, tripod.considered), part)
         prior = centres.of_prior(prior, theta.shape[1])
-    solved = tripod.solved(theta, labels, pairs, prior)
+    solved = tripod.solved(theta, pixels, pairs, prior)
     errors = tripod.errors(solved, OwnErrors(table.own[pairs.first], table.following[pairs.first]))
     is_tied = np.isin(np.arange(len(part)), pairs.second)
     return solved_rows(tripod, SolvedFrames(solved, errors, is_tied), alone, LARGEST_ERROR)

@@ -7,12 +7,15 @@ tripod, the centre. The steps are in `fieldcalib.solve.sequence_solver`.
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
+from dataclasses import replace
 
 from fieldcalib.assess.sequence_calibration import SequenceCalibration
 from fieldcalib.fields.segments import ObjectSegments
 from fieldcalib.problem.labelled_pixels import ImageSegments, Weights
 from fieldcalib.problem.losses import LossName, RobustLoss
-from fieldcalib.solve.options import PAINT, Prior
+from fieldcalib.problem.pixel_table import PixelTable
+from fieldcalib.solve.batch import checked_frames
+from fieldcalib.solve.options import PAINT, CalibrationFlags, Prior, default_flags
 from fieldcalib.solve.sequence_problem import SHARED, SequenceProblem
 from fieldcalib.solve.sequence_solver import solve_sequence
 from fieldcalib.solve.task import Task
@@ -95,7 +98,11 @@ def calibrate_sequence(
     array([ 66., -16.])
     """
     task = Task(object_segments, flags=flags, prior=prior, loss=loss, paint=paint, trust_labels=trust_labels)
-    problem = SequenceProblem.of(task, frames, image_size, shared, weights=weights, matches=matches)
+    if flags is None:
+        task = replace(task, flags=default_flags(prior) & ~CalibrationFlags.CALIB_FIX_K2)
+    options = task.options(image_size)
+    checked = checked_frames(object_segments, frames, weights, options.image_size)
+    problem = SequenceProblem.of(options, PixelTable.of(object_segments, *checked), shared, matches)
     if start is not None and not trust_labels:
         raise ValueError("start needs trust_labels=True: from there labels are not doubted again")
     if start is not None and len(start) != len(problem):

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
@@ -11,14 +11,11 @@ import numpy as np
 from fieldcalib._types import Array, IntArray
 from fieldcalib.assess.result import Calibration
 from fieldcalib.fields.segments import ObjectSegments
-from fieldcalib.problem.labelled_pixels import ImageSegments, Pixels, PixelWeights, Weights
 from fieldcalib.problem.layout import CENTER, FIELD_SIZE
-from fieldcalib.solve.batch import calibrate_frames, checked_frames
-from fieldcalib.solve.joint_problem import labels_of
-from fieldcalib.solve.options import CalibrationFlags, Options, default_flags
-from fieldcalib.solve.task import Task
+from fieldcalib.problem.pixel_table import NO_PIXELS, PixelTable
+from fieldcalib.solve.batch import calibrate_frames
+from fieldcalib.solve.options import Options
 from fieldcalib.solve.ties import Matched, Ties
-from fieldcalib.solve.tripod import Labels
 
 SIZE = "field size"
 SHARED = ("centre", "principal point", "lens", "zoom law", SIZE)
@@ -31,9 +28,8 @@ MOST_TIED_TOGETHER = 100  # and that if matches tie them: these make one system 
 class SequenceProblem:
     """T frames of one camera, with the matches between them and the names of shared parameters."""
 
-    pixels: Sequence[Pixels]
-    """Labelled pixels of each frame; empty where there are none."""
-    weights: Sequence[PixelWeights | None]
+    pixels: PixelTable
+    """Labelled pixels of the frames, some of which may have none."""
     ties: Ties
     options: Options
     shared: tuple[str, ...]
@@ -41,16 +37,9 @@ class SequenceProblem:
 
     @classmethod
     def of(
-        cls,
-        task: Task,
-        frames: Iterable[ImageSegments],
-        image_size: tuple[int, int],
-        shared: Sequence[str],
-        *,
-        weights: Iterable[Weights] | None = None,
-        matches: Matched | None = None,
+        cls, options: Options, pixels: PixelTable, shared: Sequence[str], matches: Matched | None = None
     ) -> SequenceProblem:
-        """Check the arguments of `calibrate_sequence`; a ValueError says what is wrong."""
+        """Check names and matches; a ValueError says what is wrong."""
         if isinstance(shared, str):
             raise ValueError(
                 f"shared must be a sequence of names, got the name {shared!r}: did you mean ({shared!r},)?"
@@ -58,12 +47,8 @@ class SequenceProblem:
         unknown = set(shared) - set(SHARED)
         if unknown:
             raise ValueError(f"frames cannot share {sorted(unknown)}: expected some of {', '.join(SHARED)}")
-        if task.flags is None:
-            task = replace(task, flags=default_flags(task.prior) & ~CalibrationFlags.CALIB_FIX_K2)
-        options = task.options(image_size)
-        pixels, pixel_weights = checked_frames(task.object_segments, frames, weights, options.image_size)
-        ties = Ties.of(task.object_segments, matches or {}, len(pixels), options.image_size)
-        return cls(pixels, pixel_weights, ties, options, tuple(shared))
+        ties = Ties.of(options.object_segments, matches or {}, pixels.count, options.image_size)
+        return cls(pixels, ties, options, tuple(shared))
 
     @property
     def object_segments(self) -> ObjectSegments:
@@ -71,7 +56,7 @@ class SequenceProblem:
         return self.options.object_segments
 
     def __len__(self) -> int:
-        return len(self.pixels)
+        return self.pixels.count
 
     @property
     def moves(self) -> bool:
@@ -104,7 +89,8 @@ class SequenceProblem:
 
     def spread(self, count: int) -> IntArray:
         """Up to `count` labelled frames, evenly spread, each the one with most labels of its part of the sequence."""
-        labels = np.array([len(frame) for frame in self.pixels], dtype=np.intp)
+        frame, _ = np.unique(np.column_stack([self.pixels.frame, self.pixels.label]), axis=0).T
+        labels = np.bincount(frame, minlength=len(self))
         parts = np.array_split(np.arange(len(labels)), min(count, max(len(labels), 1)))
         best = [part[np.argmax(labels[part])] for part in parts if len(part)]
         return np.array([t for t in best if labels[t]], dtype=np.intp)
@@ -115,22 +101,17 @@ class SequenceProblem:
         """Calibrate labelled frames by themselves, from given cameras or, where there is none, from anywhere."""
         found: dict[int, Calibration] = {}
         given = given or {}
-        labelled = [int(t) for t in index if self.pixels[t]]
+        labelled = index[self.pixels.has_pixels[index]].tolist()
         for members in ([t for t in labelled if t in given], [t for t in labelled if t not in given]):
             if not members:
                 continue
-            calibrations = calibrate_frames(
-                [self.pixels[t] for t in members],
-                [self.weights[t] for t in members],
-                options,
-                given=np.array([given[t] for t in members]) if members[0] in given else None,
-            )
+            theta = np.array([given[t] for t in members]) if members[0] in given else None
+            calibrations = calibrate_frames(self.pixels.of_frames(members), options, given=theta)
             found |= dict(zip(members, calibrations, strict=True))
         return found
 
-    def labels(self, t: int, alone: Calibration | None = None) -> Labels:
-        """Labels and weights that the fit of frame t by itself accepted, or all of them if labels are trusted."""
-        if not self.options.trust_labels:
-            return labels_of(alone.solved.alone.evaluation) if alone and alone.accepted and alone.solved else ({}, {})
-        pixels, weights = self.pixels[t], self.weights[t]
-        return pixels, {label: np.full(len(xy), 1.0 / len(xy)) for label, xy in pixels.items()} | (weights or {})
+    def fitted(self, t: int, alone: Calibration | None = None) -> PixelTable:
+        """Labelled pixels of frame t that its fit by itself accepted, or all of them if labels are trusted."""
+        if self.options.trust_labels:
+            return self.pixels.of_frames([t])
+        return NO_PIXELS if alone is None or not alone.accepted or alone.solved is None else alone.solved.pixels

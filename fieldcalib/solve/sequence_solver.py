@@ -70,7 +70,7 @@ def solve_from_cameras(
 
     Frames that follow from those that are solved together start from their cameras of `before`.
     """
-    labels = {t: problem.labels(t) for t in cameras if problem.pixels[t]}
+    labels = {t: problem.fitted(t) for t in cameras if problem.pixels.has_pixels[t]}
     some = [t for t in problem.solved_together.tolist() if t in cameras]
     if not any(t in labels for t in some):
         return solve_sequence(problem)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -14,16 +13,14 @@ from fieldcalib.assess.own_errors import OwnErrors, own_errors
 from fieldcalib.fields.segments import ObjectSegments
 from fieldcalib.problem.background import BackgroundPairs
 from fieldcalib.problem.evaluation import Evaluation, Problem, evaluate
-from fieldcalib.problem.labelled_pixels import Pixels, PixelWeights
 from fieldcalib.problem.levenberg_marquardt import levenberg_marquardt
-from fieldcalib.problem.observations import pack
+from fieldcalib.problem.observations import Observations
+from fieldcalib.problem.pixel_table import PixelTable
 from fieldcalib.problem.prior import GaussianPrior
 from fieldcalib.solve.initial_cameras import given_cameras
 from fieldcalib.solve.options import Options
 
 FOLLOWED = 1e-4  # of the cost, at which a frame that follows is done: a hundredth of its standard deviation
-
-Labels = tuple[Pixels, PixelWeights]
 
 
 class PixelNoise(NamedTuple):
@@ -58,7 +55,7 @@ class KnownTripod:
         return given_cameras(theta, self.options.stands).prior if self.options.use_prior else None
 
     def solved(
-        self, theta: Array, labels: Sequence[Labels], pairs: BackgroundPairs, prior: GaussianPrior | None
+        self, theta: Array, pixels: PixelTable, pairs: BackgroundPairs, prior: GaussianPrior | None
     ) -> Evaluation:
         """Solve B frames from their labels and from the known cameras that they are tied to.
 
@@ -66,15 +63,14 @@ class KnownTripod:
         ----------
         theta : (B, n) array
             Initial cameras.
-        labels : sequence of Labels
-            Labels of each frame.
+        pixels : PixelTable
+            Labelled pixels of the frames.
         pairs : BackgroundPairs
             Ties from known cameras to these frames, numbered from 0.
         """
         options = self.options
-        pixels, weights = zip(*labels, strict=True)
         problem = Problem(
-            pack(self.object_segments, pixels, options.image_size, weights, options.motion),
+            Observations.of(self.object_segments, pixels, options.image_size, options.motion),
             options.layout,
             options.loss,
             options.noise,

@@ -1,7 +1,7 @@
 """Segments of a calibration object, in metres: points, lines, arcs and point clouds.
 
-Any mapping of names to segments is a calibration object. A kind is one file: the segment, and the rows in which its
-labelled pixels are packed and measured. A new kind is a new file and its names here.
+Any mapping of names to segments is a calibration object. A kind is one file: the class of its segments, and the class
+of the rows in which their labelled pixels are packed and measured. A new kind is a new file and its names here.
 """
 
 from __future__ import annotations
@@ -49,7 +49,7 @@ __all__ = [
 def outwards(segment: Segment, X: Array, along: Array) -> Array:
     """Unit vectors (N, 3) on the ground across a segment at points (N, 3), away from the middle of the field.
 
-    Of an arc they point away from its own centre. `along` are vectors along the segment there, (N, 3).
+    For an arc they point away from its own centre. `along` are vectors along the segment there, (N, 3).
 
     Examples
     --------
@@ -70,7 +70,7 @@ def boxes(segments: ObjectSegments) -> tuple[Array, Array]:
 
 
 def check_members(segments: ObjectSegments) -> None:
-    """Raise a ValueError that names the first member that is no segment."""
+    """Raise a ValueError that names the first member that is not a segment."""
     for name, segment in segments.items():
         if not isinstance(segment, Segment):
             raise ValueError(f"{name!r}: expected a Line, Arc, Point or PointCloud, got {segment!r}")

@@ -13,7 +13,7 @@ from fieldcalib.fields.segments.segment import Parts, Ring, Segment, Vector, mid
 
 
 class ArcRows(Rows):
-    """Pixels of arcs: the vectors of a row are the centre, and the radius along u and v."""
+    """Pixels of arcs: the vectors of a row are the centre, and u and v times the radius."""
 
     name, vectors = "arcs", 3
     compiled = ("ARCS",)
@@ -21,14 +21,14 @@ class ArcRows(Rows):
     def closest_points(self, view: View) -> list[ClosestPoints]:
         """Points on whole circles ``A + cos(phi) U + sin(phi) V``, found by Newton's method on phi.
 
-        The search starts at the angle under which the pixel's ray meets the circle's plane. The angle is kept as the
-        unit vector (c, s), which a step turns without trigonometry.
+        The search starts at the angle under which the pixel's ray meets the circle's plane. The angle is kept as (c, s)
+        = (cos(phi), sin(phi)), which a step rotates without trigonometric functions.
         """
         A = view.points(self.geometry[:, :, 0])
         U, V = view.directions(self.geometry[:, :, 1]), view.directions(self.geometry[:, :, 2])
         d = view.observed_offset(self.xy)
         p = view.nearly_ideal_offset(d)
-        # [U V A] (c, s, 1) ~ (p, 1) by Cramer's rule; the depth is not needed, so the horizon does no harm
+        # [U V A] (c, s, 1) ~ (p, 1) by Cramer's rule, without the depth, which is infinite at the horizon
         VA, AU = cross(V, A), cross(A, U)
         side = np.where(dot(U[:2], VA[:2]) + U[2] * VA[2] < 0.0, -1.0, 1.0)
         c, s = unit(side * np.array([dot(VA[:2], p) + VA[2], dot(AU[:2], p) + AU[2]]))
@@ -124,12 +124,12 @@ class Arc(Segment):
 
     @property
     def ring(self) -> Ring:
-        """Itself."""
+        """The arc itself."""
         return Ring(self.center, self.radius, self.start, self.stop, self.u, self.v)
 
     @property
     def whole(self) -> tuple[Vector, float]:
-        """Centre and radius of the circle that it is a part of."""
+        """Centre and radius of its circle."""
         return self.center, self.radius
 
     @property
@@ -143,7 +143,7 @@ class Arc(Segment):
         return self.center
 
     def equations(self, pixels: int) -> int:
-        """One for each pixel, up to the five of a conic."""
+        """One equation for each pixel, at most the five of a conic."""
         return min(pixels, 5)
 
     def mirrored(self, signs: Vector) -> Arc:
@@ -152,14 +152,14 @@ class Arc(Segment):
         return replace(self, center=center, u=u, v=v)
 
     def evaluated(self, straight: float, bent: float) -> Array:
-        """Points every `bent` metres from the start on, the stop last; a whole circle is not closed, (N, 3)."""
+        """Points (N, 3) every `bent` metres from the start on, and the stop; a whole circle is not closed."""
         count = int(self.radius * abs(self.stop - self.start) / bent)
         phi = self.start + np.arange(count + 1) * np.copysign(bent / self.radius, self.stop - self.start)
         closed = np.isclose(abs(self.stop - self.start), 2.0 * np.pi)
         return self.at(phi[:-1] if closed else np.append(phi, self.stop))
 
     def parts(self, longest: float) -> Parts:
-        """Equal parts no longer than `longest` metres, which move as the centre does."""
+        """Equal parts no longer than `longest` metres; with the field's size they move as the centre does."""
         turn = self.stop - self.start
         length = self.radius * abs(turn)
         phi = self.start + middles(length, longest) * turn
@@ -167,7 +167,7 @@ class Arc(Segment):
         return Parts(self.at(phi), along, np.zeros(len(phi)), length)
 
     def order(self, xy: Array) -> IntArray:
-        """Order of its pixels (N, 2) around their middle, from the widest gap on."""
+        """Order of its pixels (N, 2) by angle around their mean, beginning after the widest gap."""
         offset = xy - xy.mean(axis=0)
         angle = np.arctan2(offset[:, 1], offset[:, 0])
         order = np.argsort(angle, kind="stable")

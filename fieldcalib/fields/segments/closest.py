@@ -1,4 +1,4 @@
-"""Closest points on the images of segments, and how they are searched along a curve.
+"""Closest points on the images of segments, and the search for them along curves.
 
 Every observed pixel p belongs to a segment. Its closest point X* is where the image of the segment, lens included,
 comes nearest to p; n is the unit normal of the image there and ``r = n . (p - pi(X*))`` the signed distance, in pixels
@@ -15,24 +15,24 @@ import numpy as np
 
 from fieldcalib._types import Array, BoolArray, IntArray
 
-LEAST_LENGTH = 1e-300  # keeps the division by the length of a vector from being one by zero
-LEAST_DEPTH = 1e-9  # m: a point in the camera's plane has no image, but must not stop the batch
-# The frames of a batch go on until all have converged. What is left then must be rounding: otherwise a camera would
-# depend on the frames that it is calibrated with.
+LEAST_LENGTH = 1e-300  # added to the length of a vector: no division by zero
+LEAST_DEPTH = 1e-9  # m: a point in the camera's plane has no image, but must not raise an error
+# A batch iterates until all of its frames have converged. Further steps must be within rounding: otherwise a camera
+# would depend on the other frames of its batch.
 LINE_STEPS, LINE_STEP = 6, 1e-9  # px: steps contract by distance x curvature, 1e-2 at 50 px and a strong lens
 CURVE_STEPS, CURVE_STEP = 10, 1e-8  # of the curve's parameter
 LARGEST_TURN = 0.5  # of a step on a circle, radians
-BEHIND_PENALTY = 1e12  # px^2: what a sample behind the camera counts as
+BEHIND_PENALTY = 1e12  # px^2: added to the squared distance of a sample behind the camera
 
 
 class View(Protocol):
-    """Methods of B cameras that closest points need, see `fieldcalib.problem.projection.Projection`."""
+    """B cameras, with the methods that closest points need: see `fieldcalib.problem.projection.Projection`."""
 
     is_pinhole: bool
 
     @property
     def reach(self) -> float:
-        """Ideal offset within which the lens is sure to be one to one, pixels."""
+        """Length of ideal offsets up to which the lens is certainly one-to-one, pixels."""
 
     def directions(self, d: Array, /) -> Array:
         """World directions (B, N, 3) in scaled camera coordinates, (3, B, N)."""
@@ -44,13 +44,13 @@ class View(Protocol):
         """Observed pixels (B, N, 2) as real offsets, (2, B, N)."""
 
     def nearly_ideal_offset(self, d: Array, /) -> Array:
-        """Real offsets as ideal ones, nearly."""
+        """Approximate ideal offsets of real ones."""
 
     def real_offset(self, s: Array, /) -> Array:
-        """Ideal offsets as real ones."""
+        """Real offsets of ideal ones."""
 
     def push(self, s: Array, /, *steps: Array) -> tuple[Array, ...]:
-        """Real offsets of ideal ones, and images of small steps there."""
+        """Real offsets of ideal ones, and derivatives of the real offsets along `steps`."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -75,7 +75,7 @@ class ClosestPoints:
         return ClosestPoints(self.r[index], self.s[:, index], self.inverse_depth[index], self.normal[:, index])
 
     def replaced(self, index: IntArray, other: ClosestPoints) -> ClosestPoints:
-        """With `other` in place of the frames `index`."""
+        """The closest points, with `other` in place of the frames `index`."""
         merged = {name.name: getattr(self, name.name).copy() for name in fields(self)}
         for name, values in merged.items():
             values[..., index, :] = getattr(other, name)
@@ -83,7 +83,7 @@ class ClosestPoints:
 
     @staticmethod
     def joined(parts: list[ClosestPoints]) -> ClosestPoints:
-        """Residuals one after the other."""
+        """The residuals of all parts, one part after the other."""
         if len(parts) == 1:
             return parts[0]
         return ClosestPoints(
@@ -94,8 +94,8 @@ class ClosestPoints:
 class CurveSearch:
     """Newton's method for the points of parametrised curves whose real images are closest to observed pixels.
 
-    A curve hands `step` its point and its first two derivatives in scaled camera coordinates, and moves its parameter
-    by what comes back, until `iterations` ends; `found` are then the points after the last step.
+    For each of `iterations`, the caller passes a curve's point and its first two derivatives, in scaled camera
+    coordinates, to `step` and adds the result to the curve's parameter; then `found` are the closest points.
     """
 
     def __init__(self, view: View, observed: Array, seen: BoolArray) -> None:
@@ -106,7 +106,7 @@ class CurveSearch:
 
     @property
     def iterations(self) -> Iterator[int]:
-        """Until the largest step is so small that its third order does not count."""
+        """Numbers of the iterations, which end when terms of third order in the largest step are negligible."""
         for iteration in range(CURVE_STEPS):
             if self.moved < CURVE_STEP:
                 return
@@ -130,9 +130,9 @@ class CurveSearch:
 
     @property
     def found(self) -> ClosestPoints:
-        """The closest points: where the last step began, and the step to second order."""
+        """The closest points, extrapolated to second order from where the last step began."""
         T, dT, s, ds, dds, inverse_depth, dz, ddz, step = self.last
-        step = np.where(np.abs(step) < CURVE_STEP, step, 0.0)  # what has not converged stays on the curve
+        step = np.where(np.abs(step) < CURVE_STEP, step, 0.0)  # points that have not converged stay on the curve
         normal = left_normal(T + step * dT)
         s = s + step * (ds + 0.5 * step * dds)
         inverse_depth = inverse_depth / (1.0 + step * (dz + 0.5 * step * ddz) * inverse_depth)

@@ -1,4 +1,4 @@
-"""Ends of segments: pixels past an end are measured once more, against that end and along the segment's image."""
+"""Ends of segments: pixels past an end have a second residual, their distance from it along the segment's image."""
 
 from __future__ import annotations
 
@@ -12,8 +12,8 @@ from fieldcalib.fields.segments.rows import Rows
 class EndRows(Rows):
     """Pixels past the end of their segment (`fieldcalib.problem.segment_ends`).
 
-    The first vector of a row is the end X; the first two components of the second one are the direction in the image
-    that is measured, and the first component of the third one is where X is along the segment, from 0 to 1.
+    The vectors of a row: the end X; the direction in the image along which the distance is measured, in the first two
+    components; and in the first component the position of X along the segment, 0 or 1.
     """
 
     name, vectors = "ends", 3
@@ -27,5 +27,5 @@ class EndRows(Rows):
         return [ClosestPoints(along[0] * x.r + along[1] * y.r, x.s, x.inverse_depth, along)]
 
     def motion(self, of_ends: Array) -> Array:
-        """How the ends move with the size of the field, (T, N, 3, 2)."""
+        """Derivatives of the ends by the size of the field, (T, N, 3, 2)."""
         return self._between(of_ends, self.geometry[:, :, 2, :1, None])

@@ -22,7 +22,7 @@ from fieldcalib.fields.segments.segment import Parts, Segment, Vector, middles, 
 
 
 class LineRows(Rows):
-    """Pixels of lines: the vectors of a row are the start and the way from there to the end."""
+    """Pixels of lines: the vectors of a row are the start, and the end minus the start."""
 
     name, vectors = "lines", 2
     compiled = ("LINES",)
@@ -70,8 +70,8 @@ class LineRows(Rows):
 
 @dataclass(frozen=True)
 class Line(Segment):
-    """A straight segment from `start` to `end`. Pixels are measured against the infinite line through both, and those
-    past an end once more against that end (`fieldcalib.problem.segment_ends`).
+    """A straight segment from `start` to `end`. Pixels are measured against the infinite line through both; those past
+    an end have a second residual against that end (`fieldcalib.problem.segment_ends`).
 
     Examples
     --------
@@ -103,11 +103,11 @@ class Line(Segment):
 
     @property
     def vectors(self) -> Array:
-        """Start, and the way from there to the end, (2, 3)."""
+        """Start, and end minus start, (2, 3)."""
         return np.array([self.start, np.subtract(self.end, self.start)])
 
     def equations(self, pixels: int) -> int:
-        """Two; one for a single pixel."""
+        """Two equations; one for a single pixel."""
         return min(pixels, 2)
 
     def mirrored(self, signs: Vector) -> Line:
@@ -124,7 +124,7 @@ class Line(Segment):
         return self.anchors
 
     def evaluated(self, straight: float, bent: float) -> Array:
-        """Points every `straight` metres from the start on, with a longer last piece, (N, 3)."""
+        """Points (N, 3) every `straight` metres from the start on; the last piece is longer."""
         start, direction = self.vectors
         length = float(np.linalg.norm(direction))
         steps = np.arange(int(length / straight - 1.0) + 1)[:, None] * straight

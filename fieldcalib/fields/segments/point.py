@@ -18,7 +18,7 @@ class PointRows(Rows):
     """Pixels of points: the one vector of a row is X."""
 
     name, vectors, components = "points", 1, 2
-    shares_noise = False  # the two axes are as independent as two segments
+    shares_noise = False  # the noise of the two axes is independent
     compiled = ("ALONG_X", "ALONG_Y")
 
     def closest_points(self, view: View) -> list[ClosestPoints]:
@@ -68,7 +68,7 @@ class Point(Segment):
         return Ring(self.X, MARK)
 
     def equations(self, pixels: int) -> int:
-        """Two."""
+        """Two equations, one for each axis of the image."""
         return 2
 
     def mirrored(self, signs: Vector) -> Point:

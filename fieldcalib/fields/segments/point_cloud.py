@@ -35,7 +35,7 @@ class CloudRows(Rows):
         h = view.points(self.geometry.reshape(B, N * S, 3))
         image = view.real_offset(h[:2] / away_from_zero(h[2])).reshape(2, B, N, S)
         distance = np.sum(np.square(image - view.observed_offset(self.xy)[..., None]), axis=0)
-        distance[h[2].reshape(B, N, S) < 0.0] += BEHIND_PENALTY  # only if nothing is in front
+        distance[h[2].reshape(B, N, S) < 0.0] += BEHIND_PENALTY  # chosen only if no sample is in front
         nearest = np.argmin(distance, axis=-1)
         return np.take_along_axis(self.geometry, nearest[..., None, None], axis=2)[:, :, 0], nearest
 
@@ -123,7 +123,7 @@ class PointCloud(Segment):
     def polyline(self, spacing: float) -> Array:
         """Points on the smooth curve through its points, nine from one to the next, (N, 3).
 
-        The curve is that of parabolas through each three neighbours, blended.
+        The curve blends the parabolas through each three neighbours.
         """
         X, start = self.X, np.arange(len(self.points) - 1)
         middle = np.clip(np.arange(len(X)), 1, len(X) - 2)

@@ -22,14 +22,14 @@ class Ends(NamedTuple):
     X: Array
     """The nearest point of the segment, (T, N, 3)."""
     along: Array
-    """Where that is along the segment, (T, N): 0 at its start, 1 at its end; 0 where it moves as a whole."""
+    """Position of X along the segment, (T, N): 0 at its start, 1 at its end; 0 where the segment moves as a whole."""
 
 
 @dataclass(frozen=True, eq=False)
 class Rows(ABC):
     """Observed pixels on segments of one kind: the protocol of all kinds.
 
-    A pixel has one residual, or one for each of two axes, and these stand one after the other.
+    A pixel has one residual, or one for each of the two axes: those of all pixels along x come first.
     """
 
     xy: Array
@@ -39,16 +39,16 @@ class Rows(ABC):
     label: IntArray
     """Index into `Observations.labels`, (T, N); -1 where there is only padding."""
     geometry: Array
-    """World vectors of the segment, (T, N, G, 3), as each kind says."""
+    """Vectors that describe the segment in the world, (T, N, G, 3); each kind says which."""
 
     name: ClassVar[str]
-    """In files."""
+    """Name in files."""
     vectors: ClassVar[int]
-    """How many vectors describe a segment at least, G."""
+    """Least number of vectors that describe a segment, G."""
     components: ClassVar[int] = 1
-    """Residuals of a pixel."""
+    """Number of residuals of a pixel."""
     shares_noise: ClassVar[bool] = True
-    """Whether the pixels of a segment lie beside it together, as annotators keep to one side of a line."""
+    """Whether the pixels of a segment share an error, as annotators keep to one side of a line."""
     compiled: ClassVar[tuple[str, ...]] = ()
     """Names of the compiled kinds of residuals, one for each component; none where NumPy alone measures them."""
 
@@ -72,7 +72,7 @@ class Rows(ABC):
         return self.geometry.mean(axis=2), np.linalg.norm(np.ptp(self.geometry, axis=2), axis=-1)
 
     def motion(self, of_ends: Array) -> Array:
-        """How the segments move with the size of the field, (T, N, 3, 2), from how their ends do, (L, 2, 3, 2)."""
+        """Derivatives of the segments by the field's size, (T, N, 3, 2), from those of their ends, (L, 2, 3, 2)."""
         return self._between(of_ends, 0.5)
 
     def _between(self, of_ends: Array, share: Array | float) -> Array:
@@ -87,13 +87,13 @@ class Rows(ABC):
         return self._each(lambda values: values[index])
 
     def choose(self, rows: IntArray) -> Self:
-        """Other rows (T, N') of each frame."""
+        """The rows of each frame that `rows`, (T, N'), gives by index."""
         frame = np.arange(len(rows))[:, None]
         return self._each(lambda values: values[frame, rows])
 
     @property
     def trimmed(self) -> Self:
-        """The rows without the padding that all frames have, which comes last."""
+        """The rows without the padding at the end that all frames have."""
         count = int(np.max(np.sum(self.label >= 0, axis=1), initial=0))
         return self._each(lambda values: values[:, :count])
 
@@ -105,7 +105,7 @@ class Rows(ABC):
 
     @classmethod
     def none(cls, frames: int, pixels: int = 0, vectors: int = 0) -> Self:
-        """Padding alone; its geometry is finite."""
+        """Rows of nothing but padding, with a finite geometry."""
         depth = vectors or cls.vectors
         geometry = np.empty((frames, pixels, depth, 3))
         geometry[:] = np.eye(3)[np.arange(depth) % 3]

@@ -23,7 +23,7 @@ class Parts(NamedTuple):
     along: Array
     """Unit vectors along the segment there, (N, 3)."""
     share: Array
-    """Where between the segment's two ends they move with these, (N,)."""
+    """Position between the segment's anchors, (N,): when the field's size changes, a part moves as that place does."""
     length: float
     """Length of all parts together, metres."""
 
@@ -43,8 +43,8 @@ class Ring(NamedTuple):
 class Segment(ABC):
     """A piece of the calibration object: the protocol of all kinds.
 
-    A kind is a frozen dataclass that derives from this class, and the class of the rows in which its labelled pixels
-    are packed (`fieldcalib.fields.segments.rows`), both in one file; `fieldcalib.fields.segments` registers it.
+    A kind is two classes in one file: a frozen dataclass that derives from this class, and the rows in which its
+    labelled pixels are packed (`fieldcalib.fields.segments.rows`). `fieldcalib.fields.segments` registers it.
     """
 
     is_point: ClassVar[bool] = False
@@ -68,7 +68,7 @@ class Segment(ABC):
 
     @abstractmethod
     def equations(self, pixels: int) -> int:
-        """How many equations that many different pixels give at best."""
+        """Largest number of independent equations that so many pixels give."""
 
     @abstractmethod
     def mirrored(self, signs: Vector) -> Self:
@@ -118,7 +118,7 @@ class Segment(ABC):
         return self.polyline(1.0)
 
     def samples(self, count: int) -> Array:
-        """Points that stand for it in the loss in NDC, of an arc `count`, (N, 3)."""
+        """Points (N, 3) that represent it in the NDC loss; an arc has `count` of them."""
         return self.sample()
 
     def evaluated(self, straight: float, bent: float) -> Array:

@@ -32,7 +32,7 @@ GOALS = (
     {"Goal right crossbar": across(GOAL_X, GOAL_POST, -GOAL_BAR)},
     {"Goal right post bottom": upright(GOAL_X, GOAL_POST, POSTS_HEIGHT, GOAL_BAR)},
 )
-# The border lies outside its inner edge; of the rows, the marks that face the middle of the field are painted.
+# The border lies outside its inner edge; of the two hash rows of a side, only the inner one is painted.
 _BORDER = Paint(width=BORDER, outwards=0.5 * BORDER)
 _MARKS = Paint(width=HASH_LENGTH, dashes=(LINE_WIDTH, YARD - LINE_WIDTH), outwards=0.5 * HASH_LENGTH)
 PAINT: Mapping[str, Paint] = MappingProxyType(
@@ -85,7 +85,7 @@ RULES: Mapping[str, Rules] = MappingProxyType(
 def american_football(rules: str = "nfl") -> Field:
     """A field for American football: border, goal lines, yard lines each 5 yards, rows of marks and numbers, goals.
 
-    Lines are where the middle of the paint is. Side lines and end lines are the inner edge of the border, which is
+    Lines run along the middle of the paint. Side lines and end lines are the inner edge of the border, which is
     several feet wide. "left" and "right" are the ends as the main camera sees them, "top" is its far side, "bottom" the
     near one.
 
@@ -111,8 +111,8 @@ def american_football(rules: str = "nfl") -> Field:
     Notes
     -----
     Yard lines look alike: labels that are all 5 yards off, and show neither goal line nor numbers, fit a camera that
-    stands 5 yards further along the field. Nothing in the residuals tells that, and a weak prior does not either: the
-    message of such a calibration says so. Nor does anything but the labels tell the two ends apart.
+    stands 5 yards further along the field. Neither the residuals nor a weak prior reveal it: the message of such a
+    calibration warns of it. Only the labels tell the two ends apart.
 
     Examples
     --------

@@ -21,9 +21,9 @@ PROBABILITY = ProbabilityModel((1.07, -3.31, -1.18, -0.28, -0.12))
 def badminton() -> Field:
     """A badminton court for doubles and singles: all lines, and the net with its posts on the doubles side lines.
 
-    Lines are where the middle of the paint is. "left" and "right" are the sides of the net as the main camera sees
-    them, which looks across the court, "top" is the far side and "bottom" the near one; a net is seen in two halves,
-    since it hangs through. Most cameras of badminton stand behind a back line: "behind left goal" is the stand there.
+    Lines run along the middle of the paint. "left" and "right" are the sides of the net as the main camera sees
+    them, which looks across the court, "top" is the far side and "bottom" the near one; the net has two halves,
+    since it sags. Most cameras of badminton stand behind a back line: the stand "behind left goal".
 
     A court that is turned by 180 degrees is the same court.
 

@@ -108,14 +108,14 @@ SUBSTITUTION = (4 * FOOT, 4 * FOOT)  # NBA: from the centre line, length beyond 
 def basketball(rules: str = "fiba") -> Field:
     """A basketball court: all lines and circles, backboards and rims.
 
-    Lines are where the middle of the paint is. "left" and "right" are the baskets as the main camera sees them, "top"
+    Lines run along the middle of the paint. "left" and "right" are the baskets as the main camera sees them, "top"
     is the far side and "bottom" the near one, but "upper" and "lower" are the edges of a backboard, between its
-    vertical ones. The free-throw circle stands for its dashed half too. Marks along the lane are left out: they are
+    vertical ones. The free-throw circle includes its dashed half. Marks along the lane are left out: they are
     10 cm long.
 
-    A court that is turned by 180 degrees is the same court. What is on one side only, the side of the scorer's table
-    or the other one, is therefore on both sides here: the throw-in and team bench lines of FIBA and the substitution
-    marks of the NBA.
+    A court that is turned by 180 degrees is the same court. Marks on one side only, that of the scorer's
+    table or the other one, are therefore on both sides here: the throw-in and team bench lines of FIBA and the
+    substitution marks of the NBA.
 
     Parameters
     ----------
@@ -125,7 +125,7 @@ def basketball(rules: str = "fiba") -> Field:
     Raises
     ------
     ValueError
-        If the rules are others.
+        If there are no such rules.
 
     Examples
     --------
@@ -187,7 +187,7 @@ def _lane(m: Measures) -> dict[str, Segment]:
 
 
 def _basket(m: Measures) -> dict[str, Segment]:
-    """Rim and backboard, and the lines below within which a defender draws no charge."""
+    """Rim and backboard, and the lines of the no-charge semicircle below."""
     basket, board = 0.5 * m.length - m.basket, 0.5 * m.length - m.backboard
     radius, y, (lower, upper) = m.no_charge + 0.5 * m.line_width, 0.5 * m.board[0], m.board[1:]
     ring, height = m.ring

@@ -32,7 +32,7 @@ def court(
     line_width : float
         Metres.
     paint : mapping of str to Paint
-        The paint of all labels that begin with a text.
+        Beginning of labels -> the paint of their segments.
     **known
         Other parameters of `Field`; by default the size is known, and a line may be the border of a painted area.
 

@@ -32,7 +32,7 @@ PROBABILITY = ProbabilityModel((1.45, -2.96, -1.18, -0.06, -0.4))
 def field_hockey() -> Field:
     """A field for hockey: outline, 23-metre and centre lines, circles, penalty spots, marks and goals.
 
-    Lines are where the middle of the paint is. "left" and "right" are the ends as the main camera sees them, "top" is
+    Lines run along the middle of the paint. "left" and "right" are the ends as the main camera sees them, "top" is
     its far side, "bottom" the near one.
 
     * "Side line top", "Back line left", "Centre line", "23-metre line left".
@@ -44,7 +44,7 @@ def field_hockey() -> Field:
     * Points: "Penalty spot left", "Corner left top", "Centre line and side line top", "23-metre line and side line left
       top".
 
-    Nothing but the labels tells the two ends apart: a field that is turned by 180 degrees looks the same.
+    Only the labels tell the two ends apart: a field that is turned by 180 degrees looks the same.
 
     Examples
     --------

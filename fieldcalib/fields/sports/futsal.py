@@ -34,7 +34,7 @@ PROBABILITY = ProbabilityModel((0.66, -2.84, -1.31, -0.01, -0.14))
 def futsal(length: float = 40.0, width: float = 20.0, *, size_known: bool = False) -> Field:
     """A futsal pitch: all lines, arcs and marks, and the goals.
 
-    Lines are where the middle of the paint is. "left" and "right" are the goals as the main camera sees them, "top" is
+    Lines run along the middle of the paint. "left" and "right" are the goals as the main camera sees them, "top" is
     the far side and "bottom" the near one, also of posts. A pitch that is turned by 180 degrees is the same pitch:
     the marks of the substitution zones, which are on one side only, are on both sides here. The marks 5 m from
     corners and from the second penalty marks are left out.

@@ -1,4 +1,4 @@
-"""Goals, and the areas before them whose border keeps one distance from the goal."""
+"""Goals, and the areas in front of them whose border has a constant distance from the goal."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from fieldcalib.fields.sports.lines import across, upright
 def right_goal(x: float, width: float, height: float, thickness: float) -> dict[str, Segment]:
     """Crossbar and near post of the right goal, whose middles stand on the line x.
 
-    Width and height are measured between posts and under the crossbar, which are so thick; all in metres.
+    Width is measured between the posts, height under the crossbar; `thickness` is theirs; all in metres.
 
     Examples
     --------
@@ -23,10 +23,9 @@ def right_goal(x: float, width: float, height: float, thickness: float) -> dict[
 
 
 def right_area(name: str, x: float, y: float, distance: float, reach: float = np.inf) -> dict[str, Segment]:
-    """The line at one distance from a goal that reaches from (x, -y) to (x, y): a straight piece and the
-    near arc.
+    """The line at one distance from a goal between (x, -y) and (x, y): its straight piece and the near arc.
 
-    The arc ends at the line x, or where it reaches that far from the middle of the field; all in metres.
+    The arc ends at the line x, or at a distance of `reach` from the middle of the field; all in metres.
 
     Examples
     --------

@@ -28,10 +28,10 @@ PROBABILITY = ProbabilityModel((1.41, -3.31, -0.84, -0.2, -0.36))
 def handball() -> Field:
     """A handball court: all lines, the goal areas, the dashed free-throw lines, and the goals.
 
-    Lines are where the middle of the paint is. "left" and "right" are the goals as the main camera sees them, "top" is
+    Lines run along the middle of the paint. "left" and "right" are the goals as the main camera sees them, "top" is
     the far side and "bottom" the near one, also of posts. The line from corner to corner is the goal line between the
     posts, where it is wider, and the outer goal line beside them. Goal area and free-throw line are one straight line
-    and two arcs each. The throw-off circle is there since 2022, and not on every court.
+    and two arcs each. The throw-off circle, of 2022, is not on every court.
 
     A court that is turned by 180 degrees is the same court: the substitution marks, which are on the side of the
     benches only, are on both sides here.

@@ -150,7 +150,7 @@ def ice_hockey(rules: str = "nhl") -> Field:
     ----------
     rules : {"nhl", "nhl-2013", "iihf"}
         The rule book. Until 2014 the hash marks of the NHL were 3 ft apart, and the trapezoid 18 ft wide at the
-        goal line. Rinks of the IIHF vary: `ice_hockey_iihf` has their size.
+        goal line. Rinks of the IIHF vary: `ice_hockey_iihf` takes their size.
 
     Raises
     ------
@@ -159,7 +159,7 @@ def ice_hockey(rules: str = "nhl") -> Field:
 
     Notes
     -----
-    Nothing but the labels tells the two ends apart: a rink that is turned by 180 degrees looks the same.
+    Only the labels tell the two ends apart: a rink that is turned by 180 degrees looks the same.
 
     The measures of the IIHF's trapezoid are from sportypy, not from the rule book's text.
 
@@ -189,9 +189,9 @@ def ice_hockey_iihf(
     Parameters
     ----------
     length, width : float
-        Between the boards, metres.
+        Size between the boards, metres.
     corner_radius : float
-        Of the boards, 7.0 to 8.5 m.
+        Radius of the boards in the corners, 7.0 to 8.5 m.
     size_known : bool
         Whether the rink in view has exactly this size.
 
@@ -206,7 +206,7 @@ def ice_hockey_iihf(
     14.0
     """
     for name, value, (low, high) in (("long", length, LEGAL_IIHF[0]), ("wide", width, LEGAL_IIHF[1])):
-        if not low - 1.0 <= value <= high + 1.0:  # `Field.motion` looks a metre beyond
+        if not low - 1.0 <= value <= high + 1.0:  # `Field.motion` steps a metre beyond
             raise ValueError(f"a rink of the IIHF is {low:g} to {high:g} m {name}, got {value}")
     if not 7.0 <= corner_radius <= 8.5:
         raise ValueError(f"the corners of an IIHF rink have a radius of 7.0 to 8.5 m, got {corner_radius}")

@@ -1,4 +1,4 @@
-"""Lines of courts: from side to side, from end to end, on the ground and upright, and a net that hangs through."""
+"""Lines of courts: from side to side, from end to end, on the ground and upright, and a net that sags."""
 
 from __future__ import annotations
 
@@ -52,7 +52,7 @@ def upright(x: float, y: float, top: float, bottom: float = 0.0) -> Line:
 
 
 def hanging_net(post: float, height: float, height_at_posts: float) -> dict[str, Segment]:
-    """The near half of the upper edge of a net that hangs through, and its post, so far from the middle; metres.
+    """The near half of the upper edge of a net that sags, and the near post, `post` metres from the middle.
 
     Examples
     --------

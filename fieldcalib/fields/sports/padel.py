@@ -23,11 +23,11 @@ PROBABILITY = ProbabilityModel((1.66, -3.04, -0.73, -0.35, -0.16))
 def padel() -> Field:
     """A padel court: service lines, the net with its posts, and the walls, of which the court has no lines.
 
-    Lines are where the middle of the paint is, walls where their inner side is. "left" and "right" are the sides of
+    Lines run along the middle of the paint, walls where their inner side is. "left" and "right" are the sides of
     the net as the main camera sees them, which looks across the court, "top" is the far side and "bottom" the near one.
     "Back wall" and "Side wall" are the feet of the walls, "Glass" and "Fence" the upper edges of a back wall's glass
-    and of the mesh above it, and "Corner" the vertical line where two walls meet. A net is seen in two halves, since
-    it hangs through. Most cameras of padel stand behind a back wall: "behind left goal" is the stand there.
+    and of the mesh above it, and "Corner" the vertical line where two walls meet. The net has two halves, since it
+    sags. Most cameras of padel stand behind a back wall: the stand "behind left goal".
 
     A court that is turned by 180 degrees is the same court.
 

@@ -29,8 +29,8 @@ PROBABILITY = ProbabilityModel((1.57, -2.84, -1.26, -0.14, -0.32))
 
 
 @dataclass(frozen=True)
-class OfInGoal:
-    """Builder of fields of any length and width whose in-goal areas have the same depth."""
+class BuilderWithInGoal:
+    """Builder of fields of any length and width with in-goal areas of one depth."""
 
     in_goal: float = USUAL_IN_GOAL
 
@@ -44,8 +44,8 @@ def rugby_union(
 ) -> Field:
     """A field for rugby union: outline, goal lines, 22s, halfway line, the dashed lines, in-goal areas and goals.
 
-    Lines are where the middle of the paint is. Goal lines and touchlines lie outside the field of play, the lines of
-    the 22s inside these; of the others the law names no edge. "left" and "right" are the ends as the main camera sees
+    Lines run along the middle of the paint. Goal lines and touchlines lie outside the field of play, the lines of
+    the 22s inside these; for the others the law names no edge. "left" and "right" are the ends as the main camera sees
     them, "top" is its far side, "bottom" the near one.
 
     * "Touchline top", "Goal line left", "22-metre line left", "Halfway line", "Dead-ball line left", "Touch-in-goal
@@ -56,12 +56,12 @@ def rugby_union(
     * Points: "Halfway line and touchline top", "Goal line and touchline left top", "22-metre line and touchline left
       top", "Dead-ball corner left top".
 
-    Nothing but the labels tells the two ends apart: a field that is turned by 180 degrees looks the same.
+    Only the labels tell the two ends apart: a field that is turned by 180 degrees looks the same.
 
     Parameters
     ----------
     length, width : float
-        Of the field of play, from goal line to goal line and from touch to touch, metres.
+        Size of the field of play, from goal line to goal line and from touch to touch, metres.
     in_goal : float
         Depth of each in-goal area, 6 to 22 m.
     size_known : bool
@@ -78,7 +78,7 @@ def rugby_union(
     27.05
     """
     for name, value, (low, high), beyond in (
-        ("long", length, LEGAL[0], 1.0),  # `Field.motion` looks a metre beyond
+        ("long", length, LEGAL[0], 1.0),  # `Field.motion` steps a metre beyond
         ("wide", width, LEGAL[1], 1.0),
         ("deep in goal", in_goal, IN_GOAL, 0.0),
     ):
@@ -92,7 +92,7 @@ def rugby_union(
         paint={**dict.fromkeys(DASHED, Paint(dashes=DASHES)), "5-metre dashes": Paint(dashes=ROW)},
         lines=LineLook(width=LINE_WIDTH),
         farthest_camera=300.0,
-        size_model=SizePrior(LEGAL, LEGAL, build=OfInGoal(in_goal), rules="law 1"),
+        size_model=SizePrior(LEGAL, LEGAL, build=BuilderWithInGoal(in_goal), rules="law 1"),
         size_known=size_known,
         probability=PROBABILITY,
     )

@@ -23,13 +23,13 @@ SPOT_DIAMETER = 0.22
 CIRCLE_RADIUS = 9.15  # centre circle and penalty arcs
 GOAL_WIDTH = 7.32
 GOAL_HEIGHT = 2.44
-LINE_WIDTH = 0.12  # lines, posts and crossbars: no more is allowed
+LINE_WIDTH = 0.12  # lines, posts and crossbars: the largest that is allowed
 ALL_MATCHES = ((90.0, 120.0), (45.0, 90.0))  # length and width, from and to
 INTERNATIONAL_MATCHES = ((100.0, 110.0), (64.0, 75.0))
 
 LARGEST = 200.0  # metres: larger numbers are in another unit
 LARGEST_FIELD = (140.0, 120.0)  # metres: no soccer field reaches beyond
-FARTHEST_CAMERA = 300.0  # metres: stands end before
+FARTHEST_CAMERA = 300.0  # metres: no stand is farther away
 CROWN = Crown(share=1.0 / 3.0, height=0.2)  # most pitches are level, others fall by up to 1 %, which is 0.34 m
 # Fitted to 2,000 synthetic frames and to nothing else: `python -m data_tools.probability fit`.
 PROBABILITY = ProbabilityModel((1.16, -3.06, -0.91, -0.25, -0.03))
@@ -81,7 +81,7 @@ def soccer(length: float = 105.0, width: float = 68.0, *, size_known: bool = Fal
 
 @lru_cache(maxsize=64)
 def _pitch(length: float, width: float, size_known: bool) -> Field:
-    """The field of a size, built once: fields do not change, and what follows from one is kept with it."""
+    """The field of a size, built once: fields are immutable, and each caches what is derived from it."""
     x_goal, y_side = length / 2.0, width / 2.0
     segments: dict[str, Segment] = {}
     segments.update(_outline(x_goal, y_side))

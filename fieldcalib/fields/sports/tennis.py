@@ -23,9 +23,9 @@ PROBABILITY = ProbabilityModel((1.23, -3.38, -1.04, -0.42, 0.03))
 def tennis() -> Field:
     """A tennis court for doubles: base, side and service lines, centre marks, and the net with its posts.
 
-    Lines are where the middle of the paint is. "left" and "right" are the sides of the net as the main camera sees
-    them, which looks across the court, "top" is the far side and "bottom" the near one; a net is seen in two halves,
-    since it hangs through. Most cameras of tennis stand behind a base line: "behind left goal" is the stand there.
+    Lines run along the middle of the paint. "left" and "right" are the sides of the net as the main camera sees
+    them, which looks across the court, "top" is the far side and "bottom" the near one; the net has two halves,
+    since it sags. Most cameras of tennis stand behind a base line: the stand "behind left goal".
 
     A court that is turned by 180 degrees is the same court.
 

@@ -26,7 +26,7 @@ PROBABILITY = ProbabilityModel((0.14, -2.83, -1.34, -0.02, 0.06))
 def volleyball(net: str = "men") -> Field:
     """A volleyball court: all lines, the net's edges between the antennae, and the antennae.
 
-    Lines are where the middle of the paint is. "left" and "right" are the sides of the net as the main camera sees
+    Lines run along the middle of the paint. "left" and "right" are the sides of the net as the main camera sees
     them, "top" is the far side and "bottom" the near one. The dashes that go on with an attack line beyond a side line
     are an extension of their own. Posts are left out: the rules let them stand 0.5 to 1 m from the court.
 

@@ -9,18 +9,18 @@ normalised to the corner of the image. With rho half its diagonal, ``u = s / rho
                                   + rho (2 p1 ux uy + p2 (q + 2 ux^2) + s1 q + s2 q^2,
                                          p1 (q + 2 uy^2) + 2 p2 ux uy + s3 q + s4 q^2)
 
-are OpenCV's lens (documentation of calib3d, "Detailed Description") of ``dist_coeffs = (k1, k2, p1, p2, k3, ...)``:
-``a1 = k1 (rho / f)^2``, ``a2 = k2 (rho / f)^4`` and so on (`POWERS`). So a1 + a2 is the relative displacement at the
+are OpenCV's lens (documentation of calib3d, "Detailed Description") with ``dist_coeffs = (k1, k2, p1, p2, k3, ...)``:
+``a1 = k1 (rho / f)^2``, ``a2 = k2 (rho / f)^4`` and so on (`POWERS`). So a1 + a2 is the relative displacement of the
 corner at any zoom, and a lens is a warp of the image that does not depend on f.
 
-Where the slope ``1 + 3 a1 q + 5 a2 q^2`` is negative, the lens is not monotone: it folds the scene back, and lines far
-outside the image appear in it, in every program that projects them. With ``a2 >= 9/20 a1^2`` for barrel distortion
-(a1 < 0) and ``a2 >= 0`` for pincushion distortion the slope is positive at every radius. The estimated parameters are
-therefore (a1, b2), ``a2 = b2 + FOLD min(a1, 0)^2`` with b2 >= 0: at a1 = -1 % the term moves the corner of an image by
-0.005 %.
+Where the slope ``1 + 3 a1 q + 5 a2 q^2`` is negative, the lens is not monotone: the image folds back, and lines far
+outside the image are projected into it, in every program that uses the lens. With ``a2 >= 9/20 a1^2`` for barrel
+distortion (a1 < 0) and ``a2 >= 0`` for pincushion distortion the slope is positive at every radius. The estimated
+parameters are therefore (a1, b2), ``a2 = b2 + FOLD min(a1, 0)^2`` with b2 >= 0: at a1 = -1 % the term moves the corner
+of an image by 0.005 %.
 
-Components come first here: a plane vector of every point is (2, ...), coefficients are (n, ...) and broadcast against
-the trailing axes of the points. Contiguous components halve the time.
+Arrays have their components first: plane vectors are (2, ...), coefficients are (n, ...) and broadcast against the
+trailing axes of the points. Contiguous components halve the time.
 
 A new lens is a file with a subclass of `Lens`, and a line in `LENSES`.
 """
@@ -58,7 +58,7 @@ def lens_of(dist_coeffs: ArrayLike | None, rho: float) -> Lens:
     Raises
     ------
     ValueError
-        As `fieldcalib.geometry.lens.opencv.opencv_vector`.
+        As in `fieldcalib.geometry.lens.opencv.opencv_vector`.
 
     Examples
     --------
@@ -69,7 +69,7 @@ def lens_of(dist_coeffs: ArrayLike | None, rho: float) -> Lens:
 
 
 def common_lens(lenses: Collection[Lens]) -> Lens:
-    """The smallest lens that has the coefficients of all lenses, which are of images of one size.
+    """The smallest lens that has the coefficients of all of some lenses of images of one size.
 
     Examples
     --------

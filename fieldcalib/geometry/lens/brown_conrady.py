@@ -15,14 +15,14 @@ from fieldcalib.geometry.lens.radial import RADIAL_MEAN, RADIAL_SIGMA
 # corner of a 16:9 image by 1.7 p1, between p1 and 3 p1 in other directions; 0.001 and 0.002 are 0.2 % of rho, 2 px at
 # 1920 x 1080.
 TANGENTIAL_SIGMA, HIGHER_SIGMA = 0.001, 0.002
-PATH_SAMPLES = 100  # parts that are not monotone may be missed if shorter than a hundredth of the path
+PATH_SAMPLES = 100  # folds that are shorter than a hundredth of the path may be missed
 
 
 class BrownConradyLens(Lens):
     """All of OpenCV's coefficients but those of a tilted sensor, in its order, corner-normalised.
 
-    The second one is b2 as in `RadialLens`, which is this lens with the others 0. The first five can be estimated: with
-    b2 >= 0 and a3 >= 0 their radial part is monotone. The methods are those of `Lens`.
+    The second one is b2, as in `RadialLens`, to which this lens reduces if the others are 0. The first five can be
+    estimated: with b2 >= 0 and a3 >= 0 their radial part is monotone. For the methods see `Lens`.
 
     Examples
     --------
@@ -59,7 +59,7 @@ class BrownConradyLens(Lens):
         return np.array([xx * n[0] + yx * n[1], xy * n[0] + yy * n[1]])
 
     def pull_coefficients(self, s: Array, b: Array, n: Array) -> Array:
-        """The formula of the module is linear in all coefficients but those of the denominator."""
+        """Derivatives by the coefficients: the formula is linear in all but those of the denominator."""
         (x, y), a = s / self.rho, self.corner(b)
         nx, ny = self.rho * n
         q, xy = x * x + y * y, x * y
@@ -75,7 +75,7 @@ class BrownConradyLens(Lens):
         return np.array(np.broadcast_arrays(by_a1_and_a2, by_a2, by_p1, by_p2, by_a3, *rational, *prism))
 
     def undistort(self, d: Array, b: Array) -> Array:
-        """Newton's method; a step beyond the monotone part is halved."""
+        """Newton's method; steps that leave the monotone part are halved."""
         target, a = d / self.rho, self.corner(b)
         u = np.broadcast_to(target, (2, *np.broadcast_shapes(d.shape[1:], b.shape[1:]))).copy()
         inside = np.zeros_like(u)  # the last point on the monotone part
@@ -131,7 +131,7 @@ def brown_conrady(u: Array, a: Array) -> Array:
 
 
 def brown_conrady_jacobian(u: Array, a: Array) -> tuple[tuple[Array, Array], tuple[Array, Array]]:
-    """Derivative of `brown_conrady` by the point, its rows of entries (...).
+    """Derivative of `brown_conrady` by the point: rows of entries (...).
 
     ``gain I + u (dgain_dq dq_du) + tangential + prism dq_du``, with ``dq_du = 2 u``.
     """
@@ -166,7 +166,7 @@ def _denominator(q: Array, a: Array) -> Array:
 
 
 def _surely_monotone(radius: Array, a: Array) -> BoolArray:
-    """Whether the symmetric part of J is positive definite by its bounds, up to a radius in units of rho.
+    """Whether bounds prove the symmetric part of J positive definite up to a radius in units of rho.
 
     With N and D the numerator and the denominator of the gain, the radial part of J has the eigenvalues N / D and
     ``(N D + 2 q (N' D - N D')) / D^2``, the tangential part at most 6 radius |p|, the prism 2 radius |s1| and so on.

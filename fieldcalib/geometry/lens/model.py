@@ -1,4 +1,4 @@
-"""The interface of a lens, and what all lenses share: the conversion to and from OpenCV's coefficients."""
+"""The interface of a lens, and the conversion to and from OpenCV's coefficients, which all lenses share."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ class Lens(ABC):
     opencv_names: ClassVar[tuple[str, ...]]
     """OpenCV's name of each coefficient."""
     estimable: ClassVar[int]
-    """Number of coefficients, the first ones, that can be estimated; the others are given or 0."""
+    """Number of coefficients, from the first on, that can be estimated; the others are given or 0."""
     least: ClassVar[Array]
     """(n,) lower bounds of the coefficients when they are estimated, -inf where there is none."""
     mean: ClassVar[Array]
@@ -74,7 +74,7 @@ class Lens(ABC):
         return not np.any(b)
 
     def corner(self, b: Array) -> Array:
-        """Corner-normalised coefficients (n, ...); a lens that begins with (a1, b2) has a2 in the place of b2."""
+        """Corner-normalised coefficients (n, ...), with a2 instead of b2."""
         if not self._is_radial:
             return b
         a = np.array(b, dtype=float)
@@ -89,7 +89,7 @@ class Lens(ABC):
         a, scale = self.corner(b), np.asarray(f) / self.rho
         dist = np.zeros((12, *np.broadcast_shapes(a.shape[1:], scale.shape)))
         for index, a_i in zip(self._index, a, strict=True):
-            # by products: a power of an array may round otherwise than that of its elements
+            # by products: powers of an array and of its elements may be rounded differently
             dist[index] = np.prod([scale] * int(POWERS[index]), axis=0) * a_i
         return shortest_opencv_vector(dist)
 

@@ -9,7 +9,7 @@ from fieldcalib._types import Array
 
 COEFFICIENTS = ("k1", "k2", "p1", "p2", "k3", "k4", "k5", "k6", "s1", "s2", "s3", "s4")  # OpenCV's order
 POWERS = np.array([2, 4, 1, 1, 6, 2, 4, 6, 1, 3, 1, 3])  # of rho / f, by which a coefficient is corner-normalised
-LENGTHS = (1, 2, 4, 5, 8, 12, 14)  # of dist_coeffs: k1, k1 k2, and OpenCV's five
+LENGTHS = (1, 2, 4, 5, 8, 12, 14)  # of dist_coeffs: k1; k1, k2; and the five lengths of OpenCV
 
 
 def opencv_vector(dist_coeffs: ArrayLike | None, name: str = "dist_coeffs") -> Array:
@@ -18,7 +18,7 @@ def opencv_vector(dist_coeffs: ArrayLike | None, name: str = "dist_coeffs") -> A
     Raises
     ------
     ValueError
-        If the length is none of OpenCV's, a number is not finite or the sensor is tilted (tauX, tauY).
+        If the length is not one of `LENGTHS`, a number is not finite or the sensor is tilted (tauX, tauY).
 
     Examples
     --------
@@ -53,7 +53,7 @@ def nonzero_coefficients(dist_coeffs: ArrayLike | None) -> dict[str, float]:
     Raises
     ------
     ValueError
-        As `opencv_vector`.
+        As in `opencv_vector`.
 
     Examples
     --------

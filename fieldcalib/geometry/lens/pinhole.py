@@ -11,7 +11,7 @@ from fieldcalib.geometry.lens.model import Lens, constant
 
 
 class Pinhole(Lens):
-    """No distortion: real offsets are ideal ones, and there are no coefficients. The methods are those of `Lens`."""
+    """No distortion: real offsets are ideal ones, and there are no coefficients. For the methods see `Lens`."""
 
     name: ClassVar[str] = "pinhole"
     names: ClassVar[tuple[str, ...]] = ()
@@ -34,7 +34,7 @@ class Pinhole(Lens):
         return n
 
     def pull_coefficients(self, s: Array, b: Array, n: Array) -> Array:
-        """Empty, (0, ...)."""
+        """An empty array, (0, ...)."""
         return np.empty((0, *np.broadcast_shapes(s.shape[1:], n.shape[1:])))
 
     def undistort(self, d: Array, b: Array) -> Array:

@@ -16,7 +16,7 @@ RADIAL_MEAN, RADIAL_SIGMA = (0.025, 0.0), (0.02, 0.005)  # a1, b2
 class RadialLens(Lens):
     """Two radial coefficients (a1, b2), monotone where b2 >= 0; with b2 = 0 it has one parameter.
 
-    The methods are those of `Lens`.
+    For the methods see `Lens`.
 
     Examples
     --------
@@ -73,8 +73,8 @@ class RadialLens(Lens):
 def _is_monotone(q: Array, a1: Array, a2: Array) -> BoolArray:
     """Whether a radial lens is monotone up to relative squared radius q: ``1 + 3 a1 q + 5 a2 q^2 > 0``.
 
-    Beyond the first radius where the slope is not positive, distinct points of the scene have the same pixel; the
-    result is False there, even where the slope is positive again.
+    Beyond the first radius where the slope is not positive, different points of the scene share a pixel: the result is
+    False there, even where the slope is positive again.
     """
     at_q = 1.0 + q * (3.0 * a1 + 5.0 * a2 * q) > 0.0
     # the slope may be negative before q and positive again at q: test its minimum, at -0.3 a1 / a2
@@ -83,7 +83,7 @@ def _is_monotone(q: Array, a1: Array, a2: Array) -> BoolArray:
 
 
 def _inverse_gain(target: Array, a1: Array, a2: Array) -> Array:
-    """Ratio of the ideal to the distorted radius where the latter, in units of rho, is `target`; NaN if there is none.
+    """Ratio of the ideal radius to the distorted radius `target`, in units of rho; NaN if there is none.
 
     Newton's method on the radius, which stays on the monotone part of the lens.
     """
