@@ -195,7 +195,9 @@ def test_no_line_no_homography(database):
     assert homography(database, np.zeros((180, 320), np.uint8), IMAGE_SIZE) is None
 
 
-@pytest.mark.parametrize("extract", [None, Siamese.shipped()], ids=["hog", "siamese"])
+@pytest.mark.parametrize(
+    "extract", [pytest.param(None, marks=pytest.mark.slow), Siamese.shipped()], ids=["hog", "siamese"]
+)
 def test_a_database_is_read_back(extract, tmp_path):
     made = Database.made(FIELD, "uniform", DRAWS["uniform"], extract, count=700, seed=2)
     made.write(tmp_path / "some.npz")
