@@ -64,7 +64,7 @@ class NoErrors:
         return float("nan")
 
     def doubts(self, picture: Picture | None) -> tuple[str, ...]:
-        """Doubt that says that the errors are unknown."""
+        """A message that the errors are unknown."""
         return ("its errors are not known, as it does not come from labelled pixels",)
 
     def to_record(self) -> dict[str, Any]:

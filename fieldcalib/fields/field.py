@@ -76,8 +76,8 @@ class Field(Mapping[str, Segment]):
     farthest_camera : float
         Distance from the origin beyond which no camera stands, metres.
     scale : float
-        Size of what is usually in view, metres: the unit of the solver's steps, and of `tolerance`. By default 0.32 of
-        the diagonal.
+        Size of the part that is usually in view, metres: the unit of the solver's steps, and of `tolerance`. By default
+        0.32 of the diagonal.
     lines : LineLook
         How the lines look in images.
     paint : mapping of str to Paint

@@ -63,7 +63,7 @@ def initial_cameras(
     known : (n,) array
         Parameters given by the user; NaN for unknown ones.
     scale : float
-        Size of what is usually in view, metres.
+        Size of the part of the object that is usually in view, metres.
     """
     T, K = len(observations), len(stands.mean)
     if np.isnan(known[CENTER]).any():
