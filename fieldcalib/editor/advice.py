@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -37,19 +38,34 @@ def likely_labels(field: Field, camera: Camera | None, xy: ArrayLike) -> list[st
     if camera is None:
         return list(field.markings)
     click = np.asarray(xy, dtype=float)
-    distance = {
-        label: min((_distance(curve, click) for curve in image_curves(camera, segment)), default=np.inf)
-        for label, segment in field.markings.items()
-    }
-    return sorted(distance, key=lambda label: distance[label])
+    near = {label: nearest_on(list(image_curves(camera, segment)), click) for label, segment in field.markings.items()}
+    return sorted(near, key=lambda label: np.inf if (of_label := near[label]) is None else of_label.distance)
 
 
-def _distance(curve: Array, xy: Array) -> float:
-    """Distance of a pixel from a polyline (N, 2)."""
-    start, way = curve[:-1], np.diff(curve, axis=0)
-    share = np.sum((xy - start) * way, axis=1) / np.maximum(np.sum(way**2, axis=1), 1e-12)
-    near = start + np.clip(share, 0.0, 1.0)[:, None] * way
-    return float(np.min(np.linalg.norm(near - xy, axis=1), initial=np.inf))
+class Near(NamedTuple):
+    """The place on a curve that is nearest to a pixel."""
+
+    distance: float
+    direction: Array
+    """Of the curve there, (2,)."""
+
+
+def nearest_on(curves: Sequence[Array], xy: Array) -> Near | None:
+    """The nearest place on polylines (N, 2); None without any.
+
+    Examples
+    --------
+    >>> nearest_on([np.array([[0.0, 0.0], [10.0, 0.0]])], np.array([4.0, 3.0])).distance
+    3.0
+    """
+    found = []
+    for curve in curves:
+        start, way = curve[:-1], np.diff(curve, axis=0)
+        share = np.sum((xy - start) * way, axis=1) / np.maximum(np.sum(way**2, axis=1), 1e-12)
+        distance = np.linalg.norm(start + np.clip(share, 0.0, 1.0)[:, None] * way - xy, axis=1)
+        if len(distance):
+            found.append(Near(float(np.min(distance)), way[np.argmin(distance)]))
+    return min(found, key=lambda one: one.distance, default=None)
 
 
 class NextMark(NamedTuple):

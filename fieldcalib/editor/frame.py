@@ -13,16 +13,19 @@ from numpy.typing import ArrayLike
 
 from fieldcalib._types import Array
 from fieldcalib.assess.result import Calibration
-from fieldcalib.editor.advice import NextMark, click_errors, likely_labels, next_mark
+from fieldcalib.draw.scene import image_curves
+from fieldcalib.editor.advice import NextMark, click_errors, likely_labels, nearest_on, next_mark
 from fieldcalib.editor.marks import History, Marks
 from fieldcalib.editor.snapping import snapped
 from fieldcalib.fields.catalogue import field as field_by_name
 from fieldcalib.fields.field import Field
+from fieldcalib.fields.segments import Segment
 from fieldcalib.io.image import Image, checked_image, size_of
 from fieldcalib.problem.labelled_pixels import nearest_label
 from fieldcalib.solve.from_segments import calibrate_from_segments
-from fieldcalib.solve.options import DEFAULT_FLAGS, CalibrationFlags
+from fieldcalib.solve.options import DEFAULT_FLAGS, CalibrationFlags, pixel_unit
 
+NEAR = 30.0  # px of a 960 x 540 image: projected markings that near are those clicked on; other marks are farther away
 LENSES: Mapping[str, int] = {
     "none": DEFAULT_FLAGS | CalibrationFlags.CALIB_FIX_K1,
     "k1": DEFAULT_FLAGS,
@@ -188,8 +191,22 @@ class FrameEditor:
     def place(self, label: str, xy: ArrayLike, *, snap: bool = True) -> Array:
         """The pixel that a click means: on the paint of a line or an arc near by, as it is for other labels."""
         segment = self.field.get(label)
-        is_painted = segment is not None and (segment.is_straight or segment.is_arc)
-        return snapped(self.image, xy) if snap and is_painted else np.asarray(xy, dtype=float)
+        click = np.asarray(xy, dtype=float)
+        if not snap or segment is None or not (segment.is_straight or segment.is_arc):
+            return click
+        return snapped(self.image, click, self._direction(segment, label, click))
+
+    def _direction(self, segment: Segment, label: str, xy: Array) -> Array | None:
+        """Direction of a marking in the image near a pixel: by the camera or, of a straight one, by its other marks."""
+        if self.calibration:
+            near = nearest_on(list(image_curves(self.calibration.required_camera, segment)), xy)
+            if near is not None and near.distance < NEAR * pixel_unit(size_of(self.image)):
+                return near.direction
+        others = self.marks.pixels.get(label)
+        if others is None or not segment.is_straight:
+            return None
+        way = others[np.argmax(np.linalg.norm(others - xy, axis=1))] - xy
+        return way if np.linalg.norm(way) > NEAR * pixel_unit(size_of(self.image)) else None
 
     def likely_labels(self, xy: ArrayLike) -> list[str]:
         """Labels for a pixel, the likely ones first."""

@@ -19,10 +19,11 @@ WIDTHS = (1.0, 2.0, 4.0)  # standard deviations of the blur, px of such an image
 LEAST_CONTRAST = 6.0  # grey values by which the strongest line stands out, in its blurred second derivative
 NEAR_MIDDLE = 0.75  # px from the middle of a line to a pixel that belongs to it
 LEAST_BLUR = 0.7  # px, for derivatives by differences of pixels
+LARGEST_TURN = np.sin(np.radians(25.0))  # between a line and the direction that it is expected to have
 FAR = 0.5  # share of the strength that a line at the reach needs more than one at the click
 
 
-def snapped(image: Image, xy: ArrayLike) -> Array:
+def snapped(image: Image, xy: ArrayLike, along: ArrayLike | None = None) -> Array:
     """The middle of the line nearest to a click, or the click where no line is near.
 
     Parameters
@@ -31,6 +32,8 @@ def snapped(image: Image, xy: ArrayLike) -> Array:
         Blue, green, red.
     xy : (2,) array_like
         The click, pixels.
+    along : (2,) array_like, optional
+        Direction of the line in the image, if it is known: lines across it are left out, as near a corner.
 
     Returns
     -------
@@ -61,6 +64,8 @@ def snapped(image: Image, xy: ArrayLike) -> Array:
         middle, normal, strength = _ridge(grey, max(scale * unit, LEAST_BLUR))
         distance = np.linalg.norm(pixels + middle - click, axis=-1)
         is_line = (np.linalg.norm(middle, axis=-1) < NEAR_MIDDLE) & (strength > LEAST_CONTRAST) & (distance <= reach)
+        if along is not None:
+            is_line &= np.abs(normal @ np.asarray(along, dtype=float)) < LARGEST_TURN * np.linalg.norm(along)
         weight = np.where(is_line, strength * (1.0 - (1.0 - FAR) * distance / reach), 0.0)
         at = np.unravel_index(np.argmax(weight), weight.shape)
         if weight[at] > best:
