@@ -22,7 +22,6 @@ LEAST_DEPTH = 1e-9  # m: a point in the camera's plane has no image, but must no
 LINE_STEPS, LINE_STEP = 6, 1e-9  # px: steps contract by distance x curvature, 1e-2 at 50 px and a strong lens
 CURVE_STEPS, CURVE_STEP = 10, 1e-8  # of the curve's parameter
 LARGEST_TURN = 0.5  # of a step on a circle, radians
-BEHIND_PENALTY = 1e12  # px^2: added to the squared distance of a sample behind the camera
 
 
 class View(Protocol):
