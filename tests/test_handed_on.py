@@ -49,7 +49,7 @@ def test_everything_that_follows_from_one_search_is_computed_from_it(searches):
         getattr(found, name)
     found.of(problem)
     found.take(np.array([0, 0]))
-    found.replaced(np.array([0]), found)
+    found.replaced(np.array([0]), found.theta, found.points)
     assert searches == [1]
     assert found.JT is found.JT
 

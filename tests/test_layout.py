@@ -224,7 +224,7 @@ def test_bounds_are_those_of_the_lens_and_of_the_legal_sizes(lens, field_size):
 
 def test_longest_steps():
     layout = Layout.of(SIZE, BrownConradyLens(RHO), FIELD_SIZE)
-    small, large = layout.largest_step(1.0), layout.largest_step(50.0)
+    small, large = layout.bounds(1.0).longest, layout.bounds(50.0).longest
     assert np.all(small[POSE_AND_ZOOM] > 0.0)
     assert np.all(np.isfinite(small[POSE_AND_ZOOM]))
     np.testing.assert_array_equal(large[CENTER], 50.0 * small[CENTER])

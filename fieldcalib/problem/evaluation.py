@@ -314,11 +314,11 @@ class Evaluation:
     def __reduce__(self) -> tuple[type[Evaluation], tuple[Problem, Array, ClosestPoints]]:
         return Evaluation, (self.problem, self.theta, self.points)  # all else is computed from these again
 
-    def replaced(self, index: IntArray, other: Evaluation) -> Evaluation:
-        """The evaluation with the frames `index` replaced by those of `other`."""
-        theta = self.theta.copy()
-        theta[index] = other.theta
-        return Evaluation(self.problem, theta, self.points.replaced(index, other.points))
+    def replaced(self, index: IntArray, theta: Array, points: ClosestPoints) -> Evaluation:
+        """The evaluation with other cameras of the frames `index`, and their closest points."""
+        new = self.theta.copy()
+        new[index] = theta
+        return Evaluation(self.problem, new, self.points.replaced(index, points))
 
 
 @dataclass(frozen=True, eq=False)

@@ -24,7 +24,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from fieldcalib._types import Array, BoolArray
+from fieldcalib._types import Array, BoolArray, IntArray
 from fieldcalib.fields.traits import Crown
 from fieldcalib.geometry.camera import Camera
 from fieldcalib.geometry.lens import Lens, RadialLens
@@ -97,6 +97,16 @@ class SizeBlock(NamedTuple):
         (size_probability, size_sigma), (probability, sigma) = self.possibilities, self.crown.possibilities
         both = [np.insert(size_sigma, 2, height, axis=1) for height in sigma]
         return np.outer(probability, size_probability).ravel(), np.concatenate(both)
+
+
+class Bounds(NamedTuple):
+    """Bounds of the free parameters (P,) and of their steps in one iteration."""
+
+    free: IntArray
+    """Indices of the free parameters."""
+    least: Array
+    largest: Array
+    longest: Array
 
 
 class ZoomLaw(NamedTuple):
@@ -249,11 +259,11 @@ class Layout:
             largest[self.field_size_block] = self.field_size.limits[1]
         return largest
 
-    def largest_step(self, scale: float) -> Array:
-        """Longest steps of an iteration, (n,), for scenes of `scale` metres."""
-        step = np.array([LARGEST_STEP.get(name, np.inf) for name in self.names])
+    def bounds(self, scale: float) -> Bounds:
+        """The bounds of the free parameters, for scenes of `scale` metres."""
+        step, free = np.array([LARGEST_STEP.get(name, np.inf) for name in self.names]), np.flatnonzero(self.free)
         step[CENTER] *= scale
-        return step
+        return Bounds(free, self.least[free], self.largest[free], step[free])
 
     def with_roles(self, role: Role, *blocks: str) -> Layout:
         """The layout with another role for some blocks."""
@@ -307,20 +317,21 @@ class Layout:
         return found
 
     def zoom_jacobian(self, theta: Array) -> Array:
-        """Derivatives (n, n) of `at_zoom` of one parameter vector (n,)."""
-        J = np.eye(self.size)
+        """Derivatives (..., n, n) of `at_zoom` of parameter vectors (..., n)."""
+        J = np.broadcast_to(np.eye(self.size), (*theta.shape, self.size)).copy()
         if self.zoom_law is None:
             return J
-        u, law = theta[LOG_F] - self.zoom_law.reference, self.zoom_law_block
-        mx, my, slope, bend, offset = theta[law]
-        J[PRINCIPAL_POINT, LOG_F] = mx, my
-        J[PRINCIPAL_POINT, law.start : law.start + 2] = u * np.eye(2)
+        u, law = theta[..., LOG_F] - self.zoom_law.reference, theta[..., self.zoom_law_block]
+        first, a1 = self.zoom_law_block.start, self.lens_block.start
+        J[..., PRINCIPAL_POINT, LOG_F] = law[..., :2]
+        J[..., PRINCIPAL_POINT, first : first + 2] = u[..., None, None] * np.eye(2)
         if self.lens.names:
-            J[self.lens_block.start, LOG_F] = slope + 2.0 * bend * u
-            J[self.lens_block.start, law.start + 2 : law.start + 4] = u, np.square(u)
-        R = rotation_from_angles(theta[ANGLES])
-        J[CENTER, law.start + 4] = R[2]
-        J[CENTER, ANGLES] = offset * R.T @ np.cross(rotation_axes(theta[ANGLES], R), (0.0, 0.0, 1.0)).T
+            J[..., a1, LOG_F] = law[..., 2] + 2.0 * law[..., 3] * u
+            J[..., a1, first + 2], J[..., a1, first + 3] = u, np.square(u)
+        R = rotation_from_angles(theta[..., ANGLES])
+        axes = rotation_axes(theta[..., ANGLES], R)
+        J[..., CENTER, first + 4] = R[..., 2, :]
+        J[..., CENTER, ANGLES] = law[..., 4, None, None] * np.swapaxes(np.cross(axes, (0.0, 0.0, 1.0)) @ R, -1, -2)
         return J
 
     def camera(self, theta: Array) -> Camera:
