@@ -1,4 +1,4 @@
-"""Terms of the cost of frames: labelled pixels, the prior, static points of the background, a smooth path.
+"""Terms of the cost of frames beside the labelled pixels: prior, static points of the background, smooth path.
 
 The solver sums over the terms and uses nothing but this protocol.
 """

@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 
 from fieldcalib._types import Array, BoolArray, IntArray
 from fieldcalib.fields.segments import ROWS, EndRows, ObjectSegments, Rows, Segment
+from fieldcalib.fields.segments.closest import ClosestPoints, View
 from fieldcalib.problem.labelled_pixels import Pixels, PixelWeights
 from fieldcalib.problem.pixel_table import PixelTable
 
@@ -195,6 +196,11 @@ class Observations:
     def motion_of_residuals(self) -> Array:
         """Derivatives of the segment of each residual by the field's size, (T, M, 3, 2)."""
         return self._by_residual(self.motion_of_rows)
+
+    def closest_points(self, view: View) -> ClosestPoints:
+        """The closest points of all residuals on the images of the segments, in the order of `weight`."""
+        found = [part for rows in self.rows if rows for part in rows.closest_points(view)]
+        return ClosestPoints.joined(found or self.rows[0].closest_points(view))
 
     def moved(self, change: Array) -> Observations:
         """Observations of fields whose length and width have changed by (T, 2) metres."""

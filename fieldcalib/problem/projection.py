@@ -144,33 +144,17 @@ class Projection:
         n_dd_ds = self.pull(s, n)
         ds_dXc = n_dd_ds[0] * s[0] + n_dd_ds[1] * s[1]  # n_dd_ds times minus the third column of ds/dXc
         g = np.array([self.f * n_dd_ds[0], self.f * n_dd_ds[1], -ds_dXc])
-        index = np.flatnonzero(free)
-        column = {int(parameter): row for row, parameter in enumerate(index)}
-        J = np.zeros((g.shape[1], len(index), g.shape[2]))  # each row contiguous
-
-        def rows(block: slice) -> tuple[list[int], slice]:
-            """Members of a block that are free, by their place in it, and their rows of J."""
-            members = [i - block.start for i in range(block.start, block.stop) if i in column]
-            first = column[members[0] + block.start] if members else 0
-            return members, slice(first, first + len(members))
-
-        angles, at = rows(ANGLES)
-        if angles:
+        J = np.zeros((g.shape[1], len(free), g.shape[2]))  # each row contiguous
+        if np.any(free[ANGLES]):
             xc, yc = s / self.f
             moment = np.array([yc * g[2] - g[1], g[0] - xc * g[2], xc * g[1] - yc * g[0]])  # Xc x g
-            J[:, at] = -(self._axes[:, angles] @ np.swapaxes(moment, 0, 1))
-        if LOG_F in column:
-            J[:, column[LOG_F]] = ds_dXc
-        centre, at = rows(CENTER)
-        if centre:
-            J[:, at] = -(np.swapaxes(self.R, 1, 2)[:, centre] @ np.swapaxes(inverse_depth * g, 0, 1))
-        point, at = rows(PRINCIPAL_POINT)
-        if point:
-            J[:, at] = np.swapaxes(n[point], 0, 1)
-        if LOG_ASPECT in column:
-            J[:, column[LOG_ASPECT]] = n[1] * self.real_offset(s)[1]
-        lens, at = rows(layout.lens_block)
-        if lens:
+            J[:, ANGLES] = -(self._axes @ np.swapaxes(moment, 0, 1))
+        J[:, LOG_F] = ds_dXc
+        J[:, CENTER] = -(np.swapaxes(self.R, 1, 2) @ np.swapaxes(inverse_depth * g, 0, 1))
+        J[:, PRINCIPAL_POINT] = np.swapaxes(n, 0, 1)
+        if free[LOG_ASPECT]:
+            J[:, LOG_ASPECT] = n[1] * self.real_offset(s)[1]
+        if np.any(free[layout.lens_block]):
             through = np.array([n[0], self.aspect * n[1]])
-            J[:, at] = np.swapaxes(layout.lens.pull_coefficients(s, self.lens, through)[lens], 0, 1)
-        return J
+            J[:, layout.lens_block] = np.swapaxes(layout.lens.pull_coefficients(s, self.lens, through), 0, 1)
+        return J[:, free]
