@@ -148,9 +148,7 @@ class Layout:
     ) -> Layout:
         """A layout with all parameters estimated for each frame, and a crown considered; the default lens is radial."""
         lens = RadialLens(float(np.hypot(*image_size) / 2.0)) if lens is None else lens
-        size = len(COMMON) + len(lens.names)
-        size += (len(ZOOM_LAW) if zoom_law is not None else 0) + len(_of_field(field_size))
-        roles = np.full(size, Role.FRAME)
+        roles = np.full(len(_names(lens, field_size, zoom_law)), Role.FRAME)
         if field_size is not None and field_size.crown is not None:
             roles[-1] = Role.CONSIDERED
         roles[len(COMMON) + lens.estimable : len(COMMON) + len(lens.names)] = Role.FIXED
@@ -159,8 +157,7 @@ class Layout:
     @cached_property
     def names(self) -> tuple[str, ...]:
         """Names of the parameters, in the order of theta."""
-        law = ZOOM_LAW if self.zoom_law is not None else ()
-        return (*COMMON, *self.lens.names, *law, *_of_field(self.field_size))
+        return _names(self.lens, self.field_size, self.zoom_law)
 
     @property
     def size(self) -> int:
@@ -224,22 +221,21 @@ class Layout:
     @cached_property
     def is_centre(self) -> BoolArray:
         """Mask of the centre of the camera, (n,)."""
-        mask = np.zeros(self.size, dtype=bool)
-        mask[CENTER] = True
-        return mask
+        return self._mask(CENTER)
 
     @cached_property
     def is_lens(self) -> BoolArray:
         """Mask of the lens, (n,)."""
-        mask = np.zeros(self.size, dtype=bool)
-        mask[self.lens_block] = True
-        return mask
+        return self._mask(self.lens_block)
 
     @cached_property
     def is_crown(self) -> BoolArray:
         """Mask of the crown of the field, (n,)."""
+        return self._mask(self.crown_block)
+
+    def _mask(self, block: slice) -> BoolArray:
         mask = np.zeros(self.size, dtype=bool)
-        mask[self.crown_block] = True
+        mask[block] = True
         return mask
 
     @cached_property
@@ -351,11 +347,12 @@ class Layout:
         return [Camera(K[b], R[b], C[b], self.image_size, dist[b]) for b in range(len(theta))]
 
 
-def _of_field(field_size: SizeBlock | None) -> tuple[str, ...]:
-    """Names of the parameters of a field."""
-    if field_size is None:
-        return ()
-    return FIELD_SIZE if field_size.crown is None else (*FIELD_SIZE, *CROWN)
+def _names(lens: Lens, field_size: SizeBlock | None, zoom_law: ZoomLaw | None) -> tuple[str, ...]:
+    """Names of the parameters, in the order of theta."""
+    law = ZOOM_LAW if zoom_law else ()
+    size = FIELD_SIZE if field_size else ()
+    crown = CROWN if field_size and field_size.crown else ()
+    return (*COMMON, *lens.names, *law, *size, *crown)
 
 
 def theta_from_camera(camera: Camera) -> Array:

@@ -233,20 +233,10 @@ class _Batch:
         if np.count_nonzero(kept) >= COMPACTED * len(kept):
             return self, step, predicted
         frames = np.flatnonzero(self.groups.spread(kept))
-        batch = replace(
-            self,
-            index=self.index[frames],
-            problem=self.problem.take(frames),
-            groups=self.groups.take(frames),
-            theta=self.theta[frames],
-            gradient=self.gradient[frames],
-            hessian=self.hessian[frames],
-            cost=self.cost[kept],
-            damping=self.damping[kept],
-            growth=self.growth[kept],
-            running=kept[kept],
-        )
-        return batch, step[frames], predicted[kept]
+        of_frames = {name: getattr(self, name)[frames] for name in ("index", "theta", "gradient", "hessian")}
+        of_groups = {name: getattr(self, name)[kept] for name in ("cost", "damping", "growth", "running")}
+        problem, groups = self.problem.take(frames), self.groups.take(frames)
+        return replace(self, problem=problem, groups=groups, **of_frames, **of_groups), step[frames], predicted[kept]
 
     def after(self, trial: Evaluation, better: BoolArray, predicted: Array) -> _Batch:
         """The batch after a trial that groups `better` (G,) accept, with the damping of Nielsen's rule."""

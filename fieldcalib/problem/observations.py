@@ -10,7 +10,8 @@ from __future__ import annotations
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Any, NamedTuple, TypeVar
+from itertools import pairwise
+from typing import Any, NamedTuple, Protocol, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,6 +23,18 @@ from fieldcalib.problem.labelled_pixels import Pixels, PixelWeights
 from fieldcalib.problem.pixel_table import PixelTable
 
 Kind = TypeVar("Kind", bound=Rows)
+
+
+class Packable(Protocol):
+    """The part of a segment that packing needs."""
+
+    @property
+    def rows(self) -> type[Rows]:
+        """The class of rows that its labelled pixels are packed in."""
+
+    @property
+    def vectors(self) -> Array:
+        """Vectors that describe it in these rows, (G, 3), see `Rows.geometry`."""
 
 
 class FrameLabels(NamedTuple):
@@ -171,7 +184,7 @@ class Observations:
         key, first = np.unique(table.frame * len(self.labels) + table.label, return_index=True)
         rank.flat[key] = first
         label_by_label = np.lexsort((rank[table.frame, table.label], table.frame))
-        return replace(self, rank=rank, rows=_packed(table.take(label_by_label), self.segments))
+        return replace(self, rank=rank, rows=packed(table.take(label_by_label), self.segments))
 
     def without_labels(self, left_out: BoolArray) -> Observations:
         """Observations in which the labels `left_out` (T, L) have weight 0."""
@@ -210,11 +223,8 @@ class Observations:
     @cached_property
     def columns(self) -> dict[type[Rows], slice]:
         """Slice of the residuals of each kind of rows among all M."""
-        columns, end = {}, 0
-        for rows in self.rows:
-            begin, end = end, end + rows.components * rows.xy.shape[1]
-            columns[type(rows)] = slice(begin, end)
-        return columns
+        ends = np.cumsum([0, *self._residuals_of_rows]).tolist()
+        return {type(rows): slice(*part) for rows, part in zip(self.rows, pairwise(ends), strict=True)}
 
     @cached_property
     def weight(self) -> Array:
@@ -269,7 +279,7 @@ def pack(
     return Observations.of(object_segments, PixelTable.of(object_segments, frames, weights), image_size, motion)
 
 
-def _packed(table: PixelTable, segments: Sequence[Segment]) -> tuple[Rows, ...]:
+def packed(table: PixelTable, segments: Sequence[Packable]) -> tuple[Rows, ...]:
     """The rows of each kind: the pixels of a frame one after the other."""
     kind_of_label = np.array([ROWS.index(segment.rows) for segment in segments], dtype=np.intp)
     kind_of_pixel = kind_of_label[table.label]

@@ -134,13 +134,9 @@ def basketball(rules: str = "fiba") -> Field:
     >>> sorted(basketball("nba").keys() - basketball("fiba").keys())[0]
     '28-foot mark left bottom'
     """
-    match rules:
-        case "fiba":
-            measures, more = FIBA, _only_fiba()
-        case "nba":
-            measures, more = NBA, _only_nba()
-        case _:
-            raise ValueError(f"expected the rules of a basketball court, 'fiba' or 'nba', got {rules!r}")
+    if rules not in PROBABILITY:
+        raise ValueError(f"expected the rules of a basketball court, 'fiba' or 'nba', got {rules!r}")
+    measures, more = (FIBA, _only_fiba()) if rules == "fiba" else (NBA, _only_nba())
     return court(
         (measures.length, measures.width),
         {**_court(measures), **_three_points(measures), **_lane(measures), **_basket(measures)},
