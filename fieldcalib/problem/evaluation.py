@@ -267,18 +267,6 @@ class Evaluation:
         """Cost of the cameras under their prior, (B,)."""
         return np.zeros(len(self.theta)) if self.prior is None else self.prior.cost
 
-    @property
-    def prior_sigma(self) -> Array:
-        """Standard deviations (B, P) of the prior of the free parameters."""
-        assert self.prior is not None
-        return self.prior.sigma
-
-    @property
-    def pulling_prior_sigma(self) -> Array:
-        """Effective standard deviations of the prior after robust weighting, (B, P)."""
-        assert self.prior is not None
-        return self.prior.effective_sigma
-
     @cached_property
     def world_points(self) -> Array:
         """The closest points in the world, (B, M, 3): not finite where they are at infinity."""

@@ -49,7 +49,7 @@ def least_squares(start: Evaluation, *, max_iterations: int, tolerance: float) -
     def jacobian(x: Array) -> Array:
         at = evaluated(x.tobytes())
         J = at.JT[0].T
-        return J if problem.prior is None else np.concatenate([J, np.diag(1.0 / at.prior_sigma[0])])
+        return J if at.prior is None else np.concatenate([J, np.diag(1.0 / at.prior.sigma[0])])
 
     def rho(squared: Array) -> Array:
         values = np.zeros((3, len(squared)))  # the last row, rho'', stays zero: no correction of second order

@@ -75,11 +75,16 @@ class Groups:
         """Whether every frame is a group."""
         return len(self.of_frame) == 0 or int(self.of_frame[-1]) == len(self.of_frame) - 1
 
-    def sum(self, values: Array) -> Array:
-        """Sums (G, ...) over the frames (B, ...) of each group."""
+    def reduced(self, function: np.ufunc, values: Array) -> Array:
+        """Values (B, ...) of the frames of each group reduced to one by a function, (G, ...)."""
         if self.is_trivial:
             return values
-        return np.asarray(np.add.reduceat(values, np.searchsorted(self.of_frame, np.arange(self.of_frame[-1] + 1))))
+        first = np.searchsorted(self.of_frame, np.arange(self.of_frame[-1] + 1))
+        return np.asarray(function.reduceat(values, first))
+
+    def sum(self, values: Array) -> Array:
+        """Sums (G, ...) over the frames (B, ...) of each group."""
+        return self.reduced(np.add, values)
 
     def spread(self, values: NDArray[Any]) -> NDArray[Any]:
         """Values (G, ...) for each frame, (B, ...)."""
@@ -219,9 +224,7 @@ class _Batch:
         # parameters at a bound that would leave it are held: they are taken out of the linear system
         held = ((at <= bounds.least) & (gradient > 0.0)) | ((at >= bounds.largest) & (gradient < 0.0))
         step = block_arrow_steps(hessian, gradient, groups.spread(self.damping), held, shared, groups, self.coupling)
-        shorter = np.max(np.abs(step) / bounds.longest, axis=1)
-        if not groups.is_trivial:
-            shorter = np.maximum.reduceat(shorter, np.searchsorted(groups.of_frame, np.arange(len(self.cost))))
+        shorter = groups.reduced(np.maximum, np.max(np.abs(step) / bounds.longest, axis=1))
         step /= groups.spread(np.maximum(shorter, 1.0))[:, None]
         step = np.clip(at + step, bounds.least, bounds.largest) - at
         curvature = _times(hessian, self.coupling, step, shared)
