@@ -74,6 +74,6 @@ def _border(pixels: Image) -> int:
 
 
 def _black_rows(rows: NDArray[np.uint8]) -> int:
-    """How many rows are black, from the first one on."""
+    """Number of black rows from the first one on."""
     is_black = np.mean(rows > BLACK, axis=1) <= FEW
     return int(len(rows) if np.all(is_black) else np.argmin(is_black))

@@ -114,7 +114,7 @@ def bright_frames(images: Iterable[Image]) -> list[Image]:
 
 
 def common_borders(images: Sequence[Image]) -> Placement:
-    """Where the frames lie between the black borders that all of some pictures have.
+    """Placement of the frames between the black borders that all of some pictures have.
 
     Examples
     --------

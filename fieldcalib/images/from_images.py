@@ -27,8 +27,8 @@ from fieldcalib.localize.flow import check_network
 from fieldcalib.processes.jobs import in_order
 from fieldcalib.solve.given_camera import GivenCamera
 from fieldcalib.solve.options import ALL, DEFAULT_FLAGS, Prior
+from fieldcalib.solve.size_from_labels import with_size_from_labels
 from fieldcalib.solve.task import Task
-from fieldcalib.solve.told_size import on_told_size
 
 LEAST_WEIGHT = 0.7  # of a segment (1 if it is labelled by hand): lighter ones are mostly false detections
 LEAST_SEGMENTS = 3  # determine a camera; where fewer have that weight, all segments are used
@@ -182,12 +182,12 @@ def _calibrated_size(how: ImageTask, images: Sequence[Image], found: Sequence[Lo
             second = _verified(how, markings, count * [image], count * [part], others, how.least_support)
             best = _best_supported(markings, image, [calibration, *(other for other, _ in second)])
         if how.estimate_size and how.refine and how.task.given.is_empty:
-            best = _on_told_size(how, image, part, best)
+            best = _with_size_from_labels(how, image, part, best)
         calibrations.append(best)
     return calibrations
 
 
-def _on_told_size(how: ImageTask, image: Image, found: Localization, calibration: Calibration) -> Calibration:
+def _with_size_from_labels(how: ImageTask, image: Image, found: Localization, calibration: Calibration) -> Calibration:
     """Calibrate an image on a field of the size that it shows, or return the calibration on the given size."""
     seen: list[Refined] = []
 
@@ -198,7 +198,7 @@ def _on_told_size(how: ImageTask, image: Image, found: Localization, calibration
         )
         return seen[0].calibration
 
-    sized = on_told_size(calibration, again)
+    sized = with_size_from_labels(calibration, again)
     if sized is calibration or sized.field is None:
         return calibration
     refined = [replace(one, calibration=sized) for one in seen]

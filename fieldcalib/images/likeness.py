@@ -1,4 +1,4 @@
-"""How alike two frames of a video are once one is moved to the other, and how much of a scene both have in view."""
+"""Similarity of two frames of a video once one is moved to the other, and the share of the scene that both show."""
 
 from __future__ import annotations
 
@@ -42,7 +42,7 @@ class View:
 
 
 def likeness(first: View, second: View, H: Array) -> float:
-    """How much of the contrast of either picture is in the other, once the first is moved by H (in full size).
+    """Share of the contrast of either picture that is in the other, once the first is moved by H (in full size).
 
     It is the covariance over the larger variance in each block, and the median over the half of the blocks with more
     contrast, since players and boards change some blocks only. Graphics, which are the same in place and not once

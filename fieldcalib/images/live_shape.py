@@ -89,7 +89,7 @@ class LiveShape:
 
     @property
     def _placement(self) -> Placement:
-        """Where frames lie between the borders."""
+        """Placement of the frames between the borders."""
         return within_borders(self._size, self._border)
 
     def _is_sure(self) -> bool:

@@ -14,7 +14,7 @@ from fieldcalib.assess.result import Calibration
 from fieldcalib.images.borders import shape_within, shown_part
 from fieldcalib.images.detected_lines import calibrate_on_lines
 from fieldcalib.io.image import Image, size_of
-from fieldcalib.solve.aspect import log_evidence, may_be_squashed, shown_size, told
+from fieldcalib.solve.aspect import likelier, log_evidence, may_be_squashed, shown_size
 from fieldcalib.solve.task import Task
 
 Method = Callable[[Sequence[Image]], list[Calibration]]
@@ -38,7 +38,7 @@ def with_aspect_estimated(calibrate: Method, task: Task, images: Sequence[Image]
     others = calibrate([as_shown(images[index]) for index in odd])
     for index, shown in zip(odd, others, strict=True):
         log_ratio = log_ratio_of_squash(task, found[index], shown)
-        found[index] = told(found[index], shown, log_ratio, size_of(images[index]))
+        found[index] = likelier(found[index], shown, log_ratio, size_of(images[index]))
     return found
 
 
