@@ -214,12 +214,13 @@ def test_only_keeps_roles_and_what_is_considered():
 @every_lens
 def test_bounds_are_those_of_the_lens_and_of_the_legal_sizes(lens, field_size):
     layout = Layout.of(SIZE, lens, field_size)
-    assert np.all(np.isneginf(layout.least[:10]))
-    assert np.all(np.isposinf(layout.largest[: layout.lens_block.stop]))
-    np.testing.assert_array_equal(layout.least[layout.lens_block], lens.least)
+    bounds = layout.with_roles_of(np.ones(layout.size, dtype=bool), Role.FRAME).bounds(1.0)
+    assert np.all(np.isneginf(bounds.least[:10]))
+    assert np.all(np.isposinf(bounds.largest[: layout.lens_block.stop]))
+    np.testing.assert_array_equal(bounds.least[layout.lens_block], lens.least)
     if field_size is not None:
-        np.testing.assert_array_equal(layout.least[layout.field_size_block], [90.0, 45.0])
-        np.testing.assert_array_equal(layout.largest[layout.field_size_block], [120.0, 90.0])
+        np.testing.assert_array_equal(bounds.least[layout.field_size_block], [90.0, 45.0])
+        np.testing.assert_array_equal(bounds.largest[layout.field_size_block], [120.0, 90.0])
 
 
 def test_longest_steps():

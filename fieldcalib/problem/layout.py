@@ -44,7 +44,7 @@ CROWN = ("crown",)
 ZOOM_LAW = ("cx slope", "cy slope", "a1 slope", "a1 bend", "axis offset")
 
 # The longest step in one iteration, for a scene of 1 m: the linearisation does not hold farther away.
-LARGEST_STEP = {"pan": 0.4, "tilt": 0.4, "roll": 0.4, "log f": 0.7, "x": 1.0, "y": 1.0, "z": 1.0}
+LARGEST_STEP = (0.4, 0.4, 0.4, 0.7, 1.0, 1.0, 1.0)  # of `POSE_AND_ZOOM`
 
 
 def exp_of(theta: Array, column: int) -> Array:
@@ -238,28 +238,16 @@ class Layout:
         mask[block] = True
         return mask
 
-    @cached_property
-    def least(self) -> Array:
-        """Lower bounds, (n,)."""
-        least = np.full(self.size, -np.inf)
-        least[self.lens_block] = self.lens.least
-        if self.field_size is not None:
-            least[self.field_size_block] = self.field_size.limits[0]
-        return least
-
-    @cached_property
-    def largest(self) -> Array:
-        """Upper bounds, (n,)."""
-        largest = np.full(self.size, np.inf)
-        if self.field_size is not None:
-            largest[self.field_size_block] = self.field_size.limits[1]
-        return largest
-
     def bounds(self, scale: float) -> Bounds:
         """The bounds of the free parameters, for scenes of `scale` metres."""
-        step, free = np.array([LARGEST_STEP.get(name, np.inf) for name in self.names]), np.flatnonzero(self.free)
-        step[CENTER] *= scale
-        return Bounds(free, self.least[free], self.largest[free], step[free])
+        least, largest, longest = (np.full(self.size, bound) for bound in (-np.inf, np.inf, np.inf))
+        least[self.lens_block] = self.lens.least
+        if self.field_size is not None:
+            least[self.field_size_block], largest[self.field_size_block] = self.field_size.limits
+        longest[POSE_AND_ZOOM] = LARGEST_STEP
+        longest[CENTER] *= scale
+        free = np.flatnonzero(self.free)
+        return Bounds(free, least[free], largest[free], longest[free])
 
     def with_roles(self, role: Role, *blocks: str) -> Layout:
         """The layout with another role for some blocks."""

@@ -173,7 +173,7 @@ def ice_hockey(rules: str = "nhl") -> Field:
         return ice_hockey_iihf()
     if rules not in FIXED:
         raise ValueError(f"expected rules of ice hockey among {', '.join(FIXED)}, iihf, got {rules!r}")
-    return replace(_rink(FIXED[rules]), size_known=True)
+    return _rink(FIXED[rules], size_known=True)
 
 
 def ice_hockey_iihf(
@@ -209,12 +209,12 @@ def ice_hockey_iihf(
             raise ValueError(f"a rink of the IIHF is {low:g} to {high:g} m {name}, got {value}")
     if not 7.0 <= corner_radius <= 8.5:
         raise ValueError(f"the corners of an IIHF rink have a radius of 7.0 to 8.5 m, got {corner_radius}")
-    rink = _rink(replace(IIHF, length=length, width=width, corner_radius=corner_radius))
+    rules = replace(IIHF, length=length, width=width, corner_radius=corner_radius)
     model = SizePrior(LEGAL_IIHF, USUAL_IIHF, build=ice_hockey_iihf, rules="the rule book")
-    return replace(rink, size_model=model, size_known=size_known)
+    return _rink(rules, size_known, model)
 
 
-def _rink(rules: Rules) -> Field:
+def _rink(rules: Rules, size_known: bool, size_model: SizePrior | None = None) -> Field:
     rink = court(
         (rules.length, rules.width),
         *_quarter(rules),
@@ -223,7 +223,8 @@ def _rink(rules: Rules) -> Field:
         farthest_camera=120.0,
         lines=LineLook(width=rules.line, lighter=False, ground_difference=np.inf),
         surface="ice",
-        size_known=False,
+        size_model=size_model,
+        size_known=size_known,
         probability=rules.probability,
     )
     return replace(rink, paint=_paint(rules, rink.segments))
