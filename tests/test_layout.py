@@ -200,16 +200,6 @@ def test_roles():
         layout.fixed("zoom")
 
 
-def test_only_keeps_roles_and_what_is_considered():
-    layout = Layout.of(SIZE, RadialLens(RHO), FIELD_SIZE)
-    layout = layout.with_roles(Role.SHARED, "centre").with_roles(Role.CONSIDERED, "field size").fixed("aspect")
-    wanted = np.isin(layout.names, ["pan", "x", "log aspect"])
-    only = layout.only(wanted)
-    np.testing.assert_array_equal(only.free, wanted)
-    assert only.roles[[0, 4, 9]].tolist() == [Role.FRAME, Role.SHARED, Role.FRAME]
-    np.testing.assert_array_equal(only.considered, layout.considered)
-
-
 @every_size
 @every_lens
 def test_bounds_are_those_of_the_lens_and_of_the_legal_sizes(lens, field_size):

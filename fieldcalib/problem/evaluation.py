@@ -262,11 +262,6 @@ class Evaluation:
         found = [coupling for term in self.terms if (coupling := term.coupling) is not None]
         return Coupling(*map(np.concatenate, zip(*found, strict=True))) if found else None
 
-    @property
-    def prior_cost(self) -> Array:
-        """Cost of the cameras under their prior, (B,)."""
-        return np.zeros(len(self.theta)) if self.prior is None else self.prior.cost
-
     @cached_property
     def world_points(self) -> Array:
         """The closest points in the world, (B, M, 3): not finite where they are at infinity."""

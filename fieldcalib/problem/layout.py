@@ -264,11 +264,6 @@ class Layout:
         """The layout with some blocks known."""
         return self.with_roles(Role.FIXED, *blocks)
 
-    def only(self, free: BoolArray) -> Layout:
-        """The layout in which only the parameters `free` (n,) are estimated, in their present roles."""
-        roles = np.where(free & (self.roles == Role.FIXED), Role.FRAME, self.roles)
-        return replace(self, roles=np.where(free | (roles == Role.CONSIDERED), roles, Role.FIXED))
-
     def theta(self, camera: Camera) -> Array:
         """The parameter vector of a camera, (n,).
 

@@ -301,7 +301,7 @@ class _Search:
         costs, observations = self.costs, evaluation.problem.observations
         given = costs.of_given(evaluation)
         wrong = implausibilities(believed, far=self.options.wide_loss.scale, field=self.options.field)
-        own = evaluation.prior_cost.copy()
+        own = np.zeros(len(given)) if evaluation.prior is None else evaluation.prior.cost.copy()
         own[np.any(list(wrong.values()), axis=0)] = np.inf
 
         # bounds of the final costs, whatever other labels cost: some cameras cannot become the cheapest
