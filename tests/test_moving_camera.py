@@ -14,8 +14,7 @@ from data_tools.synthetic.clips import background_matches, camera_path, flight, 
 from data_tools.synthetic.film import Scene, TrueFrame, film
 from fieldcalib import Camera, calibrate_batch, calibrate_sequence, calibrate_video, soccer
 from fieldcalib.assess.frame_table import Basis
-from fieldcalib.images.background_motion import background_motion, mapped
-from fieldcalib.images.plane_motion import plane_motion
+from fieldcalib.images.background_motion import background_motion, mapped, plane_motion
 from fieldcalib.problem.layout import CENTER
 from fieldcalib.problem.prior import GaussianPrior
 from fieldcalib.solve.centres import ACCELERATION, SPEED, Centres, KnownCentres, expected_centres, on_path

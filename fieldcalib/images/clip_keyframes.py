@@ -11,10 +11,9 @@ from fieldcalib._types import BoolArray
 from fieldcalib.assess.sequence_calibration import SequenceCalibration
 from fieldcalib.images.clip_models import window_prior
 from fieldcalib.images.clip_problem import Cells, ClipOptions, ClipProblem, cells_of
-from fieldcalib.images.keyframe_labels import KeyframeLabels, label_keyframes
+from fieldcalib.images.keyframe_labels import KeyframeLabels, label_keyframes, with_witnesses, witnesses_of
 from fieldcalib.images.keyframes import TiedFrame
 from fieldcalib.images.pieces import CameraModel, Pieces, loose_at_end, numbered
-from fieldcalib.images.witnesses import with_witnesses, witnesses_of
 from fieldcalib.io.image import Image, size_of
 from fieldcalib.io.images import IMAGES_AT_ONCE
 from fieldcalib.localize import Network

@@ -10,7 +10,7 @@ import numpy as np
 
 from fieldcalib._types import Array
 from fieldcalib.assess.result import Calibration
-from fieldcalib.images.detected_lines import detected_lines, with_paint
+from fieldcalib.images.detected_lines import detected_lines, with_replaced
 from fieldcalib.images.field_markings import Markings
 from fieldcalib.images.paint_evidence import Ridges, evidence_of
 from fieldcalib.images.pieces import CameraModel
@@ -97,7 +97,7 @@ def _near_markings(image: Image, calibration: Calibration, markings: Markings, w
     labels, profiles = detected_lines(image, camera, markings, _picture_sigma(calibration))
     ridges = Ridges.of(image, camera, markings) if with_ridges else None
     if ridges is not None:
-        labels = with_paint(labels, evidence_of(ridges, markings).beside)
+        labels = with_replaced(labels, evidence_of(ridges, markings).beside)
     return _FrameLines(labels, ridges, (float(len(labels.frame)), float(profiles)))
 
 

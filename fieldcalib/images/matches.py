@@ -22,10 +22,10 @@ from fieldcalib.images.background_motion import (
     background_motion,
     is_plausible,
     mapped,
+    plane_motion,
     shape_change,
 )
 from fieldcalib.images.frame import BORDER, MOST_CORNERS, Frame, pair, same_picture
-from fieldcalib.images.plane_motion import plane_motion
 from fieldcalib.io.image import Image
 
 # Lengths are in pixels of the reduced frames.

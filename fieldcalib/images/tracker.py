@@ -21,9 +21,8 @@ from fieldcalib.assess.frame_table import Basis
 from fieldcalib.assess.result import Calibration, Status
 from fieldcalib.fields.segments import ObjectSegments
 from fieldcalib.images.clip_problem import Cells, ClipOptions, cells_of, shared_parameters
-from fieldcalib.images.clip_shape import ShapeEstimator
+from fieldcalib.images.clip_shape import LiveShape, ShapeEstimator
 from fieldcalib.images.keyframes import EVERY, KeyframeTracker
-from fieldcalib.images.live_shape import LiveShape
 from fieldcalib.images.live_shot import FollowedFrame, LiveShot, follow
 from fieldcalib.images.paint_evidence import paint_evidence
 from fieldcalib.images.shot_solver import SegmentedImage, ShotProblem, ShotSolution, prepare, solve_shot
