@@ -41,7 +41,6 @@ def clip():
 def often(monkeypatch):
     """Every other frame is looked at."""
     monkeypatch.setattr(clip_shape, "APART", 2)
-    monkeypatch.setattr(clip_shape, "APART", 2)
 
 
 def letterboxed(image, bar=BAR):

@@ -241,6 +241,21 @@ def fixed_point(xy: Array) -> NDArray[np.int32]:
     return np.asarray(np.rint(xy * (1 << SHIFT)), dtype=np.int32)
 
 
+def draw_text(picture: Image, text: str, place: tuple[int, int], scale: float, colour: Colour) -> None:
+    """Write text in place; its lower left corner is at `place`, and `scale` is that of OpenCV's font."""
+    import cv2
+
+    cv2.putText(picture, text, place, cv2.FONT_HERSHEY_SIMPLEX, scale, colour, 1, cv2.LINE_AA)
+
+
+def text_size(text: str, scale: float) -> tuple[int, int, int]:
+    """Width of a text, and its height above and below the base line, pixels."""
+    import cv2
+
+    (width, above), below = cv2.getTextSize(text, cv2.FONT_HERSHEY_SIMPLEX, scale, 1)
+    return width, above, below
+
+
 def draw_dot(picture: Image, xy: Array, radius: float, colour: Colour) -> None:
     """Draw a filled circle around a pixel, in place; nothing if the pixel is NaN."""
     import cv2

@@ -18,19 +18,18 @@ known every camera is to be checked.
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from concurrent.futures import Future
 from dataclasses import dataclass, replace
 from itertools import islice
 
 import numpy as np
 
+from fieldcalib._types import Array
 from fieldcalib.assess.label_errors import rms_by_label
 from fieldcalib.assess.placement import Crop, Placement, Shape
 from fieldcalib.assess.result import Calibration
-from fieldcalib.assess.sequence_calibration import SequenceCalibration
 from fieldcalib.assess.whole_picture import SHAPE
-from fieldcalib.fields.segments import ObjectSegments
 from fieldcalib.images.clip_problem import ClipOptions, ClipProblem
 from fieldcalib.images.pictures import as_shown, log_ratio_of_squash, shape_within, shown_part, within_borders
 from fieldcalib.io.image import Image, each_checked, size_of
@@ -104,15 +103,23 @@ class ShapeEstimator:
         log_odds = SQUARE_LOG_ODDS * (size[0] == size[1]) + UPRIGHT_LOG_ODDS * (size[0] < size[1])
         return log_odds + sum(float(np.mean(some)) for some in (alone, together) if some)
 
-    def _distances(
-        self, frames: Sequence[PixelTable], size: tuple[int, int], shown: tuple[int, int]
-    ) -> dict[tuple[int, str], float]:
-        """`distances_in_pictures` of cameras fitted to all frames together, in pictures of the size `shown`."""
+    def _distances(self, frames: Sequence[PixelTable], size: tuple[int, int], shown: tuple[int, int]) -> Array:
+        """Root mean square distance of each label from cameras fitted to all frames together, (T, L).
+
+        The cameras are fitted to frames in the size `shown`. The distances are in pixels of pictures of the given size,
+        as the labels are; NaN without a camera or pixels.
+        """
         scale = np.divide(shown, size)
         labels = {t: one.scaled(scale) for t, one in enumerate(frames)}
         problem = ClipProblem(replace(self.options, shared=SHARED), shown, range(len(frames)), labels, {})
         solved = solve_sequence(problem.from_zero).calibration
-        return distances_in_pictures(self.options.object_segments, solved, frames, size)
+        segments = self.options.object_segments if solved.field is None else solved.field
+        cameras = {t: camera.scaled(size) for t, one in enumerate(solved) if (camera := one.camera) is not None}
+        found = np.full((len(frames), len(segments)), np.nan)
+        if cameras:
+            pixels = PixelTable.joined(segments, [frames[t] for t in cameras])
+            found[list(cameras)] = rms_by_label(evaluate_cameras(list(cameras.values()), segments, pixels))
+        return found
 
 
 def bright_frames(images: Iterable[Image]) -> list[Image]:
@@ -163,49 +170,16 @@ def shape_of_odds(log_odds: float, placement: Placement) -> Shape | None:
     return Shape(placement, message, doubt)
 
 
-def distances_in_pictures(
-    object_segments: ObjectSegments,
-    calibration: SequenceCalibration,
-    frames: Sequence[PixelTable],
-    size: tuple[int, int],
-) -> dict[tuple[int, str], float]:
-    """Root mean square distance of each label of each frame that has a camera, in the pictures' own pixels.
-
-    Parameters
-    ----------
-    calibration : SequenceCalibration
-        Calibration of the frames as shown.
-    frames : sequence of PixelTable
-        Labels of each frame, in pixels of the pictures.
-    size : (int, int)
-        Size of the pictures.
-    """
-    segments = object_segments if calibration.field is None else calibration.field
-    cameras = {t: camera.scaled(size) for t, one in enumerate(calibration) if (camera := one.camera) is not None}
-    if not cameras:
-        return {}
-    pixels = PixelTable.joined(segments, [frames[t] for t in cameras])
-    rms = rms_by_label(evaluate_cameras(list(cameras.values()), segments, pixels))
-    return {
-        (t, label): distance
-        for t, of_frame in zip(cameras, rms.tolist(), strict=True)
-        for label, distance in zip(segments, of_frame, strict=True)
-        if np.isfinite(distance)
-    }
-
-
-def _log_ratio(as_it_is: Mapping[tuple[int, str], float], shown: Mapping[tuple[int, str], float]) -> float:
+def _log_ratio(as_it_is: Array, shown: Array) -> float:
     """Log odds that frames were squashed, from the distances of their lines as they are and as shown."""
-    both = sorted(as_it_is.keys() & shown.keys())
-    u, v = (np.hypot([some[key] for key in both], CHANCE) for some in (as_it_is, shown))
-    return float(WEIGHT * np.sum(np.log(u / v)))
+    u, v = np.hypot(as_it_is, CHANCE), np.hypot(shown, CHANCE)
+    return float(WEIGHT * np.nansum(np.log(u / v)))
 
 
 def _lines(calibration: Calibration, size: tuple[int, int]) -> PixelTable:
     """The lines that a camera was fitted to, in pixels of pictures of a size."""
-    assert calibration.camera is not None
     assert calibration.solved is not None
-    return calibration.solved.pixels.scaled(np.divide(size, calibration.camera.image_size))
+    return calibration.solved.pixels.scaled(np.divide(size, calibration.required_camera.image_size))
 
 
 class LiveShape:
@@ -247,7 +221,9 @@ class LiveShape:
         if self._running is not None and self._running.done():
             self._log_odds, self._running = self._running.result(), None
         before, self.shape = self.shape, self._estimated()
-        return _placement(before, self._size) != _placement(self.shape, self._size)
+        whole = Placement(self._size, self._size, None)
+        old, new = (whole if shape is None else shape.placement for shape in (before, self.shape))
+        return old != new
 
     def image_in_frame(self, image: Image) -> Image:
         """The frame that a picture shows."""
@@ -287,7 +263,3 @@ class LiveShape:
             return shape_of_odds(self._log_odds, self._placement)
         shape = replace(shape_within(self._placement), complaints=(SHAPE,) if self._parts else ())
         return shape if shape.complaints or not shape.placement.is_whole else None
-
-
-def _placement(shape: Shape | None, size: tuple[int, int]) -> Placement:
-    return Placement(size, size, None) if shape is None else shape.placement

@@ -161,7 +161,7 @@ def calibrate_alone(how: ImageTask, images: Sequence[Image]) -> list[Calibration
     found = []
     by_size: dict[tuple[int, int], list[int]] = {}
     for index, (image, part) in enumerate(zip(images, localize(segments, images, how.network), strict=True)):
-        found.append(_labels(segments, _without_weak(part), size_of(image)))
+        found.append(_labels(segments, part, size_of(image)))
         by_size.setdefault(size_of(image), []).append(index)
     calibrations: dict[int, Calibration] = {}
     for members in by_size.values():
@@ -203,31 +203,28 @@ def _on_told_size(how: ImageTask, image: Image, found: PixelTable, calibration: 
     sized = on_told_size(calibration, again)
     if sized is calibration or sized.field is None:
         return calibration
-    refined = [replace(one, calibration=sized) for one in seen]
-    ((judged, _),) = _judged(sized.field, [found], refined, refine=True, least_support=LEAST_SUPPORT)
+    how = replace(how, task=replace(how.task, object_segments=sized.field))
+    ((judged, _),) = _judged(how, [found], [replace(one, calibration=sized) for one in seen], LEAST_SUPPORT)
     return judged if judged.accepted else calibration
 
 
 def _on_another_field(task: Task, image: Image, found: PixelTable, before: Calibration, start: Calibration) -> Refined:
     """Refine the camera of an image on a field of another size, starting from a camera that fits its lines."""
-    assert start.camera is not None
     given = ToRefine(image, start, found, are_detected=True)
     (again,) = refine_all(task, Markings.of(task.object_segments), [given], SEARCH_RANGES[-1:])
     if again.calibration is not start:
         return again
     # the lines found anew do not support a better camera: fit the lines found before
     assert before.solved is not None
-    (fitted,) = calibrate_on_lines(task, [before.solved.pixels], start.camera.image_size, [start.camera])
+    (fitted,) = calibrate_on_lines(task, [before.solved.pixels], size_of(image), [start.required_camera])
     return replace(again, calibration=fitted)
 
 
-def _without_weak(found: Localization) -> Localization:
-    """Leave out segments of low weight: most are false detections, and refinement finds the others."""
-    labels = [label for label, weight in found.weight.items() if weight >= LEAST_WEIGHT]
-    return found.only(labels) if len(labels) >= LEAST_SEGMENTS else found
-
-
 def _labels(object_segments: ObjectSegments, found: Localization, image_size: tuple[int, int]) -> PixelTable:
+    """Labels of an image without segments of low weight: most are false detections, and refinement finds the others."""
+    strong = [label for label, weight in found.weight.items() if weight >= LEAST_WEIGHT]
+    if len(strong) >= LEAST_SEGMENTS:
+        found = found.only(strong)
     pixels, weights = checked_frame(object_segments, found.pixels, found.weights, image_size)
     return PixelTable.of(object_segments, [pixels], [weights])
 
@@ -246,29 +243,21 @@ def _verified(
         for image, calibration, part in zip(images, calibrations, found, strict=True)
     ]
     refined = refine_all(how.task, markings, given) if how.refine else unrefined(markings, given)
-    return _judged(how.task.object_segments, found, refined, refine=how.refine, least_support=least_support)
+    return _judged(how, found, refined, least_support)
 
 
 def _judged(
-    object_segments: ObjectSegments,
-    found: Sequence[PixelTable],
-    refined: Sequence[Refined],
-    *,
-    refine: bool,
-    least_support: float,
+    how: ImageTask, found: Sequence[PixelTable], refined: Sequence[Refined], least_support: float
 ) -> list[tuple[Calibration, bool]]:
     """Judge the cameras of several images of one size by `_one_judged`."""
     judged = [one.judged for one in refined]
     compute_errors([seen for seen, one in zip(judged, refined, strict=True) if one.calibration.accepted])
-    explained = _explained(object_segments, judged, found)
-    return [
-        _one_judged(seen, one, share, refine=refine, least_support=least_support)
-        for seen, one, share in zip(judged, refined, explained, strict=True)
-    ]
+    explained = _explained(how.task.object_segments, judged, found)
+    return [_one_judged(*one, how.refine, least_support) for one in zip(judged, refined, explained, strict=True)]
 
 
 def _one_judged(
-    calibration: Calibration, refined: Refined, explained: float, *, refine: bool, least_support: float
+    calibration: Calibration, refined: Refined, explained: float, refine: bool, least_support: float
 ) -> tuple[Calibration, bool]:
     """The calibration, "probably wrong" if its support or its probability is low; and whether it is sure."""
     share = refined.support

@@ -221,13 +221,12 @@ def _moved_to_paint(
     task: Task, markings: Markings, refined: Sequence[Refined], given: Sequence[ToRefine]
 ) -> list[Refined]:
     """Fit cameras to the paint beside their markings too; keep those that bring more markings onto paint."""
-    cameras, lines = [], []
-    for one, image in zip(refined, given, strict=True):
-        assert one.paint is not None
-        assert one.calibration.camera is not None
-        near, _ = detected_lines(image.image, one.calibration.camera, markings)
-        cameras.append(one.calibration.camera)
-        lines.append(with_replaced(near, one.paint.beside))
+    cameras = [one.calibration.required_camera for one in refined]
+    lines = [
+        with_replaced(detected_lines(image.image, camera, markings)[0], one.paint.beside)
+        for one, image, camera in zip(refined, given, cameras, strict=True)
+        if one.paint is not None
+    ]
     task_moved = task.with_flags(CalibrationFlags.CALIB_FIX_PRINCIPAL_POINT)
     starts = calibrate_on_lines(task_moved, lines, size_of(given[0].image), cameras, max(SEARCH_RANGES))
     again = [replace(image, calibration=start) for image, start in zip(given, starts, strict=True)]

@@ -15,6 +15,7 @@ from typing import NamedTuple
 import numpy as np
 
 from fieldcalib._types import Array, Float32
+from fieldcalib.assess.frame_table import FrameTable
 from fieldcalib.assess.own_errors import OwnErrors
 from fieldcalib.assess.sequence_calibration import SequenceCalibration
 from fieldcalib.images.clip_problem import Cells, ClipOptions, ClipProblem, cells_of
@@ -35,6 +36,11 @@ class KnownCamera(NamedTuple):
     """Parameters, (n,)."""
     errors: OwnErrors
     """Errors of one frame: E (o, o) and F (o, S)."""
+
+    @classmethod
+    def of(cls, frames: FrameTable, k: int = 0) -> KnownCamera:
+        """The camera of row k of a table."""
+        return cls(frames.theta[k], OwnErrors(frames.own[k], frames.following[k]))
 
 
 @dataclass(frozen=True, eq=False)
@@ -136,10 +142,5 @@ def _solved(problem: ClipProblem, layout: Layout | None, cameras: Mapping[int, A
         sequence, tripod = solve_from_cameras(problem.from_zero, layout, known_cameras)
     if tripod is None or not np.any(sequence.usable):
         return None
-    frames = sequence.frames
-    known = {
-        key: KnownCamera(frames.theta[k], OwnErrors(frames.own[k], frames.following[k]))
-        for k, key in enumerate(problem.frames)
-        if sequence.usable[k]
-    }
+    known = {key: KnownCamera.of(sequence.frames, k) for k, key in enumerate(problem.frames) if sequence.usable[k]}
     return SolvedShot(tripod, sequence, Markings.of(tripod.object_segments), known)
