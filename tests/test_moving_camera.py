@@ -182,7 +182,7 @@ def test_the_motion_of_a_plane_is_found_among_other_points(change, others, by, s
     wrong = np.arange(200) < others
     y[wrong] += sides.choice([-1.0, 1.0], (others, 2)) * by
     found = plane_motion(x, y, np.ones(200, bool), (640, 360))
-    homography, agree, _, scale = found
+    homography, agree, scale = found
     assert not np.any(agree & wrong)
     assert np.mean(agree[~wrong]) > 0.9
     assert scale < 0.3

@@ -37,6 +37,8 @@ NO_CAMERA: Colour = (205, 200, 196)
 
 Box: TypeAlias = tuple[float, float, float, float]  # left, top, right, bottom
 
+QUANTITIES = ("pan", "tilt", "roll", "focal length", "centre x", "centre y", "centre z")
+UNITS = ("deg", "deg", "deg", "px", "m", "m", "m")
 ACCEPTED, REJECTED, NONE = "accepted", "rejected", "no camera"
 RESTS_ON: tuple[str, ...] = tuple(Basis)[1:]  # "lines", "matches", "lines and matches", "interpolated"
 STRIP_COLOURS: dict[str, Colour] = {
@@ -178,10 +180,7 @@ def _curves(calibrations: Sequence[Calibration | None]) -> list[Curve]:
     for array in (values, low, high):
         array[:, :3] = np.degrees(array[:, :3])
         array[:, 3] = np.exp(np.minimum(array[:, 3], 100.0))
-    names = ("pan", "tilt", "roll", "focal length", "centre x", "centre y", "centre z")
-    units = ("deg", "deg", "deg", "px", "m", "m", "m")
-    columns = zip(names, units, values.T, low.T, high.T, strict=True)
-    return [Curve(name, unit, value, least, most, shot) for name, unit, value, least, most in columns]
+    return [Curve(*one, shot) for one in zip(QUANTITIES, UNITS, values.T, low.T, high.T, strict=True)]
 
 
 def value_range(curve: Curve, accepted: BoolArray) -> tuple[float, float]:

@@ -12,6 +12,7 @@ like players.
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from typing import TypeAlias
 
 import numpy as np
 
@@ -43,10 +44,12 @@ PLANE_RANSAC_ITERATIONS = 2000  # at most; four points make a homography: with h
 PLANE_ITERATIONS = 4  # of the fit of a homography to its inliers
 
 
-def background_motion(
-    x: Array, y: Array, candidates: BoolArray, size: tuple[int, int]
-) -> tuple[Array, BoolArray, BoolArray, float] | None:
-    """The homography that most candidates follow, which points do, which are on graphics, and the residuals' scale."""
+FoundMotion: TypeAlias = tuple[Array, BoolArray, float]
+"""A homography (3, 3), which points follow it, (n,), and the scale of their residuals, px."""
+
+
+def background_motion(x: Array, y: Array, candidates: BoolArray, size: tuple[int, int]) -> FoundMotion | None:
+    """The turn and zoom that most candidates follow, among points x (n, 2) that moved to y (n, 2)."""
     N = _normalisation(size)
     p, q = mapped(N, x), mapped(N, y)
     found = _consensus(p[candidates], q[candidates], RANSAC_TOLERANCE * N[0, 0])
@@ -59,9 +62,7 @@ def background_motion(
     if refined is None:
         return None
     plain, distance, scale = refined
-    H = np.linalg.inv(N) @ plain.H @ N
-    graphic = graphics(H, x, y, scale)
-    return H, (distance < tolerance(scale)) & ~graphic, graphic, float(scale)
+    return np.linalg.inv(N) @ plain.H @ N, distance < tolerance(scale), float(scale)
 
 
 def _normalisation(size: tuple[int, int]) -> Array:
@@ -275,9 +276,7 @@ def is_plausible(H: Array, size: tuple[int, int]) -> bool:
     return 1.0 / LARGEST_ZOOM < zoom < LARGEST_ZOOM and abs(roll) < LARGEST_ROLL and stretch < LARGEST_STRETCH
 
 
-def plane_motion(
-    x: Array, y: Array, candidates: BoolArray, size: tuple[int, int]
-) -> tuple[Array, BoolArray, BoolArray, float] | None:
+def plane_motion(x: Array, y: Array, candidates: BoolArray, size: tuple[int, int]) -> FoundMotion | None:
     """The motion of points in one plane; arguments and result are those of `background_motion`."""
     import cv2
 
@@ -290,7 +289,6 @@ def plane_motion(
         return None
     near = candidates.copy()
     near[candidates] = agree[:, 0] > 0
-    H, scale = np.asarray(found, dtype=float), np.inf
     for _ in range(PLANE_ITERATIONS):
         if np.count_nonzero(near) < LEAST_POINTS:
             return None
@@ -301,5 +299,4 @@ def plane_motion(
         r = np.nan_to_num(y - mapped(H, x), nan=np.inf)  # behind the vanishing line
         scale = robust_deviation(r[near])
         near = np.linalg.norm(r, axis=1) < tolerance(scale)
-    graphic = graphics(H, x, y, scale)
-    return H, near & ~graphic, graphic, scale
+    return H, near, scale

@@ -71,25 +71,24 @@ def find_clip_lines(solved: SolvedTripods, images: Iterable[Image], network: Net
         frames = pieces.frames(tripod.pieces).tolist()
         cameras |= {t: (one, markings) for t, one in zip(frames, tripod.calibration, strict=True)}
     keys = {key for key, _ in solved.keyframes.shots.matches}
-    found: dict[int, _FrameLines] = {}
+    labels: dict[int, PixelTable] = {}
+    ridges: dict[int, Ridges] = {}
+    counts = np.zeros((2, pieces.numbers[-1] + 1))  # profiles with a line, and all profiles, of each piece
     for t, image in enumerate(images):
         if pieces.models.get(int(pieces.number[t])) is CameraModel.ALONE:
             (calibration,) = options.calibrate_alone([image], network)
             one = _fitted(image, calibration, given)
         else:
             one = _near_markings(image, *cameras.pop(t), t in keys or t % PAINT_EVERY == 0) if t in cameras else None
-        if one is not None:
-            found[t] = one
-    counts = np.zeros((2, pieces.numbers[-1] + 1))  # profiles with a line, and all profiles, of each piece
-    for t, one in found.items():
+        if one is None:
+            continue
+        labels[t] = one.labels
         counts[:, pieces.number[t]] += one.profiles
+        if one.ridges is not None:
+            ridges[t] = one.ridges
     shown = set(np.flatnonzero(counts[0] / np.maximum(counts[1], 1.0) >= LEAST_LINES).tolist())
-    return ClipLines(
-        solved,
-        tuple(tuple(p for p in tripod.pieces if p in shown) for tripod in solved.tripods),
-        {t: one.labels for t, one in found.items()},
-        {t: one.ridges for t, one in found.items() if one.ridges is not None},
-    )
+    members = tuple(tuple(p for p in tripod.pieces if p in shown) for tripod in solved.tripods)
+    return ClipLines(solved, members, labels, ridges)
 
 
 def _fitted(image: Image, calibration: Calibration, markings: Markings) -> _FrameLines | None:

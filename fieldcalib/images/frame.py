@@ -130,6 +130,15 @@ class Frame:
         return xy, np.zeros((0, 32), np.uint8) if bits is None else np.asarray(bits, dtype=np.uint8)
 
 
+def to_full(scale: Array) -> Array:
+    """Affine map (3, 3) from pixels of a picture that was reduced by a scale (2,) to pixels of the full size.
+
+    Centres of pixels are at integers.
+    """
+    x, y = scale
+    return np.array([[x, 0.0, 0.5 * (x - 1.0)], [0.0, y, 0.5 * (y - 1.0)], [0.0, 0.0, 1.0]])
+
+
 def same_picture(first: Image | Frame, second: Image | Frame) -> bool:
     """Whether two pictures are the same but for compression: no block of either differs.
 
@@ -194,8 +203,7 @@ def likeness(first: View, second: View, H: Array) -> float:
     a: Any = first.detail
     b: Any = second.detail
     height, width = b.shape
-    x, y = np.divide(first.frame.image_size, (width, height))
-    T = np.array([[x, 0.0, 0.5 * (x - 1.0)], [0.0, y, 0.5 * (y - 1.0)], [0.0, 0.0, 1.0]])
+    T = to_full(np.divide(first.frame.image_size, (width, height)))
     small = np.linalg.inv(T) @ H @ T
     inside = cv2.warpPerspective(np.ones_like(a), small, (width, height), flags=cv2.INTER_NEAREST)
     moved = cv2.warpPerspective(a, small, (width, height), flags=cv2.INTER_LINEAR)

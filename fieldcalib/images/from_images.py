@@ -135,11 +135,6 @@ class ImageTask:
     refine: bool = True
     estimate_size: bool = False
 
-    @property
-    def least_support(self) -> float:
-        """Line support that a camera needs that was chosen by its support."""
-        return LEAST_SUPPORT_CHOSEN if self.refine else LEAST_SUPPORT
-
 
 def _of_one_size(images: Iterable[Image]) -> Iterator[Image]:
     """The images; a ValueError if they are of several sizes, for which one camera matrix cannot hold."""
@@ -180,8 +175,8 @@ def _calibrated_size(how: ImageTask, images: Sequence[Image], found: Sequence[Pi
         best = calibration
         if not is_sure:
             others = calibrate_from_consensus(how.task, image, part)
-            count = len(others)
-            second = _verified(how, markings, count * [image], count * [part], others, how.least_support)
+            count, least_support = len(others), LEAST_SUPPORT_CHOSEN if how.refine else LEAST_SUPPORT
+            second = _verified(how, markings, count * [image], count * [part], others, least_support)
             best = _best_supported(markings, image, [calibration, *(other for other, _ in second)])
         if how.estimate_size and how.refine and how.task.given.is_empty:
             best = _on_told_size(how, image, part, best)
@@ -299,9 +294,7 @@ def _explained(
 def _best_supported(markings: Markings, image: Image, calibrations: Sequence[Calibration]) -> Calibration:
     """The accepted calibration with the highest line support; the first one if none is accepted."""
     share = [
-        line_support(image, one.camera, markings, max(SEARCH_RANGES))
-        if one.accepted and one.camera is not None
-        else 0.0
+        line_support(image, one.required_camera, markings, max(SEARCH_RANGES)) if one.accepted else 0.0
         for one in calibrations
     ]
     return calibrations[int(np.argmax(share))]

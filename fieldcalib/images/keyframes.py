@@ -298,11 +298,8 @@ class _Piece:
         return view.index - self.key.index >= self._options.every
 
     def _added(self, view: View, matches: Matches, likeness: float) -> TiedFrame:
-        due = (
-            self._is_due(view)
-            or len(matches) < FEW_MATCHES
-            or shared_view(matches.homography, view.frame.image_size) < LEAST_IN_VIEW
-        )
+        due = self._is_due(view) or len(matches) < FEW_MATCHES
+        due = due or shared_view(matches.homography, view.frame.image_size) < LEAST_IN_VIEW
         key = None
         if due and likeness >= LEAST_LIKENESS_OF_KEY and not view.duplicate:
             key = self._keyframe(view, matches.homography, matches)
