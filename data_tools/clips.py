@@ -33,11 +33,10 @@ from fieldcalib.assess.video import VideoCalibration
 from fieldcalib.console.program import run_command
 from fieldcalib.fields.sports.soccer import soccer
 from fieldcalib.geometry.camera import Camera
-from fieldcalib.images.clip_keyframes import read_keyframes
+from fieldcalib.images.clip_keyframes import KeyframeLabels, read_keyframes
 from fieldcalib.images.clip_problem import ClipOptions
 from fieldcalib.images.finished_clip import find_clip_lines, finish
 from fieldcalib.images.frame import Frame
-from fieldcalib.images.keyframe_labels import KeyframeLabels
 from fieldcalib.images.keyframes import TiedFrame, tied_frames
 from fieldcalib.images.matches import Matches, match_background
 from fieldcalib.images.solved_shots import solve_shots

@@ -13,7 +13,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from itertools import groupby
+from itertools import groupby, pairwise
 from typing import NamedTuple
 
 import numpy as np
@@ -198,13 +198,8 @@ def parts(keyframes: IntArray, contradicted: BoolArray) -> list[int]:
     [24]
     """
     runs = np.split(np.arange(len(keyframes)), np.flatnonzero(np.diff(contradicted)) + 1)
-    state, first = None, []
-    for run in runs:
-        if len(run) >= LEAST_RUN and bool(contradicted[run[0]]) is not state:
-            if state is not None:
-                first.append(int(keyframes[run[0]]))
-            state = bool(contradicted[run[0]])
-    return first
+    first = [int(run[0]) for run in runs if len(run) >= LEAST_RUN]
+    return [int(keyframes[k]) for before, k in pairwise(first) if contradicted[k] != contradicted[before]]
 
 
 def model_note(model: CameraModel, frames: IntArray, before: Misprediction, after: Misprediction) -> str:

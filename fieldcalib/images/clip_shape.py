@@ -243,19 +243,14 @@ class LiveShape:
         part = self._placement.image_in_frame(image)
         if may_be_squashed(size_of(part)):
             self._parts.append(part.copy())  # the caller may use its image again
-            if len(self._parts) in ASKED and self._running is None and not self._is_sure():
+            is_sure = self._log_odds is not None and abs(self._log_odds) > CERTAIN
+            if len(self._parts) in ASKED and self._running is None and not is_sure:
                 self._running = self._submit(self._estimator.log_odds, list(self._parts))
 
     @property
     def _placement(self) -> Placement:
         """Where frames lie between the borders."""
         return within_borders(self._size, self._border)
-
-    def _is_sure(self) -> bool:
-        if self._log_odds is None:
-            return False
-        shape = shape_of_odds(self._log_odds, self._placement)
-        return shape is None or not shape.complaints
 
     def _estimated(self) -> Shape | None:
         """The shape as far as it is known; while pictures may be squashed every camera is doubted."""

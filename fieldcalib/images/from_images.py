@@ -189,10 +189,8 @@ def _on_told_size(how: ImageTask, image: Image, found: PixelTable, calibration: 
     seen: list[Refined] = []
 
     def again(field: Field, camera: Camera) -> Calibration:
-        task = replace(how.task, object_segments=field)
-        seen.append(
-            _on_another_field(task, image, found, calibration, replace(calibration, camera=camera, field=field))
-        )
+        start = replace(calibration, camera=camera, field=field)
+        seen.append(_on_another_field(replace(how.task, object_segments=field), image, found, calibration, start))
         return seen[0].calibration
 
     sized = on_told_size(calibration, again)
@@ -237,7 +235,7 @@ def _verified(
         ToRefine(image, calibration, part, are_detected=True)
         for image, calibration, part in zip(images, calibrations, found, strict=True)
     ]
-    refined = refine_all(how.task, markings, given) if how.refine else unrefined(markings, given)
+    refined = refine_all(how.task, markings, given) if how.refine else [unrefined(markings, one) for one in given]
     return _judged(how, found, refined, least_support)
 
 

@@ -227,8 +227,8 @@ def _moved_to_paint(
         for one, image, camera in zip(refined, given, cameras, strict=True)
         if one.paint is not None
     ]
-    task_moved = task.with_flags(CalibrationFlags.CALIB_FIX_PRINCIPAL_POINT)
-    starts = calibrate_on_lines(task_moved, lines, size_of(given[0].image), cameras, max(SEARCH_RANGES))
+    fixed = task.with_flags(CalibrationFlags.CALIB_FIX_PRINCIPAL_POINT)
+    starts = calibrate_on_lines(fixed, lines, size_of(given[0].image), cameras, max(SEARCH_RANGES))
     again = [replace(image, calibration=start) for image, start in zip(given, starts, strict=True)]
     return [
         new if new.calibration.accepted and new.paint_share > old.paint_share else old
@@ -244,7 +244,7 @@ def _in_passes(
     labels = {t: one.labels for t, one in enumerate(given)}
     detected = [t for t, one in enumerate(given) if one.are_detected]
     found = {t: one.calibration for t, one in enumerate(given)}
-    cameras = _cameras(found)
+    cameras = {t: one.camera for t, one in found.items() if one.camera is not None}
     strips = _strips(images, cameras, markings)
     best = {t: Refined(one, _support(strips[t]) if t in strips else np.nan) for t, one in found.items()}
     for search_range in search_ranges:
@@ -260,7 +260,7 @@ def _in_passes(
         ]
         again = calibrate_on_lines(in_this_pass, lines, size, list(cameras.values()))
         found = {t: calibration for t, calibration in zip(strips, again, strict=True) if calibration.accepted}
-        cameras = _cameras(found)
+        cameras = {t: one.required_camera for t, one in found.items()}
         strips = _strips(images, cameras, markings, are_wide=search_range == search_ranges[-1])
     for t, one in strips.items():
         support = _support(one.part(np.arange(len(one.profiles)), max(SEARCH_RANGES)))
@@ -272,10 +272,6 @@ def _in_passes(
         else one
         for t, one in best.items()
     ]
-
-
-def _cameras(calibrations: Mapping[int, Calibration]) -> dict[int, Camera]:
-    return {t: one.camera for t, one in calibrations.items() if one.camera is not None}
 
 
 def _strips(
@@ -314,13 +310,10 @@ def _support(strips: Strips, search_range: float = SEARCH_RANGES[-1]) -> float:
     return float(np.mean(np.nan_to_num(share))) if len(share) else 0.0
 
 
-def unrefined(markings: Markings, given: Sequence[ToRefine]) -> list[Refined]:
-    """Calibrations as they are, with their line support."""
-    support = [
-        np.nan if (camera := one.calibration.camera) is None else line_support(one.image, camera, markings)
-        for one in given
-    ]
-    return [Refined(one.calibration, share) for one, share in zip(given, support, strict=True)]
+def unrefined(markings: Markings, given: ToRefine) -> Refined:
+    """A calibration as it is, with its line support."""
+    camera = given.calibration.camera
+    return Refined(given.calibration, np.nan if camera is None else line_support(given.image, camera, markings))
 
 
 def line_support(image: Image, camera: Camera, markings: Markings, search_range: float = SEARCH_RANGES[-1]) -> float:

@@ -18,9 +18,9 @@ from fieldcalib._types import Array, Float32
 from fieldcalib.assess.frame_table import FrameTable
 from fieldcalib.assess.own_errors import OwnErrors
 from fieldcalib.assess.sequence_calibration import SequenceCalibration
+from fieldcalib.images.clip_keyframes import label_keyframes
 from fieldcalib.images.clip_problem import Cells, ClipOptions, ClipProblem, cells_of
 from fieldcalib.images.field_markings import Markings
-from fieldcalib.images.keyframe_labels import label_keyframes
 from fieldcalib.images.keyframes import KeyframePair
 from fieldcalib.io.image import Image
 from fieldcalib.problem.layout import Layout
